@@ -1,0 +1,3 @@
+//! Cameras and warps.
+
+pub mod random;
