@@ -21,7 +21,9 @@ pub enum Error {
         value: f32,
     },
     /// A variance that is NaN or negative.
-    #[error("variance at row {row}, column {column} is {value}; it must be >= 0, or infinite for a missing pixel")]
+    #[error(
+        "variance at row {row}, column {column} is {value}; it must be >= 0, or infinite for a missing pixel"
+    )]
     Variance {
         /// Row of the pixel.
         row: usize,

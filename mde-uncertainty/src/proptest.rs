@@ -17,7 +17,9 @@ pub fn gaussian_depth_of(height: usize, width: usize) -> impl Strategy<Value = G
         let map = |f: &dyn Fn(&(f32, f32, u8)) -> f32| {
             Array2::from_shape_vec((height, width), pixels.iter().map(f).collect()).unwrap_or_default()
         };
-        let variance = map(&|&(_, log_variance, dice)| if dice == 0 { f32::INFINITY } else { 10_f32.powf(log_variance) });
+        let variance = map(&|&(_, log_variance, dice)| {
+            if dice == 0 { f32::INFINITY } else { 10_f32.powf(log_variance) }
+        });
         GaussianDepth::new(map(&|p| p.0), variance).unwrap_or_else(|_| GaussianDepth::missing(height, width))
     })
 }
