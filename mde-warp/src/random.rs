@@ -31,7 +31,9 @@ impl CounterRng {
         let purpose = purpose.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
             (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
         });
-        let state = [purpose, step, index].into_iter().fold(mix(seed), |state, word| mix(state ^ mix(word.wrapping_add(GOLDEN))));
+        let state = [purpose, step, index]
+            .into_iter()
+            .fold(mix(seed), |state, word| mix(state ^ mix(word.wrapping_add(GOLDEN))));
         Self { state }
     }
 }
@@ -71,7 +73,13 @@ mod tests {
     fn every_part_of_the_counter_matters() {
         let first = |seed, purpose, step, index| CounterRng::new(seed, purpose, step, index).random::<u64>();
         let base = first(1, "a", 2, 3);
-        for other in [first(2, "a", 2, 3), first(1, "b", 2, 3), first(1, "a", 3, 3), first(1, "a", 2, 4), first(1, "a", 3, 2)] {
+        for other in [
+            first(2, "a", 2, 3),
+            first(1, "b", 2, 3),
+            first(1, "a", 3, 3),
+            first(1, "a", 2, 4),
+            first(1, "a", 3, 2),
+        ] {
             assert_ne!(base, other);
         }
     }

@@ -1,0 +1,71 @@
+/// What can be wrong with a camera, a pose, a view or the settings of a warp.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// An intrinsic parameter, or a size, of a [`PinholeCamera`](crate::PinholeCamera).
+    #[error("camera {field} is {value}; it must be {need}")]
+    Camera {
+        /// Name of the parameter.
+        field: &'static str,
+        /// The value at fault.
+        value: f64,
+        /// What it must be.
+        need: &'static str,
+    },
+    /// An array whose shape is not that of its camera.
+    #[error("{what} has shape {found:?} but its camera needs {expected:?}; resize one to the other")]
+    Shape {
+        /// Name of the array.
+        what: &'static str,
+        /// Its shape.
+        found: Vec<usize>,
+        /// The shape that its camera asks for.
+        expected: Vec<usize>,
+    },
+    /// A colour that is NaN or infinite.
+    #[error("image at row {row}, column {column}, channel {channel} is {value}; colours must be finite")]
+    Colour {
+        /// Row of the pixel.
+        row: usize,
+        /// Column of the pixel.
+        column: usize,
+        /// 0, 1, 2 for red, green, blue.
+        channel: usize,
+        /// The value at fault.
+        value: f32,
+    },
+    /// A pose with a NaN or infinite part.
+    #[error(
+        "the {which} pose has a part that is not finite; give a rotation and a translation of finite numbers"
+    )]
+    Pose {
+        /// Whose pose it is.
+        which: &'static str,
+    },
+    /// A setting out of its range.
+    #[error("{field} is {value}; it must be {need}")]
+    Config {
+        /// Name of the setting.
+        field: &'static str,
+        /// The value at fault.
+        value: f64,
+        /// What it must be.
+        need: &'static str,
+    },
+    /// A depth map that [`GaussianDepth`](mde_uncertainty::GaussianDepth) refuses.
+    #[error(transparent)]
+    Depth(#[from] mde_uncertainty::Error),
+}
+
+/// Shorthand for this crate's results.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// An [`Error::Config`] unless `value` is a number in `[low, high]`.
+pub(crate) fn in_range(
+    field: &'static str,
+    value: f64,
+    [low, high]: [f64; 2],
+    need: &'static str,
+) -> Result<()> {
+    if (low..=high).contains(&value) { Ok(()) } else { Err(Error::Config { field, value, need }) }
+}

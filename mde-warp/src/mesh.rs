@@ -1,0 +1,265 @@
+//! A depth map as a surface that is torn between objects.
+//!
+//! Pixels are joined into triangles, two for each square of four neighbours (a cell). Where the pixels of a cell lie on
+//! more than one surface there is no triangle between the surfaces: each pixel keeps its quarter of the cell instead, with
+//! its surface's own slope, so that two surfaces meet half-way between their pixels, and a structure one pixel thin is one
+//! pixel wide.
+
+use crate::pose::{Seen, Transfer};
+use crate::raster::{Corner, Sample, snap, triangle};
+use mde_uncertainty::GaussianDepth;
+
+/// Offsets (column, row) of a cell's corners. `k ^ 1` is the neighbour of corner `k` in the row, `k ^ 2` in the column.
+const OFFSET: [(f64, f64); 4] = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
+
+/// The triangle that leaves out corner `k`, turning from x to y.
+const WITHOUT: [[usize; 3]; 4] = [[1, 3, 2], [0, 3, 2], [0, 1, 3], [0, 1, 2]];
+
+/// What part of a cell a sample comes from, and so which pixels it may be made of.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+enum Part {
+    #[default]
+    Whole,
+    Without(u8),
+    Quarter(u8),
+}
+
+/// A piece of the source surface: a cell, counted from the one before the first pixel, and a part of it.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Place {
+    row: u32,
+    column: u32,
+    part: Part,
+}
+
+impl Place {
+    /// Whether samples here are interpolated between pixels, not continued from one.
+    pub(crate) fn is_joined(self) -> bool {
+        !matches!(self.part, Part::Quarter(_))
+    }
+
+    /// The source pixels `(row, column)` that a sample at source column `u` and row `v` is made of, with their weights
+    /// (>= 0, summing to 1). All of them are on one surface.
+    pub(crate) fn pixels(self, u: f64, v: f64) -> impl Iterator<Item = ((usize, usize), f64)> {
+        let (s, t) = (u - (f64::from(self.column) - 1.0), v - (f64::from(self.row) - 1.0));
+        let weights = match self.part {
+            Part::Whole => [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t],
+            Part::Without(0) => [0.0, 1.0 - t, 1.0 - s, s + t - 1.0],
+            Part::Without(1) => [1.0 - t, 0.0, t - s, s],
+            Part::Without(2) => [1.0 - s, s - t, 0.0, t],
+            Part::Without(_) => [1.0 - s - t, s, t, 0.0],
+            Part::Quarter(k) => std::array::from_fn(|i| if i == usize::from(k) { 1.0 } else { 0.0 }),
+        };
+        let weights = weights.map(snap);
+        let total: f64 = weights.iter().sum();
+        let pixel = move |k: usize| {
+            let (row, column) = (self.row as usize + (k >> 1), self.column as usize + (k & 1));
+            (row.wrapping_sub(1), column.wrapping_sub(1))
+        };
+        (0..4).filter(move |&k| weights[k] > 0.0).map(move |k| (pixel(k), weights[k] / total))
+    }
+}
+
+/// The surface of one depth map, seen by one target camera.
+pub(crate) struct Mesh {
+    transfer: Transfer,
+    tear: f64,
+    /// Columns of the padded maps below, which have a frame of missing pixels about them.
+    stride: usize,
+    /// 1 / z, 0 where missing.
+    disparity: Vec<f64>,
+    seen: Vec<Seen>,
+}
+
+impl Mesh {
+    /// Triangles are torn where the disparities of their corners differ by more than `tear` of the largest. Pixels that are
+    /// missing, not positive, or not wanted by `keep(row, column)` are left out.
+    pub(crate) fn new(
+        depth: &GaussianDepth,
+        transfer: Transfer,
+        tear: f64,
+        keep: impl Fn(usize, usize) -> bool,
+    ) -> Self {
+        let (height, width) = depth.dim();
+        let stride = width + 2;
+        let mut disparity = vec![0.0; stride * (height + 2)];
+        let mut seen = vec![Seen::default(); disparity.len()];
+        for row in 0..height {
+            for column in 0..width {
+                let Some((mean, _)) = depth.get(row, column).filter(|&(mean, _)| mean > 0.0) else {
+                    continue;
+                };
+                if keep(row, column) {
+                    let index = (row + 1) * stride + column + 1;
+                    disparity[index] = f64::from(mean).recip();
+                    seen[index] = transfer.see(column as f64, row as f64, disparity[index]);
+                }
+            }
+        }
+        Self { transfer, tear, stride, disparity, seen }
+    }
+
+    pub(crate) fn transfer(&self) -> &Transfer {
+        &self.transfer
+    }
+
+    /// Every sample of the surface at a target pixel centre. A pixel may get several, of one surface or of many.
+    pub(crate) fn rasterise(&self, mut emit: impl FnMut(Sample, Place)) {
+        let rows = self.disparity.len() / self.stride;
+        for row in 0..rows - 1 {
+            for column in 0..self.stride - 1 {
+                self.cell(row, column, &mut emit);
+            }
+        }
+    }
+
+    fn corner_index(&self, row: usize, column: usize, k: usize) -> usize {
+        (row + (k >> 1)) * self.stride + column + (k & 1)
+    }
+
+    fn corner(&self, row: usize, column: usize, k: usize) -> Corner {
+        let (s, t) = OFFSET[k];
+        let seen = self.seen[self.corner_index(row, column, k)];
+        Corner { seen, u: column as f64 - 1.0 + s, v: row as f64 - 1.0 + t }
+    }
+
+    #[inline]
+    fn cell(&self, row: usize, column: usize, emit: &mut impl FnMut(Sample, Place)) {
+        let d: [f64; 4] = std::array::from_fn(|k| self.disparity[self.corner_index(row, column, k)]);
+        if self.one_surface(&d) {
+            let split = if (d[1] - d[2]).abs() <= (d[0] - d[3]).abs() { [3, 0] } else { [2, 1] };
+            return self.triangles(row, column, &split, Part::Whole, emit);
+        }
+        if d.iter().any(|&d| d > 0.0) {
+            self.torn(row, column, &d, emit);
+        }
+    }
+
+    /// Whether all are there, and none is further than the tear threshold from another.
+    fn one_surface(&self, disparities: &[f64]) -> bool {
+        let (low, high) =
+            disparities.iter().fold((f64::INFINITY, 0.0_f64), |(l, h), &d| (l.min(d), h.max(d)));
+        low > 0.0 && high - low <= self.tear * high
+    }
+
+    fn triangles(
+        &self,
+        row: usize,
+        column: usize,
+        without: &[usize],
+        part: Part,
+        emit: &mut impl FnMut(Sample, Place),
+    ) {
+        let place = Place { row: row as u32, column: column as u32, part };
+        for &k in without {
+            let corners = WITHOUT[k].map(|k| self.corner(row, column, k));
+            triangle(&corners, self.transfer.target.dim(), |sample| emit(sample, place));
+        }
+    }
+
+    #[cold]
+    fn torn(&self, row: usize, column: usize, d: &[f64; 4], emit: &mut impl FnMut(Sample, Place)) {
+        let range = |k: usize| {
+            let corners = WITHOUT[k].map(|k| d[k]);
+            let spread = corners.iter().fold(0.0_f64, |h, &x| h.max(x))
+                - corners.iter().fold(f64::MAX, |l, &x| l.min(x));
+            self.one_surface(&corners).then_some(spread)
+        };
+        let ranges: [Option<f64>; 4] = std::array::from_fn(range);
+        for split in [[3, 0], [2, 1]] {
+            if split.iter().all(|&k| ranges[k].is_some()) {
+                return self.triangles(row, column, &split, Part::Whole, emit);
+            }
+        }
+        let best = (0..4).filter_map(|k| Some((k, ranges[k]?))).min_by(|a, b| a.1.total_cmp(&b.1));
+        let quarters = Quarters { mesh: self, row, column, d };
+        let Some((left_out, _)) = best else {
+            return (0..4).for_each(|k| quarters.draw(k, [true, true], emit));
+        };
+        self.triangles(row, column, &[left_out], Part::Without(left_out as u8), emit);
+        quarters.draw(left_out, [true, true], emit);
+        // The triangle holds half of its neighbours' quarters already.
+        quarters.draw(left_out ^ 1, [true, false], emit);
+        quarters.draw(left_out ^ 2, [false, true], emit);
+    }
+
+    /// Disparity per pixel (to the right, downwards) of the surface at a pixel, from its neighbours on that surface.
+    fn slope(&self, index: usize) -> (f64, f64) {
+        let along = |step: usize| {
+            let here = self.disparity[index];
+            let neighbour = |i: usize| Some(self.disparity[i]).filter(|&d| self.one_surface(&[here, d]));
+            match (neighbour(index - step), neighbour(index + step)) {
+                (Some(before), Some(after)) => 0.5 * (after - before),
+                (Some(before), None) => here - before,
+                (None, Some(after)) => after - here,
+                (None, None) => 0.0,
+            }
+        };
+        (along(1), along(self.stride))
+    }
+}
+
+/// The quarters of a cell that lies on more than one surface, or on one and a piece.
+struct Quarters<'a> {
+    mesh: &'a Mesh,
+    row: usize,
+    column: usize,
+    d: &'a [f64; 4],
+}
+
+impl Quarters<'_> {
+    /// The quarter of corner `k` as two triangles, either of which may be left out: the one at the side of the row's
+    /// neighbour and the one at the side of the column's.
+    fn draw(&self, k: usize, [row_side, column_side]: [bool; 2], emit: &mut impl FnMut(Sample, Place)) {
+        if self.d[k] <= 0.0 {
+            return;
+        }
+        let (s, t) = OFFSET[k];
+        let pixel = self.mesh.corner(self.row, self.column, k);
+        let surface = self.surface(k);
+        let middle = self.point(k, surface, 0.5, 0.5);
+        let part = Part::Quarter(k as u8);
+        let place = Place { row: self.row as u32, column: self.column as u32, part };
+        let mut draw = |a: Corner, b: Corner| {
+            // Corners 1 and 2 see the cell mirrored.
+            let corners = if k == 1 || k == 2 { [pixel, b, a] } else { [pixel, a, b] };
+            triangle(&corners, self.mesh.transfer.target.dim(), |sample| emit(sample, place));
+        };
+        let members = |other: usize| surface & (1 << k | 1 << other);
+        if row_side {
+            draw(self.point(k, members(k ^ 1), 0.5, t), middle);
+        }
+        if column_side {
+            draw(middle, self.point(k, members(k ^ 2), s, 0.5));
+        }
+    }
+
+    /// The corners, as bits, that hang together with corner `k`.
+    fn surface(&self, k: usize) -> u8 {
+        let joined = |a: usize, b: usize| self.mesh.one_surface(&[self.d[a], self.d[b]]);
+        let mut bits = 1 << k;
+        for _ in 0..3 {
+            for next in 0..4 {
+                if (0..4).any(|member| bits & (1 << member) != 0 && joined(member, next)) {
+                    bits |= 1 << next;
+                }
+            }
+        }
+        bits
+    }
+
+    /// The point `(s, t)` of the cell on the surface of corner `k`: the mean of what the `members`' slopes say, so that
+    /// neighbouring quarters of a surface meet.
+    fn point(&self, k: usize, members: u8, s: f64, t: f64) -> Corner {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for member in (0..4).filter(|member| members & (1 << member) != 0) {
+            let (gx, gy) = self.mesh.slope(self.mesh.corner_index(self.row, self.column, member));
+            let (ms, mt) = OFFSET[member];
+            sum += self.d[member] + gx * (s - ms) + gy * (t - mt);
+            count += 1.0;
+        }
+        let disparity = (sum / count).clamp(0.5 * self.d[k], 2.0 * self.d[k]);
+        let (u, v) = (self.column as f64 - 1.0 + s, self.row as f64 - 1.0 + t);
+        Corner { seen: self.mesh.transfer.see(u, v, disparity), u, v }
+    }
+}

@@ -1,0 +1,98 @@
+use crate::pose::check_pose;
+use crate::{Error, PinholeCamera, Pose, Result};
+use mde_uncertainty::GaussianDepth;
+use ndarray::{Array2, Array3, ArrayView3};
+
+/// A picture with its camera: a warp of the input, or another photograph of the scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PosedView {
+    /// sRGB colours in [0, 1], `[height, width, 3]`.
+    pub image: Array3<f32>,
+    /// The camera that took it.
+    pub camera: PinholeCamera,
+    /// World to camera.
+    pub pose: Pose,
+    /// True where the pixel is real and may be trained on, `[height, width]`.
+    pub mask: Array2<bool>,
+    /// What is believed of this view's z-depth, each `[height, width]` in the prior's unit; may be empty.
+    pub hypotheses: Vec<GaussianDepth>,
+}
+
+impl PosedView {
+    /// A view of its parts.
+    ///
+    /// # Errors
+    /// What [`validate`](Self::validate) refuses.
+    pub fn new(
+        image: Array3<f32>,
+        camera: PinholeCamera,
+        pose: Pose,
+        mask: Array2<bool>,
+        hypotheses: Vec<GaussianDepth>,
+    ) -> Result<Self> {
+        let view = Self { image, camera, pose, mask, hypotheses };
+        view.validate()?;
+        Ok(view)
+    }
+
+    /// Checks the camera, that the pose and the colours are finite, and that every map has the camera's size.
+    ///
+    /// # Errors
+    /// [`Error::Camera`], [`Error::Pose`], [`Error::Shape`] or [`Error::Colour`] for the first thing at fault.
+    pub fn validate(&self) -> Result<()> {
+        self.camera.validate()?;
+        check_pose("view's", &self.pose)?;
+        check_image(self.image.view(), &self.camera)?;
+        check_map("mask", self.mask.dim(), &self.camera)?;
+        self.hypotheses.iter().try_for_each(|h| check_map("depth hypothesis", h.dim(), &self.camera))
+    }
+}
+
+pub(crate) fn check_map(what: &'static str, found: (usize, usize), camera: &PinholeCamera) -> Result<()> {
+    if found == camera.dim() {
+        return Ok(());
+    }
+    Err(Error::Shape { what, found: vec![found.0, found.1], expected: vec![camera.height, camera.width] })
+}
+
+pub(crate) fn check_image(image: ArrayView3<'_, f32>, camera: &PinholeCamera) -> Result<()> {
+    let expected = [camera.height, camera.width, 3];
+    if image.shape() != expected {
+        return Err(Error::Shape {
+            what: "image",
+            found: image.shape().to_vec(),
+            expected: expected.to_vec(),
+        });
+    }
+    match image.indexed_iter().find(|(_, value)| !value.is_finite()) {
+        Some(((row, column, channel), &value)) => Err(Error::Colour { row, column, channel, value }),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn view() -> PosedView {
+        let camera = PinholeCamera::from_fov(60.0, 3, 2).unwrap();
+        let (image, mask) = (Array3::zeros((2, 3, 3)), Array2::from_elem((2, 3), true));
+        PosedView::new(image, camera, Pose::identity(), mask, vec![GaussianDepth::missing(2, 3)]).unwrap()
+    }
+
+    #[test]
+    fn what_does_not_fit_is_named() {
+        let mut wrong = view();
+        wrong.mask = Array2::from_elem((3, 2), true);
+        assert!(matches!(wrong.validate(), Err(Error::Shape { what: "mask", .. })));
+        let mut wrong = view();
+        wrong.image[(1, 2, 0)] = f32::NAN;
+        assert!(matches!(wrong.validate(), Err(Error::Colour { row: 1, column: 2, channel: 0, .. })));
+        let mut wrong = view();
+        wrong.hypotheses.push(GaussianDepth::missing(2, 2));
+        assert!(matches!(wrong.validate(), Err(Error::Shape { what: "depth hypothesis", .. })));
+        let mut wrong = view();
+        wrong.pose.translation.vector.x = f64::INFINITY;
+        assert!(matches!(wrong.validate(), Err(Error::Pose { .. })));
+    }
+}
