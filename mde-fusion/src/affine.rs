@@ -1,0 +1,133 @@
+use crate::gaussian::relative_precision;
+use crate::{Gaussian, Sample};
+
+/// The map from the NeRF's depth to the prior's: \\(\tilde D_r = a\\,\mu_r^{\mathrm{agg}} + b\\) (Eq. 10).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Affine {
+    /// Scale \\(a\\).
+    pub a: f64,
+    /// Shift \\(b\\), in the prior's unit.
+    pub b: f64,
+}
+
+impl Default for Affine {
+    fn default() -> Self {
+        Self::IDENTITY
+    }
+}
+
+impl Affine {
+    /// \\(a = 1\\), \\(b = 0\\).
+    pub const IDENTITY: Self = Self { a: 1.0, b: 0.0 };
+
+    /// Eq. 10 for a belief: mean \\(a\mu + b\\), variance \\(a^2\sigma^2\\).
+    #[inline]
+    pub fn apply(self, estimate: Gaussian) -> Gaussian {
+        Gaussian::new(self.a * estimate.mean + self.b, self.a * self.a * estimate.variance)
+    }
+}
+
+/// An affine fit and how well it was determined.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AffineFit {
+    /// The fitted map.
+    pub affine: Affine,
+    /// Effective number of pixels \\((\sum p)^2 / \sum p^2\\) behind the fit: 1 where one pixel has all the weight,
+    /// the number of pixels where all weigh the same.
+    pub effective_support: f64,
+    /// Weighted correlation of \\(u\\) and \\(v\\); 0 where either is constant.
+    pub correlation: f64,
+    /// \\(\sum p (u-\bar u)^2 / \sum p u^2\\): 0 where \\(u\\) is constant and the slope unknown.
+    pub relative_spread: f64,
+}
+
+/// Weighted least squares line from the NeRF's depth to the prior's (Eq. 11-13).
+///
+/// \\[ (a^\star, b^\star) = \arg\min_{a,b} \sum_{x\in\mathcal X}
+/// \frac{\bigl(a\\,u(x) + b - v(x)\bigr)^2}{(\sigma_r^2)^{\mathrm{agg}}(x)} \\]
+///
+/// with \\(u = \mu_r^{\mathrm{agg}}\\), \\(v = D_o\\), \\(p = 1/(\sigma_r^2)^{\mathrm{agg}}\\). Eq. 13,
+///
+/// \\[ a^\star = \frac{S_p S_{puv} - S_{pu} S_{pv}}{S_p S_{puu} - S_{pu}^2},\qquad
+/// b^\star = \frac{S_{pv} - a^\star S_{pu}}{S_p}, \\]
+///
+/// is evaluated in its centred form, the same number without the cancellation:
+///
+/// \\[ a^\star = \frac{\sum p (u-\bar u)(v-\bar v)}{\sum p (u-\bar u)^2},\qquad b^\star = \bar v - a^\star \bar u. \\]
+///
+/// Only the ratios of the weights matter, so they are taken relative to the largest; samples of variance 0, if there
+/// are any, count alone, which is the limit. `None` where the line is not determined: fewer than two samples, or all
+/// weight on one value of \\(u\\).
+pub fn affine_wls(samples: &[Sample]) -> Option<AffineFit> {
+    let least = least_variance(samples);
+    Line::new(samples.iter().map(|s| (relative_precision(least, s.variance), s.nerf, s.prior)))?.fit()
+}
+
+/// The same line with every sample weighing the same: Eq. 13 with \\(p = 1\\).
+pub fn affine_ols(samples: &[Sample]) -> Option<AffineFit> {
+    Line::new(samples.iter().map(|s| (1.0, s.nerf, s.prior)))?.fit()
+}
+
+/// [`affine_wls`]'s diagnostics for a map that was not fitted.
+pub(crate) fn diagnose(samples: &[Sample], affine: Affine) -> Option<AffineFit> {
+    let least = least_variance(samples);
+    let weighted = samples.iter().map(|s| (relative_precision(least, s.variance), s.nerf, s.prior));
+    Some(Line::new(weighted)?.describe(affine))
+}
+
+fn least_variance(samples: &[Sample]) -> f64 {
+    samples.iter().map(|s| s.variance).fold(f64::INFINITY, f64::min)
+}
+
+/// Centred weighted sums of pairs \\((u, v)\\).
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Line {
+    pub(crate) sum_p: f64,
+    sum_pp: f64,
+    pub(crate) mean_u: f64,
+    pub(crate) mean_v: f64,
+    pub(crate) suu: f64,
+    pub(crate) suv: f64,
+    svv: f64,
+}
+
+impl Line {
+    /// Sums of `(p, u, v)`; `None` without positive weight.
+    pub(crate) fn new(points: impl Iterator<Item = (f64, f64, f64)> + Clone) -> Option<Self> {
+        // About the first point, so that the sums of a constant are exactly constant.
+        let (_, u0, v0) = points.clone().find(|(p, ..)| *p > 0.0)?;
+        let (mut sum_p, mut sum_pp, mut mean_u, mut mean_v) = (0.0, 0.0, 0.0, 0.0);
+        for (p, u, v) in points.clone() {
+            sum_p += p;
+            sum_pp += p * p;
+            mean_u += p * (u - u0);
+            mean_v += p * (v - v0);
+        }
+        let (mean_u, mean_v) = (u0 + mean_u / sum_p, v0 + mean_v / sum_p);
+        let (mut suu, mut suv, mut svv) = (0.0, 0.0, 0.0);
+        for (p, u, v) in points {
+            let (du, dv) = (u - mean_u, v - mean_v);
+            suu += p * du * du;
+            suv += p * du * dv;
+            svv += p * dv * dv;
+        }
+        Some(Self { sum_p, sum_pp, mean_u, mean_v, suu, suv, svv })
+    }
+
+    fn fit(&self) -> Option<AffineFit> {
+        let a = self.suv / self.suu;
+        let b = self.mean_v - a * self.mean_u;
+        (a.is_finite() && b.is_finite()).then(|| self.describe(Affine { a, b }))
+    }
+
+    pub(crate) fn describe(&self, affine: Affine) -> AffineFit {
+        let correlation = self.suv / (self.suu.sqrt() * self.svv.sqrt());
+        let total = self.suu + self.sum_p * self.mean_u * self.mean_u;
+        AffineFit {
+            affine,
+            effective_support: self.sum_p * self.sum_p / self.sum_pp,
+            correlation: if correlation.is_finite() { correlation.clamp(-1.0, 1.0) } else { 0.0 },
+            relative_spread: if total > 0.0 { self.suu / total } else { 0.0 },
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! Strategies for property tests of code that fuses.
+
+use crate::{
+    Aggregation, Calibration, Fusion, FusionConfig, Gaussian, Guards, MissingPrior, OnDegenerate, Prior,
+    PriorVariance, Residual, Sample, Space, VarianceRule,
+};
+use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::proptest::gaussian_depth_of;
+use ndarray::Array2;
+use proptest::collection::vec;
+use proptest::prelude::*;
+
+/// A prior and up to `max_views` views of it, at most `max_side` pixels a side: depths in 0.5 to 10, variances in
+/// 1e-6 to 1, some pixels missing in each.
+pub fn scene(max_side: usize, max_views: usize) -> impl Strategy<Value = (Prior, Vec<GaussianDepth>)> {
+    (1..=max_side, 1..=max_side).prop_flat_map(move |(height, width)| {
+        (prior_of(height, width), vec(gaussian_depth_of(height, width), 0..=max_views))
+    })
+}
+
+/// A prior `[height, width]` with depths in 0.5 to 10, about one pixel in eight missing.
+pub fn prior_of(height: usize, width: usize) -> impl Strategy<Value = Prior> {
+    gaussian_depth_of(height, width).prop_map(|map| prior(map.into_parts().0))
+}
+
+/// As [`scene`], but with everything that a careless caller could send: constant and empty maps, variance 0,
+/// subnormal and huge values, negative evidence, priors with a variance.
+pub fn wild_scene(max_side: usize, max_views: usize) -> impl Strategy<Value = (Prior, Vec<GaussianDepth>)> {
+    let value = prop_oneof![
+        4 => 0.5..10.0_f32,
+        1 => prop::sample::select(vec![1e-45, f32::MIN_POSITIVE, 1e-20, 1.0, 1.0, 1e20, f32::MAX]),
+    ];
+    let variance =
+        prop_oneof![4 => 1e-6..1.0_f32, 1 => Just(0.0), 1 => Just(f32::INFINITY), 1 => value.clone()];
+    (1..=max_side, 1..=max_side, 0..3_u8).prop_flat_map(move |(height, width, kind)| {
+        let pixels = height * width;
+        // Kind 0: one value everywhere. Kind 1: nothing known. Kind 2: pixel by pixel.
+        let map = move |(mean, variance): (Vec<f32>, Vec<f32>), sign: f32| {
+            let pick =
+                |values: &[f32], i: usize| values.get(if kind == 0 { 0 } else { i }).copied().unwrap_or(1.0);
+            let mean = Array2::from_shape_fn((height, width), |(r, c)| sign * pick(&mean, r * width + c));
+            let variance = Array2::from_shape_fn((height, width), |(r, c)| match kind {
+                1 => f32::INFINITY,
+                _ => pick(&variance, r * width + c),
+            });
+            GaussianDepth::new(mean, variance).unwrap_or_else(|_| GaussianDepth::missing(height, width))
+        };
+        let planes = (vec(value.clone(), pixels), vec(variance.clone(), pixels));
+        let sign = prop::sample::select(vec![1.0_f32, 1.0, 1.0, -1.0]);
+        let views =
+            vec((planes.clone(), sign).prop_map(move |(planes, sign)| map(planes, sign)), 0..=max_views);
+        let prior = (planes, any::<bool>()).prop_map(move |(planes, with_variance)| {
+            let depth = map(planes, 1.0);
+            match Prior::with_variance(depth.clone()) {
+                Ok(prior) if with_variance => prior,
+                _ => prior(depth.into_parts().0),
+            }
+        });
+        (prior, views)
+    })
+}
+
+/// `size` samples of the affine fit: depths in 0.5 to 10, variances in 1e-6 to 1, the first two far apart.
+pub fn samples(size: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Sample>> {
+    let sample = (0.5..10.0_f64, -6.0..0.0_f64, 0.5..10.0_f64)
+        .prop_map(|(nerf, log_variance, prior)| Sample { nerf, variance: 10_f64.powf(log_variance), prior });
+    vec(sample, size).prop_map(|mut samples| {
+        for (sample, nerf) in samples.iter_mut().zip([0.5, 10.0]) {
+            (sample.nerf, sample.variance) = (nerf, 0.1);
+        }
+        samples
+    })
+}
+
+/// Residuals in -1 to 1 with variances in 1e-6 to 1.
+pub fn residuals(size: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Residual>> {
+    let residual = (-1.0..1.0_f64, -6.0..0.0_f64)
+        .prop_map(|(delta, log_variance)| Residual { delta, variance: 10_f64.powf(log_variance) });
+    vec(residual, size)
+}
+
+/// A belief about a depth in 0.5 to 10, of variance 1e-6 to 1.
+pub fn gaussian() -> impl Strategy<Value = Gaussian> {
+    (0.5..10.0_f64, -6.0..0.0_f64)
+        .prop_map(|(mean, log_variance)| Gaussian::new(mean, 10_f64.powf(log_variance)))
+}
+
+/// Any combination of the choices in a [`FusionConfig`].
+pub fn config() -> impl Strategy<Value = FusionConfig> {
+    let space = prop::sample::select(vec![Space::Depth, Space::Disparity]);
+    let variance = {
+        use VarianceRule::{Computed, ConstantMean, ConstantMedian};
+        prop::sample::select(vec![Computed, ConstantMedian, ConstantMean])
+    };
+    let aggregation = {
+        use Aggregation::{Mean, Median, MinDepth, MinVariance, Precision};
+        prop::sample::select(vec![Precision, MinDepth, MinVariance, Mean, Median])
+    };
+    let calibration = {
+        use Calibration::{Effective, None, Ols, Wls};
+        prop::sample::select(vec![Wls, None, Ols, Effective])
+    };
+    let prior_variance = {
+        use PriorVariance::{
+            FixedMedian, FixedRelative, Heteroscedastic, MaximumLikelihood, Moments, PauleMandel,
+        };
+        prop::sample::select(vec![
+            Moments,
+            FixedMedian,
+            FixedRelative,
+            PauleMandel,
+            MaximumLikelihood,
+            Heteroscedastic,
+        ])
+    };
+    let fusion = prop::sample::select(vec![Fusion::Bayes, Fusion::NerfOnly]);
+    let floor = prop::sample::select(vec![0.0, 1e-3]);
+    let maps = (space, variance, aggregation, any::<bool>(), floor);
+    let flags = (any::<bool>(), any::<bool>(), any::<bool>());
+    (maps, calibration, prior_variance, fusion, flags).prop_map(
+        |((space, variance, aggregation, spread, floor), calibration, prior_variance, fusion, flags)| {
+            let (monocular, missing, strict) = flags;
+            FusionConfig {
+                space,
+                variance,
+                variance_floor: floor,
+                aggregation,
+                spread,
+                calibration,
+                on_degenerate: if monocular { OnDegenerate::Monocular } else { OnDegenerate::Identity },
+                prior_variance,
+                fusion,
+                missing_prior: if missing { MissingPrior::Missing } else { MissingPrior::Nerf },
+                posterior_floor: floor,
+                guards: if strict { Guards::strict() } else { Guards::default() },
+                ..FusionConfig::paper()
+            }
+        },
+    )
+}
+
+fn prior(mean: Array2<f32>) -> Prior {
+    let (height, width) = mean.dim();
+    Prior::new(mean).unwrap_or_else(|_| Prior::missing(height, width))
+}
