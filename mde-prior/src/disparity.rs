@@ -1,0 +1,126 @@
+use ndarray::{Array2, ArrayView2, Zip};
+use serde::{Deserialize, Serialize};
+
+use crate::{Error, Result};
+
+/// How disparity with unknown scale and shift becomes positive depth.
+///
+/// A model of the MiDaS family gives `d` with \\( 1/z = a d + b \\) for unknown `a > 0` and `b`: `1/d` is no depth, not
+/// even up to scale, and `d` may be negative. The rule states the depth range instead: with `q` the quantiles of the
+/// map's valid values,
+///
+/// \\[ \hat d = \mathrm{clip}\Bigl(\frac{d - q_{lo}}{q_{hi} - q_{lo}}, 0, 1\Bigr), \qquad
+///    \frac1z = A \hat d + B, \quad A = \frac1{z_{near}} - \frac1{z_{far}}, \quad B = \frac1{z_{far}}. \\]
+///
+/// So `near <= z <= far` always, depth falls as disparity grows, and the result does not change when the map is
+/// multiplied by a positive number or shifted. A constant map says nothing; it becomes the depth in the middle of the
+/// disparity range, \\( 2 / (1/z_{near} + 1/z_{far}) \\). Where more than `high - low` of a map is one single value,
+/// its extremes take the place of the quantiles.
+///
+/// ```
+/// use mde_prior::DisparityRule;
+/// use mde_prior::ndarray::array;
+///
+/// let rule = DisparityRule { near: 1.0, far: 4.0, low: 0.0, high: 1.0 };
+/// let z = rule.depth(array![[-3.0, 0.0, 3.0]].view(), array![[true, true, true]].view())?;
+/// assert_eq!(z, array![[4.0, 1.6, 1.0]]);
+/// # Ok::<(), mde_prior::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct DisparityRule {
+    /// Depth of the largest disparity, positive; 0.8 suits a room in metres.
+    pub near: f64,
+    /// Depth of the smallest disparity, above `near`; 8.
+    pub far: f64,
+    /// Quantile taken as the smallest disparity, in `[0, 1]`; 0.005.
+    pub low: f64,
+    /// Quantile taken as the largest disparity, in `(low, 1]`; 0.995.
+    pub high: f64,
+}
+
+impl Default for DisparityRule {
+    fn default() -> Self {
+        Self { near: 0.8, far: 8.0, low: 0.005, high: 0.995 }
+    }
+}
+
+/// Below this share of the largest magnitude a spread of `f32` values is rounding, not signal.
+const CONSTANT: f64 = 1e-6;
+
+impl DisparityRule {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`Error::Config`] that names the field.
+    pub fn validate(&self) -> Result<()> {
+        let Self { near, far, low, high } = *self;
+        if !(near.is_finite() && near >= f64::from(f32::MIN_POSITIVE)) {
+            return config(
+                "near",
+                format!("{near} is no positive depth; give the nearest depth of the scene"),
+            );
+        }
+        if !(far > near && far <= f64::from(f32::MAX)) {
+            return config("far", format!("{far} must be finite and above near ({near})"));
+        }
+        if !(0.0..1.0).contains(&low) {
+            return config("low", format!("{low} is no quantile; give a value in [0, 1)"));
+        }
+        if !(high > low && high <= 1.0) {
+            return config("high", format!("{high} must lie in ({low}, 1]"));
+        }
+        Ok(())
+    }
+
+    /// Depth `[height, width]` in `[near, far]` of an affine disparity map; 0 where `valid` is false or the value is
+    /// not finite.
+    ///
+    /// # Errors
+    /// [`Error::Config`] as in [`validate`](Self::validate); [`Error::Input`] when the shapes differ or no pixel is
+    /// valid.
+    pub fn depth(&self, disparity: ArrayView2<'_, f32>, valid: ArrayView2<'_, bool>) -> Result<Array2<f32>> {
+        self.validate()?;
+        if disparity.dim() != valid.dim() {
+            return Err(Error::Input(format!(
+                "the disparity is {:?} but its mask {:?}; give both the same [height, width]",
+                disparity.dim(),
+                valid.dim()
+            )));
+        }
+        let mut values: Vec<f32> =
+            disparity.iter().zip(&valid).filter(|(d, v)| **v && d.is_finite()).map(|(d, _)| *d).collect();
+        values.sort_unstable_by(f32::total_cmp);
+        let (lo, hi) = self.range(&values).ok_or_else(|| {
+            Error::Input("the disparity map has no valid pixel; check the file or the mask".to_owned())
+        })?;
+        let a = 1.0 / self.near - 1.0 / self.far;
+        let b = 1.0 / self.far;
+        let constant = hi - lo <= CONSTANT * lo.abs().max(hi.abs());
+        Ok(Zip::from(&disparity).and(&valid).map_collect(|&d, &valid| {
+            if !(valid && d.is_finite()) {
+                return 0.0;
+            }
+            let unit = if constant { 0.5 } else { ((f64::from(d) - lo) / (hi - lo)).clamp(0.0, 1.0) };
+            (1.0 / (a * unit + b)) as f32
+        }))
+    }
+
+    /// \\( (q_{lo}, q_{hi}) \\) of sorted values, or their extremes where the quantiles coincide.
+    fn range(&self, sorted: &[f32]) -> Option<(f64, f64)> {
+        let (lo, hi) = (quantile(sorted, self.low)?, quantile(sorted, self.high)?);
+        if hi > lo { Some((lo, hi)) } else { Some((f64::from(*sorted.first()?), f64::from(*sorted.last()?))) }
+    }
+}
+
+/// Quantile with linear interpolation between order statistics, \\( x_{(n-1) p} \\).
+fn quantile(sorted: &[f32], p: f64) -> Option<f64> {
+    let position = p * sorted.len().checked_sub(1)? as f64;
+    let below = f64::from(*sorted.get(position.floor() as usize)?);
+    let above = f64::from(*sorted.get(position.ceil() as usize)?);
+    Some(below + position.fract() * (above - below))
+}
+
+fn config(field: &'static str, reason: String) -> Result<()> {
+    Err(Error::Config { field, reason })
+}

@@ -1,0 +1,109 @@
+use std::path::{Path, PathBuf};
+
+/// Result of this crate.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// Everything that can go wrong here; each message is one line that names the file or value and what to do.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A file could not be opened or read.
+    #[error("{}: can't read: {source}; {}", path.display(), io_remedy(source))]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A file could not be written; nothing is left behind and an older file of that name is untouched.
+    #[error("{}: can't write: {source}; {}", path.display(), io_remedy(source))]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A file holds something else than was expected: empty, truncated, of a wrong type, or without any usable value.
+    #[error("{}: {reason}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong and what to do.
+        reason: String,
+    },
+    /// The extension names no known depth format.
+    #[error(
+        "{}: unknown depth format {extension:?}; use .png (16 bit), .npy, .npz, .pfm or .exr",
+        path.display()
+    )]
+    UnknownFormat {
+        /// The file.
+        path: PathBuf,
+        /// Its extension.
+        extension: String,
+    },
+    /// A prior read from a file does not have the size of the image.
+    #[error(
+        "{}: the prior is {}x{} but the image is {}x{} (width x height); \
+         resize the image, or make the prior at the image's size",
+        path.display(), prior.1, prior.0, image.1, image.0
+    )]
+    SizeMismatch {
+        /// The file of the prior.
+        path: PathBuf,
+        /// `(height, width)` of the prior.
+        prior: (usize, usize),
+        /// `(height, width)` of the image.
+        image: (usize, usize),
+    },
+    /// A setting is out of its range.
+    #[error("{field}: {reason}")]
+    Config {
+        /// Name of the setting.
+        field: &'static str,
+        /// What is wrong and what to do.
+        reason: String,
+    },
+    /// No profile of that name, or no profile could be guessed.
+    #[error("no model profile for {name:?}; name one of: {}", crate::spec::PROFILES.join(", "))]
+    UnknownProfile {
+        /// The name asked for, or the model's file name.
+        name: String,
+    },
+    /// A model can't be loaded or gave something that is no depth map.
+    #[error("{}: {reason}", path.display())]
+    Model {
+        /// The model's file.
+        path: PathBuf,
+        /// What is wrong and what to do.
+        reason: String,
+    },
+    /// An array handed in has the wrong shape or values.
+    #[error("{0}")]
+    Input(String),
+}
+
+impl Error {
+    pub(crate) fn malformed(path: &Path, reason: impl Into<String>) -> Self {
+        Self::Malformed { path: path.to_owned(), reason: reason.into() }
+    }
+
+    pub(crate) fn read(path: &Path, source: std::io::Error) -> Self {
+        Self::Read { path: path.to_owned(), source }
+    }
+
+    pub(crate) fn write(path: &Path, source: std::io::Error) -> Self {
+        Self::Write { path: path.to_owned(), source }
+    }
+}
+
+fn io_remedy(source: &std::io::Error) -> &'static str {
+    use std::io::ErrorKind;
+    match source.kind() {
+        ErrorKind::NotFound => "check the path",
+        ErrorKind::PermissionDenied => "check the permissions",
+        ErrorKind::IsADirectory => "give a file, not a folder",
+        ErrorKind::StorageFull => "free some space",
+        _ => "check that the file and its folder are accessible",
+    }
+}

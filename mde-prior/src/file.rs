@@ -1,0 +1,62 @@
+use std::path::{Path, PathBuf};
+
+use ndarray::ArrayView3;
+
+use crate::format::{self, ReadOptions};
+use crate::{DepthKind, DepthPrior, Error, PriorDepth, Result};
+
+/// A depth or disparity map in a file, of the image's size.
+///
+/// The file is read and checked when it is opened. See [`format`](mod@crate::format) for the formats.
+#[derive(Debug, Clone)]
+pub struct FilePrior {
+    path: PathBuf,
+    prior: PriorDepth,
+}
+
+impl FilePrior {
+    /// Reads a map whose values are of `kind`. With a `scale`, depth = value / scale whatever the format; without one,
+    /// integer samples (16-bit PNG) are thousandths and floating-point samples are taken as they are.
+    ///
+    /// # Errors
+    /// Those of [`format::read_depth`].
+    pub fn open(path: impl AsRef<Path>, kind: DepthKind, scale: Option<f64>) -> Result<Self> {
+        let mut options = ReadOptions::default();
+        if let Some(scale) = scale {
+            options.png_scale = scale;
+            options.float_scale = scale;
+        }
+        Self::with_options(path, kind, &options)
+    }
+
+    /// The same with all reading options: encoding, the array of an NPZ, the channel of an EXR.
+    ///
+    /// # Errors
+    /// Those of [`format::read_depth`].
+    pub fn with_options(path: impl AsRef<Path>, kind: DepthKind, options: &ReadOptions) -> Result<Self> {
+        let path = path.as_ref();
+        let mut map = format::read_raw(path, options)?;
+        if options.encoding == format::Encoding::Sunrgbd {
+            map.mapv_inplace(|v| if v > 0.0 { v } else { f32::NAN });
+        }
+        let prior = PriorDepth::from_values(map, kind).map_err(|e| Error::malformed(path, e.to_string()))?;
+        Ok(Self { path: path.to_owned(), prior })
+    }
+
+    /// The map as it was read.
+    #[must_use]
+    pub fn prior(&self) -> &PriorDepth {
+        &self.prior
+    }
+}
+
+impl DepthPrior for FilePrior {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+        let (height, width, _) = image.dim();
+        let size = self.prior.map.dim();
+        if size != (height, width) {
+            return Err(Error::SizeMismatch { path: self.path.clone(), prior: size, image: (height, width) });
+        }
+        Ok(self.prior.clone())
+    }
+}

@@ -1,0 +1,87 @@
+//! OpenEXR with one channel of depth.
+
+use std::io::Cursor;
+
+use exr::prelude::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, MetaData,
+    ReadChannels as _, ReadLayers as _, SmallVec, WritableImage as _, read,
+};
+use ndarray::{Array2, ArrayView2};
+
+use super::{MAX_PIXELS, Parsed, check_size};
+
+/// Names under which programs store depth, first the one of the OpenEXR convention.
+const CHANNELS: [&str; 4] = ["z", "depth", "y", "r"];
+/// DEFLATE never expands more than 1032 times; a header that needs more is broken.
+const MAX_EXPANSION: usize = 1100;
+
+pub(super) fn parse(bytes: &[u8], wanted: Option<&str>) -> Parsed<Array2<f32>> {
+    check_header(bytes)?;
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(|e| format!("no readable OpenEXR file ({e}); write the file again"))?;
+    let channels =
+        || image.layer_data.iter().flat_map(|layer| layer.channel_data.list.iter().map(move |c| (layer, c)));
+    let names: Vec<String> = image
+        .layer_data
+        .iter()
+        .flat_map(|layer| {
+            let prefix = layer.attributes.layer_name.as_ref().map(|n| format!("{n}.")).unwrap_or_default();
+            layer.channel_data.list.iter().map(move |c| format!("{prefix}{}", c.name))
+        })
+        .collect();
+    let index = choose(&names, wanted)?;
+    let (layer, channel) = channels().nth(index).ok_or("the file has no channel")?;
+    let (width, height) = (layer.size.width(), layer.size.height());
+    if channel.sampling.x() != 1 || channel.sampling.y() != 1 {
+        return Err(format!("channel {:?} is subsampled; write it at full size", names[index]));
+    }
+    check_size(width, height)?;
+    let values = channel.sample_data.values_as_f32().collect();
+    Array2::from_shape_vec((height, width), values).map_err(|e| e.to_string())
+}
+
+/// Refuses sizes that the file can't hold before the decoder takes memory for them.
+fn check_header(bytes: &[u8]) -> Parsed<()> {
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false)
+        .map_err(|e| format!("this is no OpenEXR file ({e})"))?;
+    let mut total = 0_usize;
+    for header in &meta.headers {
+        let pixels = check_size(header.layer_size.width(), header.layer_size.height())?;
+        total = total.saturating_add(pixels.saturating_mul(header.channels.bytes_per_pixel));
+    }
+    if total > 64 * MAX_PIXELS || total / MAX_EXPANSION > bytes.len() {
+        return Err(format!("truncated: its header needs {total} bytes of samples; write the file again"));
+    }
+    Ok(())
+}
+
+fn choose(names: &[String], wanted: Option<&str>) -> Parsed<usize> {
+    let last = |name: &str| name.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
+    let found = match (wanted, names) {
+        (Some(wanted), _) => names.iter().position(|n| n == wanted),
+        (None, [_]) => Some(0),
+        (None, _) => CHANNELS.iter().find_map(|c| names.iter().position(|n| last(n) == *c)),
+    };
+    found.ok_or_else(|| match wanted {
+        Some(wanted) => format!("no channel {wanted:?}; there are {names:?}"),
+        None => format!("say which channel holds the depth; there are {names:?}"),
+    })
+}
+
+pub(super) fn encode(map: ArrayView2<'_, f32>) -> Parsed<Vec<u8>> {
+    let (height, width) = map.dim();
+    let samples = FlatSamples::F32(map.iter().copied().collect());
+    let channels = AnyChannels::sort(SmallVec::from_iter([AnyChannel::new("Z", samples)]));
+    let layer =
+        Layer::new((width, height), LayerAttributes::default(), Encoding::SMALL_FAST_LOSSLESS, channels);
+    let mut bytes = Cursor::new(Vec::new());
+    Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes).map_err(|e| e.to_string())?;
+    Ok(bytes.into_inner())
+}

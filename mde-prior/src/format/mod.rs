@@ -1,0 +1,356 @@
+//! Depth-map files: the one place of the workspace that reads and writes them.
+//!
+//! | extension | read | written |
+//! | --- | --- | --- |
+//! | `.png` | 16-bit grey, value / scale; or SUN RGB-D's rotated bits | 16-bit grey, value · scale, 0 = missing |
+//! | `.npy` | f2, f4, f8, u1 to u4, i2 to i8, both byte orders, C and Fortran order | f4, version 1.0 |
+//! | `.npz` | stored or deflated; a named array, or the only one | f4, stored, array `depth` |
+//! | `.pfm` | grey (`Pf`), both byte orders | grey, little-endian |
+//! | `.exr` | half, float or uint; a named channel, or the first suitable | float, channel `Z`, ZIP |
+//!
+//! [`read_depth`] gives depths, 0 = missing; [`read_values`] gives the numbers as they are and refuses NaN. Files are
+//! written whole or not at all. Sizes in headers are checked against the file before memory is taken for them.
+//!
+//! ```
+//! use mde_prior::format::{self, ReadOptions, WriteOptions};
+//! use mde_prior::ndarray::array;
+//!
+//! let folder = tempfile::tempdir()?;
+//! let depth = array![[0.0_f32, 1.25], [2.5, 3.0]];
+//! for name in ["depth.npy", "depth.npz", "depth.pfm", "depth.exr", "depth.png"] {
+//!     let path = folder.path().join(name);
+//!     format::write_depth(&path, depth.view(), &WriteOptions::default())?;
+//!     assert_eq!(format::read_depth(&path, &ReadOptions::default())?, depth);
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod bytes;
+mod exr;
+mod inflate;
+mod npy;
+mod npz;
+mod pfm;
+mod png;
+
+use std::io::Read as _;
+use std::path::Path;
+
+use ndarray::{Array2, ArrayView2};
+use serde::{Deserialize, Serialize};
+
+pub use png::{sunrgbd_decode, sunrgbd_encode};
+
+use crate::{Error, Result, write_atomic};
+
+/// Most pixels a map may have; more is a broken header or not meant for this program.
+pub(crate) const MAX_PIXELS: usize = 1 << 27;
+
+/// Most bytes of a file that is read.
+const MAX_FILE: u64 = 1 << 32;
+
+/// What a parser says: the map, or what is wrong with the bytes and what to do (the caller names the file).
+type Parsed<T> = std::result::Result<T, String>;
+
+/// Samples of a file and whether they are integers, which carry a scale.
+struct Samples {
+    map: Array2<f32>,
+    integer: bool,
+}
+
+/// A depth file format, by its extension.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Format {
+    /// 16-bit greyscale PNG.
+    Png,
+    /// NumPy array.
+    Npy,
+    /// Zip archive of NumPy arrays.
+    Npz,
+    /// Portable float map.
+    Pfm,
+    /// OpenEXR.
+    Exr,
+}
+
+impl Format {
+    /// The format that the extension of `path` names.
+    ///
+    /// # Errors
+    /// [`Error::UnknownFormat`] with the list of those known.
+    pub fn of(path: &Path) -> Result<Self> {
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
+        match extension.to_ascii_lowercase().as_str() {
+            "png" => Ok(Self::Png),
+            "npy" => Ok(Self::Npy),
+            "npz" => Ok(Self::Npz),
+            "pfm" => Ok(Self::Pfm),
+            "exr" => Ok(Self::Exr),
+            _ => Err(Error::UnknownFormat { path: path.to_owned(), extension: extension.to_owned() }),
+        }
+    }
+}
+
+/// How the 16 bits of a PNG sample hold a depth.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Encoding {
+    /// depth = value / scale.
+    #[default]
+    Linear,
+    /// SUN RGB-D: millimetres = (value >> 3) | (value << 13), then metres; 0 = missing.
+    Sunrgbd,
+}
+
+/// How to read a depth file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct ReadOptions {
+    /// Depth = value / `png_scale` for integer samples (PNG; NPY and NPZ of integers); 1000, millimetres.
+    pub png_scale: f64,
+    /// Depth = value / `float_scale` for floating-point samples; 1.
+    pub float_scale: f64,
+    /// How a PNG sample holds a depth.
+    pub encoding: Encoding,
+    /// The array of an NPZ; without it the only one, or the one named `depth`.
+    pub npz_array: Option<String>,
+    /// The channel of an EXR; without it the first of `Z`, `depth`, `Y`, `R` (in any layer), or the only one.
+    pub exr_channel: Option<String>,
+}
+
+impl Default for ReadOptions {
+    fn default() -> Self {
+        Self {
+            png_scale: 1000.0,
+            float_scale: 1.0,
+            encoding: Encoding::Linear,
+            npz_array: None,
+            exr_channel: None,
+        }
+    }
+}
+
+impl ReadOptions {
+    /// Options for SUN RGB-D's depth files.
+    #[must_use]
+    pub fn sunrgbd() -> Self {
+        Self { encoding: Encoding::Sunrgbd, ..Self::default() }
+    }
+
+    /// Checks the scales.
+    ///
+    /// # Errors
+    /// [`Error::Config`] that names the field.
+    pub fn validate(&self) -> Result<()> {
+        check_scale("png-scale", self.png_scale)?;
+        check_scale("float-scale", self.float_scale)
+    }
+}
+
+/// How to write a depth file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct WriteOptions {
+    /// PNG value = depth · `png_scale`; 1000, millimetres up to 65.535 m.
+    pub png_scale: f64,
+}
+
+impl Default for WriteOptions {
+    fn default() -> Self {
+        Self { png_scale: 1000.0 }
+    }
+}
+
+/// Reads depths, `[height, width]`: positive and finite, 0 = missing (whatever was not finite or not positive).
+///
+/// # Errors
+/// [`Error::Read`], [`Error::UnknownFormat`], [`Error::Malformed`] (also when no pixel has a depth), [`Error::Config`].
+pub fn read_depth(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Array2<f32>> {
+    let path = path.as_ref();
+    let mut map = read_raw(path, options)?;
+    map.mapv_inplace(|v| if v.is_finite() && v > 0.0 { v } else { 0.0 });
+    if map.iter().all(|&v| v == 0.0) {
+        return Err(Error::malformed(
+            path,
+            "no pixel has a positive depth; check that this is the depth file",
+        ));
+    }
+    Ok(map)
+}
+
+/// Reads the values of a file as they are, `[height, width]`; infinities stay.
+///
+/// # Errors
+/// Those of [`read_depth`], and [`Error::Malformed`] that names the first NaN.
+pub fn read_values(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Array2<f32>> {
+    let path = path.as_ref();
+    let map = read_raw(path, options)?;
+    if let Some(((row, column), _)) = map.indexed_iter().find(|(_, v)| v.is_nan()) {
+        let reason = format!("NaN at row {row}, column {column}; write 0 where a value is missing");
+        return Err(Error::malformed(path, reason));
+    }
+    Ok(map)
+}
+
+/// Values after scaling, NaN and all.
+pub(crate) fn read_raw(path: &Path, options: &ReadOptions) -> Result<Array2<f32>> {
+    options.validate()?;
+    let format = Format::of(path)?;
+    let bytes = read_file(path)?;
+    parse(format, &bytes, options).map_err(|reason| Error::malformed(path, reason))
+}
+
+/// The whole file, refusing absurd sizes and empty files.
+pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>> {
+    let read = |e| Error::read(path, e);
+    let file = std::fs::File::open(path).map_err(read)?;
+    if file.metadata().map_err(read)?.len() > MAX_FILE {
+        return Err(Error::malformed(path, "the file is over 4 GiB; it can't be one image or depth map"));
+    }
+    let mut bytes = Vec::new();
+    file.take(MAX_FILE).read_to_end(&mut bytes).map_err(read)?;
+    if bytes.is_empty() {
+        return Err(Error::malformed(path, "the file is empty; write it again"));
+    }
+    Ok(bytes)
+}
+
+fn parse(format: Format, bytes: &[u8], options: &ReadOptions) -> Parsed<Array2<f32>> {
+    if options.encoding == Encoding::Sunrgbd && format != Format::Png {
+        return Err(
+            "the SUN RGB-D encoding is of PNG files; read this file with the linear encoding".to_owned()
+        );
+    }
+    let Samples { mut map, integer } = match format {
+        Format::Png => Samples { map: png::parse(bytes, options.encoding)?, integer: true },
+        Format::Npy => npy::parse(bytes)?,
+        Format::Npz => npz::parse(bytes, options.npz_array.as_deref())?,
+        Format::Pfm => Samples { map: pfm::parse(bytes)?, integer: false },
+        Format::Exr => Samples { map: exr::parse(bytes, options.exr_channel.as_deref())?, integer: false },
+    };
+    let scale = match (options.encoding, integer) {
+        (Encoding::Sunrgbd, _) => 1000.0,
+        (Encoding::Linear, true) => options.png_scale,
+        (Encoding::Linear, false) => options.float_scale,
+    };
+    if scale != 1.0 {
+        map.mapv_inplace(|v| (f64::from(v) / scale) as f32);
+    }
+    Ok(map)
+}
+
+/// Parses the bytes of a file of the given format, as [`read_values`] would, NaN included as 0.
+///
+/// # Errors
+/// [`Error::Input`] with what is wrong with the bytes.
+pub fn decode(format: Format, bytes: &[u8], options: &ReadOptions) -> Result<Array2<f32>> {
+    options.validate()?;
+    let map = parse(format, bytes, options).map_err(Error::Input)?;
+    Ok(map.mapv_into(|v| if v.is_nan() { 0.0 } else { v }))
+}
+
+/// Writes a map in the format that the extension names.
+///
+/// # Errors
+/// [`Error::UnknownFormat`], [`Error::Write`], [`Error::Config`]; [`Error::Malformed`] when the map is empty, holds NaN,
+/// or does not fit into 16 bits at that scale.
+pub fn write_depth(path: impl AsRef<Path>, map: ArrayView2<'_, f32>, options: &WriteOptions) -> Result<()> {
+    let path = path.as_ref();
+    match Format::of(path)? {
+        Format::Png => write_png16(path, map, options.png_scale),
+        Format::Npy => write_npy(path, map),
+        Format::Npz => write_npz(path, &[("depth", map)]),
+        Format::Pfm => write_pfm(path, map),
+        Format::Exr => write_exr(path, map),
+    }
+}
+
+/// Writes `f32` values as NPY 1.0, bit-exact.
+///
+/// # Errors
+/// See [`write_depth`].
+pub fn write_npy(path: impl AsRef<Path>, map: ArrayView2<'_, f32>) -> Result<()> {
+    let path = path.as_ref();
+    check_map(path, map)?;
+    write_atomic(path, &npy::encode(map))
+}
+
+/// Writes named `f32` arrays as an uncompressed NPZ, bit-exact.
+///
+/// # Errors
+/// See [`write_depth`]; also [`Error::Malformed`] for an archive over 4 GiB or names that are empty or repeat.
+pub fn write_npz(path: impl AsRef<Path>, arrays: &[(&str, ArrayView2<'_, f32>)]) -> Result<()> {
+    let path = path.as_ref();
+    for (_, map) in arrays {
+        check_map(path, *map)?;
+    }
+    write_atomic(path, &npz::encode(arrays).map_err(|reason| Error::malformed(path, reason))?)
+}
+
+/// Writes `f32` values as a grey little-endian PFM, bit-exact.
+///
+/// # Errors
+/// See [`write_depth`].
+pub fn write_pfm(path: impl AsRef<Path>, map: ArrayView2<'_, f32>) -> Result<()> {
+    let path = path.as_ref();
+    check_map(path, map)?;
+    write_atomic(path, &pfm::encode(map))
+}
+
+/// Writes `f32` values as an OpenEXR image with the one channel `Z`, bit-exact.
+///
+/// # Errors
+/// See [`write_depth`].
+pub fn write_exr(path: impl AsRef<Path>, map: ArrayView2<'_, f32>) -> Result<()> {
+    let path = path.as_ref();
+    check_map(path, map)?;
+    write_atomic(path, &exr::encode(map).map_err(|reason| Error::malformed(path, reason))?)
+}
+
+/// Writes depths as a 16-bit grey PNG, round(depth · scale), 0 = missing; the error is at most 1 / (2 scale). A positive
+/// depth below half a step becomes 1, so that it does not turn into a missing pixel.
+///
+/// # Errors
+/// See [`write_depth`]; [`Error::Malformed`] names the first value that is negative or too large.
+pub fn write_png16(path: impl AsRef<Path>, map: ArrayView2<'_, f32>, scale: f64) -> Result<()> {
+    let path = path.as_ref();
+    check_scale("png-scale", scale)?;
+    check_map(path, map)?;
+    write_atomic(path, &png::encode(map, scale).map_err(|reason| Error::malformed(path, reason))?)
+}
+
+fn check_map(path: &Path, map: ArrayView2<'_, f32>) -> Result<()> {
+    if map.is_empty() || map.len() > MAX_PIXELS {
+        let reason =
+            format!("a map of shape {:?} can't be written; give 1 to {MAX_PIXELS} pixels", map.dim());
+        return Err(Error::malformed(path, reason));
+    }
+    if let Some(((row, column), _)) = map.indexed_iter().find(|(_, v)| v.is_nan()) {
+        let reason =
+            format!("NaN at row {row}, column {column} is not written; use 0 where a value is missing");
+        return Err(Error::malformed(path, reason));
+    }
+    Ok(())
+}
+
+fn check_scale(field: &'static str, scale: f64) -> Result<()> {
+    if scale.is_finite() && scale > 0.0 {
+        return Ok(());
+    }
+    Err(Error::Config {
+        field,
+        reason: format!("{scale} is no scale; give a positive number of steps per unit"),
+    })
+}
+
+/// Checks a size from a header before memory is taken for it.
+fn check_size(width: usize, height: usize) -> Parsed<usize> {
+    match width.checked_mul(height) {
+        Some(pixels) if (1..=MAX_PIXELS).contains(&pixels) => Ok(pixels),
+        _ => Err(format!(
+            "the header says {width}x{height} pixels, which is no depth map; write the file again"
+        )),
+    }
+}

@@ -1,0 +1,69 @@
+//! 16-bit grey PNG.
+
+use std::io::Cursor;
+
+use image::{ExtendedColorType, ImageDecoder as _, ImageEncoder as _};
+use ndarray::{Array2, ArrayView2};
+
+use super::{Encoding, MAX_PIXELS, Parsed, check_size};
+
+/// Millimetres of a SUN RGB-D sample, \\( (r \gg 3) \mathbin{|} (r \ll 13) \\): a rotation of the 16 bits; 0 = missing.
+#[must_use]
+pub fn sunrgbd_decode(raw: u16) -> u16 {
+    raw.rotate_right(3)
+}
+
+/// The SUN RGB-D sample of a depth in millimetres, the inverse of [`sunrgbd_decode`].
+#[must_use]
+pub fn sunrgbd_encode(millimetres: u16) -> u16 {
+    millimetres.rotate_left(3)
+}
+
+pub(super) fn parse(bytes: &[u8], encoding: Encoding) -> Parsed<Array2<f32>> {
+    let broken = |e: image::ImageError| format!("no readable PNG ({e}); write the file again");
+    let mut limits = image::Limits::default();
+    limits.max_alloc = Some(4 * MAX_PIXELS as u64);
+    let decoder = image::codecs::png::PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(broken)?;
+    let color = decoder.original_color_type();
+    if color != ExtendedColorType::L16 {
+        return Err(format!(
+            "the PNG's samples are {color:?}; depth needs 16-bit greyscale (an 8-bit or colour PNG is a picture of \
+             depth, not depth)"
+        ));
+    }
+    let (width, height) = (decoder.dimensions().0 as usize, decoder.dimensions().1 as usize);
+    let mut data = vec![0_u8; 2 * check_size(width, height)?];
+    decoder.read_image(&mut data).map_err(broken)?;
+    let values = data.as_chunks().0.iter().map(|raw| {
+        let raw = u16::from_ne_bytes(*raw);
+        f32::from(match encoding {
+            Encoding::Linear => raw,
+            Encoding::Sunrgbd => sunrgbd_decode(raw),
+        })
+    });
+    Array2::from_shape_vec((height, width), values.collect()).map_err(|e| e.to_string())
+}
+
+pub(super) fn encode(map: ArrayView2<'_, f32>, scale: f64) -> Parsed<Vec<u8>> {
+    let (height, width) = map.dim();
+    let mut data = Vec::with_capacity(2 * map.len());
+    for ((row, column), &value) in map.indexed_iter() {
+        let raw = (f64::from(value) * scale).round();
+        if !(value >= 0.0 && raw <= 65535.0) {
+            return Err(format!(
+                "{value} at row {row}, column {column} does not fit into 16 bits at {scale} steps per unit; \
+                 write .npy, or use a smaller scale for depths beyond {}",
+                65535.0 / scale
+            ));
+        }
+        let raw = if value > 0.0 { raw.max(1.0) } else { 0.0 };
+        data.extend((raw as u16).to_ne_bytes());
+    }
+    let side =
+        |n: usize| u32::try_from(n).map_err(|_| format!("{n} pixels are too many for a PNG; write .npy"));
+    let mut bytes = Vec::new();
+    image::codecs::png::PngEncoder::new(&mut bytes)
+        .write_image(&data, side(width)?, side(height)?, ExtendedColorType::L16)
+        .map_err(|e| e.to_string())?;
+    Ok(bytes)
+}

@@ -1,0 +1,249 @@
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use ndarray::{Array2, Array3, ArrayView3, Axis, stack};
+use tract_onnx::prelude::*;
+use tract_onnx::tract_hir::infer::Factoid as _;
+use tract_onnx::tract_hir::internal::DimLike as _;
+
+use crate::resample::resize;
+use crate::spec::{Channels, Layout, ModelSpec};
+use crate::{DepthPrior, Error, PriorDepth, Result};
+
+/// A network in an ONNX file, run on the CPU.
+///
+/// The model is bound to the concrete input size before it is optimised, since graphs that compute sizes from symbolic
+/// shapes do not run; the plan is kept for the next image of that size.
+///
+/// ```no_run
+/// use mde_prior::{DepthPrior, ModelSpec, OnnxPrior, photo};
+///
+/// let model = "dpt_hybrid_384.onnx";
+/// let prior = OnnxPrior::open(model, &ModelSpec::of(model)?)?;
+/// let depth = prior.predict(photo::read_image("room.jpg")?.pixels.view())?;
+/// # Ok::<(), mde_prior::Error>(())
+/// ```
+pub struct OnnxPrior {
+    path: PathBuf,
+    spec: ModelSpec,
+    model: InferenceModel,
+    /// `(height, width)` where the model has them fixed.
+    fixed: (Option<usize>, Option<usize>),
+    plan: Mutex<Option<((usize, usize), Plan)>>,
+}
+
+type Plan = Arc<TypedRunnableModel>;
+
+impl std::fmt::Debug for OnnxPrior {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("OnnxPrior")
+            .field("path", &self.path)
+            .field("spec", &self.spec)
+            .field("fixed", &self.fixed)
+            .finish_non_exhaustive()
+    }
+}
+
+impl OnnxPrior {
+    /// Loads a model and checks that its input is one image of three channels.
+    ///
+    /// # Errors
+    /// [`Error::Read`] when there is no such file, [`Error::Model`] when it is no model for images, [`Error::Config`]
+    /// when the specification is out of range.
+    pub fn open(path: impl AsRef<Path>, spec: &ModelSpec) -> Result<Self> {
+        let path = path.as_ref();
+        spec.validate()?;
+        let length = std::fs::metadata(path).map_err(|e| Error::read(path, e))?.len();
+        if length == 0 {
+            return Err(model_error(path, "the file is empty; copy the model again"));
+        }
+        let mut model =
+            tract_onnx::onnx().with_ignore_output_shapes(true).model_for_path(path).map_err(|e| {
+                model_error(path, format!("this is no ONNX model that can be run ({})", one_line(&e)))
+            })?;
+        if let Some(name) = &spec.output_name {
+            model.select_outputs_by_name([name]).map_err(|e| {
+                model_error(path, format!("no output {name:?} ({}); check output-name", one_line(&e)))
+            })?;
+        }
+        let fixed = fixed_size(&model, spec.layout).map_err(|reason| model_error(path, reason))?;
+        Ok(Self { path: path.to_owned(), spec: spec.clone(), model, fixed, plan: Mutex::new(None) })
+    }
+
+    /// Loads a model with the specification in the TOML beside it, or with the profile that its name suggests.
+    ///
+    /// # Errors
+    /// Those of [`ModelSpec::of`] and [`open`](Self::open).
+    pub fn open_guessed(path: impl AsRef<Path>) -> Result<Self> {
+        let spec = ModelSpec::of(&path)?;
+        Self::open(path, &spec)
+    }
+
+    /// The specification in use.
+    #[must_use]
+    pub fn spec(&self) -> &ModelSpec {
+        &self.spec
+    }
+
+    /// `(height, width)` of the input for an image of that size: the model's own where it is fixed, otherwise
+    /// [`ModelSpec::input_size`].
+    #[must_use]
+    pub fn input_size(&self, height: usize, width: usize) -> (usize, usize) {
+        let (h, w) = self.spec.input_size(height, width);
+        (self.fixed.0.unwrap_or(h), self.fixed.1.unwrap_or(w))
+    }
+
+    /// The output as the network gives it, at the network's own size, before floor and resizing.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for an image that is not `[height, width, 3]` or not finite; [`Error::Model`] when the model
+    /// fails or its output is no map of finite values.
+    pub fn predict_native(&self, image: ArrayView3<'_, f32>) -> Result<Array2<f32>> {
+        let (height, width, channels) = image.dim();
+        if height == 0 || width == 0 || channels != 3 || image.iter().any(|v| !v.is_finite()) {
+            return Err(Error::Input(format!(
+                "an image of shape {:?} can't be predicted; give finite [height, width, 3]",
+                image.dim()
+            )));
+        }
+        let size = self.input_size(height, width);
+        let input = self.tensor(image, size)?;
+        let outputs = self.plan(size)?.run(tvec!(input.into())).map_err(|e| {
+            self.error(format!("the model fails at {}x{} ({})", size.1, size.0, one_line(&e)))
+        })?;
+        let output = outputs.first().ok_or_else(|| self.error("the model has no output".to_owned()))?;
+        self.map(output)
+    }
+
+    fn error(&self, reason: String) -> Error {
+        model_error(&self.path, reason)
+    }
+
+    /// The image at the input's size, normalised and in the input's order of axes and channels.
+    fn tensor(&self, image: ArrayView3<'_, f32>, size: (usize, usize)) -> Result<Tensor> {
+        let order = match self.spec.channels {
+            Channels::Rgb => [0, 1, 2],
+            Channels::Bgr => [2, 1, 0],
+        };
+        let planes = order.map(|c| {
+            let (mean, std) = (self.spec.mean[c], self.spec.std[c]);
+            resize(image.index_axis(Axis(2), c), size, self.spec.input_filter).mapv_into(|v| (v - mean) / std)
+        });
+        let axis = match self.spec.layout {
+            Layout::Nchw => Axis(0),
+            Layout::Nhwc => Axis(2),
+        };
+        let views = planes.each_ref().map(|p| p.view());
+        let stacked: Array3<f32> = stack(axis, &views).map_err(|e| self.error(e.to_string()))?;
+        let values: Vec<f32> = stacked.iter().copied().collect();
+        Tensor::from_shape(&input_shape(self.spec.layout, size), &values)
+            .map_err(|e| self.error(one_line(&e)))
+    }
+
+    fn plan(&self, size: (usize, usize)) -> Result<Plan> {
+        // A plan is stored whole, so one that another thread left behind in a panic is still good.
+        let mut kept = self.plan.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((for_size, plan)) = &*kept
+            && *for_size == size
+        {
+            return Ok(Arc::clone(plan));
+        }
+        let fact = InferenceFact::from(f32::fact(input_shape(self.spec.layout, size)));
+        let plan = self
+            .model
+            .clone()
+            .with_input_fact(0, fact)
+            .and_then(|model| model.into_optimized()?.into_runnable())
+            .map_err(|e| {
+                self.error(format!("the model can't take a {}x{} input ({})", size.1, size.0, one_line(&e)))
+            })?;
+        *kept = Some((size, Arc::clone(&plan)));
+        Ok(plan)
+    }
+
+    fn map(&self, output: &Tensor) -> Result<Array2<f32>> {
+        let sides: Vec<usize> = output.shape().iter().copied().filter(|&n| n != 1).collect();
+        let [height, width] = *sides.as_slice() else {
+            return Err(self.error(format!(
+                "the output's shape is {:?}, not one map of depth; check the model, or name another output with \
+                 output-name",
+                output.shape()
+            )));
+        };
+        let output = output.cast_to::<f32>().map_err(|e| self.error(one_line(&e)))?;
+        let values = output.to_plain_array_view::<f32>().map_err(|e| self.error(one_line(&e)))?;
+        if let Some(value) = values.iter().find(|v| !v.is_finite()) {
+            return Err(self.error(format!("the output holds {value}; check mean, std and channels")));
+        }
+        Array2::from_shape_vec((height, width), values.iter().copied().collect())
+            .map_err(|e| self.error(e.to_string()))
+    }
+}
+
+impl DepthPrior for OnnxPrior {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+        let mut native = self.predict_native(image.view())?;
+        let floor = self.spec.output_floor;
+        // Before resizing, so that no 0 bleeds into its neighbours; and after it, since bicubic overshoots.
+        if let Some(floor) = floor {
+            native.mapv_inplace(|v| v.max(floor));
+        }
+        let (height, width, _) = image.dim();
+        let mut map = resize(native.view(), (height, width), self.spec.output_filter);
+        if let Some(floor) = floor {
+            map.mapv_inplace(|v| v.max(floor));
+        }
+        PriorDepth::from_values(map, self.spec.output).map_err(|e| self.error(e.to_string()))
+    }
+}
+
+fn input_shape(layout: Layout, (height, width): (usize, usize)) -> [usize; 4] {
+    match layout {
+        Layout::Nchw => [1, 3, height, width],
+        Layout::Nhwc => [1, height, width, 3],
+    }
+}
+
+/// Height and width where the model's input has them fixed; an error when the input is no image of three channels.
+fn fixed_size(model: &InferenceModel, layout: Layout) -> Result<(Option<usize>, Option<usize>), String> {
+    let inputs = model.input_outlets().map_err(|e| one_line(&e))?;
+    if inputs.len() != 1 || model.output_outlets().map_err(|e| one_line(&e))?.is_empty() {
+        return Err(format!("the model has {} inputs; a depth model has one, an image", inputs.len()));
+    }
+    let fact = model.input_fact(0).map_err(|e| one_line(&e))?;
+    if let Some(kind) = fact.datum_type.concretize().filter(|kind| *kind != f32::datum_type()) {
+        return Err(format!("the input is {kind:?}; export the model with float32 input"));
+    }
+    let Some(rank) = fact.shape.rank().concretize() else { return Ok((None, None)) };
+    if rank != 4 {
+        return Err(format!("the input has {rank} axes; an image has 4, [1, 3, height, width]"));
+    }
+    let side = |axis| fact.shape.dim(axis).and_then(|d| d.concretize()).and_then(|d| d.to_usize().ok());
+    let (channel, height, width) = match layout {
+        Layout::Nchw => (1, 2, 3),
+        Layout::Nhwc => (3, 1, 2),
+    };
+    match (side(0), side(channel)) {
+        (Some(batch), _) if batch != 1 => {
+            Err(format!("the input takes {batch} images at once; export it for 1"))
+        }
+        (_, Some(channels)) if channels != 3 => {
+            Err(format!("axis {channel} of the input has {channels} channels, not 3; check layout"))
+        }
+        _ => Ok((side(height), side(width))),
+    }
+}
+
+fn model_error(path: &Path, reason: impl Into<String>) -> Error {
+    Error::Model { path: path.to_owned(), reason: reason.into() }
+}
+
+/// tract reports chains over several lines; the outermost and the innermost say most.
+fn one_line(error: &TractError) -> String {
+    let text = format!("{error:#}");
+    let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    match line.char_indices().nth(240) {
+        Some((end, _)) => format!("{} ...", &line[..end]),
+        None => line,
+    }
+}

@@ -1,0 +1,166 @@
+use ndarray::{Array2, ArrayView3, Zip};
+use serde::{Deserialize, Serialize};
+
+use crate::{DisparityRule, Error, Result};
+
+/// Something that says how far each pixel of a photograph is.
+///
+/// The trait is object-safe: pipelines take `&dyn DepthPrior`.
+///
+/// ```
+/// use mde_prior::ndarray::{Array2, Array3, ArrayView3};
+/// use mde_prior::{DepthKind, DepthPrior, DisparityRule, PriorDepth, Result};
+///
+/// /// A floor that runs away from the camera: the lower in the picture, the nearer.
+/// struct Floor;
+///
+/// impl DepthPrior for Floor {
+///     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+///         let (height, width, _) = image.dim();
+///         let disparity = Array2::from_shape_fn((height, width), |(y, _)| y as f32);
+///         PriorDepth::from_values(disparity, DepthKind::AffineDisparity)
+///     }
+/// }
+///
+/// let prior: Box<dyn DepthPrior> = Box::new(Floor);
+/// let depth = prior.predict(Array3::zeros((6, 8, 3)).view())?.to_depth(&DisparityRule::default())?;
+/// assert!((depth[[0, 0]] - 8.0).abs() < 1e-5 && (depth[[5, 0]] - 0.8).abs() < 1e-5);
+/// # Ok::<(), mde_prior::Error>(())
+/// ```
+pub trait DepthPrior {
+    /// Predicts the depth of `image`, `[height, width, 3]`, sRGB values in `[0, 1]`; the result has the image's size.
+    ///
+    /// # Errors
+    /// Whatever keeps an implementation from answering: a file of another size, a model that fails.
+    fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth>;
+}
+
+impl<P: DepthPrior + ?Sized> DepthPrior for &P {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+        (**self).predict(image)
+    }
+}
+
+impl<P: DepthPrior + ?Sized> DepthPrior for Box<P> {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+        (**self).predict(image)
+    }
+}
+
+/// What the numbers of a prior mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[non_exhaustive]
+pub enum DepthKind {
+    /// Depth z in metres.
+    #[serde(rename = "metric")]
+    Metric,
+    /// Depth z in an unknown unit.
+    #[serde(rename = "depth")]
+    RelativeDepth,
+    /// `d` with \\( 1/z = a d + b \\), `a > 0` and `b` unknown (MiDaS, DPT, Depth Anything); it may be negative.
+    #[serde(rename = "disparity")]
+    AffineDisparity,
+}
+
+impl DepthKind {
+    /// Whether the map holds depth, that is whether 0 and below mean "missing".
+    #[must_use]
+    pub fn is_depth(self) -> bool {
+        !matches!(self, Self::AffineDisparity)
+    }
+}
+
+impl std::fmt::Display for DepthKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Metric => "metric",
+            Self::RelativeDepth => "depth",
+            Self::AffineDisparity => "disparity",
+        })
+    }
+}
+
+impl std::str::FromStr for DepthKind {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        match name {
+            "metric" => Ok(Self::Metric),
+            "depth" => Ok(Self::RelativeDepth),
+            "disparity" => Ok(Self::AffineDisparity),
+            _ => Err(Error::Config {
+                field: "kind",
+                reason: format!("unknown kind {name:?}; use metric, depth or disparity"),
+            }),
+        }
+    }
+}
+
+/// A prior's answer for one image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PriorDepth {
+    /// `[height, width]`, as the model or file gave it; 0 where `valid` is false.
+    pub map: Array2<f32>,
+    /// `[height, width]`, whether the pixel has a value.
+    pub valid: Array2<bool>,
+    /// What the values mean.
+    pub kind: DepthKind,
+}
+
+impl PriorDepth {
+    /// Takes a map as it came: values that are not finite, and for depths those that are not positive, are missing.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when no pixel has a value.
+    pub fn from_values(map: Array2<f32>, kind: DepthKind) -> Result<Self> {
+        let valid = map.mapv(|v| v.is_finite() && (v > 0.0 || !kind.is_depth()));
+        Self { map, valid, kind }.sanitised()
+    }
+
+    /// A map with a mask of the pixels that have a value; a value that means "missing" is masked out too.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when the shapes differ or no pixel has a value.
+    pub fn with_mask(map: Array2<f32>, valid: Array2<bool>, kind: DepthKind) -> Result<Self> {
+        if map.dim() != valid.dim() {
+            return Err(Error::Input(format!(
+                "the prior's map is {:?} but its mask {:?}; give both the image's [height, width]",
+                map.dim(),
+                valid.dim()
+            )));
+        }
+        Self { map, valid, kind }.sanitised()
+    }
+
+    fn sanitised(mut self) -> Result<Self> {
+        let is_depth = self.kind.is_depth();
+        Zip::from(&mut self.map).and(&mut self.valid).for_each(|value, valid| {
+            *valid &= value.is_finite() && (*value > 0.0 || !is_depth);
+            if !*valid {
+                *value = 0.0;
+            }
+        });
+        if !self.valid.iter().any(|&v| v) {
+            return Err(Error::Input(format!(
+                "the prior ({}, {}x{}) has no usable pixel; check the file or the kind given",
+                self.kind,
+                self.map.ncols(),
+                self.map.nrows()
+            )));
+        }
+        Ok(self)
+    }
+
+    /// Positive depth, `[height, width]`, 0 = missing: depths as they are (metres, or the model's unit), disparity
+    /// through `rule`.
+    ///
+    /// # Errors
+    /// Those of [`DisparityRule::depth`].
+    pub fn to_depth(&self, rule: &DisparityRule) -> Result<Array2<f32>> {
+        let checked = Self::with_mask(self.map.clone(), self.valid.clone(), self.kind)?;
+        if checked.kind.is_depth() {
+            return Ok(checked.map);
+        }
+        rule.depth(checked.map.view(), checked.valid.view())
+    }
+}

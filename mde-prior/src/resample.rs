@@ -1,0 +1,102 @@
+//! Resizing of float planes, as the networks' own preprocessing does it.
+
+use ndarray::{Array2, ArrayView1, ArrayView2, Axis};
+use serde::{Deserialize, Serialize};
+
+/// An interpolation kernel. Pixel centres are at half-integers of the area: the half-pixel convention of OpenCV and of
+/// PyTorch with `align_corners = false`, borders repeated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Filter {
+    /// Two taps an axis.
+    Bilinear,
+    /// Two taps an axis, corner pixels on corner pixels (PyTorch's `align_corners = true`).
+    BilinearAlignCorners,
+    /// The triangle widened by the reduction where the image shrinks, so that fine texture does not alias (Pillow).
+    BilinearAntialias,
+    /// Four taps an axis, Keys' kernel with \\( a = -0.75 \\) (OpenCV, PyTorch); it overshoots at edges.
+    Bicubic,
+}
+
+/// Resizes to `(height, width)`; the map itself where it has that size.
+///
+/// Every output pixel is a weighted mean of input pixels with weights that sum to 1, so constants stay.
+///
+/// ```
+/// use mde_prior::ndarray::array;
+/// use mde_prior::resample::{Filter, resize};
+///
+/// let wide = resize(array![[0.0_f32, 1.0]].view(), (1, 4), Filter::Bilinear);
+/// assert_eq!(wide, array![[0.0, 0.25, 0.75, 1.0]]);
+/// ```
+#[must_use]
+pub fn resize(map: ArrayView2<'_, f32>, size: (usize, usize), filter: Filter) -> Array2<f32> {
+    if map.dim() == size || map.is_empty() {
+        return if map.is_empty() { Array2::zeros(size) } else { map.to_owned() };
+    }
+    let columns = taps(map.ncols(), size.1, filter);
+    let mut narrow = Array2::zeros((map.nrows(), size.1));
+    for (row, mut out) in map.outer_iter().zip(narrow.outer_iter_mut()) {
+        for (value, taps) in out.iter_mut().zip(&columns) {
+            *value = taps.apply(row);
+        }
+    }
+    let rows = taps(map.nrows(), size.0, filter);
+    let mut resized = Array2::<f64>::zeros(size);
+    for (mut out, taps) in resized.outer_iter_mut().zip(&rows) {
+        let sources = narrow.axis_iter(Axis(0)).skip(taps.first);
+        for (source, &weight) in sources.zip(&taps.weights) {
+            out.zip_mut_with(&source, |sum, &v| *sum += weight * f64::from(v));
+        }
+    }
+    resized.mapv(|v| v as f32)
+}
+
+/// Weights of consecutive input pixels.
+struct Taps {
+    first: usize,
+    weights: Vec<f64>,
+}
+
+impl Taps {
+    fn apply(&self, line: ArrayView1<'_, f32>) -> f32 {
+        line.iter().skip(self.first).zip(&self.weights).map(|(&v, w)| w * f64::from(v)).sum::<f64>() as f32
+    }
+}
+
+fn taps(input: usize, output: usize, filter: Filter) -> Vec<Taps> {
+    let ratio = input as f64 / output as f64;
+    let widen = if filter == Filter::BilinearAntialias { ratio.max(1.0) } else { 1.0 };
+    let reach = if filter == Filter::Bicubic { 2.0 } else { widen };
+    let last = input as i64 - 1;
+    let at = |i: usize| {
+        let centre = match filter {
+            Filter::BilinearAlignCorners if output > 1 => i as f64 * last as f64 / (output - 1) as f64,
+            Filter::BilinearAlignCorners => 0.0,
+            _ => (i as f64 + 0.5) * ratio - 0.5,
+        };
+        let (low, high) = ((centre - reach).ceil() as i64, (centre + reach).floor() as i64);
+        // Pillow cuts the widened triangle off at the border, the others repeat the border pixel.
+        let range = if widen > 1.0 { low.max(0)..=high.min(last) } else { low..=high };
+        let first = low.clamp(0, last);
+        let mut weights = vec![0.0; (high.clamp(0, last) - first + 1) as usize];
+        for j in range {
+            weights[(j.clamp(0, last) - first) as usize] += kernel((j as f64 - centre) / widen, filter);
+        }
+        let sum: f64 = weights.iter().sum();
+        weights.iter_mut().for_each(|w| *w /= sum);
+        Taps { first: first as usize, weights }
+    };
+    (0..output).map(at).collect()
+}
+
+fn kernel(x: f64, filter: Filter) -> f64 {
+    let x = x.abs();
+    match filter {
+        Filter::Bicubic if x <= 1.0 => (1.25 * x - 2.25) * x * x + 1.0,
+        Filter::Bicubic if x < 2.0 => -0.75 * (((x - 5.0) * x + 8.0) * x - 4.0),
+        Filter::Bicubic => 0.0,
+        _ => (1.0 - x).max(0.0),
+    }
+}

@@ -1,0 +1,329 @@
+//! What a model wants to see and what its answer means: a small TOML beside the model, or a named profile.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::resample::Filter;
+use crate::{DepthKind, Error, Result};
+
+/// Names that [`ModelSpec::profile`] knows.
+pub const PROFILES: [&str; 7] = [
+    "fastdepth",
+    "midas-v2.1-small",
+    "dpt-large",
+    "dpt-hybrid",
+    "depth-anything-v2",
+    "depth-anything-v2-metric-indoor",
+    "depth-anything-v2-metric-outdoor",
+];
+
+/// How an image is brought to the model's input size.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Aspect {
+    /// To exactly `width` x `height`.
+    Squash,
+    /// Aspect kept, both sides multiples of `multiple-of`, neither below `width` x `height` (Depth Anything).
+    KeepLowerBound,
+    /// Aspect kept, both sides multiples of `multiple-of`, neither above `width` x `height` (MiDaS small).
+    KeepUpperBound,
+    /// Aspect kept, both sides multiples of `multiple-of`, scaled as little as possible (DPT).
+    KeepMinimal,
+}
+
+/// Order of the input's axes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Layout {
+    /// `[1, 3, height, width]`.
+    Nchw,
+    /// `[1, height, width, 3]`.
+    Nhwc,
+}
+
+/// Order of the colour channels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Channels {
+    /// Red first.
+    Rgb,
+    /// Blue first.
+    Bgr,
+}
+
+/// A model's conventions. In a TOML file `output` must be stated; the rest has defaults (224x224, squashed, RGB/255).
+///
+/// ```
+/// use mde_prior::spec::{Aspect, ModelSpec};
+///
+/// let spec = ModelSpec::from_toml("width = 518\nheight = 518\naspect = 'keep-lower-bound'\n\
+///                                  multiple-of = 14\noutput = 'disparity'\n")?;
+/// assert_eq!(spec.aspect, Aspect::KeepLowerBound);
+/// assert_eq!(spec.input_size(480, 640), (518, 686));
+/// # Ok::<(), mde_prior::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct ModelSpec {
+    /// Nominal input width in pixels.
+    #[serde(default = "side")]
+    pub width: usize,
+    /// Nominal input height in pixels.
+    #[serde(default = "side")]
+    pub height: usize,
+    /// How the image gets there. A model with a fixed input size gets that size whatever this says.
+    #[serde(default = "squash")]
+    pub aspect: Aspect,
+    /// Both input sides are multiples of this when the aspect is kept.
+    #[serde(default = "one")]
+    pub multiple_of: usize,
+    /// Filter from image to input.
+    #[serde(default = "bilinear")]
+    pub input_filter: Filter,
+    /// Subtracted from each channel (red, green, blue) of values in `[0, 1]`.
+    #[serde(default)]
+    pub mean: [f32; 3],
+    /// Then divided by this.
+    #[serde(default = "ones")]
+    pub std: [f32; 3],
+    /// Order of the input's axes.
+    #[serde(default = "nchw")]
+    pub layout: Layout,
+    /// Order of the colour channels.
+    #[serde(default = "rgb")]
+    pub channels: Channels,
+    /// What the output means.
+    pub output: DepthKind,
+    /// Name of the output, for models that have several; the first otherwise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub output_name: Option<String>,
+    /// Smallest depth, for models whose depth can reach 0; not for disparity.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub output_floor: Option<f32>,
+    /// Filter from output to image.
+    #[serde(default = "bilinear")]
+    pub output_filter: Filter,
+}
+
+fn side() -> usize {
+    224
+}
+fn one() -> usize {
+    1
+}
+fn ones() -> [f32; 3] {
+    [1.0; 3]
+}
+fn squash() -> Aspect {
+    Aspect::Squash
+}
+fn bilinear() -> Filter {
+    Filter::Bilinear
+}
+fn nchw() -> Layout {
+    Layout::Nchw
+}
+fn rgb() -> Channels {
+    Channels::Rgb
+}
+
+const IMAGENET: ([f32; 3], [f32; 3]) = ([0.485, 0.456, 0.406], [0.229, 0.224, 0.225]);
+
+impl ModelSpec {
+    /// A model that takes RGB/255 squashed to `width` x `height` and gives `output`.
+    #[must_use]
+    pub fn new(width: usize, height: usize, output: DepthKind) -> Self {
+        Self {
+            width,
+            height,
+            aspect: Aspect::Squash,
+            multiple_of: 1,
+            input_filter: Filter::Bilinear,
+            mean: [0.0; 3],
+            std: [1.0; 3],
+            layout: Layout::Nchw,
+            channels: Channels::Rgb,
+            output,
+            output_name: None,
+            output_floor: None,
+            output_filter: Filter::Bilinear,
+        }
+    }
+
+    /// The conventions of a published model, from its authors' own preprocessing.
+    ///
+    /// | profile | input | values | output |
+    /// | --- | --- | --- | --- |
+    /// | `fastdepth` | 224x224, squashed | RGB/255 | metres, floored at 0.1 |
+    /// | `midas-v2.1-small` | within 256, multiples of 32 | ImageNet | disparity |
+    /// | `dpt-large`, `dpt-hybrid` | about 384, multiples of 32 | mean and std 0.5 | disparity |
+    /// | `depth-anything-v2` | 518 at least, multiples of 14 | ImageNet | disparity |
+    /// | `depth-anything-v2-metric-indoor`, `-outdoor` | the same | ImageNet | metres |
+    ///
+    /// # Errors
+    /// [`Error::UnknownProfile`] with the names there are.
+    pub fn profile(name: &str) -> Result<Self> {
+        let kept = |side, aspect, multiple_of, (mean, std), output| Self {
+            aspect,
+            multiple_of,
+            input_filter: Filter::Bicubic,
+            mean,
+            std,
+            ..Self::new(side, side, output)
+        };
+        let disparity = DepthKind::AffineDisparity;
+        let anything = |output| Self {
+            output_filter: Filter::BilinearAlignCorners,
+            ..kept(518, Aspect::KeepLowerBound, 14, IMAGENET, output)
+        };
+        match name {
+            "fastdepth" => Ok(Self { output_floor: Some(0.1), ..Self::new(224, 224, DepthKind::Metric) }),
+            "midas-v2.1-small" => Ok(Self {
+                output_filter: Filter::Bicubic,
+                ..kept(256, Aspect::KeepUpperBound, 32, IMAGENET, disparity)
+            }),
+            "dpt-large" | "dpt-hybrid" => Ok(Self {
+                output_filter: Filter::Bicubic,
+                ..kept(384, Aspect::KeepMinimal, 32, ([0.5; 3], [0.5; 3]), disparity)
+            }),
+            "depth-anything-v2" => Ok(anything(disparity)),
+            "depth-anything-v2-metric-indoor" | "depth-anything-v2-metric-outdoor" => {
+                Ok(anything(DepthKind::Metric))
+            }
+            _ => Err(Error::UnknownProfile { name: name.to_owned() }),
+        }
+    }
+
+    /// The profile that a model's file name suggests: `dpt_large_384.onnx`, `depth_anything_v2_vits.onnx`, ...
+    ///
+    /// # Errors
+    /// [`Error::UnknownProfile`] when it suggests none.
+    pub fn guess(model: impl AsRef<Path>) -> Result<Self> {
+        let file = model.as_ref().file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        let plain: String = file.chars().filter(char::is_ascii_alphanumeric).collect();
+        let has = |part: &str| plain.contains(part);
+        let name = if has("fastdepth") {
+            "fastdepth"
+        } else if has("midas") && (has("small") || has("v21s")) {
+            "midas-v2.1-small"
+        } else if has("dptlarge") {
+            "dpt-large"
+        } else if has("dpthybrid") {
+            "dpt-hybrid"
+        } else if has("depthanythingv2") && has("metric") {
+            // Metres either way, but a model for rooms must not be taken for one for streets unseen.
+            if has("outdoor") || has("vkitti") {
+                "depth-anything-v2-metric-outdoor"
+            } else {
+                "depth-anything-v2-metric-indoor"
+            }
+        } else if has("depthanythingv2") {
+            "depth-anything-v2"
+        } else {
+            return Err(Error::UnknownProfile { name: file });
+        };
+        Self::profile(name)
+    }
+
+    /// Reads a specification in TOML.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when it can't be parsed, [`Error::Config`] when a value is out of range.
+    pub fn from_toml(text: &str) -> Result<Self> {
+        let spec: Self = toml::from_str(text).map_err(|e| Error::Input(one_line(&e)))?;
+        spec.validate()?;
+        Ok(spec)
+    }
+
+    /// The specification in `MODEL.toml` next to `MODEL.onnx`, if there is such a file.
+    ///
+    /// # Errors
+    /// [`Error::Read`], or [`Error::Malformed`] that names the TOML file.
+    pub fn beside(model: impl AsRef<Path>) -> Result<Option<Self>> {
+        let path = model.as_ref().with_extension("toml");
+        match std::fs::read_to_string(&path) {
+            Ok(text) => Self::from_toml(&text).map(Some).map_err(|e| Error::malformed(&path, e.to_string())),
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(e) => Err(Error::read(&path, e)),
+        }
+    }
+
+    /// The specification beside the model, else the one that its name suggests.
+    ///
+    /// # Errors
+    /// Those of [`beside`](Self::beside) and [`guess`](Self::guess).
+    pub fn of(model: impl AsRef<Path>) -> Result<Self> {
+        match Self::beside(&model)? {
+            Some(spec) => Ok(spec),
+            None => Self::guess(model),
+        }
+    }
+
+    /// Checks the values.
+    ///
+    /// # Errors
+    /// [`Error::Config`] that names the field.
+    pub fn validate(&self) -> Result<()> {
+        let config = |field, reason: String| Err(Error::Config { field, reason });
+        for (field, value) in [("width", self.width), ("height", self.height)] {
+            if !(1..=8192).contains(&value) {
+                return config(field, format!("{value} is no input size; give 1 to 8192 pixels"));
+            }
+        }
+        if self.multiple_of == 0 || self.multiple_of > self.width.min(self.height) {
+            return config(
+                "multiple-of",
+                format!("{} must lie between 1 and the input's sides", self.multiple_of),
+            );
+        }
+        if let Some(mean) = self.mean.iter().find(|m| !m.is_finite()) {
+            return config("mean", format!("{mean} is not finite"));
+        }
+        if let Some(std) = self.std.iter().find(|s| !(s.is_finite() && **s != 0.0)) {
+            return config("std", format!("{std} can't be divided by; give finite values other than 0"));
+        }
+        match self.output_floor {
+            Some(floor) if !(floor.is_finite() && floor > 0.0) => {
+                config("output-floor", format!("{floor} is no depth; give a positive one"))
+            }
+            Some(_) if !self.output.is_depth() => {
+                config("output-floor", "disparity may be negative and is not floored; remove it".to_owned())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// `(height, width)` of the input for an image of that size.
+    ///
+    /// With the aspect kept, both sides are scaled by one factor (the larger, the smaller, or the one nearer to 1 of
+    /// input side / image side) and rounded to multiples, as MiDaS does.
+    #[must_use]
+    pub fn input_size(&self, height: usize, width: usize) -> (usize, usize) {
+        let (y, x) = (self.height as f64 / height.max(1) as f64, self.width as f64 / width.max(1) as f64);
+        let scale = match self.aspect {
+            Aspect::Squash => return (self.height, self.width),
+            Aspect::KeepLowerBound => y.max(x),
+            Aspect::KeepUpperBound => y.min(x),
+            Aspect::KeepMinimal if (1.0 - x).abs() < (1.0 - y).abs() => x,
+            Aspect::KeepMinimal => y,
+        };
+        let side = |image: usize, bound: usize| {
+            let (exact, step) = (scale * image as f64, self.multiple_of.max(1) as f64);
+            let nearest = (exact / step).round_ties_even() * step;
+            let fitted = match self.aspect {
+                Aspect::KeepLowerBound if nearest < bound as f64 => (exact / step).ceil() * step,
+                Aspect::KeepUpperBound if nearest > bound as f64 => (exact / step).floor() * step,
+                _ => nearest,
+            };
+            fitted.max(step) as usize
+        };
+        (side(height, self.height), side(width, self.width))
+    }
+}
+
+/// The first line of TOML's report that says what is wrong, with its place.
+fn one_line(error: &toml::de::Error) -> String {
+    error.to_string().lines().map(str::trim).filter(|l| !l.is_empty()).collect::<Vec<_>>().join(" ")
+}

@@ -1,0 +1,166 @@
+//! Networks: FastDepth against its test vector, conventions against ONNX Runtime, models that are no depth models.
+#![cfg(feature = "onnx")]
+#![allow(clippy::unwrap_used)]
+
+use std::path::{Path, PathBuf};
+
+use mde_prior::format::{ReadOptions, read_values};
+use mde_prior::ndarray::{Array2, Array3};
+use mde_prior::resample::Filter;
+use mde_prior::spec::{Aspect, Channels, Layout};
+use mde_prior::{DepthKind, DepthPrior, DisparityRule, ModelSpec, OnnxPrior};
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name)
+}
+
+/// The image of tests/reference/make_models.py.
+fn pattern(height: usize, width: usize) -> Array3<f32> {
+    Array3::from_shape_fn((height, width, 3), |(y, x, c)| ((7 * y + 3 * x + 5 * c) % 32) as f32 / 31.0)
+}
+
+fn grey(image: &Array3<f32>, weights: [f32; 3]) -> Array2<f32> {
+    Array2::from_shape_fn((image.dim().0, image.dim().1), |(y, x)| {
+        (0..3).map(|c| weights[c] * image[[y, x, c]]).sum::<f32>()
+    })
+}
+
+fn assert_close(a: &Array2<f32>, b: &Array2<f32>, tolerance: f32) {
+    assert_eq!(a.dim(), b.dim());
+    let worst = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(worst <= tolerance, "they differ by {worst}");
+}
+
+#[test]
+#[allow(clippy::print_stderr)]
+fn fastdepth_reproduces_its_test_vector() {
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/models/fastdepth"));
+    let model = folder.join("fastdepth_224.onnx");
+    if !model.exists() {
+        eprintln!("skipped: no FastDepth model");
+        return;
+    }
+    let image: Array3<u8> = ndarray_npy::read_npy(folder.join("testvec_input_rgb_u8.npy")).unwrap();
+    let image = image.mapv(|v| f32::from(v) / 255.0);
+    let expected = read_values(folder.join("testvec_output_depth_f32.npy"), &ReadOptions::default()).unwrap();
+    let prior = OnnxPrior::open_guessed(&model).unwrap();
+    assert_close(&prior.predict_native(image.view()).unwrap(), &expected, 1e-4);
+
+    let start = std::time::Instant::now();
+    let depth = prior.predict(image.view()).unwrap();
+    eprintln!("FastDepth: {:.3} s a prediction", start.elapsed().as_secs_f64());
+    assert_eq!((depth.map.dim(), depth.kind), ((224, 224), DepthKind::Metric));
+    assert!(depth.valid.iter().all(|&v| v));
+}
+
+#[test]
+fn midas_like_models_agree_with_onnx_runtime() {
+    let mut spec = ModelSpec::new(32, 32, DepthKind::AffineDisparity);
+    let small = OnnxPrior::open(fixture("midas_small.onnx"), &spec).unwrap();
+    let expected = read_values(fixture("midas_small.npy"), &ReadOptions::default()).unwrap();
+    assert_close(&small.predict_native(pattern(32, 32).view()).unwrap(), &expected, 1e-5);
+    assert!(expected.iter().any(|&d| d < 0.0), "the fixture is to show that disparity may be negative");
+
+    spec.aspect = Aspect::KeepMinimal;
+    spec.multiple_of = 32;
+    (spec.width, spec.height) = (96, 64);
+    let dynamic = OnnxPrior::open(fixture("midas_dynamic.onnx"), &spec).unwrap();
+    let expected = read_values(fixture("midas_dynamic.npy"), &ReadOptions::default()).unwrap();
+    // Another size in between, so that the plan is built anew, twice.
+    for _ in 0..2 {
+        assert_close(&dynamic.predict_native(pattern(64, 96).view()).unwrap(), &expected, 1e-5);
+        assert_eq!(
+            dynamic.predict_native(pattern(100, 60).view()).unwrap().dim(),
+            dynamic.input_size(100, 60)
+        );
+    }
+    let prior = dynamic.predict(pattern(50, 70).view()).unwrap();
+    assert_eq!((prior.map.dim(), prior.kind), ((50, 70), DepthKind::AffineDisparity));
+    let depth = prior.to_depth(&DisparityRule::default()).unwrap();
+    assert!(depth.iter().all(|z| (0.8 - 1e-5..=8.0 + 1e-5).contains(z)));
+}
+
+#[test]
+fn a_fixed_input_size_wins_over_the_specification() {
+    let spec = ModelSpec::profile("depth-anything-v2").unwrap();
+    let prior = OnnxPrior::open(fixture("midas_small.onnx"), &spec).unwrap();
+    assert_eq!(prior.input_size(480, 640), (32, 32));
+    assert_eq!(prior.predict(pattern(40, 60).view()).unwrap().map.dim(), (40, 60));
+}
+
+#[test]
+fn layout_order_and_normalisation_are_as_stated() {
+    let image = pattern(8, 12);
+    let mut spec = ModelSpec::new(12, 8, DepthKind::RelativeDepth);
+    let nchw = OnnxPrior::open(fixture("grey_nchw.onnx"), &spec).unwrap();
+    assert_close(&nchw.predict_native(image.view()).unwrap(), &grey(&image, [0.299, 0.587, 0.114]), 1e-6);
+
+    spec.layout = Layout::Nhwc;
+    spec.channels = Channels::Bgr;
+    let nhwc = OnnxPrior::open(fixture("grey_nhwc.onnx"), &spec).unwrap();
+    assert_close(&nhwc.predict_native(image.view()).unwrap(), &grey(&image, [0.114, 0.587, 0.299]), 1e-6);
+
+    // The mean and std stay with their colours whatever the order.
+    spec.mean = [0.1, 0.2, 0.3];
+    spec.std = [0.5, 0.25, 2.0];
+    let normalised = OnnxPrior::open(fixture("grey_nhwc.onnx"), &spec).unwrap();
+    let mut expected = image.clone();
+    expected.indexed_iter_mut().for_each(|((_, _, c), v)| *v = (*v - spec.mean[c]) / spec.std[c]);
+    assert_close(
+        &normalised.predict_native(image.view()).unwrap(),
+        &grey(&expected, [0.114, 0.587, 0.299]),
+        1e-5,
+    );
+}
+
+#[test]
+fn the_floor_holds_after_bicubic_overshoot() {
+    let mut spec = ModelSpec::new(12, 8, DepthKind::Metric);
+    spec.output_floor = Some(0.4);
+    spec.output_filter = Filter::Bicubic;
+    let prior = OnnxPrior::open(fixture("grey_nchw.onnx"), &spec).unwrap();
+    let depth = prior.predict(pattern(37, 51).view()).unwrap();
+    assert!(depth.map.iter().all(|&z| z >= 0.4));
+}
+
+#[test]
+fn wrong_models_are_one_line_errors() {
+    let open = |name: &str| OnnxPrior::open(fixture(name), &ModelSpec::new(8, 8, DepthKind::Metric));
+    let check = |message: String, name: &str, what: &str| {
+        assert!(message.contains(name) && message.contains(what) && !message.contains('\n'), "{message}");
+    };
+    for (name, what) in [
+        ("midas_small.npy", "no ONNX model"),
+        ("one_channel.onnx", "1 channels"),
+        ("vector.onnx", "1 axes"),
+        ("absent.onnx", "path"),
+    ] {
+        check(open(name).unwrap_err().to_string(), name, what);
+    }
+    for (name, what) in
+        [("three_channels.onnx", "[1, 3, 8, 8]"), ("scores.onnx", "[1, 3]"), ("not_finite.onnx", "NaN")]
+    {
+        check(open(name).unwrap().predict(pattern(8, 8).view()).unwrap_err().to_string(), name, what);
+    }
+    let mut spec = ModelSpec::new(8, 8, DepthKind::Metric);
+    spec.output_name = Some("disparity".into());
+    check(
+        OnnxPrior::open(fixture("vector.onnx"), &spec).unwrap_err().to_string(),
+        "vector.onnx",
+        "output-name",
+    );
+    check(
+        OnnxPrior::open_guessed(fixture("vector.onnx")).unwrap_err().to_string(),
+        "vector.onnx",
+        "fastdepth",
+    );
+    let grey = open("grey_nchw.onnx").unwrap();
+    assert!(grey.predict(Array3::zeros((8, 8, 1)).view()).is_err());
+    assert!(grey.predict(Array3::from_elem((8, 8, 3), f32::NAN).view()).is_err());
+}
+
+#[test]
+fn a_prior_can_be_shared_between_threads() {
+    fn shared<T: Send + Sync>() {}
+    shared::<OnnxPrior>();
+}

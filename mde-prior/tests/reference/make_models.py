@@ -1,0 +1,93 @@
+"""Makes the tiny ONNX models of tests/fixtures, and what ONNX Runtime answers to them.
+
+python -m pip install onnx onnxruntime numpy && python make_models.py ../fixtures
+"""
+
+import pathlib
+import sys
+
+import numpy as np
+import onnx
+import onnxruntime
+from onnx import TensorProto, helper, numpy_helper
+
+FOLDER = pathlib.Path(sys.argv[1])
+GREY = np.array([0.299, 0.587, 0.114], np.float32)
+
+
+def constant(name, value):
+    return numpy_helper.from_array(np.asarray(value), name)
+
+
+def save(name, nodes, inputs, outputs, constants):
+    def infos(pairs):
+        return [helper.make_tensor_value_info(n, TensorProto.FLOAT, s) for n, s in pairs]
+
+    graph = helper.make_graph(nodes, name, infos(inputs), infos(outputs), constants)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    onnx.checker.check_model(model)
+    onnx.save(model, FOLDER / f"{name}.onnx")
+
+
+def midas(name, shape):
+    """A strided convolution, a bilinear resize back to a size computed from the input, squeezed to [1, H, W]."""
+    rng = np.random.default_rng(7)
+    weights = (GREY[None, :, None, None] * rng.uniform(0.5, 1.5, (4, 3, 3, 3))).astype(np.float32)
+    nodes = [
+        helper.make_node("Conv", ["image", "w1"], ["c1"], strides=[2, 2], pads=[1, 1, 1, 1]),
+        helper.make_node("Relu", ["c1"], ["r1"]),
+        helper.make_node("Shape", ["image"], ["shape"]),
+        helper.make_node("Slice", ["shape", "two", "four"], ["sides"]),
+        helper.make_node("Concat", ["batch", "sides"], ["size"], axis=0),
+        helper.make_node("Resize", ["r1", "", "", "size"], ["up"], mode="linear",
+                         coordinate_transformation_mode="pytorch_half_pixel"),
+        helper.make_node("Conv", ["up", "w2", "b2"], ["c2"]),
+        helper.make_node("Squeeze", ["c2", "one"], ["disparity"]),
+    ]
+    constants = [
+        constant("w1", weights),
+        constant("w2", rng.normal(size=(1, 4, 1, 1)).astype(np.float32)),
+        constant("b2", np.array([-2.5], np.float32)),
+        constant("two", np.array([2], np.int64)),
+        constant("four", np.array([4], np.int64)),
+        constant("batch", np.array([1, 4], np.int64)),
+        constant("one", np.array([1], np.int64)),
+    ]
+    save(name, nodes, [("image", shape)], [("disparity", [1, shape[2], shape[3]])], constants)
+
+
+def grey(name, shape, output, layout="nchw"):
+    """Weighted sum of the channels: depth of each pixel as a known function of its colour."""
+    axis, weights = (1, GREY[:, None, None]) if layout == "nchw" else (3, GREY)
+    nodes = [
+        helper.make_node("Mul", ["image", "w"], ["m"]),
+        helper.make_node("ReduceSum", ["m", "axis"], ["depth"], keepdims=1),
+    ]
+    constants = [constant("w", weights), constant("axis", np.array([axis], np.int64))]
+    save(name, nodes, [("image", shape)], [("depth", output)], constants)
+
+
+midas("midas_small", [1, 3, 32, 32])
+midas("midas_dynamic", [1, 3, "height", "width"])
+grey("grey_nchw", [1, 3, "height", "width"], [1, 1, "height", "width"])
+grey("grey_nhwc", [1, 8, 12, 3], [1, 8, 12, 1], "nhwc")
+
+# Not depth: the colours as they came, a row of class scores, an input of one channel, a vector.
+save("three_channels", [helper.make_node("Identity", ["image"], ["out"])],
+     [("image", [1, 3, 8, 8])], [("out", [1, 3, 8, 8])], [])
+save("scores", [helper.make_node("GlobalAveragePool", ["image"], ["p"]), helper.make_node("Flatten", ["p"], ["out"])],
+     [("image", [1, 3, 8, 8])], [("out", [1, 3])], [])
+save("one_channel", [helper.make_node("Identity", ["image"], ["out"])],
+     [("image", [1, 1, 8, 8])], [("out", [1, 1, 8, 8])], [])
+save("vector", [helper.make_node("Identity", ["image"], ["out"])], [("image", [8])], [("out", [8])], [])
+save("not_finite", [helper.make_node("ReduceSum", ["image", "axis"], ["s"]), helper.make_node("Sub", ["s", "s"], ["z"]),
+                    helper.make_node("Div", ["z", "z"], ["out"])],
+     [("image", [1, 3, 8, 8])], [("out", [1, 1, 8, 8])], [constant("axis", np.array([1], np.int64))])
+
+# The answer of an independent runtime to a stated image, at the fixed and at another size.
+for name, (height, width) in {"midas_small": (32, 32), "midas_dynamic": (64, 96)}.items():
+    y, x, c = np.meshgrid(np.arange(height), np.arange(width), np.arange(3), indexing="ij")
+    image = (((7 * y + 3 * x + 5 * c) % 32) / 31).astype(np.float32)
+    session = onnxruntime.InferenceSession(FOLDER / f"{name}.onnx")
+    (out,) = session.run(None, {"image": image.transpose(2, 0, 1)[None]})
+    np.save(FOLDER / f"{name}.npy", out[0])
