@@ -1,0 +1,52 @@
+//! A field of your own in thirty lines: here one that keeps the first view's depth as a constant-colour point cloud and
+//! renders it by reprojection. `cargo run --release -p mde-nerf --example own_field`.
+#![allow(clippy::print_stdout)]
+
+use mde_nerf::{Error, FitReport, Observer, RadianceField, RenderedView, Result, Silent};
+use mde_uncertainty::GaussianDepth;
+use mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, reproject};
+use ndarray::{Array2, Array3};
+
+#[derive(Default)]
+struct Cloud {
+    view: Option<PosedView>,
+}
+
+impl RadianceField for Cloud {
+    fn fit(&mut self, views: &[PosedView], _: &mut dyn Observer) -> Result<FitReport> {
+        self.view = Some(views.first().ok_or(Error::NoPixels)?.clone());
+        Ok(FitReport::default())
+    }
+
+    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn Observer) -> Result<RenderedView> {
+        let view = self.view.as_ref().ok_or(Error::NotFitted)?;
+        let depth = view.hypotheses.first().ok_or(Error::NoRange)?;
+        let depth = reproject(depth, &view.camera, &view.pose, camera, pose, &ReprojectConfig::default())
+            .map_err(|error| Error::View { index: 0, reason: error.to_string() })?;
+        let opacity = depth.support().mapv(|known| f32::from(u8::from(known)));
+        Ok(RenderedView { image: Array3::from_elem((camera.height, camera.width, 3), 0.5), depth, opacity })
+    }
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let camera = PinholeCamera::from_fov(60.0, 64, 48)?;
+    let depth = GaussianDepth::new(
+        Array2::from_shape_fn((48, 64), |(_, x)| 1.0 + 0.02 * x as f32),
+        Array2::zeros((48, 64)),
+    )?;
+    let view = PosedView::new(
+        Array3::zeros((48, 64, 3)),
+        camera,
+        Pose::identity(),
+        Array2::from_elem((48, 64), true),
+        vec![depth],
+    )?;
+    let mut field: Box<dyn RadianceField> = Box::new(Cloud::default());
+    field.fit(&[view], &mut Silent)?;
+    let seen = field.render(&camera, &Pose::translation(0.1, 0.0, 0.0), &mut Silent)?;
+    println!(
+        "{:.1} % of the pixels see the cloud from 0.1 to the side",
+        100.0 * seen.opacity.mean().unwrap_or(0.0)
+    );
+    Ok(())
+}

@@ -1,0 +1,151 @@
+//! The volume that a field models: the original camera's frustum between near and far, seen as a unit cube.
+
+use crate::config::{SamplingConfig, Spacing};
+use crate::scalar::Scalar;
+use crate::{Error, Result};
+use mde_warp::{PinholeCamera, Pose, PosedView};
+use nalgebra::{Point2, Point3, Vector3};
+
+/// Quantiles of the hypotheses' depths that near and far start from, and by how much they are stretched.
+const QUANTILES: [f64; 2] = [0.005, 0.995];
+const STRETCH: [f64; 2] = [0.8, 1.25];
+
+/// Maps the world to \\((u, v, s) \in [0, 1]^3\\): the original camera's pixel coordinates, with the margin that the other
+/// views need, and \\(s = (1/z - 1/far) / (1/near - 1/far)\\).
+///
+/// A projective map: straight rays stay straight, cells match pixels, and no cell lies where no view looks.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub(crate) struct Frustum {
+    /// World to the original camera, row-major rotation and translation.
+    rotation: [[f64; 3]; 3],
+    translation: [f64; 3],
+    /// Per image axis: cube coordinate = scale * (x / z) + offset.
+    scale: [f64; 2],
+    offset: [f64; 2],
+    pub(crate) near: f64,
+    pub(crate) far: f64,
+    /// The unit of path lengths: the scene's median depth.
+    pub(crate) unit: f64,
+}
+
+/// A ray by z-depth in its camera: the point at depth z is `origin + z * direction`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Ray {
+    pub(crate) origin: Point3<f64>,
+    /// World direction with unit z in the camera.
+    pub(crate) direction: Vector3<f64>,
+}
+
+impl Ray {
+    /// The ray of a pixel of a posed camera.
+    pub(crate) fn new(camera: &PinholeCamera, pose: &Pose, x: f64, y: f64) -> Self {
+        let inverse = pose.inverse();
+        Self { origin: inverse * Point3::origin(), direction: inverse * camera.ray(Point2::new(x, y)) }
+    }
+}
+
+impl Frustum {
+    /// The frustum of `views[0]` that holds all that the views see between near and far.
+    pub(crate) fn of_views(views: &[PosedView], sampling: &SamplingConfig) -> Result<Self> {
+        let original = views.first().ok_or(Error::NoPixels)?;
+        let (near, far, unit) = depth_range(original, sampling)?;
+        let rotation = original.pose.rotation.to_rotation_matrix();
+        let m = rotation.matrix();
+        let mut frustum = Self {
+            rotation: std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)])),
+            translation: original.pose.translation.vector.into(),
+            scale: [1.0; 2],
+            offset: [0.0; 2],
+            near,
+            far,
+            unit,
+        };
+        // The image of a convex hull is the hull of the corners' images while all of them lie in front.
+        let mut low = [f64::INFINITY; 2];
+        let mut high = [f64::NEG_INFINITY; 2];
+        for view in views {
+            let (right, bottom) = (view.camera.width as f64 - 0.5, view.camera.height as f64 - 0.5);
+            for (x, y) in [(-0.5, -0.5), (right, -0.5), (-0.5, bottom), (right, bottom)] {
+                let ray = Ray::new(&view.camera, &view.pose, x, y);
+                for z in [near, far] {
+                    let p = original.pose * (ray.origin + z * ray.direction);
+                    if p.z < 0.5 * near {
+                        continue;
+                    }
+                    for (axis, value) in [p.x / p.z, p.y / p.z].into_iter().enumerate() {
+                        low[axis] = low[axis].min(value);
+                        high[axis] = high[axis].max(value);
+                    }
+                }
+            }
+        }
+        for axis in 0..2 {
+            frustum.scale[axis] = 1.0 / (high[axis] - low[axis]).max(1e-9);
+            frustum.offset[axis] = -low[axis] * frustum.scale[axis];
+        }
+        Ok(frustum)
+    }
+
+    /// The cube coordinates of a world point; points outside are moved to the cube's surface.
+    pub(crate) fn cube<T: Scalar>(&self, point: &Point3<f64>) -> [T; 3] {
+        let p: [f64; 3] = std::array::from_fn(|r| {
+            let row = self.rotation[r];
+            row[0] * point.x + row[1] * point.y + row[2] * point.z + self.translation[r]
+        });
+        let inverse = 1.0 / p[2].max(0.1 * self.near);
+        let q = [
+            self.scale[0] * p[0] * inverse + self.offset[0],
+            self.scale[1] * p[1] * inverse + self.offset[1],
+            self.disparity(1.0 / inverse),
+        ];
+        q.map(|q| T::from_f64(q.clamp(0.0, 1.0)))
+    }
+
+    /// Disparity scaled to 0 at far and 1 at near.
+    pub(crate) fn disparity(&self, z: f64) -> f64 {
+        (1.0 / z - 1.0 / self.far) / (1.0 / self.near - 1.0 / self.far)
+    }
+
+    /// The depth at a fraction `x` of a ray's range.
+    pub(crate) fn depth_at(&self, x: f64, spacing: Spacing) -> f64 {
+        match spacing {
+            Spacing::Depth => self.near + x * (self.far - self.near),
+            Spacing::Disparity => 1.0 / ((1.0 - x) / self.near + x / self.far),
+        }
+    }
+
+    /// The inverse of [`Frustum::depth_at`], cut to 0 and 1.
+    pub(crate) fn fraction_at(&self, z: f64, spacing: Spacing) -> f64 {
+        let x = match spacing {
+            Spacing::Depth => (z - self.near) / (self.far - self.near),
+            Spacing::Disparity => 1.0 - self.disparity(z),
+        };
+        x.clamp(0.0, 1.0)
+    }
+}
+
+/// Near, far and the median depth of a view's hypotheses.
+fn depth_range(view: &PosedView, sampling: &SamplingConfig) -> Result<(f64, f64, f64)> {
+    let mut depths: Vec<f32> = view
+        .hypotheses
+        .iter()
+        .flat_map(|h| h.mean().into_iter().copied().zip(h.variance().into_iter().copied()))
+        .filter(|&(mean, variance)| variance.is_finite() && mean > 0.0)
+        .map(|(mean, _)| mean)
+        .collect();
+    depths.sort_unstable_by(f32::total_cmp);
+    let quantile = |q: f64| {
+        depths.get((q * depths.len().saturating_sub(1) as f64).round() as usize).map(|&d| f64::from(d))
+    };
+    let near = sampling.near.or_else(|| Some(STRETCH[0] * quantile(QUANTILES[0])?)).ok_or(Error::NoRange)?;
+    let far = sampling.far.or_else(|| Some(STRETCH[1] * quantile(QUANTILES[1])?)).ok_or(Error::NoRange)?;
+    if !(near > 0.0 && far > near * 1.0001) {
+        return Err(Error::Config {
+            field: "sampling.near, sampling.far",
+            value: format!("{near}, {far}"),
+            remedy: "give a positive near below far, or a depth hypothesis that spans a range",
+        });
+    }
+    Ok((near, far, quantile(0.5).unwrap_or(0.5 * (near + far))))
+}

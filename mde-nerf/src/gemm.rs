@@ -1,0 +1,247 @@
+//! Small matrix products over tiles of points.
+//!
+//! Matrices are row-major, one row a point, and every width is a multiple of [`LANES`] (narrower layers are padded with
+//! zeros). The `f32` products keep a block of the result in registers for whatever vector width the processor has
+//! (chosen at run time); the `f64` ones are plain loops: the reference.
+
+use pulp::{Arch, Simd, WithSimd};
+
+/// Widths are padded to a multiple of this: one AVX-512 register of `f32`.
+pub(crate) const LANES: usize = 16;
+
+/// The smallest padded width that holds `n` columns.
+pub(crate) const fn padded(n: usize) -> usize {
+    n.div_ceil(LANES) * LANES
+}
+
+/// What a layer does to its product: adds a bias, and may cut at zero.
+#[derive(Clone, Copy)]
+pub(crate) struct Epilogue<'a, T> {
+    pub(crate) bias: Option<&'a [T]>,
+    pub(crate) relu: bool,
+}
+
+/// `y[n, m] = x[n, k] w[k, m]`, then the epilogue.
+pub(crate) fn matmul_f32(
+    x: &[f32],
+    w: &[f32],
+    y: &mut [f32],
+    k: usize,
+    m: usize,
+    epilogue: Epilogue<'_, f32>,
+) {
+    Arch::new().dispatch(Product { x, w, y, k, m, epilogue });
+}
+
+/// `dw[k, m] += x[n, k]^T dy[n, m]`.
+pub(crate) fn outer_f32(x: &[f32], dy: &[f32], dw: &mut [f32], k: usize, m: usize) {
+    Arch::new().dispatch(Outer { x, dy, dw, k, m });
+}
+
+struct Product<'a> {
+    x: &'a [f32],
+    w: &'a [f32],
+    y: &'a mut [f32],
+    k: usize,
+    m: usize,
+    epilogue: Epilogue<'a, f32>,
+}
+
+impl WithSimd for Product<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let vectors = self.m / S::F32_LANES;
+        // 12 to 24 accumulators: enough to hide the latency of two multiply-add pipes, few enough to stay in registers.
+        match (S::F32_LANES, vectors) {
+            (16, 1) => self.panels::<S, 12, 1>(simd),
+            (16, v) if v % 4 == 0 => self.panels::<S, 6, 4>(simd),
+            (16, v) if v % 2 == 0 => self.panels::<S, 10, 2>(simd),
+            (16, _) => self.panels::<S, 12, 1>(simd),
+            (_, v) if v % 2 == 0 => self.panels::<S, 5, 2>(simd),
+            _ => self.panels::<S, 8, 1>(simd),
+        }
+    }
+}
+
+impl Product<'_> {
+    /// All rows, `ROWS` at a time, then the rest one by one.
+    #[inline(always)]
+    fn panels<S: Simd, const ROWS: usize, const VECTORS: usize>(self, simd: S) {
+        let Self { x, w, y, k, m, epilogue } = self;
+        let (w, _) = S::as_simd_f32s(w);
+        let bias = epilogue.bias.map(|b| S::as_simd_f32s(b).0);
+        let mut x_blocks = x.chunks_exact(ROWS * k);
+        let mut y_blocks = y.chunks_exact_mut(ROWS * m);
+        for (x, y) in (&mut x_blocks).zip(&mut y_blocks) {
+            product_rows::<S, ROWS, VECTORS>(simd, x, w, y, (k, m), bias, epilogue.relu);
+        }
+        for (x, y) in x_blocks.remainder().chunks_exact(k).zip(y_blocks.into_remainder().chunks_exact_mut(m))
+        {
+            product_rows::<S, 1, VECTORS>(simd, x, w, y, (k, m), bias, epilogue.relu);
+        }
+    }
+}
+
+/// `ROWS` rows of the product, `VECTORS` registers of columns at a time.
+#[inline(always)]
+fn product_rows<S: Simd, const ROWS: usize, const VECTORS: usize>(
+    simd: S,
+    x: &[f32],
+    w: &[S::f32s],
+    y: &mut [f32],
+    (k, m): (usize, usize),
+    bias: Option<&[S::f32s]>,
+    relu: bool,
+) {
+    let width = m / S::F32_LANES;
+    let zero = simd.splat_f32s(0.0);
+    let rows: [&[f32]; ROWS] = std::array::from_fn(|r| &x[r * k..(r + 1) * k]);
+    for column in (0..width).step_by(VECTORS) {
+        let start: [S::f32s; VECTORS] = std::array::from_fn(|v| bias.map_or(zero, |b| b[column + v]));
+        let mut sums = [start; ROWS];
+        for (i, w) in w.chunks_exact(width).enumerate().take(k) {
+            let w = &w[column..column + VECTORS];
+            for r in 0..ROWS {
+                let x = simd.splat_f32s(rows[r][i]);
+                for v in 0..VECTORS {
+                    sums[r][v] = simd.mul_add_f32s(x, w[v], sums[r][v]);
+                }
+            }
+        }
+        for (sums, y) in sums.iter().zip(y.chunks_exact_mut(m)) {
+            let (y, _) = S::as_mut_simd_f32s(y);
+            for v in 0..VECTORS {
+                y[column + v] = if relu { simd.max_f32s(sums[v], zero) } else { sums[v] };
+            }
+        }
+    }
+}
+
+struct Outer<'a> {
+    x: &'a [f32],
+    dy: &'a [f32],
+    dw: &'a mut [f32],
+    k: usize,
+    m: usize,
+}
+
+impl WithSimd for Outer<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let vectors = self.m / S::F32_LANES;
+        match (S::F32_LANES, vectors) {
+            (16, v) if v % 4 == 0 => self.blocks::<S, 4, 4>(simd),
+            (16, v) if v % 2 == 0 => self.blocks::<S, 8, 2>(simd),
+            (16, _) => self.blocks::<S, 16, 1>(simd),
+            (_, v) if v % 2 == 0 => self.blocks::<S, 4, 2>(simd),
+            _ => self.blocks::<S, 8, 1>(simd),
+        }
+    }
+}
+
+impl Outer<'_> {
+    /// Blocks of `INPUTS` rows by `VECTORS` registers of the weight gradient; `k` is a multiple of [`LANES`], so of
+    /// `INPUTS`.
+    #[inline(always)]
+    fn blocks<S: Simd, const INPUTS: usize, const VECTORS: usize>(self, simd: S) {
+        let Self { x, dy, dw, k, m } = self;
+        let width = m / S::F32_LANES;
+        let (dy, _) = S::as_simd_f32s(dy);
+        let (dw, _) = S::as_mut_simd_f32s(dw);
+        for input in (0..k).step_by(INPUTS) {
+            for column in (0..width).step_by(VECTORS) {
+                let mut sums = [[simd.splat_f32s(0.0); VECTORS]; INPUTS];
+                for (x, dy) in x.chunks_exact(k).zip(dy.chunks_exact(width)) {
+                    let x = &x[input..input + INPUTS];
+                    let dy = &dy[column..column + VECTORS];
+                    for i in 0..INPUTS {
+                        let x = simd.splat_f32s(x[i]);
+                        for v in 0..VECTORS {
+                            sums[i][v] = simd.mul_add_f32s(x, dy[v], sums[i][v]);
+                        }
+                    }
+                }
+                for (i, sums) in sums.iter().enumerate() {
+                    for (v, &sum) in sums.iter().enumerate() {
+                        let slot = &mut dw[(input + i) * width + column + v];
+                        *slot = simd.add_f32s(*slot, sum);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The reference of [`matmul_f32`].
+pub(crate) fn matmul_f64(
+    x: &[f64],
+    w: &[f64],
+    y: &mut [f64],
+    k: usize,
+    m: usize,
+    epilogue: Epilogue<'_, f64>,
+) {
+    for (x, y) in x.chunks_exact(k).zip(y.chunks_exact_mut(m)) {
+        for (column, y) in y.iter_mut().enumerate() {
+            let product: f64 = x.iter().enumerate().map(|(i, x)| x * w[i * m + column]).sum();
+            let sum = product + epilogue.bias.map_or(0.0, |b| b[column]);
+            *y = if epilogue.relu { sum.max(0.0) } else { sum };
+        }
+    }
+}
+
+/// The reference of [`outer_f32`].
+pub(crate) fn outer_f64(x: &[f64], dy: &[f64], dw: &mut [f64], k: usize, m: usize) {
+    for (x, dy) in x.chunks_exact(k).zip(dy.chunks_exact(m)) {
+        for (i, x) in x.iter().enumerate() {
+            for (column, dy) in dy.iter().enumerate() {
+                dw[i * m + column] += x * dy;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mde_warp::random::CounterRng;
+    use proptest::prelude::*;
+    use rand::RngExt;
+
+    fn noise(seed: u64, n: usize) -> Vec<f32> {
+        let mut rng = CounterRng::new(seed, "gemm-test", 0, 0);
+        (0..n).map(|_| rng.random::<f32>() - 0.5).collect()
+    }
+
+    fn wide(v: &[f32]) -> Vec<f64> {
+        v.iter().map(|&x| f64::from(x)).collect()
+    }
+
+    fn close(fast: &[f32], exact: &[f64], terms: usize) -> bool {
+        // Rounding of a sum of `terms` products of numbers below 1/2.
+        let bound = 4.0 * f64::from(f32::EPSILON) * (terms as f64 + 8.0) * 0.25;
+        fast.iter().zip(exact).all(|(f, e)| (f64::from(*f) - e).abs() <= bound)
+    }
+
+    proptest! {
+        #[test]
+        fn fast_products_agree_with_the_reference(seed: u64, n in 0..40_usize, k in 1..6_usize, m in 1..10_usize, relu: bool) {
+            let (k, m) = (k * LANES, m * LANES);
+            let (x, w, dy, bias) = (noise(seed, n * k), noise(seed ^ 1, k * m), noise(seed ^ 2, n * m), noise(seed ^ 3, m));
+            let (mut y, mut exact) = (vec![0.0; n * m], vec![0.0; n * m]);
+            matmul_f32(&x, &w, &mut y, k, m, Epilogue { bias: Some(&bias), relu });
+            matmul_f64(&wide(&x), &wide(&w), &mut exact, k, m, Epilogue { bias: Some(&wide(&bias)), relu });
+            prop_assert!(close(&y, &exact, k));
+
+            let (mut dw, mut exact) = (noise(seed ^ 4, k * m), vec![]);
+            exact.extend(wide(&dw));
+            outer_f32(&x, &dy, &mut dw, k, m);
+            outer_f64(&wide(&x), &wide(&dy), &mut exact, k, m);
+            prop_assert!(close(&dw, &exact, n));
+        }
+    }
+}

@@ -1,0 +1,126 @@
+use crate::batch::Pixels;
+use crate::config::NerfConfig;
+use crate::field::{FitReport, Observer, RadianceField, RenderedView};
+use crate::frustum::Frustum;
+use crate::network::Network;
+use crate::render::render;
+#[cfg(feature = "serde")]
+use crate::store;
+use crate::train::train;
+use crate::{Error, Result};
+use mde_warp::{PinholeCamera, Pose, PosedView};
+#[cfg(feature = "serde")]
+use std::path::Path;
+
+/// The neural radiance field: a small network in the original camera's frustum, without view direction (every
+/// pseudo-view has the colours of one photograph, so a view-dependent head could only cheat).
+///
+/// ```
+/// use mde_nerf::{Nerf, NerfConfig, RadianceField, Silent};
+/// use mde_uncertainty::GaussianDepth;
+/// use mde_warp::{PinholeCamera, Pose, PosedView};
+/// use ndarray::{Array2, Array3};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let camera = PinholeCamera::from_fov(60.0, 16, 12)?;
+/// let view = PosedView::new(
+///     Array3::from_elem((12, 16, 3), 0.7),
+///     camera,
+///     Pose::identity(),
+///     Array2::from_elem((12, 16), true),
+///     vec![GaussianDepth::new(Array2::from_shape_fn((12, 16), |(_, x)| 1.0 + 0.1 * x as f32), Array2::zeros((12, 16)))?],
+/// )?;
+/// let mut config = NerfConfig::default();
+/// config.train.steps = 20;
+/// config.train.rays = 64;
+/// let mut field = Nerf::new(config, 0)?;
+/// let report = field.fit(&[view], &mut Silent)?;
+/// let seen = field.render(&camera, &Pose::identity(), &mut Silent)?;
+/// assert_eq!(seen.image.dim(), (12, 16, 3));
+/// # assert_eq!(report.psnr.len(), 1);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug, Clone)]
+pub struct Nerf {
+    config: NerfConfig,
+    seed: u64,
+    fitted: Option<Fitted>,
+}
+
+/// A network and the volume that it fills.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Fitted {
+    pub(crate) network: Network<f32>,
+    pub(crate) frustum: Frustum,
+}
+
+impl Nerf {
+    /// A field that has seen nothing yet; every random draw of its fit comes from `seed`.
+    ///
+    /// # Errors
+    /// [`Error::Config`] where a value is out of range.
+    pub fn new(config: NerfConfig, seed: u64) -> Result<Self> {
+        config.validate()?;
+        Ok(Self { config, seed, fitted: None })
+    }
+
+    /// The configuration.
+    pub fn config(&self) -> &NerfConfig {
+        &self.config
+    }
+
+    /// Number of parameters of the fitted field, 0 before.
+    pub fn parameter_count(&self) -> usize {
+        self.fitted.as_ref().map_or(0, |f| f.network.parameter_count())
+    }
+
+    /// Multiply-adds of the networks for one sample, forward.
+    pub fn multiply_adds(&self) -> usize {
+        self.fitted.as_ref().map_or_else(
+            || Network::<f32>::new(&self.config.field, 0).multiply_adds(),
+            |f| f.network.multiply_adds(),
+        )
+    }
+
+    /// Writes the fitted field to `path` (safetensors), under a temporary name first.
+    ///
+    /// # Errors
+    /// [`Error::NotFitted`], or [`Error::Io`] with the file.
+    #[cfg(feature = "serde")]
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
+        let fitted = self.fitted.as_ref().ok_or(Error::NotFitted)?;
+        store::save(path.as_ref(), &self.config, self.seed, fitted)
+    }
+
+    /// Reads a field that [`Nerf::save`] wrote.
+    ///
+    /// # Errors
+    /// [`Error::Io`], or [`Error::Format`] for another kind of file, another version or a broken checksum.
+    #[cfg(feature = "serde")]
+    pub fn load(path: impl AsRef<Path>) -> Result<Self> {
+        let (config, seed, fitted) = store::load(path.as_ref())?;
+        Ok(Self { config, seed, fitted: Some(fitted) })
+    }
+}
+
+impl RadianceField for Nerf {
+    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> Result<FitReport> {
+        let pixels = Pixels::new(views, &self.config.train)?;
+        let frustum = Frustum::of_views(views, &self.config.sampling)?;
+        let mut network = Network::new(&self.config.field, self.seed);
+        let report = train(&mut network, &frustum, &pixels, &self.config, self.seed, observer)?;
+        self.fitted = Some(Fitted { network, frustum });
+        Ok(report)
+    }
+
+    fn render(
+        &self,
+        camera: &PinholeCamera,
+        pose: &Pose,
+        observer: &mut dyn Observer,
+    ) -> Result<RenderedView> {
+        let fitted = self.fitted.as_ref().ok_or(Error::NotFitted)?;
+        render(&fitted.network, &fitted.frustum, &self.config, camera, pose, observer)
+    }
+}

@@ -1,0 +1,227 @@
+//! The two networks: from points of the unit cube to density and colour, and back.
+
+use crate::config::FieldConfig;
+use crate::encoding::{Frequency, HashGrid, HashLayout};
+use crate::gemm::padded;
+use crate::mlp::{Mlp, MlpTape};
+use crate::scalar::Scalar;
+use crate::volume::Shade;
+
+/// Raw densities are cut at ± this before the exponential.
+const MAX_RAW_DENSITY: f64 = 15.0;
+
+/// Density and colour of points: \\(\sigma = e^{y_0}\\), \\(c = 1/(1+e^{-y})\\).
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Network<T> {
+    pub(crate) encoding: Encoding<T>,
+    /// Density, and colour too where there is no second network.
+    pub(crate) density: Mlp<T>,
+    pub(crate) colour: Option<Mlp<T>>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Encoding<T> {
+    Frequency(Frequency),
+    Hash(HashGrid<T>),
+}
+
+/// Where the gradients of a pass go.
+#[derive(Debug, Default)]
+pub(crate) struct Gradients<T> {
+    pub(crate) density: Vec<T>,
+    pub(crate) colour: Vec<T>,
+    /// Per level `[points, features]`, in the order of `points`; empty for a frequency encoding.
+    pub(crate) features: Vec<Vec<T>>,
+    pub(crate) points: Vec<[T; 3]>,
+}
+
+/// What a forward pass over a tile leaves for the pass back.
+#[derive(Debug, Default)]
+pub(crate) struct Tape<T> {
+    pub(crate) points: Vec<[T; 3]>,
+    pub(crate) shades: Vec<Shade<T>>,
+    density: MlpTape<T>,
+    colour: MlpTape<T>,
+    upstream: Vec<T>,
+}
+
+impl<T: Scalar> Network<T> {
+    pub(crate) fn new(config: &FieldConfig, seed: u64) -> Self {
+        let widths = Widths::of(config);
+        let encoding = match config {
+            FieldConfig::Mlp(c) => Encoding::Frequency(Frequency { frequencies: c.frequencies }),
+            FieldConfig::Hash(_) => Encoding::Hash(HashGrid::new(hash_layout(config), seed)),
+        };
+        Self {
+            encoding,
+            density: Mlp::new(&widths.density, seed, "density-network"),
+            colour: widths.colour.map(|w| Mlp::new(&w, seed, "colour-network")),
+        }
+    }
+
+    /// A network of this configuration with the given parameters, or nothing where a length is wrong.
+    pub(crate) fn from_parameters(
+        config: &FieldConfig,
+        table: Vec<T>,
+        density: Vec<T>,
+        colour: Vec<T>,
+    ) -> Option<Self> {
+        let widths = Widths::of(config);
+        let encoding = match config {
+            FieldConfig::Mlp(c) => Encoding::Frequency(Frequency { frequencies: c.frequencies }),
+            FieldConfig::Hash(_) => {
+                let layout = hash_layout(config);
+                (layout.table_len() == table.len()).then_some(())?;
+                Encoding::Hash(HashGrid { layout, table })
+            }
+        };
+        let colour = match widths.colour {
+            Some(widths) => Some(Mlp::from_parameters(&widths, colour)?),
+            None => None,
+        };
+        Some(Self { encoding, density: Mlp::from_parameters(&widths.density, density)?, colour })
+    }
+
+    /// Gradient buffers of the right size, all zero.
+    pub(crate) fn gradients(&self) -> Gradients<T> {
+        Gradients {
+            density: vec![T::ZERO; self.density.parameters.len()],
+            colour: vec![T::ZERO; self.colour.as_ref().map_or(0, |c| c.parameters.len())],
+            features: match &self.encoding {
+                Encoding::Frequency(_) => Vec::new(),
+                Encoding::Hash(grid) => vec![Vec::new(); grid.layout.level_count()],
+            },
+            points: Vec::new(),
+        }
+    }
+
+    /// Multiply-adds of the networks a point, forward.
+    pub(crate) fn multiply_adds(&self) -> usize {
+        self.density.multiply_adds() + self.colour.as_ref().map_or(0, Mlp::multiply_adds)
+    }
+
+    /// Number of parameters, padding included.
+    pub(crate) fn parameter_count(&self) -> usize {
+        let table = if let Encoding::Hash(grid) = &self.encoding { grid.table.len() } else { 0 };
+        table + self.density.parameters.len() + self.colour.as_ref().map_or(0, |c| c.parameters.len())
+    }
+
+    /// `tape.shades` of `tape.points`.
+    pub(crate) fn forward(&self, tape: &mut Tape<T>) {
+        tape.density.activations.resize_with(1.max(tape.density.activations.len()), Vec::new);
+        let features = &mut tape.density.activations[0];
+        match &self.encoding {
+            Encoding::Frequency(encoding) => {
+                encoding.forward(&tape.points, features, self.density.input_width())
+            }
+            Encoding::Hash(grid) => grid.forward(&tape.points, features, self.density.input_width()),
+        }
+        self.density.forward(&mut tape.density);
+        let raw = self.density.output(&tape.density);
+        let width = self.density.output_width();
+        tape.shades.clear();
+        if let Some(colour) = &self.colour {
+            tape.colour.activations.resize_with(1.max(tape.colour.activations.len()), Vec::new);
+            tape.colour.activations[0].clear();
+            tape.colour.activations[0].extend_from_slice(raw);
+            colour.forward(&mut tape.colour);
+            let rgb = colour.output(&tape.colour).chunks_exact(colour.output_width());
+            tape.shades
+                .extend(raw.chunks_exact(width).zip(rgb).map(|(d, c)| activate([d[0], c[0], c[1], c[2]])));
+        } else {
+            tape.shades.extend(raw.chunks_exact(width).map(|d| activate([d[0], d[1], d[2], d[3]])));
+        }
+    }
+
+    /// Adds the gradients of the parameters, given those of the tape's shades.
+    pub(crate) fn backward(&self, tape: &mut Tape<T>, d_shades: &[Shade<T>], gradients: &mut Gradients<T>) {
+        let Tape { points, shades, density, colour, upstream } = tape;
+        let width = self.density.output_width();
+        upstream.clear();
+        upstream.resize(points.len() * width, T::ZERO);
+        if let Some(network) = &self.colour {
+            let colour_width = network.output_width();
+            let mut d_raw = vec![T::ZERO; points.len() * colour_width];
+            for ((row, shade), d) in d_raw.chunks_exact_mut(colour_width).zip(shades.iter()).zip(d_shades) {
+                row[..3].copy_from_slice(&d_activate(shade, d)[1..]);
+            }
+            let d_input = network.backward(colour, &d_raw, &mut gradients.colour, true);
+            upstream.copy_from_slice(d_input);
+            for ((row, shade), d) in upstream.chunks_exact_mut(width).zip(shades.iter()).zip(d_shades) {
+                row[0] += d_activate(shade, d)[0];
+            }
+        } else {
+            for ((row, shade), d) in upstream.chunks_exact_mut(width).zip(shades.iter()).zip(d_shades) {
+                row[..4].copy_from_slice(&d_activate(shade, d));
+            }
+        }
+        let Encoding::Hash(grid) = &self.encoding else {
+            self.density.backward(density, upstream, &mut gradients.density, false);
+            return;
+        };
+        let d_features = self.density.backward(density, upstream, &mut gradients.density, true);
+        let count = grid.layout.features();
+        for row in d_features.chunks_exact(self.density.input_width()) {
+            for (level, of_level) in gradients.features.iter_mut().zip(row.chunks_exact(count)) {
+                level.extend_from_slice(of_level);
+            }
+        }
+        gradients.points.extend_from_slice(points);
+    }
+}
+
+/// Used widths of the networks' layers.
+struct Widths {
+    density: Vec<usize>,
+    colour: Option<Vec<usize>>,
+}
+
+impl Widths {
+    fn of(config: &FieldConfig) -> Self {
+        let stack = |input, width, layers, output| {
+            let mut widths = vec![input];
+            widths.extend(std::iter::repeat_n(width, layers));
+            widths.push(output);
+            widths
+        };
+        match config {
+            FieldConfig::Mlp(c) => {
+                let input = Frequency { frequencies: c.frequencies }.width();
+                Self { density: stack(input, c.width, c.layers, 4), colour: None }
+            }
+            FieldConfig::Hash(c) => {
+                let input = c.levels * c.features;
+                if c.geometry == 0 {
+                    return Self { density: stack(input, c.width, c.layers, 4), colour: None };
+                }
+                // The colour network sees all of the density network's outputs, the density itself included.
+                let outputs = c.geometry + 1;
+                Self {
+                    density: stack(input, c.width, c.layers, outputs),
+                    colour: Some(stack(padded(outputs), c.width, 1, 3)),
+                }
+            }
+        }
+    }
+}
+
+fn hash_layout(config: &FieldConfig) -> HashLayout {
+    match config {
+        FieldConfig::Hash(c) => HashLayout::new(c.levels, c.features, c.log2_rows, c.coarsest, c.finest),
+        FieldConfig::Mlp(_) => HashLayout::new(0, 1, 0, 1, 1),
+    }
+}
+
+#[inline(always)]
+fn activate<T: Scalar>(raw: [T; 4]) -> Shade<T> {
+    let limit = T::from_f64(MAX_RAW_DENSITY);
+    let density = raw[0].min(limit).max(-limit).fast_exp();
+    [density, raw[1].sigmoid(), raw[2].sigmoid(), raw[3].sigmoid()]
+}
+
+/// Gradient of the raw outputs. The density's passes through its cut, so that a saturated point can come back.
+#[inline(always)]
+fn d_activate<T: Scalar>(shade: &Shade<T>, d: &Shade<T>) -> [T; 4] {
+    let colour = |i: usize| d[i] * shade[i] * (T::ONE - shade[i]);
+    [d[0] * shade[0], colour(1), colour(2), colour(3)]
+}

@@ -1,0 +1,71 @@
+//! Rendering whole views.
+
+use crate::config::NerfConfig;
+use crate::field::{Event, Observer, RenderedView};
+use crate::frustum::{Frustum, Ray};
+use crate::march::{March, Marcher};
+use crate::network::Network;
+use crate::train::tile_rays;
+use crate::{Error, Result};
+use mde_uncertainty::GaussianDepth;
+use mde_warp::{PinholeCamera, Pose};
+use ndarray::{Array2, Array3};
+use rayon::prelude::*;
+
+/// Rows rendered between two events.
+const ROWS: usize = 16;
+/// Where a ray leaves the volume.
+const BACKGROUND: f64 = 0.5;
+
+/// Colour, depth mean and variance, opacity.
+type Pixel = ([f32; 3], f32, f32, f32);
+
+pub(crate) fn render(
+    network: &Network<f32>,
+    frustum: &Frustum,
+    config: &NerfConfig,
+    camera: &PinholeCamera,
+    pose: &Pose,
+    observer: &mut dyn Observer,
+) -> Result<RenderedView> {
+    let (height, width) = (camera.height, camera.width);
+    let budget = config.render_budget();
+    let tile = tile_rays(&budget);
+    let mut image = Array3::zeros((height, width, 3));
+    let mut mean = Array2::zeros((height, width));
+    let mut variance = Array2::from_elem((height, width), f32::INFINITY);
+    let mut opacity = Array2::zeros((height, width));
+    for first in (0..height).step_by(ROWS) {
+        let rows = ROWS.min(height - first);
+        let tiles: Vec<Vec<Pixel>> = (0..(rows * width).div_ceil(tile))
+            .into_par_iter()
+            .map_init(Marcher::default, |marcher, chunk| {
+                let pixels = chunk * tile..((chunk + 1) * tile).min(rows * width);
+                let ray = |i: usize| Ray::new(camera, pose, (i % width) as f64, (first + i / width) as f64);
+                let mut marches: Vec<March> = pixels
+                    .map(|i| March { ray: ray(i), guess: None, background: [BACKGROUND; 3], rng: None })
+                    .collect();
+                marcher.forward(network, frustum, &mut marches, &budget);
+                let pixel = |r: &crate::volume::Rendered<f32>| {
+                    (r.colour, r.depth.mean, r.depth.variance, r.depth.opacity)
+                };
+                marcher.rendered[..marches.len()].iter().map(pixel).collect()
+            })
+            .collect();
+        for (i, (colour, m, v, a)) in tiles.into_iter().flatten().enumerate() {
+            let at = (first + i / width, i % width);
+            for (channel, c) in colour.into_iter().enumerate() {
+                image[(at.0, at.1, channel)] = c.clamp(0.0, 1.0);
+            }
+            opacity[at] = a.clamp(0.0, 1.0);
+            if a >= config.render.min_opacity && m.is_finite() && v.is_finite() {
+                mean[at] = m;
+                variance[at] = v.max(0.0);
+            }
+        }
+        if observer.observe(&Event::Render { row: first + rows, rows: height }).is_break() {
+            return Err(Error::Interrupted);
+        }
+    }
+    Ok(RenderedView { image, depth: GaussianDepth::new(mean, variance)?, opacity })
+}

@@ -1,0 +1,102 @@
+//! A fitted field as a safetensors file: the parameters as tensors, the rest as JSON in the header.
+
+use crate::config::NerfConfig;
+use crate::frustum::Frustum;
+use crate::nerf::Fitted;
+use crate::network::{Encoding, Network};
+use crate::{Error, Result};
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensors};
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::io::Write;
+use std::path::Path;
+
+/// Raised whenever the meaning of the tensors or of the header changes.
+const VERSION: u32 = 1;
+const HEADER: &str = "mde-nerf";
+
+#[derive(Serialize, Deserialize)]
+struct Header {
+    version: u32,
+    config: NerfConfig,
+    seed: u64,
+    frustum: Frustum,
+    /// CRC-32 of the tensors' bytes: table, density, colour.
+    checksum: u32,
+}
+
+pub(crate) fn save(path: &Path, config: &NerfConfig, seed: u64, fitted: &Fitted) -> Result<()> {
+    let io = |source: std::io::Error| Error::Io { path: path.to_owned(), source };
+    let table = match &fitted.network.encoding {
+        Encoding::Hash(grid) => grid.table.as_slice(),
+        Encoding::Frequency(_) => &[],
+    };
+    let colour = fitted.network.colour.as_ref().map_or(&[][..], |c| &c.parameters);
+    let parts = [("table", table), ("density", &fitted.network.density.parameters), ("colour", colour)];
+    let bytes: Vec<(&str, Vec<u8>)> =
+        parts.iter().map(|(name, p)| (*name, p.iter().flat_map(|x| x.to_le_bytes()).collect())).collect();
+    let header = Header {
+        version: VERSION,
+        config: config.clone(),
+        seed,
+        frustum: fitted.frustum.clone(),
+        checksum: checksum(bytes.iter().map(|(_, b)| b.as_slice())),
+    };
+    let header = serde_json::to_string(&header).map_err(|e| io(e.into()))?;
+    let mut tensors = Vec::new();
+    for (name, bytes) in &bytes {
+        let view = TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes)
+            .map_err(|e| io(std::io::Error::other(e)))?;
+        tensors.push((*name, view));
+    }
+    let file = safetensors::serialize(tensors, Some(HashMap::from([(HEADER.to_owned(), header)])))
+        .map_err(|e| io(std::io::Error::other(e)))?;
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut temporary = tempfile::NamedTempFile::new_in(folder).map_err(io)?;
+    temporary.write_all(&file).map_err(io)?;
+    temporary.persist(path).map_err(|e| io(e.error))?;
+    Ok(())
+}
+
+pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {
+    let format = |reason: String| Error::Format { path: path.to_owned(), reason };
+    let file = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+    let (_, metadata) = SafeTensors::read_metadata(&file).map_err(|e| format(e.to_string()))?;
+    let header = metadata.metadata().as_ref().and_then(|m| m.get(HEADER)).ok_or_else(|| {
+        format(format!("its header has no {HEADER:?} entry; was it saved by another program?"))
+    })?;
+    let header: Header = serde_json::from_str(header).map_err(|e| format(e.to_string()))?;
+    if header.version != VERSION {
+        return Err(format(format!(
+            "it has version {}, this program reads version {VERSION}; fit it again",
+            header.version
+        )));
+    }
+    header.config.validate()?;
+    let tensors = SafeTensors::deserialize(&file).map_err(|e| format(e.to_string()))?;
+    let mut parts = Vec::new();
+    for name in ["table", "density", "colour"] {
+        let tensor = tensors.tensor(name).map_err(|e| format(e.to_string()))?;
+        if tensor.dtype() != Dtype::F32 {
+            return Err(format(format!("its tensor {name:?} is not of 32-bit floats")));
+        }
+        parts.push(tensor.data());
+    }
+    if checksum(parts.iter().copied()) != header.checksum {
+        return Err(format("its checksum is wrong; the file is damaged".into()));
+    }
+    let mut numbers = parts
+        .iter()
+        .map(|bytes| bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect::<Vec<f32>>());
+    let mut next = || numbers.next().unwrap_or_default();
+    let network = Network::from_parameters(&header.config.field, next(), next(), next())
+        .ok_or_else(|| format("its tensors do not fit its configuration".into()))?;
+    Ok((header.config, header.seed, Fitted { network, frustum: header.frustum }))
+}
+
+fn checksum<'b>(parts: impl Iterator<Item = &'b [u8]>) -> u32 {
+    let mut hasher = crc32fast::Hasher::new();
+    parts.for_each(|part| hasher.update(part));
+    hasher.finalize()
+}

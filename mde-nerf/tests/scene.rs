@@ -1,0 +1,226 @@
+//! The field on a scene whose colours and depths are known in closed form.
+
+use mde_nerf::{
+    DepthLoss, Error, Event, FieldConfig, HashFieldConfig, MlpFieldConfig, Nerf, NerfConfig, RadianceField,
+    Silent,
+};
+use mde_uncertainty::GaussianDepth;
+use mde_warp::{PinholeCamera, Pose, PosedView};
+use nalgebra::{Point2, Point3, Translation3, UnitQuaternion};
+use ndarray::{Array2, Array3};
+use std::ops::ControlFlow;
+
+const WIDTH: usize = 48;
+const HEIGHT: usize = 36;
+
+/// A textured wall at 3 with a textured square before it at 2: what a ray meets first, and its colour.
+fn trace(origin: &Point3<f64>, direction: &nalgebra::Vector3<f64>) -> (f64, [f32; 3]) {
+    let at = |z: f64| origin + direction * ((z - origin.z) / direction.z);
+    let near = at(2.0);
+    let (hit, shade) = if near.x.abs() < 0.5 && near.y.abs() < 0.4 { (near, 0.35) } else { (at(3.0), 0.0) };
+    let wave = |k: f64, x: f64| (0.5 + 0.4 * (k * x).sin()) as f32;
+    (hit.z, [wave(5.0, hit.x), wave(4.0, hit.y + shade), wave(3.0, hit.x + 2.0 * hit.y + 3.0 * shade)])
+}
+
+fn camera() -> PinholeCamera {
+    PinholeCamera::from_fov(60.0, WIDTH, HEIGHT).unwrap()
+}
+
+/// The view from a pose, with its exact depth as hypothesis where asked for.
+fn view(pose: Pose, hypothesis: bool) -> PosedView {
+    let camera = camera();
+    let inverse = pose.inverse();
+    let origin = inverse * Point3::origin();
+    let mut image = Array3::zeros((HEIGHT, WIDTH, 3));
+    let mut depth = Array2::zeros((HEIGHT, WIDTH));
+    for ((row, column), d) in depth.indexed_iter_mut() {
+        let direction = inverse * camera.ray(Point2::new(column as f64, row as f64));
+        let (z, colour) = trace(&origin, &direction);
+        *d = (pose * (origin + direction * ((z - origin.z) / direction.z))).z as f32;
+        for (channel, c) in colour.into_iter().enumerate() {
+            image[(row, column, channel)] = c;
+        }
+    }
+    let hypotheses = if hypothesis {
+        vec![GaussianDepth::new(depth, Array2::from_elem((HEIGHT, WIDTH), 1e-4)).unwrap()]
+    } else {
+        vec![]
+    };
+    PosedView::new(image, camera, pose, Array2::from_elem((HEIGHT, WIDTH), true), hypotheses).unwrap()
+}
+
+/// Nine views around the origin with real parallax.
+fn views(hypotheses: bool) -> Vec<PosedView> {
+    let mut views = vec![view(Pose::identity(), true)];
+    for i in 0..8 {
+        let angle = f64::from(i) * std::f64::consts::FRAC_PI_4;
+        let shift = Translation3::new(0.25 * angle.cos(), 0.25 * angle.sin(), 0.0);
+        let turn = UnitQuaternion::from_euler_angles(0.02 * angle.sin(), -0.02 * angle.cos(), 0.0);
+        views.push(view(Pose::from_parts(shift, turn), hypotheses));
+    }
+    views
+}
+
+fn hash() -> NerfConfig {
+    let mut config = NerfConfig {
+        field: FieldConfig::Hash(HashFieldConfig { log2_rows: 14, finest: 96, ..HashFieldConfig::default() }),
+        ..NerfConfig::default()
+    };
+    config.train.steps = 400;
+    config.train.rays = 512;
+    config.train.learning_rate = 1e-2;
+    config.train.final_learning_rate = 1e-3;
+    config.train.warm_up = 20;
+    config
+}
+
+fn mlp() -> NerfConfig {
+    let mut config = NerfConfig {
+        field: FieldConfig::Mlp(MlpFieldConfig { layers: 3, width: 64, frequencies: 5 }),
+        ..NerfConfig::default()
+    };
+    config.train.steps = 500;
+    config.train.rays = 512;
+    config.train.learning_rate = 5e-3;
+    config.train.final_learning_rate = 5e-4;
+    config.train.warm_up = 20;
+    config
+}
+
+/// Fits, renders the original pose and returns PSNR in dB and the median relative depth error.
+fn quality(config: NerfConfig, views: &[PosedView]) -> (f64, f64) {
+    let mut field = Nerf::new(config, 1).unwrap();
+    field.fit(views, &mut Silent).unwrap();
+    let seen = field.render(&views[0].camera, &views[0].pose, &mut Silent).unwrap();
+    let error = (&seen.image - &views[0].image).mapv(|e| f64::from(e * e)).mean().unwrap();
+    let mut relative: Vec<f64> = views[0].hypotheses[0]
+        .mean()
+        .iter()
+        .zip(seen.depth.mean())
+        .map(|(exact, got)| f64::from((got / exact - 1.0).abs()))
+        .collect();
+    relative.sort_by(f64::total_cmp);
+    (-10.0 * error.log10(), relative[relative.len() / 2])
+}
+
+#[test]
+fn parallax_alone_teaches_the_hash_field_colour_and_depth() {
+    let (psnr, depth) = quality(hash(), &views(false));
+    assert!(psnr > 30.0, "PSNR {psnr:.1} dB");
+    assert!(depth < 0.05, "median relative depth error {depth:.4}");
+}
+
+#[test]
+fn parallax_alone_teaches_the_mlp_field_colour_and_depth() {
+    let (psnr, depth) = quality(mlp(), &views(false));
+    assert!(psnr > 28.0, "PSNR {psnr:.1} dB");
+    assert!(depth < 0.05, "median relative depth error {depth:.4}");
+}
+
+#[test]
+fn depth_losses_pull_the_field_to_the_hypotheses() {
+    for loss in [
+        DepthLoss::Wasserstein { weight: 0.2, decay: 0.0 },
+        DepthLoss::GaussianNll { weight: 0.01, relative_sigma: 0.01, decay: 0.0 },
+    ] {
+        let mut config = hash();
+        config.train.depth_loss = loss;
+        let (_, depth) = quality(config, &views(true));
+        assert!(depth < 0.01, "{loss:?}: median relative depth error {depth:.4}");
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits_with_any_number_of_threads() {
+    let mut config = hash();
+    config.train.steps = 30;
+    let views = views(true);
+    let run = |threads: usize, config: &NerfConfig| {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
+            let mut field = Nerf::new(config.clone(), 7).unwrap();
+            let report = field.fit(&views, &mut Silent).unwrap();
+            (report, field.render(&views[1].camera, &views[1].pose, &mut Silent).unwrap())
+        })
+    };
+    for field in
+        [config.field.clone(), FieldConfig::Mlp(MlpFieldConfig { layers: 2, width: 32, frequencies: 4 })]
+    {
+        config.field = field;
+        let one = run(1, &config);
+        assert_eq!(one, run(2, &config));
+        assert_eq!(one, run(5, &config));
+    }
+}
+
+#[test]
+#[cfg(feature = "serde")]
+fn a_saved_field_renders_the_same_bits_and_a_damaged_one_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("field.safetensors");
+    let views = views(true);
+    for field in [
+        hash().field,
+        FieldConfig::Hash(HashFieldConfig { geometry: 15, log2_rows: 10, ..Default::default() }),
+        mlp().field,
+    ] {
+        let mut config = hash();
+        config.field = field;
+        config.train.steps = 10;
+        let mut field = Nerf::new(config, 3).unwrap();
+        assert!(matches!(field.save(&path), Err(Error::NotFitted)));
+        field.fit(&views, &mut Silent).unwrap();
+        field.save(&path).unwrap();
+        let again = Nerf::load(&path).unwrap();
+        assert_eq!(again.config(), field.config());
+        let render = |f: &Nerf| f.render(&views[2].camera, &views[2].pose, &mut Silent).unwrap();
+        assert_eq!(render(&field), render(&again));
+
+        let mut bytes = std::fs::read(&path).unwrap();
+        let last = bytes.len() - 5;
+        bytes[last] ^= 1;
+        std::fs::write(&path, &bytes).unwrap();
+        let message = Nerf::load(&path).unwrap_err().to_string();
+        assert!(message.contains("field.safetensors") && message.contains("checksum"), "{message}");
+        for cut in [0, 1, 7, 100, bytes.len() / 2] {
+            std::fs::write(&path, &bytes[..cut]).unwrap();
+            assert!(matches!(Nerf::load(&path), Err(Error::Format { .. })));
+        }
+        std::fs::remove_file(&path).unwrap();
+    }
+}
+
+#[test]
+fn an_observer_hears_of_progress_and_can_stop_both_calls() {
+    let views = views(true);
+    let mut config = hash();
+    config.train.steps = 50;
+    let mut field = Nerf::new(config, 0).unwrap();
+    let mut heard = 0;
+    let stopped = field.fit(&views, &mut |event: &Event| {
+        heard += 1;
+        assert!(matches!(event, Event::Fit { steps: 50, .. }));
+        ControlFlow::Break(())
+    });
+    assert!(matches!(stopped, Err(Error::Interrupted)) && heard == 1);
+    assert!(matches!(field.render(&camera(), &Pose::identity(), &mut Silent), Err(Error::NotFitted)));
+    field.fit(&views, &mut Silent).unwrap();
+    let stopped = field.render(&camera(), &Pose::identity(), &mut |_: &Event| ControlFlow::Break(()));
+    assert!(matches!(stopped, Err(Error::Interrupted)));
+}
+
+#[test]
+fn bad_views_and_configurations_are_named() {
+    let mut field = Nerf::new(hash(), 0).unwrap();
+    assert!(matches!(field.fit(&[], &mut Silent), Err(Error::NoPixels)));
+    let mut dark = view(Pose::identity(), true);
+    dark.mask.fill(false);
+    assert!(matches!(field.fit(&[dark], &mut Silent), Err(Error::NoPixels)));
+    assert!(matches!(field.fit(&[view(Pose::identity(), false)], &mut Silent), Err(Error::NoRange)));
+    let mut torn = view(Pose::identity(), true);
+    torn.image = Array3::zeros((2, 2, 3));
+    assert!(matches!(field.fit(&[torn], &mut Silent), Err(Error::View { index: 0, .. })));
+    let mut config = hash();
+    config.train.rays = 3;
+    let message = Nerf::new(config, 0).unwrap_err().to_string();
+    assert_eq!(message, "train.rays is 3; give 16 to 65536 rays");
+}
