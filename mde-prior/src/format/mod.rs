@@ -27,7 +27,6 @@
 
 mod bytes;
 mod exr;
-mod inflate;
 mod npy;
 mod npz;
 mod pfm;
