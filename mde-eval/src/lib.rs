@@ -1,1 +1,42 @@
-//! stub
+//! Is a depth map good, and does it know where it is not?
+//!
+//! Metrics of depth (errors, edges, order) and of its uncertainty (ranking, calibration), each a function with its equation;
+//! the alignments that they need; procedural rooms with exact depth, a prior made from it, and loaders for
+//! data sets. The paper's numbers are [MSE](metrics::depth::mse), [sharpness](metrics::sharpness), [edge
+//! F1](metrics::edges) and [Spearman's correlation](metrics::rank) under [median alignment](align) (its Section IV);
+//! [`score`](score::score) gives them and those that cannot be raised by contrast or noise.
+//!
+//! Depth is z in metres, maps are `[height, width]`, images `[height, width, 3]` in sRGB 0 to 1. Not positive or not
+//! finite means missing.
+//!
+//! ```
+//! use mde_eval::scene::{Room, room};
+//! use mde_eval::score::{ScoreConfig, Subject, score};
+//! use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
+//!
+//! let scene = room(Room::Study, 0, 160, 120)?;
+//! let prior = SimulatedPrior::new(&scene.depth, &SimulatedPriorConfig::default())?;
+//! let sigma = prior.answer().map.mapv(|z| 0.05 * z);
+//!
+//! let subject = Subject::new(prior.answer().map.view(), scene.depth.view()).with_sigma(sigma.view());
+//! let scores = score(&subject, &ScoreConfig::default())?;
+//! assert!(scores.depth.abs_rel > 0.0 && scores.depth.abs_rel < 0.2);
+//! assert!(scores.uncertainty.is_some_and(|u| u.mae.ause > 0.0));
+//! # Ok::<(), mde_eval::Error>(())
+//! ```
+
+pub mod align;
+pub mod data;
+mod error;
+pub mod metrics;
+pub mod raster;
+pub mod scene;
+pub mod score;
+pub mod simulated;
+mod special;
+
+pub use error::{Error, Result};
+pub use mde_prior;
+pub use mde_warp;
+pub use nalgebra;
+pub use ndarray;

@@ -1,0 +1,101 @@
+//! Data sets: pictures with a true depth and a camera.
+
+mod files;
+mod plain;
+mod rooms;
+mod sunrgbd;
+
+pub use plain::PlainFolders;
+pub use rooms::Rooms;
+pub use sunrgbd::{SunDepth, SunRgbd};
+
+use crate::{Error, Result};
+use mde_warp::PinholeCamera;
+use ndarray::{Array2, Array3};
+
+/// Scenes that are loaded one by one.
+///
+/// ```
+/// use mde_eval::data::{DataSet, Rooms};
+///
+/// let rooms: Box<dyn DataSet> = Box::new(Rooms::new(0, 32, 24));
+/// for index in 0..rooms.len() {
+///     let sample = rooms.load(index)?;
+///     assert_eq!(sample.depth.dim(), (24, 32));
+/// }
+/// # Ok::<(), mde_eval::Error>(())
+/// ```
+pub trait DataSet {
+    /// Identifiers of the scenes, in order; unique, and the same wherever the data lies.
+    fn ids(&self) -> &[String];
+
+    /// Loads a scene by its place in [`DataSet::ids`].
+    ///
+    /// # Errors
+    /// [`Error::Scene`] beyond the last one; [`Error::Layout`], [`Error::Prior`] or [`Error::Io`] for files that are missing or
+    /// broken, [`Error::Intrinsics`] where the camera is unknown.
+    fn load(&self, index: usize) -> Result<Sample>;
+
+    /// How many scenes there are.
+    fn len(&self) -> usize {
+        self.ids().len()
+    }
+
+    /// Whether there are none.
+    fn is_empty(&self) -> bool {
+        self.ids().is_empty()
+    }
+}
+
+/// One scene of a data set.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// Identifier within its data set.
+    pub id: String,
+    /// The picture, `[height, width, 3]`, sRGB in 0 to 1.
+    pub image: Array3<f32>,
+    /// True z-depth in metres, `[height, width]`, 0 = missing.
+    pub depth: Array2<f32>,
+    /// The camera, pixel centres at integers from 0.
+    pub camera: PinholeCamera,
+    /// Whether the camera was named by the caller ([`Fallback`]) because the scene has none: worth a warning.
+    pub assumed_camera: bool,
+    /// Depths beyond this are not to be trusted, metres.
+    pub trusted_depth: f64,
+}
+
+/// The camera of scenes that come without one.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Fallback {
+    /// None: such a scene is [`Error::Intrinsics`].
+    #[default]
+    Refuse,
+    /// Square pixels and this horizontal field of view, in degrees.
+    FieldOfView(f64),
+    /// These, in pixels from 0.
+    Intrinsics {
+        /// Horizontal focal length.
+        fx: f64,
+        /// Vertical focal length.
+        fy: f64,
+        /// Column of the principal point.
+        cx: f64,
+        /// Row of the principal point.
+        cy: f64,
+    },
+}
+
+impl Fallback {
+    /// The camera for a scene whose `file` holds none.
+    fn camera(self, scene: &str, file: &'static str, width: usize, height: usize) -> Result<PinholeCamera> {
+        match self {
+            Self::Refuse => Err(Error::Intrinsics { scene: scene.into(), file }),
+            Self::FieldOfView(degrees) => Ok(PinholeCamera::from_fov(degrees, width, height)?),
+            Self::Intrinsics { fx, fy, cx, cy } => Ok(PinholeCamera::new(fx, fy, cx, cy, width, height)?),
+        }
+    }
+}
+
+fn out_of_range(index: usize, count: usize) -> Error {
+    Error::Scene { index, count }
+}

@@ -1,0 +1,78 @@
+use crate::{Error, Result};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Folders nested deeper than this are not searched (links may make circles).
+const MAX_DEPTH: usize = 12;
+
+/// Folders at or below `root` that `is_scene`, by path; a scene is not searched for others within it.
+pub(super) fn find_scenes(root: &Path, is_scene: impl Fn(&Path) -> bool + Copy) -> Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    search(root, 0, is_scene, &mut found)?;
+    found.sort();
+    Ok(found)
+}
+
+fn search(
+    folder: &Path,
+    depth: usize,
+    is_scene: impl Fn(&Path) -> bool + Copy,
+    found: &mut Vec<PathBuf>,
+) -> Result<()> {
+    if is_scene(folder) {
+        found.push(folder.to_owned());
+        return Ok(());
+    }
+    if depth >= MAX_DEPTH {
+        return Ok(());
+    }
+    for path in entries(folder)? {
+        if path.is_dir() {
+            search(&path, depth + 1, is_scene, found)?;
+        }
+    }
+    Ok(())
+}
+
+/// What is in a folder, by name.
+pub(super) fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
+    let fault = |source| Error::Io { path: folder.to_owned(), source };
+    let mut paths = Vec::new();
+    for entry in fs::read_dir(folder).map_err(fault)? {
+        paths.push(entry.map_err(fault)?.path());
+    }
+    paths.sort();
+    Ok(paths)
+}
+
+/// The files of a folder with one of the extensions (lower case), by name; hidden ones left out.
+pub(super) fn files_with(folder: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>> {
+    let fits = |path: &PathBuf| {
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        let hidden = path.file_name().and_then(|n| n.to_str()).is_none_or(|n| n.starts_with('.'));
+        !hidden && extensions.contains(&extension.as_str()) && path.is_file()
+    };
+    Ok(entries(folder)?.into_iter().filter(fits).collect())
+}
+
+/// A scene's identifier: its path below the root with `/`, or the root's own name.
+pub(super) fn id(root: &Path, scene: &Path) -> String {
+    let below = scene.strip_prefix(root).unwrap_or(scene);
+    let parts: Vec<_> = below.components().map(|c| c.as_os_str().to_string_lossy()).collect();
+    if parts.is_empty() {
+        return root.file_name().map_or_else(|| "scene".into(), |name| name.to_string_lossy().into_owned());
+    }
+    parts.join("/")
+}
+
+/// Checks that depth and picture are of one size.
+pub(super) fn same_size(path: &Path, depth: (usize, usize), image: (usize, usize)) -> Result<()> {
+    if depth == image {
+        return Ok(());
+    }
+    let reason = format!(
+        "the depth is {}x{} but the picture is {}x{} (width x height); they must be registered to each other",
+        depth.1, depth.0, image.1, image.0
+    );
+    Err(Error::Layout { path: path.to_owned(), reason })
+}

@@ -1,0 +1,150 @@
+use super::files::{files_with, find_scenes, id, same_size};
+use super::{DataSet, Fallback, Sample, out_of_range};
+use crate::{Error, Result};
+use mde_prior::format::{ReadOptions, read_depth};
+use mde_prior::photo::read_image;
+use mde_warp::PinholeCamera;
+use serde::Deserialize;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// One's own scenes: any folder below the root that has a `scene.json`.
+///
+/// Beside it lie `color.*` (JPEG, PNG, TIFF, BMP, WebP) and `depth.*` (PNG of 16 bits, NPY, NPZ, PFM, EXR). The JSON's fields are
+/// all optional and others are ignored:
+///
+/// | field | meaning |
+/// | --- | --- |
+/// | `depth_units_per_metre` | depth in metres = value / this; 1000 for integers and 1 for floats without it |
+/// | `fx`, `fy`, `cx`, `cy` | intrinsics in pixels, pixel centres at integers from 0; all four or none |
+/// | `max_depth` | depths beyond it, in metres, are not to be trusted; 10 without it |
+#[derive(Debug, Clone)]
+pub struct PlainFolders {
+    scenes: Vec<PathBuf>,
+    ids: Vec<String>,
+    fallback: Fallback,
+}
+
+#[derive(Deserialize)]
+struct Description {
+    depth_units_per_metre: Option<f64>,
+    fx: Option<f64>,
+    fy: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
+    max_depth: Option<f64>,
+}
+
+impl PlainFolders {
+    const FILE: &'static str = "scene.json";
+
+    /// Finds the scenes at or below a folder.
+    ///
+    /// # Errors
+    /// [`Error::Io`] for a folder that cannot be read, [`Error::Layout`] where there is no scene.
+    pub fn open(root: impl AsRef<Path>) -> Result<Self> {
+        let root = root.as_ref();
+        let scenes = find_scenes(root, |folder| folder.join(Self::FILE).is_file())?;
+        if scenes.is_empty() {
+            let reason =
+                "holds no folder with a `scene.json`; write one beside `color.png` and `depth.png`".into();
+            return Err(Error::Layout { path: root.to_owned(), reason });
+        }
+        let ids = scenes.iter().map(|scene| id(root, scene)).collect();
+        Ok(Self { scenes, ids, fallback: Fallback::Refuse })
+    }
+
+    /// With a camera for scenes that have none.
+    #[must_use]
+    pub fn with_fallback(mut self, fallback: Fallback) -> Self {
+        self.fallback = fallback;
+        self
+    }
+}
+
+impl DataSet for PlainFolders {
+    fn ids(&self) -> &[String] {
+        &self.ids
+    }
+
+    fn load(&self, index: usize) -> Result<Sample> {
+        let (Some(scene), Some(id)) = (self.scenes.get(index), self.ids.get(index)) else {
+            return Err(out_of_range(index, self.scenes.len()));
+        };
+        let path = scene.join(Self::FILE);
+        let description = describe(&path)?;
+        let image =
+            read_image(named(scene, "color", &["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"])?)?.pixels;
+        let depth_path = named(scene, "depth", &["png", "npy", "npz", "pfm", "exr"])?;
+        let depth = read_depth(&depth_path, &options(description.depth_units_per_metre))?;
+        let (height, width, _) = image.dim();
+        same_size(&depth_path, depth.dim(), (height, width))?;
+        let known = description.camera(&path, width, height)?;
+        let camera = match known {
+            Some(camera) => camera,
+            None => self.fallback.camera(id, "fx, fy, cx, cy in scene.json", width, height)?,
+        };
+        Ok(Sample {
+            id: id.clone(),
+            image,
+            depth,
+            camera,
+            assumed_camera: known.is_none(),
+            trusted_depth: description.max_depth.unwrap_or(10.0),
+        })
+    }
+}
+
+fn describe(path: &Path) -> Result<Description> {
+    let text = fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+    let description: Description = serde_json::from_str(&text).map_err(|fault| Error::Layout {
+        path: path.to_owned(),
+        reason: format!("is not as it should be: {fault}"),
+    })?;
+    match description.max_depth {
+        Some(depth) if !(depth > 0.0 && depth.is_finite()) => {
+            let reason = format!("max_depth is {depth}; it must be positive and finite metres");
+            Err(Error::Layout { path: path.to_owned(), reason })
+        }
+        _ => Ok(description),
+    }
+}
+
+fn options(units_per_metre: Option<f64>) -> ReadOptions {
+    match units_per_metre {
+        Some(scale) => ReadOptions { png_scale: scale, float_scale: scale, ..ReadOptions::default() },
+        None => ReadOptions::default(),
+    }
+}
+
+impl Description {
+    fn camera(&self, path: &Path, width: usize, height: usize) -> Result<Option<PinholeCamera>> {
+        match (self.fx, self.fy, self.cx, self.cy) {
+            (Some(fx), Some(fy), Some(cx), Some(cy)) => {
+                Ok(Some(PinholeCamera::new(fx, fy, cx, cy, width, height)?))
+            }
+            (None, None, None, None) => Ok(None),
+            _ => {
+                let reason = "names some of fx, fy, cx, cy; name all four or none".into();
+                Err(Error::Layout { path: path.to_owned(), reason })
+            }
+        }
+    }
+}
+
+/// The one file of that stem.
+fn named(scene: &Path, stem: &str, extensions: &[&str]) -> Result<PathBuf> {
+    let of_stem = |path: &PathBuf| path.file_stem().is_some_and(|s| s == stem);
+    let files: Vec<_> = files_with(scene, extensions)?.into_iter().filter(of_stem).collect();
+    match files.as_slice() {
+        [file] => Ok(file.clone()),
+        _ => {
+            let reason = format!(
+                "holds {} files named {stem}.* (.{}) where one is needed",
+                files.len(),
+                extensions.join(", .")
+            );
+            Err(Error::Layout { path: scene.to_owned(), reason })
+        }
+    }
+}

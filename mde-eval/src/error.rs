@@ -1,0 +1,106 @@
+use std::path::PathBuf;
+
+/// What can go wrong when scoring, rendering or reading a data set.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// Two maps that must agree differ in shape.
+    #[error("{what} is {found:?} but the truth is {expected:?} ([height, width]); resize one of them first")]
+    Shape {
+        /// The map at fault.
+        what: &'static str,
+        /// Its shape, `[height, width]`.
+        found: [usize; 2],
+        /// The shape it must have.
+        expected: [usize; 2],
+    },
+    /// Two lists that must agree differ in length.
+    #[error("{what} has {found} values where {expected} are needed; pass one value a pixel")]
+    Length {
+        /// The list at fault.
+        what: &'static str,
+        /// Its length.
+        found: usize,
+        /// The length it must have.
+        expected: usize,
+    },
+    /// Nothing is left to score.
+    #[error("no pixel is left for {what}; check the depth range, the unit and the mask")]
+    Empty {
+        /// What was asked for.
+        what: &'static str,
+    },
+    /// A value that the metric is not defined for.
+    #[error("{what} is {value} at index {index}; it must be {expected}")]
+    Value {
+        /// The quantity at fault.
+        what: &'static str,
+        /// Index into the list (row-major for a map).
+        index: usize,
+        /// The value at fault.
+        value: f64,
+        /// What it must be.
+        expected: &'static str,
+    },
+    /// A setting out of its range.
+    #[error("{field} is {value}; it must be {expected}")]
+    Config {
+        /// The field at fault.
+        field: &'static str,
+        /// Its value.
+        value: String,
+        /// What it must be.
+        expected: &'static str,
+    },
+    /// A name that stands for nothing.
+    #[error("there is no {what} named `{name}`; use one of {known}")]
+    Unknown {
+        /// The kind of thing.
+        what: &'static str,
+        /// The name given.
+        name: String,
+        /// The names that exist.
+        known: String,
+    },
+    /// A scene without intrinsics and no camera to fall back on.
+    #[error("scene {scene} has no {file}; name a camera for such scenes (`Fallback`)")]
+    Intrinsics {
+        /// The scene's identifier.
+        scene: String,
+        /// The file that was looked for.
+        file: &'static str,
+    },
+    /// A scene beyond the last one.
+    #[error("there is no scene {index}: the data set has {count}, counted from 0")]
+    Scene {
+        /// The index asked for.
+        index: usize,
+        /// How many scenes there are.
+        count: usize,
+    },
+    /// A folder that does not look like the data set.
+    #[error("{}: {reason}", path.display())]
+    Layout {
+        /// The file or folder at fault.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A file or folder that could not be read.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file or folder at fault.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A camera that cannot be.
+    #[error(transparent)]
+    Camera(#[from] mde_warp::Error),
+    /// A depth map, photograph or prior that cannot be read or used.
+    #[error(transparent)]
+    Prior(#[from] mde_prior::Error),
+}
+
+/// Shorthand for this crate's results.
+pub type Result<T, E = Error> = std::result::Result<T, E>;

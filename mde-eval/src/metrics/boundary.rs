@@ -1,0 +1,137 @@
+//! Scale-invariant boundary F1.
+
+use crate::raster::same_shape;
+use crate::{Error, Result};
+use ndarray::{ArrayView2, s};
+
+/// Smallest depth that is inverted, as in the published code.
+const MIN_DEPTH: f32 = 1e-6;
+
+/// How many ratios are tried, and between which bounds: \\(t_k\\), \\(k = 1 \dots 10\\), from 1.05 to 1.25.
+const RATIOS: usize = 10;
+
+/// Boundary F1 of Depth Pro (Bochkovskii et al., 2024; `SI_boundary_F1`), with a mask.
+///
+/// On inverse depth \\(c = 1 / \max(d, 10^{-6})\\), a pixel and its neighbour in one of four directions make a boundary
+/// where \\(c_i / c_j > t\\). Precision and recall are means over the four directions of hits over predicted (true)
+/// boundaries, and
+///
+/// \\[ F = \sum_k w_k \frac{2 P_k R_k}{P_k + R_k},\qquad w_k = \frac{t_k}{\sum_l t_l},\qquad
+///     t_k = 1.05 + 0.2\\,\tfrac{k-1}{9} \\]
+///
+/// A term is 0 where \\(P_k + R_k = 0\\). A pair counts only where both pixels are in the mask. Blind to a scale of
+/// either side, so it needs no alignment; both maps are `[height, width]`.
+///
+/// # Errors
+/// [`Error::Shape`] where the shapes differ, [`Error::Empty`] for an empty mask.
+pub fn boundary_f1(
+    prediction: ArrayView2<'_, f32>,
+    truth: ArrayView2<'_, f32>,
+    mask: ArrayView2<'_, bool>,
+) -> Result<f64> {
+    same_shape("the prediction", prediction.dim(), truth.dim())?;
+    same_shape("the mask", mask.dim(), truth.dim())?;
+    if !mask.iter().any(|&keep| keep) {
+        return Err(Error::Empty { what: "the boundary F1" });
+    }
+    let thresholds = ratios();
+    let counts = [false, true].map(|vertical| count_pairs(prediction, truth, mask, vertical, &thresholds));
+    let total: f64 = thresholds.iter().sum();
+    let score = |k: usize| {
+        let directions = || counts.iter().flatten();
+        let recall = 0.25 * directions().map(|c| ratio(c.hits[k], c.truth[k])).sum::<f64>();
+        let precision = 0.25 * directions().map(|c| ratio(c.hits[k], c.prediction[k])).sum::<f64>();
+        super::edges::harmonic(precision, recall)
+    };
+    Ok(thresholds.iter().enumerate().map(|(k, t)| t / total * score(k)).sum())
+}
+
+/// Boundaries above each ratio, for one direction.
+#[derive(Clone, Copy, Default)]
+struct Counts {
+    prediction: [u64; RATIOS],
+    truth: [u64; RATIOS],
+    hits: [u64; RATIOS],
+}
+
+impl Counts {
+    /// A pair that is a boundary for the first `prediction` (`truth`) ratios.
+    fn add(&mut self, prediction: usize, truth: usize) {
+        for (tally, level) in [
+            (&mut self.prediction, prediction),
+            (&mut self.truth, truth),
+            (&mut self.hits, prediction.min(truth)),
+        ] {
+            tally[..level].iter_mut().for_each(|count| *count += 1);
+        }
+    }
+}
+
+/// Both signs of one axis: the left (upper) pixel in front, and the right (lower) one.
+fn count_pairs(
+    prediction: ArrayView2<'_, f32>,
+    truth: ArrayView2<'_, f32>,
+    mask: ArrayView2<'_, bool>,
+    vertical: bool,
+    thresholds: &[f64; RATIOS],
+) -> [Counts; 2] {
+    let (here, there) = if vertical { (s![..-1, ..], s![1.., ..]) } else { (s![.., ..-1], s![.., 1..]) };
+    let mut counts = [Counts::default(); 2];
+    let (height, width) = truth.dim();
+    if height < 2 && vertical || width < 2 && !vertical {
+        return counts;
+    }
+    let first = prediction.slice(here).into_iter().zip(truth.slice(here)).zip(mask.slice(here));
+    let second = prediction.slice(there).into_iter().zip(truth.slice(there)).zip(mask.slice(there));
+    for (((&p, &g), &keep), ((&q, &h), &also)) in first.zip(second) {
+        if keep && also {
+            let (near, far) = (steps(q, p, thresholds), steps(h, g, thresholds));
+            counts[0].add(near, far);
+            let (near, far) = (steps(p, q, thresholds), steps(g, h, thresholds));
+            counts[1].add(near, far);
+        }
+    }
+    counts
+}
+
+/// How many of the thresholds the ratio of inverse depths \\(c_{front} / c_{behind}\\) exceeds.
+fn steps(behind: f32, front: f32, thresholds: &[f64; RATIOS]) -> usize {
+    let ratio = f64::from(behind.max(MIN_DEPTH)) / f64::from(front.max(MIN_DEPTH));
+    thresholds.iter().take_while(|&&t| ratio > t).count()
+}
+
+fn ratios() -> [f64; RATIOS] {
+    std::array::from_fn(|k| 1.05 + (1.25 - 1.05) * k as f64 / (RATIOS - 1) as f64)
+}
+
+fn ratio(hits: u64, of: u64) -> f64 {
+    hits as f64 / of.max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::{Array2, array};
+
+    #[test]
+    fn a_step_seen_and_a_step_missed() {
+        let truth = array![[1.0, 1.0, 2.0, 2.0], [1.0, 1.0, 2.0, 2.0]];
+        let mask = Array2::from_elem((2, 4), true);
+        // One direction of four has boundaries, so a perfect map scores 1/4 there and 0 in the others.
+        let perfect = boundary_f1(truth.view(), truth.view(), mask.view()).unwrap();
+        assert!((perfect - 0.25).abs() < 1e-12, "{perfect}");
+        let flat = Array2::from_elem((2, 4), 1.5);
+        assert_eq!(boundary_f1(flat.view(), truth.view(), mask.view()).unwrap(), 0.0);
+        // The other side in front is another direction, not a hit.
+        let reversed = truth.mapv(|d| 3.0 - d);
+        assert_eq!(boundary_f1(reversed.view(), truth.view(), mask.view()).unwrap(), 0.0);
+    }
+
+    #[test]
+    fn masked_pairs_do_not_count_and_thin_maps_are_fine() {
+        let truth = array![[1.0, 2.0, 2.0]];
+        let mask = array![[false, true, true]];
+        assert_eq!(boundary_f1(truth.view(), truth.view(), mask.view()).unwrap(), 0.0);
+        assert!(boundary_f1(truth.view(), truth.view(), array![[false; 3]].view()).is_err());
+    }
+}

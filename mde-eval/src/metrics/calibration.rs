@@ -1,0 +1,203 @@
+//! Is the uncertainty as large as the errors? Each pixel predicts a Gaussian with standard deviation \\(s_i\\), and its
+//! error \\(e_i\\) is prediction minus truth, in the same unit; \\(z_i = e_i / s_i\\).
+//!
+//! # Errors
+//! All functions here: [`Error::Length`] where the lists differ, [`Error::Empty`] without pixels, [`Error::Value`] for an error
+//! that is not finite or a sigma that is not positive and finite.
+
+use super::rank::Order;
+use crate::special::{FRAC_1_SQRT_PI, erf};
+use crate::{Error, Result};
+use std::f64::consts::{FRAC_1_SQRT_2, PI};
+
+/// Negative log-likelihood of the truth, in nats a pixel:
+///
+/// \\[ \frac1n \sum_i \tfrac12 \ln(2\pi s_i^2) + \frac{e_i^2}{2 s_i^2} \\]
+pub fn nll(errors: &[f64], sigma: &[f64]) -> Result<f64> {
+    mean(errors, sigma, |e, s| 0.5 * (2.0 * PI).ln() + s.ln() + 0.5 * (e / s).powi(2))
+}
+
+/// Continuous ranked probability score of a Gaussian, in the unit of the errors (Gneiting and Raftery, 2007):
+///
+/// \\[ \frac1n \sum_i s_i \left( z_i (2\Phi(z_i) - 1) + 2\varphi(z_i) - \frac{1}{\sqrt\pi} \right) \\]
+pub fn crps(errors: &[f64], sigma: &[f64]) -> Result<f64> {
+    mean(errors, sigma, |e, s| {
+        let z = e / s;
+        let density = (-0.5 * z * z).exp() * FRAC_1_SQRT_2 * FRAC_1_SQRT_PI;
+        s * (z * erf(z * FRAC_1_SQRT_2) + 2.0 * density - FRAC_1_SQRT_PI)
+    })
+}
+
+/// Share of the truths within the central interval of probability `level`, in 0 to 1: nominal is `level` itself.
+///
+/// \\[ \frac1n \left|\left\\{i : \operatorname{erf}\left(|z_i| / \sqrt2\right) \le p\right\\}\right| \\]
+pub fn coverage(errors: &[f64], sigma: &[f64], level: f64) -> Result<f64> {
+    mean(errors, sigma, |e, s| f64::from(u8::from(central_probability(e, s) <= level)))
+}
+
+/// Mean of \\(z_i^2\\): 1 where the sigmas are right on average, above where they are too small.
+pub fn mean_z2(errors: &[f64], sigma: &[f64]) -> Result<f64> {
+    mean(errors, sigma, |e, s| (e / s).powi(2))
+}
+
+/// Root of the mean variance, \\(\sqrt{\frac1n \sum_i s_i^2}\\): how sharp the prediction claims to be.
+pub fn rms_sigma(errors: &[f64], sigma: &[f64]) -> Result<f64> {
+    Ok(mean(errors, sigma, |_, s| s * s)?.sqrt())
+}
+
+/// Nominal and observed coverage of central intervals at 0, 1/99, ..., 1 (the reliability curve).
+pub fn reliability(errors: &[f64], sigma: &[f64]) -> Result<Vec<(f64, f64)>> {
+    const STEPS: usize = 99;
+    let mut counts = [0_usize; STEPS + 1];
+    let n = mean(errors, sigma, |_, _| 1.0).map(|_| errors.len() as f64)?;
+    for (&e, &s) in errors.iter().zip(sigma) {
+        let inside = central_probability(e, s);
+        // The first nominal level that holds this pixel, guarded against the rounding of the product.
+        let guess = (inside * STEPS as f64) as usize;
+        let first = (guess.saturating_sub(1)..=STEPS).find(|&k| inside <= k as f64 / STEPS as f64);
+        counts[first.unwrap_or(STEPS)] += 1;
+    }
+    let mut within = 0;
+    Ok(counts
+        .iter()
+        .enumerate()
+        .map(|(k, count)| {
+            within += count;
+            (k as f64 / STEPS as f64, within as f64 / n)
+        })
+        .collect())
+}
+
+/// Mean absolute calibration error: mean distance of observed from nominal coverage over the [reliability] curve (Uncertainty
+/// Toolbox, `mean_absolute_calibration_error` with central intervals).
+pub fn mace(errors: &[f64], sigma: &[f64]) -> Result<f64> {
+    let curve = reliability(errors, sigma)?;
+    Ok(curve.iter().map(|(nominal, observed)| (nominal - observed).abs()).sum::<f64>() / curve.len() as f64)
+}
+
+/// Expected normalised calibration error (Levi et al., "Evaluating and calibrating uncertainty prediction in regression tasks",
+/// 2019) over `bins` runs of equal size in order of sigma, ties averaged:
+///
+/// \\[ \frac1B \sum_b \frac{|\mathrm{RMV}_b - \mathrm{RMSE}_b|}{\mathrm{RMV}_b},\qquad
+///     \mathrm{RMV}_b^2 = \operatorname{mean}_b s^2,\quad \mathrm{RMSE}_b^2 = \operatorname{mean}_b e^2 \\]
+pub fn ence(errors: &[f64], sigma: &[f64], bins: usize) -> Result<f64> {
+    check(errors, sigma)?;
+    ence_in_order(errors, sigma, &Order::new("sigma", sigma)?, bins)
+}
+
+pub(crate) fn ence_in_order(errors: &[f64], sigma: &[f64], order: &Order, bins: usize) -> Result<f64> {
+    if bins == 0 {
+        return Err(Error::Config {
+            field: "the number of ENCE bins",
+            value: "0".into(),
+            expected: "at least 1",
+        });
+    }
+    let square = |values: &[f64]| values.iter().map(|v| v * v).collect::<Vec<_>>();
+    let (squares, variances) = (square(errors), square(sigma));
+    let (squares, variances) = (order.expected(sigma, &squares), order.expected(sigma, &variances));
+    let (n, bins) = (errors.len(), bins.min(errors.len()));
+    let root_mean = |values: &[f64]| (values.iter().sum::<f64>() / values.len() as f64).sqrt();
+    let total: f64 = (0..bins)
+        .map(|k| k * n / bins..(k + 1) * n / bins)
+        .map(|run| (root_mean(&variances[run.clone()]), root_mean(&squares[run])))
+        .map(|(expected, observed)| (expected - observed).abs() / expected)
+        .sum();
+    Ok(total / bins as f64)
+}
+
+/// Probability of the smallest central interval that holds the truth: \\(\operatorname{erf}(|z| / \sqrt 2)\\).
+fn central_probability(error: f64, sigma: f64) -> f64 {
+    erf((error / sigma).abs() * FRAC_1_SQRT_2)
+}
+
+fn mean(errors: &[f64], sigma: &[f64], term: impl Fn(f64, f64) -> f64) -> Result<f64> {
+    check(errors, sigma)?;
+    Ok(errors.iter().zip(sigma).map(|(&e, &s)| term(e, s)).sum::<f64>() / errors.len() as f64)
+}
+
+fn check(errors: &[f64], sigma: &[f64]) -> Result<()> {
+    if errors.len() != sigma.len() {
+        return Err(Error::Length { what: "sigma", found: sigma.len(), expected: errors.len() });
+    }
+    if errors.is_empty() {
+        return Err(Error::Empty { what: "the calibration" });
+    }
+    if let Some(index) = errors.iter().position(|e| !e.is_finite()) {
+        return Err(Error::Value { what: "the error", index, value: errors[index], expected: "finite" });
+    }
+    match sigma.iter().position(|s| !(*s > 0.0 && s.is_finite())) {
+        None => Ok(()),
+        Some(index) => {
+            Err(Error::Value { what: "sigma", index, value: sigma[index], expected: "positive and finite" })
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mde_warp::random::CounterRng;
+    use proptest::prelude::*;
+    use rand_distr::{Distribution, StandardNormal};
+
+    fn gaussian(n: u64) -> (Vec<f64>, Vec<f64>) {
+        let draw = |i: u64| -> (f64, f64) {
+            let sigma = 0.1 + (i % 97) as f64 / 50.0;
+            let z: f64 = StandardNormal.sample(&mut CounterRng::new(5, "calibration-test", 0, i));
+            (sigma * z, sigma)
+        };
+        (0..n).map(draw).unzip()
+    }
+
+    /// Four standard errors of a binomial share.
+    #[test]
+    fn a_gaussian_sample_is_calibrated() {
+        let n = 40_000;
+        let (errors, sigma) = gaussian(n);
+        for level in [0.5, 0.68, 0.9, 0.95] {
+            let spread = (level * (1.0 - level) / n as f64).sqrt();
+            let observed = coverage(&errors, &sigma, level).unwrap();
+            assert!((observed - level).abs() < 4.0 * spread, "{observed} at {level}");
+        }
+        assert!((mean_z2(&errors, &sigma).unwrap() - 1.0).abs() < 4.0 * (2.0 / n as f64).sqrt());
+        assert!(mace(&errors, &sigma).unwrap() < 0.01);
+        assert!(ence(&errors, &sigma, 20).unwrap() < 0.05);
+    }
+
+    #[test]
+    fn the_true_sigma_scores_best() {
+        let (errors, sigma) = gaussian(20_000);
+        let scaled = |factor: f64| sigma.iter().map(|s| factor * s).collect::<Vec<_>>();
+        for factor in [0.6, 1.6] {
+            let wrong = scaled(factor);
+            assert!(nll(&errors, &wrong).unwrap() > nll(&errors, &sigma).unwrap());
+            assert!(crps(&errors, &wrong).unwrap() > crps(&errors, &sigma).unwrap());
+            assert!(ence(&errors, &wrong, 20).unwrap() > ence(&errors, &sigma, 20).unwrap());
+            assert!(mace(&errors, &wrong).unwrap() > mace(&errors, &sigma).unwrap());
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn reliability_is_coverage(pixels in proptest::collection::vec((-3.0..3.0_f64, 0.1..2.0_f64), 1..80)) {
+            let (errors, sigma): (Vec<f64>, Vec<f64>) = pixels.into_iter().unzip();
+            for (nominal, observed) in reliability(&errors, &sigma).unwrap() {
+                prop_assert!((coverage(&errors, &sigma, nominal).unwrap() - observed).abs() < 1e-12);
+            }
+        }
+
+        #[test]
+        fn crps_tends_to_the_absolute_error(e in -3.0..3.0_f64) {
+            prop_assert!((crps(&[e], &[1e-9]).unwrap() - e.abs()).abs() < 1e-8);
+        }
+    }
+
+    #[test]
+    fn faults_are_named() {
+        assert!(matches!(nll(&[1.0], &[0.0]), Err(Error::Value { what: "sigma", index: 0, .. })));
+        assert!(matches!(crps(&[f64::INFINITY], &[1.0]), Err(Error::Value { what: "the error", .. })));
+        assert!(matches!(ence(&[1.0], &[1.0], 0), Err(Error::Config { .. })));
+        assert!(matches!(coverage(&[], &[], 0.5), Err(Error::Empty { .. })));
+    }
+}

@@ -1,0 +1,329 @@
+//! Edge precision, recall and F1 of depth maps.
+//!
+//! At a *fixed* threshold these reward any added gradient: an unsharp mask and white noise both raise them. The
+//! [curve](EdgeCurve) over all thresholds of the prediction does not see its contrast; its best point is **F1max**.
+
+use crate::raster::{dilate, distance_to, erode, same_shape, sobel, sobel_zero_padded};
+use crate::{Error, Result};
+use ndarray::{Array2, ArrayView2, Zip};
+
+/// Precision, recall and F1 of one edge map against another.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct EdgeScore {
+    /// Share of the predicted edge pixels that are near a true one; 0 without predicted edges.
+    pub precision: f64,
+    /// Share of the true edge pixels that are near a predicted one; 0 without true edges.
+    pub recall: f64,
+    /// \\(2PR / (P + R)\\), 0 where both are 0.
+    pub f1: f64,
+}
+
+impl EdgeScore {
+    fn new(precision: f64, recall: f64) -> Self {
+        Self { precision, recall, f1: harmonic(precision, recall) }
+    }
+}
+
+/// \\(2PR / (P + R)\\), 0 where both are 0.
+pub(super) fn harmonic(precision: f64, recall: f64) -> f64 {
+    if precision + recall > 0.0 { 2.0 * precision * recall / (precision + recall) } else { 0.0 }
+}
+
+/// Edge pixels of a depth map, `[height, width]`: \\(|\nabla D| > t\\) with the un-normalised
+/// [Sobel](crate::raster::sobel) gradient (gain 8), read only where the whole 3 x 3 window lies in the mask.
+///
+/// A threshold of 0.25 m is thus a slope of 0.031 m per pixel.
+///
+/// # Errors
+/// [`Error::Shape`] where map and mask differ.
+pub fn edges(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>, threshold: f64) -> Result<Array2<bool>> {
+    Ok(above(&masked_gradient(map, mask)?, threshold))
+}
+
+/// Edge F1 at a fixed threshold with a tolerance in pixels.
+///
+/// After Hu et al., "Revisiting single image depth estimation" (WACV 2019), with four repairs: the border is
+/// replicated instead of padded with zeros, [`edges`] stay a pixel away from the mask's border, \\(F = 0\\) where
+/// \\(P + R = 0\\), and an edge pixel counts as found within `tolerance` pixels by exact Euclidean distance,
+///
+/// \\[ P = \frac{|\\{x \in E_p : \mathrm{dist}(x, E_g) \le r\\}|}{|E_p|},\qquad
+///     R = \frac{|\\{x \in E_g : \mathrm{dist}(x, E_p) \le r\\}|}{|E_g|},\qquad F_1 = \frac{2PR}{P+R} \\]
+///
+/// Maps are `[height, width]` in metres, aligned; `threshold` is the gradient's, in metres with gain 8. Swapping the maps
+/// swaps \\(P\\) and \\(R\\).
+///
+/// # Errors
+/// [`Error::Shape`] where the shapes differ.
+pub fn edge_f1(
+    prediction: ArrayView2<'_, f32>,
+    truth: ArrayView2<'_, f32>,
+    mask: ArrayView2<'_, bool>,
+    threshold: f64,
+    tolerance: u32,
+) -> Result<EdgeScore> {
+    same_shape("the prediction", prediction.dim(), truth.dim())?;
+    let (predicted, true_edges) = (edges(prediction, mask, threshold)?, edges(truth, mask, threshold)?);
+    let found = |edges: &Array2<bool>, by: &Array2<bool>| {
+        let near = distance_to(by.view());
+        let hits = edges.iter().zip(&near).filter(|&(&edge, &d)| edge && d <= f64::from(tolerance)).count();
+        share(hits, count(edges))
+    };
+    Ok(EdgeScore::new(found(&predicted, &true_edges), found(&true_edges, &predicted)))
+}
+
+/// Edge F1 exactly as Hu et al. publish it: zero padding, no mask, no tolerance, pixels must coincide.
+///
+/// The frame of the image is an edge of both maps, which flatters. Nothing where the published code divides 0 by 0.
+///
+/// # Errors
+/// [`Error::Shape`] where the shapes differ.
+pub fn edge_f1_hu(
+    prediction: ArrayView2<'_, f32>,
+    truth: ArrayView2<'_, f32>,
+    threshold: f64,
+) -> Result<Option<EdgeScore>> {
+    same_shape("the prediction", prediction.dim(), truth.dim())?;
+    let [predicted, true_edges] = [prediction, truth].map(|map| above(&sobel_zero_padded(map), threshold));
+    let hits = predicted.iter().zip(&true_edges).filter(|&(&p, &g)| p && g).count();
+    if hits == 0 {
+        return Ok(None);
+    }
+    Ok(Some(EdgeScore::new(share(hits, count(&predicted)), share(hits, count(&true_edges)))))
+}
+
+/// One point of an [`EdgeCurve`]: predicted edges are the pixels with a gradient of at least `threshold`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EdgePoint {
+    /// Gradient (gain 8) from which on a pixel is a predicted edge, in the map's unit.
+    pub threshold: f64,
+    /// Precision at this threshold.
+    pub precision: f64,
+    /// Recall at this threshold.
+    pub recall: f64,
+}
+
+/// Precision and recall over every threshold of the prediction, the truth's edges fixed.
+///
+/// Points are in order of falling threshold and rising recall; the thresholds are all the distinct positive gradients of
+/// the prediction, so the curve depends on the *order* of the gradients alone and no monotone change of contrast moves it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct EdgeCurve {
+    /// The points, steepest threshold first.
+    pub points: Vec<EdgePoint>,
+}
+
+impl EdgeCurve {
+    /// The point of the best \\(F_1\\), with it; nothing where the prediction is flat.
+    pub fn best(&self) -> Option<(EdgePoint, f64)> {
+        let scored = self.points.iter().map(|&point| (point, harmonic(point.precision, point.recall)));
+        scored.max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// **F1max**: \\(\max_t F_1(t)\\), 0 where the prediction is flat. Over one image it is the BSDS "OIS", without
+    /// thinning and one-to-one matching.
+    pub fn f1_max(&self) -> f64 {
+        self.best().map_or(0.0, |best| best.1)
+    }
+
+    /// Area under the curve as average precision: \\(\sum_k (R_k - R_{k-1}) P_k\\).
+    pub fn average_precision(&self) -> f64 {
+        let mut area = 0.0;
+        let mut recall = 0.0;
+        for point in &self.points {
+            area += (point.recall - recall) * point.precision;
+            recall = point.recall;
+        }
+        area
+    }
+
+    /// Precision, recall and F1 where the predicted edges are the gradients *above* `threshold`, as in [`edge_f1`].
+    pub fn at(&self, threshold: f64) -> EdgeScore {
+        let above = self.points.partition_point(|point| point.threshold > threshold);
+        let point = above.checked_sub(1).and_then(|last| self.points.get(last));
+        point.map_or_else(EdgeScore::default, |point| EdgeScore::new(point.precision, point.recall))
+    }
+}
+
+/// The [curve](EdgeCurve) of [`edge_f1`] with the truth's threshold fixed and the prediction's swept; nothing where the truth has no
+/// edge.
+///
+/// # Errors
+/// [`Error::Shape`] where the shapes differ; [`Error::Config`] for a tolerance above 64 pixels.
+pub fn edge_curve(
+    prediction: ArrayView2<'_, f32>,
+    truth: ArrayView2<'_, f32>,
+    mask: ArrayView2<'_, bool>,
+    threshold: f64,
+    tolerance: u32,
+) -> Result<Option<EdgeCurve>> {
+    same_shape("the prediction", prediction.dim(), truth.dim())?;
+    let true_edges = edges(truth, mask, threshold)?;
+    EdgeSweep::new(prediction, mask, &[tolerance])?.curve(&true_edges, tolerance)
+}
+
+/// What the curves of one prediction share: its gradients in order, and dilated by each tolerance.
+pub(crate) struct EdgeSweep {
+    gradient: Array2<f32>,
+    /// Pixels by falling gradient, flat ones left out.
+    order: Vec<u32>,
+    dilated: Vec<(u32, Array2<f32>)>,
+}
+
+impl EdgeSweep {
+    const MAX_TOLERANCE: u32 = 64;
+
+    pub(crate) fn new(
+        prediction: ArrayView2<'_, f32>,
+        mask: ArrayView2<'_, bool>,
+        tolerances: &[u32],
+    ) -> Result<Self> {
+        if let Some(tolerance) = tolerances.iter().find(|&&r| r > Self::MAX_TOLERANCE) {
+            let value = tolerance.to_string();
+            return Err(Error::Config { field: "the edge tolerance", value, expected: "at most 64 pixels" });
+        }
+        let gradient = masked_gradient(prediction, mask)?;
+        let mut keyed: Vec<(f32, u32)> =
+            gradient.iter().zip(0..).filter(|&(&g, _)| g > 0.0).map(|(&g, at)| (g, at)).collect();
+        keyed.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+        let dilated = tolerances.iter().map(|&r| (r, dilate(gradient.view(), r))).collect();
+        Ok(Self { order: keyed.into_iter().map(|(_, at)| at).collect(), gradient, dilated })
+    }
+
+    /// `tolerance` must be one of those given to [`EdgeSweep::new`].
+    pub(crate) fn curve(&self, true_edges: &Array2<bool>, tolerance: u32) -> Result<Option<EdgeCurve>> {
+        same_shape("the edge map", true_edges.dim(), self.gradient.dim())?;
+        let Some((_, dilated)) = self.dilated.iter().find(|(r, _)| *r == tolerance) else {
+            let value = tolerance.to_string();
+            return Err(Error::Config {
+                field: "the edge tolerance",
+                value,
+                expected: "among those prepared",
+            });
+        };
+        let total = count(true_edges);
+        if total == 0 {
+            return Ok(None);
+        }
+        // A true edge is found once the threshold falls to the steepest predicted gradient within the tolerance.
+        let mut found_at: Vec<f32> =
+            true_edges.iter().zip(dilated).filter(|&(&edge, &g)| edge && g > 0.0).map(|(_, &g)| g).collect();
+        found_at.sort_unstable_by(|a, b| b.total_cmp(a));
+        let near = distance_to(true_edges.view());
+        let (gradient, near) =
+            (self.gradient.iter().copied().collect::<Vec<_>>(), near.iter().collect::<Vec<_>>());
+        let mut points = Vec::new();
+        let (mut predicted, mut hits, mut found) = (0, 0, 0);
+        for tied in self.order.chunk_by(|&a, &b| gradient[a as usize] == gradient[b as usize]) {
+            let threshold = gradient[tied[0] as usize];
+            predicted += tied.len();
+            hits += tied.iter().filter(|&&at| *near[at as usize] <= f64::from(tolerance)).count();
+            while found_at.get(found).is_some_and(|&g| g >= threshold) {
+                found += 1;
+            }
+            points.push(EdgePoint {
+                threshold: f64::from(threshold),
+                precision: share(hits, predicted),
+                recall: share(found, total),
+            });
+        }
+        Ok(Some(EdgeCurve { points }))
+    }
+}
+
+/// Sobel gradient where the whole window lies in the mask, 0 elsewhere.
+fn masked_gradient(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Result<Array2<f32>> {
+    same_shape("the mask", mask.dim(), map.dim())?;
+    let mut gradient = sobel(map);
+    // Also drops what is not a number, should the masked-out part of the map hold one.
+    Zip::from(&mut gradient).and(&erode(mask)).for_each(|g, &keep| *g = if keep { g.max(0.0) } else { 0.0 });
+    Ok(gradient)
+}
+
+fn above(gradient: &Array2<f32>, threshold: f64) -> Array2<bool> {
+    gradient.mapv(|g| f64::from(g) > threshold)
+}
+
+fn count(edges: &Array2<bool>) -> usize {
+    edges.iter().filter(|&&edge| edge).count()
+}
+
+fn share(part: usize, of: usize) -> f64 {
+    if of == 0 { 0.0 } else { part as f64 / of as f64 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn maps() -> impl Strategy<Value = (Array2<f32>, Array2<f32>, Array2<bool>)> {
+        (3..14_usize, 3..14_usize).prop_flat_map(|(h, w)| {
+            // Few distinct depths make ties; one pixel in sixteen is masked out.
+            let map = move || {
+                proptest::collection::vec(1..6_u8, h * w).prop_map(move |v| {
+                    Array2::from_shape_vec((h, w), v.into_iter().map(|d| f32::from(d) * 0.5).collect())
+                        .unwrap()
+                })
+            };
+            let mask = proptest::collection::vec(0..16_u8, h * w).prop_map(move |v| {
+                Array2::from_shape_vec((h, w), v.into_iter().map(|d| d > 0).collect()).unwrap()
+            });
+            (map(), map(), mask)
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn swapping_the_maps_swaps_precision_and_recall((p, g, mask) in maps(), r in 0..4_u32) {
+            let forth = edge_f1(p.view(), g.view(), mask.view(), 1.0, r).unwrap();
+            let back = edge_f1(g.view(), p.view(), mask.view(), 1.0, r).unwrap();
+            prop_assert_eq!((forth.precision, forth.recall), (back.recall, back.precision));
+            prop_assert_eq!(forth.f1, back.f1);
+        }
+
+        #[test]
+        fn the_curve_at_a_threshold_is_the_score_there((p, g, mask) in maps(), r in 0..4_u32, t in 0.1..9.0_f64) {
+            let Some(curve) = edge_curve(p.view(), g.view(), mask.view(), 1.0, r).unwrap() else { return Ok(()) };
+            // The distance transform on one side, grey dilation on the other.
+            let true_edges = edges(g.view(), mask.view(), 1.0).unwrap();
+            let predicted = edges(p.view(), mask.view(), t).unwrap();
+            let near = |by: &Array2<bool>| distance_to(by.view()).mapv(|d| d <= f64::from(r));
+            let found = |e: &Array2<bool>, by: &Array2<bool>| {
+                share(e.iter().zip(&near(by)).filter(|&(&e, &n)| e && n).count(), count(e))
+            };
+            let expected = EdgeScore::new(found(&predicted, &true_edges), found(&true_edges, &predicted));
+            prop_assert_eq!(curve.at(t), expected);
+            prop_assert!(curve.f1_max() >= expected.f1);
+        }
+
+        #[test]
+        fn f1_max_does_not_see_contrast((p, g, mask) in maps(), gain in 0.01..100.0_f32, r in 0..3_u32) {
+            let f1_max = |p: &Array2<f32>| {
+                edge_curve(p.view(), g.view(), mask.view(), 1.0, r).unwrap().map(|curve| curve.f1_max())
+            };
+            // A power of two scales every gradient without rounding.
+            let gain = 2_f32.powi(gain.log2() as i32);
+            prop_assert_eq!(f1_max(&p.mapv(|d| d * gain)), f1_max(&p));
+        }
+
+        #[test]
+        fn a_perfect_map_is_perfect_and_tolerance_only_helps((p, g, mask) in maps()) {
+            let score = |p: &Array2<f32>, r| edge_f1(p.view(), g.view(), mask.view(), 1.0, r).unwrap();
+            let any = edges(g.view(), mask.view(), 1.0).unwrap().iter().any(|&e| e);
+            prop_assert_eq!(score(&g, 0).f1, if any { 1.0 } else { 0.0 });
+            prop_assert!(score(&p, 0).precision <= score(&p, 1).precision);
+            prop_assert!(score(&p, 1).recall <= score(&p, 2).recall);
+        }
+    }
+
+    #[test]
+    fn without_edges_there_is_no_curve_and_hu_is_undefined() {
+        let flat = Array2::from_elem((6, 6), 2.0);
+        let mask = Array2::from_elem((6, 6), true);
+        assert!(edge_curve(flat.view(), flat.view(), mask.view(), 0.25, 1).unwrap().is_none());
+        assert_eq!(edge_f1(flat.view(), flat.view(), mask.view(), 0.25, 1).unwrap(), EdgeScore::default());
+        // Zero padding: the frame of the published variant is an edge of any map that is deep enough.
+        assert_eq!(edge_f1_hu(flat.view(), flat.view(), 0.25).unwrap().unwrap().f1, 1.0);
+        assert!(edge_f1_hu(flat.view(), flat.view(), 99.0).unwrap().is_none());
+    }
+}

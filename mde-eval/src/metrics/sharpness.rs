@@ -1,0 +1,121 @@
+//! How steep a depth map is, and where.
+//!
+//! Steepness is no quality: noise and unsharp masking raise it. It means something only beside its split into pixels near
+//! the true edges, where it should rise, and pixels away from them, where it should not.
+
+use crate::raster::{distance_to, erode, gather, median, same_shape, sobel};
+use crate::{Error, Result};
+use ndarray::{ArrayView2, Zip};
+
+/// Mean gradient of the map over its median depth, per pixel:
+///
+/// \\[ S(D) = \frac{1}{|m'|} \sum_{x \in m'} \frac{|\nabla D(x)|}{8 \operatorname{median}_m D} \\]
+///
+/// with the [Sobel](crate::raster::sobel) gradient (gain 8) and \\(m'\\) the mask eroded by a pixel. Blind to scale. The
+/// paper reports the ratio \\(S(\text{refined}) / S(\text{prior})\\).
+///
+/// # Errors
+/// [`Error::Shape`] where map and mask differ, [`Error::Empty`] where no pixel is left, [`Error::Value`] where the median
+/// is not positive.
+pub fn sharpness(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Result<f64> {
+    let all = split(map, mask, None)?;
+    all.0.ok_or(Error::Empty { what: "the sharpness" })
+}
+
+/// [`sharpness`] near true edges and away from them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EdgeSplit {
+    /// Mean gradient within the band, nothing where the band is empty.
+    pub on: Option<f64>,
+    /// Mean gradient outside the band, nothing where the band is everything.
+    pub off: Option<f64>,
+}
+
+/// [`sharpness`] split by the distance to the true edges: `on` within `band` pixels (Euclidean), `off` beyond.
+///
+/// `edges` are the truth's ([`edges::edges`](super::edges::edges)), `[height, width]`.
+///
+/// # Errors
+/// As [`sharpness`].
+pub fn sharpness_by_edges(
+    map: ArrayView2<'_, f32>,
+    mask: ArrayView2<'_, bool>,
+    edges: ArrayView2<'_, bool>,
+    band: f64,
+) -> Result<EdgeSplit> {
+    same_shape("the edge map", edges.dim(), mask.dim())?;
+    let near = distance_to(edges).mapv(|d| d <= band);
+    let (on, off) = split(map, mask, Some(near.view()))?;
+    Ok(EdgeSplit { on, off })
+}
+
+fn split(
+    map: ArrayView2<'_, f32>,
+    mask: ArrayView2<'_, bool>,
+    near: Option<ArrayView2<'_, bool>>,
+) -> Result<(Option<f64>, Option<f64>)> {
+    same_shape("the prediction", map.dim(), mask.dim())?;
+    let middle = median(gather(map, mask)).ok_or(Error::Empty { what: "the sharpness" })?;
+    if !(middle > 0.0 && middle.is_finite()) {
+        return Err(Error::Value {
+            what: "the median depth",
+            index: 0,
+            value: middle,
+            expected: "positive and finite",
+        });
+    }
+    let everywhere = erode(mask);
+    let mut sums = [(0.0, 0_usize); 2];
+    let gradient = sobel(map);
+    let mut add = |slope: f32, keep: bool, near: bool| {
+        if keep {
+            let (sum, count) = &mut sums[usize::from(!near)];
+            *sum += f64::from(slope);
+            *count += 1;
+        }
+    };
+    match near {
+        Some(near) => {
+            Zip::from(&gradient).and(&everywhere).and(near).for_each(|&g, &keep, &near| add(g, keep, near))
+        }
+        None => Zip::from(&gradient).and(&everywhere).for_each(|&g, &keep| add(g, keep, true)),
+    }
+    let mean = |(sum, count): (f64, usize)| (count > 0).then(|| sum / count as f64 / (8.0 * middle));
+    Ok((mean(sums[0]), mean(sums[1])))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_relative_eq;
+    use ndarray::Array2;
+
+    #[test]
+    fn a_ramp_has_its_slope_over_its_median() {
+        let map = Array2::from_shape_fn((9, 9), |(y, _)| 2.0 + 0.25 * y as f32);
+        let mut mask = Array2::from_elem((9, 9), true);
+        mask.row_mut(0).fill(false);
+        mask.row_mut(8).fill(false);
+        assert_relative_eq!(sharpness(map.view(), mask.view()).unwrap(), 0.25 / 3.0, max_relative = 1e-6);
+    }
+
+    #[test]
+    fn it_is_blind_to_scale_and_splits_at_the_band() {
+        let map = Array2::from_shape_fn((8, 20), |(_, x)| if x < 10 { 1.0 } else { 3.0_f32 });
+        let mask = Array2::from_elem((8, 20), true);
+        let edges = Array2::from_shape_fn((8, 20), |(_, x)| x == 9 || x == 10);
+        let on_off =
+            |map: &Array2<f32>| sharpness_by_edges(map.view(), mask.view(), edges.view(), 3.0).unwrap();
+        let split = on_off(&map);
+        assert_eq!(split.off, Some(0.0));
+        assert_relative_eq!(split.on.unwrap(), 2.0 / 2.0 / 2.0 * 2.0 / 8.0);
+        assert_eq!(on_off(&(&map * 4.0)), split);
+    }
+
+    #[test]
+    fn nothing_to_score_is_an_error() {
+        let map = Array2::ones((4, 4));
+        let none = Array2::from_elem((4, 4), false);
+        assert!(matches!(sharpness(map.view(), none.view()), Err(Error::Empty { .. })));
+    }
+}

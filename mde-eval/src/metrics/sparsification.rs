@@ -1,0 +1,294 @@
+//! Does the uncertainty point at the errors? Errors left after the most uncertain pixels are taken away.
+//!
+//! A curve of the mean cost over what is kept, once in order of the predicted sigma, once in order of the cost itself (the
+//! oracle), once in no order (random, a flat line). **AUSE** is the area between the first and the oracle (0 is best), **AURG** the area
+//! that the first gains over random. Two definitions are in use, [`sparsify`] and [`sparsify_poggi`]. Pixels of equal
+//! sigma leave together: their mean stands for each of them, which is the expectation over how ties are broken. A
+//! constant sigma therefore gives the random curve and not an accident of the pixels' order.
+
+use super::rank::{Order, spearman};
+use crate::{Error, Result};
+
+/// How the kept costs become one number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reduction {
+    /// Their mean: for \\(|e|\\), \\(e^2\\), \\(|e|/g\\), outlier flags.
+    Mean,
+    /// The root of their mean: for \\(e^2\\), giving RMSE.
+    RootMean,
+}
+
+impl Reduction {
+    fn of(self, mean: f64) -> f64 {
+        match self {
+            Self::Mean => mean,
+            Self::RootMean => mean.max(0.0).sqrt(),
+        }
+    }
+}
+
+/// The three curves.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sparsification {
+    /// Share of the pixels that has been taken away, rising from 0.
+    pub removed: Vec<f64>,
+    /// Cost of what is left, the most uncertain taken away first.
+    pub by_sigma: Vec<f64>,
+    /// Cost of what is left, the costliest taken away first.
+    pub oracle: Vec<f64>,
+    /// Cost of all pixels: what is left, in expectation, when pixels go by chance.
+    pub random: f64,
+}
+
+impl Sparsification {
+    /// \\(\int (C_\sigma - C_\text{oracle})\\,\mathrm d r\\) by the trapezoidal rule; 0 for the oracle.
+    pub fn ause(&self) -> f64 {
+        trapezoid(&self.removed, &self.by_sigma) - trapezoid(&self.removed, &self.oracle)
+    }
+
+    /// \\(C_\text{random} - \int C_\sigma\\,\mathrm d r\\) by the trapezoidal rule, as Poggi et al. have it; positive where sigma beats
+    /// chance.
+    pub fn aurg(&self) -> f64 {
+        self.random - trapezoid(&self.removed, &self.by_sigma)
+    }
+}
+
+/// AUSE's curves after Bayes' Rays (Goli et al., CVPR 2024; `ause.py`, from CF-NeRF).
+///
+/// With \\(r_k = k / 100\\), \\(k = 0 \dots 99\\), the first \\(\lfloor (1 - r_k) n \rfloor\\) pixels (at least one) in order of sigma and of cost
+/// are reduced, and all curves are divided by the joint maximum of both, so that AUSE has no unit. `costs` and `sigma`
+/// have one entry a pixel; costs are not negative.
+///
+/// # Errors
+/// [`Error::Length`] where the lists differ, [`Error::Empty`] without pixels, [`Error::Value`] for a NaN or a negative cost.
+pub fn sparsify(costs: &[f64], sigma: &[f64], reduction: Reduction) -> Result<Sparsification> {
+    let order = Order::new("sigma", sigma)?;
+    Costs::new(costs, sigma, &order)?.normalised(reduction)
+}
+
+/// AUSE's and AURG's curves after Poggi et al., "On the uncertainty of self-supervised monocular depth estimation" (CVPR 2020;
+/// `evaluate.py`).
+///
+/// 50 intervals: at \\(r_k = k/50\\) the pixels at or above the \\(k\\)-th 50-quantile of certainty are reduced, a final 0 is
+/// appended at \\(r = 1\\), and nothing is normalised. The published code keeps whole runs of ties; here they leave by
+/// chance, which is the same number where there are none.
+///
+/// # Errors
+/// As [`sparsify`].
+pub fn sparsify_poggi(costs: &[f64], sigma: &[f64], reduction: Reduction) -> Result<Sparsification> {
+    let order = Order::new("sigma", sigma)?;
+    Costs::new(costs, sigma, &order)?.poggi(reduction)
+}
+
+/// Running sums of costs in order of sigma and in their own.
+pub(crate) struct Costs {
+    by_sigma: Vec<f64>,
+    oracle: Vec<f64>,
+}
+
+impl Costs {
+    pub(crate) fn new(costs: &[f64], sigma: &[f64], order: &Order) -> Result<Self> {
+        check(costs, sigma)?;
+        let mut own = costs.to_vec();
+        own.sort_unstable_by(f64::total_cmp);
+        Ok(Self { by_sigma: running_sums(&order.expected(sigma, costs)), oracle: running_sums(&own) })
+    }
+
+    pub(crate) fn normalised(&self, reduction: Reduction) -> Result<Sparsification> {
+        let n = self.oracle.len() - 1;
+        let removed: Vec<f64> = (0..100).map(|k| f64::from(k) * 0.01).collect();
+        let kept = removed.iter().map(|r| (((1.0 - r) * n as f64) as usize).max(1));
+        let mut curves = self.curves(removed.clone(), kept, reduction);
+        let largest = curves.by_sigma.iter().chain(&curves.oracle).copied().fold(0.0, f64::max);
+        if largest > 0.0 {
+            let values = curves.by_sigma.iter_mut().chain(&mut curves.oracle);
+            values.chain([&mut curves.random]).for_each(|value| *value /= largest);
+        }
+        Ok(curves)
+    }
+
+    pub(crate) fn poggi(&self, reduction: Reduction) -> Result<Sparsification> {
+        const INTERVALS: usize = 50;
+        let n = self.oracle.len() - 1;
+        let removed = (0..=INTERVALS).map(|k| k as f64 / INTERVALS as f64).collect();
+        // NumPy's percentile sits at (n - 1) k / 50 in the sorted list; those at or above it stay.
+        let kept = (0..INTERVALS).map(|k| n - ((n - 1) * k).div_ceil(INTERVALS));
+        let mut curves = self.curves(removed, kept, reduction);
+        curves.by_sigma.push(0.0);
+        curves.oracle.push(0.0);
+        Ok(curves)
+    }
+
+    fn curves(
+        &self,
+        removed: Vec<f64>,
+        kept: impl Iterator<Item = usize> + Clone,
+        reduction: Reduction,
+    ) -> Sparsification {
+        let left = |sums: &[f64], kept: usize| reduction.of(sums[kept] / kept as f64);
+        Sparsification {
+            removed,
+            by_sigma: kept.clone().map(|k| left(&self.by_sigma, k)).collect(),
+            oracle: kept.map(|k| left(&self.oracle, k)).collect(),
+            random: left(&self.oracle, self.oracle.len() - 1),
+        }
+    }
+}
+
+/// Mean sigma and mean cost of one percentile bin of the uncertainty.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UncertaintyBin {
+    /// Mean sigma of the bin.
+    pub sigma: f64,
+    /// Mean cost of the bin.
+    pub cost: f64,
+}
+
+/// Costs by percentile of the uncertainty (the paper's Figure 2 with 100 bins of \\(|e|\\)).
+///
+/// The pixels in order of sigma, cut into `bins` runs of equal size up to one (fewer where there are fewer pixels). Ties
+/// that straddle a cut are averaged.
+///
+/// # Errors
+/// As [`sparsify`]; [`Error::Config`] for 0 bins.
+pub fn costs_by_uncertainty(costs: &[f64], sigma: &[f64], bins: usize) -> Result<Vec<UncertaintyBin>> {
+    check(costs, sigma)?;
+    bin(costs, sigma, &Order::new("sigma", sigma)?, bins)
+}
+
+pub(crate) fn bin(costs: &[f64], sigma: &[f64], order: &Order, bins: usize) -> Result<Vec<UncertaintyBin>> {
+    if bins == 0 {
+        return Err(Error::Config { field: "bins", value: "0".into(), expected: "at least 1" });
+    }
+    let (n, bins) = (costs.len(), bins.min(costs.len()));
+    let (sigma, costs) = (order.expected(sigma, sigma), order.expected(sigma, costs));
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let cut = |k: usize| k * n / bins;
+    Ok((0..bins)
+        .map(|k| UncertaintyBin {
+            sigma: mean(&sigma[cut(k)..cut(k + 1)]),
+            cost: mean(&costs[cut(k)..cut(k + 1)]),
+        })
+        .collect())
+}
+
+/// Spearman's correlation of mean sigma and mean cost over percentile bins of the uncertainty; nothing where
+/// sigma or the costs are constant.
+///
+/// # Errors
+/// None for bins that [`costs_by_uncertainty`] made.
+pub fn spearman_of_bins(bins: &[UncertaintyBin]) -> Result<Option<f64>> {
+    let (sigma, costs): (Vec<f64>, Vec<f64>) = bins.iter().map(|bin| (bin.sigma, bin.cost)).unzip();
+    spearman(&sigma, &costs)
+}
+
+fn check(costs: &[f64], sigma: &[f64]) -> Result<()> {
+    if costs.len() != sigma.len() {
+        return Err(Error::Length { what: "the list of costs", found: costs.len(), expected: sigma.len() });
+    }
+    if costs.is_empty() {
+        return Err(Error::Empty { what: "the sparsification" });
+    }
+    match costs.iter().position(|c| !(*c >= 0.0 && c.is_finite())) {
+        None => Ok(()),
+        Some(index) => Err(Error::Value {
+            what: "the cost",
+            index,
+            value: costs[index],
+            expected: "finite and at least 0",
+        }),
+    }
+}
+
+/// Sums of the first 0, 1, 2, ... values.
+fn running_sums(values: &[f64]) -> Vec<f64> {
+    let mut total = 0.0;
+    let sums = values.iter().map(|value| {
+        total += value;
+        total
+    });
+    std::iter::once(0.0).chain(sums).collect()
+}
+
+fn trapezoid(x: &[f64], y: &[f64]) -> f64 {
+    x.windows(2).zip(y.windows(2)).map(|(x, y)| 0.5 * (x[1] - x[0]) * (y[0] + y[1])).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn both(costs: &[f64], sigma: &[f64], reduction: Reduction) -> [Sparsification; 2] {
+        [sparsify(costs, sigma, reduction).unwrap(), sparsify_poggi(costs, sigma, reduction).unwrap()]
+    }
+
+    proptest! {
+        #[test]
+        fn the_oracle_has_no_area_and_nothing_is_below_it(
+            pixels in proptest::collection::vec((0.0..5.0_f64, 0..20_u8), 1..300)
+        ) {
+            let (costs, sigma): (Vec<f64>, Vec<f64>) = pixels.iter().map(|&(c, s)| (c, f64::from(s))).unzip();
+            for reduction in [Reduction::Mean, Reduction::RootMean] {
+                for curves in both(&costs, &costs, reduction) {
+                    prop_assert!(curves.ause().abs() < 1e-12);
+                }
+                for curves in both(&costs, &sigma, reduction) {
+                    prop_assert!(curves.ause() >= -1e-12);
+                    prop_assert!(curves.by_sigma.iter().zip(&curves.oracle).all(|(s, o)| s - o >= -1e-12));
+                }
+            }
+        }
+
+        #[test]
+        fn ties_do_not_depend_on_the_order_of_pixels(
+            pixels in proptest::collection::vec((0.0..5.0_f64, 0..4_u8), 2..200), shift in 1..50_usize
+        ) {
+            let value = |pixels: &[(f64, u8)]| {
+                let (costs, sigma): (Vec<f64>, Vec<f64>) = pixels.iter().map(|&(c, s)| (c, f64::from(s))).unzip();
+                both(&costs, &sigma, Reduction::Mean).map(|c| c.ause())
+            };
+            let mut moved = pixels.clone();
+            moved.rotate_left(shift % pixels.len());
+            moved.reverse();
+            let (a, b) = (value(&pixels), value(&moved));
+            prop_assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9));
+        }
+
+        #[test]
+        fn a_constant_sigma_is_chance(costs in proptest::collection::vec(0.0..5.0_f64, 1..200)) {
+            let [rays, poggi] = both(&costs, &vec![0.3; costs.len()], Reduction::Mean);
+            prop_assert!(rays.by_sigma.iter().all(|c| (c - rays.random).abs() < 1e-9));
+            // What is left of the gain is the 0 appended at the end: half an interval.
+            prop_assert!((poggi.aurg() - 0.01 * poggi.random).abs() < 1e-9);
+        }
+
+        #[test]
+        fn bins_hold_every_pixel(costs in proptest::collection::vec(0.0..5.0_f64, 1..400)) {
+            let sigma: Vec<f64> = costs.iter().map(|c| c * 2.0 + 1.0).collect();
+            let bins = costs_by_uncertainty(&costs, &sigma, 100).unwrap();
+            prop_assert_eq!(bins.len(), costs.len().min(100));
+            prop_assert!(bins.windows(2).all(|b| b[0].sigma <= b[1].sigma && b[0].cost <= b[1].cost));
+            if costs.len() > 1 {
+                prop_assert!(spearman_of_bins(&bins).unwrap().is_none_or(|rho| rho > 1.0 - 1e-12));
+            }
+        }
+    }
+
+    #[test]
+    fn faults_are_named() {
+        assert!(matches!(sparsify(&[1.0], &[], Reduction::Mean), Err(Error::Length { .. })));
+        assert!(matches!(sparsify(&[], &[], Reduction::Mean), Err(Error::Empty { .. })));
+        assert!(matches!(
+            sparsify(&[1.0, -1.0], &[1.0, 2.0], Reduction::Mean),
+            Err(Error::Value { index: 1, .. })
+        ));
+        assert!(matches!(costs_by_uncertainty(&[1.0], &[1.0], 0), Err(Error::Config { .. })));
+    }
+
+    #[test]
+    fn no_error_at_all_is_no_area() {
+        let [rays, poggi] = both(&[0.0; 7], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], Reduction::RootMean);
+        assert_eq!((rays.ause(), rays.aurg(), poggi.ause()), (0.0, 0.0, 0.0));
+    }
+}

@@ -1,0 +1,131 @@
+//! Small image operators that the map metrics stand on: masks, Sobel gradients, distance transforms, dilation.
+
+mod distance;
+mod gradient;
+
+pub use distance::distance_to;
+pub use gradient::{sobel, sobel_zero_padded};
+
+use crate::{Error, Result};
+use ndarray::{Array2, ArrayView2, Axis};
+
+/// Pixels of `mask` whose eight neighbours belong to it too, `[height, width]`.
+///
+/// What lies outside the image counts as part of the mask, as replicate padding has it. A 3 x 3 operator that is read
+/// only here never sees a masked-out value.
+pub fn erode(mask: ArrayView2<'_, bool>) -> Array2<bool> {
+    let (height, width) = mask.dim();
+    let rows = Array2::from_shape_fn((height, width), |(y, x)| {
+        mask[(y, x)] && (x == 0 || mask[(y, x - 1)]) && (x + 1 == width || mask[(y, x + 1)])
+    });
+    Array2::from_shape_fn((height, width), |(y, x)| {
+        rows[(y, x)] && (y == 0 || rows[(y - 1, x)]) && (y + 1 == height || rows[(y + 1, x)])
+    })
+}
+
+/// The largest value within `radius` pixels (Euclidean) of each pixel, `[height, width]`.
+pub fn dilate(map: ArrayView2<'_, f32>, radius: u32) -> Array2<f32> {
+    let mut out = map.to_owned();
+    let reach = i64::from(radius);
+    for dy in -reach..=reach {
+        for dx in -reach..=reach {
+            if dx * dx + dy * dy <= reach * reach && (dx, dy) != (0, 0) {
+                max_with_shifted(&mut out, map, dy as isize, dx as isize);
+            }
+        }
+    }
+    out
+}
+
+/// The smallest value in a square of side `2 * radius + 1` about each pixel, cut off at the border.
+pub(crate) fn erode_by(map: &Array2<f64>, radius: usize) -> Array2<f64> {
+    let mut out = map.clone();
+    for axis in [Axis(0), Axis(1)] {
+        for mut line in out.lanes_mut(axis) {
+            let source = line.to_vec();
+            for (at, value) in line.iter_mut().enumerate() {
+                let window = &source[at.saturating_sub(radius)..(at + radius + 1).min(source.len())];
+                *value = window.iter().copied().fold(f64::INFINITY, f64::min);
+            }
+        }
+    }
+    out
+}
+
+/// `out[y][x] = max(out[y][x], map[y + dy][x + dx])` where both exist.
+fn max_with_shifted(out: &mut Array2<f32>, map: ArrayView2<'_, f32>, dy: isize, dx: isize) {
+    let (height, width) = map.dim();
+    let (tall, wide) = (dy.unsigned_abs(), dx.unsigned_abs());
+    if tall >= height || wide >= width {
+        return;
+    }
+    let range = |shift: isize, by: usize, size: usize| {
+        if shift < 0 { (by..size, 0..size - by) } else { (0..size - by, by..size) }
+    };
+    let ((to_y, from_y), (to_x, from_x)) = (range(dy, tall, height), range(dx, wide, width));
+    let source = map.slice(ndarray::s![from_y, from_x]);
+    out.slice_mut(ndarray::s![to_y, to_x]).zip_mut_with(&source, |a, &b| *a = a.max(b));
+}
+
+/// Checks that `map` is as large as the truth.
+pub(crate) fn same_shape(what: &'static str, map: (usize, usize), truth: (usize, usize)) -> Result<()> {
+    if map == truth {
+        return Ok(());
+    }
+    Err(Error::Shape { what, found: [map.0, map.1], expected: [truth.0, truth.1] })
+}
+
+/// The values of `map` where `mask` is true, row by row.
+pub(crate) fn gather(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Vec<f64> {
+    map.iter().zip(mask).filter(|&(_, &keep)| keep).map(|(&value, _)| f64::from(value)).collect()
+}
+
+/// The middle value, or the mean of the two middle ones (as NumPy has it); nothing of an empty list.
+pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return None;
+    }
+    let even = values.len().is_multiple_of(2);
+    let (below, &mut upper, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
+    let lower = if even { below.iter().copied().max_by(f64::total_cmp) } else { None };
+    Some(lower.map_or(upper, |lower| 0.5 * (lower + upper)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::array;
+
+    #[test]
+    fn erosion_leaves_the_frame_and_opens_holes() {
+        let mut mask = Array2::from_elem((5, 6), true);
+        assert_eq!(erode(mask.view()), mask);
+        mask[(0, 3)] = false;
+        let eroded = erode(mask.view());
+        for ((y, x), &kept) in eroded.indexed_iter() {
+            assert_eq!(kept, !(y <= 1 && x.abs_diff(3) <= 1), "{y} {x}");
+        }
+    }
+
+    #[test]
+    fn dilation_is_a_disc() {
+        let mut map = Array2::zeros((7, 7));
+        map[(3, 3)] = 2.0;
+        let reached = |radius| dilate(map.view(), radius).iter().filter(|&&v| v == 2.0).count();
+        assert_eq!([reached(0), reached(1), reached(2), reached(9)], [1, 5, 13, 49]);
+    }
+
+    #[test]
+    fn medians_of_odd_and_even_lists() {
+        assert_eq!(median(vec![]), None);
+        assert_eq!(median(vec![3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median(vec![4.0, 1.0, 3.0, 2.0]), Some(2.5));
+    }
+
+    #[test]
+    fn gathering_keeps_the_order() {
+        let mask = array![[true, false], [false, true]];
+        assert_eq!(gather(array![[1.0, 2.0], [3.0, 4.0]].view(), mask.view()), [1.0, 4.0]);
+    }
+}

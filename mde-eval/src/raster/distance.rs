@@ -1,0 +1,91 @@
+use ndarray::{Array2, ArrayView1, ArrayView2, ArrayViewMut1};
+
+/// Euclidean distance in pixels from each pixel to the nearest true one, `[height, width]`, exact; infinite where
+/// nothing is true.
+///
+/// Felzenszwalb and Huttenlocher, "Distance transforms of sampled functions" (Theory of Computing, 2012): the lower
+/// envelope of parabolas, one dimension after the other, linear in the number of pixels.
+pub fn distance_to(features: ArrayView2<'_, bool>) -> Array2<f64> {
+    let mut squared = features.mapv(|set| if set { 0.0 } else { f64::INFINITY });
+    let mut envelope = Envelope::default();
+    for column in squared.columns_mut() {
+        envelope.transform(column);
+    }
+    for row in squared.rows_mut() {
+        envelope.transform(row);
+    }
+    squared.mapv_into(f64::sqrt)
+}
+
+/// Scratch of the one-dimensional transform \\(d(x) = \min_q (x - q)^2 + f(q)\\).
+#[derive(Default)]
+struct Envelope {
+    samples: Vec<f64>,
+    /// Vertices of the parabolas in the envelope, each with the place from which on it is the lowest.
+    parabolas: Vec<(usize, f64)>,
+}
+
+impl Envelope {
+    fn transform(&mut self, mut line: ArrayViewMut1<'_, f64>) {
+        self.build(line.view());
+        let mut current = self.parabolas.iter().copied().peekable();
+        let Some(mut lowest) = current.next() else { return };
+        for (x, out) in line.iter_mut().enumerate() {
+            while let Some(&next) = current.peek().filter(|next| next.1 <= x as f64) {
+                lowest = next;
+                current.next();
+            }
+            let offset = x as f64 - lowest.0 as f64;
+            *out = offset * offset + self.samples[lowest.0];
+        }
+    }
+
+    fn build(&mut self, line: ArrayView1<'_, f64>) {
+        self.samples.clear();
+        self.samples.extend(line);
+        self.parabolas.clear();
+        for (q, &f) in self.samples.iter().enumerate().filter(|(_, f)| f.is_finite()) {
+            let mut start = f64::NEG_INFINITY;
+            while let Some(&(p, from)) = self.parabolas.last() {
+                let (p_f, q_f) = (p as f64, q as f64);
+                start = ((f + q_f * q_f) - (self.samples[p] + p_f * p_f)) / (2.0 * (q_f - p_f));
+                if start > from {
+                    break;
+                }
+                self.parabolas.pop();
+                start = f64::NEG_INFINITY;
+            }
+            self.parabolas.push((q, start));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn brute_force(features: &Array2<bool>) -> Array2<f64> {
+        let set: Vec<_> = features.indexed_iter().filter(|&(_, &v)| v).map(|(at, _)| at).collect();
+        Array2::from_shape_fn(features.dim(), |(y, x)| {
+            let squared = |&(v, u): &(usize, usize)| (y.abs_diff(v).pow(2) + x.abs_diff(u).pow(2)) as f64;
+            set.iter().map(squared).fold(f64::INFINITY, f64::min).sqrt()
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn it_is_the_distance_to_the_nearest_feature(
+            (height, width, bits) in (1..14_usize, 1..14_usize)
+                .prop_flat_map(|(h, w)| (Just(h), Just(w), proptest::collection::vec(0..12_u8, h * w)))
+        ) {
+            let features = Array2::from_shape_vec((height, width), bits.iter().map(|&b| b == 0).collect()).unwrap();
+            prop_assert_eq!(distance_to(features.view()), brute_force(&features));
+        }
+    }
+
+    #[test]
+    fn without_features_it_is_infinite() {
+        assert!(distance_to(Array2::from_elem((3, 4), false).view()).iter().all(|d| d.is_infinite()));
+    }
+}

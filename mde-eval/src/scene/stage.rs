@@ -1,0 +1,157 @@
+//! Putting solids into a room. Room coordinates: x right, y into the room, z up, in metres, floor at 0.
+
+use super::solid::{Body, Shape, Vector};
+use super::texture::{Colour, Material, Texture, rgb};
+use mde_warp::random::CounterRng;
+use nalgebra::{Matrix3, Rotation3};
+use rand::RngExt;
+
+/// A piece of furniture's own frame: where it stands and how far it is turned about the vertical.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    origin: Vector,
+    yaw: f64,
+}
+
+impl Place {
+    pub(super) fn at(x: f64, y: f64, z: f64) -> Self {
+        Self { origin: Vector::new(x, y, z), yaw: 0.0 }
+    }
+
+    /// Turned to the left (seen from above) by degrees.
+    pub(super) fn turned(mut self, degrees: f64) -> Self {
+        self.yaw += degrees.to_radians();
+        self
+    }
+
+    /// A place given in this one's frame.
+    pub(super) fn then(&self, x: f64, y: f64, z: f64) -> Self {
+        Self { origin: self.to_room(Vector::new(x, y, z)), yaw: self.yaw }
+    }
+
+    fn rotation(&self) -> Rotation3<f64> {
+        Rotation3::from_axis_angle(&Vector::z_axis(), self.yaw)
+    }
+
+    fn to_room(self, local: Vector) -> Vector {
+        self.origin + self.rotation() * local
+    }
+}
+
+pub(super) struct Stage {
+    pub(super) bodies: Vec<Body>,
+    rng: CounterRng,
+}
+
+impl Stage {
+    pub(super) fn new(seed: u64, room: &str) -> Self {
+        Self { bodies: Vec::new(), rng: CounterRng::new(seed, room, 0, 0) }
+    }
+
+    pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.rng.random::<f64>()
+    }
+
+    /// A colour around the given one.
+    pub(super) fn about(&mut self, colour: [f64; 3], spread: f64) -> Colour {
+        let [r, g, b] = colour.map(|c| (c + self.between(-spread, spread)).clamp(0.02, 0.98));
+        rgb(r, g, b)
+    }
+
+    /// A box by its centre and full size, in the place's frame.
+    pub(super) fn block(&mut self, place: &Place, centre: [f64; 3], size: [f64; 3], material: Material) {
+        self.tilted(place, centre, size, Rotation3::identity(), material);
+    }
+
+    /// A box turned about its own centre.
+    pub(super) fn tilted(
+        &mut self,
+        place: &Place,
+        centre: [f64; 3],
+        size: [f64; 3],
+        turn: Rotation3<f64>,
+        material: Material,
+    ) {
+        let shape = Shape::Block(0.5 * Vector::from(size));
+        self.push(place, centre, turn, shape, material);
+    }
+
+    pub(super) fn ellipsoid(
+        &mut self,
+        place: &Place,
+        centre: [f64; 3],
+        radii: [f64; 3],
+        turn: Rotation3<f64>,
+        material: Material,
+    ) {
+        self.push(place, centre, turn, Shape::Ellipsoid(radii.into()), material);
+    }
+
+    pub(super) fn ball(&mut self, place: &Place, centre: [f64; 3], radius: f64, material: Material) {
+        self.ellipsoid(place, centre, [radius; 3], Rotation3::identity(), material);
+    }
+
+    pub(super) fn rod(
+        &mut self,
+        place: &Place,
+        from: [f64; 3],
+        to: [f64; 3],
+        radius: f64,
+        material: Material,
+    ) {
+        self.cone(place, from, to, [radius, radius], material);
+    }
+
+    /// A capped cone between two points, with the radius at each.
+    pub(super) fn cone(
+        &mut self,
+        place: &Place,
+        from: [f64; 3],
+        to: [f64; 3],
+        radii: [f64; 2],
+        material: Material,
+    ) {
+        let along = Vector::from(to) - Vector::from(from);
+        let shape = Shape::Frustum { length: along.norm(), bottom: radii[0], top: radii[1] };
+        // Opposite directions have no unique rotation: any half turn will do.
+        let turn = Rotation3::rotation_between(&Vector::z(), &along)
+            .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector::x_axis(), std::f64::consts::PI));
+        self.push(place, from, turn, shape, material);
+    }
+
+    fn push(&mut self, place: &Place, at: [f64; 3], turn: Rotation3<f64>, shape: Shape, material: Material) {
+        let to_local: Matrix3<f64> = (place.rotation() * turn).inverse().into_inner();
+        self.bodies.push(Body { shape, origin: place.to_room(at.into()), to_local, material });
+    }
+}
+
+/// A turn about the place's x axis (leaning back is positive), then about z, in degrees.
+pub(super) fn lean(about_x: f64, about_z: f64) -> Rotation3<f64> {
+    Rotation3::from_axis_angle(&Vector::z_axis(), about_z.to_radians())
+        * Rotation3::from_axis_angle(&Vector::x_axis(), about_x.to_radians())
+}
+
+pub(super) fn wood(light: [f64; 3], dark: [f64; 3], seed: f64) -> Material {
+    let colour = |[r, g, b]: [f64; 3]| rgb(r, g, b);
+    Material::new(Texture::Wood { light: colour(light), dark: colour(dark), seed }).gloss(0.08)
+}
+
+pub(super) fn oak(seed: f64) -> Material {
+    wood([0.82, 0.66, 0.45], [0.58, 0.41, 0.24], seed)
+}
+
+pub(super) fn walnut(seed: f64) -> Material {
+    wood([0.52, 0.35, 0.22], [0.28, 0.17, 0.10], seed)
+}
+
+pub(super) fn cloth(colour: Colour) -> Material {
+    Material::new(Texture::Cloth { colour, thread: 0.004 })
+}
+
+pub(super) fn metal(tone: f64) -> Material {
+    Material::plain(tone, tone, tone * 1.02).gloss(0.6)
+}
+
+pub(super) fn enamel(red: f64, green: f64, blue: f64) -> Material {
+    Material::plain(red, green, blue).gloss(0.25)
+}

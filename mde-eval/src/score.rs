@@ -1,0 +1,156 @@
+//! All metrics of one map against the truth, as values that can be written down.
+
+mod config;
+mod depth;
+mod uncertainty;
+
+pub use config::ScoreConfig;
+pub use depth::{DepthScores, EdgeScores};
+pub use uncertainty::{AreaScores, CoverageScore, UncertaintyScores};
+
+use crate::align::{Alignment, AlignmentRule};
+use crate::raster::same_shape;
+use crate::{Error, Result};
+use ndarray::{Array2, ArrayView2, Zip};
+use serde::{Deserialize, Serialize};
+
+/// What is scored: a prediction with or without its uncertainty, the truth, and which pixels count.
+#[derive(Debug, Clone, Copy)]
+pub struct Subject<'a> {
+    /// Predicted depth `[height, width]`, any unit; not positive or not finite means missing.
+    pub prediction: ArrayView2<'a, f32>,
+    /// Predicted standard deviation of the depth `[height, width]`, in the prediction's unit. A pixel where it is not
+    /// positive and finite has no uncertainty and is left out of those scores.
+    pub sigma: Option<ArrayView2<'a, f32>>,
+    /// True depth `[height, width]` in metres; not positive or not finite means missing.
+    pub truth: ArrayView2<'a, f32>,
+    /// Pixels that may count `[height, width]`; all without it.
+    pub mask: Option<ArrayView2<'a, bool>>,
+}
+
+impl<'a> Subject<'a> {
+    /// A prediction and its truth, all pixels.
+    pub fn new(prediction: ArrayView2<'a, f32>, truth: ArrayView2<'a, f32>) -> Self {
+        Self { prediction, sigma: None, truth, mask: None }
+    }
+
+    /// With the prediction's standard deviation.
+    #[must_use]
+    pub fn with_sigma(mut self, sigma: ArrayView2<'a, f32>) -> Self {
+        self.sigma = Some(sigma);
+        self
+    }
+
+    /// With a mask of the pixels that may count.
+    #[must_use]
+    pub fn with_mask(mut self, mask: ArrayView2<'a, bool>) -> Self {
+        self.mask = Some(mask);
+        self
+    }
+
+    /// The pixels that count, `[height, width]`:
+    /// \\(m = \\{g_{min} < g < g_{max}\\} \cap \\{p > 0,\ p\ \text{finite}\\}\\), within the mask and the crop.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] where the maps differ, [`Error::Empty`] where no pixel is left.
+    pub fn pixels(&self, config: &ScoreConfig) -> Result<Array2<bool>> {
+        let shape = self.truth.dim();
+        same_shape("the prediction", self.prediction.dim(), shape)?;
+        if let Some(sigma) = &self.sigma {
+            same_shape("sigma", sigma.dim(), shape)?;
+        }
+        let mut pixels = Zip::from(self.prediction).and(self.truth).map_collect(|&p, &g| {
+            let g = f64::from(g);
+            p > 0.0 && p.is_finite() && g > config.min_depth && g < config.max_depth
+        });
+        if let Some(mask) = self.mask {
+            same_shape("the mask", mask.dim(), shape)?;
+            pixels.zip_mut_with(&mask, |keep, &also| *keep &= also);
+        }
+        if let Some([top, bottom, left, right]) = config.crop {
+            pixels.indexed_iter_mut().for_each(|((y, x), keep)| {
+                *keep &= (top..bottom).contains(&y) && (left..right).contains(&x);
+            });
+        }
+        if pixels.iter().any(|&keep| keep) { Ok(pixels) } else { Err(Error::Empty { what: "the scores" }) }
+    }
+
+    /// Fits the rule of `config` to the pixels that count.
+    ///
+    /// # Errors
+    /// As [`Subject::pixels`] and [`AlignmentRule::fit`].
+    pub fn fit(&self, config: &ScoreConfig) -> Result<Alignment> {
+        config.validate()?;
+        let pixels = self.pixels(config)?;
+        let of = |map| crate::raster::gather(map, pixels.view());
+        config.alignment.fit(&of(self.prediction), &of(self.truth))
+    }
+}
+
+/// Everything that is known about one prediction.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Scores {
+    /// The rule that `alignment` was fitted by, nothing where it was handed in ([`score_aligned`]).
+    pub rule: Option<AlignmentRule>,
+    /// What the prediction went through before it was scored.
+    pub alignment: Alignment,
+    /// Pixels scored.
+    pub pixels: usize,
+    /// How good the depth is.
+    pub depth: DepthScores,
+    /// How good the uncertainty is, where there is one.
+    pub uncertainty: Option<UncertaintyScores>,
+}
+
+/// Aligns a prediction by the rule of `config` (its own alignment) and scores it.
+///
+/// ```
+/// use mde_eval::ndarray::Array2;
+/// use mde_eval::score::{ScoreConfig, Subject, score};
+///
+/// let truth = Array2::from_shape_fn((48, 64), |(_, x)| if x < 32 { 1.0 } else { 2.0 + 0.01 * x as f32 });
+/// let prediction = &truth * 0.5; // right up to scale
+/// let scores = score(&Subject::new(prediction.view(), truth.view()), &ScoreConfig::default())?;
+/// assert!(scores.depth.rmse < 1e-6 && scores.depth.boundary_f1 > 0.0);
+/// # Ok::<(), mde_eval::Error>(())
+/// ```
+///
+/// # Errors
+/// [`Error::Shape`], [`Error::Empty`] and [`Error::Config`]; see [`Subject::pixels`] and [`ScoreConfig::validate`].
+pub fn score(subject: &Subject<'_>, config: &ScoreConfig) -> Result<Scores> {
+    let scores = score_aligned(subject, &subject.fit(config)?, config)?;
+    Ok(Scores { rule: Some(config.alignment), ..scores })
+}
+
+/// Scores a prediction under a given alignment, such as the baseline's (a *shared* alignment).
+///
+/// # Errors
+/// As [`score`].
+pub fn score_aligned(subject: &Subject<'_>, alignment: &Alignment, config: &ScoreConfig) -> Result<Scores> {
+    config.validate()?;
+    let pixels = subject.pixels(config)?;
+    let aligned = Zip::from(subject.prediction).and(&pixels).map_collect(|&p, &keep| {
+        // What does not count is never read, but it must be a number.
+        let clipped = alignment.depth(f64::from(p)).max(config.min_depth).min(config.max_depth).max(1e-6);
+        if keep { clipped as f32 } else { 0.0 }
+    });
+    let truth = Zip::from(subject.truth).and(&pixels).map_collect(|&g, &keep| if keep { g } else { 0.0 });
+    let depth = depth::scores(aligned.view(), truth.view(), pixels.view(), config)?;
+    let uncertainty = match subject.sigma {
+        None => None,
+        Some(sigma) => {
+            let lists = uncertainty::gather(
+                subject.prediction,
+                sigma,
+                aligned.view(),
+                truth.view(),
+                &pixels,
+                alignment,
+            );
+            uncertainty::scores(&lists, config)?
+        }
+    };
+    let count = pixels.iter().filter(|&&keep| keep).count();
+    Ok(Scores { rule: None, alignment: *alignment, pixels: count, depth, uncertainty })
+}

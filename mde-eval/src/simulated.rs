@@ -1,0 +1,302 @@
+//! A depth prior made from the truth, with the faults that monocular networks have.
+
+use crate::raster::erode_by;
+use crate::{Error, Result};
+use mde_prior::{DepthKind, DepthPrior, PriorDepth};
+use mde_warp::random::CounterRng;
+use ndarray::{Array2, ArrayView3, ArrayViewMut1, Axis};
+use rand::RngExt;
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+
+/// What a [`SimulatedPrior`] gets wrong.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct SimulatedPriorConfig {
+    /// What the numbers mean. For [`DepthKind::Metric`] neither `scale` nor `shift` is applied.
+    pub kind: DepthKind,
+    /// Things in front of a background that are narrower than this vanish, as a fraction of the image's width.
+    pub lost_width: f64,
+    /// Standard deviation of the Gaussian that softens the disparity, as a fraction of the image's width.
+    pub blur: f64,
+    /// Standard deviation over the image of the logarithm of the low-frequency error.
+    pub error: f64,
+    /// Shortest wavelength of that error, as a fraction of the image's width.
+    pub wavelength: f64,
+    /// Gain: of the depth for [`DepthKind::RelativeDepth`], of the disparity for [`DepthKind::AffineDisparity`].
+    pub scale: f64,
+    /// Added to the scaled disparity, in units of its median: its size is unknown to the user.
+    pub shift: f64,
+    /// Seed of the low-frequency error.
+    pub seed: u64,
+}
+
+impl Default for SimulatedPriorConfig {
+    /// A weak network's faults at its usual input of about 400 pixels, in metres.
+    fn default() -> Self {
+        Self {
+            kind: DepthKind::Metric,
+            lost_width: 0.012,
+            blur: 0.006,
+            error: 0.05,
+            wavelength: 0.4,
+            scale: 1.0,
+            shift: 0.0,
+            seed: 0,
+        }
+    }
+}
+
+impl SimulatedPriorConfig {
+    /// The same faults in a disparity of unknown scale and shift.
+    #[must_use]
+    pub fn disparity() -> Self {
+        Self { kind: DepthKind::AffineDisparity, scale: 700.0, shift: -0.3, ..Self::default() }
+    }
+
+    /// Checks the fields.
+    ///
+    /// # Errors
+    /// [`Error::Config`] names the field and what it must be.
+    pub fn validate(&self) -> Result<()> {
+        let share = |value: f64| (0.0..=0.25).contains(&value);
+        let checks = [
+            ("lost-width", self.lost_width, share(self.lost_width), "between 0 and 0.25 of the width"),
+            ("blur", self.blur, share(self.blur), "between 0 and 0.25 of the width"),
+            ("error", self.error, (0.0..=1.0).contains(&self.error), "between 0 and 1"),
+            (
+                "wavelength",
+                self.wavelength,
+                self.wavelength >= 0.01 && self.wavelength.is_finite(),
+                "finite, from 0.01",
+            ),
+            ("scale", self.scale, self.scale > 0.0 && self.scale.is_finite(), "positive and finite"),
+            ("shift", self.shift, self.shift.is_finite(), "finite"),
+        ];
+        match checks.into_iter().find(|check| !check.2) {
+            None => Ok(()),
+            Some((field, value, _, expected)) => {
+                Err(Error::Config { field, value: value.to_string(), expected })
+            }
+        }
+    }
+}
+
+/// A prior for one image whose true depth \\(z\\) is known: thin things lost, edges soft, bent at low frequencies.
+///
+/// \\[ \hat z = e^{\epsilon f} \Big/ \Bigl(G_\sigma * \frac{1}{\operatorname{close}_r z}\Bigr) \\]
+///
+/// with \\(\operatorname{close}_r\\) the grey closing by a square (what is nearer than its surroundings and narrow takes
+/// their depth), \\(G_\sigma\\) a Gaussian and \\(f\\) a sum of long waves of mean 0 and variance 1 over the image. It answers
+/// with \\(\hat z\\), \\(s \hat z\\) or \\(s/\hat z + t\\) according to the kind, for images of the map's size whatever they
+/// show.
+///
+/// ```
+/// use mde_eval::scene::{Room, room};
+/// use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
+/// use mde_prior::{DepthPrior, DisparityRule};
+///
+/// let scene = room(Room::Study, 0, 80, 60)?;
+/// let prior = SimulatedPrior::new(&scene.depth, &SimulatedPriorConfig::disparity())?;
+/// let depth = prior.predict(scene.image.view())?.to_depth(&DisparityRule::default())?;
+/// assert_eq!(depth.dim(), scene.depth.dim());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimulatedPrior {
+    answer: PriorDepth,
+}
+
+impl SimulatedPrior {
+    /// Spoils a true depth map `[height, width]`. Missing pixels (not positive or not finite) stay missing.
+    ///
+    /// # Errors
+    /// [`Error::Config`]; [`Error::Prior`] for a map without any depth.
+    pub fn new(truth: &Array2<f32>, config: &SimulatedPriorConfig) -> Result<Self> {
+        config.validate()?;
+        let valid = truth.mapv(|z| z > 0.0 && z.is_finite());
+        let width = truth.ncols() as f64;
+        let radius = (0.5 * config.lost_width * width).round() as usize;
+        let closed = close(truth, &valid, radius);
+        let disparity =
+            blur(&closed.mapv(|z| if z > 0.0 { z.recip() } else { 0.0 }), &valid, config.blur * width);
+        let waves = waves(truth.dim(), config);
+        let depth = ndarray::Zip::from(&disparity)
+            .and(&waves)
+            .and(&valid)
+            .map_collect(|&d, &f, &valid| if valid { (config.error * f).exp() / d } else { 0.0 });
+        let map = match config.kind {
+            DepthKind::Metric => depth,
+            DepthKind::AffineDisparity => {
+                let disparities = depth.iter().filter(|&&z| z > 0.0).map(|z| z.recip()).collect();
+                let middle = crate::raster::median(disparities).unwrap_or(1.0);
+                depth.mapv(|z| if z > 0.0 { config.scale * (z.recip() + config.shift * middle) } else { 0.0 })
+            }
+            _ => depth * config.scale,
+        };
+        let answer = PriorDepth::with_mask(map.mapv(|v| v as f32), valid, config.kind)?;
+        Ok(Self { answer })
+    }
+
+    /// What it answers.
+    pub fn answer(&self) -> &PriorDepth {
+        &self.answer
+    }
+}
+
+impl DepthPrior for SimulatedPrior {
+    /// # Errors
+    /// [`mde_prior::Error::Input`] for an image of another size.
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        let (height, width, _) = image.dim();
+        if (height, width) == self.answer.map.dim() {
+            return Ok(self.answer.clone());
+        }
+        let shape = self.answer.map.dim();
+        Err(mde_prior::Error::Input(format!(
+            "the simulated prior is {}x{} but the image is {width}x{height} (width x height); resize the image",
+            shape.1, shape.0
+        )))
+    }
+}
+
+/// Grey closing by a square of side \\(2r + 1\\): the largest depth around, then the smallest of those.
+fn close(depth: &Array2<f32>, valid: &Array2<bool>, radius: usize) -> Array2<f64> {
+    let known =
+        ndarray::Zip::from(depth).and(valid).map_collect(|&z, &valid| if valid { f64::from(z) } else { 0.0 });
+    let grown = erode_by(&known.mapv(|z| -z), radius);
+    let closed = erode_by(&grown.mapv(|z| -z), radius);
+    // Next to missing pixels nothing may become missing.
+    ndarray::Zip::from(&closed)
+        .and(&known)
+        .map_collect(|&closed, &z| if z > 0.0 { closed.max(z) } else { 0.0 })
+}
+
+/// Gaussian blur over the valid pixels (normalised convolution), borders replicated by leaving the outside out.
+fn blur(map: &Array2<f64>, valid: &Array2<bool>, sigma: f64) -> Array2<f64> {
+    let mut weight = valid.mapv(|valid| f64::from(u8::from(valid)));
+    let mut sum = map * &weight;
+    if sigma > 0.0 {
+        let reach = (4.0 * sigma).ceil() as usize;
+        let kernel: Vec<f64> = (0..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
+        for map in [&mut sum, &mut weight] {
+            for axis in [Axis(0), Axis(1)] {
+                map.lanes_mut(axis).into_iter().for_each(|line| convolve(line, &kernel));
+            }
+        }
+    }
+    ndarray::Zip::from(&mut sum).and(&weight).for_each(|s, &w| *s = if w > 0.0 { *s / w } else { 0.0 });
+    sum
+}
+
+/// Convolution of a line with a symmetric kernel given from its middle; zero outside.
+fn convolve(mut line: ArrayViewMut1<'_, f64>, kernel: &[f64]) {
+    let source = line.to_vec();
+    for (at, out) in line.iter_mut().enumerate() {
+        let reach = kernel.len() - 1;
+        let (first, last) = (at.saturating_sub(reach), (at + reach + 1).min(source.len()));
+        *out = source[first..last]
+            .iter()
+            .zip(first..)
+            .map(|(value, from)| value * kernel[from.abs_diff(at)])
+            .sum();
+    }
+}
+
+/// A sum of waves no shorter than the wavelength, of mean 0 and variance 1 over the map.
+fn waves((height, width): (usize, usize), config: &SimulatedPriorConfig) -> Array2<f64> {
+    const COUNT: u64 = 12;
+    let mut field = Array2::<f64>::zeros((height, width));
+    let shortest = config.wavelength * width as f64;
+    for index in 0..COUNT {
+        let mut rng = CounterRng::new(config.seed, "simulated-prior", 0, index);
+        let mut draw = || rng.random::<f64>();
+        // Uniform over the disc of frequencies, so that no length below the shortest is favoured.
+        let (angle, frequency, phase) = (TAU * draw(), draw().sqrt() / shortest, TAU * draw());
+        let (along_x, along_y) = (TAU * frequency * angle.cos(), TAU * frequency * angle.sin());
+        field
+            .indexed_iter_mut()
+            .for_each(|((y, x), f)| *f += (along_x * x as f64 + along_y * y as f64 + phase).cos());
+    }
+    let mean = field.mean().unwrap_or(0.0);
+    field -= mean;
+    let spread = field.mapv(|f| f * f).mean().unwrap_or(0.0).sqrt();
+    if spread > 1e-9 { field / spread } else { field }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array3;
+
+    /// A wall at 3 m with a pole, three pixels wide, and a cupboard in front.
+    fn truth() -> Array2<f32> {
+        Array2::from_shape_fn((60, 80), |(_, x)| match x {
+            20..23 => 1.0,
+            50.. => 2.0,
+            _ => 3.0,
+        })
+    }
+
+    fn config() -> SimulatedPriorConfig {
+        SimulatedPriorConfig { lost_width: 0.05, blur: 0.0, error: 0.0, ..SimulatedPriorConfig::default() }
+    }
+
+    fn made(config: &SimulatedPriorConfig) -> Array2<f32> {
+        SimulatedPrior::new(&truth(), config).unwrap().answer.map
+    }
+
+    #[test]
+    fn without_faults_it_is_the_truth() {
+        let exact = made(&SimulatedPriorConfig { lost_width: 0.0, ..config() });
+        assert!(exact.iter().zip(&truth()).all(|(a, b)| (a - b).abs() < 1e-6));
+    }
+
+    #[test]
+    fn thin_things_vanish_and_wide_ones_stay() {
+        let expected = truth().mapv(|z| if z == 1.0 { 3.0 } else { z });
+        assert!(made(&config()).iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-6));
+    }
+
+    #[test]
+    fn edges_soften_and_flat_parts_stay() {
+        let soft = made(&SimulatedPriorConfig { blur: 0.03, ..config() });
+        assert!((soft[(30, 5)] - 3.0).abs() < 1e-5 && (soft[(30, 75)] - 2.0).abs() < 1e-5);
+        assert!(soft[(30, 49)] > 2.2 && soft[(30, 49)] < 2.8);
+    }
+
+    #[test]
+    fn the_error_has_its_size_and_is_seeded() {
+        let bent = |seed| made(&SimulatedPriorConfig { lost_width: 0.0, error: 0.08, seed, ..config() });
+        let logs = bent(3).iter().zip(&truth()).map(|(a, b)| f64::from(a / b).ln()).collect::<Vec<_>>();
+        let mean = logs.iter().sum::<f64>() / logs.len() as f64;
+        let spread = logs.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / logs.len() as f64;
+        assert!(mean.abs() < 1e-6 && (spread.sqrt() - 0.08).abs() < 1e-6, "{mean} {spread}");
+        assert_eq!(bent(3), bent(3));
+        assert_ne!(bent(3), bent(4));
+    }
+
+    #[test]
+    fn a_disparity_is_affine_in_one_over_depth() {
+        let kind = DepthKind::AffineDisparity;
+        let map = made(&SimulatedPriorConfig { kind, scale: 10.0, shift: -0.9, lost_width: 0.0, ..config() });
+        // Median depth 3: values 10 (1/z - 0.3).
+        for (d, z) in map.iter().zip(&truth()) {
+            assert!((f64::from(*d) - 10.0 * (1.0 / f64::from(*z) - 0.3)).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn missing_pixels_stay_missing_and_sizes_are_checked() {
+        let mut holes = truth();
+        holes.row_mut(10).fill(0.0);
+        holes[(0, 0)] = f32::NAN;
+        let prior = SimulatedPrior::new(&holes, &SimulatedPriorConfig::default()).unwrap();
+        assert!(prior.answer.map.iter().zip(&holes).all(|(p, z)| (*p > 0.0) == (*z > 0.0)));
+        assert!(prior.predict(Array3::zeros((60, 80, 3)).view()).is_ok());
+        assert!(prior.predict(Array3::zeros((80, 60, 3)).view()).is_err());
+        assert!(SimulatedPrior::new(&Array2::zeros((4, 4)), &config()).is_err());
+        let bad = SimulatedPriorConfig { blur: f64::NAN, ..config() };
+        assert!(matches!(SimulatedPrior::new(&holes, &bad), Err(Error::Config { field: "blur", .. })));
+    }
+}
