@@ -3,7 +3,7 @@
 use crate::config::Spacing;
 use crate::frustum::{Frustum, Ray};
 use crate::network::{Gradients, Network, Tape};
-use crate::sampling::{edges, importance, stratified};
+use crate::sampling::{blurred, edges, importance, stratified};
 use crate::scalar::Scalar;
 use crate::volume::{Bins, Rendered, Shade};
 use mde_uncertainty::termination::InBinVariance;
@@ -57,6 +57,7 @@ pub(crate) struct Marcher<T> {
     positions: Vec<f64>,
     edges: Vec<f64>,
     weights: Vec<f64>,
+    blurred: Vec<f64>,
 }
 
 impl<T: Scalar> Marcher<T> {
@@ -122,8 +123,9 @@ impl<T: Scalar> Marcher<T> {
         edges(&self.positions, &mut self.edges);
         self.weights.clear();
         self.weights.extend(self.rendered[index].weights.iter().map(|w| w.to_f64()));
+        blurred(&self.weights, &mut self.blurred);
         self.positions.clear();
-        importance(budget.fine, &self.edges, &self.weights, march.rng.as_mut(), &mut self.positions);
+        importance(budget.fine, &self.edges, &self.blurred, march.rng.as_mut(), &mut self.positions);
         for i in 0..self.positions.len() {
             self.push(index, 1, self.positions[i], march, frustum, budget);
         }
