@@ -96,7 +96,7 @@ impl DisparityRule {
         })?;
         let a = 1.0 / self.near - 1.0 / self.far;
         let b = 1.0 / self.far;
-        let constant = hi - lo <= CONSTANT * lo.abs().max(hi.abs());
+        let constant = is_constant(lo, hi);
         Ok(Zip::from(&disparity).and(&valid).map_collect(|&d, &valid| {
             if !(valid && d.is_finite()) {
                 return 0.0;
@@ -109,8 +109,14 @@ impl DisparityRule {
     /// \\( (q_{lo}, q_{hi}) \\) of sorted values, or their extremes where the quantiles coincide.
     fn range(&self, sorted: &[f32]) -> Option<(f64, f64)> {
         let (lo, hi) = (quantile(sorted, self.low)?, quantile(sorted, self.high)?);
-        if hi > lo { Some((lo, hi)) } else { Some((f64::from(*sorted.first()?), f64::from(*sorted.last()?))) }
+        let ends = (f64::from(*sorted.first()?), f64::from(*sorted.last()?));
+        Some(if is_constant(lo, hi) { ends } else { (lo, hi) })
     }
+}
+
+/// Whether two ends of a range differ by no more than rounding.
+fn is_constant(lo: f64, hi: f64) -> bool {
+    hi - lo <= CONSTANT * lo.abs().max(hi.abs())
 }
 
 /// Quantile with linear interpolation between order statistics, \\( x_{(n-1) p} \\).

@@ -1,12 +1,13 @@
 use ndarray::{ArrayView3, Zip, s};
 
-use crate::{DepthPrior, Error, PriorDepth, Result};
+use crate::{DepthKind, DepthPrior, Error, PriorDepth, Result};
 
 /// Averages a prior over the image and its mirror image: half of its random error about left and right goes away, at
 /// twice the cost.
 ///
 /// With \\( F \\) the mirror, \\( \tfrac12 \bigl(P(x) + F P(F x)\bigr) \\). Where only one of the two has a value, that one
-/// is taken.
+/// is taken. What a kind leaves open differs between the two answers, so it is matched first, over the pixels that both
+/// have: the mean of relative depths, the mean and the standard deviation of disparities.
 ///
 /// ```
 /// use mde_prior::{DepthKind, DepthPrior, FlipAverage, PriorDepth, Result};
@@ -41,8 +42,14 @@ impl<P: DepthPrior> DepthPrior for FlipAverage<P> {
             )));
         }
         let (map, valid) = (mirrored.map.slice(s![.., ..;-1]), mirrored.valid.slice(s![.., ..;-1]));
+        let pairs = straight.map.iter().zip(&straight.valid).zip(map.iter().zip(valid));
+        let both = pairs
+            .filter(|((_, a), (_, b))| **a && **b)
+            .map(|((a, _), (b, _))| (f64::from(*a), f64::from(*b)));
+        let (scale, shift) = gauge(straight.kind, both);
         Zip::from(&mut straight.map).and(&mut straight.valid).and(map).and(valid).for_each(
             |a, a_valid, &b, &b_valid| {
+                let b = (scale * f64::from(b) + shift) as f32;
                 if *a_valid && b_valid {
                     *a = (0.5 * (f64::from(*a) + f64::from(b))) as f32;
                 } else if b_valid {
@@ -52,5 +59,22 @@ impl<P: DepthPrior> DepthPrior for FlipAverage<P> {
             },
         );
         Ok(straight)
+    }
+}
+
+/// Scale and shift that bring the second of each pair to the gauge of the first, as far as the kind leaves it open.
+fn gauge(kind: DepthKind, pairs: impl Iterator<Item = (f64, f64)> + Clone) -> (f64, f64) {
+    let count = pairs.clone().count().max(1) as f64;
+    let (a, b) = pairs.clone().fold((0.0, 0.0), |(a, b), (x, y)| (a + x / count, b + y / count));
+    match kind {
+        DepthKind::RelativeDepth if b > 0.0 => (a / b, 0.0),
+        DepthKind::AffineDisparity => {
+            let spread = pairs.fold((0.0, 0.0), |(va, vb), (x, y)| {
+                (va + (x - a) * (x - a) / count, vb + (y - b) * (y - b) / count)
+            });
+            let scale = if spread.1 > 0.0 { (spread.0 / spread.1).sqrt() } else { 1.0 };
+            (scale, a - scale * b)
+        }
+        _ => (1.0, 0.0),
     }
 }

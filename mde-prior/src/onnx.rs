@@ -10,6 +10,11 @@ use crate::resample::resize;
 use crate::spec::{Channels, Layout, ModelSpec};
 use crate::{DepthPrior, Error, PriorDepth, Result};
 
+/// The largest input that a kept aspect may ask for: more than any monocular model is made for.
+const MAX_INPUT_PIXELS: usize = 1 << 24;
+/// How far the aspect of an output map may be from the input's.
+const MAX_STRETCH: f64 = 1.5;
+
 /// A network in an ONNX file, run on the CPU.
 ///
 /// The model is bound to the concrete input size before it is optimised, since graphs that compute sizes from symbolic
@@ -107,12 +112,18 @@ impl OnnxPrior {
             )));
         }
         let size = self.input_size(height, width);
+        if size.0.saturating_mul(size.1) > MAX_INPUT_PIXELS {
+            return Err(Error::Input(format!(
+                "a {width}x{height} image needs a {}x{} input with the aspect kept; crop it, or set aspect = \"squash\"",
+                size.1, size.0
+            )));
+        }
         let input = self.tensor(image, size)?;
         let outputs = self.plan(size)?.run(tvec!(input.into())).map_err(|e| {
             self.error(format!("the model fails at {}x{} ({})", size.1, size.0, one_line(&e)))
         })?;
         let output = outputs.first().ok_or_else(|| self.error("the model has no output".to_owned()))?;
-        self.map(output)
+        self.map(output, size)
     }
 
     fn error(&self, reason: String) -> Error {
@@ -161,14 +172,22 @@ impl OnnxPrior {
         Ok(plan)
     }
 
-    fn map(&self, output: &Tensor) -> Result<Array2<f32>> {
+    fn map(&self, output: &Tensor, input: (usize, usize)) -> Result<Array2<f32>> {
         let sides: Vec<usize> = output.shape().iter().copied().filter(|&n| n != 1).collect();
-        let [height, width] = *sides.as_slice() else {
-            return Err(self.error(format!(
-                "the output's shape is {:?}, not one map of depth; check the model, or name another output with \
-                 output-name",
-                output.shape()
-            )));
+        // A map covers the input, so it has its aspect; features and class scores do not.
+        let covers = |height: usize, width: usize| {
+            let stretch = (height * input.1) as f64 / (width * input.0) as f64;
+            (1.0 / MAX_STRETCH..=MAX_STRETCH).contains(&stretch)
+        };
+        let (height, width) = match *sides.as_slice() {
+            [height, width] if covers(height, width) => (height, width),
+            _ => {
+                return Err(self.error(format!(
+                    "the output's shape is {:?}, not one map of depth; check the model, or name another output with \
+                     output-name",
+                    output.shape()
+                )));
+            }
         };
         let output = output.cast_to::<f32>().map_err(|e| self.error(one_line(&e)))?;
         let values = output.to_plain_array_view::<f32>().map_err(|e| self.error(one_line(&e)))?;

@@ -276,3 +276,10 @@ fn sun_rgbd_depth_is_in_metres() {
     assert!(low > 0.4 && high < 8.0, "a Kinect sees 0.4 to 8 m, not {low} to {high}");
     assert_eq!(ReadOptions::sunrgbd().encoding, Encoding::Sunrgbd);
 }
+
+#[test]
+fn a_pfm_header_may_have_windows_line_ends() {
+    let bytes = [b"Pf\r\n1 1\r\n-1.0\r\n".as_slice(), &2.5_f32.to_le_bytes()].concat();
+    let map = format::decode(format::Format::Pfm, &bytes, &format::ReadOptions::default()).unwrap();
+    assert_eq!(map[(0, 0)], 2.5);
+}

@@ -243,3 +243,27 @@ fn specifications_come_from_toml_or_the_name() {
         assert_eq!(ModelSpec::from_toml(&toml::to_string(&spec).unwrap()).unwrap(), spec);
     }
 }
+
+/// A prior whose disparity has another scale and shift at every call, as an affine-invariant network's may.
+struct Drifting(std::sync::Mutex<f32>);
+
+impl DepthPrior for Drifting {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        let mut scale = self.0.lock().unwrap();
+        *scale *= 3.0;
+        PriorDepth::from_values(
+            image.slice(s![.., .., 0]).mapv(|v| *scale * v - *scale),
+            DepthKind::AffineDisparity,
+        )
+    }
+}
+
+#[test]
+fn a_flip_average_of_disparity_does_not_depend_on_scale_and_shift() {
+    let image = Array3::from_shape_fn((3, 4, 3), |(y, x, _)| ((y * 7 + x * 5) % 11) as f32 / 11.0);
+    let averaged = FlipAverage(Drifting(1.0.into())).predict(image.view()).unwrap();
+    let alone = Drifting(1.0.into()).predict(image.view()).unwrap();
+    for (a, b) in averaged.map.iter().zip(&alone.map) {
+        assert!((a - b).abs() < 1e-5, "{a} {b}");
+    }
+}

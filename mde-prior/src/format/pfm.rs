@@ -23,6 +23,10 @@ pub(super) fn parse(bytes: &[u8]) -> Parsed<Array2<f32>> {
     let width: usize = token(&mut rest).and_then(|t| t.parse().ok()).ok_or_else(broken)?;
     let height: usize = token(&mut rest).and_then(|t| t.parse().ok()).ok_or_else(broken)?;
     let scale: f64 = token(&mut rest).and_then(|t| t.parse().ok()).ok_or_else(broken)?;
+    // A header with Windows line ends: the line feed still belongs to it.
+    if bytes[..bytes.len() - rest.len()].ends_with(b"\r") {
+        rest = rest.strip_prefix(b"\n").unwrap_or(rest);
+    }
     if !scale.is_finite() || scale == 0.0 {
         return Err(broken());
     }
