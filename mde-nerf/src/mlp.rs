@@ -216,17 +216,13 @@ mod tests {
         let d_input = mlp.backward(&mut tape, &form, &mut gradient, true).to_vec();
 
         let h = 1e-6;
-        for i in 0..gradient.len() {
+        for (i, by_hand) in gradient.iter().enumerate() {
             let mut nudged = mlp.clone();
             nudged.parameters[i] += h;
             let up = loss(&nudged, &input);
             nudged.parameters[i] -= 2.0 * h;
             let slope = (up - loss(&nudged, &input)) / (2.0 * h);
-            assert!(
-                (slope - gradient[i]).abs() < 1e-7 * (1.0 + slope.abs()),
-                "parameter {i}: {slope} {}",
-                gradient[i]
-            );
+            assert!((slope - by_hand).abs() < 1e-7 * (1.0 + slope.abs()), "parameter {i}: {slope} {by_hand}");
         }
         for i in 0..input.len() {
             let mut nudged = input.clone();

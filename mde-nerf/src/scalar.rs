@@ -46,7 +46,7 @@ impl Scalar for f32 {
         let n = (x * std::f32::consts::LOG2_E + ROUND) - ROUND;
         let r = (x - n * HIGH) - n * LOW;
         let mut p = 1.987_569_1e-4_f32;
-        for c in [1.398_199_9e-3, 8.333_452e-3, 4.166_579_6e-2, 1.666_666_5e-1, 5.000_000_1e-1_f32] {
+        for c in [1.398_199_9e-3, 8.333_452e-3, 4.166_579_6e-2, 1.666_666_5e-1, 0.5_f32] {
             p = p * r + c;
         }
         let p = p * (r * r) + r + 1.0;

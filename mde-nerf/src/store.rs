@@ -53,10 +53,22 @@ pub(crate) fn save(path: &Path, config: &NerfConfig, seed: u64, fitted: &Fitted)
     let file = safetensors::serialize(tensors, Some(HashMap::from([(HEADER.to_owned(), header)])))
         .map_err(|e| io(std::io::Error::other(e)))?;
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut temporary = tempfile::NamedTempFile::new_in(folder).map_err(io)?;
+    let mut temporary = builder().tempfile_in(folder).map_err(io)?;
     temporary.write_all(&file).map_err(io)?;
+    temporary.as_file().sync_all().map_err(io)?;
     temporary.persist(path).map_err(|e| io(e.error))?;
     Ok(())
+}
+
+/// Temporary files are private by default; a result should have the permissions that the user's umask gives.
+fn builder() -> tempfile::Builder<'static, 'static> {
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    builder
 }
 
 pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {

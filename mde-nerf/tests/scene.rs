@@ -1,5 +1,7 @@
 //! The field on a scene whose colours and depths are known in closed form.
 
+#![allow(clippy::unwrap_used)]
+
 use mde_nerf::{
     DepthLoss, Error, Event, FieldConfig, HashFieldConfig, MlpFieldConfig, Nerf, NerfConfig, RadianceField,
     Silent,

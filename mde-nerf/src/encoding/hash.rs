@@ -62,6 +62,7 @@ impl HashLayout {
     }
 
     /// Features of a point, all levels together.
+    #[cfg(test)]
     pub(crate) fn width(&self) -> usize {
         self.features * self.levels.len()
     }
