@@ -1,2 +1,50 @@
-//! stub
-fn main() {}
+//! `mde`: refines one image's monocular depth with a neural radiance field.
+
+mod args;
+mod camera;
+mod canvas;
+mod commands;
+mod field;
+mod interrupt;
+mod job;
+mod output;
+mod preview;
+mod prior;
+mod progress;
+mod run_record;
+mod truth;
+
+use clap::Parser;
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let cli = args::Cli::parse();
+    let result = interrupt::install().map_err(Into::into).and_then(|()| commands::run(&cli.command));
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(_) if interrupt::requested() => {
+            say("interrupted; nothing was written");
+            ExitCode::from(interrupt::EXIT_CODE)
+        }
+        Err(error) => {
+            say(&format!("error: {}", message(&error)));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The error and its causes, but for those that it has told already.
+fn message(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |told, cause| match told.as_str() {
+        "" => cause,
+        _ if told.contains(&cause) => told,
+        _ => format!("{told}: {cause}"),
+    })
+}
+
+/// One line on stderr.
+fn say(message: &str) {
+    let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
+    let _ = writeln!(io::stderr(), "{line}");
+}

@@ -1,0 +1,32 @@
+//! Tells the program which versions of the workspace's crates it is made of.
+
+use std::path::{Path, PathBuf};
+
+fn main() {
+    println!("cargo:rerun-if-changed=build.rs");
+    let versions = lock_file().map(|path| versions(&path)).unwrap_or_default();
+    println!("cargo:rustc-env=MDE_VERSIONS={}", versions.join(" "));
+}
+
+/// The lock file of the workspace, or of the package alone where it was published.
+fn lock_file() -> Option<PathBuf> {
+    let package = PathBuf::from(std::env::var_os("CARGO_MANIFEST_DIR")?);
+    package.ancestors().map(|folder| folder.join("Cargo.lock")).find(|path| path.is_file())
+}
+
+/// `name=version` of every package whose name starts with `mde-`.
+fn versions(lock: &Path) -> Vec<String> {
+    println!("cargo:rerun-if-changed={}", lock.display());
+    let text = std::fs::read_to_string(lock).unwrap_or_default();
+    let value =
+        |line: &str, key: &str| Some(line.strip_prefix(key)?.trim_matches([' ', '=', '"']).to_owned());
+    let (mut found, mut name) = (Vec::new(), None);
+    for line in text.lines() {
+        if let Some(value) = value(line, "name") {
+            name = value.starts_with("mde-").then_some(value);
+        } else if let (Some(name), Some(version)) = (&name, value(line, "version")) {
+            found.push(format!("{name}={version}"));
+        }
+    }
+    found
+}

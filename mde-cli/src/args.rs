@@ -1,0 +1,363 @@
+//! The command line.
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use mde_cli::Preset;
+use mde_prior::DepthKind;
+use mde_prior::format::Encoding;
+use std::path::PathBuf;
+
+const EXAMPLES: &str = "\
+Examples:
+  mde demo -o out/demo
+  mde refine room.jpg --prior-model fastdepth_224.onnx -o out/room
+  mde refine room.png --prior-depth depth.npy --fov 62 --preset fast -o out/room
+  mde refine room.png --prior-depth disparity.pfm --prior-kind disparity --gt truth.png -o out/room
+  mde config --preset paper > my.toml && mde refine room.jpg --prior-model dpt_large.onnx --config my.toml -o out/room
+
+Exit codes:
+  0    done
+  1    something failed; one line on stderr says what and what to do
+  2    wrong usage
+  130  interrupted (Ctrl-C or SIGTERM); nothing is left behind";
+
+/// Refines one image's monocular depth with a neural radiance field, with an error bar per pixel.
+#[derive(Debug, Parser)]
+#[command(name = "mde", version, after_help = EXAMPLES, max_term_width = 110)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Refine a room made here, whose exact depth is known: no input needed
+    Demo(DemoArgs),
+    /// Refine the monocular depth of an image
+    Refine(Box<RefineArgs>),
+    /// Make the synthetic views of an image, for looking
+    Warp(Box<WarpArgs>),
+    /// Render a field that `mde refine --save-field` wrote
+    Render(Box<RenderArgs>),
+    /// Print a preset as TOML
+    Config(ConfigArgs),
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  mde demo -o out/demo
+  mde demo -o out/demo --preset fast --size 160x120 --seed 3 --force
+
+The preset's steps are taken in proportion to the pixels (all at 640x480, at least 500), unless --config says otherwise.")]
+pub(crate) struct DemoArgs {
+    /// Size of the picture, pixels
+    #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = size)]
+    pub(crate) size: [usize; 2],
+    #[command(flatten)]
+    pub(crate) settings: SettingsArgs,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  mde refine room.jpg --prior-model fastdepth_224.onnx -o out/room
+  mde refine room.jpg --prior-model net.onnx --model-profile depth-anything-v2 --flip-average -o out/room
+  mde refine room.png --prior-depth depth.png --png-scale 5000 --intrinsics K.txt --intrinsics-base 1 -o out/room
+  mde refine room.png --prior-depth depth.exr --fx 520 --fy 520 --cx 319.5 --cy 239.5 --gt truth.npy -o out/room
+
+Output: depth.npy and sigma.npy (f32 [height, width], the prior's unit; missing: 0 and inf), prior.npy, depth.png
+(16 bit; its scale is in run.json), preview.png, config.toml (all settings), run.json (everything measured).")]
+pub(crate) struct RefineArgs {
+    /// The photograph: JPEG, PNG, TIFF, BMP or WebP
+    #[arg(value_name = "IMAGE")]
+    pub(crate) image: PathBuf,
+    #[command(flatten)]
+    pub(crate) prior: PriorArgs,
+    #[command(flatten)]
+    pub(crate) camera: CameraArgs,
+    #[command(flatten)]
+    pub(crate) settings: SettingsArgs,
+    #[command(flatten)]
+    pub(crate) truth: TruthArgs,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+    /// Write the last iteration's field too: field.safetensors
+    #[arg(long, help_heading = "Output")]
+    pub(crate) save_field: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  mde warp room.jpg --prior-model fastdepth_224.onnx -o out/views
+
+Output: view_00.png (the original), view_01.png ... with mask_01.png (white: may be trained on) and depth_01.npy
+(0: missing), poses.json, contact.png (masked pixels in red), config.toml, run.json.")]
+pub(crate) struct WarpArgs {
+    /// The photograph: JPEG, PNG, TIFF, BMP or WebP
+    #[arg(value_name = "IMAGE")]
+    pub(crate) image: PathBuf,
+    #[command(flatten)]
+    pub(crate) prior: PriorArgs,
+    #[command(flatten)]
+    pub(crate) camera: CameraArgs,
+    #[command(flatten)]
+    pub(crate) settings: SettingsArgs,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  mde render --field out/room/field.safetensors --size 640x480 --fov 62 -o out/view
+  mde render --field out/room/field.safetensors --size 320x240 --fov 62 --orbit 24 -o out/orbit
+
+Output, a view: colour.png, depth.npy, sigma.npy (missing: 0 and inf), depth.png; numbered with --orbit; run.json.")]
+pub(crate) struct RenderArgs {
+    /// The field that `mde refine --save-field` wrote
+    #[arg(long, value_name = "FIELD.safetensors")]
+    pub(crate) field: PathBuf,
+    /// Size of the pictures, pixels
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub(crate) size: [usize; 2],
+    #[command(flatten)]
+    pub(crate) camera: CameraArgs,
+    #[command(flatten)]
+    pub(crate) path: PathArgs,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+}
+
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Path")]
+pub(crate) struct PathArgs {
+    /// Views on a circle about the original camera, looking at the middle of the scene
+    #[arg(long, value_name = "N", conflicts_with = "translate", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) orbit: Option<u16>,
+    /// Radius of the circle, as a fraction of the median depth
+    #[arg(long, value_name = "X", requires = "orbit", conflicts_with = "translate", default_value_t = 0.03)]
+    pub(crate) radius: f64,
+    /// One view from a camera moved by this, in the prior's unit (x right, y down, z forward)
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = triple)]
+    pub(crate) translate: Option<[f64; 3]>,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  mde config --preset paper > my.toml")]
+pub(crate) struct ConfigArgs {
+    /// Which settings
+    #[arg(long, value_enum, default_value = "default")]
+    pub(crate) preset: PresetName,
+}
+
+// An argument that requires one which conflicts with what was given passes clap, so what excludes it is named as well.
+
+/// Where the monocular depth comes from.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Prior")]
+pub(crate) struct PriorArgs {
+    #[command(flatten)]
+    pub(crate) source: PriorSource,
+    /// What the model wants and gives; else MODEL.toml beside MODEL.onnx, else guessed from its name
+    #[arg(long, value_name = "NAME", conflicts_with = "prior_depth")]
+    pub(crate) model_profile: Option<String>,
+    /// Average the model over the image and its mirror image
+    #[arg(long, conflicts_with = "prior_depth")]
+    pub(crate) flip_average: bool,
+    /// What the numbers mean; metric for a file, the profile's for a model
+    #[arg(long, value_enum)]
+    pub(crate) prior_kind: Option<KindName>,
+    /// Depth = value / X for a file; 1000 for 16-bit PNG, 1 for floats
+    #[arg(long, value_name = "X", conflicts_with = "prior_model")]
+    pub(crate) png_scale: Option<f64>,
+    /// How a PNG holds its depths
+    #[arg(long, value_enum, default_value = "plain", conflicts_with = "prior_model")]
+    pub(crate) prior_encoding: EncodingName,
+}
+
+#[derive(Debug, Args)]
+#[group(required = true, multiple = false)]
+pub(crate) struct PriorSource {
+    /// A monocular depth network
+    #[arg(long, value_name = "MODEL.onnx", help_heading = "Prior")]
+    pub(crate) prior_model: Option<PathBuf>,
+    /// A depth map of the image's size: .npy, .npz, .png (16 bit), .pfm, .exr
+    #[arg(long, value_name = "FILE", help_heading = "Prior")]
+    pub(crate) prior_depth: Option<PathBuf>,
+}
+
+/// The pinhole camera.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Camera (without: EXIF, else 60 degrees)")]
+pub(crate) struct CameraArgs {
+    /// 3x3 matrix as text, or JSON with fx, fy, cx, cy
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["fx", "fov"])]
+    pub(crate) intrinsics: Option<PathBuf>,
+    /// The file counts pixels from this (SUN RGB-D: 1)
+    #[arg(long, value_name = "0|1", requires = "intrinsics", conflicts_with_all = ["fx", "fov"], default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=1))]
+    pub(crate) intrinsics_base: u8,
+    /// Horizontal focal length, pixels
+    #[arg(long, value_name = "PX", allow_negative_numbers = true, conflicts_with = "fov")]
+    pub(crate) fx: Option<f64>,
+    /// Vertical focal length, pixels; fx if not given
+    #[arg(long, value_name = "PX", allow_negative_numbers = true, requires = "fx", conflicts_with_all = ["fov", "intrinsics"])]
+    pub(crate) fy: Option<f64>,
+    /// Column of the principal point, counted from 0; the middle if not given
+    #[arg(long, value_name = "PX", allow_negative_numbers = true, requires = "fx", conflicts_with_all = ["fov", "intrinsics"])]
+    pub(crate) cx: Option<f64>,
+    /// Row of the principal point, counted from 0; the middle if not given
+    #[arg(long, value_name = "PX", allow_negative_numbers = true, requires = "fx", conflicts_with_all = ["fov", "intrinsics"])]
+    pub(crate) cy: Option<f64>,
+    /// Horizontal field of view
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    pub(crate) fov: Option<f64>,
+}
+
+/// How it is done.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Settings")]
+pub(crate) struct SettingsArgs {
+    /// Where the settings start from
+    #[arg(long, value_enum, default_value = "default")]
+    pub(crate) preset: PresetName,
+    /// TOML with settings over the preset's; `mde config` prints them all
+    #[arg(long, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+    /// Every random draw comes from it; 0 if the settings do not say otherwise
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
+    pub(crate) seed: Option<u64>,
+}
+
+/// A true depth to be scored against.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Truth")]
+pub(crate) struct TruthArgs {
+    /// True depth of the image's size in metres (0: missing); prior and refined are scored against it
+    #[arg(long, value_name = "FILE")]
+    pub(crate) gt: Option<PathBuf>,
+    /// How a PNG holds its depths
+    #[arg(long, value_enum, default_value = "plain", requires = "gt")]
+    pub(crate) gt_encoding: EncodingName,
+    /// Depth = value / X; 1000 for 16-bit PNG, 1 for floats
+    #[arg(long, value_name = "X", requires = "gt")]
+    pub(crate) gt_scale: Option<f64>,
+}
+
+/// Where results go and what is said meanwhile.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Output")]
+pub(crate) struct RunArgs {
+    /// Folder for the results; appears when all of them are there
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: PathBuf,
+    /// Replace an earlier run's folder
+    #[arg(long)]
+    pub(crate) force: bool,
+    /// Threads; all cores if not given. The results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// Say nothing but errors
+    #[arg(short, long, conflicts_with = "log_json")]
+    pub(crate) quiet: bool,
+    /// Progress, warnings and results as JSON lines on stderr
+    #[arg(long)]
+    pub(crate) log_json: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum PresetName {
+    /// The equations as printed: a light MLP that learns colours alone, two iterations
+    Paper,
+    /// A preview in about a minute
+    Fast,
+    /// The paper with a hash field that is held to the views' depth
+    Default,
+}
+
+impl From<PresetName> for Preset {
+    fn from(name: PresetName) -> Self {
+        match name {
+            PresetName::Paper => Self::Paper,
+            PresetName::Fast => Self::Fast,
+            PresetName::Default => Self::Default,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum KindName {
+    /// Depth in metres
+    Metric,
+    /// Depth in an unknown unit
+    Depth,
+    /// 1/depth up to a scale and a shift (MiDaS, DPT, Depth Anything)
+    Disparity,
+}
+
+impl From<KindName> for DepthKind {
+    fn from(name: KindName) -> Self {
+        match name {
+            KindName::Metric => Self::Metric,
+            KindName::Depth => Self::RelativeDepth,
+            KindName::Disparity => Self::AffineDisparity,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum EncodingName {
+    /// Depth = value / scale
+    Plain,
+    /// SUN RGB-D's rotated bits, millimetres
+    Sunrgbd,
+}
+
+impl From<EncodingName> for Encoding {
+    fn from(name: EncodingName) -> Self {
+        match name {
+            EncodingName::Plain => Self::Linear,
+            EncodingName::Sunrgbd => Self::Sunrgbd,
+        }
+    }
+}
+
+/// `WxH` as `[width, height]`.
+fn size(text: &str) -> Result<[usize; 2], String> {
+    let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    match sides {
+        Some(sides) if sides.iter().all(|side| (8..=16384).contains(side)) => Ok(sides),
+        _ => Err("give WIDTHxHEIGHT with 8 to 16384 pixels each, such as 320x240".to_owned()),
+    }
+}
+
+fn triple(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, z]) if [x, y, z].iter().all(|v| v.is_finite()) => Ok([x, y, z]),
+        _ => Err("give three numbers, such as 0.05,0,-0.1".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn sizes_and_triples() {
+        assert_eq!(size("320x240"), Ok([320, 240]));
+        assert!(["320", "0x9", "axb", "99999x99"].iter().all(|text| size(text).is_err()));
+        assert_eq!(triple("-1, 0,2.5"), Ok([-1.0, 0.0, 2.5]));
+        assert!(["1,2", "1,2,inf", "a,b,c"].iter().all(|text| triple(text).is_err()));
+    }
+}

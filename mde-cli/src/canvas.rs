@@ -1,0 +1,114 @@
+//! A picture to draw on: rectangles, text, images.
+
+use font8x8::legacy::BASIC_LEGACY;
+use ndarray::{Array3, ArrayView3, s};
+
+pub(crate) type Colour = [u8; 3];
+
+/// Side of a glyph before magnification, pixels.
+const GLYPH: usize = 8;
+
+/// An RGB picture, `[height, width, 3]`. What falls outside is not drawn.
+pub(crate) struct Canvas {
+    pixels: Array3<u8>,
+}
+
+impl Canvas {
+    pub(crate) fn new(width: usize, height: usize, background: Colour) -> Self {
+        Self { pixels: Array3::from_shape_fn((height, width, 3), |(_, _, c)| background[c]) }
+    }
+
+    pub(crate) fn pixels(&self) -> ArrayView3<'_, u8> {
+        self.pixels.view()
+    }
+
+    pub(crate) fn set(&mut self, x: usize, y: usize, colour: Colour) {
+        let (height, width, _) = self.pixels.dim();
+        if x < width && y < height {
+            self.pixels.slice_mut(s![y, x, ..]).iter_mut().zip(colour).for_each(|(old, new)| *old = new);
+        }
+    }
+
+    /// Draws `colour(column, row)` over a rectangle.
+    pub(crate) fn paint(
+        &mut self,
+        [left, top]: [usize; 2],
+        [width, height]: [usize; 2],
+        colour: impl Fn(usize, usize) -> Colour,
+    ) {
+        for y in 0..height {
+            for x in 0..width {
+                self.set(left + x, top + y, colour(x, y));
+            }
+        }
+    }
+
+    /// Writes a line of text with its top left corner at `(left, top)`, magnified; only ASCII can be shown.
+    pub(crate) fn text(&mut self, text: &str, [left, top]: [usize; 2], magnification: usize, colour: Colour) {
+        for (index, character) in text.chars().enumerate() {
+            let glyph = BASIC_LEGACY.get(character as usize).unwrap_or(&BASIC_LEGACY[usize::from(b'?')]);
+            let start = left + index * GLYPH * magnification;
+            for y in 0..GLYPH * magnification {
+                for x in 0..GLYPH * magnification {
+                    if glyph[y / magnification] >> (x / magnification) & 1 == 1 {
+                        self.set(start + x, top + y, colour);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Width of a line of text, pixels.
+pub(crate) fn text_width(text: &str, magnification: usize) -> usize {
+    text.chars().count() * GLYPH * magnification
+}
+
+/// Height of a line of text, pixels.
+pub(crate) fn text_height(magnification: usize) -> usize {
+    GLYPH * magnification
+}
+
+/// An image `[height, width, 3]` in 0 to 1 at another size: means over the pixels that fall together, else the nearest.
+pub(crate) fn resized(image: ArrayView3<'_, f32>, width: usize, height: usize) -> Array3<f32> {
+    let (rows, columns, _) = image.dim();
+    let span = |index: usize, from: usize, to: usize| {
+        let first = index * from / to;
+        first..((index + 1) * from / to).max(first + 1)
+    };
+    Array3::from_shape_fn((height, width, 3), |(y, x, c)| {
+        let block = image.slice(s![span(y, rows, height), span(x, columns, width), c]);
+        block.iter().sum::<f32>() / block.len().max(1) as f32
+    })
+}
+
+/// sRGB in 0 to 1 as bytes.
+pub(crate) fn colour_at(image: &Array3<f32>, x: usize, y: usize) -> Colour {
+    [0, 1, 2].map(|c| (image[(y, x, c)].clamp(0.0, 1.0) * 255.0).round() as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_is_drawn_where_it_belongs() {
+        let mut canvas = Canvas::new(40, 20, [0; 3]);
+        canvas.text("H", [4, 2], 2, [255; 3]);
+        let lit = |x: usize, y: usize| canvas.pixels()[(y, x, 0)] == 255;
+        // Two uprights and nothing between them at the top.
+        assert!(lit(4, 2) && lit(14, 2) && !lit(9, 2));
+        assert!((0..20).all(|y| (0..40).all(|x| !lit(x, y) || (4..20).contains(&x) && (2..18).contains(&y))));
+        canvas.text("outside and not ASCII: é", [30, 15], 3, [9; 3]);
+    }
+
+    #[test]
+    fn shrinking_keeps_the_mean_and_growing_repeats() {
+        let image = Array3::from_shape_fn((4, 6, 3), |(y, x, _)| (y * 6 + x) as f32 / 24.0);
+        let small = resized(image.view(), 3, 2);
+        assert!((small.mean().unwrap() - image.mean().unwrap()).abs() < 1e-6);
+        let large = resized(image.view(), 12, 8);
+        assert_eq!(large[(7, 11, 0)], image[(3, 5, 0)]);
+        assert_eq!(large[(0, 1, 0)], image[(0, 0, 0)]);
+    }
+}

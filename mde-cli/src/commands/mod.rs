@@ -1,0 +1,26 @@
+//! The subcommands.
+
+mod config;
+mod demo;
+mod refine;
+mod render;
+mod warp;
+
+use crate::args::Command;
+use anyhow::Result;
+
+pub(crate) fn run(command: &Command) -> Result<()> {
+    match command {
+        Command::Demo(args) => demo::run(args),
+        Command::Refine(args) => refine::run(args),
+        Command::Warp(args) => warp::run(args),
+        Command::Render(args) => render::run(args),
+        Command::Config(args) => config::run(args),
+    }
+}
+
+/// A pose's matrix, row by row.
+fn rows(pose: &mde_warp::Pose) -> [[f64; 4]; 4] {
+    let matrix = pose.to_homogeneous();
+    std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]))
+}

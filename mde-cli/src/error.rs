@@ -1,0 +1,70 @@
+use std::path::PathBuf;
+
+/// What can go wrong in a refinement; one line each, naming the value and the remedy.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The prior could not be had.
+    #[error(transparent)]
+    Prior(#[from] mde_prior::Error),
+    /// A warp or a reprojection was refused.
+    #[error(transparent)]
+    Warp(#[from] mde_warp::Error),
+    /// The field could not be fitted or rendered.
+    #[error(transparent)]
+    Field(mde_nerf::Error),
+    /// The fusion was refused.
+    #[error(transparent)]
+    Fusion(#[from] mde_fusion::Error),
+    /// A depth map is no Gaussian depth.
+    #[error(transparent)]
+    Depth(#[from] mde_uncertainty::Error),
+    /// A metric could not be computed.
+    #[error(transparent)]
+    Metric(#[from] mde_eval::Error),
+    /// A prior without a single known pixel.
+    #[error("the prior has no pixel with a depth; check its kind (metric, depth or disparity) and its scale")]
+    EmptyPrior,
+    /// A prior of another size than the image.
+    #[error(
+        "the prior is {}x{} but the image is {}x{} (width x height); make both the same size",
+        prior[1], prior[0], image[1], image[0]
+    )]
+    Size {
+        /// `[height, width]` of the prior.
+        prior: [usize; 2],
+        /// `[height, width]` of the image.
+        image: [usize; 2],
+    },
+    /// A configuration that does not parse, or a value in it out of range.
+    #[error("{origin}: {reason}")]
+    Config {
+        /// The file or preset.
+        origin: String,
+        /// What is wrong and what to do.
+        reason: String,
+    },
+    /// A file that could not be read or written.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The observer asked to stop.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+impl From<mde_nerf::Error> for Error {
+    fn from(error: mde_nerf::Error) -> Self {
+        match error {
+            mde_nerf::Error::Interrupted => Self::Interrupted,
+            other => Self::Field(other),
+        }
+    }
+}
+
+/// Shorthand for this crate's results.
+pub type Result<T, E = Error> = std::result::Result<T, E>;

@@ -1,0 +1,34 @@
+//! A field that can still be saved after the loop has taken it.
+
+use mde_nerf::{FitReport, Nerf, Observer, RadianceField, RenderedView, Result};
+use mde_warp::{PinholeCamera, Pose, PosedView};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// A [`Nerf`] shared by the loop and by who saves it.
+#[derive(Clone)]
+pub(crate) struct SharedNerf(Arc<Mutex<Nerf>>);
+
+impl SharedNerf {
+    pub(crate) fn new(nerf: Nerf) -> Self {
+        Self(Arc::new(Mutex::new(nerf)))
+    }
+
+    pub(crate) fn lock(&self) -> MutexGuard<'_, Nerf> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl RadianceField for SharedNerf {
+    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> Result<FitReport> {
+        self.lock().fit(views, observer)
+    }
+
+    fn render(
+        &self,
+        camera: &PinholeCamera,
+        pose: &Pose,
+        observer: &mut dyn Observer,
+    ) -> Result<RenderedView> {
+        self.lock().render(camera, pose, observer)
+    }
+}

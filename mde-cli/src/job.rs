@@ -1,0 +1,202 @@
+//! One refinement from opened inputs to a folder of results.
+
+use crate::args::{RunArgs, SettingsArgs};
+use crate::camera::KnownCamera;
+use crate::field::SharedNerf;
+use crate::output::{OutputFolder, RECORD};
+use crate::preview::{Preview, preview};
+use crate::prior::{NamedPrior, PriorOrigin, Timed};
+use crate::progress::Progress;
+use crate::run_record::{About, RunRecord, write_json};
+use crate::truth::Truth;
+use anyhow::{Context, Result, ensure};
+use mde_cli::{Config, Preset, Refinement, Stages, refine};
+use mde_fusion::BayesFuser;
+use mde_nerf::Nerf;
+use mde_prior::DepthKind;
+use mde_prior::format::{write_npy, write_png16};
+use mde_prior::photo::{Photo, read_image, write_rgb_png};
+use ndarray::Array3;
+use serde_json::json;
+use std::path::Path;
+use std::time::Instant;
+
+/// Pictures are at least this wide and high.
+const SMALLEST: usize = 8;
+/// Above this many pixels a run takes very long.
+const LARGE: usize = 2_000_000;
+
+/// Everything that a refinement needs.
+pub(crate) struct Job {
+    pub(crate) command: &'static str,
+    pub(crate) input: String,
+    /// sRGB in 0 to 1, `[height, width, 3]`.
+    pub(crate) image: Array3<f32>,
+    pub(crate) camera: KnownCamera,
+    pub(crate) prior: NamedPrior,
+    pub(crate) preset: Preset,
+    pub(crate) config: Config,
+    pub(crate) truth: Option<Truth>,
+    pub(crate) save_field: bool,
+}
+
+/// The settings that the command line asks for.
+pub(crate) fn settings(args: &SettingsArgs) -> Result<(Preset, Config)> {
+    let preset = Preset::from(args.preset);
+    let mut config = match &args.config {
+        Some(path) => Config::from_file(preset, path)?,
+        None => preset.config(),
+    };
+    if let Some(seed) = args.seed {
+        config.seed = seed;
+    }
+    Ok((preset, config))
+}
+
+/// Uses as many threads as the command line asks for.
+pub(crate) fn use_threads(args: &RunArgs) -> Result<()> {
+    let Some(threads) = args.threads else { return Ok(()) };
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.into())
+        .build_global()
+        .with_context(|| format!("--threads {threads}: the threads can't be started; give fewer"))
+}
+
+/// Reads a photograph that can be worked with.
+pub(crate) fn open_image(path: &Path, progress: &mut Progress) -> Result<Photo> {
+    let photo = read_image(path)?;
+    let (height, width, _) = photo.pixels.dim();
+    ensure!(
+        width.min(height) >= SMALLEST,
+        "{}: the image is {width}x{height}; give one of {SMALLEST}x{SMALLEST} pixels or more",
+        path.display()
+    );
+    if width * height > LARGE {
+        progress.warn(format!("{width}x{height} pixels will take long; 640x480 is usual"));
+    }
+    Ok(photo)
+}
+
+/// Unit of the depth that a prior of this kind leads to.
+fn unit(kind: DepthKind) -> &'static str {
+    match kind {
+        DepthKind::Metric => "m",
+        _ => "unscaled",
+    }
+}
+
+impl Job {
+    /// Refines, scores and writes.
+    pub(crate) fn run(self, folder: &OutputFolder, progress: &mut Progress) -> Result<()> {
+        let mut kept = None;
+        let nerf = self.config.nerf.clone();
+        let seed = self.config.seed;
+        let mut field = |iteration: usize| -> mde_cli::Result<Box<dyn mde_nerf::RadianceField>> {
+            let field = SharedNerf::new(Nerf::new(nerf.clone(), seed.wrapping_add(iteration as u64))?);
+            kept = Some(field.clone());
+            Ok(Box::new(field))
+        };
+        let fuser = BayesFuser::new(self.config.fusion.clone())?;
+        let prior = Timed::new(&*self.prior.prior);
+        let stages = Stages { prior: &prior, field: &mut field, fuser: &fuser };
+        let image = self.image.view();
+        let refinement =
+            refine(image, &self.camera.camera, stages, &self.config, &mut |e| progress.observe(e))?;
+        for (index, iteration) in refinement.iterations.iter().enumerate() {
+            for warning in &iteration.fusion.warnings {
+                progress.warn(format!("iteration {}: {warning}", index + 1));
+            }
+        }
+        let start = Instant::now();
+        let scores = match &self.truth {
+            Some(truth) => {
+                progress.step("score");
+                Some(truth.compare(&refinement, self.prior.origin.kind)?)
+            }
+            None => None,
+        };
+        let score_seconds = start.elapsed().as_secs_f64();
+        let table = scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
+        let said = json!({ "event": "done", "output": folder.path(), "scores": scores });
+
+        let png_scale = png_scale(refinement.depth.mean().iter().copied());
+        let missing_pixels = refinement.depth.variance().iter().filter(|v| v.is_infinite()).count();
+        folder.write(|path| {
+            self.write_maps(path, &refinement, png_scale)?;
+            if let Some(field) = kept.as_ref().filter(|_| self.save_field) {
+                field.lock().save(path.join("field.safetensors"))?;
+            }
+            let record = RunRecord {
+                about: About {
+                    preset: Some(self.preset.name()),
+                    seed: Some(self.config.seed),
+                    warnings: progress.warnings(),
+                    total_seconds: progress.seconds(),
+                    ..About::new(self.command, self.input.clone(), &self.camera)
+                },
+                prior: &self.prior.origin,
+                unit: unit(self.prior.origin.kind),
+                png_scale,
+                missing_pixels,
+                iterations: &refinement.iterations,
+                scores,
+                prior_seconds: prior.seconds(),
+                score_seconds,
+            };
+            write_json(&path.join(RECORD), &record)
+        })?;
+        let text = format!("{table}wrote {} in {:.1} s", folder.path().display(), progress.seconds());
+        progress.result(&text, said);
+        Ok(())
+    }
+
+    fn write_maps(&self, folder: &Path, refinement: &Refinement, png_scale: f64) -> Result<()> {
+        let (depth, sigma) = (refinement.depth.mean(), refinement.depth.sigma());
+        write_npy(folder.join("depth.npy"), depth)?;
+        write_npy(folder.join("sigma.npy"), sigma.view())?;
+        write_npy(folder.join("prior.npy"), refinement.prior.view())?;
+        write_png16(folder.join("depth.png"), depth, png_scale)?;
+        let PriorOrigin { kind, .. } = self.prior.origin;
+        let show = Preview {
+            image: self.image.view(),
+            prior: refinement.prior.view(),
+            refined: depth,
+            sigma: sigma.view(),
+            unit: unit(kind),
+        };
+        write_rgb_png(folder.join("preview.png"), preview(&show).pixels())?;
+        mde_prior::write_atomic(&folder.join("config.toml"), self.config.to_toml()?.as_bytes())?;
+        if let (Some(truth), "demo") = (&self.truth, self.command) {
+            mde_prior::photo::write_image(folder.join("image.png"), self.image.view())?;
+            write_npy(folder.join("gt.npy"), truth.depth.view())?;
+        }
+        Ok(())
+    }
+}
+
+/// The largest of 1, 2, 5, 10, ... steps a unit (and their tenths) at which the largest depth fits into 16 bits.
+pub(crate) fn png_scale(depths: impl Iterator<Item = f32>) -> f64 {
+    let largest = f64::from(depths.fold(0.0, f32::max));
+    if !(largest > 0.0 && largest.is_finite()) {
+        return 1000.0;
+    }
+    let most = f64::from(u16::MAX) / largest;
+    let power = 10_f64.powf(most.log10().floor());
+    [5.0, 2.0, 1.0].into_iter().map(|step| step * power).find(|scale| *scale <= most).unwrap_or(0.5 * power)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_png_scale_is_round_and_the_largest_depth_fits() {
+        assert_eq!(png_scale([3.0, 4.0].into_iter()), 10_000.0);
+        assert_eq!(png_scale([6.6].into_iter()), 5000.0);
+        assert_eq!(png_scale(std::iter::empty()), 1000.0);
+        for largest in [1e-20_f32, 0.001, 0.65535, 7.0, 65535.0, 1e9, 1e30] {
+            let steps = f64::from(largest) * png_scale([largest].into_iter());
+            assert!((13_000.0..=65_535.5).contains(&steps), "{largest}: {steps}");
+        }
+    }
+}

@@ -1,0 +1,91 @@
+use crate::config::{Config, IterationPrior, NovelViews, RefinementConfig};
+use mde_fusion::FusionConfig;
+use mde_nerf::{
+    DepthLoss, FieldConfig, HashFieldConfig, NerfConfig, RenderConfig, SamplingConfig, TrainConfig,
+};
+use mde_uncertainty::termination::InBinVariance;
+use mde_warp::ViewSampling;
+use serde::{Deserialize, Serialize};
+
+/// A named configuration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Preset {
+    /// The equations as printed: ten views, 2000 steps of a light MLP on colours alone, two iterations.
+    Paper,
+    /// A hash field whose rays are held to the views' depth, the remedies of the fusion together, and the monocular depth
+    /// as the prior of both iterations.
+    #[default]
+    Default,
+    /// A preview: one short iteration of the hash field, rendered from the original pose only.
+    Fast,
+}
+
+impl Preset {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Paper, Self::Default, Self::Fast];
+
+    /// The name, as the command line spells it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Default => "default",
+            Self::Fast => "fast",
+        }
+    }
+
+    /// The configuration.
+    pub fn config(self) -> Config {
+        match self {
+            Self::Paper => Config::default(),
+            Self::Default => Config {
+                refinement: RefinementConfig { iterations: 2, prior: IterationPrior::Anchor },
+                nerf: supervised(2000, 1024),
+                fusion: remedied(),
+                ..Config::default()
+            },
+            Self::Fast => Config {
+                refinement: RefinementConfig { iterations: 1, prior: IterationPrior::Anchor },
+                nerf: NerfConfig {
+                    render: RenderConfig {
+                        coarse: 16,
+                        fine: 16,
+                        in_bin: InBinVariance::Uniform,
+                        ..RenderConfig::default()
+                    },
+                    sampling: SamplingConfig { coarse: 8, band: 12, fine: 12, ..SamplingConfig::default() },
+                    ..supervised(400, 1024)
+                },
+                novel: NovelViews {
+                    sampling: ViewSampling { count: 0, ..ViewSampling::default() },
+                    original: true,
+                },
+                fusion: remedied(),
+                ..Config::default()
+            },
+        }
+    }
+}
+
+/// A hash field that learns colours and is held to the views' depth.
+fn supervised(steps: usize, rays: usize) -> NerfConfig {
+    NerfConfig {
+        field: FieldConfig::Hash(HashFieldConfig::default()),
+        train: TrainConfig {
+            steps,
+            rays,
+            learning_rate: 1e-2,
+            final_learning_rate: 1e-3,
+            depth_loss: DepthLoss::Wasserstein { weight: 0.2, decay: 0.0 },
+            ..TrainConfig::default()
+        },
+        render: RenderConfig { in_bin: InBinVariance::Uniform, ..RenderConfig::default() },
+        ..NerfConfig::default()
+    }
+}
+
+/// The remedies together. What the prior and views warped by it have in common no residual can show, so sigma is never
+/// said to be less than 5 % of the median depth.
+fn remedied() -> FusionConfig {
+    FusionConfig { posterior_floor: 0.05, ..FusionConfig::robust() }
+}

@@ -1,0 +1,102 @@
+//! The monocular depth that the command line names.
+
+use crate::args::PriorArgs;
+use anyhow::Result;
+use mde_prior::format::ReadOptions;
+use mde_prior::ndarray::ArrayView3;
+use mde_prior::{DepthKind, DepthPrior, FilePrior, ModelSpec, PriorDepth};
+use serde::Serialize;
+use std::cell::Cell;
+use std::path::Path;
+use std::time::Instant;
+
+/// A prior, and what the record says of it.
+pub(crate) struct NamedPrior {
+    pub(crate) prior: Box<dyn DepthPrior>,
+    pub(crate) origin: PriorOrigin,
+}
+
+/// Where a prior comes from.
+#[derive(Debug, Serialize)]
+pub(crate) struct PriorOrigin {
+    pub(crate) kind: DepthKind,
+    /// The file, or `simulated`.
+    pub(crate) source: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) model: Option<ModelSpec>,
+    pub(crate) flip_average: bool,
+}
+
+impl NamedPrior {
+    pub(crate) fn open(args: &PriorArgs) -> Result<Self> {
+        let kind = args.prior_kind.map(DepthKind::from);
+        match (&args.source.prior_model, &args.source.prior_depth) {
+            (Some(model), _) => Self::model(model, args, kind),
+            (None, Some(file)) => Self::file(file, args, kind.unwrap_or(DepthKind::Metric)),
+            (None, None) => anyhow::bail!("no prior is named; give --prior-model or --prior-depth"),
+        }
+    }
+
+    fn file(path: &Path, args: &PriorArgs, kind: DepthKind) -> Result<Self> {
+        let mut options = ReadOptions { encoding: args.prior_encoding.into(), ..ReadOptions::default() };
+        if let Some(scale) = args.png_scale {
+            (options.png_scale, options.float_scale) = (scale, scale);
+        }
+        let prior = Box::new(FilePrior::with_options(path, kind, &options)?);
+        let source = path.display().to_string();
+        Ok(Self { prior, origin: PriorOrigin { kind, source, model: None, flip_average: false } })
+    }
+
+    #[cfg(feature = "onnx")]
+    fn model(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
+        use mde_prior::{FlipAverage, OnnxPrior};
+        let mut spec = match &args.model_profile {
+            Some(name) => ModelSpec::profile(name)?,
+            // A missing file is to be told from a name that says nothing.
+            None if path.exists() => ModelSpec::of(path)?,
+            None => ModelSpec::new(1, 1, DepthKind::Metric),
+        };
+        if let Some(kind) = kind {
+            spec.output = kind;
+            spec.output_floor = spec.output_floor.filter(|_| kind.is_depth());
+        }
+        let model = OnnxPrior::open(path, &spec)?;
+        let prior: Box<dyn DepthPrior> =
+            if args.flip_average { Box::new(FlipAverage(model)) } else { Box::new(model) };
+        let (source, flip_average) = (path.display().to_string(), args.flip_average);
+        Ok(Self { prior, origin: PriorOrigin { kind: spec.output, source, model: Some(spec), flip_average } })
+    }
+
+    #[cfg(not(feature = "onnx"))]
+    fn model(path: &Path, _: &PriorArgs, _: Option<DepthKind>) -> Result<Self> {
+        let path = path.display();
+        anyhow::bail!(
+            "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"
+        )
+    }
+}
+
+/// A prior that remembers how long its answer took.
+pub(crate) struct Timed<'p> {
+    prior: &'p dyn DepthPrior,
+    seconds: Cell<f64>,
+}
+
+impl<'p> Timed<'p> {
+    pub(crate) fn new(prior: &'p dyn DepthPrior) -> Self {
+        Self { prior, seconds: Cell::new(0.0) }
+    }
+
+    pub(crate) fn seconds(&self) -> f64 {
+        self.seconds.get()
+    }
+}
+
+impl DepthPrior for Timed<'_> {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        let start = Instant::now();
+        let answer = self.prior.predict(image);
+        self.seconds.set(start.elapsed().as_secs_f64());
+        answer
+    }
+}

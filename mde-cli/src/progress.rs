@@ -1,0 +1,192 @@
+//! What is said while the work goes on: bars on a terminal, plain lines elsewhere, JSON lines, or nothing.
+
+use crate::args::RunArgs;
+use crate::interrupt;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use mde_cli::{Event, Stage};
+use mde_nerf::Event as FieldEvent;
+use serde_json::{Value, json};
+use std::io::{self, IsTerminal, Write};
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Mode {
+    Bars,
+    Lines,
+    Json,
+    Quiet,
+}
+
+/// Tells the user of a run.
+#[derive(Debug)]
+pub(crate) struct Progress {
+    mode: Mode,
+    start: Instant,
+    stage: Stage,
+    /// From 1, of how many.
+    iteration: [usize; 2],
+    bar: Option<ProgressBar>,
+    /// Tenths of the stage that a line was written for.
+    tenths: usize,
+    warnings: Vec<String>,
+}
+
+impl Progress {
+    pub(crate) fn new(args: &RunArgs) -> Self {
+        let mode = match (args.quiet, args.log_json) {
+            (true, _) => Mode::Quiet,
+            (_, true) => Mode::Json,
+            _ if io::stderr().is_terminal() => Mode::Bars,
+            _ => Mode::Lines,
+        };
+        let start = Instant::now();
+        Self {
+            mode,
+            start,
+            stage: Stage::Prior,
+            iteration: [1, 1],
+            bar: None,
+            tenths: 0,
+            warnings: Vec::new(),
+        }
+    }
+
+    /// Seconds since the program began.
+    pub(crate) fn seconds(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
+    }
+
+    /// Says a warning and keeps it for the record.
+    pub(crate) fn warn(&mut self, warning: String) {
+        match self.mode {
+            Mode::Quiet => {}
+            Mode::Json => self.json(json!({ "event": "warning", "message": warning })),
+            Mode::Lines | Mode::Bars => self.line(&format!("warning: {warning}")),
+        }
+        self.warnings.push(warning);
+    }
+
+    /// Every warning so far.
+    pub(crate) fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    /// Says what begins outside the loop.
+    pub(crate) fn step(&mut self, what: &str) {
+        self.finish_bar();
+        match self.mode {
+            Mode::Quiet => {}
+            Mode::Json => self.json(json!({ "event": "begin", "stage": what })),
+            Mode::Lines | Mode::Bars => self.line(what),
+        }
+    }
+
+    /// The results: `text` for people, on stdout, or `value` for programs.
+    pub(crate) fn result(&mut self, text: &str, value: Value) {
+        self.finish_bar();
+        match self.mode {
+            Mode::Quiet => {}
+            Mode::Json => self.json(value),
+            // A reader that went away needs no answer.
+            Mode::Lines | Mode::Bars => drop(writeln!(io::stdout().lock(), "{text}")),
+        }
+    }
+
+    /// The loop's observer.
+    pub(crate) fn observe(&mut self, event: &Event) -> ControlFlow<()> {
+        match *event {
+            Event::Begin { stage, iteration, iterations } => self.begin(stage, [iteration + 1, iterations]),
+            Event::Field { event, view, views } => self.field(&event, view, views),
+            _ => {}
+        }
+        interrupt::flow()
+    }
+
+    fn begin(&mut self, stage: Stage, iteration: [usize; 2]) {
+        self.finish_bar();
+        (self.stage, self.iteration, self.tenths) = (stage, iteration, 0);
+        let [index, all] = iteration;
+        match self.mode {
+            Mode::Quiet => {}
+            Mode::Json => {
+                self.json(
+                    json!({ "event": "begin", "stage": stage.name(), "iteration": index, "iterations": all }),
+                );
+            }
+            // These two get a bar with their first event.
+            Mode::Bars if matches!(stage, Stage::Fit | Stage::Render) => {}
+            Mode::Bars | Mode::Lines => self.line(&format!("iteration {index}/{all}: {}", stage.name())),
+        }
+    }
+
+    /// A field's own event; `view` of `views` is being rendered.
+    pub(crate) fn field(&mut self, event: &FieldEvent, view: usize, views: usize) {
+        match *event {
+            FieldEvent::Fit { step, steps, loss, psnr } => {
+                let text = format!("steps, loss {loss:.4}, PSNR {psnr:.1} dB");
+                let value =
+                    json!({ "event": "fit", "step": step, "steps": steps, "loss": loss, "psnr": psnr });
+                self.advance(Stage::Fit, step, steps, &text, value);
+            }
+            FieldEvent::Render { row, rows } => {
+                let text = format!("rows, view {}/{views}", view + 1);
+                let value =
+                    json!({ "event": "render", "row": row, "rows": rows, "view": view + 1, "views": views });
+                self.advance(Stage::Render, view * rows + row, views * rows, &text, value);
+            }
+            _ => {}
+        }
+    }
+
+    fn advance(&mut self, stage: Stage, done: usize, all: usize, text: &str, mut value: Value) {
+        match self.mode {
+            Mode::Quiet => {}
+            Mode::Json => {
+                value["iteration"] = json!(self.iteration[0]);
+                self.json(value);
+            }
+            Mode::Lines => {
+                let tenths = 10 * done / all.max(1);
+                if tenths > self.tenths {
+                    self.tenths = tenths;
+                    self.line(&format!("  {} {done}/{all} {text}", stage.name()));
+                }
+            }
+            Mode::Bars => {
+                let [index, iterations] = self.iteration;
+                let bar = self.bar.get_or_insert_with(|| {
+                    let bar = ProgressBar::with_draw_target(Some(all as u64), ProgressDrawTarget::stderr());
+                    bar.with_style(style())
+                        .with_prefix(format!("iteration {index}/{iterations}: {}", stage.name()))
+                });
+                bar.set_position(done as u64);
+                bar.set_message(text.to_owned());
+            }
+        }
+    }
+
+    fn finish_bar(&mut self) {
+        if let Some(bar) = self.bar.take() {
+            bar.abandon();
+        }
+    }
+
+    fn json(&self, mut value: Value) {
+        value["seconds"] = json!(self.seconds());
+        self.line(&value.to_string());
+    }
+
+    fn line(&self, text: &str) {
+        let write = || drop(writeln!(io::stderr().lock(), "{text}"));
+        match &self.bar {
+            Some(bar) => bar.suspend(write),
+            None => write(),
+        }
+    }
+}
+
+fn style() -> ProgressStyle {
+    let template = "{prefix} {bar:30} {pos}/{len} {msg} [{elapsed}, {eta} left]";
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+}

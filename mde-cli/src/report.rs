@@ -1,0 +1,58 @@
+use mde_fusion::FusionReport;
+use mde_nerf::FitReport;
+use mde_warp::WarpedView;
+use serde::Serialize;
+
+/// An account of one time round the loop.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct IterationReport {
+    /// The synthetic views.
+    pub warp: WarpReport,
+    /// The field's fit; its first PSNR is that of the original view.
+    pub fit: FitReport,
+    /// What the fusion estimated.
+    pub fusion: FusionReport,
+    /// Spearman's correlation between the field's aggregated depth and the fusion's prior, over the pixels that both know.
+    pub field_prior_spearman: Option<f64>,
+    /// Median of \\(|D_r / D_o - 1|\\) over the same pixels, before the affine map.
+    pub field_prior_deviation: Option<f64>,
+    /// Wall seconds by stage.
+    pub seconds: StageSeconds,
+}
+
+/// What the warps left open, over the views.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct WarpReport {
+    /// Views made.
+    pub views: usize,
+    /// Mean share of a view's pixels that the source should have covered and did not (filled, and not trained on).
+    pub mean_hole_fraction: f64,
+    /// The worst view's share.
+    pub max_hole_fraction: f64,
+    /// Mean share of a view's pixels that lie outside the source picture.
+    pub mean_outside_fraction: f64,
+}
+
+impl WarpReport {
+    /// Takes another view into account.
+    pub(crate) fn add(&mut self, view: &WarpedView) {
+        let mean = |old: f64, new: f64| (old * self.views as f64 + new) / (self.views + 1) as f64;
+        self.mean_hole_fraction = mean(self.mean_hole_fraction, view.hole_fraction);
+        self.mean_outside_fraction = mean(self.mean_outside_fraction, view.outside_fraction);
+        self.max_hole_fraction = self.max_hole_fraction.max(view.hole_fraction);
+        self.views += 1;
+    }
+}
+
+/// Wall seconds by stage.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct StageSeconds {
+    /// Making the synthetic views.
+    pub warp: f64,
+    /// Fitting the field.
+    pub fit: f64,
+    /// Rendering and reprojecting the novel views.
+    pub render: f64,
+    /// Fusing.
+    pub fuse: f64,
+}

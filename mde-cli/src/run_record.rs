@@ -1,0 +1,84 @@
+//! `run.json`: everything that was measured.
+
+use crate::camera::KnownCamera;
+use crate::prior::PriorOrigin;
+use crate::truth::Comparison;
+use anyhow::{Context, Result};
+use mde_cli::IterationReport;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// What `mde demo` and `mde refine` record.
+#[derive(Debug, Serialize)]
+pub(crate) struct RunRecord<'r> {
+    #[serde(flatten)]
+    pub(crate) about: About<'r>,
+    pub(crate) prior: &'r PriorOrigin,
+    /// The depth files' unit.
+    pub(crate) unit: &'static str,
+    /// depth.png = depth times this.
+    pub(crate) png_scale: f64,
+    /// Pixels without a refined depth.
+    pub(crate) missing_pixels: usize,
+    pub(crate) iterations: &'r [IterationReport],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) scores: Option<Comparison>,
+    pub(crate) prior_seconds: f64,
+    pub(crate) score_seconds: f64,
+}
+
+/// What every command records.
+#[derive(Debug, Serialize)]
+pub(crate) struct About<'r> {
+    pub(crate) command: &'static str,
+    pub(crate) versions: BTreeMap<&'static str, &'static str>,
+    /// The image, field or room.
+    pub(crate) input: String,
+    pub(crate) camera: &'r KnownCamera,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) preset: Option<&'static str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) seed: Option<u64>,
+    pub(crate) threads: usize,
+    pub(crate) warnings: &'r [String],
+    /// From the program's start to this record.
+    pub(crate) total_seconds: f64,
+    pub(crate) peak_memory_bytes: Option<u64>,
+}
+
+impl<'r> About<'r> {
+    pub(crate) fn new(command: &'static str, input: String, camera: &'r KnownCamera) -> Self {
+        Self {
+            command,
+            versions: versions(),
+            input,
+            camera,
+            preset: None,
+            seed: None,
+            threads: rayon::current_num_threads(),
+            warnings: &[],
+            total_seconds: 0.0,
+            peak_memory_bytes: peak_memory(),
+        }
+    }
+}
+
+/// Writes a record as JSON.
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
+    let text = serde_json::to_string_pretty(value).with_context(|| path.display().to_string())?;
+    Ok(mde_prior::write_atomic(path, (text + "\n").as_bytes())?)
+}
+
+/// The workspace's crates and their versions.
+fn versions() -> BTreeMap<&'static str, &'static str> {
+    let known = env!("MDE_VERSIONS").split_whitespace().filter_map(|pair| pair.split_once('='));
+    known.chain([(env!("CARGO_PKG_NAME"), env!("CARGO_PKG_VERSION"))]).collect()
+}
+
+/// The most memory that the process ever held; Linux tells.
+fn peak_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    Some(1024 * line.split_whitespace().next()?.parse::<u64>().ok()?)
+}

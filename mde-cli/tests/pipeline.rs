@@ -1,0 +1,213 @@
+//! The loop over stages that this workspace has never heard of.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{HEIGHT, TINY, WIDTH};
+use mde_cli::config::{Config, IterationPrior};
+use mde_cli::mde_eval::scene::{Room, Scene, room};
+use mde_cli::mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
+use mde_cli::mde_fusion::{self, BayesFuser, Fused, Fuser, FusionReport, Prior};
+use mde_cli::mde_nerf::{self, FitReport, Nerf, Observer, RadianceField, RenderedView};
+use mde_cli::mde_prior::{DepthKind, DepthPrior};
+use mde_cli::mde_uncertainty::GaussianDepth;
+use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
+use mde_cli::{Error, Event, Preset, Refinement, Stage, Stages, refine};
+use ndarray::{Array2, Array3};
+use std::cell::RefCell;
+use std::ops::ControlFlow;
+use std::sync::{Arc, Mutex};
+
+/// A wall that says what it was asked.
+struct Wall {
+    depth: f32,
+    log: Arc<Mutex<Vec<String>>>,
+}
+
+impl RadianceField for Wall {
+    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> mde_nerf::Result<FitReport> {
+        let original = views[0].pose == Pose::identity() && views[0].mask.iter().all(|real| *real);
+        let moved = views[1..].iter().all(|view| view.pose != Pose::identity());
+        self.log.lock().unwrap().push(format!("fit {} {original} {moved}", views.len()));
+        let event = mde_nerf::Event::Fit { step: 1, steps: 1, loss: 0.0, psnr: 30.0 };
+        if observer.observe(&event).is_break() {
+            return Err(mde_nerf::Error::Interrupted);
+        }
+        Ok(FitReport { steps: 1, psnr: vec![30.0], ..FitReport::default() })
+    }
+
+    fn render(
+        &self,
+        camera: &PinholeCamera,
+        pose: &Pose,
+        observer: &mut dyn Observer,
+    ) -> mde_nerf::Result<RenderedView> {
+        self.log.lock().unwrap().push(format!("render {}", *pose == Pose::identity()));
+        if observer.observe(&mde_nerf::Event::Render { row: 1, rows: 1 }).is_break() {
+            return Err(mde_nerf::Error::Interrupted);
+        }
+        let size = (camera.height, camera.width);
+        Ok(RenderedView {
+            image: Array3::zeros((size.0, size.1, 3)),
+            depth: GaussianDepth::new(Array2::from_elem(size, self.depth), Array2::from_elem(size, 1e-2))?,
+            opacity: Array2::ones(size),
+        })
+    }
+}
+
+/// Half-way between the prior and the first view; remembers whether the prior came with a variance.
+#[derive(Default)]
+struct HalfWay {
+    knew_variance: RefCell<Vec<bool>>,
+    priors: RefCell<Vec<Array2<f32>>>,
+}
+
+impl Fuser for HalfWay {
+    fn fuse(&self, prior: &Prior, evidence: &[GaussianDepth]) -> mde_fusion::Result<Fused> {
+        self.knew_variance.borrow_mut().push(prior.variance().is_some());
+        self.priors.borrow_mut().push(prior.mean().to_owned());
+        let view = evidence[0].clone();
+        let mean = 0.5 * &prior.mean() + 0.5 * &view.mean();
+        let depth = GaussianDepth::new(mean, Array2::from_elem(prior.dim(), 0.04))?;
+        Ok(Fused { depth, aggregated: view.clone(), aligned: view, report: FusionReport::default() })
+    }
+}
+
+fn scene() -> Scene {
+    room(Room::Study, 0, WIDTH, HEIGHT).unwrap()
+}
+
+fn prior(scene: &Scene) -> SimulatedPrior {
+    SimulatedPrior::new(&scene.depth, &SimulatedPriorConfig::default()).unwrap()
+}
+
+fn config() -> Config {
+    let mut config = Config::with_overrides(Preset::Paper, TINY, "tiny").unwrap();
+    config.novel.sampling.count = 0;
+    config.novel.original = true;
+    config
+}
+
+fn with_nerf(config: &Config) -> Refinement {
+    let scene = scene();
+    let mut field = |iteration: usize| -> mde_cli::Result<Box<dyn RadianceField>> {
+        Ok(Box::new(Nerf::new(config.nerf.clone(), config.seed + iteration as u64)?))
+    };
+    let fuser = BayesFuser::new(config.fusion.clone()).unwrap();
+    let prior = prior(&scene);
+    let stages = Stages { prior: &prior, field: &mut field, fuser: &fuser };
+    let mut go_on = |_: &Event| ControlFlow::Continue(());
+    refine(scene.image.view(), &scene.camera, stages, config, &mut go_on).unwrap()
+}
+
+/// Runs the foreign stages; the observer stops the `stop`-th event.
+fn with_wall(
+    config: &Config,
+    fuser: &HalfWay,
+    stop: usize,
+) -> (mde_cli::Result<Refinement>, Vec<String>, Vec<Event>) {
+    let scene = scene();
+    let log = Arc::new(Mutex::new(Vec::new()));
+    let mut field = |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> {
+        Ok(Box::new(Wall { depth: 3.0, log: log.clone() }))
+    };
+    let mut events = Vec::new();
+    let mut observe = |event: &Event| {
+        events.push(*event);
+        if events.len() == stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    let prior = prior(&scene);
+    let stages = Stages { prior: &prior, field: &mut field, fuser };
+    let result = refine(scene.image.view(), &scene.camera, stages, config, &mut observe);
+    let log = log.lock().unwrap().clone();
+    (result, log, events)
+}
+
+#[test]
+fn foreign_stages_are_called_in_order_and_their_word_is_final() {
+    let fuser = HalfWay::default();
+    let (result, log, events) = with_wall(&config(), &fuser, usize::MAX);
+    let refinement = result.unwrap();
+    let once = ["fit 4 true true", "render true"];
+    assert_eq!(log, [once, once].concat());
+    let stages: Vec<_> = events
+        .iter()
+        .filter_map(|event| match event {
+            Event::Begin { stage, iteration, iterations: 2 } => Some((*stage, *iteration)),
+            _ => None,
+        })
+        .collect();
+    let around = |i| [(Stage::Warp, i), (Stage::Fit, i), (Stage::Render, i), (Stage::Fuse, i)];
+    assert_eq!(stages, [vec![(Stage::Prior, 0)], around(0).to_vec(), around(1).to_vec()].concat());
+    // Half-way, twice.
+    for (refined, prior) in refinement.depth.mean().iter().zip(&refinement.prior) {
+        assert!((refined - (0.25 * prior + 0.75 * 3.0)).abs() < 1e-5);
+    }
+    assert_eq!(refinement.iterations.len(), 2);
+    assert_eq!(refinement.iterations[0].warp.views, 3);
+}
+
+#[test]
+fn the_second_prior_is_what_the_configuration_says() {
+    for (rule, knows, same) in [
+        (IterationPrior::Carry, true, false),
+        (IterationPrior::Reestimate, false, false),
+        (IterationPrior::Anchor, false, true),
+    ] {
+        let mut config = config();
+        config.refinement.prior = rule;
+        let fuser = HalfWay::default();
+        with_wall(&config, &fuser, usize::MAX).0.unwrap();
+        assert_eq!(*fuser.knew_variance.borrow(), [false, knows], "{rule:?}");
+        let priors = fuser.priors.borrow();
+        assert_eq!(priors[0] == priors[1], same, "{rule:?}");
+    }
+}
+
+#[test]
+fn the_observer_can_stop_at_every_event() {
+    let events = with_wall(&config(), &HalfWay::default(), usize::MAX).2.len();
+    for stop in 1..=events {
+        let (result, _, heard) = with_wall(&config(), &HalfWay::default(), stop);
+        assert!(matches!(result, Err(Error::Interrupted)), "event {stop}: {:?}", heard.last());
+        assert_eq!(heard.len(), stop);
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits_and_another_seed_others() {
+    let config = config();
+    let (first, second) = (with_nerf(&config), with_nerf(&config));
+    assert!(first.depth == second.depth);
+    assert!(first.prior == second.prior);
+    let other = with_nerf(&Config { seed: 1, ..config });
+    assert!(first.depth != other.depth);
+    assert!(first.prior == other.prior);
+}
+
+#[test]
+fn a_prior_of_another_size_and_a_wrong_configuration_are_refused() {
+    struct Small;
+    impl DepthPrior for Small {
+        fn predict(
+            &self,
+            _: ndarray::ArrayView3<'_, f32>,
+        ) -> mde_cli::mde_prior::Result<mde_cli::mde_prior::PriorDepth> {
+            mde_cli::mde_prior::PriorDepth::from_values(Array2::ones((2, 3)), DepthKind::Metric)
+        }
+    }
+    let (scene, fuser) = (scene(), HalfWay::default());
+    let run = |prior: &dyn DepthPrior, config: &Config| {
+        let mut field =
+            |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> { Err(mde_nerf::Error::NotFitted.into()) };
+        let stages = Stages { prior, field: &mut field, fuser: &fuser };
+        let mut go_on = |_: &Event| ControlFlow::Continue(());
+        refine(scene.image.view(), &scene.camera, stages, config, &mut go_on).map(|_| ())
+    };
+    assert!(matches!(run(&Small, &config()), Err(Error::Size { prior: [2, 3], image: [HEIGHT, WIDTH] })));
+    let good = prior(&scene);
+    assert!(matches!(run(&good, &config()), Err(Error::Field(mde_nerf::Error::NotFitted))));
+    let mut none = config();
+    none.refinement.iterations = 0;
+    assert!(matches!(run(&good, &none), Err(Error::Config { .. })));
+}

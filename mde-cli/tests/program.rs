@@ -1,0 +1,255 @@
+//! The program's outputs.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{HEIGHT, Place, WIDTH, names};
+use mde_cli::Preset;
+use mde_cli::config::Config;
+use mde_cli::mde_prior::format::{ReadOptions, read_depth, write_depth};
+use ndarray::Array2;
+use ndarray_npy::read_npy;
+use predicates::prelude::*;
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+
+const OUTPUTS: [&str; 7] =
+    ["config.toml", "depth.npy", "depth.png", "preview.png", "prior.npy", "run.json", "sigma.npy"];
+
+fn record(folder: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(folder.join("run.json")).unwrap()).unwrap()
+}
+
+/// The maps agree with each other and with the record.
+fn check_outputs(folder: &Path, (height, width): (usize, usize)) -> Value {
+    let map = |name: &str| -> Array2<f32> { read_npy(folder.join(name)).unwrap() };
+    let (depth, sigma, prior) = (map("depth.npy"), map("sigma.npy"), map("prior.npy"));
+    for map in [&depth, &sigma, &prior] {
+        assert_eq!(map.dim(), (height, width));
+    }
+    for (d, s) in depth.iter().zip(&sigma) {
+        assert!(*d >= 0.0 && d.is_finite() && *s >= 0.0, "{d} {s}");
+        assert_eq!(*d == 0.0, s.is_infinite());
+    }
+    let record = record(folder);
+    let scale = record["png_scale"].as_f64().unwrap();
+    let options = ReadOptions { png_scale: scale, ..ReadOptions::default() };
+    let png = read_depth(folder.join("depth.png"), &options).unwrap();
+    for (png, depth) in png.iter().zip(&depth) {
+        assert!(f64::from((png - depth).abs()) <= 0.5001 / scale + 1e-6 * f64::from(*depth), "{png} {depth}");
+    }
+    let text = fs::read_to_string(folder.join("config.toml")).unwrap();
+    let config = Config::with_overrides(Preset::Default, &text, "config.toml").unwrap();
+    let iterations = record["iterations"].as_array().unwrap();
+    assert_eq!(iterations.len(), config.refinement.iterations);
+    for iteration in iterations {
+        for (group, keys) in [
+            ("fusion", &["a", "b", "sigma_o", "variance_quantiles"][..]),
+            ("warp", &["mean_hole_fraction"]),
+            ("fit", &["psnr", "loss"]),
+            ("seconds", &["warp", "fit", "render", "fuse"]),
+        ] {
+            for key in keys {
+                assert!(!iteration[group][key].is_null(), "{group}.{key}");
+            }
+        }
+    }
+    assert_eq!(record["versions"].as_object().unwrap().len(), 7);
+    assert!(record["total_seconds"].as_f64().unwrap() > 0.0);
+    assert!(!cfg!(target_os = "linux") || record["peak_memory_bytes"].as_u64().unwrap() > 1 << 20);
+    record
+}
+
+#[test]
+fn the_demo_is_scored_against_its_exact_depth() {
+    let place = Place::new();
+    let run = place.mde("demo --size 64x48 --config tiny.toml --seed 3 -o a/demo").assert().success();
+    run.stdout(predicate::str::contains("AbsRel").and(predicate::str::contains("a/demo")))
+        .stderr(predicate::str::contains("iteration 2/2: fuse"));
+    let record = check_outputs(&place.path("a/demo"), (HEIGHT, WIDTH));
+    assert_eq!(names(&place.path("a")), ["demo"]);
+    let mut expected = [&OUTPUTS[..], &["gt.npy", "image.png"]].concat();
+    expected.sort_unstable();
+    assert_eq!(names(&place.path("a/demo")), expected);
+    assert_eq!((record["seed"].as_u64(), record["camera"]["source"].as_str()), (Some(3), Some("scene")));
+    for alignment in ["median", "ls-disparity"] {
+        for which in ["prior", "refined"] {
+            let scores = &record["scores"]["by_alignment"][alignment][which];
+            assert!(scores["depth"]["abs-rel"].as_f64().unwrap() > 0.0, "{scores}");
+        }
+    }
+    // The simulated prior is no copy of the truth.
+    assert_ne!(
+        fs::read(place.path("a/demo/prior.npy")).unwrap(),
+        fs::read(place.path("a/demo/gt.npy")).unwrap()
+    );
+}
+
+#[test]
+fn a_refinement_does_not_depend_on_threads_or_on_the_prior_format() {
+    let place = Place::new();
+    for name in ["depth.pfm", "depth.exr", "depth.npz"] {
+        write_depth(place.path(name), place.scene.depth.view(), &Default::default()).unwrap();
+    }
+    let mut results = Vec::new();
+    for (index, prior) in
+        ["depth.npy --threads 1", "depth.npy --threads 2", "depth.pfm", "depth.exr", "depth.npz"]
+            .into_iter()
+            .enumerate()
+    {
+        let arguments = format!(
+            "refine image.png --prior-depth {prior} --fov 60 --config tiny.toml -o out{index} --quiet"
+        );
+        place.mde(&arguments).assert().success().stderr("").stdout("");
+        let folder = place.path(&format!("out{index}"));
+        check_outputs(&folder, (HEIGHT, WIDTH));
+        results
+            .push((fs::read(folder.join("depth.npy")).unwrap(), fs::read(folder.join("sigma.npy")).unwrap()));
+    }
+    assert!(results.iter().all(|result| result == &results[0]));
+    assert_eq!(names(&place.path("out0")), OUTPUTS);
+}
+
+#[test]
+fn another_seed_gives_another_result_and_force_replaces_it() {
+    let place = Place::new();
+    let refine = "refine image.png --prior-depth depth.npy --fov 60 --config tiny.toml --quiet -o out";
+    place.mde(&format!("{refine} --seed 1")).assert().success();
+    let first = fs::read(place.path("out/depth.npy")).unwrap();
+    place.mde(&format!("{refine} --seed 2")).assert().code(1);
+    assert!(fs::read(place.path("out/depth.npy")).unwrap() == first);
+    place.write("out/notes.txt", "old");
+    place.mde(&format!("{refine} --seed 2 --force")).assert().success();
+    assert!(fs::read(place.path("out/depth.npy")).unwrap() != first);
+    assert_eq!(names(&place.path("out")), OUTPUTS);
+}
+
+#[test]
+fn an_unknown_camera_is_warned_of_and_json_lines_are_json() {
+    let place = Place::new();
+    let arguments = "refine image.png --prior-depth depth.npy --prior-kind depth --gt depth.npy --config tiny.toml \
+                     --log-json -o out";
+    let run = place.mde(arguments).assert().success().stdout("");
+    let text = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+    let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let events = |name: &str| lines.iter().filter(|line| line["event"] == name).count();
+    assert_eq!((events("warning") > 0, events("done")), (true, 1));
+    assert!(events("fit") > 0 && events("render") > 0 && events("begin") > 5);
+    let record = check_outputs(&place.path("out"), (HEIGHT, WIDTH));
+    assert!(record["warnings"][0].as_str().unwrap().contains("60 degrees"));
+    assert_eq!(record["camera"]["source"]["assumed"].as_f64(), Some(60.0));
+    assert_eq!(record["prior"]["kind"], "depth");
+    assert!(record["scores"]["by_alignment"]["median"]["refined"]["uncertainty"]["nll"].is_f64());
+}
+
+#[test]
+fn a_saved_field_is_rendered() {
+    let place = Place::new();
+    place
+        .mde("refine image.png --prior-depth depth.npy --fov 60 --config tiny.toml --save-field -q -o out")
+        .assert()
+        .success();
+    let render =
+        |rest: &str| place.mde(&format!("render --field out/field.safetensors {rest}")).assert().success();
+    render("--size 32x24 --fov 60 -o still");
+    let depth: Array2<f32> = read_npy(place.path("still/depth.npy")).unwrap();
+    assert_eq!(depth.dim(), (24, 32));
+    assert!(depth.iter().any(|d| *d > 0.0));
+    render("--size 32x24 --fov 60 --orbit 2 -o orbit");
+    assert!(names(&place.path("orbit")).contains(&"colour_001.png".to_owned()));
+    render("--size 32x24 --fov 60 --translate -0.1,0,0.05 -o moved");
+    let moved = record(&place.path("moved"));
+    // The camera steps left, so the world moves right.
+    assert_eq!(moved["views"][0]["world_to_camera"][0][3].as_f64(), Some(0.1));
+}
+
+#[test]
+fn warped_views_come_with_masks_depths_and_poses() {
+    let place = Place::new();
+    let run =
+        place.mde("warp image.png --prior-depth depth.npy --fov 60 --config tiny.toml -o views").assert();
+    run.success().stdout(predicate::str::contains("3 views"));
+    let views = names(&place.path("views"));
+    for name in
+        ["view_00.png", "view_03.png", "mask_03.png", "depth_03.npy", "poses.json", "contact.png", "run.json"]
+    {
+        assert!(views.contains(&name.to_owned()), "{name}");
+    }
+    let poses: Value =
+        serde_json::from_str(&fs::read_to_string(place.path("views/poses.json")).unwrap()).unwrap();
+    assert_eq!(poses.as_array().unwrap().len(), 4);
+    assert_eq!(poses[0]["trainable"].as_f64(), Some(1.0));
+    assert!((0.5..1.0).contains(&poses[1]["trainable"].as_f64().unwrap()));
+}
+
+#[test]
+fn a_printed_preset_is_a_configuration() {
+    let place = Place::new();
+    for preset in Preset::ALL {
+        let run = place.mde(&format!("config --preset {}", preset.name())).assert().success();
+        let text = String::from_utf8(run.get_output().stdout.clone()).unwrap();
+        assert_eq!(Config::with_overrides(Preset::Paper, &text, "stdout").unwrap(), preset.config());
+    }
+    place.mde("--version").assert().success().stdout(predicate::str::contains(env!("CARGO_PKG_VERSION")));
+    place.mde("--help").assert().success().stdout(predicate::str::contains("130"));
+    place.mde("refine --help").assert().success().stdout(predicate::str::contains("Examples"));
+}
+
+#[test]
+#[cfg(unix)]
+fn an_interrupted_run_stops_soon_and_leaves_nothing() {
+    use std::io::{BufRead, BufReader};
+    use std::process::{Command, Stdio};
+    use std::time::{Duration, Instant};
+
+    let place = Place::new();
+    place.write("long.toml", common::TINY.replace("steps = 200", "steps = 1000000"));
+    let before = place.entries();
+    for signal in ["INT", "TERM"] {
+        let mut run = Command::new(env!("CARGO_BIN_EXE_mde"))
+            .current_dir(place.path("."))
+            .args(
+                "refine image.png --prior-depth depth.npy --fov 60 --config long.toml -o a/b/out".split(' '),
+            )
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(run.stderr.take().unwrap()).lines().map(Result::unwrap);
+        assert!(lines.any(|line| line.contains("fit")));
+        let start = Instant::now();
+        let kill = format!("kill -{signal} {}", run.id());
+        assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+        assert_eq!(run.wait().unwrap().code(), Some(130));
+        assert!(start.elapsed() < Duration::from_secs(10));
+        assert!(lines.any(|line| line.contains("interrupted")));
+        assert_eq!(place.entries(), before);
+    }
+}
+
+#[test]
+#[cfg(feature = "onnx")]
+fn a_real_scene_is_refined_with_a_real_model() {
+    let Some(shared) = common::shared("a real scene") else { return };
+    let place = Place::new();
+    let scene = shared.join("data/SUNRGBD/kv1/img_0063");
+    let short = "[nerf.train]\nsteps = 20\nrays = 256\n[nerf.render]\ncoarse = 4\nfine = 4\n";
+    place.write("short.toml", short);
+    let run = place
+        .mde("refine --preset fast --config short.toml --gt-encoding sunrgbd --intrinsics-base 1 -o out")
+        .arg(scene.join("image/img_0063.jpg"))
+        .arg("--prior-model")
+        .arg(shared.join("models/fastdepth/fastdepth_224.onnx"))
+        .arg("--intrinsics")
+        .arg(scene.join("intrinsics.txt"))
+        .arg("--gt")
+        .arg(scene.join("depth/img_0063.png"))
+        .assert()
+        .success();
+    run.stdout(predicate::str::contains("median alignment"));
+    let record = check_outputs(&place.path("out"), (427, 561));
+    assert_eq!(record["prior"]["kind"], "metric");
+    assert!((record["camera"]["cx"].as_f64().unwrap() - 276.9258).abs() < 1e-9);
+    let abs_rel = record["scores"]["by_alignment"]["median"]["prior"]["depth"]["abs-rel"].as_f64().unwrap();
+    assert!((0.02..0.2).contains(&abs_rel), "{abs_rel}");
+}
