@@ -149,3 +149,55 @@ fn depth_range(view: &PosedView, sampling: &SamplingConfig) -> Result<(f64, f64,
     }
     Ok((near, far, quantile(0.5).unwrap_or(0.5 * (near + far))))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mde_uncertainty::GaussianDepth;
+    use ndarray::{Array2, Array3};
+    use proptest::prelude::*;
+
+    fn view(pose: Pose, near: f32, far: f32) -> PosedView {
+        let camera = PinholeCamera::from_fov(70.0, 16, 12).unwrap();
+        let depth =
+            Array2::from_shape_fn((12, 16), |(y, x)| near + (far - near) * (y * 16 + x) as f32 / 191.0);
+        let hypothesis = GaussianDepth::new(depth, Array2::zeros((12, 16))).unwrap();
+        let mask = Array2::from_elem((12, 16), true);
+        PosedView::new(Array3::zeros((12, 16, 3)), camera, pose, mask, vec![hypothesis]).unwrap()
+    }
+
+    fn pose() -> impl Strategy<Value = Pose> {
+        mde_warp::proptest::pose(0.05, 3.0)
+    }
+
+    proptest! {
+        /// What any view sees between near and far lies inside the cube, not squashed onto its faces.
+        #[test]
+        fn the_cube_holds_what_the_views_see(
+            original in pose(), other in pose(), x in -0.5..15.5_f64, y in -0.5..11.5_f64, s in 0.0..1.0_f64
+        ) {
+            let views = [view(original, 1.0, 5.0), view(other * original, 1.0, 5.0)];
+            let frustum = Frustum::of_views(&views, &SamplingConfig::default()).unwrap();
+            for view in &views {
+                let ray = Ray::new(&view.camera, &view.pose, x, y);
+                let z = frustum.depth_at(s, Spacing::Disparity);
+                let point = ray.origin + z * ray.direction;
+                let q: [f64; 3] = frustum.cube(&point);
+                let p = original * point;
+                prop_assert!((q[0] - (frustum.scale[0] * p.x / p.z + frustum.offset[0])).abs() < 1e-9, "u was cut: {:?}", q);
+                prop_assert!((q[1] - (frustum.scale[1] * p.y / p.z + frustum.offset[1])).abs() < 1e-9, "v was cut: {:?}", q);
+            }
+        }
+
+        #[test]
+        fn depth_and_fraction_are_inverse_and_run_from_near_to_far(x in 0.0..=1.0_f64, near in 0.1..2.0_f32, range in 1.1..20.0_f32) {
+            let frustum = Frustum::of_views(&[view(Pose::identity(), near, near * range)], &SamplingConfig::default()).unwrap();
+            for spacing in [Spacing::Depth, Spacing::Disparity] {
+                prop_assert!((frustum.fraction_at(frustum.depth_at(x, spacing), spacing) - x).abs() < 1e-9);
+                prop_assert!((frustum.depth_at(0.0, spacing) - frustum.near).abs() < 1e-9 * frustum.near);
+                prop_assert!((frustum.depth_at(1.0, spacing) - frustum.far).abs() < 1e-9 * frustum.far);
+            }
+            prop_assert!(frustum.near < f64::from(near) && frustum.far > f64::from(near * range));
+        }
+    }
+}

@@ -131,6 +131,10 @@ impl Case {
         };
         for (part, analytic) in [table, gradients.density, gradients.colour].into_iter().enumerate() {
             let touched: Vec<usize> = (0..analytic.len()).filter(|&i| analytic[i] != 0.0).collect();
+            assert!(
+                analytic.is_empty() || touched.len() > 10,
+                "part {part} has next to no gradient to check"
+            );
             let largest = analytic.iter().fold(0.0_f64, |m, g| m.max(g.abs()));
             for _ in 0..count.min(touched.len()) {
                 let i = touched[rng.random_range(0..touched.len())];
