@@ -84,8 +84,8 @@ fn supervised(steps: usize, rays: usize) -> NerfConfig {
     }
 }
 
-/// The remedies together. What the prior and views warped by it have in common no residual can show, so sigma is never
-/// said to be less than 5 % of the median depth.
+/// The remedies together. The views are warps of the photograph by the prior itself and share its error, which no
+/// residual can show: sigma is stated as 10 % of the depth on top of what the fusion estimates.
 fn remedied() -> FusionConfig {
-    FusionConfig { posterior_floor: 0.05, ..FusionConfig::robust() }
+    FusionConfig { common_error: 0.1, ..FusionConfig::robust() }
 }

@@ -18,6 +18,8 @@ use ndarray::Array2;
 /// 4. Each pixel gets its posterior. Without NeRF support (\\(\tau_r = 0\\)) it keeps \\(D_o\\) and \\(\sigma_o^2\\);
 ///    a posterior that is not a positive depth reverts to the same, and is counted.
 ///
+/// An error that prior and views have in common ([`FusionConfig::common_error`]) comes on top.
+///
 /// Where the calibration is degenerate the result is \\(D_o\\) ([`OnDegenerate`]), with the prior's own variance or
 /// \\((\kappa \operatorname{median} D_o)^2\\), and the report says why.
 ///
@@ -142,7 +144,8 @@ impl BayesFuser {
                 }
             }
             if let Some(g) = fused {
-                (*output.0, *output.1) = (to_f32(g.mean), to_f32(g.variance.max(floor)));
+                let common = (self.config.common_error * g.mean).powi(2);
+                (*output.0, *output.1) = (to_f32(g.mean), to_f32(g.variance.max(floor) + common));
             }
         }
         report.nerf_weight = weights / report.support.max(1) as f64;

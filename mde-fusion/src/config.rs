@@ -35,6 +35,11 @@ pub struct FusionConfig {
     /// Least standard deviation of the result, as a fraction of the prior's median depth; 0 leaves Eq. 17 as printed,
     /// which is 0 everywhere where Eq. 15 is.
     pub posterior_floor: f64,
+    /// Standard deviation, as a fraction of each pixel's depth, of the error that the prior and the views have in common;
+    /// its square is added to the result's variance. Views warped by the prior share its error, and no residual between
+    /// the two can show it, so this is a statement of the caller, not an estimate. It is added once a fusion: leave it 0
+    /// where the result becomes the next fusion's prior. 0 leaves Eq. 17 as printed.
+    pub common_error: f64,
     /// In [`Space::Disparity`], no calibrated depth is farther than this multiple of the prior's farthest.
     pub far: f64,
     /// When a calibration is degenerate.
@@ -66,6 +71,7 @@ impl FusionConfig {
             fusion: Fusion::Bayes,
             missing_prior: MissingPrior::Missing,
             posterior_floor: 0.0,
+            common_error: 0.0,
             far: 1.25,
             guards: Guards::default(),
             effective: EffectiveConfig::default(),
@@ -101,6 +107,12 @@ impl FusionConfig {
             floor,
             unit.contains(&floor),
             "take a fraction from 0 to below 1, such as 1e-3",
+        )?;
+        check(
+            "common-error",
+            self.common_error,
+            unit.contains(&self.common_error),
+            "take a fraction from 0 to below 1",
         )?;
         check("posterior-floor", posterior, unit.contains(&posterior), "take a fraction from 0 to below 1")?;
         check("kappa", kappa, kappa > 0.0, "take a positive relative deviation, such as 0.1")?;

@@ -6,7 +6,7 @@ use ndarray::{Array2, ArrayView2};
 /// \\[ \sigma_o^2(x) = c_0 + c_1 |\nabla D_o(x)|^2 + c_2 D_o(x)^4,\qquad c \ge 0 \\]
 ///
 /// A constant; an error of localisation, which shows where the depth changes; and a constant error of disparity,
-/// which grows with the square of the depth.
+/// which grows with the square of the depth. Where \\(D_o\\) is a disparity, the last is a constant error of depth.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Heteroscedastic {
     /// \\(c_0\\), in the unit of a variance.

@@ -132,6 +132,7 @@ pub fn config() -> impl Strategy<Value = FusionConfig> {
                 fusion,
                 missing_prior: if missing { MissingPrior::Missing } else { MissingPrior::Nerf },
                 posterior_floor: floor,
+                common_error: floor,
                 guards: if strict { Guards::strict() } else { Guards::default() },
                 ..FusionConfig::paper()
             }

@@ -6,7 +6,8 @@ mod common;
 use approx::assert_relative_eq;
 use mde_fusion::proptest::samples;
 use mde_fusion::{
-    Affine, EffectiveConfig, Sample, affine_effective, affine_ols, affine_wls, huber_variance, residuals,
+    Affine, EffectiveConfig, Gaussian, Sample, affine_effective, affine_ols, affine_wls, huber_variance,
+    residuals,
 };
 use proptest::prelude::*;
 
@@ -132,18 +133,32 @@ proptest! {
         prop_assert!(g[0].abs() <= 1e-5 * size[0] && g[1].abs() <= 1e-5 * size[1], "{g:?} of {size:?}");
     }
 
+    /// A pixel that is wrong by up to 1e9 moves no depth between 0.5 and 10 by more than 0.5.
     #[test]
     fn one_wild_pixel_cannot_carry_the_effective_fit_away(mut samples in samples(30..60), wild in 1e3..1e9_f64) {
         for s in &mut samples {
-            s.prior = s.nerf;
+            (s.prior, s.variance) = (s.nerf, 0.01);
         }
-        let config = EffectiveConfig::default();
-        // A pixel that claims to be exact, and is not.
-        samples.push(Sample { nerf: 5.0, variance: 1e-6, prior: wild });
-        let fit = affine_effective(&samples, &config).unwrap().affine;
-        prop_assert!((fit.a - 1.0).abs() < 0.05 && fit.b.abs() < 0.25, "{fit:?}");
+        samples.push(Sample { nerf: 5.0, variance: 0.01, prior: wild });
+        let fit = affine_effective(&samples, &EffectiveConfig::default()).unwrap().affine;
+        for depth in [0.5, 10.0] {
+            let moved = fit.apply(Gaussian::new(depth, 0.0)).mean - depth;
+            prop_assert!(moved.abs() < 0.5, "{fit:?} moves {depth} by {moved}");
+        }
         // The plain fit is gone.
-        prop_assert!(affine_wls(&samples).unwrap().affine.b.abs() > 1.0);
+        prop_assert!(affine_wls(&samples).unwrap().affine.apply(Gaussian::new(5.0, 0.0)).mean > 15.0);
+    }
+
+    /// Bounded influence: from some point on, a pixel that claims to be exact pulls no harder the wilder it is.
+    #[test]
+    fn how_wild_a_pixel_is_does_not_matter(samples in samples(30..60), wild in 1e5..1e9_f64) {
+        let fit = |prior| {
+            let mut samples = samples.clone();
+            samples.push(Sample { nerf: 5.0, variance: 1e-6, prior });
+            affine_effective(&samples, &EffectiveConfig::default()).unwrap().affine
+        };
+        let (one, other) = (fit(wild), fit(1e12));
+        prop_assert!((one.a - other.a).abs() < 1e-3 && (one.b - other.b).abs() < 1e-2, "{one:?} {other:?}");
     }
 }
 

@@ -344,6 +344,22 @@ fn disparity_space_leaves_unsupported_pixels_as_they_came() {
 }
 
 #[test]
+fn a_common_error_adds_its_share_of_the_depth_and_leaves_the_mean() {
+    let prior = Prior::new(array![[1.0, 2.0, 3.0, 4.5]]).unwrap();
+    let view =
+        GaussianDepth::new(array![[1.1, 1.8, 3.3, 0.0]], array![[0.1, 0.2, 0.1, f32::INFINITY]]).unwrap();
+    let paper = fuse(FusionConfig::paper(), &prior, std::slice::from_ref(&view));
+    let common = fuse(FusionConfig { common_error: 0.1, ..FusionConfig::paper() }, &prior, &[view]);
+    assert_eq!(paper.depth.mean(), common.depth.mean());
+    for ((&mean, &before), &after) in
+        paper.depth.mean().iter().zip(paper.depth.variance()).zip(common.depth.variance())
+    {
+        let expected = before + (0.1 * mean).powi(2);
+        assert!((after - expected).abs() <= 1e-6 * expected, "{after} {expected}");
+    }
+}
+
+#[test]
 fn a_posterior_floor_never_claims_to_be_exact() {
     let prior = Prior::new(array![[1.0, 2.0, 3.0]]).unwrap();
     let view = GaussianDepth::new(array![[1.0, 2.0, 3.0]], array![[0.1, 0.1, 0.1]]).unwrap();
