@@ -273,9 +273,9 @@ pub(crate) struct RunArgs {
 pub(crate) enum PresetName {
     /// The equations as printed: a light MLP that learns colours alone, two iterations
     Paper,
-    /// A preview in about a minute
+    /// A preview in seconds: one short iteration, rendered from the original pose only
     Fast,
-    /// The paper with a hash field that is held to the views' depth
+    /// A hash field that is held to the views' depth, and a robust fusion
     Default,
 }
 
