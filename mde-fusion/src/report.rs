@@ -101,7 +101,7 @@ pub enum Warning {
     },
     /// The prior's variance is 0, so the result is the prior.
     #[error(
-        "the prior's variance is estimated as 0, so the views are ignored and the result claims to be exact"
+        "the prior's variance is estimated as 0, so the views are ignored; sigma is only what posterior-floor and common-error state"
     )]
     PriorTakenAsExact,
     /// Fused depths that were not positive.
