@@ -1,5 +1,5 @@
 use crate::batch::Pixels;
-use crate::config::NerfConfig;
+use crate::config::{NerfConfig, RenderConfig};
 use crate::field::{FitReport, Observer, RadianceField, RenderedView};
 use crate::frustum::Frustum;
 use crate::network::Network;
@@ -68,6 +68,16 @@ impl Nerf {
     /// The configuration.
     pub fn config(&self) -> &NerfConfig {
         &self.config
+    }
+
+    /// The same field, fitted or not, that renders by other settings: they have no part in the fit.
+    ///
+    /// # Errors
+    /// [`Error::Config`] where a value is out of range.
+    pub fn with_render(mut self, render: RenderConfig) -> Result<Self> {
+        self.config.render = render;
+        self.config.validate()?;
+        Ok(self)
     }
 
     /// Number of parameters of the fitted field, 0 before.
