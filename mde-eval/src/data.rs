@@ -1,13 +1,26 @@
 //! Data sets: pictures with a true depth and a camera.
 
 mod files;
+mod kind;
+mod maps;
+mod nyu;
+mod pairs;
 mod plain;
+mod redwood;
+mod resized;
 mod rooms;
 mod sunrgbd;
+mod tum;
 
+pub use kind::{DataSetKind, Options, open};
+pub use maps::{MapPair, MapPairs};
+pub use nyu::Nyu;
 pub use plain::PlainFolders;
+pub use redwood::Redwood;
+pub use resized::Resized;
 pub use rooms::Rooms;
 pub use sunrgbd::{SunDepth, SunRgbd};
+pub use tum::Tum;
 
 use crate::{Error, Result};
 use mde_warp::PinholeCamera;
@@ -25,7 +38,7 @@ use ndarray::{Array2, Array3};
 /// }
 /// # Ok::<(), mde_eval::Error>(())
 /// ```
-pub trait DataSet {
+pub trait DataSet: Send + Sync {
     /// Identifiers of the scenes, in order; unique, and the same wherever the data lies.
     fn ids(&self) -> &[String];
 
@@ -44,6 +57,16 @@ pub trait DataSet {
     /// Whether there are none.
     fn is_empty(&self) -> bool {
         self.ids().is_empty()
+    }
+}
+
+impl<D: DataSet + ?Sized> DataSet for Box<D> {
+    fn ids(&self) -> &[String] {
+        (**self).ids()
+    }
+
+    fn load(&self, index: usize) -> Result<Sample> {
+        (**self).load(index)
     }
 }
 

@@ -94,6 +94,12 @@ pub enum Error {
         /// What the system said.
         source: std::io::Error,
     },
+    /// A method that asks the model again has only a map of depths.
+    #[error("this method asks the depth model about other pictures; name a model as the prior, not a file")]
+    NoModel,
+    /// A method that failed.
+    #[error("{0}")]
+    Method(String),
     /// A camera that cannot be.
     #[error(transparent)]
     Camera(#[from] mde_warp::Error),

@@ -2,7 +2,10 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use mde_eval::Error;
-use mde_eval::data::{DataSet, Fallback, PlainFolders, Rooms, SunDepth, SunRgbd};
+use mde_eval::data::{
+    DataSet, DataSetKind, Fallback, MapPairs, Nyu, Options, PlainFolders, Redwood, Resized, Rooms, SunDepth,
+    SunRgbd, Tum, open,
+};
 use mde_eval::mde_prior::format::{sunrgbd_encode, write_npy};
 use mde_eval::mde_prior::photo::write_image;
 use mde_eval::ndarray::{Array2, Array3};
@@ -116,6 +119,186 @@ fn the_rooms_are_a_data_set() {
     let sample = rooms.load(0).unwrap();
     assert_eq!((sample.id.as_str(), sample.depth.dim()), ("study-3", (18, 24)));
     assert!(rooms.load(7).is_err());
+}
+
+/// A picture and a depth map in millimetres (or another unit) under names below `root`.
+fn pair(root: &Path, image: &str, depth: &str, size: (usize, usize), units: f32) {
+    for path in [image, depth] {
+        fs::create_dir_all(root.join(path).parent().unwrap()).unwrap();
+    }
+    write_image(root.join(image), Array3::from_elem((size.0, size.1, 3), 0.5).view()).unwrap();
+    let map =
+        Array2::from_shape_fn(size, |(y, x)| if x == 0 { 0.0 } else { (1.0 + (y % 4) as f32 * 0.5) * units });
+    mde_eval::mde_prior::format::write_png16(root.join(depth), map.view(), 1.0).unwrap();
+}
+
+#[test]
+fn all_sensors_of_sun_are_found() {
+    let root = tempfile::tempdir().unwrap();
+    for sensor in
+        ["kv1/NYUdata/NYU0001", "kv2/kinect2data/000002", "realsense/lg/0003", "xtion/sun3ddata/a/b/0004"]
+    {
+        sun_scene(root.path(), sensor, Some(MATRIX));
+    }
+    let data = SunRgbd::open(root.path()).unwrap();
+    assert_eq!(data.len(), 4);
+    assert_eq!(data.ids()[3], "xtion/sun3ddata/a/b/0004");
+    assert!((0..4).all(|index| data.load(index).is_ok()));
+    assert_eq!(DataSetKind::guess(root.path()).unwrap(), DataSetKind::SunRgbd);
+}
+
+#[test]
+fn nyu_pairs_are_found_in_both_layouts() {
+    let root = tempfile::tempdir().unwrap();
+    pair(root.path(), "kitchen/rgb_00045.png", "kitchen/sync_depth_00045.png", (48, 64), 1000.0);
+    pair(root.path(), "kitchen/rgb_00046.png", "kitchen/sync_depth_00047.png", (48, 64), 1000.0);
+    pair(root.path(), "labelled/rgb/0001.png", "labelled/depth/1.png", (480, 640), 1000.0);
+    let data = Nyu::open(root.path()).unwrap();
+    assert_eq!(data.ids(), ["kitchen/rgb_00045", "labelled/0001"]);
+    let small = data.load(0).unwrap();
+    assert_eq!((small.depth[(1, 3)], small.depth[(1, 0)], small.trusted_depth), (1.5, 0.0, 10.0));
+    let camera = data.load(1).unwrap().camera;
+    assert!(
+        (camera.fx - 518.8579).abs() < 1e-3 && (camera.cx - 324.5824).abs() < 1e-3 && !small.assumed_camera
+    );
+    assert!((small.camera.fx - camera.fx / 10.0).abs() < 1e-9);
+    assert_eq!(DataSetKind::guess(&root.path().join("kitchen")).unwrap(), DataSetKind::Nyu);
+    assert!(DataSetKind::guess(&root.path().join("labelled")).unwrap_err().to_string().contains("redwood"));
+    pair(root.path(), "odd/rgb/1.png", "odd/depth/1.png", (40, 64), 1000.0);
+    assert!(Nyu::open(root.path().join("odd")).unwrap().load(0).unwrap_err().to_string().contains("64x40"));
+    let mat = Nyu::open(root.path().join("nyu_depth_v2_labeled.mat")).unwrap_err().to_string();
+    assert!(mat.contains("export"), "{mat}");
+    assert!(matches!(Nyu::open(root.path().join("kitchen/none")), Err(Error::Io { .. })));
+}
+
+#[test]
+fn tum_frames_belong_to_the_nearest_in_time() {
+    let root = tempfile::tempdir().unwrap();
+    let folder = root.path().join("rgbd_dataset_freiburg2_desk");
+    for k in 0..3 {
+        pair(&folder, &format!("rgb/{k}.png"), &format!("depth/{k}.png"), (48, 64), 5000.0);
+    }
+    let lists = |rgb: &str, depth: &str| {
+        fs::write(folder.join("rgb.txt"), format!("# timestamp filename\n{rgb}")).unwrap();
+        fs::write(folder.join("depth.txt"), depth).unwrap();
+    };
+    // The second depth is nearer to the second picture; the third picture is too far from any.
+    lists(
+        "1.000 rgb/0.png\n1.020 rgb/1.png\n1.500 rgb/2.png\n",
+        "1.005 depth/0.png\n1.018 depth/1.png\n1.55 depth/2.png\n",
+    );
+    let data = Tum::open(root.path()).unwrap();
+    assert_eq!(data.ids(), ["rgbd_dataset_freiburg2_desk/0", "rgbd_dataset_freiburg2_desk/1"]);
+    let sample = data.load(1).unwrap();
+    assert_eq!((sample.depth[(1, 3)], sample.trusted_depth, sample.assumed_camera), (1.5, 5.0, false));
+    assert!((sample.camera.fx - 52.09).abs() < 1e-9);
+    assert_eq!(data.with_stride(2).len(), 1);
+    assert_eq!(DataSetKind::guess(root.path()).unwrap(), DataSetKind::Tum);
+    let other = root.path().join("mine");
+    fs::rename(&folder, &other).unwrap();
+    let data = Tum::open(&other).unwrap();
+    assert!(matches!(data.load(0), Err(Error::Intrinsics { .. })));
+    assert!(data.with_fallback(Fallback::FieldOfView(60.0)).load(0).unwrap().assumed_camera);
+    fs::write(other.join("depth.txt"), "soon depth/0.png").unwrap();
+    assert!(Tum::open(&other).unwrap_err().to_string().contains("line 1"));
+}
+
+#[test]
+fn redwood_scans_take_the_camera_beside_them() {
+    let root = tempfile::tempdir().unwrap();
+    for k in 1..4 {
+        pair(
+            root.path(),
+            &format!("image/000{k}-00033.png"),
+            &format!("depth/000{k}-00012.png"),
+            (6, 8),
+            1000.0,
+        );
+    }
+    let data = Redwood::open(root.path()).unwrap();
+    assert_eq!((data.len(), data.clone().with_stride(2).len()), (3, 2));
+    assert!(matches!(data.load(0), Err(Error::Intrinsics { .. })));
+    let write = |text: &str| fs::write(root.path().join("camera_intrinsic.json"), text).unwrap();
+    write(r#"{"width": 16, "height": 12, "intrinsic_matrix": [20, 0, 0, 0, 22, 0, 7.5, 5.5, 1]}"#);
+    let sample = data.load(0).unwrap();
+    assert_eq!(
+        [sample.camera.fx, sample.camera.fy, sample.camera.cx, sample.camera.cy],
+        [10.0, 11.0, 3.5, 2.5]
+    );
+    assert_eq!((sample.id.as_str(), sample.trusted_depth), ("0001-00033", 4.0));
+    write(r#"{"width": 16}"#);
+    assert!(matches!(data.load(0), Err(Error::Layout { .. })));
+}
+
+#[test]
+fn resizing_mixes_no_depths_and_moves_the_camera() {
+    let root = tempfile::tempdir().unwrap();
+    sun_scene(root.path(), "a", Some(MATRIX));
+    let plain = SunRgbd::open(root.path()).unwrap();
+    let original = plain.load(0).unwrap();
+    for (width, height) in [(16, 12), (4, 3), (5, 7), (8, 6), (1, 1)] {
+        let sample = Resized::new(plain.clone(), width, height).unwrap().load(0).unwrap();
+        assert_eq!((sample.depth.dim(), sample.image.dim()), ((height, width), (height, width, 3)));
+        assert!(sample.depth.iter().all(|z| original.depth.iter().any(|o| o == z)));
+        let scale = width as f64 / 8.0;
+        assert!((sample.camera.fx - 500.0 * scale).abs() < 1e-9);
+        assert!((sample.camera.cx - ((3.5 + 0.5) * scale - 0.5)).abs() < 1e-9);
+    }
+    assert!(Resized::new(plain, 0, 3).is_err());
+}
+
+#[test]
+fn data_sets_have_names_and_open_by_them() {
+    for kind in DataSetKind::ALL {
+        assert_eq!(kind.name().parse::<DataSetKind>().unwrap(), kind);
+    }
+    assert!("kitti".parse::<DataSetKind>().unwrap_err().to_string().contains("sunrgbd"));
+    let rooms =
+        open(DataSetKind::Rooms, None, &Options { size: Some([32, 24]), ..Options::default() }).unwrap();
+    assert_eq!(rooms.load(1).unwrap().depth.dim(), (24, 32));
+    let root = tempfile::tempdir().unwrap();
+    sun_scene(root.path(), "a", Some(MATRIX));
+    let small = Options { size: Some([4, 3]), ..Options::default() };
+    assert_eq!(
+        open(DataSetKind::SunRgbd, Some(root.path()), &small).unwrap().load(0).unwrap().depth.dim(),
+        (3, 4)
+    );
+    assert!(open(DataSetKind::Rooms, Some(root.path()), &small).is_err());
+    for kind in
+        [DataSetKind::SunRgbd, DataSetKind::Nyu, DataSetKind::Tum, DataSetKind::Redwood, DataSetKind::Plain]
+    {
+        assert!(matches!(open(kind, None, &small), Err(Error::Config { .. })));
+    }
+    let empty = tempfile::tempdir().unwrap();
+    assert!(DataSetKind::guess(empty.path()).unwrap_err().to_string().contains("scene.json"));
+}
+
+#[test]
+fn maps_belong_together_by_name() {
+    let root = tempfile::tempdir().unwrap();
+    let write = |name: &str| {
+        let path = root.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        write_npy(path, truth().view()).unwrap();
+    };
+    for name in
+        ["pred/a.npy", "pred/sub/b.npy", "pred/c.npy", "gt/a.npy", "gt/sub/b.npy", "gt/d.npy", "sigma/a.npy"]
+    {
+        write(name);
+    }
+    let folder = |name: &str| root.path().join(name);
+    let pairs = MapPairs::open(&folder("pred"), &folder("gt"), None).unwrap();
+    assert_eq!(pairs.pairs().iter().map(|p| p.id.as_str()).collect::<Vec<_>>(), ["a", "sub/b"]);
+    assert_eq!(pairs.unmatched(), ["c"]);
+    let lacking = MapPairs::open(&folder("pred"), &folder("gt"), Some(&folder("sigma"))).unwrap_err();
+    assert!(lacking.to_string().contains("sub/b"), "{lacking}");
+    write("sigma/sub/b.npy");
+    let whole = MapPairs::open(&folder("pred"), &folder("gt"), Some(&folder("sigma"))).unwrap();
+    assert!(whole.pairs().iter().all(|pair| pair.sigma.is_some()));
+    fs::copy(folder("pred/a.npy"), folder("pred/a.pfm")).unwrap();
+    assert!(MapPairs::open(&folder("pred"), &folder("gt"), None).unwrap_err().to_string().contains("a.npy"));
+    assert!(MapPairs::open(&folder("gt/sub"), &folder("sigma"), None).is_err());
+    assert!(matches!(MapPairs::open(&folder("none"), &folder("gt"), None), Err(Error::Io { .. })));
 }
 
 #[test]

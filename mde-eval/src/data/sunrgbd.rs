@@ -60,8 +60,7 @@ impl SunRgbd {
     /// [`Error::Io`] for a folder that cannot be read, [`Error::Layout`] where there is no scene.
     pub fn open(root: impl AsRef<Path>) -> Result<Self> {
         let root = root.as_ref();
-        let scenes =
-            find_scenes(root, |folder| folder.join("image").is_dir() && folder.join("depth").is_dir())?;
+        let scenes = find_scenes(root, Self::is_scene)?;
         if scenes.is_empty() {
             let reason =
                 "holds no folder with `image/` and `depth/`; name SUN RGB-D's folder or one below it".into();
@@ -69,6 +68,10 @@ impl SunRgbd {
         }
         let ids = scenes.iter().map(|scene| id(root, scene)).collect();
         Ok(Self { scenes, ids, depth: SunDepth::Sensor, fallback: Fallback::Refuse })
+    }
+
+    pub(super) fn is_scene(folder: &Path) -> bool {
+        folder.join("image").is_dir() && folder.join("depth").is_dir()
     }
 
     /// With another depth map as the truth.

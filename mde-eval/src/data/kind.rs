@@ -1,0 +1,143 @@
+use super::files::find_scenes;
+use super::pairs::{in_one_folder, side_by_side};
+use super::{DataSet, Fallback, Nyu, PlainFolders, Redwood, Resized, Rooms, SunDepth, SunRgbd, Tum};
+use crate::{Error, Result};
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+
+/// The data sets that are known by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DataSetKind {
+    /// [`SunRgbd`].
+    SunRgbd,
+    /// [`Nyu`].
+    Nyu,
+    /// [`Tum`].
+    Tum,
+    /// [`Redwood`].
+    Redwood,
+    /// [`PlainFolders`].
+    Plain,
+    /// [`Rooms`].
+    Rooms,
+}
+
+impl DataSetKind {
+    /// All of them.
+    pub const ALL: [Self; 6] = [Self::SunRgbd, Self::Nyu, Self::Tum, Self::Redwood, Self::Plain, Self::Rooms];
+
+    /// Its name: `sunrgbd`, `nyu`, `tum`, `redwood`, `plain` or `rooms`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::SunRgbd => "sunrgbd",
+            Self::Nyu => "nyu",
+            Self::Tum => "tum",
+            Self::Redwood => "redwood",
+            Self::Plain => "plain",
+            Self::Rooms => "rooms",
+        }
+    }
+
+    /// The data set whose layout a folder has.
+    ///
+    /// # Errors
+    /// [`Error::Io`] for a folder that cannot be read, [`Error::Layout`] where no layout or more than one fits.
+    pub fn guess(root: &Path) -> Result<Self> {
+        let has = |is: fn(&Path) -> bool| find_scenes(root, is).map(|found| !found.is_empty());
+        if has(|folder| folder.join("scene.json").is_file())? {
+            return Ok(Self::Plain);
+        }
+        if has(|folder| folder.join("rgb.txt").is_file() && folder.join("depth.txt").is_file())? {
+            return Ok(Self::Tum);
+        }
+        if has(|folder| SunRgbd::is_scene(folder) && folder.join("intrinsics.txt").is_file())? {
+            return Ok(Self::SunRgbd);
+        }
+        if has(in_one_folder)? {
+            return Ok(Self::Nyu);
+        }
+        let reason = if has(side_by_side)? {
+            "could be one of several data sets; name it (`sunrgbd`, `nyu` or `redwood`)"
+        } else {
+            "has the layout of no known data set; write a `scene.json` beside `color.png` and `depth.png`"
+        };
+        Err(Error::Layout { path: root.to_owned(), reason: reason.to_owned() })
+    }
+}
+
+impl fmt::Display for DataSetKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for DataSetKind {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name).ok_or_else(|| Error::Unknown {
+            what: "data set",
+            name: name.to_owned(),
+            known: Self::ALL.map(Self::name).join(", "),
+        })
+    }
+}
+
+/// How a data set is opened by [`open`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// The camera of scenes without one.
+    pub fallback: Fallback,
+    /// The truth of SUN RGB-D.
+    pub sun_depth: SunDepth,
+    /// Width and height to resize to; their own without. Rooms are made in this size, 640 x 480 without.
+    pub size: Option<[usize; 2]>,
+    /// Every so many pictures of a sequence ([`Tum`], [`Redwood`]).
+    pub stride: usize,
+    /// Seed of the [`Rooms`].
+    pub seed: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { fallback: Fallback::Refuse, sun_depth: SunDepth::Sensor, size: None, stride: 1, seed: 0 }
+    }
+}
+
+/// Opens a data set by its name.
+///
+/// # Errors
+/// As the data set's own `open`; [`Error::Config`] where a folder is missing or, for rooms, named.
+pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result<Box<dyn DataSet>> {
+    let fault = |value: &str, expected| {
+        Err(Error::Config { field: "the data set's folder", value: value.to_owned(), expected })
+    };
+    let data: Box<dyn DataSet> = match (kind, root) {
+        (DataSetKind::Rooms, None) => {
+            let [width, height] = options.size.unwrap_or([640, 480]);
+            return Ok(Box::new(Rooms::new(options.seed, width, height)));
+        }
+        (DataSetKind::Rooms, Some(root)) => {
+            return fault(&root.display().to_string(), "left out: rooms are made, not read");
+        }
+        (_, None) => return fault("missing", "named"),
+        (DataSetKind::SunRgbd, Some(root)) => {
+            Box::new(SunRgbd::open(root)?.with_depth(options.sun_depth).with_fallback(options.fallback))
+        }
+        (DataSetKind::Nyu, Some(root)) => Box::new(Nyu::open(root)?),
+        (DataSetKind::Tum, Some(root)) => {
+            Box::new(Tum::open(root)?.with_stride(options.stride).with_fallback(options.fallback))
+        }
+        (DataSetKind::Redwood, Some(root)) => {
+            Box::new(Redwood::open(root)?.with_stride(options.stride).with_fallback(options.fallback))
+        }
+        (DataSetKind::Plain, Some(root)) => {
+            Box::new(PlainFolders::open(root)?.with_fallback(options.fallback))
+        }
+    };
+    match options.size {
+        Some([width, height]) => Ok(Box::new(Resized::new(data, width, height)?)),
+        None => Ok(data),
+    }
+}

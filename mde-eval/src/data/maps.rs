@@ -1,0 +1,103 @@
+use super::files::{entries, id};
+use crate::{Error, Result};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+const EXTENSIONS: [&str; 5] = ["npy", "npz", "pfm", "png", "exr"];
+const MAX_DEPTH: usize = 12;
+
+/// A predicted depth map, its truth, and its standard deviation if there is one.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MapPair {
+    /// The path below the folder without its extension.
+    pub id: String,
+    /// The predicted depth.
+    pub prediction: PathBuf,
+    /// The true depth.
+    pub truth: PathBuf,
+    /// The predicted standard deviation.
+    pub sigma: Option<PathBuf>,
+}
+
+/// Depth maps that any program wrote, in folders: those of the same path below their folder, whatever their extensions (`.npy`,
+/// `.npz`, `.pfm`, `.png`, `.exr`), belong together.
+#[derive(Debug, Clone)]
+pub struct MapPairs {
+    pairs: Vec<MapPair>,
+    unmatched: Vec<String>,
+}
+
+impl MapPairs {
+    /// Finds predictions, truths and, where a folder is named, standard deviations.
+    ///
+    /// # Errors
+    /// [`Error::Io`] for a folder that cannot be read; [`Error::Layout`] where a folder has no map, no prediction has a
+    /// truth, a prediction with a truth lacks its sigma, or a map is there in two formats.
+    pub fn open(predictions: &Path, truths: &Path, sigmas: Option<&Path>) -> Result<Self> {
+        let predicted = maps(predictions)?;
+        let truth_of = maps(truths)?;
+        let sigma_of = sigmas.map(maps).transpose()?;
+        let (mut pairs, mut unmatched) = (Vec::new(), Vec::new());
+        for (id, prediction) in predicted {
+            let Some(truth) = truth_of.get(&id).cloned() else {
+                unmatched.push(id);
+                continue;
+            };
+            let sigma = match (&sigma_of, sigmas) {
+                (Some(of), Some(folder)) => Some(of.get(&id).cloned().ok_or_else(|| Error::Layout {
+                    path: folder.to_owned(),
+                    reason: format!("holds no sigma for {id} ({}); add it", prediction.display()),
+                })?),
+                _ => None,
+            };
+            pairs.push(MapPair { id, prediction, truth, sigma });
+        }
+        if pairs.is_empty() {
+            let reason = format!("no map has a truth of the same name in {}", truths.display());
+            return Err(Error::Layout { path: predictions.to_owned(), reason });
+        }
+        Ok(Self { pairs, unmatched })
+    }
+
+    /// The maps with a truth, by identifier.
+    pub fn pairs(&self) -> &[MapPair] {
+        &self.pairs
+    }
+
+    /// Identifiers of predictions without a truth.
+    pub fn unmatched(&self) -> &[String] {
+        &self.unmatched
+    }
+}
+
+/// Every map at or below a folder by its path without extension.
+fn maps(root: &Path) -> Result<BTreeMap<String, PathBuf>> {
+    let mut found = BTreeMap::new();
+    search(root, root, 0, &mut found)?;
+    if found.is_empty() {
+        let reason = format!("holds no depth map (.{})", EXTENSIONS.join(", ."));
+        return Err(Error::Layout { path: root.to_owned(), reason });
+    }
+    Ok(found)
+}
+
+fn search(root: &Path, folder: &Path, depth: usize, found: &mut BTreeMap<String, PathBuf>) -> Result<()> {
+    for path in entries(folder)? {
+        let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+        let extension =
+            path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+        if hidden {
+            continue;
+        }
+        if path.is_dir() && depth < MAX_DEPTH {
+            search(root, &path, depth + 1, found)?;
+        } else if path.is_file() && EXTENSIONS.contains(&extension.as_str()) {
+            let name = id(root, &path.with_extension(""));
+            if let Some(other) = found.insert(name, path.clone()) {
+                let reason = format!("is there as {} too; keep one of them", other.display());
+                return Err(Error::Layout { path, reason });
+            }
+        }
+    }
+    Ok(())
+}

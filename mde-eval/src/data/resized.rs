@@ -1,0 +1,61 @@
+use super::{DataSet, Sample};
+use crate::Result;
+use mde_prior::resample::{Filter, resize};
+use ndarray::{Array2, Array3, ArrayView2, Axis};
+
+/// A data set at another size, such as the paper's 640 x 480.
+///
+/// The picture is resampled bilinearly (antialiased where it shrinks), the camera follows with pixel centres at integers,
+/// and the truth takes the nearest pixel's value: depths are never mixed and holes stay holes. Width and height scale
+/// each by their own factor.
+#[derive(Debug, Clone)]
+pub struct Resized<D> {
+    data: D,
+    width: usize,
+    height: usize,
+}
+
+impl<D: DataSet> Resized<D> {
+    /// The scenes of `data` in `width` x `height` pixels.
+    ///
+    /// # Errors
+    /// [`Error::Config`](crate::Error::Config) for a size of 0.
+    pub fn new(data: D, width: usize, height: usize) -> Result<Self> {
+        if width.min(height) == 0 {
+            let value = format!("{width}x{height}");
+            return Err(crate::Error::Config { field: "the size", value, expected: "at least 1x1 pixels" });
+        }
+        Ok(Self { data, width, height })
+    }
+}
+
+impl<D: DataSet> DataSet for Resized<D> {
+    fn ids(&self) -> &[String] {
+        self.data.ids()
+    }
+
+    fn load(&self, index: usize) -> Result<Sample> {
+        let sample = self.data.load(index)?;
+        let size = (self.height, self.width);
+        if sample.depth.dim() == size {
+            return Ok(sample);
+        }
+        let mut image = Array3::zeros((self.height, self.width, 3));
+        for (mut to, from) in image.axis_iter_mut(Axis(2)).zip(sample.image.axis_iter(Axis(2))) {
+            to.assign(&resize(from, size, Filter::BilinearAntialias));
+        }
+        let depth = nearest(sample.depth.view(), size);
+        let camera = sample.camera.resized(self.width, self.height)?;
+        Ok(Sample { image, depth, camera, ..sample })
+    }
+}
+
+/// The value of the pixel whose area holds the new pixel's centre.
+fn nearest(map: ArrayView2<'_, f32>, (height, width): (usize, usize)) -> Array2<f32> {
+    let (rows, columns) = map.dim();
+    let source =
+        |to: usize, of: usize, from: usize| ((2 * to + 1) * from / (2 * of)).min(from.saturating_sub(1));
+    Array2::from_shape_fn((height, width), |(y, x)| {
+        map.get((source(y, height, rows), source(x, width, columns))).copied().unwrap_or(0.0)
+    })
+}
