@@ -1,10 +1,18 @@
-//! Small image operators that the map metrics stand on: masks, Sobel gradients, distance transforms, dilation.
+//! Small image operators that the map metrics stand on: masks, gradients, Canny edges, distance
+//! transforms, dilation, superpixels.
 
+mod canny;
 mod distance;
 mod gradient;
+mod slic;
+mod thin;
 
+pub(crate) use canny::blur;
+pub use canny::canny;
 pub use distance::distance_to;
 pub use gradient::{sobel, sobel_zero_padded};
+pub use slic::Superpixels;
+pub(crate) use thin::Gradient;
 
 use crate::{Error, Result};
 use ndarray::{Array2, ArrayView2, Axis};

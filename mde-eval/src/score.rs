@@ -5,8 +5,8 @@ mod depth;
 mod uncertainty;
 
 pub use config::ScoreConfig;
-pub use depth::{DepthScores, EdgeScores};
-pub use uncertainty::{AreaScores, CoverageScore, UncertaintyScores};
+pub use depth::{BoundaryScores, DepthScores, EdgeScores};
+pub use uncertainty::{AreaScores, CoverageScore, UncertaintyCurves, UncertaintyScores};
 
 use crate::align::{Alignment, AlignmentRule};
 use crate::raster::same_shape;
@@ -128,29 +128,72 @@ pub fn score(subject: &Subject<'_>, config: &ScoreConfig) -> Result<Scores> {
 /// # Errors
 /// As [`score`].
 pub fn score_aligned(subject: &Subject<'_>, alignment: &Alignment, config: &ScoreConfig) -> Result<Scores> {
-    config.validate()?;
-    let pixels = subject.pixels(config)?;
-    let aligned = Zip::from(subject.prediction).and(&pixels).map_collect(|&p, &keep| {
-        // What does not count is never read, but it must be a number.
-        let clipped = alignment.depth(f64::from(p)).max(config.min_depth).min(config.max_depth).max(1e-6);
-        if keep { clipped as f32 } else { 0.0 }
-    });
-    let truth = Zip::from(subject.truth).and(&pixels).map_collect(|&g, &keep| if keep { g } else { 0.0 });
-    let depth = depth::scores(aligned.view(), truth.view(), pixels.view(), config)?;
-    let uncertainty = match subject.sigma {
-        None => None,
-        Some(sigma) => {
-            let lists = uncertainty::gather(
-                subject.prediction,
-                sigma,
-                aligned.view(),
-                truth.view(),
-                &pixels,
-                alignment,
-            );
-            uncertainty::scores(&lists, config)?
-        }
-    };
+    let aligned = Aligned::new(subject, alignment, config)?;
+    let Aligned { depth: aligned_depth, truth, pixels } = &aligned;
+    let (depth, uncertainty) = rayon::join(
+        || depth::scores(aligned_depth.view(), truth.view(), pixels.view(), config),
+        || {
+            aligned
+                .lists(subject, alignment)
+                .map_or(Ok(None), |lists| uncertainty::scores(&lists?, config).map(Some))
+        },
+    );
     let count = pixels.iter().filter(|&&keep| keep).count();
-    Ok(Scores { rule: None, alignment: *alignment, pixels: count, depth, uncertainty })
+    Ok(Scores { rule: None, alignment: *alignment, pixels: count, depth: depth?, uncertainty: uncertainty? })
+}
+
+/// Scores of the uncertainty alone, with its curves: for another sigma of a depth that is scored already. Nothing where no
+/// pixel has an uncertainty.
+///
+/// # Errors
+/// As [`score`].
+pub fn score_uncertainty(
+    subject: &Subject<'_>,
+    alignment: &Alignment,
+    config: &ScoreConfig,
+) -> Result<Option<(UncertaintyScores, UncertaintyCurves)>> {
+    let aligned = Aligned::new(subject, alignment, config)?;
+    let Some(lists) = aligned.lists(subject, alignment).transpose()? else { return Ok(None) };
+    Ok(Some((uncertainty::scores(&lists, config)?, uncertainty::curves(&lists)?)))
+}
+
+/// Curves of the uncertainty, nothing where no pixel has one.
+///
+/// # Errors
+/// As [`score`].
+pub fn curves(
+    subject: &Subject<'_>,
+    alignment: &Alignment,
+    config: &ScoreConfig,
+) -> Result<Option<UncertaintyCurves>> {
+    let aligned = Aligned::new(subject, alignment, config)?;
+    let lists = aligned.lists(subject, alignment).transpose()?;
+    lists.map(|lists| uncertainty::curves(&lists)).transpose()
+}
+
+/// What is compared: both maps, 0 where a pixel does not count.
+struct Aligned {
+    depth: Array2<f32>,
+    truth: Array2<f32>,
+    pixels: Array2<bool>,
+}
+
+impl Aligned {
+    fn new(subject: &Subject<'_>, alignment: &Alignment, config: &ScoreConfig) -> Result<Self> {
+        config.validate()?;
+        let pixels = subject.pixels(config)?;
+        let depth = Zip::from(subject.prediction).and(&pixels).map_collect(|&p, &keep| {
+            // What does not count is never read, but it must be a number.
+            let clipped = alignment.depth(f64::from(p)).max(config.min_depth).min(config.max_depth).max(1e-6);
+            if keep { clipped as f32 } else { 0.0 }
+        });
+        let truth = Zip::from(subject.truth).and(&pixels).map_collect(|&g, &keep| if keep { g } else { 0.0 });
+        Ok(Self { depth, truth, pixels })
+    }
+
+    /// The pixels with an uncertainty; nothing where there is none.
+    fn lists(&self, subject: &Subject<'_>, alignment: &Alignment) -> Option<Result<uncertainty::Lists>> {
+        let maps = (self.depth.view(), self.truth.view(), &self.pixels);
+        uncertainty::gather(subject.prediction, subject.sigma?, maps, alignment).transpose()
+    }
 }

@@ -1,4 +1,4 @@
-//! The error function.
+//! The error function and its inverse.
 
 /// \\(\operatorname{erf}(x) = \frac{2}{\sqrt\pi} \int_0^x e^{-t^2}\\,\mathrm d t\\), to about one unit in the last place.
 ///
@@ -19,6 +19,17 @@ pub(crate) fn erf(x: f64) -> f64 {
         0.0
     };
     (1.0 - complement).copysign(x)
+}
+
+/// The half-width of the standard normal's central interval of probability `p` in (0, 1): \\(\operatorname{erf}(z / \sqrt2) = p\\).
+pub(crate) fn central_half_width(p: f64) -> f64 {
+    let (mut low, mut high) = (0.0, 9.0);
+    // Bisection to the last bit: the function is flat where Newton's steps would leave the interval.
+    for _ in 0..64 {
+        let middle = 0.5 * (low + high);
+        if erf(middle * std::f64::consts::FRAC_1_SQRT_2) < p { low = middle } else { high = middle }
+    }
+    high
 }
 
 pub(crate) const FRAC_1_SQRT_PI: f64 = 0.564_189_583_547_756_3;
@@ -110,6 +121,14 @@ mod tests {
         for (x, expected) in reference {
             assert!((erf(x) - expected).abs() <= 3e-16 * (1.0_f64).max(expected), "erf({x}) = {}", erf(x));
             assert_eq!(erf(-x), -erf(x));
+        }
+    }
+
+    #[test]
+    fn the_interval_of_two_sigma() {
+        // SciPy: norm.ppf(0.975), norm.ppf(0.95), norm.ppf(0.75).
+        for (p, z) in [(0.95, 1.959963984540054_f64), (0.9, 1.6448536269514722), (0.5, 0.6744897501960817)] {
+            assert!((super::central_half_width(p) - z).abs() < 1e-14);
         }
     }
 }

@@ -1,11 +1,13 @@
-//! Against SciPy, scikit-learn and NumPy: `reference/metrics.py` made `reference/metrics.json`.
+//! Against SciPy, scikit-image, scikit-learn and NumPy: `reference/metrics.py` made `reference/metrics.json`.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use approx::assert_relative_eq;
 use mde_eval::align::{Alignment, AlignmentRule};
 use mde_eval::metrics::edges::{edge_curve, edge_f1, edge_f1_hu, edges};
 use mde_eval::metrics::sparsification::{Reduction, sparsify, sparsify_poggi};
-use mde_eval::metrics::{boundary, calibration, depth, ordinal, rank, sharpness};
+use mde_eval::metrics::{
+    boundary, bsds, calibration, dbe, depth, occlusion, ordinal, rank, sharpness, soft_edge,
+};
 use mde_eval::ndarray::Array2;
 use mde_eval::score::{ScoreConfig, Subject, score};
 use serde_json::Value;
@@ -146,6 +148,41 @@ fn sharpness_boundary_and_order() {
 }
 
 #[test]
+fn boundaries_and_their_distances() {
+    let r = Reference::read();
+    let (p, g, m) = (r.aligned.view(), r.truth.view(), r.mask.view());
+    let found = [p, g].map(|map| dbe::boundaries(map, m).unwrap());
+    let canny: Vec<Vec<usize>> = serde_json::from_value(r.expected["canny"].clone()).unwrap();
+    for (found, expected) in found.iter().zip(canny) {
+        let at = found.iter().enumerate().filter(|(_, e)| **e).map(|(k, _)| k).collect::<Vec<_>>();
+        assert_eq!(at, expected);
+    }
+    let errors = dbe::boundary_errors(found[0].view(), found[1].view()).unwrap().unwrap();
+    near(errors.accuracy, r.values("dbe")[0]);
+    near(errors.completeness, r.values("dbe")[1]);
+    for (found, expected) in
+        occlusion::occlusion_f1(p, g, m).unwrap().into_iter().zip(r.values("occlusion-f1"))
+    {
+        near(found, expected);
+    }
+    let band = edges(g, m, 0.5).unwrap();
+    let see = soft_edge::soft_edge_error(p, g, m, band.view()).unwrap().unwrap();
+    assert_relative_eq!(see, r.value("see"), max_relative = 1e-6);
+}
+
+#[test]
+fn thinned_edges_matched_one_to_one() {
+    let r = Reference::read();
+    for (threshold, case) in [0.25, 0.5].into_iter().zip(r.expected["matched"].as_array().unwrap()) {
+        let maps = (r.aligned.view(), r.truth.view(), r.mask.view());
+        let counts = bsds::boundary_counts(maps.0, maps.1, maps.2, threshold).unwrap().unwrap();
+        assert_eq!(u64::from(counts.truth), case["truth"].as_u64().unwrap());
+        near(counts.best, case["best"].as_f64().unwrap());
+        near(counts.average_precision, case["area"].as_f64().unwrap());
+    }
+}
+
+#[test]
 fn ranks_and_sparsification() {
     let r = Reference::read();
     let (sigma, errors, truth) = (r.scaled_sigma(), r.errors(), r.list(&r.truth));
@@ -166,6 +203,10 @@ fn ranks_and_sparsification() {
         near(curves.ause(), r.values(name)[0]);
         near(curves.aurg(), r.values(name)[1]);
     }
+    let prediction = r.list(&r.aligned);
+    let outlier = |(p, g): (&f64, &f64)| f64::from(u8::from((p / g).max(g / p) >= 1.25));
+    let outliers: Vec<f64> = prediction.iter().zip(&truth).map(outlier).collect();
+    near(sparsify_poggi(&outliers, &sigma, Reduction::Mean).unwrap().aurg(), r.value("poggi-a1-aurg"));
 }
 
 #[test]
@@ -183,6 +224,9 @@ fn calibration_scores() {
         near(calibration::coverage(&e, &s, level).unwrap(), expected);
     }
     near(calibration::mace(&e, &s).unwrap(), r.value("mace"));
+    let errors = calibration::calibration_errors(&e, &s).unwrap();
+    near(errors.root_mean_square, r.value("rmsce"));
+    assert_relative_eq!(errors.area, r.value("miscalibration-area"), max_relative = 1e-6);
     near(calibration::ence(&e, &s, 20).unwrap(), r.value("ence"));
     near(calibration::mean_z2(&e, &s).unwrap(), r.value("mean-z2"));
     near(calibration::rms_sigma(&e, &s).unwrap(), r.value("rms-sigma"));

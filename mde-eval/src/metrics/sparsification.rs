@@ -162,7 +162,9 @@ pub(crate) fn bin(costs: &[f64], sigma: &[f64], order: &Order, bins: usize) -> R
     }
     let (n, bins) = (costs.len(), bins.min(costs.len()));
     let (sigma, costs) = (order.expected(sigma, sigma), order.expected(sigma, costs));
-    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    // About the first value: the mean of equal values is that value, and bins of ties are ties.
+    let mean =
+        |values: &[f64]| values[0] + values.iter().map(|v| v - values[0]).sum::<f64>() / values.len() as f64;
     let cut = |k: usize| k * n / bins;
     Ok((0..bins)
         .map(|k| UncertaintyBin {
@@ -273,6 +275,13 @@ mod tests {
                 prop_assert!(spearman_of_bins(&bins).unwrap().is_none_or(|rho| rho > 1.0 - 1e-12));
             }
         }
+    }
+
+    #[test]
+    fn bins_of_a_constant_sigma_have_no_rank() {
+        let costs: Vec<f64> = (0..1009).map(|i| f64::from(i % 97) * 0.013).collect();
+        let bins = costs_by_uncertainty(&costs, &vec![0.1; costs.len()], 100).unwrap();
+        assert_eq!(spearman_of_bins(&bins).unwrap(), None);
     }
 
     #[test]

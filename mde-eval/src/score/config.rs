@@ -20,6 +20,8 @@ pub struct ScoreConfig {
     pub edge_thresholds: Vec<f64>,
     /// Tolerances of the edge scores, pixels.
     pub edge_tolerances: Vec<u32>,
+    /// Thresholds of the truth for the edges that are [matched one to one](crate::metrics::bsds), metres of Sobel gradient (gain 8).
+    pub boundary_thresholds: Vec<f64>,
     /// The truth's threshold that tells on-edge from off-edge sharpness, metres of Sobel gradient (gain 8).
     pub band_threshold: f64,
     /// How far from a true edge a pixel is still on it, pixels.
@@ -41,8 +43,9 @@ impl Default for ScoreConfig {
             max_depth: 10.0,
             crop: None,
             alignment: AlignmentRule::Median,
-            edge_thresholds: vec![0.25, 0.5],
+            edge_thresholds: vec![0.25, 0.5, 1.0],
             edge_tolerances: vec![0, 1, 2],
+            boundary_thresholds: vec![0.25, 0.5],
             band_threshold: 0.5,
             band: 3.0,
             pairs: PairSampling::discontinuities(),
@@ -85,6 +88,9 @@ impl ScoreConfig {
         }
         for &threshold in &self.edge_thresholds {
             check("edge-thresholds", threshold, positive(threshold), "positive and finite metres")?;
+        }
+        for &threshold in &self.boundary_thresholds {
+            check("boundary-thresholds", threshold, positive(threshold), "positive and finite metres")?;
         }
         for &tolerance in &self.edge_tolerances {
             check("edge-tolerances", tolerance, tolerance <= 64, "at most 64 pixels")?;

@@ -1,15 +1,21 @@
 use super::ScoreConfig;
 use crate::Result;
 use crate::metrics::boundary::boundary_f1;
+use crate::metrics::bsds::{BoundaryCounts, Thinned};
+use crate::metrics::dbe::{BoundaryErrors, boundaries, boundary_errors};
 use crate::metrics::edges::{EdgeSweep, edges};
+use crate::metrics::occlusion::occlusion_f1;
 use crate::metrics::ordinal::sampled_ordinal_error;
+use crate::metrics::sharpness::EdgeSplit;
+use crate::metrics::soft_edge::soft_edge_error;
+use crate::metrics::superpixel::{OrderErrors, SuperpixelPairs};
 use crate::metrics::{depth, sharpness};
 use crate::raster::gather;
 use ndarray::ArrayView2;
 use serde::{Deserialize, Serialize};
 
 /// Scores of one aligned depth map.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct DepthScores {
     /// [Mean squared error](depth::mse), m².
@@ -40,8 +46,33 @@ pub struct DepthScores {
     pub edges: Vec<EdgeScores>,
     /// [Scale-invariant boundary F1](crate::metrics::boundary::boundary_f1).
     pub boundary_f1: f64,
-    /// [Depth-discontinuity disagreement](crate::metrics::ordinal), nothing where the truth has no discontinuity.
+    /// [Boundary F1 at radii of 1, 2 and 3 pixels](crate::metrics::occlusion::occlusion_f1).
+    pub occlusion_f1: [f64; 3],
+    /// [Thinned edges matched one to one](crate::metrics::bsds), one entry for every threshold of the truth.
+    pub boundaries: Vec<BoundaryScores>,
+    /// [Depth boundary errors](crate::metrics::dbe), pixels, with the truth's own Canny edges as boundaries: accuracy; nothing where there are
+    /// none.
+    pub dbe_accuracy: Option<f64>,
+    /// Their completeness.
+    pub dbe_completeness: Option<f64>,
+    /// [Soft edge error](crate::metrics::soft_edge) about the truth's edges at the band's threshold, m.
+    pub see: Option<f64>,
+    /// [Order of random pairs across discontinuities](crate::metrics::ordinal), nothing where the truth has no discontinuity.
     pub d3r_like: Option<f64>,
+    /// [Order of superpixels across discontinuities](crate::metrics::superpixel), likewise.
+    pub d3r: Option<f64>,
+    /// [Order of superpixels anywhere](crate::metrics::superpixel).
+    pub ord: Option<f64>,
+}
+
+/// Thinned edges matched one to one, at one threshold of the truth.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct BoundaryScores {
+    /// Sobel gradient (gain 8) from which on the truth's thinned pixels are boundaries, metres.
+    pub threshold: f64,
+    /// The counts, to be pooled over images; nothing where the truth has no boundary.
+    pub counts: Option<BoundaryCounts>,
 }
 
 impl DepthScores {
@@ -80,9 +111,44 @@ pub(super) fn scores(
     mask: ArrayView2<'_, bool>,
     config: &ScoreConfig,
 ) -> Result<DepthScores> {
+    let maps = (prediction, truth, mask);
+    let (errors, ((edges, boundaries), rest)) = rayon::join(
+        || pixel_scores(maps, config),
+        || {
+            rayon::join(
+                || {
+                    rayon::join(
+                        || edge_scores(prediction, truth, mask, config),
+                        || boundary_scores(maps, config),
+                    )
+                },
+                || Rest::new(maps, config),
+            )
+        },
+    );
+    let rest = rest?;
+    Ok(DepthScores {
+        edges: edges?,
+        boundaries: boundaries?,
+        sharpness_on: rest.sharpness.on,
+        sharpness_off: rest.sharpness.off,
+        boundary_f1: boundary_f1(prediction, truth, mask)?,
+        occlusion_f1: rest.occlusion,
+        dbe_accuracy: rest.dbe.map(|e| e.accuracy),
+        dbe_completeness: rest.dbe.map(|e| e.completeness),
+        see: rest.see,
+        d3r: rest.order.d3r,
+        ord: rest.order.ord,
+        ..errors?
+    })
+}
+
+/// Prediction, truth and mask.
+type Maps<'a> = (ArrayView2<'a, f32>, ArrayView2<'a, f32>, ArrayView2<'a, bool>);
+
+/// Scores that need no edges; those that do are left empty.
+fn pixel_scores((prediction, truth, mask): Maps<'_>, config: &ScoreConfig) -> Result<DepthScores> {
     let (p, g) = (gather(prediction, mask), gather(truth, mask));
-    let band_edges = edges(truth, mask, config.band_threshold)?;
-    let split = sharpness::sharpness_by_edges(prediction, mask, band_edges.view(), config.band)?;
     Ok(DepthScores {
         mse: depth::mse(&p, &g)?,
         rmse: depth::rmse(&p, &g)?,
@@ -94,12 +160,37 @@ pub(super) fn scores(
         irmse: depth::irmse(&p, &g)?,
         delta: [depth::delta(&p, &g, 1)?, depth::delta(&p, &g, 2)?, depth::delta(&p, &g, 3)?],
         sharpness: sharpness::sharpness(prediction, mask).ok(),
-        sharpness_on: split.on,
-        sharpness_off: split.off,
-        edges: edge_scores(prediction, truth, mask, config)?,
-        boundary_f1: boundary_f1(prediction, truth, mask)?,
         d3r_like: sampled_ordinal_error(prediction, truth, mask, &config.pairs)?,
+        ..DepthScores::default()
     })
+}
+
+fn boundary_scores((prediction, truth, mask): Maps<'_>, config: &ScoreConfig) -> Result<Vec<BoundaryScores>> {
+    let (predicted, real) = (Thinned::new(prediction, mask)?, Thinned::new(truth, mask)?);
+    let score = |&threshold: &f64| BoundaryScores { threshold, counts: predicted.against(&real, threshold) };
+    Ok(config.boundary_thresholds.iter().map(score).collect())
+}
+
+struct Rest {
+    sharpness: EdgeSplit,
+    occlusion: [f64; 3],
+    dbe: Option<BoundaryErrors>,
+    see: Option<f64>,
+    order: OrderErrors,
+}
+
+impl Rest {
+    fn new((prediction, truth, mask): Maps<'_>, config: &ScoreConfig) -> Result<Self> {
+        let band_edges = edges(truth, mask, config.band_threshold)?;
+        let found = [boundaries(prediction, mask)?, boundaries(truth, mask)?];
+        Ok(Self {
+            sharpness: sharpness::sharpness_by_edges(prediction, mask, band_edges.view(), config.band)?,
+            occlusion: occlusion_f1(prediction, truth, mask)?,
+            dbe: boundary_errors(found[0].view(), found[1].view())?,
+            see: soft_edge_error(prediction, truth, mask, band_edges.view())?,
+            order: SuperpixelPairs::new(truth, mask)?.compare(prediction, truth)?,
+        })
+    }
 }
 
 fn edge_scores(

@@ -4,6 +4,7 @@ use crate::align::Alignment;
 use crate::metrics::calibration;
 use crate::metrics::rank::{Order, spearman};
 use crate::metrics::sparsification::{Costs, Reduction, Sparsification, bin, spearman_of_bins};
+use crate::statistics::quantile;
 use ndarray::{Array2, ArrayView2};
 use serde::{Deserialize, Serialize};
 
@@ -25,6 +26,8 @@ pub struct UncertaintyScores {
     pub poggi_abs_rel: AreaScores,
     /// Sparsification by RMSE after Poggi et al., m.
     pub poggi_rmse: AreaScores,
+    /// Sparsification by the share of outliers (beyond a factor 1.25) after Poggi et al., their `a1`.
+    pub poggi_a1: AreaScores,
     /// [Negative log-likelihood](calibration::nll), nats a pixel.
     pub nll: f64,
     /// [Continuous ranked probability score](calibration::crps), m.
@@ -33,6 +36,10 @@ pub struct UncertaintyScores {
     pub coverage: Vec<CoverageScore>,
     /// [Mean absolute calibration error](calibration::mace).
     pub mace: f64,
+    /// [Its root-mean-square kin](calibration::CalibrationErrors::root_mean_square).
+    pub rmsce: f64,
+    /// [Area between observed and stated coverage](calibration::CalibrationErrors::area).
+    pub miscalibration_area: f64,
     /// [Expected normalised calibration error](calibration::ence).
     pub ence: f64,
     /// [Mean squared z](calibration::mean_z2), 1 where the sigmas are right.
@@ -67,63 +74,108 @@ pub struct CoverageScore {
     pub observed: f64,
 }
 
+/// Curves of the uncertainty of one map, for figures and for scaling sigma by what other maps say.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct UncertaintyCurves {
+    /// Mean \\(|e|\\) by percentile of sigma, m: 100 bins, or as many as there are pixels.
+    pub error_by_percentile: Vec<f64>,
+    /// Mean sigma of the same bins, m.
+    pub sigma_by_percentile: Vec<f64>,
+    /// Share of pixels taken away: 0, 0.01, ..., 0.99.
+    pub removed: Vec<f64>,
+    /// Mean \\(|e|\\) of the rest when the most uncertain go, over the [joint maximum](crate::metrics::sparsification::sparsify).
+    pub by_sigma: Vec<f64>,
+    /// The same when the worst go.
+    pub oracle: Vec<f64>,
+    /// The same of all pixels.
+    pub random: f64,
+    /// Quantiles of \\(|z| = |e| / \sigma\\) at 0, 0.01, ..., 1.
+    pub abs_z_quantiles: Vec<f64>,
+}
+
 /// Pixels with an uncertainty, as lists.
 pub(super) struct Lists {
     errors: Vec<f64>,
     sigma: Vec<f64>,
     truth: Vec<f64>,
+    absolute: Vec<f64>,
+    /// Of sigma.
+    order: Order,
 }
 
+/// Nothing where no pixel has an uncertainty.
 pub(super) fn gather(
     prediction: ArrayView2<'_, f32>,
     sigma: ArrayView2<'_, f32>,
-    aligned: ArrayView2<'_, f32>,
-    truth: ArrayView2<'_, f32>,
-    pixels: &Array2<bool>,
+    (aligned, truth, pixels): (ArrayView2<'_, f32>, ArrayView2<'_, f32>, &Array2<bool>),
     alignment: &Alignment,
-) -> Lists {
-    let mut lists = Lists { errors: Vec::new(), sigma: Vec::new(), truth: Vec::new() };
+) -> Result<Option<Lists>> {
+    let (mut errors, mut sigmas, mut truths) = (Vec::new(), Vec::new(), Vec::new());
     let values = prediction.into_iter().zip(sigma).zip(aligned).zip(truth).zip(pixels);
     for ((((&p, &sigma), &aligned), &truth), &keep) in values {
         let scaled = alignment.sigma(f64::from(p), f64::from(sigma));
         if keep && sigma > 0.0 && scaled > 0.0 && scaled.is_finite() {
-            lists.errors.push(f64::from(aligned) - f64::from(truth));
-            lists.sigma.push(scaled);
-            lists.truth.push(f64::from(truth));
+            errors.push(f64::from(aligned) - f64::from(truth));
+            sigmas.push(scaled);
+            truths.push(f64::from(truth));
         }
     }
-    lists
-}
-
-/// Nothing where no pixel has an uncertainty.
-pub(super) fn scores(lists: &Lists, config: &ScoreConfig) -> Result<Option<UncertaintyScores>> {
-    let Lists { errors, sigma, truth } = lists;
     if errors.is_empty() {
         return Ok(None);
     }
-    let order = Order::new("sigma", sigma)?;
-    let absolute: Vec<f64> = errors.iter().map(|e| e.abs()).collect();
+    let order = Order::new("sigma", &sigmas)?;
+    let absolute = errors.iter().map(|e: &f64| e.abs()).collect();
+    Ok(Some(Lists { errors, sigma: sigmas, truth: truths, absolute, order }))
+}
+
+pub(super) fn scores(lists: &Lists, config: &ScoreConfig) -> Result<UncertaintyScores> {
+    let Lists { errors, sigma, truth, absolute, order } = lists;
     let squared: Vec<f64> = errors.iter().map(|e| e * e).collect();
     let relative: Vec<f64> = absolute.iter().zip(truth).map(|(e, g)| e / g).collect();
-    let costs = |values: &[f64]| Costs::new(values, sigma, &order);
+    let outlier = |(e, g): (&f64, &f64)| f64::from(u8::from((g + e).max(*g) >= 1.25 * (g + e).min(*g)));
+    let outliers: Vec<f64> = errors.iter().zip(truth).map(outlier).collect();
+    let costs = |values: &[f64]| Costs::new(values, sigma, order);
     let by_square = costs(&squared)?;
     let coverage = |&nominal: &f64| {
         Ok(CoverageScore { nominal, observed: calibration::coverage(errors, sigma, nominal)? })
     };
-    Ok(Some(UncertaintyScores {
+    let calibrated = calibration::calibration_errors(errors, sigma)?;
+    Ok(UncertaintyScores {
         pixels: errors.len(),
-        spearman: spearman(sigma, &absolute)?,
-        spearman_binned: spearman_of_bins(&bin(&absolute, sigma, &order, config.spearman_bins)?)?,
-        mae: costs(&absolute)?.normalised(Reduction::Mean)?.into(),
+        spearman: spearman(sigma, absolute)?,
+        spearman_binned: spearman_of_bins(&bin(absolute, sigma, order, config.spearman_bins)?)?,
+        mae: costs(absolute)?.normalised(Reduction::Mean)?.into(),
         rmse: by_square.normalised(Reduction::RootMean)?.into(),
         poggi_abs_rel: costs(&relative)?.poggi(Reduction::Mean)?.into(),
         poggi_rmse: by_square.poggi(Reduction::RootMean)?.into(),
+        poggi_a1: costs(&outliers)?.poggi(Reduction::Mean)?.into(),
         nll: calibration::nll(errors, sigma)?,
         crps: calibration::crps(errors, sigma)?,
         coverage: config.levels.iter().map(coverage).collect::<Result<_>>()?,
-        mace: calibration::mace(errors, sigma)?,
-        ence: calibration::ence_in_order(errors, sigma, &order, config.ence_bins)?,
+        mace: calibrated.mean,
+        rmsce: calibrated.root_mean_square,
+        miscalibration_area: calibrated.area,
+        ence: calibration::ence_in_order(errors, sigma, order, config.ence_bins)?,
         mean_z2: calibration::mean_z2(errors, sigma)?,
         rms_sigma: calibration::rms_sigma(errors, sigma)?,
-    }))
+    })
+}
+
+pub(super) fn curves(lists: &Lists) -> Result<UncertaintyCurves> {
+    let Lists { errors, sigma, absolute, order, .. } = lists;
+    let bins = bin(absolute, sigma, order, 100)?;
+    let Sparsification { removed, by_sigma, oracle, random } =
+        Costs::new(absolute, sigma, order)?.normalised(Reduction::Mean)?;
+    let mut z: Vec<f64> = errors.iter().zip(sigma).map(|(e, s)| (e / s).abs()).collect();
+    z.sort_unstable_by(f64::total_cmp);
+    Ok(UncertaintyCurves {
+        error_by_percentile: bins.iter().map(|bin| bin.cost).collect(),
+        sigma_by_percentile: bins.iter().map(|bin| bin.sigma).collect(),
+        removed,
+        by_sigma,
+        oracle,
+        random,
+        abs_z_quantiles: (0..=100).map(|k| quantile(&z, f64::from(k) / 100.0)).collect(),
+    })
 }

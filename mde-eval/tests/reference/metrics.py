@@ -1,13 +1,14 @@
 """Writes metrics.json: two small depth maps and what independent implementations say of them.
 
-Python 3.11, numpy==2.4.6, scipy==1.17.1, scikit-learn==1.9.1
+Python 3.11, numpy==2.4.6, scipy==1.17.1, scikit-image==0.26.0, scikit-learn==1.9.1
 Run: python metrics.py (in this folder)
 """
 
 import json
 
 import numpy as np
-from scipy import integrate, ndimage, stats
+from scipy import integrate, ndimage, sparse, stats
+from skimage.feature import canny
 from sklearn import metrics as sk
 
 H, W = 24, 32
@@ -82,7 +83,7 @@ def f1(ep, eg, r):
 
 
 out["edges"] = []
-for threshold in (0.25, 0.5):
+for threshold in (0.25, 0.5, 1.0):
     for r in (0, 1, 2):
         eg = gg > threshold
         sweep = [f1(gp >= t, eg, r) for t in np.unique(gp[gp > 0])[::-1]]
@@ -124,6 +125,79 @@ def boundary_f1():
 
 
 out["boundary-f1"] = boundary_f1()
+
+
+# Canny's edges of the depth scaled to [0, 1], and distances between them (iBims-1).
+def boundaries(m):
+    scaled = np.where(mask, (m - m[mask].min()) / (m[mask].max() - m[mask].min()), 0)
+    return canny(scaled, sigma=np.sqrt(2), low_threshold=0.15, high_threshold=0.3, mask=mask)
+
+
+ep, eg = boundaries(aligned), boundaries(truth)
+out["canny"] = [np.flatnonzero(m.ravel()).tolist() for m in (ep, eg)]
+dg, dp = distance(eg), distance(ep)
+near_enough = dg[ep] < 10
+out["dbe"] = [dg[ep][near_enough].mean(), (np.minimum(dg[ep], 10).sum() + np.minimum(dp[eg], 10).sum()) / (ep.sum() + eg.sum())]
+
+
+# Thinned edges: no smaller than the gradient interpolated on either side; then the largest one-to-one matching.
+def thin(m):
+    down, right = (ndimage.sobel(m, axis, mode="nearest") for axis in (0, 1))
+    size = np.hypot(down, right)
+    keep = np.zeros(m.shape, bool)
+    for v in range(1, H - 1):
+        for u in range(1, W - 1):
+            if not inside[v, u] or size[v, u] == 0:
+                continue
+            # Where the gradient's direction leaves the 3 x 3 square, between a straight and a diagonal neighbour.
+            step = np.array([down[v, u], right[v, u]]) / max(abs(down[v, u]), abs(right[v, u]))
+            sides = [ndimage.map_coordinates(size, [[v + t * step[0]], [u + t * step[1]]], order=1)[0] for t in (1, -1)]
+            keep[v, u] = max(sides) <= size[v, u] * (1 + 1e-12)
+    return np.where(keep, size, 0)
+
+
+tp, tg = thin(predicted), thin(filled)
+
+def matched(selected, edges):
+    a, b = np.argwhere(selected), np.argwhere(edges)
+    if not len(a) or not len(b):
+        return 0
+    close = ((a[:, None] - b[None]) ** 2).sum(2) <= (0.0075 * np.hypot(H, W)) ** 2
+    return int((sparse.csgraph.maximum_bipartite_matching(sparse.csr_matrix(close), perm_type="column") >= 0).sum())
+
+
+out["matched"] = []
+for threshold in (0.25, 0.5):
+    real = tg >= threshold
+    sweep = [(matched(tp >= t, real), int((tp >= t).sum())) for t in np.unique(tp[tp > 0])[::-1]]
+    scores = [2 * n / (k + real.sum()) for n, k in sweep]
+    recalls = np.array([0] + [n / real.sum() for n, _ in sweep])
+    area = float(np.sum(np.diff(recalls) * [n / k for n, k in sweep]))
+    out["matched"].append({"truth": int(real.sum()), "best": float(max(scores)), "area": area})
+
+
+# MoGe: windows about the pixels that are far enough from the border.
+def occlusion_f1(r):
+    win = lambda m: np.lib.stride_tricks.sliding_window_view(m, (2 * r + 1, 2 * r + 1))
+    dy, dx = np.mgrid[-r : r + 1, -r : r + 1]
+    both = win(mask) & mask[r:-r, r:-r, None, None] & (dy**2 + dx**2 <= r**2)
+    rel = lambda m: win(m) / np.where(mask, m, 1)[r:-r, r:-r, None, None]
+    rp, rg = rel(predicted), rel(filled)
+    total, ts = 0.0, np.linspace(0.05, 0.25, 10)
+    for t in ts:
+        bp, bg = (rp > 1 + t) & both, (rg > 1 + t) & both
+        hits = (bp & bg).sum()
+        total += t * 2 * hits / max(bp.sum() + bg.sum(), 1)
+    return float(total / ts.sum())
+
+
+out["occlusion-f1"] = [occlusion_f1(r) for r in (1, 2, 3)]
+
+shifts = [(v, u) for v in (-1, 0, 1) for u in (-1, 0, 1)]
+padded = np.pad(np.where(mask, truth, np.nan), 1, constant_values=np.nan)
+errors = [np.abs(padded[1 + v : 1 + v + H, 1 + u : 1 + u + W] - aligned) for v, u in shifts]
+band = mask & (distance(gg > 0.5) <= 10)
+out["see"] = float(np.nanmin(np.array(errors)[:, band], axis=0).mean())
 
 flat = np.flatnonzero(mask.ravel())
 pairs = rng.choice(flat, (60, 2))
@@ -167,6 +241,8 @@ def poggi(cost, root):
 
 out["rays-mae"], out["rays-rmse"] = rays(np.abs(e), False), rays(e**2, True)
 out["poggi-abs-rel"], out["poggi-rmse"] = poggi(np.abs(e) / g, False), poggi(e**2, True)
+# The oracle's order has ties here; the published code keeps whole runs of them.
+out["poggi-a1-aurg"] = poggi((np.maximum(g / p, p / g) >= 1.25).astype(float), False)[1]
 out["nll"] = -stats.norm.logpdf(g, p, s).mean()
 # The definition, integrated: the squared distance between the predicted and the true distribution function.
 crps = lambda mu, sd, t: (
@@ -178,6 +254,11 @@ inside = lambda q: float(np.mean(np.abs(e) <= s * stats.norm.ppf(0.5 + q / 2)))
 out["coverage"] = [inside(q) for q in (0.5, 0.68, 0.9, 0.95)]
 levels = np.linspace(0, 1, 100)
 out["mace"] = float(np.mean([abs(inside(q) - q) for q in levels]))
+missed = np.array([inside(q) - q for q in levels])
+out["rmsce"] = float(np.sqrt(np.mean(missed**2)))
+# Far more points than pieces: the area of a broken line and a straight one.
+fine = np.linspace(0, 1, 990001)
+out["miscalibration-area"] = float(np.trapezoid(np.abs(np.interp(fine, levels, missed)), fine))
 ordered = np.argsort(s)
 cuts = [k * s.size // 20 for k in range(21)]
 parts = [ordered[a:b] for a, b in zip(cuts, cuts[1:])]

@@ -1,0 +1,107 @@
+//! Depth boundary errors.
+
+use super::depth_range;
+use crate::Result;
+use crate::raster::{canny, distance_to, same_shape};
+use ndarray::{Array2, ArrayView2};
+
+/// How far predicted depth boundaries lie from the true ones, and the other way round, in pixels; 0 is best.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoundaryErrors {
+    /// Mean distance of predicted boundary pixels to the nearest true one, those beyond the limit left out.
+    pub accuracy: f64,
+    /// Mean distance, cut off at the limit, of all predicted and true boundary pixels to the other side.
+    pub completeness: f64,
+}
+
+/// Distance from which on a boundary pixel has no counterpart, pixels: the published \\(\theta\\).
+pub const LIMIT: f64 = 10.0;
+
+/// Boundary pixels of a depth map: [Canny's](crate::raster::canny) of the depth scaled to 0 to 1 over the mask, with
+/// \\(\sigma = \sqrt2\\) and thresholds 0.15 and 0.3. Blind to scale and shift of the map.
+///
+/// # Errors
+/// [`Error::Shape`] where the mask differs.
+pub fn boundaries(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Result<Array2<bool>> {
+    same_shape("the mask", mask.dim(), map.dim())?;
+    let Some((low, high)) = depth_range(map, mask).filter(|(low, high)| high > low) else {
+        return Ok(Array2::from_elem(map.dim(), false));
+    };
+    let scaled = map.mapv(|d| (d - low) / (high - low));
+    canny(scaled.view(), mask, std::f64::consts::SQRT_2, 0.15, 0.3)
+}
+
+/// Depth boundary errors of Koch et al., "Evaluation of CNN-based single-image depth estimation methods" (ECCV Workshops 2018;
+/// iBims-1), of boundary pixels `predicted` against the `truth`'s, both `[height, width]`:
+///
+/// \\[ \varepsilon_{acc} = \frac{\sum_{x \in E_p,\\,d_g(x) < \theta} d_g(x)}{|\\{x \in E_p : d_g(x) < \theta\\}|},\qquad
+///     \varepsilon_{com} = \frac{\sum_{x \in E_p} \min(d_g, \theta) + \sum_{x \in E_g} \min(d_p, \theta)}{|E_p| + |E_g|} \\]
+///
+/// with \\(d_g, d_p\\) the distances to the true and the predicted boundaries and \\(\theta\\) = [`LIMIT`]. Both are \\(\theta\\) where
+/// nothing is predicted, the first also where nothing that is predicted lies within \\(\theta\\). Nothing where the truth has no
+/// boundary. The benchmark's true boundaries are drawn by hand; those of a data set without them come from [`boundaries`].
+///
+/// # Errors
+/// [`Error::Shape`] where the shapes differ.
+pub fn boundary_errors(
+    predicted: ArrayView2<'_, bool>,
+    truth: ArrayView2<'_, bool>,
+) -> Result<Option<BoundaryErrors>> {
+    same_shape("the predicted boundary map", predicted.dim(), truth.dim())?;
+    if !truth.iter().any(|&edge| edge) {
+        return Ok(None);
+    }
+    if !predicted.iter().any(|&edge| edge) {
+        return Ok(Some(BoundaryErrors { accuracy: LIMIT, completeness: LIMIT }));
+    }
+    let (to_truth, to_predicted) = (distance_to(truth), distance_to(predicted));
+    let of = |edges: ArrayView2<'_, bool>, distance: &Array2<f64>| -> Vec<f64> {
+        edges.iter().zip(distance).filter(|&(&edge, _)| edge).map(|(_, &d)| d).collect()
+    };
+    let (forth, back) = (of(predicted, &to_truth), of(truth, &to_predicted));
+    let near: Vec<f64> = forth.iter().copied().filter(|d| *d < LIMIT).collect();
+    let accuracy = if near.is_empty() { LIMIT } else { near.iter().sum::<f64>() / near.len() as f64 };
+    let cut: f64 = forth.iter().chain(&back).map(|d| d.min(LIMIT)).sum();
+    Ok(Some(BoundaryErrors { accuracy, completeness: cut / (forth.len() + back.len()) as f64 }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn line(at: usize) -> Array2<bool> {
+        Array2::from_shape_fn((20, 30), |(_, x)| x == at)
+    }
+
+    proptest! {
+        #[test]
+        fn a_shifted_line_is_as_far_as_it_was_shifted(a in 0..30_usize, b in 0..30_usize) {
+            let far = a.abs_diff(b) as f64;
+            let errors = boundary_errors(line(a).view(), line(b).view()).unwrap().unwrap();
+            prop_assert_eq!(errors.accuracy, if far < LIMIT { far } else { LIMIT });
+            prop_assert_eq!(errors.completeness, far.min(LIMIT));
+        }
+    }
+
+    #[test]
+    fn nothing_predicted_is_the_limit_and_nothing_true_is_nothing() {
+        let none = Array2::from_elem((20, 30), false);
+        let errors = boundary_errors(none.view(), line(3).view()).unwrap().unwrap();
+        assert_eq!((errors.accuracy, errors.completeness), (LIMIT, LIMIT));
+        assert!(boundary_errors(line(3).view(), none.view()).unwrap().is_none());
+        assert!(boundary_errors(line(3).view(), Array2::from_elem((2, 2), true).view()).is_err());
+    }
+
+    #[test]
+    fn boundaries_do_not_see_scale_and_shift() {
+        let map =
+            Array2::from_shape_fn((24, 32), |(y, x)| if x + y < 25 { 1.0 + 0.01 * x as f32 } else { 2.5 });
+        let mask = Array2::from_elem((24, 32), true);
+        let found = boundaries(map.view(), mask.view()).unwrap();
+        assert!(found.iter().any(|e| *e));
+        assert_eq!(boundaries(map.mapv(|d| 4.0 * d + 2.0).view(), mask.view()).unwrap(), found);
+        let flat = Array2::from_elem((24, 32), 2.0);
+        assert!(!boundaries(flat.view(), mask.view()).unwrap().iter().any(|e| *e));
+    }
+}

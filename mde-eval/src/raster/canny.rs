@@ -1,0 +1,126 @@
+use super::same_shape;
+use super::thin::Gradient;
+use crate::{Error, Result};
+use ndarray::{Array2, ArrayView2, ArrayViewMut1};
+
+/// Canny's edge detector (1986), as scikit-image has it, with a mask: `[height, width]` in, edge pixels out.
+///
+/// Gaussian smoothing with `sigma` pixels that ignores what is masked out (normalised convolution, cut off at 4 sigma), Sobel
+/// gradients (gain 8), non-maximum suppression between interpolated neighbours, and hysteresis: pixels of at least
+/// `low` that touch, over eight neighbours, a pixel of at least `high`. Pixels on the border of the image or of the
+/// mask are no edges.
+///
+/// # Errors
+/// [`Error::Shape`] where the mask differs; [`Error::Config`] unless 0 < sigma and 0 <= low <= high, all finite.
+pub fn canny(
+    map: ArrayView2<'_, f32>,
+    mask: ArrayView2<'_, bool>,
+    sigma: f64,
+    low: f64,
+    high: f64,
+) -> Result<Array2<bool>> {
+    same_shape("the mask", mask.dim(), map.dim())?;
+    if !(sigma > 0.0 && sigma.is_finite() && low >= 0.0 && high >= low && high.is_finite()) {
+        let value = format!("sigma {sigma}, low {low}, high {high}");
+        return Err(Error::Config {
+            field: "Canny's settings",
+            value,
+            expected: "0 < sigma and 0 <= low <= high",
+        });
+    }
+    let weights = mask.mapv(|keep| f64::from(u8::from(keep)));
+    let mut values = map.mapv(f64::from);
+    values.zip_mut_with(&mask, |value, keep| *value = if *keep && value.is_finite() { *value } else { 0.0 });
+    let (mut smooth, share) = (blur(values, sigma), blur(weights, sigma));
+    smooth.zip_mut_with(&share, |value, share| *value /= share + f64::EPSILON);
+    let strength = Gradient::sobel(&smooth).thin(mask, low);
+    Ok(hysteresis(&strength, high))
+}
+
+/// Separable Gaussian with zeros outside, cut off at four sigma.
+pub(crate) fn blur(mut map: Array2<f64>, sigma: f64) -> Array2<f64> {
+    let radius = (4.0 * sigma + 0.5) as usize;
+    let mut kernel: Vec<f64> = (0..=radius).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
+    let total = kernel[0] + 2.0 * kernel[1..].iter().sum::<f64>();
+    kernel.iter_mut().for_each(|k| *k /= total);
+    let mut padded = Vec::new();
+    for row in map.rows_mut() {
+        convolve(row, &kernel, &mut padded);
+    }
+    // Transposed, so that both passes run along memory.
+    let mut turned = map.t().as_standard_layout().into_owned();
+    for row in turned.rows_mut() {
+        convolve(row, &kernel, &mut padded);
+    }
+    turned.t().as_standard_layout().into_owned()
+}
+
+/// Convolves with a symmetric kernel, given from its middle on.
+fn convolve(mut line: ArrayViewMut1<'_, f64>, kernel: &[f64], padded: &mut Vec<f64>) {
+    let radius = kernel.len() - 1;
+    padded.clear();
+    padded.resize(line.len() + 2 * radius, 0.0);
+    padded[radius..radius + line.len()].iter_mut().zip(&line).for_each(|(to, from)| *to = *from);
+    for (x, out) in line.iter_mut().enumerate() {
+        let window = &padded[x..x + 2 * radius + 1];
+        let (left, right) = (window[..radius].iter().rev(), &window[radius + 1..]);
+        let sides = left.zip(right).zip(&kernel[1..]).map(|((l, r), k)| k * (l + r));
+        *out = kernel[0] * window[radius] + sides.sum::<f64>();
+    }
+}
+
+/// Pixels above 0 that are joined, over eight neighbours, to one of at least `high`.
+fn hysteresis(strength: &Array2<f64>, high: f64) -> Array2<bool> {
+    let (height, width) = strength.dim();
+    let mut edges = Array2::from_elem((height, width), false);
+    let mut open: Vec<(usize, usize)> =
+        strength.indexed_iter().filter(|(_, s)| **s > 0.0 && **s >= high).map(|(at, _)| at).collect();
+    while let Some((y, x)) = open.pop() {
+        if std::mem::replace(&mut edges[(y, x)], true) {
+            continue;
+        }
+        for v in y.saturating_sub(1)..(y + 2).min(height) {
+            for u in x.saturating_sub(1)..(x + 2).min(width) {
+                if strength[(v, u)] > 0.0 && !edges[(v, u)] {
+                    open.push((v, u));
+                }
+            }
+        }
+    }
+    edges
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_is_one_thin_line_and_a_mask_makes_none() {
+        let map = Array2::from_shape_fn((30, 40), |(_, x)| if x < 20 { 0.0 } else { 1.0 });
+        let mask = Array2::from_elem((30, 40), true);
+        let edges = canny(map.view(), mask.view(), 2_f64.sqrt(), 0.15, 0.3).unwrap();
+        for row in edges.rows().into_iter().skip(1).take(28) {
+            let at: Vec<usize> = row.iter().enumerate().filter(|(_, e)| **e).map(|(x, _)| x).collect();
+            // Both pixels of the step are as steep, but for rounding.
+            assert!(!at.is_empty() && at.iter().all(|x| (19..=20).contains(x)), "{at:?}");
+        }
+        // The same step, but nothing is known right of it.
+        let half = Array2::from_shape_fn((30, 40), |(_, x)| x < 20);
+        assert!(!canny(map.view(), half.view(), 2_f64.sqrt(), 0.15, 0.3).unwrap().iter().any(|e| *e));
+    }
+
+    #[test]
+    fn weak_edges_need_a_strong_one() {
+        let ramp = |height: f32| Array2::from_shape_fn((20, 40), |(_, x)| if x < 20 { 0.0 } else { height });
+        let mask = Array2::from_elem((20, 40), true);
+        let found = |height, high| {
+            canny(ramp(height).view(), mask.view(), 1.5, 0.1, high).unwrap().iter().any(|e| *e)
+        };
+        assert!(found(0.2, 0.3) && !found(0.2, 0.6));
+        assert!(canny(ramp(1.0).view(), mask.view(), 0.0, 0.1, 0.2).is_err());
+        for (height, width) in [(1, 1), (1, 9), (0, 5), (2, 2)] {
+            let (map, mask) = (Array2::ones((height, width)), Array2::from_elem((height, width), true));
+            assert_eq!(canny(map.view(), mask.view(), 1.0, 0.1, 0.2).unwrap().dim(), (height, width));
+        }
+    }
+}

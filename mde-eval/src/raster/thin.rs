@@ -1,0 +1,73 @@
+use super::erode;
+use ndarray::{Array2, ArrayView2};
+
+/// The two parts of a Sobel gradient (gain 8, border replicated) and its magnitude, each `[height, width]`.
+pub(crate) struct Gradient {
+    /// Down the rows.
+    down: Array2<f64>,
+    /// Along the columns.
+    right: Array2<f64>,
+    pub(crate) magnitude: Array2<f64>,
+}
+
+impl Gradient {
+    pub(crate) fn sobel(map: &Array2<f64>) -> Self {
+        // Separable: a difference one way, 1 2 1 the other.
+        let (mut down, mut right) = (Array2::zeros(map.dim()), Array2::zeros(map.dim()));
+        let (height, width) = map.dim();
+        let last = |n: usize| n.saturating_sub(1);
+        let mut difference = vec![0.0; width];
+        let mut sum = vec![0.0; width];
+        for y in 0..height {
+            let (above, here, below) =
+                (map.row(y.saturating_sub(1)), map.row(y), map.row((y + 1).min(last(height))));
+            for x in 0..width {
+                difference[x] = below[x] - above[x];
+                sum[x] = above[x] + 2.0 * here[x] + below[x];
+            }
+            for x in 0..width {
+                let (left, next) = (x.saturating_sub(1), (x + 1).min(last(width)));
+                down[(y, x)] = difference[left] + 2.0 * difference[x] + difference[next];
+                right[(y, x)] = sum[next] - sum[left];
+            }
+        }
+        let mut magnitude = down.clone();
+        magnitude.zip_mut_with(&right, |d, r| *d = (*d * *d + r * r).sqrt());
+        Self { down, right, magnitude }
+    }
+
+    /// The magnitude where it is at least `low` and no smaller than on either side across the edge (interpolated between
+    /// the two neighbours that the gradient passes between), 0 elsewhere: non-maximum suppression (Canny, 1986).
+    ///
+    /// Only within `mask`, eroded, and off the image's border.
+    pub(crate) fn thin(&self, mask: ArrayView2<'_, bool>, low: f64) -> Array2<f64> {
+        let mask = erode(mask);
+        let (height, width) = self.magnitude.dim();
+        let mut out = Array2::zeros((height, width));
+        for y in 1..height.saturating_sub(1) {
+            for x in 1..width.saturating_sub(1) {
+                let here = self.magnitude[(y, x)];
+                if !mask[(y, x)] || here < low || here <= 0.0 {
+                    continue;
+                }
+                let (down, right) = (self.down[(y, x)], self.right[(y, x)]);
+                // Downwards along columns of equal sign, upwards where the signs differ.
+                let along = if down * right >= 0.0 { 1 } else { -1 };
+                let (steep, flat) = (down.abs().max(right.abs()), down.abs().min(right.abs()));
+                let straight = if down.abs() >= right.abs() { (along, 0) } else { (0, 1) };
+                let weight = flat / steep;
+                let side = |sign: isize| {
+                    let at = |(dy, dx): (isize, isize)| {
+                        let row = y.checked_add_signed(sign * dy)?;
+                        self.magnitude.get((row, x.checked_add_signed(sign * dx)?)).copied()
+                    };
+                    weight * at((along, 1)).unwrap_or(0.0) + (1.0 - weight) * at(straight).unwrap_or(0.0)
+                };
+                if side(1) <= here && side(-1) <= here {
+                    out[(y, x)] = here;
+                }
+            }
+        }
+        out
+    }
+}
