@@ -1,0 +1,137 @@
+//! What a user would pick instead: filters, a solver, and asking the model again.
+//!
+//! Each is a [`Refiner`], so that it stands beside the whole pipeline in every table; [`named`] gives them by the names of
+//! [`METHODS`], and chains such as `zoom+jbf`. Missing depth (0, or not finite) stays missing, and what is known
+//! elsewhere is averaged without it.
+
+mod box_sums;
+mod flip;
+mod guided;
+mod joint_bilateral;
+mod noise;
+pub mod sigma;
+mod solver;
+mod unsharp;
+mod weighted_median;
+mod zoom;
+
+pub use flip::FlipAverage;
+pub use guided::GuidedFilter;
+pub use joint_bilateral::JointBilateral;
+pub use noise::WhiteNoise;
+pub use solver::FastBilateralSolver;
+pub use unsharp::Unsharp;
+pub use weighted_median::WeightedMedian;
+pub use zoom::ZoomMerge;
+
+use crate::{Error, Refined, Refiner, Result, Task};
+use ndarray::{Array2, ArrayView2, ArrayView3};
+
+/// Names of the baselines, each with what it does.
+pub const METHODS: &[(&str, &str)] = &[
+    ("prior", "the monocular depth as it is"),
+    ("flip", "mean of the prior and the model's depth of the mirror image"),
+    ("zoom", "the model again on 2x2, then 3x3 zoomed crops, their detail merged"),
+    ("unsharp0.5", "unsharp mask in log depth, with half the detail added (any number after the name)"),
+    ("unsharp1", "the same with all of it"),
+    ("unsharp2", "the same with twice as much"),
+    ("noise", "1 % white noise"),
+    ("guided", "guided filter of the depth by the picture"),
+    ("jbf", "joint bilateral filter"),
+    ("wmf", "weighted median filter"),
+    ("fbs", "fast bilateral solver with a confidence"),
+];
+
+/// A baseline by its name; several joined by `+` run one after the other, each on the depth of the one before.
+///
+/// ```
+/// assert!(mde_eval::baseline::named("zoom+jbf").is_ok());
+/// ```
+///
+/// # Errors
+/// [`Error::Unknown`] with the names that exist.
+pub fn named(name: &str) -> Result<Box<dyn Refiner + Send + Sync>> {
+    let mut steps = name.split('+').map(single).collect::<Result<Vec<_>>>()?;
+    match steps.len() {
+        1 => Ok(steps.remove(0)),
+        _ => Ok(Box::new(Chain(steps))),
+    }
+}
+
+fn single(name: &str) -> Result<Box<dyn Refiner + Send + Sync>> {
+    let unknown = || Error::Unknown {
+        what: "method",
+        name: name.to_owned(),
+        known: METHODS.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", "),
+    };
+    Ok(match name {
+        "prior" => Box::new(Identity),
+        "flip" => Box::new(FlipAverage),
+        "zoom" => Box::new(ZoomMerge::default()),
+        "noise" => Box::new(WhiteNoise::default()),
+        "guided" => Box::new(GuidedFilter::default()),
+        "jbf" => Box::new(JointBilateral::default()),
+        "wmf" => Box::new(WeightedMedian::default()),
+        "fbs" => Box::new(FastBilateralSolver::default()),
+        _ => {
+            let amount = name.strip_prefix("unsharp").and_then(|amount| amount.parse::<f64>().ok());
+            let amount = amount.filter(|a| a.is_finite()).ok_or_else(unknown)?;
+            Box::new(Unsharp { amount, ..Unsharp::default() })
+        }
+    })
+}
+
+/// The prior as it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Identity;
+
+impl Refiner for Identity {
+    fn refine(&self, task: &Task<'_>) -> Result<Refined> {
+        Ok(task.prior.to_owned().into())
+    }
+}
+
+/// One after the other.
+struct Chain(Vec<Box<dyn Refiner + Send + Sync>>);
+
+impl Refiner for Chain {
+    fn refine(&self, task: &Task<'_>) -> Result<Refined> {
+        let mut refined = Refined::from(task.prior.to_owned());
+        for step in &self.0 {
+            let next = step.refine(&Task { prior: refined.depth.view(), ..*task })?;
+            // A step without an uncertainty of its own leaves none: the depth is another.
+            refined = next;
+        }
+        Ok(refined)
+    }
+}
+
+/// Whether a depth is known.
+fn known(depth: f32) -> bool {
+    depth > 0.0 && depth.is_finite()
+}
+
+/// 1 where the depth is known, 0 elsewhere.
+fn weights(depth: ArrayView2<'_, f32>) -> Array2<f64> {
+    depth.mapv(|d| f64::from(u8::from(known(d))))
+}
+
+/// Checks that the picture has the depth's size and that a setting is positive and finite.
+fn check(task: &Task<'_>, settings: &[(&'static str, f64)]) -> Result<()> {
+    let (height, width, _) = task.image.dim();
+    crate::raster::same_shape("the prior", task.prior.dim(), (height, width))?;
+    for &(field, value) in settings {
+        if !(value > 0.0 && value.is_finite()) {
+            return Err(Error::Config { field, value: value.to_string(), expected: "positive and finite" });
+        }
+    }
+    Ok(())
+}
+
+/// The three channels, each `[height, width]`, in standard layout.
+fn channels(image: ArrayView3<'_, f32>) -> [Array2<f32>; 3] {
+    std::array::from_fn(|channel| {
+        let plane = image.index_axis(ndarray::Axis(2), channel);
+        plane.mapv(|v| if v.is_finite() { v } else { 0.0 }).as_standard_layout().into_owned()
+    })
+}
