@@ -26,17 +26,24 @@
 //! ```
 
 pub mod align;
+pub mod baseline;
 pub mod data;
 mod error;
+#[cfg(feature = "plot")]
+pub mod figure;
 pub mod metrics;
 pub mod raster;
+mod refiner;
 pub mod scene;
 pub mod score;
 pub mod simulated;
 mod special;
+pub mod statistics;
+pub mod table;
 
 pub use error::{Error, Result};
 pub use mde_prior;
 pub use mde_warp;
 pub use nalgebra;
 pub use ndarray;
+pub use refiner::{Refined, Refiner, Task};

@@ -1,0 +1,189 @@
+//! The paper's Figure 2 and its relatives, as SVG and PNG (feature `plot`).
+//!
+//! Every line carries its name at its end, so there is no legend to hunt for.
+
+mod draw;
+
+use crate::special::central_half_width;
+use crate::statistics::share_below;
+use crate::table::Entry;
+use crate::{Error, Result};
+use std::path::Path;
+
+/// One line of a [`Chart`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Line {
+    /// What is written at its end; nothing where empty.
+    pub name: String,
+    /// Its points, in order of x.
+    pub points: Vec<[f64; 2]>,
+    /// The method that gives the colour; nothing for a grey guide.
+    pub colour: Option<usize>,
+    /// Whether it is what the others are held against: drawn thin.
+    pub thin: bool,
+}
+
+/// Lines over one pair of axes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Chart {
+    /// What the chart says, above it.
+    pub title: String,
+    /// Name and unit of the horizontal axis.
+    pub x: String,
+    /// Name and unit of the vertical axis.
+    pub y: String,
+    /// The lines, first below.
+    pub lines: Vec<Line>,
+}
+
+impl Chart {
+    /// Writes an SVG or a PNG, by the name's extension (`.svg`, `.png`); 900 x 560 pixels.
+    ///
+    /// # Errors
+    /// [`Error::Empty`] without a point, [`Error::Config`] for another extension, [`Error::Method`] where it cannot be drawn or written.
+    pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
+        if self.lines.iter().all(|line| line.points.is_empty()) {
+            return Err(Error::Empty { what: "a figure" });
+        }
+        draw::write(self, path.as_ref())
+    }
+}
+
+/// Mean \\(|e|\\) by percentile of sigma, averaged over scenes (the paper's Figure 2): a sigma that points at the errors rises from
+/// left to right. Methods as in [`methods`].
+pub fn error_by_percentile(entries: &[Entry], names: &[String]) -> Chart {
+    let lines = each(entries, names, |curves| {
+        let bins = curves.error_by_percentile.len() as f64;
+        let place = |(bin, &error): (usize, &f64)| [(bin as f64 + 0.5) * 100.0 / bins, error];
+        curves.error_by_percentile.iter().enumerate().map(place).collect()
+    });
+    Chart {
+        title: "Error by percentile of the stated uncertainty".to_owned(),
+        x: "percentile of sigma within a scene".to_owned(),
+        y: "mean |error|, m".to_owned(),
+        lines,
+    }
+}
+
+/// Mean \\(|e|\\) of what is left when the most uncertain pixels go, against all pixels' (random), averaged over scenes; the oracle of the
+/// first method beside them.
+pub fn sparsification(entries: &[Entry], names: &[String]) -> Chart {
+    type Curves = crate::score::UncertaintyCurves;
+    let relative = |curves: &Curves, values: &[f64]| {
+        let points = curves.removed.iter().zip(values).map(|(r, v)| [100.0 * r, v / curves.random]);
+        points.collect::<Vec<_>>()
+    };
+    let mut lines = each(entries, names, |curves| relative(curves, &curves.by_sigma));
+    let first = names.first().map(std::slice::from_ref).unwrap_or_default();
+    for mut oracle in each(entries, first, |curves| relative(curves, &curves.oracle)) {
+        oracle.name = "oracle".to_owned();
+        (oracle.thin, oracle.colour) = (true, None);
+        lines.insert(0, oracle);
+    }
+    lines.insert(0, guide("no order", vec![[0.0, 1.0], [99.0, 1.0]]));
+    Chart {
+        title: "Error that is left when the most uncertain pixels go".to_owned(),
+        x: "pixels taken away, %".to_owned(),
+        y: "mean |error| of the rest / of all".to_owned(),
+        lines,
+    }
+}
+
+/// Observed against stated coverage of central intervals, averaged over scenes: below the diagonal sigma is too small.
+pub fn reliability(entries: &[Entry], names: &[String]) -> Chart {
+    let mut lines = each(entries, names, |curves| {
+        let level = |k: u32| {
+            let nominal = f64::from(k) / 100.0;
+            [100.0 * nominal, 100.0 * share_below(&curves.abs_z_quantiles, central_half_width(nominal))]
+        };
+        std::iter::once([0.0, 0.0]).chain((1..100).map(level)).collect()
+    });
+    lines.insert(0, guide("right", vec![[0.0, 0.0], [99.0, 99.0]]));
+    Chart {
+        title: "How often the truth is inside the stated interval".to_owned(),
+        x: "stated probability, %".to_owned(),
+        y: "share of pixels inside, %".to_owned(),
+        lines,
+    }
+}
+
+/// The methods that have an uncertainty, in the order of their first entry.
+pub fn methods(entries: &[Entry]) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for entry in entries.iter().filter(|entry| entry.curves.is_some()) {
+        if !names.contains(&entry.method) {
+            names.push(entry.method.clone());
+        }
+    }
+    names
+}
+
+fn guide(name: &str, points: Vec<[f64; 2]>) -> Line {
+    Line { name: name.to_owned(), points, colour: None, thin: true }
+}
+
+/// One line a method: the mean over its scenes, point by point.
+fn each(
+    entries: &[Entry],
+    names: &[String],
+    points: impl Fn(&crate::score::UncertaintyCurves) -> Vec<[f64; 2]>,
+) -> Vec<Line> {
+    let mut lines = Vec::new();
+    for (colour, name) in names.iter().enumerate() {
+        let of_method = entries.iter().filter(|entry| entry.method == *name);
+        let scenes: Vec<_> = of_method.filter_map(|entry| entry.curves.as_ref()).map(&points).collect();
+        let longest = scenes.iter().map(Vec::len).max().unwrap_or(0);
+        // A scene with fewer pixels than bins has other percentiles.
+        let scenes: Vec<_> = scenes.into_iter().filter(|scene| scene.len() == longest).collect();
+        let mean = |index: usize| {
+            let sum = scenes
+                .iter()
+                .fold([0.0; 2], |sum, scene| [sum[0] + scene[index][0], sum[1] + scene[index][1]]);
+            sum.map(|sum| sum / scenes.len() as f64)
+        };
+        let points = (0..longest).map(mean).filter(|point| point.iter().all(|v| v.is_finite())).collect();
+        lines.push(Line { name: name.clone(), points, colour: Some(colour), thin: false });
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::table::tests::entries;
+
+    #[test]
+    fn figures_are_written_and_name_their_lines() {
+        let entries = entries();
+        let names = methods(&entries);
+        assert_eq!(names, ["prior", "better"]);
+        let place = tempfile::tempdir().unwrap();
+        for chart in [
+            error_by_percentile(&entries, &names),
+            sparsification(&entries, &names),
+            reliability(&entries, &names),
+        ] {
+            assert!(chart.lines.iter().all(|line| line.points.len() > 1), "{}", chart.title);
+            let (svg, png) = (place.path().join("a.svg"), place.path().join("a.png"));
+            chart.write(&svg).unwrap();
+            chart.write(&png).unwrap();
+            let text = std::fs::read_to_string(&svg).unwrap();
+            for word in [&chart.title, &chart.x, "prior", "better"] {
+                assert!(text.contains(&word.replace('&', "&amp;")), "{word} is not in the figure");
+            }
+            let picture = mde_prior::photo::read_image(&png).unwrap().pixels;
+            assert_eq!(picture.dim(), (560, 900, 3));
+            assert!(picture.iter().filter(|v| **v < 0.5).count() > 2000, "nothing is drawn");
+        }
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let empty = Chart { title: String::new(), x: String::new(), y: String::new(), lines: vec![] };
+        assert!(matches!(empty.write("a.svg"), Err(Error::Empty { .. })));
+        let line = guide("flat", vec![[0.0, 1.0], [1.0, 1.0]]);
+        let chart = Chart { lines: vec![line], ..empty };
+        assert!(matches!(chart.write("a.gif"), Err(Error::Config { .. })));
+        assert!(matches!(chart.write("/nowhere/a.svg"), Err(Error::Method(_))));
+    }
+}

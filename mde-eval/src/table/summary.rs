@@ -1,0 +1,186 @@
+use super::{Entry, METRICS, Metric};
+use crate::metrics::bsds::{BoundaryCounts, ods};
+use crate::metrics::rank::average_ranks;
+use crate::statistics::{Bootstrap, Estimate};
+use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What the scenes say of every method and metric.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Summary {
+    /// The method that the others are compared with, if any.
+    pub reference: Option<String>,
+    /// How many scenes there are.
+    pub scenes: usize,
+    /// How the intervals were made.
+    pub bootstrap: Bootstrap,
+    /// The methods, in the order of their first entry.
+    pub methods: Vec<MethodSummary>,
+}
+
+/// What the scenes say of one method.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct MethodSummary {
+    /// Its name.
+    pub method: String,
+    /// By the metric's key; metrics that no scene has are left out.
+    pub metrics: BTreeMap<String, Statistics>,
+    /// [F1 of the thinned edges](ods) pooled over scenes, by the truth's threshold in metres.
+    pub ods: BTreeMap<String, f64>,
+}
+
+/// One metric of one method over scenes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Statistics {
+    /// Scenes that have it.
+    pub scenes: usize,
+    /// Mean over them.
+    pub mean: f64,
+    /// Median over them: what a bad scene does not move.
+    pub median: f64,
+    /// Scenes that have it for the reference too.
+    pub paired: usize,
+    /// Mean difference to the reference on the same scenes.
+    pub difference: Option<Estimate>,
+    /// Ratio of means to the reference on the same scenes, where the reference's is positive.
+    pub ratio: Option<Estimate>,
+    /// Scenes on which it is worse than the reference; nothing where neither is better.
+    pub worse: Option<usize>,
+    /// Mean over scenes of its rank among the methods that have the metric, 1 the best, ties averaged.
+    pub rank: Option<f64>,
+}
+
+impl Summary {
+    /// Summarises entries: at most one a scene, method and seed; seeds are averaged.
+    ///
+    /// # Errors
+    /// [`Error::Empty`] without entries; [`Error::Config`] where a method has a scene and seed twice, or for the bootstrap's settings.
+    pub fn new(entries: &[Entry], reference: Option<&str>, bootstrap: &Bootstrap) -> Result<Self> {
+        bootstrap.validate()?;
+        if entries.is_empty() {
+            return Err(Error::Empty { what: "a summary" });
+        }
+        let mut names: Vec<&str> = Vec::new();
+        let mut places = BTreeSet::new();
+        for entry in entries {
+            if !names.contains(&entry.method.as_str()) {
+                names.push(&entry.method);
+            }
+            if !places.insert((&entry.method, &entry.scene, entry.seed)) {
+                let value = format!("{} on {}", entry.method, entry.scene);
+                return Err(Error::Config { field: "an entry", value, expected: "there once" });
+            }
+        }
+        let mut methods: Vec<MethodSummary> = names
+            .iter()
+            .map(|name| {
+                let ods = pooled(entries.iter().filter(|entry| entry.method == *name))?;
+                Ok(MethodSummary { method: (*name).to_owned(), metrics: BTreeMap::new(), ods })
+            })
+            .collect::<Result<_>>()?;
+        for metric in METRICS {
+            let values = Values::of(metric, entries);
+            let ranks = values.ranks(metric);
+            for method in &mut methods {
+                let rank = ranks.get(method.method.as_str()).copied();
+                if let Some(statistics) =
+                    values.statistics(metric, &method.method, reference, rank, bootstrap)?
+                {
+                    method.metrics.insert(metric.key.to_owned(), statistics);
+                }
+            }
+        }
+        let scenes = entries.iter().map(|entry| &entry.scene).collect::<BTreeSet<_>>().len();
+        Ok(Self { reference: reference.map(str::to_owned), scenes, bootstrap: bootstrap.clone(), methods })
+    }
+
+    /// The statistics of a method's metric.
+    pub fn get(&self, method: &str, key: &str) -> Option<&Statistics> {
+        self.methods.iter().find(|summary| summary.method == method)?.metrics.get(key)
+    }
+}
+
+fn pooled<'e>(entries: impl Iterator<Item = &'e Entry>) -> Result<BTreeMap<String, f64>> {
+    let mut counts: BTreeMap<String, Vec<&BoundaryCounts>> = BTreeMap::new();
+    for boundaries in entries.filter_map(|entry| entry.depth.as_ref()).flat_map(|depth| &depth.boundaries) {
+        if let Some(of_scene) = &boundaries.counts {
+            counts.entry(boundaries.threshold.to_string()).or_default().push(of_scene);
+        }
+    }
+    let mut pooled = BTreeMap::new();
+    for (threshold, counts) in counts {
+        if let Some(best) = ods(counts)? {
+            pooled.insert(threshold, best);
+        }
+    }
+    Ok(pooled)
+}
+
+/// One metric by method and scene.
+struct Values<'e>(BTreeMap<&'e str, BTreeMap<&'e str, f64>>);
+
+impl<'e> Values<'e> {
+    fn of(metric: &Metric, entries: &'e [Entry]) -> Self {
+        let mut sums: BTreeMap<&str, BTreeMap<&str, (f64, f64)>> = BTreeMap::new();
+        for entry in entries {
+            if let Some(value) = metric.value(entry) {
+                let sum = sums.entry(&entry.method).or_default().entry(&entry.scene).or_default();
+                *sum = (sum.0 + value, sum.1 + 1.0);
+            }
+        }
+        let mean = |scenes: BTreeMap<&'e str, (f64, f64)>| {
+            scenes.into_iter().map(|(scene, (sum, seeds))| (scene, sum / seeds)).collect()
+        };
+        Self(sums.into_iter().map(|(method, scenes)| (method, mean(scenes))).collect())
+    }
+
+    fn ranks(&self, metric: &Metric) -> BTreeMap<&'e str, f64> {
+        let scenes: BTreeSet<&str> = self.0.values().flat_map(|scenes| scenes.keys().copied()).collect();
+        let mut sums: BTreeMap<&str, (f64, usize)> = BTreeMap::new();
+        for scene in scenes {
+            let here = self
+                .0
+                .iter()
+                .filter_map(|(method, values)| Some((*method, metric.better.badness(*values.get(scene)?)?)));
+            let (methods, badness): (Vec<&str>, Vec<f64>) = here.unzip();
+            let Ok(ranks) = average_ranks(&badness) else { continue };
+            for (method, rank) in methods.into_iter().zip(ranks) {
+                let sum = sums.entry(method).or_default();
+                (sum.0, sum.1) = (sum.0 + rank, sum.1 + 1);
+            }
+        }
+        sums.into_iter().map(|(method, (sum, scenes))| (method, sum / scenes as f64)).collect()
+    }
+
+    fn statistics(
+        &self,
+        metric: &Metric,
+        method: &str,
+        reference: Option<&str>,
+        rank: Option<f64>,
+        bootstrap: &Bootstrap,
+    ) -> Result<Option<Statistics>> {
+        let Some(own) = self.0.get(method) else { return Ok(None) };
+        let values: Vec<f64> = own.values().copied().collect();
+        let of_reference = reference.filter(|name| *name != method).and_then(|name| self.0.get(name));
+        let pairs = own.iter().filter_map(|(scene, value)| Some((*value, *of_reference?.get(scene)?)));
+        let (x, r): (Vec<f64>, Vec<f64>) = pairs.unzip();
+        let badness = |value: f64| metric.better.badness(value);
+        let worse = x.iter().zip(&r).filter(|&(&x, &r)| badness(x) > badness(r)).count();
+        let paired = !x.is_empty();
+        Ok(Some(Statistics {
+            scenes: values.len(),
+            mean: values.iter().sum::<f64>() / values.len() as f64,
+            median: crate::raster::median(values).unwrap_or(f64::NAN),
+            paired: x.len(),
+            difference: if paired { Some(bootstrap.difference(&x, &r)?) } else { None },
+            ratio: if paired && r.iter().all(|r| *r >= 0.0) { bootstrap.ratio(&x, &r)? } else { None },
+            worse: (paired && badness(0.0).is_some()).then_some(worse),
+            rank,
+        }))
+    }
+}
