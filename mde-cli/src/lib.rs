@@ -30,15 +30,19 @@
 //! ```
 
 pub mod config;
+mod control;
 mod error;
 pub mod pipeline;
 mod presets;
+pub mod refiner;
 mod report;
 
 pub use config::Config;
+pub use control::FilteredField;
 pub use error::{Error, Result};
 pub use pipeline::{Event, Refinement, Stage, Stages, refine};
 pub use presets::Preset;
+pub use refiner::{FieldMemory, LoopRefiner};
 pub use report::{IterationReport, StageSeconds, WarpReport};
 pub use {mde_eval, mde_fusion, mde_nerf, mde_prior, mde_uncertainty, mde_warp};
 pub use {nalgebra, ndarray};

@@ -4,6 +4,7 @@ mod args;
 mod camera;
 mod canvas;
 mod commands;
+mod evaluation;
 mod field;
 mod interrupt;
 mod job;
@@ -24,12 +25,16 @@ fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(_) if interrupt::requested() => {
-            say("interrupted; nothing was written");
+            let resumable = matches!(cli.command, args::Command::Eval(_) | args::Command::Ablate(_));
+            say(match resumable {
+                true => "interrupted; what was finished is kept, and the same command goes on from there",
+                false => "interrupted; nothing was written",
+            });
             ExitCode::from(interrupt::EXIT_CODE)
         }
         Err(error) => {
             say(&format!("error: {}", message(&error)));
-            ExitCode::FAILURE
+            if error.is::<evaluation::results::Partial>() { ExitCode::from(3) } else { ExitCode::FAILURE }
         }
     }
 }

@@ -62,9 +62,7 @@ impl OutputFolder {
         let parent = self.parent();
         fs::create_dir_all(parent)
             .with_context(|| format!("{}: can't make this folder", parent.display()))?;
-        let temporary = builder()
-            .tempdir_in(parent)
-            .with_context(|| format!("{}: can't make a folder in it", parent.display()))?;
+        let temporary = temporary_folder(parent)?;
         interrupt::guard(temporary.path());
         fill(temporary.path())?;
         let mut guarded = interrupt::temporary();
@@ -93,6 +91,11 @@ impl OutputFolder {
             })
             .with_context(name)
     }
+}
+
+/// A folder within `parent` that is removed again unless it is kept.
+pub(crate) fn temporary_folder(parent: &Path) -> Result<tempfile::TempDir> {
+    builder().tempdir_in(parent).with_context(|| format!("{}: can't make a folder in it", parent.display()))
 }
 
 /// Temporary folders are private by default; a result should have the permissions that the user's umask gives.

@@ -166,6 +166,32 @@ impl Progress {
         }
     }
 
+    /// One of many pieces of work is done; `left` is an estimate of the seconds that the others take.
+    pub(crate) fn piece(&mut self, done: usize, all: usize, text: &str, left: Option<f64>, mut value: Value) {
+        let left_text = left.map(|s| format!(", about {} left", duration(s))).unwrap_or_default();
+        match self.mode {
+            Mode::Quiet => {}
+            Mode::Json => {
+                (value["done"], value["all"], value["seconds_left"]) = (json!(done), json!(all), json!(left));
+                self.json(value);
+            }
+            Mode::Lines => self.line(&format!("[{done}/{all}] {text}{left_text}")),
+            Mode::Bars => {
+                self.line(text);
+                let bar = self.bar.get_or_insert_with(|| {
+                    let bar = ProgressBar::with_draw_target(Some(all as u64), ProgressDrawTarget::stderr());
+                    let template = "{bar:30} {pos}/{len} [{elapsed}{msg}]";
+                    bar.with_style(
+                        ProgressStyle::with_template(template)
+                            .unwrap_or_else(|_| ProgressStyle::default_bar()),
+                    )
+                });
+                bar.set_position(done as u64);
+                bar.set_message(left_text);
+            }
+        }
+    }
+
     fn finish_bar(&mut self) {
         if let Some(bar) = self.bar.take() {
             bar.abandon();
@@ -183,6 +209,17 @@ impl Progress {
             Some(bar) => bar.suspend(write),
             None => write(),
         }
+    }
+}
+
+/// A duration for people: the two largest units that say something.
+fn duration(seconds: f64) -> String {
+    let whole = seconds.round().max(0.0) as u64;
+    match (whole / 3600, whole / 60 % 60, whole % 60) {
+        (0, 0, s) => format!("{s} s"),
+        (0, m, s) if m < 10 => format!("{m} min {s} s"),
+        (0, m, _) => format!("{m} min"),
+        (h, m, _) => format!("{h} h {m} min"),
     }
 }
 

@@ -71,7 +71,7 @@ pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
 }
 
 /// The workspace's crates and their versions.
-fn versions() -> BTreeMap<&'static str, &'static str> {
+pub(crate) fn versions() -> BTreeMap<&'static str, &'static str> {
     let known = env!("MDE_VERSIONS").split_whitespace().filter_map(|pair| pair.split_once('='));
     known.chain([(env!("CARGO_PKG_NAME"), env!("CARGO_PKG_VERSION"))]).collect()
 }

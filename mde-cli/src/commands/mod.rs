@@ -1,9 +1,12 @@
 //! The subcommands.
 
+mod ablate;
 mod config;
 mod demo;
+mod eval;
 mod refine;
 mod render;
+mod score_maps;
 mod warp;
 
 use crate::args::Command;
@@ -15,6 +18,8 @@ pub(crate) fn run(command: &Command) -> Result<()> {
         Command::Refine(args) => refine::run(args),
         Command::Warp(args) => warp::run(args),
         Command::Render(args) => render::run(args),
+        Command::Eval(args) => eval::run(args),
+        Command::Ablate(args) => ablate::run(args),
         Command::Config(args) => config::run(args),
     }
 }

@@ -1,0 +1,198 @@
+//! The rows of `mde ablate`: the paper's Table II, what stands in for the NeRF, and each remedy alone.
+
+use mde_cli::config::IterationPrior;
+use mde_cli::{Config, Preset};
+use mde_eval::table::Summary;
+use mde_fusion::{Aggregation, Calibration, Fusion, FusionConfig, PriorVariance, Space, VarianceRule};
+use mde_uncertainty::termination::InBinVariance;
+use std::fmt::Write as _;
+
+/// The row that the others change.
+pub(crate) const FULL: &str = "full";
+
+/// One row: the base configuration with one change.
+pub(crate) struct Row {
+    pub(crate) name: &'static str,
+    what: &'static str,
+    /// Change of MSE in percent, sharpness over the prior's and edge F1, as the paper prints them.
+    paper: Option<[f64; 3]>,
+    change: fn(&mut Config),
+    /// The baseline that stands in for the field.
+    pub(crate) control: Option<&'static str>,
+}
+
+impl Row {
+    pub(crate) fn config(&self, base: &Config) -> Config {
+        let mut config = base.clone();
+        (self.change)(&mut config);
+        config
+    }
+}
+
+const fn row(name: &'static str, what: &'static str, change: fn(&mut Config)) -> Row {
+    Row { name, what, paper: None, change, control: None }
+}
+
+const fn printed(name: &'static str, what: &'static str, paper: [f64; 3], change: fn(&mut Config)) -> Row {
+    Row { name, what, paper: Some(paper), change, control: None }
+}
+
+const fn without_nerf(name: &'static str, what: &'static str, control: &'static str) -> Row {
+    Row { name, what, paper: None, change: original_only, control: Some(control) }
+}
+
+fn fixed(config: &mut Config, kappa: f64) {
+    config.fusion.prior_variance = PriorVariance::FixedRelative;
+    config.fusion.kappa = kappa;
+}
+
+fn original_only(config: &mut Config) {
+    config.novel.sampling.count = 0;
+    config.novel.original = true;
+}
+
+/// Every remedy that has a row, at once.
+fn all_remedies(config: &mut Config) {
+    config.nerf.render.in_bin = InBinVariance::Uniform;
+    config.refinement.prior = IterationPrior::Anchor;
+    config.fusion = FusionConfig { space: Space::Disparity, ..FusionConfig::robust() };
+}
+
+/// All rows, the full model first.
+pub(crate) const ROWS: &[Row] = &[
+    printed(FULL, "the whole method", [0.0, 1.08, 0.412], |_| {}),
+    printed(
+        "no-variance",
+        "- NeRF variance: the median of all views' variances everywhere",
+        [0.5, 1.03, 0.382],
+        |c| {
+            c.fusion.variance = VarianceRule::ConstantMedian;
+        },
+    ),
+    row("no-variance-mean", "the same with their mean", |c| c.fusion.variance = VarianceRule::ConstantMean),
+    printed("min-depth", "- precision-weighted fusion: the nearest surface", [0.7, 1.04, 0.309], |c| {
+        c.fusion.aggregation = Aggregation::MinDepth;
+    }),
+    row("min-variance", "the view of least variance", |c| c.fusion.aggregation = Aggregation::MinVariance),
+    row("mean", "the mean of the views", |c| c.fusion.aggregation = Aggregation::Mean),
+    row("median", "the median of the views", |c| c.fusion.aggregation = Aggregation::Median),
+    printed("no-calibration", "- affine WLS: a = 1, b = 0", [2.8, 1.06, 0.402], |c| {
+        c.fusion.calibration = Calibration::None;
+    }),
+    row("ols", "least squares without weights", |c| c.fusion.calibration = Calibration::Ols),
+    printed(
+        "fixed-variance",
+        "- empirical Bayes: the median of the calibrated variances",
+        [0.2, 1.08, 0.397],
+        |c| {
+            c.fusion.prior_variance = PriorVariance::FixedMedian;
+        },
+    ),
+    row("kappa-0.02", "sigma_o = 2 % of the median depth", |c| fixed(c, 0.02)),
+    row("kappa-0.05", "sigma_o = 5 %", |c| fixed(c, 0.05)),
+    row("kappa-0.1", "sigma_o = 10 %", |c| fixed(c, 0.1)),
+    row("kappa-0.2", "sigma_o = 20 %", |c| fixed(c, 0.2)),
+    printed(
+        "nerf-only",
+        "- monocular prior: the calibrated NeRF where there is one",
+        [3.2, 1.10, 0.406],
+        |c| {
+            c.fusion.fusion = Fusion::NerfOnly;
+        },
+    ),
+    without_nerf("guided-for-nerf", "no NeRF: a guided filter of the prior in its place", "guided"),
+    without_nerf("noise-for-nerf", "no NeRF: the prior with 1 % noise in its place", "noise"),
+    row("original-pose", "rendered from the original pose alone", original_only),
+    row("in-bin", "variance within a bin (D1)", |c| c.nerf.render.in_bin = InBinVariance::Uniform),
+    row("spread", "variance of the mixture of views (D2)", |c| c.fusion.spread = true),
+    row("effective", "calibration with effective variances, ridge, Huber (D3)", |c| {
+        c.fusion.calibration = Calibration::Effective;
+    }),
+    row("likelihood", "maximum-likelihood sigma_o (D4)", |c| {
+        c.fusion.prior_variance = PriorVariance::MaximumLikelihood;
+    }),
+    row("paule-mandel", "Paule-Mandel sigma_o (D4)", |c| {
+        c.fusion.prior_variance = PriorVariance::PauleMandel
+    }),
+    row("disparity", "all in disparity (D5)", |c| c.fusion.space = Space::Disparity),
+    row("anchor", "the first prior in every iteration (D6)", |c| c.refinement.prior = IterationPrior::Anchor),
+    row("heteroscedastic", "sigma_o by pixel (D7)", |c| {
+        c.fusion.prior_variance = PriorVariance::Heteroscedastic;
+    }),
+    row("lateral", "sideways uncertainty and flying pixels (D8)", |c| {
+        (c.reproject.lateral, c.reproject.drop_flying) = (true, true);
+    }),
+    row("all", "D1 to D7 and strict guards together", all_remedies),
+];
+
+/// The rows that change something when there is one iteration alone, or all.
+pub(crate) fn rows(base: &Config) -> impl Iterator<Item = &'static Row> {
+    let config = base.clone();
+    ROWS.iter()
+        .filter(move |row| row.name == FULL || row.control.is_some() || row.config(&config) != config)
+        .filter({
+            let one = base.refinement.iterations == 1;
+            move |row| !(one && row.name == "anchor")
+        })
+}
+
+/// The base of a preset, as the printed rows have it.
+pub(crate) fn base(preset: Preset) -> Config {
+    preset.config()
+}
+
+/// Table II beside the paper's: `to_full` and `to_prior` compare the same entries with either.
+pub(crate) fn table(to_full: &Summary, to_prior: &Summary) -> String {
+    let mut text = String::from(
+        "## The paper's Table II\n\nChange of MSE against the full model and sharpness against the prior are ratios of means over \
+         scenes [95 % of resampled scenes]; F1 is at 0.25 m and 1 px.\n\n| row | what | dMSE | dMSE, paper | sharpness | paper | F1 | \
+         paper |\n| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |\n",
+    );
+    for row in ROWS {
+        let Some(f1) = to_full.get(row.name, "f1@0.25m_r1") else { continue };
+        let mse = to_full.get(row.name, "mse").and_then(|s| s.ratio);
+        let percent = |ratio: f64| 100.0 * (ratio - 1.0);
+        let mse = mse.map_or_else(
+            || "0".to_owned(),
+            |r| format!("{:+.1} % [{:+.1}, {:+.1}]", percent(r.value), percent(r.low), percent(r.high)),
+        );
+        let sharp = to_prior.get(row.name, "sharpness").and_then(|s| s.ratio);
+        let sharp =
+            sharp.map_or_else(String::new, |r| format!("{:.2} [{:.2}, {:.2}]", r.value, r.low, r.high));
+        let paper =
+            |index: usize, text: fn(f64) -> String| row.paper.map_or_else(String::new, |p| text(p[index]));
+        let _ = writeln!(
+            text,
+            "| {} | {} | {mse} | {} | {sharp} | {} | {:.3} | {} |",
+            row.name,
+            row.what,
+            paper(0, |v| format!("{v:+.1} %")),
+            paper(1, |v| format!("{v:.2}")),
+            f1.mean,
+            paper(2, |v| format!("{v:.3}")),
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_row_is_another_configuration_that_is_sound() {
+        let base = base(Preset::Paper);
+        for (index, row) in ROWS.iter().enumerate() {
+            row.config(&base).validate().unwrap();
+            for other in &ROWS[..index] {
+                assert_ne!(row.name, other.name);
+                let same = row.config(&base) == other.config(&base) && row.control == other.control;
+                assert!(!same, "{} is {}", row.name, other.name);
+            }
+        }
+        assert_eq!(rows(&base).count(), ROWS.len());
+        let mut one = base;
+        one.refinement.iterations = 1;
+        assert!(rows(&one).all(|row| row.name != "anchor"));
+    }
+}
