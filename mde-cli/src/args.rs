@@ -166,13 +166,8 @@ Output: table.md, summary.json, scenes.csv, figures (SVG and PNG), eval.json (wh
 scenes/. What is there already is not run again: the same command goes on after an interruption, with other methods it
 adds them, and a method whose settings changed is run anew.")]
 pub(crate) struct EvalArgs {
-    /// The data set's folder; none for rooms
-    #[arg(value_name = "ROOT")]
-    pub(crate) root: Option<PathBuf>,
     #[command(flatten)]
-    pub(crate) data: DataArgs,
-    #[command(flatten)]
-    pub(crate) prior: EvalPriorArgs,
+    pub(crate) common: EvaluationArgs,
     /// What is compared with the prior, separated by commas
     #[arg(
         long,
@@ -191,6 +186,18 @@ pub(crate) struct EvalArgs {
     pub(crate) seed: Option<u64>,
     #[command(flatten)]
     pub(crate) maps: MapArgs,
+}
+
+/// What every evaluation is asked.
+#[derive(Debug, Args)]
+pub(crate) struct EvaluationArgs {
+    /// The data set's folder; none for rooms
+    #[arg(value_name = "ROOT")]
+    pub(crate) root: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) data: DataArgs,
+    #[command(flatten)]
+    pub(crate) prior: EvalPriorArgs,
     #[command(flatten)]
     pub(crate) score: ScoreArgs,
     #[command(flatten)]
@@ -212,13 +219,8 @@ anchor, heteroscedastic, lateral, all (remedies). Rows that differ after the fir
 
 Output: as of mde eval, with the paper's Table II at the top of table.md. Goes on where an interrupted run stopped.")]
 pub(crate) struct AblateArgs {
-    /// The data set's folder; none for rooms
-    #[arg(value_name = "ROOT")]
-    pub(crate) root: Option<PathBuf>,
     #[command(flatten)]
-    pub(crate) data: DataArgs,
-    #[command(flatten)]
-    pub(crate) prior: EvalPriorArgs,
+    pub(crate) common: EvaluationArgs,
     /// Only these rows and the full model, separated by commas
     #[arg(long, value_name = "NAMES", value_delimiter = ',', help_heading = "Rows")]
     pub(crate) rows: Vec<String>,
@@ -231,12 +233,6 @@ pub(crate) struct AblateArgs {
     /// TOML with settings over the preset's, for all rows
     #[arg(long, value_name = "FILE", help_heading = "Rows")]
     pub(crate) config: Option<PathBuf>,
-    #[command(flatten)]
-    pub(crate) score: ScoreArgs,
-    #[command(flatten)]
-    pub(crate) many: ManyArgs,
-    #[command(flatten)]
-    pub(crate) run: RunArgs,
 }
 
 /// Which scenes.

@@ -9,7 +9,7 @@ pub use summary::{MethodSummary, Statistics, Summary};
 pub use write::{csv, markdown};
 
 use crate::Result;
-use crate::align::Alignment;
+use crate::align::{Alignment, AlignmentRule};
 use crate::metrics::depth;
 use crate::raster::gather;
 use crate::score::{DepthScores, ScoreConfig, Scores, Subject, UncertaintyCurves, UncertaintyScores};
@@ -27,6 +27,8 @@ pub struct Entry {
     pub method: String,
     /// The seed of the method's random draws: its runs on a scene with other seeds are averaged before scenes are compared.
     pub seed: u64,
+    /// The rule that brought the map to the truth's scale, `given` where it was another map's alignment.
+    pub alignment: String,
     /// Wall seconds that the method took; nothing where it is not known.
     pub seconds: Option<f64>,
     /// Scores of the depth; nothing where only another sigma of the same depth is scored.
@@ -45,18 +47,20 @@ impl Entry {
     /// The scores of one map.
     pub fn new(scene: impl Into<String>, method: impl Into<String>, scores: Scores) -> Self {
         let (depth, uncertainty) = (Some(scores.depth), scores.uncertainty);
-        Self { depth, uncertainty, ..Self::empty(scene.into(), method.into()) }
+        let alignment = scores.rule.map_or("given", AlignmentRule::name).to_owned();
+        Self { alignment, depth, uncertainty, ..Self::empty(scene.into(), method.into()) }
     }
 
-    /// The scores of a sigma whose depth has an entry of its own.
+    /// The scores of a sigma whose depth has the entry `of`.
     pub fn of_uncertainty(
-        scene: impl Into<String>,
+        of: &Self,
         method: impl Into<String>,
         uncertainty: UncertaintyScores,
         curves: UncertaintyCurves,
     ) -> Self {
         let (uncertainty, curves) = (Some(uncertainty), Some(curves));
-        Self { uncertainty, curves, ..Self::empty(scene.into(), method.into()) }
+        let (alignment, seed) = (of.alignment.clone(), of.seed);
+        Self { seed, alignment, uncertainty, curves, ..Self::empty(of.scene.clone(), method.into()) }
     }
 
     fn empty(scene: String, method: String) -> Self {
@@ -64,6 +68,7 @@ impl Entry {
             scene,
             method,
             seed: 0,
+            alignment: String::new(),
             seconds: None,
             depth: None,
             shared: None,

@@ -25,11 +25,12 @@ pub(super) fn run(args: &EvalArgs, progress: &mut Progress) -> Result<()> {
     for id in pairs.unmatched() {
         progress.warn(format!("{id}: has no truth of that name in {}; not scored", gt.display()));
     }
-    let scoring = Scoring::new(&args.score, false);
+    let scoring = Scoring::new(&args.common.score, false);
     let basis = json!({ "command": "eval", "pred": pred, "gt": gt, "sigma": args.maps.sigma });
-    let store = Store::open(&args.run.output, &basis, args.run.force)?;
-    let wanted = |pair: &&MapPair| args.data.scenes.is_empty() || args.data.scenes.contains(&pair.id);
-    let limit = args.data.limit.map_or(usize::MAX, |n| n as usize);
+    let store = Store::open(&args.common.run.output, &basis, args.common.run.force)?;
+    let wanted =
+        |pair: &&MapPair| args.common.data.scenes.is_empty() || args.common.data.scenes.contains(&pair.id);
+    let limit = args.common.data.limit.map_or(usize::MAX, |n| n as usize);
     let chosen: Vec<&MapPair> = pairs.pairs().iter().filter(wanted).take(limit).collect();
     ensure!(
         !chosen.is_empty(),

@@ -1,7 +1,7 @@
 //! The rows of `mde ablate`: the paper's Table II, what stands in for the NeRF, and each remedy alone.
 
+use mde_cli::Config;
 use mde_cli::config::IterationPrior;
-use mde_cli::{Config, Preset};
 use mde_eval::table::Summary;
 use mde_fusion::{Aggregation, Calibration, Fusion, FusionConfig, PriorVariance, Space, VarianceRule};
 use mde_uncertainty::termination::InBinVariance;
@@ -136,11 +136,6 @@ pub(crate) fn rows(base: &Config) -> impl Iterator<Item = &'static Row> {
         })
 }
 
-/// The base of a preset, as the printed rows have it.
-pub(crate) fn base(preset: Preset) -> Config {
-    preset.config()
-}
-
 /// Table II beside the paper's: `to_full` and `to_prior` compare the same entries with either.
 pub(crate) fn table(to_full: &Summary, to_prior: &Summary) -> String {
     let mut text = String::from(
@@ -178,10 +173,11 @@ pub(crate) fn table(to_full: &Summary, to_prior: &Summary) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mde_cli::Preset;
 
     #[test]
     fn every_row_is_another_configuration_that_is_sound() {
-        let base = base(Preset::Paper);
+        let base = Preset::Paper.config();
         for (index, row) in ROWS.iter().enumerate() {
             row.config(&base).validate().unwrap();
             for other in &ROWS[..index] {

@@ -156,7 +156,8 @@ impl Scoring {
                     continue;
                 };
                 let name = format!("{}{SIGMA_BY}{}", method.label, trivial.name());
-                entries.push(Entry::of_uncertainty(&sample.id, name, uncertainty, curves));
+                let entry = Entry::of_uncertainty(&entries[0], name, uncertainty, curves);
+                entries.push(entry);
             }
         }
         entries.iter_mut().for_each(|entry| entry.seed = method.seed);

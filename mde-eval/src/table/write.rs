@@ -4,7 +4,7 @@ use crate::{Error, Result};
 use std::fmt::Write as _;
 use std::io::Write;
 
-/// Writes one row a scene, method and seed: `scene,method,seed`, then every metric's key; an empty field where there is no value.
+/// Writes one row a scene, method and seed: `scene,method,seed,alignment`, then every metric's key; an empty field where there is no value.
 ///
 /// # Errors
 /// [`Error::Method`] with what the writer says.
@@ -12,11 +12,16 @@ pub fn csv(entries: &[Entry], to: impl Write) -> Result<()> {
     let fault = |error: csv::Error| Error::Method(format!("the scores can't be written: {error}"));
     let mut writer = csv::Writer::from_writer(to);
     writer
-        .write_record(["scene", "method", "seed"].into_iter().chain(METRICS.iter().map(|metric| metric.key)))
+        .write_record(
+            ["scene", "method", "seed", "alignment"]
+                .into_iter()
+                .chain(METRICS.iter().map(|metric| metric.key)),
+        )
         .map_err(fault)?;
     for entry in entries {
         let values = METRICS.iter().map(|m| m.value(entry).map_or_else(String::new, |v| v.to_string()));
-        let names = [entry.scene.clone(), entry.method.clone(), entry.seed.to_string()];
+        let Entry { scene, method, seed, alignment, .. } = entry;
+        let names = [scene.clone(), method.clone(), seed.to_string(), alignment.clone()];
         writer.write_record(names.into_iter().chain(values)).map_err(fault)?;
     }
     writer.flush().map_err(|error| fault(error.into()))
@@ -164,7 +169,7 @@ mod tests {
         csv(&entries, &mut bytes).unwrap();
         let mut reader = ::csv::Reader::from_reader(bytes.as_slice());
         let header = reader.headers().unwrap().clone();
-        assert_eq!(header.len(), METRICS.len() + 3);
+        assert_eq!(header.len(), METRICS.len() + 4);
         let column = header.iter().position(|name| name == "mse").unwrap();
         for (row, entry) in reader.records().map(|row| row.unwrap()).zip(&entries) {
             assert_eq!((&row[0], &row[1]), (entry.scene.as_str(), entry.method.as_str()));

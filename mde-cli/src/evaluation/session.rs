@@ -1,0 +1,82 @@
+//! What `mde eval` and `mde ablate` do alike: open everything, run it, and put the tables together.
+
+use super::method::Method;
+use super::results::Results;
+use super::runner::{self, Failure, Plan};
+use super::scenes::{PriorPlan, Source, choose};
+use super::scoring::Scoring;
+use super::store::Store;
+use crate::args::EvaluationArgs;
+use crate::progress::Progress;
+use anyhow::Result;
+use mde_eval::table::Entry;
+use mde_prior::DisparityRule;
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// An evaluation that is opened.
+pub(crate) struct Session<'a> {
+    args: &'a EvaluationArgs,
+    source: Source,
+    scenes: Vec<usize>,
+    prior: PriorPlan,
+    prior_settings: Value,
+    scoring: Scoring,
+    store: Store,
+}
+
+impl<'a> Session<'a> {
+    /// `controls` as in [`Scoring`].
+    pub(crate) fn open(args: &'a EvaluationArgs, command: &str, controls: bool) -> Result<Self> {
+        let source = Source::open(&args.root, &args.data)?;
+        let scenes = choose(&*source.data, &args.data.scenes, args.data.limit)?;
+        let prior = PriorPlan::new(&args.prior, source.kind)?;
+        let prior_settings = prior.describe()?;
+        let scoring = Scoring::new(&args.score, controls);
+        let basis = json!({ "command": command, "data": source.describe() });
+        let store = Store::open(&args.run.output, &basis, args.run.force)?;
+        Ok(Self { args, source, scenes, prior, prior_settings, scoring, store })
+    }
+
+    /// Runs and scores what is not there yet.
+    pub(crate) fn run(
+        &self,
+        methods: &[Method],
+        share_fields: bool,
+        progress: &mut Progress,
+    ) -> Result<(Vec<Entry>, Vec<Failure>)> {
+        let plan = Plan {
+            data: &*self.source.data,
+            scenes: &self.scenes,
+            methods,
+            prior: &self.prior,
+            prior_settings: self.prior_settings.clone(),
+            rule: DisparityRule::default(),
+            store: &self.store,
+            jobs: runner::jobs(self.args.many.jobs.map(usize::from), self.scenes.len()),
+            share_fields,
+        };
+        let (entries, failures) =
+            runner::run(&plan, progress, &|scene| self.scoring.scene(scene, &self.store))?;
+        Ok((entries.into_iter().flatten().collect(), failures))
+    }
+
+    /// The tables of what was run, compared with `reference`.
+    pub(crate) fn results(&self, reference: &str, entries: Vec<Entry>, failures: Vec<Failure>) -> Results {
+        Results {
+            title: format!("{} with {}", self.source.title(), self.prior.title()),
+            alignment: self.scoring.alignment_note(),
+            preface: String::new(),
+            reference: Some(reference.to_owned()),
+            entries,
+            failures,
+            record: json!({ "data": self.source.describe(), "root": self.args.root, "prior": self.prior_settings,
+                            "score": self.scoring.config }),
+        }
+    }
+
+    /// Where the results go.
+    pub(crate) fn folder(&self) -> &Path {
+        self.store.root()
+    }
+}
