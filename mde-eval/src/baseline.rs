@@ -120,6 +120,11 @@ fn weights(depth: ArrayView2<'_, f32>) -> Array2<f64> {
 fn check(task: &Task<'_>, settings: &[(&'static str, f64)]) -> Result<()> {
     let (height, width, _) = task.image.dim();
     crate::raster::same_shape("the prior", task.prior.dim(), (height, width))?;
+    positive(settings)
+}
+
+/// Checks that settings are positive and finite.
+fn positive(settings: &[(&'static str, f64)]) -> Result<()> {
     for &(field, value) in settings {
         if !(value > 0.0 && value.is_finite()) {
             return Err(Error::Config { field, value: value.to_string(), expected: "positive and finite" });

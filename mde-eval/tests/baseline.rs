@@ -2,13 +2,13 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use mde_eval::baseline::sigma::TrivialSigma;
-use mde_eval::baseline::{FastBilateralSolver, METHODS, Unsharp, named};
+use mde_eval::baseline::{FastBilateralSolver, GuidedFilter, METHODS, Unsharp, WeightedMedian, named};
 use mde_eval::mde_prior::{DepthKind, DepthPrior, DisparityRule, PriorDepth};
 use mde_eval::mde_warp::PinholeCamera;
 use mde_eval::metrics::sharpness::sharpness;
 use mde_eval::ndarray::{Array2, Array3, ArrayView3, Axis};
 use mde_eval::scene::{Room, room};
-use mde_eval::{Error, Result, Task};
+use mde_eval::{Error, Refiner, Result, Task};
 use proptest::prelude::*;
 use serde_json::Value;
 
@@ -22,6 +22,10 @@ impl DepthPrior for Red {
 }
 
 fn run(name: &str, image: &Array3<f32>, prior: &Array2<f32>) -> Result<Array2<f32>> {
+    run_with(&*named(name)?, image, prior)
+}
+
+fn run_with(method: &dyn Refiner, image: &Array3<f32>, prior: &Array2<f32>) -> Result<Array2<f32>> {
     let (height, width) = prior.dim();
     let camera = PinholeCamera::from_fov(60.0, width.max(1), height.max(1))?;
     let rule = DisparityRule::default();
@@ -33,7 +37,7 @@ fn run(name: &str, image: &Array3<f32>, prior: &Array2<f32>) -> Result<Array2<f3
         rule: &rule,
         seed: 7,
     };
-    Ok(named(name)?.refine(&task)?.depth)
+    Ok(method.refine(&task)?.depth)
 }
 
 fn filters() -> impl Iterator<Item = &'static str> {
@@ -177,6 +181,44 @@ fn unknown_names_and_wrong_shapes_are_told() {
     let (image, prior) = (Array3::zeros((4, 5, 3)), Array2::ones((4, 4)));
     for name in filters() {
         assert!(matches!(run(name, &image, &prior), Err(Error::Shape { .. })), "{name}");
+    }
+}
+
+#[test]
+fn a_window_larger_than_the_picture_is_the_picture() {
+    let image = Array3::from_shape_fn((6, 8, 3), |(y, x, c)| ((5 * y + 3 * x + c) % 7) as f32 / 7.0);
+    let prior = Array2::from_shape_fn((6, 8), |(y, x)| 1.0 + 0.1 * (y * x) as f32);
+    let guided =
+        |radius| run_with(&GuidedFilter { radius, ..GuidedFilter::default() }, &image, &prior).unwrap();
+    let median =
+        |radius| run_with(&WeightedMedian { radius, ..WeightedMedian::default() }, &image, &prior).unwrap();
+    assert_eq!(guided(8), guided(usize::MAX));
+    assert_eq!(median(8), median(usize::MAX));
+}
+
+#[test]
+fn the_solver_refuses_settings_and_takes_any_colour() {
+    let (image, prior) = (Array3::from_elem((4, 5, 3), 0.5_f32), Array2::from_elem((4, 5), 2.0));
+    let (ones, good) = (Array2::ones((4, 5)), FastBilateralSolver::default());
+    for bad in [
+        FastBilateralSolver { sigma_spatial: 0.0, ..good },
+        FastBilateralSolver { sigma_luma: f64::NAN, ..good },
+        FastBilateralSolver { sigma_chroma: -4.0, ..good },
+        FastBilateralSolver { lambda: f64::INFINITY, ..good },
+    ] {
+        let refused = bad.solve(image.view(), prior.view(), ones.view());
+        assert!(matches!(refused, Err(Error::Config { .. })), "{bad:?}: {refused:?}");
+    }
+    let refined = run_with(&good, &image.mapv(|v| 1e30 * v), &prior).unwrap();
+    assert!(refined.iter().all(|d| (d - 2.0).abs() < 1e-3), "{refined}");
+}
+
+#[test]
+fn no_depth_leaves_the_range_of_its_type() {
+    let prior = Array2::from_shape_fn((6, 8), |(_, x)| if x < 4 { 1e-37 } else { 1e37 });
+    for name in ["unsharp1e300", "unsharp-1e300"] {
+        let refined = run(name, &Array3::zeros((6, 8, 3)), &prior).unwrap();
+        assert!(refined.iter().all(|d| *d > 0.0 && d.is_finite()), "{name}: {refined}");
     }
 }
 

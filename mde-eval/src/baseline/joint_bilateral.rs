@@ -97,8 +97,11 @@ impl Guide {
         radius: usize,
     ) -> impl Iterator<Item = (usize, std::ops::Range<usize>)> {
         let (height, width) = self.planes[0].dim();
-        let columns = x.saturating_sub(radius)..(x + radius + 1).min(width);
-        (y.saturating_sub(radius)..(y + radius + 1).min(height)).map(move |row| (row, columns.clone()))
+        let range = |at: usize, side: usize| {
+            at.saturating_sub(radius)..at.saturating_add(radius).saturating_add(1).min(side)
+        };
+        let columns = range(x, width);
+        range(y, height).map(move |row| (row, columns.clone()))
     }
 
     /// \\(\exp(-\\|I_x - I_y\\|^2 / 2\sigma_r^2)\\) of a pixel and some columns of a row.

@@ -1,7 +1,7 @@
 //! Uncertainties that anybody could state: what a method's own must beat.
 
 use super::known;
-use crate::raster::{gather, median, same_shape, sobel};
+use crate::raster::{erode, gather, median, same_shape, sobel};
 use crate::{Error, Result};
 use ndarray::{Array2, ArrayView2, ArrayView3, Zip};
 
@@ -55,7 +55,8 @@ impl TrivialSigma {
             Self::Constant => Array2::ones(depth.dim()),
             Self::Depth => filled,
             Self::DepthSquared => filled.mapv(|d| d * d),
-            Self::DepthGradient => sobel(filled.view()),
+            // A hole's rim is no slope of the depth.
+            Self::DepthGradient => sobel(filled.view()) * erode(mask.view()).mapv(|m| f32::from(u8::from(m))),
             Self::ImageGradient => {
                 let planes = super::channels(image);
                 let mut luma = Array2::zeros(depth.dim());
@@ -68,9 +69,10 @@ impl TrivialSigma {
         let values = gather(shape.view(), mask.view());
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         let typical = TYPICAL * middle;
-        let scale = if mean > 0.0 { typical / mean } else { 0.0 };
+        // Where nothing tells pixels apart, the same everywhere.
+        let (scale, offset) = if mean > 0.0 { (typical / mean, 0.0) } else { (0.0, typical) };
         Ok(Zip::from(&shape).and(&mask).map_collect(|&v, &keep| {
-            if keep { (scale * f64::from(v)).max(FLOOR * typical) as f32 } else { 0.0 }
+            if keep { (scale * f64::from(v) + offset).max(FLOOR * typical) as f32 } else { 0.0 }
         }))
     }
 }

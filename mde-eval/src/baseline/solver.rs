@@ -1,4 +1,4 @@
-use super::{channels, check, known};
+use super::{channels, check, known, positive};
 use crate::raster::same_shape;
 use crate::{Error, Refined, Refiner, Result, Task};
 use faer::prelude::Solve;
@@ -60,6 +60,17 @@ impl FastBilateralSolver {
         })
     }
 
+    /// What must be positive.
+    fn settings(&self) -> [(&'static str, f64); 5] {
+        [
+            ("sigma-spatial", self.sigma_spatial),
+            ("sigma-luma", self.sigma_luma),
+            ("sigma-chroma", self.sigma_chroma),
+            ("lambda", self.lambda),
+            ("steep", self.steep),
+        ]
+    }
+
     /// Solves for a target with any confidence that is not negative, all `[height, width]`; a pixel without confidence takes what the
     /// picture says of its neighbours, 0 where nothing does.
     ///
@@ -73,6 +84,7 @@ impl FastBilateralSolver {
         confidence: ArrayView2<'_, f32>,
     ) -> Result<Array2<f32>> {
         let (height, width, _) = image.dim();
+        positive(&self.settings())?;
         same_shape("the target", target.dim(), (height, width))?;
         same_shape("the confidence", confidence.dim(), (height, width))?;
         let sound = |c: f32, t: f32| c == 0.0 || c > 0.0 && c.is_finite() && t.is_finite();
@@ -117,16 +129,7 @@ impl FastBilateralSolver {
 
 impl Refiner for FastBilateralSolver {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        check(
-            task,
-            &[
-                ("sigma-spatial", self.sigma_spatial),
-                ("sigma-luma", self.sigma_luma),
-                ("sigma-chroma", self.sigma_chroma),
-                ("lambda", self.lambda),
-                ("steep", self.steep),
-            ],
-        )?;
+        check(task, &self.settings())?;
         let mut depth = self.solve(task.image, task.prior, self.confidence(task.prior).view())?;
         depth.zip_mut_with(&task.prior, |d, &prior| {
             *d = match known(prior) {
@@ -176,7 +179,8 @@ impl Grid {
         let around = |cell: &[i32; 5]| {
             let step = |axis: usize, by: i32| {
                 let mut other = *cell;
-                other[axis] += by;
+                // A colour far out of range lies in the last cell, which has no next one.
+                other[axis] = other[axis].checked_add(by)?;
                 index.get(&other).copied()
             };
             (0..5).flat_map(|axis| [step(axis, -1), step(axis, 1)]).flatten().collect()

@@ -62,8 +62,9 @@ impl Unsharp {
 
 fn sharpened(prior: ArrayView2<'_, f32>, detail: &Array2<f64>, amount: f64) -> Array2<f32> {
     Zip::from(prior).and(detail).map_collect(|&d, &detail| {
-        // A factor beyond any depth: nothing overflows.
-        if known(d) { (f64::from(d) * (amount * detail).clamp(-20.0, 20.0).exp()) as f32 } else { 0.0 }
+        // A factor beyond any depth, and never out of f32: what is known stays so.
+        let value = f64::from(d) * (amount * detail).clamp(-20.0, 20.0).exp();
+        if known(d) { value.clamp(f32::MIN_POSITIVE.into(), f32::MAX.into()) as f32 } else { 0.0 }
     })
 }
 
