@@ -9,6 +9,7 @@ mod thin;
 
 pub(crate) use canny::blur;
 pub use canny::canny;
+pub(crate) use distance::Marked;
 pub use distance::distance_to;
 pub use gradient::{sobel, sobel_zero_padded};
 pub use slic::Superpixels;

@@ -2,10 +2,13 @@
 
 mod config;
 mod depth;
+mod prepared;
+mod truth;
 mod uncertainty;
 
 pub use config::ScoreConfig;
 pub use depth::{BoundaryScores, DepthScores, EdgeScores};
+pub use prepared::Prepared;
 pub use uncertainty::{AreaScores, CoverageScore, UncertaintyCurves, UncertaintyScores};
 
 use crate::align::{Alignment, AlignmentRule};
@@ -13,6 +16,7 @@ use crate::raster::same_shape;
 use crate::{Error, Result};
 use ndarray::{Array2, ArrayView2, Zip};
 use serde::{Deserialize, Serialize};
+use truth::Truth;
 
 /// What is scored: a prediction with or without its uncertainty, the truth, and which pixels count.
 #[derive(Debug, Clone, Copy)]
@@ -119,7 +123,16 @@ pub struct Scores {
 /// # Errors
 /// [`Error::Shape`], [`Error::Empty`] and [`Error::Config`]; see [`Subject::pixels`] and [`ScoreConfig::validate`].
 pub fn score(subject: &Subject<'_>, config: &ScoreConfig) -> Result<Scores> {
-    let scores = score_aligned(subject, &subject.fit(config)?, config)?;
+    own_alignment(subject, config, |alignment| score_aligned(subject, alignment, config))
+}
+
+/// Fits the rule of `config` and says so in the scores.
+fn own_alignment(
+    subject: &Subject<'_>,
+    config: &ScoreConfig,
+    scored: impl FnOnce(&Alignment) -> Result<Scores>,
+) -> Result<Scores> {
+    let scores = scored(&subject.fit(config)?)?;
     Ok(Scores { rule: Some(config.alignment), ..scores })
 }
 
@@ -128,17 +141,32 @@ pub fn score(subject: &Subject<'_>, config: &ScoreConfig) -> Result<Scores> {
 /// # Errors
 /// As [`score`].
 pub fn score_aligned(subject: &Subject<'_>, alignment: &Alignment, config: &ScoreConfig) -> Result<Scores> {
+    score_with(subject, alignment, config, None)
+}
+
+/// With what is known of the truth already, should it be the subject's.
+fn score_with(
+    subject: &Subject<'_>,
+    alignment: &Alignment,
+    config: &ScoreConfig,
+    known: Option<&Truth>,
+) -> Result<Scores> {
     let aligned = Aligned::new(subject, alignment, config)?;
-    let Aligned { depth: aligned_depth, truth, pixels } = &aligned;
     let (depth, uncertainty) = rayon::join(
-        || depth::scores(aligned_depth.view(), truth.view(), pixels.view(), config),
+        || match known.filter(|truth| truth.is_of(&aligned)) {
+            Some(truth) => depth::scores(aligned.depth.view(), truth, config),
+            None => {
+                let truth = Truth::new(aligned.truth.clone(), aligned.pixels.clone(), config)?;
+                depth::scores(aligned.depth.view(), &truth, config)
+            }
+        },
         || {
             aligned
                 .lists(subject, alignment)
                 .map_or(Ok(None), |lists| uncertainty::scores(&lists?, config).map(Some))
         },
     );
-    let count = pixels.iter().filter(|&&keep| keep).count();
+    let count = aligned.pixels.iter().filter(|&&keep| keep).count();
     Ok(Scores { rule: None, alignment: *alignment, pixels: count, depth: depth?, uncertainty: uncertainty? })
 }
 

@@ -5,6 +5,7 @@ use approx::assert_relative_eq;
 use mde_eval::align::{Alignment, AlignmentRule};
 use mde_eval::metrics::edges::{edge_curve, edge_f1, edge_f1_hu, edges};
 use mde_eval::metrics::sparsification::{Reduction, sparsify, sparsify_poggi};
+use mde_eval::metrics::superpixel::SuperpixelPairs;
 use mde_eval::metrics::{
     boundary, bsds, calibration, dbe, depth, occlusion, ordinal, rank, sharpness, soft_edge,
 };
@@ -173,13 +174,30 @@ fn boundaries_and_their_distances() {
 #[test]
 fn thinned_edges_matched_one_to_one() {
     let r = Reference::read();
+    let mut images = Vec::new();
     for (threshold, case) in [0.25, 0.5].into_iter().zip(r.expected["matched"].as_array().unwrap()) {
         let maps = (r.aligned.view(), r.truth.view(), r.mask.view());
         let counts = bsds::boundary_counts(maps.0, maps.1, maps.2, threshold).unwrap().unwrap();
         assert_eq!(u64::from(counts.truth), case["truth"].as_u64().unwrap());
         near(counts.best, case["best"].as_f64().unwrap());
         near(counts.average_precision, case["area"].as_f64().unwrap());
+        let list = |name: &str| serde_json::from_value::<Vec<u32>>(case[name].clone()).unwrap();
+        assert_eq!((&counts.predicted, &counts.matched), (&list("predicted"), &list("matched")));
+        images.push(counts);
     }
+    let pooled = [bsds::ods, bsds::ois, bsds::average_precision].map(|of| of(&images).unwrap().unwrap());
+    for (found, expected) in pooled.into_iter().zip(r.values("pooled")) {
+        near(found, expected);
+    }
+}
+
+/// The map is so small that every pixel is a superpixel.
+#[test]
+fn order_of_superpixels() {
+    let r = Reference::read();
+    let pairs = SuperpixelPairs::new(r.truth.view(), r.mask.view()).unwrap();
+    near(pairs.compare(r.sigma.view(), r.truth.view()).unwrap().d3r.unwrap(), r.value("d3r"));
+    assert_eq!(pairs.compare(r.aligned.view(), r.truth.view()).unwrap().d3r, Some(0.0));
 }
 
 #[test]
@@ -206,7 +224,9 @@ fn ranks_and_sparsification() {
     let prediction = r.list(&r.aligned);
     let outlier = |(p, g): (&f64, &f64)| f64::from(u8::from((p / g).max(g / p) >= 1.25));
     let outliers: Vec<f64> = prediction.iter().zip(&truth).map(outlier).collect();
-    near(sparsify_poggi(&outliers, &sigma, Reduction::Mean).unwrap().aurg(), r.value("poggi-a1-aurg"));
+    let curves = sparsify_poggi(&outliers, &sigma, Reduction::Mean).unwrap();
+    near(curves.aurg(), r.value("poggi-a1-aurg"));
+    near(curves.ause(), r.value("poggi-a1-ause"));
 }
 
 #[test]

@@ -4,12 +4,13 @@
 use mde_eval::Error;
 use mde_eval::align::{Alignment, AlignmentRule};
 use mde_eval::mde_warp::random::CounterRng;
-use mde_eval::ndarray::Array2;
+use mde_eval::ndarray::{Array2, s};
 use mde_eval::scene::{Room, room};
-use mde_eval::score::{ScoreConfig, Scores, Subject, score, score_aligned};
+use mde_eval::score::{Prepared, ScoreConfig, Scores, Subject, score, score_aligned};
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use proptest::prelude::*;
 use rand_distr::{Distribution, StandardNormal};
+use std::time::Instant;
 
 const RULES: [AlignmentRule; 5] = [
     AlignmentRule::None,
@@ -48,6 +49,13 @@ fn a_perfect_prediction_scores_perfectly_under_every_rule() {
             assert!(edges.f1 > 0.999 && edges.f1_max.unwrap() > 0.999, "{rule}: {edges:?}");
         }
         assert!(depth.boundary_f1 > 0.999, "{rule}: {}", depth.boundary_f1);
+        assert!(depth.occlusion_f1.iter().all(|f1| *f1 > 0.999), "{rule}: {:?}", depth.occlusion_f1);
+        for boundaries in &depth.boundaries {
+            let counts = boundaries.counts.as_ref().unwrap();
+            assert!(counts.best > 0.995 && counts.average_precision > 0.99, "{rule}: {counts:?}");
+        }
+        assert!(depth.dbe_accuracy.unwrap() < 0.05 && depth.dbe_completeness.unwrap() < 0.05, "{rule}");
+        assert!(depth.see.unwrap() < 1e-5 && depth.d3r == Some(0.0) && depth.ord.unwrap() < 1e-3, "{rule}");
     }
 }
 
@@ -153,6 +161,60 @@ fn shared_and_own_alignment_differ_as_they_should() {
     assert!(scored(&other, &truth, AlignmentRule::Median).depth.abs_rel < 1e-6);
 }
 
+/// Whether the truth's part could be shared or not: the prediction may miss pixels, the truth and the mask may be others.
+#[test]
+fn a_prepared_truth_gives_the_same_bits() {
+    let truth = study();
+    let full = prior(&truth);
+    let mut holes = full.clone();
+    holes.slice_mut(s![20..50, 30..70]).fill(f32::NAN);
+    let mask = Array2::from_shape_fn(truth.dim(), |(y, x)| (x * y) % 11 != 3);
+    let sigma = truth.mapv(|z| 0.1 * z);
+    let other = truth.mapv(|z| 0.9 * z);
+    let config = ScoreConfig { crop: Some([4, 110, 3, 150]), ..ScoreConfig::default() };
+    for mask in [None, Some(mask.view())] {
+        let prepared = Prepared::new(truth.view(), mask, &config).unwrap();
+        for prediction in [&full, &holes, &truth] {
+            let mut subjects = vec![Subject::new(prediction.view(), truth.view()).with_sigma(sigma.view())];
+            subjects.push(Subject { mask, ..subjects[0] });
+            subjects.push(Subject { truth: other.view(), ..subjects[0] });
+            for subject in &subjects {
+                let plain = score(subject, &config).unwrap();
+                assert_eq!(prepared.score(subject).unwrap(), plain);
+                let shared = Alignment::Depth { scale: 1.1, shift: 0.05 };
+                let plain = score_aligned(subject, &shared, &config).unwrap();
+                assert_eq!(prepared.score_aligned(subject, &shared).unwrap(), plain);
+            }
+        }
+        assert_eq!(prepared.config(), &config);
+    }
+    let none = Array2::from_elem(truth.dim(), false);
+    assert!(matches!(Prepared::new(truth.view(), Some(none.view()), &config), Err(Error::Empty { .. })));
+}
+
+/// Seconds, the least of five: `cargo test --release --test score -- --ignored --nocapture`.
+#[test]
+#[ignore = "a timing, for release builds"]
+fn all_scores_of_a_map_take_less_than_half_a_second() {
+    let truth = room(Room::Study, 0, 640, 480).unwrap().depth;
+    let (prediction, sigma) = (prior(&truth), truth.mapv(|z| 0.05 * z * z));
+    let subject = Subject::new(prediction.view(), truth.view()).with_sigma(sigma.view());
+    let config = ScoreConfig::default();
+    let least = |run: &dyn Fn() -> Scores| {
+        let time = || {
+            let start = Instant::now();
+            assert_eq!(run().pixels, run().pixels);
+            start.elapsed().as_secs_f64() / 2.0
+        };
+        (0..5).map(|_| time()).fold(f64::INFINITY, f64::min)
+    };
+    let plain = least(&|| score(&subject, &config).unwrap());
+    let prepared = Prepared::new(truth.view(), None, &config).unwrap();
+    let again = least(&|| prepared.score(&subject).unwrap());
+    eprintln!("score: {plain:.3} s, of a prepared truth: {again:.3} s");
+    assert!(plain < 0.5 && again < plain, "{plain} s, {again} s");
+}
+
 #[test]
 fn missing_pixels_masks_and_crops_do_not_count() {
     let truth = study();
@@ -236,7 +298,16 @@ proptest! {
         let (p, g, s) = (map(|v| v.0), map(|v| v.1), map(|v| v.2));
         let config = ScoreConfig { alignment: RULES[rule], ..ScoreConfig::default() };
         if let Ok(scores) = score(&Subject::new(p.view(), g.view()).with_sigma(s.view()), &config) {
-            prop_assert!(scores.depth.mse.is_finite() && scores.depth.boundary_f1.is_finite());
+            let depth = &scores.depth;
+            prop_assert!(depth.mse.is_finite() && depth.boundary_f1.is_finite());
+            for pixels in [depth.dbe_accuracy, depth.dbe_completeness].into_iter().flatten() {
+                prop_assert!((0.0..=10.0).contains(&pixels));
+            }
+            for share in [depth.d3r_like, depth.d3r, depth.ord].into_iter().flatten().chain(depth.occlusion_f1) {
+                // Weights add up to 1 but for rounding.
+                prop_assert!((0.0..=1.0 + 1e-12).contains(&share), "{share}");
+            }
+            prop_assert!(depth.see.is_none_or(|see| see >= 0.0 && see.is_finite()));
             if let Some(u) = scores.uncertainty {
                 prop_assert!(!u.nll.is_nan() && u.mae.ause >= -1e-9);
             }

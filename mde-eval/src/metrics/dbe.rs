@@ -2,7 +2,7 @@
 
 use super::depth_range;
 use crate::Result;
-use crate::raster::{canny, distance_to, same_shape};
+use crate::raster::{Marked, canny, distance_to, same_shape};
 use ndarray::{Array2, ArrayView2};
 
 /// How far predicted depth boundaries lie from the true ones, and the other way round, in pixels; 0 is best.
@@ -48,17 +48,26 @@ pub fn boundary_errors(
     truth: ArrayView2<'_, bool>,
 ) -> Result<Option<BoundaryErrors>> {
     same_shape("the predicted boundary map", predicted.dim(), truth.dim())?;
-    if !truth.iter().any(|&edge| edge) {
+    errors_against(predicted, &Marked::new(truth.to_owned()))
+}
+
+/// [`boundary_errors`] with the distance to the true boundaries.
+pub(crate) fn errors_against(
+    predicted: ArrayView2<'_, bool>,
+    truth: &Marked,
+) -> Result<Option<BoundaryErrors>> {
+    same_shape("the predicted boundary map", predicted.dim(), truth.pixels.dim())?;
+    if truth.count == 0 {
         return Ok(None);
     }
     if !predicted.iter().any(|&edge| edge) {
         return Ok(Some(BoundaryErrors { accuracy: LIMIT, completeness: LIMIT }));
     }
-    let (to_truth, to_predicted) = (distance_to(truth), distance_to(predicted));
+    let to_predicted = distance_to(predicted);
     let of = |edges: ArrayView2<'_, bool>, distance: &Array2<f64>| -> Vec<f64> {
         edges.iter().zip(distance).filter(|&(&edge, _)| edge).map(|(_, &d)| d).collect()
     };
-    let (forth, back) = (of(predicted, &to_truth), of(truth, &to_predicted));
+    let (forth, back) = (of(predicted, &truth.distance), of(truth.pixels.view(), &to_predicted));
     let near: Vec<f64> = forth.iter().copied().filter(|d| *d < LIMIT).collect();
     let accuracy = if near.is_empty() { LIMIT } else { near.iter().sum::<f64>() / near.len() as f64 };
     let cut: f64 = forth.iter().chain(&back).map(|d| d.min(LIMIT)).sum();
@@ -81,6 +90,24 @@ mod tests {
             let errors = boundary_errors(line(a).view(), line(b).view()).unwrap().unwrap();
             prop_assert_eq!(errors.accuracy, if far < LIMIT { far } else { LIMIT });
             prop_assert_eq!(errors.completeness, far.min(LIMIT));
+        }
+
+        #[test]
+        fn no_error_is_beyond_the_limit_and_only_the_truth_has_none(
+            bits in proptest::collection::vec((0..30_u8, 0..30_u8), 18 * 22)
+        ) {
+            let map = |of: fn(&(u8, u8)) -> bool| {
+                Array2::from_shape_vec((18, 22), bits.iter().map(of).collect()).unwrap()
+            };
+            let (p, g) = (map(|b| b.0 == 0), map(|b| b.1 == 0));
+            let Some(errors) = boundary_errors(p.view(), g.view()).unwrap() else { return Ok(()) };
+            prop_assert!((0.0..=LIMIT).contains(&errors.accuracy) && (0.0..=LIMIT).contains(&errors.completeness));
+            prop_assert_eq!(errors.completeness == 0.0, p == g);
+            let back = boundary_errors(g.view(), p.view()).unwrap();
+            // Completeness looks both ways alike; only the order of the sum differs.
+            prop_assert!(back.is_none_or(|back| (back.completeness - errors.completeness).abs() < 1e-12));
+            let own = boundary_errors(g.view(), g.view()).unwrap().unwrap();
+            prop_assert_eq!((own.accuracy, own.completeness), (0.0, 0.0));
         }
     }
 

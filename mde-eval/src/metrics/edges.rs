@@ -3,7 +3,7 @@
 //! At a *fixed* threshold these reward any added gradient: an unsharp mask and white noise both raise them. The
 //! [curve](EdgeCurve) over all thresholds of the prediction does not see its contrast; its best point is **F1max**.
 
-use crate::raster::{dilate, distance_to, erode, same_shape, sobel, sobel_zero_padded};
+use crate::raster::{Marked, dilate, distance_to, erode, same_shape, sobel, sobel_zero_padded};
 use crate::{Error, Result};
 use ndarray::{Array2, ArrayView2, Zip};
 
@@ -157,7 +157,7 @@ pub fn edge_curve(
     tolerance: u32,
 ) -> Result<Option<EdgeCurve>> {
     same_shape("the prediction", prediction.dim(), truth.dim())?;
-    let true_edges = edges(truth, mask, threshold)?;
+    let true_edges = Marked::new(edges(truth, mask, threshold)?);
     EdgeSweep::new(prediction, mask, &[tolerance])?.curve(&true_edges, tolerance)
 }
 
@@ -190,8 +190,8 @@ impl EdgeSweep {
     }
 
     /// `tolerance` must be one of those given to [`EdgeSweep::new`].
-    pub(crate) fn curve(&self, true_edges: &Array2<bool>, tolerance: u32) -> Result<Option<EdgeCurve>> {
-        same_shape("the edge map", true_edges.dim(), self.gradient.dim())?;
+    pub(crate) fn curve(&self, true_edges: &Marked, tolerance: u32) -> Result<Option<EdgeCurve>> {
+        same_shape("the edge map", true_edges.pixels.dim(), self.gradient.dim())?;
         let Some((_, dilated)) = self.dilated.iter().find(|(r, _)| *r == tolerance) else {
             let value = tolerance.to_string();
             return Err(Error::Config {
@@ -200,23 +200,23 @@ impl EdgeSweep {
                 expected: "among those prepared",
             });
         };
-        let total = count(true_edges);
+        let total = true_edges.count;
         if total == 0 {
             return Ok(None);
         }
         // A true edge is found once the threshold falls to the steepest predicted gradient within the tolerance.
+        let steepest = true_edges.pixels.iter().zip(dilated);
         let mut found_at: Vec<f32> =
-            true_edges.iter().zip(dilated).filter(|&(&edge, &g)| edge && g > 0.0).map(|(_, &g)| g).collect();
+            steepest.filter(|&(&edge, &g)| edge && g > 0.0).map(|(_, &g)| g).collect();
         found_at.sort_unstable_by(|a, b| b.total_cmp(a));
-        let near = distance_to(true_edges.view());
-        let (gradient, near) =
-            (self.gradient.iter().copied().collect::<Vec<_>>(), near.iter().collect::<Vec<_>>());
+        let gradient: Vec<f32> = self.gradient.iter().copied().collect();
+        let near: Vec<bool> = true_edges.distance.iter().map(|d| *d <= f64::from(tolerance)).collect();
         let mut points = Vec::new();
         let (mut predicted, mut hits, mut found) = (0, 0, 0);
         for tied in self.order.chunk_by(|&a, &b| gradient[a as usize] == gradient[b as usize]) {
             let threshold = gradient[tied[0] as usize];
             predicted += tied.len();
-            hits += tied.iter().filter(|&&at| *near[at as usize] <= f64::from(tolerance)).count();
+            hits += tied.iter().filter(|&&at| near[at as usize]).count();
             while found_at.get(found).is_some_and(|&g| g >= threshold) {
                 found += 1;
             }

@@ -44,7 +44,18 @@ pub fn sharpness_by_edges(
     band: f64,
 ) -> Result<EdgeSplit> {
     same_shape("the edge map", edges.dim(), mask.dim())?;
-    let near = distance_to(edges).mapv(|d| d <= band);
+    sharpness_by_distance(map, mask, distance_to(edges).view(), band)
+}
+
+/// [`sharpness_by_edges`] with the distance to them.
+pub(crate) fn sharpness_by_distance(
+    map: ArrayView2<'_, f32>,
+    mask: ArrayView2<'_, bool>,
+    to_edges: ArrayView2<'_, f64>,
+    band: f64,
+) -> Result<EdgeSplit> {
+    same_shape("the edge map", to_edges.dim(), mask.dim())?;
+    let near = to_edges.mapv(|d| d <= band);
     let (on, off) = split(map, mask, Some(near.view()))?;
     Ok(EdgeSplit { on, off })
 }

@@ -1,14 +1,15 @@
 use super::ScoreConfig;
+use super::truth::Truth;
 use crate::Result;
 use crate::metrics::boundary::boundary_f1;
 use crate::metrics::bsds::{BoundaryCounts, Thinned};
-use crate::metrics::dbe::{BoundaryErrors, boundaries, boundary_errors};
-use crate::metrics::edges::{EdgeSweep, edges};
+use crate::metrics::dbe::{BoundaryErrors, boundaries, errors_against};
+use crate::metrics::edges::EdgeSweep;
 use crate::metrics::occlusion::occlusion_f1;
-use crate::metrics::ordinal::sampled_ordinal_error;
+use crate::metrics::ordinal::{PairSampling, ordinal_error};
 use crate::metrics::sharpness::EdgeSplit;
-use crate::metrics::soft_edge::soft_edge_error;
-use crate::metrics::superpixel::{OrderErrors, SuperpixelPairs};
+use crate::metrics::soft_edge::soft_edge_error_within;
+use crate::metrics::superpixel::OrderErrors;
 use crate::metrics::{depth, sharpness};
 use crate::raster::gather;
 use ndarray::ArrayView2;
@@ -105,26 +106,16 @@ pub struct EdgeScores {
     pub average_precision: Option<f64>,
 }
 
+/// Of `prediction`, `[height, width]`, aligned.
 pub(super) fn scores(
     prediction: ArrayView2<'_, f32>,
-    truth: ArrayView2<'_, f32>,
-    mask: ArrayView2<'_, bool>,
+    truth: &Truth,
     config: &ScoreConfig,
 ) -> Result<DepthScores> {
-    let maps = (prediction, truth, mask);
-    let (errors, ((edges, boundaries), rest)) = rayon::join(
-        || pixel_scores(maps, config),
-        || {
-            rayon::join(
-                || {
-                    rayon::join(
-                        || edge_scores(prediction, truth, mask, config),
-                        || boundary_scores(maps, config),
-                    )
-                },
-                || Rest::new(maps, config),
-            )
-        },
+    let (map, mask) = (truth.depth.view(), truth.pixels.view());
+    let ((pixels, edges), (boundaries, rest)) = rayon::join(
+        || (pixel_scores(prediction, truth, config), edge_scores(prediction, truth, config)),
+        || (boundary_scores(prediction, truth, config), Rest::new(prediction, truth, config)),
     );
     let rest = rest?;
     Ok(DepthScores {
@@ -132,23 +123,22 @@ pub(super) fn scores(
         boundaries: boundaries?,
         sharpness_on: rest.sharpness.on,
         sharpness_off: rest.sharpness.off,
-        boundary_f1: boundary_f1(prediction, truth, mask)?,
+        boundary_f1: boundary_f1(prediction, map, mask)?,
         occlusion_f1: rest.occlusion,
         dbe_accuracy: rest.dbe.map(|e| e.accuracy),
         dbe_completeness: rest.dbe.map(|e| e.completeness),
         see: rest.see,
         d3r: rest.order.d3r,
         ord: rest.order.ord,
-        ..errors?
+        ..pixels?
     })
 }
 
-/// Prediction, truth and mask.
-type Maps<'a> = (ArrayView2<'a, f32>, ArrayView2<'a, f32>, ArrayView2<'a, bool>);
-
 /// Scores that need no edges; those that do are left empty.
-fn pixel_scores((prediction, truth, mask): Maps<'_>, config: &ScoreConfig) -> Result<DepthScores> {
-    let (p, g) = (gather(prediction, mask), gather(truth, mask));
+fn pixel_scores(prediction: ArrayView2<'_, f32>, truth: &Truth, config: &ScoreConfig) -> Result<DepthScores> {
+    let mask = truth.pixels.view();
+    let (p, g) = (gather(prediction, mask), gather(truth.depth.view(), mask));
+    let PairSampling { min_ratio, tie_ratio, .. } = config.pairs;
     Ok(DepthScores {
         mse: depth::mse(&p, &g)?,
         rmse: depth::rmse(&p, &g)?,
@@ -160,17 +150,23 @@ fn pixel_scores((prediction, truth, mask): Maps<'_>, config: &ScoreConfig) -> Re
         irmse: depth::irmse(&p, &g)?,
         delta: [depth::delta(&p, &g, 1)?, depth::delta(&p, &g, 2)?, depth::delta(&p, &g, 3)?],
         sharpness: sharpness::sharpness(prediction, mask).ok(),
-        d3r_like: sampled_ordinal_error(prediction, truth, mask, &config.pairs)?,
+        d3r_like: ordinal_error(prediction, truth.depth.view(), &truth.pairs, min_ratio, tie_ratio)?,
         ..DepthScores::default()
     })
 }
 
-fn boundary_scores((prediction, truth, mask): Maps<'_>, config: &ScoreConfig) -> Result<Vec<BoundaryScores>> {
-    let (predicted, real) = (Thinned::new(prediction, mask)?, Thinned::new(truth, mask)?);
-    let score = |&threshold: &f64| BoundaryScores { threshold, counts: predicted.against(&real, threshold) };
+fn boundary_scores(
+    prediction: ArrayView2<'_, f32>,
+    truth: &Truth,
+    config: &ScoreConfig,
+) -> Result<Vec<BoundaryScores>> {
+    let predicted = Thinned::new(prediction, truth.pixels.view())?;
+    let score =
+        |&threshold: &f64| BoundaryScores { threshold, counts: predicted.against(&truth.thinned, threshold) };
     Ok(config.boundary_thresholds.iter().map(score).collect())
 }
 
+/// Scores that need the truth's edges.
 struct Rest {
     sharpness: EdgeSplit,
     occlusion: [f64; 3],
@@ -180,31 +176,30 @@ struct Rest {
 }
 
 impl Rest {
-    fn new((prediction, truth, mask): Maps<'_>, config: &ScoreConfig) -> Result<Self> {
-        let band_edges = edges(truth, mask, config.band_threshold)?;
-        let found = [boundaries(prediction, mask)?, boundaries(truth, mask)?];
+    fn new(prediction: ArrayView2<'_, f32>, truth: &Truth, config: &ScoreConfig) -> Result<Self> {
+        let (map, mask) = (truth.depth.view(), truth.pixels.view());
+        let band = truth.edges_at(config.band_threshold)?.distance.view();
         Ok(Self {
-            sharpness: sharpness::sharpness_by_edges(prediction, mask, band_edges.view(), config.band)?,
-            occlusion: occlusion_f1(prediction, truth, mask)?,
-            dbe: boundary_errors(found[0].view(), found[1].view())?,
-            see: soft_edge_error(prediction, truth, mask, band_edges.view())?,
-            order: SuperpixelPairs::new(truth, mask)?.compare(prediction, truth)?,
+            sharpness: sharpness::sharpness_by_distance(prediction, mask, band, config.band)?,
+            occlusion: occlusion_f1(prediction, map, mask)?,
+            dbe: errors_against(boundaries(prediction, mask)?.view(), &truth.boundaries)?,
+            see: soft_edge_error_within(prediction, map, mask, band)?,
+            order: truth.superpixels.compare(prediction, map)?,
         })
     }
 }
 
 fn edge_scores(
     prediction: ArrayView2<'_, f32>,
-    truth: ArrayView2<'_, f32>,
-    mask: ArrayView2<'_, bool>,
+    truth: &Truth,
     config: &ScoreConfig,
 ) -> Result<Vec<EdgeScores>> {
-    let sweep = EdgeSweep::new(prediction, mask, &config.edge_tolerances)?;
+    let sweep = EdgeSweep::new(prediction, truth.pixels.view(), &config.edge_tolerances)?;
     let mut scores = Vec::new();
     for &threshold in &config.edge_thresholds {
-        let true_edges = edges(truth, mask, threshold)?;
+        let true_edges = truth.edges_at(threshold)?;
         for &tolerance in &config.edge_tolerances {
-            let curve = sweep.curve(&true_edges, tolerance)?;
+            let curve = sweep.curve(true_edges, tolerance)?;
             // One point of the curve is the fixed threshold's score; without true edges both are 0.
             let fixed = curve.as_ref().map(|curve| curve.at(threshold)).unwrap_or_default();
             scores.push(EdgeScores {

@@ -173,7 +173,22 @@ for threshold in (0.25, 0.5):
     scores = [2 * n / (k + real.sum()) for n, k in sweep]
     recalls = np.array([0] + [n / real.sum() for n, _ in sweep])
     area = float(np.sum(np.diff(recalls) * [n / k for n, k in sweep]))
-    out["matched"].append({"truth": int(real.sum()), "best": float(max(scores)), "area": area})
+    # At fixed thresholds, a factor 2^(1/4) apart, to be pooled over images.
+    predicted_at, matched_at = zip(*[(int((tp >= t).sum()), matched(tp >= t, real)) for t in 0.02 * 2.0 ** (np.arange(33) / 4)])
+    counts = {"predicted": predicted_at, "matched": matched_at}
+    out["matched"].append({"truth": int(real.sum()), "best": float(max(scores)), "area": area, **counts})
+
+
+# Both as two images of one data set.
+truths, hits, found = (np.array([c[k] for c in out["matched"]]) for k in ("truth", "matched", "predicted"))
+f1s = 2 * hits / (found + truths[:, None])
+own = f1s.argmax(1)
+recalls = np.append(hits.sum(0) / truths.sum(), 0)
+out["pooled"] = [
+    float((2 * hits.sum(0) / (found.sum(0) + truths.sum())).max()),
+    float(2 * hits[[0, 1], own].sum() / (found[[0, 1], own].sum() + truths.sum())),
+    float(np.sum((recalls[:-1] - recalls[1:]) * hits.sum(0) / np.maximum(found.sum(0), 1))),
+]
 
 
 # MoGe: windows about the pixels that are far enough from the border.
@@ -206,6 +221,15 @@ ga, gb, pa, pb = (m.ravel()[pairs[:, k]] for m in (truth, aligned) for k in (0, 
 keep = np.maximum(ga / gb, gb / ga) > 1.1
 out["pairs"] = pairs.tolist()
 out["ordinal"] = float(np.mean((order(ga, gb, 1.01) != order(pa, pb, 1.01))[keep]))
+
+# So few pixels that each is a superpixel of its own: all neighbours over an edge of a pixel.
+grid = np.arange(H * W).reshape(H, W)
+near = np.concatenate([np.stack([grid[:-1], grid[1:]], -1).reshape(-1, 2), np.stack([grid[:, :-1], grid[:, 1:]], -1).reshape(-1, 2)])
+near = near[mask.ravel()[near].all(1)]
+# The aligned map has them all in order, another map does not.
+ga, gb, pa, pb = (m.ravel()[near[:, k]] for m in (truth, sigma) for k in (0, 1))
+keep = np.maximum(ga / gb, gb / ga) > 1.1
+out["d3r"] = float(np.mean((order(ga, gb, 1.01) != order(pa, pb, 1.01))[keep]))
 
 # Uncertainty.
 e = p - g
@@ -243,6 +267,11 @@ out["rays-mae"], out["rays-rmse"] = rays(np.abs(e), False), rays(e**2, True)
 out["poggi-abs-rel"], out["poggi-rmse"] = poggi(np.abs(e) / g, False), poggi(e**2, True)
 # The oracle's order has ties here; the published code keeps whole runs of them.
 out["poggi-a1-aurg"] = poggi((np.maximum(g / p, p / g) >= 1.25).astype(float), False)[1]
+# Ties of the oracle cost the same whichever goes first, so a sorted list tells its area.
+flags, n = np.maximum(g / p, p / g) >= 1.25, g.size
+kept = [int((-s >= np.percentile(-s, 2 * t)).sum()) for t in range(50)]
+oracle = np.append([np.sort(flags)[:k].mean() for k in kept], 0.0)
+out["poggi-a1-ause"] = float(flags.mean() - out["poggi-a1-aurg"] - np.trapezoid(oracle, np.linspace(0, 1, 51)))
 out["nll"] = -stats.norm.logpdf(g, p, s).mean()
 # The definition, integrated: the squared distance between the predicted and the true distribution function.
 crps = lambda mu, sd, t: (
