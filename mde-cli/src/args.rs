@@ -489,7 +489,7 @@ pub(crate) struct TruthArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Output")]
 pub(crate) struct RunArgs {
-    /// Folder for the results; appears when all of them are there
+    /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: PathBuf,
     /// Replace an earlier run's folder

@@ -4,7 +4,7 @@ use crate::args::AblateArgs;
 use crate::evaluation::ablation::{self, FULL};
 use crate::evaluation::method::{Method, PRIOR};
 use crate::evaluation::results::{self, Results};
-use crate::evaluation::session::Session;
+use crate::evaluation::setup::Setup;
 use crate::job::use_threads;
 use crate::progress::Progress;
 use anyhow::{Result, ensure};
@@ -17,8 +17,8 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
     let mut progress = Progress::new(&args.common.run);
     use_threads(&args.common.run)?;
     let methods = methods(args)?;
-    let session = Session::open(&args.common, "ablate", false)?;
-    let (mut entries, failures) = session.run(&methods, true, &mut progress)?;
+    let setup = Setup::open(&args.common, "ablate", false)?;
+    let (mut entries, failures) = setup.run(&methods, true, &mut progress)?;
     // A row that took its field from another would look cheap.
     entries.iter_mut().for_each(|entry| entry.seconds = None);
     let preface = if entries.is_empty() {
@@ -27,12 +27,12 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
         let compared = |with| Summary::new(&entries, Some(with), &Bootstrap::default());
         ablation::table(&compared(FULL)?, &compared(PRIOR)?)
     };
-    let results = session.results(FULL, entries, failures);
+    let results = setup.results(FULL, entries, failures);
     let mut results = Results { title: format!("Ablation: {}", results.title), preface, ..results };
     results.record["seeds"] = json!(args.seeds);
     results.record["preset"] = json!(Preset::from(args.preset).name());
     results.record["config"] = json!(base(args)?);
-    results::finish(results, session.folder(), &mut progress)
+    results::finish(results, setup.folder(), &mut progress)
 }
 
 fn base(args: &AblateArgs) -> Result<Config> {

@@ -4,7 +4,7 @@ use super::score_maps;
 use crate::args::EvalArgs;
 use crate::evaluation::method::{Method, PRIOR};
 use crate::evaluation::results;
-use crate::evaluation::session::Session;
+use crate::evaluation::setup::Setup;
 use crate::job::use_threads;
 use crate::progress::Progress;
 use anyhow::Result;
@@ -16,7 +16,7 @@ pub(super) fn run(args: &EvalArgs) -> Result<()> {
         return score_maps::run(args, &mut progress);
     }
     let methods = Method::parse_list(&args.methods, args.preset.into(), args.seed)?;
-    let session = Session::open(&args.common, "eval", true)?;
-    let (entries, failures) = session.run(&methods, false, &mut progress)?;
-    results::finish(session.results(PRIOR, entries, failures), session.folder(), &mut progress)
+    let setup = Setup::open(&args.common, "eval", true)?;
+    let (entries, failures) = setup.run(&methods, false, &mut progress)?;
+    results::finish(setup.results(PRIOR, entries, failures), setup.folder(), &mut progress)
 }

@@ -6,5 +6,5 @@ pub(crate) mod results;
 pub(crate) mod runner;
 pub(crate) mod scenes;
 pub(crate) mod scoring;
-pub(crate) mod session;
+pub(crate) mod setup;
 pub(crate) mod store;

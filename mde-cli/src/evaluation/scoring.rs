@@ -9,7 +9,7 @@ use mde_eval::align::Alignment;
 use mde_eval::baseline::Unsharp;
 use mde_eval::baseline::sigma::TrivialSigma;
 use mde_eval::data::Sample;
-use mde_eval::score::{ScoreConfig, Subject, curves, score, score_aligned, score_uncertainty};
+use mde_eval::score::{Prepared, ScoreConfig, Subject, curves, score_uncertainty};
 use mde_eval::table::{Entry, SharedErrors};
 use mde_eval::{Refiner, Task};
 use mde_prior::DisparityRule;
@@ -80,9 +80,8 @@ impl Scoring {
     pub(crate) fn scene(&self, result: &SceneResult<'_>, store: &Store) -> Result<Vec<Entry>> {
         let config = self.config(result.sample);
         let Some((_, prior)) = result.entries.first() else { return Ok(Vec::new()) };
-        let prior_map = prior.refined.depth.view();
-        let shared = subject(prior_map, result.sample).fit(&config)?;
         let truth = crc(result.sample.depth.view());
+        let mut against = None;
         let mut entries = Vec::new();
         for (method, kept) in &result.entries {
             let made_from = json!({
@@ -96,71 +95,106 @@ impl Scoring {
                 entries.extend(scored.entries);
                 continue;
             }
-            let own = self
-                .method(result, method, kept, prior_map, &shared, &config)
-                .with_context(|| method.name.clone())?;
+            let against = match &against {
+                Some(ready) => ready,
+                None => against.insert(Against::new(
+                    result.sample,
+                    prior.refined.depth.view(),
+                    &config,
+                    self.shared,
+                )?),
+            };
+            let own = against.method(method, kept, self.controls).with_context(|| method.name.clone())?;
             let scored = Scored { made_from, entries: own };
             store.keep_scores(id, &method.name, &scored)?;
             entries.extend(scored.entries);
         }
         Ok(entries)
     }
+}
 
-    fn method(
-        &self,
-        result: &SceneResult<'_>,
-        method: &Method,
-        kept: &Kept,
-        prior: ArrayView2<'_, f32>,
-        shared: &Alignment,
+/// What all methods of a scene are scored against.
+struct Against<'a> {
+    sample: &'a Sample,
+    prior: ArrayView2<'a, f32>,
+    truth: Prepared,
+    /// The prior's alignment.
+    shared: Alignment,
+    /// Whether it is every method's.
+    all_shared: bool,
+}
+
+impl<'a> Against<'a> {
+    fn new(
+        sample: &'a Sample,
+        prior: ArrayView2<'a, f32>,
         config: &ScoreConfig,
-    ) -> Result<Vec<Entry>> {
-        let sample = result.sample;
-        let depth = kept.refined.depth.view();
-        let of = |depth: ArrayView2<'_, f32>, sigma: Option<&Array2<f32>>, name: &str| -> Result<Entry> {
-            let mut subject = subject(depth, sample);
-            subject.sigma = sigma.map(|sigma| sigma.view());
-            let scores =
-                if self.shared { score_aligned(&subject, shared, config)? } else { score(&subject, config)? };
-            let alignment = scores.alignment;
-            let mut entry = Entry::new(&sample.id, name, scores);
-            entry.curves = curves(&subject, &alignment, config)?;
-            entry.shared = Some(SharedErrors::of(&subject, shared, config)?);
-            Ok(entry)
-        };
-        let mut own = of(depth, kept.refined.sigma.as_ref(), &method.label)?;
-        own.seconds = Some(kept.record.seconds);
+        all_shared: bool,
+    ) -> Result<Self> {
+        let shared = subject(prior, sample).fit(config)?;
+        let truth = Prepared::new(sample.depth.view(), None, config)?;
+        Ok(Self { sample, prior, truth, shared, all_shared })
+    }
+
+    fn method(&self, method: &Method, kept: &Kept, controls: bool) -> Result<Vec<Entry>> {
+        let (depth, sigma) = (kept.refined.depth.view(), kept.refined.sigma.as_ref());
+        let own = Entry { seconds: Some(kept.record.seconds), ..self.entry(depth, sigma, &method.label)? };
         let mut entries = vec![own];
-        if !self.controls {
-            entries.iter_mut().for_each(|entry| entry.seed = method.seed);
-            return Ok(entries);
+        if controls && method.is_loop() {
+            entries.push(self.unsharp(depth, &method.label)?);
         }
-        if method.is_loop() {
-            let task = Task {
-                image: sample.image.view(),
-                camera: &sample.camera,
-                prior,
-                model: None,
-                rule: &DisparityRule::default(),
-                seed: method.seed,
-            };
-            let unsharp = Unsharp::matching(prior, depth)?.refine(&task)?;
-            entries.push(of(unsharp.depth.view(), None, &format!("unsharp as sharp as {}", method.label))?);
-        }
-        if method.name == PRIOR || kept.refined.sigma.is_some() {
-            for trivial in TrivialSigma::ALL {
-                let sigma = trivial.map(depth, sample.image.view())?;
-                let subject = subject(depth, sample).with_sigma(sigma.view());
-                let alignment = if self.shared { *shared } else { subject.fit(config)? };
-                let Some((uncertainty, curves)) = score_uncertainty(&subject, &alignment, config)? else {
-                    continue;
-                };
-                let name = format!("{}{SIGMA_BY}{}", method.label, trivial.name());
-                let entry = Entry::of_uncertainty(&entries[0], name, uncertainty, curves);
-                entries.push(entry);
-            }
+        if controls && (method.name == PRIOR || sigma.is_some()) {
+            entries.extend(self.trivial_sigmas(depth, &entries[0])?);
         }
         entries.iter_mut().for_each(|entry| entry.seed = method.seed);
+        Ok(entries)
+    }
+
+    fn entry(&self, depth: ArrayView2<'_, f32>, sigma: Option<&Array2<f32>>, name: &str) -> Result<Entry> {
+        let mut subject = subject(depth, self.sample);
+        subject.sigma = sigma.map(|sigma| sigma.view());
+        let scores = match self.all_shared {
+            true => self.truth.score_aligned(&subject, &self.shared)?,
+            false => self.truth.score(&subject)?,
+        };
+        let alignment = scores.alignment;
+        Ok(Entry {
+            curves: curves(&subject, &alignment, self.truth.config())?,
+            shared: Some(SharedErrors::of(&subject, &self.shared, self.truth.config())?),
+            ..Entry::new(&self.sample.id, name, scores)
+        })
+    }
+
+    /// The unsharp mask of the prior that is as sharp as `depth`.
+    fn unsharp(&self, depth: ArrayView2<'_, f32>, label: &str) -> Result<Entry> {
+        let task = Task {
+            image: self.sample.image.view(),
+            camera: &self.sample.camera,
+            prior: self.prior,
+            model: None,
+            rule: &DisparityRule::default(),
+            seed: 0,
+        };
+        let unsharp = Unsharp::matching(self.prior, depth)?.refine(&task)?;
+        self.entry(unsharp.depth.view(), None, &format!("unsharp as sharp as {label}"))
+    }
+
+    /// Sigmas that anybody could state of `depth`, whose entry is `of`.
+    fn trivial_sigmas(&self, depth: ArrayView2<'_, f32>, of: &Entry) -> Result<Vec<Entry>> {
+        let config = self.truth.config();
+        let alignment = match self.all_shared {
+            true => self.shared,
+            false => subject(depth, self.sample).fit(config)?,
+        };
+        let mut entries = Vec::new();
+        for trivial in TrivialSigma::ALL {
+            let sigma = trivial.map(depth, self.sample.image.view())?;
+            let subject = subject(depth, self.sample).with_sigma(sigma.view());
+            if let Some((scores, curves)) = score_uncertainty(&subject, &alignment, config)? {
+                let name = format!("{}{SIGMA_BY}{}", of.method, trivial.name());
+                entries.push(Entry::of_uncertainty(of, name, scores, curves));
+            }
+        }
         Ok(entries)
     }
 }

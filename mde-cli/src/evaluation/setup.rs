@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 /// An evaluation that is opened.
-pub(crate) struct Session<'a> {
+pub(crate) struct Setup<'a> {
     args: &'a EvaluationArgs,
     source: Source,
     scenes: Vec<usize>,
@@ -25,7 +25,7 @@ pub(crate) struct Session<'a> {
     store: Store,
 }
 
-impl<'a> Session<'a> {
+impl<'a> Setup<'a> {
     /// `controls` as in [`Scoring`].
     pub(crate) fn open(args: &'a EvaluationArgs, command: &str, controls: bool) -> Result<Self> {
         let source = Source::open(&args.root, &args.data)?;
