@@ -1,5 +1,5 @@
 //! What the scores must say of predictions whose quality is known.
-#![allow(clippy::unwrap_used, clippy::panic)]
+#![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr)]
 
 use mde_eval::Error;
 use mde_eval::align::{Alignment, AlignmentRule};

@@ -21,7 +21,7 @@ pub const LIMIT: f64 = 10.0;
 /// \\(\sigma = \sqrt2\\) and thresholds 0.15 and 0.3. Blind to scale and shift of the map.
 ///
 /// # Errors
-/// [`Error::Shape`] where the mask differs.
+/// [`Error::Shape`](crate::Error::Shape) where the mask differs.
 pub fn boundaries(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Result<Array2<bool>> {
     same_shape("the mask", mask.dim(), map.dim())?;
     let Some((low, high)) = depth_range(map, mask).filter(|(low, high)| high > low) else {
@@ -42,7 +42,7 @@ pub fn boundaries(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Resul
 /// boundary. The benchmark's true boundaries are drawn by hand; those of a data set without them come from [`boundaries`].
 ///
 /// # Errors
-/// [`Error::Shape`] where the shapes differ.
+/// [`Error::Shape`](crate::Error::Shape) where the shapes differ.
 pub fn boundary_errors(
     predicted: ArrayView2<'_, bool>,
     truth: ArrayView2<'_, bool>,

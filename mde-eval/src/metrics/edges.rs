@@ -182,11 +182,12 @@ impl EdgeSweep {
             return Err(Error::Config { field: "the edge tolerance", value, expected: "at most 64 pixels" });
         }
         let gradient = masked_gradient(prediction, mask)?;
-        let mut keyed: Vec<(f32, u32)> =
-            gradient.iter().zip(0..).filter(|&(&g, _)| g > 0.0).map(|(&g, at)| (g, at)).collect();
-        keyed.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+        // Positive floats are in order as their bits are; with the index beside them, they sort as one word.
+        let key = |(&g, at): (&f32, u32)| u64::from(!g.to_bits()) << 32 | u64::from(at);
+        let mut keyed: Vec<u64> = gradient.iter().zip(0..).filter(|(g, _)| **g > 0.0).map(key).collect();
+        keyed.sort_unstable();
         let dilated = tolerances.iter().map(|&r| (r, dilate(gradient.view(), r))).collect();
-        Ok(Self { order: keyed.into_iter().map(|(_, at)| at).collect(), gradient, dilated })
+        Ok(Self { order: keyed.into_iter().map(|key| key as u32).collect(), gradient, dilated })
     }
 
     /// `tolerance` must be one of those given to [`EdgeSweep::new`].

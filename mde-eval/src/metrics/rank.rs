@@ -7,15 +7,7 @@ use crate::{Error, Result};
 /// # Errors
 /// [`Error::Value`] for a NaN.
 pub fn average_ranks(values: &[f64]) -> Result<Vec<f64>> {
-    let order = Order::new("the value to rank", values)?;
-    let mut ranks = vec![0.0; values.len()];
-    let mut before = 0;
-    for tied in order.ties(values) {
-        let rank = before as f64 + 0.5 * (tied.len() + 1) as f64;
-        tied.iter().for_each(|&at| ranks[at as usize] = rank);
-        before += tied.len();
-    }
-    Ok(ranks)
+    Ok(Order::new("the value to rank", values)?.ranks(values))
 }
 
 /// Spearman's rank correlation with [average ranks](average_ranks):
@@ -31,6 +23,11 @@ pub fn spearman(x: &[f64], y: &[f64]) -> Result<Option<f64>> {
         return Err(Error::Length { what: "the second list", found: y.len(), expected: x.len() });
     }
     Ok(pearson(&average_ranks(x)?, &average_ranks(y)?))
+}
+
+/// [`spearman`] of two lists, each with its order.
+pub(crate) fn spearman_in_order(x: (&[f64], &Order), y: (&[f64], &Order)) -> Option<f64> {
+    pearson(&x.1.ranks(x.0), &y.1.ranks(y.0))
 }
 
 fn pearson(x: &[f64], y: &[f64]) -> Option<f64> {
@@ -58,6 +55,28 @@ impl Order {
         let mut keyed: Vec<(u64, u32)> = values.iter().map(|&v| rising_bits(v)).zip(0..).collect();
         keyed.sort_unstable();
         Ok(Self(keyed.into_iter().map(|(_, at)| at).collect()))
+    }
+
+    /// Of a list that rises already.
+    pub(crate) fn of_sorted(values: &[f64]) -> Self {
+        Self((0..).zip(values).map(|(at, _)| at).collect())
+    }
+
+    /// `values` in this order.
+    pub(crate) fn apply(&self, values: &[f64]) -> Vec<f64> {
+        self.0.iter().map(|&at| values[at as usize]).collect()
+    }
+
+    /// Average ranks, from 1.
+    pub(crate) fn ranks(&self, values: &[f64]) -> Vec<f64> {
+        let mut ranks = vec![0.0; values.len()];
+        let mut before = 0;
+        for tied in self.ties(values) {
+            let rank = before as f64 + 0.5 * (tied.len() + 1) as f64;
+            tied.iter().for_each(|&at| ranks[at as usize] = rank);
+            before += tied.len();
+        }
+        ranks
     }
 
     /// Runs of indices with equal values.

@@ -88,10 +88,15 @@ pub(crate) struct Costs {
 
 impl Costs {
     pub(crate) fn new(costs: &[f64], sigma: &[f64], order: &Order) -> Result<Self> {
-        check(costs, sigma)?;
         let mut own = costs.to_vec();
         own.sort_unstable_by(f64::total_cmp);
-        Ok(Self { by_sigma: running_sums(&order.expected(sigma, costs)), oracle: running_sums(&own) })
+        Self::with_sorted(costs, sigma, order, &own)
+    }
+
+    /// With the costs in rising order, too.
+    pub(crate) fn with_sorted(costs: &[f64], sigma: &[f64], order: &Order, own: &[f64]) -> Result<Self> {
+        check(costs, sigma)?;
+        Ok(Self { by_sigma: running_sums(&order.expected(sigma, costs)), oracle: running_sums(own) })
     }
 
     pub(crate) fn normalised(&self, reduction: Reduction) -> Result<Sparsification> {

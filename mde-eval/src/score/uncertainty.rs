@@ -2,7 +2,7 @@ use super::ScoreConfig;
 use crate::Result;
 use crate::align::Alignment;
 use crate::metrics::calibration;
-use crate::metrics::rank::{Order, spearman};
+use crate::metrics::rank::{Order, spearman_in_order};
 use crate::metrics::sparsification::{Costs, Reduction, Sparsification, bin, spearman_of_bins};
 use crate::statistics::quantile;
 use ndarray::{Array2, ArrayView2};
@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 pub struct UncertaintyScores {
     /// Pixels with an uncertainty.
     pub pixels: usize,
-    /// [Spearman's correlation](spearman) of sigma and \\(|e|\\) over pixels; nothing where one of them is constant.
+    /// [Spearman's correlation](crate::metrics::rank::spearman) of sigma and \\(|e|\\) over pixels; nothing where one of them is constant.
     pub spearman: Option<f64>,
     /// [The same](spearman_of_bins) over the means of percentile bins of sigma.
     pub spearman_binned: Option<f64>,
@@ -94,7 +94,7 @@ pub struct UncertaintyCurves {
     pub abs_z_quantiles: Vec<f64>,
 }
 
-/// Pixels with an uncertainty, as lists.
+/// Pixels with an uncertainty, as lists by rising sigma: what follows that order then runs along memory.
 pub(super) struct Lists {
     errors: Vec<f64>,
     sigma: Vec<f64>,
@@ -125,8 +125,9 @@ pub(super) fn gather(
         return Ok(None);
     }
     let order = Order::new("sigma", &sigmas)?;
+    let [errors, sigma, truth] = [&errors, &sigmas, &truths].map(|values| order.apply(values));
     let absolute = errors.iter().map(|e: &f64| e.abs()).collect();
-    Ok(Some(Lists { errors, sigma: sigmas, truth: truths, absolute, order }))
+    Ok(Some(Lists { order: Order::of_sorted(&sigma), errors, sigma, truth, absolute }))
 }
 
 pub(super) fn scores(lists: &Lists, config: &ScoreConfig) -> Result<UncertaintyScores> {
@@ -135,17 +136,21 @@ pub(super) fn scores(lists: &Lists, config: &ScoreConfig) -> Result<UncertaintyS
     let relative: Vec<f64> = absolute.iter().zip(truth).map(|(e, g)| e / g).collect();
     let outlier = |(e, g): (&f64, &f64)| f64::from(u8::from((g + e).max(*g) >= 1.25 * (g + e).min(*g)));
     let outliers: Vec<f64> = errors.iter().zip(truth).map(outlier).collect();
+    let by_error = Order::new("the error", absolute)?;
+    let sorted = by_error.apply(absolute);
+    let sorted_squares: Vec<f64> = sorted.iter().map(|e| e * e).collect();
+    let by_square = Costs::with_sorted(&squared, sigma, order, &sorted_squares)?;
+    let by_error_size = Costs::with_sorted(absolute, sigma, order, &sorted)?;
     let costs = |values: &[f64]| Costs::new(values, sigma, order);
-    let by_square = costs(&squared)?;
     let coverage = |&nominal: &f64| {
         Ok(CoverageScore { nominal, observed: calibration::coverage(errors, sigma, nominal)? })
     };
     let calibrated = calibration::calibration_errors(errors, sigma)?;
     Ok(UncertaintyScores {
         pixels: errors.len(),
-        spearman: spearman(sigma, absolute)?,
+        spearman: spearman_in_order((sigma, order), (absolute, &by_error)),
         spearman_binned: spearman_of_bins(&bin(absolute, sigma, order, config.spearman_bins)?)?,
-        mae: costs(absolute)?.normalised(Reduction::Mean)?.into(),
+        mae: by_error_size.normalised(Reduction::Mean)?.into(),
         rmse: by_square.normalised(Reduction::RootMean)?.into(),
         poggi_abs_rel: costs(&relative)?.poggi(Reduction::Mean)?.into(),
         poggi_rmse: by_square.poggi(Reduction::RootMean)?.into(),
