@@ -1,5 +1,6 @@
 //! The rows of `mde ablate`: the paper's Table II, what stands in for the NeRF, and each remedy alone.
 
+use super::method::PRIOR;
 use mde_cli::Config;
 use mde_cli::config::IterationPrior;
 use mde_eval::table::Summary;
@@ -125,6 +126,9 @@ pub(crate) const ROWS: &[Row] = &[
     row("all", "D1 to D7 and strict guards together", all_remedies),
 ];
 
+/// What every row starts from, for comparison.
+const THE_PRIOR: Row = row(PRIOR, "the monocular depth", |_| {});
+
 /// The rows that change something when there is one iteration alone, or all.
 pub(crate) fn rows(base: &Config) -> impl Iterator<Item = &'static Row> {
     let config = base.clone();
@@ -143,7 +147,7 @@ pub(crate) fn table(to_full: &Summary, to_prior: &Summary) -> String {
          scenes [95 % of resampled scenes]; F1 is at 0.25 m and 1 px.\n\n| row | what | dMSE | dMSE, paper | sharpness | paper | F1 | \
          paper |\n| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |\n",
     );
-    for row in ROWS {
+    for row in std::iter::once(&THE_PRIOR).chain(ROWS) {
         let Some(f1) = to_full.get(row.name, "f1@0.25m_r1") else { continue };
         let mse = to_full.get(row.name, "mse").and_then(|s| s.ratio);
         let percent = |ratio: f64| 100.0 * (ratio - 1.0);
