@@ -71,7 +71,10 @@ proptest! {
         let image = Array3::from_shape_vec((4, 5, 3), values)?;
         let mirrored = image.slice(s![.., ..;-1, ..]);
         let averaged = FlipAverage(Slanted).predict(image.view())?.map;
-        prop_assert_eq!(FlipAverage(Slanted).predict(mirrored)?.map, averaged.slice(s![.., ..;-1]));
+        // But for the last bit: the gauge is a sum over the pixels, in another order.
+        for (a, b) in FlipAverage(Slanted).predict(mirrored)?.map.iter().zip(averaged.slice(s![.., ..;-1])) {
+            prop_assert!((a - b).abs() <= 1e-6 * b.abs(), "{} {}", a, b);
+        }
         let alone = Slanted.predict(image.view())?.map;
         prop_assert_ne!(Slanted.predict(mirrored)?.map, alone.slice(s![.., ..;-1]));
     }
