@@ -3,7 +3,7 @@
 use crate::run_record::write_json;
 use anyhow::{Context, Result, ensure};
 use mde_eval::Refined;
-use mde_prior::format::{ReadOptions, read_depth, write_npy};
+use mde_prior::format::{ReadOptions, read_values, write_npy};
 use ndarray::Array2;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -132,7 +132,8 @@ impl Store {
             if !path.is_file() {
                 return Ok(None);
             }
-            Ok(Some(read_depth(&path, &ReadOptions::default())?))
+            // A sigma of nothing but zeros is an answer too.
+            Ok(Some(read_values(&path, &ReadOptions::default())?))
         };
         let Some(depth) = map(DEPTH)? else {
             return Ok(Found::Stale(format!("{} is missing", folder.join(DEPTH).display())));
@@ -232,6 +233,13 @@ mod tests {
         assert_eq!(found.refined.depth, entry(Value::Null).refined.depth);
         assert_eq!(found.refined.sigma, entry(Value::Null).refined.sigma);
         assert_eq!((found.record.seconds, found.record.account), (1.5, json!({ "a": 1.0 })));
+        let sure = Entry {
+            refined: Refined { sigma: Some(Array2::zeros((3, 4))), ..entry(Value::Null).refined },
+            ..entry(made_from.clone())
+        };
+        store.keep("a/b", "sure", &sure).unwrap();
+        let Found::Done(found) = store.find("a/b", "sure", &made_from).unwrap() else { panic!() };
+        assert_eq!(found.refined.sigma, sure.refined.sigma);
         let other = json!({ "config": { "seed": 2 } });
         let Found::Stale(change) = store.find("a/b", "paper", &other).unwrap() else { panic!() };
         assert_eq!(change, "config.seed: 1 -> 2");
