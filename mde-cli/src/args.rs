@@ -47,6 +47,8 @@ pub(crate) enum Command {
     Ablate(Box<AblateArgs>),
     /// Print a preset as TOML
     Config(ConfigArgs),
+    /// Time the field's fit and render on this machine, stage by stage
+    Bench(BenchArgs),
 }
 
 #[derive(Debug, Args)]
@@ -390,6 +392,29 @@ pub(crate) struct ConfigArgs {
     /// Which settings
     #[arg(long, value_enum, default_value = "default")]
     pub(crate) preset: PresetName,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  mde bench
+  mde bench --field hash-8x4 --threads 2 --json
+
+Samples a second, matrix operations and bytes moved, beside what the processor and the memory can do at best, measured in
+the same run. Stages of one thread first, then the whole step and the render on one thread and on all.")]
+pub(crate) struct BenchArgs {
+    /// One field only: hash-12x2, hash-8x4 (the presets' own) or mlp-4x128
+    #[arg(long, value_name = "NAME")]
+    pub(crate) field: Option<String>,
+    /// Seconds spent on each stage
+    #[arg(long, default_value_t = 0.5, value_name = "SECONDS")]
+    pub(crate) seconds: f64,
+    /// Threads of the parallel stages; all processors otherwise
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) threads: Option<u16>,
+    /// One JSON object instead of the table
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 // An argument that requires one which conflicts with what was given passes clap, so what excludes it is named as well.

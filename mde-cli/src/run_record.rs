@@ -77,7 +77,7 @@ pub(crate) fn versions() -> BTreeMap<&'static str, &'static str> {
 }
 
 /// The most memory that the process ever held; Linux tells.
-fn peak_memory() -> Option<u64> {
+pub(crate) fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     Some(1024 * line.split_whitespace().next()?.parse::<u64>().ok()?)

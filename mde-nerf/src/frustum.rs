@@ -37,6 +37,30 @@ pub(crate) struct Ray {
     pub(crate) direction: Vector3<f64>,
 }
 
+/// A ray as the cube sees it: \\((u, v, s)\\ at inverse depth \\(\lambda\\ is \\((a + \lambda b) / g\\ with
+/// \\(g = g_0 + \lambda g_1\\).
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Line<T> {
+    constant: [T; 3],
+    slope: [T; 3],
+    denominator: [T; 2],
+    /// The least that \\(g / \lambda\\), the depth in the original camera, counts as.
+    nearest: T,
+}
+
+impl<T: Scalar> Line<T> {
+    /// The cube coordinates at an inverse depth; points outside are moved to the cube's surface.
+    #[inline(always)]
+    pub(crate) fn cube(&self, inverse_depth: T) -> [T; 3] {
+        let g = self.denominator[0] + inverse_depth * self.denominator[1];
+        let inverse = T::ONE / g.max(self.nearest * inverse_depth);
+        std::array::from_fn(|axis| {
+            let q = (self.constant[axis] + inverse_depth * self.slope[axis]) * inverse;
+            q.max(T::ZERO).min(T::ONE)
+        })
+    }
+}
+
 impl Ray {
     /// The ray of a pixel of a posed camera.
     pub(crate) fn new(camera: &PinholeCamera, pose: &Pose, x: f64, y: f64) -> Self {
@@ -87,19 +111,24 @@ impl Frustum {
         Ok(frustum)
     }
 
-    /// The cube coordinates of a world point; points outside are moved to the cube's surface.
-    pub(crate) fn cube<T: Scalar>(&self, point: &Point3<f64>) -> [T; 3] {
-        let p: [f64; 3] = std::array::from_fn(|r| {
-            let row = self.rotation[r];
-            row[0] * point.x + row[1] * point.y + row[2] * point.z + self.translation[r]
-        });
-        let inverse = 1.0 / p[2].max(0.1 * self.near);
-        let q = [
-            self.scale[0] * p[0] * inverse + self.offset[0],
-            self.scale[1] * p[1] * inverse + self.offset[1],
-            self.disparity(1.0 / inverse),
-        ];
-        q.map(|q| T::from_f64(q.clamp(0.0, 1.0)))
+    /// A ray's way through the cube.
+    pub(crate) fn line<T: Scalar>(&self, ray: &Ray) -> Line<T> {
+        let turned = |v: [f64; 3]| -> [f64; 3] {
+            std::array::from_fn(|r| (0..3).map(|c| self.rotation[r][c] * v[c]).sum())
+        };
+        let origin = turned(ray.origin.coords.into());
+        let o: [f64; 3] = std::array::from_fn(|r| origin[r] + self.translation[r]);
+        let d = turned(ray.direction.into());
+        // u = scale x/z + offset; s = (1/z - 1/far) / (1/near - 1/far), over the common denominator g = z / depth.
+        let range = 1.0 / (1.0 / self.near - 1.0 / self.far);
+        let image = |p: [f64; 3], axis: usize| self.scale[axis] * p[axis] + self.offset[axis] * p[2];
+        let narrow = |p: [f64; 3]| p.map(T::from_f64);
+        Line {
+            constant: narrow([image(d, 0), image(d, 1), -range / self.far * d[2]]),
+            slope: narrow([image(o, 0), image(o, 1), range * (1.0 - o[2] / self.far)]),
+            denominator: [d[2], o[2]].map(T::from_f64),
+            nearest: T::from_f64(0.1 * self.near),
+        }
     }
 
     /// Disparity scaled to 0 at far and 1 at near.
@@ -108,6 +137,7 @@ impl Frustum {
     }
 
     /// The depth at a fraction `x` of a ray's range.
+    #[cfg(test)]
     pub(crate) fn depth_at(&self, x: f64, spacing: Spacing) -> f64 {
         match spacing {
             Spacing::Depth => self.near + x * (self.far - self.near),
@@ -115,7 +145,7 @@ impl Frustum {
         }
     }
 
-    /// The inverse of [`Frustum::depth_at`], cut to 0 and 1.
+    /// The fraction of a ray's range at which a depth lies, cut to 0 and 1.
     pub(crate) fn fraction_at(&self, z: f64, spacing: Spacing) -> f64 {
         let x = match spacing {
             Spacing::Depth => (z - self.near) / (self.far - self.near),
@@ -182,7 +212,7 @@ mod tests {
                 let ray = Ray::new(&view.camera, &view.pose, x, y);
                 let z = frustum.depth_at(s, Spacing::Disparity);
                 let point = ray.origin + z * ray.direction;
-                let q: [f64; 3] = frustum.cube(&point);
+                let q: [f64; 3] = frustum.line(&ray).cube(1.0 / z);
                 let p = original * point;
                 prop_assert!((q[0] - (frustum.scale[0] * p.x / p.z + frustum.offset[0])).abs() < 1e-9, "u was cut: {:?}", q);
                 prop_assert!((q[1] - (frustum.scale[1] * p.y / p.z + frustum.offset[1])).abs() < 1e-9, "v was cut: {:?}", q);

@@ -14,6 +14,17 @@ pub(crate) const fn padded(n: usize) -> usize {
     n.div_ceil(LANES) * LANES
 }
 
+/// The sizes of a product: `x` is `[points, inputs]`, `w` is `[inputs, outputs]`, `y` is `[points, outputs]`.
+#[derive(Clone, Copy)]
+pub(crate) struct Shape {
+    /// Padded width of `x`.
+    pub(crate) inputs: usize,
+    /// Its columns that are not padding.
+    pub(crate) used: usize,
+    /// Padded width of `y`.
+    pub(crate) outputs: usize,
+}
+
 /// What a layer does to its product: adds a bias, and may cut at zero.
 #[derive(Clone, Copy)]
 pub(crate) struct Epilogue<'a, T> {
@@ -21,29 +32,21 @@ pub(crate) struct Epilogue<'a, T> {
     pub(crate) relu: bool,
 }
 
-/// `y[n, m] = x[n, k] w[k, m]`, then the epilogue.
-pub(crate) fn matmul_f32(
-    x: &[f32],
-    w: &[f32],
-    y: &mut [f32],
-    k: usize,
-    m: usize,
-    epilogue: Epilogue<'_, f32>,
-) {
-    Arch::new().dispatch(Product { x, w, y, k, m, epilogue });
+/// `y = x w`, then the epilogue.
+pub(crate) fn matmul_f32(x: &[f32], w: &[f32], y: &mut [f32], shape: Shape, epilogue: Epilogue<'_, f32>) {
+    Arch::new().dispatch(Product { x, w, y, shape, epilogue });
 }
 
-/// `dw[k, m] += x[n, k]^T dy[n, m]`.
-pub(crate) fn outer_f32(x: &[f32], dy: &[f32], dw: &mut [f32], k: usize, m: usize) {
-    Arch::new().dispatch(Outer { x, dy, dw, k, m });
+/// `dw += x^T dy`.
+pub(crate) fn outer_f32(x: &[f32], dy: &[f32], dw: &mut [f32], shape: Shape) {
+    Arch::new().dispatch(Outer { x, dy, dw, shape });
 }
 
 struct Product<'a> {
     x: &'a [f32],
     w: &'a [f32],
     y: &'a mut [f32],
-    k: usize,
-    m: usize,
+    shape: Shape,
     epilogue: Epilogue<'a, f32>,
 }
 
@@ -52,7 +55,7 @@ impl WithSimd for Product<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let vectors = self.m / S::F32_LANES;
+        let vectors = self.shape.outputs / S::F32_LANES;
         // 12 to 24 accumulators: enough to hide the latency of two multiply-add pipes, few enough to stay in registers.
         match (S::F32_LANES, vectors) {
             (16, 1) => self.panels::<S, 12, 1>(simd),
@@ -69,17 +72,18 @@ impl Product<'_> {
     /// All rows, `ROWS` at a time, then the rest one by one.
     #[inline(always)]
     fn panels<S: Simd, const ROWS: usize, const VECTORS: usize>(self, simd: S) {
-        let Self { x, w, y, k, m, epilogue } = self;
+        let Self { x, w, y, shape, epilogue } = self;
+        let (k, m) = (shape.inputs, shape.outputs);
         let (w, _) = S::as_simd_f32s(w);
         let bias = epilogue.bias.map(|b| S::as_simd_f32s(b).0);
         let mut x_blocks = x.chunks_exact(ROWS * k);
         let mut y_blocks = y.chunks_exact_mut(ROWS * m);
         for (x, y) in (&mut x_blocks).zip(&mut y_blocks) {
-            product_rows::<S, ROWS, VECTORS>(simd, x, w, y, (k, m), bias, epilogue.relu);
+            product_rows::<S, ROWS, VECTORS>(simd, x, w, y, shape, bias, epilogue.relu);
         }
         for (x, y) in x_blocks.remainder().chunks_exact(k).zip(y_blocks.into_remainder().chunks_exact_mut(m))
         {
-            product_rows::<S, 1, VECTORS>(simd, x, w, y, (k, m), bias, epilogue.relu);
+            product_rows::<S, 1, VECTORS>(simd, x, w, y, shape, bias, epilogue.relu);
         }
     }
 }
@@ -91,17 +95,18 @@ fn product_rows<S: Simd, const ROWS: usize, const VECTORS: usize>(
     x: &[f32],
     w: &[S::f32s],
     y: &mut [f32],
-    (k, m): (usize, usize),
+    shape: Shape,
     bias: Option<&[S::f32s]>,
     relu: bool,
 ) {
+    let Shape { inputs: k, used, outputs: m } = shape;
     let width = m / S::F32_LANES;
     let zero = simd.splat_f32s(0.0);
     let rows: [&[f32]; ROWS] = std::array::from_fn(|r| &x[r * k..(r + 1) * k]);
     for column in (0..width).step_by(VECTORS) {
         let start: [S::f32s; VECTORS] = std::array::from_fn(|v| bias.map_or(zero, |b| b[column + v]));
         let mut sums = [start; ROWS];
-        for (i, w) in w.chunks_exact(width).enumerate().take(k) {
+        for (i, w) in w.chunks_exact(width).enumerate().take(used) {
             let w = &w[column..column + VECTORS];
             for r in 0..ROWS {
                 let x = simd.splat_f32s(rows[r][i]);
@@ -123,8 +128,7 @@ struct Outer<'a> {
     x: &'a [f32],
     dy: &'a [f32],
     dw: &'a mut [f32],
-    k: usize,
-    m: usize,
+    shape: Shape,
 }
 
 impl WithSimd for Outer<'_> {
@@ -132,7 +136,7 @@ impl WithSimd for Outer<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let vectors = self.m / S::F32_LANES;
+        let vectors = self.shape.outputs / S::F32_LANES;
         match (S::F32_LANES, vectors) {
             (16, v) if v % 4 == 0 => self.blocks::<S, 4, 4>(simd),
             (16, v) if v % 2 == 0 => self.blocks::<S, 8, 2>(simd),
@@ -148,11 +152,12 @@ impl Outer<'_> {
     /// `INPUTS`.
     #[inline(always)]
     fn blocks<S: Simd, const INPUTS: usize, const VECTORS: usize>(self, simd: S) {
-        let Self { x, dy, dw, k, m } = self;
+        let Self { x, dy, dw, shape } = self;
+        let (k, m) = (shape.inputs, shape.outputs);
         let width = m / S::F32_LANES;
         let (dy, _) = S::as_simd_f32s(dy);
         let (dw, _) = S::as_mut_simd_f32s(dw);
-        for input in (0..k).step_by(INPUTS) {
+        for input in (0..shape.used).step_by(INPUTS) {
             for column in (0..width).step_by(VECTORS) {
                 let mut sums = [[simd.splat_f32s(0.0); VECTORS]; INPUTS];
                 for (x, dy) in x.chunks_exact(k).zip(dy.chunks_exact(width)) {
@@ -177,17 +182,12 @@ impl Outer<'_> {
 }
 
 /// The reference of [`matmul_f32`].
-pub(crate) fn matmul_f64(
-    x: &[f64],
-    w: &[f64],
-    y: &mut [f64],
-    k: usize,
-    m: usize,
-    epilogue: Epilogue<'_, f64>,
-) {
+pub(crate) fn matmul_f64(x: &[f64], w: &[f64], y: &mut [f64], shape: Shape, epilogue: Epilogue<'_, f64>) {
+    let (k, m) = (shape.inputs, shape.outputs);
     for (x, y) in x.chunks_exact(k).zip(y.chunks_exact_mut(m)) {
         for (column, y) in y.iter_mut().enumerate() {
-            let product: f64 = x.iter().enumerate().map(|(i, x)| x * w[i * m + column]).sum();
+            let product: f64 =
+                x.iter().take(shape.used).enumerate().map(|(i, x)| x * w[i * m + column]).sum();
             let sum = product + epilogue.bias.map_or(0.0, |b| b[column]);
             *y = if epilogue.relu { sum.max(0.0) } else { sum };
         }
@@ -195,9 +195,10 @@ pub(crate) fn matmul_f64(
 }
 
 /// The reference of [`outer_f32`].
-pub(crate) fn outer_f64(x: &[f64], dy: &[f64], dw: &mut [f64], k: usize, m: usize) {
+pub(crate) fn outer_f64(x: &[f64], dy: &[f64], dw: &mut [f64], shape: Shape) {
+    let (k, m) = (shape.inputs, shape.outputs);
     for (x, dy) in x.chunks_exact(k).zip(dy.chunks_exact(m)) {
-        for (i, x) in x.iter().enumerate() {
+        for (i, x) in x.iter().enumerate().take(shape.used) {
             for (column, dy) in dy.iter().enumerate() {
                 dw[i * m + column] += x * dy;
             }
@@ -229,18 +230,20 @@ mod tests {
 
     proptest! {
         #[test]
-        fn fast_products_agree_with_the_reference(seed: u64, n in 0..40_usize, k in 1..6_usize, m in 1..10_usize, relu: bool) {
-            let (k, m) = (k * LANES, m * LANES);
-            let (x, w, dy, bias) = (noise(seed, n * k), noise(seed ^ 1, k * m), noise(seed ^ 2, n * m), noise(seed ^ 3, m));
+        fn fast_products_agree_with_the_reference(seed: u64, n in 0..40_usize, used in 1..90_usize, m in 1..10_usize, relu: bool) {
+            let (k, m) = (padded(used), m * LANES);
+            let shape = Shape { inputs: k, used, outputs: m };
+            let (mut x, w, dy, bias) = (noise(seed, n * k), noise(seed ^ 1, k * m), noise(seed ^ 2, n * m), noise(seed ^ 3, m));
+            x.chunks_exact_mut(k).for_each(|row| row[used..].fill(0.0));
             let (mut y, mut exact) = (vec![0.0; n * m], vec![0.0; n * m]);
-            matmul_f32(&x, &w, &mut y, k, m, Epilogue { bias: Some(&bias), relu });
-            matmul_f64(&wide(&x), &wide(&w), &mut exact, k, m, Epilogue { bias: Some(&wide(&bias)), relu });
+            matmul_f32(&x, &w, &mut y, shape, Epilogue { bias: Some(&bias), relu });
+            matmul_f64(&wide(&x), &wide(&w), &mut exact, shape, Epilogue { bias: Some(&wide(&bias)), relu });
             prop_assert!(close(&y, &exact, k));
 
             let (mut dw, mut exact) = (noise(seed ^ 4, k * m), vec![]);
             exact.extend(wide(&dw));
-            outer_f32(&x, &dy, &mut dw, k, m);
-            outer_f64(&wide(&x), &wide(&dy), &mut exact, k, m);
+            outer_f32(&x, &dy, &mut dw, shape);
+            outer_f64(&wide(&x), &wide(&dy), &mut exact, shape);
             prop_assert!(close(&dw, &exact, n));
         }
     }

@@ -138,7 +138,7 @@ impl Case {
             let largest = analytic.iter().fold(0.0_f64, |m, g| m.max(g.abs()));
             for _ in 0..count.min(touched.len()) {
                 let i = touched[rng.random_range(0..touched.len())];
-                let step = 1e-5;
+                let step = 1e-6;
                 let nudged = |by: f64| {
                     let mut nudged = network.clone();
                     let parameters = match part {

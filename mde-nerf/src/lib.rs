@@ -24,9 +24,11 @@ mod mlp;
 mod nerf;
 mod network;
 mod optimiser;
+mod points;
 mod render;
 mod sampling;
 mod scalar;
+pub mod stages;
 #[cfg(feature = "serde")]
 mod store;
 mod train;

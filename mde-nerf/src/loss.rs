@@ -123,10 +123,14 @@ fn wasserstein<T: Scalar>(
 ) -> f64 {
     let target = frustum.disparity(depth.clamp(frustum.near, frustum.far));
     let mut loss = rendered.escaped().to_f64() * target;
-    for ((h, &t), w) in h.iter_mut().zip(&bins.depth).zip(&rendered.weights) {
-        let distance = (frustum.disparity(t.to_f64()) - target).abs();
-        loss += w.to_f64() * distance;
-        *h += T::from_f64(weight * (distance - target) / rays);
+    let scale = T::from_f64(weight / rays);
+    let narrow = T::from_f64(target);
+    let mut sum = T::ZERO;
+    for ((h, &disparity), &w) in h.iter_mut().zip(&bins.disparity).zip(&rendered.weights) {
+        let distance = (disparity - narrow).abs();
+        sum += w * distance;
+        *h += scale * (distance - narrow);
     }
+    loss += sum.to_f64();
     weight * loss
 }

@@ -1,9 +1,10 @@
 //! From a tile of rays to rendered pixels, and back to the parameters' gradients.
 
 use crate::config::Spacing;
-use crate::frustum::{Frustum, Ray};
+use crate::frustum::{Frustum, Line, Ray};
 use crate::network::{Gradients, Network, Tape};
-use crate::sampling::{blurred, edges, importance, stratified};
+use crate::points::Points;
+use crate::sampling::{blurred, edges, importance, merge, stratified};
 use crate::scalar::Scalar;
 use crate::volume::{Bins, Rendered, Shade};
 use mde_uncertainty::termination::InBinVariance;
@@ -35,29 +36,35 @@ pub(crate) struct March {
     pub(crate) rng: Option<CounterRng>,
 }
 
-/// One sample of a ray: where, and which row of which pass holds its point.
-#[derive(Debug, Clone, Copy)]
-struct Sample {
-    position: f64,
-    pass: usize,
-    row: usize,
+/// A ray on its way through the tile.
+#[derive(Debug, Default)]
+struct Traced<T> {
+    /// Positions of the first pass, sorted, and the row of its first one.
+    first: Vec<T>,
+    first_row: usize,
+    /// The same of the fine pass.
+    fine: Vec<T>,
+    fine_row: usize,
+    /// All of them, sorted, and where each comes from (see [`merge`]).
+    positions: Vec<T>,
+    places: Vec<u32>,
+    edges: Vec<T>,
+    shades: Vec<Shade<T>>,
 }
 
 /// Working memory of one tile of rays, kept from tile to tile.
 #[derive(Debug, Default)]
 pub(crate) struct Marcher<T> {
-    /// The coarse and the fine pass.
+    /// The first and the fine pass.
     passes: [Tape<T>; 2],
-    /// Samples of all rays of the tile, ray by ray, front to back.
-    samples: Vec<Vec<Sample>>,
+    /// Samples of the last forward pass.
+    samples: usize,
+    traced: Vec<Traced<T>>,
     pub(crate) bins: Vec<Bins<T>>,
-    shades: Vec<Vec<Shade<T>>>,
     pub(crate) rendered: Vec<Rendered<T>>,
-    d_shades: [Vec<Shade<T>>; 2],
-    positions: Vec<f64>,
-    edges: Vec<f64>,
-    weights: Vec<f64>,
-    blurred: Vec<f64>,
+    blurred: Vec<T>,
+    band: Vec<T>,
+    h: Vec<T>,
 }
 
 impl<T: Scalar> Marcher<T> {
@@ -69,143 +76,244 @@ impl<T: Scalar> Marcher<T> {
         rays: &mut [March],
         budget: &Budget,
     ) {
+        self.forward_with(&|tape| network.forward(tape), frustum, rays, budget);
+    }
+
+    /// The same with another way from a tape's points to its shades.
+    pub(crate) fn forward_with(
+        &mut self,
+        evaluate: &dyn Fn(&mut Tape<T>),
+        frustum: &Frustum,
+        rays: &mut [March],
+        budget: &Budget,
+    ) {
         let count = rays.len();
-        self.samples.resize_with(count, Vec::new);
+        self.traced.resize_with(count, Traced::default);
         self.bins.resize_with(count, Bins::default);
-        self.shades.resize_with(count, Vec::new);
         self.rendered.resize_with(count, Rendered::default);
         self.passes.iter_mut().for_each(|pass| pass.points.clear());
+        let range = Range::new(frustum, budget.spacing);
 
-        for (index, march) in rays.iter_mut().enumerate() {
-            self.place_first(index, march, frustum, budget);
-        }
-        network.forward(&mut self.passes[0]);
+        T::vectorized(
+            #[inline(always)]
+            || {
+                for (index, march) in rays.iter_mut().enumerate() {
+                    self.place_first(index, march, frustum, budget, &range);
+                }
+            },
+        );
+        self.samples = self.passes[0].points.len();
+        self.passes[0].points.pad();
+        evaluate(&mut self.passes[0]);
         if budget.fine > 0 {
-            for (index, march) in rays.iter_mut().enumerate() {
-                self.composite(index, march, frustum, budget);
-                self.place_fine(index, march, frustum, budget);
-            }
-            network.forward(&mut self.passes[1]);
+            T::vectorized(
+                #[inline(always)]
+                || {
+                    for (index, march) in rays.iter_mut().enumerate() {
+                        self.composite(index, march, frustum, budget, &range);
+                        self.place_fine(index, march, frustum, budget, &range);
+                    }
+                },
+            );
+            self.samples += self.passes[1].points.len();
+            self.passes[1].points.pad();
+            evaluate(&mut self.passes[1]);
         }
-        for (index, march) in rays.iter().enumerate() {
-            self.composite(index, march, frustum, budget);
-        }
+        T::vectorized(
+            #[inline(always)]
+            || {
+                for (index, march) in rays.iter().enumerate() {
+                    self.composite(index, march, frustum, budget, &range);
+                }
+            },
+        );
     }
 
-    /// Rows evaluated in the last forward pass.
+    /// Points of the first pass.
+    pub(crate) fn points(&self) -> &Points<T> {
+        &self.passes[0].points
+    }
+
+    /// Samples evaluated in the last forward pass.
     pub(crate) fn evaluated(&self) -> usize {
-        self.passes.iter().map(|pass| pass.points.len()).sum()
+        self.samples
     }
 
-    fn place_first(&mut self, index: usize, march: &mut March, frustum: &Frustum, budget: &Budget) {
-        let Self { samples, positions, .. } = self;
-        positions.clear();
+    #[inline(always)]
+    fn place_first(
+        &mut self,
+        index: usize,
+        march: &mut March,
+        frustum: &Frustum,
+        budget: &Budget,
+        range: &Range<T>,
+    ) {
+        let traced = &mut self.traced[index];
+        traced.first.clear();
+        traced.fine.clear();
         let rng = &mut march.rng;
         match march.guess {
             Some(depth) if budget.band > 0 => {
-                stratified(budget.coarse, 0.0, 1.0, rng.as_mut(), positions);
                 let at = |z: f64| frustum.fraction_at(z, budget.spacing);
                 let band = (at(depth * (1.0 - budget.band_width)), at(depth * (1.0 + budget.band_width)));
-                stratified(budget.band, band.0, band.1, rng.as_mut(), positions);
-                positions.sort_unstable_by(f64::total_cmp);
+                // The merged list is sorted; where its parts came from does not matter yet.
+                traced.positions.clear();
+                stratified(budget.coarse, 0.0, 1.0, rng.as_mut(), &mut traced.positions);
+                self.band.clear();
+                stratified(budget.band, band.0, band.1, rng.as_mut(), &mut self.band);
+                merge(&traced.positions, &self.band, &mut traced.first, &mut traced.places);
             }
-            _ => stratified(budget.coarse + budget.band, 0.0, 1.0, rng.as_mut(), positions),
+            _ => stratified(budget.coarse + budget.band, 0.0, 1.0, rng.as_mut(), &mut traced.first),
         }
-        samples[index].clear();
-        for i in 0..self.positions.len() {
-            self.push(index, 0, self.positions[i], march, frustum, budget);
-        }
+        traced.first_row = self.passes[0].points.len();
+        range.push(&traced.first, &frustum.line(&march.ray), &mut self.passes[0].points);
+        merge(&traced.first, &traced.fine, &mut traced.positions, &mut traced.places);
     }
 
-    fn place_fine(&mut self, index: usize, march: &mut March, frustum: &Frustum, budget: &Budget) {
-        self.positions.clear();
-        self.positions.extend(self.samples[index].iter().map(|s| s.position));
-        edges(&self.positions, &mut self.edges);
-        self.weights.clear();
-        self.weights.extend(self.rendered[index].weights.iter().map(|w| w.to_f64()));
-        blurred(&self.weights, &mut self.blurred);
-        self.positions.clear();
-        importance(budget.fine, &self.edges, &self.blurred, march.rng.as_mut(), &mut self.positions);
-        for i in 0..self.positions.len() {
-            self.push(index, 1, self.positions[i], march, frustum, budget);
-        }
-        self.samples[index].sort_by(|a, b| a.position.total_cmp(&b.position));
-    }
-
-    fn push(
+    #[inline(always)]
+    fn place_fine(
         &mut self,
         index: usize,
-        pass: usize,
-        position: f64,
-        march: &March,
+        march: &mut March,
         frustum: &Frustum,
         budget: &Budget,
+        range: &Range<T>,
     ) {
-        let points = &mut self.passes[pass].points;
-        self.samples[index].push(Sample { position, pass, row: points.len() });
-        let z = frustum.depth_at(position, budget.spacing);
-        points.push(frustum.cube(&(march.ray.origin + z * march.ray.direction)));
+        let traced = &mut self.traced[index];
+        blurred(&self.rendered[index].weights, &mut self.blurred);
+        importance(budget.fine, &traced.edges, &self.blurred, march.rng.as_mut(), &mut traced.fine);
+        traced.fine_row = self.passes[1].points.len();
+        range.push(&traced.fine, &frustum.line(&march.ray), &mut self.passes[1].points);
+        merge(&traced.first, &traced.fine, &mut traced.positions, &mut traced.places);
     }
 
     /// Bins and rendering of a ray from the samples it has so far.
-    fn composite(&mut self, index: usize, march: &March, frustum: &Frustum, budget: &Budget) {
-        let Self { samples, bins, shades, rendered, passes, edges: bounds, positions, .. } = self;
-        let (samples, bins, shades) = (&samples[index], &mut bins[index], &mut shades[index]);
-        positions.clear();
-        positions.extend(samples.iter().map(|s| s.position));
-        edges(positions, bounds);
-        let stretch = march.ray.direction.norm() / frustum.unit;
-        let depth = |x: f64| frustum.depth_at(x, budget.spacing);
-        bins.depth.clear();
-        bins.extent.clear();
-        bins.path.clear();
-        shades.clear();
-        for (sample, edge) in samples.iter().zip(bounds.windows(2)) {
-            let extent = depth(edge[1]) - depth(edge[0]);
-            bins.depth.push(T::from_f64(depth(sample.position)));
-            bins.extent.push(T::from_f64(extent));
-            bins.path.push(T::from_f64(extent * stretch));
-            shades.push(passes[sample.pass].shades[sample.row]);
-        }
-        rendered[index].composite(bins, shades, march.background.map(T::from_f64), budget.in_bin);
+    #[inline(always)]
+    fn composite(
+        &mut self,
+        index: usize,
+        march: &March,
+        frustum: &Frustum,
+        budget: &Budget,
+        range: &Range<T>,
+    ) {
+        let Self { traced, bins, rendered, passes, .. } = self;
+        let (traced, bins) = (&mut traced[index], &mut bins[index]);
+        edges(&traced.positions, &mut traced.edges);
+        let stretch = T::from_f64(march.ray.direction.norm() / frustum.unit);
+        bins.clear();
+        bins.depth.extend(traced.positions.iter().map(|&x| T::ONE / range.inverse_depth(x)));
+        bins.disparity.extend(traced.positions.iter().map(|&x| range.disparity(x)));
+        bins.extent.extend(traced.edges.windows(2).map(|e| range.extent(e[0], e[1])));
+        bins.path.extend(bins.extent.iter().map(|&e| e * stretch));
+        let firsts = traced.first.len();
+        traced.shades.clear();
+        traced.shades.extend(traced.places.iter().map(|&place| {
+            let place = place as usize;
+            if place < firsts {
+                passes[0].shades[traced.first_row + place]
+            } else {
+                passes[1].shades[traced.fine_row + place - firsts]
+            }
+        }));
+        rendered[index].composite(bins, &traced.shades, march.background.map(T::from_f64), budget.in_bin);
     }
 
-    /// Adds the parameters' gradients. `upstream(i, h)` is asked for ray `i`'s colour gradient and writes the
-    /// gradients of its weights, other than through the colour, to `h`.
+    /// Adds the parameters' gradients. `upstream(i, rendered, bins, h)` is asked for ray `i`'s colour gradient and writes
+    /// the gradients of its weights, other than through the colour, to `h`.
     pub(crate) fn backward(
         &mut self,
         network: &Network<T>,
         rays: &[March],
         gradients: &mut Gradients<T>,
-        mut upstream: impl FnMut(usize, &mut [T]) -> [T; 3],
+        mut upstream: impl FnMut(usize, &Rendered<T>, &Bins<T>, &mut [T]) -> [T; 3],
     ) {
-        for (d, pass) in self.d_shades.iter_mut().zip(&self.passes) {
-            d.clear();
-            d.resize(pass.points.len(), [T::ZERO; 4]);
+        let Self { traced, bins, rendered, passes, h, .. } = self;
+        for pass in passes.iter_mut() {
+            pass.d_shades.clear();
+            pass.d_shades.resize(pass.points.len(), [T::ZERO; 4]);
         }
-        let mut h = Vec::new();
-        for (index, march) in rays.iter().enumerate() {
-            let samples = &self.samples[index];
-            h.clear();
-            h.resize(samples.len(), T::ZERO);
-            let d_colour = upstream(index, &mut h);
-            let background = march.background.map(T::from_f64);
-            let d_shades = &mut self.d_shades;
-            self.rendered[index].backward(
-                &self.bins[index],
-                &self.shades[index],
-                background,
-                d_colour,
-                &mut h,
-                |j, d| {
-                    d_shades[samples[j].pass][samples[j].row] = d;
-                },
-            );
+        let [first_pass, fine_pass] = passes;
+        T::vectorized(
+            #[inline(always)]
+            || {
+                for (index, march) in rays.iter().enumerate() {
+                    let (traced, bins, rendered) = (&traced[index], &bins[index], &rendered[index]);
+                    h.clear();
+                    h.resize(traced.places.len(), T::ZERO);
+                    let d_colour = upstream(index, rendered, bins, h);
+                    let background = march.background.map(T::from_f64);
+                    let firsts = traced.first.len();
+                    rendered.backward(bins, &traced.shades, background, d_colour, h, |j, d| {
+                        let place = traced.places[j] as usize;
+                        if place < firsts {
+                            first_pass.d_shades[traced.first_row + place] = d;
+                        } else {
+                            fine_pass.d_shades[traced.fine_row + place - firsts] = d;
+                        }
+                    });
+                }
+            },
+        );
+        for pass in passes.iter_mut().filter(|pass| pass.points.len() > 0) {
+            network.backward(pass, gradients);
         }
-        for (pass, d) in self.passes.iter_mut().zip(&self.d_shades) {
-            if !pass.points.is_empty() {
-                network.backward(pass, d, gradients);
-            }
+    }
+}
+
+/// From positions to depths, in the field's own numbers.
+struct Range<T> {
+    spacing: Spacing,
+    near: T,
+    far: T,
+    /// Inverse depths of both ends.
+    inverse: [T; 2],
+    /// \\(1 / near - 1 / far\\).
+    width: T,
+}
+
+impl<T: Scalar> Range<T> {
+    fn new(frustum: &Frustum, spacing: Spacing) -> Self {
+        let (near, far) = (frustum.near, frustum.far);
+        Self {
+            spacing,
+            near: T::from_f64(near),
+            far: T::from_f64(far),
+            inverse: [T::from_f64(1.0 / near), T::from_f64(1.0 / far)],
+            width: T::from_f64(1.0 / near - 1.0 / far),
+        }
+    }
+
+    #[inline(always)]
+    fn inverse_depth(&self, x: T) -> T {
+        match self.spacing {
+            Spacing::Depth => T::ONE / (self.near + x * (self.far - self.near)),
+            Spacing::Disparity => self.inverse[0] - x * self.width,
+        }
+    }
+
+    /// Disparity scaled to 0 at far and 1 at near.
+    #[inline(always)]
+    fn disparity(&self, x: T) -> T {
+        match self.spacing {
+            Spacing::Depth => (self.inverse_depth(x) - self.inverse[1]) / self.width,
+            Spacing::Disparity => T::ONE - x,
+        }
+    }
+
+    /// Extent in depth between two positions, without the cancellation of a difference of depths.
+    #[inline(always)]
+    fn extent(&self, x: T, y: T) -> T {
+        match self.spacing {
+            Spacing::Depth => (y - x) * (self.far - self.near),
+            Spacing::Disparity => (y - x) * self.width / (self.inverse_depth(x) * self.inverse_depth(y)),
+        }
+    }
+
+    #[inline(always)]
+    fn push(&self, positions: &[T], line: &Line<T>, points: &mut Points<T>) {
+        for &x in positions {
+            points.push(line.cube(self.inverse_depth(x)));
         }
     }
 }

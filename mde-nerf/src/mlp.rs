@@ -1,6 +1,6 @@
 //! A multilayer perceptron over tiles of points, with its reverse mode by hand.
 
-use crate::gemm::{Epilogue, padded};
+use crate::gemm::{Epilogue, Shape, padded};
 use crate::scalar::Scalar;
 use mde_warp::random::CounterRng;
 use rand::RngExt;
@@ -10,7 +10,7 @@ use rand::RngExt;
 /// Layer \\(l\\): \\(Y_l = \max(0, X_l W_l + b_l)\\), one row a point; all widths padded with zeros.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Mlp<T> {
-    /// Padded widths, input first.
+    /// Used widths, input first; every matrix is padded.
     widths: Vec<usize>,
     /// Per layer: the weights `[inputs, outputs]`, then the bias `[outputs]`.
     pub(crate) parameters: Vec<T>,
@@ -18,23 +18,35 @@ pub(crate) struct Mlp<T> {
     transposed: Vec<T>,
 }
 
-/// What a pass over a tile leaves behind for the pass back: every layer's input, and the output.
+/// What a pass over a tile leaves behind for the pass back.
 #[derive(Debug, Default)]
 pub(crate) struct MlpTape<T> {
-    /// Row-major `[points, width]`, one a layer, input first, output last.
-    pub(crate) activations: Vec<Vec<T>>,
+    /// Every layer's output, row-major `[points, padded width]`.
+    activations: Vec<Vec<T>>,
     /// Gradients on the way back, current and next.
     upstream: [Vec<T>; 2],
+}
+
+impl<T: Scalar> MlpTape<T> {
+    /// The outputs of the last forward pass, `[points, padded output]`.
+    pub(crate) fn output(&self) -> &[T] {
+        self.activations.last().map_or(&[], Vec::as_slice)
+    }
+
+    /// Where the gradient of the outputs goes before a pass back: as long as they are, and zero.
+    pub(crate) fn d_output(&mut self) -> &mut [T] {
+        let length = self.output().len();
+        let d_output = &mut self.upstream[0];
+        d_output.clear();
+        d_output.resize(length, T::ZERO);
+        d_output
+    }
 }
 
 impl<T: Scalar> Mlp<T> {
     /// `widths` counts the used columns, input first; weights are drawn uniformly with He's variance \\(2 / n_{in}\\).
     pub(crate) fn new(widths: &[usize], seed: u64, purpose: &str) -> Self {
-        let mut mlp = Self {
-            widths: widths.iter().map(|&w| padded(w)).collect(),
-            parameters: Vec::new(),
-            transposed: Vec::new(),
-        };
+        let mut mlp = Self { widths: widths.to_vec(), parameters: Vec::new(), transposed: Vec::new() };
         for (layer, used) in widths.windows(2).enumerate() {
             let mut rng = CounterRng::new(seed, purpose, layer as u64, 0);
             let last = layer + 2 == widths.len();
@@ -55,7 +67,7 @@ impl<T: Scalar> Mlp<T> {
     /// An MLP of `widths` with the given parameters, or nothing where their number is wrong.
     pub(crate) fn from_parameters(widths: &[usize], parameters: Vec<T>) -> Option<Self> {
         let mut mlp = Self { parameters: Vec::new(), ..Self::new(widths, 0, "") };
-        let expected = mlp.layers().last().map_or(0, |(range, k, m)| range + (k + 1) * m);
+        let expected = mlp.layers().last().map_or(0, |l| l.start + (l.k + 1) * l.m);
         mlp.parameters = parameters;
         (mlp.parameters.len() == expected).then(|| {
             mlp.refresh();
@@ -63,15 +75,14 @@ impl<T: Scalar> Mlp<T> {
         })
     }
 
-    /// Per layer: where its parameters begin, and its padded input and output widths.
-    fn layers(&self) -> impl DoubleEndedIterator<Item = (usize, usize, usize)> + ExactSizeIterator + use<T> {
+    fn layers(&self) -> impl DoubleEndedIterator<Item = Layer> + ExactSizeIterator + use<T> {
         let mut start = 0;
         let layers: Vec<_> = self
             .widths
             .windows(2)
             .map(|w| {
-                let layer = (start, w[0], w[1]);
-                start += (w[0] + 1) * w[1];
+                let layer = Layer { start, k: padded(w[0]), m: padded(w[1]), used: [w[0], w[1]] };
+                start += (layer.k + 1) * layer.m;
                 layer
             })
             .collect();
@@ -80,81 +91,86 @@ impl<T: Scalar> Mlp<T> {
 
     /// Padded width of the input.
     pub(crate) fn input_width(&self) -> usize {
-        self.widths.first().copied().unwrap_or(0)
+        padded(self.widths.first().copied().unwrap_or(0))
     }
 
     /// Padded width of the output.
     pub(crate) fn output_width(&self) -> usize {
-        self.widths.last().copied().unwrap_or(0)
+        padded(self.widths.last().copied().unwrap_or(0))
     }
 
     /// To be called after the parameters changed: brings the transposed weights up to date.
     pub(crate) fn refresh(&mut self) {
         self.transposed.clear();
-        for (start, k, m) in self.layers() {
+        for Layer { start, k, m, .. } in self.layers() {
             let w = &self.parameters[start..start + k * m];
             self.transposed.extend((0..m).flat_map(|output| (0..k).map(move |input| w[input * m + output])));
         }
     }
 
-    /// Multiply-adds of a forward pass, a point.
+    /// Multiply-adds of a forward pass, a point, padding left out.
     pub(crate) fn multiply_adds(&self) -> usize {
-        self.layers().map(|(_, k, m)| k * m).sum()
+        self.layers().map(|l| l.used[0] * l.used[1]).sum()
     }
 
-    /// The outputs of `tape.activations[0]` (`[points, input]`), kept layer by layer in the tape.
-    pub(crate) fn forward(&self, tape: &mut MlpTape<T>) {
-        tape.activations.resize_with(self.widths.len(), Vec::new);
-        let points = tape.activations[0].len() / self.input_width().max(1);
+    /// The outputs for `input` (`[points, padded input]`), kept layer by layer in the tape.
+    pub(crate) fn forward(&self, input: &[T], tape: &mut MlpTape<T>) {
+        let points = input.len() / self.input_width().max(1);
         let count = self.layers().len();
-        for (layer, (start, k, m)) in self.layers().enumerate() {
-            let (before, after) = tape.activations.split_at_mut(layer + 1);
-            let (x, y) = (&before[layer], &mut after[0]);
+        tape.activations.resize_with(count, Vec::new);
+        for (index, Layer { start, k, m, used }) in self.layers().enumerate() {
+            let (before, after) = tape.activations.split_at_mut(index);
+            let (x, y) = (before.last().map_or(input, Vec::as_slice), &mut after[0]);
             y.resize(points * m, T::ZERO);
             let (w, rest) = self.parameters[start..].split_at(k * m);
-            T::matmul(x, w, y, k, m, Epilogue { bias: Some(&rest[..m]), relu: layer + 1 < count });
+            let shape = Shape { inputs: k, used: used[0], outputs: m };
+            T::matmul(x, w, y, shape, Epilogue { bias: Some(&rest[..m]), relu: index + 1 < count });
         }
     }
 
-    /// The outputs of the last forward pass, `[points, output]`.
-    pub(crate) fn output<'t>(&self, tape: &'t MlpTape<T>) -> &'t [T] {
-        tape.activations.last().map_or(&[], Vec::as_slice)
-    }
-
-    /// From the gradient of the outputs to that of the parameters (added to `gradient`) and, where asked for, of the inputs.
+    /// From the gradient of the outputs (in [`MlpTape::d_output`]) to that of the parameters (added to `gradient`) and,
+    /// where asked for, of the inputs.
     ///
     /// \\[ \frac{\partial L}{\partial W} \mathrel{+}= X^T G,\qquad \frac{\partial L}{\partial b} \mathrel{+}= 1^T G,\qquad
     ///     \frac{\partial L}{\partial X} = G W^T,\qquad G = \frac{\partial L}{\partial Y} \odot [Y > 0] \\]
     pub(crate) fn backward<'t>(
         &self,
+        input: &[T],
         tape: &'t mut MlpTape<T>,
-        d_output: &[T],
         gradient: &mut [T],
         want_input: bool,
     ) -> &'t [T] {
         let [current, next] = &mut tape.upstream;
-        current.clear();
-        current.extend_from_slice(d_output);
         let mut transposed_end = self.transposed.len();
-        for (layer, (start, k, m)) in self.layers().enumerate().rev() {
-            let x = &tape.activations[layer];
+        for (index, Layer { start, k, m, used }) in self.layers().enumerate().rev() {
+            let below = index.checked_sub(1).map(|i| tape.activations[i].as_slice());
+            let x = below.unwrap_or(input);
             let (d_weights, rest) = gradient[start..].split_at_mut(k * m);
-            T::outer(x, current, d_weights, k, m);
+            T::outer(x, current, d_weights, Shape { inputs: k, used: used[0], outputs: m });
             add_rows(current, &mut rest[..m]);
             let w = &self.transposed[transposed_end - k * m..transposed_end];
             transposed_end -= k * m;
-            if layer == 0 && !want_input {
+            if index == 0 && !want_input {
                 return &[];
             }
             next.resize(x.len(), T::ZERO);
-            T::matmul(current, w, next, m, k, Epilogue { bias: None, relu: false });
-            if layer > 0 {
-                mask(next, x);
+            let shape = Shape { inputs: m, used: used[1], outputs: k };
+            T::matmul(current, w, next, shape, Epilogue { bias: None, relu: false });
+            if let Some(activation) = below {
+                mask(next, activation);
             }
             std::mem::swap(current, next);
         }
         current
     }
+}
+
+/// A layer: its parameters begin at `start` with `[k, m]` weights; `used` of its inputs and outputs are not padding.
+struct Layer {
+    start: usize,
+    k: usize,
+    m: usize,
+    used: [usize; 2],
 }
 
 /// Adds the rows of `[points, width]` up.
@@ -187,6 +203,13 @@ fn mask<T: Scalar>(gradient: &mut [T], activation: &[T]) {
 mod tests {
     use super::*;
 
+    /// Noise in the used columns, `[points, padded]`.
+    fn rows(purpose: &str, points: usize, used: usize) -> Vec<f64> {
+        let mut rows = noise(purpose, points * padded(used));
+        rows.chunks_exact_mut(padded(used)).for_each(|row| row[used..].fill(0.0));
+        rows
+    }
+
     fn noise(purpose: &str, n: usize) -> Vec<f64> {
         let mut rng = CounterRng::new(5, purpose, 0, 0);
         (0..n).map(|_| 2.0 * rng.random::<f64>() - 1.0).collect()
@@ -203,17 +226,18 @@ mod tests {
         }
         mlp.refresh();
         let points = 3;
-        let input = noise("input", points * mlp.input_width());
-        let form = noise("form", points * mlp.output_width());
+        let input = rows("input", points, widths[0]);
+        let form = rows("form", points, widths[3]);
         let loss = |mlp: &Mlp<f64>, input: &[f64]| -> f64 {
-            let mut tape = MlpTape { activations: vec![input.to_vec()], ..Default::default() };
-            mlp.forward(&mut tape);
-            mlp.output(&tape).iter().zip(&form).map(|(y, f)| y * f).sum()
+            let mut tape = MlpTape::default();
+            mlp.forward(input, &mut tape);
+            tape.output().iter().zip(&form).map(|(y, f)| y * f).sum()
         };
-        let mut tape = MlpTape { activations: vec![input.clone()], ..Default::default() };
-        mlp.forward(&mut tape);
+        let mut tape = MlpTape::default();
+        mlp.forward(&input, &mut tape);
         let mut gradient = vec![0.0; mlp.parameters.len()];
-        let d_input = mlp.backward(&mut tape, &form, &mut gradient, true).to_vec();
+        tape.d_output().copy_from_slice(&form);
+        let d_input = mlp.backward(&input, &mut tape, &mut gradient, true).to_vec();
 
         let h = 1e-6;
         for (i, by_hand) in gradient.iter().enumerate() {
@@ -244,21 +268,24 @@ mod tests {
         let exact = Mlp::<f64>::new(&widths, 9, "test");
         let fast = Mlp::<f32>::new(&widths, 9, "test");
         let points = 37;
-        let input = noise("input", points * exact.input_width());
-        let form = noise("form", points * exact.output_width());
+        let input = rows("input", points, widths[0]);
+        let form = rows("form", points, widths[3]);
         let narrow = |v: &[f64]| v.iter().map(|&x| x as f32).collect::<Vec<_>>();
 
-        let mut tape = MlpTape { activations: vec![input.clone()], ..Default::default() };
-        exact.forward(&mut tape);
+        let mut tape = MlpTape::default();
+        exact.forward(&input, &mut tape);
         let mut gradient = vec![0.0; exact.parameters.len()];
-        exact.backward(&mut tape, &form, &mut gradient, false);
+        tape.d_output().copy_from_slice(&form);
+        exact.backward(&input, &mut tape, &mut gradient, false);
 
-        let mut fast_tape = MlpTape { activations: vec![narrow(&input)], ..Default::default() };
-        fast.forward(&mut fast_tape);
+        let mut fast_tape = MlpTape::default();
+        let narrow_input = narrow(&input);
+        fast.forward(&narrow_input, &mut fast_tape);
         let mut fast_gradient = vec![0.0; fast.parameters.len()];
-        fast.backward(&mut fast_tape, &narrow(&form), &mut fast_gradient, false);
+        fast_tape.d_output().copy_from_slice(&narrow(&form));
+        fast.backward(&narrow_input, &mut fast_tape, &mut fast_gradient, false);
 
-        for (f, e) in fast.output(&fast_tape).iter().zip(exact.output(&tape)) {
+        for (f, e) in fast_tape.output().iter().zip(tape.output()) {
             assert!((f64::from(*f) - e).abs() < 1e-5);
         }
         for (f, e) in fast_gradient.iter().zip(&gradient) {

@@ -2,8 +2,8 @@
 
 use crate::config::FieldConfig;
 use crate::encoding::{Frequency, HashGrid, HashLayout};
-use crate::gemm::padded;
 use crate::mlp::{Mlp, MlpTape};
+use crate::points::Points;
 use crate::scalar::Scalar;
 use crate::volume::Shade;
 
@@ -32,17 +32,21 @@ pub(crate) struct Gradients<T> {
     pub(crate) colour: Vec<T>,
     /// Per level `[points, features]`, in the order of `points`; empty for a frequency encoding.
     pub(crate) features: Vec<Vec<T>>,
-    pub(crate) points: Vec<[T; 3]>,
+    pub(crate) points: Points<T>,
 }
 
 /// What a forward pass over a tile leaves for the pass back.
 #[derive(Debug, Default)]
 pub(crate) struct Tape<T> {
-    pub(crate) points: Vec<[T; 3]>,
+    /// Padded to whole blocks.
+    pub(crate) points: Points<T>,
+    /// One a point.
     pub(crate) shades: Vec<Shade<T>>,
+    /// Gradients of `shades`, for the pass back.
+    pub(crate) d_shades: Vec<Shade<T>>,
+    features: Vec<T>,
     density: MlpTape<T>,
     colour: MlpTape<T>,
-    upstream: Vec<T>,
 }
 
 impl<T: Scalar> Network<T> {
@@ -91,7 +95,7 @@ impl<T: Scalar> Network<T> {
                 Encoding::Frequency(_) => Vec::new(),
                 Encoding::Hash(grid) => vec![Vec::new(); grid.layout.level_count()],
             },
-            points: Vec::new(),
+            points: Points::default(),
         }
     }
 
@@ -108,65 +112,87 @@ impl<T: Scalar> Network<T> {
 
     /// `tape.shades` of `tape.points`.
     pub(crate) fn forward(&self, tape: &mut Tape<T>) {
-        tape.density.activations.resize_with(1.max(tape.density.activations.len()), Vec::new);
-        let features = &mut tape.density.activations[0];
+        self.encode(tape);
+        self.evaluate(tape);
+    }
+
+    /// The points' features.
+    pub(crate) fn encode(&self, tape: &mut Tape<T>) {
+        let Tape { points, features, .. } = tape;
+        let stride = self.density.input_width();
+        // Nobody writes to the columns that pad a row: they stay zero.
+        features.resize(points.len() * stride, T::ZERO);
         match &self.encoding {
-            Encoding::Frequency(encoding) => {
-                encoding.forward(&tape.points, features, self.density.input_width())
-            }
-            Encoding::Hash(grid) => grid.forward(&tape.points, features, self.density.input_width()),
+            Encoding::Frequency(encoding) => encoding.forward(points, features, stride),
+            Encoding::Hash(grid) => grid.forward(points, features, stride),
         }
-        self.density.forward(&mut tape.density);
-        let raw = self.density.output(&tape.density);
-        let width = self.density.output_width();
-        tape.shades.clear();
-        if let Some(colour) = &self.colour {
-            tape.colour.activations.resize_with(1.max(tape.colour.activations.len()), Vec::new);
-            tape.colour.activations[0].clear();
-            tape.colour.activations[0].extend_from_slice(raw);
-            colour.forward(&mut tape.colour);
-            let rgb = colour.output(&tape.colour).chunks_exact(colour.output_width());
-            tape.shades
-                .extend(raw.chunks_exact(width).zip(rgb).map(|(d, c)| activate([d[0], c[0], c[1], c[2]])));
+    }
+
+    /// From features to shades.
+    pub(crate) fn evaluate(&self, tape: &mut Tape<T>) {
+        let Tape { points, shades, features, density, colour, .. } = tape;
+        self.density.forward(features, density);
+        shades.resize(points.len(), [T::ZERO; 4]);
+        let raw = density.output().chunks_exact(self.density.output_width());
+        if let Some(network) = &self.colour {
+            network.forward(density.output(), colour);
+            let rgb = colour.output().chunks_exact(network.output_width());
+            T::vectorized(
+                #[inline(always)]
+                || {
+                    for ((shade, d), c) in shades.iter_mut().zip(raw).zip(rgb) {
+                        *shade = activate([d[0], c[0], c[1], c[2]]);
+                    }
+                },
+            );
         } else {
-            tape.shades.extend(raw.chunks_exact(width).map(|d| activate([d[0], d[1], d[2], d[3]])));
+            T::vectorized(
+                #[inline(always)]
+                || {
+                    for (shade, d) in shades.iter_mut().zip(raw) {
+                        *shade = activate([d[0], d[1], d[2], d[3]]);
+                    }
+                },
+            );
         }
     }
 
     /// Adds the gradients of the parameters, given those of the tape's shades.
-    pub(crate) fn backward(&self, tape: &mut Tape<T>, d_shades: &[Shade<T>], gradients: &mut Gradients<T>) {
-        let Tape { points, shades, density, colour, upstream } = tape;
+    pub(crate) fn backward(&self, tape: &mut Tape<T>, gradients: &mut Gradients<T>) {
+        let Tape { points, shades, d_shades, features, density, colour } = tape;
         let width = self.density.output_width();
-        upstream.clear();
-        upstream.resize(points.len() * width, T::ZERO);
+        let pairs = || shades.iter().zip(d_shades.iter());
         if let Some(network) = &self.colour {
-            let colour_width = network.output_width();
-            let mut d_raw = vec![T::ZERO; points.len() * colour_width];
-            for ((row, shade), d) in d_raw.chunks_exact_mut(colour_width).zip(shades.iter()).zip(d_shades) {
+            let rows = colour.d_output().chunks_exact_mut(network.output_width());
+            for (row, (shade, d)) in rows.zip(pairs()) {
                 row[..3].copy_from_slice(&d_activate(shade, d)[1..]);
             }
-            let d_input = network.backward(colour, &d_raw, &mut gradients.colour, true);
-            upstream.copy_from_slice(d_input);
-            for ((row, shade), d) in upstream.chunks_exact_mut(width).zip(shades.iter()).zip(d_shades) {
+            let d_input = network.backward(density.output(), colour, &mut gradients.colour, true);
+            let d_raw = density.d_output();
+            d_raw.copy_from_slice(d_input);
+            for (row, (shade, d)) in d_raw.chunks_exact_mut(width).zip(pairs()) {
                 row[0] += d_activate(shade, d)[0];
             }
         } else {
-            for ((row, shade), d) in upstream.chunks_exact_mut(width).zip(shades.iter()).zip(d_shades) {
+            for (row, (shade, d)) in density.d_output().chunks_exact_mut(width).zip(pairs()) {
                 row[..4].copy_from_slice(&d_activate(shade, d));
             }
         }
         let Encoding::Hash(grid) = &self.encoding else {
-            self.density.backward(density, upstream, &mut gradients.density, false);
+            self.density.backward(features, density, &mut gradients.density, false);
             return;
         };
-        let d_features = self.density.backward(density, upstream, &mut gradients.density, true);
-        let count = grid.layout.features();
-        for row in d_features.chunks_exact(self.density.input_width()) {
-            for (level, of_level) in gradients.features.iter_mut().zip(row.chunks_exact(count)) {
-                level.extend_from_slice(of_level);
+        let d_features = self.density.backward(features, density, &mut gradients.density, true);
+        let (count, stride) = (grid.layout.features(), self.density.input_width());
+        for (level, of_level) in gradients.features.iter_mut().enumerate() {
+            let start = of_level.len();
+            of_level.resize(start + points.len() * count, T::ZERO);
+            let rows = d_features.chunks_exact(stride).map(|row| &row[level * count..][..count]);
+            for (to, from) in of_level[start..].chunks_exact_mut(count).zip(rows) {
+                to.copy_from_slice(from);
             }
         }
-        gradients.points.extend_from_slice(points);
+        gradients.points.extend(points);
     }
 }
 
@@ -198,7 +224,7 @@ impl Widths {
                 let outputs = c.geometry + 1;
                 Self {
                     density: stack(input, c.width, c.layers, outputs),
-                    colour: Some(stack(padded(outputs), c.width, 1, 3)),
+                    colour: Some(stack(outputs, c.width, 1, 3)),
                 }
             }
         }

@@ -1,67 +1,101 @@
 //! Positions along a ray, as fractions of its range.
 
+use crate::scalar::Scalar;
 use rand::{Rng, RngExt};
 
 /// Weight that the importance sampler adds to every bin, as a share of the whole, so that none is forgotten.
 const PADDING: f64 = 0.01;
 
 /// `count` positions over `[low, high]`, one in each of as many equal strata; in the middle without a generator.
-pub(crate) fn stratified(
+#[inline(always)]
+pub(crate) fn stratified<T: Scalar>(
     count: usize,
     low: f64,
     high: f64,
     mut rng: Option<&mut impl Rng>,
-    out: &mut Vec<f64>,
+    out: &mut Vec<T>,
 ) {
-    let step = (high - low) / count.max(1) as f64;
-    out.extend((0..count).map(|i| {
-        let jitter = rng.as_mut().map_or(0.5, |rng| rng.random::<f64>());
-        low + step * (i as f64 + jitter)
-    }));
+    let (low, step) = (T::from_f64(low), T::from_f64((high - low) / count.max(1) as f64));
+    out.extend((0..count).map(|i| low + step * (T::from_index(i as u32) + jitter(rng.as_mut()))));
+}
+
+/// Where in its stratum a sample lies.
+#[inline(always)]
+fn jitter<T: Scalar>(rng: Option<&mut impl Rng>) -> T {
+    rng.map_or(T::from_f64(0.5), |rng| T::from_f64(rng.random::<f64>()))
+}
+
+/// Merges two sorted lists; `out` gets each position with its place in `first`, or in `second` counted on from
+/// `first`'s end.
+#[inline(always)]
+pub(crate) fn merge<T: Scalar>(first: &[T], second: &[T], positions: &mut Vec<T>, places: &mut Vec<u32>) {
+    positions.clear();
+    places.clear();
+    let (mut i, mut j) = (0, 0);
+    while i < first.len() && j < second.len() {
+        let take_first = first[i] <= second[j];
+        let (position, place) = if take_first { (first[i], i) } else { (second[j], first.len() + j) };
+        i += usize::from(take_first);
+        j += usize::from(!take_first);
+        positions.push(position);
+        places.push(place as u32);
+    }
+    positions.extend_from_slice(&first[i..]);
+    places.extend(i as u32..first.len() as u32);
+    positions.extend_from_slice(&second[j..]);
+    places.extend((first.len() + j) as u32..(first.len() + second.len()) as u32);
 }
 
 /// Edges of the bins around sorted positions: halfway between neighbours, 0 and 1 at the ends.
-pub(crate) fn edges(positions: &[f64], out: &mut Vec<f64>) {
+#[inline(always)]
+pub(crate) fn edges<T: Scalar>(positions: &[T], out: &mut Vec<T>) {
+    let half = T::from_f64(0.5);
     out.clear();
-    out.push(0.0);
-    out.extend(positions.windows(2).map(|p| 0.5 * (p[0] + p[1])));
-    out.push(1.0);
+    out.push(T::ZERO);
+    out.extend(positions.windows(2).map(|p| half * (p[0] + p[1])));
+    out.push(T::ONE);
 }
 
 /// Weights that cover what point samples miss: each becomes the mean of the larger of it and either neighbour
 /// (Barron et al., 2021), and gets a little more.
 ///
 /// A surface between two samples shows in the one behind it only, though it may lie in the bin of the one before.
-pub(crate) fn blurred(weights: &[f64], out: &mut Vec<f64>) {
-    let at = |i: usize| weights.get(i).copied().unwrap_or(0.0);
-    let padding = PADDING * weights.iter().sum::<f64>().max(1e-6) / weights.len().max(1) as f64;
+#[inline(always)]
+pub(crate) fn blurred<T: Scalar>(weights: &[T], out: &mut Vec<T>) {
+    let total: T = weights.iter().copied().sum();
+    let padding = total.max(T::from_f64(1e-6)) * T::from_f64(PADDING / weights.len().max(1) as f64);
+    let half = T::from_f64(0.5);
     out.clear();
-    out.extend((0..weights.len()).map(|i| {
-        let before = if i > 0 { at(i - 1) } else { 0.0 };
-        0.5 * (at(i).max(before) + at(i).max(at(i + 1))) + padding
+    let mut before = T::ZERO;
+    out.extend(weights.iter().enumerate().map(|(i, &w)| {
+        let after = weights.get(i + 1).copied().unwrap_or(T::ZERO);
+        let blurred = half * (w.max(before) + w.max(after)) + padding;
+        before = w;
+        blurred
     }));
 }
 
 /// `count` positions drawn from the piecewise uniform density that puts `weights[i]` between `edges[i]` and
 /// `edges[i + 1]`, stratified over its distribution function; at the strata's middles without a generator.
-pub(crate) fn importance(
+#[inline(always)]
+pub(crate) fn importance<T: Scalar>(
     count: usize,
-    edges: &[f64],
-    weights: &[f64],
+    edges: &[T],
+    weights: &[T],
     mut rng: Option<&mut impl Rng>,
-    out: &mut Vec<f64>,
+    out: &mut Vec<T>,
 ) {
-    let total: f64 = weights.iter().sum();
+    let total: T = weights.iter().copied().sum();
+    let stratum = total / T::from_index(count.max(1) as u32);
     let mut bin = 0;
-    let mut below = 0.0;
+    let mut below = T::ZERO;
     for i in 0..count {
-        let jitter = rng.as_mut().map_or(0.5, |rng| rng.random::<f64>());
-        let target = total * (i as f64 + jitter) / count as f64;
+        let target = stratum * (T::from_index(i as u32) + jitter(rng.as_mut()));
         while bin + 1 < weights.len() && below + weights[bin] < target {
             below += weights[bin];
             bin += 1;
         }
-        let within = ((target - below) / weights[bin]).clamp(0.0, 1.0);
+        let within = ((target - below) / weights[bin]).max(T::ZERO).min(T::ONE);
         out.push(edges[bin] + within * (edges[bin + 1] - edges[bin]));
     }
 }
@@ -79,7 +113,7 @@ mod tests {
     proptest! {
         #[test]
         fn every_stratum_gets_one(seed: u64, count in 1..60_usize, low in 0.0..0.5_f64, width in 0.01..0.5_f64) {
-            let mut out = Vec::new();
+            let mut out = Vec::<f64>::new();
             stratified(count, low, low + width, Some(&mut rng(seed)), &mut out);
             for (i, x) in out.iter().enumerate() {
                 let stratum = ((x - low) / width * count as f64).floor() as usize;
@@ -102,6 +136,21 @@ mod tests {
                 let share = out.iter().filter(|&&x| x >= bounds[i] && x < bounds[i + 1]).count() as f64 / count as f64;
                 prop_assert!((share - w / total).abs() < 3.0 / count as f64 + 1e-9);
             }
+        }
+
+        #[test]
+        fn merging_sorts_and_keeps_track(seed: u64, a in 0..20_usize, b in 0..20_usize) {
+            let sorted = |index, n: usize| {
+                let mut list: Vec<f64> = Vec::new();
+                stratified(n, 0.0, 1.0, Some(&mut CounterRng::new(seed, "merge-test", 0, index)), &mut list);
+                list
+            };
+            let (first, second) = (sorted(0, a), sorted(1, b));
+            let (mut positions, mut places) = (Vec::new(), Vec::new());
+            merge(&first, &second, &mut positions, &mut places);
+            let both: Vec<f64> = first.iter().chain(&second).copied().collect();
+            prop_assert!(positions.windows(2).all(|w| w[0] <= w[1]) && positions.len() == a + b);
+            prop_assert!(positions.iter().zip(&places).all(|(p, &at)| *p == both[at as usize]));
         }
 
         /// The bin before a weight, where the surface that it saw may lie, gets at least half of it; none gets nothing.

@@ -1,17 +1,21 @@
-use crate::gemm::{self, Epilogue};
+use crate::gemm::{self, Epilogue, Shape};
 use mde_uncertainty::Real;
 
 /// What the field computes in: `f32` with vector kernels, `f64` with plain loops as the reference that gradients are
 /// checked against.
 pub(crate) trait Scalar: Real {
-    /// `y[n, m] = x[n, k] w[k, m]`, then the epilogue; `k` and `m` are padded widths.
-    fn matmul(x: &[Self], w: &[Self], y: &mut [Self], k: usize, m: usize, epilogue: Epilogue<'_, Self>);
-    /// `dw[k, m] += x[n, k]^T dy[n, m]`.
-    fn outer(x: &[Self], dy: &[Self], dw: &mut [Self], k: usize, m: usize);
+    /// `y = x w`, then the epilogue.
+    fn matmul(x: &[Self], w: &[Self], y: &mut [Self], shape: Shape, epilogue: Epilogue<'_, Self>);
+    /// `dw += x^T dy`.
+    fn outer(x: &[Self], dy: &[Self], dw: &mut [Self], shape: Shape);
     /// \\(e^x\\), to about 2 units in the last place; saturates instead of overflowing.
     fn fast_exp(self) -> Self;
-    /// \\((\sin x, \cos x)\\).
-    fn sin_cos(self) -> (Self, Self);
+    /// \\(\sin \pi x\\), for numbers below 2^20.
+    fn sin_pi(self) -> Self;
+    /// \\(\cos \pi x\\), for numbers below 2^20.
+    fn cos_pi(self) -> Self;
+    /// `self * a + b`, rounded once.
+    fn mul_add(self, a: Self, b: Self) -> Self;
     /// Truncation towards zero, for non-negative numbers below 2^31.
     fn to_index(self) -> u32;
     /// An index as a scalar.
@@ -27,12 +31,12 @@ pub(crate) trait Scalar: Real {
 }
 
 impl Scalar for f32 {
-    fn matmul(x: &[f32], w: &[f32], y: &mut [f32], k: usize, m: usize, epilogue: Epilogue<'_, f32>) {
-        gemm::matmul_f32(x, w, y, k, m, epilogue);
+    fn matmul(x: &[f32], w: &[f32], y: &mut [f32], shape: Shape, epilogue: Epilogue<'_, f32>) {
+        gemm::matmul_f32(x, w, y, shape, epilogue);
     }
 
-    fn outer(x: &[f32], dy: &[f32], dw: &mut [f32], k: usize, m: usize) {
-        gemm::outer_f32(x, dy, dw, k, m);
+    fn outer(x: &[f32], dy: &[f32], dw: &mut [f32], shape: Shape) {
+        gemm::outer_f32(x, dy, dw, shape);
     }
 
     /// Cephes' polynomial on \\([-\ln 2 / 2, \ln 2 / 2]\\), without a branch so that loops over it vectorise.
@@ -40,8 +44,6 @@ impl Scalar for f32 {
     fn fast_exp(self) -> f32 {
         const HIGH: f32 = 0.693_359_4;
         const LOW: f32 = -2.121_944_4e-4;
-        // Adding 1.5 * 2^23 rounds to the nearest integer.
-        const ROUND: f32 = 12_582_912.0;
         let x = self.clamp(-87.0, 88.0);
         let n = (x * std::f32::consts::LOG2_E + ROUND) - ROUND;
         let r = (x - n * HIGH) - n * LOW;
@@ -53,9 +55,34 @@ impl Scalar for f32 {
         p * f32::from_bits(((n as i32 + 127) as u32) << 23)
     }
 
+    /// Taylor's polynomial on \\([-1/2, 1/2]\\), to which whole turns reduce exactly.
     #[inline(always)]
-    fn sin_cos(self) -> (f32, f32) {
-        f32::sin_cos(self)
+    #[allow(clippy::excessive_precision, reason = "the digits of the series")]
+    fn sin_pi(self) -> f32 {
+        let (r, sign) = half_turns(self);
+        let q = r * r;
+        let mut p = -0.007_370_43_f32;
+        for c in [0.082_145_885, -0.599_264_5, 2.550_164, -5.167_713, std::f32::consts::PI] {
+            p = p * q + c;
+        }
+        f32::from_bits((p * r).to_bits() ^ sign)
+    }
+
+    #[inline(always)]
+    #[allow(clippy::excessive_precision, reason = "the digits of the series")]
+    fn cos_pi(self) -> f32 {
+        let (r, sign) = half_turns(self);
+        let q = r * r;
+        let mut p = 0.001_929_574_3_f32;
+        for c in [-0.025_806_89, 0.235_330_63, -1.335_262_8, 4.058_712, -4.934_802_2, 1.0] {
+            p = p * q + c;
+        }
+        f32::from_bits(p.to_bits() ^ sign)
+    }
+
+    #[inline(always)]
+    fn mul_add(self, a: f32, b: f32) -> f32 {
+        f32::mul_add(self, a, b)
     }
 
     #[inline(always)]
@@ -75,20 +102,28 @@ impl Scalar for f32 {
 }
 
 impl Scalar for f64 {
-    fn matmul(x: &[f64], w: &[f64], y: &mut [f64], k: usize, m: usize, epilogue: Epilogue<'_, f64>) {
-        gemm::matmul_f64(x, w, y, k, m, epilogue);
+    fn matmul(x: &[f64], w: &[f64], y: &mut [f64], shape: Shape, epilogue: Epilogue<'_, f64>) {
+        gemm::matmul_f64(x, w, y, shape, epilogue);
     }
 
-    fn outer(x: &[f64], dy: &[f64], dw: &mut [f64], k: usize, m: usize) {
-        gemm::outer_f64(x, dy, dw, k, m);
+    fn outer(x: &[f64], dy: &[f64], dw: &mut [f64], shape: Shape) {
+        gemm::outer_f64(x, dy, dw, shape);
     }
 
     fn fast_exp(self) -> f64 {
         self.exp()
     }
 
-    fn sin_cos(self) -> (f64, f64) {
-        f64::sin_cos(self)
+    fn sin_pi(self) -> f64 {
+        (self % 2.0 * std::f64::consts::PI).sin()
+    }
+
+    fn cos_pi(self) -> f64 {
+        (self % 2.0 * std::f64::consts::PI).cos()
+    }
+
+    fn mul_add(self, a: f64, b: f64) -> f64 {
+        self * a + b
     }
 
     fn to_index(self) -> u32 {
@@ -104,9 +139,29 @@ impl Scalar for f64 {
     }
 }
 
+/// Adding 1.5 * 2^23 rounds to the nearest integer.
+const ROUND: f32 = 12_582_912.0;
+
+/// The distance to the nearest whole number, and the sign bit that an odd one turns.
+#[inline(always)]
+fn half_turns(x: f32) -> (f32, u32) {
+    let shifted = x + ROUND;
+    (x - (shifted - ROUND), shifted.to_bits() << 31)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sines_and_cosines_of_half_turns() {
+        for i in -200_000..200_000 {
+            let x = i as f32 * 0.005_13;
+            let angle = (f64::from(x) % 2.0) * std::f64::consts::PI;
+            assert!((f64::from(x.sin_pi()) - angle.sin()).abs() < 3e-7, "{x}");
+            assert!((f64::from(x.cos_pi()) - angle.cos()).abs() < 3e-7, "{x}");
+        }
+    }
 
     #[test]
     fn the_fast_exponential_is_exact_to_two_units_in_the_last_place() {

@@ -13,7 +13,7 @@ use std::io::Write;
 use std::path::Path;
 
 /// Raised whenever the meaning of the tensors or of the header changes.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const HEADER: &str = "mde-nerf";
 
 #[derive(Serialize, Deserialize)]

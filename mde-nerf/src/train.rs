@@ -7,17 +7,18 @@ use crate::frustum::Frustum;
 use crate::loss::{DepthTerm, RayLoss, Target, ray_loss};
 use crate::march::{Budget, March, Marcher};
 use crate::network::{Encoding, Gradients, Network};
-use crate::optimiser::{Adam, AdamStep, Average, adam};
+use crate::optimiser::{AdamStep, Average, Moments, adam};
 use crate::scalar::Scalar;
 use crate::{Error, Result};
 use mde_uncertainty::termination::InBinVariance;
 use rayon::prelude::*;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// The batch is cut into this many groups, each summed in order; their sums are added in order. It bounds how many
 /// threads a step can use, and is the same for any number of them.
 const GROUPS: usize = 16;
 /// Points a tile aims at: its activations stay in the second-level cache.
-const TILE_POINTS: usize = 512;
+const TILE_POINTS: usize = 1024;
 /// Steps between two events.
 const REPORT_EVERY: usize = 20;
 /// Pixels a view on which the PSNR of the fit is measured.
@@ -43,29 +44,18 @@ pub(crate) fn tile_gradients<T: Scalar>(
     gradients: &mut Gradients<T>,
 ) -> RayLoss {
     marcher.forward(network, frustum, rays, budget);
-    // The pass back borrows the marcher; what the losses read is taken out first.
-    let rendered = std::mem::take(&mut marcher.rendered);
-    let bins = std::mem::take(&mut marcher.bins);
     let mut sum = RayLoss::default();
-    let mut upstream = Vec::with_capacity(rays.len());
-    for ((target, rendered), bins) in targets.iter().zip(&rendered).zip(&bins) {
-        let mut h = vec![T::ZERO; bins.depth.len()];
-        let (loss, d_colour) = ray_loss(target, rendered, bins, frustum, term, batch, &mut h);
+    marcher.backward(network, rays, gradients, |index, rendered, bins, h| {
+        let (loss, d_colour) = ray_loss(&targets[index], rendered, bins, frustum, term, batch, h);
         sum.squared_error += loss.squared_error;
         sum.total += loss.total;
-        upstream.push((h, d_colour));
-    }
-    marcher.rendered = rendered;
-    marcher.bins = bins;
-    marcher.backward(network, rays, gradients, |index, h| {
-        h.copy_from_slice(&upstream[index].0);
-        upstream[index].1
+        d_colour
     });
     sum
 }
 
 impl NerfConfig {
-    fn training_budget(&self) -> Budget {
+    pub(crate) fn training_budget(&self) -> Budget {
         let s = &self.sampling;
         Budget {
             coarse: s.coarse,
@@ -97,9 +87,82 @@ pub(crate) fn tile_rays(budget: &Budget) -> usize {
 
 /// Adam's state of a whole network.
 struct Optimiser {
-    table: Adam,
-    density: Adam,
-    colour: Adam,
+    table: Moments,
+    density: Moments,
+    colour: Moments,
+    /// Room for a level's gradient, one a thread that asks for it, all zero: so few that they stay in the cache.
+    rooms: Mutex<Vec<Vec<f32>>>,
+}
+
+/// A fit under way.
+pub(crate) struct Trainer<'a> {
+    network: &'a mut Network<f32>,
+    frustum: &'a Frustum,
+    pixels: &'a Pixels<'a>,
+    config: &'a NerfConfig,
+    seed: u64,
+    budget: Budget,
+    groups: Vec<Group<f32>>,
+    optimiser: Optimiser,
+    /// Steps made.
+    step: usize,
+}
+
+impl<'a> Trainer<'a> {
+    pub(crate) fn new(
+        network: &'a mut Network<f32>,
+        frustum: &'a Frustum,
+        pixels: &'a Pixels<'a>,
+        config: &'a NerfConfig,
+        seed: u64,
+    ) -> Self {
+        let group = || Group {
+            marcher: Marcher::default(),
+            gradients: network.gradients(),
+            loss: RayLoss::default(),
+            samples: 0,
+        };
+        let groups = (0..GROUPS).map(|_| group()).collect();
+        let optimiser = Optimiser {
+            table: match &network.encoding {
+                Encoding::Hash(grid) => grid.moments(),
+                Encoding::Frequency(_) => Moments::default(),
+            },
+            density: Moments::new(network.density.parameters.len(), 1),
+            colour: Moments::new(network.colour.as_ref().map_or(0, |c| c.parameters.len()), 1),
+            rooms: Mutex::default(),
+        };
+        let budget = config.training_budget();
+        Self { network, frustum, pixels, config, seed, budget, groups, optimiser, step: 0 }
+    }
+
+    /// The gradients of the next step's batch, left with the groups; returns the batch's loss.
+    pub(crate) fn gradients(&mut self) -> RayLoss {
+        let Self { network, frustum, pixels, config, seed, budget, groups, step, .. } = self;
+        let train = &config.train;
+        let progress = *step as f64 / (train.steps as f64 - 1.0).max(1.0);
+        let term = DepthTerm::at(train.depth_loss, progress);
+        let shared: &Network<f32> = network;
+        groups.par_iter_mut().enumerate().for_each(|(index, group)| {
+            group.run(index, shared, frustum, pixels, budget, (*seed, *step), (term, train.rays));
+        });
+        groups.iter().fold(RayLoss::default(), |sum, g| RayLoss {
+            squared_error: sum.squared_error + g.loss.squared_error,
+            total: sum.total + g.loss.total,
+        })
+    }
+
+    /// Steps along the groups' gradients, and clears them.
+    pub(crate) fn update(&mut self) {
+        let step = AdamStep::new(&self.config.train, self.step);
+        self.optimiser.step(self.network, &mut self.groups, step);
+        self.step += 1;
+    }
+
+    /// Samples evaluated so far.
+    pub(crate) fn samples(&self) -> u64 {
+        self.groups.iter().map(|g| g.samples).sum()
+    }
 }
 
 pub(crate) fn train(
@@ -111,45 +174,23 @@ pub(crate) fn train(
     observer: &mut dyn Observer,
 ) -> Result<FitReport> {
     let train = &config.train;
-    let budget = config.training_budget();
-    let mut groups: Vec<Group<f32>> = (0..GROUPS)
-        .map(|_| Group {
-            marcher: Marcher::default(),
-            gradients: network.gradients(),
-            loss: RayLoss::default(),
-            samples: 0,
-        })
-        .collect();
-    let mut optimiser = Optimiser {
-        table: Adam::new(if let Encoding::Hash(grid) = &network.encoding { grid.table.len() } else { 0 }),
-        density: Adam::new(network.density.parameters.len()),
-        colour: Adam::new(network.colour.as_ref().map_or(0, |c| c.parameters.len())),
-    };
+    let mut trainer = Trainer::new(network, frustum, pixels, config, seed);
     let mut averages: [Average; 3] = std::array::from_fn(|_| Average::new(train.average));
     let averaged_from = train.steps.saturating_sub(Average::span(train.average));
     let mut since_report = RayLoss::default();
     let mut report = FitReport { steps: train.steps, ..FitReport::default() };
 
     for step in 0..train.steps {
-        let progress = step as f64 / (train.steps as f64 - 1.0).max(1.0);
-        let term = DepthTerm::at(train.depth_loss, progress);
-        let shared: &Network<f32> = network;
-        groups.par_iter_mut().enumerate().for_each(|(index, group)| {
-            group.run(index, shared, frustum, pixels, &budget, (seed, step), (term, train.rays));
-        });
-        let sum = groups.iter().fold(RayLoss::default(), |sum, g| RayLoss {
-            squared_error: sum.squared_error + g.loss.squared_error,
-            total: sum.total + g.loss.total,
-        });
+        let sum = trainer.gradients();
         if !sum.total.is_finite() {
             return Err(Error::Diverged { step });
         }
+        trainer.update();
         since_report.squared_error += sum.squared_error / train.rays as f64;
         since_report.total += sum.total / train.rays as f64;
-        optimiser.step(network, &mut groups, AdamStep::new(train, step));
         if train.average > 0.0 && step >= averaged_from {
             let [table, density, colour] = &mut averages;
-            parameters(network).into_iter().zip([table, density, colour]).for_each(|(p, a)| a.add(p));
+            parameters(trainer.network).into_iter().zip([table, density, colour]).for_each(|(p, a)| a.add(p));
         }
         let done = step + 1;
         if done % REPORT_EVERY == 0 || done == train.steps {
@@ -163,6 +204,7 @@ pub(crate) fn train(
             }
         }
     }
+    report.samples = trainer.samples();
     for (p, average) in parameters(network).into_iter().zip(&averages) {
         average.write(p);
     }
@@ -170,7 +212,6 @@ pub(crate) fn train(
     if let Some(colour) = &mut network.colour {
         colour.refresh();
     }
-    report.samples = groups.iter().map(|g| g.samples).sum();
     report.psnr = psnr(network, frustum, pixels, &config.render_budget(), seed);
     Ok(report)
 }
@@ -189,10 +230,11 @@ impl Group<f32> {
     ) {
         self.loss = RayLoss::default();
         let (first, last) = (rays * index / GROUPS, rays * (index + 1) / GROUPS);
-        let mut ray = first;
-        while ray < last {
-            let tile = ray..last.min(ray + tile_rays(budget));
-            ray = tile.end;
+        // Tiles of one size: a small last one would cost as much as a whole one.
+        let tiles = ((last - first) as f64 / tile_rays(budget) as f64).round().max(1.0) as usize;
+        for tile in 0..tiles {
+            let at = |tile: usize| first + (last - first) * tile / tiles;
+            let tile = at(tile)..at(tile + 1);
             let (mut marches, targets): (Vec<_>, Vec<_>) = tile.map(|i| pixels.draw(seed, step, i)).unzip();
             let loss = tile_gradients(
                 network,
@@ -215,20 +257,20 @@ impl Optimiser {
     fn step(&mut self, network: &mut Network<f32>, groups: &mut [Group<f32>], step: AdamStep) {
         if let Encoding::Hash(grid) = &mut network.encoding {
             let layout = grid.layout.clone();
-            let [first, second, gradient] = self.table.parts().map(|part| layout.split_levels(part));
-            let levels =
-                layout.split_levels(&mut grid.table).into_par_iter().zip(first).zip(second).zip(gradient);
+            let Moments { first, second } = &mut self.table;
+            let (first, second) = (layout.split_levels(first), layout.split_rows(second));
+            let levels = layout.split_levels(&mut grid.table).into_par_iter().zip(first).zip(second);
             let groups: &[Group<f32>] = groups;
-            levels.enumerate().for_each(|(level, (((table, first), second), gradient))| {
-                for group in groups {
-                    layout.scatter(
-                        level,
-                        &group.gradients.points,
-                        &group.gradients.features[level],
-                        gradient,
-                    );
+            let rooms = &self.rooms;
+            levels.enumerate().for_each(|(level, ((table, first), second))| {
+                let mut room = lock(rooms).pop().unwrap_or_default();
+                room.resize(room.len().max(table.len()), 0.0);
+                let gradient = &mut room[..table.len()];
+                for Group { gradients: g, .. } in groups {
+                    layout.scatter(level, &g.points, &g.features[level], gradient);
                 }
-                adam(table, [first, second, gradient], step);
+                adam(table, [first, second], gradient, layout.features(), step);
+                lock(rooms).push(room);
             });
         }
         let networks = [Some(&mut network.density), network.colour.as_mut()];
@@ -236,15 +278,22 @@ impl Optimiser {
             networks.into_iter().zip([&mut self.density, &mut self.colour]).enumerate()
         {
             let Some(mlp) = mlp else { continue };
-            for group in groups.iter_mut() {
-                let part =
+            let part = |g: &mut Gradients<f32>| {
+                std::mem::take(if which == 0 { &mut g.density } else { &mut g.colour })
+            };
+            let mut sum = part(&mut groups[0].gradients);
+            for group in &mut groups[1..] {
+                let other =
                     if which == 0 { &mut group.gradients.density } else { &mut group.gradients.colour };
-                for (sum, g) in state.gradient.iter_mut().zip(part.iter_mut()) {
+                for (sum, g) in sum.iter_mut().zip(other) {
                     *sum += *g;
                     *g = 0.0;
                 }
             }
-            adam(&mut mlp.parameters, state.parts(), step);
+            adam(&mut mlp.parameters, [&mut state.first, &mut state.second], &mut sum, 1, step);
+            // It is zero again.
+            *if which == 0 { &mut groups[0].gradients.density } else { &mut groups[0].gradients.colour } =
+                sum;
             mlp.refresh();
         }
         for group in groups {
@@ -252,6 +301,11 @@ impl Optimiser {
             group.gradients.points.clear();
         }
     }
+}
+
+/// What is behind a lock; a panic elsewhere leaves rooms out, never half-written.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The parameters: table, density network, colour network; empty where there is none.

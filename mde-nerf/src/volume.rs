@@ -16,7 +16,20 @@ pub(crate) struct Bins<T> {
     pub(crate) depth: Vec<T>,
     pub(crate) extent: Vec<T>,
     pub(crate) path: Vec<T>,
+    /// Of the representative depth, scaled to 0 at far and 1 at near.
+    pub(crate) disparity: Vec<T>,
 }
+
+impl<T> Bins<T> {
+    pub(crate) fn clear(&mut self) {
+        for part in [&mut self.depth, &mut self.extent, &mut self.path, &mut self.disparity] {
+            part.clear();
+        }
+    }
+}
+
+/// Light and gradients below this count as none.
+const NEGLIGIBLE: f64 = 1e-18;
 
 /// A point's density and colour.
 pub(crate) type Shade<T> = [T; 4];
@@ -38,6 +51,7 @@ impl<T: Scalar> Rendered<T> {
     }
 
     /// Renders `shades` (one a bin, front to back) over `background`.
+    #[inline(always)]
     pub(crate) fn composite(
         &mut self,
         bins: &Bins<T>,
@@ -45,19 +59,21 @@ impl<T: Scalar> Rendered<T> {
         background: [T; 3],
         in_bin: InBinVariance,
     ) {
-        self.weights.clear();
-        self.behind.clear();
+        let Self { weights, behind, .. } = self;
+        // First what each bin lets through, all at once; then, one by one, what is left of the light.
+        behind.clear();
+        behind.extend(shades.iter().zip(&bins.path).map(|(shade, &path)| (-(shade[0] * path)).fast_exp()));
+        weights.clear();
         let mut transmittance = T::ONE;
         let mut colour = [T::ZERO; 3];
-        for (shade, &path) in shades.iter().zip(&bins.path) {
-            let keep = (-(shade[0] * path)).fast_exp();
-            let weight = transmittance * (T::ONE - keep);
-            transmittance = transmittance * keep;
+        for (keep, shade) in behind.iter_mut().zip(shades) {
+            let weight = transmittance * (T::ONE - *keep);
+            transmittance = flush(transmittance * *keep);
+            *keep = transmittance;
             for (c, &s) in colour.iter_mut().zip(&shade[1..]) {
                 *c += weight * s;
             }
-            self.weights.push(weight);
-            self.behind.push(transmittance);
+            weights.push(weight);
         }
         for (c, b) in colour.iter_mut().zip(background) {
             *c += transmittance * b;
@@ -66,6 +82,7 @@ impl<T: Scalar> Rendered<T> {
         self.depth = moments(&self.weights, &bins.depth, &bins.extent, in_bin);
     }
 
+    #[inline(always)]
     /// Gradients of the shades, one a bin, given those of the colour and, in `h`, those of the weights other than through
     /// the colour. `h` is overwritten.
     pub(crate) fn backward(
@@ -100,10 +117,10 @@ impl<T: Scalar> Rendered<T> {
     }
 }
 
-/// Gradients too small to matter become zero: products of them would be denormal, which is slow.
+/// What is too small to matter becomes zero: products of it would be denormal, which is slow.
 #[inline(always)]
-fn flush<T: Scalar>(gradient: T) -> T {
-    if gradient.abs() < T::from_f64(1e-18) { T::ZERO } else { gradient }
+fn flush<T: Scalar>(x: T) -> T {
+    if x.abs() < T::from_f64(NEGLIGIBLE) { T::ZERO } else { x }
 }
 
 /// \\(\partial \mu / \partial w_i\\) and \\(\partial \sigma^2 / \partial w_i\\) of Eq. 4-5 (midpoints):

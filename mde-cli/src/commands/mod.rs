@@ -1,6 +1,7 @@
 //! The subcommands.
 
 mod ablate;
+mod bench;
 mod config;
 mod demo;
 mod eval;
@@ -21,6 +22,7 @@ pub(crate) fn run(command: &Command) -> Result<()> {
         Command::Eval(args) => eval::run(args),
         Command::Ablate(args) => ablate::run(args),
         Command::Config(args) => config::run(args),
+        Command::Bench(args) => bench::run(args),
     }
 }
 

@@ -1,3 +1,4 @@
+use crate::points::{BLOCK, Points};
 use crate::scalar::Scalar;
 
 /// The frequency encoding of Mildenhall et al. (2020):
@@ -13,24 +14,32 @@ impl Frequency {
         3 + 6 * self.frequencies
     }
 
-    /// Features of `points` (in the unit cube), one row of `stride` each, padded with zeros.
-    pub(crate) fn forward<T: Scalar>(self, points: &[[T; 3]], features: &mut Vec<T>, stride: usize) {
-        features.clear();
-        features.resize(points.len() * stride, T::ZERO);
-        let two = T::ONE + T::ONE;
-        for (point, row) in points.iter().zip(features.chunks_exact_mut(stride)) {
-            for (axis, &q) in point.iter().enumerate() {
-                let q = two * q - T::ONE;
-                row[axis] = q;
-                let (mut sin, mut cos) = (q * T::from_f64(std::f64::consts::PI)).sin_cos();
-                for k in 0..self.frequencies {
-                    row[3 + 6 * k + axis] = sin;
-                    row[6 + 6 * k + axis] = cos;
-                    // The next octave by the double angle.
-                    (sin, cos) = (two * sin * cos, T::ONE - two * sin * sin);
+    /// Features of `points`, one row of `stride` each; columns beyond are left as they are.
+    pub(crate) fn forward<T: Scalar>(self, points: &Points<T>, features: &mut [T], stride: usize) {
+        T::vectorized(
+            #[inline(always)]
+            || {
+                for (block, rows) in points.blocks().zip(features.chunks_exact_mut(BLOCK * stride)) {
+                    for (axis, q) in block.into_iter().enumerate() {
+                        let mut angle = q.map(|q| (T::ONE + T::ONE) * q - T::ONE);
+                        put(rows, stride, axis, angle);
+                        for k in 0..self.frequencies {
+                            put(rows, stride, 3 + 6 * k + axis, angle.map(T::sin_pi));
+                            put(rows, stride, 6 + 6 * k + axis, angle.map(T::cos_pi));
+                            // Doubling a float is exact, so every octave is as exact as the first.
+                            angle = angle.map(|a| a + a);
+                        }
+                    }
                 }
-            }
-        }
+            },
+        );
+    }
+}
+
+#[inline(always)]
+fn put<T: Copy>(rows: &mut [T], stride: usize, column: usize, values: [T; BLOCK]) {
+    for (row, value) in rows.chunks_exact_mut(stride).zip(values) {
+        row[column] = value;
     }
 }
 
@@ -42,13 +51,16 @@ mod tests {
     fn octaves_are_sines_and_cosines_of_the_doubled_angle() {
         let encoding = Frequency { frequencies: 10 };
         let point = [0.3_f32, 0.81, 0.5];
-        let mut features = Vec::new();
-        encoding.forward(&[point], &mut features, 64);
+        let mut points = Points::default();
+        points.push(point);
+        points.pad();
+        let mut features = vec![0.0; BLOCK * 64];
+        encoding.forward(&points, &mut features, 64);
         for k in 0..10 {
             for (axis, &q) in point.iter().enumerate() {
-                let angle = f64::from(1_u32 << k) * std::f64::consts::PI * (2.0 * f64::from(q) - 1.0);
-                assert!((f64::from(features[3 + 6 * k + axis]) - angle.sin()).abs() < 2e-4);
-                assert!((f64::from(features[6 + 6 * k + axis]) - angle.cos()).abs() < 2e-4);
+                let angle = f64::from(1_u32 << k) * std::f64::consts::PI * f64::from(2.0 * q - 1.0);
+                assert!((f64::from(features[3 + 6 * k + axis]) - angle.sin()).abs() < 1e-6);
+                assert!((f64::from(features[6 + 6 * k + axis]) - angle.cos()).abs() < 1e-6);
             }
         }
         assert_eq!(features[63], 0.0);

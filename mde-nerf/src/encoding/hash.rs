@@ -1,11 +1,13 @@
+use crate::optimiser::Moments;
+use crate::points::{BLOCK, Points};
 use crate::scalar::Scalar;
 use mde_warp::random::CounterRng;
 use rand::RngExt;
 
-/// The most features a row may have.
-pub(crate) const MAX_FEATURES: usize = 8;
-
-/// The shape of a multiresolution hash grid (Müller et al., 2022).
+/// The shape of a multiresolution hash grid after Müller et al. (2022).
+///
+/// What is hashed is a column of corners, not a corner: the depth axis runs on from the row that \\((u, v)\\ hashes to. So
+/// the two corners of a cell edge along the ray are neighbours in memory, and one load fetches both.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct HashLayout {
     features: usize,
@@ -20,6 +22,18 @@ struct Level {
     rows: usize,
     /// Every corner has a row of its own.
     dense: bool,
+    /// Columns begin at one of the first `mask + 1` rows, where they are hashed.
+    mask: u32,
+}
+
+/// The cells around a block of points.
+struct Cells<T> {
+    /// Per corner of the \\((u, v)\\ square: the row of the nearer end of its edge along depth.
+    rows: [[u32; BLOCK]; 4],
+    /// Bilinear weights of those corners.
+    weights: [[T; BLOCK]; 4],
+    /// How far along that edge the point lies.
+    depth: [T; BLOCK],
 }
 
 /// The grid's table: `features` numbers a row, the rows level by level.
@@ -30,7 +44,8 @@ pub(crate) struct HashGrid<T> {
 }
 
 impl HashLayout {
-    /// `levels` grids from `coarsest` to `finest` cells a side in geometric steps, at most `2^log2_rows` rows each.
+    /// `levels` grids from `coarsest` to `finest` cells a side in geometric steps. A grid of more than `2^log2_rows`
+    /// corners hashes its columns to as many starts.
     pub(crate) fn new(levels: usize, features: usize, log2_rows: u32, coarsest: u32, finest: u32) -> Self {
         let growth = if levels > 1 {
             (f64::from(finest) / f64::from(coarsest)).powf(1.0 / (levels - 1) as f64)
@@ -43,9 +58,11 @@ impl HashLayout {
                 // The small addend keeps the last level at `finest` where the power rounds down.
                 let cells = (f64::from(coarsest) * growth.powi(level as i32) + 1e-6).floor() as u32;
                 let corners = (u64::from(cells) + 1).pow(3);
-                let dense = corners <= 1 << log2_rows;
-                let rows = if dense { corners as usize } else { 1 << log2_rows };
-                let level = Level { cells, first_row, rows, dense };
+                let starts = 1_u32 << log2_rows;
+                let dense = corners <= u64::from(starts);
+                // The column that starts last still has all its corners.
+                let rows = if dense { corners as usize } else { starts as usize + cells as usize };
+                let level = Level { cells, first_row, rows, dense, mask: starts - 1 };
                 first_row += rows;
                 level
             })
@@ -73,12 +90,21 @@ impl HashLayout {
     }
 
     /// A mutable slice a level of a vector that is laid out like the table.
-    pub(crate) fn split_levels<'t, T>(&self, mut table: &'t mut [T]) -> Vec<&'t mut [T]> {
+    pub(crate) fn split_levels<'t, T>(&self, table: &'t mut [T]) -> Vec<&'t mut [T]> {
+        self.split(table, self.features)
+    }
+
+    /// The same of a vector with one entry a row.
+    pub(crate) fn split_rows<'t, T>(&self, rows: &'t mut [T]) -> Vec<&'t mut [T]> {
+        self.split(rows, 1)
+    }
+
+    fn split<'t, T>(&self, mut all: &'t mut [T], width: usize) -> Vec<&'t mut [T]> {
         self.levels
             .iter()
             .map(|level| {
-                let (head, tail) = std::mem::take(&mut table).split_at_mut(level.rows * self.features);
-                table = tail;
+                let (head, tail) = std::mem::take(&mut all).split_at_mut(level.rows * width);
+                all = tail;
                 head
             })
             .collect()
@@ -88,15 +114,16 @@ impl HashLayout {
     pub(crate) fn scatter<T: Scalar>(
         &self,
         level: usize,
-        points: &[[T; 3]],
+        points: &Points<T>,
         d_features: &[T],
         gradient: &mut [T],
     ) {
+        let level = &self.levels[level];
         match self.features {
-            1 => scatter::<T, 1>(&self.levels[level], points, d_features, gradient),
-            2 => scatter::<T, 2>(&self.levels[level], points, d_features, gradient),
-            4 => scatter::<T, 4>(&self.levels[level], points, d_features, gradient),
-            _ => scatter::<T, MAX_FEATURES>(&self.levels[level], points, d_features, gradient),
+            1 => level.scatter::<T, 1, 2>(points, d_features, gradient),
+            2 => level.scatter::<T, 2, 4>(points, d_features, gradient),
+            4 => level.scatter::<T, 4, 8>(points, d_features, gradient),
+            _ => level.scatter::<T, 8, 16>(points, d_features, gradient),
         }
     }
 }
@@ -110,36 +137,53 @@ impl<T: Scalar> HashGrid<T> {
         Self { layout, table }
     }
 
-    /// Features of `points` (in the unit cube), one row of `stride` each, level by level, padded with zeros.
+    /// Moments for all rows.
+    pub(crate) fn moments(&self) -> Moments {
+        Moments::new(self.layout.levels.iter().map(|l| l.rows).sum(), self.layout.features)
+    }
+
+    /// Features of `points`, one row of `stride` each, level by level; columns beyond are left as they are.
     ///
     /// Per level the trilinear mean of the cell's eight corner rows.
-    pub(crate) fn forward(&self, points: &[[T; 3]], features: &mut Vec<T>, stride: usize) {
-        features.clear();
-        features.resize(points.len() * stride, T::ZERO);
+    pub(crate) fn forward(&self, points: &Points<T>, features: &mut [T], stride: usize) {
         match self.layout.features {
-            1 => self.gather::<1>(points, features, stride),
-            2 => self.gather::<2>(points, features, stride),
-            4 => self.gather::<4>(points, features, stride),
-            _ => self.gather::<MAX_FEATURES>(points, features, stride),
+            1 => self.gather::<1, 2>(points, features, stride),
+            2 => self.gather::<2, 4>(points, features, stride),
+            4 => self.gather::<4, 8>(points, features, stride),
+            _ => self.gather::<8, 16>(points, features, stride),
         }
     }
 
-    fn gather<const F: usize>(&self, points: &[[T; 3]], features: &mut [T], stride: usize) {
+    /// `PAIR` is `2 F`: the features of both ends of an edge.
+    fn gather<const F: usize, const PAIR: usize>(
+        &self,
+        points: &Points<T>,
+        features: &mut [T],
+        stride: usize,
+    ) {
         T::vectorized(
             #[inline(always)]
             || {
+                // Level by level, so that one level's rows at a time fill the cache.
                 for (index, level) in self.layout.levels.iter().enumerate() {
-                    let (rows, _) = self.table[level.first_row * F..][..level.rows * F].as_chunks::<F>();
-                    for (point, out) in points.iter().zip(features.chunks_exact_mut(stride)) {
-                        let (corners, weights) = level.corners(point);
-                        let mut sum = [T::ZERO; F];
-                        for (corner, weight) in corners.into_iter().zip(weights) {
-                            let row = &rows[corner as usize];
-                            for f in 0..F {
-                                sum[f] += weight * row[f];
+                    let table = &self.table[level.first_row * F..][..level.rows * F];
+                    for (block, out) in points.blocks().zip(features.chunks_exact_mut(BLOCK * stride)) {
+                        let cells = level.cells(block);
+                        for (lane, out) in out.chunks_exact_mut(stride).enumerate() {
+                            let mut sum = [T::ZERO; PAIR];
+                            for corner in 0..4 {
+                                let weight = cells.weights[corner][lane];
+                                let row = cells.rows[corner][lane] as usize * F;
+                                for (sum, &x) in sum.iter_mut().zip(&table[row..row + PAIR]) {
+                                    *sum = weight.mul_add(x, *sum);
+                                }
+                            }
+                            let depth = cells.depth[lane];
+                            let (near, far) = sum.split_at(F);
+                            for ((out, &near), &far) in out[index * F..][..F].iter_mut().zip(near).zip(far) {
+                                *out = depth.mul_add(far - near, near);
                             }
                         }
-                        out[index * F..(index + 1) * F].copy_from_slice(&sum);
                     }
                 }
             },
@@ -147,69 +191,76 @@ impl<T: Scalar> HashGrid<T> {
     }
 }
 
-fn scatter<T: Scalar, const F: usize>(
-    level: &Level,
-    points: &[[T; 3]],
-    d_features: &[T],
-    gradient: &mut [T],
-) {
-    T::vectorized(
-        #[inline(always)]
-        || {
-            let (rows, _) = gradient.as_chunks_mut::<F>();
-            for (point, d) in points.iter().zip(d_features.as_chunks::<F>().0) {
-                if d.iter().all(|&d| d == T::ZERO) {
-                    continue;
-                }
-                let (corners, weights) = level.corners(point);
-                for (corner, weight) in corners.into_iter().zip(weights) {
-                    let row = &mut rows[corner as usize];
-                    for f in 0..F {
-                        row[f] += weight * d[f];
+impl Level {
+    fn scatter<T: Scalar, const F: usize, const PAIR: usize>(
+        &self,
+        points: &Points<T>,
+        d_features: &[T],
+        gradient: &mut [T],
+    ) {
+        T::vectorized(
+            #[inline(always)]
+            || {
+                let d_blocks = d_features.chunks_exact(BLOCK * F);
+                for (block, d) in points.blocks().zip(d_blocks) {
+                    let cells = self.cells(block);
+                    for (lane, d) in d.as_chunks::<F>().0.iter().enumerate() {
+                        if d.iter().all(|&d| d == T::ZERO) {
+                            continue;
+                        }
+                        let depth = cells.depth[lane];
+                        let mut edge = [T::ZERO; PAIR];
+                        for f in 0..F {
+                            edge[F + f] = depth * d[f];
+                            edge[f] = d[f] - edge[F + f];
+                        }
+                        for corner in 0..4 {
+                            let weight = cells.weights[corner][lane];
+                            let row = cells.rows[corner][lane] as usize * F;
+                            for (sum, &d) in gradient[row..row + PAIR].iter_mut().zip(&edge) {
+                                *sum = weight.mul_add(d, *sum);
+                            }
+                        }
                     }
                 }
-            }
-        },
-    );
-}
+            },
+        );
+    }
 
-impl Level {
-    /// Rows and trilinear weights of the corners around a point of the unit cube.
-    ///
-    /// The third axis (depth) runs fastest, so neighbouring samples of a ray share cache lines.
     #[inline(always)]
-    fn corners<T: Scalar>(&self, point: &[T; 3]) -> ([u32; 8], [T; 8]) {
-        let mut low = [0_u32; 3];
-        let mut fraction = [T::ZERO; 3];
-        for axis in 0..3 {
-            let x = point[axis].max(T::ZERO).min(T::ONE) * T::from_index(self.cells);
-            low[axis] = x.to_index().min(self.cells - 1);
-            fraction[axis] = x - T::from_index(low[axis]);
+    fn cells<T: Scalar>(&self, block: [&[T; BLOCK]; 3]) -> Cells<T> {
+        if self.dense { self.cells_of::<T, true>(block) } else { self.cells_of::<T, false>(block) }
+    }
+
+    #[inline(always)]
+    fn cells_of<T: Scalar, const DENSE: bool>(&self, block: [&[T; BLOCK]; 3]) -> Cells<T> {
+        let corners = self.cells + 1;
+        let (u_step, v_step) =
+            if DENSE { (corners, corners * corners) } else { (2_654_435_761, 805_459_861) };
+        let scale = T::from_index(self.cells);
+        let mut cells =
+            Cells { rows: [[0; BLOCK]; 4], weights: [[T::ZERO; BLOCK]; 4], depth: [T::ZERO; BLOCK] };
+        let points = block[0].iter().zip(block[1]).zip(block[2]);
+        for (lane, ((&u, &v), &s)) in points.enumerate() {
+            let mut low = [0_u32; 3];
+            let mut fraction = [u, v, s];
+            for (low, x) in low.iter_mut().zip(&mut fraction) {
+                *x = x.max(T::ZERO).min(T::ONE) * scale;
+                *low = x.to_index().min(self.cells - 1);
+                *x -= T::from_index(*low);
+            }
+            cells.depth[lane] = fraction[2];
+            let (u, v) = (low[0].wrapping_mul(u_step), low[1].wrapping_mul(v_step));
+            let (us, vs) = ([u, u.wrapping_add(u_step)], [v, v.wrapping_add(v_step)]);
+            let (wu, wv) = ([T::ONE - fraction[0], fraction[0]], [T::ONE - fraction[1], fraction[1]]);
+            for corner in 0..4 {
+                let (i, j) = (corner >> 1, corner & 1);
+                let start = if DENSE { vs[i] + us[j] } else { (vs[i] ^ us[j]) & self.mask };
+                cells.rows[corner][lane] = start + low[2];
+                cells.weights[corner][lane] = wv[i] * wu[j];
+            }
         }
-        let [u, v, s] = low;
-        let (u_step, v_step) = if self.dense {
-            (self.cells + 1, (self.cells + 1) * (self.cells + 1))
-        } else {
-            (2_654_435_761, 805_459_861)
-        };
-        let us = [u.wrapping_mul(u_step), (u + 1).wrapping_mul(u_step)];
-        let vs = [v.wrapping_mul(v_step), (v + 1).wrapping_mul(v_step)];
-        let wu = [T::ONE - fraction[0], fraction[0]];
-        let wv = [T::ONE - fraction[1], fraction[1]];
-        let ws = [T::ONE - fraction[2], fraction[2]];
-        let mut rows = [0; 8];
-        let mut weights = [T::ZERO; 8];
-        for corner in 0..8_usize {
-            let [i, j, k] = [corner >> 2 & 1, corner >> 1 & 1, corner & 1];
-            let depth = s + k as u32;
-            rows[corner] = if self.dense {
-                vs[i] + us[j] + depth
-            } else {
-                (vs[i] ^ us[j] ^ depth) & (self.rows as u32 - 1)
-            };
-            weights[corner] = wv[i] * wu[j] * ws[k];
-        }
-        (rows, weights)
+        cells
     }
 }
 
@@ -222,6 +273,13 @@ mod tests {
         HashLayout::new(4, 2, 9, 4, 32)
     }
 
+    fn padded(points: &[[f64; 3]]) -> Points<f64> {
+        let mut list = Points::default();
+        points.iter().for_each(|&p| list.push(p));
+        list.pad();
+        list
+    }
+
     fn cube() -> impl Strategy<Value = [f64; 3]> {
         [0.0..=1.0_f64, 0.0..=1.0_f64, 0.0..=1.0_f64]
     }
@@ -230,9 +288,11 @@ mod tests {
         #[test]
         fn corner_weights_add_up_to_one_and_rows_exist(point in cube()) {
             for level in &layout().levels {
-                let (rows, weights) = level.corners(&point);
-                prop_assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
-                prop_assert!(rows.iter().all(|&r| (r as usize) < level.rows));
+                let points = padded(&[point]);
+                let cells = level.cells(points.blocks().next().unwrap());
+                prop_assert!((cells.weights.iter().map(|w| w[0]).sum::<f64>() - 1.0).abs() < 1e-12);
+                prop_assert!((0.0..=1.0).contains(&cells.depth[0]));
+                prop_assert!(cells.rows.iter().all(|r| (r[0] as usize) + 1 < level.rows));
             }
         }
 
@@ -246,8 +306,8 @@ mod tests {
                 .map(|row| linear([row / n % n, row / n / n, row % n].map(|i| i as f64 / 8.0)))
                 .collect();
             let grid = HashGrid { layout, table };
-            let mut features = Vec::new();
-            grid.forward(&[point], &mut features, 1);
+            let mut features = vec![0.0; BLOCK];
+            grid.forward(&padded(&[point]), &mut features, 1);
             prop_assert!((features[0] - linear(point)).abs() < 1e-12);
         }
 
@@ -258,11 +318,12 @@ mod tests {
             let mut grid = HashGrid::<f64>::new(layout.clone(), seed);
             grid.table.iter_mut().for_each(|t| *t *= 1e4);
             let stride = 16;
-            let mut features = Vec::new();
-            grid.forward(&points, &mut features, stride);
+            let list = padded(&points);
+            let mut features = vec![0.0; list.len() * stride];
+            grid.forward(&list, &mut features, stride);
             let mut rng = CounterRng::new(seed, "d", 0, 0);
-            let d: Vec<f64> = (0..points.len() * layout.width()).map(|_| rng.random()).collect();
-            let forward: f64 = (0..points.len())
+            let d: Vec<f64> = (0..list.len() * layout.width()).map(|_| rng.random()).collect();
+            let forward: f64 = (0..list.len())
                 .flat_map(|p| (0..layout.width()).map(move |f| (p, f)))
                 .map(|(p, f)| features[p * stride + f] * d[p * layout.width() + f])
                 .sum();
@@ -272,10 +333,33 @@ mod tests {
                     .chunks_exact(layout.width())
                     .flat_map(|row| row[level * 2..level * 2 + 2].to_vec())
                     .collect();
-                layout.scatter(level, &points, &of_level, rows);
+                layout.scatter(level, &list, &of_level, rows);
             }
             let backward: f64 = gradient.iter().zip(&grid.table).map(|(g, t)| g * t).sum();
             prop_assert!((forward - backward).abs() < 1e-9 * (1.0 + forward.abs()));
+        }
+    }
+
+    /// Cells that share a corner share its row, hashed or not: the field is continuous.
+    #[test]
+    fn the_features_are_continuous_across_cells() {
+        let layout = layout();
+        let mut grid = HashGrid::<f64>::new(layout.clone(), 3);
+        grid.table.iter_mut().for_each(|t| *t *= 1e4);
+        for level in &layout.levels {
+            let wall = f64::from(level.cells / 2) / f64::from(level.cells);
+            for axis in 0..3 {
+                let beside = |offset: f64| {
+                    let mut point = [0.37, 0.61, 0.23];
+                    point[axis] = wall + offset;
+                    let mut features = vec![0.0; BLOCK * layout.width()];
+                    grid.forward(&padded(&[point]), &mut features, layout.width());
+                    features[..layout.width()].to_vec()
+                };
+                for (a, b) in beside(-1e-9).iter().zip(beside(1e-9)) {
+                    assert!((a - b).abs() < 1e-6, "axis {axis}: {a} {b}");
+                }
+            }
         }
     }
 

@@ -1,0 +1,288 @@
+//! The parts of a fit, one by one, for benchmarks: what each does, and how often. Whoever asks has the clock.
+
+use crate::batch::Pixels;
+use crate::config::{FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig};
+use crate::encoding::HashLayout;
+use crate::field::Silent;
+use crate::frustum::Frustum;
+use crate::loss::DepthTerm;
+use crate::march::Marcher;
+use crate::network::{Encoding, Gradients, Network, Tape};
+use crate::optimiser::{AdamStep, Moments, adam};
+use crate::render::render;
+use crate::train::{Trainer, tile_gradients, tile_rays};
+use crate::{Error, Result};
+use mde_uncertainty::GaussianDepth;
+use mde_warp::{PinholeCamera, Pose, PosedView};
+use ndarray::{Array2, Array3};
+use pulp::{Arch, Simd, WithSimd};
+
+/// Steps before anything is measured: a field that has found its surfaces, as it is for most of a fit.
+const WARM_UP: usize = 150;
+/// The picture that is fitted and rendered.
+const SIZE: (usize, usize) = (480, 640);
+/// Rows rendered at a time.
+const RENDERED_ROWS: usize = 48;
+
+/// One part of the work.
+pub struct Stage<'a> {
+    /// What it is.
+    pub name: &'static str,
+    /// Whether it uses all of rayon's threads.
+    pub parallel: bool,
+    /// Samples a call.
+    pub samples: u64,
+    /// Floating-point operations of its matrix products a call, padding left out; 0 where there are none.
+    pub flops: u64,
+    /// Bytes of tables and moments that a call reads and writes, at least; 0 where there are none.
+    pub bytes: u64,
+    run: Box<dyn FnMut() + 'a>,
+}
+
+impl std::fmt::Debug for Stage<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Stage")
+            .field("name", &self.name)
+            .field("samples", &self.samples)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Stage<'_> {
+    /// Does the work once.
+    pub fn run(&mut self) {
+        (self.run)();
+    }
+}
+
+/// Fields to compare, by name: a hash grid of many narrow levels with a colour network, the one of few wide levels that
+/// the presets use, and the light MLP.
+pub fn fields() -> [(&'static str, FieldConfig); 3] {
+    let narrow = HashFieldConfig {
+        levels: 12,
+        features: 2,
+        log2_rows: 17,
+        layers: 1,
+        width: 64,
+        geometry: 15,
+        ..HashFieldConfig::default()
+    };
+    [
+        ("hash-12x2", FieldConfig::Hash(narrow)),
+        ("hash-8x4", FieldConfig::Hash(HashFieldConfig::default())),
+        ("mlp-4x128", FieldConfig::Mlp(MlpFieldConfig::default())),
+    ]
+}
+
+/// Shows every stage of a field to `visit`, on a synthetic 640 x 480 view of a curved wall with a box before it.
+///
+/// # Errors
+/// [`Error::Config`] where a value is out of range.
+pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage<'_>)) -> Result<()> {
+    config.validate()?;
+    let views = [view()?];
+    let pixels = Pixels::new(&views, &config.train)?;
+    let frustum = Frustum::of_views(&views, &config.sampling)?;
+    let mut network = Network::<f32>::new(&config.field, 0);
+    let mut trainer = Trainer::new(&mut network, &frustum, &pixels, config, 0);
+    for step in 0..WARM_UP {
+        if !trainer.gradients().total.is_finite() {
+            return Err(Error::Diverged { step });
+        }
+        trainer.update();
+    }
+    drop(trainer);
+
+    // One tile of the batch, as a thread sees it.
+    let budget = config.training_budget();
+    let batch = config.train.rays;
+    let (mut rays, targets): (Vec<_>, Vec<_>) =
+        (0..tile_rays(&budget).min(batch)).map(|i| pixels.draw(0, 0, i)).unzip();
+    let fresh = rays.clone();
+    let term = DepthTerm::at(config.train.depth_loss, 0.0);
+    let mut marcher = Marcher::default();
+    marcher.forward(&network, &frustum, &mut rays, &budget);
+    let points = marcher.evaluated() as u64;
+    let forward = 2 * network.multiply_adds() as u64;
+
+    let mut tape = Tape::default();
+    tape.points.extend(marcher.points());
+    let in_tape = tape.points.len() as u64;
+    visit(stage("encoding", in_tape, 0, gathered(&network) * in_tape, || network.encode(&mut tape)));
+    visit(stage("network forward", in_tape, forward * in_tape, 0, || network.evaluate(&mut tape)));
+    let mut gradients = network.gradients();
+    tape.d_shades = vec![[1e-3; 4]; tape.points.len()];
+    visit(stage("network forward and backward", in_tape, 3 * forward * in_tape, 0, || {
+        network.evaluate(&mut tape);
+        network.backward(&mut tape, &mut gradients);
+        clear(&mut gradients);
+    }));
+    visit(stage("sampling and compositing", points, 0, 0, || {
+        rays.clone_from_slice(&fresh);
+        // The shades of the last pass stand.
+        marcher.forward_with(&|_| {}, &frustum, &mut rays, &budget);
+    }));
+    let mut marcher = Marcher::default();
+    visit(stage(
+        "one tile, forward and backward",
+        points,
+        3 * forward * points,
+        gathered(&network) * points,
+        || {
+            rays.clone_from_slice(&fresh);
+            let tile = (rays.as_mut_slice(), targets.as_slice());
+            tile_gradients(
+                &network,
+                &frustum,
+                &mut marcher,
+                tile,
+                &budget,
+                (term, batch as f64),
+                &mut gradients,
+            );
+            clear(&mut gradients);
+        },
+    ));
+    if let Encoding::Hash(grid) = &network.encoding {
+        let layout = &grid.layout;
+        let d_features = vec![1e-3; tape.points.len() * layout.features()];
+        let mut gradient = vec![0.0; grid.table.len()];
+        visit(stage("scatter", in_tape, 0, 2 * gathered(&network) * in_tape, || {
+            for (level, rows) in layout.split_levels(&mut gradient).into_iter().enumerate() {
+                layout.scatter(level, &tape.points, &d_features, rows);
+            }
+        }));
+        let mut values = grid.table.clone();
+        let Moments { mut first, mut second } = grid.moments();
+        let step = AdamStep::new(&config.train, WARM_UP);
+        let every = batch as u64 * (budget.coarse + budget.band + budget.fine) as u64;
+        visit(stage("optimiser", every, 0, moved(layout), || {
+            gradient.fill(1e-3);
+            adam(&mut values, [&mut first, &mut second], &mut gradient, layout.features(), step);
+        }));
+    }
+    let every = (batch * (budget.coarse + budget.band + budget.fine)) as u64;
+    let mut trained = network.clone();
+    let mut trainer = Trainer::new(&mut trained, &frustum, &pixels, config, 0);
+    visit(Stage {
+        name: "training step",
+        parallel: true,
+        samples: every,
+        flops: 3 * forward * every,
+        bytes: 3 * gathered(&network) * every + optimised(&network),
+        run: Box::new(|| {
+            trainer.gradients();
+            trainer.update();
+        }),
+    });
+    let mut camera = views[0].camera;
+    camera.height = RENDERED_ROWS;
+    let every = (camera.width * camera.height * (config.render.coarse + config.render.fine)) as u64;
+    visit(Stage {
+        name: "render",
+        parallel: true,
+        samples: every,
+        flops: forward * every,
+        bytes: gathered(&network) * every,
+        run: Box::new(|| {
+            // Nothing can stop it, and the camera is sound.
+            let _ = render(&network, &frustum, config, &camera, &Pose::identity(), &mut Silent);
+        }),
+    });
+    Ok(())
+}
+
+/// A stage of one thread.
+fn stage<'a>(name: &'static str, samples: u64, flops: u64, bytes: u64, run: impl FnMut() + 'a) -> Stage<'a> {
+    Stage { name, parallel: false, samples, flops, bytes, run: Box::new(run) }
+}
+
+/// Bytes of table rows that a sample reads.
+fn gathered(network: &Network<f32>) -> u64 {
+    match &network.encoding {
+        Encoding::Frequency(_) => 0,
+        Encoding::Hash(grid) => bytes_of_corners(&grid.layout),
+    }
+}
+
+fn bytes_of_corners(layout: &HashLayout) -> u64 {
+    (layout.level_count() * 8 * layout.features() * size_of::<f32>()) as u64
+}
+
+/// Bytes that the optimiser of the table reads and writes.
+fn optimised(network: &Network<f32>) -> u64 {
+    if let Encoding::Hash(grid) = &network.encoding { moved(&grid.layout) } else { 0 }
+}
+
+/// Parameters, gradients and first moments, and one second moment a row, all read and written.
+fn moved(layout: &HashLayout) -> u64 {
+    let parameters = layout.table_len() as u64;
+    8 * (3 * parameters + parameters / layout.features() as u64)
+}
+
+fn clear(gradients: &mut Gradients<f32>) {
+    gradients.features.iter_mut().for_each(Vec::clear);
+    gradients.points.clear();
+}
+
+fn view() -> Result<PosedView> {
+    let (height, width) = SIZE;
+    let sound = |error: String| Error::View { index: 0, reason: error };
+    let camera = PinholeCamera::from_fov(60.0, width, height).map_err(|e| sound(e.to_string()))?;
+    let image = Array3::from_shape_fn((height, width, 3), |(y, x, c)| {
+        0.5 + 0.3 * (0.11 * x as f32 + 0.07 * y as f32 + c as f32).sin() + 0.2 * (0.5 * x as f32).sin()
+    });
+    let depth = Array2::from_shape_fn(SIZE, |(y, x)| {
+        let before = x > width / 3 && x < width / 2 && y > height / 4;
+        if before { 1.6 } else { 2.0 + 2.0 * (x as f32 / width as f32) + (y as f32 / 90.0).sin() * 0.1 }
+    });
+    let hypothesis = GaussianDepth::new(depth, Array2::zeros(SIZE))?;
+    let mask = Array2::from_elem(SIZE, true);
+    PosedView::new(image, camera, Pose::identity(), mask, vec![hypothesis]).map_err(|e| sound(e.to_string()))
+}
+
+/// As many multiply-adds as the processor can do at a time, `rounds` times over, on one thread; returns their
+/// floating-point operations and a number that depends on all of them.
+pub fn multiply_adds(rounds: u64) -> (u64, f32) {
+    Arch::new().dispatch(Peak { rounds })
+}
+
+struct Peak {
+    rounds: u64,
+}
+
+/// Enough chains to hide the latency of two pipes; they stay in registers.
+const CHAINS: usize = 12;
+
+impl WithSimd for Peak {
+    type Output = (u64, f32);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> (u64, f32) {
+        // Numbers that the compiler can't know, or it would work the sums out itself.
+        let [start, scale, offset] = std::hint::black_box([1.0, 0.75, 0.5]).map(|x| simd.splat_f32s(x));
+        let mut sums = [start; CHAINS];
+        for _ in 0..self.rounds {
+            for sum in &mut sums {
+                *sum = simd.mul_add_f32s(*sum, scale, offset);
+            }
+        }
+        let total = sums.into_iter().fold(simd.splat_f32s(0.0), |total, sum| simd.add_f32s(total, sum));
+        (2 * self.rounds * (CHAINS * S::F32_LANES) as u64, simd.reduce_sum_f32s(total))
+    }
+}
+
+/// Fetches `count` random cache lines of `table`, independent of one another: what a gather can reach at best. Returns
+/// their bytes and a number that depends on all of them.
+pub fn random_lines(table: &[f32], count: u64) -> (u64, f32) {
+    const LINE: usize = 16;
+    let lines = (table.len() / LINE).max(1) as u64;
+    let mut state = 1_u64;
+    let mut sum = 0.0;
+    for _ in 0..count {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let line = (((state >> 32) * lines) >> 32) as usize;
+        sum += table.get(line * LINE).copied().unwrap_or(0.0);
+    }
+    (64 * count, sum)
+}
