@@ -124,6 +124,9 @@ fn product_rows<S: Simd, const ROWS: usize, const VECTORS: usize>(
     }
 }
 
+/// Rows of an outer product at a time: the columns of `dy` that all inputs meet stay in the first-level cache.
+const PANEL_ROWS: usize = 128;
+
 struct Outer<'a> {
     x: &'a [f32],
     dy: &'a [f32],
@@ -157,23 +160,25 @@ impl Outer<'_> {
         let width = m / S::F32_LANES;
         let (dy, _) = S::as_simd_f32s(dy);
         let (dw, _) = S::as_mut_simd_f32s(dw);
-        for input in (0..shape.used).step_by(INPUTS) {
+        for (x, dy) in x.chunks(PANEL_ROWS * k).zip(dy.chunks(PANEL_ROWS * width)) {
             for column in (0..width).step_by(VECTORS) {
-                let mut sums = [[simd.splat_f32s(0.0); VECTORS]; INPUTS];
-                for (x, dy) in x.chunks_exact(k).zip(dy.chunks_exact(width)) {
-                    let x = &x[input..input + INPUTS];
-                    let dy = &dy[column..column + VECTORS];
-                    for i in 0..INPUTS {
-                        let x = simd.splat_f32s(x[i]);
-                        for v in 0..VECTORS {
-                            sums[i][v] = simd.mul_add_f32s(x, dy[v], sums[i][v]);
+                for input in (0..shape.used).step_by(INPUTS) {
+                    let mut sums = [[simd.splat_f32s(0.0); VECTORS]; INPUTS];
+                    for (x, dy) in x.chunks_exact(k).zip(dy.chunks_exact(width)) {
+                        let x = &x[input..input + INPUTS];
+                        let dy = &dy[column..column + VECTORS];
+                        for i in 0..INPUTS {
+                            let x = simd.splat_f32s(x[i]);
+                            for v in 0..VECTORS {
+                                sums[i][v] = simd.mul_add_f32s(x, dy[v], sums[i][v]);
+                            }
                         }
                     }
-                }
-                for (i, sums) in sums.iter().enumerate() {
-                    for (v, &sum) in sums.iter().enumerate() {
-                        let slot = &mut dw[(input + i) * width + column + v];
-                        *slot = simd.add_f32s(*slot, sum);
+                    for (i, sums) in sums.iter().enumerate() {
+                        for (v, &sum) in sums.iter().enumerate() {
+                            let slot = &mut dw[(input + i) * width + column + v];
+                            *slot = simd.add_f32s(*slot, sum);
+                        }
                     }
                 }
             }

@@ -22,7 +22,7 @@ const TILE_POINTS: usize = 1024;
 /// Steps between two events.
 const REPORT_EVERY: usize = 20;
 /// Pixels a view on which the PSNR of the fit is measured.
-const PSNR_PIXELS: usize = 8192;
+const PSNR_PIXELS: usize = 2048;
 
 /// A group's working memory.
 struct Group<T> {
