@@ -32,6 +32,7 @@
 pub mod config;
 mod control;
 mod error;
+mod intrinsics;
 pub mod pipeline;
 mod presets;
 pub mod refiner;
@@ -40,6 +41,7 @@ mod report;
 pub use config::Config;
 pub use control::FilteredField;
 pub use error::{Error, Result};
+pub use intrinsics::Intrinsics;
 pub use pipeline::{Event, Refinement, Stage, Stages, refine};
 pub use presets::Preset;
 pub use refiner::{FieldMemory, LoopRefiner};
