@@ -3,6 +3,7 @@
 //! It knows the stages only through their traits: [`DepthPrior`], [`RadianceField`] and [`Fuser`].
 
 use crate::config::{Config, IterationPrior};
+use crate::error::{LEAST, MOST};
 use crate::report::{IterationReport, WarpReport};
 use crate::{Error, Result};
 use mde_eval::metrics::rank::spearman;
@@ -260,7 +261,13 @@ fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>) -> Result
     if prior.dim() != (height, width) {
         return Err(Error::Size { prior: [prior.nrows(), prior.ncols()], image: [height, width] });
     }
-    if prior.iter().any(|&d| d > 0.0) { Ok(()) } else { Err(Error::EmptyPrior) }
+    let known = || prior.iter().copied().filter(|&d| d > 0.0);
+    let (nearest, farthest) = (known().fold(f32::INFINITY, f32::min), known().fold(0.0, f32::max));
+    match (nearest, farthest) {
+        (_, 0.0) => Err(Error::EmptyPrior),
+        (LEAST.., ..=MOST) => Ok(()),
+        _ => Err(Error::Range { nearest, farthest }),
+    }
 }
 
 fn median_depth(depth: &GaussianDepth) -> Result<f64> {

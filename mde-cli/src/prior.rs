@@ -1,8 +1,8 @@
 //! The monocular depth that the command line names.
 
 use crate::args::PriorArgs;
-use anyhow::Result;
-use mde_prior::format::ReadOptions;
+use anyhow::{Result, ensure};
+use mde_prior::format::{Encoding, ReadOptions};
 use mde_prior::ndarray::ArrayView3;
 use mde_prior::{DepthKind, DepthPrior, FilePrior, ModelSpec, PriorDepth};
 use serde::Serialize;
@@ -38,10 +38,7 @@ impl NamedPrior {
     }
 
     fn file(path: &Path, args: &PriorArgs, kind: DepthKind) -> Result<Self> {
-        let mut options = ReadOptions { encoding: args.prior_encoding.into(), ..ReadOptions::default() };
-        if let Some(scale) = args.png_scale {
-            (options.png_scale, options.float_scale) = (scale, scale);
-        }
+        let options = read_options("--png-scale", args.png_scale, args.prior_encoding.into())?;
         let prior = Box::new(FilePrior::with_options(path, kind, &options)?);
         let source = path.display().to_string();
         Ok(Self { prior, origin: PriorOrigin { kind, source, model: None, flip_average: false } })
@@ -74,6 +71,17 @@ impl NamedPrior {
             "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"
         )
     }
+}
+
+/// How a map is read, with the scale that `flag` gave.
+pub(crate) fn read_options(flag: &str, scale: Option<f64>, encoding: Encoding) -> Result<ReadOptions> {
+    let mut options = ReadOptions { encoding, ..ReadOptions::default() };
+    if let Some(scale) = scale {
+        let usable = scale > 0.0 && scale.is_finite();
+        ensure!(usable, "{flag}: {scale} is no scale; give a positive number of steps per unit");
+        (options.png_scale, options.float_scale) = (scale, scale);
+    }
+    Ok(options)
 }
 
 /// A prior that remembers how long its answer took.

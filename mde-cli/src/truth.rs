@@ -1,12 +1,13 @@
 //! Scores against a true depth.
 
 use crate::args::TruthArgs;
+use crate::prior::read_options;
 use anyhow::{Context, Result, ensure};
 use mde_cli::Refinement;
 use mde_eval::align::AlignmentRule;
 use mde_eval::score::{ScoreConfig, Scores, Subject, score};
 use mde_prior::DepthKind;
-use mde_prior::format::{Encoding, ReadOptions, read_depth};
+use mde_prior::format::{Encoding, read_depth};
 use ndarray::Array2;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -23,10 +24,7 @@ impl Truth {
     /// What `--gt` names, if anything, for an image of `size`, `(height, width)`.
     pub(crate) fn open(args: &TruthArgs, size: (usize, usize)) -> Result<Option<Self>> {
         let Some(path) = &args.gt else { return Ok(None) };
-        let mut options = ReadOptions { encoding: args.gt_encoding.into(), ..ReadOptions::default() };
-        if let Some(scale) = args.gt_scale {
-            (options.png_scale, options.float_scale) = (scale, scale);
-        }
+        let options = read_options("--gt-scale", args.gt_scale, args.gt_encoding.into())?;
         let depth = read_depth(path, &options)?;
         ensure!(
             depth.dim() == size,

@@ -44,6 +44,9 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
     if let Some(warning) = camera.warning() {
         progress.warn(warning);
     }
+    let shown = args.field.display();
+    ensure!(args.field.exists(), "{shown}: there is no such file; check the path");
+    ensure!(args.field.is_file(), "{shown}: give a file, not a folder");
     let field = Nerf::load(&args.field)?;
     let poses = poses(&args.path, &field, &camera.camera)?;
     let mut views = Vec::new();
