@@ -1,6 +1,7 @@
 //! The camera from flags, a file, EXIF or a guess.
 
 use crate::args::CameraArgs;
+use crate::job::Opened;
 use anyhow::{Context, Result};
 use mde_cli::Intrinsics;
 use mde_warp::PinholeCamera;
@@ -36,8 +37,16 @@ pub(crate) enum CameraSource {
 }
 
 impl KnownCamera {
-    /// The camera of a picture of `width` by `height` pixels.
-    pub(crate) fn new(
+    /// The camera of a picture in the size that it is worked on; flags and files are for the file's.
+    pub(crate) fn new(args: &CameraArgs, focal_35mm: Option<f64>, opened: &Opened) -> Result<Self> {
+        let (height, width) = opened.original;
+        let known = Self::of_size(args, focal_35mm, [width, height])?;
+        let (height, width) = opened.size;
+        Ok(Self { camera: known.camera.resized(width, height)?, ..known })
+    }
+
+    /// The camera of a picture that is not resized.
+    pub(crate) fn of_size(
         args: &CameraArgs,
         focal_35mm: Option<f64>,
         [width, height]: [usize; 2],

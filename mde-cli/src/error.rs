@@ -69,6 +69,9 @@ pub enum Error {
         /// What the system said.
         source: std::io::Error,
     },
+    /// The state between two iterations could not be kept.
+    #[error("{0}")]
+    Keep(String),
     /// The observer asked to stop.
     #[error("interrupted")]
     Interrupted,

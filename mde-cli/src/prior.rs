@@ -1,9 +1,11 @@
 //! The monocular depth that the command line names.
 
 use crate::args::PriorArgs;
+use crate::job::Opened;
 use anyhow::{Result, ensure};
 use mde_prior::format::{Encoding, ReadOptions};
-use mde_prior::ndarray::ArrayView3;
+use mde_prior::ndarray::{Array3, ArrayView3};
+use mde_prior::resample::nearest;
 use mde_prior::{DepthKind, DepthPrior, FilePrior, ModelSpec, PriorDepth};
 use serde::Serialize;
 use std::cell::Cell;
@@ -35,6 +37,15 @@ impl NamedPrior {
             (None, Some(file)) => Self::file(file, args, kind.unwrap_or(DepthKind::Metric)),
             (None, None) => anyhow::bail!("no prior is named; give --prior-model or --prior-depth"),
         }
+    }
+
+    /// For a picture that was resized: a map of the file's size follows it.
+    pub(crate) fn resized(self, opened: &Opened) -> Result<Self> {
+        let (from, to) = (opened.original, opened.size);
+        if from == to || self.origin.model.is_some() {
+            return Ok(self);
+        }
+        Ok(Self { prior: Box::new(Resized { prior: self.prior, from, to }), origin: self.origin })
     }
 
     fn file(path: &Path, args: &PriorArgs, kind: DepthKind) -> Result<Self> {
@@ -70,6 +81,24 @@ impl NamedPrior {
         anyhow::bail!(
             "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"
         )
+    }
+}
+
+/// A prior for the picture's own size, asked for the size that is worked on.
+struct Resized {
+    prior: Box<dyn DepthPrior>,
+    /// `(height, width)`.
+    from: (usize, usize),
+    to: (usize, usize),
+}
+
+impl DepthPrior for Resized {
+    fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        // A map from a file looks at nothing but the size.
+        let blank = Array3::zeros((self.from.0, self.from.1, 3));
+        let PriorDepth { map, valid, kind } = self.prior.predict(blank.view())?;
+        let known = nearest(valid.mapv(|v| f32::from(u8::from(v))).view(), self.to).mapv(|v| v > 0.5);
+        PriorDepth::with_mask(nearest(map.view(), self.to), known, kind)
     }
 }
 

@@ -175,8 +175,10 @@ impl Store {
         write_json(&temporary.path().join(RECORD), &entry.record)?;
         let folder = self.folder(scene, method);
         let fault = || format!("{}: can't put the maps there", folder.display());
+        // An old answer goes in one step too: half of one must not be taken for a whole one.
+        let old = crate::output::temporary_folder(&parent)?;
         if folder.exists() {
-            fs::remove_dir_all(&folder).with_context(fault)?;
+            fs::rename(&folder, old.path().join("old")).with_context(fault)?;
         }
         fs::rename(temporary.path(), &folder).with_context(fault)?;
         let _ = temporary.keep();
