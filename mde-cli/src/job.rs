@@ -130,7 +130,9 @@ impl Job {
             progress.step(&format!("goes on after iteration {}", from.iterations.len()));
         }
         let mut keep = |state: &mde_cli::Checkpoint| match &self.checkpoints {
-            Some(checkpoints) => checkpoints.keep(state).map_err(|e| mde_cli::Error::Keep(format!("{e:#}"))),
+            Some(checkpoints) => {
+                checkpoints.keep(state).map_err(|e| mde_cli::Error::Keep(crate::message(&e)))
+            }
             None => Ok(()),
         };
         let mut observe = |event: &Event| progress.observe(event);
