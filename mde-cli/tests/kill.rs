@@ -32,7 +32,7 @@ fn kill_at(place: &Place, arguments: &str, moment: u32, whole: Duration) -> bool
     // Not at equal steps: a fraction that has no period in common with the stages.
     let jitter = (f64::from(moment) * 0.618_034).fract();
     sleep(whole.mul_f64((f64::from(moment) + jitter) / f64::from(MOMENTS)));
-    let signal = if moment % 2 == 0 { "-KILL" } else { "-TERM" };
+    let signal = if moment.is_multiple_of(2) { "-KILL" } else { "-TERM" };
     let _ = Command::new("kill").args([signal, &child.id().to_string()]).stderr(Stdio::null()).status();
     !child.wait().unwrap().success()
 }
