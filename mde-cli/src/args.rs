@@ -21,7 +21,7 @@ Exit codes:
   1    something failed; one line on stderr says what and what to do
   2    wrong usage
   3    some scenes of an evaluation failed; the others are written
-  130  interrupted (Ctrl-C or SIGTERM); nothing is left behind";
+  130  interrupted (Ctrl-C or SIGTERM); nothing is left behind but what --resume and evaluations go on from";
 
 /// Refines one image's monocular depth with a neural radiance field, with an error bar per pixel.
 #[derive(Debug, Parser)]
@@ -63,6 +63,8 @@ pub(crate) struct DemoArgs {
     #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = size)]
     pub(crate) size: [usize; 2],
     #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
+    #[command(flatten)]
     pub(crate) settings: SettingsArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
@@ -89,9 +91,14 @@ pub(crate) struct RefineArgs {
     #[command(flatten)]
     pub(crate) settings: SettingsArgs,
     #[command(flatten)]
+    pub(crate) size: SizeArgs,
+    #[command(flatten)]
     pub(crate) truth: TruthArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
+    /// Keep every finished iteration in DIR.resume until the results are there, and go on from it after an interruption
+    #[arg(long, help_heading = "Output")]
+    pub(crate) resume: bool,
     /// Write the last iteration's field too: field.safetensors
     #[arg(long, help_heading = "Output")]
     pub(crate) save_field: bool,
@@ -112,6 +119,8 @@ pub(crate) struct WarpArgs {
     pub(crate) prior: PriorArgs,
     #[command(flatten)]
     pub(crate) camera: CameraArgs,
+    #[command(flatten)]
+    pub(crate) size: SizeArgs,
     #[command(flatten)]
     pub(crate) settings: SettingsArgs,
     #[command(flatten)]
@@ -136,6 +145,8 @@ pub(crate) struct RenderArgs {
     pub(crate) camera: CameraArgs,
     #[command(flatten)]
     pub(crate) path: PathArgs,
+    #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
 }
@@ -480,6 +491,26 @@ pub(crate) struct CameraArgs {
     pub(crate) fov: Option<f64>,
 }
 
+/// The size that is worked on.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Size")]
+pub(crate) struct SizeArgs {
+    /// Resize what is longer than this, with its prior, camera and truth
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..))]
+    pub(crate) max_size: Option<u32>,
+    #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
+}
+
+/// How much memory it may take.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Size")]
+pub(crate) struct MemoryArgs {
+    /// Refuse what is estimated to need more memory than this
+    #[arg(long, value_name = "GIB", default_value_t = 8.0, value_parser = positive)]
+    pub(crate) max_memory: f64,
+}
+
 /// How it is done.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings")]
@@ -598,6 +629,13 @@ fn size(text: &str) -> Result<[usize; 2], String> {
     match sides {
         Some(sides) if sides.iter().all(|side| (8..=16384).contains(side)) => Ok(sides),
         _ => Err("give WIDTHxHEIGHT with 8 to 16384 pixels each, such as 320x240".to_owned()),
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(number) if number > 0.0 && f64::is_finite(number) => Ok(number),
+        _ => Err("give a positive number".to_owned()),
     }
 }
 

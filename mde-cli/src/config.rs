@@ -107,9 +107,14 @@ impl Config {
         let error = |reason: String| Error::Config { origin: origin.to_owned(), reason: one_line(&reason) };
         let overrides: Table = text.parse().map_err(|e: toml::de::Error| error(e.to_string()))?;
         let mut table = Table::try_from(preset.config()).map_err(|e| error(e.to_string()))?;
-        merge(&mut table, overrides);
+        merge(&mut table, overrides.clone());
         let config: Self =
             Value::Table(table).try_into().map_err(|e: toml::de::Error| error(e.to_string()))?;
+        // Serde takes no notice of unknown keys where a `kind` chooses the table.
+        let known = Table::try_from(&config).map_err(|e| error(e.to_string()))?;
+        if let Some(key) = unknown(&overrides, &known) {
+            return Err(error(format!("unknown key `{key}`; `mde config` prints all that there are")));
+        }
         config.validate().map_err(|e| error(e.to_string()))?;
         Ok(config)
     }
@@ -178,6 +183,17 @@ fn merge(into: &mut Table, from: Table) {
     }
 }
 
+/// The first key of `table` that `known` does not have.
+fn unknown(table: &Table, known: &Table) -> Option<String> {
+    table.iter().find_map(|(key, value)| match (value, known.get(key)) {
+        (_, None) => Some(key.clone()),
+        (Value::Table(inner), Some(Value::Table(known))) => {
+            unknown(inner, known).map(|rest| format!("{key}.{rest}"))
+        }
+        _ => None,
+    })
+}
+
 /// Parser messages span lines to show the place; an error is one.
 fn one_line(message: &str) -> String {
     message.lines().map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ")
@@ -224,6 +240,8 @@ mod tests {
             ("[nerf.train]\nsteps = \"many\"\n", "many"),
             ("[nerf.train]\nsteps = 0\n", "train.steps is 0"),
             ("[fusion]\ncalibration = \"magic\"\n", "magic"),
+            ("[nerf.train.depth-loss]\nweights = 1.0\n", "`nerf.train.depth-loss.weights`"),
+            ("[nerf.train.depth-loss]\nkind = \"none\"\nweight = 1.0\n", "`nerf.train.depth-loss.weight`"),
             ("[refinement]\niterations = 0\n", "refinement.iterations is 0"),
             ("seed = = 3", "seed"),
         ] {

@@ -1,5 +1,9 @@
 use std::path::PathBuf;
 
+/// Depths that the loop works with: their variances, and a thousandth of those, are floats.
+pub(crate) const LEAST: f32 = 1e-12;
+pub(crate) const MOST: f32 = 1e12;
+
 /// What can go wrong in a refinement; one line each, naming the value and the remedy.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -25,6 +29,16 @@ pub enum Error {
     /// A prior without a single known pixel.
     #[error("the prior has no pixel with a depth; check its kind (metric, depth or disparity) and its scale")]
     EmptyPrior,
+    /// A prior whose squares no float holds.
+    #[error(
+        "the prior's depths reach from {nearest:e} to {farthest:e}; give depths of {LEAST:e} to {MOST:e} (check the prior's scale)"
+    )]
+    Range {
+        /// Its nearest depth.
+        nearest: f32,
+        /// Its farthest depth.
+        farthest: f32,
+    },
     /// A prior of another size than the image.
     #[error(
         "the prior is {}x{} but the image is {}x{} (width x height); make both the same size",
@@ -44,17 +58,35 @@ pub enum Error {
         /// What is wrong and what to do.
         reason: String,
     },
+    /// A camera file that holds no camera for this picture.
+    #[error("{0}")]
+    Intrinsics(String),
     /// A file that could not be read or written.
-    #[error("{path}: {source}")]
+    #[error("{}: {source}; {}", path.display(), io_remedy(source))]
     Io {
         /// The file.
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
     },
+    /// The state between two iterations could not be kept.
+    #[error("{0}")]
+    Keep(String),
     /// The observer asked to stop.
     #[error("interrupted")]
     Interrupted,
+}
+
+fn io_remedy(source: &std::io::Error) -> &'static str {
+    use std::io::ErrorKind;
+    match source.kind() {
+        ErrorKind::NotFound => "check the path",
+        ErrorKind::PermissionDenied => "check the permissions",
+        ErrorKind::IsADirectory => "give a file, not a folder",
+        ErrorKind::InvalidData => "give a text file",
+        ErrorKind::StorageFull => "free some space",
+        _ => "check that the file and its folder are accessible",
+    }
 }
 
 impl From<mde_nerf::Error> for Error {

@@ -1,16 +1,19 @@
 //! One refinement from opened inputs to a folder of results.
 
-use crate::args::{RunArgs, SettingsArgs};
+use crate::args::{RunArgs, SettingsArgs, SizeArgs};
 use crate::camera::KnownCamera;
+use crate::checkpoint::Checkpoints;
 use crate::field::SharedNerf;
 use crate::output::{OutputFolder, RECORD};
 use crate::preview::{Preview, preview};
 use crate::prior::{NamedPrior, PriorOrigin, Timed};
 use crate::progress::Progress;
 use crate::run_record::{About, RunRecord, write_json};
+use crate::size::{SMALLEST, check_memory, shrink, within};
 use crate::truth::Truth;
 use anyhow::{Context, Result, ensure};
-use mde_cli::{Config, Preset, Refinement, Stages, refine};
+use mde_cli::memory::refine_bytes;
+use mde_cli::{Config, Event, Preset, Refinement, Stages, resume};
 use mde_fusion::BayesFuser;
 use mde_nerf::Nerf;
 use mde_prior::DepthKind;
@@ -21,8 +24,6 @@ use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
 
-/// Pictures are at least this wide and high.
-const SMALLEST: usize = 8;
 /// Above this many pixels a run takes very long.
 const LARGE: usize = 2_000_000;
 
@@ -38,6 +39,8 @@ pub(crate) struct Job {
     pub(crate) config: Config,
     pub(crate) truth: Option<Truth>,
     pub(crate) save_field: bool,
+    /// Where the state between iterations is kept, if it is.
+    pub(crate) checkpoints: Option<Checkpoints>,
 }
 
 /// The settings that the command line asks for.
@@ -62,19 +65,41 @@ pub(crate) fn use_threads(args: &RunArgs) -> Result<()> {
         .with_context(|| format!("--threads {threads}: the threads can't be started; give fewer"))
 }
 
-/// Reads a photograph that can be worked with.
-pub(crate) fn open_image(path: &Path, progress: &mut Progress) -> Result<Photo> {
-    let photo = read_image(path)?;
+/// A photograph in the size that it is worked on.
+pub(crate) struct Opened {
+    pub(crate) photo: Photo,
+    /// `(height, width)` of the file.
+    pub(crate) original: (usize, usize),
+    /// `(height, width)` of what is worked on.
+    pub(crate) size: (usize, usize),
+}
+
+/// Reads a photograph that can be worked with, and brings it to the size that is asked for.
+pub(crate) fn open_image(
+    path: &Path,
+    args: &SizeArgs,
+    config: &Config,
+    progress: &mut Progress,
+) -> Result<Opened> {
+    let mut photo = read_image(path)?;
     let (height, width, _) = photo.pixels.dim();
+    let original = (height, width);
+    let size = within(original, args.max_size);
+    let (height, width) = size;
+    check_memory(&args.memory, &path.display().to_string(), size, |pixels| refine_bytes(pixels, config))?;
+    if size != original {
+        photo.pixels = shrink(&photo.pixels, size);
+        progress.warn(format!("resized from {}x{} to {width}x{height} pixels", original.1, original.0));
+    }
     ensure!(
         width.min(height) >= SMALLEST,
         "{}: the image is {width}x{height}; give one of {SMALLEST}x{SMALLEST} pixels or more",
         path.display()
     );
     if width * height > LARGE {
-        progress.warn(format!("{width}x{height} pixels will take long; 640x480 is usual"));
+        progress.warn(format!("{width}x{height} pixels will take long; 640x480 is usual (--max-size)"));
     }
-    Ok(photo)
+    Ok(Opened { photo, original, size })
 }
 
 /// Unit of the depth that a prior of this kind leads to.
@@ -100,8 +125,19 @@ impl Job {
         let prior = Timed::new(&*self.prior.prior);
         let stages = Stages { prior: &prior, field: &mut field, fuser: &fuser };
         let image = self.image.view();
+        let from = self.checkpoints.as_ref().and_then(|kept| kept.latest(self.config.refinement.iterations));
+        if let Some(from) = &from {
+            progress.step(&format!("goes on after iteration {}", from.iterations.len()));
+        }
+        let mut keep = |state: &mde_cli::Checkpoint| match &self.checkpoints {
+            Some(checkpoints) => {
+                checkpoints.keep(state).map_err(|e| mde_cli::Error::Keep(crate::message(&e)))
+            }
+            None => Ok(()),
+        };
+        let mut observe = |event: &Event| progress.observe(event);
         let refinement =
-            refine(image, &self.camera.camera, stages, &self.config, &mut |e| progress.observe(e))?;
+            resume(image, &self.camera.camera, stages, &self.config, from, &mut keep, &mut observe)?;
         for (index, iteration) in refinement.iterations.iter().enumerate() {
             for warning in &iteration.fusion.warnings {
                 progress.warn(format!("iteration {}: {warning}", index + 1));
@@ -145,6 +181,9 @@ impl Job {
             };
             write_json(&path.join(RECORD), &record)
         })?;
+        if let Some(checkpoints) = &self.checkpoints {
+            checkpoints.discard();
+        }
         let text = format!("{table}wrote {} in {:.1} s", folder.path().display(), progress.seconds());
         progress.result(&text, said);
         Ok(())

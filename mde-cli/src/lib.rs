@@ -32,6 +32,8 @@
 pub mod config;
 mod control;
 mod error;
+mod intrinsics;
+pub mod memory;
 pub mod pipeline;
 mod presets;
 pub mod refiner;
@@ -40,7 +42,8 @@ mod report;
 pub use config::Config;
 pub use control::FilteredField;
 pub use error::{Error, Result};
-pub use pipeline::{Event, Refinement, Stage, Stages, refine};
+pub use intrinsics::Intrinsics;
+pub use pipeline::{Checkpoint, Event, Refinement, Stage, Stages, refine, resume};
 pub use presets::Preset;
 pub use refiner::{FieldMemory, LoopRefiner};
 pub use report::{IterationReport, StageSeconds, WarpReport};

@@ -3,6 +3,7 @@
 mod args;
 mod camera;
 mod canvas;
+mod checkpoint;
 mod commands;
 mod evaluation;
 mod field;
@@ -13,6 +14,7 @@ mod preview;
 mod prior;
 mod progress;
 mod run_record;
+mod size;
 mod truth;
 
 use clap::Parser;
@@ -25,7 +27,11 @@ fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(_) if interrupt::requested() => {
-            let resumable = matches!(cli.command, args::Command::Eval(_) | args::Command::Ablate(_));
+            let resumable = match &cli.command {
+                args::Command::Eval(_) | args::Command::Ablate(_) => true,
+                args::Command::Refine(refine) => refine.resume,
+                _ => false,
+            };
             say(match resumable {
                 true => "interrupted; what was finished is kept, and the same command goes on from there",
                 false => "interrupted; nothing was written",

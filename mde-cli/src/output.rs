@@ -82,6 +82,14 @@ impl OutputFolder {
         if !self.target.exists() {
             return fs::rename(temporary, &self.target).with_context(name);
         }
+        #[cfg(target_os = "linux")]
+        {
+            use rustix::fs::{CWD, RenameFlags, renameat_with};
+            // In one step, so that a run killed here leaves the old results or the new ones. Not every file system can.
+            if renameat_with(CWD, temporary, CWD, &self.target, RenameFlags::EXCHANGE).is_ok() {
+                return fs::remove_dir_all(temporary).with_context(name);
+            }
+        }
         let old = builder().tempdir_in(self.parent()).with_context(name)?;
         let aside = old.path().join("old");
         fs::rename(&self.target, &aside).with_context(name)?;

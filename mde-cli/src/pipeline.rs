@@ -3,6 +3,7 @@
 //! It knows the stages only through their traits: [`DepthPrior`], [`RadianceField`] and [`Fuser`].
 
 use crate::config::{Config, IterationPrior};
+use crate::error::{LEAST, MOST};
 use crate::report::{IterationReport, WarpReport};
 use crate::{Error, Result};
 use mde_eval::metrics::rank::spearman;
@@ -97,10 +98,25 @@ pub struct Refinement {
     pub field: Box<dyn RadianceField>,
 }
 
+/// What a run is between two iterations: all that the next one depends on, beside the inputs and the settings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Checkpoint {
+    /// The monocular depth that it started from, `[height, width]`; 0 where missing.
+    pub prior: Array2<f32>,
+    /// The refined depth so far.
+    pub depth: GaussianDepth,
+    /// An account of every iteration so far.
+    pub iterations: Vec<IterationReport>,
+}
+
+/// Hears of what a run is after each iteration but the last.
+pub type Keeper<'k> = dyn FnMut(&Checkpoint) -> Result<()> + 'k;
+
 /// Refines the monocular depth of `image` (`[height, width, 3]`, sRGB in 0 to 1) taken by `camera`.
 ///
 /// # Errors
-/// What a stage refuses, [`Error::EmptyPrior`], [`Error::Size`], or [`Error::Interrupted`] where the observer said stop.
+/// What a stage refuses, [`Error::EmptyPrior`], [`Error::Range`], [`Error::Size`], or [`Error::Interrupted`] where the
+/// observer said stop.
 pub fn refine(
     image: ArrayView3<'_, f32>,
     camera: &PinholeCamera,
@@ -108,30 +124,50 @@ pub fn refine(
     config: &Config,
     observer: &mut Observer<'_>,
 ) -> Result<Refinement> {
+    resume(image, camera, stages, config, None, &mut |_| Ok(()), observer)
+}
+
+/// The same, from where an earlier run of the same inputs and settings had come to (`from`); `keep` hears of every iteration
+/// that another one follows. The result has the bits of a run that was never broken off.
+///
+/// # Errors
+/// As [`refine`], and what `keep` says.
+pub fn resume(
+    image: ArrayView3<'_, f32>,
+    camera: &PinholeCamera,
+    stages: Stages<'_>,
+    config: &Config,
+    from: Option<Checkpoint>,
+    keep: &mut Keeper<'_>,
+    observer: &mut Observer<'_>,
+) -> Result<Refinement> {
     config.validate()?;
     let mut run = Run { image, camera, config, observer };
-    run.begin(Stage::Prior, 0)?;
-    let prior = stages.prior.predict(image)?.to_depth(&config.disparity)?;
+    let Checkpoint { mut prior, depth: mut current, mut iterations } = match from {
+        Some(progress) => progress,
+        None => {
+            run.begin(Stage::Prior, 0)?;
+            let prior = stages.prior.predict(image)?.to_depth(&config.disparity)?;
+            Checkpoint { depth: known(prior.clone())?, prior, iterations: Vec::new() }
+        }
+    };
     check_prior(prior.view(), image)?;
-
-    let mut current = known(prior.clone())?;
-    let mut fusion_prior = Prior::new(prior.clone())?;
-    let mut iterations = Vec::new();
     loop {
         let index = iterations.len();
-        let (fused, field, report) =
-            run.iterate(index, &current, &fusion_prior, (stages.field)(index)?, stages.fuser)?;
+        let fusion_prior = match (index, config.refinement.prior) {
+            (0, _) | (_, IterationPrior::Anchor) => Prior::new(prior.clone())?,
+            (_, IterationPrior::Carry) => Prior::with_variance(current.clone())?,
+            (_, IterationPrior::Reestimate) => Prior::new(current.mean().to_owned())?,
+        };
+        let field = (stages.field)(index)?;
+        let (fused, field, report) = run.iterate(index, &current, &fusion_prior, field, stages.fuser)?;
         iterations.push(report);
-        if iterations.len() == config.refinement.iterations {
+        if iterations.len() >= config.refinement.iterations {
             return Ok(Refinement { depth: fused.depth, prior, iterations, field });
         }
-        let mean = fused.depth.mean().to_owned();
-        fusion_prior = match config.refinement.prior {
-            IterationPrior::Carry => Prior::with_variance(fused.depth.clone())?,
-            IterationPrior::Reestimate => Prior::new(mean)?,
-            IterationPrior::Anchor => Prior::new(prior.clone())?,
-        };
-        current = fused.depth;
+        let progress = Checkpoint { prior, depth: fused.depth, iterations };
+        keep(&progress)?;
+        Checkpoint { prior, depth: current, iterations } = progress;
     }
 }
 
@@ -260,7 +296,13 @@ fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>) -> Result
     if prior.dim() != (height, width) {
         return Err(Error::Size { prior: [prior.nrows(), prior.ncols()], image: [height, width] });
     }
-    if prior.iter().any(|&d| d > 0.0) { Ok(()) } else { Err(Error::EmptyPrior) }
+    let known = || prior.iter().copied().filter(|&d| d > 0.0);
+    let (nearest, farthest) = (known().fold(f32::INFINITY, f32::min), known().fold(0.0, f32::max));
+    match (nearest, farthest) {
+        (_, 0.0) => Err(Error::EmptyPrior),
+        (LEAST.., ..=MOST) => Ok(()),
+        _ => Err(Error::Range { nearest, farthest }),
+    }
 }
 
 fn median_depth(depth: &GaussianDepth) -> Result<f64> {

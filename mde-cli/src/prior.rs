@@ -1,9 +1,11 @@
 //! The monocular depth that the command line names.
 
 use crate::args::PriorArgs;
-use anyhow::Result;
-use mde_prior::format::ReadOptions;
-use mde_prior::ndarray::ArrayView3;
+use crate::job::Opened;
+use anyhow::{Result, ensure};
+use mde_prior::format::{Encoding, ReadOptions};
+use mde_prior::ndarray::{Array3, ArrayView3};
+use mde_prior::resample::nearest;
 use mde_prior::{DepthKind, DepthPrior, FilePrior, ModelSpec, PriorDepth};
 use serde::Serialize;
 use std::cell::Cell;
@@ -37,11 +39,17 @@ impl NamedPrior {
         }
     }
 
-    fn file(path: &Path, args: &PriorArgs, kind: DepthKind) -> Result<Self> {
-        let mut options = ReadOptions { encoding: args.prior_encoding.into(), ..ReadOptions::default() };
-        if let Some(scale) = args.png_scale {
-            (options.png_scale, options.float_scale) = (scale, scale);
+    /// For a picture that was resized: a map of the file's size follows it.
+    pub(crate) fn resized(self, opened: &Opened) -> Result<Self> {
+        let (from, to) = (opened.original, opened.size);
+        if from == to || self.origin.model.is_some() {
+            return Ok(self);
         }
+        Ok(Self { prior: Box::new(Resized { prior: self.prior, from, to }), origin: self.origin })
+    }
+
+    fn file(path: &Path, args: &PriorArgs, kind: DepthKind) -> Result<Self> {
+        let options = read_options("--png-scale", args.png_scale, args.prior_encoding.into())?;
         let prior = Box::new(FilePrior::with_options(path, kind, &options)?);
         let source = path.display().to_string();
         Ok(Self { prior, origin: PriorOrigin { kind, source, model: None, flip_average: false } })
@@ -74,6 +82,35 @@ impl NamedPrior {
             "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"
         )
     }
+}
+
+/// A prior for the picture's own size, asked for the size that is worked on.
+struct Resized {
+    prior: Box<dyn DepthPrior>,
+    /// `(height, width)`.
+    from: (usize, usize),
+    to: (usize, usize),
+}
+
+impl DepthPrior for Resized {
+    fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        // A map from a file looks at nothing but the size.
+        let blank = Array3::zeros((self.from.0, self.from.1, 3));
+        let PriorDepth { map, valid, kind } = self.prior.predict(blank.view())?;
+        let known = nearest(valid.mapv(|v| f32::from(u8::from(v))).view(), self.to).mapv(|v| v > 0.5);
+        PriorDepth::with_mask(nearest(map.view(), self.to), known, kind)
+    }
+}
+
+/// How a map is read, with the scale that `flag` gave.
+pub(crate) fn read_options(flag: &str, scale: Option<f64>, encoding: Encoding) -> Result<ReadOptions> {
+    let mut options = ReadOptions { encoding, ..ReadOptions::default() };
+    if let Some(scale) = scale {
+        let usable = scale > 0.0 && scale.is_finite();
+        ensure!(usable, "{flag}: {scale} is no scale; give a positive number of steps per unit");
+        (options.png_scale, options.float_scale) = (scale, scale);
+    }
+    Ok(options)
 }
 
 /// A prior that remembers how long its answer took.

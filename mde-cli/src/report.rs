@@ -1,14 +1,15 @@
 use mde_fusion::FusionReport;
 use mde_nerf::FitReport;
 use mde_warp::WarpedView;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// An account of one time round the loop.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct IterationReport {
     /// The synthetic views.
     pub warp: WarpReport,
     /// The field's fit; its first PSNR is that of the original view.
+    #[serde(with = "Fit")]
     pub fit: FitReport,
     /// What the fusion estimated.
     pub fusion: FusionReport,
@@ -20,8 +21,18 @@ pub struct IterationReport {
     pub seconds: StageSeconds,
 }
 
+/// [`FitReport`] as it is read back.
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "FitReport")]
+struct Fit {
+    steps: usize,
+    loss: f64,
+    psnr: Vec<f64>,
+    samples: u64,
+}
+
 /// What the warps left open, over the views.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct WarpReport {
     /// Views made.
     pub views: usize,
@@ -45,7 +56,7 @@ impl WarpReport {
 }
 
 /// Wall seconds by stage.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct StageSeconds {
     /// Making the synthetic views.
     pub warp: f64,

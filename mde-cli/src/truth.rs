@@ -1,12 +1,15 @@
 //! Scores against a true depth.
 
 use crate::args::TruthArgs;
+use crate::job::Opened;
+use crate::prior::read_options;
 use anyhow::{Context, Result, ensure};
 use mde_cli::Refinement;
 use mde_eval::align::AlignmentRule;
 use mde_eval::score::{ScoreConfig, Scores, Subject, score};
 use mde_prior::DepthKind;
-use mde_prior::format::{Encoding, ReadOptions, read_depth};
+use mde_prior::format::{Encoding, read_depth};
+use mde_prior::resample::nearest;
 use ndarray::Array2;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -20,13 +23,11 @@ pub(crate) struct Truth {
 }
 
 impl Truth {
-    /// What `--gt` names, if anything, for an image of `size`, `(height, width)`.
-    pub(crate) fn open(args: &TruthArgs, size: (usize, usize)) -> Result<Option<Self>> {
+    /// What `--gt` names, if anything, for that image.
+    pub(crate) fn open(args: &TruthArgs, opened: &Opened) -> Result<Option<Self>> {
+        let size = opened.original;
         let Some(path) = &args.gt else { return Ok(None) };
-        let mut options = ReadOptions { encoding: args.gt_encoding.into(), ..ReadOptions::default() };
-        if let Some(scale) = args.gt_scale {
-            (options.png_scale, options.float_scale) = (scale, scale);
-        }
+        let options = read_options("--gt-scale", args.gt_scale, args.gt_encoding.into())?;
         let depth = read_depth(path, &options)?;
         ensure!(
             depth.dim() == size,
@@ -37,6 +38,7 @@ impl Truth {
             size.1,
             size.0
         );
+        let depth = nearest(depth.view(), opened.size);
         let config = if options.encoding == Encoding::Sunrgbd {
             ScoreConfig::sunrgbd()
         } else {

@@ -165,6 +165,37 @@ fn a_saved_field_is_rendered() {
 }
 
 #[test]
+fn a_saved_field_of_another_version_or_damaged_is_refused() {
+    let place = Place::new();
+    place
+        .mde("refine image.png --prior-depth depth.npy --fov 60 --config tiny.toml --save-field -q -o out")
+        .assert()
+        .success();
+    let whole = fs::read(place.path("out/field.safetensors")).unwrap();
+    let version = br#"version\":1"#;
+    let at = whole.windows(version.len()).position(|bytes| bytes == version).unwrap() + version.len() - 1;
+    let with = |place: usize, value: u8| {
+        let mut bytes = whole.clone();
+        bytes[place] = value;
+        bytes
+    };
+    let last = whole.len() - 1;
+    for (bytes, told) in [
+        (with(at, b'9'), "version 9"),
+        (with(last, whole[last] ^ 1), "checksum"),
+        (whole[..last].to_vec(), "not a usable field"),
+        (whole[..40].to_vec(), "not a usable field"),
+    ] {
+        place.write("field.safetensors", bytes);
+        let run =
+            place.mde("render --field field.safetensors --size 32x24 --fov 60 -q -o still").assert().code(1);
+        let message = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+        assert!(message.contains("field.safetensors") && message.contains(told), "{message}");
+        assert!(message.lines().count() == 1 && !place.path("still").exists(), "{message}");
+    }
+}
+
+#[test]
 fn warped_views_come_with_masks_depths_and_poses() {
     let place = Place::new();
     let run =

@@ -15,7 +15,7 @@ mod tum;
 pub use kind::{DataSetKind, Options, open};
 pub use maps::{MapPair, MapPairs};
 pub use nyu::Nyu;
-pub use plain::PlainFolders;
+pub use plain::{PlainFolders, PlainScene};
 pub use redwood::Redwood;
 pub use resized::Resized;
 pub use rooms::Rooms;

@@ -51,9 +51,29 @@ fn decode(bytes: &[u8]) -> Result<Photo, String> {
         return Err(format!("{width}x{height} pixels can't be worked with; resize the image"));
     }
     let orientation = decoder.orientation().map_err(broken)?;
+    // The decoder fills what is missing with grey.
+    if bytes.starts_with(&[0xff, 0xd8]) && !ends(bytes) {
+        return Err("no readable image (the JPEG is truncated); give a JPEG, PNG, TIFF, BMP or WebP".into());
+    }
     let mut image = DynamicImage::from_decoder(decoder).map_err(broken)?;
     image.apply_orientation(orientation);
     Ok(Photo { pixels: to_array(image)?, focal_35mm: focal_35mm(bytes) })
+}
+
+/// Whether a JPEG's first scan is followed by the end-of-image marker; a thumbnail before it has its own.
+fn ends(bytes: &[u8]) -> bool {
+    let mut rest = bytes.get(2..).unwrap_or_default();
+    loop {
+        match rest {
+            [0xff, 0xff, ..] => rest = &rest[1..],
+            [0xff, 0xda, scan @ ..] => return scan.windows(2).any(|pair| pair == [0xff, 0xd9]),
+            [0xff, _, high, low, ..] => {
+                let length = 2 + usize::from(u16::from_be_bytes([*high, *low]));
+                rest = rest.get(length..).unwrap_or_default();
+            }
+            _ => return false,
+        }
+    }
 }
 
 fn to_array(image: DynamicImage) -> Result<Array3<f32>, String> {

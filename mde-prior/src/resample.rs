@@ -53,6 +53,18 @@ pub fn resize(map: ArrayView2<'_, f32>, size: (usize, usize), filter: Filter) ->
     resized.mapv(|v| v as f32)
 }
 
+/// The value of the pixel whose area holds the new pixel's centre, for `(height, width)`: for depth, which must not be mixed
+/// across an edge or with what is missing.
+#[must_use]
+pub fn nearest(map: ArrayView2<'_, f32>, (height, width): (usize, usize)) -> Array2<f32> {
+    let (rows, columns) = map.dim();
+    let source =
+        |to: usize, of: usize, from: usize| ((2 * to + 1) * from / (2 * of)).min(from.saturating_sub(1));
+    Array2::from_shape_fn((height, width), |(y, x)| {
+        map.get((source(y, height, rows), source(x, width, columns))).copied().unwrap_or(0.0)
+    })
+}
+
 /// Weights of consecutive input pixels.
 struct Taps {
     first: usize,

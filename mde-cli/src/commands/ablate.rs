@@ -32,7 +32,7 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
     results.record["seeds"] = json!(args.seeds);
     results.record["preset"] = json!(Preset::from(args.preset).name());
     results.record["config"] = json!(base(args)?);
-    results::finish(results, setup.folder(), &mut progress)
+    results::finish(results, setup.folder(), &mut progress).inspect_err(|_| setup.discard_if_empty())
 }
 
 fn base(args: &AblateArgs) -> Result<Config> {

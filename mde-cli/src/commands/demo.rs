@@ -4,8 +4,10 @@ use crate::job::{Job, settings, use_threads};
 use crate::output::OutputFolder;
 use crate::prior::{NamedPrior, PriorOrigin};
 use crate::progress::Progress;
+use crate::size::check_memory;
 use crate::truth::Truth;
 use anyhow::Result;
+use mde_cli::memory::refine_bytes;
 use mde_eval::scene::{Room, room};
 use mde_eval::score::ScoreConfig;
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
@@ -16,6 +18,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
     let folder = OutputFolder::new(&args.run.output, args.run.force)?;
     let (preset, mut config) = settings(&args.settings)?;
     let [width, height] = args.size;
+    check_memory(&args.memory, "--size", (height, width), |pixels| refine_bytes(pixels, &config))?;
     if args.settings.config.is_none() {
         config.nerf.train.steps = steps(config.nerf.train.steps, width * height);
     }
@@ -35,6 +38,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         config,
         truth: Some(Truth { source: "exact".to_owned(), depth: scene.depth, config: ScoreConfig::default() }),
         save_field: false,
+        checkpoints: None,
     };
     job.run(&folder, &mut progress)
 }

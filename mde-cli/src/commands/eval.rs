@@ -19,4 +19,5 @@ pub(super) fn run(args: &EvalArgs) -> Result<()> {
     let setup = Setup::open(&args.common, "eval", true)?;
     let (entries, failures) = setup.run(&methods, false, &mut progress)?;
     results::finish(setup.results(PRIOR, entries, failures), setup.folder(), &mut progress)
+        .inspect_err(|_| setup.discard_if_empty())
 }

@@ -6,7 +6,9 @@ use crate::output::{OutputFolder, RECORD};
 use crate::preview::depth_picture;
 use crate::progress::Progress;
 use crate::run_record::{About, write_json};
+use crate::size::check_memory;
 use anyhow::{Context, Result, ensure};
+use mde_cli::memory::render_bytes;
 use mde_nerf::{Event, Nerf, RadianceField, RenderedView};
 use mde_prior::format::{write_npy, write_png16};
 use mde_prior::photo::{write_image, write_rgb_png};
@@ -40,10 +42,16 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output, args.run.force)?;
-    let camera = KnownCamera::new(&args.camera, None, args.size)?;
+    let camera = KnownCamera::of_size(&args.camera, None, args.size)?;
     if let Some(warning) = camera.warning() {
         progress.warn(warning);
     }
+    let [width, height] = args.size;
+    let count = args.path.orbit.map_or(1, u64::from);
+    check_memory(&args.memory, "--size", (height, width), |pixels| render_bytes(pixels, count))?;
+    let shown = args.field.display();
+    ensure!(args.field.exists(), "{shown}: there is no such file; check the path");
+    ensure!(args.field.is_file(), "{shown}: give a file, not a folder");
     let field = Nerf::load(&args.field)?;
     let poses = poses(&args.path, &field, &camera.camera)?;
     let mut views = Vec::new();

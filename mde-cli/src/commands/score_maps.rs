@@ -6,12 +6,13 @@ use crate::evaluation::runner::Failure;
 use crate::evaluation::scoring::Scoring;
 use crate::evaluation::store::Store;
 use crate::interrupt;
+use crate::prior::read_options;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::data::{MapPair, MapPairs};
 use mde_eval::score::{Subject, curves, score};
 use mde_eval::table::Entry;
-use mde_prior::format::{Encoding, ReadOptions, read_depth};
+use mde_prior::format::{Encoding, read_depth};
 use ndarray::Array2;
 use serde_json::json;
 use std::path::Path;
@@ -27,7 +28,6 @@ pub(super) fn run(args: &EvalArgs, progress: &mut Progress) -> Result<()> {
     }
     let scoring = Scoring::new(&args.common.score, false);
     let basis = json!({ "command": "eval", "pred": pred, "gt": gt, "sigma": args.maps.sigma });
-    let store = Store::open(&args.common.run.output, &basis, args.common.run.force)?;
     let wanted =
         |pair: &&MapPair| args.common.data.scenes.is_empty() || args.common.data.scenes.contains(&pair.id);
     let limit = args.common.data.limit.map_or(usize::MAX, |n| n as usize);
@@ -38,6 +38,7 @@ pub(super) fn run(args: &EvalArgs, progress: &mut Progress) -> Result<()> {
         pairs.pairs().len(),
         pred.display()
     );
+    let store = Store::open(&args.common.run.output, &basis, args.common.run.force)?;
     let (mut entries, mut failures) = (Vec::new(), Vec::new());
     for (index, pair) in chosen.iter().enumerate() {
         if interrupt::requested() {
@@ -63,14 +64,14 @@ pub(super) fn run(args: &EvalArgs, progress: &mut Progress) -> Result<()> {
         failures,
         record: json!({ "pred": pred, "gt": gt, "sigma": args.maps.sigma, "score": scoring.config }),
     };
-    results::finish(results, store.root(), progress)
+    results::finish(results, store.root(), progress).inspect_err(|_| store.discard_if_empty())
 }
 
 fn entry(pair: &MapPair, args: &EvalArgs, scoring: &Scoring) -> Result<Entry> {
-    let predicted = read(&pair.prediction, args.maps.pred_scale, Encoding::Linear)?;
-    let truth = read(&pair.truth, args.maps.gt_scale, args.maps.gt_encoding.into())?;
+    let predicted = read(&pair.prediction, "--pred-scale", args.maps.pred_scale, Encoding::Linear)?;
+    let truth = read(&pair.truth, "--gt-scale", args.maps.gt_scale, args.maps.gt_encoding.into())?;
     let sigma = match &pair.sigma {
-        Some(path) => Some(read(path, args.maps.pred_scale, Encoding::Linear)?),
+        Some(path) => Some(read(path, "--pred-scale", args.maps.pred_scale, Encoding::Linear)?),
         None => None,
     };
     let mut subject = Subject::new(predicted.view(), truth.view());
@@ -81,10 +82,6 @@ fn entry(pair: &MapPair, args: &EvalArgs, scoring: &Scoring) -> Result<Entry> {
     Ok(Entry { curves, ..Entry::new(&pair.id, MAPS, scores) })
 }
 
-fn read(path: &Path, scale: Option<f64>, encoding: Encoding) -> Result<Array2<f32>> {
-    let mut options = ReadOptions { encoding, ..ReadOptions::default() };
-    if let Some(scale) = scale {
-        (options.png_scale, options.float_scale) = (scale, scale);
-    }
-    Ok(read_depth(path, &options)?)
+fn read(path: &Path, flag: &str, scale: Option<f64>, encoding: Encoding) -> Result<Array2<f32>> {
+    Ok(read_depth(path, &read_options(flag, scale, encoding)?)?)
 }

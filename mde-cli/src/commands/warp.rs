@@ -42,13 +42,14 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output, args.run.force)?;
     let (preset, config) = settings(&args.settings)?;
-    let photo = open_image(&args.image, &mut progress)?;
-    let (height, width, _) = photo.pixels.dim();
-    let camera = KnownCamera::new(&args.camera, photo.focal_35mm, [width, height])?;
+    let opened = open_image(&args.image, &args.size, &config, &mut progress)?;
+    let (height, width) = opened.size;
+    let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
     if let Some(warning) = camera.warning() {
         progress.warn(warning);
     }
-    let prior = NamedPrior::open(&args.prior)?;
+    let prior = NamedPrior::open(&args.prior)?.resized(&opened)?;
+    let photo = opened.photo;
     progress.step("prior");
     let depth = prior.prior.predict(photo.pixels.view())?.to_depth(&config.disparity)?;
     ensure!(depth.dim() == (height, width), "the prior is not of the image's size; make both the same");

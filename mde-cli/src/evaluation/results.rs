@@ -42,7 +42,10 @@ pub(crate) struct Partial {
 
 /// Writes the tables and figures into `folder`, shows the table, and is an error where something failed.
 pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progress) -> Result<()> {
-    let first = results.failures.first().map(|f| format!("{}: {}", f.scene, f.error));
+    let first = results.failures.first().map(|f| match &f.method {
+        Some(method) => format!("{} {method}: {}", f.scene, f.error),
+        None => format!("{}: {}", f.scene, f.error),
+    });
     ensure!(
         !results.entries.is_empty(),
         "no scene could be scored{}",

@@ -75,6 +75,11 @@ impl<'a> Setup<'a> {
         }
     }
 
+    /// Removes the folder again if nothing is in it.
+    pub(crate) fn discard_if_empty(&self) {
+        self.store.discard_if_empty();
+    }
+
     /// Where the results go.
     pub(crate) fn folder(&self) -> &Path {
         self.store.root()

@@ -83,7 +83,8 @@ impl Store {
                 );
             }
         } else {
-            fs::create_dir_all(root).with_context(|| format!("{shown}: can't make this folder"))?;
+            fs::create_dir_all(root)
+                .with_context(|| format!("{shown}: can't make this folder; give another name to -o"))?;
             write_json(&path, basis)?;
         }
         let store = Self { root: root.to_owned() };
@@ -93,6 +94,15 @@ impl Store {
 
     pub(crate) fn root(&self) -> &Path {
         &self.root
+    }
+
+    /// Removes an evaluation that holds nothing yet, for one that failed before its first map.
+    pub(crate) fn discard_if_empty(&self) {
+        let names = || fs::read_dir(&self.root).into_iter().flatten().flatten();
+        if names().all(|entry| entry.file_name() == BASIS) {
+            let _ = fs::remove_file(self.root.join(BASIS));
+            let _ = fs::remove_dir(&self.root);
+        }
     }
 
     /// Removes what an interrupted run left unfinished.
@@ -166,8 +176,10 @@ impl Store {
         write_json(&temporary.path().join(RECORD), &entry.record)?;
         let folder = self.folder(scene, method);
         let fault = || format!("{}: can't put the maps there", folder.display());
+        // An old answer goes in one step too: half of one must not be taken for a whole one.
+        let old = crate::output::temporary_folder(&parent)?;
         if folder.exists() {
-            fs::remove_dir_all(&folder).with_context(fault)?;
+            fs::rename(&folder, old.path().join("old")).with_context(fault)?;
         }
         fs::rename(temporary.path(), &folder).with_context(fault)?;
         let _ = temporary.keep();

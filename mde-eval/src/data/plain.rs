@@ -25,14 +25,21 @@ pub struct PlainFolders {
     fallback: Fallback,
 }
 
-#[derive(Deserialize)]
-struct Description {
-    depth_units_per_metre: Option<f64>,
-    fx: Option<f64>,
-    fy: Option<f64>,
-    cx: Option<f64>,
-    cy: Option<f64>,
-    max_depth: Option<f64>,
+/// What a `scene.json` says; see [`PlainFolders`] for its fields.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
+pub struct PlainScene {
+    /// Depth in metres = value / this.
+    pub depth_units_per_metre: Option<f64>,
+    /// Horizontal focal length, pixels.
+    pub fx: Option<f64>,
+    /// Vertical focal length, pixels.
+    pub fy: Option<f64>,
+    /// Column of the principal point, from 0.
+    pub cx: Option<f64>,
+    /// Row of the principal point, from 0.
+    pub cy: Option<f64>,
+    /// Depths beyond it are not to be trusted, metres.
+    pub max_depth: Option<f64>,
 }
 
 impl PlainFolders {
@@ -79,7 +86,9 @@ impl DataSet for PlainFolders {
         let depth = read_depth(&depth_path, &options(description.depth_units_per_metre))?;
         let (height, width, _) = image.dim();
         same_size(&depth_path, depth.dim(), (height, width))?;
-        let known = description.camera(&path, width, height)?;
+        let known = description
+            .camera(width, height)
+            .map_err(|reason| Error::Layout { path: path.clone(), reason })?;
         let camera = match known {
             Some(camera) => camera,
             None => self.fallback.camera(id, "fx, fy, cx, cy in scene.json", width, height)?,
@@ -95,19 +104,9 @@ impl DataSet for PlainFolders {
     }
 }
 
-fn describe(path: &Path) -> Result<Description> {
+fn describe(path: &Path) -> Result<PlainScene> {
     let text = fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
-    let description: Description = serde_json::from_str(&text).map_err(|fault| Error::Layout {
-        path: path.to_owned(),
-        reason: format!("is not as it should be: {fault}"),
-    })?;
-    match description.max_depth {
-        Some(depth) if !(depth > 0.0 && depth.is_finite()) => {
-            let reason = format!("max_depth is {depth}; it must be positive and finite metres");
-            Err(Error::Layout { path: path.to_owned(), reason })
-        }
-        _ => Ok(description),
-    }
+    PlainScene::parse(&text).map_err(|reason| Error::Layout { path: path.to_owned(), reason })
 }
 
 fn options(units_per_metre: Option<f64>) -> ReadOptions {
@@ -117,17 +116,35 @@ fn options(units_per_metre: Option<f64>) -> ReadOptions {
     }
 }
 
-impl Description {
-    fn camera(&self, path: &Path, width: usize, height: usize) -> Result<Option<PinholeCamera>> {
+impl PlainScene {
+    /// Reads the text of a `scene.json` and checks its values.
+    ///
+    /// # Errors
+    /// What is wrong and what to do.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let scene: Self = serde_json::from_str(text)
+            .map_err(|fault| format!("is not as it should be: {fault}; write JSON such as {{}}"))?;
+        for (name, value) in
+            [("max_depth", scene.max_depth), ("depth_units_per_metre", scene.depth_units_per_metre)]
+        {
+            if let Some(value) = value.filter(|value| !(*value > 0.0 && value.is_finite())) {
+                return Err(format!("{name} is {value}; it must be positive and finite"));
+            }
+        }
+        Ok(scene)
+    }
+
+    /// The camera of a picture of this size, where the scene names one.
+    ///
+    /// # Errors
+    /// What is wrong and what to do.
+    pub fn camera(&self, width: usize, height: usize) -> Result<Option<PinholeCamera>, String> {
         match (self.fx, self.fy, self.cx, self.cy) {
             (Some(fx), Some(fy), Some(cx), Some(cy)) => {
-                Ok(Some(PinholeCamera::new(fx, fy, cx, cy, width, height)?))
+                PinholeCamera::new(fx, fy, cx, cy, width, height).map(Some).map_err(|e| e.to_string())
             }
             (None, None, None, None) => Ok(None),
-            _ => {
-                let reason = "names some of fx, fy, cx, cy; name all four or none".into();
-                Err(Error::Layout { path: path.to_owned(), reason })
-            }
+            _ => Err("names some of fx, fy, cx, cy; name all four or none".into()),
         }
     }
 }

@@ -1,7 +1,7 @@
 use super::{DataSet, Sample};
 use crate::Result;
-use mde_prior::resample::{Filter, resize};
-use ndarray::{Array2, Array3, ArrayView2, Axis};
+use mde_prior::resample::{Filter, nearest, resize};
+use ndarray::{Array3, Axis};
 
 /// A data set at another size, such as the paper's 640 x 480.
 ///
@@ -48,14 +48,4 @@ impl<D: DataSet> DataSet for Resized<D> {
         let camera = sample.camera.resized(self.width, self.height)?;
         Ok(Sample { image, depth, camera, ..sample })
     }
-}
-
-/// The value of the pixel whose area holds the new pixel's centre.
-fn nearest(map: ArrayView2<'_, f32>, (height, width): (usize, usize)) -> Array2<f32> {
-    let (rows, columns) = map.dim();
-    let source =
-        |to: usize, of: usize, from: usize| ((2 * to + 1) * from / (2 * of)).min(from.saturating_sub(1));
-    Array2::from_shape_fn((height, width), |(y, x)| {
-        map.get((source(y, height, rows), source(x, width, columns))).copied().unwrap_or(0.0)
-    })
 }

@@ -135,7 +135,8 @@ fn read_intrinsics(path: &Path, width: usize, height: usize) -> Result<PinholeCa
     let numbers: Option<Vec<f64>> = text.split_whitespace().map(|word| word.parse().ok()).collect();
     match numbers.as_deref() {
         Some(&[fx, _, cx, _, fy, cy, _, _, _]) => {
-            Ok(PinholeCamera::new(fx, fy, cx - 1.0, cy - 1.0, width, height)?)
+            let camera = PinholeCamera::new(fx, fy, cx - 1.0, cy - 1.0, width, height);
+            camera.map_err(|e| Error::Layout { path: path.to_owned(), reason: e.to_string() })
         }
         _ => {
             let reason = "is no 3 x 3 matrix; nine numbers are needed: fx 0 cx, 0 fy cy, 0 0 1".into();

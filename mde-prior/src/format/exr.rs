@@ -50,7 +50,7 @@ pub(super) fn parse(bytes: &[u8], wanted: Option<&str>) -> Parsed<Array2<f32>> {
 /// Refuses sizes that the file can't hold before the decoder takes memory for them.
 fn check_header(bytes: &[u8]) -> Parsed<()> {
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false)
-        .map_err(|e| format!("this is no OpenEXR file ({e})"))?;
+        .map_err(|e| format!("this is no OpenEXR file, or it is broken ({e}); write it again"))?;
     let mut total = 0_usize;
     for header in &meta.headers {
         let pixels = check_size(header.layer_size.width(), header.layer_size.height())?;

@@ -1,0 +1,135 @@
+//! The monocular depth and the truth.
+
+use crate::table::{Case, QUICK, check, refused, works};
+
+fn refine(rest: &str) -> String {
+    format!("refine image.png --prior-depth {rest} {QUICK}")
+}
+
+#[test]
+fn unusable_depth_maps() {
+    let cases: [(&str, &[&'static str]); 56] = [
+        ("none.npy", &["none.npy", "check the path"]),
+        ("empty.npy", &["empty.npy", "is empty"]),
+        ("empty.npz", &["empty.npz", "is empty"]),
+        ("empty.pfm", &["empty.pfm", "is empty"]),
+        ("empty.exr", &["empty.exr", "is empty"]),
+        ("empty-depth.png", &["empty-depth.png", "is empty"]),
+        ("text.npy", &["text.npy", "numpy.save"]),
+        ("text.npz", &["text.npz", "numpy.savez"]),
+        ("text.pfm", &["text.pfm", "'Pf'"]),
+        ("text.exr", &["text.exr", "write"]),
+        ("text.png", &["text.png", "write the file again"]),
+        ("short.npy", &["short.npy", "truncated", "12288", "12189"]),
+        ("short.npz", &["short.npz", "numpy.savez"]),
+        ("short.pfm", &["short.pfm", "truncated", "write the file again"]),
+        ("short.exr", &["short.exr", "write"]),
+        ("short-depth.png", &["short-depth.png", "write the file again"]),
+        ("header.npy", &["header.npy", "truncated"]),
+        ("future.npy", &["future.npy", "header"]),
+        ("folder.npy", &["folder.npy", "give a file, not a folder"]),
+        ("depth.txt", &["depth.txt", ".npy"]),
+        ("depth", &["depth", ".npy"]),
+        ("small.npy", &["small.npy", "32x24", "64x48", "resize"]),
+        ("turned.npy", &["turned.npy", "48x64", "64x48"]),
+        ("dot.npy", &["dot.npy", "1x1", "64x48"]),
+        ("nan.npy", &["nan.npy", "no usable pixel", "check"]),
+        ("zero.npy", &["zero.npy", "no usable pixel", "check"]),
+        ("negative.npy", &["negative.npy", "no usable pixel", "check"]),
+        ("infinite.npy", &["infinite.npy", "no usable pixel", "check"]),
+        ("infinite.npy --prior-kind disparity", &["infinite.npy", "no usable pixel"]),
+        ("nan.npy --prior-kind disparity", &["nan.npy", "no usable pixel"]),
+        ("flat.npy", &["flat.npy", "[3072]", "[height, width]"]),
+        ("scalar.npy", &["scalar.npy", "[]", "[height, width]"]),
+        ("stack.npy", &["stack.npy", "[2, 24, 64]", "[height, width]"]),
+        ("complex.npy", &["complex.npy", "<c8", "float32"]),
+        ("object.npy", &["object.npy", "|O", "float32"]),
+        ("words.npy", &["words.npy", "<U4", "float32"]),
+        ("bool.npy", &["bool.npy", "|b1", "float32"]),
+        ("huge.npy", &["huge.npy", "99999999x99999999", "write the file again"]),
+        ("minus.npy", &["minus.npy", "shape", "numpy.save"]),
+        ("none.shape.npy", &["none.shape.npy", "64x0", "write the file again"]),
+        ("no-descr.npy", &["no-descr.npy", "'descr'", "numpy.save"]),
+        ("no-order.npy", &["no-order.npy", "'fortran_order'", "numpy.save"]),
+        ("no-shape.npy", &["no-shape.npy", "'shape'", "numpy.save"]),
+        ("two.npz", &["two.npz", "near", "far", "which array"]),
+        ("colour.pfm", &["colour.pfm", "three channels", "'Pf'"]),
+        ("header.pfm", &["header.pfm", "header", "scale"]),
+        ("huge.pfm", &["huge.pfm", "99999999x99999999", "write the file again"]),
+        ("negative.pfm", &["negative.pfm", "header"]),
+        ("unscaled.pfm", &["unscaled.pfm", "header", "scale"]),
+        ("grey.png", &["grey.png", "16-bit greyscale"]),
+        ("rgb16.png", &["rgb16.png", "16-bit greyscale"]),
+        ("depth.npy --prior-encoding sunrgbd", &["depth.npy", "PNG"]),
+        ("depth.npy --png-scale 0", &["png-scale", "0 is no scale", "positive"]),
+        ("depth.npy --png-scale nan", &["png-scale", "NaN is no scale", "positive"]),
+        ("depth.npy --png-scale inf", &["png-scale", "inf is no scale", "positive"]),
+        ("depth.npy --png-scale=-5", &["png-scale", "-5 is no scale", "positive"]),
+    ];
+    check(&cases.map(|(prior, told)| refused(refine(prior), told)));
+}
+
+#[test]
+fn depths_that_no_field_can_hold() {
+    check(&[
+        refused(refine("denormal.npy"), &["1e-42", "1e-12 to 1e12", "scale"]),
+        refused(refine("largest.npy"), &["3.4028235e38", "1e-12 to 1e12", "scale"]),
+        refused(refine("depth.npy --png-scale 1e300"), &["depth.npy", "no usable pixel", "check"]),
+        refused(refine("depth.npy --png-scale 1e-300"), &["depth.npy", "no usable pixel", "check"]),
+    ]);
+}
+
+#[test]
+fn odd_depth_maps() {
+    let priors = [
+        "constant.npy",
+        "constant.npy --prior-kind disparity",
+        "one-pixel.npy",
+        "holes.npy",
+        "half-missing.npy",
+        "mixed.npy",
+        "some-nan.npy",
+        "extremes.npy",
+        "large.npy",
+        "tiny.npy",
+        "disparity.npy --prior-kind disparity",
+        "negative.npy --prior-kind disparity",
+        "one-pixel.npy --prior-kind disparity",
+        "depth.npy --prior-kind depth",
+        "f8.npy",
+        "f4be.npy",
+        "fortran.npy",
+        "u2.npy",
+        "u1.npy --png-scale 10",
+        "batch.npy",
+        "channel.npy",
+        "depth.npz",
+        "three.npz",
+        "depth.pfm",
+        "big-endian.pfm",
+        "depth.exr",
+        "depth.png --png-scale 5000",
+        "depth.png --prior-encoding sunrgbd",
+    ];
+    check(&priors.map(|prior| works(refine(prior))));
+}
+
+#[test]
+fn truths() {
+    let truth = |rest: &str| format!("{} --gt {rest}", refine("depth.npy"));
+    let cases: [Case; 12] = [
+        refused(truth("none.npy"), &["none.npy", "check the path"]),
+        refused(truth("empty.npy"), &["empty.npy", "is empty"]),
+        refused(truth("short.npy"), &["short.npy", "truncated"]),
+        refused(truth("small.npy"), &["small.npy", "32x24", "64x48", "same size"]),
+        refused(truth("zero.npy"), &["zero.npy", "no pixel"]),
+        refused(truth("nan.npy"), &["nan.npy", "no pixel"]),
+        refused(truth("depth.txt"), &["depth.txt", ".npy"]),
+        refused(truth("grey.png"), &["grey.png", "16-bit greyscale"]),
+        refused(truth("depth.npy --gt-scale 0"), &["gt-scale", "0 is no scale"]),
+        refused(truth("depth.npy --gt-encoding sunrgbd"), &["depth.npy", "PNG"]),
+        works(truth("depth.png --gt-scale 5000")),
+        works(truth("half-missing.npy")),
+    ];
+    check(&cases);
+}

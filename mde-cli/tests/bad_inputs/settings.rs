@@ -1,0 +1,101 @@
+//! Configurations.
+
+use crate::common::Place;
+use crate::table::{check, refused};
+use std::fs;
+
+/// A TOML text and what the message must contain.
+const UNUSABLE: &[(&str, &[&str])] = &[
+    ("colour = 1", &["`colour`", "`refinement`"]),
+    ("[optics]\nlens = 1", &["`optics`"]),
+    ("[nerf.train]\nstep = 3", &["`step`", "`steps`"]),
+    ("[nerf.train.depth-loss]\nweights = 3", &["`nerf.train.depth-loss.weights`", "mde config"]),
+    ("[nerf.field]\nkind = 'splat'", &["`splat`", "`hash`"]),
+    ("[nerf.field]\nlevel = 4", &["nerf.field", "`level`"]),
+    ("[fusion]\ncalibration = 'magic'", &["`magic`", "`effective`"]),
+    ("[fusion.guards]\nmax = 4", &["`max`", "`max-scale`"]),
+    ("seed = -1", &["seed", "-1"]),
+    ("seed = 'x'", &["seed", "string"]),
+    ("seed = 99999999999999999999", &["seed"]),
+    ("refinement = 3", &["refinement"]),
+    ("views.count = 2.5", &["count", "2.5"]),
+    ("refinement.iterations = 0", &["refinement.iterations is 0", "1 to 100"]),
+    ("refinement.iterations = 101", &["refinement.iterations is 101", "1 to 100"]),
+    ("refinement.prior = 'none'", &["`none`", "`carry`"]),
+    ("novel = { original = false, sampling.count = 0 }", &["novel.sampling.count is 0", "at least one"]),
+    ("views.count = 2000000", &["count is 2000000", "1000000"]),
+    ("views.translation = 0.7", &["translation is 0.7", "0 to 0.5"]),
+    ("views.translation = nan", &["translation is NaN", "0 to 0.5"]),
+    ("views.rotation-degrees = -1", &["rotation-degrees is -1", "0 to 30"]),
+    ("views.rotation-only = 1.0", &["rotation-only is 1", "0 to 0.5"]),
+    ("warp.tear = 2.0", &["tear is 2", "0 to 1"]),
+    ("warp.holes = 'glue'", &["`glue`", "`background`"]),
+    ("reproject.front = -0.1", &["front is -0.1", "0 to 1"]),
+    ("reproject.front-sigmas = inf", &["front-sigmas is inf", "finite"]),
+    ("nerf.train.steps = 0", &["train.steps is 0", "1 to 1000000"]),
+    ("nerf.train.steps = 2000000", &["train.steps is 2000000", "1 to 1000000"]),
+    ("nerf.train.rays = 1", &["train.rays is 1", "16 to 65536"]),
+    ("nerf.train.learning-rate = 0.0", &["train.learning-rate is 0", "positive"]),
+    ("nerf.train.learning-rate = nan", &["train.learning-rate is NaN", "positive"]),
+    ("nerf.train.beta1 = 1.0", &["train.beta1 is 1", "below 1"]),
+    ("nerf.train.epsilon = -1.0", &["train.epsilon is -1", "positive"]),
+    ("nerf.train.original-share = 1.5", &["train.original-share is 1.5", "0 to 1"]),
+    ("nerf.train.depth-loss.weight = -1.0", &["train.depth-loss.weight is -1", "0 or more"]),
+    ("nerf.train.depth-loss = { kind = 'gaussian-nll' }", &["depth-loss", "weight"]),
+    (
+        "nerf.train.depth-loss = { kind = 'none', weight = 1.0 }",
+        &["`nerf.train.depth-loss.weight`", "mde config"],
+    ),
+    ("nerf.field = { kind = 'mlp', levels = 4 }", &["nerf.field", "`levels`"]),
+    ("nerf.sampling = { coarse = 0, band = 0 }", &["sampling.coarse + sampling.band is 0", "2 to 1024"]),
+    ("nerf.sampling.fine = 5000", &["sampling.fine is 5000", "1024"]),
+    ("nerf.sampling.band-width = 1.0", &["sampling.band-width is 1", "between 0 and 1"]),
+    ("nerf.sampling.near = -1.0", &["sampling.near is -1", "positive"]),
+    ("nerf.sampling = { near = 2.0, far = 1.0 }", &["sampling.far is 1", "beyond sampling.near"]),
+    ("nerf.render.coarse = 1", &["render.coarse is 1", "2 to 1024"]),
+    ("nerf.render.min-opacity = 1.0", &["render.min-opacity is 1", "below 1"]),
+    ("nerf.field = { kind = 'mlp', layers = 0 }", &["field.layers is 0", "1 to 16"]),
+    ("nerf.field.levels = 99", &["field.levels is 99", "1 to 24"]),
+    ("nerf.field.features = 3", &["field.features is 3", "1, 2, 4 or 8"]),
+    ("nerf.field.log2-rows = 30", &["field.log2-rows is 30", "4 to 24"]),
+    ("nerf.field.finest = 4", &["field.finest is 4", "field.coarsest"]),
+    ("fusion.variance-floor = 1.0", &["variance-floor is 1", "below 1"]),
+    ("fusion.kappa = 0.0", &["kappa is 0", "positive"]),
+    ("fusion.far = 0.5", &["far is 0.5", "at least 1"]),
+    ("fusion.guards.min-scale = -1.0", &["min-scale is -1"]),
+    ("disparity.near = 0.0", &["near", "0 is no positive depth"]),
+    ("disparity = { near = 2.0, far = 1.0 }", &["far", "1 must be finite and above near"]),
+    ("disparity.low = 2.0", &["low", "2 is no quantile"]),
+];
+
+#[test]
+fn unusable_settings() {
+    let texts = Place::new();
+    let mut cases = Vec::new();
+    for (index, (text, told)) in UNUSABLE.iter().enumerate() {
+        let path = texts.path(&format!("settings-{index}.toml"));
+        fs::write(&path, text).unwrap();
+        let mut told = told.to_vec();
+        told.push(".toml");
+        cases.push(refused(
+            format!("refine image.png --prior-depth depth.npy --config {}", path.display()),
+            &told,
+        ));
+    }
+    check(&cases);
+}
+
+#[test]
+fn unreadable_settings() {
+    let of = |file: &str| format!("refine image.png --prior-depth depth.npy --config {file}");
+    check(&[
+        refused(of("none.toml"), &["none.toml", "check the path"]),
+        refused(of("folder.png"), &["folder.png", "not a folder"]),
+        refused(of("broken.toml"), &["broken.toml", "seed"]),
+        refused(of("binary.toml"), &["binary.toml", "UTF-8"]),
+        refused(of("depth.npy"), &["depth.npy", "UTF-8"]),
+        refused("demo --size 64x48 --config broken.toml", &["broken.toml", "seed"]),
+        refused("warp image.png --prior-depth depth.npy --config none.toml", &["none.toml"]),
+        refused("ablate --dataset rooms --config none.toml", &["none.toml"]),
+    ]);
+}

@@ -1,0 +1,162 @@
+//! Whenever a run is killed, its output is the old one or the new one, and the same command goes on to the same bytes.
+#![cfg(unix)]
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{Place, TINY, names};
+use mde_cli::mde_prior::format::{ReadOptions, read_values};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+const MOMENTS: u32 = 20;
+const MAPS: [&str; 3] = ["depth.npy", "sigma.npy", "prior.npy"];
+
+fn start(place: &Place, arguments: &str) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_mde"))
+        .current_dir(place.path("."))
+        .args(arguments.split_whitespace())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap()
+}
+
+/// Kills at one of the moments, spread over a whole run's time; whether it was still going.
+fn kill_at(place: &Place, arguments: &str, moment: u32, whole: Duration) -> bool {
+    let mut child = start(place, arguments);
+    // Not at equal steps: a fraction that has no period in common with the stages.
+    let jitter = (f64::from(moment) * 0.618_034).fract();
+    sleep(whole.mul_f64((f64::from(moment) + jitter) / f64::from(MOMENTS)));
+    let signal = if moment.is_multiple_of(2) { "-KILL" } else { "-TERM" };
+    let _ = Command::new("kill").args([signal, &child.id().to_string()]).stderr(Stdio::null()).status();
+    !child.wait().unwrap().success()
+}
+
+fn maps(folder: &Path) -> [Vec<u8>; 3] {
+    MAPS.map(|name| fs::read(folder.join(name)).unwrap())
+}
+
+/// All maps of an evaluation; each entry that is there is whole.
+fn entries(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let visible = |folder: &Path| -> Vec<PathBuf> {
+        let inside = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+        inside.filter(|path| !path.file_name().unwrap().to_string_lossy().starts_with('.')).collect()
+    };
+    for entry in visible(&root.join("scenes")).iter().flat_map(|scene| visible(scene)) {
+        let record = fs::read_to_string(entry.join("method.json")).unwrap();
+        serde_json::from_str::<serde_json::Value>(&record).unwrap();
+        for name in ["depth.npy", "sigma.npy"] {
+            let path = entry.join(name);
+            if name == "depth.npy" || path.exists() {
+                assert_eq!(read_values(&path, &ReadOptions::default()).unwrap().dim(), (48, 64));
+                found.insert(path.strip_prefix(root).unwrap().to_owned(), fs::read(&path).unwrap());
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn a_refinement_killed_at_any_moment_leaves_old_or_new_and_resumes_to_the_same_bytes() {
+    let place = Place::new();
+    place.write(
+        "four.toml",
+        TINY.replace("iterations = 2", "iterations = 4").replace("steps = 200", "steps = 100"),
+    );
+    let refine = "refine image.png --prior-depth depth.npy --fov 60 --config four.toml --quiet --force";
+    place.mde(&format!("{refine} --seed 7 -o old")).assert().success();
+    let begin = Instant::now();
+    place.mde(&format!("{refine} -o new")).assert().success();
+    let whole = begin.elapsed();
+    let (old, new) = (maps(&place.path("old")), maps(&place.path("new")));
+    assert!(old != new);
+
+    let (mut killed, mut resumed) = (0, 0);
+    for moment in 0..MOMENTS {
+        let out = format!("out{moment}");
+        fs::create_dir(place.path(&out)).unwrap();
+        for name in names(&place.path("old")) {
+            fs::copy(place.path("old").join(&name), place.path(&out).join(&name)).unwrap();
+        }
+        let again = format!("{refine} --resume -o {out}");
+        killed += u32::from(kill_at(&place, &again, moment, whole));
+        let left = maps(&place.path(&out));
+        assert!(left == old || left == new, "moment {moment}: neither the old maps nor the new ones");
+        let expected = names(&place.path("old"));
+        assert_eq!(names(&place.path(&out)), expected, "moment {moment}");
+        resumed += u32::from(place.path(&format!("{out}.resume/1/state.json")).is_file());
+        place.mde(&again).assert().success();
+        assert!(maps(&place.path(&out)) == new, "moment {moment}: other bytes than an unbroken run's");
+        assert!(!place.path(&format!("{out}.resume")).exists());
+    }
+    assert!(killed >= MOMENTS / 4 && resumed >= 2, "{killed} killed, {resumed} resumed");
+}
+
+#[test]
+fn a_kept_iteration_is_used_only_for_the_same_run() {
+    let place = Place::new();
+    place.write("two.toml", TINY);
+    place.write("long.toml", TINY.replace("iterations = 2", "iterations = 50"));
+    let refine =
+        |rest: &str| format!("refine image.png --prior-depth depth.npy --fov 60 {rest} --resume -o out");
+    let keeps = || {
+        let mut child = start(&place, &refine("--config long.toml"));
+        let begin = Instant::now();
+        while !place.path("out.resume/2/state.json").is_file() {
+            assert!(begin.elapsed() < Duration::from_secs(60), "no iteration was kept");
+            sleep(Duration::from_millis(5));
+        }
+        child.kill().unwrap();
+        child.wait().unwrap();
+    };
+    let goes_on = |rest: &str| {
+        let run = place.mde(&refine(rest)).assert().success();
+        fs::remove_dir_all(place.path("out")).unwrap();
+        String::from_utf8(run.get_output().stderr.clone()).unwrap().contains("goes on after iteration")
+    };
+    // Of another configuration, and broken: both are begun anew.
+    keeps();
+    assert!(!goes_on("--config two.toml"));
+    keeps();
+    for entry in fs::read_dir(place.path("out.resume")).unwrap() {
+        let _ = fs::write(entry.unwrap().path().join("maps.npz"), "torn");
+    }
+    place.write("long.toml", TINY.replace("iterations = 2", "iterations = 3"));
+    assert!(!goes_on("--config long.toml"));
+}
+
+#[test]
+fn an_evaluation_killed_at_any_moment_resumes_to_the_same_bytes() {
+    let place = Place::new();
+    let eval = "eval --dataset rooms --size 64x48 --limit 2 --methods guided,tiny.toml --quiet";
+    let begin = Instant::now();
+    place.mde(&format!("{eval} -o whole")).assert().success();
+    let whole = begin.elapsed();
+    let expected = entries(&place.path("whole"));
+    assert!(expected.len() >= 8);
+
+    let mut killed = 0;
+    for moment in 0..MOMENTS {
+        let root = place.path(&format!("e{moment}"));
+        let again = format!("{eval} -o e{moment}");
+        killed += u32::from(kill_at(&place, &again, moment, whole));
+        for (name, bytes) in entries(&root) {
+            assert!(expected[&name] == bytes, "moment {moment}: {}", name.display());
+        }
+        for name in ["summary.json", "eval.json"] {
+            if let Ok(text) = fs::read_to_string(root.join(name)) {
+                serde_json::from_str::<serde_json::Value>(&text).unwrap();
+            }
+        }
+        place.mde(&again).assert().success();
+        assert!(entries(&root) == expected, "moment {moment}: other bytes than an unbroken run's");
+        assert_eq!(names(&root), names(&place.path("whole")), "moment {moment}");
+    }
+    assert!(killed >= MOMENTS / 4, "{killed} killed");
+}
