@@ -5,13 +5,16 @@ mod camera;
 mod canvas;
 mod commands;
 mod evaluation;
+mod export;
 mod field;
+mod gain;
 mod interrupt;
 mod job;
 mod output;
 mod preview;
 mod prior;
 mod progress;
+mod report_html;
 mod run_record;
 mod truth;
 

@@ -35,6 +35,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         config,
         truth: Some(Truth { source: "exact".to_owned(), depth: scene.depth, config: ScoreConfig::default() }),
         save_field: false,
+        export: args.export.export.clone(),
     };
     job.run(&folder, &mut progress)
 }

@@ -27,6 +27,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         config,
         truth: Truth::open(&args.truth, (height, width))?,
         save_field: args.save_field,
+        export: args.export.export.clone(),
         image: photo.pixels,
     };
     job.run(&folder, &mut progress)
