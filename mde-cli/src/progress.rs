@@ -247,6 +247,34 @@ fn duration(seconds: f64) -> String {
 }
 
 fn style() -> ProgressStyle {
-    let template = "{prefix} {bar:30} {pos}/{len} {msg} [{elapsed}, {eta} left]";
-    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+    let columns = usize::from(console::Term::stderr().size().1);
+    ProgressStyle::with_template(template(columns)).unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+/// What a line of so many columns has room for.
+fn template(columns: usize) -> &'static str {
+    match columns {
+        110.. => "{prefix} {bar:30} {pos}/{len} {msg} [{elapsed}, {eta} left]",
+        70.. => "{prefix} {wide_bar} {pos}/{len} [{elapsed}, {eta} left]",
+        _ => "{prefix} {wide_bar} {percent} %",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_width_has_a_line_that_can_be_drawn() {
+        for columns in [0, 20, 69, 70, 109, 110, 500] {
+            assert!(ProgressStyle::with_template(template(columns)).is_ok(), "{columns}");
+        }
+        assert!(template(40).len() < template(80).len() && template(80).len() < template(200).len());
+    }
+
+    #[test]
+    fn durations_name_the_two_units_that_matter() {
+        let said = [0.4, 59.6, 61.0, 700.0, 7260.0].map(duration);
+        assert_eq!(said, ["0 s", "1 min 0 s", "1 min 1 s", "11 min", "2 h 1 min"]);
+    }
 }

@@ -15,7 +15,7 @@ function cloud({ layers, maps, photo }) {
     depth: Uint32Array.from(maps.refined, (d) => layers.refined.ramp.shade(d, ...layers.refined.range)),
   };
   const sorted = Float32Array.from(maps.sigma.filter((s) => s > 0)).sort();
-  const start = { turn: 0.32, tilt: 0.14, zoom: 1 };
+  const start = { turn: 0.26, tilt: 0.12, zoom: 0.9 };
   const state = { ...start, colour: "photo", source: "refined", most: Infinity };
   const points = {};
 
@@ -66,7 +66,7 @@ function cloud({ layers, maps, photo }) {
     const back = pivot / state.zoom;
     const nearest = 0.02 * pivot;
     const colour = colours[state.colour], sigma = maps.sigma;
-    const reach = (1.25 * lens) / focal[0];
+    const reach = (1.6 * lens) / focal[0];
     let drawn = 0, all = 0;
     for (let place = 0; place < count; place += 1) {
       const z0 = xyz[3 * place + 2];

@@ -25,9 +25,17 @@ function number(value, digits = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   if (value === 0) return "0";
   const size = Math.abs(value);
-  if (size >= 1e6 || size < 1e-4) return value.toExponential(digits - 1).replace("-", "−").replace("e+", "e");
+  if (size >= 1e6 || size < 1e-4) return value.toExponential(digits - 1).replaceAll("-", "−").replace("e+", "e");
   const decimals = Math.max(0, digits - 1 - Math.floor(Math.log10(size)));
   return value.toFixed(Math.min(decimals, 6)).replace("-", "−");
+}
+
+/** With so many decimals, and a sign where asked. */
+function fixed(value, decimals, sign) {
+  const text = value.toFixed(decimals);
+  // A sign that no digit bears out.
+  const bare = /[1-9]/.test(text) ? text : text.replace("-", "");
+  return (sign && value > 0 && /[1-9]/.test(text) ? `+${bare}` : bare).replace("-", "−");
 }
 
 function signed(value, digits = 3) {
@@ -35,6 +43,7 @@ function signed(value, digits = 3) {
 }
 
 function percent(share, digits = 2) {
+  if (Math.abs(share) < 5e-6) return "0 %";
   return Number.isFinite(share) ? `${number(100 * share, digits)} %` : "–";
 }
 

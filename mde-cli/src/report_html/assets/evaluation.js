@@ -94,7 +94,9 @@ function scoreCell(metric, statistics, view, isReference) {
   }
   const estimate = statistics[view];
   if (!estimate || isReference) return cell;
-  const show = view === "ratio" ? (v) => `×${number(v)}` : (v) => signed(v, 2);
+  // As many decimals as the mean, and one more.
+  const decimals = Math.min(6, (number(statistics.mean).split(".")[1] ?? "").length + 1);
+  const show = view === "ratio" ? (v) => `×${fixed(v, 3, false)}` : (v) => fixed(v, decimals, true);
   const nothing = view === "ratio" ? 1 : 0;
   const outside = estimate.low > nothing || estimate.high < nothing;
   const better = { lower: -1, higher: 1 }[metric.better] ?? 0;

@@ -89,7 +89,8 @@ async function runLayers() {
   const depths = [Math.min(ends[0][0], ends[1][0]), Math.max(ends[0][1], ends[1][1])];
   const positive = (values) => (place) => values[place] > 0;
   const difference = refined.map((r, i) => (both[i] ? r - prior[i] : 0));
-  const largest = quantiles(difference.map(Math.abs), [0.99])[0] || 1e-6;
+  // Differences below a thousandth of the depth are not blown up to full colours.
+  const largest = Math.max(quantiles(difference.map(Math.abs), [0.99])[0] || 0, 0.001 * depths[1]) || 1;
   const relative = sigma.map((s, i) => (s > 0 && refined[i] > 0 ? (100 * s) / refined[i] : 0));
 
   const layers = {
@@ -103,11 +104,25 @@ async function runLayers() {
   if (maps.truth) {
     layers.truth = { label: "Truth", values: maps.truth, ramp: viridis, range: quantiles(maps.truth, [0.01, 0.99]), unit: "m", known: positive(maps.truth) };
   }
+  const alignment = report.record.scores?.by_alignment[report.record.scores.shown];
+  if (maps.truth && alignment) {
+    const errors = (name) => maps[name].map((d, i) => (d > 0 && maps.truth[i] > 0 ? align(d, alignment[name].alignment) - maps.truth[i] : 0));
+    const known = (name) => (place) => maps[name][place] > 0 && maps.truth[place] > 0;
+    for (const name of ["prior", "refined"]) maps[`error_${name}`] = errors(name);
+    const worst = quantiles(maps.error_prior.map(Math.abs), [0.98])[0] || 1e-6;
+    layers.error_prior = { label: "Error of the prior", values: maps.error_prior, ramp: diverging, range: [-worst, worst], unit: "m", signed: true, known: known("prior") };
+    layers.error_refined = { label: "Error of the refined", values: maps.error_refined, ramp: diverging, range: [-worst, worst], unit: "m", signed: true, known: known("refined") };
+  }
   for (const layer of Object.values(layers)) {
     if (layer.values && !layer.range.every(Number.isFinite)) layer.range = [0, 1];
     layer.canvas ??= paint(layer, size);
   }
   return { layers, maps, photo: photo.pixels };
+}
+
+/** A depth on the truth's scale. */
+function align(depth, { space, scale, shift, floor }) {
+  return space === "disparity" ? 1 / Math.max(scale / depth + shift, floor) : scale * depth + shift;
 }
 
 /** A range that a nearly constant map does not turn into noise. */

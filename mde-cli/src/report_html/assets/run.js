@@ -60,7 +60,7 @@ function headline(record, maps, unit) {
 }
 
 function verdict(change) {
-  if (Math.abs(change) < 0.0005) return "the same";
+  if (Math.abs(change) < 0.002) return "the same";
   return `${percent(Math.abs(change))} ${change < 0 ? "better" : "worse"}`;
 }
 
@@ -99,11 +99,11 @@ function trainingCharts(training) {
   if (lines("psnr").length === 0) return null;
   return make("div", { class: "charts" },
     chart({ title: "PSNR", x: "step", y: "dB, higher is better", series: lines("psnr") }),
-    chart({ title: "Loss", x: "step", y: "lower is better", series: lines("loss") }));
+    chart({ title: "Loss", x: "step", y: "lower is better, logarithmic", series: lines("loss"), logarithmic: true }));
 }
 
 function scoreNote(scores) {
-  return `Truth: ${scores.truth}. Each map is brought to the truth's scale by its own alignment, in the way that the column names.`;
+  return `Truth: ${scores.truth}. Each map is brought to the truth's scale by its own alignment, in the way that the column names. Coloured where it changed by 1 % or more; one picture proves nothing.`;
 }
 
 function scoreTable(scores) {
@@ -119,7 +119,7 @@ function scoreTable(scores) {
   const body = rows.map(([label, of, better]) => [label, ...names.flatMap((name) => {
     const [before, after] = [of(scores.by_alignment[name].prior), of(scores.by_alignment[name].refined)];
     const gain = better * (after - before);
-    const told = better !== 0 && Math.abs(after / before - 1) > 0.0005 ? (gain > 0 ? "good" : "bad") : null;
+    const told = better !== 0 && Math.abs(after / before - 1) >= 0.01 ? (gain > 0 ? "good" : "bad") : null;
     return [number(before), make("td", { class: told }, number(after))];
   })]).filter((row) => row.slice(1).some((cell) => (cell.textContent ?? cell) !== "–"));
   return table(columns, body);

@@ -1,20 +1,28 @@
 // Two layers with a slider between them, edges over both, and what each map says at a pixel.
 
-/** Neighbours whose depths differ by more than this factor have an edge between them. */
-const EDGE_RATIO = 1.06;
+/** A depth that changes by more than this factor within `REACH` pixels on either side has an edge. */
+const EDGE_RATIO = 1.1;
+const REACH = 2;
 
-/** A canvas with `colour` where a depth map jumps. */
+/** A canvas with `colour` where a depth map jumps the most along a row or a column. */
 function edgePicture(values, [width, height], colour) {
   const canvas = make("canvas", { width, height });
   const context = canvas.getContext("2d");
   context.fillStyle = colour;
-  const jumps = (a, b) => a > 0 && b > 0 && Math.max(a, b) > EDGE_RATIO * Math.min(a, b);
-  for (let y = 0; y < height; y += 1) {
-    for (let x = 0; x < width; x += 1) {
-      const here = values[y * width + x];
-      const right = x + 1 < width && jumps(here, values[y * width + x + 1]);
-      const below = y + 1 < height && jumps(here, values[(y + 1) * width + x]);
-      if (right || below) context.fillRect(x, y, 1, 1);
+  const logs = values.map((v) => (v > 0 ? Math.log(v) : NaN));
+  const least = Math.log(EDGE_RATIO);
+  for (const [step, along, size] of [[1, (place) => place % width, width], [width, (place) => Math.floor(place / width), height]]) {
+    const jump = (place) => {
+      const at = along(place);
+      if (at < REACH || at >= size - REACH) return 0;
+      return Math.abs(logs[place + REACH * step] - logs[place - REACH * step]) || 0;
+    };
+    for (let place = 0; place < values.length; place += 1) {
+      const here = jump(place);
+      if (here <= least || here < jump(place - step) || here <= jump(place + step)) continue;
+      // A floor that runs away from the camera is steep all along; an edge is not.
+      const beside = Math.max(jump(place - 2 * REACH * step), jump(place + 2 * REACH * step));
+      if (here > 1.25 * beside) context.fillRect(place % width, Math.floor(place / width), 1, 1);
     }
   }
   return canvas;
@@ -88,8 +96,15 @@ function viewer({ layers, maps }) {
       ["refined", depth(maps.refined, maps.sigma)],
       ["change", change],
     ];
-    if (maps.truth) rows.push(["truth", maps.truth[place] > 0 ? `${number(maps.truth[place], 4)} m` : "missing"]);
+    if (maps.truth) rows.push(["truth", maps.truth[place] > 0 ? `${number(maps.truth[place], 4)} m` : "missing"], ...errorsAt(place));
     readout.replaceChildren(...rows.flatMap(([name, value]) => [make("dt", {}, name), make("dd", { "data-name": name }, value)]));
+  }
+
+  /** What is left to the truth, where it is known, after the alignment of the scores. */
+  function errorsAt(place) {
+    if (!maps.error_prior || !(maps.truth[place] > 0)) return [];
+    const of = (name) => (maps[name][place] > 0 ? signed(maps[`error_${name}`][place]) : "–");
+    return [["error", `${of("prior")} → ${of("refined")} m`]];
   }
 
   function show() {
