@@ -165,8 +165,9 @@ class Page:
         self.settle()
 
     def key(self, key):
-        for kind in ("keyDown", "keyUp"):
-            self.call("Input.dispatchKeyEvent", type=kind, key=key)
+        code = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "0": 48}[key]
+        for kind in ("rawKeyDown", "keyUp"):
+            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code)
         self.settle()
 
     def pixels(self, selector):
@@ -218,8 +219,9 @@ def check_run(page, folder):
     dragged = page.pixels("#viewer")
     check(dragged != before, "dragging does not change the picture")
     page.value("document.getElementById('split').focus()")
+    at = int(page.value("document.getElementById('split').value"))
     page.key("ArrowRight")
-    page.key("ArrowRight")
+    check(int(page.value("document.getElementById('split').value")) > at, "the arrow keys do not move the slider")
     page.value("(() => { const s = document.getElementById('split'); s.value = 800; s.dispatchEvent(new Event('input')); })()")
     page.settle()
     check(page.pixels("#viewer") != dragged, "the slider does not change the picture")
@@ -258,7 +260,10 @@ def check_run(page, folder):
     some = page.value(points)
     check(0.3 * every < some < 0.7 * every, f"half of the sigmas hides {every - some} of {every} points")
     page.value("(() => { const s = document.getElementById('cloud-sigma'); s.value = 100; s.dispatchEvent(new Event('input')); })()")
+    unturned = page.pixels("#cloud")
+    page.value("document.getElementById('cloud').focus()")
     page.key("0")
+    check(page.pixels("#cloud") != unturned, "0 does not bring the cloud back")
     check(page.value("document.querySelectorAll('.chart polyline').length") >= 2, "there are no training curves")
 
 

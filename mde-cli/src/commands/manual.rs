@@ -28,7 +28,8 @@ pub(super) fn page(args: &ManArgs) -> Result<()> {
         }
     };
     let mut text = Vec::new();
-    Man::new(command).render(&mut text).context("the manual page can't be made")?;
+    let source = concat!("mde ", env!("CARGO_PKG_VERSION"));
+    Man::new(command).source(source).render(&mut text).context("the manual page can't be made")?;
     print(&text)
 }
 
