@@ -76,8 +76,9 @@ fn scores(path: &Path) -> Result<(Vec<String>, BTreeMap<String, Scores>)> {
     let text = read_text(path)?;
     let mut reader = csv::Reader::from_reader(text.as_bytes());
     let header = reader.headers().with_context(name)?.clone();
-    let mut order = Vec::new();
-    let mut sums: BTreeMap<String, BTreeMap<String, BTreeMap<String, (f64, u32)>>> = BTreeMap::new();
+    let mut order: Vec<String> = Vec::new();
+    // By scene, method and metric: the sum over seeds, and how many there are.
+    let mut sums: BTreeMap<[String; 3], (f64, u32)> = BTreeMap::new();
     for row in reader.records() {
         let row = row.with_context(name)?;
         let cell = |key: &str| header.iter().position(|h| h == key).and_then(|i| row.get(i));
@@ -85,22 +86,19 @@ fn scores(path: &Path) -> Result<(Vec<String>, BTreeMap<String, Scores>)> {
         if !order.iter().any(|known| known == scene) {
             order.push(scene.to_owned());
         }
-        let of_method = sums.entry(scene.to_owned()).or_default().entry(method.to_owned()).or_default();
         for metric in METRICS.iter().filter(|metric| metric.shown) {
             if let Some(value) = cell(metric.key).and_then(|text| text.parse::<f64>().ok()) {
-                let sum = of_method.entry(metric.key.to_owned()).or_default();
+                let sum = sums.entry([scene, method, metric.key].map(str::to_owned)).or_default();
                 *sum = (sum.0 + value, sum.1 + 1);
             }
         }
     }
-    let means = sums.into_iter().map(|(scene, methods)| {
-        let methods = methods.into_iter().map(|(method, values)| {
-            let values = values.into_iter().map(|(key, (sum, n))| (key, json!(sum / f64::from(n))));
-            (method, values.collect())
-        });
-        (scene, methods.collect())
-    });
-    Ok((order, means.collect()))
+    let mut means: BTreeMap<String, Scores> = BTreeMap::new();
+    for ([scene, method, key], (sum, seeds)) in sums {
+        let of_method = means.entry(scene).or_default().entry(method).or_default();
+        of_method.insert(key, json!(sum / f64::from(seeds)));
+    }
+    Ok((order, means))
 }
 
 /// The scene's picture and the maps of its methods that are in the tables, on one scale.
