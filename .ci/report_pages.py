@@ -341,7 +341,7 @@ def check_evaluation(page, folder):
             check(cells > 0, f"no scores for {option}")
     figures = len(list(folder.glob("*.svg")))
     check(page.value("document.querySelectorAll('.figures img').length") == figures, f"not the folder's {figures} figures")
-    loaded = page.value("Promise.all([...document.images].map((i) => { i.loading = 'eager'; return i.decode(); })).then(() =>"
+    loaded = page.value("Promise.all([...document.images].map((i) => i.decode())).then(() =>"
                         "[...document.images].every((i) => i.naturalWidth > 0))")
     check(loaded, "a picture is broken")
     check(page.value("document.querySelectorAll('.strip img').length") >= 2 or not (folder / "scenes").exists(), "there are no thumbnails")

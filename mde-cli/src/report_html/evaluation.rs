@@ -1,6 +1,6 @@
 //! The page of an evaluation or an ablation.
 
-use super::encode::{fitted, nearest, picture, svg};
+use super::encode::{fitted, gradients, nearest, picture, svg};
 use super::{page, read_json, read_text};
 use crate::preview::{depth_picture_within, sigma_picture_within, usual_range};
 use anyhow::{Context, Result};
@@ -53,6 +53,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         "metrics": METRICS.iter().map(metric).collect::<Vec<_>>(),
         "groups": Group::ALL.map(Group::title),
         "figures": figures,
+        "gradients": gradients(),
         "scenes": scenes,
         "thumbnails_of": SCENES,
     });

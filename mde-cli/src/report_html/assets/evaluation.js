@@ -105,6 +105,12 @@ function scoreCell(metric, statistics, view, isReference) {
   return cell;
 }
 
+/** The colours of a scene's thumbnails; nothing where no method states a sigma. */
+function thumbnailScale(name, colours, range) {
+  if (!(range[1] > 0)) return null;
+  return make("div", { class: "key" }, make("div", { class: "scale name" }, make("span", {}, name), make("span", { class: "soft" }, "prior's unit")), colourBar({ ramp: ramp(colours), range }));
+}
+
 function sceneList() {
   const root = make("div", {});
   const keys = Object.keys(report.scenes[0]?.scores ? Object.values(report.scenes[0].scores)[0] ?? {} : {});
@@ -115,13 +121,13 @@ function sceneList() {
   for (const scene of report.scenes) {
     if (!scene.thumbnails) { without.push(scene.id); continue; }
     const figure = (title, more, ...images) => make("figure", {}, images, make("figcaption", {}, make("b", {}, title), more ? make("span", { class: "soft" }, ` ${more}`) : null));
-    const picture = (address, alt) => (address ? make("img", { src: address, alt, loading: "lazy" }) : null);
+    const picture = (address, alt) => (address ? make("img", { src: address, alt }) : null);
     const tiles = scene.thumbnails.maps.map((map) => {
       const score = metric ? scene.scores[map.method]?.[metric.key] : undefined;
       return figure(map.method, score === undefined ? null : label + number(score), picture(map.depth, `depth of ${map.method}`), picture(map.sigma, `sigma of ${map.method}`));
     });
     const photo = scene.thumbnails.image ? figure("picture", null, picture(scene.thumbnails.image, `picture of ${scene.id}`)) : null;
-    root.append(make("div", { class: "scene" }, make("h3", {}, scene.id), make("div", { class: "strip", tabindex: "0", role: "region", "aria-label": `maps of ${scene.id}` }, photo, tiles)));
+    root.append(make("div", { class: "scene" }, make("div", { class: "row head" }, make("h3", {}, scene.id), thumbnailScale("depth", "viridis", scene.thumbnails.depths), thumbnailScale("sigma", "magma", scene.thumbnails.sigmas)), make("div", { class: "strip", tabindex: "0", role: "region", "aria-label": `maps of ${scene.id}` }, photo, tiles)));
   }
   if (without.length > 0) {
     const why = without.length === report.scenes.length ? "The maps are not in this folder" : `No thumbnails (of at most ${report.thumbnails_of} scenes)`;
