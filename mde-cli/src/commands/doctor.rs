@@ -13,8 +13,8 @@ use std::time::Instant;
 
 /// The picture that a model is tried on.
 const TRIAL: [usize; 2] = [320, 240];
-/// A model whose depth agrees less than this with the order of the true one has probably the wrong profile.
-const AGREES: f64 = 0.3;
+/// A model whose depth has no better correlation with the true one than this has probably the wrong profile.
+const AGREES: f64 = 0.0;
 
 pub(super) fn run(args: &DoctorArgs) -> Result<()> {
     say("program", &versions().iter().map(|(n, v)| format!("{n} {v}")).collect::<Vec<_>>().join(", "));
@@ -79,7 +79,7 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
         ),
     );
     ensure!(
-        order >= AGREES,
+        order > AGREES,
         "{}: its depth hardly agrees with the room's ({order:.2}); check the profile: a disparity taken for a depth \
          has a negative correlation",
         path.display()
