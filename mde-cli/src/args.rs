@@ -49,6 +49,14 @@ pub(crate) enum Command {
     Config(ConfigArgs),
     /// Time the field's fit and render on this machine, stage by stage
     Bench(BenchArgs),
+    /// Write report.html of a finished folder again
+    Report(ReportArgs),
+    /// Say what this machine and a model can do
+    Doctor(DoctorArgs),
+    /// Print a shell's completions
+    Completions(CompletionsArgs),
+    /// Print a manual page
+    Man(ManArgs),
 }
 
 #[derive(Debug, Args)]
@@ -68,6 +76,8 @@ pub(crate) struct DemoArgs {
     pub(crate) settings: SettingsArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
+    #[command(flatten)]
+    pub(crate) export: ExportArgs,
 }
 
 #[derive(Debug, Args)]
@@ -79,7 +89,8 @@ Examples:
   mde refine room.png --prior-depth depth.exr --fx 520 --fy 520 --cx 319.5 --cy 239.5 --gt truth.npy -o out/room
 
 Output: depth.npy and sigma.npy (f32 [height, width], the prior's unit; missing: 0 and inf), prior.npy, depth.png
-(16 bit; its scale is in run.json), preview.png, config.toml (all settings), run.json (everything measured).")]
+(16 bit; its scale is in run.json), image.png, preview.png, config.toml (all settings), run.json (everything measured),
+report.html (all of it to look at); with --gt gt.npy; with --export cloud.ply, depth.exr, colmap/.")]
 pub(crate) struct RefineArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP
     #[arg(value_name = "IMAGE")]
@@ -99,6 +110,8 @@ pub(crate) struct RefineArgs {
     /// Keep every finished iteration in DIR.resume until the results are there, and go on from it after an interruption
     #[arg(long, help_heading = "Output")]
     pub(crate) resume: bool,
+    #[command(flatten)]
+    pub(crate) export: ExportArgs,
     /// Write the last iteration's field too: field.safetensors
     #[arg(long, help_heading = "Output")]
     pub(crate) save_field: bool,
@@ -175,7 +188,7 @@ Examples:
 Methods: the presets paper, default and fast; a TOML file of settings over --preset; the baselines prior, flip, zoom,
 unsharp0.5, unsharp1, unsharp2, noise, guided, jbf, wmf and fbs; one after the other with a plus, such as zoom+jbf.
 
-Output: table.md, summary.json, scenes.csv, figures (SVG and PNG), eval.json (what was evaluated), and every map under
+Output: report.html, table.md, summary.json, scenes.csv, figures (SVG and PNG), eval.json (what was evaluated), and every map under
 scenes/. What is there already is not run again: the same command goes on after an interruption, with other methods it
 adds them, and a method whose settings changed is run anew.")]
 pub(crate) struct EvalArgs {
@@ -428,6 +441,57 @@ pub(crate) struct BenchArgs {
     pub(crate) json: bool,
 }
 
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  mde report out/room
+
+The page is made from the folder's own files: of mde refine, demo, eval or ablate. It needs no network.")]
+pub(crate) struct ReportArgs {
+    /// The folder of a run or an evaluation
+    #[arg(value_name = "DIR")]
+    pub(crate) folder: PathBuf,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  mde doctor
+  mde doctor --prior-model dpt_large.onnx
+
+With a model, it is run on a room whose depth is known, and its answer is compared with that.")]
+pub(crate) struct DoctorArgs {
+    /// A monocular depth network to be checked
+    #[arg(long, value_name = "MODEL.onnx")]
+    pub(crate) prior_model: Option<PathBuf>,
+    /// What the model wants and gives; else MODEL.toml beside MODEL.onnx, else guessed from its name
+    #[arg(long, value_name = "NAME", requires = "prior_model")]
+    pub(crate) model_profile: Option<String>,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  mde completions bash > ~/.local/share/bash-completion/completions/mde
+  mde completions zsh > ~/.zfunc/_mde
+  mde completions fish > ~/.config/fish/completions/mde.fish")]
+pub(crate) struct CompletionsArgs {
+    /// Which shell
+    #[arg(value_enum)]
+    pub(crate) shell: clap_complete::Shell,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  mde man > mde.1
+  mde man refine | man -l -")]
+pub(crate) struct ManArgs {
+    /// The page of this subcommand instead of the program's
+    #[arg(value_name = "COMMAND")]
+    pub(crate) command: Option<String>,
+}
+
 // An argument that requires one which conflicts with what was given passes clap, so what excludes it is named as well.
 
 /// Where the monocular depth comes from.
@@ -539,6 +603,25 @@ pub(crate) struct TruthArgs {
     /// Depth = value / X; 1000 for 16-bit PNG, 1 for floats
     #[arg(long, value_name = "X", requires = "gt")]
     pub(crate) gt_scale: Option<f64>,
+}
+
+/// Files for other programs.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Output")]
+pub(crate) struct ExportArgs {
+    /// Files for other programs too, separated by commas
+    #[arg(long, value_enum, value_name = "FORMATS", value_delimiter = ',')]
+    pub(crate) export: Vec<ExportName>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ExportName {
+    /// cloud.ply: points with colour, normal and sigma (binary)
+    Ply,
+    /// depth.exr: channels Z (refined), sigma and prior
+    Exr,
+    /// colmap/: cameras.txt, images.txt, points3D.txt
+    Colmap,
 }
 
 /// Where results go and what is said meanwhile.

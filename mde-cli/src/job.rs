@@ -1,13 +1,16 @@
 //! One refinement from opened inputs to a folder of results.
 
-use crate::args::{RunArgs, SettingsArgs, SizeArgs};
+use crate::args::{ExportName, RunArgs, SettingsArgs, SizeArgs};
 use crate::camera::KnownCamera;
 use crate::checkpoint::Checkpoints;
+use crate::export::Exported;
 use crate::field::SharedNerf;
+use crate::gain;
 use crate::output::{OutputFolder, RECORD};
 use crate::preview::{Preview, preview};
 use crate::prior::{NamedPrior, PriorOrigin, Timed};
 use crate::progress::Progress;
+use crate::report_html;
 use crate::run_record::{About, RunRecord, write_json};
 use crate::size::{SMALLEST, check_memory, shrink, within};
 use crate::truth::Truth;
@@ -18,7 +21,7 @@ use mde_fusion::BayesFuser;
 use mde_nerf::Nerf;
 use mde_prior::DepthKind;
 use mde_prior::format::{write_npy, write_png16};
-use mde_prior::photo::{Photo, read_image, write_rgb_png};
+use mde_prior::photo::{Photo, read_image, write_image, write_rgb_png};
 use ndarray::Array3;
 use serde_json::json;
 use std::path::Path;
@@ -41,6 +44,8 @@ pub(crate) struct Job {
     pub(crate) save_field: bool,
     /// Where the state between iterations is kept, if it is.
     pub(crate) checkpoints: Option<Checkpoints>,
+    /// Files for other programs.
+    pub(crate) export: Vec<ExportName>,
 }
 
 /// The settings that the command line asks for.
@@ -175,18 +180,39 @@ impl Job {
                 png_scale,
                 missing_pixels,
                 iterations: &refinement.iterations,
+                training: progress.training(),
                 scores,
                 prior_seconds: prior.seconds(),
                 score_seconds,
             };
-            write_json(&path.join(RECORD), &record)
+            write_json(&path.join(RECORD), &record)?;
+            self.export(path, &refinement)?;
+            report_html::write(path)?;
+            Ok(())
         })?;
         if let Some(checkpoints) = &self.checkpoints {
             checkpoints.discard();
         }
-        let text = format!("{table}wrote {} in {:.1} s", folder.path().display(), progress.seconds());
+        let gained = gain::summary(&refinement, unit(self.prior.origin.kind));
+        let report = folder.path().join(report_html::FILE);
+        let text = format!(
+            "{table}{gained}\nwrote {} in {:.1} s; to look at it, open {}",
+            folder.path().display(),
+            progress.seconds(),
+            report.display()
+        );
         progress.result(&text, said);
         Ok(())
+    }
+
+    fn export(&self, folder: &Path, refinement: &Refinement) -> Result<()> {
+        let scene = Exported {
+            image: self.image.view(),
+            camera: &self.camera.camera,
+            depth: &refinement.depth,
+            prior: refinement.prior.view(),
+        };
+        self.export.iter().try_for_each(|format| scene.write(*format, folder))
     }
 
     fn write_maps(&self, folder: &Path, refinement: &Refinement, png_scale: f64) -> Result<()> {
@@ -205,8 +231,8 @@ impl Job {
         };
         write_rgb_png(folder.join("preview.png"), preview(&show).pixels())?;
         mde_prior::write_atomic(&folder.join("config.toml"), self.config.to_toml()?.as_bytes())?;
-        if let (Some(truth), "demo") = (&self.truth, self.command) {
-            mde_prior::photo::write_image(folder.join("image.png"), self.image.view())?;
+        write_image(folder.join("image.png"), self.image.view())?;
+        if let Some(truth) = &self.truth {
             write_npy(folder.join("gt.npy"), truth.depth.view())?;
         }
         Ok(())

@@ -39,8 +39,8 @@ pub(crate) fn preview(show: &Preview<'_>) -> Canvas {
     let bottom = top + height + 3 * MARGIN + BAR + text_height(text);
     let mut canvas = Canvas::new(4 * width + 5 * MARGIN, bottom, BACKGROUND);
 
-    let depths = range(show.prior.iter().chain(show.refined));
-    let sigmas = range(show.sigma.iter());
+    let depths = usual_range(show.prior.iter().chain(show.refined));
+    let sigmas = usual_range(show.sigma.iter());
     let maps = [
         (format!("prior [{}]", show.unit), show.prior, &VIRIDIS, depths),
         (format!("refined [{}]", show.unit), show.refined, &VIRIDIS, depths),
@@ -62,9 +62,22 @@ pub(crate) fn preview(show: &Preview<'_>) -> Canvas {
 
 /// A depth map as a colour picture, `[height, width, 3]` bytes.
 pub(crate) fn depth_picture(depth: ArrayView2<'_, f32>) -> Canvas {
-    let range = range(depth.iter());
-    let mut canvas = Canvas::new(depth.ncols(), depth.nrows(), MISSING);
-    canvas.paint([0, 0], [depth.ncols(), depth.nrows()], |x, y| shade(depth[(y, x)], &VIRIDIS, range));
+    depth_picture_within(depth, usual_range(depth.iter()))
+}
+
+/// The same with the colours from one depth to another.
+pub(crate) fn depth_picture_within(depth: ArrayView2<'_, f32>, range: [f64; 2]) -> Canvas {
+    picture(depth, &VIRIDIS, range)
+}
+
+/// A map of sigma as a colour picture.
+pub(crate) fn sigma_picture_within(sigma: ArrayView2<'_, f32>, range: [f64; 2]) -> Canvas {
+    picture(sigma, &MAGMA, range)
+}
+
+fn picture(map: ArrayView2<'_, f32>, gradient: &Gradient, range: [f64; 2]) -> Canvas {
+    let mut canvas = Canvas::new(map.ncols(), map.nrows(), MISSING);
+    canvas.paint([0, 0], [map.ncols(), map.nrows()], |x, y| shade(map[(y, x)], gradient, range));
     canvas
 }
 
@@ -136,7 +149,7 @@ fn known(value: f32) -> bool {
 }
 
 /// 1 % and 99 % of the known values.
-fn range<'v>(values: impl Iterator<Item = &'v f32>) -> [f64; 2] {
+pub(crate) fn usual_range<'v>(values: impl Iterator<Item = &'v f32>) -> [f64; 2] {
     let mut values: Vec<f32> = values.copied().filter(|&v| known(v)).collect();
     values.sort_unstable_by(f32::total_cmp);
     let last = values.len().saturating_sub(1) as f64;
@@ -180,8 +193,8 @@ mod tests {
     fn a_range_leaves_out_the_extremes_and_the_missing() {
         let mut values: Vec<f32> = (1..=1000).map(|v| v as f32).collect();
         values.extend([0.0, f32::INFINITY, -3.0]);
-        assert_eq!(range(values.iter()), [11.0, 990.0]);
-        assert_eq!(range([].iter()), [0.0, 0.0]);
+        assert_eq!(usual_range(values.iter()), [11.0, 990.0]);
+        assert_eq!(usual_range([].iter()), [0.0, 0.0]);
         assert_eq!((number(1.23456, 4.0), number(0.0123, 0.02)), ("1.23".to_owned(), "0.0123".to_owned()));
     }
 }

@@ -5,6 +5,7 @@ use crate::interrupt;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use mde_cli::{Event, Stage};
 use mde_nerf::Event as FieldEvent;
+use serde::Serialize;
 use serde_json::{Value, json};
 use std::io::{self, IsTerminal, Write};
 use std::ops::ControlFlow;
@@ -16,6 +17,15 @@ enum Mode {
     Lines,
     Json,
     Quiet,
+}
+
+/// How a fit went on, one entry an event.
+#[derive(Debug, Default, Serialize)]
+pub(crate) struct TrainingCurve {
+    step: Vec<usize>,
+    loss: Vec<f64>,
+    /// Of the training rays, dB.
+    psnr: Vec<f64>,
 }
 
 /// Tells the user of a run.
@@ -30,6 +40,7 @@ pub(crate) struct Progress {
     /// Tenths of the stage that a line was written for.
     tenths: usize,
     warnings: Vec<String>,
+    training: Vec<TrainingCurve>,
 }
 
 impl Progress {
@@ -49,6 +60,7 @@ impl Progress {
             bar: None,
             tenths: 0,
             warnings: Vec::new(),
+            training: Vec::new(),
         }
     }
 
@@ -70,6 +82,11 @@ impl Progress {
     /// Every warning so far.
     pub(crate) fn warnings(&self) -> &[String] {
         &self.warnings
+    }
+
+    /// The fits so far, one an iteration.
+    pub(crate) fn training(&self) -> &[TrainingCurve] {
+        &self.training
     }
 
     /// Says what begins outside the loop.
@@ -124,6 +141,12 @@ impl Progress {
     pub(crate) fn field(&mut self, event: &FieldEvent, view: usize, views: usize) {
         match *event {
             FieldEvent::Fit { step, steps, loss, psnr } => {
+                self.training.resize_with(self.iteration[0].max(self.training.len()), Default::default);
+                if let Some(curve) = self.training.last_mut() {
+                    curve.step.push(step);
+                    curve.loss.push(loss);
+                    curve.psnr.push(psnr);
+                }
                 let text = format!("steps, loss {loss:.4}, PSNR {psnr:.1} dB");
                 let value =
                     json!({ "event": "fit", "step": step, "steps": steps, "loss": loss, "psnr": psnr });
@@ -224,6 +247,34 @@ fn duration(seconds: f64) -> String {
 }
 
 fn style() -> ProgressStyle {
-    let template = "{prefix} {bar:30} {pos}/{len} {msg} [{elapsed}, {eta} left]";
-    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+    let columns = usize::from(console::Term::stderr().size().1);
+    ProgressStyle::with_template(template(columns)).unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+/// What a line of so many columns has room for.
+fn template(columns: usize) -> &'static str {
+    match columns {
+        110.. => "{prefix} {bar:30} {pos}/{len} {msg} [{elapsed}, {eta} left]",
+        70.. => "{prefix} {wide_bar} {pos}/{len} [{elapsed}, {eta} left]",
+        _ => "{prefix} {wide_bar} {percent} %",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_width_has_a_line_that_can_be_drawn() {
+        for columns in [0, 20, 69, 70, 109, 110, 500] {
+            assert!(ProgressStyle::with_template(template(columns)).is_ok(), "{columns}");
+        }
+        assert!(template(40).len() < template(80).len() && template(80).len() < template(200).len());
+    }
+
+    #[test]
+    fn durations_name_the_two_units_that_matter() {
+        let said = [0.4, 59.6, 61.0, 700.0, 7260.0].map(duration);
+        assert_eq!(said, ["0 s", "1 min 0 s", "1 min 1 s", "11 min", "2 h 1 min"]);
+    }
 }

@@ -14,12 +14,13 @@ use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant, SystemTime};
 
-const RESULTS: [&str; 9] = [
+const RESULTS: [&str; 10] = [
     "error-by-percentile.png",
     "error-by-percentile.svg",
     "eval.json",
     "reliability.png",
     "reliability.svg",
+    "report.html",
     "scenes.csv",
     "sparsification.png",
     "sparsification.svg",
@@ -111,7 +112,7 @@ fn a_killed_evaluation_goes_on_where_it_was() {
     fs::create_dir_all(place.path("e/scenes/study-0/.mde-left")).unwrap();
     place.mde(&command).assert().success().stdout(predicate::str::contains("| tiny |"));
     assert_eq!(written(&place, "study-0", "guided"), before);
-    assert_eq!(names(&place.path("e/scenes/study-0")), ["guided", "prior", "tiny"]);
+    assert_eq!(names(&place.path("e/scenes/study-0")), ["guided", "picture.png", "prior", "tiny"]);
 }
 
 #[test]

@@ -14,8 +14,17 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 
-const OUTPUTS: [&str; 7] =
-    ["config.toml", "depth.npy", "depth.png", "preview.png", "prior.npy", "run.json", "sigma.npy"];
+const OUTPUTS: [&str; 9] = [
+    "config.toml",
+    "depth.npy",
+    "depth.png",
+    "image.png",
+    "preview.png",
+    "prior.npy",
+    "report.html",
+    "run.json",
+    "sigma.npy",
+];
 
 fn record(folder: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(folder.join("run.json")).unwrap()).unwrap()
@@ -69,7 +78,7 @@ fn the_demo_is_scored_against_its_exact_depth() {
         .stderr(predicate::str::contains("iteration 2/2: fuse"));
     let record = check_outputs(&place.path("a/demo"), (HEIGHT, WIDTH));
     assert_eq!(names(&place.path("a")), ["demo"]);
-    let mut expected = [&OUTPUTS[..], &["gt.npy", "image.png"]].concat();
+    let mut expected = [&OUTPUTS[..], &["gt.npy"]].concat();
     expected.sort_unstable();
     assert_eq!(names(&place.path("a/demo")), expected);
     assert_eq!((record["seed"].as_u64(), record["camera"]["source"].as_str()), (Some(3), Some("scene")));

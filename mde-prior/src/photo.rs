@@ -100,19 +100,33 @@ fn focal_35mm(bytes: &[u8]) -> Option<f64> {
 /// [`Error::Write`]; [`Error::Malformed`] when the shape is not `[height, width, 3]` with 1 pixel at least.
 pub fn write_rgb_png(path: impl AsRef<Path>, pixels: ArrayView3<'_, u8>) -> Result<()> {
     let path = path.as_ref();
+    let bytes = encode(pixels).map_err(|reason| Error::malformed(path, reason))?;
+    write_atomic(path, &bytes)
+}
+
+/// The bytes of a PNG of `[height, width, 3]` sRGB bytes.
+///
+/// # Errors
+/// [`Error::Input`] when the shape is not `[height, width, 3]` with 1 pixel at least.
+pub fn encode_rgb_png(pixels: ArrayView3<'_, u8>) -> Result<Vec<u8>> {
+    encode(pixels).map_err(Error::Input)
+}
+
+fn encode(pixels: ArrayView3<'_, u8>) -> Result<Vec<u8>, String> {
     let (height, width, channels) = pixels.dim();
     let side = |n: usize| u32::try_from(n).ok().filter(|&n| n > 0);
     let (Some(width), Some(height), 3) = (side(width), side(height), channels) else {
-        let reason =
-            format!("an image of shape {:?} can't be written; give [height, width, 3]", pixels.dim());
-        return Err(Error::malformed(path, reason));
+        return Err(format!(
+            "an image of shape {:?} can't be written; give [height, width, 3]",
+            pixels.dim()
+        ));
     };
     let data: Vec<u8> = pixels.iter().copied().collect();
     let mut bytes = Vec::new();
     image::codecs::png::PngEncoder::new(&mut bytes)
         .write_image(&data, width, height, ExtendedColorType::Rgb8)
-        .map_err(|e| Error::malformed(path, e.to_string()))?;
-    write_atomic(path, &bytes)
+        .map_err(|e| e.to_string())?;
+    Ok(bytes)
 }
 
 /// Writes `[height, width, 3]` sRGB values in `[0, 1]`, rounded to 8 bits and clamped, as a PNG.

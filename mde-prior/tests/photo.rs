@@ -5,7 +5,7 @@ use std::io::Cursor;
 
 use image::{DynamicImage, ImageFormat};
 use mde_prior::ndarray::{Array3, array};
-use mde_prior::photo::{decode_image, read_image, write_image, write_rgb_png};
+use mde_prior::photo::{decode_image, encode_rgb_png, read_image, write_image, write_rgb_png};
 use proptest::prelude::*;
 
 fn encode(image: &DynamicImage, format: ImageFormat) -> Vec<u8> {
@@ -126,4 +126,18 @@ fn a_bomb_is_refused_before_it_is_unpacked() {
         message.contains("60000x60000") || message.contains("limit") || message.contains("Memory"),
         "{message}"
     );
+}
+
+#[test]
+fn the_bytes_of_a_picture_are_those_of_its_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    let pixels = Array3::from_shape_fn((3, 5, 3), |(y, x, c)| (40 * y + 10 * x + c) as u8);
+    write_rgb_png(&path, pixels.view()).unwrap();
+    let bytes = encode_rgb_png(pixels.view()).unwrap();
+    assert_eq!(std::fs::read(&path).unwrap(), bytes);
+    let read = decode_image(&bytes).unwrap().pixels.mapv(|v| (v * 255.0).round() as u8);
+    assert_eq!(read, pixels);
+    let grey = Array3::<u8>::zeros((3, 5, 1));
+    assert!(encode_rgb_png(grey.view()).unwrap_err().to_string().contains("[3, 5, 1]"));
 }

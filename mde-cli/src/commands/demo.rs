@@ -39,6 +39,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         truth: Some(Truth { source: "exact".to_owned(), depth: scene.depth, config: ScoreConfig::default() }),
         save_field: false,
         checkpoints: None,
+        export: args.export.export.clone(),
     };
     job.run(&folder, &mut progress)
 }

@@ -4,9 +4,12 @@ mod ablate;
 mod bench;
 mod config;
 mod demo;
+mod doctor;
 mod eval;
+mod manual;
 mod refine;
 mod render;
+mod report;
 mod score_maps;
 mod warp;
 
@@ -23,6 +26,10 @@ pub(crate) fn run(command: &Command) -> Result<()> {
         Command::Ablate(args) => ablate::run(args),
         Command::Config(args) => config::run(args),
         Command::Bench(args) => bench::run(args),
+        Command::Report(args) => report::run(args),
+        Command::Doctor(args) => doctor::run(args),
+        Command::Completions(args) => manual::completions(args),
+        Command::Man(args) => manual::page(args),
     }
 }
 

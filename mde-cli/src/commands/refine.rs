@@ -36,6 +36,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         truth: Truth::open(&args.truth, &opened)?,
         save_field: args.save_field,
         checkpoints,
+        export: args.export.export.clone(),
         image: opened.photo.pixels,
     };
     job.run(&folder, &mut progress)

@@ -4,7 +4,8 @@ use super::runner::Failure;
 use super::scoring::SIGMA_BY;
 use crate::output::temporary_folder;
 use crate::progress::Progress;
-use crate::run_record::{versions, write_json};
+use crate::report_html;
+use crate::run_record::{command_line, versions, write_json};
 use anyhow::{Context, Result, ensure};
 use mde_eval::figure;
 use mde_eval::statistics::Bootstrap;
@@ -55,7 +56,7 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
     let summary = Summary::new(&results.entries, results.reference.as_deref(), &Bootstrap::default())?;
     let text = results.table(&summary);
     let value = json!({
-        "title": results.title, "alignment": results.alignment, "made_from": results.record, "versions": versions(),
+        "title": results.title, "alignment": results.alignment, "command_line": command_line(), "made_from": results.record, "versions": versions(),
         "failures": results.failures, "warnings": progress.warnings(), "summary": summary,
     });
     let temporary = temporary_folder(folder)?;
@@ -71,7 +72,9 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
         fs::rename(file.path(), &target)
             .with_context(|| format!("{}: can't put the results there", target.display()))?;
     }
-    progress.result(text.trim_end(), json!({ "event": "result", "summary": value["summary"] }));
+    let report = report_html::write(folder)?;
+    let text = format!("{}\n\nreport: {}", text.trim_end(), report.display());
+    progress.result(&text, json!({ "event": "result", "summary": value["summary"] }));
     match first {
         None => Ok(()),
         Some(first) => {

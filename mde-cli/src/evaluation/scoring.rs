@@ -81,6 +81,7 @@ impl Scoring {
         let config = self.config(result.sample);
         let Some((_, prior)) = result.entries.first() else { return Ok(Vec::new()) };
         let truth = crc(result.sample.depth.view());
+        store.keep_picture(&result.sample.id, result.sample.image.view())?;
         let mut against = None;
         let mut entries = Vec::new();
         for (method, kept) in &result.entries {

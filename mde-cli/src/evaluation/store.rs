@@ -1,10 +1,12 @@
 //! The folder of an evaluation: one folder a scene and method, each there whole or not at all.
 
+use crate::canvas::resized;
 use crate::run_record::write_json;
 use anyhow::{Context, Result, ensure};
 use mde_eval::Refined;
 use mde_prior::format::{ReadOptions, read_values, write_npy};
-use ndarray::Array2;
+use mde_prior::photo::write_image;
+use ndarray::{Array2, ArrayView3};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -17,6 +19,10 @@ const RECORD: &str = "method.json";
 const DEPTH: &str = "depth.npy";
 const SIGMA: &str = "sigma.npy";
 const SCORES: &str = "scores.json";
+/// A scene's picture, small, for the report.
+pub(crate) const PICTURE: &str = "picture.png";
+/// The picture fits into a square of so many pixels.
+const PICTURE_SIDE: usize = 320;
 /// Unfinished folders start so.
 const TEMPORARY: &str = ".mde-";
 
@@ -163,6 +169,18 @@ impl Store {
         write_json(&self.folder(scene, method).join(SCORES), scores)
     }
 
+    /// Keeps a small picture of the scene, `[height, width, 3]`, unless it is there.
+    pub(crate) fn keep_picture(&self, scene: &str, image: ArrayView3<'_, f32>) -> Result<()> {
+        let path = self.scene(scene).join(PICTURE);
+        if path.is_file() {
+            return Ok(());
+        }
+        let (height, width, _) = image.dim();
+        let scale = (PICTURE_SIDE as f64 / width.max(height) as f64).min(1.0);
+        let side = |pixels: usize| ((pixels as f64 * scale).round() as usize).max(1);
+        Ok(write_image(path, resized(image, side(width), side(height)).view())?)
+    }
+
     /// Puts a method's answer in its place, instead of an older one.
     pub(crate) fn keep(&self, scene: &str, method: &str, entry: &Entry) -> Result<()> {
         let parent = self.scene(scene);
@@ -208,7 +226,7 @@ fn difference(old: &Value, new: &Value) -> Option<String> {
 }
 
 /// A name that every file system takes, another for every text.
-fn file_name(text: &str) -> String {
+pub(crate) fn file_name(text: &str) -> String {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
     let mut name = String::new();
     for (index, byte) in text.bytes().enumerate() {

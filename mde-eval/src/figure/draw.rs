@@ -9,7 +9,7 @@ use std::sync::Once;
 
 const SIZE: (u32, u32) = (900, 560);
 /// Room for the names at the lines' ends, pixels.
-const NAMES: u32 = 200;
+const NAMES: u32 = 240;
 /// Height of a name, pixels.
 const NAME_HEIGHT: i32 = 17;
 const FONT: &str = "sans-serif";

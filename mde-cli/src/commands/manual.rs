@@ -1,0 +1,42 @@
+//! `mde completions` and `mde man`.
+
+use crate::args::{Cli, CompletionsArgs, ManArgs};
+use anyhow::{Context, Result};
+use clap::CommandFactory;
+use clap_mangen::Man;
+use std::io::{self, Write};
+
+pub(super) fn completions(args: &CompletionsArgs) -> Result<()> {
+    let mut text = Vec::new();
+    clap_complete::generate(args.shell, &mut Cli::command(), "mde", &mut text);
+    print(&text)
+}
+
+pub(super) fn page(args: &ManArgs) -> Result<()> {
+    let mut program = Cli::command();
+    // Gives the subcommands their whole names.
+    program.build();
+    let command = match &args.command {
+        None => program,
+        Some(name) => {
+            let found = program.find_subcommand(name).filter(|found| found.get_name() != "help").cloned();
+            let names: Vec<_> = program.get_subcommands().map(|c| c.get_name().to_owned()).collect();
+            let found = found
+                .with_context(|| format!("{name}: no such command; take one of {}", names.join(", ")))?;
+            let name = format!("mde-{}", found.get_name());
+            found.display_name(name)
+        }
+    };
+    let mut text = Vec::new();
+    let source = concat!("mde ", env!("CARGO_PKG_VERSION"));
+    Man::new(command).source(source).render(&mut text).context("the manual page can't be made")?;
+    print(&text)
+}
+
+/// To stdout; a reader that went away needs no answer.
+fn print(text: &[u8]) -> Result<()> {
+    match io::stdout().lock().write_all(text) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error).context("stdout"),
+        _ => Ok(()),
+    }
+}

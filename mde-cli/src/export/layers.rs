@@ -1,0 +1,54 @@
+//! OpenEXR with the channels Z, sigma and prior.
+
+use super::Exported;
+use anyhow::{Context, Result};
+use exr::prelude::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, SmallVec,
+    WritableImage as _,
+};
+use ndarray::ArrayView2;
+use std::io::Cursor;
+
+pub(super) fn encode(scene: &Exported<'_>) -> Result<Vec<u8>> {
+    let (height, width) = scene.depth.dim();
+    let sigma = scene.depth.sigma();
+    let channel = |name: &str, map: ArrayView2<'_, f32>| {
+        AnyChannel::new(name, FlatSamples::F32(map.iter().copied().collect()))
+    };
+    let channels = AnyChannels::sort(SmallVec::from_iter([
+        channel("Z", scene.depth.mean()),
+        channel("sigma", sigma.view()),
+        channel("prior", scene.prior),
+    ]));
+    let layer =
+        Layer::new((width, height), LayerAttributes::default(), Encoding::SMALL_FAST_LOSSLESS, channels);
+    let mut bytes = Cursor::new(Vec::new());
+    let write = Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes);
+    write.context("depth.exr can't be made")?;
+    Ok(bytes.into_inner())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::with_plane;
+    use super::*;
+    use mde_prior::format::{ReadOptions, read_values};
+
+    #[test]
+    fn every_channel_is_read_back_as_it_was() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("depth.exr");
+        with_plane(|scene| {
+            std::fs::write(&path, encode(scene).unwrap()).unwrap();
+            let read = |channel: Option<&str>| {
+                let options =
+                    ReadOptions { exr_channel: channel.map(str::to_owned), ..ReadOptions::default() };
+                read_values(&path, &options).unwrap()
+            };
+            // Without a word the refined depth.
+            assert_eq!(read(None), scene.depth.mean());
+            assert_eq!(read(Some("sigma")), scene.depth.sigma());
+            assert_eq!(read(Some("prior")), scene.prior);
+        });
+    }
+}

@@ -1,0 +1,177 @@
+// The depth as a cloud of points, drawn with a depth buffer on a plain canvas: no graphics driver is asked for anything.
+
+function cloud({ layers, maps, photo }) {
+  const [width, height] = report.size;
+  const camera = report.record.camera;
+  const shrink = width / report.full[0];
+  const focal = [camera.fx * shrink, camera.fy * (height / report.full[1])];
+  const middle = [(camera.cx + 0.5) * shrink - 0.5, (camera.cy + 0.5) * (height / report.full[1]) - 0.5];
+  const unit = report.record.unit === "unscaled" ? "" : ` ${report.record.unit}`;
+  const count = width * height;
+  const photoWords = new Uint32Array(photo.buffer.slice(0));
+  const colours = {
+    photo: photoWords,
+    sigma: Uint32Array.from(maps.sigma, (s) => layers.sigma.ramp.shade(s, ...layers.sigma.range)),
+    depth: Uint32Array.from(maps.refined, (d) => layers.refined.ramp.shade(d, ...layers.refined.range)),
+  };
+  const sorted = Float32Array.from(maps.sigma.filter((s) => s > 0)).sort();
+  const start = { turn: 0.26, tilt: 0.12, zoom: 0.9 };
+  const state = { ...start, colour: "photo", source: "refined", most: Infinity };
+  const points = {};
+
+  /** x, y, z of every pixel of a map; z = 0 where it is missing. */
+  function build(name) {
+    const values = maps[name];
+    const xyz = new Float32Array(3 * count);
+    for (let place = 0; place < count; place += 1) {
+      const z = values[place];
+      xyz[3 * place] = (((place % width) - middle[0]) / focal[0]) * z;
+      xyz[3 * place + 1] = ((Math.floor(place / width) - middle[1]) / focal[1]) * z;
+      xyz[3 * place + 2] = z;
+    }
+    // The 95th percentile keeps one far pixel from moving the pivot.
+    const [near, pivot] = quantiles(values, [0.05, 0.5]);
+    return { xyz, pivot, near };
+  }
+
+  const canvas = make("canvas", {
+    id: "cloud", tabindex: "0", role: "img",
+    "aria-label": "The depth as points in space; arrow keys turn it, plus and minus zoom, 0 goes back",
+  });
+  const context = canvas.getContext("2d");
+  const shown = make("span", { class: "soft small", id: "cloud-count" });
+  let picture = null, words = null, buffer = null;
+
+  const draw = oncePerFrame(() => {
+    const wide = Math.max(64, Math.min(1000, Math.round((canvas.clientWidth || 640) * Math.min(devicePixelRatio || 1, 1.5))));
+    const high = Math.round(wide * Math.min(0.75, Math.max(0.56, height / width)));
+    if (!picture || picture.width !== wide || picture.height !== high) {
+      canvas.width = wide;
+      canvas.height = high;
+      picture = context.createImageData(wide, high);
+      words = new Uint32Array(picture.data.buffer);
+      buffer = new Float32Array(wide * high);
+    }
+    words.fill(0);
+    buffer.fill(Infinity);
+    points[state.source] ??= build(state.source);
+    splat(points[state.source], wide, high);
+    context.putImageData(picture, 0, 0);
+  });
+
+  function splat({ xyz, pivot }, wide, high) {
+    const [ct, st, cp, sp] = [Math.cos(state.turn), Math.sin(state.turn), Math.cos(state.tilt), Math.sin(state.tilt)];
+    // At zoom 1 and no turn this is the photograph's own view.
+    const lens = Math.min((wide / width) * focal[0], (high / height) * focal[1]) * 0.92;
+    const back = pivot / state.zoom;
+    const nearest = 0.02 * pivot;
+    const colour = colours[state.colour], sigma = maps.sigma;
+    const reach = (1.6 * lens) / focal[0];
+    let drawn = 0, all = 0;
+    for (let place = 0; place < count; place += 1) {
+      const z0 = xyz[3 * place + 2];
+      if (!(z0 > 0)) continue;
+      all += 1;
+      if (!(sigma[place] <= state.most)) continue;
+      drawn += 1;
+      const x0 = xyz[3 * place], y0 = xyz[3 * place + 1], d = z0 - pivot;
+      const x = ct * x0 + st * d, far = -st * x0 + ct * d;
+      const y = cp * y0 - sp * far, z = sp * y0 + cp * far + back;
+      if (z < nearest) continue;
+      const size = Math.max(1, Math.min(5, Math.ceil((reach * z0) / z)));
+      const left = Math.round(wide / 2 + (lens * x) / z - size / 2), top = Math.round(high / 2 + (lens * y) / z - size / 2);
+      if (left < 0 || top < 0 || left + size > wide || top + size > high) continue;
+      const word = colour[place];
+      for (let row = top; row < top + size; row += 1) {
+        for (let at = row * wide + left, end = at + size; at < end; at += 1) {
+          if (z < buffer[at]) { buffer[at] = z; words[at] = word; }
+        }
+      }
+    }
+    shown.textContent = `${drawn.toLocaleString("en")} of ${all.toLocaleString("en")} points`;
+  }
+
+  function turn(dx, dy) {
+    state.turn = Math.max(-1.5, Math.min(1.5, state.turn + dx));
+    state.tilt = Math.max(-1.3, Math.min(1.3, state.tilt + dy));
+    draw();
+  }
+  function zoom(factor) {
+    state.zoom = Math.max(0.2, Math.min(12, state.zoom * factor));
+    draw();
+  }
+
+  const fingers = new Map();
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    fingers.set(event.pointerId, [event.clientX, event.clientY]);
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const before = fingers.get(event.pointerId);
+    if (!before) return;
+    const now = [event.clientX, event.clientY];
+    const other = [...fingers].find(([id]) => id !== event.pointerId)?.[1];
+    if (other) {
+      const apart = (point) => Math.hypot(point[0] - other[0], point[1] - other[1]) || 1;
+      zoom(apart(now) / apart(before));
+    } else {
+      turn((before[0] - now[0]) / 240, (now[1] - before[1]) / 240);
+    }
+    fingers.set(event.pointerId, now);
+  });
+  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
+  canvas.addEventListener("wheel", (event) => { event.preventDefault(); zoom(Math.exp(-event.deltaY / 600)); }, { passive: false });
+  canvas.addEventListener("keydown", (event) => {
+    const keys = {
+      ArrowLeft: () => turn(0.08, 0), ArrowRight: () => turn(-0.08, 0), ArrowUp: () => turn(0, -0.08), ArrowDown: () => turn(0, 0.08),
+      "+": () => zoom(1.15), "=": () => zoom(1.15), "-": () => zoom(1 / 1.15), 0: reset,
+    };
+    const act = keys[event.key];
+    if (!act) return;
+    event.preventDefault();
+    act();
+  });
+  function reset() {
+    Object.assign(state, start);
+    draw();
+  }
+
+  const most = make("output", { id: "cloud-most" });
+  const threshold = make("input", {
+    id: "cloud-sigma", type: "range", min: "1", max: "100", value: "100", "aria-label": "Hide points above this sigma",
+    oninput: limit,
+  });
+  function limit() {
+    const share = threshold.value / 100;
+    state.most = share >= 1 || sorted.length === 0 ? Infinity : sorted[Math.round(share * (sorted.length - 1))];
+    most.textContent = Number.isFinite(state.most) ? `σ ≤ ${number(state.most)}${unit}` : "all";
+    draw();
+  }
+
+  const sources = [["refined", "Refined"], ["prior", "Prior"]];
+  if (maps.truth) sources.push(["truth", "Truth"]);
+  const root = make("div", { class: "split cloud" },
+    make("div", { class: "stage" }, canvas),
+    make("div", { class: "panel" },
+      make("div", { class: "field" },
+        make("span", {}, "Depth"), choice(sources, state.source, "Which depth", (name) => { state.source = name; draw(); }),
+        make("span", {}, "Colour"), choice([["photo", "Photograph"], ["sigma", "Sigma"], ["depth", "Refined depth"]], state.colour, "Colour of the points", (name) => { state.colour = name; draw(); })),
+      make("div", {},
+        make("div", { class: "scale name" }, make("span", {}, "Hide what is less sure than"), most),
+        threshold),
+      colourBarFor(layers.sigma, "Sigma"),
+      make("div", { class: "row" },
+        make("button", { type: "button", onclick: () => zoom(1.25), "aria-label": "Zoom in" }, "+"),
+        make("button", { type: "button", onclick: () => zoom(0.8), "aria-label": "Zoom out" }, "−"),
+        make("button", { type: "button", onclick: () => { Object.assign(state, { turn: 0, tilt: 0, zoom: 1 }); draw(); } }, "Photograph's view"),
+        make("button", { type: "button", onclick: reset }, "Reset")),
+      shown));
+  new ResizeObserver(draw).observe(canvas);
+  limit();
+  return root;
+}
+
+function colourBarFor(layer, name) {
+  return make("div", {},
+    make("div", { class: "scale name" }, make("span", {}, name), make("span", { class: "soft" }, layer.unit)), colourBar(layer));
+}

@@ -1,0 +1,132 @@
+// The page of one refinement.
+
+async function runPage(page) {
+  const { record } = report;
+  const unit = record.unit === "unscaled" ? "" : ` ${record.unit}`;
+  const scene = await runLayers();
+  const { layers, maps } = scene;
+
+  const about = [
+    record.preset && `preset ${record.preset}`, record.seed !== undefined && `seed ${record.seed}`,
+    `${report.full[0]} × ${report.full[1]} pixels`, record.unit === "unscaled" ? "depth without a unit" : `depth in ${record.unit}`,
+    seconds(record.total_seconds), `mde ${record.versions["mde-cli"]}`,
+  ].filter(Boolean);
+  page.append(make("h1", {}, report.title), make("p", { class: "soft" }, about.join(" · ")), headline(record, maps, unit));
+  const notes = warnings(record.warnings);
+  if (notes) page.append(notes);
+
+  const compare = viewer(scene);
+  const hint = "Drag in the picture to move the border; point at a pixel to read it. ";
+  section("Before and after", hint + report.prior_sigma, compare.root);
+
+  const gallery = make("div", { class: "gallery" }, Object.entries(layers).map(([name, layer]) => tile(name, layer, () => {
+    compare.set("right", name);
+    document.getElementById("viewer").scrollIntoView({ block: "center" });
+    document.getElementById("viewer").focus({ preventScroll: true });
+  })));
+  section("All maps", "Press one to put it on the right above. Colours run from the 1st to the 99th percentile; missing is grey.", gallery);
+
+  section("In space", "Drag to turn, wheel or pinch to zoom; with the keyboard: arrows, plus, minus, 0.", cloud(scene));
+  section("Iterations", null, iterationTable(record.iterations, unit));
+  const curves = trainingCharts(record.training ?? []);
+  if (curves) section("Training", "Of the rays of each batch, once every few steps.", curves);
+  if (record.scores) section("Against the truth", scoreNote(record.scores), scoreTable(record.scores));
+  section("Again", null,
+    make("p", { class: "small soft" }, "The command that made this, and all of its settings."),
+    copyable(record.command_line ?? `mde ${record.command}`),
+    make("details", {}, make("summary", {}, "Settings (config.toml)"), copyable(report.config)),
+    make("details", {}, make("summary", {}, "Record (run.json)"), make("pre", { tabindex: "0" }, JSON.stringify(record, null, 2))));
+  section("Files", null, fileTable(report.files));
+}
+
+/** The numbers that a reader wants first. */
+function headline(record, maps, unit) {
+  const moved = maps.refined.map((r, i) => (r > 0 && maps.prior[i] > 0 ? Math.abs(r / maps.prior[i] - 1) || 1e-9 : 0));
+  const relative = maps.sigma.map((s, i) => (s > 0 && maps.refined[i] > 0 ? s / maps.refined[i] : 0));
+  const [median, most] = quantiles(moved, [0.5, 0.9]);
+  const last = record.iterations[record.iterations.length - 1];
+  const cards = [
+    card(percent(median), `the depth moved at the median pixel; ${percent(most)} at nine of ten`),
+    card(`± ${number(quantiles(maps.sigma, [0.5])[0])}${unit}`, `sigma at the median pixel: ${percent(quantiles(relative, [0.5])[0])} of the depth`),
+    card(percent(last.fusion.nerf_weight), "the field's weight in the result; the rest is the prior's"),
+  ];
+  if (last.fit.psnr.length > 0) cards.push(card(`${number(last.fit.psnr[0])} dB`, "how well the field shows the photograph (PSNR)"));
+  const pair = record.scores?.by_alignment[record.scores.shown];
+  if (pair) {
+    const [before, after] = [pair.prior.depth["abs-rel"], pair.refined.depth["abs-rel"]];
+    cards.unshift(card(`${number(before)} → ${number(after)}`, `AbsRel against the truth: ${verdict(after / before - 1)} (${record.scores.shown} alignment)`));
+  }
+  return make("div", { class: "cards" }, cards);
+}
+
+function verdict(change) {
+  if (Math.abs(change) < 0.002) return "the same";
+  return `${percent(Math.abs(change))} ${change < 0 ? "better" : "worse"}`;
+}
+
+function tile(name, layer, pressed) {
+  const copy = make("canvas", { width: layer.canvas.width, height: layer.canvas.height });
+  copy.getContext("2d").drawImage(layer.canvas, 0, 0);
+  const heading = make("div", { class: "scale name" }, make("span", {}, layer.label), make("span", { class: "soft" }, layer.unit ?? ""));
+  return make("figure", {},
+    make("button", { type: "button", onclick: pressed, "aria-label": `Show ${layer.label} above`, "data-layer": name }, copy),
+    make("figcaption", {}, heading, colourBar(layer)));
+}
+
+function table(columns, rows) {
+  const cell = (tag, scope) => (text) => (text instanceof Node ? text : make(tag, scope ? { scope } : {}, text));
+  return make("div", { class: "wide", tabindex: "0", role: "region", "aria-label": "table" },
+    make("table", {},
+      make("thead", {}, make("tr", {}, columns.map(cell("th", "col")))),
+      make("tbody", {}, rows.map((row) => make("tr", {}, make("th", { scope: "row" }, row[0]), row.slice(1).map(cell("td")))))));
+}
+
+function iterationTable(iterations, unit) {
+  const columns = ["iteration", "a", `b${unit && ` [${unit.trim()}]`}`, `σₒ${unit && ` [${unit.trim()}]`}`, "weight of the field", "PSNR, original [dB]", "PSNR, mean [dB]",
+    "loss", "field off the prior", "holes in the views", "warp [s]", "fit [s]", "render [s]", "fuse [s]"];
+  const rows = iterations.map((one, index) => {
+    const { fusion, fit, warp, seconds: took } = one;
+    const mean = fit.psnr.reduce((sum, v) => sum + v, 0) / (fit.psnr.length || NaN);
+    return [String(index + 1), number(fusion.a, 4), number(fusion.b), number(fusion.sigma_o), percent(fusion.nerf_weight),
+      number(fit.psnr[0]), number(mean), number(fit.loss), percent(one.field_prior_deviation ?? NaN), percent(warp.mean_hole_fraction),
+      ...[took.warp, took.fit, took.render, took.fuse].map((s) => number(s, 2))];
+  });
+  return table(columns, rows);
+}
+
+function trainingCharts(training) {
+  const lines = (key) => training.map((curve, index) => ({ name: `iteration ${index + 1}`, points: curve.step.map((step, i) => [step, curve[key][i]]) })).filter((line) => line.points.length > 1);
+  if (lines("psnr").length === 0) return null;
+  return make("div", { class: "charts" },
+    chart({ title: "PSNR", x: "step", y: "dB, higher is better", series: lines("psnr") }),
+    chart({ title: "Loss", x: "step", y: "lower is better, logarithmic", series: lines("loss"), logarithmic: true }));
+}
+
+function scoreNote(scores) {
+  return `Truth: ${scores.truth}. Each map is brought to the truth's scale by its own alignment, in the way that the column names. Coloured where it changed by 1 % or more; one picture proves nothing.`;
+}
+
+function scoreTable(scores) {
+  const rows = [
+    ["AbsRel ↓", (s) => s.depth["abs-rel"], -1], ["RMSE [m] ↓", (s) => s.depth.rmse, -1],
+    ["within a factor 1.25 ↑", (s) => s.depth.delta?.[0], 1], ["boundary F1 ↑", (s) => s.depth["boundary-f1"], 1],
+    ["order across edges wrong ↓", (s) => s.depth["d3r-like"], -1], ["sharpness at edges ↑", (s) => s.depth["sharpness-on"], 1],
+    ["sharpness elsewhere ↓", (s) => s.depth["sharpness-off"], -1], ["sigma and error, Spearman ↑", (s) => s.uncertainty?.spearman, 0],
+    ["mean z² (1 is right)", (s) => s.uncertainty?.["mean-z2"], 0],
+  ];
+  const names = [scores.shown, ...Object.keys(scores.by_alignment).filter((name) => name !== scores.shown)];
+  const columns = ["", ...names.flatMap((name) => [`${name}: prior`, "refined"])];
+  const body = rows.map(([label, of, better]) => [label, ...names.flatMap((name) => {
+    const [before, after] = [of(scores.by_alignment[name].prior), of(scores.by_alignment[name].refined)];
+    const gain = better * (after - before);
+    const told = better !== 0 && Math.abs(after / before - 1) >= 0.01 ? (gain > 0 ? "good" : "bad") : null;
+    return [number(before), make("td", { class: told }, number(after))];
+  })]).filter((row) => row.slice(1).some((cell) => (cell.textContent ?? cell) !== "–"));
+  return table(columns, body);
+}
+
+function fileTable(files) {
+  const rows = files.map((file) => make("tr", {},
+    make("td", {}, make("a", { href: file.name }, make("code", {}, file.name))), make("td", { class: "soft" }, file.what), make("td", { class: "soft" }, file.bytes ? bytes(file.bytes) : "")));
+  return make("div", { class: "wide files" }, make("table", {}, make("tbody", {}, rows)));
+}

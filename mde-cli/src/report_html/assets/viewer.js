@@ -1,0 +1,219 @@
+// Two layers with a slider between them, edges over both, and what each map says at a pixel.
+
+/** A depth that changes by more than this factor within `REACH` pixels on either side has an edge. */
+const EDGE_RATIO = 1.1;
+const REACH = 2;
+
+/** A canvas with `colour` where a depth map jumps the most along a row or a column. */
+function edgePicture(values, [width, height], colour) {
+  const canvas = make("canvas", { width, height });
+  const context = canvas.getContext("2d");
+  context.fillStyle = colour;
+  const logs = values.map((v) => (v > 0 ? Math.log(v) : NaN));
+  const least = Math.log(EDGE_RATIO);
+  for (const [step, along, size] of [[1, (place) => place % width, width], [width, (place) => Math.floor(place / width), height]]) {
+    const jump = (place) => {
+      const at = along(place);
+      if (at < REACH || at >= size - REACH) return 0;
+      return Math.abs(logs[place + REACH * step] - logs[place - REACH * step]) || 0;
+    };
+    for (let place = 0; place < values.length; place += 1) {
+      const here = jump(place);
+      if (here <= least || here < jump(place - step) || here <= jump(place + step)) continue;
+      // A floor that runs away from the camera is steep all along; an edge is not.
+      const beside = Math.max(jump(place - 2 * REACH * step), jump(place + 2 * REACH * step));
+      if (here > 1.25 * beside) context.fillRect(place % width, Math.floor(place / width), 1, 1);
+    }
+  }
+  return canvas;
+}
+
+const EDGES = { prior: "#ff9d1e", refined: "#19e3ff" };
+
+function viewer({ layers, maps }) {
+  const [width, height] = report.size;
+  const unit = report.record.unit === "unscaled" ? "" : ` ${report.record.unit}`;
+  const state = { left: "prior", right: "refined", split: 0.5, at: [width >> 1, height >> 1], edges: new Set() };
+  const edges = {};
+
+  const canvas = make("canvas", {
+    id: "viewer", tabindex: "0", role: "img",
+    "aria-label": "Two maps beside each other; the arrow keys move the pixel that is read out, Page Up and Page Down the slider",
+  });
+  const context = canvas.getContext("2d");
+  const tags = { left: make("span", { class: "tag left" }), right: make("span", { class: "tag right" }) };
+  const slider = make("input", {
+    id: "split", type: "range", min: "0", max: "1000", value: "500", "aria-label": "Where the left map ends",
+    oninput: () => { state.split = slider.value / 1000; draw(); },
+  });
+  const readout = make("dl", { id: "readout", "aria-live": "polite" });
+  const scales = make("div", { class: "panel" });
+
+  const draw = oncePerFrame(() => {
+    const ratio = Math.min(devicePixelRatio || 1, 2);
+    const wide = Math.max(1, Math.round((canvas.clientWidth || width) * ratio));
+    const high = Math.max(1, Math.round((wide * height) / width));
+    if (canvas.width !== wide || canvas.height !== high) { canvas.width = wide; canvas.height = high; }
+    const scale = wide / width;
+    const middle = state.split * wide;
+    const part = (name, from, to) => {
+      context.save();
+      context.beginPath();
+      context.rect(from, 0, to - from, high);
+      context.clip();
+      context.imageSmoothingEnabled = Boolean(layers[name].smooth);
+      context.drawImage(layers[name].canvas, 0, 0, wide, high);
+      context.restore();
+    };
+    part(state.left, 0, middle);
+    part(state.right, middle, wide);
+    context.imageSmoothingEnabled = false;
+    for (const name of state.edges) {
+      edges[name] ??= edgePicture(maps[name], report.size, EDGES[name]);
+      context.drawImage(edges[name], 0, 0, wide, high);
+    }
+    bar(context, middle, high, ratio);
+    cross(context, (state.at[0] + 0.5) * scale, (state.at[1] + 0.5) * scale, ratio);
+    tags.left.hidden = state.split < 0.12;
+    tags.right.hidden = state.split > 0.88;
+  });
+
+  function read() {
+    const [x, y] = state.at;
+    const place = y * width + x;
+    const depth = (values, sigmas) => {
+      if (!(values[place] > 0)) return "missing";
+      const sigma = sigmas[place] > 0 ? ` ± ${number(sigmas[place])}` : "";
+      return `${number(values[place], 4)}${sigma}${unit}`;
+    };
+    const change = maps.prior[place] > 0 && maps.refined[place] > 0
+      ? `${signed(maps.refined[place] - maps.prior[place])}${unit} (${signed(100 * (maps.refined[place] / maps.prior[place] - 1), 2)} %)`
+      : "–";
+    const full = [x, y].map((v, i) => Math.floor(((v + 0.5) * report.full[i]) / report.size[i]));
+    const rows = [
+      ["pixel", `${full[0]}, ${full[1]}`],
+      ["prior", depth(maps.prior, maps.prior_sigma)],
+      ["refined", depth(maps.refined, maps.sigma)],
+      ["change", change],
+    ];
+    if (maps.truth) rows.push(["truth", maps.truth[place] > 0 ? `${number(maps.truth[place], 4)} m` : "missing"], ...errorsAt(place));
+    readout.replaceChildren(...rows.flatMap(([name, value]) => [make("dt", {}, name), make("dd", { "data-name": name }, value)]));
+  }
+
+  /** What is left to the truth, where it is known, after the alignment of the scores. */
+  function errorsAt(place) {
+    if (!maps.error_prior || !(maps.truth[place] > 0)) return [];
+    const of = (name) => (maps[name][place] > 0 ? signed(maps[`error_${name}`][place]) : "–");
+    return [["error", `${of("prior")} → ${of("refined")} m`]];
+  }
+
+  function show() {
+    for (const side of ["left", "right"]) tags[side].textContent = layers[state[side]].label;
+    const shown = [...new Set([state.left, state.right])].filter((name) => layers[name].ramp);
+    const groups = new Map();
+    for (const name of shown) {
+      const key = `${layers[name].range} ${layers[name].unit}`;
+      groups.set(key, [...(groups.get(key) ?? []), name]);
+    }
+    scales.replaceChildren(...[...groups.values()].map((names) => make("div", {},
+      make("div", { class: "scale name" }, make("span", {}, names.map((name) => layers[name].label).join(", ")), make("span", { class: "soft" }, layers[names[0]].unit)),
+      colourBar(layers[names[0]]))));
+    draw();
+  }
+
+  function set(side, name) {
+    state[side] = name;
+    pick[side].value = name;
+    show();
+  }
+
+  function place(event) {
+    const box = canvas.getBoundingClientRect();
+    const share = (value, from, size) => Math.max(0, Math.min(1, (value - from) / size));
+    const [u, v] = [share(event.clientX, box.left, box.width), share(event.clientY, box.top, box.height)];
+    state.at = [Math.min(width - 1, Math.floor(u * width)), Math.min(height - 1, Math.floor(v * height))];
+    if (event.buttons & 1 || event.type === "pointerdown") {
+      state.split = u;
+      slider.value = String(Math.round(1000 * u));
+    }
+    read();
+    draw();
+  }
+
+  canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); place(event); });
+  canvas.addEventListener("pointermove", place);
+  canvas.addEventListener("keydown", (event) => {
+    const step = event.shiftKey ? 10 : 1;
+    const moves = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
+    const move = moves[event.key];
+    if (move) {
+      state.at = [Math.max(0, Math.min(width - 1, state.at[0] + move[0])), Math.max(0, Math.min(height - 1, state.at[1] + move[1]))];
+    } else if (event.key === "PageUp" || event.key === "PageDown") {
+      state.split = Math.max(0, Math.min(1, state.split + (event.key === "PageUp" ? -0.05 : 0.05)));
+      slider.value = String(Math.round(1000 * state.split));
+    } else {
+      return;
+    }
+    event.preventDefault();
+    read();
+    draw();
+  });
+
+  const options = Object.entries(layers).map(([name, layer]) => [name, layer.label]);
+  const pick = {
+    left: choice(options, state.left, "Left map", (name) => set("left", name)),
+    right: choice(options, state.right, "Right map", (name) => set("right", name)),
+  };
+  const edgeBox = (name, text) => {
+    const box = make("input", {
+      type: "checkbox", id: `edges-${name}`,
+      onchange: () => { if (box.checked) state.edges.add(name); else state.edges.delete(name); draw(); },
+    });
+    const swatch = make("span", { class: "swatch" });
+    swatch.style.background = EDGES[name];
+    return make("label", {}, box, swatch, text);
+  };
+
+  const root = make("div", { class: "split viewer" },
+    make("div", {}, make("div", { class: "stage" }, canvas, tags.left, tags.right), slider),
+    make("div", { class: "panel" },
+      make("div", { class: "readout" }, readout),
+      make("div", { class: "field" }, make("span", {}, "Left"), pick.left, make("span", {}, "Right"), pick.right),
+      make("div", { class: "row" }, edgeBox("prior", "edges of the prior"), edgeBox("refined", "edges of the refined")),
+      scales));
+  new ResizeObserver(draw).observe(canvas);
+  read();
+  show();
+  return { root, set };
+}
+
+function bar(context, x, high, ratio) {
+  context.fillStyle = "rgb(0 0 0 / 0.55)";
+  context.fillRect(x - 2 * ratio, 0, 4 * ratio, high);
+  context.fillStyle = "#fff";
+  context.fillRect(x - ratio, 0, 2 * ratio, high);
+  context.beginPath();
+  context.arc(x, high / 2, 11 * ratio, 0, 2 * Math.PI);
+  context.fill();
+  context.fillStyle = "#333";
+  for (const side of [-1, 1]) {
+    context.beginPath();
+    context.moveTo(x + side * 7 * ratio, high / 2);
+    context.lineTo(x + side * 2.5 * ratio, high / 2 - 4.5 * ratio);
+    context.lineTo(x + side * 2.5 * ratio, high / 2 + 4.5 * ratio);
+    context.fill();
+  }
+}
+
+function cross(context, x, y, ratio) {
+  for (const [colour, thick] of [["rgb(0 0 0 / 0.7)", 3.5], ["#fff", 1.5]]) {
+    context.strokeStyle = colour;
+    context.lineWidth = thick * ratio;
+    context.beginPath();
+    for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
+      context.moveTo(x + 4 * dx * ratio, y + 4 * dy * ratio);
+      context.lineTo(x + 10 * dx * ratio, y + 10 * dy * ratio);
+    }
+    context.stroke();
+  }
+}

@@ -1,0 +1,200 @@
+//! The report, the files for other programs, and what the program says of itself.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{HEIGHT, Place, WIDTH, names};
+use mde_cli::mde_prior::format::{ReadOptions, read_values};
+use ndarray::Array2;
+use ndarray_npy::read_npy;
+use predicates::prelude::*;
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+
+const RUN: &str = "refine image.png --prior-depth depth.npy --fov 60 --config tiny.toml";
+
+fn read(path: &Path) -> String {
+    fs::read_to_string(path).unwrap()
+}
+
+/// What the page holds.
+fn data(html: &str) -> Value {
+    let start = html.find("id=\"data\">").unwrap() + "id=\"data\">".len();
+    let end = start + html[start..].find("</script>").unwrap();
+    serde_json::from_str(&html[start..end]).unwrap()
+}
+
+/// The page asks for nothing: the only address in it is the name of the SVG namespace.
+fn check_alone(html: &str) {
+    assert!(html.contains("default-src 'none'"));
+    let named = html.matches("http://www.w3.org/2000/svg").count();
+    assert_eq!(html.matches("://").count(), named);
+    assert_eq!(html.matches("<script").count(), 2);
+    assert!(!html.contains("<link") && !html.contains("@import") && !html.contains("{{"));
+}
+
+#[test]
+fn a_run_has_a_report_that_can_be_made_again() {
+    let place = Place::new();
+    place.write("a 'b.png", fs::read(place.path("image.png")).unwrap());
+    let mut command =
+        place.mde("refine --prior-depth depth.npy --fov 60 --config tiny.toml --gt depth.npy -o out");
+    command.arg("a 'b.png").assert().success().stdout(predicate::str::contains("open out/report.html"));
+    let path = place.path("out/report.html");
+    let html = read(&path);
+    check_alone(&html);
+    let data = data(&html);
+    assert_eq!((data["kind"].as_str(), data["title"].as_str()), (Some("run"), Some("a 'b.png")));
+    assert_eq!(data["size"], serde_json::json!([WIDTH, HEIGHT]));
+    for map in ["prior", "refined", "sigma", "prior_sigma", "truth"] {
+        assert!(data["maps"][map]["data"].as_str().unwrap().len() > 20, "{map}");
+    }
+    let record = &data["record"];
+    assert!(record["command_line"].as_str().unwrap().ends_with(r"-o out 'a '\''b.png'"));
+    let curves = record["training"].as_array().unwrap();
+    assert_eq!(curves.len(), record["iterations"].as_array().unwrap().len());
+    for curve in curves {
+        let [step, loss, psnr] = ["step", "loss", "psnr"].map(|key| curve[key].as_array().unwrap());
+        assert!(step.len() > 1 && step.len() == loss.len() && step.len() == psnr.len());
+        assert_eq!(step.last().unwrap().as_u64(), Some(200));
+        assert!(psnr.last().unwrap().as_f64() > psnr[0].as_f64());
+    }
+
+    fs::remove_file(&path).unwrap();
+    let before = names(&place.path("out"));
+    place.mde("report out").assert().success().stdout(predicate::str::contains("out/report.html"));
+    assert!(read(&path) == html);
+    assert_eq!(names(&place.path("out")).len(), before.len() + 1);
+}
+
+#[test]
+fn an_evaluation_has_a_report_with_thumbnails() {
+    let place = Place::new();
+    let eval = "eval --dataset rooms --size 64x48 --limit 2 --methods tiny.toml,guided -o e";
+    place.mde(eval).assert().success().stdout(predicate::str::contains("report: e/report.html"));
+    let html = read(&place.path("e/report.html"));
+    check_alone(&html);
+    let data = data(&html);
+    assert_eq!(data["kind"], "evaluation");
+    assert_eq!(data["summary"]["command_line"].as_str().unwrap(), format!("mde {eval}"));
+    assert_eq!(data["figures"].as_array().unwrap().len(), 3);
+    let scenes = data["scenes"].as_array().unwrap();
+    assert_eq!(scenes.len(), 2);
+    for scene in scenes {
+        assert!(scene["thumbnails"]["image"].as_str().unwrap().starts_with("data:image/png;base64,"));
+        let maps = scene["thumbnails"]["maps"].as_array().unwrap();
+        let methods: Vec<&str> = maps.iter().map(|map| map["method"].as_str().unwrap()).collect();
+        assert_eq!(methods, ["prior", "guided", "tiny"]);
+        let sigma = |index: usize| maps[index]["sigma"].is_string();
+        assert!(!sigma(0) && sigma(2));
+        assert!(scene["scores"]["tiny"]["abs_rel"].as_f64().unwrap() > 0.0);
+    }
+    fs::remove_file(place.path("e/report.html")).unwrap();
+    place.mde("report e").assert().success();
+    assert!(read(&place.path("e/report.html")) == html);
+}
+
+#[test]
+fn a_folder_without_a_report_is_told_in_one_line() {
+    let place = Place::new();
+    place.mde(&format!("{RUN} -q -o out")).assert().success();
+    place.mde("warp image.png --prior-depth depth.npy --fov 60 -q -o views").assert().success();
+    fs::remove_file(place.path("out/image.png")).unwrap();
+    for (folder, named) in [
+        ("none", &["none", "run.json", "summary.json"][..]),
+        ("views", &["views", "mde warp", "mde refine"]),
+        ("out", &["image.png", "run the refinement again"]),
+    ] {
+        let run = place.mde(&format!("report {folder}")).assert().code(1).stdout("");
+        let text = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+        assert_eq!(text.lines().count(), 1, "{text}");
+        assert!(named.iter().all(|word| text.contains(word)), "{text}");
+    }
+}
+
+#[test]
+fn files_for_other_programs_are_written_where_asked_for() {
+    let place = Place::new();
+    place.mde(&format!("{RUN} -q -o plain")).assert().success();
+    place.mde(&format!("{RUN} -q --export ply,exr,colmap -o out")).assert().success();
+    let mut expected =
+        [names(&place.path("plain")), ["cloud.ply", "colmap", "depth.exr"].map(str::to_owned).to_vec()]
+            .concat();
+    expected.sort();
+    assert_eq!(names(&place.path("out")), expected);
+    assert_eq!(names(&place.path("out/colmap")), ["cameras.txt", "images.txt", "points3D.txt"]);
+    for (channel, file) in [("Z", "depth.npy"), ("sigma", "sigma.npy"), ("prior", "prior.npy")] {
+        let options = ReadOptions { exr_channel: Some(channel.to_owned()), ..ReadOptions::default() };
+        let map: Array2<f32> = read_npy(place.path("out").join(file)).unwrap();
+        assert_eq!(read_values(place.path("out/depth.exr"), &options).unwrap(), map, "{channel}");
+    }
+    let depth: Array2<f32> = read_npy(place.path("out/depth.npy")).unwrap();
+    let known = depth.iter().filter(|d| **d > 0.0).count();
+    let cloud = fs::read(place.path("out/cloud.ply")).unwrap();
+    let header = String::from_utf8_lossy(&cloud[..600]);
+    assert!(header.contains(&format!("element vertex {known}\n")) && header.contains("property float sigma"));
+    place.mde(&format!("{RUN} --export obj -o x")).assert().code(2).stderr(predicate::str::contains("ply"));
+}
+
+#[test]
+fn completions_and_manual_pages_name_every_command() {
+    let place = Place::new();
+    let commands = ["demo", "refine", "warp", "render", "eval", "ablate", "config", "report", "doctor"];
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let run = place.mde(&format!("completions {shell}")).assert().success();
+        let text = String::from_utf8(run.get_output().stdout.clone()).unwrap();
+        assert!(commands.iter().all(|name| text.contains(name)) && text.contains("prior-model"), "{shell}");
+    }
+    let page = |what: &str| {
+        let run = place.mde(&format!("man {what}")).assert().success();
+        String::from_utf8(run.get_output().stdout.clone()).unwrap()
+    };
+    let main = page("");
+    assert!(main.starts_with(".ie") && main.contains(".TH"), "{main}");
+    assert!(commands.iter().all(|name| main.contains(name)));
+    assert!(page("refine").contains("\\-\\-prior\\-model"));
+    place
+        .mde("man polish")
+        .assert()
+        .code(1)
+        .stderr(predicate::str::contains("polish").and(predicate::str::contains("refine")));
+}
+
+#[test]
+fn the_doctor_knows_the_machine() {
+    let place = Place::new();
+    let run = place.mde("doctor").assert().success().stderr("");
+    run.stdout(
+        predicate::str::contains("threads")
+            .and(predicate::str::contains(format!("mde-cli {}", env!("CARGO_PKG_VERSION"))))
+            .and(predicate::str::contains("memory")),
+    );
+    place.write("net.onnx", "this is no model");
+    let run = place.mde("doctor --prior-model net.onnx").assert().code(1);
+    run.stderr(predicate::str::contains("net.onnx"));
+}
+
+#[test]
+#[cfg(feature = "onnx")]
+fn the_doctor_tries_a_model() {
+    let Some(shared) = common::shared("a real model") else { return };
+    let model = shared.join("models/fastdepth/fastdepth_224.onnx");
+    let run = Place::new().mde("doctor --prior-model").arg(model).assert().success();
+    run.stdout(predicate::str::contains("correlation").and(predicate::str::contains("the model works here")));
+}
+
+#[test]
+fn a_pipe_gets_no_escape_codes_and_the_end_says_what_was_gained() {
+    let place = Place::new();
+    let run =
+        place.mde(&format!("{RUN} -o out")).env("NO_COLOR", "1").env("COLUMNS", "40").assert().success();
+    let output = run.get_output();
+    assert!(!output.stdout.contains(&0x1b) && !output.stderr.contains(&0x1b));
+    let text = String::from_utf8(output.stdout.clone()).unwrap();
+    for said in ["depth moved by", "sigma", "a ", "weight in the result", "wrote out", "report.html"] {
+        assert!(text.contains(said), "{said}: {text}");
+    }
+    let help = place.mde("refine --help").env("NO_COLOR", "1").assert().success();
+    assert!(!help.get_output().stdout.contains(&0x1b));
+}
