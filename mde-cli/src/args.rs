@@ -588,6 +588,9 @@ pub(crate) struct SettingsArgs {
     /// Every random draw comes from it; 0 if the settings do not say otherwise
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub(crate) seed: Option<u64>,
+    /// Fit no field: what the model says, asked as often as the settings say, is the result
+    #[arg(long)]
+    pub(crate) no_nerf: bool,
 }
 
 /// A true depth to be scored against.

@@ -1,9 +1,10 @@
 //! One configuration for a whole run, with its defaults in one place: [`Preset`](crate::Preset).
 
+use crate::evidence::SigmaConfig;
 use crate::{Error, Result};
 use mde_fusion::FusionConfig;
 use mde_nerf::NerfConfig;
-use mde_prior::DisparityRule;
+use mde_prior::{DisparityRule, EvidenceConfig};
 use mde_warp::{ReprojectConfig, ViewSampling, WarpConfig};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -17,6 +18,10 @@ pub struct Config {
     pub seed: u64,
     /// The iterative loop around the stages.
     pub refinement: RefinementConfig,
+    /// How a model is asked again (Section III.B asks once).
+    pub evidence: EvidenceConfig,
+    /// How sure the evidence is.
+    pub sigma: SigmaConfig,
     /// The synthetic training views (Section III.A).
     pub views: ViewSampling,
     /// How they are warped.
@@ -37,7 +42,7 @@ pub struct Config {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct RefinementConfig {
-    /// Times round the loop.
+    /// Times round the loop; 0 for none: no field is fitted, and what the prior's stage says stands.
     pub iterations: usize,
     /// What the fusion takes as its prior from the second iteration on.
     pub prior: IterationPrior,
@@ -87,6 +92,8 @@ impl Default for Config {
         Self {
             seed: 0,
             refinement: RefinementConfig::default(),
+            evidence: EvidenceConfig::default(),
+            sigma: SigmaConfig::default(),
             views: ViewSampling::default(),
             warp: WarpConfig::default(),
             nerf: NerfConfig::default(),
@@ -144,8 +151,8 @@ impl Config {
     /// The stage's error that names the value, or [`Error::Config`].
     pub fn validate(&self) -> Result<()> {
         let iterations = self.refinement.iterations;
-        if !(1..=100).contains(&iterations) {
-            let reason = format!("refinement.iterations is {iterations}; give 1 to 100");
+        if iterations > 100 {
+            let reason = format!("refinement.iterations is {iterations}; give 0 (no field) to 100");
             return Err(Error::Config { origin: "config".into(), reason });
         }
         if self.novel.sampling.count == 0 && !self.novel.original {
@@ -153,6 +160,8 @@ impl Config {
                 "novel.sampling.count is 0 and novel.original is false; render at least one view".into();
             return Err(Error::Config { origin: "config".into(), reason });
         }
+        self.evidence.validate()?;
+        self.sigma.validate()?;
         self.views.validate()?;
         self.novel.sampling.validate()?;
         self.warp.validate()?;
@@ -242,7 +251,9 @@ mod tests {
             ("[fusion]\ncalibration = \"magic\"\n", "magic"),
             ("[nerf.train.depth-loss]\nweights = 1.0\n", "`nerf.train.depth-loss.weights`"),
             ("[nerf.train.depth-loss]\nkind = \"none\"\nweight = 1.0\n", "`nerf.train.depth-loss.weight`"),
-            ("[refinement]\niterations = 0\n", "refinement.iterations is 0"),
+            ("[refinement]\niterations = 101\n", "refinement.iterations is 101"),
+            ("[sigma]\nspread = -1.0\n", "sigma.spread is -1"),
+            ("[evidence]\ntrust = 2.0\n", "evidence.trust"),
             ("seed = = 3", "seed"),
         ] {
             let message = Config::with_overrides(Preset::Fast, text, "my.toml").unwrap_err().to_string();

@@ -58,6 +58,9 @@ pub(crate) fn settings(args: &SettingsArgs) -> Result<(Preset, Config)> {
     if let Some(seed) = args.seed {
         config.seed = seed;
     }
+    if args.no_nerf {
+        config.refinement.iterations = 0;
+    }
     Ok((preset, config))
 }
 
@@ -143,6 +146,9 @@ impl Job {
         let mut observe = |event: &Event| progress.observe(event);
         let refinement =
             resume(image, &self.camera.camera, stages, &self.config, from, &mut keep, &mut observe)?;
+        if let Some(reason) = refinement.evidence.not_asked_again {
+            progress.warn(format!("no new evidence: {reason}; give --prior-model for more"));
+        }
         for (index, iteration) in refinement.iterations.iter().enumerate() {
             for warning in &iteration.fusion.warnings {
                 progress.warn(format!("iteration {}: {warning}", index + 1));
@@ -179,6 +185,7 @@ impl Job {
                 unit: unit(self.prior.origin.kind),
                 png_scale,
                 missing_pixels,
+                evidence: &refinement.evidence,
                 iterations: &refinement.iterations,
                 training: progress.training(),
                 scores,

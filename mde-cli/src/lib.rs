@@ -32,6 +32,7 @@
 pub mod config;
 mod control;
 mod error;
+mod evidence;
 mod intrinsics;
 pub mod memory;
 pub mod pipeline;
@@ -42,6 +43,7 @@ mod report;
 pub use config::Config;
 pub use control::FilteredField;
 pub use error::{Error, Result};
+pub use evidence::{EvidenceReport, SigmaConfig};
 pub use intrinsics::Intrinsics;
 pub use pipeline::{Checkpoint, Event, Refinement, Stage, Stages, refine, resume};
 pub use presets::Preset;

@@ -17,8 +17,8 @@ const PARAMETER: u64 = 6 * 4;
 /// Bytes that [`refine`](crate::refine) takes at most for a picture of that many pixels, measured to be 1.1 to 2 times what
 /// it does take; without what the prior itself needs to answer.
 pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
-    let views = config.views.count as u64 + 1;
-    let rendered = config.novel.sampling.count as u64 + u64::from(config.novel.original);
+    let views = (config.views.count as u64).saturating_add(1);
+    let rendered = (config.novel.sampling.count as u64).saturating_add(u64::from(config.novel.original));
     let per_pixel =
         PIXEL.saturating_add(VIEW.saturating_mul(views)).saturating_add(RENDERED.saturating_mul(rendered));
     BASE.saturating_add(pixels.saturating_mul(per_pixel)).saturating_add(field_bytes(&config.nerf.field))

@@ -4,6 +4,7 @@
 
 use crate::config::{Config, IterationPrior};
 use crate::error::{LEAST, MOST};
+use crate::evidence::{EvidenceReport, Start, start};
 use crate::report::{IterationReport, WarpReport};
 use crate::{Error, Result};
 use mde_eval::metrics::rank::spearman;
@@ -68,6 +69,13 @@ pub enum Event {
         /// Views to be rendered.
         views: usize,
     },
+    /// The model was asked again.
+    Asked {
+        /// Answers so far.
+        asked: usize,
+        /// Answers in all.
+        of: usize,
+    },
 }
 
 /// Hears of progress and may say stop.
@@ -92,10 +100,12 @@ pub struct Refinement {
     pub depth: GaussianDepth,
     /// The monocular depth that it started from, `[height, width]`; 0 where missing.
     pub prior: Array2<f32>,
+    /// An account of the prior's stage.
+    pub evidence: EvidenceReport,
     /// An account of every iteration.
     pub iterations: Vec<IterationReport>,
-    /// The field of the last iteration.
-    pub field: Box<dyn RadianceField>,
+    /// The field of the last iteration, if there was one.
+    pub field: Option<Box<dyn RadianceField>>,
 }
 
 /// What a run is between two iterations: all that the next one depends on, beside the inputs and the settings.
@@ -143,19 +153,22 @@ pub fn resume(
 ) -> Result<Refinement> {
     config.validate()?;
     let mut run = Run { image, camera, config, observer };
-    let Checkpoint { mut prior, depth: mut current, mut iterations } = match from {
-        Some(progress) => progress,
-        None => {
-            run.begin(Stage::Prior, 0)?;
-            let prior = stages.prior.predict(image)?.to_depth(&config.disparity)?;
-            Checkpoint { depth: known(prior.clone())?, prior, iterations: Vec::new() }
-        }
-    };
+    let Start { prior, depth: anchor, report: evidence } = run.start(stages.prior)?;
     check_prior(prior.view(), image)?;
+    if config.refinement.iterations == 0 {
+        let depth = with_common_error(anchor, config.fusion.common_error)?;
+        return Ok(Refinement { depth, prior, evidence, iterations: Vec::new(), field: None });
+    }
+    let (mut current, mut iterations) = match from {
+        Some(Checkpoint { depth, iterations, .. }) => (depth, iterations),
+        None => (anchor.clone(), Vec::new()),
+    };
     loop {
         let index = iterations.len();
         let fusion_prior = match (index, config.refinement.prior) {
-            (0, _) | (_, IterationPrior::Anchor) => Prior::new(prior.clone())?,
+            // One answer says nothing of its own error: the fusion estimates it.
+            (0, _) | (_, IterationPrior::Anchor) if evidence.questions == 1 => Prior::new(prior.clone())?,
+            (0, _) | (_, IterationPrior::Anchor) => Prior::with_variance(anchor.clone())?,
             (_, IterationPrior::Carry) => Prior::with_variance(current.clone())?,
             (_, IterationPrior::Reestimate) => Prior::new(current.mean().to_owned())?,
         };
@@ -163,11 +176,11 @@ pub fn resume(
         let (fused, field, report) = run.iterate(index, &current, &fusion_prior, field, stages.fuser)?;
         iterations.push(report);
         if iterations.len() >= config.refinement.iterations {
-            return Ok(Refinement { depth: fused.depth, prior, iterations, field });
+            return Ok(Refinement { depth: fused.depth, prior, evidence, iterations, field: Some(field) });
         }
-        let progress = Checkpoint { prior, depth: fused.depth, iterations };
+        let progress = Checkpoint { prior: prior.clone(), depth: fused.depth, iterations };
         keep(&progress)?;
-        Checkpoint { prior, depth: current, iterations } = progress;
+        Checkpoint { depth: current, iterations, .. } = progress;
     }
 }
 
@@ -215,6 +228,16 @@ impl Run<'_, '_> {
             ControlFlow::Continue(()) => Ok(Instant::now()),
             ControlFlow::Break(()) => Err(Error::Interrupted),
         }
+    }
+
+    /// The model's answers.
+    fn start(&mut self, model: &dyn DepthPrior) -> Result<Start> {
+        let begin = self.begin(Stage::Prior, 0)?;
+        let observer = &mut *self.observer;
+        let mut listen = |asked: usize, of: usize| observer(&Event::Asked { asked, of });
+        let mut start = start(model, self.image, self.config, &mut listen)?;
+        start.report.seconds = begin.elapsed().as_secs_f64();
+        Ok(start)
     }
 
     /// Once round the loop: `current` makes the views, `prior` meets what the field saw.
@@ -289,6 +312,12 @@ impl Run<'_, '_> {
 pub fn known(depth: Array2<f32>) -> Result<GaussianDepth> {
     let variance = depth.mapv(|d| if d > 0.0 { 0.0 } else { f32::INFINITY });
     Ok(GaussianDepth::new(depth, variance)?)
+}
+
+/// The depth with an error that no answer shows, as a share of it.
+fn with_common_error(depth: GaussianDepth, share: f64) -> Result<GaussianDepth> {
+    let share = share as f32;
+    Ok(depth.map(|mean, variance| (mean, variance + (share * mean).powi(2))))
 }
 
 fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>) -> Result<()> {

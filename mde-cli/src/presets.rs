@@ -3,6 +3,7 @@ use mde_fusion::FusionConfig;
 use mde_nerf::{
     DepthLoss, FieldConfig, HashFieldConfig, NerfConfig, RenderConfig, SamplingConfig, TrainConfig,
 };
+use mde_prior::EvidenceConfig;
 use mde_uncertainty::termination::InBinVariance;
 use mde_warp::ViewSampling;
 use serde::{Deserialize, Serialize};
@@ -39,7 +40,8 @@ impl Preset {
         match self {
             Self::Paper => Config::default(),
             Self::Default => Config {
-                refinement: RefinementConfig { iterations: 2, prior: IterationPrior::Anchor },
+                refinement: RefinementConfig { iterations: 1, prior: IterationPrior::Anchor },
+                evidence: EvidenceConfig::zoomed(),
                 nerf: supervised(2000, 1024),
                 fusion: remedied(),
                 ..Config::default()
@@ -85,7 +87,8 @@ fn supervised(steps: usize, rays: usize) -> NerfConfig {
 }
 
 /// The remedies together. The views are warps of the photograph by the prior itself and share its error, which no
-/// residual can show: sigma is stated as 10 % of the depth on top of what the fusion estimates.
+/// residual can show: sigma is stated as 12 % of the depth on top of what the evidence and the fusion say. It is the one
+/// factor that was fitted to depths that are known: nine of ten pixels of 18 photographs then lie within the 90 % interval.
 fn remedied() -> FusionConfig {
-    FusionConfig { common_error: 0.1, ..FusionConfig::robust() }
+    FusionConfig { common_error: 0.12, ..FusionConfig::robust() }
 }

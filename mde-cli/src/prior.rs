@@ -100,6 +100,10 @@ impl DepthPrior for Resized {
         let known = nearest(valid.mapv(|v| f32::from(u8::from(v))).view(), self.to).mapv(|v| v > 0.5);
         PriorDepth::with_mask(nearest(map.view(), self.to), known, kind)
     }
+
+    fn answers_anew(&self) -> bool {
+        false
+    }
 }
 
 /// How a map is read, with the scale that `flag` gave.
@@ -113,7 +117,7 @@ pub(crate) fn read_options(flag: &str, scale: Option<f64>, encoding: Encoding) -
     Ok(options)
 }
 
-/// A prior that remembers how long its answer took.
+/// A prior that remembers how long its answers took.
 pub(crate) struct Timed<'p> {
     prior: &'p dyn DepthPrior,
     seconds: Cell<f64>,
@@ -133,7 +137,11 @@ impl DepthPrior for Timed<'_> {
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         let start = Instant::now();
         let answer = self.prior.predict(image);
-        self.seconds.set(start.elapsed().as_secs_f64());
+        self.seconds.set(self.seconds.get() + start.elapsed().as_secs_f64());
         answer
+    }
+
+    fn answers_anew(&self) -> bool {
+        self.prior.answers_anew()
     }
 }

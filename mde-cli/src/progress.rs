@@ -115,6 +115,7 @@ impl Progress {
         match *event {
             Event::Begin { stage, iteration, iterations } => self.begin(stage, [iteration + 1, iterations]),
             Event::Field { event, view, views } => self.field(&event, view, views),
+            Event::Asked { asked, of } => self.asked(asked, of),
             _ => {}
         }
         interrupt::flow()
@@ -160,6 +161,12 @@ impl Progress {
             }
             _ => {}
         }
+    }
+
+    /// The model has answered again.
+    fn asked(&mut self, asked: usize, of: usize) {
+        let value = json!({ "event": "asked", "asked": asked, "of": of });
+        self.advance(Stage::Prior, asked, of, "answers of the model", value);
     }
 
     fn advance(&mut self, stage: Stage, done: usize, all: usize, text: &str, mut value: Value) {

@@ -51,8 +51,12 @@ impl<'o> LoopRefiner<'o> {
     }
 
     fn run(&self, task: &Task<'_>) -> crate::Result<Refined> {
-        let config = Config { seed: task.seed, ..self.config.clone() };
-        let prior = Known(PriorDepth::from_values(task.prior.to_owned(), DepthKind::Metric)?);
+        let config = Config { seed: task.seed, disparity: task.rule.clone(), ..self.config.clone() };
+        let known = Known(PriorDepth::from_values(task.prior.to_owned(), DepthKind::Metric)?);
+        let prior: &dyn DepthPrior = match task.model {
+            Some(model) if config.evidence.asks_again() => model,
+            _ => &known,
+        };
         let fuser = BayesFuser::new(config.fusion.clone())?;
         let nerf = config.nerf.clone();
         let mut field = |iteration: usize| -> crate::Result<Box<dyn RadianceField>> {
@@ -65,12 +69,12 @@ impl<'o> LoopRefiner<'o> {
                 _ => Ok(Box::new(Nerf::new(nerf.clone(), seed)?)),
             }
         };
-        let stages = Stages { prior: &prior, field: &mut field, fuser: &fuser };
+        let stages = Stages { prior, field: &mut field, fuser: &fuser };
         let refinement = refine(task.image, task.camera, stages, &config, &mut |e| (self.observer)(e))?;
         Ok(Refined {
             depth: refinement.depth.mean().to_owned(),
             sigma: Some(refinement.depth.sigma()),
-            account: json!({ "iterations": refinement.iterations }),
+            account: json!({ "evidence": refinement.evidence, "iterations": refinement.iterations }),
         })
     }
 }
@@ -92,6 +96,10 @@ struct Known(PriorDepth);
 impl DepthPrior for Known {
     fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         Ok(self.0.clone())
+    }
+
+    fn answers_anew(&self) -> bool {
+        false
     }
 }
 

@@ -5,7 +5,7 @@ use crate::prior::PriorOrigin;
 use crate::progress::TrainingCurve;
 use crate::truth::Comparison;
 use anyhow::{Context, Result};
-use mde_cli::IterationReport;
+use mde_cli::{EvidenceReport, IterationReport};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -22,6 +22,8 @@ pub(crate) struct RunRecord<'r> {
     pub(crate) png_scale: f64,
     /// Pixels without a refined depth.
     pub(crate) missing_pixels: usize,
+    /// The prior's stage.
+    pub(crate) evidence: &'r EvidenceReport,
     pub(crate) iterations: &'r [IterationReport],
     /// The fit of every iteration as it went on.
     pub(crate) training: &'r [TrainingCurve],

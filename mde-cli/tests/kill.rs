@@ -48,7 +48,12 @@ fn entries(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
         let inside = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
         inside.filter(|path| !path.file_name().unwrap().to_string_lossy().starts_with('.')).collect()
     };
-    for entry in visible(&root.join("scenes")).iter().flat_map(|scene| visible(scene)) {
+    // A scene's folder holds its picture too.
+    let entries = visible(&root.join("scenes"))
+        .into_iter()
+        .flat_map(|scene| visible(&scene))
+        .filter(|path| path.is_dir());
+    for entry in entries {
         let record = fs::read_to_string(entry.join("method.json")).unwrap();
         serde_json::from_str::<serde_json::Value>(&record).unwrap();
         for name in ["depth.npy", "sigma.npy"] {

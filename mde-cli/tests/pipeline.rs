@@ -9,11 +9,11 @@ use mde_cli::mde_eval::scene::{Room, Scene, room};
 use mde_cli::mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use mde_cli::mde_fusion::{self, BayesFuser, Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_nerf::{self, FitReport, Nerf, Observer, RadianceField, RenderedView};
-use mde_cli::mde_prior::{DepthKind, DepthPrior};
+use mde_cli::mde_prior::{self, DepthKind, DepthPrior, EvidenceConfig, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
 use mde_cli::{Error, Event, Preset, Refinement, Stage, Stages, refine};
-use ndarray::{Array2, Array3};
+use ndarray::{Array2, Array3, ArrayView3};
 use std::cell::RefCell;
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex};
@@ -207,7 +207,54 @@ fn a_prior_of_another_size_and_a_wrong_configuration_are_refused() {
     assert!(matches!(run(&Small, &config()), Err(Error::Size { prior: [2, 3], image: [HEIGHT, WIDTH] })));
     let good = prior(&scene);
     assert!(matches!(run(&good, &config()), Err(Error::Field(mde_nerf::Error::NotFitted))));
-    let mut none = config();
-    none.refinement.iterations = 0;
-    assert!(matches!(run(&good, &none), Err(Error::Config { .. })));
+    let mut many = config();
+    many.refinement.iterations = 101;
+    assert!(matches!(run(&good, &many), Err(Error::Config { .. })));
+}
+
+/// Says of every picture what its colours say, and counts.
+struct Red(RefCell<usize>);
+
+impl DepthPrior for Red {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        *self.0.borrow_mut() += 1;
+        PriorDepth::from_values(image.map_axis(ndarray::Axis(2), |c| 0.5 + c[0]), DepthKind::Metric)
+    }
+}
+
+/// Without a field the evidence stands, with the error that it can't see; a map is not asked again, and the run says so.
+#[test]
+fn evidence_alone_is_a_result_and_a_map_is_asked_once() {
+    let scene = scene();
+    let fuser = HalfWay::default();
+    let mut config = Config { evidence: EvidenceConfig::zoomed(), ..config() };
+    config.refinement.iterations = 0;
+    config.fusion.common_error = 0.1;
+    let run = |prior: &dyn DepthPrior| {
+        let mut field =
+            |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> { panic!("no field was asked for") };
+        let mut asked = Vec::new();
+        let mut listen = |event: &Event| {
+            if let Event::Asked { asked: now, of } = event {
+                asked.push((*now, *of));
+            }
+            ControlFlow::Continue(())
+        };
+        let stages = Stages { prior, field: &mut field, fuser: &fuser };
+        let refined = refine(scene.image.view(), &scene.camera, stages, &config, &mut listen).unwrap();
+        (refined, asked)
+    };
+    let model = Red(RefCell::new(0));
+    let (refined, asked) = run(&model);
+    let questions = config.evidence.questions();
+    assert_eq!((*model.0.borrow(), refined.evidence.questions), (questions, questions));
+    assert_eq!(asked.last(), Some(&(questions, questions)));
+    assert!(refined.field.is_none() && refined.evidence.not_asked_again.is_none());
+    for (mean, sigma) in refined.depth.mean().iter().zip(refined.depth.sigma()) {
+        assert!(*mean > 0.0 && sigma >= 0.1 * mean);
+    }
+    let map = prior(&scene);
+    let (kept, asked) = run(&map);
+    assert_eq!((kept.depth.mean(), asked.len()), (kept.prior.view(), 0));
+    assert!(kept.evidence.not_asked_again.is_some());
 }

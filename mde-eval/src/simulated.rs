@@ -158,6 +158,10 @@ impl DepthPrior for SimulatedPrior {
             shape.1, shape.0
         )))
     }
+
+    fn answers_anew(&self) -> bool {
+        false
+    }
 }
 
 /// Grey closing by a square of side \\(2r + 1\\): the largest depth around, then the smallest of those.

@@ -59,4 +59,8 @@ impl DepthPrior for FilePrior {
         }
         Ok(self.prior.clone())
     }
+
+    fn answers_anew(&self) -> bool {
+        false
+    }
 }

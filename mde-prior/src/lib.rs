@@ -26,6 +26,7 @@
 mod atomic;
 mod disparity;
 mod error;
+pub mod evidence;
 mod file;
 mod flip;
 pub mod format;
@@ -39,6 +40,7 @@ pub mod spec;
 pub use atomic::write_atomic;
 pub use disparity::DisparityRule;
 pub use error::{Error, Result};
+pub use evidence::{Evidence, EvidenceConfig};
 pub use file::FilePrior;
 pub use flip::FlipAverage;
 pub use ndarray;

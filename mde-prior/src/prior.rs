@@ -33,17 +33,30 @@ pub trait DepthPrior {
     /// # Errors
     /// Whatever keeps an implementation from answering: a file of another size, a model that fails.
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth>;
+
+    /// Whether it can answer about other pictures too, crops and mirror images: a network can, a file can't.
+    fn answers_anew(&self) -> bool {
+        true
+    }
 }
 
 impl<P: DepthPrior + ?Sized> DepthPrior for &P {
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
         (**self).predict(image)
     }
+
+    fn answers_anew(&self) -> bool {
+        (**self).answers_anew()
+    }
 }
 
 impl<P: DepthPrior + ?Sized> DepthPrior for Box<P> {
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
         (**self).predict(image)
+    }
+
+    fn answers_anew(&self) -> bool {
+        (**self).answers_anew()
     }
 }
 
