@@ -14,8 +14,8 @@ use serde::{Deserialize, Serialize};
 pub enum Preset {
     /// The equations as printed: ten views, 2000 steps of a light MLP on colours alone, two iterations.
     Paper,
-    /// A hash field whose rays are held to the views' depth, the remedies of the fusion together, and the monocular depth
-    /// as the prior of both iterations.
+    /// Evidence first: the model is asked again on crops and mirror images. Then a hash field whose rays are held to what all
+    /// answers say together, and the remedies of the fusion.
     #[default]
     Default,
     /// A preview: one short iteration of the hash field, rendered from the original pose only.

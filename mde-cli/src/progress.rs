@@ -134,6 +134,8 @@ impl Progress {
             }
             // These two get a bar with their first event.
             Mode::Bars if matches!(stage, Stage::Fit | Stage::Render) => {}
+            // The model is asked before the loop.
+            Mode::Bars | Mode::Lines if stage == Stage::Prior => self.line(stage.name()),
             Mode::Bars | Mode::Lines => self.line(&format!("iteration {index}/{all}: {}", stage.name())),
         }
     }

@@ -135,7 +135,15 @@ impl PriorSigma {
             }
             false => String::new(),
         };
-        let note = format!("The prior's ± is σₒ of iteration {}{mean}{more}.", index + 1);
+        let note = if record["evidence"]["questions"].as_u64().is_some_and(|n| n > 1) || iterations.is_empty()
+        {
+            format!(
+                "The prior's ± is the common error of {:.0} % of the depth: one answer shows no error of its own.",
+                100.0 * common
+            )
+        } else {
+            format!("The prior's ± is σₒ of iteration {}{mean}{more}.", index + 1)
+        };
         Self { sigma_o, space, common, note }
     }
 

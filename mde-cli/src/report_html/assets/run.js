@@ -27,7 +27,7 @@ async function runPage(page) {
   section("All maps", "Press one to put it on the right above. Colours run from the 1st to the 99th percentile; missing is grey.", gallery);
 
   section("In space", "Drag to turn, wheel or pinch to zoom; with the keyboard: arrows, plus, minus, 0.", cloud(scene));
-  section("Iterations", null, iterationTable(record.iterations, unit));
+  if (record.iterations.length > 0) section("Iterations", null, iterationTable(record.iterations, unit));
   const curves = trainingCharts(record.training ?? []);
   if (curves) section("Training", "Of the rays of each batch, once every few steps.", curves);
   if (record.scores) section("Against the truth", scoreNote(record.scores), scoreTable(record.scores));
@@ -48,9 +48,11 @@ function headline(record, maps, unit) {
   const cards = [
     card(percent(median), `the depth moved at the median pixel; ${percent(most)} at nine of ten`),
     card(`± ${number(quantiles(maps.sigma, [0.5])[0])}${unit}`, `sigma at the median pixel: ${percent(quantiles(relative, [0.5])[0])} of the depth`),
-    card(percent(last.fusion.nerf_weight), "the field's weight in the result; the rest is the prior's"),
   ];
-  if (last.fit.psnr.length > 0) cards.push(card(`${number(last.fit.psnr[0])} dB`, "how well the field shows the photograph (PSNR)"));
+  const asked = record.evidence?.questions ?? 1;
+  if (asked > 1) cards.push(card(String(asked), `answers of the model, about crops and mirror images; they differ by ${percent(record.evidence.median_spread ?? NaN)} at the median pixel`));
+  if (last) cards.push(card(percent(last.fusion.nerf_weight), "the field's weight in the result; the rest is the prior's"));
+  if (last?.fit.psnr.length > 0) cards.push(card(`${number(last.fit.psnr[0])} dB`, "how well the field shows the photograph (PSNR)"));
   const pair = record.scores?.by_alignment[record.scores.shown];
   if (pair) {
     const [before, after] = [pair.prior.depth["abs-rel"], pair.refined.depth["abs-rel"]];
