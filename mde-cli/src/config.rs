@@ -46,12 +46,26 @@ pub struct RefinementConfig {
     pub iterations: usize,
     /// What the fusion takes as its prior from the second iteration on.
     pub prior: IterationPrior,
+    /// Whether a field is fitted where the model was asked again.
+    pub field: FieldUse,
 }
 
 impl Default for RefinementConfig {
     fn default() -> Self {
-        Self { iterations: 2, prior: IterationPrior::Carry }
+        Self { iterations: 2, prior: IterationPrior::Carry, field: FieldUse::Always }
     }
+}
+
+/// Whether a field is fitted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FieldUse {
+    /// In every run.
+    #[default]
+    Always,
+    /// Only where the model could not be asked again. Its answers on crops are evidence, the field's views are warps of them:
+    /// measured on photographs, a field after the evidence lowers no error and blurs edges.
+    WithoutEvidence,
 }
 
 /// The fusion's prior from the second iteration on; the refined depth always makes the next warps.

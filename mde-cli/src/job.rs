@@ -149,6 +149,11 @@ impl Job {
         if let Some(reason) = refinement.evidence.not_asked_again {
             progress.warn(format!("no new evidence: {reason}; give --prior-model for more"));
         }
+        if self.save_field && refinement.field.is_none() {
+            progress.warn(
+                "--save-field: no field was fitted, so none is written; see refinement.field".to_owned(),
+            );
+        }
         for (index, iteration) in refinement.iterations.iter().enumerate() {
             for warning in &iteration.fusion.warnings {
                 progress.warn(format!("iteration {}: {warning}", index + 1));

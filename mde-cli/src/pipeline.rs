@@ -2,7 +2,7 @@
 //!
 //! It knows the stages only through their traits: [`DepthPrior`], [`RadianceField`] and [`Fuser`].
 
-use crate::config::{Config, IterationPrior};
+use crate::config::{Config, FieldUse, IterationPrior};
 use crate::error::{LEAST, MOST};
 use crate::evidence::{EvidenceReport, Start, start};
 use crate::report::{IterationReport, WarpReport};
@@ -155,7 +155,8 @@ pub fn resume(
     let mut run = Run { image, camera, config, observer };
     let Start { prior, depth: anchor, report: evidence } = run.start(stages.prior)?;
     check_prior(prior.view(), image)?;
-    if config.refinement.iterations == 0 {
+    let enough = config.refinement.field == FieldUse::WithoutEvidence && evidence.questions > 1;
+    if config.refinement.iterations == 0 || enough {
         let depth = with_common_error(anchor, config.fusion.common_error)?;
         return Ok(Refinement { depth, prior, evidence, iterations: Vec::new(), field: None });
     }

@@ -1,4 +1,4 @@
-use crate::config::{Config, IterationPrior, NovelViews, RefinementConfig};
+use crate::config::{Config, FieldUse, IterationPrior, NovelViews, RefinementConfig};
 use mde_fusion::FusionConfig;
 use mde_nerf::{
     DepthLoss, FieldConfig, HashFieldConfig, NerfConfig, RenderConfig, SamplingConfig, TrainConfig,
@@ -14,8 +14,8 @@ use serde::{Deserialize, Serialize};
 pub enum Preset {
     /// The equations as printed: ten views, 2000 steps of a light MLP on colours alone, two iterations.
     Paper,
-    /// Evidence first: the model is asked again on crops and mirror images. Then a hash field whose rays are held to what all
-    /// answers say together, and the remedies of the fusion.
+    /// Evidence first: the model is asked again on crops and mirror images, and that stands. A depth map can't be asked: from it
+    /// a hash field is fitted, its rays held to the map, with the remedies of the fusion.
     #[default]
     Default,
     /// A preview: one short iteration of the hash field, rendered from the original pose only.
@@ -40,14 +40,22 @@ impl Preset {
         match self {
             Self::Paper => Config::default(),
             Self::Default => Config {
-                refinement: RefinementConfig { iterations: 1, prior: IterationPrior::Anchor },
+                refinement: RefinementConfig {
+                    iterations: 1,
+                    prior: IterationPrior::Anchor,
+                    field: FieldUse::WithoutEvidence,
+                },
                 evidence: EvidenceConfig::zoomed(),
                 nerf: supervised(2000, 1024),
                 fusion: remedied(),
                 ..Config::default()
             },
             Self::Fast => Config {
-                refinement: RefinementConfig { iterations: 1, prior: IterationPrior::Anchor },
+                refinement: RefinementConfig {
+                    iterations: 1,
+                    prior: IterationPrior::Anchor,
+                    ..RefinementConfig::default()
+                },
                 nerf: NerfConfig {
                     render: RenderConfig {
                         coarse: 16,

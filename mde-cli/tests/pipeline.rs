@@ -4,7 +4,7 @@
 mod common;
 
 use common::{HEIGHT, TINY, WIDTH};
-use mde_cli::config::{Config, IterationPrior};
+use mde_cli::config::{Config, FieldUse, IterationPrior, RefinementConfig};
 use mde_cli::mde_eval::scene::{Room, Scene, room};
 use mde_cli::mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use mde_cli::mde_fusion::{self, BayesFuser, Fused, Fuser, FusionReport, Prior};
@@ -253,6 +253,20 @@ fn evidence_alone_is_a_result_and_a_map_is_asked_once() {
     for (mean, sigma) in refined.depth.mean().iter().zip(refined.depth.sigma()) {
         assert!(*mean > 0.0 && sigma >= 0.1 * mean);
     }
+    let once = Config {
+        refinement: RefinementConfig {
+            iterations: 1,
+            field: FieldUse::WithoutEvidence,
+            ..config.refinement.clone()
+        },
+        ..config.clone()
+    };
+    let mut never =
+        |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> { panic!("the evidence was enough") };
+    let stages = Stages { prior: &model, field: &mut never, fuser: &fuser };
+    let mut go_on = |_: &Event| ControlFlow::Continue(());
+    let same = refine(scene.image.view(), &scene.camera, stages, &once, &mut go_on).unwrap();
+    assert_eq!(same.depth, refined.depth);
     let map = prior(&scene);
     let (kept, asked) = run(&map);
     assert_eq!((kept.depth.mean(), asked.len()), (kept.prior.view(), 0));
