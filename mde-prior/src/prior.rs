@@ -34,7 +34,8 @@ pub trait DepthPrior {
     /// Whatever keeps an implementation from answering: a file of another size, a model that fails.
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth>;
 
-    /// Whether it can answer about other pictures too, crops and mirror images: a network can, a file can't.
+    /// Whether it can answer about other pictures too, crops and mirror images: a network can, a map that is there already
+    /// can't and must say so.
     fn answers_anew(&self) -> bool {
         true
     }
