@@ -118,7 +118,7 @@ fn encode(pixels: ArrayView3<'_, u8>) -> Result<Vec<u8>, String> {
     let (Some(width), Some(height), 3) = (side(width), side(height), channels) else {
         return Err(format!(
             "an image of shape {:?} can't be written; give [height, width, 3]",
-            pixels.dim()
+            pixels.shape()
         ));
     };
     let data: Vec<u8> = pixels.iter().copied().collect();
