@@ -58,7 +58,8 @@ pub struct EvidenceConfig {
     pub agreement: f64,
     /// \\(g\\): how much of a level's change is believed, 0 to 1.
     pub trust: f64,
-    /// Gain of a last unsharp mask, 0 for none.
+    /// Gain of a last unsharp mask, 0 for none. It and the filter below move the map's detail no further than the crops did around
+    /// there: a map in which they found nothing to add is sharp already.
     pub sharpen: f64,
     /// Its Gaussian's standard deviation, as a share of the picture's width.
     pub sharpen_width: f64,
@@ -67,6 +68,9 @@ pub struct EvidenceConfig {
     /// Its standard deviation in colour (0 to 1).
     pub snap_colour: f64,
 }
+
+/// Standard deviation of the Gaussian that tells detail from low frequencies, as a share of the picture's width.
+const DETAIL: f64 = 1.0 / 80.0;
 
 /// Overlapping crops of one size.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -245,12 +249,15 @@ impl EvidenceConfig {
             variance += &spread;
         }
         let width = current.ncols() as f64;
+        let mut touched = current.clone();
         if self.sharpen > 0.0 {
-            current = finish::sharpened(current, self.sharpen_width * width, self.sharpen);
+            touched = finish::sharpened(touched, self.sharpen_width * width, self.sharpen);
         }
         if self.snap_width > 0.0 {
-            current = finish::snapped(current.view(), image, self.snap_width * width, self.snap_colour);
+            touched = finish::snapped(touched.view(), image, self.snap_width * width, self.snap_colour);
         }
+        let found = &current - &space.values(&start);
+        finish::allow(&mut current, &touched, found.view(), DETAIL * width);
         let mut consensus = start;
         Zip::from(&mut consensus.map).and(&consensus.valid).and(&current).for_each(|value, &valid, &c| {
             if valid {
