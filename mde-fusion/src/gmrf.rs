@@ -1,6 +1,6 @@
 //! A posterior over whole maps: depths from one source, differences between neighbours from another.
 
-use crate::{BayesFuser, Error, Fused, Fuser, FusionConfig, Prior, Result};
+use crate::{BayesFuser, Error, Fused, Fuser, FusionConfig, Prior, Result, Warning};
 use faer::prelude::Solve;
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Mat, Side};
@@ -257,6 +257,8 @@ fn reached(
 }
 
 /// [`BayesFuser`] up to Eq. 15, then [`gradient_posterior`] in the place of Eq. 16-17: the prior's depths, the views' steps.
+///
+/// In its report, `nerf_weight` is the share of the prior's pixels at which the views know a depth, and so steps.
 #[derive(Debug, Clone)]
 pub struct GradientFuser {
     bayes: BayesFuser,
@@ -285,6 +287,14 @@ impl Fuser for GradientFuser {
                 None => prior.mean().mapv(|d| if d > 0.0 { 0.0 } else { f32::INFINITY }),
             },
         )?;
+        let known = prior.mean().iter().filter(|d| **d > 0.0).count().max(1) as f64;
+        let stepped =
+            fused.aligned.support().iter().zip(prior.mean()).filter(|(s, d)| **s && **d > 0.0).count();
+        fused.report.nerf_weight = stepped as f64 / known;
+        fused.report.sigma_o_clamped = false;
+        // What Eq. 16 would do with them does not happen.
+        let pixelwise = |w: &Warning| matches!(w, Warning::PriorTakenAsExact | Warning::NotPositive { .. });
+        fused.report.warnings.retain(|warning| !pixelwise(warning));
         let share = self.common_error as f32;
         let posterior = gradient_posterior(&depth, fused.aligned.mean(), &self.config)?;
         fused.depth = posterior.map(|mean, variance| (mean, variance + (share * mean).powi(2)));
@@ -372,6 +382,23 @@ mod tests {
         ] {
             assert!(matches!(gradient_posterior(&depth, depth.mean(), &bad), Err(Error::Config { .. })));
         }
+    }
+
+    /// Views that know the edge and a prior that knows the rest.
+    #[test]
+    fn the_fuser_takes_the_views_steps_and_the_prior_s_depths() {
+        let exact = Array2::from_shape_fn((12, 30), |(_, x)| if x < 15 { 2.0 } else { 3.0 });
+        let soft = Array2::from_shape_fn((12, 30), |(_, x)| 2.5 + 0.5 * ((x as f32 - 14.5) / 4.0).tanh());
+        let config = FusionConfig { common_error: 0.05, ..FusionConfig::robust() };
+        let fuser = GradientFuser::new(config, GradientConfig::default()).unwrap();
+        let views = [sure(exact.mapv(|d| 1.3 * d), 0.02)];
+        let fused = fuser.fuse(&Prior::new(soft.clone()).unwrap(), &views).unwrap();
+        let error = |map: ArrayView2<'_, f32>| (&map - &exact).mapv(|e| e * e).sum();
+        assert!(error(fused.depth.mean()) < 0.3 * error(soft.view()));
+        assert_eq!(fused.report.nerf_weight, 1.0);
+        assert!(fused.depth.sigma().iter().zip(&fused.depth.mean()).all(|(s, d)| *s >= 0.0499 * d));
+        let alone = fuser.fuse(&Prior::new(soft.clone()).unwrap(), &[]).unwrap();
+        assert!(alone.depth.mean().iter().zip(&soft).all(|(a, b)| (a - b).abs() < 1e-5));
     }
 
     proptest! {
