@@ -5,6 +5,7 @@ mod camera;
 mod canvas;
 mod checkpoint;
 mod commands;
+mod error_bar;
 mod evaluation;
 mod export;
 mod field;
