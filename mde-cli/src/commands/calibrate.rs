@@ -36,7 +36,7 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         let calibration = Calibration::learn(source, &config, scenes)?;
         mde_prior::write_atomic(&path, calibration.to_toml()?.as_bytes())
             .with_context(|| path.display().to_string())?;
-        let factor = calibration.conformal()?.factor(0.9)?;
+        let factor = calibration.conformal()?.factor(Calibration::AT)?;
         progress.step(&format!("{}: sigma times {factor:.3}", path.display()));
         for held in calibration.held_out() {
             progress.step(&format!(
