@@ -256,6 +256,8 @@ pub(crate) struct EvaluationArgs {
     #[command(flatten)]
     pub(crate) score: ScoreArgs,
     #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
+    #[command(flatten)]
     pub(crate) many: ManyArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,

@@ -8,6 +8,9 @@ use std::path::Path;
 /// The version of the file's layout.
 const FORMAT: u32 = 1;
 
+/// What it may make of sigma: beyond, variances would be no floats.
+const FACTORS: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
+
 /// The levels whose coverage on scenes that were left out is told.
 const TOLD: [f64; 4] = [0.5, 0.68, 0.9, 0.95];
 
@@ -53,10 +56,14 @@ pub struct HeldOut {
 }
 
 impl Calibration {
+    /// The probability at which a calibrated sigma's normal interval is right.
+    pub const AT: f64 = 0.9;
+
     /// Learned from the scenes' quantiles of \\(|e| / \sigma\\) ([`Conformal::fit`]), for the sigma that `config` gives.
     ///
     /// # Errors
-    /// What [`Conformal::fit`] refuses, or a configuration that has no place in TOML.
+    /// What [`Conformal::fit`] refuses, half widths as [`parse`](Self::parse) refuses them, or a configuration that has no place in
+    /// TOML.
     pub fn learn(
         source: CalibrationSource,
         config: &Config,
@@ -64,6 +71,7 @@ impl Calibration {
     ) -> Result<Self> {
         let (names, quantiles): (Vec<_>, Vec<_>) = scenes.into_iter().unzip();
         let table = Conformal::fit(&quantiles)?;
+        usable(&table).map_err(|reason| Error::Config { origin: "the scenes' errors".into(), reason })?;
         let mut told = Vec::new();
         for probability in TOLD {
             if let Some(shares) = held_out(&quantiles, probability)? {
@@ -95,7 +103,8 @@ impl Calibration {
     /// From the text of a file; `origin` names it in errors.
     ///
     /// # Errors
-    /// [`Error::Config`] for text that is none, of another version, or with half widths that are no table.
+    /// [`Error::Config`] for text that is none, of another version, or with half widths that are no table or make sigma less than
+    /// a millionth or more than a million times as large.
     pub fn parse(text: &str, origin: &str) -> Result<Self> {
         let error = |reason: String| {
             let reason =
@@ -109,7 +118,10 @@ impl Calibration {
         if read.format != FORMAT {
             return Err(error(format!("calibration of format {}, where {FORMAT} is known", read.format)));
         }
-        Conformal::from_half_widths(read.half_widths.clone()).map_err(|e| error(e.to_string()))?;
+        Conformal::from_half_widths(read.half_widths.clone())
+            .map_err(|e| e.to_string())
+            .and_then(|table| usable(&table))
+            .map_err(error)?;
         Ok(read)
     }
 
@@ -162,6 +174,15 @@ impl Calibration {
     pub fn is_of(&self, config: &Config) -> Result<bool> {
         Ok(self.settings == fingerprint(config)?)
     }
+}
+
+/// Refuses a table that leaves no sigma.
+fn usable(table: &Conformal) -> Result<(), String> {
+    let factor = table.factor(Calibration::AT).map_err(|e| e.to_string())?;
+    if FACTORS.contains(&factor) {
+        return Ok(());
+    }
+    Err(format!("half-widths make sigma {factor:e} times as large; from 1e-6 to 1e6 times is usable"))
 }
 
 /// What sigma depends on: everything but the seed and the rule for disparities, which is the scene's.
@@ -219,6 +240,17 @@ mod tests {
         assert!(shipped.is_of(&Preset::Default.config()).unwrap(), "calibrate again: the settings changed");
         let factor = shipped.conformal().unwrap().factor(0.9).unwrap();
         assert!((0.8..1.25).contains(&factor), "{factor}");
+    }
+
+    /// Sigmas of 0 would be certain, and infinite ones missing.
+    #[test]
+    fn a_factor_that_leaves_no_sigma_is_refused() {
+        for (by, usable) in [(1.0, true), (1e-9, false), (1e9, false), (1e300, false)] {
+            let mut calibration = learned();
+            calibration.half_widths.iter_mut().for_each(|width| *width *= by);
+            let read = Calibration::parse(&calibration.to_toml().unwrap(), "f.toml");
+            assert_eq!(read.is_ok(), usable, "{by}: {read:?}");
+        }
     }
 
     #[test]

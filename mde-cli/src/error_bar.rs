@@ -8,9 +8,6 @@ use mde_uncertainty::GaussianDepth;
 use ndarray::Array2;
 use serde::Serialize;
 
-/// The probability whose normal interval a calibrated sigma makes right.
-const CALIBRATED_AT: f64 = 0.9;
-
 /// What was asked for.
 pub(crate) struct ErrorBar {
     probability: Option<f64>,
@@ -55,7 +52,7 @@ impl ErrorBar {
             if !calibration.is_of(config)? {
                 warnings.push(format!("--calibration {name} was learned with other settings ({method})"));
             }
-            factor = calibration.conformal()?.factor(CALIBRATED_AT)?;
+            factor = calibration.conformal()?.factor(Calibration::AT)?;
             let squared = (factor * factor) as f32;
             let depth = std::mem::replace(&mut refinement.depth, GaussianDepth::missing(0, 0));
             refinement.depth =

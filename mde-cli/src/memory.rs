@@ -1,7 +1,8 @@
 //! How much memory a run will take, before it takes it.
 
 use crate::Config;
-use mde_nerf::FieldConfig;
+use crate::config::{NovelViews, RefinementConfig};
+use mde_nerf::{FieldConfig, RenderConfig};
 
 /// The program, its threads' tiles and what it allocates whatever the picture.
 const BASE: u64 = 64 << 20;
@@ -13,15 +14,97 @@ const VIEW: u64 = 25;
 const RENDERED: u64 = 16;
 /// Floats a parameter of a field: itself, its gradient, two moments, an average, a copy.
 const PARAMETER: u64 = 6 * 4;
+/// Bytes a pixel of a scene that is evaluated: picture, truth, prior.
+const SCENE: u64 = 60;
+/// Bytes a pixel that the scores, or a baseline, hold for a while.
+const SCORES: u64 = 400;
+/// Bytes a pixel and method: its maps, until the scene is scored.
+const ANSWER: u64 = 8;
+/// Bytes a pixel of a view that a shared field rendered: colours, depth, variance, opacity.
+const SHARED_VIEW: u64 = 24;
 
 /// Bytes that [`refine`](crate::refine) takes at most for a picture of that many pixels, measured to be 1.1 to 2 times what
 /// it does take; without what the prior itself needs to answer.
 pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
+    BASE.saturating_add(pixels.saturating_mul(pixel_bytes(config)))
+        .saturating_add(field_bytes(&config.nerf.field))
+}
+
+/// Bytes a pixel of a refinement.
+fn pixel_bytes(config: &Config) -> u64 {
     let views = (config.views.count as u64).saturating_add(1);
-    let rendered = (config.novel.sampling.count as u64).saturating_add(u64::from(config.novel.original));
-    let per_pixel =
-        PIXEL.saturating_add(VIEW.saturating_mul(views)).saturating_add(RENDERED.saturating_mul(rendered));
-    BASE.saturating_add(pixels.saturating_mul(per_pixel)).saturating_add(field_bytes(&config.nerf.field))
+    PIXEL.saturating_add(VIEW.saturating_mul(views)).saturating_add(RENDERED.saturating_mul(rendered(config)))
+}
+
+/// Views that a field renders.
+fn rendered(config: &Config) -> u64 {
+    (config.novel.sampling.count as u64).saturating_add(u64::from(config.novel.original))
+}
+
+/// What evaluating takes, by the scene's size: measured to be 1.1 to 2 times what it does take, without what the prior itself
+/// needs to answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SceneMemory {
+    /// Bytes a pixel.
+    pixel: u64,
+    /// Bytes whatever the size.
+    fixed: u64,
+}
+
+impl SceneMemory {
+    /// Of scenes that `methods` answer one after the other: the loop with these settings (its seed among them), or nothing
+    /// for a baseline. With `share_fields` the fields of a scene are kept in a [`FieldMemory`](crate::FieldMemory).
+    pub fn new(methods: &[Option<Config>], share_fields: bool) -> Self {
+        let loops = || methods.iter().flatten();
+        let most = |bytes: fn(&Config) -> u64| loops().map(bytes).max().unwrap_or(0);
+        let mut pixel = SCENE
+            .saturating_add(most(pixel_bytes).max(SCORES))
+            .saturating_add(ANSWER.saturating_mul(methods.len() as u64));
+        let mut fixed = most(|config| field_bytes(&config.nerf.field));
+        if share_fields {
+            let fits = distinct(loops(), fit_part);
+            fixed = fits.iter().fold(fixed, |sum, fit| sum.saturating_add(parameters(&fit.nerf.field) * 4));
+            for renders in distinct(loops(), render_part) {
+                pixel = pixel.saturating_add(SHARED_VIEW.saturating_mul(rendered(&renders)));
+            }
+        }
+        Self { pixel, fixed }
+    }
+
+    /// Bytes that so many scenes of that many pixels take at once, at most.
+    pub fn bytes(&self, pixels: u64, scenes: u64) -> u64 {
+        let scene = pixels.saturating_mul(self.pixel).saturating_add(self.fixed);
+        BASE.saturating_add(scene.saturating_mul(scenes))
+    }
+}
+
+fn distinct<'c>(configs: impl Iterator<Item = &'c Config>, part: fn(&Config) -> Config) -> Vec<Config> {
+    let mut parts = Vec::new();
+    for part in configs.map(part) {
+        if !parts.contains(&part) {
+            parts.push(part);
+        }
+    }
+    parts
+}
+
+/// What the views that a field renders depend on; the rest is the default's.
+fn render_part(config: &Config) -> Config {
+    let Config { fusion, gradient, reproject, refinement: usual, .. } = Config::default();
+    let refinement = RefinementConfig {
+        iterations: usual.iterations,
+        prior: usual.prior,
+        posterior: usual.posterior,
+        ..config.refinement.clone()
+    };
+    Config { fusion, gradient, reproject, refinement, ..config.clone() }
+}
+
+/// What a field's fit depends on; the rest is the default's.
+fn fit_part(config: &Config) -> Config {
+    let mut config = Config { novel: NovelViews::default(), ..render_part(config) };
+    config.nerf.render = RenderConfig::default();
+    config
 }
 
 /// Bytes that rendering `views` views of so many pixels takes at most.
@@ -30,14 +113,17 @@ pub fn render_bytes(pixels: u64, views: u64) -> u64 {
 }
 
 fn field_bytes(field: &FieldConfig) -> u64 {
-    let parameters = match field {
+    PARAMETER * parameters(field)
+}
+
+fn parameters(field: &FieldConfig) -> u64 {
+    match field {
         FieldConfig::Mlp(f) => (f.layers as u64 + 1) * (f.width as u64).pow(2),
         FieldConfig::Hash(f) => {
             let rows = 1_u64 << f.log2_rows.min(32);
             f.levels as u64 * f.features as u64 * rows + (f.layers as u64 + 2) * (f.width as u64).pow(2)
         }
-    };
-    PARAMETER * parameters
+    }
 }
 
 /// The most pixels for which `bytes` stays within `bound`, if any do.
@@ -66,5 +152,26 @@ mod tests {
         let most = most_pixels(8 << 30, bytes).unwrap();
         assert!(bytes(most) <= 8 << 30 && bytes(most + 1) > 8 << 30);
         assert_eq!(most_pixels(1, bytes), None);
+    }
+
+    #[test]
+    fn an_evaluation_takes_more_with_methods_scenes_and_fields_that_differ() {
+        let full = Preset::Paper.config();
+        let mut few = full.clone();
+        few.views.count = 1;
+        let seed = |seed| Some(Config { seed, ..full.clone() });
+        let bytes = |methods: &[Option<Config>], share| SceneMemory::new(methods, share).bytes(640 * 480, 1);
+        let one = bytes(&[None, Some(full.clone())], false);
+        assert!(one > refine_bytes(640 * 480, &full) && one > bytes(&[None, Some(few.clone())], false));
+        assert!(bytes(&[None, Some(few), Some(full.clone())], false) > one);
+        let memory = SceneMemory::new(&[None, Some(full.clone())], false);
+        assert_eq!(memory.bytes(640 * 480, 3) - one, 2 * (one - BASE));
+        assert_eq!(memory.bytes(u64::MAX, 2), u64::MAX);
+        // A fusion's settings need no field of their own; another seed does.
+        let mut fused = full.clone();
+        fused.fusion.spread = !fused.fusion.spread;
+        let shared = bytes(&[seed(0), Some(fused)], true);
+        assert_eq!(shared, bytes(&[seed(0), seed(0)], true));
+        assert!(shared < bytes(&[seed(0), seed(1)], true) && shared > bytes(&[seed(0), seed(1)], false));
     }
 }

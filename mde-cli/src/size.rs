@@ -1,8 +1,8 @@
 //! The size that a picture is worked on in, and the memory that it may take.
 
 use crate::args::MemoryArgs;
-use anyhow::{Result, ensure};
-use mde_cli::memory::most_pixels;
+use anyhow::{Result, bail};
+use mde_cli::memory::{SceneMemory, most_pixels};
 use mde_prior::resample::{Filter, resize};
 use ndarray::{Array3, Axis};
 
@@ -33,30 +33,73 @@ pub(crate) fn shrink(image: &Array3<f32>, (height, width): (usize, usize)) -> Ar
 pub(crate) fn check_memory(
     args: &MemoryArgs,
     what: &str,
-    (height, width): (usize, usize),
+    size: (usize, usize),
     bytes: impl Fn(u64) -> u64,
 ) -> Result<()> {
-    let gib = |bytes: u64| bytes as f64 / f64::from(1 << 30);
+    check(args, what, size, "with these settings", bytes, |fits| match fits {
+        Some((height, width)) => {
+            format!("resize it to {} pixels a side at most, give fewer views", height.max(width))
+        }
+        None => "give fewer views or a smaller field".to_owned(),
+    })
+}
+
+/// What the scenes of an evaluation may take.
+pub(crate) struct SceneLimit<'a> {
+    pub(crate) args: &'a MemoryArgs,
+    pub(crate) memory: SceneMemory,
+    /// Scenes at once.
+    pub(crate) jobs: usize,
+}
+
+impl SceneLimit<'_> {
+    /// Refuses scenes of that size if as many as run at once would take more than they may.
+    pub(crate) fn check(&self, what: &str, size: (usize, usize)) -> Result<()> {
+        let (with, jobs) = match self.jobs {
+            1 => ("with these methods".to_owned(), ""),
+            jobs => (format!("with these methods, {jobs} scenes at once,"), ", fewer --jobs"),
+        };
+        let bytes = |pixels| self.memory.bytes(pixels, self.jobs as u64);
+        check(self.args, what, size, &with, bytes, |fits| match fits {
+            Some((height, width)) => format!("give --size {width}x{height}, fewer views{jobs}"),
+            None => format!("give fewer methods, fewer views or a smaller field{jobs}"),
+        })
+    }
+}
+
+/// Refuses maps that take more to score than they may.
+pub(crate) fn check_maps(args: &MemoryArgs, what: &str, size: (usize, usize)) -> Result<()> {
+    let bytes = |pixels| SceneMemory::new(&[], false).bytes(pixels, 1);
+    check(args, what, size, "to be scored", bytes, |_| "give smaller maps".to_owned())
+}
+
+/// `remedy` says what to do, given the largest `(height, width)` of the same aspect that fits, if one does.
+fn check(
+    args: &MemoryArgs,
+    what: &str,
+    (height, width): (usize, usize),
+    with: &str,
+    bytes: impl Fn(u64) -> u64,
+    remedy: impl Fn(Option<(usize, usize)>) -> String,
+) -> Result<()> {
     let bound = (args.max_memory * f64::from(1 << 30)) as u64;
     let pixels = width as u64 * height as u64;
     let needed = bytes(pixels);
-    let remedy = match most_pixels(bound, &bytes) {
-        Some(most) if most < pixels => {
-            let side = width.max(height) as f64 * (most as f64 / pixels as f64).sqrt();
-            format!(
-                "resize it to {} pixels a side at most, give fewer views, or a larger --max-memory",
-                side as u64
-            )
-        }
-        _ => "give fewer views or a smaller field, or a larger --max-memory".to_owned(),
-    };
-    ensure!(
-        needed <= bound,
-        "{what}: {width}x{height} pixels with these settings need about {:.1} GiB, more than --max-memory {}; {remedy}",
-        gib(needed),
-        args.max_memory
+    if needed <= bound {
+        return Ok(());
+    }
+    let fitting = most_pixels(bound, &bytes).and_then(|most| {
+        let scale = (most as f64 / pixels as f64).sqrt();
+        let side = |side: usize| (side as f64 * scale) as usize;
+        Some((side(height), side(width))).filter(|(height, width)| *height.min(width) >= SMALLEST)
+    });
+    bail!(
+        "{what}: {width}x{height} pixels {with} need about {:.1} GiB, more than --max-memory {}; {}, or a larger \
+         --max-memory",
+        needed as f64 / f64::from(1 << 30),
+        args.max_memory,
+        remedy(fitting)
     );
-    Ok(())
 }
 
 #[cfg(test)]

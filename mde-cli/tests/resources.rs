@@ -7,7 +7,7 @@ use common::{HEIGHT, Place, TINY, WIDTH, names};
 use mde_cli::mde_eval::scene::{Room, room};
 use mde_cli::mde_prior::format::{ReadOptions, read_values, write_npy};
 use mde_cli::mde_prior::photo::write_image;
-use mde_cli::memory::refine_bytes;
+use mde_cli::memory::{SceneMemory, refine_bytes};
 use mde_cli::{Config, Preset};
 use serde_json::Value;
 use std::fs;
@@ -62,6 +62,8 @@ fn too_much_memory_is_refused_before_it_is_taken() {
     large(&place, 640, 480);
     place.write("many.toml", "views.count = 1000000");
     place.write("grid.toml", "nerf.field = { log2-rows = 24, levels = 24, features = 8 }");
+    fs::create_dir(place.path("maps")).unwrap();
+    fs::copy(place.path("large.npy"), place.path("maps/large.npy")).unwrap();
     let refine = "refine large.png --prior-depth large.npy --fov 60";
     for (arguments, told) in [
         (
@@ -76,6 +78,22 @@ fn too_much_memory_is_refused_before_it_is_taken() {
             "render --field x --size 16384x16384 --orbit 9".into(),
             &["--size", "16384x16384", "--max-memory 8"],
         ),
+        (
+            "eval --dataset rooms --size 16384x16384".into(),
+            &["--size", "16384x16384", "--max-memory 8", "give --size"],
+        ),
+        (
+            "eval --dataset rooms --size 640x480 --methods fast --jobs 2 --threads 2 --max-memory 0.3".into(),
+            &["--size", "640x480", "2 scenes at once", "fewer --jobs"],
+        ),
+        (
+            "eval --dataset rooms --size 64x48 --methods many.toml,grid.toml".into(),
+            &["64x48", "smaller field"],
+        ),
+        ("ablate --dataset rooms --size 4096x4096".into(), &["--size", "4096x4096", "--max-memory 8"]),
+        ("ablate --dataset rooms --limit 1 --max-memory 0.2".into(), &["study-0", "640x480", "give --size"]),
+        ("calibrate --dataset rooms --size 9999x9999".into(), &["--size", "9999x9999", "give --size"]),
+        ("eval --pred maps --gt maps --max-memory 0.1".into(), &["large.npy", "640x480", "smaller maps"]),
     ] {
         let run = place.mde(&format!("{arguments} --quiet -o out")).assert().code(1);
         let message = String::from_utf8(run.get_output().stderr.clone()).unwrap();
@@ -110,6 +128,71 @@ fn the_estimate_bounds_what_a_run_takes() {
         let Some(peak) = record(&place.path(name))["peak_memory_bytes"].as_u64() else { return };
         let estimate = refine_bytes(640 * 480, &config);
         assert!((peak..4 * peak).contains(&estimate), "{name}: estimate {estimate}, peak {peak}");
+    }
+}
+
+/// The folder of one that is replaced stays too.
+#[test]
+fn an_evaluation_fails_only_where_its_scenes_are_too_large() {
+    let place = Place::new();
+    large(&place, 640, 480);
+    fs::create_dir(place.path("priors")).unwrap();
+    for (id, image, depth) in [("a", "image.png", "depth.npy"), ("b", "large.png", "large.npy")] {
+        let scene = place.path("set").join(id);
+        fs::create_dir_all(&scene).unwrap();
+        fs::write(scene.join("scene.json"), "{}").unwrap();
+        fs::copy(place.path(image), scene.join("color.png")).unwrap();
+        fs::copy(place.path(depth), scene.join("depth.npy")).unwrap();
+        fs::copy(place.path(depth), place.path(&format!("priors/{id}.npy"))).unwrap();
+    }
+    let eval = "eval set --prior-depth priors --methods guided --quiet -o out";
+    let run = place.mde(&format!("{eval} --max-memory 0.15")).assert().code(3);
+    let message = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+    assert!(["b:", "640x480", "--max-memory 0.15", "give --size"].iter().all(|part| message.contains(part)));
+    assert_eq!(names(&place.path("out/scenes")), ["a"]);
+    // What is refused at once leaves what is there.
+    place.mde(&format!("{eval} --size 9999x9999 --force")).assert().code(1);
+    assert_eq!(names(&place.path("out/scenes")), ["a"]);
+    place.mde(eval).assert().success();
+    assert_eq!(names(&place.path("out/scenes")), ["a", "b"]);
+}
+
+/// Linux tells the peak of an evaluation as well.
+#[test]
+#[cfg(target_os = "linux")]
+fn the_estimate_bounds_what_an_evaluation_takes() {
+    let place = Place::new();
+    let text = TINY.replace("steps = 200", "steps = 5").replace("= 8\n", "= 2\n");
+    place.write("quick.toml", &text);
+    let quick = |preset| Config::with_overrides(preset, &text, "quick.toml").unwrap();
+    let (eval, ablate) = (Some(quick(Preset::Default)), quick(Preset::Paper));
+    let seeds = [0, 1].map(|seed| Some(Config { seed, ..ablate.clone() }));
+    let shared = [[None].as_slice(), &seeds].concat();
+    for (arguments, methods, share, jobs) in [
+        ("eval --methods prior --limit 1", &[None][..], false, 1),
+        ("eval --methods guided,fbs --limit 1", &[None, None, None], false, 1),
+        ("eval --methods quick.toml --limit 1", &[None, eval.clone()], false, 1),
+        ("eval --methods quick.toml --limit 2 --jobs 2 --threads 2", &[None, eval], false, 2),
+        ("ablate --rows full --seeds 2 --limit 1 --config quick.toml", &shared, true, 1),
+    ] {
+        let mut run = std::process::Command::new(env!("CARGO_BIN_EXE_mde"))
+            .current_dir(place.path("."))
+            .args(arguments.split_whitespace())
+            .args("--dataset rooms --size 480x360 --quiet -o out".split_whitespace())
+            .spawn()
+            .unwrap();
+        let status = format!("/proc/{}/status", run.id());
+        let mut peak = 0;
+        while run.try_wait().unwrap().is_none() {
+            let text = fs::read_to_string(&status).unwrap_or_default();
+            let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:")?.strip_suffix("kB"));
+            peak = line.map_or(peak, |kibibytes| 1024 * kibibytes.trim().parse::<u64>().unwrap());
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        assert!(run.wait().unwrap().success(), "{arguments}");
+        let estimate = SceneMemory::new(methods, share).bytes(480 * 360, jobs);
+        assert!((peak..4 * peak).contains(&estimate), "{arguments}: estimate {estimate}, peak {peak}");
+        fs::remove_dir_all(place.path("out")).unwrap();
     }
 }
 

@@ -4,7 +4,7 @@ use crate::args::AblateArgs;
 use crate::evaluation::ablation::{self, FULL};
 use crate::evaluation::method::{Method, PRIOR};
 use crate::evaluation::results::{self, Results};
-use crate::evaluation::setup::Setup;
+use crate::evaluation::setup::{Asked, Setup};
 use crate::job::use_threads;
 use crate::progress::Progress;
 use anyhow::{Result, ensure};
@@ -17,8 +17,9 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
     let mut progress = Progress::new(&args.common.run);
     use_threads(&args.common.run)?;
     let methods = methods(args)?;
-    let setup = Setup::open(&args.common, "ablate", false)?;
-    let (mut entries, failures) = setup.run(&methods, true, &mut progress)?;
+    let asked = Asked { command: "ablate", methods: &methods, controls: false, share_fields: true };
+    let setup = Setup::open(&args.common, asked)?;
+    let (mut entries, failures) = setup.run(&mut progress)?;
     // A row that took its field from another would look cheap.
     entries.iter_mut().for_each(|entry| entry.seconds = None);
     let preface = if entries.is_empty() {

@@ -3,7 +3,7 @@
 use crate::args::CalibrateArgs;
 use crate::evaluation::method::{Method, PRIOR};
 use crate::evaluation::results;
-use crate::evaluation::setup::Setup;
+use crate::evaluation::setup::{Asked, Setup};
 use crate::job::use_threads;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
@@ -21,8 +21,9 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     else {
         bail!("--method {}: has no sigma of its own; give a preset or settings in a .toml file", args.method);
     };
-    let setup = Setup::open(&args.common, "eval", true)?;
-    let (entries, failures) = setup.run(&methods, false, &mut progress)?;
+    let asked = Asked { command: "eval", methods: &methods, controls: true, share_fields: false };
+    let setup = Setup::open(&args.common, asked)?;
+    let (entries, failures) = setup.run(&mut progress)?;
     let scenes: Vec<_> = entries
         .iter()
         .filter(|entry| entry.method == name)
@@ -35,7 +36,7 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         let calibration = Calibration::learn(source, &config, scenes)?;
         mde_prior::write_atomic(&path, calibration.to_toml()?.as_bytes())
             .with_context(|| path.display().to_string())?;
-        let factor = calibration.conformal()?.factor(0.9)?;
+        let factor = calibration.conformal()?.factor(Calibration::AT)?;
         progress.step(&format!("{}: sigma times {factor:.3}", path.display()));
         for held in calibration.held_out() {
             progress.step(&format!(

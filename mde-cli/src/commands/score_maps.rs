@@ -8,6 +8,7 @@ use crate::evaluation::store::Store;
 use crate::interrupt;
 use crate::prior::read_options;
 use crate::progress::Progress;
+use crate::size::check_maps;
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::data::{MapPair, MapPairs};
 use mde_eval::score::{Subject, curves, score};
@@ -69,6 +70,7 @@ pub(super) fn run(args: &EvalArgs, progress: &mut Progress) -> Result<()> {
 
 fn entry(pair: &MapPair, args: &EvalArgs, scoring: &Scoring) -> Result<Entry> {
     let predicted = read(&pair.prediction, "--pred-scale", args.maps.pred_scale, Encoding::Linear)?;
+    check_maps(&args.common.memory, &pair.prediction.display().to_string(), predicted.dim())?;
     let truth = read(&pair.truth, "--gt-scale", args.maps.gt_scale, args.maps.gt_encoding.into())?;
     let sigma = match &pair.sigma {
         Some(path) => Some(read(path, "--pred-scale", args.maps.pred_scale, Encoding::Linear)?),

@@ -93,6 +93,14 @@ impl Method {
         matches!(self.kind, Kind::Loop(..))
     }
 
+    /// The settings of the loop with the method's own seed, nothing for a baseline.
+    pub(crate) fn seeded_config(&self) -> Option<Config> {
+        match &self.kind {
+            Kind::Baseline => None,
+            Kind::Loop(config, _) => Some(Config { seed: self.seed, ..(**config).clone() }),
+        }
+    }
+
     /// Everything but the scene that the method's answer depends on.
     pub(crate) fn settings(&self) -> Result<Value> {
         let what = match &self.kind {

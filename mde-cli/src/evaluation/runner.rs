@@ -5,6 +5,7 @@ use super::scenes::{PriorPlan, Priors, fingerprint};
 use super::store::{Entry, Found, Record, Store};
 use crate::interrupt;
 use crate::progress::Progress;
+use crate::size::SceneLimit;
 use anyhow::{Result, bail};
 use mde_cli::pipeline::Event;
 use mde_cli::{Error, FieldMemory};
@@ -30,8 +31,8 @@ pub(crate) struct Plan<'p> {
     pub(crate) prior_settings: Value,
     pub(crate) rule: DisparityRule,
     pub(crate) store: &'p Store,
-    /// Scenes at once.
-    pub(crate) jobs: usize,
+    /// What the scenes may take, and how many run at once.
+    pub(crate) limit: SceneLimit<'p>,
     /// Whether the methods of a scene share fields that are the same.
     pub(crate) share_fields: bool,
 }
@@ -66,14 +67,14 @@ pub(crate) fn run<T: Send>(
         tally: Mutex::new(Tally::new(plan, progress)),
         failures: Mutex::default(),
     };
-    let threads = (rayon::current_num_threads() / plan.jobs).max(1);
+    let threads = (rayon::current_num_threads() / plan.limit.jobs).max(1);
     let mut results = Vec::new();
     let outcomes: Vec<Result<Vec<(usize, T)>>> = std::thread::scope(|scope| {
         let work = || -> Result<Vec<(usize, T)>> {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
             pool.install(|| shared.work(finish))
         };
-        let workers: Vec<_> = (0..plan.jobs).map(|_| scope.spawn(work)).collect();
+        let workers: Vec<_> = (0..plan.limit.jobs).map(|_| scope.spawn(work)).collect();
         let joined = workers.into_iter().map(|worker| worker.join());
         joined.map(|outcome| outcome.unwrap_or_else(|_| bail!("a worker stopped"))).collect()
     });
@@ -115,6 +116,7 @@ impl Shared<'_> {
 
     fn scene<T>(&self, index: usize, priors: &Priors<'_>, finish: &Finish<'_, T>) -> Result<T> {
         let sample = self.plan.data.load(index)?;
+        self.plan.limit.check("its picture", sample.depth.dim())?;
         if sample.assumed_camera {
             let warning = format!("{}: has no intrinsics; the camera is assumed", sample.id);
             lock(&self.tally).progress.warn(warning);
@@ -225,7 +227,7 @@ impl<'t> Tally<'t> {
     fn new(plan: &Plan<'_>, progress: &'t mut Progress) -> Self {
         let scenes = plan.scenes.len();
         let methods = plan.methods.iter().map(|method| (method.name.clone(), (scenes, 0, 0.0))).collect();
-        Self { progress, jobs: plan.jobs, done: 0, all: scenes * plan.methods.len(), methods }
+        Self { progress, jobs: plan.limit.jobs, done: 0, all: scenes * plan.methods.len(), methods }
     }
 
     fn take(&mut self, method: &str) -> Option<&mut (usize, usize, f64)> {

@@ -8,15 +8,30 @@ use super::scoring::Scoring;
 use super::store::Store;
 use crate::args::EvaluationArgs;
 use crate::progress::Progress;
+use crate::size::SceneLimit;
 use anyhow::Result;
+use mde_cli::memory::SceneMemory;
 use mde_eval::table::Entry;
 use mde_prior::DisparityRule;
 use serde_json::{Value, json};
 use std::path::Path;
 
+/// What a command evaluates.
+pub(crate) struct Asked<'a> {
+    pub(crate) command: &'a str,
+    /// The prior first.
+    pub(crate) methods: &'a [Method],
+    /// As in [`Scoring`].
+    pub(crate) controls: bool,
+    /// As in [`Plan`].
+    pub(crate) share_fields: bool,
+}
+
 /// An evaluation that is opened.
 pub(crate) struct Setup<'a> {
     args: &'a EvaluationArgs,
+    asked: Asked<'a>,
+    memory: SceneMemory,
     source: Source,
     scenes: Vec<usize>,
     prior: PriorPlan,
@@ -26,35 +41,36 @@ pub(crate) struct Setup<'a> {
 }
 
 impl<'a> Setup<'a> {
-    /// `controls` as in [`Scoring`].
-    pub(crate) fn open(args: &'a EvaluationArgs, command: &str, controls: bool) -> Result<Self> {
+    /// Opens all of it, and refuses what would take too much memory before anything is written.
+    pub(crate) fn open(args: &'a EvaluationArgs, asked: Asked<'a>) -> Result<Self> {
         let source = Source::open(&args.root, &args.data)?;
         let scenes = choose(&*source.data, &args.data.scenes, args.data.limit)?;
+        let configs: Vec<_> = asked.methods.iter().map(Method::seeded_config).collect();
+        let memory = SceneMemory::new(&configs, asked.share_fields);
+        let limit = limit(args, memory, &scenes);
+        if let Some([width, height]) = args.data.size {
+            limit.check("--size", (height, width))?;
+        }
         let prior = PriorPlan::new(&args.prior, source.kind)?;
         let prior_settings = prior.describe()?;
-        let scoring = Scoring::new(&args.score, controls);
-        let basis = json!({ "command": command, "data": source.describe() });
+        let scoring = Scoring::new(&args.score, asked.controls);
+        let basis = json!({ "command": asked.command, "data": source.describe() });
         let store = Store::open(&args.run.output, &basis, args.run.force)?;
-        Ok(Self { args, source, scenes, prior, prior_settings, scoring, store })
+        Ok(Self { args, asked, memory, source, scenes, prior, prior_settings, scoring, store })
     }
 
     /// Runs and scores what is not there yet.
-    pub(crate) fn run(
-        &self,
-        methods: &[Method],
-        share_fields: bool,
-        progress: &mut Progress,
-    ) -> Result<(Vec<Entry>, Vec<Failure>)> {
+    pub(crate) fn run(&self, progress: &mut Progress) -> Result<(Vec<Entry>, Vec<Failure>)> {
         let plan = Plan {
             data: &*self.source.data,
             scenes: &self.scenes,
-            methods,
+            methods: self.asked.methods,
             prior: &self.prior,
             prior_settings: self.prior_settings.clone(),
             rule: DisparityRule::default(),
             store: &self.store,
-            jobs: runner::jobs(self.args.many.jobs.map(usize::from), self.scenes.len()),
-            share_fields,
+            limit: limit(self.args, self.memory, &self.scenes),
+            share_fields: self.asked.share_fields,
         };
         let (entries, failures) =
             runner::run(&plan, progress, &|scene| self.scoring.scene(scene, &self.store))?;
@@ -89,4 +105,9 @@ impl<'a> Setup<'a> {
     pub(crate) fn folder(&self) -> &Path {
         self.store.root()
     }
+}
+
+fn limit<'a>(args: &'a EvaluationArgs, memory: SceneMemory, scenes: &[usize]) -> SceneLimit<'a> {
+    let jobs = runner::jobs(args.many.jobs.map(usize::from), scenes.len());
+    SceneLimit { args: &args.memory, memory, jobs }
 }

@@ -1,5 +1,7 @@
 use super::{Chart, Line};
 use crate::{Error, Result};
+use mde_prior::photo::write_rgb_png;
+use ndarray::Array3;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::register_font;
@@ -33,7 +35,14 @@ pub(super) fn write(chart: &Chart, path: &Path) -> Result<()> {
     });
     match path.extension().and_then(|e| e.to_str()) {
         Some("svg") => draw(chart, path, SVGBackend::new(path, SIZE).into_drawing_area()),
-        Some("png") => draw(chart, path, BitMapBackend::new(path, SIZE).into_drawing_area()),
+        Some("png") => {
+            let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
+            let mut pixels = Array3::<u8>::zeros((height, width, 3));
+            if let Some(bytes) = pixels.as_slice_mut() {
+                draw(chart, path, BitMapBackend::with_buffer(bytes, SIZE).into_drawing_area())?;
+            }
+            Ok(write_rgb_png(path, pixels.view())?)
+        }
         other => Err(Error::Config {
             field: "the figure's extension",
             value: other.unwrap_or("missing").to_owned(),
