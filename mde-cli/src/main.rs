@@ -5,6 +5,8 @@ mod camera;
 mod canvas;
 mod checkpoint;
 mod commands;
+#[cfg(test)]
+mod documented;
 mod evaluation;
 mod export;
 mod field;
