@@ -2,6 +2,7 @@
 
 use crate::args::{DoctorArgs, EncodingName, PriorArgs, PriorSource};
 use crate::prior::NamedPrior;
+use crate::progress::{columns, wrapped};
 use crate::run_record::versions;
 use anyhow::{Context, Result, ensure};
 use mde_eval::metrics::rank::spearman;
@@ -127,5 +128,5 @@ fn memory() -> String {
 
 /// A reader that went away needs no answer.
 fn say(what: &str, text: &str) {
-    let _ = writeln!(io::stdout().lock(), "{what:8} {text}");
+    let _ = writeln!(io::stdout().lock(), "{}", wrapped(&format!("{what:8} {text}"), columns(), 9));
 }
