@@ -68,7 +68,7 @@ function viewer({ layers, maps }) {
     part(state.left, 0, middle);
     part(state.right, middle, wide);
     context.imageSmoothingEnabled = false;
-    for (const name of state.edges) {
+    for (const name of Object.keys(EDGES).filter((name) => state.edges.has(name))) {
       edges[name] ??= edgePicture(maps[name], report.size, EDGES[name]);
       context.drawImage(edges[name], 0, 0, wide, high);
     }
@@ -104,7 +104,7 @@ function viewer({ layers, maps }) {
   function errorsAt(place) {
     if (!maps.error_prior || !(maps.truth[place] > 0)) return [];
     const of = (name) => (maps[name][place] > 0 ? signed(maps[`error_${name}`][place]) : "–");
-    return [["error", `${of("prior")} → ${of("refined")} m`]];
+    return [["error, aligned", `${of("prior")} → ${of("refined")} m`]];
   }
 
   function show() {
