@@ -292,6 +292,8 @@ def check_hover(page, folder):
         page.mouse("mouseMoved", left + u * width, top + v * height)
         page.settle()
         said = reading(page)
+        outside = page.value("[...document.querySelectorAll('#readout dd')].filter((d) => d.scrollWidth > d.clientWidth).map((d) => d.textContent)")
+        check(outside == [], f"the read-out is too narrow for {outside}")
         x, y = map(int, said["pixel"].split(", "))
         check(abs(x - u * columns) <= 3 + columns / 320 and abs(y - v * rows) <= 3 + rows / 320, f"{said} at {u}, {v}")
         if columns > 640 or rows > 640:

@@ -54,7 +54,9 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
     })?;
     say("model", &format!("{}, opened in {:.1} s", path.display(), start.elapsed().as_secs_f64()));
     if let Some(spec) = &prior.origin.model {
-        say("profile", &serde_json::to_string(spec).with_context(|| path.display().to_string())?);
+        let json = serde_json::to_string(spec).with_context(|| path.display().to_string())?;
+        // Still JSON, and lines can end in it.
+        say("profile", &json.replace(",\"", ", \""));
     }
     let scene = room(Room::Study, 0, TRIAL[0], TRIAL[1])?;
     let start = Instant::now();
