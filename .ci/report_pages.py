@@ -204,6 +204,18 @@ def check_any(page):
     return light[1] > light[0]
 
 
+def check_tables(page):
+    """Headings stand over what they name; on a wide screen nothing has to be scrolled to."""
+    uneven = page.value("[...document.querySelectorAll('table')].filter((t) => new Set([...t.rows].map((r) =>"
+                        "[...r.cells].reduce((sum, c) => sum + c.colSpan, 0))).size > 1).map((t) => t.textContent.slice(0, 60))")
+    check(uneven == [], f"tables with rows of different widths: {uneven}")
+    if not page.phone:
+        cut = page.value("[...document.querySelectorAll('.narrow')].filter((e) => e.scrollWidth > e.clientWidth).map((e) => e.ariaLabel)")
+        check(cut == [], f"tables that are cut off: {cut}")
+    parted = page.value("[...document.querySelectorAll('.card b, .card span')].filter((e) => /[0-9] %/.test(e.textContent)).map((e) => e.textContent)")
+    check(parted == [], f"a line may end between a number and its unit: {parted}")
+
+
 def reading(page):
     """What the pixel under the pointer is said to have."""
     return page.value("Object.fromEntries([...document.querySelectorAll('#readout dd')].map((d) => [d.dataset.name, d.textContent]))")
@@ -212,6 +224,7 @@ def reading(page):
 def check_run(page, folder):
     """Slider, hover, keyboard and cloud of a run's page."""
     check_hover(page, folder)
+    check_tables(page)
     left, top, width, height = page.box("#viewer")
     before = page.pixels("#viewer")
     page.drag((left + 0.5 * width, top + 0.5 * height), (left + 0.2 * width, top + 0.5 * height))
@@ -264,7 +277,10 @@ def check_run(page, folder):
     page.value("document.getElementById('cloud').focus()")
     page.key("0")
     check(page.pixels("#cloud") != unturned, "0 does not bring the cloud back")
-    check(page.value("document.querySelectorAll('.chart polyline').length") >= 2, "there are no training curves")
+    # A run that fitted no field has none.
+    fitted = page.value("JSON.parse(document.getElementById('data').textContent).record.iterations.length")
+    curves = page.value("document.querySelectorAll('.chart polyline').length")
+    check((curves >= 2) == (fitted > 0), f"{curves} training curves for {fitted} fits")
 
 
 def check_hover(page, folder):
@@ -276,6 +292,8 @@ def check_hover(page, folder):
         page.mouse("mouseMoved", left + u * width, top + v * height)
         page.settle()
         said = reading(page)
+        outside = page.value("[...document.querySelectorAll('#readout dd')].filter((d) => d.scrollWidth > d.clientWidth).map((d) => d.textContent)")
+        check(outside == [], f"the read-out is too narrow for {outside}")
         x, y = map(int, said["pixel"].split(", "))
         check(abs(x - u * columns) <= 3 + columns / 320 and abs(y - v * rows) <= 3 + rows / 320, f"{said} at {u}, {v}")
         if columns > 640 or rows > 640:
@@ -344,6 +362,10 @@ def check_evaluation(page, folder):
     loaded = page.value("Promise.all([...document.images].map((i) => i.decode())).then(() =>"
                         "[...document.images].every((i) => i.naturalWidth > 0))")
     check(loaded, "a picture is broken")
+    counted = int(page.value("document.querySelector('h1 + p').textContent").split(" · ")[1].split()[0])
+    check(counted == len(first), f"{counted} methods are said to be there, and {len(first)} are in the table")
+    small = page.value("[...document.querySelectorAll('.figures img')].map((i) => i.getBoundingClientRect().width)")
+    check(min(small, default=900) > 400, f"the letters of figures {small} px wide can't be read")
     check(page.value("document.querySelectorAll('.strip img').length") >= 2 or not (folder / "scenes").exists(), "there are no thumbnails")
 
 

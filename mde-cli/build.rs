@@ -1,4 +1,4 @@
-//! Tells the program which versions of the workspace's crates it is made of.
+//! Tells the program which versions of the workspace's crates it is made of, and the tests whether the documents are here.
 
 use std::path::{Path, PathBuf};
 
@@ -6,6 +6,12 @@ fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     let versions = lock_file().map(|path| versions(&path)).unwrap_or_default();
     println!("cargo:rustc-env=MDE_VERSIONS={}", versions.join(" "));
+    println!("cargo:rustc-check-cfg=cfg(documents)");
+    if std::env::var_os("CARGO_MANIFEST_DIR")
+        .is_some_and(|package| Path::new(&package).join("../docs").is_dir())
+    {
+        println!("cargo:rustc-cfg=documents");
+    }
 }
 
 /// The lock file of the workspace, or of the package alone where it was published.

@@ -57,3 +57,8 @@ pub use {nalgebra, ndarray};
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;
+
+// The workspace's documents are not in the package; build.rs says whether they are here.
+#[cfg(all(doctest, documents))]
+#[doc = include_str!("../../docs/architecture.md")]
+struct Architecture;

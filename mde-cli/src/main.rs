@@ -5,6 +5,8 @@ mod camera;
 mod canvas;
 mod checkpoint;
 mod commands;
+#[cfg(test)]
+mod documented;
 mod error_bar;
 mod evaluation;
 mod export;
@@ -32,7 +34,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(_) if interrupt::requested() => {
             let resumable = match &cli.command {
-                args::Command::Eval(_) | args::Command::Ablate(_) => true,
+                args::Command::Eval(_) | args::Command::Ablate(_) | args::Command::Calibrate(_) => true,
                 args::Command::Refine(refine) => refine.resume,
                 _ => false,
             };

@@ -106,7 +106,9 @@ impl Progress {
             Mode::Quiet => {}
             Mode::Json => self.json(value),
             // A reader that went away needs no answer.
-            Mode::Lines | Mode::Bars => drop(writeln!(io::stdout().lock(), "{text}")),
+            Mode::Lines | Mode::Bars => {
+                drop(writeln!(io::stdout().lock(), "{}", wrapped(text, columns(), 2)))
+            }
         }
     }
 
@@ -189,8 +191,10 @@ impl Progress {
                 let [index, iterations] = self.iteration;
                 let bar = self.bar.get_or_insert_with(|| {
                     let bar = ProgressBar::with_draw_target(Some(all as u64), ProgressDrawTarget::stderr());
-                    bar.with_style(style())
-                        .with_prefix(format!("iteration {index}/{iterations}: {}", stage.name()))
+                    bar.with_style(style()).with_prefix(match stage {
+                        Stage::Prior => "asking the model".to_owned(),
+                        _ => format!("iteration {index}/{iterations}: {}", stage.name()),
+                    })
                 });
                 bar.set_position(done as u64);
                 bar.set_message(text.to_owned());
@@ -236,12 +240,46 @@ impl Progress {
     }
 
     fn line(&self, text: &str) {
+        let text = match self.mode {
+            Mode::Bars => wrapped(text, usize::from(console::Term::stderr().size().1), 2),
+            _ => text.to_owned(),
+        };
         let write = || drop(writeln!(io::stderr().lock(), "{text}"));
         match &self.bar {
             Some(bar) => bar.suspend(write),
             None => write(),
         }
     }
+}
+
+/// Columns of the terminal that results are written to; elsewhere lines are as long as they are.
+pub(crate) fn columns() -> usize {
+    if io::stdout().is_terminal() { usize::from(console::Term::stdout().size().1) } else { usize::MAX }
+}
+
+/// Breaks the lines that are longer than `columns` between words, and indents what follows; tables stay as they are.
+pub(crate) fn wrapped(text: &str, columns: usize, indent: usize) -> String {
+    let broken = |line: &str| {
+        if line.chars().count() <= columns || line.starts_with('|') || columns < 2 * indent {
+            return line.to_owned();
+        }
+        let mut lines = vec![String::new()];
+        for word in line.split_inclusive(' ') {
+            let used = lines.last().map_or(0, |last| last.chars().count());
+            if used > indent && used + word.trim_end().chars().count() > columns {
+                lines.push(" ".repeat(indent));
+            }
+            if let Some(last) = lines.last_mut() {
+                *last += word;
+            }
+        }
+        lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n")
+    };
+    // What needs no breaking stays as it is to the last byte.
+    if text.lines().all(|line| line.chars().count() <= columns) {
+        return text.to_owned();
+    }
+    text.lines().map(broken).collect::<Vec<_>>().join("\n")
 }
 
 /// A duration for people: the two largest units that say something.
@@ -279,6 +317,24 @@ mod tests {
             assert!(ProgressStyle::with_template(template(columns)).is_ok(), "{columns}");
         }
         assert!(template(40).len() < template(80).len() && template(80).len() < template(200).len());
+    }
+
+    #[test]
+    fn lines_break_between_words_and_lose_none() {
+        let text = "depth moved by 3.2 % at the median pixel\n| a | table of any width |\nshort";
+        let broken = wrapped(text, 20, 2);
+        assert_eq!(
+            broken,
+            "depth moved by 3.2 %\n  at the median\n  pixel\n| a | table of any width |\nshort"
+        );
+        for (columns, indent) in [(usize::MAX, 2), (12, 9), (0, 2), (1, 0), (60, 2)] {
+            let broken = wrapped(text, columns, indent);
+            assert!(broken.split_whitespace().eq(text.split_whitespace()), "{columns}: {broken}");
+        }
+        assert_eq!(
+            wrapped("a-word-longer-than-the-line and more", 12, 2),
+            "a-word-longer-than-the-line\n  and more"
+        );
     }
 
     #[test]

@@ -175,13 +175,80 @@ fn the_doctor_knows_the_machine() {
     run.stderr(predicate::str::contains("net.onnx"));
 }
 
+/// What the doctor says of a model, line by line, and the error where it finds one.
+#[cfg(feature = "onnx")]
+fn doctor(model: &Path, profile: Option<&str>, code: i32) -> (Vec<(String, String)>, String) {
+    let place = Place::new();
+    let mut command = place.mde("doctor --prior-model");
+    command.arg(model).args(profile.iter().flat_map(|name| ["--model-profile", name]));
+    let run = command.assert().code(code);
+    let output = run.get_output();
+    let text = String::from_utf8(output.stdout.clone()).unwrap();
+    let lines = text.lines().map(|line| line.split_once(' ').unwrap());
+    let lines = lines.map(|(what, said)| (what.to_owned(), said.trim().to_owned())).collect();
+    (lines, String::from_utf8(output.stderr.clone()).unwrap())
+}
+
+/// One of the doctor's lines.
+#[cfg(feature = "onnx")]
+fn said<'a>(lines: &'a [(String, String)], what: &str) -> Option<&'a str> {
+    lines.iter().find(|(name, _)| name == what).map(|(_, said)| said.as_str())
+}
+
+/// The last number of the doctor's trial.
+#[cfg(feature = "onnx")]
+fn correlation(lines: &[(String, String)]) -> f64 {
+    said(lines, "trial").unwrap().rsplit(' ').next().unwrap().parse().unwrap()
+}
+
 #[test]
 #[cfg(feature = "onnx")]
 fn the_doctor_tries_a_model() {
     let Some(shared) = common::shared("a real model") else { return };
     let model = shared.join("models/fastdepth/fastdepth_224.onnx");
-    let run = Place::new().mde("doctor --prior-model").arg(model).assert().success();
-    run.stdout(predicate::str::contains("correlation").and(predicate::str::contains("the model works here")));
+    let (lines, error) = doctor(&model, None, 0);
+    assert!(error.is_empty(), "{error}");
+    assert_eq!(said(&lines, "models"), Some("ONNX files"));
+    assert!(said(&lines, "model").unwrap().contains("fastdepth_224.onnx, opened in"));
+    let profile: Value = serde_json::from_str(said(&lines, "profile").unwrap()).unwrap();
+    assert_eq!((profile["width"].as_u64(), profile["output"].as_str()), (Some(224), Some("metric")));
+    let trial = said(&lines, "trial").unwrap();
+    let range = trial.split("depths ").nth(1).unwrap().split(',').next().unwrap();
+    let [near, far] = [0, 1].map(|i| range.split(" to ").nth(i).unwrap().parse::<f64>().unwrap());
+    // Metres, in a room.
+    assert!(0.3 < near && near < far && far < 10.0 && trial.contains("100 % of the pixels"), "{trial}");
+    assert!(correlation(&lines) > 0.5, "{trial}");
+    assert_eq!(said(&lines, "verdict"), Some("the model works here"));
+
+    let (lines, error) = doctor(&model, Some("midas-v2.1-small"), 1);
+    assert!(correlation(&lines) < -0.5 && said(&lines, "verdict").is_none(), "{lines:?}");
+    assert!(
+        error.contains("fastdepth_224.onnx") && error.contains("a disparity taken for a depth"),
+        "{error}"
+    );
+}
+
+#[test]
+#[cfg(feature = "onnx")]
+fn the_doctor_tells_a_wrong_profile_and_a_useless_model() {
+    let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures");
+    // It takes brightness for depth, which in this room is better than the reverse.
+    let grey = fixtures.join("grey_nchw.onnx");
+    let (lines, error) = doctor(&grey, Some("fastdepth"), 0);
+    assert!(correlation(&lines) > 0.2 && error.is_empty(), "{lines:?} {error}");
+    let (lines, error) = doctor(&grey, Some("midas-v2.1-small"), 1);
+    assert!(correlation(&lines) < -0.2 && said(&lines, "verdict").is_none(), "{lines:?}");
+    assert!(error.contains("check the profile"), "{error}");
+    for (model, profile, told) in [
+        ("grey_nchw.onnx", None, "name one of: fastdepth"),
+        ("grey_nhwc.onnx", Some("fastdepth"), "check layout"),
+        ("scores.onnx", Some("fastdepth"), "output-name"),
+        ("not_finite.onnx", Some("fastdepth"), "check mean"),
+    ] {
+        let (lines, error) = doctor(&fixtures.join(model), profile, 1);
+        assert!(said(&lines, "memory").is_some() && said(&lines, "verdict").is_none(), "{lines:?}");
+        assert!(error.contains(model) && error.contains(told) && error.lines().count() == 1, "{error}");
+    }
 }
 
 #[test]

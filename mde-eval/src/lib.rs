@@ -48,3 +48,7 @@ pub use mde_warp;
 pub use nalgebra;
 pub use ndarray;
 pub use refiner::{Refined, Refiner, Task};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -42,3 +42,7 @@ pub use error::{Error, Result};
 pub use field::{Event, FitReport, Observer, RadianceField, RenderedView, Silent};
 pub use nerf::Nerf;
 pub use {mde_uncertainty, mde_warp, nalgebra, ndarray};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -48,3 +48,7 @@ pub use ndarray;
 pub use onnx::OnnxPrior;
 pub use prior::{DepthKind, DepthPrior, PriorDepth};
 pub use spec::ModelSpec;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -215,6 +215,15 @@ fn input_sizes_are_those_of_the_reference_code() {
 }
 
 #[test]
+fn the_readmes_specification_is_one() {
+    let readme = include_str!("../README.md");
+    let start = readme.find("```toml\n").unwrap() + "```toml\n".len();
+    let block = &readme[start..start + readme[start..].find("```").unwrap()];
+    let spec = ModelSpec::from_toml(block).unwrap();
+    assert_eq!((spec.width, spec.multiple_of, spec.output), (518, 14, DepthKind::AffineDisparity));
+}
+
+#[test]
 fn specifications_come_from_toml_or_the_name() {
     let folder = tempfile::tempdir().unwrap();
     let model = folder.path().join("midas_v21_small_256.onnx");

@@ -29,3 +29,7 @@ pub use error::{Error, Result};
 pub use gaussian::GaussianDepth;
 pub use ndarray;
 pub use scalar::Real;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

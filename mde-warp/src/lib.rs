@@ -63,3 +63,7 @@ pub use reproject::{ReprojectConfig, reproject};
 pub use sampling::{ViewSampling, median, sample_poses};
 pub use view::PosedView;
 pub use warp::{HoleFilling, WarpConfig, WarpedView, forward_warp};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

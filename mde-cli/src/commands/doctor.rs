@@ -2,6 +2,7 @@
 
 use crate::args::{DoctorArgs, EncodingName, PriorArgs, PriorSource};
 use crate::prior::NamedPrior;
+use crate::progress::{columns, wrapped};
 use crate::run_record::versions;
 use anyhow::{Context, Result, ensure};
 use mde_eval::metrics::rank::spearman;
@@ -53,7 +54,9 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
     })?;
     say("model", &format!("{}, opened in {:.1} s", path.display(), start.elapsed().as_secs_f64()));
     if let Some(spec) = &prior.origin.model {
-        say("profile", &serde_json::to_string(spec).with_context(|| path.display().to_string())?);
+        let json = serde_json::to_string(spec).with_context(|| path.display().to_string())?;
+        // Still JSON, and lines can end in it.
+        say("profile", &json.replace(",\"", ", \""));
     }
     let scene = room(Room::Study, 0, TRIAL[0], TRIAL[1])?;
     let start = Instant::now();
@@ -127,5 +130,5 @@ fn memory() -> String {
 
 /// A reader that went away needs no answer.
 fn say(what: &str, text: &str) {
-    let _ = writeln!(io::stdout().lock(), "{what:8} {text}");
+    let _ = writeln!(io::stdout().lock(), "{}", wrapped(&format!("{what:8} {text}"), columns(), 9));
 }

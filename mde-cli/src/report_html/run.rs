@@ -79,8 +79,10 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         .iter()
         .filter(|(name, _)| present(name))
         .map(|(name, what)| {
-            let bytes = fs::metadata(folder.join(name)).ok().filter(|m| m.is_file()).map(|m| m.len());
-            json!({ "name": name, "what": what, "bytes": bytes.filter(|_| *name != super::FILE) })
+            let path = folder.join(name);
+            let bytes = fs::metadata(&path).ok().filter(|m| m.is_file()).map(|m| m.len());
+            let bytes = bytes.filter(|_| *name != super::FILE);
+            json!({ "name": name, "what": what, "bytes": bytes, "folder": path.is_dir() })
         })
         .collect();
     let title = format!("{}: depth refined", input_name(&record));
@@ -89,6 +91,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         "title": input_name(&record),
         "record": record,
         "config": toml,
+        "space": config.fusion.space,
         "size": size,
         "full": [columns, rows],
         "image": picture(small.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())?,

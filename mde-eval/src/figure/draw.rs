@@ -11,9 +11,9 @@ use std::sync::Once;
 
 const SIZE: (u32, u32) = (900, 560);
 /// Room for the names at the lines' ends, pixels.
-const NAMES: u32 = 240;
+const NAMES: u32 = 280;
 /// Height of a name, pixels.
-const NAME_HEIGHT: i32 = 17;
+const NAME_HEIGHT: i32 = 20;
 const FONT: &str = "sans-serif";
 
 /// Okabe and Ito's colours, told apart by the colour-blind too; black and yellow left out.
@@ -64,19 +64,19 @@ fn drawn<B: DrawingBackend>(
     area.fill(&WHITE)?;
     let [x, y] = ranges(&chart.lines);
     let mut context = ChartBuilder::on(area)
-        .caption(&chart.title, (FONT, 22))
+        .caption(&chart.title, (FONT, 24))
         .margin(12)
         .margin_right(NAMES)
-        .x_label_area_size(44)
-        .y_label_area_size(62)
+        .x_label_area_size(50)
+        .y_label_area_size(70)
         .build_cartesian_2d(x, y)?;
     context
         .configure_mesh()
         .light_line_style(TRANSPARENT)
         .bold_line_style(RGBColor(228, 228, 228))
         .axis_style(RGBColor(90, 90, 90))
-        .label_style((FONT, 15))
-        .axis_desc_style((FONT, 16))
+        .label_style((FONT, 18))
+        .axis_desc_style((FONT, 19))
         .x_label_formatter(&tick)
         .y_label_formatter(&tick)
         .x_desc(&chart.x)
@@ -91,7 +91,7 @@ fn drawn<B: DrawingBackend>(
     let mut names: Vec<(&Line, (i32, i32))> = ends.filter(|(line, _)| !line.name.is_empty()).collect();
     spread(&mut names);
     for (line, (x, y)) in names {
-        let style = (FONT, 16).into_font().color(&colour(line)).pos(Pos::new(HPos::Left, VPos::Center));
+        let style = (FONT, 19).into_font().color(&colour(line)).pos(Pos::new(HPos::Left, VPos::Center));
         area.draw_text(&line.name, &style, (x + 8, y))?;
     }
     Ok(())

@@ -29,9 +29,8 @@ function cloud({ layers, maps, photo }) {
       xyz[3 * place + 1] = ((Math.floor(place / width) - middle[1]) / focal[1]) * z;
       xyz[3 * place + 2] = z;
     }
-    // The 95th percentile keeps one far pixel from moving the pivot.
-    const [near, pivot] = quantiles(values, [0.05, 0.5]);
-    return { xyz, pivot, near };
+    // The median keeps one far pixel from moving the pivot.
+    return { xyz, pivot: quantiles(values, [0.5])[0] };
   }
 
   const canvas = make("canvas", {

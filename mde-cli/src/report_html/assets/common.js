@@ -42,9 +42,12 @@ function signed(value, digits = 3) {
   return value > 0 ? `+${number(value, digits)}` : number(value, digits);
 }
 
+/** Keeps a number and its unit on one line. */
+const NBSP = "\u00a0";
+
 function percent(share, digits = 2) {
-  if (Math.abs(share) < 5e-6) return "0 %";
-  return Number.isFinite(share) ? `${number(100 * share, digits)} %` : "–";
+  if (Math.abs(share) < 5e-6) return `0${NBSP}%`;
+  return Number.isFinite(share) ? `${number(100 * share, digits)}${NBSP}%` : "–";
 }
 
 function seconds(value) {
@@ -88,9 +91,10 @@ function warnings(list) {
   return make("div", { class: "warning", role: "note" }, make("ul", {}, list.map((text) => make("li", {}, text))));
 }
 
-/** Text that can be copied by a button where the browser allows it, by hand elsewhere. */
-function copyable(text) {
-  const code = make("pre", { tabindex: "0" }, text);
+/** Text that can be copied by a button where the browser allows it, by hand elsewhere. `words`: lines end between words only. */
+function copyable(text, words = false) {
+  const parts = words ? text.split(" ").flatMap((word, i) => [i > 0 ? " " : "", make("span", { class: "word" }, word)]) : text;
+  const code = make("pre", { tabindex: "0" }, parts);
   const button = make("button", { type: "button", onclick: copy }, "Copy");
   async function copy() {
     try {

@@ -3,9 +3,10 @@
 function evaluationPage(page) {
   const { summary: all } = report;
   const { summary } = all;
-  const methods = summary.methods.map((method) => method.method);
+  // Those with a depth of their own: sigmas that anyone could state are in the tables too.
+  const count = methodsOf(summary, report.groups[0]).length;
   page.append(make("h1", {}, report.title),
-    make("p", { class: "soft" }, `${summary.scenes} scene${summary.scenes === 1 ? "" : "s"} · ${methods.length} methods · mde ${all.versions["mde-cli"]}`),
+    make("p", { class: "soft" }, `${summary.scenes} scene${summary.scenes === 1 ? "" : "s"} · ${count} method${count === 1 ? "" : "s"} · mde ${all.versions["mde-cli"]}`),
     make("p", {}, all.alignment));
   const failed = (all.failures ?? []).map((f) => `failed: ${f.scene}, ${f.method ?? "all methods"}: ${f.error}`);
   const notes = warnings([...failed, ...(all.warnings ?? [])]);
@@ -16,11 +17,13 @@ function evaluationPage(page) {
   section("Scores", null, scores(summary));
   if (report.figures.length > 0) {
     section("Uncertainty", null, make("div", { class: "figures" }, report.figures.map((figure) =>
-      make("figure", {}, make("img", { src: figure.image, alt: figure.what, width: "900", height: "560" }), make("figcaption", {}, figure.what)))));
+      make("figure", {},
+        make("div", { class: "picture", tabindex: "0", role: "region", "aria-label": `figure: ${figure.what}` }, make("img", { src: figure.image, alt: figure.what, width: "900", height: "560" })),
+        make("figcaption", {}, figure.what)))));
   }
   section("Scenes", null, sceneList());
   section("Again", null,
-    all.command_line ? copyable(all.command_line) : null,
+    all.command_line ? copyable(all.command_line, true) : null,
     make("details", {}, make("summary", {}, "What it was made from (summary.json)"), make("pre", { tabindex: "0" }, JSON.stringify({ made_from: all.made_from, versions: all.versions, bootstrap: summary.bootstrap }, null, 2))),
     make("p", { class: "small soft" }, "Beside this page: table.md, summary.json (every metric), scenes.csv (every scene), the figures as SVG and PNG."));
 }
@@ -48,6 +51,11 @@ function columnsOf(summary, title) {
   return report.metrics.filter((metric) => metric.group === title && metric.shown && summary.methods.some((m) => metric.key in m.metrics));
 }
 
+function methodsOf(summary, title) {
+  const metrics = columnsOf(summary, title);
+  return summary.methods.filter((method) => metrics.some((metric) => metric.key in method.metrics));
+}
+
 function scoreNoteOf(summary, state) {
   const level = `${100 * summary.bootstrap.level} %`;
   const text = {
@@ -60,7 +68,7 @@ function scoreNoteOf(summary, state) {
 
 function sortable(summary, state, show) {
   const metrics = columnsOf(summary, state.group);
-  const methods = summary.methods.filter((method) => metrics.some((metric) => metric.key in method.metrics));
+  const methods = methodsOf(summary, state.group);
   if (state.sort !== null) {
     const value = (method) => (state.sort === "method" ? method.method : method.metrics[state.sort]?.mean);
     methods.sort((a, b) => {

@@ -24,7 +24,7 @@ async function runPage(page) {
     document.getElementById("viewer").scrollIntoView({ block: "center" });
     document.getElementById("viewer").focus({ preventScroll: true });
   })));
-  section("All maps", "Press one to put it on the right above. Colours run from the 1st to the 99th percentile; missing is grey.", gallery);
+  section("All maps", "Press one to put it on the right above. Colours run from the 1st to the 99th percentile; missing is grey. In differences and errors, orange is too far or farther, purple nearer.", gallery);
 
   section("In space", "Drag to turn, wheel or pinch to zoom; with the keyboard: arrows, plus, minus, 0.", cloud(scene));
   if (record.iterations.length > 0) section("Iterations", null, iterationTable(record.iterations, unit));
@@ -33,7 +33,7 @@ async function runPage(page) {
   if (record.scores) section("Against the truth", scoreNote(record.scores), scoreTable(record.scores));
   section("Again", null,
     make("p", { class: "small soft" }, "The command that made this, and all of its settings."),
-    copyable(record.command_line ?? `mde ${record.command}`),
+    copyable(record.command_line ?? `mde ${record.command}`, true),
     make("details", {}, make("summary", {}, "Settings (config.toml)"), copyable(report.config)),
     make("details", {}, make("summary", {}, "Record (run.json)"), make("pre", { tabindex: "0" }, JSON.stringify(record, null, 2))));
   section("Files", null, fileTable(report.files));
@@ -75,25 +75,35 @@ function tile(name, layer, pressed) {
     make("figcaption", {}, heading, colourBar(layer)));
 }
 
-function table(columns, rows) {
+/** `heads` are rows of headings. */
+function table(heads, rows, name) {
   const cell = (tag, scope) => (text) => (text instanceof Node ? text : make(tag, scope ? { scope } : {}, text));
-  return make("div", { class: "wide", tabindex: "0", role: "region", "aria-label": "table" },
+  return make("div", { class: "wide narrow", tabindex: "0", role: "region", "aria-label": name },
     make("table", {},
-      make("thead", {}, make("tr", {}, columns.map(cell("th", "col")))),
+      make("thead", {}, heads.map((head) => make("tr", {}, head.map(cell("th", "col"))))),
       make("tbody", {}, rows.map((row) => make("tr", {}, make("th", { scope: "row" }, row[0]), row.slice(1).map(cell("td")))))));
 }
 
+/** A column for each iteration: there are few of them, and many numbers. */
 function iterationTable(iterations, unit) {
-  const columns = ["iteration", "a", `b${unit && ` [${unit.trim()}]`}`, `σₒ${unit && ` [${unit.trim()}]`}`, "weight of the field", "PSNR, original [dB]", "PSNR, mean [dB]",
-    "loss", "field off the prior", "holes in the views", "warp [s]", "fit [s]", "render [s]", "fuse [s]"];
-  const rows = iterations.map((one, index) => {
-    const { fusion, fit, warp, seconds: took } = one;
-    const mean = fit.psnr.reduce((sum, v) => sum + v, 0) / (fit.psnr.length || NaN);
-    return [String(index + 1), number(fusion.a, 4), number(fusion.b), number(fusion.sigma_o), percent(fusion.nerf_weight),
-      number(fit.psnr[0]), number(mean), number(fit.loss), percent(one.field_prior_deviation ?? NaN), percent(warp.mean_hole_fraction),
-      ...[took.warp, took.fit, took.render, took.fuse].map((s) => number(s, 2))];
-  });
-  return table(columns, rows);
+  // In disparity the estimates are of 1 / depth.
+  const name = report.space === "disparity" && unit ? `1/${unit.trim()}` : unit.trim();
+  const of = name && ` [${name}]`;
+  const mean = (values) => values.reduce((sum, v) => sum + v, 0) / (values.length || NaN);
+  const rows = [
+    ["a, scale of the field's depth", ({ fusion }) => number(fusion.a, 4)],
+    [`b, its shift${of}`, ({ fusion }) => number(fusion.b)],
+    [`σₒ, error of the prior${of}`, ({ fusion }) => number(fusion.sigma_o)],
+    ["weight of the field", ({ fusion }) => percent(fusion.nerf_weight)],
+    ["field off the prior", (one) => percent(one.field_prior_deviation ?? NaN)],
+    ["PSNR, original view [dB]", ({ fit }) => number(fit.psnr[0])],
+    ["PSNR, mean of the views [dB]", ({ fit }) => number(mean(fit.psnr))],
+    ["loss", ({ fit }) => number(fit.loss)],
+    ["holes in the views", ({ warp }) => percent(warp.mean_hole_fraction)],
+    ...["warp", "fit", "render", "fuse"].map((stage) => [`${stage} [s]`, (one) => number(one.seconds[stage], 2)]),
+  ];
+  const heads = [["", ...iterations.map((_, index) => `iteration ${index + 1}`)]];
+  return table(heads, rows.map(([label, value]) => [label, ...iterations.map(value)]), "iterations");
 }
 
 function trainingCharts(training) {
@@ -105,30 +115,34 @@ function trainingCharts(training) {
 }
 
 function scoreNote(scores) {
-  return `Truth: ${scores.truth}. Each map is brought to the truth's scale by its own alignment, in the way that the column names. Coloured where it changed by 1 % or more; one picture proves nothing.`;
+  return `Truth: ${scores.truth}. Each map is brought to the truth's scale by its own alignment, in the way that the heading names. Coloured where it changed by ${percent(0.01, 1)} or more; one picture proves nothing.`;
 }
 
 function scoreTable(scores) {
   const rows = [
     ["AbsRel ↓", (s) => s.depth["abs-rel"], -1], ["RMSE [m] ↓", (s) => s.depth.rmse, -1],
-    ["within a factor 1.25 ↑", (s) => s.depth.delta?.[0], 1], ["boundary F1 ↑", (s) => s.depth["boundary-f1"], 1],
+    ["within a factor 1.25 ↑", (s) => s.depth.delta?.[0], 1], ["edge F1, 0.25 m, 1 px ↑", (s) => s.depth.edges?.find((edge) => edge.threshold === 0.25 && edge.tolerance === 1)?.f1, 1],
+    ["boundary F1 ↑", (s) => s.depth["boundary-f1"], 1],
     ["order across edges wrong ↓", (s) => s.depth["d3r-like"], -1], ["sharpness at edges ↑", (s) => s.depth["sharpness-on"], 1],
     ["sharpness elsewhere ↓", (s) => s.depth["sharpness-off"], -1], ["sigma and error, Spearman ↑", (s) => s.uncertainty?.spearman, 0],
     ["mean z² (1 is right)", (s) => s.uncertainty?.["mean-z2"], 0],
   ];
   const names = [scores.shown, ...Object.keys(scores.by_alignment).filter((name) => name !== scores.shown)];
-  const columns = ["", ...names.flatMap((name) => [`${name}: prior`, "refined"])];
-  const body = rows.map(([label, of, better]) => [label, ...names.flatMap((name) => {
+  const heads = [
+    ["", ...names.map((name) => make("th", { scope: "colgroup", colspan: "2" }, name === "none" ? "no alignment" : `${name} alignment`))],
+    ["", ...names.flatMap(() => ["prior", "refined"])],
+  ];
+  const body = rows.map(([label, of, better]) => [label.replace(/ (?=[↓↑]$)/, NBSP), ...names.flatMap((name) => {
     const [before, after] = [of(scores.by_alignment[name].prior), of(scores.by_alignment[name].refined)];
     const gain = better * (after - before);
     const told = better !== 0 && Math.abs(after / before - 1) >= 0.01 ? (gain > 0 ? "good" : "bad") : null;
     return [number(before), make("td", { class: told }, number(after))];
   })]).filter((row) => row.slice(1).some((cell) => (cell.textContent ?? cell) !== "–"));
-  return table(columns, body);
+  return table(heads, body, "scores");
 }
 
 function fileTable(files) {
   const rows = files.map((file) => make("tr", {},
-    make("td", {}, make("a", { href: file.name }, make("code", {}, file.name))), make("td", { class: "soft" }, file.what), make("td", { class: "soft" }, file.bytes ? bytes(file.bytes) : "")));
+    make("td", {}, make("a", { href: file.name }, make("code", {}, file.name))), make("td", { class: "soft" }, file.what), make("td", { class: "soft" }, file.bytes ? bytes(file.bytes) : file.folder ? "folder" : "")));
   return make("div", { class: "wide files" }, make("table", {}, make("tbody", {}, rows)));
 }

@@ -32,7 +32,7 @@ const EDGES = { prior: "#ff9d1e", refined: "#19e3ff" };
 
 function viewer({ layers, maps }) {
   const [width, height] = report.size;
-  const unit = report.record.unit === "unscaled" ? "" : ` ${report.record.unit}`;
+  const unit = report.record.unit === "unscaled" ? "" : `${NBSP}${report.record.unit}`;
   const state = { left: "prior", right: "refined", split: 0.5, at: [width >> 1, height >> 1], edges: new Set() };
   const edges = {};
 
@@ -68,7 +68,7 @@ function viewer({ layers, maps }) {
     part(state.left, 0, middle);
     part(state.right, middle, wide);
     context.imageSmoothingEnabled = false;
-    for (const name of state.edges) {
+    for (const name of Object.keys(EDGES).filter((name) => state.edges.has(name))) {
       edges[name] ??= edgePicture(maps[name], report.size, EDGES[name]);
       context.drawImage(edges[name], 0, 0, wide, high);
     }
@@ -83,12 +83,10 @@ function viewer({ layers, maps }) {
     const place = y * width + x;
     const depth = (values, sigmas) => {
       if (!(values[place] > 0)) return "missing";
-      const sigma = sigmas[place] > 0 ? ` ± ${number(sigmas[place])}` : "";
+      const sigma = sigmas[place] > 0 ? `${NBSP}±${NBSP}${number(sigmas[place])}` : "";
       return `${number(values[place], 4)}${sigma}${unit}`;
     };
-    const change = maps.prior[place] > 0 && maps.refined[place] > 0
-      ? `${signed(maps.refined[place] - maps.prior[place])}${unit} (${signed(100 * (maps.refined[place] / maps.prior[place] - 1), 2)} %)`
-      : "–";
+    const change = maps.prior[place] > 0 && maps.refined[place] > 0 ? changeOf(maps.prior[place], maps.refined[place]) : "–";
     const full = [x, y].map((v, i) => Math.floor(((v + 0.5) * report.full[i]) / report.size[i]));
     const rows = [
       ["pixel", `${full[0]}, ${full[1]}`],
@@ -100,11 +98,17 @@ function viewer({ layers, maps }) {
     readout.replaceChildren(...rows.flatMap(([name, value]) => [make("dt", {}, name), make("dd", { "data-name": name }, value)]));
   }
 
+  /** With the decimals of the depths themselves: what is less, they do not show. */
+  function changeOf(before, after) {
+    const decimals = (number(before, 4).split(".")[1] ?? "").length;
+    return `${fixed(after - before, decimals, true)}${unit} (${fixed(100 * (after / before - 1), 1, true)}${NBSP}%)`;
+  }
+
   /** What is left to the truth, where it is known, after the alignment of the scores. */
   function errorsAt(place) {
     if (!maps.error_prior || !(maps.truth[place] > 0)) return [];
-    const of = (name) => (maps[name][place] > 0 ? signed(maps[`error_${name}`][place]) : "–");
-    return [["error", `${of("prior")} → ${of("refined")} m`]];
+    const of = (name) => (maps[name][place] > 0 ? fixed(maps[`error_${name}`][place], 3, true) : "–");
+    return [["error, aligned", `${of("prior")} → ${of("refined")}${NBSP}m`]];
   }
 
   function show() {
