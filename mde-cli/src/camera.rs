@@ -1,7 +1,7 @@
 //! The camera from flags, a file, EXIF or a guess.
 
 use crate::args::CameraArgs;
-use crate::job::Opened;
+use crate::opened::Opened;
 use anyhow::{Context, Result};
 use mde_cli::Intrinsics;
 use mde_warp::PinholeCamera;

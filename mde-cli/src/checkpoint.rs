@@ -2,7 +2,7 @@
 
 use crate::interrupt;
 use crate::output::temporary_folder;
-use crate::run_record::write_json;
+use crate::provenance::write_json;
 use anyhow::{Context, Result};
 use mde_cli::{Checkpoint, IterationReport};
 use mde_prior::format::{ReadOptions, read_values, write_npz};

@@ -1,7 +1,7 @@
 //! The monocular depth that the command line names.
 
 use crate::args::PriorArgs;
-use crate::job::Opened;
+use crate::opened::Opened;
 use anyhow::{Result, ensure};
 use mde_prior::format::{Encoding, ReadOptions};
 use mde_prior::ndarray::{Array3, ArrayView3};

@@ -1,7 +1,7 @@
 //! Scores against a true depth.
 
 use crate::args::TruthArgs;
-use crate::job::Opened;
+use crate::opened::Opened;
 use crate::prior::read_options;
 use anyhow::{Context, Result, ensure};
 use mde_cli::Refinement;

@@ -5,7 +5,7 @@ use crate::evaluation::ablation::{self, FULL};
 use crate::evaluation::method::{Method, PRIOR};
 use crate::evaluation::results::{self, Results};
 use crate::evaluation::setup::{Asked, Setup};
-use crate::job::use_threads;
+use crate::opened::use_threads;
 use crate::progress::Progress;
 use anyhow::{Result, ensure};
 use mde_cli::{Config, Preset};

@@ -1,5 +1,5 @@
 use crate::args::BenchArgs;
-use crate::run_record::peak_memory;
+use crate::provenance::peak_memory;
 use anyhow::{Context, Result, ensure};
 use mde_nerf::stages::{Stage, fields, multiply_adds, random_lines, stages};
 use mde_nerf::{FieldConfig, NerfConfig};

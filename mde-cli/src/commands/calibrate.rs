@@ -4,7 +4,7 @@ use crate::args::CalibrateArgs;
 use crate::evaluation::method::{Method, PRIOR};
 use crate::evaluation::results;
 use crate::evaluation::setup::{Asked, Setup};
-use crate::job::use_threads;
+use crate::opened::use_threads;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
 use mde_cli::{Calibration, CalibrationSource};

@@ -1,7 +1,8 @@
 use crate::args::DemoArgs;
 use crate::camera::{CameraSource, KnownCamera};
 use crate::error_bar::ErrorBar;
-use crate::job::{Job, settings, use_threads};
+use crate::job::Job;
+use crate::opened::{settings, use_threads};
 use crate::output::OutputFolder;
 use crate::prior::{NamedPrior, PriorOrigin};
 use crate::progress::Progress;

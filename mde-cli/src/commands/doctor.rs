@@ -3,7 +3,7 @@
 use crate::args::{DoctorArgs, EncodingName, PriorArgs, PriorSource};
 use crate::prior::NamedPrior;
 use crate::progress::{columns, wrapped};
-use crate::run_record::versions;
+use crate::provenance::versions;
 use anyhow::{Context, Result, ensure};
 use mde_eval::metrics::rank::spearman;
 use mde_eval::scene::{Room, room};

@@ -5,7 +5,7 @@ use crate::args::EvalArgs;
 use crate::evaluation::method::{Method, PRIOR};
 use crate::evaluation::results;
 use crate::evaluation::setup::{Asked, Setup};
-use crate::job::use_threads;
+use crate::opened::use_threads;
 use crate::progress::Progress;
 use anyhow::Result;
 

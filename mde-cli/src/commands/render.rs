@@ -1,11 +1,13 @@
 use crate::args::{PathArgs, RenderArgs};
 use crate::camera::KnownCamera;
 use crate::interrupt;
-use crate::job::{png_scale, use_threads};
+use crate::job::png_scale;
+use crate::opened::use_threads;
 use crate::output::{OutputFolder, RECORD};
 use crate::preview::depth_picture;
 use crate::progress::Progress;
-use crate::run_record::{About, write_json};
+use crate::provenance::write_json;
+use crate::run_record::About;
 use crate::size::check_memory;
 use anyhow::{Context, Result, ensure};
 use mde_cli::memory::render_bytes;

@@ -1,11 +1,12 @@
 use crate::args::WarpArgs;
 use crate::camera::KnownCamera;
-use crate::job::{open_image, settings, use_threads};
+use crate::opened::{open_image, settings, use_threads};
 use crate::output::{OutputFolder, RECORD};
 use crate::preview::contact_sheet;
 use crate::prior::{NamedPrior, PriorOrigin};
 use crate::progress::Progress;
-use crate::run_record::{About, write_json};
+use crate::provenance::write_json;
+use crate::run_record::About;
 use anyhow::{Result, ensure};
 use mde_cli::WarpReport;
 use mde_cli::pipeline::{known, synthesise};

@@ -1,7 +1,7 @@
 //! The folder of an evaluation: one folder a scene and method, each there whole or not at all.
 
 use crate::canvas::resized;
-use crate::run_record::write_json;
+use crate::provenance::write_json;
 use anyhow::{Context, Result, ensure};
 use mde_eval::Refined;
 use mde_prior::format::{ReadOptions, read_values, write_npy};
