@@ -45,6 +45,8 @@ pub(crate) enum Command {
     Eval(Box<EvalArgs>),
     /// Change one thing at a time and see what it does
     Ablate(Box<AblateArgs>),
+    /// Learn from scenes whose depth is known how large errors are, for the error bars of mde refine
+    Calibrate(Box<CalibrateArgs>),
     /// Print a preset as TOML
     Config(ConfigArgs),
     /// Time the field's fit and render on this machine, stage by stage
@@ -77,6 +79,8 @@ pub(crate) struct DemoArgs {
     #[command(flatten)]
     pub(crate) run: RunArgs,
     #[command(flatten)]
+    pub(crate) error_bar: ErrorBarArgs,
+    #[command(flatten)]
     pub(crate) export: ExportArgs,
 }
 
@@ -90,7 +94,8 @@ Examples:
 
 Output: depth.npy and sigma.npy (f32 [height, width], the prior's unit; missing: 0 and inf), prior.npy, depth.png
 (16 bit; its scale is in run.json), image.png, preview.png, config.toml (all settings), run.json (everything measured),
-report.html (all of it to look at); with --gt gt.npy; with --export cloud.ply, depth.exr, colmap/.")]
+report.html (all of it to look at); with --gt gt.npy; with --interval lower.npy and upper.npy; with --export cloud.ply, depth.exr,
+colmap/, sigma/.")]
 pub(crate) struct RefineArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP
     #[arg(value_name = "IMAGE")]
@@ -110,6 +115,8 @@ pub(crate) struct RefineArgs {
     /// Keep every finished iteration in DIR.resume until the results are there, and go on from it after an interruption
     #[arg(long, help_heading = "Output")]
     pub(crate) resume: bool,
+    #[command(flatten)]
+    pub(crate) error_bar: ErrorBarArgs,
     #[command(flatten)]
     pub(crate) export: ExportArgs,
     /// Write the last iteration's field too: field.safetensors
@@ -214,6 +221,28 @@ pub(crate) struct EvalArgs {
     pub(crate) maps: MapArgs,
 }
 
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  mde calibrate SUNRGBD --dataset sunrgbd --prior-model fastdepth_224.onnx -o out/calibration
+  mde refine room.jpg --prior-model fastdepth_224.onnx --calibration out/calibration/calibration.toml --interval 0.9 -o out/room
+
+Output: calibration.toml (half widths of intervals in sigmas, and what scenes that were left out say of them), and all that mde
+eval writes. In the folder of an evaluation, what is there already is not run again.")]
+pub(crate) struct CalibrateArgs {
+    #[command(flatten)]
+    pub(crate) common: EvaluationArgs,
+    /// Whose sigma: a preset, or a TOML file of settings over --preset
+    #[arg(long, value_name = "NAME", default_value = "default", help_heading = "Method")]
+    pub(crate) method: String,
+    /// What a method in a TOML file starts from
+    #[arg(long, value_enum, default_value = "default", help_heading = "Method")]
+    pub(crate) preset: PresetName,
+    /// Every random draw comes from it
+    #[arg(long, value_name = "N", help_heading = "Method")]
+    pub(crate) seed: Option<u64>,
+}
+
 /// What every evaluation is asked.
 #[derive(Debug, Args)]
 pub(crate) struct EvaluationArgs {
@@ -293,14 +322,17 @@ pub(crate) struct DataArgs {
 #[command(next_help_heading = "Prior")]
 pub(crate) struct EvalPriorArgs {
     /// A monocular depth network
-    #[arg(long, value_name = "MODEL.onnx", conflicts_with_all = ["prior_depth", "simulated_prior"])]
+    #[arg(long, value_name = "MODEL.onnx", conflicts_with_all = ["prior_depth", "simulated_prior", "simulated_model"])]
     pub(crate) prior_model: Option<PathBuf>,
     /// A folder with one depth map a scene: SCENE.npy (or .npz, .pfm, .png, .exr)
-    #[arg(long, value_name = "DIR", conflicts_with = "simulated_prior")]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["simulated_prior", "simulated_model"])]
     pub(crate) prior_depth: Option<PathBuf>,
     /// The room's exact depth made worse: blurred, bent, as disparity without scale (rooms only)
     #[arg(long)]
     pub(crate) simulated_prior: bool,
+    /// A model of the room that can be asked again and has this fault (rooms only)
+    #[arg(long, value_name = "FAULT", value_enum, conflicts_with = "simulated_prior")]
+    pub(crate) simulated_model: Option<FaultName>,
     /// What the model wants and gives; else MODEL.toml beside MODEL.onnx, else guessed from its name
     #[arg(long, value_name = "NAME", requires = "prior_model")]
     pub(crate) model_profile: Option<String>,
@@ -313,7 +345,7 @@ pub(crate) struct EvalPriorArgs {
 }
 
 /// What has no say in maps that are there already.
-const MADE_HERE: [&str; 12] = [
+const MADE_HERE: [&str; 13] = [
     "root",
     "dataset",
     "size",
@@ -323,6 +355,7 @@ const MADE_HERE: [&str; 12] = [
     "prior_model",
     "prior_depth",
     "simulated_prior",
+    "simulated_model",
     "methods",
     "seed",
     "jobs",
@@ -608,6 +641,18 @@ pub(crate) struct TruthArgs {
     pub(crate) gt_scale: Option<f64>,
 }
 
+/// How the error bar is stated.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Error bar")]
+pub(crate) struct ErrorBarArgs {
+    /// Write lower.npy and upper.npy too: an interval that holds the true depth with this probability
+    #[arg(long, value_name = "P", value_parser = probability)]
+    pub(crate) interval: Option<f64>,
+    /// Scale sigma and intervals by what `mde calibrate` learned
+    #[arg(long, value_name = "FILE")]
+    pub(crate) calibration: Option<PathBuf>,
+}
+
 /// Files for other programs.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Output")]
@@ -615,6 +660,23 @@ pub(crate) struct ExportArgs {
     /// Files for other programs too, separated by commas
     #[arg(long, value_enum, value_name = "FORMATS", value_delimiter = ',')]
     pub(crate) export: Vec<ExportName>,
+}
+
+/// What a simulated model gets wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FaultName {
+    /// Its answers are small: edges are soft
+    Resolution,
+    /// They are small, and what is narrower than two of their pixels is lost
+    Thin,
+    /// What is narrower than a hundredth of the picture is lost in every answer
+    Missed,
+    /// All answers share a low-frequency error
+    Shared,
+    /// Each answer has a low-frequency error of its own
+    Own,
+    /// All of these
+    All,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -625,6 +687,8 @@ pub(crate) enum ExportName {
     Exr,
     /// colmap/: cameras.txt, images.txt, points3D.txt
     Colmap,
+    /// sigma/: what sigma is made of, part by part (NPY)
+    Sigma,
 }
 
 /// Where results go and what is said meanwhile.
@@ -654,7 +718,7 @@ pub(crate) enum PresetName {
     Paper,
     /// A preview in seconds: one short iteration, rendered from the original pose only
     Fast,
-    /// A hash field that is held to the views' depth, and a robust fusion
+    /// Evidence first: the model is asked again on crops and mirror images; from a depth map, a field held to it
     Default,
 }
 
@@ -722,6 +786,13 @@ fn positive(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(number) if number > 0.0 && f64::is_finite(number) => Ok(number),
         _ => Err("give a positive number".to_owned()),
+    }
+}
+
+fn probability(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(number) if (0.01..=0.99).contains(&number) => Ok(number),
+        _ => Err("give 0.01 to 0.99, such as 0.9".to_owned()),
     }
 }
 

@@ -2,7 +2,8 @@
 
 use crate::evidence::SigmaConfig;
 use crate::{Error, Result};
-use mde_fusion::FusionConfig;
+use mde_fusion::gmrf::{GradientConfig, GradientFuser};
+use mde_fusion::{BayesFuser, Fuser, FusionConfig};
 use mde_nerf::NerfConfig;
 use mde_prior::{DisparityRule, EvidenceConfig};
 use mde_warp::{ReprojectConfig, ViewSampling, WarpConfig};
@@ -34,6 +35,8 @@ pub struct Config {
     pub reproject: ReprojectConfig,
     /// The fusion (Section III.E).
     pub fusion: FusionConfig,
+    /// How sure depths and steps are, for `refinement.posterior = "gradients"`.
+    pub gradient: GradientConfig,
     /// How disparity of unknown scale and shift becomes depth (Section III.B).
     pub disparity: DisparityRule,
 }
@@ -48,11 +51,24 @@ pub struct RefinementConfig {
     pub prior: IterationPrior,
     /// Whether a field is fitted where the model was asked again.
     pub field: FieldUse,
+    /// Whether the model is asked about every synthetic view too: what it says is a hypothesis of the view's depth beside the warp.
+    pub ask_views: bool,
+    /// What makes one depth of the views' hypotheses.
+    pub consensus: Consensus,
+    /// What the prior and the field become together.
+    pub posterior: Posterior,
 }
 
 impl Default for RefinementConfig {
     fn default() -> Self {
-        Self { iterations: 2, prior: IterationPrior::Carry, field: FieldUse::Always }
+        Self {
+            iterations: 2,
+            prior: IterationPrior::Carry,
+            field: FieldUse::Always,
+            ask_views: false,
+            consensus: Consensus::Field,
+            posterior: Posterior::Pixels,
+        }
     }
 }
 
@@ -66,6 +82,28 @@ pub enum FieldUse {
     /// Only where the model could not be asked again. Its answers on crops are evidence, the field's views are warps of them:
     /// measured on photographs, a field after the evidence lowers no error and blurs edges.
     WithoutEvidence,
+}
+
+/// What makes one depth of the views' hypotheses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Consensus {
+    /// The radiance field that is fitted to them and to the views' colours.
+    #[default]
+    Field,
+    /// Their precision-weighted mean, reprojected ([`AveragedField`](crate::AveragedField)): what a field must beat.
+    Average,
+}
+
+/// What the prior and the field become together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Posterior {
+    /// Each pixel by itself (Eq. 16-17).
+    #[default]
+    Pixels,
+    /// The prior's depths with the field's steps between neighbours ([`GradientFuser`](mde_fusion::gmrf::GradientFuser)).
+    Gradients,
 }
 
 /// The fusion's prior from the second iteration on; the refined depth always makes the next warps.
@@ -114,6 +152,7 @@ impl Default for Config {
             novel: NovelViews::default(),
             reproject: ReprojectConfig::default(),
             fusion: FusionConfig::default(),
+            gradient: GradientConfig::default(),
             disparity: DisparityRule::default(),
         }
     }
@@ -150,6 +189,17 @@ impl Config {
         Self::with_overrides(preset, &text, &path.display().to_string())
     }
 
+    /// The fuser that the settings name.
+    ///
+    /// # Errors
+    /// [`Error::Fusion`] for a value out of range.
+    pub fn fuser(&self) -> Result<Box<dyn Fuser>> {
+        Ok(match self.refinement.posterior {
+            Posterior::Pixels => Box::new(BayesFuser::new(self.fusion.clone())?),
+            Posterior::Gradients => Box::new(GradientFuser::new(self.fusion.clone(), self.gradient.clone())?),
+        })
+    }
+
     /// The whole configuration as TOML.
     ///
     /// # Errors
@@ -182,6 +232,7 @@ impl Config {
         self.reproject.validate()?;
         self.nerf.validate()?;
         self.fusion.validate()?;
+        self.gradient.validate()?;
         self.disparity.validate()?;
         Ok(())
     }

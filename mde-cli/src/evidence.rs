@@ -5,9 +5,14 @@ use crate::pipeline::known;
 use crate::{Error, Result};
 use mde_prior::{DepthPrior, Evidence};
 use mde_uncertainty::GaussianDepth;
+use mde_warp::PosedView;
 use ndarray::{Array2, ArrayView2, ArrayView3, Zip};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
+
+/// Standard deviation of the window in which a view's answer takes the gauge of its warp, as a share of the sides: the widest that
+/// the levels of crops use.
+const GAUGE_WINDOW: f64 = 6.0 / 28.0;
 
 /// How sure the evidence is: the variance of a pixel as a share of its squared depth,
 ///
@@ -56,7 +61,19 @@ pub(crate) struct Start {
     pub(crate) prior: Array2<f32>,
     /// What all answers say together; variance 0 where the model was asked once, which says nothing of its error.
     pub(crate) depth: GaussianDepth,
+    /// What the variance is made of.
+    pub(crate) components: Vec<Component>,
     pub(crate) report: EvidenceReport,
+}
+
+/// A part of the refined depth's standard deviation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Component {
+    /// `spread`: of the hypotheses. `disagreement`: with the first answer. `common`: the error that no hypothesis shows. `field`: of
+    /// the rays' ends, over all views, in the prior's gauge.
+    pub name: &'static str,
+    /// `[height, width]`, in the depth's unit; infinite where missing.
+    pub sigma: Array2<f32>,
 }
 
 /// An account of the prior's stage.
@@ -87,38 +104,76 @@ pub(crate) fn start(
             report.not_asked_again = Some("the prior is a map, not a model");
         }
         let prior = model.predict(image)?.to_depth(&config.disparity)?;
-        return Ok(Start { depth: known(prior.clone())?, prior, report });
+        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), report });
     }
     let evidence = config.evidence.gather_with(model, image, observe)?.ok_or(Error::Interrupted)?;
     let prior = evidence.prior.to_depth(&config.disparity)?;
     let depth = evidence.depth(&config.disparity)?;
-    let (variance, spread, change) = variance(&evidence, prior.view(), depth.view(), config)?;
     report.questions = evidence.questions;
-    report.median_spread = spread;
-    report.median_change = change;
-    Ok(Start { prior, depth: GaussianDepth::new(depth, variance)?, report })
+    let (components, variance) = variance(&evidence, prior.view(), depth.view(), &config.sigma, &mut report)?;
+    Ok(Start { prior, depth: GaussianDepth::new(depth, variance)?, components, report })
 }
 
-/// Variance without the common error, and the medians of the spread and the change.
+/// What the model says of a synthetic view, in the gauge of the depth that the view was warped with; missing where that view shows
+/// nothing. Nothing where the two have no pixel in common.
+pub(crate) fn of_view(
+    model: &dyn DepthPrior,
+    view: &PosedView,
+    config: &Config,
+    observe: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+) -> Result<Option<GaussianDepth>> {
+    let Some(warped) = view.hypotheses.first().filter(|warped| warped.support().iter().any(|known| *known))
+    else {
+        return Ok(None);
+    };
+    let evidence =
+        config.evidence.gather_with(model, view.image.view(), observe)?.ok_or(Error::Interrupted)?;
+    let said = evidence.depth(&config.disparity)?;
+    let reference =
+        Zip::from(warped.mean()).and(&warped.support()).map_collect(|&z, &known| if known { z } else { 0.0 });
+    let depth = mde_prior::evidence::regressed(
+        said.view(),
+        reference.view(),
+        GAUGE_WINDOW,
+        config.evidence.agreement,
+    )?;
+    let mut report = EvidenceReport::default();
+    let (_, variance) = variance(&evidence, reference.view(), depth.view(), &config.sigma, &mut report)?;
+    let unseen = |map: &Array2<f32>, missing: f32| {
+        Zip::from(map).and(&view.mask).map_collect(|&value, &seen| if seen { value } else { missing })
+    };
+    Ok(Some(GaussianDepth::new(unseen(&depth, 0.0), unseen(&variance, f32::INFINITY))?))
+}
+
+/// The parts of sigma, and the variance that they make without the common error. The report hears of their medians.
 fn variance(
     evidence: &Evidence,
     prior: ArrayView2<'_, f32>,
     depth: ArrayView2<'_, f32>,
-    config: &Config,
-) -> Result<(Array2<f32>, Option<f64>, Option<f64>)> {
-    let sigma = &config.sigma;
+    config: &SigmaConfig,
+    report: &mut EvidenceReport,
+) -> Result<(Vec<Component>, Array2<f32>)> {
     let spread = evidence.relative_spread(depth)?;
     let change = Zip::from(depth)
         .and(prior)
         .map_collect(|&z, &o| if z > 0.0 && o > 0.0 { (z / o).ln().abs() } else { 0.0 });
-    let (ks, kd) = (sigma.spread as f32, sigma.disagreement as f32);
-    let raw = Zip::from(&spread).and(&change).map_collect(|&s, &d| (ks * s).powi(2) + (kd * d).powi(2));
-    let width = sigma.blur * depth.ncols() as f64;
-    let smooth = mde_prior::evidence::blurred(raw.view(), (width, width));
-    let variance = Zip::from(depth).and(&smooth).map_collect(|&z, &v| {
-        // Hypotheses that all say the same still share an error; without it a variance of 0 would mean "not known".
-        if z > 0.0 { (v.max(1e-6) * z * z).max(f32::MIN_POSITIVE) } else { f32::INFINITY }
-    });
     let median = |map: &Array2<f32>| mde_warp::median(map.iter().copied()).map(f64::from);
-    Ok((variance, median(&spread), median(&change)))
+    (report.median_spread, report.median_change) = (median(&spread), median(&change));
+    let width = config.blur * depth.ncols() as f64;
+    let squared = |share: &Array2<f32>, gain: f64| {
+        let raw = share.mapv(|s| (gain as f32 * s).powi(2));
+        mde_prior::evidence::blurred(raw.view(), (width, width))
+    };
+    let [spread, change] = [squared(&spread, config.spread), squared(&change, config.disagreement)];
+    let variance = Zip::from(depth).and(&spread).and(&change).map_collect(|&z, &s, &d| {
+        // Hypotheses that all say the same still share an error; without it a variance of 0 would mean "not known".
+        if z > 0.0 { ((s + d).max(1e-6) * z * z).max(f32::MIN_POSITIVE) } else { f32::INFINITY }
+    });
+    let component = |name, squared: &Array2<f32>| {
+        let sigma = Zip::from(depth)
+            .and(squared)
+            .map_collect(|&z, &s| if z > 0.0 { z * s.max(0.0).sqrt() } else { f32::INFINITY });
+        Component { name, sigma }
+    };
+    Ok((vec![component("spread", &spread), component("disagreement", &change)], variance))
 }

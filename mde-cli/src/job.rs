@@ -3,6 +3,7 @@
 use crate::args::{ExportName, RunArgs, SettingsArgs, SizeArgs};
 use crate::camera::KnownCamera;
 use crate::checkpoint::Checkpoints;
+use crate::error_bar::{ErrorBar, Stated};
 use crate::export::Exported;
 use crate::field::SharedNerf;
 use crate::gain;
@@ -15,9 +16,9 @@ use crate::run_record::{About, RunRecord, write_json};
 use crate::size::{SMALLEST, check_memory, shrink, within};
 use crate::truth::Truth;
 use anyhow::{Context, Result, ensure};
+use mde_cli::config::Consensus;
 use mde_cli::memory::refine_bytes;
-use mde_cli::{Config, Event, Preset, Refinement, Stages, resume};
-use mde_fusion::BayesFuser;
+use mde_cli::{AveragedField, Config, Event, Preset, Refinement, Stages, resume};
 use mde_nerf::Nerf;
 use mde_prior::DepthKind;
 use mde_prior::format::{write_npy, write_png16};
@@ -44,6 +45,8 @@ pub(crate) struct Job {
     pub(crate) save_field: bool,
     /// Where the state between iterations is kept, if it is.
     pub(crate) checkpoints: Option<Checkpoints>,
+    /// How the error bar is stated.
+    pub(crate) error_bar: ErrorBar,
     /// Files for other programs.
     pub(crate) export: Vec<ExportName>,
 }
@@ -125,13 +128,16 @@ impl Job {
         let nerf = self.config.nerf.clone();
         let seed = self.config.seed;
         let mut field = |iteration: usize| -> mde_cli::Result<Box<dyn mde_nerf::RadianceField>> {
+            if self.config.refinement.consensus == Consensus::Average {
+                return Ok(Box::new(AveragedField::default()));
+            }
             let field = SharedNerf::new(Nerf::new(nerf.clone(), seed.wrapping_add(iteration as u64))?);
             kept = Some(field.clone());
             Ok(Box::new(field))
         };
-        let fuser = BayesFuser::new(self.config.fusion.clone())?;
+        let fuser = self.config.fuser()?;
         let prior = Timed::new(&*self.prior.prior);
-        let stages = Stages { prior: &prior, field: &mut field, fuser: &fuser };
+        let stages = Stages { prior: &prior, field: &mut field, fuser: &*fuser };
         let image = self.image.view();
         let from = self.checkpoints.as_ref().and_then(|kept| kept.latest(self.config.refinement.iterations));
         if let Some(from) = &from {
@@ -144,12 +150,12 @@ impl Job {
             None => Ok(()),
         };
         let mut observe = |event: &Event| progress.observe(event);
-        let refinement =
+        let mut refinement =
             resume(image, &self.camera.camera, stages, &self.config, from, &mut keep, &mut observe)?;
         if let Some(reason) = refinement.evidence.not_asked_again {
             progress.warn(format!("no new evidence: {reason}; give --prior-model for more"));
         }
-        if self.save_field && refinement.field.is_none() {
+        if self.save_field && kept.is_none() {
             progress.warn(
                 "--save-field: no field was fitted, so none is written; see refinement.field".to_owned(),
             );
@@ -159,6 +165,8 @@ impl Job {
                 progress.warn(format!("iteration {}: {warning}", index + 1));
             }
         }
+        let stated = self.error_bar.apply(&mut refinement, &self.config)?;
+        stated.warnings.iter().for_each(|warning| progress.warn(warning.clone()));
         let start = Instant::now();
         let scores = match &self.truth {
             Some(truth) => {
@@ -175,6 +183,7 @@ impl Job {
         let missing_pixels = refinement.depth.variance().iter().filter(|v| v.is_infinite()).count();
         folder.write(|path| {
             self.write_maps(path, &refinement, png_scale)?;
+            self.write_interval(path, &refinement, &stated)?;
             if let Some(field) = kept.as_ref().filter(|_| self.save_field) {
                 field.lock().save(path.join("field.safetensors"))?;
             }
@@ -191,6 +200,7 @@ impl Job {
                 png_scale,
                 missing_pixels,
                 evidence: &refinement.evidence,
+                error_bar: &stated,
                 iterations: &refinement.iterations,
                 training: progress.training(),
                 scores,
@@ -223,8 +233,16 @@ impl Job {
             camera: &self.camera.camera,
             depth: &refinement.depth,
             prior: refinement.prior.view(),
+            components: &refinement.components,
         };
         self.export.iter().try_for_each(|format| scene.write(*format, folder))
+    }
+
+    fn write_interval(&self, folder: &Path, refinement: &Refinement, stated: &Stated) -> Result<()> {
+        let Some(interval) = &stated.interval else { return Ok(()) };
+        let [lower, upper] = interval.bounds(&refinement.depth);
+        write_npy(folder.join("lower.npy"), lower.view())?;
+        Ok(write_npy(folder.join("upper.npy"), upper.view())?)
     }
 
     fn write_maps(&self, folder: &Path, refinement: &Refinement, png_scale: f64) -> Result<()> {

@@ -29,6 +29,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod calibration;
 pub mod config;
 mod control;
 mod error;
@@ -40,10 +41,11 @@ mod presets;
 pub mod refiner;
 mod report;
 
+pub use calibration::{Calibration, CalibrationSource, HeldOut};
 pub use config::Config;
-pub use control::FilteredField;
+pub use control::{AveragedField, FilteredField};
 pub use error::{Error, Result};
-pub use evidence::{EvidenceReport, SigmaConfig};
+pub use evidence::{Component, EvidenceReport, SigmaConfig};
 pub use intrinsics::Intrinsics;
 pub use pipeline::{Checkpoint, Event, Refinement, Stage, Stages, refine, resume};
 pub use presets::Preset;

@@ -7,6 +7,7 @@ mod checkpoint;
 mod commands;
 #[cfg(test)]
 mod documented;
+mod error_bar;
 mod evaluation;
 mod export;
 mod field;

@@ -4,7 +4,7 @@
 
 use crate::config::{Config, FieldUse, IterationPrior};
 use crate::error::{LEAST, MOST};
-use crate::evidence::{EvidenceReport, Start, start};
+use crate::evidence::{Component, EvidenceReport, Start, of_view, start};
 use crate::report::{IterationReport, WarpReport};
 use crate::{Error, Result};
 use mde_eval::metrics::rank::spearman;
@@ -102,6 +102,8 @@ pub struct Refinement {
     pub prior: Array2<f32>,
     /// An account of the prior's stage.
     pub evidence: EvidenceReport,
+    /// What the standard deviation is made of, part by part.
+    pub components: Vec<Component>,
     /// An account of every iteration.
     pub iterations: Vec<IterationReport>,
     /// The field of the last iteration, if there was one.
@@ -153,12 +155,13 @@ pub fn resume(
 ) -> Result<Refinement> {
     config.validate()?;
     let mut run = Run { image, camera, config, observer };
-    let Start { prior, depth: anchor, report: evidence } = run.start(stages.prior)?;
+    let Start { prior, depth: anchor, mut components, report: evidence } = run.start(stages.prior)?;
     check_prior(prior.view(), image)?;
     let enough = config.refinement.field == FieldUse::WithoutEvidence && evidence.questions > 1;
     if config.refinement.iterations == 0 || enough {
         let depth = with_common_error(anchor, config.fusion.common_error)?;
-        return Ok(Refinement { depth, prior, evidence, iterations: Vec::new(), field: None });
+        components.push(common(&depth, config.fusion.common_error));
+        return Ok(Refinement { depth, prior, evidence, components, iterations: Vec::new(), field: None });
     }
     let (mut current, mut iterations) = match from {
         Some(Checkpoint { depth, iterations, .. }) => (depth, iterations),
@@ -174,10 +177,13 @@ pub fn resume(
             (_, IterationPrior::Reestimate) => Prior::new(current.mean().to_owned())?,
         };
         let field = (stages.field)(index)?;
-        let (fused, field, report) = run.iterate(index, &current, &fusion_prior, field, stages.fuser)?;
+        let (fused, field, report) = run.iterate(index, &current, &fusion_prior, field, &stages)?;
         iterations.push(report);
         if iterations.len() >= config.refinement.iterations {
-            return Ok(Refinement { depth: fused.depth, prior, evidence, iterations, field: Some(field) });
+            components.push(Component { name: "field", sigma: fused.aligned.sigma() });
+            components.push(common(&fused.depth, config.fusion.common_error));
+            let (depth, field) = (fused.depth, Some(field));
+            return Ok(Refinement { depth, prior, evidence, components, iterations, field });
         }
         let progress = Checkpoint { prior: prior.clone(), depth: fused.depth, iterations };
         keep(&progress)?;
@@ -248,11 +254,14 @@ impl Run<'_, '_> {
         current: &GaussianDepth,
         prior: &Prior,
         mut field: Box<dyn RadianceField>,
-        fuser: &dyn Fuser,
+        stages: &Stages<'_>,
     ) -> Result<(Fused, Box<dyn RadianceField>, IterationReport)> {
         let mut report = IterationReport::default();
         let start = self.begin(Stage::Warp, index)?;
-        let (views, warp) = synthesise(self.image, self.camera, current, self.config, index)?;
+        let (mut views, warp) = synthesise(self.image, self.camera, current, self.config, index)?;
+        if self.config.refinement.ask_views && stages.prior.answers_anew() {
+            self.ask_views(&mut views, stages.prior)?;
+        }
         report.warp = warp;
         report.seconds.warp = start.elapsed().as_secs_f64();
 
@@ -269,12 +278,28 @@ impl Run<'_, '_> {
         report.seconds.render = start.elapsed().as_secs_f64();
 
         let start = self.begin(Stage::Fuse, index)?;
-        let fused = fuser.fuse(prior, &evidence)?;
+        let fused = stages.fuser.fuse(prior, &evidence)?;
         report.seconds.fuse = start.elapsed().as_secs_f64();
         report.fusion = fused.report.clone();
         (report.field_prior_spearman, report.field_prior_deviation) =
             agreement(prior.mean(), &fused.aggregated)?;
         Ok((fused, field, report))
+    }
+
+    /// Adds what the model says of the synthetic views to their hypotheses.
+    fn ask_views(&mut self, views: &mut [PosedView], model: &dyn DepthPrior) -> Result<()> {
+        let synthetic = views.len().saturating_sub(1);
+        let questions = self.config.evidence.questions();
+        for (index, view) in views.iter_mut().skip(1).enumerate() {
+            let observer = &mut *self.observer;
+            let mut listen = |asked: usize, _: usize| {
+                observer(&Event::Asked { asked: index * questions + asked, of: synthetic * questions })
+            };
+            if let Some(said) = of_view(model, view, self.config, &mut listen)? {
+                view.hypotheses.push(said);
+            }
+        }
+        Ok(())
     }
 
     /// What the field sees, brought back to the original camera (Eq. 6).
@@ -319,6 +344,11 @@ pub fn known(depth: Array2<f32>) -> Result<GaussianDepth> {
 fn with_common_error(depth: GaussianDepth, share: f64) -> Result<GaussianDepth> {
     let share = share as f32;
     Ok(depth.map(|mean, variance| (mean, variance + (share * mean).powi(2))))
+}
+
+fn common(depth: &GaussianDepth, share: f64) -> Component {
+    let sigma = depth.mean().mapv(|z| if z > 0.0 { share as f32 * z } else { f32::INFINITY });
+    Component { name: "common", sigma }
 }
 
 fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>) -> Result<()> {

@@ -44,6 +44,7 @@ impl Preset {
                     iterations: 1,
                     prior: IterationPrior::Anchor,
                     field: FieldUse::WithoutEvidence,
+                    ..RefinementConfig::default()
                 },
                 evidence: EvidenceConfig::zoomed(),
                 nerf: supervised(2000, 1024),

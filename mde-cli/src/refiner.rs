@@ -1,10 +1,10 @@
 //! The whole loop as one [`Refiner`], to stand beside the baselines of `mde-eval`.
 
-use crate::control::FilteredField;
+use crate::config::Consensus;
+use crate::control::{AveragedField, FilteredField};
 use crate::pipeline::{Event, Stages, refine};
 use crate::{Config, Error};
 use mde_eval::{Refined, Refiner, Task};
-use mde_fusion::BayesFuser;
 use mde_nerf::{FitReport, Nerf, NerfConfig, Observer, RadianceField, RenderConfig, RenderedView};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_warp::{PinholeCamera, Pose, PosedView};
@@ -57,19 +57,22 @@ impl<'o> LoopRefiner<'o> {
             Some(model) if config.evidence.asks_again() => model,
             _ => &known,
         };
-        let fuser = BayesFuser::new(config.fusion.clone())?;
+        let fuser = config.fuser()?;
         let nerf = config.nerf.clone();
         let mut field = |iteration: usize| -> crate::Result<Box<dyn RadianceField>> {
             let seed = config.seed.wrapping_add(iteration as u64);
             if let Some(control) = &self.control {
                 return Ok(Box::new(FilteredField::new(control.clone(), seed)));
             }
+            if config.refinement.consensus == Consensus::Average {
+                return Ok(Box::new(AveragedField::default()));
+            }
             match &self.memory {
                 Some(memory) if iteration == 0 => Ok(Box::new(memory.field(nerf.clone(), seed))),
                 _ => Ok(Box::new(Nerf::new(nerf.clone(), seed)?)),
             }
         };
-        let stages = Stages { prior, field: &mut field, fuser: &fuser };
+        let stages = Stages { prior, field: &mut field, fuser: &*fuser };
         let refinement = refine(task.image, task.camera, stages, &config, &mut |e| (self.observer)(e))?;
         Ok(Refined {
             depth: refinement.depth.mean().to_owned(),

@@ -1,6 +1,7 @@
 //! `run.json`: everything that was measured.
 
 use crate::camera::KnownCamera;
+use crate::error_bar::Stated;
 use crate::prior::PriorOrigin;
 use crate::progress::TrainingCurve;
 use crate::truth::Comparison;
@@ -24,6 +25,8 @@ pub(crate) struct RunRecord<'r> {
     pub(crate) missing_pixels: usize,
     /// The prior's stage.
     pub(crate) evidence: &'r EvidenceReport,
+    /// How sigma was scaled, and the interval.
+    pub(crate) error_bar: &'r Stated,
     pub(crate) iterations: &'r [IterationReport],
     /// The fit of every iteration as it went on.
     pub(crate) training: &'r [TrainingCurve],

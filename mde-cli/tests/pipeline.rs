@@ -4,7 +4,7 @@
 mod common;
 
 use common::{HEIGHT, TINY, WIDTH};
-use mde_cli::config::{Config, FieldUse, IterationPrior, RefinementConfig};
+use mde_cli::config::{Config, Consensus, FieldUse, IterationPrior, RefinementConfig};
 use mde_cli::mde_eval::scene::{Room, Scene, room};
 use mde_cli::mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use mde_cli::mde_fusion::{self, BayesFuser, Fused, Fuser, FusionReport, Prior};
@@ -12,7 +12,7 @@ use mde_cli::mde_nerf::{self, FitReport, Nerf, Observer, RadianceField, Rendered
 use mde_cli::mde_prior::{self, DepthKind, DepthPrior, EvidenceConfig, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
-use mde_cli::{Error, Event, Preset, Refinement, Stage, Stages, refine};
+use mde_cli::{AveragedField, Error, Event, Preset, Refinement, Stage, Stages, refine};
 use ndarray::{Array2, Array3, ArrayView3};
 use std::cell::RefCell;
 use std::ops::ControlFlow;
@@ -271,4 +271,89 @@ fn evidence_alone_is_a_result_and_a_map_is_asked_once() {
     let (kept, asked) = run(&map);
     assert_eq!((kept.depth.mean(), asked.len()), (kept.prior.view(), 0));
     assert!(kept.evidence.not_asked_again.is_some());
+}
+
+/// The parts of sigma are told apart: no part is above the whole, and together they are the whole.
+#[test]
+fn the_parts_of_sigma_make_the_whole() {
+    let scene = scene();
+    let fuser = HalfWay::default();
+    let mut config = Config { evidence: EvidenceConfig::zoomed(), ..config() };
+    config.refinement.iterations = 0;
+    config.fusion.common_error = 0.1;
+    let mut never =
+        |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> { panic!("no field was asked for") };
+    let stages = Stages { prior: &Red(RefCell::new(0)), field: &mut never, fuser: &fuser };
+    let mut go_on = |_: &Event| ControlFlow::Continue(());
+    let refined = refine(scene.image.view(), &scene.camera, stages, &config, &mut go_on).unwrap();
+    let names: Vec<_> = refined.components.iter().map(|part| part.name).collect();
+    assert_eq!(names, ["spread", "disagreement", "common"]);
+    for (at, variance) in refined.depth.variance().indexed_iter() {
+        let sum: f32 = refined.components.iter().map(|part| part.sigma[at].powi(2)).sum();
+        // Hypotheses that agree have a floor of a thousandth of the depth.
+        let floor = 1e-6 * refined.depth.mean()[at].powi(2);
+        assert!((variance - sum).abs() <= 1.01 * floor + 1e-4 * sum, "{variance} {sum} at {at:?}");
+    }
+}
+
+/// Counts the hypotheses of the views that it is fitted to.
+struct Counting(Arc<Mutex<Vec<usize>>>, AveragedField);
+
+impl RadianceField for Counting {
+    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> mde_nerf::Result<FitReport> {
+        *self.0.lock().unwrap() = views.iter().map(|view| view.hypotheses.len()).collect();
+        for view in views {
+            // What the view does not show, nobody has said anything of.
+            for said in view.hypotheses.iter().skip(1) {
+                assert!(said.support().iter().zip(&view.mask).all(|(known, seen)| !known || *seen));
+            }
+        }
+        self.1.fit(views, observer)
+    }
+
+    fn render(
+        &self,
+        camera: &PinholeCamera,
+        pose: &Pose,
+        observer: &mut dyn Observer,
+    ) -> mde_nerf::Result<RenderedView> {
+        self.1.render(camera, pose, observer)
+    }
+}
+
+#[test]
+fn the_model_is_asked_about_every_synthetic_view() {
+    let scene = scene();
+    let fuser = BayesFuser::new(mde_fusion::FusionConfig::robust()).unwrap();
+    let mut config = config();
+    config.evidence.flip = true;
+    config.refinement = RefinementConfig {
+        iterations: 1,
+        ask_views: true,
+        consensus: Consensus::Average,
+        ..RefinementConfig::default()
+    };
+    let counts = Arc::new(Mutex::new(Vec::new()));
+    let mut field = |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> {
+        Ok(Box::new(Counting(counts.clone(), AveragedField::default())))
+    };
+    let model = Red(RefCell::new(0));
+    let stages = Stages { prior: &model, field: &mut field, fuser: &fuser };
+    let mut go_on = |_: &Event| ControlFlow::Continue(());
+    let refined = refine(scene.image.view(), &scene.camera, stages, &config, &mut go_on).unwrap();
+    let counts = counts.lock().unwrap().clone();
+    assert_eq!(counts[0], 1);
+    assert!(counts.len() > 1 && counts[1..].iter().all(|count| *count == 2), "{counts:?}");
+    assert_eq!(*model.0.borrow(), counts.len() * config.evidence.questions());
+    // The model says of every view what it said of the photograph: their mean is that.
+    let off: Vec<f32> = refined
+        .depth
+        .mean()
+        .iter()
+        .zip(&refined.prior)
+        .filter(|(z, _)| **z > 0.0)
+        .map(|(z, o)| (z / o - 1.0).abs())
+        .collect();
+    let mean = off.iter().sum::<f32>() / off.len() as f32;
+    assert!(mean < 0.05, "{mean}");
 }

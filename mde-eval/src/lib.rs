@@ -27,6 +27,7 @@
 
 pub mod align;
 pub mod baseline;
+pub mod conformal;
 pub mod data;
 mod error;
 #[cfg(feature = "plot")]

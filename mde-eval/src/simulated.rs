@@ -1,4 +1,8 @@
-//! A depth prior made from the truth, with the faults that monocular networks have.
+//! Priors made from the truth, with the faults that monocular networks have: a map, and a model that can be asked again.
+
+mod model;
+
+pub use model::{SimulatedModel, SimulatedModelConfig};
 
 use crate::raster::erode_by;
 use crate::{Error, Result};
@@ -120,7 +124,7 @@ impl SimulatedPrior {
         let closed = close(truth, &valid, radius);
         let disparity =
             blur(&closed.mapv(|z| if z > 0.0 { z.recip() } else { 0.0 }), &valid, config.blur * width);
-        let waves = waves(truth.dim(), config);
+        let waves = waves(truth.dim(), config.wavelength, ("simulated-prior", config.seed, 0));
         let depth = ndarray::Zip::from(&disparity)
             .and(&waves)
             .and(&valid)
@@ -207,13 +211,18 @@ fn convolve(mut line: ArrayViewMut1<'_, f64>, kernel: &[f64]) {
     }
 }
 
-/// A sum of waves no shorter than the wavelength, of mean 0 and variance 1 over the map.
-fn waves((height, width): (usize, usize), config: &SimulatedPriorConfig) -> Array2<f64> {
+/// A sum of waves no shorter than `wavelength` (as a fraction of the width), of mean 0 and variance 1 over the map, drawn from a
+/// purpose, a seed and an iteration.
+fn waves(
+    (height, width): (usize, usize),
+    wavelength: f64,
+    (purpose, seed, iteration): (&str, u64, u64),
+) -> Array2<f64> {
     const COUNT: u64 = 12;
     let mut field = Array2::<f64>::zeros((height, width));
-    let shortest = config.wavelength * width as f64;
+    let shortest = wavelength * width as f64;
     for index in 0..COUNT {
-        let mut rng = CounterRng::new(config.seed, "simulated-prior", 0, index);
+        let mut rng = CounterRng::new(seed, purpose, iteration, index);
         let mut draw = || rng.random::<f64>();
         // Uniform over the disc of frequencies, so that no length below the shortest is favoured.
         let (angle, frequency, phase) = (TAU * draw(), draw().sqrt() / shortest, TAU * draw());

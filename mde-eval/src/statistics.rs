@@ -154,17 +154,25 @@ pub fn leave_one_out_factors(quantiles: &[Vec<f64>], p: f64) -> Option<Vec<f64>>
     }
     let normal = crate::special::central_half_width(p);
     let factor = |left_out: usize| {
-        let others = || quantiles.iter().enumerate().filter(|(scene, _)| *scene != left_out).map(|(_, q)| q);
-        let covered = |z: f64| others().map(|q| share_below(q, z)).sum::<f64>() / others().count() as f64;
-        let mut high = others().filter_map(|q| q.last()).copied().fold(0.0, f64::max);
-        let mut low = 0.0;
-        for _ in 0..100 {
-            let middle = 0.5 * (low + high);
-            if covered(middle) < p { low = middle } else { high = middle }
-        }
-        high / normal
+        let others =
+            quantiles.iter().enumerate().filter(move |(scene, _)| *scene != left_out).map(|(_, q)| q);
+        pooled_quantile(others, p) / normal
     };
     Some((0..quantiles.len()).map(factor).collect())
+}
+
+/// Where the mean of the scenes' distribution functions reaches `p`: each scene has its quantiles at equal steps of probability,
+/// and scenes weigh alike.
+pub(crate) fn pooled_quantile<'q>(scenes: impl Iterator<Item = &'q Vec<f64>> + Clone, p: f64) -> f64 {
+    let count = scenes.clone().count() as f64;
+    let covered = |z: f64| scenes.clone().map(|q| share_below(q, z)).sum::<f64>() / count;
+    let mut high = scenes.clone().filter_map(|q| q.last()).copied().fold(0.0, f64::max);
+    let mut low = 0.0;
+    for _ in 0..100 {
+        let middle = 0.5 * (low + high);
+        if covered(middle) < p { low = middle } else { high = middle }
+    }
+    high
 }
 
 /// The share of values up to `value`, from quantiles at equal steps of probability; linear between them.

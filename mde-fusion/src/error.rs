@@ -34,6 +34,9 @@ pub enum Error {
         /// What to write instead.
         remedy: &'static str,
     },
+    /// A sparse system that could not be solved.
+    #[error("the system of the gradient posterior can't be solved ({0}); take a smaller image")]
+    System(String),
     /// A depth map that [`GaussianDepth`](mde_uncertainty::GaussianDepth) refuses.
     #[error(transparent)]
     Map(#[from] mde_uncertainty::Error),

@@ -27,7 +27,7 @@
 //!
 //! Depth is z in the prior's unit, variance in that unit squared; maps are `[height, width]`, missing where the
 //! variance is infinite (\\(\tau = 0\\)), and never NaN. All sums are `f64`, in a fixed order. Features: `serde` for
-//! configuration and report, `proptest` for the strategies of the property tests.
+//! configuration and report, `gmrf` for a posterior over whole maps (with faer), `proptest` for the strategies of the property tests.
 
 mod affine;
 mod aggregate;
@@ -39,6 +39,8 @@ mod empirical_bayes;
 mod error;
 mod fuser;
 mod gaussian;
+#[cfg(feature = "gmrf")]
+pub mod gmrf;
 mod guards;
 mod heteroscedastic;
 mod maximum_likelihood;

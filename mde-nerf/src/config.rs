@@ -180,6 +180,18 @@ pub enum DepthLoss {
         /// Fraction of the steps after which the loss is off; it decays linearly until then. 0: never.
         decay: f64,
     },
+    /// \\(\int |W(r) - F(r)|\,\mathrm dr\\) in the same disparity: the first Wasserstein distance between the ray's termination, of
+    /// distribution function \\(W\\), and the mixture \\(F\\) of *all* its hypotheses, each a logistic distribution of its own mean and
+    /// variance. Where hypotheses disagree the termination becomes as wide as they are apart; [`Wasserstein`](Self::Wasserstein)
+    /// would draw it together at their median.
+    Distribution {
+        /// Factor before the loss.
+        weight: f64,
+        /// Standard deviation of a hypothesis as a fraction of its depth, where it states none (variance 0).
+        relative_sigma: f64,
+        /// Fraction of the steps after which the loss is off; it decays linearly until then. 0: never.
+        decay: f64,
+    },
 }
 
 /// Optimisation and losses.
@@ -371,7 +383,8 @@ impl TrainConfig {
         check(decay(self.average), "train.average", self.average, "give a number from 0 to below 1")?;
         match self.depth_loss {
             DepthLoss::None => Ok(()),
-            DepthLoss::GaussianNll { weight, relative_sigma, decay } => {
+            DepthLoss::GaussianNll { weight, relative_sigma, decay }
+            | DepthLoss::Distribution { weight, relative_sigma, decay } => {
                 check(
                     weight >= 0.0 && weight.is_finite(),
                     "train.depth-loss.weight",

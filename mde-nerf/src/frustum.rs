@@ -136,6 +136,11 @@ impl Frustum {
         (1.0 / z - 1.0 / self.far) / (1.0 / self.near - 1.0 / self.far)
     }
 
+    /// \\(|\mathrm d r / \mathrm d z|\\) of that disparity \\(r\\).
+    pub(crate) fn disparity_slope(&self, z: f64) -> f64 {
+        1.0 / (z * z * (1.0 / self.near - 1.0 / self.far))
+    }
+
     /// The depth at a fraction `x` of a ray's range.
     #[cfg(test)]
     pub(crate) fn depth_at(&self, x: f64, spacing: Spacing) -> f64 {

@@ -44,7 +44,7 @@ impl Case {
         let targets = (0..RAYS)
             .map(|i| Target {
                 colour: [0.2, 0.5, 0.1 * i as f64],
-                depths: vec![(1.9 + 0.13 * i as f64, 1e-3)],
+                depths: vec![(1.9 + 0.13 * i as f64, 1e-3), (2.3 - 0.07 * i as f64, 2e-2)],
             })
             .collect();
         let budget = Budget {
@@ -165,10 +165,11 @@ impl Case {
     }
 }
 
-const LOSSES: [DepthLoss; 3] = [
+const LOSSES: [DepthLoss; 4] = [
     DepthLoss::None,
     DepthLoss::GaussianNll { weight: 0.3, relative_sigma: 0.05, decay: 0.5 },
     DepthLoss::Wasserstein { weight: 0.2, decay: 0.0 },
+    DepthLoss::Distribution { weight: 0.2, relative_sigma: 0.05, decay: 0.0 },
 ];
 
 #[test]

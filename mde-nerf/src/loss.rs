@@ -36,7 +36,9 @@ impl DepthTerm {
     pub(crate) fn at(loss: DepthLoss, progress: f64) -> Self {
         let decay = match loss {
             DepthLoss::None => 0.0,
-            DepthLoss::GaussianNll { decay, .. } | DepthLoss::Wasserstein { decay, .. } => decay,
+            DepthLoss::GaussianNll { decay, .. }
+            | DepthLoss::Wasserstein { decay, .. }
+            | DepthLoss::Distribution { decay, .. } => decay,
         };
         let fade = if decay > 0.0 { (1.0 - progress / decay).max(0.0) } else { 1.0 };
         Self { loss, fade }
@@ -62,10 +64,17 @@ pub(crate) fn ray_loss<T: Scalar>(
         T::from_f64(2.0 / 3.0 * error / rays)
     });
     let mut total = squared_error;
+    if let DepthLoss::Distribution { weight, relative_sigma, .. } = term.loss {
+        if term.fade > 0.0 && !target.depths.is_empty() {
+            let mixture = Mixture::new(&target.depths, relative_sigma, frustum);
+            total += mixture.distance(term.fade * weight, rendered, bins, rays, h);
+        }
+        return (RayLoss { squared_error, total }, d_colour);
+    }
     let share = term.fade / target.depths.len().max(1) as f64;
     for &(depth, variance) in &target.depths {
         total += match term.loss {
-            DepthLoss::None => 0.0,
+            DepthLoss::None | DepthLoss::Distribution { .. } => 0.0,
             _ if share == 0.0 => 0.0,
             DepthLoss::GaussianNll { weight, relative_sigma, .. } => {
                 let sigma = if variance > 0.0 { variance.sqrt() } else { relative_sigma * depth };
@@ -109,6 +118,63 @@ fn gaussian_nll<T: Scalar>(
         *h += d_mean * mean + d_variance * variance;
     }
     0.5 * weight * (spread.ln() + error * error / spread)
+}
+
+/// A ray's hypotheses in disparity (0 at far, 1 at near): means, and scales of logistic distributions.
+struct Mixture(Vec<(f64, f64)>);
+
+impl Mixture {
+    /// Narrower than any bin: a hypothesis that is certain is a step.
+    const NARROWEST: f64 = 1e-6;
+
+    fn new(depths: &[(f64, f64)], relative_sigma: f64, frustum: &Frustum) -> Self {
+        let logistic = |&(depth, variance): &(f64, f64)| {
+            let z = depth.clamp(frustum.near, frustum.far);
+            let sigma = if variance > 0.0 { variance.sqrt() } else { relative_sigma * depth };
+            // The standard deviation of the logistic distribution of scale 1 is pi / sqrt 3.
+            let scale = frustum.disparity_slope(z) * sigma * 3.0_f64.sqrt() / std::f64::consts::PI;
+            (frustum.disparity(z), scale.max(Self::NARROWEST))
+        };
+        Self(depths.iter().map(logistic).collect())
+    }
+
+    /// How probable an end nearer than a disparity is.
+    fn nearer(&self, disparity: f64) -> f64 {
+        let share = |&(mean, scale): &(f64, f64)| 1.0 / (1.0 + ((disparity - mean) / scale).exp());
+        self.0.iter().map(share).sum::<f64>() / self.0.len() as f64
+    }
+
+    /// The distance between the distribution functions, each interval between two samples by its middle; what escapes the
+    /// volume ends at far.
+    fn distance<T: Scalar>(
+        &self,
+        weight: f64,
+        rendered: &Rendered<T>,
+        bins: &Bins<T>,
+        rays: f64,
+        h: &mut [T],
+    ) -> f64 {
+        let at = |index: usize| bins.disparity.get(index).map_or(0.0, |d| d.to_f64());
+        let first = 1.0 - at(0);
+        let mut loss = first.max(0.0) * self.nearer(1.0 - 0.5 * first);
+        let mut ended = 0.0;
+        // A sample's weight raises the distribution function from there to far.
+        let slopes: Vec<f64> = (0..rendered.weights.len())
+            .map(|index| {
+                ended += rendered.weights[index].to_f64();
+                let (width, middle) = (at(index) - at(index + 1), 0.5 * (at(index) + at(index + 1)));
+                let excess = ended - self.nearer(middle);
+                loss += excess.abs() * width;
+                excess.signum() * width
+            })
+            .collect();
+        let mut slope = 0.0;
+        for (h, s) in h.iter_mut().zip(&slopes).rev() {
+            slope += s;
+            *h += T::from_f64(weight * slope / rays);
+        }
+        weight * loss
+    }
 }
 
 /// What escapes the volume counts as ending at far.

@@ -124,12 +124,39 @@ fn depth_losses_pull_the_field_to_the_hypotheses() {
     for loss in [
         DepthLoss::Wasserstein { weight: 0.2, decay: 0.0 },
         DepthLoss::GaussianNll { weight: 0.01, relative_sigma: 0.01, decay: 0.0 },
+        DepthLoss::Distribution { weight: 0.2, relative_sigma: 0.01, decay: 0.0 },
     ] {
         let mut config = hash();
         config.train.depth_loss = loss;
         let (_, depth) = quality(config, &views(true));
         assert!(depth < 0.01, "{loss:?}: median relative depth error {depth:.4}");
     }
+}
+
+/// Two hypotheses 20 % apart: their mixture has a standard deviation of about 10 %, the distance to single depths none.
+#[test]
+fn the_termination_becomes_the_distribution_of_the_hypotheses() {
+    let relative_sigma = |loss| {
+        let mut views = views(true);
+        for view in &mut views {
+            let exact = view.hypotheses[0].clone();
+            let moved = |by: f32| exact.clone().map(|z, _| (by * z, (0.02 * z).powi(2)));
+            view.hypotheses = vec![moved(0.9), moved(1.1)];
+        }
+        let mut config = hash();
+        config.train.depth_loss = loss;
+        let mut field = Nerf::new(config, 1).unwrap();
+        field.fit(&views, &mut Silent).unwrap();
+        let seen = field.render(&views[0].camera, &views[0].pose, &mut Silent).unwrap();
+        let mut relative: Vec<f32> =
+            seen.depth.sigma().iter().zip(seen.depth.mean()).map(|(sigma, mean)| sigma / mean).collect();
+        relative.sort_by(f32::total_cmp);
+        relative[relative.len() / 2]
+    };
+    let mixture = relative_sigma(DepthLoss::Distribution { weight: 0.5, relative_sigma: 0.02, decay: 0.0 });
+    assert!((0.06..0.16).contains(&mixture), "{mixture}");
+    let median = relative_sigma(DepthLoss::Wasserstein { weight: 0.5, decay: 0.0 });
+    assert!(median < 0.7 * mixture, "{median} against {mixture}");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 use crate::args::DemoArgs;
 use crate::camera::{CameraSource, KnownCamera};
+use crate::error_bar::ErrorBar;
 use crate::job::{Job, settings, use_threads};
 use crate::output::OutputFolder;
 use crate::prior::{NamedPrior, PriorOrigin};
@@ -39,6 +40,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         truth: Some(Truth { source: "exact".to_owned(), depth: scene.depth, config: ScoreConfig::default() }),
         save_field: false,
         checkpoints: None,
+        error_bar: ErrorBar::open(&args.error_bar)?,
         export: args.export.export.clone(),
     };
     job.run(&folder, &mut progress)

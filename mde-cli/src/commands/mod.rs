@@ -2,6 +2,7 @@
 
 mod ablate;
 mod bench;
+mod calibrate;
 mod config;
 mod demo;
 mod doctor;
@@ -24,6 +25,7 @@ pub(crate) fn run(command: &Command) -> Result<()> {
         Command::Render(args) => render::run(args),
         Command::Eval(args) => eval::run(args),
         Command::Ablate(args) => ablate::run(args),
+        Command::Calibrate(args) => calibrate::run(args),
         Command::Config(args) => config::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Report(args) => report::run(args),

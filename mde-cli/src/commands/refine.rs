@@ -1,6 +1,7 @@
 use crate::args::RefineArgs;
 use crate::camera::KnownCamera;
 use crate::checkpoint::Checkpoints;
+use crate::error_bar::ErrorBar;
 use crate::job::{Job, Opened, open_image, settings, use_threads};
 use crate::output::OutputFolder;
 use crate::prior::NamedPrior;
@@ -36,6 +37,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         truth: Truth::open(&args.truth, &opened)?,
         save_field: args.save_field,
         checkpoints,
+        error_bar: ErrorBar::open(&args.error_bar)?,
         export: args.export.export.clone(),
         image: opened.photo.pixels,
     };

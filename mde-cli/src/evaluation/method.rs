@@ -80,6 +80,14 @@ impl Method {
         Ok(methods)
     }
 
+    /// The settings of the loop.
+    pub(crate) fn config(&self) -> Option<&Config> {
+        match &self.kind {
+            Kind::Loop(config, _) => Some(config),
+            Kind::Baseline => None,
+        }
+    }
+
     /// Whether this is the loop and not a baseline.
     pub(crate) fn is_loop(&self) -> bool {
         matches!(self.kind, Kind::Loop(..))

@@ -119,6 +119,7 @@ impl Shared<'_> {
             let warning = format!("{}: has no intrinsics; the camera is assumed", sample.id);
             lock(&self.tally).progress.warn(warning);
         }
+        let model = priors.model(&sample)?;
         let memory = self.plan.share_fields.then(FieldMemory::default);
         let mut entries: Vec<(&Method, Entry)> = Vec::new();
         for method in self.plan.methods {
@@ -139,7 +140,7 @@ impl Shared<'_> {
                         image: sample.image.view(),
                         camera: &sample.camera,
                         prior: prior.view(),
-                        model: priors.model(),
+                        model: model.as_deref(),
                         rule: &self.plan.rule,
                         seed: method.seed,
                     };

@@ -1,10 +1,10 @@
 //! Scenes with the monocular depth that every method starts from.
 
-use crate::args::{DataArgs, EncodingName, EvalPriorArgs, PriorArgs, PriorSource};
+use crate::args::{DataArgs, EncodingName, EvalPriorArgs, FaultName, PriorArgs, PriorSource};
 use crate::prior::NamedPrior;
 use anyhow::{Context, Result, bail};
 use mde_eval::data::{self, DataSet, DataSetKind, Fallback, Options, Sample, SunDepth};
-use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
+use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
 use mde_prior::{DepthPrior, DisparityRule};
 use ndarray::Array2;
 use serde_json::{Value, json};
@@ -56,6 +56,8 @@ pub(crate) enum PriorPlan {
     Folder(PathBuf, PriorArgs),
     /// The truth of a procedural room, made worse.
     Simulated,
+    /// A model of each procedural room that can be asked again.
+    SimulatedModel(SimulatedModelConfig),
 }
 
 impl PriorPlan {
@@ -74,6 +76,12 @@ impl PriorPlan {
             prior_encoding: EncodingName::Plain,
         };
         let rooms = kind == DataSetKind::Rooms;
+        if let Some(fault) = args.simulated_model {
+            if !rooms {
+                bail!("--simulated-model: is made from exact depth; use it with --dataset rooms");
+            }
+            return Ok(Self::SimulatedModel(faults(fault)));
+        }
         match (&args.prior_model, &args.prior_depth) {
             (Some(_), _) => Ok(Self::Model(prior_args(false))),
             (None, Some(folder)) => Ok(Self::Folder(folder.clone(), prior_args(true))),
@@ -91,6 +99,7 @@ impl PriorPlan {
             Self::Model(args) => args.source.prior_model.as_deref().map(file_name).unwrap_or_default(),
             Self::Folder(path, _) => format!("the priors in {}", path.display()),
             Self::Simulated => "simulated priors".to_owned(),
+            Self::SimulatedModel(_) => "a simulated model".to_owned(),
         }
     }
 
@@ -108,6 +117,7 @@ impl PriorPlan {
                 json!({ "folder": path, "kind": args.prior_kind.map(mde_prior::DepthKind::from) })
             }
             Self::Simulated => json!("simulated"),
+            Self::SimulatedModel(faults) => json!({ "simulated": faults }),
         })
     }
 
@@ -117,6 +127,7 @@ impl PriorPlan {
             Self::Model(args) => Priors::Model(NamedPrior::open(args)?.prior),
             Self::Folder(path, args) => Priors::Folder(path, args),
             Self::Simulated => Priors::Simulated,
+            Self::SimulatedModel(faults) => Priors::SimulatedModel(faults),
         })
     }
 }
@@ -126,15 +137,17 @@ pub(crate) enum Priors<'p> {
     Model(Box<dyn DepthPrior>),
     Folder(&'p Path, &'p PriorArgs),
     Simulated,
+    SimulatedModel(&'p SimulatedModelConfig),
 }
 
 impl Priors<'_> {
-    /// The model, where there is one to ask again.
-    pub(crate) fn model(&self) -> Option<&dyn DepthPrior> {
-        match self {
-            Self::Model(model) => Some(&**model),
-            _ => None,
-        }
+    /// The model to ask again about a scene, where there is one.
+    pub(crate) fn model(&self, sample: &Sample) -> Result<Option<Box<dyn DepthPrior + '_>>> {
+        Ok(match self {
+            Self::Model(model) => Some(Box::new(&**model)),
+            Self::SimulatedModel(faults) => Some(Box::new(simulated(sample, faults)?)),
+            Self::Folder(..) | Self::Simulated => None,
+        })
     }
 
     /// The monocular depth of a scene, `[height, width]`; 0 where missing.
@@ -153,8 +166,28 @@ impl Priors<'_> {
                 let faults = SimulatedPriorConfig { seed, ..SimulatedPriorConfig::disparity() };
                 SimulatedPrior::new(&sample.depth, &faults)?.predict(sample.image.view())?
             }
+            Self::SimulatedModel(faults) => simulated(sample, faults)?.predict(sample.image.view())?,
         };
         Ok(answer.to_depth(rule)?)
+    }
+}
+
+fn simulated(sample: &Sample, faults: &SimulatedModelConfig) -> Result<SimulatedModel> {
+    Ok(SimulatedModel::new(&sample.image, &sample.depth, faults.clone())?)
+}
+
+/// One fault at a size at which it shows, or all of them.
+fn faults(name: FaultName) -> SimulatedModelConfig {
+    let all = SimulatedModelConfig::default();
+    let small = SimulatedModelConfig::small(all.side);
+    let fine = SimulatedModelConfig::small(4096);
+    match name {
+        FaultName::Resolution => small,
+        FaultName::Thin => SimulatedModelConfig { lost_cells: all.lost_cells, ..small },
+        FaultName::Missed => SimulatedModelConfig { lost_width: all.lost_width, ..fine },
+        FaultName::Shared => SimulatedModelConfig { shared_error: all.shared_error, ..fine },
+        FaultName::Own => SimulatedModelConfig { own_error: all.own_error, ..fine },
+        FaultName::All => all,
     }
 }
 

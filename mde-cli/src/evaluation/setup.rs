@@ -75,6 +75,11 @@ impl<'a> Setup<'a> {
         }
     }
 
+    /// The data, the prior and the alignment, in words.
+    pub(crate) fn titles(&self) -> [String; 3] {
+        [self.source.title(), self.prior.title(), self.scoring.alignment_note()]
+    }
+
     /// Removes the folder again if nothing is in it.
     pub(crate) fn discard_if_empty(&self) {
         self.store.discard_if_empty();

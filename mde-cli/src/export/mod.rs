@@ -6,12 +6,14 @@ mod ply;
 
 use crate::args::ExportName;
 use anyhow::{Context, Result};
+use mde_cli::Component;
+use mde_prior::format::write_npy;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PinholeCamera;
 use nalgebra::Point3;
 use ndarray::{ArrayView2, ArrayView3};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What is exported; the world is the camera's frame (x right, y down, z forward), in the prior's unit.
 pub(crate) struct Exported<'e> {
@@ -21,6 +23,8 @@ pub(crate) struct Exported<'e> {
     pub(crate) depth: &'e GaussianDepth,
     /// `[height, width]`; 0 where missing.
     pub(crate) prior: ArrayView2<'e, f32>,
+    /// What sigma is made of.
+    pub(crate) components: &'e [Component],
 }
 
 impl Exported<'_> {
@@ -32,11 +36,16 @@ impl Exported<'_> {
                 Ok(mde_prior::write_atomic(&folder.join("depth.exr"), &layers::encode(self)?)?)
             }
             ExportName::Colmap => {
-                let colmap = folder.join("colmap");
-                fs::create_dir_all(&colmap)
-                    .with_context(|| format!("{}: can't make this folder", colmap.display()))?;
+                let colmap = subfolder(folder, "colmap")?;
                 for (name, text) in colmap::files(self) {
                     mde_prior::write_atomic(&colmap.join(name), text.as_bytes())?;
+                }
+                Ok(())
+            }
+            ExportName::Sigma => {
+                let parts = subfolder(folder, "sigma")?;
+                for part in self.components {
+                    write_npy(parts.join(format!("{}.npy", part.name)), part.sigma.view())?;
                 }
                 Ok(())
             }
@@ -62,6 +71,12 @@ impl Exported<'_> {
     }
 }
 
+fn subfolder(folder: &Path, name: &str) -> Result<PathBuf> {
+    let path = folder.join(name);
+    fs::create_dir_all(&path).with_context(|| format!("{}: can't make this folder", path.display()))?;
+    Ok(path)
+}
+
 /// A slanted plane with a hole, for the tests of the formats.
 #[cfg(test)]
 pub(crate) mod tests {
@@ -81,6 +96,12 @@ pub(crate) mod tests {
         let prior = &depth * 1.5;
         let depth = GaussianDepth::new(depth, variance).unwrap();
         let image = Array3::from_shape_fn((SIZE.0, SIZE.1, 3), |(v, u, c)| (v * 8 + u + c) as f32 / 50.0);
-        test(&Exported { image: image.view(), camera: &camera, depth: &depth, prior: prior.view() });
+        test(&Exported {
+            image: image.view(),
+            camera: &camera,
+            depth: &depth,
+            prior: prior.view(),
+            components: &[],
+        });
     }
 }

@@ -1,7 +1,7 @@
 //! Configurations.
 
 use crate::common::Place;
-use crate::table::{check, refused};
+use crate::table::{check, misused, refused};
 use std::fs;
 
 /// A TOML text and what the message must contain.
@@ -63,6 +63,14 @@ const UNUSABLE: &[(&str, &[&str])] = &[
     ("fusion.kappa = 0.0", &["kappa is 0", "positive"]),
     ("fusion.far = 0.5", &["far is 0.5", "at least 1"]),
     ("fusion.guards.min-scale = -1.0", &["min-scale is -1"]),
+    ("refinement.consensus = 'vote'", &["`vote`", "`average`"]),
+    ("refinement.posterior = 'all'", &["`all`", "`gradients`"]),
+    ("gradient.step-sigma = 0.0", &["gradient.step-sigma is 0", "0.0001"]),
+    ("gradient.draws = 1000000", &["gradient.draws is 1000000", "10000"]),
+    (
+        "nerf.train.depth-loss = { kind = 'distribution', weight = 1.0, relative-sigma = 0.0, decay = 0.0 }",
+        &["relative-sigma is 0"],
+    ),
     ("disparity.near = 0.0", &["near", "0 is no positive depth"]),
     ("disparity = { near = 2.0, far = 1.0 }", &["far", "1 must be finite and above near"]),
     ("disparity.low = 2.0", &["low", "2 is no quantile"]),
@@ -83,6 +91,34 @@ fn unusable_settings() {
         ));
     }
     check(&cases);
+}
+
+#[test]
+fn unusable_calibrations() {
+    let of = |file: &str| format!("refine image.png --prior-depth depth.npy --calibration {file}");
+    check(&[
+        refused(of("none.toml"), &["none.toml", "check the path"]),
+        refused(of("folder.png"), &["folder.png"]),
+        refused(of("broken.toml"), &["broken.toml", "mde calibrate"]),
+        refused(of("binary.toml"), &["binary.toml", "UTF-8"]),
+        refused("calibrate --dataset rooms --method guided", &["--method guided", "no sigma of its own"]),
+        refused("calibrate --dataset rooms --method none.toml", &["none.toml"]),
+        refused("calibrate good-set --simulated-model all", &["--simulated-model", "--dataset rooms"]),
+        refused("calibrate", &["--dataset rooms"]),
+        misused(
+            "refine image.png --prior-depth depth.npy --interval 1.0 -o out",
+            &["--interval", "0.01 to 0.99"],
+        ),
+        misused(
+            "refine image.png --prior-depth depth.npy --interval nan -o out",
+            &["--interval", "0.01 to 0.99"],
+        ),
+        misused("eval --dataset rooms --simulated-model bent -o out", &["bent", "shared"]),
+        misused(
+            "eval --dataset rooms --simulated-model own --simulated-prior -o out",
+            &["cannot be used with"],
+        ),
+    ]);
 }
 
 #[test]

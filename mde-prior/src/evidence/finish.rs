@@ -14,6 +14,20 @@ pub(super) fn sharpened(map: Array2<f32>, sigma: f64, gain: f64) -> Array2<f32> 
     Zip::from(&map).and(&low).map_collect(|&c, &low| c + gain as f32 * (c - low))
 }
 
+/// Moves `map` towards `touched`, but around each pixel no further than the evidence moved the detail there:
+/// \\(c + \delta \min(1, \sqrt{G_{2\sigma} f^2 / G_{2\sigma} \delta^2})\\) with \\(\delta\\) the touch and \\(f\\) what was `found`, less its low
+/// frequencies \\(G_\sigma\\).
+pub(super) fn allow(map: &mut Array2<f32>, touched: &Array2<f32>, found: ArrayView2<'_, f32>, sigma: f64) {
+    let touch = touched - &*map;
+    let low = blurred(found, (sigma, sigma));
+    let energy = |of: Array2<f32>| blurred(of.mapv(|v| v * v).view(), (2.0 * sigma, 2.0 * sigma));
+    let (found, wanted) = (energy(&found - &low), energy(touch.clone()));
+    Zip::from(map).and(&touch).and(&found).and(&wanted).for_each(|c, &d, &found, &wanted| {
+        let share = if wanted > found { (found.max(0.0) / wanted).sqrt() } else { 1.0 };
+        *c += share * d;
+    });
+}
+
 /// Joint bilateral filter (Petschnigg et al., 2004) on a sparse grid of taps.
 pub(super) fn snapped(
     map: ArrayView2<'_, f32>,

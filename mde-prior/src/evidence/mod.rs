@@ -58,7 +58,8 @@ pub struct EvidenceConfig {
     pub agreement: f64,
     /// \\(g\\): how much of a level's change is believed, 0 to 1.
     pub trust: f64,
-    /// Gain of a last unsharp mask, 0 for none.
+    /// Gain of a last unsharp mask, 0 for none. It and the filter below move the map's detail no further than the crops did around
+    /// there: a map in which they found nothing to add is sharp already.
     pub sharpen: f64,
     /// Its Gaussian's standard deviation, as a share of the picture's width.
     pub sharpen_width: f64,
@@ -67,6 +68,9 @@ pub struct EvidenceConfig {
     /// Its standard deviation in colour (0 to 1).
     pub snap_colour: f64,
 }
+
+/// Standard deviation of the Gaussian that tells detail from low frequencies, as a share of the picture's width.
+const DETAIL: f64 = 1.0 / 80.0;
 
 /// Overlapping crops of one size.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -245,12 +249,15 @@ impl EvidenceConfig {
             variance += &spread;
         }
         let width = current.ncols() as f64;
+        let mut touched = current.clone();
         if self.sharpen > 0.0 {
-            current = finish::sharpened(current, self.sharpen_width * width, self.sharpen);
+            touched = finish::sharpened(touched, self.sharpen_width * width, self.sharpen);
         }
         if self.snap_width > 0.0 {
-            current = finish::snapped(current.view(), image, self.snap_width * width, self.snap_colour);
+            touched = finish::snapped(touched.view(), image, self.snap_width * width, self.snap_colour);
         }
+        let found = &current - &space.values(&start);
+        finish::allow(&mut current, &touched, found.view(), DETAIL * width);
         let mut consensus = start;
         Zip::from(&mut consensus.map).and(&consensus.valid).and(&current).for_each(|value, &valid, &c| {
             if valid {
@@ -260,6 +267,46 @@ impl EvidenceConfig {
         let spread = variance.mapv(|v| space.unscaled(v.max(0.0).sqrt()));
         Ok(Some(Evidence { prior, consensus, spread, questions: asked }))
     }
+}
+
+/// What `answer` says, brought to the gauge of `reference`: the local regression above, once, with the whole picture as its crop.
+/// Both are positive depths `[height, width]`, 0 where missing; the result is missing where the answer is.
+///
+/// The reference gives the low frequencies, the answer the detail, as far as they agree (`agreement` is \\(q\\)); `window` is the
+/// window's standard deviation as a share of the sides. Where the reference is missing, the answer stands, scaled as a whole.
+///
+/// # Errors
+/// [`Error::Input`] for maps of two sizes, or where they have no pixel in common.
+pub fn regressed(
+    answer: ArrayView2<'_, f32>,
+    reference: ArrayView2<'_, f32>,
+    window: f64,
+    agreement: f64,
+) -> Result<Array2<f32>> {
+    if answer.dim() != reference.dim() {
+        let reason = format!(
+            "the answer is {:?} but the reference {:?}; give one size",
+            answer.dim(),
+            reference.dim()
+        );
+        return Err(Error::Input(reason));
+    }
+    let known = answer.iter().zip(&reference).filter(|(a, r)| **a > 0.0 && **r > 0.0);
+    let mut ratios: Vec<f32> = known.map(|(a, r)| (r / a).ln()).collect();
+    ratios.sort_unstable_by(f32::total_cmp);
+    let Some(&scale) = ratios.get(ratios.len() / 2) else {
+        return Err(Error::Input(
+            "answer and reference have no pixel in common; give maps that overlap".into(),
+        ));
+    };
+    let logs = answer.mapv(|a| if a > 0.0 { a.ln() + scale } else { 0.0 });
+    let target = Zip::from(&logs).and(reference).map_collect(|&l, &r| if r > 0.0 { r.ln() } else { l });
+    let change = regression::change(logs.view(), target.view(), window, agreement);
+    Ok(Zip::from(answer).and(&target).and(&change).map_collect(
+        |&a, &t, &c| {
+            if a > 0.0 { (t + c).exp() } else { 0.0 }
+        },
+    ))
 }
 
 impl Evidence {

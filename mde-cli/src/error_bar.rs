@@ -1,0 +1,133 @@
+//! The error bar as the user asked for it: sigma by a calibration, and an interval.
+
+use crate::args::ErrorBarArgs;
+use anyhow::Result;
+use mde_cli::{Calibration, Config, Refinement};
+use mde_eval::conformal::normal_half_width;
+use mde_uncertainty::GaussianDepth;
+use ndarray::Array2;
+use serde::Serialize;
+
+/// The probability whose normal interval a calibrated sigma makes right.
+const CALIBRATED_AT: f64 = 0.9;
+
+/// What was asked for.
+pub(crate) struct ErrorBar {
+    probability: Option<f64>,
+    given: Option<(String, Calibration)>,
+}
+
+/// What is stated.
+#[derive(Debug, Serialize)]
+pub(crate) struct Stated {
+    /// What sigma was multiplied by.
+    pub(crate) factor: f64,
+    pub(crate) interval: Option<Interval>,
+    #[serde(skip)]
+    pub(crate) warnings: Vec<String>,
+}
+
+/// `lower.npy` and `upper.npy`.
+#[derive(Debug, Serialize)]
+pub(crate) struct Interval {
+    pub(crate) probability: f64,
+    /// In sigmas of `sigma.npy`.
+    pub(crate) half_width: f64,
+    /// What says so.
+    pub(crate) by: String,
+}
+
+impl ErrorBar {
+    pub(crate) fn open(args: &ErrorBarArgs) -> Result<Self> {
+        let given = match &args.calibration {
+            Some(path) => Some((path.display().to_string(), Calibration::from_file(path)?)),
+            None => None,
+        };
+        Ok(Self { probability: args.interval, given })
+    }
+
+    /// Scales sigma, where a calibration was given, and finds the interval.
+    pub(crate) fn apply(&self, refinement: &mut Refinement, config: &Config) -> Result<Stated> {
+        let mut warnings = Vec::new();
+        let mut factor = 1.0;
+        if let Some((name, calibration)) = &self.given {
+            let method = &calibration.source().method;
+            if !calibration.is_of(config)? {
+                warnings.push(format!("--calibration {name} was learned with other settings ({method})"));
+            }
+            factor = calibration.conformal()?.factor(CALIBRATED_AT)?;
+            let squared = (factor * factor) as f32;
+            let depth = std::mem::replace(&mut refinement.depth, GaussianDepth::missing(0, 0));
+            refinement.depth =
+                depth.map(|mean, variance| (mean, (variance * squared).max(f32::MIN_POSITIVE)));
+        }
+        let interval = match self.probability {
+            None => None,
+            Some(probability) => {
+                let shipped = match &self.given {
+                    None if refinement.evidence.questions > 1 => Some(Calibration::shipped()?),
+                    _ => None,
+                };
+                let known = match (&self.given, &shipped) {
+                    (Some((name, calibration)), _) => Some((name.clone(), calibration)),
+                    (None, Some(shipped)) if shipped.is_of(config)? => {
+                        let source = shipped.source();
+                        let by = format!(
+                            "{} scenes of {} with {}",
+                            shipped.scenes().len(),
+                            source.data,
+                            source.prior
+                        );
+                        Some((by, shipped))
+                    }
+                    _ => None,
+                };
+                Some(match known {
+                    Some((by, calibration)) => Interval {
+                        probability,
+                        half_width: calibration.conformal()?.half_width(probability)? / factor,
+                        by,
+                    },
+                    None => {
+                        warnings.push(
+                            "--interval: no calibration is of these settings, so the interval is a normal distribution's; \
+                             mde calibrate makes one"
+                                .to_owned(),
+                        );
+                        let half_width = normal_half_width(probability)?;
+                        Interval { probability, half_width, by: "normal distribution".to_owned() }
+                    }
+                })
+            }
+        };
+        Ok(Stated { factor, interval, warnings })
+    }
+}
+
+impl Interval {
+    /// Its lower and upper ends; 0 and infinity where there is no depth.
+    pub(crate) fn bounds(&self, depth: &GaussianDepth) -> [Array2<f32>; 2] {
+        let sigma = depth.sigma();
+        [-1.0, 1.0].map(|side: f32| {
+            let mut end = sigma.mapv(|s| side * self.half_width as f32 * s);
+            end += &depth.mean();
+            end.mapv_inplace(|d| d.max(0.0));
+            end
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::array;
+
+    #[test]
+    fn an_interval_is_about_the_depth_and_not_below_zero() {
+        let depth = GaussianDepth::new(array![[2.0, 1.0, 0.0]], array![[0.25, 4.0, f32::INFINITY]]).unwrap();
+        let interval = Interval { probability: 0.9, half_width: 2.0, by: String::new() };
+        let [lower, upper] = interval.bounds(&depth);
+        assert_eq!(lower, array![[1.0, 0.0, 0.0]]);
+        assert_eq!(upper, array![[3.0, 5.0, f32::INFINITY]]);
+    }
+}

@@ -1,0 +1,72 @@
+//! Calibrations and intervals through the built program.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{Place, names};
+use mde_cli::Calibration;
+use mde_cli::mde_prior::format::{ReadOptions, read_depth};
+use ndarray::Array2;
+use serde_json::Value;
+use std::fs;
+
+fn map(place: &Place, path: &str) -> Array2<f32> {
+    read_depth(place.path(path), &ReadOptions::default()).unwrap()
+}
+
+fn record(place: &Place, folder: &str) -> Value {
+    serde_json::from_slice(&fs::read(place.path(folder).join("run.json")).unwrap()).unwrap()
+}
+
+const REFINE: &str = "refine image.png --prior-depth depth.npy --fov 60 --config tiny.toml";
+
+#[test]
+fn what_was_learned_scales_sigma_and_makes_the_interval() {
+    let place = Place::new();
+    let learn = "calibrate --dataset rooms --size 64x48 --limit 3 --simulated-model all -o learned";
+    let learned = place.mde(learn).assert().success();
+    assert!(String::from_utf8_lossy(&learned.get_output().stderr).contains("of scenes left out"));
+    for file in ["calibration.toml", "scenes.csv", "summary.json", "report.html"] {
+        assert!(names(&place.path("learned")).contains(&file.to_owned()), "{file}");
+    }
+    let calibration = Calibration::from_file(&place.path("learned/calibration.toml")).unwrap();
+    assert_eq!((calibration.scenes().len(), calibration.held_out().len()), (3, 4));
+
+    place.mde(&format!("{REFINE} -o plain")).assert().success();
+    let options = "--calibration learned/calibration.toml --interval 0.8";
+    let scaled = place.mde(&format!("{REFINE} {options} -o scaled")).assert().success();
+    assert!(String::from_utf8_lossy(&scaled.get_output().stderr).contains("other settings"));
+    let factor = calibration.conformal().unwrap().factor(0.9).unwrap() as f32;
+    let half_width = calibration.conformal().unwrap().half_width(0.8).unwrap() as f32;
+    let (depth, sigma) = (map(&place, "scaled/depth.npy"), map(&place, "scaled/sigma.npy"));
+    assert_eq!(depth, map(&place, "plain/depth.npy"));
+    let (lower, upper) = (map(&place, "scaled/lower.npy"), map(&place, "scaled/upper.npy"));
+    for (pixel, before) in map(&place, "plain/sigma.npy").indexed_iter() {
+        assert!((sigma[pixel] / before - factor).abs() < 1e-4 * factor);
+        let reach = half_width * before;
+        assert!((upper[pixel] - depth[pixel] - reach).abs() < 1e-4 * (depth[pixel] + reach));
+        assert!((lower[pixel] - (depth[pixel] - reach).max(0.0)).abs() < 1e-4 * (depth[pixel] + reach));
+    }
+    let record = record(&place, "scaled");
+    assert_eq!(record["error_bar"]["interval"]["probability"], 0.8);
+    assert_eq!(record["error_bar"]["interval"]["by"], "learned/calibration.toml");
+}
+
+#[test]
+fn an_interval_without_a_calibration_is_normal_and_says_so() {
+    let place = Place::new();
+    let told = place.mde(&format!("{REFINE} --interval 0.5 -o out")).assert().success();
+    assert!(String::from_utf8_lossy(&told.get_output().stderr).contains("normal distribution"));
+    let interval = record(&place, "out")["error_bar"]["interval"].clone();
+    assert!((interval["half_width"].as_f64().unwrap() - 0.674_489_75).abs() < 1e-6);
+    assert!(names(&place.path("out")).contains(&"lower.npy".to_owned()));
+}
+
+/// What sigma is made of is exported part by part.
+#[test]
+fn the_parts_of_sigma_are_files() {
+    let place = Place::new();
+    place.mde(&format!("{REFINE} --export sigma -o out")).assert().success();
+    assert_eq!(names(&place.path("out/sigma")), ["common.npy", "field.npy"]);
+    assert_eq!(map(&place, "out/sigma/field.npy").dim(), map(&place, "out/depth.npy").dim());
+}

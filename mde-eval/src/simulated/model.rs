@@ -1,0 +1,289 @@
+use super::{close, waves};
+use crate::{Error, Result};
+use mde_prior::{DepthKind, DepthPrior, PriorDepth};
+use ndarray::{Array2, Array3, ArrayView2, ArrayView3, s};
+use serde::{Deserialize, Serialize};
+
+/// What a [`SimulatedModel`] gets wrong.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct SimulatedModelConfig {
+    /// Sides of its answer, pixels: whatever it is asked about is seen at this size.
+    pub side: usize,
+    /// Things in front of a background that are narrower than this vanish, in pixels of its answer: it would see them in a crop.
+    pub lost_cells: f64,
+    /// Things that are narrower than this vanish from every answer, as a fraction of the photograph's width.
+    pub lost_width: f64,
+    /// Standard deviation of the logarithm of a low-frequency error that is the same in all answers.
+    pub shared_error: f64,
+    /// Standard deviation of the logarithm of a low-frequency error that each question has its own of.
+    pub own_error: f64,
+    /// Shortest wavelength of both, as a fraction of the width of what they bend.
+    pub wavelength: f64,
+    /// Seed of both.
+    pub seed: u64,
+}
+
+impl Default for SimulatedModelConfig {
+    /// All faults at once, as a small network has them.
+    fn default() -> Self {
+        Self {
+            side: 112,
+            lost_cells: 2.0,
+            lost_width: 0.01,
+            shared_error: 0.05,
+            own_error: 0.05,
+            wavelength: 0.4,
+            seed: 0,
+        }
+    }
+}
+
+impl SimulatedModelConfig {
+    /// No fault but that its answer is small.
+    pub fn small(side: usize) -> Self {
+        Self { side, lost_cells: 0.0, lost_width: 0.0, shared_error: 0.0, own_error: 0.0, ..Self::default() }
+    }
+
+    /// Checks the fields.
+    ///
+    /// # Errors
+    /// [`Error::Config`] names the field and what it must be.
+    pub fn validate(&self) -> Result<()> {
+        let error = |value: f64| (0.0..=1.0).contains(&value);
+        let checks = [
+            ("side", self.side as f64, (4..=4096).contains(&self.side), "between 4 and 4096"),
+            ("lost-cells", self.lost_cells, (0.0..=64.0).contains(&self.lost_cells), "between 0 and 64"),
+            ("lost-width", self.lost_width, (0.0..=0.25).contains(&self.lost_width), "between 0 and 0.25"),
+            ("shared-error", self.shared_error, error(self.shared_error), "between 0 and 1"),
+            ("own-error", self.own_error, error(self.own_error), "between 0 and 1"),
+            (
+                "wavelength",
+                self.wavelength,
+                self.wavelength >= 0.01 && self.wavelength.is_finite(),
+                "finite, from 0.01",
+            ),
+        ];
+        match checks.into_iter().find(|check| !check.2) {
+            None => Ok(()),
+            Some((field, value, _, expected)) => {
+                Err(Error::Config { field, value: value.to_string(), expected })
+            }
+        }
+    }
+}
+
+/// A model of one photograph whose true depth is known, which can be asked about its crops and mirror images.
+///
+/// It finds the crop in the photograph, and answers with the true depth as a network of [`side`](SimulatedModelConfig::side) pixels
+/// would see it: the harmonic mean over each cell, linear between cells, thin things lost, bent by waves of its own and by waves
+/// that all answers share. What a refinement that asks again can mend, and what it cannot, shows in which of these are left.
+///
+/// ```
+/// use mde_eval::ndarray::s;
+/// use mde_eval::scene::{Room, room};
+/// use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig};
+/// use mde_prior::DepthPrior;
+///
+/// let scene = room(Room::Study, 0, 80, 60)?;
+/// let model = SimulatedModel::new(&scene.image, &scene.depth, SimulatedModelConfig::small(20))?;
+/// let crop = model.predict(scene.image.slice(s![10..40, 20..60, ..]))?;
+/// assert_eq!(crop.map.dim(), (30, 40));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimulatedModel {
+    image: Array3<f32>,
+    disparity: Array2<f64>,
+    config: SimulatedModelConfig,
+}
+
+impl SimulatedModel {
+    /// A model that knows this photograph (`[height, width, 3]`) and its exact depth (`[height, width]`, positive everywhere).
+    ///
+    /// # Errors
+    /// [`Error::Config`]; [`Error::Shape`] for maps of two sizes; [`Error::Value`] for a depth that is missing.
+    pub fn new(image: &Array3<f32>, depth: &Array2<f32>, config: SimulatedModelConfig) -> Result<Self> {
+        config.validate()?;
+        let (height, width, _) = image.dim();
+        if depth.dim() != (height, width) {
+            let found = [depth.nrows(), depth.ncols()];
+            return Err(Error::Shape { what: "the depth", found, expected: [height, width] });
+        }
+        if let Some((index, z)) = depth.iter().enumerate().find(|(_, z)| !(**z > 0.0 && z.is_finite())) {
+            let (what, value) = ("the depth", f64::from(*z));
+            return Err(Error::Value { what, index, value, expected: "positive and finite everywhere" });
+        }
+        let radius = (0.5 * config.lost_width * width as f64).round() as usize;
+        let bend = waves(depth.dim(), config.wavelength, ("simulated-model", config.seed, 0));
+        let kept = close(depth, &Array2::from_elem(depth.dim(), true), radius);
+        let disparity =
+            ndarray::Zip::from(&kept).and(&bend).map_collect(|&z, &f| (-config.shared_error * f).exp() / z);
+        Ok(Self { image: image.clone(), disparity, config })
+    }
+
+    /// Top row, left column and whether it is mirrored, of a picture in the photograph.
+    fn find(&self, picture: ArrayView3<'_, f32>) -> Option<(usize, usize, bool)> {
+        let (height, width, _) = picture.dim();
+        let (rows, columns, _) = self.image.dim();
+        if height == 0 || width == 0 || height > rows || width > columns {
+            return None;
+        }
+        let mirrored = picture.slice(s![.., ..;-1, ..]);
+        for y in 0..=rows - height {
+            for x in 0..=columns - width {
+                let window = self.image.slice(s![y..y + height, x..x + width, ..]);
+                // A whole comparison ends at its first difference, nearly always in its first row.
+                if window == picture {
+                    return Some((y, x, false));
+                }
+                if window == mirrored {
+                    return Some((y, x, true));
+                }
+            }
+        }
+        None
+    }
+
+    /// The disparity of a part of the photograph, as the network sees it.
+    fn seen(&self, part: ArrayView2<'_, f64>, question: u64) -> Array2<f64> {
+        let SimulatedModelConfig { side, lost_cells, own_error, wavelength, seed, .. } = self.config;
+        let cells = (side.min(part.nrows()), side.min(part.ncols()));
+        let mut small = shrunk(part, cells);
+        let radius = (0.5 * lost_cells).round() as usize;
+        if radius > 0 {
+            let known = Array2::from_elem(cells, true);
+            small = close(&small.mapv(|d| d.recip() as f32), &known, radius).mapv(f64::recip);
+        }
+        if own_error > 0.0 {
+            let bend = waves(cells, wavelength, ("simulated-question", seed, question));
+            small.zip_mut_with(&bend, |d, f| *d *= (-own_error * f).exp());
+        }
+        grown(small.view(), part.dim())
+    }
+}
+
+impl DepthPrior for SimulatedModel {
+    /// # Errors
+    /// [`mde_prior::Error::Input`] for a picture that is neither a part of the photograph nor the mirror image of one.
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        let Some((y, x, mirrored)) = self.find(image) else {
+            return Err(mde_prior::Error::Input(
+                "the simulated model knows one photograph; ask about its crops and their mirror images"
+                    .to_owned(),
+            ));
+        };
+        let (height, width, _) = image.dim();
+        let place = [y, x, height, width, usize::from(mirrored)];
+        let question =
+            place.iter().fold(0, |hash: u64, &part| hash.wrapping_mul(0x1_0001).wrapping_add(part as u64));
+        let mut seen = self.seen(self.disparity.slice(s![y..y + height, x..x + width]), question);
+        if mirrored {
+            seen.invert_axis(ndarray::Axis(1));
+        }
+        PriorDepth::from_values(seen.mapv(|d| d.recip() as f32), DepthKind::Metric)
+    }
+}
+
+/// The mean over each of `cells` by `cells` parts.
+fn shrunk(map: ArrayView2<'_, f64>, (rows, columns): (usize, usize)) -> Array2<f64> {
+    let (height, width) = map.dim();
+    // A pixel that is cut counts for both: cells are much larger than pixels where that matters.
+    let part = |index: usize, parts: usize, length: usize| {
+        index * length / parts..((index + 1) * length).div_ceil(parts)
+    };
+    Array2::from_shape_fn((rows, columns), |(r, c)| {
+        map.slice(s![part(r, rows, height), part(c, columns, width)]).mean().unwrap_or(0.0)
+    })
+}
+
+/// Bilinear between the cells' middles, flat beyond the outer ones.
+fn grown(small: ArrayView2<'_, f64>, (height, width): (usize, usize)) -> Array2<f64> {
+    let place = |index: usize, cells: usize, length: usize| {
+        let at = ((index as f64 + 0.5) * cells as f64 / length as f64 - 0.5).clamp(0.0, cells as f64 - 1.0);
+        (at as usize, (at as usize + 1).min(cells - 1), at.fract())
+    };
+    Array2::from_shape_fn((height, width), |(y, x)| {
+        let (top, bottom, down) = place(y, small.nrows(), height);
+        let (left, right, along) = place(x, small.ncols(), width);
+        let row = |r: usize| small[(r, left)] + along * (small[(r, right)] - small[(r, left)]);
+        row(top) + down * (row(bottom) - row(top))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Room, room};
+
+    fn model(config: SimulatedModelConfig) -> (SimulatedModel, Array3<f32>, Array2<f32>) {
+        let scene = room(Room::Study, 1, 80, 60).unwrap();
+        (SimulatedModel::new(&scene.image, &scene.depth, config).unwrap(), scene.image, scene.depth)
+    }
+
+    fn error(answer: &PriorDepth, truth: ArrayView2<'_, f32>) -> f32 {
+        let logs = answer.map.iter().zip(truth).map(|(a, t)| (a / t).ln().abs());
+        logs.sum::<f32>() / answer.map.len() as f32
+    }
+
+    #[test]
+    fn at_full_size_and_without_faults_it_tells_the_truth_of_every_crop() {
+        let (model, image, depth) = model(SimulatedModelConfig::small(4096));
+        for (rows, columns) in [(0..60, 0..80), (7..31, 22..70)] {
+            let picture = image.slice(s![rows.clone(), columns.clone(), ..]);
+            let truth = depth.slice(s![rows, columns]);
+            assert!(error(&model.predict(picture).unwrap(), truth) < 1e-6);
+            let mirrored = model.predict(picture.slice(s![.., ..;-1, ..])).unwrap();
+            assert!(error(&mirrored, truth.slice(s![.., ..;-1])) < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_crop_is_seen_more_sharply_than_the_whole() {
+        let (model, image, depth) = model(SimulatedModelConfig::small(15));
+        let whole = model.predict(image.view()).unwrap();
+        let part = s![10..40, 20..60];
+        let crop = model.predict(image.slice(s![10..40, 20..60, ..])).unwrap();
+        let of_whole = PriorDepth::from_values(whole.map.slice(part).to_owned(), DepthKind::Metric).unwrap();
+        let truth = depth.slice(part);
+        assert!(error(&crop, truth) < 0.8 * error(&of_whole, truth));
+    }
+
+    #[test]
+    fn own_errors_differ_between_questions_and_shared_ones_do_not() {
+        let faults = |shared_error, own_error| {
+            let config =
+                SimulatedModelConfig { shared_error, own_error, ..SimulatedModelConfig::small(4096) };
+            let (model, image, depth) = model(config);
+            let bend = |answer: PriorDepth, truth: &Array2<f32>| (answer.map / truth).mapv(f32::ln);
+            let straight = bend(model.predict(image.view()).unwrap(), &depth);
+            let mirror = bend(
+                model.predict(image.slice(s![.., ..;-1, ..])).unwrap(),
+                &depth.slice(s![.., ..;-1]).to_owned(),
+            );
+            let apart = &straight - &mirror.slice(s![.., ..;-1]);
+            [straight, apart].map(|map| map.mapv(|v| v * v).mean().unwrap().sqrt())
+        };
+        let [size, apart] = faults(0.05, 0.0);
+        assert!((size - 0.05).abs() < 0.01 && apart < 1e-5, "{size} {apart}");
+        let [size, apart] = faults(0.0, 0.05);
+        assert!((size - 0.05).abs() < 0.01 && apart > 0.03, "{size} {apart}");
+    }
+
+    #[test]
+    fn what_it_does_not_know_is_refused() {
+        let (model, image, depth) = model(SimulatedModelConfig::default());
+        assert!(model.predict(Array3::from_elem((20, 20, 3), 2.0).view()).is_err());
+        assert!(model.predict(Array3::zeros((100, 100, 3)).view()).is_err());
+        let mut hole = depth.clone();
+        hole[(3, 4)] = 0.0;
+        let config = SimulatedModelConfig::default;
+        assert!(SimulatedModel::new(&image, &hole, config()).is_err());
+        assert!(SimulatedModel::new(&image, &Array2::ones((3, 3)), config()).is_err());
+        let bad = SimulatedModelConfig { own_error: f64::NAN, ..config() };
+        assert!(matches!(
+            SimulatedModel::new(&image, &depth, bad),
+            Err(Error::Config { field: "own-error", .. })
+        ));
+    }
+}
