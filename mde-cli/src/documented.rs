@@ -3,7 +3,7 @@
 use crate::args::{Cli, Command as Subcommand};
 use crate::evaluation::ablation;
 use crate::evaluation::method::Method;
-use clap::error::ErrorKind;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Command, CommandFactory, Parser};
 use mde_cli::{Config, Preset};
 use std::collections::BTreeSet;
@@ -120,9 +120,28 @@ fn examples(command: &Command) -> Vec<String> {
     own.chain(command.get_subcommands().flat_map(examples)).collect()
 }
 
+/// Parses, with the first of the possible values where a word in capitals stands for any of them.
+fn parse(words: &[String]) -> clap::error::Result<Cli> {
+    let error = match Cli::try_parse_from(words) {
+        Err(error) if error.kind() == ErrorKind::InvalidValue => error,
+        result => return result,
+    };
+    let (Some(ContextValue::String(wrong)), Some(ContextValue::Strings(possible))) =
+        (error.get(ContextKind::InvalidValue), error.get(ContextKind::ValidValue))
+    else {
+        return Err(error);
+    };
+    match possible.first() {
+        Some(first) if wrong.len() > 2 && wrong.chars().all(|letter| letter.is_ascii_uppercase()) => parse(
+            &words.iter().map(|word| if word == wrong { first } else { word }.clone()).collect::<Vec<_>>(),
+        ),
+        _ => Err(error),
+    }
+}
+
 /// Also what the parser leaves to the command: names of methods and rows.
 fn check(words: &[String]) -> Result<(), String> {
-    let cli = Cli::try_parse_from(words).map_err(|error| error.to_string())?;
+    let cli = parse(words).map_err(|error| error.to_string())?;
     match cli.command {
         Subcommand::Eval(args) => {
             for name in args.methods.iter().filter(|name| !name.ends_with(".toml")) {
@@ -180,13 +199,14 @@ fn commands_and_options_in_the_prose_exist() {
     for (path, text) in documents() {
         for paragraph in split(&text).1 {
             for span in paragraph.split('`').skip(1).step_by(2) {
-                let words: Vec<_> = span.split_whitespace().map(str::to_owned).collect();
+                let words = span.split_whitespace().filter(|word| *word != "...").map(str::to_owned);
+                let words: Vec<_> = words.collect();
                 let place = || format!("{}: {span}", path.display());
                 if words.first().is_some_and(|word| word == "mde") && words.len() > 1 {
                     known += 1;
                     // Prose names a command without what it needs.
                     let lacks = [ErrorKind::MissingRequiredArgument, ErrorKind::DisplayHelp];
-                    if let Err(error) = Cli::try_parse_from(&words) {
+                    if let Err(error) = parse(&words) {
                         assert!(lacks.contains(&error.kind()), "{}\n{error}", place());
                     }
                 } else if words.first().is_some_and(|word| word.starts_with("--")) {
@@ -259,6 +279,8 @@ fn scripts_are_taken_apart() {
     assert!(check(&words("mde eval --dataset rooms --methods jfb -o out")).is_err());
     assert!(check(&words("mde ablate --dataset rooms --rows no-varience -o out")).is_err());
     assert!(check(&words("mde demo --sized 64x48 -o out")).is_err());
+    assert!(check(&words("mde demo --preset PRESET -o out")).is_ok());
+    assert!(check(&words("mde demo --preset fats -o out")).is_err());
     let (blocks, prose) = split("a `b\nc`\n\n```sh\nd\n```\ne\n");
     assert_eq!((blocks.len(), prose.len(), prose[0].as_str()), (1, 2, "a `b c` "));
 }
