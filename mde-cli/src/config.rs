@@ -1,6 +1,6 @@
 //! One configuration for a whole run, with its defaults in one place: [`Preset`](crate::Preset).
 
-use crate::evidence::SigmaConfig;
+use crate::sigma::SigmaConfig;
 use crate::{Error, Result};
 use mde_fusion::gmrf::{GradientConfig, GradientFuser};
 use mde_fusion::{BayesFuser, Fuser, FusionConfig};

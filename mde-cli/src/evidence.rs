@@ -1,58 +1,18 @@
 //! The prior's stage (III.B): what the model says, asked once or many times, and how sure that is.
 
 use crate::config::Config;
-use crate::pipeline::known;
+use crate::sigma::SigmaConfig;
 use crate::{Error, Result};
 use mde_prior::{DepthPrior, Evidence};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
 use ndarray::{Array2, ArrayView2, ArrayView3, Zip};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use std::ops::ControlFlow;
 
 /// Standard deviation of the window in which a view's answer takes the gauge of its warp, as a share of the sides: the widest that
 /// the levels of crops use.
 const GAUGE_WINDOW: f64 = 6.0 / 28.0;
-
-/// How sure the evidence is: the variance of a pixel as a share of its squared depth,
-///
-/// \\[ \frac{\sigma^2}{z^2} = G * \Bigl(k_s^2 s^2 + k_d^2 \ln^2\frac{z}{z_o}\Bigr) + \sigma_c^2, \\]
-///
-/// with \\(s\\) the spread of the hypotheses, \\(z_o\\) the model's first answer, \\(G\\) a Gaussian blur, and
-/// \\(\sigma_c\\) the error that all hypotheses share ([`mde_fusion::FusionConfig::common_error`]).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
-pub struct SigmaConfig {
-    /// \\(k_s\\), 0 or more.
-    pub spread: f64,
-    /// \\(k_d\\), 0 or more.
-    pub disagreement: f64,
-    /// Standard deviation of the blur as a share of the picture's width.
-    pub blur: f64,
-}
-
-impl Default for SigmaConfig {
-    fn default() -> Self {
-        Self { spread: 1.2, disagreement: 0.6, blur: 0.025 }
-    }
-}
-
-impl SigmaConfig {
-    pub(crate) fn validate(&self) -> Result<()> {
-        let fields = [
-            ("spread", self.spread, 100.0),
-            ("disagreement", self.disagreement, 100.0),
-            ("blur", self.blur, 0.25),
-        ];
-        for (name, value, most) in fields {
-            if !(0.0..=most).contains(&value) {
-                let reason = format!("sigma.{name} is {value}; give 0 to {most}");
-                return Err(Error::Config { origin: "config".into(), reason });
-            }
-        }
-        Ok(())
-    }
-}
 
 /// What the prior's stage gave.
 #[derive(Debug, Clone, PartialEq)]
@@ -143,6 +103,12 @@ pub(crate) fn of_view(
         Zip::from(map).and(&view.mask).map_collect(|&value, &seen| if seen { value } else { missing })
     };
     Ok(Some(GaussianDepth::new(unseen(&depth, 0.0), unseen(&variance, f32::INFINITY))?))
+}
+
+/// A map of depths (0: missing) as a Gaussian depth whose variance is not known yet (0).
+pub fn known(depth: Array2<f32>) -> Result<GaussianDepth> {
+    let variance = depth.mapv(|d| if d > 0.0 { 0.0 } else { f32::INFINITY });
+    Ok(GaussianDepth::new(depth, variance)?)
 }
 
 /// The parts of sigma, and the variance that they make without the common error. The report hears of their medians.

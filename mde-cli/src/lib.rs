@@ -40,17 +40,19 @@ pub mod pipeline;
 mod presets;
 pub mod refiner;
 mod report;
+mod sigma;
 
 pub use calibration::{Calibration, CalibrationSource, HeldOut};
 pub use config::Config;
 pub use control::{AveragedField, FilteredField};
 pub use error::{Error, Result};
-pub use evidence::{Component, EvidenceReport, SigmaConfig};
+pub use evidence::{Component, EvidenceReport};
 pub use intrinsics::Intrinsics;
 pub use pipeline::{Checkpoint, Event, Refinement, Stage, Stages, refine, resume};
 pub use presets::Preset;
 pub use refiner::{FieldMemory, LoopRefiner};
 pub use report::{IterationReport, StageSeconds, WarpReport};
+pub use sigma::SigmaConfig;
 pub use {mde_eval, mde_fusion, mde_nerf, mde_prior, mde_uncertainty, mde_warp};
 pub use {nalgebra, ndarray};
 

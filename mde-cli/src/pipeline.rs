@@ -4,6 +4,7 @@
 
 use crate::config::{Config, FieldUse, IterationPrior};
 use crate::error::{LEAST, MOST};
+pub use crate::evidence::known;
 use crate::evidence::{Component, EvidenceReport, Start, of_view, start};
 use crate::report::{IterationReport, WarpReport};
 use crate::{Error, Result};
@@ -332,12 +333,6 @@ impl Run<'_, '_> {
         }
         Ok(evidence)
     }
-}
-
-/// A map of depths (0: missing) as a Gaussian depth whose variance is not known yet (0).
-pub fn known(depth: Array2<f32>) -> Result<GaussianDepth> {
-    let variance = depth.mapv(|d| if d > 0.0 { 0.0 } else { f32::INFINITY });
-    Ok(GaussianDepth::new(depth, variance)?)
 }
 
 /// The depth with an error that no answer shows, as a share of it.
