@@ -102,7 +102,7 @@ pub enum Posterior {
     /// Each pixel by itself (Eq. 16-17).
     #[default]
     Pixels,
-    /// The prior's depths with the field's steps between neighbours ([`GradientFuser`](mde_fusion::gmrf::GradientFuser)).
+    /// The prior's depths with the field's steps between neighbours ([`GradientFuser`]).
     Gradients,
 }
 
