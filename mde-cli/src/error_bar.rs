@@ -58,46 +58,32 @@ impl ErrorBar {
             refinement.depth =
                 depth.map(|mean, variance| (mean, (variance * squared).max(f32::MIN_POSITIVE)));
         }
-        let interval = match self.probability {
-            None => None,
-            Some(probability) => {
-                let shipped = match &self.given {
-                    None if refinement.evidence.questions > 1 => Some(Calibration::shipped()?),
-                    _ => None,
-                };
-                let known = match (&self.given, &shipped) {
-                    (Some((name, calibration)), _) => Some((name.clone(), calibration)),
-                    (None, Some(shipped)) if shipped.is_of(config)? => {
-                        let source = shipped.source();
-                        let by = format!(
-                            "{} scenes of {} with {}",
-                            shipped.scenes().len(),
-                            source.data,
-                            source.prior
-                        );
-                        Some((by, shipped))
-                    }
-                    _ => None,
-                };
-                Some(match known {
-                    Some((by, calibration)) => Interval {
-                        probability,
-                        half_width: calibration.conformal()?.half_width(probability)? / factor,
-                        by,
-                    },
-                    None => {
-                        warnings.push(
-                            "--interval: no calibration is of these settings, so the interval is a normal distribution's; \
-                             mde calibrate makes one"
-                                .to_owned(),
-                        );
-                        let half_width = normal_half_width(probability)?;
-                        Interval { probability, half_width, by: "normal distribution".to_owned() }
-                    }
-                })
+        let Some(probability) = self.probability else {
+            return Ok(Stated { factor, interval: None, warnings });
+        };
+        let (half_width, by) = match self.calibration(refinement, config)? {
+            Some((by, calibration)) => (calibration.conformal()?.half_width(probability)? / factor, by),
+            None => {
+                let told = "no calibration is of these settings, so the interval is a normal distribution's";
+                warnings.push(format!("--interval: {told}; mde calibrate makes one"));
+                (normal_half_width(probability)?, "normal distribution".to_owned())
             }
         };
-        Ok(Stated { factor, interval, warnings })
+        Ok(Stated { factor, interval: Some(Interval { probability, half_width, by }), warnings })
+    }
+
+    /// The calibration of the interval with a name for it: the given one, else the program's own where it is of this run.
+    fn calibration(&self, refinement: &Refinement, config: &Config) -> Result<Option<(String, Calibration)>> {
+        if let Some(given) = &self.given {
+            return Ok(Some(given.clone()));
+        }
+        let shipped = Calibration::shipped()?;
+        if refinement.evidence.questions == 1 || !shipped.is_of(config)? {
+            return Ok(None);
+        }
+        let (scenes, source) = (shipped.scenes().len(), shipped.source());
+        let by = format!("{scenes} scenes of {} with {}", source.data, source.prior);
+        Ok(Some((by, shipped)))
     }
 }
 

@@ -31,7 +31,9 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         .collect();
     let [data, prior, alignment] = setup.titles();
     let path = setup.folder().join(FILE);
-    if !scenes.is_empty() {
+    // An earlier calibration in this folder is not what was learned now.
+    let learned = !scenes.is_empty();
+    if learned {
         let source = CalibrationSource { method: name, data, prior, alignment };
         let calibration = Calibration::learn(source, &config, scenes)?;
         mde_prior::write_atomic(&path, calibration.to_toml()?.as_bytes())
@@ -48,9 +50,8 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
             ));
         }
     }
-    let learned = !entries.is_empty();
     results::finish(setup.results(PRIOR, entries, failures), setup.folder(), &mut progress)
         .inspect_err(|_| setup.discard_if_empty())?;
-    ensure!(learned && path.is_file(), "no scene had an uncertainty, so nothing was learned");
+    ensure!(learned, "no scene had an uncertainty, so nothing was learned");
     Ok(())
 }
