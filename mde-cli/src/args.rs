@@ -408,6 +408,9 @@ pub(crate) struct ExportArgs {
     /// Files for other programs too, separated by commas
     #[arg(long, value_enum, value_name = "FORMATS", value_delimiter = ',')]
     pub(crate) export: Vec<ExportName>,
+    /// Write the run as a recording for rerun's viewer too (in programs built with the feature rerun)
+    #[arg(long, value_name = "FILE.rrd")]
+    pub(crate) rerun: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -10,19 +10,21 @@ use crate::gain;
 use crate::output::{OutputFolder, RECORD};
 use crate::preview::{Preview, preview};
 use crate::prior::{NamedPrior, PriorOrigin, Timed};
-use crate::progress::Progress;
+use crate::progress::{Progress, TrainingCurve};
 use crate::provenance::write_json;
+use crate::recording::Recording;
 use crate::report_html;
 use crate::run_record::{About, RunRecord};
 use crate::truth::Truth;
 use anyhow::Result;
 use mde_cli::config::Consensus;
-use mde_cli::{AveragedField, Config, Event, Preset, Refinement, Stages, resume};
+use mde_cli::{AveragedField, Component, Config, Event, Preset, Refinement, Stages, resume};
 use mde_nerf::Nerf;
 use mde_prior::DepthKind;
 use mde_prior::format::{write_npy, write_png16};
 use mde_prior::photo::{write_image, write_rgb_png};
-use ndarray::Array3;
+use mde_uncertainty::GaussianDepth;
+use ndarray::{Array2, Array3};
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
@@ -45,6 +47,8 @@ pub(crate) struct Job {
     pub(crate) error_bar: ErrorBar,
     /// Files for other programs.
     pub(crate) export: Vec<ExportName>,
+    /// What a viewer is to show.
+    pub(crate) recording: Option<Recording>,
 }
 
 /// Unit of the depth that a prior of this kind leads to.
@@ -62,12 +66,17 @@ impl Job {
         let nerf = self.config.nerf.clone();
         let seed = self.config.seed;
         let mut field = |iteration: usize| -> mde_cli::Result<Box<dyn mde_nerf::RadianceField>> {
-            if self.config.refinement.consensus == Consensus::Average {
-                return Ok(Box::new(AveragedField::default()));
-            }
-            let field = SharedNerf::new(Nerf::new(nerf.clone(), seed.wrapping_add(iteration as u64))?);
-            kept = Some(field.clone());
-            Ok(Box::new(field))
+            let field: Box<dyn mde_nerf::RadianceField> = match self.config.refinement.consensus {
+                Consensus::Average => Box::new(AveragedField::default()),
+                Consensus::Field => {
+                    let nerf = Nerf::new(nerf.clone(), seed.wrapping_add(iteration as u64))?;
+                    Box::new(kept.insert(SharedNerf::new(nerf)).clone())
+                }
+            };
+            Ok(match &self.recording {
+                Some(recording) => recording.watch(iteration + 1, field),
+                None => field,
+            })
         };
         let fuser = self.config.fuser()?;
         let prior = Timed::new(&*self.prior.prior);
@@ -76,12 +85,21 @@ impl Job {
         let from = self.checkpoints.as_ref().and_then(|kept| kept.latest(self.config.refinement.iterations));
         if let Some(from) = &from {
             progress.step(&format!("goes on after iteration {}", from.iterations.len()));
-        }
-        let mut keep = |state: &mde_cli::Checkpoint| match &self.checkpoints {
-            Some(checkpoints) => {
-                checkpoints.keep(state).map_err(|e| mde_cli::Error::Keep(crate::message(&e)))
+            if let Some(recording) = &self.recording {
+                from.iterations.iter().for_each(|iteration| recording.fitted(iteration.fit.steps));
             }
-            None => Ok(()),
+        }
+        let mut keep = |state: &mde_cli::Checkpoint| {
+            if let Some(recording) = &self.recording {
+                recording.depth(state.iterations.len(), &self.scene(&state.depth, &state.prior, &[]));
+                recording.sigma(state.iterations.len(), &state.depth);
+            }
+            match &self.checkpoints {
+                Some(checkpoints) => {
+                    checkpoints.keep(state).map_err(|e| mde_cli::Error::Keep(crate::message(&e)))
+                }
+                None => Ok(()),
+            }
         };
         let mut observe = |event: &Event| progress.observe(event);
         let mut refinement =
@@ -149,6 +167,9 @@ impl Job {
         if let Some(checkpoints) = &self.checkpoints {
             checkpoints.discard();
         }
+        if let Some(recording) = &self.recording {
+            self.record(recording, &refinement, progress.training())?;
+        }
         let gained = gain::summary(&refinement, unit(self.prior.origin.kind));
         let report = folder.path().join(report_html::FILE);
         let text = format!(
@@ -161,15 +182,42 @@ impl Job {
         Ok(())
     }
 
-    fn export(&self, folder: &Path, refinement: &Refinement) -> Result<()> {
-        let scene = Exported {
+    fn scene<'s>(
+        &'s self,
+        depth: &'s GaussianDepth,
+        prior: &'s Array2<f32>,
+        components: &'s [Component],
+    ) -> Exported<'s> {
+        Exported {
             image: self.image.view(),
             camera: &self.camera.camera,
-            depth: &refinement.depth,
-            prior: refinement.prior.view(),
-            components: &refinement.components,
-        };
+            depth,
+            prior: prior.view(),
+            components,
+        }
+    }
+
+    fn export(&self, folder: &Path, refinement: &Refinement) -> Result<()> {
+        let scene = self.scene(&refinement.depth, &refinement.prior, &refinement.components);
         self.export.iter().try_for_each(|format| scene.write(*format, folder))
+    }
+
+    /// The beginning, the end and the accounts; what lies between was recorded on the way.
+    fn record(
+        &self,
+        recording: &Recording,
+        refinement: &Refinement,
+        training: &[TrainingCurve],
+    ) -> Result<()> {
+        let Refinement { depth, prior, iterations, .. } = refinement;
+        let last = iterations.len().max(1);
+        let known = prior.mapv(|z| if z > 0.0 { 1.0 } else { f32::INFINITY });
+        let before = GaussianDepth::new(prior.clone(), known)?;
+        recording.inputs(&self.input, &self.scene(&before, prior, &[]), &self.config.to_toml()?);
+        recording.depth(last, &self.scene(depth, prior, &[]));
+        recording.sigma(last, depth);
+        recording.reports(iterations, training);
+        recording.save()
     }
 
     fn write_interval(&self, folder: &Path, refinement: &Refinement, stated: &Stated) -> Result<()> {

@@ -20,6 +20,7 @@ mod preview;
 mod prior;
 mod progress;
 mod provenance;
+mod recording;
 mod report_html;
 mod run_record;
 mod size;

@@ -25,23 +25,12 @@ impl OutputFolder {
         );
         let folder = Self { target: target.to_owned(), force };
         folder.check_target()?;
-        let ancestor = folder.parent().ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
-        ensure!(ancestor.is_dir(), "{}: is no folder; give another place to -o", ancestor.display());
-        tempfile::tempfile_in(ancestor).with_context(|| {
-            format!("{}: can't write there; give another place to -o", ancestor.display())
-        })?;
+        check_place("-o", parent(target))?;
         Ok(folder)
     }
 
     pub(crate) fn path(&self) -> &Path {
         &self.target
-    }
-
-    fn parent(&self) -> &Path {
-        match self.target.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => parent,
-            _ => Path::new("."),
-        }
     }
 
     fn check_target(&self) -> Result<()> {
@@ -59,7 +48,7 @@ impl OutputFolder {
 
     /// Lets `fill` write into a temporary sibling, and puts that in place.
     pub(crate) fn write(&self, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
-        let parent = self.parent();
+        let parent = parent(&self.target);
         fs::create_dir_all(parent)
             .with_context(|| format!("{}: can't make this folder", parent.display()))?;
         let temporary = temporary_folder(parent)?;
@@ -90,7 +79,7 @@ impl OutputFolder {
                 return fs::remove_dir_all(temporary).with_context(name);
             }
         }
-        let old = builder().tempdir_in(self.parent()).with_context(name)?;
+        let old = builder().tempdir_in(parent(&self.target)).with_context(name)?;
         let aside = old.path().join("old");
         fs::rename(&self.target, &aside).with_context(name)?;
         fs::rename(temporary, &self.target)
@@ -98,6 +87,35 @@ impl OutputFolder {
                 let _ = fs::rename(&aside, &self.target);
             })
             .with_context(name)
+    }
+}
+
+/// Refuses a file of `flag` that could not be written at the end; creates nothing.
+#[cfg(feature = "rerun")]
+pub(crate) fn check_new_file(flag: &str, path: &Path, force: bool) -> Result<()> {
+    let name = path.display();
+    ensure!(!path.is_dir(), "{flag} {name}: is a folder; give a file's name");
+    ensure!(
+        force || !path.exists(),
+        "{flag} {name}: the file exists; give another name, or --force to replace it"
+    );
+    check_place(flag, parent(path))
+}
+
+/// Whether a folder, or the first above it that is there, can be written to.
+fn check_place(flag: &str, folder: &Path) -> Result<()> {
+    let ancestor = folder.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
+    ensure!(ancestor.is_dir(), "{}: is no folder; give another place to {flag}", ancestor.display());
+    tempfile::tempfile_in(ancestor).with_context(|| {
+        format!("{}: can't write there; give another place to {flag}", ancestor.display())
+    })?;
+    Ok(())
+}
+
+fn parent(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
     }
 }
 

@@ -22,10 +22,10 @@ enum Mode {
 /// How a fit went on, one entry an event.
 #[derive(Debug, Default, Serialize)]
 pub(crate) struct TrainingCurve {
-    step: Vec<usize>,
-    loss: Vec<f64>,
+    pub(crate) step: Vec<usize>,
+    pub(crate) loss: Vec<f64>,
     /// Of the training rays, dB.
-    psnr: Vec<f64>,
+    pub(crate) psnr: Vec<f64>,
 }
 
 /// Tells the user of a run.

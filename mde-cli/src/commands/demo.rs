@@ -6,6 +6,7 @@ use crate::opened::{settings, use_threads};
 use crate::output::OutputFolder;
 use crate::prior::{NamedPrior, PriorOrigin};
 use crate::progress::Progress;
+use crate::recording;
 use crate::size::check_memory;
 use crate::truth::Truth;
 use anyhow::Result;
@@ -18,6 +19,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output, args.run.force)?;
+    let recording = recording::open(&args.export, args.run.force)?;
     let (preset, mut config) = settings(&args.settings)?;
     let [width, height] = args.size;
     check_memory(&args.memory, "--size", (height, width), |pixels| refine_bytes(pixels, &config))?;
@@ -43,6 +45,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         checkpoints: None,
         error_bar: ErrorBar::open(&args.error_bar)?,
         export: args.export.export.clone(),
+        recording,
     };
     job.run(&folder, &mut progress)
 }

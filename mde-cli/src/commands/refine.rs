@@ -8,6 +8,7 @@ use crate::output::OutputFolder;
 use crate::prior::NamedPrior;
 use crate::progress::Progress;
 use crate::provenance::versions;
+use crate::recording;
 use crate::truth::Truth;
 use anyhow::{Context, Result};
 use mde_cli::Config;
@@ -17,6 +18,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output, args.run.force)?;
+    let recording = recording::open(&args.export, args.run.force)?;
     let (preset, config) = settings(&args.settings)?;
     let opened = open_image(&args.image, &args.size, &config, &mut progress)?;
     let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
@@ -40,6 +42,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         checkpoints,
         error_bar: ErrorBar::open(&args.error_bar)?,
         export: args.export.export.clone(),
+        recording,
         image: opened.photo.pixels,
     };
     job.run(&folder, &mut progress)

@@ -53,7 +53,7 @@ impl Exported<'_> {
     }
 
     /// The pixel's point, where its depth is known.
-    fn point(&self, row: usize, column: usize) -> Option<Point3<f64>> {
+    pub(crate) fn point(&self, row: usize, column: usize) -> Option<Point3<f64>> {
         let z = f64::from(*self.depth.mean().get((row, column))?);
         let camera = self.camera;
         let known = z > 0.0 && self.depth.variance()[(row, column)].is_finite();
@@ -66,7 +66,7 @@ impl Exported<'_> {
         })
     }
 
-    fn colour(&self, row: usize, column: usize) -> [u8; 3] {
+    pub(crate) fn colour(&self, row: usize, column: usize) -> [u8; 3] {
         [0, 1, 2].map(|c| (self.image[(row, column, c)].clamp(0.0, 1.0) * 255.0).round() as u8)
     }
 }

@@ -1,0 +1,29 @@
+//! A field whose training views are recorded.
+
+use super::Recording;
+use mde_nerf::{FitReport, Observer, RadianceField, RenderedView, Result};
+use mde_warp::{PinholeCamera, Pose, PosedView};
+
+pub(super) struct Watched {
+    pub(super) field: Box<dyn RadianceField>,
+    pub(super) iteration: usize,
+    pub(super) recording: Recording,
+}
+
+impl RadianceField for Watched {
+    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> Result<FitReport> {
+        self.recording.views(self.iteration, views);
+        let report = self.field.fit(views, observer)?;
+        self.recording.fitted(report.steps);
+        Ok(report)
+    }
+
+    fn render(
+        &self,
+        camera: &PinholeCamera,
+        pose: &Pose,
+        observer: &mut dyn Observer,
+    ) -> Result<RenderedView> {
+        self.field.render(camera, pose, observer)
+    }
+}
