@@ -24,6 +24,7 @@ mod recording;
 mod report_html;
 mod run_record;
 mod size;
+mod terminal;
 mod truth;
 
 use clap::Parser;

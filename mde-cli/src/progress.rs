@@ -2,6 +2,7 @@
 
 use crate::args::RunArgs;
 use crate::interrupt;
+use crate::terminal::{columns, fitted, wrapped};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use mde_cli::{Event, Stage};
 use mde_nerf::Event as FieldEvent;
@@ -106,9 +107,7 @@ impl Progress {
             Mode::Quiet => {}
             Mode::Json => self.json(value),
             // A reader that went away needs no answer.
-            Mode::Lines | Mode::Bars => {
-                drop(writeln!(io::stdout().lock(), "{}", wrapped(text, columns(), 2)))
-            }
+            Mode::Lines | Mode::Bars => drop(writeln!(io::stdout().lock(), "{}", fitted(text, columns()))),
         }
     }
 
@@ -252,36 +251,6 @@ impl Progress {
     }
 }
 
-/// Columns of the terminal that results are written to; elsewhere lines are as long as they are.
-pub(crate) fn columns() -> usize {
-    if io::stdout().is_terminal() { usize::from(console::Term::stdout().size().1) } else { usize::MAX }
-}
-
-/// Breaks the lines that are longer than `columns` between words, and indents what follows; tables stay as they are.
-pub(crate) fn wrapped(text: &str, columns: usize, indent: usize) -> String {
-    let broken = |line: &str| {
-        if line.chars().count() <= columns || line.starts_with('|') || columns < 2 * indent {
-            return line.to_owned();
-        }
-        let mut lines = vec![String::new()];
-        for word in line.split_inclusive(' ') {
-            let used = lines.last().map_or(0, |last| last.chars().count());
-            if used > indent && used + word.trim_end().chars().count() > columns {
-                lines.push(" ".repeat(indent));
-            }
-            if let Some(last) = lines.last_mut() {
-                *last += word;
-            }
-        }
-        lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n")
-    };
-    // What needs no breaking stays as it is to the last byte.
-    if text.lines().all(|line| line.chars().count() <= columns) {
-        return text.to_owned();
-    }
-    text.lines().map(broken).collect::<Vec<_>>().join("\n")
-}
-
 /// A duration for people: the two largest units that say something.
 fn duration(seconds: f64) -> String {
     let whole = seconds.round().max(0.0) as u64;
@@ -317,24 +286,6 @@ mod tests {
             assert!(ProgressStyle::with_template(template(columns)).is_ok(), "{columns}");
         }
         assert!(template(40).len() < template(80).len() && template(80).len() < template(200).len());
-    }
-
-    #[test]
-    fn lines_break_between_words_and_lose_none() {
-        let text = "depth moved by 3.2 % at the median pixel\n| a | table of any width |\nshort";
-        let broken = wrapped(text, 20, 2);
-        assert_eq!(
-            broken,
-            "depth moved by 3.2 %\n  at the median\n  pixel\n| a | table of any width |\nshort"
-        );
-        for (columns, indent) in [(usize::MAX, 2), (12, 9), (0, 2), (1, 0), (60, 2)] {
-            let broken = wrapped(text, columns, indent);
-            assert!(broken.split_whitespace().eq(text.split_whitespace()), "{columns}: {broken}");
-        }
-        assert_eq!(
-            wrapped("a-word-longer-than-the-line and more", 12, 2),
-            "a-word-longer-than-the-line\n  and more"
-        );
     }
 
     #[test]

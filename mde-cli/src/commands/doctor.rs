@@ -2,8 +2,8 @@
 
 use crate::args::{DoctorArgs, EncodingName, PriorArgs, PriorSource};
 use crate::prior::NamedPrior;
-use crate::progress::{columns, wrapped};
 use crate::provenance::versions;
+use crate::terminal::{columns, wrapped};
 use anyhow::{Context, Result, ensure};
 use mde_eval::metrics::rank::spearman;
 use mde_eval::scene::{Room, room};
