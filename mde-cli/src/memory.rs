@@ -121,7 +121,7 @@ fn parameters(field: &FieldConfig) -> u64 {
         FieldConfig::Mlp(f) => (f.layers as u64 + 1) * (f.width as u64).pow(2),
         FieldConfig::Hash(f) => {
             let rows = 1_u64 << f.log2_rows.min(32);
-            f.levels as u64 * f.features as u64 * rows + (f.layers as u64 + 2) * (f.width as u64).pow(2)
+            f.levels as u64 * f.features as u64 * rows + 2 * (f.layers as u64 + 2) * (f.width as u64).pow(2)
         }
     }
 }

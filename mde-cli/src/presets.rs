@@ -84,6 +84,7 @@ fn supervised(steps: usize, rays: usize) -> NerfConfig {
         field: FieldConfig::Hash(HashFieldConfig::default()),
         train: TrainConfig {
             steps,
+            steps_for: 640 * 480,
             rays,
             learning_rate: 1e-2,
             final_learning_rate: 1e-3,

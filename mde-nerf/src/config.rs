@@ -1,6 +1,8 @@
 use crate::{Error, Result};
 use mde_uncertainty::termination::InBinVariance;
 
+const MOST_STEPS: usize = 1_000_000;
+
 /// Everything about a field: its network, how it is trained, sampled and rendered.
 #[derive(Debug, Clone, Default, PartialEq)]
 #[cfg_attr(
@@ -85,6 +87,9 @@ pub struct HashFieldConfig {
     pub width: usize,
     /// Outputs of the density network that feed a colour network with one hidden layer; 0 for a single network.
     pub geometry: usize,
+    /// Coarsest grids that alone say where matter is, while a network of its own sees all of them for the colour: surfaces
+    /// cannot follow what only the fine grids tell apart, such as texture. 0: one network sees all and says both.
+    pub density_levels: usize,
 }
 
 impl Default for HashFieldConfig {
@@ -98,6 +103,7 @@ impl Default for HashFieldConfig {
             layers: 2,
             width: 32,
             geometry: 0,
+            density_levels: 0,
         }
     }
 }
@@ -194,6 +200,27 @@ pub enum DepthLoss {
     },
 }
 
+/// Depth that is smooth where the picture is: \\(\lambda\, e^{-\lVert I_p - I_q \rVert / \kappa}\, |\ln \mu_p - \ln \mu_q|\\) for
+/// neighbouring pixels \\(p, q\\) of a view (Godard et al., 2017, Eq. 3, of the logarithm: scales play no part).
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields, default, rename_all = "kebab-case")
+)]
+pub struct SmoothnessConfig {
+    /// Factor before the loss, \\(\lambda\\); 0 for none. Otherwise every second ray is a neighbour of the ray before it.
+    pub weight: f64,
+    /// \\(\kappa\\): a difference of colours (Euclidean, sRGB in 0 to 1) at which the loss counts \\(1/e\\).
+    pub contrast: f64,
+}
+
+impl Default for SmoothnessConfig {
+    fn default() -> Self {
+        Self { weight: 0.0, contrast: 0.1 }
+    }
+}
+
 /// Optimisation and losses.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(
@@ -204,6 +231,8 @@ pub enum DepthLoss {
 pub struct TrainConfig {
     /// Optimisation steps.
     pub steps: usize,
+    /// Pixels of the original view up to which that is enough: a larger one gets more in proportion. 0: whatever the size.
+    pub steps_for: usize,
     /// Rays a step.
     pub rays: usize,
     /// Share of the rays that the original view gets; the others share the rest.
@@ -224,12 +253,15 @@ pub struct TrainConfig {
     pub average: f64,
     /// Depth supervision.
     pub depth_loss: DepthLoss,
+    /// Edge-aware smoothness.
+    pub smoothness: SmoothnessConfig,
 }
 
 impl Default for TrainConfig {
     fn default() -> Self {
         Self {
             steps: 2000,
+            steps_for: 0,
             rays: 1024,
             original_share: 0.3,
             learning_rate: 5e-3,
@@ -240,6 +272,7 @@ impl Default for TrainConfig {
             epsilon: 1e-15,
             average: 0.95,
             depth_loss: DepthLoss::None,
+            smoothness: SmoothnessConfig::default(),
         }
     }
 }
@@ -319,7 +352,13 @@ impl FieldConfig {
                 )?;
                 check((1..=8).contains(&f.layers), "field.layers", f.layers, "give 1 to 8 hidden layers")?;
                 check((1..=1024).contains(&f.width), "field.width", f.width, "give a width of 1 to 1024")?;
-                check(f.geometry <= 256, "field.geometry", f.geometry, "give at most 256 outputs")
+                check(f.geometry <= 256, "field.geometry", f.geometry, "give at most 256 outputs")?;
+                check(
+                    f.density_levels <= f.levels && (f.density_levels == 0 || f.geometry == 0),
+                    "field.density-levels",
+                    f.density_levels,
+                    "give at most field.levels, and 0 where field.geometry is not 0",
+                )
             }
         }
     }
@@ -353,11 +392,21 @@ impl SamplingConfig {
 }
 
 impl TrainConfig {
+    /// The same for an original view of so many pixels.
+    pub(crate) fn for_picture(&self, pixels: usize) -> Self {
+        let more = match self.steps_for {
+            0 => 1.0,
+            enough => (pixels as f64 / enough as f64).max(1.0),
+        };
+        let steps = (self.steps as f64 * more).round().min(MOST_STEPS as f64) as usize;
+        Self { steps, ..self.clone() }
+    }
+
     fn validate(&self) -> Result<()> {
         let positive = |x: f64| x > 0.0 && x.is_finite();
         let share = |x: f64| (0.0..=1.0).contains(&x);
         let decay = |x: f64| (0.0..1.0).contains(&x);
-        check((1..=1_000_000).contains(&self.steps), "train.steps", self.steps, "give 1 to 1000000 steps")?;
+        check((1..=MOST_STEPS).contains(&self.steps), "train.steps", self.steps, "give 1 to 1000000 steps")?;
         check((16..=1 << 16).contains(&self.rays), "train.rays", self.rays, "give 16 to 65536 rays")?;
         check(
             share(self.original_share),
@@ -381,6 +430,18 @@ impl TrainConfig {
         check(decay(self.beta2), "train.beta2", self.beta2, "give a number from 0 to below 1")?;
         check(positive(self.epsilon), "train.epsilon", self.epsilon, "give a small positive number")?;
         check(decay(self.average), "train.average", self.average, "give a number from 0 to below 1")?;
+        check(
+            self.smoothness.weight >= 0.0 && self.smoothness.weight.is_finite(),
+            "train.smoothness.weight",
+            self.smoothness.weight,
+            "give 0 or more",
+        )?;
+        check(
+            positive(self.smoothness.contrast),
+            "train.smoothness.contrast",
+            self.smoothness.contrast,
+            "give a positive difference of colours",
+        )?;
         match self.depth_loss {
             DepthLoss::None => Ok(()),
             DepthLoss::GaussianNll { weight, relative_sigma, decay }

@@ -45,6 +45,7 @@ impl Case {
             .map(|i| Target {
                 colour: [0.2, 0.5, 0.1 * i as f64],
                 depths: vec![(1.9 + 0.13 * i as f64, 1e-3), (2.3 - 0.07 * i as f64, 2e-2)],
+                alike: if i % 2 == 1 { 0.4 } else { 0.0 },
             })
             .collect();
         let budget = Budget {
@@ -182,7 +183,7 @@ fn the_mlp_field_with_every_loss() {
 
 #[test]
 fn the_hash_field_with_every_loss() {
-    for geometry in [0, 7] {
+    for (geometry, density_levels) in [(0, 0), (7, 0), (0, 2), (0, 3)] {
         let config = FieldConfig::Hash(HashFieldConfig {
             levels: 3,
             features: 2,
@@ -192,6 +193,7 @@ fn the_hash_field_with_every_loss() {
             layers: 1,
             width: 16,
             geometry,
+            density_levels,
         });
         for loss in LOSSES {
             Case::new(loss, Spacing::Depth).check(&config, 60);

@@ -36,7 +36,7 @@ mod volume;
 
 pub use config::{
     DepthLoss, FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig, RenderConfig, SamplingConfig,
-    Spacing, TrainConfig,
+    SmoothnessConfig, Spacing, TrainConfig,
 };
 pub use error::{Error, Result};
 pub use field::{Event, FitReport, Observer, RadianceField, RenderedView, Silent};

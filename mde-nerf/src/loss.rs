@@ -8,12 +8,17 @@ use crate::volume::{Bins, Rendered, moment_slopes};
 /// Added to the variance inside the Gaussian likelihood, in units of the squared median depth.
 const NLL_FLOOR: f64 = 1e-5;
 
+/// A ray that hardly ends has no mean depth to speak of.
+const LEAST_OPACITY: f64 = 1e-3;
+
 /// What a ray should look like.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Target {
     pub(crate) colour: [f64; 3],
     /// Depth hypotheses along this ray and their variances.
     pub(crate) depths: Vec<(f64, f64)>,
+    /// How much its depth should be that of the ray before it; 0 where they have nothing to do with each other.
+    pub(crate) alike: f64,
 }
 
 /// A ray's squared colour error (mean over channels) and its whole loss.
@@ -88,6 +93,38 @@ pub(crate) fn ray_loss<T: Scalar>(
     (RayLoss { squared_error, total }, d_colour)
 }
 
+/// The smoothness of neighbouring rays, averaged over `rays`: the loss, and its slope in each ray's mean depth.
+pub(crate) fn smoothness<T: Scalar>(
+    targets: &[Target],
+    rendered: &[Rendered<T>],
+    rays: f64,
+    slopes: &mut Vec<f64>,
+) -> f64 {
+    slopes.clear();
+    slopes.resize(targets.len(), 0.0);
+    let mut total = 0.0;
+    for (index, target) in targets.iter().enumerate().skip(1).filter(|(_, target)| target.alike > 0.0) {
+        let [before, this] = [index - 1, index].map(|i| &rendered[i].depth);
+        if before.opacity.to_f64().min(this.opacity.to_f64()) < LEAST_OPACITY {
+            continue;
+        }
+        let [before, this] = [before, this].map(|moments| moments.mean.to_f64());
+        let difference = (this / before).ln();
+        total += target.alike * difference.abs();
+        slopes[index] += target.alike * difference.signum() / this / rays;
+        slopes[index - 1] -= target.alike * difference.signum() / before / rays;
+    }
+    total
+}
+
+/// Adds the gradients of a ray's weights, given the loss's slope in its mean depth.
+pub(crate) fn add_mean_slope<T: Scalar>(slope: f64, rendered: &Rendered<T>, bins: &Bins<T>, h: &mut [T]) {
+    let slope = T::from_f64(slope);
+    for (h, &t) in h.iter_mut().zip(&bins.depth) {
+        *h += slope * moment_slopes(&rendered.depth, t).0;
+    }
+}
+
 #[allow(clippy::too_many_arguments, reason = "one formula, called from one place")]
 fn gaussian_nll<T: Scalar>(
     depth: f64,
@@ -100,7 +137,7 @@ fn gaussian_nll<T: Scalar>(
     h: &mut [T],
 ) -> f64 {
     let moments = &rendered.depth;
-    if moments.opacity.to_f64() < 1e-3 {
+    if moments.opacity.to_f64() < LEAST_OPACITY {
         return 0.0;
     }
     let error = (moments.mean.to_f64() - depth) / unit;

@@ -65,6 +65,8 @@ pub(crate) struct Marcher<T> {
     blurred: Vec<T>,
     band: Vec<T>,
     h: Vec<T>,
+    /// Slopes of the loss in the rays' mean depths, for whom that loss asks.
+    pub(crate) slopes: Vec<f64>,
 }
 
 impl<T: Scalar> Marcher<T> {

@@ -119,7 +119,10 @@ impl RadianceField for Nerf {
         let pixels = Pixels::new(views, &self.config.train)?;
         let frustum = Frustum::of_views(views, &self.config.sampling)?;
         let mut network = Network::new(&self.config.field, self.seed);
-        let report = train(&mut network, &frustum, &pixels, &self.config, self.seed, observer)?;
+        let pixels_of_original = views.first().map_or(0, |view| view.camera.width * view.camera.height);
+        let train_config = self.config.train.for_picture(pixels_of_original);
+        let config = NerfConfig { train: train_config, ..self.config.clone() };
+        let report = train(&mut network, &frustum, &pixels, &config, self.seed, observer)?;
         self.fitted = Some(Fitted { network, frustum });
         Ok(report)
     }

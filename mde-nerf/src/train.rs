@@ -4,7 +4,7 @@ use crate::batch::Pixels;
 use crate::config::NerfConfig;
 use crate::field::{Event, FitReport, Observer};
 use crate::frustum::Frustum;
-use crate::loss::{DepthTerm, RayLoss, Target, ray_loss};
+use crate::loss::{DepthTerm, RayLoss, Target, add_mean_slope, ray_loss, smoothness};
 use crate::march::{Budget, March, Marcher};
 use crate::network::{Encoding, Gradients, Network};
 use crate::optimiser::{AdamStep, Average, Moments, adam};
@@ -44,13 +44,19 @@ pub(crate) fn tile_gradients<T: Scalar>(
     gradients: &mut Gradients<T>,
 ) -> RayLoss {
     marcher.forward(network, frustum, rays, budget);
-    let mut sum = RayLoss::default();
+    let mut slopes = std::mem::take(&mut marcher.slopes);
+    let smooth = smoothness(targets, &marcher.rendered, batch, &mut slopes);
+    let mut sum = RayLoss { squared_error: 0.0, total: smooth };
     marcher.backward(network, rays, gradients, |index, rendered, bins, h| {
+        if slopes[index] != 0.0 {
+            add_mean_slope(slopes[index], rendered, bins, h);
+        }
         let (loss, d_colour) = ray_loss(&targets[index], rendered, bins, frustum, term, batch, h);
         sum.squared_error += loss.squared_error;
         sum.total += loss.total;
         d_colour
     });
+    marcher.slopes = slopes;
     sum
 }
 
@@ -233,7 +239,7 @@ impl Group<f32> {
         // Tiles of one size: a small last one would cost as much as a whole one.
         let tiles = ((last - first) as f64 / tile_rays(budget) as f64).round().max(1.0) as usize;
         for tile in 0..tiles {
-            let at = |tile: usize| first + (last - first) * tile / tiles;
+            let at = |tile: usize| whole_pairs(first + (last - first) * tile / tiles, pixels.paired(), rays);
             let tile = at(tile)..at(tile + 1);
             let (mut marches, targets): (Vec<_>, Vec<_>) = tile.map(|i| pixels.draw(seed, step, i)).unzip();
             let loss = tile_gradients(
@@ -250,6 +256,11 @@ impl Group<f32> {
             self.samples += self.marcher.evaluated() as u64;
         }
     }
+}
+
+/// A place to cut the batch of `rays` at, or just before it where it would part two neighbours.
+fn whole_pairs(at: usize, paired: bool, rays: usize) -> usize {
+    if paired && at < rays { at - at % 2 } else { at }
 }
 
 impl Optimiser {

@@ -4,7 +4,7 @@
 
 use mde_nerf::{
     DepthLoss, Error, Event, FieldConfig, HashFieldConfig, MlpFieldConfig, Nerf, NerfConfig, RadianceField,
-    Silent,
+    Silent, SmoothnessConfig,
 };
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
@@ -190,6 +190,7 @@ fn a_saved_field_renders_the_same_bits_and_a_damaged_one_is_refused() {
     for field in [
         hash().field,
         FieldConfig::Hash(HashFieldConfig { geometry: 15, log2_rows: 10, ..Default::default() }),
+        FieldConfig::Hash(HashFieldConfig { density_levels: 5, log2_rows: 10, ..Default::default() }),
         mlp().field,
     ] {
         let mut config = hash();
@@ -216,6 +217,40 @@ fn a_saved_field_renders_the_same_bits_and_a_damaged_one_is_refused() {
         }
         std::fs::remove_file(&path).unwrap();
     }
+}
+
+#[test]
+fn a_larger_picture_gets_more_steps_where_that_is_asked_for() {
+    let views = [view(Pose::identity(), true)];
+    let pixels = views[0].camera.width * views[0].camera.height;
+    let steps = |steps_for: usize| {
+        let mut config = hash();
+        (config.train.steps, config.train.rays, config.train.steps_for) = (10, 16, steps_for);
+        Nerf::new(config, 0).unwrap().fit(&views, &mut Silent).unwrap().steps
+    };
+    assert_eq!([0, 2 * pixels, pixels, pixels / 3].map(steps), [10, 10, 10, 30]);
+}
+
+/// Without colour edges to hold on to, a strong pull makes a slanted wall's depth flatter, and no pull leaves it.
+#[test]
+fn smoothness_pulls_neighbours_together() {
+    let views = [view(Pose::identity(), true)];
+    let roughness = |weight: f64| {
+        let mut config = hash();
+        config.train.steps = 150;
+        config.train.depth_loss = DepthLoss::Wasserstein { weight: 0.2, decay: 0.0 };
+        config.train.smoothness = SmoothnessConfig { weight, contrast: 10.0 };
+        let mut field = Nerf::new(config, 1).unwrap();
+        field.fit(&views, &mut Silent).unwrap();
+        let seen = field.render(&views[0].camera, &views[0].pose, &mut Silent).unwrap();
+        let depth = seen.depth.mean().to_owned();
+        let steps = depth.rows().into_iter().flat_map(|row| {
+            row.windows(2).into_iter().map(|w| f64::from((w[1] / w[0]).ln().abs())).collect::<Vec<_>>()
+        });
+        steps.filter(|step| step.is_finite()).sum::<f64>()
+    };
+    let [free, pulled] = [0.0, 3.0].map(roughness);
+    assert!(pulled < 0.7 * free, "{free} {pulled}");
 }
 
 #[test]
