@@ -1,7 +1,9 @@
 //! How large errors are in sigmas on scenes whose depth is known, as a file.
 
-use crate::{Config, Error, Preset, Result};
+use crate::sigma::SigmaConfig;
+use crate::{Config, Error, Result};
 use mde_eval::conformal::{Conformal, held_out};
+use mde_prior::EvidenceConfig;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -59,7 +61,8 @@ impl Calibration {
     /// The probability at which a calibrated sigma's normal interval is right.
     pub const AT: f64 = 0.9;
 
-    /// Learned from the scenes' quantiles of \\(|e| / \sigma\\) ([`Conformal::fit`]), for the sigma that `config` gives.
+    /// Learned from the scenes' quantiles of \\(|e| / \sigma\\) ([`Conformal::fit`]), for the sigma that `config` gives with a prior that
+    /// answers anew, or does not.
     ///
     /// # Errors
     /// What [`Conformal::fit`] refuses, half widths as [`parse`](Self::parse) refuses them, or a configuration that has no place in
@@ -67,6 +70,7 @@ impl Calibration {
     pub fn learn(
         source: CalibrationSource,
         config: &Config,
+        answers_anew: bool,
         scenes: Vec<(String, Vec<f64>)>,
     ) -> Result<Self> {
         let (names, quantiles): (Vec<_>, Vec<_>) = scenes.into_iter().unzip();
@@ -84,7 +88,7 @@ impl Calibration {
         }
         Ok(Self {
             format: FORMAT,
-            settings: fingerprint(config)?,
+            settings: fingerprint(config, answers_anew)?,
             scenes: names,
             half_widths: table.half_widths().iter().copied().map(rounded).collect(),
             source,
@@ -92,7 +96,7 @@ impl Calibration {
         })
     }
 
-    /// The one that comes with the program: of the preset [`Preset::Default`] where a model can be asked again.
+    /// The one that comes with the program: of the preset [`Preset::Default`](crate::Preset::Default) where a model can be asked again.
     ///
     /// # Errors
     /// None, unless the program was built from other files than its own.
@@ -167,12 +171,12 @@ impl Calibration {
         &self.held_out
     }
 
-    /// Whether these settings are those whose sigma it was learned from.
+    /// Whether its sigma is what these settings give with a prior that answers anew, or does not.
     ///
     /// # Errors
     /// [`Error::Config`] for a configuration that has no place in TOML.
-    pub fn is_of(&self, config: &Config) -> Result<bool> {
-        Ok(self.settings == fingerprint(config)?)
+    pub fn is_of(&self, config: &Config, answers_anew: bool) -> Result<bool> {
+        Ok(self.settings == fingerprint(config, answers_anew)?)
     }
 }
 
@@ -185,11 +189,34 @@ fn usable(table: &Conformal) -> Result<(), String> {
     Err(format!("half-widths make sigma {factor:e} times as large; from 1e-6 to 1e6 times is usable"))
 }
 
-/// What sigma depends on: everything but the seed and the rule for disparities, which is the scene's.
-fn fingerprint(config: &Config) -> Result<String> {
-    let usual = Preset::Default.config();
-    let config = Config { seed: 0, disparity: usual.disparity, ..config.clone() };
-    Ok(format!("{:08x}", crc32fast::hash(config.to_toml()?.as_bytes())))
+/// What sigma depends on.
+#[derive(Serialize)]
+struct Decisive<'c> {
+    /// Where the model is asked again.
+    evidence: Option<(&'c EvidenceConfig, &'c SigmaConfig)>,
+    /// With a field everything counts but the seed and the rule for disparities, which is the scene's; without one only this.
+    common_error: f64,
+    field: Option<Config>,
+}
+
+fn fingerprint(config: &Config, answers_anew: bool) -> Result<String> {
+    let again = answers_anew && config.evidence.asks_again();
+    let Config { refinement, evidence, sigma, .. } = config;
+    let usual = Config::default();
+    let decisive = Decisive {
+        evidence: again.then_some((evidence, sigma)),
+        common_error: config.fusion.common_error,
+        field: refinement.fits_a_field(again).then(|| Config {
+            seed: 0,
+            disparity: usual.disparity,
+            evidence: usual.evidence,
+            sigma: usual.sigma,
+            ..config.clone()
+        }),
+    };
+    let text = serde_json::to_string(&decisive)
+        .map_err(|e| Error::Config { origin: "settings".into(), reason: e.to_string() })?;
+    Ok(format!("{:08x}", crc32fast::hash(text.as_bytes())))
 }
 
 /// Six digits are more than any number of scenes can tell.
@@ -200,6 +227,7 @@ fn rounded(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Preset;
 
     fn source() -> CalibrationSource {
         let text = |s: &str| s.to_owned();
@@ -209,7 +237,7 @@ mod tests {
     fn learned() -> Calibration {
         let scene = |by: f64| (0..=100).map(|k| by * f64::from(k) / 50.0).collect::<Vec<_>>();
         let scenes = vec![("one".to_owned(), scene(1.0)), ("two".to_owned(), scene(2.0))];
-        Calibration::learn(source(), &Preset::Default.config(), scenes).unwrap()
+        Calibration::learn(source(), &Preset::Default.config(), true, scenes).unwrap()
     }
 
     #[test]
@@ -227,17 +255,30 @@ mod tests {
 
     #[test]
     fn it_knows_its_settings() {
-        let (calibration, mut config) = (learned(), Preset::Default.config());
-        config.seed = 5;
-        assert!(calibration.is_of(&config).unwrap());
-        config.sigma.spread = 3.0;
-        assert!(!calibration.is_of(&config).unwrap());
+        let (calibration, usual) = (learned(), Preset::Default.config());
+        let is_of = |change: &dyn Fn(&mut Config), answers_anew| {
+            let mut config = usual.clone();
+            change(&mut config);
+            calibration.is_of(&config, answers_anew).unwrap()
+        };
+        assert!(is_of(&|c| c.seed = 5, true));
+        assert!(!is_of(&|_| (), false), "a prior that cannot be asked again has another sigma");
+        // Without a field its settings play no part.
+        assert!(is_of(&|c| c.refinement.iterations = 0, true));
+        assert!(is_of(&|c| c.nerf.train.steps = 7, true));
+        assert!(!is_of(&|c| c.refinement.field = crate::config::FieldUse::Always, true));
+        assert!(!is_of(&|c| c.sigma.spread = 3.0, true));
+        assert!(!is_of(&|c| c.evidence.levels.truncate(1), true));
+        assert!(!is_of(&|c| c.fusion.common_error = 0.1, true));
     }
 
     #[test]
     fn the_shipped_one_is_of_the_default_settings() {
         let shipped = Calibration::shipped().unwrap();
-        assert!(shipped.is_of(&Preset::Default.config()).unwrap(), "calibrate again: the settings changed");
+        assert!(
+            shipped.is_of(&Preset::Default.config(), true).unwrap(),
+            "calibrate again: the settings changed"
+        );
         let factor = shipped.conformal().unwrap().factor(0.9).unwrap();
         assert!((0.8..1.25).contains(&factor), "{factor}");
     }

@@ -72,6 +72,13 @@ impl Default for RefinementConfig {
     }
 }
 
+impl RefinementConfig {
+    /// Whether a field is fitted, by whether the model was asked again.
+    pub(crate) fn fits_a_field(&self, asked_again: bool) -> bool {
+        self.iterations > 0 && (self.field == FieldUse::Always || !asked_again)
+    }
+}
+
 /// Whether a field is fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -45,12 +45,14 @@ impl ErrorBar {
 
     /// Scales sigma, where a calibration was given, and finds the interval.
     pub(crate) fn apply(&self, refinement: &mut Refinement, config: &Config) -> Result<Stated> {
+        let asked_again = refinement.evidence.questions > 1;
         let mut warnings = Vec::new();
         let mut factor = 1.0;
         if let Some((name, calibration)) = &self.given {
             let method = &calibration.source().method;
-            if !calibration.is_of(config)? {
-                warnings.push(format!("--calibration {name} was learned with other settings ({method})"));
+            if !calibration.is_of(config, asked_again)? {
+                let told = "was learned with other settings, or another kind of prior";
+                warnings.push(format!("--calibration {name} {told} ({method}); its sigma may be wrong here"));
             }
             factor = calibration.conformal()?.factor(Calibration::AT)?;
             let squared = (factor * factor) as f32;
@@ -61,7 +63,7 @@ impl ErrorBar {
         let Some(probability) = self.probability else {
             return Ok(Stated { factor, interval: None, warnings });
         };
-        let (half_width, by) = match self.calibration(refinement, config)? {
+        let (half_width, by) = match self.calibration(config, asked_again)? {
             Some((by, calibration)) => (calibration.conformal()?.half_width(probability)? / factor, by),
             None => {
                 let told = "no calibration is of these settings, so the interval is a normal distribution's";
@@ -73,12 +75,12 @@ impl ErrorBar {
     }
 
     /// The calibration of the interval with a name for it: the given one, else the program's own where it is of this run.
-    fn calibration(&self, refinement: &Refinement, config: &Config) -> Result<Option<(String, Calibration)>> {
+    fn calibration(&self, config: &Config, asked_again: bool) -> Result<Option<(String, Calibration)>> {
         if let Some(given) = &self.given {
             return Ok(Some(given.clone()));
         }
         let shipped = Calibration::shipped()?;
-        if refinement.evidence.questions == 1 || !shipped.is_of(config)? {
+        if !shipped.is_of(config, asked_again)? {
             return Ok(None);
         }
         let (scenes, source) = (shipped.scenes().len(), shipped.source());

@@ -2,7 +2,7 @@
 //!
 //! It knows the stages only through their traits: [`DepthPrior`], [`RadianceField`] and [`Fuser`].
 
-use crate::config::{Config, FieldUse, IterationPrior};
+use crate::config::{Config, IterationPrior};
 use crate::error::{LEAST, MOST};
 pub use crate::evidence::known;
 use crate::evidence::{Component, EvidenceReport, Start, of_view, start};
@@ -158,8 +158,7 @@ pub fn resume(
     let mut run = Run { image, camera, config, observer };
     let Start { prior, depth: anchor, mut components, report: evidence } = run.start(stages.prior)?;
     check_prior(prior.view(), image)?;
-    let enough = config.refinement.field == FieldUse::WithoutEvidence && evidence.questions > 1;
-    if config.refinement.iterations == 0 || enough {
+    if !config.refinement.fits_a_field(evidence.questions > 1) {
         let depth = with_common_error(anchor, config.fusion.common_error)?;
         components.push(common(&depth, config.fusion.common_error));
         return Ok(Refinement { depth, prior, evidence, components, iterations: Vec::new(), field: None });

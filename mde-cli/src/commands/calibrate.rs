@@ -35,7 +35,7 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     let learned = !scenes.is_empty();
     if learned {
         let source = CalibrationSource { method: name, data, prior, alignment };
-        let calibration = Calibration::learn(source, &config, scenes)?;
+        let calibration = Calibration::learn(source, &config, setup.answers_anew(), scenes)?;
         mde_prior::write_atomic(&path, calibration.to_toml()?.as_bytes())
             .with_context(|| path.display().to_string())?;
         let factor = calibration.conformal()?.factor(Calibration::AT)?;

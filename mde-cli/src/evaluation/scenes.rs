@@ -103,6 +103,11 @@ impl PriorPlan {
         }
     }
 
+    /// Whether it is a model that can be asked again.
+    pub(crate) fn answers_anew(&self) -> bool {
+        matches!(self, Self::Model(_) | Self::SimulatedModel(_))
+    }
+
     /// What the record says of it.
     pub(crate) fn describe(&self) -> Result<Value> {
         Ok(match self {

@@ -96,6 +96,11 @@ impl<'a> Setup<'a> {
         [self.source.title(), self.prior.title(), self.scoring.alignment_note()]
     }
 
+    /// Whether the prior is a model that can be asked again.
+    pub(crate) fn answers_anew(&self) -> bool {
+        self.prior.answers_anew()
+    }
+
     /// Removes the folder again if nothing is in it.
     pub(crate) fn discard_if_empty(&self) {
         self.store.discard_if_empty();
