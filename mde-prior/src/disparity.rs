@@ -80,20 +80,35 @@ impl DisparityRule {
     /// [`Error::Config`] as in [`validate`](Self::validate); [`Error::Input`] when the shapes differ or no pixel is
     /// valid.
     pub fn depth(&self, disparity: ArrayView2<'_, f32>, valid: ArrayView2<'_, bool>) -> Result<Array2<f32>> {
-        self.validate()?;
-        if disparity.dim() != valid.dim() {
-            return Err(Error::Input(format!(
-                "the disparity is {:?} but its mask {:?}; give both the same [height, width]",
-                disparity.dim(),
-                valid.dim()
-            )));
-        }
+        self.depth_between(disparity, valid, self.ends(disparity, valid)?)
+    }
+
+    /// The disparities that stand for `far` and `near`.
+    ///
+    /// # Errors
+    /// Those of [`depth`](Self::depth).
+    pub fn ends(&self, disparity: ArrayView2<'_, f32>, valid: ArrayView2<'_, bool>) -> Result<(f64, f64)> {
+        self.check(disparity, valid)?;
         let mut values: Vec<f32> =
             disparity.iter().zip(&valid).filter(|(d, v)| **v && d.is_finite()).map(|(d, _)| *d).collect();
         values.sort_unstable_by(f32::total_cmp);
-        let (lo, hi) = self.range(&values).ok_or_else(|| {
+        self.range(&values).ok_or_else(|| {
             Error::Input("the disparity map has no valid pixel; check the file or the mask".to_owned())
-        })?;
+        })
+    }
+
+    /// As [`depth`](Self::depth), with the [`ends`](Self::ends) of another map of the same scale and shift: depths of both can
+    /// then be compared.
+    ///
+    /// # Errors
+    /// Those of [`depth`](Self::depth), but for the valid pixel.
+    pub fn depth_between(
+        &self,
+        disparity: ArrayView2<'_, f32>,
+        valid: ArrayView2<'_, bool>,
+        (lo, hi): (f64, f64),
+    ) -> Result<Array2<f32>> {
+        self.check(disparity, valid)?;
         let a = 1.0 / self.near - 1.0 / self.far;
         let b = 1.0 / self.far;
         let constant = is_constant(lo, hi);
@@ -104,6 +119,18 @@ impl DisparityRule {
             let unit = if constant { 0.5 } else { ((f64::from(d) - lo) / (hi - lo)).clamp(0.0, 1.0) };
             (1.0 / (a * unit + b)) as f32
         }))
+    }
+
+    fn check(&self, disparity: ArrayView2<'_, f32>, valid: ArrayView2<'_, bool>) -> Result<()> {
+        self.validate()?;
+        if disparity.dim() != valid.dim() {
+            return Err(Error::Input(format!(
+                "the disparity is {:?} but its mask {:?}; give both the same [height, width]",
+                disparity.dim(),
+                valid.dim()
+            )));
+        }
+        Ok(())
     }
 
     /// \\( (q_{lo}, q_{hi}) \\) of sorted values, or their extremes where the quantiles coincide.

@@ -177,4 +177,20 @@ impl PriorDepth {
         }
         rule.depth(checked.map.view(), checked.valid.view())
     }
+
+    /// The same in the gauge that `rule` gives to another map of the same scale and shift.
+    ///
+    /// # Errors
+    /// As [`to_depth`](Self::to_depth); [`Error::Input`] for maps of two kinds.
+    pub fn to_depth_as(&self, reference: &Self, rule: &DisparityRule) -> Result<Array2<f32>> {
+        if self.kind != reference.kind {
+            let reason = format!("{} has no gauge in common with {}", self.kind, reference.kind);
+            return Err(Error::Input(reason));
+        }
+        if self.kind.is_depth() {
+            return self.to_depth(rule);
+        }
+        let ends = rule.ends(reference.map.view(), reference.valid.view())?;
+        rule.depth_between(self.map.view(), self.valid.view(), ends)
+    }
 }

@@ -341,12 +341,13 @@ impl Evidence {
             .map_collect(|&s, &z| (alpha * f64::from(s) * f64::from(z)) as f32))
     }
 
-    /// The consensus as positive depth, `[height, width]`; 0 where missing.
+    /// The consensus as positive depth, `[height, width]`, in the gauge that the rule gives to the first answer: ends of its
+    /// own would stretch all of it for the sake of a few sharper pixels. 0 where missing.
     ///
     /// # Errors
-    /// Those of [`PriorDepth::to_depth`].
+    /// Those of [`PriorDepth::to_depth_as`].
     pub fn depth(&self, rule: &DisparityRule) -> Result<Array2<f32>> {
-        self.consensus.to_depth(rule)
+        self.consensus.to_depth_as(&self.prior, rule)
     }
 }
 

@@ -74,6 +74,22 @@ fn a_disparity_gains_too_whatever_its_gauge() {
 }
 
 #[test]
+fn a_few_sharper_disparities_leave_the_depth_of_the_others_alone() {
+    let model = Coarse { cells: 14, kind: DepthKind::AffineDisparity };
+    let mut evidence = EvidenceConfig::default().gather(&model, picture().view()).unwrap();
+    let rule = DisparityRule::default();
+    let before = evidence.prior.to_depth(&rule).unwrap();
+    let mut map = evidence.consensus.map.clone();
+    let sharper = map.len() / 20;
+    map.iter_mut().take(sharper).for_each(|d| *d += 9.0);
+    evidence.consensus = PriorDepth::from_values(map, DepthKind::AffineDisparity).unwrap();
+    let after = evidence.depth(&rule).unwrap();
+    let moved = before.iter().zip(&after).filter(|(a, b)| a != b).count();
+    assert!((1..=sharper).contains(&moved), "{moved} of {}", before.len());
+    assert!(after.iter().all(|z| (rule.near..=rule.far).contains(&f64::from(*z))));
+}
+
+#[test]
 fn without_questions_the_first_answer_stands() {
     let model = Coarse { cells: 14, kind: DepthKind::Metric };
     let evidence = EvidenceConfig::default().gather(&model, picture().view()).unwrap();
