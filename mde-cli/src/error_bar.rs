@@ -4,6 +4,7 @@ use crate::args::ErrorBarArgs;
 use anyhow::Result;
 use mde_cli::{Calibration, Config, Refinement};
 use mde_eval::conformal::normal_half_width;
+use mde_prior::DepthKind;
 use mde_uncertainty::GaussianDepth;
 use ndarray::Array2;
 use serde::Serialize;
@@ -44,7 +45,12 @@ impl ErrorBar {
     }
 
     /// Scales sigma, where a calibration was given, and finds the interval.
-    pub(crate) fn apply(&self, refinement: &mut Refinement, config: &Config) -> Result<Stated> {
+    pub(crate) fn apply(
+        &self,
+        refinement: &mut Refinement,
+        config: &Config,
+        kind: DepthKind,
+    ) -> Result<Stated> {
         let asked_again = refinement.evidence.questions > 1;
         let mut warnings = Vec::new();
         let mut factor = 1.0;
@@ -71,6 +77,11 @@ impl ErrorBar {
                 (normal_half_width(probability)?, "normal distribution".to_owned())
             }
         };
+        if self.given.is_none() && !kind.is_depth() {
+            let told =
+                "the range that a disparity is given errs by more than it states, as no answer shows it";
+            warnings.push(format!("--interval: {told}; mde calibrate learns that too"));
+        }
         Ok(Stated { factor, interval: Some(Interval { probability, half_width, by }), warnings })
     }
 

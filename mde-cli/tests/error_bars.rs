@@ -62,6 +62,17 @@ fn an_interval_without_a_calibration_is_normal_and_says_so() {
     assert!(names(&place.path("out")).contains(&"lower.npy".to_owned()));
 }
 
+#[test]
+fn a_disparitys_interval_says_what_it_leaves_out() {
+    let place = Place::new();
+    for (kind, warned) in [("disparity", true), ("metric", false)] {
+        let options = format!("--prior-kind {kind} --interval 0.9 -o {kind}");
+        let told = place.mde(&format!("{REFINE} {options}")).assert().success();
+        let told = String::from_utf8_lossy(&told.get_output().stderr).into_owned();
+        assert_eq!(told.contains("range that a disparity is given"), warned, "{told}");
+    }
+}
+
 /// What sigma is made of is exported part by part.
 #[test]
 fn the_parts_of_sigma_are_files() {
