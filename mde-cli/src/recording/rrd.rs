@@ -74,7 +74,7 @@ impl Recording {
         }))))
     }
 
-    /// The photograph and what it is called, its camera, the prior and the settings.
+    /// The photograph and what it is called, its camera, the prior and the settings; whenever it is called.
     pub(crate) fn inputs(&self, name: &str, scene: &Exported<'_>, settings: &str) {
         let always = TimePoint::default;
         self.log(EntityPath::properties(), always(), &RecordingInfo::new().with_name(name));
@@ -82,12 +82,16 @@ impl Recording {
         self.log("world", always(), &ViewCoordinates::RDF());
         self.log("world/camera", always(), &pinhole(scene.camera));
         self.picture("world/camera/image", always(), scene.image, None);
-        self.depth(0, scene)
+        self.shape(at(0, 0), scene);
     }
 
-    /// The depth after so many iterations: a map beside the world, where the viewer would make a second cloud of it.
+    /// The depth after so many iterations.
     pub(crate) fn depth(&self, iterations: usize, scene: &Exported<'_>) {
-        let when = self.now(iterations);
+        self.shape(self.now(iterations), scene);
+    }
+
+    /// A cloud, and a map beside the world, where the viewer would make a second cloud of it.
+    fn shape(&self, when: TimePoint, scene: &Exported<'_>) {
         self.log("depth", when.clone(), &map(scene.depth.mean(), Colormap::Turbo));
         let (rows, columns) = scene.depth.dim();
         let pixels = (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
@@ -287,6 +291,7 @@ mod tests {
             let times = steps.entry(chunk.entity_path().to_string()).or_default();
             let column = chunk.timelines().get(&"step".into());
             times.extend(column.iter().flat_map(|column| column.times().map(TimeInt::as_i64)));
+            times.sort_unstable();
         }
         steps
     }
@@ -297,7 +302,6 @@ mod tests {
         let path = place.path().join("new/run.rrd");
         let recording = Recording::new(&path, false).unwrap();
         with_plane(|scene| {
-            recording.inputs("plane", scene, "seed = 0");
             let views: Vec<_> = [0.0, 0.1]
                 .map(|x| PosedView {
                     image: scene.image.to_owned(),
@@ -312,6 +316,8 @@ mod tests {
                 recording.depth(iteration, scene);
                 recording.sigma(iteration, scene.depth);
             }
+            // Known from the beginning, and told at the end.
+            recording.inputs("plane", scene, "seed = 0");
         });
         let report = IterationReport::default();
         let fit = FitReport { steps: 30, ..FitReport::default() };
