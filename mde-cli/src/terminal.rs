@@ -47,7 +47,7 @@ fn table(lines: &[&str], columns: usize) -> String {
         };
         let end = widths.iter().enumerate().skip(next).take_while(fits).last().map_or(next, |(i, _)| i + 1);
         let part: Vec<usize> = std::iter::once(0).chain(next..end).collect();
-        parts.push(drawn(&rows, &part, &numbers, columns));
+        parts.push(drawn(&rows, &part, (&widths, &numbers), columns));
         next = end;
         if next >= widths.len() {
             return parts.join("\n\n");
@@ -64,7 +64,13 @@ fn longest_words(rows: &[Vec<String>]) -> Vec<usize> {
         .collect()
 }
 
-fn drawn(rows: &[Vec<String>], part: &[usize], numbers: &[bool], columns: usize) -> String {
+/// Some columns of a table, none narrower than its width; those of numbers are aligned right.
+fn drawn(
+    rows: &[Vec<String>],
+    part: &[usize],
+    (widths, numbers): (&[usize], &[bool]),
+    columns: usize,
+) -> String {
     let mut table = Table::new();
     table.load_preset(presets::UTF8_HORIZONTAL_ONLY).set_content_arrangement(ContentArrangement::Dynamic);
     table.set_width(u16::try_from(columns).unwrap_or(u16::MAX));
@@ -74,8 +80,8 @@ fn drawn(rows: &[Vec<String>], part: &[usize], numbers: &[bool], columns: usize)
         table.add_row(row);
     });
     for (column, &index) in table.column_iter_mut().zip(part) {
-        let words = longest_words(rows).get(index).copied().unwrap_or(0);
-        column.set_constraint(ColumnConstraint::LowerBoundary(Width::Fixed(words as u16)));
+        let width = widths.get(index).map_or(0, |&width| u16::try_from(width).unwrap_or(u16::MAX));
+        column.set_constraint(ColumnConstraint::LowerBoundary(Width::Fixed(width)));
         if numbers.get(index).is_some_and(|number| *number) {
             column.set_cell_alignment(CellAlignment::Right);
         }
