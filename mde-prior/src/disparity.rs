@@ -101,7 +101,7 @@ impl DisparityRule {
     /// then be compared.
     ///
     /// # Errors
-    /// Those of [`depth`](Self::depth), but for the valid pixel.
+    /// Those of [`depth`](Self::depth), but for the valid pixel; [`Error::Input`] for ends that are no range.
     pub fn depth_between(
         &self,
         disparity: ArrayView2<'_, f32>,
@@ -109,6 +109,11 @@ impl DisparityRule {
         (lo, hi): (f64, f64),
     ) -> Result<Array2<f32>> {
         self.check(disparity, valid)?;
+        if !(lo.is_finite() && hi.is_finite() && lo <= hi) {
+            return Err(Error::Input(format!(
+                "{lo} to {hi} is no range of disparities; give a smaller and a larger one"
+            )));
+        }
         let a = 1.0 / self.near - 1.0 / self.far;
         let b = 1.0 / self.far;
         let constant = is_constant(lo, hi);

@@ -279,3 +279,20 @@ fn a_flip_average_of_disparity_does_not_depend_on_scale_and_shift() {
         assert!((a - b).abs() < 1e-5, "{a} {b}");
     }
 }
+
+#[test]
+fn two_maps_of_one_gauge_can_be_compared_and_ends_that_are_no_range_are_refused() {
+    let rule = DisparityRule { near: 1.0, far: 4.0, low: 0.0, high: 1.0 };
+    let valid = Array2::from_elem((1, 3), true);
+    let (first, sharper) = (ndarray::array![[-3.0_f32, 0.0, 3.0]], ndarray::array![[-9.0_f32, 0.0, 3.0]]);
+    let ends = rule.ends(first.view(), valid.view()).unwrap();
+    assert_eq!(ends, (-3.0, 3.0));
+    assert_eq!(
+        rule.depth_between(sharper.view(), valid.view(), ends).unwrap(),
+        rule.depth(first.view(), valid.view()).unwrap()
+    );
+    for ends in [(1.0, 0.0), (f64::NAN, 1.0), (0.0, f64::INFINITY)] {
+        let refused = rule.depth_between(first.view(), valid.view(), ends).unwrap_err().to_string();
+        assert!(refused.contains("no range"), "{refused}");
+    }
+}
