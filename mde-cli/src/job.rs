@@ -214,6 +214,10 @@ impl Job {
         let known = prior.mapv(|z| if z > 0.0 { 1.0 } else { f32::INFINITY });
         let before = GaussianDepth::new(prior.clone(), known)?;
         recording.inputs(&self.input, &self.scene(&before, prior, &[]), &self.config.to_toml()?);
+        if iterations.is_empty() {
+            // Else the clock of steps would show prior and result at once.
+            recording.fitted(1);
+        }
         recording.depth(last, &self.scene(depth, prior, &[]));
         recording.sigma(last, depth);
         recording.reports(iterations, training);
