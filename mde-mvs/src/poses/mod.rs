@@ -1,0 +1,1 @@
+//! Poses of photographs from matches and a monocular depth prior.
