@@ -1,14 +1,14 @@
 use crate::args::{PathArgs, RenderArgs};
 use crate::input::camera::KnownCamera;
-use crate::run::interrupt;
-use crate::run::job::png_scale;
 use crate::input::opened::use_threads;
+use crate::input::size::check_memory;
 use crate::output::folder::{OutputFolder, RECORD};
 use crate::output::preview::depth_picture;
-use crate::run::progress::Progress;
 use crate::output::provenance::write_json;
 use crate::output::run_record::About;
-use crate::input::size::check_memory;
+use crate::run::interrupt;
+use crate::run::job::png_scale;
+use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_cli::memory::render_bytes;
 use mde_nerf::{Event, Nerf, RadianceField, RenderedView};

@@ -1,12 +1,12 @@
 use crate::args::WarpArgs;
 use crate::input::camera::KnownCamera;
 use crate::input::opened::{open_image, settings, use_threads};
+use crate::input::prior::{NamedPrior, PriorOrigin};
 use crate::output::folder::{OutputFolder, RECORD};
 use crate::output::preview::contact_sheet;
-use crate::input::prior::{NamedPrior, PriorOrigin};
-use crate::run::progress::Progress;
 use crate::output::provenance::write_json;
 use crate::output::run_record::About;
+use crate::run::progress::Progress;
 use anyhow::{Result, ensure};
 use mde_cli::WarpReport;
 use mde_cli::pipeline::{known, synthesise};

@@ -3,9 +3,9 @@
 use super::runner::Failure;
 use super::scoring::SIGMA_BY;
 use crate::output::folder::temporary_folder;
-use crate::run::progress::Progress;
 use crate::output::provenance::{command_line, versions, write_json};
 use crate::report;
+use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_eval::figure;
 use mde_eval::statistics::Bootstrap;

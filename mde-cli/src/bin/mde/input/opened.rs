@@ -1,8 +1,8 @@
 //! What a command begins with: settings, threads, and a photograph in the size that it is worked on.
 
 use crate::args::{RunArgs, SettingsArgs, SizeArgs};
-use crate::run::progress::Progress;
 use crate::input::size::{SMALLEST, check_memory, shrink, within};
+use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_cli::memory::refine_bytes;
 use mde_cli::{Config, Preset};

@@ -1,11 +1,11 @@
 //! `run.json`: everything that was measured.
 
 use crate::input::camera::KnownCamera;
-use crate::run::error_bar::Stated;
 use crate::input::prior::PriorOrigin;
-use crate::run::progress::TrainingCurve;
-use crate::output::provenance::{command_line, peak_memory, versions};
 use crate::input::truth::Comparison;
+use crate::output::provenance::{command_line, peak_memory, versions};
+use crate::run::error_bar::Stated;
+use crate::run::progress::TrainingCurve;
 use mde_cli::{EvidenceReport, IterationReport};
 use serde::Serialize;
 use std::collections::BTreeMap;

@@ -1,8 +1,8 @@
 //! What a refinement is between two iterations, on disk.
 
-use crate::run::interrupt;
 use crate::output::folder::temporary_folder;
 use crate::output::provenance::write_json;
+use crate::run::interrupt;
 use anyhow::{Context, Result};
 use mde_cli::{Checkpoint, IterationReport};
 use mde_prior::format::{ReadOptions, read_values, write_npz};

@@ -2,20 +2,20 @@
 
 use crate::args::ExportName;
 use crate::input::camera::KnownCamera;
-use crate::run::checkpoint::Checkpoints;
-use crate::run::error_bar::{ErrorBar, Stated};
+use crate::input::prior::{NamedPrior, PriorOrigin, Timed};
+use crate::input::truth::Truth;
 use crate::output::export::Exported;
-use crate::run::field::SharedNerf;
-use crate::run::gain;
 use crate::output::folder::{OutputFolder, RECORD};
 use crate::output::preview::{Preview, preview};
-use crate::input::prior::{NamedPrior, PriorOrigin, Timed};
-use crate::run::progress::{Progress, TrainingCurve};
 use crate::output::provenance::write_json;
 use crate::output::recording::Recording;
-use crate::report;
 use crate::output::run_record::{About, RunRecord};
-use crate::input::truth::Truth;
+use crate::report;
+use crate::run::checkpoint::Checkpoints;
+use crate::run::error_bar::{ErrorBar, Stated};
+use crate::run::field::SharedNerf;
+use crate::run::gain;
+use crate::run::progress::{Progress, TrainingCurve};
 use anyhow::Result;
 use mde_cli::config::Consensus;
 use mde_cli::{AveragedField, Component, Config, Event, Preset, Refinement, Stages, resume};
