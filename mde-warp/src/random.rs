@@ -1,6 +1,6 @@
 //! One seed, and a counter for everything drawn from it.
 //!
-//! A draw depends only on `(seed, purpose, step, index)`, never on which thread asks first, so a run gives the same
+//! A draw depends only on `(seed, purpose, step, index)`, never on the order in which threads draw, so a run gives the same
 //! bits with any number of threads.
 
 use rand::TryRng;
