@@ -1,11 +1,11 @@
-//! Another scene model in the loop: one surface, the depth of the first view, that sees nothing new. Whatever learns from
-//! posed views and renders depth with a variance fits here, such as a Gaussian splat.
+//! Another scene model in the loop: the depth of the first view as one surface. Any model that is fitted to posed views and
+//! renders depth with variance can be used in this way, for example a Gaussian splat.
 #![allow(clippy::print_stdout)]
 
 use mde_cli::mde_eval::scene::{Room, room};
 use mde_cli::mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use mde_cli::mde_fusion::BayesFuser;
-use mde_cli::mde_nerf::{FitReport, Observer, RadianceField, RenderedView, Result};
+use mde_cli::mde_nerf::{Error, FieldCallback, FitReport, RadianceField, RenderedView, Result};
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, reproject};
 use mde_cli::ndarray::{Array2, Array3};
 use mde_cli::{Config, Event, Stages, refine};
@@ -15,21 +15,23 @@ use std::ops::ControlFlow;
 struct Surface(Option<PosedView>);
 
 impl RadianceField for Surface {
-    fn fit(&mut self, views: &[PosedView], _: &mut dyn Observer) -> Result<FitReport> {
-        self.0 = views.first().cloned();
+    fn fit(&mut self, views: &[PosedView], _: &mut dyn FieldCallback) -> Result<FitReport> {
+        self.0 = Some(views.first().ok_or(Error::NoPixels)?.clone());
         Ok(FitReport::default())
     }
 
-    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn Observer) -> Result<RenderedView> {
-        let view = self.0.as_ref().ok_or(mde_cli::mde_nerf::Error::NotFitted)?;
-        // A hundredth of the depth for an error bar.
-        let depth = view.hypotheses[0].clone().map(|mean, _| (mean, (0.01 * mean).powi(2)));
-        let seen = reproject(&depth, &view.camera, &view.pose, camera, pose, &ReprojectConfig::default());
-        let size = (camera.height, camera.width);
+    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn FieldCallback) -> Result<RenderedView> {
+        let view = self.0.as_ref().ok_or(Error::NotFitted)?;
+        let hypothesis = view.hypotheses.first().ok_or(Error::NoRange)?;
+        // A standard deviation of 1 % of the depth.
+        let depth = hypothesis.clone().map(|mean, _| (mean, (0.01 * mean).powi(2)));
+        let depth = reproject(&depth, &view.camera, &view.pose, camera, pose, &ReprojectConfig::default())
+            .map_err(Error::external)?;
+        let (height, width) = (camera.height, camera.width);
         Ok(RenderedView {
-            image: Array3::from_elem((size.0, size.1, 3), 0.5),
-            depth: seen.unwrap_or(depth),
-            opacity: Array2::ones(size),
+            image: Array3::from_elem((height, width, 3), 0.5),
+            depth,
+            opacity: Array2::ones((height, width)),
         })
     }
 }

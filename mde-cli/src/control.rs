@@ -1,7 +1,7 @@
 //! What stands in for a radiance field when the question is what the field adds.
 
 use mde_fusion::{Aggregation, aggregate};
-use mde_nerf::{Error, FitReport, Observer, RadianceField, RenderedView, Result};
+use mde_nerf::{Error, FieldCallback, FitReport, RadianceField, RenderedView, Result};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, reproject};
 use ndarray::Array3;
@@ -28,7 +28,7 @@ pub struct AveragedField {
 }
 
 impl RadianceField for AveragedField {
-    fn fit(&mut self, views: &[PosedView], _: &mut dyn Observer) -> Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], _: &mut dyn FieldCallback) -> Result<FitReport> {
         if views.iter().all(|view| view.hypotheses.is_empty()) {
             return Err(Error::NoRange);
         }
@@ -36,7 +36,7 @@ impl RadianceField for AveragedField {
         Ok(FitReport::default())
     }
 
-    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn Observer) -> Result<RenderedView> {
+    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn FieldCallback) -> Result<RenderedView> {
         let mut seen = Vec::new();
         for view in &self.views {
             for hypothesis in &view.hypotheses {

@@ -64,7 +64,7 @@ pub enum Event {
     /// The field's own events; `view` counts the rendered views.
     Field {
         /// The event.
-        event: mde_nerf::Event,
+        event: mde_nerf::FieldEvent,
         /// View being rendered, from 0; 0 in the fit.
         view: usize,
         /// Views to be rendered.
@@ -268,7 +268,7 @@ impl Run<'_, '_> {
         let start = self.begin(Stage::Fit, index)?;
         let observer = &mut *self.observer;
         let mut listen =
-            |event: &mde_nerf::Event| observer(&Event::Field { event: *event, view: 0, views: 0 });
+            |event: &mde_nerf::FieldEvent| observer(&Event::Field { event: *event, view: 0, views: 0 });
         report.fit = field.fit(&views, &mut listen)?;
         report.seconds.fit = start.elapsed().as_secs_f64();
         drop(views);
@@ -318,7 +318,8 @@ impl Run<'_, '_> {
         for (view, pose) in poses.iter().enumerate() {
             let observer = &mut *self.observer;
             let views = poses.len();
-            let mut listen = |event: &mde_nerf::Event| observer(&Event::Field { event: *event, view, views });
+            let mut listen =
+                |event: &mde_nerf::FieldEvent| observer(&Event::Field { event: *event, view, views });
             let seen = field.render(self.camera, pose, &mut listen)?;
             let back = reproject(
                 &seen.depth,

@@ -8,7 +8,7 @@ use mde_cli::config::{Config, Consensus, FieldUse, IterationPrior, RefinementCon
 use mde_cli::mde_eval::scene::{Room, Scene, room};
 use mde_cli::mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use mde_cli::mde_fusion::{self, BayesFuser, Fused, Fuser, FusionReport, Prior};
-use mde_cli::mde_nerf::{self, FitReport, Nerf, Observer, RadianceField, RenderedView};
+use mde_cli::mde_nerf::{self, FieldCallback, FitReport, Nerf, RadianceField, RenderedView};
 use mde_cli::mde_prior::{self, DepthKind, DepthPrior, EvidenceConfig, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
@@ -25,12 +25,12 @@ struct Wall {
 }
 
 impl RadianceField for Wall {
-    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> mde_nerf::Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], observer: &mut dyn FieldCallback) -> mde_nerf::Result<FitReport> {
         let original = views[0].pose == Pose::identity() && views[0].mask.iter().all(|real| *real);
         let moved = views[1..].iter().all(|view| view.pose != Pose::identity());
         self.log.lock().unwrap().push(format!("fit {} {original} {moved}", views.len()));
-        let event = mde_nerf::Event::Fit { step: 1, steps: 1, loss: 0.0, psnr: 30.0 };
-        if observer.observe(&event).is_break() {
+        let event = mde_nerf::FieldEvent::Fit { step: 1, steps: 1, loss: 0.0, psnr: 30.0 };
+        if observer.on_event(&event).is_break() {
             return Err(mde_nerf::Error::Interrupted);
         }
         Ok(FitReport { steps: 1, psnr: vec![30.0], ..FitReport::default() })
@@ -40,10 +40,10 @@ impl RadianceField for Wall {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        observer: &mut dyn Observer,
+        observer: &mut dyn FieldCallback,
     ) -> mde_nerf::Result<RenderedView> {
         self.log.lock().unwrap().push(format!("render {}", *pose == Pose::identity()));
-        if observer.observe(&mde_nerf::Event::Render { row: 1, rows: 1 }).is_break() {
+        if observer.on_event(&mde_nerf::FieldEvent::Render { row: 1, rows: 1 }).is_break() {
             return Err(mde_nerf::Error::Interrupted);
         }
         let size = (camera.height, camera.width);
@@ -300,7 +300,7 @@ fn the_parts_of_sigma_make_the_whole() {
 struct Counting(Arc<Mutex<Vec<usize>>>, AveragedField);
 
 impl RadianceField for Counting {
-    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> mde_nerf::Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], observer: &mut dyn FieldCallback) -> mde_nerf::Result<FitReport> {
         *self.0.lock().unwrap() = views.iter().map(|view| view.hypotheses.len()).collect();
         for view in views {
             // What the view does not show, nobody has said anything of.
@@ -315,7 +315,7 @@ impl RadianceField for Counting {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        observer: &mut dyn Observer,
+        observer: &mut dyn FieldCallback,
     ) -> mde_nerf::Result<RenderedView> {
         self.1.render(camera, pose, observer)
     }
