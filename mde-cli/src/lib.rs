@@ -29,7 +29,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod calibration;
+pub mod calibration;
 pub mod config;
 mod control;
 mod error;
@@ -42,13 +42,12 @@ pub mod refiner;
 mod report;
 mod sigma;
 
-pub use calibration::{Calibration, CalibrationSource, HeldOut};
 pub use config::Config;
 pub use control::{AveragedField, FilteredField};
 pub use error::{Error, Result};
 pub use evidence::{Component, EvidenceReport};
 pub use intrinsics::Intrinsics;
-pub use pipeline::{Checkpoint, Event, Refinement, Stage, Stages, refine, resume};
+pub use pipeline::{Checkpoint, Event, Refinement, Stage, Stages, field_seed, refine, resume};
 pub use presets::Preset;
 pub use refiner::{FieldMemory, LoopRefiner};
 pub use report::{IterationReport, StageSeconds, WarpReport};

@@ -2,7 +2,7 @@
 
 use crate::config::Consensus;
 use crate::control::{AveragedField, FilteredField};
-use crate::pipeline::{Event, Stages, refine};
+use crate::pipeline::{Event, Stages, field_seed, refine};
 use crate::{Config, Error};
 use mde_eval::{Refined, Refiner, Task};
 use mde_nerf::{FitReport, Nerf, NerfConfig, Observer, RadianceField, RenderConfig, RenderedView};
@@ -60,7 +60,7 @@ impl<'o> LoopRefiner<'o> {
         let fuser = config.fuser()?;
         let nerf = config.nerf.clone();
         let mut field = |iteration: usize| -> crate::Result<Box<dyn RadianceField>> {
-            let seed = config.seed.wrapping_add(iteration as u64);
+            let seed = field_seed(config.seed, iteration);
             if let Some(control) = &self.control {
                 return Ok(Box::new(FilteredField::new(control.clone(), seed)));
             }
