@@ -1,6 +1,6 @@
 //! The calibration of the program's own sigma, and what a calibration depends on.
 
-use crate::sigma::SigmaConfig;
+use crate::config::SigmaConfig;
 use crate::{Config, Error, Result};
 use mde_prior::EvidenceConfig;
 use mde_uncertainty::calibration::{Calibration, Fingerprint};

@@ -1,7 +1,7 @@
 //! The prior's stage (III.B): what the model says, asked once or many times, and how sure that is.
 
 use crate::config::Config;
-use crate::sigma::SigmaConfig;
+use crate::config::SigmaConfig;
 use crate::{Error, Result};
 use mde_prior::{DepthPrior, Evidence};
 use mde_uncertainty::GaussianDepth;

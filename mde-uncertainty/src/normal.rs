@@ -109,7 +109,7 @@ mod tests {
         }
     }
 
-    /// From `scipy.stats.norm.ppf`.
+    /// From mpmath, with 40 digits.
     #[test]
     fn quantiles_equal_scipys() {
         let reference = [
@@ -117,7 +117,7 @@ mod tests {
             (0.975, 1.959_963_984_540_054),
             (0.75, 0.674_489_750_196_081_7),
             (1e-10, -6.361_340_902_404_056),
-            (1e-300, -37.047_096_499_077_96),
+            (1e-300, -37.047_096_299_361_2),
             (0.5, 0.0),
         ];
         for (p, expected) in reference {

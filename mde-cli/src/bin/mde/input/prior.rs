@@ -1,0 +1,160 @@
+//! The monocular depth that the command line names.
+
+use crate::args::PriorArgs;
+use crate::input::opened::Opened;
+use anyhow::{Result, ensure};
+use mde_prior::format::{Encoding, ReadOptions};
+use mde_prior::ndarray::{Array3, ArrayView3};
+use mde_prior::resample::nearest;
+use mde_prior::{DepthKind, DepthPrior, FilePrior, ModelSpec, PriorDepth};
+use serde::Serialize;
+use std::cell::Cell;
+use std::path::Path;
+use std::time::Instant;
+
+/// A prior, and what the record says of it.
+pub(crate) struct NamedPrior {
+    pub(crate) prior: Box<dyn DepthPrior>,
+    pub(crate) origin: PriorOrigin,
+}
+
+/// Where a prior comes from.
+#[derive(Debug, Serialize)]
+pub(crate) struct PriorOrigin {
+    pub(crate) kind: DepthKind,
+    /// The file, or `simulated`.
+    pub(crate) source: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) model: Option<ModelSpec>,
+    /// Identifies the model's file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) model_hash: Option<String>,
+    pub(crate) flip_average: bool,
+}
+
+impl NamedPrior {
+    pub(crate) fn open(args: &PriorArgs) -> Result<Self> {
+        let kind = args.prior_kind.map(DepthKind::from);
+        match (&args.source.prior_model, &args.source.prior_depth) {
+            (Some(model), _) => Self::model(model, args, kind),
+            (None, Some(file)) => Self::file(file, args, kind.unwrap_or(DepthKind::Metric)),
+            (None, None) => anyhow::bail!("no prior is named; give --prior-model or --prior-depth"),
+        }
+    }
+
+    /// For a picture that was resized: a map of the file's size follows it.
+    pub(crate) fn resized(self, opened: &Opened) -> Result<Self> {
+        let (from, to) = (opened.original, opened.size);
+        if from == to || self.origin.model.is_some() {
+            return Ok(self);
+        }
+        Ok(Self { prior: Box::new(Resized { prior: self.prior, from, to }), origin: self.origin })
+    }
+
+    fn file(path: &Path, args: &PriorArgs, kind: DepthKind) -> Result<Self> {
+        let options = read_options("--png-scale", args.png_scale, args.prior_encoding.into())?;
+        let prior = Box::new(FilePrior::with_options(path, kind, &options)?);
+        let source = path.display().to_string();
+        let origin = PriorOrigin { kind, source, model: None, model_hash: None, flip_average: false };
+        Ok(Self { prior, origin })
+    }
+
+    #[cfg(feature = "onnx")]
+    fn model(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
+        use anyhow::Context;
+        use mde_cli::calibration::hash;
+        use mde_prior::{FlipAverage, OnnxPrior};
+        let mut spec = match &args.model_profile {
+            Some(name) => ModelSpec::profile(name)?,
+            // A missing file is to be told from a name that says nothing.
+            None if path.exists() => ModelSpec::of(path)?,
+            None => ModelSpec::new(1, 1, DepthKind::Metric),
+        };
+        if let Some(kind) = kind {
+            spec.output = kind;
+            spec.output_floor = spec.output_floor.filter(|_| kind.is_depth());
+        }
+        let model = OnnxPrior::open(path, &spec)?;
+        let prior: Box<dyn DepthPrior> =
+            if args.flip_average { Box::new(FlipAverage(model)) } else { Box::new(model) };
+        let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+        let origin = PriorOrigin {
+            kind: spec.output,
+            source: path.display().to_string(),
+            model: Some(spec),
+            model_hash: Some(hash(&bytes)),
+            flip_average: args.flip_average,
+        };
+        Ok(Self { prior, origin })
+    }
+
+    #[cfg(not(feature = "onnx"))]
+    fn model(path: &Path, _: &PriorArgs, _: Option<DepthKind>) -> Result<Self> {
+        let path = path.display();
+        anyhow::bail!(
+            "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"
+        )
+    }
+}
+
+/// A prior for the picture's own size, asked for the size that is worked on.
+struct Resized {
+    prior: Box<dyn DepthPrior>,
+    /// `(height, width)`.
+    from: (usize, usize),
+    to: (usize, usize),
+}
+
+impl DepthPrior for Resized {
+    fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        // A map from a file looks at nothing but the size.
+        let blank = Array3::zeros((self.from.0, self.from.1, 3));
+        let PriorDepth { map, valid, kind } = self.prior.predict(blank.view())?;
+        let known = nearest(valid.mapv(|v| f32::from(u8::from(v))).view(), self.to).mapv(|v| v > 0.5);
+        PriorDepth::with_mask(nearest(map.view(), self.to), known, kind)
+    }
+
+    fn answers_anew(&self) -> bool {
+        false
+    }
+}
+
+/// How a map is read, with the scale that `flag` gave.
+pub(crate) fn read_options(flag: &str, scale: Option<f64>, encoding: Encoding) -> Result<ReadOptions> {
+    let mut options = ReadOptions { encoding, ..ReadOptions::default() };
+    if let Some(scale) = scale {
+        let usable = scale > 0.0 && scale.is_finite();
+        ensure!(usable, "{flag}: {scale} is no scale; give a positive number of steps per unit");
+        (options.png_scale, options.float_scale) = (scale, scale);
+    }
+    Ok(options)
+}
+
+/// A prior that remembers how long its answers took.
+pub(crate) struct Timed<'p> {
+    prior: &'p dyn DepthPrior,
+    seconds: Cell<f64>,
+}
+
+impl<'p> Timed<'p> {
+    pub(crate) fn new(prior: &'p dyn DepthPrior) -> Self {
+        Self { prior, seconds: Cell::new(0.0) }
+    }
+
+    pub(crate) fn seconds(&self) -> f64 {
+        self.seconds.get()
+    }
+}
+
+impl DepthPrior for Timed<'_> {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        let start = Instant::now();
+        let answer = self.prior.predict(image);
+        self.seconds.set(self.seconds.get() + start.elapsed().as_secs_f64());
+        answer
+    }
+
+    fn answers_anew(&self) -> bool {
+        self.prior.answers_anew()
+    }
+}

@@ -1,0 +1,141 @@
+//! The error bar as the user asked for it: sigma by a calibration, and an interval.
+
+use crate::args::ErrorBarArgs;
+use crate::input::prior::PriorOrigin;
+use anyhow::Result;
+use mde_cli::calibration::{fingerprint, read, shipped};
+use mde_cli::{Config, Refinement};
+use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::calibration::{Calibration, Fingerprint, Mismatch};
+use mde_uncertainty::pooled::normal_half_width;
+use ndarray::Array2;
+use serde::Serialize;
+
+/// What was asked for.
+pub(crate) struct ErrorBar {
+    probability: Option<f64>,
+    given: Option<(String, Calibration)>,
+}
+
+/// What is stated.
+#[derive(Debug, Serialize)]
+pub(crate) struct Stated {
+    /// What sigma was multiplied by.
+    pub(crate) factor: f64,
+    pub(crate) interval: Option<Interval>,
+    #[serde(skip)]
+    pub(crate) warnings: Vec<String>,
+}
+
+/// `lower.npy` and `upper.npy`.
+#[derive(Debug, Serialize)]
+pub(crate) struct Interval {
+    pub(crate) probability: f64,
+    /// In sigmas of `sigma.npy`.
+    pub(crate) half_width: f64,
+    /// What says so.
+    pub(crate) by: String,
+}
+
+impl ErrorBar {
+    pub(crate) fn open(args: &ErrorBarArgs) -> Result<Self> {
+        let given = match &args.calibration {
+            Some(path) => Some((path.display().to_string(), read(path)?)),
+            None => None,
+        };
+        Ok(Self { probability: args.interval, given })
+    }
+
+    /// Scales sigma, where a calibration was given, and finds the interval.
+    pub(crate) fn apply(
+        &self,
+        refinement: &mut Refinement,
+        config: &Config,
+        prior: &PriorOrigin,
+    ) -> Result<Stated> {
+        let run = fingerprint(config, refinement.evidence.questions > 1, prior.model_hash.clone())?;
+        let mut warnings = Vec::new();
+        let mut factor = 1.0;
+        if let Some((name, calibration)) = &self.given {
+            let method = &calibration.source().method;
+            let other = match calibration.mismatch(&run) {
+                None => None,
+                Some(Mismatch::Settings) => Some("other settings, or another kind of prior"),
+                Some(Mismatch::Model) => Some("another depth model"),
+            };
+            if let Some(other) = other {
+                let run = "calibrate with the settings and the model of this run";
+                warnings.push(format!("--calibration {name}: estimated with {other} ({method}); {run}"));
+            }
+            factor = calibration.intervals()?.factor(Calibration::AT)?;
+            let squared = (factor * factor) as f32;
+            let depth = std::mem::replace(&mut refinement.depth, GaussianDepth::missing(0, 0));
+            refinement.depth =
+                depth.map(|mean, variance| (mean, (variance * squared).max(f32::MIN_POSITIVE)));
+        }
+        let Some(probability) = self.probability else {
+            return Ok(Stated { factor, interval: None, warnings });
+        };
+        let (half_width, by) = match self.calibration(&run)? {
+            Some((by, calibration)) => (calibration.intervals()?.half_width(probability)? / factor, by),
+            None => {
+                let of = match shipped()?.mismatch(&run) {
+                    Some(Mismatch::Model) => "this depth model",
+                    _ => "these settings",
+                };
+                warnings.push(format!(
+                    "--interval: no calibration is known for {of}, so the interval is a normal distribution's; estimate one with mde calibrate"
+                ));
+                (normal_half_width(probability)?, "normal distribution".to_owned())
+            }
+        };
+        if self.given.is_none() && !prior.kind.is_depth() {
+            let told =
+                "the range that a disparity is given errs by more than it states, as no answer shows it";
+            warnings.push(format!("--interval: {told}; mde calibrate learns that too"));
+        }
+        Ok(Stated { factor, interval: Some(Interval { probability, half_width, by }), warnings })
+    }
+
+    /// The calibration of the interval with a name for it: the given one, else the program's own where it fits this run.
+    fn calibration(&self, run: &Fingerprint) -> Result<Option<(String, Calibration)>> {
+        if let Some(given) = &self.given {
+            return Ok(Some(given.clone()));
+        }
+        let shipped = shipped()?;
+        if shipped.mismatch(run).is_some() {
+            return Ok(None);
+        }
+        let (scenes, source) = (shipped.scenes().len(), shipped.source());
+        let by = format!("{scenes} scenes of {} with {}", source.data, source.prior);
+        Ok(Some((by, shipped)))
+    }
+}
+
+impl Interval {
+    /// Its lower and upper ends; 0 and infinity where there is no depth.
+    pub(crate) fn bounds(&self, depth: &GaussianDepth) -> [Array2<f32>; 2] {
+        let sigma = depth.sigma();
+        [-1.0, 1.0].map(|side: f32| {
+            let mut end = sigma.mapv(|s| side * self.half_width as f32 * s);
+            end += &depth.mean();
+            end.mapv_inplace(|d| d.max(0.0));
+            end
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::array;
+
+    #[test]
+    fn an_interval_is_about_the_depth_and_not_below_zero() {
+        let depth = GaussianDepth::new(array![[2.0, 1.0, 0.0]], array![[0.25, 4.0, f32::INFINITY]]).unwrap();
+        let interval = Interval { probability: 0.9, half_width: 2.0, by: String::new() };
+        let [lower, upper] = interval.bounds(&depth);
+        assert_eq!(lower, array![[1.0, 0.0, 0.0]]);
+        assert_eq!(upper, array![[3.0, 5.0, f32::INFINITY]]);
+    }
+}
