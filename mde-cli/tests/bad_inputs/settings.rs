@@ -63,10 +63,6 @@ const UNUSABLE: &[(&str, &[&str])] = &[
     ("fusion.kappa = 0.0", &["kappa is 0", "positive"]),
     ("fusion.far = 0.5", &["far is 0.5", "at least 1"]),
     ("fusion.guards.min-scale = -1.0", &["min-scale is -1"]),
-    ("refinement.consensus = 'vote'", &["`vote`", "`average`"]),
-    ("refinement.posterior = 'all'", &["`all`", "`gradients`"]),
-    ("gradient.step-sigma = 0.0", &["gradient.step-sigma is 0", "0.0001"]),
-    ("gradient.draws = 1000000", &["gradient.draws is 1000000", "10000"]),
     (
         "nerf.train.depth-loss = { kind = 'distribution', weight = 1.0, relative-sigma = 0.0, decay = 0.0 }",
         &["relative-sigma is 0"],
