@@ -214,7 +214,7 @@ pub(crate) fn outer_plain<T: Real>(x: &[T], dy: &[T], dw: &mut [T], shape: Shape
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mde_warp::random::CounterRng;
+    use mde_uncertainty::random::CounterRng;
     use proptest::prelude::*;
     use rand::RngExt;
 
