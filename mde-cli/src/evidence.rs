@@ -15,7 +15,7 @@ use std::ops::ControlFlow;
 pub(crate) struct Start {
     /// The model's first answer, `[height, width]`; 0 where missing.
     pub(crate) prior: Array2<f32>,
-    /// What all answers say together; variance 0 where the model was asked once, which says nothing of its error.
+    /// The merged depth; [exact](known) where there is one prediction, since it states no error.
     pub(crate) depth: GaussianDepth,
     /// What the variance is made of.
     pub(crate) components: Vec<Component>,
@@ -70,7 +70,7 @@ pub(crate) fn start(
     Ok(Start { prior, depth: GaussianDepth::new(depth, variance)?, components, report })
 }
 
-/// A map of depths (0: missing) as a Gaussian depth whose variance is not known yet (0).
+/// A map of depths (0: missing) taken as exact, of variance 0: warps of it are exact too, and the fusion estimates its error.
 pub fn known(depth: Array2<f32>) -> Result<GaussianDepth> {
     let variance = depth.mapv(|d| if d > 0.0 { 0.0 } else { f32::INFINITY });
     Ok(GaussianDepth::new(depth, variance)?)
@@ -97,7 +97,7 @@ fn variance(
     };
     let [spread, change] = [squared(&spread, config.spread), squared(&change, config.disagreement)];
     let variance = Zip::from(depth).and(&spread).and(&change).map_collect(|&z, &s, &d| {
-        // Hypotheses that all say the same still share an error; without it a variance of 0 would mean "not known".
+        // Equal hypotheses still share an error: no depth is exact.
         if z > 0.0 { ((s + d).max(1e-6) * z * z).max(f32::MIN_POSITIVE) } else { f32::INFINITY }
     });
     let component = |name, squared: &Array2<f32>| {

@@ -86,8 +86,7 @@ function table(heads, rows, name) {
 
 /** A column for each iteration: there are few of them, and many numbers. */
 function iterationTable(iterations, unit) {
-  // In disparity the estimates are of 1 / depth.
-  const name = report.space === "disparity" && unit ? `1/${unit.trim()}` : unit.trim();
+  const name = unit.trim();
   const of = name && ` [${name}]`;
   const mean = (values) => values.reduce((sum, v) => sum + v, 0) / (values.length || NaN);
   const rows = [
