@@ -22,7 +22,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod calibration;
+pub mod calibration;
 pub mod config;
 mod error;
 mod evidence;
@@ -30,7 +30,6 @@ mod intrinsics;
 pub mod memory;
 pub mod pipeline;
 
-pub use calibration::{Calibration, CalibrationSource, HeldOut};
 pub use config::{Config, Preset, SigmaConfig};
 pub use error::{Error, Result};
 pub use evidence::{Component, EvidenceReport};

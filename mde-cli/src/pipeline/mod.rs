@@ -25,12 +25,12 @@ use crate::config::{Config, IterationPrior};
 use crate::error::{LEAST, MOST};
 use crate::evidence::{Component, EvidenceReport, Start, start};
 use crate::{Error, Result};
-use mde_eval::metrics::rank::spearman;
 use mde_fusion::{BayesFuser, Fused, Fuser, Prior};
 use mde_nerf::RadianceField;
 use mde_prior::DepthPrior;
 use mde_uncertainty::GaussianDepth;
-use mde_warp::{PinholeCamera, median};
+use mde_uncertainty::statistics::{median, spearman};
+use mde_warp::PinholeCamera;
 use ndarray::{Array2, ArrayView2, ArrayView3};
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -246,6 +246,6 @@ fn agreement(prior: ArrayView2<'_, f32>, field: &GaussianDepth) -> Result<(Optio
     if field.is_empty() {
         return Ok((None, None));
     }
-    let deviation = median(field.iter().zip(&prior).map(|(f, p)| (f / p - 1.0).abs() as f32));
-    Ok((spearman(&field, &prior)?, deviation.map(f64::from)))
+    let deviation = median(field.iter().zip(&prior).map(|(f, p)| (f / p - 1.0).abs()));
+    Ok((spearman(&field, &prior)?, deviation))
 }

@@ -1,9 +1,9 @@
-use super::views::derived_seed;
 use crate::Result;
 use crate::config::Config;
 use mde_fusion::Fuser;
 use mde_nerf::{Nerf, NerfConfig, RadianceField};
 use mde_prior::DepthPrior;
+use mde_uncertainty::random::derived_seed;
 
 /// What a field factory is given.
 #[derive(Debug, Clone, Copy)]
@@ -21,7 +21,7 @@ impl<'c> FieldRequest<'c> {
     pub(crate) fn new(config: &'c Config, iteration: usize) -> Self {
         let seed = match iteration {
             0 => config.seed,
-            later => derived_seed(config.seed, "field", later),
+            later => derived_seed(config.seed, "field", later as u64),
         };
         Self { iteration, seed, config: &config.nerf }
     }

@@ -5,10 +5,10 @@ use crate::config::Config;
 use crate::{Error, Result};
 use mde_nerf::RadianceField;
 use mde_uncertainty::GaussianDepth;
-use mde_warp::random::CounterRng;
-use mde_warp::{PinholeCamera, Pose, PosedView, forward_warp, median, reproject, sample_poses};
+use mde_uncertainty::random::derived_seed;
+use mde_uncertainty::statistics::median;
+use mde_warp::{PinholeCamera, Pose, PosedView, forward_warp, reproject, sample_poses};
 use ndarray::{Array2, ArrayView3};
-use rand::Rng;
 use std::ops::ControlFlow;
 
 /// The training views of the field (Section III.A, Eq. 1): the photograph itself, then its warps by `depth`
@@ -31,7 +31,7 @@ pub fn synthesise(
         vec![depth.clone()],
     )?;
     let scale = median_depth(depth)?;
-    let seed = derived_seed(config.seed, "training-poses", iteration);
+    let seed = derived_seed(config.seed, "training-poses", iteration as u64);
     let mut views = vec![original];
     let mut report = WarpReport::default();
     for pose in sample_poses(&config.views, scale, seed)? {
@@ -52,7 +52,7 @@ pub(super) fn render(
     iteration: usize,
     callback: &mut dyn FnMut(&mde_nerf::Event, usize, usize) -> ControlFlow<()>,
 ) -> Result<Vec<GaussianDepth>> {
-    let seed = derived_seed(config.seed, "novel-poses", iteration);
+    let seed = derived_seed(config.seed, "novel-poses", iteration as u64);
     let mut poses = sample_poses(&config.novel.sampling, scale, seed)?;
     if config.novel.original {
         poses.insert(0, Pose::identity());
@@ -67,9 +67,7 @@ pub(super) fn render(
 }
 
 pub(super) fn median_depth(depth: &GaussianDepth) -> Result<f64> {
-    median(depth.mean().iter().copied().filter(|&d| d > 0.0)).map(f64::from).ok_or(Error::EmptyPrior)
-}
-
-pub(super) fn derived_seed(seed: u64, purpose: &str, iteration: usize) -> u64 {
-    CounterRng::new(seed, purpose, iteration as u64, 0).next_u64()
+    let middle = median(depth.mean().iter().copied().filter(|&d| d > 0.0)).ok_or(Error::EmptyPrior)?;
+    // To the precision of the map.
+    Ok(f64::from(middle as f32))
 }

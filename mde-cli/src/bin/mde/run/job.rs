@@ -105,7 +105,7 @@ impl Job {
                 progress.warn(format!("iteration {}: {warning}", index + 1));
             }
         }
-        let stated = self.error_bar.apply(&mut refinement, &self.config, self.prior.origin.kind)?;
+        let stated = self.error_bar.apply(&mut refinement, &self.config, &self.prior.origin)?;
         stated.warnings.iter().for_each(|warning| progress.warn(warning.clone()));
         let start = Instant::now();
         let scores = match &self.truth {
