@@ -2,9 +2,9 @@
 #![allow(dead_code, clippy::expect_used, clippy::unwrap_used)]
 
 use assert_cmd::Command;
-use mde_cli::mde_eval::scene::{Room, Scene, room};
 use mde_cli::mde_prior::format::write_npy;
 use mde_cli::mde_prior::photo::write_image;
+use mde_eval::scene::{Room, Scene, room};
 use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
