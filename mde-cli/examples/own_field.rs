@@ -2,7 +2,7 @@
 //! posed views and renders depth with a variance fits here, such as a Gaussian splat.
 #![allow(clippy::print_stdout)]
 
-use mde_cli::mde_nerf::{Error, FitReport, Observer, RadianceField, RenderedView, Result};
+use mde_cli::mde_nerf::{Error, FieldCallback, FitReport, RadianceField, RenderedView, Result};
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, reproject};
 use mde_cli::ndarray::{Array2, Array3};
 use mde_cli::{Config, Event, Stages, refine};
@@ -14,18 +14,18 @@ use std::ops::ControlFlow;
 struct Surface(Option<PosedView>);
 
 impl RadianceField for Surface {
-    fn fit(&mut self, views: &[PosedView], _: &mut dyn Observer) -> Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], _: &mut dyn FieldCallback) -> Result<FitReport> {
         self.0 = views.first().cloned();
         Ok(FitReport::default())
     }
 
-    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn Observer) -> Result<RenderedView> {
+    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn FieldCallback) -> Result<RenderedView> {
         let view = self.0.as_ref().ok_or(Error::NotFitted)?;
         let depth = view.hypotheses.first().ok_or(Error::NoRange)?;
         // A standard deviation of 1 % of the depth.
         let depth = depth.clone().map(|mean, _| (mean, (0.01 * mean).powi(2)));
         let seen = reproject(&depth, &view.camera, &view.pose, camera, pose, &ReprojectConfig::default())
-            .map_err(|e| Error::View { index: 0, reason: e.to_string() })?;
+            .map_err(Error::external)?;
         let size = (camera.height, camera.width);
         Ok(RenderedView {
             image: Array3::from_elem((size.0, size.1, 3), 0.5),

@@ -6,7 +6,7 @@ mod common;
 use common::{HEIGHT, TINY, WIDTH};
 use mde_cli::config::{Config, FieldUse, IterationPrior, RefinementConfig};
 use mde_cli::mde_fusion::{self, Fused, Fuser, FusionReport, Prior};
-use mde_cli::mde_nerf::{self, FitReport, Observer, RadianceField, RenderedView};
+use mde_cli::mde_nerf::{self, FieldCallback, FitReport, RadianceField, RenderedView};
 use mde_cli::mde_prior::{self, DepthKind, DepthPrior, EvidenceConfig, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
@@ -25,12 +25,12 @@ struct Wall {
 }
 
 impl RadianceField for Wall {
-    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> mde_nerf::Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], observer: &mut dyn FieldCallback) -> mde_nerf::Result<FitReport> {
         let original = views[0].pose == Pose::identity() && views[0].mask.iter().all(|real| *real);
         let moved = views[1..].iter().all(|view| view.pose != Pose::identity());
         self.log.lock().unwrap().push(format!("fit {} {original} {moved}", views.len()));
-        let event = mde_nerf::Event::Fit { step: 1, steps: 1, loss: 0.0, psnr: 30.0 };
-        if observer.observe(&event).is_break() {
+        let event = mde_nerf::FieldEvent::Fit { step: 1, steps: 1, loss: 0.0, psnr: 30.0 };
+        if observer.on_event(&event).is_break() {
             return Err(mde_nerf::Error::Interrupted);
         }
         Ok(FitReport { steps: 1, psnr: vec![30.0], ..FitReport::default() })
@@ -40,10 +40,10 @@ impl RadianceField for Wall {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        observer: &mut dyn Observer,
+        observer: &mut dyn FieldCallback,
     ) -> mde_nerf::Result<RenderedView> {
         self.log.lock().unwrap().push(format!("render {}", *pose == Pose::identity()));
-        if observer.observe(&mde_nerf::Event::Render { row: 1, rows: 1 }).is_break() {
+        if observer.on_event(&mde_nerf::FieldEvent::Render { row: 1, rows: 1 }).is_break() {
             return Err(mde_nerf::Error::Interrupted);
         }
         let size = (camera.height, camera.width);

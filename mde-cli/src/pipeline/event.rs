@@ -44,7 +44,7 @@ pub enum Event {
     /// The field's own events; `view` counts the rendered views.
     Field {
         /// The event.
-        event: mde_nerf::Event,
+        event: mde_nerf::FieldEvent,
         /// View being rendered, from 0; 0 in the fit.
         view: usize,
         /// Views to be rendered.

@@ -183,14 +183,14 @@ impl Run<'_, '_> {
         let start = self.begin(Stage::Fit, index)?;
         let callback = &mut *self.callback;
         let mut listen =
-            |event: &mde_nerf::Event| callback(&Event::Field { event: *event, view: 0, views: 0 });
+            |event: &mde_nerf::FieldEvent| callback(&Event::Field { event: *event, view: 0, views: 0 });
         report.fit = field.fit(&views, &mut listen)?;
         report.seconds.fit = start.elapsed().as_secs_f64();
         drop(views);
 
         let start = self.begin(Stage::Render, index)?;
         let callback = &mut *self.callback;
-        let mut listen = |event: &mde_nerf::Event, view: usize, views: usize| {
+        let mut listen = |event: &mde_nerf::FieldEvent, view: usize, views: usize| {
             callback(&Event::Field { event: *event, view, views })
         };
         let seen =

@@ -50,7 +50,7 @@ pub(super) fn render(
     scale: f64,
     config: &Config,
     iteration: usize,
-    callback: &mut dyn FnMut(&mde_nerf::Event, usize, usize) -> ControlFlow<()>,
+    callback: &mut dyn FnMut(&mde_nerf::FieldEvent, usize, usize) -> ControlFlow<()>,
 ) -> Result<Vec<GaussianDepth>> {
     let seed = derived_seed(config.seed, "novel-poses", iteration as u64);
     let mut poses = sample_poses(&config.novel.sampling, scale, seed)?;
@@ -59,7 +59,7 @@ pub(super) fn render(
     }
     let mut seen = Vec::with_capacity(poses.len());
     for (view, pose) in poses.iter().enumerate() {
-        let mut listen = |event: &mde_nerf::Event| callback(event, view, poses.len());
+        let mut listen = |event: &mde_nerf::FieldEvent| callback(event, view, poses.len());
         let rendered = field.render(camera, pose, &mut listen)?;
         seen.push(reproject(&rendered.depth, camera, pose, camera, &Pose::identity(), &config.reproject)?);
     }

@@ -3,7 +3,7 @@
 use super::filtered::FilteredField;
 use mde_cli::{Config, Error, Event, Stages, refine};
 use mde_eval::{Refined, Refiner, Task};
-use mde_nerf::{FitReport, Nerf, NerfConfig, Observer, RadianceField, RenderConfig, RenderedView};
+use mde_nerf::{FieldCallback, FitReport, Nerf, NerfConfig, RadianceField, RenderConfig, RenderedView};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use ndarray::ArrayView3;
@@ -123,7 +123,7 @@ pub(crate) struct Remembered {
 }
 
 impl RadianceField for Remembered {
-    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> mde_nerf::Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], observer: &mut dyn FieldCallback) -> mde_nerf::Result<FitReport> {
         let key = fit_key(&self.config, self.seed, views);
         let known = lock(&self.memory.0).get(&key).cloned();
         let fitted = match known {
@@ -145,7 +145,7 @@ impl RadianceField for Remembered {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        observer: &mut dyn Observer,
+        observer: &mut dyn FieldCallback,
     ) -> mde_nerf::Result<RenderedView> {
         let Some(fitted) = &self.fitted else { return Err(mde_nerf::Error::NotFitted) };
         match lock(&fitted.renders).entry(view_key(camera, pose, &self.config)) {
