@@ -26,27 +26,36 @@
 //! ```
 
 pub mod align;
+#[cfg(feature = "baseline")]
 pub mod baseline;
 pub mod conformal;
+#[cfg(feature = "data")]
 pub mod data;
 mod error;
 #[cfg(feature = "plot")]
 pub mod figure;
 pub mod metrics;
 pub mod raster;
+#[cfg(feature = "baseline")]
 mod refiner;
+#[cfg(feature = "scenes")]
 pub mod scene;
 pub mod score;
+#[cfg(feature = "scenes")]
 pub mod simulated;
 mod special;
 pub mod statistics;
 pub mod table;
 
 pub use error::{Error, Result};
+#[cfg(feature = "prior")]
 pub use mde_prior;
+#[cfg(feature = "prior")]
 pub use mde_warp;
+#[cfg(feature = "prior")]
 pub use nalgebra;
 pub use ndarray;
+#[cfg(feature = "baseline")]
 pub use refiner::{Refined, Refiner, Task};
 
 #[cfg(doctest)]

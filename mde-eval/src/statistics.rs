@@ -51,12 +51,12 @@ impl Bootstrap {
     /// # Errors
     /// [`Error::Config`] names the field and what it must be.
     pub fn validate(&self) -> Result<()> {
-        let fault = |field, value: String, expected| Err(Error::Config { field, value, expected });
+        let fault = |field, value: String, remedy| Err(Error::Config { field, value, remedy });
         if self.draws == 0 {
-            return fault("draws", "0".to_owned(), "at least 1");
+            return fault("draws", "0".to_owned(), "use at least 1");
         }
         if !(self.level > 0.0 && self.level < 1.0) {
-            return fault("level", self.level.to_string(), "a probability between 0 and 1");
+            return fault("level", self.level.to_string(), "use a probability between 0 and 1");
         }
         Ok(())
     }

@@ -110,8 +110,8 @@ impl Default for Options {
 /// # Errors
 /// As the data set's own `open`; [`Error::Config`] where a folder is missing or, for rooms, named.
 pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result<Box<dyn DataSet>> {
-    let fault = |value: &str, expected| {
-        Err(Error::Config { field: "the data set's folder", value: value.to_owned(), expected })
+    let fault = |value: &str, remedy| {
+        Err(Error::Config { field: "the data set's folder", value: value.to_owned(), remedy })
     };
     let data: Box<dyn DataSet> = match (kind, root) {
         (DataSetKind::Rooms, None) => {
@@ -119,9 +119,9 @@ pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result
             return Ok(Box::new(Rooms::new(options.seed, width, height)));
         }
         (DataSetKind::Rooms, Some(root)) => {
-            return fault(&root.display().to_string(), "left out: rooms are made, not read");
+            return fault(&root.display().to_string(), "leave it out: rooms are rendered, not read");
         }
-        (_, None) => return fault("missing", "named"),
+        (_, None) => return fault("missing", "name it"),
         (DataSetKind::SunRgbd, Some(root)) => {
             Box::new(SunRgbd::open(root)?.with_depth(options.sun_depth).with_fallback(options.fallback))
         }

@@ -23,7 +23,7 @@ impl<D: DataSet> Resized<D> {
     pub fn new(data: D, width: usize, height: usize) -> Result<Self> {
         if width.min(height) == 0 {
             let value = format!("{width}x{height}");
-            return Err(crate::Error::Config { field: "the size", value, expected: "at least 1x1 pixels" });
+            return Err(crate::Error::Config { field: "the size", value, remedy: "use at least 1x1 pixels" });
         }
         Ok(Self { data, width, height })
     }

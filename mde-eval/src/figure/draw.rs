@@ -46,7 +46,7 @@ pub(super) fn write(chart: &Chart, path: &Path) -> Result<()> {
         other => Err(Error::Config {
             field: "the figure's extension",
             value: other.unwrap_or("missing").to_owned(),
-            expected: "svg or png",
+            remedy: "use svg or png",
         }),
     }
 }

@@ -1,6 +1,7 @@
 //! Putting solids into a room. Room coordinates: x right, y into the room, z up, in metres, floor at 0.
 
-use super::solid::{Body, Shape, Vector};
+use super::shape::{Shape, Vector};
+use super::solid::Body;
 use super::texture::{Colour, Material, Texture, rgb};
 use mde_warp::random::CounterRng;
 use nalgebra::{Matrix3, Rotation3};
@@ -8,12 +9,12 @@ use rand::RngExt;
 
 /// A piece of furniture's own frame: where it stands and how far it is turned about the vertical.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
+pub(super) struct Frame {
     origin: Vector,
     yaw: f64,
 }
 
-impl Place {
+impl Frame {
     pub(super) fn at(x: f64, y: f64, z: f64) -> Self {
         Self { origin: Vector::new(x, y, z), yaw: 0.0 }
     }
@@ -59,53 +60,53 @@ impl Stage {
     }
 
     /// A box by its centre and full size, in the place's frame.
-    pub(super) fn block(&mut self, place: &Place, centre: [f64; 3], size: [f64; 3], material: Material) {
-        self.tilted(place, centre, size, Rotation3::identity(), material);
+    pub(super) fn block(&mut self, frame: &Frame, centre: [f64; 3], size: [f64; 3], material: Material) {
+        self.tilted(frame, centre, size, Rotation3::identity(), material);
     }
 
     /// A box turned about its own centre.
     pub(super) fn tilted(
         &mut self,
-        place: &Place,
+        frame: &Frame,
         centre: [f64; 3],
         size: [f64; 3],
         turn: Rotation3<f64>,
         material: Material,
     ) {
         let shape = Shape::Block(0.5 * Vector::from(size));
-        self.push(place, centre, turn, shape, material);
+        self.push(frame, centre, turn, shape, material);
     }
 
     pub(super) fn ellipsoid(
         &mut self,
-        place: &Place,
+        frame: &Frame,
         centre: [f64; 3],
         radii: [f64; 3],
         turn: Rotation3<f64>,
         material: Material,
     ) {
-        self.push(place, centre, turn, Shape::Ellipsoid(radii.into()), material);
+        self.push(frame, centre, turn, Shape::Ellipsoid(radii.into()), material);
     }
 
-    pub(super) fn ball(&mut self, place: &Place, centre: [f64; 3], radius: f64, material: Material) {
-        self.ellipsoid(place, centre, [radius; 3], Rotation3::identity(), material);
+    pub(super) fn ball(&mut self, frame: &Frame, centre: [f64; 3], radius: f64, material: Material) {
+        self.ellipsoid(frame, centre, [radius; 3], Rotation3::identity(), material);
     }
 
     pub(super) fn rod(
         &mut self,
-        place: &Place,
+        frame: &Frame,
         from: [f64; 3],
         to: [f64; 3],
         radius: f64,
         material: Material,
     ) {
-        self.cone(place, from, to, [radius, radius], material);
+        self.cone(frame, from, to, [radius, radius], material);
     }
 
     /// A capped cone between two points, with the radius at each.
     pub(super) fn cone(
         &mut self,
-        place: &Place,
+        frame: &Frame,
         from: [f64; 3],
         to: [f64; 3],
         radii: [f64; 2],
@@ -116,12 +117,12 @@ impl Stage {
         // Opposite directions have no unique rotation: any half turn will do.
         let turn = Rotation3::rotation_between(&Vector::z(), &along)
             .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector::x_axis(), std::f64::consts::PI));
-        self.push(place, from, turn, shape, material);
+        self.push(frame, from, turn, shape, material);
     }
 
-    fn push(&mut self, place: &Place, at: [f64; 3], turn: Rotation3<f64>, shape: Shape, material: Material) {
-        let to_local: Matrix3<f64> = (place.rotation() * turn).inverse().into_inner();
-        self.bodies.push(Body { shape, origin: place.to_room(at.into()), to_local, material });
+    fn push(&mut self, frame: &Frame, at: [f64; 3], turn: Rotation3<f64>, shape: Shape, material: Material) {
+        let to_local: Matrix3<f64> = (frame.rotation() * turn).inverse().into_inner();
+        self.bodies.push(Body { shape, origin: frame.to_room(at.into()), to_local, material });
     }
 }
 

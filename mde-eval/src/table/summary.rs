@@ -72,7 +72,7 @@ impl Summary {
             }
             if !places.insert((&entry.method, &entry.scene, entry.seed)) {
                 let value = format!("{} on {}", entry.method, entry.scene);
-                return Err(Error::Config { field: "an entry", value, expected: "there once" });
+                return Err(Error::Config { field: "an entry", value: value + ", twice", remedy: "give each scene, method and seed once" });
             }
         }
         let mut methods: Vec<MethodSummary> = names
