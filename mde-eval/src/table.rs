@@ -1,12 +1,14 @@
-//! Many scores as tables: one row a scene, one row a method, with what the scenes allow to say.
+//! Scores of many scenes as tables: one row per scene and method, and a summary per method with intervals.
 
+mod document;
 mod metric;
 mod summary;
 mod write;
 
+pub use document::{Block, Cell, Column, Document, Table};
 pub use metric::{Better, Group, METRICS, Metric};
 pub use summary::{MethodSummary, Statistics, Summary};
-pub use write::{csv, markdown};
+pub use write::{csv, document};
 
 use crate::Result;
 use crate::align::{Alignment, AlignmentRule};
@@ -23,6 +25,9 @@ use std::collections::BTreeMap;
 pub struct Entry {
     /// The scene's identifier.
     pub scene: String,
+    /// The place that the scene shows: scenes of one place are resampled together. The scene itself without it.
+    #[serde(default)]
+    pub place: Option<String>,
     /// The method's name.
     pub method: String,
     /// The seed of the method's random draws: its runs on a scene with other seeds are averaged before scenes are compared.
@@ -60,12 +65,19 @@ impl Entry {
     ) -> Self {
         let (uncertainty, curves) = (Some(uncertainty), Some(curves));
         let (alignment, seed) = (of.alignment.clone(), of.seed);
-        Self { seed, alignment, uncertainty, curves, ..Self::empty(of.scene.clone(), method.into()) }
+        let place = of.place.clone();
+        Self { place, seed, alignment, uncertainty, curves, ..Self::empty(of.scene.clone(), method.into()) }
+    }
+
+    /// The place that the scene shows; the scene itself where it has none.
+    pub fn place(&self) -> &str {
+        self.place.as_deref().unwrap_or(&self.scene)
     }
 
     fn empty(scene: String, method: String) -> Self {
         Self {
             scene,
+            place: None,
             method,
             seed: 0,
             alignment: String::new(),
