@@ -5,6 +5,7 @@ use crate::config::SigmaConfig;
 use crate::{Error, Result};
 use mde_prior::{DepthPrior, Evidence};
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::median;
 use mde_warp::PosedView;
 use ndarray::{Array2, ArrayView2, ArrayView3, Zip};
 use serde::Serialize;
@@ -123,8 +124,8 @@ fn variance(
     let change = Zip::from(depth)
         .and(prior)
         .map_collect(|&z, &o| if z > 0.0 && o > 0.0 { (z / o).ln().abs() } else { 0.0 });
-    let median = |map: &Array2<f32>| mde_warp::median(map.iter().copied()).map(f64::from);
-    (report.median_spread, report.median_change) = (median(&spread), median(&change));
+    let middle = |map: &Array2<f32>| median(map.iter().copied().filter(|v| v.is_finite()));
+    (report.median_spread, report.median_change) = (middle(&spread), middle(&change));
     let width = config.blur * depth.ncols() as f64;
     let squared = |share: &Array2<f32>, gain: f64| {
         let raw = share.mapv(|s| (gain as f32 * s).powi(2));

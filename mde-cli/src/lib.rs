@@ -29,7 +29,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod calibration;
+pub mod calibration;
 pub mod config;
 mod control;
 mod error;
@@ -39,13 +39,12 @@ pub mod memory;
 pub mod pipeline;
 mod report;
 
-pub use calibration::{Calibration, CalibrationSource, HeldOut};
 pub use config::{Config, Preset, SigmaConfig};
 pub use control::AveragedField;
 pub use error::{Error, Result};
 pub use evidence::{Component, EvidenceReport};
 pub use intrinsics::Intrinsics;
-pub use pipeline::{Checkpoint, Event, Refinement, Stage, Stages, refine, resume};
+pub use pipeline::{Checkpoint, Event, Refinement, Stage, Stages, field_seed, refine, resume};
 pub use report::{IterationReport, StageSeconds, WarpReport};
 pub use {mde_eval, mde_fusion, mde_nerf, mde_prior, mde_uncertainty, mde_warp};
 pub use {nalgebra, ndarray};

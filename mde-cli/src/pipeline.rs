@@ -8,15 +8,14 @@ pub use crate::evidence::known;
 use crate::evidence::{Component, EvidenceReport, Start, of_view, start};
 use crate::report::{IterationReport, WarpReport};
 use crate::{Error, Result};
-use mde_eval::metrics::rank::spearman;
 use mde_fusion::{Fused, Fuser, Prior};
 use mde_nerf::RadianceField;
 use mde_prior::DepthPrior;
 use mde_uncertainty::GaussianDepth;
-use mde_warp::random::CounterRng;
-use mde_warp::{PinholeCamera, Pose, PosedView, forward_warp, median, reproject, sample_poses};
+use mde_uncertainty::random::derived_seed;
+use mde_uncertainty::statistics::{median, spearman};
+use mde_warp::{PinholeCamera, Pose, PosedView, forward_warp, reproject, sample_poses};
 use ndarray::{Array2, ArrayView2, ArrayView3};
-use rand::Rng;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
@@ -210,7 +209,7 @@ pub fn synthesise(
         vec![depth.clone()],
     )?;
     let scale = median_depth(depth)?;
-    let seed = derived_seed(config.seed, "training-poses", iteration);
+    let seed = derived_seed(config.seed, "training-poses", iteration as u64);
     let mut views = vec![original];
     let mut report = WarpReport::default();
     for pose in sample_poses(&config.views, scale, seed)? {
@@ -309,7 +308,7 @@ impl Run<'_, '_> {
         scale: f64,
         field: &dyn RadianceField,
     ) -> Result<Vec<GaussianDepth>> {
-        let seed = derived_seed(self.config.seed, "novel-poses", index);
+        let seed = derived_seed(self.config.seed, "novel-poses", index as u64);
         let mut poses = sample_poses(&self.config.novel.sampling, scale, seed)?;
         if self.config.novel.original {
             poses.insert(0, Pose::identity());
@@ -360,11 +359,15 @@ fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>) -> Result
 }
 
 fn median_depth(depth: &GaussianDepth) -> Result<f64> {
-    median(depth.mean().iter().copied().filter(|&d| d > 0.0)).map(f64::from).ok_or(Error::EmptyPrior)
+    let middle = median(depth.mean().iter().copied().filter(|&d| d > 0.0)).ok_or(Error::EmptyPrior)?;
+    // To the precision of the map.
+    Ok(f64::from(middle as f32))
 }
 
-fn derived_seed(seed: u64, purpose: &str, iteration: usize) -> u64 {
-    CounterRng::new(seed, purpose, iteration as u64, 0).next_u64()
+/// The seed of the field of one iteration, counted from 0: the run's own for the first, derived seeds for the others, so that
+/// runs with neighbouring seeds share none.
+pub fn field_seed(seed: u64, iteration: usize) -> u64 {
+    if iteration == 0 { seed } else { derived_seed(seed, "field", iteration as u64) }
 }
 
 /// Spearman's correlation of the field's depth with the prior's, and the median of \\(|D_r / D_o - 1|\\), over the
@@ -381,6 +384,6 @@ fn agreement(prior: ArrayView2<'_, f32>, field: &GaussianDepth) -> Result<(Optio
     if field.is_empty() {
         return Ok((None, None));
     }
-    let deviation = median(field.iter().zip(&prior).map(|(f, p)| (f / p - 1.0).abs() as f32));
-    Ok((spearman(&field, &prior)?, deviation.map(f64::from)))
+    let deviation = median(field.iter().zip(&prior).map(|(f, p)| (f / p - 1.0).abs()));
+    Ok((spearman(&field, &prior)?, deviation))
 }

@@ -54,7 +54,7 @@ fn run(image: &Array3<f32>, prior: &Array2<f32>, config: &Config, fov: f64) -> m
     let (height, width) = prior.dim();
     let camera = PinholeCamera::from_fov(fov, width, height)?;
     let mut field = |iteration: usize| -> mde_cli::Result<Box<dyn RadianceField>> {
-        Ok(Box::new(Nerf::new(config.nerf.clone(), config.seed + iteration as u64)?))
+        Ok(Box::new(Nerf::new(config.nerf.clone(), mde_cli::field_seed(config.seed, iteration))?))
     };
     let fuser = Between(BayesFuser::new(config.fusion.clone())?);
     let known = Known(prior.clone());

@@ -91,7 +91,7 @@ fn config() -> Config {
 fn with_nerf(config: &Config) -> Refinement {
     let scene = scene();
     let mut field = |iteration: usize| -> mde_cli::Result<Box<dyn RadianceField>> {
-        Ok(Box::new(Nerf::new(config.nerf.clone(), config.seed + iteration as u64)?))
+        Ok(Box::new(Nerf::new(config.nerf.clone(), mde_cli::field_seed(config.seed, iteration))?))
     };
     let fuser = BayesFuser::new(config.fusion.clone()).unwrap();
     let prior = prior(&scene);

@@ -100,6 +100,9 @@ pub enum Error {
     /// A method that failed.
     #[error("{0}")]
     Method(String),
+    /// A list or a map that a statistic is not defined for.
+    #[error(transparent)]
+    Uncertainty(#[from] mde_uncertainty::Error),
     /// An invalid camera.
     #[cfg(feature = "prior")]
     #[error(transparent)]

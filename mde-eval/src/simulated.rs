@@ -7,7 +7,7 @@ pub use model::{SimulatedModel, SimulatedModelConfig};
 use crate::raster::erode_by;
 use crate::{Error, Result};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
-use mde_warp::random::CounterRng;
+use mde_uncertainty::random::CounterRng;
 use ndarray::{Array2, ArrayView3, ArrayViewMut1, Axis};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
@@ -79,9 +79,7 @@ impl SimulatedPriorConfig {
         ];
         match checks.into_iter().find(|check| !check.2) {
             None => Ok(()),
-            Some((field, value, _, remedy)) => {
-                Err(Error::Config { field, value: value.to_string(), remedy })
-            }
+            Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
         }
     }
 }
@@ -108,7 +106,7 @@ impl SimulatedPriorConfig {
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulatedPrior {
-    answer: PriorDepth,
+    prediction: PriorDepth,
 }
 
 impl SimulatedPrior {
@@ -132,19 +130,19 @@ impl SimulatedPrior {
         let map = match config.kind {
             DepthKind::Metric => depth,
             DepthKind::AffineDisparity => {
-                let disparities = depth.iter().filter(|&&z| z > 0.0).map(|z| z.recip()).collect();
-                let middle = crate::raster::median(disparities).unwrap_or(1.0);
+                let disparities = depth.iter().filter(|&&z| z > 0.0).map(|z| z.recip());
+                let middle = mde_uncertainty::statistics::median(disparities).unwrap_or(1.0);
                 depth.mapv(|z| if z > 0.0 { config.scale * (z.recip() + config.shift * middle) } else { 0.0 })
             }
             _ => depth * config.scale,
         };
-        let answer = PriorDepth::with_mask(map.mapv(|v| v as f32), valid, config.kind)?;
-        Ok(Self { answer })
+        let prediction = PriorDepth::with_mask(map.mapv(|v| v as f32), valid, config.kind)?;
+        Ok(Self { prediction })
     }
 
-    /// What it answers.
-    pub fn answer(&self) -> &PriorDepth {
-        &self.answer
+    /// Its prediction.
+    pub fn prediction(&self) -> &PriorDepth {
+        &self.prediction
     }
 }
 
@@ -153,10 +151,10 @@ impl DepthPrior for SimulatedPrior {
     /// [`mde_prior::Error::Input`] for an image of another size.
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         let (height, width, _) = image.dim();
-        if (height, width) == self.answer.map.dim() {
-            return Ok(self.answer.clone());
+        if (height, width) == self.prediction.map.dim() {
+            return Ok(self.prediction.clone());
         }
-        let shape = self.answer.map.dim();
+        let shape = self.prediction.map.dim();
         Err(mde_prior::Error::Input(format!(
             "the simulated prior is {}x{} but the image is {width}x{height} (width x height); resize the image",
             shape.1, shape.0
@@ -256,7 +254,7 @@ mod tests {
     }
 
     fn made(config: &SimulatedPriorConfig) -> Array2<f32> {
-        SimulatedPrior::new(&truth(), config).unwrap().answer.map
+        SimulatedPrior::new(&truth(), config).unwrap().prediction.map
     }
 
     #[test]
@@ -305,7 +303,7 @@ mod tests {
         holes.row_mut(10).fill(0.0);
         holes[(0, 0)] = f32::NAN;
         let prior = SimulatedPrior::new(&holes, &SimulatedPriorConfig::default()).unwrap();
-        assert!(prior.answer.map.iter().zip(&holes).all(|(p, z)| (*p > 0.0) == (*z > 0.0)));
+        assert!(prior.prediction.map.iter().zip(&holes).all(|(p, z)| (*p > 0.0) == (*z > 0.0)));
         assert!(prior.predict(Array3::zeros((60, 80, 3)).view()).is_ok());
         assert!(prior.predict(Array3::zeros((80, 60, 3)).view()).is_err());
         assert!(SimulatedPrior::new(&Array2::zeros((4, 4)), &config()).is_err());

@@ -15,7 +15,8 @@ use crate::align::{Alignment, AlignmentRule};
 use crate::metrics::depth;
 use crate::raster::gather;
 use crate::score::{DepthScores, ScoreConfig, Scores, Subject, UncertaintyCurves, UncertaintyScores};
-use crate::statistics::{leave_one_out_factors, share_below};
+use mde_uncertainty::normal::central_half_width;
+use mde_uncertainty::pooled::{PooledIntervals, share_below};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -116,7 +117,7 @@ impl SharedErrors {
     }
 }
 
-/// How good sigmas are after one factor that was learned on other scenes.
+/// Scores of the sigmas after one factor that is fitted on other places.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Calibrated {
@@ -126,12 +127,12 @@ pub struct Calibrated {
     pub coverage_50: f64,
     /// Coverage of the central 90 % interval.
     pub coverage_90: f64,
-    /// Negative log-likelihood, nats a pixel.
+    /// Negative log-likelihood, nats per pixel.
     pub nll: f64,
 }
 
-/// Fills [`Entry::calibrated`]: the factor of each scene makes the 90 % interval cover 90 % of the *other* scenes
-/// ([`leave_one_out_factors`]). Methods of fewer than two scenes are left alone.
+/// Fills [`Entry::calibrated`]: the factor of each scene makes the 90 % interval cover 90 % of the scenes of all *other* places
+/// ([`PooledIntervals`]). Methods whose scenes show one place only are left alone.
 pub fn calibrate(entries: &mut [Entry]) {
     let mut by_method: BTreeMap<(String, u64), Vec<usize>> = BTreeMap::new();
     for (index, entry) in entries.iter_mut().enumerate() {
@@ -140,17 +141,28 @@ pub fn calibrate(entries: &mut [Entry]) {
             by_method.entry((entry.method.clone(), entry.seed)).or_default().push(index);
         }
     }
-    for places in by_method.into_values() {
-        let quantiles = |&place: &usize| entries[place].curves.as_ref().map(|c| c.abs_z_quantiles.clone());
-        let quantiles: Vec<Vec<f64>> = places.iter().filter_map(quantiles).collect();
-        let Some(factors) = leave_one_out_factors(&quantiles, 0.9) else { continue };
-        for ((place, factor), quantiles) in places.into_iter().zip(factors).zip(quantiles) {
-            let Some(scores) = entries[place].uncertainty.as_ref() else { continue };
-            let covered = |p| share_below(&quantiles, factor * crate::special::central_half_width(p));
+    for own in by_method.into_values() {
+        let mut factors: BTreeMap<String, Option<f64>> = BTreeMap::new();
+        for &index in &own {
+            let place = entries[index].place();
+            if !factors.contains_key(place) {
+                let others = own.iter().map(|&other| &entries[other]).filter(|other| other.place() != place);
+                let quantiles: Vec<Vec<f64>> =
+                    others.filter_map(|other| Some(other.curves.as_ref()?.abs_z_quantiles.clone())).collect();
+                let factor = PooledIntervals::fit(&quantiles).and_then(|table| table.factor(0.9)).ok();
+                factors.insert(place.to_owned(), factor);
+            }
+        }
+        for index in own {
+            let entry = &entries[index];
+            let Some(factor) = factors.get(entry.place()).copied().flatten() else { continue };
+            let (Some(scores), Some(curves)) = (&entry.uncertainty, &entry.curves) else { continue };
+            let quantiles = &curves.abs_z_quantiles;
+            let covered = |p| share_below(quantiles, factor * central_half_width(p));
             // The factor leaves the errors and multiplies every sigma.
             let nll = scores.nll + factor.ln() + 0.5 * scores.mean_z2 * (factor.powi(-2) - 1.0);
             let (coverage_50, coverage_90) = (covered(0.5), covered(0.9));
-            entries[place].calibrated = (factor > 0.0 && nll.is_finite()).then_some(Calibrated {
+            entries[index].calibrated = (factor > 0.0 && nll.is_finite()).then_some(Calibrated {
                 factor,
                 coverage_50,
                 coverage_90,
@@ -222,6 +234,17 @@ pub(crate) mod tests {
         let mut alone = entries[..2].to_vec();
         calibrate(&mut alone);
         assert!(alone.iter().all(|entry| entry.calibrated.is_none()));
+        // The third room alone stands for the first two, which are one place.
+        let third = entries.iter().find(|entry| entry.scene == "bedroom").unwrap().clone();
+        for entry in &mut entries {
+            entry.place = Some(if entry.scene == "bedroom" { "there" } else { "here" }.to_owned());
+        }
+        calibrate(&mut entries);
+        let quantiles = &third.curves.as_ref().unwrap().abs_z_quantiles;
+        for entry in entries.iter().filter(|e| e.method == third.method && e.place() == "here") {
+            let factor = entry.calibrated.unwrap().factor;
+            assert!((share_below(quantiles, factor * central_half_width(0.9)) - 0.9).abs() < 1e-6);
+        }
     }
 
     #[test]

@@ -5,8 +5,8 @@ use crate::frustum::Ray;
 use crate::loss::Target;
 use crate::march::March;
 use crate::{Error, Result};
+use mde_uncertainty::random::CounterRng;
 use mde_warp::PosedView;
-use mde_warp::random::CounterRng;
 use rand::RngExt;
 
 /// The views' trainable pixels.

@@ -3,6 +3,7 @@
 use crate::config::{SamplingConfig, Spacing};
 use crate::scalar::Scalar;
 use crate::{Error, Result};
+use mde_uncertainty::statistics::nearest_rank_sorted;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::{Point2, Point3, Vector3};
 
@@ -170,9 +171,7 @@ fn depth_range(view: &PosedView, sampling: &SamplingConfig) -> Result<(f64, f64,
         .map(|(mean, _)| mean)
         .collect();
     depths.sort_unstable_by(f32::total_cmp);
-    let quantile = |q: f64| {
-        depths.get((q * depths.len().saturating_sub(1) as f64).round() as usize).map(|&d| f64::from(d))
-    };
+    let quantile = |q: f64| nearest_rank_sorted(&depths, q).map(f64::from);
     let near = sampling.near.or_else(|| Some(STRETCH[0] * quantile(QUANTILES[0])?)).ok_or(Error::NoRange)?;
     let far = sampling.far.or_else(|| Some(STRETCH[1] * quantile(QUANTILES[1])?)).ok_or(Error::NoRange)?;
     if !(near > 0.0 && far > near * 1.0001) {

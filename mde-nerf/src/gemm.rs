@@ -214,7 +214,7 @@ pub(crate) fn outer_f64(x: &[f64], dy: &[f64], dw: &mut [f64], shape: Shape) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mde_warp::random::CounterRng;
+    use mde_uncertainty::random::CounterRng;
     use proptest::prelude::*;
     use rand::RngExt;
 

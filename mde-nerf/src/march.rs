@@ -7,8 +7,8 @@ use crate::points::Points;
 use crate::sampling::{blurred, edges, importance, merge, stratified};
 use crate::scalar::Scalar;
 use crate::volume::{Bins, Rendered, Shade};
+use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::termination::InBinVariance;
-use mde_warp::random::CounterRng;
 
 /// How many samples a ray gets.
 #[derive(Debug, Clone, Copy, PartialEq)]

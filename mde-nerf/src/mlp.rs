@@ -2,7 +2,7 @@
 
 use crate::gemm::{Epilogue, Shape, padded};
 use crate::scalar::Scalar;
-use mde_warp::random::CounterRng;
+use mde_uncertainty::random::CounterRng;
 use rand::RngExt;
 
 /// Fully connected layers, ReLU between them, none after the last.

@@ -103,7 +103,7 @@ pub(crate) fn importance<T: Scalar>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mde_warp::random::CounterRng;
+    use mde_uncertainty::random::CounterRng;
     use proptest::prelude::*;
 
     fn rng(seed: u64) -> CounterRng {

@@ -4,8 +4,9 @@
 #![allow(clippy::print_stdout)]
 
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::median;
 use mde_warp::ndarray::{Array2, Array3};
-use mde_warp::{PinholeCamera, Pose, ViewSampling, WarpConfig, forward_warp, median, sample_poses};
+use mde_warp::{PinholeCamera, Pose, ViewSampling, WarpConfig, forward_warp, sample_poses};
 use std::time::Instant;
 
 /// A floor that runs to a wall, a box at the left and a thin pole at the right.

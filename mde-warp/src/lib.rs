@@ -13,8 +13,9 @@
 //!
 //! ```
 //! use mde_uncertainty::GaussianDepth;
+//! use mde_uncertainty::statistics::median;
 //! use mde_warp::ndarray::{Array2, Array3};
-//! use mde_warp::{PinholeCamera, Pose, ReprojectConfig, ViewSampling, WarpConfig, forward_warp, median};
+//! use mde_warp::{PinholeCamera, Pose, ReprojectConfig, ViewSampling, WarpConfig, forward_warp};
 //! use mde_warp::{reproject, sample_poses};
 //!
 //! let camera = PinholeCamera::from_fov(60.0, 64, 48)?;
@@ -24,7 +25,7 @@
 //!
 //! let origin = Pose::identity();
 //! let scale = median(depth.mean().iter().copied()).unwrap_or(1.0);
-//! for pose in sample_poses(&ViewSampling::default(), scale.into(), 0)? {
+//! for pose in sample_poses(&ViewSampling::default(), scale, 0)? {
 //!     let warped = forward_warp(image.view(), &depth, &camera, &origin, &camera, &pose, &WarpConfig::default())?;
 //!     assert!(warped.hole_fraction < 0.02);
 //!
@@ -46,7 +47,6 @@ mod mesh;
 mod pose;
 #[cfg(feature = "proptest")]
 pub mod proptest;
-pub mod random;
 mod raster;
 mod reproject;
 mod sampling;
@@ -60,7 +60,7 @@ pub use nalgebra;
 pub use ndarray;
 pub use pose::Pose;
 pub use reproject::{ReprojectConfig, reproject};
-pub use sampling::{ViewSampling, median, sample_poses};
+pub use sampling::{ViewSampling, sample_poses};
 pub use view::PosedView;
 pub use warp::{HoleFilling, WarpConfig, WarpedView, forward_warp};
 

@@ -1,6 +1,6 @@
 use crate::error::in_range;
-use crate::random::CounterRng;
 use crate::{Error, Pose, Result};
+use mde_uncertainty::random::CounterRng;
 use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_distr::{Distribution, UnitSphere};
@@ -117,34 +117,9 @@ fn van_der_corput(k: u32) -> f64 {
     f64::from(k.reverse_bits()) / (f64::from(u32::MAX) + 1.0)
 }
 
-/// The median of the finite values (the mean of the middle two where their number is even), or nothing where there are
-/// none.
-///
-/// ```
-/// assert_eq!(mde_warp::median([3.0, f32::NAN, 1.0, 2.0]), Some(2.0));
-/// ```
-pub fn median(values: impl IntoIterator<Item = f32>) -> Option<f32> {
-    let mut finite: Vec<f32> = values.into_iter().filter(|v| v.is_finite()).collect();
-    let middle = finite.len() / 2;
-    if finite.is_empty() {
-        return None;
-    }
-    let even = finite.len().is_multiple_of(2);
-    let (below, &mut upper, _) = finite.select_nth_unstable_by(middle, f32::total_cmp);
-    let lower = if even { below.iter().copied().max_by(f32::total_cmp)? } else { upper };
-    Some((0.5 * (f64::from(lower) + f64::from(upper))) as f32)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_median_of_an_even_number_is_between_the_middle_two() {
-        assert_eq!(median([4.0, 1.0, f32::INFINITY, 3.0, 2.0]), Some(2.5));
-        assert_eq!(median([f32::MAX, f32::MAX]), Some(f32::MAX));
-        assert_eq!(median([f32::NAN]), None);
-    }
 
     #[test]
     fn settings_out_of_range_are_named() {

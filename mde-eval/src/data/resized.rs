@@ -5,7 +5,7 @@ use ndarray::{Array3, Axis};
 
 /// A data set at another size, such as the paper's 640 x 480.
 ///
-/// The picture is resampled bilinearly (antialiased where it shrinks), the camera follows with pixel centres at integers,
+/// The image is resampled bilinearly (antialiased where it shrinks), the camera follows with pixel centres at integers,
 /// and the truth takes the nearest pixel's value: depths are never mixed and holes stay holes. Width and height scale
 /// each by their own factor.
 #[derive(Debug, Clone)]
@@ -32,6 +32,10 @@ impl<D: DataSet> Resized<D> {
 impl<D: DataSet> DataSet for Resized<D> {
     fn ids(&self) -> &[String] {
         self.data.ids()
+    }
+
+    fn place(&self, index: usize) -> Option<&str> {
+        self.data.place(index)
     }
 
     fn load(&self, index: usize) -> Result<Sample> {

@@ -66,9 +66,7 @@ impl SimulatedModelConfig {
         ];
         match checks.into_iter().find(|check| !check.2) {
             None => Ok(()),
-            Some((field, value, _, remedy)) => {
-                Err(Error::Config { field, value: value.to_string(), remedy })
-            }
+            Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
         }
     }
 }

@@ -1,8 +1,8 @@
 use super::{Entry, METRICS, Metric};
 use crate::metrics::bsds::{BoundaryCounts, ods};
-use crate::metrics::rank::average_ranks;
 use crate::statistics::{Bootstrap, Estimate};
 use crate::{Error, Result};
+use mde_uncertainty::statistics::{average_ranks, median};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -82,7 +82,11 @@ impl Summary {
             }
             if !seen.insert((&entry.method, &entry.scene, entry.seed)) {
                 let value = format!("{} on {}", entry.method, entry.scene);
-                return Err(Error::Config { field: "an entry", value: value + ", twice", remedy: "give each scene, method and seed once" });
+                return Err(Error::Config {
+                    field: "an entry",
+                    value: value + ", twice",
+                    remedy: "give each scene, method and seed once",
+                });
             }
         }
         let mut methods: Vec<MethodSummary> = names
@@ -163,7 +167,8 @@ impl<'e> Values<'e> {
     }
 
     fn ranks(&self, metric: &Metric) -> BTreeMap<&'e str, f64> {
-        let scenes: BTreeSet<&str> = self.by_method.values().flat_map(|scenes| scenes.keys().copied()).collect();
+        let scenes: BTreeSet<&str> =
+            self.by_method.values().flat_map(|scenes| scenes.keys().copied()).collect();
         let mut sums: BTreeMap<&str, (f64, usize)> = BTreeMap::new();
         for scene in scenes {
             let here = self
@@ -202,11 +207,15 @@ impl<'e> Values<'e> {
         Ok(Some(Statistics {
             scenes: values.len(),
             mean: values.iter().sum::<f64>() / values.len() as f64,
-            median: crate::raster::median(values).unwrap_or(f64::NAN),
+            median: median(values).unwrap_or(f64::NAN),
             paired: x.len(),
             places: places.iter().collect::<BTreeSet<_>>().len(),
             difference: if paired { Some(bootstrap.difference(&x, &r, of_places)?) } else { None },
-            ratio: if paired && r.iter().all(|r| *r >= 0.0) { bootstrap.ratio(&x, &r, of_places)? } else { None },
+            ratio: if paired && r.iter().all(|r| *r >= 0.0) {
+                bootstrap.ratio(&x, &r, of_places)?
+            } else {
+                None
+            },
             worse: (paired && badness(0.0).is_some()).then_some(worse),
             rank,
         }))

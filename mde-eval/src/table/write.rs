@@ -70,7 +70,8 @@ pub fn document(summary: &Summary) -> Document {
 fn pooled(summary: &Summary) -> Vec<Block> {
     let methods: Vec<_> = summary.methods.iter().filter(|method| !method.ods.is_empty()).collect();
     let Some(first) = methods.first() else { return Vec::new() };
-    let heads = first.ods.keys().map(|threshold| Column::number(format!("thinned F1 (ODS), {threshold} m ↑")));
+    let heads =
+        first.ods.keys().map(|threshold| Column::number(format!("thinned F1 (ODS), {threshold} m ↑")));
     let columns = std::iter::once(Column::text("method")).chain(heads).collect();
     let row = |method: &&MethodSummary| {
         let cells = first.ods.keys().map(|threshold| match method.ods.get(threshold) {
@@ -200,7 +201,7 @@ mod tests {
     fn few_places_make_nothing_bold() {
         let spread = |places: usize| {
             let mut entries = Vec::new();
-            for (scene, entry) in (0..8).flat_map(|scene| entries_of_one().map(|entry| (scene, entry))) {
+            for (scene, entry) in (0..8).flat_map(|scene| entries_of_one().map(move |entry| (scene, entry))) {
                 let place = Some(format!("room {}", scene % places));
                 entries.push(Entry { scene: format!("scene {scene}"), place, ..entry });
             }

@@ -1,7 +1,7 @@
 use crate::optimiser::Moments;
 use crate::points::{BLOCK, Points};
 use crate::scalar::Scalar;
-use mde_warp::random::CounterRng;
+use mde_uncertainty::random::CounterRng;
 use rand::RngExt;
 
 /// The shape of a multiresolution hash grid after Müller et al. (2022).

@@ -14,7 +14,8 @@ use mde_cli::memory::render_bytes;
 use mde_nerf::{Event, Nerf, RadianceField, RenderedView};
 use mde_prior::format::{write_npy, write_png16};
 use mde_prior::photo::{write_image, write_rgb_png};
-use mde_warp::{PinholeCamera, Pose, median};
+use mde_uncertainty::statistics::median;
+use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use serde::Serialize;
 use serde_json::json;
@@ -131,9 +132,7 @@ fn middle(field: &Nerf, camera: &PinholeCamera) -> Result<f64> {
     let mut listen = |_: &Event| interrupt::flow();
     let seen = field.render(&camera.resized(PROBE, height)?, &Pose::identity(), &mut listen)?;
     let depths = seen.depth.mean().iter().copied().filter(|d| *d > 0.0).collect::<Vec<_>>();
-    let depth =
-        median(depths).context("the field shows nothing from the original camera; check the camera")?;
-    Ok(f64::from(depth))
+    median(depths).context("the field shows nothing from the original camera; check the camera")
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use super::filtered::FilteredField;
 use mde_cli::config::Consensus;
-use mde_cli::{AveragedField, Config, Error, Event, Stages, refine};
+use mde_cli::{AveragedField, Config, Error, Event, Stages, field_seed, refine};
 use mde_eval::{Refined, Refiner, Task};
 use mde_nerf::{FitReport, Nerf, NerfConfig, Observer, RadianceField, RenderConfig, RenderedView};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
@@ -20,7 +20,7 @@ pub(crate) type SharedObserver<'o> = dyn Fn(&Event) -> ControlFlow<()> + Sync + 
 
 /// [`refine`] with the settings of one [`Config`], but for the seed, which is the [`Task`]'s.
 ///
-/// The account of a [`Refined`] has the `iterations`, one [`IterationReport`](mde_cli::IterationReport) each.
+/// The report of a [`Refined`] has the `iterations`, one [`IterationReport`](mde_cli::IterationReport) each.
 pub(crate) struct LoopRefiner<'o> {
     config: Config,
     memory: Option<FieldMemory>,
@@ -59,7 +59,7 @@ impl<'o> LoopRefiner<'o> {
         let fuser = config.fuser()?;
         let nerf = config.nerf.clone();
         let mut field = |iteration: usize| -> mde_cli::Result<Box<dyn RadianceField>> {
-            let seed = config.seed.wrapping_add(iteration as u64);
+            let seed = field_seed(config.seed, iteration);
             if let Some(control) = &self.control {
                 return Ok(Box::new(FilteredField::new(control.clone(), seed)));
             }
@@ -76,7 +76,7 @@ impl<'o> LoopRefiner<'o> {
         Ok(Refined {
             depth: refinement.depth.mean().to_owned(),
             sigma: Some(refinement.depth.sigma()),
-            account: json!({ "evidence": refinement.evidence, "iterations": refinement.iterations }),
+            report: json!({ "evidence": refinement.evidence, "iterations": refinement.iterations }),
         })
     }
 }

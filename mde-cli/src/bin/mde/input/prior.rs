@@ -26,6 +26,9 @@ pub(crate) struct PriorOrigin {
     pub(crate) source: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) model: Option<ModelSpec>,
+    /// Identifies the model's file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) model_hash: Option<String>,
     pub(crate) flip_average: bool,
 }
 
@@ -52,11 +55,14 @@ impl NamedPrior {
         let options = read_options("--png-scale", args.png_scale, args.prior_encoding.into())?;
         let prior = Box::new(FilePrior::with_options(path, kind, &options)?);
         let source = path.display().to_string();
-        Ok(Self { prior, origin: PriorOrigin { kind, source, model: None, flip_average: false } })
+        let origin = PriorOrigin { kind, source, model: None, model_hash: None, flip_average: false };
+        Ok(Self { prior, origin })
     }
 
     #[cfg(feature = "onnx")]
     fn model(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
+        use anyhow::Context;
+        use mde_cli::calibration::hash;
         use mde_prior::{FlipAverage, OnnxPrior};
         let mut spec = match &args.model_profile {
             Some(name) => ModelSpec::profile(name)?,
@@ -71,8 +77,15 @@ impl NamedPrior {
         let model = OnnxPrior::open(path, &spec)?;
         let prior: Box<dyn DepthPrior> =
             if args.flip_average { Box::new(FlipAverage(model)) } else { Box::new(model) };
-        let (source, flip_average) = (path.display().to_string(), args.flip_average);
-        Ok(Self { prior, origin: PriorOrigin { kind: spec.output, source, model: Some(spec), flip_average } })
+        let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+        let origin = PriorOrigin {
+            kind: spec.output,
+            source: path.display().to_string(),
+            model: Some(spec),
+            model_hash: Some(hash(&bytes)),
+            flip_average: args.flip_average,
+        };
+        Ok(Self { prior, origin })
     }
 
     #[cfg(not(feature = "onnx"))]

@@ -18,7 +18,7 @@ use crate::run::gain;
 use crate::run::progress::{Progress, TrainingCurve};
 use anyhow::Result;
 use mde_cli::config::Consensus;
-use mde_cli::{AveragedField, Component, Config, Event, Preset, Refinement, Stages, resume};
+use mde_cli::{AveragedField, Component, Config, Event, Preset, Refinement, Stages, field_seed, resume};
 use mde_nerf::Nerf;
 use mde_prior::DepthKind;
 use mde_prior::format::{write_npy, write_png16};
@@ -69,7 +69,7 @@ impl Job {
             let field: Box<dyn mde_nerf::RadianceField> = match self.config.refinement.consensus {
                 Consensus::Average => Box::new(AveragedField::default()),
                 Consensus::Field => {
-                    let nerf = Nerf::new(nerf.clone(), seed.wrapping_add(iteration as u64))?;
+                    let nerf = Nerf::new(nerf.clone(), field_seed(seed, iteration))?;
                     Box::new(kept.insert(SharedNerf::new(nerf)).clone())
                 }
             };
@@ -117,7 +117,7 @@ impl Job {
                 progress.warn(format!("iteration {}: {warning}", index + 1));
             }
         }
-        let stated = self.error_bar.apply(&mut refinement, &self.config, self.prior.origin.kind)?;
+        let stated = self.error_bar.apply(&mut refinement, &self.config, &self.prior.origin)?;
         stated.warnings.iter().for_each(|warning| progress.warn(warning.clone()));
         let start = Instant::now();
         let scores = match &self.truth {
