@@ -6,14 +6,9 @@ use crate::{Error, Result};
 use mde_prior::{DepthPrior, Evidence};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
-use mde_warp::PosedView;
 use ndarray::{Array2, ArrayView2, ArrayView3, Zip};
 use serde::Serialize;
 use std::ops::ControlFlow;
-
-/// Standard deviation of the window in which a view's answer takes the gauge of its warp, as a share of the sides: the widest that
-/// the levels of crops use.
-const GAUGE_WINDOW: f64 = 6.0 / 28.0;
 
 /// What the prior's stage gave.
 #[derive(Debug, Clone, PartialEq)]
@@ -73,37 +68,6 @@ pub(crate) fn start(
     report.questions = evidence.questions;
     let (components, variance) = variance(&evidence, prior.view(), depth.view(), &config.sigma, &mut report)?;
     Ok(Start { prior, depth: GaussianDepth::new(depth, variance)?, components, report })
-}
-
-/// What the model says of a synthetic view, in the gauge of the depth that the view was warped with; missing where that view shows
-/// nothing. Nothing where the two have no pixel in common.
-pub(crate) fn of_view(
-    model: &dyn DepthPrior,
-    view: &PosedView,
-    config: &Config,
-    observe: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
-) -> Result<Option<GaussianDepth>> {
-    let Some(warped) = view.hypotheses.first().filter(|warped| warped.support().iter().any(|known| *known))
-    else {
-        return Ok(None);
-    };
-    let evidence =
-        config.evidence.gather_with(model, view.image.view(), observe)?.ok_or(Error::Interrupted)?;
-    let said = evidence.depth(&config.disparity)?;
-    let reference =
-        Zip::from(warped.mean()).and(&warped.support()).map_collect(|&z, &known| if known { z } else { 0.0 });
-    let depth = mde_prior::evidence::regressed(
-        said.view(),
-        reference.view(),
-        GAUGE_WINDOW,
-        config.evidence.agreement,
-    )?;
-    let mut report = EvidenceReport::default();
-    let (_, variance) = variance(&evidence, reference.view(), depth.view(), &config.sigma, &mut report)?;
-    let unseen = |map: &Array2<f32>, missing: f32| {
-        Zip::from(map).and(&view.mask).map_collect(|&value, &seen| if seen { value } else { missing })
-    };
-    Ok(Some(GaussianDepth::new(unseen(&depth, 0.0), unseen(&variance, f32::INFINITY))?))
 }
 
 /// A map of depths (0: missing) as a Gaussian depth whose variance is not known yet (0).
