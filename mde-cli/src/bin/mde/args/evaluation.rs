@@ -132,6 +132,9 @@ pub(crate) struct DataArgs {
     /// SUN RGB-D: take the hole-filled depth_bfx as truth (it invents depth)
     #[arg(long)]
     pub(crate) filled_depth: bool,
+    /// Which scenes show the same place: lines of SCENE PLACE; intervals resample places
+    #[arg(long, value_name = "FILE")]
+    pub(crate) places: Option<PathBuf>,
     /// Only these scenes, separated by commas
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,
