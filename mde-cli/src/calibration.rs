@@ -3,7 +3,7 @@
 use crate::sigma::SigmaConfig;
 use crate::{Config, Error, Result};
 use mde_eval::conformal::{Conformal, held_out};
-use mde_prior::EvidenceConfig;
+use mde_prior::AugmentationConfig;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -62,7 +62,7 @@ impl Calibration {
     pub const AT: f64 = 0.9;
 
     /// Learned from the scenes' quantiles of \\(|e| / \sigma\\) ([`Conformal::fit`]), for the sigma that `config` gives with a prior that
-    /// answers anew, or does not.
+    /// accepts new images, or does not.
     ///
     /// # Errors
     /// What [`Conformal::fit`] refuses, half widths as [`parse`](Self::parse) refuses them, or a configuration that has no place in
@@ -70,7 +70,7 @@ impl Calibration {
     pub fn learn(
         source: CalibrationSource,
         config: &Config,
-        answers_anew: bool,
+        accepts_new_images: bool,
         scenes: Vec<(String, Vec<f64>)>,
     ) -> Result<Self> {
         let (names, quantiles): (Vec<_>, Vec<_>) = scenes.into_iter().unzip();
@@ -88,7 +88,7 @@ impl Calibration {
         }
         Ok(Self {
             format: FORMAT,
-            settings: fingerprint(config, answers_anew)?,
+            settings: fingerprint(config, accepts_new_images)?,
             scenes: names,
             half_widths: table.half_widths().iter().copied().map(rounded).collect(),
             source,
@@ -96,7 +96,7 @@ impl Calibration {
         })
     }
 
-    /// The one that comes with the program: of the preset [`Preset::Default`](crate::Preset::Default) where a model can be asked again.
+    /// The one that comes with the program: of the preset [`Preset::Default`](crate::Preset::Default) with a model.
     ///
     /// # Errors
     /// None, unless the program was built from other files than its own.
@@ -171,12 +171,12 @@ impl Calibration {
         &self.held_out
     }
 
-    /// Whether its sigma is what these settings give with a prior that answers anew, or does not.
+    /// Whether its sigma is what these settings give with a prior that accepts new images, or does not.
     ///
     /// # Errors
     /// [`Error::Config`] for a configuration that has no place in TOML.
-    pub fn is_of(&self, config: &Config, answers_anew: bool) -> Result<bool> {
-        Ok(self.settings == fingerprint(config, answers_anew)?)
+    pub fn is_of(&self, config: &Config, accepts_new_images: bool) -> Result<bool> {
+        Ok(self.settings == fingerprint(config, accepts_new_images)?)
     }
 }
 
@@ -192,24 +192,24 @@ fn usable(table: &Conformal) -> Result<(), String> {
 /// What sigma depends on.
 #[derive(Serialize)]
 struct Decisive<'c> {
-    /// Where the model is asked again.
-    evidence: Option<(&'c EvidenceConfig, &'c SigmaConfig)>,
+    /// Where the model is augmented.
+    augmentation: Option<(&'c AugmentationConfig, &'c SigmaConfig)>,
     /// With a field everything counts but the seed and the rule for disparities, which is the scene's; without one only this.
     common_error: f64,
     field: Option<Config>,
 }
 
-fn fingerprint(config: &Config, answers_anew: bool) -> Result<String> {
-    let again = answers_anew && config.evidence.asks_again();
-    let Config { refinement, evidence, sigma, .. } = config;
+fn fingerprint(config: &Config, accepts_new_images: bool) -> Result<String> {
+    let augmented = accepts_new_images && config.augmentation.is_active();
+    let Config { refinement, augmentation, sigma, .. } = config;
     let usual = Config::default();
     let decisive = Decisive {
-        evidence: again.then_some((evidence, sigma)),
+        augmentation: augmented.then_some((augmentation, sigma)),
         common_error: config.fusion.common_error,
-        field: refinement.fits_a_field(again).then(|| Config {
+        field: refinement.fits_a_field(augmented).then(|| Config {
             seed: 0,
             disparity: usual.disparity,
-            evidence: usual.evidence,
+            augmentation: usual.augmentation,
             sigma: usual.sigma,
             ..config.clone()
         }),
@@ -256,19 +256,19 @@ mod tests {
     #[test]
     fn it_knows_its_settings() {
         let (calibration, usual) = (learned(), Preset::Default.config());
-        let is_of = |change: &dyn Fn(&mut Config), answers_anew| {
+        let is_of = |change: &dyn Fn(&mut Config), accepts_new_images| {
             let mut config = usual.clone();
             change(&mut config);
-            calibration.is_of(&config, answers_anew).unwrap()
+            calibration.is_of(&config, accepts_new_images).unwrap()
         };
         assert!(is_of(&|c| c.seed = 5, true));
-        assert!(!is_of(&|_| (), false), "a prior that cannot be asked again has another sigma");
+        assert!(!is_of(&|_| (), false), "a prior that is not augmented has another sigma");
         // Without a field its settings play no part.
         assert!(is_of(&|c| c.refinement.iterations = 0, true));
         assert!(is_of(&|c| c.nerf.train.steps = 7, true));
         assert!(!is_of(&|c| c.refinement.field = crate::config::FieldUse::Always, true));
         assert!(!is_of(&|c| c.sigma.spread = 3.0, true));
-        assert!(!is_of(&|c| c.evidence.levels.truncate(1), true));
+        assert!(!is_of(&|c| c.augmentation.levels.truncate(1), true));
         assert!(!is_of(&|c| c.fusion.common_error = 0.1, true));
     }
 

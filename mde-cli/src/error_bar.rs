@@ -1,4 +1,4 @@
-//! The error bar as the user asked for it: sigma by a calibration, and an interval.
+//! The error bar that the user requested: sigma by a calibration, and an interval.
 
 use crate::args::ErrorBarArgs;
 use anyhow::Result;
@@ -9,7 +9,7 @@ use mde_uncertainty::GaussianDepth;
 use ndarray::Array2;
 use serde::Serialize;
 
-/// What was asked for.
+/// The requested error bar.
 pub(crate) struct ErrorBar {
     probability: Option<f64>,
     given: Option<(String, Calibration)>,
@@ -51,12 +51,12 @@ impl ErrorBar {
         config: &Config,
         kind: DepthKind,
     ) -> Result<Stated> {
-        let asked_again = refinement.evidence.questions > 1;
+        let augmented = refinement.augmentation.predictions > 1;
         let mut warnings = Vec::new();
         let mut factor = 1.0;
         if let Some((name, calibration)) = &self.given {
             let method = &calibration.source().method;
-            if !calibration.is_of(config, asked_again)? {
+            if !calibration.is_of(config, augmented)? {
                 let told = "was learned with other settings, or another kind of prior";
                 warnings.push(format!("--calibration {name} {told} ({method}); its sigma may be wrong here"));
             }
@@ -69,7 +69,7 @@ impl ErrorBar {
         let Some(probability) = self.probability else {
             return Ok(Stated { factor, interval: None, warnings });
         };
-        let (half_width, by) = match self.calibration(config, asked_again)? {
+        let (half_width, by) = match self.calibration(config, augmented)? {
             Some((by, calibration)) => (calibration.conformal()?.half_width(probability)? / factor, by),
             None => {
                 let told = "no calibration is of these settings, so the interval is a normal distribution's";
@@ -78,20 +78,19 @@ impl ErrorBar {
             }
         };
         if self.given.is_none() && !kind.is_depth() {
-            let told =
-                "the range that a disparity is given errs by more than it states, as no answer shows it";
+            let told = "the depth range assumed for disparities has an error that sigma does not include";
             warnings.push(format!("--interval: {told}; mde calibrate learns that too"));
         }
         Ok(Stated { factor, interval: Some(Interval { probability, half_width, by }), warnings })
     }
 
     /// The calibration of the interval with a name for it: the given one, else the program's own where it is of this run.
-    fn calibration(&self, config: &Config, asked_again: bool) -> Result<Option<(String, Calibration)>> {
+    fn calibration(&self, config: &Config, augmented: bool) -> Result<Option<(String, Calibration)>> {
         if let Some(given) = &self.given {
             return Ok(Some(given.clone()));
         }
         let shipped = Calibration::shipped()?;
-        if !shipped.is_of(config, asked_again)? {
+        if !shipped.is_of(config, augmented)? {
             return Ok(None);
         }
         let (scenes, source) = (shipped.scenes().len(), shipped.source());

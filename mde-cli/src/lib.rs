@@ -29,11 +29,11 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod augmentation;
 mod calibration;
 pub mod config;
 mod control;
 mod error;
-mod evidence;
 mod intrinsics;
 pub mod memory;
 pub mod pipeline;
@@ -42,11 +42,11 @@ pub mod refiner;
 mod report;
 mod sigma;
 
+pub use augmentation::{AugmentationReport, Component};
 pub use calibration::{Calibration, CalibrationSource, HeldOut};
 pub use config::Config;
 pub use control::{AveragedField, FilteredField};
 pub use error::{Error, Result};
-pub use evidence::{Component, EvidenceReport};
 pub use intrinsics::Intrinsics;
 pub use pipeline::{Checkpoint, Event, Refinement, Stage, Stages, refine, resume};
 pub use presets::Preset;

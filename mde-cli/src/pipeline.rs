@@ -2,10 +2,10 @@
 //!
 //! It knows the stages only through their traits: [`DepthPrior`], [`RadianceField`] and [`Fuser`].
 
+pub use crate::augmentation::known;
+use crate::augmentation::{AugmentationReport, Component, Start, of_view, start};
 use crate::config::{Config, IterationPrior};
 use crate::error::{LEAST, MOST};
-pub use crate::evidence::known;
-use crate::evidence::{Component, EvidenceReport, Start, of_view, start};
 use crate::report::{IterationReport, WarpReport};
 use crate::{Error, Result};
 use mde_eval::metrics::rank::spearman;
@@ -70,12 +70,12 @@ pub enum Event {
         /// Views to be rendered.
         views: usize,
     },
-    /// The model was asked again.
-    Asked {
-        /// Answers so far.
-        asked: usize,
-        /// Answers in all.
-        of: usize,
+    /// The model finished a prediction.
+    Predicted {
+        /// Predictions so far.
+        done: usize,
+        /// Predictions in total.
+        total: usize,
     },
 }
 
@@ -101,8 +101,8 @@ pub struct Refinement {
     pub depth: GaussianDepth,
     /// The monocular depth that it started from, `[height, width]`; 0 where missing.
     pub prior: Array2<f32>,
-    /// An account of the prior's stage.
-    pub evidence: EvidenceReport,
+    /// Report of the prior's stage.
+    pub augmentation: AugmentationReport,
     /// What the standard deviation is made of, part by part.
     pub components: Vec<Component>,
     /// An account of every iteration.
@@ -156,12 +156,19 @@ pub fn resume(
 ) -> Result<Refinement> {
     config.validate()?;
     let mut run = Run { image, camera, config, observer };
-    let Start { prior, depth: anchor, mut components, report: evidence } = run.start(stages.prior)?;
+    let Start { prior, depth: anchor, mut components, report: augmentation } = run.start(stages.prior)?;
     check_prior(prior.view(), image)?;
-    if !config.refinement.fits_a_field(evidence.questions > 1) {
+    if !config.refinement.fits_a_field(augmentation.predictions > 1) {
         let depth = with_common_error(anchor, config.fusion.common_error)?;
         components.push(common(&depth, config.fusion.common_error));
-        return Ok(Refinement { depth, prior, evidence, components, iterations: Vec::new(), field: None });
+        return Ok(Refinement {
+            depth,
+            prior,
+            augmentation,
+            components,
+            iterations: Vec::new(),
+            field: None,
+        });
     }
     let (mut current, mut iterations) = match from {
         Some(Checkpoint { depth, iterations, .. }) => (depth, iterations),
@@ -170,8 +177,10 @@ pub fn resume(
     loop {
         let index = iterations.len();
         let fusion_prior = match (index, config.refinement.prior) {
-            // One answer says nothing of its own error: the fusion estimates it.
-            (0, _) | (_, IterationPrior::Anchor) if evidence.questions == 1 => Prior::new(prior.clone())?,
+            // A single prediction has no spread: the fusion estimates its variance.
+            (0, _) | (_, IterationPrior::Anchor) if augmentation.predictions == 1 => {
+                Prior::new(prior.clone())?
+            }
             (0, _) | (_, IterationPrior::Anchor) => Prior::with_variance(anchor.clone())?,
             (_, IterationPrior::Carry) => Prior::with_variance(current.clone())?,
             (_, IterationPrior::Reestimate) => Prior::new(current.mean().to_owned())?,
@@ -183,7 +192,7 @@ pub fn resume(
             components.push(Component { name: "field", sigma: fused.aligned.sigma() });
             components.push(common(&fused.depth, config.fusion.common_error));
             let (depth, field) = (fused.depth, Some(field));
-            return Ok(Refinement { depth, prior, evidence, components, iterations, field });
+            return Ok(Refinement { depth, prior, augmentation, components, iterations, field });
         }
         let progress = Checkpoint { prior: prior.clone(), depth: fused.depth, iterations };
         keep(&progress)?;
@@ -237,11 +246,11 @@ impl Run<'_, '_> {
         }
     }
 
-    /// The model's answers.
+    /// The prior's stage.
     fn start(&mut self, model: &dyn DepthPrior) -> Result<Start> {
         let begin = self.begin(Stage::Prior, 0)?;
         let observer = &mut *self.observer;
-        let mut listen = |asked: usize, of: usize| observer(&Event::Asked { asked, of });
+        let mut listen = |done: usize, total: usize| observer(&Event::Predicted { done, total });
         let mut start = start(model, self.image, self.config, &mut listen)?;
         start.report.seconds = begin.elapsed().as_secs_f64();
         Ok(start)
@@ -259,7 +268,7 @@ impl Run<'_, '_> {
         let mut report = IterationReport::default();
         let start = self.begin(Stage::Warp, index)?;
         let (mut views, warp) = synthesise(self.image, self.camera, current, self.config, index)?;
-        if self.config.refinement.ask_views && stages.prior.answers_anew() {
+        if self.config.refinement.ask_views && stages.prior.accepts_new_images() {
             self.ask_views(&mut views, stages.prior)?;
         }
         report.warp = warp;
@@ -289,11 +298,11 @@ impl Run<'_, '_> {
     /// Adds what the model says of the synthetic views to their hypotheses.
     fn ask_views(&mut self, views: &mut [PosedView], model: &dyn DepthPrior) -> Result<()> {
         let synthetic = views.len().saturating_sub(1);
-        let questions = self.config.evidence.questions();
+        let each = self.config.augmentation.predictions();
         for (index, view) in views.iter_mut().skip(1).enumerate() {
             let observer = &mut *self.observer;
-            let mut listen = |asked: usize, _: usize| {
-                observer(&Event::Asked { asked: index * questions + asked, of: synthetic * questions })
+            let mut listen = |done: usize, _: usize| {
+                observer(&Event::Predicted { done: index * each + done, total: synthetic * each })
             };
             if let Some(said) = of_view(model, view, self.config, &mut listen)? {
                 view.hypotheses.push(said);

@@ -54,7 +54,7 @@ impl<'o> LoopRefiner<'o> {
         let config = Config { seed: task.seed, disparity: task.rule.clone(), ..self.config.clone() };
         let known = Known(PriorDepth::from_values(task.prior.to_owned(), DepthKind::Metric)?);
         let prior: &dyn DepthPrior = match task.model {
-            Some(model) if config.evidence.asks_again() => model,
+            Some(model) if config.augmentation.is_active() => model,
             _ => &known,
         };
         let fuser = config.fuser()?;
@@ -77,7 +77,7 @@ impl<'o> LoopRefiner<'o> {
         Ok(Refined {
             depth: refinement.depth.mean().to_owned(),
             sigma: Some(refinement.depth.sigma()),
-            account: json!({ "evidence": refinement.evidence, "iterations": refinement.iterations }),
+            account: json!({ "augmentation": refinement.augmentation, "iterations": refinement.iterations }),
         })
     }
 }
@@ -99,10 +99,6 @@ struct Known(PriorDepth);
 impl DepthPrior for Known {
     fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         Ok(self.0.clone())
-    }
-
-    fn answers_anew(&self) -> bool {
-        false
     }
 }
 

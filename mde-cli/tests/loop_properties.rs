@@ -17,10 +17,6 @@ impl DepthPrior for Known {
     fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         PriorDepth::from_values(self.0.clone(), DepthKind::Metric)
     }
-
-    fn answers_anew(&self) -> bool {
-        false
-    }
 }
 
 /// The fuser, and the check that what it gives lies between what it was given.

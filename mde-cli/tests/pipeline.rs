@@ -9,7 +9,7 @@ use mde_cli::mde_eval::scene::{Room, Scene, room};
 use mde_cli::mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use mde_cli::mde_fusion::{self, BayesFuser, Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_nerf::{self, FitReport, Nerf, Observer, RadianceField, RenderedView};
-use mde_cli::mde_prior::{self, DepthKind, DepthPrior, EvidenceConfig, PriorDepth};
+use mde_cli::mde_prior::{self, AugmentationConfig, DepthKind, DepthPrior, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
 use mde_cli::{AveragedField, Error, Event, Preset, Refinement, Stage, Stages, refine};
@@ -212,7 +212,7 @@ fn a_prior_of_another_size_and_a_wrong_configuration_are_refused() {
     assert!(matches!(run(&good, &many), Err(Error::Config { .. })));
 }
 
-/// Says of every picture what its colours say, and counts.
+/// Takes the red channel of any image for depth, and counts the calls.
 struct Red(RefCell<usize>);
 
 impl DepthPrior for Red {
@@ -220,57 +220,62 @@ impl DepthPrior for Red {
         *self.0.borrow_mut() += 1;
         PriorDepth::from_values(image.map_axis(ndarray::Axis(2), |c| 0.5 + c[0]), DepthKind::Metric)
     }
+
+    fn accepts_new_images(&self) -> bool {
+        true
+    }
 }
 
-/// Without a field the evidence stands, with the error that it can't see; a map is not asked again, and the run says so.
+/// Without a field the augmented map is the result, with the common error in its sigma. A map from a file is not augmented, and
+/// the report says so.
 #[test]
-fn evidence_alone_is_a_result_and_a_map_is_asked_once() {
+fn without_a_field_the_augmented_map_is_the_result_and_a_map_is_not_augmented() {
     let scene = scene();
     let fuser = HalfWay::default();
-    let mut config = Config { evidence: EvidenceConfig::zoomed(), ..config() };
+    let mut config = Config { augmentation: AugmentationConfig::multi_crop(), ..config() };
     config.refinement.iterations = 0;
     config.fusion.common_error = 0.1;
     let run = |prior: &dyn DepthPrior| {
         let mut field =
-            |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> { panic!("no field was asked for") };
-        let mut asked = Vec::new();
+            |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> { panic!("no field was requested") };
+        let mut calls = Vec::new();
         let mut listen = |event: &Event| {
-            if let Event::Asked { asked: now, of } = event {
-                asked.push((*now, *of));
+            if let Event::Predicted { done, total } = event {
+                calls.push((*done, *total));
             }
             ControlFlow::Continue(())
         };
         let stages = Stages { prior, field: &mut field, fuser: &fuser };
         let refined = refine(scene.image.view(), &scene.camera, stages, &config, &mut listen).unwrap();
-        (refined, asked)
+        (refined, calls)
     };
     let model = Red(RefCell::new(0));
-    let (refined, asked) = run(&model);
-    let questions = config.evidence.questions();
-    assert_eq!((*model.0.borrow(), refined.evidence.questions), (questions, questions));
-    assert_eq!(asked.last(), Some(&(questions, questions)));
-    assert!(refined.field.is_none() && refined.evidence.not_asked_again.is_none());
+    let (refined, calls) = run(&model);
+    let predictions = config.augmentation.predictions();
+    assert_eq!((*model.0.borrow(), refined.augmentation.predictions), (predictions, predictions));
+    assert_eq!(calls.last(), Some(&(predictions, predictions)));
+    assert!(refined.field.is_none() && refined.augmentation.skipped.is_none());
     for (mean, sigma) in refined.depth.mean().iter().zip(refined.depth.sigma()) {
         assert!(*mean > 0.0 && sigma >= 0.1 * mean);
     }
     let once = Config {
         refinement: RefinementConfig {
             iterations: 1,
-            field: FieldUse::WithoutEvidence,
+            field: FieldUse::WithoutAugmentation,
             ..config.refinement.clone()
         },
         ..config.clone()
     };
     let mut never =
-        |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> { panic!("the evidence was enough") };
+        |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> { panic!("no field was requested") };
     let stages = Stages { prior: &model, field: &mut never, fuser: &fuser };
     let mut go_on = |_: &Event| ControlFlow::Continue(());
     let same = refine(scene.image.view(), &scene.camera, stages, &once, &mut go_on).unwrap();
     assert_eq!(same.depth, refined.depth);
     let map = prior(&scene);
-    let (kept, asked) = run(&map);
-    assert_eq!((kept.depth.mean(), asked.len()), (kept.prior.view(), 0));
-    assert!(kept.evidence.not_asked_again.is_some());
+    let (kept, calls) = run(&map);
+    assert_eq!((kept.depth.mean(), calls.len()), (kept.prior.view(), 0));
+    assert!(kept.augmentation.skipped.is_some());
 }
 
 /// The parts of sigma are told apart: no part is above the whole, and together they are the whole.
@@ -278,11 +283,11 @@ fn evidence_alone_is_a_result_and_a_map_is_asked_once() {
 fn the_parts_of_sigma_make_the_whole() {
     let scene = scene();
     let fuser = HalfWay::default();
-    let mut config = Config { evidence: EvidenceConfig::zoomed(), ..config() };
+    let mut config = Config { augmentation: AugmentationConfig::multi_crop(), ..config() };
     config.refinement.iterations = 0;
     config.fusion.common_error = 0.1;
     let mut never =
-        |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> { panic!("no field was asked for") };
+        |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> { panic!("no field was requested") };
     let stages = Stages { prior: &Red(RefCell::new(0)), field: &mut never, fuser: &fuser };
     let mut go_on = |_: &Event| ControlFlow::Continue(());
     let refined = refine(scene.image.view(), &scene.camera, stages, &config, &mut go_on).unwrap();
@@ -326,7 +331,7 @@ fn the_model_is_asked_about_every_synthetic_view() {
     let scene = scene();
     let fuser = BayesFuser::new(mde_fusion::FusionConfig::robust()).unwrap();
     let mut config = config();
-    config.evidence.flip = true;
+    config.augmentation.flip = true;
     config.refinement = RefinementConfig {
         iterations: 1,
         ask_views: true,
@@ -344,7 +349,7 @@ fn the_model_is_asked_about_every_synthetic_view() {
     let counts = counts.lock().unwrap().clone();
     assert_eq!(counts[0], 1);
     assert!(counts.len() > 1 && counts[1..].iter().all(|count| *count == 2), "{counts:?}");
-    assert_eq!(*model.0.borrow(), counts.len() * config.evidence.questions());
+    assert_eq!(*model.0.borrow(), counts.len() * config.augmentation.predictions());
     // The model says of every view what it said of the photograph: their mean is that.
     let off: Vec<f32> = refined
         .depth

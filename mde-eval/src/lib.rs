@@ -16,9 +16,9 @@
 //!
 //! let scene = room(Room::Study, 0, 160, 120)?;
 //! let prior = SimulatedPrior::new(&scene.depth, &SimulatedPriorConfig::default())?;
-//! let sigma = prior.answer().map.mapv(|z| 0.05 * z);
+//! let sigma = prior.prediction().map.mapv(|z| 0.05 * z);
 //!
-//! let subject = Subject::new(prior.answer().map.view(), scene.depth.view()).with_sigma(sigma.view());
+//! let subject = Subject::new(prior.prediction().map.view(), scene.depth.view()).with_sigma(sigma.view());
 //! let scores = score(&subject, &ScoreConfig::default())?;
 //! assert!(scores.depth.abs_rel > 0.0 && scores.depth.abs_rel < 0.2);
 //! assert!(scores.uncertainty.is_some_and(|u| u.mae.ause > 0.0));

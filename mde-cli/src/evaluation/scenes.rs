@@ -56,7 +56,7 @@ pub(crate) enum PriorPlan {
     Folder(PathBuf, PriorArgs),
     /// The truth of a procedural room, made worse.
     Simulated,
-    /// A model of each procedural room that can be asked again.
+    /// A simulated model of each procedural room, which takes crops and mirror images.
     SimulatedModel(SimulatedModelConfig),
 }
 
@@ -70,7 +70,6 @@ impl PriorPlan {
         let prior_args = |depth| PriorArgs {
             source: source(depth),
             model_profile: args.model_profile.clone(),
-            flip_average: false,
             prior_kind: args.prior_kind,
             png_scale: args.png_scale,
             prior_encoding: EncodingName::Plain,
@@ -103,8 +102,8 @@ impl PriorPlan {
         }
     }
 
-    /// Whether it is a model that can be asked again.
-    pub(crate) fn answers_anew(&self) -> bool {
+    /// Whether it is a model that accepts new images.
+    pub(crate) fn accepts_new_images(&self) -> bool {
         matches!(self, Self::Model(_) | Self::SimulatedModel(_))
     }
 
@@ -116,7 +115,7 @@ impl PriorPlan {
                 let origin = NamedPrior::open(args)?.origin;
                 let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
                 json!({ "model": file_name(path), "crc32": crc32fast::hash(&bytes), "kind": origin.kind,
-                        "settings": origin.model, "flip_average": origin.flip_average })
+                        "settings": origin.model })
             }
             Self::Folder(path, args) => {
                 json!({ "folder": path, "kind": args.prior_kind.map(mde_prior::DepthKind::from) })
