@@ -1,7 +1,7 @@
 //! The prior's stage (III.B): a single prediction, or test-time augmentation with its variance.
 
 use crate::config::Config;
-use crate::sigma::SigmaConfig;
+use crate::config::SigmaConfig;
 use crate::{Error, Result};
 use mde_prior::{Augmented, DepthPrior};
 use mde_uncertainty::GaussianDepth;

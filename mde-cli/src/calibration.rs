@@ -1,6 +1,6 @@
 //! How large errors are in sigmas on scenes whose depth is known, as a file.
 
-use crate::sigma::SigmaConfig;
+use crate::config::SigmaConfig;
 use crate::{Config, Error, Result};
 use mde_eval::conformal::{Conformal, held_out};
 use mde_prior::AugmentationConfig;

@@ -1,66 +1,16 @@
 //! What stands in for a radiance field when the question is what the field adds.
 
-use mde_eval::{Refiner, Task};
 use mde_fusion::{Aggregation, aggregate};
 use mde_nerf::{Error, FitReport, Observer, RadianceField, RenderedView, Result};
-use mde_prior::DisparityRule;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, reproject};
 use ndarray::Array3;
-use std::sync::Arc;
 
 /// Standard deviation that it states, as a fraction of the depth: what the termination of rays typically gives.
 const RELATIVE_SIGMA: f64 = 0.05;
 
-/// A field that fits nothing: it is the first view's depth after a [`Refiner`] (a filter, or noise), reprojected.
-///
-/// Its depth states a standard deviation of 5 %. In the loop's place of a NeRF it shows what any filter gains by the same fusion.
-pub struct FilteredField {
-    refiner: Arc<dyn Refiner + Send + Sync>,
-    seed: u64,
-    view: Option<(PosedView, GaussianDepth)>,
-}
-
-impl FilteredField {
-    /// A field whose depth is what `refiner` makes of the first view's.
-    pub fn new(refiner: Arc<dyn Refiner + Send + Sync>, seed: u64) -> Self {
-        Self { refiner, seed, view: None }
-    }
-}
-
 fn fault(error: &dyn std::fmt::Display) -> Error {
     Error::View { index: 0, reason: error.to_string() }
-}
-
-impl RadianceField for FilteredField {
-    fn fit(&mut self, views: &[PosedView], _: &mut dyn Observer) -> Result<FitReport> {
-        let view = views.first().ok_or(Error::NoPixels)?;
-        let depth = view.hypotheses.first().ok_or(Error::NoRange)?;
-        let known = depth.support();
-        let mut prior = depth.mean().to_owned();
-        prior.zip_mut_with(&known, |d, known| *d = if *known { *d } else { 0.0 });
-        let task = Task {
-            image: view.image.view(),
-            camera: &view.camera,
-            prior: prior.view(),
-            model: None,
-            rule: &DisparityRule::default(),
-            seed: self.seed,
-        };
-        let refined = self.refiner.refine(&task).map_err(|e| fault(&e))?.depth;
-        let variance = refined
-            .mapv(|d| if d > 0.0 { (RELATIVE_SIGMA * f64::from(d)).powi(2) as f32 } else { f32::INFINITY });
-        let depth = GaussianDepth::new(refined, variance).map_err(|e| fault(&e))?;
-        self.view = Some((view.clone(), depth));
-        Ok(FitReport::default())
-    }
-
-    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn Observer) -> Result<RenderedView> {
-        let (view, depth) = self.view.as_ref().ok_or(Error::NotFitted)?;
-        let depth = reproject(depth, &view.camera, &view.pose, camera, pose, &ReprojectConfig::default())
-            .map_err(|e| fault(&e))?;
-        Ok(uncoloured(depth, camera))
-    }
 }
 
 fn uncoloured(depth: GaussianDepth, camera: &PinholeCamera) -> RenderedView {

@@ -37,22 +37,16 @@ mod error;
 mod intrinsics;
 pub mod memory;
 pub mod pipeline;
-mod presets;
-pub mod refiner;
 mod report;
-mod sigma;
 
 pub use augmentation::{AugmentationReport, Component};
 pub use calibration::{Calibration, CalibrationSource, HeldOut};
-pub use config::Config;
-pub use control::{AveragedField, FilteredField};
+pub use config::{Config, Preset, SigmaConfig};
+pub use control::AveragedField;
 pub use error::{Error, Result};
 pub use intrinsics::Intrinsics;
 pub use pipeline::{Checkpoint, Event, Refinement, Stage, Stages, refine, resume};
-pub use presets::Preset;
-pub use refiner::{FieldMemory, LoopRefiner};
 pub use report::{IterationReport, StageSeconds, WarpReport};
-pub use sigma::SigmaConfig;
 pub use {mde_eval, mde_fusion, mde_nerf, mde_prior, mde_uncertainty, mde_warp};
 pub use {nalgebra, ndarray};
 

@@ -62,7 +62,7 @@ pub struct SceneMemory {
 
 impl SceneMemory {
     /// Of scenes that `methods` answer one after the other: the loop with these settings (its seed among them), or nothing
-    /// for a baseline. With `share_fields` the fields of a scene are kept in a [`FieldMemory`](crate::FieldMemory).
+    /// for a baseline. With `share_fields` the fields of a scene are kept until it is done.
     pub fn new(methods: &[Option<Config>], share_fields: bool) -> Self {
         let loops = || methods.iter().flatten();
         let most = |bytes: fn(&Config) -> u64| loops().map(bytes).max().unwrap_or(0);

@@ -1,3 +1,5 @@
+use std::fmt::Display;
+
 /// What can be wrong with a capture or the settings of a stage.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -12,12 +14,32 @@ pub enum Error {
         /// What to give instead.
         remedy: &'static str,
     },
+    /// An index of a view that does not exist.
+    #[error("view {reference} does not exist; there are {views}, counted from 0")]
+    Reference {
+        /// The index.
+        reference: usize,
+        /// Number of views.
+        views: usize,
+    },
+    /// Nothing to compare.
+    #[error("{views} view(s) given; multi-view stereo needs at least 2 with different positions")]
+    TooFewViews {
+        /// Number of views.
+        views: usize,
+    },
     /// A view, a camera or a map that [`mde_warp`] refuses.
     #[error(transparent)]
     View(#[from] mde_warp::Error),
     /// A depth map that [`GaussianDepth`](mde_uncertainty::GaussianDepth) refuses.
     #[error(transparent)]
     Depth(#[from] mde_uncertainty::Error),
+}
+
+impl Error {
+    pub(crate) fn config(field: &'static str, value: impl Display, remedy: &'static str) -> Self {
+        Self::Config { field, value: value.to_string(), remedy }
+    }
 }
 
 /// Shorthand for this crate's results.

@@ -1,0 +1,57 @@
+//! `mde calibrate`.
+
+use crate::args::CalibrateArgs;
+use crate::evaluation::method::{Method, PRIOR};
+use crate::evaluation::results;
+use crate::evaluation::setup::{Request, Setup};
+use crate::input::opened::use_threads;
+use crate::run::progress::Progress;
+use anyhow::{Context, Result, bail, ensure};
+use mde_cli::{Calibration, CalibrationSource};
+
+/// What is written beside the evaluation.
+const FILE: &str = "calibration.toml";
+
+pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
+    let mut progress = Progress::new(&args.common.run);
+    use_threads(&args.common.run)?;
+    let preset = args.preset.into();
+    let methods = Method::parse_list(std::slice::from_ref(&args.method), preset, args.seed)?;
+    let Some((name, config)) = methods.last().and_then(|m| Some((m.label.clone(), m.config()?.clone())))
+    else {
+        bail!("--method {}: has no sigma of its own; give a preset or settings in a .toml file", args.method);
+    };
+    let request = Request { command: "eval", methods: &methods, controls: true, share_fields: false };
+    let setup = Setup::open(&args.common, request)?;
+    let (entries, failures) = setup.run(&mut progress)?;
+    let scenes: Vec<_> = entries
+        .iter()
+        .filter(|entry| entry.method == name)
+        .filter_map(|entry| Some((entry.scene.clone(), entry.curves.as_ref()?.abs_z_quantiles.clone())))
+        .collect();
+    let [data, prior, alignment] = setup.titles();
+    let path = setup.folder().join(FILE);
+    // An earlier calibration in this folder is not what was learned now.
+    let learned = !scenes.is_empty();
+    if learned {
+        let source = CalibrationSource { method: name, data, prior, alignment };
+        let calibration = Calibration::learn(source, &config, setup.accepts_new_images(), scenes)?;
+        mde_prior::write_atomic(&path, calibration.to_toml()?.as_bytes())
+            .with_context(|| path.display().to_string())?;
+        let factor = calibration.conformal()?.factor(Calibration::AT)?;
+        progress.step(&format!("{}: sigma times {factor:.3}", path.display()));
+        for held in calibration.held_out() {
+            progress.step(&format!(
+                "  {:.0} % intervals held {:.1} % of scenes left out ({:.0} to {:.0} %)",
+                100.0 * held.probability,
+                100.0 * held.mean,
+                100.0 * held.lowest,
+                100.0 * held.highest
+            ));
+        }
+    }
+    results::finish(setup.results(PRIOR, entries, failures), setup.folder(), &mut progress)
+        .inspect_err(|_| setup.discard_if_empty())?;
+    ensure!(learned, "no scene had an uncertainty, so nothing was learned");
+    Ok(())
+}

@@ -1,0 +1,143 @@
+//! `mde doctor`: what this machine and a model can do.
+
+use crate::args::{DoctorArgs, EncodingName, PriorArgs, PriorSource};
+use crate::input::prior::NamedPrior;
+use crate::output::provenance::versions;
+use crate::terminal::{columns, wrapped};
+use anyhow::{Context, Result, ensure};
+use mde_cli::Preset;
+use mde_eval::metrics::rank::spearman;
+use mde_eval::scene::{Room, room};
+use mde_prior::DisparityRule;
+use std::io::{self, IsTerminal, Write};
+use std::path::Path;
+use std::time::Instant;
+
+/// The picture that a model is tried on.
+const TRIAL: [usize; 2] = [320, 240];
+/// A model whose depth has no better correlation with the true one than this has probably the wrong profile.
+const AGREES: f64 = 0.0;
+
+pub(super) fn run(args: &DoctorArgs) -> Result<()> {
+    say("program", &versions().iter().map(|(n, v)| format!("{n} {v}")).collect::<Vec<_>>().join(", "));
+    say("models", if cfg!(feature = "onnx") { "ONNX files" } else { "none: built without the feature onnx" });
+    say("machine", &format!("{} {}", std::env::consts::OS, std::env::consts::ARCH));
+    let cores = std::thread::available_parallelism().map_or_else(|e| e.to_string(), |n| n.to_string());
+    say("threads", &format!("{} used, {cores} there", rayon::current_num_threads()));
+    say("vectors", &vectors());
+    say("memory", &memory());
+    let terminal = |is: bool| if is { "terminal" } else { "no terminal" };
+    say(
+        "output",
+        &format!(
+            "stdout: {}, stderr: {}{}",
+            terminal(io::stdout().is_terminal()),
+            terminal(io::stderr().is_terminal()),
+            if std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty()) { ", NO_COLOR" } else { "" }
+        ),
+    );
+    match &args.prior_model {
+        Some(path) => model(path, args),
+        None => Ok(()),
+    }
+}
+
+/// Runs the model on a room and compares its prediction with the room's depth.
+fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
+    let start = Instant::now();
+    let prior = NamedPrior::open(&PriorArgs {
+        source: PriorSource { prior_model: Some(path.to_owned()), prior_depth: None },
+        model_profile: args.model_profile.clone(),
+        prior_kind: None,
+        png_scale: None,
+        prior_encoding: EncodingName::Plain,
+    })?;
+    say("model", &format!("{}, opened in {:.1} s", path.display(), start.elapsed().as_secs_f64()));
+    if let Some(spec) = &prior.origin.model {
+        let json = serde_json::to_string(spec).with_context(|| path.display().to_string())?;
+        // Still JSON, and lines can end in it.
+        say("profile", &json.replace(",\"", ", \""));
+    }
+    let scene = room(Room::Study, 0, TRIAL[0], TRIAL[1])?;
+    // The first prediction may take longer.
+    prior.prior.predict(scene.image.view())?;
+    let start = Instant::now();
+    let depth = prior.prior.predict(scene.image.view())?.to_depth(&DisparityRule::default())?;
+    let seconds = start.elapsed().as_secs_f64();
+    let (said, truth): (Vec<f64>, Vec<f64>) = depth
+        .iter()
+        .zip(&scene.depth)
+        .filter(|(said, truth)| **said > 0.0 && **truth > 0.0)
+        .map(|(said, truth)| (f64::from(*said), f64::from(*truth)))
+        .unzip();
+    ensure!(!said.is_empty(), "{}: gave no depth; check its profile", path.display());
+    let order = spearman(&said, &truth)?.unwrap_or(0.0);
+    let [low, high] =
+        [said.iter().copied().fold(f64::INFINITY, f64::min), said.iter().copied().fold(0.0, f64::max)];
+    let [width, height] = TRIAL;
+    say(
+        "trial",
+        &format!(
+            "a room of {width}x{height}: {seconds:.2} s, depths {low:.3} to {high:.3}, {:.0} % of the pixels; Spearman's \
+             correlation with the true depth {order:.2}",
+            100.0 * said.len() as f64 / depth.len() as f64
+        ),
+    );
+    ensure!(
+        order > AGREES,
+        "{}: its depth hardly agrees with the room's ({order:.2}); check the profile: a disparity taken for a depth \
+         has a negative correlation",
+        path.display()
+    );
+    let predictions = Preset::Default.config().augmentation.predictions();
+    say(
+        "verdict",
+        &format!(
+            "the model works here; the preset default needs {predictions} predictions, about {:.0} s, and fast one",
+            (predictions as f64 * seconds).ceil()
+        ),
+    );
+    Ok(())
+}
+
+/// The vector instructions that the kernels choose from at run time.
+fn vectors() -> String {
+    #[cfg(target_arch = "x86_64")]
+    {
+        let found = [
+            ("AVX-512", is_x86_feature_detected!("avx512f")),
+            ("AVX2", is_x86_feature_detected!("avx2")),
+            ("FMA", is_x86_feature_detected!("fma")),
+        ];
+        let names: Vec<_> = found.iter().filter(|(_, there)| *there).map(|(name, _)| *name).collect();
+        if names.is_empty() { "SSE2 only: slow".to_owned() } else { names.join(", ") }
+    }
+    #[cfg(target_arch = "aarch64")]
+    {
+        "NEON".to_owned()
+    }
+    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+    {
+        "none that is used: slow".to_owned()
+    }
+}
+
+/// Linux tells.
+fn memory() -> String {
+    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let gib = |key: &str| {
+        let line = text.lines().find_map(|line| line.strip_prefix(key))?;
+        Some(
+            line.trim_start_matches(':').split_whitespace().next()?.parse::<f64>().ok()? / f64::from(1 << 20),
+        )
+    };
+    match (gib("MemAvailable"), gib("MemTotal")) {
+        (Some(free), Some(all)) => format!("{free:.1} of {all:.1} GiB free"),
+        _ => "not known on this system".to_owned(),
+    }
+}
+
+/// A reader that went away needs no answer.
+fn say(what: &str, text: &str) {
+    let _ = writeln!(io::stdout().lock(), "{}", wrapped(&format!("{what:8} {text}"), columns(), 9));
+}

@@ -1,0 +1,11 @@
+use crate::args::ReportArgs;
+use crate::report;
+use anyhow::Result;
+use std::io::{self, Write};
+
+pub(super) fn run(args: &ReportArgs) -> Result<()> {
+    let path = report::write(&args.folder)?;
+    // A reader that went away needs no answer.
+    let _ = writeln!(io::stdout().lock(), "wrote {}", path.display());
+    Ok(())
+}

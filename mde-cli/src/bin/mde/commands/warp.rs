@@ -1,0 +1,101 @@
+use crate::args::WarpArgs;
+use crate::input::camera::KnownCamera;
+use crate::input::opened::{open_image, settings, use_threads};
+use crate::input::prior::{NamedPrior, PriorOrigin};
+use crate::output::folder::{OutputFolder, RECORD};
+use crate::output::preview::contact_sheet;
+use crate::output::provenance::write_json;
+use crate::output::run_record::About;
+use crate::run::progress::Progress;
+use anyhow::{Result, ensure};
+use mde_cli::WarpReport;
+use mde_cli::pipeline::{known, synthesise};
+use mde_prior::format::write_npy;
+use mde_prior::photo::{write_image, write_rgb_png};
+use mde_warp::PosedView;
+use ndarray::Array3;
+use serde::Serialize;
+use serde_json::json;
+use std::path::Path;
+
+#[derive(Serialize)]
+struct WarpRecord<'r> {
+    #[serde(flatten)]
+    about: About<'r>,
+    prior: &'r PriorOrigin,
+    warp: WarpReport,
+}
+
+/// One view in `poses.json`.
+#[derive(Serialize)]
+struct ViewRecord {
+    image: String,
+    mask: String,
+    depth: String,
+    /// Row by row.
+    world_to_camera: [[f64; 4]; 4],
+    /// Share of the pixels that may be trained on.
+    trainable: f64,
+}
+
+pub(super) fn run(args: &WarpArgs) -> Result<()> {
+    let mut progress = Progress::new(&args.run);
+    use_threads(&args.run)?;
+    let folder = OutputFolder::new(&args.run.output, args.run.force)?;
+    let (preset, config) = settings(&args.settings)?;
+    let opened = open_image(&args.image, &args.size, &config, &mut progress)?;
+    let (height, width) = opened.size;
+    let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+    if let Some(warning) = camera.warning() {
+        progress.warn(warning);
+    }
+    let prior = NamedPrior::open(&args.prior)?.resized(&opened)?;
+    let photo = opened.photo;
+    progress.step("prior");
+    let depth = prior.prior.predict(photo.pixels.view())?.to_depth(&config.disparity)?;
+    ensure!(depth.dim() == (height, width), "the prior is not of the image's size; make both the same");
+    progress.step("warp");
+    let (views, warp) = synthesise(photo.pixels.view(), &camera.camera, &known(depth)?, &config, 0)?;
+    folder.write(|path| {
+        write_views(path, &views)?;
+        mde_prior::write_atomic(&path.join("config.toml"), config.to_toml()?.as_bytes())?;
+        let about = About {
+            preset: Some(preset.name()),
+            seed: Some(config.seed),
+            warnings: progress.warnings(),
+            total_seconds: progress.seconds(),
+            ..About::new("warp", args.image.display().to_string(), &camera)
+        };
+        write_json(&path.join(RECORD), &WarpRecord { about, prior: &prior.origin, warp })
+    })?;
+    let text = format!(
+        "{} views, holes {:.2} % (at most {:.2} %), outside the picture {:.2} %\nwrote {}",
+        warp.views,
+        100.0 * warp.mean_hole_fraction,
+        100.0 * warp.max_hole_fraction,
+        100.0 * warp.mean_outside_fraction,
+        folder.path().display()
+    );
+    progress.result(&text, json!({ "event": "done", "output": folder.path(), "warp": warp }));
+    Ok(())
+}
+
+fn write_views(folder: &Path, views: &[PosedView]) -> Result<()> {
+    let mut records = Vec::new();
+    for (index, view) in views.iter().enumerate() {
+        let (image, mask, depth) =
+            (format!("view_{index:02}.png"), format!("mask_{index:02}.png"), format!("depth_{index:02}.npy"));
+        write_image(folder.join(&image), view.image.view())?;
+        let (height, width) = view.mask.dim();
+        let white = Array3::from_shape_fn((height, width, 3), |(y, x, _)| 255 * u8::from(view.mask[(y, x)]));
+        write_rgb_png(folder.join(&mask), white.view())?;
+        if let Some(hypothesis) = view.hypotheses.first() {
+            write_npy(folder.join(&depth), hypothesis.mean())?;
+        }
+        let trainable = view.mask.iter().filter(|real| **real).count() as f64 / view.mask.len() as f64;
+        let world_to_camera = crate::commands::rows(&view.pose);
+        records.push(ViewRecord { image, mask, depth, world_to_camera, trainable });
+    }
+    write_json(&folder.join("poses.json"), &records)?;
+    Ok(write_rgb_png(folder.join("contact.png"), contact_sheet(views).pixels())?)
+}

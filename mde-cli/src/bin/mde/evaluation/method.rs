@@ -1,0 +1,139 @@
+//! What is compared: presets, configurations of the user's own, and the baselines.
+
+use super::refiner::{FieldMemory, LoopRefiner};
+use anyhow::{Context, Result, bail, ensure};
+use mde_cli::pipeline::Event;
+use mde_cli::{Config, Preset};
+use mde_eval::baseline;
+use mde_eval::{Refined, Refiner, Task};
+use serde_json::{Value, json};
+use std::ops::ControlFlow;
+use std::path::Path;
+
+/// The method that is the prior itself, with which all others are compared.
+pub(crate) const PRIOR: &str = "prior";
+
+/// Something that refines.
+#[derive(Clone)]
+pub(crate) struct Method {
+    /// Its own among all that are run.
+    pub(crate) name: String,
+    /// What the tables call it; the same for all seeds.
+    pub(crate) label: String,
+    pub(crate) seed: u64,
+    kind: Kind,
+}
+
+#[derive(Clone)]
+enum Kind {
+    /// A baseline of `mde-eval`, by its name there.
+    Baseline,
+    /// The loop, with a baseline in the field's place if one is named.
+    Loop(Box<Config>, Option<&'static str>),
+}
+
+impl Method {
+    /// What `text` names: a preset, a TOML file of settings over `preset`, or a baseline.
+    pub(crate) fn parse(text: &str, preset: Preset, seed: Option<u64>) -> Result<Self> {
+        let path = Path::new(text);
+        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
+            let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+            let config = Config::from_file(preset, path)?;
+            return Ok(Self::of_config(name.unwrap_or_default(), config, seed));
+        }
+        if let Some(preset) = Preset::ALL.into_iter().find(|preset| preset.name() == text) {
+            return Ok(Self::of_config(text.to_owned(), preset.config(), seed));
+        }
+        baseline::named(text).with_context(|| {
+            format!("--methods {text}: also the presets (paper, default, fast) and settings in a .toml file")
+        })?;
+        let (name, label) = (text.to_owned(), text.to_owned());
+        Ok(Self { name, label, seed: seed.unwrap_or(0), kind: Kind::Baseline })
+    }
+
+    /// The loop with these settings.
+    pub(crate) fn of_config(name: String, config: Config, seed: Option<u64>) -> Self {
+        let (label, seed) = (name.clone(), seed.unwrap_or(config.seed));
+        Self { name, label, seed, kind: Kind::Loop(Box::new(config), None) }
+    }
+
+    /// One variant of an ablation with one seed.
+    pub(crate) fn variant(label: &str, config: Config, control: Option<&'static str>, seed: u64) -> Self {
+        let name = format!("{label}.seed{seed}");
+        Self { name, label: label.to_owned(), seed, kind: Kind::Loop(Box::new(config), control) }
+    }
+
+    /// Several methods, separated by commas; the prior is put first where it is not named.
+    pub(crate) fn parse_list(texts: &[String], preset: Preset, seed: Option<u64>) -> Result<Vec<Self>> {
+        let mut methods = vec![Self::parse(PRIOR, preset, seed)?];
+        for text in texts.iter().map(|text| text.trim()).filter(|text| *text != PRIOR) {
+            let method = Self::parse(text, preset, seed)?;
+            ensure!(
+                methods.iter().all(|other| other.name != method.name),
+                "--methods: {} is named twice; give each method once",
+                method.name
+            );
+            methods.push(method);
+        }
+        if texts.is_empty() {
+            bail!("--methods: names no method; give one or more, such as paper,default,guided");
+        }
+        Ok(methods)
+    }
+
+    /// The settings of the loop.
+    pub(crate) fn config(&self) -> Option<&Config> {
+        match &self.kind {
+            Kind::Loop(config, _) => Some(config),
+            Kind::Baseline => None,
+        }
+    }
+
+    /// Whether this is the loop and not a baseline.
+    pub(crate) fn is_loop(&self) -> bool {
+        matches!(self.kind, Kind::Loop(..))
+    }
+
+    /// The settings of the loop with the method's own seed, nothing for a baseline.
+    pub(crate) fn seeded_config(&self) -> Option<Config> {
+        match &self.kind {
+            Kind::Baseline => None,
+            Kind::Loop(config, _) => Some(Config { seed: self.seed, ..(**config).clone() }),
+        }
+    }
+
+    /// Everything but the scene that the method's answer depends on.
+    pub(crate) fn settings(&self) -> Result<Value> {
+        let what = match &self.kind {
+            Kind::Baseline => json!({ "baseline": self.label }),
+            Kind::Loop(config, None) => json!({ "config": Config { seed: self.seed, ..(**config).clone() } }),
+            Kind::Loop(config, Some(control)) => {
+                json!({ "config": Config { seed: self.seed, ..(**config).clone() }, "control": control })
+            }
+        };
+        Ok(json!({ "method": what, "seed": self.seed, "version": env!("CARGO_PKG_VERSION") }))
+    }
+
+    /// Runs it; `None` where it was told to stop.
+    pub(crate) fn run(
+        &self,
+        task: &Task<'_>,
+        memory: Option<&FieldMemory>,
+        observer: &(dyn Fn(&Event) -> ControlFlow<()> + Sync),
+    ) -> Result<Refined> {
+        let task = Task { seed: self.seed, ..*task };
+        match &self.kind {
+            Kind::Baseline => Ok(baseline::named(&self.label)?.refine(&task)?),
+            Kind::Loop(config, control) => {
+                let mut refiner = LoopRefiner::new((**config).clone(), observer);
+                if let Some(memory) = memory {
+                    refiner = refiner.with_memory(memory.clone());
+                }
+                if let Some(control) = control {
+                    refiner = refiner.with_control(baseline::named(control)?.into());
+                }
+                Ok(refiner.refine(&task)?)
+            }
+        }
+    }
+}

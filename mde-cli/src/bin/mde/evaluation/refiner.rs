@@ -1,0 +1,198 @@
+//! The whole loop as one [`Refiner`], to stand beside the baselines of `mde-eval`.
+
+use super::filtered::FilteredField;
+use mde_cli::config::Consensus;
+use mde_cli::{AveragedField, Config, Error, Event, Stages, refine};
+use mde_eval::{Refined, Refiner, Task};
+use mde_nerf::{FitReport, Nerf, NerfConfig, Observer, RadianceField, RenderConfig, RenderedView};
+use mde_prior::{DepthKind, DepthPrior, PriorDepth};
+use mde_warp::{PinholeCamera, Pose, PosedView};
+use ndarray::ArrayView3;
+use serde_json::json;
+use std::collections::HashMap;
+use std::collections::hash_map::{DefaultHasher, Entry};
+use std::hash::{Hash, Hasher};
+use std::ops::ControlFlow;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Hears of progress and may say stop; it may be called from any thread.
+pub(crate) type SharedObserver<'o> = dyn Fn(&Event) -> ControlFlow<()> + Sync + 'o;
+
+/// [`refine`] with the settings of one [`Config`], but for the seed, which is the [`Task`]'s.
+///
+/// The account of a [`Refined`] has the `iterations`, one [`IterationReport`](mde_cli::IterationReport) each.
+pub(crate) struct LoopRefiner<'o> {
+    config: Config,
+    memory: Option<FieldMemory>,
+    control: Option<Arc<dyn Refiner + Send + Sync>>,
+    observer: &'o SharedObserver<'o>,
+}
+
+impl<'o> LoopRefiner<'o> {
+    /// The loop with these settings.
+    pub(crate) fn new(config: Config, observer: &'o SharedObserver<'o>) -> Self {
+        Self { config, memory: None, control: None, observer }
+    }
+
+    /// Takes the fields of the first iteration from `memory` where they are there: configurations that differ only in the
+    /// fusion share them.
+    #[must_use]
+    pub(crate) fn with_memory(mut self, memory: FieldMemory) -> Self {
+        self.memory = Some(memory);
+        self
+    }
+
+    /// Takes what `control` makes of the depth in place of a field ([`FilteredField`]): what the loop does without a NeRF.
+    #[must_use]
+    pub(crate) fn with_control(mut self, control: Arc<dyn Refiner + Send + Sync>) -> Self {
+        self.control = Some(control);
+        self
+    }
+
+    fn run(&self, task: &Task<'_>) -> mde_cli::Result<Refined> {
+        let config = Config { seed: task.seed, disparity: task.rule.clone(), ..self.config.clone() };
+        let known = Known(PriorDepth::from_values(task.prior.to_owned(), DepthKind::Metric)?);
+        let prior: &dyn DepthPrior = match task.model {
+            Some(model) if config.augmentation.is_active() => model,
+            _ => &known,
+        };
+        let fuser = config.fuser()?;
+        let nerf = config.nerf.clone();
+        let mut field = |iteration: usize| -> mde_cli::Result<Box<dyn RadianceField>> {
+            let seed = config.seed.wrapping_add(iteration as u64);
+            if let Some(control) = &self.control {
+                return Ok(Box::new(FilteredField::new(control.clone(), seed)));
+            }
+            if config.refinement.consensus == Consensus::Average {
+                return Ok(Box::new(AveragedField::default()));
+            }
+            match &self.memory {
+                Some(memory) if iteration == 0 => Ok(Box::new(memory.field(nerf.clone(), seed))),
+                _ => Ok(Box::new(Nerf::new(nerf.clone(), seed)?)),
+            }
+        };
+        let stages = Stages { prior, field: &mut field, fuser: &*fuser };
+        let refinement = refine(task.image, task.camera, stages, &config, &mut |e| (self.observer)(e))?;
+        Ok(Refined {
+            depth: refinement.depth.mean().to_owned(),
+            sigma: Some(refinement.depth.sigma()),
+            account: json!({ "augmentation": refinement.augmentation, "iterations": refinement.iterations }),
+        })
+    }
+}
+
+impl Refiner for LoopRefiner<'_> {
+    fn refine(&self, task: &Task<'_>) -> mde_eval::Result<Refined> {
+        self.run(task).map_err(|error| match error {
+            Error::Metric(error) => error,
+            Error::Prior(error) => error.into(),
+            Error::Warp(error) => error.into(),
+            error => mde_eval::Error::Method(error.to_string()),
+        })
+    }
+}
+
+/// A depth that is there already.
+struct Known(PriorDepth);
+
+impl DepthPrior for Known {
+    fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        Ok(self.0.clone())
+    }
+}
+
+/// Fields that were fitted, and what they rendered, by their settings, seed and views. Clones share one memory.
+#[derive(Clone, Default)]
+pub(crate) struct FieldMemory(Arc<Mutex<HashMap<u64, Arc<Fitted>>>>);
+
+struct Fitted {
+    nerf: Nerf,
+    report: FitReport,
+    /// By camera, pose and the settings of the render.
+    renders: Mutex<HashMap<u64, RenderedView>>,
+}
+
+impl FieldMemory {
+    /// A field that is fitted only if no field of the same settings, seed and views is remembered.
+    pub(crate) fn field(&self, config: NerfConfig, seed: u64) -> Remembered {
+        Remembered { memory: self.clone(), config, seed, fitted: None }
+    }
+}
+
+/// A [`Nerf`] that shares a [`FieldMemory`].
+pub(crate) struct Remembered {
+    memory: FieldMemory,
+    config: NerfConfig,
+    seed: u64,
+    fitted: Option<Arc<Fitted>>,
+}
+
+impl RadianceField for Remembered {
+    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> mde_nerf::Result<FitReport> {
+        let key = fit_key(&self.config, self.seed, views);
+        let known = lock(&self.memory.0).get(&key).cloned();
+        let fitted = match known {
+            Some(fitted) => fitted,
+            None => {
+                let mut nerf = Nerf::new(self.config.clone(), self.seed)?;
+                let report = nerf.fit(views, observer)?;
+                let fitted = Arc::new(Fitted { nerf, report, renders: Mutex::default() });
+                lock(&self.memory.0).insert(key, fitted.clone());
+                fitted
+            }
+        };
+        let report = fitted.report.clone();
+        self.fitted = Some(fitted);
+        Ok(report)
+    }
+
+    fn render(
+        &self,
+        camera: &PinholeCamera,
+        pose: &Pose,
+        observer: &mut dyn Observer,
+    ) -> mde_nerf::Result<RenderedView> {
+        let Some(fitted) = &self.fitted else { return Err(mde_nerf::Error::NotFitted) };
+        match lock(&fitted.renders).entry(view_key(camera, pose, &self.config)) {
+            Entry::Occupied(known) => Ok(known.get().clone()),
+            Entry::Vacant(place) => {
+                let nerf = fitted.nerf.clone().with_render(self.config.render.clone())?;
+                Ok(place.insert(nerf.render(camera, pose, observer)?).clone())
+            }
+        }
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn fit_key(config: &NerfConfig, seed: u64, views: &[PosedView]) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    // How it renders has no part in the fit. Every number of a configuration shows in its `Debug`.
+    let fit = NerfConfig { render: RenderConfig::default(), ..config.clone() };
+    format!("{fit:?}").hash(&mut hasher);
+    seed.hash(&mut hasher);
+    for view in views {
+        hash_view(&view.camera, &view.pose, &mut hasher);
+        view.image.iter().for_each(|v| v.to_bits().hash(&mut hasher));
+        view.mask.iter().for_each(|v| v.hash(&mut hasher));
+        for depth in &view.hypotheses {
+            depth.mean().iter().chain(depth.variance()).for_each(|v| v.to_bits().hash(&mut hasher));
+        }
+    }
+    hasher.finish()
+}
+
+fn view_key(camera: &PinholeCamera, pose: &Pose, config: &NerfConfig) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    format!("{:?}", config.render).hash(&mut hasher);
+    hash_view(camera, pose, &mut hasher);
+    hasher.finish()
+}
+
+fn hash_view(camera: &PinholeCamera, pose: &Pose, hasher: &mut DefaultHasher) {
+    [camera.fx, camera.fy, camera.cx, camera.cy].map(f64::to_bits).hash(hasher);
+    [camera.width, camera.height].hash(hasher);
+    pose.to_homogeneous().iter().for_each(|v| v.to_bits().hash(hasher));
+}

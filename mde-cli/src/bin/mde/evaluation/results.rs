@@ -1,0 +1,128 @@
+//! Tables, figures and the exit code.
+
+use super::runner::Failure;
+use super::scoring::SIGMA_BY;
+use crate::output::folder::temporary_folder;
+use crate::output::provenance::{command_line, versions, write_json};
+use crate::report;
+use crate::run::progress::Progress;
+use anyhow::{Context, Result, ensure};
+use mde_eval::figure;
+use mde_eval::statistics::Bootstrap;
+use mde_eval::table::{Entry, Summary, calibrate, csv, markdown};
+use serde_json::{Value, json};
+use std::fs;
+use std::path::Path;
+
+/// Methods in the figures: more lines than this can't be told apart.
+const LINES: usize = 6;
+
+/// All that was scored.
+pub(crate) struct Results {
+    pub(crate) title: String,
+    /// The alignment belongs beside every number.
+    pub(crate) alignment: String,
+    /// A table of its own, before the others.
+    pub(crate) preface: String,
+    /// The method with which the others are compared.
+    pub(crate) reference: Option<String>,
+    pub(crate) entries: Vec<Entry>,
+    pub(crate) failures: Vec<Failure>,
+    /// What `summary.json` says of how it was made.
+    pub(crate) record: Value,
+}
+
+/// Some scenes or methods failed; what did not is written.
+#[derive(Debug, thiserror::Error)]
+#[error("{failed} of the runs failed ({first}); the others are in {folder}")]
+pub(crate) struct Partial {
+    failed: usize,
+    first: String,
+    folder: String,
+}
+
+/// Writes the tables and figures into `folder`, shows the table, and is an error where something failed.
+pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progress) -> Result<()> {
+    let first = results.failures.first().map(|f| match &f.method {
+        Some(method) => format!("{} {method}: {}", f.scene, f.error),
+        None => format!("{}: {}", f.scene, f.error),
+    });
+    ensure!(
+        !results.entries.is_empty(),
+        "no scene could be scored{}",
+        first.as_ref().map_or_else(String::new, |first| format!("; {first}"))
+    );
+    calibrate(&mut results.entries);
+    let summary = Summary::new(&results.entries, results.reference.as_deref(), &Bootstrap::default())?;
+    let text = results.table(&summary);
+    let value = json!({
+        "title": results.title, "alignment": results.alignment, "command_line": command_line(), "made_from": results.record, "versions": versions(),
+        "failures": results.failures, "warnings": progress.warnings(), "summary": summary,
+    });
+    let temporary = temporary_folder(folder)?;
+    let place = temporary.path();
+    let mut scenes = Vec::new();
+    csv(&results.entries, &mut scenes)?;
+    write(&place.join("scenes.csv"), &scenes)?;
+    write(&place.join("table.md"), text.as_bytes())?;
+    write_json(&place.join("summary.json"), &value)?;
+    results.figures(place)?;
+    for file in fs::read_dir(place).with_context(|| place.display().to_string())?.flatten() {
+        let target = folder.join(file.file_name());
+        fs::rename(file.path(), &target)
+            .with_context(|| format!("{}: can't put the results there", target.display()))?;
+    }
+    let report = report::write(folder)?;
+    let text = format!("{}\n\nreport: {}", text.trim_end(), report.display());
+    progress.result(&text, json!({ "event": "result", "summary": value["summary"] }));
+    match first {
+        None => Ok(()),
+        Some(first) => {
+            let (failed, folder) = (results.failures.len(), folder.display().to_string());
+            Err(Partial { failed, first, folder }.into())
+        }
+    }
+}
+
+impl Results {
+    fn table(&self, summary: &Summary) -> String {
+        let scenes = summary.scenes;
+        let plural = if scenes == 1 { "" } else { "s" };
+        let mut text = format!("# {}\n\n{scenes} scene{plural}. {}\n\n", self.title, self.alignment);
+        for failure in &self.failures {
+            let what = failure.method.as_deref().unwrap_or("all methods");
+            text += &format!("- failed: {}, {what}: {}\n", failure.scene, failure.error);
+        }
+        if !self.failures.is_empty() {
+            text.push('\n');
+        }
+        if !self.preface.is_empty() {
+            text += &format!("{}\n", self.preface);
+        }
+        text + &markdown(summary)
+    }
+
+    /// The figures of the methods that state an uncertainty of their own; without one, of the trivial ones.
+    fn figures(&self, folder: &Path) -> Result<()> {
+        let mut names = figure::methods(&self.entries);
+        names.sort_by_key(|name| name.contains(SIGMA_BY));
+        names.truncate(LINES);
+        if names.is_empty() {
+            return Ok(());
+        }
+        for (name, chart) in [
+            ("error-by-percentile", figure::error_by_percentile(&self.entries, &names)),
+            ("sparsification", figure::sparsification(&self.entries, &names)),
+            ("reliability", figure::reliability(&self.entries, &names)),
+        ] {
+            for extension in ["svg", "png"] {
+                chart.write(folder.join(format!("{name}.{extension}")))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<()> {
+    Ok(mde_prior::write_atomic(path, bytes)?)
+}

@@ -1,0 +1,272 @@
+//! Runs what is not there yet, keeps it, and goes on where a scene fails.
+
+use super::method::{Method, PRIOR};
+use super::refiner::FieldMemory;
+use super::scenes::{PriorPlan, Priors, fingerprint};
+use super::store::{Entry, Found, Record, Store};
+use crate::input::size::SceneLimit;
+use crate::run::interrupt;
+use crate::run::progress::Progress;
+use anyhow::{Result, bail};
+use mde_cli::Error;
+use mde_cli::pipeline::Event;
+use mde_eval::data::{DataSet, Sample};
+use mde_eval::{Refined, Task};
+use mde_prior::DisparityRule;
+use serde::Serialize;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+/// What is to be run.
+pub(crate) struct Plan<'p> {
+    pub(crate) data: &'p (dyn DataSet + Sync),
+    /// Places in the data set.
+    pub(crate) scenes: &'p [usize],
+    /// The prior first.
+    pub(crate) methods: &'p [Method],
+    pub(crate) prior: &'p PriorPlan,
+    /// What [`PriorPlan::describe`] says.
+    pub(crate) prior_settings: Value,
+    pub(crate) rule: DisparityRule,
+    pub(crate) store: &'p Store,
+    /// What the scenes may take, and how many run at once.
+    pub(crate) limit: SceneLimit<'p>,
+    /// Whether the methods of a scene share fields that are the same.
+    pub(crate) share_fields: bool,
+}
+
+/// A scene with every method's answer that could be had.
+pub(crate) struct SceneResult<'r> {
+    pub(crate) sample: &'r Sample,
+    pub(crate) entries: Vec<(&'r Method, Entry)>,
+}
+
+/// What went wrong, and where.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Failure {
+    pub(crate) scene: String,
+    /// Nothing where the scene itself could not be had.
+    pub(crate) method: Option<String>,
+    pub(crate) error: String,
+}
+
+/// What a worker says of a scene that is done.
+type Finish<'f, T> = dyn Fn(&SceneResult<'_>) -> Result<T> + Sync + 'f;
+
+/// Runs the plan; `finish` makes what is wanted of each scene, given back in the data set's order.
+pub(crate) fn run<T: Send>(
+    plan: &Plan<'_>,
+    progress: &mut Progress,
+    finish: &Finish<'_, T>,
+) -> Result<(Vec<T>, Vec<Failure>)> {
+    let shared = Shared {
+        plan,
+        next: AtomicUsize::new(0),
+        tally: Mutex::new(Tally::new(plan, progress)),
+        failures: Mutex::default(),
+    };
+    let threads = (rayon::current_num_threads() / plan.limit.jobs).max(1);
+    let mut results = Vec::new();
+    let outcomes: Vec<Result<Vec<(usize, T)>>> = std::thread::scope(|scope| {
+        let work = || -> Result<Vec<(usize, T)>> {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+            pool.install(|| shared.work(finish))
+        };
+        let workers: Vec<_> = (0..plan.limit.jobs).map(|_| scope.spawn(work)).collect();
+        let joined = workers.into_iter().map(|worker| worker.join());
+        joined.map(|outcome| outcome.unwrap_or_else(|_| bail!("a worker stopped"))).collect()
+    });
+    for outcome in outcomes {
+        results.extend(outcome?);
+    }
+    if interrupt::requested() {
+        bail!(Error::Interrupted);
+    }
+    results.sort_by_key(|(index, _)| *index);
+    let mut failures = shared.failures.into_inner().unwrap_or_else(PoisonError::into_inner);
+    failures.sort_by(|a, b| (&a.scene, &a.method).cmp(&(&b.scene, &b.method)));
+    Ok((results.into_iter().map(|(_, result)| result).collect(), failures))
+}
+
+/// What the workers share.
+struct Shared<'s> {
+    plan: &'s Plan<'s>,
+    next: AtomicUsize,
+    tally: Mutex<Tally<'s>>,
+    failures: Mutex<Vec<Failure>>,
+}
+
+impl Shared<'_> {
+    fn work<T>(&self, finish: &Finish<'_, T>) -> Result<Vec<(usize, T)>> {
+        let priors = self.plan.prior.open()?;
+        let mut results = Vec::new();
+        while !interrupt::requested() {
+            let place = self.next.fetch_add(1, Ordering::SeqCst);
+            let Some(&index) = self.plan.scenes.get(place) else { break };
+            match self.scene(index, &priors, finish) {
+                Ok(result) => results.push((index, result)),
+                Err(_) if interrupt::requested() => break,
+                Err(error) => self.fail(index, None, &error),
+            }
+        }
+        Ok(results)
+    }
+
+    fn scene<T>(&self, index: usize, priors: &Priors<'_>, finish: &Finish<'_, T>) -> Result<T> {
+        let sample = self.plan.data.load(index)?;
+        self.plan.limit.check("its picture", sample.depth.dim())?;
+        if sample.assumed_camera {
+            let warning = format!("{}: has no intrinsics; the camera is assumed", sample.id);
+            lock(&self.tally).progress.warn(warning);
+        }
+        let model = priors.model(&sample)?;
+        let memory = self.plan.share_fields.then(FieldMemory::default);
+        let mut entries: Vec<(&Method, Entry)> = Vec::new();
+        for method in self.plan.methods {
+            let prior = entries.first().map(|(_, prior)| &prior.refined.depth);
+            let made_from = json!({
+                "input": fingerprint(&sample, prior),
+                "settings": match prior {
+                    Some(_) => method.settings()?,
+                    None => json!({ "prior": self.plan.prior_settings, "rule": self.plan.rule }),
+                },
+            });
+            let outcome = match prior {
+                None => self.answer(&sample, method, made_from, || {
+                    Ok(priors.depth(&sample, &self.plan.rule, method.seed)?.into())
+                }),
+                Some(prior) => {
+                    let task = Task {
+                        image: sample.image.view(),
+                        camera: &sample.camera,
+                        prior: prior.view(),
+                        model: model.as_deref(),
+                        rule: &self.plan.rule,
+                        seed: method.seed,
+                    };
+                    self.answer(&sample, method, made_from, || method.run(&task, memory.as_ref(), &stop))
+                }
+            };
+            match outcome {
+                Ok(entry) => entries.push((method, entry)),
+                Err(error) if interrupt::requested() || method.name == PRIOR => return Err(error),
+                Err(error) => self.fail(index, Some(method), &error),
+            }
+        }
+        finish(&SceneResult { sample: &sample, entries })
+    }
+
+    /// The method's answer, from the store if it is there.
+    fn answer(
+        &self,
+        sample: &Sample,
+        method: &Method,
+        made_from: Value,
+        run: impl FnOnce() -> Result<Refined>,
+    ) -> Result<Entry> {
+        match self.plan.store.find(&sample.id, &method.name, &made_from)? {
+            Found::Done(entry) => {
+                lock(&self.tally).skip(&method.name);
+                return Ok(*entry);
+            }
+            Found::Stale(change) => {
+                let warning = format!("{} {}: run again, as {change}", sample.id, method.name);
+                lock(&self.tally).progress.warn(warning);
+            }
+            Found::Nothing => {}
+        }
+        let start = Instant::now();
+        let refined = run()?;
+        if refined.depth.dim() != sample.depth.dim() {
+            bail!("{}: gave a map of another size than the picture", method.name);
+        }
+        let seconds = start.elapsed().as_secs_f64();
+        let record = Record { made_from, seconds, account: refined.account.clone() };
+        let entry = Entry { refined, record };
+        self.plan.store.keep(&sample.id, &method.name, &entry)?;
+        lock(&self.tally).done(&sample.id, &method.name, seconds);
+        Ok(entry)
+    }
+
+    fn fail(&self, index: usize, method: Option<&Method>, error: &anyhow::Error) {
+        let scene = self.plan.data.ids().get(index).cloned().unwrap_or_default();
+        let method = method.map(|method| method.name.clone());
+        let error = format!("{error:#}");
+        let mut tally = lock(&self.tally);
+        let what = method.as_deref().unwrap_or("scene");
+        tally.progress.warn(format!("{scene} {what}: failed: {error}"));
+        match &method {
+            Some(method) => tally.skip(method),
+            None => self.plan.methods.iter().for_each(|method| tally.skip(&method.name)),
+        }
+        lock(&self.failures).push(Failure { scene, method, error });
+    }
+}
+
+fn stop(_: &Event) -> std::ops::ControlFlow<()> {
+    interrupt::flow()
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// How far it all is.
+struct Tally<'t> {
+    progress: &'t mut Progress,
+    jobs: usize,
+    done: usize,
+    all: usize,
+    /// By method: runs left, runs made, seconds that they took.
+    methods: BTreeMap<String, (usize, usize, f64)>,
+}
+
+impl<'t> Tally<'t> {
+    fn new(plan: &Plan<'_>, progress: &'t mut Progress) -> Self {
+        let scenes = plan.scenes.len();
+        let methods = plan.methods.iter().map(|method| (method.name.clone(), (scenes, 0, 0.0))).collect();
+        Self { progress, jobs: plan.limit.jobs, done: 0, all: scenes * plan.methods.len(), methods }
+    }
+
+    fn take(&mut self, method: &str) -> Option<&mut (usize, usize, f64)> {
+        let entry = self.methods.get_mut(method).filter(|(left, ..)| *left > 0)?;
+        self.done += 1;
+        entry.0 -= 1;
+        Some(entry)
+    }
+
+    /// A run that is not needed.
+    fn skip(&mut self, method: &str) {
+        let _ = self.take(method);
+    }
+
+    fn done(&mut self, scene: &str, method: &str, seconds: f64) {
+        if let Some((_, runs, total)) = self.take(method) {
+            *runs += 1;
+            *total += seconds;
+        }
+        let text = format!("{scene} {method}: {seconds:.1} s");
+        let value = json!({ "event": "method", "scene": scene, "method": method, "method_seconds": seconds });
+        let left = self.left();
+        self.progress.piece(self.done, self.all, &text, left, value);
+    }
+
+    /// Seconds that are left, once every method that is left was run before.
+    fn left(&self) -> Option<f64> {
+        let mut seconds = 0.0;
+        for &(left, runs, total) in self.methods.values() {
+            if left > 0 {
+                seconds += left as f64 * total / if runs > 0 { runs as f64 } else { return None };
+            }
+        }
+        Some(seconds / self.jobs as f64)
+    }
+}
+
+/// The scenes at once that were asked for, as far as there are threads and scenes for them.
+pub(crate) fn jobs(asked: Option<usize>, scenes: usize) -> usize {
+    asked.unwrap_or(1).min(scenes).min(rayon::current_num_threads()).max(1)
+}

@@ -1,0 +1,244 @@
+//! Scenes with the monocular depth that every method starts from.
+
+use crate::args::{DataArgs, EncodingName, EvalPriorArgs, FaultName, PriorArgs, PriorSource};
+use crate::input::prior::NamedPrior;
+use anyhow::{Context, Result, bail};
+use mde_eval::data::{self, DataSet, DataSetKind, Fallback, Options, Sample, SunDepth};
+use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
+use mde_prior::{DepthPrior, DisparityRule};
+use ndarray::Array2;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// A data set and how it was asked for.
+pub(crate) struct Source {
+    pub(crate) data: Box<dyn DataSet>,
+    pub(crate) kind: DataSetKind,
+    options: Options,
+}
+
+impl Source {
+    pub(crate) fn open(root: &Option<PathBuf>, args: &DataArgs) -> Result<Self> {
+        let kind = match (args.dataset, root) {
+            (Some(kind), _) => kind,
+            (None, Some(root)) => DataSetKind::guess(root)?,
+            (None, None) => bail!("name a data set's folder, or give --dataset rooms"),
+        };
+        let options = Options {
+            fallback: Fallback::FieldOfView(args.assume_fov),
+            sun_depth: if args.filled_depth { SunDepth::Filled } else { SunDepth::Sensor },
+            size: args.size,
+            stride: usize::from(args.stride),
+            ..Options::default()
+        };
+        let data = data::open(kind, root.as_deref(), &options)?;
+        Ok(Self { data, kind, options })
+    }
+
+    /// What decides which pictures and truths the scenes have, wherever they lie.
+    pub(crate) fn describe(&self) -> Value {
+        json!({ "dataset": self.kind.name(), "size": self.options.size, "depth": self.options.sun_depth,
+                "stride": self.options.stride })
+    }
+
+    pub(crate) fn title(&self) -> String {
+        let size = self.options.size.map_or_else(String::new, |[w, h]| format!(" at {w}x{h}"));
+        format!("{}{size}", self.kind)
+    }
+}
+
+/// Where the priors of an evaluation come from.
+#[derive(Debug)]
+pub(crate) enum PriorPlan {
+    /// A model.
+    Model(PriorArgs),
+    /// A folder with one depth map a scene, named like it.
+    Folder(PathBuf, PriorArgs),
+    /// The truth of a procedural room, made worse.
+    Simulated,
+    /// A simulated model of each procedural room, which takes crops and mirror images.
+    SimulatedModel(SimulatedModelConfig),
+}
+
+impl PriorPlan {
+    /// What the command line names; for rooms without a word, the simulated one.
+    pub(crate) fn new(args: &EvalPriorArgs, kind: DataSetKind) -> Result<Self> {
+        let source = |depth: bool| PriorSource {
+            prior_model: args.prior_model.clone(),
+            prior_depth: args.prior_depth.clone().filter(|_| depth),
+        };
+        let prior_args = |depth| PriorArgs {
+            source: source(depth),
+            model_profile: args.model_profile.clone(),
+            prior_kind: args.prior_kind,
+            png_scale: args.png_scale,
+            prior_encoding: EncodingName::Plain,
+        };
+        let rooms = kind == DataSetKind::Rooms;
+        if let Some(fault) = args.simulated_model {
+            if !rooms {
+                bail!("--simulated-model: is made from exact depth; use it with --dataset rooms");
+            }
+            return Ok(Self::SimulatedModel(faults(fault)));
+        }
+        match (&args.prior_model, &args.prior_depth) {
+            (Some(_), _) => Ok(Self::Model(prior_args(false))),
+            (None, Some(folder)) => Ok(Self::Folder(folder.clone(), prior_args(true))),
+            (None, None) if rooms => Ok(Self::Simulated),
+            (None, None) if args.simulated_prior => {
+                bail!("--simulated-prior: is made from exact depth; use it with --dataset rooms")
+            }
+            (None, None) => bail!("no prior is named; give --prior-model MODEL.onnx or --prior-depth FOLDER"),
+        }
+    }
+
+    /// A few words for the title.
+    pub(crate) fn title(&self) -> String {
+        match self {
+            Self::Model(args) => args.source.prior_model.as_deref().map(file_name).unwrap_or_default(),
+            Self::Folder(path, _) => format!("the priors in {}", path.display()),
+            Self::Simulated => "simulated priors".to_owned(),
+            Self::SimulatedModel(_) => "a simulated model".to_owned(),
+        }
+    }
+
+    /// Whether it is a model that accepts new images.
+    pub(crate) fn accepts_new_images(&self) -> bool {
+        matches!(self, Self::Model(_) | Self::SimulatedModel(_))
+    }
+
+    /// What the record says of it.
+    pub(crate) fn describe(&self) -> Result<Value> {
+        Ok(match self {
+            Self::Model(args) => {
+                let Some(path) = &args.source.prior_model else { bail!("no model is named") };
+                let origin = NamedPrior::open(args)?.origin;
+                let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+                json!({ "model": file_name(path), "crc32": crc32fast::hash(&bytes), "kind": origin.kind,
+                        "settings": origin.model })
+            }
+            Self::Folder(path, args) => {
+                json!({ "folder": path, "kind": args.prior_kind.map(mde_prior::DepthKind::from) })
+            }
+            Self::Simulated => json!("simulated"),
+            Self::SimulatedModel(faults) => json!({ "simulated": faults }),
+        })
+    }
+
+    /// Opens what is opened once for many scenes.
+    pub(crate) fn open(&self) -> Result<Priors<'_>> {
+        Ok(match self {
+            Self::Model(args) => Priors::Model(NamedPrior::open(args)?.prior),
+            Self::Folder(path, args) => Priors::Folder(path, args),
+            Self::Simulated => Priors::Simulated,
+            Self::SimulatedModel(faults) => Priors::SimulatedModel(faults),
+        })
+    }
+}
+
+/// The priors, opened; belongs to one thread.
+pub(crate) enum Priors<'p> {
+    Model(Box<dyn DepthPrior>),
+    Folder(&'p Path, &'p PriorArgs),
+    Simulated,
+    SimulatedModel(&'p SimulatedModelConfig),
+}
+
+impl Priors<'_> {
+    /// The model to ask again about a scene, where there is one.
+    pub(crate) fn model(&self, sample: &Sample) -> Result<Option<Box<dyn DepthPrior + '_>>> {
+        Ok(match self {
+            Self::Model(model) => Some(Box::new(&**model)),
+            Self::SimulatedModel(faults) => Some(Box::new(simulated(sample, faults)?)),
+            Self::Folder(..) | Self::Simulated => None,
+        })
+    }
+
+    /// The monocular depth of a scene, `[height, width]`; 0 where missing.
+    pub(crate) fn depth(&self, sample: &Sample, rule: &DisparityRule, seed: u64) -> Result<Array2<f32>> {
+        let answer = match self {
+            Self::Model(model) => model.predict(sample.image.view())?,
+            Self::Folder(folder, args) => {
+                let file = depth_file(folder, &sample.id)?;
+                let args = PriorArgs {
+                    source: PriorSource { prior_model: None, prior_depth: Some(file) },
+                    ..(*args).clone()
+                };
+                NamedPrior::open(&args)?.prior.predict(sample.image.view())?
+            }
+            Self::Simulated => {
+                let faults = SimulatedPriorConfig { seed, ..SimulatedPriorConfig::disparity() };
+                SimulatedPrior::new(&sample.depth, &faults)?.predict(sample.image.view())?
+            }
+            Self::SimulatedModel(faults) => simulated(sample, faults)?.predict(sample.image.view())?,
+        };
+        Ok(answer.to_depth(rule)?)
+    }
+}
+
+fn simulated(sample: &Sample, faults: &SimulatedModelConfig) -> Result<SimulatedModel> {
+    Ok(SimulatedModel::new(&sample.image, &sample.depth, faults.clone())?)
+}
+
+/// One fault at a size at which it shows, or all of them.
+fn faults(name: FaultName) -> SimulatedModelConfig {
+    let all = SimulatedModelConfig::default();
+    let small = SimulatedModelConfig::small(all.side);
+    let fine = SimulatedModelConfig::small(4096);
+    match name {
+        FaultName::Resolution => small,
+        FaultName::Thin => SimulatedModelConfig { lost_cells: all.lost_cells, ..small },
+        FaultName::Missed => SimulatedModelConfig { lost_width: all.lost_width, ..fine },
+        FaultName::Shared => SimulatedModelConfig { shared_error: all.shared_error, ..fine },
+        FaultName::Own => SimulatedModelConfig { own_error: all.own_error, ..fine },
+        FaultName::All => all,
+    }
+}
+
+/// `FOLDER/ID.npy` and so on.
+fn depth_file(folder: &Path, id: &str) -> Result<PathBuf> {
+    const EXTENSIONS: [&str; 5] = ["npy", "npz", "pfm", "png", "exr"];
+    let found = EXTENSIONS.iter().map(|e| folder.join(format!("{id}.{e}"))).find(|path| path.is_file());
+    found.with_context(|| {
+        format!("{}: no depth map {id}.npy (or .npz, .pfm, .png, .exr) for this scene", folder.display())
+    })
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// A number that changes with the picture, its camera or, where given, its prior.
+pub(crate) fn fingerprint(sample: &Sample, prior: Option<&Array2<f32>>) -> u32 {
+    let mut hasher = crc32fast::Hasher::new();
+    let camera = &sample.camera;
+    for number in [camera.fx, camera.fy, camera.cx, camera.cy, camera.width as f64, camera.height as f64] {
+        hasher.update(&number.to_le_bytes());
+    }
+    for value in sample.image.iter().chain(prior.into_iter().flatten()) {
+        hasher.update(&value.to_le_bytes());
+    }
+    hasher.finalize()
+}
+
+/// The scenes that `wanted` names (all without it), at most `limit`.
+pub(crate) fn choose(data: &dyn DataSet, wanted: &[String], limit: Option<u32>) -> Result<Vec<usize>> {
+    let ids = data.ids();
+    let mut chosen = Vec::new();
+    if wanted.is_empty() {
+        chosen.extend(0..ids.len());
+    }
+    for name in wanted {
+        let before = chosen.len();
+        let fits = |id: &String| id == name || id.rsplit('/').next() == Some(name);
+        chosen.extend((0..ids.len()).filter(|&index| fits(&ids[index])));
+        if chosen.len() == before {
+            let some = ids.iter().take(5).cloned().collect::<Vec<_>>().join(", ");
+            bail!("--scenes {name}: there is no such scene among the {} here ({some}, ...)", ids.len());
+        }
+    }
+    chosen.sort_unstable();
+    chosen.dedup();
+    chosen.truncate(limit.map_or(usize::MAX, |n| n as usize));
+    Ok(chosen)
+}

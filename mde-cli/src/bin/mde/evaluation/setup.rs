@@ -1,0 +1,118 @@
+//! What `mde eval` and `mde ablate` do alike: open everything, run it, and put the tables together.
+
+use super::method::Method;
+use super::results::Results;
+use super::runner::{self, Failure, Plan};
+use super::scenes::{PriorPlan, Source, choose};
+use super::scoring::Scoring;
+use super::store::Store;
+use crate::args::EvaluationArgs;
+use crate::input::size::SceneLimit;
+use crate::run::progress::Progress;
+use anyhow::Result;
+use mde_cli::memory::SceneMemory;
+use mde_eval::table::Entry;
+use mde_prior::DisparityRule;
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// What a command evaluates.
+pub(crate) struct Request<'a> {
+    pub(crate) command: &'a str,
+    /// The prior first.
+    pub(crate) methods: &'a [Method],
+    /// As in [`Scoring`].
+    pub(crate) controls: bool,
+    /// As in [`Plan`].
+    pub(crate) share_fields: bool,
+}
+
+/// An evaluation that is opened.
+pub(crate) struct Setup<'a> {
+    args: &'a EvaluationArgs,
+    request: Request<'a>,
+    memory: SceneMemory,
+    source: Source,
+    scenes: Vec<usize>,
+    prior: PriorPlan,
+    prior_settings: Value,
+    scoring: Scoring,
+    store: Store,
+}
+
+impl<'a> Setup<'a> {
+    /// Opens all of it, and refuses what would take too much memory before anything is written.
+    pub(crate) fn open(args: &'a EvaluationArgs, request: Request<'a>) -> Result<Self> {
+        let source = Source::open(&args.root, &args.data)?;
+        let scenes = choose(&*source.data, &args.data.scenes, args.data.limit)?;
+        let configs: Vec<_> = request.methods.iter().map(Method::seeded_config).collect();
+        let memory = SceneMemory::new(&configs, request.share_fields);
+        let limit = limit(args, memory, &scenes);
+        if let Some([width, height]) = args.data.size {
+            limit.check("--size", (height, width))?;
+        }
+        let prior = PriorPlan::new(&args.prior, source.kind)?;
+        let prior_settings = prior.describe()?;
+        let scoring = Scoring::new(&args.score, request.controls);
+        let basis = json!({ "command": request.command, "data": source.describe() });
+        let store = Store::open(&args.run.output, &basis, args.run.force)?;
+        Ok(Self { args, request, memory, source, scenes, prior, prior_settings, scoring, store })
+    }
+
+    /// Runs and scores what is not there yet.
+    pub(crate) fn run(&self, progress: &mut Progress) -> Result<(Vec<Entry>, Vec<Failure>)> {
+        let plan = Plan {
+            data: &*self.source.data,
+            scenes: &self.scenes,
+            methods: self.request.methods,
+            prior: &self.prior,
+            prior_settings: self.prior_settings.clone(),
+            rule: DisparityRule::default(),
+            store: &self.store,
+            limit: limit(self.args, self.memory, &self.scenes),
+            share_fields: self.request.share_fields,
+        };
+        let (entries, failures) =
+            runner::run(&plan, progress, &|scene| self.scoring.scene(scene, &self.store))?;
+        Ok((entries.into_iter().flatten().collect(), failures))
+    }
+
+    /// The tables of what was run, compared with `reference`.
+    pub(crate) fn results(&self, reference: &str, entries: Vec<Entry>, failures: Vec<Failure>) -> Results {
+        Results {
+            title: format!("{} with {}", self.source.title(), self.prior.title()),
+            alignment: self.scoring.alignment_note(),
+            preface: String::new(),
+            reference: Some(reference.to_owned()),
+            entries,
+            failures,
+            record: json!({ "data": self.source.describe(), "root": self.args.root, "prior": self.prior_settings,
+                            "score": self.scoring.config }),
+        }
+    }
+
+    /// The data, the prior and the alignment, in words.
+    pub(crate) fn titles(&self) -> [String; 3] {
+        [self.source.title(), self.prior.title(), self.scoring.alignment_note()]
+    }
+
+    /// Whether the prior is a model that accepts new images.
+    pub(crate) fn accepts_new_images(&self) -> bool {
+        self.prior.accepts_new_images()
+    }
+
+    /// Removes the folder again if nothing is in it.
+    pub(crate) fn discard_if_empty(&self) {
+        self.store.discard_if_empty();
+    }
+
+    /// Where the results go.
+    pub(crate) fn folder(&self) -> &Path {
+        self.store.root()
+    }
+}
+
+fn limit<'a>(args: &'a EvaluationArgs, memory: SceneMemory, scenes: &[usize]) -> SceneLimit<'a> {
+    let jobs = runner::jobs(args.many.jobs.map(usize::from), scenes.len());
+    SceneLimit { args: &args.memory, memory, jobs }
+}

@@ -1,0 +1,300 @@
+//! The folder of an evaluation: one folder a scene and method, each there whole or not at all.
+
+use crate::output::canvas::resized;
+use crate::output::provenance::write_json;
+use anyhow::{Context, Result, ensure};
+use mde_eval::Refined;
+use mde_prior::format::{ReadOptions, read_values, write_npy};
+use mde_prior::photo::write_image;
+use ndarray::{Array2, ArrayView3};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// What the whole evaluation is made of; the file by which its folder is known.
+const BASIS: &str = "eval.json";
+const RECORD: &str = "method.json";
+const DEPTH: &str = "depth.npy";
+const SIGMA: &str = "sigma.npy";
+const SCORES: &str = "scores.json";
+/// A scene's picture, small, for the report.
+pub(crate) const PICTURE: &str = "picture.png";
+/// The picture fits into a square of so many pixels.
+const PICTURE_SIDE: usize = 320;
+/// Unfinished folders start so.
+const TEMPORARY: &str = ".mde-";
+
+/// An evaluation on disk.
+#[derive(Debug)]
+pub(crate) struct Store {
+    root: PathBuf,
+}
+
+/// One method's answer for one scene, with what it was made from.
+#[derive(Debug)]
+pub(crate) struct Entry {
+    pub(crate) refined: Refined,
+    pub(crate) record: Record,
+}
+
+/// What is written beside the maps.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Record {
+    /// Everything that the maps depend on.
+    pub(crate) made_from: Value,
+    /// Wall seconds.
+    pub(crate) seconds: f64,
+    /// What the method says of its run.
+    pub(crate) account: Value,
+}
+
+/// What a look into the store gives.
+#[derive(Debug)]
+pub(crate) enum Found {
+    Nothing,
+    /// Made from something else; the text says what differs first.
+    Stale(String),
+    Done(Box<Entry>),
+}
+
+impl Store {
+    /// Opens or begins the evaluation of `basis` in `root`; `force` begins it anew.
+    pub(crate) fn open(root: &Path, basis: &Value, force: bool) -> Result<Self> {
+        let shown = root.display();
+        let path = root.join(BASIS);
+        if root.exists() {
+            ensure!(root.is_dir(), "{shown}: exists and is no folder; give another name to -o");
+            let empty = fs::read_dir(root).with_context(|| shown.to_string())?.next().is_none();
+            ensure!(
+                empty || path.is_file(),
+                "{shown}: holds no {BASIS} of an earlier evaluation and is not empty; give another name to -o"
+            );
+        }
+        if path.is_file() && force {
+            fs::remove_dir_all(root.join("scenes"))
+                .or_else(|e| if e.kind() == std::io::ErrorKind::NotFound { Ok(()) } else { Err(e) })
+                .with_context(|| shown.to_string())?;
+            fs::remove_file(&path).with_context(|| path.display().to_string())?;
+        }
+        if path.is_file() {
+            let text = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+            let old: Value = serde_json::from_str(&text)
+                .with_context(|| format!("{}: broken; give --force to begin anew", path.display()))?;
+            if let Some(change) = difference(&old, basis) {
+                anyhow::bail!(
+                    "{shown}: holds an evaluation of something else ({change}); give another name to -o, or --force \
+                     to begin anew"
+                );
+            }
+        } else {
+            fs::create_dir_all(root)
+                .with_context(|| format!("{shown}: can't make this folder; give another name to -o"))?;
+            write_json(&path, basis)?;
+        }
+        let store = Self { root: root.to_owned() };
+        store.sweep();
+        Ok(store)
+    }
+
+    pub(crate) fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Removes an evaluation that holds nothing yet, for one that failed before its first map.
+    pub(crate) fn discard_if_empty(&self) {
+        let names = || fs::read_dir(&self.root).into_iter().flatten().flatten();
+        if names().all(|entry| entry.file_name() == BASIS) {
+            let _ = fs::remove_file(self.root.join(BASIS));
+            let _ = fs::remove_dir(&self.root);
+        }
+    }
+
+    /// Removes what an interrupted run left unfinished.
+    fn sweep(&self) {
+        let inside = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten();
+        let scenes = self.root.join("scenes");
+        let all = inside(&self.root).chain(inside(&scenes).flat_map(|scene| inside(&scene.path())));
+        for entry in all.filter(|e| e.file_name().to_string_lossy().starts_with(TEMPORARY)) {
+            let _ = fs::remove_dir_all(entry.path());
+        }
+    }
+
+    pub(crate) fn scene(&self, scene: &str) -> PathBuf {
+        self.root.join("scenes").join(file_name(scene))
+    }
+
+    fn folder(&self, scene: &str, method: &str) -> PathBuf {
+        self.scene(scene).join(file_name(method))
+    }
+
+    /// A method's answer, if it is there and was made from `made_from`.
+    pub(crate) fn find(&self, scene: &str, method: &str, made_from: &Value) -> Result<Found> {
+        let folder = self.folder(scene, method);
+        let path = folder.join(RECORD);
+        if !path.is_file() {
+            return Ok(Found::Nothing);
+        }
+        let text = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+        let Ok(record) = serde_json::from_str::<Record>(&text) else {
+            return Ok(Found::Stale(format!("{} is broken", path.display())));
+        };
+        if let Some(change) = difference(&record.made_from, made_from) {
+            return Ok(Found::Stale(change));
+        }
+        let map = |name: &str| -> Result<Option<Array2<f32>>> {
+            let path = folder.join(name);
+            if !path.is_file() {
+                return Ok(None);
+            }
+            // A sigma of nothing but zeros is an answer too.
+            Ok(Some(read_values(&path, &ReadOptions::default())?))
+        };
+        let Some(depth) = map(DEPTH)? else {
+            return Ok(Found::Stale(format!("{} is missing", folder.join(DEPTH).display())));
+        };
+        let refined = Refined { depth, sigma: map(SIGMA)?, account: record.account.clone() };
+        Ok(Found::Done(Box::new(Entry { refined, record })))
+    }
+
+    /// What was kept as a method's scores, if it can be read.
+    pub(crate) fn scores<T: DeserializeOwned>(&self, scene: &str, method: &str) -> Option<T> {
+        let text = fs::read_to_string(self.folder(scene, method).join(SCORES)).ok()?;
+        serde_json::from_str(&text).ok()
+    }
+
+    /// Keeps a method's scores; they go when its maps are made anew.
+    pub(crate) fn keep_scores(&self, scene: &str, method: &str, scores: &impl Serialize) -> Result<()> {
+        write_json(&self.folder(scene, method).join(SCORES), scores)
+    }
+
+    /// Keeps a small picture of the scene, `[height, width, 3]`, unless it is there.
+    pub(crate) fn keep_picture(&self, scene: &str, image: ArrayView3<'_, f32>) -> Result<()> {
+        let path = self.scene(scene).join(PICTURE);
+        if path.is_file() {
+            return Ok(());
+        }
+        let (height, width, _) = image.dim();
+        let scale = (PICTURE_SIDE as f64 / width.max(height) as f64).min(1.0);
+        let side = |pixels: usize| ((pixels as f64 * scale).round() as usize).max(1);
+        Ok(write_image(path, resized(image, side(width), side(height)).view())?)
+    }
+
+    /// Puts a method's answer in its place, instead of an older one.
+    pub(crate) fn keep(&self, scene: &str, method: &str, entry: &Entry) -> Result<()> {
+        let parent = self.scene(scene);
+        fs::create_dir_all(&parent)
+            .with_context(|| format!("{}: can't make this folder", parent.display()))?;
+        let temporary = crate::output::folder::temporary_folder(&parent)?;
+        write_npy(temporary.path().join(DEPTH), entry.refined.depth.view())?;
+        if let Some(sigma) = &entry.refined.sigma {
+            write_npy(temporary.path().join(SIGMA), sigma.view())?;
+        }
+        write_json(&temporary.path().join(RECORD), &entry.record)?;
+        let folder = self.folder(scene, method);
+        let fault = || format!("{}: can't put the maps there", folder.display());
+        // An old answer goes in one step too: half of one must not be taken for a whole one.
+        let old = crate::output::folder::temporary_folder(&parent)?;
+        if folder.exists() {
+            fs::rename(&folder, old.path().join("old")).with_context(fault)?;
+        }
+        fs::rename(temporary.path(), &folder).with_context(fault)?;
+        let _ = temporary.keep();
+        Ok(())
+    }
+}
+
+/// The first place where two JSON values differ, as `key.key: old -> new`.
+fn difference(old: &Value, new: &Value) -> Option<String> {
+    match (old, new) {
+        (Value::Object(old), Value::Object(new)) => {
+            let keys = old.keys().chain(new.keys().filter(|key| !old.contains_key(*key)));
+            keys.into_iter().find_map(|key| {
+                let [before, after] = [old, new].map(|map| map.get(key).unwrap_or(&Value::Null));
+                let change = difference(before, after)?;
+                Some(if change.starts_with(": ") {
+                    format!("{key}{change}")
+                } else {
+                    format!("{key}.{change}")
+                })
+            })
+        }
+        (old, new) if old == new => None,
+        (old, new) => Some(format!(": {old} -> {new}")),
+    }
+}
+
+/// A name that every file system takes, another for every text.
+pub(crate) fn file_name(text: &str) -> String {
+    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
+    let mut name = String::new();
+    for (index, byte) in text.bytes().enumerate() {
+        if plain(byte) && !(index == 0 && byte == b'.') {
+            name.push(char::from(byte));
+        } else if byte == b'/' {
+            name.push('+');
+        } else {
+            name.push_str(&format!("%{byte:02x}"));
+        }
+    }
+    name
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn entry(made_from: Value) -> Entry {
+        let depth = Array2::from_elem((3, 4), 2.0);
+        let refined = Refined { sigma: Some(&depth * 0.1), ..Refined::from(depth) };
+        Entry { refined, record: Record { made_from, seconds: 1.5, account: json!({ "a": 1.0 }) } }
+    }
+
+    #[test]
+    fn what_is_kept_is_found_and_what_was_made_from_something_else_is_stale() {
+        let place = tempfile::tempdir().unwrap();
+        let store = Store::open(&place.path().join("e"), &json!({ "size": "native" }), false).unwrap();
+        let made_from = json!({ "config": { "seed": 1 } });
+        assert!(matches!(store.find("a/b", "paper", &made_from).unwrap(), Found::Nothing));
+        store.keep("a/b", "paper", &entry(made_from.clone())).unwrap();
+        let Found::Done(found) = store.find("a/b", "paper", &made_from).unwrap() else { panic!() };
+        assert_eq!(found.refined.depth, entry(Value::Null).refined.depth);
+        assert_eq!(found.refined.sigma, entry(Value::Null).refined.sigma);
+        assert_eq!((found.record.seconds, found.record.account), (1.5, json!({ "a": 1.0 })));
+        let sure = Entry {
+            refined: Refined { sigma: Some(Array2::zeros((3, 4))), ..entry(Value::Null).refined },
+            ..entry(made_from.clone())
+        };
+        store.keep("a/b", "sure", &sure).unwrap();
+        let Found::Done(found) = store.find("a/b", "sure", &made_from).unwrap() else { panic!() };
+        assert_eq!(found.refined.sigma, sure.refined.sigma);
+        let other = json!({ "config": { "seed": 2 } });
+        let Found::Stale(change) = store.find("a/b", "paper", &other).unwrap() else { panic!() };
+        assert_eq!(change, "config.seed: 1 -> 2");
+    }
+
+    #[test]
+    fn another_evaluation_is_refused_and_force_begins_anew() {
+        let place = tempfile::tempdir().unwrap();
+        let root = place.path().join("e");
+        let store = Store::open(&root, &json!({ "size": "native" }), false).unwrap();
+        store.keep("a", "paper", &entry(Value::Null)).unwrap();
+        let other = json!({ "size": [640, 480] });
+        let refused = Store::open(&root, &other, false).unwrap_err().to_string();
+        assert!(refused.contains("size: \"native\" -> [640,480]"), "{refused}");
+        let store = Store::open(&root, &other, true).unwrap();
+        assert!(matches!(store.find("a", "paper", &Value::Null).unwrap(), Found::Nothing));
+        fs::write(place.path().join("x"), "").unwrap();
+        assert!(Store::open(place.path(), &other, true).is_err());
+    }
+
+    #[test]
+    fn every_name_has_a_file_name_of_its_own() {
+        let names = ["a/b", "a+b", "a b", ".", "..", "a%2fb", "zoom+jbf", "ä"].map(file_name);
+        let distinct: std::collections::BTreeSet<_> = names.iter().collect();
+        assert_eq!(distinct.len(), names.len());
+        assert!(names.iter().all(|name| !name.contains('/') && !name.starts_with('.')), "{names:?}");
+    }
+}

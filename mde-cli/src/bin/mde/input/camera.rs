@@ -1,0 +1,85 @@
+//! The camera from flags, a file, EXIF or a guess.
+
+use crate::args::CameraArgs;
+use crate::input::opened::Opened;
+use anyhow::{Context, Result};
+use mde_cli::Intrinsics;
+use mde_warp::PinholeCamera;
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Assumed where nothing is known: between a phone's main camera (65 to 75 degrees) and a longer lens.
+const ASSUMED_FOV: f64 = 60.0;
+
+/// A camera and how it is known.
+#[derive(Debug, Serialize)]
+pub(crate) struct KnownCamera {
+    #[serde(flatten)]
+    pub(crate) camera: PinholeCamera,
+    pub(crate) source: CameraSource,
+}
+
+#[derive(Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum CameraSource {
+    /// `--fx` and so on.
+    Flags,
+    /// `--fov`, degrees.
+    FieldOfView(f64),
+    /// `--intrinsics`.
+    File(PathBuf),
+    /// The photograph's EXIF, 35 mm focal length in millimetres.
+    Exif(f64),
+    /// Nothing was known; degrees.
+    Assumed(f64),
+    /// The procedural scene's own.
+    Scene,
+}
+
+impl KnownCamera {
+    /// The camera of a picture in the size that it is worked on; flags and files are for the file's.
+    pub(crate) fn new(args: &CameraArgs, focal_35mm: Option<f64>, opened: &Opened) -> Result<Self> {
+        let (height, width) = opened.original;
+        let known = Self::of_size(args, focal_35mm, [width, height])?;
+        let (height, width) = opened.size;
+        Ok(Self { camera: known.camera.resized(width, height)?, ..known })
+    }
+
+    /// The camera of a picture that is not resized.
+    pub(crate) fn of_size(
+        args: &CameraArgs,
+        focal_35mm: Option<f64>,
+        [width, height]: [usize; 2],
+    ) -> Result<Self> {
+        let middle = |side: usize| 0.5 * (side as f64 - 1.0);
+        let (camera, source) = if let Some(path) = &args.intrinsics {
+            let text = std::fs::read_to_string(path).with_context(|| {
+                format!("{}: can't read the camera's intrinsics; check the path", path.display())
+            })?;
+            let camera = Intrinsics::parse(&text)
+                .and_then(|k| k.camera(args.intrinsics_base, [width, height]))
+                .with_context(|| path.display().to_string())?;
+            (camera, CameraSource::File(path.clone()))
+        } else if let Some(fx) = args.fx {
+            let (cx, cy) = (args.cx.unwrap_or(middle(width)), args.cy.unwrap_or(middle(height)));
+            (PinholeCamera::new(fx, args.fy.unwrap_or(fx), cx, cy, width, height)?, CameraSource::Flags)
+        } else if let Some(fov) = args.fov {
+            let camera = PinholeCamera::from_fov(fov, width, height).context("--fov")?;
+            (camera, CameraSource::FieldOfView(fov))
+        } else if let Some(mm) = focal_35mm {
+            (PinholeCamera::from_focal_35mm(mm, width, height)?, CameraSource::Exif(mm))
+        } else {
+            (PinholeCamera::from_fov(ASSUMED_FOV, width, height)?, CameraSource::Assumed(ASSUMED_FOV))
+        };
+        Ok(Self { camera, source })
+    }
+
+    /// What to tell the user of a guess.
+    pub(crate) fn warning(&self) -> Option<String> {
+        let CameraSource::Assumed(degrees) = self.source else { return None };
+        Some(format!(
+            "the camera is unknown; a horizontal field of view of {degrees} degrees is assumed (give --fov, --fx or \
+             --intrinsics)"
+        ))
+    }
+}

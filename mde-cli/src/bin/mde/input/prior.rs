@@ -1,0 +1,140 @@
+//! The monocular depth that the command line names.
+
+use crate::args::PriorArgs;
+use crate::input::opened::Opened;
+use anyhow::{Result, ensure};
+use mde_prior::format::{Encoding, ReadOptions};
+use mde_prior::ndarray::{Array3, ArrayView3};
+use mde_prior::resample::nearest;
+use mde_prior::{DepthKind, DepthPrior, FilePrior, ModelSpec, PriorDepth};
+use serde::Serialize;
+use std::cell::Cell;
+use std::path::Path;
+use std::time::Instant;
+
+/// A prior, and its entry in the record.
+pub(crate) struct NamedPrior {
+    pub(crate) prior: Box<dyn DepthPrior>,
+    pub(crate) origin: PriorOrigin,
+}
+
+/// Where a prior comes from.
+#[derive(Debug, Serialize)]
+pub(crate) struct PriorOrigin {
+    pub(crate) kind: DepthKind,
+    /// The file, or `simulated`.
+    pub(crate) source: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) model: Option<ModelSpec>,
+}
+
+impl NamedPrior {
+    pub(crate) fn open(args: &PriorArgs) -> Result<Self> {
+        let kind = args.prior_kind.map(DepthKind::from);
+        match (&args.source.prior_model, &args.source.prior_depth) {
+            (Some(model), _) => Self::model(model, args, kind),
+            (None, Some(file)) => Self::file(file, args, kind.unwrap_or(DepthKind::Metric)),
+            (None, None) => anyhow::bail!("no prior is named; give --prior-model or --prior-depth"),
+        }
+    }
+
+    /// For an image that was resized: a map of the file's size is resampled.
+    pub(crate) fn resized(self, opened: &Opened) -> Result<Self> {
+        let (from, to) = (opened.original, opened.size);
+        if from == to || self.origin.model.is_some() {
+            return Ok(self);
+        }
+        Ok(Self { prior: Box::new(Resized { prior: self.prior, from, to }), origin: self.origin })
+    }
+
+    fn file(path: &Path, args: &PriorArgs, kind: DepthKind) -> Result<Self> {
+        let options = read_options("--png-scale", args.png_scale, args.prior_encoding.into())?;
+        let prior = Box::new(FilePrior::with_options(path, kind, &options)?);
+        let source = path.display().to_string();
+        Ok(Self { prior, origin: PriorOrigin { kind, source, model: None } })
+    }
+
+    #[cfg(feature = "onnx")]
+    fn model(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
+        use mde_prior::OnnxPrior;
+        let mut spec = match &args.model_profile {
+            Some(name) => ModelSpec::profile(name)?,
+            // A missing file gets its own error below.
+            None if path.exists() => ModelSpec::of(path)?,
+            None => ModelSpec::new(1, 1, DepthKind::Metric),
+        };
+        if let Some(kind) = kind {
+            spec.output = kind;
+            spec.output_floor = spec.output_floor.filter(|_| kind.is_depth());
+        }
+        let prior = Box::new(OnnxPrior::open(path, &spec)?);
+        let source = path.display().to_string();
+        Ok(Self { prior, origin: PriorOrigin { kind: spec.output, source, model: Some(spec) } })
+    }
+
+    #[cfg(not(feature = "onnx"))]
+    fn model(path: &Path, _: &PriorArgs, _: Option<DepthKind>) -> Result<Self> {
+        let path = path.display();
+        anyhow::bail!(
+            "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"
+        )
+    }
+}
+
+/// A prior of the image's original size, resampled to the working size.
+struct Resized {
+    prior: Box<dyn DepthPrior>,
+    /// `(height, width)`.
+    from: (usize, usize),
+    to: (usize, usize),
+}
+
+impl DepthPrior for Resized {
+    fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        // A map from a file depends on the size alone.
+        let blank = Array3::zeros((self.from.0, self.from.1, 3));
+        let PriorDepth { map, valid, kind } = self.prior.predict(blank.view())?;
+        let known = nearest(valid.mapv(|v| f32::from(u8::from(v))).view(), self.to).mapv(|v| v > 0.5);
+        PriorDepth::with_mask(nearest(map.view(), self.to), known, kind)
+    }
+}
+
+/// How a map is read, with the scale that `flag` gave.
+pub(crate) fn read_options(flag: &str, scale: Option<f64>, encoding: Encoding) -> Result<ReadOptions> {
+    let mut options = ReadOptions { encoding, ..ReadOptions::default() };
+    if let Some(scale) = scale {
+        let usable = scale > 0.0 && scale.is_finite();
+        ensure!(usable, "{flag}: {scale} is no scale; give a positive number of steps per unit");
+        (options.png_scale, options.float_scale) = (scale, scale);
+    }
+    Ok(options)
+}
+
+/// A prior that measures the time of its predictions.
+pub(crate) struct Timed<'p> {
+    prior: &'p dyn DepthPrior,
+    seconds: Cell<f64>,
+}
+
+impl<'p> Timed<'p> {
+    pub(crate) fn new(prior: &'p dyn DepthPrior) -> Self {
+        Self { prior, seconds: Cell::new(0.0) }
+    }
+
+    pub(crate) fn seconds(&self) -> f64 {
+        self.seconds.get()
+    }
+}
+
+impl DepthPrior for Timed<'_> {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        let start = Instant::now();
+        let prediction = self.prior.predict(image);
+        self.seconds.set(self.seconds.get() + start.elapsed().as_secs_f64());
+        prediction
+    }
+
+    fn accepts_new_images(&self) -> bool {
+        self.prior.accepts_new_images()
+    }
+}

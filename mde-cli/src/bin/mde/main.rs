@@ -1,0 +1,56 @@
+//! `mde`: refines one image's monocular depth with a neural radiance field.
+
+mod args;
+mod commands;
+#[cfg(test)]
+mod documented;
+mod evaluation;
+mod input;
+mod output;
+mod report;
+mod run;
+mod terminal;
+
+use crate::run::interrupt;
+use clap::Parser;
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let cli = args::Cli::parse();
+    let result = interrupt::install().map_err(Into::into).and_then(|()| commands::run(&cli.command));
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(_) if interrupt::requested() => {
+            let resumable = match &cli.command {
+                args::Command::Eval(_) | args::Command::Ablate(_) | args::Command::Calibrate(_) => true,
+                args::Command::Refine(refine) => refine.resume,
+                _ => false,
+            };
+            say(match resumable {
+                true => "interrupted; what was finished is kept, and the same command goes on from there",
+                false => "interrupted; nothing was written",
+            });
+            ExitCode::from(interrupt::EXIT_CODE)
+        }
+        Err(error) => {
+            say(&format!("error: {}", message(&error)));
+            if error.is::<evaluation::results::Partial>() { ExitCode::from(3) } else { ExitCode::FAILURE }
+        }
+    }
+}
+
+/// The error and its causes, but for those that it has told already.
+fn message(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |told, cause| match told.as_str() {
+        "" => cause,
+        _ if told.contains(&cause) => told,
+        _ => format!("{told}: {cause}"),
+    })
+}
+
+/// One line on stderr.
+fn say(message: &str) {
+    let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
+    let _ = writeln!(io::stderr(), "{line}");
+}

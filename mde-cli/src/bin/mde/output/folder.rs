@@ -1,0 +1,184 @@
+//! A folder of results that appears whole or not at all.
+
+use crate::run::interrupt;
+use anyhow::{Context, Result, bail, ensure};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The file by which an earlier run's folder is known.
+pub(crate) const RECORD: &str = "run.json";
+
+/// Where results go.
+#[derive(Debug)]
+pub(crate) struct OutputFolder {
+    target: PathBuf,
+    force: bool,
+}
+
+impl OutputFolder {
+    /// Refuses early what could not be written at the end; creates nothing.
+    pub(crate) fn new(target: &Path, force: bool) -> Result<Self> {
+        ensure!(
+            target.file_name().is_some(),
+            "{}: this names no folder of its own; give a new folder to -o",
+            target.display()
+        );
+        let folder = Self { target: target.to_owned(), force };
+        folder.check_target()?;
+        check_place("-o", parent(target))?;
+        Ok(folder)
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        &self.target
+    }
+
+    fn check_target(&self) -> Result<()> {
+        let path = self.target.display();
+        let Ok(found) = fs::symlink_metadata(&self.target) else { return Ok(()) };
+        ensure!(found.is_dir(), "{path}: exists and is no folder; give another name to -o");
+        ensure!(self.force, "{path}: the folder exists; give another name to -o, or --force to replace it");
+        let empty = fs::read_dir(&self.target).with_context(|| path.to_string())?.next().is_none();
+        ensure!(
+            empty || self.target.join(RECORD).is_file(),
+            "{path}: not replaced, as it holds no {RECORD} of an earlier run; give another name to -o"
+        );
+        Ok(())
+    }
+
+    /// Lets `fill` write into a temporary sibling, and puts that in place.
+    pub(crate) fn write(&self, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+        let parent = parent(&self.target);
+        fs::create_dir_all(parent)
+            .with_context(|| format!("{}: can't make this folder", parent.display()))?;
+        let temporary = temporary_folder(parent)?;
+        interrupt::guard(temporary.path());
+        fill(temporary.path())?;
+        let mut guarded = interrupt::temporary();
+        if interrupt::requested() {
+            bail!(mde_cli::Error::Interrupted);
+        }
+        self.check_target()?;
+        self.put(temporary.path())?;
+        *guarded = None;
+        // It has another name now.
+        let _ = temporary.keep();
+        Ok(())
+    }
+
+    fn put(&self, temporary: &Path) -> Result<()> {
+        let name = || format!("{}: can't put the results there", self.target.display());
+        if !self.target.exists() {
+            return fs::rename(temporary, &self.target).with_context(name);
+        }
+        #[cfg(target_os = "linux")]
+        {
+            use rustix::fs::{CWD, RenameFlags, renameat_with};
+            // In one step, so that a run killed here leaves the old results or the new ones. Not every file system can.
+            if renameat_with(CWD, temporary, CWD, &self.target, RenameFlags::EXCHANGE).is_ok() {
+                return fs::remove_dir_all(temporary).with_context(name);
+            }
+        }
+        let old = builder().tempdir_in(parent(&self.target)).with_context(name)?;
+        let aside = old.path().join("old");
+        fs::rename(&self.target, &aside).with_context(name)?;
+        fs::rename(temporary, &self.target)
+            .inspect_err(|_| {
+                let _ = fs::rename(&aside, &self.target);
+            })
+            .with_context(name)
+    }
+}
+
+/// Refuses a file of `flag` that could not be written at the end; creates nothing.
+#[cfg(feature = "rerun")]
+pub(crate) fn check_new_file(flag: &str, path: &Path, force: bool) -> Result<()> {
+    let name = path.display();
+    ensure!(!path.is_dir(), "{flag} {name}: is a folder; give a file's name");
+    ensure!(
+        force || !path.exists(),
+        "{flag} {name}: the file exists; give another name, or --force to replace it"
+    );
+    check_place(flag, parent(path))
+}
+
+/// Whether a folder, or the first above it that is there, can be written to.
+fn check_place(flag: &str, folder: &Path) -> Result<()> {
+    let ancestor = folder.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
+    ensure!(ancestor.is_dir(), "{}: is no folder; give another place to {flag}", ancestor.display());
+    tempfile::tempfile_in(ancestor).with_context(|| {
+        format!("{}: can't write there; give another place to {flag}", ancestor.display())
+    })?;
+    Ok(())
+}
+
+fn parent(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// A folder within `parent` that is removed again unless it is kept.
+pub(crate) fn temporary_folder(parent: &Path) -> Result<tempfile::TempDir> {
+    builder().tempdir_in(parent).with_context(|| format!("{}: can't make a folder in it", parent.display()))
+}
+
+/// Temporary folders are private by default; a result should have the permissions that the user's umask gives.
+fn builder() -> tempfile::Builder<'static, 'static> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".mde-");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o777));
+    }
+    builder
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entries(folder: &Path) -> Vec<String> {
+        let names = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+        let mut names: Vec<_> = names.collect();
+        names.sort();
+        names
+    }
+
+    fn fill(folder: &Path) -> Result<()> {
+        Ok(fs::write(folder.join(RECORD), "{}")?)
+    }
+
+    #[test]
+    fn a_folder_appears_whole_or_not_at_all() {
+        let place = tempfile::tempdir().unwrap();
+        let target = place.path().join("a/b");
+        let folder = OutputFolder::new(&target, false).unwrap();
+        assert!(entries(place.path()).is_empty());
+        let failed = folder.write(|path| {
+            fill(path)?;
+            bail!("disk full")
+        });
+        assert!(failed.is_err() && entries(&place.path().join("a")).is_empty());
+        folder.write(fill).unwrap();
+        assert_eq!(entries(&place.path().join("a")), ["b"]);
+        assert_eq!(entries(&target), [RECORD]);
+    }
+
+    #[test]
+    fn only_an_earlier_run_is_replaced() {
+        let place = tempfile::tempdir().unwrap();
+        let target = place.path().join("run");
+        fs::create_dir(&target).unwrap();
+        assert!(OutputFolder::new(&target, false).is_err());
+        fs::write(target.join("thesis.txt"), "years").unwrap();
+        assert!(OutputFolder::new(&target, true).is_err());
+        fs::write(target.join(RECORD), "{}").unwrap();
+        OutputFolder::new(&target, true).unwrap().write(fill).unwrap();
+        assert_eq!(entries(&target), [RECORD]);
+        assert_eq!(entries(place.path()), ["run"]);
+        assert!(OutputFolder::new(Path::new("/"), true).is_err());
+    }
+}

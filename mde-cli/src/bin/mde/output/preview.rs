@@ -1,0 +1,200 @@
+//! Pictures for looking: depth maps side by side with colour bars, and sheets of views.
+
+use crate::output::canvas::{Canvas, Colour, colour_at, resized, text_height, text_width};
+use colorous::{Gradient, MAGMA, VIRIDIS};
+use mde_warp::PosedView;
+use ndarray::{Array3, ArrayView2, ArrayView3, Zip};
+
+const BACKGROUND: Colour = [255; 3];
+const INK: Colour = [20; 3];
+const MISSING: Colour = [128; 3];
+const MARGIN: usize = 8;
+/// Height of a colour bar, pixels.
+const BAR: usize = 14;
+/// Panels are not wider than this, and not narrower than the other.
+const WIDEST: usize = 640;
+const NARROWEST: usize = 240;
+/// Width of a picture on a contact sheet.
+const THUMBNAIL: usize = 240;
+const COLUMNS: usize = 4;
+
+/// What a preview shows; maps are `[height, width]`, and what is not positive and finite counts as missing.
+pub(crate) struct Preview<'p> {
+    pub(crate) image: ArrayView3<'p, f32>,
+    pub(crate) prior: ArrayView2<'p, f32>,
+    pub(crate) refined: ArrayView2<'p, f32>,
+    pub(crate) sigma: ArrayView2<'p, f32>,
+    /// Name of the depths' unit.
+    pub(crate) unit: &'p str,
+}
+
+/// Image, prior, refined and sigma side by side. Both depths share one scale, from 1 % to 99 % of all their pixels.
+pub(crate) fn preview(show: &Preview<'_>) -> Canvas {
+    let (rows, columns, _) = show.image.dim();
+    let width = columns.clamp(NARROWEST, WIDEST);
+    let height = (rows * width).div_ceil(columns.max(1)).clamp(1, 4 * WIDEST);
+    let text = if width < 400 { 1 } else { 2 };
+    let top = 2 * MARGIN + text_height(text);
+    let panel = [width, height];
+    let bottom = top + height + 3 * MARGIN + BAR + text_height(text);
+    let mut canvas = Canvas::new(4 * width + 5 * MARGIN, bottom, BACKGROUND);
+
+    let depths = usual_range(show.prior.iter().chain(show.refined));
+    let sigmas = usual_range(show.sigma.iter());
+    let maps = [
+        (format!("prior [{}]", show.unit), show.prior, &VIRIDIS, depths),
+        (format!("refined [{}]", show.unit), show.refined, &VIRIDIS, depths),
+        (format!("sigma [{}]", show.unit), show.sigma, &MAGMA, sigmas),
+    ];
+    canvas.text("image", [MARGIN, MARGIN], text, INK);
+    let small = resized(show.image, width, height);
+    canvas.paint([MARGIN, top], panel, |x, y| colour_at(&small, x, y));
+    for (index, (title, map, gradient, range)) in maps.iter().enumerate() {
+        let left = MARGIN + (index + 1) * (width + MARGIN);
+        canvas.text(title, [left, MARGIN], text, INK);
+        canvas.paint([left, top], panel, |x, y| {
+            shade(map[(y * rows / height, x * columns / width)], gradient, *range)
+        });
+        colour_bar(&mut canvas, [left, top + height + MARGIN], width, gradient, *range, text);
+    }
+    canvas
+}
+
+/// A depth map as a colour picture, `[height, width, 3]` bytes.
+pub(crate) fn depth_picture(depth: ArrayView2<'_, f32>) -> Canvas {
+    depth_picture_within(depth, usual_range(depth.iter()))
+}
+
+/// The same with the colours from one depth to another.
+pub(crate) fn depth_picture_within(depth: ArrayView2<'_, f32>, range: [f64; 2]) -> Canvas {
+    picture(depth, &VIRIDIS, range)
+}
+
+/// A map of sigma as a colour picture.
+pub(crate) fn sigma_picture_within(sigma: ArrayView2<'_, f32>, range: [f64; 2]) -> Canvas {
+    picture(sigma, &MAGMA, range)
+}
+
+fn picture(map: ArrayView2<'_, f32>, gradient: &Gradient, range: [f64; 2]) -> Canvas {
+    let mut canvas = Canvas::new(map.ncols(), map.nrows(), MISSING);
+    canvas.paint([0, 0], [map.ncols(), map.nrows()], |x, y| shade(map[(y, x)], gradient, range));
+    canvas
+}
+
+/// All views on one sheet, what is masked in red.
+pub(crate) fn contact_sheet(views: &[PosedView]) -> Canvas {
+    let shapes = views.iter().map(|view| view.camera.height as f64 / view.camera.width as f64);
+    let height = ((THUMBNAIL as f64 * shapes.fold(0.0, f64::max)).ceil() as usize).clamp(1, 4 * THUMBNAIL);
+    let cell = [THUMBNAIL + MARGIN, height + text_height(1) + 2 * MARGIN];
+    let (columns, rows) = (views.len().clamp(1, COLUMNS), views.len().div_ceil(COLUMNS));
+    let mut canvas = Canvas::new(columns * cell[0] + MARGIN, rows * cell[1] + MARGIN, BACKGROUND);
+    for (index, view) in views.iter().enumerate() {
+        let [left, top] = [MARGIN + index % COLUMNS * cell[0], MARGIN + index / COLUMNS * cell[1]];
+        let title = if index == 0 { "original".to_owned() } else { format!("view {index:02}") };
+        canvas.text(&title, [left, top], 1, INK);
+        let small = resized(masked(view).view(), THUMBNAIL, height);
+        canvas.paint([left, top + text_height(1) + MARGIN / 2], [THUMBNAIL, height], |x, y| {
+            colour_at(&small, x, y)
+        });
+    }
+    canvas
+}
+
+fn masked(view: &PosedView) -> Array3<f32> {
+    let mut image = view.image.clone();
+    Zip::from(image.lanes_mut(ndarray::Axis(2))).and(&view.mask).for_each(|mut colour, &real| {
+        if !real {
+            colour.iter_mut().zip([1.0, 0.0, 0.0]).for_each(|(c, red)| *c = 0.4 * *c + 0.6 * red);
+        }
+    });
+    image
+}
+
+/// A bar from the lowest to the highest value, with three numbers beneath.
+fn colour_bar(
+    canvas: &mut Canvas,
+    [left, top]: [usize; 2],
+    width: usize,
+    gradient: &Gradient,
+    [low, high]: [f64; 2],
+    text: usize,
+) {
+    let steps = width.max(2) - 1;
+    canvas.paint([left, top], [width, BAR], |x, _| {
+        gradient.eval_continuous(x as f64 / steps as f64).as_array()
+    });
+    for (share, value) in [(0.0, low), (0.5, 0.5 * (low + high)), (1.0, high)] {
+        let label = number(value, high - low);
+        let start = share * (width as f64 - text_width(&label, text) as f64).max(0.0);
+        canvas.text(&label, [left + start as usize, top + BAR + MARGIN / 2], text, INK);
+    }
+}
+
+/// With as many digits as the range needs.
+fn number(value: f64, range: f64) -> String {
+    let digits = if range > 0.0 { (2.0 - range.log10().floor()).clamp(0.0, 6.0) as usize } else { 3 };
+    format!("{value:.digits$}")
+}
+
+fn shade(value: f32, gradient: &Gradient, [low, high]: [f64; 2]) -> Colour {
+    if !known(value) {
+        return MISSING;
+    }
+    let share = if high > low { (f64::from(value) - low) / (high - low) } else { 0.5 };
+    gradient.eval_continuous(share.clamp(0.0, 1.0)).as_array()
+}
+
+fn known(value: f32) -> bool {
+    value.is_finite() && value > 0.0
+}
+
+/// 1 % and 99 % of the known values.
+pub(crate) fn usual_range<'v>(values: impl Iterator<Item = &'v f32>) -> [f64; 2] {
+    let mut values: Vec<f32> = values.copied().filter(|&v| known(v)).collect();
+    values.sort_unstable_by(f32::total_cmp);
+    let last = values.len().saturating_sub(1) as f64;
+    [0.01, 0.99].map(|share| values.get((share * last).round() as usize).map_or(0.0, |&v| f64::from(v)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array2;
+
+    fn colours(canvas: &Canvas, at: (usize, usize)) -> Colour {
+        [0, 1, 2].map(|c| canvas.pixels()[(at.0, at.1, c)])
+    }
+
+    #[test]
+    fn equal_depths_look_equal_in_both_panels_and_missing_ones_grey() {
+        let image = Array3::from_elem((30, 300, 3), 0.5);
+        let mut prior = Array2::from_shape_fn((30, 300), |(_, x)| 1.0 + x as f32 / 100.0);
+        prior[(10, 20)] = 0.0;
+        let sigma = Array2::from_elem((30, 300), f32::INFINITY);
+        let show = Preview {
+            image: image.view(),
+            prior: prior.view(),
+            refined: prior.view(),
+            sigma: sigma.view(),
+            unit: "m",
+        };
+        let canvas = preview(&show);
+        let (top, left) = (2 * MARGIN + text_height(1), |panel: usize| MARGIN + panel * (300 + MARGIN));
+        for (y, x) in [(3, 2), (20, 150), (29, 299)] {
+            assert_eq!(colours(&canvas, (top + y, left(1) + x)), colours(&canvas, (top + y, left(2) + x)));
+            assert_ne!(colours(&canvas, (top + y, left(1) + x)), MISSING);
+            assert_eq!(colours(&canvas, (top + y, left(3) + x)), MISSING);
+        }
+        assert_eq!(colours(&canvas, (top + 10, left(1) + 20)), MISSING);
+        assert_eq!(colours(&canvas, (top + 10, left(0) + 20)), [128; 3]);
+    }
+
+    #[test]
+    fn a_range_leaves_out_the_extremes_and_the_missing() {
+        let mut values: Vec<f32> = (1..=1000).map(|v| v as f32).collect();
+        values.extend([0.0, f32::INFINITY, -3.0]);
+        assert_eq!(usual_range(values.iter()), [11.0, 990.0]);
+        assert_eq!(usual_range([].iter()), [0.0, 0.0]);
+        assert_eq!((number(1.23456, 4.0), number(0.0123, 0.02)), ("1.23".to_owned(), "0.0123".to_owned()));
+    }
+}

@@ -1,0 +1,75 @@
+//! `run.json`: everything that was measured.
+
+use crate::input::camera::KnownCamera;
+use crate::input::prior::PriorOrigin;
+use crate::input::truth::Comparison;
+use crate::output::provenance::{command_line, peak_memory, versions};
+use crate::run::error_bar::Stated;
+use crate::run::progress::TrainingCurve;
+use mde_cli::{AugmentationReport, IterationReport};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// What `mde demo` and `mde refine` record.
+#[derive(Debug, Serialize)]
+pub(crate) struct RunRecord<'r> {
+    #[serde(flatten)]
+    pub(crate) about: About<'r>,
+    pub(crate) prior: &'r PriorOrigin,
+    /// The depth files' unit.
+    pub(crate) unit: &'static str,
+    /// depth.png = depth times this.
+    pub(crate) png_scale: f64,
+    /// Pixels without a refined depth.
+    pub(crate) missing_pixels: usize,
+    /// The prior's stage.
+    pub(crate) augmentation: &'r AugmentationReport,
+    /// How sigma was scaled, and the interval.
+    pub(crate) error_bar: &'r Stated,
+    pub(crate) iterations: &'r [IterationReport],
+    /// The fit of every iteration as it went on.
+    pub(crate) training: &'r [TrainingCurve],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) scores: Option<Comparison>,
+    pub(crate) prior_seconds: f64,
+    pub(crate) score_seconds: f64,
+}
+
+/// What every command records.
+#[derive(Debug, Serialize)]
+pub(crate) struct About<'r> {
+    pub(crate) command: &'static str,
+    /// What was typed, for a shell.
+    pub(crate) command_line: String,
+    pub(crate) versions: BTreeMap<&'static str, &'static str>,
+    /// The image, field or room.
+    pub(crate) input: String,
+    pub(crate) camera: &'r KnownCamera,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) preset: Option<&'static str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) seed: Option<u64>,
+    pub(crate) threads: usize,
+    pub(crate) warnings: &'r [String],
+    /// From the program's start to this record.
+    pub(crate) total_seconds: f64,
+    pub(crate) peak_memory_bytes: Option<u64>,
+}
+
+impl<'r> About<'r> {
+    pub(crate) fn new(command: &'static str, input: String, camera: &'r KnownCamera) -> Self {
+        Self {
+            command,
+            command_line: command_line(),
+            versions: versions(),
+            input,
+            camera,
+            preset: None,
+            seed: None,
+            threads: rayon::current_num_threads(),
+            warnings: &[],
+            total_seconds: 0.0,
+            peak_memory_bytes: peak_memory(),
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! The page of an evaluation or an ablation.
+
+use super::encode::{fitted, gradients, nearest, picture, svg};
+use super::{page, read_json, read_text};
+use crate::output::preview::{depth_picture_within, sigma_picture_within, usual_range};
+use anyhow::{Context, Result};
+use mde_eval::table::{Better, Group, METRICS, Metric};
+use mde_prior::format::{ReadOptions, read_values};
+use mde_prior::photo::read_image;
+use ndarray::{Array2, ArrayView2};
+use serde_json::{Map, Value, json};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::Path;
+
+/// The file by which an evaluation is known.
+pub(super) const SUMMARY: &str = "summary.json";
+/// Thumbnails fit into a square of so many pixels.
+const THUMBNAIL: usize = 200;
+/// Scenes that get thumbnails: the page stays small enough to be opened.
+const SCENES: usize = 40;
+/// The figures, in the order of the page.
+const FIGURES: [(&str, &str); 3] = [
+    ("error-by-percentile", "Does a larger sigma mean a larger error? A line that rises does."),
+    ("sparsification", "Error of what is left when the most uncertain pixels go; the lower the better."),
+    ("reliability", "How often the truth lies within the stated interval; on the diagonal it is right."),
+];
+
+/// What a scene's row of `scenes.csv` says, by method.
+type Scores = BTreeMap<String, Map<String, Value>>;
+
+pub(super) fn page(folder: &Path) -> Result<String> {
+    let summary: Value = read_json(&folder.join(SUMMARY))?;
+    let (order, scores) = scores(&folder.join("scenes.csv"))?;
+    let mut scenes = Vec::new();
+    for (index, id) in order.iter().enumerate() {
+        let of_scene = scores.get(id).cloned().unwrap_or_default();
+        let thumbnails = if index < SCENES { thumbnails(folder, id, &of_scene)? } else { Value::Null };
+        scenes.push(json!({ "id": id, "scores": of_scene, "thumbnails": thumbnails }));
+    }
+    let mut figures = Vec::new();
+    for (name, what) in FIGURES {
+        let path = folder.join(format!("{name}.svg"));
+        if path.is_file() {
+            figures.push(json!({ "name": name, "what": what, "image": svg(&read_text(&path)?) }));
+        }
+    }
+    let title = summary["title"].as_str().unwrap_or("Evaluation").to_owned();
+    let data = json!({
+        "kind": "evaluation",
+        "title": title,
+        "summary": summary,
+        "metrics": METRICS.iter().map(metric).collect::<Vec<_>>(),
+        "groups": Group::ALL.map(Group::title),
+        "figures": figures,
+        "gradients": gradients(),
+        "scenes": scenes,
+        "thumbnails_of": SCENES,
+    });
+    Ok(page::page(&title, &data))
+}
+
+fn metric(metric: &Metric) -> Value {
+    let (better, target) = match metric.better {
+        Better::Lower => ("lower", None),
+        Better::Higher => ("higher", None),
+        Better::Near(target) => ("near", Some(target)),
+        Better::Neither => ("neither", None),
+    };
+    json!({ "key": metric.key, "label": metric.label, "better": better, "target": target,
+            "group": metric.group.title(), "shown": metric.shown })
+}
+
+/// Scenes in the file's order, and their scores: means over seeds.
+fn scores(path: &Path) -> Result<(Vec<String>, BTreeMap<String, Scores>)> {
+    let name = || path.display().to_string();
+    let text = read_text(path)?;
+    let mut reader = csv::Reader::from_reader(text.as_bytes());
+    let header = reader.headers().with_context(name)?.clone();
+    let mut order: Vec<String> = Vec::new();
+    // By scene, method and metric: the sum over seeds, and how many there are.
+    let mut sums: BTreeMap<[String; 3], (f64, u32)> = BTreeMap::new();
+    for row in reader.records() {
+        let row = row.with_context(name)?;
+        let cell = |key: &str| header.iter().position(|h| h == key).and_then(|i| row.get(i));
+        let (scene, method) = (cell("scene").unwrap_or_default(), cell("method").unwrap_or_default());
+        if !order.iter().any(|known| known == scene) {
+            order.push(scene.to_owned());
+        }
+        for metric in METRICS.iter().filter(|metric| metric.shown) {
+            if let Some(value) = cell(metric.key).and_then(|text| text.parse::<f64>().ok()) {
+                let sum = sums.entry([scene, method, metric.key].map(str::to_owned)).or_default();
+                *sum = (sum.0 + value, sum.1 + 1);
+            }
+        }
+    }
+    let mut means: BTreeMap<String, Scores> = BTreeMap::new();
+    for ([scene, method, key], (sum, seeds)) in sums {
+        let of_method = means.entry(scene).or_default().entry(method).or_default();
+        of_method.insert(key, json!(sum / f64::from(seeds)));
+    }
+    Ok((order, means))
+}
+
+/// The scene's picture and the maps of its methods that are in the tables, on one scale.
+fn thumbnails(folder: &Path, id: &str, scores: &Scores) -> Result<Value> {
+    let scene = folder.join("scenes").join(crate::evaluation::store::file_name(id));
+    let mut maps = Vec::new();
+    let mut seen = BTreeSet::new();
+    for place in folders(&scene) {
+        // The maps' name in the tables is written in their scores.
+        let Ok(scored) = read_json::<Value>(&place.join("scores.json")) else { continue };
+        let label = scored["entries"][0]["method"].as_str().unwrap_or_default().to_owned();
+        if !scores.contains_key(&label) || !seen.insert(label.clone()) {
+            continue;
+        }
+        let depth = place.join("depth.npy");
+        if depth.is_file() {
+            let depth = small(&read_values(&depth, &ReadOptions::default())?);
+            let sigma = place.join("sigma.npy");
+            let sigma = match sigma.is_file() {
+                true => Some(small(&read_values(&sigma, &ReadOptions::default())?)),
+                false => None,
+            };
+            maps.push((label, depth, sigma));
+        }
+    }
+    // The prior first, for its scale is everyone's.
+    maps.sort_by_key(|(label, ..)| (label != "prior", label.clone()));
+    let Some((_, first, _)) = maps.first() else { return Ok(Value::Null) };
+    let depths = usual_range(first.iter());
+    let sigmas = usual_range(maps.iter().filter_map(|(_, _, sigma)| sigma.as_ref()).flatten());
+    let mut shown = Vec::new();
+    for (label, depth, sigma) in &maps {
+        let sigma = match sigma {
+            Some(sigma) => Some(picture(sigma_picture_within(sigma.view(), sigmas).pixels())?),
+            None => None,
+        };
+        let depth = picture(depth_picture_within(depth.view(), depths).pixels())?;
+        shown.push(json!({ "method": label, "depth": depth, "sigma": sigma }));
+    }
+    let image = match read_image(scene.join(crate::evaluation::store::PICTURE)) {
+        Ok(photo) => Some(picture(photo.pixels.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())?),
+        Err(_) => None,
+    };
+    Ok(json!({ "image": image, "maps": shown, "depths": depths, "sigmas": sigmas }))
+}
+
+fn small(map: &Array2<f32>) -> Array2<f32> {
+    nearest(ArrayView2::from(map), fitted(map.dim(), THUMBNAIL))
+}
+
+/// The folders in a folder, sorted; none where it is missing.
+fn folders(folder: &Path) -> Vec<std::path::PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut folders: Vec<_> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
+    folders.sort();
+    folders
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seeds_are_averaged_and_empty_cells_stay_empty() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("scenes.csv");
+        let text = "scene,method,seed,alignment,mse,abs_rel\nb,fast,0,median,1.0,\nb,fast,1,median,3.0,\na,prior,0,median,5,0.25\n";
+        fs::write(&path, text).unwrap();
+        let (order, scores) = scores(&path).unwrap();
+        assert_eq!(order, ["b", "a"]);
+        assert_eq!(scores["b"]["fast"]["mse"], 2.0);
+        let key = METRICS.iter().find(|m| m.key.contains("abs")).unwrap().key;
+        assert!(!scores["b"]["fast"].contains_key(key));
+    }
+}

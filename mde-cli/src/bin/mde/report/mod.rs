@@ -1,0 +1,44 @@
+//! `report.html`: one self-contained page that shows a finished folder. It is made from the folder's own files, so it can be
+//! made again at any time.
+
+mod encode;
+mod evaluation;
+mod page;
+mod run;
+
+use crate::output::folder::RECORD;
+use anyhow::{Context, Result, bail};
+use serde::de::DeserializeOwned;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The page's name in its folder.
+pub(crate) const FILE: &str = "report.html";
+
+/// Writes the page of a run's or an evaluation's folder into it, whole or not at all.
+pub(crate) fn write(folder: &Path) -> Result<PathBuf> {
+    let html = if folder.join(evaluation::SUMMARY).is_file() {
+        evaluation::page(folder)?
+    } else if folder.join(RECORD).is_file() {
+        run::page(folder)?
+    } else {
+        bail!(
+            "{}: holds neither {RECORD} nor {}; give a folder that mde refine, demo, eval or ablate wrote",
+            folder.display(),
+            evaluation::SUMMARY
+        )
+    };
+    let path = folder.join(FILE);
+    mde_prior::write_atomic(&path, html.as_bytes())?;
+    Ok(path)
+}
+
+fn read_text(path: &Path) -> Result<String> {
+    fs::read_to_string(path)
+        .with_context(|| format!("{}: can't be read; the report needs it", path.display()))
+}
+
+fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
+    serde_json::from_str(&read_text(path)?)
+        .with_context(|| format!("{}: broken; run the command again", path.display()))
+}

@@ -1,0 +1,190 @@
+//! The page of one refinement.
+
+use super::encode::{WIDEST, fitted, gradients, map, nearest, picture};
+use super::{page, read_json, read_text};
+use crate::output::canvas::resized;
+use crate::output::folder::RECORD;
+use anyhow::{Context, Result, ensure};
+use mde_cli::config::IterationPrior;
+use mde_cli::{Config, Preset};
+use mde_fusion::{PriorVariance, Space};
+use mde_prior::format::{ReadOptions, read_values};
+use mde_prior::photo::read_image;
+use ndarray::{Array2, Zip};
+use serde_json::{Map, Value, json};
+use std::fs;
+use std::path::Path;
+
+/// What the files are, in the order of the page's list.
+const FILES: [(&str, &str); 14] = [
+    ("depth.npy", "refined depth, 32-bit floats"),
+    ("sigma.npy", "its standard deviation, same unit"),
+    ("prior.npy", "the monocular depth that the run started from"),
+    ("depth.png", "refined depth, 16 bits"),
+    ("depth.exr", "refined depth, its sigma and the prior: channels Z, sigma, prior"),
+    ("cloud.ply", "coloured points with normals and sigma"),
+    ("colmap", "the camera and points as COLMAP text"),
+    ("image.png", "the photograph, upright"),
+    ("gt.npy", "the true depth that it was scored against"),
+    ("preview.png", "image, prior, refined and sigma side by side"),
+    ("field.safetensors", "the last iteration's field, for mde render"),
+    ("config.toml", "every setting; --config takes it"),
+    ("run.json", "everything that was measured"),
+    ("report.html", "this page"),
+];
+
+pub(super) fn page(folder: &Path) -> Result<String> {
+    let record: Value = read_json(&folder.join(RECORD))?;
+    ensure!(
+        record["iterations"].is_array(),
+        "{}: is the record of mde {}, which has no report; give the folder of mde refine, demo or eval",
+        folder.join(RECORD).display(),
+        record["command"].as_str().unwrap_or("something else")
+    );
+    let settings = folder.join("config.toml");
+    let toml = read_text(&settings)?;
+    let config = Config::with_overrides(Preset::Default, &toml, &settings.display().to_string())?;
+    let read = |name: &str| read_values(folder.join(name), &ReadOptions::default());
+    let (refined, sigma, prior) = (read("depth.npy")?, read("sigma.npy")?, read("prior.npy")?);
+    let path = folder.join("image.png");
+    let image = read_image(&path).with_context(|| {
+        format!("{}: the report needs the picture; run the refinement again", path.display())
+    })?;
+    let (rows, columns, _) = image.pixels.dim();
+    for (name, size) in [("depth.npy", refined.dim()), ("sigma.npy", sigma.dim()), ("prior.npy", prior.dim())]
+    {
+        ensure!(
+            size == (rows, columns),
+            "{}: is {}x{} but the picture is {columns}x{rows}; run the refinement again",
+            folder.join(name).display(),
+            size.1,
+            size.0
+        );
+    }
+
+    let size = fitted((rows, columns), WIDEST);
+    let embed = |values: &Array2<f32>| map(nearest(values.view(), size).view());
+    let mut maps = Map::new();
+    maps.insert("prior".to_owned(), embed(&prior)?);
+    maps.insert("refined".to_owned(), embed(&refined)?);
+    maps.insert("sigma".to_owned(), embed(&sigma)?);
+    let stated = PriorSigma::new(&config, &record);
+    maps.insert("prior_sigma".to_owned(), embed(&stated.map(&prior))?);
+    if folder.join("gt.npy").is_file() {
+        maps.insert("truth".to_owned(), embed(&read("gt.npy")?)?);
+    }
+    let small = resized(image.pixels.view(), size[0], size[1]);
+    let present = |name: &str| name == super::FILE || folder.join(name).exists();
+    let files: Vec<Value> = FILES
+        .iter()
+        .filter(|(name, _)| present(name))
+        .map(|(name, what)| {
+            let path = folder.join(name);
+            let bytes = fs::metadata(&path).ok().filter(|m| m.is_file()).map(|m| m.len());
+            let bytes = bytes.filter(|_| *name != super::FILE);
+            json!({ "name": name, "what": what, "bytes": bytes, "folder": path.is_dir() })
+        })
+        .collect();
+    let title = format!("{}: depth refined", input_name(&record));
+    let data = json!({
+        "kind": "run",
+        "title": input_name(&record),
+        "record": record,
+        "config": toml,
+        "space": config.fusion.space,
+        "size": size,
+        "full": [columns, rows],
+        "image": picture(small.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())?,
+        "maps": maps,
+        "prior_sigma": stated.note,
+        "gradients": gradients(),
+        "files": files,
+    });
+    Ok(page::page(&title, &data))
+}
+
+/// The file's name without its folders, or the room.
+fn input_name(record: &Value) -> String {
+    let input = record["input"].as_str().unwrap_or("run");
+    let name = Path::new(input).file_name().map(|name| name.to_string_lossy().into_owned());
+    name.unwrap_or_else(|| input.to_owned())
+}
+
+/// What the fusion states of the prior's error: sigma_o, and the common error that it states of the result too.
+struct PriorSigma {
+    sigma_o: f64,
+    space: Space,
+    common: f64,
+    note: String,
+}
+
+impl PriorSigma {
+    fn new(config: &Config, record: &Value) -> Self {
+        let iterations = record["iterations"].as_array().map(Vec::as_slice).unwrap_or_default();
+        // Only an anchored loop meets the monocular depth itself again.
+        let index = match config.refinement.prior {
+            IterationPrior::Anchor => iterations.len().saturating_sub(1),
+            _ => 0,
+        };
+        let sigma_o = iterations.get(index).and_then(|i| i["fusion"]["sigma_o"].as_f64()).unwrap_or_default();
+        let (space, common) = (config.fusion.space, config.fusion.common_error);
+        let mean = match config.fusion.prior_variance {
+            PriorVariance::Heteroscedastic => ", its mean over the pixels",
+            _ => "",
+        };
+        let more = match common > 0.0 {
+            true => {
+                format!(", with the common error of {:.0} % of the depth as in the result", 100.0 * common)
+            }
+            false => String::new(),
+        };
+        let note = if record["augmentation"]["predictions"].as_u64().is_some_and(|n| n > 1)
+            || iterations.is_empty()
+        {
+            format!(
+                "The prior's ± is the common error of {:.0} % of the depth: a single prediction gives no spread.",
+                100.0 * common
+            )
+        } else {
+            format!("The prior's ± is σₒ of iteration {}{mean}{more}.", index + 1)
+        };
+        Self { sigma_o, space, common, note }
+    }
+
+    fn map(&self, prior: &Array2<f32>) -> Array2<f32> {
+        Zip::from(prior).map_collect(|&depth| {
+            let depth = f64::from(depth);
+            if depth <= 0.0 || !depth.is_finite() {
+                return 0.0;
+            }
+            let own = match self.space {
+                Space::Disparity => self.sigma_o * depth * depth,
+                _ => self.sigma_o,
+            };
+            own.hypot(self.common * depth) as f32
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_priors_sigma_is_that_of_the_iteration_which_met_it() {
+        let record =
+            json!({ "iterations": [{ "fusion": { "sigma_o": 0.3 } }, { "fusion": { "sigma_o": 0.1 } }] });
+        let prior = Array2::from_shape_vec((1, 3), vec![0.0, 2.0, 4.0]).unwrap();
+        let paper = PriorSigma::new(&Preset::Paper.config(), &record).map(&prior);
+        assert_eq!(paper.as_slice().unwrap(), [0.0, 0.3, 0.3]);
+        let mut config = Preset::Paper.config();
+        config.refinement.prior = IterationPrior::Anchor;
+        config.fusion.common_error = 0.1;
+        let anchored = PriorSigma::new(&config, &record).map(&prior);
+        assert!((anchored[(0, 2)] - 0.1_f32.hypot(0.4)).abs() < 1e-6, "{anchored}");
+        config.fusion.space = Space::Disparity;
+        config.fusion.common_error = 0.0;
+        let disparity = PriorSigma::new(&config, &record).map(&prior);
+        assert!((disparity[(0, 2)] - 1.6).abs() < 1e-6, "{disparity}");
+    }
+}

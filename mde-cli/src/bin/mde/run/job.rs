@@ -1,0 +1,283 @@
+//! One refinement from opened inputs to a folder of results.
+
+use crate::args::ExportName;
+use crate::input::camera::KnownCamera;
+use crate::input::prior::{NamedPrior, PriorOrigin, Timed};
+use crate::input::truth::Truth;
+use crate::output::export::Exported;
+use crate::output::folder::{OutputFolder, RECORD};
+use crate::output::preview::{Preview, preview};
+use crate::output::provenance::write_json;
+use crate::output::recording::Recording;
+use crate::output::run_record::{About, RunRecord};
+use crate::report;
+use crate::run::checkpoint::Checkpoints;
+use crate::run::error_bar::{ErrorBar, Stated};
+use crate::run::field::SharedNerf;
+use crate::run::gain;
+use crate::run::progress::{Progress, TrainingCurve};
+use anyhow::Result;
+use mde_cli::config::Consensus;
+use mde_cli::{AveragedField, Component, Config, Event, Preset, Refinement, Stages, resume};
+use mde_nerf::Nerf;
+use mde_prior::DepthKind;
+use mde_prior::format::{write_npy, write_png16};
+use mde_prior::photo::{write_image, write_rgb_png};
+use mde_uncertainty::GaussianDepth;
+use ndarray::{Array2, Array3};
+use serde_json::json;
+use std::path::Path;
+use std::time::Instant;
+
+/// Everything that a refinement needs.
+pub(crate) struct Job {
+    pub(crate) command: &'static str,
+    pub(crate) input: String,
+    /// sRGB in 0 to 1, `[height, width, 3]`.
+    pub(crate) image: Array3<f32>,
+    pub(crate) camera: KnownCamera,
+    pub(crate) prior: NamedPrior,
+    pub(crate) preset: Preset,
+    pub(crate) config: Config,
+    pub(crate) truth: Option<Truth>,
+    pub(crate) save_field: bool,
+    /// Where the state between iterations is kept, if it is.
+    pub(crate) checkpoints: Option<Checkpoints>,
+    /// How the error bar is stated.
+    pub(crate) error_bar: ErrorBar,
+    /// Files for other programs.
+    pub(crate) export: Vec<ExportName>,
+    /// What a viewer is to show.
+    pub(crate) recording: Option<Recording>,
+}
+
+/// Unit of the depth that a prior of this kind leads to.
+fn unit(kind: DepthKind) -> &'static str {
+    match kind {
+        DepthKind::Metric => "m",
+        _ => "unscaled",
+    }
+}
+
+impl Job {
+    /// Refines, scores and writes.
+    pub(crate) fn run(self, folder: &OutputFolder, progress: &mut Progress) -> Result<()> {
+        let mut kept = None;
+        let nerf = self.config.nerf.clone();
+        let seed = self.config.seed;
+        let mut field = |iteration: usize| -> mde_cli::Result<Box<dyn mde_nerf::RadianceField>> {
+            let field: Box<dyn mde_nerf::RadianceField> = match self.config.refinement.consensus {
+                Consensus::Average => Box::new(AveragedField::default()),
+                Consensus::Field => {
+                    let nerf = Nerf::new(nerf.clone(), seed.wrapping_add(iteration as u64))?;
+                    Box::new(kept.insert(SharedNerf::new(nerf)).clone())
+                }
+            };
+            Ok(match &self.recording {
+                Some(recording) => recording.watch(iteration + 1, field),
+                None => field,
+            })
+        };
+        let fuser = self.config.fuser()?;
+        let prior = Timed::new(&*self.prior.prior);
+        let stages = Stages { prior: &prior, field: &mut field, fuser: &*fuser };
+        let image = self.image.view();
+        let from = self.checkpoints.as_ref().and_then(|kept| kept.latest(self.config.refinement.iterations));
+        if let Some(from) = &from {
+            progress.step(&format!("goes on after iteration {}", from.iterations.len()));
+            if let Some(recording) = &self.recording {
+                from.iterations.iter().for_each(|iteration| recording.fitted(iteration.fit.steps));
+            }
+        }
+        let mut keep = |state: &mde_cli::Checkpoint| {
+            if let Some(recording) = &self.recording {
+                recording.depth(state.iterations.len(), &self.scene(&state.depth, &state.prior, &[]));
+                recording.sigma(state.iterations.len(), &state.depth);
+            }
+            match &self.checkpoints {
+                Some(checkpoints) => {
+                    checkpoints.keep(state).map_err(|e| mde_cli::Error::Keep(crate::message(&e)))
+                }
+                None => Ok(()),
+            }
+        };
+        let mut observe = |event: &Event| progress.observe(event);
+        let mut refinement =
+            resume(image, &self.camera.camera, stages, &self.config, from, &mut keep, &mut observe)?;
+        if let Some(reason) = refinement.augmentation.skipped {
+            progress.warn(format!("no test-time augmentation: {reason}; give --prior-model to use it"));
+        }
+        if self.save_field && kept.is_none() {
+            progress.warn(
+                "--save-field: no field was fitted, so none is written; see refinement.field".to_owned(),
+            );
+        }
+        for (index, iteration) in refinement.iterations.iter().enumerate() {
+            for warning in &iteration.fusion.warnings {
+                progress.warn(format!("iteration {}: {warning}", index + 1));
+            }
+        }
+        let stated = self.error_bar.apply(&mut refinement, &self.config, self.prior.origin.kind)?;
+        stated.warnings.iter().for_each(|warning| progress.warn(warning.clone()));
+        let start = Instant::now();
+        let scores = match &self.truth {
+            Some(truth) => {
+                progress.step("score");
+                Some(truth.compare(&refinement, self.prior.origin.kind)?)
+            }
+            None => None,
+        };
+        let score_seconds = start.elapsed().as_secs_f64();
+        let table = scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
+        let said = json!({ "event": "done", "output": folder.path(), "scores": scores });
+
+        let png_scale = png_scale(refinement.depth.mean().iter().copied());
+        let missing_pixels = refinement.depth.variance().iter().filter(|v| v.is_infinite()).count();
+        folder.write(|path| {
+            self.write_maps(path, &refinement, png_scale)?;
+            self.write_interval(path, &refinement, &stated)?;
+            if let Some(field) = kept.as_ref().filter(|_| self.save_field) {
+                field.lock().save(path.join("field.safetensors"))?;
+            }
+            let record = RunRecord {
+                about: About {
+                    preset: Some(self.preset.name()),
+                    seed: Some(self.config.seed),
+                    warnings: progress.warnings(),
+                    total_seconds: progress.seconds(),
+                    ..About::new(self.command, self.input.clone(), &self.camera)
+                },
+                prior: &self.prior.origin,
+                unit: unit(self.prior.origin.kind),
+                png_scale,
+                missing_pixels,
+                augmentation: &refinement.augmentation,
+                error_bar: &stated,
+                iterations: &refinement.iterations,
+                training: progress.training(),
+                scores,
+                prior_seconds: prior.seconds(),
+                score_seconds,
+            };
+            write_json(&path.join(RECORD), &record)?;
+            self.export(path, &refinement)?;
+            report::write(path)?;
+            Ok(())
+        })?;
+        if let Some(checkpoints) = &self.checkpoints {
+            checkpoints.discard();
+        }
+        if let Some(recording) = &self.recording {
+            self.record(recording, &refinement, progress.training())?;
+        }
+        let gained = gain::summary(&refinement, unit(self.prior.origin.kind));
+        let report = folder.path().join(report::FILE);
+        let text = format!(
+            "{table}{gained}\nwrote {} in {:.1} s; to look at it, open {}",
+            folder.path().display(),
+            progress.seconds(),
+            report.display()
+        );
+        progress.result(&text, said);
+        Ok(())
+    }
+
+    fn scene<'s>(
+        &'s self,
+        depth: &'s GaussianDepth,
+        prior: &'s Array2<f32>,
+        components: &'s [Component],
+    ) -> Exported<'s> {
+        Exported {
+            image: self.image.view(),
+            camera: &self.camera.camera,
+            depth,
+            prior: prior.view(),
+            components,
+        }
+    }
+
+    fn export(&self, folder: &Path, refinement: &Refinement) -> Result<()> {
+        let scene = self.scene(&refinement.depth, &refinement.prior, &refinement.components);
+        self.export.iter().try_for_each(|format| scene.write(*format, folder))
+    }
+
+    /// The beginning, the end and the accounts; what lies between was recorded on the way.
+    fn record(
+        &self,
+        recording: &Recording,
+        refinement: &Refinement,
+        training: &[TrainingCurve],
+    ) -> Result<()> {
+        let Refinement { depth, prior, iterations, .. } = refinement;
+        let last = iterations.len().max(1);
+        let known = prior.mapv(|z| if z > 0.0 { 1.0 } else { f32::INFINITY });
+        let before = GaussianDepth::new(prior.clone(), known)?;
+        recording.inputs(&self.input, &self.scene(&before, prior, &[]), &self.config.to_toml()?);
+        if iterations.is_empty() {
+            // Else the clock of steps would show prior and result at once.
+            recording.fitted(1);
+        }
+        recording.depth(last, &self.scene(depth, prior, &[]));
+        recording.sigma(last, depth);
+        recording.reports(iterations, training);
+        recording.save()
+    }
+
+    fn write_interval(&self, folder: &Path, refinement: &Refinement, stated: &Stated) -> Result<()> {
+        let Some(interval) = &stated.interval else { return Ok(()) };
+        let [lower, upper] = interval.bounds(&refinement.depth);
+        write_npy(folder.join("lower.npy"), lower.view())?;
+        Ok(write_npy(folder.join("upper.npy"), upper.view())?)
+    }
+
+    fn write_maps(&self, folder: &Path, refinement: &Refinement, png_scale: f64) -> Result<()> {
+        let (depth, sigma) = (refinement.depth.mean(), refinement.depth.sigma());
+        write_npy(folder.join("depth.npy"), depth)?;
+        write_npy(folder.join("sigma.npy"), sigma.view())?;
+        write_npy(folder.join("prior.npy"), refinement.prior.view())?;
+        write_png16(folder.join("depth.png"), depth, png_scale)?;
+        let PriorOrigin { kind, .. } = self.prior.origin;
+        let show = Preview {
+            image: self.image.view(),
+            prior: refinement.prior.view(),
+            refined: depth,
+            sigma: sigma.view(),
+            unit: unit(kind),
+        };
+        write_rgb_png(folder.join("preview.png"), preview(&show).pixels())?;
+        mde_prior::write_atomic(&folder.join("config.toml"), self.config.to_toml()?.as_bytes())?;
+        write_image(folder.join("image.png"), self.image.view())?;
+        if let Some(truth) = &self.truth {
+            write_npy(folder.join("gt.npy"), truth.depth.view())?;
+        }
+        Ok(())
+    }
+}
+
+/// The largest of 1, 2, 5, 10, ... steps a unit (and their tenths) at which the largest depth fits into 16 bits.
+pub(crate) fn png_scale(depths: impl Iterator<Item = f32>) -> f64 {
+    let largest = f64::from(depths.fold(0.0, f32::max));
+    if !(largest > 0.0 && largest.is_finite()) {
+        return 1000.0;
+    }
+    let most = f64::from(u16::MAX) / largest;
+    let power = 10_f64.powf(most.log10().floor());
+    [5.0, 2.0, 1.0].into_iter().map(|step| step * power).find(|scale| *scale <= most).unwrap_or(0.5 * power)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_png_scale_is_round_and_the_largest_depth_fits() {
+        assert_eq!(png_scale([3.0, 4.0].into_iter()), 10_000.0);
+        assert_eq!(png_scale([6.6].into_iter()), 5000.0);
+        assert_eq!(png_scale(std::iter::empty()), 1000.0);
+        for largest in [1e-20_f32, 0.001, 0.65535, 7.0, 65535.0, 1e9, 1e30] {
+            let steps = f64::from(largest) * png_scale([largest].into_iter());
+            assert!((13_000.0..=65_535.5).contains(&steps), "{largest}: {steps}");
+        }
+    }
+}

@@ -1,0 +1,9 @@
+//! One refinement: the job, its progress, its checkpoints and how its error bar is stated.
+
+pub(crate) mod checkpoint;
+pub(crate) mod error_bar;
+pub(crate) mod field;
+pub(crate) mod gain;
+pub(crate) mod interrupt;
+pub(crate) mod job;
+pub(crate) mod progress;
