@@ -5,13 +5,10 @@ use crate::config::SigmaConfig;
 use crate::{Error, Result};
 use mde_prior::{Augmented, DepthPrior};
 use mde_uncertainty::GaussianDepth;
-use mde_warp::PosedView;
+use mde_uncertainty::statistics::median;
 use ndarray::{Array2, ArrayView2, ArrayView3, Zip};
 use serde::Serialize;
 use std::ops::ControlFlow;
-
-/// Standard deviation of the window in which the prediction of a view is regressed on its warp, as a fraction of the sides.
-const GAUGE_WINDOW: f64 = 6.0 / 28.0;
 
 /// The result of the prior's stage.
 #[derive(Debug, Clone, PartialEq)]
@@ -74,37 +71,6 @@ pub(crate) fn start(
     Ok(Start { prior, depth: GaussianDepth::new(depth, variance)?, components, report })
 }
 
-/// The prediction of a synthetic view, regressed on the depth that the view was warped with; missing where the view is. `None`
-/// where the two have no pixel in common.
-pub(crate) fn of_view(
-    model: &dyn DepthPrior,
-    view: &PosedView,
-    config: &Config,
-    observe: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
-) -> Result<Option<GaussianDepth>> {
-    let Some(warped) = view.hypotheses.first().filter(|warped| warped.support().iter().any(|known| *known))
-    else {
-        return Ok(None);
-    };
-    let augmented =
-        config.augmentation.predict_with(model, view.image.view(), observe)?.ok_or(Error::Interrupted)?;
-    let said = augmented.depth(&config.disparity)?;
-    let reference =
-        Zip::from(warped.mean()).and(&warped.support()).map_collect(|&z, &known| if known { z } else { 0.0 });
-    let depth = mde_prior::augment::regressed(
-        said.view(),
-        reference.view(),
-        GAUGE_WINDOW,
-        config.augmentation.correlation_exponent,
-    )?;
-    let mut report = AugmentationReport::default();
-    let (_, variance) = variance(&augmented, reference.view(), depth.view(), &config.sigma, &mut report)?;
-    let unseen = |map: &Array2<f32>, missing: f32| {
-        Zip::from(map).and(&view.mask).map_collect(|&value, &seen| if seen { value } else { missing })
-    };
-    Ok(Some(GaussianDepth::new(unseen(&depth, 0.0), unseen(&variance, f32::INFINITY))?))
-}
-
 /// A map of depths (0: missing) as a Gaussian depth whose variance is not known yet (0).
 pub fn known(depth: Array2<f32>) -> Result<GaussianDepth> {
     let variance = depth.mapv(|d| if d > 0.0 { 0.0 } else { f32::INFINITY });
@@ -123,8 +89,8 @@ fn variance(
     let change = Zip::from(depth)
         .and(prior)
         .map_collect(|&z, &o| if z > 0.0 && o > 0.0 { (z / o).ln().abs() } else { 0.0 });
-    let median = |map: &Array2<f32>| mde_warp::median(map.iter().copied()).map(f64::from);
-    (report.median_spread, report.median_change) = (median(&spread), median(&change));
+    let middle = |map: &Array2<f32>| median(map.iter().copied().filter(|v| v.is_finite()));
+    (report.median_spread, report.median_change) = (middle(&spread), middle(&change));
     let width = config.blur * depth.ncols() as f64;
     let squared = |share: &Array2<f32>, gain: f64| {
         let raw = share.mapv(|s| (gain as f32 * s).powi(2));

@@ -1,7 +1,7 @@
 //! How much memory a run will take, before it takes it.
 
 use crate::Config;
-use crate::config::{NovelViews, Posterior, RefinementConfig};
+use crate::config::{NovelViews, RefinementConfig};
 use mde_nerf::{FieldConfig, RenderConfig};
 
 /// The program, its threads' tiles and what it allocates whatever the picture.
@@ -10,10 +10,6 @@ const BASE: u64 = 64 << 20;
 const PIXEL: u64 = 220;
 /// Bytes a pixel and training view: colours, mask, depth, variance, the list of trainable pixels.
 const VIEW: u64 = 25;
-/// Bytes a pixel and training view that the model is asked about: what it says, and the maps that this takes.
-const ASKED_VIEW: u64 = 24;
-/// Bytes a pixel of the posterior over whole maps: the factor of its precision matrix.
-const GRADIENTS: u64 = 1000;
 /// Bytes a pixel and rendered view: depth, variance and their way back.
 const RENDERED: u64 = 16;
 /// Floats a parameter of a field: itself, its gradient, two moments, an average, a copy.
@@ -36,13 +32,8 @@ pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
 
 /// Bytes a pixel of a refinement.
 fn pixel_bytes(config: &Config) -> u64 {
-    let RefinementConfig { ask_views, posterior, .. } = &config.refinement;
     let views = (config.views.count as u64).saturating_add(1);
-    let view = VIEW + if *ask_views { ASKED_VIEW } else { 0 };
-    PIXEL
-        .saturating_add(view.saturating_mul(views))
-        .saturating_add(RENDERED.saturating_mul(rendered(config)))
-        .saturating_add(if *posterior == Posterior::Gradients { GRADIENTS } else { 0 })
+    PIXEL.saturating_add(VIEW.saturating_mul(views)).saturating_add(RENDERED.saturating_mul(rendered(config)))
 }
 
 /// Views that a field renders.
@@ -99,14 +90,10 @@ fn distinct<'c>(configs: impl Iterator<Item = &'c Config>, part: fn(&Config) -> 
 
 /// What the views that a field renders depend on; the rest is the default's.
 fn render_part(config: &Config) -> Config {
-    let Config { fusion, gradient, reproject, refinement: usual, .. } = Config::default();
-    let refinement = RefinementConfig {
-        iterations: usual.iterations,
-        prior: usual.prior,
-        posterior: usual.posterior,
-        ..config.refinement.clone()
-    };
-    Config { fusion, gradient, reproject, refinement, ..config.clone() }
+    let Config { fusion, reproject, refinement: usual, .. } = Config::default();
+    let refinement =
+        RefinementConfig { iterations: usual.iterations, prior: usual.prior, ..config.refinement.clone() };
+    Config { fusion, reproject, refinement, ..config.clone() }
 }
 
 /// What a field's fit depends on; the rest is the default's.
@@ -158,13 +145,6 @@ mod tests {
         let mut more = config.clone();
         more.views.count = usize::MAX;
         assert_eq!(refine_bytes(u64::MAX, &more), u64::MAX);
-        for change in [(|c: &mut Config| c.refinement.ask_views = true) as fn(&mut Config), |c| {
-            c.refinement.posterior = Posterior::Gradients
-        }] {
-            let mut more = config.clone();
-            change(&mut more);
-            assert!(refine_bytes(640 * 480, &more) > bytes(640 * 480));
-        }
         let most = most_pixels(8 << 30, bytes).unwrap();
         assert!(bytes(most) <= 8 << 30 && bytes(most + 1) > 8 << 30);
         assert_eq!(most_pixels(1, bytes), None);

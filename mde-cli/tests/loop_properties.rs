@@ -2,7 +2,6 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use mde_cli::mde_fusion::{self, BayesFuser, Fused, Fuser, Prior, Space};
-use mde_cli::mde_nerf::{Nerf, RadianceField};
 use mde_cli::mde_prior::{self, DepthKind, DepthPrior, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::PinholeCamera;
@@ -49,12 +48,9 @@ impl Fuser for Between {
 fn run(image: &Array3<f32>, prior: &Array2<f32>, config: &Config, fov: f64) -> mde_cli::Result<Refinement> {
     let (height, width) = prior.dim();
     let camera = PinholeCamera::from_fov(fov, width, height)?;
-    let mut field = |iteration: usize| -> mde_cli::Result<Box<dyn RadianceField>> {
-        Ok(Box::new(Nerf::new(config.nerf.clone(), config.seed + iteration as u64)?))
-    };
     let fuser = Between(BayesFuser::new(config.fusion.clone())?);
     let known = Known(prior.clone());
-    let stages = Stages { prior: &known, field: &mut field, fuser: &fuser };
+    let stages = Stages::new(&known).with_fuser(&fuser);
     refine(image.view(), &camera, stages, config, &mut |_: &Event| ControlFlow::Continue(()))
 }
 
@@ -96,7 +92,7 @@ prop_compose! {
         calibration in prop::sample::select(&["none", "effective", "wls", "ols"][..]),
         variance in prop::sample::select(&["moments", "fixed-relative", "paule-mandel", "maximum-likelihood", "heteroscedastic"][..]),
         fusion in prop::sample::select(&["bayes", "nerf-only"][..]),
-        carry in prop::sample::select(&["carry", "reestimate", "anchor"][..]),
+        carry in prop::sample::select(&["carry", "anchor"][..]),
         counts in (0_usize..4, 0_usize..3, any::<bool>(), 1_usize..3),
         translation in 0.0..0.5_f64,
         degrees in 0.0..30.0_f64,

@@ -5,8 +5,8 @@
 //! a map (*own*), or fit the baseline's and apply it to every method (*shared*), so that a difference is not the
 //! alignment's.
 
-use crate::raster::median;
 use crate::{Error, Result};
+use mde_uncertainty::statistics::median;
 use ndarray::{Array2, ArrayView2};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -54,11 +54,11 @@ impl AlignmentRule {
         Ok(match self {
             Self::None => Alignment::IDENTITY,
             Self::Median => {
-                let of = |depths: &[f64]| median(depths.to_vec()).ok_or_else(empty);
+                let of = |depths: &[f64]| median(depths.iter().copied()).ok_or_else(empty);
                 Alignment::scale(of(truth)? / of(prediction)?)
             }
             Self::MedianRatio => {
-                let ratios = truth.iter().zip(prediction).map(|(g, p)| g / p).collect();
+                let ratios = truth.iter().zip(prediction).map(|(g, p)| g / p);
                 Alignment::scale(median(ratios).ok_or_else(empty)?)
             }
             Self::LeastSquaresDepth => match least_squares(prediction.iter().copied(), truth.iter().copied())

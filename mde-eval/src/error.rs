@@ -100,6 +100,9 @@ pub enum Error {
     /// A method that failed.
     #[error("{0}")]
     Method(String),
+    /// A depth map, a list or a calibration that cannot be used.
+    #[error(transparent)]
+    Uncertainty(#[from] mde_uncertainty::Error),
     /// A camera that cannot be.
     #[error(transparent)]
     Camera(#[from] mde_warp::Error),

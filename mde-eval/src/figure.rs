@@ -4,10 +4,10 @@
 
 mod draw;
 
-use crate::special::central_half_width;
-use crate::statistics::share_below;
 use crate::table::Entry;
 use crate::{Error, Result};
+use mde_uncertainty::normal::central_half_width;
+use mde_uncertainty::pooled::share_below;
 use std::path::Path;
 
 /// One line of a [`Chart`].

@@ -27,7 +27,6 @@
 
 pub mod align;
 pub mod baseline;
-pub mod conformal;
 pub mod data;
 mod error;
 #[cfg(feature = "plot")]
@@ -38,12 +37,12 @@ mod refiner;
 pub mod scene;
 pub mod score;
 pub mod simulated;
-mod special;
 pub mod statistics;
 pub mod table;
 
 pub use error::{Error, Result};
 pub use mde_prior;
+pub use mde_uncertainty;
 pub use mde_warp;
 pub use nalgebra;
 pub use ndarray;

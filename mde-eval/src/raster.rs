@@ -89,18 +89,6 @@ pub(crate) fn gather(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Ve
     map.iter().zip(mask).filter(|&(_, &keep)| keep).map(|(&value, _)| f64::from(value)).collect()
 }
 
-/// The middle value, or the mean of the two middle ones (as NumPy has it); nothing of an empty list.
-pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
-    let middle = values.len() / 2;
-    if values.is_empty() {
-        return None;
-    }
-    let even = values.len().is_multiple_of(2);
-    let (below, &mut upper, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
-    let lower = if even { below.iter().copied().max_by(f64::total_cmp) } else { None };
-    Some(lower.map_or(upper, |lower| 0.5 * (lower + upper)))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -123,13 +111,6 @@ mod tests {
         map[(3, 3)] = 2.0;
         let reached = |radius| dilate(map.view(), radius).iter().filter(|&&v| v == 2.0).count();
         assert_eq!([reached(0), reached(1), reached(2), reached(9)], [1, 5, 13, 49]);
-    }
-
-    #[test]
-    fn medians_of_odd_and_even_lists() {
-        assert_eq!(median(vec![]), None);
-        assert_eq!(median(vec![3.0, 1.0, 2.0]), Some(2.0));
-        assert_eq!(median(vec![4.0, 1.0, 3.0, 2.0]), Some(2.5));
     }
 
     #[test]

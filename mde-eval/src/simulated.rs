@@ -7,7 +7,7 @@ pub use model::{SimulatedModel, SimulatedModelConfig};
 use crate::raster::erode_by;
 use crate::{Error, Result};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
-use mde_warp::random::CounterRng;
+use mde_uncertainty::random::CounterRng;
 use ndarray::{Array2, ArrayView3, ArrayViewMut1, Axis};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
@@ -132,8 +132,8 @@ impl SimulatedPrior {
         let map = match config.kind {
             DepthKind::Metric => depth,
             DepthKind::AffineDisparity => {
-                let disparities = depth.iter().filter(|&&z| z > 0.0).map(|z| z.recip()).collect();
-                let middle = crate::raster::median(disparities).unwrap_or(1.0);
+                let disparities = depth.iter().filter(|&&z| z > 0.0).map(|z| z.recip());
+                let middle = mde_uncertainty::statistics::median(disparities).unwrap_or(1.0);
                 depth.mapv(|z| if z > 0.0 { config.scale * (z.recip() + config.shift * middle) } else { 0.0 })
             }
             _ => depth * config.scale,

@@ -5,7 +5,8 @@
 //! 1979): scenes are drawn with replacement, both methods' values with them.
 
 use crate::{Error, Result};
-use mde_warp::random::CounterRng;
+use mde_uncertainty::random::CounterRng;
+use mde_uncertainty::statistics::quantile_sorted;
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
@@ -125,66 +126,8 @@ impl Bootstrap {
         }
         drawn.sort_unstable_by(f64::total_cmp);
         let tail = 0.5 * (1.0 - self.level);
-        Ok(Some(Estimate { value, low: quantile(&drawn, tail), high: quantile(&drawn, 1.0 - tail) }))
-    }
-}
-
-/// The `p`-quantile of a sorted list that is not empty, linear between its values (NumPy's default).
-pub(crate) fn quantile(sorted: &[f64], p: f64) -> f64 {
-    let place = p.clamp(0.0, 1.0) * sorted.len().saturating_sub(1) as f64;
-    let at = |index: usize| sorted.get(index).or(sorted.last()).copied().unwrap_or(f64::NAN);
-    let (below, rest) = (place.floor(), place.fract());
-    let (low, high) = (at(below as usize), at(below as usize + 1));
-    if rest > 0.0 { low + rest * (high - low) } else { low }
-}
-
-/// One factor for the sigmas of each scene, learned on all the other scenes.
-///
-/// `quantiles` has, for each scene, the quantiles of \\(|z| = |e| / \sigma\\) at \\(0, 1/m, \dots, 1\\). With \\(F_s\\) the distribution
-/// function that they give, the factor of scene \\(s\\) is \\(q / \Phi^{-1}(\tfrac{1 + p}{2})\\) where \\(q\\) solves
-///
-/// \\[ \frac{1}{S - 1} \sum_{t \ne s} F_t(q) = p : \\]
-///
-/// the central interval of probability `p` then covers a share `p` of the other scenes. Scenes weigh alike. Nothing where
-/// there are fewer than two scenes or a list is too short.
-pub fn leave_one_out_factors(quantiles: &[Vec<f64>], p: f64) -> Option<Vec<f64>> {
-    let sound = quantiles.len() > 1 && quantiles.iter().all(|q| q.len() > 1) && p > 0.0 && p < 1.0;
-    if !sound {
-        return None;
-    }
-    let normal = crate::special::central_half_width(p);
-    let factor = |left_out: usize| {
-        let others =
-            quantiles.iter().enumerate().filter(move |(scene, _)| *scene != left_out).map(|(_, q)| q);
-        pooled_quantile(others, p) / normal
-    };
-    Some((0..quantiles.len()).map(factor).collect())
-}
-
-/// Where the mean of the scenes' distribution functions reaches `p`: each scene has its quantiles at equal steps of probability,
-/// and scenes weigh alike.
-pub(crate) fn pooled_quantile<'q>(scenes: impl Iterator<Item = &'q Vec<f64>> + Clone, p: f64) -> f64 {
-    let count = scenes.clone().count() as f64;
-    let covered = |z: f64| scenes.clone().map(|q| share_below(q, z)).sum::<f64>() / count;
-    let mut high = scenes.clone().filter_map(|q| q.last()).copied().fold(0.0, f64::max);
-    let mut low = 0.0;
-    for _ in 0..100 {
-        let middle = 0.5 * (low + high);
-        if covered(middle) < p { low = middle } else { high = middle }
-    }
-    high
-}
-
-/// The share of values up to `value`, from quantiles at equal steps of probability; linear between them.
-pub fn share_below(quantiles: &[f64], value: f64) -> f64 {
-    let steps = quantiles.len().saturating_sub(1).max(1) as f64;
-    match quantiles.partition_point(|q| *q <= value) {
-        0 => 0.0,
-        above if above == quantiles.len() => 1.0,
-        above => {
-            let (low, high) = (quantiles[above - 1], quantiles[above]);
-            (above as f64 - 1.0 + (value - low) / (high - low)) / steps
-        }
+        let end = |p| quantile_sorted(&drawn, p).unwrap_or(value);
+        Ok(Some(Estimate { value, low: end(tail), high: end(1.0 - tail) }))
     }
 }
 
@@ -219,21 +162,6 @@ mod tests {
             prop_assert!((forth.low + back.high).abs() < 1e-12 && (forth.high + back.low).abs() < 1e-12);
             prop_assert!(forth.low <= forth.high);
         }
-
-        #[test]
-        fn factors_cover_the_other_scenes(
-            lists in proptest::collection::vec(proptest::collection::vec(0.01..5.0_f64, 101), 2..6), p in 0.3..0.95_f64
-        ) {
-            let quantiles: Vec<Vec<f64>> =
-                lists.into_iter().map(|mut q| { q.sort_by(f64::total_cmp); q }).collect();
-            let factors = leave_one_out_factors(&quantiles, p).unwrap();
-            let normal = crate::special::central_half_width(p);
-            for (left_out, factor) in factors.iter().enumerate() {
-                let others: Vec<_> = quantiles.iter().enumerate().filter(|(s, _)| *s != left_out).collect();
-                let covered: f64 = others.iter().map(|(_, q)| share_below(q, factor * normal)).sum();
-                prop_assert!((covered / others.len() as f64 - p).abs() < 1e-6);
-            }
-        }
     }
 
     #[test]
@@ -265,14 +193,5 @@ mod tests {
         assert!(matches!(QUICK.difference(&[1.0], &[]), Err(Error::Length { .. })));
         assert!(QUICK.ratio(&[1.0], &[0.0]).unwrap().is_none());
         assert!(matches!(Bootstrap { draws: 0, ..QUICK }.mean(&[1.0]), Err(Error::Config { .. })));
-        assert!(leave_one_out_factors(&[vec![0.0, 1.0]], 0.9).is_none());
-    }
-
-    #[test]
-    fn quantiles_are_numpys() {
-        let sorted = [1.0, 2.0, 4.0, 8.0];
-        for (p, expected) in [(0.0, 1.0), (0.25, 1.75), (0.5, 3.0), (0.9, 6.8), (1.0, 8.0)] {
-            assert!((quantile(&sorted, p) - expected).abs() < 1e-12);
-        }
     }
 }

@@ -13,7 +13,8 @@ use crate::align::{Alignment, AlignmentRule};
 use crate::metrics::depth;
 use crate::raster::gather;
 use crate::score::{DepthScores, ScoreConfig, Scores, Subject, UncertaintyCurves, UncertaintyScores};
-use crate::statistics::{leave_one_out_factors, share_below};
+use mde_uncertainty::normal::central_half_width;
+use mde_uncertainty::pooled::{leave_one_out_factors, share_below};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -134,7 +135,7 @@ pub fn calibrate(entries: &mut [Entry]) {
         let Some(factors) = leave_one_out_factors(&quantiles, 0.9) else { continue };
         for ((place, factor), quantiles) in places.into_iter().zip(factors).zip(quantiles) {
             let Some(scores) = entries[place].uncertainty.as_ref() else { continue };
-            let covered = |p| share_below(&quantiles, factor * crate::special::central_half_width(p));
+            let covered = |p| share_below(&quantiles, factor * central_half_width(p));
             // The factor leaves the errors and multiplies every sigma.
             let nll = scores.nll + factor.ln() + 0.5 * scores.mean_z2 * (factor.powi(-2) - 1.0);
             let (coverage_50, coverage_90) = (covered(0.5), covered(0.9));

@@ -317,7 +317,7 @@ fn the_real_data_loads() {
             let sample = data.load(index).unwrap();
             let known: Vec<f32> = sample.depth.iter().copied().filter(|&z| z > 0.0).collect();
             let share = known.len() as f64 / sample.depth.len() as f64;
-            let median = mde_eval::mde_warp::median(known).unwrap();
+            let median = mde_eval::mde_uncertainty::statistics::median(known).unwrap();
             // A wrong decoding is off by a factor of eight.
             assert!(share > 0.3 && (0.8..8.0).contains(&median), "{}: {share} {median}", sample.id);
             assert_eq!(sample.camera.dim(), sample.depth.dim());

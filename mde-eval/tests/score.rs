@@ -3,7 +3,7 @@
 
 use mde_eval::Error;
 use mde_eval::align::{Alignment, AlignmentRule};
-use mde_eval::mde_warp::random::CounterRng;
+use mde_eval::mde_uncertainty::random::CounterRng;
 use mde_eval::ndarray::{Array2, s};
 use mde_eval::scene::{Room, room};
 use mde_eval::score::{Prepared, ScoreConfig, Scores, Subject, score, score_aligned};

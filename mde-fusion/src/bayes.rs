@@ -5,9 +5,10 @@ use crate::working::{WorkingPrior, depth_belief, depth_map, prior_depth_variance
 use crate::{
     Affine, AffineFit, Calibration, Degenerate, Fused, Fuser, Fusion, FusionConfig, FusionReport, Gaussian,
     Guards, MissingPrior, OnDegenerate, Prior, Result, Sample, Space, affine, affine_effective, affine_ols,
-    affine_wls, aggregate, nerf_weight, posterior, quantile, residuals, variance_floor, with_variance,
+    affine_wls, aggregate, nerf_weight, posterior, residuals, variance_floor, with_variance,
 };
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::{median, quantile};
 use ndarray::Array2;
 
 /// The paper's fusion (Eq. 7-17), with every choice in a [`FusionConfig`].
@@ -237,10 +238,10 @@ fn overlap(aggregated: &GaussianDepth, prior: &WorkingPrior) -> (Vec<Sample>, Ve
 }
 
 fn prior_median(prior: &Prior) -> f64 {
-    quantile::median(prior.mean().iter().copied().filter(|&d| d > 0.0)).unwrap_or(0.0)
+    median(prior.mean().iter().copied().filter(|&d| d > 0.0)).unwrap_or(0.0)
 }
 
 fn variance_quantiles(map: &GaussianDepth) -> [f64; 5] {
     let mut values: Vec<f32> = map.variance().iter().copied().filter(|v| v.is_finite()).collect();
-    [0.05, 0.25, 0.5, 0.75, 0.95].map(|q| quantile::quantile(&mut values, q).unwrap_or(0.0))
+    [0.05, 0.25, 0.5, 0.75, 0.95].map(|q| quantile(&mut values, q).unwrap_or(0.0))
 }

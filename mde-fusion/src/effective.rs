@@ -1,7 +1,7 @@
 use crate::affine::Line;
 use crate::gaussian::to_f32;
-use crate::quantile::median;
 use crate::{Affine, AffineFit, Error, Residual, Result, Sample, huber_variance, residuals};
+use mde_uncertainty::statistics::median;
 
 /// Relative change of the map at which the iteration stops.
 const CONVERGED: f64 = 1e-9;

@@ -51,7 +51,6 @@ mod precision;
 mod prior;
 #[cfg(feature = "proptest")]
 pub mod proptest;
-mod quantile;
 mod report;
 mod residual;
 mod root;

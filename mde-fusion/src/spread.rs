@@ -2,8 +2,9 @@ use crate::gaussian::to_f32;
 use crate::working::WorkingPrior;
 use crate::{
     FusionConfig, Heteroscedastic, PriorVariance, Residual, empirical_bayes, maximum_likelihood,
-    paule_mandel, quantile, squared_gradient,
+    paule_mandel, squared_gradient,
 };
+use mde_uncertainty::statistics::median;
 use ndarray::Array2;
 
 /// The prior's variance \\(\sigma_o^2\\), in the working space.
@@ -31,9 +32,7 @@ impl Spread {
         };
         Self::Constant(match config.prior_variance {
             PriorVariance::Moments => empirical_bayes(residuals),
-            PriorVariance::FixedMedian => {
-                quantile::median(residuals.iter().map(|r| to_f32(r.variance))).unwrap_or(0.0)
-            }
+            PriorVariance::FixedMedian => median(residuals.iter().map(|r| to_f32(r.variance))).unwrap_or(0.0),
             PriorVariance::FixedRelative => relative(),
             PriorVariance::PauleMandel => paule_mandel(residuals),
             PriorVariance::MaximumLikelihood => maximum_likelihood(residuals),

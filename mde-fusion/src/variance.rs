@@ -1,5 +1,5 @@
-use crate::quantile::median;
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::median;
 
 /// Which variance the views come with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -1,6 +1,7 @@
 use crate::gaussian::to_f32;
-use crate::{Gaussian, Prior, Space, quantile, to_depth, to_disparity};
+use crate::{Gaussian, Prior, Space, to_depth, to_disparity};
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::median;
 use ndarray::{Array2, Zip};
 
 /// The prior in the space that the equations are evaluated in.
@@ -31,7 +32,7 @@ impl WorkingPrior {
 
     /// Median over the known pixels.
     pub(crate) fn median(&self) -> Option<f64> {
-        quantile::median(self.mean.iter().filter(|&&m| m > 0.0).map(|&m| to_f32(m)))
+        median(self.mean.iter().filter(|&&m| m > 0.0).map(|&m| to_f32(m)))
     }
 
     /// The belief at a pixel of depth `depth` and working mean `mean`, given the variance there.

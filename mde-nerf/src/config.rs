@@ -1,9 +1,9 @@
 use crate::{Error, Result};
 use mde_uncertainty::termination::InBinVariance;
 
-const MOST_STEPS: usize = 1_000_000;
+const MAX_STEPS: usize = 1_000_000;
 
-/// Everything about a field: its network, how it is trained, sampled and rendered.
+/// Configuration of a field: network, sampling, training and rendering.
 #[derive(Debug, Clone, Default, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -13,7 +13,7 @@ const MOST_STEPS: usize = 1_000_000;
 pub struct NerfConfig {
     /// The network.
     pub field: FieldConfig,
-    /// Where a ray is sampled.
+    /// Sample positions along rays.
     pub sampling: SamplingConfig,
     /// Optimisation and losses.
     pub train: TrainConfig,
@@ -21,7 +21,7 @@ pub struct NerfConfig {
     pub render: RenderConfig,
 }
 
-/// The network behind the field.
+/// Architecture of the network.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -29,7 +29,7 @@ pub struct NerfConfig {
     serde(tag = "kind", rename_all = "kebab-case")
 )]
 pub enum FieldConfig {
-    /// A light MLP on a frequency encoding, as the paper uses.
+    /// A light MLP on a frequency encoding, as in the paper.
     Mlp(MlpFieldConfig),
     /// A multiresolution hash grid with small MLPs.
     Hash(HashFieldConfig),
@@ -49,11 +49,11 @@ impl Default for FieldConfig {
     serde(deny_unknown_fields, default, rename_all = "kebab-case")
 )]
 pub struct MlpFieldConfig {
-    /// Hidden layers.
+    /// Number of hidden layers.
     pub layers: usize,
-    /// Width of each.
+    /// Width of the hidden layers.
     pub width: usize,
-    /// Octaves of the encoding an axis.
+    /// Octaves of the encoding per axis.
     pub frequencies: usize,
 }
 
@@ -71,25 +71,22 @@ impl Default for MlpFieldConfig {
     serde(deny_unknown_fields, default, rename_all = "kebab-case")
 )]
 pub struct HashFieldConfig {
-    /// Grids.
+    /// Number of grids.
     pub levels: usize,
-    /// Features a row: 1, 2, 4 or 8.
+    /// Features per row: 1, 2, 4 or 8.
     pub features: usize,
-    /// Logarithm (base 2) of the most rows a grid has.
+    /// Base-2 logarithm of the largest number of rows per grid.
     pub log2_rows: u32,
-    /// Cells a side of the coarsest grid.
+    /// Cells per side of the coarsest grid.
     pub coarsest: u32,
-    /// Cells a side of the finest grid.
+    /// Cells per side of the finest grid.
     pub finest: u32,
-    /// Hidden layers of the density network (and of the only one, where `geometry` is 0).
+    /// Hidden layers of the density network (of the only network where `geometry` is 0).
     pub layers: usize,
     /// Width of the hidden layers.
     pub width: usize,
     /// Outputs of the density network that feed a colour network with one hidden layer; 0 for a single network.
     pub geometry: usize,
-    /// Coarsest grids that alone say where matter is, while a network of its own sees all of them for the colour: surfaces
-    /// cannot follow what only the fine grids tell apart, such as texture. 0: one network sees all and says both.
-    pub density_levels: usize,
 }
 
 impl Default for HashFieldConfig {
@@ -103,23 +100,11 @@ impl Default for HashFieldConfig {
             layers: 2,
             width: 32,
             geometry: 0,
-            density_levels: 0,
         }
     }
 }
 
-/// How positions are spread along a ray.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
-pub enum Spacing {
-    /// Uniform in depth.
-    Depth,
-    /// Uniform in disparity 1/z: equal steps of parallax.
-    #[default]
-    Disparity,
-}
-
-/// Where a ray is sampled.
+/// Sample positions along rays, uniform in disparity 1/z.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -127,37 +112,27 @@ pub enum Spacing {
     serde(deny_unknown_fields, default, rename_all = "kebab-case")
 )]
 pub struct SamplingConfig {
-    /// Samples over the whole range of a training ray, stratified.
+    /// Stratified samples over the whole range of a training ray.
     pub coarse: usize,
-    /// Samples in a band around the ray's depth hypothesis, stratified; over the whole range for a ray without one.
+    /// Stratified samples in a band around the ray's depth hypothesis; over the whole range for a ray without one.
     pub band: usize,
     /// Half width of that band, as a fraction of the depth.
     pub band_width: f64,
-    /// Samples drawn where the first ones found weight.
+    /// Importance samples, drawn from the weights of the others.
     pub fine: usize,
-    /// Spread over the range.
-    pub spacing: Spacing,
-    /// Nearest depth; from the hypotheses where not given (0.8 times their 0.5 % quantile).
+    /// Nearest depth. Default: 0.8 times the 0.5 % quantile of the hypotheses of view 0.
     pub near: Option<f64>,
-    /// Farthest depth; from the hypotheses where not given (1.25 times their 99.5 % quantile).
+    /// Farthest depth. Default: 1.25 times the 99.5 % quantile of the hypotheses of view 0.
     pub far: Option<f64>,
 }
 
 impl Default for SamplingConfig {
     fn default() -> Self {
-        Self {
-            coarse: 24,
-            band: 0,
-            band_width: 0.25,
-            fine: 24,
-            spacing: Spacing::Disparity,
-            near: None,
-            far: None,
-        }
+        Self { coarse: 24, band: 0, band_width: 0.25, fine: 24, near: None, far: None }
     }
 }
 
-/// Supervision by the views' depth hypotheses.
+/// Depth supervision by the views' hypotheses.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(
     feature = "serde",
@@ -165,60 +140,29 @@ impl Default for SamplingConfig {
     serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")
 )]
 pub enum DepthLoss {
-    /// None: the paper's field sees colours only.
+    /// None, as in the paper: colours only.
     #[default]
     None,
-    /// \\(\tfrac12\bigl(\ln \sigma_r^2 + (\mu_r - D)^2 / \sigma_r^2\bigr)\\), only where the field is outside the
-    /// hypothesis' own uncertainty: \\(|\mu_r - D| > s\\) or \\(\sigma_r^2 > s^2\\) (Roessle et al., 2022).
-    GaussianNll {
-        /// Factor before the loss, lengths in units of the scene's median depth.
-        weight: f64,
-        /// Standard deviation of a hypothesis as a fraction of its depth, where it states none (variance 0).
-        relative_sigma: f64,
-        /// Fraction of the steps after which the loss is off; it decays linearly until then. 0: never.
-        decay: f64,
-    },
     /// \\(\sum_i w_i |r_i - r|\\) in disparity scaled to 0 at far and 1 at near: the first Wasserstein distance
-    /// between the ray's termination and the hypothesis.
+    /// between the ray's termination distribution and the hypothesis, averaged over the hypotheses.
     Wasserstein {
-        /// Factor before the loss.
+        /// Weight of the loss; colours have weight 1.
         weight: f64,
-        /// Fraction of the steps after which the loss is off; it decays linearly until then. 0: never.
+        /// Fraction of the steps at which the linearly decaying weight reaches 0; 0 for a constant weight.
         decay: f64,
     },
-    /// \\(\int |W(r) - F(r)|\,\mathrm dr\\) in the same disparity: the first Wasserstein distance between the ray's termination, of
-    /// distribution function \\(W\\), and the mixture \\(F\\) of *all* its hypotheses, each a logistic distribution of its own mean and
-    /// variance. Where hypotheses disagree the termination becomes as wide as they are apart; [`Wasserstein`](Self::Wasserstein)
-    /// would draw it together at their median.
+    /// \\(\int |W(r) - F(r)|\,\mathrm dr\\) in the same disparity: the first Wasserstein distance between the termination, of
+    /// distribution function \\(W\\), and the mixture \\(F\\) of *all* hypotheses of the ray, each a logistic distribution with
+    /// the mean and variance of the hypothesis. Where hypotheses disagree, the termination becomes as wide as the mixture;
+    /// [`Wasserstein`](Self::Wasserstein) would contract it at their median.
     Distribution {
-        /// Factor before the loss.
+        /// Weight of the loss; colours have weight 1.
         weight: f64,
-        /// Standard deviation of a hypothesis as a fraction of its depth, where it states none (variance 0).
+        /// Standard deviation of hypotheses of variance 0, as a fraction of the depth.
         relative_sigma: f64,
-        /// Fraction of the steps after which the loss is off; it decays linearly until then. 0: never.
+        /// Fraction of the steps at which the linearly decaying weight reaches 0; 0 for a constant weight.
         decay: f64,
     },
-}
-
-/// Depth that is smooth where the picture is: \\(\lambda\, e^{-\lVert I_p - I_q \rVert / \kappa}\, |\ln \mu_p - \ln \mu_q|\\) for
-/// neighbouring pixels \\(p, q\\) of a view (Godard et al., 2017, Eq. 3, of the logarithm: scales play no part).
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default, rename_all = "kebab-case")
-)]
-pub struct SmoothnessConfig {
-    /// Factor before the loss, \\(\lambda\\); 0 for none. Otherwise every second ray is a neighbour of the ray before it.
-    pub weight: f64,
-    /// \\(\kappa\\): a difference of colours (Euclidean, sRGB in 0 to 1) at which the loss counts \\(1/e\\).
-    pub contrast: f64,
-}
-
-impl Default for SmoothnessConfig {
-    fn default() -> Self {
-        Self { weight: 0.0, contrast: 0.1 }
-    }
 }
 
 /// Optimisation and losses.
@@ -231,30 +175,22 @@ impl Default for SmoothnessConfig {
 pub struct TrainConfig {
     /// Optimisation steps.
     pub steps: usize,
-    /// Pixels of the original view up to which that is enough: a larger one gets more in proportion. 0: whatever the size.
+    /// Pixels of view 0 that `steps` is meant for: a larger view gets proportionally more steps. 0: `steps` for any size.
     pub steps_for: usize,
-    /// Rays a step.
+    /// Rays per step.
     pub rays: usize,
-    /// Share of the rays that the original view gets; the others share the rest.
+    /// Share of the rays that are drawn from view 0; the rest is drawn uniformly from the other views.
     pub original_share: f64,
-    /// Adam's rate after the warm-up.
+    /// Adam's learning rate after the warm-up.
     pub learning_rate: f64,
-    /// Its rate at the last step; exponential in between.
+    /// Learning rate at the last step; the decay is exponential.
     pub final_learning_rate: f64,
-    /// Steps over which the rate rises from 0.
+    /// Steps over which the learning rate rises linearly from 0.
     pub warm_up: usize,
-    /// Adam's decay of the first moment.
-    pub beta1: f64,
-    /// Adam's decay of the second moment.
-    pub beta2: f64,
-    /// Adam's epsilon.
-    pub epsilon: f64,
-    /// Decay a step of the moving average of the parameters that the fit returns; 0 for none.
+    /// Decay per step of the moving average of the parameters, which is the result; 0 for no average.
     pub average: f64,
     /// Depth supervision.
     pub depth_loss: DepthLoss,
-    /// Edge-aware smoothness.
-    pub smoothness: SmoothnessConfig,
 }
 
 impl Default for TrainConfig {
@@ -267,12 +203,8 @@ impl Default for TrainConfig {
             learning_rate: 5e-3,
             final_learning_rate: 5e-4,
             warm_up: 100,
-            beta1: 0.9,
-            beta2: 0.99,
-            epsilon: 1e-15,
             average: 0.95,
             depth_loss: DepthLoss::None,
-            smoothness: SmoothnessConfig::default(),
         }
     }
 }
@@ -287,11 +219,11 @@ impl Default for TrainConfig {
 pub struct RenderConfig {
     /// Samples over the whole range of a ray.
     pub coarse: usize,
-    /// Samples where those found weight.
+    /// Importance samples, placed by the weights of the others.
     pub fine: usize,
-    /// What a bin's extent adds to the variance.
+    /// Contribution of a bin's extent to the variance.
     pub in_bin: InBinVariance,
-    /// Opacity below which a ray's depth counts as missing.
+    /// Opacity below which the depth is missing.
     pub min_opacity: f32,
 }
 
@@ -352,13 +284,7 @@ impl FieldConfig {
                 )?;
                 check((1..=8).contains(&f.layers), "field.layers", f.layers, "give 1 to 8 hidden layers")?;
                 check((1..=1024).contains(&f.width), "field.width", f.width, "give a width of 1 to 1024")?;
-                check(f.geometry <= 256, "field.geometry", f.geometry, "give at most 256 outputs")?;
-                check(
-                    f.density_levels <= f.levels && (f.density_levels == 0 || f.geometry == 0),
-                    "field.density-levels",
-                    f.density_levels,
-                    "give at most field.levels, and 0 where field.geometry is not 0",
-                )
+                check(f.geometry <= 256, "field.geometry", f.geometry, "give at most 256 outputs")
             }
         }
     }
@@ -392,13 +318,13 @@ impl SamplingConfig {
 }
 
 impl TrainConfig {
-    /// The same for an original view of so many pixels.
-    pub(crate) fn for_picture(&self, pixels: usize) -> Self {
-        let more = match self.steps_for {
+    /// The configuration with the number of steps for a view 0 of `pixels` pixels.
+    pub(crate) fn for_pixels(&self, pixels: usize) -> Self {
+        let factor = match self.steps_for {
             0 => 1.0,
-            enough => (pixels as f64 / enough as f64).max(1.0),
+            reference => (pixels as f64 / reference as f64).max(1.0),
         };
-        let steps = (self.steps as f64 * more).round().min(MOST_STEPS as f64) as usize;
+        let steps = (self.steps as f64 * factor).round().min(MAX_STEPS as f64) as usize;
         Self { steps, ..self.clone() }
     }
 
@@ -406,7 +332,7 @@ impl TrainConfig {
         let positive = |x: f64| x > 0.0 && x.is_finite();
         let share = |x: f64| (0.0..=1.0).contains(&x);
         let decay = |x: f64| (0.0..1.0).contains(&x);
-        check((1..=MOST_STEPS).contains(&self.steps), "train.steps", self.steps, "give 1 to 1000000 steps")?;
+        check((1..=MAX_STEPS).contains(&self.steps), "train.steps", self.steps, "give 1 to 1000000 steps")?;
         check((16..=1 << 16).contains(&self.rays), "train.rays", self.rays, "give 16 to 65536 rays")?;
         check(
             share(self.original_share),
@@ -426,26 +352,10 @@ impl TrainConfig {
             self.final_learning_rate,
             "give a positive rate",
         )?;
-        check(decay(self.beta1), "train.beta1", self.beta1, "give a number from 0 to below 1")?;
-        check(decay(self.beta2), "train.beta2", self.beta2, "give a number from 0 to below 1")?;
-        check(positive(self.epsilon), "train.epsilon", self.epsilon, "give a small positive number")?;
         check(decay(self.average), "train.average", self.average, "give a number from 0 to below 1")?;
-        check(
-            self.smoothness.weight >= 0.0 && self.smoothness.weight.is_finite(),
-            "train.smoothness.weight",
-            self.smoothness.weight,
-            "give 0 or more",
-        )?;
-        check(
-            positive(self.smoothness.contrast),
-            "train.smoothness.contrast",
-            self.smoothness.contrast,
-            "give a positive difference of colours",
-        )?;
         match self.depth_loss {
             DepthLoss::None => Ok(()),
-            DepthLoss::GaussianNll { weight, relative_sigma, decay }
-            | DepthLoss::Distribution { weight, relative_sigma, decay } => {
+            DepthLoss::Distribution { weight, relative_sigma, decay } => {
                 check(
                     weight >= 0.0 && weight.is_finite(),
                     "train.depth-loss.weight",

@@ -1,19 +1,21 @@
-//! The volume that a field models: the original camera's frustum between near and far, seen as a unit cube.
+//! The modelled volume: the original camera's frustum between near and far, mapped to the unit cube.
 
-use crate::config::{SamplingConfig, Spacing};
+use crate::config::SamplingConfig;
 use crate::scalar::Scalar;
 use crate::{Error, Result};
+use mde_uncertainty::Real;
+use mde_uncertainty::statistics::nearest_rank_sorted;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::{Point2, Point3, Vector3};
 
-/// Quantiles of the hypotheses' depths that near and far start from, and by how much they are stretched.
+/// Quantiles of the hypotheses' depths, and the factors from them to near and far.
 const QUANTILES: [f64; 2] = [0.005, 0.995];
 const STRETCH: [f64; 2] = [0.8, 1.25];
 
-/// Maps the world to \\((u, v, s) \in [0, 1]^3\\): the original camera's pixel coordinates, with the margin that the other
-/// views need, and \\(s = (1/z - 1/far) / (1/near - 1/far)\\).
+/// Maps the world to \\((u, v, s) \in [0, 1]^3\\): the original camera's pixel coordinates, with the margin that holds the
+/// other views, and \\(s = (1/z - 1/far) / (1/near - 1/far)\\).
 ///
-/// A projective map: straight rays stay straight, cells match pixels, and no cell lies where no view looks.
+/// The map is projective: rays stay straight, cells match pixels, and no cell lies outside all views.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub(crate) struct Frustum {
@@ -29,7 +31,7 @@ pub(crate) struct Frustum {
     pub(crate) unit: f64,
 }
 
-/// A ray by z-depth in its camera: the point at depth z is `origin + z * direction`.
+/// A ray parametrised by z-depth in its camera: the point at depth z is `origin + z * direction`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Ray {
     pub(crate) origin: Point3<f64>,
@@ -37,19 +39,19 @@ pub(crate) struct Ray {
     pub(crate) direction: Vector3<f64>,
 }
 
-/// A ray as the cube sees it: \\((u, v, s)\\ at inverse depth \\(\lambda\\ is \\((a + \lambda b) / g\\ with
+/// A ray in cube coordinates: \\((u, v, s)\\ at inverse depth \\(\lambda\\ is \\((a + \lambda b) / g\\ with
 /// \\(g = g_0 + \lambda g_1\\).
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Line<T> {
+pub(crate) struct CubeRay<T> {
     constant: [T; 3],
     slope: [T; 3],
     denominator: [T; 2],
-    /// The least that \\(g / \lambda\\), the depth in the original camera, counts as.
+    /// Lower bound of \\(g / \lambda\\), the depth in the original camera.
     nearest: T,
 }
 
-impl<T: Scalar> Line<T> {
-    /// The cube coordinates at an inverse depth; points outside are moved to the cube's surface.
+impl<T: Real> CubeRay<T> {
+    /// The cube coordinates at an inverse depth; points outside are clamped to the cube's surface.
     #[inline(always)]
     pub(crate) fn cube(&self, inverse_depth: T) -> [T; 3] {
         let g = self.denominator[0] + inverse_depth * self.denominator[1];
@@ -70,7 +72,7 @@ impl Ray {
 }
 
 impl Frustum {
-    /// The frustum of `views[0]` that holds all that the views see between near and far.
+    /// The frustum of `views[0]`, wide enough for the frusta of all views between near and far.
     pub(crate) fn of_views(views: &[PosedView], sampling: &SamplingConfig) -> Result<Self> {
         let original = views.first().ok_or(Error::NoPixels)?;
         let (near, far, unit) = depth_range(original, sampling)?;
@@ -111,23 +113,35 @@ impl Frustum {
         Ok(frustum)
     }
 
-    /// A ray's way through the cube.
-    pub(crate) fn line<T: Scalar>(&self, ray: &Ray) -> Line<T> {
-        let turned = |v: [f64; 3]| -> [f64; 3] {
-            std::array::from_fn(|r| (0..3).map(|c| self.rotation[r][c] * v[c]).sum())
+    /// A ray in cube coordinates.
+    pub(crate) fn cube_ray<T: Scalar>(&self, ray: &Ray) -> CubeRay<T> {
+        let CubeRay { constant, slope, denominator, nearest } =
+            self.transformed::<f64>(ray.origin.coords.into(), ray.direction.into());
+        CubeRay {
+            constant: constant.map(T::from_f64),
+            slope: slope.map(T::from_f64),
+            denominator: denominator.map(T::from_f64),
+            nearest: T::from_f64(nearest),
+        }
+    }
+
+    /// The ray through `origin` of direction `direction` (world) in cube coordinates.
+    pub(crate) fn transformed<T: Real>(&self, origin: [T; 3], direction: [T; 3]) -> CubeRay<T> {
+        let n = T::from_f64;
+        let turned = |v: [T; 3]| -> [T; 3] {
+            std::array::from_fn(|r| (0..3).map(|c| n(self.rotation[r][c]) * v[c]).sum())
         };
-        let origin = turned(ray.origin.coords.into());
-        let o: [f64; 3] = std::array::from_fn(|r| origin[r] + self.translation[r]);
-        let d = turned(ray.direction.into());
+        let origin = turned(origin);
+        let o: [T; 3] = std::array::from_fn(|r| origin[r] + n(self.translation[r]));
+        let d = turned(direction);
         // u = scale x/z + offset; s = (1/z - 1/far) / (1/near - 1/far), over the common denominator g = z / depth.
         let range = 1.0 / (1.0 / self.near - 1.0 / self.far);
-        let image = |p: [f64; 3], axis: usize| self.scale[axis] * p[axis] + self.offset[axis] * p[2];
-        let narrow = |p: [f64; 3]| p.map(T::from_f64);
-        Line {
-            constant: narrow([image(d, 0), image(d, 1), -range / self.far * d[2]]),
-            slope: narrow([image(o, 0), image(o, 1), range * (1.0 - o[2] / self.far)]),
-            denominator: [d[2], o[2]].map(T::from_f64),
-            nearest: T::from_f64(0.1 * self.near),
+        let image = |p: [T; 3], axis: usize| n(self.scale[axis]) * p[axis] + n(self.offset[axis]) * p[2];
+        CubeRay {
+            constant: [image(d, 0), image(d, 1), n(-range / self.far) * d[2]],
+            slope: [image(o, 0), image(o, 1), n(range) * (T::ONE - o[2] / n(self.far))],
+            denominator: [d[2], o[2]],
+            nearest: n(0.1 * self.near),
         }
     }
 
@@ -141,22 +155,15 @@ impl Frustum {
         1.0 / (z * z * (1.0 / self.near - 1.0 / self.far))
     }
 
-    /// The depth at a fraction `x` of a ray's range.
+    /// The depth at a fraction `x` of the range from near to far, in disparity.
     #[cfg(test)]
-    pub(crate) fn depth_at(&self, x: f64, spacing: Spacing) -> f64 {
-        match spacing {
-            Spacing::Depth => self.near + x * (self.far - self.near),
-            Spacing::Disparity => 1.0 / ((1.0 - x) / self.near + x / self.far),
-        }
+    pub(crate) fn depth_at(&self, x: f64) -> f64 {
+        1.0 / ((1.0 - x) / self.near + x / self.far)
     }
 
-    /// The fraction of a ray's range at which a depth lies, cut to 0 and 1.
-    pub(crate) fn fraction_at(&self, z: f64, spacing: Spacing) -> f64 {
-        let x = match spacing {
-            Spacing::Depth => (z - self.near) / (self.far - self.near),
-            Spacing::Disparity => 1.0 - self.disparity(z),
-        };
-        x.clamp(0.0, 1.0)
+    /// The fraction of the range at a depth, clamped to 0 and 1.
+    pub(crate) fn fraction_at(&self, z: f64) -> f64 {
+        (1.0 - self.disparity(z)).clamp(0.0, 1.0)
     }
 }
 
@@ -170,9 +177,7 @@ fn depth_range(view: &PosedView, sampling: &SamplingConfig) -> Result<(f64, f64,
         .map(|(mean, _)| mean)
         .collect();
     depths.sort_unstable_by(f32::total_cmp);
-    let quantile = |q: f64| {
-        depths.get((q * depths.len().saturating_sub(1) as f64).round() as usize).map(|&d| f64::from(d))
-    };
+    let quantile = |q: f64| nearest_rank_sorted(&depths, q).map(f64::from);
     let near = sampling.near.or_else(|| Some(STRETCH[0] * quantile(QUANTILES[0])?)).ok_or(Error::NoRange)?;
     let far = sampling.far.or_else(|| Some(STRETCH[1] * quantile(QUANTILES[1])?)).ok_or(Error::NoRange)?;
     if !(near > 0.0 && far > near * 1.0001) {
@@ -206,32 +211,30 @@ mod tests {
     }
 
     proptest! {
-        /// What any view sees between near and far lies inside the cube, not squashed onto its faces.
+        /// The frusta of all views between near and far lie inside the cube: no coordinate is clamped.
         #[test]
-        fn the_cube_holds_what_the_views_see(
+        fn the_cube_contains_the_frusta_of_all_views(
             original in pose(), other in pose(), x in -0.5..15.5_f64, y in -0.5..11.5_f64, s in 0.0..1.0_f64
         ) {
             let views = [view(original, 1.0, 5.0), view(other * original, 1.0, 5.0)];
             let frustum = Frustum::of_views(&views, &SamplingConfig::default()).unwrap();
             for view in &views {
                 let ray = Ray::new(&view.camera, &view.pose, x, y);
-                let z = frustum.depth_at(s, Spacing::Disparity);
+                let z = frustum.depth_at(s);
                 let point = ray.origin + z * ray.direction;
-                let q: [f64; 3] = frustum.line(&ray).cube(1.0 / z);
+                let q: [f64; 3] = frustum.cube_ray(&ray).cube(1.0 / z);
                 let p = original * point;
-                prop_assert!((q[0] - (frustum.scale[0] * p.x / p.z + frustum.offset[0])).abs() < 1e-9, "u was cut: {:?}", q);
-                prop_assert!((q[1] - (frustum.scale[1] * p.y / p.z + frustum.offset[1])).abs() < 1e-9, "v was cut: {:?}", q);
+                prop_assert!((q[0] - (frustum.scale[0] * p.x / p.z + frustum.offset[0])).abs() < 1e-9, "u is clamped: {:?}", q);
+                prop_assert!((q[1] - (frustum.scale[1] * p.y / p.z + frustum.offset[1])).abs() < 1e-9, "v is clamped: {:?}", q);
             }
         }
 
         #[test]
         fn depth_and_fraction_are_inverse_and_run_from_near_to_far(x in 0.0..=1.0_f64, near in 0.1..2.0_f32, range in 1.1..20.0_f32) {
             let frustum = Frustum::of_views(&[view(Pose::identity(), near, near * range)], &SamplingConfig::default()).unwrap();
-            for spacing in [Spacing::Depth, Spacing::Disparity] {
-                prop_assert!((frustum.fraction_at(frustum.depth_at(x, spacing), spacing) - x).abs() < 1e-9);
-                prop_assert!((frustum.depth_at(0.0, spacing) - frustum.near).abs() < 1e-9 * frustum.near);
-                prop_assert!((frustum.depth_at(1.0, spacing) - frustum.far).abs() < 1e-9 * frustum.far);
-            }
+            prop_assert!((frustum.fraction_at(frustum.depth_at(x)) - x).abs() < 1e-9);
+            prop_assert!((frustum.depth_at(0.0) - frustum.near).abs() < 1e-9 * frustum.near);
+            prop_assert!((frustum.depth_at(1.0) - frustum.far).abs() < 1e-9 * frustum.far);
             prop_assert!(frustum.near < f64::from(near) && frustum.far > f64::from(near * range));
         }
     }

@@ -3,22 +3,14 @@
 use crate::config::DepthLoss;
 use crate::frustum::Frustum;
 use crate::scalar::Scalar;
-use crate::volume::{Bins, Rendered, moment_slopes};
+use crate::volume::{Bins, Rendered};
 
-/// Added to the variance inside the Gaussian likelihood, in units of the squared median depth.
-const NLL_FLOOR: f64 = 1e-5;
-
-/// A ray that hardly ends has no mean depth to speak of.
-const LEAST_OPACITY: f64 = 1e-3;
-
-/// What a ray should look like.
+/// Supervision of a ray.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Target {
     pub(crate) colour: [f64; 3],
     /// Depth hypotheses along this ray and their variances.
     pub(crate) depths: Vec<(f64, f64)>,
-    /// How much its depth should be that of the ray before it; 0 where they have nothing to do with each other.
-    pub(crate) alike: f64,
 }
 
 /// A ray's squared colour error (mean over channels) and its whole loss.
@@ -32,7 +24,7 @@ pub(crate) struct RayLoss {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct DepthTerm {
     loss: DepthLoss,
-    /// Share of the weight that the decay leaves.
+    /// The decay's factor of the weight.
     fade: f64,
 }
 
@@ -41,9 +33,7 @@ impl DepthTerm {
     pub(crate) fn at(loss: DepthLoss, progress: f64) -> Self {
         let decay = match loss {
             DepthLoss::None => 0.0,
-            DepthLoss::GaussianNll { decay, .. }
-            | DepthLoss::Wasserstein { decay, .. }
-            | DepthLoss::Distribution { decay, .. } => decay,
+            DepthLoss::Wasserstein { decay, .. } | DepthLoss::Distribution { decay, .. } => decay,
         };
         let fade = if decay > 0.0 { (1.0 - progress / decay).max(0.0) } else { 1.0 };
         Self { loss, fade }
@@ -77,91 +67,22 @@ pub(crate) fn ray_loss<T: Scalar>(
         return (RayLoss { squared_error, total }, d_colour);
     }
     let share = term.fade / target.depths.len().max(1) as f64;
-    for &(depth, variance) in &target.depths {
+    for &(depth, _) in &target.depths {
         total += match term.loss {
-            DepthLoss::None | DepthLoss::Distribution { .. } => 0.0,
-            _ if share == 0.0 => 0.0,
-            DepthLoss::GaussianNll { weight, relative_sigma, .. } => {
-                let sigma = if variance > 0.0 { variance.sqrt() } else { relative_sigma * depth };
-                gaussian_nll(depth, sigma, share * weight, rendered, bins, frustum.unit, rays, h)
-            }
-            DepthLoss::Wasserstein { weight, .. } => {
+            DepthLoss::Wasserstein { weight, .. } if share > 0.0 => {
                 wasserstein(depth, share * weight, rendered, bins, frustum, rays, h)
             }
+            _ => 0.0,
         };
     }
     (RayLoss { squared_error, total }, d_colour)
-}
-
-/// The smoothness of neighbouring rays, averaged over `rays`: the loss, and its slope in each ray's mean depth.
-pub(crate) fn smoothness<T: Scalar>(
-    targets: &[Target],
-    rendered: &[Rendered<T>],
-    rays: f64,
-    slopes: &mut Vec<f64>,
-) -> f64 {
-    slopes.clear();
-    slopes.resize(targets.len(), 0.0);
-    let mut total = 0.0;
-    for (index, target) in targets.iter().enumerate().skip(1).filter(|(_, target)| target.alike > 0.0) {
-        let [before, this] = [index - 1, index].map(|i| &rendered[i].depth);
-        if before.opacity.to_f64().min(this.opacity.to_f64()) < LEAST_OPACITY {
-            continue;
-        }
-        let [before, this] = [before, this].map(|moments| moments.mean.to_f64());
-        let difference = (this / before).ln();
-        total += target.alike * difference.abs();
-        slopes[index] += target.alike * difference.signum() / this / rays;
-        slopes[index - 1] -= target.alike * difference.signum() / before / rays;
-    }
-    total
-}
-
-/// Adds the gradients of a ray's weights, given the loss's slope in its mean depth.
-pub(crate) fn add_mean_slope<T: Scalar>(slope: f64, rendered: &Rendered<T>, bins: &Bins<T>, h: &mut [T]) {
-    let slope = T::from_f64(slope);
-    for (h, &t) in h.iter_mut().zip(&bins.depth) {
-        *h += slope * moment_slopes(&rendered.depth, t).0;
-    }
-}
-
-#[allow(clippy::too_many_arguments, reason = "one formula, called from one place")]
-fn gaussian_nll<T: Scalar>(
-    depth: f64,
-    sigma: f64,
-    weight: f64,
-    rendered: &Rendered<T>,
-    bins: &Bins<T>,
-    unit: f64,
-    rays: f64,
-    h: &mut [T],
-) -> f64 {
-    let moments = &rendered.depth;
-    if moments.opacity.to_f64() < LEAST_OPACITY {
-        return 0.0;
-    }
-    let error = (moments.mean.to_f64() - depth) / unit;
-    let variance = moments.variance.to_f64() / (unit * unit);
-    let sigma = sigma / unit;
-    if error.abs() <= sigma && variance <= sigma * sigma {
-        return 0.0;
-    }
-    let spread = variance + NLL_FLOOR;
-    let d_mean = T::from_f64(weight * error / spread / unit / rays);
-    let d_variance =
-        T::from_f64(0.5 * weight * (1.0 - error * error / spread) / spread / (unit * unit) / rays);
-    for (h, &t) in h.iter_mut().zip(&bins.depth) {
-        let (mean, variance) = moment_slopes(moments, t);
-        *h += d_mean * mean + d_variance * variance;
-    }
-    0.5 * weight * (spread.ln() + error * error / spread)
 }
 
 /// A ray's hypotheses in disparity (0 at far, 1 at near): means, and scales of logistic distributions.
 struct Mixture(Vec<(f64, f64)>);
 
 impl Mixture {
-    /// Narrower than any bin: a hypothesis that is certain is a step.
+    /// Lower bound of a scale, narrower than any bin: hypotheses of tiny variance are steps.
     const NARROWEST: f64 = 1e-6;
 
     fn new(depths: &[(f64, f64)], relative_sigma: f64, frustum: &Frustum) -> Self {
@@ -175,14 +96,14 @@ impl Mixture {
         Self(depths.iter().map(logistic).collect())
     }
 
-    /// How probable an end nearer than a disparity is.
+    /// Probability that the ray ends nearer than a disparity.
     fn nearer(&self, disparity: f64) -> f64 {
         let share = |&(mean, scale): &(f64, f64)| 1.0 / (1.0 + ((disparity - mean) / scale).exp());
         self.0.iter().map(share).sum::<f64>() / self.0.len() as f64
     }
 
-    /// The distance between the distribution functions, each interval between two samples by its middle; what escapes the
-    /// volume ends at far.
+    /// The distance between the distribution functions by the midpoint rule on the intervals between samples; the escaping
+    /// share ends at far.
     fn distance<T: Scalar>(
         &self,
         weight: f64,
@@ -214,7 +135,7 @@ impl Mixture {
     }
 }
 
-/// What escapes the volume counts as ending at far.
+/// The escaping share counts as ending at far.
 fn wasserstein<T: Scalar>(
     depth: f64,
     weight: f64,

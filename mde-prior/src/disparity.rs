@@ -1,3 +1,4 @@
+use mde_uncertainty::statistics::quantile_sorted;
 use ndarray::{Array2, ArrayView2, Zip};
 use serde::{Deserialize, Serialize};
 
@@ -133,7 +134,7 @@ impl DisparityRule {
 
     /// \\( (q_{lo}, q_{hi}) \\) of sorted values, or their extremes where the quantiles coincide.
     fn range(&self, sorted: &[f32]) -> Option<(f64, f64)> {
-        let (lo, hi) = (quantile(sorted, self.low)?, quantile(sorted, self.high)?);
+        let (lo, hi) = (quantile_sorted(sorted, self.low)?, quantile_sorted(sorted, self.high)?);
         let ends = (f64::from(*sorted.first()?), f64::from(*sorted.last()?));
         Some(if is_constant(lo, hi) { ends } else { (lo, hi) })
     }
@@ -142,12 +143,4 @@ impl DisparityRule {
 /// Whether two ends of a range differ by no more than rounding.
 fn is_constant(lo: f64, hi: f64) -> bool {
     hi - lo <= CONSTANT * lo.abs().max(hi.abs())
-}
-
-/// Quantile with linear interpolation between order statistics, \\( x_{(n-1) p} \\).
-fn quantile(sorted: &[f32], p: f64) -> Option<f64> {
-    let position = p * sorted.len().checked_sub(1)? as f64;
-    let below = f64::from(*sorted.get(position.floor() as usize)?);
-    let above = f64::from(*sorted.get(position.ceil() as usize)?);
-    Some(below + position.fract() * (above - below))
 }

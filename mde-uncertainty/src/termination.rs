@@ -17,13 +17,6 @@ pub enum InBinVariance {
     Midpoint,
     /// \\(\Delta_i^2 / 12\\): the ray ends anywhere in the bin with equal chance.
     Uniform,
-    /// The truncated exponential that a constant density implies: it moves the bin's mass towards its front,
-    ///
-    /// \\[ \mathrm{E} = \Delta\left(\tfrac1\tau - \tfrac1{e^\tau - 1}\right),\qquad \tau = -\ln(1-\alpha) \\]
-    ///
-    /// from the bin's front, and keeps the uniform bin's \\(\Delta_i^2/12\\), which bounds its variance: that the
-    /// density is constant over the bin is the model's belief, not a measurement.
-    TruncatedExponential,
 }
 
 /// The moments of a ray's termination depth.
@@ -64,7 +57,7 @@ pub fn weights<T: Real>(density: &[T], extent: &[T], weights: &mut [T]) -> T {
 ///
 /// The variance is Eq. 5 written about the mean, which is the same number: \\(m_2 - \mu_r^2\\) cancels to nothing in
 /// `f32` at 5 m and 1 mm. `depth` is the bins' representative depth, `extent` their size in the same unit, used
-/// only as `in_bin` asks. [`InBinVariance::TruncatedExponential`] reads each bin's optical depth off the weights.
+/// only with [`InBinVariance::Uniform`].
 #[inline(always)]
 pub fn moments<T: Real>(weights: &[T], depth: &[T], extent: &[T], in_bin: InBinVariance) -> Moments<T> {
     let opacity: T = weights.iter().copied().sum();
@@ -95,30 +88,9 @@ fn bins<'a, T: Real>(
     in_bin: InBinVariance,
 ) -> impl Iterator<Item = (T, T, T)> + 'a {
     let twelfth = T::from_f64(1.0 / 12.0);
-    let mut transmittance = T::ONE;
     weights.iter().zip(depth).zip(extent).map(move |((&w, &t), &d)| match in_bin {
         InBinVariance::Midpoint => (w, t - origin, T::ZERO),
         InBinVariance::Uniform => (w, t - origin, d * d * twelfth),
-        InBinVariance::TruncatedExponential => {
-            let alpha = if transmittance > T::ZERO { (w / transmittance).min(T::ONE) } else { T::ZERO };
-            transmittance = (transmittance - w).max(T::ZERO);
-            (w, t - origin + d * (front_offset(alpha) - T::from_f64(0.5)), d * d * twelfth)
-        }
-    })
-}
-
-/// Mean of the truncated exponential on a unit bin, from its front, for a bin of opacity `alpha`: 1/2 for a thin bin,
-/// 0 for an opaque one.
-fn front_offset<T: Real>(alpha: T) -> T {
-    let alpha = alpha.to_f64();
-    let tau = -(-alpha).ln_1p();
-    // 1/tau - 1/(e^tau - 1) cancels for thin bins.
-    T::from_f64(if tau < 1e-2 {
-        0.5 - tau / 12.0
-    } else if tau.is_infinite() {
-        0.0
-    } else {
-        1.0 / tau - (1.0 - alpha) / alpha
     })
 }
 
@@ -169,9 +141,7 @@ mod tests {
             let ends = (depth[0] - 0.5 * extent[0], depth[depth.len() - 1] + 0.5 * extent[extent.len() - 1]);
             let midpoint = moments(&w, &depth, &extent, InBinVariance::Midpoint);
             let uniform = moments(&w, &depth, &extent, InBinVariance::Uniform);
-            for m in [midpoint, uniform, moments(&w, &depth, &extent, InBinVariance::TruncatedExponential)] {
-                prop_assert!(m.mean >= ends.0 - 1e-12 && m.mean <= ends.1 + 1e-12);
-            }
+            prop_assert!(midpoint.mean >= ends.0 - 1e-12 && midpoint.mean <= ends.1 + 1e-12);
             prop_assert!(uniform.variance > midpoint.variance && uniform.mean == midpoint.mean);
         }
 
@@ -186,25 +156,6 @@ mod tests {
             let far = moments(&w, &to(&depth, 1024.0 * 1000.0), &to(&extent, 0.0), InBinVariance::Midpoint);
             prop_assert!((near.variance - far.variance).abs() <= 1e-6 + 1e-5 * near.variance);
         }
-    }
-
-    /// Densities of a bin, integrated finely, are what the closed form of the truncated exponential says.
-    #[test]
-    fn the_truncated_exponential_agrees_with_quadrature() {
-        for tau in [1e-4, 1e-2, 0.3, 2.0, 20.0_f64] {
-            let n = 200_000;
-            let (mut mass, mut first) = (0.0, 0.0);
-            for i in 0..n {
-                let x = (i as f64 + 0.5) / n as f64;
-                let p = (-tau * x).exp();
-                mass += p;
-                first += p * x;
-            }
-            let got: f64 = front_offset(-(-tau).exp_m1());
-            assert!((got - first / mass).abs() < 1e-8, "tau {tau}: {got} against {}", first / mass);
-        }
-        assert_eq!(front_offset(1.0_f64), 0.0);
-        assert_eq!(front_offset(0.0_f64), 0.5);
     }
 
     #[test]

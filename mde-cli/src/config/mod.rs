@@ -7,8 +7,7 @@ pub use presets::Preset;
 pub use sigma::SigmaConfig;
 
 use crate::{Error, Result};
-use mde_fusion::gmrf::{GradientConfig, GradientFuser};
-use mde_fusion::{BayesFuser, Fuser, FusionConfig};
+use mde_fusion::FusionConfig;
 use mde_nerf::NerfConfig;
 use mde_prior::{AugmentationConfig, DisparityRule};
 use mde_warp::{ReprojectConfig, ViewSampling, WarpConfig};
@@ -40,8 +39,6 @@ pub struct Config {
     pub reproject: ReprojectConfig,
     /// The fusion (Section III.E).
     pub fusion: FusionConfig,
-    /// How sure depths and steps are, for `refinement.posterior = "gradients"`.
-    pub gradient: GradientConfig,
     /// How disparity of unknown scale and shift becomes depth (Section III.B).
     pub disparity: DisparityRule,
 }
@@ -56,24 +53,11 @@ pub struct RefinementConfig {
     pub prior: IterationPrior,
     /// Whether a field is fitted where the prior was augmented.
     pub field: FieldUse,
-    /// Whether the model is asked about every synthetic view too: what it says is a hypothesis of the view's depth beside the warp.
-    pub ask_views: bool,
-    /// What makes one depth of the views' hypotheses.
-    pub consensus: Consensus,
-    /// What the prior and the field become together.
-    pub posterior: Posterior,
 }
 
 impl Default for RefinementConfig {
     fn default() -> Self {
-        Self {
-            iterations: 2,
-            prior: IterationPrior::Carry,
-            field: FieldUse::Always,
-            ask_views: false,
-            consensus: Consensus::Field,
-            posterior: Posterior::Pixels,
-        }
+        Self { iterations: 2, prior: IterationPrior::Carry, field: FieldUse::Always }
     }
 }
 
@@ -96,28 +80,6 @@ pub enum FieldUse {
     WithoutAugmentation,
 }
 
-/// What makes one depth of the views' hypotheses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Consensus {
-    /// The radiance field that is fitted to them and to the views' colours.
-    #[default]
-    Field,
-    /// Their precision-weighted mean, reprojected ([`AveragedField`](crate::AveragedField)): what a field must beat.
-    Average,
-}
-
-/// What the prior and the field become together.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Posterior {
-    /// Each pixel by itself (Eq. 16-17).
-    #[default]
-    Pixels,
-    /// The prior's depths with the field's steps between neighbours ([`GradientFuser`]).
-    Gradients,
-}
-
 /// The fusion's prior from the second iteration on; the refined depth always makes the next warps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -125,8 +87,6 @@ pub enum IterationPrior {
     /// The refined depth with its variance per pixel, as the paper says: "which initialize the next cycle".
     #[default]
     Carry,
-    /// The refined depth, its variance estimated anew.
-    Reestimate,
     /// The original monocular depth, its variance estimated anew: no image is counted twice.
     Anchor,
 }
@@ -164,7 +124,6 @@ impl Default for Config {
             novel: NovelViews::default(),
             reproject: ReprojectConfig::default(),
             fusion: FusionConfig::default(),
-            gradient: GradientConfig::default(),
             disparity: DisparityRule::default(),
         }
     }
@@ -201,17 +160,6 @@ impl Config {
         Self::with_overrides(preset, &text, &path.display().to_string())
     }
 
-    /// The fuser that the settings name.
-    ///
-    /// # Errors
-    /// [`Error::Fusion`] for a value out of range.
-    pub fn fuser(&self) -> Result<Box<dyn Fuser>> {
-        Ok(match self.refinement.posterior {
-            Posterior::Pixels => Box::new(BayesFuser::new(self.fusion.clone())?),
-            Posterior::Gradients => Box::new(GradientFuser::new(self.fusion.clone(), self.gradient.clone())?),
-        })
-    }
-
     /// The whole configuration as TOML.
     ///
     /// # Errors
@@ -244,7 +192,6 @@ impl Config {
         self.reproject.validate()?;
         self.nerf.validate()?;
         self.fusion.validate()?;
-        self.gradient.validate()?;
         self.disparity.validate()?;
         Ok(())
     }

@@ -1,8 +1,9 @@
 //! Uncertainties that anybody could state: what a method's own must beat.
 
 use super::known;
-use crate::raster::{erode, gather, median, same_shape, sobel};
+use crate::raster::{erode, gather, same_shape, sobel};
 use crate::{Error, Result};
+use mde_uncertainty::statistics::median;
 use ndarray::{Array2, ArrayView2, ArrayView3, Zip};
 
 /// Typical sigma of all of them, as a fraction of the median depth.

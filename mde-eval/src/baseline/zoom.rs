@@ -26,7 +26,9 @@ impl Refiner for ZoomMerge {
         check(task, &[])?;
         // Missing depth takes part as the median, and is missing again in the end.
         let all: Vec<f64> = task.prior.iter().filter(|d| known(**d)).map(|d| f64::from(*d)).collect();
-        let Some(middle) = crate::raster::median(all) else { return Ok(task.prior.mapv(|_| 0.0).into()) };
+        let Some(middle) = mde_uncertainty::statistics::median(all) else {
+            return Ok(task.prior.mapv(|_| 0.0).into());
+        };
         let mut logs = task.prior.mapv(|d| if known(d) { f64::from(d).ln() } else { middle.ln() });
         for &n in self.grids.iter().filter(|n| **n > 1) {
             let change = grid(task, &logs, n)?;

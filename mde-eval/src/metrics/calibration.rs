@@ -5,9 +5,10 @@
 //! All functions here: [`Error::Length`] where the lists differ, [`Error::Empty`] without pixels, [`Error::Value`] for an error
 //! that is not finite or a sigma that is not positive and finite.
 
-use super::rank::Order;
-use crate::special::{FRAC_1_SQRT_PI, erf};
+use super::rank::expected;
 use crate::{Error, Result};
+use mde_uncertainty::normal::{FRAC_1_SQRT_PI, density, erf};
+use mde_uncertainty::statistics::Order;
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 /// Negative log-likelihood of the truth, in nats a pixel:
@@ -23,8 +24,7 @@ pub fn nll(errors: &[f64], sigma: &[f64]) -> Result<f64> {
 pub fn crps(errors: &[f64], sigma: &[f64]) -> Result<f64> {
     mean(errors, sigma, |e, s| {
         let z = e / s;
-        let density = (-0.5 * z * z).exp() * FRAC_1_SQRT_2 * FRAC_1_SQRT_PI;
-        s * (z * erf(z * FRAC_1_SQRT_2) + 2.0 * density - FRAC_1_SQRT_PI)
+        s * (z * erf(z * FRAC_1_SQRT_2) + 2.0 * density(z) - FRAC_1_SQRT_PI)
     })
 }
 
@@ -110,7 +110,7 @@ pub fn calibration_errors(errors: &[f64], sigma: &[f64]) -> Result<CalibrationEr
 ///     \mathrm{RMV}_b^2 = \operatorname{mean}_b s^2,\quad \mathrm{RMSE}_b^2 = \operatorname{mean}_b e^2 \\]
 pub fn ence(errors: &[f64], sigma: &[f64], bins: usize) -> Result<f64> {
     check(errors, sigma)?;
-    ence_in_order(errors, sigma, &Order::new("sigma", sigma)?, bins)
+    ence_in_order(errors, sigma, &Order::new(sigma)?, bins)
 }
 
 pub(crate) fn ence_in_order(errors: &[f64], sigma: &[f64], order: &Order, bins: usize) -> Result<f64> {
@@ -123,7 +123,7 @@ pub(crate) fn ence_in_order(errors: &[f64], sigma: &[f64], order: &Order, bins: 
     }
     let square = |values: &[f64]| values.iter().map(|v| v * v).collect::<Vec<_>>();
     let (squares, variances) = (square(errors), square(sigma));
-    let (squares, variances) = (order.expected(sigma, &squares), order.expected(sigma, &variances));
+    let (squares, variances) = (expected(order, &squares), expected(order, &variances));
     let (n, bins) = (errors.len(), bins.min(errors.len()));
     let root_mean = |values: &[f64]| (values.iter().sum::<f64>() / values.len() as f64).sqrt();
     let total: f64 = (0..bins)
@@ -165,7 +165,7 @@ fn check(errors: &[f64], sigma: &[f64]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mde_warp::random::CounterRng;
+    use mde_uncertainty::random::CounterRng;
     use proptest::prelude::*;
     use rand_distr::{Distribution, StandardNormal};
 

@@ -2,7 +2,7 @@
 
 use crate::raster::same_shape;
 use crate::{Error, Result};
-use mde_warp::random::CounterRng;
+use mde_uncertainty::random::CounterRng;
 use ndarray::ArrayView2;
 use rand::RngExt;
 use serde::{Deserialize, Serialize};

@@ -3,8 +3,9 @@
 //! Steepness is no quality: noise and unsharp masking raise it. It means something only beside its split into pixels near
 //! the true edges, where it should rise, and pixels away from them, where it should not.
 
-use crate::raster::{distance_to, erode, gather, median, same_shape, sobel};
+use crate::raster::{distance_to, erode, gather, same_shape, sobel};
 use crate::{Error, Result};
+use mde_uncertainty::statistics::median;
 use ndarray::{ArrayView2, Zip};
 
 /// Mean gradient of the map over its median depth, per pixel:

@@ -6,8 +6,9 @@
 //! sigma leave together: their mean stands for each of them, which is the expectation over how ties are broken. A
 //! constant sigma therefore gives the random curve and not an accident of the pixels' order.
 
-use super::rank::{Order, spearman};
+use super::rank::{expected, spearman};
 use crate::{Error, Result};
+use mde_uncertainty::statistics::Order;
 
 /// How the kept costs become one number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,7 +63,7 @@ impl Sparsification {
 /// # Errors
 /// [`Error::Length`] where the lists differ, [`Error::Empty`] without pixels, [`Error::Value`] for a NaN or a negative cost.
 pub fn sparsify(costs: &[f64], sigma: &[f64], reduction: Reduction) -> Result<Sparsification> {
-    let order = Order::new("sigma", sigma)?;
+    let order = Order::new(sigma)?;
     Costs::new(costs, sigma, &order)?.normalised(reduction)
 }
 
@@ -76,7 +77,7 @@ pub fn sparsify(costs: &[f64], sigma: &[f64], reduction: Reduction) -> Result<Sp
 /// # Errors
 /// As [`sparsify`].
 pub fn sparsify_poggi(costs: &[f64], sigma: &[f64], reduction: Reduction) -> Result<Sparsification> {
-    let order = Order::new("sigma", sigma)?;
+    let order = Order::new(sigma)?;
     Costs::new(costs, sigma, &order)?.poggi(reduction)
 }
 
@@ -96,7 +97,7 @@ impl Costs {
     /// With the costs in rising order, too.
     pub(crate) fn with_sorted(costs: &[f64], sigma: &[f64], order: &Order, own: &[f64]) -> Result<Self> {
         check(costs, sigma)?;
-        Ok(Self { by_sigma: running_sums(&order.expected(sigma, costs)), oracle: running_sums(own) })
+        Ok(Self { by_sigma: running_sums(&expected(order, costs)), oracle: running_sums(own) })
     }
 
     pub(crate) fn normalised(&self, reduction: Reduction) -> Result<Sparsification> {
@@ -158,7 +159,7 @@ pub struct UncertaintyBin {
 /// As [`sparsify`]; [`Error::Config`] for 0 bins.
 pub fn costs_by_uncertainty(costs: &[f64], sigma: &[f64], bins: usize) -> Result<Vec<UncertaintyBin>> {
     check(costs, sigma)?;
-    bin(costs, sigma, &Order::new("sigma", sigma)?, bins)
+    bin(costs, sigma, &Order::new(sigma)?, bins)
 }
 
 pub(crate) fn bin(costs: &[f64], sigma: &[f64], order: &Order, bins: usize) -> Result<Vec<UncertaintyBin>> {
@@ -166,7 +167,7 @@ pub(crate) fn bin(costs: &[f64], sigma: &[f64], order: &Order, bins: usize) -> R
         return Err(Error::Config { field: "bins", value: "0".into(), expected: "at least 1" });
     }
     let (n, bins) = (costs.len(), bins.min(costs.len()));
-    let (sigma, costs) = (order.expected(sigma, sigma), order.expected(sigma, costs));
+    let (sigma, costs) = (expected(order, sigma), expected(order, costs));
     // About the first value: the mean of equal values is that value, and bins of ties are ties.
     let mean =
         |values: &[f64]| values[0] + values.iter().map(|v| v - values[0]).sum::<f64>() / values.len() as f64;
@@ -186,7 +187,7 @@ pub(crate) fn bin(costs: &[f64], sigma: &[f64], order: &Order, bins: usize) -> R
 /// None for bins that [`costs_by_uncertainty`] made.
 pub fn spearman_of_bins(bins: &[UncertaintyBin]) -> Result<Option<f64>> {
     let (sigma, costs): (Vec<f64>, Vec<f64>) = bins.iter().map(|bin| (bin.sigma, bin.cost)).unzip();
-    spearman(&sigma, &costs)
+    Ok(spearman(&sigma, &costs)?)
 }
 
 fn check(costs: &[f64], sigma: &[f64]) -> Result<()> {

@@ -2,7 +2,7 @@
 
 use super::solid::{Body, Shape, Vector};
 use super::texture::{Colour, Material, Texture, rgb};
-use mde_warp::random::CounterRng;
+use mde_uncertainty::random::CounterRng;
 use nalgebra::{Matrix3, Rotation3};
 use rand::RngExt;
 

@@ -2,9 +2,8 @@ use super::ScoreConfig;
 use crate::Result;
 use crate::align::Alignment;
 use crate::metrics::calibration;
-use crate::metrics::rank::{Order, spearman_in_order};
 use crate::metrics::sparsification::{Costs, Reduction, Sparsification, bin, spearman_of_bins};
-use crate::statistics::quantile;
+use mde_uncertainty::statistics::{Order, pearson, quantile_sorted};
 use ndarray::{Array2, ArrayView2};
 use serde::{Deserialize, Serialize};
 
@@ -124,7 +123,7 @@ pub(super) fn gather(
     if errors.is_empty() {
         return Ok(None);
     }
-    let order = Order::new("sigma", &sigmas)?;
+    let order = Order::new(&sigmas)?;
     let [errors, sigma, truth] = [&errors, &sigmas, &truths].map(|values| order.apply(values));
     let absolute = errors.iter().map(|e: &f64| e.abs()).collect();
     Ok(Some(Lists { order: Order::of_sorted(&sigma), errors, sigma, truth, absolute }))
@@ -136,7 +135,7 @@ pub(super) fn scores(lists: &Lists, config: &ScoreConfig) -> Result<UncertaintyS
     let relative: Vec<f64> = absolute.iter().zip(truth).map(|(e, g)| e / g).collect();
     let outlier = |(e, g): (&f64, &f64)| f64::from(u8::from((g + e).max(*g) >= 1.25 * (g + e).min(*g)));
     let outliers: Vec<f64> = errors.iter().zip(truth).map(outlier).collect();
-    let by_error = Order::new("the error", absolute)?;
+    let by_error = Order::new(absolute)?;
     let sorted = by_error.apply(absolute);
     let sorted_squares: Vec<f64> = sorted.iter().map(|e| e * e).collect();
     let by_square = Costs::with_sorted(&squared, sigma, order, &sorted_squares)?;
@@ -148,7 +147,7 @@ pub(super) fn scores(lists: &Lists, config: &ScoreConfig) -> Result<UncertaintyS
     let calibrated = calibration::calibration_errors(errors, sigma)?;
     Ok(UncertaintyScores {
         pixels: errors.len(),
-        spearman: spearman_in_order((sigma, order), (absolute, &by_error)),
+        spearman: pearson(&order.ranks(), &by_error.ranks()),
         spearman_binned: spearman_of_bins(&bin(absolute, sigma, order, config.spearman_bins)?)?,
         mae: by_error_size.normalised(Reduction::Mean)?.into(),
         rmse: by_square.normalised(Reduction::RootMean)?.into(),
@@ -181,6 +180,6 @@ pub(super) fn curves(lists: &Lists) -> Result<UncertaintyCurves> {
         by_sigma,
         oracle,
         random,
-        abs_z_quantiles: (0..=100).map(|k| quantile(&z, f64::from(k) / 100.0)).collect(),
+        abs_z_quantiles: (0..=100).filter_map(|k| quantile_sorted(&z, f64::from(k) / 100.0)).collect(),
     })
 }

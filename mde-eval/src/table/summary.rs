@@ -1,8 +1,8 @@
 use super::{Entry, METRICS, Metric};
 use crate::metrics::bsds::{BoundaryCounts, ods};
-use crate::metrics::rank::average_ranks;
 use crate::statistics::{Bootstrap, Estimate};
 use crate::{Error, Result};
+use mde_uncertainty::statistics::{average_ranks, median};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -175,7 +175,7 @@ impl<'e> Values<'e> {
         Ok(Some(Statistics {
             scenes: values.len(),
             mean: values.iter().sum::<f64>() / values.len() as f64,
-            median: crate::raster::median(values).unwrap_or(f64::NAN),
+            median: median(values).unwrap_or(f64::NAN),
             paired: x.len(),
             difference: if paired { Some(bootstrap.difference(&x, &r)?) } else { None },
             ratio: if paired && r.iter().all(|r| *r >= 0.0) { bootstrap.ratio(&x, &r)? } else { None },

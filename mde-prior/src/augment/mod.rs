@@ -288,46 +288,6 @@ impl AugmentationConfig {
     }
 }
 
-/// What `answer` says, brought to the gauge of `reference`: the local regression above, once, with the whole picture as its crop.
-/// Both are positive depths `[height, width]`, 0 where missing; the result is missing where the answer is.
-///
-/// The reference gives the low frequencies, the answer the detail, as far as they agree (`agreement` is \\(q\\)); `window` is the
-/// window's standard deviation as a share of the sides. Where the reference is missing, the answer stands, scaled as a whole.
-///
-/// # Errors
-/// [`Error::Input`] for maps of two sizes, or where they have no pixel in common.
-pub fn regressed(
-    answer: ArrayView2<'_, f32>,
-    reference: ArrayView2<'_, f32>,
-    window: f64,
-    agreement: f64,
-) -> Result<Array2<f32>> {
-    if answer.dim() != reference.dim() {
-        let reason = format!(
-            "the answer is {:?} but the reference {:?}; give one size",
-            answer.dim(),
-            reference.dim()
-        );
-        return Err(Error::Input(reason));
-    }
-    let known = answer.iter().zip(&reference).filter(|(a, r)| **a > 0.0 && **r > 0.0);
-    let mut ratios: Vec<f32> = known.map(|(a, r)| (r / a).ln()).collect();
-    ratios.sort_unstable_by(f32::total_cmp);
-    let Some(&scale) = ratios.get(ratios.len() / 2) else {
-        return Err(Error::Input(
-            "answer and reference have no pixel in common; give maps that overlap".into(),
-        ));
-    };
-    let logs = answer.mapv(|a| if a > 0.0 { a.ln() + scale } else { 0.0 });
-    let target = Zip::from(&logs).and(reference).map_collect(|&l, &r| if r > 0.0 { r.ln() } else { l });
-    let change = regression::change(logs.view(), target.view(), window, agreement);
-    Ok(Zip::from(answer).and(&target).and(&change).map_collect(
-        |&a, &t, &c| {
-            if a > 0.0 { (t + c).exp() } else { 0.0 }
-        },
-    ))
-}
-
 impl Augmented {
     /// The spread as a fraction of the depth \\(z\\), `[height, width]`, where `depth` is the merged map as depth: the spread
     /// of \\(\ln z\\) itself, or \\(z \alpha\\) times that of disparities with \\(1/z = \alpha d + \beta\\).

@@ -120,9 +120,6 @@ pub(crate) const ROWS: &[Row] = &[
     row("heteroscedastic", "sigma_o by pixel (D7)", |c| {
         c.fusion.prior_variance = PriorVariance::Heteroscedastic;
     }),
-    row("lateral", "sideways uncertainty and flying pixels (D8)", |c| {
-        (c.reproject.lateral, c.reproject.drop_flying) = (true, true);
-    }),
     row("all", "D1 to D7 and strict guards together", all_remedies),
 ];
 

@@ -107,14 +107,21 @@ impl PriorPlan {
         matches!(self, Self::Model(_) | Self::SimulatedModel(_))
     }
 
+    /// Identifies the model's file, where there is one.
+    pub(crate) fn model_hash(&self) -> Result<Option<String>> {
+        match self {
+            Self::Model(args) => Ok(NamedPrior::open(args)?.origin.model_hash),
+            _ => Ok(None),
+        }
+    }
+
     /// What the record says of it.
     pub(crate) fn describe(&self) -> Result<Value> {
         Ok(match self {
             Self::Model(args) => {
                 let Some(path) = &args.source.prior_model else { bail!("no model is named") };
                 let origin = NamedPrior::open(args)?.origin;
-                let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
-                json!({ "model": file_name(path), "crc32": crc32fast::hash(&bytes), "kind": origin.kind,
+                json!({ "model": file_name(path), "crc32": origin.model_hash, "kind": origin.kind,
                         "settings": origin.model })
             }
             Self::Folder(path, args) => {

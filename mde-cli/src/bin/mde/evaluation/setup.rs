@@ -101,6 +101,11 @@ impl<'a> Setup<'a> {
         self.prior.accepts_new_images()
     }
 
+    /// Identifies the model's file, where there is one.
+    pub(crate) fn model_hash(&self) -> Result<Option<String>> {
+        self.prior.model_hash()
+    }
+
     /// Removes the folder again if nothing is in it.
     pub(crate) fn discard_if_empty(&self) {
         self.store.discard_if_empty();

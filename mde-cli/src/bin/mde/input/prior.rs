@@ -26,6 +26,9 @@ pub(crate) struct PriorOrigin {
     pub(crate) source: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) model: Option<ModelSpec>,
+    /// Identifies the model's file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) model_hash: Option<String>,
 }
 
 impl NamedPrior {
@@ -51,11 +54,14 @@ impl NamedPrior {
         let options = read_options("--png-scale", args.png_scale, args.prior_encoding.into())?;
         let prior = Box::new(FilePrior::with_options(path, kind, &options)?);
         let source = path.display().to_string();
-        Ok(Self { prior, origin: PriorOrigin { kind, source, model: None } })
+        let origin = PriorOrigin { kind, source, model: None, model_hash: None };
+        Ok(Self { prior, origin })
     }
 
     #[cfg(feature = "onnx")]
     fn model(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
+        use anyhow::Context;
+        use mde_cli::calibration::hash;
         use mde_prior::OnnxPrior;
         let mut spec = match &args.model_profile {
             Some(name) => ModelSpec::profile(name)?,
@@ -68,8 +74,14 @@ impl NamedPrior {
             spec.output_floor = spec.output_floor.filter(|_| kind.is_depth());
         }
         let prior = Box::new(OnnxPrior::open(path, &spec)?);
-        let source = path.display().to_string();
-        Ok(Self { prior, origin: PriorOrigin { kind: spec.output, source, model: Some(spec) } })
+        let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+        let origin = PriorOrigin {
+            kind: spec.output,
+            source: path.display().to_string(),
+            model: Some(spec),
+            model_hash: Some(hash(&bytes)),
+        };
+        Ok(Self { prior, origin })
     }
 
     #[cfg(not(feature = "onnx"))]

@@ -2,6 +2,7 @@
 
 use crate::output::canvas::{Canvas, Colour, colour_at, resized, text_height, text_width};
 use colorous::{Gradient, MAGMA, VIRIDIS};
+use mde_uncertainty::statistics::quantile_sorted;
 use mde_warp::PosedView;
 use ndarray::{Array3, ArrayView2, ArrayView3, Zip};
 
@@ -152,8 +153,7 @@ fn known(value: f32) -> bool {
 pub(crate) fn usual_range<'v>(values: impl Iterator<Item = &'v f32>) -> [f64; 2] {
     let mut values: Vec<f32> = values.copied().filter(|&v| known(v)).collect();
     values.sort_unstable_by(f32::total_cmp);
-    let last = values.len().saturating_sub(1) as f64;
-    [0.01, 0.99].map(|share| values.get((share * last).round() as usize).map_or(0.0, |&v| f64::from(v)))
+    [0.01, 0.99].map(|p| quantile_sorted(&values, p).unwrap_or(0.0))
 }
 
 #[cfg(test)]

@@ -1,13 +1,14 @@
 //! What a run changed, in a few words.
 
 use mde_cli::Refinement;
+use mde_uncertainty::statistics::{median, quantile};
 
 /// Two lines: how far the depth moved and how sure it is; and what the last fusion estimated.
 pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
     let depth = refinement.depth.mean();
     let moved =
         |(new, old): (&f32, &f32)| (*new > 0.0 && *old > 0.0).then(|| f64::from((new / old - 1.0).abs()));
-    let moves: Vec<f64> = depth.iter().zip(&refinement.prior).filter_map(moved).collect();
+    let mut moves: Vec<f64> = depth.iter().zip(&refinement.prior).filter_map(moved).collect();
     let sigma = refinement.depth.sigma();
     let known: Vec<f64> = sigma.iter().filter(|s| s.is_finite()).map(|s| f64::from(*s)).collect();
     let relative: Vec<f64> = depth
@@ -21,10 +22,10 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
     let unit = if unit == "unscaled" { String::new() } else { format!(" {unit}") };
     let mut lines = vec![format!(
         "depth moved by {} at the median pixel ({} at nine of ten); sigma {}{unit} at the median, {} of the depth",
-        percent(quantile(moves.clone(), 0.5)),
-        percent(quantile(moves, 0.9)),
-        quantile(known, 0.5).map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
-        percent(quantile(relative, 0.5)),
+        percent(median(moves.iter().copied())),
+        percent(quantile(&mut moves, 0.9)),
+        median(known).map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
+        percent(median(relative)),
     )];
     if let Some(last) = refinement.iterations.last() {
         let (fusion, psnr) = (&last.fusion, last.fit.psnr.first());
@@ -39,22 +40,4 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
         ));
     }
     lines.join("\n")
-}
-
-fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    let place = (share * values.len().saturating_sub(1) as f64).round() as usize;
-    values.get(place).copied()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_of_few_and_of_none() {
-        assert_eq!(quantile(vec![3.0, 1.0, 2.0], 0.5), Some(2.0));
-        assert_eq!(quantile(vec![3.0, 1.0, 2.0], 0.9), Some(3.0));
-        assert_eq!(quantile(Vec::new(), 0.5), None);
-    }
 }

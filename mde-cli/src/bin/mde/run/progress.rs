@@ -5,7 +5,7 @@ use crate::run::interrupt;
 use crate::terminal::{columns, fitted, wrapped};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use mde_cli::{Event, Stage};
-use mde_nerf::Event as FieldEvent;
+use mde_nerf::FieldEvent;
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::io::{self, IsTerminal, Write};

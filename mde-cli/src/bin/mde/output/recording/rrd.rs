@@ -259,7 +259,7 @@ fn map(values: ArrayView2<'_, f32>, colours: Colormap) -> DepthImage {
 mod tests {
     use super::*;
     use crate::output::export::tests::{SIZE, with_plane};
-    use mde_nerf::{FitReport, Observer, RenderedView};
+    use mde_nerf::{FieldCallback, FitReport, RenderedView};
     use re_log_encoding::DecoderApp;
     use re_log_types::TimeInt;
     use std::collections::BTreeMap;
@@ -267,7 +267,7 @@ mod tests {
     struct Wall;
 
     impl RadianceField for Wall {
-        fn fit(&mut self, _: &[PosedView], _: &mut dyn Observer) -> mde_nerf::Result<FitReport> {
+        fn fit(&mut self, _: &[PosedView], _: &mut dyn FieldCallback) -> mde_nerf::Result<FitReport> {
             Ok(FitReport { steps: 30, ..FitReport::default() })
         }
 
@@ -275,7 +275,7 @@ mod tests {
             &self,
             _: &PinholeCamera,
             _: &Pose,
-            _: &mut dyn Observer,
+            _: &mut dyn FieldCallback,
         ) -> mde_nerf::Result<RenderedView> {
             Err(mde_nerf::Error::NotFitted)
         }

@@ -1,7 +1,7 @@
-//! One seed, and a counter for everything drawn from it.
+//! Random numbers from one seed and a counter.
 //!
-//! A draw depends only on `(seed, purpose, step, index)`, never on which thread asks first, so a run gives the same
-//! bits with any number of threads.
+//! A draw depends on `(seed, purpose, step, index)` only, never on the order in which threads draw, so that a run gives the
+//! same bits with any number of threads.
 
 use rand::TryRng;
 use std::convert::Infallible;
@@ -9,10 +9,10 @@ use std::convert::Infallible;
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// A stream of random bits for one `(seed, purpose, step, index)`: SplitMix64 (Steele, Lea and Flood, 2014) from a hashed
-/// start. Any [`rand`] distribution can draw from it.
+/// state. A generator for any distribution of [`rand`].
 ///
 /// ```
-/// use mde_warp::random::CounterRng;
+/// use mde_uncertainty::random::CounterRng;
 /// use rand::RngExt;
 ///
 /// let draw = |index| CounterRng::new(7, "doc-example", 0, index).random::<f64>();
@@ -25,7 +25,7 @@ pub struct CounterRng {
 }
 
 impl CounterRng {
-    /// The stream of `seed` for one `purpose` (a name that no other use of the seed has), `step` and `index`.
+    /// The stream of `seed` for one `purpose` (a name that is unique to this use of the seed), `step` and `index`.
     pub fn new(seed: u64, purpose: &str, step: u64, index: u64) -> Self {
         // FNV-1a of the name; the mixing below does the rest.
         let purpose = purpose.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
@@ -36,6 +36,26 @@ impl CounterRng {
             .fold(mix(seed), |state, word| mix(state ^ mix(word.wrapping_add(GOLDEN))));
         Self { state }
     }
+
+    fn bits(&mut self) -> u64 {
+        self.state = self.state.wrapping_add(GOLDEN);
+        mix(self.state)
+    }
+}
+
+/// A seed of its own for the `index`-th use of `seed` for one `purpose`.
+///
+/// Sums such as `seed + index` make neighbouring seeds share draws; derived seeds are hashed, and coincide with others or with
+/// small seeds with a probability of about \\(2^{-64}\\) each.
+///
+/// ```
+/// use mde_uncertainty::random::derived_seed;
+///
+/// assert_eq!(derived_seed(0, "poses", 1), derived_seed(0, "poses", 1));
+/// assert_ne!(derived_seed(0, "poses", 1), derived_seed(1, "poses", 0));
+/// ```
+pub fn derived_seed(seed: u64, purpose: &str, index: u64) -> u64 {
+    CounterRng::new(seed, purpose, index, 0).bits()
 }
 
 fn mix(mut z: u64) -> u64 {
@@ -48,17 +68,16 @@ impl TryRng for CounterRng {
     type Error = Infallible;
 
     fn try_next_u32(&mut self) -> Result<u32, Infallible> {
-        Ok((self.try_next_u64()? >> 32) as u32)
+        Ok((self.bits() >> 32) as u32)
     }
 
     fn try_next_u64(&mut self) -> Result<u64, Infallible> {
-        self.state = self.state.wrapping_add(GOLDEN);
-        Ok(mix(self.state))
+        Ok(self.bits())
     }
 
     fn try_fill_bytes(&mut self, bytes: &mut [u8]) -> Result<(), Infallible> {
         for chunk in bytes.chunks_mut(8) {
-            chunk.copy_from_slice(&self.try_next_u64()?.to_le_bytes()[..chunk.len()]);
+            chunk.copy_from_slice(&self.bits().to_le_bytes()[..chunk.len()]);
         }
         Ok(())
     }
@@ -82,6 +101,16 @@ mod tests {
         ] {
             assert_ne!(base, other);
         }
+    }
+
+    /// Runs with neighbouring seeds share no seed for any of their iterations.
+    #[test]
+    fn derived_seeds_of_neighbouring_seeds_differ() {
+        let mut all: Vec<u64> =
+            (0..100).flat_map(|seed| (0..100).map(move |index| derived_seed(seed, "field", index))).collect();
+        all.extend(0..100);
+        all.sort_unstable();
+        assert!(all.windows(2).all(|pair| pair[0] != pair[1]));
     }
 
     /// Neighbouring counters must look independent: mean 1/2, variance 1/12, and no lag correlation over indices.
