@@ -16,10 +16,6 @@ impl DepthPrior for Known {
     fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         PriorDepth::from_values(self.0.clone(), DepthKind::Metric)
     }
-
-    fn answers_anew(&self) -> bool {
-        false
-    }
 }
 
 /// The fuser, and the check that each fused depth lies between the prior's and the views'.

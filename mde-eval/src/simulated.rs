@@ -1,4 +1,4 @@
-//! Priors made from the truth, with the faults that monocular networks have: a map, and a model that can be asked again.
+//! Priors made from the truth, with the faults that monocular networks have: a map, and a model that takes crops and mirror images.
 
 mod model;
 
@@ -140,7 +140,7 @@ impl SimulatedPrior {
         Ok(Self { prediction })
     }
 
-    /// Its prediction.
+    /// Its prediction for the image.
     pub fn prediction(&self) -> &PriorDepth {
         &self.prediction
     }
@@ -159,10 +159,6 @@ impl DepthPrior for SimulatedPrior {
             "the simulated prior is {}x{} but the image is {width}x{height} (width x height); resize the image",
             shape.1, shape.0
         )))
-    }
-
-    fn answers_anew(&self) -> bool {
-        false
     }
 }
 

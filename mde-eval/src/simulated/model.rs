@@ -16,7 +16,7 @@ pub struct SimulatedModelConfig {
     pub lost_width: f64,
     /// Standard deviation of the logarithm of a low-frequency error that is the same in all answers.
     pub shared_error: f64,
-    /// Standard deviation of the logarithm of a low-frequency error that each question has its own of.
+    /// Standard deviation of the logarithm of a low-frequency error that each prediction has its own of.
     pub own_error: f64,
     /// Shortest wavelength of both, as a fraction of the width of what they bend.
     pub wavelength: f64,
@@ -144,7 +144,7 @@ impl SimulatedModel {
     }
 
     /// The disparity of a part of the photograph, as the network sees it.
-    fn seen(&self, part: ArrayView2<'_, f64>, question: u64) -> Array2<f64> {
+    fn seen(&self, part: ArrayView2<'_, f64>, draw: u64) -> Array2<f64> {
         let SimulatedModelConfig { side, lost_cells, own_error, wavelength, seed, .. } = self.config;
         let cells = (side.min(part.nrows()), side.min(part.ncols()));
         let mut small = shrunk(part, cells);
@@ -154,7 +154,7 @@ impl SimulatedModel {
             small = close(&small.mapv(|d| d.recip() as f32), &known, radius).mapv(f64::recip);
         }
         if own_error > 0.0 {
-            let bend = waves(cells, wavelength, ("simulated-question", seed, question));
+            let bend = waves(cells, wavelength, ("simulated-question", seed, draw));
             small.zip_mut_with(&bend, |d, f| *d *= (-own_error * f).exp());
         }
         grown(small.view(), part.dim())
@@ -173,13 +173,17 @@ impl DepthPrior for SimulatedModel {
         };
         let (height, width, _) = image.dim();
         let place = [y, x, height, width, usize::from(mirrored)];
-        let question =
+        let draw =
             place.iter().fold(0, |hash: u64, &part| hash.wrapping_mul(0x1_0001).wrapping_add(part as u64));
-        let mut seen = self.seen(self.disparity.slice(s![y..y + height, x..x + width]), question);
+        let mut seen = self.seen(self.disparity.slice(s![y..y + height, x..x + width]), draw);
         if mirrored {
             seen.invert_axis(ndarray::Axis(1));
         }
         PriorDepth::from_values(seen.mapv(|d| d.recip() as f32), DepthKind::Metric)
+    }
+
+    fn accepts_new_images(&self) -> bool {
+        true
     }
 }
 
@@ -219,9 +223,9 @@ mod tests {
         (SimulatedModel::new(&scene.image, &scene.depth, config).unwrap(), scene.image, scene.depth)
     }
 
-    fn error(answer: &PriorDepth, truth: ArrayView2<'_, f32>) -> f32 {
-        let logs = answer.map.iter().zip(truth).map(|(a, t)| (a / t).ln().abs());
-        logs.sum::<f32>() / answer.map.len() as f32
+    fn error(prediction: &PriorDepth, truth: ArrayView2<'_, f32>) -> f32 {
+        let logs = prediction.map.iter().zip(truth).map(|(a, t)| (a / t).ln().abs());
+        logs.sum::<f32>() / prediction.map.len() as f32
     }
 
     #[test]
@@ -248,12 +252,12 @@ mod tests {
     }
 
     #[test]
-    fn own_errors_differ_between_questions_and_shared_ones_do_not() {
+    fn own_errors_differ_between_predictions_and_shared_ones_do_not() {
         let faults = |shared_error, own_error| {
             let config =
                 SimulatedModelConfig { shared_error, own_error, ..SimulatedModelConfig::small(4096) };
             let (model, image, depth) = model(config);
-            let bend = |answer: PriorDepth, truth: &Array2<f32>| (answer.map / truth).mapv(f32::ln);
+            let bend = |prediction: PriorDepth, truth: &Array2<f32>| (prediction.map / truth).mapv(f32::ln);
             let straight = bend(model.predict(image.view()).unwrap(), &depth);
             let mirror = bend(
                 model.predict(image.slice(s![.., ..;-1, ..])).unwrap(),

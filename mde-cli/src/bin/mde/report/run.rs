@@ -136,10 +136,11 @@ impl PriorSigma {
             }
             false => String::new(),
         };
-        let note = if record["evidence"]["questions"].as_u64().is_some_and(|n| n > 1) || iterations.is_empty()
+        let note = if record["augmentation"]["predictions"].as_u64().is_some_and(|n| n > 1)
+            || iterations.is_empty()
         {
             format!(
-                "The prior's ± is the common error of {:.0} % of the depth: one answer shows no error of its own.",
+                "The prior's ± is the common error of {:.0} % of the depth: a single prediction gives no spread.",
                 100.0 * common
             )
         } else {

@@ -49,8 +49,8 @@ function headline(record, maps, unit) {
     card(percent(median), `the depth moved at the median pixel; ${percent(most)} at nine of ten`),
     card(`± ${number(quantiles(maps.sigma, [0.5])[0])}${unit}`, `sigma at the median pixel: ${percent(quantiles(relative, [0.5])[0])} of the depth`),
   ];
-  const asked = record.evidence?.questions ?? 1;
-  if (asked > 1) cards.push(card(String(asked), `answers of the model, about crops and mirror images; they differ by ${percent(record.evidence.median_spread ?? NaN)} at the median pixel`));
+  const predictions = record.augmentation?.predictions ?? 1;
+  if (predictions > 1) cards.push(card(String(predictions), `predictions of the model, on the photograph, crops and mirror images; median spread ${percent(record.augmentation.median_spread ?? NaN)}`));
   if (last) cards.push(card(percent(last.fusion.nerf_weight), "the field's weight in the result; the rest is the prior's"));
   if (last?.fit.psnr.length > 0) cards.push(card(`${number(last.fit.psnr[0])} dB`, "how well the field shows the photograph (PSNR)"));
   const pair = record.scores?.by_alignment[record.scores.shown];
