@@ -17,6 +17,17 @@ pub enum Error {
     /// The field could not be fitted or rendered.
     #[error(transparent)]
     Field(mde_nerf::Error),
+    /// A stage of multi-view stereo was refused.
+    #[error(transparent)]
+    MultiView(#[from] mde_mvs::Error),
+    /// Photographs that are no capture.
+    #[error("{reason}; {remedy}")]
+    Capture {
+        /// What is wrong, with the photograph's name.
+        reason: String,
+        /// What to do.
+        remedy: &'static str,
+    },
     /// The fusion was refused.
     #[error(transparent)]
     Fusion(#[from] mde_fusion::Error),

@@ -24,6 +24,7 @@
 
 mod augmentation;
 pub mod calibration;
+pub mod capture;
 pub mod config;
 mod error;
 mod intrinsics;
@@ -31,14 +32,15 @@ pub mod memory;
 pub mod pipeline;
 
 pub use augmentation::{AugmentationReport, Component};
-pub use config::{Config, Preset, SigmaConfig};
+pub use capture::{Capture, CaptureReport, Photograph, refine_capture};
+pub use config::{Config, MultiViewConfig, Preset, SigmaConfig};
 pub use error::{Error, Result};
 pub use intrinsics::Intrinsics;
 pub use pipeline::{
     Callback, Checkpoint, Event, FieldFactory, FieldRequest, IterationReport, Refinement, Stage,
     StageSeconds, Stages, WarpReport, refine, resume,
 };
-pub use {mde_fusion, mde_nerf, mde_prior, mde_uncertainty, mde_warp};
+pub use {mde_fusion, mde_mvs, mde_nerf, mde_prior, mde_uncertainty, mde_warp};
 pub use {nalgebra, ndarray};
 
 #[cfg(doctest)]

@@ -1,11 +1,17 @@
 //! Multi-view stereo on a CPU: several photographs of one scene become a depth hypothesis with a variance for each of them.
 
+#[cfg(feature = "capture")]
+pub mod capture;
+pub mod consensus;
+mod correction;
 mod error;
 pub mod exposure;
+pub mod gauge;
 mod geometry;
 pub mod poses;
 mod raster;
 mod statistics;
+pub mod sweep;
 #[cfg(test)]
 mod synthetic;
 pub mod views;

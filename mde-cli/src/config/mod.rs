@@ -1,8 +1,10 @@
 //! One configuration for a whole run, with its defaults in one place: [`Preset`](crate::Preset).
 
+mod multi_view;
 mod presets;
 mod sigma;
 
+pub use multi_view::MultiViewConfig;
 pub use presets::Preset;
 pub use sigma::SigmaConfig;
 
@@ -39,6 +41,8 @@ pub struct Config {
     pub reproject: ReprojectConfig,
     /// The fusion (Section III.E).
     pub fusion: FusionConfig,
+    /// Several photographs of one scene.
+    pub multi_view: MultiViewConfig,
     /// How disparity of unknown scale and shift becomes depth (Section III.B).
     pub disparity: DisparityRule,
 }
@@ -124,6 +128,7 @@ impl Default for Config {
             novel: NovelViews::default(),
             reproject: ReprojectConfig::default(),
             fusion: FusionConfig::default(),
+            multi_view: MultiViewConfig::default(),
             disparity: DisparityRule::default(),
         }
     }
@@ -186,6 +191,7 @@ impl Config {
         }
         self.augmentation.validate()?;
         self.sigma.validate()?;
+        self.multi_view.validate()?;
         self.views.validate()?;
         self.novel.sampling.validate()?;
         self.warp.validate()?;

@@ -1,7 +1,7 @@
 use crate::config::{Config, FieldUse, IterationPrior, NovelViews, RefinementConfig};
 use mde_fusion::FusionConfig;
 use mde_nerf::{
-    DepthLoss, FieldConfig, HashFieldConfig, NerfConfig, RenderConfig, SamplingConfig, TrainConfig,
+    Decay, DepthLoss, FieldConfig, HashFieldConfig, NerfConfig, RenderConfig, SamplingConfig, TrainConfig,
 };
 use mde_prior::AugmentationConfig;
 use mde_uncertainty::termination::InBinVariance;
@@ -20,11 +20,14 @@ pub enum Preset {
     Default,
     /// A preview: one short iteration of the hash field, rendered from the original pose only.
     Fast,
+    /// Several photographs of one scene: a hash field on their colours and on the consensus of their plane sweeps, rays clipped to
+    /// the reference's frustum.
+    MultiView,
 }
 
 impl Preset {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Paper, Self::Default, Self::Fast];
+    pub const ALL: [Self; 4] = [Self::Paper, Self::Default, Self::Fast, Self::MultiView];
 
     /// The name, as the command line spells it.
     pub fn name(self) -> &'static str {
@@ -32,6 +35,7 @@ impl Preset {
             Self::Paper => "paper",
             Self::Default => "default",
             Self::Fast => "fast",
+            Self::MultiView => "multi-view",
         }
     }
 
@@ -74,6 +78,11 @@ impl Preset {
                 fusion: remedied(),
                 ..Config::default()
             },
+            Self::MultiView => {
+                let mut nerf = NerfConfig::photographs(640);
+                nerf.train.steps_for = 640 * 480;
+                Config { nerf, ..Self::Default.config() }
+            }
         }
     }
 }
@@ -88,7 +97,7 @@ fn supervised(steps: usize, rays: usize) -> NerfConfig {
             rays,
             learning_rate: 1e-2,
             final_learning_rate: 1e-3,
-            depth_loss: DepthLoss::Wasserstein { weight: 0.2, decay: 0.0 },
+            depth_loss: DepthLoss::Wasserstein { weight: 0.2, decay: Decay::default() },
             ..TrainConfig::default()
         },
         render: RenderConfig { in_bin: InBinVariance::Uniform, ..RenderConfig::default() },

@@ -5,6 +5,10 @@ use std::ops::ControlFlow;
 pub enum Stage {
     /// The monocular depth (III.B).
     Prior,
+    /// Poses of several photographs.
+    Poses,
+    /// Plane sweeps of several photographs and their consensus.
+    Sweep,
     /// The synthetic views (III.A).
     Warp,
     /// The field's fit (III.C).
@@ -20,6 +24,8 @@ impl Stage {
     pub fn name(self) -> &'static str {
         match self {
             Self::Prior => "prior",
+            Self::Poses => "poses",
+            Self::Sweep => "sweep",
             Self::Warp => "warp",
             Self::Fit => "fit",
             Self::Render => "render",

@@ -22,6 +22,7 @@ pub use stages::{FieldFactory, FieldRequest, Stages};
 pub use views::synthesise;
 
 use crate::augmentation::{AugmentationReport, Component, Start, start};
+use crate::capture::CaptureReport;
 use crate::config::{Config, IterationPrior};
 use crate::error::{LEAST, MOST};
 use crate::{Error, Result};
@@ -50,6 +51,24 @@ pub struct Refinement {
     pub iterations: Vec<IterationReport>,
     /// The field of the last iteration, if there was one.
     pub field: Option<Box<dyn RadianceField>>,
+    /// Report of several photographs, where there were any.
+    pub capture: Option<CaptureReport>,
+}
+
+impl Refinement {
+    /// Nothing but the prior and a single prediction.
+    pub(crate) fn of_prior(prior: Array2<f32>) -> Self {
+        let (height, width) = prior.dim();
+        Self {
+            depth: GaussianDepth::missing(height, width),
+            prior,
+            augmentation: AugmentationReport { predictions: 1, ..AugmentationReport::default() },
+            components: Vec::new(),
+            iterations: Vec::new(),
+            field: None,
+            capture: None,
+        }
+    }
 }
 
 /// State of a run between two iterations: everything that the next one depends on beside the inputs and the settings.
@@ -109,6 +128,7 @@ pub fn resume(
             components,
             iterations: Vec::new(),
             field: None,
+            capture: None,
         });
     }
     let bayes;
@@ -140,7 +160,7 @@ pub fn resume(
             components.push(Component { name: "field", sigma: fused.aligned.sigma() });
             components.push(common(&fused.depth, config.fusion.common_error));
             let (depth, field) = (fused.depth, Some(field));
-            return Ok(Refinement { depth, prior, augmentation, components, iterations, field });
+            return Ok(Refinement { depth, prior, augmentation, components, iterations, field, capture: None });
         }
         let progress = Checkpoint { prior: prior.clone(), depth: fused.depth, iterations };
         keep(&progress)?;
@@ -227,7 +247,7 @@ fn common(depth: &GaussianDepth, share: f64) -> Component {
     Component { name: "common", sigma }
 }
 
-fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>) -> Result<()> {
+pub(crate) fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>) -> Result<()> {
     let [height, width] = [image.shape()[0], image.shape()[1]];
     if prior.dim() != (height, width) {
         return Err(Error::Size { prior: [prior.nrows(), prior.ncols()], image: [height, width] });
