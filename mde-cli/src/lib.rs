@@ -22,17 +22,17 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod augmentation;
 pub mod calibration;
 pub mod config;
 mod error;
-mod evidence;
 mod intrinsics;
 pub mod memory;
 pub mod pipeline;
 
+pub use augmentation::{AugmentationReport, Component};
 pub use config::{Config, Preset, SigmaConfig};
 pub use error::{Error, Result};
-pub use evidence::{Component, EvidenceReport};
 pub use intrinsics::Intrinsics;
 pub use pipeline::{
     Callback, Checkpoint, Event, FieldFactory, FieldRequest, IterationReport, Refinement, Stage,

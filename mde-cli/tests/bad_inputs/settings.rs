@@ -13,7 +13,7 @@ const UNUSABLE: &[(&str, &[&str])] = &[
     ("[nerf.field]\nkind = 'splat'", &["`splat`", "`hash`"]),
     ("[nerf.field]\nlevel = 4", &["nerf.field", "`level`"]),
     ("[fusion]\ncalibration = 'magic'", &["`magic`", "`effective`"]),
-    ("[fusion.guards]\nmax = 4", &["`max`", "`max-scale`"]),
+    ("[fusion]\nguards = 'loose'", &["`loose`", "`strict`"]),
     ("seed = -1", &["seed", "-1"]),
     ("seed = 'x'", &["seed", "string"]),
     ("seed = 99999999999999999999", &["seed"]),
@@ -60,8 +60,6 @@ const UNUSABLE: &[(&str, &[&str])] = &[
     ("nerf.field.finest = 4", &["field.finest is 4", "field.coarsest"]),
     ("fusion.variance-floor = 1.0", &["variance-floor is 1", "below 1"]),
     ("fusion.kappa = 0.0", &["kappa is 0", "positive"]),
-    ("fusion.far = 0.5", &["far is 0.5", "at least 1"]),
-    ("fusion.guards.min-scale = -1.0", &["min-scale is -1"]),
     (
         "nerf.train.depth-loss = { kind = 'distribution', weight = 1.0, relative-sigma = 0.0, decay = 0.0 }",
         &["relative-sigma is 0"],

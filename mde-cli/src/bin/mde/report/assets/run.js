@@ -49,8 +49,8 @@ function headline(record, maps, unit) {
     card(percent(median), `typical change of the depth (median); 90${NBSP}% of pixels changed by less than ${percent(most)}`),
     card(`± ${number(quantiles(maps.sigma, [0.5])[0])}${unit}`, `median sigma: ${percent(quantiles(relative, [0.5])[0])} of the depth`),
   ];
-  const asked = record.evidence?.questions ?? 1;
-  if (asked > 1) cards.push(card(String(asked), `answers of the model, about crops and mirror images; they differ by ${percent(record.evidence.median_spread ?? NaN)} at the median pixel`));
+  const predictions = record.augmentation?.predictions ?? 1;
+  if (predictions > 1) cards.push(card(String(predictions), `predictions of the model, on the photograph, crops and mirror images; median spread ${percent(record.augmentation.median_spread ?? NaN)}`));
   if (last) cards.push(card(percent(last.fusion.nerf_weight), "weight of the field in the result; the rest is the prior"));
   if (last?.fit.psnr.length > 0) cards.push(card(`${number(last.fit.psnr[0])} dB`, "PSNR of the photograph as the field renders it; high values do not imply good depth"));
   const pair = record.scores?.by_alignment[record.scores.shown];
@@ -86,8 +86,7 @@ function table(heads, rows, name) {
 
 /** A column for each iteration: there are few of them, and many numbers. */
 function iterationTable(iterations, unit) {
-  // In disparity the estimates are of 1 / depth.
-  const name = report.space === "disparity" && unit ? `1/${unit.trim()}` : unit.trim();
+  const name = unit.trim();
   const of = name && ` [${name}]`;
   const mean = (values) => values.reduce((sum, v) => sum + v, 0) / (values.length || NaN);
   const rows = [
