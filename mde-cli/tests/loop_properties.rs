@@ -71,7 +71,7 @@ fn short(preset: Preset, more: &str) -> Config {
     );
     let mut config = Config::with_overrides(preset, &text, "short").unwrap();
     config.views.count = 2;
-    config.novel.sampling.count = config.novel.sampling.count.min(2);
+    config.novel.count = config.novel.count.min(2);
     if let mde_cli::mde_nerf::FieldConfig::Hash(field) = &mut config.nerf.field {
         (field.levels, field.log2_rows, field.finest, field.width) = (3, 8, 32, 16);
     }
@@ -100,7 +100,7 @@ prop_compose! {
         (config.fusion, config.refinement) = (named.fusion, named.refinement);
         let (views, novel, original, iterations) = counts;
         config.views.count = views;
-        config.novel.sampling.count = novel;
+        config.novel.count = novel;
         config.novel.original = original || novel == 0;
         config.refinement.iterations = iterations;
         config.views.translation = translation;

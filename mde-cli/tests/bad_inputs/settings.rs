@@ -22,7 +22,7 @@ const UNUSABLE: &[(&str, &[&str])] = &[
     ("refinement.iterations = 101", &["refinement.iterations is 101", "to 100"]),
     ("refinement.iterations = 101", &["refinement.iterations is 101", "to 100"]),
     ("refinement.prior = 'none'", &["`none`", "`carry`"]),
-    ("novel = { original = false, sampling.count = 0 }", &["novel.sampling.count is 0", "at least one"]),
+    ("novel = { original = false, count = 0 }", &["novel.count is 0", "at least one"]),
     ("views.count = 2000000", &["count is 2000000", "1000000"]),
     ("views.translation = 0.7", &["translation is 0.7", "0 to 0.5"]),
     ("views.translation = nan", &["translation is NaN", "0 to 0.5"]),
@@ -73,7 +73,6 @@ const UNUSABLE: &[(&str, &[&str])] = &[
     ("nerf.sampling.volume = { kind = 'sphere' }", &["`sphere`", "`hull`"]),
     ("disparity.near = 0.0", &["near", "0 is no positive depth"]),
     ("disparity = { near = 2.0, far = 1.0 }", &["far", "1 must be finite and above near"]),
-    ("disparity.low = 2.0", &["low", "2 is no quantile"]),
 ];
 
 #[test]

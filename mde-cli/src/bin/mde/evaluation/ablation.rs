@@ -48,7 +48,7 @@ fn fixed(config: &mut Config, kappa: f64) {
 }
 
 fn original_only(config: &mut Config) {
-    config.novel.sampling.count = 0;
+    config.novel.count = 0;
     config.novel.original = true;
 }
 
