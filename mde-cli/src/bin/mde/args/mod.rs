@@ -104,6 +104,10 @@ pub(crate) struct RefineArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP
     #[arg(value_name = "IMAGE")]
     pub(crate) image: PathBuf,
+    /// Further photographs of the same static scene, or folders of them; poses are estimated. Their parallax refines the
+    /// depth (preset multi-view)
+    #[arg(long, value_name = "PATH", num_args = 1.., help_heading = "Several photographs")]
+    pub(crate) views: Vec<PathBuf>,
     #[command(flatten)]
     pub(crate) prior: PriorArgs,
     #[command(flatten)]
@@ -357,9 +361,9 @@ pub(crate) struct MemoryArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings")]
 pub(crate) struct SettingsArgs {
-    /// Where the settings start from
-    #[arg(long, value_enum, default_value = "default")]
-    pub(crate) preset: PresetName,
+    /// Where the settings start from; default, or multi-view with --views
+    #[arg(long, value_enum)]
+    pub(crate) preset: Option<PresetName>,
     /// TOML with settings over the preset's; `mde config` prints them all
     #[arg(long, value_name = "FILE")]
     pub(crate) config: Option<PathBuf>,
@@ -451,6 +455,8 @@ pub(crate) enum PresetName {
     Fast,
     /// Test-time augmentation with crops and mirror images; for a depth map, a field supervised by it
     Default,
+    /// Several photographs (--views): a field on their colours and on the consensus of plane sweeps
+    MultiView,
 }
 
 impl From<PresetName> for Preset {
@@ -459,6 +465,7 @@ impl From<PresetName> for Preset {
             PresetName::Paper => Self::Paper,
             PresetName::Fast => Self::Fast,
             PresetName::Default => Self::Default,
+            PresetName::MultiView => Self::MultiView,
         }
     }
 }

@@ -6,7 +6,7 @@ use crate::input::truth::Comparison;
 use crate::output::provenance::{command_line, peak_memory, versions};
 use crate::run::error_bar::Stated;
 use crate::run::progress::TrainingCurve;
-use mde_cli::{AugmentationReport, IterationReport};
+use mde_cli::{AugmentationReport, CaptureReport, IterationReport};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -26,6 +26,9 @@ pub(crate) struct RunRecord<'r> {
     pub(crate) augmentation: &'r AugmentationReport,
     /// How sigma was scaled, and the interval.
     pub(crate) error_bar: &'r Stated,
+    /// Several photographs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) capture: Option<&'r CaptureReport>,
     pub(crate) iterations: &'r [IterationReport],
     /// The fit of every iteration as it went on.
     pub(crate) training: &'r [TrainingCurve],

@@ -17,7 +17,7 @@ use crate::run::field::SharedNerf;
 use crate::run::gain;
 use crate::run::progress::{Progress, TrainingCurve};
 use anyhow::Result;
-use mde_cli::{Component, Config, Event, Preset, Refinement, Stages, resume};
+use mde_cli::{Capture, Component, Config, Event, Preset, Refinement, Stages, refine_capture, resume};
 use mde_prior::DepthKind;
 use mde_prior::format::{write_npy, write_png16};
 use mde_prior::photo::{write_image, write_rgb_png};
@@ -47,6 +47,8 @@ pub(crate) struct Job {
     pub(crate) export: Vec<ExportName>,
     /// What a viewer is to show.
     pub(crate) recording: Option<Recording>,
+    /// Further photographs.
+    pub(crate) capture: Option<Capture>,
 }
 
 /// Unit of the depth that a prior of this kind leads to.
@@ -90,8 +92,13 @@ impl Job {
             }
         };
         let mut observe = |event: &Event| progress.observe(event);
-        let mut refinement =
-            resume(image, &self.camera.camera, stages, &self.config, from, &mut keep, &mut observe)?;
+        let mut refinement = match &self.capture {
+            Some(capture) => refine_capture(capture, stages, &self.config, &mut observe)?,
+            None => resume(image, &self.camera.camera, stages, &self.config, from, &mut keep, &mut observe)?,
+        };
+        if let Some(reason) = refinement.capture.as_ref().and_then(|capture| capture.fallback.as_ref()) {
+            progress.warn(format!("--views: {reason}; the photograph was refined alone"));
+        }
         if let Some(reason) = refinement.augmentation.skipped {
             progress.warn(format!("no test-time augmentation: {reason}; give --prior-model to use it"));
         }
@@ -141,6 +148,7 @@ impl Job {
                 missing_pixels,
                 augmentation: &refinement.augmentation,
                 error_bar: &stated,
+                capture: refinement.capture.as_ref(),
                 iterations: &refinement.iterations,
                 training: progress.training(),
                 scores,
