@@ -7,7 +7,7 @@ mod gradient;
 mod slic;
 mod thin;
 
-pub(crate) use canny::blur;
+pub(crate) use canny::{blur, convolved};
 pub use canny::canny;
 pub(crate) use distance::Marked;
 pub use distance::distance_to;

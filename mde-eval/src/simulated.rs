@@ -4,11 +4,11 @@ mod model;
 
 pub use model::{SimulatedModel, SimulatedModelConfig};
 
-use crate::raster::erode_by;
+use crate::raster::{convolved, erode_by};
 use crate::{Error, Result};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_uncertainty::random::CounterRng;
-use ndarray::{Array2, ArrayView3, ArrayViewMut1, Axis};
+use ndarray::{Array2, ArrayView3};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
@@ -181,28 +181,10 @@ fn blur(map: &Array2<f64>, valid: &Array2<bool>, sigma: f64) -> Array2<f64> {
     if sigma > 0.0 {
         let reach = (4.0 * sigma).ceil() as usize;
         let kernel: Vec<f64> = (0..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
-        for map in [&mut sum, &mut weight] {
-            for axis in [Axis(0), Axis(1)] {
-                map.lanes_mut(axis).into_iter().for_each(|line| convolve(line, &kernel));
-            }
-        }
+        (sum, weight) = (convolved(sum, &kernel), convolved(weight, &kernel));
     }
     ndarray::Zip::from(&mut sum).and(&weight).for_each(|s, &w| *s = if w > 0.0 { *s / w } else { 0.0 });
     sum
-}
-
-/// Convolution of a line with a symmetric kernel given from its middle; zero outside.
-fn convolve(mut line: ArrayViewMut1<'_, f64>, kernel: &[f64]) {
-    let source = line.to_vec();
-    for (at, out) in line.iter_mut().enumerate() {
-        let reach = kernel.len() - 1;
-        let (first, last) = (at.saturating_sub(reach), (at + reach + 1).min(source.len()));
-        *out = source[first..last]
-            .iter()
-            .zip(first..)
-            .map(|(value, from)| value * kernel[from.abs_diff(at)])
-            .sum();
-    }
 }
 
 /// A sum of waves no shorter than `wavelength` (as a fraction of the width), of mean 0 and variance 1 over the map, drawn from a

@@ -38,19 +38,24 @@ pub fn canny(
 }
 
 /// Separable Gaussian with zeros outside, cut off at four sigma.
-pub(crate) fn blur(mut map: Array2<f64>, sigma: f64) -> Array2<f64> {
+pub(crate) fn blur(map: Array2<f64>, sigma: f64) -> Array2<f64> {
     let radius = (4.0 * sigma + 0.5) as usize;
     let mut kernel: Vec<f64> = (0..=radius).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
     let total = kernel[0] + 2.0 * kernel[1..].iter().sum::<f64>();
     kernel.iter_mut().for_each(|k| *k /= total);
+    convolved(map, &kernel)
+}
+
+/// Convolution along both axes with a symmetric kernel, given from its middle on; zeros outside.
+pub(crate) fn convolved(mut map: Array2<f64>, kernel: &[f64]) -> Array2<f64> {
     let mut padded = Vec::new();
     for row in map.rows_mut() {
-        convolve(row, &kernel, &mut padded);
+        convolve(row, kernel, &mut padded);
     }
     // Transposed, so that both passes run along memory.
     let mut turned = map.t().as_standard_layout().into_owned();
     for row in turned.rows_mut() {
-        convolve(row, &kernel, &mut padded);
+        convolve(row, kernel, &mut padded);
     }
     turned.t().as_standard_layout().into_owned()
 }
