@@ -7,8 +7,8 @@ mod gradient;
 mod slic;
 mod thin;
 
-pub(crate) use canny::{blur, convolved};
 pub use canny::canny;
+pub(crate) use canny::{blur, convolved};
 pub(crate) use distance::Marked;
 pub use distance::distance_to;
 pub use gradient::{sobel, sobel_zero_padded};

@@ -353,7 +353,7 @@ fn another_fuser_returns_its_own_error() {
     struct Refuses;
     impl Fuser for Refuses {
         fn fuse(&self, _: &Prior, _: &[GaussianDepth]) -> crate::Result<Fused> {
-            Err(Error::External("no views".into()))
+            Err(Error::external("no views"))
         }
     }
     let error = Refuses.fuse(&Prior::missing(1, 1), &[]).unwrap_err();
