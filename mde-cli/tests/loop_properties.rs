@@ -156,7 +156,7 @@ proptest! {
 }
 
 fn study() -> (Array3<f32>, Array2<f32>) {
-    use mde_cli::mde_eval::scene::{Room, room};
+    use mde_eval::scene::{Room, room};
     let scene = room(Room::Study, 0, 32, 24).unwrap();
     (scene.image, scene.depth.mapv(|z| z * 1.1 + 0.2))
 }

@@ -5,14 +5,14 @@ mod common;
 
 use common::{HEIGHT, TINY, WIDTH};
 use mde_cli::config::{Config, FieldUse, IterationPrior, RefinementConfig};
-use mde_cli::mde_eval::scene::{Room, Scene, room};
-use mde_cli::mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use mde_cli::mde_fusion::{self, Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_nerf::{self, FieldCallback, FitReport, RadianceField, RenderedView};
 use mde_cli::mde_prior::{self, AugmentationConfig, DepthKind, DepthPrior, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
 use mde_cli::{Error, Event, Preset, Refinement, Stage, Stages, refine};
+use mde_eval::scene::{Room, Scene, room};
+use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use ndarray::{Array2, Array3, ArrayView3};
 use std::cell::RefCell;
 use std::ops::ControlFlow;

@@ -76,7 +76,6 @@ impl<'o> LoopRefiner<'o> {
 impl Refiner for LoopRefiner<'_> {
     fn refine(&self, task: &Task<'_>) -> mde_eval::Result<Refined> {
         self.run(task).map_err(|error| match error {
-            Error::Metric(error) => error,
             Error::Prior(error) => error.into(),
             Error::Warp(error) => error.into(),
             error => mde_eval::Error::Method(error.to_string()),
