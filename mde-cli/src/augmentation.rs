@@ -15,7 +15,7 @@ use std::ops::ControlFlow;
 pub(crate) struct Start {
     /// The model's prediction of the whole image, `[height, width]`; 0 where missing.
     pub(crate) prior: Array2<f32>,
-    /// All predictions merged; variance 0 for a single prediction, whose error is unknown.
+    /// The merged depth; [exact](known) where there is one prediction, since it states no error.
     pub(crate) depth: GaussianDepth,
     /// The parts of the standard deviation.
     pub(crate) components: Vec<Component>,
@@ -71,7 +71,7 @@ pub(crate) fn start(
     Ok(Start { prior, depth: GaussianDepth::new(depth, variance)?, components, report })
 }
 
-/// A map of depths (0: missing) as a Gaussian depth whose variance is not known yet (0).
+/// A map of depths (0: missing) taken as exact, of variance 0: warps of it are exact too, and the fusion estimates its error.
 pub fn known(depth: Array2<f32>) -> Result<GaussianDepth> {
     let variance = depth.mapv(|d| if d > 0.0 { 0.0 } else { f32::INFINITY });
     Ok(GaussianDepth::new(depth, variance)?)
@@ -98,7 +98,7 @@ fn variance(
     };
     let [spread, change] = [squared(&spread, config.spread), squared(&change, config.disagreement)];
     let variance = Zip::from(depth).and(&spread).and(&change).map_collect(|&z, &s, &d| {
-        // Predictions that agree still share an error, and a variance of 0 would mean "unknown".
+        // Predictions that agree still share an error: no depth is exact.
         if z > 0.0 { ((s + d).max(1e-6) * z * z).max(f32::MIN_POSITIVE) } else { f32::INFINITY }
     });
     let component = |name, squared: &Array2<f32>| {

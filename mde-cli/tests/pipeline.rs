@@ -83,7 +83,7 @@ fn prior(scene: &Scene) -> SimulatedPrior {
 
 fn config() -> Config {
     let mut config = Config::with_overrides(Preset::Paper, TINY, "tiny").unwrap();
-    config.novel.sampling.count = 0;
+    config.novel.count = 0;
     config.novel.original = true;
     config
 }

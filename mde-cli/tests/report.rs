@@ -264,7 +264,14 @@ fn a_pipe_gets_no_escape_codes_and_the_end_says_what_was_gained() {
     let output = run.get_output();
     assert!(!output.stdout.contains(&0x1b) && !output.stderr.contains(&0x1b));
     let text = String::from_utf8(output.stdout.clone()).unwrap();
-    for said in ["depth moved by", "sigma", "a ", "weight in the result", "wrote out", "report.html"] {
+    for said in [
+        "depth: typical change",
+        "sigma: median",
+        "fusion: a ",
+        "weight of the field",
+        "wrote out",
+        "report.html",
+    ] {
         assert!(text.contains(said), "{said}: {text}");
     }
     let help = place.mde("refine --help").env("NO_COLOR", "1").assert().success();

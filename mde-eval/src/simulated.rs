@@ -65,23 +65,21 @@ impl SimulatedPriorConfig {
     pub fn validate(&self) -> Result<()> {
         let share = |value: f64| (0.0..=0.25).contains(&value);
         let checks = [
-            ("lost-width", self.lost_width, share(self.lost_width), "between 0 and 0.25 of the width"),
-            ("blur", self.blur, share(self.blur), "between 0 and 0.25 of the width"),
-            ("error", self.error, (0.0..=1.0).contains(&self.error), "between 0 and 1"),
+            ("lost-width", self.lost_width, share(self.lost_width), "use 0 to 0.25 of the width"),
+            ("blur", self.blur, share(self.blur), "use 0 to 0.25 of the width"),
+            ("error", self.error, (0.0..=1.0).contains(&self.error), "use 0 to 1"),
             (
                 "wavelength",
                 self.wavelength,
                 self.wavelength >= 0.01 && self.wavelength.is_finite(),
-                "finite, from 0.01",
+                "use a finite number from 0.01",
             ),
-            ("scale", self.scale, self.scale > 0.0 && self.scale.is_finite(), "positive and finite"),
-            ("shift", self.shift, self.shift.is_finite(), "finite"),
+            ("scale", self.scale, self.scale > 0.0 && self.scale.is_finite(), "use a positive finite number"),
+            ("shift", self.shift, self.shift.is_finite(), "use a finite number"),
         ];
         match checks.into_iter().find(|check| !check.2) {
             None => Ok(()),
-            Some((field, value, _, expected)) => {
-                Err(Error::Config { field, value: value.to_string(), expected })
-            }
+            Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
         }
     }
 }

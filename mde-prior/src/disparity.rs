@@ -34,9 +34,11 @@ pub struct DisparityRule {
     pub near: f64,
     /// Depth of the smallest disparity, above `near`; 8.
     pub far: f64,
-    /// Quantile taken as the smallest disparity, in `[0, 1]`; 0.005.
+    /// Quantile taken as the smallest disparity, in `[0, 1]`; 0.005. Not part of a configuration file.
+    #[serde(skip)]
     pub low: f64,
-    /// Quantile taken as the largest disparity, in `(low, 1]`; 0.995.
+    /// Quantile taken as the largest disparity, in `(low, 1]`; 0.995. Not part of a configuration file.
+    #[serde(skip)]
     pub high: f64,
 }
 

@@ -91,22 +91,19 @@ pub enum IterationPrior {
     Anchor,
 }
 
-/// The views that the fitted field renders.
+/// The views that the fitted field renders; [`Config::views`] says how far from the original pose they are.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct NovelViews {
-    /// Where the novel cameras stand; `count` is the paper's K.
-    pub sampling: ViewSampling,
+    /// Number of fresh poses, the paper's K.
+    pub count: usize,
     /// Whether the original pose is rendered too.
     pub original: bool,
 }
 
 impl Default for NovelViews {
     fn default() -> Self {
-        Self {
-            sampling: ViewSampling { count: 5, rotation_only: 0.0, ..ViewSampling::default() },
-            original: false,
-        }
+        Self { count: 5, original: false }
     }
 }
 
@@ -169,6 +166,11 @@ impl Config {
             .map_err(|e| Error::Config { origin: "config".into(), reason: one_line(&e.to_string()) })
     }
 
+    /// The poses of the novel views. Poses that only rotate carry no depth, so there are none.
+    pub(crate) fn novel_views(&self) -> ViewSampling {
+        ViewSampling { count: self.novel.count, rotation_only: 0.0, ..self.views.clone() }
+    }
+
     /// Checks every value of every stage.
     ///
     /// # Errors
@@ -179,15 +181,14 @@ impl Config {
             let reason = format!("refinement.iterations is {iterations}; give 0 (no field) to 100");
             return Err(Error::Config { origin: "config".into(), reason });
         }
-        if self.novel.sampling.count == 0 && !self.novel.original {
-            let reason =
-                "novel.sampling.count is 0 and novel.original is false; render at least one view".into();
+        if self.novel.count == 0 && !self.novel.original {
+            let reason = "novel.count is 0 and novel.original is false; render at least one view".into();
             return Err(Error::Config { origin: "config".into(), reason });
         }
         self.augmentation.validate()?;
         self.sigma.validate()?;
         self.views.validate()?;
-        self.novel.sampling.validate()?;
+        self.novel_views().validate()?;
         self.warp.validate()?;
         self.reproject.validate()?;
         self.nerf.validate()?;

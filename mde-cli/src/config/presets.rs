@@ -5,7 +5,6 @@ use mde_nerf::{
 };
 use mde_prior::AugmentationConfig;
 use mde_uncertainty::termination::InBinVariance;
-use mde_warp::ViewSampling;
 use serde::{Deserialize, Serialize};
 
 /// A named configuration.
@@ -67,10 +66,7 @@ impl Preset {
                     sampling: SamplingConfig { coarse: 8, band: 12, fine: 12, ..SamplingConfig::default() },
                     ..supervised(400, 1024)
                 },
-                novel: NovelViews {
-                    sampling: ViewSampling { count: 0, ..ViewSampling::default() },
-                    original: true,
-                },
+                novel: NovelViews { count: 0, original: true },
                 fusion: remedied(),
                 ..Config::default()
             },
@@ -87,7 +83,6 @@ fn supervised(steps: usize, rays: usize) -> NerfConfig {
             steps_for: 640 * 480,
             rays,
             learning_rate: 1e-2,
-            final_learning_rate: 1e-3,
             depth_loss: DepthLoss::Wasserstein { weight: 0.2, decay: 0.0 },
             ..TrainConfig::default()
         },

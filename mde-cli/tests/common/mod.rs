@@ -18,7 +18,7 @@ pub(crate) const TINY: &str = "\
 iterations = 2
 [views]
 count = 3
-[novel.sampling]
+[novel]
 count = 2
 [nerf.field]
 kind = 'hash'

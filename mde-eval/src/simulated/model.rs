@@ -52,23 +52,21 @@ impl SimulatedModelConfig {
     pub fn validate(&self) -> Result<()> {
         let error = |value: f64| (0.0..=1.0).contains(&value);
         let checks = [
-            ("side", self.side as f64, (4..=4096).contains(&self.side), "between 4 and 4096"),
-            ("lost-cells", self.lost_cells, (0.0..=64.0).contains(&self.lost_cells), "between 0 and 64"),
-            ("lost-width", self.lost_width, (0.0..=0.25).contains(&self.lost_width), "between 0 and 0.25"),
-            ("shared-error", self.shared_error, error(self.shared_error), "between 0 and 1"),
-            ("own-error", self.own_error, error(self.own_error), "between 0 and 1"),
+            ("side", self.side as f64, (4..=4096).contains(&self.side), "use 4 to 4096"),
+            ("lost-cells", self.lost_cells, (0.0..=64.0).contains(&self.lost_cells), "use 0 to 64"),
+            ("lost-width", self.lost_width, (0.0..=0.25).contains(&self.lost_width), "use 0 to 0.25"),
+            ("shared-error", self.shared_error, error(self.shared_error), "use 0 to 1"),
+            ("own-error", self.own_error, error(self.own_error), "use 0 to 1"),
             (
                 "wavelength",
                 self.wavelength,
                 self.wavelength >= 0.01 && self.wavelength.is_finite(),
-                "finite, from 0.01",
+                "use a finite number from 0.01",
             ),
         ];
         match checks.into_iter().find(|check| !check.2) {
             None => Ok(()),
-            Some((field, value, _, expected)) => {
-                Err(Error::Config { field, value: value.to_string(), expected })
-            }
+            Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
         }
     }
 }

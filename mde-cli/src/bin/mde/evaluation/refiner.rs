@@ -19,7 +19,7 @@ pub(crate) type SharedObserver<'o> = dyn Fn(&Event) -> ControlFlow<()> + Sync + 
 
 /// [`refine`] with the settings of one [`Config`], but for the seed, which is the [`Task`]'s.
 ///
-/// The account of a [`Refined`] has the `iterations`, one [`IterationReport`](mde_cli::IterationReport) each.
+/// The report of a [`Refined`] has the `iterations`, one [`IterationReport`](mde_cli::IterationReport) each.
 pub(crate) struct LoopRefiner<'o> {
     config: Config,
     memory: Option<FieldMemory>,
@@ -68,7 +68,7 @@ impl<'o> LoopRefiner<'o> {
         Ok(Refined {
             depth: refinement.depth.mean().to_owned(),
             sigma: Some(refinement.depth.sigma()),
-            account: json!({ "augmentation": refinement.augmentation, "iterations": refinement.iterations }),
+            report: json!({ "augmentation": refinement.augmentation, "iterations": refinement.iterations }),
         })
     }
 }

@@ -8,6 +8,7 @@ use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, 
 use mde_prior::{DepthPrior, DisparityRule};
 use ndarray::Array2;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// A data set and how it was asked for.
@@ -24,7 +25,15 @@ impl Source {
             (None, Some(root)) => DataSetKind::guess(root)?,
             (None, None) => bail!("name a data set's folder, or give --dataset rooms"),
         };
+        let places = match &args.places {
+            Some(path) => {
+                let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+                data::parse_places(&text).with_context(|| path.display().to_string())?
+            }
+            None => BTreeMap::new(),
+        };
         let options = Options {
+            places,
             fallback: Fallback::FieldOfView(args.assume_fov),
             sun_depth: if args.filled_depth { SunDepth::Filled } else { SunDepth::Sensor },
             size: args.size,

@@ -14,6 +14,7 @@ use mde_cli::memory::SceneMemory;
 use mde_eval::table::Entry;
 use mde_prior::DisparityRule;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// What a command evaluates.
@@ -61,8 +62,9 @@ impl<'a> Setup<'a> {
 
     /// Runs and scores what is not there yet.
     pub(crate) fn run(&self, progress: &mut Progress) -> Result<(Vec<Entry>, Vec<Failure>)> {
+        let data = &*self.source.data;
         let plan = Plan {
-            data: &*self.source.data,
+            data,
             scenes: &self.scenes,
             methods: self.request.methods,
             prior: &self.prior,
@@ -74,7 +76,17 @@ impl<'a> Setup<'a> {
         };
         let (entries, failures) =
             runner::run(&plan, progress, &|scene| self.scoring.scene(scene, &self.store))?;
-        Ok((entries.into_iter().flatten().collect(), failures))
+        let mut entries: Vec<Entry> = entries.into_iter().flatten().collect();
+        let places: BTreeMap<&str, Option<&str>> = self
+            .scenes
+            .iter()
+            .filter_map(|&index| Some((data.ids().get(index)?.as_str(), data.place(index))))
+            .collect();
+        for entry in &mut entries {
+            // Not of the stored scores: the same maps may be resampled by other places.
+            entry.place = places.get(entry.scene.as_str()).copied().flatten().map(str::to_owned);
+        }
+        Ok((entries, failures))
     }
 
     /// The tables of what was run, compared with `reference`.
