@@ -139,7 +139,7 @@ impl SimulatedPrior {
         Ok(Self { prediction })
     }
 
-    /// Its prediction.
+    /// Its prediction for the image.
     pub fn prediction(&self) -> &PriorDepth {
         &self.prediction
     }
@@ -158,10 +158,6 @@ impl DepthPrior for SimulatedPrior {
             "the simulated prior is {}x{} but the image is {width}x{height} (width x height); resize the image",
             shape.1, shape.0
         )))
-    }
-
-    fn answers_anew(&self) -> bool {
-        false
     }
 }
 

@@ -19,6 +19,10 @@ impl DepthPrior for Red {
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_eval::mde_prior::Result<PriorDepth> {
         PriorDepth::from_values(image.index_axis(Axis(2), 0).mapv(|r| 1.0 + r), DepthKind::Metric)
     }
+
+    fn accepts_new_images(&self) -> bool {
+        true
+    }
 }
 
 fn run(name: &str, image: &Array3<f32>, prior: &Array2<f32>) -> Result<Array2<f32>> {

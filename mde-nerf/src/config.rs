@@ -158,7 +158,8 @@ pub enum DepthLoss {
     Distribution {
         /// Weight of the loss; colours have weight 1.
         weight: f64,
-        /// Standard deviation of hypotheses of variance 0, as a fraction of the depth.
+        /// Lower bound of the standard deviation of a hypothesis, as a fraction of its depth. Hypotheses of variance 0 are exact, and
+        /// the termination cannot be.
         relative_sigma: f64,
         /// Fraction of the steps at which the linearly decaying weight reaches 0; 0 for a constant weight.
         decay: f64,

@@ -235,7 +235,7 @@ const LOSSES: [DepthLoss; 4] = [
     DepthLoss::None,
     DepthLoss::Wasserstein { weight: 0.2, decay: 0.0 },
     DepthLoss::Wasserstein { weight: 0.2, decay: 0.5 },
-    DepthLoss::Distribution { weight: 0.2, relative_sigma: 0.05, decay: 0.0 },
+    DepthLoss::Distribution { weight: 0.2, relative_sigma: 1e-3, decay: 0.0 },
 ];
 
 fn small_hash(geometry: usize) -> FieldConfig {

@@ -88,7 +88,7 @@ impl Mixture {
     fn new(depths: &[(f64, f64)], relative_sigma: f64, frustum: &Frustum) -> Self {
         let logistic = |&(depth, variance): &(f64, f64)| {
             let z = depth.clamp(frustum.near, frustum.far);
-            let sigma = if variance > 0.0 { variance.sqrt() } else { relative_sigma * depth };
+            let sigma = variance.sqrt().max(relative_sigma * depth);
             // The standard deviation of the logistic distribution of scale 1 is pi / sqrt 3.
             let scale = frustum.disparity_slope(z) * sigma * 3.0_f64.sqrt() / std::f64::consts::PI;
             (frustum.disparity(z), scale.max(Self::NARROWEST))

@@ -53,7 +53,7 @@ pub(super) fn render(
     callback: &mut dyn FnMut(&mde_nerf::FieldEvent, usize, usize) -> ControlFlow<()>,
 ) -> Result<Vec<GaussianDepth>> {
     let seed = derived_seed(config.seed, "novel-poses", iteration as u64);
-    let mut poses = sample_poses(&config.novel.sampling, scale, seed)?;
+    let mut poses = sample_poses(&config.novel_views(), scale, seed)?;
     if config.novel.original {
         poses.insert(0, Pose::identity());
     }

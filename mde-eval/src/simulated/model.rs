@@ -180,6 +180,10 @@ impl DepthPrior for SimulatedModel {
         }
         PriorDepth::from_values(seen.mapv(|d| d.recip() as f32), DepthKind::Metric)
     }
+
+    fn accepts_new_images(&self) -> bool {
+        true
+    }
 }
 
 /// The mean over each of `cells` by `cells` parts.

@@ -92,8 +92,8 @@ Examples:
 
 Rows, each a change of one thing in the full model: no-variance, no-variance-mean, min-depth, min-variance, mean, median,
 no-calibration, ols, fixed-variance, kappa-0.02, -0.05, -0.1, -0.2, nerf-only (the paper's Table II and its kin);
-guided-for-nerf, noise-for-nerf (no NeRF at all); original-pose, in-bin, spread, effective, likelihood, paule-mandel, disparity,
-anchor, heteroscedastic, all (remedies). Rows that differ after the first fit alone share it.
+guided-for-nerf, noise-for-nerf (no NeRF at all); original-pose, in-bin, spread, effective, anchor,
+heteroscedastic, all (remedies). Rows that differ after the first fit alone share it.
 
 Output: as of mde eval, with the paper's Table II at the top of table.md. Goes on where an interrupted run stopped.")]
 pub(crate) struct AblateArgs {

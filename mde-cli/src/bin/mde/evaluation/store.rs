@@ -65,7 +65,7 @@ impl Store {
         let shown = root.display();
         let path = root.join(BASIS);
         if root.exists() {
-            ensure!(root.is_dir(), "{shown}: exists and is no folder; give another name to -o");
+            ensure!(root.is_dir(), "{shown}: exists and is not a folder; give another name to -o");
             let empty = fs::read_dir(root).with_context(|| shown.to_string())?.next().is_none();
             ensure!(
                 empty || path.is_file(),

@@ -1,7 +1,5 @@
 //! Helpers shared by the tests.
-#![allow(dead_code, clippy::unwrap_used)]
-
-use mde_fusion::{GaussianDepth, Prior};
+use crate::{GaussianDepth, Prior};
 use ndarray::Array2;
 
 /// Every known value of the map through `f`.
