@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use mde_nerf::{
-    DepthLoss, Error, FieldConfig, FieldEvent, HashFieldConfig, MlpFieldConfig, Nerf, NerfConfig,
+    Decay, DepthLoss, Error, FieldConfig, FieldEvent, HashFieldConfig, MlpFieldConfig, Nerf, NerfConfig,
     RadianceField, Silent,
 };
 use mde_uncertainty::GaussianDepth;
@@ -122,8 +122,8 @@ fn parallax_alone_teaches_the_mlp_field_colour_and_depth() {
 #[test]
 fn depth_losses_pull_the_field_to_the_hypotheses() {
     for loss in [
-        DepthLoss::Wasserstein { weight: 0.2, decay: 0.0 },
-        DepthLoss::Distribution { weight: 0.2, relative_sigma: 0.01, decay: 0.0 },
+        DepthLoss::Wasserstein { weight: 0.2, decay: Decay::default() },
+        DepthLoss::Distribution { weight: 0.2, relative_sigma: 0.01, decay: Decay::default() },
     ] {
         let mut config = hash();
         config.train.depth_loss = loss;
@@ -152,9 +152,13 @@ fn the_termination_becomes_the_distribution_of_the_hypotheses() {
         relative.sort_by(f32::total_cmp);
         relative[relative.len() / 2]
     };
-    let mixture = relative_sigma(DepthLoss::Distribution { weight: 0.5, relative_sigma: 0.02, decay: 0.0 });
+    let mixture = relative_sigma(DepthLoss::Distribution {
+        weight: 0.5,
+        relative_sigma: 0.02,
+        decay: Decay::default(),
+    });
     assert!((0.06..0.16).contains(&mixture), "{mixture}");
-    let median = relative_sigma(DepthLoss::Wasserstein { weight: 0.5, decay: 0.0 });
+    let median = relative_sigma(DepthLoss::Wasserstein { weight: 0.5, decay: Decay::default() });
     assert!(median < 0.7 * mixture, "{median} against {mixture}");
 }
 
