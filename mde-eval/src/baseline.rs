@@ -127,7 +127,11 @@ fn check(task: &Task<'_>, settings: &[(&'static str, f64)]) -> Result<()> {
 fn positive(settings: &[(&'static str, f64)]) -> Result<()> {
     for &(field, value) in settings {
         if !(value > 0.0 && value.is_finite()) {
-            return Err(Error::Config { field, value: value.to_string(), expected: "positive and finite" });
+            return Err(Error::Config {
+                field,
+                value: value.to_string(),
+                remedy: "use a positive finite number",
+            });
         }
     }
     Ok(())

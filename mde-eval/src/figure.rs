@@ -10,9 +10,9 @@ use mde_uncertainty::normal::central_half_width;
 use mde_uncertainty::pooled::share_below;
 use std::path::Path;
 
-/// One line of a [`Chart`].
+/// One curve of a [`Chart`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct Line {
+pub struct Curve {
     /// What is written at its end; nothing where empty.
     pub name: String,
     /// Its points, in order of x.
@@ -33,7 +33,7 @@ pub struct Chart {
     /// Name and unit of the vertical axis.
     pub y: String,
     /// The lines, first below.
-    pub lines: Vec<Line>,
+    pub lines: Vec<Curve>,
 }
 
 impl Chart {
@@ -118,8 +118,8 @@ pub fn methods(entries: &[Entry]) -> Vec<String> {
     names
 }
 
-fn guide(name: &str, points: Vec<[f64; 2]>) -> Line {
-    Line { name: name.to_owned(), points, colour: None, thin: true }
+fn guide(name: &str, points: Vec<[f64; 2]>) -> Curve {
+    Curve { name: name.to_owned(), points, colour: None, thin: true }
 }
 
 /// One line a method: the mean over its scenes, point by point.
@@ -127,7 +127,7 @@ fn each(
     entries: &[Entry],
     names: &[String],
     points: impl Fn(&crate::score::UncertaintyCurves) -> Vec<[f64; 2]>,
-) -> Vec<Line> {
+) -> Vec<Curve> {
     let mut lines = Vec::new();
     for (colour, name) in names.iter().enumerate() {
         let of_method = entries.iter().filter(|entry| entry.method == *name);
@@ -142,7 +142,7 @@ fn each(
             sum.map(|sum| sum / scenes.len() as f64)
         };
         let points = (0..longest).map(mean).filter(|point| point.iter().all(|v| v.is_finite())).collect();
-        lines.push(Line { name: name.clone(), points, colour: Some(colour), thin: false });
+        lines.push(Curve { name: name.clone(), points, colour: Some(colour), thin: false });
     }
     lines
 }

@@ -16,9 +16,9 @@
 //!
 //! let scene = room(Room::Study, 0, 160, 120)?;
 //! let prior = SimulatedPrior::new(&scene.depth, &SimulatedPriorConfig::default())?;
-//! let sigma = prior.answer().map.mapv(|z| 0.05 * z);
+//! let sigma = prior.prediction().map.mapv(|z| 0.05 * z);
 //!
-//! let subject = Subject::new(prior.answer().map.view(), scene.depth.view()).with_sigma(sigma.view());
+//! let subject = Subject::new(prior.prediction().map.view(), scene.depth.view()).with_sigma(sigma.view());
 //! let scores = score(&subject, &ScoreConfig::default())?;
 //! assert!(scores.depth.abs_rel > 0.0 && scores.depth.abs_rel < 0.2);
 //! assert!(scores.uncertainty.is_some_and(|u| u.mae.ause > 0.0));
@@ -26,26 +26,35 @@
 //! ```
 
 pub mod align;
+#[cfg(feature = "baseline")]
 pub mod baseline;
+#[cfg(feature = "data")]
 pub mod data;
 mod error;
 #[cfg(feature = "plot")]
 pub mod figure;
 pub mod metrics;
 pub mod raster;
+#[cfg(feature = "baseline")]
 mod refiner;
+#[cfg(feature = "scenes")]
 pub mod scene;
 pub mod score;
+#[cfg(feature = "scenes")]
 pub mod simulated;
 pub mod statistics;
 pub mod table;
 
 pub use error::{Error, Result};
+#[cfg(feature = "prior")]
 pub use mde_prior;
 pub use mde_uncertainty;
+#[cfg(feature = "prior")]
 pub use mde_warp;
+#[cfg(feature = "prior")]
 pub use nalgebra;
 pub use ndarray;
+#[cfg(feature = "baseline")]
 pub use refiner::{Refined, Refiner, Task};
 
 #[cfg(doctest)]

@@ -1,4 +1,4 @@
-//! Priors made from the truth, with the faults that monocular networks have: a map, and a model that can be asked again.
+//! Priors made from the truth, with the faults that monocular networks have: a map, and a model that takes crops and mirror images.
 
 mod model;
 
@@ -65,23 +65,21 @@ impl SimulatedPriorConfig {
     pub fn validate(&self) -> Result<()> {
         let share = |value: f64| (0.0..=0.25).contains(&value);
         let checks = [
-            ("lost-width", self.lost_width, share(self.lost_width), "between 0 and 0.25 of the width"),
-            ("blur", self.blur, share(self.blur), "between 0 and 0.25 of the width"),
-            ("error", self.error, (0.0..=1.0).contains(&self.error), "between 0 and 1"),
+            ("lost-width", self.lost_width, share(self.lost_width), "use 0 to 0.25 of the width"),
+            ("blur", self.blur, share(self.blur), "use 0 to 0.25 of the width"),
+            ("error", self.error, (0.0..=1.0).contains(&self.error), "use 0 to 1"),
             (
                 "wavelength",
                 self.wavelength,
                 self.wavelength >= 0.01 && self.wavelength.is_finite(),
-                "finite, from 0.01",
+                "use a finite number from 0.01",
             ),
-            ("scale", self.scale, self.scale > 0.0 && self.scale.is_finite(), "positive and finite"),
-            ("shift", self.shift, self.shift.is_finite(), "finite"),
+            ("scale", self.scale, self.scale > 0.0 && self.scale.is_finite(), "use a positive finite number"),
+            ("shift", self.shift, self.shift.is_finite(), "use a finite number"),
         ];
         match checks.into_iter().find(|check| !check.2) {
             None => Ok(()),
-            Some((field, value, _, expected)) => {
-                Err(Error::Config { field, value: value.to_string(), expected })
-            }
+            Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
         }
     }
 }
@@ -108,7 +106,7 @@ impl SimulatedPriorConfig {
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulatedPrior {
-    answer: PriorDepth,
+    prediction: PriorDepth,
 }
 
 impl SimulatedPrior {
@@ -138,13 +136,13 @@ impl SimulatedPrior {
             }
             _ => depth * config.scale,
         };
-        let answer = PriorDepth::with_mask(map.mapv(|v| v as f32), valid, config.kind)?;
-        Ok(Self { answer })
+        let prediction = PriorDepth::with_mask(map.mapv(|v| v as f32), valid, config.kind)?;
+        Ok(Self { prediction })
     }
 
-    /// What it answers.
-    pub fn answer(&self) -> &PriorDepth {
-        &self.answer
+    /// Its prediction for the image.
+    pub fn prediction(&self) -> &PriorDepth {
+        &self.prediction
     }
 }
 
@@ -153,18 +151,14 @@ impl DepthPrior for SimulatedPrior {
     /// [`mde_prior::Error::Input`] for an image of another size.
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         let (height, width, _) = image.dim();
-        if (height, width) == self.answer.map.dim() {
-            return Ok(self.answer.clone());
+        if (height, width) == self.prediction.map.dim() {
+            return Ok(self.prediction.clone());
         }
-        let shape = self.answer.map.dim();
+        let shape = self.prediction.map.dim();
         Err(mde_prior::Error::Input(format!(
             "the simulated prior is {}x{} but the image is {width}x{height} (width x height); resize the image",
             shape.1, shape.0
         )))
-    }
-
-    fn answers_anew(&self) -> bool {
-        false
     }
 }
 
@@ -256,7 +250,7 @@ mod tests {
     }
 
     fn made(config: &SimulatedPriorConfig) -> Array2<f32> {
-        SimulatedPrior::new(&truth(), config).unwrap().answer.map
+        SimulatedPrior::new(&truth(), config).unwrap().prediction.map
     }
 
     #[test]
@@ -305,7 +299,7 @@ mod tests {
         holes.row_mut(10).fill(0.0);
         holes[(0, 0)] = f32::NAN;
         let prior = SimulatedPrior::new(&holes, &SimulatedPriorConfig::default()).unwrap();
-        assert!(prior.answer.map.iter().zip(&holes).all(|(p, z)| (*p > 0.0) == (*z > 0.0)));
+        assert!(prior.prediction.map.iter().zip(&holes).all(|(p, z)| (*p > 0.0) == (*z > 0.0)));
         assert!(prior.predict(Array3::zeros((60, 80, 3)).view()).is_ok());
         assert!(prior.predict(Array3::zeros((80, 60, 3)).view()).is_err());
         assert!(SimulatedPrior::new(&Array2::zeros((4, 4)), &config()).is_err());

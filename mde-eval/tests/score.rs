@@ -25,7 +25,7 @@ fn study() -> Array2<f32> {
 }
 
 fn prior(truth: &Array2<f32>) -> Array2<f32> {
-    SimulatedPrior::new(truth, &SimulatedPriorConfig::default()).unwrap().answer().map.clone()
+    SimulatedPrior::new(truth, &SimulatedPriorConfig::default()).unwrap().prediction().map.clone()
 }
 
 fn scored(prediction: &Array2<f32>, truth: &Array2<f32>, alignment: AlignmentRule) -> Scores {
@@ -83,7 +83,7 @@ fn unsharp_masking_raises_sharpness_and_fixed_f1_but_hardly_f1_max() {
     for kind in [Room::Study, Room::LivingRoom] {
         let truth = room(kind, 0, 320, 240).unwrap().depth;
         let soft = SimulatedPriorConfig { blur: 0.018, ..SimulatedPriorConfig::default() };
-        let prior = SimulatedPrior::new(&truth, &soft).unwrap().answer().map.clone();
+        let prior = SimulatedPrior::new(&truth, &soft).unwrap().prediction().map.clone();
         let sharpened = unsharp(&prior, 6);
         let [before, after] = [&prior, &sharpened].map(|p| scored(p, &truth, AlignmentRule::Median).depth);
         assert!(after.sharpness.unwrap() > 1.05 * before.sharpness.unwrap());

@@ -71,7 +71,6 @@ fn hash() -> NerfConfig {
     config.train.steps = 400;
     config.train.rays = 512;
     config.train.learning_rate = 1e-2;
-    config.train.final_learning_rate = 1e-3;
     config.train.warm_up = 20;
     config
 }
@@ -84,7 +83,6 @@ fn mlp() -> NerfConfig {
     config.train.steps = 500;
     config.train.rays = 512;
     config.train.learning_rate = 5e-3;
-    config.train.final_learning_rate = 5e-4;
     config.train.warm_up = 20;
     config
 }

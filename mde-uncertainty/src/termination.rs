@@ -5,10 +5,10 @@
 
 use crate::Real;
 
-/// What a bin's own extent adds to the variance.
+/// The variance that the extent of a bin adds.
 ///
-/// Eq. 5 puts all of a bin's mass on its midpoint, so a surface inside one bin gets variance 0, and the clamp decides
-/// how much it is trusted.
+/// Eq. 5 puts the mass of a bin at its midpoint, so that a surface inside one bin has a variance of 0, and the clamp determines
+/// its weight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum InBinVariance {

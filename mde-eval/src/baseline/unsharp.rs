@@ -73,7 +73,7 @@ impl Refiner for Unsharp {
         check(task, &[("sigma", self.sigma)])?;
         if !self.amount.is_finite() {
             let value = self.amount.to_string();
-            return Err(Error::Config { field: "amount", value, expected: "finite" });
+            return Err(Error::Config { field: "amount", value, remedy: "use a finite number" });
         }
         Ok(sharpened(task.prior, &self.detail(task.prior), self.amount).into())
     }

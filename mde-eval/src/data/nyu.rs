@@ -1,5 +1,5 @@
 use super::files::find_scenes;
-use super::pairs::{Paired, in_one_folder, pairs_in_one_folder, pairs_side_by_side, side_by_side};
+use super::pairs::{Pair, Paired, in_one_folder, pairs_in_one_folder, pairs_side_by_side, side_by_side};
 use super::{DataSet, Sample};
 use crate::{Error, Result};
 use mde_warp::PinholeCamera;
@@ -39,7 +39,9 @@ impl Nyu {
                 "holds neither rgb/N.png beside depth/N.png nor rgb_N.jpg with sync_depth_N.png".into();
             return Err(Error::Layout { path: root.to_owned(), reason });
         }
-        Ok(Self { paired: Paired::new(root, pairs) })
+        // The labelled images are of many places; the files of a recording lie in one folder.
+        let recorded = |pair: &Pair| pair.image.parent() == Some(&pair.sequence);
+        Ok(Self { paired: Paired::new(root, pairs, recorded) })
     }
 }
 
@@ -51,6 +53,10 @@ fn camera() -> Result<PinholeCamera> {
 impl DataSet for Nyu {
     fn ids(&self) -> &[String] {
         &self.paired.ids
+    }
+
+    fn place(&self, index: usize) -> Option<&str> {
+        self.paired.place(index)
     }
 
     fn load(&self, index: usize) -> Result<Sample> {

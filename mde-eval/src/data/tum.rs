@@ -45,7 +45,7 @@ impl Tum {
                 "holds no folder with rgb.txt and depth.txt whose time stamps agree within 20 ms".into();
             return Err(Error::Layout { path: root.to_owned(), reason });
         }
-        Ok(Self { paired: Paired::new(root, pairs), fallback: Fallback::Refuse })
+        Ok(Self { paired: Paired::new(root, pairs, |_| true), fallback: Fallback::Refuse })
     }
 
     /// Only every `stride`-th picture: neighbours in a video show the same.
@@ -127,6 +127,10 @@ fn associate(images: &Stamped, depths: &Stamped) -> Vec<(usize, usize)> {
 impl DataSet for Tum {
     fn ids(&self) -> &[String] {
         &self.paired.ids
+    }
+
+    fn place(&self, index: usize) -> Option<&str> {
+        self.paired.place(index)
     }
 
     fn load(&self, index: usize) -> Result<Sample> {

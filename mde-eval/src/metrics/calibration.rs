@@ -118,7 +118,7 @@ pub(crate) fn ence_in_order(errors: &[f64], sigma: &[f64], order: &Order, bins: 
         return Err(Error::Config {
             field: "the number of ENCE bins",
             value: "0".into(),
-            expected: "at least 1",
+            remedy: "use at least 1",
         });
     }
     let square = |values: &[f64]| values.iter().map(|v| v * v).collect::<Vec<_>>();

@@ -179,7 +179,11 @@ impl EdgeSweep {
     ) -> Result<Self> {
         if let Some(tolerance) = tolerances.iter().find(|&&r| r > Self::MAX_TOLERANCE) {
             let value = tolerance.to_string();
-            return Err(Error::Config { field: "the edge tolerance", value, expected: "at most 64 pixels" });
+            return Err(Error::Config {
+                field: "the edge tolerance",
+                value,
+                remedy: "use at most 64 pixels",
+            });
         }
         let gradient = masked_gradient(prediction, mask)?;
         // Positive floats are in order as their bits are; with the index beside them, they sort as one word.
@@ -198,7 +202,7 @@ impl EdgeSweep {
             return Err(Error::Config {
                 field: "the edge tolerance",
                 value,
-                expected: "among those prepared",
+                remedy: "use one of those prepared",
             });
         };
         let total = true_edges.count;

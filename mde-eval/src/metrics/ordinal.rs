@@ -45,13 +45,13 @@ impl PairSampling {
     /// [`Error::Config`] names the field and what it must be.
     pub fn validate(&self) -> Result<()> {
         let fault =
-            |field, value: f64, expected| Err(Error::Config { field, value: value.to_string(), expected });
+            |field, value: f64, remedy| Err(Error::Config { field, value: value.to_string(), remedy });
         if self.radius == Some(0) {
-            return fault("radius", 0.0, "at least 1 pixel, or absent");
+            return fault("radius", 0.0, "use at least 1 pixel, or leave it out");
         }
         for (field, value) in [("min-ratio", self.min_ratio), ("tie-ratio", self.tie_ratio)] {
             if !(value >= 1.0 && value.is_finite()) {
-                return fault(field, value, "a ratio of at least 1");
+                return fault(field, value, "use a ratio of at least 1");
             }
         }
         Ok(())

@@ -164,7 +164,7 @@ pub fn costs_by_uncertainty(costs: &[f64], sigma: &[f64], bins: usize) -> Result
 
 pub(crate) fn bin(costs: &[f64], sigma: &[f64], order: &Order, bins: usize) -> Result<Vec<UncertaintyBin>> {
     if bins == 0 {
-        return Err(Error::Config { field: "bins", value: "0".into(), expected: "at least 1" });
+        return Err(Error::Config { field: "bins", value: "0".into(), remedy: "use at least 1" });
     }
     let (n, bins) = (costs.len(), bins.min(costs.len()));
     let (sigma, costs) = (expected(order, sigma), expected(order, costs));

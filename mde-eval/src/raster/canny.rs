@@ -25,7 +25,7 @@ pub fn canny(
         return Err(Error::Config {
             field: "Canny's settings",
             value,
-            expected: "0 < sigma and 0 <= low <= high",
+            remedy: "use finite numbers with 0 < sigma and 0 <= low <= high",
         });
     }
     let weights = mask.mapv(|keep| f64::from(u8::from(keep)));

@@ -31,7 +31,7 @@ impl Superpixels {
         super::same_shape("the mask", mask.dim(), map.dim())?;
         if count == 0 || !(compactness > 0.0 && compactness.is_finite()) {
             let value = format!("{count} segments, compactness {compactness}");
-            return Err(Error::Config { field: "SLIC's settings", value, expected: "positive" });
+            return Err(Error::Config { field: "SLIC's settings", value, remedy: "use positive numbers" });
         }
         let (height, width) = map.dim();
         let side = ((height * width) as f64 / count as f64).sqrt().max(1.0);

@@ -73,44 +73,44 @@ impl ScoreConfig {
             "min-depth",
             self.min_depth,
             self.min_depth >= 0.0 && self.min_depth.is_finite(),
-            "finite and at least 0",
+            "use a finite number from 0",
         )?;
         let ordered = self.max_depth > self.min_depth && positive(self.max_depth);
-        check("max-depth", self.max_depth, ordered, "finite and above min-depth")?;
+        check("max-depth", self.max_depth, ordered, "use a finite number above min-depth")?;
         if let Some([top, bottom, left, right]) = self.crop {
             let value = format!("[{top}, {bottom}, {left}, {right}]");
             check(
                 "crop",
                 value,
                 top < bottom && left < right,
-                "[top, bottom, left, right] with top < bottom and left < right",
+                "use [top, bottom, left, right] with top < bottom and left < right",
             )?;
         }
         for &threshold in &self.edge_thresholds {
-            check("edge-thresholds", threshold, positive(threshold), "positive and finite metres")?;
+            check("edge-thresholds", threshold, positive(threshold), "use positive finite metres")?;
         }
         for &threshold in &self.boundary_thresholds {
-            check("boundary-thresholds", threshold, positive(threshold), "positive and finite metres")?;
+            check("boundary-thresholds", threshold, positive(threshold), "use positive finite metres")?;
         }
         for &tolerance in &self.edge_tolerances {
-            check("edge-tolerances", tolerance, tolerance <= 64, "at most 64 pixels")?;
+            check("edge-tolerances", tolerance, tolerance <= 64, "use at most 64 pixels")?;
         }
         check(
             "band-threshold",
             self.band_threshold,
             positive(self.band_threshold),
-            "positive and finite metres",
+            "use positive finite metres",
         )?;
-        check("band", self.band, self.band >= 0.0, "at least 0 pixels")?;
+        check("band", self.band, self.band >= 0.0, "use 0 pixels or more")?;
         for &level in &self.levels {
-            check("levels", level, level > 0.0 && level < 1.0, "probabilities between 0 and 1")?;
+            check("levels", level, level > 0.0 && level < 1.0, "use probabilities between 0 and 1")?;
         }
-        check("ence-bins", self.ence_bins, self.ence_bins > 0, "at least 1")?;
-        check("spearman-bins", self.spearman_bins, self.spearman_bins > 1, "at least 2")?;
+        check("ence-bins", self.ence_bins, self.ence_bins > 0, "use at least 1")?;
+        check("spearman-bins", self.spearman_bins, self.spearman_bins > 1, "use at least 2")?;
         self.pairs.validate()
     }
 }
 
-fn check(field: &'static str, value: impl ToString, sound: bool, expected: &'static str) -> Result<()> {
-    if sound { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), expected }) }
+fn check(field: &'static str, value: impl ToString, sound: bool, remedy: &'static str) -> Result<()> {
+    if sound { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), remedy }) }
 }

@@ -16,7 +16,7 @@ pub struct SimulatedModelConfig {
     pub lost_width: f64,
     /// Standard deviation of the logarithm of a low-frequency error that is the same in all answers.
     pub shared_error: f64,
-    /// Standard deviation of the logarithm of a low-frequency error that each question has its own of.
+    /// Standard deviation of the logarithm of a low-frequency error that each prediction has its own of.
     pub own_error: f64,
     /// Shortest wavelength of both, as a fraction of the width of what they bend.
     pub wavelength: f64,
@@ -52,23 +52,21 @@ impl SimulatedModelConfig {
     pub fn validate(&self) -> Result<()> {
         let error = |value: f64| (0.0..=1.0).contains(&value);
         let checks = [
-            ("side", self.side as f64, (4..=4096).contains(&self.side), "between 4 and 4096"),
-            ("lost-cells", self.lost_cells, (0.0..=64.0).contains(&self.lost_cells), "between 0 and 64"),
-            ("lost-width", self.lost_width, (0.0..=0.25).contains(&self.lost_width), "between 0 and 0.25"),
-            ("shared-error", self.shared_error, error(self.shared_error), "between 0 and 1"),
-            ("own-error", self.own_error, error(self.own_error), "between 0 and 1"),
+            ("side", self.side as f64, (4..=4096).contains(&self.side), "use 4 to 4096"),
+            ("lost-cells", self.lost_cells, (0.0..=64.0).contains(&self.lost_cells), "use 0 to 64"),
+            ("lost-width", self.lost_width, (0.0..=0.25).contains(&self.lost_width), "use 0 to 0.25"),
+            ("shared-error", self.shared_error, error(self.shared_error), "use 0 to 1"),
+            ("own-error", self.own_error, error(self.own_error), "use 0 to 1"),
             (
                 "wavelength",
                 self.wavelength,
                 self.wavelength >= 0.01 && self.wavelength.is_finite(),
-                "finite, from 0.01",
+                "use a finite number from 0.01",
             ),
         ];
         match checks.into_iter().find(|check| !check.2) {
             None => Ok(()),
-            Some((field, value, _, expected)) => {
-                Err(Error::Config { field, value: value.to_string(), expected })
-            }
+            Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
         }
     }
 }
@@ -146,7 +144,7 @@ impl SimulatedModel {
     }
 
     /// The disparity of a part of the photograph, as the network sees it.
-    fn seen(&self, part: ArrayView2<'_, f64>, question: u64) -> Array2<f64> {
+    fn seen(&self, part: ArrayView2<'_, f64>, draw: u64) -> Array2<f64> {
         let SimulatedModelConfig { side, lost_cells, own_error, wavelength, seed, .. } = self.config;
         let cells = (side.min(part.nrows()), side.min(part.ncols()));
         let mut small = shrunk(part, cells);
@@ -156,7 +154,7 @@ impl SimulatedModel {
             small = close(&small.mapv(|d| d.recip() as f32), &known, radius).mapv(f64::recip);
         }
         if own_error > 0.0 {
-            let bend = waves(cells, wavelength, ("simulated-question", seed, question));
+            let bend = waves(cells, wavelength, ("simulated-question", seed, draw));
             small.zip_mut_with(&bend, |d, f| *d *= (-own_error * f).exp());
         }
         grown(small.view(), part.dim())
@@ -175,13 +173,17 @@ impl DepthPrior for SimulatedModel {
         };
         let (height, width, _) = image.dim();
         let place = [y, x, height, width, usize::from(mirrored)];
-        let question =
+        let draw =
             place.iter().fold(0, |hash: u64, &part| hash.wrapping_mul(0x1_0001).wrapping_add(part as u64));
-        let mut seen = self.seen(self.disparity.slice(s![y..y + height, x..x + width]), question);
+        let mut seen = self.seen(self.disparity.slice(s![y..y + height, x..x + width]), draw);
         if mirrored {
             seen.invert_axis(ndarray::Axis(1));
         }
         PriorDepth::from_values(seen.mapv(|d| d.recip() as f32), DepthKind::Metric)
+    }
+
+    fn accepts_new_images(&self) -> bool {
+        true
     }
 }
 
@@ -221,9 +223,9 @@ mod tests {
         (SimulatedModel::new(&scene.image, &scene.depth, config).unwrap(), scene.image, scene.depth)
     }
 
-    fn error(answer: &PriorDepth, truth: ArrayView2<'_, f32>) -> f32 {
-        let logs = answer.map.iter().zip(truth).map(|(a, t)| (a / t).ln().abs());
-        logs.sum::<f32>() / answer.map.len() as f32
+    fn error(prediction: &PriorDepth, truth: ArrayView2<'_, f32>) -> f32 {
+        let logs = prediction.map.iter().zip(truth).map(|(a, t)| (a / t).ln().abs());
+        logs.sum::<f32>() / prediction.map.len() as f32
     }
 
     #[test]
@@ -250,12 +252,12 @@ mod tests {
     }
 
     #[test]
-    fn own_errors_differ_between_questions_and_shared_ones_do_not() {
+    fn own_errors_differ_between_predictions_and_shared_ones_do_not() {
         let faults = |shared_error, own_error| {
             let config =
                 SimulatedModelConfig { shared_error, own_error, ..SimulatedModelConfig::small(4096) };
             let (model, image, depth) = model(config);
-            let bend = |answer: PriorDepth, truth: &Array2<f32>| (answer.map / truth).mapv(f32::ln);
+            let bend = |prediction: PriorDepth, truth: &Array2<f32>| (prediction.map / truth).mapv(f32::ln);
             let straight = bend(model.predict(image.view()).unwrap(), &depth);
             let mirror = bend(
                 model.predict(image.slice(s![.., ..;-1, ..])).unwrap(),
