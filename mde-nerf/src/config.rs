@@ -258,7 +258,8 @@ pub enum DepthLoss {
     Distribution {
         /// Weight of the loss; colours have weight 1.
         weight: f64,
-        /// Lower bound of a hypothesis' standard deviation, as a fraction of its depth.
+        /// Lower bound of the standard deviation of a hypothesis, as a fraction of its depth. Hypotheses of variance 0 are exact, and
+        /// the termination cannot be.
         relative_sigma: f64,
         /// Decay of the weight over the steps.
         #[cfg_attr(feature = "serde", serde(default))]
@@ -282,14 +283,10 @@ pub struct TrainConfig {
     pub rays: usize,
     /// Share of the rays that are drawn from view 0; the rest is drawn uniformly from the other views.
     pub original_share: f64,
-    /// Adam's learning rate after the warm-up.
+    /// Adam's learning rate after the warm-up; it decays exponentially to a tenth at the last step.
     pub learning_rate: f64,
-    /// Learning rate at the last step; the decay is exponential.
-    pub final_learning_rate: f64,
     /// Steps over which the learning rate rises linearly from 0.
     pub warm_up: usize,
-    /// Decay per step of the moving average of the parameters, which is the result; 0 for no average.
-    pub average: f64,
     /// Colour supervision.
     pub colour_loss: ColourLoss,
     /// Depth supervision.
@@ -304,9 +301,7 @@ impl Default for TrainConfig {
             rays: 1024,
             original_share: 0.3,
             learning_rate: 5e-3,
-            final_learning_rate: 5e-4,
             warm_up: 100,
-            average: 0.95,
             colour_loss: ColourLoss::Squared,
             depth_loss: DepthLoss::None,
         }
@@ -360,7 +355,6 @@ impl NerfConfig {
                 rays: 1024,
                 original_share: 1.0 / 3.0,
                 learning_rate: 1e-2,
-                final_learning_rate: 1e-3,
                 colour_loss: ColourLoss::Charbonnier { delta: 0.1, final_weight: 6.0 },
                 depth_loss: DepthLoss::Distribution {
                     weight: 0.2,
@@ -478,7 +472,6 @@ impl TrainConfig {
     fn validate(&self) -> Result<()> {
         let positive = |x: f64| x > 0.0 && x.is_finite();
         let share = |x: f64| (0.0..=1.0).contains(&x);
-        let decay = |x: f64| (0.0..1.0).contains(&x);
         check((1..=MAX_STEPS).contains(&self.steps), "train.steps", self.steps, "give 1 to 1000000 steps")?;
         check((16..=1 << 16).contains(&self.rays), "train.rays", self.rays, "give 16 to 65536 rays")?;
         check(
@@ -493,13 +486,6 @@ impl TrainConfig {
             self.learning_rate,
             "give a positive rate",
         )?;
-        check(
-            positive(self.final_learning_rate),
-            "train.final-learning-rate",
-            self.final_learning_rate,
-            "give a positive rate",
-        )?;
-        check(decay(self.average), "train.average", self.average, "give a number from 0 to below 1")?;
         if let ColourLoss::Charbonnier { delta, final_weight } = self.colour_loss {
             check(
                 positive(delta),

@@ -7,7 +7,7 @@ use crate::frustum::Frustum;
 use crate::loss::{LossTerms, RayLoss, Target, ray_loss};
 use crate::march::{Budget, March, Marcher};
 use crate::network::{Encoding, Gradients, Network};
-use crate::optimiser::{AdamStep, Average, Moments, adam};
+use crate::optimiser::{AVERAGE, AdamStep, Average, Moments, adam};
 use crate::scalar::Scalar;
 use crate::{Error, Result};
 use mde_uncertainty::termination::InBinVariance;
@@ -175,8 +175,8 @@ pub(crate) fn train(
 ) -> Result<FitReport> {
     let train = &config.train;
     let mut trainer = Trainer::new(network, frustum, pixels, config, seed);
-    let mut averages: [Average; 3] = std::array::from_fn(|_| Average::new(train.average));
-    let averaged_from = train.steps.saturating_sub(Average::span(train.average));
+    let mut averages: [Average; 3] = std::array::from_fn(|_| Average::new(AVERAGE));
+    let averaged_from = train.steps.saturating_sub(Average::span(AVERAGE));
     let mut since_report = RayLoss::default();
     let mut report = FitReport { steps: train.steps, ..FitReport::default() };
 
@@ -188,7 +188,7 @@ pub(crate) fn train(
         trainer.update();
         since_report.squared_error += sum.squared_error / train.rays as f64;
         since_report.total += sum.total / train.rays as f64;
-        if train.average > 0.0 && step >= averaged_from {
+        if step >= averaged_from {
             let [table, density, colour] = &mut averages;
             parameters(trainer.network).into_iter().zip([table, density, colour]).for_each(|(p, a)| a.add(p));
         }

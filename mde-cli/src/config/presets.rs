@@ -92,7 +92,6 @@ fn supervised(steps: usize, rays: usize) -> NerfConfig {
             steps_for: 640 * 480,
             rays,
             learning_rate: 1e-2,
-            final_learning_rate: 1e-3,
             depth_loss: DepthLoss::Wasserstein { weight: 0.2, decay: Decay::default() },
             ..TrainConfig::default()
         },

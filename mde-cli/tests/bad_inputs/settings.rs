@@ -37,7 +37,6 @@ const UNUSABLE: &[(&str, &[&str])] = &[
     ("nerf.train.rays = 1", &["train.rays is 1", "16 to 65536"]),
     ("nerf.train.learning-rate = 0.0", &["train.learning-rate is 0", "positive"]),
     ("nerf.train.learning-rate = nan", &["train.learning-rate is NaN", "positive"]),
-    ("nerf.train.average = 1.0", &["train.average is 1", "below 1"]),
     ("nerf.train.original-share = 1.5", &["train.original-share is 1.5", "0 to 1"]),
     ("nerf.train.depth-loss.weight = -1.0", &["train.depth-loss.weight is -1", "0 or more"]),
     ("nerf.train.depth-loss = { kind = 'wasserstein' }", &["depth-loss", "weight"]),
