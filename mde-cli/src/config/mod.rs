@@ -331,8 +331,14 @@ mod tests {
     }
 
     /// Keys that no preset sets: optional ones, and those of a kind that no preset has.
-    const KEYS_OF_OTHER_KINDS: [&str; 3] =
-        ["nerf.sampling.near", "nerf.sampling.far", "nerf.train.depth-loss.relative-sigma"];
+    const KEYS_OF_OTHER_KINDS: [&str; 6] = [
+        "nerf.sampling.volume.margin",
+        "nerf.sampling.near",
+        "nerf.sampling.far",
+        "nerf.train.colour-loss.delta",
+        "nerf.train.colour-loss.final-weight",
+        "nerf.train.depth-loss.relative-sigma",
+    ];
 
     #[test]
     fn the_paper_preset_has_the_numbers_of_the_paper() {

@@ -92,10 +92,8 @@ impl Results {
         if summary.places < summary.scenes {
             sample += &format!(" of {}", counted(summary.places, "place"));
         }
-        let mut blocks = vec![
-            Block::Heading(1, self.title.clone()),
-            Block::Text(format!("{sample}. {}", self.alignment)),
-        ];
+        let mut blocks =
+            vec![Block::Heading(1, self.title.clone()), Block::Text(format!("{sample}. {}", self.alignment))];
         let failed = self.failures.iter().map(|failure| {
             let what = failure.method.as_deref().unwrap_or("all methods");
             format!("failed: {}, {what}: {}", failure.scene, failure.error)

@@ -21,9 +21,18 @@ const THUMBNAIL: usize = 200;
 const SCENES: usize = 40;
 /// The figures, in the order of the page.
 const FIGURES: [(&str, &str); 3] = [
-    ("error-by-percentile", "Mean error by percentile of sigma: a rising line means that larger sigmas go with larger errors."),
-    ("sparsification", "Error of the remaining pixels when those of largest sigma are removed; lower is better."),
-    ("reliability", "Share of pixels whose true depth lies within the stated interval; a calibrated sigma is on the diagonal."),
+    (
+        "error-by-percentile",
+        "Mean error by percentile of sigma: a rising line means that larger sigmas go with larger errors.",
+    ),
+    (
+        "sparsification",
+        "Error of the remaining pixels when those of largest sigma are removed; lower is better.",
+    ),
+    (
+        "reliability",
+        "Share of pixels whose true depth lies within the stated interval; a calibrated sigma is on the diagonal.",
+    ),
 ];
 
 /// What a scene's row of `scenes.csv` says, by method.

@@ -108,7 +108,9 @@ impl Progress {
             Mode::Quiet => {}
             Mode::Json => self.json(value),
             // A closed pipe is no error.
-            Mode::Lines | Mode::Bars => drop(writeln!(io::stdout().lock(), "{}", wrapped(text, columns(), 2))),
+            Mode::Lines | Mode::Bars => {
+                drop(writeln!(io::stdout().lock(), "{}", wrapped(text, columns(), 2)))
+            }
         }
     }
 
