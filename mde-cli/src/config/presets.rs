@@ -25,10 +25,10 @@ pub enum Preset {
 }
 
 impl Preset {
-    /// All of them.
+    /// All presets.
     pub const ALL: [Self; 4] = [Self::Paper, Self::Default, Self::Fast, Self::MultiView];
 
-    /// The name, as the command line spells it.
+    /// The name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Paper => "paper",
@@ -83,7 +83,7 @@ impl Preset {
     }
 }
 
-/// A hash field that learns colours and is held to the views' depth.
+/// A hash field with a colour and a depth loss.
 fn supervised(steps: usize, rays: usize) -> NerfConfig {
     NerfConfig {
         field: FieldConfig::Hash(HashFieldConfig::default()),
@@ -100,9 +100,9 @@ fn supervised(steps: usize, rays: usize) -> NerfConfig {
     }
 }
 
-/// The remedies together. The views are warps of the photograph by the prior itself and share its error, which no
-/// residual can show: sigma is stated as 12 % of the depth on top of what the augmentation and the fusion estimate. It is the one
-/// factor that was fitted to depths that are known: nine of ten pixels of 18 photographs then lie within the 90 % interval.
+/// The robust fusion with a stated common error. The views are warps of the photograph by the prior and share its error, which no
+/// residual shows, so 12 % of the depth are added to the estimates. The figure was fitted: with it, the 90 % intervals hold 90 % of the
+/// pixels of 18 photographs.
 fn remedied() -> FusionConfig {
     FusionConfig { common_error: 0.12, ..FusionConfig::robust() }
 }

@@ -2,7 +2,7 @@
 //!
 //! | Stage | Paper | Where |
 //! |---|---|---|
-//! | prior | III.B | [`DepthPrior`], with test-time augmentation where [`Config`] has it |
+//! | prior | III.B | [`DepthPrior`], with test-time augmentation where it is configured |
 //! | warp | III.A, Eq. 1 | [`synthesise`] |
 //! | fit | III.C | [`RadianceField::fit`](mde_nerf::RadianceField::fit) |
 //! | render | III.D, Eq. 2-6 | [`RadianceField::render`](mde_nerf::RadianceField::render), [`reproject`](mde_warp::reproject) |
@@ -194,7 +194,7 @@ impl Run<'_, '_> {
         Ok(start)
     }
 
-    /// Once round the loop: `current` makes the views, `prior` meets what the field saw.
+    /// One iteration: `current` is warped to the training views, `prior` is fused with the rendered views.
     fn iterate(
         &mut self,
         index: usize,
@@ -236,7 +236,7 @@ impl Run<'_, '_> {
     }
 }
 
-/// The depth with an error that no answer shows, as a share of it.
+/// The depth with the variance of an error of `share` of the depth added.
 fn with_common_error(depth: GaussianDepth, share: f64) -> Result<GaussianDepth> {
     let share = share as f32;
     Ok(depth.map(|mean, variance| (mean, variance + (share * mean).powi(2))))
@@ -262,7 +262,7 @@ pub(crate) fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>
 }
 
 /// Spearman's correlation of the field's depth with the prior's, and the median of \\(|D_r / D_o - 1|\\), over the
-/// pixels that both know; nothing where there are none.
+/// pixels known to both; `None` where there are none.
 fn agreement(prior: ArrayView2<'_, f32>, field: &GaussianDepth) -> Result<(Option<f64>, Option<f64>)> {
     let (field, prior): (Vec<f64>, Vec<f64>) = field
         .mean()

@@ -52,7 +52,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
     job.run(&folder, &mut progress)
 }
 
-/// A preset's steps are for 640x480; a small room needs fewer to see every pixel as often.
+/// The steps of a preset are for 640x480; smaller rooms get fewer in proportion.
 fn steps(preset: usize, pixels: usize) -> usize {
     let scaled = preset as f64 * pixels as f64 / (640.0 * 480.0);
     (scaled as usize).clamp(preset.min(500), preset)
