@@ -97,6 +97,7 @@ impl Error {
         Self::Read { path: path.to_owned(), source }
     }
 
+    #[cfg(feature = "io")]
     pub(crate) fn write(path: &Path, source: std::io::Error) -> Self {
         Self::Write { path: path.to_owned(), source }
     }
