@@ -10,7 +10,6 @@ use mde_eval::score::{Prepared, ScoreConfig, Scores, Subject, score, score_align
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use proptest::prelude::*;
 use rand_distr::{Distribution, StandardNormal};
-use std::time::Instant;
 
 const RULES: [AlignmentRule; 5] = [
     AlignmentRule::None,
@@ -190,29 +189,6 @@ fn a_prepared_truth_gives_the_same_bits() {
     }
     let none = Array2::from_elem(truth.dim(), false);
     assert!(matches!(Prepared::new(truth.view(), Some(none.view()), &config), Err(Error::Empty { .. })));
-}
-
-/// Seconds, the least of five: `cargo test --release --test score -- --ignored --nocapture`.
-#[test]
-#[ignore = "a timing, for release builds"]
-fn all_scores_of_a_map_take_less_than_half_a_second() {
-    let truth = room(Room::Study, 0, 640, 480).unwrap().depth;
-    let (prediction, sigma) = (prior(&truth), truth.mapv(|z| 0.05 * z * z));
-    let subject = Subject::new(prediction.view(), truth.view()).with_sigma(sigma.view());
-    let config = ScoreConfig::default();
-    let least = |run: &dyn Fn() -> Scores| {
-        let time = || {
-            let start = Instant::now();
-            assert_eq!(run().pixels, run().pixels);
-            start.elapsed().as_secs_f64() / 2.0
-        };
-        (0..5).map(|_| time()).fold(f64::INFINITY, f64::min)
-    };
-    let plain = least(&|| score(&subject, &config).unwrap());
-    let prepared = Prepared::new(truth.view(), None, &config).unwrap();
-    let again = least(&|| prepared.score(&subject).unwrap());
-    eprintln!("score: {plain:.3} s, of a prepared truth: {again:.3} s");
-    assert!(plain < 0.5 && again < plain, "{plain} s, {again} s");
 }
 
 #[test]

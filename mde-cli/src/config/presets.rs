@@ -1,7 +1,7 @@
 use crate::config::{Config, FieldUse, IterationPrior, NovelViews, RefinementConfig};
 use mde_fusion::FusionConfig;
 use mde_nerf::{
-    DepthLoss, FieldConfig, HashFieldConfig, NerfConfig, RenderConfig, SamplingConfig, TrainConfig,
+    Decay, DepthLoss, FieldConfig, HashFieldConfig, NerfConfig, RenderConfig, SamplingConfig, TrainConfig,
 };
 use mde_prior::AugmentationConfig;
 use mde_uncertainty::termination::InBinVariance;
@@ -83,7 +83,7 @@ fn supervised(steps: usize, rays: usize) -> NerfConfig {
             steps_for: 640 * 480,
             rays,
             learning_rate: 1e-2,
-            depth_loss: DepthLoss::Wasserstein { weight: 0.2, decay: 0.0 },
+            depth_loss: DepthLoss::Wasserstein { weight: 0.2, decay: Decay::default() },
             ..TrainConfig::default()
         },
         render: RenderConfig { in_bin: InBinVariance::Uniform, ..RenderConfig::default() },

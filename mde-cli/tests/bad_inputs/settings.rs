@@ -60,9 +60,16 @@ const UNUSABLE: &[(&str, &[&str])] = &[
     ("fusion.variance-floor = 1.0", &["variance-floor is 1", "below 1"]),
     ("fusion.kappa = 0.0", &["kappa is 0", "positive"]),
     (
-        "nerf.train.depth-loss = { kind = 'distribution', weight = 1.0, relative-sigma = 0.0, decay = 0.0 }",
+        "nerf.train.depth-loss = { kind = 'distribution', weight = 1.0, relative-sigma = 0.0 }",
         &["relative-sigma is 0"],
     ),
+    ("nerf.train.depth-loss.decay = { start = 0.5, end = 0.2 }", &["decay.end is 0.2", "decay.start to 1"]),
+    (
+        "nerf.train.colour-loss = { kind = 'charbonnier', delta = 0.0, final-weight = 1.0 }",
+        &["delta is 0", "positive"],
+    ),
+    ("nerf.sampling.volume = { kind = 'reference', margin = 2.0 }", &["margin is 2", "0 to 1"]),
+    ("nerf.sampling.volume = { kind = 'sphere' }", &["`sphere`", "`hull`"]),
     ("disparity.near = 0.0", &["near", "0 is no positive depth"]),
     ("disparity = { near = 2.0, far = 1.0 }", &["far", "1 must be finite and above near"]),
 ];

@@ -94,7 +94,7 @@ pub struct Options {
     pub sun_depth: SunDepth,
     /// Width and height to resize to; their own without. Rooms are made in this size, 640 x 480 without.
     pub size: Option<[usize; 2]>,
-    /// Every so many pictures of a sequence ([`Tum`], [`Redwood`]).
+    /// Every so many images of a sequence ([`Tum`], [`Redwood`]).
     pub stride: usize,
     /// Seed of the [`Rooms`].
     pub seed: u64,

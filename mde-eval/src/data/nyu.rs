@@ -5,12 +5,12 @@ use crate::{Error, Result};
 use mde_warp::PinholeCamera;
 use std::path::Path;
 
-/// NYU Depth v2 (Silberman et al., ECCV 2012) as files: pairs of a picture and a 16-bit PNG in millimetres, 0 = missing.
+/// NYU Depth v2 (Silberman et al., ECCV 2012) as files: pairs of an image and a 16-bit PNG in millimetres, 0 = missing.
 ///
 /// Two layouts are found, at any depth below the root: `rgb/00001.png` beside `depth/00001.png` (any file names whose
 /// first numbers agree), and `rgb_00045.jpg` with `sync_depth_00045.png` in one folder, as the training sets of BTS and its
 /// successors have it. The published `nyu_depth_v2_labeled.mat` must be exported first. Depth is trusted up to 10 m; the
-/// camera is the published one of the colour sensor, scaled to the pictures' size.
+/// camera is the published one of the colour sensor, scaled to the images' size.
 #[derive(Debug, Clone)]
 pub struct Nyu {
     paired: Paired,

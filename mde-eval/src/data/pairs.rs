@@ -9,10 +9,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 const IMAGES: [&str; 3] = ["jpg", "jpeg", "png"];
-/// How folders of colour pictures are called.
+/// How folders of colour images are called.
 const COLOUR: [&str; 5] = ["rgb", "color", "colour", "image", "images"];
 
-/// A picture and its depth map, as files.
+/// An image and its depth map, as files.
 #[derive(Debug, Clone)]
 pub(super) struct Pair {
     pub(super) image: PathBuf,
@@ -21,7 +21,7 @@ pub(super) struct Pair {
     pub(super) sequence: PathBuf,
 }
 
-/// Picture and depth map of a pair, and the picture's width and height.
+/// Image and depth map of a pair, and the image's width and height.
 pub(super) type Read = (Array3<f32>, Array2<f32>, [usize; 2]);
 
 impl Pair {
@@ -95,7 +95,7 @@ impl Paired {
     }
 }
 
-/// Whether a folder holds a folder of pictures beside one of depth maps.
+/// Whether a folder holds a folder of images beside one of depth maps.
 pub(super) fn side_by_side(folder: &Path) -> bool {
     colour_folder(folder).is_some() && folder.join("depth").is_dir()
 }

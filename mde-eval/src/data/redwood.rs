@@ -48,7 +48,7 @@ impl Redwood {
         Ok(Self { paired: Paired::new(root, pairs, |_| true), fallback: Fallback::Refuse })
     }
 
-    /// Only every `stride`-th picture: neighbours in a video show the same.
+    /// Only every `stride`-th image: neighbours in a video show the same.
     #[must_use]
     pub fn with_stride(mut self, stride: usize) -> Self {
         self.paired.step(stride);

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SunDepth {
-    /// `depth/`: what the sensor saw.
+    /// `depth/`: the measurements of the sensor.
     #[default]
     Sensor,
     /// `depth_bfx/`: the same with its holes filled, often wrongly.

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 /// TUM RGB-D (Sturm et al., IROS 2012): folders with `rgb.txt` and `depth.txt`, lines of a time stamp and a file.
 ///
-/// A picture belongs to the depth map nearest in time within 20 ms, each used once, nearest first, as the published
+/// An image belongs to the depth map nearest in time within 20 ms, each used once, nearest first, as the published
 /// `associate.py` has it. Depth PNGs hold 5000 units a metre, 0 = missing, and are trusted up to 5 m (a Kinect). The
 /// camera is the published one of `freiburg1`, `freiburg2` or `freiburg3` where the folder's name says which, else
 /// a [`Fallback`].
@@ -48,7 +48,7 @@ impl Tum {
         Ok(Self { paired: Paired::new(root, pairs, |_| true), fallback: Fallback::Refuse })
     }
 
-    /// Only every `stride`-th picture: neighbours in a video show the same.
+    /// Only every `stride`-th image: neighbours in a video show the same.
     #[must_use]
     pub fn with_stride(mut self, stride: usize) -> Self {
         self.paired.step(stride);
@@ -101,7 +101,7 @@ fn list(folder: &Path, name: &str) -> Result<Stamped> {
     Ok(stamped)
 }
 
-/// Indices of pictures and depth maps that belong together, in the pictures' order.
+/// Indices of images and depth maps that belong together, in the images' order.
 fn associate(images: &Stamped, depths: &Stamped) -> Vec<(usize, usize)> {
     let mut in_time: Vec<usize> = (0..depths.len()).collect();
     in_time.sort_by(|&a, &b| depths[a].0.total_cmp(&depths[b].0));

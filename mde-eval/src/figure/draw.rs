@@ -118,7 +118,7 @@ fn ranges(lines: &[Curve]) -> [std::ops::Range<f64>; 2] {
     })
 }
 
-/// Moves names apart that would overlap, and the lowest ones up from below the picture.
+/// Moves names apart that would overlap, and the lowest ones up from below the image.
 fn spread(names: &mut [(&Curve, (i32, i32))]) {
     names.sort_by_key(|(_, (_, y))| *y);
     let bottom = SIZE.1 as i32 - 50;

@@ -24,10 +24,10 @@ use mde_warp::{PinholeCamera, Pose};
 use ndarray::{Array2, Array3};
 use render::{Eye, Model};
 
-/// A picture with its exact depth.
+/// An image with its exact depth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
-    /// The picture, `[height, width, 3]`, sRGB in 0 to 1.
+    /// The image, `[height, width, 3]`, sRGB in 0 to 1.
     pub image: Array3<f32>,
     /// Exact z-depth at the pixels' centres in metres, `[height, width]`. The rooms are closed, so every depth is positive for a
     /// camera that stands in the open; what a camera outside the room does not see is 0.
@@ -36,7 +36,7 @@ pub struct Scene {
     pub camera: PinholeCamera,
 }
 
-/// A furnished room that pictures can be taken of, from its own camera or from any other pose.
+/// A furnished room, rendered from its own camera or from any other pose.
 #[derive(Debug, Clone)]
 pub struct World {
     model: Model,
@@ -61,7 +61,7 @@ impl World {
             exposure: 1.0,
         };
         let mut world = Self { model, eye: setting.eye, field_of_view: setting.field_of_view };
-        // Metered once, so that pictures from other poses match.
+        // Metered once, so that images from other poses match.
         world.model.exposure = world.model.meter(&world.camera(48, 36)?, &world.eye);
         Ok(world)
     }
@@ -74,7 +74,7 @@ impl World {
         Ok(PinholeCamera::from_fov(self.field_of_view, width, height)?)
     }
 
-    /// A picture with its depth. The world is the frame of the room's own camera: the identity pose (world to camera) is its
+    /// An image with its depth. The world is the frame of the room's own camera: the identity pose (world to camera) is its
     /// view.
     pub fn render(&self, camera: &PinholeCamera, pose: &Pose) -> Scene {
         let eye = self.eye.moved(pose);
@@ -91,7 +91,7 @@ impl World {
     }
 }
 
-/// A room seen by its own camera, `width` by `height` pixels.
+/// A room rendered from its own camera, `width` by `height` pixels.
 ///
 /// ```
 /// use mde_eval::scene::{Room, room};

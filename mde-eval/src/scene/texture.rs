@@ -6,7 +6,7 @@ use super::shape::{Shape, Vector};
 /// A linear colour.
 pub(super) type Colour = Vector;
 
-/// A colour as a picture shows it (sRGB, 0 to 1), made linear.
+/// A colour as an image has it (sRGB, 0 to 1), made linear.
 pub(super) fn rgb(red: f64, green: f64, blue: f64) -> Colour {
     Colour::new(red, green, blue).map(|c| c.powf(2.2))
 }

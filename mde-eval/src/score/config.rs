@@ -22,7 +22,7 @@ pub struct ScoreConfig {
     pub edge_tolerances: Vec<u32>,
     /// Thresholds of the truth for the edges that are [matched one to one](crate::metrics::bsds), metres of Sobel gradient (gain 8).
     pub boundary_thresholds: Vec<f64>,
-    /// The truth's threshold that tells on-edge from off-edge sharpness, metres of Sobel gradient (gain 8).
+    /// The truth's threshold between on-edge and off-edge sharpness, metres of Sobel gradient (gain 8).
     pub band_threshold: f64,
     /// How far from a true edge a pixel is still on it, pixels.
     pub band: f64,
@@ -57,7 +57,7 @@ impl Default for ScoreConfig {
 }
 
 impl ScoreConfig {
-    /// For a sensor that is not to be trusted beyond 8 m (SUN RGB-D).
+    /// For sensors that are reliable up to 8 m (SUN RGB-D).
     #[must_use]
     pub fn sunrgbd() -> Self {
         Self { max_depth: 8.0, ..Self::default() }
@@ -66,7 +66,7 @@ impl ScoreConfig {
     /// Checks the fields.
     ///
     /// # Errors
-    /// [`Error::Config`] names the field and what it must be.
+    /// [`Error::Config`] for the first field at fault.
     pub fn validate(&self) -> Result<()> {
         let positive = |value: f64| value > 0.0 && value.is_finite();
         check(
