@@ -328,23 +328,9 @@ mod tests {
         let documented: BTreeSet<String> = page
             .lines()
             .filter_map(|line| line.strip_prefix("| `")?.split_once('`').map(|(key, _)| key.to_owned()))
-            .filter(|key| !KEYS_OF_OTHER_KINDS.contains(&key.as_str()))
             .collect();
         assert_eq!(documented, settings);
-        for key in KEYS_OF_OTHER_KINDS {
-            assert!(page.contains(&format!("| `{key}`")), "{key}");
-        }
     }
-
-    /// Keys that no preset sets: optional ones, and those of a kind that no preset has.
-    const KEYS_OF_OTHER_KINDS: [&str; 6] = [
-        "nerf.sampling.volume.margin",
-        "nerf.sampling.near",
-        "nerf.sampling.far",
-        "nerf.train.colour-loss.delta",
-        "nerf.train.colour-loss.final-weight",
-        "nerf.train.depth-loss.relative-sigma",
-    ];
 
     #[test]
     fn the_paper_preset_has_the_numbers_of_the_paper() {

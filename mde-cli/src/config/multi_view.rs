@@ -27,18 +27,21 @@ impl Default for MultiViewConfig {
 
 impl MultiViewConfig {
     pub(crate) fn validate(&self) -> Result<()> {
-        let fault = |reason: String| Err(Error::Config { origin: "config".into(), reason });
+        let fault = |field, value: String, remedy| Err(Error::Config { field, value, remedy });
         if !(2..=64).contains(&self.max_views) {
-            return fault(format!("multi-view.max-views is {}; give 2 to 64", self.max_views));
+            return fault("multi-view.max-views", self.max_views.to_string(), "give 2 to 64");
         }
-        let fields = [("sigma-field", self.sigma_field), ("sigma-consensus", self.sigma_consensus)];
-        for (name, value) in fields {
+        let fields = [
+            ("multi-view.sigma-field", self.sigma_field),
+            ("multi-view.sigma-consensus", self.sigma_consensus),
+        ];
+        for (field, value) in fields {
             if !(0.0..=100.0).contains(&value) {
-                return fault(format!("multi-view.{name} is {value}; give 0 to 100"));
+                return fault(field, value.to_string(), "give 0 to 100");
             }
         }
         if fields.iter().all(|(_, value)| *value == 0.0) {
-            return fault("multi-view.sigma-field and sigma-consensus are 0; make one positive".to_owned());
+            return fault("multi-view.sigma-field", "0".to_owned(), "make it or sigma-consensus positive");
         }
         Ok(())
     }
