@@ -2,12 +2,12 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use mde_cli::Calibration;
+use mde_cli::mde_uncertainty::calibration::Calibration;
 
 fuzz_target!(|text: &str| {
     match Calibration::parse(text, "fuzz.toml") {
         Ok(calibration) => {
-            let table = calibration.conformal().expect("it was checked");
+            let table = calibration.intervals().expect("it was checked");
             let factor = table.factor(Calibration::AT).expect("its own probability");
             assert!(((factor * factor) as f32).is_normal());
             for hundredth in 1..=99 {

@@ -21,7 +21,7 @@ fn load(bytes: &[u8]) {
     std::fs::write(&path, bytes).expect("the file is writable");
     if let Ok(field) = Nerf::load(&path) {
         let camera = PinholeCamera::from_fov(60.0, 4, 3).expect("a camera");
-        let mut go_on = |_: &mde_cli::mde_nerf::Event| ControlFlow::Continue(());
+        let mut go_on = |_: &mde_cli::mde_nerf::FieldEvent| ControlFlow::Continue(());
         if let Ok(view) = field.render(&camera, &Pose::identity(), &mut go_on) {
             assert!(view.depth.mean().iter().all(|d| !d.is_nan()));
         }

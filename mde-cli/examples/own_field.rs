@@ -2,33 +2,34 @@
 //! posed views and renders depth with a variance fits here, such as a Gaussian splat.
 #![allow(clippy::print_stdout)]
 
-use mde_cli::mde_eval::scene::{Room, room};
-use mde_cli::mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
-use mde_cli::mde_fusion::BayesFuser;
-use mde_cli::mde_nerf::{FitReport, Observer, RadianceField, RenderedView, Result};
+use mde_cli::mde_nerf::{Error, FieldCallback, FitReport, RadianceField, RenderedView, Result};
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, reproject};
 use mde_cli::ndarray::{Array2, Array3};
 use mde_cli::{Config, Event, Stages, refine};
+use mde_eval::scene::{Room, room};
+use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use std::ops::ControlFlow;
 
 #[derive(Default)]
 struct Surface(Option<PosedView>);
 
 impl RadianceField for Surface {
-    fn fit(&mut self, views: &[PosedView], _: &mut dyn Observer) -> Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], _: &mut dyn FieldCallback) -> Result<FitReport> {
         self.0 = views.first().cloned();
         Ok(FitReport::default())
     }
 
-    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn Observer) -> Result<RenderedView> {
-        let view = self.0.as_ref().ok_or(mde_cli::mde_nerf::Error::NotFitted)?;
-        // A hundredth of the depth for an error bar.
-        let depth = view.hypotheses[0].clone().map(|mean, _| (mean, (0.01 * mean).powi(2)));
-        let seen = reproject(&depth, &view.camera, &view.pose, camera, pose, &ReprojectConfig::default());
+    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn FieldCallback) -> Result<RenderedView> {
+        let view = self.0.as_ref().ok_or(Error::NotFitted)?;
+        let depth = view.hypotheses.first().ok_or(Error::NoRange)?;
+        // A standard deviation of 1 % of the depth.
+        let depth = depth.clone().map(|mean, _| (mean, (0.01 * mean).powi(2)));
+        let seen = reproject(&depth, &view.camera, &view.pose, camera, pose, &ReprojectConfig::default())
+            .map_err(Error::external)?;
         let size = (camera.height, camera.width);
         Ok(RenderedView {
             image: Array3::from_elem((size.0, size.1, 3), 0.5),
-            depth: seen.unwrap_or(depth),
+            depth: seen,
             opacity: Array2::ones(size),
         })
     }
@@ -38,10 +39,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scene = room(Room::Study, 0, 160, 120)?;
     let prior = SimulatedPrior::new(&scene.depth, &SimulatedPriorConfig::default())?;
     let config = Config::default();
-    let fuser = BayesFuser::new(config.fusion.clone())?;
-    let mut field =
-        |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> { Ok(Box::new(Surface::default())) };
-    let stages = Stages { prior: &prior, field: &mut field, fuser: &fuser };
+    let stages = Stages::new(&prior).with_field(|_| Ok(Box::new(Surface::default())));
     let mut go_on = |_: &Event| ControlFlow::Continue(());
     let refined = refine(scene.image.view(), &scene.camera, stages, &config, &mut go_on)?;
     for iteration in &refined.iterations {

@@ -1,12 +1,10 @@
 //! Another monocular depth in the loop: a floor that runs away from the camera, refined by a short run.
 #![allow(clippy::print_stdout)]
 
-use mde_cli::mde_eval::scene::{Room, room};
-use mde_cli::mde_fusion::BayesFuser;
-use mde_cli::mde_nerf::{Nerf, RadianceField};
 use mde_cli::mde_prior::{DepthKind, DepthPrior, PriorDepth, Result};
 use mde_cli::ndarray::{Array2, ArrayView3};
 use mde_cli::{Config, Event, Preset, Stages, refine};
+use mde_eval::scene::{Room, room};
 use std::ops::ControlFlow;
 
 /// The lower in the picture, the nearer.
@@ -23,11 +21,7 @@ impl DepthPrior for Floor {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scene = room(Room::Study, 0, 160, 120)?;
     let config = Config::with_overrides(Preset::Fast, "nerf.train.steps = 200", "example")?;
-    let fuser = BayesFuser::new(config.fusion.clone())?;
-    let mut field = |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> {
-        Ok(Box::new(Nerf::new(config.nerf.clone(), config.seed)?))
-    };
-    let stages = Stages { prior: &Floor, field: &mut field, fuser: &fuser };
+    let stages = Stages::new(&Floor);
     let mut go_on = |_: &Event| ControlFlow::Continue(());
     let refined = refine(scene.image.view(), &scene.camera, stages, &config, &mut go_on)?;
     let report = &refined.iterations[0];

@@ -23,9 +23,6 @@ pub enum Error {
     /// A depth map is no Gaussian depth.
     #[error(transparent)]
     Depth(#[from] mde_uncertainty::Error),
-    /// A metric could not be computed.
-    #[error(transparent)]
-    Metric(#[from] mde_eval::Error),
     /// A prior without a single known pixel.
     #[error("the prior has no pixel with a depth; check its kind (metric, depth or disparity) and its scale")]
     EmptyPrior,
@@ -69,12 +66,19 @@ pub enum Error {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The state between two iterations could not be kept.
-    #[error("{0}")]
-    Keep(String),
-    /// The observer asked to stop.
+    /// The error of a stage, a factory or a checkpoint's keeper that is not part of this workspace.
+    #[error(transparent)]
+    External(Box<dyn std::error::Error + Send + Sync>),
+    /// A callback returned `Break`.
     #[error("interrupted")]
     Interrupted,
+}
+
+impl Error {
+    /// An error of a part that is not of this workspace.
+    pub fn external(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
+        Self::External(error.into())
+    }
 }
 
 fn io_remedy(source: &std::io::Error) -> &'static str {

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Place, names};
-use mde_cli::Calibration;
+use mde_cli::calibration;
 use mde_cli::mde_prior::format::{ReadOptions, read_depth};
 use ndarray::Array2;
 use serde_json::Value;
@@ -29,15 +29,15 @@ fn what_was_learned_scales_sigma_and_makes_the_interval() {
     for file in ["calibration.toml", "scenes.csv", "summary.json", "report.html"] {
         assert!(names(&place.path("learned")).contains(&file.to_owned()), "{file}");
     }
-    let calibration = Calibration::from_file(&place.path("learned/calibration.toml")).unwrap();
+    let calibration = calibration::read(&place.path("learned/calibration.toml")).unwrap();
     assert_eq!((calibration.scenes().len(), calibration.held_out().len()), (3, 4));
 
     place.mde(&format!("{REFINE} -o plain")).assert().success();
     let options = "--calibration learned/calibration.toml --interval 0.8";
     let scaled = place.mde(&format!("{REFINE} {options} -o scaled")).assert().success();
     assert!(String::from_utf8_lossy(&scaled.get_output().stderr).contains("other settings"));
-    let factor = calibration.conformal().unwrap().factor(0.9).unwrap() as f32;
-    let half_width = calibration.conformal().unwrap().half_width(0.8).unwrap() as f32;
+    let factor = calibration.intervals().unwrap().factor(0.9).unwrap() as f32;
+    let half_width = calibration.intervals().unwrap().half_width(0.8).unwrap() as f32;
     let (depth, sigma) = (map(&place, "scaled/depth.npy"), map(&place, "scaled/sigma.npy"));
     assert_eq!(depth, map(&place, "plain/depth.npy"));
     let (lower, upper) = (map(&place, "scaled/lower.npy"), map(&place, "scaled/upper.npy"));

@@ -4,15 +4,15 @@
 mod common;
 
 use common::{HEIGHT, TINY, WIDTH};
-use mde_cli::config::{Config, Consensus, FieldUse, IterationPrior, RefinementConfig};
-use mde_cli::mde_eval::scene::{Room, Scene, room};
-use mde_cli::mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
-use mde_cli::mde_fusion::{self, BayesFuser, Fused, Fuser, FusionReport, Prior};
-use mde_cli::mde_nerf::{self, FitReport, Nerf, Observer, RadianceField, RenderedView};
-use mde_cli::mde_prior::{self, DepthKind, DepthPrior, EvidenceConfig, PriorDepth};
+use mde_cli::config::{Config, FieldUse, IterationPrior, RefinementConfig};
+use mde_cli::mde_fusion::{self, Fused, Fuser, FusionReport, Prior};
+use mde_cli::mde_nerf::{self, FieldCallback, FitReport, RadianceField, RenderedView};
+use mde_cli::mde_prior::{self, AugmentationConfig, DepthKind, DepthPrior, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
-use mde_cli::{AveragedField, Error, Event, Preset, Refinement, Stage, Stages, refine};
+use mde_cli::{Error, Event, Preset, Refinement, Stage, Stages, refine};
+use mde_eval::scene::{Room, Scene, room};
+use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use ndarray::{Array2, Array3, ArrayView3};
 use std::cell::RefCell;
 use std::ops::ControlFlow;
@@ -25,12 +25,12 @@ struct Wall {
 }
 
 impl RadianceField for Wall {
-    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> mde_nerf::Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], observer: &mut dyn FieldCallback) -> mde_nerf::Result<FitReport> {
         let original = views[0].pose == Pose::identity() && views[0].mask.iter().all(|real| *real);
         let moved = views[1..].iter().all(|view| view.pose != Pose::identity());
         self.log.lock().unwrap().push(format!("fit {} {original} {moved}", views.len()));
-        let event = mde_nerf::Event::Fit { step: 1, steps: 1, loss: 0.0, psnr: 30.0 };
-        if observer.observe(&event).is_break() {
+        let event = mde_nerf::FieldEvent::Fit { step: 1, steps: 1, loss: 0.0, psnr: 30.0 };
+        if observer.on_event(&event).is_break() {
             return Err(mde_nerf::Error::Interrupted);
         }
         Ok(FitReport { steps: 1, psnr: vec![30.0], ..FitReport::default() })
@@ -40,10 +40,10 @@ impl RadianceField for Wall {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        observer: &mut dyn Observer,
+        observer: &mut dyn FieldCallback,
     ) -> mde_nerf::Result<RenderedView> {
         self.log.lock().unwrap().push(format!("render {}", *pose == Pose::identity()));
-        if observer.observe(&mde_nerf::Event::Render { row: 1, rows: 1 }).is_break() {
+        if observer.on_event(&mde_nerf::FieldEvent::Render { row: 1, rows: 1 }).is_break() {
             return Err(mde_nerf::Error::Interrupted);
         }
         let size = (camera.height, camera.width);
@@ -83,19 +83,15 @@ fn prior(scene: &Scene) -> SimulatedPrior {
 
 fn config() -> Config {
     let mut config = Config::with_overrides(Preset::Paper, TINY, "tiny").unwrap();
-    config.novel.sampling.count = 0;
+    config.novel.count = 0;
     config.novel.original = true;
     config
 }
 
 fn with_nerf(config: &Config) -> Refinement {
     let scene = scene();
-    let mut field = |iteration: usize| -> mde_cli::Result<Box<dyn RadianceField>> {
-        Ok(Box::new(Nerf::new(config.nerf.clone(), config.seed + iteration as u64)?))
-    };
-    let fuser = BayesFuser::new(config.fusion.clone()).unwrap();
     let prior = prior(&scene);
-    let stages = Stages { prior: &prior, field: &mut field, fuser: &fuser };
+    let stages = Stages::new(&prior);
     let mut go_on = |_: &Event| ControlFlow::Continue(());
     refine(scene.image.view(), &scene.camera, stages, config, &mut go_on).unwrap()
 }
@@ -108,16 +104,15 @@ fn with_wall(
 ) -> (mde_cli::Result<Refinement>, Vec<String>, Vec<Event>) {
     let scene = scene();
     let log = Arc::new(Mutex::new(Vec::new()));
-    let mut field = |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> {
-        Ok(Box::new(Wall { depth: 3.0, log: log.clone() }))
-    };
     let mut events = Vec::new();
     let mut observe = |event: &Event| {
         events.push(*event);
         if events.len() == stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     let prior = prior(&scene);
-    let stages = Stages { prior: &prior, field: &mut field, fuser };
+    let stages = Stages::new(&prior)
+        .with_field(|_| Ok(Box::new(Wall { depth: 3.0, log: log.clone() })))
+        .with_fuser(fuser);
     let result = refine(scene.image.view(), &scene.camera, stages, config, &mut observe);
     let log = log.lock().unwrap().clone();
     (result, log, events)
@@ -149,11 +144,7 @@ fn foreign_stages_are_called_in_order_and_their_word_is_final() {
 
 #[test]
 fn the_second_prior_is_what_the_configuration_says() {
-    for (rule, knows, same) in [
-        (IterationPrior::Carry, true, false),
-        (IterationPrior::Reestimate, false, false),
-        (IterationPrior::Anchor, false, true),
-    ] {
+    for (rule, knows, same) in [(IterationPrior::Carry, true, false), (IterationPrior::Anchor, false, true)] {
         let mut config = config();
         config.refinement.prior = rule;
         let fuser = HalfWay::default();
@@ -198,9 +189,8 @@ fn a_prior_of_another_size_and_a_wrong_configuration_are_refused() {
     }
     let (scene, fuser) = (scene(), HalfWay::default());
     let run = |prior: &dyn DepthPrior, config: &Config| {
-        let mut field =
-            |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> { Err(mde_nerf::Error::NotFitted.into()) };
-        let stages = Stages { prior, field: &mut field, fuser: &fuser };
+        let stages =
+            Stages::new(prior).with_field(|_| Err(mde_nerf::Error::NotFitted.into())).with_fuser(&fuser);
         let mut go_on = |_: &Event| ControlFlow::Continue(());
         refine(scene.image.view(), &scene.camera, stages, config, &mut go_on).map(|_| ())
     };
@@ -212,7 +202,7 @@ fn a_prior_of_another_size_and_a_wrong_configuration_are_refused() {
     assert!(matches!(run(&good, &many), Err(Error::Config { .. })));
 }
 
-/// Says of every picture what its colours say, and counts.
+/// Takes the red channel of any image for depth, and counts the calls.
 struct Red(RefCell<usize>);
 
 impl DepthPrior for Red {
@@ -220,57 +210,58 @@ impl DepthPrior for Red {
         *self.0.borrow_mut() += 1;
         PriorDepth::from_values(image.map_axis(ndarray::Axis(2), |c| 0.5 + c[0]), DepthKind::Metric)
     }
+
+    fn accepts_new_images(&self) -> bool {
+        true
+    }
 }
 
-/// Without a field the evidence stands, with the error that it can't see; a map is not asked again, and the run says so.
+/// Without a field the augmented map is the result, with the common error in its sigma. A map from a file is not augmented, and
+/// the report says so.
 #[test]
-fn evidence_alone_is_a_result_and_a_map_is_asked_once() {
+fn without_a_field_the_augmented_map_is_the_result_and_a_map_is_not_augmented() {
     let scene = scene();
     let fuser = HalfWay::default();
-    let mut config = Config { evidence: EvidenceConfig::zoomed(), ..config() };
+    let mut config = Config { augmentation: AugmentationConfig::multi_crop(), ..config() };
     config.refinement.iterations = 0;
     config.fusion.common_error = 0.1;
     let run = |prior: &dyn DepthPrior| {
-        let mut field =
-            |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> { panic!("no field was asked for") };
-        let mut asked = Vec::new();
+        let mut calls = Vec::new();
         let mut listen = |event: &Event| {
-            if let Event::Asked { asked: now, of } = event {
-                asked.push((*now, *of));
+            if let Event::Predicted { done, total } = event {
+                calls.push((*done, *total));
             }
             ControlFlow::Continue(())
         };
-        let stages = Stages { prior, field: &mut field, fuser: &fuser };
+        let stages = Stages::new(prior).with_field(|_| panic!("a field was made")).with_fuser(&fuser);
         let refined = refine(scene.image.view(), &scene.camera, stages, &config, &mut listen).unwrap();
-        (refined, asked)
+        (refined, calls)
     };
     let model = Red(RefCell::new(0));
-    let (refined, asked) = run(&model);
-    let questions = config.evidence.questions();
-    assert_eq!((*model.0.borrow(), refined.evidence.questions), (questions, questions));
-    assert_eq!(asked.last(), Some(&(questions, questions)));
-    assert!(refined.field.is_none() && refined.evidence.not_asked_again.is_none());
+    let (refined, calls) = run(&model);
+    let predictions = config.augmentation.predictions();
+    assert_eq!((*model.0.borrow(), refined.augmentation.predictions), (predictions, predictions));
+    assert_eq!(calls.last(), Some(&(predictions, predictions)));
+    assert!(refined.field.is_none() && refined.augmentation.skipped.is_none());
     for (mean, sigma) in refined.depth.mean().iter().zip(refined.depth.sigma()) {
         assert!(*mean > 0.0 && sigma >= 0.1 * mean);
     }
     let once = Config {
         refinement: RefinementConfig {
             iterations: 1,
-            field: FieldUse::WithoutEvidence,
+            field: FieldUse::WithoutAugmentation,
             ..config.refinement.clone()
         },
         ..config.clone()
     };
-    let mut never =
-        |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> { panic!("the evidence was enough") };
-    let stages = Stages { prior: &model, field: &mut never, fuser: &fuser };
+    let stages = Stages::new(&model).with_field(|_| panic!("a field was made")).with_fuser(&fuser);
     let mut go_on = |_: &Event| ControlFlow::Continue(());
     let same = refine(scene.image.view(), &scene.camera, stages, &once, &mut go_on).unwrap();
     assert_eq!(same.depth, refined.depth);
     let map = prior(&scene);
-    let (kept, asked) = run(&map);
-    assert_eq!((kept.depth.mean(), asked.len()), (kept.prior.view(), 0));
-    assert!(kept.evidence.not_asked_again.is_some());
+    let (kept, calls) = run(&map);
+    assert_eq!((kept.depth.mean(), calls.len()), (kept.prior.view(), 0));
+    assert!(kept.augmentation.skipped.is_some());
 }
 
 /// The parts of sigma are told apart: no part is above the whole, and together they are the whole.
@@ -278,12 +269,11 @@ fn evidence_alone_is_a_result_and_a_map_is_asked_once() {
 fn the_parts_of_sigma_make_the_whole() {
     let scene = scene();
     let fuser = HalfWay::default();
-    let mut config = Config { evidence: EvidenceConfig::zoomed(), ..config() };
+    let mut config = Config { augmentation: AugmentationConfig::multi_crop(), ..config() };
     config.refinement.iterations = 0;
     config.fusion.common_error = 0.1;
-    let mut never =
-        |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> { panic!("no field was asked for") };
-    let stages = Stages { prior: &Red(RefCell::new(0)), field: &mut never, fuser: &fuser };
+    let model = Red(RefCell::new(0));
+    let stages = Stages::new(&model).with_field(|_| panic!("a field was made")).with_fuser(&fuser);
     let mut go_on = |_: &Event| ControlFlow::Continue(());
     let refined = refine(scene.image.view(), &scene.camera, stages, &config, &mut go_on).unwrap();
     let names: Vec<_> = refined.components.iter().map(|part| part.name).collect();
@@ -294,66 +284,4 @@ fn the_parts_of_sigma_make_the_whole() {
         let floor = 1e-6 * refined.depth.mean()[at].powi(2);
         assert!((variance - sum).abs() <= 1.01 * floor + 1e-4 * sum, "{variance} {sum} at {at:?}");
     }
-}
-
-/// Counts the hypotheses of the views that it is fitted to.
-struct Counting(Arc<Mutex<Vec<usize>>>, AveragedField);
-
-impl RadianceField for Counting {
-    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> mde_nerf::Result<FitReport> {
-        *self.0.lock().unwrap() = views.iter().map(|view| view.hypotheses.len()).collect();
-        for view in views {
-            // What the view does not show, nobody has said anything of.
-            for said in view.hypotheses.iter().skip(1) {
-                assert!(said.support().iter().zip(&view.mask).all(|(known, seen)| !known || *seen));
-            }
-        }
-        self.1.fit(views, observer)
-    }
-
-    fn render(
-        &self,
-        camera: &PinholeCamera,
-        pose: &Pose,
-        observer: &mut dyn Observer,
-    ) -> mde_nerf::Result<RenderedView> {
-        self.1.render(camera, pose, observer)
-    }
-}
-
-#[test]
-fn the_model_is_asked_about_every_synthetic_view() {
-    let scene = scene();
-    let fuser = BayesFuser::new(mde_fusion::FusionConfig::robust()).unwrap();
-    let mut config = config();
-    config.evidence.flip = true;
-    config.refinement = RefinementConfig {
-        iterations: 1,
-        ask_views: true,
-        consensus: Consensus::Average,
-        ..RefinementConfig::default()
-    };
-    let counts = Arc::new(Mutex::new(Vec::new()));
-    let mut field = |_: usize| -> mde_cli::Result<Box<dyn RadianceField>> {
-        Ok(Box::new(Counting(counts.clone(), AveragedField::default())))
-    };
-    let model = Red(RefCell::new(0));
-    let stages = Stages { prior: &model, field: &mut field, fuser: &fuser };
-    let mut go_on = |_: &Event| ControlFlow::Continue(());
-    let refined = refine(scene.image.view(), &scene.camera, stages, &config, &mut go_on).unwrap();
-    let counts = counts.lock().unwrap().clone();
-    assert_eq!(counts[0], 1);
-    assert!(counts.len() > 1 && counts[1..].iter().all(|count| *count == 2), "{counts:?}");
-    assert_eq!(*model.0.borrow(), counts.len() * config.evidence.questions());
-    // The model says of every view what it said of the photograph: their mean is that.
-    let off: Vec<f32> = refined
-        .depth
-        .mean()
-        .iter()
-        .zip(&refined.prior)
-        .filter(|(z, _)| **z > 0.0)
-        .map(|(z, o)| (z / o - 1.0).abs())
-        .collect();
-    let mean = off.iter().sum::<f32>() / off.len() as f32;
-    assert!(mean < 0.05, "{mean}");
 }

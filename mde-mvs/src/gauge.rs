@@ -11,11 +11,12 @@
 //! \\( H^{-1} \left( \sum_c g_c g_c^\top \right) H^{-1} \\), each patch counted once.
 
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
 use nalgebra::{Matrix2, Point3, Vector2};
 use ndarray::{Array2, ArrayView2};
 
-use crate::statistics::{quantile, robust_deviation};
+use crate::statistics::robust_deviation;
 use crate::{Error, Result, check_map};
 
 /// Patches along the longer side of an image.

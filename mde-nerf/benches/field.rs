@@ -1,7 +1,7 @@
 //! The stages of both fields beside the machine's peak: `cargo bench -p mde-nerf`.
 //!
-//! Throughput is samples a second (elements), floating-point operations a second for the peak, bytes for the memory.
-//! `mde bench` prints the same as one table.
+//! Throughput is in samples per second (elements), floating-point operations per second for the peak, bytes per second for
+//! memory. `mde bench` prints the same as one table.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};

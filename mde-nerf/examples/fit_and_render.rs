@@ -1,14 +1,14 @@
-//! Fits a field to one posed view and says where its rays end: `cargo run --release -p mde-nerf --example fit_and_render`.
+//! Fits a field to one posed view and prints the termination depth of a ray: `cargo run --release -p mde-nerf --example fit_and_render`.
 #![allow(clippy::print_stdout)]
 
 use mde_nerf::mde_uncertainty::GaussianDepth;
 use mde_nerf::mde_warp::{PinholeCamera, Pose, PosedView};
 use mde_nerf::nalgebra::{Translation3, UnitQuaternion};
 use mde_nerf::ndarray::{Array2, Array3};
-use mde_nerf::{DepthLoss, FieldConfig, HashFieldConfig, Nerf, NerfConfig, RadianceField, Silent};
+use mde_nerf::{Decay, DepthLoss, FieldConfig, HashFieldConfig, Nerf, NerfConfig, RadianceField, Silent};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    // A slanted wall with stripes, and where it is.
+    // A slanted wall with stripes, and its depth.
     let (height, width) = (48, 64);
     let camera = PinholeCamera::from_fov(60.0, width, height)?;
     let image = Array3::from_shape_fn((height, width, 3), |(y, x, c)| {
@@ -24,15 +24,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut config =
         NerfConfig { field: FieldConfig::Hash(HashFieldConfig::default()), ..NerfConfig::default() };
     config.train.steps = 200;
-    config.train.depth_loss = DepthLoss::Wasserstein { weight: 0.2, decay: 0.0 };
+    config.train.depth_loss = DepthLoss::Wasserstein { weight: 0.2, decay: Decay::default() };
     let mut field = Nerf::new(config, 0)?;
     let report = field.fit(&[view], &mut Silent)?;
 
     let aside = Pose::from_parts(Translation3::new(0.05, 0.0, 0.0), UnitQuaternion::identity());
     for (name, pose) in [("the view", Pose::identity()), ("5 cm aside", aside)] {
-        let seen = field.render(&camera, &pose, &mut Silent)?;
-        let (mean, variance) = seen.depth.get(height / 2, width / 2).unwrap_or_default();
-        println!("{name}: the middle ray ends at {mean:.3} ± {:.3}", variance.sqrt());
+        let rendered = field.render(&camera, &pose, &mut Silent)?;
+        let (mean, variance) = rendered.depth.get(height / 2, width / 2).unwrap_or_default();
+        println!("{name}: depth {mean:.3} ± {:.3} at the centre", variance.sqrt());
     }
     println!("PSNR {:.1} dB", report.psnr[0]);
     Ok(())

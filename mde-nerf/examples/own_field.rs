@@ -1,28 +1,27 @@
-//! A field of your own in thirty lines: here one that keeps the first view's depth as a constant-colour point cloud and
-//! renders it by reprojection. `cargo run --release -p mde-nerf --example own_field`.
+//! Another implementation of `RadianceField`: the depth of the first view as a grey surface, rendered by reprojection. `cargo run --release -p mde-nerf --example own_field`.
 #![allow(clippy::print_stdout)]
 
-use mde_nerf::{Error, FitReport, Observer, RadianceField, RenderedView, Result, Silent};
+use mde_nerf::{Error, FieldCallback, FitReport, RadianceField, RenderedView, Result, Silent};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, reproject};
 use ndarray::{Array2, Array3};
 
 #[derive(Default)]
-struct Cloud {
+struct Surface {
     view: Option<PosedView>,
 }
 
-impl RadianceField for Cloud {
-    fn fit(&mut self, views: &[PosedView], _: &mut dyn Observer) -> Result<FitReport> {
+impl RadianceField for Surface {
+    fn fit(&mut self, views: &[PosedView], _: &mut dyn FieldCallback) -> Result<FitReport> {
         self.view = Some(views.first().ok_or(Error::NoPixels)?.clone());
         Ok(FitReport::default())
     }
 
-    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn Observer) -> Result<RenderedView> {
+    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn FieldCallback) -> Result<RenderedView> {
         let view = self.view.as_ref().ok_or(Error::NotFitted)?;
         let depth = view.hypotheses.first().ok_or(Error::NoRange)?;
         let depth = reproject(depth, &view.camera, &view.pose, camera, pose, &ReprojectConfig::default())
-            .map_err(|error| Error::View { index: 0, reason: error.to_string() })?;
+            .map_err(Error::external)?;
         let opacity = depth.support().mapv(|known| f32::from(u8::from(known)));
         Ok(RenderedView { image: Array3::from_elem((camera.height, camera.width, 3), 0.5), depth, opacity })
     }
@@ -41,12 +40,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Array2::from_elem((48, 64), true),
         vec![depth],
     )?;
-    let mut field: Box<dyn RadianceField> = Box::new(Cloud::default());
+    let mut field: Box<dyn RadianceField> = Box::new(Surface::default());
     field.fit(&[view], &mut Silent)?;
-    let seen = field.render(&camera, &Pose::translation(0.1, 0.0, 0.0), &mut Silent)?;
+    let rendered = field.render(&camera, &Pose::translation(0.1, 0.0, 0.0), &mut Silent)?;
     println!(
-        "{:.1} % of the pixels see the cloud from 0.1 to the side",
-        100.0 * seen.opacity.mean().unwrap_or(0.0)
+        "{:.1} % of the pixels are covered from 0.1 to the side",
+        100.0 * rendered.opacity.mean().unwrap_or(0.0)
     );
     Ok(())
 }

@@ -1,33 +1,44 @@
-//! Which rays a step trains on.
+//! The training rays of a step.
 
-use crate::config::{SmoothnessConfig, TrainConfig};
-use crate::frustum::Ray;
+use crate::config::TrainConfig;
+use crate::frustum::{Frustum, Ray};
 use crate::loss::Target;
 use crate::march::March;
 use crate::{Error, Result};
+use mde_uncertainty::random::CounterRng;
 use mde_warp::PosedView;
-use mde_warp::random::CounterRng;
 use rand::RngExt;
+use rayon::prelude::*;
 
-/// The views' trainable pixels.
+/// The valid pixels of all views.
 pub(crate) struct Pixels<'v> {
     views: &'v [PosedView],
-    /// Per view the flat indices of the pixels that may be trained on.
+    frustum: &'v Frustum,
+    /// Per view the least depth at which its rays begin, where rays are clipped; the volume alone limits view 0.
+    nearest: Vec<f64>,
+    /// Per view the flat indices of the valid pixels whose rays meet the volume.
     trainable: Vec<Vec<u32>>,
-    /// Views other than the first that have one.
+    /// Views other than the first with at least one valid pixel.
     others: Vec<usize>,
     original_share: f64,
-    smoothness: SmoothnessConfig,
 }
 
 impl<'v> Pixels<'v> {
-    pub(crate) fn new(views: &'v [PosedView], config: &TrainConfig) -> Result<Self> {
-        let mut trainable = Vec::new();
-        for (index, view) in views.iter().enumerate() {
-            view.validate().map_err(|error| Error::View { index, reason: error.to_string() })?;
-            let pixels = view.mask.iter().enumerate().filter(|(_, real)| **real);
-            trainable.push(pixels.map(|(i, _)| i as u32).collect::<Vec<_>>());
-        }
+    /// # Errors
+    /// [`Error::NoPixels`] where no view has a valid pixel whose ray meets the volume.
+    pub(crate) fn new(views: &'v [PosedView], frustum: &'v Frustum, config: &TrainConfig) -> Result<Self> {
+        let begin =
+            |(index, view): (usize, &PosedView)| if index == 0 { 0.0 } else { Frustum::nearest_of(view) };
+        let nearest: Vec<f64> = views.iter().enumerate().map(begin).collect();
+        let trainable: Vec<Vec<u32>> = (views.par_iter().enumerate())
+            .map(|(index, view)| {
+                let valid = view.mask.iter().enumerate().filter(|(_, valid)| **valid).map(|(pixel, _)| pixel);
+                valid
+                    .filter(|&pixel| inside(frustum, view, pixel, nearest[index], index == 0))
+                    .map(|pixel| pixel as u32)
+                    .collect()
+            })
+            .collect();
         let others: Vec<usize> = (1..views.len()).filter(|&v| !trainable[v].is_empty()).collect();
         let original_share = match (trainable.first().is_none_or(Vec::is_empty), others.is_empty()) {
             (true, true) => return Err(Error::NoPixels),
@@ -35,34 +46,11 @@ impl<'v> Pixels<'v> {
             (false, true) => 1.0,
             (false, false) => config.original_share,
         };
-        Ok(Self { views, trainable, others, original_share, smoothness: config.smoothness })
+        Ok(Self { views, frustum, nearest, trainable, others, original_share })
     }
 
-    /// Whether rays come in pairs of neighbours, an even one first.
-    pub(crate) fn paired(&self) -> bool {
-        self.smoothness.weight > 0.0
-    }
-
-    /// Ray `index` of step `step`: a random trainable pixel of a random view, before a random background; or, the second
-    /// of a pair, a neighbour of the one before it, if that has one that may be trained on.
+    /// Ray `index` of step `step`: a random valid pixel of a random view, before a random background.
     pub(crate) fn draw(&self, seed: u64, step: usize, index: usize) -> (March, Target) {
-        let (view, pixel, background, rng) = self.choose(seed, step, index);
-        if !self.paired() || index.is_multiple_of(2) {
-            return self.ray(view, pixel, background, Some(rng));
-        }
-        let (view_before, before, ..) = self.choose(seed, step, index - 1);
-        let mut which = CounterRng::new(seed, "neighbour", step as u64, index as u64);
-        match self.neighbour(view_before, before, which.random_range(0..4)) {
-            Some(neighbour) => {
-                let (march, mut target) = self.ray(view_before, neighbour, background, Some(rng));
-                target.alike = self.smoothness.weight * self.likeness(view_before, before, neighbour);
-                (march, target)
-            }
-            None => self.ray(view, pixel, background, Some(rng)),
-        }
-    }
-
-    fn choose(&self, seed: u64, step: usize, index: usize) -> (usize, u32, [f64; 3], CounterRng) {
         let mut rng = CounterRng::new(seed, "ray", step as u64, index as u64);
         let view = if rng.random::<f64>() < self.original_share {
             0
@@ -71,36 +59,10 @@ impl<'v> Pixels<'v> {
         };
         let pixel = self.trainable[view][rng.random_range(0..self.trainable[view].len())];
         let background = std::array::from_fn(|_| rng.random::<f64>());
-        (view, pixel, background, rng)
+        self.ray(view, pixel, background, Some(rng))
     }
 
-    /// The pixel to the right, to the left, below or above, where it may be trained on.
-    fn neighbour(&self, view: usize, pixel: u32, side: usize) -> Option<u32> {
-        let posed = &self.views[view];
-        let width = posed.camera.width;
-        let (row, column) = (pixel as usize / width, pixel as usize % width);
-        let (row, column) = match side {
-            0 => (row, column + 1),
-            1 => (row, column.checked_sub(1)?),
-            2 => (row + 1, column),
-            _ => (row.checked_sub(1)?, column),
-        };
-        let real = *posed.mask.get((row, column))?;
-        real.then_some((row * width + column) as u32)
-    }
-
-    /// \\(e^{-\lVert I_p - I_q \rVert / \kappa}\\).
-    fn likeness(&self, view: usize, p: u32, q: u32) -> f64 {
-        let posed = &self.views[view];
-        let at = |pixel: u32, axis: usize| {
-            let (row, column) = (pixel as usize / posed.camera.width, pixel as usize % posed.camera.width);
-            f64::from(posed.image[(row, column, axis)])
-        };
-        let squared: f64 = (0..3).map(|axis| (at(p, axis) - at(q, axis)).powi(2)).sum();
-        (-squared.sqrt() / self.smoothness.contrast).exp()
-    }
-
-    /// A random trainable pixel of `view` for measuring, or nothing where it has none.
+    /// A random valid pixel of `view` for measuring the PSNR, or `None` where it has none.
     pub(crate) fn probe(&self, seed: u64, view: usize, index: usize) -> Option<(March, Target)> {
         let mut rng = CounterRng::new(seed, "probe", view as u64, index as u64);
         let pixels = &self.trainable[view];
@@ -118,14 +80,16 @@ impl<'v> Pixels<'v> {
             .filter(|&(mean, _)| mean > 0.0)
             .map(|(mean, variance)| (f64::from(mean), f64::from(variance)))
             .collect();
+        let ray = Ray::new(&posed.camera, &posed.pose, column as f64, row as f64);
         let march = March {
-            ray: Ray::new(&posed.camera, &posed.pose, column as f64, row as f64),
+            ray,
+            interval: self.frustum.interval(&ray, self.nearest[view]),
             guess: depths.first().map(|d| d.0),
             background,
             rng,
         };
         let colour = std::array::from_fn(|axis| f64::from(posed.image[(row, column, axis)]));
-        (march, Target { colour, depths, alike: 0.0 })
+        (march, Target { colour, depths })
     }
 
     pub(crate) fn view_count(&self) -> usize {
@@ -133,18 +97,36 @@ impl<'v> Pixels<'v> {
     }
 }
 
+/// Whether the ray of a pixel meets the volume and, except for the original view, its first hypothesis lies inside.
+fn inside(frustum: &Frustum, view: &PosedView, pixel: usize, nearest: f64, original: bool) -> bool {
+    if !frustum.is_clipped() {
+        return true;
+    }
+    let (row, column) = (pixel / view.camera.width, pixel % view.camera.width);
+    let ray = Ray::new(&view.camera, &view.pose, column as f64, row as f64);
+    let Some(interval) = frustum.interval(&ray, nearest) else { return false };
+    let depth = view.hypotheses.iter().find_map(|h| h.get(row, column)).filter(|&(mean, _)| mean > 0.0);
+    original || depth.is_none_or(|(mean, _)| interval.contains(mean.into()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::{SamplingConfig, VolumeConfig};
+    use mde_uncertainty::GaussianDepth;
     use mde_warp::{PinholeCamera, Pose};
+    use nalgebra::Vector3;
     use ndarray::{Array2, Array3};
 
     const SIZE: (usize, usize) = (6, 8);
 
-    /// Black on the left, white on the right, and one pixel in five that may not be trained on.
-    fn view() -> PosedView {
+    /// A view whose red channel is `red`; one pixel in five is not valid.
+    fn view(red: f32) -> PosedView {
         PosedView::new(
-            Array3::from_shape_fn((SIZE.0, SIZE.1, 3), |(_, x, _)| if x < 4 { 0.0 } else { 1.0 }),
+            Array3::from_shape_fn(
+                (SIZE.0, SIZE.1, 3),
+                |(_, _, channel)| if channel == 0 { red } else { 0.0 },
+            ),
             PinholeCamera::from_fov(60.0, SIZE.1, SIZE.0).unwrap(),
             Pose::identity(),
             Array2::from_shape_fn(SIZE, |(y, x)| !(y * SIZE.1 + x).is_multiple_of(5)),
@@ -154,39 +136,66 @@ mod tests {
     }
 
     #[test]
-    fn every_second_ray_is_a_neighbour_and_edges_of_the_picture_let_go() {
-        let views = [view()];
-        let smoothness = SmoothnessConfig { weight: 2.0, contrast: 0.5 };
-        let config = TrainConfig { smoothness, ..TrainConfig::default() };
-        let pixels = Pixels::new(&views, &config).unwrap();
-        let place = |march: &March| {
-            let camera = &views[0].camera;
-            let d = march.ray.direction;
+    fn rays_are_drawn_from_valid_pixels_and_view_0_gets_its_share() {
+        let views = [view(0.0), view(0.5), view(1.0)];
+        let config = TrainConfig { original_share: 0.4, ..TrainConfig::default() };
+        let sampling = SamplingConfig { near: Some(1.0), far: Some(4.0), ..SamplingConfig::default() };
+        let frustum = Frustum::of_views(&views, &sampling).unwrap();
+        let pixels = Pixels::new(&views, &frustum, &config).unwrap();
+        let mut counts = [0; 3];
+        let draws = 5000;
+        for index in 0..draws {
+            let (march, target) = pixels.draw(3, 7, index);
+            let (camera, d) = (&views[0].camera, march.ray.direction);
             let [x, y] = [d.x / d.z * camera.fx + camera.cx, d.y / d.z * camera.fy + camera.cy];
-            (y.round() as i64, x.round() as i64)
-        };
-        let (mut held, mut let_go) = (0, 0);
-        for index in (0..400).step_by(2) {
-            let [(first, alone), (second, target)] = [index, index + 1].map(|i| pixels.draw(3, 7, i));
-            assert_eq!(alone.alike, 0.0);
-            let ((y, x), (v, u)) = (place(&first), place(&second));
-            assert!(views[0].mask[(v as usize, u as usize)]);
-            if target.alike == 0.0 {
-                continue;
-            }
-            assert_eq!((y - v).abs() + (x - u).abs(), 1);
-            let across = (x < 4) != (u < 4);
-            let expected = if across { 2.0 * (-(3.0_f64.sqrt()) / 0.5).exp() } else { 2.0 };
-            assert!((target.alike - expected).abs() < 1e-6);
-            *if across { &mut let_go } else { &mut held } += 1;
+            assert!(views[0].mask[(y.round() as usize, x.round() as usize)]);
+            counts[(2.0 * target.colour[0]) as usize] += 1;
         }
-        assert!(held > 50 && let_go > 5, "{held} {let_go}");
+        // Four standard deviations of a binomial share.
+        for (count, share) in counts.into_iter().zip([0.4, 0.3, 0.3]) {
+            let deviation = (share * (1.0 - share) / draws as f64).sqrt();
+            assert!((f64::from(count) / draws as f64 - share).abs() < 4.0 * deviation, "{counts:?}");
+        }
     }
 
+    /// A view turned away has no pixel; in a view from aside, only those remain whose ray meets the volume and whose
+    /// hypothesis lies in it. Every ray drawn has an interval.
     #[test]
-    fn without_smoothness_rays_are_independent() {
-        let views = [view()];
-        let pixels = Pixels::new(&views, &TrainConfig::default()).unwrap();
-        assert!((0..100).all(|index| pixels.draw(3, 7, index).1.alike == 0.0));
+    fn rays_outside_the_volume_are_not_drawn() {
+        let at = |pose: Pose, depth: f32| {
+            let known = GaussianDepth::new(Array2::from_elem(SIZE, depth), Array2::zeros(SIZE)).unwrap();
+            PosedView { pose, hypotheses: vec![known], ..view(0.5) }
+        };
+        let turned = Pose::rotation(Vector3::new(0.0, std::f64::consts::PI, 0.0));
+        let aside = Pose::translation(-1.0, 0.0, 0.0);
+        let views = [
+            at(Pose::identity(), 2.0),
+            at(turned, 2.0),
+            at(aside, 2.0),
+            at(aside, 9.0),
+            at(Pose::identity(), 9.0),
+        ];
+        let sampling = SamplingConfig {
+            near: Some(1.0),
+            far: Some(4.0),
+            volume: VolumeConfig::Reference { margin: 0.0 },
+            ..SamplingConfig::default()
+        };
+        let frustum = Frustum::of_views(&views, &sampling).unwrap();
+        let pixels = Pixels::new(&views, &frustum, &TrainConfig::default()).unwrap();
+        let valid = views[0].mask.iter().filter(|valid| **valid).count();
+        let counts: Vec<usize> = pixels.trainable.iter().map(Vec::len).collect();
+        assert_eq!((counts[0], counts[1], counts[3], counts[4]), (valid, 0, 0, 0));
+        // At depth 2 and 60 degrees the image is 2.3 wide: a step of 1 aside loses 43 % of the columns.
+        let lost = valid - counts[2];
+        assert!((valid / 4..valid * 6 / 10).contains(&lost), "{lost} of {valid}");
+        assert_eq!(pixels.others, [2]);
+        assert!((0..200).all(|index| pixels.draw(0, 0, index).0.interval.is_some()));
+        // The original view keeps a pixel whose hypothesis is beyond far.
+        let beyond = [at(Pose::identity(), 9.0)];
+        assert_eq!(
+            Pixels::new(&beyond, &frustum, &TrainConfig::default()).unwrap().trainable[0].len(),
+            valid
+        );
     }
 }

@@ -1,9 +1,9 @@
 use crate::{Error, Result};
 use mde_uncertainty::termination::InBinVariance;
 
-const MOST_STEPS: usize = 1_000_000;
+const MAX_STEPS: usize = 1_000_000;
 
-/// Everything about a field: its network, how it is trained, sampled and rendered.
+/// Configuration of a field: network, sampling, training and rendering.
 #[derive(Debug, Clone, Default, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -13,7 +13,7 @@ const MOST_STEPS: usize = 1_000_000;
 pub struct NerfConfig {
     /// The network.
     pub field: FieldConfig,
-    /// Where a ray is sampled.
+    /// Sample positions along rays.
     pub sampling: SamplingConfig,
     /// Optimisation and losses.
     pub train: TrainConfig,
@@ -21,7 +21,7 @@ pub struct NerfConfig {
     pub render: RenderConfig,
 }
 
-/// The network behind the field.
+/// Architecture of the network.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -29,7 +29,7 @@ pub struct NerfConfig {
     serde(tag = "kind", rename_all = "kebab-case")
 )]
 pub enum FieldConfig {
-    /// A light MLP on a frequency encoding, as the paper uses.
+    /// A light MLP on a frequency encoding, as in the paper.
     Mlp(MlpFieldConfig),
     /// A multiresolution hash grid with small MLPs.
     Hash(HashFieldConfig),
@@ -49,11 +49,11 @@ impl Default for FieldConfig {
     serde(deny_unknown_fields, default, rename_all = "kebab-case")
 )]
 pub struct MlpFieldConfig {
-    /// Hidden layers.
+    /// Number of hidden layers.
     pub layers: usize,
-    /// Width of each.
+    /// Width of the hidden layers.
     pub width: usize,
-    /// Octaves of the encoding an axis.
+    /// Octaves of the encoding per axis.
     pub frequencies: usize,
 }
 
@@ -71,25 +71,22 @@ impl Default for MlpFieldConfig {
     serde(deny_unknown_fields, default, rename_all = "kebab-case")
 )]
 pub struct HashFieldConfig {
-    /// Grids.
+    /// Number of grids.
     pub levels: usize,
-    /// Features a row: 1, 2, 4 or 8.
+    /// Features per row: 1, 2, 4 or 8.
     pub features: usize,
-    /// Logarithm (base 2) of the most rows a grid has.
+    /// Base-2 logarithm of the largest number of rows per grid.
     pub log2_rows: u32,
-    /// Cells a side of the coarsest grid.
+    /// Cells per side of the coarsest grid.
     pub coarsest: u32,
-    /// Cells a side of the finest grid.
+    /// Cells per side of the finest grid.
     pub finest: u32,
-    /// Hidden layers of the density network (and of the only one, where `geometry` is 0).
+    /// Hidden layers of the density network (of the only network where `geometry` is 0).
     pub layers: usize,
     /// Width of the hidden layers.
     pub width: usize,
     /// Outputs of the density network that feed a colour network with one hidden layer; 0 for a single network.
     pub geometry: usize,
-    /// Coarsest grids that alone say where matter is, while a network of its own sees all of them for the colour: surfaces
-    /// cannot follow what only the fine grids tell apart, such as texture. 0: one network sees all and says both.
-    pub density_levels: usize,
 }
 
 impl Default for HashFieldConfig {
@@ -103,23 +100,31 @@ impl Default for HashFieldConfig {
             layers: 2,
             width: 32,
             geometry: 0,
-            density_levels: 0,
         }
     }
 }
 
-/// How positions are spread along a ray.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
-pub enum Spacing {
-    /// Uniform in depth.
-    Depth,
-    /// Uniform in disparity 1/z: equal steps of parallax.
+/// The modelled volume. What lies outside is empty.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")
+)]
+pub enum VolumeConfig {
+    /// The frustum of view 0 between near and far, wide enough for the frusta of all views. Every ray is sampled between
+    /// near and far of its own camera. For views close to view 0, such as warps.
     #[default]
-    Disparity,
+    Hull,
+    /// The frustum of view 0 between near and far with a margin. Rays are clipped to it; valid pixels of the other views
+    /// count only where their ray meets it and their hypothesis, if there is one, lies inside. For photographs.
+    Reference {
+        /// Margin on each side, as a fraction of the image's width and height.
+        margin: f64,
+    },
 }
 
-/// Where a ray is sampled.
+/// Sample positions along rays, uniform in disparity 1/z.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -127,19 +132,19 @@ pub enum Spacing {
     serde(deny_unknown_fields, default, rename_all = "kebab-case")
 )]
 pub struct SamplingConfig {
-    /// Samples over the whole range of a training ray, stratified.
+    /// Stratified samples over the whole range of a training ray.
     pub coarse: usize,
-    /// Samples in a band around the ray's depth hypothesis, stratified; over the whole range for a ray without one.
+    /// Stratified samples in a band around the ray's depth hypothesis; over the whole range for a ray without one.
     pub band: usize,
     /// Half width of that band, as a fraction of the depth.
     pub band_width: f64,
-    /// Samples drawn where the first ones found weight.
+    /// Importance samples, drawn from the weights of the others.
     pub fine: usize,
-    /// Spread over the range.
-    pub spacing: Spacing,
-    /// Nearest depth; from the hypotheses where not given (0.8 times their 0.5 % quantile).
+    /// The modelled volume.
+    pub volume: VolumeConfig,
+    /// Nearest depth. Default: the 0.5 % quantile of the hypotheses of view 0 times 0.8 (`hull`) or 0.75 (`reference`).
     pub near: Option<f64>,
-    /// Farthest depth; from the hypotheses where not given (1.25 times their 99.5 % quantile).
+    /// Farthest depth. Default: the 99.5 % quantile of the hypotheses of view 0 times 1.25 (`hull`) or 1.3 (`reference`).
     pub far: Option<f64>,
 }
 
@@ -150,14 +155,83 @@ impl Default for SamplingConfig {
             band: 0,
             band_width: 0.25,
             fine: 24,
-            spacing: Spacing::Disparity,
+            volume: VolumeConfig::Hull,
             near: None,
             far: None,
         }
     }
 }
 
-/// Supervision by the views' depth hypotheses.
+/// Linear decay of a weight: 1 up to `start`, `floor` from `end` on. The default is a constant 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields, default, rename_all = "kebab-case")
+)]
+pub struct Decay {
+    /// Fraction of the steps at which the decay begins.
+    pub start: f64,
+    /// Fraction of the steps at which it ends.
+    pub end: f64,
+    /// Factor of the weight at the end.
+    pub floor: f64,
+}
+
+impl Default for Decay {
+    fn default() -> Self {
+        Self { start: 1.0, end: 1.0, floor: 1.0 }
+    }
+}
+
+impl Decay {
+    /// The factor of the weight at `progress`, 0 at the first step and 1 at the last.
+    pub(crate) fn factor(self, progress: f64) -> f64 {
+        let Self { start, end, floor } = self;
+        if progress <= start {
+            1.0
+        } else if progress >= end {
+            floor
+        } else {
+            1.0 + (floor - 1.0) * (progress - start) / (end - start)
+        }
+    }
+
+    fn validate(self) -> Result<()> {
+        let share = |x: f64| (0.0..=1.0).contains(&x);
+        check(share(self.start), "train.depth-loss.decay.start", self.start, "give a fraction from 0 to 1")?;
+        check(
+            share(self.end) && self.end >= self.start,
+            "train.depth-loss.decay.end",
+            self.end,
+            "give a fraction from decay.start to 1",
+        )?;
+        check(share(self.floor), "train.depth-loss.decay.floor", self.floor, "give a factor from 0 to 1")
+    }
+}
+
+/// The loss of a ray's colour error \\(e = C - \hat C\\), a mean over the channels.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")
+)]
+pub enum ColourLoss {
+    /// \\(e^2\\).
+    #[default]
+    Squared,
+    /// \\(2 \delta^2 \bigl(\sqrt{1 + e^2 / \delta^2} - 1\bigr)\\) (Charbonnier et al., 1997): \\(e^2\\) for small errors,
+    /// \\(2 \delta |e|\\) for large ones, such as those of moving objects and of highlights.
+    Charbonnier {
+        /// \\(\delta\\), the error at which the loss becomes linear; colours are in 0 to 1.
+        delta: f64,
+        /// Weight of the loss at the last step; it grows linearly from 1.
+        final_weight: f64,
+    },
+}
+
+/// Depth supervision by the views' hypotheses.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(
     feature = "serde",
@@ -165,60 +239,32 @@ impl Default for SamplingConfig {
     serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")
 )]
 pub enum DepthLoss {
-    /// None: the paper's field sees colours only.
+    /// None, as in the paper: colours only.
     #[default]
     None,
-    /// \\(\tfrac12\bigl(\ln \sigma_r^2 + (\mu_r - D)^2 / \sigma_r^2\bigr)\\), only where the field is outside the
-    /// hypothesis' own uncertainty: \\(|\mu_r - D| > s\\) or \\(\sigma_r^2 > s^2\\) (Roessle et al., 2022).
-    GaussianNll {
-        /// Factor before the loss, lengths in units of the scene's median depth.
-        weight: f64,
-        /// Standard deviation of a hypothesis as a fraction of its depth, where it states none (variance 0).
-        relative_sigma: f64,
-        /// Fraction of the steps after which the loss is off; it decays linearly until then. 0: never.
-        decay: f64,
-    },
     /// \\(\sum_i w_i |r_i - r|\\) in disparity scaled to 0 at far and 1 at near: the first Wasserstein distance
-    /// between the ray's termination and the hypothesis.
+    /// between the ray's termination distribution and the hypothesis, averaged over the hypotheses.
     Wasserstein {
-        /// Factor before the loss.
+        /// Weight of the loss; colours have weight 1.
         weight: f64,
-        /// Fraction of the steps after which the loss is off; it decays linearly until then. 0: never.
-        decay: f64,
+        /// Decay of the weight over the steps.
+        #[cfg_attr(feature = "serde", serde(default))]
+        decay: Decay,
     },
-    /// \\(\int |W(r) - F(r)|\,\mathrm dr\\) in the same disparity: the first Wasserstein distance between the ray's termination, of
-    /// distribution function \\(W\\), and the mixture \\(F\\) of *all* its hypotheses, each a logistic distribution of its own mean and
-    /// variance. Where hypotheses disagree the termination becomes as wide as they are apart; [`Wasserstein`](Self::Wasserstein)
-    /// would draw it together at their median.
+    /// \\(\int |W(r) - F(r)|\,\mathrm dr\\) in the same disparity: the first Wasserstein distance between the termination, of
+    /// distribution function \\(W\\), and the mixture \\(F\\) of *all* hypotheses of the ray, each a logistic distribution with
+    /// the mean and variance of the hypothesis. Where hypotheses disagree, the termination becomes as wide as the mixture;
+    /// [`Wasserstein`](Self::Wasserstein) would contract it at their median.
     Distribution {
-        /// Factor before the loss.
+        /// Weight of the loss; colours have weight 1.
         weight: f64,
-        /// Standard deviation of a hypothesis as a fraction of its depth, where it states none (variance 0).
+        /// Lower bound of the standard deviation of a hypothesis, as a fraction of its depth. Hypotheses of variance 0 are exact, and
+        /// the termination cannot be.
         relative_sigma: f64,
-        /// Fraction of the steps after which the loss is off; it decays linearly until then. 0: never.
-        decay: f64,
+        /// Decay of the weight over the steps.
+        #[cfg_attr(feature = "serde", serde(default))]
+        decay: Decay,
     },
-}
-
-/// Depth that is smooth where the picture is: \\(\lambda\, e^{-\lVert I_p - I_q \rVert / \kappa}\, |\ln \mu_p - \ln \mu_q|\\) for
-/// neighbouring pixels \\(p, q\\) of a view (Godard et al., 2017, Eq. 3, of the logarithm: scales play no part).
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default, rename_all = "kebab-case")
-)]
-pub struct SmoothnessConfig {
-    /// Factor before the loss, \\(\lambda\\); 0 for none. Otherwise every second ray is a neighbour of the ray before it.
-    pub weight: f64,
-    /// \\(\kappa\\): a difference of colours (Euclidean, sRGB in 0 to 1) at which the loss counts \\(1/e\\).
-    pub contrast: f64,
-}
-
-impl Default for SmoothnessConfig {
-    fn default() -> Self {
-        Self { weight: 0.0, contrast: 0.1 }
-    }
 }
 
 /// Optimisation and losses.
@@ -231,30 +277,20 @@ impl Default for SmoothnessConfig {
 pub struct TrainConfig {
     /// Optimisation steps.
     pub steps: usize,
-    /// Pixels of the original view up to which that is enough: a larger one gets more in proportion. 0: whatever the size.
+    /// Pixels of view 0 that `steps` is meant for: a larger view gets proportionally more steps. 0: `steps` for any size.
     pub steps_for: usize,
-    /// Rays a step.
+    /// Rays per step.
     pub rays: usize,
-    /// Share of the rays that the original view gets; the others share the rest.
+    /// Share of the rays that are drawn from view 0; the rest is drawn uniformly from the other views.
     pub original_share: f64,
-    /// Adam's rate after the warm-up.
+    /// Adam's learning rate after the warm-up; it decays exponentially to a tenth at the last step.
     pub learning_rate: f64,
-    /// Its rate at the last step; exponential in between.
-    pub final_learning_rate: f64,
-    /// Steps over which the rate rises from 0.
+    /// Steps over which the learning rate rises linearly from 0.
     pub warm_up: usize,
-    /// Adam's decay of the first moment.
-    pub beta1: f64,
-    /// Adam's decay of the second moment.
-    pub beta2: f64,
-    /// Adam's epsilon.
-    pub epsilon: f64,
-    /// Decay a step of the moving average of the parameters that the fit returns; 0 for none.
-    pub average: f64,
+    /// Colour supervision.
+    pub colour_loss: ColourLoss,
     /// Depth supervision.
     pub depth_loss: DepthLoss,
-    /// Edge-aware smoothness.
-    pub smoothness: SmoothnessConfig,
 }
 
 impl Default for TrainConfig {
@@ -265,14 +301,9 @@ impl Default for TrainConfig {
             rays: 1024,
             original_share: 0.3,
             learning_rate: 5e-3,
-            final_learning_rate: 5e-4,
             warm_up: 100,
-            beta1: 0.9,
-            beta2: 0.99,
-            epsilon: 1e-15,
-            average: 0.95,
+            colour_loss: ColourLoss::Squared,
             depth_loss: DepthLoss::None,
-            smoothness: SmoothnessConfig::default(),
         }
     }
 }
@@ -287,11 +318,11 @@ impl Default for TrainConfig {
 pub struct RenderConfig {
     /// Samples over the whole range of a ray.
     pub coarse: usize,
-    /// Samples where those found weight.
+    /// Importance samples, placed by the weights of the others.
     pub fine: usize,
-    /// What a bin's extent adds to the variance.
+    /// Contribution of a bin's extent to the variance.
     pub in_bin: InBinVariance,
-    /// Opacity below which a ray's depth counts as missing.
+    /// Opacity below which the depth is missing.
     pub min_opacity: f32,
 }
 
@@ -302,6 +333,40 @@ impl Default for RenderConfig {
 }
 
 impl NerfConfig {
+    /// Settings for several photographs of one scene with poses and depth hypotheses, such as those of a plane sweep, of
+    /// `width` pixels: a hash grid of as many cells, rays clipped to the frustum of view 0, and robust colours whose weight
+    /// grows while that of the hypotheses decays.
+    pub fn photographs(width: usize) -> Self {
+        Self {
+            field: FieldConfig::Hash(HashFieldConfig {
+                finest: u32::try_from(width.clamp(64, 4096)).unwrap_or(4096),
+                ..HashFieldConfig::default()
+            }),
+            sampling: SamplingConfig {
+                coarse: 8,
+                band: 8,
+                band_width: 0.12,
+                fine: 8,
+                volume: VolumeConfig::Reference { margin: 0.06 },
+                ..SamplingConfig::default()
+            },
+            train: TrainConfig {
+                steps: 700,
+                rays: 1024,
+                original_share: 1.0 / 3.0,
+                learning_rate: 1e-2,
+                colour_loss: ColourLoss::Charbonnier { delta: 0.1, final_weight: 6.0 },
+                depth_loss: DepthLoss::Distribution {
+                    weight: 0.2,
+                    relative_sigma: 0.005,
+                    decay: Decay { start: 0.2, end: 0.8, floor: 0.02 },
+                },
+                ..TrainConfig::default()
+            },
+            render: RenderConfig { in_bin: InBinVariance::Uniform, ..RenderConfig::default() },
+        }
+    }
+
     /// Checks every value.
     ///
     /// # Errors
@@ -352,13 +417,7 @@ impl FieldConfig {
                 )?;
                 check((1..=8).contains(&f.layers), "field.layers", f.layers, "give 1 to 8 hidden layers")?;
                 check((1..=1024).contains(&f.width), "field.width", f.width, "give a width of 1 to 1024")?;
-                check(f.geometry <= 256, "field.geometry", f.geometry, "give at most 256 outputs")?;
-                check(
-                    f.density_levels <= f.levels && (f.density_levels == 0 || f.geometry == 0),
-                    "field.density-levels",
-                    f.density_levels,
-                    "give at most field.levels, and 0 where field.geometry is not 0",
-                )
+                check(f.geometry <= 256, "field.geometry", f.geometry, "give at most 256 outputs")
             }
         }
     }
@@ -380,6 +439,14 @@ impl SamplingConfig {
             self.band_width,
             "give a fraction between 0 and 1",
         )?;
+        if let VolumeConfig::Reference { margin } = self.volume {
+            check(
+                (0.0..=1.0).contains(&margin),
+                "sampling.volume.margin",
+                margin,
+                "give a fraction from 0 to 1",
+            )?;
+        }
         if let Some(near) = self.near {
             check(near > 0.0 && near.is_finite(), "sampling.near", near, "give a positive depth")?;
         }
@@ -392,21 +459,20 @@ impl SamplingConfig {
 }
 
 impl TrainConfig {
-    /// The same for an original view of so many pixels.
-    pub(crate) fn for_picture(&self, pixels: usize) -> Self {
-        let more = match self.steps_for {
+    /// The configuration with the number of steps for a view 0 of `pixels` pixels.
+    pub(crate) fn for_pixels(&self, pixels: usize) -> Self {
+        let factor = match self.steps_for {
             0 => 1.0,
-            enough => (pixels as f64 / enough as f64).max(1.0),
+            reference => (pixels as f64 / reference as f64).max(1.0),
         };
-        let steps = (self.steps as f64 * more).round().min(MOST_STEPS as f64) as usize;
+        let steps = (self.steps as f64 * factor).round().min(MAX_STEPS as f64) as usize;
         Self { steps, ..self.clone() }
     }
 
     fn validate(&self) -> Result<()> {
         let positive = |x: f64| x > 0.0 && x.is_finite();
         let share = |x: f64| (0.0..=1.0).contains(&x);
-        let decay = |x: f64| (0.0..1.0).contains(&x);
-        check((1..=MOST_STEPS).contains(&self.steps), "train.steps", self.steps, "give 1 to 1000000 steps")?;
+        check((1..=MAX_STEPS).contains(&self.steps), "train.steps", self.steps, "give 1 to 1000000 steps")?;
         check((16..=1 << 16).contains(&self.rays), "train.rays", self.rays, "give 16 to 65536 rays")?;
         check(
             share(self.original_share),
@@ -420,59 +486,71 @@ impl TrainConfig {
             self.learning_rate,
             "give a positive rate",
         )?;
-        check(
-            positive(self.final_learning_rate),
-            "train.final-learning-rate",
-            self.final_learning_rate,
-            "give a positive rate",
-        )?;
-        check(decay(self.beta1), "train.beta1", self.beta1, "give a number from 0 to below 1")?;
-        check(decay(self.beta2), "train.beta2", self.beta2, "give a number from 0 to below 1")?;
-        check(positive(self.epsilon), "train.epsilon", self.epsilon, "give a small positive number")?;
-        check(decay(self.average), "train.average", self.average, "give a number from 0 to below 1")?;
-        check(
-            self.smoothness.weight >= 0.0 && self.smoothness.weight.is_finite(),
-            "train.smoothness.weight",
-            self.smoothness.weight,
-            "give 0 or more",
-        )?;
-        check(
-            positive(self.smoothness.contrast),
-            "train.smoothness.contrast",
-            self.smoothness.contrast,
-            "give a positive difference of colours",
-        )?;
-        match self.depth_loss {
-            DepthLoss::None => Ok(()),
-            DepthLoss::GaussianNll { weight, relative_sigma, decay }
-            | DepthLoss::Distribution { weight, relative_sigma, decay } => {
-                check(
-                    weight >= 0.0 && weight.is_finite(),
-                    "train.depth-loss.weight",
-                    weight,
-                    "give 0 or more",
-                )?;
-                check(
-                    positive(relative_sigma),
-                    "train.depth-loss.relative-sigma",
-                    relative_sigma,
-                    "give a positive fraction",
-                )?;
-                check(share(decay), "train.depth-loss.decay", decay, "give a fraction from 0 to 1")
-            }
-            DepthLoss::Wasserstein { weight, decay } => {
-                check(
-                    weight >= 0.0 && weight.is_finite(),
-                    "train.depth-loss.weight",
-                    weight,
-                    "give 0 or more",
-                )?;
-                check(share(decay), "train.depth-loss.decay", decay, "give a fraction from 0 to 1")
-            }
+        if let ColourLoss::Charbonnier { delta, final_weight } = self.colour_loss {
+            check(
+                positive(delta),
+                "train.colour-loss.delta",
+                delta,
+                "give a positive difference of colours",
+            )?;
+            check(
+                final_weight >= 0.0 && final_weight.is_finite(),
+                "train.colour-loss.final-weight",
+                final_weight,
+                "give 0 or more",
+            )?;
         }
+        let (DepthLoss::Wasserstein { weight, decay } | DepthLoss::Distribution { weight, decay, .. }) =
+            self.depth_loss
+        else {
+            return Ok(());
+        };
+        check(weight >= 0.0 && weight.is_finite(), "train.depth-loss.weight", weight, "give 0 or more")?;
+        if let DepthLoss::Distribution { relative_sigma, .. } = self.depth_loss {
+            check(
+                positive(relative_sigma),
+                "train.depth-loss.relative-sigma",
+                relative_sigma,
+                "give a positive fraction",
+            )?;
+        }
+        decay.validate()
     }
 }
 
 fn check(ok: bool, field: &'static str, value: impl ToString, remedy: &'static str) -> Result<()> {
     if ok { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), remedy }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// The factor is 1 before the decay, the floor after it, monotone and Lipschitz in between.
+        #[test]
+        fn the_decay_is_linear_between_its_ends(a in 0.0..=1.0_f64, b in 0.0..=1.0_f64, floor in 0.0..=1.0_f64, p in 0.0..=1.0_f64) {
+            let decay = Decay { start: a.min(b), end: a.max(b), floor };
+            prop_assume!(decay.end - decay.start > 1e-3);
+            decay.validate().unwrap();
+            prop_assert_eq!(decay.factor(decay.start), 1.0);
+            prop_assert_eq!(decay.factor(decay.end), floor);
+            let factor = decay.factor(p);
+            let expected = (1.0 - (p - decay.start) / (decay.end - decay.start)).clamp(0.0, 1.0) * (1.0 - floor) + floor;
+            prop_assert!((factor - expected).abs() < 1e-9, "{} {}", factor, expected);
+        }
+    }
+
+    #[test]
+    fn the_default_decay_is_constant() {
+        assert!([0.0, 0.3, 1.0].iter().all(|&p| Decay::default().factor(p) == 1.0));
+    }
+
+    #[test]
+    fn settings_for_photographs_are_valid_for_any_width() {
+        for width in [0, 1, 320, 640, 100_000] {
+            NerfConfig::photographs(width).validate().unwrap();
+        }
+    }
 }

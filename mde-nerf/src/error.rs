@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 
-/// What can go wrong in fitting, rendering, saving or loading a field.
+/// Errors of fitting, rendering, saving and loading a field.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -11,7 +11,7 @@ pub enum Error {
         field: &'static str,
         /// The value at fault.
         value: String,
-        /// What to do.
+        /// How to mend it.
         remedy: &'static str,
     },
     /// A view that cannot be used.
@@ -19,27 +19,25 @@ pub enum Error {
     View {
         /// Index of the view.
         index: usize,
-        /// What is wrong with it.
+        /// The reason.
         reason: String,
     },
-    /// No view, or none with a pixel to train on.
-    #[error("there is nothing to fit: no view has a pixel that may be trained on")]
+    /// No view, or no view with a valid pixel.
+    #[error("nothing to fit: every view's mask is empty; give at least one view with valid pixels")]
     NoPixels,
-    /// Neither a depth hypothesis nor a configured range says where the scene is.
-    #[error(
-        "the depth range is unknown: give view 0 a depth hypothesis, or set sampling.near and sampling.far"
-    )]
+    /// The depth range follows neither from a hypothesis nor from the configuration.
+    #[error("unknown depth range; give view 0 a depth hypothesis, or set sampling.near and sampling.far")]
     NoRange,
-    /// The field was asked to render or save before it was fitted or loaded.
+    /// The field has to be fitted or loaded first.
     #[error("the field has not been fitted; call fit or load first")]
     NotFitted,
-    /// Training ended in numbers that are not finite.
+    /// The training loss is no longer finite.
     #[error("the fit diverged at step {step}; lower train.learning-rate")]
     Diverged {
-        /// The step at which the loss stopped being finite.
+        /// The first step whose loss is not finite.
         step: usize,
     },
-    /// The observer asked to stop.
+    /// The callback returned [`ControlFlow::Break`](std::ops::ControlFlow::Break).
     #[error("interrupted")]
     Interrupted,
     /// A file that cannot be read or written.
@@ -47,20 +45,36 @@ pub enum Error {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// A file that is no saved field, or a broken one.
+    /// A file that is not a saved field, or is damaged.
     #[error("{path} is not a usable field: {reason}")]
     Format {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The reason.
         reason: String,
     },
-    /// A map that is no Gaussian depth.
+    /// A map that is not a valid Gaussian depth.
     #[error(transparent)]
     Depth(#[from] mde_uncertainty::Error),
+    /// An error of a [`RadianceField`](crate::RadianceField) of another crate; see [`Error::external`].
+    #[error(transparent)]
+    External(Box<dyn std::error::Error + Send + Sync>),
+}
+
+impl Error {
+    /// Wraps an error of a field of another crate, to be returned from [`RadianceField`](crate::RadianceField)'s methods.
+    ///
+    /// ```
+    /// # use mde_nerf::Error;
+    /// let error = Error::external("the GPU is out of memory");
+    /// assert_eq!(error.to_string(), "the GPU is out of memory");
+    /// ```
+    pub fn external(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
+        Self::External(error.into())
+    }
 }
 
 /// Shorthand for this crate's results.

@@ -4,12 +4,12 @@ use mde_warp::{PinholeCamera, Pose, PosedView};
 use ndarray::{Array2, Array3};
 use std::ops::ControlFlow;
 
-/// A scene model that learns from posed views and renders colour, depth and how sure it is of it.
+/// A scene model that is fitted to posed views and renders colour and depth with variance.
 ///
-/// The loop needs nothing else, so a Gaussian splat or a field on a GPU can stand in for [`Nerf`](crate::Nerf).
+/// The refinement loop uses nothing else, so that a Gaussian splat or a field on a GPU can replace [`Nerf`](crate::Nerf).
 ///
 /// ```
-/// use mde_nerf::{FitReport, Observer, RadianceField, RenderedView, Result};
+/// use mde_nerf::{FitReport, FieldCallback, RadianceField, RenderedView, Result};
 /// use mde_uncertainty::GaussianDepth;
 /// use mde_warp::{PinholeCamera, Pose, PosedView};
 /// use ndarray::{Array2, Array3};
@@ -18,10 +18,10 @@ use std::ops::ControlFlow;
 /// struct Wall(f32);
 ///
 /// impl RadianceField for Wall {
-///     fn fit(&mut self, _: &[PosedView], _: &mut dyn Observer) -> Result<FitReport> {
+///     fn fit(&mut self, _: &[PosedView], _: &mut dyn FieldCallback) -> Result<FitReport> {
 ///         Ok(FitReport::default())
 ///     }
-///     fn render(&self, camera: &PinholeCamera, _: &Pose, _: &mut dyn Observer) -> Result<RenderedView> {
+///     fn render(&self, camera: &PinholeCamera, _: &Pose, _: &mut dyn FieldCallback) -> Result<RenderedView> {
 ///         let size = (camera.height, camera.width);
 ///         Ok(RenderedView {
 ///             image: Array3::from_elem((size.0, size.1, 3), 0.5),
@@ -35,39 +35,41 @@ use std::ops::ControlFlow;
 pub trait RadianceField: Send {
     /// Fits the field to `views`.
     ///
-    /// `views[0]` is the original photograph: its camera and pose fix the volume that is modelled. The views' depth
-    /// hypotheses say how far the scene reaches and, where the field is told so, supervise its depth. Nothing may be
-    /// assumed about where the other views come from.
+    /// `views[0]` is the original photograph: its camera and pose define the modelled volume. The depth hypotheses of the
+    /// views give the range of the scene and may supervise its depth. The other views may be warps or photographs; all images
+    /// have the exposure of view 0.
     ///
     /// # Errors
-    /// Views without a usable pixel or range, a fit that diverges, or [`Error::Interrupted`](crate::Error::Interrupted)
-    /// where the observer said stop.
-    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> Result<FitReport>;
+    /// Views without a valid pixel or range, a fit that diverges, [`Error::Interrupted`](crate::Error::Interrupted) where the
+    /// callback returns [`ControlFlow::Break`], and the implementation's own as
+    /// [`Error::External`](crate::Error::External).
+    fn fit(&mut self, views: &[PosedView], callback: &mut dyn FieldCallback) -> Result<FitReport>;
 
     /// Renders the fitted field from `pose` (world to camera).
     ///
     /// # Errors
-    /// [`Error::NotFitted`](crate::Error::NotFitted), or [`Error::Interrupted`](crate::Error::Interrupted).
+    /// [`Error::NotFitted`](crate::Error::NotFitted), [`Error::Interrupted`](crate::Error::Interrupted), or the
+    /// implementation's own as [`Error::External`](crate::Error::External).
     fn render(
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        observer: &mut dyn Observer,
+        callback: &mut dyn FieldCallback,
     ) -> Result<RenderedView>;
 }
 
-/// What a field renders.
+/// A rendered view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RenderedView {
     /// sRGB in 0 to 1, `[height, width, 3]`.
     pub image: Array3<f32>,
-    /// Mean and variance (Eq. 4-5) of z-depth in the rendering camera, `[height, width]`; missing where the ray hardly ends.
+    /// Mean and variance (Eq. 4-5) of z-depth in the rendering camera, `[height, width]`; missing where the opacity is low.
     pub depth: GaussianDepth,
-    /// Chance that the ray ended in the volume, `[height, width]`.
+    /// Probability that the ray ends in the volume, `[height, width]`.
     pub opacity: Array2<f32>,
 }
 
-/// How a fit went.
+/// Summary of a fit.
 #[derive(Debug, Clone, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct FitReport {
@@ -75,17 +77,17 @@ pub struct FitReport {
     pub steps: usize,
     /// Mean training loss over the last steps.
     pub loss: f64,
-    /// Peak signal-to-noise ratio in dB a view, on a random sample of its trainable pixels; the original first.
+    /// Peak signal-to-noise ratio of each view, dB, on a random sample of its valid pixels.
     pub psnr: Vec<f64>,
-    /// Samples along rays that were trained on.
+    /// Number of samples along rays in all steps.
     pub samples: u64,
 }
 
-/// What a long call tells its caller.
+/// Progress of a fit or a rendering.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
-pub enum Event {
-    /// Some optimisation steps are done.
+pub enum FieldEvent {
+    /// Optimisation steps are done.
     Fit {
         /// Steps done.
         step: usize,
@@ -96,7 +98,7 @@ pub enum Event {
         /// PSNR of the training rays since the last event, dB.
         psnr: f64,
     },
-    /// Some rows are rendered.
+    /// Rows are rendered.
     Render {
         /// Rows done.
         row: usize,
@@ -105,24 +107,24 @@ pub enum Event {
     },
 }
 
-/// Hears of progress and may say stop. Closures from [`Event`] to [`ControlFlow`] are observers.
-pub trait Observer {
-    /// Hears of an event; [`ControlFlow::Break`] stops the call with [`Error::Interrupted`](crate::Error::Interrupted).
-    fn observe(&mut self, event: &Event) -> ControlFlow<()>;
+/// Progress callback; closures from [`FieldEvent`] to [`ControlFlow`] implement it.
+pub trait FieldCallback {
+    /// Receives an event; [`ControlFlow::Break`] cancels the call with [`Error::Interrupted`](crate::Error::Interrupted).
+    fn on_event(&mut self, event: &FieldEvent) -> ControlFlow<()>;
 }
 
-impl<F: FnMut(&Event) -> ControlFlow<()>> Observer for F {
-    fn observe(&mut self, event: &Event) -> ControlFlow<()> {
+impl<F: FnMut(&FieldEvent) -> ControlFlow<()>> FieldCallback for F {
+    fn on_event(&mut self, event: &FieldEvent) -> ControlFlow<()> {
         self(event)
     }
 }
 
-/// An observer that lets everything run.
+/// A callback that ignores all events.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Silent;
 
-impl Observer for Silent {
-    fn observe(&mut self, _: &Event) -> ControlFlow<()> {
+impl FieldCallback for Silent {
+    fn on_event(&mut self, _: &FieldEvent) -> ControlFlow<()> {
         ControlFlow::Continue(())
     }
 }

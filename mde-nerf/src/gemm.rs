@@ -2,8 +2,9 @@
 //!
 //! Matrices are row-major, one row a point, and every width is a multiple of [`LANES`] (narrower layers are padded with
 //! zeros). The `f32` products keep a block of the result in registers for whatever vector width the processor has
-//! (chosen at run time); the `f64` ones are plain loops: the reference.
+//! (chosen at run time); the plain loops for any scalar are the reference.
 
+use mde_uncertainty::Real;
 use pulp::{Arch, Simd, WithSimd};
 
 /// Widths are padded to a multiple of this: one AVX-512 register of `f32`.
@@ -19,13 +20,13 @@ pub(crate) const fn padded(n: usize) -> usize {
 pub(crate) struct Shape {
     /// Padded width of `x`.
     pub(crate) inputs: usize,
-    /// Its columns that are not padding.
+    /// Columns of `x` that are not padding.
     pub(crate) used: usize,
     /// Padded width of `y`.
     pub(crate) outputs: usize,
 }
 
-/// What a layer does to its product: adds a bias, and may cut at zero.
+/// Operations on a product: adds a bias, and clamps at zero for a ReLU.
 #[derive(Clone, Copy)]
 pub(crate) struct Epilogue<'a, T> {
     pub(crate) bias: Option<&'a [T]>,
@@ -56,7 +57,7 @@ impl WithSimd for Product<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let vectors = self.shape.outputs / S::F32_LANES;
-        // 12 to 24 accumulators: enough to hide the latency of two multiply-add pipes, few enough to stay in registers.
+        // 12 to 24 accumulators hide the latency of two multiply-add pipes and stay in registers.
         match (S::F32_LANES, vectors) {
             (16, 1) => self.panels::<S, 12, 1>(simd),
             (16, v) if v % 4 == 0 => self.panels::<S, 6, 4>(simd),
@@ -124,7 +125,7 @@ fn product_rows<S: Simd, const ROWS: usize, const VECTORS: usize>(
     }
 }
 
-/// Rows of an outer product at a time: the columns of `dy` that all inputs meet stay in the first-level cache.
+/// Rows of an outer product per panel, so that the columns of `dy` stay in the first-level cache.
 const PANEL_ROWS: usize = 128;
 
 struct Outer<'a> {
@@ -186,25 +187,24 @@ impl Outer<'_> {
     }
 }
 
-/// The reference of [`matmul_f32`].
-pub(crate) fn matmul_f64(x: &[f64], w: &[f64], y: &mut [f64], shape: Shape, epilogue: Epilogue<'_, f64>) {
+/// The reference of [`matmul_f32`], for any scalar.
+pub(crate) fn matmul_plain<T: Real>(x: &[T], w: &[T], y: &mut [T], shape: Shape, epilogue: Epilogue<'_, T>) {
     let (k, m) = (shape.inputs, shape.outputs);
     for (x, y) in x.chunks_exact(k).zip(y.chunks_exact_mut(m)) {
         for (column, y) in y.iter_mut().enumerate() {
-            let product: f64 =
-                x.iter().take(shape.used).enumerate().map(|(i, x)| x * w[i * m + column]).sum();
-            let sum = product + epilogue.bias.map_or(0.0, |b| b[column]);
-            *y = if epilogue.relu { sum.max(0.0) } else { sum };
+            let product: T = x.iter().take(shape.used).enumerate().map(|(i, &x)| x * w[i * m + column]).sum();
+            let sum = product + epilogue.bias.map_or(T::ZERO, |b| b[column]);
+            *y = if epilogue.relu { sum.max(T::ZERO) } else { sum };
         }
     }
 }
 
-/// The reference of [`outer_f32`].
-pub(crate) fn outer_f64(x: &[f64], dy: &[f64], dw: &mut [f64], shape: Shape) {
+/// The reference of [`outer_f32`], for any scalar.
+pub(crate) fn outer_plain<T: Real>(x: &[T], dy: &[T], dw: &mut [T], shape: Shape) {
     let (k, m) = (shape.inputs, shape.outputs);
     for (x, dy) in x.chunks_exact(k).zip(dy.chunks_exact(m)) {
-        for (i, x) in x.iter().enumerate().take(shape.used) {
-            for (column, dy) in dy.iter().enumerate() {
+        for (i, &x) in x.iter().enumerate().take(shape.used) {
+            for (column, &dy) in dy.iter().enumerate() {
                 dw[i * m + column] += x * dy;
             }
         }
@@ -214,7 +214,7 @@ pub(crate) fn outer_f64(x: &[f64], dy: &[f64], dw: &mut [f64], shape: Shape) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mde_warp::random::CounterRng;
+    use mde_uncertainty::random::CounterRng;
     use proptest::prelude::*;
     use rand::RngExt;
 
@@ -242,13 +242,13 @@ mod tests {
             x.chunks_exact_mut(k).for_each(|row| row[used..].fill(0.0));
             let (mut y, mut exact) = (vec![0.0; n * m], vec![0.0; n * m]);
             matmul_f32(&x, &w, &mut y, shape, Epilogue { bias: Some(&bias), relu });
-            matmul_f64(&wide(&x), &wide(&w), &mut exact, shape, Epilogue { bias: Some(&wide(&bias)), relu });
+            matmul_plain(&wide(&x), &wide(&w), &mut exact, shape, Epilogue { bias: Some(&wide(&bias)), relu });
             prop_assert!(close(&y, &exact, k));
 
             let (mut dw, mut exact) = (noise(seed ^ 4, k * m), vec![]);
             exact.extend(wide(&dw));
             outer_f32(&x, &dy, &mut dw, shape);
-            outer_f64(&wide(&x), &wide(&dy), &mut exact, shape);
+            outer_plain(&wide(&x), &wide(&dy), &mut exact, shape);
             prop_assert!(close(&dw, &exact, n));
         }
     }

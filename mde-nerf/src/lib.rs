@@ -1,19 +1,29 @@
-//! Small neural radiance fields that fit on a CPU, for what their rays say about depth.
+//! Small neural radiance fields that are fitted on a CPU and render depth with variance.
 //!
-//! * [`RadianceField`] is the trait: fit posed views, render a view with colour and Gaussian depth.
-//! * [`Nerf`] is the field: a light MLP on a frequency encoding or a multiresolution hash grid, in the frustum of the
-//!   original camera, trained by Adam on random rays with gradients written by hand.
-//! * Its renders give the mean and the variance of each ray's termination (the paper's Eq. 2-5, in
+//! * [`RadianceField`] is the trait: it fits posed views and renders colour and Gaussian depth.
+//! * [`Nerf`] is its implementation: a light MLP on a frequency encoding, or a multiresolution hash grid, on the frustum of
+//!   view 0, trained by Adam on random rays.
+//! * Rendered depths are the mean and the variance of each ray's termination distribution (Eq. 2-5 of the paper, in
 //!   [`mde_uncertainty::termination`]).
 //! * The same seed gives the same bits with any number of threads.
+//!
+//! # Gradients
+//!
+//! There is no automatic differentiation in a fit: the adjoints of encoding, network, compositing and losses are derived by
+//! hand, for `f32` with vector kernels and for `f64` with plain loops. The tests check the `f64` adjoints against dual
+//! numbers (forward-mode derivatives of the same generic code, exact to rounding) and against central differences, and the
+//! `f32` ones against the `f64` ones. Gradients exist for the parameters only; poses and positions are constants of a fit.
 //!
 //! See [`Nerf`] for an example.
 
 mod batch;
 mod config;
+#[cfg(test)]
+mod dual;
 mod encoding;
 mod error;
 mod field;
+mod fitted;
 mod frustum;
 mod gemm;
 #[cfg(test)]
@@ -35,11 +45,11 @@ mod train;
 mod volume;
 
 pub use config::{
-    DepthLoss, FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig, RenderConfig, SamplingConfig,
-    SmoothnessConfig, Spacing, TrainConfig,
+    ColourLoss, Decay, DepthLoss, FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig, RenderConfig,
+    SamplingConfig, TrainConfig, VolumeConfig,
 };
 pub use error::{Error, Result};
-pub use field::{Event, FitReport, Observer, RadianceField, RenderedView, Silent};
+pub use field::{FieldCallback, FieldEvent, FitReport, RadianceField, RenderedView, Silent};
 pub use nerf::Nerf;
 pub use {mde_uncertainty, mde_warp, nalgebra, ndarray};
 

@@ -1,16 +1,15 @@
-//! From a tile of rays to rendered pixels, and back to the parameters' gradients.
+//! Rendering of a tile of rays, and the backward pass to the parameters' gradients.
 
-use crate::config::Spacing;
-use crate::frustum::{Frustum, Line, Ray};
+use crate::frustum::{CubeRay, Frustum, Interval, Ray};
 use crate::network::{Gradients, Network, Tape};
 use crate::points::Points;
 use crate::sampling::{blurred, edges, importance, merge, stratified};
 use crate::scalar::Scalar;
 use crate::volume::{Bins, Rendered, Shade};
+use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::termination::InBinVariance;
-use mde_warp::random::CounterRng;
 
-/// How many samples a ray gets.
+/// Samples per ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Budget {
     /// Over the whole range.
@@ -19,9 +18,8 @@ pub(crate) struct Budget {
     pub(crate) band: usize,
     /// Half width of the band, as a fraction of the depth.
     pub(crate) band_width: f64,
-    /// Where the others found weight.
+    /// Importance samples, drawn from the weights of the others.
     pub(crate) fine: usize,
-    pub(crate) spacing: Spacing,
     pub(crate) in_bin: InBinVariance,
 }
 
@@ -29,30 +27,32 @@ pub(crate) struct Budget {
 #[derive(Debug, Clone)]
 pub(crate) struct March {
     pub(crate) ray: Ray,
-    /// A depth to look around.
+    /// The sampled part; a ray without one misses the volume and renders to the background.
+    pub(crate) interval: Option<Interval>,
+    /// Centre of the band.
     pub(crate) guess: Option<f64>,
     pub(crate) background: [f64; 3],
-    /// Jitters the samples; their strata's middles are taken without one.
+    /// Jitters the samples; without one they lie in the middle of their strata.
     pub(crate) rng: Option<CounterRng>,
 }
 
-/// A ray on its way through the tile.
+/// Samples of a ray.
 #[derive(Debug, Default)]
 struct Traced<T> {
-    /// Positions of the first pass, sorted, and the row of its first one.
+    /// Positions of the first pass, sorted, and the row of the first of them.
     first: Vec<T>,
     first_row: usize,
     /// The same of the fine pass.
     fine: Vec<T>,
     fine_row: usize,
-    /// All of them, sorted, and where each comes from (see [`merge`]).
+    /// Positions of both passes, sorted, and their sources (see [`merge`]).
     positions: Vec<T>,
-    places: Vec<u32>,
+    sources: Vec<u32>,
     edges: Vec<T>,
     shades: Vec<Shade<T>>,
 }
 
-/// Working memory of one tile of rays, kept from tile to tile.
+/// Buffers for a tile of rays, reused from tile to tile.
 #[derive(Debug, Default)]
 pub(crate) struct Marcher<T> {
     /// The first and the fine pass.
@@ -65,12 +65,10 @@ pub(crate) struct Marcher<T> {
     blurred: Vec<T>,
     band: Vec<T>,
     h: Vec<T>,
-    /// Slopes of the loss in the rays' mean depths, for whom that loss asks.
-    pub(crate) slopes: Vec<f64>,
 }
 
 impl<T: Scalar> Marcher<T> {
-    /// Samples, evaluates and composites `rays`; the results are in `bins` and `rendered`, a ray each.
+    /// Samples, evaluates and composites `rays`; the results are in `bins` and `rendered`, one entry per ray.
     pub(crate) fn forward(
         &mut self,
         network: &Network<T>,
@@ -81,7 +79,7 @@ impl<T: Scalar> Marcher<T> {
         self.forward_with(&|tape| network.forward(tape), frustum, rays, budget);
     }
 
-    /// The same with another way from a tape's points to its shades.
+    /// [`Marcher::forward`] with another function from a tape's points to its shades.
     pub(crate) fn forward_with(
         &mut self,
         evaluate: &dyn Fn(&mut Tape<T>),
@@ -94,13 +92,12 @@ impl<T: Scalar> Marcher<T> {
         self.bins.resize_with(count, Bins::default);
         self.rendered.resize_with(count, Rendered::default);
         self.passes.iter_mut().for_each(|pass| pass.points.clear());
-        let range = Range::new(frustum, budget.spacing);
 
         T::vectorized(
             #[inline(always)]
             || {
                 for (index, march) in rays.iter_mut().enumerate() {
-                    self.place_first(index, march, frustum, budget, &range);
+                    self.place_first(index, march, frustum, budget);
                 }
             },
         );
@@ -112,8 +109,8 @@ impl<T: Scalar> Marcher<T> {
                 #[inline(always)]
                 || {
                     for (index, march) in rays.iter_mut().enumerate() {
-                        self.composite(index, march, frustum, budget, &range);
-                        self.place_fine(index, march, frustum, budget, &range);
+                        self.composite(index, march, frustum, budget);
+                        self.place_fine(index, march, frustum, budget);
                     }
                 },
             );
@@ -125,7 +122,7 @@ impl<T: Scalar> Marcher<T> {
             #[inline(always)]
             || {
                 for (index, march) in rays.iter().enumerate() {
-                    self.composite(index, march, frustum, budget, &range);
+                    self.composite(index, march, frustum, budget);
                 }
             },
         );
@@ -142,86 +139,75 @@ impl<T: Scalar> Marcher<T> {
     }
 
     #[inline(always)]
-    fn place_first(
-        &mut self,
-        index: usize,
-        march: &mut March,
-        frustum: &Frustum,
-        budget: &Budget,
-        range: &Range<T>,
-    ) {
+    fn place_first(&mut self, index: usize, march: &mut March, frustum: &Frustum, budget: &Budget) {
         let traced = &mut self.traced[index];
         traced.first.clear();
         traced.fine.clear();
+        traced.first_row = self.passes[0].points.len();
+        let Some(interval) = march.interval else {
+            merge(&traced.first, &traced.fine, &mut traced.positions, &mut traced.sources);
+            return;
+        };
         let rng = &mut march.rng;
         match march.guess {
             Some(depth) if budget.band > 0 => {
-                let at = |z: f64| frustum.fraction_at(z, budget.spacing);
+                let at = |z: f64| interval.fraction_at(z);
                 let band = (at(depth * (1.0 - budget.band_width)), at(depth * (1.0 + budget.band_width)));
-                // The merged list is sorted; where its parts came from does not matter yet.
+                // The merged list is sorted; its sources do not matter yet.
                 traced.positions.clear();
                 stratified(budget.coarse, 0.0, 1.0, rng.as_mut(), &mut traced.positions);
                 self.band.clear();
                 stratified(budget.band, band.0, band.1, rng.as_mut(), &mut self.band);
-                merge(&traced.positions, &self.band, &mut traced.first, &mut traced.places);
+                merge(&traced.positions, &self.band, &mut traced.first, &mut traced.sources);
             }
             _ => stratified(budget.coarse + budget.band, 0.0, 1.0, rng.as_mut(), &mut traced.first),
         }
-        traced.first_row = self.passes[0].points.len();
-        range.push(&traced.first, &frustum.line(&march.ray), &mut self.passes[0].points);
-        merge(&traced.first, &traced.fine, &mut traced.positions, &mut traced.places);
+        let range = Range::new(&interval);
+        range.push(&traced.first, &frustum.cube_ray(&march.ray), &mut self.passes[0].points);
+        merge(&traced.first, &traced.fine, &mut traced.positions, &mut traced.sources);
     }
 
     #[inline(always)]
-    fn place_fine(
-        &mut self,
-        index: usize,
-        march: &mut March,
-        frustum: &Frustum,
-        budget: &Budget,
-        range: &Range<T>,
-    ) {
+    fn place_fine(&mut self, index: usize, march: &mut March, frustum: &Frustum, budget: &Budget) {
         let traced = &mut self.traced[index];
+        let Some(interval) = march.interval else { return };
         blurred(&self.rendered[index].weights, &mut self.blurred);
         importance(budget.fine, &traced.edges, &self.blurred, march.rng.as_mut(), &mut traced.fine);
         traced.fine_row = self.passes[1].points.len();
-        range.push(&traced.fine, &frustum.line(&march.ray), &mut self.passes[1].points);
-        merge(&traced.first, &traced.fine, &mut traced.positions, &mut traced.places);
+        let range = Range::new(&interval);
+        range.push(&traced.fine, &frustum.cube_ray(&march.ray), &mut self.passes[1].points);
+        merge(&traced.first, &traced.fine, &mut traced.positions, &mut traced.sources);
     }
 
-    /// Bins and rendering of a ray from the samples it has so far.
+    /// Bins and rendering of a ray from its samples so far.
     #[inline(always)]
-    fn composite(
-        &mut self,
-        index: usize,
-        march: &March,
-        frustum: &Frustum,
-        budget: &Budget,
-        range: &Range<T>,
-    ) {
+    fn composite(&mut self, index: usize, march: &March, frustum: &Frustum, budget: &Budget) {
         let Self { traced, bins, rendered, passes, .. } = self;
         let (traced, bins) = (&mut traced[index], &mut bins[index]);
-        edges(&traced.positions, &mut traced.edges);
-        let stretch = T::from_f64(march.ray.direction.norm() / frustum.unit);
         bins.clear();
-        bins.depth.extend(traced.positions.iter().map(|&x| T::ONE / range.inverse_depth(x)));
-        bins.disparity.extend(traced.positions.iter().map(|&x| range.disparity(x)));
-        bins.extent.extend(traced.edges.windows(2).map(|e| range.extent(e[0], e[1])));
-        bins.path.extend(bins.extent.iter().map(|&e| e * stretch));
+        if let Some(interval) = &march.interval {
+            let range = Range::new(interval);
+            edges(&traced.positions, &mut traced.edges);
+            let stretch = T::from_f64(march.ray.direction.norm() / frustum.unit);
+            bins.depth.extend(traced.positions.iter().map(|&x| T::ONE / range.inverse_depth(x)));
+            bins.disparity.extend(traced.positions.iter().map(|&x| range.disparity(x)));
+            bins.extent.extend(traced.edges.windows(2).map(|e| range.extent(e[0], e[1])));
+            bins.path.extend(bins.extent.iter().map(|&e| e * stretch));
+        }
         let firsts = traced.first.len();
         traced.shades.clear();
-        traced.shades.extend(traced.places.iter().map(|&place| {
-            let place = place as usize;
-            if place < firsts {
-                passes[0].shades[traced.first_row + place]
+        traced.shades.extend(traced.sources.iter().map(|&source| {
+            let source = source as usize;
+            if source < firsts {
+                passes[0].shades[traced.first_row + source]
             } else {
-                passes[1].shades[traced.fine_row + place - firsts]
+                passes[1].shades[traced.fine_row + source - firsts]
             }
         }));
         rendered[index].composite(bins, &traced.shades, march.background.map(T::from_f64), budget.in_bin);
     }
 
-    /// Adds the parameters' gradients. `upstream(i, rendered, bins, h)` is asked for ray `i`'s colour gradient and writes
+    /// Adds the parameters' gradients. `upstream(i, rendered, bins, h)` returns the gradient of ray `i`'s colour and writes
     /// the gradients of its weights, other than through the colour, to `h`.
     pub(crate) fn backward(
         &mut self,
@@ -242,16 +228,16 @@ impl<T: Scalar> Marcher<T> {
                 for (index, march) in rays.iter().enumerate() {
                     let (traced, bins, rendered) = (&traced[index], &bins[index], &rendered[index]);
                     h.clear();
-                    h.resize(traced.places.len(), T::ZERO);
+                    h.resize(traced.sources.len(), T::ZERO);
                     let d_colour = upstream(index, rendered, bins, h);
                     let background = march.background.map(T::from_f64);
                     let firsts = traced.first.len();
                     rendered.backward(bins, &traced.shades, background, d_colour, h, |j, d| {
-                        let place = traced.places[j] as usize;
-                        if place < firsts {
-                            first_pass.d_shades[traced.first_row + place] = d;
+                        let source = traced.sources[j] as usize;
+                        if source < firsts {
+                            first_pass.d_shades[traced.first_row + source] = d;
                         } else {
-                            fine_pass.d_shades[traced.fine_row + place - firsts] = d;
+                            fine_pass.d_shades[traced.fine_row + source - firsts] = d;
                         }
                     });
                 }
@@ -263,59 +249,47 @@ impl<T: Scalar> Marcher<T> {
     }
 }
 
-/// From positions to depths, in the field's own numbers.
+/// From positions to depths, in the field's scalar type. Positions are uniform in disparity.
 struct Range<T> {
-    spacing: Spacing,
+    /// Inverse depth of the near end.
     near: T,
-    far: T,
-    /// Inverse depths of both ends.
-    inverse: [T; 2],
     /// \\(1 / near - 1 / far\\).
     width: T,
+    /// Disparity at the near end.
+    largest: T,
 }
 
 impl<T: Scalar> Range<T> {
-    fn new(frustum: &Frustum, spacing: Spacing) -> Self {
-        let (near, far) = (frustum.near, frustum.far);
+    #[inline(always)]
+    fn new(interval: &Interval) -> Self {
         Self {
-            spacing,
-            near: T::from_f64(near),
-            far: T::from_f64(far),
-            inverse: [T::from_f64(1.0 / near), T::from_f64(1.0 / far)],
-            width: T::from_f64(1.0 / near - 1.0 / far),
+            near: T::from_f64(1.0 / interval.near),
+            width: T::from_f64(interval.width()),
+            largest: T::from_f64(interval.largest_disparity()),
         }
     }
 
     #[inline(always)]
     fn inverse_depth(&self, x: T) -> T {
-        match self.spacing {
-            Spacing::Depth => T::ONE / (self.near + x * (self.far - self.near)),
-            Spacing::Disparity => self.inverse[0] - x * self.width,
-        }
+        self.near - x * self.width
     }
 
-    /// Disparity scaled to 0 at far and 1 at near.
+    /// The interval's disparity: 0 at its far end.
     #[inline(always)]
     fn disparity(&self, x: T) -> T {
-        match self.spacing {
-            Spacing::Depth => (self.inverse_depth(x) - self.inverse[1]) / self.width,
-            Spacing::Disparity => T::ONE - x,
-        }
+        self.largest * (T::ONE - x)
     }
 
     /// Extent in depth between two positions, without the cancellation of a difference of depths.
     #[inline(always)]
     fn extent(&self, x: T, y: T) -> T {
-        match self.spacing {
-            Spacing::Depth => (y - x) * (self.far - self.near),
-            Spacing::Disparity => (y - x) * self.width / (self.inverse_depth(x) * self.inverse_depth(y)),
-        }
+        (y - x) * self.width / (self.inverse_depth(x) * self.inverse_depth(y))
     }
 
     #[inline(always)]
-    fn push(&self, positions: &[T], line: &Line<T>, points: &mut Points<T>) {
+    fn push(&self, positions: &[T], ray: &CubeRay<T>, points: &mut Points<T>) {
         for &x in positions {
-            points.push(line.cube(self.inverse_depth(x)));
+            points.push(ray.cube(self.inverse_depth(x)));
         }
     }
 }

@@ -1,29 +1,29 @@
-//! A multilayer perceptron over tiles of points, with its reverse mode by hand.
+//! A multilayer perceptron over tiles of points, with a hand-derived backward pass.
 
 use crate::gemm::{Epilogue, Shape, padded};
 use crate::scalar::Scalar;
-use mde_warp::random::CounterRng;
+use mde_uncertainty::random::CounterRng;
 use rand::RngExt;
 
 /// Fully connected layers, ReLU between them, none after the last.
 ///
-/// Layer \\(l\\): \\(Y_l = \max(0, X_l W_l + b_l)\\), one row a point; all widths padded with zeros.
+/// Layer \\(l\\): \\(Y_l = \max(0, X_l W_l + b_l)\\), one row per point; all widths padded with zeros.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Mlp<T> {
     /// Used widths, input first; every matrix is padded.
     widths: Vec<usize>,
     /// Per layer: the weights `[inputs, outputs]`, then the bias `[outputs]`.
     pub(crate) parameters: Vec<T>,
-    /// The weights again, `[outputs, inputs]`, for the pass back to the inputs.
+    /// Transposed weights `[outputs, inputs]`, for the gradient of the inputs.
     transposed: Vec<T>,
 }
 
-/// What a pass over a tile leaves behind for the pass back.
+/// Intermediate values of a forward pass over a tile, for the backward pass.
 #[derive(Debug, Default)]
 pub(crate) struct MlpTape<T> {
     /// Every layer's output, row-major `[points, padded width]`.
     activations: Vec<Vec<T>>,
-    /// Gradients on the way back, current and next.
+    /// Gradients of the current and the next layer of the backward pass.
     upstream: [Vec<T>; 2],
 }
 
@@ -33,7 +33,7 @@ impl<T: Scalar> MlpTape<T> {
         self.activations.last().map_or(&[], Vec::as_slice)
     }
 
-    /// Where the gradient of the outputs goes before a pass back: as long as they are, and zero.
+    /// A zeroed buffer for the gradient of the outputs, the input of the backward pass.
     pub(crate) fn d_output(&mut self) -> &mut [T] {
         let length = self.output().len();
         let d_output = &mut self.upstream[0];
@@ -64,7 +64,7 @@ impl<T: Scalar> Mlp<T> {
         mlp
     }
 
-    /// An MLP of `widths` with the given parameters, or nothing where their number is wrong.
+    /// An MLP of `widths` with the given parameters, or `None` where their number is wrong.
     pub(crate) fn from_parameters(widths: &[usize], parameters: Vec<T>) -> Option<Self> {
         let mut mlp = Self { parameters: Vec::new(), ..Self::new(widths, 0, "") };
         let expected = mlp.layers().last().map_or(0, |l| l.start + (l.k + 1) * l.m);
@@ -99,7 +99,7 @@ impl<T: Scalar> Mlp<T> {
         padded(self.widths.last().copied().unwrap_or(0))
     }
 
-    /// To be called after the parameters changed: brings the transposed weights up to date.
+    /// Updates the transposed weights after a change of the parameters.
     pub(crate) fn refresh(&mut self) {
         self.transposed.clear();
         for Layer { start, k, m, .. } in self.layers() {
@@ -108,7 +108,7 @@ impl<T: Scalar> Mlp<T> {
         }
     }
 
-    /// Multiply-adds of a forward pass, a point, padding left out.
+    /// Multiply-adds per point of a forward pass, without padding.
     pub(crate) fn multiply_adds(&self) -> usize {
         self.layers().map(|l| l.used[0] * l.used[1]).sum()
     }
@@ -128,8 +128,8 @@ impl<T: Scalar> Mlp<T> {
         }
     }
 
-    /// From the gradient of the outputs (in [`MlpTape::d_output`]) to that of the parameters (added to `gradient`) and,
-    /// where asked for, of the inputs.
+    /// From the gradient of the outputs (in [`MlpTape::d_output`]) to that of the parameters (added to `gradient`) and, with
+    /// `want_input`, of the inputs.
     ///
     /// \\[ \frac{\partial L}{\partial W} \mathrel{+}= X^T G,\qquad \frac{\partial L}{\partial b} \mathrel{+}= 1^T G,\qquad
     ///     \frac{\partial L}{\partial X} = G W^T,\qquad G = \frac{\partial L}{\partial Y} \odot [Y > 0] \\]
@@ -173,7 +173,7 @@ struct Layer {
     used: [usize; 2],
 }
 
-/// Adds the rows of `[points, width]` up.
+/// Sums the rows of `[points, width]`.
 fn add_rows<T: Scalar>(rows: &[T], sum: &mut [T]) {
     T::vectorized(
         #[inline(always)]
@@ -187,7 +187,7 @@ fn add_rows<T: Scalar>(rows: &[T], sum: &mut [T]) {
     );
 }
 
-/// Zeroes the gradient where the activation was cut.
+/// Zeroes the gradient where the ReLU is 0.
 fn mask<T: Scalar>(gradient: &mut [T], activation: &[T]) {
     T::vectorized(
         #[inline(always)]

@@ -1,6 +1,7 @@
 use crate::batch::Pixels;
 use crate::config::{NerfConfig, RenderConfig};
-use crate::field::{FitReport, Observer, RadianceField, RenderedView};
+use crate::field::{FieldCallback, FitReport, RadianceField, RenderedView};
+use crate::fitted::Fitted;
 use crate::frustum::Frustum;
 use crate::network::Network;
 use crate::render::render;
@@ -12,8 +13,8 @@ use mde_warp::{PinholeCamera, Pose, PosedView};
 #[cfg(feature = "serde")]
 use std::path::Path;
 
-/// The neural radiance field: a small network in the original camera's frustum, without view direction (every
-/// pseudo-view has the colours of one photograph, so a view-dependent head could only cheat).
+/// A neural radiance field: a small network on the frustum of view 0, without view direction (a view-dependent colour
+/// could explain the views without geometry).
 ///
 /// ```
 /// use mde_nerf::{Nerf, NerfConfig, RadianceField, Silent};
@@ -48,15 +49,8 @@ pub struct Nerf {
     fitted: Option<Fitted>,
 }
 
-/// A network and the volume that it fills.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Fitted {
-    pub(crate) network: Network<f32>,
-    pub(crate) frustum: Frustum,
-}
-
 impl Nerf {
-    /// A field that has seen nothing yet; every random draw of its fit comes from `seed`.
+    /// An unfitted field; all random numbers of its fit derive from `seed`.
     ///
     /// # Errors
     /// [`Error::Config`] where a value is out of range.
@@ -70,7 +64,7 @@ impl Nerf {
         &self.config
     }
 
-    /// The same field, fitted or not, that renders by other settings: they have no part in the fit.
+    /// The same field, fitted or not, with other settings for rendering; they do not affect the fit.
     ///
     /// # Errors
     /// [`Error::Config`] where a value is out of range.
@@ -80,12 +74,12 @@ impl Nerf {
         Ok(self)
     }
 
-    /// Number of parameters of the fitted field, 0 before.
+    /// Number of parameters of the fitted field; 0 before the fit.
     pub fn parameter_count(&self) -> usize {
         self.fitted.as_ref().map_or(0, |f| f.network.parameter_count())
     }
 
-    /// Multiply-adds of the networks for one sample, forward.
+    /// Multiply-adds of the networks per sample in the forward pass.
     pub fn multiply_adds(&self) -> usize {
         self.fitted.as_ref().map_or_else(
             || Network::<f32>::new(&self.config.field, 0).multiply_adds(),
@@ -93,20 +87,20 @@ impl Nerf {
         )
     }
 
-    /// Writes the fitted field to `path` (safetensors), under a temporary name first.
+    /// Writes the fitted field to `path` (safetensors), atomically through a temporary file.
     ///
     /// # Errors
-    /// [`Error::NotFitted`], or [`Error::Io`] with the file.
+    /// [`Error::NotFitted`], or [`Error::Io`] with the path.
     #[cfg(feature = "serde")]
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         let fitted = self.fitted.as_ref().ok_or(Error::NotFitted)?;
         store::save(path.as_ref(), &self.config, self.seed, fitted)
     }
 
-    /// Reads a field that [`Nerf::save`] wrote.
+    /// Reads a field written by [`Nerf::save`].
     ///
     /// # Errors
-    /// [`Error::Io`], or [`Error::Format`] for another kind of file, another version or a broken checksum.
+    /// [`Error::Io`], or [`Error::Format`] for another format, another version or a wrong checksum.
     #[cfg(feature = "serde")]
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let (config, seed, fitted) = store::load(path.as_ref())?;
@@ -115,14 +109,19 @@ impl Nerf {
 }
 
 impl RadianceField for Nerf {
-    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> Result<FitReport> {
-        let pixels = Pixels::new(views, &self.config.train)?;
+    fn fit(&mut self, views: &[PosedView], callback: &mut dyn FieldCallback) -> Result<FitReport> {
+        for (index, view) in views.iter().enumerate() {
+            view.validate().map_err(|error| Error::View { index, reason: error.to_string() })?;
+        }
+        if views.iter().all(|view| !view.mask.iter().any(|&valid| valid)) {
+            return Err(Error::NoPixels);
+        }
         let frustum = Frustum::of_views(views, &self.config.sampling)?;
+        let pixels = Pixels::new(views, &frustum, &self.config.train)?;
         let mut network = Network::new(&self.config.field, self.seed);
-        let pixels_of_original = views.first().map_or(0, |view| view.camera.width * view.camera.height);
-        let train_config = self.config.train.for_picture(pixels_of_original);
-        let config = NerfConfig { train: train_config, ..self.config.clone() };
-        let report = train(&mut network, &frustum, &pixels, &config, self.seed, observer)?;
+        let size = views.first().map_or(0, |view| view.camera.width * view.camera.height);
+        let config = NerfConfig { train: self.config.train.for_pixels(size), ..self.config.clone() };
+        let report = train(&mut network, &frustum, &pixels, &config, self.seed, callback)?;
         self.fitted = Some(Fitted { network, frustum });
         Ok(report)
     }
@@ -131,9 +130,9 @@ impl RadianceField for Nerf {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        observer: &mut dyn Observer,
+        callback: &mut dyn FieldCallback,
     ) -> Result<RenderedView> {
         let fitted = self.fitted.as_ref().ok_or(Error::NotFitted)?;
-        render(&fitted.network, &fitted.frustum, &self.config, camera, pose, observer)
+        render(&fitted.network, &fitted.frustum, &self.config, camera, pose, callback)
     }
 }

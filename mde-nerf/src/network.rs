@@ -1,4 +1,4 @@
-//! The two networks: from points of the unit cube to density and colour, and back.
+//! The networks: density and colour of points of the unit cube, and the backward pass.
 
 use crate::config::FieldConfig;
 use crate::encoding::{Frequency, HashGrid, HashLayout};
@@ -7,7 +7,7 @@ use crate::points::Points;
 use crate::scalar::Scalar;
 use crate::volume::Shade;
 
-/// Raw densities are cut at ± this before the exponential.
+/// Raw densities are clamped to ± this before the exponential.
 const MAX_RAW_DENSITY: f64 = 15.0;
 
 /// Density and colour of points: \\(\sigma = e^{y_0}\\), \\(c = 1/(1+e^{-y})\\).
@@ -16,10 +16,8 @@ pub(crate) struct Network<T> {
     pub(crate) encoding: Encoding<T>,
     /// Density, and colour too where there is no second network.
     pub(crate) density: Mlp<T>,
+    /// The second network; its input is the output of the first.
     pub(crate) colour: Option<Mlp<T>>,
-    /// Features that the density network sees, where it is not all of them; the second network then sees them all instead
-    /// of what the first makes of them.
-    coarse: Option<usize>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -28,7 +26,7 @@ pub(crate) enum Encoding<T> {
     Hash(HashGrid<T>),
 }
 
-/// Where the gradients of a pass go.
+/// Gradients of the parameters.
 #[derive(Debug, Default)]
 pub(crate) struct Gradients<T> {
     pub(crate) density: Vec<T>,
@@ -38,18 +36,16 @@ pub(crate) struct Gradients<T> {
     pub(crate) points: Points<T>,
 }
 
-/// What a forward pass over a tile leaves for the pass back.
+/// Intermediate values of a forward pass over a tile, for the backward pass.
 #[derive(Debug, Default)]
 pub(crate) struct Tape<T> {
     /// Padded to whole blocks.
     pub(crate) points: Points<T>,
-    /// One a point.
+    /// One per point.
     pub(crate) shades: Vec<Shade<T>>,
-    /// Gradients of `shades`, for the pass back.
+    /// Gradients of `shades`, the input of the backward pass.
     pub(crate) d_shades: Vec<Shade<T>>,
     features: Vec<T>,
-    /// Those that the density network sees, where it is not all of them.
-    coarse: Vec<T>,
     density: MlpTape<T>,
     colour: MlpTape<T>,
 }
@@ -65,11 +61,10 @@ impl<T: Scalar> Network<T> {
             encoding,
             density: Mlp::new(&widths.density, seed, "density-network"),
             colour: widths.colour.map(|w| Mlp::new(&w, seed, "colour-network")),
-            coarse: coarse_features(config),
         }
     }
 
-    /// A network of this configuration with the given parameters, or nothing where a length is wrong.
+    /// A network of this configuration with the given parameters, or `None` where a length is wrong.
     pub(crate) fn from_parameters(
         config: &FieldConfig,
         table: Vec<T>,
@@ -90,10 +85,10 @@ impl<T: Scalar> Network<T> {
             None => None,
         };
         let density = Mlp::from_parameters(&widths.density, density)?;
-        Some(Self { encoding, density, colour, coarse: coarse_features(config) })
+        Some(Self { encoding, density, colour })
     }
 
-    /// Gradient buffers of the right size, all zero.
+    /// Zeroed gradient buffers.
     pub(crate) fn gradients(&self) -> Gradients<T> {
         Gradients {
             density: vec![T::ZERO; self.density.parameters.len()],
@@ -106,7 +101,7 @@ impl<T: Scalar> Network<T> {
         }
     }
 
-    /// Multiply-adds of the networks a point, forward.
+    /// Multiply-adds of the networks per point in the forward pass.
     pub(crate) fn multiply_adds(&self) -> usize {
         self.density.multiply_adds() + self.colour.as_ref().map_or(0, Mlp::multiply_adds)
     }
@@ -125,39 +120,24 @@ impl<T: Scalar> Network<T> {
 
     /// The points' features.
     pub(crate) fn encode(&self, tape: &mut Tape<T>) {
-        let Tape { points, features, coarse, .. } = tape;
-        let stride = self.features_stride();
-        // Nobody writes to the columns that pad a row: they stay zero.
+        let Tape { points, features, .. } = tape;
+        let stride = self.density.input_width();
+        // The columns that pad a row are never written: they stay zero.
         features.resize(points.len() * stride, T::ZERO);
         match &self.encoding {
             Encoding::Frequency(encoding) => encoding.forward(points, features, stride),
             Encoding::Hash(grid) => grid.forward(points, features, stride),
         }
-        if let Some(count) = self.coarse {
-            let width = self.density.input_width();
-            coarse.resize(points.len() * width, T::ZERO);
-            for (to, from) in coarse.chunks_exact_mut(width).zip(features.chunks_exact(stride)) {
-                to[..count].copy_from_slice(&from[..count]);
-            }
-        }
-    }
-
-    /// Numbers a point in the row of its features.
-    fn features_stride(&self) -> usize {
-        match (&self.colour, self.coarse) {
-            (Some(colour), Some(_)) => colour.input_width(),
-            _ => self.density.input_width(),
-        }
     }
 
     /// From features to shades.
     pub(crate) fn evaluate(&self, tape: &mut Tape<T>) {
-        let Tape { points, shades, features, coarse, density, colour, .. } = tape;
-        self.density.forward(if self.coarse.is_some() { coarse } else { features }, density);
+        let Tape { points, shades, features, density, colour, .. } = tape;
+        self.density.forward(features, density);
         shades.resize(points.len(), [T::ZERO; 4]);
         let raw = density.output().chunks_exact(self.density.output_width());
         if let Some(network) = &self.colour {
-            network.forward(if self.coarse.is_some() { features } else { density.output() }, colour);
+            network.forward(density.output(), colour);
             let rgb = colour.output().chunks_exact(network.output_width());
             T::vectorized(
                 #[inline(always)]
@@ -181,25 +161,17 @@ impl<T: Scalar> Network<T> {
 
     /// Adds the gradients of the parameters, given those of the tape's shades.
     pub(crate) fn backward(&self, tape: &mut Tape<T>, gradients: &mut Gradients<T>) {
-        let Tape { points, shades, d_shades, features, coarse, density, colour } = tape;
+        let Tape { points, shades, d_shades, features, density, colour } = tape;
         let width = self.density.output_width();
         let pairs = || shades.iter().zip(d_shades.iter());
-        // What the colours ask of the features themselves.
-        let mut d_seen: &[T] = &[];
         if let Some(network) = &self.colour {
             let rows = colour.d_output().chunks_exact_mut(network.output_width());
             for (row, (shade, d)) in rows.zip(pairs()) {
                 row[..3].copy_from_slice(&d_activate(shade, d)[1..]);
             }
-            let input = if self.coarse.is_some() { features.as_slice() } else { density.output() };
-            let d_input = network.backward(input, colour, &mut gradients.colour, true);
+            let d_input = network.backward(density.output(), colour, &mut gradients.colour, true);
             let d_raw = density.d_output();
-            if self.coarse.is_some() {
-                d_raw.fill(T::ZERO);
-                d_seen = d_input;
-            } else {
-                d_raw.copy_from_slice(d_input);
-            }
+            d_raw.copy_from_slice(d_input);
             for (row, (shade, d)) in d_raw.chunks_exact_mut(width).zip(pairs()) {
                 row[0] += d_activate(shade, d)[0];
             }
@@ -212,40 +184,18 @@ impl<T: Scalar> Network<T> {
             self.density.backward(features, density, &mut gradients.density, false);
             return;
         };
-        let seen = if self.coarse.is_some() { coarse } else { features };
-        let d_features = self.density.backward(seen, density, &mut gradients.density, true);
+        let d_features = self.density.backward(features, density, &mut gradients.density, true);
         let count = grid.layout.features();
-        let coarse_levels = self.coarse.map_or(usize::MAX, |columns| columns / count);
         for (level, of_level) in gradients.features.iter_mut().enumerate() {
             let start = of_level.len();
             of_level.resize(start + points.len() * count, T::ZERO);
-            let of_level = &mut of_level[start..];
-            if level < coarse_levels {
-                for (to, from) in
-                    of_level.chunks_exact_mut(count).zip(columns(d_features, &self.density, level, count))
-                {
-                    to.copy_from_slice(from);
-                }
-            }
-            if let (Some(colour), Some(_)) = (&self.colour, self.coarse) {
-                for (to, from) in of_level.chunks_exact_mut(count).zip(columns(d_seen, colour, level, count))
-                {
-                    to.iter_mut().zip(from).for_each(|(to, from)| *to += *from);
-                }
+            let rows = d_features.chunks_exact(self.density.input_width());
+            for (to, from) in of_level[start..].chunks_exact_mut(count).zip(rows) {
+                to.copy_from_slice(&from[level * count..][..count]);
             }
         }
         gradients.points.extend(points);
     }
-}
-
-/// A level's part of the rows that a network took in.
-fn columns<'d, T: Scalar>(
-    rows: &'d [T],
-    network: &Mlp<T>,
-    level: usize,
-    count: usize,
-) -> impl Iterator<Item = &'d [T]> {
-    rows.chunks_exact(network.input_width()).map(move |row| &row[level * count..][..count])
 }
 
 /// Used widths of the networks' layers.
@@ -269,16 +219,10 @@ impl Widths {
             }
             FieldConfig::Hash(c) => {
                 let input = c.levels * c.features;
-                if c.density_levels > 0 {
-                    return Self {
-                        density: stack(c.density_levels * c.features, c.width, c.layers, 1),
-                        colour: Some(stack(input, c.width, c.layers, 3)),
-                    };
-                }
                 if c.geometry == 0 {
                     return Self { density: stack(input, c.width, c.layers, 4), colour: None };
                 }
-                // The colour network sees all of the density network's outputs, the density itself included.
+                // The input of the colour network is all of the density network's outputs, the density included.
                 let outputs = c.geometry + 1;
                 Self {
                     density: stack(input, c.width, c.layers, outputs),
@@ -286,14 +230,6 @@ impl Widths {
                 }
             }
         }
-    }
-}
-
-/// Features that the density network sees, where it is not all of them.
-fn coarse_features(config: &FieldConfig) -> Option<usize> {
-    match config {
-        FieldConfig::Hash(c) if c.density_levels > 0 => Some(c.density_levels * c.features),
-        _ => None,
     }
 }
 
@@ -311,40 +247,9 @@ fn activate<T: Scalar>(raw: [T; 4]) -> Shade<T> {
     [density, raw[1].sigmoid(), raw[2].sigmoid(), raw[3].sigmoid()]
 }
 
-/// Gradient of the raw outputs. The density's passes through its cut, so that a saturated point can come back.
+/// Gradient of the raw outputs. The density's passes through the clamp, so that a saturated point can recover.
 #[inline(always)]
 fn d_activate<T: Scalar>(shade: &Shade<T>, d: &Shade<T>) -> [T; 4] {
     let colour = |i: usize| d[i] * shade[i] * (T::ONE - shade[i]);
     [d[0] * shade[0], colour(1), colour(2), colour(3)]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::config::HashFieldConfig;
-
-    #[test]
-    fn what_only_the_fine_levels_tell_apart_moves_no_surface() {
-        let config = HashFieldConfig { levels: 4, density_levels: 2, log2_rows: 8, ..Default::default() };
-        let mut network = Network::<f64>::new(&FieldConfig::Hash(config), 3);
-        let shades = |network: &Network<f64>| {
-            let mut tape = Tape::default();
-            (0..9).for_each(|i| tape.points.push([0.1 * f64::from(i), 0.4, 0.7]));
-            tape.points.pad();
-            network.forward(&mut tape);
-            tape.shades
-        };
-        let nudged = |network: &mut Network<f64>, level: usize| {
-            let Encoding::Hash(grid) = &mut network.encoding else { panic!("no grid") };
-            let layout = grid.layout.clone();
-            layout.split_levels(&mut grid.table)[level].iter_mut().for_each(|row| *row += 0.3);
-        };
-        let before = shades(&network);
-        nudged(&mut network, 2);
-        nudged(&mut network, 3);
-        let fine = shades(&network);
-        assert!(before.iter().zip(&fine).all(|(a, b)| a[0] == b[0] && a[1] != b[1]));
-        nudged(&mut network, 1);
-        assert!(fine.iter().zip(shades(&network)).all(|(a, b)| a[0] != b[0]));
-    }
 }

@@ -3,13 +3,21 @@
 use crate::config::TrainConfig;
 use crate::scalar::Scalar;
 
+/// Adam's decay of the first moment.
+const BETA1: f64 = 0.9;
+/// Adam's decay of the second moment.
+const BETA2: f64 = 0.99;
+/// Adam's epsilon.
+const EPSILON: f64 = 1e-15;
+/// Learning rate at the last step, as a fraction of the configured one.
+const FINAL_RATE: f64 = 0.1;
+/// Decay per step of the moving average of the parameters.
+pub(crate) const AVERAGE: f64 = 0.95;
+
 /// Adam's rate and bias corrections at one step.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct AdamStep {
     rate: f32,
-    beta1: f32,
-    beta2: f32,
-    epsilon: f32,
     /// \\(1 / (1 - \beta_2^t)\\).
     correction2: f32,
 }
@@ -20,14 +28,10 @@ impl AdamStep {
         let t = (step + 1) as f64;
         let warm = (t / (config.warm_up as f64).max(1.0)).min(1.0);
         let progress = step as f64 / (config.steps as f64 - 1.0).max(1.0);
-        let rate =
-            config.learning_rate * (config.final_learning_rate / config.learning_rate).powf(progress) * warm;
+        let rate = config.learning_rate * FINAL_RATE.powf(progress) * warm;
         Self {
-            rate: (rate / (1.0 - config.beta1.powf(t))) as f32,
-            beta1: config.beta1 as f32,
-            beta2: config.beta2 as f32,
-            epsilon: config.epsilon as f32,
-            correction2: (1.0 / (1.0 - config.beta2.powf(t))) as f32,
+            rate: (rate / (1.0 - BETA1.powf(t))) as f32,
+            correction2: (1.0 / (1.0 - BETA2.powf(t))) as f32,
         }
     }
 }
@@ -35,9 +39,9 @@ impl AdamStep {
 /// Adam's moments of rows of `width` parameters.
 #[derive(Debug, Default, Clone)]
 pub(crate) struct Moments {
-    /// One a parameter.
+    /// One per parameter.
     pub(crate) first: Vec<f32>,
-    /// One a row.
+    /// One per row.
     pub(crate) second: Vec<f32>,
 }
 
@@ -53,8 +57,8 @@ const NEGLIGIBLE: f32 = 1e-18;
 /// One Adam step (Kingma and Ba, 2015) of the rows whose gradient is not zero, which is then cleared.
 ///
 /// The `width` parameters of a row (1, 2, 4 or 8) share their second moment, \\(v \leftarrow \beta_2 v + (1 - \beta_2)
-/// \lVert g \rVert^2 / F\\): a step then turns with the features of a row, and half as many bytes move. Skipping the others
-/// is what keeps a table cheap where most rows are untouched.
+/// \lVert g \rVert^2 / F\\): the step is then equivariant to rotations of a row's features, and half as many bytes move.
+/// Skipping untouched rows keeps sparse updates of a large table cheap.
 pub(crate) fn adam(
     parameters: &mut [f32],
     [first, second]: [&mut [f32]; 2],
@@ -77,6 +81,7 @@ fn adam_rows<const F: usize>(
     gradient: &mut [f32],
     step: AdamStep,
 ) {
+    let [beta1, beta2, epsilon] = [BETA1, BETA2, EPSILON].map(|x| x as f32);
     f32::vectorized(
         #[inline(always)]
         || {
@@ -84,11 +89,11 @@ fn adam_rows<const F: usize>(
             for (((p, m), v), g) in rows.zip(second).zip(gradient.as_chunks_mut::<F>().0) {
                 let square = g.iter().map(|g| g * g).sum::<f32>() / F as f32;
                 let touched = square > NEGLIGIBLE * NEGLIGIBLE;
-                let v_new = step.beta2 * *v + (1.0 - step.beta2) * square;
-                let rate = step.rate / ((v_new * step.correction2).sqrt() + step.epsilon);
+                let v_new = beta2 * *v + (1.0 - beta2) * square;
+                let rate = step.rate / ((v_new * step.correction2).sqrt() + epsilon);
                 *v = if touched { v_new } else { *v };
                 for ((p, m), g) in p.iter_mut().zip(m).zip(g) {
-                    let m_new = step.beta1 * *m + (1.0 - step.beta1) * *g;
+                    let m_new = beta1 * *m + (1.0 - beta1) * *g;
                     *m = if touched { m_new } else { *m };
                     *p -= if touched { rate * m_new } else { 0.0 };
                     *g = 0.0;
@@ -100,8 +105,7 @@ fn adam_rows<const F: usize>(
 
 /// An exponential moving average of the parameters.
 ///
-/// It forgets within some tens of steps, so it starts only [`Average::span`] steps before the end: what earlier steps
-/// would add is below 1e-4.
+/// It starts only [`Average::span`] steps before the end: the weight of earlier steps is below 1e-4.
 #[derive(Debug)]
 pub(crate) struct Average {
     decay: f32,
@@ -113,7 +117,7 @@ impl Average {
         Self { decay: decay as f32, mean: Vec::new() }
     }
 
-    /// Steps after which a decay has forgotten all but 1e-4.
+    /// Steps after which a weight has decayed to 1e-4.
     pub(crate) fn span(decay: f64) -> usize {
         if decay > 0.0 { (1e-4_f64.ln() / decay.ln()).ceil() as usize } else { 0 }
     }
@@ -128,7 +132,7 @@ impl Average {
         }
     }
 
-    /// Puts the average in the parameters' place, where there is one.
+    /// Replaces the parameters by the average, where there is one.
     pub(crate) fn write(&self, parameters: &mut [f32]) {
         for (p, mean) in parameters.iter_mut().zip(&self.mean) {
             *p = *mean;
@@ -151,8 +155,7 @@ mod tests {
             let (mut exact, mut m, mut v) = (fast.map(f64::from), [0.0_f64; N], vec![0.0_f64; N / width]);
             for step in 0..5 {
                 let t = step as i32 + 1;
-                let rate = config.learning_rate
-                    * (config.final_learning_rate / config.learning_rate).powf(step as f64 / 9.0);
+                let rate = config.learning_rate * FINAL_RATE.powf(step as f64 / 9.0);
                 // The first row is never touched.
                 let mut g: [f32; N] =
                     std::array::from_fn(
@@ -161,12 +164,12 @@ mod tests {
                 for (row, v) in v.iter_mut().enumerate().skip(1) {
                     let of_row = row * width..(row + 1) * width;
                     let square = of_row.clone().map(|i| f64::from(g[i]).powi(2)).sum::<f64>() / width as f64;
-                    *v = config.beta2 * *v + (1.0 - config.beta2) * square;
-                    let v_hat = *v / (1.0 - config.beta2.powi(t));
+                    *v = BETA2 * *v + (1.0 - BETA2) * square;
+                    let v_hat = *v / (1.0 - BETA2.powi(t));
                     for i in of_row {
-                        m[i] = config.beta1 * m[i] + (1.0 - config.beta1) * f64::from(g[i]);
-                        let m_hat = m[i] / (1.0 - config.beta1.powi(t));
-                        exact[i] -= rate * m_hat / (v_hat.sqrt() + config.epsilon);
+                        m[i] = BETA1 * m[i] + (1.0 - BETA1) * f64::from(g[i]);
+                        let m_hat = m[i] / (1.0 - BETA1.powi(t));
+                        exact[i] -= rate * m_hat / (v_hat.sqrt() + EPSILON);
                     }
                 }
                 let Moments { first, second } = &mut state;
@@ -181,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn the_average_forgets_what_it_skips() {
+    fn the_late_average_equals_the_full_one() {
         let decay = 0.95;
         let steps = 300;
         let at = |step: usize| ((step * 7919) % 13) as f32;

@@ -1,6 +1,6 @@
 use crate::scalar::Scalar;
 
-/// Kernels take points by so many: one AVX-512 register of `f32`.
+/// Points per block of the kernels: one AVX-512 register of `f32`.
 pub(crate) const BLOCK: usize = 16;
 
 /// Points of the unit cube, axis by axis, so that a block of them fills a register.
@@ -25,13 +25,13 @@ impl<T: Scalar> Points<T> {
         }
     }
 
-    /// Fills the last block up with the cube's corner.
+    /// Pads the last block with the cube's corner.
     pub(crate) fn pad(&mut self) {
         let padded = self.len().next_multiple_of(BLOCK);
         self.axes.iter_mut().for_each(|axis| axis.resize(padded, T::ZERO));
     }
 
-    /// Adds the points of another list, which is padded.
+    /// Appends the points of another padded list.
     pub(crate) fn extend(&mut self, other: &Self) {
         for (axis, more) in self.axes.iter_mut().zip(&other.axes) {
             axis.extend_from_slice(more);

@@ -1,7 +1,7 @@
-//! Rendering whole views.
+//! Rendering of whole views.
 
 use crate::config::NerfConfig;
-use crate::field::{Event, Observer, RenderedView};
+use crate::field::{FieldCallback, FieldEvent, RenderedView};
 use crate::frustum::{Frustum, Ray};
 use crate::march::{March, Marcher};
 use crate::network::Network;
@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 /// Rows rendered between two events.
 const ROWS: usize = 16;
-/// Where a ray leaves the volume.
+/// Background of rendered views.
 const BACKGROUND: f64 = 0.5;
 
 /// Colour, depth mean and variance, opacity.
@@ -26,7 +26,7 @@ pub(crate) fn render(
     config: &NerfConfig,
     camera: &PinholeCamera,
     pose: &Pose,
-    observer: &mut dyn Observer,
+    callback: &mut dyn FieldCallback,
 ) -> Result<RenderedView> {
     let (height, width) = (camera.height, camera.width);
     let budget = config.render_budget();
@@ -41,10 +41,12 @@ pub(crate) fn render(
             .into_par_iter()
             .map_init(Marcher::default, |marcher, chunk| {
                 let pixels = chunk * tile..((chunk + 1) * tile).min(rows * width);
-                let ray = |i: usize| Ray::new(camera, pose, (i % width) as f64, (first + i / width) as f64);
-                let mut marches: Vec<March> = pixels
-                    .map(|i| March { ray: ray(i), guess: None, background: [BACKGROUND; 3], rng: None })
-                    .collect();
+                let march = |i: usize| {
+                    let ray = Ray::new(camera, pose, (i % width) as f64, (first + i / width) as f64);
+                    let interval = frustum.interval(&ray, 0.0);
+                    March { ray, interval, guess: None, background: [BACKGROUND; 3], rng: None }
+                };
+                let mut marches: Vec<March> = pixels.map(march).collect();
                 marcher.forward(network, frustum, &mut marches, &budget);
                 let pixel = |r: &crate::volume::Rendered<f32>| {
                     (r.colour, r.depth.mean, r.depth.variance, r.depth.opacity)
@@ -63,7 +65,7 @@ pub(crate) fn render(
                 variance[at] = v.max(0.0);
             }
         }
-        if observer.observe(&Event::Render { row: first + rows, rows: height }).is_break() {
+        if callback.on_event(&FieldEvent::Render { row: first + rows, rows: height }).is_break() {
             return Err(Error::Interrupted);
         }
     }

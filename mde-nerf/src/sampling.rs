@@ -1,9 +1,9 @@
-//! Positions along a ray, as fractions of its range.
+//! Sample positions along a ray, as fractions of its range.
 
 use crate::scalar::Scalar;
 use rand::{Rng, RngExt};
 
-/// Weight that the importance sampler adds to every bin, as a share of the whole, so that none is forgotten.
+/// Weight that the importance sampler adds to every bin, as a share of the total, so that no bin is left out.
 const PADDING: f64 = 0.01;
 
 /// `count` positions over `[low, high]`, one in each of as many equal strata; in the middle without a generator.
@@ -19,31 +19,30 @@ pub(crate) fn stratified<T: Scalar>(
     out.extend((0..count).map(|i| low + step * (T::from_index(i as u32) + jitter(rng.as_mut()))));
 }
 
-/// Where in its stratum a sample lies.
+/// Position of a sample in its stratum.
 #[inline(always)]
 fn jitter<T: Scalar>(rng: Option<&mut impl Rng>) -> T {
     rng.map_or(T::from_f64(0.5), |rng| T::from_f64(rng.random::<f64>()))
 }
 
-/// Merges two sorted lists; `out` gets each position with its place in `first`, or in `second` counted on from
-/// `first`'s end.
+/// Merges two sorted lists; `sources` receives the index of each position in the concatenation of `first` and `second`.
 #[inline(always)]
-pub(crate) fn merge<T: Scalar>(first: &[T], second: &[T], positions: &mut Vec<T>, places: &mut Vec<u32>) {
+pub(crate) fn merge<T: Scalar>(first: &[T], second: &[T], positions: &mut Vec<T>, sources: &mut Vec<u32>) {
     positions.clear();
-    places.clear();
+    sources.clear();
     let (mut i, mut j) = (0, 0);
     while i < first.len() && j < second.len() {
         let take_first = first[i] <= second[j];
-        let (position, place) = if take_first { (first[i], i) } else { (second[j], first.len() + j) };
+        let (position, source) = if take_first { (first[i], i) } else { (second[j], first.len() + j) };
         i += usize::from(take_first);
         j += usize::from(!take_first);
         positions.push(position);
-        places.push(place as u32);
+        sources.push(source as u32);
     }
     positions.extend_from_slice(&first[i..]);
-    places.extend(i as u32..first.len() as u32);
+    sources.extend(i as u32..first.len() as u32);
     positions.extend_from_slice(&second[j..]);
-    places.extend((first.len() + j) as u32..(first.len() + second.len()) as u32);
+    sources.extend((first.len() + j) as u32..(first.len() + second.len()) as u32);
 }
 
 /// Edges of the bins around sorted positions: halfway between neighbours, 0 and 1 at the ends.
@@ -56,10 +55,9 @@ pub(crate) fn edges<T: Scalar>(positions: &[T], out: &mut Vec<T>) {
     out.push(T::ONE);
 }
 
-/// Weights that cover what point samples miss: each becomes the mean of the larger of it and either neighbour
-/// (Barron et al., 2021), and gets a little more.
+/// Blurred weights: the mean of the maxima with either neighbour (Barron et al., 2021), plus a padding.
 ///
-/// A surface between two samples shows in the one behind it only, though it may lie in the bin of the one before.
+/// A surface between two samples gives weight only to the one behind it, but may lie in the bin of the one in front.
 #[inline(always)]
 pub(crate) fn blurred<T: Scalar>(weights: &[T], out: &mut Vec<T>) {
     let total: T = weights.iter().copied().sum();
@@ -103,7 +101,7 @@ pub(crate) fn importance<T: Scalar>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mde_warp::random::CounterRng;
+    use mde_uncertainty::random::CounterRng;
     use proptest::prelude::*;
 
     fn rng(seed: u64) -> CounterRng {
@@ -139,21 +137,21 @@ mod tests {
         }
 
         #[test]
-        fn merging_sorts_and_keeps_track(seed: u64, a in 0..20_usize, b in 0..20_usize) {
+        fn merging_sorts_and_gives_the_sources(seed: u64, a in 0..20_usize, b in 0..20_usize) {
             let sorted = |index, n: usize| {
                 let mut list: Vec<f64> = Vec::new();
                 stratified(n, 0.0, 1.0, Some(&mut CounterRng::new(seed, "merge-test", 0, index)), &mut list);
                 list
             };
             let (first, second) = (sorted(0, a), sorted(1, b));
-            let (mut positions, mut places) = (Vec::new(), Vec::new());
-            merge(&first, &second, &mut positions, &mut places);
+            let (mut positions, mut sources) = (Vec::new(), Vec::new());
+            merge(&first, &second, &mut positions, &mut sources);
             let both: Vec<f64> = first.iter().chain(&second).copied().collect();
             prop_assert!(positions.windows(2).all(|w| w[0] <= w[1]) && positions.len() == a + b);
-            prop_assert!(positions.iter().zip(&places).all(|(p, &at)| *p == both[at as usize]));
+            prop_assert!(positions.iter().zip(&sources).all(|(p, &at)| *p == both[at as usize]));
         }
 
-        /// The bin before a weight, where the surface that it saw may lie, gets at least half of it; none gets nothing.
+        /// The bin in front of a weight, where its surface may lie, gets at least half of it; no bin gets 0.
         #[test]
         fn blurring_reaches_the_neighbours(weights in proptest::collection::vec(0.0..1.0_f64, 2..20)) {
             let mut out = Vec::new();

@@ -1,8 +1,8 @@
 use crate::gemm::{self, Epilogue, Shape};
 use mde_uncertainty::Real;
 
-/// What the field computes in: `f32` with vector kernels, `f64` with plain loops as the reference that gradients are
-/// checked against.
+/// Scalar type of the field: `f32` with vector kernels for fitting, `f64` with plain loops as the reference, and in tests a
+/// dual number whose derivatives are exact.
 pub(crate) trait Scalar: Real {
     /// `y = x w`, then the epilogue.
     fn matmul(x: &[Self], w: &[Self], y: &mut [Self], shape: Shape, epilogue: Epilogue<'_, Self>);
@@ -20,7 +20,7 @@ pub(crate) trait Scalar: Real {
     fn to_index(self) -> u32;
     /// An index as a scalar.
     fn from_index(index: u32) -> Self;
-    /// Runs `op` compiled for the processor's widest vectors where that pays.
+    /// Runs `op`, compiled for the processor's widest vectors for `f32`.
     fn vectorized<R>(op: impl FnOnce() -> R) -> R;
 
     /// \\(1 / (1 + e^{-x})\\).
@@ -103,11 +103,11 @@ impl Scalar for f32 {
 
 impl Scalar for f64 {
     fn matmul(x: &[f64], w: &[f64], y: &mut [f64], shape: Shape, epilogue: Epilogue<'_, f64>) {
-        gemm::matmul_f64(x, w, y, shape, epilogue);
+        gemm::matmul_plain(x, w, y, shape, epilogue);
     }
 
     fn outer(x: &[f64], dy: &[f64], dw: &mut [f64], shape: Shape) {
-        gemm::outer_f64(x, dy, dw, shape);
+        gemm::outer_plain(x, dy, dw, shape);
     }
 
     fn fast_exp(self) -> f64 {
@@ -142,7 +142,7 @@ impl Scalar for f64 {
 /// Adding 1.5 * 2^23 rounds to the nearest integer.
 const ROUND: f32 = 12_582_912.0;
 
-/// The distance to the nearest whole number, and the sign bit that an odd one turns.
+/// The distance to the nearest integer, and the sign bit that an odd one flips.
 #[inline(always)]
 fn half_turns(x: f32) -> (f32, u32) {
     let shifted = x + ROUND;
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn the_fast_exponential_is_exact_to_two_units_in_the_last_place() {
+    fn the_fast_exponential_is_within_two_units_in_the_last_place() {
         let mut worst = 0.0_f64;
         for i in -870_000..880_000 {
             let x = i as f32 * 1e-4;

@@ -1,11 +1,11 @@
-//! The parts of a fit, one by one, for benchmarks: what each does, and how often. Whoever asks has the clock.
+//! The stages of a fit as separate calls with their operation counts, for benchmarks; the caller measures the time.
 
 use crate::batch::Pixels;
 use crate::config::{FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig};
 use crate::encoding::HashLayout;
 use crate::field::Silent;
 use crate::frustum::Frustum;
-use crate::loss::DepthTerm;
+use crate::loss::LossTerms;
 use crate::march::Marcher;
 use crate::network::{Encoding, Gradients, Network, Tape};
 use crate::optimiser::{AdamStep, Moments, adam};
@@ -17,24 +17,24 @@ use mde_warp::{PinholeCamera, Pose, PosedView};
 use ndarray::{Array2, Array3};
 use pulp::{Arch, Simd, WithSimd};
 
-/// Steps before anything is measured: a field that has found its surfaces, as it is for most of a fit.
+/// Steps before the measurement, so that the field has surfaces as in most of a fit.
 const WARM_UP: usize = 150;
-/// The picture that is fitted and rendered.
+/// Size of the image that is fitted and rendered.
 const SIZE: (usize, usize) = (480, 640);
 /// Rows rendered at a time.
 const RENDERED_ROWS: usize = 48;
 
-/// One part of the work.
+/// A stage of a fit.
 pub struct Stage<'a> {
-    /// What it is.
+    /// Name of the stage.
     pub name: &'static str,
     /// Whether it uses all of rayon's threads.
     pub parallel: bool,
-    /// Samples a call.
+    /// Samples per call.
     pub samples: u64,
-    /// Floating-point operations of its matrix products a call, padding left out; 0 where there are none.
+    /// Floating-point operations of the matrix products per call, without padding; 0 where there are none.
     pub flops: u64,
-    /// Bytes of tables and moments that a call reads and writes, at least; 0 where there are none.
+    /// Lower bound of the bytes of tables and moments read and written per call; 0 where there are none.
     pub bytes: u64,
     run: Box<dyn FnMut() + 'a>,
 }
@@ -49,14 +49,14 @@ impl std::fmt::Debug for Stage<'_> {
 }
 
 impl Stage<'_> {
-    /// Does the work once.
+    /// Runs the stage once.
     pub fn run(&mut self) {
         (self.run)();
     }
 }
 
-/// Fields to compare, by name: a hash grid of many narrow levels with a colour network, the one of few wide levels that
-/// the presets use, and the light MLP.
+/// Fields to compare, by name: a hash grid of many narrow levels with a colour network, the hash grid of few wide levels
+/// of the presets, and the light MLP.
 pub fn fields() -> [(&'static str, FieldConfig); 3] {
     let narrow = HashFieldConfig {
         levels: 12,
@@ -74,15 +74,15 @@ pub fn fields() -> [(&'static str, FieldConfig); 3] {
     ]
 }
 
-/// Shows every stage of a field to `visit`, on a synthetic 640 x 480 view of a curved wall with a box before it.
+/// Calls `visit` with every stage of a field, on a synthetic 640 x 480 view of a curved wall behind a box.
 ///
 /// # Errors
-/// [`Error::Config`] where a value is out of range.
+/// [`Error::Config`] where a value is out of range, [`Error::Diverged`] where the warm-up diverges.
 pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage<'_>)) -> Result<()> {
     config.validate()?;
     let views = [view()?];
-    let pixels = Pixels::new(&views, &config.train)?;
     let frustum = Frustum::of_views(&views, &config.sampling)?;
+    let pixels = Pixels::new(&views, &frustum, &config.train)?;
     let mut network = Network::<f32>::new(&config.field, 0);
     let mut trainer = Trainer::new(&mut network, &frustum, &pixels, config, 0);
     for step in 0..WARM_UP {
@@ -93,13 +93,13 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage<'_>)) -> Result<(
     }
     drop(trainer);
 
-    // One tile of the batch, as a thread sees it.
+    // One tile of the batch.
     let budget = config.training_budget();
     let batch = config.train.rays;
     let (mut rays, targets): (Vec<_>, Vec<_>) =
         (0..tile_rays(&budget).min(batch)).map(|i| pixels.draw(0, 0, i)).unzip();
     let fresh = rays.clone();
-    let term = DepthTerm::at(config.train.depth_loss, 0.0);
+    let terms = LossTerms::at(&config.train, 0.0);
     let mut marcher = Marcher::default();
     marcher.forward(&network, &frustum, &mut rays, &budget);
     let points = marcher.evaluated() as u64;
@@ -119,7 +119,7 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage<'_>)) -> Result<(
     }));
     visit(stage("sampling and compositing", points, 0, 0, || {
         rays.clone_from_slice(&fresh);
-        // The shades of the last pass stand.
+        // The shades of the last pass are kept.
         marcher.forward_with(&|_| {}, &frustum, &mut rays, &budget);
     }));
     let mut marcher = Marcher::default();
@@ -137,7 +137,7 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage<'_>)) -> Result<(
                 &mut marcher,
                 tile,
                 &budget,
-                (term, batch as f64),
+                (terms, batch as f64),
                 &mut gradients,
             );
             clear(&mut gradients);
@@ -185,19 +185,19 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage<'_>)) -> Result<(
         flops: forward * every,
         bytes: gathered(&network) * every,
         run: Box::new(|| {
-            // Nothing can stop it, and the camera is sound.
+            // The callback never breaks, and the camera is valid.
             let _ = render(&network, &frustum, config, &camera, &Pose::identity(), &mut Silent);
         }),
     });
     Ok(())
 }
 
-/// A stage of one thread.
+/// A single-threaded stage.
 fn stage<'a>(name: &'static str, samples: u64, flops: u64, bytes: u64, run: impl FnMut() + 'a) -> Stage<'a> {
     Stage { name, parallel: false, samples, flops, bytes, run: Box::new(run) }
 }
 
-/// Bytes of table rows that a sample reads.
+/// Bytes of table rows read per sample.
 fn gathered(network: &Network<f32>) -> u64 {
     match &network.encoding {
         Encoding::Frequency(_) => 0,
@@ -209,7 +209,7 @@ fn bytes_of_corners(layout: &HashLayout) -> u64 {
     (layout.level_count() * 8 * layout.features() * size_of::<f32>()) as u64
 }
 
-/// Bytes that the optimiser of the table reads and writes.
+/// Bytes read and written by the optimiser of the table.
 fn optimised(network: &Network<f32>) -> u64 {
     if let Encoding::Hash(grid) = &network.encoding { moved(&grid.layout) } else { 0 }
 }
@@ -227,8 +227,8 @@ fn clear(gradients: &mut Gradients<f32>) {
 
 fn view() -> Result<PosedView> {
     let (height, width) = SIZE;
-    let sound = |error: String| Error::View { index: 0, reason: error };
-    let camera = PinholeCamera::from_fov(60.0, width, height).map_err(|e| sound(e.to_string()))?;
+    let fault = |error: String| Error::View { index: 0, reason: error };
+    let camera = PinholeCamera::from_fov(60.0, width, height).map_err(|e| fault(e.to_string()))?;
     let image = Array3::from_shape_fn((height, width, 3), |(y, x, c)| {
         0.5 + 0.3 * (0.11 * x as f32 + 0.07 * y as f32 + c as f32).sin() + 0.2 * (0.5 * x as f32).sin()
     });
@@ -238,11 +238,11 @@ fn view() -> Result<PosedView> {
     });
     let hypothesis = GaussianDepth::new(depth, Array2::zeros(SIZE))?;
     let mask = Array2::from_elem(SIZE, true);
-    PosedView::new(image, camera, Pose::identity(), mask, vec![hypothesis]).map_err(|e| sound(e.to_string()))
+    PosedView::new(image, camera, Pose::identity(), mask, vec![hypothesis]).map_err(|e| fault(e.to_string()))
 }
 
-/// As many multiply-adds as the processor can do at a time, `rounds` times over, on one thread; returns their
-/// floating-point operations and a number that depends on all of them.
+/// Independent vector multiply-adds at the processor's peak, `rounds` times, on one thread; returns their floating-point
+/// operations and a number that depends on all of them.
 pub fn multiply_adds(rounds: u64) -> (u64, f32) {
     Arch::new().dispatch(Peak { rounds })
 }
@@ -259,7 +259,7 @@ impl WithSimd for Peak {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> (u64, f32) {
-        // Numbers that the compiler can't know, or it would work the sums out itself.
+        // Opaque to the compiler, which would fold the sums otherwise.
         let [start, scale, offset] = std::hint::black_box([1.0, 0.75, 0.5]).map(|x| simd.splat_f32s(x));
         let mut sums = [start; CHAINS];
         for _ in 0..self.rounds {
@@ -272,8 +272,8 @@ impl WithSimd for Peak {
     }
 }
 
-/// Fetches `count` random cache lines of `table`, independent of one another: what a gather can reach at best. Returns
-/// their bytes and a number that depends on all of them.
+/// Reads `count` independent random cache lines of `table`, an upper bound for gathers; returns their bytes and a number
+/// that depends on all of them.
 pub fn random_lines(table: &[f32], count: u64) -> (u64, f32) {
     const LINE: usize = 16;
     let lines = (table.len() / LINE).max(1) as u64;

@@ -1,8 +1,8 @@
 //! A fitted field as a safetensors file: the parameters as tensors, the rest as JSON in the header.
 
 use crate::config::NerfConfig;
+use crate::fitted::Fitted;
 use crate::frustum::Frustum;
-use crate::nerf::Fitted;
 use crate::network::{Encoding, Network};
 use crate::{Error, Result};
 use safetensors::tensor::TensorView;
@@ -12,8 +12,8 @@ use std::collections::HashMap;
 use std::io::Write;
 use std::path::Path;
 
-/// Raised whenever the meaning of the tensors or of the header changes.
-const VERSION: u32 = 2;
+/// Incremented whenever the meaning of the tensors or of the header changes.
+const VERSION: u32 = 3;
 const HEADER: &str = "mde-nerf";
 
 #[derive(Serialize, Deserialize)]
@@ -24,6 +24,11 @@ struct Header {
     frustum: Frustum,
     /// CRC-32 of the tensors' bytes: table, density, colour.
     checksum: u32,
+}
+
+#[derive(Deserialize)]
+struct Version {
+    version: u32,
 }
 
 pub(crate) fn save(path: &Path, config: &NerfConfig, seed: u64, fitted: &Fitted) -> Result<()> {
@@ -60,7 +65,7 @@ pub(crate) fn save(path: &Path, config: &NerfConfig, seed: u64, fitted: &Fitted)
     Ok(())
 }
 
-/// Temporary files are private by default; a result should have the permissions that the user's umask gives.
+/// Temporary files are private by default; the result gets the permissions of the user's umask.
 fn builder() -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     #[cfg(unix)]
@@ -76,15 +81,14 @@ pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {
     let file = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
     let (_, metadata) = SafeTensors::read_metadata(&file).map_err(|e| format(e.to_string()))?;
     let header = metadata.metadata().as_ref().and_then(|m| m.get(HEADER)).ok_or_else(|| {
-        format(format!("its header has no {HEADER:?} entry; was it saved by another program?"))
+        format(format!("its header has no {HEADER:?} entry; give a file written by mde-nerf"))
     })?;
-    let header: Header = serde_json::from_str(header).map_err(|e| format(e.to_string()))?;
-    if header.version != VERSION {
-        return Err(format(format!(
-            "it has version {}, this program reads version {VERSION}; fit it again",
-            header.version
-        )));
+    // The version first: the header of another version need not parse.
+    let Version { version } = serde_json::from_str(header).map_err(|e| format(e.to_string()))?;
+    if version != VERSION {
+        return Err(format(format!("its version is {version}, not {VERSION}; fit the field again")));
     }
+    let header: Header = serde_json::from_str(header).map_err(|e| format(e.to_string()))?;
     header.config.validate()?;
     let tensors = SafeTensors::deserialize(&file).map_err(|e| format(e.to_string()))?;
     let mut parts = Vec::new();
@@ -96,7 +100,7 @@ pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {
         parts.push(tensor.data());
     }
     if checksum(parts.iter().copied()) != header.checksum {
-        return Err(format("its checksum is wrong; the file is damaged".into()));
+        return Err(format("its checksum is wrong, the file is damaged; fit the field again".into()));
     }
     let mut numbers = parts
         .iter()

@@ -2,26 +2,26 @@
 
 use crate::batch::Pixels;
 use crate::config::NerfConfig;
-use crate::field::{Event, FitReport, Observer};
+use crate::field::{FieldCallback, FieldEvent, FitReport};
 use crate::frustum::Frustum;
-use crate::loss::{DepthTerm, RayLoss, Target, add_mean_slope, ray_loss, smoothness};
+use crate::loss::{LossTerms, RayLoss, Target, ray_loss};
 use crate::march::{Budget, March, Marcher};
 use crate::network::{Encoding, Gradients, Network};
-use crate::optimiser::{AdamStep, Average, Moments, adam};
+use crate::optimiser::{AVERAGE, AdamStep, Average, Moments, adam};
 use crate::scalar::Scalar;
 use crate::{Error, Result};
 use mde_uncertainty::termination::InBinVariance;
 use rayon::prelude::*;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// The batch is cut into this many groups, each summed in order; their sums are added in order. It bounds how many
-/// threads a step can use, and is the same for any number of them.
+/// The batch is split into this many groups, each summed in order; their sums are added in order. It limits the number of
+/// threads that a step can use, and does not depend on it.
 const GROUPS: usize = 16;
-/// Points a tile aims at: its activations stay in the second-level cache.
+/// Target number of points per tile, so that the activations stay in the second-level cache.
 const TILE_POINTS: usize = 1024;
 /// Steps between two events.
 const REPORT_EVERY: usize = 20;
-/// Pixels a view on which the PSNR of the fit is measured.
+/// Pixels per view on which the PSNR of the fit is measured.
 const PSNR_PIXELS: usize = 2048;
 
 /// A group's working memory.
@@ -40,23 +40,19 @@ pub(crate) fn tile_gradients<T: Scalar>(
     marcher: &mut Marcher<T>,
     (rays, targets): (&mut [March], &[Target]),
     budget: &Budget,
-    (term, batch): (DepthTerm, f64),
+    (terms, batch): (LossTerms, f64),
     gradients: &mut Gradients<T>,
 ) -> RayLoss {
     marcher.forward(network, frustum, rays, budget);
-    let mut slopes = std::mem::take(&mut marcher.slopes);
-    let smooth = smoothness(targets, &marcher.rendered, batch, &mut slopes);
-    let mut sum = RayLoss { squared_error: 0.0, total: smooth };
+    let mut sum = RayLoss::default();
     marcher.backward(network, rays, gradients, |index, rendered, bins, h| {
-        if slopes[index] != 0.0 {
-            add_mean_slope(slopes[index], rendered, bins, h);
-        }
-        let (loss, d_colour) = ray_loss(&targets[index], rendered, bins, frustum, term, batch, h);
+        // A ray that misses the volume depends on no parameter.
+        let Some(interval) = &rays[index].interval else { return [T::ZERO; 3] };
+        let (loss, d_colour) = ray_loss(&targets[index], rendered, bins, interval, terms, batch, h);
         sum.squared_error += loss.squared_error;
         sum.total += loss.total;
         d_colour
     });
-    marcher.slopes = slopes;
     sum
 }
 
@@ -68,7 +64,6 @@ impl NerfConfig {
             band: s.band,
             band_width: s.band_width,
             fine: s.fine,
-            spacing: s.spacing,
             in_bin: InBinVariance::Midpoint,
         }
     }
@@ -80,27 +75,26 @@ impl NerfConfig {
             band: 0,
             band_width: self.sampling.band_width,
             fine: r.fine,
-            spacing: self.sampling.spacing,
             in_bin: r.in_bin,
         }
     }
 }
 
-/// Rays of a tile with so many samples each.
+/// Rays per tile.
 pub(crate) fn tile_rays(budget: &Budget) -> usize {
     (TILE_POINTS / (budget.coarse + budget.band + budget.fine).max(1)).max(1)
 }
 
-/// Adam's state of a whole network.
+/// Adam's state of a network.
 struct Optimiser {
     table: Moments,
     density: Moments,
     colour: Moments,
-    /// Room for a level's gradient, one a thread that asks for it, all zero: so few that they stay in the cache.
-    rooms: Mutex<Vec<Vec<f32>>>,
+    /// Zeroed scratch buffers for a level's gradient, one per thread at a time: few enough to stay in the cache.
+    scratch: Mutex<Vec<Vec<f32>>>,
 }
 
-/// A fit under way.
+/// State of a fit.
 pub(crate) struct Trainer<'a> {
     network: &'a mut Network<f32>,
     frustum: &'a Frustum,
@@ -136,21 +130,21 @@ impl<'a> Trainer<'a> {
             },
             density: Moments::new(network.density.parameters.len(), 1),
             colour: Moments::new(network.colour.as_ref().map_or(0, |c| c.parameters.len()), 1),
-            rooms: Mutex::default(),
+            scratch: Mutex::default(),
         };
         let budget = config.training_budget();
         Self { network, frustum, pixels, config, seed, budget, groups, optimiser, step: 0 }
     }
 
-    /// The gradients of the next step's batch, left with the groups; returns the batch's loss.
+    /// Computes the gradients of the next step's batch in the groups; returns the batch's loss.
     pub(crate) fn gradients(&mut self) -> RayLoss {
         let Self { network, frustum, pixels, config, seed, budget, groups, step, .. } = self;
         let train = &config.train;
         let progress = *step as f64 / (train.steps as f64 - 1.0).max(1.0);
-        let term = DepthTerm::at(train.depth_loss, progress);
+        let terms = LossTerms::at(train, progress);
         let shared: &Network<f32> = network;
         groups.par_iter_mut().enumerate().for_each(|(index, group)| {
-            group.run(index, shared, frustum, pixels, budget, (*seed, *step), (term, train.rays));
+            group.run(index, shared, frustum, pixels, budget, (*seed, *step), (terms, train.rays));
         });
         groups.iter().fold(RayLoss::default(), |sum, g| RayLoss {
             squared_error: sum.squared_error + g.loss.squared_error,
@@ -158,7 +152,7 @@ impl<'a> Trainer<'a> {
         })
     }
 
-    /// Steps along the groups' gradients, and clears them.
+    /// Makes an optimiser step along the groups' gradients and clears them.
     pub(crate) fn update(&mut self) {
         let step = AdamStep::new(&self.config.train, self.step);
         self.optimiser.step(self.network, &mut self.groups, step);
@@ -177,12 +171,12 @@ pub(crate) fn train(
     pixels: &Pixels<'_>,
     config: &NerfConfig,
     seed: u64,
-    observer: &mut dyn Observer,
+    callback: &mut dyn FieldCallback,
 ) -> Result<FitReport> {
     let train = &config.train;
     let mut trainer = Trainer::new(network, frustum, pixels, config, seed);
-    let mut averages: [Average; 3] = std::array::from_fn(|_| Average::new(train.average));
-    let averaged_from = train.steps.saturating_sub(Average::span(train.average));
+    let mut averages: [Average; 3] = std::array::from_fn(|_| Average::new(AVERAGE));
+    let averaged_from = train.steps.saturating_sub(Average::span(AVERAGE));
     let mut since_report = RayLoss::default();
     let mut report = FitReport { steps: train.steps, ..FitReport::default() };
 
@@ -194,7 +188,7 @@ pub(crate) fn train(
         trainer.update();
         since_report.squared_error += sum.squared_error / train.rays as f64;
         since_report.total += sum.total / train.rays as f64;
-        if train.average > 0.0 && step >= averaged_from {
+        if step >= averaged_from {
             let [table, density, colour] = &mut averages;
             parameters(trainer.network).into_iter().zip([table, density, colour]).for_each(|(p, a)| a.add(p));
         }
@@ -204,8 +198,8 @@ pub(crate) fn train(
             report.loss = since_report.total / count;
             let psnr = decibels(since_report.squared_error / count);
             since_report = RayLoss::default();
-            let event = Event::Fit { step: done, steps: train.steps, loss: report.loss, psnr };
-            if observer.observe(&event).is_break() {
+            let event = FieldEvent::Fit { step: done, steps: train.steps, loss: report.loss, psnr };
+            if callback.on_event(&event).is_break() {
                 return Err(Error::Interrupted);
             }
         }
@@ -232,14 +226,14 @@ impl Group<f32> {
         pixels: &Pixels<'_>,
         budget: &Budget,
         (seed, step): (u64, usize),
-        (term, rays): (DepthTerm, usize),
+        (terms, rays): (LossTerms, usize),
     ) {
         self.loss = RayLoss::default();
         let (first, last) = (rays * index / GROUPS, rays * (index + 1) / GROUPS);
-        // Tiles of one size: a small last one would cost as much as a whole one.
+        // Tiles of equal size: a small last one would cost as much as a whole one.
         let tiles = ((last - first) as f64 / tile_rays(budget) as f64).round().max(1.0) as usize;
         for tile in 0..tiles {
-            let at = |tile: usize| whole_pairs(first + (last - first) * tile / tiles, pixels.paired(), rays);
+            let at = |tile: usize| first + (last - first) * tile / tiles;
             let tile = at(tile)..at(tile + 1);
             let (mut marches, targets): (Vec<_>, Vec<_>) = tile.map(|i| pixels.draw(seed, step, i)).unzip();
             let loss = tile_gradients(
@@ -248,7 +242,7 @@ impl Group<f32> {
                 &mut self.marcher,
                 (&mut marches, &targets),
                 budget,
-                (term, rays as f64),
+                (terms, rays as f64),
                 &mut self.gradients,
             );
             self.loss.squared_error += loss.squared_error;
@@ -256,11 +250,6 @@ impl Group<f32> {
             self.samples += self.marcher.evaluated() as u64;
         }
     }
-}
-
-/// A place to cut the batch of `rays` at, or just before it where it would part two neighbours.
-fn whole_pairs(at: usize, paired: bool, rays: usize) -> usize {
-    if paired && at < rays { at - at % 2 } else { at }
 }
 
 impl Optimiser {
@@ -272,16 +261,16 @@ impl Optimiser {
             let (first, second) = (layout.split_levels(first), layout.split_rows(second));
             let levels = layout.split_levels(&mut grid.table).into_par_iter().zip(first).zip(second);
             let groups: &[Group<f32>] = groups;
-            let rooms = &self.rooms;
+            let scratch = &self.scratch;
             levels.enumerate().for_each(|(level, ((table, first), second))| {
-                let mut room = lock(rooms).pop().unwrap_or_default();
-                room.resize(room.len().max(table.len()), 0.0);
-                let gradient = &mut room[..table.len()];
+                let mut buffer = lock(scratch).pop().unwrap_or_default();
+                buffer.resize(buffer.len().max(table.len()), 0.0);
+                let gradient = &mut buffer[..table.len()];
                 for Group { gradients: g, .. } in groups {
                     layout.scatter(level, &g.points, &g.features[level], gradient);
                 }
                 adam(table, [first, second], gradient, layout.features(), step);
-                lock(rooms).push(room);
+                lock(scratch).push(buffer);
             });
         }
         let networks = [Some(&mut network.density), network.colour.as_mut()];
@@ -302,7 +291,7 @@ impl Optimiser {
                 }
             }
             adam(&mut mlp.parameters, [&mut state.first, &mut state.second], &mut sum, 1, step);
-            // It is zero again.
+            // Zeroed by the step.
             *if which == 0 { &mut groups[0].gradients.density } else { &mut groups[0].gradients.colour } =
                 sum;
             mlp.refresh();
@@ -314,7 +303,7 @@ impl Optimiser {
     }
 }
 
-/// What is behind a lock; a panic elsewhere leaves rooms out, never half-written.
+/// Locks a mutex; a poisoned one is usable, since a panicking thread holds no buffer in it.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -329,7 +318,7 @@ fn parameters(network: &mut Network<f32>) -> [&mut [f32]; 3] {
     [table, network.density.parameters.as_mut_slice(), colour]
 }
 
-/// PSNR a view on a random sample of its trainable pixels; NaN-free: a view without one has 0.
+/// PSNR of each view on a random sample of its valid pixels.
 fn psnr(
     network: &Network<f32>,
     frustum: &Frustum,

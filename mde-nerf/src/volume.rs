@@ -1,8 +1,8 @@
 //! Volume rendering of one ray and its reverse mode.
 //!
-//! Everything rendered is a sum over the ray's bins with the termination weights: colour
+//! All rendered quantities are sums over the ray's bins with the termination weights: colour
 //! \\(C = \sum_i w_i c_i + T_{M+1} b\\) before a background \\(b\\), opacity \\(A = \sum_i w_i\\), and the depth moments of
-//! Eq. 4-5. So one number a bin, \\(h_i = \partial L / \partial w_i\\), carries every loss, and
+//! Eq. 4-5. One number per bin, \\(h_i = \partial L / \partial w_i\\), therefore carries every loss, and
 //!
 //! \\[ \frac{\partial L}{\partial \sigma_j} = \Delta_j \Bigl( T_{j+1} h_j - \sum_{k>j} w_k h_k \Bigr),\qquad
 //!     \frac{\partial L}{\partial c_j} = w_j \frac{\partial L}{\partial C}. \\]
@@ -28,17 +28,17 @@ impl<T> Bins<T> {
     }
 }
 
-/// Light and gradients below this count as none.
+/// Transmittances and gradients below this are set to 0.
 const NEGLIGIBLE: f64 = 1e-18;
 
 /// A point's density and colour.
 pub(crate) type Shade<T> = [T; 4];
 
-/// What a ray renders to; the weights stay for the pass back.
+/// A rendered ray; the weights are kept for the backward pass.
 #[derive(Debug, Default, Clone)]
 pub(crate) struct Rendered<T> {
     pub(crate) weights: Vec<T>,
-    /// \\(T_{i+1}\\): what is left behind each bin.
+    /// \\(T_{i+1}\\): the transmittance behind each bin.
     behind: Vec<T>,
     pub(crate) colour: [T; 3],
     pub(crate) depth: Moments<T>,
@@ -50,7 +50,7 @@ impl<T: Scalar> Rendered<T> {
         self.behind.last().copied().unwrap_or(T::ONE)
     }
 
-    /// Renders `shades` (one a bin, front to back) over `background`.
+    /// Renders `shades` (one per bin, front to back) over `background`.
     #[inline(always)]
     pub(crate) fn composite(
         &mut self,
@@ -60,7 +60,7 @@ impl<T: Scalar> Rendered<T> {
         in_bin: InBinVariance,
     ) {
         let Self { weights, behind, .. } = self;
-        // First what each bin lets through, all at once; then, one by one, what is left of the light.
+        // First the transmittance of each bin, vectorised; then the running product.
         behind.clear();
         behind.extend(shades.iter().zip(&bins.path).map(|(shade, &path)| (-(shade[0] * path)).fast_exp()));
         weights.clear();
@@ -82,9 +82,9 @@ impl<T: Scalar> Rendered<T> {
         self.depth = moments(&self.weights, &bins.depth, &bins.extent, in_bin);
     }
 
+    /// Gradients of the shades, one per bin, from the gradient of the colour and, in `h`, those of the weights other than
+    /// through the colour. `h` is overwritten.
     #[inline(always)]
-    /// Gradients of the shades, one a bin, given those of the colour and, in `h`, those of the weights other than through
-    /// the colour. `h` is overwritten.
     pub(crate) fn backward(
         &self,
         bins: &Bins<T>,
@@ -117,18 +117,10 @@ impl<T: Scalar> Rendered<T> {
     }
 }
 
-/// What is too small to matter becomes zero: products of it would be denormal, which is slow.
+/// Flushes small numbers to zero: their products would be denormal, which is slow.
 #[inline(always)]
 fn flush<T: Scalar>(x: T) -> T {
     if x.abs() < T::from_f64(NEGLIGIBLE) { T::ZERO } else { x }
-}
-
-/// \\(\partial \mu / \partial w_i\\) and \\(\partial \sigma^2 / \partial w_i\\) of Eq. 4-5 (midpoints):
-/// \\((t_i - \mu)/A\\) and \\(((t_i - \mu)^2 - \sigma^2)/A\\).
-#[inline(always)]
-pub(crate) fn moment_slopes<T: Scalar>(depth: &Moments<T>, t: T) -> (T, T) {
-    let offset = t - depth.mean;
-    (offset / depth.opacity, (offset * offset - depth.variance) / depth.opacity)
 }
 
 #[cfg(test)]
@@ -154,10 +146,17 @@ mod tests {
             })
     }
 
+    /// \\(\partial \mu / \partial w_i\\) and \\(\partial \sigma^2 / \partial w_i\\) of Eq. 4-5 (midpoints):
+    /// \\((t_i - \mu)/A\\) and \\(((t_i - \mu)^2 - \sigma^2)/A\\).
+    fn moment_slopes(depth: &Moments<f64>, t: f64) -> (f64, f64) {
+        let offset = t - depth.mean;
+        (offset / depth.opacity, (offset * offset - depth.variance) / depth.opacity)
+    }
+
     const BACKGROUND: [f64; 3] = [0.2, 0.9, 0.4];
     const FORM: [f64; 3] = [0.7, -0.4, 0.2];
 
-    /// A loss that uses colour, opacity, mean and variance at once.
+    /// A loss of colour, opacity, mean and variance.
     fn loss(bins: &Bins<f64>, shades: &[Shade<f64>]) -> f64 {
         let mut out = Rendered::default();
         out.composite(bins, shades, BACKGROUND, InBinVariance::Midpoint);

@@ -1,4 +1,4 @@
-/// What can be wrong with a depth map.
+/// What can be wrong with a depth map, a list of values, or a calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -10,7 +10,7 @@ pub enum Error {
         /// Shape of the variance, `[height, width]`.
         variance: [usize; 2],
     },
-    /// A mean that is not a finite number where the variance says that something is known.
+    /// A mean that is not a finite number at a pixel of finite variance.
     #[error("mean at row {row}, column {column} is {value}; it must be finite where the variance is")]
     Mean {
         /// Row of the pixel.
@@ -31,6 +31,46 @@ pub enum Error {
         column: usize,
         /// The value at fault.
         value: f32,
+    },
+    /// Two lists that must agree differ in length.
+    #[error("{what} has {found} values where {expected} are needed; give both lists the same length")]
+    Length {
+        /// The list at fault.
+        what: &'static str,
+        /// Its length.
+        found: usize,
+        /// The length that it must have.
+        expected: usize,
+    },
+    /// A value of a list that a statistic is not defined for.
+    #[error("{what} is {value} at index {index}; {remedy}")]
+    Value {
+        /// The quantity at fault.
+        what: &'static str,
+        /// Index into the list.
+        index: usize,
+        /// The value at fault.
+        value: f64,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// A setting out of its range.
+    #[error("{field} is {value}; {remedy}")]
+    Config {
+        /// The setting at fault.
+        field: &'static str,
+        /// Its value.
+        value: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// A text that is no calibration.
+    #[error("{origin}: {reason}; calibrate again")]
+    Calibration {
+        /// The file that the text is from.
+        origin: String,
+        /// What is wrong with it, in one line.
+        reason: String,
     },
 }
 

@@ -3,6 +3,9 @@ use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 /// The scalar that the formulas are written in: `f32` for speed, `f64` as the reference.
+///
+/// `num_traits::Float` has some sixty functions, of which the formulas need these; a scalar that carries derivatives can
+/// implement them, and their constants are constants.
 pub trait Real:
     Copy
     + Default

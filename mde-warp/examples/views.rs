@@ -1,14 +1,15 @@
-//! Ten synthetic views of a room with a box and a pole at 640x480: how much of each is hidden, or past the frame.
+//! Warps a 640x480 room with a box and a pole into ten synthetic views, and prints the holes of each.
 //!
 //! `cargo run --release -p mde-warp --example views`
 #![allow(clippy::print_stdout)]
 
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::median;
 use mde_warp::ndarray::{Array2, Array3};
-use mde_warp::{PinholeCamera, Pose, ViewSampling, WarpConfig, forward_warp, median, sample_poses};
+use mde_warp::{PinholeCamera, Pose, ViewSampling, WarpConfig, forward_warp, sample_poses};
 use std::time::Instant;
 
-/// A floor that runs to a wall, a box at the left and a thin pole at the right.
+/// A floor in front of a wall, a box at the left and a thin pole at the right.
 fn depth_at(camera: &PinholeCamera, row: usize, column: usize) -> f32 {
     let below = (row as f64 - camera.cy) / camera.fy;
     let room = if below > 0.0 { (1.2 / below).min(4.0) } else { 4.0 };

@@ -1,4 +1,4 @@
-/// What can be wrong with a camera, a pose, a view or the settings of a warp.
+/// Errors of cameras, poses, views and the settings of a warp.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -9,17 +9,17 @@ pub enum Error {
         field: &'static str,
         /// The value at fault.
         value: f64,
-        /// What it must be.
+        /// The values that are allowed.
         need: &'static str,
     },
     /// An array whose shape is not that of its camera.
-    #[error("{what} has shape {found:?} but its camera needs {expected:?}; resize one to the other")]
+    #[error("{what} has shape {found:?}, its camera has {expected:?}; resize one to the other")]
     Shape {
         /// Name of the array.
         what: &'static str,
         /// Its shape.
         found: Vec<usize>,
-        /// The shape that its camera asks for.
+        /// The shape of the camera's maps.
         expected: Vec<usize>,
     },
     /// A colour that is NaN or infinite.
@@ -34,23 +34,21 @@ pub enum Error {
         /// The value at fault.
         value: f32,
     },
-    /// A pose with a NaN or infinite part.
-    #[error(
-        "the {which} pose has a part that is not finite; give a rotation and a translation of finite numbers"
-    )]
+    /// A pose with a NaN or infinite component.
+    #[error("the {which} pose is not finite; give a rotation and a translation of finite numbers")]
     Pose {
-        /// Whose pose it is.
+        /// Which pose of the call.
         which: &'static str,
     },
     /// A setting out of its range.
-    #[error("{field} is {value}; it must be {need}")]
+    #[error("{field} is {value}; {remedy}")]
     Config {
         /// Name of the setting.
         field: &'static str,
         /// The value at fault.
-        value: f64,
-        /// What it must be.
-        need: &'static str,
+        value: String,
+        /// How to mend it.
+        remedy: &'static str,
     },
     /// A depth map that [`GaussianDepth`](mde_uncertainty::GaussianDepth) refuses.
     #[error(transparent)]
@@ -65,7 +63,11 @@ pub(crate) fn in_range(
     field: &'static str,
     value: f64,
     [low, high]: [f64; 2],
-    need: &'static str,
+    remedy: &'static str,
 ) -> Result<()> {
-    if (low..=high).contains(&value) { Ok(()) } else { Err(Error::Config { field, value, need }) }
+    if (low..=high).contains(&value) {
+        Ok(())
+    } else {
+        Err(Error::Config { field, value: value.to_string(), remedy })
+    }
 }

@@ -1,4 +1,4 @@
-//! Pixels that a warp left empty: what is behind them, and where a colour for them can come from.
+//! Pixels that a warp leaves empty, and the covered pixel that each continues from.
 
 use ndarray::Array2;
 use std::collections::VecDeque;
@@ -14,17 +14,17 @@ pub(crate) struct Hole {
 
 impl Hole {
     /// Pixels between the hole and its background.
-    pub(crate) fn reach(&self) -> Option<usize> {
+    pub(crate) fn distance(&self) -> Option<usize> {
         self.background.map(|(row, column)| row.abs_diff(self.row) + column.abs_diff(self.column))
     }
 }
 
 /// Every pixel of `depth` that is 0, row by row.
 ///
-/// The background is the deeper of the two covered pixels that end the empty run which the pixel lies in, along the row or
-/// the column, whichever run is shorter: a camera that moves sideways opens gaps along the rows, one that moves up and
-/// down along the columns. A run that is open at the frame counts only where both are; its one end is taken then, the
-/// closer where there are two. Where row and column are both empty, the closest hole that has a background lends it.
+/// The background is the deeper of the two covered pixels that end the pixel's empty run, along the row or the column,
+/// whichever run is shorter: sideways motion opens gaps along the rows, vertical motion along the columns. A run that is
+/// open at the frame counts only where both runs are; then its one end is taken, the closer where there are two. Where row
+/// and column are both empty, the background of the closest hole that has one is used.
 pub(crate) fn find(depth: &Array2<f32>) -> Vec<Hole> {
     let (height, width) = depth.dim();
     if depth.iter().all(|&d| d > 0.0) {
@@ -55,12 +55,12 @@ pub(crate) fn find(depth: &Array2<f32>) -> Vec<Hole> {
             });
         }
     }
-    lend(&mut holes, depth.dim());
+    spread(&mut holes, depth.dim());
     holes
 }
 
 /// Gives a background to every hole that has none, from its neighbours outwards.
-fn lend(holes: &mut [Hole], (height, width): (usize, usize)) {
+fn spread(holes: &mut [Hole], (height, width): (usize, usize)) {
     if holes.iter().all(|hole| hole.background.is_some()) {
         return;
     }
@@ -131,13 +131,13 @@ mod tests {
     }
 
     #[test]
-    fn the_shorter_run_says_which_way_the_gap_opened() {
+    fn the_background_lies_along_the_shorter_run() {
         let depth = array![[2.0, 2.0, 2.0, 2.0], [9.0, 0.0, 0.0, 9.0], [3.0, 3.0, 3.0, 3.0]];
         assert_eq!(backgrounds(depth), [Some((2, 1)), Some((2, 2))]);
     }
 
     #[test]
-    fn a_corner_between_an_empty_row_and_an_empty_column_borrows() {
+    fn a_corner_between_an_empty_row_and_an_empty_column_takes_its_neighbours_background() {
         let corner = backgrounds(array![[0.0, 0.0, 0.0], [2.0, 2.0, 0.0]]);
         assert_eq!(corner, [Some((1, 0)), Some((1, 1)), Some((1, 1)), Some((1, 1))]);
     }

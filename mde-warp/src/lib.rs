@@ -1,20 +1,21 @@
-//! Pinhole cameras, small perturbations of them, and what a depth map looks like from one to another.
+//! Pinhole cameras, sampling of nearby poses, forward warps of colour and depth, and reprojection of Gaussian depth.
 //!
-//! One picture with a depth map becomes many (Section III.A of the paper): [`sample_poses`] sets cameras about the
-//! original one, [`forward_warp`] carries colour and depth into them with a z-buffer, and [`reproject`] brings a Gaussian
-//! depth map back with its variance (Section III.D). A pixel of ray \\( d \\) (z = 1) and depth \\( z \\) goes to
+//! [`sample_poses`] places synthetic cameras about the original one, [`forward_warp`] renders colour and depth into them
+//! with a z-buffer (Section III.A of the paper), and [`reproject`] carries a Gaussian depth map with its variance between
+//! cameras (Section III.D). A pixel of ray \\( d \\) (z = 1) and depth \\( z \\) goes to
 //!
 //! \\[ X' = z R d + t, \qquad z' = (e_z^\top R d)\, z + t_z, \qquad \sigma_{z'}^2 = (e_z^\top R d)^2 \sigma_z^2 . \\]
 //!
-//! No depth and no colour that comes out is a mix of two surfaces.
+//! No resulting depth or colour mixes two surfaces.
 //!
-//! Cameras are OpenCV's (x right, y down, z forward; pixel centres at integers, from 0), poses map world to camera, depth is
-//! z in the prior's unit, images are `[height, width, 3]` and maps `[height, width]`.
+//! Cameras follow OpenCV (x right, y down, z forward; pixel centres at integers, from 0), poses map world to camera, depth
+//! is z in the prior's unit, images are `[height, width, 3]` and maps `[height, width]`.
 //!
 //! ```
 //! use mde_uncertainty::GaussianDepth;
+//! use mde_uncertainty::statistics::median;
 //! use mde_warp::ndarray::{Array2, Array3};
-//! use mde_warp::{PinholeCamera, Pose, ReprojectConfig, ViewSampling, WarpConfig, forward_warp, median};
+//! use mde_warp::{PinholeCamera, Pose, ReprojectConfig, ViewSampling, WarpConfig, forward_warp};
 //! use mde_warp::{reproject, sample_poses};
 //!
 //! let camera = PinholeCamera::from_fov(60.0, 64, 48)?;
@@ -24,7 +25,7 @@
 //!
 //! let origin = Pose::identity();
 //! let scale = median(depth.mean().iter().copied()).unwrap_or(1.0);
-//! for pose in sample_poses(&ViewSampling::default(), scale.into(), 0)? {
+//! for pose in sample_poses(&ViewSampling::default(), scale, 0)? {
 //!     let warped = forward_warp(image.view(), &depth, &camera, &origin, &camera, &pose, &WarpConfig::default())?;
 //!     assert!(warped.hole_fraction < 0.02);
 //!
@@ -36,7 +37,7 @@
 //! ```
 //!
 //! # Features
-//! `serde`: cameras and settings can be read and written. `proptest`: strategies for property tests, in
+//! `serde`: cameras and settings as TOML or JSON. `proptest`: strategies for property tests, in
 //! [`proptest`](mod@proptest).
 
 mod camera;
@@ -46,7 +47,6 @@ mod mesh;
 mod pose;
 #[cfg(feature = "proptest")]
 pub mod proptest;
-pub mod random;
 mod raster;
 mod reproject;
 mod sampling;
@@ -60,9 +60,9 @@ pub use nalgebra;
 pub use ndarray;
 pub use pose::Pose;
 pub use reproject::{ReprojectConfig, reproject};
-pub use sampling::{ViewSampling, median, sample_poses};
+pub use sampling::{ViewSampling, sample_poses};
 pub use view::PosedView;
-pub use warp::{HoleFilling, WarpConfig, WarpedView, forward_warp};
+pub use warp::{WarpConfig, WarpedView, forward_warp};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -5,7 +5,7 @@
 //! its surface's own slope, so that two surfaces meet half-way between their pixels, and a structure one pixel thin is one
 //! pixel wide.
 
-use crate::pose::{Seen, Transfer};
+use crate::pose::{Projected, Transfer};
 use crate::raster::{Corner, Sample, snap, triangle};
 use mde_uncertainty::GaussianDepth;
 
@@ -15,7 +15,7 @@ const OFFSET: [(f64, f64); 4] = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
 /// The triangle that leaves out corner `k`, turning from x to y.
 const WITHOUT: [[usize; 3]; 4] = [[1, 3, 2], [0, 3, 2], [0, 1, 3], [0, 1, 2]];
 
-/// What part of a cell a sample comes from, and so which pixels it may be made of.
+/// The part of a cell that a sample lies in: it decides which pixels are interpolated.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 enum Part {
     #[default]
@@ -26,19 +26,19 @@ enum Part {
 
 /// A piece of the source surface: a cell, counted from the one before the first pixel, and a part of it.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Place {
+pub(crate) struct Patch {
     row: u32,
     column: u32,
     part: Part,
 }
 
-impl Place {
-    /// Whether samples here are interpolated between pixels, not continued from one.
+impl Patch {
+    /// Whether samples here are interpolated between pixels rather than extrapolated from one.
     pub(crate) fn is_joined(self) -> bool {
         !matches!(self.part, Part::Quarter(_))
     }
 
-    /// The source pixels `(row, column)` that a sample at source column `u` and row `v` is made of, with their weights
+    /// The source pixels `(row, column)` that a sample at source column `u` and row `v` interpolates, with their weights
     /// (>= 0, summing to 1). All of them are on one surface.
     pub(crate) fn pixels(self, u: f64, v: f64) -> impl Iterator<Item = ((usize, usize), f64)> {
         let (s, t) = (u - (f64::from(self.column) - 1.0), v - (f64::from(self.row) - 1.0));
@@ -60,7 +60,7 @@ impl Place {
     }
 }
 
-/// The surface of one depth map, seen by one target camera.
+/// The surface of one depth map, projected into one target camera.
 pub(crate) struct Mesh {
     transfer: Transfer,
     tear: f64,
@@ -68,35 +68,28 @@ pub(crate) struct Mesh {
     stride: usize,
     /// 1 / z, 0 where missing.
     disparity: Vec<f64>,
-    seen: Vec<Seen>,
+    projected: Vec<Projected>,
 }
 
 impl Mesh {
     /// Triangles are torn where the disparities of their corners differ by more than `tear` of the largest. Pixels that are
-    /// missing, not positive, or not wanted by `keep(row, column)` are left out.
-    pub(crate) fn new(
-        depth: &GaussianDepth,
-        transfer: Transfer,
-        tear: f64,
-        keep: impl Fn(usize, usize) -> bool,
-    ) -> Self {
+    /// missing or not positive are left out.
+    pub(crate) fn new(depth: &GaussianDepth, transfer: Transfer, tear: f64) -> Self {
         let (height, width) = depth.dim();
         let stride = width + 2;
         let mut disparity = vec![0.0; stride * (height + 2)];
-        let mut seen = vec![Seen::default(); disparity.len()];
+        let mut projected = vec![Projected::default(); disparity.len()];
         for row in 0..height {
             for column in 0..width {
                 let Some((mean, _)) = depth.get(row, column).filter(|&(mean, _)| mean > 0.0) else {
                     continue;
                 };
-                if keep(row, column) {
-                    let index = (row + 1) * stride + column + 1;
-                    disparity[index] = f64::from(mean).recip();
-                    seen[index] = transfer.see(column as f64, row as f64, disparity[index]);
-                }
+                let index = (row + 1) * stride + column + 1;
+                disparity[index] = f64::from(mean).recip();
+                projected[index] = transfer.project(column as f64, row as f64, disparity[index]);
             }
         }
-        Self { transfer, tear, stride, disparity, seen }
+        Self { transfer, tear, stride, disparity, projected }
     }
 
     pub(crate) fn transfer(&self) -> &Transfer {
@@ -104,7 +97,7 @@ impl Mesh {
     }
 
     /// Every sample of the surface at a target pixel centre. A pixel may get several, of one surface or of many.
-    pub(crate) fn rasterise(&self, mut emit: impl FnMut(Sample, Place)) {
+    pub(crate) fn rasterise(&self, mut emit: impl FnMut(Sample, Patch)) {
         let rows = self.disparity.len() / self.stride;
         for row in 0..rows - 1 {
             for column in 0..self.stride - 1 {
@@ -119,12 +112,12 @@ impl Mesh {
 
     fn corner(&self, row: usize, column: usize, k: usize) -> Corner {
         let (s, t) = OFFSET[k];
-        let seen = self.seen[self.corner_index(row, column, k)];
-        Corner { seen, u: column as f64 - 1.0 + s, v: row as f64 - 1.0 + t }
+        let projected = self.projected[self.corner_index(row, column, k)];
+        Corner { projected, u: column as f64 - 1.0 + s, v: row as f64 - 1.0 + t }
     }
 
     #[inline]
-    fn cell(&self, row: usize, column: usize, emit: &mut impl FnMut(Sample, Place)) {
+    fn cell(&self, row: usize, column: usize, emit: &mut impl FnMut(Sample, Patch)) {
         let d: [f64; 4] = std::array::from_fn(|k| self.disparity[self.corner_index(row, column, k)]);
         if self.one_surface(&d) {
             let split = if (d[1] - d[2]).abs() <= (d[0] - d[3]).abs() { [3, 0] } else { [2, 1] };
@@ -148,17 +141,17 @@ impl Mesh {
         column: usize,
         without: &[usize],
         part: Part,
-        emit: &mut impl FnMut(Sample, Place),
+        emit: &mut impl FnMut(Sample, Patch),
     ) {
-        let place = Place { row: row as u32, column: column as u32, part };
+        let patch = Patch { row: row as u32, column: column as u32, part };
         for &k in without {
             let corners = WITHOUT[k].map(|k| self.corner(row, column, k));
-            triangle(&corners, self.transfer.target.dim(), |sample| emit(sample, place));
+            triangle(&corners, self.transfer.target.dim(), |sample| emit(sample, patch));
         }
     }
 
     #[cold]
-    fn torn(&self, row: usize, column: usize, d: &[f64; 4], emit: &mut impl FnMut(Sample, Place)) {
+    fn torn(&self, row: usize, column: usize, d: &[f64; 4], emit: &mut impl FnMut(Sample, Patch)) {
         let range = |k: usize| {
             let corners = WITHOUT[k].map(|k| d[k]);
             let spread = corners.iter().fold(0.0_f64, |h, &x| h.max(x))
@@ -208,9 +201,9 @@ struct Quarters<'a> {
 }
 
 impl Quarters<'_> {
-    /// The quarter of corner `k` as two triangles, either of which may be left out: the one at the side of the row's
-    /// neighbour and the one at the side of the column's.
-    fn draw(&self, k: usize, [row_side, column_side]: [bool; 2], emit: &mut impl FnMut(Sample, Place)) {
+    /// The quarter of corner `k` as two triangles, either of which may be left out: the one towards the row's neighbour and
+    /// the one towards the column's.
+    fn draw(&self, k: usize, [row_side, column_side]: [bool; 2], emit: &mut impl FnMut(Sample, Patch)) {
         if self.d[k] <= 0.0 {
             return;
         }
@@ -219,11 +212,11 @@ impl Quarters<'_> {
         let surface = self.surface(k);
         let middle = self.point(k, surface, 0.5, 0.5);
         let part = Part::Quarter(k as u8);
-        let place = Place { row: self.row as u32, column: self.column as u32, part };
+        let patch = Patch { row: self.row as u32, column: self.column as u32, part };
         let mut draw = |a: Corner, b: Corner| {
-            // Corners 1 and 2 see the cell mirrored.
+            // The cell is mirrored for corners 1 and 2.
             let corners = if k == 1 || k == 2 { [pixel, b, a] } else { [pixel, a, b] };
-            triangle(&corners, self.mesh.transfer.target.dim(), |sample| emit(sample, place));
+            triangle(&corners, self.mesh.transfer.target.dim(), |sample| emit(sample, patch));
         };
         let members = |other: usize| surface & (1 << k | 1 << other);
         if row_side {
@@ -248,7 +241,7 @@ impl Quarters<'_> {
         bits
     }
 
-    /// The point `(s, t)` of the cell on the surface of corner `k`: the mean of what the `members`' slopes say, so that
+    /// The point `(s, t)` of the cell on the surface of corner `k`: the mean of the extrapolations from `members`, so that
     /// neighbouring quarters of a surface meet.
     fn point(&self, k: usize, members: u8, s: f64, t: f64) -> Corner {
         let (mut sum, mut count) = (0.0, 0.0);
@@ -260,6 +253,6 @@ impl Quarters<'_> {
         }
         let disparity = (sum / count).clamp(0.5 * self.d[k], 2.0 * self.d[k]);
         let (u, v) = (self.column as f64 - 1.0 + s, self.row as f64 - 1.0 + t);
-        Corner { seen: self.mesh.transfer.see(u, v, disparity), u, v }
+        Corner { projected: self.mesh.transfer.project(u, v, disparity), u, v }
     }
 }

@@ -1,11 +1,10 @@
-use crate::raster::Sample;
 use crate::{Error, PinholeCamera, Result};
-use nalgebra::{Isometry3, Matrix3, Point2, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point2, Vector3};
 
 /// World to camera. The world is the original camera's frame, in the prior's unit.
 pub type Pose = Isometry3<f64>;
 
-/// A point nearer to the target's plane than this share of its source depth is as good as behind it.
+/// A point nearer to the target's plane than this share of its source depth counts as behind it.
 const NEAR: f64 = 1e-6;
 
 pub(crate) fn check_pose(which: &'static str, pose: &Pose) -> Result<()> {
@@ -23,10 +22,9 @@ pub(crate) struct Transfer {
     translation: Vector3<f64>,
 }
 
-/// A source point seen by the target: pixel, inverse depth there (0 where it can't be seen), and the source depth over
-/// the target depth.
+/// A source point in the target: pixel, inverse depth (0 where it is not in front), and source depth over target depth.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Seen {
+pub(crate) struct Projected {
     pub(crate) x: f64,
     pub(crate) y: f64,
     pub(crate) inverse_depth: f64,
@@ -35,7 +33,7 @@ pub(crate) struct Seen {
 
 impl Transfer {
     /// # Errors
-    /// What is wrong with either camera or pose.
+    /// [`Error::Camera`] or [`Error::Pose`] for the first camera or pose at fault.
     pub(crate) fn new(source: (&PinholeCamera, &Pose), target: (&PinholeCamera, &Pose)) -> Result<Self> {
         source.0.validate()?;
         target.0.validate()?;
@@ -47,7 +45,7 @@ impl Transfer {
         Ok(Self { source: *source.0, target: *target.0, rotation, translation })
     }
 
-    /// The same between the two cameras the other way round.
+    /// The transfer from the target to the source.
     pub(crate) fn inverse(&self) -> Self {
         let rotation = self.rotation.transpose();
         Self {
@@ -58,37 +56,29 @@ impl Transfer {
         }
     }
 
-    /// A source pixel (column `u`, row `v`) at an inverse z-depth >= 0, as the target sees it.
-    pub(crate) fn see(&self, u: f64, v: f64, disparity: f64) -> Seen {
+    /// Projection of a source pixel (column `u`, row `v`) at an inverse z-depth >= 0 into the target.
+    pub(crate) fn project(&self, u: f64, v: f64, disparity: f64) -> Projected {
         // Everything over the source depth, so that a point at infinity works too.
         let p = self.rotation * self.source.ray(Point2::new(u, v)) + self.translation * disparity;
         if p.z.is_nan() || p.z <= NEAR {
-            return Seen::default();
+            return Projected::default();
         }
         let ratio = p.z.recip();
-        let seen = Seen {
+        let projected = Projected {
             x: self.target.fx * (p.x * ratio) + self.target.cx,
             y: self.target.fy * (p.y * ratio) + self.target.cy,
             inverse_depth: disparity * ratio,
             ratio,
         };
-        if seen.x.is_finite() && seen.y.is_finite() && seen.inverse_depth.is_finite() {
-            seen
+        if projected.x.is_finite() && projected.y.is_finite() && projected.inverse_depth.is_finite() {
+            projected
         } else {
-            Seen::default()
+            Projected::default()
         }
     }
 
     /// \\( \partial z' / \partial z = e_z^\top R d(u, v) \\): constant along a source ray.
     pub(crate) fn gain(&self, u: f64, v: f64) -> f64 {
         (self.rotation * self.source.ray(Point2::new(u, v))).z
-    }
-
-    /// \\( \partial (u', v') / \partial z \\) of a sample along its source ray, target pixels per unit of source depth.
-    pub(crate) fn drift(&self, sample: &Sample) -> Vector2<f64> {
-        let d = self.rotation * self.source.ray(Point2::new(sample.u, sample.v));
-        let there = self.target.ray(Point2::new(sample.column as f64, sample.row as f64));
-        let across = (d - there * d.z) * sample.inverse_depth;
-        Vector2::new(self.target.fx * across.x, self.target.fy * across.y)
     }
 }

@@ -1,15 +1,15 @@
 //! Triangles onto pixel centres, with perspective-correct interpolation.
 
-use crate::pose::Seen;
+use crate::pose::Projected;
 
 /// A barycentric weight below this is zero. A pixel centre that a vertex hits but for rounding then gets exactly that
 /// vertex, and two triangles that share an edge leave no gap between them.
 pub(crate) const SNAP: f64 = 1e-7;
 
-/// A corner of a triangle: where the target sees it, and the source pixel (column, row) that it is.
+/// A corner of a triangle: its projection in the target and its source pixel (column, row).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Corner {
-    pub(crate) seen: Seen,
+    pub(crate) projected: Projected,
     pub(crate) u: f64,
     pub(crate) v: f64,
 }
@@ -28,7 +28,7 @@ pub(crate) struct Sample {
 }
 
 /// Emits the triangle at every pixel centre that it covers, edges included. A triangle with its back to the camera, or
-/// with a corner that can't be seen, covers nothing.
+/// with a corner behind the camera, covers nothing.
 ///
 /// Inverse depth is affine in target pixels. The source pixel is affine in source pixels: with \\( \lambda_i \\) the
 /// barycentric weights in the target, those in the source are \\( \propto \lambda_i z_i / z'_i \\).
@@ -38,7 +38,7 @@ pub(crate) fn triangle(
     (height, width): (usize, usize),
     mut emit: impl FnMut(Sample),
 ) {
-    let [pa, pb, pc] = [&a.seen, &b.seen, &c.seen];
+    let [pa, pb, pc] = [&a.projected, &b.projected, &c.projected];
     if pa.ratio <= 0.0 || pb.ratio <= 0.0 || pc.ratio <= 0.0 {
         return;
     }
@@ -99,8 +99,8 @@ mod tests {
     use approx::assert_relative_eq;
 
     fn corner(x: f64, y: f64, depth: f64) -> Corner {
-        let seen = Seen { x, y, inverse_depth: depth.recip(), ratio: 1.0 };
-        Corner { seen, u: x, v: y }
+        let projected = Projected { x, y, inverse_depth: depth.recip(), ratio: 1.0 };
+        Corner { projected, u: x, v: y }
     }
 
     fn covered(corners: [Corner; 3]) -> Vec<(usize, usize)> {

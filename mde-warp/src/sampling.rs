@@ -1,6 +1,6 @@
 use crate::error::in_range;
-use crate::random::CounterRng;
 use crate::{Error, Pose, Result};
+use mde_uncertainty::random::CounterRng;
 use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_distr::{Distribution, UnitSphere};
@@ -9,17 +9,15 @@ use std::f64::consts::TAU;
 /// The golden angle \\( \pi (3 - \sqrt 5) \\), in radians.
 const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
 
-/// How the synthetic cameras stand about the original one (Section III.A: "a few degrees/centimetres").
+/// Poses of the synthetic cameras about the original one (Section III.A: "a few degrees/centimetres").
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default, rename_all = "kebab-case"))]
 pub struct ViewSampling {
-    /// Number of poses N, the original one not among them. Paper: 10.
+    /// Number of poses N, without the original one. Paper: 10.
     pub count: usize,
     /// Radius of the disc in x/y that the cameras move on, as a fraction of the median depth.
     pub translation: f64,
-    /// Largest motion along the optical axis, either way, as a fraction of the median depth.
-    pub forward: f64,
     /// Largest rotation, degrees.
     pub rotation_degrees: f64,
     /// Share of the poses that only rotate (and so carry no depth), rounded down; at most one half.
@@ -28,7 +26,7 @@ pub struct ViewSampling {
 
 impl Default for ViewSampling {
     fn default() -> Self {
-        Self { count: 10, translation: 0.015, forward: 0.0, rotation_degrees: 1.0, rotation_only: 0.2 }
+        Self { count: 10, translation: 0.015, rotation_degrees: 1.0, rotation_only: 0.2 }
     }
 }
 
@@ -38,31 +36,28 @@ impl ViewSampling {
     /// # Errors
     /// [`Error::Config`] with the first field at fault.
     pub fn validate(&self) -> Result<()> {
-        let fraction = "in 0 to 0.5 (of the median depth; 0.01 to 0.02 is usual)";
-        in_range("count", self.count as f64, [0.0, 1e6], "at most 1000000")?;
+        let fraction = "give 0 to 0.5 (of the median depth; 0.01 to 0.02 is usual)";
+        in_range("count", self.count as f64, [0.0, 1e6], "give at most 1000000")?;
         in_range("translation", self.translation, [0.0, 0.5], fraction)?;
-        in_range("forward", self.forward, [0.0, 0.5], fraction)?;
         in_range(
             "rotation-degrees",
             self.rotation_degrees,
             [0.0, 30.0],
-            "in 0 to 30 (degrees; about 1 is usual)",
+            "give 0 to 30 (degrees; about 1 is usual)",
         )?;
-        in_range("rotation-only", self.rotation_only, [0.0, 0.5], "in 0 to 0.5 (a share of the poses)")
+        in_range("rotation-only", self.rotation_only, [0.0, 0.5], "give 0 to 0.5 (a share of the poses)")
     }
 }
 
 /// Small perturbations of the original camera, `sampling.count` of them; the same for the same arguments.
 ///
-/// The rule, with \\( m \\) the median depth, \\( T \\) `translation`, \\( F \\) `forward`, \\( \Theta \\)
-/// `rotation_degrees`, and \\( n = \text{count} - \lfloor \text{count} \cdot \text{rotation\\_only} \rfloor \\), which is at
+/// The rule, with \\( m \\) the median depth, \\( T \\) `translation`, \\( \Theta \\) `rotation_degrees`, and \\( n = \text{count} - \lfloor \text{count} \cdot \text{rotation\\_only} \rfloor \\), which is at
 /// least half of the poses:
 ///
 /// * pose \\( k < n \\) puts the camera on Vogel's spiral on a disc,
 ///   \\[ c_k = m \left( T \sqrt{\tfrac{k + 1/2}{n}} \cos\varphi_k,\; T \sqrt{\tfrac{k + 1/2}{n}} \sin\varphi_k,\;
-///   F (2 h_k - 1) \right), \qquad \varphi_k = \varphi_0 + k \pi (3 - \sqrt 5), \\]
-///   which fills the disc evenly for any \\( n \\); \\( \varphi_0 \\) is drawn from the seed and \\( h_k \\) is the
-///   base-2 van der Corput sequence, shifted by a draw from the seed;
+///   0 \right), \qquad \varphi_k = \varphi_0 + k \pi (3 - \sqrt 5), \\]
+///   which fills the disc evenly for any \\( n \\); \\( \varphi_0 \\) is drawn from the seed;
 /// * poses \\( k \ge n \\) stay at the origin;
 /// * every pose turns about an axis uniform on the sphere by an angle uniform in \\( [0, \Theta] \\), so the middle of
 ///   the image moves by at most \\( f (\tan\Theta + T) \\) pixels, to first order.
@@ -84,17 +79,16 @@ impl ViewSampling {
 pub fn sample_poses(sampling: &ViewSampling, median_depth: f64, seed: u64) -> Result<Vec<Pose>> {
     sampling.validate()?;
     if !(median_depth.is_finite() && median_depth > 0.0) {
-        let need = "finite and > 0 (is every pixel of the prior missing?)";
-        return Err(Error::Config { field: "median depth", value: median_depth, need });
+        let remedy = "give a finite depth > 0 (is every pixel of the prior missing?)";
+        return Err(Error::Config { field: "median depth", value: median_depth.to_string(), remedy });
     }
     let moving = sampling.count - (sampling.count as f64 * sampling.rotation_only).floor() as usize;
     let mut start = CounterRng::new(seed, "view-spiral", 0, 0);
-    let (phase, shift) = (TAU * start.random::<f64>(), start.random::<f64>());
+    let phase = TAU * start.random::<f64>();
     let centre = |k: usize| {
         let radius = sampling.translation * ((k as f64 + 0.5) / moving as f64).sqrt();
         let angle = phase + GOLDEN_ANGLE * k as f64;
-        let forward = sampling.forward * (2.0 * (van_der_corput(k as u32) + shift).fract() - 1.0);
-        Vector3::new(radius * angle.cos(), radius * angle.sin(), forward) * median_depth
+        Vector3::new(radius * angle.cos(), radius * angle.sin(), 0.0) * median_depth
     };
     Ok((0..sampling.count)
         .map(|k| {
@@ -112,39 +106,9 @@ fn small_rotation(degrees: f64, seed: u64, index: u64) -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Unit::new_normalize(Vector3::from(axis)), angle)
 }
 
-/// The bits of `k` mirrored about the binary point.
-fn van_der_corput(k: u32) -> f64 {
-    f64::from(k.reverse_bits()) / (f64::from(u32::MAX) + 1.0)
-}
-
-/// The median of the finite values (the mean of the middle two where their number is even), or nothing where there are
-/// none.
-///
-/// ```
-/// assert_eq!(mde_warp::median([3.0, f32::NAN, 1.0, 2.0]), Some(2.0));
-/// ```
-pub fn median(values: impl IntoIterator<Item = f32>) -> Option<f32> {
-    let mut finite: Vec<f32> = values.into_iter().filter(|v| v.is_finite()).collect();
-    let middle = finite.len() / 2;
-    if finite.is_empty() {
-        return None;
-    }
-    let even = finite.len().is_multiple_of(2);
-    let (below, &mut upper, _) = finite.select_nth_unstable_by(middle, f32::total_cmp);
-    let lower = if even { below.iter().copied().max_by(f32::total_cmp)? } else { upper };
-    Some((0.5 * (f64::from(lower) + f64::from(upper))) as f32)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_median_of_an_even_number_is_between_the_middle_two() {
-        assert_eq!(median([4.0, 1.0, f32::INFINITY, 3.0, 2.0]), Some(2.5));
-        assert_eq!(median([f32::MAX, f32::MAX]), Some(f32::MAX));
-        assert_eq!(median([f32::NAN]), None);
-    }
 
     #[test]
     fn settings_out_of_range_are_named() {

@@ -3,26 +3,26 @@ use crate::{Error, PinholeCamera, Pose, Result};
 use mde_uncertainty::GaussianDepth;
 use ndarray::{Array2, Array3, ArrayView3};
 
-/// A picture with its camera: a warp of the input, or another photograph of the scene.
+/// An image with its camera and pose: a warp of the input, or another photograph of the scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PosedView {
     /// sRGB colours in [0, 1], `[height, width, 3]`.
     pub image: Array3<f32>,
-    /// The camera that took it.
+    /// Its camera.
     pub camera: PinholeCamera,
     /// World to camera.
     pub pose: Pose,
-    /// True where the pixel is real and may be trained on, `[height, width]`.
+    /// True where the pixel is valid for training, `[height, width]`.
     pub mask: Array2<bool>,
-    /// What is believed of this view's z-depth, each `[height, width]` in the prior's unit; may be empty.
+    /// Hypotheses of this view's z-depth with variance, each `[height, width]` in the prior's unit; may be empty.
     pub hypotheses: Vec<GaussianDepth>,
 }
 
 impl PosedView {
-    /// A view of its parts.
+    /// A view from its parts, checked by [`validate`](Self::validate).
     ///
     /// # Errors
-    /// What [`validate`](Self::validate) refuses.
+    /// Those of [`validate`](Self::validate).
     pub fn new(
         image: Array3<f32>,
         camera: PinholeCamera,
@@ -38,7 +38,7 @@ impl PosedView {
     /// Checks the camera, that the pose and the colours are finite, and that every map has the camera's size.
     ///
     /// # Errors
-    /// [`Error::Camera`], [`Error::Pose`], [`Error::Shape`] or [`Error::Colour`] for the first thing at fault.
+    /// [`Error::Camera`], [`Error::Pose`], [`Error::Shape`] or [`Error::Colour`] for the first part at fault.
     pub fn validate(&self) -> Result<()> {
         self.camera.validate()?;
         check_pose("view's", &self.pose)?;

@@ -2,7 +2,7 @@
 #![cfg(feature = "serde")]
 #![allow(clippy::unwrap_used)]
 
-use mde_warp::{HoleFilling, PinholeCamera, ReprojectConfig, ViewSampling, WarpConfig};
+use mde_warp::{PinholeCamera, ReprojectConfig, ViewSampling, WarpConfig};
 use serde::{Serialize, de::DeserializeOwned};
 use std::fmt::Debug;
 
@@ -14,9 +14,9 @@ fn survives<T: Serialize + DeserializeOwned + PartialEq + Debug>(value: &T) {
 #[test]
 fn all_survive_toml() {
     survives(&PinholeCamera::from_fov(60.0, 640, 480).unwrap());
-    survives(&ViewSampling { count: 3, forward: 0.01, ..ViewSampling::default() });
-    survives(&WarpConfig { holes: HoleFilling::None, ..WarpConfig::default() });
-    survives(&ReprojectConfig { lateral: true, ..ReprojectConfig::default() });
+    survives(&ViewSampling { count: 3, translation: 0.01, ..ViewSampling::default() });
+    survives(&WarpConfig { tear: 0.1 });
+    survives(&ReprojectConfig { front: 0.02, ..ReprojectConfig::default() });
 }
 
 #[test]

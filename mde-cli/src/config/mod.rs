@@ -7,10 +7,9 @@ pub use presets::Preset;
 pub use sigma::SigmaConfig;
 
 use crate::{Error, Result};
-use mde_fusion::gmrf::{GradientConfig, GradientFuser};
-use mde_fusion::{BayesFuser, Fuser, FusionConfig};
+use mde_fusion::FusionConfig;
 use mde_nerf::NerfConfig;
-use mde_prior::{DisparityRule, EvidenceConfig};
+use mde_prior::{AugmentationConfig, DisparityRule};
 use mde_warp::{ReprojectConfig, ViewSampling, WarpConfig};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -24,9 +23,9 @@ pub struct Config {
     pub seed: u64,
     /// The iterative loop around the stages.
     pub refinement: RefinementConfig,
-    /// How a model is asked again (Section III.B asks once).
-    pub evidence: EvidenceConfig,
-    /// How sure the evidence is.
+    /// Test-time augmentation of the model (Section III.B uses a single prediction).
+    pub augmentation: AugmentationConfig,
+    /// Uncertainty of the augmented depth.
     pub sigma: SigmaConfig,
     /// The synthetic training views (Section III.A).
     pub views: ViewSampling,
@@ -40,8 +39,6 @@ pub struct Config {
     pub reproject: ReprojectConfig,
     /// The fusion (Section III.E).
     pub fusion: FusionConfig,
-    /// How sure depths and steps are, for `refinement.posterior = "gradients"`.
-    pub gradient: GradientConfig,
     /// How disparity of unknown scale and shift becomes depth (Section III.B).
     pub disparity: DisparityRule,
 }
@@ -54,33 +51,20 @@ pub struct RefinementConfig {
     pub iterations: usize,
     /// What the fusion takes as its prior from the second iteration on.
     pub prior: IterationPrior,
-    /// Whether a field is fitted where the model was asked again.
+    /// Whether a field is fitted where the prior was augmented.
     pub field: FieldUse,
-    /// Whether the model is asked about every synthetic view too: what it says is a hypothesis of the view's depth beside the warp.
-    pub ask_views: bool,
-    /// What makes one depth of the views' hypotheses.
-    pub consensus: Consensus,
-    /// What the prior and the field become together.
-    pub posterior: Posterior,
 }
 
 impl Default for RefinementConfig {
     fn default() -> Self {
-        Self {
-            iterations: 2,
-            prior: IterationPrior::Carry,
-            field: FieldUse::Always,
-            ask_views: false,
-            consensus: Consensus::Field,
-            posterior: Posterior::Pixels,
-        }
+        Self { iterations: 2, prior: IterationPrior::Carry, field: FieldUse::Always }
     }
 }
 
 impl RefinementConfig {
-    /// Whether a field is fitted, by whether the model was asked again.
-    pub(crate) fn fits_a_field(&self, asked_again: bool) -> bool {
-        self.iterations > 0 && (self.field == FieldUse::Always || !asked_again)
+    /// Whether a field is fitted, given whether the prior was augmented.
+    pub(crate) fn fits_a_field(&self, augmented: bool) -> bool {
+        self.iterations > 0 && (self.field == FieldUse::Always || !augmented)
     }
 }
 
@@ -91,31 +75,9 @@ pub enum FieldUse {
     /// In every run.
     #[default]
     Always,
-    /// Only where the model could not be asked again. Its answers on crops are evidence, the field's views are warps of them:
-    /// measured on photographs, a field after the evidence lowers no error and blurs edges.
-    WithoutEvidence,
-}
-
-/// What makes one depth of the views' hypotheses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Consensus {
-    /// The radiance field that is fitted to them and to the views' colours.
-    #[default]
-    Field,
-    /// Their precision-weighted mean, reprojected ([`AveragedField`](crate::AveragedField)): what a field must beat.
-    Average,
-}
-
-/// What the prior and the field become together.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Posterior {
-    /// Each pixel by itself (Eq. 16-17).
-    #[default]
-    Pixels,
-    /// The prior's depths with the field's steps between neighbours ([`GradientFuser`]).
-    Gradients,
+    /// Only where the prior is not augmented. Measured on photographs, a field fitted after the augmentation lowers no error and
+    /// blurs edges, since its views are warps of the same photograph.
+    WithoutAugmentation,
 }
 
 /// The fusion's prior from the second iteration on; the refined depth always makes the next warps.
@@ -125,28 +87,23 @@ pub enum IterationPrior {
     /// The refined depth with its variance per pixel, as the paper says: "which initialize the next cycle".
     #[default]
     Carry,
-    /// The refined depth, its variance estimated anew.
-    Reestimate,
     /// The original monocular depth, its variance estimated anew: no image is counted twice.
     Anchor,
 }
 
-/// The views that the fitted field renders.
+/// The views that the fitted field renders; [`Config::views`] says how far from the original pose they are.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct NovelViews {
-    /// Where the novel cameras stand; `count` is the paper's K.
-    pub sampling: ViewSampling,
+    /// Number of fresh poses, the paper's K.
+    pub count: usize,
     /// Whether the original pose is rendered too.
     pub original: bool,
 }
 
 impl Default for NovelViews {
     fn default() -> Self {
-        Self {
-            sampling: ViewSampling { count: 5, rotation_only: 0.0, ..ViewSampling::default() },
-            original: false,
-        }
+        Self { count: 5, original: false }
     }
 }
 
@@ -156,7 +113,7 @@ impl Default for Config {
         Self {
             seed: 0,
             refinement: RefinementConfig::default(),
-            evidence: EvidenceConfig::default(),
+            augmentation: AugmentationConfig::default(),
             sigma: SigmaConfig::default(),
             views: ViewSampling::default(),
             warp: WarpConfig::default(),
@@ -164,7 +121,6 @@ impl Default for Config {
             novel: NovelViews::default(),
             reproject: ReprojectConfig::default(),
             fusion: FusionConfig::default(),
-            gradient: GradientConfig::default(),
             disparity: DisparityRule::default(),
         }
     }
@@ -201,17 +157,6 @@ impl Config {
         Self::with_overrides(preset, &text, &path.display().to_string())
     }
 
-    /// The fuser that the settings name.
-    ///
-    /// # Errors
-    /// [`Error::Fusion`] for a value out of range.
-    pub fn fuser(&self) -> Result<Box<dyn Fuser>> {
-        Ok(match self.refinement.posterior {
-            Posterior::Pixels => Box::new(BayesFuser::new(self.fusion.clone())?),
-            Posterior::Gradients => Box::new(GradientFuser::new(self.fusion.clone(), self.gradient.clone())?),
-        })
-    }
-
     /// The whole configuration as TOML.
     ///
     /// # Errors
@@ -219,6 +164,11 @@ impl Config {
     pub fn to_toml(&self) -> Result<String> {
         toml::to_string_pretty(self)
             .map_err(|e| Error::Config { origin: "config".into(), reason: one_line(&e.to_string()) })
+    }
+
+    /// The poses of the novel views. Poses that only rotate carry no depth, so there are none.
+    pub(crate) fn novel_views(&self) -> ViewSampling {
+        ViewSampling { count: self.novel.count, rotation_only: 0.0, ..self.views.clone() }
     }
 
     /// Checks every value of every stage.
@@ -231,20 +181,18 @@ impl Config {
             let reason = format!("refinement.iterations is {iterations}; give 0 (no field) to 100");
             return Err(Error::Config { origin: "config".into(), reason });
         }
-        if self.novel.sampling.count == 0 && !self.novel.original {
-            let reason =
-                "novel.sampling.count is 0 and novel.original is false; render at least one view".into();
+        if self.novel.count == 0 && !self.novel.original {
+            let reason = "novel.count is 0 and novel.original is false; render at least one view".into();
             return Err(Error::Config { origin: "config".into(), reason });
         }
-        self.evidence.validate()?;
+        self.augmentation.validate()?;
         self.sigma.validate()?;
         self.views.validate()?;
-        self.novel.sampling.validate()?;
+        self.novel_views().validate()?;
         self.warp.validate()?;
         self.reproject.validate()?;
         self.nerf.validate()?;
         self.fusion.validate()?;
-        self.gradient.validate()?;
         self.disparity.validate()?;
         Ok(())
     }
@@ -329,7 +277,7 @@ mod tests {
             ("[nerf.train.depth-loss]\nkind = \"none\"\nweight = 1.0\n", "`nerf.train.depth-loss.weight`"),
             ("[refinement]\niterations = 101\n", "refinement.iterations is 101"),
             ("[sigma]\nspread = -1.0\n", "sigma.spread is -1"),
-            ("[evidence]\ntrust = 2.0\n", "evidence.trust"),
+            ("[augmentation]\ngain = 2.0\n", "augmentation.gain"),
             ("seed = = 3", "seed"),
         ] {
             let message = Config::with_overrides(Preset::Fast, text, "my.toml").unwrap_err().to_string();

@@ -1,6 +1,6 @@
 use super::{check, known};
 use crate::{Refined, Refiner, Result, Task};
-use mde_warp::random::CounterRng;
+use mde_uncertainty::random::CounterRng;
 use rand_distr::{Distribution, StandardNormal};
 
 /// Multiplies each depth by \\(1 + s\\,n\\), \\(n\\) standard normal and independent: a control that makes every depth worse and the

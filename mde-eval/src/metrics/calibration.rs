@@ -1,16 +1,17 @@
-//! Is the uncertainty as large as the errors? Each pixel predicts a Gaussian with standard deviation \\(s_i\\), and its
+//! Size of the uncertainty against the errors. Each pixel predicts a Gaussian with standard deviation \\(s_i\\), and its
 //! error \\(e_i\\) is prediction minus truth, in the same unit; \\(z_i = e_i / s_i\\).
 //!
 //! # Errors
 //! All functions here: [`Error::Length`] where the lists differ, [`Error::Empty`] without pixels, [`Error::Value`] for an error
 //! that is not finite or a sigma that is not positive and finite.
 
-use super::rank::Order;
-use crate::special::{FRAC_1_SQRT_PI, erf};
+use super::rank::expected;
 use crate::{Error, Result};
+use mde_uncertainty::normal::{FRAC_1_SQRT_PI, density, erf};
+use mde_uncertainty::statistics::Order;
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
-/// Negative log-likelihood of the truth, in nats a pixel:
+/// Negative log-likelihood of the truth, in nats per pixel:
 ///
 /// \\[ \frac1n \sum_i \tfrac12 \ln(2\pi s_i^2) + \frac{e_i^2}{2 s_i^2} \\]
 pub fn nll(errors: &[f64], sigma: &[f64]) -> Result<f64> {
@@ -23,8 +24,7 @@ pub fn nll(errors: &[f64], sigma: &[f64]) -> Result<f64> {
 pub fn crps(errors: &[f64], sigma: &[f64]) -> Result<f64> {
     mean(errors, sigma, |e, s| {
         let z = e / s;
-        let density = (-0.5 * z * z).exp() * FRAC_1_SQRT_2 * FRAC_1_SQRT_PI;
-        s * (z * erf(z * FRAC_1_SQRT_2) + 2.0 * density - FRAC_1_SQRT_PI)
+        s * (z * erf(z * FRAC_1_SQRT_2) + 2.0 * density(z) - FRAC_1_SQRT_PI)
     })
 }
 
@@ -35,12 +35,12 @@ pub fn coverage(errors: &[f64], sigma: &[f64], level: f64) -> Result<f64> {
     mean(errors, sigma, |e, s| f64::from(u8::from(central_probability(e, s) <= level)))
 }
 
-/// Mean of \\(z_i^2\\): 1 where the sigmas are right on average, above where they are too small.
+/// Mean of \\(z_i^2\\): 1 where the sigmas are right on average, above 1 where they are too small, below 1 where too large.
 pub fn mean_z2(errors: &[f64], sigma: &[f64]) -> Result<f64> {
     mean(errors, sigma, |e, s| (e / s).powi(2))
 }
 
-/// Root of the mean variance, \\(\sqrt{\frac1n \sum_i s_i^2}\\): how sharp the prediction claims to be.
+/// Root of the mean variance, \\(\sqrt{\frac1n \sum_i s_i^2}\\): the sharpness of the predicted distribution.
 pub fn rms_sigma(errors: &[f64], sigma: &[f64]) -> Result<f64> {
     Ok(mean(errors, sigma, |_, s| s * s)?.sqrt())
 }
@@ -110,7 +110,7 @@ pub fn calibration_errors(errors: &[f64], sigma: &[f64]) -> Result<CalibrationEr
 ///     \mathrm{RMV}_b^2 = \operatorname{mean}_b s^2,\quad \mathrm{RMSE}_b^2 = \operatorname{mean}_b e^2 \\]
 pub fn ence(errors: &[f64], sigma: &[f64], bins: usize) -> Result<f64> {
     check(errors, sigma)?;
-    ence_in_order(errors, sigma, &Order::new("sigma", sigma)?, bins)
+    ence_in_order(errors, sigma, &Order::new(sigma)?, bins)
 }
 
 pub(crate) fn ence_in_order(errors: &[f64], sigma: &[f64], order: &Order, bins: usize) -> Result<f64> {
@@ -118,12 +118,12 @@ pub(crate) fn ence_in_order(errors: &[f64], sigma: &[f64], order: &Order, bins: 
         return Err(Error::Config {
             field: "the number of ENCE bins",
             value: "0".into(),
-            expected: "at least 1",
+            remedy: "use at least 1",
         });
     }
     let square = |values: &[f64]| values.iter().map(|v| v * v).collect::<Vec<_>>();
     let (squares, variances) = (square(errors), square(sigma));
-    let (squares, variances) = (order.expected(sigma, &squares), order.expected(sigma, &variances));
+    let (squares, variances) = (expected(order, &squares), expected(order, &variances));
     let (n, bins) = (errors.len(), bins.min(errors.len()));
     let root_mean = |values: &[f64]| (values.iter().sum::<f64>() / values.len() as f64).sqrt();
     let total: f64 = (0..bins)
@@ -165,7 +165,7 @@ fn check(errors: &[f64], sigma: &[f64]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mde_warp::random::CounterRng;
+    use mde_uncertainty::random::CounterRng;
     use proptest::prelude::*;
     use rand_distr::{Distribution, StandardNormal};
 

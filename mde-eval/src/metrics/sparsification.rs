@@ -1,4 +1,4 @@
-//! Does the uncertainty point at the errors? Errors left after the most uncertain pixels are taken away.
+//! Sparsification: errors that remain when the most uncertain pixels are removed.
 //!
 //! A curve of the mean cost over what is kept, once in order of the predicted sigma, once in order of the cost itself (the
 //! oracle), once in no order (random, a flat line). **AUSE** is the area between the first and the oracle (0 is best), **AURG** the area
@@ -6,8 +6,9 @@
 //! sigma leave together: their mean stands for each of them, which is the expectation over how ties are broken. A
 //! constant sigma therefore gives the random curve and not an accident of the pixels' order.
 
-use super::rank::{Order, spearman};
+use super::rank::{expected, spearman};
 use crate::{Error, Result};
+use mde_uncertainty::statistics::Order;
 
 /// How the kept costs become one number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,11 +31,11 @@ impl Reduction {
 /// The three curves.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sparsification {
-    /// Share of the pixels that has been taken away, rising from 0.
+    /// Share of the pixels that has been removed, rising from 0.
     pub removed: Vec<f64>,
-    /// Cost of what is left, the most uncertain taken away first.
+    /// Cost of what is left, the most uncertain removed first.
     pub by_sigma: Vec<f64>,
-    /// Cost of what is left, the costliest taken away first.
+    /// Cost of what is left, the costliest removed first.
     pub oracle: Vec<f64>,
     /// Cost of all pixels: what is left, in expectation, when pixels go by chance.
     pub random: f64,
@@ -57,12 +58,12 @@ impl Sparsification {
 ///
 /// With \\(r_k = k / 100\\), \\(k = 0 \dots 99\\), the first \\(\lfloor (1 - r_k) n \rfloor\\) pixels (at least one) in order of sigma and of cost
 /// are reduced, and all curves are divided by the joint maximum of both, so that AUSE has no unit. `costs` and `sigma`
-/// have one entry a pixel; costs are not negative.
+/// have one entry per pixel; costs are not negative.
 ///
 /// # Errors
 /// [`Error::Length`] where the lists differ, [`Error::Empty`] without pixels, [`Error::Value`] for a NaN or a negative cost.
 pub fn sparsify(costs: &[f64], sigma: &[f64], reduction: Reduction) -> Result<Sparsification> {
-    let order = Order::new("sigma", sigma)?;
+    let order = Order::new(sigma)?;
     Costs::new(costs, sigma, &order)?.normalised(reduction)
 }
 
@@ -76,7 +77,7 @@ pub fn sparsify(costs: &[f64], sigma: &[f64], reduction: Reduction) -> Result<Sp
 /// # Errors
 /// As [`sparsify`].
 pub fn sparsify_poggi(costs: &[f64], sigma: &[f64], reduction: Reduction) -> Result<Sparsification> {
-    let order = Order::new("sigma", sigma)?;
+    let order = Order::new(sigma)?;
     Costs::new(costs, sigma, &order)?.poggi(reduction)
 }
 
@@ -96,7 +97,7 @@ impl Costs {
     /// With the costs in rising order, too.
     pub(crate) fn with_sorted(costs: &[f64], sigma: &[f64], order: &Order, own: &[f64]) -> Result<Self> {
         check(costs, sigma)?;
-        Ok(Self { by_sigma: running_sums(&order.expected(sigma, costs)), oracle: running_sums(own) })
+        Ok(Self { by_sigma: running_sums(&expected(order, costs)), oracle: running_sums(own) })
     }
 
     pub(crate) fn normalised(&self, reduction: Reduction) -> Result<Sparsification> {
@@ -158,15 +159,15 @@ pub struct UncertaintyBin {
 /// As [`sparsify`]; [`Error::Config`] for 0 bins.
 pub fn costs_by_uncertainty(costs: &[f64], sigma: &[f64], bins: usize) -> Result<Vec<UncertaintyBin>> {
     check(costs, sigma)?;
-    bin(costs, sigma, &Order::new("sigma", sigma)?, bins)
+    bin(costs, sigma, &Order::new(sigma)?, bins)
 }
 
 pub(crate) fn bin(costs: &[f64], sigma: &[f64], order: &Order, bins: usize) -> Result<Vec<UncertaintyBin>> {
     if bins == 0 {
-        return Err(Error::Config { field: "bins", value: "0".into(), expected: "at least 1" });
+        return Err(Error::Config { field: "bins", value: "0".into(), remedy: "use at least 1" });
     }
     let (n, bins) = (costs.len(), bins.min(costs.len()));
-    let (sigma, costs) = (order.expected(sigma, sigma), order.expected(sigma, costs));
+    let (sigma, costs) = (expected(order, sigma), expected(order, costs));
     // About the first value: the mean of equal values is that value, and bins of ties are ties.
     let mean =
         |values: &[f64]| values[0] + values.iter().map(|v| v - values[0]).sum::<f64>() / values.len() as f64;
@@ -186,7 +187,7 @@ pub(crate) fn bin(costs: &[f64], sigma: &[f64], order: &Order, bins: usize) -> R
 /// None for bins that [`costs_by_uncertainty`] made.
 pub fn spearman_of_bins(bins: &[UncertaintyBin]) -> Result<Option<f64>> {
     let (sigma, costs): (Vec<f64>, Vec<f64>) = bins.iter().map(|bin| (bin.sigma, bin.cost)).unzip();
-    spearman(&sigma, &costs)
+    Ok(spearman(&sigma, &costs)?)
 }
 
 fn check(costs: &[f64], sigma: &[f64]) -> Result<()> {

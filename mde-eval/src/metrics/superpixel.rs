@@ -4,7 +4,7 @@ use super::depth_range;
 use super::ordinal::{Pixel, ordinal_error};
 use crate::Result;
 use crate::raster::{Superpixels, same_shape};
-use mde_warp::random::CounterRng;
+use mde_uncertainty::random::CounterRng;
 use ndarray::ArrayView2;
 use rand::RngExt;
 

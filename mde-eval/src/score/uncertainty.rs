@@ -2,9 +2,8 @@ use super::ScoreConfig;
 use crate::Result;
 use crate::align::Alignment;
 use crate::metrics::calibration;
-use crate::metrics::rank::{Order, spearman_in_order};
 use crate::metrics::sparsification::{Costs, Reduction, Sparsification, bin, spearman_of_bins};
-use crate::statistics::quantile;
+use mde_uncertainty::statistics::{Order, pearson, quantile_sorted};
 use ndarray::{Array2, ArrayView2};
 use serde::{Deserialize, Serialize};
 
@@ -28,7 +27,7 @@ pub struct UncertaintyScores {
     pub poggi_rmse: AreaScores,
     /// Sparsification by the share of outliers (beyond a factor 1.25) after Poggi et al., their `a1`.
     pub poggi_a1: AreaScores,
-    /// [Negative log-likelihood](calibration::nll), nats a pixel.
+    /// [Negative log-likelihood](calibration::nll), nats per pixel.
     pub nll: f64,
     /// [Continuous ranked probability score](calibration::crps), m.
     pub crps: f64,
@@ -42,7 +41,7 @@ pub struct UncertaintyScores {
     pub miscalibration_area: f64,
     /// [Expected normalised calibration error](calibration::ence).
     pub ence: f64,
-    /// [Mean squared z](calibration::mean_z2), 1 where the sigmas are right.
+    /// [Mean squared z](calibration::mean_z2), 1 where the sigmas are right, above 1 where they are too small.
     pub mean_z2: f64,
     /// [Root of the mean variance](calibration::rms_sigma), m.
     pub rms_sigma: f64,
@@ -68,13 +67,13 @@ impl From<Sparsification> for AreaScores {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct CoverageScore {
-    /// Probability that the interval claims.
+    /// Nominal probability of the interval.
     pub nominal: f64,
     /// Share of the truths within it.
     pub observed: f64,
 }
 
-/// Curves of the uncertainty of one map, for figures and for scaling sigma by what other maps say.
+/// Curves of the uncertainty of one map, for figures and for factors of sigma fitted on other maps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct UncertaintyCurves {
@@ -82,7 +81,7 @@ pub struct UncertaintyCurves {
     pub error_by_percentile: Vec<f64>,
     /// Mean sigma of the same bins, m.
     pub sigma_by_percentile: Vec<f64>,
-    /// Share of pixels taken away: 0, 0.01, ..., 0.99.
+    /// Share of pixels removed: 0, 0.01, ..., 0.99.
     pub removed: Vec<f64>,
     /// Mean \\(|e|\\) of the rest when the most uncertain go, over the [joint maximum](crate::metrics::sparsification::sparsify).
     pub by_sigma: Vec<f64>,
@@ -124,7 +123,7 @@ pub(super) fn gather(
     if errors.is_empty() {
         return Ok(None);
     }
-    let order = Order::new("sigma", &sigmas)?;
+    let order = Order::new(&sigmas)?;
     let [errors, sigma, truth] = [&errors, &sigmas, &truths].map(|values| order.apply(values));
     let absolute = errors.iter().map(|e: &f64| e.abs()).collect();
     Ok(Some(Lists { order: Order::of_sorted(&sigma), errors, sigma, truth, absolute }))
@@ -136,7 +135,7 @@ pub(super) fn scores(lists: &Lists, config: &ScoreConfig) -> Result<UncertaintyS
     let relative: Vec<f64> = absolute.iter().zip(truth).map(|(e, g)| e / g).collect();
     let outlier = |(e, g): (&f64, &f64)| f64::from(u8::from((g + e).max(*g) >= 1.25 * (g + e).min(*g)));
     let outliers: Vec<f64> = errors.iter().zip(truth).map(outlier).collect();
-    let by_error = Order::new("the error", absolute)?;
+    let by_error = Order::new(absolute)?;
     let sorted = by_error.apply(absolute);
     let sorted_squares: Vec<f64> = sorted.iter().map(|e| e * e).collect();
     let by_square = Costs::with_sorted(&squared, sigma, order, &sorted_squares)?;
@@ -148,7 +147,7 @@ pub(super) fn scores(lists: &Lists, config: &ScoreConfig) -> Result<UncertaintyS
     let calibrated = calibration::calibration_errors(errors, sigma)?;
     Ok(UncertaintyScores {
         pixels: errors.len(),
-        spearman: spearman_in_order((sigma, order), (absolute, &by_error)),
+        spearman: pearson(&order.ranks(), &by_error.ranks()),
         spearman_binned: spearman_of_bins(&bin(absolute, sigma, order, config.spearman_bins)?)?,
         mae: by_error_size.normalised(Reduction::Mean)?.into(),
         rmse: by_square.normalised(Reduction::RootMean)?.into(),
@@ -181,6 +180,6 @@ pub(super) fn curves(lists: &Lists) -> Result<UncertaintyCurves> {
         by_sigma,
         oracle,
         random,
-        abs_z_quantiles: (0..=100).map(|k| quantile(&z, f64::from(k) / 100.0)).collect(),
+        abs_z_quantiles: (0..=100).filter_map(|k| quantile_sorted(&z, f64::from(k) / 100.0)).collect(),
     })
 }

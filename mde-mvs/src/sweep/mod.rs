@@ -16,13 +16,13 @@ mod cost;
 mod posterior;
 
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
 use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
 
 use crate::geometry::Transfer;
 use crate::raster::luma;
-use crate::statistics::quantile;
 use crate::{Error, Result, check_map};
 use aggregate::{Penalties, aggregate};
 use cost::{Setup, Volume, WORST};

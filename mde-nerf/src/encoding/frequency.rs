@@ -14,7 +14,7 @@ impl Frequency {
         3 + 6 * self.frequencies
     }
 
-    /// Features of `points`, one row of `stride` each; columns beyond are left as they are.
+    /// Features of `points`, one row of `stride` each; other columns are not written.
     pub(crate) fn forward<T: Scalar>(self, points: &Points<T>, features: &mut [T], stride: usize) {
         T::vectorized(
             #[inline(always)]

@@ -1,13 +1,13 @@
 use crate::optimiser::Moments;
 use crate::points::{BLOCK, Points};
 use crate::scalar::Scalar;
-use mde_warp::random::CounterRng;
+use mde_uncertainty::random::CounterRng;
 use rand::RngExt;
 
 /// The shape of a multiresolution hash grid after Müller et al. (2022).
 ///
-/// What is hashed is a column of corners, not a corner: the depth axis runs on from the row that \\((u, v)\\ hashes to. So
-/// the two corners of a cell edge along the ray are neighbours in memory, and one load fetches both.
+/// Columns of corners are hashed, not single corners: the depth axis is contiguous from the row of the hash of
+/// \\((u, v)\\), so that one load fetches both corners of a cell edge along depth.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct HashLayout {
     features: usize,
@@ -20,9 +20,9 @@ struct Level {
     cells: u32,
     first_row: usize,
     rows: usize,
-    /// Every corner has a row of its own.
+    /// Every corner has its own row.
     dense: bool,
-    /// Columns begin at one of the first `mask + 1` rows, where they are hashed.
+    /// Hashed columns begin at one of the first `mask + 1` rows.
     mask: u32,
 }
 
@@ -32,11 +32,11 @@ struct Cells<T> {
     rows: [[u32; BLOCK]; 4],
     /// Bilinear weights of those corners.
     weights: [[T; BLOCK]; 4],
-    /// How far along that edge the point lies.
+    /// Position of the point on that edge, 0 to 1.
     depth: [T; BLOCK],
 }
 
-/// The grid's table: `features` numbers a row, the rows level by level.
+/// The grid's table: `features` numbers per row, the rows level by level.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct HashGrid<T> {
     pub(crate) layout: HashLayout,
@@ -60,7 +60,7 @@ impl HashLayout {
                 let corners = (u64::from(cells) + 1).pow(3);
                 let starts = 1_u32 << log2_rows;
                 let dense = corners <= u64::from(starts);
-                // The column that starts last still has all its corners.
+                // Room for all corners of the last column.
                 let rows = if dense { corners as usize } else { starts as usize + cells as usize };
                 let level = Level { cells, first_row, rows, dense, mask: starts - 1 };
                 first_row += rows;
@@ -78,7 +78,7 @@ impl HashLayout {
         self.features
     }
 
-    /// Features of a point, all levels together.
+    /// Features per point of all levels.
     #[cfg(test)]
     pub(crate) fn width(&self) -> usize {
         self.features * self.levels.len()
@@ -89,12 +89,12 @@ impl HashLayout {
         self.levels.iter().map(|l| l.rows * self.features).sum()
     }
 
-    /// A mutable slice a level of a vector that is laid out like the table.
+    /// Mutable slices per level of a vector with the layout of the table.
     pub(crate) fn split_levels<'t, T>(&self, table: &'t mut [T]) -> Vec<&'t mut [T]> {
         self.split(table, self.features)
     }
 
-    /// The same of a vector with one entry a row.
+    /// Mutable slices per level of a vector with one entry per row.
     pub(crate) fn split_rows<'t, T>(&self, rows: &'t mut [T]) -> Vec<&'t mut [T]> {
         self.split(rows, 1)
     }
@@ -142,7 +142,7 @@ impl<T: Scalar> HashGrid<T> {
         Moments::new(self.layout.levels.iter().map(|l| l.rows).sum(), self.layout.features)
     }
 
-    /// Features of `points`, one row of `stride` each, level by level; columns beyond are left as they are.
+    /// Features of `points`, one row of `stride` each, level by level; other columns are not written.
     ///
     /// Per level the trilinear mean of the cell's eight corner rows.
     pub(crate) fn forward(&self, points: &Points<T>, features: &mut [T], stride: usize) {
@@ -164,7 +164,7 @@ impl<T: Scalar> HashGrid<T> {
         T::vectorized(
             #[inline(always)]
             || {
-                // Level by level, so that one level's rows at a time fill the cache.
+                // Level by level, so that only one level's rows are in the cache at a time.
                 for (index, level) in self.layout.levels.iter().enumerate() {
                     let table = &self.table[level.first_row * F..][..level.rows * F];
                     for (block, out) in points.blocks().zip(features.chunks_exact_mut(BLOCK * stride)) {
@@ -296,7 +296,7 @@ mod tests {
             }
         }
 
-        /// Dense levels hold one row a corner: a table filled with a linear function is interpolated exactly.
+    /// Dense levels have one row per corner: a table filled with a linear function is interpolated exactly.
         #[test]
         fn a_dense_level_reproduces_linear_functions(point in cube(), slope in [-1.0..1.0_f64, -1.0..1.0_f64, -1.0..1.0_f64]) {
             let layout = HashLayout::new(1, 1, 12, 8, 8);

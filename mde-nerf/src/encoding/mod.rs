@@ -1,4 +1,4 @@
-//! What turns a point of the unit cube into features.
+//! Encodings of points of the unit cube as features.
 
 mod frequency;
 mod hash;

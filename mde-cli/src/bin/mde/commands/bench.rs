@@ -3,6 +3,7 @@ use crate::output::provenance::peak_memory;
 use anyhow::{Context, Result, ensure};
 use mde_nerf::stages::{Stage, fields, multiply_adds, random_lines, stages};
 use mde_nerf::{FieldConfig, NerfConfig};
+use mde_uncertainty::statistics::median;
 use serde::Serialize;
 use std::hint::black_box;
 use std::io::{self, ErrorKind, Write};
@@ -138,8 +139,7 @@ fn median_seconds(seconds: f64, mut call: impl FnMut()) -> f64 {
         (0..calls).for_each(|_| call());
         times.push(start.elapsed().as_secs_f64() / f64::from(calls));
     }
-    times.sort_unstable_by(f64::total_cmp);
-    times[times.len() / 2]
+    median(times).unwrap_or(f64::NAN)
 }
 
 fn table(bench: &Bench) -> String {

@@ -3,11 +3,12 @@
 use crate::args::CalibrateArgs;
 use crate::evaluation::method::{Method, PRIOR};
 use crate::evaluation::results;
-use crate::evaluation::setup::{Asked, Setup};
+use crate::evaluation::setup::{Request, Setup};
 use crate::input::opened::use_threads;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
-use mde_cli::{Calibration, CalibrationSource};
+use mde_cli::calibration::fingerprint;
+use mde_uncertainty::calibration::{Calibration, CalibrationSource};
 
 /// What is written beside the evaluation.
 const FILE: &str = "calibration.toml";
@@ -21,8 +22,8 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     else {
         bail!("--method {}: has no sigma of its own; give a preset or settings in a .toml file", args.method);
     };
-    let asked = Asked { command: "eval", methods: &methods, controls: true, share_fields: false };
-    let setup = Setup::open(&args.common, asked)?;
+    let request = Request { command: "eval", methods: &methods, controls: true, share_fields: false };
+    let setup = Setup::open(&args.common, request)?;
     let (entries, failures) = setup.run(&mut progress)?;
     let scenes: Vec<_> = entries
         .iter()
@@ -35,14 +36,18 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     let learned = !scenes.is_empty();
     if learned {
         let source = CalibrationSource { method: name, data, prior, alignment };
-        let calibration = Calibration::learn(source, &config, setup.answers_anew(), scenes)?;
+        let calibration = Calibration::fit(
+            source,
+            fingerprint(&config, setup.accepts_new_images(), setup.model_hash()?)?,
+            scenes,
+        )?;
         mde_prior::write_atomic(&path, calibration.to_toml()?.as_bytes())
             .with_context(|| path.display().to_string())?;
-        let factor = calibration.conformal()?.factor(Calibration::AT)?;
+        let factor = calibration.intervals()?.factor(Calibration::AT)?;
         progress.step(&format!("{}: sigma times {factor:.3}", path.display()));
         for held in calibration.held_out() {
             progress.step(&format!(
-                "  {:.0} % intervals held {:.1} % of scenes left out ({:.0} to {:.0} %)",
+                "  {:.0} % intervals cover {:.1} % of scenes left out ({:.0} to {:.0} %)",
                 100.0 * held.probability,
                 100.0 * held.mean,
                 100.0 * held.lowest,

@@ -11,10 +11,11 @@ use crate::run::job::png_scale;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_cli::memory::render_bytes;
-use mde_nerf::{Event, Nerf, RadianceField, RenderedView};
+use mde_nerf::{FieldEvent, Nerf, RadianceField, RenderedView};
 use mde_prior::format::{write_npy, write_png16};
 use mde_prior::photo::{write_image, write_rgb_png};
-use mde_warp::{PinholeCamera, Pose, median};
+use mde_uncertainty::statistics::median;
+use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use serde::Serialize;
 use serde_json::json;
@@ -58,7 +59,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
     let poses = poses(&args.path, &field, &camera.camera)?;
     let mut views = Vec::new();
     for (index, pose) in poses.iter().enumerate() {
-        let mut listen = |event: &Event| {
+        let mut listen = |event: &FieldEvent| {
             progress.field(event, index, poses.len());
             interrupt::flow()
         };
@@ -128,12 +129,10 @@ fn on_circle(turn: f64, radius: f64, distance: f64) -> Pose {
 /// The field's median depth as seen from the original camera.
 fn middle(field: &Nerf, camera: &PinholeCamera) -> Result<f64> {
     let height = (PROBE * camera.height).div_ceil(camera.width).clamp(1, 4 * PROBE);
-    let mut listen = |_: &Event| interrupt::flow();
+    let mut listen = |_: &FieldEvent| interrupt::flow();
     let seen = field.render(&camera.resized(PROBE, height)?, &Pose::identity(), &mut listen)?;
     let depths = seen.depth.mean().iter().copied().filter(|d| *d > 0.0).collect::<Vec<_>>();
-    let depth =
-        median(depths).context("the field shows nothing from the original camera; check the camera")?;
-    Ok(f64::from(depth))
+    median(depths).context("the field shows nothing from the original camera; check the camera")
 }
 
 #[cfg(test)]

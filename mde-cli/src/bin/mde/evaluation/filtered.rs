@@ -1,7 +1,7 @@
 //! A filter in the field's place.
 
 use mde_eval::{Refiner, Task};
-use mde_nerf::{Error, FitReport, Observer, RadianceField, RenderedView, Result};
+use mde_nerf::{Error, FieldCallback, FitReport, RadianceField, RenderedView, Result};
 use mde_prior::DisparityRule;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, reproject};
@@ -32,20 +32,15 @@ fn fault(error: &dyn std::fmt::Display) -> Error {
 }
 
 impl RadianceField for FilteredField {
-    fn fit(&mut self, views: &[PosedView], _: &mut dyn Observer) -> Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], _: &mut dyn FieldCallback) -> Result<FitReport> {
         let view = views.first().ok_or(Error::NoPixels)?;
         let depth = view.hypotheses.first().ok_or(Error::NoRange)?;
         let known = depth.support();
         let mut prior = depth.mean().to_owned();
         prior.zip_mut_with(&known, |d, known| *d = if *known { *d } else { 0.0 });
-        let task = Task {
-            image: view.image.view(),
-            camera: &view.camera,
-            prior: prior.view(),
-            model: None,
-            rule: &DisparityRule::default(),
-            seed: self.seed,
-        };
+        let rule = DisparityRule::default();
+        let task =
+            Task { seed: self.seed, ..Task::new(view.image.view(), &view.camera, prior.view(), &rule) };
         let refined = self.refiner.refine(&task).map_err(|e| fault(&e))?.depth;
         let variance = refined
             .mapv(|d| if d > 0.0 { (RELATIVE_SIGMA * f64::from(d)).powi(2) as f32 } else { f32::INFINITY });
@@ -54,7 +49,7 @@ impl RadianceField for FilteredField {
         Ok(FitReport::default())
     }
 
-    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn Observer) -> Result<RenderedView> {
+    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn FieldCallback) -> Result<RenderedView> {
         let (view, depth) = self.view.as_ref().ok_or(Error::NotFitted)?;
         let depth = reproject(depth, &view.camera, &view.pose, camera, pose, &ReprojectConfig::default())
             .map_err(|e| fault(&e))?;

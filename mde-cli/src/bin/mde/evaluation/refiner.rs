@@ -1,10 +1,9 @@
 //! The whole loop as one [`Refiner`], to stand beside the baselines of `mde-eval`.
 
 use super::filtered::FilteredField;
-use mde_cli::config::Consensus;
-use mde_cli::{AveragedField, Config, Error, Event, Stages, refine};
+use mde_cli::{Config, Error, Event, Stages, refine};
 use mde_eval::{Refined, Refiner, Task};
-use mde_nerf::{FitReport, Nerf, NerfConfig, Observer, RadianceField, RenderConfig, RenderedView};
+use mde_nerf::{FieldCallback, FitReport, Nerf, NerfConfig, RadianceField, RenderConfig, RenderedView};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use ndarray::ArrayView3;
@@ -20,7 +19,7 @@ pub(crate) type SharedObserver<'o> = dyn Fn(&Event) -> ControlFlow<()> + Sync + 
 
 /// [`refine`] with the settings of one [`Config`], but for the seed, which is the [`Task`]'s.
 ///
-/// The account of a [`Refined`] has the `iterations`, one [`IterationReport`](mde_cli::IterationReport) each.
+/// The report of a [`Refined`] has the `iterations`, one [`IterationReport`](mde_cli::IterationReport) each.
 pub(crate) struct LoopRefiner<'o> {
     config: Config,
     memory: Option<FieldMemory>,
@@ -53,30 +52,23 @@ impl<'o> LoopRefiner<'o> {
         let config = Config { seed: task.seed, disparity: task.rule.clone(), ..self.config.clone() };
         let known = Known(PriorDepth::from_values(task.prior.to_owned(), DepthKind::Metric)?);
         let prior: &dyn DepthPrior = match task.model {
-            Some(model) if config.evidence.asks_again() => model,
+            Some(model) if config.augmentation.is_active() => model,
             _ => &known,
         };
-        let fuser = config.fuser()?;
-        let nerf = config.nerf.clone();
-        let mut field = |iteration: usize| -> mde_cli::Result<Box<dyn RadianceField>> {
-            let seed = config.seed.wrapping_add(iteration as u64);
-            if let Some(control) = &self.control {
-                return Ok(Box::new(FilteredField::new(control.clone(), seed)));
-            }
-            if config.refinement.consensus == Consensus::Average {
-                return Ok(Box::new(AveragedField::default()));
-            }
-            match &self.memory {
-                Some(memory) if iteration == 0 => Ok(Box::new(memory.field(nerf.clone(), seed))),
-                _ => Ok(Box::new(Nerf::new(nerf.clone(), seed)?)),
-            }
-        };
-        let stages = Stages { prior, field: &mut field, fuser: &*fuser };
+        let stages = Stages::new(prior).with_field(|request| {
+            Ok(match (&self.control, &self.memory) {
+                (Some(control), _) => Box::new(FilteredField::new(control.clone(), request.seed)),
+                (None, Some(memory)) if request.iteration == 0 => {
+                    Box::new(memory.field(request.config.clone(), request.seed))
+                }
+                (None, _) => Box::new(request.nerf()?),
+            })
+        });
         let refinement = refine(task.image, task.camera, stages, &config, &mut |e| (self.observer)(e))?;
         Ok(Refined {
             depth: refinement.depth.mean().to_owned(),
             sigma: Some(refinement.depth.sigma()),
-            account: json!({ "evidence": refinement.evidence, "iterations": refinement.iterations }),
+            report: json!({ "augmentation": refinement.augmentation, "iterations": refinement.iterations }),
         })
     }
 }
@@ -84,7 +76,6 @@ impl<'o> LoopRefiner<'o> {
 impl Refiner for LoopRefiner<'_> {
     fn refine(&self, task: &Task<'_>) -> mde_eval::Result<Refined> {
         self.run(task).map_err(|error| match error {
-            Error::Metric(error) => error,
             Error::Prior(error) => error.into(),
             Error::Warp(error) => error.into(),
             error => mde_eval::Error::Method(error.to_string()),
@@ -98,10 +89,6 @@ struct Known(PriorDepth);
 impl DepthPrior for Known {
     fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         Ok(self.0.clone())
-    }
-
-    fn answers_anew(&self) -> bool {
-        false
     }
 }
 
@@ -132,7 +119,7 @@ pub(crate) struct Remembered {
 }
 
 impl RadianceField for Remembered {
-    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> mde_nerf::Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], observer: &mut dyn FieldCallback) -> mde_nerf::Result<FitReport> {
         let key = fit_key(&self.config, self.seed, views);
         let known = lock(&self.memory.0).get(&key).cloned();
         let fitted = match known {
@@ -154,7 +141,7 @@ impl RadianceField for Remembered {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        observer: &mut dyn Observer,
+        observer: &mut dyn FieldCallback,
     ) -> mde_nerf::Result<RenderedView> {
         let Some(fitted) = &self.fitted else { return Err(mde_nerf::Error::NotFitted) };
         match lock(&fitted.renders).entry(view_key(camera, pose, &self.config)) {

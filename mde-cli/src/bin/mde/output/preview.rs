@@ -1,7 +1,8 @@
-//! Pictures for looking: depth maps side by side with colour bars, and sheets of views.
+//! Preview images: depth maps side by side with colour bars, and contact sheets of views.
 
 use crate::output::canvas::{Canvas, Colour, colour_at, resized, text_height, text_width};
 use colorous::{Gradient, MAGMA, VIRIDIS};
+use mde_uncertainty::statistics::quantile_sorted;
 use mde_warp::PosedView;
 use ndarray::{Array3, ArrayView2, ArrayView3, Zip};
 
@@ -18,7 +19,7 @@ const NARROWEST: usize = 240;
 const THUMBNAIL: usize = 240;
 const COLUMNS: usize = 4;
 
-/// What a preview shows; maps are `[height, width]`, and what is not positive and finite counts as missing.
+/// The maps of a preview, `[height, width]`; values that are not positive and finite are missing.
 pub(crate) struct Preview<'p> {
     pub(crate) image: ArrayView3<'p, f32>,
     pub(crate) prior: ArrayView2<'p, f32>,
@@ -81,7 +82,7 @@ fn picture(map: ArrayView2<'_, f32>, gradient: &Gradient, range: [f64; 2]) -> Ca
     canvas
 }
 
-/// All views on one sheet, what is masked in red.
+/// All views on one sheet, masked pixels in red.
 pub(crate) fn contact_sheet(views: &[PosedView]) -> Canvas {
     let shapes = views.iter().map(|view| view.camera.height as f64 / view.camera.width as f64);
     let height = ((THUMBNAIL as f64 * shapes.fold(0.0, f64::max)).ceil() as usize).clamp(1, 4 * THUMBNAIL);
@@ -110,7 +111,7 @@ fn masked(view: &PosedView) -> Array3<f32> {
     image
 }
 
-/// A bar from the lowest to the highest value, with three numbers beneath.
+/// A colour bar with three labels below it.
 fn colour_bar(
     canvas: &mut Canvas,
     [left, top]: [usize; 2],
@@ -130,7 +131,7 @@ fn colour_bar(
     }
 }
 
-/// With as many digits as the range needs.
+/// With the digits that the range needs.
 fn number(value: f64, range: f64) -> String {
     let digits = if range > 0.0 { (2.0 - range.log10().floor()).clamp(0.0, 6.0) as usize } else { 3 };
     format!("{value:.digits$}")
@@ -152,8 +153,7 @@ fn known(value: f32) -> bool {
 pub(crate) fn usual_range<'v>(values: impl Iterator<Item = &'v f32>) -> [f64; 2] {
     let mut values: Vec<f32> = values.copied().filter(|&v| known(v)).collect();
     values.sort_unstable_by(f32::total_cmp);
-    let last = values.len().saturating_sub(1) as f64;
-    [0.01, 0.99].map(|share| values.get((share * last).round() as usize).map_or(0.0, |&v| f64::from(v)))
+    [0.01, 0.99].map(|p| quantile_sorted(&values, p).unwrap_or(0.0))
 }
 
 #[cfg(test)]

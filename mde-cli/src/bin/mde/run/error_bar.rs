@@ -1,15 +1,17 @@
-//! The error bar as the user asked for it: sigma by a calibration, and an interval.
+//! The error bar that the user requested: sigma by a calibration, and an interval.
 
 use crate::args::ErrorBarArgs;
+use crate::input::prior::PriorOrigin;
 use anyhow::Result;
-use mde_cli::{Calibration, Config, Refinement};
-use mde_eval::conformal::normal_half_width;
-use mde_prior::DepthKind;
+use mde_cli::calibration::{fingerprint, read, shipped};
+use mde_cli::{Config, Refinement};
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::calibration::{Calibration, Fingerprint, Mismatch};
+use mde_uncertainty::pooled::normal_half_width;
 use ndarray::Array2;
 use serde::Serialize;
 
-/// What was asked for.
+/// The requested error bar.
 pub(crate) struct ErrorBar {
     probability: Option<f64>,
     given: Option<(String, Calibration)>,
@@ -38,7 +40,7 @@ pub(crate) struct Interval {
 impl ErrorBar {
     pub(crate) fn open(args: &ErrorBarArgs) -> Result<Self> {
         let given = match &args.calibration {
-            Some(path) => Some((path.display().to_string(), Calibration::from_file(path)?)),
+            Some(path) => Some((path.display().to_string(), read(path)?)),
             None => None,
         };
         Ok(Self { probability: args.interval, given })
@@ -49,18 +51,23 @@ impl ErrorBar {
         &self,
         refinement: &mut Refinement,
         config: &Config,
-        kind: DepthKind,
+        prior: &PriorOrigin,
     ) -> Result<Stated> {
-        let asked_again = refinement.evidence.questions > 1;
+        let run = fingerprint(config, refinement.augmentation.predictions > 1, prior.model_hash.clone())?;
         let mut warnings = Vec::new();
         let mut factor = 1.0;
         if let Some((name, calibration)) = &self.given {
             let method = &calibration.source().method;
-            if !calibration.is_of(config, asked_again)? {
-                let told = "was learned with other settings, or another kind of prior";
-                warnings.push(format!("--calibration {name} {told} ({method}); its sigma may be wrong here"));
+            let other = match calibration.mismatch(&run) {
+                None => None,
+                Some(Mismatch::Settings) => Some("other settings, or another kind of prior"),
+                Some(Mismatch::Model) => Some("another depth model"),
+            };
+            if let Some(other) = other {
+                let run = "calibrate with the settings and the model of this run";
+                warnings.push(format!("--calibration {name}: estimated with {other} ({method}); {run}"));
             }
-            factor = calibration.conformal()?.factor(Calibration::AT)?;
+            factor = calibration.intervals()?.factor(Calibration::AT)?;
             let squared = (factor * factor) as f32;
             let depth = std::mem::replace(&mut refinement.depth, GaussianDepth::missing(0, 0));
             refinement.depth =
@@ -69,29 +76,33 @@ impl ErrorBar {
         let Some(probability) = self.probability else {
             return Ok(Stated { factor, interval: None, warnings });
         };
-        let (half_width, by) = match self.calibration(config, asked_again)? {
-            Some((by, calibration)) => (calibration.conformal()?.half_width(probability)? / factor, by),
+        let (half_width, by) = match self.calibration(&run)? {
+            Some((by, calibration)) => (calibration.intervals()?.half_width(probability)? / factor, by),
             None => {
-                let told = "no calibration is of these settings, so the interval is a normal distribution's";
-                warnings.push(format!("--interval: {told}; mde calibrate makes one"));
+                let of = match shipped()?.mismatch(&run) {
+                    Some(Mismatch::Model) => "this depth model",
+                    _ => "these settings",
+                };
+                warnings.push(format!(
+                    "--interval: no calibration is known for {of}, so the interval is a normal distribution's; estimate one with mde calibrate"
+                ));
                 (normal_half_width(probability)?, "normal distribution".to_owned())
             }
         };
-        if self.given.is_none() && !kind.is_depth() {
-            let told =
-                "the range that a disparity is given errs by more than it states, as no answer shows it";
+        if self.given.is_none() && !prior.kind.is_depth() {
+            let told = "the depth range assumed for disparities has an error that sigma does not include";
             warnings.push(format!("--interval: {told}; mde calibrate learns that too"));
         }
         Ok(Stated { factor, interval: Some(Interval { probability, half_width, by }), warnings })
     }
 
-    /// The calibration of the interval with a name for it: the given one, else the program's own where it is of this run.
-    fn calibration(&self, config: &Config, asked_again: bool) -> Result<Option<(String, Calibration)>> {
+    /// The calibration of the interval with a name for it: the given one, else the program's own where it fits this run.
+    fn calibration(&self, run: &Fingerprint) -> Result<Option<(String, Calibration)>> {
         if let Some(given) = &self.given {
             return Ok(Some(given.clone()));
         }
-        let shipped = Calibration::shipped()?;
-        if !shipped.is_of(config, asked_again)? {
+        let shipped = shipped()?;
+        if shipped.mismatch(run).is_some() {
             return Ok(None);
         }
         let (scenes, source) = (shipped.scenes().len(), shipped.source());

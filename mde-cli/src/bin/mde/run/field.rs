@@ -1,6 +1,6 @@
 //! A field that can still be saved after the loop has taken it.
 
-use mde_nerf::{FitReport, Nerf, Observer, RadianceField, RenderedView, Result};
+use mde_nerf::{FieldCallback, FitReport, Nerf, RadianceField, RenderedView, Result};
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -19,7 +19,7 @@ impl SharedNerf {
 }
 
 impl RadianceField for SharedNerf {
-    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], observer: &mut dyn FieldCallback) -> Result<FitReport> {
         self.lock().fit(views, observer)
     }
 
@@ -27,7 +27,7 @@ impl RadianceField for SharedNerf {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        observer: &mut dyn Observer,
+        observer: &mut dyn FieldCallback,
     ) -> Result<RenderedView> {
         self.lock().render(camera, pose, observer)
     }

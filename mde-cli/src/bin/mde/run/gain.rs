@@ -1,13 +1,14 @@
-//! What a run changed, in a few words.
+//! Summary of a finished run.
 
 use mde_cli::Refinement;
+use mde_uncertainty::statistics::{median, quantile};
 
-/// Two lines: how far the depth moved and how sure it is; and what the last fusion estimated.
+/// Two lines: change of the depth and its sigma; and the estimates of the last fusion.
 pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
     let depth = refinement.depth.mean();
     let moved =
         |(new, old): (&f32, &f32)| (*new > 0.0 && *old > 0.0).then(|| f64::from((new / old - 1.0).abs()));
-    let moves: Vec<f64> = depth.iter().zip(&refinement.prior).filter_map(moved).collect();
+    let mut moves: Vec<f64> = depth.iter().zip(&refinement.prior).filter_map(moved).collect();
     let sigma = refinement.depth.sigma();
     let known: Vec<f64> = sigma.iter().filter(|s| s.is_finite()).map(|s| f64::from(*s)).collect();
     let relative: Vec<f64> = depth
@@ -20,18 +21,17 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
         |share: Option<f64>| share.map_or_else(|| "-".to_owned(), |v| format!("{:.1} %", 100.0 * v));
     let unit = if unit == "unscaled" { String::new() } else { format!(" {unit}") };
     let mut lines = vec![format!(
-        "depth moved by {} at the median pixel ({} at nine of ten); sigma {}{unit} at the median, {} of the depth",
-        percent(quantile(moves.clone(), 0.5)),
-        percent(quantile(moves, 0.9)),
-        quantile(known, 0.5).map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
-        percent(quantile(relative, 0.5)),
+        "depth: typical change {}; 90 % of pixels changed by less than {}\nsigma: median {}{unit}, {} of the depth",
+        percent(median(moves.iter().copied())),
+        percent(quantile(&mut moves, 0.9)),
+        median(known).map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
+        percent(median(relative)),
     )];
     if let Some(last) = refinement.iterations.last() {
         let (fusion, psnr) = (&last.fusion, last.fit.psnr.first());
-        let psnr =
-            psnr.map_or_else(String::new, |p| format!(", the field shows the photograph at {p:.1} dB"));
+        let psnr = psnr.map_or_else(String::new, |p| format!("; PSNR of the photograph {p:.1} dB"));
         lines.push(format!(
-            "a {:.3}, b {:.3}, sigma_o {:.3}; the field's weight in the result is {:.0} %{psnr}",
+            "fusion: a {:.3}, b {:.3}, sigma_o {:.3}, weight of the field {:.0} %{psnr}",
             fusion.a,
             fusion.b,
             fusion.sigma_o,
@@ -39,22 +39,4 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
         ));
     }
     lines.join("\n")
-}
-
-fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    let place = (share * values.len().saturating_sub(1) as f64).round() as usize;
-    values.get(place).copied()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_of_few_and_of_none() {
-        assert_eq!(quantile(vec![3.0, 1.0, 2.0], 0.5), Some(2.0));
-        assert_eq!(quantile(vec![3.0, 1.0, 2.0], 0.9), Some(3.0));
-        assert_eq!(quantile(Vec::new(), 0.5), None);
-    }
 }

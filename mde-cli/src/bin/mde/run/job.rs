@@ -17,9 +17,7 @@ use crate::run::field::SharedNerf;
 use crate::run::gain;
 use crate::run::progress::{Progress, TrainingCurve};
 use anyhow::Result;
-use mde_cli::config::Consensus;
-use mde_cli::{AveragedField, Component, Config, Event, Preset, Refinement, Stages, resume};
-use mde_nerf::Nerf;
+use mde_cli::{Component, Config, Event, Preset, Refinement, Stages, resume};
 use mde_prior::DepthKind;
 use mde_prior::format::{write_npy, write_png16};
 use mde_prior::photo::{write_image, write_rgb_png};
@@ -63,24 +61,14 @@ impl Job {
     /// Refines, scores and writes.
     pub(crate) fn run(self, folder: &OutputFolder, progress: &mut Progress) -> Result<()> {
         let mut kept = None;
-        let nerf = self.config.nerf.clone();
-        let seed = self.config.seed;
-        let mut field = |iteration: usize| -> mde_cli::Result<Box<dyn mde_nerf::RadianceField>> {
-            let field: Box<dyn mde_nerf::RadianceField> = match self.config.refinement.consensus {
-                Consensus::Average => Box::new(AveragedField::default()),
-                Consensus::Field => {
-                    let nerf = Nerf::new(nerf.clone(), seed.wrapping_add(iteration as u64))?;
-                    Box::new(kept.insert(SharedNerf::new(nerf)).clone())
-                }
-            };
+        let prior = Timed::new(&*self.prior.prior);
+        let stages = Stages::new(&prior).with_field(|request| {
+            let field = Box::new(kept.insert(SharedNerf::new(request.nerf()?)).clone());
             Ok(match &self.recording {
-                Some(recording) => recording.watch(iteration + 1, field),
+                Some(recording) => recording.watch(request.iteration + 1, field),
                 None => field,
             })
-        };
-        let fuser = self.config.fuser()?;
-        let prior = Timed::new(&*self.prior.prior);
-        let stages = Stages { prior: &prior, field: &mut field, fuser: &*fuser };
+        });
         let image = self.image.view();
         let from = self.checkpoints.as_ref().and_then(|kept| kept.latest(self.config.refinement.iterations));
         if let Some(from) = &from {
@@ -96,7 +84,7 @@ impl Job {
             }
             match &self.checkpoints {
                 Some(checkpoints) => {
-                    checkpoints.keep(state).map_err(|e| mde_cli::Error::Keep(crate::message(&e)))
+                    checkpoints.keep(state).map_err(|e| mde_cli::Error::external(crate::message(&e)))
                 }
                 None => Ok(()),
             }
@@ -104,8 +92,8 @@ impl Job {
         let mut observe = |event: &Event| progress.observe(event);
         let mut refinement =
             resume(image, &self.camera.camera, stages, &self.config, from, &mut keep, &mut observe)?;
-        if let Some(reason) = refinement.evidence.not_asked_again {
-            progress.warn(format!("no new evidence: {reason}; give --prior-model for more"));
+        if let Some(reason) = refinement.augmentation.skipped {
+            progress.warn(format!("no test-time augmentation: {reason}; give --prior-model to use it"));
         }
         if self.save_field && kept.is_none() {
             progress.warn(
@@ -117,7 +105,7 @@ impl Job {
                 progress.warn(format!("iteration {}: {warning}", index + 1));
             }
         }
-        let stated = self.error_bar.apply(&mut refinement, &self.config, self.prior.origin.kind)?;
+        let stated = self.error_bar.apply(&mut refinement, &self.config, &self.prior.origin)?;
         stated.warnings.iter().for_each(|warning| progress.warn(warning.clone()));
         let start = Instant::now();
         let scores = match &self.truth {
@@ -151,7 +139,7 @@ impl Job {
                 unit: unit(self.prior.origin.kind),
                 png_scale,
                 missing_pixels,
-                evidence: &refinement.evidence,
+                augmentation: &refinement.augmentation,
                 error_bar: &stated,
                 iterations: &refinement.iterations,
                 training: progress.training(),

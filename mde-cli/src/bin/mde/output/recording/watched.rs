@@ -1,7 +1,7 @@
 //! A field whose training views are recorded.
 
 use super::Recording;
-use mde_nerf::{FitReport, Observer, RadianceField, RenderedView, Result};
+use mde_nerf::{FieldCallback, FitReport, RadianceField, RenderedView, Result};
 use mde_warp::{PinholeCamera, Pose, PosedView};
 
 pub(super) struct Watched {
@@ -11,7 +11,7 @@ pub(super) struct Watched {
 }
 
 impl RadianceField for Watched {
-    fn fit(&mut self, views: &[PosedView], observer: &mut dyn Observer) -> Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], observer: &mut dyn FieldCallback) -> Result<FitReport> {
         self.recording.views(self.iteration, views);
         let report = self.field.fit(views, observer)?;
         self.recording.fitted(report.steps);
@@ -22,7 +22,7 @@ impl RadianceField for Watched {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        observer: &mut dyn Observer,
+        observer: &mut dyn FieldCallback,
     ) -> Result<RenderedView> {
         self.field.render(camera, pose, observer)
     }

@@ -1,0 +1,124 @@
+//! Theorems of Eq. 7-8 and of its alternatives.
+use super::common::difference;
+use crate::precision::mixture_variance;
+use crate::proptest::gaussian;
+use crate::{Aggregation, Error, Gaussian, GaussianDepth, aggregate, precision_weighted};
+use ::proptest::collection::vec;
+use ::proptest::prelude::*;
+use approx::assert_relative_eq;
+use mde_uncertainty::proptest::gaussian_depth_of;
+use ndarray::array;
+
+const RULES: [Aggregation; 5] = [
+    Aggregation::Precision,
+    Aggregation::MinDepth,
+    Aggregation::MinVariance,
+    Aggregation::Mean,
+    Aggregation::Median,
+];
+
+proptest! {
+    #[test]
+    fn precision_adds(estimates in vec(gaussian(), 1..8)) {
+        let sum: f64 = estimates.iter().map(|g| g.precision()).sum();
+        let all = precision_weighted(&estimates).unwrap();
+        assert_relative_eq!(all.precision(), sum, max_relative = 1e-12);
+    }
+
+    #[test]
+    fn aggregating_in_two_steps_is_aggregating_at_once(estimates in vec(gaussian(), 2..8), cut in 1..7_usize) {
+        let (one, two) = estimates.split_at(cut.min(estimates.len() - 1));
+        let halves = [precision_weighted(one).unwrap(), precision_weighted(two).unwrap()];
+        let (nested, all) = (precision_weighted(&halves).unwrap(), precision_weighted(&estimates).unwrap());
+        assert_relative_eq!(nested.mean, all.mean, max_relative = 1e-12);
+        assert_relative_eq!(nested.variance, all.variance, max_relative = 1e-12);
+    }
+
+    #[test]
+    fn the_mean_is_inside_and_the_variance_below_the_least(estimates in vec(gaussian(), 1..8)) {
+        let all = precision_weighted(&estimates).unwrap();
+        let least = estimates.iter().map(|g| g.mean).fold(f64::INFINITY, f64::min);
+        let most = estimates.iter().map(|g| g.mean).fold(0.0, f64::max);
+        prop_assert!(all.mean >= least * (1.0 - 1e-14) && all.mean <= most * (1.0 + 1e-14));
+        prop_assert!(estimates.iter().all(|g| all.variance <= g.variance * (1.0 + 1e-14)));
+    }
+
+    #[test]
+    fn the_mixture_variance_is_at_least_k_times_that_of_the_product(estimates in vec(gaussian(), 1..8)) {
+        let all = precision_weighted(&estimates).unwrap();
+        let mixture = mixture_variance(&estimates, all.mean);
+        prop_assert!(mixture >= all.variance * estimates.len() as f64 * (1.0 - 1e-12));
+    }
+
+    #[test]
+    fn copies_of_one_view_keep_its_mixture_variance(g in gaussian(), count in 1..9_usize) {
+        let copies = vec![g; count];
+        let all = precision_weighted(&copies).unwrap();
+        assert_relative_eq!(all.mean, g.mean, max_relative = 1e-14);
+        assert_relative_eq!(all.variance * count as f64, g.variance, max_relative = 1e-12);
+        assert_relative_eq!(mixture_variance(&copies, all.mean), g.variance, max_relative = 1e-12);
+    }
+
+    #[test]
+    fn the_order_of_views_does_not_matter(
+        (views, order) in vec(gaussian_depth_of(4, 5), 1..6)
+            .prop_flat_map(|views| (Just(views.clone()), Just(views).prop_shuffle())),
+        spread in any::<bool>(),
+    ) {
+        for rule in RULES {
+            let (one, other) = (aggregate(&views, rule, spread).unwrap(), aggregate(&order, rule, spread).unwrap());
+            prop_assert!(difference(&one, &other) <= f64::from(f32::EPSILON), "{rule:?}");
+        }
+    }
+
+    #[test]
+    fn one_view_is_itself(view in gaussian_depth_of(4, 5), spread in any::<bool>()) {
+        for rule in RULES {
+            prop_assert_eq!(&aggregate(std::slice::from_ref(&view), rule, spread).unwrap(), &view);
+        }
+    }
+
+    #[test]
+    fn a_missing_view_does_not_count(views in vec(gaussian_depth_of(3, 3), 1..5), spread in any::<bool>()) {
+        let mut more = views.clone();
+        more.push(GaussianDepth::missing(3, 3));
+        for rule in RULES {
+            prop_assert_eq!(aggregate(&views, rule, spread).unwrap(), aggregate(&more, rule, spread).unwrap());
+        }
+    }
+}
+
+#[test]
+fn each_rule_takes_its_view() {
+    let view = |m: f32, v: f32| GaussianDepth::new(array![[m]], array![[v]]).unwrap();
+    let views = [view(3.0, 0.5), view(1.0, 0.4), view(2.0, 0.1)];
+    let of = |rule, spread| aggregate(&views, rule, spread).unwrap().get(0, 0).unwrap();
+    assert_eq!(of(Aggregation::MinDepth, false), (1.0, 0.4));
+    assert_eq!(of(Aggregation::MinVariance, false), (2.0, 0.1));
+    assert_eq!(of(Aggregation::Median, false), (2.0, 0.1));
+    let (mean, variance) = of(Aggregation::Mean, false);
+    assert_relative_eq!(mean, 2.0);
+    assert_relative_eq!(variance, 1.0 / 9.0);
+    // Mean of the variances, plus the variance of the means.
+    assert_relative_eq!(of(Aggregation::Mean, true).1, 1.0 / 3.0 + 2.0 / 3.0);
+    let even = aggregate(&views[..2], Aggregation::Median, false).unwrap().get(0, 0).unwrap();
+    assert_relative_eq!(even.0, 2.0);
+    assert_relative_eq!(even.1, 0.225);
+}
+
+#[test]
+fn exact_estimates_count_alone() {
+    let estimates = [Gaussian::new(1.0, 0.0), Gaussian::new(9.0, 1.0), Gaussian::new(2.0, 0.0)];
+    let all = precision_weighted(&estimates).unwrap();
+    assert_eq!(all, Gaussian::new(1.5, 0.0));
+    assert_eq!(mixture_variance(&estimates, all.mean), 0.25);
+    assert_eq!(precision_weighted(&[]), None);
+}
+
+#[test]
+fn a_view_of_another_shape_is_named() {
+    let views = [GaussianDepth::missing(2, 3), GaussianDepth::missing(3, 2)];
+    let error = aggregate(&views, Aggregation::Precision, false).unwrap_err();
+    assert!(matches!(error, Error::Shape { view: 1, expected: [2, 3], found: [3, 2] }), "{error}");
+    assert_eq!(aggregate(&[], Aggregation::Precision, false).unwrap().dim(), (0, 0));
+}

@@ -1,0 +1,49 @@
+//! Theorems of Eq. 16-17.
+use crate::posterior::nerf_weight;
+use crate::proptest::gaussian;
+use crate::{Gaussian, posterior, precision_weighted};
+use ::proptest::prelude::*;
+use approx::assert_relative_eq;
+
+fn assert_close(a: Gaussian, b: Gaussian, max_relative: f64) {
+    assert_relative_eq!(a.mean, b.mean, max_relative = max_relative);
+    assert_relative_eq!(a.variance, b.variance, max_relative = max_relative);
+}
+
+proptest! {
+    #[test]
+    fn the_printed_form_is_the_same_number(prior in gaussian(), views in gaussian()) {
+        let precision = 1.0 / prior.variance + 1.0 / views.variance;
+        let mean = (prior.mean / prior.variance + views.mean / views.variance) / precision;
+        let fused = posterior(prior, views);
+        assert_relative_eq!(fused.mean, mean, max_relative = 1e-12);
+        assert_relative_eq!(fused.variance, 1.0 / precision, max_relative = 1e-12);
+        assert_close(fused, precision_weighted(&[prior, views]).unwrap(), 1e-12);
+    }
+
+    #[test]
+    fn the_mean_lies_between_and_the_variance_below_both(prior in gaussian(), views in gaussian()) {
+        let fused = posterior(prior, views);
+        prop_assert!(fused.mean >= prior.mean.min(views.mean) && fused.mean <= prior.mean.max(views.mean));
+        prop_assert!(fused.variance <= prior.variance && fused.variance <= views.variance);
+        let w = nerf_weight(prior.variance, views.variance);
+        prop_assert!((0.0..=1.0).contains(&w));
+    }
+
+    #[test]
+    fn scaling_the_unit_scales_the_mean_and_squares_in_the_variance(
+        prior in gaussian(), views in gaussian(), k in 0.01..100.0_f64,
+    ) {
+        let scaled = |g: Gaussian| Gaussian::new(k * g.mean, k * k * g.variance);
+        let (one, other) = (posterior(prior, views), posterior(scaled(prior), scaled(views)));
+        assert_close(other, scaled(one), 1e-12);
+    }
+
+    #[test]
+    fn an_exact_side_wins_and_the_prior_wins_a_draw(prior in gaussian(), views in gaussian()) {
+        let exact = |g: Gaussian| Gaussian::new(g.mean, 0.0);
+        prop_assert_eq!(posterior(exact(prior), views), exact(prior));
+        prop_assert_eq!(posterior(prior, exact(views)), exact(views));
+        prop_assert_eq!(posterior(exact(prior), exact(views)), exact(prior));
+    }
+}

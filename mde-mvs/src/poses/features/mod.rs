@@ -1,0 +1,122 @@
+//! Points of a photograph that can be found again: the scale-invariant feature transform (Lowe, 2004).
+//!
+//! Extrema of differences of Gaussians over space and scale, refined by a quadratic; the dominant directions of the gradient
+//! about each; a histogram of gradients on 4 x 4 cells of 8 directions, as RootSIFT (Arandjelovic and Zisserman, 2012). The
+//! constants are OpenCV's, whose keypoints and descriptors a test compares. The descriptor does not change under a gain or an
+//! offset of the photograph.
+
+mod descriptor;
+mod extrema;
+mod scale_space;
+
+use crate::{Error, Result};
+use nalgebra::Point2;
+use ndarray::{Array2, ArrayView3};
+use rayon::prelude::*;
+use scale_space::ScaleSpace;
+
+/// Length of a descriptor: 4 x 4 cells of 8 directions.
+pub const DESCRIPTOR_LENGTH: usize = descriptor::LENGTH;
+
+/// Settings of the detector.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields, rename_all = "kebab-case"))]
+pub struct FeatureConfig {
+    /// Most features of a photograph; the strongest are kept. At least 1.
+    pub max_features: usize,
+    /// Least contrast of an extremum, as OpenCV's `contrastThreshold`, of colours in \\( [0, 1] \\). In [0, 1].
+    pub contrast: f64,
+    /// Largest ratio of the principal curvatures; edges exceed it. Above 1.
+    pub edge: f64,
+    /// Pixels of the finest level at most. A photograph is enlarged twice where that stays below it, as Lowe does, and reduced
+    /// where the photograph itself exceeds it. At least 1024.
+    pub finest_pixels: usize,
+}
+
+impl Default for FeatureConfig {
+    fn default() -> Self {
+        Self { max_features: 3000, contrast: 0.02, edge: 10.0, finest_pixels: 1_300_000 }
+    }
+}
+
+impl FeatureConfig {
+    /// # Errors
+    /// [`Error::Config`] with the first field out of its range.
+    pub fn validate(&self) -> Result<()> {
+        if self.max_features == 0 {
+            return Err(config("max-features", self.max_features, "give at least 1"));
+        }
+        if !(0.0..=1.0).contains(&self.contrast) {
+            return Err(config("contrast", self.contrast, "give a number from 0 to 1"));
+        }
+        if !(self.edge > 1.0 && self.edge.is_finite()) {
+            return Err(config("edge", self.edge, "give a number above 1"));
+        }
+        if self.finest_pixels < 1024 {
+            return Err(config("finest-pixels", self.finest_pixels, "give at least 1024"));
+        }
+        Ok(())
+    }
+}
+
+pub(super) fn config(field: &'static str, value: impl ToString, remedy: &'static str) -> Error {
+    Error::Config { field, value: value.to_string(), remedy }
+}
+
+/// Where a feature is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Keypoint {
+    /// Column and row in the photograph; pixel centres at integers.
+    pub pixel: Point2<f64>,
+    /// Standard deviation of the Gaussian at which it is an extremum, pixels.
+    pub scale: f64,
+    /// Direction of the gradient about it, radians from the column axis to the row axis, in \\( [0, 2 \pi) \\).
+    pub angle: f64,
+    /// Contrast of the extremum.
+    pub response: f64,
+}
+
+/// The features of one photograph.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Features {
+    /// Where they are, strongest first.
+    pub keypoints: Vec<Keypoint>,
+    /// `[keypoints, 128]`: square roots of histograms of sum 1, so the Euclidean norm is 1.
+    pub descriptors: Array2<f32>,
+}
+
+impl Features {
+    /// The features of an `[h, w, 3]` image of sRGB colours in \\( [0, 1] \\).
+    ///
+    /// # Errors
+    /// [`Error::Config`] for a setting out of its range, and for an image with another number of channels than 3 or a side below
+    /// 16 pixels.
+    pub fn detect(image: ArrayView3<f32>, settings: &FeatureConfig) -> Result<Self> {
+        settings.validate()?;
+        let (height, width, channels) = image.dim();
+        if channels != 3 {
+            return Err(config("image channels", channels, "give red, green and blue"));
+        }
+        if height.min(width) < 16 {
+            return Err(config("smaller side of a photograph", height.min(width), "give 16 pixels or more"));
+        }
+        let space = ScaleSpace::new(image, settings.finest_pixels);
+        let mut found = extrema::find(&space, settings);
+        // Equal responses keep the order of the scan, so the choice is the same every time.
+        found.sort_by(|a, b| b.response.total_cmp(&a.response));
+        found.truncate(settings.max_features);
+
+        let described: Vec<_> =
+            found.par_iter().map(|extremum| descriptor::describe(&space, extremum)).collect();
+        let mut rows = Vec::with_capacity(described.len() * DESCRIPTOR_LENGTH);
+        described.iter().for_each(|row| rows.extend_from_slice(row));
+        let keypoints: Vec<_> = found.iter().map(|extremum| space.keypoint(extremum)).collect();
+        let descriptors = Array2::from_shape_vec((keypoints.len(), DESCRIPTOR_LENGTH), rows)
+            .unwrap_or_else(|_| Array2::zeros((0, DESCRIPTOR_LENGTH)));
+        Ok(Self { keypoints, descriptors })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,267 @@
+//! Gaussians of an image at ever larger scales, by octaves.
+
+use super::Keypoint;
+use super::extrema::Extremum;
+use nalgebra::Point2;
+use ndarray::ArrayView3;
+use pulp::Arch;
+use rayon::prelude::*;
+
+/// Scales between a scale and twice it.
+pub(super) const LAYERS: usize = 3;
+/// Standard deviation at the first layer of an octave, in its own pixels.
+pub(super) const FIRST_SIGMA: f64 = 1.6;
+/// Blur that a photograph has already, in its own pixels.
+const CAMERA_SIGMA: f64 = 0.5;
+/// No octave has a side below this.
+const SMALLEST: usize = 12;
+/// Rows that a task blurs.
+const ROWS: usize = 16;
+
+/// A row-major image of one channel.
+#[derive(Debug, Clone)]
+pub(super) struct Plane {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) data: Vec<f32>,
+}
+
+impl Plane {
+    fn from_fn(width: usize, height: usize, value: impl Fn(usize, usize) -> f32 + Sync) -> Self {
+        let mut data = vec![0.0; width * height];
+        data.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+            for (x, out) in row.iter_mut().enumerate() {
+                *out = value(x, y);
+            }
+        });
+        Self { width, height, data }
+    }
+
+    pub(super) fn row(&self, y: usize) -> &[f32] {
+        &self.data[y * self.width..(y + 1) * self.width]
+    }
+
+    pub(super) fn at(&self, x: usize, y: usize) -> f32 {
+        self.data[y * self.width + x]
+    }
+}
+
+/// One octave: its Gaussians, and the differences of neighbouring ones.
+pub(super) struct Octave {
+    /// `LAYERS + 3` of them.
+    pub(super) gaussians: Vec<Plane>,
+    /// `LAYERS + 2` of them.
+    pub(super) differences: Vec<Plane>,
+}
+
+/// All octaves, and how their pixels lie in the photograph.
+pub(super) struct ScaleSpace {
+    pub(super) octaves: Vec<Octave>,
+    /// Photograph pixels per pixel of the first octave.
+    step: [f64; 2],
+    /// Photograph pixel of the first octave's pixel 0.
+    origin: [f64; 2],
+}
+
+impl ScaleSpace {
+    pub(super) fn new(image: ArrayView3<f32>, finest_pixels: usize) -> Self {
+        let (height, width, _) = image.dim();
+        let gray = Plane::from_fn(width, height, |x, y| {
+            0.299 * image[(y, x, 0)] + 0.587 * image[(y, x, 1)] + 0.114 * image[(y, x, 2)]
+        });
+        let (base, step, origin) = if 4 * width * height <= finest_pixels {
+            (doubled(&gray), [0.5; 2], [0.0; 2])
+        } else if width * height <= finest_pixels {
+            (gray, [1.0; 2], [0.0; 2])
+        } else {
+            let factor = (finest_pixels as f64 / (width as f64 * height as f64)).sqrt();
+            let side = |size: usize| ((size as f64 * factor) as usize).max(16);
+            let base = reduced(&gray, side(width), side(height));
+            let step = [width as f64 / base.width as f64, height as f64 / base.height as f64];
+            (base, step, step.map(|s| 0.5 * s - 0.5))
+        };
+        let present = (CAMERA_SIGMA / step[0].min(1.0)).min(FIRST_SIGMA - 0.1);
+        let mut first = blurred(&base, (FIRST_SIGMA * FIRST_SIGMA - present * present).sqrt());
+        let octave_count =
+            ((base.width.min(base.height) as f64 / SMALLEST as f64).log2().floor() as usize).max(1);
+
+        let ratio = 2f64.powf(1.0 / LAYERS as f64);
+        let mut octaves = Vec::with_capacity(octave_count);
+        for _ in 0..octave_count {
+            let mut gaussians = vec![first];
+            for layer in 1..LAYERS + 3 {
+                let before = FIRST_SIGMA * ratio.powi(layer as i32 - 1);
+                gaussians.push(blurred(&gaussians[layer - 1], before * (ratio * ratio - 1.0).sqrt()));
+            }
+            let differences = gaussians.windows(2).map(|pair| difference(&pair[1], &pair[0])).collect();
+            first = halved(&gaussians[LAYERS]);
+            octaves.push(Octave { gaussians, differences });
+        }
+        Self { octaves, step, origin }
+    }
+
+    pub(super) fn keypoint(&self, extremum: &Extremum) -> Keypoint {
+        let factor = 2f64.powi(extremum.octave as i32);
+        let pixel = |axis: usize, at: f64| at * factor * self.step[axis] + self.origin[axis];
+        Keypoint {
+            pixel: Point2::new(pixel(0, extremum.x), pixel(1, extremum.y)),
+            scale: extremum.sigma * factor * self.step[0],
+            angle: extremum.angle,
+            response: extremum.response,
+        }
+    }
+}
+
+/// Twice as large: even pixels are the source's, odd ones the mean of their neighbours.
+fn doubled(source: &Plane) -> Plane {
+    let (width, height) = (source.width, source.height);
+    Plane::from_fn(2 * width, 2 * height, |x, y| {
+        let (x0, y0) = (x / 2, y / 2);
+        let (x1, y1) = ((x0 + x % 2).min(width - 1), (y0 + y % 2).min(height - 1));
+        let top = source.at(x0, y0) + source.at(x1, y0);
+        let bottom = source.at(x0, y1) + source.at(x1, y1);
+        0.25 * (top + bottom)
+    })
+}
+
+/// Every second pixel.
+fn halved(source: &Plane) -> Plane {
+    Plane::from_fn(source.width.div_ceil(2), source.height.div_ceil(2), |x, y| source.at(2 * x, 2 * y))
+}
+
+/// A smaller image whose pixels are means over their area.
+fn reduced(source: &Plane, width: usize, height: usize) -> Plane {
+    let cover = |size: usize, target: usize| -> Vec<Vec<(usize, f32)>> {
+        let step = size as f64 / target as f64;
+        (0..target)
+            .map(|i| {
+                let (from, to) = (i as f64 * step, ((i + 1) as f64 * step).min(size as f64));
+                (from as usize..(to.ceil() as usize).min(size))
+                    .map(|k| (k, ((to.min(k as f64 + 1.0) - from.max(k as f64)) / step) as f32))
+                    .collect()
+            })
+            .collect()
+    };
+    let (columns, rows) = (cover(source.width, width), cover(source.height, height));
+    Plane::from_fn(width, height, |x, y| {
+        let mut sum = 0.0;
+        for &(v, share) in &rows[y] {
+            let row = source.row(v);
+            sum += share * columns[x].iter().map(|&(u, part)| part * row[u]).sum::<f32>();
+        }
+        sum
+    })
+}
+
+fn difference(a: &Plane, b: &Plane) -> Plane {
+    let mut data = vec![0.0; a.data.len()];
+    data.par_chunks_mut(1 << 14).zip(a.data.par_chunks(1 << 14).zip(b.data.par_chunks(1 << 14))).for_each(
+        |(out, (a, b))| {
+            for ((out, a), b) in out.iter_mut().zip(a).zip(b) {
+                *out = a - b;
+            }
+        },
+    );
+    Plane { width: a.width, height: a.height, data }
+}
+
+/// Index of a row or column mirrored at the centres of the outermost ones.
+fn mirrored(index: isize, size: usize) -> usize {
+    let last = size as isize - 1;
+    if last <= 0 {
+        return 0;
+    }
+    let folded = index.rem_euclid(2 * last);
+    if folded > last { (2 * last - folded) as usize } else { folded as usize }
+}
+
+/// Convolution with a Gaussian cut off at four standard deviations.
+pub(super) fn blurred(source: &Plane, sigma: f64) -> Plane {
+    let radius = ((4.0 * sigma).round() as usize).max(1);
+    let half: Vec<f64> = (0..=radius).map(|i| (-0.5 * (i as f64 / sigma).powi(2)).exp()).collect();
+    let total = half[0] + 2.0 * half[1..].iter().sum::<f64>();
+    let half: Vec<f32> = half.iter().map(|w| (w / total) as f32).collect();
+
+    let (width, height) = (source.width, source.height);
+    let mut data = vec![0.0; width * height];
+    let arch = Arch::new();
+    data.par_chunks_mut(ROWS * width).enumerate().for_each(|(chunk, out)| {
+        let mut padded = vec![0.0; width + 2 * radius];
+        for (i, out) in out.chunks_mut(width).enumerate() {
+            let y = (chunk * ROWS + i) as isize;
+            let row = |offset: isize| source.row(mirrored(y + offset, height));
+            arch.dispatch(|| {
+                let middle = &mut padded[radius..radius + width];
+                scale(middle, row(0), half[0]);
+                for (k, &weight) in half.iter().enumerate().skip(1) {
+                    add_pair(middle, row(-(k as isize)), row(k as isize), weight);
+                }
+            });
+            for k in 1..=radius {
+                padded[radius - k] = padded[radius + mirrored(-(k as isize), width)];
+                padded[radius + width - 1 + k] = padded[radius + mirrored((width - 1 + k) as isize, width)];
+            }
+            arch.dispatch(|| {
+                scale(out, &padded[radius..radius + width], half[0]);
+                for (k, &weight) in half.iter().enumerate().skip(1) {
+                    add_pair(out, &padded[radius - k..], &padded[radius + k..], weight);
+                }
+            });
+        }
+    });
+    Plane { width, height, data }
+}
+
+#[inline(always)]
+fn scale(out: &mut [f32], source: &[f32], weight: f32) {
+    for (out, source) in out.iter_mut().zip(source) {
+        *out = weight * source;
+    }
+}
+
+#[inline(always)]
+fn add_pair(out: &mut [f32], left: &[f32], right: &[f32], weight: f32) {
+    let size = out.len();
+    for ((out, left), right) in out.iter_mut().zip(&left[..size]).zip(&right[..size]) {
+        *out += weight * (left + right);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mirrors_at_pixel_centres() {
+        let order: Vec<_> = (-4..7).map(|i| mirrored(i, 3)).collect();
+        assert_eq!(order, [0, 1, 2, 1, 0, 1, 2, 1, 0, 1, 2]);
+        assert_eq!(mirrored(-5, 1), 0);
+    }
+
+    /// The blur of a point is the Gaussian, and a blur keeps a constant.
+    #[test]
+    fn a_point_becomes_the_gaussian_itself() {
+        let mut point = Plane::from_fn(41, 35, |_, _| 0.0);
+        point.data[17 * 41 + 20] = 1.0;
+        let blur = blurred(&point, 1.6);
+        for (x, y) in [(20, 17), (22, 17), (20, 20), (17, 15)] {
+            let squared = (x as f64 - 20.0).powi(2) + (y as f64 - 17.0).powi(2);
+            let expected = (-squared / (2.0 * 1.6 * 1.6)).exp() / (std::f64::consts::TAU * 1.6 * 1.6);
+            assert!((f64::from(blur.at(x, y)) - expected).abs() < 2e-5, "{x} {y}");
+        }
+        let flat = blurred(&Plane::from_fn(9, 7, |_, _| 0.3), 3.0);
+        assert!(flat.data.iter().all(|v| (v - 0.3).abs() < 1e-6));
+    }
+
+    /// Of an affine image, reduction gives the values at the centres of the new pixels, within an eighth of an old one.
+    #[test]
+    fn reduction_keeps_where_things_are() {
+        let ramp = Plane::from_fn(50, 30, |x, y| 0.01 * x as f32 - 0.02 * y as f32);
+        let small = reduced(&ramp, 20, 13);
+        for (x, y) in [(0, 0), (7, 5), (19, 12)] {
+            let at = |i: usize, from: f64, to: f64| (i as f64 + 0.5) * from / to - 0.5;
+            let expected = 0.01 * at(x, 50.0, 20.0) - 0.02 * at(y, 30.0, 13.0);
+            assert!((f64::from(small.at(x, y)) - expected).abs() < 0.03 / 8.0, "{x} {y}");
+        }
+    }
+}

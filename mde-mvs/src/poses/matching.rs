@@ -1,0 +1,139 @@
+//! Pairs of features of two photographs that look alike.
+
+use super::features::Features;
+use ndarray::s;
+use rayon::prelude::*;
+
+/// Rows of the table of similarities that a task fills.
+const ROWS: usize = 128;
+
+/// Two features of different photographs that are each other's nearest, and nearer than the second nearest by a ratio.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Match {
+    /// Index into the first photograph's features.
+    pub first: usize,
+    /// Index into the second photograph's features.
+    pub second: usize,
+}
+
+/// The nearest of the others and the squared distances to it and to the second nearest.
+#[derive(Debug, Clone, Copy)]
+struct Nearest {
+    index: usize,
+    best: f32,
+    second: f32,
+}
+
+impl Nearest {
+    const NONE: Self = Self { index: usize::MAX, best: f32::INFINITY, second: f32::INFINITY };
+
+    fn offer(&mut self, index: usize, distance: f32) {
+        if distance < self.best {
+            *self = Self { index, best: distance, second: self.best };
+        } else if distance < self.second {
+            self.second = distance;
+        }
+    }
+
+    fn merge(self, later: Self) -> Self {
+        let mut all = self;
+        all.offer(later.index, later.best);
+        all.second = all.second.min(later.second);
+        all
+    }
+
+    fn distinct(&self, ratio: f32) -> bool {
+        self.index != usize::MAX && self.best <= ratio * ratio * self.second
+    }
+}
+
+/// Mutual nearest neighbours, each nearer than `ratio` times the second nearest (Lowe, 2004: .8), in the order of the first
+/// photograph's features.
+///
+/// A photograph with a single feature has no second nearest, and no match.
+pub fn match_features(first: &Features, second: &Features, ratio: f64) -> Vec<Match> {
+    let (rows, columns) = (first.descriptors.nrows(), second.descriptors.nrows());
+    if rows < 2 || columns < 2 {
+        return Vec::new();
+    }
+    let other = second.descriptors.t();
+    let blocks: Vec<(Vec<Nearest>, Vec<Nearest>)> = (0..rows.div_ceil(ROWS))
+        .into_par_iter()
+        .map(|block| {
+            let from = block * ROWS;
+            // Descriptors have norm 1: the squared distance is 2 - 2 of the product.
+            let similarity = first.descriptors.slice(s![from..(from + ROWS).min(rows), ..]).dot(&other);
+            let mut across = vec![Nearest::NONE; similarity.nrows()];
+            let mut down = vec![Nearest::NONE; columns];
+            for (i, row) in similarity.outer_iter().enumerate() {
+                for (j, (&product, down)) in row.iter().zip(&mut down).enumerate() {
+                    let distance = 2.0 - 2.0 * product;
+                    across[i].offer(j, distance);
+                    down.offer(from + i, distance);
+                }
+            }
+            (across, down)
+        })
+        .collect();
+    let mut nearest_first = vec![Nearest::NONE; columns];
+    for (_, down) in &blocks {
+        for (all, part) in nearest_first.iter_mut().zip(down) {
+            *all = all.merge(*part);
+        }
+    }
+    let ratio = ratio as f32;
+    let nearest_second = blocks.iter().flat_map(|(across, _)| across);
+    nearest_second
+        .enumerate()
+        .filter(|(i, there)| {
+            there.distinct(ratio)
+                && nearest_first.get(there.index).is_some_and(|back| back.index == *i && back.distinct(ratio))
+        })
+        .map(|(first, there)| Match { first, second: there.index })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array2;
+
+    fn features(rows: &[[f32; 3]]) -> Features {
+        let mut descriptors = Array2::zeros((rows.len(), 128));
+        for (i, row) in rows.iter().enumerate() {
+            let norm = row.iter().map(|v| v * v).sum::<f32>().sqrt();
+            row.iter().enumerate().for_each(|(j, v)| descriptors[(i, j)] = v / norm);
+        }
+        Features { keypoints: Vec::new(), descriptors }
+    }
+
+    #[test]
+    fn a_match_is_mutual_and_distinct() {
+        let first = features(&[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.01], [0.0, 0.0, 1.0]]);
+        let second = features(&[[0.0, 0.1, 1.0], [1.0, 0.1, 0.0], [0.0, 1.0, 0.005]]);
+        // The third of the second photograph is as near to two of the first.
+        let expected = vec![Match { first: 0, second: 1 }, Match { first: 3, second: 0 }];
+        assert_eq!(match_features(&first, &second, 0.8), expected);
+        let swapped: Vec<_> =
+            match_features(&second, &first, 0.8).iter().map(|m| (m.second, m.first)).collect();
+        assert_eq!(swapped, [(3, 0), (0, 1)]);
+    }
+
+    /// Blocks merge to what one pass over all rows gives.
+    #[test]
+    fn many_blocks_are_as_one() {
+        let row =
+            |i: usize| [(i as f32 * 0.37).sin(), (i as f32 * 0.11).cos(), (i as f32 * 0.71).sin() + 0.3];
+        let first = features(&(0..700).map(row).collect::<Vec<_>>());
+        let second = features(&(0..300).map(|i| row(2 * i + 1)).collect::<Vec<_>>());
+        let matches = match_features(&first, &second, 0.95);
+        for m in &matches {
+            let distance =
+                |i: usize, j: usize| 2.0 - 2.0 * first.descriptors.row(i).dot(&second.descriptors.row(j));
+            let here = distance(m.first, m.second);
+            assert!((0..700).all(|i| distance(i, m.second) >= here - 1e-6));
+            assert!((0..300).all(|j| distance(m.first, j) >= here - 1e-6));
+        }
+        assert!(!matches.is_empty());
+    }
+}

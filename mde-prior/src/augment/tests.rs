@@ -1,0 +1,152 @@
+use super::*;
+use crate::DepthKind;
+use ndarray::{Array3, Axis};
+use proptest::prelude::*;
+
+/// Takes the red channel for depth, seen through a small input: the mean over blocks of a grid.
+struct Coarse {
+    cells: usize,
+    kind: DepthKind,
+}
+
+impl DepthPrior for Coarse {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+        let red = image.index_axis(Axis(2), 0);
+        let small = crate::resample::resize(
+            red,
+            (self.cells, self.cells),
+            crate::resample::Filter::BilinearAntialias,
+        );
+        let map = crate::resample::resize(small.view(), red.dim(), crate::resample::Filter::Bilinear);
+        PriorDepth::from_values(map, self.kind)
+    }
+}
+
+/// A slanted floor with a box before it.
+fn picture() -> Array3<f32> {
+    Array3::from_shape_fn((60, 80, 3), |(y, x, _)| {
+        let before = (20..44).contains(&x) && (15..40).contains(&y);
+        if before { 0.25 } else { 0.6 + 0.003 * (x + y) as f32 }
+    })
+}
+
+fn error(map: &Array2<f32>, picture: &Array3<f32>) -> f64 {
+    let truth = picture.index_axis(Axis(2), 0);
+    map.iter().zip(truth).map(|(a, b)| f64::from((a.ln() - b.ln()).powi(2))).sum::<f64>() / map.len() as f64
+}
+
+#[test]
+fn crops_add_the_detail_that_the_whole_image_lost() {
+    let picture = picture();
+    let model = Coarse { cells: 14, kind: DepthKind::Metric };
+    let augmented = AugmentationConfig::multi_crop().predict(&model, picture.view()).unwrap();
+    let (before, after) = (error(&augmented.prior.map, &picture), error(&augmented.merged.map, &picture));
+    assert!(after < 0.7 * before, "{before} {after}");
+    assert_eq!(augmented.predictions, AugmentationConfig::multi_crop().predictions());
+    assert!(
+        augmented.spread.iter().all(|s| s.is_finite() && *s >= 0.0)
+            && augmented.spread.iter().any(|s| *s > 0.0)
+    );
+}
+
+#[test]
+fn a_disparity_gains_too_whatever_its_gauge() {
+    let picture = picture();
+    let config = AugmentationConfig::multi_crop();
+    struct Affine(Coarse, f32, f32);
+    impl DepthPrior for Affine {
+        fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+            let map = self.0.predict(image)?.map;
+            PriorDepth::from_values(map.mapv(|d| self.1 * d + self.2), DepthKind::AffineDisparity)
+        }
+    }
+    let coarse = || Coarse { cells: 14, kind: DepthKind::AffineDisparity };
+    let plain = config.predict(&Affine(coarse(), 1.0, 0.0), picture.view()).unwrap();
+    let other = config.predict(&Affine(coarse(), 700.0, -90.0), picture.view()).unwrap();
+    for (a, b) in plain.merged.map.iter().zip(&other.merged.map) {
+        assert!((a - (b + 90.0) / 700.0).abs() < 1e-3, "{a} {b}");
+    }
+    let squared = |map: &Array2<f32>| {
+        map.iter().zip(picture.index_axis(Axis(2), 0)).map(|(a, b)| (a - b).powi(2)).sum::<f32>()
+    };
+    assert!(squared(&plain.merged.map) < 0.8 * squared(&plain.prior.map));
+    let depth = plain.depth(&DisparityRule::default()).unwrap();
+    assert!(plain.relative_spread(depth.view()).unwrap().iter().all(|s| s.is_finite() && *s >= 0.0));
+}
+
+#[test]
+fn a_few_sharper_disparities_leave_the_depth_of_the_others_alone() {
+    let model = Coarse { cells: 14, kind: DepthKind::AffineDisparity };
+    let mut augmented = AugmentationConfig::default().predict(&model, picture().view()).unwrap();
+    let rule = DisparityRule::default();
+    let before = augmented.prior.to_depth(&rule).unwrap();
+    let mut map = augmented.merged.map.clone();
+    let sharper = map.len() / 20;
+    map.iter_mut().take(sharper).for_each(|d| *d += 9.0);
+    augmented.merged = PriorDepth::from_values(map, DepthKind::AffineDisparity).unwrap();
+    let after = augmented.depth(&rule).unwrap();
+    let moved = before.iter().zip(&after).filter(|(a, b)| a != b).count();
+    assert!((1..=sharper).contains(&moved), "{moved} of {}", before.len());
+    assert!(after.iter().all(|z| (rule.near..=rule.far).contains(&f64::from(*z))));
+}
+
+#[test]
+fn without_augmentation_the_single_prediction_is_the_result() {
+    let model = Coarse { cells: 14, kind: DepthKind::Metric };
+    let augmented = AugmentationConfig::default().predict(&model, picture().view()).unwrap();
+    assert_eq!((augmented.merged, augmented.predictions), (augmented.prior, 1));
+}
+
+#[test]
+fn a_cancelled_augmentation_has_no_result() {
+    let model = Coarse { cells: 14, kind: DepthKind::Metric };
+    let mut calls = 0;
+    let mut stop = |done, _| {
+        calls = done;
+        if done > 5 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    assert_eq!(
+        AugmentationConfig::multi_crop().predict_with(&model, picture().view(), &mut stop).unwrap(),
+        None
+    );
+    assert_eq!(calls, 6);
+}
+
+#[test]
+fn a_value_out_of_range_is_named() {
+    let level = CropLevel { side: 1.5, positions: 3, window: 0.2 };
+    let wrong = AugmentationConfig { levels: vec![level], ..AugmentationConfig::multi_crop() };
+    assert!(wrong.validate().unwrap_err().to_string().contains("augmentation.levels.side is 1.5"));
+    let wrong = AugmentationConfig { gain: f64::NAN, ..AugmentationConfig::multi_crop() };
+    assert!(wrong.validate().unwrap_err().to_string().contains("augmentation.trust"));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// Whatever the picture and its size, depths stay positive and finite, and a model in another unit gives the same map in
+    /// that unit.
+    #[test]
+    fn any_picture_gives_depths_and_the_unit_does_not_matter(height in 1..30_usize, width in 1..30_usize, seed: u32, unit in 0.01..100.0_f32) {
+        let noise = |y: usize, x: usize, c: usize| {
+            let mix = (seed as usize).wrapping_add(y * 7919 + x * 104_729 + c * 31).wrapping_mul(2_654_435_761);
+            0.05 + (mix >> 7) as u16 as f32 / 65536.0
+        };
+        let picture = Array3::from_shape_fn((height, width, 3), |(y, x, c)| noise(y, x, c));
+        struct Scaled(Coarse, f32);
+        impl DepthPrior for Scaled {
+            fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+                PriorDepth::from_values(self.0.predict(image)?.map.mapv(|d| self.1 * d), DepthKind::Metric)
+            }
+        }
+        let of = |unit| {
+            let model = Scaled(Coarse { cells: 7, kind: DepthKind::Metric }, unit);
+            AugmentationConfig::multi_crop().predict(&model, picture.view()).unwrap().merged.map
+        };
+        let (plain, scaled) = (of(1.0), of(unit));
+        for (a, b) in plain.iter().zip(&scaled) {
+            prop_assert!(a.is_finite() && *a > 0.0);
+            prop_assert!((a.ln() + unit.ln() - b.ln()).abs() < 0.01, "{} {}", a, b);
+        }
+    }
+}

@@ -1,0 +1,63 @@
+use super::CropLevel;
+use ndarray::{Array2, ArrayView2, s};
+
+/// Added to every weight, so that no pixel of a crop has weight 0.
+const LEAST: f32 = 1e-6;
+
+/// Rows, columns and sides of a level's crops: `(y, x, height, width)`.
+pub(super) fn crops(
+    (height, width): (usize, usize),
+    level: &CropLevel,
+) -> impl Iterator<Item = (usize, usize, usize, usize)> + use<> {
+    let side = |whole: usize| ((level.side * whole as f64).ceil() as usize).clamp(1, whole);
+    let (tall, wide) = (side(height), side(width));
+    let n = level.positions;
+    let start = move |i: usize, whole: usize, crop: usize| {
+        (i as f64 * (whole - crop) as f64 / (n - 1) as f64).round() as usize
+    };
+    (0..n * n).map(move |i| (start(i / n, height, tall), start(i % n, width, wide), tall, wide))
+}
+
+/// Weighted sums of the changes by a level's crops, under a half sine over each.
+pub(super) struct Changes {
+    sum: Array2<f32>,
+    squares: Array2<f32>,
+    weight: Array2<f32>,
+}
+
+impl Changes {
+    pub(super) fn new(size: (usize, usize)) -> Self {
+        Self { sum: Array2::zeros(size), squares: Array2::zeros(size), weight: Array2::zeros(size) }
+    }
+
+    pub(super) fn add(&mut self, (y, x): (usize, usize), change: ArrayView2<'_, f32>) {
+        let (height, width) = change.dim();
+        let sine = |at: usize, side: usize| (std::f32::consts::PI * (at as f32 + 0.5) / side as f32).sin();
+        let across: Vec<f32> = (0..width).map(|u| sine(u, width)).collect();
+        let window = s![y..y + height, x..x + width];
+        let [mut sums, mut squares, mut weights] =
+            [&mut self.sum, &mut self.squares, &mut self.weight].map(|map| map.slice_mut(window));
+        let rows = sums.outer_iter_mut().zip(squares.outer_iter_mut()).zip(weights.outer_iter_mut());
+        for (v, (((mut sum, mut squares), mut weight), change)) in rows.zip(change.outer_iter()).enumerate() {
+            let down = sine(v, height);
+            let cells = sum.iter_mut().zip(squares.iter_mut()).zip(weight.iter_mut());
+            for ((((sum, square), weight), &d), &across) in cells.zip(&change).zip(&across) {
+                let w = down * across + LEAST;
+                *sum += w * d;
+                *square += w * d * d;
+                *weight += w;
+            }
+        }
+    }
+
+    /// Mean and variance per pixel; zero where there is no crop.
+    pub(super) fn mean_and_variance(self) -> (Array2<f32>, Array2<f32>) {
+        let Self { mut sum, mut squares, weight } = self;
+        ndarray::Zip::from(&mut sum).and(&mut squares).and(&weight).for_each(|sum, square, &weight| {
+            let scale = if weight > 0.0 { 1.0 / weight } else { 0.0 };
+            *sum *= scale;
+            *square = (*square * scale - *sum * *sum).max(0.0);
+        });
+        (sum, squares)
+    }
+}

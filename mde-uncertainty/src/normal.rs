@@ -1,0 +1,149 @@
+//! The standard normal distribution: the error function (from [`libm`]) and its inverses.
+//!
+//! `libm` has no inverse, and the crates that have one bring a library of distributions with it; both inverses below are
+//! Newton's method on `libm`'s functions, to the last few bits.
+
+use std::f64::consts::{FRAC_1_SQRT_2, FRAC_2_SQRT_PI};
+
+/// \\(1 / \sqrt\pi\\).
+pub const FRAC_1_SQRT_PI: f64 = 0.5 * FRAC_2_SQRT_PI;
+
+/// Steps of Newton's method; it converges quadratically and from one side.
+const STEPS: usize = 60;
+
+/// \\(\operatorname{erf}(x) = \frac{2}{\sqrt\pi} \int_0^x e^{-t^2}\\,\mathrm d t\\), to one unit in the last place.
+pub fn erf(x: f64) -> f64 {
+    libm::erf(x)
+}
+
+/// The density \\(\varphi(x) = e^{-x^2/2} / \sqrt{2\pi}\\).
+pub fn density(x: f64) -> f64 {
+    (-0.5 * x * x).exp() * FRAC_1_SQRT_2 * FRAC_1_SQRT_PI
+}
+
+/// The distribution function \\(\Phi(x) = \tfrac12 \operatorname{erfc}(-x / \sqrt2)\\), to full relative precision in the lower tail.
+pub fn distribution(x: f64) -> f64 {
+    0.5 * libm::erfc(-x * FRAC_1_SQRT_2)
+}
+
+/// The quantile \\(\Phi^{-1}(p)\\); infinite at 0 and 1, NaN outside of them.
+///
+/// ```
+/// assert!((mde_uncertainty::normal::quantile(0.975) - 1.959_963_984_540_054).abs() < 1e-14);
+/// ```
+pub fn quantile(p: f64) -> f64 {
+    match p {
+        0.0 => f64::NEG_INFINITY,
+        1.0 => f64::INFINITY,
+        p if p > 0.0 && p <= 0.5 => lower_quantile(p),
+        p if p > 0.5 && p < 1.0 => -lower_quantile(1.0 - p),
+        _ => f64::NAN,
+    }
+}
+
+/// Half the width of the central interval of probability `p`, in standard deviations: \\(\operatorname{erf}(z / \sqrt2) = p\\), that
+/// is \\(z = \Phi^{-1}\\!\left(\tfrac{1 + p}{2}\right)\\). 0 for `p` = 0, infinite for 1, NaN outside of them.
+///
+/// ```
+/// assert!((mde_uncertainty::normal::central_half_width(0.9) - 1.644_853_626_951_472_2).abs() < 1e-14);
+/// ```
+pub fn central_half_width(p: f64) -> f64 {
+    if !(0.0..=1.0).contains(&p) {
+        return f64::NAN;
+    }
+    if p >= 0.5 {
+        return -quantile(0.5 * (1.0 - p));
+    }
+    // erf is concave here: its tangents lie above it, so each step ends short of the root.
+    let mut z = 0.0;
+    for _ in 0..STEPS {
+        let step = (p - erf(z * FRAC_1_SQRT_2)) / (2.0 * density(z));
+        if step <= 0.0 || z + step == z {
+            break;
+        }
+        z += step;
+    }
+    z
+}
+
+/// \\(\Phi^{-1}(p)\\) for `p` in \\((0, \tfrac12]\\).
+fn lower_quantile(p: f64) -> f64 {
+    // Below the smallest normal number \Phi loses its digits.
+    let target = p.max(f64::MIN_POSITIVE);
+    // \Phi(-x) <= e^{-x^2/2} / 2 starts beyond the root. ln \Phi is concave, so each step stays beyond it.
+    let mut x = -(-2.0 * (2.0 * target).ln()).max(0.0).sqrt();
+    for _ in 0..STEPS {
+        let reached = distribution(x);
+        let step = (target / reached).ln() * reached / density(x);
+        if step <= 0.0 || x + step == x {
+            break;
+        }
+        x += step;
+    }
+    x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ::proptest::prelude::*;
+
+    /// From `scipy.special.erf`.
+    #[test]
+    fn erf_equals_scipys() {
+        let reference = [
+            (1e-9, 1.128_379_167_095_512_6e-9),
+            (0.25, 0.276_326_390_168_236_96),
+            (0.468_75, 0.492_613_473_217_938),
+            (0.5, 0.520_499_877_813_046_5),
+            (1.0, 0.842_700_792_949_714_9),
+            (2.0, 0.995_322_265_018_952_7),
+            (3.9, 0.999_999_965_207_751_4),
+            (4.5, 0.999_999_999_803_384),
+            (5.9, 1.0),
+            (40.0, 1.0),
+        ];
+        for (x, expected) in reference {
+            assert!((erf(x) - expected).abs() <= 3e-16 * (1.0_f64).max(expected), "erf({x}) = {}", erf(x));
+            assert_eq!(erf(-x), -erf(x));
+        }
+    }
+
+    /// From mpmath, with 40 digits.
+    #[test]
+    fn quantiles_equal_scipys() {
+        let reference = [
+            (0.95, 1.644_853_626_951_472_2),
+            (0.975, 1.959_963_984_540_054),
+            (0.75, 0.674_489_750_196_081_7),
+            (1e-10, -6.361_340_902_404_056),
+            (1e-300, -37.047_096_299_361_2),
+            (0.5, 0.0),
+        ];
+        for (p, expected) in reference {
+            assert!(
+                (quantile(p) - expected).abs() <= 1e-14 * (1.0_f64).max(expected.abs()),
+                "{p}: {}",
+                quantile(p)
+            );
+        }
+        assert_eq!((quantile(0.0), quantile(1.0)), (f64::NEG_INFINITY, f64::INFINITY));
+        assert!(
+            [-0.1, 1.1, f64::NAN].iter().all(|p| quantile(*p).is_nan() && central_half_width(*p).is_nan())
+        );
+        for (p, z) in
+            [(0.95, 1.959_963_984_540_054), (0.9, 1.644_853_626_951_472_2), (0.5, 0.674_489_750_196_081_7)]
+        {
+            assert!((central_half_width(p) - z).abs() < 1e-14);
+        }
+        assert_eq!((central_half_width(0.0), central_half_width(1.0)), (0.0, f64::INFINITY));
+    }
+
+    proptest! {
+        #[test]
+        fn the_quantile_inverts_the_distribution_function(x in -37.0..0.0_f64, p in 1e-9..1.0_f64) {
+            prop_assert!((quantile(distribution(x)) - x).abs() <= 2e-14 * (1.0 + x.abs()));
+            prop_assert!((erf(central_half_width(p) * FRAC_1_SQRT_2) - p).abs() <= 4e-16);
+        }
+    }
+}

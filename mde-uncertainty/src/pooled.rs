@@ -1,0 +1,245 @@
+//! Intervals of a stated probability: half widths in units of sigma, from the errors on scenes of known depth.
+//!
+//! The pixels of one scene err together, so the scene is the unit. With \\(F_s\\) the distribution function of \\(|e| / \sigma\\)
+//! over the pixels of scene \\(s\\), the half width of probability \\(p\\) is where the *mean of the scenes' distribution functions*
+//! reaches it,
+//!
+//! \\[ \frac1S \sum_{s=1}^{S} F_s(q_p) = p : \\]
+//!
+//! CDF pooling (Dunn, Wasserman and Ramdas, "Distribution-free prediction sets for two-layer hierarchical models", JASA, 2023).
+//! The coverage of a new scene, averaged over scenes like these, tends to \\(p\\) as \\(S\\) grows. It is not split conformal
+//! prediction: no coverage is guaranteed for finite \\(S\\), for which the level would have to be \\(p\\,(S+1)/S\\) (Lee, Barber and
+//! Willett, "Distribution-free inference with hierarchical data", 2023), and on a single scene the coverage can be far from
+//! \\(p\\). [`held_out`] measures both.
+//!
+//! A scene is given by the quantiles of \\(|e| / \sigma\\) at equal steps of probability, \\(0, 1/m, \dots, 1\\).
+
+use crate::normal::central_half_width;
+use crate::{Error, Result};
+
+/// Half widths of central intervals, in sigmas, by their probability.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PooledIntervals {
+    /// At the probabilities \\(0, 0.01, \dots, 0.99\\); non-decreasing.
+    half_widths: Vec<f64>,
+}
+
+impl PooledIntervals {
+    /// Number of probabilities in the table.
+    pub const STEPS: usize = 100;
+
+    /// The table of `scenes`, each the quantiles of \\(|e| / \sigma\\) at equal steps of probability from 0 to 1. Scenes weigh
+    /// alike.
+    ///
+    /// # Errors
+    /// [`Error::Config`] without scenes, for a scene of fewer than two quantiles, and for quantiles that decrease, are negative
+    /// or not finite.
+    pub fn fit(scenes: &[Vec<f64>]) -> Result<Self> {
+        if scenes.is_empty() {
+            return Err(fault(
+                "scenes",
+                "an empty list".to_owned(),
+                "give one scene or more with an uncertainty",
+            ));
+        }
+        if let Some(scene) = scenes.iter().position(|q| q.len() < 2 || !rises(q)) {
+            let remedy = "give two or more finite numbers from 0 on that do not decrease";
+            return Err(fault("the list of |e| / sigma", format!("unusable for scene {scene}"), remedy));
+        }
+        let steps = Self::STEPS as f64;
+        let half_width = |step: usize| pooled_quantile(scenes.iter(), step as f64 / steps);
+        Self::from_half_widths((0..Self::STEPS).map(half_width).collect())
+    }
+
+    /// The table with these [half widths](Self::half_widths).
+    ///
+    /// # Errors
+    /// [`Error::Config`] unless there are [`STEPS`](Self::STEPS) of them, finite, at least 0, non-decreasing, and the last above 0.
+    pub fn from_half_widths(half_widths: Vec<f64>) -> Result<Self> {
+        let positive = half_widths.last().is_some_and(|last| *last > 0.0);
+        if half_widths.len() != Self::STEPS || !positive || !rises(&half_widths) {
+            let value = format!("a list of {} unusable values", half_widths.len());
+            let remedy = "give 100 finite numbers from 0 on that do not decrease, the last above 0";
+            return Err(fault("half-widths", value, remedy));
+        }
+        Ok(Self { half_widths })
+    }
+
+    /// In sigmas, at the probabilities \\(0, 0.01, \dots, 0.99\\).
+    pub fn half_widths(&self) -> &[f64] {
+        &self.half_widths
+    }
+
+    /// Half the width of the central interval of probability `p`, in sigmas; linear between the table's entries.
+    ///
+    /// # Errors
+    /// [`Error::Config`] unless `p` is within 0.01 and 0.99, the range of the table.
+    pub fn half_width(&self, p: f64) -> Result<f64> {
+        check(p)?;
+        let place = p * Self::STEPS as f64;
+        let at = |step: usize| self.half_widths.get(step).or(self.half_widths.last()).copied().unwrap_or(0.0);
+        let below = at(place as usize);
+        Ok(below + place.fract() * (at(place as usize + 1) - below))
+    }
+
+    /// The factor on sigma that gives a normal distribution's central interval of probability `p` the table's half width.
+    ///
+    /// # Errors
+    /// As [`half_width`](Self::half_width).
+    pub fn factor(&self, p: f64) -> Result<f64> {
+        Ok(self.half_width(p)? / central_half_width(p))
+    }
+}
+
+/// Half the width of a normal distribution's central interval of probability `p`, in sigmas.
+///
+/// # Errors
+/// As [`PooledIntervals::half_width`].
+pub fn normal_half_width(p: f64) -> Result<f64> {
+    check(p)?;
+    Ok(central_half_width(p))
+}
+
+/// For each scene, the share of its pixels inside the interval of probability `p` of all *other* scenes; `None` for fewer than
+/// two scenes.
+///
+/// # Errors
+/// As [`PooledIntervals::fit`] and [`PooledIntervals::half_width`].
+pub fn held_out(scenes: &[Vec<f64>], p: f64) -> Result<Option<Vec<f64>>> {
+    if scenes.len() < 2 {
+        return Ok(None);
+    }
+    let covered = |left_out: usize| {
+        let mut others = scenes.to_vec();
+        let own = others.swap_remove(left_out);
+        Ok(share_below(&own, PooledIntervals::fit(&others)?.half_width(p)?))
+    };
+    (0..scenes.len()).map(covered).collect::<Result<_>>().map(Some)
+}
+
+/// For each scene, the factor on its sigmas that all *other* scenes give: \\(q_p / \Phi^{-1}(\tfrac{1 + p}{2})\\) with \\(q_p\\) their
+/// pooled quantile, so that the normal interval of probability `p` covers a share `p` of them.
+///
+/// `None` for fewer than two scenes, a scene of fewer than two quantiles, or `p` outside of \\((0, 1)\\).
+pub fn leave_one_out_factors(scenes: &[Vec<f64>], p: f64) -> Option<Vec<f64>> {
+    let usable = scenes.len() > 1 && scenes.iter().all(|q| q.len() > 1) && p > 0.0 && p < 1.0;
+    if !usable {
+        return None;
+    }
+    let normal = central_half_width(p);
+    let factor = |left_out: usize| {
+        let others = scenes.iter().enumerate().filter(move |(scene, _)| *scene != left_out).map(|(_, q)| q);
+        pooled_quantile(others, p) / normal
+    };
+    Some((0..scenes.len()).map(factor).collect())
+}
+
+/// Where the mean of the scenes' distribution functions reaches `p`, by bisection.
+fn pooled_quantile<'q>(scenes: impl Iterator<Item = &'q Vec<f64>> + Clone, p: f64) -> f64 {
+    let count = scenes.clone().count() as f64;
+    let covered = |z: f64| scenes.clone().map(|q| share_below(q, z)).sum::<f64>() / count;
+    let mut high = scenes.clone().filter_map(|q| q.last()).copied().fold(0.0, f64::max);
+    let mut low = 0.0;
+    for _ in 0..100 {
+        let middle = 0.5 * (low + high);
+        if covered(middle) < p { low = middle } else { high = middle }
+    }
+    high
+}
+
+/// The distribution function at `value` of a scene given by its quantiles; linear between them.
+pub fn share_below(quantiles: &[f64], value: f64) -> f64 {
+    let steps = quantiles.len().saturating_sub(1).max(1) as f64;
+    match quantiles.partition_point(|q| *q <= value) {
+        0 => 0.0,
+        above if above == quantiles.len() => 1.0,
+        above => {
+            let (low, high) = (quantiles[above - 1], quantiles[above]);
+            (above as f64 - 1.0 + (value - low) / (high - low)) / steps
+        }
+    }
+}
+
+fn check(p: f64) -> Result<()> {
+    match p {
+        0.01..=0.99 => Ok(()),
+        _ => Err(fault("the probability of an interval", p.to_string(), "give one from 0.01 to 0.99")),
+    }
+}
+
+fn fault(field: &'static str, value: String, remedy: &'static str) -> Error {
+    Error::Config { field, value, remedy }
+}
+
+fn rises(values: &[f64]) -> bool {
+    values.iter().all(|v| v.is_finite() && *v >= 0.0) && values.is_sorted()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ::proptest::collection::vec;
+    use ::proptest::prelude::*;
+
+    /// Quantiles of |z| where sigma is too small by the factor `by`.
+    fn normal(by: f64) -> Vec<f64> {
+        (0..=100).map(|k| by * central_half_width((f64::from(k) / 100.0).min(0.9999))).collect()
+    }
+
+    #[test]
+    fn exact_sigmas_have_the_factor_one() {
+        let table = PooledIntervals::fit(&[normal(1.0), normal(1.0)]).unwrap();
+        for p in [0.1, 0.5, 0.9, 0.99] {
+            assert!((table.factor(p).unwrap() - 1.0).abs() < 1e-3, "{p}: {}", table.factor(p).unwrap());
+        }
+        assert!((normal_half_width(0.9).unwrap() - 1.644_853_627).abs() < 1e-6);
+    }
+
+    #[test]
+    fn unusable_tables_and_probabilities_are_refused() {
+        assert!(PooledIntervals::fit(&[]).is_err());
+        assert!(PooledIntervals::fit(&[vec![1.0]]).is_err());
+        assert!(PooledIntervals::fit(&[vec![0.0, f64::NAN]]).is_err());
+        assert!(PooledIntervals::fit(&[vec![2.0, 1.0]]).is_err());
+        assert!(PooledIntervals::from_half_widths(vec![1.0; 99]).is_err());
+        assert!(PooledIntervals::from_half_widths(vec![0.0; 100]).is_err());
+        let table = PooledIntervals::from_half_widths(vec![1.0; 100]).unwrap();
+        assert!([0.0, 1.0, -0.5, f64::NAN].iter().all(|p| table.half_width(*p).is_err()));
+        assert_eq!(held_out(&[normal(1.0)], 0.9).unwrap(), None);
+        assert!(leave_one_out_factors(&[vec![0.0, 1.0]], 0.9).is_none());
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn the_mean_coverage_of_the_scenes_is_the_stated_one(by in vec(0.2..5.0_f64, 1..12), p in 0.05..0.95_f64) {
+            let scenes: Vec<_> = by.iter().map(|by| normal(*by)).collect();
+            let width = PooledIntervals::fit(&scenes).unwrap().half_width(p).unwrap();
+            let mean = scenes.iter().map(|q| share_below(q, width)).sum::<f64>() / scenes.len() as f64;
+            // Between hundredths the table is a chord.
+            prop_assert!((mean - p).abs() < 0.011, "{mean} for {p}");
+        }
+
+        #[test]
+        fn factors_cover_the_other_scenes(lists in vec(vec(0.01..5.0_f64, 101), 2..6), p in 0.3..0.95_f64) {
+            let scenes: Vec<Vec<f64>> =
+                lists.into_iter().map(|mut q| { q.sort_by(f64::total_cmp); q }).collect();
+            let factors = leave_one_out_factors(&scenes, p).unwrap();
+            for (left_out, factor) in factors.iter().enumerate() {
+                let others: Vec<_> = scenes.iter().enumerate().filter(|(s, _)| *s != left_out).collect();
+                let covered: f64 = others.iter().map(|(_, q)| share_below(q, factor * central_half_width(p))).sum();
+                prop_assert!((covered / others.len() as f64 - p).abs() < 1e-6);
+            }
+        }
+
+        #[test]
+        fn held_out_coverage_is_that_of_the_others_factor(by in vec(0.2..5.0_f64, 2..8)) {
+            let scenes: Vec<_> = by.iter().map(|by| normal(*by)).collect();
+            let covered = held_out(&scenes, 0.9).unwrap().unwrap();
+            let factors = leave_one_out_factors(&scenes, 0.9).unwrap();
+            for ((scene, factor), covered) in scenes.iter().zip(factors).zip(covered) {
+                prop_assert!((share_below(scene, factor * central_half_width(0.9)) - covered).abs() < 1e-9);
+            }
+        }
+    }
+}
