@@ -6,12 +6,15 @@
 //! the one before where few matches lie:
 //!
 //! \\[ u_{l+1} = u_l + \frac{F_l[w (r - u_l)]}{F_l[w] + \lambda} , \qquad
-//!    s^2 = \frac{F[w (r - u)^2] + \lambda s_0^2}{F[w] + \lambda} . \\]
+//!    s_{l+1}^2 = \frac{F_l[w (r - u_l)^2] + \lambda s_l^2}{F_l[w] + \lambda} . \\]
+//!
+//! The variance is about the level before: matches of neighbouring pixels share their errors, so that what is left after
+//! the finest level says little of them.
 
 use ndarray::{Array2, ArrayView2, Zip};
 
 /// Widths of the kernel, as shares of the image's longer side.
-const WIDTHS: [f32; 4] = [0.5, 0.16, 0.05, 0.016];
+const WIDTHS: [f32; 3] = [0.5, 0.16, 0.05];
 /// Share of the kernel that matches must cover to count as much as the level before.
 const SHRINK: f32 = 0.05;
 /// Passes of the filter per level.
@@ -115,17 +118,15 @@ pub(crate) fn correct(
         mean.fill(0.0);
         variance.fill(spread * spread);
         for share in WIDTHS {
-            let product = Zip::from(&robust).and(residual).and(&mean).map_collect(|&w, &r, &u| w * (r - u));
-            let mut maps = [product, robust.clone()];
+            let left = Zip::from(residual).and(&mean).map_collect(|&r, &u| r - u);
+            let product = &robust * &left;
+            let square = &product * &left;
+            let mut maps = [product, square, robust.clone()];
             guide.filter(&mut maps, share * side);
-            let [product, total] = maps;
+            let [product, square, total] = maps;
             Zip::from(&mut mean).and(&product).and(&total).for_each(|u, &p, &t| *u += p / (t + SHRINK));
-            let square =
-                Zip::from(&robust).and(residual).and(&mean).map_collect(|&w, &r, &u| w * (r - u).powi(2));
-            let mut maps = [square];
-            guide.filter(&mut maps, share * side);
             Zip::from(&mut variance)
-                .and(&maps[0])
+                .and(&square)
                 .and(&total)
                 .for_each(|s, &q, &t| *s = (q + SHRINK * *s) / (t + SHRINK));
         }

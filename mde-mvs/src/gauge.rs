@@ -11,12 +11,16 @@
 //! \\( H^{-1} \left( \sum_c g_c g_c^\top \right) H^{-1} \\), each patch counted once.
 
 use mde_uncertainty::GaussianDepth;
-use nalgebra::{Matrix2, Vector2};
+use mde_uncertainty::statistics::quantile;
+use mde_warp::PosedView;
+use nalgebra::{Matrix2, Point3, Vector2};
 use ndarray::{Array2, ArrayView2};
 
-use crate::statistics::{quantile, robust_deviation};
-use crate::{Error, Result};
+use crate::statistics::robust_deviation;
+use crate::{Error, Result, check_map};
 
+/// Patches along the longer side of an image.
+pub(crate) const PATCHES: usize = 10;
 /// Rounds of reweighting.
 const ROUNDS: usize = 20;
 /// Standard deviation of a prior's contrast in log depth about 1.
@@ -76,6 +80,34 @@ struct Fit {
     solution: Vector2<f64>,
     covariance: Matrix2<f64>,
     spread: f64,
+}
+
+/// Matches from points of the scene, such as COLMAP's, that a view is known to see: each point's depth beside the prior
+/// at its pixel. Points behind the camera or off the image are left out.
+///
+/// # Errors
+/// [`Error::View`] for a prior of another size than the view's camera.
+pub fn point_matches(
+    view: &PosedView,
+    points: &[Point3<f64>],
+    prior: ArrayView2<'_, f32>,
+) -> Result<Vec<Match>> {
+    check_map("prior", prior.dim(), &view.camera)?;
+    let (h, w) = view.camera.dim();
+    let found = points.iter().filter_map(|point| {
+        let there = view.pose * point;
+        let pixel = view.camera.project(&there)?;
+        let (x, y) = (pixel.x.round(), pixel.y.round());
+        if !(x >= 0.0 && y >= 0.0 && x < w as f64 && y < h as f64) {
+            return None;
+        }
+        let at = (y as usize, x as usize);
+        let side = (h.max(w) / PATCHES).max(1);
+        let patch = (at.0 / side * 1024 + at.1 / side) as u32;
+        let known = prior[at] > 0.0 && view.mask[at];
+        known.then_some(Match { prior: prior[at], depth: there.z as f32, weight: 1.0, patch })
+    });
+    Ok(found.collect())
 }
 
 /// `(log prior - middle, log depth, weight, patch)`.
@@ -208,6 +240,7 @@ impl Gauge {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::synthetic::{Plane, scene};
     use proptest::prelude::*;
 
     fn matches(offset: f64, contrast: f64, wrong: usize, seed: u64) -> Vec<Match> {
@@ -247,6 +280,26 @@ mod tests {
             let (a, b) = (Scale::fit(&plain).unwrap(), Scale::fit(&scaled).unwrap());
             prop_assert!((b.log_scale - a.log_scale - f64::from(factor).ln()).abs() < 1e-3);
         }
+    }
+
+    #[test]
+    fn points_give_the_scale_of_a_prior() {
+        let plane = [Plane::slanted(2.0, 0.4, -0.2)];
+        let (views, depths) = scene(&plane, (48, 64), &[[0.0; 3], [0.3, 0.1, 0.2]]);
+        let (view, depth) = (&views[1], &depths[1]);
+        let back = view.pose.inverse();
+        let mut points: Vec<Point3<f64>> = (0..48)
+            .step_by(6)
+            .flat_map(|y| (0..64).step_by(6).map(move |x| (y, x)))
+            .map(|p| back * view.camera.unproject([p.1 as f64, p.0 as f64].into(), depth[p].into()))
+            .collect();
+        let seen = points.len();
+        points.push(back * Point3::new(0.0, 0.0, -1.0));
+        points.push(back * Point3::new(50.0, 0.0, 1.0));
+        let matches = point_matches(view, &points, depth.mapv(|z| 3.0 * z).view()).unwrap();
+        assert_eq!(matches.len(), seen);
+        let scale = Scale::fit(&matches).unwrap();
+        assert!((scale.log_scale + 3_f64.ln()).abs() < 1e-4, "{scale:?}");
     }
 
     #[test]

@@ -15,14 +15,8 @@ const SUPPORTED: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV"
 const MODELS: [(&str, usize); 5] =
     [("SIMPLE_PINHOLE", 3), ("PINHOLE", 4), ("SIMPLE_RADIAL", 4), ("RADIAL", 5), ("OPENCV", 8)];
 /// Names of the models from number 5 on, for the error.
-const OTHERS: [&str; 6] = [
-    "OPENCV_FISHEYE",
-    "FULL_OPENCV",
-    "FOV",
-    "SIMPLE_RADIAL_FISHEYE",
-    "RADIAL_FISHEYE",
-    "THIN_PRISM_FISHEYE",
-];
+const OTHERS: [&str; 6] =
+    ["OPENCV_FISHEYE", "FULL_OPENCV", "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"];
 
 /// Reads a COLMAP model: `cameras`, `images` and `points3D`, as `.bin` where `cameras.bin` exists, else as `.txt`.
 ///
@@ -91,11 +85,8 @@ impl Raw {
             })?;
             let photograph = photographs.join(&image.name);
             check_photograph(path, &photograph, &lens, size)?;
-            let wrong = |problem| Error::Rotation {
-                path: path.to_owned(),
-                photograph: image.name.clone(),
-                problem,
-            };
+            let wrong =
+                |problem| Error::Rotation { path: path.to_owned(), photograph: image.name.clone(), problem };
             let rotation = quaternion(image.quaternion).map_err(wrong)?;
             let translation = translation(image.translation).map_err(wrong)?;
             index.insert(image.id, capture.frames.len());
@@ -140,9 +131,8 @@ fn lens(
     if width > 65536 || height > 65536 {
         return Err(content(path, place(), format!("{width}x{height} pixels; at most 65536 a side")));
     }
-    let camera =
-        PinholeCamera::new(k[0], k[1], k[2] - 0.5, k[3] - 0.5, width as usize, height as usize)
-            .map_err(|e| content(path, place(), e.to_string()))?;
+    let camera = PinholeCamera::new(k[0], k[1], k[2] - 0.5, k[3] - 0.5, width as usize, height as usize)
+        .map_err(|e| content(path, place(), e.to_string()))?;
     let [k1, k2, p1, p2] = distortion;
     Ok(Lens { camera, distortion: Distortion { k1, k2, k3: 0.0, p1, p2 } })
 }
@@ -162,8 +152,10 @@ pub(crate) fn text_cameras(path: &Path, text: &str) -> Result<BTreeMap<u32, Lens
         let mut words = text.split_whitespace();
         let id = integer(path, line, words.next(), "the camera's number")?;
         let name = words.next().unwrap_or_default();
-        let model = MODELS.iter().position(|m| m.0 == name).ok_or_else(|| unsupported(path, name.to_owned()))?;
-        let size = [integer(path, line, words.next(), "width")?, integer(path, line, words.next(), "height")?];
+        let model =
+            MODELS.iter().position(|m| m.0 == name).ok_or_else(|| unsupported(path, name.to_owned()))?;
+        let size =
+            [integer(path, line, words.next(), "width")?, integer(path, line, words.next(), "height")?];
         let parameters = (0..MODELS[model].1)
             .map(|i| number(path, line, words.next(), &format!("parameter {} of {name}", i + 1)))
             .collect::<Result<Vec<_>>>()?;
@@ -292,7 +284,8 @@ impl<'a> Bytes<'a> {
 
     fn name(&mut self) -> Result<String> {
         let end = self.rest.iter().position(|b| *b == 0);
-        let Some((name, rest)) = end.and_then(|n| Some((self.rest.get(..n)?, self.rest.get(n + 1..)?))) else {
+        let Some((name, rest)) = end.and_then(|n| Some((self.rest.get(..n)?, self.rest.get(n + 1..)?)))
+        else {
             return Err(content(self.path, self.place(), "a name does not end"));
         };
         self.rest = rest;

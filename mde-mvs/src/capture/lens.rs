@@ -40,7 +40,6 @@ impl Distortion {
         *self == Self::default()
     }
 
-
     /// Where the ray \\( (x, y, 1) \\) appears, as such a ray; nothing where the radial polynomial has turned back, so
     /// that two rays would share a pixel.
     pub fn distort(&self, x: f64, y: f64) -> Option<(f64, f64)> {

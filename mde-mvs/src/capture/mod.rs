@@ -13,6 +13,8 @@
 mod colmap;
 mod error;
 mod lens;
+#[cfg(test)]
+mod tests;
 mod transforms;
 mod tum;
 
@@ -120,7 +122,7 @@ fn rotation(m: &Matrix3<f64>) -> std::result::Result<UnitQuaternion<f64>, &'stat
         return Err("its rotation is not finite");
     }
     let excess = (m.transpose() * m - Matrix3::identity()).amax();
-    if !(excess <= ORTHOGONAL) {
+    if excess > ORTHOGONAL {
         return Err("its rotation is singular or scaled; its columns must be orthonormal");
     }
     if m.determinant() <= 0.0 {
@@ -162,10 +164,8 @@ fn check_photograph(
     lens: &Lens,
     size: &dyn Fn(&Path) -> Option<[usize; 2]>,
 ) -> Result<()> {
-    let found = size(photograph).ok_or_else(|| Error::Photograph {
-        path: path.to_owned(),
-        photograph: photograph.to_owned(),
-    })?;
+    let found = size(photograph)
+        .ok_or_else(|| Error::Photograph { path: path.to_owned(), photograph: photograph.to_owned() })?;
     let expected = [lens.camera.width, lens.camera.height];
     if found == expected { Ok(()) } else { Err(Error::Size { found, expected }) }
 }

@@ -10,8 +10,7 @@ use super::{
 };
 
 /// Models of a `transforms.json` that are read.
-const MODELS: [&str; 6] =
-    ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "PERSPECTIVE"];
+const MODELS: [&str; 6] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "PERSPECTIVE"];
 const SUPPORTED: &str = "OPENCV, PINHOLE, SIMPLE_PINHOLE, RADIAL, SIMPLE_RADIAL";
 /// What an extension left out may be.
 const EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "JPG"];
@@ -44,7 +43,7 @@ pub fn read_transforms(
     parse(path, &read_text(path)?, centres, size)
 }
 
-pub(crate) fn parse(
+pub(super) fn parse(
     path: &Path,
     text: &str,
     centres: PixelCentres,
@@ -91,6 +90,9 @@ fn find(
     if let Some(found) = size(&plain) {
         return Some((plain, found));
     }
+    if plain.extension().is_some() {
+        return None;
+    }
     EXTENSIONS.iter().find_map(|e| {
         let with = folder.join(format!("{name}.{e}"));
         size(&with).map(|found| (with, found))
@@ -122,7 +124,13 @@ impl Fields<'_> {
         let model = self.get("camera_model").map_or(Some("OPENCV"), Value::as_str).unwrap_or("?");
         let k4 = self.number("k4")?.unwrap_or(0.0);
         if fisheye || k4 != 0.0 || !MODELS.contains(&model) {
-            let model = if fisheye { "is_fisheye" } else if k4 != 0.0 { "with k4" } else { model };
+            let model = if fisheye {
+                "is_fisheye"
+            } else if k4 != 0.0 {
+                "with k4"
+            } else {
+                model
+            };
             return Err(Error::Model {
                 path: self.path.to_owned(),
                 model: model.to_owned(),
@@ -157,8 +165,7 @@ impl Fields<'_> {
         let camera = PinholeCamera::new(fx, fy, middle("cx", width)?, middle("cy", height)?, width, height)
             .map_err(|e| content(self.path, self.place, e.to_string()))?;
         let k = |key: &str| Ok::<f64, Error>(self.number(key)?.unwrap_or(0.0));
-        let distortion =
-            Distortion { k1: k("k1")?, k2: k("k2")?, k3: k("k3")?, p1: k("p1")?, p2: k("p2")? };
+        let distortion = Distortion { k1: k("k1")?, k2: k("k2")?, k3: k("k3")?, p1: k("p1")?, p2: k("p2")? };
         Ok(Lens { camera, distortion })
     }
 

@@ -37,7 +37,7 @@ pub(super) fn number(path: &Path, line: usize, word: Option<&str>, what: &str) -
     value.ok_or_else(|| content(path, place(), format!("{what} is {word}; a finite number is needed")))
 }
 
-pub(crate) fn parse(
+pub(super) fn parse(
     rgb: &Path,
     rgb_text: &str,
     truth: &Path,

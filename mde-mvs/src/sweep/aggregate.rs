@@ -134,35 +134,70 @@ fn across_rows(
         let y = if upwards { height - 1 - i } else { i };
         let from = if upwards { y + 1 } else { y.wrapping_sub(1) };
         let costs = &volume.costs[y * width * k..(y + 1) * width * k];
-        let chunk = |(chunk, ((after, low_after), sums)): (usize, ((&mut [u16], &mut [u16]), &mut [u16]))| {
-            arch.dispatch(|| {
-                for (c, sums) in sums.chunks_exact_mut(k).enumerate() {
-                    let x = chunk * columns + c;
-                    for (j, &shift) in shifts.iter().enumerate() {
-                        let there = x.checked_add_signed(shift).filter(|&x| x < width && i > 0);
-                        let (path, lowest, large) = match there {
-                            Some(x0) => (
-                                &before[(x0 * d + j) * slot..(x0 * d + j + 1) * slot],
-                                low_before[x0 * d + j],
-                                penalties.between(luma[y * width + x], luma[from * width + x0]),
-                            ),
-                            None => (&zero[..], 0, penalties.large),
-                        };
-                        let costs = &costs[x * k..(x + 1) * k];
-                        let after = &mut after[(c * d + j) * slot..(c * d + j + 1) * slot];
-                        low_after[c * d + j] =
-                            step(costs, path, lowest, (penalties.small, large), after, sums);
-                    }
-                }
-            });
-        };
+        let row = Row { k, shifts, width, y, from, first: i == 0, luma, costs };
+        let path = Path { before: &before, lowest: &low_before, zero: &zero };
         after
             .par_chunks_mut(columns * d * slot)
             .zip(low_after.par_chunks_mut(columns * d))
             .zip(sums[y * width * k..(y + 1) * width * k].par_chunks_mut(columns * k))
             .enumerate()
-            .for_each(chunk);
+            .for_each(|(chunk, ((after, lowest), sums))| {
+                arch.dispatch(|| part_of_row(&row, &path, penalties, chunk * columns, after, lowest, sums));
+            });
         std::mem::swap(&mut before, &mut after);
         std::mem::swap(&mut low_before, &mut low_after);
+    }
+}
+
+/// One row of the image on the way down or up.
+struct Row<'a> {
+    k: usize,
+    shifts: &'a [isize],
+    width: usize,
+    y: usize,
+    /// The row before.
+    from: usize,
+    /// Whether there is none before.
+    first: bool,
+    luma: &'a [f32],
+    costs: &'a [u8],
+}
+
+/// Path costs of the row before, `[column][direction]`, with their lowest.
+struct Path<'a> {
+    before: &'a [u16],
+    lowest: &'a [u16],
+    zero: &'a [u16],
+}
+
+/// The columns of a row from `start` on.
+#[inline(always)]
+fn part_of_row(
+    row: &Row<'_>,
+    path: &Path<'_>,
+    penalties: &Penalties,
+    start: usize,
+    after: &mut [u16],
+    lowest: &mut [u16],
+    sums: &mut [u16],
+) {
+    let (k, d, width) = (row.k, row.shifts.len(), row.width);
+    let slot = k + 2;
+    for (c, sums) in sums.chunks_exact_mut(k).enumerate() {
+        let x = start + c;
+        for (j, &shift) in row.shifts.iter().enumerate() {
+            let there = x.checked_add_signed(shift).filter(|&x| x < width && !row.first);
+            let (before, low, large) = match there {
+                Some(x0) => (
+                    &path.before[(x0 * d + j) * slot..(x0 * d + j + 1) * slot],
+                    path.lowest[x0 * d + j],
+                    penalties.between(row.luma[row.y * width + x], row.luma[row.from * width + x0]),
+                ),
+                None => (path.zero, 0, penalties.large),
+            };
+            let costs = &row.costs[x * k..(x + 1) * k];
+            let after = &mut after[(c * d + j) * slot..(c * d + j + 1) * slot];
+            lowest[c * d + j] = step(costs, before, low, (penalties.small, large), after, sums);
+        }
     }
 }

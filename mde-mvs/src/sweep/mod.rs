@@ -16,13 +16,13 @@ mod cost;
 mod posterior;
 
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
 use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
 
 use crate::geometry::Transfer;
 use crate::raster::luma;
-use crate::statistics::quantile;
 use crate::{Error, Result, check_map};
 use aggregate::{Penalties, aggregate};
 use cost::{Setup, Volume, WORST};
@@ -41,7 +41,7 @@ const STRIDE: usize = 8;
 pub struct SweepConfig {
     /// Most surfaces; 128. Fewer are taken where that many would lie nearer than [`step`](Self::step).
     pub surfaces: usize,
-    /// Pixels between neighbouring surfaces in the source of most parallax, .5.
+    /// Pixels between neighbouring surfaces in the source of most parallax, .25.
     pub step: f64,
     /// Half the side of the correlation window, 1 to 5 pixels; 3 makes it 7 x 7.
     pub radius: usize,
@@ -63,14 +63,14 @@ impl Default for SweepConfig {
     fn default() -> Self {
         Self {
             surfaces: 128,
-            step: 0.5,
+            step: 0.25,
             radius: 3,
             noise: 2.0 / 255.0,
             small_penalty: 0.04,
             large_penalty: 0.4,
             edge: 0.05,
             diagonals: true,
-            temperature: 0.3,
+            temperature: 0.5,
         }
     }
 }
@@ -282,5 +282,102 @@ fn number_of_surfaces(
         (wanted as usize).max(16.min(config.surfaces))
     } else {
         config.surfaces
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::{Plane, scene};
+    use proptest::prelude::*;
+
+    fn errors(sweep: &Sweep, truth: &Array2<f32>, border: usize) -> Vec<f64> {
+        let (h, w) = truth.dim();
+        let inside =
+            |y: usize, x: usize| (border..h - border).contains(&y) && (border..w - border).contains(&x);
+        let mut all: Vec<f64> = truth
+            .indexed_iter()
+            .filter(|((y, x), _)| inside(*y, *x))
+            .filter_map(|((y, x), t)| sweep.depth.get(y, x).map(|(z, _)| f64::from((z / t).ln().abs())))
+            .collect();
+        all.sort_by(f64::total_cmp);
+        all
+    }
+
+    const CENTRES: [[f64; 3]; 4] = [[0.0; 3], [0.25, 0.0, 0.0], [-0.2, 0.1, 0.0], [0.0, -0.2, 0.15]];
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(6))]
+        /// Slanted planes are found to a fraction of a surface, from planes and from a wrong prior alike.
+        #[test]
+        fn slanted_planes_are_found(a in -0.5..0.5_f64, b in -0.5..0.5_f64, wrong in 0.8..1.25_f32) {
+            let (views, depths) = scene(&[Plane::slanted(2.0, a, b)], (60, 80), &CENTRES);
+            let planes = Surfaces::Planes { near: 1.0, far: 6.0 };
+            let prior = depths[0].mapv(|z| wrong * z);
+            let around = Surfaces::Around { depth: prior.view(), factor: 1.6 };
+            for surfaces in [planes, around] {
+                let found = sweep(&views, 0, &[1, 2, 3], surfaces, &SweepConfig::default()).unwrap();
+                let errors = errors(&found, &depths[0], 10);
+                // Half a pixel is 6 % of the depth here.
+                prop_assert!(errors[errors.len() / 2] < 0.02, "median {}", errors[errors.len() / 2]);
+                prop_assert!(errors[errors.len() * 9 / 10] < 0.05, "9 in 10 {}", errors[errors.len() * 9 / 10]);
+            }
+        }
+    }
+
+    #[test]
+    fn the_bytes_do_not_depend_on_the_number_of_threads() {
+        let (views, depths) = scene(&[Plane::slanted(2.0, 0.3, 0.1)], (50, 70), &CENTRES);
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let around = Surfaces::Around { depth: depths[0].view(), factor: 2.0 };
+            pool.install(|| sweep(&views, 0, &[1, 2, 3], around, &SweepConfig::default()).unwrap())
+        };
+        assert_eq!(run(1), run(3));
+    }
+
+    /// A photograph that is something else altogether changes little: the better half of the sources decides.
+    #[test]
+    fn the_better_half_of_the_sources_decides() {
+        let (mut views, depths) = scene(&[Plane::slanted(2.0, 0.2, 0.0)], (60, 80), &CENTRES);
+        views[3].image.invert_axis(ndarray::Axis(1));
+        let planes = Surfaces::Planes { near: 1.0, far: 6.0 };
+        let found = sweep(&views, 0, &[1, 2, 3], planes, &SweepConfig::default()).unwrap();
+        let errors = errors(&found, &depths[0], 10);
+        assert!(errors[errors.len() / 2] < 0.01);
+    }
+
+    #[test]
+    fn exposure_changes_nothing() {
+        let (mut views, _) = scene(&[Plane::slanted(2.0, 0.2, 0.0)], (60, 80), &CENTRES);
+        let config = SweepConfig { noise: 1e-4, ..SweepConfig::default() };
+        let planes = Surfaces::Planes { near: 1.0, far: 6.0 };
+        let before = sweep(&views, 0, &[1, 2], planes, &config).unwrap();
+        views[1].image.mapv_inplace(|x| 0.7 * x + 0.1);
+        let after = sweep(&views, 0, &[1, 2], planes, &config).unwrap();
+        let (before, after) = (before.depth.mean(), after.depth.mean());
+        let moved = before.iter().zip(after).filter(|(a, b)| ((*a - *b) / *a).abs() > 0.01);
+        assert!(moved.count() < 60 * 80 / 100);
+    }
+
+    #[test]
+    fn what_cannot_be_swept_is_named() {
+        let (views, depths) = scene(&[Plane::slanted(2.0, 0.0, 0.0)], (8, 8), &CENTRES[..2]);
+        let config = SweepConfig::default();
+        let planes = Surfaces::Planes { near: 2.0, far: 1.0 };
+        assert!(matches!(sweep(&views, 0, &[1], planes, &config), Err(Error::Config { field: "far", .. })));
+        let planes = Surfaces::Planes { near: 1.0, far: 2.0 };
+        assert!(matches!(sweep(&views, 0, &[0], planes, &config), Err(Error::TooFewViews { .. })));
+        assert!(matches!(sweep(&views, 0, &[9], planes, &config), Err(Error::Reference { .. })));
+        let around = Surfaces::Around { depth: depths[0].view(), factor: 1.0 };
+        assert!(matches!(
+            sweep(&views, 0, &[1], around, &config),
+            Err(Error::Config { field: "factor", .. })
+        ));
+        let config = SweepConfig { radius: 9, ..config };
+        assert!(matches!(
+            sweep(&views, 0, &[1], planes, &config),
+            Err(Error::Config { field: "radius", .. })
+        ));
     }
 }
