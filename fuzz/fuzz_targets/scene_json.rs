@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use mde_cli::mde_eval::data::PlainScene;
+use mde_eval::data::PlainScene;
 
 fuzz_target!(|text: &str| {
     if let Ok(scene) = PlainScene::parse(text) {

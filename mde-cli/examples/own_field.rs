@@ -2,12 +2,12 @@
 //! posed views and renders depth with a variance fits here, such as a Gaussian splat.
 #![allow(clippy::print_stdout)]
 
-use mde_cli::mde_eval::scene::{Room, room};
-use mde_cli::mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use mde_cli::mde_nerf::{Error, FieldCallback, FitReport, RadianceField, RenderedView, Result};
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, reproject};
 use mde_cli::ndarray::{Array2, Array3};
 use mde_cli::{Config, Event, Stages, refine};
+use mde_eval::scene::{Room, room};
+use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use std::ops::ControlFlow;
 
 #[derive(Default)]

@@ -1,10 +1,10 @@
 //! Another monocular depth in the loop: a floor that runs away from the camera, refined by a short run.
 #![allow(clippy::print_stdout)]
 
-use mde_cli::mde_eval::scene::{Room, room};
 use mde_cli::mde_prior::{DepthKind, DepthPrior, PriorDepth, Result};
 use mde_cli::ndarray::{Array2, ArrayView3};
 use mde_cli::{Config, Event, Preset, Stages, refine};
+use mde_eval::scene::{Room, room};
 use std::ops::ControlFlow;
 
 /// The lower in the picture, the nearer.

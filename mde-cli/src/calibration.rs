@@ -2,7 +2,7 @@
 
 use crate::config::SigmaConfig;
 use crate::{Config, Error, Result};
-use mde_prior::EvidenceConfig;
+use mde_prior::AugmentationConfig;
 use mde_uncertainty::calibration::{Calibration, Fingerprint};
 use serde::Serialize;
 use std::path::Path;
@@ -33,7 +33,7 @@ pub fn hash(bytes: &[u8]) -> String {
 #[derive(Serialize)]
 struct Decisive<'c> {
     /// With test-time augmentation.
-    evidence: Option<(&'c EvidenceConfig, &'c SigmaConfig)>,
+    augmentation: Option<(&'c AugmentationConfig, &'c SigmaConfig)>,
     common_error: f64,
     /// With a field: everything but the seed and the rule for disparities, which is the scene's.
     field: Option<Config>,
@@ -44,17 +44,17 @@ struct Decisive<'c> {
 ///
 /// # Errors
 /// [`Error::Config`] for a configuration that JSON refuses.
-pub fn fingerprint(config: &Config, answers_anew: bool, model: Option<String>) -> Result<Fingerprint> {
-    let again = answers_anew && config.evidence.asks_again();
-    let Config { refinement, evidence, sigma, .. } = config;
+pub fn fingerprint(config: &Config, accepts_new_images: bool, model: Option<String>) -> Result<Fingerprint> {
+    let augmented = accepts_new_images && config.augmentation.is_active();
+    let Config { refinement, augmentation, sigma, .. } = config;
     let usual = Config::default();
     let decisive = Decisive {
-        evidence: again.then_some((evidence, sigma)),
+        augmentation: augmented.then_some((augmentation, sigma)),
         common_error: config.fusion.common_error,
-        field: refinement.fits_a_field(again).then(|| Config {
+        field: refinement.fits_a_field(augmented).then(|| Config {
             seed: 0,
             disparity: usual.disparity,
-            evidence: usual.evidence,
+            augmentation: usual.augmentation,
             sigma: usual.sigma,
             ..config.clone()
         }),
@@ -79,10 +79,10 @@ mod tests {
     fn the_settings_that_sigma_depends_on_count() {
         let usual = Preset::Default.config();
         let own = fingerprint(&usual, true, None).unwrap();
-        let same = |change: &dyn Fn(&mut Config), answers_anew| {
+        let same = |change: &dyn Fn(&mut Config), accepts_new_images| {
             let mut config = usual.clone();
             change(&mut config);
-            fingerprint(&config, answers_anew, None).unwrap() == own
+            fingerprint(&config, accepts_new_images, None).unwrap() == own
         };
         assert!(same(&|c| c.seed = 5, true));
         assert!(!same(&|_| (), false), "a prior that accepts no new images has another sigma");
@@ -91,7 +91,7 @@ mod tests {
         assert!(same(&|c| c.nerf.train.steps = 7, true));
         assert!(!same(&|c| c.refinement.field = crate::config::FieldUse::Always, true));
         assert!(!same(&|c| c.sigma.spread = 3.0, true));
-        assert!(!same(&|c| c.evidence.levels.truncate(1), true));
+        assert!(!same(&|c| c.augmentation.levels.truncate(1), true));
         assert!(!same(&|c| c.fusion.common_error = 0.1, true));
     }
 

@@ -23,9 +23,6 @@ pub enum Error {
     /// A depth map is no Gaussian depth.
     #[error(transparent)]
     Depth(#[from] mde_uncertainty::Error),
-    /// A metric could not be computed.
-    #[error(transparent)]
-    Metric(#[from] mde_eval::Error),
     /// A prior without a single known pixel.
     #[error("the prior has no pixel with a depth; check its kind (metric, depth or disparity) and its scale")]
     EmptyPrior,

@@ -1,10 +1,10 @@
-//! A pinhole camera's numbers in a file.
+//! Camera intrinsics from a file.
 
 use crate::{Error, Result};
 use mde_warp::PinholeCamera;
 use serde::Deserialize;
 
-/// Focal lengths and principal point in pixels, and the picture's size where the file states it.
+/// Focal lengths and principal point in pixels, and the image size where the file states it.
 ///
 /// ```
 /// use mde_cli::Intrinsics;
@@ -24,18 +24,18 @@ pub struct Intrinsics {
     pub cx: f64,
     /// Row of the principal point.
     pub cy: f64,
-    /// Width of the picture that they are for.
+    /// Width of the image, pixels.
     pub width: Option<usize>,
-    /// Height of the picture that they are for.
+    /// Height of the image, pixels.
     pub height: Option<usize>,
 }
 
 impl Intrinsics {
-    /// Reads a 3x3 matrix (white space, commas, semicolons and brackets separate), or JSON with `fx`, `fy`, `cx`, `cy` and perhaps
-    /// `width` and `height`; other keys are ignored.
+    /// Reads a 3x3 matrix (white space, commas, semicolons and brackets separate), or JSON with `fx`, `fy`, `cx`, `cy` and
+    /// optionally `width` and `height`; other keys are ignored.
     ///
     /// # Errors
-    /// [`Error::Intrinsics`] with what is wrong.
+    /// [`Error::Intrinsics`] for text of another layout.
     pub fn parse(text: &str) -> Result<Self> {
         if text.trim_start().starts_with('{') {
             return serde_json::from_str(text)
@@ -49,20 +49,22 @@ impl Intrinsics {
             .map_err(|e| fault(format!("give a 3x3 matrix of numbers, or JSON: {e}")))?;
         let &[fx, skew, cx, zero, fy, cy, below, beside, one] = numbers.as_slice() else {
             return Err(fault(format!(
-                "{} numbers are no camera; give a 3x3 matrix, or JSON with fx, fy, cx, cy",
+                "{} numbers do not make a camera; give a 3x3 matrix, or JSON with fx, fy, cx, cy",
                 numbers.len()
             )));
         };
         if ![skew, zero, below, beside, one - 1.0].iter().all(|v| v.abs() < 1e-6) {
-            return Err(fault("no pinhole camera; the matrix must be [fx 0 cx; 0 fy cy; 0 0 1]".into()));
+            return Err(fault(
+                "the matrix is not that of a pinhole camera; give [fx 0 cx; 0 fy cy; 0 0 1]".into(),
+            ));
         }
         Ok(Self { fx, fy, cx, cy, width: None, height: None })
     }
 
-    /// The camera of a picture of `width` by `height` pixels; the file counts pixels from `base`.
+    /// The camera of an image of `width` by `height` pixels; the file counts pixels from `base`, 0 or 1.
     ///
     /// # Errors
-    /// [`Error::Intrinsics`] where they are for another size, [`Error::Warp`] for a value that no camera has.
+    /// [`Error::Intrinsics`] for intrinsics of another size, [`Error::Warp`] for a value out of range.
     pub fn camera(&self, base: u8, [width, height]: [usize; 2]) -> Result<PinholeCamera> {
         let (w, h) = (self.width.unwrap_or(width), self.height.unwrap_or(height));
         if (w, h) != (width, height) {

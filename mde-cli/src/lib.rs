@@ -5,8 +5,8 @@
 //! combines what the field renders with the prior (the paper's Section III). [`Preset`]s and [`Config`] hold every choice.
 //!
 //! ```
-//! use mde_cli::mde_eval::scene::{Room, room};
-//! use mde_cli::mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
+//! use mde_eval::scene::{Room, room};
+//! use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 //! use mde_cli::{Config, Event, Preset, Stages, refine};
 //! use std::ops::ControlFlow;
 //!
@@ -22,23 +22,23 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod augmentation;
 pub mod calibration;
 pub mod config;
 mod error;
-mod evidence;
 mod intrinsics;
 pub mod memory;
 pub mod pipeline;
 
+pub use augmentation::{AugmentationReport, Component};
 pub use config::{Config, Preset, SigmaConfig};
 pub use error::{Error, Result};
-pub use evidence::{Component, EvidenceReport};
 pub use intrinsics::Intrinsics;
 pub use pipeline::{
     Callback, Checkpoint, Event, FieldFactory, FieldRequest, IterationReport, Refinement, Stage,
     StageSeconds, Stages, WarpReport, refine, resume,
 };
-pub use {mde_eval, mde_fusion, mde_nerf, mde_prior, mde_uncertainty, mde_warp};
+pub use {mde_fusion, mde_nerf, mde_prior, mde_uncertainty, mde_warp};
 pub use {nalgebra, ndarray};
 
 #[cfg(doctest)]

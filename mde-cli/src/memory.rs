@@ -1,36 +1,36 @@
-//! How much memory a run will take, before it takes it.
+//! Estimates of the memory that a run needs.
 
 use crate::Config;
 use crate::config::{NovelViews, RefinementConfig};
 use mde_nerf::{FieldConfig, RenderConfig};
 
-/// The program, its threads' tiles and what it allocates whatever the picture.
+/// The program, its threads' tiles and what it allocates at any image size.
 const BASE: u64 = 64 << 20;
-/// Bytes a pixel for the picture, the prior, the maps and what a stage holds for a while.
+/// Bytes per pixel for the image, the prior, the maps and a stage's temporary buffers.
 const PIXEL: u64 = 220;
-/// Bytes a pixel and training view: colours, mask, depth, variance, the list of trainable pixels.
+/// Bytes per pixel and training view: colours, mask, depth, variance, the list of trainable pixels.
 const VIEW: u64 = 25;
-/// Bytes a pixel and rendered view: depth, variance and their way back.
+/// Bytes per pixel and rendered view: depth and variance, before and after reprojection.
 const RENDERED: u64 = 16;
-/// Floats a parameter of a field: itself, its gradient, two moments, an average, a copy.
+/// Bytes per parameter of a field: the parameter, its gradient, two moments, an average, a copy.
 const PARAMETER: u64 = 6 * 4;
-/// Bytes a pixel of a scene that is evaluated: picture, truth, prior.
+/// Bytes per pixel of an evaluated scene: image, truth, prior.
 const SCENE: u64 = 60;
-/// Bytes a pixel that the scores, or a baseline, hold for a while.
+/// Bytes per pixel of the temporary buffers of the scores or of a baseline.
 const SCORES: u64 = 400;
-/// Bytes a pixel and method: its maps, until the scene is scored.
-const ANSWER: u64 = 8;
-/// Bytes a pixel of a view that a shared field rendered: colours, depth, variance, opacity.
+/// Bytes per pixel and method: its maps, until the scene is scored.
+const METHOD: u64 = 8;
+/// Bytes per pixel of a view that a shared field rendered: colours, depth, variance, opacity.
 const SHARED_VIEW: u64 = 24;
 
-/// Bytes that [`refine`](crate::refine) takes at most for a picture of that many pixels, measured to be 1.1 to 2 times what
-/// it does take; without what the prior itself needs to answer.
+/// Upper bound of the bytes that [`refine`](crate::refine) needs for an image of that many pixels; measured, it is 1.1 to 2 times
+/// the real peak. The memory of the prior's own inference is not included.
 pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
     BASE.saturating_add(pixels.saturating_mul(pixel_bytes(config)))
         .saturating_add(field_bytes(&config.nerf.field))
 }
 
-/// Bytes a pixel of a refinement.
+/// Bytes per pixel of a refinement.
 fn pixel_bytes(config: &Config) -> u64 {
     let views = (config.views.count as u64).saturating_add(1);
     PIXEL.saturating_add(VIEW.saturating_mul(views)).saturating_add(RENDERED.saturating_mul(rendered(config)))
@@ -38,28 +38,28 @@ fn pixel_bytes(config: &Config) -> u64 {
 
 /// Views that a field renders.
 fn rendered(config: &Config) -> u64 {
-    (config.novel.sampling.count as u64).saturating_add(u64::from(config.novel.original))
+    (config.novel.count as u64).saturating_add(u64::from(config.novel.original))
 }
 
-/// What evaluating takes, by the scene's size: measured to be 1.1 to 2 times what it does take, without what the prior itself
-/// needs to answer.
+/// Upper bound of the memory of an evaluation, by the size of the scenes; measured, it is 1.1 to 2 times the real peak. The memory
+/// of the prior's own inference is not included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SceneMemory {
-    /// Bytes a pixel.
+    /// Bytes per pixel.
     pixel: u64,
-    /// Bytes whatever the size.
+    /// Bytes at any size.
     fixed: u64,
 }
 
 impl SceneMemory {
-    /// Of scenes that `methods` answer one after the other: the loop with these settings (its seed among them), or nothing
-    /// for a baseline. With `share_fields` the fields of a scene are kept until it is done.
+    /// For scenes on which `methods` run one after the other: the configuration of a loop, seed included, or `None` for a baseline.
+    /// With `share_fields` the fields of a scene are kept until the scene is done.
     pub fn new(methods: &[Option<Config>], share_fields: bool) -> Self {
         let loops = || methods.iter().flatten();
         let most = |bytes: fn(&Config) -> u64| loops().map(bytes).max().unwrap_or(0);
         let mut pixel = SCENE
             .saturating_add(most(pixel_bytes).max(SCORES))
-            .saturating_add(ANSWER.saturating_mul(methods.len() as u64));
+            .saturating_add(METHOD.saturating_mul(methods.len() as u64));
         let mut fixed = most(|config| field_bytes(&config.nerf.field));
         if share_fields {
             let fits = distinct(loops(), fit_part);
@@ -71,7 +71,7 @@ impl SceneMemory {
         Self { pixel, fixed }
     }
 
-    /// Bytes that so many scenes of that many pixels take at once, at most.
+    /// Upper bound of the bytes for `scenes` scenes of that many pixels at once.
     pub fn bytes(&self, pixels: u64, scenes: u64) -> u64 {
         let scene = pixels.saturating_mul(self.pixel).saturating_add(self.fixed);
         BASE.saturating_add(scene.saturating_mul(scenes))
@@ -88,7 +88,7 @@ fn distinct<'c>(configs: impl Iterator<Item = &'c Config>, part: fn(&Config) -> 
     parts
 }
 
-/// What the views that a field renders depend on; the rest is the default's.
+/// The settings on which the views that a field renders depend; the others at their defaults.
 fn render_part(config: &Config) -> Config {
     let Config { fusion, reproject, refinement: usual, .. } = Config::default();
     let refinement =
@@ -96,14 +96,14 @@ fn render_part(config: &Config) -> Config {
     Config { fusion, reproject, refinement, ..config.clone() }
 }
 
-/// What a field's fit depends on; the rest is the default's.
+/// The settings on which a field's fit depends; the others at their defaults.
 fn fit_part(config: &Config) -> Config {
     let mut config = Config { novel: NovelViews::default(), ..render_part(config) };
     config.nerf.render = RenderConfig::default();
     config
 }
 
-/// Bytes that rendering `views` views of so many pixels takes at most.
+/// Upper bound of the bytes for rendering `views` views of that many pixels.
 pub fn render_bytes(pixels: u64, views: u64) -> u64 {
     BASE.saturating_add(pixels.saturating_mul(64 + 24 * views))
 }
@@ -122,7 +122,7 @@ fn parameters(field: &FieldConfig) -> u64 {
     }
 }
 
-/// The most pixels for which `bytes` stays within `bound`, if any do.
+/// The largest number of pixels for which `bytes` stays within `bound`; `None` where one pixel is too many.
 pub fn most_pixels(bound: u64, bytes: impl Fn(u64) -> u64) -> Option<u64> {
     let (mut fits, mut fails) = (0, 1_u64 << 40);
     while fails - fits > 1 {

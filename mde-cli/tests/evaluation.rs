@@ -4,9 +4,9 @@
 mod common;
 
 use common::{HEIGHT, Place, WIDTH, names};
-use mde_cli::mde_eval::scene::{Room, room};
 use mde_cli::mde_prior::format::{write_npy, write_png16};
 use mde_cli::mde_prior::photo::write_image;
+use mde_eval::scene::{Room, room};
 use ndarray::Array2;
 use predicates::prelude::*;
 use serde_json::Value;

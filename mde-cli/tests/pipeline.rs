@@ -5,14 +5,14 @@ mod common;
 
 use common::{HEIGHT, TINY, WIDTH};
 use mde_cli::config::{Config, FieldUse, IterationPrior, RefinementConfig};
-use mde_cli::mde_eval::scene::{Room, Scene, room};
-use mde_cli::mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use mde_cli::mde_fusion::{self, Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_nerf::{self, FieldCallback, FitReport, RadianceField, RenderedView};
-use mde_cli::mde_prior::{self, DepthKind, DepthPrior, EvidenceConfig, PriorDepth};
+use mde_cli::mde_prior::{self, AugmentationConfig, DepthKind, DepthPrior, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
 use mde_cli::{Error, Event, Preset, Refinement, Stage, Stages, refine};
+use mde_eval::scene::{Room, Scene, room};
+use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use ndarray::{Array2, Array3, ArrayView3};
 use std::cell::RefCell;
 use std::ops::ControlFlow;
@@ -83,7 +83,7 @@ fn prior(scene: &Scene) -> SimulatedPrior {
 
 fn config() -> Config {
     let mut config = Config::with_overrides(Preset::Paper, TINY, "tiny").unwrap();
-    config.novel.sampling.count = 0;
+    config.novel.count = 0;
     config.novel.original = true;
     config
 }
@@ -202,7 +202,7 @@ fn a_prior_of_another_size_and_a_wrong_configuration_are_refused() {
     assert!(matches!(run(&good, &many), Err(Error::Config { .. })));
 }
 
-/// Says of every picture what its colours say, and counts.
+/// Takes the red channel of any image for depth, and counts the calls.
 struct Red(RefCell<usize>);
 
 impl DepthPrior for Red {
@@ -210,41 +210,46 @@ impl DepthPrior for Red {
         *self.0.borrow_mut() += 1;
         PriorDepth::from_values(image.map_axis(ndarray::Axis(2), |c| 0.5 + c[0]), DepthKind::Metric)
     }
+
+    fn accepts_new_images(&self) -> bool {
+        true
+    }
 }
 
-/// Without a field the evidence stands, with the error that it can't see; a map is not asked again, and the run says so.
+/// Without a field the augmented map is the result, with the common error in its sigma. A map from a file is not augmented, and
+/// the report says so.
 #[test]
-fn evidence_alone_is_a_result_and_a_map_is_asked_once() {
+fn without_a_field_the_augmented_map_is_the_result_and_a_map_is_not_augmented() {
     let scene = scene();
     let fuser = HalfWay::default();
-    let mut config = Config { evidence: EvidenceConfig::zoomed(), ..config() };
+    let mut config = Config { augmentation: AugmentationConfig::multi_crop(), ..config() };
     config.refinement.iterations = 0;
     config.fusion.common_error = 0.1;
     let run = |prior: &dyn DepthPrior| {
-        let mut asked = Vec::new();
+        let mut calls = Vec::new();
         let mut listen = |event: &Event| {
-            if let Event::Asked { asked: now, of } = event {
-                asked.push((*now, *of));
+            if let Event::Predicted { done, total } = event {
+                calls.push((*done, *total));
             }
             ControlFlow::Continue(())
         };
         let stages = Stages::new(prior).with_field(|_| panic!("a field was made")).with_fuser(&fuser);
         let refined = refine(scene.image.view(), &scene.camera, stages, &config, &mut listen).unwrap();
-        (refined, asked)
+        (refined, calls)
     };
     let model = Red(RefCell::new(0));
-    let (refined, asked) = run(&model);
-    let questions = config.evidence.questions();
-    assert_eq!((*model.0.borrow(), refined.evidence.questions), (questions, questions));
-    assert_eq!(asked.last(), Some(&(questions, questions)));
-    assert!(refined.field.is_none() && refined.evidence.not_asked_again.is_none());
+    let (refined, calls) = run(&model);
+    let predictions = config.augmentation.predictions();
+    assert_eq!((*model.0.borrow(), refined.augmentation.predictions), (predictions, predictions));
+    assert_eq!(calls.last(), Some(&(predictions, predictions)));
+    assert!(refined.field.is_none() && refined.augmentation.skipped.is_none());
     for (mean, sigma) in refined.depth.mean().iter().zip(refined.depth.sigma()) {
         assert!(*mean > 0.0 && sigma >= 0.1 * mean);
     }
     let once = Config {
         refinement: RefinementConfig {
             iterations: 1,
-            field: FieldUse::WithoutEvidence,
+            field: FieldUse::WithoutAugmentation,
             ..config.refinement.clone()
         },
         ..config.clone()
@@ -254,9 +259,9 @@ fn evidence_alone_is_a_result_and_a_map_is_asked_once() {
     let same = refine(scene.image.view(), &scene.camera, stages, &once, &mut go_on).unwrap();
     assert_eq!(same.depth, refined.depth);
     let map = prior(&scene);
-    let (kept, asked) = run(&map);
-    assert_eq!((kept.depth.mean(), asked.len()), (kept.prior.view(), 0));
-    assert!(kept.evidence.not_asked_again.is_some());
+    let (kept, calls) = run(&map);
+    assert_eq!((kept.depth.mean(), calls.len()), (kept.prior.view(), 0));
+    assert!(kept.augmentation.skipped.is_some());
 }
 
 /// The parts of sigma are told apart: no part is above the whole, and together they are the whole.
@@ -264,7 +269,7 @@ fn evidence_alone_is_a_result_and_a_map_is_asked_once() {
 fn the_parts_of_sigma_make_the_whole() {
     let scene = scene();
     let fuser = HalfWay::default();
-    let mut config = Config { evidence: EvidenceConfig::zoomed(), ..config() };
+    let mut config = Config { augmentation: AugmentationConfig::multi_crop(), ..config() };
     config.refinement.iterations = 0;
     config.fusion.common_error = 0.1;
     let model = Red(RefCell::new(0));

@@ -203,8 +203,9 @@ fn correlation(lines: &[(String, String)]) -> f64 {
 
 #[test]
 #[cfg(feature = "onnx")]
+#[ignore = "needs the networks and photographs that MDE_SHARED names"]
 fn the_doctor_tries_a_model() {
-    let Some(shared) = common::shared("a real model") else { return };
+    let shared = common::shared();
     let model = shared.join("models/fastdepth/fastdepth_224.onnx");
     let (lines, error) = doctor(&model, None, 0);
     assert!(error.is_empty(), "{error}");
@@ -219,7 +220,10 @@ fn the_doctor_tries_a_model() {
     assert!(0.3 < near && near < far && far < 10.0 && trial.contains("100 % of the pixels"), "{trial}");
     assert!(correlation(&lines) > 0.5, "{trial}");
     let verdict = said(&lines, "verdict").unwrap();
-    assert!(verdict.starts_with("the model works here; the preset default asks it 121 times"), "{verdict}");
+    assert!(
+        verdict.starts_with("the model works here; the preset default needs 120 predictions"),
+        "{verdict}"
+    );
 
     let (lines, error) = doctor(&model, Some("midas-v2.1-small"), 1);
     assert!(correlation(&lines) < -0.5 && said(&lines, "verdict").is_none(), "{lines:?}");
@@ -260,7 +264,14 @@ fn a_pipe_gets_no_escape_codes_and_the_end_says_what_was_gained() {
     let output = run.get_output();
     assert!(!output.stdout.contains(&0x1b) && !output.stderr.contains(&0x1b));
     let text = String::from_utf8(output.stdout.clone()).unwrap();
-    for said in ["depth moved by", "sigma", "a ", "weight in the result", "wrote out", "report.html"] {
+    for said in [
+        "depth: typical change",
+        "sigma: median",
+        "fusion: a ",
+        "weight of the field",
+        "wrote out",
+        "report.html",
+    ] {
         assert!(text.contains(said), "{said}: {text}");
     }
     let help = place.mde("refine --help").env("NO_COLOR", "1").assert().success();

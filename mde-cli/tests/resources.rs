@@ -4,11 +4,11 @@
 mod common;
 
 use common::{HEIGHT, Place, TINY, WIDTH, names};
-use mde_cli::mde_eval::scene::{Room, room};
 use mde_cli::mde_prior::format::{ReadOptions, read_values, write_npy};
 use mde_cli::mde_prior::photo::write_image;
 use mde_cli::memory::{SceneMemory, refine_bytes};
 use mde_cli::{Config, Preset};
+use mde_eval::scene::{Room, room};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;

@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     write_image(folder.join(format!("{kind}-depth.png")), shown(&scene.depth).view())?;
 
     let prior = SimulatedPrior::new(&scene.depth, &SimulatedPriorConfig::default())?;
-    let prediction = &prior.answer().map;
+    let prediction = &prior.prediction().map;
     write_image(folder.join(format!("{kind}-prior.png")), shown(prediction).view())?;
     for alignment in [AlignmentRule::Median, AlignmentRule::LeastSquaresDisparity] {
         let config = ScoreConfig { alignment, ..ScoreConfig::default() };

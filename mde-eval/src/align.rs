@@ -2,7 +2,7 @@
 //!
 //! A monocular depth is known up to a scale, sometimes up to an affine map of its disparity. What is fitted decides the
 //! score, so an [`AlignmentRule`] has a name that belongs beside every number, and a fitted [`Alignment`] is a value: fit one
-//! a map (*own*), or fit the baseline's and apply it to every method (*shared*), so that a difference is not the
+//! per map (*own*), or fit the baseline's and apply it to every method (*shared*), so that a difference is not the
 //! alignment's.
 
 use crate::{Error, Result};
@@ -94,7 +94,7 @@ pub enum Alignment {
         scale: f64,
         /// \\(t\\), in one over the truth's unit.
         shift: f64,
-        /// \\(c\\): the smallest disparity that is believed, in one over the truth's unit.
+        /// \\(c\\): the smallest disparity that is kept, in one over the truth's unit.
         floor: f64,
     },
 }
@@ -139,7 +139,7 @@ impl Alignment {
 /// \\[ (s, t) = \arg\min \sum_i (s\\,q_i + t - 1/g_i)^2,\qquad c = 1 / \max_i g_i \\]
 ///
 /// The result reads depths, that is \\(p = 1/q\\). A prediction that cannot fix the parameters gives \\(s = 1, t = 0\\).
-pub fn fit_disparity(disparity: impl Iterator<Item = f64> + Clone, truth: &[f64]) -> Alignment {
+fn fit_disparity(disparity: impl Iterator<Item = f64> + Clone, truth: &[f64]) -> Alignment {
     let floor = truth.iter().copied().fold(0.0, f64::max).recip();
     let (scale, shift) = least_squares(disparity, truth.iter().map(|g| g.recip())).unwrap_or((1.0, 0.0));
     Alignment::Disparity { scale, shift, floor: if floor.is_finite() { floor } else { 0.0 } }

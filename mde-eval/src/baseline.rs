@@ -1,8 +1,7 @@
-//! What a user would pick instead: filters, a solver, and asking the model again.
+//! Baselines: filters, a solver, and further predictions of the model.
 //!
-//! Each is a [`Refiner`], so that it stands beside the whole pipeline in every table; [`named`] gives them by the names of
-//! [`METHODS`], and chains such as `zoom+jbf`. Missing depth (0, or not finite) stays missing, and what is known
-//! elsewhere is averaged without it.
+//! Each is a [`Refiner`], so that every table has it beside the whole pipeline. [`named`] returns the baselines of [`METHODS`],
+//! and chains such as `zoom+jbf`. Missing depth (0, or not finite) stays missing and is left out of averages.
 
 mod box_sums;
 mod flip;
@@ -10,6 +9,7 @@ mod guided;
 mod joint_bilateral;
 mod noise;
 pub mod sigma;
+#[cfg(feature = "solver")]
 mod solver;
 mod unsharp;
 mod weighted_median;
@@ -19,6 +19,7 @@ pub use flip::FlipAverage;
 pub use guided::GuidedFilter;
 pub use joint_bilateral::JointBilateral;
 pub use noise::WhiteNoise;
+#[cfg(feature = "solver")]
 pub use solver::FastBilateralSolver;
 pub use unsharp::Unsharp;
 pub use weighted_median::WeightedMedian;
@@ -31,14 +32,15 @@ use ndarray::{Array2, ArrayView2, ArrayView3};
 pub const METHODS: &[(&str, &str)] = &[
     ("prior", "the monocular depth as it is"),
     ("flip", "mean of the prior and the model's depth of the mirror image"),
-    ("zoom", "the model again on 2x2, then 3x3 zoomed crops, their detail merged"),
+    ("zoom", "the model on 2x2, then 3x3 zoomed crops, with their detail merged"),
     ("unsharp0.5", "unsharp mask in log depth, with half the detail added (any number after the name)"),
     ("unsharp1", "the same with all of it"),
     ("unsharp2", "the same with twice as much"),
     ("noise", "1 % white noise"),
-    ("guided", "guided filter of the depth by the picture"),
+    ("guided", "guided filter of the depth, with the image as guide"),
     ("jbf", "joint bilateral filter"),
     ("wmf", "weighted median filter"),
+    #[cfg(feature = "solver")]
     ("fbs", "fast bilateral solver with a confidence"),
 ];
 
@@ -72,6 +74,7 @@ fn single(name: &str) -> Result<Box<dyn Refiner + Send + Sync>> {
         "guided" => Box::new(GuidedFilter::default()),
         "jbf" => Box::new(JointBilateral::default()),
         "wmf" => Box::new(WeightedMedian::default()),
+        #[cfg(feature = "solver")]
         "fbs" => Box::new(FastBilateralSolver::default()),
         _ => {
             let amount = name.strip_prefix("unsharp").and_then(|amount| amount.parse::<f64>().ok());
@@ -116,7 +119,7 @@ fn weights(depth: ArrayView2<'_, f32>) -> Array2<f64> {
     depth.mapv(|d| f64::from(u8::from(known(d))))
 }
 
-/// Checks that the picture has the depth's size and that a setting is positive and finite.
+/// Checks that the image has the size of the depth and that settings are positive and finite.
 fn check(task: &Task<'_>, settings: &[(&'static str, f64)]) -> Result<()> {
     let (height, width, _) = task.image.dim();
     crate::raster::same_shape("the prior", task.prior.dim(), (height, width))?;
@@ -127,7 +130,11 @@ fn check(task: &Task<'_>, settings: &[(&'static str, f64)]) -> Result<()> {
 fn positive(settings: &[(&'static str, f64)]) -> Result<()> {
     for &(field, value) in settings {
         if !(value > 0.0 && value.is_finite()) {
-            return Err(Error::Config { field, value: value.to_string(), expected: "positive and finite" });
+            return Err(Error::Config {
+                field,
+                value: value.to_string(),
+                remedy: "use a positive finite number",
+            });
         }
     }
     Ok(())

@@ -1,10 +1,11 @@
-//! Data sets: pictures with a true depth and a camera.
+//! Data sets: images with true depth and a camera.
 
 mod files;
 mod kind;
 mod maps;
 mod nyu;
 mod pairs;
+mod places;
 mod plain;
 mod redwood;
 mod resized;
@@ -15,6 +16,7 @@ mod tum;
 pub use kind::{DataSetKind, Options, open};
 pub use maps::{MapPair, MapPairs};
 pub use nyu::Nyu;
+pub use places::{Placed, parse_places};
 pub use plain::{PlainFolders, PlainScene};
 pub use redwood::Redwood;
 pub use resized::Resized;
@@ -42,19 +44,25 @@ pub trait DataSet: Send + Sync {
     /// Identifiers of the scenes, in order; unique, and the same wherever the data lies.
     fn ids(&self) -> &[String];
 
-    /// Loads a scene by its place in [`DataSet::ids`].
+    /// Name of the place that a scene shows; the scene's own identifier unless the data set knows better. The errors on scenes
+    /// of one place are correlated, so intervals resample places ([`statistics`](crate::statistics)).
+    fn place(&self, index: usize) -> Option<&str> {
+        self.ids().get(index).map(String::as_str)
+    }
+
+    /// Loads a scene by its index in [`DataSet::ids`].
     ///
     /// # Errors
     /// [`Error::Scene`] beyond the last one; [`Error::Layout`], [`Error::Prior`] or [`Error::Io`] for files that are missing or
     /// broken, [`Error::Intrinsics`] where the camera is unknown.
     fn load(&self, index: usize) -> Result<Sample>;
 
-    /// How many scenes there are.
+    /// Number of scenes.
     fn len(&self) -> usize {
         self.ids().len()
     }
 
-    /// Whether there are none.
+    /// Whether there is no scene.
     fn is_empty(&self) -> bool {
         self.ids().is_empty()
     }
@@ -63,6 +71,10 @@ pub trait DataSet: Send + Sync {
 impl<D: DataSet + ?Sized> DataSet for Box<D> {
     fn ids(&self) -> &[String] {
         (**self).ids()
+    }
+
+    fn place(&self, index: usize) -> Option<&str> {
+        (**self).place(index)
     }
 
     fn load(&self, index: usize) -> Result<Sample> {
@@ -75,15 +87,15 @@ impl<D: DataSet + ?Sized> DataSet for Box<D> {
 pub struct Sample {
     /// Identifier within its data set.
     pub id: String,
-    /// The picture, `[height, width, 3]`, sRGB in 0 to 1.
+    /// The image, `[height, width, 3]`, sRGB in 0 to 1.
     pub image: Array3<f32>,
     /// True z-depth in metres, `[height, width]`, 0 = missing.
     pub depth: Array2<f32>,
     /// The camera, pixel centres at integers from 0.
     pub camera: PinholeCamera,
-    /// Whether the camera was named by the caller ([`Fallback`]) because the scene has none: worth a warning.
+    /// Whether the camera is the caller's [`Fallback`], because the scene has none: worth a warning.
     pub assumed_camera: bool,
-    /// Depths beyond this are not to be trusted, metres.
+    /// Largest depth at which the truth is reliable, metres.
     pub trusted_depth: f64,
 }
 

@@ -15,7 +15,7 @@ pub enum Error {
         expected: [usize; 2],
     },
     /// Two lists that must agree differ in length.
-    #[error("{what} has {found} values where {expected} are needed; pass one value a pixel")]
+    #[error("{what} has {found} values where {expected} are needed; pass one value per pixel")]
     Length {
         /// The list at fault.
         what: &'static str,
@@ -27,7 +27,7 @@ pub enum Error {
     /// Nothing is left to score.
     #[error("no pixel is left for {what}; check the depth range, the unit and the mask")]
     Empty {
-        /// What was asked for.
+        /// What was to be computed.
         what: &'static str,
     },
     /// A value that the metric is not defined for.
@@ -43,16 +43,16 @@ pub enum Error {
         expected: &'static str,
     },
     /// A setting out of its range.
-    #[error("{field} is {value}; it must be {expected}")]
+    #[error("{field} is {value}; {remedy}")]
     Config {
-        /// The field at fault.
+        /// The field's name.
         field: &'static str,
-        /// Its value.
+        /// The value at fault.
         value: String,
-        /// What it must be.
-        expected: &'static str,
+        /// What to do.
+        remedy: &'static str,
     },
-    /// A name that stands for nothing.
+    /// An unknown name.
     #[error("there is no {what} named `{name}`; use one of {known}")]
     Unknown {
         /// The kind of thing.
@@ -71,14 +71,14 @@ pub enum Error {
         file: &'static str,
     },
     /// A scene beyond the last one.
-    #[error("there is no scene {index}: the data set has {count}, counted from 0")]
+    #[error("scene {index} does not exist; the data set has {count}, counted from 0")]
     Scene {
-        /// The index asked for.
+        /// The index given.
         index: usize,
         /// How many scenes there are.
         count: usize,
     },
-    /// A folder that does not look like the data set.
+    /// A folder without the layout of the data set.
     #[error("{}: {reason}", path.display())]
     Layout {
         /// The file or folder at fault.
@@ -91,22 +91,24 @@ pub enum Error {
     Io {
         /// The file or folder at fault.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// A method that asks the model again has only a map of depths.
-    #[error("this method asks the depth model about other pictures; name a model as the prior, not a file")]
+    /// A method that runs the depth model on other images has only a depth map.
+    #[error("this method runs the depth model on other images; name a model as the prior, not a file")]
     NoModel,
     /// A method that failed.
     #[error("{0}")]
     Method(String),
-    /// A depth map, a list or a calibration that cannot be used.
+    /// A list or a map that a statistic is not defined for.
     #[error(transparent)]
     Uncertainty(#[from] mde_uncertainty::Error),
-    /// A camera that cannot be.
+    /// An invalid camera.
+    #[cfg(feature = "prior")]
     #[error(transparent)]
     Camera(#[from] mde_warp::Error),
     /// A depth map, photograph or prior that cannot be read or used.
+    #[cfg(feature = "prior")]
     #[error(transparent)]
     Prior(#[from] mde_prior::Error),
 }

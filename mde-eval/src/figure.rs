@@ -1,6 +1,6 @@
 //! The paper's Figure 2 and its relatives, as SVG and PNG (feature `plot`).
 //!
-//! Every line carries its name at its end, so there is no legend to hunt for.
+//! Every curve is labelled at its end.
 
 mod draw;
 
@@ -10,30 +10,30 @@ use mde_uncertainty::normal::central_half_width;
 use mde_uncertainty::pooled::share_below;
 use std::path::Path;
 
-/// One line of a [`Chart`].
+/// One curve of a [`Chart`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct Line {
-    /// What is written at its end; nothing where empty.
+pub struct Curve {
+    /// Label at its end; none where empty.
     pub name: String,
     /// Its points, in order of x.
     pub points: Vec<[f64; 2]>,
     /// The method that gives the colour; nothing for a grey guide.
     pub colour: Option<usize>,
-    /// Whether it is what the others are held against: drawn thin.
+    /// Whether it is a reference for the others, drawn thin.
     pub thin: bool,
 }
 
 /// Lines over one pair of axes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chart {
-    /// What the chart says, above it.
+    /// Title, above the chart.
     pub title: String,
     /// Name and unit of the horizontal axis.
     pub x: String,
     /// Name and unit of the vertical axis.
     pub y: String,
     /// The lines, first below.
-    pub lines: Vec<Line>,
+    pub lines: Vec<Curve>,
 }
 
 impl Chart {
@@ -49,7 +49,7 @@ impl Chart {
     }
 }
 
-/// Mean \\(|e|\\) by percentile of sigma, averaged over scenes (the paper's Figure 2): a sigma that points at the errors rises from
+/// Mean \\(|e|\\) by percentile of sigma, averaged over scenes (the paper's Figure 2): a sigma that is correlated with the errors rises from
 /// left to right. Methods as in [`methods`].
 pub fn error_by_percentile(entries: &[Entry], names: &[String]) -> Chart {
     let lines = each(entries, names, |curves| {
@@ -58,14 +58,14 @@ pub fn error_by_percentile(entries: &[Entry], names: &[String]) -> Chart {
         curves.error_by_percentile.iter().enumerate().map(place).collect()
     });
     Chart {
-        title: "Error by percentile of the stated uncertainty".to_owned(),
+        title: "Error by percentile of the predicted uncertainty".to_owned(),
         x: "percentile of sigma within a scene".to_owned(),
         y: "mean |error|, m".to_owned(),
         lines,
     }
 }
 
-/// Mean \\(|e|\\) of what is left when the most uncertain pixels go, against all pixels' (random), averaged over scenes; the oracle of the
+/// Mean \\(|e|\\) of the rest when the most uncertain pixels are removed, relative to all pixels (random), averaged over scenes; the oracle of the
 /// first method beside them.
 pub fn sparsification(entries: &[Entry], names: &[String]) -> Chart {
     type Curves = crate::score::UncertaintyCurves;
@@ -82,8 +82,8 @@ pub fn sparsification(entries: &[Entry], names: &[String]) -> Chart {
     }
     lines.insert(0, guide("no order", vec![[0.0, 1.0], [99.0, 1.0]]));
     Chart {
-        title: "Error that is left when the most uncertain pixels go".to_owned(),
-        x: "pixels taken away, %".to_owned(),
+        title: "Error of the rest when the most uncertain pixels are removed".to_owned(),
+        x: "pixels removed, %".to_owned(),
         y: "mean |error| of the rest / of all".to_owned(),
         lines,
     }
@@ -100,8 +100,8 @@ pub fn reliability(entries: &[Entry], names: &[String]) -> Chart {
     });
     lines.insert(0, guide("right", vec![[0.0, 0.0], [99.0, 99.0]]));
     Chart {
-        title: "How often the truth is inside the stated interval".to_owned(),
-        x: "stated probability, %".to_owned(),
+        title: "Share of truths inside the predicted interval".to_owned(),
+        x: "nominal probability, %".to_owned(),
         y: "share of pixels inside, %".to_owned(),
         lines,
     }
@@ -118,8 +118,8 @@ pub fn methods(entries: &[Entry]) -> Vec<String> {
     names
 }
 
-fn guide(name: &str, points: Vec<[f64; 2]>) -> Line {
-    Line { name: name.to_owned(), points, colour: None, thin: true }
+fn guide(name: &str, points: Vec<[f64; 2]>) -> Curve {
+    Curve { name: name.to_owned(), points, colour: None, thin: true }
 }
 
 /// One line a method: the mean over its scenes, point by point.
@@ -127,7 +127,7 @@ fn each(
     entries: &[Entry],
     names: &[String],
     points: impl Fn(&crate::score::UncertaintyCurves) -> Vec<[f64; 2]>,
-) -> Vec<Line> {
+) -> Vec<Curve> {
     let mut lines = Vec::new();
     for (colour, name) in names.iter().enumerate() {
         let of_method = entries.iter().filter(|entry| entry.method == *name);
@@ -142,7 +142,7 @@ fn each(
             sum.map(|sum| sum / scenes.len() as f64)
         };
         let points = (0..longest).map(mean).filter(|point| point.iter().all(|v| v.is_finite())).collect();
-        lines.push(Line { name: name.clone(), points, colour: Some(colour), thin: false });
+        lines.push(Curve { name: name.clone(), points, colour: Some(colour), thin: false });
     }
     lines
 }

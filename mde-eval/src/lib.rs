@@ -1,13 +1,20 @@
-//! Is a depth map good, and does it know where it is not?
+//! Metrics of depth maps and of their uncertainty, with alignments, statistics over scenes, and tables.
 //!
-//! Metrics of depth (errors, edges, order) and of its uncertainty (ranking, calibration), each a function with its equation;
-//! the alignments that they need; procedural rooms with exact depth, a prior made from it, and loaders for
-//! data sets. The paper's numbers are [MSE](metrics::depth::mse), [sharpness](metrics::sharpness), [edge
+//! Metrics of depth (errors, edges, order) and of its uncertainty (ranking, calibration) are functions, each with its equation.
+//! Behind features: baselines, procedural rooms with exact depth and priors simulated from it, data sets, and figures. The paper's numbers are [MSE](metrics::depth::mse), [sharpness](metrics::sharpness), [edge
 //! F1](metrics::edges) and [Spearman's correlation](metrics::rank) under [median alignment](align) (its Section IV);
-//! [`score`](score::score) gives them and those that cannot be raised by contrast or noise.
+//! [`score`](score::score) returns them and those that contrast and noise do not raise.
 //!
 //! Depth is z in metres, maps are `[height, width]`, images `[height, width, 3]` in sRGB 0 to 1. Not positive or not
 //! finite means missing.
+//!
+//! | feature | adds |
+//! | --- | --- |
+//! | `baseline` | [`Refiner`], filters and further predictions of the model, trivial sigmas |
+//! | `solver` | the fast bilateral solver (faer) |
+//! | `scenes` | procedural rooms, simulated priors and models |
+//! | `data` | data sets; includes `scenes` |
+//! | `plot` | figures as SVG and PNG |
 //!
 //! ```
 //! use mde_eval::scene::{Room, room};
@@ -16,9 +23,9 @@
 //!
 //! let scene = room(Room::Study, 0, 160, 120)?;
 //! let prior = SimulatedPrior::new(&scene.depth, &SimulatedPriorConfig::default())?;
-//! let sigma = prior.answer().map.mapv(|z| 0.05 * z);
+//! let sigma = prior.prediction().map.mapv(|z| 0.05 * z);
 //!
-//! let subject = Subject::new(prior.answer().map.view(), scene.depth.view()).with_sigma(sigma.view());
+//! let subject = Subject::new(prior.prediction().map.view(), scene.depth.view()).with_sigma(sigma.view());
 //! let scores = score(&subject, &ScoreConfig::default())?;
 //! assert!(scores.depth.abs_rel > 0.0 && scores.depth.abs_rel < 0.2);
 //! assert!(scores.uncertainty.is_some_and(|u| u.mae.ause > 0.0));
@@ -26,26 +33,35 @@
 //! ```
 
 pub mod align;
+#[cfg(feature = "baseline")]
 pub mod baseline;
+#[cfg(feature = "data")]
 pub mod data;
 mod error;
 #[cfg(feature = "plot")]
 pub mod figure;
 pub mod metrics;
-pub mod raster;
+mod raster;
+#[cfg(feature = "baseline")]
 mod refiner;
+#[cfg(feature = "scenes")]
 pub mod scene;
 pub mod score;
+#[cfg(feature = "scenes")]
 pub mod simulated;
 pub mod statistics;
 pub mod table;
 
 pub use error::{Error, Result};
+#[cfg(feature = "prior")]
 pub use mde_prior;
 pub use mde_uncertainty;
+#[cfg(feature = "prior")]
 pub use mde_warp;
+#[cfg(feature = "prior")]
 pub use nalgebra;
 pub use ndarray;
+#[cfg(feature = "baseline")]
 pub use refiner::{Refined, Refiner, Task};
 
 #[cfg(doctest)]

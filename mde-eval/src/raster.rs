@@ -1,28 +1,31 @@
-//! Small image operators that the map metrics stand on: masks, gradients, Canny edges, distance
+//! Image operators of the metrics on maps: masks, gradients, Canny edges, distance
 //! transforms, dilation, superpixels.
 
+mod blur;
 mod canny;
 mod distance;
 mod gradient;
 mod slic;
 mod thin;
 
-pub(crate) use canny::blur;
-pub use canny::canny;
+pub(crate) use blur::blur;
+#[cfg(feature = "scenes")]
+pub(crate) use blur::blur_within;
+pub(crate) use canny::canny;
 pub(crate) use distance::Marked;
-pub use distance::distance_to;
-pub use gradient::{sobel, sobel_zero_padded};
-pub use slic::Superpixels;
+pub(crate) use distance::distance_to;
+pub(crate) use gradient::{sobel, sobel_zero_padded};
+pub(crate) use slic::Superpixels;
 pub(crate) use thin::Gradient;
 
 use crate::{Error, Result};
-use ndarray::{Array2, ArrayView2, Axis};
+use ndarray::{Array2, ArrayView2};
 
 /// Pixels of `mask` whose eight neighbours belong to it too, `[height, width]`.
 ///
 /// What lies outside the image counts as part of the mask, as replicate padding has it. A 3 x 3 operator that is read
 /// only here never sees a masked-out value.
-pub fn erode(mask: ArrayView2<'_, bool>) -> Array2<bool> {
+pub(crate) fn erode(mask: ArrayView2<'_, bool>) -> Array2<bool> {
     let (height, width) = mask.dim();
     let rows = Array2::from_shape_fn((height, width), |(y, x)| {
         mask[(y, x)] && (x == 0 || mask[(y, x - 1)]) && (x + 1 == width || mask[(y, x + 1)])
@@ -33,28 +36,13 @@ pub fn erode(mask: ArrayView2<'_, bool>) -> Array2<bool> {
 }
 
 /// The largest value within `radius` pixels (Euclidean) of each pixel, `[height, width]`.
-pub fn dilate(map: ArrayView2<'_, f32>, radius: u32) -> Array2<f32> {
+pub(crate) fn dilate(map: ArrayView2<'_, f32>, radius: u32) -> Array2<f32> {
     let mut out = map.to_owned();
     let reach = i64::from(radius);
     for dy in -reach..=reach {
         for dx in -reach..=reach {
             if dx * dx + dy * dy <= reach * reach && (dx, dy) != (0, 0) {
                 max_with_shifted(&mut out, map, dy as isize, dx as isize);
-            }
-        }
-    }
-    out
-}
-
-/// The smallest value in a square of side `2 * radius + 1` about each pixel, cut off at the border.
-pub(crate) fn erode_by(map: &Array2<f64>, radius: usize) -> Array2<f64> {
-    let mut out = map.clone();
-    for axis in [Axis(0), Axis(1)] {
-        for mut line in out.lanes_mut(axis) {
-            let source = line.to_vec();
-            for (at, value) in line.iter_mut().enumerate() {
-                let window = &source[at.saturating_sub(radius)..(at + radius + 1).min(source.len())];
-                *value = window.iter().copied().fold(f64::INFINITY, f64::min);
             }
         }
     }

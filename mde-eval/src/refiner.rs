@@ -3,7 +3,7 @@ use mde_prior::{DepthPrior, DisparityRule};
 use mde_warp::PinholeCamera;
 use ndarray::{Array2, ArrayView2, ArrayView3};
 
-/// What a [`Refiner`] may look at. Never the truth.
+/// Input of a [`Refiner`]. Never the truth.
 #[derive(Clone, Copy)]
 pub struct Task<'a> {
     /// The photograph, `[height, width, 3]`, sRGB in 0 to 1.
@@ -12,43 +12,53 @@ pub struct Task<'a> {
     pub camera: &'a PinholeCamera,
     /// The monocular depth, `[height, width]`; 0 where missing.
     pub prior: ArrayView2<'a, f32>,
-    /// What the depth came from, where it can be asked again about another picture: a model, not a file.
+    /// The model that predicted the depth, where it accepts other images; `None` where the depth is from a file.
     pub model: Option<&'a dyn DepthPrior>,
-    /// How the model's answer becomes depth.
+    /// The rule by which the model's prediction becomes depth.
     pub rule: &'a DisparityRule,
-    /// Where every random draw comes from.
+    /// Seed of every random draw.
     pub seed: u64,
 }
 
-impl Task<'_> {
-    /// The model's depth of another picture, `[height, width]` of that picture; 0 where missing.
+impl<'a> Task<'a> {
+    /// A photograph with its camera and monocular depth; no model, seed 0.
+    pub fn new(
+        image: ArrayView3<'a, f32>,
+        camera: &'a PinholeCamera,
+        prior: ArrayView2<'a, f32>,
+        rule: &'a DisparityRule,
+    ) -> Self {
+        Self { image, camera, prior, model: None, rule, seed: 0 }
+    }
+
+    /// The model's depth of another image, `[height, width]` of that image; 0 where missing.
     ///
     /// # Errors
-    /// [`Error::NoModel`] where there is none, or what the model refuses.
+    /// [`Error::NoModel`] without a model, or the model's own error.
     pub fn predict(&self, image: ArrayView3<'_, f32>) -> Result<Array2<f32>> {
         let model = self.model.ok_or(Error::NoModel)?;
         Ok(model.predict(image)?.to_depth(self.rule)?)
     }
 }
 
-/// A better depth, and how sure it is.
+/// A refined depth with its standard deviation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refined {
     /// Depth `[height, width]` in the prior's unit; 0 where missing.
     pub depth: Array2<f32>,
     /// Its standard deviation `[height, width]` in the same unit, where the method has one.
     pub sigma: Option<Array2<f32>>,
-    /// What the method says of its run, such as what it estimated; null where it says nothing.
-    pub account: serde_json::Value,
+    /// A report of the run, such as the estimated parameters; null where there is none.
+    pub report: serde_json::Value,
 }
 
 impl From<Array2<f32>> for Refined {
     fn from(depth: Array2<f32>) -> Self {
-        Self { depth, sigma: None, account: serde_json::Value::Null }
+        Self { depth, sigma: None, report: serde_json::Value::Null }
     }
 }
 
-/// One way from a picture and its monocular depth to a better depth: a filter, or a whole pipeline.
+/// A method that refines the monocular depth of a photograph: a filter, or a whole pipeline.
 ///
 /// ```
 /// use mde_eval::ndarray::{Array2, Array3};
@@ -56,7 +66,7 @@ impl From<Array2<f32>> for Refined {
 /// use mde_eval::mde_prior::DisparityRule;
 /// use mde_eval::mde_warp::PinholeCamera;
 ///
-/// /// Says that everything is a little further away.
+/// /// Moves everything a little further away.
 /// struct Further;
 ///
 /// impl Refiner for Further {
@@ -67,14 +77,14 @@ impl From<Array2<f32>> for Refined {
 ///
 /// let (image, prior) = (Array3::zeros((6, 8, 3)), Array2::from_elem((6, 8), 2.0));
 /// let (camera, rule) = (PinholeCamera::from_fov(60.0, 8, 6)?, DisparityRule::default());
-/// let task = Task { image: image.view(), camera: &camera, prior: prior.view(), model: None, rule: &rule, seed: 0 };
+/// let task = Task::new(image.view(), &camera, prior.view(), &rule);
 /// assert_eq!(Further.refine(&task)?.depth[[0, 0]], 2.02);
 /// # Ok::<(), mde_eval::Error>(())
 /// ```
 pub trait Refiner {
-    /// Refines the prior of `task`; the result has the picture's size.
+    /// Refines the prior of `task`; the result has the photograph's size.
     ///
     /// # Errors
-    /// Whatever keeps the method from answering.
+    /// The method's own.
     fn refine(&self, task: &Task<'_>) -> Result<Refined>;
 }

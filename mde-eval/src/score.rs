@@ -1,4 +1,4 @@
-//! All metrics of one map against the truth, as values that can be written down.
+//! All metrics of one map against the truth, as serialisable values.
 
 mod config;
 mod depth;
@@ -18,7 +18,7 @@ use ndarray::{Array2, ArrayView2, Zip};
 use serde::{Deserialize, Serialize};
 use truth::Truth;
 
-/// What is scored: a prediction with or without its uncertainty, the truth, and which pixels count.
+/// A prediction with or without its uncertainty, the truth, and the pixels that count.
 #[derive(Debug, Clone, Copy)]
 pub struct Subject<'a> {
     /// Predicted depth `[height, width]`, any unit; not positive or not finite means missing.
@@ -91,19 +91,19 @@ impl<'a> Subject<'a> {
     }
 }
 
-/// Everything that is known about one prediction.
+/// All scores of one prediction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Scores {
     /// The rule that `alignment` was fitted by, nothing where it was handed in ([`score_aligned`]).
     pub rule: Option<AlignmentRule>,
-    /// What the prediction went through before it was scored.
+    /// Alignment of the prediction to the truth.
     pub alignment: Alignment,
     /// Pixels scored.
     pub pixels: usize,
-    /// How good the depth is.
+    /// Scores of the depth.
     pub depth: DepthScores,
-    /// How good the uncertainty is, where there is one.
+    /// Scores of the uncertainty, where there is one.
     pub uncertainty: Option<UncertaintyScores>,
 }
 
@@ -126,7 +126,7 @@ pub fn score(subject: &Subject<'_>, config: &ScoreConfig) -> Result<Scores> {
     own_alignment(subject, config, |alignment| score_aligned(subject, alignment, config))
 }
 
-/// Fits the rule of `config` and says so in the scores.
+/// Fits the rule of `config` and names it in the scores.
 fn own_alignment(
     subject: &Subject<'_>,
     config: &ScoreConfig,
@@ -144,7 +144,7 @@ pub fn score_aligned(subject: &Subject<'_>, alignment: &Alignment, config: &Scor
     score_with(subject, alignment, config, None)
 }
 
-/// With what is known of the truth already, should it be the subject's.
+/// With a prepared truth, used where it is that of the subject.
 fn score_with(
     subject: &Subject<'_>,
     alignment: &Alignment,
@@ -199,7 +199,7 @@ pub fn curves(
     lists.map(|lists| uncertainty::curves(&lists)).transpose()
 }
 
-/// What is compared: both maps, 0 where a pixel does not count.
+/// Both maps, 0 where a pixel does not count.
 struct Aligned {
     depth: Array2<f32>,
     truth: Array2<f32>,

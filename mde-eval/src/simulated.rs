@@ -1,23 +1,23 @@
-//! Priors made from the truth, with the faults that monocular networks have: a map, and a model that can be asked again.
+//! Priors made from the truth, with the faults of monocular networks: a depth map, and a model that accepts crops.
 
 mod model;
 
 pub use model::{SimulatedModel, SimulatedModelConfig};
 
-use crate::raster::erode_by;
+use crate::raster::blur_within;
 use crate::{Error, Result};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_uncertainty::random::CounterRng;
-use ndarray::{Array2, ArrayView3, ArrayViewMut1, Axis};
+use ndarray::{Array2, ArrayView3, Axis};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
-/// What a [`SimulatedPrior`] gets wrong.
+/// Faults of a [`SimulatedPrior`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct SimulatedPriorConfig {
-    /// What the numbers mean. For [`DepthKind::Metric`] neither `scale` nor `shift` is applied.
+    /// Kind of the predicted values. For [`DepthKind::Metric`] neither `scale` nor `shift` is applied.
     pub kind: DepthKind,
     /// Things in front of a background that are narrower than this vanish, as a fraction of the image's width.
     pub lost_width: f64,
@@ -29,7 +29,7 @@ pub struct SimulatedPriorConfig {
     pub wavelength: f64,
     /// Gain: of the depth for [`DepthKind::RelativeDepth`], of the disparity for [`DepthKind::AffineDisparity`].
     pub scale: f64,
-    /// Added to the scaled disparity, in units of its median: its size is unknown to the user.
+    /// Added to the scaled disparity, in units of its median.
     pub shift: f64,
     /// Seed of the low-frequency error.
     pub seed: u64,
@@ -65,23 +65,21 @@ impl SimulatedPriorConfig {
     pub fn validate(&self) -> Result<()> {
         let share = |value: f64| (0.0..=0.25).contains(&value);
         let checks = [
-            ("lost-width", self.lost_width, share(self.lost_width), "between 0 and 0.25 of the width"),
-            ("blur", self.blur, share(self.blur), "between 0 and 0.25 of the width"),
-            ("error", self.error, (0.0..=1.0).contains(&self.error), "between 0 and 1"),
+            ("lost-width", self.lost_width, share(self.lost_width), "use 0 to 0.25 of the width"),
+            ("blur", self.blur, share(self.blur), "use 0 to 0.25 of the width"),
+            ("error", self.error, (0.0..=1.0).contains(&self.error), "use 0 to 1"),
             (
                 "wavelength",
                 self.wavelength,
                 self.wavelength >= 0.01 && self.wavelength.is_finite(),
-                "finite, from 0.01",
+                "use a finite number from 0.01",
             ),
-            ("scale", self.scale, self.scale > 0.0 && self.scale.is_finite(), "positive and finite"),
-            ("shift", self.shift, self.shift.is_finite(), "finite"),
+            ("scale", self.scale, self.scale > 0.0 && self.scale.is_finite(), "use a positive finite number"),
+            ("shift", self.shift, self.shift.is_finite(), "use a finite number"),
         ];
         match checks.into_iter().find(|check| !check.2) {
             None => Ok(()),
-            Some((field, value, _, expected)) => {
-                Err(Error::Config { field, value: value.to_string(), expected })
-            }
+            Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
         }
     }
 }
@@ -91,9 +89,8 @@ impl SimulatedPriorConfig {
 /// \\[ \hat z = e^{\epsilon f} \Big/ \Bigl(G_\sigma * \frac{1}{\operatorname{close}_r z}\Bigr) \\]
 ///
 /// with \\(\operatorname{close}_r\\) the grey closing by a square (what is nearer than its surroundings and narrow takes
-/// their depth), \\(G_\sigma\\) a Gaussian and \\(f\\) a sum of long waves of mean 0 and variance 1 over the image. It answers
-/// with \\(\hat z\\), \\(s \hat z\\) or \\(s/\hat z + t\\) according to the kind, for images of the map's size whatever they
-/// show.
+/// their depth), \\(G_\sigma\\) a Gaussian and \\(f\\) a sum of long waves of mean 0 and variance 1 over the image. The
+/// prediction is \\(\hat z\\), \\(s \hat z\\) or \\(s/\hat z + t\\) according to the kind, for any image of the map's size.
 ///
 /// ```
 /// use mde_eval::scene::{Room, room};
@@ -108,7 +105,7 @@ impl SimulatedPriorConfig {
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulatedPrior {
-    answer: PriorDepth,
+    prediction: PriorDepth,
 }
 
 impl SimulatedPrior {
@@ -138,13 +135,13 @@ impl SimulatedPrior {
             }
             _ => depth * config.scale,
         };
-        let answer = PriorDepth::with_mask(map.mapv(|v| v as f32), valid, config.kind)?;
-        Ok(Self { answer })
+        let prediction = PriorDepth::with_mask(map.mapv(|v| v as f32), valid, config.kind)?;
+        Ok(Self { prediction })
     }
 
-    /// What it answers.
-    pub fn answer(&self) -> &PriorDepth {
-        &self.answer
+    /// Its prediction for the image.
+    pub fn prediction(&self) -> &PriorDepth {
+        &self.prediction
     }
 }
 
@@ -153,18 +150,14 @@ impl DepthPrior for SimulatedPrior {
     /// [`mde_prior::Error::Input`] for an image of another size.
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         let (height, width, _) = image.dim();
-        if (height, width) == self.answer.map.dim() {
-            return Ok(self.answer.clone());
+        if (height, width) == self.prediction.map.dim() {
+            return Ok(self.prediction.clone());
         }
-        let shape = self.answer.map.dim();
+        let shape = self.prediction.map.dim();
         Err(mde_prior::Error::Input(format!(
             "the simulated prior is {}x{} but the image is {width}x{height} (width x height); resize the image",
             shape.1, shape.0
         )))
-    }
-
-    fn answers_anew(&self) -> bool {
-        false
     }
 }
 
@@ -182,33 +175,30 @@ fn close(depth: &Array2<f32>, valid: &Array2<bool>, radius: usize) -> Array2<f64
 
 /// Gaussian blur over the valid pixels (normalised convolution), borders replicated by leaving the outside out.
 fn blur(map: &Array2<f64>, valid: &Array2<bool>, sigma: f64) -> Array2<f64> {
-    let mut weight = valid.mapv(|valid| f64::from(u8::from(valid)));
-    let mut sum = map * &weight;
-    if sigma > 0.0 {
-        let reach = (4.0 * sigma).ceil() as usize;
-        let kernel: Vec<f64> = (0..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
-        for map in [&mut sum, &mut weight] {
-            for axis in [Axis(0), Axis(1)] {
-                map.lanes_mut(axis).into_iter().for_each(|line| convolve(line, &kernel));
-            }
-        }
+    let weight = valid.mapv(|valid| f64::from(u8::from(valid)));
+    let radius = (4.0 * sigma).ceil() as usize;
+    if radius == 0 {
+        return map * &weight;
     }
-    ndarray::Zip::from(&mut sum).and(&weight).for_each(|s, &w| *s = if w > 0.0 { *s / w } else { 0.0 });
+    let mut sum = blur_within(map * &weight, sigma, radius);
+    let share = blur_within(weight, sigma, radius);
+    ndarray::Zip::from(&mut sum).and(&share).for_each(|s, &w| *s = if w > 0.0 { *s / w } else { 0.0 });
     sum
 }
 
-/// Convolution of a line with a symmetric kernel given from its middle; zero outside.
-fn convolve(mut line: ArrayViewMut1<'_, f64>, kernel: &[f64]) {
-    let source = line.to_vec();
-    for (at, out) in line.iter_mut().enumerate() {
-        let reach = kernel.len() - 1;
-        let (first, last) = (at.saturating_sub(reach), (at + reach + 1).min(source.len()));
-        *out = source[first..last]
-            .iter()
-            .zip(first..)
-            .map(|(value, from)| value * kernel[from.abs_diff(at)])
-            .sum();
+/// The smallest value in a square of side `2 * radius + 1` about each pixel, cut off at the border.
+fn erode_by(map: &Array2<f64>, radius: usize) -> Array2<f64> {
+    let mut out = map.clone();
+    for axis in [Axis(0), Axis(1)] {
+        for mut line in out.lanes_mut(axis) {
+            let source = line.to_vec();
+            for (at, value) in line.iter_mut().enumerate() {
+                let window = &source[at.saturating_sub(radius)..(at + radius + 1).min(source.len())];
+                *value = window.iter().copied().fold(f64::INFINITY, f64::min);
+            }
+        }
     }
+    out
 }
 
 /// A sum of waves no shorter than `wavelength` (as a fraction of the width), of mean 0 and variance 1 over the map, drawn from a
@@ -256,7 +246,7 @@ mod tests {
     }
 
     fn made(config: &SimulatedPriorConfig) -> Array2<f32> {
-        SimulatedPrior::new(&truth(), config).unwrap().answer.map
+        SimulatedPrior::new(&truth(), config).unwrap().prediction.map
     }
 
     #[test]
@@ -305,7 +295,7 @@ mod tests {
         holes.row_mut(10).fill(0.0);
         holes[(0, 0)] = f32::NAN;
         let prior = SimulatedPrior::new(&holes, &SimulatedPriorConfig::default()).unwrap();
-        assert!(prior.answer.map.iter().zip(&holes).all(|(p, z)| (*p > 0.0) == (*z > 0.0)));
+        assert!(prior.prediction.map.iter().zip(&holes).all(|(p, z)| (*p > 0.0) == (*z > 0.0)));
         assert!(prior.predict(Array3::zeros((60, 80, 3)).view()).is_ok());
         assert!(prior.predict(Array3::zeros((80, 60, 3)).view()).is_err());
         assert!(SimulatedPrior::new(&Array2::zeros((4, 4)), &config()).is_err());

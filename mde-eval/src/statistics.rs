@@ -1,16 +1,19 @@
-//! What many scenes say of a difference: paired, with an interval.
+//! Means, paired differences and ratios over scenes, with intervals.
 //!
-//! Scenes are the sample, not pixels: the pixels of one picture err together. A method is compared with a reference *on the
-//! same scenes*, so that what makes a scene hard cancels, and the interval is the percentile bootstrap over scenes (Efron,
-//! 1979): scenes are drawn with replacement, both methods' values with them.
+//! Scenes are the sample, not pixels: the errors of the pixels of one image are correlated. A method is compared with a
+//! reference *on the same scenes*, so that what makes a scene hard cancels, and the interval is the percentile bootstrap
+//! (Efron, 1979): scenes are drawn with replacement, both methods' values with them. The errors of several scenes of one room
+//! are correlated too. Where the places of the scenes are given, whole places are drawn with replacement, all their scenes
+//! with them (the cluster bootstrap; Davison and Hinkley, "Bootstrap methods and their application", 1997, Section 3.8).
 
 use crate::{Error, Result};
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::statistics::quantile_sorted;
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
-/// A number and the interval that it is known to.
+/// A number and its interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// The value on the scenes at hand.
@@ -22,17 +25,17 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// Whether the interval leaves `value` out: whether the number differs from it beyond the chance of the scenes.
+    /// Whether `value` lies outside the interval: whether the difference is beyond the chance of the scenes.
     pub fn excludes(&self, value: f64) -> bool {
         value < self.low || value > self.high
     }
 }
 
-/// How intervals are made.
+/// Settings of the intervals.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct Bootstrap {
-    /// How often the scenes are drawn again.
+    /// Number of resamples.
     pub draws: usize,
     /// Probability of the interval, in 0 to 1.
     pub level: f64,
@@ -50,48 +53,63 @@ impl Bootstrap {
     /// Checks the fields.
     ///
     /// # Errors
-    /// [`Error::Config`] names the field and what it must be.
+    /// [`Error::Config`] for the first field at fault.
     pub fn validate(&self) -> Result<()> {
-        let fault = |field, value: String, expected| Err(Error::Config { field, value, expected });
+        let fault = |field, value: String, remedy| Err(Error::Config { field, value, remedy });
         if self.draws == 0 {
-            return fault("draws", "0".to_owned(), "at least 1");
+            return fault("draws", "0".to_owned(), "use at least 1");
         }
         if !(self.level > 0.0 && self.level < 1.0) {
-            return fault("level", self.level.to_string(), "a probability between 0 and 1");
+            return fault("level", self.level.to_string(), "use a probability between 0 and 1");
         }
         Ok(())
     }
 
-    /// The mean \\(\frac1n \sum_s x_s\\) over scenes.
+    /// The mean \\(\frac1n \sum_s x_s\\) over scenes. `places` has a label for the place of each scene; without it, each
+    /// scene is its own place.
     ///
     /// # Errors
-    /// [`Error::Empty`] without scenes, [`Error::Value`] for a value that is not finite; as [`Bootstrap::validate`].
-    pub fn mean(&self, values: &[f64]) -> Result<Estimate> {
-        self.estimate("a mean", &[values], |[mean]| Some(*mean))?.ok_or(Error::Empty { what: "a mean" })
+    /// [`Error::Empty`] without scenes, [`Error::Value`] for a value that is not finite, [`Error::Length`] where `places` has
+    /// another length; as [`Bootstrap::validate`].
+    pub fn mean(&self, values: &[f64], places: Option<&[usize]>) -> Result<Estimate> {
+        let what = "a mean";
+        self.estimate(what, &[values], places, |[mean]| Some(*mean))?.ok_or(Error::Empty { what })
     }
 
     /// The paired difference \\(\frac1n \sum_s (x_s - r_s)\\) of a method's values and the reference's on the same scenes.
     ///
     /// # Errors
     /// As [`Bootstrap::mean`]; [`Error::Length`] where the lists differ.
-    pub fn difference(&self, values: &[f64], reference: &[f64]) -> Result<Estimate> {
+    pub fn difference(
+        &self,
+        values: &[f64],
+        reference: &[f64],
+        places: Option<&[usize]>,
+    ) -> Result<Estimate> {
         let what = "a paired difference";
-        self.estimate(what, &[values, reference], |[x, r]| Some(x - r))?.ok_or(Error::Empty { what })
+        self.estimate(what, &[values, reference], places, |[x, r]| Some(x - r))?.ok_or(Error::Empty { what })
     }
 
-    /// The ratio of means \\(\sum_s x_s / \sum_s r_s\\) on the same scenes; nothing unless every drawn sum of the reference is positive.
+    /// The ratio of means \\(\sum_s x_s / \sum_s r_s\\) on the same scenes; `None` unless every drawn sum of the reference is
+    /// positive.
     ///
     /// # Errors
     /// As [`Bootstrap::difference`].
-    pub fn ratio(&self, values: &[f64], reference: &[f64]) -> Result<Option<Estimate>> {
-        self.estimate("a ratio", &[values, reference], |[x, r]| (*r > 0.0).then_some(x / r))
+    pub fn ratio(
+        &self,
+        values: &[f64],
+        reference: &[f64],
+        places: Option<&[usize]>,
+    ) -> Result<Option<Estimate>> {
+        self.estimate("a ratio", &[values, reference], places, |[x, r]| (*r > 0.0).then_some(x / r))
     }
 
-    /// `of` the means of the lists over the scenes, and over scenes drawn with replacement.
+    /// `of` the means of the lists over the scenes, and over the scenes of places drawn with replacement.
     fn estimate<const N: usize>(
         &self,
         what: &'static str,
         lists: &[&[f64]; N],
+        places: Option<&[usize]>,
         of: impl Fn(&[f64; N]) -> Option<f64>,
     ) -> Result<Option<Estimate>> {
         self.validate()?;
@@ -107,21 +125,24 @@ impl Bootstrap {
         if count == 0 {
             return Err(Error::Empty { what });
         }
-        let means = |scenes: &mut dyn FnMut() -> usize| {
-            let mut sums = [0.0; N];
-            for _ in 0..count {
-                let scene = scenes();
-                sums.iter_mut().zip(lists).for_each(|(sum, list)| *sum += list[scene]);
+        let places = by_place(what, places, count)?;
+        let means = |drawn: &mut dyn FnMut() -> usize| {
+            let (mut sums, mut scenes) = ([0.0; N], 0_usize);
+            for _ in 0..places.len() {
+                for &scene in &places[drawn()] {
+                    sums.iter_mut().zip(lists).for_each(|(sum, list)| *sum += list[scene]);
+                    scenes += 1;
+                }
             }
-            sums.map(|sum| sum / count as f64)
+            sums.map(|sum| sum / scenes as f64)
         };
-        let mut in_order = 0..count;
+        let mut in_order = 0..places.len();
         let Some(value) = of(&means(&mut || in_order.next().unwrap_or(0))) else { return Ok(None) };
         let mut drawn = Vec::with_capacity(self.draws);
         for draw in 0..self.draws {
-            // The same scenes for every method and metric.
+            // The same places for every method and metric.
             let mut rng = CounterRng::new(self.seed, "bootstrap", draw as u64, 0);
-            let Some(value) = of(&means(&mut || rng.random_range(0..count))) else { return Ok(None) };
+            let Some(value) = of(&means(&mut || rng.random_range(0..places.len()))) else { return Ok(None) };
             drawn.push(value);
         }
         drawn.sort_unstable_by(f64::total_cmp);
@@ -129,6 +150,23 @@ impl Bootstrap {
         let end = |p| quantile_sorted(&drawn, p).unwrap_or(value);
         Ok(Some(Estimate { value, low: end(tail), high: end(1.0 - tail) }))
     }
+}
+
+/// The scenes of each place, in the order of their first scene.
+fn by_place(what: &'static str, places: Option<&[usize]>, count: usize) -> Result<Vec<Vec<usize>>> {
+    let Some(labels) = places else { return Ok((0..count).map(|scene| vec![scene]).collect()) };
+    if labels.len() != count {
+        return Err(Error::Length { what, found: labels.len(), expected: count });
+    }
+    let (mut scenes, mut place_of) = (Vec::<Vec<usize>>::new(), BTreeMap::new());
+    for (scene, label) in labels.iter().enumerate() {
+        let place = *place_of.entry(label).or_insert(scenes.len());
+        match scenes.get_mut(place) {
+            Some(of_place) => of_place.push(scene),
+            None => scenes.push(vec![scene]),
+        }
+    }
+    Ok(scenes)
 }
 
 #[cfg(test)]
@@ -148,26 +186,46 @@ mod tests {
         fn pairing_cancels_what_is_common(scenes in scenes(), shift in -3.0..3.0_f64, gain in 0.5..2.0_f64) {
             let reference: Vec<f64> = scenes.iter().map(|s| s.1).collect();
             let moved: Vec<f64> = reference.iter().map(|r| r + shift).collect();
-            let d = QUICK.difference(&moved, &reference).unwrap();
+            let d = QUICK.difference(&moved, &reference, None).unwrap();
             prop_assert!([d.value, d.low, d.high].iter().all(|v| (v - shift).abs() < 1e-12));
             let scaled: Vec<f64> = reference.iter().map(|r| r * gain).collect();
-            let r = QUICK.ratio(&scaled, &reference).unwrap().unwrap();
+            let r = QUICK.ratio(&scaled, &reference, None).unwrap().unwrap();
             prop_assert!([r.value, r.low, r.high].iter().all(|v| (v - gain).abs() < 1e-12));
         }
 
         #[test]
         fn exchanging_the_methods_turns_the_interval_round(scenes in scenes()) {
             let (x, r): (Vec<f64>, Vec<f64>) = scenes.into_iter().unzip();
-            let (forth, back) = (QUICK.difference(&x, &r).unwrap(), QUICK.difference(&r, &x).unwrap());
+            let (forth, back) = (QUICK.difference(&x, &r, None).unwrap(), QUICK.difference(&r, &x, None).unwrap());
             prop_assert!((forth.low + back.high).abs() < 1e-12 && (forth.high + back.low).abs() < 1e-12);
             prop_assert!(forth.low <= forth.high);
+        }
+
+        #[test]
+        fn a_place_for_each_scene_is_no_place_at_all(scenes in scenes(), offset in 0..9_usize) {
+            let (x, r): (Vec<f64>, Vec<f64>) = scenes.into_iter().unzip();
+            let labels: Vec<usize> = (0..x.len()).map(|scene| offset + 2 * scene).collect();
+            prop_assert_eq!(QUICK.mean(&x, Some(&labels)).unwrap(), QUICK.mean(&x, None).unwrap());
+            prop_assert_eq!(QUICK.ratio(&x, &r, Some(&labels)).unwrap(), QUICK.ratio(&x, &r, None).unwrap());
+        }
+
+        /// Copies of a scene in its own place bring no evidence.
+        #[test]
+        fn copies_within_a_place_leave_the_interval(scenes in scenes(), copies in 2..5_usize) {
+            let values: Vec<f64> = scenes.iter().map(|scene| scene.0).collect();
+            let repeated: Vec<f64> = values.iter().flat_map(|v| std::iter::repeat_n(*v, copies)).collect();
+            let labels: Vec<usize> = (0..repeated.len()).map(|scene| scene / copies).collect();
+            let (once, often) = (QUICK.mean(&values, None).unwrap(), QUICK.mean(&repeated, Some(&labels)).unwrap());
+            for (a, b) in [(once.value, often.value), (once.low, often.low), (once.high, often.high)] {
+                prop_assert!((a - b).abs() < 1e-12);
+            }
         }
     }
 
     #[test]
     fn the_interval_of_a_mean_is_as_wide_as_theory_says() {
         let values: Vec<f64> = (0..50).map(|i| f64::from(i % 2)).collect();
-        let mean = Bootstrap::default().mean(&values).unwrap();
+        let mean = Bootstrap::default().mean(&values, None).unwrap();
         let half = 1.96 * 0.5 / 50_f64.sqrt();
         assert_eq!(mean.value, 0.5);
         assert!((mean.high - 0.5 - half).abs() < 0.015 && (0.5 - mean.low - half).abs() < 0.015, "{mean:?}");
@@ -180,18 +238,37 @@ mod tests {
         for trial in 0..400 {
             let mut rng = CounterRng::new(9, "coverage", trial, 0);
             let values: Vec<f64> = (0..40).map(|_| rng.random_range(0.0..1.0)).collect();
-            inside += u32::from(!QUICK.mean(&values).unwrap().excludes(0.5));
+            inside += u32::from(!QUICK.mean(&values, None).unwrap().excludes(0.5));
         }
         // Four standard errors about 90 %.
         assert!((336..=384).contains(&inside), "{inside}");
     }
 
+    /// Three scenes to a place that are alike up to little noise: resampling scenes would cover about 60 %.
+    #[test]
+    fn resampling_places_covers_where_scenes_of_a_place_are_alike() {
+        let labels: Vec<usize> = (0..90).map(|scene| scene % 30).collect();
+        let (mut of_places, mut of_scenes) = (0, 0);
+        for trial in 0..400 {
+            let mut rng = CounterRng::new(9, "places", trial, 0);
+            let places: Vec<f64> = (0..30).map(|_| rng.random_range(0.0..1.0)).collect();
+            let values: Vec<f64> =
+                labels.iter().map(|place| places[*place] + rng.random_range(-0.05..0.05)).collect();
+            of_places += u32::from(!QUICK.mean(&values, Some(&labels)).unwrap().excludes(0.5));
+            of_scenes += u32::from(!QUICK.mean(&values, None).unwrap().excludes(0.5));
+        }
+        // Four standard errors about 89 %, which the percentile bootstrap has with 30 places.
+        assert!((331..=384).contains(&of_places), "{of_places}");
+        assert!(of_scenes < 300, "{of_scenes}");
+    }
+
     #[test]
     fn faults_are_named() {
-        assert!(matches!(QUICK.mean(&[]), Err(Error::Empty { .. })));
-        assert!(matches!(QUICK.mean(&[1.0, f64::NAN]), Err(Error::Value { index: 1, .. })));
-        assert!(matches!(QUICK.difference(&[1.0], &[]), Err(Error::Length { .. })));
-        assert!(QUICK.ratio(&[1.0], &[0.0]).unwrap().is_none());
-        assert!(matches!(Bootstrap { draws: 0, ..QUICK }.mean(&[1.0]), Err(Error::Config { .. })));
+        assert!(matches!(QUICK.mean(&[1.0, 2.0], Some(&[0])), Err(Error::Length { found: 1, .. })));
+        assert!(matches!(QUICK.mean(&[], None), Err(Error::Empty { .. })));
+        assert!(matches!(QUICK.mean(&[1.0, f64::NAN], None), Err(Error::Value { index: 1, .. })));
+        assert!(matches!(QUICK.difference(&[1.0], &[], None), Err(Error::Length { .. })));
+        assert!(QUICK.ratio(&[1.0], &[0.0], None).unwrap().is_none());
+        assert!(matches!(Bootstrap { draws: 0, ..QUICK }.mean(&[1.0], None), Err(Error::Config { .. })));
     }
 }

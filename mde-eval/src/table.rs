@@ -1,12 +1,14 @@
-//! Many scores as tables: one row a scene, one row a method, with what the scenes allow to say.
+//! Scores of many scenes as tables: one row per scene and method, and a summary per method with intervals.
 
+mod document;
 mod metric;
 mod summary;
 mod write;
 
+pub use document::{Block, Cell, Column, Document, Table};
 pub use metric::{Better, Group, METRICS, Metric};
 pub use summary::{MethodSummary, Statistics, Summary};
-pub use write::{csv, markdown};
+pub use write::{csv, document};
 
 use crate::Result;
 use crate::align::{Alignment, AlignmentRule};
@@ -14,7 +16,7 @@ use crate::metrics::depth;
 use crate::raster::gather;
 use crate::score::{DepthScores, ScoreConfig, Scores, Subject, UncertaintyCurves, UncertaintyScores};
 use mde_uncertainty::normal::central_half_width;
-use mde_uncertainty::pooled::{leave_one_out_factors, share_below};
+use mde_uncertainty::pooled::{PooledIntervals, share_below};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -24,6 +26,9 @@ use std::collections::BTreeMap;
 pub struct Entry {
     /// The scene's identifier.
     pub scene: String,
+    /// The place that the scene shows: scenes of one place are resampled together. The scene itself without it.
+    #[serde(default)]
+    pub place: Option<String>,
     /// The method's name.
     pub method: String,
     /// The seed of the method's random draws: its runs on a scene with other seeds are averaged before scenes are compared.
@@ -61,12 +66,19 @@ impl Entry {
     ) -> Self {
         let (uncertainty, curves) = (Some(uncertainty), Some(curves));
         let (alignment, seed) = (of.alignment.clone(), of.seed);
-        Self { seed, alignment, uncertainty, curves, ..Self::empty(of.scene.clone(), method.into()) }
+        let place = of.place.clone();
+        Self { place, seed, alignment, uncertainty, curves, ..Self::empty(of.scene.clone(), method.into()) }
+    }
+
+    /// The place that the scene shows; the scene itself where it has none.
+    pub fn place(&self) -> &str {
+        self.place.as_deref().unwrap_or(&self.scene)
     }
 
     fn empty(scene: String, method: String) -> Self {
         Self {
             scene,
+            place: None,
             method,
             seed: 0,
             alignment: String::new(),
@@ -105,7 +117,7 @@ impl SharedErrors {
     }
 }
 
-/// How good sigmas are after one factor that was learned on other scenes.
+/// Scores of the sigmas after one factor that is fitted on other places.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Calibrated {
@@ -115,12 +127,12 @@ pub struct Calibrated {
     pub coverage_50: f64,
     /// Coverage of the central 90 % interval.
     pub coverage_90: f64,
-    /// Negative log-likelihood, nats a pixel.
+    /// Negative log-likelihood, nats per pixel.
     pub nll: f64,
 }
 
-/// Fills [`Entry::calibrated`]: the factor of each scene makes the 90 % interval cover 90 % of the *other* scenes
-/// ([`leave_one_out_factors`]). Methods of fewer than two scenes are left alone.
+/// Fills [`Entry::calibrated`]: the factor of each scene makes the 90 % interval cover 90 % of the scenes of all *other* places
+/// ([`PooledIntervals`]). Methods whose scenes show one place only are left alone.
 pub fn calibrate(entries: &mut [Entry]) {
     let mut by_method: BTreeMap<(String, u64), Vec<usize>> = BTreeMap::new();
     for (index, entry) in entries.iter_mut().enumerate() {
@@ -129,17 +141,28 @@ pub fn calibrate(entries: &mut [Entry]) {
             by_method.entry((entry.method.clone(), entry.seed)).or_default().push(index);
         }
     }
-    for places in by_method.into_values() {
-        let quantiles = |&place: &usize| entries[place].curves.as_ref().map(|c| c.abs_z_quantiles.clone());
-        let quantiles: Vec<Vec<f64>> = places.iter().filter_map(quantiles).collect();
-        let Some(factors) = leave_one_out_factors(&quantiles, 0.9) else { continue };
-        for ((place, factor), quantiles) in places.into_iter().zip(factors).zip(quantiles) {
-            let Some(scores) = entries[place].uncertainty.as_ref() else { continue };
-            let covered = |p| share_below(&quantiles, factor * central_half_width(p));
+    for own in by_method.into_values() {
+        let mut factors: BTreeMap<String, Option<f64>> = BTreeMap::new();
+        for &index in &own {
+            let place = entries[index].place();
+            if !factors.contains_key(place) {
+                let others = own.iter().map(|&other| &entries[other]).filter(|other| other.place() != place);
+                let quantiles: Vec<Vec<f64>> =
+                    others.filter_map(|other| Some(other.curves.as_ref()?.abs_z_quantiles.clone())).collect();
+                let factor = PooledIntervals::fit(&quantiles).and_then(|table| table.factor(0.9)).ok();
+                factors.insert(place.to_owned(), factor);
+            }
+        }
+        for index in own {
+            let entry = &entries[index];
+            let Some(factor) = factors.get(entry.place()).copied().flatten() else { continue };
+            let (Some(scores), Some(curves)) = (&entry.uncertainty, &entry.curves) else { continue };
+            let quantiles = &curves.abs_z_quantiles;
+            let covered = |p| share_below(quantiles, factor * central_half_width(p));
             // The factor leaves the errors and multiplies every sigma.
             let nll = scores.nll + factor.ln() + 0.5 * scores.mean_z2 * (factor.powi(-2) - 1.0);
             let (coverage_50, coverage_90) = (covered(0.5), covered(0.9));
-            entries[place].calibrated = (factor > 0.0 && nll.is_finite()).then_some(Calibrated {
+            entries[index].calibrated = (factor > 0.0 && nll.is_finite()).then_some(Calibrated {
                 factor,
                 coverage_50,
                 coverage_90,
@@ -211,6 +234,17 @@ pub(crate) mod tests {
         let mut alone = entries[..2].to_vec();
         calibrate(&mut alone);
         assert!(alone.iter().all(|entry| entry.calibrated.is_none()));
+        // The third room alone stands for the first two, which are one place.
+        let third = entries.iter().find(|entry| entry.scene == "bedroom").unwrap().clone();
+        for entry in &mut entries {
+            entry.place = Some(if entry.scene == "bedroom" { "there" } else { "here" }.to_owned());
+        }
+        calibrate(&mut entries);
+        let quantiles = &third.curves.as_ref().unwrap().abs_z_quantiles;
+        for entry in entries.iter().filter(|e| e.method == third.method && e.place() == "here") {
+            let factor = entry.calibrated.unwrap().factor;
+            assert!((share_below(quantiles, factor * central_half_width(0.9)) - 0.9).abs() < 1e-6);
+        }
     }
 
     #[test]

@@ -19,6 +19,10 @@ impl DepthPrior for Red {
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_eval::mde_prior::Result<PriorDepth> {
         PriorDepth::from_values(image.index_axis(Axis(2), 0).mapv(|r| 1.0 + r), DepthKind::Metric)
     }
+
+    fn accepts_new_images(&self) -> bool {
+        true
+    }
 }
 
 fn run(name: &str, image: &Array3<f32>, prior: &Array2<f32>) -> Result<Array2<f32>> {
@@ -29,14 +33,7 @@ fn run_with(method: &dyn Refiner, image: &Array3<f32>, prior: &Array2<f32>) -> R
     let (height, width) = prior.dim();
     let camera = PinholeCamera::from_fov(60.0, width.max(1), height.max(1))?;
     let rule = DisparityRule::default();
-    let task = Task {
-        image: image.view(),
-        camera: &camera,
-        prior: prior.view(),
-        model: Some(&Red),
-        rule: &rule,
-        seed: 7,
-    };
+    let task = Task { model: Some(&Red), seed: 7, ..Task::new(image.view(), &camera, prior.view(), &rule) };
     Ok(method.refine(&task)?.depth)
 }
 
@@ -167,8 +164,7 @@ fn a_model_that_is_asked_again_brings_its_detail() {
     assert!(error(&run("zoom", &image, &truth.mapv(|d| d * 1.3)).unwrap()) < 1e-9);
     let camera = PinholeCamera::from_fov(60.0, 64, 48).unwrap();
     let rule = DisparityRule::default();
-    let task =
-        Task { image: image.view(), camera: &camera, prior: prior.view(), model: None, rule: &rule, seed: 0 };
+    let task = Task::new(image.view(), &camera, prior.view(), &rule);
     assert!(matches!(named("zoom").unwrap().refine(&task), Err(Error::NoModel)));
     assert!(matches!(named("flip+jbf").unwrap().refine(&task), Err(Error::NoModel)));
 }

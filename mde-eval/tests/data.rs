@@ -1,10 +1,10 @@
 //! Data sets in folders made here, and the real ones where they lie beside the project.
-#![allow(clippy::unwrap_used, clippy::panic)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use mde_eval::Error;
 use mde_eval::data::{
     DataSet, DataSetKind, Fallback, MapPairs, Nyu, Options, PlainFolders, Redwood, Resized, Rooms, SunDepth,
-    SunRgbd, Tum, open,
+    SunRgbd, Tum, open, parse_places,
 };
 use mde_eval::mde_prior::format::{sunrgbd_encode, write_npy};
 use mde_eval::mde_prior::photo::write_image;
@@ -302,13 +302,43 @@ fn maps_belong_together_by_name() {
 }
 
 #[test]
-#[allow(clippy::print_stderr)]
-fn the_real_data_loads() {
-    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data"));
-    if !root.is_dir() {
-        eprintln!("skipped: no data beside the project");
-        return;
+fn places_are_recordings_or_a_list() {
+    let root = tempfile::tempdir().unwrap();
+    for scene in ["xtion/sun3ddata/inn/lobby/01", "xtion/sun3ddata/inn/lobby/02", "kv2/kinect2data/000002"] {
+        sun_scene(root.path(), scene, Some(MATRIX));
     }
+    let sun = SunRgbd::open(root.path()).unwrap();
+    let lobby = Some("xtion/sun3ddata/inn/lobby");
+    assert_eq!([sun.place(0), sun.place(1), sun.place(2)], [Some("kv2/kinect2data/000002"), lobby, lobby]);
+    assert_eq!(sun.place(3), None);
+
+    let places = parse_places("# who was where\nkv2/kinect2data/000002  shop 1\n\n").unwrap();
+    let options = Options { places, size: Some([4, 3]), ..Options::default() };
+    let placed = open(DataSetKind::SunRgbd, Some(root.path()), &options).unwrap();
+    assert_eq!([placed.place(0), placed.place(1)], [Some("shop 1"), lobby]);
+    for broken in ["alone", "a b\na c"] {
+        assert!(matches!(parse_places(broken), Err(Error::Config { .. })), "{broken}");
+    }
+    let unknown = Options { places: parse_places("kv3/1 here").unwrap(), ..Options::default() };
+    let refused = open(DataSetKind::SunRgbd, Some(root.path()), &unknown).err().unwrap().to_string();
+    assert!(refused.contains("kv3/1") && refused.contains("kv2/kinect2data/000002"), "{refused}");
+
+    let frames = tempfile::tempdir().unwrap();
+    for name in ["kitchen/rgb_1.png", "kitchen/rgb_2.png", "labelled/rgb/1.png", "labelled/rgb/2.png"] {
+        let depth = name.replace("rgb_", "sync_depth_").replace("rgb/", "depth/");
+        pair(frames.path(), name, &depth, (48, 64), 1000.0);
+    }
+    let nyu = Nyu::open(frames.path()).unwrap();
+    let found: Vec<_> = (0..4).filter_map(|index| nyu.place(index)).collect();
+    assert_eq!(found, ["kitchen", "kitchen", "labelled/1", "labelled/2"]);
+}
+
+/// `MDE_SHARED=FOLDER cargo test -p mde-eval --test data -- --ignored`, with FOLDER/data/SUNRGBD and FOLDER/data/plain.
+#[test]
+#[ignore = "reads the folder that MDE_SHARED names"]
+fn the_real_data_loads() {
+    let shared = std::env::var_os("MDE_SHARED").expect("MDE_SHARED names the folder of the shared data");
+    let root = Path::new(&shared).join("data");
     let sun = SunRgbd::open(root.join("SUNRGBD")).unwrap().with_fallback(Fallback::FieldOfView(57.0));
     let plain = PlainFolders::open(root.join("plain")).unwrap();
     assert!(sun.ids().contains(&"kv2/0000144".to_owned()));

@@ -10,7 +10,6 @@ use mde_eval::score::{Prepared, ScoreConfig, Scores, Subject, score, score_align
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use proptest::prelude::*;
 use rand_distr::{Distribution, StandardNormal};
-use std::time::Instant;
 
 const RULES: [AlignmentRule; 5] = [
     AlignmentRule::None,
@@ -25,7 +24,7 @@ fn study() -> Array2<f32> {
 }
 
 fn prior(truth: &Array2<f32>) -> Array2<f32> {
-    SimulatedPrior::new(truth, &SimulatedPriorConfig::default()).unwrap().answer().map.clone()
+    SimulatedPrior::new(truth, &SimulatedPriorConfig::default()).unwrap().prediction().map.clone()
 }
 
 fn scored(prediction: &Array2<f32>, truth: &Array2<f32>, alignment: AlignmentRule) -> Scores {
@@ -83,7 +82,7 @@ fn unsharp_masking_raises_sharpness_and_fixed_f1_but_hardly_f1_max() {
     for kind in [Room::Study, Room::LivingRoom] {
         let truth = room(kind, 0, 320, 240).unwrap().depth;
         let soft = SimulatedPriorConfig { blur: 0.018, ..SimulatedPriorConfig::default() };
-        let prior = SimulatedPrior::new(&truth, &soft).unwrap().answer().map.clone();
+        let prior = SimulatedPrior::new(&truth, &soft).unwrap().prediction().map.clone();
         let sharpened = unsharp(&prior, 6);
         let [before, after] = [&prior, &sharpened].map(|p| scored(p, &truth, AlignmentRule::Median).depth);
         assert!(after.sharpness.unwrap() > 1.05 * before.sharpness.unwrap());
@@ -190,29 +189,6 @@ fn a_prepared_truth_gives_the_same_bits() {
     }
     let none = Array2::from_elem(truth.dim(), false);
     assert!(matches!(Prepared::new(truth.view(), Some(none.view()), &config), Err(Error::Empty { .. })));
-}
-
-/// Seconds, the least of five: `cargo test --release --test score -- --ignored --nocapture`.
-#[test]
-#[ignore = "a timing, for release builds"]
-fn all_scores_of_a_map_take_less_than_half_a_second() {
-    let truth = room(Room::Study, 0, 640, 480).unwrap().depth;
-    let (prediction, sigma) = (prior(&truth), truth.mapv(|z| 0.05 * z * z));
-    let subject = Subject::new(prediction.view(), truth.view()).with_sigma(sigma.view());
-    let config = ScoreConfig::default();
-    let least = |run: &dyn Fn() -> Scores| {
-        let time = || {
-            let start = Instant::now();
-            assert_eq!(run().pixels, run().pixels);
-            start.elapsed().as_secs_f64() / 2.0
-        };
-        (0..5).map(|_| time()).fold(f64::INFINITY, f64::min)
-    };
-    let plain = least(&|| score(&subject, &config).unwrap());
-    let prepared = Prepared::new(truth.view(), None, &config).unwrap();
-    let again = least(&|| prepared.score(&subject).unwrap());
-    eprintln!("score: {plain:.3} s, of a prepared truth: {again:.3} s");
-    assert!(plain < 0.5 && again < plain, "{plain} s, {again} s");
 }
 
 #[test]

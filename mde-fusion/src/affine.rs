@@ -1,7 +1,7 @@
 use crate::gaussian::relative_precision;
 use crate::{Gaussian, Sample};
 
-/// The map from the NeRF's depth to the prior's: \\(\tilde D_r = a\\,\mu_r^{\mathrm{agg}} + b\\) (Eq. 10).
+/// The map from the views' depth to the prior's: \\(\tilde D_r = a\\,\mu_r^{\mathrm{agg}} + b\\) (Eq. 10).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Affine {
     /// Scale \\(a\\).
@@ -20,19 +20,19 @@ impl Affine {
     /// \\(a = 1\\), \\(b = 0\\).
     pub const IDENTITY: Self = Self { a: 1.0, b: 0.0 };
 
-    /// Eq. 10 for a belief: mean \\(a\mu + b\\), variance \\(a^2\sigma^2\\).
+    /// Eq. 10 for a Gaussian: mean \\(a\mu + b\\), variance \\(a^2\sigma^2\\).
     #[inline]
     pub fn apply(self, estimate: Gaussian) -> Gaussian {
         Gaussian::new(self.a * estimate.mean + self.b, self.a * self.a * estimate.variance)
     }
 }
 
-/// An affine fit and how well it was determined.
+/// An affine fit and how well it is determined.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AffineFit {
     /// The fitted map.
     pub affine: Affine,
-    /// Effective number of pixels \\((\sum p)^2 / \sum p^2\\) behind the fit: 1 where one pixel has all the weight,
+    /// Effective number of pixels \\((\sum p)^2 / \sum p^2\\) of the fit: 1 where one pixel has all the weight,
     /// the number of pixels where all weigh the same.
     pub effective_support: f64,
     /// Weighted correlation of \\(u\\) and \\(v\\); 0 where either is constant.
@@ -41,7 +41,7 @@ pub struct AffineFit {
     pub relative_spread: f64,
 }
 
-/// Weighted least squares line from the NeRF's depth to the prior's (Eq. 11-13).
+/// Weighted least squares line from \\(u\\) to \\(v\\), in the fusion from the views' depth to the prior's (Eq. 11-13).
 ///
 /// \\[ (a^\star, b^\star) = \arg\min_{a,b} \sum_{x\in\mathcal X}
 /// \frac{\bigl(a\\,u(x) + b - v(x)\bigr)^2}{(\sigma_r^2)^{\mathrm{agg}}(x)} \\]
@@ -55,23 +55,23 @@ pub struct AffineFit {
 ///
 /// \\[ a^\star = \frac{\sum p (u-\bar u)(v-\bar v)}{\sum p (u-\bar u)^2},\qquad b^\star = \bar v - a^\star \bar u. \\]
 ///
-/// Only the ratios of the weights matter, so they are taken relative to the largest; samples of variance 0, if there
-/// are any, count alone, which is the limit. `None` where the line is not determined: fewer than two samples, or all
+/// Only the ratios of the weights matter, so they are taken relative to the largest. Samples of variance 0 are exact: where
+/// there are any, they alone count, which is the limit. `None` where the line is not determined: fewer than two samples, or all
 /// weight on one value of \\(u\\).
 pub fn affine_wls(samples: &[Sample]) -> Option<AffineFit> {
     let least = least_variance(samples);
-    Line::new(samples.iter().map(|s| (relative_precision(least, s.variance), s.nerf, s.prior)))?.fit()
+    Line::new(samples.iter().map(|s| (relative_precision(least, s.variance), s.u, s.v)))?.fit()
 }
 
 /// The same line with every sample weighing the same: Eq. 13 with \\(p = 1\\).
-pub fn affine_ols(samples: &[Sample]) -> Option<AffineFit> {
-    Line::new(samples.iter().map(|s| (1.0, s.nerf, s.prior)))?.fit()
+pub(crate) fn affine_ols(samples: &[Sample]) -> Option<AffineFit> {
+    Line::new(samples.iter().map(|s| (1.0, s.u, s.v)))?.fit()
 }
 
-/// [`affine_wls`]'s diagnostics for a map that was not fitted.
+/// The diagnostics of [`affine_wls`] for a given map.
 pub(crate) fn diagnose(samples: &[Sample], affine: Affine) -> Option<AffineFit> {
     let least = least_variance(samples);
-    let weighted = samples.iter().map(|s| (relative_precision(least, s.variance), s.nerf, s.prior));
+    let weighted = samples.iter().map(|s| (relative_precision(least, s.variance), s.u, s.v));
     Some(Line::new(weighted)?.describe(affine))
 }
 

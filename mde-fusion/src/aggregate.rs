@@ -1,9 +1,10 @@
 use crate::gaussian::to_f32;
-use crate::{Error, Gaussian, Result, mixture_variance, precision_weighted};
+use crate::precision::mixture_variance;
+use crate::{Error, Gaussian, Result, precision_weighted};
 use mde_uncertainty::GaussianDepth;
 use ndarray::Array2;
 
-/// How the views' estimates of one pixel become one.
+/// Rule that turns the views' estimates of one pixel into one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Aggregation {
@@ -20,15 +21,20 @@ pub enum Aggregation {
     Median,
 }
 
-/// Many views' depth as one map, pixel by pixel: Eq. 7-8, or another [`Aggregation`].
+/// Aggregates the depth of many views per pixel: Eq. 7-8, or another [`Aggregation`].
 ///
 /// All maps are `[height, width]`, reprojected into one camera. A view that is missing at a pixel does not count
 /// there, and a pixel that every view misses stays missing (\\(\tau_r = 0\\)). The order of the views does not
-/// matter. With `spread` the variance is the views' mixture variance instead of that of independent estimates:
-/// [`mixture_variance`] for [`Aggregation::Precision`], the same with equal weights for the mean and the median, no
-/// change for the rules that pick one view.
+/// matter. With `spread` the variance is that of the mixture of the views instead of that of independent estimates, with
+/// \\(\tau_j = 1/(\sigma_r^2)^{(j)}\\)
 ///
-/// No views at all give an empty map, `[0, 0]`.
+/// \\[ \sigma^2_{\mathrm{mix}} = \sum_j \frac{\tau_j}{\tau_r} \Bigl((\sigma_r^2)^{(j)} +
+/// \bigl(\mu_r^{(j)} - \mu_r^{\mathrm{agg}}\bigr)^2\Bigr) \\]
+///
+/// for [`Aggregation::Precision`], and the same with equal weights for the mean and the median. It does not change the rules
+/// that take one view.
+///
+/// Without views the map is empty, `[0, 0]`.
 ///
 /// # Errors
 /// [`Error::Shape`] for a view of another size than the first.

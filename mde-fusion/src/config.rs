@@ -1,6 +1,6 @@
-use crate::{Aggregation, EffectiveConfig, Error, Guards, Result, VarianceRule};
+use crate::{Aggregation, Error, Guards, Result, VarianceRule};
 
-/// Every choice in the fusion. The default is the [`paper`](Self::paper)'s.
+/// The choices of the fusion. The default is [`paper`](Self::paper).
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -8,44 +8,33 @@ use crate::{Aggregation, EffectiveConfig, Error, Guards, Result, VarianceRule};
     serde(deny_unknown_fields, default, rename_all = "kebab-case")
 )]
 pub struct FusionConfig {
-    /// Where the Gaussians live.
-    pub space: Space,
-    /// Which variance the views come with.
+    /// Variance of the views: their own, or one constant for all.
     pub variance: VarianceRule,
-    /// Least standard deviation of a view, as a fraction of the views' median depth
-    /// ([`variance_floor`](crate::variance_floor)): the paper's "clamp extremely small variances".
+    /// Lower bound of the views' standard deviation, as a fraction of their median depth (the paper's "clamp extremely small
+    /// variances"). Larger values give confident pixels less weight.
     pub variance_floor: f64,
-    /// How the views become one (Eq. 7-8).
+    /// Rule that turns the views of a pixel into one (Eq. 7-8).
     pub aggregation: Aggregation,
-    /// Take the views' [mixture variance](crate::mixture_variance) in place of Eq. 8.
+    /// Whether the aggregated variance is that of the mixture of the views, in place of Eq. 8, which assumes independent views.
     pub spread: bool,
-    /// How the views' depth is brought to the prior's (Eq. 10-13).
+    /// Fit of the affine map from the views' depth to the prior's (Eq. 10-13).
     pub calibration: Calibration,
-    /// Output where the calibration is [degenerate](Guards).
-    pub on_degenerate: OnDegenerate,
-    /// How \\(\sigma_o^2\\) is found (Eq. 15). A prior that has a variance keeps it.
+    /// Estimate of \\(\sigma_o^2\\) (Eq. 15). Not used for a prior that has a variance.
     pub prior_variance: PriorVariance,
-    /// Relative standard deviation of the prior for [`PriorVariance::FixedRelative`], and wherever no estimate exists
-    /// (a degenerate calibration).
+    /// Standard deviation of the prior as a fraction of its median depth, for [`PriorVariance::FixedRelative`] and where the
+    /// calibration is degenerate. Larger values give the views more weight.
     pub kappa: f64,
-    /// How prior and views become the result (Eq. 16-17).
+    /// Rule that combines the prior and the views (Eq. 16-17).
     pub fusion: Fusion,
-    /// What a pixel gets that the views know but the prior does not.
-    pub missing_prior: MissingPrior,
-    /// Least standard deviation of the result, as a fraction of the prior's median depth; 0 leaves Eq. 17 as printed,
-    /// which is 0 everywhere where Eq. 15 is.
+    /// Lower bound of the result's standard deviation, as a fraction of the prior's median depth. 0 is Eq. 17 as printed, which
+    /// gives 0 wherever Eq. 15 does.
     pub posterior_floor: f64,
-    /// Standard deviation, as a fraction of each pixel's depth, of the error that the prior and the views have in common;
-    /// its square is added to the result's variance. Views warped by the prior share its error, and no residual between
-    /// the two can show it, so this is a statement of the caller, not an estimate. It is added once a fusion: leave it 0
-    /// where the result becomes the next fusion's prior. 0 leaves Eq. 17 as printed.
+    /// Standard deviation, as a fraction of the depth, of the error that the prior and the views share. Its square is added to
+    /// the result's variance. Views warped by the prior share its error, and no residual shows it: this value is stated, not
+    /// estimated. It is added once per fusion: use 0 where the result is the prior of another fusion. 0 is Eq. 17 as printed.
     pub common_error: f64,
-    /// In [`Space::Disparity`], no calibrated depth is farther than this multiple of the prior's farthest.
-    pub far: f64,
-    /// When a calibration is degenerate.
+    /// When a calibration is refused as degenerate.
     pub guards: Guards,
-    /// Settings of [`Calibration::Effective`].
-    pub effective: EffectiveConfig,
 }
 
 impl Default for FusionConfig {
@@ -55,38 +44,32 @@ impl Default for FusionConfig {
 }
 
 impl FusionConfig {
-    /// Eq. 7-17 as printed. Where the paper leaves a value open: a variance floor of 0.1 % of the median depth, only
-    /// mathematically degenerate calibrations refused, a missing prior pixel stays missing.
+    /// Eq. 7-17 as printed, with a variance floor of 0.1 % of the median depth, which the paper leaves open.
     pub fn paper() -> Self {
         Self {
-            space: Space::Depth,
             variance: VarianceRule::Computed,
             variance_floor: 1e-3,
             aggregation: Aggregation::Precision,
             spread: false,
             calibration: Calibration::Wls,
-            on_degenerate: OnDegenerate::Monocular,
             prior_variance: PriorVariance::Moments,
             kappa: 0.1,
             fusion: Fusion::Bayes,
-            missing_prior: MissingPrior::Missing,
             posterior_floor: 0.0,
             common_error: 0.0,
-            far: 1.25,
-            guards: Guards::default(),
-            effective: EffectiveConfig::default(),
+            guards: Guards::Paper,
         }
     }
 
-    /// The remedies together: mixture variance, effective-variance calibration, a heteroscedastic prior variance,
-    /// strict guards, and a result that never claims to be exact.
+    /// Mixture variance, effective-variance calibration, a heteroscedastic prior variance, strict guards, and a lower bound of
+    /// 0.1 % of the median depth for the result's standard deviation.
     pub fn robust() -> Self {
         Self {
             spread: true,
             calibration: Calibration::Effective,
             prior_variance: PriorVariance::Heteroscedastic,
             posterior_floor: 1e-3,
-            guards: Guards::strict(),
+            guards: Guards::Strict,
             ..Self::paper()
         }
     }
@@ -94,31 +77,28 @@ impl FusionConfig {
     /// Checks every value.
     ///
     /// # Errors
-    /// [`Error::Config`] with the field at fault and what to write instead.
+    /// [`Error::Config`] names the field and what to do.
     pub fn validate(&self) -> Result<()> {
-        let check = |field, value: f64, ok: bool, remedy| match ok && value.is_finite() {
+        let check = |field, value: f64, valid: bool, remedy| match valid {
             true => Ok(()),
-            false => Err(Error::Config { field, value, remedy }),
+            false => Err(Error::Config { field, value: value.to_string(), remedy }),
         };
-        let (floor, posterior, kappa) = (self.variance_floor, self.posterior_floor, self.kappa);
         let unit = 0.0..1.0;
+        let fraction = "give a fraction from 0 to below 1";
+        for (field, value) in [
+            ("fusion.variance-floor", self.variance_floor),
+            ("fusion.posterior-floor", self.posterior_floor),
+            ("fusion.common-error", self.common_error),
+        ] {
+            check(field, value, unit.contains(&value), fraction)?;
+        }
+        let kappa = self.kappa;
         check(
-            "variance-floor",
-            floor,
-            unit.contains(&floor),
-            "take a fraction from 0 to below 1, such as 1e-3",
-        )?;
-        check(
-            "common-error",
-            self.common_error,
-            unit.contains(&self.common_error),
-            "take a fraction from 0 to below 1",
-        )?;
-        check("posterior-floor", posterior, unit.contains(&posterior), "take a fraction from 0 to below 1")?;
-        check("kappa", kappa, kappa > 0.0, "take a positive relative deviation, such as 0.1")?;
-        check("far", self.far, self.far >= 1.0, "take a multiple of at least 1, such as 1.25")?;
-        self.guards.validate()?;
-        self.effective.validate()
+            "fusion.kappa",
+            kappa,
+            kappa > 0.0 && kappa.is_finite(),
+            "give a positive fraction, such as 0.1",
+        )
     }
 }
 
@@ -130,48 +110,35 @@ macro_rules! choice {
         pub enum $name { $($(#[$variant_doc])* $variant),+ }
     };
 }
+pub(crate) use choice;
 
 choice! {
-    /// The space that Eq. 7-17 are evaluated in.
-    Space {
-        /// Depth: the paper's.
-        #[default]
-        Depth,
-        /// Disparity \\(1/D\\): an affine map of it is exactly what a relative prior leaves open, and its noise is
-        /// more nearly the same everywhere. Moments are carried there and back with the [mean](crate::to_disparity)
-        /// [correction](crate::to_depth).
-        Disparity,
-    }
-}
-
-choice! {
-    /// How the affine map of Eq. 10 is found.
+    /// Fit of the affine map of Eq. 10.
     Calibration {
         /// Weighted least squares, Eq. 11-13.
         #[default]
         Wls,
         /// None: \\(a = 1\\), \\(b = 0\\).
         None,
-        /// Least squares without weights.
+        /// Least squares without weights: Eq. 13 with \\(p = 1\\).
         Ols,
-        /// [Iterated, with effective variances, a ridge and Huber weights](crate::affine_effective).
+        /// Iterated weighted least squares with effective variances, a ridge and Huber's weights. With
+        /// \\(t = \sigma_o^2 + a^2 (\sigma_r^2)^{\mathrm{agg}}\\), the variance of a residual by Eq. 14,
+        ///
+        /// \\[ \min_{a,b} \sum_{x\in\mathcal X} \frac{h(x)}{t(x)} \bigl(a u(x) + b - v(x)\bigr)^2 +
+        /// \frac{(a-1)^2}{\sigma_a^2} + \frac{b^2}{\sigma_b^2},\qquad
+        /// h = \min\left(1, \frac{k \sqrt t}{|\delta|}\right), \\]
+        ///
+        /// with \\(k = 1.345\\), \\(\sigma_a = 0.05\\) and \\(\sigma_b\\) 5 % of the median prior depth. \\(t\\) and \\(h\\) are those of
+        /// the previous map, and \\(\sigma_o^2\\) is Huber's proposal 2, in at most ten rounds from the identity. Eq. 11 weighs by the
+        /// views' variance alone, so that a few pixels of tiny variance determine the map. Noise in \\(u\\) attenuates the scale
+        /// here too; only the ridge counteracts it.
         Effective,
     }
 }
 
 choice! {
-    /// The result where the calibration is degenerate.
-    OnDegenerate {
-        /// The prior as it is: the paper's "reverting to the monocular estimate".
-        #[default]
-        Monocular,
-        /// Fusion without calibration, \\(a = 1\\), \\(b = 0\\).
-        Identity,
-    }
-}
-
-choice! {
-    /// How the prior's variance \\(\sigma_o^2\\) is found.
+    /// Estimate of the prior's variance \\(\sigma_o^2\\).
     PriorVariance {
         /// Moments, Eq. 15.
         #[default]
@@ -180,33 +147,19 @@ choice! {
         FixedMedian,
         /// \\((\kappa \operatorname{median} D_o)^2\\).
         FixedRelative,
-        /// [Paule-Mandel](crate::paule_mandel).
-        PauleMandel,
-        /// [Maximum likelihood](crate::maximum_likelihood).
-        MaximumLikelihood,
-        /// [A variance by pixel](crate::Heteroscedastic).
+        /// A variance per pixel, \\(\sigma_o^2(x) = c_0 + c_1 |\nabla D_o(x)|^2 + c_2 D_o(x)^4\\) with \\(c \ge 0\\): a constant, an error of
+        /// localisation, and a constant error of disparity. \\(c\\) is the non-negative least-squares fit of the summand of Eq. 15.
         Heteroscedastic,
     }
 }
 
 choice! {
-    /// How prior and calibrated views become the result.
+    /// Rule that combines the prior and the calibrated views.
     Fusion {
         /// The posterior, Eq. 16-17.
         #[default]
         Bayes,
         /// The calibrated views where there are any, else the prior: the limit \\(\sigma_o^2 \to \infty\\).
         NerfOnly,
-    }
-}
-
-choice! {
-    /// What a pixel gets that only the views know ([`Fusion::NerfOnly`] always gives it theirs).
-    MissingPrior {
-        /// Nothing: it stays missing, and the result has the prior's support.
-        #[default]
-        Missing,
-        /// The calibrated views' depth and variance.
-        Nerf,
     }
 }

@@ -1,11 +1,11 @@
-/// What can be wrong with the input of a fusion.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+/// What can be wrong with the input of a fusion, or with a fusion.
+#[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A view of another size than the prior, or than the first view.
     #[error("view {view} is {found:?} but {expected:?} ([height, width]) is needed; reproject it first")]
     Shape {
-        /// Index of the view among the evidence.
+        /// Index of the view.
         view: usize,
         /// `[height, width]` that it should have.
         expected: [usize; 2],
@@ -29,17 +29,24 @@ pub enum Error {
     Config {
         /// The field, as the configuration file spells it.
         field: &'static str,
-        /// The value at fault.
-        value: f64,
-        /// What to write instead.
+        /// Its value.
+        value: String,
+        /// What to do.
         remedy: &'static str,
     },
-    /// A sparse system that could not be solved.
-    #[error("the system of the gradient posterior can't be solved ({0}); take a smaller image")]
-    System(String),
     /// A depth map that [`GaussianDepth`](mde_uncertainty::GaussianDepth) refuses.
     #[error(transparent)]
     Map(#[from] mde_uncertainty::Error),
+    /// The error of another implementation of [`Fuser`](crate::Fuser).
+    #[error(transparent)]
+    External(Box<dyn std::error::Error + Send + Sync>),
+}
+
+impl Error {
+    /// The error of another implementation of [`Fuser`](crate::Fuser).
+    pub fn external(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
+        Self::External(error.into())
+    }
 }
 
 /// Shorthand for this crate's results.

@@ -1,17 +1,14 @@
-/// One scalar Gaussian: the belief about one pixel.
-///
-/// The mean is in the unit of the space that the caller works in (depth or disparity), the variance in that unit
-/// squared.
+/// One scalar Gaussian: the depth of one pixel and its variance, in any unit and that unit squared.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Gaussian {
     /// Mean.
     pub mean: f64,
-    /// Variance, >= 0.
+    /// Variance, >= 0; 0 for an exact value.
     pub variance: f64,
 }
 
 impl Gaussian {
-    /// A belief with this mean and variance.
+    /// A Gaussian with this mean and variance.
     #[inline]
     pub const fn new(mean: f64, variance: f64) -> Self {
         Self { mean, variance }
@@ -24,18 +21,19 @@ impl Gaussian {
     }
 }
 
-/// What the affine fit sees of one pixel of \\(\mathcal X\\), where both the prior and the aggregate know something.
+/// A pair of values for an affine fit from \\(u\\) to \\(v\\). In Eq. 11, of a pixel of \\(\mathcal X\\), where neither the aggregate nor the
+/// prior is missing; the fit holds for any other two maps, and for disparities.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Sample {
-    /// \\(u = \mu_r^{\mathrm{agg}}\\).
-    pub nerf: f64,
-    /// \\((\sigma_r^2)^{\mathrm{agg}}\\), >= 0.
+    /// \\(u\\); in Eq. 11 \\(\mu_r^{\mathrm{agg}}\\).
+    pub u: f64,
+    /// Variance of \\(u\\), >= 0, whose inverse is the weight; in Eq. 11 \\((\sigma_r^2)^{\mathrm{agg}}\\).
     pub variance: f64,
-    /// \\(v = D_o\\).
-    pub prior: f64,
+    /// \\(v\\); in Eq. 11 \\(D_o\\).
+    pub v: f64,
 }
 
-/// The nearest `f32`, finite whatever comes: a huge value must not turn into "missing".
+/// The nearest `f32`, always finite: a huge value must not become a missing one.
 #[inline]
 pub(crate) fn to_f32(value: f64) -> f32 {
     (value as f32).clamp(f32::MIN, f32::MAX)

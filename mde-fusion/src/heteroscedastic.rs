@@ -1,25 +1,26 @@
-use crate::{Residual, nnls3};
+use crate::Residual;
+use crate::nnls::nnls3;
 use ndarray::{Array2, ArrayView2};
 
 /// A prior variance that differs from pixel to pixel.
 ///
 /// \\[ \sigma_o^2(x) = c_0 + c_1 |\nabla D_o(x)|^2 + c_2 D_o(x)^4,\qquad c \ge 0 \\]
 ///
-/// A constant; an error of localisation, which shows where the depth changes; and a constant error of disparity,
-/// which grows with the square of the depth. Where \\(D_o\\) is a disparity, the last is a constant error of depth.
+/// A constant, an error of localisation, which matters where the depth changes, and a constant error of disparity,
+/// which grows with the square of the depth.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Heteroscedastic {
+pub(crate) struct Heteroscedastic {
     /// \\(c_0\\), in the unit of a variance.
-    pub constant: f64,
+    pub(crate) constant: f64,
     /// \\(c_1\\), in pixels squared.
-    pub gradient: f64,
+    pub(crate) gradient: f64,
     /// \\(c_2\\), in the unit of an inverse variance.
-    pub disparity: f64,
+    pub(crate) disparity: f64,
 }
 
 impl Heteroscedastic {
     /// \\(\sigma_o^2(x)\\) at a pixel of prior depth `depth` and squared gradient `gradient2`.
-    pub fn variance(&self, depth: f64, gradient2: f64) -> f64 {
+    pub(crate) fn variance(&self, depth: f64, gradient2: f64) -> f64 {
         self.constant + self.gradient * gradient2 + self.disparity * depth.powi(4)
     }
 
@@ -29,8 +30,8 @@ impl Heteroscedastic {
     /// \left( \delta(x)^2 - a^2 (\sigma_r^2)^{\mathrm{agg}}(x) - \sigma_o^2(x) \right)^2 . \\]
     ///
     /// With the constant alone this is Eq. 15. Each item is a residual with the pixel's prior depth and squared
-    /// [gradient](squared_gradient). All coefficients are 0 where the NeRF's own variance explains the residuals.
-    pub fn fit<'a>(pixels: impl Iterator<Item = (&'a Residual, f64, f64)> + Clone) -> Self {
+    /// [gradient](squared_gradient). All coefficients are 0 where the views' own variance explains the residuals.
+    pub(crate) fn fit<'a>(pixels: impl Iterator<Item = (&'a Residual, f64, f64)> + Clone) -> Self {
         // Unit scales keep the fourth powers and their squares in range.
         let scale = |f: &dyn Fn(f64, f64) -> f64| {
             let largest = pixels.clone().map(|(_, depth, gradient2)| f(depth, gradient2)).fold(0.0, f64::max);
@@ -67,7 +68,7 @@ impl Heteroscedastic {
 ///
 /// Central differences, one-sided beside the frame or a missing (0) neighbour, 0 in a direction that has no neighbour
 /// and where the pixel itself is missing.
-pub fn squared_gradient(map: ArrayView2<'_, f64>) -> Array2<f64> {
+pub(crate) fn squared_gradient(map: ArrayView2<'_, f64>) -> Array2<f64> {
     let at = |row: Option<usize>, column: Option<usize>| {
         map.get((row?, column?)).copied().filter(|&value| value > 0.0)
     };

@@ -9,7 +9,7 @@ const MIN_PIVOT: f64 = 1e-12;
 /// Some minimiser is the unconstrained solution on its own support, with independent columns; so the best of the
 /// non-negative solutions on all eight supports is a minimiser. `gram` is \\(G\\) (only its upper triangle is read),
 /// `rhs` is \\(g\\). Columns of norm 0 get coefficient 0.
-pub fn nnls3(gram: &[[f64; 3]; 3], rhs: [f64; 3]) -> [f64; 3] {
+pub(crate) fn nnls3(gram: &[[f64; 3]; 3], rhs: [f64; 3]) -> [f64; 3] {
     // Unit columns: the unknowns may differ by many orders of magnitude.
     let norm = [gram[0][0].sqrt(), gram[1][1].sqrt(), gram[2][2].sqrt()];
     let mut g = [[0.0; 3]; 3];

@@ -1,9 +1,9 @@
 use crate::Gaussian;
 
-/// The NeRF's weight \\(w = s / (s + c)\\) against a prior of variance \\(s\\), where the calibrated NeRF has
+/// The views' weight \\(w = s / (s + c)\\) against a prior of variance \\(s\\), where the calibrated views have
 /// variance \\(c = a^2 (\sigma_r^2)^{\mathrm{agg}}\\); 0 where both are 0.
 #[inline]
-pub fn nerf_weight(prior_variance: f64, nerf_variance: f64) -> f64 {
+pub(crate) fn nerf_weight(prior_variance: f64, nerf_variance: f64) -> f64 {
     if prior_variance > 0.0 { prior_variance / (prior_variance + nerf_variance) } else { 0.0 }
 }
 
@@ -19,7 +19,7 @@ pub fn nerf_weight(prior_variance: f64, nerf_variance: f64) -> f64 {
 /// \\[ w = \frac{s}{s + c},\qquad D_{\mathrm{refined}} = D_o + w (\tilde D_r - D_o),\qquad
 /// \sigma_{\mathrm{refined}}^2 = \frac{s c}{s + c} = w c. \\]
 ///
-/// Two exact beliefs (\\(s = c = 0\\)) give the prior.
+/// Where both are exact (\\(s = c = 0\\)), the result is the prior.
 #[inline]
 pub fn posterior(prior: Gaussian, likelihood: Gaussian) -> Gaussian {
     let w = nerf_weight(prior.variance, likelihood.variance);

@@ -22,18 +22,18 @@ pub fn precision_weighted(estimates: &[Gaussian]) -> Option<Gaussian> {
     Some(Gaussian::new(first.mean + offset / tau, least / tau))
 }
 
-/// Variance of the mixture that the views are, with the weights of Eq. 7: no assumption that their errors are
+/// Variance of the mixture of the views with the weights of Eq. 7, which does not assume that their errors are
 /// independent.
 ///
 /// \\[ \sigma^2_{\mathrm{mix}} = \frac{|\mathcal V|}{\tau_r} + \sum_j \frac{\tau_j}{\tau_r}
 /// \bigl(\mu_r^{(j)} - \mu_r^{\mathrm{agg}}\bigr)^2,\qquad \tau_j = 1/(\sigma_r^2)^{(j)} \\]
 ///
 /// The first term is \\(\sum_j \tfrac{\tau_j}{\tau_r} (\sigma_r^2)^{(j)}\\), so this is the law of total variance.
-/// Eq. 8 divides the variance by the number of views; renders of one field share their error, and then it is too
-/// small by up to that number.
+/// Eq. 8 divides the variance by the number of views. Renders of one field share their error, so that Eq. 8 is too small by up
+/// to that number.
 ///
 /// `mean` is \\(\mu_r^{\mathrm{agg}}\\). 0 without estimates.
-pub fn mixture_variance(estimates: &[Gaussian], mean: f64) -> f64 {
+pub(crate) fn mixture_variance(estimates: &[Gaussian], mean: f64) -> f64 {
     let least = least_variance(estimates);
     let (mut tau, mut second) = (0.0, 0.0);
     for g in estimates {

@@ -2,10 +2,11 @@ use crate::{Error, Result};
 use mde_uncertainty::GaussianDepth;
 use ndarray::{Array2, ArrayView2};
 
-/// The monocular depth \\(D_o\\), with a variance per pixel where one is known.
+/// The monocular depth \\(D_o\\), with or without a variance per pixel.
 ///
 /// `[height, width]`, z-depth in any unit, 0 where missing. Without a variance, the fusion estimates
-/// \\(\sigma_o^2\\) from the views (Eq. 15); with one, as from a previous iteration, it is taken as it is.
+/// \\(\sigma_o^2\\) from the views (Eq. 15). With one, as from a previous iteration, it is used as it is, and a variance of 0
+/// is an exact depth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prior {
     mean: Array2<f32>,
@@ -33,7 +34,7 @@ impl Prior {
         Ok(Self { mean, variance: Some(variance) })
     }
 
-    /// A map of `[height, width]` pixels with nothing known anywhere.
+    /// A map of `[height, width]` missing pixels.
     pub fn missing(height: usize, width: usize) -> Self {
         Self { mean: Array2::zeros((height, width)), variance: None }
     }

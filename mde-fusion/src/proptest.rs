@@ -1,8 +1,8 @@
 //! Strategies for property tests of code that fuses.
 
 use crate::{
-    Aggregation, Calibration, Fusion, FusionConfig, Gaussian, Guards, MissingPrior, OnDegenerate, Prior,
-    PriorVariance, Residual, Sample, Space, VarianceRule,
+    Aggregation, Calibration, Fusion, FusionConfig, Gaussian, Guards, Prior, PriorVariance, Residual, Sample,
+    VarianceRule,
 };
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::proptest::gaussian_depth_of;
@@ -10,7 +10,7 @@ use ndarray::Array2;
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-/// A prior and up to `max_views` views of it, at most `max_side` pixels a side: depths in 0.5 to 10, variances in
+/// A prior and up to `max_views` views of it, at most `max_side` pixels per side: depths in 0.5 to 10, variances in
 /// 1e-6 to 1, some pixels missing in each.
 pub fn scene(max_side: usize, max_views: usize) -> impl Strategy<Value = (Prior, Vec<GaussianDepth>)> {
     (1..=max_side, 1..=max_side).prop_flat_map(move |(height, width)| {
@@ -23,8 +23,8 @@ pub fn prior_of(height: usize, width: usize) -> impl Strategy<Value = Prior> {
     gaussian_depth_of(height, width).prop_map(|map| prior(map.into_parts().0))
 }
 
-/// As [`scene`], but with everything that a careless caller could send: constant and empty maps, variance 0,
-/// subnormal and huge values, negative evidence, priors with a variance.
+/// As [`scene`], with extreme inputs: constant and empty maps, variance 0, subnormal and huge values, negative views, priors with
+/// a variance.
 pub fn wild_scene(max_side: usize, max_views: usize) -> impl Strategy<Value = (Prior, Vec<GaussianDepth>)> {
     let value = prop_oneof![
         4 => 0.5..10.0_f32,
@@ -34,7 +34,7 @@ pub fn wild_scene(max_side: usize, max_views: usize) -> impl Strategy<Value = (P
         prop_oneof![4 => 1e-6..1.0_f32, 1 => Just(0.0), 1 => Just(f32::INFINITY), 1 => value.clone()];
     (1..=max_side, 1..=max_side, 0..3_u8).prop_flat_map(move |(height, width, kind)| {
         let pixels = height * width;
-        // Kind 0: one value everywhere. Kind 1: nothing known. Kind 2: pixel by pixel.
+        // Kind 0: one value everywhere. Kind 1: all missing. Kind 2: per pixel.
         let map = move |(mean, variance): (Vec<f32>, Vec<f32>), sign: f32| {
             let pick =
                 |values: &[f32], i: usize| values.get(if kind == 0 { 0 } else { i }).copied().unwrap_or(1.0);
@@ -62,11 +62,14 @@ pub fn wild_scene(max_side: usize, max_views: usize) -> impl Strategy<Value = (P
 
 /// `size` samples of the affine fit: depths in 0.5 to 10, variances in 1e-6 to 1, the first two far apart.
 pub fn samples(size: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Sample>> {
-    let sample = (0.5..10.0_f64, -6.0..0.0_f64, 0.5..10.0_f64)
-        .prop_map(|(nerf, log_variance, prior)| Sample { nerf, variance: 10_f64.powf(log_variance), prior });
+    let sample = (0.5..10.0_f64, -6.0..0.0_f64, 0.5..10.0_f64).prop_map(|(u, log_variance, v)| Sample {
+        u,
+        variance: 10_f64.powf(log_variance),
+        v,
+    });
     vec(sample, size).prop_map(|mut samples| {
-        for (sample, nerf) in samples.iter_mut().zip([0.5, 10.0]) {
-            (sample.nerf, sample.variance) = (nerf, 0.1);
+        for (sample, u) in samples.iter_mut().zip([0.5, 10.0]) {
+            (sample.u, sample.variance) = (u, 0.1);
         }
         samples
     })
@@ -79,7 +82,7 @@ pub fn residuals(size: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Resi
     vec(residual, size)
 }
 
-/// A belief about a depth in 0.5 to 10, of variance 1e-6 to 1.
+/// A Gaussian with a mean in 0.5 to 10 and a variance in 1e-6 to 1.
 pub fn gaussian() -> impl Strategy<Value = Gaussian> {
     (0.5..10.0_f64, -6.0..0.0_f64)
         .prop_map(|(mean, log_variance)| Gaussian::new(mean, 10_f64.powf(log_variance)))
@@ -87,7 +90,6 @@ pub fn gaussian() -> impl Strategy<Value = Gaussian> {
 
 /// Any combination of the choices in a [`FusionConfig`].
 pub fn config() -> impl Strategy<Value = FusionConfig> {
-    let space = prop::sample::select(vec![Space::Depth, Space::Disparity]);
     let variance = {
         use VarianceRule::{Computed, ConstantMean, ConstantMedian};
         prop::sample::select(vec![Computed, ConstantMedian, ConstantMean])
@@ -101,39 +103,26 @@ pub fn config() -> impl Strategy<Value = FusionConfig> {
         prop::sample::select(vec![Wls, None, Ols, Effective])
     };
     let prior_variance = {
-        use PriorVariance::{
-            FixedMedian, FixedRelative, Heteroscedastic, MaximumLikelihood, Moments, PauleMandel,
-        };
-        prop::sample::select(vec![
-            Moments,
-            FixedMedian,
-            FixedRelative,
-            PauleMandel,
-            MaximumLikelihood,
-            Heteroscedastic,
-        ])
+        use PriorVariance::{FixedMedian, FixedRelative, Heteroscedastic, Moments};
+        prop::sample::select(vec![Moments, FixedMedian, FixedRelative, Heteroscedastic])
     };
     let fusion = prop::sample::select(vec![Fusion::Bayes, Fusion::NerfOnly]);
+    let guards = prop::sample::select(vec![Guards::Paper, Guards::Strict]);
     let floor = prop::sample::select(vec![0.0, 1e-3]);
-    let maps = (space, variance, aggregation, any::<bool>(), floor);
-    let flags = (any::<bool>(), any::<bool>(), any::<bool>());
-    (maps, calibration, prior_variance, fusion, flags).prop_map(
-        |((space, variance, aggregation, spread, floor), calibration, prior_variance, fusion, flags)| {
-            let (monocular, missing, strict) = flags;
+    let maps = (variance, aggregation, any::<bool>(), floor);
+    (maps, calibration, prior_variance, fusion, guards).prop_map(
+        |((variance, aggregation, spread, floor), calibration, prior_variance, fusion, guards)| {
             FusionConfig {
-                space,
                 variance,
                 variance_floor: floor,
                 aggregation,
                 spread,
                 calibration,
-                on_degenerate: if monocular { OnDegenerate::Monocular } else { OnDegenerate::Identity },
                 prior_variance,
                 fusion,
-                missing_prior: if missing { MissingPrior::Missing } else { MissingPrior::Nerf },
                 posterior_floor: floor,
                 common_error: floor,
-                guards: if strict { Guards::strict() } else { Guards::default() },
+                guards,
                 ..FusionConfig::paper()
             }
         },

@@ -1,40 +1,38 @@
 use crate::Degenerate;
 
-/// Range of the scale that is taken without a warning.
+/// Range of the scale without a warning.
 pub(crate) const USUAL_SCALE: std::ops::RangeInclusive<f64> = 0.5..=2.0;
 /// Effective share of the pixels below which the fit gets a warning.
 pub(crate) const FEW_EFFECTIVE: f64 = 0.1;
 
-/// What a fusion estimated, for the record.
-///
-/// In [`Space::Disparity`](crate::Space::Disparity), `a` has no unit as ever, but `b` and `sigma_o` are disparities.
+/// What a fusion estimated. `b` and `sigma_o` are in the prior's unit.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FusionReport {
-    /// Scale of Eq. 10 as it was used; 1 where the calibration was refused.
+    /// Scale of Eq. 10; 1 where the calibration was refused.
     pub a: f64,
-    /// Shift of Eq. 10 as it was used; 0 where the calibration was refused.
+    /// Shift of Eq. 10; 0 where the calibration was refused.
     pub b: f64,
     /// The prior's standard deviation; the root of the mean variance over \\(\mathcal X\\) where it differs by pixel.
     pub sigma_o: f64,
-    /// \\(|\mathcal X|\\): pixels that both the prior and the views know.
+    /// \\(|\mathcal X|\\): pixels where neither the prior nor the views are missing.
     pub support: usize,
-    /// Effective number of pixels behind the affine fit.
+    /// Effective number of pixels of the affine fit.
     pub effective_support: f64,
-    /// Weighted correlation between the NeRF's depth and the prior's; 0 where undefined.
+    /// Weighted correlation of the views' depth with the prior's; 0 where undefined.
     pub correlation: f64,
-    /// Mean over \\(\mathcal X\\) of the NeRF's weight \\(w\\) in the result.
+    /// Mean over \\(\mathcal X\\) of the views' weight \\(w\\) in the result.
     pub nerf_weight: f64,
     /// Whether the estimate of \\(\sigma_o^2\\) was 0 or less, so that the views are ignored.
     pub sigma_o_clamped: bool,
     /// Why the calibration was refused, if it was.
     pub degenerate: Option<Degenerate>,
-    /// Quantiles (5, 25, 50, 75, 95 %) of the aggregated NeRF variance, in the depth's unit squared; 0 without
+    /// Quantiles (5, 25, 50, 75, 95 %) of the views' aggregated variance, in the depth's unit squared; 0 without
     /// pixels.
     pub variance_quantiles: [f64; 5],
     /// Pixels whose fused depth was not positive and which kept the prior's.
     pub reverted: usize,
-    /// What a reader of the numbers should know.
+    /// Warnings that follow from the other fields.
     pub warnings: Vec<Warning>,
 }
 
@@ -58,7 +56,7 @@ impl Default for FusionReport {
 }
 
 impl FusionReport {
-    /// The warnings that follow from the other fields.
+    /// Fills [`warnings`](Self::warnings).
     pub(crate) fn collect_warnings(&mut self) {
         let share = self.effective_support / self.support as f64;
         let found = [
@@ -72,7 +70,7 @@ impl FusionReport {
     }
 }
 
-/// Something in a [`FusionReport`] that deserves a second look.
+/// An unusual result in a [`FusionReport`].
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[cfg_attr(
     feature = "serde",
@@ -87,13 +85,13 @@ pub enum Warning {
         /// Why.
         reason: Degenerate,
     },
-    /// A scale outside 0.5 to 2 although the views were fitted in the prior's frame.
+    /// A scale outside of 0.5 to 2, although the views were fitted in the prior's frame.
     #[error("the scale from the views to the prior is {a:.3}; noise in the views pulls it towards 0")]
     UnusualScale {
         /// The scale.
         a: f64,
     },
-    /// Less than a tenth of the pixels count in the affine fit.
+    /// The effective number of pixels of the affine fit is less than a tenth of the pixels.
     #[error("{:.1} % of the pixels have nearly all the weight in the affine fit", share * 100.0)]
     FewEffective {
         /// Effective pixels over all pixels.
@@ -101,7 +99,7 @@ pub enum Warning {
     },
     /// The prior's variance is 0, so the result is the prior.
     #[error(
-        "the prior's variance is estimated as 0, so the views are ignored; sigma is only what posterior-floor and common-error state"
+        "the prior's variance is estimated as 0, so the views are ignored; sigma is posterior-floor and common-error only"
     )]
     PriorTakenAsExact,
     /// Fused depths that were not positive.

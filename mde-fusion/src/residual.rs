@@ -1,20 +1,20 @@
 use crate::{Affine, Sample};
 
-/// What Eq. 14 says of one pixel.
+/// The residual of Eq. 14 at one pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Residual {
     /// \\(\delta = D_o - \tilde D_r\\).
     pub delta: f64,
-    /// \\(a^2 (\sigma_r^2)^{\mathrm{agg}}\\), the NeRF's share of the variance of \\(\delta\\).
+    /// \\(a^2 (\sigma_r^2)^{\mathrm{agg}}\\), the views' share of the variance of \\(\delta\\).
     pub variance: f64,
 }
 
-/// Residuals of the calibrated NeRF depth against the prior (Eq. 14).
+/// Residuals of the prior against the calibrated views (Eq. 14).
 ///
 /// \\[ \delta(x) = D_o(x) - \tilde D_r(x),\qquad
 /// \delta(x) \sim \mathcal N\\!\bigl(0,\\; \sigma_o^2 + a^2 (\sigma_r^2)^{\mathrm{agg}}(x)\bigr) \\]
 pub fn residuals(samples: &[Sample], affine: Affine) -> Vec<Residual> {
     let Affine { a, b } = affine;
-    let residual = |s: &Sample| Residual { delta: s.prior - (a * s.nerf + b), variance: a * a * s.variance };
+    let residual = |s: &Sample| Residual { delta: s.v - (a * s.u + b), variance: a * a * s.variance };
     samples.iter().map(residual).collect()
 }

@@ -1,4 +1,4 @@
-/// Most function values that [`increasing_root`] may ask for.
+/// Upper bound of the function values that [`increasing_root`] computes.
 const MAX_STEPS: usize = 200;
 /// Relative width of the bracket, or Newton step, at which the root is good enough.
 const TOLERANCE: f64 = 1e-14;

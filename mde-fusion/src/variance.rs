@@ -1,32 +1,32 @@
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 
-/// Which variance the views come with.
+/// Variance of the views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum VarianceRule {
     /// Their own.
     #[default]
     Computed,
-    /// One constant: the median of all views' variances at all known pixels. An ablation that keeps the unit.
+    /// One constant: the median of the variances of all views at all pixels that are not missing.
     ConstantMedian,
     /// One constant: their mean.
     ConstantMean,
 }
 
-/// The least variance that a view is allowed: \\((\epsilon \cdot \operatorname{median} |\mu|)^2\\).
+/// Lower bound of the views' variance: \\((\epsilon \cdot \operatorname{median} |\mu|)^2\\).
 ///
 /// A surface inside one bin of a ray has a computed variance of 0, and would take all the weight of Eq. 7 and Eq. 11.
 /// The floor is relative to the median depth of the views, so that it follows the unit. `relative` is
 /// \\(\epsilon\\). Never less than the smallest normal `f32`, so that a precision stays finite.
-pub fn variance_floor(views: &[GaussianDepth], relative: f64) -> f64 {
+pub(crate) fn variance_floor(views: &[GaussianDepth], relative: f64) -> f64 {
     let depths = views.iter().flat_map(known).map(|(mean, _)| mean.abs());
     let floor = (relative * median(depths).unwrap_or(0.0)).powi(2);
     floor.clamp(f64::from(f32::MIN_POSITIVE), f64::from(f32::MAX))
 }
 
-/// The views with the variances that `rule` gives them, none of them below `floor`.
-pub fn with_variance(views: &[GaussianDepth], rule: VarianceRule, floor: f64) -> Vec<GaussianDepth> {
+/// The views with variances by `rule`, none of them below `floor`.
+pub(crate) fn with_variance(views: &[GaussianDepth], rule: VarianceRule, floor: f64) -> Vec<GaussianDepth> {
     let variances = || views.iter().flat_map(known).map(|(_, variance)| variance);
     let constant = match rule {
         VarianceRule::Computed => None,

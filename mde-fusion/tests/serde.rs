@@ -1,8 +1,8 @@
-//! The configuration as a file sees it.
+//! The configuration in a file.
 #![allow(clippy::unwrap_used)]
 #![cfg(feature = "serde")]
 
-use mde_fusion::{Calibration, FusionConfig, PriorVariance};
+use mde_fusion::{Calibration, FusionConfig, Guards, PriorVariance};
 use serde::Deserialize;
 use serde::de::value::{Error, MapDeserializer};
 
@@ -11,16 +11,19 @@ fn read(pairs: &[(&'static str, &'static str)]) -> Result<FusionConfig, Error> {
 }
 
 #[test]
-fn what_is_left_out_is_the_papers() {
+fn missing_keys_have_the_values_of_the_paper() {
     assert_eq!(read(&[]).unwrap(), FusionConfig::paper());
-    let config = read(&[("calibration", "effective"), ("prior-variance", "paule-mandel")]).unwrap();
+    let config =
+        read(&[("calibration", "effective"), ("prior-variance", "heteroscedastic"), ("guards", "strict")])
+            .unwrap();
     assert_eq!(config.calibration, Calibration::Effective);
-    assert_eq!(config.prior_variance, PriorVariance::PauleMandel);
+    assert_eq!(config.prior_variance, PriorVariance::Heteroscedastic);
+    assert_eq!(config.guards, Guards::Strict);
     assert!(!config.spread);
 }
 
 #[test]
-fn what_is_unknown_is_refused_by_name() {
+fn unknown_keys_and_values_are_named() {
     let error = read(&[("calibratoin", "wls")]).unwrap_err().to_string();
     assert!(error.contains("calibratoin"), "{error}");
     let error = read(&[("aggregation", "max-depth")]).unwrap_err().to_string();

@@ -1,18 +1,22 @@
 //! The training rays of a step.
 
 use crate::config::TrainConfig;
-use crate::frustum::Ray;
+use crate::frustum::{Frustum, Ray};
 use crate::loss::Target;
 use crate::march::March;
 use crate::{Error, Result};
 use mde_uncertainty::random::CounterRng;
 use mde_warp::PosedView;
 use rand::RngExt;
+use rayon::prelude::*;
 
 /// The valid pixels of all views.
 pub(crate) struct Pixels<'v> {
     views: &'v [PosedView],
-    /// Per view the flat indices of the valid pixels.
+    frustum: &'v Frustum,
+    /// Per view the least depth at which its rays begin, where rays are clipped; the volume alone limits view 0.
+    nearest: Vec<f64>,
+    /// Per view the flat indices of the valid pixels whose rays meet the volume.
     trainable: Vec<Vec<u32>>,
     /// Views other than the first with at least one valid pixel.
     others: Vec<usize>,
@@ -20,13 +24,21 @@ pub(crate) struct Pixels<'v> {
 }
 
 impl<'v> Pixels<'v> {
-    pub(crate) fn new(views: &'v [PosedView], config: &TrainConfig) -> Result<Self> {
-        let mut trainable = Vec::new();
-        for (index, view) in views.iter().enumerate() {
-            view.validate().map_err(|error| Error::View { index, reason: error.to_string() })?;
-            let pixels = view.mask.iter().enumerate().filter(|(_, valid)| **valid);
-            trainable.push(pixels.map(|(i, _)| i as u32).collect::<Vec<_>>());
-        }
+    /// # Errors
+    /// [`Error::NoPixels`] where no view has a valid pixel whose ray meets the volume.
+    pub(crate) fn new(views: &'v [PosedView], frustum: &'v Frustum, config: &TrainConfig) -> Result<Self> {
+        let begin =
+            |(index, view): (usize, &PosedView)| if index == 0 { 0.0 } else { Frustum::nearest_of(view) };
+        let nearest: Vec<f64> = views.iter().enumerate().map(begin).collect();
+        let trainable: Vec<Vec<u32>> = (views.par_iter().enumerate())
+            .map(|(index, view)| {
+                let valid = view.mask.iter().enumerate().filter(|(_, valid)| **valid).map(|(pixel, _)| pixel);
+                valid
+                    .filter(|&pixel| inside(frustum, view, pixel, nearest[index], index == 0))
+                    .map(|pixel| pixel as u32)
+                    .collect()
+            })
+            .collect();
         let others: Vec<usize> = (1..views.len()).filter(|&v| !trainable[v].is_empty()).collect();
         let original_share = match (trainable.first().is_none_or(Vec::is_empty), others.is_empty()) {
             (true, true) => return Err(Error::NoPixels),
@@ -34,7 +46,7 @@ impl<'v> Pixels<'v> {
             (false, true) => 1.0,
             (false, false) => config.original_share,
         };
-        Ok(Self { views, trainable, others, original_share })
+        Ok(Self { views, frustum, nearest, trainable, others, original_share })
     }
 
     /// Ray `index` of step `step`: a random valid pixel of a random view, before a random background.
@@ -68,8 +80,10 @@ impl<'v> Pixels<'v> {
             .filter(|&(mean, _)| mean > 0.0)
             .map(|(mean, variance)| (f64::from(mean), f64::from(variance)))
             .collect();
+        let ray = Ray::new(&posed.camera, &posed.pose, column as f64, row as f64);
         let march = March {
-            ray: Ray::new(&posed.camera, &posed.pose, column as f64, row as f64),
+            ray,
+            interval: self.frustum.interval(&ray, self.nearest[view]),
             guess: depths.first().map(|d| d.0),
             background,
             rng,
@@ -83,10 +97,25 @@ impl<'v> Pixels<'v> {
     }
 }
 
+/// Whether the ray of a pixel meets the volume and, except for the original view, its first hypothesis lies inside.
+fn inside(frustum: &Frustum, view: &PosedView, pixel: usize, nearest: f64, original: bool) -> bool {
+    if !frustum.is_clipped() {
+        return true;
+    }
+    let (row, column) = (pixel / view.camera.width, pixel % view.camera.width);
+    let ray = Ray::new(&view.camera, &view.pose, column as f64, row as f64);
+    let Some(interval) = frustum.interval(&ray, nearest) else { return false };
+    let depth = view.hypotheses.iter().find_map(|h| h.get(row, column)).filter(|&(mean, _)| mean > 0.0);
+    original || depth.is_none_or(|(mean, _)| interval.contains(mean.into()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::{SamplingConfig, VolumeConfig};
+    use mde_uncertainty::GaussianDepth;
     use mde_warp::{PinholeCamera, Pose};
+    use nalgebra::Vector3;
     use ndarray::{Array2, Array3};
 
     const SIZE: (usize, usize) = (6, 8);
@@ -110,7 +139,9 @@ mod tests {
     fn rays_are_drawn_from_valid_pixels_and_view_0_gets_its_share() {
         let views = [view(0.0), view(0.5), view(1.0)];
         let config = TrainConfig { original_share: 0.4, ..TrainConfig::default() };
-        let pixels = Pixels::new(&views, &config).unwrap();
+        let sampling = SamplingConfig { near: Some(1.0), far: Some(4.0), ..SamplingConfig::default() };
+        let frustum = Frustum::of_views(&views, &sampling).unwrap();
+        let pixels = Pixels::new(&views, &frustum, &config).unwrap();
         let mut counts = [0; 3];
         let draws = 5000;
         for index in 0..draws {
@@ -125,5 +156,46 @@ mod tests {
             let deviation = (share * (1.0 - share) / draws as f64).sqrt();
             assert!((f64::from(count) / draws as f64 - share).abs() < 4.0 * deviation, "{counts:?}");
         }
+    }
+
+    /// A view turned away has no pixel; in a view from aside, only those remain whose ray meets the volume and whose
+    /// hypothesis lies in it. Every ray drawn has an interval.
+    #[test]
+    fn rays_outside_the_volume_are_not_drawn() {
+        let at = |pose: Pose, depth: f32| {
+            let known = GaussianDepth::new(Array2::from_elem(SIZE, depth), Array2::zeros(SIZE)).unwrap();
+            PosedView { pose, hypotheses: vec![known], ..view(0.5) }
+        };
+        let turned = Pose::rotation(Vector3::new(0.0, std::f64::consts::PI, 0.0));
+        let aside = Pose::translation(-1.0, 0.0, 0.0);
+        let views = [
+            at(Pose::identity(), 2.0),
+            at(turned, 2.0),
+            at(aside, 2.0),
+            at(aside, 9.0),
+            at(Pose::identity(), 9.0),
+        ];
+        let sampling = SamplingConfig {
+            near: Some(1.0),
+            far: Some(4.0),
+            volume: VolumeConfig::Reference { margin: 0.0 },
+            ..SamplingConfig::default()
+        };
+        let frustum = Frustum::of_views(&views, &sampling).unwrap();
+        let pixels = Pixels::new(&views, &frustum, &TrainConfig::default()).unwrap();
+        let valid = views[0].mask.iter().filter(|valid| **valid).count();
+        let counts: Vec<usize> = pixels.trainable.iter().map(Vec::len).collect();
+        assert_eq!((counts[0], counts[1], counts[3], counts[4]), (valid, 0, 0, 0));
+        // At depth 2 and 60 degrees the image is 2.3 wide: a step of 1 aside loses 43 % of the columns.
+        let lost = valid - counts[2];
+        assert!((valid / 4..valid * 6 / 10).contains(&lost), "{lost} of {valid}");
+        assert_eq!(pixels.others, [2]);
+        assert!((0..200).all(|index| pixels.draw(0, 0, index).0.interval.is_some()));
+        // The original view keeps a pixel whose hypothesis is beyond far.
+        let beyond = [at(Pose::identity(), 9.0)];
+        assert_eq!(
+            Pixels::new(&beyond, &frustum, &TrainConfig::default()).unwrap().trainable[0].len(),
+            valid
+        );
     }
 }

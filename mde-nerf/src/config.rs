@@ -104,6 +104,26 @@ impl Default for HashFieldConfig {
     }
 }
 
+/// The modelled volume. What lies outside is empty.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")
+)]
+pub enum VolumeConfig {
+    /// The frustum of view 0 between near and far, wide enough for the frusta of all views. Every ray is sampled between
+    /// near and far of its own camera. For views close to view 0, such as warps.
+    #[default]
+    Hull,
+    /// The frustum of view 0 between near and far with a margin. Rays are clipped to it; valid pixels of the other views
+    /// count only where their ray meets it and their hypothesis, if there is one, lies inside. For photographs.
+    Reference {
+        /// Margin on each side, as a fraction of the image's width and height.
+        margin: f64,
+    },
+}
+
 /// Sample positions along rays, uniform in disparity 1/z.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(
@@ -120,16 +140,95 @@ pub struct SamplingConfig {
     pub band_width: f64,
     /// Importance samples, drawn from the weights of the others.
     pub fine: usize,
-    /// Nearest depth. Default: 0.8 times the 0.5 % quantile of the hypotheses of view 0.
+    /// The modelled volume.
+    pub volume: VolumeConfig,
+    /// Nearest depth. Default: the 0.5 % quantile of the hypotheses of view 0 times 0.8 (`hull`) or 0.75 (`reference`).
     pub near: Option<f64>,
-    /// Farthest depth. Default: 1.25 times the 99.5 % quantile of the hypotheses of view 0.
+    /// Farthest depth. Default: the 99.5 % quantile of the hypotheses of view 0 times 1.25 (`hull`) or 1.3 (`reference`).
     pub far: Option<f64>,
 }
 
 impl Default for SamplingConfig {
     fn default() -> Self {
-        Self { coarse: 24, band: 0, band_width: 0.25, fine: 24, near: None, far: None }
+        Self {
+            coarse: 24,
+            band: 0,
+            band_width: 0.25,
+            fine: 24,
+            volume: VolumeConfig::Hull,
+            near: None,
+            far: None,
+        }
     }
+}
+
+/// Linear decay of a weight: 1 up to `start`, `floor` from `end` on. The default is a constant 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(deny_unknown_fields, default, rename_all = "kebab-case")
+)]
+pub struct Decay {
+    /// Fraction of the steps at which the decay begins.
+    pub start: f64,
+    /// Fraction of the steps at which it ends.
+    pub end: f64,
+    /// Factor of the weight at the end.
+    pub floor: f64,
+}
+
+impl Default for Decay {
+    fn default() -> Self {
+        Self { start: 1.0, end: 1.0, floor: 1.0 }
+    }
+}
+
+impl Decay {
+    /// The factor of the weight at `progress`, 0 at the first step and 1 at the last.
+    pub(crate) fn factor(self, progress: f64) -> f64 {
+        let Self { start, end, floor } = self;
+        if progress <= start {
+            1.0
+        } else if progress >= end {
+            floor
+        } else {
+            1.0 + (floor - 1.0) * (progress - start) / (end - start)
+        }
+    }
+
+    fn validate(self) -> Result<()> {
+        let share = |x: f64| (0.0..=1.0).contains(&x);
+        check(share(self.start), "train.depth-loss.decay.start", self.start, "give a fraction from 0 to 1")?;
+        check(
+            share(self.end) && self.end >= self.start,
+            "train.depth-loss.decay.end",
+            self.end,
+            "give a fraction from decay.start to 1",
+        )?;
+        check(share(self.floor), "train.depth-loss.decay.floor", self.floor, "give a factor from 0 to 1")
+    }
+}
+
+/// The loss of a ray's colour error \\(e = C - \hat C\\), a mean over the channels.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")
+)]
+pub enum ColourLoss {
+    /// \\(e^2\\).
+    #[default]
+    Squared,
+    /// \\(2 \delta^2 \bigl(\sqrt{1 + e^2 / \delta^2} - 1\bigr)\\) (Charbonnier et al., 1997): \\(e^2\\) for small errors,
+    /// \\(2 \delta |e|\\) for large ones, such as those of moving objects and of highlights.
+    Charbonnier {
+        /// \\(\delta\\), the error at which the loss becomes linear; colours are in 0 to 1.
+        delta: f64,
+        /// Weight of the loss at the last step; it grows linearly from 1.
+        final_weight: f64,
+    },
 }
 
 /// Depth supervision by the views' hypotheses.
@@ -148,8 +247,9 @@ pub enum DepthLoss {
     Wasserstein {
         /// Weight of the loss; colours have weight 1.
         weight: f64,
-        /// Fraction of the steps at which the linearly decaying weight reaches 0; 0 for a constant weight.
-        decay: f64,
+        /// Decay of the weight over the steps.
+        #[cfg_attr(feature = "serde", serde(default))]
+        decay: Decay,
     },
     /// \\(\int |W(r) - F(r)|\,\mathrm dr\\) in the same disparity: the first Wasserstein distance between the termination, of
     /// distribution function \\(W\\), and the mixture \\(F\\) of *all* hypotheses of the ray, each a logistic distribution with
@@ -158,10 +258,12 @@ pub enum DepthLoss {
     Distribution {
         /// Weight of the loss; colours have weight 1.
         weight: f64,
-        /// Standard deviation of hypotheses of variance 0, as a fraction of the depth.
+        /// Lower bound of the standard deviation of a hypothesis, as a fraction of its depth. Hypotheses of variance 0 are exact, and
+        /// the termination cannot be.
         relative_sigma: f64,
-        /// Fraction of the steps at which the linearly decaying weight reaches 0; 0 for a constant weight.
-        decay: f64,
+        /// Decay of the weight over the steps.
+        #[cfg_attr(feature = "serde", serde(default))]
+        decay: Decay,
     },
 }
 
@@ -181,14 +283,12 @@ pub struct TrainConfig {
     pub rays: usize,
     /// Share of the rays that are drawn from view 0; the rest is drawn uniformly from the other views.
     pub original_share: f64,
-    /// Adam's learning rate after the warm-up.
+    /// Adam's learning rate after the warm-up; it decays exponentially to a tenth at the last step.
     pub learning_rate: f64,
-    /// Learning rate at the last step; the decay is exponential.
-    pub final_learning_rate: f64,
     /// Steps over which the learning rate rises linearly from 0.
     pub warm_up: usize,
-    /// Decay per step of the moving average of the parameters, which is the result; 0 for no average.
-    pub average: f64,
+    /// Colour supervision.
+    pub colour_loss: ColourLoss,
     /// Depth supervision.
     pub depth_loss: DepthLoss,
 }
@@ -201,9 +301,8 @@ impl Default for TrainConfig {
             rays: 1024,
             original_share: 0.3,
             learning_rate: 5e-3,
-            final_learning_rate: 5e-4,
             warm_up: 100,
-            average: 0.95,
+            colour_loss: ColourLoss::Squared,
             depth_loss: DepthLoss::None,
         }
     }
@@ -234,6 +333,40 @@ impl Default for RenderConfig {
 }
 
 impl NerfConfig {
+    /// Settings for several photographs of one scene with poses and depth hypotheses, such as those of a plane sweep, of
+    /// `width` pixels: a hash grid of as many cells, rays clipped to the frustum of view 0, and robust colours whose weight
+    /// grows while that of the hypotheses decays.
+    pub fn photographs(width: usize) -> Self {
+        Self {
+            field: FieldConfig::Hash(HashFieldConfig {
+                finest: u32::try_from(width.clamp(64, 4096)).unwrap_or(4096),
+                ..HashFieldConfig::default()
+            }),
+            sampling: SamplingConfig {
+                coarse: 8,
+                band: 8,
+                band_width: 0.12,
+                fine: 8,
+                volume: VolumeConfig::Reference { margin: 0.06 },
+                ..SamplingConfig::default()
+            },
+            train: TrainConfig {
+                steps: 700,
+                rays: 1024,
+                original_share: 1.0 / 3.0,
+                learning_rate: 1e-2,
+                colour_loss: ColourLoss::Charbonnier { delta: 0.1, final_weight: 6.0 },
+                depth_loss: DepthLoss::Distribution {
+                    weight: 0.2,
+                    relative_sigma: 0.005,
+                    decay: Decay { start: 0.2, end: 0.8, floor: 0.02 },
+                },
+                ..TrainConfig::default()
+            },
+            render: RenderConfig { in_bin: InBinVariance::Uniform, ..RenderConfig::default() },
+        }
+    }
+
     /// Checks every value.
     ///
     /// # Errors
@@ -306,6 +439,14 @@ impl SamplingConfig {
             self.band_width,
             "give a fraction between 0 and 1",
         )?;
+        if let VolumeConfig::Reference { margin } = self.volume {
+            check(
+                (0.0..=1.0).contains(&margin),
+                "sampling.volume.margin",
+                margin,
+                "give a fraction from 0 to 1",
+            )?;
+        }
         if let Some(near) = self.near {
             check(near > 0.0 && near.is_finite(), "sampling.near", near, "give a positive depth")?;
         }
@@ -331,7 +472,6 @@ impl TrainConfig {
     fn validate(&self) -> Result<()> {
         let positive = |x: f64| x > 0.0 && x.is_finite();
         let share = |x: f64| (0.0..=1.0).contains(&x);
-        let decay = |x: f64| (0.0..1.0).contains(&x);
         check((1..=MAX_STEPS).contains(&self.steps), "train.steps", self.steps, "give 1 to 1000000 steps")?;
         check((16..=1 << 16).contains(&self.rays), "train.rays", self.rays, "give 16 to 65536 rays")?;
         check(
@@ -346,43 +486,71 @@ impl TrainConfig {
             self.learning_rate,
             "give a positive rate",
         )?;
-        check(
-            positive(self.final_learning_rate),
-            "train.final-learning-rate",
-            self.final_learning_rate,
-            "give a positive rate",
-        )?;
-        check(decay(self.average), "train.average", self.average, "give a number from 0 to below 1")?;
-        match self.depth_loss {
-            DepthLoss::None => Ok(()),
-            DepthLoss::Distribution { weight, relative_sigma, decay } => {
-                check(
-                    weight >= 0.0 && weight.is_finite(),
-                    "train.depth-loss.weight",
-                    weight,
-                    "give 0 or more",
-                )?;
-                check(
-                    positive(relative_sigma),
-                    "train.depth-loss.relative-sigma",
-                    relative_sigma,
-                    "give a positive fraction",
-                )?;
-                check(share(decay), "train.depth-loss.decay", decay, "give a fraction from 0 to 1")
-            }
-            DepthLoss::Wasserstein { weight, decay } => {
-                check(
-                    weight >= 0.0 && weight.is_finite(),
-                    "train.depth-loss.weight",
-                    weight,
-                    "give 0 or more",
-                )?;
-                check(share(decay), "train.depth-loss.decay", decay, "give a fraction from 0 to 1")
-            }
+        if let ColourLoss::Charbonnier { delta, final_weight } = self.colour_loss {
+            check(
+                positive(delta),
+                "train.colour-loss.delta",
+                delta,
+                "give a positive difference of colours",
+            )?;
+            check(
+                final_weight >= 0.0 && final_weight.is_finite(),
+                "train.colour-loss.final-weight",
+                final_weight,
+                "give 0 or more",
+            )?;
         }
+        let (DepthLoss::Wasserstein { weight, decay } | DepthLoss::Distribution { weight, decay, .. }) =
+            self.depth_loss
+        else {
+            return Ok(());
+        };
+        check(weight >= 0.0 && weight.is_finite(), "train.depth-loss.weight", weight, "give 0 or more")?;
+        if let DepthLoss::Distribution { relative_sigma, .. } = self.depth_loss {
+            check(
+                positive(relative_sigma),
+                "train.depth-loss.relative-sigma",
+                relative_sigma,
+                "give a positive fraction",
+            )?;
+        }
+        decay.validate()
     }
 }
 
 fn check(ok: bool, field: &'static str, value: impl ToString, remedy: &'static str) -> Result<()> {
     if ok { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), remedy }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// The factor is 1 before the decay, the floor after it, monotone and Lipschitz in between.
+        #[test]
+        fn the_decay_is_linear_between_its_ends(a in 0.0..=1.0_f64, b in 0.0..=1.0_f64, floor in 0.0..=1.0_f64, p in 0.0..=1.0_f64) {
+            let decay = Decay { start: a.min(b), end: a.max(b), floor };
+            prop_assume!(decay.end - decay.start > 1e-3);
+            decay.validate().unwrap();
+            prop_assert_eq!(decay.factor(decay.start), 1.0);
+            prop_assert_eq!(decay.factor(decay.end), floor);
+            let factor = decay.factor(p);
+            let expected = (1.0 - (p - decay.start) / (decay.end - decay.start)).clamp(0.0, 1.0) * (1.0 - floor) + floor;
+            prop_assert!((factor - expected).abs() < 1e-9, "{} {}", factor, expected);
+        }
+    }
+
+    #[test]
+    fn the_default_decay_is_constant() {
+        assert!([0.0, 0.3, 1.0].iter().all(|&p| Decay::default().factor(p) == 1.0));
+    }
+
+    #[test]
+    fn settings_for_photographs_are_valid_for_any_width() {
+        for width in [0, 1, 320, 640, 100_000] {
+            NerfConfig::photographs(width).validate().unwrap();
+        }
+    }
 }

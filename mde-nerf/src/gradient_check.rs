@@ -8,10 +8,13 @@
 //! Poses have no hand-derived gradient; their derivative by dual numbers is compared with central differences, so that it
 //! can serve as the reference of one.
 
-use crate::config::{DepthLoss, FieldConfig, HashFieldConfig, MlpFieldConfig, SamplingConfig};
+use crate::config::{
+    ColourLoss, Decay, DepthLoss, FieldConfig, HashFieldConfig, MlpFieldConfig, SamplingConfig, TrainConfig,
+    VolumeConfig,
+};
 use crate::dual::Dual;
 use crate::frustum::{Frustum, Ray};
-use crate::loss::{DepthTerm, RayLoss, Target};
+use crate::loss::{LossTerms, RayLoss, Target};
 use crate::march::{Budget, March, Marcher};
 use crate::network::{Encoding, Gradients, Network, Tape};
 use crate::scalar::Scalar;
@@ -32,8 +35,10 @@ struct Case {
     frustum: Frustum,
     targets: Vec<Target>,
     budget: Budget,
-    loss: DepthLoss,
+    losses: Losses,
 }
+
+type Losses = (ColourLoss, DepthLoss);
 
 fn camera() -> PinholeCamera {
     PinholeCamera::from_fov(60.0, 8, 6).unwrap()
@@ -51,7 +56,7 @@ fn pixel(ray: usize) -> [f64; 2] {
 }
 
 impl Case {
-    fn new(loss: DepthLoss) -> Self {
+    fn new(losses: Losses, volume: VolumeConfig) -> Self {
         let depth = Array2::from_shape_fn((6, 8), |(y, x)| 1.5 + 0.2 * x as f32 + 0.1 * y as f32);
         let hypothesis = GaussianDepth::new(depth, Array2::from_elem((6, 8), 1e-3)).unwrap();
         let view = PosedView::new(
@@ -62,7 +67,8 @@ impl Case {
             vec![hypothesis],
         )
         .unwrap();
-        let frustum = Frustum::of_views(&[view], &SamplingConfig::default()).unwrap();
+        let sampling = SamplingConfig { volume, ..SamplingConfig::default() };
+        let frustum = Frustum::of_views(&[view], &sampling).unwrap();
         let targets = (0..RAYS)
             .map(|i| Target {
                 colour: [0.2, 0.5, 0.1 * i as f64],
@@ -71,16 +77,20 @@ impl Case {
             .collect();
         let budget =
             Budget { coarse: 7, band: 0, band_width: 0.25, fine: 0, in_bin: InBinVariance::Midpoint };
-        Self { frustum, targets, budget, loss }
+        Self { frustum, targets, budget, losses }
     }
 
     fn rays(&self, pose: &Pose) -> Vec<March> {
         (0..RAYS)
-            .map(|i| March {
-                ray: Ray::new(&camera(), pose, pixel(i)[0], pixel(i)[1]),
-                guess: None,
-                background: BACKGROUND,
-                rng: Some(CounterRng::new(11, "gradient-check", 0, i as u64)),
+            .map(|i| {
+                let ray = Ray::new(&camera(), pose, pixel(i)[0], pixel(i)[1]);
+                March {
+                    ray,
+                    interval: self.frustum.interval(&ray, 0.0),
+                    guess: None,
+                    background: BACKGROUND,
+                    rng: Some(CounterRng::new(11, "gradient-check", 0, i as u64)),
+                }
             })
             .collect()
     }
@@ -89,31 +99,51 @@ impl Case {
     fn optimised<T: Scalar>(&self, network: &Network<T>, gradients: &mut Gradients<T>) -> RayLoss {
         let (mut rays, mut marcher) = (self.rays(&pose()), Marcher::default());
         let tile = (rays.as_mut_slice(), self.targets.as_slice());
-        let term = (DepthTerm::at(self.loss, PROGRESS), 1.0);
-        tile_gradients(network, &self.frustum, &mut marcher, tile, &self.budget, term, gradients)
+        let (colour_loss, depth_loss) = self.losses;
+        let config = TrainConfig { colour_loss, depth_loss, ..TrainConfig::default() };
+        let terms = (LossTerms::at(&config, PROGRESS), 1.0);
+        tile_gradients(network, &self.frustum, &mut marcher, tile, &self.budget, terms, gradients)
     }
 
     /// The loss as its documentation defines it, with derivatives where `T` has them.
     fn defined<T: Scalar>(&self, network: &Network<T>) -> T {
         let (mut rays, mut marcher) = (self.rays(&pose()), Marcher::default());
         marcher.forward(network, &self.frustum, &mut rays, &self.budget);
-        let rays = self.targets.iter().zip(&marcher.rendered).zip(&marcher.bins);
-        rays.map(|((target, rendered), bins)| self.defined_of_ray(target, rendered, bins)).sum()
+        (0..RAYS)
+            .filter(|&i| rays[i].interval.is_some())
+            .map(|i| self.defined_of_ray(&self.targets[i], &rays[i], &marcher.rendered[i], &marcher.bins[i]))
+            .sum()
     }
 
-    fn defined_of_ray<T: Scalar>(&self, target: &Target, rendered: &Rendered<T>, bins: &Bins<T>) -> T {
+    fn defined_of_ray<T: Scalar>(
+        &self,
+        target: &Target,
+        march: &March,
+        rendered: &Rendered<T>,
+        bins: &Bins<T>,
+    ) -> T {
         let n = T::from_f64;
         let colour: T = (0..3)
             .map(|axis| {
                 let error = rendered.colour[axis] - n(target.colour[axis]);
-                error * error * n(1.0 / 3.0)
+                match self.losses.0 {
+                    ColourLoss::Squared => error * error * n(1.0 / 3.0),
+                    ColourLoss::Charbonnier { delta, final_weight } => {
+                        let weight = 1.0 + (final_weight - 1.0) * PROGRESS;
+                        let root = (T::ONE + error * error / n(delta * delta)).sqrt();
+                        (root - T::ONE) * n(weight * 2.0 * delta * delta / 3.0)
+                    }
+                }
             })
             .sum();
-        let r = |z: f64| self.frustum.disparity(z);
-        let depth: T = match self.loss {
+        let interval = march.interval.unwrap();
+        let unit = 1.0 / self.frustum.near - 1.0 / self.frustum.far;
+        let clamped = |z: f64| z.clamp(interval.near, interval.far);
+        let r = |z: f64| (1.0 / clamped(z) - 1.0 / interval.far) / unit;
+        let depth: T = match self.losses.1 {
             DepthLoss::None => T::ZERO,
             DepthLoss::Wasserstein { weight, decay } => {
-                let fade = if decay > 0.0 { 1.0 - PROGRESS / decay } else { 1.0 };
+                let fade = if decay == DECAY { 0.6 } else { 1.0 };
                 let distance = |&(z, _): &(f64, f64)| {
                     let inside: T = (rendered.weights.iter().zip(&bins.disparity))
                         .map(|(&w, &d)| w * (d - n(r(z))).abs())
@@ -123,17 +153,16 @@ impl Case {
                 let sum: T = target.depths.iter().map(distance).sum();
                 sum * n(fade * weight / target.depths.len() as f64)
             }
-            DepthLoss::Distribution { weight, .. } => {
+            DepthLoss::Distribution { weight, relative_sigma, .. } => {
                 let mixture = |at: f64| {
                     let logistic = |&(z, variance): &(f64, f64)| {
-                        let sigma =
-                            variance.sqrt() / (z * z) / (1.0 / self.frustum.near - 1.0 / self.frustum.far);
+                        let sigma = variance.sqrt().max(relative_sigma * z) / (clamped(z).powi(2) * unit);
                         let scale = sigma * 3.0_f64.sqrt() / std::f64::consts::PI;
                         1.0 / (1.0 + ((at - r(z)) / scale).exp())
                     };
                     target.depths.iter().map(logistic).sum::<f64>() / target.depths.len() as f64
                 };
-                let mut edges: Vec<f64> = vec![1.0];
+                let mut edges: Vec<f64> = vec![r(interval.near)];
                 edges.extend(bins.disparity.iter().map(|d| d.to_f64()));
                 edges.push(0.0);
                 let mut ended = T::ZERO;
@@ -208,8 +237,10 @@ impl Case {
     }
 }
 
-/// Of the steps; the decay of [`LOSSES`] ends at one half.
 const PROGRESS: f64 = 0.25;
+
+/// At [`PROGRESS`] its factor is 0.6.
+const DECAY: Decay = Decay { start: 0.0, end: 0.5, floor: 0.2 };
 
 /// The network in another scalar type, with parameter `index` of `part` (table, density, colour) replaced by `value` of it.
 fn with_parameter<T: Scalar>(
@@ -231,12 +262,19 @@ fn with_parameter<T: Scalar>(
     Network::from_parameters(config, table, density, colour).unwrap()
 }
 
-const LOSSES: [DepthLoss; 4] = [
-    DepthLoss::None,
-    DepthLoss::Wasserstein { weight: 0.2, decay: 0.0 },
-    DepthLoss::Wasserstein { weight: 0.2, decay: 0.5 },
-    DepthLoss::Distribution { weight: 0.2, relative_sigma: 0.05, decay: 0.0 },
-];
+fn losses() -> [Losses; 5] {
+    let constant = Decay::default();
+    let robust = ColourLoss::Charbonnier { delta: 0.1, final_weight: 6.0 };
+    [
+        (ColourLoss::Squared, DepthLoss::None),
+        (ColourLoss::Squared, DepthLoss::Wasserstein { weight: 0.2, decay: constant }),
+        (robust, DepthLoss::Wasserstein { weight: 0.2, decay: DECAY }),
+        (ColourLoss::Squared, DepthLoss::Distribution { weight: 0.2, relative_sigma: 0.05, decay: constant }),
+        (robust, DepthLoss::Distribution { weight: 0.2, relative_sigma: 0.01, decay: constant }),
+    ]
+}
+
+const VOLUMES: [VolumeConfig; 2] = [VolumeConfig::Hull, VolumeConfig::Reference { margin: 0.02 }];
 
 fn small_hash(geometry: usize) -> FieldConfig {
     FieldConfig::Hash(HashFieldConfig {
@@ -254,16 +292,20 @@ fn small_hash(geometry: usize) -> FieldConfig {
 #[test]
 fn the_gradient_of_the_mlp_field_is_exact_with_every_loss() {
     let config = FieldConfig::Mlp(MlpFieldConfig { layers: 2, width: 20, frequencies: 3 });
-    for loss in LOSSES {
-        Case::new(loss).check(&config, 60);
+    for losses in losses() {
+        for volume in VOLUMES {
+            Case::new(losses, volume).check(&config, 40);
+        }
     }
 }
 
 #[test]
 fn the_gradient_of_the_hash_field_is_exact_with_every_loss() {
     for geometry in [0, 7] {
-        for loss in LOSSES {
-            Case::new(loss).check(&small_hash(geometry), 60);
+        for losses in losses() {
+            for volume in VOLUMES {
+                Case::new(losses, volume).check(&small_hash(geometry), 40);
+            }
         }
     }
 }
@@ -272,7 +314,7 @@ fn the_gradient_of_the_hash_field_is_exact_with_every_loss() {
 /// \\(\exp(\varepsilon \xi) T\\), with samples fixed in depth.
 #[test]
 fn the_derivative_with_respect_to_the_pose_agrees_with_central_differences() {
-    let case = Case::new(DepthLoss::None);
+    let case = Case::new(losses()[0], VolumeConfig::Hull);
     let mut network = Network::<f64>::new(&small_hash(0), 4);
     let mut rng = CounterRng::new(3, "gradient-check", 2, 0);
     if let Encoding::Hash(grid) = &mut network.encoding {
@@ -355,7 +397,7 @@ fn the_fast_gradient_agrees_with_the_reference() {
         finest: 64,
         ..HashFieldConfig::default()
     });
-    let mut case = Case::new(LOSSES[1]);
+    let mut case = Case::new(losses()[1], VolumeConfig::Hull);
     case.budget.fine = 9;
     let exact = Network::<f64>::new(&config, 2);
     let fast = Network::<f32>::new(&config, 2);
@@ -366,5 +408,29 @@ fn the_fast_gradient_agrees_with_the_reference() {
     let largest = exact_gradients.density.iter().fold(0.0_f64, |m, g| m.max(g.abs()));
     for (e, f) in exact_gradients.density.iter().zip(&fast_gradients.density) {
         assert!((e - f64::from(*f)).abs() < 1e-4 * largest, "{e} {f}");
+    }
+}
+
+/// A ray that misses the volume renders to the background, has opacity 0, and no gradient.
+#[test]
+fn rays_outside_the_volume_are_empty() {
+    let (colour_loss, depth_loss) = losses()[4];
+    let case = Case::new(losses()[4], VOLUMES[1]);
+    let network = Network::<f64>::new(&small_hash(0), 4);
+    let mut rays = case.rays(&Pose::rotation(Vector3::new(0.0, std::f64::consts::PI, 0.0)));
+    assert!(rays.iter().all(|march| march.interval.is_none()));
+    let (mut marcher, mut gradients) = (Marcher::default(), network.gradients());
+    let config = TrainConfig { colour_loss, depth_loss, ..TrainConfig::default() };
+    let terms = (LossTerms::at(&config, PROGRESS), 1.0);
+    for fine in [0, 6] {
+        let budget = Budget { fine, ..case.budget };
+        let tile = (rays.as_mut_slice(), case.targets.as_slice());
+        tile_gradients(&network, &case.frustum, &mut marcher, tile, &budget, terms, &mut gradients);
+        assert_eq!(marcher.evaluated(), 0);
+        for rendered in &marcher.rendered {
+            assert_eq!((rendered.depth.opacity, rendered.colour), (0.0, BACKGROUND));
+        }
+        assert!(gradients.density.iter().chain(&gradients.colour).all(|&g| g == 0.0));
+        assert!(gradients.features.iter().all(Vec::is_empty) && gradients.points.len() == 0);
     }
 }

@@ -45,8 +45,8 @@ mod train;
 mod volume;
 
 pub use config::{
-    DepthLoss, FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig, RenderConfig, SamplingConfig,
-    TrainConfig,
+    ColourLoss, Decay, DepthLoss, FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig, RenderConfig,
+    SamplingConfig, TrainConfig, VolumeConfig,
 };
 pub use error::{Error, Result};
 pub use field::{FieldCallback, FieldEvent, FitReport, RadianceField, RenderedView, Silent};

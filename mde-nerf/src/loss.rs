@@ -1,7 +1,7 @@
 //! The losses of a ray and their gradients with respect to its colour and its termination weights.
 
-use crate::config::DepthLoss;
-use crate::frustum::Frustum;
+use crate::config::{ColourLoss, DepthLoss, TrainConfig};
+use crate::frustum::Interval;
 use crate::scalar::Scalar;
 use crate::volume::{Bins, Rendered};
 
@@ -20,86 +20,103 @@ pub(crate) struct RayLoss {
     pub(crate) total: f64,
 }
 
-/// The depth loss with its weight at this step.
+/// The losses with their weights at a step.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct DepthTerm {
-    loss: DepthLoss,
-    /// The decay's factor of the weight.
+pub(crate) struct LossTerms {
+    colour: ColourLoss,
+    /// Weight of a [`ColourLoss::Charbonnier`].
+    colour_weight: f64,
+    depth: DepthLoss,
+    /// The decay's factor of the depth loss.
     fade: f64,
 }
 
-impl DepthTerm {
-    /// The term at `progress` (0 at the first step, 1 at the last).
-    pub(crate) fn at(loss: DepthLoss, progress: f64) -> Self {
-        let decay = match loss {
-            DepthLoss::None => 0.0,
-            DepthLoss::Wasserstein { decay, .. } | DepthLoss::Distribution { decay, .. } => decay,
+impl LossTerms {
+    /// The terms at `progress` (0 at the first step, 1 at the last).
+    pub(crate) fn at(config: &TrainConfig, progress: f64) -> Self {
+        let colour_weight = match config.colour_loss {
+            ColourLoss::Squared => 1.0,
+            ColourLoss::Charbonnier { final_weight, .. } => 1.0 + (final_weight - 1.0) * progress,
         };
-        let fade = if decay > 0.0 { (1.0 - progress / decay).max(0.0) } else { 1.0 };
-        Self { loss, fade }
+        let fade = match config.depth_loss {
+            DepthLoss::None => 0.0,
+            DepthLoss::Wasserstein { decay, .. } | DepthLoss::Distribution { decay, .. } => {
+                decay.factor(progress)
+            }
+        };
+        Self { colour: config.colour_loss, colour_weight, depth: config.depth_loss, fade }
     }
 }
 
 /// The loss of a rendered ray, averaged over `rays`; adds the weights' gradients to `h` and returns the colour's.
-///
-/// Colour: the mean squared error over the channels, \\(\tfrac13 \lVert C - \hat C \rVert^2\\).
 pub(crate) fn ray_loss<T: Scalar>(
     target: &Target,
     rendered: &Rendered<T>,
     bins: &Bins<T>,
-    frustum: &Frustum,
-    term: DepthTerm,
+    interval: &Interval,
+    terms: LossTerms,
     rays: f64,
     h: &mut [T],
 ) -> (RayLoss, [T; 3]) {
     let mut squared_error = 0.0;
+    let mut colour_loss = 0.0;
     let d_colour = std::array::from_fn(|axis| {
         let error = rendered.colour[axis].to_f64() - target.colour[axis];
         squared_error += error * error / 3.0;
-        T::from_f64(2.0 / 3.0 * error / rays)
-    });
-    let mut total = squared_error;
-    if let DepthLoss::Distribution { weight, relative_sigma, .. } = term.loss {
-        if term.fade > 0.0 && !target.depths.is_empty() {
-            let mixture = Mixture::new(&target.depths, relative_sigma, frustum);
-            total += mixture.distance(term.fade * weight, rendered, bins, rays, h);
-        }
-        return (RayLoss { squared_error, total }, d_colour);
-    }
-    let share = term.fade / target.depths.len().max(1) as f64;
-    for &(depth, _) in &target.depths {
-        total += match term.loss {
-            DepthLoss::Wasserstein { weight, .. } if share > 0.0 => {
-                wasserstein(depth, share * weight, rendered, bins, frustum, rays, h)
+        match terms.colour {
+            ColourLoss::Squared => T::from_f64(2.0 / 3.0 * error / rays),
+            ColourLoss::Charbonnier { delta, .. } => {
+                let root = (1.0 + (error / delta).powi(2)).sqrt();
+                // Without the cancellation of root - 1.
+                colour_loss += terms.colour_weight * 2.0 / 3.0 * error * error / (1.0 + root);
+                T::from_f64(terms.colour_weight * 2.0 / 3.0 * error / root / rays)
             }
-            _ => 0.0,
-        };
+        }
+    });
+    let mut total = if terms.colour == ColourLoss::Squared { squared_error } else { colour_loss };
+    match terms.depth {
+        _ if terms.fade <= 0.0 || target.depths.is_empty() => {}
+        DepthLoss::None => {}
+        DepthLoss::Distribution { weight, relative_sigma, .. } => {
+            let mixture = Mixture::new(&target.depths, relative_sigma, interval);
+            total += mixture.distance(terms.fade * weight, rendered, bins, rays, h);
+        }
+        DepthLoss::Wasserstein { weight, .. } => {
+            let share = terms.fade / target.depths.len() as f64;
+            for &(depth, _) in &target.depths {
+                total += wasserstein(depth, share * weight, rendered, bins, interval, rays, h);
+            }
+        }
     }
     (RayLoss { squared_error, total }, d_colour)
 }
 
-/// A ray's hypotheses in disparity (0 at far, 1 at near): means, and scales of logistic distributions.
-struct Mixture(Vec<(f64, f64)>);
+/// A ray's hypotheses in disparity: means, and scales of logistic distributions.
+struct Mixture {
+    logistics: Vec<(f64, f64)>,
+    /// Disparity at the near end of the ray.
+    largest: f64,
+}
 
 impl Mixture {
     /// Lower bound of a scale, narrower than any bin: hypotheses of tiny variance are steps.
     const NARROWEST: f64 = 1e-6;
 
-    fn new(depths: &[(f64, f64)], relative_sigma: f64, frustum: &Frustum) -> Self {
+    fn new(depths: &[(f64, f64)], relative_sigma: f64, interval: &Interval) -> Self {
         let logistic = |&(depth, variance): &(f64, f64)| {
-            let z = depth.clamp(frustum.near, frustum.far);
-            let sigma = if variance > 0.0 { variance.sqrt() } else { relative_sigma * depth };
+            let z = depth.clamp(interval.near, interval.far);
+            let sigma = variance.sqrt().max(relative_sigma * depth);
             // The standard deviation of the logistic distribution of scale 1 is pi / sqrt 3.
-            let scale = frustum.disparity_slope(z) * sigma * 3.0_f64.sqrt() / std::f64::consts::PI;
-            (frustum.disparity(z), scale.max(Self::NARROWEST))
+            let scale = interval.disparity_slope(z) * sigma * 3.0_f64.sqrt() / std::f64::consts::PI;
+            (interval.disparity(z), scale.max(Self::NARROWEST))
         };
-        Self(depths.iter().map(logistic).collect())
+        Self { logistics: depths.iter().map(logistic).collect(), largest: interval.largest_disparity() }
     }
 
     /// Probability that the ray ends nearer than a disparity.
     fn nearer(&self, disparity: f64) -> f64 {
         let share = |&(mean, scale): &(f64, f64)| 1.0 / (1.0 + ((disparity - mean) / scale).exp());
-        self.0.iter().map(share).sum::<f64>() / self.0.len() as f64
+        self.logistics.iter().map(share).sum::<f64>() / self.logistics.len() as f64
     }
 
     /// The distance between the distribution functions by the midpoint rule on the intervals between samples; the escaping
@@ -113,8 +130,8 @@ impl Mixture {
         h: &mut [T],
     ) -> f64 {
         let at = |index: usize| bins.disparity.get(index).map_or(0.0, |d| d.to_f64());
-        let first = 1.0 - at(0);
-        let mut loss = first.max(0.0) * self.nearer(1.0 - 0.5 * first);
+        let first = self.largest - at(0);
+        let mut loss = first.max(0.0) * self.nearer(self.largest - 0.5 * first);
         let mut ended = 0.0;
         // A sample's weight raises the distribution function from there to far.
         let slopes: Vec<f64> = (0..rendered.weights.len())
@@ -141,11 +158,11 @@ fn wasserstein<T: Scalar>(
     weight: f64,
     rendered: &Rendered<T>,
     bins: &Bins<T>,
-    frustum: &Frustum,
+    interval: &Interval,
     rays: f64,
     h: &mut [T],
 ) -> f64 {
-    let target = frustum.disparity(depth.clamp(frustum.near, frustum.far));
+    let target = interval.disparity(depth.clamp(interval.near, interval.far));
     let mut loss = rendered.escaped().to_f64() * target;
     let scale = T::from_f64(weight / rays);
     let narrow = T::from_f64(target);

@@ -1,6 +1,6 @@
 //! Rendering of a tile of rays, and the backward pass to the parameters' gradients.
 
-use crate::frustum::{CubeRay, Frustum, Ray};
+use crate::frustum::{CubeRay, Frustum, Interval, Ray};
 use crate::network::{Gradients, Network, Tape};
 use crate::points::Points;
 use crate::sampling::{blurred, edges, importance, merge, stratified};
@@ -27,6 +27,8 @@ pub(crate) struct Budget {
 #[derive(Debug, Clone)]
 pub(crate) struct March {
     pub(crate) ray: Ray,
+    /// The sampled part; a ray without one misses the volume and renders to the background.
+    pub(crate) interval: Option<Interval>,
     /// Centre of the band.
     pub(crate) guess: Option<f64>,
     pub(crate) background: [f64; 3],
@@ -90,13 +92,12 @@ impl<T: Scalar> Marcher<T> {
         self.bins.resize_with(count, Bins::default);
         self.rendered.resize_with(count, Rendered::default);
         self.passes.iter_mut().for_each(|pass| pass.points.clear());
-        let range = Range::new(frustum);
 
         T::vectorized(
             #[inline(always)]
             || {
                 for (index, march) in rays.iter_mut().enumerate() {
-                    self.place_first(index, march, frustum, budget, &range);
+                    self.place_first(index, march, frustum, budget);
                 }
             },
         );
@@ -108,8 +109,8 @@ impl<T: Scalar> Marcher<T> {
                 #[inline(always)]
                 || {
                     for (index, march) in rays.iter_mut().enumerate() {
-                        self.composite(index, march, frustum, budget, &range);
-                        self.place_fine(index, march, frustum, budget, &range);
+                        self.composite(index, march, frustum, budget);
+                        self.place_fine(index, march, frustum, budget);
                     }
                 },
             );
@@ -121,7 +122,7 @@ impl<T: Scalar> Marcher<T> {
             #[inline(always)]
             || {
                 for (index, march) in rays.iter().enumerate() {
-                    self.composite(index, march, frustum, budget, &range);
+                    self.composite(index, march, frustum, budget);
                 }
             },
         );
@@ -138,21 +139,19 @@ impl<T: Scalar> Marcher<T> {
     }
 
     #[inline(always)]
-    fn place_first(
-        &mut self,
-        index: usize,
-        march: &mut March,
-        frustum: &Frustum,
-        budget: &Budget,
-        range: &Range<T>,
-    ) {
+    fn place_first(&mut self, index: usize, march: &mut March, frustum: &Frustum, budget: &Budget) {
         let traced = &mut self.traced[index];
         traced.first.clear();
         traced.fine.clear();
+        traced.first_row = self.passes[0].points.len();
+        let Some(interval) = march.interval else {
+            merge(&traced.first, &traced.fine, &mut traced.positions, &mut traced.sources);
+            return;
+        };
         let rng = &mut march.rng;
         match march.guess {
             Some(depth) if budget.band > 0 => {
-                let at = |z: f64| frustum.fraction_at(z);
+                let at = |z: f64| interval.fraction_at(z);
                 let band = (at(depth * (1.0 - budget.band_width)), at(depth * (1.0 + budget.band_width)));
                 // The merged list is sorted; its sources do not matter yet.
                 traced.positions.clear();
@@ -163,47 +162,38 @@ impl<T: Scalar> Marcher<T> {
             }
             _ => stratified(budget.coarse + budget.band, 0.0, 1.0, rng.as_mut(), &mut traced.first),
         }
-        traced.first_row = self.passes[0].points.len();
+        let range = Range::new(&interval);
         range.push(&traced.first, &frustum.cube_ray(&march.ray), &mut self.passes[0].points);
         merge(&traced.first, &traced.fine, &mut traced.positions, &mut traced.sources);
     }
 
     #[inline(always)]
-    fn place_fine(
-        &mut self,
-        index: usize,
-        march: &mut March,
-        frustum: &Frustum,
-        budget: &Budget,
-        range: &Range<T>,
-    ) {
+    fn place_fine(&mut self, index: usize, march: &mut March, frustum: &Frustum, budget: &Budget) {
         let traced = &mut self.traced[index];
+        let Some(interval) = march.interval else { return };
         blurred(&self.rendered[index].weights, &mut self.blurred);
         importance(budget.fine, &traced.edges, &self.blurred, march.rng.as_mut(), &mut traced.fine);
         traced.fine_row = self.passes[1].points.len();
+        let range = Range::new(&interval);
         range.push(&traced.fine, &frustum.cube_ray(&march.ray), &mut self.passes[1].points);
         merge(&traced.first, &traced.fine, &mut traced.positions, &mut traced.sources);
     }
 
     /// Bins and rendering of a ray from its samples so far.
     #[inline(always)]
-    fn composite(
-        &mut self,
-        index: usize,
-        march: &March,
-        frustum: &Frustum,
-        budget: &Budget,
-        range: &Range<T>,
-    ) {
+    fn composite(&mut self, index: usize, march: &March, frustum: &Frustum, budget: &Budget) {
         let Self { traced, bins, rendered, passes, .. } = self;
         let (traced, bins) = (&mut traced[index], &mut bins[index]);
-        edges(&traced.positions, &mut traced.edges);
-        let stretch = T::from_f64(march.ray.direction.norm() / frustum.unit);
         bins.clear();
-        bins.depth.extend(traced.positions.iter().map(|&x| T::ONE / range.inverse_depth(x)));
-        bins.disparity.extend(traced.positions.iter().map(|&x| range.disparity(x)));
-        bins.extent.extend(traced.edges.windows(2).map(|e| range.extent(e[0], e[1])));
-        bins.path.extend(bins.extent.iter().map(|&e| e * stretch));
+        if let Some(interval) = &march.interval {
+            let range = Range::new(interval);
+            edges(&traced.positions, &mut traced.edges);
+            let stretch = T::from_f64(march.ray.direction.norm() / frustum.unit);
+            bins.depth.extend(traced.positions.iter().map(|&x| T::ONE / range.inverse_depth(x)));
+            bins.disparity.extend(traced.positions.iter().map(|&x| range.disparity(x)));
+            bins.extent.extend(traced.edges.windows(2).map(|e| range.extent(e[0], e[1])));
+            bins.path.extend(bins.extent.iter().map(|&e| e * stretch));
+        }
         let firsts = traced.first.len();
         traced.shades.clear();
         traced.shades.extend(traced.sources.iter().map(|&source| {
@@ -265,12 +255,18 @@ struct Range<T> {
     near: T,
     /// \\(1 / near - 1 / far\\).
     width: T,
+    /// Disparity at the near end.
+    largest: T,
 }
 
 impl<T: Scalar> Range<T> {
-    fn new(frustum: &Frustum) -> Self {
-        let (near, far) = (frustum.near, frustum.far);
-        Self { near: T::from_f64(1.0 / near), width: T::from_f64(1.0 / near - 1.0 / far) }
+    #[inline(always)]
+    fn new(interval: &Interval) -> Self {
+        Self {
+            near: T::from_f64(1.0 / interval.near),
+            width: T::from_f64(interval.width()),
+            largest: T::from_f64(interval.largest_disparity()),
+        }
     }
 
     #[inline(always)]
@@ -278,10 +274,10 @@ impl<T: Scalar> Range<T> {
         self.near - x * self.width
     }
 
-    /// Disparity scaled to 0 at far and 1 at near.
+    /// The interval's disparity: 0 at its far end.
     #[inline(always)]
     fn disparity(&self, x: T) -> T {
-        T::ONE - x
+        self.largest * (T::ONE - x)
     }
 
     /// Extent in depth between two positions, without the cancellation of a difference of depths.

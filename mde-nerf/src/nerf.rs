@@ -110,8 +110,14 @@ impl Nerf {
 
 impl RadianceField for Nerf {
     fn fit(&mut self, views: &[PosedView], callback: &mut dyn FieldCallback) -> Result<FitReport> {
-        let pixels = Pixels::new(views, &self.config.train)?;
+        for (index, view) in views.iter().enumerate() {
+            view.validate().map_err(|error| Error::View { index, reason: error.to_string() })?;
+        }
+        if views.iter().all(|view| !view.mask.iter().any(|&valid| valid)) {
+            return Err(Error::NoPixels);
+        }
         let frustum = Frustum::of_views(views, &self.config.sampling)?;
+        let pixels = Pixels::new(views, &frustum, &self.config.train)?;
         let mut network = Network::new(&self.config.field, self.seed);
         let size = views.first().map_or(0, |view| view.camera.width * view.camera.height);
         let config = NerfConfig { train: self.config.train.for_pixels(size), ..self.config.clone() };

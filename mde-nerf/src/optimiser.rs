@@ -9,6 +9,10 @@ const BETA1: f64 = 0.9;
 const BETA2: f64 = 0.99;
 /// Adam's epsilon.
 const EPSILON: f64 = 1e-15;
+/// Learning rate at the last step, as a fraction of the configured one.
+const FINAL_RATE: f64 = 0.1;
+/// Decay per step of the moving average of the parameters.
+pub(crate) const AVERAGE: f64 = 0.95;
 
 /// Adam's rate and bias corrections at one step.
 #[derive(Debug, Clone, Copy)]
@@ -24,8 +28,7 @@ impl AdamStep {
         let t = (step + 1) as f64;
         let warm = (t / (config.warm_up as f64).max(1.0)).min(1.0);
         let progress = step as f64 / (config.steps as f64 - 1.0).max(1.0);
-        let rate =
-            config.learning_rate * (config.final_learning_rate / config.learning_rate).powf(progress) * warm;
+        let rate = config.learning_rate * FINAL_RATE.powf(progress) * warm;
         Self {
             rate: (rate / (1.0 - BETA1.powf(t))) as f32,
             correction2: (1.0 / (1.0 - BETA2.powf(t))) as f32,
@@ -152,8 +155,7 @@ mod tests {
             let (mut exact, mut m, mut v) = (fast.map(f64::from), [0.0_f64; N], vec![0.0_f64; N / width]);
             for step in 0..5 {
                 let t = step as i32 + 1;
-                let rate = config.learning_rate
-                    * (config.final_learning_rate / config.learning_rate).powf(step as f64 / 9.0);
+                let rate = config.learning_rate * FINAL_RATE.powf(step as f64 / 9.0);
                 // The first row is never touched.
                 let mut g: [f32; N] =
                     std::array::from_fn(

@@ -41,10 +41,12 @@ pub(crate) fn render(
             .into_par_iter()
             .map_init(Marcher::default, |marcher, chunk| {
                 let pixels = chunk * tile..((chunk + 1) * tile).min(rows * width);
-                let ray = |i: usize| Ray::new(camera, pose, (i % width) as f64, (first + i / width) as f64);
-                let mut marches: Vec<March> = pixels
-                    .map(|i| March { ray: ray(i), guess: None, background: [BACKGROUND; 3], rng: None })
-                    .collect();
+                let march = |i: usize| {
+                    let ray = Ray::new(camera, pose, (i % width) as f64, (first + i / width) as f64);
+                    let interval = frustum.interval(&ray, 0.0);
+                    March { ray, interval, guess: None, background: [BACKGROUND; 3], rng: None }
+                };
+                let mut marches: Vec<March> = pixels.map(march).collect();
                 marcher.forward(network, frustum, &mut marches, &budget);
                 let pixel = |r: &crate::volume::Rendered<f32>| {
                     (r.colour, r.depth.mean, r.depth.variance, r.depth.opacity)

@@ -5,7 +5,7 @@ use crate::config::{FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig};
 use crate::encoding::HashLayout;
 use crate::field::Silent;
 use crate::frustum::Frustum;
-use crate::loss::DepthTerm;
+use crate::loss::LossTerms;
 use crate::march::Marcher;
 use crate::network::{Encoding, Gradients, Network, Tape};
 use crate::optimiser::{AdamStep, Moments, adam};
@@ -81,8 +81,8 @@ pub fn fields() -> [(&'static str, FieldConfig); 3] {
 pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage<'_>)) -> Result<()> {
     config.validate()?;
     let views = [view()?];
-    let pixels = Pixels::new(&views, &config.train)?;
     let frustum = Frustum::of_views(&views, &config.sampling)?;
+    let pixels = Pixels::new(&views, &frustum, &config.train)?;
     let mut network = Network::<f32>::new(&config.field, 0);
     let mut trainer = Trainer::new(&mut network, &frustum, &pixels, config, 0);
     for step in 0..WARM_UP {
@@ -99,7 +99,7 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage<'_>)) -> Result<(
     let (mut rays, targets): (Vec<_>, Vec<_>) =
         (0..tile_rays(&budget).min(batch)).map(|i| pixels.draw(0, 0, i)).unzip();
     let fresh = rays.clone();
-    let term = DepthTerm::at(config.train.depth_loss, 0.0);
+    let terms = LossTerms::at(&config.train, 0.0);
     let mut marcher = Marcher::default();
     marcher.forward(&network, &frustum, &mut rays, &budget);
     let points = marcher.evaluated() as u64;
@@ -137,7 +137,7 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage<'_>)) -> Result<(
                 &mut marcher,
                 tile,
                 &budget,
-                (term, batch as f64),
+                (terms, batch as f64),
                 &mut gradients,
             );
             clear(&mut gradients);

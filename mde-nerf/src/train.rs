@@ -4,10 +4,10 @@ use crate::batch::Pixels;
 use crate::config::NerfConfig;
 use crate::field::{FieldCallback, FieldEvent, FitReport};
 use crate::frustum::Frustum;
-use crate::loss::{DepthTerm, RayLoss, Target, ray_loss};
+use crate::loss::{LossTerms, RayLoss, Target, ray_loss};
 use crate::march::{Budget, March, Marcher};
 use crate::network::{Encoding, Gradients, Network};
-use crate::optimiser::{AdamStep, Average, Moments, adam};
+use crate::optimiser::{AVERAGE, AdamStep, Average, Moments, adam};
 use crate::scalar::Scalar;
 use crate::{Error, Result};
 use mde_uncertainty::termination::InBinVariance;
@@ -40,13 +40,15 @@ pub(crate) fn tile_gradients<T: Scalar>(
     marcher: &mut Marcher<T>,
     (rays, targets): (&mut [March], &[Target]),
     budget: &Budget,
-    (term, batch): (DepthTerm, f64),
+    (terms, batch): (LossTerms, f64),
     gradients: &mut Gradients<T>,
 ) -> RayLoss {
     marcher.forward(network, frustum, rays, budget);
     let mut sum = RayLoss::default();
     marcher.backward(network, rays, gradients, |index, rendered, bins, h| {
-        let (loss, d_colour) = ray_loss(&targets[index], rendered, bins, frustum, term, batch, h);
+        // A ray that misses the volume depends on no parameter.
+        let Some(interval) = &rays[index].interval else { return [T::ZERO; 3] };
+        let (loss, d_colour) = ray_loss(&targets[index], rendered, bins, interval, terms, batch, h);
         sum.squared_error += loss.squared_error;
         sum.total += loss.total;
         d_colour
@@ -139,10 +141,10 @@ impl<'a> Trainer<'a> {
         let Self { network, frustum, pixels, config, seed, budget, groups, step, .. } = self;
         let train = &config.train;
         let progress = *step as f64 / (train.steps as f64 - 1.0).max(1.0);
-        let term = DepthTerm::at(train.depth_loss, progress);
+        let terms = LossTerms::at(train, progress);
         let shared: &Network<f32> = network;
         groups.par_iter_mut().enumerate().for_each(|(index, group)| {
-            group.run(index, shared, frustum, pixels, budget, (*seed, *step), (term, train.rays));
+            group.run(index, shared, frustum, pixels, budget, (*seed, *step), (terms, train.rays));
         });
         groups.iter().fold(RayLoss::default(), |sum, g| RayLoss {
             squared_error: sum.squared_error + g.loss.squared_error,
@@ -173,8 +175,8 @@ pub(crate) fn train(
 ) -> Result<FitReport> {
     let train = &config.train;
     let mut trainer = Trainer::new(network, frustum, pixels, config, seed);
-    let mut averages: [Average; 3] = std::array::from_fn(|_| Average::new(train.average));
-    let averaged_from = train.steps.saturating_sub(Average::span(train.average));
+    let mut averages: [Average; 3] = std::array::from_fn(|_| Average::new(AVERAGE));
+    let averaged_from = train.steps.saturating_sub(Average::span(AVERAGE));
     let mut since_report = RayLoss::default();
     let mut report = FitReport { steps: train.steps, ..FitReport::default() };
 
@@ -186,7 +188,7 @@ pub(crate) fn train(
         trainer.update();
         since_report.squared_error += sum.squared_error / train.rays as f64;
         since_report.total += sum.total / train.rays as f64;
-        if train.average > 0.0 && step >= averaged_from {
+        if step >= averaged_from {
             let [table, density, colour] = &mut averages;
             parameters(trainer.network).into_iter().zip([table, density, colour]).for_each(|(p, a)| a.add(p));
         }
@@ -224,7 +226,7 @@ impl Group<f32> {
         pixels: &Pixels<'_>,
         budget: &Budget,
         (seed, step): (u64, usize),
-        (term, rays): (DepthTerm, usize),
+        (terms, rays): (LossTerms, usize),
     ) {
         self.loss = RayLoss::default();
         let (first, last) = (rays * index / GROUPS, rays * (index + 1) / GROUPS);
@@ -240,7 +242,7 @@ impl Group<f32> {
                 &mut self.marcher,
                 (&mut marches, &targets),
                 budget,
-                (term, rays as f64),
+                (terms, rays as f64),
                 &mut self.gradients,
             );
             self.loss.squared_error += loss.squared_error;

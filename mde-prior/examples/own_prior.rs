@@ -1,8 +1,8 @@
-//! A depth prior of one's own: the lower in the picture and the brighter, the nearer.
+//! A custom depth prior: the lower in the image and the brighter, the nearer; averaged with its mirror image.
 #![allow(clippy::print_stdout)]
 
 use mde_prior::ndarray::{Array2, Array3, ArrayView3};
-use mde_prior::{DepthKind, DepthPrior, DisparityRule, FlipAverage, PriorDepth, Result};
+use mde_prior::{AugmentationConfig, DepthKind, DepthPrior, DisparityRule, PriorDepth, Result};
 
 struct GroundPlane;
 
@@ -14,12 +14,17 @@ impl DepthPrior for GroundPlane {
         });
         PriorDepth::from_values(disparity, DepthKind::AffineDisparity)
     }
+
+    /// The prior looks at the image, so it can predict crops and mirror images.
+    fn accepts_new_images(&self) -> bool {
+        true
+    }
 }
 
 fn main() -> Result<()> {
     let image = Array3::from_shape_fn((6, 8, 3), |(y, x, _)| ((x + y) % 3) as f32 / 2.0);
-    let prior: Box<dyn DepthPrior> = Box::new(FlipAverage(GroundPlane));
-    let depth = prior.predict(image.view())?.to_depth(&DisparityRule::default())?;
+    let augmentation = AugmentationConfig { flip: true, ..AugmentationConfig::default() };
+    let depth = augmentation.predict(&GroundPlane, image.view())?.depth(&DisparityRule::default())?;
     println!("depth in metres, assuming a room of 0.8 to 8 m:\n{depth:.2}");
     Ok(())
 }

@@ -34,9 +34,11 @@ pub struct DisparityRule {
     pub near: f64,
     /// Depth of the smallest disparity, above `near`; 8.
     pub far: f64,
-    /// Quantile taken as the smallest disparity, in `[0, 1]`; 0.005.
+    /// Quantile taken as the smallest disparity, in `[0, 1]`; 0.005. Not part of a configuration file.
+    #[serde(skip)]
     pub low: f64,
-    /// Quantile taken as the largest disparity, in `(low, 1]`; 0.995.
+    /// Quantile taken as the largest disparity, in `(low, 1]`; 0.995. Not part of a configuration file.
+    #[serde(skip)]
     pub high: f64,
 }
 
@@ -56,22 +58,15 @@ impl DisparityRule {
     /// [`Error::Config`] that names the field.
     pub fn validate(&self) -> Result<()> {
         let Self { near, far, low, high } = *self;
-        if !(near.is_finite() && near >= f64::from(f32::MIN_POSITIVE)) {
-            return config(
-                "near",
-                format!("{near} is no positive depth; give the nearest depth of the scene"),
-            );
-        }
-        if !(far > near && far <= f64::from(f32::MAX)) {
-            return config("far", format!("{far} must be finite and above near ({near})"));
-        }
-        if !(0.0..1.0).contains(&low) {
-            return config("low", format!("{low} is no quantile; give a value in [0, 1)"));
-        }
-        if !(high > low && high <= 1.0) {
-            return config("high", format!("{high} must lie in ({low}, 1]"));
-        }
-        Ok(())
+        let check = |ok: bool, field, value: f64, remedy| {
+            if ok { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), remedy }) }
+        };
+        let positive = near.is_finite() && near >= f64::from(f32::MIN_POSITIVE);
+        check(positive, "disparity.near", near, "give the nearest depth of the scene, above 0")?;
+        let farther = far > near && far <= f64::from(f32::MAX);
+        check(farther, "disparity.far", far, "give the farthest depth of the scene, above disparity.near")?;
+        check((0.0..1.0).contains(&low), "disparity.low", low, "give a quantile in [0, 1)")?;
+        check(high > low && high <= 1.0, "disparity.high", high, "give a quantile in (disparity.low, 1]")
     }
 
     /// Depth `[height, width]` in `[near, far]` of an affine disparity map; 0 where `valid` is false or the value is
@@ -150,8 +145,4 @@ impl DisparityRule {
 /// Whether two ends of a range differ by no more than rounding.
 fn is_constant(lo: f64, hi: f64) -> bool {
     hi - lo <= CONSTANT * lo.abs().max(hi.abs())
-}
-
-fn config(field: &'static str, reason: String) -> Result<()> {
-    Err(Error::Config { field, reason })
 }

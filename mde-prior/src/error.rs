@@ -57,12 +57,14 @@ pub enum Error {
         image: (usize, usize),
     },
     /// A setting is out of its range.
-    #[error("{field}: {reason}")]
+    #[error("{field} is {value}; {remedy}")]
     Config {
         /// Name of the setting.
         field: &'static str,
-        /// What is wrong and what to do.
-        reason: String,
+        /// Its value.
+        value: String,
+        /// What to give instead.
+        remedy: &'static str,
     },
     /// No profile of that name, or no profile could be guessed.
     #[error("no model profile for {name:?}; name one of: {}", crate::spec::PROFILES.join(", "))]
@@ -78,6 +80,9 @@ pub enum Error {
         /// What is wrong and what to do.
         reason: String,
     },
+    /// The error of a prior outside this crate.
+    #[error(transparent)]
+    External(Box<dyn std::error::Error + Send + Sync>),
     /// An array handed in has the wrong shape or values.
     #[error("{0}")]
     Input(String),

@@ -59,8 +59,4 @@ impl DepthPrior for FilePrior {
         }
         Ok(self.prior.clone())
     }
-
-    fn answers_anew(&self) -> bool {
-        false
-    }
 }

@@ -2,7 +2,7 @@
 //!
 //! The refinement starts from the depth that a monocular network sees in one photograph, the paper's \\( D_o \\) (Eq. 16).
 //! Here such a prior is a [`DepthPrior`]: a file that some network wrote ([`FilePrior`]), a network in an ONNX file that
-//! runs here (`OnnxPrior`, feature `onnx`), or your own type. Its answer, [`PriorDepth`], says what its numbers mean
+//! runs here (`OnnxPrior`, feature `onnx`), or your own type. Its prediction, a [`PriorDepth`], states the meaning of its values
 //! ([`DepthKind`]), and [`DisparityRule`] turns disparity with unknown scale and shift into positive depth,
 //! \\( 1/z = A \hat d + B \\), never \\( 1/d \\). [`format`](mod@format) reads and writes depth maps, [`photo`] photographs.
 //! Depth is z along the optical axis; 0 means missing; NaN never gets out.
@@ -24,11 +24,11 @@
 //! ```
 
 mod atomic;
+pub mod augment;
 mod disparity;
 mod error;
-pub mod evidence;
 mod file;
-mod flip;
+pub mod filter;
 pub mod format;
 #[cfg(feature = "onnx")]
 mod onnx;
@@ -38,11 +38,10 @@ pub mod resample;
 pub mod spec;
 
 pub use atomic::write_atomic;
+pub use augment::{AugmentationConfig, Augmented};
 pub use disparity::DisparityRule;
 pub use error::{Error, Result};
-pub use evidence::{Evidence, EvidenceConfig};
 pub use file::FilePrior;
-pub use flip::FlipAverage;
 pub use ndarray;
 #[cfg(feature = "onnx")]
 pub use onnx::OnnxPrior;

@@ -214,6 +214,10 @@ impl DepthPrior for OnnxPrior {
         }
         PriorDepth::from_values(map, self.spec.output).map_err(|e| self.error(e.to_string()))
     }
+
+    fn accepts_new_images(&self) -> bool {
+        true
+    }
 }
 
 fn input_shape(layout: Layout, (height, width): (usize, usize)) -> [usize; 4] {

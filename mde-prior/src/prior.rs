@@ -3,7 +3,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{DisparityRule, Error, Result};
 
-/// Something that says how far each pixel of a photograph is.
+/// A monocular depth estimator.
 ///
 /// The trait is object-safe: pipelines take `&dyn DepthPrior`.
 ///
@@ -11,7 +11,7 @@ use crate::{DisparityRule, Error, Result};
 /// use mde_prior::ndarray::{Array2, Array3, ArrayView3};
 /// use mde_prior::{DepthKind, DepthPrior, DisparityRule, PriorDepth, Result};
 ///
-/// /// A floor that runs away from the camera: the lower in the picture, the nearer.
+/// /// A floor: the lower in the image, the nearer.
 /// struct Floor;
 ///
 /// impl DepthPrior for Floor {
@@ -31,13 +31,14 @@ pub trait DepthPrior {
     /// Predicts the depth of `image`, `[height, width, 3]`, sRGB values in `[0, 1]`; the result has the image's size.
     ///
     /// # Errors
-    /// Whatever keeps an implementation from answering: a file of another size, a model that fails.
+    /// The reason why there is no prediction: a file of another size, a model that fails, or [`Error::External`] with the
+    /// implementation's own error.
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth>;
 
-    /// Whether it can answer about other pictures too, crops and mirror images: a network can, a map that is there already
-    /// can't and must say so.
-    fn answers_anew(&self) -> bool {
-        true
+    /// Whether it can predict any image, crops and mirror images among them: a network can, a map from a file cannot. `false`
+    /// unless overridden; [`augment`](crate::augment) needs `true`.
+    fn accepts_new_images(&self) -> bool {
+        false
     }
 }
 
@@ -46,8 +47,8 @@ impl<P: DepthPrior + ?Sized> DepthPrior for &P {
         (**self).predict(image)
     }
 
-    fn answers_anew(&self) -> bool {
-        (**self).answers_anew()
+    fn accepts_new_images(&self) -> bool {
+        (**self).accepts_new_images()
     }
 }
 
@@ -56,8 +57,8 @@ impl<P: DepthPrior + ?Sized> DepthPrior for Box<P> {
         (**self).predict(image)
     }
 
-    fn answers_anew(&self) -> bool {
-        (**self).answers_anew()
+    fn accepts_new_images(&self) -> bool {
+        (**self).accepts_new_images()
     }
 }
 
@@ -104,13 +105,14 @@ impl std::str::FromStr for DepthKind {
             "disparity" => Ok(Self::AffineDisparity),
             _ => Err(Error::Config {
                 field: "kind",
-                reason: format!("unknown kind {name:?}; use metric, depth or disparity"),
+                value: format!("{name:?}"),
+                remedy: "give metric, depth or disparity",
             }),
         }
     }
 }
 
-/// A prior's answer for one image.
+/// The prediction for one image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PriorDepth {
     /// `[height, width]`, as the model or file gave it; 0 where `valid` is false.

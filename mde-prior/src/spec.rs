@@ -266,33 +266,26 @@ impl ModelSpec {
     /// # Errors
     /// [`Error::Config`] that names the field.
     pub fn validate(&self) -> Result<()> {
-        let config = |field, reason: String| Err(Error::Config { field, reason });
-        for (field, value) in [("width", self.width), ("height", self.height)] {
-            if !(1..=8192).contains(&value) {
-                return config(field, format!("{value} is no input size; give 1 to 8192 pixels"));
-            }
+        let check = |ok: bool, field, value: &dyn std::fmt::Display, remedy| {
+            if ok { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), remedy }) }
+        };
+        for (field, side) in [("width", self.width), ("height", self.height)] {
+            check((1..=8192).contains(&side), field, &side, "give an input size of 1 to 8192 pixels")?;
         }
-        if self.multiple_of == 0 || self.multiple_of > self.width.min(self.height) {
-            return config(
-                "multiple-of",
-                format!("{} must lie between 1 and the input's sides", self.multiple_of),
-            );
+        let multiple = self.multiple_of;
+        let fits = (1..=self.width.min(self.height)).contains(&multiple);
+        check(fits, "multiple-of", &multiple, "give 1 to the smaller side of the input")?;
+        for mean in self.mean {
+            check(mean.is_finite(), "mean", &mean, "give finite values")?;
         }
-        if let Some(mean) = self.mean.iter().find(|m| !m.is_finite()) {
-            return config("mean", format!("{mean} is not finite"));
+        for std in self.std {
+            check(std.is_finite() && std != 0.0, "std", &std, "give finite values other than 0")?;
         }
-        if let Some(std) = self.std.iter().find(|s| !(s.is_finite() && **s != 0.0)) {
-            return config("std", format!("{std} can't be divided by; give finite values other than 0"));
+        if let Some(floor) = self.output_floor {
+            check(floor.is_finite() && floor > 0.0, "output-floor", &floor, "give a positive depth")?;
+            check(self.output.is_depth(), "output-floor", &floor, "remove it: disparities may be negative")?;
         }
-        match self.output_floor {
-            Some(floor) if !(floor.is_finite() && floor > 0.0) => {
-                config("output-floor", format!("{floor} is no depth; give a positive one"))
-            }
-            Some(_) if !self.output.is_depth() => {
-                config("output-floor", "disparity may be negative and is not floored; remove it".to_owned())
-            }
-            _ => Ok(()),
-        }
+        Ok(())
     }
 
     /// `(height, width)` of the input for an image of that size.

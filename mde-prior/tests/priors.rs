@@ -2,10 +2,11 @@
 #![allow(clippy::unwrap_used)]
 
 use approx::assert_relative_eq;
+use mde_prior::augment::flip_average;
 use mde_prior::ndarray::{Array2, Array3, ArrayView3, array, s};
 use mde_prior::resample::{Filter, resize};
 use mde_prior::spec::{Aspect, PROFILES};
-use mde_prior::{DepthKind, DepthPrior, DisparityRule, Error, FlipAverage, ModelSpec, PriorDepth, Result};
+use mde_prior::{DepthKind, DepthPrior, DisparityRule, Error, ModelSpec, PriorDepth, Result};
 use proptest::prelude::*;
 
 const FILTERS: [Filter; 4] =
@@ -61,8 +62,8 @@ proptest! {
         let image = Array3::from_shape_vec((4, 5, 3), values)?;
         let prior = Pixelwise(if disparity { DepthKind::AffineDisparity } else { DepthKind::Metric });
         match prior.predict(image.view()) {
-            Ok(alone) => prop_assert_eq!(FlipAverage(prior).predict(image.view())?, alone),
-            Err(_) => prop_assert!(FlipAverage(prior).predict(image.view()).is_err()),
+            Ok(alone) => prop_assert_eq!(averaged(&prior, image.view())?, alone),
+            Err(_) => prop_assert!(averaged(&prior, image.view()).is_err()),
         }
     }
 
@@ -70,9 +71,9 @@ proptest! {
     fn a_flip_average_is_equivariant(values in proptest::collection::vec(0.1_f32..1.0, 3 * 4 * 5)) {
         let image = Array3::from_shape_vec((4, 5, 3), values)?;
         let mirrored = image.slice(s![.., ..;-1, ..]);
-        let averaged = FlipAverage(Slanted).predict(image.view())?.map;
+        let average = averaged(&Slanted, image.view())?.map;
         // But for the last bit: the gauge is a sum over the pixels, in another order.
-        for (a, b) in FlipAverage(Slanted).predict(mirrored)?.map.iter().zip(averaged.slice(s![.., ..;-1])) {
+        for (a, b) in averaged(&Slanted, mirrored)?.map.iter().zip(average.slice(s![.., ..;-1])) {
             prop_assert!((a - b).abs() <= 1e-6 * b.abs(), "{} {}", a, b);
         }
         let alone = Slanted.predict(image.view())?.map;
@@ -114,6 +115,12 @@ proptest! {
             }
         }
     }
+}
+
+/// The flip average of a prior's predictions.
+fn averaged(prior: &dyn DepthPrior, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+    let mirrored = prior.predict(image.slice(s![.., ..;-1, ..]))?;
+    flip_average(prior.predict(image)?, &mirrored)
 }
 
 /// Red minus half: depth where positive.
@@ -170,11 +177,11 @@ fn missing_stays_missing_and_garbage_is_missing() {
 fn rules_name_the_field_at_fault() {
     let base = DisparityRule::default;
     for (rule, field) in [
-        (DisparityRule { near: 0.0, ..base() }, "near"),
-        (DisparityRule { far: 0.5, ..base() }, "far"),
-        (DisparityRule { far: f64::NAN, ..base() }, "far"),
-        (DisparityRule { low: -0.1, ..base() }, "low"),
-        (DisparityRule { high: 0.001, ..base() }, "high"),
+        (DisparityRule { near: 0.0, ..base() }, "disparity.near is"),
+        (DisparityRule { far: 0.5, ..base() }, "disparity.far is"),
+        (DisparityRule { far: f64::NAN, ..base() }, "disparity.far is"),
+        (DisparityRule { low: -0.1, ..base() }, "disparity.low is"),
+        (DisparityRule { high: 0.001, ..base() }, "disparity.high is"),
     ] {
         assert!(rule.validate().unwrap_err().to_string().starts_with(field));
     }
@@ -273,7 +280,7 @@ impl DepthPrior for Drifting {
 #[test]
 fn a_flip_average_of_disparity_does_not_depend_on_scale_and_shift() {
     let image = Array3::from_shape_fn((3, 4, 3), |(y, x, _)| ((y * 7 + x * 5) % 11) as f32 / 11.0);
-    let averaged = FlipAverage(Drifting(1.0.into())).predict(image.view()).unwrap();
+    let averaged = averaged(&Drifting(1.0.into()), image.view()).unwrap();
     let alone = Drifting(1.0.into()).predict(image.view()).unwrap();
     for (a, b) in averaged.map.iter().zip(&alone.map) {
         assert!((a - b).abs() < 1e-5, "{a} {b}");

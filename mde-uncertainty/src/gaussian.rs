@@ -4,7 +4,8 @@ use ndarray::{Array2, ArrayView2, Zip};
 /// A depth map with a variance per pixel, both `[height, width]`.
 ///
 /// The mean is z-depth (along the optical axis, never along the ray) in the prior's unit; the variance is in that unit
-/// squared. A missing pixel has infinite variance, that is precision 0, and mean 0. No value is ever NaN.
+/// squared. A missing pixel has infinite variance, that is precision 0, and mean 0; a variance of 0 is an exact depth. No value is
+/// NaN.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GaussianDepth {
     mean: Array2<f32>,
@@ -12,9 +13,9 @@ pub struct GaussianDepth {
 }
 
 impl GaussianDepth {
-    /// Takes a mean and a variance, both `[height, width]`.
+    /// A mean and a variance, both `[height, width]`.
     ///
-    /// A pixel of infinite variance is missing; its mean is set to 0 whatever it was.
+    /// Pixels of infinite variance are missing; their mean becomes 0, whatever its value.
     ///
     /// # Errors
     /// [`Error::Shape`] where the shapes differ, [`Error::Variance`] for a NaN or negative variance, [`Error::Mean`]
@@ -37,7 +38,7 @@ impl GaussianDepth {
         Ok(Self { mean, variance })
     }
 
-    /// A map of `[height, width]` pixels with nothing known anywhere.
+    /// A map of `[height, width]` missing pixels.
     pub fn missing(height: usize, width: usize) -> Self {
         Self {
             mean: Array2::zeros((height, width)),
@@ -65,23 +66,23 @@ impl GaussianDepth {
         self.mean.dim()
     }
 
-    /// Whether nothing is known at `(row, column)`; a pixel outside the map is missing too.
+    /// Whether the pixel `(row, column)` is missing; pixels outside of the map are.
     pub fn is_missing(&self, row: usize, column: usize) -> bool {
         self.get(row, column).is_none()
     }
 
-    /// Mean and variance at `(row, column)`, or nothing where missing or outside the map.
+    /// Mean and variance at `(row, column)`; `None` where missing or outside of the map.
     pub fn get(&self, row: usize, column: usize) -> Option<(f32, f32)> {
         let variance = *self.variance.get((row, column))?;
         (variance != f32::INFINITY).then(|| (self.mean[(row, column)], variance))
     }
 
-    /// True where something is known, `[height, width]`.
+    /// True where the map is not missing, `[height, width]`.
     pub fn support(&self) -> Array2<bool> {
         self.variance.mapv(|v| v != f32::INFINITY)
     }
 
-    /// Every mean and variance through `f`, missing pixels left alone; what `f` makes non-finite becomes missing.
+    /// Applies `f` to every mean and variance. Missing pixels are unchanged; pixels that `f` makes non-finite become missing.
     pub fn map(mut self, mut f: impl FnMut(f32, f32) -> (f32, f32)) -> Self {
         Zip::from(&mut self.mean).and(&mut self.variance).for_each(|mean, variance| {
             if *variance == f32::INFINITY {
@@ -106,7 +107,7 @@ mod tests {
     use ndarray::array;
 
     #[test]
-    fn bad_values_are_named() {
+    fn invalid_values_are_named() {
         let nan = GaussianDepth::new(array![[1.0, f32::NAN]], array![[0.1, 0.1]]);
         assert!(matches!(nan, Err(Error::Mean { row: 0, column: 1, .. })));
         let negative = GaussianDepth::new(array![[1.0], [2.0]], array![[0.1], [-0.5]]);
@@ -116,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_pixel_may_hold_anything_and_reads_zero() {
+    fn a_missing_pixel_has_the_mean_zero() {
         let map = GaussianDepth::new(array![[f32::NAN, 2.0]], array![[f32::INFINITY, 0.25]]).unwrap();
         assert!(map.is_missing(0, 0) && map.is_missing(7, 7));
         assert_eq!(map.mean()[(0, 0)], 0.0);
@@ -125,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_map_makes_infinite_is_missing() {
+    fn pixels_that_become_infinite_are_missing() {
         let map = GaussianDepth::new(array![[0.0, 2.0]], array![[1.0, 1.0]]).unwrap();
         let inverse = map.map(|m, v| (1.0 / m, v / m.powi(4)));
         assert_eq!(inverse.support(), array![[false, true]]);

@@ -8,7 +8,7 @@
 //!
 //! CDF pooling (Dunn, Wasserman and Ramdas, "Distribution-free prediction sets for two-layer hierarchical models", JASA, 2023).
 //! The coverage of a new scene, averaged over scenes like these, tends to \\(p\\) as \\(S\\) grows. It is not split conformal
-//! prediction: no coverage is guaranteed for finite \\(S\\), for which the level would have to be \\(p\,(S+1)/S\\) (Lee, Barber and
+//! prediction: no coverage is guaranteed for finite \\(S\\), for which the level would have to be \\(p\\,(S+1)/S\\) (Lee, Barber and
 //! Willett, "Distribution-free inference with hierarchical data", 2023), and on a single scene the coverage can be far from
 //! \\(p\\). [`held_out`] measures both.
 //!

@@ -16,7 +16,7 @@ impl Value for f64 {}
 ///
 /// With \\(x_{(0)} \le \dots \le x_{(n-1)}\\), \\(h = p (n - 1)\\) and \\(k = \lfloor h \rfloor\\),
 ///
-/// \\[ Q(p) = x_{(k)} + (h - k)\,(x_{(k+1)} - x_{(k)}), \\]
+/// \\[ Q(p) = x_{(k)} + (h - k)\\,(x_{(k+1)} - x_{(k)}), \\]
 ///
 /// type 7 of Hyndman and Fan (1996) and NumPy's default. `p` is clamped to 0 and 1. Reorders `values`; takes linear time.
 ///

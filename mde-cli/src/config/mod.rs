@@ -9,7 +9,7 @@ pub use sigma::SigmaConfig;
 use crate::{Error, Result};
 use mde_fusion::FusionConfig;
 use mde_nerf::NerfConfig;
-use mde_prior::{DisparityRule, EvidenceConfig};
+use mde_prior::{AugmentationConfig, DisparityRule};
 use mde_warp::{ReprojectConfig, ViewSampling, WarpConfig};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -23,9 +23,9 @@ pub struct Config {
     pub seed: u64,
     /// The iterative loop around the stages.
     pub refinement: RefinementConfig,
-    /// How a model is asked again (Section III.B asks once).
-    pub evidence: EvidenceConfig,
-    /// How sure the evidence is.
+    /// Test-time augmentation of the model (Section III.B uses a single prediction).
+    pub augmentation: AugmentationConfig,
+    /// Uncertainty of the augmented depth.
     pub sigma: SigmaConfig,
     /// The synthetic training views (Section III.A).
     pub views: ViewSampling,
@@ -51,7 +51,7 @@ pub struct RefinementConfig {
     pub iterations: usize,
     /// What the fusion takes as its prior from the second iteration on.
     pub prior: IterationPrior,
-    /// Whether a field is fitted where the model was asked again.
+    /// Whether a field is fitted where the prior was augmented.
     pub field: FieldUse,
 }
 
@@ -62,9 +62,9 @@ impl Default for RefinementConfig {
 }
 
 impl RefinementConfig {
-    /// Whether a field is fitted, by whether the model was asked again.
-    pub(crate) fn fits_a_field(&self, asked_again: bool) -> bool {
-        self.iterations > 0 && (self.field == FieldUse::Always || !asked_again)
+    /// Whether a field is fitted, given whether the prior was augmented.
+    pub(crate) fn fits_a_field(&self, augmented: bool) -> bool {
+        self.iterations > 0 && (self.field == FieldUse::Always || !augmented)
     }
 }
 
@@ -75,9 +75,9 @@ pub enum FieldUse {
     /// In every run.
     #[default]
     Always,
-    /// Only where the model could not be asked again. Its answers on crops are evidence, the field's views are warps of them:
-    /// measured on photographs, a field after the evidence lowers no error and blurs edges.
-    WithoutEvidence,
+    /// Only where the prior is not augmented. Measured on photographs, a field fitted after the augmentation lowers no error and
+    /// blurs edges, since its views are warps of the same photograph.
+    WithoutAugmentation,
 }
 
 /// The fusion's prior from the second iteration on; the refined depth always makes the next warps.
@@ -91,22 +91,19 @@ pub enum IterationPrior {
     Anchor,
 }
 
-/// The views that the fitted field renders.
+/// The views that the fitted field renders; [`Config::views`] says how far from the original pose they are.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct NovelViews {
-    /// Where the novel cameras stand; `count` is the paper's K.
-    pub sampling: ViewSampling,
+    /// Number of fresh poses, the paper's K.
+    pub count: usize,
     /// Whether the original pose is rendered too.
     pub original: bool,
 }
 
 impl Default for NovelViews {
     fn default() -> Self {
-        Self {
-            sampling: ViewSampling { count: 5, rotation_only: 0.0, ..ViewSampling::default() },
-            original: false,
-        }
+        Self { count: 5, original: false }
     }
 }
 
@@ -116,7 +113,7 @@ impl Default for Config {
         Self {
             seed: 0,
             refinement: RefinementConfig::default(),
-            evidence: EvidenceConfig::default(),
+            augmentation: AugmentationConfig::default(),
             sigma: SigmaConfig::default(),
             views: ViewSampling::default(),
             warp: WarpConfig::default(),
@@ -169,6 +166,11 @@ impl Config {
             .map_err(|e| Error::Config { origin: "config".into(), reason: one_line(&e.to_string()) })
     }
 
+    /// The poses of the novel views. Poses that only rotate carry no depth, so there are none.
+    pub(crate) fn novel_views(&self) -> ViewSampling {
+        ViewSampling { count: self.novel.count, rotation_only: 0.0, ..self.views.clone() }
+    }
+
     /// Checks every value of every stage.
     ///
     /// # Errors
@@ -179,15 +181,14 @@ impl Config {
             let reason = format!("refinement.iterations is {iterations}; give 0 (no field) to 100");
             return Err(Error::Config { origin: "config".into(), reason });
         }
-        if self.novel.sampling.count == 0 && !self.novel.original {
-            let reason =
-                "novel.sampling.count is 0 and novel.original is false; render at least one view".into();
+        if self.novel.count == 0 && !self.novel.original {
+            let reason = "novel.count is 0 and novel.original is false; render at least one view".into();
             return Err(Error::Config { origin: "config".into(), reason });
         }
-        self.evidence.validate()?;
+        self.augmentation.validate()?;
         self.sigma.validate()?;
         self.views.validate()?;
-        self.novel.sampling.validate()?;
+        self.novel_views().validate()?;
         self.warp.validate()?;
         self.reproject.validate()?;
         self.nerf.validate()?;
@@ -276,7 +277,7 @@ mod tests {
             ("[nerf.train.depth-loss]\nkind = \"none\"\nweight = 1.0\n", "`nerf.train.depth-loss.weight`"),
             ("[refinement]\niterations = 101\n", "refinement.iterations is 101"),
             ("[sigma]\nspread = -1.0\n", "sigma.spread is -1"),
-            ("[evidence]\ntrust = 2.0\n", "evidence.trust"),
+            ("[augmentation]\ngain = 2.0\n", "augmentation.gain"),
             ("seed = = 3", "seed"),
         ] {
             let message = Config::with_overrides(Preset::Fast, text, "my.toml").unwrap_err().to_string();

@@ -1,11 +1,10 @@
 use crate::config::{Config, FieldUse, IterationPrior, NovelViews, RefinementConfig};
 use mde_fusion::FusionConfig;
 use mde_nerf::{
-    DepthLoss, FieldConfig, HashFieldConfig, NerfConfig, RenderConfig, SamplingConfig, TrainConfig,
+    Decay, DepthLoss, FieldConfig, HashFieldConfig, NerfConfig, RenderConfig, SamplingConfig, TrainConfig,
 };
-use mde_prior::EvidenceConfig;
+use mde_prior::AugmentationConfig;
 use mde_uncertainty::termination::InBinVariance;
-use mde_warp::ViewSampling;
 use serde::{Deserialize, Serialize};
 
 /// A named configuration.
@@ -14,8 +13,8 @@ use serde::{Deserialize, Serialize};
 pub enum Preset {
     /// The equations as printed: ten views, 2000 steps of a light MLP on colours alone, two iterations.
     Paper,
-    /// Evidence first: the model is asked again on crops and mirror images, and that stands. A depth map can't be asked: from it
-    /// a hash field is fitted, its rays held to the map, with the remedies of the fusion.
+    /// Test-time augmentation: the model also predicts crops and mirror images, and the merged map is the result. For a depth
+    /// map from a file, a hash field is fitted with depth supervision, with the remedies of the fusion.
     #[default]
     Default,
     /// A preview: one short iteration of the hash field, rendered from the original pose only.
@@ -43,10 +42,10 @@ impl Preset {
                 refinement: RefinementConfig {
                     iterations: 1,
                     prior: IterationPrior::Anchor,
-                    field: FieldUse::WithoutEvidence,
+                    field: FieldUse::WithoutAugmentation,
                     ..RefinementConfig::default()
                 },
-                evidence: EvidenceConfig::zoomed(),
+                augmentation: AugmentationConfig::multi_crop(),
                 nerf: supervised(2000, 1024),
                 fusion: remedied(),
                 ..Config::default()
@@ -67,10 +66,7 @@ impl Preset {
                     sampling: SamplingConfig { coarse: 8, band: 12, fine: 12, ..SamplingConfig::default() },
                     ..supervised(400, 1024)
                 },
-                novel: NovelViews {
-                    sampling: ViewSampling { count: 0, ..ViewSampling::default() },
-                    original: true,
-                },
+                novel: NovelViews { count: 0, original: true },
                 fusion: remedied(),
                 ..Config::default()
             },
@@ -87,8 +83,7 @@ fn supervised(steps: usize, rays: usize) -> NerfConfig {
             steps_for: 640 * 480,
             rays,
             learning_rate: 1e-2,
-            final_learning_rate: 1e-3,
-            depth_loss: DepthLoss::Wasserstein { weight: 0.2, decay: 0.0 },
+            depth_loss: DepthLoss::Wasserstein { weight: 0.2, decay: Decay::default() },
             ..TrainConfig::default()
         },
         render: RenderConfig { in_bin: InBinVariance::Uniform, ..RenderConfig::default() },
@@ -97,7 +92,7 @@ fn supervised(steps: usize, rays: usize) -> NerfConfig {
 }
 
 /// The remedies together. The views are warps of the photograph by the prior itself and share its error, which no
-/// residual can show: sigma is stated as 12 % of the depth on top of what the evidence and the fusion say. It is the one
+/// residual can show: sigma is stated as 12 % of the depth on top of what the augmentation and the fusion estimate. It is the one
 /// factor that was fitted to depths that are known: nine of ten pixels of 18 photographs then lie within the 90 % interval.
 fn remedied() -> FusionConfig {
     FusionConfig { common_error: 0.12, ..FusionConfig::robust() }

@@ -1,12 +1,12 @@
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// How sure the evidence is: the variance of a pixel as a share of its squared depth,
+/// Uncertainty of the augmented depth: the variance per pixel, relative to its squared depth,
 ///
 /// \\[ \frac{\sigma^2}{z^2} = G * \Bigl(k_s^2 s^2 + k_d^2 \ln^2\frac{z}{z_o}\Bigr) + \sigma_c^2, \\]
 ///
-/// with \\(s\\) the spread of the hypotheses, \\(z_o\\) the model's first answer, \\(G\\) a Gaussian blur, and
-/// \\(\sigma_c\\) the error that all hypotheses share ([`mde_fusion::FusionConfig::common_error`]).
+/// with \\(s\\) the spread of the predictions, \\(z_o\\) the model's prediction for the whole image, \\(G\\) a Gaussian blur, and
+/// \\(\sigma_c\\) the error that all predictions share ([`mde_fusion::FusionConfig::common_error`]).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct SigmaConfig {
@@ -14,7 +14,7 @@ pub struct SigmaConfig {
     pub spread: f64,
     /// \\(k_d\\), 0 or more.
     pub disagreement: f64,
-    /// Standard deviation of the blur as a share of the picture's width.
+    /// Standard deviation of the blur, as a fraction of the image width.
     pub blur: f64,
 }
 

@@ -50,12 +50,12 @@ pub enum Event {
         /// Views to be rendered.
         views: usize,
     },
-    /// The model was asked again.
-    Asked {
-        /// Answers so far.
-        asked: usize,
-        /// Answers in all.
-        of: usize,
+    /// The model finished a prediction.
+    Predicted {
+        /// Predictions so far.
+        done: usize,
+        /// Predictions in total.
+        total: usize,
     },
 }
 

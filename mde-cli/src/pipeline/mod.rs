@@ -15,15 +15,15 @@ mod report;
 mod stages;
 mod views;
 
-pub use crate::evidence::known;
+pub use crate::augmentation::known;
 pub use event::{Callback, Event, Stage};
 pub use report::{IterationReport, StageSeconds, WarpReport};
 pub use stages::{FieldFactory, FieldRequest, Stages};
 pub use views::synthesise;
 
+use crate::augmentation::{AugmentationReport, Component, Start, start};
 use crate::config::{Config, IterationPrior};
 use crate::error::{LEAST, MOST};
-use crate::evidence::{Component, EvidenceReport, Start, start};
 use crate::{Error, Result};
 use mde_fusion::{BayesFuser, Fused, Fuser, Prior};
 use mde_nerf::RadianceField;
@@ -43,7 +43,7 @@ pub struct Refinement {
     /// The monocular depth that it started from, `[height, width]`; 0 where missing.
     pub prior: Array2<f32>,
     /// Report of the prior's stage.
-    pub evidence: EvidenceReport,
+    pub augmentation: AugmentationReport,
     /// Components of the standard deviation.
     pub components: Vec<Component>,
     /// One report per iteration.
@@ -97,12 +97,19 @@ pub fn resume(
 ) -> Result<Refinement> {
     config.validate()?;
     let mut run = Run { image, camera, config, callback };
-    let Start { prior, depth: anchor, mut components, report: evidence } = run.start(stages.prior)?;
+    let Start { prior, depth: anchor, mut components, report: augmentation } = run.start(stages.prior)?;
     check_prior(prior.view(), image)?;
-    if !config.refinement.fits_a_field(evidence.questions > 1) {
+    if !config.refinement.fits_a_field(augmentation.predictions > 1) {
         let depth = with_common_error(anchor, config.fusion.common_error)?;
         components.push(common(&depth, config.fusion.common_error));
-        return Ok(Refinement { depth, prior, evidence, components, iterations: Vec::new(), field: None });
+        return Ok(Refinement {
+            depth,
+            prior,
+            augmentation,
+            components,
+            iterations: Vec::new(),
+            field: None,
+        });
     }
     let bayes;
     let fuser: &dyn Fuser = match stages.fuser {
@@ -119,8 +126,10 @@ pub fn resume(
     loop {
         let index = iterations.len();
         let fusion_prior = match (index, config.refinement.prior) {
-            // One answer says nothing of its own error: the fusion estimates it.
-            (0, _) | (_, IterationPrior::Anchor) if evidence.questions == 1 => Prior::new(prior.clone())?,
+            // A single prediction has no spread: the fusion estimates its variance.
+            (0, _) | (_, IterationPrior::Anchor) if augmentation.predictions == 1 => {
+                Prior::new(prior.clone())?
+            }
             (0, _) | (_, IterationPrior::Anchor) => Prior::with_variance(anchor.clone())?,
             (_, IterationPrior::Carry) => Prior::with_variance(current.clone())?,
         };
@@ -131,7 +140,7 @@ pub fn resume(
             components.push(Component { name: "field", sigma: fused.aligned.sigma() });
             components.push(common(&fused.depth, config.fusion.common_error));
             let (depth, field) = (fused.depth, Some(field));
-            return Ok(Refinement { depth, prior, evidence, components, iterations, field });
+            return Ok(Refinement { depth, prior, augmentation, components, iterations, field });
         }
         let progress = Checkpoint { prior: prior.clone(), depth: fused.depth, iterations };
         keep(&progress)?;
@@ -155,11 +164,11 @@ impl Run<'_, '_> {
         }
     }
 
-    /// The model's answers.
+    /// The prior's stage.
     fn start(&mut self, model: &dyn DepthPrior) -> Result<Start> {
         let begin = self.begin(Stage::Prior, 0)?;
         let callback = &mut *self.callback;
-        let mut listen = |asked: usize, of: usize| callback(&Event::Asked { asked, of });
+        let mut listen = |done: usize, total: usize| callback(&Event::Predicted { done, total });
         let mut start = start(model, self.image, self.config, &mut listen)?;
         start.report.seconds = begin.elapsed().as_secs_f64();
         Ok(start)

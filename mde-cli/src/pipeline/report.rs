@@ -3,17 +3,17 @@ use mde_nerf::FitReport;
 use mde_warp::WarpedView;
 use serde::{Deserialize, Serialize};
 
-/// An account of one time round the loop.
+/// Report of one iteration of the loop.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct IterationReport {
-    /// The synthetic views.
+    /// Report of the synthetic views.
     pub warp: WarpReport,
-    /// The field's fit; its first PSNR is that of the original view.
+    /// Report of the field's fit; its first PSNR is that of the original view.
     #[serde(with = "Fit")]
     pub fit: FitReport,
-    /// What the fusion estimated.
+    /// Estimates of the fusion.
     pub fusion: FusionReport,
-    /// Spearman's correlation between the field's aggregated depth and the fusion's prior, over the pixels that both know.
+    /// Spearman's correlation of the field's aggregated depth with the fusion's prior, over the pixels known to both.
     pub field_prior_spearman: Option<f64>,
     /// Median of \\(|D_r / D_o - 1|\\) over the same pixels, before the affine map.
     pub field_prior_deviation: Option<f64>,
@@ -21,7 +21,7 @@ pub struct IterationReport {
     pub seconds: StageSeconds,
 }
 
-/// [`FitReport`] as it is read back.
+/// [`FitReport`] as it is deserialised.
 #[derive(Serialize, Deserialize)]
 #[serde(remote = "FitReport")]
 struct Fit {
@@ -31,21 +31,21 @@ struct Fit {
     samples: u64,
 }
 
-/// What the warps left open, over the views.
+/// Coverage of the synthetic views.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct WarpReport {
-    /// Views made.
+    /// Number of views.
     pub views: usize,
-    /// Mean share of a view's pixels that the source should have covered and did not (filled, and not trained on).
+    /// Mean share of a view's pixels that are holes: the source image covers them but does not see their surface. They are filled and masked.
     pub mean_hole_fraction: f64,
-    /// The worst view's share.
+    /// Largest share of any view.
     pub max_hole_fraction: f64,
-    /// Mean share of a view's pixels that lie outside the source picture.
+    /// Mean share of a view's pixels outside of the source image.
     pub mean_outside_fraction: f64,
 }
 
 impl WarpReport {
-    /// Takes another view into account.
+    /// Adds a view.
     pub(crate) fn add(&mut self, view: &WarpedView) {
         let mean = |old: f64, new: f64| (old * self.views as f64 + new) / (self.views + 1) as f64;
         self.mean_hole_fraction = mean(self.mean_hole_fraction, view.hole_fraction);

@@ -7,7 +7,7 @@ use mde_nerf::RadianceField;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
-use mde_warp::{PinholeCamera, Pose, PosedView, forward_warp, reproject, sample_poses};
+use mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, forward_warp, reproject, sample_poses};
 use ndarray::{Array2, ArrayView3};
 use std::ops::ControlFlow;
 
@@ -53,15 +53,16 @@ pub(super) fn render(
     callback: &mut dyn FnMut(&mde_nerf::FieldEvent, usize, usize) -> ControlFlow<()>,
 ) -> Result<Vec<GaussianDepth>> {
     let seed = derived_seed(config.seed, "novel-poses", iteration as u64);
-    let mut poses = sample_poses(&config.novel.sampling, scale, seed)?;
+    let mut poses = sample_poses(&config.novel_views(), scale, seed)?;
     if config.novel.original {
         poses.insert(0, Pose::identity());
     }
+    let rules = ReprojectConfig { tear: config.warp.tear, ..config.reproject.clone() };
     let mut seen = Vec::with_capacity(poses.len());
     for (view, pose) in poses.iter().enumerate() {
         let mut listen = |event: &mde_nerf::FieldEvent| callback(event, view, poses.len());
         let rendered = field.render(camera, pose, &mut listen)?;
-        seen.push(reproject(&rendered.depth, camera, pose, camera, &Pose::identity(), &config.reproject)?);
+        seen.push(reproject(&rendered.depth, camera, pose, camera, &Pose::identity(), &rules)?);
     }
     Ok(seen)
 }

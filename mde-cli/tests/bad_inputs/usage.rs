@@ -19,7 +19,6 @@ fn wrong_usage() {
             &["cannot be used with"],
         ),
         of("--prior-model fastdepth.onnx", &["cannot be used with"]),
-        of("--flip-average", &["cannot be used with"]),
         of("--fov 60 --fx 500", &["cannot be used with"]),
         of("--cx 3", &["--fx"]),
         of("--fov 60 --cy 3", &["cannot be used with"]),

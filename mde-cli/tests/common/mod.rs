@@ -1,10 +1,10 @@
 //! A small picture with its depth, written where the program can read it, and settings that take no time.
-#![allow(dead_code, clippy::unwrap_used)]
+#![allow(dead_code, clippy::expect_used, clippy::unwrap_used)]
 
 use assert_cmd::Command;
-use mde_cli::mde_eval::scene::{Room, Scene, room};
 use mde_cli::mde_prior::format::write_npy;
 use mde_cli::mde_prior::photo::write_image;
+use mde_eval::scene::{Room, Scene, room};
 use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -18,7 +18,7 @@ pub(crate) const TINY: &str = "\
 iterations = 2
 [views]
 count = 3
-[novel.sampling]
+[novel]
 count = 2
 [nerf.field]
 kind = 'hash'
@@ -84,13 +84,8 @@ pub(crate) fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-/// The shared data, or nothing with a word about it.
-#[allow(clippy::print_stderr)]
-pub(crate) fn shared(what: &str) -> Option<PathBuf> {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared"));
-    if !folder.exists() {
-        eprintln!("skipped: {what} needs ../shared");
-        return None;
-    }
-    Some(folder.to_owned())
+/// The folder of real networks and photographs, for tests that are ignored without it.
+pub(crate) fn shared() -> PathBuf {
+    let folder = std::env::var_os("MDE_SHARED");
+    folder.expect("MDE_SHARED names the folder with the networks and photographs").into()
 }

@@ -1,6 +1,8 @@
 use super::{check, known};
 use crate::{Refined, Refiner, Result, Task};
-use ndarray::{Zip, s};
+use mde_prior::augment::flip_average;
+use mde_prior::{DepthKind, PriorDepth};
+use ndarray::s;
 
 /// Mean of the prior and the model's depth of the mirror image, mirrored back: errors that depend on the side cancel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -11,14 +13,9 @@ impl Refiner for FlipAverage {
         check(task, &[])?;
         let mirrored = task.predict(task.image.slice(s![.., ..;-1, ..]))?;
         crate::raster::same_shape("the model's depth of the mirror image", mirrored.dim(), task.prior.dim())?;
-        let mut depth = task.prior.to_owned();
-        Zip::from(&mut depth).and(mirrored.slice(s![.., ..;-1])).for_each(|d, &other| {
-            *d = match (known(*d), known(other)) {
-                (true, true) => 0.5 * (*d + other),
-                (true, false) => *d,
-                (false, _) => 0.0,
-            };
-        });
+        let depths = |map| PriorDepth::from_values(map, DepthKind::Metric);
+        let mut depth = flip_average(depths(task.prior.to_owned())?, &depths(mirrored)?)?.map;
+        depth.zip_mut_with(&task.prior, |d, prior| *d = if known(*prior) { *d } else { 0.0 });
         Ok(depth.into())
     }
 }

@@ -1,4 +1,4 @@
-//! Uncertainties that anybody could state: what a method's own must beat.
+//! Trivial uncertainties: the baselines of a method's own.
 
 use super::known;
 use crate::raster::{erode, gather, same_shape, sobel};
@@ -11,7 +11,7 @@ const TYPICAL: f64 = 0.1;
 /// Least sigma, as a fraction of the typical one: a flat wall is not exact.
 const FLOOR: f64 = 0.01;
 
-/// A standard deviation from the depth or the picture alone, scaled to a mean of a tenth of the median depth.
+/// A standard deviation from the depth or the image alone, scaled to a mean of a tenth of the median depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrivialSigma {
     /// The same everywhere.
@@ -45,7 +45,7 @@ impl TrivialSigma {
     /// The standard deviation `[height, width]` of a depth map, in its unit; 0 where the depth is missing.
     ///
     /// # Errors
-    /// [`Error::Shape`] where picture and depth differ, [`Error::Empty`] without depth.
+    /// [`Error::Shape`] where image and depth differ, [`Error::Empty`] without depth.
     pub fn map(self, depth: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>) -> Result<Array2<f32>> {
         let (height, width, _) = image.dim();
         same_shape("the depth", depth.dim(), (height, width))?;
@@ -70,7 +70,7 @@ impl TrivialSigma {
         let values = gather(shape.view(), mask.view());
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         let typical = TYPICAL * middle;
-        // Where nothing tells pixels apart, the same everywhere.
+        // Where all pixels are alike, the same everywhere.
         let (scale, offset) = if mean > 0.0 { (typical / mean, 0.0) } else { (0.0, typical) };
         Ok(Zip::from(&shape).and(&mask).map_collect(|&v, &keep| {
             if keep { (scale * f64::from(v) + offset).max(FLOOR * typical) as f32 } else { 0.0 }

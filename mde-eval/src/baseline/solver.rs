@@ -7,7 +7,7 @@ use faer::{Col, Side};
 use ndarray::{Array2, ArrayView2, ArrayView3};
 use std::collections::HashMap;
 
-/// Fast bilateral solver (Barron and Poole, ECCV 2016; defaults of the published notebook): the depth \\(x\\) that is smooth where the picture
+/// Fast bilateral solver (Barron and Poole, ECCV 2016; defaults of the published notebook): the depth \\(x\\) that is smooth where the image
 /// is, and near the target \\(t\\) where the confidence \\(c\\) is high,
 ///
 /// \\[ \min_x \tfrac\lambda2 \sum_{ij} \hat W_{ij} (x_i - x_j)^2 + \sum_i c_i (x_i - t_i)^2, \\]
@@ -72,7 +72,7 @@ impl FastBilateralSolver {
     }
 
     /// Solves for a target with any confidence that is not negative, all `[height, width]`; a pixel without confidence takes what the
-    /// picture says of its neighbours, 0 where nothing does.
+    /// image says of its neighbours, 0 where nothing does.
     ///
     /// # Errors
     /// [`Error::Shape`] where the maps differ, [`Error::Config`] for settings, [`Error::Value`] for a target (where its confidence is not 0) or

@@ -6,8 +6,8 @@ use ndarray::{Array2, ArrayView2, Zip};
 
 /// Unsharp mask in log depth: \\(\ln d + a (\ln d - G_\sigma * \ln d)\\).
 ///
-/// The Gaussian ignores what is missing or outside. Scale of the depth does not matter. It brings nothing that the prior does
-/// not have, and raises every metric that rewards gradient.
+/// The Gaussian ignores what is missing or outside. Scale of the depth does not matter. It adds no information to the prior
+/// and raises every metric that rewards gradient.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unsharp {
     /// \\(a\\): how much of the detail is added; negative amounts blur.
@@ -24,7 +24,7 @@ impl Default for Unsharp {
 
 impl Unsharp {
     /// The mask that makes `prior` as sharp ([mean gradient over median depth](sharpness)) as `other` is, both
-    /// `[height, width]`: the control of a method that claims sharper depth. It never looks at the truth.
+    /// `[height, width]`: the control of a method that claims sharper depth. The truth is not used.
     ///
     /// The amount lies in -1 to 50; the nearer end where even that is not enough.
     ///
@@ -73,7 +73,7 @@ impl Refiner for Unsharp {
         check(task, &[("sigma", self.sigma)])?;
         if !self.amount.is_finite() {
             let value = self.amount.to_string();
-            return Err(Error::Config { field: "amount", value, expected: "finite" });
+            return Err(Error::Config { field: "amount", value, remedy: "use a finite number" });
         }
         Ok(sharpened(task.prior, &self.detail(task.prior), self.amount).into())
     }

@@ -3,7 +3,7 @@ use crate::raster::blur;
 use crate::{Refined, Refiner, Result, Task};
 use ndarray::{Array2, ArrayView2, Zip, s};
 
-/// Asks the model again on zoomed crops and merges their detail, after the double estimation of Miangoleh et al. (CVPR 2021), by
+/// Runs the model on zoomed crops and merges their detail, after the double estimation of Miangoleh et al. (CVPR 2021), by
 /// filters alone.
 ///
 /// For each grid of \\(n \times n\\) crops that overlap by half, one grid after the other: the log depth of a crop is brought to
@@ -45,7 +45,7 @@ impl Refiner for ZoomMerge {
 /// What `n` x `n` crops change in the log depth.
 fn grid(task: &Task<'_>, logs: &Array2<f64>, n: usize) -> Result<Array2<f64>> {
     let (height, width) = logs.dim();
-    // Overlapping by half, n crops of side 2 / (n + 1) cover the picture.
+    // Overlapping by half, n crops of side 2 / (n + 1) cover the image.
     let [tall, wide] = [height, width].map(|side| (2 * side).div_ceil(n + 1).min(side));
     let start = |k: usize, side: usize, crop: usize| k * (side - crop) / (n - 1);
     let (mut change, mut weight) = (Array2::zeros(logs.dim()), Array2::<f64>::zeros(logs.dim()));
@@ -81,7 +81,7 @@ fn detail(crop: ArrayView2<'_, f32>, current: ArrayView2<'_, f64>) -> Option<Arr
     let (mx, my) = pairs().fold((0.0, 0.0), |(x, y), pair| (x + pair.0 / n, y + pair.1 / n));
     let (xx, xy) =
         pairs().fold((0.0, 0.0), |(xx, xy), (x, y)| (xx + (x - mx).powi(2), xy + (x - mx) * (y - my)));
-    // A crop that runs against the map says nothing of it.
+    // A crop that is anticorrelated with the map carries no detail of it.
     if !(n > 1.0 && xx > 1e-12 && xy > 0.0) {
         return None;
     }

@@ -1,7 +1,8 @@
 use super::files::find_scenes;
 use super::pairs::{in_one_folder, side_by_side};
-use super::{DataSet, Fallback, Nyu, PlainFolders, Redwood, Resized, Rooms, SunDepth, SunRgbd, Tum};
+use super::{DataSet, Fallback, Nyu, Placed, PlainFolders, Redwood, Resized, Rooms, SunDepth, SunRgbd, Tum};
 use crate::{Error, Result};
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
@@ -93,15 +94,24 @@ pub struct Options {
     pub sun_depth: SunDepth,
     /// Width and height to resize to; their own without. Rooms are made in this size, 640 x 480 without.
     pub size: Option<[usize; 2]>,
-    /// Every so many pictures of a sequence ([`Tum`], [`Redwood`]).
+    /// Every so many images of a sequence ([`Tum`], [`Redwood`]).
     pub stride: usize,
     /// Seed of the [`Rooms`].
     pub seed: u64,
+    /// Places by scene ([`Placed`]), for data sets that do not name them.
+    pub places: BTreeMap<String, String>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { fallback: Fallback::Refuse, sun_depth: SunDepth::Sensor, size: None, stride: 1, seed: 0 }
+        Self {
+            fallback: Fallback::Refuse,
+            sun_depth: SunDepth::Sensor,
+            size: None,
+            stride: 1,
+            seed: 0,
+            places: BTreeMap::new(),
+        }
     }
 }
 
@@ -110,18 +120,18 @@ impl Default for Options {
 /// # Errors
 /// As the data set's own `open`; [`Error::Config`] where a folder is missing or, for rooms, named.
 pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result<Box<dyn DataSet>> {
-    let fault = |value: &str, expected| {
-        Err(Error::Config { field: "the data set's folder", value: value.to_owned(), expected })
+    let fault = |value: &str, remedy| {
+        Err(Error::Config { field: "the data set's folder", value: value.to_owned(), remedy })
     };
     let data: Box<dyn DataSet> = match (kind, root) {
         (DataSetKind::Rooms, None) => {
             let [width, height] = options.size.unwrap_or([640, 480]);
-            return Ok(Box::new(Rooms::new(options.seed, width, height)));
+            return placed(Box::new(Rooms::new(options.seed, width, height)), options);
         }
         (DataSetKind::Rooms, Some(root)) => {
-            return fault(&root.display().to_string(), "left out: rooms are made, not read");
+            return fault(&root.display().to_string(), "leave it out: rooms are rendered, not read");
         }
-        (_, None) => return fault("missing", "named"),
+        (_, None) => return fault("missing", "name it"),
         (DataSetKind::SunRgbd, Some(root)) => {
             Box::new(SunRgbd::open(root)?.with_depth(options.sun_depth).with_fallback(options.fallback))
         }
@@ -136,8 +146,13 @@ pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result
             Box::new(PlainFolders::open(root)?.with_fallback(options.fallback))
         }
     };
-    match options.size {
-        Some([width, height]) => Ok(Box::new(Resized::new(data, width, height)?)),
-        None => Ok(data),
-    }
+    let data: Box<dyn DataSet> = match options.size {
+        Some([width, height]) => Box::new(Resized::new(data, width, height)?),
+        None => data,
+    };
+    placed(data, options)
+}
+
+fn placed(data: Box<dyn DataSet>, options: &Options) -> Result<Box<dyn DataSet>> {
+    Ok(if options.places.is_empty() { data } else { Box::new(Placed::new(data, &options.places)?) })
 }

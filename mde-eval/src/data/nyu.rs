@@ -1,16 +1,16 @@
 use super::files::find_scenes;
-use super::pairs::{Paired, in_one_folder, pairs_in_one_folder, pairs_side_by_side, side_by_side};
+use super::pairs::{Pair, Paired, in_one_folder, pairs_in_one_folder, pairs_side_by_side, side_by_side};
 use super::{DataSet, Sample};
 use crate::{Error, Result};
 use mde_warp::PinholeCamera;
 use std::path::Path;
 
-/// NYU Depth v2 (Silberman et al., ECCV 2012) as files: pairs of a picture and a 16-bit PNG in millimetres, 0 = missing.
+/// NYU Depth v2 (Silberman et al., ECCV 2012) as files: pairs of an image and a 16-bit PNG in millimetres, 0 = missing.
 ///
 /// Two layouts are found, at any depth below the root: `rgb/00001.png` beside `depth/00001.png` (any file names whose
 /// first numbers agree), and `rgb_00045.jpg` with `sync_depth_00045.png` in one folder, as the training sets of BTS and its
 /// successors have it. The published `nyu_depth_v2_labeled.mat` must be exported first. Depth is trusted up to 10 m; the
-/// camera is the published one of the colour sensor, scaled to the pictures' size.
+/// camera is the published one of the colour sensor, scaled to the images' size.
 #[derive(Debug, Clone)]
 pub struct Nyu {
     paired: Paired,
@@ -39,7 +39,9 @@ impl Nyu {
                 "holds neither rgb/N.png beside depth/N.png nor rgb_N.jpg with sync_depth_N.png".into();
             return Err(Error::Layout { path: root.to_owned(), reason });
         }
-        Ok(Self { paired: Paired::new(root, pairs) })
+        // The labelled images are of many places; the files of a recording lie in one folder.
+        let recorded = |pair: &Pair| pair.image.parent() == Some(&pair.sequence);
+        Ok(Self { paired: Paired::new(root, pairs, recorded) })
     }
 }
 
@@ -51,6 +53,10 @@ fn camera() -> Result<PinholeCamera> {
 impl DataSet for Nyu {
     fn ids(&self) -> &[String] {
         &self.paired.ids
+    }
+
+    fn place(&self, index: usize) -> Option<&str> {
+        self.paired.place(index)
     }
 
     fn load(&self, index: usize) -> Result<Sample> {

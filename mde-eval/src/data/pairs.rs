@@ -9,10 +9,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 const IMAGES: [&str; 3] = ["jpg", "jpeg", "png"];
-/// How folders of colour pictures are called.
+/// How folders of colour images are called.
 const COLOUR: [&str; 5] = ["rgb", "color", "colour", "image", "images"];
 
-/// A picture and its depth map, as files.
+/// An image and its depth map, as files.
 #[derive(Debug, Clone)]
 pub(super) struct Pair {
     pub(super) image: PathBuf,
@@ -21,7 +21,7 @@ pub(super) struct Pair {
     pub(super) sequence: PathBuf,
 }
 
-/// Picture and depth map of a pair, and the picture's width and height.
+/// Image and depth map of a pair, and the image's width and height.
 pub(super) type Read = (Array3<f32>, Array2<f32>, [usize; 2]);
 
 impl Pair {
@@ -46,12 +46,23 @@ impl Pair {
 pub(super) struct Paired {
     pub(super) pairs: Vec<Pair>,
     pub(super) ids: Vec<String>,
+    /// The place of each pair.
+    places: Vec<String>,
 }
 
 impl Paired {
-    pub(super) fn new(root: &Path, pairs: Vec<Pair>) -> Self {
-        let ids = pairs.iter().map(|pair| pair.id(root)).collect();
-        Self { pairs, ids }
+    /// `recorded` tells whether a pair is a frame of a recording, whose frames show one place.
+    pub(super) fn new(root: &Path, pairs: Vec<Pair>, recorded: impl Fn(&Pair) -> bool) -> Self {
+        let ids: Vec<String> = pairs.iter().map(|pair| pair.id(root)).collect();
+        let place = |(pair, own): (&Pair, &String)| match recorded(pair) {
+            true => id(root, &pair.sequence),
+            false => own.clone(),
+        };
+        Self { places: pairs.iter().zip(&ids).map(place).collect(), pairs, ids }
+    }
+
+    pub(super) fn place(&self, index: usize) -> Option<&str> {
+        self.places.get(index).map(String::as_str)
     }
 
     /// Every `stride`-th pair, from the first.
@@ -59,6 +70,7 @@ impl Paired {
         let stride = stride.max(1);
         self.pairs = self.pairs.drain(..).step_by(stride).collect();
         self.ids = self.ids.drain(..).step_by(stride).collect();
+        self.places = self.places.drain(..).step_by(stride).collect();
     }
 
     pub(super) fn get(&self, index: usize) -> Result<(&Pair, &String)> {
@@ -68,7 +80,7 @@ impl Paired {
         }
     }
 
-    /// A sample whose camera depends on the picture's width and height alone.
+    /// A sample whose camera depends on the image's width and height alone.
     pub(super) fn load(
         &self,
         index: usize,
@@ -83,7 +95,7 @@ impl Paired {
     }
 }
 
-/// Whether a folder holds a folder of pictures beside one of depth maps.
+/// Whether a folder holds a folder of images beside one of depth maps.
 pub(super) fn side_by_side(folder: &Path) -> bool {
     colour_folder(folder).is_some() && folder.join("depth").is_dir()
 }

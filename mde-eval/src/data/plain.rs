@@ -8,7 +8,7 @@ use serde::Deserialize;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// One's own scenes: any folder below the root that has a `scene.json`.
+/// Scenes of your own: any folder below the root that has a `scene.json`.
 ///
 /// Beside it lie `color.*` (JPEG, PNG, TIFF, BMP, WebP) and `depth.*` (PNG of 16 bits, NPY, NPZ, PFM, EXR). The JSON's fields are
 /// all optional and others are ignored:
@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 /// | --- | --- |
 /// | `depth_units_per_metre` | depth in metres = value / this; 1000 for integers and 1 for floats without it |
 /// | `fx`, `fy`, `cx`, `cy` | intrinsics in pixels, pixel centres at integers from 0; all four or none |
-/// | `max_depth` | depths beyond it, in metres, are not to be trusted; 10 without it |
+/// | `max_depth` | depths beyond it, in metres, are not used; 10 without it |
 #[derive(Debug, Clone)]
 pub struct PlainFolders {
     scenes: Vec<PathBuf>,
@@ -25,7 +25,7 @@ pub struct PlainFolders {
     fallback: Fallback,
 }
 
-/// What a `scene.json` says; see [`PlainFolders`] for its fields.
+/// Content of a `scene.json`; see [`PlainFolders`] for its fields.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
 pub struct PlainScene {
     /// Depth in metres = value / this.
@@ -38,7 +38,7 @@ pub struct PlainScene {
     pub cx: Option<f64>,
     /// Row of the principal point, from 0.
     pub cy: Option<f64>,
-    /// Depths beyond it are not to be trusted, metres.
+    /// Largest depth at which the truth is reliable, metres.
     pub max_depth: Option<f64>,
 }
 
@@ -120,10 +120,10 @@ impl PlainScene {
     /// Reads the text of a `scene.json` and checks its values.
     ///
     /// # Errors
-    /// What is wrong and what to do.
+    /// The fault and its remedy.
     pub fn parse(text: &str) -> Result<Self, String> {
         let scene: Self = serde_json::from_str(text)
-            .map_err(|fault| format!("is not as it should be: {fault}; write JSON such as {{}}"))?;
+            .map_err(|fault| format!("is not valid: {fault}; write JSON such as {{}}"))?;
         for (name, value) in
             [("max_depth", scene.max_depth), ("depth_units_per_metre", scene.depth_units_per_metre)]
         {
@@ -134,10 +134,10 @@ impl PlainScene {
         Ok(scene)
     }
 
-    /// The camera of a picture of this size, where the scene names one.
+    /// The camera of an image of this size, where the scene names one.
     ///
     /// # Errors
-    /// What is wrong and what to do.
+    /// The fault and its remedy.
     pub fn camera(&self, width: usize, height: usize) -> Result<Option<PinholeCamera>, String> {
         match (self.fx, self.fy, self.cx, self.cy) {
             (Some(fx), Some(fy), Some(cx), Some(cy)) => {

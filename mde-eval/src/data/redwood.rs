@@ -45,10 +45,10 @@ impl Redwood {
             let reason = "holds no color/ (rgb/, image/) beside depth/ with files of the same numbers".into();
             return Err(Error::Layout { path: root.to_owned(), reason });
         }
-        Ok(Self { paired: Paired::new(root, pairs), fallback: Fallback::Refuse })
+        Ok(Self { paired: Paired::new(root, pairs, |_| true), fallback: Fallback::Refuse })
     }
 
-    /// Only every `stride`-th picture: neighbours in a video show the same.
+    /// Only every `stride`-th image: neighbours in a video show the same.
     #[must_use]
     pub fn with_stride(mut self, stride: usize) -> Self {
         self.paired.step(stride);
@@ -90,6 +90,10 @@ fn read(path: &PathBuf) -> Result<PinholeCamera> {
 impl DataSet for Redwood {
     fn ids(&self) -> &[String] {
         &self.paired.ids
+    }
+
+    fn place(&self, index: usize) -> Option<&str> {
+        self.paired.place(index)
     }
 
     fn load(&self, index: usize) -> Result<Sample> {

@@ -5,7 +5,7 @@ use ndarray::{Array3, Axis};
 
 /// A data set at another size, such as the paper's 640 x 480.
 ///
-/// The picture is resampled bilinearly (antialiased where it shrinks), the camera follows with pixel centres at integers,
+/// The image is resampled bilinearly (antialiased where it shrinks), the camera follows with pixel centres at integers,
 /// and the truth takes the nearest pixel's value: depths are never mixed and holes stay holes. Width and height scale
 /// each by their own factor.
 #[derive(Debug, Clone)]
@@ -23,7 +23,7 @@ impl<D: DataSet> Resized<D> {
     pub fn new(data: D, width: usize, height: usize) -> Result<Self> {
         if width.min(height) == 0 {
             let value = format!("{width}x{height}");
-            return Err(crate::Error::Config { field: "the size", value, expected: "at least 1x1 pixels" });
+            return Err(crate::Error::Config { field: "the size", value, remedy: "use at least 1x1 pixels" });
         }
         Ok(Self { data, width, height })
     }
@@ -32,6 +32,10 @@ impl<D: DataSet> Resized<D> {
 impl<D: DataSet> DataSet for Resized<D> {
     fn ids(&self) -> &[String] {
         self.data.ids()
+    }
+
+    fn place(&self, index: usize) -> Option<&str> {
+        self.data.place(index)
     }
 
     fn load(&self, index: usize) -> Result<Sample> {

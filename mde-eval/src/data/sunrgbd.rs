@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SunDepth {
-    /// `depth/`: what the sensor saw.
+    /// `depth/`: the measurements of the sensor.
     #[default]
     Sensor,
     /// `depth_bfx/`: the same with its holes filled, often wrongly.
@@ -33,7 +33,8 @@ impl SunDepth {
 ///
 /// Depth files are 16-bit PNGs with rotated bits ([`mde_prior::format::Encoding::Sunrgbd`]), trusted up to 8 m.
 /// `intrinsics.txt` holds the 3 x 3 matrix with pixels counted from 1, so 1 is taken from the principal point. A scene
-/// without that file is [`Error::Intrinsics`] unless a [`Fallback`] is named.
+/// without that file is [`Error::Intrinsics`] unless a [`Fallback`] is named. The place is known for the frames of SUN3D alone
+/// (`sun3ddata/BUILDING/RECORDING/`); many others show the same rooms too, which [`Placed`](super::Placed) can name.
 ///
 /// ```no_run
 /// use mde_eval::data::{DataSet, Fallback, SunRgbd};
@@ -92,6 +93,13 @@ impl SunRgbd {
 impl DataSet for SunRgbd {
     fn ids(&self) -> &[String] {
         &self.ids
+    }
+
+    fn place(&self, index: usize) -> Option<&str> {
+        let id = self.ids.get(index)?;
+        // The frames of SUN3D lie in a folder per recording; the other sensors' images do not say where they were taken.
+        let recording = id.split('/').any(|part| part == "sun3ddata").then(|| id.rsplit_once('/')).flatten();
+        Some(recording.map_or(id, |(folder, _)| folder))
     }
 
     fn load(&self, index: usize) -> Result<Sample> {

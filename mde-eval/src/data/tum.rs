@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 /// TUM RGB-D (Sturm et al., IROS 2012): folders with `rgb.txt` and `depth.txt`, lines of a time stamp and a file.
 ///
-/// A picture belongs to the depth map nearest in time within 20 ms, each used once, nearest first, as the published
+/// An image belongs to the depth map nearest in time within 20 ms, each used once, nearest first, as the published
 /// `associate.py` has it. Depth PNGs hold 5000 units a metre, 0 = missing, and are trusted up to 5 m (a Kinect). The
 /// camera is the published one of `freiburg1`, `freiburg2` or `freiburg3` where the folder's name says which, else
 /// a [`Fallback`].
@@ -45,10 +45,10 @@ impl Tum {
                 "holds no folder with rgb.txt and depth.txt whose time stamps agree within 20 ms".into();
             return Err(Error::Layout { path: root.to_owned(), reason });
         }
-        Ok(Self { paired: Paired::new(root, pairs), fallback: Fallback::Refuse })
+        Ok(Self { paired: Paired::new(root, pairs, |_| true), fallback: Fallback::Refuse })
     }
 
-    /// Only every `stride`-th picture: neighbours in a video show the same.
+    /// Only every `stride`-th image: neighbours in a video show the same.
     #[must_use]
     pub fn with_stride(mut self, stride: usize) -> Self {
         self.paired.step(stride);
@@ -101,7 +101,7 @@ fn list(folder: &Path, name: &str) -> Result<Stamped> {
     Ok(stamped)
 }
 
-/// Indices of pictures and depth maps that belong together, in the pictures' order.
+/// Indices of images and depth maps that belong together, in the images' order.
 fn associate(images: &Stamped, depths: &Stamped) -> Vec<(usize, usize)> {
     let mut in_time: Vec<usize> = (0..depths.len()).collect();
     in_time.sort_by(|&a, &b| depths[a].0.total_cmp(&depths[b].0));
@@ -127,6 +127,10 @@ fn associate(images: &Stamped, depths: &Stamped) -> Vec<(usize, usize)> {
 impl DataSet for Tum {
     fn ids(&self) -> &[String] {
         &self.paired.ids
+    }
+
+    fn place(&self, index: usize) -> Option<&str> {
+        self.paired.place(index)
     }
 
     fn load(&self, index: usize) -> Result<Sample> {

@@ -1,4 +1,4 @@
-use super::{Chart, Line};
+use super::{Chart, Curve};
 use crate::{Error, Result};
 use mde_prior::photo::write_rgb_png;
 use ndarray::Array3;
@@ -46,7 +46,7 @@ pub(super) fn write(chart: &Chart, path: &Path) -> Result<()> {
         other => Err(Error::Config {
             field: "the figure's extension",
             value: other.unwrap_or("missing").to_owned(),
-            expected: "svg or png",
+            remedy: "use svg or png",
         }),
     }
 }
@@ -88,7 +88,7 @@ fn drawn<B: DrawingBackend>(
     }
     let ends = chart.lines.iter().filter_map(|line| Some((line, line.points.last()?)));
     let ends = ends.map(|(line, end)| (line, context.plotting_area().map_coordinate(&(end[0], end[1]))));
-    let mut names: Vec<(&Line, (i32, i32))> = ends.filter(|(line, _)| !line.name.is_empty()).collect();
+    let mut names: Vec<(&Curve, (i32, i32))> = ends.filter(|(line, _)| !line.name.is_empty()).collect();
     spread(&mut names);
     for (line, (x, y)) in names {
         let style = (FONT, 19).into_font().color(&colour(line)).pos(Pos::new(HPos::Left, VPos::Center));
@@ -103,12 +103,12 @@ fn tick(value: &f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-fn colour(line: &Line) -> RGBColor {
+fn colour(line: &Curve) -> RGBColor {
     line.colour.map_or(GUIDE, |index| COLOURS[index % COLOURS.len()])
 }
 
 /// The axes: 0 and all that is drawn.
-fn ranges(lines: &[Line]) -> [std::ops::Range<f64>; 2] {
+fn ranges(lines: &[Curve]) -> [std::ops::Range<f64>; 2] {
     let points = || lines.iter().flat_map(|line| &line.points);
     [0, 1].map(|axis| {
         let high = points().map(|p| p[axis]).fold(f64::MIN, f64::max);
@@ -118,8 +118,8 @@ fn ranges(lines: &[Line]) -> [std::ops::Range<f64>; 2] {
     })
 }
 
-/// Moves names apart that would overlap, and the lowest ones up from below the picture.
-fn spread(names: &mut [(&Line, (i32, i32))]) {
+/// Moves names apart that would overlap, and the lowest ones up from below the image.
+fn spread(names: &mut [(&Curve, (i32, i32))]) {
     names.sort_by_key(|(_, (_, y))| *y);
     let bottom = SIZE.1 as i32 - 50;
     let mut floor = bottom;

@@ -1,4 +1,4 @@
-//! Is the uncertainty as large as the errors? Each pixel predicts a Gaussian with standard deviation \\(s_i\\), and its
+//! Size of the uncertainty against the errors. Each pixel predicts a Gaussian with standard deviation \\(s_i\\), and its
 //! error \\(e_i\\) is prediction minus truth, in the same unit; \\(z_i = e_i / s_i\\).
 //!
 //! # Errors
@@ -11,7 +11,7 @@ use mde_uncertainty::normal::{FRAC_1_SQRT_PI, density, erf};
 use mde_uncertainty::statistics::Order;
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
-/// Negative log-likelihood of the truth, in nats a pixel:
+/// Negative log-likelihood of the truth, in nats per pixel:
 ///
 /// \\[ \frac1n \sum_i \tfrac12 \ln(2\pi s_i^2) + \frac{e_i^2}{2 s_i^2} \\]
 pub fn nll(errors: &[f64], sigma: &[f64]) -> Result<f64> {
@@ -35,12 +35,12 @@ pub fn coverage(errors: &[f64], sigma: &[f64], level: f64) -> Result<f64> {
     mean(errors, sigma, |e, s| f64::from(u8::from(central_probability(e, s) <= level)))
 }
 
-/// Mean of \\(z_i^2\\): 1 where the sigmas are right on average, above where they are too small.
+/// Mean of \\(z_i^2\\): 1 where the sigmas are right on average, above 1 where they are too small, below 1 where too large.
 pub fn mean_z2(errors: &[f64], sigma: &[f64]) -> Result<f64> {
     mean(errors, sigma, |e, s| (e / s).powi(2))
 }
 
-/// Root of the mean variance, \\(\sqrt{\frac1n \sum_i s_i^2}\\): how sharp the prediction claims to be.
+/// Root of the mean variance, \\(\sqrt{\frac1n \sum_i s_i^2}\\): the sharpness of the predicted distribution.
 pub fn rms_sigma(errors: &[f64], sigma: &[f64]) -> Result<f64> {
     Ok(mean(errors, sigma, |_, s| s * s)?.sqrt())
 }
@@ -118,7 +118,7 @@ pub(crate) fn ence_in_order(errors: &[f64], sigma: &[f64], order: &Order, bins: 
         return Err(Error::Config {
             field: "the number of ENCE bins",
             value: "0".into(),
-            expected: "at least 1",
+            remedy: "use at least 1",
         });
     }
     let square = |values: &[f64]| values.iter().map(|v| v * v).collect::<Vec<_>>();

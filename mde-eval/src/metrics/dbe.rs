@@ -17,7 +17,7 @@ pub struct BoundaryErrors {
 /// Distance from which on a boundary pixel has no counterpart, pixels: the published \\(\theta\\).
 pub const LIMIT: f64 = 10.0;
 
-/// Boundary pixels of a depth map: [Canny's](crate::raster::canny) of the depth scaled to 0 to 1 over the mask, with
+/// Boundary pixels of a depth map: Canny's of the depth scaled to 0 to 1 over the mask, with
 /// \\(\sigma = \sqrt2\\) and thresholds 0.15 and 0.3. Blind to scale and shift of the map.
 ///
 /// # Errors

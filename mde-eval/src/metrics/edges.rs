@@ -1,7 +1,7 @@
 //! Edge precision, recall and F1 of depth maps.
 //!
 //! At a *fixed* threshold these reward any added gradient: an unsharp mask and white noise both raise them. The
-//! [curve](EdgeCurve) over all thresholds of the prediction does not see its contrast; its best point is **F1max**.
+//! [curve](EdgeCurve) over all thresholds of the prediction is invariant to its contrast; its best point is **F1max**.
 
 use crate::raster::{Marked, dilate, distance_to, erode, same_shape, sobel, sobel_zero_padded};
 use crate::{Error, Result};
@@ -30,7 +30,7 @@ pub(super) fn harmonic(precision: f64, recall: f64) -> f64 {
 }
 
 /// Edge pixels of a depth map, `[height, width]`: \\(|\nabla D| > t\\) with the un-normalised
-/// [Sobel](crate::raster::sobel) gradient (gain 8), read only where the whole 3 x 3 window lies in the mask.
+/// Sobel gradient (gain 8), read only where the whole 3 x 3 window lies in the mask.
 ///
 /// A threshold of 0.25 m is thus a slope of 0.031 m per pixel.
 ///
@@ -179,7 +179,11 @@ impl EdgeSweep {
     ) -> Result<Self> {
         if let Some(tolerance) = tolerances.iter().find(|&&r| r > Self::MAX_TOLERANCE) {
             let value = tolerance.to_string();
-            return Err(Error::Config { field: "the edge tolerance", value, expected: "at most 64 pixels" });
+            return Err(Error::Config {
+                field: "the edge tolerance",
+                value,
+                remedy: "use at most 64 pixels",
+            });
         }
         let gradient = masked_gradient(prediction, mask)?;
         // Positive floats are in order as their bits are; with the index beside them, they sort as one word.
@@ -198,7 +202,7 @@ impl EdgeSweep {
             return Err(Error::Config {
                 field: "the edge tolerance",
                 value,
-                expected: "among those prepared",
+                remedy: "use one of those prepared",
             });
         };
         let total = true_edges.count;

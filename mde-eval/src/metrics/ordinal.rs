@@ -33,25 +33,19 @@ impl PairSampling {
         Self { count: 400_000, radius: Some(12), min_ratio: 1.1, tie_ratio: 1.01, seed: 0 }
     }
 
-    /// Ordinal error (ORD; Xian et al., CVPR 2020): pairs from anywhere, all of them, ties within 3 %. The published
-    /// code of Miangoleh et al. starts its pairs at superpixels, here they start at every pixel alike.
-    pub const fn ordinal() -> Self {
-        Self { count: 100_000, radius: None, min_ratio: 1.0, tie_ratio: 1.03, seed: 0 }
-    }
-
     /// Checks the fields.
     ///
     /// # Errors
     /// [`Error::Config`] names the field and what it must be.
     pub fn validate(&self) -> Result<()> {
         let fault =
-            |field, value: f64, expected| Err(Error::Config { field, value: value.to_string(), expected });
+            |field, value: f64, remedy| Err(Error::Config { field, value: value.to_string(), remedy });
         if self.radius == Some(0) {
-            return fault("radius", 0.0, "at least 1 pixel, or absent");
+            return fault("radius", 0.0, "use at least 1 pixel, or leave it out");
         }
         for (field, value) in [("min-ratio", self.min_ratio), ("tie-ratio", self.tie_ratio)] {
             if !(value >= 1.0 && value.is_finite()) {
-                return fault(field, value, "a ratio of at least 1");
+                return fault(field, value, "use a ratio of at least 1");
             }
         }
         Ok(())
@@ -132,21 +126,6 @@ pub fn ordinal_error(
         wrong += usize::from(order(p_a, p_b, tie_ratio) != order(g_a, g_b, tie_ratio));
     }
     Ok((kept > 0).then(|| wrong as f64 / kept as f64))
-}
-
-/// [`ordinal_error`] over the pairs that `sampling` draws.
-///
-/// # Errors
-/// As [`ordinal_error`] and [`PairSampling::validate`]; [`Error::Shape`] where the mask differs.
-pub fn sampled_ordinal_error(
-    prediction: ArrayView2<'_, f32>,
-    truth: ArrayView2<'_, f32>,
-    mask: ArrayView2<'_, bool>,
-    sampling: &PairSampling,
-) -> Result<Option<f64>> {
-    sampling.validate()?;
-    same_shape("the mask", mask.dim(), truth.dim())?;
-    ordinal_error(prediction, truth, &sampling.draw(mask), sampling.min_ratio, sampling.tie_ratio)
 }
 
 fn order(a: f64, b: f64, tie_ratio: f64) -> i8 {

@@ -1,6 +1,6 @@
 //! How steep a depth map is, and where.
 //!
-//! Steepness is no quality: noise and unsharp masking raise it. It means something only beside its split into pixels near
+//! Steepness is no quality: noise and unsharp masking raise it. It is informative only beside its split into pixels near
 //! the true edges, where it should rise, and pixels away from them, where it should not.
 
 use crate::raster::{distance_to, erode, gather, same_shape, sobel};
@@ -12,7 +12,7 @@ use ndarray::{ArrayView2, Zip};
 ///
 /// \\[ S(D) = \frac{1}{|m'|} \sum_{x \in m'} \frac{|\nabla D(x)|}{8 \operatorname{median}_m D} \\]
 ///
-/// with the [Sobel](crate::raster::sobel) gradient (gain 8) and \\(m'\\) the mask eroded by a pixel. Blind to scale. The
+/// with the Sobel gradient (gain 8) and \\(m'\\) the mask eroded by a pixel. Blind to scale. The
 /// paper reports the ratio \\(S(\text{refined}) / S(\text{prior})\\).
 ///
 /// # Errors

@@ -1,4 +1,4 @@
-//! Does the uncertainty point at the errors? Errors left after the most uncertain pixels are taken away.
+//! Sparsification: errors that remain when the most uncertain pixels are removed.
 //!
 //! A curve of the mean cost over what is kept, once in order of the predicted sigma, once in order of the cost itself (the
 //! oracle), once in no order (random, a flat line). **AUSE** is the area between the first and the oracle (0 is best), **AURG** the area
@@ -31,11 +31,11 @@ impl Reduction {
 /// The three curves.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sparsification {
-    /// Share of the pixels that has been taken away, rising from 0.
+    /// Share of the pixels that has been removed, rising from 0.
     pub removed: Vec<f64>,
-    /// Cost of what is left, the most uncertain taken away first.
+    /// Cost of what is left, the most uncertain removed first.
     pub by_sigma: Vec<f64>,
-    /// Cost of what is left, the costliest taken away first.
+    /// Cost of what is left, the costliest removed first.
     pub oracle: Vec<f64>,
     /// Cost of all pixels: what is left, in expectation, when pixels go by chance.
     pub random: f64,
@@ -58,7 +58,7 @@ impl Sparsification {
 ///
 /// With \\(r_k = k / 100\\), \\(k = 0 \dots 99\\), the first \\(\lfloor (1 - r_k) n \rfloor\\) pixels (at least one) in order of sigma and of cost
 /// are reduced, and all curves are divided by the joint maximum of both, so that AUSE has no unit. `costs` and `sigma`
-/// have one entry a pixel; costs are not negative.
+/// have one entry per pixel; costs are not negative.
 ///
 /// # Errors
 /// [`Error::Length`] where the lists differ, [`Error::Empty`] without pixels, [`Error::Value`] for a NaN or a negative cost.
@@ -164,7 +164,7 @@ pub fn costs_by_uncertainty(costs: &[f64], sigma: &[f64], bins: usize) -> Result
 
 pub(crate) fn bin(costs: &[f64], sigma: &[f64], order: &Order, bins: usize) -> Result<Vec<UncertaintyBin>> {
     if bins == 0 {
-        return Err(Error::Config { field: "bins", value: "0".into(), expected: "at least 1" });
+        return Err(Error::Config { field: "bins", value: "0".into(), remedy: "use at least 1" });
     }
     let (n, bins) = (costs.len(), bins.min(costs.len()));
     let (sigma, costs) = (expected(order, sigma), expected(order, costs));

@@ -1,7 +1,7 @@
-use super::same_shape;
 use super::thin::Gradient;
+use super::{blur, same_shape};
 use crate::{Error, Result};
-use ndarray::{Array2, ArrayView2, ArrayViewMut1};
+use ndarray::{Array2, ArrayView2};
 
 /// Canny's edge detector (1986), as scikit-image has it, with a mask: `[height, width]` in, edge pixels out.
 ///
@@ -12,7 +12,7 @@ use ndarray::{Array2, ArrayView2, ArrayViewMut1};
 ///
 /// # Errors
 /// [`Error::Shape`] where the mask differs; [`Error::Config`] unless 0 < sigma and 0 <= low <= high, all finite.
-pub fn canny(
+pub(crate) fn canny(
     map: ArrayView2<'_, f32>,
     mask: ArrayView2<'_, bool>,
     sigma: f64,
@@ -25,7 +25,7 @@ pub fn canny(
         return Err(Error::Config {
             field: "Canny's settings",
             value,
-            expected: "0 < sigma and 0 <= low <= high",
+            remedy: "use finite numbers with 0 < sigma and 0 <= low <= high",
         });
     }
     let weights = mask.mapv(|keep| f64::from(u8::from(keep)));
@@ -35,38 +35,6 @@ pub fn canny(
     smooth.zip_mut_with(&share, |value, share| *value /= share + f64::EPSILON);
     let strength = Gradient::sobel(&smooth).thin(mask, low);
     Ok(hysteresis(&strength, high))
-}
-
-/// Separable Gaussian with zeros outside, cut off at four sigma.
-pub(crate) fn blur(mut map: Array2<f64>, sigma: f64) -> Array2<f64> {
-    let radius = (4.0 * sigma + 0.5) as usize;
-    let mut kernel: Vec<f64> = (0..=radius).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
-    let total = kernel[0] + 2.0 * kernel[1..].iter().sum::<f64>();
-    kernel.iter_mut().for_each(|k| *k /= total);
-    let mut padded = Vec::new();
-    for row in map.rows_mut() {
-        convolve(row, &kernel, &mut padded);
-    }
-    // Transposed, so that both passes run along memory.
-    let mut turned = map.t().as_standard_layout().into_owned();
-    for row in turned.rows_mut() {
-        convolve(row, &kernel, &mut padded);
-    }
-    turned.t().as_standard_layout().into_owned()
-}
-
-/// Convolves with a symmetric kernel, given from its middle on.
-fn convolve(mut line: ArrayViewMut1<'_, f64>, kernel: &[f64], padded: &mut Vec<f64>) {
-    let radius = kernel.len() - 1;
-    padded.clear();
-    padded.resize(line.len() + 2 * radius, 0.0);
-    padded[radius..radius + line.len()].iter_mut().zip(&line).for_each(|(to, from)| *to = *from);
-    for (x, out) in line.iter_mut().enumerate() {
-        let window = &padded[x..x + 2 * radius + 1];
-        let (left, right) = (window[..radius].iter().rev(), &window[radius + 1..]);
-        let sides = left.zip(right).zip(&kernel[1..]).map(|((l, r), k)| k * (l + r));
-        *out = kernel[0] * window[radius] + sides.sum::<f64>();
-    }
 }
 
 /// Pixels above 0 that are joined, over eight neighbours, to one of at least `high`.

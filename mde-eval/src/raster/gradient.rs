@@ -6,7 +6,7 @@ use ndarray::{Array2, ArrayView2};
 ///     K = \begin{bmatrix} 1 & 0 & -1 \\\\ 2 & 0 & -2 \\\\ 1 & 0 & -1 \end{bmatrix} \\]
 ///
 /// Divide by 8 for depth per pixel. The operator reads all eight neighbours: read it on an [eroded](super::erode) mask.
-pub fn sobel(map: ArrayView2<'_, f32>) -> Array2<f32> {
+pub(crate) fn sobel(map: ArrayView2<'_, f32>) -> Array2<f32> {
     let (height, width) = map.dim();
     sobel_by(map, |y, x| {
         map[(y.clamp(0, height as isize - 1) as usize, x.clamp(0, width as isize - 1) as usize)]
@@ -14,7 +14,7 @@ pub fn sobel(map: ArrayView2<'_, f32>) -> Array2<f32> {
 }
 
 /// [`sobel`] with zeros outside the map, as Hu et al. have it: the frame of a positive map becomes an edge.
-pub fn sobel_zero_padded(map: ArrayView2<'_, f32>) -> Array2<f32> {
+pub(crate) fn sobel_zero_padded(map: ArrayView2<'_, f32>) -> Array2<f32> {
     sobel_by(map, |y, x| {
         if y < 0 || x < 0 { 0.0 } else { map.get((y as usize, x as usize)).copied().unwrap_or(0.0) }
     })

@@ -3,11 +3,11 @@ use ndarray::{Array2, ArrayView2};
 
 /// Superpixels of a map: the segment of each pixel, and where the segments' centres are.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Superpixels {
+pub(crate) struct Superpixels {
     /// Segment of each pixel `[height, width]`, counted from 0; nothing where it is masked out.
-    pub labels: Array2<Option<u32>>,
+    pub(crate) labels: Array2<Option<u32>>,
     /// Centre of each segment: row and column of its mean place, rounded; nothing where no pixel is left.
-    pub centres: Vec<Option<(usize, usize)>>,
+    pub(crate) centres: Vec<Option<(usize, usize)>>,
 }
 
 impl Superpixels {
@@ -21,7 +21,7 @@ impl Superpixels {
     ///
     /// # Errors
     /// [`Error::Shape`] where the mask differs, [`Error::Config`] for a count of 0 or a compactness that is not positive.
-    pub fn slic(
+    pub(crate) fn slic(
         map: ArrayView2<'_, f32>,
         mask: ArrayView2<'_, bool>,
         count: usize,
@@ -31,7 +31,7 @@ impl Superpixels {
         super::same_shape("the mask", mask.dim(), map.dim())?;
         if count == 0 || !(compactness > 0.0 && compactness.is_finite()) {
             let value = format!("{count} segments, compactness {compactness}");
-            return Err(Error::Config { field: "SLIC's settings", value, expected: "positive" });
+            return Err(Error::Config { field: "SLIC's settings", value, remedy: "use positive numbers" });
         }
         let (height, width) = map.dim();
         let side = ((height * width) as f64 / count as f64).sqrt().max(1.0);
@@ -65,7 +65,7 @@ impl Superpixels {
     }
 
     /// Pairs of segments that touch over an edge of a pixel, the smaller first, each once.
-    pub fn neighbours(&self) -> Vec<(u32, u32)> {
+    pub(crate) fn neighbours(&self) -> Vec<(u32, u32)> {
         let mut pairs = Vec::new();
         for ((y, x), label) in self.labels.indexed_iter() {
             for other in [(y + 1, x), (y, x + 1)] {

@@ -1,6 +1,7 @@
 //! A bounding-volume hierarchy over the bodies of a room.
 
-use super::solid::{Body, Contact, NEAREST, Ray, Vector};
+use super::shape::Vector;
+use super::solid::{Body, Contact, NEAREST, Ray};
 
 /// Bodies a leaf holds at most.
 const LEAF: usize = 3;

@@ -9,24 +9,25 @@ mod bvh;
 mod furniture;
 mod noise;
 mod render;
+mod room;
 mod rooms;
+mod shape;
 mod solid;
 mod stage;
 mod texture;
 
-use crate::{Error, Result};
+pub use room::Room;
+
+use crate::Result;
 use bvh::Hierarchy;
 use mde_warp::{PinholeCamera, Pose};
 use ndarray::{Array2, Array3};
 use render::{Eye, Model};
-use serde::{Deserialize, Serialize};
-use std::fmt;
-use std::str::FromStr;
 
-/// A picture with its exact depth.
+/// An image with its exact depth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
-    /// The picture, `[height, width, 3]`, sRGB in 0 to 1.
+    /// The image, `[height, width, 3]`, sRGB in 0 to 1.
     pub image: Array3<f32>,
     /// Exact z-depth at the pixels' centres in metres, `[height, width]`. The rooms are closed, so every depth is positive for a
     /// camera that stands in the open; what a camera outside the room does not see is 0.
@@ -35,71 +36,7 @@ pub struct Scene {
     pub camera: PinholeCamera,
 }
 
-/// The rooms there are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Room {
-    /// A desk with a chair, a lamp on a thin pole, bookcase and wall shelves.
-    Study,
-    /// A sofa, coffee table, floor lamp, window with curtains.
-    LivingRoom,
-    /// Cupboards, a breakfast table with chairs and stools, hanging lamps.
-    Kitchen,
-    /// A long corridor with doors, radiator, bench and coat stand.
-    Corridor,
-    /// A bench under a board of tools, a ladder, planks on trestles, steel shelves with boxes.
-    Workshop,
-    /// Two desks with screens, swivel chairs, blinds and cabinets.
-    Office,
-    /// A bed with a barred headboard, wardrobe, bedside lamps.
-    Bedroom,
-}
-
-impl Room {
-    /// All rooms.
-    pub const ALL: [Self; 7] = [
-        Self::Study,
-        Self::LivingRoom,
-        Self::Kitchen,
-        Self::Corridor,
-        Self::Workshop,
-        Self::Office,
-        Self::Bedroom,
-    ];
-
-    /// The room's name: `study`, `living-room`, `kitchen`, `corridor`, `workshop`, `office`, `bedroom`.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Study => "study",
-            Self::LivingRoom => "living-room",
-            Self::Kitchen => "kitchen",
-            Self::Corridor => "corridor",
-            Self::Workshop => "workshop",
-            Self::Office => "office",
-            Self::Bedroom => "bedroom",
-        }
-    }
-}
-
-impl fmt::Display for Room {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-impl FromStr for Room {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Self> {
-        Self::ALL.into_iter().find(|room| room.name() == name).ok_or_else(|| Error::Unknown {
-            what: "room",
-            name: name.into(),
-            known: Self::ALL.map(Self::name).join(", "),
-        })
-    }
-}
-
-/// A furnished room that pictures can be taken of, from its own camera or from any other pose.
+/// A furnished room, rendered from its own camera or from any other pose.
 #[derive(Debug, Clone)]
 pub struct World {
     model: Model,
@@ -124,7 +61,7 @@ impl World {
             exposure: 1.0,
         };
         let mut world = Self { model, eye: setting.eye, field_of_view: setting.field_of_view };
-        // Metered once, so that pictures from other poses match.
+        // Metered once, so that images from other poses match.
         world.model.exposure = world.model.meter(&world.camera(48, 36)?, &world.eye);
         Ok(world)
     }
@@ -137,7 +74,7 @@ impl World {
         Ok(PinholeCamera::from_fov(self.field_of_view, width, height)?)
     }
 
-    /// A picture with its depth. The world is the frame of the room's own camera: the identity pose (world to camera) is its
+    /// An image with its depth. The world is the frame of the room's own camera: the identity pose (world to camera) is its
     /// view.
     pub fn render(&self, camera: &PinholeCamera, pose: &Pose) -> Scene {
         let eye = self.eye.moved(pose);
@@ -154,7 +91,7 @@ impl World {
     }
 }
 
-/// A room seen by its own camera, `width` by `height` pixels.
+/// A room rendered from its own camera, `width` by `height` pixels.
 ///
 /// ```
 /// use mde_eval::scene::{Room, room};

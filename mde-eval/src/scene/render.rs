@@ -1,9 +1,10 @@
 //! Light and colour. Depth comes from a ray through each pixel's centre; colour is averaged over a grid of rays, so that
-//! the depth is exact and the picture smooth.
+//! the depth is exact and the image smooth.
 
 use super::bvh::Hierarchy;
 use super::noise::lattice;
-use super::solid::{Body, Contact, Ray, Vector};
+use super::shape::Vector;
+use super::solid::{Body, Contact, Ray};
 use super::texture::Colour;
 use mde_warp::{PinholeCamera, Pose};
 use ndarray::{Array2, Array3};
@@ -22,7 +23,7 @@ pub(super) struct Light {
     pub(super) colour: Colour,
 }
 
-/// Everything that a picture is made of, in room coordinates.
+/// Everything that is rendered, in room coordinates.
 #[derive(Debug, Clone)]
 pub(super) struct Model {
     pub(super) bodies: Hierarchy,
@@ -76,7 +77,7 @@ impl Model {
         })
     }
 
-    /// The picture, `[height, width, 3]`, sRGB in 0 to 1.
+    /// The image, `[height, width, 3]`, sRGB in 0 to 1.
     pub(super) fn image(&self, camera: &PinholeCamera, eye: &Eye) -> Array3<f32> {
         let mut image = Array3::zeros((camera.height, camera.width, 3));
         for y in 0..camera.height {
@@ -90,7 +91,7 @@ impl Model {
         image
     }
 
-    /// An exposure that puts the picture's middle grey where a camera would.
+    /// An exposure that maps the mean of the log radiance to middle grey.
     pub(super) fn meter(&self, camera: &PinholeCamera, eye: &Eye) -> f64 {
         let mut log_sum = 0.0;
         for y in 0..camera.height {

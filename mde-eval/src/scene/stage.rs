@@ -1,19 +1,20 @@
 //! Putting solids into a room. Room coordinates: x right, y into the room, z up, in metres, floor at 0.
 
-use super::solid::{Body, Shape, Vector};
+use super::shape::{Shape, Vector};
+use super::solid::Body;
 use super::texture::{Colour, Material, Texture, rgb};
 use mde_uncertainty::random::CounterRng;
 use nalgebra::{Matrix3, Rotation3};
 use rand::RngExt;
 
-/// A piece of furniture's own frame: where it stands and how far it is turned about the vertical.
+/// The frame of a piece of furniture: where it stands and how far it is turned about the vertical.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
+pub(super) struct Stand {
     origin: Vector,
     yaw: f64,
 }
 
-impl Place {
+impl Stand {
     pub(super) fn at(x: f64, y: f64, z: f64) -> Self {
         Self { origin: Vector::new(x, y, z), yaw: 0.0 }
     }
@@ -24,7 +25,7 @@ impl Place {
         self
     }
 
-    /// A place given in this one's frame.
+    /// A frame given in this one.
     pub(super) fn then(&self, x: f64, y: f64, z: f64) -> Self {
         Self { origin: self.to_room(Vector::new(x, y, z)), yaw: self.yaw }
     }
@@ -58,54 +59,54 @@ impl Stage {
         rgb(r, g, b)
     }
 
-    /// A box by its centre and full size, in the place's frame.
-    pub(super) fn block(&mut self, place: &Place, centre: [f64; 3], size: [f64; 3], material: Material) {
-        self.tilted(place, centre, size, Rotation3::identity(), material);
+    /// A box by its centre and full size, in the stand's frame.
+    pub(super) fn block(&mut self, stand: &Stand, centre: [f64; 3], size: [f64; 3], material: Material) {
+        self.tilted(stand, centre, size, Rotation3::identity(), material);
     }
 
     /// A box turned about its own centre.
     pub(super) fn tilted(
         &mut self,
-        place: &Place,
+        stand: &Stand,
         centre: [f64; 3],
         size: [f64; 3],
         turn: Rotation3<f64>,
         material: Material,
     ) {
         let shape = Shape::Block(0.5 * Vector::from(size));
-        self.push(place, centre, turn, shape, material);
+        self.push(stand, centre, turn, shape, material);
     }
 
     pub(super) fn ellipsoid(
         &mut self,
-        place: &Place,
+        stand: &Stand,
         centre: [f64; 3],
         radii: [f64; 3],
         turn: Rotation3<f64>,
         material: Material,
     ) {
-        self.push(place, centre, turn, Shape::Ellipsoid(radii.into()), material);
+        self.push(stand, centre, turn, Shape::Ellipsoid(radii.into()), material);
     }
 
-    pub(super) fn ball(&mut self, place: &Place, centre: [f64; 3], radius: f64, material: Material) {
-        self.ellipsoid(place, centre, [radius; 3], Rotation3::identity(), material);
+    pub(super) fn ball(&mut self, stand: &Stand, centre: [f64; 3], radius: f64, material: Material) {
+        self.ellipsoid(stand, centre, [radius; 3], Rotation3::identity(), material);
     }
 
     pub(super) fn rod(
         &mut self,
-        place: &Place,
+        stand: &Stand,
         from: [f64; 3],
         to: [f64; 3],
         radius: f64,
         material: Material,
     ) {
-        self.cone(place, from, to, [radius, radius], material);
+        self.cone(stand, from, to, [radius, radius], material);
     }
 
     /// A capped cone between two points, with the radius at each.
     pub(super) fn cone(
         &mut self,
-        place: &Place,
+        stand: &Stand,
         from: [f64; 3],
         to: [f64; 3],
         radii: [f64; 2],
@@ -116,16 +117,16 @@ impl Stage {
         // Opposite directions have no unique rotation: any half turn will do.
         let turn = Rotation3::rotation_between(&Vector::z(), &along)
             .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector::x_axis(), std::f64::consts::PI));
-        self.push(place, from, turn, shape, material);
+        self.push(stand, from, turn, shape, material);
     }
 
-    fn push(&mut self, place: &Place, at: [f64; 3], turn: Rotation3<f64>, shape: Shape, material: Material) {
-        let to_local: Matrix3<f64> = (place.rotation() * turn).inverse().into_inner();
-        self.bodies.push(Body { shape, origin: place.to_room(at.into()), to_local, material });
+    fn push(&mut self, stand: &Stand, at: [f64; 3], turn: Rotation3<f64>, shape: Shape, material: Material) {
+        let to_local: Matrix3<f64> = (stand.rotation() * turn).inverse().into_inner();
+        self.bodies.push(Body { shape, origin: stand.to_room(at.into()), to_local, material });
     }
 }
 
-/// A turn about the place's x axis (leaning back is positive), then about z, in degrees.
+/// A turn about the stand's x axis (leaning back is positive), then about z, in degrees.
 pub(super) fn lean(about_x: f64, about_z: f64) -> Rotation3<f64> {
     Rotation3::from_axis_angle(&Vector::z_axis(), about_z.to_radians())
         * Rotation3::from_axis_angle(&Vector::x_axis(), about_x.to_radians())

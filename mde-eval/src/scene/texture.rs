@@ -1,12 +1,12 @@
 //! What surfaces look like.
 
 use super::noise::{fractal, lattice, value};
-use super::solid::{Shape, Vector};
+use super::shape::{Shape, Vector};
 
 /// A linear colour.
 pub(super) type Colour = Vector;
 
-/// A colour as a picture shows it (sRGB, 0 to 1), made linear.
+/// A colour as an image has it (sRGB, 0 to 1), made linear.
 pub(super) fn rgb(red: f64, green: f64, blue: f64) -> Colour {
     Colour::new(red, green, blue).map(|c| c.powf(2.2))
 }
@@ -270,8 +270,8 @@ fn screen(u: f64, v: f64, seed: f64) -> Colour {
     let column = ((u + 0.3) / 0.14).floor();
     let row = (v / 0.012).floor();
     let start = 0.02 * (4.0 * lattice(row as i64, column as i64, seed as i64)).floor();
-    let place = (u + 0.3).rem_euclid(0.14);
-    let long = place > 0.012 + start && place < 0.03 + 0.1 * lattice(column as i64, row as i64, 3);
+    let frame = (u + 0.3).rem_euclid(0.14);
+    let long = frame > 0.012 + start && frame < 0.03 + 0.1 * lattice(column as i64, row as i64, 3);
     let letter = lattice((u / 0.004).floor() as i64, row as i64, 11) > 0.3;
     if v > 0.125 {
         rgb(0.25, 0.42, 0.62)

@@ -22,7 +22,7 @@ pub struct ScoreConfig {
     pub edge_tolerances: Vec<u32>,
     /// Thresholds of the truth for the edges that are [matched one to one](crate::metrics::bsds), metres of Sobel gradient (gain 8).
     pub boundary_thresholds: Vec<f64>,
-    /// The truth's threshold that tells on-edge from off-edge sharpness, metres of Sobel gradient (gain 8).
+    /// The truth's threshold between on-edge and off-edge sharpness, metres of Sobel gradient (gain 8).
     pub band_threshold: f64,
     /// How far from a true edge a pixel is still on it, pixels.
     pub band: f64,
@@ -57,7 +57,7 @@ impl Default for ScoreConfig {
 }
 
 impl ScoreConfig {
-    /// For a sensor that is not to be trusted beyond 8 m (SUN RGB-D).
+    /// For sensors that are reliable up to 8 m (SUN RGB-D).
     #[must_use]
     pub fn sunrgbd() -> Self {
         Self { max_depth: 8.0, ..Self::default() }
@@ -66,51 +66,51 @@ impl ScoreConfig {
     /// Checks the fields.
     ///
     /// # Errors
-    /// [`Error::Config`] names the field and what it must be.
+    /// [`Error::Config`] for the first field at fault.
     pub fn validate(&self) -> Result<()> {
         let positive = |value: f64| value > 0.0 && value.is_finite();
         check(
             "min-depth",
             self.min_depth,
             self.min_depth >= 0.0 && self.min_depth.is_finite(),
-            "finite and at least 0",
+            "use a finite number from 0",
         )?;
         let ordered = self.max_depth > self.min_depth && positive(self.max_depth);
-        check("max-depth", self.max_depth, ordered, "finite and above min-depth")?;
+        check("max-depth", self.max_depth, ordered, "use a finite number above min-depth")?;
         if let Some([top, bottom, left, right]) = self.crop {
             let value = format!("[{top}, {bottom}, {left}, {right}]");
             check(
                 "crop",
                 value,
                 top < bottom && left < right,
-                "[top, bottom, left, right] with top < bottom and left < right",
+                "use [top, bottom, left, right] with top < bottom and left < right",
             )?;
         }
         for &threshold in &self.edge_thresholds {
-            check("edge-thresholds", threshold, positive(threshold), "positive and finite metres")?;
+            check("edge-thresholds", threshold, positive(threshold), "use positive finite metres")?;
         }
         for &threshold in &self.boundary_thresholds {
-            check("boundary-thresholds", threshold, positive(threshold), "positive and finite metres")?;
+            check("boundary-thresholds", threshold, positive(threshold), "use positive finite metres")?;
         }
         for &tolerance in &self.edge_tolerances {
-            check("edge-tolerances", tolerance, tolerance <= 64, "at most 64 pixels")?;
+            check("edge-tolerances", tolerance, tolerance <= 64, "use at most 64 pixels")?;
         }
         check(
             "band-threshold",
             self.band_threshold,
             positive(self.band_threshold),
-            "positive and finite metres",
+            "use positive finite metres",
         )?;
-        check("band", self.band, self.band >= 0.0, "at least 0 pixels")?;
+        check("band", self.band, self.band >= 0.0, "use 0 pixels or more")?;
         for &level in &self.levels {
-            check("levels", level, level > 0.0 && level < 1.0, "probabilities between 0 and 1")?;
+            check("levels", level, level > 0.0 && level < 1.0, "use probabilities between 0 and 1")?;
         }
-        check("ence-bins", self.ence_bins, self.ence_bins > 0, "at least 1")?;
-        check("spearman-bins", self.spearman_bins, self.spearman_bins > 1, "at least 2")?;
+        check("ence-bins", self.ence_bins, self.ence_bins > 0, "use at least 1")?;
+        check("spearman-bins", self.spearman_bins, self.spearman_bins > 1, "use at least 2")?;
         self.pairs.validate()
     }
 }
 
-fn check(field: &'static str, value: impl ToString, sound: bool, expected: &'static str) -> Result<()> {
-    if sound { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), expected }) }
+fn check(field: &'static str, value: impl ToString, sound: bool, remedy: &'static str) -> Result<()> {
+    if sound { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), remedy }) }
 }

@@ -53,7 +53,7 @@ impl Truth {
         found.map(|(_, edges)| edges).ok_or_else(|| Error::Config {
             field: "the edge threshold",
             value: threshold.to_string(),
-            expected: "among those prepared",
+            remedy: "use one of those prepared",
         })
     }
 }

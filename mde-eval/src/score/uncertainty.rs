@@ -27,7 +27,7 @@ pub struct UncertaintyScores {
     pub poggi_rmse: AreaScores,
     /// Sparsification by the share of outliers (beyond a factor 1.25) after Poggi et al., their `a1`.
     pub poggi_a1: AreaScores,
-    /// [Negative log-likelihood](calibration::nll), nats a pixel.
+    /// [Negative log-likelihood](calibration::nll), nats per pixel.
     pub nll: f64,
     /// [Continuous ranked probability score](calibration::crps), m.
     pub crps: f64,
@@ -41,7 +41,7 @@ pub struct UncertaintyScores {
     pub miscalibration_area: f64,
     /// [Expected normalised calibration error](calibration::ence).
     pub ence: f64,
-    /// [Mean squared z](calibration::mean_z2), 1 where the sigmas are right.
+    /// [Mean squared z](calibration::mean_z2), 1 where the sigmas are right, above 1 where they are too small.
     pub mean_z2: f64,
     /// [Root of the mean variance](calibration::rms_sigma), m.
     pub rms_sigma: f64,
@@ -67,13 +67,13 @@ impl From<Sparsification> for AreaScores {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct CoverageScore {
-    /// Probability that the interval claims.
+    /// Nominal probability of the interval.
     pub nominal: f64,
     /// Share of the truths within it.
     pub observed: f64,
 }
 
-/// Curves of the uncertainty of one map, for figures and for scaling sigma by what other maps say.
+/// Curves of the uncertainty of one map, for figures and for factors of sigma fitted on other maps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct UncertaintyCurves {
@@ -81,7 +81,7 @@ pub struct UncertaintyCurves {
     pub error_by_percentile: Vec<f64>,
     /// Mean sigma of the same bins, m.
     pub sigma_by_percentile: Vec<f64>,
-    /// Share of pixels taken away: 0, 0.01, ..., 0.99.
+    /// Share of pixels removed: 0, 0.01, ..., 0.99.
     pub removed: Vec<f64>,
     /// Mean \\(|e|\\) of the rest when the most uncertain go, over the [joint maximum](crate::metrics::sparsification::sparsify).
     pub by_sigma: Vec<f64>,

@@ -4,19 +4,19 @@ use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use ndarray::{Array2, Array3, ArrayView2, ArrayView3, s};
 use serde::{Deserialize, Serialize};
 
-/// What a [`SimulatedModel`] gets wrong.
+/// Faults of a [`SimulatedModel`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct SimulatedModelConfig {
-    /// Sides of its answer, pixels: whatever it is asked about is seen at this size.
+    /// Side of the prediction, pixels: every image is reduced to this size.
     pub side: usize,
-    /// Things in front of a background that are narrower than this vanish, in pixels of its answer: it would see them in a crop.
+    /// Things in front of a background that are narrower than this vanish, in pixels of the prediction: a crop brings them back.
     pub lost_cells: f64,
-    /// Things that are narrower than this vanish from every answer, as a fraction of the photograph's width.
+    /// Things that are narrower than this vanish from every prediction, as a fraction of the photograph's width.
     pub lost_width: f64,
-    /// Standard deviation of the logarithm of a low-frequency error that is the same in all answers.
+    /// Standard deviation of the logarithm of a low-frequency error that is the same in all predictions.
     pub shared_error: f64,
-    /// Standard deviation of the logarithm of a low-frequency error that each question has its own of.
+    /// Standard deviation of the logarithm of a low-frequency error that differs between predictions.
     pub own_error: f64,
     /// Shortest wavelength of both, as a fraction of the width of what they bend.
     pub wavelength: f64,
@@ -40,7 +40,7 @@ impl Default for SimulatedModelConfig {
 }
 
 impl SimulatedModelConfig {
-    /// No fault but that its answer is small.
+    /// No fault but a small prediction.
     pub fn small(side: usize) -> Self {
         Self { side, lost_cells: 0.0, lost_width: 0.0, shared_error: 0.0, own_error: 0.0, ..Self::default() }
     }
@@ -52,32 +52,30 @@ impl SimulatedModelConfig {
     pub fn validate(&self) -> Result<()> {
         let error = |value: f64| (0.0..=1.0).contains(&value);
         let checks = [
-            ("side", self.side as f64, (4..=4096).contains(&self.side), "between 4 and 4096"),
-            ("lost-cells", self.lost_cells, (0.0..=64.0).contains(&self.lost_cells), "between 0 and 64"),
-            ("lost-width", self.lost_width, (0.0..=0.25).contains(&self.lost_width), "between 0 and 0.25"),
-            ("shared-error", self.shared_error, error(self.shared_error), "between 0 and 1"),
-            ("own-error", self.own_error, error(self.own_error), "between 0 and 1"),
+            ("side", self.side as f64, (4..=4096).contains(&self.side), "use 4 to 4096"),
+            ("lost-cells", self.lost_cells, (0.0..=64.0).contains(&self.lost_cells), "use 0 to 64"),
+            ("lost-width", self.lost_width, (0.0..=0.25).contains(&self.lost_width), "use 0 to 0.25"),
+            ("shared-error", self.shared_error, error(self.shared_error), "use 0 to 1"),
+            ("own-error", self.own_error, error(self.own_error), "use 0 to 1"),
             (
                 "wavelength",
                 self.wavelength,
                 self.wavelength >= 0.01 && self.wavelength.is_finite(),
-                "finite, from 0.01",
+                "use a finite number from 0.01",
             ),
         ];
         match checks.into_iter().find(|check| !check.2) {
             None => Ok(()),
-            Some((field, value, _, expected)) => {
-                Err(Error::Config { field, value: value.to_string(), expected })
-            }
+            Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
         }
     }
 }
 
-/// A model of one photograph whose true depth is known, which can be asked about its crops and mirror images.
+/// A model of one photograph whose true depth is known, for its crops and mirror images.
 ///
-/// It finds the crop in the photograph, and answers with the true depth as a network of [`side`](SimulatedModelConfig::side) pixels
+/// It finds the crop in the photograph and predicts the true depth as a network of [`side`](SimulatedModelConfig::side) pixels
 /// would see it: the harmonic mean over each cell, linear between cells, thin things lost, bent by waves of its own and by waves
-/// that all answers share. What a refinement that asks again can mend, and what it cannot, shows in which of these are left.
+/// that all predictions share. Which of these faults remain shows what test-time augmentation can remove.
 ///
 /// ```
 /// use mde_eval::ndarray::s;
@@ -99,7 +97,7 @@ pub struct SimulatedModel {
 }
 
 impl SimulatedModel {
-    /// A model that knows this photograph (`[height, width, 3]`) and its exact depth (`[height, width]`, positive everywhere).
+    /// A model of this photograph (`[height, width, 3]`) and its exact depth (`[height, width]`, positive everywhere).
     ///
     /// # Errors
     /// [`Error::Config`]; [`Error::Shape`] for maps of two sizes; [`Error::Value`] for a depth that is missing.
@@ -122,7 +120,7 @@ impl SimulatedModel {
         Ok(Self { image: image.clone(), disparity, config })
     }
 
-    /// Top row, left column and whether it is mirrored, of a picture in the photograph.
+    /// Top row, left column and whether it is mirrored, of an image in the photograph.
     fn find(&self, picture: ArrayView3<'_, f32>) -> Option<(usize, usize, bool)> {
         let (height, width, _) = picture.dim();
         let (rows, columns, _) = self.image.dim();
@@ -145,8 +143,8 @@ impl SimulatedModel {
         None
     }
 
-    /// The disparity of a part of the photograph, as the network sees it.
-    fn seen(&self, part: ArrayView2<'_, f64>, question: u64) -> Array2<f64> {
+    /// The disparity of a part of the photograph, as the network predicts it.
+    fn seen(&self, part: ArrayView2<'_, f64>, call: u64) -> Array2<f64> {
         let SimulatedModelConfig { side, lost_cells, own_error, wavelength, seed, .. } = self.config;
         let cells = (side.min(part.nrows()), side.min(part.ncols()));
         let mut small = shrunk(part, cells);
@@ -156,7 +154,7 @@ impl SimulatedModel {
             small = close(&small.mapv(|d| d.recip() as f32), &known, radius).mapv(f64::recip);
         }
         if own_error > 0.0 {
-            let bend = waves(cells, wavelength, ("simulated-question", seed, question));
+            let bend = waves(cells, wavelength, ("simulated-question", seed, call));
             small.zip_mut_with(&bend, |d, f| *d *= (-own_error * f).exp());
         }
         grown(small.view(), part.dim())
@@ -165,23 +163,26 @@ impl SimulatedModel {
 
 impl DepthPrior for SimulatedModel {
     /// # Errors
-    /// [`mde_prior::Error::Input`] for a picture that is neither a part of the photograph nor the mirror image of one.
+    /// [`mde_prior::Error::Input`] for an image that is neither a part of the photograph nor the mirror image of one.
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         let Some((y, x, mirrored)) = self.find(image) else {
             return Err(mde_prior::Error::Input(
-                "the simulated model knows one photograph; ask about its crops and their mirror images"
-                    .to_owned(),
+                "the simulated model has one photograph; give its crops and their mirror images".to_owned(),
             ));
         };
         let (height, width, _) = image.dim();
         let place = [y, x, height, width, usize::from(mirrored)];
-        let question =
+        let call =
             place.iter().fold(0, |hash: u64, &part| hash.wrapping_mul(0x1_0001).wrapping_add(part as u64));
-        let mut seen = self.seen(self.disparity.slice(s![y..y + height, x..x + width]), question);
+        let mut seen = self.seen(self.disparity.slice(s![y..y + height, x..x + width]), call);
         if mirrored {
             seen.invert_axis(ndarray::Axis(1));
         }
         PriorDepth::from_values(seen.mapv(|d| d.recip() as f32), DepthKind::Metric)
+    }
+
+    fn accepts_new_images(&self) -> bool {
+        true
     }
 }
 
@@ -221,13 +222,13 @@ mod tests {
         (SimulatedModel::new(&scene.image, &scene.depth, config).unwrap(), scene.image, scene.depth)
     }
 
-    fn error(answer: &PriorDepth, truth: ArrayView2<'_, f32>) -> f32 {
-        let logs = answer.map.iter().zip(truth).map(|(a, t)| (a / t).ln().abs());
-        logs.sum::<f32>() / answer.map.len() as f32
+    fn error(prediction: &PriorDepth, truth: ArrayView2<'_, f32>) -> f32 {
+        let logs = prediction.map.iter().zip(truth).map(|(a, t)| (a / t).ln().abs());
+        logs.sum::<f32>() / prediction.map.len() as f32
     }
 
     #[test]
-    fn at_full_size_and_without_faults_it_tells_the_truth_of_every_crop() {
+    fn at_full_size_and_without_faults_it_predicts_the_truth_of_every_crop() {
         let (model, image, depth) = model(SimulatedModelConfig::small(4096));
         for (rows, columns) in [(0..60, 0..80), (7..31, 22..70)] {
             let picture = image.slice(s![rows.clone(), columns.clone(), ..]);
@@ -250,12 +251,12 @@ mod tests {
     }
 
     #[test]
-    fn own_errors_differ_between_questions_and_shared_ones_do_not() {
+    fn own_errors_differ_between_predictions_and_shared_ones_do_not() {
         let faults = |shared_error, own_error| {
             let config =
                 SimulatedModelConfig { shared_error, own_error, ..SimulatedModelConfig::small(4096) };
             let (model, image, depth) = model(config);
-            let bend = |answer: PriorDepth, truth: &Array2<f32>| (answer.map / truth).mapv(f32::ln);
+            let bend = |prediction: PriorDepth, truth: &Array2<f32>| (prediction.map / truth).mapv(f32::ln);
             let straight = bend(model.predict(image.view()).unwrap(), &depth);
             let mirror = bend(
                 model.predict(image.slice(s![.., ..;-1, ..])).unwrap(),

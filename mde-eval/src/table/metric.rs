@@ -2,7 +2,7 @@ use super::Entry;
 use crate::metrics::bsds::BoundaryCounts;
 use crate::score::{AreaScores, EdgeScores, UncertaintyScores};
 
-/// What is good.
+/// Direction of a metric.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Better {
     /// Small values.
@@ -11,12 +11,12 @@ pub enum Better {
     Higher,
     /// Values near this one.
     Near(f64),
-    /// Neither: it tells what a method does and proves nothing.
+    /// Neither: it describes a method without ranking it.
     Neither,
 }
 
 impl Better {
-    /// How far from good a value is, for ranks; nothing where nothing is good.
+    /// A number that ranks values, small for good ones; `None` for [`Better::Neither`].
     pub(super) fn badness(self, value: f64) -> Option<f64> {
         match self {
             Self::Lower => Some(value),
@@ -32,13 +32,13 @@ impl Better {
 pub enum Group {
     /// Errors of the depth.
     Depth,
-    /// Edges and order, blind to contrast.
+    /// Edges and order, invariant to contrast.
     Edges,
-    /// What any added gradient raises: an unsharp mask, or noise.
+    /// Raised by any added gradient: an unsharp mask, or noise.
     Gradient,
-    /// Does sigma point at the errors?
+    /// Correlation of sigma with the errors.
     Ranking,
-    /// Is sigma of the right size?
+    /// Size of sigma against the errors.
     Calibration,
     /// Seconds.
     Cost,
@@ -53,27 +53,27 @@ impl Group {
     pub const fn title(self) -> &'static str {
         match self {
             Self::Depth => "Depth",
-            Self::Edges => "Edges, whatever their contrast",
-            Self::Gradient => "Gradient: raised by any unsharp mask or noise, so it proves nothing",
-            Self::Ranking => "Uncertainty: does it point at the errors?",
-            Self::Calibration => "Uncertainty: is it of the right size?",
+            Self::Edges => "Edges, invariant to contrast",
+            Self::Gradient => "Gradient: raised by any unsharp mask or noise, so no evidence of quality",
+            Self::Ranking => "Uncertainty: correlation with the errors",
+            Self::Calibration => "Uncertainty: calibration",
             Self::Cost => "Cost",
         }
     }
 }
 
-/// A number that every scene and method has, or lacks.
+/// One number per scene and method, where it is defined.
 #[derive(Debug, Clone, Copy)]
 pub struct Metric {
     /// The column's name in files, with threshold and tolerance where there are any.
     pub key: &'static str,
-    /// The column's name for people, with its unit.
+    /// The column's head in tables, with its unit.
     pub label: &'static str,
-    /// What is good.
+    /// Its direction.
     pub better: Better,
     /// The table it stands in.
     pub group: Group,
-    /// Whether the tables for people show it; files have every metric.
+    /// Whether the tables show it; files have every metric.
     pub shown: bool,
     of: fn(&Entry) -> Option<f64>,
 }
@@ -192,13 +192,15 @@ pub const METRICS: &[Metric] = &[
     more("coverage_95", Near(0.95), Calibration, |e| coverage(e, 0.95)),
     shown("nll", "NLL", Lower, Calibration, |e| Some(sigma(e)?.nll)),
     shown("crps", "CRPS, m", Lower, Calibration, |e| Some(sigma(e)?.crps)),
-    shown("mean_z2", "mean z²", Near(1.0), Calibration, |e| Some(sigma(e)?.mean_z2)),
+    shown("mean_z2", "mean z² (above 1: sigma too small)", Near(1.0), Calibration, |e| {
+        Some(sigma(e)?.mean_z2)
+    }),
     shown("ence", "ENCE", Lower, Calibration, |e| Some(sigma(e)?.ence)),
     more("mace", Lower, Calibration, |e| Some(sigma(e)?.mace)),
     more("rmsce", Lower, Calibration, |e| Some(sigma(e)?.rmsce)),
     more("miscalibration_area", Lower, Calibration, |e| Some(sigma(e)?.miscalibration_area)),
     more("rms_sigma", Neither, Calibration, |e| Some(sigma(e)?.rms_sigma)),
-    shown("factor", "factor of the others", Near(1.0), Calibration, |e| Some(e.calibrated?.factor)),
+    shown("factor", "factor from other places", Near(1.0), Calibration, |e| Some(e.calibrated?.factor)),
     shown("calibrated_coverage_90", "then cover 90 %", Near(0.9), Calibration, |e| {
         Some(e.calibrated?.coverage_90)
     }),

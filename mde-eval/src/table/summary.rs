@@ -6,21 +6,23 @@ use mde_uncertainty::statistics::{average_ranks, median};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What the scenes say of every method and metric.
+/// Statistics of every method and metric over scenes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Summary {
     /// The method that the others are compared with, if any.
     pub reference: Option<String>,
-    /// How many scenes there are.
+    /// Number of scenes.
     pub scenes: usize,
-    /// How the intervals were made.
+    /// Number of places that the scenes show. Intervals are over resampled places.
+    pub places: usize,
+    /// Settings of the intervals.
     pub bootstrap: Bootstrap,
     /// The methods, in the order of their first entry.
     pub methods: Vec<MethodSummary>,
 }
 
-/// What the scenes say of one method.
+/// Statistics of one method over scenes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct MethodSummary {
@@ -44,6 +46,8 @@ pub struct Statistics {
     pub median: f64,
     /// Scenes that have it for the reference too.
     pub paired: usize,
+    /// Places of those scenes.
+    pub places: usize,
     /// Mean difference to the reference on the same scenes.
     pub difference: Option<Estimate>,
     /// Ratio of means to the reference on the same scenes, where the reference's is positive.
@@ -58,21 +62,31 @@ impl Summary {
     /// Summarises entries: at most one a scene, method and seed; seeds are averaged.
     ///
     /// # Errors
-    /// [`Error::Empty`] without entries; [`Error::Config`] where a method has a scene and seed twice, or for the bootstrap's settings.
+    /// [`Error::Empty`] without entries; [`Error::Config`] where a method has a scene and seed twice, where a scene has two
+    /// places, or for the bootstrap's settings.
     pub fn new(entries: &[Entry], reference: Option<&str>, bootstrap: &Bootstrap) -> Result<Self> {
         bootstrap.validate()?;
         if entries.is_empty() {
             return Err(Error::Empty { what: "a summary" });
         }
         let mut names: Vec<&str> = Vec::new();
-        let mut places = BTreeSet::new();
+        let mut seen = BTreeSet::new();
+        let mut places: BTreeMap<&str, &str> = BTreeMap::new();
         for entry in entries {
             if !names.contains(&entry.method.as_str()) {
                 names.push(&entry.method);
             }
-            if !places.insert((&entry.method, &entry.scene, entry.seed)) {
+            if *places.entry(&entry.scene).or_insert(entry.place()) != entry.place() {
+                let value = format!("{} for {}", entry.place(), entry.scene);
+                return Err(Error::Config { field: "place", value, remedy: "give each scene one place" });
+            }
+            if !seen.insert((&entry.method, &entry.scene, entry.seed)) {
                 let value = format!("{} on {}", entry.method, entry.scene);
-                return Err(Error::Config { field: "an entry", value, expected: "there once" });
+                return Err(Error::Config {
+                    field: "an entry",
+                    value: value + ", twice",
+                    remedy: "give each scene, method and seed once",
+                });
             }
         }
         let mut methods: Vec<MethodSummary> = names
@@ -83,7 +97,7 @@ impl Summary {
             })
             .collect::<Result<_>>()?;
         for metric in METRICS {
-            let values = Values::of(metric, entries);
+            let values = Values::of(metric, entries, &places);
             let ranks = values.ranks(metric);
             for method in &mut methods {
                 let rank = ranks.get(method.method.as_str()).copied();
@@ -94,8 +108,10 @@ impl Summary {
                 }
             }
         }
-        let scenes = entries.iter().map(|entry| &entry.scene).collect::<BTreeSet<_>>().len();
-        Ok(Self { reference: reference.map(str::to_owned), scenes, bootstrap: bootstrap.clone(), methods })
+        let reference = reference.map(str::to_owned);
+        let scenes = places.len();
+        let places = places.values().collect::<BTreeSet<_>>().len();
+        Ok(Self { reference, scenes, places, bootstrap: bootstrap.clone(), methods })
     }
 
     /// The statistics of a method's metric.
@@ -121,10 +137,14 @@ fn pooled<'e>(entries: impl Iterator<Item = &'e Entry>) -> Result<BTreeMap<Strin
 }
 
 /// One metric by method and scene.
-struct Values<'e>(BTreeMap<&'e str, BTreeMap<&'e str, f64>>);
+struct Values<'e> {
+    by_method: BTreeMap<&'e str, BTreeMap<&'e str, f64>>,
+    /// The place of each scene, numbered.
+    places: BTreeMap<&'e str, usize>,
+}
 
 impl<'e> Values<'e> {
-    fn of(metric: &Metric, entries: &'e [Entry]) -> Self {
+    fn of(metric: &Metric, entries: &'e [Entry], places: &BTreeMap<&'e str, &'e str>) -> Self {
         let mut sums: BTreeMap<&str, BTreeMap<&str, (f64, f64)>> = BTreeMap::new();
         for entry in entries {
             if let Some(value) = metric.value(entry) {
@@ -135,15 +155,24 @@ impl<'e> Values<'e> {
         let mean = |scenes: BTreeMap<&'e str, (f64, f64)>| {
             scenes.into_iter().map(|(scene, (sum, seeds))| (scene, sum / seeds)).collect()
         };
-        Self(sums.into_iter().map(|(method, scenes)| (method, mean(scenes))).collect())
+        let mut numbers = BTreeMap::new();
+        let mut number = |place| {
+            let next = numbers.len();
+            *numbers.entry(place).or_insert(next)
+        };
+        Self {
+            by_method: sums.into_iter().map(|(method, scenes)| (method, mean(scenes))).collect(),
+            places: places.iter().map(|(scene, place)| (*scene, number(*place))).collect(),
+        }
     }
 
     fn ranks(&self, metric: &Metric) -> BTreeMap<&'e str, f64> {
-        let scenes: BTreeSet<&str> = self.0.values().flat_map(|scenes| scenes.keys().copied()).collect();
+        let scenes: BTreeSet<&str> =
+            self.by_method.values().flat_map(|scenes| scenes.keys().copied()).collect();
         let mut sums: BTreeMap<&str, (f64, usize)> = BTreeMap::new();
         for scene in scenes {
             let here = self
-                .0
+                .by_method
                 .iter()
                 .filter_map(|(method, values)| Some((*method, metric.better.badness(*values.get(scene)?)?)));
             let (methods, badness): (Vec<&str>, Vec<f64>) = here.unzip();
@@ -164,11 +193,14 @@ impl<'e> Values<'e> {
         rank: Option<f64>,
         bootstrap: &Bootstrap,
     ) -> Result<Option<Statistics>> {
-        let Some(own) = self.0.get(method) else { return Ok(None) };
+        let Some(own) = self.by_method.get(method) else { return Ok(None) };
         let values: Vec<f64> = own.values().copied().collect();
-        let of_reference = reference.filter(|name| *name != method).and_then(|name| self.0.get(name));
-        let pairs = own.iter().filter_map(|(scene, value)| Some((*value, *of_reference?.get(scene)?)));
-        let (x, r): (Vec<f64>, Vec<f64>) = pairs.unzip();
+        let of_reference = reference.filter(|name| *name != method).and_then(|name| self.by_method.get(name));
+        let pairs = own.iter().filter_map(|(scene, value)| {
+            Some(((*value, *of_reference?.get(scene)?), self.places.get(scene).copied()?))
+        });
+        let ((x, r), places): ((Vec<f64>, Vec<f64>), Vec<usize>) = pairs.unzip();
+        let of_places = Some(places.as_slice());
         let badness = |value: f64| metric.better.badness(value);
         let worse = x.iter().zip(&r).filter(|&(&x, &r)| badness(x) > badness(r)).count();
         let paired = !x.is_empty();
@@ -177,8 +209,13 @@ impl<'e> Values<'e> {
             mean: values.iter().sum::<f64>() / values.len() as f64,
             median: median(values).unwrap_or(f64::NAN),
             paired: x.len(),
-            difference: if paired { Some(bootstrap.difference(&x, &r)?) } else { None },
-            ratio: if paired && r.iter().all(|r| *r >= 0.0) { bootstrap.ratio(&x, &r)? } else { None },
+            places: places.iter().collect::<BTreeSet<_>>().len(),
+            difference: if paired { Some(bootstrap.difference(&x, &r, of_places)?) } else { None },
+            ratio: if paired && r.iter().all(|r| *r >= 0.0) {
+                bootstrap.ratio(&x, &r, of_places)?
+            } else {
+                None
+            },
             worse: (paired && badness(0.0).is_some()).then_some(worse),
             rank,
         }))

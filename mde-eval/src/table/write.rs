@@ -1,19 +1,20 @@
-use super::{Better, Entry, Group, METRICS, Metric, Statistics, Summary};
+use super::document::{Block, Cell, Column, Document, Table};
+use super::{Better, Entry, Group, METRICS, MethodSummary, Metric, Statistics, Summary};
 use crate::statistics::Estimate;
 use crate::{Error, Result};
-use std::fmt::Write as _;
 use std::io::Write;
 
-/// Writes one row a scene, method and seed: `scene,method,seed,alignment`, then every metric's key; an empty field where there is no value.
+/// Writes one row per scene, method and seed: `scene,place,method,seed,alignment`, then every metric's key; an empty field where
+/// there is no value.
 ///
 /// # Errors
-/// [`Error::Method`] with what the writer says.
+/// [`Error::Method`] where the writer fails.
 pub fn csv(entries: &[Entry], to: impl Write) -> Result<()> {
     let fault = |error: csv::Error| Error::Method(format!("the scores can't be written: {error}"));
     let mut writer = csv::Writer::from_writer(to);
     writer
         .write_record(
-            ["scene", "method", "seed", "alignment"]
+            ["scene", "place", "method", "seed", "alignment"]
                 .into_iter()
                 .chain(METRICS.iter().map(|metric| metric.key)),
         )
@@ -21,68 +22,66 @@ pub fn csv(entries: &[Entry], to: impl Write) -> Result<()> {
     for entry in entries {
         let values = METRICS.iter().map(|m| m.value(entry).map_or_else(String::new, |v| v.to_string()));
         let Entry { scene, method, seed, alignment, .. } = entry;
-        let names = [scene.clone(), method.clone(), seed.to_string(), alignment.clone()];
+        let place = entry.place().to_owned();
+        let names = [scene.clone(), place, method.clone(), seed.to_string(), alignment.clone()];
         writer.write_record(names.into_iter().chain(values)).map_err(fault)?;
     }
     writer.flush().map_err(|error| fault(error.into()))
 }
 
-/// The summary as Markdown: for every group of metrics the means with ranks, then the paired differences to the reference with
-/// their intervals, bold where the interval leaves 0 out.
-pub fn markdown(summary: &Summary) -> String {
-    let mut text = String::new();
+/// The summary as a document: for every group of metrics the means with ranks, then the paired differences to the reference
+/// with their intervals, strong where the interval excludes 0.
+pub fn document(summary: &Summary) -> Document {
+    let mut blocks = Vec::new();
     for group in Group::ALL {
-        let metrics: Vec<&Metric> = METRICS.iter().filter(|m| m.group == group && m.shown).collect();
-        let metrics: Vec<&Metric> = metrics
-            .into_iter()
-            .filter(|m| summary.methods.iter().any(|s| s.metrics.contains_key(m.key)))
-            .collect();
+        let known = |m: &&Metric| summary.methods.iter().any(|s| s.metrics.contains_key(m.key));
+        let metrics: Vec<&Metric> =
+            METRICS.iter().filter(|m| m.group == group && m.shown).filter(known).collect();
         if metrics.is_empty() {
             continue;
         }
-        let _ = write!(text, "## {}\n\nMean over scenes{}.\n\n", group.title(), rank_note(group));
-        text.push_str(&table(summary, &metrics, |metric, statistics| {
+        blocks.push(Block::Heading(2, group.title().to_owned()));
+        blocks.push(Block::Text(format!("Mean over scenes{}.", rank_note(group))));
+        blocks.push(table(summary, &metrics, |metric, statistics| {
             let rank = statistics.rank.map_or_else(String::new, |rank| format!(" ({rank:.1})"));
-            number(statistics.mean, metric) + &rank
+            Cell::new(number(statistics.mean, metric) + &rank)
         }));
-        text.push('\n');
         if group == Group::Edges {
-            text.push_str(&pooled(summary));
+            blocks.extend(pooled(summary));
         }
         let Some(reference) = &summary.reference else { continue };
         if group == Group::Cost || !compared(summary, &metrics) {
             continue;
         }
         let level = 100.0 * summary.bootstrap.level;
-        let _ = write!(
-            text,
-            "Difference to {reference}, scene by scene [{level} % of resampled scenes]; bold where that leaves 0 out and \
-             there are {ENOUGH} scenes or more.\n\n"
-        );
-        text.push_str(&table(summary, &metrics, |metric, s| {
-            s.difference.map_or_else(dash, |d| interval(&d, metric, s.paired >= ENOUGH))
+        let sample = if summary.places < summary.scenes { "places" } else { "scenes" };
+        blocks.push(Block::Text(format!(
+            "Difference to {reference}, scene by scene [{level} % of resampled {sample}]; bold where the interval excludes 0 \
+             and there are {ENOUGH} {sample} or more."
+        )));
+        blocks.push(table(summary, &metrics, |metric, s| {
+            s.difference.map_or_else(dash, |d| interval(&d, metric, s.places >= ENOUGH))
         }));
-        text.push('\n');
     }
-    text.trim_end().to_owned() + "\n"
+    Document { blocks }
 }
 
 /// F1 of the thinned edges at the threshold that is best for all scenes together.
-fn pooled(summary: &Summary) -> String {
-    let rows = summary.methods.iter().filter(|method| !method.ods.is_empty());
-    let rows: Vec<String> = rows
-        .map(|method| {
-            let cells = method.ods.values().map(|ods| format!(" {ods:.3} |"));
-            format!("| {} |{}", method.method, cells.collect::<String>())
-        })
-        .collect();
-    let Some(first) = summary.methods.iter().find(|method| !method.ods.is_empty()) else {
-        return String::new();
+fn pooled(summary: &Summary) -> Vec<Block> {
+    let methods: Vec<_> = summary.methods.iter().filter(|method| !method.ods.is_empty()).collect();
+    let Some(first) = methods.first() else { return Vec::new() };
+    let heads =
+        first.ods.keys().map(|threshold| Column::number(format!("thinned F1 (ODS), {threshold} m ↑")));
+    let columns = std::iter::once(Column::text("method")).chain(heads).collect();
+    let row = |method: &&MethodSummary| {
+        let cells = first.ods.keys().map(|threshold| match method.ods.get(threshold) {
+            Some(ods) => Cell::new(format!("{ods:.3}")),
+            None => dash(),
+        });
+        std::iter::once(Cell::new(&method.method)).chain(cells).collect()
     };
-    let heads: String =
-        first.ods.keys().map(|threshold| format!(" thinned F1 (ODS), {threshold} m ↑ |")).collect();
-    let rules = " ---: |".repeat(first.ods.len());
-    format!("Pooled over scenes.\n\n| method |{heads}\n| --- |{rules}\n{}\n\n", rows.join("\n"))
+    let rows = methods.iter().map(row).collect();
+    vec![Block::Text("Pooled over scenes.".to_owned()), Block::Table(Table { columns, rows })]
 }
 
 fn rank_note(group: Group) -> &'static str {
@@ -99,35 +98,33 @@ fn compared(summary: &Summary, metrics: &[&Metric]) -> bool {
 }
 
 /// Methods down, metrics across; methods without any of them are left out.
-fn table(summary: &Summary, metrics: &[&Metric], cell: impl Fn(&Metric, &Statistics) -> String) -> String {
+fn table(summary: &Summary, metrics: &[&Metric], cell: impl Fn(&Metric, &Statistics) -> Cell) -> Block {
     let arrow = |metric: &Metric| match metric.better {
         Better::Lower => " ↓".to_owned(),
         Better::Higher => " ↑".to_owned(),
         Better::Near(target) => format!(" → {target}"),
         Better::Neither => String::new(),
     };
-    let mut lines = vec![
-        metrics.iter().fold("| method |".to_owned(), |line, m| format!("{line} {}{} |", m.label, arrow(m))),
-        metrics.iter().fold("| --- |".to_owned(), |line, _| line + " ---: |"),
-    ];
+    let heads = metrics.iter().map(|m| Column::number(format!("{}{}", m.label, arrow(m))));
+    let columns = std::iter::once(Column::text("method")).chain(heads).collect();
+    let mut rows = Vec::new();
     for method in &summary.methods {
-        let cells: Vec<String> =
-            metrics.iter().map(|m| method.metrics.get(m.key).map_or_else(dash, |s| cell(m, s))).collect();
-        if cells.iter().any(|cell| *cell != dash()) {
-            lines.push(format!("| {} | {} |", method.method, cells.join(" | ")));
+        let cells = || metrics.iter().map(|m| method.metrics.get(m.key).map_or_else(dash, |s| cell(m, s)));
+        if cells().any(|cell| cell != dash()) {
+            rows.push(std::iter::once(Cell::new(&method.method)).chain(cells()).collect());
         }
     }
-    lines.join("\n") + "\n"
+    Block::Table(Table { columns, rows })
 }
 
-fn dash() -> String {
-    "–".to_owned()
+fn dash() -> Cell {
+    Cell::new("–")
 }
 
-/// Scenes from which on an interval is more than the range of a few numbers.
+/// Places from which on an interval is more than the range of a few numbers.
 const ENOUGH: usize = 6;
 
-fn interval(estimate: &Estimate, metric: &Metric, enough: bool) -> String {
+fn interval(estimate: &Estimate, metric: &Metric, enough: bool) -> Cell {
     let Estimate { value, low, high } = *estimate;
     // All three to the digits of the largest: they are read together.
     let digits = decimals(value.abs().max(low.abs()).max(high.abs()), metric);
@@ -136,8 +133,12 @@ fn interval(estimate: &Estimate, metric: &Metric, enough: bool) -> String {
         // A sign that no digit bears out.
         if text.chars().any(|c| ('1'..='9').contains(&c)) { text } else { format!("{:.digits$}", 0.0) }
     });
-    let value = if enough && estimate.excludes(0.0) { format!("**{value}**") } else { value };
-    format!("{value} [{low}, {high}]")
+    let rest = format!(" [{low}, {high}]");
+    if enough && estimate.excludes(0.0) {
+        Cell { strong: value, text: rest }
+    } else {
+        Cell::new(value + &rest)
+    }
 }
 
 fn number(value: f64, metric: &Metric) -> String {
@@ -169,10 +170,10 @@ mod tests {
         csv(&entries, &mut bytes).unwrap();
         let mut reader = ::csv::Reader::from_reader(bytes.as_slice());
         let header = reader.headers().unwrap().clone();
-        assert_eq!(header.len(), METRICS.len() + 4);
+        assert_eq!(header.len(), METRICS.len() + 5);
         let column = header.iter().position(|name| name == "mse").unwrap();
         for (row, entry) in reader.records().map(|row| row.unwrap()).zip(&entries) {
-            assert_eq!((&row[0], &row[1]), (entry.scene.as_str(), entry.method.as_str()));
+            assert_eq!((&row[0], &row[2]), (entry.scene.as_str(), entry.method.as_str()));
             assert_eq!(row[column].parse::<f64>().unwrap(), entry.depth.as_ref().unwrap().mse);
         }
     }
@@ -180,11 +181,40 @@ mod tests {
     #[test]
     fn every_table_has_as_many_cells_as_heads() {
         let summary = Summary::new(&entries(), Some("prior"), &Bootstrap::default()).unwrap();
-        let text = markdown(&summary);
-        for table in text.split("\n\n").filter(|block| block.starts_with('|')) {
-            let widths: Vec<usize> = table.lines().map(|line| line.matches('|').count()).collect();
-            assert!(widths.windows(2).all(|w| w[0] == w[1]), "{table}");
+        let document = document(&summary);
+        let tables: Vec<&Table> = document
+            .blocks
+            .iter()
+            .filter_map(|block| if let Block::Table(table) = block { Some(table) } else { None })
+            .collect();
+        assert!(tables.len() > 8, "{}", tables.len());
+        for table in &tables {
+            assert!(!table.rows.is_empty());
+            assert!(table.rows.iter().all(|row| row.len() == table.columns.len()), "{table:?}");
         }
+        let text = document.markdown();
         assert!(text.contains("## Depth") && text.contains("Difference to prior") && !text.contains("NaN"));
+        assert_eq!(text.lines().filter(|line| line.starts_with("| ---")).count(), tables.len());
+    }
+
+    #[test]
+    fn few_places_make_nothing_bold() {
+        let spread = |places: usize| {
+            let mut entries = Vec::new();
+            for (scene, entry) in (0..8).flat_map(|scene| entries_of_one().map(move |entry| (scene, entry))) {
+                let place = Some(format!("room {}", scene % places));
+                entries.push(Entry { scene: format!("scene {scene}"), place, ..entry });
+            }
+            let summary = Summary::new(&entries, Some("prior"), &Bootstrap::default()).unwrap();
+            assert_eq!((summary.scenes, summary.places), (8, places));
+            document(&summary).markdown()
+        };
+        let (few, many) = (spread(5), spread(8));
+        assert!(!few.contains("**") && few.contains("% of resampled places"));
+        assert!(many.contains("**") && many.contains("% of resampled scenes"));
+    }
+
+    fn entries_of_one() -> impl Iterator<Item = Entry> {
+        entries().into_iter().filter(|entry| entry.scene == "study")
     }
 }

@@ -338,10 +338,7 @@ fn check_scale(field: &'static str, scale: f64) -> Result<()> {
     if scale.is_finite() && scale > 0.0 {
         return Ok(());
     }
-    Err(Error::Config {
-        field,
-        reason: format!("{scale} is no scale; give a positive number of steps per unit"),
-    })
+    Err(Error::Config { field, value: scale.to_string(), remedy: "give a positive number of steps per unit" })
 }
 
 /// Checks a size from a header before memory is taken for it.

@@ -1,4 +1,4 @@
-//! Results on a terminal, however narrow it is.
+//! Results on a terminal of any width.
 
 use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, Width, presets};
 use std::io::{self, IsTerminal};

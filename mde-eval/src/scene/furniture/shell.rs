@@ -1,4 +1,4 @@
-use crate::scene::stage::{Place, Stage, enamel, metal};
+use crate::scene::stage::{Stage, Stand, enamel, metal};
 use crate::scene::texture::Material;
 
 /// Size and surfaces of a room: x from -width/2 to width/2, y from `front` (behind the camera) to `depth`.
@@ -19,7 +19,7 @@ pub(in crate::scene) fn shell(stage: &mut Stage, room: &Shell) {
     let (length, middle) = (room.depth - room.front, 0.5 * (room.depth + room.front));
     let (wide, long) = (room.width + 2.0 * THICKNESS, length + 2.0 * THICKNESS);
     let (half, outer) = (0.5 * THICKNESS, 0.5 * (room.width + THICKNESS));
-    let origin = Place::at(0.0, 0.0, 0.0);
+    let origin = Stand::at(0.0, 0.0, 0.0);
     stage.block(&origin, [0.0, middle, -half], [wide, long, THICKNESS], room.floor.shadowless());
     stage.block(
         &origin,
@@ -48,19 +48,19 @@ pub(in crate::scene) fn shell(stage: &mut Stage, room: &Shell) {
     stage.block(&origin, [0.0, room.depth - 0.008, 0.045], [room.width, 0.016, 0.09], skirting);
 }
 
-/// A panelled door with its frame and handle; the wall is the plane y = 0 of the place.
-pub(in crate::scene) fn door(stage: &mut Stage, place: &Place, leaf: Material, frame: Material) {
+/// A panelled door with its frame and handle; the wall is the plane y = 0 of the stand.
+pub(in crate::scene) fn door(stage: &mut Stage, stand: &Stand, leaf: Material, frame: Material) {
     let (width, height) = (0.82, 2.03);
-    stage.block(place, [0.0, -0.015, 0.5 * height], [width, 0.03, height], leaf);
+    stage.block(stand, [0.0, -0.015, 0.5 * height], [width, 0.03, height], leaf);
     for side in [-1.0, 1.0] {
         let x = side * (0.5 * width + 0.035);
-        stage.block(place, [x, -0.025, 0.5 * height + 0.03], [0.07, 0.05, height + 0.06], frame);
+        stage.block(stand, [x, -0.025, 0.5 * height + 0.03], [0.07, 0.05, height + 0.06], frame);
         for (z, tall) in [(0.5, 0.7), (1.42, 0.9)] {
-            stage.block(place, [side * 0.19, -0.034, z], [0.27, 0.01, tall], leaf);
+            stage.block(stand, [side * 0.19, -0.034, z], [0.27, 0.01, tall], leaf);
         }
     }
-    stage.block(place, [0.0, -0.025, height + 0.035], [width, 0.05, 0.07], frame);
+    stage.block(stand, [0.0, -0.025, height + 0.035], [width, 0.05, 0.07], frame);
     let brass = metal(0.7);
-    stage.rod(place, [0.33, -0.03, 1.02], [0.33, -0.08, 1.02], 0.009, brass);
-    stage.rod(place, [0.335, -0.08, 1.02], [0.22, -0.08, 1.02], 0.008, brass);
+    stage.rod(stand, [0.33, -0.03, 1.02], [0.33, -0.08, 1.02], 0.009, brass);
+    stage.rod(stand, [0.335, -0.08, 1.02], [0.22, -0.08, 1.02], 0.008, brass);
 }

@@ -1,8 +1,8 @@
-use crate::scene::stage::{Place, Stage, enamel, lean, metal};
+use crate::scene::stage::{Stage, Stand, enamel, lean, metal};
 use crate::scene::texture::{Material, Texture, rgb};
 
-/// Books side by side from the place's x = 0 to `length`, on z = 0, their spines at y = 0.
-pub(in crate::scene) fn book_row(stage: &mut Stage, place: &Place, length: f64, tallest: f64) {
+/// Books side by side from the stand's x = 0 to `length`, on z = 0, their spines at y = 0.
+pub(in crate::scene) fn book_row(stage: &mut Stage, stand: &Stand, length: f64, tallest: f64) {
     const CLOTHS: [[f64; 3]; 7] = [
         [0.62, 0.16, 0.14],
         [0.15, 0.28, 0.45],
@@ -26,7 +26,7 @@ pub(in crate::scene) fn book_row(stage: &mut Stage, place: &Place, length: f64, 
         let tilt = if seed > 0.93 { 6.0 } else { 0.0 };
         let turn = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::y_axis(), f64::to_radians(tilt));
         stage.tilted(
-            place,
+            stand,
             [x + 0.5 * thick, 0.5 * deep, 0.5 * high],
             [thick - 0.0015, deep, high],
             turn,
@@ -39,7 +39,7 @@ pub(in crate::scene) fn book_row(stage: &mut Stage, place: &Place, length: f64, 
 /// Shelves between two sides, with books and a few things on them.
 pub(in crate::scene) fn bookcase(
     stage: &mut Stage,
-    place: &Place,
+    stand: &Stand,
     size: [f64; 2],
     shelves: usize,
     material: Material,
@@ -48,55 +48,55 @@ pub(in crate::scene) fn bookcase(
     let ([width, height], depth, board) = (size, 0.28, 0.02);
     for side in [-1.0, 1.0] {
         let x = side * 0.5 * (width - board);
-        stage.block(place, [x, 0.0, 0.5 * height], [board, depth, height], material);
+        stage.block(stand, [x, 0.0, 0.5 * height], [board, depth, height], material);
     }
     if backed {
-        stage.block(place, [0.0, 0.5 * depth - 0.004, 0.5 * height], [width, 0.008, height], material);
+        stage.block(stand, [0.0, 0.5 * depth - 0.004, 0.5 * height], [width, 0.008, height], material);
     }
     let pitch = (height - 0.06 - board) / shelves as f64;
     for k in 0..=shelves {
         let z = 0.06 + pitch * k as f64;
-        stage.block(place, [0.0, 0.0, z], [width - 2.0 * board, depth - 0.004, board], material);
+        stage.block(stand, [0.0, 0.0, z], [width - 2.0 * board, depth - 0.004, board], material);
         if k < shelves {
             let inner = width - 2.0 * board;
             let filled = inner * stage.between(0.45, 0.97);
-            let row = place.then(-0.5 * inner, -0.10, z + 0.5 * board);
+            let row = stand.then(-0.5 * inner, -0.10, z + 0.5 * board);
             book_row(stage, &row, filled, 0.86 * (pitch - board));
             if inner - filled > 0.16 {
-                let vase = place.then(-0.5 * inner + filled + 0.09, 0.0, z + 0.5 * board);
+                let vase = stand.then(-0.5 * inner + filled + 0.09, 0.0, z + 0.5 * board);
                 ornament(stage, &vase, 0.6 * (pitch - board));
             }
         }
     }
 }
 
-fn ornament(stage: &mut Stage, place: &Place, height: f64) {
+fn ornament(stage: &mut Stage, stand: &Stand, height: f64) {
     let tone = stage.about([0.5, 0.55, 0.55], 0.35);
     let glaze = Material::new(Texture::Speckle { ground: tone, fleck: tone * 0.4, size: 0.006 }).gloss(0.3);
     if stage.between(0.0, 1.0) < 0.5 {
         let r = 0.28 * height;
-        stage.ball(place, [0.0, 0.0, r], r.min(0.06), glaze);
-        stage.cone(place, [0.0, 0.0, r], [0.0, 0.0, height], [0.02, 0.03], glaze);
+        stage.ball(stand, [0.0, 0.0, r], r.min(0.06), glaze);
+        stage.cone(stand, [0.0, 0.0, r], [0.0, 0.0, height], [0.02, 0.03], glaze);
     } else {
-        stage.cone(place, [0.0, 0.0, 0.0], [0.0, 0.0, height], [0.03, 0.05], glaze);
+        stage.cone(stand, [0.0, 0.0, 0.0], [0.0, 0.0, height], [0.03, 0.05], glaze);
     }
 }
 
-/// One board on two thin brackets; the wall is the place's plane y = 0 and the board lies on z = 0.
-pub(in crate::scene) fn wall_shelf(stage: &mut Stage, place: &Place, width: f64, material: Material) {
+/// One board on two thin brackets; the wall is the stand's plane y = 0 and the board lies on z = 0.
+pub(in crate::scene) fn wall_shelf(stage: &mut Stage, stand: &Stand, width: f64, material: Material) {
     let (depth, black) = (0.2, metal(0.15));
-    stage.block(place, [0.0, -0.5 * depth, -0.009], [width, depth, 0.018], material);
+    stage.block(stand, [0.0, -0.5 * depth, -0.009], [width, depth, 0.018], material);
     for side in [-1.0, 1.0] {
         let x = side * (0.5 * width - 0.12);
-        stage.rod(place, [x, -0.006, -0.02], [x, -0.006, -0.16], 0.005, black);
-        stage.rod(place, [x, -0.006, -0.16], [x, -depth + 0.03, -0.022], 0.005, black);
+        stage.rod(stand, [x, -0.006, -0.02], [x, -0.006, -0.16], 0.005, black);
+        stage.rod(stand, [x, -0.006, -0.16], [x, -depth + 0.03, -0.022], 0.005, black);
     }
     let filled = width * stage.between(0.4, 0.62);
-    book_row(stage, &place.then(-0.5 * width + 0.02, -depth + 0.03, 0.0), filled, 0.24);
+    book_row(stage, &stand.then(-0.5 * width + 0.02, -depth + 0.03, 0.0), filled, 0.24);
     for k in 0..2 {
         let x = -0.5 * width + filled + 0.12 + 0.16 * f64::from(k);
         if x < 0.5 * width - 0.06 {
-            ornament(stage, &place.then(x, -0.5 * depth, 0.0), 0.16);
+            ornament(stage, &stand.then(x, -0.5 * depth, 0.0), 0.16);
         }
     }
 }
@@ -104,7 +104,7 @@ pub(in crate::scene) fn wall_shelf(stage: &mut Stage, place: &Place, width: f64,
 /// A cupboard with fronts in `columns` and `rows`, each with a bar handle; its back is the plane y = 0.
 pub(in crate::scene) fn cabinet(
     stage: &mut Stage,
-    place: &Place,
+    stand: &Stand,
     size: [f64; 3],
     fronts: [usize; 2],
     material: Material,
@@ -112,7 +112,7 @@ pub(in crate::scene) fn cabinet(
     let [width, depth, height] = size;
     let [columns, rows] = fronts;
     stage.block(
-        place,
+        stand,
         [0.0, -0.5 * depth, 0.5 * height],
         [width, depth - 0.02, height],
         enamel(0.2, 0.19, 0.18),
@@ -122,7 +122,7 @@ pub(in crate::scene) fn cabinet(
     for column in 0..columns {
         for row in 0..rows {
             let (x, z) = (wide * (column as f64 + 0.5) - 0.5 * width, tall * (row as f64 + 0.5));
-            stage.tilted(place, [x, -depth, z], [wide - 0.006, 0.02, tall - 0.006], lean(0.0, 0.0), material);
+            stage.tilted(stand, [x, -depth, z], [wide - 0.006, 0.02, tall - 0.006], lean(0.0, 0.0), material);
             let (y, reach) = (-depth - 0.035, 0.3 * wide.min(tall));
             // Drawers are wide and carry their bar across, doors are tall and carry it upright.
             let bar = if wide > tall {
@@ -131,9 +131,9 @@ pub(in crate::scene) fn cabinet(
                 let side = if column % 2 == 0 { 0.4 } else { -0.4 };
                 [[x + side * wide, y, z - reach], [x + side * wide, y, z + reach]]
             };
-            stage.rod(place, bar[0], bar[1], 0.006, handle);
+            stage.rod(stand, bar[0], bar[1], 0.006, handle);
             for end in bar {
-                stage.rod(place, end, [end[0], -depth, end[2]], 0.005, handle);
+                stage.rod(stand, end, [end[0], -depth, end[2]], 0.005, handle);
             }
         }
     }

@@ -1,4 +1,4 @@
-use crate::scene::stage::{Place, Stage, lean, metal};
+use crate::scene::stage::{Stage, Stand, lean, metal};
 use crate::scene::texture::{Material, Texture, rgb};
 
 /// A table's measures.
@@ -12,10 +12,10 @@ pub(in crate::scene) struct Top {
 }
 
 /// A table top on four legs that widen towards it.
-pub(in crate::scene) fn table(stage: &mut Stage, place: &Place, top: &Top, board: Material, legs: Material) {
+pub(in crate::scene) fn table(stage: &mut Stage, stand: &Stand, top: &Top, board: Material, legs: Material) {
     let under = top.height - top.thickness;
     stage.block(
-        place,
+        stand,
         [0.0, 0.0, top.height - 0.5 * top.thickness],
         [top.width, top.depth, top.thickness],
         board,
@@ -23,32 +23,32 @@ pub(in crate::scene) fn table(stage: &mut Stage, place: &Place, top: &Top, board
     for x in [-1.0, 1.0] {
         for y in [-1.0, 1.0] {
             let (x, y) = (x * (0.5 * top.width - 0.06), y * (0.5 * top.depth - 0.06));
-            stage.cone(place, [x * 1.03, y * 1.03, 0.0], [x, y, under], [top.leg, 1.5 * top.leg], legs);
+            stage.cone(stand, [x * 1.03, y * 1.03, 0.0], [x, y, under], [top.leg, 1.5 * top.leg], legs);
         }
     }
     if top.thickness > 0.02 {
         for y in [-1.0, 1.0] {
             let y = y * (0.5 * top.depth - 0.07);
-            stage.block(place, [0.0, y, under - 0.04], [top.width - 0.16, 0.02, 0.08], board);
+            stage.block(stand, [0.0, y, under - 0.04], [top.width - 0.16, 0.02, 0.08], board);
         }
     }
 }
 
-/// A monitor on its foot, keyboard and mouse, on a desk whose top is the place's z = 0.
-pub(in crate::scene) fn computer(stage: &mut Stage, place: &Place, seed: f64) {
+/// A monitor on its foot, keyboard and mouse, on a desk whose top is the stand's z = 0.
+pub(in crate::scene) fn computer(stage: &mut Stage, stand: &Stand, seed: f64) {
     let (black, grey) = (Material::plain(0.06, 0.06, 0.07).gloss(0.3), metal(0.45));
-    stage.block(place, [0.0, 0.12, 0.008], [0.24, 0.17, 0.016], grey);
-    stage.rod(place, [0.0, 0.14, 0.0], [0.0, 0.14, 0.2], 0.016, grey);
-    stage.block(place, [0.0, 0.11, 0.31], [0.6, 0.03, 0.35], black);
+    stage.block(stand, [0.0, 0.12, 0.008], [0.24, 0.17, 0.016], grey);
+    stage.rod(stand, [0.0, 0.14, 0.0], [0.0, 0.14, 0.2], 0.016, grey);
+    stage.block(stand, [0.0, 0.11, 0.31], [0.6, 0.03, 0.35], black);
     let lit = Material::new(Texture::Screen { seed }).glow(0.9);
-    stage.block(place, [0.0, 0.094, 0.315], [0.57, 0.004, 0.32], lit);
-    stage.tilted(place, [0.0, -0.16, 0.012], [0.42, 0.13, 0.016], lean(3.0, 0.0), black);
+    stage.block(stand, [0.0, 0.094, 0.315], [0.57, 0.004, 0.32], lit);
+    stage.tilted(stand, [0.0, -0.16, 0.012], [0.42, 0.13, 0.016], lean(3.0, 0.0), black);
     let key = Material::new(Texture::Tiles {
         first: rgb(0.32, 0.32, 0.34),
         second: rgb(0.28, 0.28, 0.30),
         joint: rgb(0.06, 0.06, 0.06),
         size: 0.019,
     });
-    stage.tilted(place, [0.0, -0.16, 0.022], [0.4, 0.115, 0.006], lean(3.0, 0.0), key);
-    stage.ellipsoid(place, [0.31, -0.15, 0.01], [0.032, 0.055, 0.022], lean(0.0, 10.0), black);
+    stage.tilted(stand, [0.0, -0.16, 0.022], [0.4, 0.115, 0.006], lean(3.0, 0.0), key);
+    stage.ellipsoid(stand, [0.31, -0.15, 0.01], [0.032, 0.055, 0.022], lean(0.0, 10.0), black);
 }

@@ -1,9 +1,9 @@
-use super::{Setting, WARM, eye, light};
+use super::setting::{Setting, WARM, eye, light};
 use crate::scene::furniture::{
     Lamp, Shell, Top, bench, coat_stand, door, pendant, picture, plant, radiator, rug, shell, table,
     table_lamp, window,
 };
-use crate::scene::stage::{Place, Stage, enamel, metal, oak, walnut};
+use crate::scene::stage::{Stage, Stand, enamel, metal, oak, walnut};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
 
 pub(super) fn furnish(mut stage: Stage) -> Setting {
@@ -35,24 +35,24 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let paint = Material::new(Texture::Plain(s.about([0.42, 0.50, 0.52], 0.12))).gloss(0.15);
     let white = enamel(0.90, 0.90, 0.87);
     for y in [1.75, 5.1] {
-        door(s, &Place::at(-half, y, 0.0).turned(90.0), paint, white);
+        door(s, &Stand::at(-half, y, 0.0).turned(90.0), paint, white);
     }
-    door(s, &Place::at(half, 3.2, 0.0).turned(-90.0), paint, white);
-    door(s, &Place::at(half, 6.4, 0.0).turned(-90.0), walnut(grain), white);
-    window(s, &Place::at(0.0, depth, 1.55), [0.9, 1.2], [2, 3], 0.9);
+    door(s, &Stand::at(half, 3.2, 0.0).turned(-90.0), paint, white);
+    door(s, &Stand::at(half, 6.4, 0.0).turned(-90.0), walnut(grain), white);
+    window(s, &Stand::at(0.0, depth, 1.55), [0.9, 1.2], [2, 3], 0.9);
     let colours = [s.about([0.45, 0.18, 0.18], 0.07), rgb(0.82, 0.70, 0.48), s.about([0.16, 0.2, 0.3], 0.05)];
-    rug(s, &Place::at(0.0, 4.2, 0.0), [0.95, 4.6], colours);
-    radiator(s, &Place::at(half, 4.75, 0.0).turned(-90.0), 1.1);
+    rug(s, &Stand::at(0.0, 4.2, 0.0), [0.95, 4.6], colours);
+    radiator(s, &Stand::at(half, 4.75, 0.0).turned(-90.0), 1.1);
     let x = s.between(0.62, 0.74);
-    coat_stand(s, &Place::at(x, 2.25, 0.0), walnut(grain + 1.0));
-    bench(s, &Place::at(-half + 0.22, 3.4, 0.0).turned(90.0), 1.15, oak(grain));
+    coat_stand(s, &Stand::at(x, 2.25, 0.0), walnut(grain + 1.0));
+    bench(s, &Stand::at(-half + 0.22, 3.4, 0.0).turned(90.0), 1.15, oak(grain));
     for (k, z) in [(3.05, 1.6), (3.75, 1.55)] {
         let size = [s.between(0.34, 0.5), s.between(0.42, 0.6)];
-        picture(s, &Place::at(-half, k, z).turned(90.0), size, walnut(grain + k));
+        picture(s, &Stand::at(-half, k, z).turned(90.0), size, walnut(grain + k));
     }
-    picture(s, &Place::at(half, 4.75, 1.6).turned(-90.0), [0.7, 0.5], enamel(0.12, 0.12, 0.12));
+    picture(s, &Stand::at(half, 4.75, 1.6).turned(-90.0), [0.7, 0.5], enamel(0.12, 0.12, 0.12));
     // A console on thin legs at the far end, with a lamp.
-    let console = Place::at(-half + 0.24, 6.35, 0.0).turned(90.0);
+    let console = Stand::at(-half + 0.24, 6.35, 0.0).turned(90.0);
     table(
         s,
         &console,
@@ -62,12 +62,12 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     );
     let shade = Material::plain(0.98, 0.88, 0.68).glow(1.0);
     table_lamp(s, &console.then(-0.1, 0.0, 0.8), Lamp { height: 0.45, shade }, enamel(0.2, 0.3, 0.4));
-    umbrellas(s, &Place::at(-half + 0.17, 2.5, 0.0));
-    plant(s, &Place::at(0.8, depth - 0.4, 0.0), 0.9, 18);
+    umbrellas(s, &Stand::at(-half + 0.17, 2.5, 0.0));
+    plant(s, &Stand::at(0.8, depth - 0.4, 0.0), 0.9, 18);
     let bowl = Material::plain(0.97, 0.93, 0.84).glow(0.9);
     for y in [2.7, 5.2] {
         let lamp = Lamp { height: 2.2 + s.between(-0.05, 0.05), shade: bowl };
-        pendant(s, &Place::at(0.0, y, 0.0), height, lamp);
+        pendant(s, &Stand::at(0.0, y, 0.0), height, lamp);
     }
     let eye = eye(s, [0.05, 0.0, 1.45], 0.5, 8.0);
     Setting {
@@ -83,14 +83,14 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     }
 }
 
-fn umbrellas(s: &mut Stage, place: &Place) {
-    s.cone(place, [0.0, 0.0, 0.0], [0.0, 0.0, 0.48], [0.1, 0.12], metal(0.35));
+fn umbrellas(s: &mut Stage, stand: &Stand) {
+    s.cone(stand, [0.0, 0.0, 0.0], [0.0, 0.0, 0.48], [0.1, 0.12], metal(0.35));
     for k in 0..3 {
         let (dx, dy) = (s.between(-0.08, 0.08), s.between(-0.08, 0.08));
         let tone = Material::new(Texture::Plain(s.about([0.3, 0.25, 0.4], 0.2)));
         let top = 0.78 + 0.04 * f64::from(k);
-        s.cone(place, [0.3 * dx, 0.3 * dy, 0.03], [0.8 * dx, 0.8 * dy, 0.65], [0.012, 0.03], tone);
-        s.rod(place, [0.8 * dx, 0.8 * dy, 0.65], [dx, dy, top], 0.006, walnut(f64::from(k)));
-        s.ball(place, [dx, dy, top], 0.014, walnut(f64::from(k)));
+        s.cone(stand, [0.3 * dx, 0.3 * dy, 0.03], [0.8 * dx, 0.8 * dy, 0.65], [0.012, 0.03], tone);
+        s.rod(stand, [0.8 * dx, 0.8 * dy, 0.65], [dx, dy, top], 0.006, walnut(f64::from(k)));
+        s.ball(stand, [dx, dy, top], 0.014, walnut(f64::from(k)));
     }
 }

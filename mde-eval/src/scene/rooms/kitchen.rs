@@ -1,8 +1,8 @@
-use super::{DAY, Setting, WARM, eye, light};
+use super::setting::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{
     Lamp, Shell, Top, bar_stool, cabinet, chair, crockery, pendant, plant, shell, table, wall_shelf, window,
 };
-use crate::scene::stage::{Place, Stage, enamel, metal, oak, walnut};
+use crate::scene::stage::{Stage, Stand, enamel, metal, oak, walnut};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
 
 pub(super) fn furnish(mut stage: Stage) -> Setting {
@@ -39,9 +39,9 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let grain = s.between(0.0, 5.0);
     let front = Material::new(Texture::Plain(s.about([0.34, 0.46, 0.46], 0.14))).gloss(0.15);
     counter(s, depth, front, grain);
-    fridge(s, &Place::at(1.82, depth - 0.36, 0.0));
+    fridge(s, &Stand::at(1.82, depth - 0.36, 0.0));
     // The table with chairs and two stools around it.
-    let middle = Place::at(s.between(-0.5, -0.25), 2.65, 0.0).turned(s.between(-10.0, 10.0));
+    let middle = Stand::at(s.between(-0.5, -0.25), 2.65, 0.0).turned(s.between(-10.0, 10.0));
     let top = Top { width: 1.25, depth: 0.8, height: 0.75, thickness: 0.03, leg: 0.017 };
     table(s, &middle, &top, oak(grain), enamel(0.9, 0.9, 0.86));
     crockery(s, &middle.then(0.0, 0.0, 0.75), 1.1);
@@ -50,17 +50,17 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     chair(s, &middle.then(0.82, 0.05, 0.0).turned(-90.0 + turns[1]), walnut(grain + 1.0), 4);
     chair(s, &middle.then(-0.05, 0.64, 0.0).turned(turns[2]), walnut(grain + 2.0), 4);
     let (x, y) = (1.15 + s.between(-0.1, 0.1), 2.62 + s.between(-0.1, 0.1));
-    bar_stool(s, &Place::at(x, 1.95, 0.0), oak(grain));
-    bar_stool(s, &Place::at(1.62, y, 0.0), oak(grain + 1.0));
+    bar_stool(s, &Stand::at(x, 1.95, 0.0), oak(grain));
+    bar_stool(s, &Stand::at(1.62, y, 0.0), oak(grain + 1.0));
     let shade = Material::new(Texture::Plain(s.about([0.75, 0.3, 0.2], 0.12))).glow(0.5);
     for (k, lift) in [(-0.32, 1.62), (0.34, 1.56)] {
         let lamp = Lamp { height: lift + s.between(-0.04, 0.04), shade };
         pendant(s, &middle.then(k, 0.0, 0.0), height, lamp);
     }
-    let side = Place::at(-0.5 * width, 2.6, 0.0).turned(90.0);
+    let side = Stand::at(-0.5 * width, 2.6, 0.0).turned(90.0);
     window(s, &side.then(0.2, 0.0, 1.5), [1.2, 1.1], [2, 1], 1.0);
     plant(s, &side.then(0.2, -0.1, 0.94), 0.34, 14);
-    wall_shelf(s, &Place::at(0.5 * width, 2.7, 1.55).turned(-90.0), 1.0, oak(grain));
+    wall_shelf(s, &Stand::at(0.5 * width, 2.7, 1.55).turned(-90.0), 1.0, oak(grain));
     let eye = eye(s, [0.05, -0.05, 1.45], 1.0, 14.0);
     Setting {
         lights: vec![
@@ -77,7 +77,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
 
 /// Floor and wall cupboards along the back wall, worktop, tap, hood, a rail with utensils.
 fn counter(s: &mut Stage, depth: f64, front: Material, grain: f64) {
-    let wall = Place::at(0.0, depth, 0.0);
+    let wall = Stand::at(0.0, depth, 0.0);
     cabinet(s, &wall.then(-0.4, 0.0, 0.1), [3.6, 0.58, 0.78], [6, 1], front);
     let stone = Material::new(Texture::Speckle {
         ground: rgb(0.25, 0.25, 0.26),
@@ -123,15 +123,15 @@ fn counter(s: &mut Stage, depth: f64, front: Material, grain: f64) {
     }
 }
 
-fn fridge(s: &mut Stage, place: &Place) {
+fn fridge(s: &mut Stage, stand: &Stand) {
     let white = enamel(0.86, 0.87, 0.88);
-    s.block(place, [0.0, 0.0, 0.93], [0.66, 0.68, 1.86], white);
+    s.block(stand, [0.0, 0.0, 0.93], [0.66, 0.68, 1.86], white);
     for (z, tall) in [(0.55, 1.02), (1.46, 0.76)] {
-        s.block(place, [0.0, -0.35, z], [0.65, 0.03, tall], white);
-        s.rod(place, [-0.26, -0.4, z - 0.25], [-0.26, -0.4, z + 0.25], 0.01, metal(0.5));
+        s.block(stand, [0.0, -0.35, z], [0.65, 0.03, tall], white);
+        s.rod(stand, [-0.26, -0.4, z - 0.25], [-0.26, -0.4, z + 0.25], 0.01, metal(0.5));
     }
     for (x, z) in [(0.1, 1.5), (0.18, 1.36), (-0.02, 1.62)] {
         let note = Material::new(Texture::Painting { seed: 10.0 * (x + z) });
-        s.block(place, [x, -0.367, z], [0.09, 0.003, 0.12], note);
+        s.block(stand, [x, -0.367, z], [0.09, 0.003, 0.12], note);
     }
 }

@@ -1,9 +1,9 @@
-use super::{DAY, Setting, WARM, eye, light};
+use super::setting::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{
     Lamp, Shell, Top, bookcase, chair, crockery, curtain, floor_lamp, picture, plant, rug, shell, sofa,
     table, table_lamp, window,
 };
-use crate::scene::stage::{Place, Stage, enamel, metal, oak, walnut};
+use crate::scene::stage::{Stage, Stand, enamel, metal, oak, walnut};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
 
 pub(super) fn furnish(mut stage: Stage) -> Setting {
@@ -32,32 +32,32 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let grain = s.between(0.0, 5.0);
     let colour = s.about([0.36, 0.40, 0.44], 0.12);
     let x = s.between(-0.45, -0.2);
-    sofa(s, &Place::at(x, depth - 0.62, 0.0), 2.2, 3, colour);
-    picture(s, &Place::at(x - 0.45, depth, 1.62), [0.62, 0.8], walnut(grain));
-    picture(s, &Place::at(x + 0.42, depth, 1.68), [0.8, 0.56], enamel(0.1, 0.1, 0.1));
+    sofa(s, &Stand::at(x, depth - 0.62, 0.0), 2.2, 3, colour);
+    picture(s, &Stand::at(x - 0.45, depth, 1.62), [0.62, 0.8], walnut(grain));
+    picture(s, &Stand::at(x + 0.42, depth, 1.68), [0.8, 0.56], enamel(0.1, 0.1, 0.1));
     let colours =
         [s.about([0.78, 0.72, 0.62], 0.06), s.about([0.24, 0.34, 0.42], 0.08), rgb(0.52, 0.24, 0.18)];
-    rug(s, &Place::at(0.0, 2.9, 0.0), [2.5, 1.7], colours);
+    rug(s, &Stand::at(0.0, 2.9, 0.0), [2.5, 1.7], colours);
     // Coffee table on four thin steel legs.
     let low = Top { width: 1.1, depth: 0.58, height: 0.42, thickness: 0.02, leg: 0.009 };
-    let coffee = Place::at(s.between(-0.25, 0.15), 3.0, 0.01).turned(s.between(-8.0, 8.0));
+    let coffee = Stand::at(s.between(-0.25, 0.15), 3.0, 0.01).turned(s.between(-8.0, 8.0));
     table(s, &coffee, &low, walnut(grain + 1.0), metal(0.18));
     crockery(s, &coffee.then(0.0, 0.05, 0.42), 1.0);
     let shade = Material::plain(0.97, 0.88, 0.70).glow(1.0);
     let pole = s.between(1.12, 1.3);
-    floor_lamp(s, &Place::at(pole, depth - 0.6, 0.0), Lamp { height: 1.7, shade });
+    floor_lamp(s, &Stand::at(pole, depth - 0.6, 0.0), Lamp { height: 1.7, shade });
     let turn = s.between(35.0, 60.0);
-    chair(s, &Place::at(1.32, 2.35, 0.0).turned(-turn), oak(grain), 6);
+    chair(s, &Stand::at(1.32, 2.35, 0.0).turned(-turn), oak(grain), 6);
     bookcase(
         s,
-        &Place::at(0.5 * width - 0.16, 3.6, 0.0).turned(-90.0),
+        &Stand::at(0.5 * width - 0.16, 3.6, 0.0).turned(-90.0),
         [1.4, 1.7],
         4,
         oak(grain + 2.0),
         false,
     );
     // A side table with a lamp at the left end of the sofa.
-    let side = Place::at(x - 1.42, depth - 0.5, 0.0);
+    let side = Stand::at(x - 1.42, depth - 0.5, 0.0);
     table(
         s,
         &side,
@@ -71,14 +71,14 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
         size: 0.02,
     });
     table_lamp(s, &side.then(0.0, 0.0, 0.55), Lamp { height: 0.5, shade }, glaze.gloss(0.4));
-    let wall = Place::at(-0.5 * width, 3.1, 0.0).turned(90.0);
+    let wall = Stand::at(-0.5 * width, 3.1, 0.0).turned(90.0);
     window(s, &wall.then(0.0, 0.0, 1.45), [1.6, 1.5], [3, 2], 1.0);
     let drape = s.about([0.62, 0.34, 0.26], 0.1);
     curtain(s, &wall, -1.35, -0.8, 2.32, drape);
     curtain(s, &wall, 0.8, 1.35, 2.32, drape);
     s.rod(&wall, [-1.5, -0.12, 2.34], [1.5, -0.12, 2.34], 0.014, metal(0.25));
     let tall = s.between(1.15, 1.4);
-    plant(s, &Place::at(2.15, depth - 0.5, 0.0), tall, 30);
+    plant(s, &Stand::at(2.15, depth - 0.5, 0.0), tall, 30);
     let eye = eye(s, [0.25, -0.1, 1.32], 3.0, 10.0);
     Setting {
         lights: vec![

@@ -92,8 +92,8 @@ Examples:
 
 Rows, each a change of one thing in the full model: no-variance, no-variance-mean, min-depth, min-variance, mean, median,
 no-calibration, ols, fixed-variance, kappa-0.02, -0.05, -0.1, -0.2, nerf-only (the paper's Table II and its kin);
-guided-for-nerf, noise-for-nerf (no NeRF at all); original-pose, in-bin, spread, effective, likelihood, paule-mandel, disparity,
-anchor, heteroscedastic, all (remedies). Rows that differ after the first fit alone share it.
+guided-for-nerf, noise-for-nerf (no NeRF at all); original-pose, in-bin, spread, effective, anchor,
+heteroscedastic, all (remedies). Rows that differ after the first fit alone share it.
 
 Output: as of mde eval, with the paper's Table II at the top of table.md. Goes on where an interrupted run stopped.")]
 pub(crate) struct AblateArgs {
@@ -132,6 +132,9 @@ pub(crate) struct DataArgs {
     /// SUN RGB-D: take the hole-filled depth_bfx as truth (it invents depth)
     #[arg(long)]
     pub(crate) filled_depth: bool,
+    /// Which scenes show the same place: lines of SCENE PLACE; intervals resample places
+    #[arg(long, value_name = "FILE")]
+    pub(crate) places: Option<PathBuf>,
     /// Only these scenes, separated by commas
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,

@@ -92,7 +92,7 @@ pub(crate) struct DemoArgs {
 #[command(after_help = "\
 Examples:
   mde refine room.jpg --prior-model fastdepth_224.onnx -o out/room
-  mde refine room.jpg --prior-model net.onnx --model-profile depth-anything-v2 --flip-average -o out/room
+  mde refine room.jpg --prior-model net.onnx --model-profile depth-anything-v2 -o out/room
   mde refine room.png --prior-depth depth.png --png-scale 5000 --intrinsics K.txt --intrinsics-base 1 -o out/room
   mde refine room.png --prior-depth depth.exr --fx 520 --fy 520 --cx 319.5 --cy 239.5 --gt truth.npy -o out/room
 
@@ -245,7 +245,7 @@ pub(crate) struct DoctorArgs {
     /// A monocular depth network to be checked
     #[arg(long, value_name = "MODEL.onnx")]
     pub(crate) prior_model: Option<PathBuf>,
-    /// What the model wants and gives; else MODEL.toml beside MODEL.onnx, else guessed from its name
+    /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else guessed from its name
     #[arg(long, value_name = "NAME", requires = "prior_model")]
     pub(crate) model_profile: Option<String>,
 }
@@ -281,12 +281,9 @@ pub(crate) struct ManArgs {
 pub(crate) struct PriorArgs {
     #[command(flatten)]
     pub(crate) source: PriorSource,
-    /// What the model wants and gives; else MODEL.toml beside MODEL.onnx, else guessed from its name
+    /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else guessed from its name
     #[arg(long, value_name = "NAME", conflicts_with = "prior_depth")]
     pub(crate) model_profile: Option<String>,
-    /// Average the model over the image and its mirror image
-    #[arg(long, conflicts_with = "prior_depth")]
-    pub(crate) flip_average: bool,
     /// What the numbers mean; metric for a file, the profile's for a model
     #[arg(long, value_enum)]
     pub(crate) prior_kind: Option<KindName>,
@@ -369,7 +366,7 @@ pub(crate) struct SettingsArgs {
     /// Every random draw comes from it; 0 if the settings do not say otherwise
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub(crate) seed: Option<u64>,
-    /// Fit no field: what the model says, asked as often as the settings say, is the result
+    /// Fit no field: the model's prediction, with the configured augmentation, is the result
     #[arg(long)]
     pub(crate) no_nerf: bool,
 }
@@ -452,7 +449,7 @@ pub(crate) enum PresetName {
     Paper,
     /// A preview in seconds: one short iteration, rendered from the original pose only
     Fast,
-    /// Evidence first: the model is asked again on crops and mirror images; from a depth map, a field held to it
+    /// Test-time augmentation with crops and mirror images; for a depth map, a field supervised by it
     Default,
 }
 

@@ -4,7 +4,7 @@ use crate::args::AblateArgs;
 use crate::evaluation::ablation::{self, FULL};
 use crate::evaluation::method::{Method, PRIOR};
 use crate::evaluation::results::{self, Results};
-use crate::evaluation::setup::{Asked, Setup};
+use crate::evaluation::setup::{Request, Setup};
 use crate::input::opened::use_threads;
 use crate::run::progress::Progress;
 use anyhow::{Result, ensure};
@@ -17,8 +17,8 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
     let mut progress = Progress::new(&args.common.run);
     use_threads(&args.common.run)?;
     let methods = methods(args)?;
-    let asked = Asked { command: "ablate", methods: &methods, controls: false, share_fields: true };
-    let setup = Setup::open(&args.common, asked)?;
+    let request = Request { command: "ablate", methods: &methods, controls: false, share_fields: true };
+    let setup = Setup::open(&args.common, request)?;
     let (mut entries, failures) = setup.run(&mut progress)?;
     // A row that took its field from another would look cheap.
     entries.iter_mut().for_each(|entry| entry.seconds = None);

@@ -3,7 +3,7 @@
 use crate::args::CalibrateArgs;
 use crate::evaluation::method::{Method, PRIOR};
 use crate::evaluation::results;
-use crate::evaluation::setup::{Asked, Setup};
+use crate::evaluation::setup::{Request, Setup};
 use crate::input::opened::use_threads;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
@@ -22,8 +22,8 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     else {
         bail!("--method {}: has no sigma of its own; give a preset or settings in a .toml file", args.method);
     };
-    let asked = Asked { command: "eval", methods: &methods, controls: true, share_fields: false };
-    let setup = Setup::open(&args.common, asked)?;
+    let request = Request { command: "eval", methods: &methods, controls: true, share_fields: false };
+    let setup = Setup::open(&args.common, request)?;
     let (entries, failures) = setup.run(&mut progress)?;
     let scenes: Vec<_> = entries
         .iter()
@@ -38,7 +38,7 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         let source = CalibrationSource { method: name, data, prior, alignment };
         let calibration = Calibration::fit(
             source,
-            fingerprint(&config, setup.answers_anew(), setup.model_hash()?)?,
+            fingerprint(&config, setup.accepts_new_images(), setup.model_hash()?)?,
             scenes,
         )?;
         mde_prior::write_atomic(&path, calibration.to_toml()?.as_bytes())

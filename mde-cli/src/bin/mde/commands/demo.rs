@@ -30,13 +30,8 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
     let scene = room(Room::Study, config.seed, width, height)?;
     let faults = SimulatedPriorConfig { seed: config.seed, ..SimulatedPriorConfig::disparity() };
     let prior = SimulatedPrior::new(&scene.depth, &faults)?;
-    let origin = PriorOrigin {
-        kind: faults.kind,
-        source: "simulated".to_owned(),
-        model: None,
-        model_hash: None,
-        flip_average: false,
-    };
+    let origin =
+        PriorOrigin { kind: faults.kind, source: "simulated".to_owned(), model: None, model_hash: None };
     let job = Job {
         command: "demo",
         input: format!("{}, seed {}", Room::Study, config.seed),

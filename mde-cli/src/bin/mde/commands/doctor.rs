@@ -42,13 +42,12 @@ pub(super) fn run(args: &DoctorArgs) -> Result<()> {
     }
 }
 
-/// Runs the model on a room and holds its answer against the room's depth.
+/// Runs the model on a room and compares its prediction with the room's depth.
 fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
     let start = Instant::now();
     let prior = NamedPrior::open(&PriorArgs {
         source: PriorSource { prior_model: Some(path.to_owned()), prior_depth: None },
         model_profile: args.model_profile.clone(),
-        flip_average: false,
         prior_kind: None,
         png_scale: None,
         prior_encoding: EncodingName::Plain,
@@ -60,7 +59,7 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
         say("profile", &json.replace(",\"", ", \""));
     }
     let scene = room(Room::Study, 0, TRIAL[0], TRIAL[1])?;
-    // The first answer may take longer.
+    // The first prediction may take longer.
     prior.prior.predict(scene.image.view())?;
     let start = Instant::now();
     let depth = prior.prior.predict(scene.image.view())?.to_depth(&DisparityRule::default())?;
@@ -90,12 +89,12 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
          has a negative correlation",
         path.display()
     );
-    let questions = Preset::Default.config().evidence.questions();
+    let predictions = Preset::Default.config().augmentation.predictions();
     say(
         "verdict",
         &format!(
-            "the model works here; the preset default asks it {questions} times, some {:.0} s, and fast once",
-            (questions as f64 * seconds).ceil()
+            "the model works here; the preset default needs {predictions} predictions, about {:.0} s, and fast one",
+            (predictions as f64 * seconds).ceil()
         ),
     );
     Ok(())

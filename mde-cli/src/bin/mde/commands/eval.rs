@@ -4,7 +4,7 @@ use super::score_maps;
 use crate::args::EvalArgs;
 use crate::evaluation::method::{Method, PRIOR};
 use crate::evaluation::results;
-use crate::evaluation::setup::{Asked, Setup};
+use crate::evaluation::setup::{Request, Setup};
 use crate::input::opened::use_threads;
 use crate::run::progress::Progress;
 use anyhow::Result;
@@ -16,8 +16,8 @@ pub(super) fn run(args: &EvalArgs) -> Result<()> {
         return score_maps::run(args, &mut progress);
     }
     let methods = Method::parse_list(&args.methods, args.preset.into(), args.seed)?;
-    let asked = Asked { command: "eval", methods: &methods, controls: true, share_fields: false };
-    let setup = Setup::open(&args.common, asked)?;
+    let request = Request { command: "eval", methods: &methods, controls: true, share_fields: false };
+    let setup = Setup::open(&args.common, request)?;
     let (entries, failures) = setup.run(&mut progress)?;
     results::finish(setup.results(PRIOR, entries, failures), setup.folder(), &mut progress)
         .inspect_err(|_| setup.discard_if_empty())

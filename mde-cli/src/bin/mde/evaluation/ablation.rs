@@ -4,7 +4,7 @@ use super::method::PRIOR;
 use mde_cli::Config;
 use mde_cli::config::IterationPrior;
 use mde_eval::table::Summary;
-use mde_fusion::{Aggregation, Calibration, Fusion, FusionConfig, PriorVariance, Space, VarianceRule};
+use mde_fusion::{Aggregation, Calibration, Fusion, FusionConfig, PriorVariance, VarianceRule};
 use mde_uncertainty::termination::InBinVariance;
 use std::fmt::Write as _;
 
@@ -48,7 +48,7 @@ fn fixed(config: &mut Config, kappa: f64) {
 }
 
 fn original_only(config: &mut Config) {
-    config.novel.sampling.count = 0;
+    config.novel.count = 0;
     config.novel.original = true;
 }
 
@@ -56,7 +56,7 @@ fn original_only(config: &mut Config) {
 fn all_remedies(config: &mut Config) {
     config.nerf.render.in_bin = InBinVariance::Uniform;
     config.refinement.prior = IterationPrior::Anchor;
-    config.fusion = FusionConfig { space: Space::Disparity, ..FusionConfig::robust() };
+    config.fusion = FusionConfig::robust();
 }
 
 /// All rows, the full model first.
@@ -109,18 +109,11 @@ pub(crate) const ROWS: &[Row] = &[
     row("effective", "calibration with effective variances, ridge, Huber (D3)", |c| {
         c.fusion.calibration = Calibration::Effective;
     }),
-    row("likelihood", "maximum-likelihood sigma_o (D4)", |c| {
-        c.fusion.prior_variance = PriorVariance::MaximumLikelihood;
-    }),
-    row("paule-mandel", "Paule-Mandel sigma_o (D4)", |c| {
-        c.fusion.prior_variance = PriorVariance::PauleMandel
-    }),
-    row("disparity", "all in disparity (D5)", |c| c.fusion.space = Space::Disparity),
     row("anchor", "the first prior in every iteration (D6)", |c| c.refinement.prior = IterationPrior::Anchor),
     row("heteroscedastic", "sigma_o by pixel (D7)", |c| {
         c.fusion.prior_variance = PriorVariance::Heteroscedastic;
     }),
-    row("all", "D1 to D7 and strict guards together", all_remedies),
+    row("all", "D1 to D3, D6, D7 and strict guards together", all_remedies),
 ];
 
 /// What every row starts from, for comparison.

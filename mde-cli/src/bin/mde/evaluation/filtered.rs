@@ -38,14 +38,9 @@ impl RadianceField for FilteredField {
         let known = depth.support();
         let mut prior = depth.mean().to_owned();
         prior.zip_mut_with(&known, |d, known| *d = if *known { *d } else { 0.0 });
-        let task = Task {
-            image: view.image.view(),
-            camera: &view.camera,
-            prior: prior.view(),
-            model: None,
-            rule: &DisparityRule::default(),
-            seed: self.seed,
-        };
+        let rule = DisparityRule::default();
+        let task =
+            Task { seed: self.seed, ..Task::new(view.image.view(), &view.camera, prior.view(), &rule) };
         let refined = self.refiner.refine(&task).map_err(|e| fault(&e))?.depth;
         let variance = refined
             .mapv(|d| if d > 0.0 { (RELATIVE_SIGMA * f64::from(d)).powi(2) as f32 } else { f32::INFINITY });

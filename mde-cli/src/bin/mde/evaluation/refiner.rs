@@ -19,7 +19,7 @@ pub(crate) type SharedObserver<'o> = dyn Fn(&Event) -> ControlFlow<()> + Sync + 
 
 /// [`refine`] with the settings of one [`Config`], but for the seed, which is the [`Task`]'s.
 ///
-/// The account of a [`Refined`] has the `iterations`, one [`IterationReport`](mde_cli::IterationReport) each.
+/// The report of a [`Refined`] has the `iterations`, one [`IterationReport`](mde_cli::IterationReport) each.
 pub(crate) struct LoopRefiner<'o> {
     config: Config,
     memory: Option<FieldMemory>,
@@ -52,7 +52,7 @@ impl<'o> LoopRefiner<'o> {
         let config = Config { seed: task.seed, disparity: task.rule.clone(), ..self.config.clone() };
         let known = Known(PriorDepth::from_values(task.prior.to_owned(), DepthKind::Metric)?);
         let prior: &dyn DepthPrior = match task.model {
-            Some(model) if config.evidence.asks_again() => model,
+            Some(model) if config.augmentation.is_active() => model,
             _ => &known,
         };
         let stages = Stages::new(prior).with_field(|request| {
@@ -68,7 +68,7 @@ impl<'o> LoopRefiner<'o> {
         Ok(Refined {
             depth: refinement.depth.mean().to_owned(),
             sigma: Some(refinement.depth.sigma()),
-            account: json!({ "evidence": refinement.evidence, "iterations": refinement.iterations }),
+            report: json!({ "augmentation": refinement.augmentation, "iterations": refinement.iterations }),
         })
     }
 }
@@ -76,7 +76,6 @@ impl<'o> LoopRefiner<'o> {
 impl Refiner for LoopRefiner<'_> {
     fn refine(&self, task: &Task<'_>) -> mde_eval::Result<Refined> {
         self.run(task).map_err(|error| match error {
-            Error::Metric(error) => error,
             Error::Prior(error) => error.into(),
             Error::Warp(error) => error.into(),
             error => mde_eval::Error::Method(error.to_string()),
@@ -90,10 +89,6 @@ struct Known(PriorDepth);
 impl DepthPrior for Known {
     fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         Ok(self.0.clone())
-    }
-
-    fn answers_anew(&self) -> bool {
-        false
     }
 }
 

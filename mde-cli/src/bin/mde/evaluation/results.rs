@@ -9,7 +9,7 @@ use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_eval::figure;
 use mde_eval::statistics::Bootstrap;
-use mde_eval::table::{Entry, Summary, calibrate, csv, markdown};
+use mde_eval::table::{Entry, Summary, calibrate, csv, document};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
@@ -86,9 +86,13 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
 
 impl Results {
     fn table(&self, summary: &Summary) -> String {
-        let scenes = summary.scenes;
-        let plural = if scenes == 1 { "" } else { "s" };
-        let mut text = format!("# {}\n\n{scenes} scene{plural}. {}\n\n", self.title, self.alignment);
+        let counted =
+            |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
+        let mut sample = counted(summary.scenes, "scene");
+        if summary.places < summary.scenes {
+            sample += &format!(" of {}", counted(summary.places, "place"));
+        }
+        let mut text = format!("# {}\n\n{sample}. {}\n\n", self.title, self.alignment);
         for failure in &self.failures {
             let what = failure.method.as_deref().unwrap_or("all methods");
             text += &format!("- failed: {}, {what}: {}\n", failure.scene, failure.error);
@@ -99,7 +103,7 @@ impl Results {
         if !self.preface.is_empty() {
             text += &format!("{}\n", self.preface);
         }
-        text + &markdown(summary)
+        text + &document(summary).markdown()
     }
 
     /// The figures of the methods that state an uncertainty of their own; without one, of the trivial ones.

@@ -140,12 +140,9 @@ impl Shared<'_> {
                 }),
                 Some(prior) => {
                     let task = Task {
-                        image: sample.image.view(),
-                        camera: &sample.camera,
-                        prior: prior.view(),
                         model: model.as_deref(),
-                        rule: &self.plan.rule,
                         seed: method.seed,
+                        ..Task::new(sample.image.view(), &sample.camera, prior.view(), &self.plan.rule)
                     };
                     self.answer(&sample, method, made_from, || method.run(&task, memory.as_ref(), &stop))
                 }
@@ -184,7 +181,7 @@ impl Shared<'_> {
             bail!("{}: gave a map of another size than the picture", method.name);
         }
         let seconds = start.elapsed().as_secs_f64();
-        let record = Record { made_from, seconds, account: refined.account.clone() };
+        let record = Record { made_from, seconds, report: refined.report.clone() };
         let entry = Entry { refined, record };
         self.plan.store.keep(&sample.id, &method.name, &entry)?;
         lock(&self.tally).done(&sample.id, &method.name, seconds);

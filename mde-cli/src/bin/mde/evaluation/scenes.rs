@@ -8,6 +8,7 @@ use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, 
 use mde_prior::{DepthPrior, DisparityRule};
 use ndarray::Array2;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// A data set and how it was asked for.
@@ -24,7 +25,15 @@ impl Source {
             (None, Some(root)) => DataSetKind::guess(root)?,
             (None, None) => bail!("name a data set's folder, or give --dataset rooms"),
         };
+        let places = match &args.places {
+            Some(path) => {
+                let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+                data::parse_places(&text).with_context(|| path.display().to_string())?
+            }
+            None => BTreeMap::new(),
+        };
         let options = Options {
+            places,
             fallback: Fallback::FieldOfView(args.assume_fov),
             sun_depth: if args.filled_depth { SunDepth::Filled } else { SunDepth::Sensor },
             size: args.size,
@@ -56,7 +65,7 @@ pub(crate) enum PriorPlan {
     Folder(PathBuf, PriorArgs),
     /// The truth of a procedural room, made worse.
     Simulated,
-    /// A model of each procedural room that can be asked again.
+    /// A simulated model of each procedural room, which takes crops and mirror images.
     SimulatedModel(SimulatedModelConfig),
 }
 
@@ -70,7 +79,6 @@ impl PriorPlan {
         let prior_args = |depth| PriorArgs {
             source: source(depth),
             model_profile: args.model_profile.clone(),
-            flip_average: false,
             prior_kind: args.prior_kind,
             png_scale: args.png_scale,
             prior_encoding: EncodingName::Plain,
@@ -103,8 +111,8 @@ impl PriorPlan {
         }
     }
 
-    /// Whether it is a model that can be asked again.
-    pub(crate) fn answers_anew(&self) -> bool {
+    /// Whether it is a model that accepts new images.
+    pub(crate) fn accepts_new_images(&self) -> bool {
         matches!(self, Self::Model(_) | Self::SimulatedModel(_))
     }
 
@@ -123,7 +131,7 @@ impl PriorPlan {
                 let Some(path) = &args.source.prior_model else { bail!("no model is named") };
                 let origin = NamedPrior::open(args)?.origin;
                 json!({ "model": file_name(path), "crc32": origin.model_hash, "kind": origin.kind,
-                        "settings": origin.model, "flip_average": origin.flip_average })
+                        "settings": origin.model })
             }
             Self::Folder(path, args) => {
                 json!({ "folder": path, "kind": args.prior_kind.map(mde_prior::DepthKind::from) })

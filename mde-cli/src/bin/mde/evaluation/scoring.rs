@@ -168,14 +168,8 @@ impl<'a> Against<'a> {
 
     /// The unsharp mask of the prior that is as sharp as `depth`.
     fn unsharp(&self, depth: ArrayView2<'_, f32>, label: &str) -> Result<Entry> {
-        let task = Task {
-            image: self.sample.image.view(),
-            camera: &self.sample.camera,
-            prior: self.prior,
-            model: None,
-            rule: &DisparityRule::default(),
-            seed: 0,
-        };
+        let rule = DisparityRule::default();
+        let task = Task::new(self.sample.image.view(), &self.sample.camera, self.prior, &rule);
         let unsharp = Unsharp::matching(self.prior, depth)?.refine(&task)?;
         self.entry(unsharp.depth.view(), None, &format!("unsharp as sharp as {label}"))
     }

@@ -14,10 +14,11 @@ use mde_cli::memory::SceneMemory;
 use mde_eval::table::Entry;
 use mde_prior::DisparityRule;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// What a command evaluates.
-pub(crate) struct Asked<'a> {
+pub(crate) struct Request<'a> {
     pub(crate) command: &'a str,
     /// The prior first.
     pub(crate) methods: &'a [Method],
@@ -30,7 +31,7 @@ pub(crate) struct Asked<'a> {
 /// An evaluation that is opened.
 pub(crate) struct Setup<'a> {
     args: &'a EvaluationArgs,
-    asked: Asked<'a>,
+    request: Request<'a>,
     memory: SceneMemory,
     source: Source,
     scenes: Vec<usize>,
@@ -42,39 +43,50 @@ pub(crate) struct Setup<'a> {
 
 impl<'a> Setup<'a> {
     /// Opens all of it, and refuses what would take too much memory before anything is written.
-    pub(crate) fn open(args: &'a EvaluationArgs, asked: Asked<'a>) -> Result<Self> {
+    pub(crate) fn open(args: &'a EvaluationArgs, request: Request<'a>) -> Result<Self> {
         let source = Source::open(&args.root, &args.data)?;
         let scenes = choose(&*source.data, &args.data.scenes, args.data.limit)?;
-        let configs: Vec<_> = asked.methods.iter().map(Method::seeded_config).collect();
-        let memory = SceneMemory::new(&configs, asked.share_fields);
+        let configs: Vec<_> = request.methods.iter().map(Method::seeded_config).collect();
+        let memory = SceneMemory::new(&configs, request.share_fields);
         let limit = limit(args, memory, &scenes);
         if let Some([width, height]) = args.data.size {
             limit.check("--size", (height, width))?;
         }
         let prior = PriorPlan::new(&args.prior, source.kind)?;
         let prior_settings = prior.describe()?;
-        let scoring = Scoring::new(&args.score, asked.controls);
-        let basis = json!({ "command": asked.command, "data": source.describe() });
+        let scoring = Scoring::new(&args.score, request.controls);
+        let basis = json!({ "command": request.command, "data": source.describe() });
         let store = Store::open(&args.run.output, &basis, args.run.force)?;
-        Ok(Self { args, asked, memory, source, scenes, prior, prior_settings, scoring, store })
+        Ok(Self { args, request, memory, source, scenes, prior, prior_settings, scoring, store })
     }
 
     /// Runs and scores what is not there yet.
     pub(crate) fn run(&self, progress: &mut Progress) -> Result<(Vec<Entry>, Vec<Failure>)> {
+        let data = &*self.source.data;
         let plan = Plan {
-            data: &*self.source.data,
+            data,
             scenes: &self.scenes,
-            methods: self.asked.methods,
+            methods: self.request.methods,
             prior: &self.prior,
             prior_settings: self.prior_settings.clone(),
             rule: DisparityRule::default(),
             store: &self.store,
             limit: limit(self.args, self.memory, &self.scenes),
-            share_fields: self.asked.share_fields,
+            share_fields: self.request.share_fields,
         };
         let (entries, failures) =
             runner::run(&plan, progress, &|scene| self.scoring.scene(scene, &self.store))?;
-        Ok((entries.into_iter().flatten().collect(), failures))
+        let mut entries: Vec<Entry> = entries.into_iter().flatten().collect();
+        let places: BTreeMap<&str, Option<&str>> = self
+            .scenes
+            .iter()
+            .filter_map(|&index| Some((data.ids().get(index)?.as_str(), data.place(index))))
+            .collect();
+        for entry in &mut entries {
+            // Not of the stored scores: the same maps may be resampled by other places.
+            entry.place = places.get(entry.scene.as_str()).copied().flatten().map(str::to_owned);
+        }
+        Ok((entries, failures))
     }
 
     /// The tables of what was run, compared with `reference`.
@@ -96,9 +108,9 @@ impl<'a> Setup<'a> {
         [self.source.title(), self.prior.title(), self.scoring.alignment_note()]
     }
 
-    /// Whether the prior is a model that can be asked again.
-    pub(crate) fn answers_anew(&self) -> bool {
-        self.prior.answers_anew()
+    /// Whether the prior is a model that accepts new images.
+    pub(crate) fn accepts_new_images(&self) -> bool {
+        self.prior.accepts_new_images()
     }
 
     /// Identifies the model's file, where there is one.

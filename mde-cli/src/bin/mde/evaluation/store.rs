@@ -46,8 +46,8 @@ pub(crate) struct Record {
     pub(crate) made_from: Value,
     /// Wall seconds.
     pub(crate) seconds: f64,
-    /// What the method says of its run.
-    pub(crate) account: Value,
+    /// The method's report of its run.
+    pub(crate) report: Value,
 }
 
 /// What a look into the store gives.
@@ -65,7 +65,7 @@ impl Store {
         let shown = root.display();
         let path = root.join(BASIS);
         if root.exists() {
-            ensure!(root.is_dir(), "{shown}: exists and is no folder; give another name to -o");
+            ensure!(root.is_dir(), "{shown}: exists and is not a folder; give another name to -o");
             let empty = fs::read_dir(root).with_context(|| shown.to_string())?.next().is_none();
             ensure!(
                 empty || path.is_file(),
@@ -154,7 +154,7 @@ impl Store {
         let Some(depth) = map(DEPTH)? else {
             return Ok(Found::Stale(format!("{} is missing", folder.join(DEPTH).display())));
         };
-        let refined = Refined { depth, sigma: map(SIGMA)?, account: record.account.clone() };
+        let refined = Refined { depth, sigma: map(SIGMA)?, report: record.report.clone() };
         Ok(Found::Done(Box::new(Entry { refined, record })))
     }
 
@@ -249,7 +249,7 @@ mod tests {
     fn entry(made_from: Value) -> Entry {
         let depth = Array2::from_elem((3, 4), 2.0);
         let refined = Refined { sigma: Some(&depth * 0.1), ..Refined::from(depth) };
-        Entry { refined, record: Record { made_from, seconds: 1.5, account: json!({ "a": 1.0 }) } }
+        Entry { refined, record: Record { made_from, seconds: 1.5, report: json!({ "a": 1.0 }) } }
     }
 
     #[test]
@@ -262,7 +262,7 @@ mod tests {
         let Found::Done(found) = store.find("a/b", "paper", &made_from).unwrap() else { panic!() };
         assert_eq!(found.refined.depth, entry(Value::Null).refined.depth);
         assert_eq!(found.refined.sigma, entry(Value::Null).refined.sigma);
-        assert_eq!((found.record.seconds, found.record.account), (1.5, json!({ "a": 1.0 })));
+        assert_eq!((found.record.seconds, found.record.report), (1.5, json!({ "a": 1.0 })));
         let sure = Entry {
             refined: Refined { sigma: Some(Array2::zeros((3, 4))), ..entry(Value::Null).refined },
             ..entry(made_from.clone())

@@ -1,4 +1,4 @@
-//! The camera from flags, a file, EXIF or a guess.
+//! The camera from flags, a file, EXIF or an assumption.
 
 use crate::args::CameraArgs;
 use crate::input::opened::Opened;
@@ -8,10 +8,10 @@ use mde_warp::PinholeCamera;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Assumed where nothing is known: between a phone's main camera (65 to 75 degrees) and a longer lens.
+/// Assumed horizontal field of view, degrees: between a phone's main camera (65 to 75) and a longer lens.
 const ASSUMED_FOV: f64 = 60.0;
 
-/// A camera and how it is known.
+/// A camera and where it comes from.
 #[derive(Debug, Serialize)]
 pub(crate) struct KnownCamera {
     #[serde(flatten)]
@@ -30,14 +30,14 @@ pub(crate) enum CameraSource {
     File(PathBuf),
     /// The photograph's EXIF, 35 mm focal length in millimetres.
     Exif(f64),
-    /// Nothing was known; degrees.
+    /// Assumed, degrees.
     Assumed(f64),
     /// The procedural scene's own.
     Scene,
 }
 
 impl KnownCamera {
-    /// The camera of a picture in the size that it is worked on; flags and files are for the file's.
+    /// The camera at the working size; flags and files are for the size of the image file.
     pub(crate) fn new(args: &CameraArgs, focal_35mm: Option<f64>, opened: &Opened) -> Result<Self> {
         let (height, width) = opened.original;
         let known = Self::of_size(args, focal_35mm, [width, height])?;
@@ -45,7 +45,7 @@ impl KnownCamera {
         Ok(Self { camera: known.camera.resized(width, height)?, ..known })
     }
 
-    /// The camera of a picture that is not resized.
+    /// The camera of an image that is not resized.
     pub(crate) fn of_size(
         args: &CameraArgs,
         focal_35mm: Option<f64>,
@@ -74,12 +74,12 @@ impl KnownCamera {
         Ok(Self { camera, source })
     }
 
-    /// What to tell the user of a guess.
+    /// A warning where the camera is assumed.
     pub(crate) fn warning(&self) -> Option<String> {
         let CameraSource::Assumed(degrees) = self.source else { return None };
         Some(format!(
-            "the camera is unknown; a horizontal field of view of {degrees} degrees is assumed (give --fov, --fx or \
-             --intrinsics)"
+            "the camera is unknown: a horizontal field of view of {degrees} degrees is assumed, which affects the point cloud \
+             but not the depth, unless a field is fitted; give --fov, --fx or --intrinsics"
         ))
     }
 }

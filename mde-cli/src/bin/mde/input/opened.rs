@@ -1,4 +1,4 @@
-//! What a command begins with: settings, threads, and a photograph in the size that it is worked on.
+//! Settings, threads, and a photograph at the working size.
 
 use crate::args::{RunArgs, SettingsArgs, SizeArgs};
 use crate::input::size::{SMALLEST, check_memory, shrink, within};
@@ -9,10 +9,10 @@ use mde_cli::{Config, Preset};
 use mde_prior::photo::{Photo, read_image};
 use std::path::Path;
 
-/// Above this many pixels a run takes very long.
+/// Number of pixels above which a run takes very long.
 const LARGE: usize = 2_000_000;
 
-/// The settings that the command line asks for.
+/// The settings of the command line.
 pub(crate) fn settings(args: &SettingsArgs) -> Result<(Preset, Config)> {
     let preset = Preset::from(args.preset);
     let mut config = match &args.config {
@@ -28,7 +28,7 @@ pub(crate) fn settings(args: &SettingsArgs) -> Result<(Preset, Config)> {
     Ok((preset, config))
 }
 
-/// Uses as many threads as the command line asks for.
+/// Uses the number of threads of the command line.
 pub(crate) fn use_threads(args: &RunArgs) -> Result<()> {
     let Some(threads) = args.threads else { return Ok(()) };
     rayon::ThreadPoolBuilder::new()
@@ -37,16 +37,16 @@ pub(crate) fn use_threads(args: &RunArgs) -> Result<()> {
         .with_context(|| format!("--threads {threads}: the threads can't be started; give fewer"))
 }
 
-/// A photograph in the size that it is worked on.
+/// A photograph at the working size.
 pub(crate) struct Opened {
     pub(crate) photo: Photo,
     /// `(height, width)` of the file.
     pub(crate) original: (usize, usize),
-    /// `(height, width)` of what is worked on.
+    /// `(height, width)` of the working size.
     pub(crate) size: (usize, usize),
 }
 
-/// Reads a photograph that can be worked with, and brings it to the size that is asked for.
+/// Reads a photograph and resizes it to the working size.
 pub(crate) fn open_image(
     path: &Path,
     args: &SizeArgs,
@@ -69,7 +69,7 @@ pub(crate) fn open_image(
         path.display()
     );
     if width * height > LARGE {
-        progress.warn(format!("{width}x{height} pixels will take long; 640x480 is usual (--max-size)"));
+        progress.warn(format!("{width}x{height} pixels take long; 640x480 is usual; give --max-size 640"));
     }
     Ok(Opened { photo, original, size })
 }

@@ -12,7 +12,7 @@ use std::cell::Cell;
 use std::path::Path;
 use std::time::Instant;
 
-/// A prior, and what the record says of it.
+/// A prior, and its entry in the record.
 pub(crate) struct NamedPrior {
     pub(crate) prior: Box<dyn DepthPrior>,
     pub(crate) origin: PriorOrigin,
@@ -29,7 +29,6 @@ pub(crate) struct PriorOrigin {
     /// Identifies the model's file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) model_hash: Option<String>,
-    pub(crate) flip_average: bool,
 }
 
 impl NamedPrior {
@@ -42,7 +41,7 @@ impl NamedPrior {
         }
     }
 
-    /// For a picture that was resized: a map of the file's size follows it.
+    /// For an image that was resized: a map of the file's size is resampled.
     pub(crate) fn resized(self, opened: &Opened) -> Result<Self> {
         let (from, to) = (opened.original, opened.size);
         if from == to || self.origin.model.is_some() {
@@ -55,7 +54,7 @@ impl NamedPrior {
         let options = read_options("--png-scale", args.png_scale, args.prior_encoding.into())?;
         let prior = Box::new(FilePrior::with_options(path, kind, &options)?);
         let source = path.display().to_string();
-        let origin = PriorOrigin { kind, source, model: None, model_hash: None, flip_average: false };
+        let origin = PriorOrigin { kind, source, model: None, model_hash: None };
         Ok(Self { prior, origin })
     }
 
@@ -63,10 +62,10 @@ impl NamedPrior {
     fn model(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
         use anyhow::Context;
         use mde_cli::calibration::hash;
-        use mde_prior::{FlipAverage, OnnxPrior};
+        use mde_prior::OnnxPrior;
         let mut spec = match &args.model_profile {
             Some(name) => ModelSpec::profile(name)?,
-            // A missing file is to be told from a name that says nothing.
+            // A missing file gets its own error below.
             None if path.exists() => ModelSpec::of(path)?,
             None => ModelSpec::new(1, 1, DepthKind::Metric),
         };
@@ -74,16 +73,13 @@ impl NamedPrior {
             spec.output = kind;
             spec.output_floor = spec.output_floor.filter(|_| kind.is_depth());
         }
-        let model = OnnxPrior::open(path, &spec)?;
-        let prior: Box<dyn DepthPrior> =
-            if args.flip_average { Box::new(FlipAverage(model)) } else { Box::new(model) };
+        let prior = Box::new(OnnxPrior::open(path, &spec)?);
         let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
         let origin = PriorOrigin {
             kind: spec.output,
             source: path.display().to_string(),
             model: Some(spec),
             model_hash: Some(hash(&bytes)),
-            flip_average: args.flip_average,
         };
         Ok(Self { prior, origin })
     }
@@ -97,7 +93,7 @@ impl NamedPrior {
     }
 }
 
-/// A prior for the picture's own size, asked for the size that is worked on.
+/// A prior of the image's original size, resampled to the working size.
 struct Resized {
     prior: Box<dyn DepthPrior>,
     /// `(height, width)`.
@@ -107,15 +103,11 @@ struct Resized {
 
 impl DepthPrior for Resized {
     fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-        // A map from a file looks at nothing but the size.
+        // A map from a file depends on the size alone.
         let blank = Array3::zeros((self.from.0, self.from.1, 3));
         let PriorDepth { map, valid, kind } = self.prior.predict(blank.view())?;
         let known = nearest(valid.mapv(|v| f32::from(u8::from(v))).view(), self.to).mapv(|v| v > 0.5);
         PriorDepth::with_mask(nearest(map.view(), self.to), known, kind)
-    }
-
-    fn answers_anew(&self) -> bool {
-        false
     }
 }
 
@@ -130,7 +122,7 @@ pub(crate) fn read_options(flag: &str, scale: Option<f64>, encoding: Encoding) -
     Ok(options)
 }
 
-/// A prior that remembers how long its answers took.
+/// A prior that measures the time of its predictions.
 pub(crate) struct Timed<'p> {
     prior: &'p dyn DepthPrior,
     seconds: Cell<f64>,
@@ -149,12 +141,12 @@ impl<'p> Timed<'p> {
 impl DepthPrior for Timed<'_> {
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         let start = Instant::now();
-        let answer = self.prior.predict(image);
+        let prediction = self.prior.predict(image);
         self.seconds.set(self.seconds.get() + start.elapsed().as_secs_f64());
-        answer
+        prediction
     }
 
-    fn answers_anew(&self) -> bool {
-        self.prior.answers_anew()
+    fn accepts_new_images(&self) -> bool {
+        self.prior.accepts_new_images()
     }
 }

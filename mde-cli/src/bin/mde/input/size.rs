@@ -1,4 +1,4 @@
-//! The size that a picture is worked on in, and the memory that it may take.
+//! Working size and memory limit.
 
 use crate::args::MemoryArgs;
 use anyhow::{Result, bail};
@@ -6,7 +6,7 @@ use mde_cli::memory::{SceneMemory, most_pixels};
 use mde_prior::resample::{Filter, resize};
 use ndarray::{Array3, Axis};
 
-/// Pictures are at least this wide and high.
+/// Least width and height of an image, pixels.
 pub(crate) const SMALLEST: usize = 8;
 
 /// `(height, width)` with the longer side at most `longest`, the aspect kept.
@@ -20,7 +20,7 @@ pub(crate) fn within((height, width): (usize, usize), longest: Option<u32>) -> (
     (scaled(height), scaled(width))
 }
 
-/// The picture at that size.
+/// The image at that size.
 pub(crate) fn shrink(image: &Array3<f32>, (height, width): (usize, usize)) -> Array3<f32> {
     let mut small = Array3::zeros((height, width, 3));
     for (mut to, from) in small.axis_iter_mut(Axis(2)).zip(image.axis_iter(Axis(2))) {
@@ -29,7 +29,7 @@ pub(crate) fn shrink(image: &Array3<f32>, (height, width): (usize, usize)) -> Ar
     small
 }
 
-/// Refuses a run that would take more than it may; `what` is its picture, `bytes` its estimate by pixels.
+/// Refuses a run above the memory limit; `what` names its image, `bytes` estimates its memory by the number of pixels.
 pub(crate) fn check_memory(
     args: &MemoryArgs,
     what: &str,
@@ -44,7 +44,7 @@ pub(crate) fn check_memory(
     })
 }
 
-/// What the scenes of an evaluation may take.
+/// The memory limit of an evaluation's scenes.
 pub(crate) struct SceneLimit<'a> {
     pub(crate) args: &'a MemoryArgs,
     pub(crate) memory: SceneMemory,
@@ -53,7 +53,7 @@ pub(crate) struct SceneLimit<'a> {
 }
 
 impl SceneLimit<'_> {
-    /// Refuses scenes of that size if as many as run at once would take more than they may.
+    /// Refuses scenes of that size where those that run at once exceed the limit.
     pub(crate) fn check(&self, what: &str, size: (usize, usize)) -> Result<()> {
         let (with, jobs) = match self.jobs {
             1 => ("with these methods".to_owned(), ""),
@@ -67,13 +67,13 @@ impl SceneLimit<'_> {
     }
 }
 
-/// Refuses maps that take more to score than they may.
+/// Refuses maps whose scoring exceeds the limit.
 pub(crate) fn check_maps(args: &MemoryArgs, what: &str, size: (usize, usize)) -> Result<()> {
     let bytes = |pixels| SceneMemory::new(&[], false).bytes(pixels, 1);
     check(args, what, size, "to be scored", bytes, |_| "give smaller maps".to_owned())
 }
 
-/// `remedy` says what to do, given the largest `(height, width)` of the same aspect that fits, if one does.
+/// `remedy` gets the largest `(height, width)` of the same aspect ratio that fits, if there is one.
 fn check(
     args: &MemoryArgs,
     what: &str,

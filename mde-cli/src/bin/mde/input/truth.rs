@@ -1,4 +1,4 @@
-//! Scores against a true depth.
+//! Scores against ground truth.
 
 use crate::args::TruthArgs;
 use crate::input::opened::Opened;
@@ -14,7 +14,7 @@ use ndarray::Array2;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// A true depth and how far it can be trusted.
+/// A true depth and which of its pixels count.
 pub(crate) struct Truth {
     pub(crate) source: String,
     /// Metres, `[height, width]`; 0 = missing.
@@ -23,7 +23,7 @@ pub(crate) struct Truth {
 }
 
 impl Truth {
-    /// What `--gt` names, if anything, for that image.
+    /// The map that `--gt` names for that image, if it is given.
     pub(crate) fn open(args: &TruthArgs, opened: &Opened) -> Result<Option<Self>> {
         let size = opened.original;
         let Some(path) = &args.gt else { return Ok(None) };
@@ -47,7 +47,7 @@ impl Truth {
         Ok(Some(Self { source: path.display().to_string(), depth, config }))
     }
 
-    /// Prior and refined depth, each under its own alignment, by three rules.
+    /// Scores of prior and refined depth, each under its own alignment, by three rules.
     pub(crate) fn compare(&self, refinement: &Refinement, kind: DepthKind) -> Result<Comparison> {
         let sigma = refinement.depth.sigma();
         let prior = Subject::new(refinement.prior.view(), self.depth.view());
@@ -63,7 +63,7 @@ impl Truth {
     }
 }
 
-/// The first is the one to print.
+/// The first is printed.
 fn rules(kind: DepthKind) -> [AlignmentRule; 3] {
     use AlignmentRule::{LeastSquaresDisparity, Median, None};
     match kind {
@@ -88,15 +88,15 @@ struct Pair {
 }
 
 impl Comparison {
-    /// A table of the scores that matter most.
+    /// A table of the most important scores.
     pub(crate) fn table(&self) -> String {
         let Some(Pair { prior, refined }) = self.by_alignment.get(self.shown) else { return String::new() };
         let mut lines =
-            vec![format!("{:34}{:>10}{:>10}", format!("{} alignment", self.shown), "prior", "refined")];
+            vec![format!("{:40}{:>10}{:>10}", format!("{} alignment", self.shown), "prior", "refined")];
         let mut row = |name: &str, better: &str, value: &dyn Fn(&Scores) -> Option<f64>| {
             let cell = |scores| value(scores).map_or_else(|| "-".to_owned(), |v| format!("{v:.4}"));
-            let label = format!("{name} ({better})");
-            lines.push(format!("{label:34}{:>10}{:>10}", cell(prior), cell(refined)));
+            let label = format!("{name}, {better}");
+            lines.push(format!("{label:40}{:>10}{:>10}", cell(prior), cell(refined)));
         };
         row("AbsRel", "lower", &|s| Some(s.depth.abs_rel));
         row("RMSE, m", "lower", &|s| Some(s.depth.rmse));
@@ -104,11 +104,11 @@ impl Comparison {
         row("within a factor 1.25", "higher", &|s| Some(s.depth.delta[0]));
         row("edge F1, 0.25 m, 1 px", "higher", &|s| s.depth.edges_at(0.25, 1).map(|e| e.f1));
         row("boundary F1", "higher", &|s| Some(s.depth.boundary_f1));
-        row("order across edges wrong", "lower", &|s| s.depth.d3r_like);
-        row("sharpness at edges", "higher", &|s| s.depth.sharpness_on);
-        row("sharpness elsewhere", "lower", &|s| s.depth.sharpness_off);
-        row("sigma and error, Spearman", "higher", &|s| s.uncertainty.as_ref()?.spearman);
-        row("sigma: mean z2", "1 is right", &|s| Some(s.uncertainty.as_ref()?.mean_z2));
+        row("wrong order across edges, D3R", "lower", &|s| s.depth.d3r_like);
+        row("sharpness on edges", "higher", &|s| s.depth.sharpness_on);
+        row("sharpness off edges", "lower", &|s| s.depth.sharpness_off);
+        row("Spearman of sigma and error", "higher", &|s| s.uncertainty.as_ref()?.spearman);
+        row("mean z2 (above 1: sigma too small)", "near 1", &|s| Some(s.uncertainty.as_ref()?.mean_z2));
         lines.join("\n")
     }
 }

@@ -1,4 +1,4 @@
-//! A picture to draw on: rectangles, text, images.
+//! A raster image with rectangles, text and images.
 
 use font8x8::legacy::BASIC_LEGACY;
 use ndarray::{Array3, ArrayView3, s};
@@ -8,7 +8,7 @@ pub(crate) type Colour = [u8; 3];
 /// Side of a glyph before magnification, pixels.
 const GLYPH: usize = 8;
 
-/// An RGB picture, `[height, width, 3]`. What falls outside is not drawn.
+/// An RGB image, `[height, width, 3]`. Drawing outside of it is clipped.
 pub(crate) struct Canvas {
     pixels: Array3<u8>,
 }

@@ -1,14 +1,14 @@
-//! A folder of results that appears whole or not at all.
+//! An output folder, written atomically.
 
 use crate::run::interrupt;
 use anyhow::{Context, Result, bail, ensure};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The file by which an earlier run's folder is known.
+/// The file that marks the folder of an earlier run.
 pub(crate) const RECORD: &str = "run.json";
 
-/// Where results go.
+/// The folder of the results.
 #[derive(Debug)]
 pub(crate) struct OutputFolder {
     target: PathBuf,
@@ -16,11 +16,11 @@ pub(crate) struct OutputFolder {
 }
 
 impl OutputFolder {
-    /// Refuses early what could not be written at the end; creates nothing.
+    /// Checks that the folder can be written at the end; creates nothing.
     pub(crate) fn new(target: &Path, force: bool) -> Result<Self> {
         ensure!(
             target.file_name().is_some(),
-            "{}: this names no folder of its own; give a new folder to -o",
+            "{}: not the name of a new folder; give one to -o",
             target.display()
         );
         let folder = Self { target: target.to_owned(), force };
@@ -36,7 +36,7 @@ impl OutputFolder {
     fn check_target(&self) -> Result<()> {
         let path = self.target.display();
         let Ok(found) = fs::symlink_metadata(&self.target) else { return Ok(()) };
-        ensure!(found.is_dir(), "{path}: exists and is no folder; give another name to -o");
+        ensure!(found.is_dir(), "{path}: exists and is not a folder; give another name to -o");
         ensure!(self.force, "{path}: the folder exists; give another name to -o, or --force to replace it");
         let empty = fs::read_dir(&self.target).with_context(|| path.to_string())?.next().is_none();
         ensure!(
@@ -46,7 +46,7 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Lets `fill` write into a temporary sibling, and puts that in place.
+    /// Lets `fill` write into a temporary sibling, and renames that to the folder.
     pub(crate) fn write(&self, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
         let parent = parent(&self.target);
         fs::create_dir_all(parent)
@@ -90,7 +90,7 @@ impl OutputFolder {
     }
 }
 
-/// Refuses a file of `flag` that could not be written at the end; creates nothing.
+/// Checks that the file of `flag` can be written at the end; creates nothing.
 #[cfg(feature = "rerun")]
 pub(crate) fn check_new_file(flag: &str, path: &Path, force: bool) -> Result<()> {
     let name = path.display();
@@ -102,10 +102,10 @@ pub(crate) fn check_new_file(flag: &str, path: &Path, force: bool) -> Result<()>
     check_place(flag, parent(path))
 }
 
-/// Whether a folder, or the first above it that is there, can be written to.
+/// Checks that a folder, or its first existing ancestor, is writable.
 fn check_place(flag: &str, folder: &Path) -> Result<()> {
     let ancestor = folder.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
-    ensure!(ancestor.is_dir(), "{}: is no folder; give another place to {flag}", ancestor.display());
+    ensure!(ancestor.is_dir(), "{}: is not a folder; give another place to {flag}", ancestor.display());
     tempfile::tempfile_in(ancestor).with_context(|| {
         format!("{}: can't write there; give another place to {flag}", ancestor.display())
     })?;
@@ -119,7 +119,7 @@ fn parent(path: &Path) -> &Path {
     }
 }
 
-/// A folder within `parent` that is removed again unless it is kept.
+/// A folder within `parent` that is removed unless it is kept.
 pub(crate) fn temporary_folder(parent: &Path) -> Result<tempfile::TempDir> {
     builder().tempdir_in(parent).with_context(|| format!("{}: can't make a folder in it", parent.display()))
 }

@@ -1,4 +1,4 @@
-//! Pictures for looking: depth maps side by side with colour bars, and sheets of views.
+//! Preview images: depth maps side by side with colour bars, and contact sheets of views.
 
 use crate::output::canvas::{Canvas, Colour, colour_at, resized, text_height, text_width};
 use colorous::{Gradient, MAGMA, VIRIDIS};
@@ -19,7 +19,7 @@ const NARROWEST: usize = 240;
 const THUMBNAIL: usize = 240;
 const COLUMNS: usize = 4;
 
-/// What a preview shows; maps are `[height, width]`, and what is not positive and finite counts as missing.
+/// The maps of a preview, `[height, width]`; values that are not positive and finite are missing.
 pub(crate) struct Preview<'p> {
     pub(crate) image: ArrayView3<'p, f32>,
     pub(crate) prior: ArrayView2<'p, f32>,
@@ -82,7 +82,7 @@ fn picture(map: ArrayView2<'_, f32>, gradient: &Gradient, range: [f64; 2]) -> Ca
     canvas
 }
 
-/// All views on one sheet, what is masked in red.
+/// All views on one sheet, masked pixels in red.
 pub(crate) fn contact_sheet(views: &[PosedView]) -> Canvas {
     let shapes = views.iter().map(|view| view.camera.height as f64 / view.camera.width as f64);
     let height = ((THUMBNAIL as f64 * shapes.fold(0.0, f64::max)).ceil() as usize).clamp(1, 4 * THUMBNAIL);
@@ -111,7 +111,7 @@ fn masked(view: &PosedView) -> Array3<f32> {
     image
 }
 
-/// A bar from the lowest to the highest value, with three numbers beneath.
+/// A colour bar with three labels below it.
 fn colour_bar(
     canvas: &mut Canvas,
     [left, top]: [usize; 2],
@@ -131,7 +131,7 @@ fn colour_bar(
     }
 }
 
-/// With as many digits as the range needs.
+/// With the digits that the range needs.
 fn number(value: f64, range: f64) -> String {
     let digits = if range > 0.0 { (2.0 - range.log10().floor()).clamp(0.0, 6.0) as usize } else { 3 };
     format!("{value:.digits$}")

@@ -1,4 +1,4 @@
-//! What made a file: command, versions, memory; and files that say so.
+//! Provenance of a run: command, versions, memory.
 
 use anyhow::{Context, Result};
 use serde::Serialize;
@@ -11,7 +11,7 @@ pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
     Ok(mde_prior::write_atomic(path, (text + "\n").as_bytes())?)
 }
 
-/// The command that this program was started with, quoted for a shell where needed.
+/// The command line, quoted for a shell where needed.
 pub(crate) fn command_line() -> String {
     let arguments = std::env::args_os().skip(1).map(|argument| quoted(&argument.to_string_lossy()));
     std::iter::once("mde".to_owned()).chain(arguments).collect::<Vec<_>>().join(" ")
@@ -32,7 +32,7 @@ pub(crate) fn versions() -> BTreeMap<&'static str, &'static str> {
     known.chain([(env!("CARGO_PKG_NAME"), env!("CARGO_PKG_VERSION"))]).collect()
 }
 
-/// The most memory that the process ever held; Linux tells.
+/// Peak resident memory of the process, bytes; known on Linux only.
 pub(crate) fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

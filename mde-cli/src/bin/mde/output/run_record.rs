@@ -6,7 +6,7 @@ use crate::input::truth::Comparison;
 use crate::output::provenance::{command_line, peak_memory, versions};
 use crate::run::error_bar::Stated;
 use crate::run::progress::TrainingCurve;
-use mde_cli::{EvidenceReport, IterationReport};
+use mde_cli::{AugmentationReport, IterationReport};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -23,7 +23,7 @@ pub(crate) struct RunRecord<'r> {
     /// Pixels without a refined depth.
     pub(crate) missing_pixels: usize,
     /// The prior's stage.
-    pub(crate) evidence: &'r EvidenceReport,
+    pub(crate) augmentation: &'r AugmentationReport,
     /// How sigma was scaled, and the interval.
     pub(crate) error_bar: &'r Stated,
     pub(crate) iterations: &'r [IterationReport],

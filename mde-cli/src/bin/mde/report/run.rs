@@ -7,7 +7,7 @@ use crate::output::folder::RECORD;
 use anyhow::{Context, Result, ensure};
 use mde_cli::config::IterationPrior;
 use mde_cli::{Config, Preset};
-use mde_fusion::{PriorVariance, Space};
+use mde_fusion::PriorVariance;
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
 use ndarray::{Array2, Zip};
@@ -91,7 +91,6 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         "title": input_name(&record),
         "record": record,
         "config": toml,
-        "space": config.fusion.space,
         "size": size,
         "full": [columns, rows],
         "image": picture(small.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())?,
@@ -113,7 +112,6 @@ fn input_name(record: &Value) -> String {
 /// What the fusion states of the prior's error: sigma_o, and the common error that it states of the result too.
 struct PriorSigma {
     sigma_o: f64,
-    space: Space,
     common: f64,
     note: String,
 }
@@ -127,7 +125,7 @@ impl PriorSigma {
             _ => 0,
         };
         let sigma_o = iterations.get(index).and_then(|i| i["fusion"]["sigma_o"].as_f64()).unwrap_or_default();
-        let (space, common) = (config.fusion.space, config.fusion.common_error);
+        let common = config.fusion.common_error;
         let mean = match config.fusion.prior_variance {
             PriorVariance::Heteroscedastic => ", its mean over the pixels",
             _ => "",
@@ -138,16 +136,17 @@ impl PriorSigma {
             }
             false => String::new(),
         };
-        let note = if record["evidence"]["questions"].as_u64().is_some_and(|n| n > 1) || iterations.is_empty()
+        let note = if record["augmentation"]["predictions"].as_u64().is_some_and(|n| n > 1)
+            || iterations.is_empty()
         {
             format!(
-                "The prior's ± is the common error of {:.0} % of the depth: one answer shows no error of its own.",
+                "The prior's ± is the common error of {:.0} % of the depth: a single prediction gives no spread.",
                 100.0 * common
             )
         } else {
             format!("The prior's ± is σₒ of iteration {}{mean}{more}.", index + 1)
         };
-        Self { sigma_o, space, common, note }
+        Self { sigma_o, common, note }
     }
 
     fn map(&self, prior: &Array2<f32>) -> Array2<f32> {
@@ -156,11 +155,7 @@ impl PriorSigma {
             if depth <= 0.0 || !depth.is_finite() {
                 return 0.0;
             }
-            let own = match self.space {
-                Space::Disparity => self.sigma_o * depth * depth,
-                _ => self.sigma_o,
-            };
-            own.hypot(self.common * depth) as f32
+            self.sigma_o.hypot(self.common * depth) as f32
         })
     }
 }
@@ -181,9 +176,5 @@ mod tests {
         config.fusion.common_error = 0.1;
         let anchored = PriorSigma::new(&config, &record).map(&prior);
         assert!((anchored[(0, 2)] - 0.1_f32.hypot(0.4)).abs() < 1e-6, "{anchored}");
-        config.fusion.space = Space::Disparity;
-        config.fusion.common_error = 0.0;
-        let disparity = PriorSigma::new(&config, &record).map(&prior);
-        assert!((disparity[(0, 2)] - 1.6).abs() < 1e-6, "{disparity}");
     }
 }

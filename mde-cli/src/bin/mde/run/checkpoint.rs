@@ -1,4 +1,4 @@
-//! What a refinement is between two iterations, on disk.
+//! The state of a refinement between two iterations, on disk.
 
 use crate::output::folder::temporary_folder;
 use crate::output::provenance::write_json;
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 const RECORD: &str = "state.json";
 const MAPS: &str = "maps.npz";
 
-/// `OUT.resume`: a folder an iteration, each there whole or not at all.
+/// `OUT.resume`: one folder per iteration, written atomically.
 pub(crate) struct Checkpoints {
     folder: PathBuf,
     made_from: Value,
@@ -30,14 +30,14 @@ struct Record {
 }
 
 impl Checkpoints {
-    /// Beside the output.
+    /// In a folder beside the output.
     pub(crate) fn new(output: &Path, made_from: Value) -> Self {
         let mut name = output.file_name().unwrap_or_default().to_owned();
         name.push(".resume");
         Self { folder: output.with_file_name(name), made_from }
     }
 
-    /// The latest state that was made from the same; what can't be read or was made from something else does not count.
+    /// The latest state with the same inputs and settings. Unreadable states and states of other runs are ignored.
     pub(crate) fn latest(&self, iterations: usize) -> Option<Checkpoint> {
         (1..iterations).rev().find_map(|count| self.read(count).ok().flatten())
     }
@@ -56,9 +56,9 @@ impl Checkpoints {
         Ok(Some(Checkpoint { prior: map("prior")?, depth, iterations: record.iterations }))
     }
 
-    /// Keeps the state after an iteration.
+    /// Writes the state after an iteration.
     pub(crate) fn keep(&self, state: &Checkpoint) -> Result<()> {
-        let fault = || format!("{}: can't keep the iteration there", self.folder.display());
+        let fault = || format!("{}: can't write the iteration there", self.folder.display());
         fs::create_dir_all(&self.folder).with_context(fault)?;
         let temporary = temporary_folder(&self.folder)?;
         interrupt::guard(temporary.path());
@@ -82,7 +82,7 @@ impl Checkpoints {
         Ok(())
     }
 
-    /// Removes all of it: the results are there.
+    /// Removes the folder once the results are written.
     pub(crate) fn discard(&self) {
         let _ = fs::remove_dir_all(&self.folder);
     }

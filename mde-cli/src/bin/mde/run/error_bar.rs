@@ -1,4 +1,4 @@
-//! The error bar as the user asked for it: sigma by a calibration, and an interval.
+//! The error bar that the user requested: sigma by a calibration, and an interval.
 
 use crate::args::ErrorBarArgs;
 use crate::input::prior::PriorOrigin;
@@ -11,7 +11,7 @@ use mde_uncertainty::pooled::normal_half_width;
 use ndarray::Array2;
 use serde::Serialize;
 
-/// What was asked for.
+/// The requested error bar.
 pub(crate) struct ErrorBar {
     probability: Option<f64>,
     given: Option<(String, Calibration)>,
@@ -53,7 +53,7 @@ impl ErrorBar {
         config: &Config,
         prior: &PriorOrigin,
     ) -> Result<Stated> {
-        let run = fingerprint(config, refinement.evidence.questions > 1, prior.model_hash.clone())?;
+        let run = fingerprint(config, refinement.augmentation.predictions > 1, prior.model_hash.clone())?;
         let mut warnings = Vec::new();
         let mut factor = 1.0;
         if let Some((name, calibration)) = &self.given {
@@ -90,8 +90,7 @@ impl ErrorBar {
             }
         };
         if self.given.is_none() && !prior.kind.is_depth() {
-            let told =
-                "the range that a disparity is given errs by more than it states, as no answer shows it";
+            let told = "the depth range assumed for disparities has an error that sigma does not include";
             warnings.push(format!("--interval: {told}; mde calibrate learns that too"));
         }
         Ok(Stated { factor, interval: Some(Interval { probability, half_width, by }), warnings })

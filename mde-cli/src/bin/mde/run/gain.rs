@@ -1,9 +1,9 @@
-//! What a run changed, in a few words.
+//! Summary of a finished run.
 
 use mde_cli::Refinement;
 use mde_uncertainty::statistics::{median, quantile};
 
-/// Two lines: how far the depth moved and how sure it is; and what the last fusion estimated.
+/// Two lines: change of the depth and its sigma; and the estimates of the last fusion.
 pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
     let depth = refinement.depth.mean();
     let moved =
@@ -21,7 +21,7 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
         |share: Option<f64>| share.map_or_else(|| "-".to_owned(), |v| format!("{:.1} %", 100.0 * v));
     let unit = if unit == "unscaled" { String::new() } else { format!(" {unit}") };
     let mut lines = vec![format!(
-        "depth moved by {} at the median pixel ({} at nine of ten); sigma {}{unit} at the median, {} of the depth",
+        "depth: typical change {}; 90 % of pixels changed by less than {}\nsigma: median {}{unit}, {} of the depth",
         percent(median(moves.iter().copied())),
         percent(quantile(&mut moves, 0.9)),
         median(known).map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
@@ -29,10 +29,9 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
     )];
     if let Some(last) = refinement.iterations.last() {
         let (fusion, psnr) = (&last.fusion, last.fit.psnr.first());
-        let psnr =
-            psnr.map_or_else(String::new, |p| format!(", the field shows the photograph at {p:.1} dB"));
+        let psnr = psnr.map_or_else(String::new, |p| format!("; PSNR of the photograph {p:.1} dB"));
         lines.push(format!(
-            "a {:.3}, b {:.3}, sigma_o {:.3}; the field's weight in the result is {:.0} %{psnr}",
+            "fusion: a {:.3}, b {:.3}, sigma_o {:.3}, weight of the field {:.0} %{psnr}",
             fusion.a,
             fusion.b,
             fusion.sigma_o,

@@ -10,13 +10,13 @@ use std::time::Duration;
 
 /// The exit code of an interrupted program: 128 + SIGINT.
 pub(crate) const EXIT_CODE: u8 = 130;
-/// What the work gets to stop by itself; a network's prediction or a fusion hears of nothing meanwhile.
+/// Time for the work to stop by itself; within a network's prediction or a fusion it can't.
 const GRACE: Duration = Duration::from_secs(1);
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 static TEMPORARY: Mutex<Option<PathBuf>> = Mutex::new(None);
 
-/// From now on a signal asks the work to stop, and ends the program soon if it does not.
+/// Installs the handler: a signal requests a stop, and ends the program soon after if the work goes on.
 pub(crate) fn install() -> Result<(), ctrlc::Error> {
     ctrlc::set_handler(|| {
         REQUESTED.store(true, Ordering::SeqCst);
@@ -30,12 +30,12 @@ pub(crate) fn install() -> Result<(), ctrlc::Error> {
     })
 }
 
-/// Whether a signal came.
+/// Whether a signal has arrived.
 pub(crate) fn requested() -> bool {
     REQUESTED.load(Ordering::SeqCst)
 }
 
-/// What an observer answers.
+/// The value that a callback returns.
 pub(crate) fn flow() -> ControlFlow<()> {
     if requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
 }

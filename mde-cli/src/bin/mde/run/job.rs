@@ -92,8 +92,8 @@ impl Job {
         let mut observe = |event: &Event| progress.observe(event);
         let mut refinement =
             resume(image, &self.camera.camera, stages, &self.config, from, &mut keep, &mut observe)?;
-        if let Some(reason) = refinement.evidence.not_asked_again {
-            progress.warn(format!("no new evidence: {reason}; give --prior-model for more"));
+        if let Some(reason) = refinement.augmentation.skipped {
+            progress.warn(format!("no test-time augmentation: {reason}; give --prior-model to use it"));
         }
         if self.save_field && kept.is_none() {
             progress.warn(
@@ -139,7 +139,7 @@ impl Job {
                 unit: unit(self.prior.origin.kind),
                 png_scale,
                 missing_pixels,
-                evidence: &refinement.evidence,
+                augmentation: &refinement.augmentation,
                 error_bar: &stated,
                 iterations: &refinement.iterations,
                 training: progress.training(),

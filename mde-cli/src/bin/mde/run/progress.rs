@@ -116,7 +116,7 @@ impl Progress {
         match *event {
             Event::Begin { stage, iteration, iterations } => self.begin(stage, [iteration + 1, iterations]),
             Event::Field { event, view, views } => self.field(&event, view, views),
-            Event::Asked { asked, of } => self.asked(asked, of),
+            Event::Predicted { done, total } => self.predicted(done, total),
             _ => {}
         }
         interrupt::flow()
@@ -135,7 +135,7 @@ impl Progress {
             }
             // These two get a bar with their first event.
             Mode::Bars if matches!(stage, Stage::Fit | Stage::Render) => {}
-            // The model is asked before the loop.
+            // The prior's stage comes before the loop.
             Mode::Bars | Mode::Lines if stage == Stage::Prior => self.line(stage.name()),
             Mode::Bars | Mode::Lines => self.line(&format!("iteration {index}/{all}: {}", stage.name())),
         }
@@ -166,10 +166,10 @@ impl Progress {
         }
     }
 
-    /// The model has answered again.
-    fn asked(&mut self, asked: usize, of: usize) {
-        let value = json!({ "event": "asked", "asked": asked, "of": of });
-        self.advance(Stage::Prior, asked, of, "answers of the model", value);
+    /// The model finished a prediction.
+    fn predicted(&mut self, done: usize, total: usize) {
+        let value = json!({ "event": "predicted", "done": done, "total": total });
+        self.advance(Stage::Prior, done, total, "predictions of the model", value);
     }
 
     fn advance(&mut self, stage: Stage, done: usize, all: usize, text: &str, mut value: Value) {
@@ -191,7 +191,7 @@ impl Progress {
                 let bar = self.bar.get_or_insert_with(|| {
                     let bar = ProgressBar::with_draw_target(Some(all as u64), ProgressDrawTarget::stderr());
                     bar.with_style(style()).with_prefix(match stage {
-                        Stage::Prior => "asking the model".to_owned(),
+                        Stage::Prior => "running the model".to_owned(),
                         _ => format!("iteration {index}/{iterations}: {}", stage.name()),
                     })
                 });

@@ -1,4 +1,4 @@
-//! A refined depth as files of other programs.
+//! Files for other programs.
 
 mod colmap;
 mod layers;
@@ -15,7 +15,7 @@ use ndarray::{ArrayView2, ArrayView3};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// What is exported; the world is the camera's frame (x right, y down, z forward), in the prior's unit.
+/// The exported scene; the world is the camera's frame (x right, y down, z forward), in the prior's unit.
 pub(crate) struct Exported<'e> {
     /// sRGB in 0 to 1, `[height, width, 3]`.
     pub(crate) image: ArrayView3<'e, f32>,
@@ -23,7 +23,7 @@ pub(crate) struct Exported<'e> {
     pub(crate) depth: &'e GaussianDepth,
     /// `[height, width]`; 0 where missing.
     pub(crate) prior: ArrayView2<'e, f32>,
-    /// What sigma is made of.
+    /// The components of sigma.
     pub(crate) components: &'e [Component],
 }
 

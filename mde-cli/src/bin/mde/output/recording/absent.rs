@@ -1,4 +1,4 @@
-//! What stands in for recordings in a program that was built without them.
+//! Recordings in a program without the feature `rerun`: never opened.
 
 use crate::output::export::Exported;
 use crate::run::progress::TrainingCurve;

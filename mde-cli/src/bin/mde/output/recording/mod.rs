@@ -15,7 +15,7 @@ pub(crate) use rrd::Recording;
 use crate::args::ExportArgs;
 use anyhow::Result;
 
-/// The recording that was asked for; refuses early what could not be written at the end.
+/// The recording of `--rerun`, if it is given; checks that its file can be written at the end.
 pub(crate) fn open(args: &ExportArgs, force: bool) -> Result<Option<Recording>> {
     args.rerun.as_deref().map(|path| Recording::new(path, force)).transpose()
 }

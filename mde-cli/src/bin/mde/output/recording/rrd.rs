@@ -27,7 +27,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// Rerun counts pixel centres from one half, we from zero.
 const HALF: f64 = 0.5;
 
-/// What was recorded so far, shared by the loop's stages and by who saves it.
+/// The recording so far, shared by the stages of the loop.
 #[derive(Clone)]
 pub(crate) struct Recording(Arc<Mutex<Stream>>);
 
@@ -35,9 +35,9 @@ struct Stream {
     path: PathBuf,
     store: StoreId,
     encoder: Encoder<Vec<u8>>,
-    /// Of all fits so far.
+    /// Steps of all fits so far.
     steps: usize,
-    /// The first thing that went wrong: a stage is not to fail for it.
+    /// The first error; it does not fail a stage.
     failure: Option<anyhow::Error>,
 }
 
@@ -50,7 +50,7 @@ fn at(iteration: usize, step: usize) -> TimePoint {
 }
 
 impl Recording {
-    /// Refuses early what could not be written at the end.
+    /// Checks that the file can be written at the end.
     pub(crate) fn new(path: &Path, force: bool) -> Result<Self> {
         let named = path.extension().is_some_and(|extension| extension == "rrd");
         ensure!(
@@ -74,7 +74,7 @@ impl Recording {
         }))))
     }
 
-    /// The photograph and what it is called, its camera, the prior and the settings; whenever it is called.
+    /// The photograph, its name and camera, the prior and the settings; may be called at any time.
     pub(crate) fn inputs(&self, name: &str, scene: &Exported<'_>, settings: &str) {
         let always = TimePoint::default;
         self.log(EntityPath::properties(), always(), &RecordingInfo::new().with_name(name));
@@ -85,7 +85,7 @@ impl Recording {
         self.shape(at(0, 0), scene);
     }
 
-    /// The depth after so many iterations.
+    /// The depth after `iteration` iterations.
     pub(crate) fn depth(&self, iterations: usize, scene: &Exported<'_>) {
         self.shape(self.now(iterations), scene);
     }
@@ -103,7 +103,7 @@ impl Recording {
         self.log("world/cloud", when, &Points3D::new(points).with_colors(colours));
     }
 
-    /// The standard deviation after so many iterations.
+    /// The standard deviation after `iteration` iterations.
     pub(crate) fn sigma(&self, iterations: usize, depth: &GaussianDepth) {
         self.log("sigma", self.now(iterations), &map(depth.sigma().view(), Colormap::Magma));
     }
@@ -113,7 +113,7 @@ impl Recording {
         Box::new(Watched { field, iteration, recording: self.clone() })
     }
 
-    /// What the field of an iteration (from 1) is about to be fitted to.
+    /// The training views of an iteration (from 1).
     pub(super) fn views(&self, iteration: usize, views: &[PosedView]) {
         let when = self.now(iteration);
         // The first is the photograph itself.
@@ -125,12 +125,12 @@ impl Recording {
         }
     }
 
-    /// So many steps have been taken.
+    /// `steps` more steps have been taken.
     pub(crate) fn fitted(&self, steps: usize) {
         self.stream().steps += steps;
     }
 
-    /// What every iteration estimated, and the course of its fit.
+    /// The estimates of every iteration, and the curves of its fit.
     pub(crate) fn reports(&self, iterations: &[IterationReport], training: &[TrainingCurve]) {
         // What was fitted before an interruption left no curve.
         let resumed = iterations.len().saturating_sub(training.len());
@@ -178,7 +178,7 @@ impl Recording {
         mde_prior::write_atomic(&stream.path, &bytes).context(name)
     }
 
-    /// Black where the mask says that a pixel is no real one.
+    /// Black where the mask is false.
     fn picture(
         &self,
         entity: &str,

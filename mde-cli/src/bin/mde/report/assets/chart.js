@@ -9,7 +9,7 @@ function drawn(tag, attributes, text) {
   return element;
 }
 
-/** Round values that part a range into about `parts`. */
+/** Round values that divide a range into about `parts`. */
 function ticks(low, high, parts) {
   const rough = (high - low) / parts || 1;
   const power = 10 ** Math.floor(Math.log10(rough));
@@ -32,7 +32,7 @@ function decades(low, high) {
   return whole.length >= 4 ? whole : found([1, 2, 5]);
 }
 
-/** A round number without the zeros that say nothing. */
+/** A number without trailing zeros. */
 function plain(value) {
   return String(Number(value.toPrecision(6))).replace("-", "−");
 }

@@ -1,4 +1,4 @@
-// The depth as a cloud of points, drawn with a depth buffer on a plain canvas: no graphics driver is asked for anything.
+// The depth as a point cloud, drawn with a depth buffer on a plain canvas, without WebGL.
 
 function cloud({ layers, maps, photo }) {
   const [width, height] = report.size;
@@ -35,7 +35,7 @@ function cloud({ layers, maps, photo }) {
 
   const canvas = make("canvas", {
     id: "cloud", tabindex: "0", role: "img",
-    "aria-label": "The depth as points in space; arrow keys turn it, plus and minus zoom, 0 goes back",
+    "aria-label": "Point cloud of the depth; arrow keys turn it, plus and minus zoom, 0 resets",
   });
   const context = canvas.getContext("2d");
   const shown = make("span", { class: "soft small", id: "cloud-count" });
@@ -156,7 +156,7 @@ function cloud({ layers, maps, photo }) {
         make("span", {}, "Depth"), choice(sources, state.source, "Which depth", (name) => { state.source = name; draw(); }),
         make("span", {}, "Colour"), choice([["photo", "Photograph"], ["sigma", "Sigma"], ["depth", "Refined depth"]], state.colour, "Colour of the points", (name) => { state.colour = name; draw(); })),
       make("div", {},
-        make("div", { class: "scale name" }, make("span", {}, "Hide what is less sure than"), most),
+        make("div", { class: "scale name" }, make("span", {}, "Hide points with sigma above"), most),
         threshold),
       colourBarFor(layers.sigma, "Sigma"),
       make("div", { class: "row" },

@@ -20,7 +20,7 @@ function bytesOf(base64) {
   return Uint8Array.from(text, (character) => character.charCodeAt(0));
 }
 
-/** With so many significant digits, and no more decimals than help. */
+/** With `digits` significant digits. */
 function number(value, digits = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   if (value === 0) return "0";
@@ -30,10 +30,10 @@ function number(value, digits = 3) {
   return value.toFixed(Math.min(decimals, 6)).replace("-", "−");
 }
 
-/** With so many decimals, and a sign where asked. */
+/** With `decimals` decimals, and optionally a sign. */
 function fixed(value, decimals, sign) {
   const text = value.toFixed(decimals);
-  // A sign that no digit bears out.
+  // No sign for a rounded zero.
   const bare = /[1-9]/.test(text) ? text : text.replace("-", "");
   return (sign && value > 0 && /[1-9]/.test(text) ? `+${bare}` : bare).replace("-", "−");
 }
@@ -72,7 +72,7 @@ function quantiles(values, shares) {
   return shares.map((share) => known[Math.round(share * (known.length - 1))]);
 }
 
-/** A titled section with a word of explanation, in the page. */
+/** A titled section with an explanation. */
 function section(title, text, ...children) {
   const id = title.toLowerCase().replace(/[^a-z]+/g, "-");
   const part = make("section", { "aria-labelledby": id }, make("h2", { id }, title));
@@ -91,7 +91,7 @@ function warnings(list) {
   return make("div", { class: "warning", role: "note" }, make("ul", {}, list.map((text) => make("li", {}, text))));
 }
 
-/** Text that can be copied by a button where the browser allows it, by hand elsewhere. `words`: lines end between words only. */
+/** Text with a copy button; it is selected where the browser allows no copying. `words`: lines break between words only. */
 function copyable(text, words = false) {
   const parts = words ? text.split(" ").flatMap((word, i) => [i > 0 ? " " : "", make("span", { class: "word" }, word)]) : text;
   const code = make("pre", { tabindex: "0" }, parts);
@@ -115,12 +115,12 @@ function choice(options, chosen, label, changed) {
   return select;
 }
 
-/** Calls `work` once a frame however often it is asked. */
+/** Calls `work` at most once per frame. */
 function oncePerFrame(work) {
-  let asked = false;
+  let pending = false;
   return () => {
-    if (asked) return;
-    asked = true;
-    requestAnimationFrame(() => { asked = false; work(); });
+    if (pending) return;
+    pending = true;
+    requestAnimationFrame(() => { pending = false; work(); });
   };
 }

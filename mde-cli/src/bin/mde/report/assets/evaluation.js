@@ -3,7 +3,7 @@
 function evaluationPage(page) {
   const { summary: all } = report;
   const { summary } = all;
-  // Those with a depth of their own: sigmas that anyone could state are in the tables too.
+  // Methods with a depth of their own; the tables have trivial sigmas too.
   const count = methodsOf(summary, report.groups[0]).length;
   page.append(make("h1", {}, report.title),
     make("p", { class: "soft" }, `${summary.scenes} scene${summary.scenes === 1 ? "" : "s"} · ${count} method${count === 1 ? "" : "s"} · mde ${all.versions["mde-cli"]}`),
@@ -12,7 +12,7 @@ function evaluationPage(page) {
   const notes = warnings([...failed, ...(all.warnings ?? [])]);
   if (notes) page.append(notes);
   if (summary.scenes < 6) {
-    page.append(make("p", { class: "soft small" }, `With ${summary.scenes} scene${summary.scenes === 1 ? "" : "s"} an interval is little more than the range of a few numbers: nothing is marked.`));
+    page.append(make("p", { class: "soft small" }, `With ${summary.scenes} scene${summary.scenes === 1 ? "" : "s"} intervals are little more than the range of a few numbers, so nothing is marked.`));
   }
   section("Scores", null, scores(summary));
   if (report.figures.length > 0) {
@@ -22,9 +22,9 @@ function evaluationPage(page) {
         make("figcaption", {}, figure.what)))));
   }
   section("Scenes", null, sceneList());
-  section("Again", null,
+  section("Reproduce this run", null,
     all.command_line ? copyable(all.command_line, true) : null,
-    make("details", {}, make("summary", {}, "What it was made from (summary.json)"), make("pre", { tabindex: "0" }, JSON.stringify({ made_from: all.made_from, versions: all.versions, bootstrap: summary.bootstrap }, null, 2))),
+    make("details", {}, make("summary", {}, "Inputs, versions and settings (summary.json)"), make("pre", { tabindex: "0" }, JSON.stringify({ made_from: all.made_from, versions: all.versions, bootstrap: summary.bootstrap }, null, 2))),
     make("p", { class: "small soft" }, "Beside this page: table.md, summary.json (every metric), scenes.csv (every scene), the figures as SVG and PNG."));
 }
 
@@ -124,7 +124,7 @@ function sceneList() {
   const keys = Object.keys(report.scenes[0]?.scores ? Object.values(report.scenes[0].scores)[0] ?? {} : {});
   const metric = report.metrics.find((m) => keys.includes(m.key) && m.key.startsWith("abs")) ?? report.metrics.find((m) => keys.includes(m.key));
   const label = metric ? `${metric.label}: ` : "";
-  root.append(make("p", { class: "soft small" }, "Depth of each method on the prior's scale of colours, below it its sigma where it states one."));
+  root.append(make("p", { class: "soft small" }, "Depth of each method in the colours of the prior's range; below it its sigma, if it has one."));
   const without = [];
   for (const scene of report.scenes) {
     if (!scene.thumbnails) { without.push(scene.id); continue; }

@@ -89,7 +89,7 @@ async function runLayers() {
   const depths = [Math.min(ends[0][0], ends[1][0]), Math.max(ends[0][1], ends[1][1])];
   const positive = (values) => (place) => values[place] > 0;
   const difference = refined.map((r, i) => (both[i] ? r - prior[i] : 0));
-  // Differences below a thousandth of the depth are not blown up to full colours.
+  // Differences below a thousandth of the depth do not get full colours.
   const largest = Math.max(quantiles(difference.map(Math.abs), [0.99])[0] || 0, 0.001 * depths[1]) || 1;
   const relative = sigma.map((s, i) => (s > 0 && refined[i] > 0 ? (100 * s) / refined[i] : 0));
 
@@ -125,7 +125,7 @@ function align(depth, { space, scale, shift, floor }) {
   return space === "disparity" ? 1 / Math.max(scale / depth + shift, floor) : scale * depth + shift;
 }
 
-/** A range that a nearly constant map does not turn into noise. */
+/** A range wide enough that a nearly constant map does not look like noise. */
 function spread([low, high]) {
   const least = 0.02 * Math.abs(high);
   return high - low >= least ? [low, high] : [high - least, high + least];

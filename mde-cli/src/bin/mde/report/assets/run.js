@@ -16,7 +16,7 @@ async function runPage(page) {
   if (notes) page.append(notes);
 
   const compare = viewer(scene);
-  const hint = "Drag in the picture to move the border; point at a pixel to read it. ";
+  const hint = "Drag in the image to move the border; point at a pixel to read its values. ";
   section("Before and after", hint + report.prior_sigma, compare.root);
 
   const gallery = make("div", { class: "gallery" }, Object.entries(layers).map(([name, layer]) => tile(name, layer, () => {
@@ -24,35 +24,35 @@ async function runPage(page) {
     document.getElementById("viewer").scrollIntoView({ block: "center" });
     document.getElementById("viewer").focus({ preventScroll: true });
   })));
-  section("All maps", "Press one to put it on the right above. Colours run from the 1st to the 99th percentile; missing is grey. In differences and errors, orange is too far or farther, purple nearer.", gallery);
+  section("All maps", "Press a map to show it on the right above. Colours run from the 1st to the 99th percentile; missing pixels are grey. In differences and errors, orange is farther, purple nearer.", gallery);
 
-  section("In space", "Drag to turn, wheel or pinch to zoom; with the keyboard: arrows, plus, minus, 0.", cloud(scene));
+  section("Point cloud", "Drag to turn, wheel or pinch to zoom; on the keyboard: arrows, plus, minus, 0 to reset.", cloud(scene));
   if (record.iterations.length > 0) section("Iterations", null, iterationTable(record.iterations, unit));
   const curves = trainingCharts(record.training ?? []);
-  if (curves) section("Training", "Of the rays of each batch, once every few steps.", curves);
-  if (record.scores) section("Against the truth", scoreNote(record.scores), scoreTable(record.scores));
-  section("Again", null,
-    make("p", { class: "small soft" }, "The command that made this, and all of its settings."),
+  if (curves) section("Training", "Loss and PSNR of the rays of a batch, every few steps.", curves);
+  if (record.scores) section("Scores against ground truth", scoreNote(record.scores), scoreTable(record.scores));
+  section("Reproduce this run", null,
+    make("p", { class: "small soft" }, "The command line and all settings."),
     copyable(record.command_line ?? `mde ${record.command}`, true),
     make("details", {}, make("summary", {}, "Settings (config.toml)"), copyable(report.config)),
     make("details", {}, make("summary", {}, "Record (run.json)"), make("pre", { tabindex: "0" }, JSON.stringify(record, null, 2))));
   section("Files", null, fileTable(report.files));
 }
 
-/** The numbers that a reader wants first. */
+/** The most important numbers. */
 function headline(record, maps, unit) {
   const moved = maps.refined.map((r, i) => (r > 0 && maps.prior[i] > 0 ? Math.abs(r / maps.prior[i] - 1) || 1e-9 : 0));
   const relative = maps.sigma.map((s, i) => (s > 0 && maps.refined[i] > 0 ? s / maps.refined[i] : 0));
   const [median, most] = quantiles(moved, [0.5, 0.9]);
   const last = record.iterations[record.iterations.length - 1];
   const cards = [
-    card(percent(median), `the depth moved at the median pixel; ${percent(most)} at nine of ten`),
-    card(`± ${number(quantiles(maps.sigma, [0.5])[0])}${unit}`, `sigma at the median pixel: ${percent(quantiles(relative, [0.5])[0])} of the depth`),
+    card(percent(median), `typical change of the depth (median); 90${NBSP}% of pixels changed by less than ${percent(most)}`),
+    card(`± ${number(quantiles(maps.sigma, [0.5])[0])}${unit}`, `median sigma: ${percent(quantiles(relative, [0.5])[0])} of the depth`),
   ];
-  const asked = record.evidence?.questions ?? 1;
-  if (asked > 1) cards.push(card(String(asked), `answers of the model, about crops and mirror images; they differ by ${percent(record.evidence.median_spread ?? NaN)} at the median pixel`));
-  if (last) cards.push(card(percent(last.fusion.nerf_weight), "the field's weight in the result; the rest is the prior's"));
-  if (last?.fit.psnr.length > 0) cards.push(card(`${number(last.fit.psnr[0])} dB`, "how well the field shows the photograph (PSNR)"));
+  const predictions = record.augmentation?.predictions ?? 1;
+  if (predictions > 1) cards.push(card(String(predictions), `predictions of the model, on the photograph, crops and mirror images; median spread ${percent(record.augmentation.median_spread ?? NaN)}`));
+  if (last) cards.push(card(percent(last.fusion.nerf_weight), "weight of the field in the result; the rest is the prior"));
+  if (last?.fit.psnr.length > 0) cards.push(card(`${number(last.fit.psnr[0])} dB`, "PSNR of the photograph as the field renders it; high values do not imply good depth"));
   const pair = record.scores?.by_alignment[record.scores.shown];
   if (pair) {
     const [before, after] = [pair.prior.depth["abs-rel"], pair.refined.depth["abs-rel"]];
@@ -86,16 +86,15 @@ function table(heads, rows, name) {
 
 /** A column for each iteration: there are few of them, and many numbers. */
 function iterationTable(iterations, unit) {
-  // In disparity the estimates are of 1 / depth.
-  const name = report.space === "disparity" && unit ? `1/${unit.trim()}` : unit.trim();
+  const name = unit.trim();
   const of = name && ` [${name}]`;
   const mean = (values) => values.reduce((sum, v) => sum + v, 0) / (values.length || NaN);
   const rows = [
     ["a, scale of the field's depth", ({ fusion }) => number(fusion.a, 4)],
     [`b, its shift${of}`, ({ fusion }) => number(fusion.b)],
     [`σₒ, error of the prior${of}`, ({ fusion }) => number(fusion.sigma_o)],
-    ["weight of the field", ({ fusion }) => percent(fusion.nerf_weight)],
-    ["field off the prior", (one) => percent(one.field_prior_deviation ?? NaN)],
+    ["weight of the field in the result", ({ fusion }) => percent(fusion.nerf_weight)],
+    ["typical deviation of the field from the prior", (one) => percent(one.field_prior_deviation ?? NaN)],
     ["PSNR, original view [dB]", ({ fit }) => number(fit.psnr[0])],
     ["PSNR, mean of the views [dB]", ({ fit }) => number(mean(fit.psnr))],
     ["loss", ({ fit }) => number(fit.loss)],
@@ -115,7 +114,7 @@ function trainingCharts(training) {
 }
 
 function scoreNote(scores) {
-  return `Truth: ${scores.truth}. Each map is brought to the truth's scale by its own alignment, in the way that the heading names. Coloured where it changed by ${percent(0.01, 1)} or more; one picture proves nothing.`;
+  return `Ground truth: ${scores.truth}. Each map has its own alignment to the truth, named in the heading. Changes of ${percent(0.01, 1)} or more are coloured; a single image is no evidence for a method.`;
 }
 
 function scoreTable(scores) {
@@ -123,9 +122,9 @@ function scoreTable(scores) {
     ["AbsRel ↓", (s) => s.depth["abs-rel"], -1], ["RMSE [m] ↓", (s) => s.depth.rmse, -1],
     ["within a factor 1.25 ↑", (s) => s.depth.delta?.[0], 1], ["edge F1, 0.25 m, 1 px ↑", (s) => s.depth.edges?.find((edge) => edge.threshold === 0.25 && edge.tolerance === 1)?.f1, 1],
     ["boundary F1 ↑", (s) => s.depth["boundary-f1"], 1],
-    ["order across edges wrong ↓", (s) => s.depth["d3r-like"], -1], ["sharpness at edges ↑", (s) => s.depth["sharpness-on"], 1],
-    ["sharpness elsewhere ↓", (s) => s.depth["sharpness-off"], -1], ["sigma and error, Spearman ↑", (s) => s.uncertainty?.spearman, 0],
-    ["mean z² (1 is right)", (s) => s.uncertainty?.["mean-z2"], 0],
+    ["wrong order across edges (D3R) ↓", (s) => s.depth["d3r-like"], -1], ["sharpness on edges ↑", (s) => s.depth["sharpness-on"], 1],
+    ["sharpness off edges ↓", (s) => s.depth["sharpness-off"], -1], ["Spearman of sigma and error ↑", (s) => s.uncertainty?.spearman, 0],
+    ["mean z² (1: calibrated; above 1: sigma too small)", (s) => s.uncertainty?.["mean-z2"], 0],
   ];
   const names = [scores.shown, ...Object.keys(scores.by_alignment).filter((name) => name !== scores.shown)];
   const heads = [

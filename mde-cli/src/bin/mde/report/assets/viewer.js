@@ -1,4 +1,4 @@
-// Two layers with a slider between them, edges over both, and what each map says at a pixel.
+// Two layers with a slider between them, edges over both, and the values of the maps at a pixel.
 
 /** A depth that changes by more than this factor within `REACH` pixels on either side has an edge. */
 const EDGE_RATIO = 1.1;
@@ -20,7 +20,7 @@ function edgePicture(values, [width, height], colour) {
     for (let place = 0; place < values.length; place += 1) {
       const here = jump(place);
       if (here <= least || here < jump(place - step) || here <= jump(place + step)) continue;
-      // A floor that runs away from the camera is steep all along; an edge is not.
+      // A receding floor is steep everywhere; an edge is not.
       const beside = Math.max(jump(place - 2 * REACH * step), jump(place + 2 * REACH * step));
       if (here > 1.25 * beside) context.fillRect(place % width, Math.floor(place / width), 1, 1);
     }
@@ -38,12 +38,12 @@ function viewer({ layers, maps }) {
 
   const canvas = make("canvas", {
     id: "viewer", tabindex: "0", role: "img",
-    "aria-label": "Two maps beside each other; the arrow keys move the pixel that is read out, Page Up and Page Down the slider",
+    "aria-label": "Two maps side by side; arrow keys move the pixel that is read, Page Up and Page Down the slider",
   });
   const context = canvas.getContext("2d");
   const tags = { left: make("span", { class: "tag left" }), right: make("span", { class: "tag right" }) };
   const slider = make("input", {
-    id: "split", type: "range", min: "0", max: "1000", value: "500", "aria-label": "Where the left map ends",
+    id: "split", type: "range", min: "0", max: "1000", value: "500", "aria-label": "Border between the maps",
     oninput: () => { state.split = slider.value / 1000; draw(); },
   });
   const readout = make("dl", { id: "readout", "aria-live": "polite" });
@@ -98,13 +98,13 @@ function viewer({ layers, maps }) {
     readout.replaceChildren(...rows.flatMap(([name, value]) => [make("dt", {}, name), make("dd", { "data-name": name }, value)]));
   }
 
-  /** With the decimals of the depths themselves: what is less, they do not show. */
+  /** With the decimals of the depths. */
   function changeOf(before, after) {
     const decimals = (number(before, 4).split(".")[1] ?? "").length;
     return `${fixed(after - before, decimals, true)}${unit} (${fixed(100 * (after / before - 1), 1, true)}${NBSP}%)`;
   }
 
-  /** What is left to the truth, where it is known, after the alignment of the scores. */
+  /** Error of both depths after the alignment of the scores, where the truth is known. */
   function errorsAt(place) {
     if (!maps.error_prior || !(maps.truth[place] > 0)) return [];
     const of = (name) => (maps[name][place] > 0 ? fixed(maps[`error_${name}`][place], 3, true) : "–");

@@ -1,13 +1,13 @@
-use super::ZoomLevel;
+use super::CropLevel;
 use ndarray::{Array2, ArrayView2, s};
 
-/// Added to every weight, so that no pixel of a crop counts for nothing.
+/// Added to every weight, so that no pixel of a crop has weight 0.
 const LEAST: f32 = 1e-6;
 
 /// Rows, columns and sides of a level's crops: `(y, x, height, width)`.
 pub(super) fn crops(
     (height, width): (usize, usize),
-    level: &ZoomLevel,
+    level: &CropLevel,
 ) -> impl Iterator<Item = (usize, usize, usize, usize)> + use<> {
     let side = |whole: usize| ((level.side * whole as f64).ceil() as usize).clamp(1, whole);
     let (tall, wide) = (side(height), side(width));
@@ -18,14 +18,14 @@ pub(super) fn crops(
     (0..n * n).map(move |i| (start(i / n, height, tall), start(i % n, width, wide), tall, wide))
 }
 
-/// What the crops of a level say, weighted by a half sine over each.
-pub(super) struct Votes {
+/// Weighted sums of the changes by a level's crops, under a half sine over each.
+pub(super) struct Changes {
     sum: Array2<f32>,
     squares: Array2<f32>,
     weight: Array2<f32>,
 }
 
-impl Votes {
+impl Changes {
     pub(super) fn new(size: (usize, usize)) -> Self {
         Self { sum: Array2::zeros(size), squares: Array2::zeros(size), weight: Array2::zeros(size) }
     }
@@ -50,8 +50,8 @@ impl Votes {
         }
     }
 
-    /// Mean and variance of what was said, pixel by pixel; zero where nothing was.
-    pub(super) fn count(self) -> (Array2<f32>, Array2<f32>) {
+    /// Mean and variance per pixel; zero where there is no crop.
+    pub(super) fn mean_and_variance(self) -> (Array2<f32>, Array2<f32>) {
         let Self { mut sum, mut squares, weight } = self;
         ndarray::Zip::from(&mut sum).and(&mut squares).and(&weight).for_each(|sum, square, &weight| {
             let scale = if weight > 0.0 { 1.0 / weight } else { 0.0 };

@@ -1,4 +1,5 @@
 use super::*;
+use crate::DepthKind;
 use ndarray::{Array3, Axis};
 use proptest::prelude::*;
 
@@ -35,23 +36,23 @@ fn error(map: &Array2<f32>, picture: &Array3<f32>) -> f64 {
 }
 
 #[test]
-fn crops_bring_the_detail_that_the_whole_picture_lost() {
+fn crops_add_the_detail_that_the_whole_image_lost() {
     let picture = picture();
     let model = Coarse { cells: 14, kind: DepthKind::Metric };
-    let evidence = EvidenceConfig::zoomed().gather(&model, picture.view()).unwrap();
-    let (before, after) = (error(&evidence.prior.map, &picture), error(&evidence.consensus.map, &picture));
+    let augmented = AugmentationConfig::multi_crop().predict(&model, picture.view()).unwrap();
+    let (before, after) = (error(&augmented.prior.map, &picture), error(&augmented.merged.map, &picture));
     assert!(after < 0.7 * before, "{before} {after}");
-    assert_eq!(evidence.questions, EvidenceConfig::zoomed().questions());
+    assert_eq!(augmented.predictions, AugmentationConfig::multi_crop().predictions());
     assert!(
-        evidence.spread.iter().all(|s| s.is_finite() && *s >= 0.0)
-            && evidence.spread.iter().any(|s| *s > 0.0)
+        augmented.spread.iter().all(|s| s.is_finite() && *s >= 0.0)
+            && augmented.spread.iter().any(|s| *s > 0.0)
     );
 }
 
 #[test]
 fn a_disparity_gains_too_whatever_its_gauge() {
     let picture = picture();
-    let config = EvidenceConfig::zoomed();
+    let config = AugmentationConfig::multi_crop();
     struct Affine(Coarse, f32, f32);
     impl DepthPrior for Affine {
         fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
@@ -60,15 +61,15 @@ fn a_disparity_gains_too_whatever_its_gauge() {
         }
     }
     let coarse = || Coarse { cells: 14, kind: DepthKind::AffineDisparity };
-    let plain = config.gather(&Affine(coarse(), 1.0, 0.0), picture.view()).unwrap();
-    let other = config.gather(&Affine(coarse(), 700.0, -90.0), picture.view()).unwrap();
-    for (a, b) in plain.consensus.map.iter().zip(&other.consensus.map) {
+    let plain = config.predict(&Affine(coarse(), 1.0, 0.0), picture.view()).unwrap();
+    let other = config.predict(&Affine(coarse(), 700.0, -90.0), picture.view()).unwrap();
+    for (a, b) in plain.merged.map.iter().zip(&other.merged.map) {
         assert!((a - (b + 90.0) / 700.0).abs() < 1e-3, "{a} {b}");
     }
     let squared = |map: &Array2<f32>| {
         map.iter().zip(picture.index_axis(Axis(2), 0)).map(|(a, b)| (a - b).powi(2)).sum::<f32>()
     };
-    assert!(squared(&plain.consensus.map) < 0.8 * squared(&plain.prior.map));
+    assert!(squared(&plain.merged.map) < 0.8 * squared(&plain.prior.map));
     let depth = plain.depth(&DisparityRule::default()).unwrap();
     assert!(plain.relative_spread(depth.view()).unwrap().iter().all(|s| s.is_finite() && *s >= 0.0));
 }
@@ -76,45 +77,48 @@ fn a_disparity_gains_too_whatever_its_gauge() {
 #[test]
 fn a_few_sharper_disparities_leave_the_depth_of_the_others_alone() {
     let model = Coarse { cells: 14, kind: DepthKind::AffineDisparity };
-    let mut evidence = EvidenceConfig::default().gather(&model, picture().view()).unwrap();
+    let mut augmented = AugmentationConfig::default().predict(&model, picture().view()).unwrap();
     let rule = DisparityRule::default();
-    let before = evidence.prior.to_depth(&rule).unwrap();
-    let mut map = evidence.consensus.map.clone();
+    let before = augmented.prior.to_depth(&rule).unwrap();
+    let mut map = augmented.merged.map.clone();
     let sharper = map.len() / 20;
     map.iter_mut().take(sharper).for_each(|d| *d += 9.0);
-    evidence.consensus = PriorDepth::from_values(map, DepthKind::AffineDisparity).unwrap();
-    let after = evidence.depth(&rule).unwrap();
+    augmented.merged = PriorDepth::from_values(map, DepthKind::AffineDisparity).unwrap();
+    let after = augmented.depth(&rule).unwrap();
     let moved = before.iter().zip(&after).filter(|(a, b)| a != b).count();
     assert!((1..=sharper).contains(&moved), "{moved} of {}", before.len());
     assert!(after.iter().all(|z| (rule.near..=rule.far).contains(&f64::from(*z))));
 }
 
 #[test]
-fn without_questions_the_first_answer_stands() {
+fn without_augmentation_the_single_prediction_is_the_result() {
     let model = Coarse { cells: 14, kind: DepthKind::Metric };
-    let evidence = EvidenceConfig::default().gather(&model, picture().view()).unwrap();
-    assert_eq!((evidence.consensus, evidence.questions), (evidence.prior, 1));
+    let augmented = AugmentationConfig::default().predict(&model, picture().view()).unwrap();
+    assert_eq!((augmented.merged, augmented.predictions), (augmented.prior, 1));
 }
 
 #[test]
-fn a_stop_gives_no_answer() {
+fn a_cancelled_augmentation_has_no_result() {
     let model = Coarse { cells: 14, kind: DepthKind::Metric };
-    let mut heard = 0;
-    let mut stop = |asked, _| {
-        heard = asked;
-        if asked > 5 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    let mut calls = 0;
+    let mut stop = |done, _| {
+        calls = done;
+        if done > 5 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    assert_eq!(EvidenceConfig::zoomed().gather_with(&model, picture().view(), &mut stop).unwrap(), None);
-    assert_eq!(heard, 6);
+    assert_eq!(
+        AugmentationConfig::multi_crop().predict_with(&model, picture().view(), &mut stop).unwrap(),
+        None
+    );
+    assert_eq!(calls, 6);
 }
 
 #[test]
 fn a_value_out_of_range_is_named() {
-    let level = ZoomLevel { side: 1.5, positions: 3, window: 0.2 };
-    let wrong = EvidenceConfig { levels: vec![level], ..EvidenceConfig::zoomed() };
-    assert!(wrong.validate().unwrap_err().to_string().contains("evidence.levels.side"));
-    let wrong = EvidenceConfig { trust: f64::NAN, ..EvidenceConfig::zoomed() };
-    assert!(wrong.validate().unwrap_err().to_string().contains("evidence.trust"));
+    let level = CropLevel { side: 1.5, positions: 3, window: 0.2 };
+    let wrong = AugmentationConfig { levels: vec![level], ..AugmentationConfig::multi_crop() };
+    assert!(wrong.validate().unwrap_err().to_string().contains("augmentation.levels.side is 1.5"));
+    let wrong = AugmentationConfig { gain: f64::NAN, ..AugmentationConfig::multi_crop() };
+    assert!(wrong.validate().unwrap_err().to_string().contains("augmentation.trust"));
 }
 
 proptest! {
@@ -137,7 +141,7 @@ proptest! {
         }
         let of = |unit| {
             let model = Scaled(Coarse { cells: 7, kind: DepthKind::Metric }, unit);
-            EvidenceConfig::zoomed().gather(&model, picture.view()).unwrap().consensus.map
+            AugmentationConfig::multi_crop().predict(&model, picture.view()).unwrap().merged.map
         };
         let (plain, scaled) = (of(1.0), of(unit));
         for (a, b) in plain.iter().zip(&scaled) {
@@ -145,31 +149,4 @@ proptest! {
             prop_assert!((a.ln() + unit.ln() - b.ln()).abs() < 0.01, "{} {}", a, b);
         }
     }
-}
-
-proptest! {
-    /// Any gauge of the right answer is brought back to the reference's.
-    #[test]
-    fn a_regressed_answer_has_the_reference_s_gauge(gain in 0.2..5.0_f32, power in 0.7..1.4_f32) {
-        let truth = picture().index_axis(Axis(2), 0).to_owned();
-        let answer = truth.mapv(|z| gain * z.powf(power));
-        let back = regressed(answer.view(), truth.view(), 0.2, 0.25).unwrap();
-        for (b, t) in back.iter().zip(&truth) {
-            prop_assert!((b / t - 1.0).abs() < 0.05, "{b} {t}");
-        }
-    }
-}
-
-#[test]
-fn a_regressed_answer_says_something_where_the_reference_is_missing() {
-    let truth = picture().index_axis(Axis(2), 0).to_owned();
-    let mut holes = truth.clone();
-    holes.slice_mut(s![.., 30..40]).fill(0.0);
-    let mut answer = truth.mapv(|z| 3.0 * z);
-    answer[(5, 5)] = 0.0;
-    let back = regressed(answer.view(), holes.view(), 0.2, 0.25).unwrap();
-    assert_eq!(back[(5, 5)], 0.0);
-    assert!((back[(10, 35)] / truth[(10, 35)] - 1.0).abs() < 0.1, "{}", back[(10, 35)]);
-    assert!(regressed(answer.view(), Array2::zeros(answer.dim()).view(), 0.2, 0.25).is_err());
-    assert!(regressed(answer.view(), Array2::ones((2, 2)).view(), 0.2, 0.25).is_err());
 }

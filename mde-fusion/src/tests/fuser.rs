@@ -1,23 +1,20 @@
 //! Theorems of the whole fusion, and each choice of the configuration.
-#![allow(clippy::unwrap_used)]
-
-mod common;
-
-use approx::assert_relative_eq;
-use common::{Random, difference, map, map_prior};
-use mde_fusion::ndarray::{Array2, array};
-use mde_fusion::proptest::{config, scene, wild_scene};
-use mde_fusion::{
-    Aggregation, BayesFuser, Calibration, Degenerate, Error, Fused, Fuser, Fusion, FusionConfig,
-    GaussianDepth, Guards, MissingPrior, OnDegenerate, Prior, PriorVariance, Space, VarianceRule, Warning,
+use super::common::{Random, difference, map, map_prior};
+use crate::proptest::{config, scene, wild_scene};
+use crate::{
+    Affine, AffineFit, Aggregation, BayesFuser, Calibration, Degenerate, Error, Fused, Fuser, Fusion,
+    FusionConfig, GaussianDepth, Guards, Prior, PriorVariance, VarianceRule, Warning,
 };
-use proptest::prelude::*;
+use ::proptest::prelude::*;
+use approx::assert_relative_eq;
+use mde_uncertainty::statistics::median;
+use ndarray::{Array2, array};
 
 fn fuse(config: FusionConfig, prior: &Prior, views: &[GaussianDepth]) -> Fused {
     BayesFuser::new(config).unwrap().fuse(prior, views).unwrap()
 }
 
-/// A seeded slope with a step, a noisy prior of it, and views that see it in another gauge. Seven of sixteen columns in
+/// A seeded slope with a step, a noisy prior of it, and views of it at another scale and shift. Seven of sixteen columns in
 /// the first row have no view, the last pixel no prior.
 fn room() -> (Prior, Vec<GaussianDepth>) {
     let mut random = Random(1);
@@ -107,24 +104,22 @@ proptest! {
     }
 
     #[test]
-    fn the_unit_does_not_matter(k in 0.01..100.0_f64, space in prop::sample::select(vec![Space::Depth, Space::Disparity])) {
+    fn the_unit_does_not_matter(k in 0.01..100.0_f64) {
         let (prior, views) = room();
         let scaled: Vec<_> = views.iter().map(|view| map(view, |m, v| (k * m, k * k * v))).collect();
-        for base in [FusionConfig::paper(), FusionConfig { guards: Guards::default(), ..FusionConfig::robust() }] {
-            let config = FusionConfig { space, ..base };
+        for config in [FusionConfig::paper(), FusionConfig { guards: Guards::Paper, ..FusionConfig::robust() }] {
             let one = fuse(config.clone(), &prior, &views);
             let other = fuse(config, &map_prior(&prior, |d| k * d), &scaled);
             let expected = map(&one.depth, |m, v| (k * m, k * k * v));
             prop_assert!(difference(&expected, &other.depth) < 1e-4);
-            let sigma = if space == Space::Depth { k } else { 1.0 / k };
-            assert_relative_eq!(other.report.sigma_o, sigma * one.report.sigma_o, max_relative = 1e-4);
+            assert_relative_eq!(other.report.sigma_o, k * one.report.sigma_o, max_relative = 1e-4);
             assert_relative_eq!(other.report.a, one.report.a, max_relative = 1e-5);
         }
     }
 
-    /// The calibration undoes any affine gauge of the views, so the result does not see it.
+    /// The calibration inverts any affine map of the views, so the result does not depend on it.
     #[test]
-    fn the_gauge_of_the_views_does_not_matter(k in 0.2..5.0_f64, c in -1.0..3.0_f64) {
+    fn an_affine_map_of_the_views_does_not_matter(k in 0.2..5.0_f64, c in -1.0..3.0_f64) {
         let (prior, views) = room();
         let moved: Vec<_> = views.iter().map(|view| map(view, |m, v| (k * m + c, k * k * v))).collect();
         let (one, other) = (fuse(unclamped(), &prior, &views), fuse(unclamped(), &prior, &moved));
@@ -142,7 +137,7 @@ proptest! {
         for (fused, prior) in fused.depth.mean().iter().zip(prior.mean()) {
             assert_relative_eq!(*fused, *prior, max_relative = 1e-5);
         }
-        // The residuals are below what the views claim, so Eq. 15 clamps.
+        // The residuals are below the stated variances, so Eq. 15 clamps.
         prop_assert!(fused.report.sigma_o_clamped && fused.report.warnings.contains(&Warning::PriorTakenAsExact));
     }
 }
@@ -158,11 +153,8 @@ fn views_beat_a_noisy_prior() {
     assert!(r.nerf_weight > 0.9 && r.correlation > 0.9 && r.effective_support > 50.0);
     let [q5, q25, q50, q75, q95] = r.variance_quantiles;
     assert!(0.0 < q5 && q5 < q25 && q25 < q50 && q50 < q75 && q75 < q95);
-    // Known to the views, but not to the prior.
+    // Missing in the prior, but not in the views.
     assert!(fused.depth.is_missing(11, 15) && !fused.aligned.is_missing(11, 15));
-    let filled =
-        fuse(FusionConfig { missing_prior: MissingPrior::Nerf, ..FusionConfig::paper() }, &prior, &views);
-    assert_eq!(filled.depth.get(11, 15), fused.aligned.get(11, 15));
 }
 
 #[test]
@@ -182,12 +174,9 @@ fn each_ablation_changes_the_result() {
         FusionConfig { calibration: Calibration::Effective, ..paper() },
         FusionConfig { prior_variance: PriorVariance::FixedMedian, ..paper() },
         FusionConfig { prior_variance: PriorVariance::FixedRelative, ..paper() },
-        FusionConfig { prior_variance: PriorVariance::PauleMandel, ..paper() },
-        FusionConfig { prior_variance: PriorVariance::MaximumLikelihood, ..paper() },
         FusionConfig { prior_variance: PriorVariance::Heteroscedastic, ..paper() },
         FusionConfig { fusion: Fusion::NerfOnly, ..paper() },
         FusionConfig { spread: true, ..paper() },
-        FusionConfig { space: Space::Disparity, ..paper() },
     ];
     for row in rows {
         let ablated = fuse(row.clone(), &prior, &views);
@@ -211,9 +200,7 @@ fn each_ablation_changes_the_result() {
 /// The weight at the median pixel, from the variances: w = posterior / (a^2 v).
 fn median_weight(fused: &Fused) -> f64 {
     let pairs = fused.depth.variance().to_owned() / fused.aligned.variance();
-    let mut weights: Vec<f32> = pairs.iter().copied().filter(|w| w.is_finite() && *w > 0.0).collect();
-    weights.sort_unstable_by(f32::total_cmp);
-    f64::from(weights[weights.len() / 2])
+    median(pairs.iter().copied().filter(|w| w.is_finite() && *w > 0.0)).unwrap()
 }
 
 #[test]
@@ -223,7 +210,7 @@ fn a_prior_with_its_own_variance_keeps_it() {
     let carried = Prior::with_variance(first.depth.clone()).unwrap();
     let second = fuse(FusionConfig::paper(), &carried, &views);
     assert!(!second.report.sigma_o_clamped);
-    // Where no view reaches, the prior is returned as it came.
+    // Without a view the prior is returned unchanged.
     for c in 0..7 {
         assert_eq!(second.depth.get(0, c), first.depth.get(0, c));
     }
@@ -239,7 +226,7 @@ fn a_prior_with_its_own_variance_keeps_it() {
 }
 
 #[test]
-fn degenerate_calibrations_revert_to_the_prior_and_say_why() {
+fn degenerate_calibrations_give_the_prior_and_a_reason() {
     let (prior, views) = room();
     let mirrored: Vec<_> = views.iter().map(|view| map(view, |m, v| (10.0 - m, v))).collect();
     let flat: Vec<_> = views.iter().map(|view| map(view, |_, v| (2.0, v))).collect();
@@ -263,33 +250,33 @@ fn degenerate_calibrations_revert_to_the_prior_and_say_why() {
         // No estimate exists: a tenth of the median depth.
         let sigma = fused.depth.sigma()[(0, 0)];
         assert!(sigma > 0.2 && sigma < 0.4 && (f64::from(sigma) - fused.report.sigma_o).abs() < 1e-6);
-
-        let config = FusionConfig { on_degenerate: OnDegenerate::Identity, ..FusionConfig::paper() };
-        let fused = fuse(config, &prior, views);
-        assert!(fused.report.degenerate.is_some());
-        assert_eq!(fused.aligned, fused.aggregated);
-        assert!(fused.report.nerf_weight > 0.0);
     }
 }
 
 #[test]
-fn strict_guards_refuse_the_implausible() {
-    let (prior, views) = room();
-    let with = |guards| FusionConfig { guards, ..FusionConfig::paper() };
-    let reason = |guards| fuse(with(guards), &prior, &views).report.degenerate;
-    let paper = Guards::default();
-    assert_eq!(reason(paper), None);
-    assert!(matches!(reason(Guards { min_support: 185, ..paper }), Some(Degenerate::Support { .. })));
-    assert!(matches!(
-        reason(Guards { min_support_fraction: 0.97, ..paper }),
-        Some(Degenerate::Support { .. })
-    ));
-    assert!(matches!(reason(Guards { min_scale: 2.0, ..paper }), Some(Degenerate::Scale { .. })));
-    assert!(matches!(reason(Guards { max_scale: Some(1.0), ..paper }), Some(Degenerate::Scale { .. })));
-    let effective = Guards { min_effective_support: 180.0, ..paper };
-    assert!(matches!(reason(effective), Some(Degenerate::EffectiveSupport { .. })));
-    let correlation = Guards { min_correlation: 0.9999, ..paper };
-    assert!(matches!(reason(correlation), Some(Degenerate::Correlation { .. })));
+fn each_bound_of_the_guards_refuses() {
+    let (paper, strict) = (Guards::Paper.bounds(), Guards::Strict.bounds());
+    let affine = |a| Affine { a, b: 0.0 };
+    let fit =
+        |a| AffineFit { affine: affine(a), effective_support: 60.0, correlation: 0.9, relative_spread: 1e-6 };
+    assert_eq!((paper.check_fit(Some(&fit(1.0))), strict.check_fit(Some(&fit(1.0)))), (None, None));
+    assert!(matches!(paper.check_fit(None), Some(Degenerate::Singular { .. })));
+    for a in [0.1, 6.0] {
+        assert_eq!(paper.check_fit(Some(&fit(a))), None);
+        assert_eq!(strict.check_fit(Some(&fit(a))), Some(Degenerate::Scale { a }));
+    }
+    let few = AffineFit { effective_support: 49.0, ..fit(1.0) };
+    assert_eq!(paper.check_fit(Some(&few)), None);
+    assert_eq!(strict.check_fit(Some(&few)), Some(Degenerate::EffectiveSupport { found: 49.0 }));
+    let uncorrelated = AffineFit { correlation: 0.1, ..fit(1.0) };
+    assert_eq!(paper.check_fit(Some(&uncorrelated)), None);
+    assert_eq!(strict.check_fit(Some(&uncorrelated)), Some(Degenerate::Correlation { found: 0.1 }));
+    let flat = AffineFit { relative_spread: 1e-10, ..fit(1.0) };
+    assert_eq!(paper.check_fit(Some(&flat)), None);
+    assert_eq!(strict.check_fit(Some(&flat)), Some(Degenerate::Singular { relative_spread: 1e-10 }));
+    assert_eq!(paper.check_support(2, 9), None);
+    assert_eq!(strict.check_support(99, 200), Some(Degenerate::Support { found: 99, needed: 100 }));
+    assert_eq!(strict.check_support(199, 20_000), Some(Degenerate::Support { found: 199, needed: 200 }));
 }
 
 #[test]
@@ -301,46 +288,6 @@ fn a_depth_that_is_not_positive_reverts_and_is_counted() {
     assert_eq!(fused.report.reverted, 1);
     assert_eq!(fused.depth.mean()[(0, 5)], 0.5);
     assert!(fused.report.warnings.contains(&Warning::NotPositive { pixels: 1 }));
-}
-
-/// An exact affine relation of disparities is no affine relation of depths; the disparity space finds it.
-#[test]
-fn disparity_space_undoes_an_affine_gauge_of_the_disparity() {
-    let (prior, _) = room();
-    let gauge = prior.mean().mapv(|d| if d > 0.0 { 1.0 / (0.8 / d + 0.05) } else { 0.0 });
-    let known = prior.mean().mapv(|d| if d > 0.0 { 1e-4 } else { f32::INFINITY });
-    let view = GaussianDepth::new(gauge, known).unwrap();
-    let config = FusionConfig { space: Space::Disparity, ..FusionConfig::paper() };
-    let fused = fuse(config.clone(), &prior, std::slice::from_ref(&view));
-    assert_relative_eq!(fused.report.a, 1.25, max_relative = 1e-3);
-    for (&aligned, &prior) in fused.aligned.mean().iter().zip(prior.mean()) {
-        assert_relative_eq!(aligned, prior, max_relative = 2e-3);
-    }
-    let depth = fuse(FusionConfig { space: Space::Depth, ..config }, &prior, &[view]);
-    let worst = depth.aligned.mean().iter().zip(prior.mean()).map(|(a, p)| (a - p).abs()).fold(0.0, f32::max);
-    assert!(worst > 0.02, "{worst}");
-}
-
-#[test]
-fn disparity_space_leaves_unsupported_pixels_as_they_came() {
-    let (prior, views) = room();
-    let config = FusionConfig { space: Space::Disparity, ..FusionConfig::paper() };
-    let fused = fuse(config.clone(), &prior, &views);
-    for c in 0..7 {
-        assert_eq!(fused.depth.mean()[(0, c)], prior.mean()[(0, c)]);
-        let expected = fused.report.sigma_o * f64::from(prior.mean()[(0, c)]).powi(2);
-        assert_relative_eq!(f64::from(fused.depth.sigma()[(0, c)]), expected, max_relative = 1e-6);
-    }
-    // And views that say nothing move nothing, as if they were not there.
-    let vague: Vec<_> = views.iter().map(|view| map(view, |m, _| (m, 1e6))).collect();
-    let fused = fuse(
-        FusionConfig { prior_variance: PriorVariance::FixedRelative, kappa: 0.01, ..config },
-        &prior,
-        &vague,
-    );
-    for (fused, prior) in fused.depth.mean().iter().zip(prior.mean()) {
-        assert_relative_eq!(fused, prior, max_relative = 1e-4);
-    }
 }
 
 #[test]
@@ -360,7 +307,7 @@ fn a_common_error_adds_its_share_of_the_depth_and_leaves_the_mean() {
 }
 
 #[test]
-fn a_posterior_floor_never_claims_to_be_exact() {
+fn a_posterior_floor_bounds_the_variance() {
     let prior = Prior::new(array![[1.0, 2.0, 3.0]]).unwrap();
     let view = GaussianDepth::new(array![[1.0, 2.0, 3.0]], array![[0.1, 0.1, 0.1]]).unwrap();
     let exact = fuse(FusionConfig::paper(), &prior, std::slice::from_ref(&view));
@@ -374,7 +321,7 @@ fn bad_input_is_named() {
     let prior = Prior::new(Array2::ones((2, 3))).unwrap();
     let views = [GaussianDepth::missing(2, 3), GaussianDepth::missing(2, 4)];
     let error = BayesFuser::default().fuse(&prior, &views).unwrap_err();
-    assert_eq!(error, Error::Shape { view: 1, expected: [2, 3], found: [2, 4] });
+    assert!(matches!(error, Error::Shape { view: 1, expected: [2, 3], found: [2, 4] }), "{error}");
     for bad in [f32::NAN, f32::INFINITY, -1.0] {
         let error = Prior::new(array![[1.0, bad]]).unwrap_err();
         assert!(matches!(error, Error::Depth { row: 0, column: 1, .. }), "{error}");
@@ -387,28 +334,28 @@ fn bad_input_is_named() {
 fn bad_configurations_are_named() {
     let paper = FusionConfig::paper();
     for config in [paper.clone(), FusionConfig::robust()] {
-        assert_eq!(config.validate(), Ok(()));
+        config.validate().unwrap();
     }
-    let strict = Guards::strict();
     let bad = [
-        (FusionConfig { variance_floor: -1.0, ..paper.clone() }, "variance-floor"),
-        (FusionConfig { posterior_floor: f64::NAN, ..paper.clone() }, "posterior-floor"),
-        (FusionConfig { kappa: 0.0, ..paper.clone() }, "kappa"),
-        (FusionConfig { far: 0.5, ..paper.clone() }, "far"),
-        (
-            FusionConfig { guards: Guards { min_scale: f64::NAN, ..strict }, ..paper.clone() },
-            "guards.min-scale",
-        ),
-        (
-            FusionConfig { guards: Guards { max_scale: Some(0.1), ..strict }, ..paper.clone() },
-            "guards.max-scale",
-        ),
+        (FusionConfig { variance_floor: -1.0, ..paper.clone() }, "fusion.variance-floor is -1; "),
+        (FusionConfig { posterior_floor: f64::NAN, ..paper.clone() }, "fusion.posterior-floor is NaN; "),
+        (FusionConfig { common_error: 1.0, ..paper.clone() }, "fusion.common-error is 1; "),
+        (FusionConfig { kappa: 0.0, ..paper }, "fusion.kappa is 0; "),
     ];
-    for (config, field) in bad {
+    for (config, message) in bad {
         let error = BayesFuser::new(config).unwrap_err().to_string();
-        assert!(error.starts_with(field), "{error}");
+        assert!(error.starts_with(message), "{error}");
     }
-    let mut config = paper;
-    config.effective.huber = 0.0;
-    assert!(BayesFuser::new(config).unwrap_err().to_string().starts_with("effective.huber"));
+}
+
+#[test]
+fn another_fuser_returns_its_own_error() {
+    struct Refuses;
+    impl Fuser for Refuses {
+        fn fuse(&self, _: &Prior, _: &[GaussianDepth]) -> crate::Result<Fused> {
+            Err(Error::external("no views"))
+        }
+    }
+    let error = Refuses.fuse(&Prior::missing(1, 1), &[]).unwrap_err();
+    assert_eq!(error.to_string(), "no views");
 }

@@ -1,26 +1,27 @@
-use super::finish::blurred;
+use crate::filter::gaussian_blur;
 use crate::resample::{Filter, resize};
 use ndarray::{Array2, ArrayView2, Zip};
 
-/// Cells a side on which the statistics of a crop are kept: windows are much wider than a cell.
+/// Cells along each axis for the statistics of a crop: windows are much wider than a cell.
 const CELLS: usize = 28;
-/// Added to every variance: a hundredth of a depth counts as noise.
+/// \\(\varepsilon\\), added to every variance: a standard deviation of 0.01 counts as noise.
 const EPSILON: f32 = 1e-4;
-/// The steepest slope: more would be invented contrast.
+/// \\(a_{max}\\): steeper slopes amplify noise.
 const STEEPEST: f32 = 3.0;
 
-/// What the crop's answer changes in the map, `[height, width]` of both: \\(a L + b - c\\).
+/// The change of the map by the prediction of a crop, \\(a L + b - c\\), all `[height, width]`; see the equations in
+/// [`augment`](super).
 pub(super) fn change(
-    answer: ArrayView2<'_, f32>,
+    prediction: ArrayView2<'_, f32>,
     map: ArrayView2<'_, f32>,
     window: f64,
-    agreement: f64,
+    exponent: f64,
 ) -> Array2<f32> {
-    let (height, width) = answer.dim();
+    let (height, width) = prediction.dim();
     let cells = (CELLS.min(height), CELLS.min(width));
     let mean = |of: &dyn Fn(f32, f32) -> f32| {
-        let means = block_means(answer, map, cells, of);
-        blurred(means.view(), (window * cells.0 as f64, window * cells.1 as f64))
+        let means = block_means(prediction, map, cells, of);
+        gaussian_blur(means.view(), (window * cells.0 as f64, window * cells.1 as f64))
     };
     let (l, c) = (mean(&|l, _| l), mean(&|_, c| c));
     let (ll, cc, lc) = (mean(&|l, _| l * l), mean(&|_, c| c * c), mean(&|l, c| l * c));
@@ -30,32 +31,32 @@ pub(super) fn change(
         let variance_c = (cc[at] - c[at] * c[at]).max(0.0) + EPSILON;
         let covariance = (lc[at] - l[at] * c[at]).max(0.0);
         let correlation = (covariance / (variance_l * variance_c).sqrt()).min(1.0);
-        // 0^0 is 1: a crop that runs against the map says nothing of it, whatever the exponent.
-        let share = if correlation > 0.0 { correlation.powf(agreement as f32) } else { 0.0 };
-        *slope = ((variance_c / variance_l).sqrt() * share).min(STEEPEST);
+        // Not 0^0 = 1: a crop without positive correlation adds nothing, whatever the exponent.
+        let factor = if correlation > 0.0 { correlation.powf(exponent as f32) } else { 0.0 };
+        *slope = ((variance_c / variance_l).sqrt() * factor).min(STEEPEST);
     });
     let offset = Zip::from(&c).and(&slope).and(&l).map_collect(|&c, &a, &l| c - a * l);
-    let spread = |field: Array2<f32>| {
-        let smooth = blurred(field.view(), (window * cells.0 as f64, window * cells.1 as f64));
+    let per_pixel = |field: Array2<f32>| {
+        let smooth = gaussian_blur(field.view(), (window * cells.0 as f64, window * cells.1 as f64));
         resize(smooth.view(), (height, width), Filter::Bilinear)
     };
-    let (slope, offset) = (spread(slope), spread(offset));
-    Zip::from(&slope).and(&offset).and(answer).and(map).map_collect(|&a, &b, &l, &c| a * l + b - c)
+    let (slope, offset) = (per_pixel(slope), per_pixel(offset));
+    Zip::from(&slope).and(&offset).and(prediction).and(map).map_collect(|&a, &b, &l, &c| a * l + b - c)
 }
 
 /// Means of a quantity over a grid of cells.
 fn block_means(
-    answer: ArrayView2<'_, f32>,
+    prediction: ArrayView2<'_, f32>,
     map: ArrayView2<'_, f32>,
     cells: (usize, usize),
     of: &dyn Fn(f32, f32) -> f32,
 ) -> Array2<f32> {
-    let (height, width) = answer.dim();
+    let (height, width) = prediction.dim();
     let mut sums = Array2::<f64>::zeros(cells);
     let mut counts = Array2::<f64>::zeros(cells);
-    for (y, (answers, values)) in answer.outer_iter().zip(map.outer_iter()).enumerate() {
+    for (y, (predictions, values)) in prediction.outer_iter().zip(map.outer_iter()).enumerate() {
         let row = y * cells.0 / height;
-        for (x, (&l, &c)) in answers.iter().zip(&values).enumerate() {
+        for (x, (&l, &c)) in predictions.iter().zip(&values).enumerate() {
             let cell = (row, x * cells.1 / width);
             sums[cell] += f64::from(of(l, c));
             counts[cell] += 1.0;

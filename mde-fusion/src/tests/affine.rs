@@ -1,22 +1,20 @@
 //! Theorems of Eq. 10-14 and of the effective-variance fit.
-#![allow(clippy::unwrap_used)]
-
-mod common;
-
+use super::common::Random;
+use crate::affine::affine_ols;
+use crate::effective::{ROUNDS, SCALE_SIGMA, SHIFT_SIGMA, affine_effective};
+use crate::huber::{CUT, huber_variance};
+use crate::proptest::samples;
+use crate::{Affine, Gaussian, Sample, affine_wls, residuals};
+use ::proptest::prelude::*;
 use approx::assert_relative_eq;
-use mde_fusion::proptest::samples;
-use mde_fusion::{
-    Affine, EffectiveConfig, Gaussian, Sample, affine_effective, affine_ols, affine_wls, huber_variance,
-    residuals,
-};
-use proptest::prelude::*;
+use mde_uncertainty::statistics::median;
 
 /// Gradient of Eq. 11 in (a, b), and the size of its terms.
 fn gradient(samples: &[Sample], Affine { a, b }: Affine) -> ([f64; 2], [f64; 2]) {
     let (mut g, mut size) = ([0.0; 2], [0.0; 2]);
     for s in samples {
-        let r = (a * s.nerf + b - s.prior) / s.variance;
-        for (i, term) in [r * s.nerf, r].into_iter().enumerate() {
+        let r = (a * s.u + b - s.v) / s.variance;
+        for (i, term) in [r * s.u, r].into_iter().enumerate() {
             g[i] += term;
             size[i] += term.abs();
         }
@@ -40,10 +38,10 @@ proptest! {
         for s in &samples {
             let w = 1.0 / s.variance;
             p += w;
-            pu += w * s.nerf;
-            pv += w * s.prior;
-            puu += w * s.nerf * s.nerf;
-            puv += w * s.nerf * s.prior;
+            pu += w * s.u;
+            pv += w * s.v;
+            puu += w * s.u * s.u;
+            puv += w * s.u * s.v;
         }
         let determinant = p * puu - pu * pu;
         // Below this the printed form itself has lost its digits.
@@ -58,7 +56,7 @@ proptest! {
     #[test]
     fn an_exact_affine_relation_is_recovered(mut samples in samples(2..40), a in 0.1..5.0_f64, b in -3.0..3.0_f64) {
         for s in &mut samples {
-            s.prior = a * s.nerf + b;
+            s.v = a * s.u + b;
         }
         for fit in [affine_wls(&samples).unwrap(), affine_ols(&samples).unwrap()] {
             assert_relative_eq!(fit.affine.a, a, max_relative = 1e-9);
@@ -79,13 +77,13 @@ proptest! {
         // u -> k u + c with its variance: the map is composed with the inverse.
         let nerf: Vec<_> = samples
             .iter()
-            .map(|s| Sample { nerf: k * s.nerf + c, variance: k * k * s.variance, ..*s })
+            .map(|s| Sample { u: k * s.u + c, variance: k * k * s.variance, ..*s })
             .collect();
         let left = affine_wls(&nerf).unwrap().affine;
         assert_relative_eq!(left.a * k, fit.a, epsilon = 1e-7 * scale);
         assert_relative_eq!(left.b + left.a * c, fit.b, epsilon = 1e-6 * scale);
         // v -> k v + c: the map is followed by it.
-        let prior: Vec<_> = samples.iter().map(|s| Sample { prior: k * s.prior + c, ..*s }).collect();
+        let prior: Vec<_> = samples.iter().map(|s| Sample { v: k * s.v + c, ..*s }).collect();
         let right = affine_wls(&prior).unwrap().affine;
         assert_relative_eq!(right.a, k * fit.a, epsilon = 1e-7 * scale);
         assert_relative_eq!(right.b, k * fit.b + c, epsilon = 1e-6 * scale);
@@ -111,21 +109,16 @@ proptest! {
 
     #[test]
     fn where_the_effective_fit_stops_its_own_gradient_is_zero(samples in samples(20..40)) {
-        let config = EffectiveConfig { iterations: 400, ..EffectiveConfig::default() };
-        let Affine { a, b } = affine_effective(&samples, &config).unwrap().affine;
+        let Affine { a, b } = affine_effective(&samples, 400).unwrap().affine;
         let deltas = residuals(&samples, Affine { a, b });
-        let s = huber_variance(&deltas, config.huber);
-        let mut depths: Vec<f64> = samples.iter().map(|s| s.prior).collect();
-        depths.sort_unstable_by(f64::total_cmp);
-        let n = depths.len();
-        let median = 0.5 * (depths[(n - 1) / 2] + depths[n / 2]);
-        let (sa, sb) = (config.scale_sigma, config.shift_sigma * median);
+        let s = huber_variance(&deltas);
+        let (sa, sb) = (SCALE_SIGMA, SHIFT_SIGMA * median(samples.iter().map(|s| s.v)).unwrap());
         let mut g = [(a - 1.0) / (sa * sa), b / (sb * sb)];
         let mut size = [1.0 / (sa * sa), 1.0 / (sb * sb)];
         for (x, r) in samples.iter().zip(&deltas) {
             let t = s + r.variance;
-            let pull = (config.huber * t.sqrt() / r.delta.abs()).min(1.0) * -r.delta / t;
-            for (i, term) in [pull * x.nerf, pull].into_iter().enumerate() {
+            let pull = (CUT * t.sqrt() / r.delta.abs()).min(1.0) * -r.delta / t;
+            for (i, term) in [pull * x.u, pull].into_iter().enumerate() {
                 g[i] += term;
                 size[i] += term.abs();
             }
@@ -135,27 +128,27 @@ proptest! {
 
     /// A pixel that is wrong by up to 1e9 moves no depth between 0.5 and 10 by more than 0.5.
     #[test]
-    fn one_wild_pixel_cannot_carry_the_effective_fit_away(mut samples in samples(30..60), wild in 1e3..1e9_f64) {
+    fn one_outlier_hardly_moves_the_effective_fit(mut samples in samples(30..60), wild in 1e3..1e9_f64) {
         for s in &mut samples {
-            (s.prior, s.variance) = (s.nerf, 0.01);
+            (s.v, s.variance) = (s.u, 0.01);
         }
-        samples.push(Sample { nerf: 5.0, variance: 0.01, prior: wild });
-        let fit = affine_effective(&samples, &EffectiveConfig::default()).unwrap().affine;
+        samples.push(Sample { u: 5.0, variance: 0.01, v: wild });
+        let fit = affine_effective(&samples, ROUNDS).unwrap().affine;
         for depth in [0.5, 10.0] {
             let moved = fit.apply(Gaussian::new(depth, 0.0)).mean - depth;
             prop_assert!(moved.abs() < 0.5, "{fit:?} moves {depth} by {moved}");
         }
-        // The plain fit is gone.
+        // Eq. 11 has no such bound.
         prop_assert!(affine_wls(&samples).unwrap().affine.apply(Gaussian::new(5.0, 0.0)).mean > 15.0);
     }
 
-    /// Bounded influence: from some point on, a pixel that claims to be exact pulls no harder the wilder it is.
+    /// Bounded influence: beyond some residual, the pull of a pixel of tiny variance does not grow.
     #[test]
-    fn how_wild_a_pixel_is_does_not_matter(samples in samples(30..60), wild in 1e5..1e9_f64) {
+    fn the_influence_of_a_pixel_is_bounded(samples in samples(30..60), wild in 1e5..1e9_f64) {
         let fit = |prior| {
             let mut samples = samples.clone();
-            samples.push(Sample { nerf: 5.0, variance: 1e-6, prior });
-            affine_effective(&samples, &EffectiveConfig::default()).unwrap().affine
+            samples.push(Sample { u: 5.0, variance: 1e-6, v: prior });
+            affine_effective(&samples, ROUNDS).unwrap().affine
         };
         let (one, other) = (fit(wild), fit(1e12));
         prop_assert!((one.a - other.a).abs() < 1e-3 && (one.b - other.b).abs() < 1e-2, "{one:?} {other:?}");
@@ -163,19 +156,19 @@ proptest! {
 }
 
 #[test]
-fn a_constant_depth_has_no_slope_but_the_ridge_finds_the_identity() {
-    let sample = |prior| Sample { nerf: 2.1, variance: 0.01, prior };
+fn a_constant_depth_determines_no_slope_but_with_the_ridge_the_identity() {
+    let sample = |prior| Sample { u: 2.1, variance: 0.01, v: prior };
     let samples: Vec<_> = (0..50).map(|i| sample(2.1 + f64::from(i % 3 - 1) * 0.1)).collect();
     assert_eq!(affine_wls(&samples), None);
     assert_eq!(affine_wls(&samples[..1]), None);
     assert_eq!(affine_wls(&[]), None);
-    let fit = affine_effective(&samples, &EffectiveConfig::default()).unwrap();
+    let fit = affine_effective(&samples, ROUNDS).unwrap();
     assert!((fit.affine.a - 1.0).abs() < 0.01 && fit.affine.b.abs() < 0.01, "{fit:?}");
 }
 
 #[test]
 fn exact_samples_count_alone() {
-    let sample = |nerf, variance, prior| Sample { nerf, variance, prior };
+    let sample = |u, variance, v| Sample { u, variance, v };
     let samples = [sample(1.0, 0.0, 3.0), sample(2.0, 0.0, 5.0), sample(9.0, 1.0, -40.0)];
     let fit = affine_wls(&samples).unwrap();
     assert_relative_eq!(fit.affine.a, 2.0);
@@ -183,42 +176,42 @@ fn exact_samples_count_alone() {
     assert_relative_eq!(fit.effective_support, 2.0);
 }
 
-/// One pixel in a hundred claims to be exact and is not: Eq. 11 rests on those alone, the effective fit on all.
+/// One pixel in a hundred states a variance that is far too small: they determine the fit of Eq. 11, but not the effective one.
 #[test]
-fn the_effective_fit_does_not_rest_on_the_overconfident() {
-    let mut random = common::Random(5);
+fn overconfident_pixels_do_not_determine_the_effective_fit() {
+    let mut random = Random(5);
     let samples: Vec<_> = (0..4000)
         .map(|i| {
             let depth = 1.0 + 3.0 * random.uniform();
             let nerf = depth + 0.05 * random.normal();
             let variance = if i % 100 == 0 { 1e-9 } else { 0.05 * 0.05 };
-            // The overconfident see a surface that is not there.
+            // The overconfident pixels are of another surface.
             let nerf = if i % 100 == 0 { 2.0 + 0.2 * random.normal() } else { nerf };
-            Sample { nerf, variance, prior: depth + 0.1 * random.normal() }
+            Sample { u: nerf, variance, v: depth + 0.1 * random.normal() }
         })
         .collect();
     let wls = affine_wls(&samples).unwrap();
     assert!(wls.effective_support < 41.0 && (wls.affine.a - 1.0).abs() > 0.3, "{wls:?}");
-    let effective = affine_effective(&samples, &EffectiveConfig::default()).unwrap();
+    let effective = affine_effective(&samples, ROUNDS).unwrap();
     assert!(effective.effective_support > 3000.0, "{effective:?}");
     assert!((effective.affine.a - 1.0).abs() < 0.03 && effective.affine.b.abs() < 0.08, "{effective:?}");
 }
 
-/// The documented limit: equal noise in u pulls both fits towards 0, and the ridge holds the effective one a little.
+/// The documented limit: equal noise in u attenuates both scales; the ridge counteracts it a little.
 #[test]
-fn attenuation_is_not_mended() {
-    let mut random = common::Random(5);
+fn noise_attenuates_the_scale() {
+    let mut random = Random(5);
     let sigma = 0.8;
     let samples: Vec<_> = (0..4000)
         .map(|_| {
             let depth = 1.0 + 3.0 * random.uniform();
             let nerf = depth + sigma * random.normal();
-            Sample { nerf, variance: sigma * sigma, prior: depth + 0.05 * random.normal() }
+            Sample { u: nerf, variance: sigma * sigma, v: depth + 0.05 * random.normal() }
         })
         .collect();
     let wls = affine_wls(&samples).unwrap().affine.a;
     // Var(u) = 0.75 + 0.64, Cov(u, v) = 0.75.
     assert!((wls - 0.75 / 1.39).abs() < 0.02, "{wls}");
-    let effective = affine_effective(&samples, &EffectiveConfig::default()).unwrap().affine.a;
+    let effective = affine_effective(&samples, ROUNDS).unwrap().affine.a;
     assert!(effective > wls && effective < 1.0, "{effective} {wls}");
 }

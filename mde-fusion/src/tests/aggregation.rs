@@ -1,18 +1,13 @@
 //! Theorems of Eq. 7-8 and of its alternatives.
-#![allow(clippy::unwrap_used)]
-
-mod common;
-
+use super::common::difference;
+use crate::precision::mixture_variance;
+use crate::proptest::gaussian;
+use crate::{Aggregation, Error, Gaussian, GaussianDepth, aggregate, precision_weighted};
+use ::proptest::collection::vec;
+use ::proptest::prelude::*;
 use approx::assert_relative_eq;
-use common::difference;
-use mde_fusion::ndarray::array;
-use mde_fusion::proptest::gaussian;
-use mde_fusion::{
-    Aggregation, Error, Gaussian, GaussianDepth, aggregate, mixture_variance, precision_weighted,
-};
 use mde_uncertainty::proptest::gaussian_depth_of;
-use proptest::collection::vec;
-use proptest::prelude::*;
+use ndarray::array;
 
 const RULES: [Aggregation; 5] = [
     Aggregation::Precision,
@@ -49,7 +44,7 @@ proptest! {
     }
 
     #[test]
-    fn the_mixture_is_never_surer_than_the_product(estimates in vec(gaussian(), 1..8)) {
+    fn the_mixture_variance_is_at_least_k_times_that_of_the_product(estimates in vec(gaussian(), 1..8)) {
         let all = precision_weighted(&estimates).unwrap();
         let mixture = mixture_variance(&estimates, all.mean);
         prop_assert!(mixture >= all.variance * estimates.len() as f64 * (1.0 - 1e-12));
@@ -84,7 +79,7 @@ proptest! {
     }
 
     #[test]
-    fn a_missing_view_changes_nothing(views in vec(gaussian_depth_of(3, 3), 1..5), spread in any::<bool>()) {
+    fn a_missing_view_does_not_count(views in vec(gaussian_depth_of(3, 3), 1..5), spread in any::<bool>()) {
         let mut more = views.clone();
         more.push(GaussianDepth::missing(3, 3));
         for rule in RULES {
@@ -94,7 +89,7 @@ proptest! {
 }
 
 #[test]
-fn each_rule_picks_what_it_says() {
+fn each_rule_takes_its_view() {
     let view = |m: f32, v: f32| GaussianDepth::new(array![[m]], array![[v]]).unwrap();
     let views = [view(3.0, 0.5), view(1.0, 0.4), view(2.0, 0.1)];
     let of = |rule, spread| aggregate(&views, rule, spread).unwrap().get(0, 0).unwrap();
@@ -124,6 +119,6 @@ fn exact_estimates_count_alone() {
 fn a_view_of_another_shape_is_named() {
     let views = [GaussianDepth::missing(2, 3), GaussianDepth::missing(3, 2)];
     let error = aggregate(&views, Aggregation::Precision, false).unwrap_err();
-    assert_eq!(error, Error::Shape { view: 1, expected: [2, 3], found: [3, 2] });
+    assert!(matches!(error, Error::Shape { view: 1, expected: [2, 3], found: [3, 2] }), "{error}");
     assert_eq!(aggregate(&[], Aggregation::Precision, false).unwrap().dim(), (0, 0));
 }

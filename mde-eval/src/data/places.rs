@@ -1,0 +1,73 @@
+use super::{DataSet, Sample};
+use crate::{Error, Result};
+use std::collections::BTreeMap;
+
+/// A data set whose scenes show the places of a list: for data sets that do not say which of their images are of one room.
+///
+/// ```
+/// use mde_eval::data::{DataSet, Placed, Rooms, parse_places};
+///
+/// let places = parse_places("study-0 ground-floor\noffice-0 ground-floor\n")?;
+/// let rooms = Placed::new(Rooms::new(0, 32, 24), &places)?;
+/// assert_eq!(rooms.place(0), Some("ground-floor"));
+/// assert_eq!(rooms.place(1), Some("living-room-0"));
+/// # Ok::<(), mde_eval::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Placed<D> {
+    data: D,
+    /// By index of the scene.
+    places: Vec<Option<String>>,
+}
+
+/// Reads a list of places: a line per scene with its identifier, white space, and the name of its place. Empty lines and lines
+/// that begin with `#` are ignored.
+///
+/// # Errors
+/// [`Error::Config`] for a line without both, and for a scene that stands there twice.
+pub fn parse_places(text: &str) -> Result<BTreeMap<String, String>> {
+    let mut places = BTreeMap::new();
+    for line in text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#')) {
+        let fault =
+            |remedy| Err(Error::Config { field: "a line of the places", value: format!("`{line}`"), remedy });
+        let Some((scene, place)) = line.split_once(char::is_whitespace) else {
+            return fault("write a scene, white space, and its place");
+        };
+        if places.insert(scene.to_owned(), place.trim().to_owned()).is_some() {
+            return fault("give each scene once");
+        }
+    }
+    Ok(places)
+}
+
+impl<D: DataSet> Placed<D> {
+    /// The scenes of `data` at the places by identifier; scenes that are not listed keep their own.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] for a scene that the data set does not have.
+    pub fn new(data: D, places: &BTreeMap<String, String>) -> Result<Self> {
+        if let Some(unknown) = places.keys().find(|scene| !data.ids().contains(scene)) {
+            let known = data.ids().iter().take(5).cloned().collect::<Vec<_>>().join(", ") + ", ...";
+            return Err(Error::Unknown { what: "scene", name: unknown.clone(), known });
+        }
+        let places = data.ids().iter().map(|id| places.get(id).cloned()).collect();
+        Ok(Self { data, places })
+    }
+}
+
+impl<D: DataSet> DataSet for Placed<D> {
+    fn ids(&self) -> &[String] {
+        self.data.ids()
+    }
+
+    fn place(&self, index: usize) -> Option<&str> {
+        match self.places.get(index) {
+            Some(Some(place)) => Some(place),
+            _ => self.data.place(index),
+        }
+    }
+
+    fn load(&self, index: usize) -> Result<Sample> {
+        self.data.load(index)
+    }
+}

@@ -1,0 +1,68 @@
+use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::str::FromStr;
+
+/// The rooms there are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Room {
+    /// A desk with a chair, a lamp on a thin pole, bookcase and wall shelves.
+    Study,
+    /// A sofa, coffee table, floor lamp, window with curtains.
+    LivingRoom,
+    /// Cupboards, a breakfast table with chairs and stools, hanging lamps.
+    Kitchen,
+    /// A long corridor with doors, radiator, bench and coat stand.
+    Corridor,
+    /// A bench under a board of tools, a ladder, planks on trestles, steel shelves with boxes.
+    Workshop,
+    /// Two desks with screens, swivel chairs, blinds and cabinets.
+    Office,
+    /// A bed with a barred headboard, wardrobe, bedside lamps.
+    Bedroom,
+}
+
+impl Room {
+    /// All rooms.
+    pub const ALL: [Self; 7] = [
+        Self::Study,
+        Self::LivingRoom,
+        Self::Kitchen,
+        Self::Corridor,
+        Self::Workshop,
+        Self::Office,
+        Self::Bedroom,
+    ];
+
+    /// The room's name: `study`, `living-room`, `kitchen`, `corridor`, `workshop`, `office`, `bedroom`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Study => "study",
+            Self::LivingRoom => "living-room",
+            Self::Kitchen => "kitchen",
+            Self::Corridor => "corridor",
+            Self::Workshop => "workshop",
+            Self::Office => "office",
+            Self::Bedroom => "bedroom",
+        }
+    }
+}
+
+impl fmt::Display for Room {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Room {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        Self::ALL.into_iter().find(|room| room.name() == name).ok_or_else(|| Error::Unknown {
+            what: "room",
+            name: name.into(),
+            known: Self::ALL.map(Self::name).join(", "),
+        })
+    }
+}

@@ -1,0 +1,365 @@
+//! Test-time augmentation: predictions of crops and mirror images, merged into the prediction of the whole image.
+//!
+//! A network takes the whole image at a small, fixed size. A crop is an image with a longer focal length, in which the network
+//! resolves what it blurred before; a mirror image has another error. Each prediction \\(L\\) of a crop has a scale and shift
+//! of its own and is brought to the current map \\(c\\) by a *local regression*. Both are log depths, or disparities scaled to a
+//! standard deviation of 0.3. With \\(\langle\cdot\rangle\\) a Gaussian window,
+//!
+//! \\[ a = \min\Bigl(a_{max},\; \sqrt{\frac{v_c}{v_L}}\,\rho^{\,q}\Bigr),\qquad
+//!    b = \langle c\rangle - a \langle L\rangle,\qquad
+//!    \rho = \min\Bigl(1, \frac{\mathrm{cov}^+(L, c)}{\sqrt{v_L v_c}}\Bigr),\qquad
+//!    v_x = \langle x^2\rangle - \langle x\rangle^2 + \varepsilon, \\]
+//!
+//! with \\(\mathrm{cov}^+ = \max(0, \langle L c\rangle - \langle L\rangle\langle c\rangle)\\), \\(\varepsilon = 10^{-4}\\),
+//! \\(a_{max} = 3\\), and \\(a = 0\\) where \\(\rho = 0\\). \\(q = 1\\) is least squares (the guided filter of He et al., 2013, with
+//! the crop as guide), which flattens where the two disagree; \\(q = 0\\) gives the crop the map's local contrast. The moments are
+//! means over 28 x 28 blocks of the crop, blurred by the window; the fields \\(a\\) and \\(b\\) are blurred by it once more and
+//! interpolated bilinearly to the pixels.
+//!
+//! A level of crops changes the map by \\(c \leftarrow c + g\,\overline{(a L + b - c)}\\), the mean over its crops under
+//! half-sine windows. \\(g < 1\\) shrinks the change, since the crops share the model's error. The variance of the changes about
+//! their mean is the level's contribution to the spread. So the map keeps its low frequencies and takes the crops' detail. After
+//! Miangoleh et al. (CVPR 2021), who train a network for the merge.
+//!
+//! A post-filter (an unsharp mask, then a joint bilateral filter) follows. With \\(\delta\\) the change that it would make, \\(f\\)
+//! the crops' change less its low frequencies, and \\(G\\) a Gaussian, it is limited to the detail that the crops added nearby:
+//! \\(c \leftarrow c + \delta \min(1, \sqrt{G f^2 / G \delta^2})\\). A map to which the crops add nothing is not filtered.
+
+mod flip;
+mod post_filter;
+mod regression;
+mod values;
+mod window;
+
+pub use flip::flip_average;
+
+use crate::{DepthPrior, DisparityRule, Error, PriorDepth, Result};
+use ndarray::{Array2, ArrayView2, ArrayView3, Zip, s};
+use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
+use values::Values;
+
+/// Which crops are predicted, and how the predictions are merged. The equations are in the [module's](self) documentation.
+///
+/// ```
+/// use mde_prior::augment::AugmentationConfig;
+/// use mde_prior::ndarray::{Array3, ArrayView3, s};
+/// use mde_prior::{DepthKind, DepthPrior, PriorDepth, Result};
+///
+/// /// Takes the red channel for depth.
+/// struct Red;
+/// impl DepthPrior for Red {
+///     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+///         PriorDepth::from_values(image.slice(s![.., .., 0]).to_owned(), DepthKind::Metric)
+///     }
+///     fn accepts_new_images(&self) -> bool {
+///         true
+///     }
+/// }
+///
+/// let image = Array3::from_shape_fn((24, 32, 3), |(y, x, _)| 0.2 + 0.01 * (x + y) as f32);
+/// let augmented = AugmentationConfig::multi_crop().predict(&Red, image.view())?;
+/// // Crops that agree with the whole image leave the map as it is.
+/// let change = (&augmented.merged.map - &augmented.prior.map).mapv(f32::abs);
+/// assert!(change.iter().all(|&c| c < 0.02));
+/// # Ok::<(), mde_prior::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct AugmentationConfig {
+    /// Whether the mirror image of the photograph and of every crop is predicted too: twice the predictions, less error between
+    /// left and right.
+    pub flip: bool,
+    /// Levels of crops, from wide to narrow. Each refines the map of the level before; narrow crops add finer detail.
+    pub levels: Vec<CropLevel>,
+    /// \\(q\\), 0 to 4: exponent of the local correlation of crop and map. Larger values flatten what the two disagree on.
+    pub correlation_exponent: f64,
+    /// \\(g\\), 0 to 1: fraction of a level's mean change that is applied. Larger values add more detail and more noise.
+    pub gain: f64,
+    /// Gain of the unsharp mask, 0 to 4; 0 for none. Larger values sharpen edges and noise.
+    pub sharpen: f64,
+    /// Spatial standard deviation of the joint bilateral filter, as a fraction of the image width, 0 to 0.25; 0 for none. Larger
+    /// values smooth within regions of one colour.
+    pub bilateral_width: f64,
+}
+
+/// Standard deviation of the Gaussian that separates detail from low frequencies, as a fraction of the image width.
+const DETAIL_WIDTH: f64 = 1.0 / 80.0;
+
+/// Overlapping crops of one size.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct CropLevel {
+    /// Sides of a crop as a fraction of the image's sides, above 0 and below 1.
+    pub side: f64,
+    /// Crops along each axis, 2 to 16, evenly spaced.
+    pub positions: usize,
+    /// Standard deviation of the regression's window as a fraction of the crop's sides, above 0 and at most 1.
+    pub window: f64,
+}
+
+impl Default for AugmentationConfig {
+    /// A single prediction of the whole image.
+    fn default() -> Self {
+        Self {
+            flip: false,
+            levels: Vec::new(),
+            correlation_exponent: 0.25,
+            gain: 0.7,
+            sharpen: 0.0,
+            bilateral_width: 0.0,
+        }
+    }
+}
+
+/// The result of the augmentation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Augmented {
+    /// The model's prediction of the whole image.
+    pub prior: PriorDepth,
+    /// All predictions merged, `[height, width]`, of the same kind as `prior`. Missing pixels are those of `prior`, or with
+    /// `flip` those that are missing in its mirror image too.
+    pub merged: PriorDepth,
+    /// Standard deviation of the crops' changes about their mean, `[height, width]`: of log depth, or of a disparity in its own
+    /// unit.
+    pub spread: Array2<f32>,
+    /// Number of inference calls.
+    pub predictions: usize,
+}
+
+impl AugmentationConfig {
+    /// Mirror images and crops of 4/5, 2/3 and 1/2 of the image: 120 predictions.
+    ///
+    /// The constants were chosen on twenty photographs with one network; see `docs/method.md` of the workspace.
+    #[must_use]
+    pub fn multi_crop() -> Self {
+        let level = |side, positions, window| CropLevel { side, positions, window };
+        Self {
+            flip: true,
+            levels: vec![
+                level(0.8, 3, 6.0 / 28.0),
+                level(2.0 / 3.0, 5, 6.0 / 28.0),
+                level(0.5, 5, 3.0 / 28.0),
+            ],
+            sharpen: 0.4,
+            bilateral_width: 0.00625,
+            ..Self::default()
+        }
+    }
+
+    /// Whether there is more than one prediction.
+    #[must_use]
+    pub fn is_active(&self) -> bool {
+        self.flip || !self.levels.is_empty()
+    }
+
+    /// Number of inference calls.
+    #[must_use]
+    pub fn predictions(&self) -> usize {
+        let crops: usize = self.levels.iter().map(|level| level.positions * level.positions).sum();
+        (1 + crops) * if self.flip { 2 } else { 1 }
+    }
+
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for the first value out of range.
+    pub fn validate(&self) -> Result<()> {
+        let check = |ok: bool, field, value: f64, remedy| {
+            if ok { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), remedy }) }
+        };
+        for &CropLevel { side, positions, window } in &self.levels {
+            let fraction = "give a fraction of the image's sides, above 0 and below 1";
+            check(side > 0.0 && side < 1.0, "augmentation.levels.side", side, fraction)?;
+            check(
+                (2..=16).contains(&positions),
+                "augmentation.levels.positions",
+                positions as f64,
+                "give 2 to 16 crops along each axis",
+            )?;
+            let fraction = "give a fraction of the crop's sides, above 0 and at most 1";
+            check(window > 0.0 && window <= 1.0, "augmentation.levels.window", window, fraction)?;
+        }
+        let Self { correlation_exponent: exponent, gain, sharpen, bilateral_width: width, .. } = *self;
+        check((0.0..=4.0).contains(&exponent), "augmentation.correlation-exponent", exponent, "give 0 to 4")?;
+        check((0.0..=1.0).contains(&gain), "augmentation.gain", gain, "give 0 to 1")?;
+        check((0.0..=4.0).contains(&sharpen), "augmentation.sharpen", sharpen, "give 0 to 4")?;
+        check(
+            (0.0..=0.25).contains(&width),
+            "augmentation.bilateral-width",
+            width,
+            "give 0 to 0.25 of the image width",
+        )
+    }
+
+    /// Runs `model` on `image` (`[height, width, 3]`, sRGB in 0 to 1) and on its crops and mirror images, and merges the
+    /// predictions.
+    ///
+    /// # Errors
+    /// [`Error::Config`], the model's own errors, or [`Error::Input`] for a prediction of another size or kind.
+    pub fn predict(&self, model: &dyn DepthPrior, image: ArrayView3<'_, f32>) -> Result<Augmented> {
+        let never = &mut |_, _| ControlFlow::Continue(());
+        match self.predict_with(model, image, never)? {
+            Some(augmented) => Ok(augmented),
+            None => Err(Error::Input("the augmentation was cancelled; run it again".to_owned())),
+        }
+    }
+
+    /// [`predict`](Self::predict) with a progress callback: after each prediction it gets the number so far and in total.
+    /// `Break` cancels, and the result is `None`. A configuration with a single prediction does not call it.
+    ///
+    /// # Errors
+    /// As [`predict`](Self::predict).
+    pub fn predict_with(
+        &self,
+        model: &dyn DepthPrior,
+        image: ArrayView3<'_, f32>,
+        progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+    ) -> Result<Option<Augmented>> {
+        self.validate()?;
+        let prior = model.predict(image.view())?;
+        if !self.is_active() {
+            let spread = Array2::zeros(prior.map.dim());
+            return Ok(Some(Augmented { merged: prior.clone(), prior, spread, predictions: 1 }));
+        }
+        let (total, mut done) = (self.predictions(), 0);
+        let mut cancelled = || {
+            done += 1;
+            progress(done, total).is_break()
+        };
+        if cancelled() {
+            return Ok(None);
+        }
+        let start = if self.flip {
+            let mirrored = model.predict(mirror(image).view())?;
+            if cancelled() {
+                return Ok(None);
+            }
+            flip_average(prior.clone(), &mirrored)?
+        } else {
+            prior.clone()
+        };
+        let values = Values::of(&start);
+        let mut current = values.from_prior(&start);
+        let mut variance = Array2::<f32>::zeros(current.dim());
+        for level in &self.levels {
+            let mut changes = window::Changes::new(current.dim());
+            for (y, x, height, width) in window::crops(current.dim(), level) {
+                let crop = image.slice(s![y..y + height, x..x + width, ..]);
+                let target = current.slice(s![y..y + height, x..x + width]);
+                let mirrors: &[bool] = if self.flip { &[false, true] } else { &[false] };
+                for &mirrored in mirrors {
+                    let prediction = predict_crop(model, crop, mirrored, values)?;
+                    let change = regression::change(
+                        prediction.view(),
+                        target,
+                        level.window,
+                        self.correlation_exponent,
+                    );
+                    changes.add((y, x), change.view());
+                    if cancelled() {
+                        return Ok(None);
+                    }
+                }
+            }
+            let (mean, spread) = changes.mean_and_variance();
+            current.zip_mut_with(&mean, |c, m| *c += self.gain as f32 * m);
+            variance += &spread;
+        }
+        let detail = DETAIL_WIDTH * current.ncols() as f64;
+        let mut filtered = current.clone();
+        if self.sharpen > 0.0 {
+            filtered = post_filter::sharpened(filtered, detail, self.sharpen);
+        }
+        if self.bilateral_width > 0.0 {
+            let sigma = self.bilateral_width * current.ncols() as f64;
+            filtered = post_filter::bilateral(filtered.view(), image, sigma);
+        }
+        let added = &current - &values.from_prior(&start);
+        post_filter::limit(&mut current, &filtered, added.view(), detail);
+        let mut merged = start;
+        Zip::from(&mut merged.map).and(&merged.valid).and(&current).for_each(|value, &valid, &c| {
+            if valid {
+                *value = values.to_prior(c);
+            }
+        });
+        let spread = variance.mapv(|v| values.spread(v.max(0.0).sqrt()));
+        Ok(Some(Augmented { prior, merged, spread, predictions: total }))
+    }
+}
+
+impl Augmented {
+    /// The spread as a fraction of the depth \\(z\\), `[height, width]`, where `depth` is the merged map as depth: the spread
+    /// of \\(\ln z\\) itself, or \\(z \alpha\\) times that of disparities with \\(1/z = \alpha d + \beta\\).
+    ///
+    /// # Errors
+    /// [`Error::Input`] where the sizes differ.
+    pub fn relative_spread(&self, depth: ArrayView2<'_, f32>) -> Result<Array2<f32>> {
+        if depth.dim() != self.spread.dim() {
+            return Err(Error::Input(format!(
+                "the depth is {:?} but the spread {:?}; give both one size",
+                depth.dim(),
+                self.spread.dim()
+            )));
+        }
+        if self.merged.kind.is_depth() {
+            return Ok(self.spread.clone());
+        }
+        let pairs = || {
+            let known = depth.iter().zip(&self.merged.map).filter(|(z, _)| **z > 0.0);
+            known.map(|(z, d)| (f64::from(*d), 1.0 / f64::from(*z)))
+        };
+        let count = pairs().count().max(1) as f64;
+        let (md, mz) = pairs().fold((0.0, 0.0), |(a, b), (d, z)| (a + d / count, b + z / count));
+        let (dd, dz) =
+            pairs().fold((0.0, 0.0), |(a, b), (d, z)| (a + (d - md).powi(2), b + (d - md) * (z - mz)));
+        let alpha = if dd > 0.0 { (dz / dd).max(0.0) } else { 0.0 };
+        Ok(Zip::from(&self.spread)
+            .and(depth)
+            .map_collect(|&s, &z| (alpha * f64::from(s) * f64::from(z)) as f32))
+    }
+
+    /// The merged map as positive depth, `[height, width]`, 0 = missing. Disparities become depth with the quantiles of
+    /// [`prior`](Self::prior): a few sharper pixels would move quantiles of their own, and with them the whole map.
+    ///
+    /// # Errors
+    /// Those of [`PriorDepth::to_depth_as`].
+    pub fn depth(&self, rule: &DisparityRule) -> Result<Array2<f32>> {
+        self.merged.to_depth_as(&self.prior, rule)
+    }
+}
+
+/// The mirror image, with contiguous rows, which a model may need.
+fn mirror(image: ArrayView3<'_, f32>) -> ndarray::Array3<f32> {
+    image.slice(s![.., ..;-1, ..]).to_owned()
+}
+
+/// The prediction of a crop, or of its mirror image turned back, as values for the regression.
+fn predict_crop(
+    model: &dyn DepthPrior,
+    crop: ArrayView3<'_, f32>,
+    mirrored: bool,
+    values: Values,
+) -> Result<Array2<f32>> {
+    let prediction = if mirrored {
+        model.predict(mirror(crop).view())?
+    } else {
+        // A model may need contiguous rows.
+        model.predict(crop.to_owned().view())?
+    };
+    let (height, width, _) = crop.dim();
+    if prediction.map.dim() != (height, width) || prediction.kind != values.kind() {
+        return Err(Error::Input(format!(
+            "for a crop of {width}x{height} the model returned {} of {}x{}; the augmentation needs {} of the crop's size",
+            prediction.kind,
+            prediction.map.ncols(),
+            prediction.map.nrows(),
+            values.kind()
+        )));
+    }
+    let prediction = values.from_prior(&prediction);
+    Ok(if mirrored { prediction.slice(s![.., ..;-1]).to_owned() } else { prediction })
+}
+
+#[cfg(test)]
+mod tests;
