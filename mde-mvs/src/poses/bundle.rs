@@ -6,11 +6,13 @@
 //!
 //! \\[ r = \pi_v(R d_a + t / z) - p_v , \\]
 //!
-//! with \\( \pi_v \\) the pinhole projection, and the prior adds \\( (\log z - \log D_a(p_a) - m_a) / \sigma \\) with a free
-//! logarithmic scale \\( m_a \\) of each photograph's prior. Poses move by \\( T \leftarrow \exp(\delta) T \\), depths by
-//! \\( \log z \leftarrow \log z + \delta \\). Depths meet in no residual, so each is eliminated by a division (Schur's
-//! complement); what is left is as small as seven times the number of photographs.
+//! with \\( \pi_v \\) the pinhole projection, and the prior adds \\( (\log z - \log D_a(p_a) - m_a) / \sigma_a \\) with a free
+//! logarithmic scale \\( m_a \\) of each photograph's prior. Poses move by \\( T \leftarrow \exp(\delta) T \\); with a prior, a
+//! depth moves by \\( \log z \leftarrow \log z + \delta \\), without one by \\( 1/z \leftarrow 1/z + \delta \\), which may
+//! pass infinity on its way. Depths meet in no residual, so each is eliminated by a division (Schur's complement); what is left
+//! is as small as seven times the number of photographs.
 
+use crate::statistics::robust_deviation;
 use mde_warp::Pose;
 use nalgebra::{
     DMatrix, DVector, Matrix2x3, Matrix3, Matrix6, Point2, SMatrix, Translation3, UnitQuaternion,
@@ -25,8 +27,13 @@ const DAMPING: [f64; 3] = [1e-4, 1e-12, 1e12];
 const NEAR: f64 = 1e-3;
 /// Residual of a point behind a view, in units of its noise.
 const BEHIND: f64 = 1000.0;
-/// Bound of the logarithm of a depth, in which no projection overflows.
-const LOG_DEPTH: f64 = 60.0;
+/// Bounds of an inverse depth within which no projection overflows.
+const INVERSE_DEPTH: [f64; 2] = [1e-25, 1e25];
+
+/// Fewer tracks than this do not measure a prior.
+const FEW: usize = 10;
+/// No prior counts as closer than this to the depths.
+const LEAST_SPREAD: f64 = 0.02;
 
 type Matrix2x6 = SMatrix<f64, 2, 6>;
 
@@ -46,7 +53,8 @@ pub(super) struct Lens {
 pub(super) struct Observed {
     pub(super) anchor: usize,
     pub(super) pixel: Point2<f64>,
-    pub(super) log_depth: f64,
+    /// One over the depth at the anchor.
+    pub(super) inverse_depth: f64,
     /// Logarithm of the prior's depth at the anchor.
     pub(super) prior: Option<f64>,
     /// Further photographs and the pixels there.
@@ -78,10 +86,20 @@ pub(super) struct Bundle {
     pub(super) log_scales: Vec<f64>,
     /// Whether the reference's scale is kept, which gives the poses their unit.
     pub(super) keep_scale: bool,
-    /// Standard deviation of the logarithm of the prior's depth.
-    pub(super) prior_sigma: f64,
+    /// Standard deviation of the logarithm of each photograph's prior, per track.
+    pub(super) prior_sigmas: Vec<f64>,
     pub(super) pose_priors: Vec<Option<PosePrior>>,
     pub(super) tracks: Vec<Observed>,
+}
+
+/// A track as a view sees it.
+struct Seen {
+    rotation: Matrix3<f64>,
+    translation: Vector3<f64>,
+    /// The anchor's ray of z = 1.
+    ray: Vector3<f64>,
+    /// The point in the view's frame over its depth at the anchor.
+    point: Vector3<f64>,
 }
 
 /// Residual of an observation over its noise, and its derivatives.
@@ -132,13 +150,12 @@ impl Bundle {
         at.push(1.0)
     }
 
-    /// The point in a view's frame over its depth at the anchor.
-    fn scaled_point(&self, track: &Observed, view: usize) -> (Matrix3<f64>, Vector3<f64>, Vector3<f64>) {
+    fn seen(&self, track: &Observed, view: usize) -> Seen {
         let motion = self.poses[view] * self.poses[track.anchor].inverse();
         let rotation = motion.rotation.to_rotation_matrix().into_inner();
         let ray = self.ray(track.anchor, &track.pixel);
-        let point = rotation * ray + motion.translation.vector * (-track.log_depth).exp();
-        (rotation, ray, point)
+        let point = rotation * ray + motion.translation.vector * track.inverse_depth;
+        Seen { rotation, translation: motion.translation.vector, ray, point }
     }
 
     fn project(&self, view: usize, point: &Vector3<f64>) -> Option<Vector2<f64>> {
@@ -155,25 +172,25 @@ impl Bundle {
         view: usize,
         pixel: &Point2<f64>,
     ) -> Option<Vector2<f64>> {
-        let (_, _, point) = self.scaled_point(track, view);
-        Some((self.project(view, &point)? - pixel.coords) / self.lenses[view].noise)
+        let seen = self.seen(track, view);
+        Some((self.project(view, &seen.point)? - pixel.coords) / self.lenses[view].noise)
     }
 
     /// Pixels by which the baseline moves a track in a view: from where its direction alone would land.
     pub(super) fn parallax(&self, track: &Observed, view: usize) -> Option<f64> {
-        let (rotation, ray, point) = self.scaled_point(track, view);
-        Some((self.project(view, &point)? - self.project(view, &(rotation * ray))?).norm())
+        let seen = self.seen(track, view);
+        Some((self.project(view, &seen.point)? - self.project(view, &(seen.rotation * seen.ray))?).norm())
     }
 
     fn linear(&self, track: &Observed, view: usize, pixel: &Point2<f64>) -> Option<Linear> {
-        let (rotation, ray, point) = self.scaled_point(track, view);
+        let Seen { rotation, translation, ray, point } = self.seen(track, view);
         let lens = &self.lenses[view];
         let at = self.project(view, &point)?;
         let f = self.focal(lens);
         let (x, y, w) = (point.x / point.z, point.y / point.z, point.z.recip());
         let onto = Matrix2x3::new(f.x * w, 0.0, -f.x * x * w, 0.0, f.y * w, -f.y * y * w) / lens.noise;
 
-        let inverse_depth = (-track.log_depth).exp();
+        let inverse_depth = track.inverse_depth;
         let mut view_part = SMatrix::<f64, 3, 6>::zeros();
         view_part.fixed_view_mut::<3, 3>(0, 0).copy_from(&(Matrix3::identity() * inverse_depth));
         view_part.fixed_view_mut::<3, 3>(0, 3).copy_from(&-point.cross_matrix());
@@ -192,13 +209,14 @@ impl Bundle {
             residual: (at - pixel.coords) / lens.noise,
             anchor: onto * anchor_part,
             view: onto * view_part,
-            depth: onto * (rotation * ray),
+            depth: onto * translation * if track.prior.is_some() { -inverse_depth } else { 1.0 },
             focal,
         })
     }
 
     fn prior_residual(&self, track: &Observed) -> Option<f64> {
-        Some((track.log_depth - track.prior? - self.log_scales[track.anchor]) / self.prior_sigma)
+        let deviation = -track.inverse_depth.ln() - track.prior? - self.log_scales[track.anchor];
+        Some(deviation / self.prior_sigmas[track.anchor])
     }
 
     /// Residual of a pose against its prior and the derivative by the left perturbation.
@@ -222,6 +240,34 @@ impl Bundle {
             huber(squared).0
         });
         seen.sum::<f64>() + self.prior_residual(track).map_or(0.0, |r| huber(r * r).0)
+    }
+
+    /// Measures the spread of each photograph's prior about the depths, of the tracks with more parallax than the median, and
+    /// widens it by the root of the tracks that share one of a map's `regions` independent errors.
+    pub(super) fn measure_priors(&mut self, regions: f64) {
+        for (anchor, sigma) in self.prior_sigmas.iter_mut().enumerate() {
+            let mut deviations: Vec<(f64, f64)> = Vec::new();
+            for track in
+                self.tracks.iter().filter(|track| track.anchor == anchor && track.inverse_depth > 0.0)
+            {
+                let Some(prior) = track.prior else { continue };
+                let deviation = -track.inverse_depth.ln() - prior - self.log_scales[anchor];
+                let baseline = |(view, _): &(usize, Point2<f64>)| {
+                    (self.poses[*view] * self.poses[anchor].inverse()).translation.vector.norm()
+                };
+                let longest = track.views.iter().map(baseline).fold(0.0, f64::max);
+                deviations.push((longest * track.inverse_depth, deviation));
+            }
+            if deviations.len() < FEW {
+                continue;
+            }
+            deviations.sort_by(|a, b| b.0.total_cmp(&a.0));
+            let half = &deviations[..deviations.len().div_ceil(2)];
+            if let Some(spread) = robust_deviation(half.iter().map(|(_, deviation)| *deviation)) {
+                let alike = (deviations.len() as f64 / regions).max(1.0);
+                *sigma = spread.max(LEAST_SPREAD) * alike.sqrt();
+            }
+        }
     }
 
     /// The sum of the losses: Huber's of every observation over its noise and of every prior residual, squares of the rest.
@@ -300,7 +346,7 @@ impl Bundle {
             }
             if let Some(residual) = self.prior_residual(track) {
                 let weight = huber(residual * residual).1;
-                let unit = self.prior_sigma.recip();
+                let unit = self.prior_sigmas[track.anchor].recip();
                 curvature += weight * unit * unit;
                 slope += weight * unit * residual;
                 if let Some(index) = layout.scales[track.anchor] {
@@ -370,7 +416,12 @@ impl Bundle {
         }
         next.log_focal += layout.focal.map_or(0.0, |i| common[i]);
         for (track, step) in next.tracks.iter_mut().zip(depths) {
-            track.log_depth = (track.log_depth + step).clamp(-LOG_DEPTH, LOG_DEPTH);
+            let [least, most] = INVERSE_DEPTH;
+            track.inverse_depth = if track.prior.is_some() {
+                (track.inverse_depth * (-step).exp()).clamp(least, most)
+            } else {
+                (track.inverse_depth + step).clamp(-most, most)
+            };
         }
         next
     }
@@ -380,7 +431,7 @@ impl Bundle {
         for pose in &mut self.poses {
             pose.translation.vector *= by.exp();
         }
-        self.tracks.iter_mut().for_each(|track| track.log_depth += by);
+        self.tracks.iter_mut().for_each(|track| track.inverse_depth *= (-by).exp());
         for (v, scale) in self.log_scales.iter_mut().enumerate() {
             *scale += if self.keep_scale && v == self.reference { 0.0 } else { by };
         }
@@ -401,12 +452,14 @@ impl Bundle {
         let depths = normal
             .depths
             .iter()
-            .map(|(shared, curvature, _)| {
+            .zip(&self.tracks)
+            .map(|((shared, curvature, _), track)| {
                 let through: f64 = shared
                     .iter()
                     .map(|&(i, a)| shared.iter().map(|&(j, b)| a * b * inverse[(i, j)]).sum::<f64>())
                     .sum();
-                curvature.recip() + through / (curvature * curvature)
+                let variance = curvature.recip() + through / (curvature * curvature);
+                if track.prior.is_some() { variance } else { variance / track.inverse_depth.powi(2) }
             })
             .collect();
         Some((poses, depths))

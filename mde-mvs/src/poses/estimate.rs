@@ -11,6 +11,9 @@ use std::fmt;
 /// Steps of an adjustment at most.
 pub(super) const STEPS: usize = 60;
 
+/// Adjustments after each of which outliers are dropped and the priors measured.
+const ROUNDS: usize = 3;
+
 /// What became of a photograph.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
@@ -150,8 +153,11 @@ pub fn estimate_poses(
     loop {
         let tree = Tree::grow(shots.len(), &pairs, reference, &dropped);
         let mut bundle = build(&shots, &pairs, &tree, reference, settings);
-        bundle.adjust(STEPS);
-        bundle.drop_outliers(settings.outlier_pixels);
+        for _ in 0..ROUNDS {
+            bundle.adjust(STEPS);
+            bundle.drop_outliers(settings.outlier_pixels);
+            bundle.measure_priors(settings.regions);
+        }
         bundle.adjust(STEPS);
         bundle.drop_outliers(settings.outlier_pixels);
         let counts = bundle.counts();
@@ -228,30 +234,36 @@ fn build(shots: &[Shot], pairs: &[Pair], tree: &Tree, reference: usize, settings
             let (anchor, pixel) = (!group.is_empty()).then(|| group.remove(0))?;
             let prior = shots[anchor].log_prior(&pixel);
             let log_depth = prior.unwrap_or(middles[anchor]) + tree.log_scales[anchor];
-            Some(Observed { anchor, pixel, log_depth, prior, views: group })
+            Some(Observed { anchor, pixel, inverse_depth: (-log_depth).exp(), prior, views: group })
         })
-        .collect();
+        .collect::<Vec<_>>();
+    let count = tracks.len();
     Bundle {
         lenses: shots.iter().map(|shot| shot.lens).collect(),
         poses: tree.poses.iter().map(|pose| pose.unwrap_or_else(Pose::identity)).collect(),
         reference,
         log_focal: 0.0,
-        focal_sigma: settings.focal_sigma,
+        focal_sigma: settings.focal_sigma_of(count),
         log_scales: tree.log_scales.clone(),
         keep_scale: true,
-        prior_sigma: settings.prior_sigma,
+        prior_sigmas: vec![settings.prior_sigma_of(count); shots.len()],
         pose_priors: vec![None; shots.len()],
         tracks,
     }
 }
 
 impl Bundle {
+    /// Whether a track in front of both photographs falls within `limit` units of noise of where it was found.
+    pub(super) fn fits(&self, track: &Observed, view: usize, pixel: &Point2<f64>, limit: f64) -> bool {
+        track.inverse_depth > 0.0 && self.residual(track, view, pixel).is_some_and(|r| r.norm() < limit)
+    }
+
     /// Leaves out observations further than `limit` from where they should be, and tracks without any left.
     pub(super) fn drop_outliers(&mut self, limit: f64) {
         let mut tracks = std::mem::take(&mut self.tracks);
         for track in &mut tracks {
             let here = track.clone();
-            track.views.retain(|(v, p)| self.residual(&here, *v, p).is_some_and(|r| r.norm() < limit));
+            track.views.retain(|(v, p)| self.fits(&here, *v, p, limit));
         }
         tracks.retain(|track| !track.views.is_empty());
         self.tracks = tracks;
@@ -302,7 +314,7 @@ impl Bundle {
                     .filter_map(|(v, _)| Some(self.parallax(track, *v)? / self.lenses[*v].noise));
                 Track {
                     pixels: std::iter::once(place(track.anchor, track.pixel, 0.0)).chain(there).collect(),
-                    depth: track.log_depth.exp(),
+                    depth: track.inverse_depth.recip(),
                     log_depth_sigma: log_depth_variances.get(i).map_or(f64::INFINITY, |v| v.max(0.0).sqrt()),
                     parallax: moved.fold(0.0, f64::max),
                 }
@@ -338,7 +350,8 @@ fn report(
 ) -> Estimated {
     let reference = bundle.reference;
     let anchored = bundle.tracks.iter().filter(|track| track.anchor == reference);
-    let mut ratios: Vec<f64> = anchored.filter_map(|track| Some(track.log_depth - track.prior?)).collect();
+    let mut ratios: Vec<f64> =
+        anchored.filter_map(|track| Some(-track.inverse_depth.ln() - track.prior?)).collect();
     if let Some(shift) = quantile(&mut ratios, 0.5) {
         bundle.rescale(-shift);
     }

@@ -113,7 +113,7 @@ fn from_prior(
         .map(|((p, q), &prior)| Observed {
             anchor: 0,
             pixel: *p,
-            log_depth: prior.unwrap_or(middle),
+            inverse_depth: (-prior.unwrap_or(middle)).exp(),
             prior,
             views: vec![(1, *q)],
         })
@@ -123,20 +123,17 @@ fn from_prior(
         poses: vec![Pose::identity(), start],
         reference: 0,
         log_focal: 0.0,
-        focal_sigma: config.focal_sigma,
+        focal_sigma: config.focal_sigma_of(pixels.len()),
         log_scales: vec![0.0; 2],
         keep_scale: true,
-        prior_sigma: config.prior_sigma,
+        prior_sigmas: vec![config.prior_sigma_of(pixels.len()); 2],
         pose_priors: vec![None; 2],
         tracks,
     };
     bundle.adjust(STEPS);
 
-    let fits: Vec<bool> = bundle
-        .tracks
-        .iter()
-        .map(|t| bundle.residual(t, 1, &t.views[0].1).is_some_and(|r| r.norm() < config.outlier_pixels))
-        .collect();
+    let fits: Vec<bool> =
+        bundle.tracks.iter().map(|t| bundle.fits(t, 1, &t.views[0].1, config.outlier_pixels)).collect();
     if fits.iter().filter(|fit| **fit).count() < config.min_matches {
         return None;
     }
@@ -145,9 +142,9 @@ fn from_prior(
         let mut ratios: Vec<f64> = fitting.filter_map(|(t, _)| of(t)).collect();
         quantile(&mut ratios, 0.5)
     };
-    let here = ratio(&|t| Some(t.log_depth - t.prior?))?;
+    let here = ratio(&|t| Some(-t.inverse_depth.ln() - t.prior?))?;
     let there = ratio(&|t| {
-        let point = bundle.poses[1] * Point3::from(a.ray(&t.pixel) * t.log_depth.exp());
+        let point = bundle.poses[1] * Point3::from(a.ray(&t.pixel) / t.inverse_depth);
         (point.z > 0.0).then(|| Some(point.z.ln() - b.log_prior(&t.views[0].1)?)).flatten()
     })
     .unwrap_or(here);

@@ -8,7 +8,11 @@ use mde_warp::Pose;
 use nalgebra::{Matrix6, Point2, Vector2};
 use rand::RngExt;
 
-/// One of so many tracks is withheld.
+/// Shares of the settings' deviations of a given pose that are tried, the most trust first.
+const TRUST: [f64; 4] = [1.0 / 30.0, 0.1, 0.3, 1.0];
+/// Distances of withheld matches beyond so many units of noise count as that.
+const CUT: f64 = 10.0;
+/// Share of the tracks that are withheld.
 const WITHHELD: f64 = 0.2;
 /// Depths that are tried for a track, over the longest baseline: from once to a thousand times.
 const DEPTHS: usize = 48;
@@ -22,9 +26,9 @@ const DEPTH_STEPS: usize = 8;
 pub struct RefineConfig {
     /// Settings of the matches.
     pub matches: PosesConfig,
-    /// Standard deviation of a given pose's rotation about each axis, degrees.
+    /// Largest standard deviation of a given pose's rotation about each axis, degrees.
     pub rotation_sigma_degrees: f64,
-    /// Standard deviation of a given camera's place along each axis, as a share of the median depth.
+    /// Largest standard deviation of a given camera's place along each axis, as a share of the median depth.
     pub centre_sigma: f64,
 }
 
@@ -49,7 +53,7 @@ impl RefineConfig {
 pub struct Refined {
     /// One per photograph, in the order given. The reference's is unchanged; all are where [`accepted`](Self::accepted) is false.
     pub poses: Vec<Pose>,
-    /// Whether withheld matches fit better with the refined poses.
+    /// Whether withheld matches fit better with refined poses.
     pub accepted: bool,
     /// Median distance of withheld matches from where they should be, with the given and with the refined poses, in pixels of a
     /// photograph of 640 on the longer side. Nothing without such matches.
@@ -63,7 +67,9 @@ pub struct Refined {
 /// Improves given poses (world to camera) by matches of the photographs: the adjustment of the module's front page with inverse
 /// depths from the matches alone, the given poses as a prior, and the reference's pose kept.
 ///
-/// A fifth of the tracks has no part in it; the refined poses are kept where those fit better.
+/// A fifth of the tracks has no part in it. The deviations of the given poses are tried at a thirtieth, a tenth, a third and all of
+/// what the settings say, and of those results and the given poses the one that moves least is kept, of those that fit the
+/// withheld tracks as well as the best within its standard error.
 ///
 /// # Errors
 /// Those of [`estimate_poses`](super::estimate_poses), and [`Error::Config`] for another number of poses than of photographs.
@@ -101,15 +107,15 @@ pub fn refine_poses(
         focal_sigma: 1.0,
         log_scales: vec![0.0; shots.len()],
         keep_scale: false,
-        prior_sigma: settings.matches.prior_sigma,
+        prior_sigmas: vec![1.0; shots.len()],
         pose_priors: vec![None; shots.len()],
         tracks: groups.into_iter().filter_map(observed).collect(),
     };
     let longest = longest_baseline(&given);
     bundle.triangulate(longest);
 
-    let mut depths: Vec<f64> = bundle.tracks.iter().map(|track| track.log_depth).collect();
-    let Some(depth) = quantile(&mut depths, 0.5).map(f64::exp).filter(|_| longest > 0.0) else {
+    let mut depths: Vec<f64> = bundle.tracks.iter().map(|track| track.inverse_depth.recip()).collect();
+    let Some(depth) = quantile(&mut depths, 0.5).filter(|_| longest > 0.0) else {
         return Ok(unchanged(poses, bundle, &order));
     };
     for (v, prior) in bundle.pose_priors.iter_mut().enumerate() {
@@ -132,32 +138,41 @@ pub fn refine_poses(
             }
             (held, kept)
         });
-    let mut judge = Bundle { tracks: withheld, ..bundle.clone() };
-    let before = judge.misfit();
-
+    let judge = Bundle { tracks: withheld, ..bundle.clone() };
+    let errors_with = |poses: &[Pose]| {
+        let mut judge = Bundle { poses: poses.to_vec(), ..judge.clone() };
+        judge.triangulate(longest);
+        judge.errors()
+    };
     bundle.tracks = kept;
-    bundle.adjust(super::estimate::STEPS);
-    bundle.triangulate(longest);
-    bundle.drop_outliers(settings.matches.outlier_pixels);
-    bundle.adjust(super::estimate::STEPS);
-    judge.poses.clone_from(&bundle.poses);
-    judge.triangulate(longest);
-    let after = judge.misfit();
-
-    let (Some(before), Some(after)) = (before, after) else { return Ok(unchanged(poses, bundle, &order)) };
-    if after.0 >= before.0 {
-        bundle.poses = given;
-        bundle.triangulate(longest);
-        let mut same = unchanged(poses, bundle, &order);
-        same.withheld = Some([before.1, after.1]);
-        return Ok(same);
+    let mut candidates = vec![(errors_with(&given), bundle.clone())];
+    for share in TRUST {
+        let mut next = bundle.clone();
+        for prior in next.pose_priors.iter_mut().flatten() {
+            prior.rotation_sigma *= share;
+            prior.centre_sigma *= share;
+        }
+        next.adjust(super::estimate::STEPS);
+        next.triangulate(longest);
+        next.drop_outliers(settings.matches.outlier_pixels);
+        next.adjust(super::estimate::STEPS);
+        candidates.push((errors_with(&next.poses), next));
+    }
+    let errors: Vec<&[f64]> = candidates.iter().map(|(errors, _)| errors.as_slice()).collect();
+    let Some(chosen) = least_moved(&errors, settings.matches.regions) else {
+        return Ok(unchanged(poses, bundle, &order));
+    };
+    let withheld = Some([median(&candidates[0].0), median(&candidates[chosen].0)]);
+    let (_, bundle) = candidates.swap_remove(chosen);
+    if chosen == 0 {
+        return Ok(Refined { withheld, ..unchanged(poses, bundle, &order) });
     }
     let (covariances, variances) =
         bundle.covariance(bundle.noise().max(1e-3)).unwrap_or((vec![None; order.len()], Vec::new()));
     let mut refined = Refined {
         poses: poses.to_vec(),
         accepted: true,
-        withheld: Some([before.1, after.1]),
+        withheld,
         covariances: vec![None; poses.len()],
         tracks: bundle.report_tracks(&variances, &order),
     };
@@ -168,9 +183,28 @@ pub fn refine_poses(
     Ok(refined)
 }
 
+/// The first of the candidates, the given poses and ever larger moves of them, that is not worse than the best by more than the
+/// standard error of their difference on the same matches, where matches of one region share an error.
+///
+/// Nothing without matches.
+fn least_moved(errors: &[&[f64]], regions: f64) -> Option<usize> {
+    let sum = |e: &[f64]| e.iter().sum::<f64>();
+    let best = errors.iter().filter(|e| !e.is_empty()).min_by(|a, b| sum(a).total_cmp(&sum(b)))?;
+    errors.iter().position(|e| {
+        let count = e.len() as f64;
+        let mean = (sum(e) - sum(best)) / count;
+        let spread = e.iter().zip(*best).map(|(a, b)| (a - b - mean).powi(2)).sum::<f64>() / count;
+        mean <= (spread / count.min(regions)).sqrt()
+    })
+}
+
+fn median(values: &[f64]) -> f64 {
+    quantile(&mut values.to_vec(), 0.5).unwrap_or(0.0)
+}
+
 fn observed(mut group: Vec<(usize, Point2<f64>)>) -> Option<Observed> {
     let (anchor, pixel) = (!group.is_empty()).then(|| group.remove(0))?;
-    Some(Observed { anchor, pixel, log_depth: 0.0, prior: None, views: group })
+    Some(Observed { anchor, pixel, inverse_depth: 0.0, prior: None, views: group })
 }
 
 fn unchanged(poses: &[Pose], bundle: Bundle, order: &[usize]) -> Refined {
@@ -205,7 +239,7 @@ impl Bundle {
         };
         let span = 1000_f64.ln();
         let mut step = span / DEPTHS as f64;
-        let at = |log_depth: f64| Observed { log_depth, ..track.clone() };
+        let at = |log_depth: f64| Observed { inverse_depth: (-log_depth).exp(), ..track.clone() };
         let mut best = (0..=DEPTHS)
             .map(|i| start + step * i as f64)
             .map(|depth| (cost(&at(depth)), depth))
@@ -220,19 +254,35 @@ impl Bundle {
                 }
             }
         }
-        track.log_depth = best.1;
+        track.inverse_depth = (-best.1).exp();
         track
     }
 
-    /// Mean of the distances cut off at ten units of noise, and their median.
-    fn misfit(&self) -> Option<(f64, f64)> {
-        let mut all: Vec<f64> = self
-            .tracks
+    /// Distances of all observations from where they should be, cut off at [`CUT`].
+    fn errors(&self) -> Vec<f64> {
+        self.tracks
             .iter()
             .flat_map(|track| track.views.iter().map(move |(v, p)| self.residual(track, *v, p)))
-            .map(|r| r.map_or(10.0, |r| r.norm().min(10.0)))
-            .collect();
-        let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
-        Some((mean, quantile(&mut all, 0.5)?))
+            .map(|r| r.map_or(CUT, |r| r.norm().min(CUT)))
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn poses_move_no_further_than_matches_ask_for() {
+        let noisy =
+            |level: f64| (0..200).map(|i| level + 0.1 * ((i * 37 % 11) as f64 - 5.0)).collect::<Vec<_>>();
+        let (far, near, nearer) = (noisy(2.0), noisy(1.0), noisy(0.999));
+        // Alike within the error of the mean: the smaller move.
+        let mut shuffled = near.clone();
+        shuffled.rotate_left(3);
+        assert_eq!(least_moved(&[&far, &shuffled, &nearer], 30.0), Some(1));
+        assert_eq!(least_moved(&[&near, &near, &far], 30.0), Some(0));
+        assert_eq!(least_moved(&[&far, &far, &near], 30.0), Some(2));
+        assert_eq!(least_moved(&[&[], &[]], 30.0), None);
     }
 }

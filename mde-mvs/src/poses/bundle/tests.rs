@@ -30,7 +30,7 @@ fn scene(poses: &[Pose], count: usize, seed: u64) -> Bundle {
         tracks.push(Observed {
             anchor,
             pixel: at,
-            log_depth: depth.ln(),
+            inverse_depth: depth.recip(),
             prior: Some(depth.ln()),
             views: others,
         });
@@ -43,7 +43,7 @@ fn scene(poses: &[Pose], count: usize, seed: u64) -> Bundle {
         focal_sigma: 0.2,
         log_scales: vec![0.0; views],
         keep_scale: true,
-        prior_sigma: 0.8,
+        prior_sigmas: vec![0.8; views],
         pose_priors: vec![None; views],
         tracks,
     }
@@ -65,7 +65,7 @@ fn disturbed(mut bundle: Bundle, size: f64, seed: u64) -> Bundle {
         *pose = exp(&Vector6::from_fn(|_, _| uniform())) * *pose;
     }
     for track in &mut bundle.tracks {
-        track.log_depth += 3.0 * uniform();
+        track.inverse_depth *= (3.0 * uniform()).exp();
     }
     bundle
 }
@@ -84,7 +84,7 @@ fn an_exact_scene_is_recovered() {
             assert!(apart(found, pose) < 1e-6, "{}", apart(found, pose));
         }
         for (found, track) in bundle.tracks.iter().zip(&truth.tracks) {
-            assert!((found.log_depth - track.log_depth).abs() < 1e-6);
+            assert!((found.inverse_depth / track.inverse_depth - 1.0).abs() < 1e-6);
         }
     }
 }
@@ -107,6 +107,36 @@ fn focal_length_and_scales_of_priors_are_recovered() {
     assert!((bundle.log_focal - 1.15_f64.ln()).abs() < 1e-6, "{}", bundle.log_focal);
     assert!((bundle.log_scales[1] - 0.7).abs() < 1e-6, "{}", bundle.log_scales[1]);
     assert!(apart(&bundle.poses[2], &motions()[2]) < 1e-6);
+}
+
+/// Without a prior depths are inverse, and one that starts beyond infinity comes back.
+#[test]
+fn depths_come_back_from_beyond_infinity() {
+    let mut truth = scene(&motions(), 60, 3);
+    truth.tracks.iter_mut().for_each(|track| track.prior = None);
+    for (pose, known) in truth.poses.iter().zip(&mut truth.pose_priors) {
+        *known = Some(PosePrior { pose: *pose, rotation_sigma: 1.0, centre_sigma: 1.0 });
+    }
+    let mut bundle = truth.clone();
+    bundle.tracks.iter_mut().for_each(|track| track.inverse_depth = -0.02);
+    bundle.adjust(100);
+    for (found, track) in bundle.tracks.iter().zip(&truth.tracks) {
+        assert!((found.inverse_depth / track.inverse_depth - 1.0).abs() < 1e-5);
+    }
+}
+
+/// The spread of a prior is measured, widened by the tracks that share an error.
+#[test]
+fn the_spread_of_a_prior_is_measured() {
+    let mut bundle = scene(&motions(), 300, 6);
+    for (i, track) in bundle.tracks.iter_mut().enumerate() {
+        let side = if i % 2 == 0 { 1.0 } else { -1.0 };
+        track.prior = track.prior.map(|p| p + 0.1 * side);
+    }
+    bundle.measure_priors(25.0);
+    assert!((bundle.prior_sigmas[0] - 1.4826 * 0.1 * (200.0_f64 / 25.0).sqrt()).abs() < 1e-9);
+    assert!((bundle.prior_sigmas[1] - 1.4826 * 0.1 * 2.0).abs() < 1e-9);
+    assert_eq!(bundle.prior_sigmas[2], 0.8);
 }
 
 /// The prior gives the unit: poses and depths in another unit fit a prior in that unit as well.
@@ -166,7 +196,7 @@ fn the_covariance_is_that_of_repeated_estimates() {
         }
     }
     let mut loose = truth;
-    loose.prior_sigma = 1e3;
+    loose.prior_sigmas = vec![1e3; 3];
     loose.keep_scale = true;
     // With the scale held by exact priors, only directions that pixels decide are compared: the rotation.
     let (poses, depths) = loose.covariance(noise).unwrap();
@@ -196,6 +226,7 @@ proptest! {
         bundle.lenses[0].assumed = true;
         bundle.lenses[2].assumed = true;
         bundle.log_focal = 0.05;
+        bundle.tracks.iter_mut().step_by(2).for_each(|track| track.prior = None);
         bundle.log_scales[1] = 0.1;
         let known = PosePrior { pose: exp(&Vector6::repeat(0.02)) * bundle.poses[1], rotation_sigma: 0.02, centre_sigma: 0.05 };
         bundle.pose_priors[1] = Some(known);
