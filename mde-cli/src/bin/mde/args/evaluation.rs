@@ -67,7 +67,7 @@ pub(crate) struct CalibrateArgs {
 /// Arguments of all evaluations.
 #[derive(Debug, Args)]
 pub(crate) struct EvaluationArgs {
-    /// Folder of the data set; none for rooms
+    /// Folder of the data set; none for rooms and captures
     #[arg(value_name = "ROOT")]
     pub(crate) root: Option<PathBuf>,
     #[command(flatten)]
@@ -117,7 +117,7 @@ pub(crate) struct AblateArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data")]
 pub(crate) struct DataArgs {
-    /// Layout of the data set: sunrgbd, nyu, tum, redwood, plain or rooms; default: recognised
+    /// Layout of the data set: sunrgbd, nyu, tum, redwood, plain, rooms, captures or posed; default: recognised
     #[arg(long, value_name = "NAME", value_parser = data_set)]
     pub(crate) dataset: Option<DataSetKind>,
     /// Resize images and truth (640x480 in the paper); default: their own size
@@ -135,6 +135,18 @@ pub(crate) struct DataArgs {
     /// Which scenes show the same place: lines of SCENE PLACE; intervals resample places
     #[arg(long, value_name = "FILE")]
     pub(crate) places: Option<PathBuf>,
+    /// Captures: number of photographs of a room, with the reference; several for each in turn
+    #[arg(long, value_name = "N", value_delimiter = ',', default_value = "5")]
+    pub(crate) photographs: Vec<usize>,
+    /// Captures: distance of the further photographs over the median depth
+    #[arg(long, value_name = "X", value_delimiter = ',', default_value = "0.1")]
+    pub(crate) baseline: Vec<f64>,
+    /// Captures: rotation error of the given poses, degrees (20 mm of translation per degree)
+    #[arg(long, value_name = "DEG", value_delimiter = ',', default_value = "0")]
+    pub(crate) pose_noise: Vec<f64>,
+    /// Captures: gain of one further photograph, +X or -X by seed
+    #[arg(long, value_name = "X", value_delimiter = ',', default_value = "0")]
+    pub(crate) gain: Vec<f64>,
     /// Scenes to run, separated by commas; default: all
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,
@@ -153,7 +165,7 @@ pub(crate) struct EvalPriorArgs {
     /// A folder with one depth map per scene: SCENE.npy (or .npz, .pfm, .png, .exr)
     #[arg(long, value_name = "DIR", conflicts_with_all = ["simulated_prior", "simulated_model"])]
     pub(crate) prior_depth: Option<PathBuf>,
-    /// A degraded exact depth: blurred, distorted, as disparity without scale (rooms only)
+    /// A degraded exact depth: blurred, distorted, as disparity without scale (rooms and captures only)
     #[arg(long)]
     pub(crate) simulated_prior: bool,
     /// A simulated model of the room with this fault, for augmentation (rooms only)
@@ -171,13 +183,18 @@ pub(crate) struct EvalPriorArgs {
 }
 
 /// Arguments without effect on existing maps.
-const MADE_HERE: [&str; 13] = [
+const MADE_HERE: [&str; 18] = [
     "root",
     "dataset",
     "size",
     "assume_fov",
     "stride",
     "filled_depth",
+    "places",
+    "photographs",
+    "baseline",
+    "pose_noise",
+    "gain",
     "prior_model",
     "prior_depth",
     "simulated_prior",
