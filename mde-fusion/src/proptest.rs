@@ -10,7 +10,7 @@ use ndarray::Array2;
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-/// A prior and up to `max_views` views of it, at most `max_side` pixels a side: depths in 0.5 to 10, variances in
+/// A prior and up to `max_views` views of it, at most `max_side` pixels per side: depths in 0.5 to 10, variances in
 /// 1e-6 to 1, some pixels missing in each.
 pub fn scene(max_side: usize, max_views: usize) -> impl Strategy<Value = (Prior, Vec<GaussianDepth>)> {
     (1..=max_side, 1..=max_side).prop_flat_map(move |(height, width)| {

@@ -1,11 +1,6 @@
 /// The `share`-quantile, linear between order statistics; nothing without values. Reorders `values`.
 pub(crate) fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
-    let last = values.len().checked_sub(1)?;
-    let position = share.clamp(0.0, 1.0) * last as f64;
-    let below = (position as usize).min(last);
-    let (_, &mut low, above) = values.select_nth_unstable_by(below, f64::total_cmp);
-    let high = above.iter().copied().min_by(f64::total_cmp).unwrap_or(low);
-    Some(low + (position - below as f64) * (high - low))
+    mde_uncertainty::statistics::quantile(values, share)
 }
 
 /// Standard deviation of a Gaussian with the median of these absolute values: 1.4826 times it.

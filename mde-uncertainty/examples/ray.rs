@@ -1,10 +1,10 @@
-//! How the in-bin variance changes what a hard surface claims: `cargo run -p mde-uncertainty --example ray`.
+//! The standard deviation of a hard surface with and without the in-bin variance: `cargo run -p mde-uncertainty --example ray`.
 #![allow(clippy::print_stdout)]
 
 use mde_uncertainty::termination::{InBinVariance, moments, weights};
 
 fn main() {
-    // A surface 2.03 away that fills everything behind it, seen through bins of 0.1.
+    // An opaque half-space from 2.03 on, in bins of 0.1.
     let extent = [0.1_f64; 40];
     let depth: Vec<f64> = (0..40).map(|i| 0.05 + 0.1 * f64::from(i)).collect();
     let density: Vec<f64> = depth.iter().map(|&t| if t > 2.03 { 80.0 } else { 0.0 }).collect();

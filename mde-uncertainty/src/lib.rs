@@ -12,7 +12,7 @@
 //! ```
 //! use mde_uncertainty::termination::{InBinVariance, moments, weights};
 //!
-//! // Three bins, one metre wide each; almost all of the density sits in the middle one.
+//! // Three bins of one metre; almost all of the density is in the second.
 //! let mut w = [0.0_f64; 3];
 //! let escaped = weights(&[0.01, 9.0, 0.5], &[1.0, 1.0, 1.0], &mut w);
 //! let end = moments(&w, &[0.5, 1.5, 2.5], &[1.0, 1.0, 1.0], InBinVariance::Midpoint);

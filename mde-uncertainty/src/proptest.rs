@@ -4,7 +4,7 @@ use crate::GaussianDepth;
 use ndarray::Array2;
 use proptest::prelude::*;
 
-/// A depth map of at most `max_side` pixels a side: depths in 0.5 to 10, variances in 1e-6 to 1, about one pixel in eight
+/// A depth map of at most `max_side` pixels per side: depths in 0.5 to 10, variances in 1e-6 to 1, about one pixel in eight
 /// missing.
 pub fn gaussian_depth(max_side: usize) -> impl Strategy<Value = GaussianDepth> {
     (1..=max_side, 1..=max_side).prop_flat_map(|(height, width)| gaussian_depth_of(height, width))

@@ -15,14 +15,14 @@ pub enum InBinVariance {
     /// Nothing: Eq. 5 as printed.
     #[default]
     Midpoint,
-    /// \\(\Delta_i^2 / 12\\): the ray ends anywhere in the bin with equal chance.
+    /// \\(\Delta_i^2 / 12\\): the ray ends anywhere in the bin with equal probability.
     Uniform,
 }
 
-/// The moments of a ray's termination depth.
+/// Moments of the termination depth of a ray.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Moments<T> {
-    /// \\(A = \sum_i w_i\\): the chance that the ray ended at all.
+    /// \\(A = \sum_i w_i\\): the probability that the ray ends.
     pub opacity: T,
     /// \\(\mu_r\\), Eq. 4; 0 where the opacity is 0.
     pub mean: T,
@@ -38,7 +38,7 @@ pub fn alpha<T: Real>(density: T, extent: T) -> T {
 
 /// Termination weights (Eq. 2-3): \\(w_i = T_i \alpha_i\\), \\(T_i = \prod_{j<i}(1 - \alpha_j)\\).
 ///
-/// `density`, `extent` and `weights` have one entry a bin (the shortest counts); `extent` is the length of the bin along
+/// `density`, `extent` and `weights` have one entry per bin (the shortest counts); `extent` is the length of the bin along
 /// the ray. Returns the transmittance behind the last bin, so that the weights and it add up to 1.
 #[inline(always)]
 pub fn weights<T: Real>(density: &[T], extent: &[T], weights: &mut [T]) -> T {
@@ -55,7 +55,7 @@ pub fn weights<T: Real>(density: &[T], extent: &[T], weights: &mut [T]) -> T {
 ///
 /// \\[ p_i = \frac{w_i}{\sum_k w_k},\qquad \mu_r = \sum_i p_i t_i,\qquad \sigma_r^2 = \sum_i p_i (t_i - \mu_r)^2 \\]
 ///
-/// The variance is Eq. 5 written about the mean, which is the same number: \\(m_2 - \mu_r^2\\) cancels to nothing in
+/// The variance is Eq. 5 written about the mean, which is the same number without cancellation: \\(m_2 - \mu_r^2\\) has no digits left in
 /// `f32` at 5 m and 1 mm. `depth` is the bins' representative depth, `extent` their size in the same unit, used
 /// only with [`InBinVariance::Uniform`].
 #[inline(always)]
@@ -113,7 +113,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn weights_and_what_escapes_add_up_to_one((density, _, extent) in ray()) {
+        fn weights_and_transmittance_add_up_to_one((density, _, extent) in ray()) {
             let mut w = vec![0.0; density.len()];
             let escaped = weights(&density, &extent, &mut w);
             prop_assert!(w.iter().all(|&w| w >= 0.0));
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ray_that_meets_nothing_has_no_opacity() {
+    fn an_empty_ray_has_no_opacity() {
         let mut w = [1.0_f32; 4];
         assert_eq!(weights(&[0.0; 4], &[1.0; 4], &mut w), 1.0);
         assert_eq!(moments(&w, &[1.0, 2.0, 3.0, 4.0], &[1.0; 4], InBinVariance::Uniform), Moments::default());

@@ -128,7 +128,7 @@ proptest! {
 
     /// A pixel that is wrong by up to 1e9 moves no depth between 0.5 and 10 by more than 0.5.
     #[test]
-    fn one_wild_pixel_cannot_carry_the_effective_fit_away(mut samples in samples(30..60), wild in 1e3..1e9_f64) {
+    fn one_outlier_hardly_moves_the_effective_fit(mut samples in samples(30..60), wild in 1e3..1e9_f64) {
         for s in &mut samples {
             (s.v, s.variance) = (s.u, 0.01);
         }
@@ -138,13 +138,13 @@ proptest! {
             let moved = fit.apply(Gaussian::new(depth, 0.0)).mean - depth;
             prop_assert!(moved.abs() < 0.5, "{fit:?} moves {depth} by {moved}");
         }
-        // The plain fit is gone.
+        // Eq. 11 has no such bound.
         prop_assert!(affine_wls(&samples).unwrap().affine.apply(Gaussian::new(5.0, 0.0)).mean > 15.0);
     }
 
-    /// Bounded influence: from some point on, a pixel that claims to be exact pulls no harder the wilder it is.
+    /// Bounded influence: beyond some residual, the pull of a pixel of tiny variance does not grow.
     #[test]
-    fn how_wild_a_pixel_is_does_not_matter(samples in samples(30..60), wild in 1e5..1e9_f64) {
+    fn the_influence_of_a_pixel_is_bounded(samples in samples(30..60), wild in 1e5..1e9_f64) {
         let fit = |prior| {
             let mut samples = samples.clone();
             samples.push(Sample { u: 5.0, variance: 1e-6, v: prior });
@@ -156,7 +156,7 @@ proptest! {
 }
 
 #[test]
-fn a_constant_depth_has_no_slope_but_the_ridge_finds_the_identity() {
+fn a_constant_depth_determines_no_slope_but_with_the_ridge_the_identity() {
     let sample = |prior| Sample { u: 2.1, variance: 0.01, v: prior };
     let samples: Vec<_> = (0..50).map(|i| sample(2.1 + f64::from(i % 3 - 1) * 0.1)).collect();
     assert_eq!(affine_wls(&samples), None);
@@ -176,16 +176,16 @@ fn exact_samples_count_alone() {
     assert_relative_eq!(fit.effective_support, 2.0);
 }
 
-/// One pixel in a hundred claims to be exact and is not: Eq. 11 rests on those alone, the effective fit on all.
+/// One pixel in a hundred states a variance that is far too small: they determine the fit of Eq. 11, but not the effective one.
 #[test]
-fn the_effective_fit_does_not_rest_on_the_overconfident() {
+fn overconfident_pixels_do_not_determine_the_effective_fit() {
     let mut random = Random(5);
     let samples: Vec<_> = (0..4000)
         .map(|i| {
             let depth = 1.0 + 3.0 * random.uniform();
             let nerf = depth + 0.05 * random.normal();
             let variance = if i % 100 == 0 { 1e-9 } else { 0.05 * 0.05 };
-            // The overconfident see a surface that is not there.
+            // The overconfident pixels are of another surface.
             let nerf = if i % 100 == 0 { 2.0 + 0.2 * random.normal() } else { nerf };
             Sample { u: nerf, variance, v: depth + 0.1 * random.normal() }
         })
@@ -197,9 +197,9 @@ fn the_effective_fit_does_not_rest_on_the_overconfident() {
     assert!((effective.affine.a - 1.0).abs() < 0.03 && effective.affine.b.abs() < 0.08, "{effective:?}");
 }
 
-/// The documented limit: equal noise in u pulls both fits towards 0, and the ridge holds the effective one a little.
+/// The documented limit: equal noise in u attenuates both scales; the ridge counteracts it a little.
 #[test]
-fn attenuation_is_not_mended() {
+fn noise_attenuates_the_scale() {
     let mut random = Random(5);
     let sigma = 0.8;
     let samples: Vec<_> = (0..4000)

@@ -44,7 +44,7 @@ proptest! {
     }
 
     #[test]
-    fn the_mixture_is_never_surer_than_the_product(estimates in vec(gaussian(), 1..8)) {
+    fn the_mixture_variance_is_at_least_k_times_that_of_the_product(estimates in vec(gaussian(), 1..8)) {
         let all = precision_weighted(&estimates).unwrap();
         let mixture = mixture_variance(&estimates, all.mean);
         prop_assert!(mixture >= all.variance * estimates.len() as f64 * (1.0 - 1e-12));
@@ -79,7 +79,7 @@ proptest! {
     }
 
     #[test]
-    fn a_missing_view_changes_nothing(views in vec(gaussian_depth_of(3, 3), 1..5), spread in any::<bool>()) {
+    fn a_missing_view_does_not_count(views in vec(gaussian_depth_of(3, 3), 1..5), spread in any::<bool>()) {
         let mut more = views.clone();
         more.push(GaussianDepth::missing(3, 3));
         for rule in RULES {
@@ -89,7 +89,7 @@ proptest! {
 }
 
 #[test]
-fn each_rule_picks_what_it_says() {
+fn each_rule_takes_its_view() {
     let view = |m: f32, v: f32| GaussianDepth::new(array![[m]], array![[v]]).unwrap();
     let views = [view(3.0, 0.5), view(1.0, 0.4), view(2.0, 0.1)];
     let of = |rule, spread| aggregate(&views, rule, spread).unwrap().get(0, 0).unwrap();

@@ -2,7 +2,7 @@
 use crate::{GaussianDepth, Prior};
 use ndarray::Array2;
 
-/// Every known value of the map through `f`.
+/// Applies `f` to every pixel that is not missing.
 pub(crate) fn map(view: &GaussianDepth, f: impl Fn(f64, f64) -> (f64, f64)) -> GaussianDepth {
     view.clone().map(|m, v| {
         let (m, v) = f(m.into(), v.into());
@@ -10,12 +10,12 @@ pub(crate) fn map(view: &GaussianDepth, f: impl Fn(f64, f64) -> (f64, f64)) -> G
     })
 }
 
-/// Every known depth of the prior through `f`.
+/// Applies `f` to every depth that is not missing.
 pub(crate) fn map_prior(prior: &Prior, f: impl Fn(f64) -> f64) -> Prior {
     Prior::new(prior.mean().mapv(|d| if d > 0.0 { f(d.into()) as f32 } else { 0.0 })).unwrap()
 }
 
-/// Largest relative difference of two maps; infinite where only one knows a pixel.
+/// Largest relative difference of two maps; infinite where one alone misses a pixel.
 pub(crate) fn difference(a: &GaussianDepth, b: &GaussianDepth) -> f64 {
     assert_eq!(a.dim(), b.dim());
     let worst = |x: &Array2<f64>, y: &Array2<f64>| {

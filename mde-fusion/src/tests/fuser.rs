@@ -14,7 +14,7 @@ fn fuse(config: FusionConfig, prior: &Prior, views: &[GaussianDepth]) -> Fused {
     BayesFuser::new(config).unwrap().fuse(prior, views).unwrap()
 }
 
-/// A seeded slope with a step, a noisy prior of it, and views that see it in another gauge. Seven of sixteen columns in
+/// A seeded slope with a step, a noisy prior of it, and views of it at another scale and shift. Seven of sixteen columns in
 /// the first row have no view, the last pixel no prior.
 fn room() -> (Prior, Vec<GaussianDepth>) {
     let mut random = Random(1);
@@ -117,9 +117,9 @@ proptest! {
         }
     }
 
-    /// The calibration undoes any affine gauge of the views, so the result does not see it.
+    /// The calibration inverts any affine map of the views, so the result does not depend on it.
     #[test]
-    fn the_gauge_of_the_views_does_not_matter(k in 0.2..5.0_f64, c in -1.0..3.0_f64) {
+    fn an_affine_map_of_the_views_does_not_matter(k in 0.2..5.0_f64, c in -1.0..3.0_f64) {
         let (prior, views) = room();
         let moved: Vec<_> = views.iter().map(|view| map(view, |m, v| (k * m + c, k * k * v))).collect();
         let (one, other) = (fuse(unclamped(), &prior, &views), fuse(unclamped(), &prior, &moved));
@@ -137,7 +137,7 @@ proptest! {
         for (fused, prior) in fused.depth.mean().iter().zip(prior.mean()) {
             assert_relative_eq!(*fused, *prior, max_relative = 1e-5);
         }
-        // The residuals are below what the views claim, so Eq. 15 clamps.
+        // The residuals are below the stated variances, so Eq. 15 clamps.
         prop_assert!(fused.report.sigma_o_clamped && fused.report.warnings.contains(&Warning::PriorTakenAsExact));
     }
 }
@@ -210,7 +210,7 @@ fn a_prior_with_its_own_variance_keeps_it() {
     let carried = Prior::with_variance(first.depth.clone()).unwrap();
     let second = fuse(FusionConfig::paper(), &carried, &views);
     assert!(!second.report.sigma_o_clamped);
-    // Where no view reaches, the prior is returned as it came.
+    // Without a view the prior is returned unchanged.
     for c in 0..7 {
         assert_eq!(second.depth.get(0, c), first.depth.get(0, c));
     }
@@ -226,7 +226,7 @@ fn a_prior_with_its_own_variance_keeps_it() {
 }
 
 #[test]
-fn degenerate_calibrations_revert_to_the_prior_and_say_why() {
+fn degenerate_calibrations_give_the_prior_and_a_reason() {
     let (prior, views) = room();
     let mirrored: Vec<_> = views.iter().map(|view| map(view, |m, v| (10.0 - m, v))).collect();
     let flat: Vec<_> = views.iter().map(|view| map(view, |_, v| (2.0, v))).collect();
@@ -307,7 +307,7 @@ fn a_common_error_adds_its_share_of_the_depth_and_leaves_the_mean() {
 }
 
 #[test]
-fn a_posterior_floor_never_claims_to_be_exact() {
+fn a_posterior_floor_bounds_the_variance() {
     let prior = Prior::new(array![[1.0, 2.0, 3.0]]).unwrap();
     let view = GaussianDepth::new(array![[1.0, 2.0, 3.0]], array![[0.1, 0.1, 0.1]]).unwrap();
     let exact = fuse(FusionConfig::paper(), &prior, std::slice::from_ref(&view));
@@ -353,7 +353,7 @@ fn another_fuser_returns_its_own_error() {
     struct Refuses;
     impl Fuser for Refuses {
         fn fuse(&self, _: &Prior, _: &[GaussianDepth]) -> crate::Result<Fused> {
-            Err(Error::External("no views".into()))
+            Err(Error::external("no views"))
         }
     }
     let error = Refuses.fuse(&Prior::missing(1, 1), &[]).unwrap_err();

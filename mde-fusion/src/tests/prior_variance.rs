@@ -111,7 +111,7 @@ fn overstated_variances_mislead_the_moments_only() {
 }
 
 #[test]
-fn nothing_and_zeros_give_zero() {
+fn no_residuals_and_zeros_give_zero() {
     for estimate in ESTIMATORS {
         assert_eq!(estimate(&[]), 0.0);
         assert_eq!(estimate(&[Residual::default(); 3]), 0.0);
