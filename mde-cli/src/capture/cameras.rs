@@ -4,9 +4,7 @@ use super::report::{CaptureReport, PoseSource};
 use super::{Capture, view};
 use crate::Result;
 use crate::config::Config;
-use mde_mvs::poses::{
-    self, PosesConfig, RefineConfig, Track, Verdict, estimate_poses, refine_poses,
-};
+use mde_mvs::poses::{self, PosesConfig, RefineConfig, Track, Verdict, estimate_poses, refine_poses};
 use mde_mvs::views::{ViewSelection, select_views};
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;

@@ -136,7 +136,7 @@ pub fn refine_capture(
     let start = run.begin(Stage::Sweep)?;
     let depths = priors::for_views(&views, &order, &priors, unit)?;
     let depths: Vec<ArrayView2<'_, f32>> = depths.iter().map(|depth| depth.view()).collect();
-    let reconstruction = reconstruct(&views, &depths, &ConsensusConfig::default())?;
+    let reconstruction = reconstruct(&views, &depths, None, &ConsensusConfig::default())?;
     report.take(&reconstruction, &order);
     report.seconds.sweep = start.elapsed().as_secs_f64();
     if let Some(reason) = result::unusable(&reconstruction) {
@@ -158,13 +158,10 @@ pub fn refine_capture(
         report.seconds.fit = start.elapsed().as_secs_f64();
 
         let start = run.begin(Stage::Render)?;
-        rendered = Some(fitted.render(
-            &views[0].camera,
-            &views[0].pose,
-            &mut |event: &mde_nerf::FieldEvent| {
+        rendered =
+            Some(fitted.render(&views[0].camera, &views[0].pose, &mut |event: &mde_nerf::FieldEvent| {
                 run.notify(&Event::Field { event: *event, view: 0, views: 1 })
-            },
-        )?);
+            })?);
         report.seconds.render = start.elapsed().as_secs_f64();
         field = Some(fitted);
     }
@@ -183,8 +180,7 @@ fn fall_back(
     report: CaptureReport,
     callback: &mut Callback<'_>,
 ) -> Result<Refinement> {
-    let alone =
-        Config { seed: config.seed, disparity: config.disparity.clone(), ..Preset::Default.config() };
+    let alone = Config { seed: config.seed, disparity: config.disparity.clone(), ..Preset::Default.config() };
     let reference = &capture.photographs[capture.reference];
     let refined = refine(reference.image.view(), &reference.camera, stages, &alone, callback)?;
     Ok(Refinement { capture: Some(report), ..refined })

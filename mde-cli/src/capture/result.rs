@@ -1,8 +1,8 @@
 //! The reference's depth in the prior's unit, with its standard deviation.
 
-use crate::config::Config;
-use crate::augmentation::Component;
 use crate::Result;
+use crate::augmentation::Component;
+use crate::config::Config;
 use mde_mvs::consensus::{Reconstruction, ViewDepth};
 use mde_nerf::RenderedView;
 use mde_uncertainty::GaussianDepth;
@@ -43,7 +43,8 @@ pub(super) fn combine(
     let [of_field, of_consensus] =
         [config.multi_view.sigma_field as f32, config.multi_view.sigma_consensus as f32];
     let (mut mean, mut variance) = (consensus.mean().to_owned(), consensus.variance().to_owned());
-    let mut parts = [Array2::from_elem(mean.dim(), f32::INFINITY), Array2::from_elem(mean.dim(), f32::INFINITY)];
+    let mut parts =
+        [Array2::from_elem(mean.dim(), f32::INFINITY), Array2::from_elem(mean.dim(), f32::INFINITY)];
     for (at, mean) in mean.indexed_iter_mut() {
         let relative = |map: &GaussianDepth| map.get(at.0, at.1).map(|(z, v)| (z, v.sqrt() / z));
         let field = rendered.and_then(|r| relative(&r.depth)).filter(|(z, _)| *z > 0.0);

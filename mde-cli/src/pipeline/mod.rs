@@ -160,7 +160,15 @@ pub fn resume(
             components.push(Component { name: "field", sigma: fused.aligned.sigma() });
             components.push(common(&fused.depth, config.fusion.common_error));
             let (depth, field) = (fused.depth, Some(field));
-            return Ok(Refinement { depth, prior, augmentation, components, iterations, field, capture: None });
+            return Ok(Refinement {
+                depth,
+                prior,
+                augmentation,
+                components,
+                iterations,
+                field,
+                capture: None,
+            });
         }
         let progress = Checkpoint { prior: prior.clone(), depth: fused.depth, iterations };
         keep(&progress)?;

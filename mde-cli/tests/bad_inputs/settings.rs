@@ -58,10 +58,7 @@ const UNUSABLE: &[(&str, &[&str])] = &[
     ("nerf.field.finest = 4", &["field.finest is 4", "field.coarsest"]),
     ("fusion.variance-floor = 1.0", &["variance-floor is 1", "below 1"]),
     ("fusion.kappa = 0.0", &["kappa is 0", "positive"]),
-    (
-        "nerf.train.depth-loss = { kind = 'distribution', weight = -1.0 }",
-        &["depth-loss.weight is -1"],
-    ),
+    ("nerf.train.depth-loss = { kind = 'distribution', weight = -1.0 }", &["depth-loss.weight is -1"]),
     ("nerf.train.depth-loss.decay = { start = 0.5, end = 0.2 }", &["decay.end is 0.2", "decay.start to 1"]),
     (
         "nerf.train.colour-loss = { kind = 'charbonnier', final-weight = -1.0 }",
