@@ -36,7 +36,10 @@ const UNUSABLE: &[(&str, &[&str])] = &[
     ("nerf.train.learning-rate = nan", &["train.learning-rate is NaN", "positive"]),
     ("nerf.train.original-share = 1.5", &["train.original-share is 1.5", "0 to 1"]),
     ("nerf.train.depth-loss.weight = -1.0", &["train.depth-loss.weight is -1", "0 or more"]),
-    ("nerf.train.depth-loss = { kind = 'wasserstein' }", &["depth-loss", "weight"]),
+    (
+        "nerf.train.depth-loss = { kind = 'wasserstein', weights = 1.0 }",
+        &["`nerf.train.depth-loss.weights`", "mde config"],
+    ),
     (
         "nerf.train.depth-loss = { kind = 'none', weight = 1.0 }",
         &["`nerf.train.depth-loss.weight`", "mde config"],
@@ -65,8 +68,8 @@ const UNUSABLE: &[(&str, &[&str])] = &[
         &["final-weight is -1", "0 or more"],
     ),
     ("nerf.sampling.volume = { kind = 'sphere' }", &["`sphere`", "`hull`"]),
-    ("disparity.near = 0.0", &["near", "0 is no positive depth"]),
-    ("disparity = { near = 2.0, far = 1.0 }", &["far", "1 must be finite and above near"]),
+    ("disparity.near = 0.0", &["disparity.near is 0", "above 0"]),
+    ("disparity = { near = 2.0, far = 1.0 }", &["disparity.far is 1", "above disparity.near"]),
 ];
 
 #[test]
@@ -92,7 +95,7 @@ fn unusable_calibrations() {
     check(&[
         refused(of("none.toml"), &["none.toml", "check the path"]),
         refused(of("folder.png"), &["folder.png"]),
-        refused(of("broken.toml"), &["broken.toml", "mde calibrate"]),
+        refused(of("broken.toml"), &["broken.toml", "calibrate again"]),
         refused(of("binary.toml"), &["binary.toml", "UTF-8"]),
         refused("calibrate --dataset rooms --method guided", &["--method guided", "no sigma of its own"]),
         refused("calibrate --dataset rooms --method none.toml", &["none.toml"]),
