@@ -3,6 +3,7 @@
 use std::io::Cursor;
 use std::path::Path;
 
+use image::metadata::Orientation;
 use image::{DynamicImage, ExtendedColorType, ImageDecoder as _, ImageEncoder as _, ImageReader, Limits};
 use ndarray::{Array3, ArrayView3};
 
@@ -28,6 +29,21 @@ pub struct Photo {
 pub fn read_image(path: impl AsRef<Path>) -> Result<Photo> {
     let path = path.as_ref();
     decode(&read_file(path)?).map_err(|reason| Error::malformed(path, reason))
+}
+
+/// Width and height of an image file, upright, from its header alone; nothing where it is missing or no image.
+pub fn image_size(path: impl AsRef<Path>) -> Option<[usize; 2]> {
+    let mut decoder = ImageReader::open(path).ok()?.with_guessed_format().ok()?.into_decoder().ok()?;
+    let (width, height) = decoder.dimensions();
+    let turned = matches!(
+        decoder.orientation().ok()?,
+        Orientation::Rotate90
+            | Orientation::Rotate270
+            | Orientation::Rotate90FlipH
+            | Orientation::Rotate270FlipH
+    );
+    let size = if turned { [height, width] } else { [width, height] };
+    Some(size.map(|side| side as usize))
 }
 
 /// As [`read_image`], from the bytes of a file.

@@ -16,6 +16,7 @@ const EXAMPLES: &str = "\
 Examples:
   mde demo -o out/demo
   mde refine room.jpg --prior-model fastdepth_224.onnx -o out/room
+  mde refine room.jpg --views left.jpg right.jpg --prior-model fastdepth_224.onnx -o out/room
   mde refine room.png --prior-depth depth.npy --fov 62 --preset fast -o out/room
   mde refine room.png --prior-depth disparity.pfm --prior-kind disparity --gt truth.png -o out/room
   mde config --preset paper > my.toml && mde refine room.jpg --prior-model dpt_large.onnx --config my.toml -o out/room
@@ -104,9 +105,9 @@ pub(crate) struct RefineArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP
     #[arg(value_name = "IMAGE")]
     pub(crate) image: PathBuf,
-    /// Further photographs of the same static scene, or folders of them; poses are estimated. Their parallax refines the
-    /// depth (preset multi-view)
-    #[arg(long, value_name = "PATH", num_args = 1.., help_heading = "Several photographs")]
+    /// Further photographs of the same static scene, or folders of them: their poses are estimated, and their parallax refines
+    /// the depth. Or one capture with poses: transforms.json, a COLMAP model, a TUM sequence
+    #[arg(long, value_name = "PATH", num_args = 1.., conflicts_with = "resume", help_heading = "Several photographs")]
     pub(crate) views: Vec<PathBuf>,
     #[command(flatten)]
     pub(crate) prior: PriorArgs,

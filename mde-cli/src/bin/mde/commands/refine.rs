@@ -22,12 +22,13 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     let recording = recording::open(&args.export, args.run.force)?;
     let usual = if args.views.is_empty() { Preset::Default } else { Preset::MultiView };
     let (preset, config) = settings(&args.settings, usual)?;
-    let opened = open_image(&args.image, &args.size, &config, &mut progress)?;
-    let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
-    if let Some(warning) = camera.warning() {
+    let mut opened = open_image(&args.image, &args.size, &config, &mut progress)?;
+    let mut camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+    let capture = capture::open(args, &mut opened, &mut camera, &config, &mut progress)?;
+    // Further photographs without poses give the focal length.
+    if let Some(warning) = camera.warning().filter(|_| capture.is_none()) {
         progress.warn(warning);
     }
-    let capture = capture::open(args, (&opened, &camera), &config, &mut progress)?;
     let prior = NamedPrior::open(&args.prior)?.resized(&opened)?;
     let checkpoints = match args.resume {
         true => Some(Checkpoints::new(folder.path(), made_from(args, &opened, &camera, &prior, &config)?)),
