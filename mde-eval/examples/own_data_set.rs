@@ -36,7 +36,7 @@ impl DataSet for Flat {
         let image = read_image(self.folder.join(format!("{id}.jpg")))?.pixels;
         let depth = read_depth(self.folder.join(format!("{id}.npy")), &ReadOptions::default())?;
         let camera = PinholeCamera::from_fov(60.0, image.dim().1, image.dim().0)?;
-        Ok(Sample { id, image, depth, camera, assumed_camera: true, trusted_depth: 10.0 })
+        Ok(Sample { assumed_camera: true, trusted_depth: 10.0, ..Sample::new(id, image, depth, camera) })
     }
 }
 

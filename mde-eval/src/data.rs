@@ -1,5 +1,6 @@
 //! Data sets: images with true depth and a camera.
 
+mod captures;
 mod files;
 mod kind;
 mod maps;
@@ -13,6 +14,7 @@ mod rooms;
 mod sunrgbd;
 mod tum;
 
+pub use captures::{CaptureGrid, Captures};
 pub use kind::{DataSetKind, Options, open};
 pub use maps::{MapPair, MapPairs};
 pub use nyu::Nyu;
@@ -24,8 +26,10 @@ pub use rooms::Rooms;
 pub use sunrgbd::{SunDepth, SunRgbd};
 pub use tum::Tum;
 
+use crate::capture::{Capture, CapturedView};
 use crate::{Error, Result};
-use mde_warp::PinholeCamera;
+use mde_prior::PriorDepth;
+use mde_warp::{PinholeCamera, PosedView};
 use ndarray::{Array2, Array3};
 
 /// Scenes that are loaded one by one.
@@ -97,6 +101,45 @@ pub struct Sample {
     pub assumed_camera: bool,
     /// Largest depth at which the truth is reliable, metres.
     pub trusted_depth: f64,
+    /// Further photographs of the scene; most data sets have none. The world is the frame of `camera`.
+    pub views: Vec<CapturedView>,
+    /// The monocular depth of the image, where the data set brings one.
+    pub prior: Option<PriorDepth>,
+}
+
+impl Sample {
+    /// A scene of one image with its true depth in metres and its camera, reliable at any depth.
+    pub fn new(id: impl Into<String>, image: Array3<f32>, depth: Array2<f32>, camera: PinholeCamera) -> Self {
+        Self {
+            id: id.into(),
+            image,
+            depth,
+            camera,
+            assumed_camera: false,
+            trusted_depth: f64::INFINITY,
+            views: Vec::new(),
+            prior: None,
+        }
+    }
+
+    /// The reference of a capture with its truth, and the further photographs.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] where the index of the reference is out of range, [`Error::Shape`] where the truth has another size than the
+    /// reference.
+    pub fn of_capture(capture: Capture) -> Result<Self> {
+        let capture = capture.rebased();
+        let (index, count) = (capture.reference, capture.views.len());
+        let (id, depth, trusted_depth) = (capture.id.clone(), capture.truth.clone(), capture.trusted_depth);
+        let Some((reference, views)) = capture.split() else { return Err(out_of_range(index, count)) };
+        let PosedView { image, camera, .. } = reference.view;
+        let expected = [camera.height, camera.width];
+        if depth.dim() != camera.dim() {
+            return Err(Error::Shape { what: "the true depth", found: depth.dim().into(), expected });
+        }
+        let prior = reference.prior;
+        Ok(Self { trusted_depth, views, prior, ..Self::new(id, image, depth, camera) })
+    }
 }
 
 /// The camera of scenes that come without one.

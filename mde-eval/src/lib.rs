@@ -35,6 +35,8 @@
 pub mod align;
 #[cfg(feature = "baseline")]
 pub mod baseline;
+#[cfg(feature = "scenes")]
+pub mod capture;
 #[cfg(feature = "data")]
 pub mod data;
 mod error;
@@ -53,6 +55,8 @@ pub mod statistics;
 pub mod table;
 
 pub use error::{Error, Result};
+#[cfg(feature = "scenes")]
+pub use mde_mvs;
 #[cfg(feature = "prior")]
 pub use mde_prior;
 pub use mde_uncertainty;
@@ -62,7 +66,7 @@ pub use mde_warp;
 pub use nalgebra;
 pub use ndarray;
 #[cfg(feature = "baseline")]
-pub use refiner::{Refined, Refiner, Task};
+pub use refiner::{Refined, Refiner, Task, TaskView};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

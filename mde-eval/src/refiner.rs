@@ -1,6 +1,6 @@
 use crate::{Error, Result};
 use mde_prior::{DepthPrior, DisparityRule};
-use mde_warp::PinholeCamera;
+use mde_warp::{PinholeCamera, PosedView};
 use ndarray::{Array2, ArrayView2, ArrayView3};
 
 /// Input of a [`Refiner`]. Never the truth.
@@ -16,19 +16,30 @@ pub struct Task<'a> {
     pub model: Option<&'a dyn DepthPrior>,
     /// The rule by which the model's prediction becomes depth.
     pub rule: &'a DisparityRule,
+    /// Further photographs of the scene, empty for most data sets. The world of their poses is the frame of `camera`.
+    pub views: &'a [TaskView<'a>],
     /// Seed of every random draw.
     pub seed: u64,
 }
 
+/// A further photograph of the scene of a [`Task`].
+#[derive(Clone, Copy)]
+pub struct TaskView<'a> {
+    /// The photograph with its camera and pose; no depth hypothesis.
+    pub view: &'a PosedView,
+    /// Its monocular depth `[height, width]`, where it is known; 0 where missing.
+    pub prior: Option<&'a Array2<f32>>,
+}
+
 impl<'a> Task<'a> {
-    /// A photograph with its camera and monocular depth; no model, seed 0.
+    /// A photograph with its camera and monocular depth; no model, no further photograph, seed 0.
     pub fn new(
         image: ArrayView3<'a, f32>,
         camera: &'a PinholeCamera,
         prior: ArrayView2<'a, f32>,
         rule: &'a DisparityRule,
     ) -> Self {
-        Self { image, camera, prior, model: None, rule, seed: 0 }
+        Self { image, camera, prior, model: None, rule, views: &[], seed: 0 }
     }
 
     /// The model's depth of another image, `[height, width]` of that image; 0 where missing.

@@ -1,6 +1,9 @@
 use super::files::find_scenes;
 use super::pairs::{in_one_folder, side_by_side};
-use super::{DataSet, Fallback, Nyu, Placed, PlainFolders, Redwood, Resized, Rooms, SunDepth, SunRgbd, Tum};
+use super::{
+    CaptureGrid, Captures, DataSet, Fallback, Nyu, Placed, PlainFolders, Redwood, Resized, Rooms, SunDepth,
+    SunRgbd, Tum,
+};
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -22,13 +25,16 @@ pub enum DataSetKind {
     Plain,
     /// [`Rooms`].
     Rooms,
+    /// [`Captures`].
+    Captures,
 }
 
 impl DataSetKind {
     /// All of them.
-    pub const ALL: [Self; 6] = [Self::SunRgbd, Self::Nyu, Self::Tum, Self::Redwood, Self::Plain, Self::Rooms];
+    pub const ALL: [Self; 7] =
+        [Self::SunRgbd, Self::Nyu, Self::Tum, Self::Redwood, Self::Plain, Self::Rooms, Self::Captures];
 
-    /// Its name: `sunrgbd`, `nyu`, `tum`, `redwood`, `plain` or `rooms`.
+    /// Its name: `sunrgbd`, `nyu`, `tum`, `redwood`, `plain`, `rooms` or `captures`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::SunRgbd => "sunrgbd",
@@ -37,6 +43,7 @@ impl DataSetKind {
             Self::Redwood => "redwood",
             Self::Plain => "plain",
             Self::Rooms => "rooms",
+            Self::Captures => "captures",
         }
     }
 
@@ -96,8 +103,10 @@ pub struct Options {
     pub size: Option<[usize; 2]>,
     /// Every so many images of a sequence ([`Tum`], [`Redwood`]).
     pub stride: usize,
-    /// Seed of the [`Rooms`].
+    /// Seed of the [`Rooms`] and [`Captures`].
     pub seed: u64,
+    /// The conditions of [`Captures`].
+    pub captures: CaptureGrid,
     /// Places by scene ([`Placed`]), for data sets that do not name them.
     pub places: BTreeMap<String, String>,
 }
@@ -110,6 +119,7 @@ impl Default for Options {
             size: None,
             stride: 1,
             seed: 0,
+            captures: CaptureGrid::default(),
             places: BTreeMap::new(),
         }
     }
@@ -128,7 +138,12 @@ pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result
             let [width, height] = options.size.unwrap_or([640, 480]);
             return placed(Box::new(Rooms::new(options.seed, width, height)), options);
         }
-        (DataSetKind::Rooms, Some(root)) => {
+        (DataSetKind::Captures, None) => {
+            let [width, height] = options.size.unwrap_or([640, 480]);
+            let captures = Captures::new(&options.captures, options.seed, width, height)?;
+            return placed(Box::new(captures), options);
+        }
+        (DataSetKind::Rooms | DataSetKind::Captures, Some(root)) => {
             return fault(&root.display().to_string(), "leave it out: rooms are rendered, not read");
         }
         (_, None) => return fault("missing", "name it"),

@@ -91,7 +91,7 @@ impl Paired {
         let (pair, id) = self.get(index)?;
         let (image, depth, size) = pair.read(units_per_metre)?;
         let (camera, assumed_camera) = camera(pair, size)?;
-        Ok(Sample { id: id.clone(), image, depth, camera, assumed_camera, trusted_depth })
+        Ok(Sample { assumed_camera, trusted_depth, ..Sample::new(id, image, depth, camera) })
     }
 }
 

@@ -94,12 +94,9 @@ impl DataSet for PlainFolders {
             None => self.fallback.camera(id, "fx, fy, cx, cy in scene.json", width, height)?,
         };
         Ok(Sample {
-            id: id.clone(),
-            image,
-            depth,
-            camera,
             assumed_camera: known.is_none(),
             trusted_depth: description.max_depth.unwrap_or(10.0),
+            ..Sample::new(id, image, depth, camera)
         })
     }
 }

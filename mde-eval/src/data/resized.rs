@@ -1,6 +1,8 @@
 use super::{DataSet, Sample};
 use crate::Result;
+use mde_prior::PriorDepth;
 use mde_prior::resample::{Filter, nearest, resize};
+use mde_warp::PosedView;
 use ndarray::{Array3, Axis};
 
 /// A data set at another size, such as the paper's 640 x 480.
@@ -39,17 +41,42 @@ impl<D: DataSet> DataSet for Resized<D> {
     }
 
     fn load(&self, index: usize) -> Result<Sample> {
-        let sample = self.data.load(index)?;
+        let mut sample = self.data.load(index)?;
         let size = (self.height, self.width);
+        sample.prior = sample.prior.map(|prior| self.prior(prior)).transpose()?;
+        for captured in &mut sample.views {
+            let view = &captured.view;
+            let image = self.image(&view.image);
+            let mask = nearest(view.mask.mapv(|keep| f32::from(u8::from(keep))).view(), size)
+                .mapv(|keep| keep > 0.5);
+            let camera = view.camera.resized(self.width, self.height)?;
+            captured.view = PosedView::new(image, camera, view.pose, mask, Vec::new())?;
+            captured.prior = captured.prior.take().map(|prior| self.prior(prior)).transpose()?;
+        }
         if sample.depth.dim() == size {
             return Ok(sample);
         }
-        let mut image = Array3::zeros((self.height, self.width, 3));
-        for (mut to, from) in image.axis_iter_mut(Axis(2)).zip(sample.image.axis_iter(Axis(2))) {
-            to.assign(&resize(from, size, Filter::BilinearAntialias));
-        }
+        let image = self.image(&sample.image);
         let depth = nearest(sample.depth.view(), size);
         let camera = sample.camera.resized(self.width, self.height)?;
         Ok(Sample { image, depth, camera, ..sample })
+    }
+}
+
+impl<D> Resized<D> {
+    fn image(&self, image: &Array3<f32>) -> Array3<f32> {
+        let size = (self.height, self.width);
+        let mut resized = Array3::zeros((self.height, self.width, 3));
+        for (mut to, from) in resized.axis_iter_mut(Axis(2)).zip(image.axis_iter(Axis(2))) {
+            to.assign(&resize(from, size, Filter::BilinearAntialias));
+        }
+        resized
+    }
+
+    fn prior(&self, prior: PriorDepth) -> Result<PriorDepth> {
+        let size = (self.height, self.width);
+        let valid =
+            nearest(prior.valid.mapv(|keep| f32::from(u8::from(keep))).view(), size).mapv(|keep| keep > 0.5);
+        Ok(PriorDepth::with_mask(nearest(prior.map.view(), size), valid, prior.kind)?)
     }
 }

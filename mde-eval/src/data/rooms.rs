@@ -28,14 +28,6 @@ impl DataSet for Rooms {
             return Err(out_of_range(index, self.ids.len()));
         };
         let scene = scene::room(room, self.seed, self.width, self.height)?;
-        Ok(Sample {
-            id: id.clone(),
-            image: scene.image,
-            depth: scene.depth,
-            camera: scene.camera,
-            assumed_camera: false,
-            // Exact at any distance.
-            trusted_depth: f64::INFINITY,
-        })
+        Ok(Sample::new(id, scene.image, scene.depth, scene.camera))
     }
 }

@@ -118,7 +118,7 @@ impl DataSet for SunRgbd {
         } else {
             read_intrinsics(&file, width, height)?
         };
-        Ok(Sample { id: id.clone(), image, depth, camera, assumed_camera, trusted_depth: 8.0 })
+        Ok(Sample { assumed_camera, trusted_depth: 8.0, ..Sample::new(id, image, depth, camera) })
     }
 }
 

@@ -15,8 +15,10 @@ mod shape;
 mod solid;
 mod stage;
 mod texture;
+mod views;
 
 pub use room::Room;
+pub use views::CaptureConfig;
 
 use crate::Result;
 use bvh::Hierarchy;

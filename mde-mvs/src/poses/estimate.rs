@@ -3,7 +3,7 @@ use super::pair::{self, Pair};
 use super::tracks::{self, Track, TrackPixel};
 use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order};
 use crate::Result;
-use crate::statistics::quantile;
+use mde_uncertainty::statistics::quantile;
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Matrix6, Point2};
 use std::fmt;

@@ -5,7 +5,7 @@ use super::epipolar::{self, PixelPair};
 use super::resection::three_points;
 use super::sampling::{Ransac, draw};
 use super::{PosesConfig, Shot};
-use crate::statistics::quantile;
+use mde_uncertainty::statistics::quantile;
 use mde_warp::Pose;
 use nalgebra::{Point3, Vector3};
 

@@ -1,9 +1,9 @@
 use super::bundle::{Bundle, Observed, PosePrior};
 use super::tracks::{self, Track};
 use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order, pair, positive};
-use crate::statistics::quantile;
 use crate::{Error, Result};
 use mde_uncertainty::random::CounterRng;
+use mde_uncertainty::statistics::quantile;
 use mde_warp::Pose;
 use nalgebra::{Matrix6, Point2, Vector2};
 use rand::RngExt;

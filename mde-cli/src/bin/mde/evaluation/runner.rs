@@ -10,9 +10,11 @@ use crate::run::progress::Progress;
 use anyhow::{Result, bail};
 use mde_cli::Error;
 use mde_cli::pipeline::Event;
+use mde_eval::capture::CapturedView;
 use mde_eval::data::{DataSet, Sample};
-use mde_eval::{Refined, Task};
+use mde_eval::{Refined, Task, TaskView};
 use mde_prior::DisparityRule;
+use ndarray::Array2;
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -123,6 +125,13 @@ impl Shared<'_> {
             lock(&self.tally).progress.warn(warning);
         }
         let model = priors.model(&sample)?;
+        let view_priors = view_priors(&sample, &self.plan.rule)?;
+        let views: Vec<TaskView<'_>> = sample
+            .views
+            .iter()
+            .zip(&view_priors)
+            .map(|(captured, prior)| TaskView { view: &captured.view, prior: prior.as_ref() })
+            .collect();
         let memory = self.plan.share_fields.then(FieldMemory::default);
         let mut entries: Vec<(&Method, Entry)> = Vec::new();
         for method in self.plan.methods {
@@ -141,6 +150,7 @@ impl Shared<'_> {
                 Some(prior) => {
                     let task = Task {
                         model: model.as_deref(),
+                        views: &views,
                         seed: method.seed,
                         ..Task::new(sample.image.view(), &sample.camera, prior.view(), &self.plan.rule)
                     };
@@ -201,6 +211,13 @@ impl Shared<'_> {
         }
         lock(&self.failures).push(Failure { scene, method, error });
     }
+}
+
+/// The monocular depths that a data set brings for the further photographs.
+fn view_priors(sample: &Sample, rule: &DisparityRule) -> Result<Vec<Option<Array2<f32>>>> {
+    let depth =
+        |captured: &CapturedView| captured.prior.as_ref().map(|prior| prior.to_depth(rule)).transpose();
+    Ok(sample.views.iter().map(depth).collect::<Result<_, _>>()?)
 }
 
 fn stop(_: &Event) -> std::ops::ControlFlow<()> {

@@ -3,7 +3,7 @@
 use crate::args::{DataArgs, EncodingName, EvalPriorArgs, FaultName, PriorArgs, PriorSource};
 use crate::input::prior::NamedPrior;
 use anyhow::{Context, Result, bail};
-use mde_eval::data::{self, DataSet, DataSetKind, Fallback, Options, Sample, SunDepth};
+use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Fallback, Options, Sample, SunDepth};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
 use mde_prior::{DepthPrior, DisparityRule};
 use ndarray::Array2;
@@ -38,6 +38,12 @@ impl Source {
             sun_depth: if args.filled_depth { SunDepth::Filled } else { SunDepth::Sensor },
             size: args.size,
             stride: usize::from(args.stride),
+            captures: CaptureGrid {
+                views: args.photographs.clone(),
+                baselines: args.baseline.clone(),
+                pose_noises: args.pose_noise.clone(),
+                gains: args.gain.clone(),
+            },
             ..Options::default()
         };
         let data = data::open(kind, root.as_deref(), &options)?;
@@ -46,8 +52,14 @@ impl Source {
 
     /// What decides which pictures and truths the scenes have, wherever they lie.
     pub(crate) fn describe(&self) -> Value {
-        json!({ "dataset": self.kind.name(), "size": self.options.size, "depth": self.options.sun_depth,
-                "stride": self.options.stride })
+        let mut value = json!({ "dataset": self.kind.name(), "size": self.options.size,
+                                "depth": self.options.sun_depth, "stride": self.options.stride });
+        if self.kind == DataSetKind::Captures {
+            let CaptureGrid { views, baselines, pose_noises, gains } = &self.options.captures;
+            value["captures"] =
+                json!({ "views": views, "baselines": baselines, "pose_noises": pose_noises, "gains": gains });
+        }
+        value
     }
 
     pub(crate) fn title(&self) -> String {
@@ -84,6 +96,7 @@ impl PriorPlan {
             prior_encoding: EncodingName::Plain,
         };
         let rooms = kind == DataSetKind::Rooms;
+        let procedural = rooms || kind == DataSetKind::Captures;
         if let Some(fault) = args.simulated_model {
             if !rooms {
                 bail!("--simulated-model: is made from exact depth; use it with --dataset rooms");
@@ -93,9 +106,9 @@ impl PriorPlan {
         match (&args.prior_model, &args.prior_depth) {
             (Some(_), _) => Ok(Self::Model(prior_args(false))),
             (None, Some(folder)) => Ok(Self::Folder(folder.clone(), prior_args(true))),
-            (None, None) if rooms => Ok(Self::Simulated),
+            (None, None) if procedural => Ok(Self::Simulated),
             (None, None) if args.simulated_prior => {
-                bail!("--simulated-prior: is made from exact depth; use it with --dataset rooms")
+                bail!("--simulated-prior: is made from exact depth; use it with --dataset rooms or captures")
             }
             (None, None) => bail!("no prior is named; give --prior-model MODEL.onnx or --prior-depth FOLDER"),
         }
@@ -182,10 +195,13 @@ impl Priors<'_> {
                 };
                 NamedPrior::open(&args)?.prior.predict(sample.image.view())?
             }
-            Self::Simulated => {
-                let faults = SimulatedPriorConfig { seed, ..SimulatedPriorConfig::disparity() };
-                SimulatedPrior::new(&sample.depth, &faults)?.predict(sample.image.view())?
-            }
+            Self::Simulated => match &sample.prior {
+                Some(prior) => prior.clone(),
+                None => {
+                    let faults = SimulatedPriorConfig { seed, ..SimulatedPriorConfig::disparity() };
+                    SimulatedPrior::new(&sample.depth, &faults)?.predict(sample.image.view())?
+                }
+            },
             Self::SimulatedModel(faults) => simulated(sample, faults)?.predict(sample.image.view())?,
         };
         Ok(answer.to_depth(rule)?)
@@ -224,7 +240,7 @@ fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// A number that changes with the picture, its camera or, where given, its prior.
+/// A number that changes with the image, its camera, the further photographs or, where given, its prior.
 pub(crate) fn fingerprint(sample: &Sample, prior: Option<&Array2<f32>>) -> u32 {
     let mut hasher = crc32fast::Hasher::new();
     let camera = &sample.camera;
@@ -233,6 +249,14 @@ pub(crate) fn fingerprint(sample: &Sample, prior: Option<&Array2<f32>>) -> u32 {
     }
     for value in sample.image.iter().chain(prior.into_iter().flatten()) {
         hasher.update(&value.to_le_bytes());
+    }
+    for captured in &sample.views {
+        let camera = &captured.view.camera;
+        let pose = captured.view.pose.to_homogeneous();
+        for number in [camera.fx, camera.fy, camera.cx, camera.cy].iter().chain(pose.iter()) {
+            hasher.update(&number.to_le_bytes());
+        }
+        captured.view.image.iter().for_each(|value| hasher.update(&value.to_le_bytes()));
     }
     hasher.finalize()
 }

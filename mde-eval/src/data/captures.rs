@@ -1,0 +1,97 @@
+use super::{DataSet, Sample, out_of_range};
+use crate::Result;
+use crate::scene::{CaptureConfig, Room, World};
+
+/// Every [procedural room](crate::scene), photographed several times under every combination of some conditions.
+#[derive(Debug, Clone)]
+pub struct Captures {
+    ids: Vec<String>,
+    places: Vec<String>,
+    captures: Vec<(Room, CaptureConfig)>,
+    seed: u64,
+    width: usize,
+    height: usize,
+}
+
+/// The conditions of [`Captures`]: every combination of the lists, in every room.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CaptureGrid {
+    /// [`CaptureConfig::views`].
+    pub views: Vec<usize>,
+    /// [`CaptureConfig::baseline`].
+    pub baselines: Vec<f64>,
+    /// [`CaptureConfig::pose_noise`], degrees.
+    pub pose_noises: Vec<f64>,
+    /// [`CaptureConfig::gain`].
+    pub gains: Vec<f64>,
+}
+
+impl Default for CaptureGrid {
+    /// The one condition of [`CaptureConfig::default`].
+    fn default() -> Self {
+        let CaptureConfig { views, baseline, pose_noise, gain, .. } = CaptureConfig::default();
+        Self {
+            views: vec![views],
+            baselines: vec![baseline],
+            pose_noises: vec![pose_noise],
+            gains: vec![gain],
+        }
+    }
+}
+
+impl CaptureGrid {
+    /// The full grid: 2, 3, 5, 8 photographs; baselines of .02, .05, .1, .2 of the median depth; poses exact or off by .1, .3,
+    /// 1 degree; one exposure or one photograph off by 20 %.
+    pub fn full() -> Self {
+        Self {
+            views: vec![2, 3, 5, 8],
+            baselines: vec![0.02, 0.05, 0.1, 0.2],
+            pose_noises: vec![0.0, 0.1, 0.3, 1.0],
+            gains: vec![0.0, 0.2],
+        }
+    }
+}
+
+impl Captures {
+    /// The rooms with a seed under the conditions of a grid, in photographs of `width` by `height` pixels.
+    ///
+    /// # Errors
+    /// [`Error::Config`](crate::Error::Config) for a condition out of range.
+    pub fn new(grid: &CaptureGrid, seed: u64, width: usize, height: usize) -> Result<Self> {
+        let (mut ids, mut places, mut captures) = (Vec::new(), Vec::new(), Vec::new());
+        for room in Room::ALL {
+            for (&views, &baseline) in product(&grid.views, &grid.baselines) {
+                for (&pose_noise, &gain) in product(&grid.pose_noises, &grid.gains) {
+                    let config =
+                        CaptureConfig { views, baseline, pose_noise, gain, seed, ..CaptureConfig::default() };
+                    config.validate()?;
+                    places.push(format!("{room}-{seed}"));
+                    ids.push(format!("{room}-{seed}/{views}-views-b{baseline}-noise{pose_noise}-gain{gain}"));
+                    captures.push((room, config));
+                }
+            }
+        }
+        Ok(Self { ids, places, captures, seed, width, height })
+    }
+}
+
+fn product<'l, A, B>(first: &'l [A], second: &'l [B]) -> impl Iterator<Item = (&'l A, &'l B)> {
+    first.iter().flat_map(move |a| second.iter().map(move |b| (a, b)))
+}
+
+impl DataSet for Captures {
+    fn ids(&self) -> &[String] {
+        &self.ids
+    }
+
+    fn place(&self, index: usize) -> Option<&str> {
+        self.places.get(index).map(String::as_str)
+    }
+
+    fn load(&self, index: usize) -> Result<Sample> {
+        let (Some((room, config)), Some(id)) = (self.captures.get(index), self.ids.get(index)) else {
+            return Err(out_of_range(index, self.ids.len()));
+        };
+        Sample::of_capture(World::new(*room, self.seed)?.capture(id, config, self.width, self.height)?)
+    }
+}
