@@ -123,8 +123,26 @@ struct Layout {
 struct Normal {
     matrix: DMatrix<f64>,
     vector: DVector<f64>,
-    /// Of each track: what its depth shares with the other parameters, its own curvature, its own gradient.
-    depths: Vec<(Vec<(usize, f64)>, f64, f64)>,
+    depths: Vec<DepthRow>,
+}
+
+/// A track's row of the normal equations.
+struct DepthRow {
+    /// What the depth shares with the other parameters.
+    shared: Vec<(usize, f64)>,
+    curvature: f64,
+    slope: f64,
+}
+
+/// How uncertain the parameters are.
+#[derive(Debug, Clone)]
+pub(super) struct Covariance {
+    /// Of each pose's left perturbation, translation before rotation in radians; nothing for the reference.
+    pub(super) poses: Vec<Option<Matrix6<f64>>>,
+    /// Variance of the logarithm of each track's depth.
+    pub(super) log_depths: Vec<f64>,
+    /// Variance of the logarithm of the common factor of the focal lengths.
+    pub(super) log_focal: Option<f64>,
 }
 
 /// How a run of [`Bundle::adjust`] went.
@@ -355,7 +373,7 @@ impl Bundle {
                     vector[index] -= weight * unit * residual;
                 }
             }
-            depths.push((shared, curvature, slope));
+            depths.push(DepthRow { shared, curvature, slope });
         }
         for ((pose, prior), start) in self.poses.iter().zip(&self.pose_priors).zip(&layout.poses) {
             let (Some(prior), Some(start)) = (prior, start) else { continue };
@@ -437,32 +455,27 @@ impl Bundle {
         }
     }
 
-    /// Covariance of each pose's left perturbation (translation, then rotation in radians) and variance of each logarithmic
-    /// depth, if a pixel's standard deviation is `noise` times that of [`Lens::noise`]. Nothing where the normal equations are
-    /// singular.
-    pub(super) fn covariance(&self, noise: f64) -> Option<(Vec<Option<Matrix6<f64>>>, Vec<f64>)> {
+    /// Covariance of the parameters, if a pixel's standard deviation is `noise` times that of [`Lens::noise`]. Nothing where the
+    /// normal equations are singular.
+    pub(super) fn covariance(&self, noise: f64) -> Option<Covariance> {
         let layout = self.layout();
         let normal = self.normal(&layout, noise);
         let inverse = normal.reduced(0.0).0.cholesky()?.inverse();
-        let poses = layout
-            .poses
-            .iter()
-            .map(|start| start.map(|at| inverse.fixed_view::<6, 6>(at, at).into_owned()))
-            .collect();
-        let depths = normal
-            .depths
-            .iter()
-            .zip(&self.tracks)
-            .map(|((shared, curvature, _), track)| {
-                let through: f64 = shared
-                    .iter()
-                    .map(|&(i, a)| shared.iter().map(|&(j, b)| a * b * inverse[(i, j)]).sum::<f64>())
-                    .sum();
-                let variance = curvature.recip() + through / (curvature * curvature);
-                if track.prior.is_some() { variance } else { variance / track.inverse_depth.powi(2) }
-            })
-            .collect();
-        Some((poses, depths))
+        let of_pose = |at: usize| inverse.fixed_view::<6, 6>(at, at).into_owned();
+        let of_depth = |(row, track): (&DepthRow, &Observed)| {
+            let through: f64 = row
+                .shared
+                .iter()
+                .map(|&(i, a)| row.shared.iter().map(|&(j, b)| a * b * inverse[(i, j)]).sum::<f64>())
+                .sum();
+            let variance = row.curvature.recip() + through / (row.curvature * row.curvature);
+            if track.prior.is_some() { variance } else { variance / track.inverse_depth.powi(2) }
+        };
+        Some(Covariance {
+            poses: layout.poses.iter().map(|start| start.map(of_pose)).collect(),
+            log_depths: normal.depths.iter().zip(&self.tracks).map(of_depth).collect(),
+            log_focal: layout.focal.map(|at| inverse[(at, at)]),
+        })
     }
 }
 
@@ -473,7 +486,7 @@ impl Normal {
         for i in 0..matrix.nrows() {
             matrix[(i, i)] += damping * matrix[(i, i)].max(1e-12);
         }
-        for (shared, curvature, slope) in &self.depths {
+        for DepthRow { shared, curvature, slope } in &self.depths {
             let inverse = self::inverse(*curvature, damping);
             for &(i, a) in shared {
                 vector[i] -= a * slope * inverse;
@@ -492,7 +505,7 @@ impl Normal {
         let depths: Vec<f64> = self
             .depths
             .iter()
-            .map(|(shared, curvature, slope)| {
+            .map(|DepthRow { shared, curvature, slope }| {
                 let rest: f64 = shared.iter().map(|&(i, a)| a * common[i]).sum();
                 -(slope + rest) * inverse(*curvature, damping)
             })

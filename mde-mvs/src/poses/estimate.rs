@@ -1,4 +1,4 @@
-use super::bundle::{Bundle, Observed};
+use super::bundle::{Bundle, Covariance, Observed};
 use super::pair::{self, Pair};
 use super::tracks::{self, Track, TrackPixel};
 use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order};
@@ -13,6 +13,9 @@ pub(super) const STEPS: usize = 60;
 
 /// Adjustments after each of which outliers are dropped and the priors measured.
 const ROUNDS: usize = 3;
+
+/// No covariance is of matches better than this, in units of noise.
+pub(super) const LEAST_NOISE: f64 = 1e-3;
 
 /// What became of a photograph.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -106,7 +109,7 @@ pub struct EstimatedPose {
     pub parallax: f64,
     /// Depth in the unit of the poses over the depth of this photograph's prior.
     pub prior_scale: Option<f64>,
-    /// Covariance of the pose's left perturbation: translation, then rotation in radians.
+    /// Covariance of the pose's left perturbation, translation before rotation in radians; see [`PosesConfig::regions`].
     pub covariance: Option<Matrix6<f64>>,
 }
 
@@ -119,6 +122,8 @@ pub struct Estimated {
     pub tracks: Vec<Track>,
     /// Factor on the assumed focal lengths; 1 where none was assumed.
     pub focal_factor: f64,
+    /// Standard deviation of its logarithm; 0 where none was assumed. What the photographs do not tell stays near the settings'.
+    pub focal_log_sigma: f64,
     /// Standard deviation of a match, in pixels of a photograph of 640 on the longer side.
     pub noise: f64,
 }
@@ -243,10 +248,10 @@ fn build(shots: &[Shot], pairs: &[Pair], tree: &Tree, reference: usize, settings
         poses: tree.poses.iter().map(|pose| pose.unwrap_or_else(Pose::identity)).collect(),
         reference,
         log_focal: 0.0,
-        focal_sigma: settings.focal_sigma_of(count),
+        focal_sigma: settings.focal_sigma / settings.alike(count),
         log_scales: tree.log_scales.clone(),
         keep_scale: true,
-        prior_sigmas: vec![settings.prior_sigma_of(count); shots.len()],
+        prior_sigmas: vec![settings.prior_sigma * settings.alike(count); shots.len()],
         pose_priors: vec![None; shots.len()],
         tracks,
     }
@@ -295,7 +300,7 @@ impl Bundle {
     }
 
     /// The tracks with depths, deviations and residuals; `order` gives each view's index for the caller.
-    pub(super) fn report_tracks(&self, log_depth_variances: &[f64], order: &[usize]) -> Vec<Track> {
+    pub(super) fn report_tracks(&self, covariance: Option<&Covariance>, order: &[usize]) -> Vec<Track> {
         self.tracks
             .iter()
             .enumerate()
@@ -315,7 +320,7 @@ impl Bundle {
                 Track {
                     pixels: std::iter::once(place(track.anchor, track.pixel, 0.0)).chain(there).collect(),
                     depth: track.inverse_depth.recip(),
-                    log_depth_sigma: log_depth_variances.get(i).map_or(f64::INFINITY, |v| v.max(0.0).sqrt()),
+                    log_depth_sigma: covariance.map_or(f64::INFINITY, |c| c.log_depths[i].max(0.0).sqrt()),
                     parallax: moved.fold(0.0, f64::max),
                 }
             })
@@ -356,8 +361,9 @@ fn report(
         bundle.rescale(-shift);
     }
     let noise = bundle.noise();
-    let (covariances, variances) =
-        bundle.covariance(noise.max(1e-3)).unwrap_or((vec![None; shots.len()], Vec::new()));
+    // The matches count as if they were few, so the focal length's own deviation counts in full.
+    bundle.focal_sigma = settings.focal_sigma;
+    let covariance = bundle.covariance(settings.alike(bundle.tracks.len()) * noise.max(LEAST_NOISE));
     let counts = bundle.counts();
     let focal_factor = bundle.log_focal.exp();
     let mut found: Vec<(usize, EstimatedPose)> = (0..shots.len())
@@ -382,16 +388,17 @@ fn report(
                 tracks: counts[v],
                 parallax,
                 prior_scale: (posed && shots[v].prior.is_some()).then(|| bundle.log_scales[v].exp()),
-                covariance: if posed { covariances[v] } else { None },
+                covariance: covariance.as_ref().filter(|_| posed).and_then(|c| c.poses[v]),
             };
             (order[v], of_photograph)
         })
         .collect();
     found.sort_by_key(|(place, _)| *place);
-    let mut tracks = bundle.report_tracks(&variances, order);
+    let mut tracks = bundle.report_tracks(covariance.as_ref(), order);
     tracks.sort_by_key(|track| track.pixels[0].photograph != order[reference]);
     let photographs = found.into_iter().map(|(_, found)| found).collect();
-    Estimated { photographs, tracks, focal_factor, noise }
+    let focal_log_sigma = covariance.and_then(|c| c.log_focal).map_or(0.0, f64::sqrt);
+    Estimated { photographs, tracks, focal_factor, focal_log_sigma, noise }
 }
 
 /// Why a photograph has no pose: by its best pair with one that has.

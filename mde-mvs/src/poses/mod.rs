@@ -84,8 +84,9 @@ pub struct PosesConfig {
     pub samples: usize,
     /// Standard deviation of the logarithm of the prior's depth, until the matches measure it.
     pub prior_sigma: f64,
-    /// Parts of a prior's map whose errors are independent. Of many matches in each, errors are alike, and the prior's deviation
-    /// per match grows by the root of their number.
+    /// Parts of a photograph whose errors are independent. Of many matches in each, the prior's errors are alike, and so is what a
+    /// lens or a shutter does that is not the model's: the prior's deviation per match and all covariances grow as if there were
+    /// no more matches than regions.
     pub regions: f64,
     /// Standard deviation of the logarithm of an assumed focal length.
     pub focal_sigma: f64,
@@ -143,15 +144,9 @@ impl PosesConfig {
 }
 
 impl PosesConfig {
-    /// Deviation of the prior at each of so many matches.
-    fn prior_sigma_of(&self, matches: usize) -> f64 {
-        self.prior_sigma * (matches as f64 / self.regions).max(1.0).sqrt()
-    }
-
-    /// Deviation of an assumed focal length, narrowed as if as many matches as regions had been found: a lens or a shutter that is
-    /// not the model's bends all matches alike, and must not be explained by the focal length.
-    fn focal_sigma_of(&self, matches: usize) -> f64 {
-        self.focal_sigma / (matches as f64 / self.regions).max(1.0).sqrt()
+    /// Root of the number of matches that share an error.
+    fn alike(&self, matches: usize) -> f64 {
+        (matches as f64 / self.regions).max(1.0).sqrt()
     }
 }
 
@@ -228,3 +223,6 @@ fn all_pairs(shots: &[Shot], settings: &PosesConfig, seed: u64, relate: Relate) 
         (0..shots.len()).flat_map(|i| (i + 1..shots.len()).map(move |j| (i, j))).collect();
     pairs.par_iter().map(|&(i, j)| relate(shots, i, j, settings, seed)).collect()
 }
+
+#[cfg(test)]
+mod tests;

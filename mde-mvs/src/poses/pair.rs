@@ -123,10 +123,10 @@ fn from_prior(
         poses: vec![Pose::identity(), start],
         reference: 0,
         log_focal: 0.0,
-        focal_sigma: config.focal_sigma_of(pixels.len()),
+        focal_sigma: config.focal_sigma / config.alike(pixels.len()),
         log_scales: vec![0.0; 2],
         keep_scale: true,
-        prior_sigmas: vec![config.prior_sigma_of(pixels.len()); 2],
+        prior_sigmas: vec![config.prior_sigma * config.alike(pixels.len()); 2],
         pose_priors: vec![None; 2],
         tracks,
     };

@@ -167,18 +167,19 @@ pub fn refine_poses(
     if chosen == 0 {
         return Ok(Refined { withheld, ..unchanged(poses, bundle, &order) });
     }
-    let (covariances, variances) =
-        bundle.covariance(bundle.noise().max(1e-3)).unwrap_or((vec![None; order.len()], Vec::new()));
+    let noise =
+        settings.matches.alike(bundle.tracks.len()) * bundle.noise().max(super::estimate::LEAST_NOISE);
+    let covariance = bundle.covariance(noise);
     let mut refined = Refined {
         poses: poses.to_vec(),
         accepted: true,
         withheld,
         covariances: vec![None; poses.len()],
-        tracks: bundle.report_tracks(&variances, &order),
+        tracks: bundle.report_tracks(covariance.as_ref(), &order),
     };
     for (v, &place) in order.iter().enumerate() {
         refined.poses[place] = bundle.poses[v];
-        refined.covariances[place] = covariances[v];
+        refined.covariances[place] = covariance.as_ref().and_then(|c| c.poses[v]);
     }
     Ok(refined)
 }
@@ -213,7 +214,7 @@ fn unchanged(poses: &[Pose], bundle: Bundle, order: &[usize]) -> Refined {
         accepted: false,
         withheld: None,
         covariances: vec![None; poses.len()],
-        tracks: bundle.report_tracks(&[], order),
+        tracks: bundle.report_tracks(None, order),
     }
 }
 

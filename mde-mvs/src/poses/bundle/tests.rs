@@ -199,8 +199,8 @@ fn the_covariance_is_that_of_repeated_estimates() {
     loose.prior_sigmas = vec![1e3; 3];
     loose.keep_scale = true;
     // With the scale held by exact priors, only directions that pixels decide are compared: the rotation.
-    let (poses, depths) = loose.covariance(noise).unwrap();
-    assert!(depths.iter().all(|d| *d > 0.0));
+    let Covariance { poses, log_depths, .. } = loose.covariance(noise).unwrap();
+    assert!(log_depths.iter().all(|d| *d > 0.0));
     for v in 1..3 {
         let claimed = poses[v].unwrap();
         for k in 3..6 {
@@ -252,7 +252,7 @@ proptest! {
                 bundle.moved(&layout, &none, &steps).cost()
             };
             let slope = (cost(step) - cost(-step)) / (2.0 * step);
-            prop_assert!((slope - normal.depths[t].2).abs() < 1e-5 * scale, "{} {}", slope, normal.depths[t].2);
+            prop_assert!((slope - normal.depths[t].slope).abs() < 1e-5 * scale, "{} {}", slope, normal.depths[t].slope);
         }
     }
 
@@ -278,7 +278,7 @@ proptest! {
         corner.fill_upper_triangle_with_lower_triangle();
         whole.view_mut((0, 0), (size, size)).copy_from(&corner);
         right.rows_mut(0, size).copy_from(&normal.vector);
-        for (t, (shared, curvature, slope)) in normal.depths.iter().enumerate() {
+        for (t, DepthRow { shared, curvature, slope }) in normal.depths.iter().enumerate() {
             whole[(size + t, size + t)] = *curvature;
             right[size + t] = *slope;
             for &(i, a) in shared {

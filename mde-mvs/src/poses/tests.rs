@@ -1,0 +1,285 @@
+use super::*;
+use crate::synthetic::{Plane, pose_at, render};
+use mde_warp::{Pose, PosedView};
+use ndarray::{Array2, Array3};
+use std::sync::OnceLock;
+
+const PERIOD: f64 = 0.1;
+
+/// Two walls and a floor.
+fn planes() -> Vec<Plane> {
+    vec![
+        Plane::slanted(3.0, 0.5, 0.1),
+        Plane::slanted(4.0, -0.9, 0.0),
+        Plane { normal: Vector3::new(0.0, 1.0, 0.0), offset: 0.9 },
+    ]
+}
+
+fn camera() -> PinholeCamera {
+    PinholeCamera::from_fov(60.0, 320, 240).unwrap()
+}
+
+/// Poses of a phone held about the first, some degrees turned.
+fn held() -> Vec<Pose> {
+    vec![
+        Pose::identity(),
+        pose_at([0.25, 0.05, 0.0], [0.02, -0.04, 0.01]),
+        pose_at([-0.2, -0.1, 0.1], [-0.03, 0.06, -0.02]),
+        pose_at([0.1, -0.25, -0.1], [0.05, 0.01, 0.06]),
+    ]
+}
+
+/// Views and the depths that a prior with errors gives: .8 of the truth, and a slow wave of 10 %.
+fn scene(poses: &[Pose]) -> Vec<(PosedView, Array2<f32>)> {
+    let wave = |(y, x): (usize, usize), z: f32| {
+        z * 0.8 * (1.0 + 0.1 * (x as f32 / 50.0).sin() * (y as f32 / 40.0).cos())
+    };
+    poses
+        .iter()
+        .map(|pose| {
+            let (view, depth) = render(&planes(), camera(), *pose, PERIOD);
+            let prior = Array2::from_shape_fn(depth.dim(), |at| wave(at, depth[at]));
+            (view, prior)
+        })
+        .collect()
+}
+
+fn standard() -> &'static [(PosedView, Array2<f32>)] {
+    static SCENE: OnceLock<Vec<(PosedView, Array2<f32>)>> = OnceLock::new();
+    SCENE.get_or_init(|| scene(&held()))
+}
+
+fn photographs<'a>(scene: &'a [(PosedView, Array2<f32>)], names: &[&'a str]) -> Vec<Photograph<'a>> {
+    scene
+        .iter()
+        .zip(names)
+        .map(|((view, prior), name)| Photograph {
+            name,
+            image: view.image.view(),
+            camera: view.camera,
+            focal_assumed: false,
+            prior: Some(prior.view()),
+        })
+        .collect()
+}
+
+const NAMES: [&str; 5] = ["a", "b", "c", "d", "e"];
+
+fn estimate(photographs: &[Photograph], reference: usize) -> Estimated {
+    estimate_poses(photographs, reference, &PosesConfig::default(), 0).unwrap()
+}
+
+fn rotation_error(found: &Pose, truth: &Pose) -> f64 {
+    found.rotation.angle_to(&truth.rotation).to_degrees()
+}
+
+fn centre(pose: &Pose) -> Vector3<f64> {
+    pose.inverse().translation.vector
+}
+
+#[test]
+fn poses_of_rendered_photographs_are_found_in_the_unit_of_the_prior() {
+    let found = estimate(&photographs(standard(), &NAMES), 0);
+    assert_eq!(found.photographs[0].verdict, Verdict::Reference);
+    assert_eq!(found.photographs[0].pose, Some(Pose::identity()));
+    for (photograph, truth) in found.photographs.iter().zip(held()).skip(1) {
+        assert_eq!(photograph.verdict, Verdict::Posed);
+        let pose = photograph.pose.unwrap();
+        assert!(rotation_error(&pose, &truth) < 0.15, "{}", rotation_error(&pose, &truth));
+        let off = centre(&pose) / 0.8 - centre(&truth);
+        assert!(off.norm() < 0.05 * centre(&truth).norm(), "{off}");
+        assert!((photograph.prior_scale.unwrap() - 1.0).abs() < 0.05);
+        let deviation = photograph.covariance.unwrap().diagonal().map(f64::sqrt);
+        assert!(deviation.iter().all(|d| *d > 0.0 && *d < 0.02), "{deviation}");
+    }
+    assert_eq!(found.focal_factor, 1.0);
+    assert!(found.noise > 0.05 && found.noise < 1.0, "{}", found.noise);
+
+    // Depths of the tracks in the reference are .8 of the truth there.
+    let depth = render(&planes(), camera(), Pose::identity(), PERIOD).1;
+    let mut ratios: Vec<f64> = found
+        .tracks
+        .iter()
+        .filter(|track| track.pixels[0].photograph == 0)
+        .map(|track| {
+            let p = track.pixels[0].pixel;
+            track.depth / f64::from(depth[(p.y.round() as usize, p.x.round() as usize)])
+        })
+        .collect();
+    ratios.sort_by(f64::total_cmp);
+    let [low, middle, high] = [0.1, 0.5, 0.9].map(|q| ratios[(q * ratios.len() as f64) as usize]);
+    assert!(ratios.len() > 300 && (middle - 0.8).abs() < 0.03, "{} {middle}", ratios.len());
+    assert!(high / low < 1.06, "{low} {high}");
+}
+
+/// The result is bit for bit the same with one thread and with four, and whatever the order of the photographs.
+#[test]
+fn threads_and_order_change_nothing() {
+    let given = photographs(standard(), &NAMES);
+    let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let one = pool(1).install(|| estimate(&given, 0));
+    assert_eq!(pool(4).install(|| estimate(&given, 0)), one);
+
+    let order = [2, 0, 3, 1];
+    let turned: Vec<Photograph> = order.iter().map(|&i| given[i]).collect();
+    let other = estimate(&turned, 1);
+    for (place, &i) in order.iter().enumerate() {
+        assert_eq!(other.photographs[place], one.photographs[i]);
+    }
+    assert_eq!(other.tracks.len(), one.tracks.len());
+}
+
+/// Half of the light and an offset on one photograph change little.
+#[test]
+fn exposure_changes_little() {
+    let mut scene = standard().to_vec();
+    scene[1].0.image.mapv_inplace(|v| 0.5 * v + 0.03);
+    let found = estimate(&photographs(&scene, &NAMES), 0);
+    let truth = held()[1];
+    assert!(rotation_error(&found.photographs[1].pose.unwrap(), &truth) < 0.15);
+}
+
+/// Turned on the spot, in another place, and blank: each has its verdict, and the others their poses.
+#[test]
+fn what_does_not_fit_is_named() {
+    let mut poses = held();
+    poses.truncate(2);
+    poses.push(pose_at([0.0, 0.0, 0.0], [0.03, -0.05, 0.0]));
+    poses.extend([Pose::identity(), Pose::identity()]);
+    let mut scene = scene(&poses);
+    scene[3].0 =
+        render(&[Plane::slanted(53.0, 0.2, -0.3)], camera(), pose_at([0.0, 0.0, 50.0], [0.0; 3]), PERIOD).0;
+    scene[4].0.image = Array3::from_elem((240, 320, 3), 0.4);
+    let found = estimate(&photographs(&scene, &NAMES), 0);
+    let verdict = |i: usize| found.photographs[i].verdict;
+    assert_eq!(verdict(1), Verdict::Posed);
+    assert!(matches!(verdict(2), Verdict::NoParallax { pixels, .. } if pixels < 2.0), "{}", verdict(2));
+    assert!(rotation_error(&found.photographs[2].pose.unwrap(), &poses[2]) < 0.1);
+    assert!(matches!(verdict(3), Verdict::AnotherPlace { .. }), "{}", verdict(3));
+    assert!(matches!(verdict(4), Verdict::TooFewFeatures { found: 0, .. }), "{}", verdict(4));
+    for i in 3..5 {
+        assert_eq!((found.photographs[i].pose, found.photographs[i].covariance), (None, None));
+    }
+    for (i, of) in [(2, "no parallax"), (3, "another place"), (4, "sharper")] {
+        assert!(verdict(i).to_string().contains(of), "{}", verdict(i));
+    }
+}
+
+/// A photograph that shares nothing with the reference is attached through one between them, whose prior has another scale.
+#[test]
+fn a_photograph_is_attached_through_another() {
+    let poses = [[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0]].map(|at| pose_at(at, [0.0; 3]));
+    let wall = [Plane::slanted(2.2, 0.05, 0.1)];
+    let scene: Vec<(PosedView, Array2<f32>)> = poses
+        .iter()
+        .enumerate()
+        .map(|(i, pose)| {
+            let (view, depth) = render(&wall, camera(), *pose, PERIOD);
+            (view, depth * (1.0 + 0.3 * i as f32))
+        })
+        .collect();
+    let found = estimate(&photographs(&scene, &NAMES), 0);
+    assert!(
+        !found
+            .tracks
+            .iter()
+            .any(|track| track.pixels[0].photograph == 0 && track.pixels.iter().any(|p| p.photograph == 3))
+    );
+    let last = &found.photographs[3];
+    assert_eq!(last.verdict, Verdict::Posed);
+    assert!(rotation_error(&last.pose.unwrap(), &poses[3]) < 1.0);
+    assert!((centre(&last.pose.unwrap()) - centre(&poses[3])).norm() < 0.15);
+    assert!((last.prior_scale.unwrap() * 1.9 - 1.0).abs() < 0.08, "{}", last.prior_scale.unwrap());
+}
+
+#[test]
+fn an_assumed_focal_length_is_refined() {
+    let poses = [
+        Pose::identity(),
+        pose_at([0.5, 0.1, 0.0], [0.05, -0.2, 0.1]),
+        pose_at([-0.4, -0.2, 0.1], [-0.12, 0.2, -0.15]),
+        pose_at([0.1, -0.5, -0.1], [0.2, 0.05, 0.3]),
+    ];
+    let scene = scene(&poses);
+    let mut assumed = photographs(&scene, &NAMES);
+    for photograph in &mut assumed {
+        photograph.camera.fx *= 1.15;
+        photograph.camera.fy *= 1.15;
+        photograph.focal_assumed = true;
+    }
+    let found = estimate(&assumed, 0);
+    assert!((found.focal_factor * 1.15 - 1.0).abs() < 0.03, "{}", found.focal_factor);
+    assert!((found.photographs[2].camera.fx / camera().fx - 1.0).abs() < 0.03);
+    for (photograph, truth) in found.photographs.iter().zip(&poses).skip(1) {
+        assert!(rotation_error(&photograph.pose.unwrap(), truth) < 0.5);
+    }
+}
+
+/// Given poses that are .3 degrees and 5 mm off are repaired; exact ones stay as they are.
+#[test]
+fn given_poses_are_repaired_and_exact_ones_kept() {
+    let given = photographs(standard(), &NAMES);
+    let exact = refine_poses(&given, &held(), 0, &RefineConfig::default(), 0).unwrap();
+    assert_eq!((exact.accepted, &exact.poses), (false, &held()));
+
+    let mut off = held();
+    for (i, pose) in off.iter_mut().enumerate().skip(1) {
+        let angle = 0.3_f64.to_radians();
+        let turn = [[angle, 0.0, 0.0], [0.0, -angle, 0.0], [0.0, 0.6 * angle, 0.8 * angle]][i - 1];
+        let moved = [[0.005, 0.0, 0.0], [0.0, 0.0, -0.005], [-0.003, 0.004, 0.0]][i - 1];
+        *pose = pose_at(moved, turn) * *pose;
+    }
+    let refined = refine_poses(&given, &off, 0, &RefineConfig::default(), 0).unwrap();
+    assert!(refined.accepted);
+    let [before, after] = refined.withheld.unwrap();
+    assert!(after < 0.5 * before, "{before} {after}");
+    assert_eq!(refined.poses[0], off[0]);
+    for (i, truth) in held().iter().enumerate().skip(1) {
+        let error = rotation_error(&refined.poses[i], truth);
+        assert!(error < 0.1, "{error}");
+        assert!((centre(&refined.poses[i]) - centre(truth)).norm() < 0.006);
+    }
+    let depth = render(&planes(), camera(), Pose::identity(), PERIOD).1;
+    let anchored = refined.tracks.iter().filter(|track| track.pixels[0].photograph == 0);
+    let errors = anchored.map(|track| {
+        let p = track.pixels[0].pixel;
+        (track.depth / f64::from(depth[(p.y.round() as usize, p.x.round() as usize)]) - 1.0).abs()
+    });
+    let mut errors: Vec<f64> = errors.collect();
+    errors.sort_by(f64::total_cmp);
+    assert!(errors[errors.len() / 2] < 0.02, "{}", errors[errors.len() / 2]);
+}
+
+/// Without a baseline there is nothing to refine by.
+#[test]
+fn poses_at_one_place_are_returned_as_they_are() {
+    let given = photographs(standard(), &NAMES);
+    let poses = vec![Pose::identity(); 4];
+    let refined = refine_poses(&given, &poses, 0, &RefineConfig::default(), 0).unwrap();
+    assert_eq!((refined.accepted, refined.withheld, refined.poses), (false, None, poses));
+}
+
+#[test]
+fn what_cannot_be_estimated_is_refused() {
+    let given = photographs(standard(), &NAMES);
+    let text = |photographs: &[Photograph], reference| {
+        estimate_poses(photographs, reference, &PosesConfig::default(), 0).unwrap_err().to_string()
+    };
+    assert!(text(&given[..1], 0).contains("number of photographs"));
+    assert!(text(&given, 4).contains("reference"));
+    assert!(text(&[given[0], given[0]], 0).contains("own name"));
+    let without = Photograph { prior: None, ..given[0] };
+    assert!(text(&[without, given[1]], 0).contains("prior of the reference"));
+    let small = PinholeCamera::from_fov(60.0, 100, 240).unwrap();
+    assert!(text(&[Photograph { camera: small, ..given[0] }, given[1]], 0).contains("shape"));
+
+    let settings = PosesConfig { min_matches: 3, ..PosesConfig::default() };
+    assert!(settings.validate().unwrap_err().to_string().contains("min-matches"));
+    let settings = RefineConfig { centre_sigma: 0.0, ..RefineConfig::default() };
+    assert!(settings.validate().unwrap_err().to_string().contains("centre-sigma"));
+    let refine = |poses: &[Pose]| refine_poses(&given, poses, 0, &RefineConfig::default(), 0);
+    assert!(refine(&held()[..2]).unwrap_err().to_string().contains("number of poses"));
+    let mut poses = held();
+    poses[1].translation.vector.x = f64::NAN;
+    assert!(refine(&poses).unwrap_err().to_string().contains("given pose"));
+}
