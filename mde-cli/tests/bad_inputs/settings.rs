@@ -39,7 +39,7 @@ const UNUSABLE: &[(&str, &[&str])] = &[
     ("nerf.train.learning-rate = nan", &["train.learning-rate is NaN", "positive"]),
     ("nerf.train.original-share = 1.5", &["train.original-share is 1.5", "0 to 1"]),
     ("nerf.train.depth-loss.weight = -1.0", &["train.depth-loss.weight is -1", "0 or more"]),
-    ("nerf.train.depth-loss = { kind = 'wasserstein' }", &["depth-loss", "weight"]),
+    ("nerf.train.depth-loss = { kind = 'distribution' }", &["depth-loss", "weight"]),
     (
         "nerf.train.depth-loss = { kind = 'none', weight = 1.0 }",
         &["`nerf.train.depth-loss.weight`", "mde config"],
