@@ -40,6 +40,7 @@ const UNUSABLE: &[(&str, &[&str])] = &[
         "nerf.train.depth-loss = { kind = 'wasserstein', weights = 1.0 }",
         &["`nerf.train.depth-loss.weights`", "mde config"],
     ),
+    ("nerf.train.depth-loss = { kind = 'distribution' }", &["depth-loss", "weight"]),
     (
         "nerf.train.depth-loss = { kind = 'none', weight = 1.0 }",
         &["`nerf.train.depth-loss.weight`", "mde config"],
