@@ -3,8 +3,8 @@
 
 use mde_eval::Error;
 use mde_eval::data::{
-    DataSet, DataSetKind, Fallback, MapPairs, Nyu, Options, PlainFolders, Redwood, Resized, Rooms, SunDepth,
-    SunRgbd, Tum, open, parse_places,
+    CaptureGrid, Captures, DataSet, DataSetKind, Fallback, MapPairs, Nyu, Options, PlainFolders, Redwood,
+    Resized, Rooms, SunDepth, SunRgbd, Tum, open, parse_places,
 };
 use mde_eval::mde_prior::format::{sunrgbd_encode, write_npy};
 use mde_eval::mde_prior::photo::write_image;
@@ -121,7 +121,35 @@ fn the_rooms_are_a_data_set() {
     assert!(rooms.load(7).is_err());
 }
 
-/// A picture and a depth map in millimetres (or another unit) under names below `root`.
+#[test]
+fn captures_are_a_data_set_of_every_combination() {
+    let all = Captures::new(&CaptureGrid::full(), 0, 16, 12).unwrap();
+    assert_eq!(all.len(), 7 * 4 * 4 * 4 * 2);
+    let unique: std::collections::BTreeSet<_> = all.ids().iter().collect();
+    assert_eq!(unique.len(), all.len());
+    let places: std::collections::BTreeSet<_> = (0..all.len()).filter_map(|index| all.place(index)).collect();
+    assert_eq!(places.len(), 7);
+
+    let grid = CaptureGrid { views: vec![3], pose_noises: vec![0.0, 1.0], ..CaptureGrid::default() };
+    let few = Captures::new(&grid, 3, 24, 18).unwrap();
+    let (exact, noisy) = (few.load(0).unwrap(), few.load(1).unwrap());
+    assert_eq!((few.len(), exact.views.len(), exact.depth.dim()), (14, 2, (18, 24)));
+    assert_eq!((&exact.image, &exact.depth, &exact.prior), (&noisy.image, &noisy.depth, &noisy.prior));
+    assert_eq!(exact.image, Rooms::new(3, 24, 18).load(0).unwrap().image);
+    assert_ne!(exact.views[0].view.pose, noisy.views[0].view.pose);
+
+    let small = Resized::new(few, 12, 9).unwrap().load(0).unwrap();
+    for captured in &small.views {
+        assert_eq!((captured.view.image.dim(), captured.view.mask.dim()), ((9, 12, 3), (9, 12)));
+        assert_eq!(captured.prior.as_ref().unwrap().map.dim(), (9, 12));
+        assert_eq!(captured.view.camera, small.camera);
+        captured.view.validate().unwrap();
+    }
+    let bad = CaptureGrid { gains: vec![2.0], ..CaptureGrid::default() };
+    assert!(matches!(Captures::new(&bad, 0, 16, 12), Err(Error::Config { field: "gain", .. })));
+}
+
+/// An image and a depth map in millimetres (or another unit) under names below `root`.
 fn pair(root: &Path, image: &str, depth: &str, size: (usize, usize), units: f32) {
     for path in [image, depth] {
         fs::create_dir_all(root.join(path).parent().unwrap()).unwrap();
