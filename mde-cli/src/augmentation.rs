@@ -5,6 +5,7 @@ use crate::config::SigmaConfig;
 use crate::{Error, Result};
 use mde_prior::{Augmented, DepthPrior};
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::filter::{Border, Gaussian, gaussian_blur};
 use mde_uncertainty::statistics::median;
 use ndarray::{Array2, ArrayView2, ArrayView3, Zip};
 use serde::Serialize;
@@ -91,10 +92,10 @@ fn variance(
         .map_collect(|&z, &o| if z > 0.0 && o > 0.0 { (z / o).ln().abs() } else { 0.0 });
     let middle = |map: &Array2<f32>| median(map.iter().copied().filter(|v| v.is_finite()));
     (report.median_spread, report.median_change) = (middle(&spread), middle(&change));
-    let width = config.blur * depth.ncols() as f64;
+    let blur = Gaussian::new(config.blur * depth.ncols() as f64, 3.0);
     let squared = |share: &Array2<f32>, gain: f64| {
         let raw = share.mapv(|s| (gain as f32 * s).powi(2));
-        mde_prior::filter::gaussian_blur(raw.view(), (width, width))
+        gaussian_blur(raw.view(), blur, blur, Border::Mirror)
     };
     let [spread, change] = [squared(&spread, config.spread), squared(&change, config.disagreement)];
     let variance = Zip::from(depth).and(&spread).and(&change).map_collect(|&z, &s, &d| {

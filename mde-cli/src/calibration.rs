@@ -43,7 +43,7 @@ struct Decisive<'c> {
 /// [hash](hash) where there is one.
 ///
 /// # Errors
-/// [`Error::Config`] for a configuration that JSON refuses.
+/// [`Error::Settings`] for a configuration that can't be serialised.
 pub fn fingerprint(config: &Config, accepts_new_images: bool, model: Option<String>) -> Result<Fingerprint> {
     let augmented = accepts_new_images && config.augmentation.is_active();
     let Config { refinement, augmentation, sigma, .. } = config;
@@ -60,7 +60,7 @@ pub fn fingerprint(config: &Config, accepts_new_images: bool, model: Option<Stri
         }),
     };
     let text = serde_json::to_string(&decisive)
-        .map_err(|e| Error::Config { origin: "settings".into(), reason: e.to_string() })?;
+        .map_err(|e| Error::Settings { origin: "settings".into(), reason: e.to_string() })?;
     Ok(Fingerprint { settings: hash(text.as_bytes()), model })
 }
 

@@ -4,29 +4,40 @@ use std::path::PathBuf;
 pub(crate) const LEAST: f32 = 1e-12;
 pub(crate) const MOST: f32 = 1e12;
 
-/// What can go wrong in a refinement; one line each, naming the value and the remedy.
+/// An error of a refinement; the text is one line that names the value and the remedy.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The prior could not be had.
+    /// The prior failed.
     #[error(transparent)]
     Prior(#[from] mde_prior::Error),
-    /// A warp or a reprojection was refused.
+    /// A warp or a reprojection failed.
     #[error(transparent)]
     Warp(#[from] mde_warp::Error),
-    /// The field could not be fitted or rendered.
+    /// The field failed.
     #[error(transparent)]
     Field(mde_nerf::Error),
-    /// The fusion was refused.
+    /// A stage of multi-view stereo failed.
+    #[error(transparent)]
+    MultiView(#[from] mde_mvs::Error),
+    /// Photographs that are no capture.
+    #[error("{reason}; {remedy}")]
+    Capture {
+        /// What is wrong, with the photograph's name.
+        reason: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// The fusion failed.
     #[error(transparent)]
     Fusion(#[from] mde_fusion::Error),
-    /// A depth map is no Gaussian depth.
+    /// A depth map or a statistic of it is not valid.
     #[error(transparent)]
     Depth(#[from] mde_uncertainty::Error),
-    /// A prior without a single known pixel.
+    /// A prior without a known pixel.
     #[error("the prior has no pixel with a depth; check its kind (metric, depth or disparity) and its scale")]
     EmptyPrior,
-    /// A prior whose squares no float holds.
+    /// A prior whose squares overflow or underflow `f32`.
     #[error(
         "the prior's depths reach from {nearest:e} to {farthest:e}; give depths of {LEAST:e} to {MOST:e} (check the prior's scale)"
     )]
@@ -47,15 +58,25 @@ pub enum Error {
         /// `[height, width]` of the image.
         image: [usize; 2],
     },
-    /// A configuration that does not parse, or a value in it out of range.
-    #[error("{origin}: {reason}")]
+    /// A configuration value out of range.
+    #[error("{field} is {value}; {remedy}")]
     Config {
+        /// The field, as the configuration file spells it.
+        field: &'static str,
+        /// Its value.
+        value: String,
+        /// What to write instead.
+        remedy: &'static str,
+    },
+    /// A configuration text that does not parse, has an unknown key, or a value out of range.
+    #[error("{origin}: {reason}")]
+    Settings {
         /// The file or preset.
         origin: String,
-        /// What is wrong and what to do.
+        /// The fault and the remedy.
         reason: String,
     },
-    /// A camera file that holds no camera for this picture.
+    /// Camera intrinsics of another layout or size.
     #[error("{0}")]
     Intrinsics(String),
     /// A file that could not be read or written.
@@ -63,7 +84,7 @@ pub enum Error {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// The error of a stage, a factory or a checkpoint's keeper that is not part of this workspace.

@@ -1,8 +1,9 @@
 //! The refinement loop as a library; the program `mde` is built on it.
 //!
-//! [`refine`] composes three traits and nothing else: a [`DepthPrior`](mde_prior::DepthPrior) gives a monocular
+//! [`refine`] composes three traits: a [`DepthPrior`](mde_prior::DepthPrior) gives a monocular
 //! depth, a [`RadianceField`](mde_nerf::RadianceField) is fitted to views warped by it, a [`Fuser`](mde_fusion::Fuser)
-//! combines what the field renders with the prior (the paper's Section III). [`Preset`]s and [`Config`] hold every choice.
+//! combines its renderings with the prior (the paper's Section III). [`Stages::new`] takes the field and the fusion from the
+//! [`Config`]; [`Preset`]s are its starting points.
 //!
 //! ```
 //! use mde_eval::scene::{Room, room};
@@ -24,6 +25,7 @@
 
 mod augmentation;
 pub mod calibration;
+pub mod capture;
 pub mod config;
 mod error;
 mod intrinsics;
@@ -31,21 +33,22 @@ pub mod memory;
 pub mod pipeline;
 
 pub use augmentation::{AugmentationReport, Component};
-pub use config::{Config, Preset, SigmaConfig};
+pub use capture::{Capture, CaptureReport, Photograph, refine_capture};
+pub use config::{Config, MultiViewConfig, Preset, SigmaConfig};
 pub use error::{Error, Result};
 pub use intrinsics::Intrinsics;
 pub use pipeline::{
     Callback, Checkpoint, Event, FieldFactory, FieldRequest, IterationReport, Refinement, Stage,
     StageSeconds, Stages, WarpReport, refine, resume,
 };
-pub use {mde_fusion, mde_nerf, mde_prior, mde_uncertainty, mde_warp};
+pub use {mde_fusion, mde_mvs, mde_nerf, mde_prior, mde_uncertainty, mde_warp};
 pub use {nalgebra, ndarray};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;
 
-// The workspace's documents are not in the package; build.rs says whether they are here.
+// The package has no documents of the workspace; build.rs sets the flag where they exist.
 #[cfg(all(doctest, documents))]
 #[doc = include_str!("../../docs/architecture.md")]
 struct Architecture;

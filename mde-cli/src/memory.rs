@@ -90,10 +90,10 @@ fn distinct<'c>(configs: impl Iterator<Item = &'c Config>, part: fn(&Config) -> 
 
 /// The settings on which the views that a field renders depend; the others at their defaults.
 fn render_part(config: &Config) -> Config {
-    let Config { fusion, reproject, refinement: usual, .. } = Config::default();
+    let Config { fusion, refinement: usual, .. } = Config::default();
     let refinement =
         RefinementConfig { iterations: usual.iterations, prior: usual.prior, ..config.refinement.clone() };
-    Config { fusion, reproject, refinement, ..config.clone() }
+    Config { fusion, refinement, ..config.clone() }
 }
 
 /// The settings on which a field's fit depends; the others at their defaults.

@@ -63,13 +63,13 @@ fn an_interval_without_a_calibration_is_normal_and_says_so() {
 }
 
 #[test]
-fn a_disparitys_interval_says_what_it_leaves_out() {
+fn the_interval_of_a_disparity_warns_of_the_assumed_range() {
     let place = Place::new();
     for (kind, warned) in [("disparity", true), ("metric", false)] {
         let options = format!("--prior-kind {kind} --interval 0.9 -o {kind}");
         let told = place.mde(&format!("{REFINE} {options}")).assert().success();
         let told = String::from_utf8_lossy(&told.get_output().stderr).into_owned();
-        assert_eq!(told.contains("range that a disparity is given"), warned, "{told}");
+        assert_eq!(told.contains("depth range assumed for disparities"), warned, "{told}");
     }
 }
 

@@ -123,7 +123,7 @@ fn a_kept_iteration_is_used_only_for_the_same_run() {
     let goes_on = |rest: &str| {
         let run = place.mde(&refine(rest)).assert().success();
         fs::remove_dir_all(place.path("out")).unwrap();
-        String::from_utf8(run.get_output().stderr.clone()).unwrap().contains("goes on after iteration")
+        String::from_utf8(run.get_output().stderr.clone()).unwrap().contains("resumed after iteration")
     };
     // Of another configuration, and broken: both are begun anew.
     keeps();

@@ -25,12 +25,12 @@ struct Wall {
 }
 
 impl RadianceField for Wall {
-    fn fit(&mut self, views: &[PosedView], observer: &mut dyn FieldCallback) -> mde_nerf::Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], callback: &mut dyn FieldCallback) -> mde_nerf::Result<FitReport> {
         let original = views[0].pose == Pose::identity() && views[0].mask.iter().all(|real| *real);
         let moved = views[1..].iter().all(|view| view.pose != Pose::identity());
         self.log.lock().unwrap().push(format!("fit {} {original} {moved}", views.len()));
         let event = mde_nerf::FieldEvent::Fit { step: 1, steps: 1, loss: 0.0, psnr: 30.0 };
-        if observer.on_event(&event).is_break() {
+        if callback.on_event(&event).is_break() {
             return Err(mde_nerf::Error::Interrupted);
         }
         Ok(FitReport { steps: 1, psnr: vec![30.0], ..FitReport::default() })
@@ -40,10 +40,10 @@ impl RadianceField for Wall {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        observer: &mut dyn FieldCallback,
+        callback: &mut dyn FieldCallback,
     ) -> mde_nerf::Result<RenderedView> {
         self.log.lock().unwrap().push(format!("render {}", *pose == Pose::identity()));
-        if observer.on_event(&mde_nerf::FieldEvent::Render { row: 1, rows: 1 }).is_break() {
+        if callback.on_event(&mde_nerf::FieldEvent::Render { row: 1, rows: 1 }).is_break() {
             return Err(mde_nerf::Error::Interrupted);
         }
         let size = (camera.height, camera.width);
@@ -96,7 +96,7 @@ fn with_nerf(config: &Config) -> Refinement {
     refine(scene.image.view(), &scene.camera, stages, config, &mut go_on).unwrap()
 }
 
-/// Runs the foreign stages; the observer stops the `stop`-th event.
+/// Runs the foreign stages; the callback stops the `stop`-th event.
 fn with_wall(
     config: &Config,
     fuser: &HalfWay,
@@ -156,7 +156,7 @@ fn the_second_prior_is_what_the_configuration_says() {
 }
 
 #[test]
-fn the_observer_can_stop_at_every_event() {
+fn the_callback_can_stop_at_every_event() {
     let events = with_wall(&config(), &HalfWay::default(), usize::MAX).2.len();
     for stop in 1..=events {
         let (result, _, heard) = with_wall(&config(), &HalfWay::default(), stop);

@@ -8,11 +8,12 @@
 //! Both sides carry noise, so the line is the one of least *orthogonal* distance (Deming), which does not flatten \\( g \\)
 //! as ordinary regression does; wrong pairs are held down by Huber weights at 1.345 robust deviations.
 
+use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
 use ndarray::{Array3, ArrayView2};
 
 use crate::geometry::Transfer;
-use crate::statistics::{quantile, robust_deviation};
+use crate::statistics::robust_deviation;
 use crate::{Result, check_map};
 
 /// Fewer pairs than this fit no line.

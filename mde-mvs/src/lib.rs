@@ -1,11 +1,61 @@
 //! Multi-view stereo on a CPU: several photographs of one scene become a depth hypothesis with a variance for each of them.
+//!
+//! Photographs come as [`PosedView`](mde_warp::PosedView)s (cameras x right, y down, z forward, pixel centres at integers;
+//! poses from world to camera), each with the depth of a monocular prior. [`consensus::reconstruct`] runs every step; each
+//! is a function of its own as well:
+//!
+//! | step | function |
+//! | --- | --- |
+//! | which photographs are worth comparing | [`views::select_views`] |
+//! | scale and gauge of the priors | [`gauge::Scale`], [`gauge::Gauge`] |
+//! | depth from one photograph against others | [`sweep::sweep`] |
+//! | which depths other photographs confirm | [`consensus::agreement`] |
+//! | sweep and prior fused, then the median over photographs | [`consensus::reconstruct`] |
+//! | gain and bias between photographs | [`exposure::fit_exposure`] |
+//!
+//! ```
+//! use mde_mvs::consensus::{ConsensusConfig, reconstruct};
+//! use mde_mvs::ndarray::{Array2, Array3};
+//! use mde_warp::{PinholeCamera, Pose, PosedView};
+//!
+//! let camera = PinholeCamera::from_fov(60.0, 64, 48)?;
+//! // Two photographs of a textured wall two units away, the second from .2 to the right.
+//! let photograph = |shift: f64| {
+//!     let pixels = camera.fx * shift / 2.0;
+//!     let grey = |y: usize, x: usize| {
+//!         let (u, v) = (x as f64 + pixels, y as f64);
+//!         (0.5 + 0.2 * (0.7 * u + 0.2 * v).sin() + 0.2 * (0.31 * u - 0.6 * v).sin()) as f32
+//!     };
+//!     let image = Array3::from_shape_fn((48, 64, 3), |(y, x, _)| grey(y, x));
+//!     let mask = Array2::from_elem((48, 64), true);
+//!     PosedView::new(image, camera, Pose::translation(-shift, 0.0, 0.0), mask, Vec::new())
+//! };
+//! let views = [photograph(0.0)?, photograph(0.2)?];
+//! // The prior is in another unit: one where the wall is 5 away.
+//! let prior = Array2::from_elem((48, 64), 5.0_f32);
+//!
+//! let found = reconstruct(&views, &[prior.view(), prior.view()], None, &ConsensusConfig::default())?;
+//! let depth = &found.views[0].depth;
+//! assert!((depth.mean()[(24, 40)] - 2.0).abs() < 0.05);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Features
+//! `capture`: readers for nerfstudio's `transforms.json`, COLMAP models and TUM trajectories, in `capture`. `serde`:
+//! settings and reports can be read and written.
 
+#[cfg(feature = "capture")]
+pub mod capture;
+pub mod consensus;
+mod correction;
 mod error;
 pub mod exposure;
+pub mod gauge;
 mod geometry;
 pub mod poses;
 mod raster;
 mod statistics;
+pub mod sweep;
 #[cfg(test)]
 mod synthetic;
 pub mod views;
@@ -23,3 +73,7 @@ fn check_map(what: &'static str, found: (usize, usize), camera: &PinholeCamera) 
     let (found, expected) = (vec![found.0, found.1], vec![camera.height, camera.width]);
     Err(mde_warp::Error::Shape { what, found, expected }.into())
 }
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -1,6 +1,114 @@
-use ndarray::{Array2, ArrayView3, Axis};
+use mde_warp::PosedView;
+use ndarray::{Array2, Array3, ArrayView3, Axis};
+
+use crate::Result;
 
 /// Luma of sRGB colours (Rec. 601), `[height, width]`.
 pub(crate) fn luma(image: ArrayView3<'_, f32>) -> Array2<f32> {
     image.map_axis(Axis(2), |c| 0.299 * c[0] + 0.587 * c[1] + 0.114 * c[2])
+}
+
+/// For each of `to` samples the first of `from` samples that it covers, and their weights, which sum to 1.
+fn area_weights(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
+    let ratio = from as f64 / to as f64;
+    (0..to)
+        .map(|i| {
+            let (start, end) = (i as f64 * ratio, (i as f64 + 1.0) * ratio);
+            let first = (start as usize).min(from - 1);
+            let last = ((end - 1e-9).ceil() as usize).clamp(first + 1, from);
+            let share = |j: usize| ((j as f64 + 1.0).min(end) - (j as f64).max(start)).max(0.0) / ratio;
+            (first, (first..last).map(|j| share(j) as f32).collect())
+        })
+        .collect()
+}
+
+/// Means over pixel areas: `image` made smaller, to `height` x `width`.
+pub(crate) fn shrink(image: ArrayView3<'_, f32>, height: usize, width: usize) -> Array3<f32> {
+    let (h, w, channels) = image.dim();
+    let columns = area_weights(w, width);
+    let mut wide = Array3::zeros((h, width, channels));
+    for row in 0..h {
+        for (x, (first, weights)) in columns.iter().enumerate() {
+            for (j, weight) in weights.iter().enumerate() {
+                for c in 0..channels {
+                    wide[(row, x, c)] += weight * image[(row, first + j, c)];
+                }
+            }
+        }
+    }
+    let mut small = Array3::zeros((height, width, channels));
+    for (y, (first, weights)) in area_weights(h, height).iter().enumerate() {
+        let mut into = small.index_axis_mut(Axis(0), y);
+        for (j, &weight) in weights.iter().enumerate() {
+            into.scaled_add(weight, &wide.index_axis(Axis(0), first + j));
+        }
+    }
+    small
+}
+
+/// The index of the source sample nearest to the middle of each of `to` target samples.
+fn nearest(from: usize, to: usize) -> Vec<usize> {
+    (0..to).map(|i| (((i as f64 + 0.5) * from as f64 / to as f64) as usize).min(from - 1)).collect()
+}
+
+/// Nearest samples of a map at another size.
+pub(crate) fn pick<T: Copy>(map: &Array2<T>, height: usize, width: usize) -> Array2<T> {
+    let (rows, columns) = (nearest(map.nrows(), height), nearest(map.ncols(), width));
+    Array2::from_shape_fn((height, width), |(y, x)| map[(rows[y], columns[x])])
+}
+
+/// Bilinear samples of a map at another size, pixels being areas.
+pub(crate) fn enlarge(map: &Array2<f32>, height: usize, width: usize) -> Array2<f32> {
+    let (h, w) = map.dim();
+    let places = |from: usize, to: usize| -> Vec<(usize, usize, f32)> {
+        (0..to)
+            .map(|i| {
+                let at = ((i as f64 + 0.5) * from as f64 / to as f64 - 0.5).clamp(0.0, (from - 1) as f64);
+                let below = at as usize;
+                (below, (below + 1).min(from - 1), (at - below as f64) as f32)
+            })
+            .collect()
+    };
+    let (rows, columns) = (places(h, height), places(w, width));
+    Array2::from_shape_fn((height, width), |(y, x)| {
+        let ((y0, y1, fy), (x0, x1, fx)) = (rows[y], columns[x]);
+        let along = |y: usize| map[(y, x0)] + fx * (map[(y, x1)] - map[(y, x0)]);
+        let (top, bottom) = (along(y0), along(y1));
+        top + fy * (bottom - top)
+    })
+}
+
+/// A view of at most `side` pixels along its longer side; hypotheses are left out.
+pub(crate) fn small_view(view: &PosedView, side: usize) -> Result<PosedView> {
+    let (h, w) = view.camera.dim();
+    let factor = (side as f64 / h.max(w) as f64).min(1.0);
+    let size = |n: usize| ((n as f64 * factor).round() as usize).max(1);
+    let camera = view.camera.resized(size(w), size(h))?;
+    let (image, mask) = if factor < 1.0 {
+        (shrink(view.image.view(), size(h), size(w)), pick(&view.mask, size(h), size(w)))
+    } else {
+        (view.image.clone(), view.mask.clone())
+    };
+    Ok(PosedView::new(image, camera, view.pose, mask, Vec::new())?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn area_weights_are_a_partition(from in 1..50_usize, share in 0.01..=1.0_f64) {
+            let to = ((from as f64 * share).ceil() as usize).max(1);
+            let mut covered = vec![0.0_f64; from];
+            for (first, weights) in area_weights(from, to) {
+                prop_assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+                for (j, w) in weights.iter().enumerate() {
+                    covered[first + j] += f64::from(*w) * from as f64 / to as f64;
+                }
+            }
+            prop_assert!(covered.iter().all(|c| (c - 1.0).abs() < 1e-4));
+        }
+    }
 }

@@ -1,11 +1,11 @@
 //! Which further photographs are worth sweeping: parallax, overlap and sharpness against the reference.
 
+use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
 use ndarray::{Array2, ArrayView2};
 
 use crate::geometry::{Transfer, baseline};
 use crate::raster::luma;
-use crate::statistics::quantile;
 use crate::{Error, Result, check_map};
 
 /// Pixels between two samples of the overlap, along each axis.

@@ -119,7 +119,8 @@ pub enum VolumeConfig {
     /// The frustum of view 0 between near and far with a margin. Rays are clipped to it; valid pixels of the other views
     /// count only where their ray meets it and their hypothesis, if there is one, lies inside. For photographs.
     Reference {
-        /// Margin on each side, as a fraction of the image's width and height.
+        /// Margin on each side, as a fraction of the image's width and height; 0.06, not part of a file.
+        #[cfg_attr(feature = "serde", serde(skip, default = "margin"))]
         margin: f64,
     },
 }
@@ -142,9 +143,11 @@ pub struct SamplingConfig {
     pub fine: usize,
     /// The modelled volume.
     pub volume: VolumeConfig,
-    /// Nearest depth. Default: the 0.5 % quantile of the hypotheses of view 0 times 0.8 (`hull`) or 0.75 (`reference`).
+    /// Nearest depth. Default: the 0.5 % quantile of the hypotheses of view 0 times 0.8 (`hull`) or 0.75 (`reference`). Not part of a file.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub near: Option<f64>,
-    /// Farthest depth. Default: the 99.5 % quantile of the hypotheses of view 0 times 1.25 (`hull`) or 1.3 (`reference`).
+    /// Farthest depth. Default: the 99.5 % quantile of the hypotheses of view 0 times 1.25 (`hull`) or 1.3 (`reference`). Not part of a file.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub far: Option<f64>,
 }
 
@@ -160,6 +163,21 @@ impl Default for SamplingConfig {
             far: None,
         }
     }
+}
+
+#[cfg(feature = "serde")]
+fn margin() -> f64 {
+    0.06
+}
+
+#[cfg(feature = "serde")]
+fn delta() -> f64 {
+    0.1
+}
+
+#[cfg(feature = "serde")]
+fn relative_sigma() -> f64 {
+    0.005
 }
 
 /// Linear decay of a weight: 1 up to `start`, `floor` from `end` on. The default is a constant 1.
@@ -224,7 +242,8 @@ pub enum ColourLoss {
     /// \\(2 \delta^2 \bigl(\sqrt{1 + e^2 / \delta^2} - 1\bigr)\\) (Charbonnier et al., 1997): \\(e^2\\) for small errors,
     /// \\(2 \delta |e|\\) for large ones, such as those of moving objects and of highlights.
     Charbonnier {
-        /// \\(\delta\\), the error at which the loss becomes linear; colours are in 0 to 1.
+        /// \\(\delta\\), the error at which the loss becomes linear, colours in 0 to 1; 0.1, not part of a file.
+        #[cfg_attr(feature = "serde", serde(skip, default = "delta"))]
         delta: f64,
         /// Weight of the loss at the last step; it grows linearly from 1.
         final_weight: f64,
@@ -260,6 +279,7 @@ pub enum DepthLoss {
         weight: f64,
         /// Lower bound of the standard deviation of a hypothesis, as a fraction of its depth. Hypotheses of variance 0 are exact, and
         /// the termination cannot be.
+        #[cfg_attr(feature = "serde", serde(skip, default = "relative_sigma"))]
         relative_sigma: f64,
         /// Decay of the weight over the steps.
         #[cfg_attr(feature = "serde", serde(default))]

@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 /// Result of this crate.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// Everything that can go wrong here; each message is one line that names the file or value and what to do.
+/// Errors of this crate; each message is one line that names the file or value and the remedy.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -12,26 +12,26 @@ pub enum Error {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// A file could not be written; nothing is left behind and an older file of that name is untouched.
+    /// A file could not be written; an older file of that name remains.
     #[error("{}: can't write: {source}; {}", path.display(), io_remedy(source))]
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// A file holds something else than was expected: empty, truncated, of a wrong type, or without any usable value.
+    /// A file is empty, truncated, of a wrong type, or without any usable value.
     #[error("{}: {reason}", path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
-        /// What is wrong and what to do.
+        /// The reason and the remedy.
         reason: String,
     },
-    /// The extension names no known depth format.
+    /// The extension is of no known depth format.
     #[error(
         "{}: unknown depth format {extension:?}; use .png (16 bit), .npy, .npz, .pfm or .exr",
         path.display()
@@ -66,24 +66,24 @@ pub enum Error {
         /// What to give instead.
         remedy: &'static str,
     },
-    /// No profile of that name, or no profile could be guessed.
+    /// No profile of that name, or none that matches the file name.
     #[error("no model profile for {name:?}; name one of: {}", crate::spec::PROFILES.join(", "))]
     UnknownProfile {
-        /// The name asked for, or the model's file name.
+        /// The name given, or the model's file name.
         name: String,
     },
-    /// A model can't be loaded or gave something that is no depth map.
+    /// A model cannot be loaded, fails, or its output is no depth map.
     #[error("{}: {reason}", path.display())]
     Model {
         /// The model's file.
         path: PathBuf,
-        /// What is wrong and what to do.
+        /// The reason and the remedy.
         reason: String,
     },
     /// The error of a prior outside this crate.
     #[error(transparent)]
     External(Box<dyn std::error::Error + Send + Sync>),
-    /// An array handed in has the wrong shape or values.
+    /// An array has the wrong shape or values.
     #[error("{0}")]
     Input(String),
 }
@@ -97,6 +97,7 @@ impl Error {
         Self::Read { path: path.to_owned(), source }
     }
 
+    #[cfg(feature = "io")]
     pub(crate) fn write(path: &Path, source: std::io::Error) -> Self {
         Self::Write { path: path.to_owned(), source }
     }

@@ -127,7 +127,7 @@ fn wrong_models_are_one_line_errors() {
         assert!(message.contains(name) && message.contains(what) && !message.contains('\n'), "{message}");
     };
     for (name, what) in [
-        ("midas_small.npy", "no ONNX model"),
+        ("midas_small.npy", "ONNX model cannot be run"),
         ("one_channel.onnx", "1 channels"),
         ("vector.onnx", "1 axes"),
         ("absent.onnx", "path"),

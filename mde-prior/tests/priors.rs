@@ -119,8 +119,8 @@ proptest! {
 
 /// The flip average of a prior's predictions.
 fn averaged(prior: &dyn DepthPrior, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-    let mirrored = prior.predict(image.slice(s![.., ..;-1, ..]))?;
-    flip_average(prior.predict(image)?, &mirrored)
+    let straight = prior.predict(image)?;
+    flip_average(straight, &prior.predict(image.slice(s![.., ..;-1, ..]))?)
 }
 
 /// Red minus half: depth where positive.

@@ -10,6 +10,16 @@ pub enum Error {
         /// Shape of the variance, `[height, width]`.
         variance: [usize; 2],
     },
+    /// A map that must have the size of another.
+    #[error("{what} is {found:?} but the map {expected:?} ([height, width]); give both one size")]
+    Size {
+        /// The map at fault.
+        what: &'static str,
+        /// Its shape, `[height, width]`.
+        found: (usize, usize),
+        /// The shape that it must have.
+        expected: (usize, usize),
+    },
     /// A mean that is not a finite number at a pixel of finite variance.
     #[error("mean at row {row}, column {column} is {value}; it must be finite where the variance is")]
     Mean {

@@ -5,6 +5,7 @@
 //! * [`termination`]: opacity, transmittance and weights of a ray (Eq. 2-3), and the mean and variance of the depth
 //!   at which it ends (Eq. 4-5), computed about the mean so that `f32` keeps its digits.
 //! * [`statistics`]: quantiles, the median and Spearman's correlation; [`normal`]: the normal distribution.
+//! * [`filter`]: a Gaussian blur and a joint bilateral filter of maps.
 //! * [`pooled`]: intervals of a stated probability, estimated on scenes of known depth.
 //! * `random` (feature `random`): counter-based random numbers and derived seeds.
 //! * `calibration` (feature `calibration`): the file of a calibration.
@@ -23,6 +24,7 @@
 #[cfg(feature = "calibration")]
 pub mod calibration;
 mod error;
+pub mod filter;
 mod gaussian;
 pub mod normal;
 pub mod pooled;

@@ -13,9 +13,7 @@ use ndarray::{Array2, Zip};
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default, rename_all = "kebab-case"))]
 pub struct ReprojectConfig {
     /// Relative difference of disparity 1/z above which neighbouring pixels belong to two surfaces, as a share of the
-    /// larger. Samples further apart than this are never combined. Not part of a configuration file: the loop uses that of
-    /// [`WarpConfig`](crate::WarpConfig).
-    #[cfg_attr(feature = "serde", serde(skip))]
+    /// larger. Samples further apart than this are never combined.
     pub tear: f64,
     /// Depth behind the front sample, as a share of its depth, up to which samples are combined with it.
     pub front: f64,

@@ -1,8 +1,10 @@
-//! One configuration for a whole run, with its defaults in one place: [`Preset`](crate::Preset).
+//! The configuration of a run. The defaults are those of a [`Preset`](crate::Preset); `docs/settings.md` lists every key.
 
+mod multi_view;
 mod presets;
 mod sigma;
 
+pub use multi_view::MultiViewConfig;
 pub use presets::Preset;
 pub use sigma::SigmaConfig;
 
@@ -15,11 +17,11 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use toml::{Table, Value};
 
-/// Everything that a run depends on beside its inputs.
+/// All settings of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct Config {
-    /// Every random draw comes from it.
+    /// Seed of all random draws.
     pub seed: u64,
     /// The iterative loop around the stages.
     pub refinement: RefinementConfig,
@@ -29,17 +31,17 @@ pub struct Config {
     pub sigma: SigmaConfig,
     /// The synthetic training views (Section III.A).
     pub views: ViewSampling,
-    /// How they are warped.
+    /// The warps of the training views.
     pub warp: WarpConfig,
     /// The radiance field (Section III.C).
     pub nerf: NerfConfig,
     /// The views that the fitted field renders (Section III.D).
     pub novel: NovelViews,
-    /// How those come back to the original camera.
-    pub reproject: ReprojectConfig,
     /// The fusion (Section III.E).
     pub fusion: FusionConfig,
-    /// How disparity of unknown scale and shift becomes depth (Section III.B).
+    /// Several photographs of one scene.
+    pub multi_view: MultiViewConfig,
+    /// Conversion of affine disparity to depth (Section III.B).
     pub disparity: DisparityRule,
 }
 
@@ -47,9 +49,9 @@ pub struct Config {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct RefinementConfig {
-    /// Times round the loop; 0 for none: no field is fitted, and what the prior's stage says stands.
+    /// Number of iterations. With 0 no field is fitted and the result is the depth of the prior's stage.
     pub iterations: usize,
-    /// What the fusion takes as its prior from the second iteration on.
+    /// Prior of the fusion from the second iteration on.
     pub prior: IterationPrior,
     /// Whether a field is fitted where the prior was augmented.
     pub field: FieldUse,
@@ -80,14 +82,14 @@ pub enum FieldUse {
     WithoutAugmentation,
 }
 
-/// The fusion's prior from the second iteration on; the refined depth always makes the next warps.
+/// Prior of the fusion from the second iteration on. The next training views are always warped by the refined depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum IterationPrior {
-    /// The refined depth with its variance per pixel, as the paper says: "which initialize the next cycle".
+    /// The refined depth with its variance per pixel, as in the paper: "which initialize the next cycle".
     #[default]
     Carry,
-    /// The original monocular depth, its variance estimated anew: no image is counted twice.
+    /// The original monocular depth, its variance estimated again, so that no image counts twice.
     Anchor,
 }
 
@@ -119,8 +121,8 @@ impl Default for Config {
             warp: WarpConfig::default(),
             nerf: NerfConfig::default(),
             novel: NovelViews::default(),
-            reproject: ReprojectConfig::default(),
             fusion: FusionConfig::default(),
+            multi_view: MultiViewConfig::default(),
             disparity: DisparityRule::default(),
         }
     }
@@ -130,18 +132,18 @@ impl Config {
     /// The preset with the values of a TOML text over it. `origin` names the text in errors.
     ///
     /// # Errors
-    /// [`Error::Config`] for text that is no TOML, an unknown key, a value of the wrong type or out of range.
+    /// [`Error::Settings`] for text that is not TOML, an unknown key, or a value of the wrong type or out of range.
     pub fn with_overrides(preset: crate::Preset, text: &str, origin: &str) -> Result<Self> {
-        let error = |reason: String| Error::Config { origin: origin.to_owned(), reason: one_line(&reason) };
+        let error = |reason: String| Error::Settings { origin: origin.to_owned(), reason: one_line(&reason) };
         let overrides: Table = text.parse().map_err(|e: toml::de::Error| error(e.to_string()))?;
         let mut table = Table::try_from(preset.config()).map_err(|e| error(e.to_string()))?;
         merge(&mut table, overrides.clone());
         let config: Self =
             Value::Table(table).try_into().map_err(|e: toml::de::Error| error(e.to_string()))?;
-        // Serde takes no notice of unknown keys where a `kind` chooses the table.
+        // Serde ignores unknown keys in tables with a `kind`.
         let known = Table::try_from(&config).map_err(|e| error(e.to_string()))?;
         if let Some(key) = unknown(&overrides, &known) {
-            return Err(error(format!("unknown key `{key}`; `mde config` prints all that there are")));
+            return Err(error(format!("unknown key `{key}`; `mde config` prints all keys")));
         }
         config.validate().map_err(|e| error(e.to_string()))?;
         Ok(config)
@@ -160,10 +162,10 @@ impl Config {
     /// The whole configuration as TOML.
     ///
     /// # Errors
-    /// [`Error::Config`] where a value has no place in TOML (a seed above 2^63).
+    /// [`Error::Settings`] for a value that TOML can't hold (a seed above 2^63).
     pub fn to_toml(&self) -> Result<String> {
         toml::to_string_pretty(self)
-            .map_err(|e| Error::Config { origin: "config".into(), reason: one_line(&e.to_string()) })
+            .map_err(|e| Error::Settings { origin: "config".into(), reason: one_line(&e.to_string()) })
     }
 
     /// The poses of the novel views. Poses that only rotate carry no depth, so there are none.
@@ -171,26 +173,35 @@ impl Config {
         ViewSampling { count: self.novel.count, rotation_only: 0.0, ..self.views.clone() }
     }
 
+    /// The reprojection, with the tear of the warps.
+    pub(crate) fn reprojection(&self) -> ReprojectConfig {
+        ReprojectConfig { tear: self.warp.tear, ..ReprojectConfig::default() }
+    }
+
     /// Checks every value of every stage.
     ///
     /// # Errors
-    /// The stage's error that names the value, or [`Error::Config`].
+    /// [`Error::Config`], or that of the stage, with the first value out of range.
     pub fn validate(&self) -> Result<()> {
         let iterations = self.refinement.iterations;
         if iterations > 100 {
-            let reason = format!("refinement.iterations is {iterations}; give 0 (no field) to 100");
-            return Err(Error::Config { origin: "config".into(), reason });
+            let remedy = "give 0 (no field) to 100";
+            return Err(Error::Config {
+                field: "refinement.iterations",
+                value: iterations.to_string(),
+                remedy,
+            });
         }
         if self.novel.count == 0 && !self.novel.original {
-            let reason = "novel.count is 0 and novel.original is false; render at least one view".into();
-            return Err(Error::Config { origin: "config".into(), reason });
+            let remedy = "give at least 1, or novel.original = true";
+            return Err(Error::Config { field: "novel.count", value: "0".to_owned(), remedy });
         }
         self.augmentation.validate()?;
         self.sigma.validate()?;
+        self.multi_view.validate()?;
         self.views.validate()?;
         self.novel_views().validate()?;
         self.warp.validate()?;
-        self.reproject.validate()?;
         self.nerf.validate()?;
         self.fusion.validate()?;
         self.disparity.validate()?;
@@ -198,8 +209,7 @@ impl Config {
     }
 }
 
-/// Puts `from`'s values over `into`'s, table by table. A table of another `kind` replaces the old one whole: the kinds'
-/// keys differ.
+/// Overrides `into`'s values by `from`'s, table by table. A table of another `kind` replaces the old one, since its keys differ.
 fn merge(into: &mut Table, from: Table) {
     for (key, value) in from {
         match (into.get_mut(&key), value) {
@@ -217,7 +227,7 @@ fn merge(into: &mut Table, from: Table) {
     }
 }
 
-/// The first key of `table` that `known` does not have.
+/// The first key of `table` that is not in `known`.
 fn unknown(table: &Table, known: &Table) -> Option<String> {
     table.iter().find_map(|(key, value)| match (value, known.get(key)) {
         (_, None) => Some(key.clone()),
@@ -228,7 +238,7 @@ fn unknown(table: &Table, known: &Table) -> Option<String> {
     })
 }
 
-/// Parser messages span lines to show the place; an error is one.
+/// Parser messages span several lines; an error is one line.
 fn one_line(message: &str) -> String {
     message.lines().map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ")
 }
@@ -237,6 +247,7 @@ fn one_line(message: &str) -> String {
 mod tests {
     use super::*;
     use mde_nerf::FieldConfig;
+    use std::collections::BTreeSet;
 
     #[test]
     fn every_preset_is_valid_and_survives_toml() {
@@ -284,5 +295,49 @@ mod tests {
             assert!(message.starts_with("my.toml: ") && message.contains(named), "{message}");
             assert_eq!(message.lines().count(), 1, "{message}");
         }
+    }
+
+    /// The keys of a table, with their sections; of a list of tables, those of its elements.
+    fn keys(table: &Table, section: &str, found: &mut BTreeSet<String>) {
+        for (key, value) in table {
+            let name = format!("{section}{key}");
+            match value {
+                Value::Table(inner) => keys(inner, &format!("{name}."), found),
+                Value::Array(list) if list.iter().any(Value::is_table) => {
+                    for inner in list.iter().filter_map(Value::as_table) {
+                        keys(inner, &format!("{name}."), found);
+                    }
+                }
+                // No level is the default; its keys are those of the preset that has some.
+                Value::Array(list) if list.is_empty() => (),
+                _ => drop(found.insert(name)),
+            }
+        }
+    }
+
+    #[test]
+    fn every_key_is_documented_and_there_are_at_most_65() {
+        let mut settings = BTreeSet::new();
+        for preset in Preset::ALL {
+            keys(&Table::try_from(preset.config()).unwrap(), "", &mut settings);
+        }
+        assert!(settings.len() <= 65, "{} keys", settings.len());
+        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/settings.md");
+        // The package alone has no documents.
+        let Ok(page) = std::fs::read_to_string(page) else { return };
+        let documented: BTreeSet<String> = page
+            .lines()
+            .filter_map(|line| line.strip_prefix("| `")?.split_once('`').map(|(key, _)| key.to_owned()))
+            .collect();
+        assert_eq!(documented, settings);
+    }
+
+    #[test]
+    fn the_paper_preset_has_the_numbers_of_the_paper() {
+        let paper = Preset::Paper.config();
+        assert_eq!((paper.nerf.train.steps, paper.nerf.train.steps_for), (2000, 0));
+        assert_eq!(paper.refinement.iterations, 2);
+        assert_eq!((paper.views.count, paper.novel.count), (10, 5));
+        assert!(!paper.novel.original && !paper.augmentation.is_active());
     }
 }

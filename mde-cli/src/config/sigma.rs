@@ -10,9 +10,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct SigmaConfig {
-    /// \\(k_s\\), 0 or more.
+    /// \\(k_s\\), 0 to 100: factor of the spread of the predictions.
     pub spread: f64,
-    /// \\(k_d\\), 0 or more.
+    /// \\(k_d\\), 0 to 100: factor of the change by the augmentation.
     pub disagreement: f64,
     /// Standard deviation of the blur, as a fraction of the image width.
     pub blur: f64,
@@ -27,14 +27,13 @@ impl Default for SigmaConfig {
 impl SigmaConfig {
     pub(crate) fn validate(&self) -> Result<()> {
         let fields = [
-            ("spread", self.spread, 100.0),
-            ("disagreement", self.disagreement, 100.0),
-            ("blur", self.blur, 0.25),
+            ("sigma.spread", self.spread, 100.0, "give 0 to 100"),
+            ("sigma.disagreement", self.disagreement, 100.0, "give 0 to 100"),
+            ("sigma.blur", self.blur, 0.25, "give 0 to 0.25 (of the image width)"),
         ];
-        for (name, value, most) in fields {
+        for (field, value, most, remedy) in fields {
             if !(0.0..=most).contains(&value) {
-                let reason = format!("sigma.{name} is {value}; give 0 to {most}");
-                return Err(Error::Config { origin: "config".into(), reason });
+                return Err(Error::Config { field, value: value.to_string(), remedy });
             }
         }
         Ok(())

@@ -1,25 +1,31 @@
 use std::ops::ControlFlow;
 
-/// A part of the loop.
+/// A stage of the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
     /// The monocular depth (III.B).
     Prior,
+    /// Poses of several photographs.
+    Poses,
+    /// Plane sweeps of several photographs and their consensus.
+    Sweep,
     /// The synthetic views (III.A).
     Warp,
     /// The field's fit (III.C).
     Fit,
-    /// The novel views and their way back (III.D).
+    /// The novel views and their reprojection (III.D).
     Render,
     /// The fusion (III.E).
     Fuse,
 }
 
 impl Stage {
-    /// A word for it.
+    /// Its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Prior => "prior",
+            Self::Poses => "poses",
+            Self::Sweep => "sweep",
             Self::Warp => "warp",
             Self::Fit => "fit",
             Self::Render => "render",
@@ -34,20 +40,20 @@ impl Stage {
 pub enum Event {
     /// A stage begins.
     Begin {
-        /// Which.
+        /// The stage.
         stage: Stage,
         /// Iteration, from 0.
         iteration: usize,
-        /// Iterations in all.
+        /// Number of iterations.
         iterations: usize,
     },
-    /// The field's own events; `view` counts the rendered views.
+    /// An event of the field.
     Field {
         /// The event.
         event: mde_nerf::FieldEvent,
-        /// View being rendered, from 0; 0 in the fit.
+        /// View being rendered, from 0; 0 during the fit.
         view: usize,
-        /// Views to be rendered.
+        /// Number of views to render; 0 during the fit.
         views: usize,
     },
     /// The model finished a prediction.

@@ -2,7 +2,7 @@
 //!
 //! | Stage | Paper | Where |
 //! |---|---|---|
-//! | prior | III.B | [`DepthPrior`], with test-time augmentation where [`Config`] has it |
+//! | prior | III.B | [`DepthPrior`], with test-time augmentation where it is configured |
 //! | warp | III.A, Eq. 1 | [`synthesise`] |
 //! | fit | III.C | [`RadianceField::fit`](mde_nerf::RadianceField::fit) |
 //! | render | III.D, Eq. 2-6 | [`RadianceField::render`](mde_nerf::RadianceField::render), [`reproject`](mde_warp::reproject) |
@@ -22,6 +22,7 @@ pub use stages::{FieldFactory, FieldRequest, Stages};
 pub use views::synthesise;
 
 use crate::augmentation::{AugmentationReport, Component, Start, start};
+use crate::capture::CaptureReport;
 use crate::config::{Config, IterationPrior};
 use crate::error::{LEAST, MOST};
 use crate::{Error, Result};
@@ -50,6 +51,24 @@ pub struct Refinement {
     pub iterations: Vec<IterationReport>,
     /// The field of the last iteration, if there was one.
     pub field: Option<Box<dyn RadianceField>>,
+    /// Report of several photographs, where there were any.
+    pub capture: Option<CaptureReport>,
+}
+
+impl Refinement {
+    /// Nothing but the prior and a single prediction.
+    pub(crate) fn of_prior(prior: Array2<f32>) -> Self {
+        let (height, width) = prior.dim();
+        Self {
+            depth: GaussianDepth::missing(height, width),
+            prior,
+            augmentation: AugmentationReport { predictions: 1, ..AugmentationReport::default() },
+            components: Vec::new(),
+            iterations: Vec::new(),
+            field: None,
+            capture: None,
+        }
+    }
 }
 
 /// State of a run between two iterations: everything that the next one depends on beside the inputs and the settings.
@@ -109,6 +128,7 @@ pub fn resume(
             components,
             iterations: Vec::new(),
             field: None,
+            capture: None,
         });
     }
     let bayes;
@@ -140,7 +160,15 @@ pub fn resume(
             components.push(Component { name: "field", sigma: fused.aligned.sigma() });
             components.push(common(&fused.depth, config.fusion.common_error));
             let (depth, field) = (fused.depth, Some(field));
-            return Ok(Refinement { depth, prior, augmentation, components, iterations, field });
+            return Ok(Refinement {
+                depth,
+                prior,
+                augmentation,
+                components,
+                iterations,
+                field,
+                capture: None,
+            });
         }
         let progress = Checkpoint { prior: prior.clone(), depth: fused.depth, iterations };
         keep(&progress)?;
@@ -174,7 +202,7 @@ impl Run<'_, '_> {
         Ok(start)
     }
 
-    /// Once round the loop: `current` makes the views, `prior` meets what the field saw.
+    /// One iteration: `current` is warped to the training views, `prior` is fused with the rendered views.
     fn iterate(
         &mut self,
         index: usize,
@@ -216,7 +244,7 @@ impl Run<'_, '_> {
     }
 }
 
-/// The depth with an error that no answer shows, as a share of it.
+/// The depth with the variance of an error of `share` of the depth added.
 fn with_common_error(depth: GaussianDepth, share: f64) -> Result<GaussianDepth> {
     let share = share as f32;
     Ok(depth.map(|mean, variance| (mean, variance + (share * mean).powi(2))))
@@ -227,7 +255,7 @@ fn common(depth: &GaussianDepth, share: f64) -> Component {
     Component { name: "common", sigma }
 }
 
-fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>) -> Result<()> {
+pub(crate) fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>) -> Result<()> {
     let [height, width] = [image.shape()[0], image.shape()[1]];
     if prior.dim() != (height, width) {
         return Err(Error::Size { prior: [prior.nrows(), prior.ncols()], image: [height, width] });
@@ -242,7 +270,7 @@ fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>) -> Result
 }
 
 /// Spearman's correlation of the field's depth with the prior's, and the median of \\(|D_r / D_o - 1|\\), over the
-/// pixels that both know; nothing where there are none.
+/// pixels known to both; `None` where there are none.
 fn agreement(prior: ArrayView2<'_, f32>, field: &GaussianDepth) -> Result<(Option<f64>, Option<f64>)> {
     let (field, prior): (Vec<f64>, Vec<f64>) = field
         .mean()

@@ -5,7 +5,7 @@ use mde_nerf::{Nerf, NerfConfig, RadianceField};
 use mde_prior::DepthPrior;
 use mde_uncertainty::random::derived_seed;
 
-/// What a field factory is given.
+/// Arguments of a field factory.
 #[derive(Debug, Clone, Copy)]
 #[non_exhaustive]
 pub struct FieldRequest<'c> {
@@ -26,7 +26,7 @@ impl<'c> FieldRequest<'c> {
         Self { iteration, seed, config: &config.nerf }
     }
 
-    /// The field that the settings describe, not fitted yet.
+    /// The field of the settings, not fitted.
     ///
     /// # Errors
     /// [`Error::Field`](crate::Error::Field) for a setting out of range.

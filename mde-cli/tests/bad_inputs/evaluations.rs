@@ -81,7 +81,7 @@ fn unusable_scenes() {
         (run.status.code(), String::from_utf8(run.stderr).unwrap())
     };
     let cases: [(&str, &[&str]); 17] = [
-        ("broken-set --prior-depth priors", &["scene.json", "is not as it should be"]),
+        ("broken-set --prior-depth priors", &["scene.json", "is not valid"]),
         ("typed-set --prior-depth priors", &["scene.json", "wide"]),
         ("partial-set --prior-depth priors", &["scene.json", "all four or none"]),
         ("minus-set --prior-depth priors", &["scene.json", "fx is -60"]),

@@ -22,10 +22,10 @@ fn unusable_models() {
     check(&[
         refused(refine("none.onnx"), &["none.onnx", "check the path"]),
         refused(refine("empty.onnx --model-profile fastdepth"), &["empty.onnx", "is empty"]),
-        refused(refine("fastdepth.onnx"), &["fastdepth.onnx", "no ONNX model"]),
+        refused(refine("fastdepth.onnx"), &["fastdepth.onnx", "ONNX model cannot be run"]),
         refused(refine("mystery.onnx"), &["mystery.onnx", "fastdepth", "dpt-large"]),
         refused(refine("fastdepth.onnx --model-profile nonsense"), &["nonsense", "dpt-large"]),
-        refused(refine("depth.npy --model-profile fastdepth"), &["depth.npy", "no ONNX model"]),
+        refused(refine("depth.npy --model-profile fastdepth"), &["depth.npy", "ONNX model cannot be run"]),
         refused(fixture("one_channel.onnx"), &["one_channel.onnx", "1 channels", "layout"]),
         refused(fixture("three_channels.onnx"), &["three_channels.onnx", "[1, 3, 8, 8]", "output-name"]),
         refused(fixture("scores.onnx"), &["scores.onnx", "[1, 3]", "output-name"]),

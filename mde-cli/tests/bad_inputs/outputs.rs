@@ -8,8 +8,8 @@ fn unusable_places() {
     let mut cases = vec![
         refused(format!("{refine} -o empty"), &["empty", "--force"]),
         refused(format!("{refine} -o earlier"), &["earlier", "--force"]),
-        refused(format!("{refine} -o file --force"), &["file", "no folder", "-o"]),
-        refused(format!("{refine} -o file/out"), &["file", "no folder", "-o"]),
+        refused(format!("{refine} -o file --force"), &["file", "not a folder", "-o"]),
+        refused(format!("{refine} -o file/out"), &["file", "not a folder", "-o"]),
         refused(format!("{refine} -o thesis --force"), &["thesis", "run.json", "-o"]),
         refused(format!("{refine} -o .."), &["..", "-o"]),
         refused(format!("{refine} -o /"), &["/", "-o"]),
@@ -23,7 +23,10 @@ fn unusable_places() {
             "eval --dataset rooms --limit 1 --size 64x48 --quiet -o thesis",
             &["thesis", "eval.json", "-o"],
         ),
-        refused("eval --dataset rooms --limit 1 --size 64x48 --quiet -o file", &["file", "no folder", "-o"]),
+        refused(
+            "eval --dataset rooms --limit 1 --size 64x48 --quiet -o file",
+            &["file", "not a folder", "-o"],
+        ),
         refused("eval --dataset rooms --limit 1 --size 64x48 --quiet -o file/out", &["file", "-o"]),
         refused("ablate --dataset rooms --limit 1 --size 64x48 --quiet -o thesis", &["thesis", "eval.json"]),
     ];

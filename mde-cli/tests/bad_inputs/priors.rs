@@ -52,7 +52,7 @@ fn unusable_depth_maps() {
         ("no-descr.npy", &["no-descr.npy", "'descr'", "numpy.save"]),
         ("no-order.npy", &["no-order.npy", "'fortran_order'", "numpy.save"]),
         ("no-shape.npy", &["no-shape.npy", "'shape'", "numpy.save"]),
-        ("two.npz", &["two.npz", "near", "far", "which array"]),
+        ("two.npz", &["two.npz", "near", "far", "name the one"]),
         ("colour.pfm", &["colour.pfm", "three channels", "'Pf'"]),
         ("header.pfm", &["header.pfm", "header", "scale"]),
         ("huge.pfm", &["huge.pfm", "99999999x99999999", "write the file again"]),

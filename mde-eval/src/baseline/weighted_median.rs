@@ -1,6 +1,7 @@
-use super::joint_bilateral::{Guide, by_pixel};
-use super::{check, known};
+use super::{channels, check, known};
 use crate::{Refined, Refiner, Result, Task};
+use ndarray::{Array2, ArrayView3};
+use rayon::prelude::*;
 
 /// Weighted median filter (Ma et al., ICCV 2013): the depth at which half the weight of a square is nearer, weights by nearness in colour,
 /// \\(\exp(-\\|I_x - I_y\\|^2 / 2\sigma_r^2)\\).
@@ -76,5 +77,79 @@ impl Refiner for WeightedMedian {
             middle.map_or(here, |[weight, sum]| sum / weight)
         });
         Ok(filtered.into())
+    }
+}
+
+/// A map made pixel by pixel, rows in parallel; each row has a scratch list.
+fn by_pixel<S: Default>(
+    (height, width): (usize, usize),
+    of: impl Fn(usize, usize, &mut S) -> f32 + Sync,
+) -> Array2<f32> {
+    let mut out = Array2::zeros((height, width));
+    if width > 0
+        && let Some(values) = out.as_slice_mut()
+    {
+        values.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+            let mut scratch = S::default();
+            row.iter_mut().enumerate().for_each(|(x, value)| *value = of(y, x, &mut scratch));
+        });
+    }
+    out
+}
+
+/// Nearness in colour.
+struct Guide {
+    planes: [Array2<f32>; 3],
+    /// \\(1 / (2 \sigma_r^2)\\) over the number of factors of the exponential.
+    scale: f32,
+}
+
+impl Guide {
+    /// \\(e^{-u}\\) as \\((1 - u/n)^n\\), \\(n = 2^{10}\\), which has no branch: off by less than \\(u^2/n\\) of itself.
+    const SQUARINGS: u32 = 10;
+
+    fn new(image: ArrayView3<'_, f32>, sigma: f64) -> Self {
+        let scale = 0.5 / (sigma * sigma) / f64::from(1_u32 << Self::SQUARINGS);
+        Self { planes: channels(image), scale: scale as f32 }
+    }
+
+    /// Rows and columns within `radius` of a pixel.
+    fn window(
+        &self,
+        y: usize,
+        x: usize,
+        radius: usize,
+    ) -> impl Iterator<Item = (usize, std::ops::Range<usize>)> {
+        let (height, width) = self.planes[0].dim();
+        let range = |at: usize, side: usize| {
+            at.saturating_sub(radius)..at.saturating_add(radius).saturating_add(1).min(side)
+        };
+        let columns = range(x, width);
+        range(y, height).map(move |row| (row, columns.clone()))
+    }
+
+    /// \\(\exp(-\\|I_x - I_y\\|^2 / 2\sigma_r^2)\\) of a pixel and some columns of a row.
+    fn weights(
+        &self,
+        at: (usize, usize),
+        row: usize,
+        columns: std::ops::Range<usize>,
+        weights: &mut Vec<f32>,
+    ) {
+        weights.clear();
+        weights.resize(columns.len(), 0.0);
+        for plane in &self.planes {
+            let here = plane[at];
+            let line = plane.row(row);
+            let Some(line) = line.as_slice().and_then(|line| line.get(columns.clone())) else { return };
+            weights.iter_mut().zip(line).for_each(|(sum, &there)| *sum += (there - here) * (there - here));
+        }
+        for weight in weights.iter_mut() {
+            let mut factor = (1.0 - *weight * self.scale).max(0.0);
+            for _ in 0..Self::SQUARINGS {
+                factor *= factor;
+            }
+            *weight = factor;
+        }
     }
 }

@@ -1,7 +1,230 @@
-//! Poses of photographs from matches and a monocular depth prior.
+//! Poses of photographs, found from matches and a monocular depth prior, or refined where they are given.
+//!
+//! [`estimate_poses`] needs no pose. Features of each photograph ([`Features`]) are matched over every pair, pairs of one
+//! epipolar geometry kept (a fundamental matrix by LO-RANSAC, for which no focal length is needed), and the features of one
+//! photograph lifted by the prior's depth, so that three of them give the pose of the other (P3P in RANSAC). The best pairs
+//! join all photographs to the reference; then poses, depths, the scales of the priors and, where it was assumed, one common
+//! focal length are adjusted to all matches. With pixels \\( p \\), rays \\( d \\), the prior \\( D \\) and Huber's loss
+//! \\( \rho \\):
+//!
+//! \\[ \min \sum_{k, v} \rho\!\left( \lVert \pi_v(T_v T_a^{-1} z_k d_k) - p_{kv} \rVert^2 \right)
+//!   + \sum_k \rho\!\left( \left( \frac{\log z_k - \log D_a(p_k) - m_a}{\sigma} \right)^2 \right) . \\]
+//!
+//! The prior gives the start, the unit, and what matches leave open: over a short baseline depth and rotation trade for each
+//! other, and without the prior the answer may be degrees off.
+//!
+//! [`refine_poses`] improves given poses by the same adjustment, with the poses themselves as a prior, and keeps the result only
+//! where matches that had no part in it fit better.
+//!
+//! Poses map the reference's frame to the camera's, in the unit of the reference's prior.
 
+mod bundle;
+mod epipolar;
+mod estimate;
 mod features;
 mod matching;
+mod pair;
+mod refine;
+mod resection;
+mod roots;
+mod sampling;
+mod tracks;
 
+pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses};
 pub use features::{DESCRIPTOR_LENGTH, FeatureConfig, Features, Keypoint};
 pub use matching::{Match, match_features};
+pub use refine::{RefineConfig, Refined, refine_poses};
+pub use tracks::{Track, TrackPixel};
+
+use crate::{Result, check_map};
+use bundle::Lens;
+use features::config;
+use mde_warp::PinholeCamera;
+use nalgebra::{Point2, Vector2, Vector3};
+use ndarray::{ArrayView2, ArrayView3};
+use rayon::prelude::*;
+
+/// Longer side of the photographs for which settings in pixels are meant.
+const LONGER_SIDE: f64 = 640.0;
+
+/// One photograph, and what is known of its camera and its depth.
+#[derive(Debug, Clone, Copy)]
+pub struct Photograph<'a> {
+    /// What messages call it; no other has the same.
+    pub name: &'a str,
+    /// `[h, w, 3]` sRGB colours in \\( [0, 1] \\), without lens distortion.
+    pub image: ArrayView3<'a, f32>,
+    /// Its intrinsic parameters.
+    pub camera: PinholeCamera,
+    /// Whether the focal length was assumed: one factor, common to all such photographs, is then estimated.
+    pub focal_assumed: bool,
+    /// The prior's `[h, w]` z-depth, in any unit; 0 where there is none.
+    pub prior: Option<ArrayView2<'a, f32>>,
+}
+
+/// Settings of [`estimate_poses`]. Those in pixels are meant for photographs of 640 pixels on the longer side, and grow with
+/// it.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields, rename_all = "kebab-case"))]
+pub struct PosesConfig {
+    /// The detector's settings.
+    pub features: FeatureConfig,
+    /// A match's distance over the second best at most. In (0, 1].
+    pub ratio: f64,
+    /// Largest distance from the epipolar geometry, pixels.
+    pub epipolar_pixels: f64,
+    /// Largest distance of a point lifted by the prior from where it was seen, pixels.
+    pub resection_pixels: f64,
+    /// Largest residual of a match after the adjustment, pixels.
+    pub outlier_pixels: f64,
+    /// Matches that a photograph needs. At least 8.
+    pub min_matches: usize,
+    /// Samples of a RANSAC at most.
+    pub samples: usize,
+    /// Standard deviation of the logarithm of the prior's depth, until the matches measure it.
+    pub prior_sigma: f64,
+    /// Parts of a prior's map whose errors are independent. Of many matches in each, errors are alike, and the prior's deviation
+    /// per match grows by the root of their number.
+    pub regions: f64,
+    /// Standard deviation of the logarithm of an assumed focal length.
+    pub focal_sigma: f64,
+    /// Least median parallax of a photograph that depth can be had from, pixels.
+    pub min_parallax_pixels: f64,
+}
+
+impl Default for PosesConfig {
+    fn default() -> Self {
+        Self {
+            features: FeatureConfig::default(),
+            ratio: 0.8,
+            epipolar_pixels: 1.5,
+            resection_pixels: 12.0,
+            outlier_pixels: 3.0,
+            min_matches: 20,
+            samples: 2000,
+            prior_sigma: 0.25,
+            regions: 30.0,
+            focal_sigma: 0.2,
+            min_parallax_pixels: 2.0,
+        }
+    }
+}
+
+impl PosesConfig {
+    /// # Errors
+    /// [`Error::Config`](crate::Error::Config) with the first field out of its range.
+    pub fn validate(&self) -> Result<()> {
+        self.features.validate()?;
+        if !(self.ratio > 0.0 && self.ratio <= 1.0) {
+            return Err(config("ratio", self.ratio, "give a number above 0, at most 1"));
+        }
+        for (field, value) in [
+            ("epipolar-pixels", self.epipolar_pixels),
+            ("resection-pixels", self.resection_pixels),
+            ("outlier-pixels", self.outlier_pixels),
+            ("prior-sigma", self.prior_sigma),
+            ("regions", self.regions),
+            ("focal-sigma", self.focal_sigma),
+        ] {
+            positive(field, value)?;
+        }
+        if !(self.min_parallax_pixels >= 0.0 && self.min_parallax_pixels.is_finite()) {
+            return Err(config("min-parallax-pixels", self.min_parallax_pixels, "give 0 or more"));
+        }
+        if self.min_matches < 8 {
+            return Err(config("min-matches", self.min_matches, "give at least 8"));
+        }
+        if self.samples == 0 {
+            return Err(config("samples", self.samples, "give at least 1"));
+        }
+        Ok(())
+    }
+}
+
+impl PosesConfig {
+    /// Deviation of the prior at each of so many matches.
+    fn prior_sigma_of(&self, matches: usize) -> f64 {
+        self.prior_sigma * (matches as f64 / self.regions).max(1.0).sqrt()
+    }
+
+    /// Deviation of an assumed focal length, narrowed as if as many matches as regions had been found: a lens or a shutter that is
+    /// not the model's bends all matches alike, and must not be explained by the focal length.
+    fn focal_sigma_of(&self, matches: usize) -> f64 {
+        self.focal_sigma / (matches as f64 / self.regions).max(1.0).sqrt()
+    }
+}
+
+fn positive(field: &'static str, value: f64) -> Result<()> {
+    if value > 0.0 && value.is_finite() { Ok(()) } else { Err(config(field, value, "give a number above 0")) }
+}
+
+/// A photograph with its features, as the stages below take it.
+#[derive(Debug)]
+struct Shot<'a> {
+    features: Features,
+    lens: Lens,
+    prior: Option<ArrayView2<'a, f32>>,
+}
+
+impl<'a> Shot<'a> {
+    fn new(photograph: &Photograph<'a>, settings: &FeatureConfig) -> Result<Self> {
+        let camera = &photograph.camera;
+        camera.validate()?;
+        let (height, width, _) = photograph.image.dim();
+        check_map("photograph", (height, width), camera)?;
+        if let Some(prior) = &photograph.prior {
+            check_map("prior depth", prior.dim(), camera)?;
+        }
+        let lens = Lens {
+            focal: Vector2::new(camera.fx, camera.fy),
+            centre: Vector2::new(camera.cx, camera.cy),
+            assumed: photograph.focal_assumed,
+            noise: width.max(height) as f64 / LONGER_SIDE,
+        };
+        Ok(Self { features: Features::detect(photograph.image, settings)?, lens, prior: photograph.prior })
+    }
+
+    /// All photographs' features, in parallel.
+    fn all(photographs: &[Photograph<'a>], settings: &FeatureConfig) -> Result<Vec<Self>> {
+        photographs.par_iter().map(|photograph| Self::new(photograph, settings)).collect()
+    }
+
+    fn ray(&self, pixel: &Point2<f64>) -> Vector3<f64> {
+        (pixel.coords - self.lens.centre).component_div(&self.lens.focal).push(1.0)
+    }
+
+    /// Logarithm of the prior's depth at the nearest pixel.
+    fn log_prior(&self, pixel: &Point2<f64>) -> Option<f64> {
+        let prior = self.prior.as_ref()?;
+        let nearest = |at: f64, size: usize| (at.round().max(0.0) as usize).min(size - 1);
+        let depth = prior[(nearest(pixel.y, prior.nrows()), nearest(pixel.x, prior.ncols()))];
+        (depth > 0.0 && depth.is_finite()).then(|| f64::from(depth).ln())
+    }
+}
+
+/// Photographs in the order of their names, so that the order in which they come changes nothing; and the reference's place.
+fn in_order(photographs: &[Photograph], reference: usize) -> Result<Vec<usize>> {
+    if photographs.len() < 2 {
+        return Err(config("number of photographs", photographs.len(), "give at least 2"));
+    }
+    if reference >= photographs.len() {
+        return Err(config("reference", reference, "give the index of one of the photographs"));
+    }
+    let mut order: Vec<usize> = (0..photographs.len()).collect();
+    order.sort_by_key(|&i| photographs[i].name);
+    if let Some(pair) = order.windows(2).find(|pair| photographs[pair[0]].name == photographs[pair[1]].name) {
+        return Err(config("name of a photograph", photographs[pair[0]].name, "give each its own name"));
+    }
+    Ok(order)
+}
+
+/// A pair of photographs by their places among the shots.
+type Relate = fn(&[Shot], usize, usize, &PosesConfig, u64) -> pair::Pair;
+
+/// Every pair of photographs, in parallel.
+fn all_pairs(shots: &[Shot], settings: &PosesConfig, seed: u64, relate: Relate) -> Vec<pair::Pair> {
+    let pairs: Vec<(usize, usize)> =
+        (0..shots.len()).flat_map(|i| (i + 1..shots.len()).map(move |j| (i, j))).collect();
+    pairs.par_iter().map(|&(i, j)| relate(shots, i, j, settings, seed)).collect()
+}

@@ -273,7 +273,7 @@ impl AugmentationConfig {
         }
         if self.bilateral_width > 0.0 {
             let sigma = self.bilateral_width * current.ncols() as f64;
-            filtered = post_filter::bilateral(filtered.view(), image, sigma);
+            filtered = post_filter::bilateral(filtered.view(), image, sigma)?;
         }
         let added = &current - &values.from_prior(&start);
         post_filter::limit(&mut current, &filtered, added.view(), detail);

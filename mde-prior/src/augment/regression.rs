@@ -1,4 +1,4 @@
-use crate::filter::gaussian_blur;
+use super::post_filter::blurred;
 use crate::resample::{Filter, resize};
 use ndarray::{Array2, ArrayView2, Zip};
 
@@ -19,10 +19,11 @@ pub(super) fn change(
 ) -> Array2<f32> {
     let (height, width) = prediction.dim();
     let cells = (CELLS.min(height), CELLS.min(width));
-    let mean = |of: &dyn Fn(f32, f32) -> f32| {
-        let means = block_means(prediction, map, cells, of);
-        gaussian_blur(means.view(), (window * cells.0 as f64, window * cells.1 as f64))
+    let smooth = |map: Array2<f32>| {
+        let [down, along] = [cells.0, cells.1].map(|side| window * side as f64);
+        blurred(map.view(), down, along)
     };
+    let mean = |of: &dyn Fn(f32, f32) -> f32| smooth(block_means(prediction, map, cells, of));
     let (l, c) = (mean(&|l, _| l), mean(&|_, c| c));
     let (ll, cc, lc) = (mean(&|l, _| l * l), mean(&|_, c| c * c), mean(&|l, c| l * c));
     let mut slope = Array2::zeros(cells);
@@ -37,7 +38,7 @@ pub(super) fn change(
     });
     let offset = Zip::from(&c).and(&slope).and(&l).map_collect(|&c, &a, &l| c - a * l);
     let per_pixel = |field: Array2<f32>| {
-        let smooth = gaussian_blur(field.view(), (window * cells.0 as f64, window * cells.1 as f64));
+        let smooth = smooth(field);
         resize(smooth.view(), (height, width), Filter::Bilinear)
     };
     let (slope, offset) = (per_pixel(slope), per_pixel(offset));

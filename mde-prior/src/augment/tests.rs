@@ -118,7 +118,7 @@ fn a_value_out_of_range_is_named() {
     let wrong = AugmentationConfig { levels: vec![level], ..AugmentationConfig::multi_crop() };
     assert!(wrong.validate().unwrap_err().to_string().contains("augmentation.levels.side is 1.5"));
     let wrong = AugmentationConfig { gain: f64::NAN, ..AugmentationConfig::multi_crop() };
-    assert!(wrong.validate().unwrap_err().to_string().contains("augmentation.trust"));
+    assert!(wrong.validate().unwrap_err().to_string().contains("augmentation.gain is NaN"));
 }
 
 proptest! {

@@ -1,4 +1,4 @@
-//! Every `mde ...` in the documents and in `--help` is a command line that this program takes.
+//! Checks of the documents: commands, options, settings, files and examples exist.
 
 use crate::args::{Cli, Command as Subcommand};
 use crate::evaluation::ablation;
@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// What a flag in the prose may be of else.
+/// Flags of Cargo in the prose.
 const CARGO_FLAGS: [&str; 3] = ["--example", "--features", "--no-default-features"];
 
 /// README and documents; none where the crate is not in its workspace.
@@ -241,7 +241,20 @@ fn settings_in_the_documents_are_settings() {
     assert!(known >= 3 || documents().is_empty(), "only {known} were found");
 }
 
-/// A document whose examples nobody compiles would be found by its readers.
+#[test]
+fn source_files_in_the_documents_exist() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut known = 0;
+    for (path, text) in documents() {
+        for span in text.split('`').filter(|span| span.starts_with("mde-") && span.ends_with(".rs")) {
+            known += 1;
+            assert!(root.join(span).is_file(), "{}: {span}", path.display());
+        }
+    }
+    assert!(known >= 20 || documents().is_empty(), "only {known} were found");
+}
+
+/// An example that is not compiled may be wrong.
 #[test]
 fn every_document_with_an_example_is_compiled() {
     let compiled = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("src/lib.rs")).unwrap();

@@ -1,4 +1,4 @@
-//! `mde`: refines one image's monocular depth with a neural radiance field.
+//! `mde`: refines the monocular depth of a photograph, with a standard deviation per pixel.
 
 mod args;
 mod commands;
@@ -28,7 +28,7 @@ fn main() -> ExitCode {
                 _ => false,
             };
             say(match resumable {
-                true => "interrupted; what was finished is kept, and the same command goes on from there",
+                true => "interrupted; finished work is kept, and the same command resumes it",
                 false => "interrupted; nothing was written",
             });
             ExitCode::from(interrupt::EXIT_CODE)
@@ -40,7 +40,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// The error and its causes, but for those that it has told already.
+/// The error and its causes, without those that its text contains already.
 fn message(error: &anyhow::Error) -> String {
     error.chain().map(ToString::to_string).fold(String::new(), |told, cause| match told.as_str() {
         "" => cause,

@@ -1,41 +1,37 @@
 //! Results on a terminal of any width.
 
 use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, Width, presets};
+use mde_eval::table::{Block, Cell, Document};
 use std::io::{self, IsTerminal};
 
-/// Columns of the terminal that results are written to; elsewhere lines are as long as they are.
+/// Width of the terminal on stdout; `usize::MAX` where stdout is no terminal.
 pub(crate) fn columns() -> usize {
     if io::stdout().is_terminal() { usize::from(console::Term::stdout().size().1) } else { usize::MAX }
 }
 
-/// Text whose lines and Markdown tables fit into so many columns; for what is no terminal, as it is.
-pub(crate) fn fitted(text: &str, columns: usize) -> String {
+/// A document for a terminal of that width; without one, as Markdown.
+pub(crate) fn shown(document: &Document, columns: usize) -> String {
     if columns == usize::MAX {
-        return text.to_owned();
+        return document.markdown().trim_end().to_owned();
     }
-    let mut fitted = Vec::new();
-    let mut lines = text.split('\n').peekable();
-    while let Some(line) = lines.next() {
-        if !line.starts_with('|') {
-            fitted.push(wrapped(line, columns, 2));
-            continue;
+    let block = |block: &Block| match block {
+        Block::Heading(level, text) => wrapped(&format!("{} {text}", "#".repeat(*level)), columns, 2),
+        Block::Text(text) => wrapped(text, columns, 2),
+        Block::List(lines) => {
+            let items = lines.iter().map(|line| wrapped(&format!("- {line}"), columns, 2));
+            items.collect::<Vec<_>>().join("\n")
         }
-        let mut rows = vec![line];
-        rows.extend(std::iter::from_fn(|| lines.next_if(|line| line.starts_with('|'))));
-        fitted.push(table(&rows, columns));
-    }
-    fitted.join("\n")
+        Block::Table(table) => drawn(table, columns),
+    };
+    document.blocks.iter().map(block).collect::<Vec<_>>().join("\n\n")
 }
 
-/// A Markdown table, drawn: where it is too wide for its words, in parts that each begin with the first column.
-fn table(lines: &[&str], columns: usize) -> String {
-    let cells = |line: &str| -> Vec<String> {
-        line.trim().trim_matches('|').split('|').map(|cell| cell.trim().to_owned()).collect()
-    };
-    let (rules, rows): (Vec<&str>, Vec<&str>) =
-        lines.iter().partition(|line| line.chars().all(|c| "|:- ".contains(c)));
-    let rows: Vec<_> = rows.into_iter().map(cells).collect();
-    let numbers: Vec<_> = rules.into_iter().flat_map(cells).map(|cell| cell.ends_with(':')).collect();
+/// A table in parts that fit into the width; each begins with the first column.
+fn drawn(table: &mde_eval::table::Table, columns: usize) -> String {
+    let head = table.columns.iter().map(|column| column.head.clone()).collect();
+    let rows = table.rows.iter().map(|row| row.iter().map(Cell::plain).collect());
+    let rows: Vec<Vec<String>> = std::iter::once(head).chain(rows).collect();
+    let numbers: Vec<bool> = table.columns.iter().map(|column| column.numeric).collect();
     let widths = longest_words(&rows);
     let (first, mut next) = (widths.first().copied().unwrap_or(0), 1);
     let mut parts = Vec::new();
@@ -47,7 +43,7 @@ fn table(lines: &[&str], columns: usize) -> String {
         };
         let end = widths.iter().enumerate().skip(next).take_while(fits).last().map_or(next, |(i, _)| i + 1);
         let part: Vec<usize> = std::iter::once(0).chain(next..end).collect();
-        parts.push(drawn(&rows, &part, (&widths, &numbers), columns));
+        parts.push(part_of(&rows, &part, (&widths, &numbers), columns));
         next = end;
         if next >= widths.len() {
             return parts.join("\n\n");
@@ -55,7 +51,7 @@ fn table(lines: &[&str], columns: usize) -> String {
     }
 }
 
-/// The longest word of each column, with the spaces beside it.
+/// Length of the longest word of each column, with the spaces beside it.
 fn longest_words(rows: &[Vec<String>]) -> Vec<usize> {
     let longest = |cell: &String| cell.split(' ').map(|word| word.chars().count()).max().unwrap_or(0) + 2;
     let count = rows.iter().map(Vec::len).max().unwrap_or(0);
@@ -64,8 +60,8 @@ fn longest_words(rows: &[Vec<String>]) -> Vec<usize> {
         .collect()
 }
 
-/// Some columns of a table, none narrower than its width; those of numbers are aligned right.
-fn drawn(
+/// Some columns of a table, none narrower than its longest word; numbers are aligned right.
+fn part_of(
     rows: &[Vec<String>],
     part: &[usize],
     (widths, numbers): (&[usize], &[bool]),
@@ -107,7 +103,7 @@ pub(crate) fn wrapped(text: &str, columns: usize, indent: usize) -> String {
         }
         lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n")
     };
-    // What needs no breaking stays as it is to the last byte.
+    // Text that fits is returned unchanged.
     if text.lines().all(|line| line.chars().count() <= columns) {
         return text.to_owned();
     }
@@ -120,9 +116,9 @@ mod tests {
 
     #[test]
     fn lines_break_between_words_and_lose_none() {
-        let text = "depth moved by 3.2 % at the median pixel\nshort";
+        let text = "depth: typical change of 3.2 % per pixel\nshort";
         let broken = wrapped(text, 20, 2);
-        assert_eq!(broken, "depth moved by 3.2 %\n  at the median\n  pixel\nshort");
+        assert_eq!(broken, "depth: typical\n  change of 3.2 %\n  per pixel\nshort");
         for (columns, indent) in [(usize::MAX, 2), (12, 9), (0, 2), (1, 0), (60, 2)] {
             let broken = wrapped(text, columns, indent);
             assert!(broken.split_whitespace().eq(text.split_whitespace()), "{columns}: {broken}");
@@ -134,15 +130,19 @@ mod tests {
     }
 
     #[test]
-    fn a_table_fits_and_a_file_gets_it_as_it_is() {
-        let text = "Mean:\n\n| method | MSE, m² ↓ | AbsRel ↓ |\n| --- | ---: | ---: |\n\
-                    | unsharp as sharp as fast | **1.91** (3.5) | 0.294 |\n\nmore";
-        assert_eq!(fitted(text, usize::MAX), text);
+    fn a_table_fits_and_a_file_gets_markdown() {
+        use mde_eval::table::{Column, Table};
+        let columns = vec![Column::text("method"), Column::number("MSE, m² ↓"), Column::number("AbsRel ↓")];
+        let row = |cells: [&str; 3]| cells.map(Cell::new).to_vec();
+        let rows = vec![row(["unsharp as sharp as fast", "1.91 (3.5)", "0.294"])];
+        let blocks = vec![Block::Text("Mean:".to_owned()), Block::Table(Table { columns, rows })];
+        let document = Document { blocks };
+        assert_eq!(shown(&document, usize::MAX), document.markdown().trim_end());
         for columns in [30, 44, 80, 200] {
-            let drawn = fitted(text, columns);
+            let drawn = shown(&document, columns);
             assert!(drawn.lines().all(|line| line.chars().count() <= columns), "{columns}:\n{drawn}");
             let has = |word: &str| drawn.contains(word);
-            assert!(["method", "unsharp", "1.91", "(3.5)", "0.294", "Mean:", "more"].into_iter().all(has));
+            assert!(["method", "unsharp", "1.91", "(3.5)", "0.294", "Mean:"].into_iter().all(has));
             assert!(!drawn.contains("---"), "{drawn}");
         }
     }

@@ -17,12 +17,12 @@ Methods: the presets paper, default and fast; a TOML file of settings over --pre
 unsharp0.5, unsharp1, unsharp2, noise, guided, jbf, wmf and fbs; one after the other with a plus, such as zoom+jbf.
 
 Output: report.html, table.md, summary.json, scenes.csv, figures (SVG and PNG), eval.json (what was evaluated), and every map under
-scenes/. What is there already is not run again: the same command goes on after an interruption, with other methods it
-adds them, and a method whose settings changed is run anew.")]
+scenes/. Finished scenes are not run again: the same command resumes after an interruption, other methods are added, and a
+method whose settings changed is run again.")]
 pub(crate) struct EvalArgs {
     #[command(flatten)]
     pub(crate) common: EvaluationArgs,
-    /// What is compared with the prior, separated by commas
+    /// Methods to compare with the prior, separated by commas
     #[arg(
         long,
         value_name = "NAMES",
@@ -32,10 +32,10 @@ pub(crate) struct EvalArgs {
         conflicts_with = "pred"
     )]
     pub(crate) methods: Vec<String>,
-    /// What a method in a TOML file starts from
+    /// Preset of methods in TOML files
     #[arg(long, value_enum, default_value = "default", help_heading = "Methods")]
     pub(crate) preset: PresetName,
-    /// Every random draw comes from it
+    /// Seed of all random draws
     #[arg(long, value_name = "N", help_heading = "Methods")]
     pub(crate) seed: Option<u64>,
     #[command(flatten)]
@@ -48,26 +48,26 @@ Examples:
   mde calibrate SUNRGBD --dataset sunrgbd --prior-model fastdepth_224.onnx -o out/calibration
   mde refine room.jpg --prior-model fastdepth_224.onnx --calibration out/calibration/calibration.toml --interval 0.9 -o out/room
 
-Output: calibration.toml (half widths of intervals in sigmas, and what scenes that were left out say of them), and all that mde
-eval writes. In the folder of an evaluation, what is there already is not run again.")]
+Output: calibration.toml (half widths of intervals in sigmas, and their coverage of held-out scenes), and the output of mde
+eval. In the folder of an evaluation, finished scenes are not run again.")]
 pub(crate) struct CalibrateArgs {
     #[command(flatten)]
     pub(crate) common: EvaluationArgs,
-    /// Whose sigma: a preset, or a TOML file of settings over --preset
+    /// Method to calibrate: a preset, or a TOML file that overrides --preset
     #[arg(long, value_name = "NAME", default_value = "default", help_heading = "Method")]
     pub(crate) method: String,
-    /// What a method in a TOML file starts from
+    /// Preset of methods in TOML files
     #[arg(long, value_enum, default_value = "default", help_heading = "Method")]
     pub(crate) preset: PresetName,
-    /// Every random draw comes from it
+    /// Seed of all random draws
     #[arg(long, value_name = "N", help_heading = "Method")]
     pub(crate) seed: Option<u64>,
 }
 
-/// What every evaluation is asked.
+/// Arguments of all evaluations.
 #[derive(Debug, Args)]
 pub(crate) struct EvaluationArgs {
-    /// The data set's folder; none for rooms and captures
+    /// Folder of the data set; none for rooms and captures
     #[arg(value_name = "ROOT")]
     pub(crate) root: Option<PathBuf>,
     #[command(flatten)]
@@ -95,41 +95,41 @@ no-calibration, ols, fixed-variance, kappa-0.02, -0.05, -0.1, -0.2, nerf-only (t
 guided-for-nerf, noise-for-nerf (no NeRF at all); original-pose, in-bin, spread, effective, anchor,
 heteroscedastic, all (remedies). Rows that differ after the first fit alone share it.
 
-Output: as of mde eval, with the paper's Table II at the top of table.md. Goes on where an interrupted run stopped.")]
+Output: as of mde eval, with the paper's Table II at the top of table.md. The same command resumes after an interruption.")]
 pub(crate) struct AblateArgs {
     #[command(flatten)]
     pub(crate) common: EvaluationArgs,
-    /// Only these rows and the full model, separated by commas
+    /// Rows to run beside the full model, separated by commas; default: all
     #[arg(long, value_name = "NAMES", value_delimiter = ',', help_heading = "Rows")]
     pub(crate) rows: Vec<String>,
-    /// How many seeds are averaged
+    /// Number of seeds to average
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=100), help_heading = "Rows")]
     pub(crate) seeds: u16,
-    /// What the full model starts from
+    /// Preset of the full model
     #[arg(long, value_enum, default_value = "paper", help_heading = "Rows")]
     pub(crate) preset: PresetName,
-    /// TOML with settings over the preset's, for all rows
+    /// TOML file that overrides settings of the preset in all rows
     #[arg(long, value_name = "FILE", help_heading = "Rows")]
     pub(crate) config: Option<PathBuf>,
 }
 
-/// Which scenes.
+/// The scenes.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data")]
 pub(crate) struct DataArgs {
-    /// The data set's layout: sunrgbd, nyu, tum, redwood, plain, rooms, captures or posed; recognised if not given
+    /// Layout of the data set: sunrgbd, nyu, tum, redwood, plain, rooms, captures or posed; default: recognised
     #[arg(long, value_name = "NAME", value_parser = data_set)]
     pub(crate) dataset: Option<DataSetKind>,
-    /// Resize pictures and truth (640x480 in the paper); their own size if not given
+    /// Resize images and truth (640x480 in the paper); default: their own size
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub(crate) size: Option<[usize; 2]>,
-    /// Horizontal field of view of scenes without intrinsics (each is a warning)
+    /// Horizontal field of view of scenes without intrinsics, degrees (with a warning)
     #[arg(long, value_name = "DEG", default_value_t = 60.0)]
     pub(crate) assume_fov: f64,
-    /// Sequences: every Nth picture
+    /// Of sequences, use every Nth image
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) stride: u16,
-    /// SUN RGB-D: take the hole-filled depth_bfx as truth (it invents depth)
+    /// SUN RGB-D: use the hole-filled depth_bfx as truth (its filled pixels are not measured)
     #[arg(long)]
     pub(crate) filled_depth: bool,
     /// Which scenes show the same place: lines of SCENE PLACE; intervals resample places
@@ -147,34 +147,34 @@ pub(crate) struct DataArgs {
     /// Captures: gain of one further photograph, +X or -X by seed
     #[arg(long, value_name = "X", value_delimiter = ',', default_value = "0")]
     pub(crate) gain: Vec<f64>,
-    /// Only these scenes, separated by commas
+    /// Scenes to run, separated by commas; default: all
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,
-    /// At most so many scenes
+    /// Largest number of scenes
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) limit: Option<u32>,
 }
 
-/// Where the monocular depths come from.
+/// The priors.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Prior")]
 pub(crate) struct EvalPriorArgs {
     /// A monocular depth network
     #[arg(long, value_name = "MODEL.onnx", conflicts_with_all = ["prior_depth", "simulated_prior", "simulated_model"])]
     pub(crate) prior_model: Option<PathBuf>,
-    /// A folder with one depth map a scene: SCENE.npy (or .npz, .pfm, .png, .exr)
+    /// A folder with one depth map per scene: SCENE.npy (or .npz, .pfm, .png, .exr)
     #[arg(long, value_name = "DIR", conflicts_with_all = ["simulated_prior", "simulated_model"])]
     pub(crate) prior_depth: Option<PathBuf>,
-    /// The exact depth made worse: blurred, bent, as disparity without scale (rooms and captures only)
+    /// A degraded exact depth: blurred, distorted, as disparity without scale (rooms and captures only)
     #[arg(long)]
     pub(crate) simulated_prior: bool,
-    /// A model of the room that can be asked again and has this fault (rooms only)
+    /// A simulated model of the room with this fault, for augmentation (rooms only)
     #[arg(long, value_name = "FAULT", value_enum, conflicts_with = "simulated_prior")]
     pub(crate) simulated_model: Option<FaultName>,
-    /// What the model wants and gives; else MODEL.toml beside MODEL.onnx, else guessed from its name
+    /// Input and output format of the model; default: MODEL.toml beside MODEL.onnx, else by its name
     #[arg(long, value_name = "NAME", requires = "prior_model")]
     pub(crate) model_profile: Option<String>,
-    /// What the numbers mean; metric for files, the profile's for a model
+    /// Kind of the values; by default metric for files, and that of the profile for a model
     #[arg(long, value_enum)]
     pub(crate) prior_kind: Option<KindName>,
     /// Depth = value / X for files; 1000 for 16-bit PNG, 1 for floats
@@ -182,7 +182,7 @@ pub(crate) struct EvalPriorArgs {
     pub(crate) png_scale: Option<f64>,
 }
 
-/// What has no say in maps that are there already.
+/// Arguments without effect on existing maps.
 const MADE_HERE: [&str; 18] = [
     "root",
     "dataset",
@@ -204,20 +204,20 @@ const MADE_HERE: [&str; 18] = [
     "jobs",
 ];
 
-/// Maps that were made elsewhere.
+/// Depth maps of other programs.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Maps of another program")]
 pub(crate) struct MapArgs {
-    /// A folder of depth maps (.npy, .npz, .pfm, .png, .exr) to be scored
+    /// A folder of depth maps to score (.npy, .npz, .pfm, .png, .exr)
     #[arg(long, value_name = "DIR", requires = "gt", conflicts_with_all = MADE_HERE)]
     pub(crate) pred: Option<PathBuf>,
-    /// A folder with their truths in metres, of the same names; 0 = missing
+    /// A folder with ground truth of the same names, metres; 0: missing
     #[arg(long, value_name = "DIR", requires = "pred")]
     pub(crate) gt: Option<PathBuf>,
     /// A folder with their standard deviations, in the depth's unit
     #[arg(long, value_name = "DIR", requires = "pred")]
     pub(crate) sigma: Option<PathBuf>,
-    /// How the truth's PNGs hold their depths
+    /// Encoding of the truth in PNG files
     #[arg(long, value_enum, default_value = "plain", requires = "gt")]
     pub(crate) gt_encoding: EncodingName,
     /// True depth = value / X; 1000 for 16-bit PNG, 1 for floats
@@ -228,32 +228,32 @@ pub(crate) struct MapArgs {
     pub(crate) pred_scale: Option<f64>,
 }
 
-/// How it is scored.
+/// The scores.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Scores")]
 pub(crate) struct ScoreArgs {
-    /// How a map is brought to the truth's scale
+    /// Alignment of a map to the truth
     #[arg(long, value_enum, default_value = "median")]
     pub(crate) alignment: AlignmentName,
-    /// Give every method the prior's alignment instead of its own
+    /// Use the prior's alignment for every method
     #[arg(long)]
     pub(crate) shared_alignment: bool,
-    /// True depths below do not count, metres
+    /// Ignore true depths below, metres
     #[arg(long, value_name = "M")]
     pub(crate) min_depth: Option<f64>,
-    /// True depths beyond do not count, metres; the data set's own if not given
+    /// Ignore true depths beyond, metres; default: that of the data set
     #[arg(long, value_name = "M")]
     pub(crate) max_depth: Option<f64>,
-    /// Only Eigen's crop of NYU's 640x480 counts
+    /// Score only Eigen's crop of NYU's 640x480
     #[arg(long)]
     pub(crate) eigen_crop: bool,
 }
 
-/// How much at once.
+/// Parallelism.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Output")]
 pub(crate) struct ManyArgs {
-    /// Scenes at once; they share the threads
+    /// Scenes run at the same time; they share the threads
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     pub(crate) jobs: Option<u16>,
 }
@@ -268,7 +268,7 @@ pub(crate) enum AlignmentName {
     LsDepth,
     /// Least squares, scale and shift, in disparity
     LsDisparity,
-    /// As it is: for metric depth
+    /// None: for metric depth
     None,
 }
 
@@ -284,18 +284,18 @@ impl From<AlignmentName> for AlignmentRule {
     }
 }
 
-/// What a simulated model gets wrong.
+/// Faults of a simulated model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum FaultName {
-    /// Its answers are small: edges are soft
+    /// Predictions of low resolution, with soft edges
     Resolution,
-    /// They are small, and what is narrower than two of their pixels is lost
+    /// Predictions of low resolution that lose what is narrower than two of their pixels
     Thin,
-    /// What is narrower than a hundredth of the picture is lost in every answer
+    /// Every prediction loses what is narrower than a hundredth of the image
     Missed,
-    /// All answers share a low-frequency error
+    /// All predictions share a low-frequency error
     Shared,
-    /// Each answer has a low-frequency error of its own
+    /// Each prediction has a low-frequency error of its own
     Own,
     /// All of these
     All,

@@ -22,12 +22,12 @@ Examples:
 
 Exit codes:
   0    done
-  1    something failed; one line on stderr says what and what to do
+  1    failed; one line on stderr names the cause and the remedy
   2    wrong usage
   3    some scenes of an evaluation failed; the others are written
-  130  interrupted (Ctrl-C or SIGTERM); nothing is left behind but what --resume and evaluations go on from";
+  130  interrupted (Ctrl-C or SIGTERM); only the state from which --resume and evaluations continue is kept";
 
-/// Refines one image's monocular depth with a neural radiance field, with an error bar per pixel.
+/// Refine the monocular depth of a photograph, with a standard deviation per pixel
 #[derive(Debug, Parser)]
 #[command(name = "mde", version, after_help = EXAMPLES, max_term_width = 110)]
 pub(crate) struct Cli {
@@ -37,29 +37,29 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Refine a room made here, whose exact depth is known: no input needed
+    /// Refine a procedural room with exact depth; needs no input
     Demo(DemoArgs),
     /// Refine the monocular depth of an image
     Refine(Box<RefineArgs>),
-    /// Make the synthetic views of an image, for looking
+    /// Write the synthetic views of an image, for inspection
     Warp(Box<WarpArgs>),
     /// Render a field that `mde refine --save-field` wrote
     Render(Box<RenderArgs>),
     /// Score methods on the scenes of a data set, or maps that any program wrote
     Eval(Box<EvalArgs>),
-    /// Change one thing at a time and see what it does
+    /// Run an ablation: one change of the settings per row
     Ablate(Box<AblateArgs>),
-    /// Learn from scenes whose depth is known how large errors are, for the error bars of mde refine
+    /// Calibrate the error bars of mde refine on scenes with known depth
     Calibrate(Box<CalibrateArgs>),
     /// Print a preset as TOML
     Config(ConfigArgs),
-    /// Time the field's fit and render on this machine, stage by stage
+    /// Time the field's fit and rendering on this machine, by stage
     Bench(BenchArgs),
     /// Write report.html of a finished folder again
     Report(ReportArgs),
-    /// Say what this machine and a model can do
+    /// Check this machine and a model
     Doctor(DoctorArgs),
-    /// Print a shell's completions
+    /// Print shell completions
     Completions(CompletionsArgs),
     /// Print a manual page
     Man(ManArgs),
@@ -73,7 +73,7 @@ Examples:
 
 The preset's steps are taken in proportion to the pixels (all at 640x480, at least 500), unless --config says otherwise.")]
 pub(crate) struct DemoArgs {
-    /// Size of the picture, pixels
+    /// Size of the room's image, pixels
     #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = size)]
     pub(crate) size: [usize; 2],
     #[command(flatten)]
@@ -97,13 +97,17 @@ Examples:
   mde refine room.png --prior-depth depth.exr --fx 520 --fy 520 --cx 319.5 --cy 239.5 --gt truth.npy -o out/room
 
 Output: depth.npy and sigma.npy (f32 [height, width], the prior's unit; missing: 0 and inf), prior.npy, depth.png
-(16 bit; its scale is in run.json), image.png, preview.png, config.toml (all settings), run.json (everything measured),
-report.html (all of it to look at); with --gt gt.npy; with --interval lower.npy and upper.npy; with --export cloud.ply, depth.exr,
+(16 bit; its scale is in run.json), image.png, preview.png, config.toml (all settings), run.json (all measurements),
+report.html (all results on one page); with --gt gt.npy; with --interval lower.npy and upper.npy; with --export cloud.ply, depth.exr,
 colmap/, sigma/.")]
 pub(crate) struct RefineArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP
     #[arg(value_name = "IMAGE")]
     pub(crate) image: PathBuf,
+    /// Further photographs of the same static scene, or folders of them; poses are estimated. Their parallax refines the
+    /// depth (preset multi-view)
+    #[arg(long, value_name = "PATH", num_args = 1.., help_heading = "Several photographs")]
+    pub(crate) views: Vec<PathBuf>,
     #[command(flatten)]
     pub(crate) prior: PriorArgs,
     #[command(flatten)]
@@ -116,14 +120,14 @@ pub(crate) struct RefineArgs {
     pub(crate) truth: TruthArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
-    /// Keep every finished iteration in DIR.resume until the results are there, and go on from it after an interruption
+    /// Keep every finished iteration in DIR.resume until the results are written, and resume from it
     #[arg(long, help_heading = "Output")]
     pub(crate) resume: bool,
     #[command(flatten)]
     pub(crate) error_bar: ErrorBarArgs,
     #[command(flatten)]
     pub(crate) export: ExportArgs,
-    /// Write the last iteration's field too: field.safetensors
+    /// Also write the field of the last iteration: field.safetensors
     #[arg(long, help_heading = "Output")]
     pub(crate) save_field: bool,
 }
@@ -133,7 +137,7 @@ pub(crate) struct RefineArgs {
 Example:
   mde warp room.jpg --prior-model fastdepth_224.onnx -o out/views
 
-Output: view_00.png (the original), view_01.png ... with mask_01.png (white: may be trained on) and depth_01.npy
+Output: view_00.png (the original), view_01.png ... with mask_01.png (white: used for training) and depth_01.npy
 (0: missing), poses.json, contact.png (masked pixels in red), config.toml, run.json.")]
 pub(crate) struct WarpArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP
@@ -162,7 +166,7 @@ pub(crate) struct RenderArgs {
     /// The field that `mde refine --save-field` wrote
     #[arg(long, value_name = "FIELD.safetensors")]
     pub(crate) field: PathBuf,
-    /// Size of the pictures, pixels
+    /// Size of the images, pixels
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub(crate) size: [usize; 2],
     #[command(flatten)]
@@ -178,13 +182,13 @@ pub(crate) struct RenderArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Path")]
 pub(crate) struct PathArgs {
-    /// Views on a circle about the original camera, looking at the middle of the scene
+    /// Number of views on a circle about the original camera, towards the middle of the scene
     #[arg(long, value_name = "N", conflicts_with = "translate", value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) orbit: Option<u16>,
     /// Radius of the circle, as a fraction of the median depth
     #[arg(long, value_name = "X", requires = "orbit", conflicts_with = "translate", default_value_t = 0.03)]
     pub(crate) radius: f64,
-    /// One view from a camera moved by this, in the prior's unit (x right, y down, z forward)
+    /// One view from a camera moved by X,Y,Z, in the prior's unit (x right, y down, z forward)
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = triple)]
     pub(crate) translate: Option<[f64; 3]>,
 }
@@ -194,7 +198,7 @@ pub(crate) struct PathArgs {
 Example:
   mde config --preset paper > my.toml")]
 pub(crate) struct ConfigArgs {
-    /// Which settings
+    /// Preset
     #[arg(long, value_enum, default_value = "default")]
     pub(crate) preset: PresetName,
 }
@@ -205,13 +209,12 @@ Examples:
   mde bench
   mde bench --field hash-8x4 --threads 2 --json
 
-Samples a second, matrix operations and bytes moved, beside what the processor and the memory can do at best, measured in
-the same run. Stages of one thread first, then the whole step and the render on one thread and on all.")]
+Samples, matrix operations and bytes per second, beside the peak of processor and memory measured in the same run. Stages of one thread first, then the whole step and the render on one thread and on all.")]
 pub(crate) struct BenchArgs {
-    /// One field only: hash-12x2, hash-8x4 (the presets' own) or mlp-4x128
+    /// Only this field: hash-12x2, hash-8x4 (default and fast) or mlp-4x128
     #[arg(long, value_name = "NAME")]
     pub(crate) field: Option<String>,
-    /// Seconds spent on each stage
+    /// Seconds per stage
     #[arg(long, default_value_t = 0.5, value_name = "SECONDS")]
     pub(crate) seconds: f64,
     /// Threads of the parallel stages; all processors otherwise
@@ -227,7 +230,7 @@ pub(crate) struct BenchArgs {
 Example:
   mde report out/room
 
-The page is made from the folder's own files: of mde refine, demo, eval or ablate. It needs no network.")]
+The page is made from the files that mde refine, demo, eval or ablate wrote. It needs no network.")]
 pub(crate) struct ReportArgs {
     /// The folder of a run or an evaluation
     #[arg(value_name = "DIR")]
@@ -240,9 +243,9 @@ Examples:
   mde doctor
   mde doctor --prior-model dpt_large.onnx
 
-With a model, it is run on a room whose depth is known, and its answer is compared with that.")]
+A model is run on a procedural room, and its prediction is compared with the exact depth.")]
 pub(crate) struct DoctorArgs {
-    /// A monocular depth network to be checked
+    /// A monocular depth network to check
     #[arg(long, value_name = "MODEL.onnx")]
     pub(crate) prior_model: Option<PathBuf>,
     /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else guessed from its name
@@ -257,7 +260,7 @@ Examples:
   mde completions zsh > ~/.zfunc/_mde
   mde completions fish > ~/.config/fish/completions/mde.fish")]
 pub(crate) struct CompletionsArgs {
-    /// Which shell
+    /// Shell
     #[arg(value_enum)]
     pub(crate) shell: clap_complete::Shell,
 }
@@ -268,12 +271,12 @@ Examples:
   mde man > mde.1
   mde man refine | man -l -")]
 pub(crate) struct ManArgs {
-    /// The page of this subcommand instead of the program's
+    /// Manual page of this subcommand instead of the program's
     #[arg(value_name = "COMMAND")]
     pub(crate) command: Option<String>,
 }
 
-// An argument that requires one which conflicts with what was given passes clap, so what excludes it is named as well.
+// Clap accepts an argument whose required argument conflicts with another, so such conflicts are listed too.
 
 /// Where the monocular depth comes from.
 #[derive(Debug, Clone, Args)]
@@ -284,13 +287,13 @@ pub(crate) struct PriorArgs {
     /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else guessed from its name
     #[arg(long, value_name = "NAME", conflicts_with = "prior_depth")]
     pub(crate) model_profile: Option<String>,
-    /// What the numbers mean; metric for a file, the profile's for a model
+    /// Kind of the values; by default metric for a file, and that of the profile for a model
     #[arg(long, value_enum)]
     pub(crate) prior_kind: Option<KindName>,
     /// Depth = value / X for a file; 1000 for 16-bit PNG, 1 for floats
     #[arg(long, value_name = "X", conflicts_with = "prior_model")]
     pub(crate) png_scale: Option<f64>,
-    /// How a PNG holds its depths
+    /// Encoding of depths in PNG files
     #[arg(long, value_enum, default_value = "plain", conflicts_with = "prior_model")]
     pub(crate) prior_encoding: EncodingName,
 }
@@ -310,60 +313,60 @@ pub(crate) struct PriorSource {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Camera (without: EXIF, else 60 degrees)")]
 pub(crate) struct CameraArgs {
-    /// 3x3 matrix as text, or JSON with fx, fy, cx, cy
+    /// Intrinsics: a 3x3 matrix as text, or JSON with fx, fy, cx, cy
     #[arg(long, value_name = "FILE", conflicts_with_all = ["fx", "fov"])]
     pub(crate) intrinsics: Option<PathBuf>,
-    /// The file counts pixels from this (SUN RGB-D: 1)
+    /// Index of the first pixel in the intrinsics file (SUN RGB-D: 1)
     #[arg(long, value_name = "0|1", requires = "intrinsics", conflicts_with_all = ["fx", "fov"], default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=1))]
     pub(crate) intrinsics_base: u8,
     /// Horizontal focal length, pixels
     #[arg(long, value_name = "PX", allow_negative_numbers = true, conflicts_with = "fov")]
     pub(crate) fx: Option<f64>,
-    /// Vertical focal length, pixels; fx if not given
+    /// Vertical focal length, pixels; default: fx
     #[arg(long, value_name = "PX", allow_negative_numbers = true, requires = "fx", conflicts_with_all = ["fov", "intrinsics"])]
     pub(crate) fy: Option<f64>,
-    /// Column of the principal point, counted from 0; the middle if not given
+    /// Column of the principal point, from 0; default: the middle
     #[arg(long, value_name = "PX", allow_negative_numbers = true, requires = "fx", conflicts_with_all = ["fov", "intrinsics"])]
     pub(crate) cx: Option<f64>,
-    /// Row of the principal point, counted from 0; the middle if not given
+    /// Row of the principal point, from 0; default: the middle
     #[arg(long, value_name = "PX", allow_negative_numbers = true, requires = "fx", conflicts_with_all = ["fov", "intrinsics"])]
     pub(crate) cy: Option<f64>,
-    /// Horizontal field of view
+    /// Horizontal field of view, degrees
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     pub(crate) fov: Option<f64>,
 }
 
-/// The size that is worked on.
+/// The working size.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Size")]
 pub(crate) struct SizeArgs {
-    /// Resize what is longer than this, with its prior, camera and truth
+    /// Resize the image, its prior, camera and truth to this longer side
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..))]
     pub(crate) max_size: Option<u32>,
     #[command(flatten)]
     pub(crate) memory: MemoryArgs,
 }
 
-/// How much memory it may take.
+/// The memory limit.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Size")]
 pub(crate) struct MemoryArgs {
-    /// Refuse what is estimated to need more memory than this
+    /// Refuse runs whose estimated memory exceeds this
     #[arg(long, value_name = "GIB", default_value_t = 8.0, value_parser = positive)]
     pub(crate) max_memory: f64,
 }
 
-/// How it is done.
+/// The settings.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings")]
 pub(crate) struct SettingsArgs {
-    /// Where the settings start from
-    #[arg(long, value_enum, default_value = "default")]
-    pub(crate) preset: PresetName,
-    /// TOML with settings over the preset's; `mde config` prints them all
+    /// Preset of the settings; default: multi-view with --views, default without
+    #[arg(long, value_enum)]
+    pub(crate) preset: Option<PresetName>,
+    /// TOML file that overrides settings of the preset; `mde config` prints all
     #[arg(long, value_name = "FILE")]
     pub(crate) config: Option<PathBuf>,
-    /// Every random draw comes from it; 0 if the settings do not say otherwise
+    /// Seed of all random draws; default: that of the settings, 0
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub(crate) seed: Option<u64>,
     /// Fit no field: the model's prediction, with the configured augmentation, is the result
@@ -371,14 +374,14 @@ pub(crate) struct SettingsArgs {
     pub(crate) no_nerf: bool,
 }
 
-/// A true depth to be scored against.
+/// Ground truth for the scores.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Truth")]
 pub(crate) struct TruthArgs {
-    /// True depth of the image's size in metres (0: missing); prior and refined are scored against it
+    /// Ground-truth depth of the image's size, metres (0: missing), to score prior and refined depth
     #[arg(long, value_name = "FILE")]
     pub(crate) gt: Option<PathBuf>,
-    /// How a PNG holds its depths
+    /// Encoding of depths in PNG files
     #[arg(long, value_enum, default_value = "plain", requires = "gt")]
     pub(crate) gt_encoding: EncodingName,
     /// Depth = value / X; 1000 for 16-bit PNG, 1 for floats
@@ -386,14 +389,14 @@ pub(crate) struct TruthArgs {
     pub(crate) gt_scale: Option<f64>,
 }
 
-/// How the error bar is stated.
+/// The requested error bar.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Error bar")]
 pub(crate) struct ErrorBarArgs {
-    /// Write lower.npy and upper.npy too: an interval that holds the true depth with this probability
+    /// Also write lower.npy and upper.npy, an interval that holds the true depth with this probability
     #[arg(long, value_name = "P", value_parser = probability)]
     pub(crate) interval: Option<f64>,
-    /// Scale sigma and intervals by what `mde calibrate` learned
+    /// Calibration file of `mde calibrate`: scales sigma and intervals
     #[arg(long, value_name = "FILE")]
     pub(crate) calibration: Option<PathBuf>,
 }
@@ -402,10 +405,10 @@ pub(crate) struct ErrorBarArgs {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Output")]
 pub(crate) struct ExportArgs {
-    /// Files for other programs too, separated by commas
+    /// Also write files for other programs, separated by commas
     #[arg(long, value_enum, value_name = "FORMATS", value_delimiter = ',')]
     pub(crate) export: Vec<ExportName>,
-    /// Write the run as a recording for rerun's viewer too (in programs built with the feature rerun)
+    /// Also write a recording of the run for rerun's viewer (needs the feature rerun)
     #[arg(long, value_name = "FILE.rrd")]
     pub(crate) rerun: Option<PathBuf>,
 }
@@ -418,24 +421,24 @@ pub(crate) enum ExportName {
     Exr,
     /// colmap/: cameras.txt, images.txt, points3D.txt
     Colmap,
-    /// sigma/: what sigma is made of, part by part (NPY)
+    /// sigma/: the components of sigma (NPY)
     Sigma,
 }
 
-/// Where results go and what is said meanwhile.
+/// Output folder and progress.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Output")]
 pub(crate) struct RunArgs {
-    /// Folder for the results
+    /// Output folder
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: PathBuf,
-    /// Replace an earlier run's folder
+    /// Replace the folder of an earlier run
     #[arg(long)]
     pub(crate) force: bool,
-    /// Threads; all cores if not given. The results do not depend on it
+    /// Number of threads; default: all cores. The results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(crate) threads: Option<u16>,
-    /// Say nothing but errors
+    /// Print errors only
     #[arg(short, long, conflicts_with = "log_json")]
     pub(crate) quiet: bool,
     /// Progress, warnings and results as JSON lines on stderr
@@ -445,12 +448,14 @@ pub(crate) struct RunArgs {
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub(crate) enum PresetName {
-    /// The equations as printed: a light MLP that learns colours alone, two iterations
+    /// The equations as printed: an MLP trained on colours alone, two iterations
     Paper,
     /// A preview in seconds: one short iteration, rendered from the original pose only
     Fast,
     /// Test-time augmentation with crops and mirror images; for a depth map, a field supervised by it
     Default,
+    /// Several photographs (--views): a field on their colours and on the consensus of plane sweeps
+    MultiView,
 }
 
 impl From<PresetName> for Preset {
@@ -459,6 +464,7 @@ impl From<PresetName> for Preset {
             PresetName::Paper => Self::Paper,
             PresetName::Fast => Self::Fast,
             PresetName::Default => Self::Default,
+            PresetName::MultiView => Self::MultiView,
         }
     }
 }

@@ -20,10 +20,10 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
     let request = Request { command: "ablate", methods: &methods, controls: false, share_fields: true };
     let setup = Setup::open(&args.common, request)?;
     let (mut entries, failures) = setup.run(&mut progress)?;
-    // A row that took its field from another would look cheap.
+    // Rows share fields, so their seconds would mislead.
     entries.iter_mut().for_each(|entry| entry.seconds = None);
     let preface = if entries.is_empty() {
-        String::new()
+        Vec::new()
     } else {
         let compared = |with| Summary::new(&entries, Some(with), &Bootstrap::default());
         ablation::table(&compared(FULL)?, &compared(PRIOR)?)

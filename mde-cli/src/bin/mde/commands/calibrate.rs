@@ -10,7 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use mde_cli::calibration::fingerprint;
 use mde_uncertainty::calibration::{Calibration, CalibrationSource};
 
-/// What is written beside the evaluation.
+/// The calibration file in the folder of the evaluation.
 const FILE: &str = "calibration.toml";
 
 pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
@@ -32,7 +32,7 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         .collect();
     let [data, prior, alignment] = setup.titles();
     let path = setup.folder().join(FILE);
-    // An earlier calibration in this folder is not what was learned now.
+    // Remove the calibration of an earlier run.
     let learned = !scenes.is_empty();
     if learned {
         let source = CalibrationSource { method: name, data, prior, alignment };
@@ -57,6 +57,6 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     }
     results::finish(setup.results(PRIOR, entries, failures), setup.folder(), &mut progress)
         .inspect_err(|_| setup.discard_if_empty())?;
-    ensure!(learned, "no scene had an uncertainty, so nothing was learned");
+    ensure!(learned, "no scene has a sigma, so there is nothing to calibrate");
     Ok(())
 }

@@ -10,6 +10,7 @@ use crate::run::error_bar::ErrorBar;
 use crate::run::job::Job;
 use crate::run::progress::Progress;
 use anyhow::Result;
+use mde_cli::Preset;
 use mde_cli::memory::refine_bytes;
 use mde_eval::scene::{Room, room};
 use mde_eval::score::ScoreConfig;
@@ -20,7 +21,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output, args.run.force)?;
     let recording = recording::open(&args.export, args.run.force)?;
-    let (preset, mut config) = settings(&args.settings)?;
+    let (preset, mut config) = settings(&args.settings, Preset::Default)?;
     let [width, height] = args.size;
     check_memory(&args.memory, "--size", (height, width), |pixels| refine_bytes(pixels, &config))?;
     if args.settings.config.is_none() {
@@ -46,11 +47,12 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         error_bar: ErrorBar::open(&args.error_bar)?,
         export: args.export.export.clone(),
         recording,
+        capture: None,
     };
     job.run(&folder, &mut progress)
 }
 
-/// A preset's steps are for 640x480; a small room needs fewer to see every pixel as often.
+/// The steps of a preset are for 640x480; smaller rooms get fewer in proportion.
 fn steps(preset: usize, pixels: usize) -> usize {
     let scaled = preset as f64 * pixels as f64 / (640.0 * 480.0);
     (scaled as usize).clamp(preset.min(500), preset)

@@ -1,4 +1,4 @@
-//! `mde doctor`: what this machine and a model can do.
+//! `mde doctor`: checks of the machine and of a model.
 
 use crate::args::{DoctorArgs, EncodingName, PriorArgs, PriorSource};
 use crate::input::prior::NamedPrior;
@@ -13,9 +13,9 @@ use std::io::{self, IsTerminal, Write};
 use std::path::Path;
 use std::time::Instant;
 
-/// The picture that a model is tried on.
+/// The image on which a model is tried.
 const TRIAL: [usize; 2] = [320, 240];
-/// A model whose depth has no better correlation with the true one than this has probably the wrong profile.
+/// Below this correlation with the true depth the profile of a model is probably wrong.
 const AGREES: f64 = 0.0;
 
 pub(super) fn run(args: &DoctorArgs) -> Result<()> {
@@ -23,7 +23,7 @@ pub(super) fn run(args: &DoctorArgs) -> Result<()> {
     say("models", if cfg!(feature = "onnx") { "ONNX files" } else { "none: built without the feature onnx" });
     say("machine", &format!("{} {}", std::env::consts::OS, std::env::consts::ARCH));
     let cores = std::thread::available_parallelism().map_or_else(|e| e.to_string(), |n| n.to_string());
-    say("threads", &format!("{} used, {cores} there", rayon::current_num_threads()));
+    say("threads", &format!("{} used, {cores} available", rayon::current_num_threads()));
     say("vectors", &vectors());
     say("memory", &memory());
     let terminal = |is: bool| if is { "terminal" } else { "no terminal" };
@@ -70,7 +70,7 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
         .filter(|(said, truth)| **said > 0.0 && **truth > 0.0)
         .map(|(said, truth)| (f64::from(*said), f64::from(*truth)))
         .unzip();
-    ensure!(!said.is_empty(), "{}: gave no depth; check its profile", path.display());
+    ensure!(!said.is_empty(), "{}: its output has no valid depth; check its profile", path.display());
     let order = spearman(&said, &truth)?.unwrap_or(0.0);
     let [low, high] =
         [said.iter().copied().fold(f64::INFINITY, f64::min), said.iter().copied().fold(0.0, f64::max)];
@@ -118,11 +118,11 @@ fn vectors() -> String {
     }
     #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
     {
-        "none that is used: slow".to_owned()
+        "none in use: slow".to_owned()
     }
 }
 
-/// Linux tells.
+/// Known on Linux only.
 fn memory() -> String {
     let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let gib = |key: &str| {
@@ -133,11 +133,11 @@ fn memory() -> String {
     };
     match (gib("MemAvailable"), gib("MemTotal")) {
         (Some(free), Some(all)) => format!("{free:.1} of {all:.1} GiB free"),
-        _ => "not known on this system".to_owned(),
+        _ => "unknown on this system".to_owned(),
     }
 }
 
-/// A reader that went away needs no answer.
+/// A closed pipe is no error.
 fn say(what: &str, text: &str) {
     let _ = writeln!(io::stdout().lock(), "{}", wrapped(&format!("{what:8} {text}"), columns(), 9));
 }

@@ -1,5 +1,6 @@
 use crate::args::RefineArgs;
 use crate::input::camera::KnownCamera;
+use crate::input::capture;
 use crate::input::opened::{Opened, open_image, settings, use_threads};
 use crate::input::prior::NamedPrior;
 use crate::input::truth::Truth;
@@ -11,7 +12,7 @@ use crate::run::error_bar::ErrorBar;
 use crate::run::job::Job;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result};
-use mde_cli::Config;
+use mde_cli::{Config, Preset};
 use serde_json::{Value, json};
 
 pub(super) fn run(args: &RefineArgs) -> Result<()> {
@@ -19,12 +20,14 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output, args.run.force)?;
     let recording = recording::open(&args.export, args.run.force)?;
-    let (preset, config) = settings(&args.settings)?;
+    let usual = if args.views.is_empty() { Preset::Default } else { Preset::MultiView };
+    let (preset, config) = settings(&args.settings, usual)?;
     let opened = open_image(&args.image, &args.size, &config, &mut progress)?;
     let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
     if let Some(warning) = camera.warning() {
         progress.warn(warning);
     }
+    let capture = capture::open(args, (&opened, &camera), &config, &mut progress)?;
     let prior = NamedPrior::open(&args.prior)?.resized(&opened)?;
     let checkpoints = match args.resume {
         true => Some(Checkpoints::new(folder.path(), made_from(args, &opened, &camera, &prior, &config)?)),
@@ -43,6 +46,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         error_bar: ErrorBar::open(&args.error_bar)?,
         export: args.export.export.clone(),
         recording,
+        capture,
         image: opened.photo.pixels,
     };
     job.run(&folder, &mut progress)

@@ -59,7 +59,7 @@ pub(super) fn run(args: &EvalArgs, progress: &mut Progress) -> Result<()> {
     let results = Results {
         title: format!("{} against {}", pred.display(), gt.display()),
         alignment: scoring.alignment_note(),
-        preface: String::new(),
+        preface: Vec::new(),
         reference: None,
         entries,
         failures,

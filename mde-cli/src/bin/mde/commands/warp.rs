@@ -8,8 +8,8 @@ use crate::output::provenance::write_json;
 use crate::output::run_record::About;
 use crate::run::progress::Progress;
 use anyhow::{Result, ensure};
-use mde_cli::WarpReport;
 use mde_cli::pipeline::{known, synthesise};
+use mde_cli::{Preset, WarpReport};
 use mde_prior::format::write_npy;
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_warp::PosedView;
@@ -42,7 +42,7 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output, args.run.force)?;
-    let (preset, config) = settings(&args.settings)?;
+    let (preset, config) = settings(&args.settings, Preset::Default)?;
     let opened = open_image(&args.image, &args.size, &config, &mut progress)?;
     let (height, width) = opened.size;
     let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;

@@ -3,10 +3,9 @@
 use super::method::PRIOR;
 use mde_cli::Config;
 use mde_cli::config::IterationPrior;
-use mde_eval::table::Summary;
+use mde_eval::table::{Block, Cell, Column, Summary, Table};
 use mde_fusion::{Aggregation, Calibration, Fusion, FusionConfig, PriorVariance, VarianceRule};
 use mde_uncertainty::termination::InBinVariance;
-use std::fmt::Write as _;
 
 /// The row that the others change.
 pub(crate) const FULL: &str = "full";
@@ -131,12 +130,12 @@ pub(crate) fn rows(base: &Config) -> impl Iterator<Item = &'static Row> {
 }
 
 /// Table II beside the paper's: `to_full` and `to_prior` compare the same entries with either.
-pub(crate) fn table(to_full: &Summary, to_prior: &Summary) -> String {
-    let mut text = String::from(
-        "## The paper's Table II\n\nChange of MSE against the full model and sharpness against the prior are ratios of means over \
-         scenes [95 % of resampled scenes]; F1 is at 0.25 m and 1 px.\n\n| row | what | dMSE | dMSE, paper | sharpness | paper | F1 | \
-         paper |\n| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |\n",
-    );
+pub(crate) fn table(to_full: &Summary, to_prior: &Summary) -> Vec<Block> {
+    let note = "Change of MSE against the full model and sharpness against the prior are ratios of means over scenes \
+                [95 % of resampled scenes]; F1 is at 0.25 m and 1 px.";
+    let numbers = ["dMSE", "dMSE, paper", "sharpness", "paper", "F1", "paper"].map(Column::number);
+    let columns = [Column::text("row"), Column::text("what")].into_iter().chain(numbers).collect();
+    let mut rows = Vec::new();
     for row in std::iter::once(&THE_PRIOR).chain(ROWS) {
         let Some(f1) = to_full.get(row.name, "f1@0.25m_r1") else { continue };
         let mse = to_full.get(row.name, "mse").and_then(|s| s.ratio);
@@ -150,18 +149,20 @@ pub(crate) fn table(to_full: &Summary, to_prior: &Summary) -> String {
             sharp.map_or_else(String::new, |r| format!("{:.2} [{:.2}, {:.2}]", r.value, r.low, r.high));
         let paper =
             |index: usize, text: fn(f64) -> String| row.paper.map_or_else(String::new, |p| text(p[index]));
-        let _ = writeln!(
-            text,
-            "| {} | {} | {mse} | {} | {sharp} | {} | {:.3} | {} |",
-            row.name,
-            row.what,
+        let cells = [
+            row.name.to_owned(),
+            row.what.to_owned(),
+            mse,
             paper(0, |v| format!("{v:+.1} %")),
+            sharp,
             paper(1, |v| format!("{v:.2}")),
-            f1.mean,
+            format!("{:.3}", f1.mean),
             paper(2, |v| format!("{v:.3}")),
-        );
+        ];
+        rows.push(cells.into_iter().map(Cell::new).collect());
     }
-    text
+    let heading = Block::Heading(2, "The paper's Table II".to_owned());
+    vec![heading, Block::Text(note.to_owned()), Block::Table(Table { columns, rows })]
 }
 
 #[cfg(test)]

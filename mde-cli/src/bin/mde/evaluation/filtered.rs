@@ -8,12 +8,12 @@ use mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, reproject};
 use ndarray::Array3;
 use std::sync::Arc;
 
-/// Standard deviation that it states, as a fraction of the depth: what the termination of rays typically gives.
+/// Standard deviation as a fraction of the depth, typical of the termination of rays.
 const RELATIVE_SIGMA: f64 = 0.05;
 
-/// A field that fits nothing: it is the first view's depth after a [`Refiner`] (a filter, or noise), reprojected.
+/// A field without a fit: the depth of the first view after a [`Refiner`] (a filter, or noise), reprojected.
 ///
-/// Its depth states a standard deviation of 5 %. In the loop's place of a NeRF it shows what any filter gains by the same fusion.
+/// Its standard deviation is 5 % of the depth. In the place of a NeRF it shows the gain of any filter by the same fusion.
 pub(crate) struct FilteredField {
     refiner: Arc<dyn Refiner + Send + Sync>,
     seed: u64,

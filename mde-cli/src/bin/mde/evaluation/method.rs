@@ -119,13 +119,13 @@ impl Method {
         &self,
         task: &Task<'_>,
         memory: Option<&FieldMemory>,
-        observer: &(dyn Fn(&Event) -> ControlFlow<()> + Sync),
+        callback: &(dyn Fn(&Event) -> ControlFlow<()> + Sync),
     ) -> Result<Refined> {
         let task = Task { seed: self.seed, ..*task };
         match &self.kind {
             Kind::Baseline => Ok(baseline::named(&self.label)?.refine(&task)?),
             Kind::Loop(config, control) => {
-                let mut refiner = LoopRefiner::new((**config).clone(), observer);
+                let mut refiner = LoopRefiner::new((**config).clone(), callback);
                 if let Some(memory) = memory {
                     refiner = refiner.with_memory(memory.clone());
                 }

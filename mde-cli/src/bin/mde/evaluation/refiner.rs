@@ -1,4 +1,4 @@
-//! The whole loop as one [`Refiner`], to stand beside the baselines of `mde-eval`.
+//! The loop as a [`Refiner`], beside the baselines of `mde-eval`.
 
 use super::filtered::FilteredField;
 use mde_cli::{Config, Error, Event, Stages, refine};
@@ -14,8 +14,8 @@ use std::hash::{Hash, Hasher};
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Hears of progress and may say stop; it may be called from any thread.
-pub(crate) type SharedObserver<'o> = dyn Fn(&Event) -> ControlFlow<()> + Sync + 'o;
+/// Progress callback, called from any thread; `Break` cancels.
+pub(crate) type SharedCallback<'o> = dyn Fn(&Event) -> ControlFlow<()> + Sync + 'o;
 
 /// [`refine`] with the settings of one [`Config`], but for the seed, which is the [`Task`]'s.
 ///
@@ -24,24 +24,23 @@ pub(crate) struct LoopRefiner<'o> {
     config: Config,
     memory: Option<FieldMemory>,
     control: Option<Arc<dyn Refiner + Send + Sync>>,
-    observer: &'o SharedObserver<'o>,
+    callback: &'o SharedCallback<'o>,
 }
 
 impl<'o> LoopRefiner<'o> {
     /// The loop with these settings.
-    pub(crate) fn new(config: Config, observer: &'o SharedObserver<'o>) -> Self {
-        Self { config, memory: None, control: None, observer }
+    pub(crate) fn new(config: Config, callback: &'o SharedCallback<'o>) -> Self {
+        Self { config, memory: None, control: None, callback }
     }
 
-    /// Takes the fields of the first iteration from `memory` where they are there: configurations that differ only in the
-    /// fusion share them.
+    /// Reuses the fields of the first iteration: configurations that differ only in the fusion share them.
     #[must_use]
     pub(crate) fn with_memory(mut self, memory: FieldMemory) -> Self {
         self.memory = Some(memory);
         self
     }
 
-    /// Takes what `control` makes of the depth in place of a field ([`FilteredField`]): what the loop does without a NeRF.
+    /// Replaces the field by a filter ([`FilteredField`]): the loop without a NeRF.
     #[must_use]
     pub(crate) fn with_control(mut self, control: Arc<dyn Refiner + Send + Sync>) -> Self {
         self.control = Some(control);
@@ -64,7 +63,7 @@ impl<'o> LoopRefiner<'o> {
                 (None, _) => Box::new(request.nerf()?),
             })
         });
-        let refinement = refine(task.image, task.camera, stages, &config, &mut |e| (self.observer)(e))?;
+        let refinement = refine(task.image, task.camera, stages, &config, &mut |e| (self.callback)(e))?;
         Ok(Refined {
             depth: refinement.depth.mean().to_owned(),
             sigma: Some(refinement.depth.sigma()),
@@ -83,7 +82,7 @@ impl Refiner for LoopRefiner<'_> {
     }
 }
 
-/// A depth that is there already.
+/// A prior with a known depth.
 struct Known(PriorDepth);
 
 impl DepthPrior for Known {
@@ -92,7 +91,7 @@ impl DepthPrior for Known {
     }
 }
 
-/// Fields that were fitted, and what they rendered, by their settings, seed and views. Clones share one memory.
+/// Fitted fields and their renderings, by settings, seed and views. Clones share one memory.
 #[derive(Clone, Default)]
 pub(crate) struct FieldMemory(Arc<Mutex<HashMap<u64, Arc<Fitted>>>>);
 
@@ -104,7 +103,7 @@ struct Fitted {
 }
 
 impl FieldMemory {
-    /// A field that is fitted only if no field of the same settings, seed and views is remembered.
+    /// A field that is fitted only where the memory has none of the same settings, seed and views.
     pub(crate) fn field(&self, config: NerfConfig, seed: u64) -> Remembered {
         Remembered { memory: self.clone(), config, seed, fitted: None }
     }
@@ -119,14 +118,14 @@ pub(crate) struct Remembered {
 }
 
 impl RadianceField for Remembered {
-    fn fit(&mut self, views: &[PosedView], observer: &mut dyn FieldCallback) -> mde_nerf::Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], callback: &mut dyn FieldCallback) -> mde_nerf::Result<FitReport> {
         let key = fit_key(&self.config, self.seed, views);
         let known = lock(&self.memory.0).get(&key).cloned();
         let fitted = match known {
             Some(fitted) => fitted,
             None => {
                 let mut nerf = Nerf::new(self.config.clone(), self.seed)?;
-                let report = nerf.fit(views, observer)?;
+                let report = nerf.fit(views, callback)?;
                 let fitted = Arc::new(Fitted { nerf, report, renders: Mutex::default() });
                 lock(&self.memory.0).insert(key, fitted.clone());
                 fitted
@@ -141,14 +140,14 @@ impl RadianceField for Remembered {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        observer: &mut dyn FieldCallback,
+        callback: &mut dyn FieldCallback,
     ) -> mde_nerf::Result<RenderedView> {
         let Some(fitted) = &self.fitted else { return Err(mde_nerf::Error::NotFitted) };
         match lock(&fitted.renders).entry(view_key(camera, pose, &self.config)) {
             Entry::Occupied(known) => Ok(known.get().clone()),
             Entry::Vacant(place) => {
                 let nerf = fitted.nerf.clone().with_render(self.config.render.clone())?;
-                Ok(place.insert(nerf.render(camera, pose, observer)?).clone())
+                Ok(place.insert(nerf.render(camera, pose, callback)?).clone())
             }
         }
     }
@@ -160,7 +159,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 fn fit_key(config: &NerfConfig, seed: u64, views: &[PosedView]) -> u64 {
     let mut hasher = DefaultHasher::new();
-    // How it renders has no part in the fit. Every number of a configuration shows in its `Debug`.
+    // The fit does not depend on the render settings. `Debug` shows every number of a configuration.
     let fit = NerfConfig { render: RenderConfig::default(), ..config.clone() };
     format!("{fit:?}").hash(&mut hasher);
     seed.hash(&mut hasher);

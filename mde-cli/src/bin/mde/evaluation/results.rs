@@ -9,7 +9,7 @@ use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_eval::figure;
 use mde_eval::statistics::Bootstrap;
-use mde_eval::table::{Entry, Summary, calibrate, csv, document};
+use mde_eval::table::{Block, Document, Entry, Summary, calibrate, csv, document};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
@@ -22,8 +22,8 @@ pub(crate) struct Results {
     pub(crate) title: String,
     /// The alignment belongs beside every number.
     pub(crate) alignment: String,
-    /// A table of its own, before the others.
-    pub(crate) preface: String,
+    /// Before the other tables.
+    pub(crate) preface: Vec<Block>,
     /// The method with which the others are compared.
     pub(crate) reference: Option<String>,
     pub(crate) entries: Vec<Entry>,
@@ -54,7 +54,7 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
     );
     calibrate(&mut results.entries);
     let summary = Summary::new(&results.entries, results.reference.as_deref(), &Bootstrap::default())?;
-    let text = results.table(&summary);
+    let tables = results.tables(&summary);
     let value = json!({
         "title": results.title, "alignment": results.alignment, "command_line": command_line(), "made_from": results.record, "versions": versions(),
         "failures": results.failures, "warnings": progress.warnings(), "summary": summary,
@@ -64,7 +64,7 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
     let mut scenes = Vec::new();
     csv(&results.entries, &mut scenes)?;
     write(&place.join("scenes.csv"), &scenes)?;
-    write(&place.join("table.md"), text.as_bytes())?;
+    write(&place.join("table.md"), tables.markdown().as_bytes())?;
     write_json(&place.join("summary.json"), &value)?;
     results.figures(place)?;
     for file in fs::read_dir(place).with_context(|| place.display().to_string())?.flatten() {
@@ -73,8 +73,8 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
             .with_context(|| format!("{}: can't put the results there", target.display()))?;
     }
     let report = report::write(folder)?;
-    let text = format!("{}\n\nreport: {}", text.trim_end(), report.display());
-    progress.result(&text, json!({ "event": "result", "summary": value["summary"] }));
+    let text = format!("report: {}", report.display());
+    progress.tables(&tables, &text, json!({ "event": "result", "summary": value["summary"] }));
     match first {
         None => Ok(()),
         Some(first) => {
@@ -85,25 +85,25 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
 }
 
 impl Results {
-    fn table(&self, summary: &Summary) -> String {
+    fn tables(&self, summary: &Summary) -> Document {
         let counted =
             |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
         let mut sample = counted(summary.scenes, "scene");
         if summary.places < summary.scenes {
             sample += &format!(" of {}", counted(summary.places, "place"));
         }
-        let mut text = format!("# {}\n\n{sample}. {}\n\n", self.title, self.alignment);
-        for failure in &self.failures {
+        let mut blocks =
+            vec![Block::Heading(1, self.title.clone()), Block::Text(format!("{sample}. {}", self.alignment))];
+        let failed = self.failures.iter().map(|failure| {
             let what = failure.method.as_deref().unwrap_or("all methods");
-            text += &format!("- failed: {}, {what}: {}\n", failure.scene, failure.error);
-        }
+            format!("failed: {}, {what}: {}", failure.scene, failure.error)
+        });
         if !self.failures.is_empty() {
-            text.push('\n');
+            blocks.push(Block::List(failed.collect()));
         }
-        if !self.preface.is_empty() {
-            text += &format!("{}\n", self.preface);
-        }
-        text + &document(summary).markdown()
+        blocks.extend(self.preface.iter().cloned());
+        blocks.extend(document(summary).blocks);
+        Document { blocks }
     }
 
     /// The figures of the methods that state an uncertainty of their own; without one, of the trivial ones.

@@ -94,7 +94,7 @@ impl<'a> Setup<'a> {
         Results {
             title: format!("{} with {}", self.source.title(), self.prior.title()),
             alignment: self.scoring.alignment_note(),
-            preface: String::new(),
+            preface: Vec::new(),
             reference: Some(reference.to_owned()),
             entries,
             failures,

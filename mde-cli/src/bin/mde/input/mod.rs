@@ -1,6 +1,7 @@
 //! What a command begins with: photograph, prior, camera, size and truth.
 
 pub(crate) mod camera;
+pub(crate) mod capture;
 pub(crate) mod opened;
 pub(crate) mod prior;
 pub(crate) mod size;

@@ -12,9 +12,9 @@ use std::path::Path;
 /// Number of pixels above which a run takes very long.
 const LARGE: usize = 2_000_000;
 
-/// The settings of the command line.
-pub(crate) fn settings(args: &SettingsArgs) -> Result<(Preset, Config)> {
-    let preset = Preset::from(args.preset);
+/// The settings of the command line; `usual` is the preset where none is named.
+pub(crate) fn settings(args: &SettingsArgs, usual: Preset) -> Result<(Preset, Config)> {
+    let preset = args.preset.map_or(usual, Preset::from);
     let mut config = match &args.config {
         Some(path) => Config::from_file(preset, path)?,
         None => preset.config(),

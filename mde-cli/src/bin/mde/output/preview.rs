@@ -193,7 +193,8 @@ mod tests {
     fn a_range_leaves_out_the_extremes_and_the_missing() {
         let mut values: Vec<f32> = (1..=1000).map(|v| v as f32).collect();
         values.extend([0.0, f32::INFINITY, -3.0]);
-        assert_eq!(usual_range(values.iter()), [11.0, 990.0]);
+        let [low, high] = usual_range(values.iter());
+        assert!((low - 10.99).abs() < 1e-9 && (high - 990.01).abs() < 1e-9, "{low} {high}");
         assert_eq!(usual_range([].iter()), [0.0, 0.0]);
         assert_eq!((number(1.23456, 4.0), number(0.0123, 0.02)), ("1.23".to_owned(), "0.0123".to_owned()));
     }

@@ -1,4 +1,4 @@
-//! `run.json`: everything that was measured.
+//! `run.json`: the record of a run.
 
 use crate::input::camera::KnownCamera;
 use crate::input::prior::PriorOrigin;
@@ -6,11 +6,11 @@ use crate::input::truth::Comparison;
 use crate::output::provenance::{command_line, peak_memory, versions};
 use crate::run::error_bar::Stated;
 use crate::run::progress::TrainingCurve;
-use mde_cli::{AugmentationReport, IterationReport};
+use mde_cli::{AugmentationReport, CaptureReport, IterationReport};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// What `mde demo` and `mde refine` record.
+/// Record of `mde demo` and `mde refine`.
 #[derive(Debug, Serialize)]
 pub(crate) struct RunRecord<'r> {
     #[serde(flatten)]
@@ -26,8 +26,11 @@ pub(crate) struct RunRecord<'r> {
     pub(crate) augmentation: &'r AugmentationReport,
     /// How sigma was scaled, and the interval.
     pub(crate) error_bar: &'r Stated,
+    /// Several photographs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) capture: Option<&'r CaptureReport>,
     pub(crate) iterations: &'r [IterationReport],
-    /// The fit of every iteration as it went on.
+    /// Curves of the fit of every iteration.
     pub(crate) training: &'r [TrainingCurve],
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) scores: Option<Comparison>,
@@ -35,11 +38,11 @@ pub(crate) struct RunRecord<'r> {
     pub(crate) score_seconds: f64,
 }
 
-/// What every command records.
+/// Common part of the records of all commands.
 #[derive(Debug, Serialize)]
 pub(crate) struct About<'r> {
     pub(crate) command: &'static str,
-    /// What was typed, for a shell.
+    /// The command line, quoted for a shell.
     pub(crate) command_line: String,
     pub(crate) versions: BTreeMap<&'static str, &'static str>,
     /// The image, field or room.

@@ -1,4 +1,4 @@
-//! Maps, pictures and colours as text that fits into a page.
+//! Encoding of maps, images and colours for the page.
 
 use anyhow::Result;
 use base64::Engine as _;
@@ -25,7 +25,7 @@ pub(super) fn fitted((height, width): (usize, usize), most: usize) -> [usize; 2]
     [width, height].map(|side| (side * most / largest).max(1))
 }
 
-/// A map at `[width, height]`, by the nearest pixel: a mean over an edge is the depth of nothing.
+/// A map at `[width, height]`, by the nearest pixel: means over an edge are depths of no surface.
 pub(super) fn nearest(map: ArrayView2<'_, f32>, [width, height]: [usize; 2]) -> Array2<f32> {
     let (rows, columns) = map.dim();
     let middle = |index: usize, from: usize, to: usize| (2 * index + 1) * from / (2 * to);

@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
-/// The file by which an evaluation is known.
+/// The file that marks an evaluation.
 pub(super) const SUMMARY: &str = "summary.json";
 /// Thumbnails fit into a square of so many pixels.
 const THUMBNAIL: usize = 200;
@@ -21,9 +21,18 @@ const THUMBNAIL: usize = 200;
 const SCENES: usize = 40;
 /// The figures, in the order of the page.
 const FIGURES: [(&str, &str); 3] = [
-    ("error-by-percentile", "Does a larger sigma mean a larger error? A line that rises does."),
-    ("sparsification", "Error of what is left when the most uncertain pixels go; the lower the better."),
-    ("reliability", "How often the truth lies within the stated interval; on the diagonal it is right."),
+    (
+        "error-by-percentile",
+        "Mean error by percentile of sigma: a rising line means that larger sigmas go with larger errors.",
+    ),
+    (
+        "sparsification",
+        "Error of the remaining pixels when those of largest sigma are removed; lower is better.",
+    ),
+    (
+        "reliability",
+        "Share of pixels whose true depth lies within the stated interval; a calibrated sigma is on the diagonal.",
+    ),
 ];
 
 /// What a scene's row of `scenes.csv` says, by method.
@@ -125,7 +134,7 @@ fn thumbnails(folder: &Path, id: &str, scores: &Scores) -> Result<Value> {
             maps.push((label, depth, sigma));
         }
     }
-    // The prior first, for its scale is everyone's.
+    // The prior first: its colour range is used for all.
     maps.sort_by_key(|(label, ..)| (label != "prior", label.clone()));
     let Some((_, first, _)) = maps.first() else { return Ok(Value::Null) };
     let depths = usual_range(first.iter());

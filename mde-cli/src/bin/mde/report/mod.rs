@@ -1,5 +1,5 @@
-//! `report.html`: one self-contained page that shows a finished folder. It is made from the folder's own files, so it can be
-//! made again at any time.
+//! `report.html`: one self-contained page that shows a finished folder. It is made from the files of the folder, so it can
+//! be made again at any time.
 
 mod encode;
 mod evaluation;
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 /// The page's name in its folder.
 pub(crate) const FILE: &str = "report.html";
 
-/// Writes the page of a run's or an evaluation's folder into it, whole or not at all.
+/// Writes the page of a run's or an evaluation's folder into it, atomically.
 pub(crate) fn write(folder: &Path) -> Result<PathBuf> {
     let html = if folder.join(evaluation::SUMMARY).is_file() {
         evaluation::page(folder)?

@@ -19,17 +19,17 @@ use std::path::Path;
 const FILES: [(&str, &str); 14] = [
     ("depth.npy", "refined depth, 32-bit floats"),
     ("sigma.npy", "its standard deviation, same unit"),
-    ("prior.npy", "the monocular depth that the run started from"),
+    ("prior.npy", "the monocular depth, input of the run"),
     ("depth.png", "refined depth, 16 bits"),
     ("depth.exr", "refined depth, its sigma and the prior: channels Z, sigma, prior"),
     ("cloud.ply", "coloured points with normals and sigma"),
     ("colmap", "the camera and points as COLMAP text"),
     ("image.png", "the photograph, upright"),
-    ("gt.npy", "the true depth that it was scored against"),
+    ("gt.npy", "ground truth of the scores"),
     ("preview.png", "image, prior, refined and sigma side by side"),
-    ("field.safetensors", "the last iteration's field, for mde render"),
-    ("config.toml", "every setting; --config takes it"),
-    ("run.json", "everything that was measured"),
+    ("field.safetensors", "field of the last iteration, for mde render"),
+    ("config.toml", "all settings; input of --config"),
+    ("run.json", "record of the run: measurements, versions, warnings"),
     ("report.html", "this page"),
 ];
 
@@ -48,14 +48,14 @@ pub(super) fn page(folder: &Path) -> Result<String> {
     let (refined, sigma, prior) = (read("depth.npy")?, read("sigma.npy")?, read("prior.npy")?);
     let path = folder.join("image.png");
     let image = read_image(&path).with_context(|| {
-        format!("{}: the report needs the picture; run the refinement again", path.display())
+        format!("{}: the report needs the image; run the refinement again", path.display())
     })?;
     let (rows, columns, _) = image.pixels.dim();
     for (name, size) in [("depth.npy", refined.dim()), ("sigma.npy", sigma.dim()), ("prior.npy", prior.dim())]
     {
         ensure!(
             size == (rows, columns),
-            "{}: is {}x{} but the picture is {columns}x{rows}; run the refinement again",
+            "{}: is {}x{} but the image is {columns}x{rows}; run the refinement again",
             folder.join(name).display(),
             size.1,
             size.0
@@ -85,7 +85,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
             json!({ "name": name, "what": what, "bytes": bytes, "folder": path.is_dir() })
         })
         .collect();
-    let title = format!("{}: depth refined", input_name(&record));
+    let title = format!("Depth of {}", input_name(&record));
     let data = json!({
         "kind": "run",
         "title": input_name(&record),

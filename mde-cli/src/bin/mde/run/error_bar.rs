@@ -17,10 +17,10 @@ pub(crate) struct ErrorBar {
     given: Option<(String, Calibration)>,
 }
 
-/// What is stated.
+/// The stated error bar.
 #[derive(Debug, Serialize)]
 pub(crate) struct Stated {
-    /// What sigma was multiplied by.
+    /// Factor applied to sigma.
     pub(crate) factor: f64,
     pub(crate) interval: Option<Interval>,
     #[serde(skip)]
@@ -33,7 +33,7 @@ pub(crate) struct Interval {
     pub(crate) probability: f64,
     /// In sigmas of `sigma.npy`.
     pub(crate) half_width: f64,
-    /// What says so.
+    /// Source of the half width.
     pub(crate) by: String,
 }
 

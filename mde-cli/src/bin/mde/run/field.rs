@@ -1,10 +1,10 @@
-//! A field that can still be saved after the loop has taken it.
+//! A field that can be saved after the loop.
 
 use mde_nerf::{FieldCallback, FitReport, Nerf, RadianceField, RenderedView, Result};
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A [`Nerf`] shared by the loop and by who saves it.
+/// A [`Nerf`] shared by the loop and the job that saves it.
 #[derive(Clone)]
 pub(crate) struct SharedNerf(Arc<Mutex<Nerf>>);
 
@@ -19,16 +19,16 @@ impl SharedNerf {
 }
 
 impl RadianceField for SharedNerf {
-    fn fit(&mut self, views: &[PosedView], observer: &mut dyn FieldCallback) -> Result<FitReport> {
-        self.lock().fit(views, observer)
+    fn fit(&mut self, views: &[PosedView], callback: &mut dyn FieldCallback) -> Result<FitReport> {
+        self.lock().fit(views, callback)
     }
 
     fn render(
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        observer: &mut dyn FieldCallback,
+        callback: &mut dyn FieldCallback,
     ) -> Result<RenderedView> {
-        self.lock().render(camera, pose, observer)
+        self.lock().render(camera, pose, callback)
     }
 }

@@ -17,7 +17,7 @@ use crate::run::field::SharedNerf;
 use crate::run::gain;
 use crate::run::progress::{Progress, TrainingCurve};
 use anyhow::Result;
-use mde_cli::{Component, Config, Event, Preset, Refinement, Stages, resume};
+use mde_cli::{Capture, Component, Config, Event, Preset, Refinement, Stages, refine_capture, resume};
 use mde_prior::DepthKind;
 use mde_prior::format::{write_npy, write_png16};
 use mde_prior::photo::{write_image, write_rgb_png};
@@ -27,7 +27,7 @@ use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
 
-/// Everything that a refinement needs.
+/// Inputs of a refinement.
 pub(crate) struct Job {
     pub(crate) command: &'static str,
     pub(crate) input: String,
@@ -39,17 +39,19 @@ pub(crate) struct Job {
     pub(crate) config: Config,
     pub(crate) truth: Option<Truth>,
     pub(crate) save_field: bool,
-    /// Where the state between iterations is kept, if it is.
+    /// Checkpoints of `--resume`.
     pub(crate) checkpoints: Option<Checkpoints>,
-    /// How the error bar is stated.
+    /// The requested error bar.
     pub(crate) error_bar: ErrorBar,
     /// Files for other programs.
     pub(crate) export: Vec<ExportName>,
-    /// What a viewer is to show.
+    /// The recording of `--rerun`.
     pub(crate) recording: Option<Recording>,
+    /// Further photographs.
+    pub(crate) capture: Option<Capture>,
 }
 
-/// Unit of the depth that a prior of this kind leads to.
+/// Unit of the refined depth for a prior of this kind.
 fn unit(kind: DepthKind) -> &'static str {
     match kind {
         DepthKind::Metric => "m",
@@ -72,7 +74,7 @@ impl Job {
         let image = self.image.view();
         let from = self.checkpoints.as_ref().and_then(|kept| kept.latest(self.config.refinement.iterations));
         if let Some(from) = &from {
-            progress.step(&format!("goes on after iteration {}", from.iterations.len()));
+            progress.step(&format!("resumed after iteration {}", from.iterations.len()));
             if let Some(recording) = &self.recording {
                 from.iterations.iter().for_each(|iteration| recording.fitted(iteration.fit.steps));
             }
@@ -90,14 +92,19 @@ impl Job {
             }
         };
         let mut observe = |event: &Event| progress.observe(event);
-        let mut refinement =
-            resume(image, &self.camera.camera, stages, &self.config, from, &mut keep, &mut observe)?;
+        let mut refinement = match &self.capture {
+            Some(capture) => refine_capture(capture, stages, &self.config, &mut observe)?,
+            None => resume(image, &self.camera.camera, stages, &self.config, from, &mut keep, &mut observe)?,
+        };
+        if let Some(reason) = refinement.capture.as_ref().and_then(|capture| capture.fallback.as_ref()) {
+            progress.warn(format!("--views: {reason}; the photograph was refined alone"));
+        }
         if let Some(reason) = refinement.augmentation.skipped {
             progress.warn(format!("no test-time augmentation: {reason}; give --prior-model to use it"));
         }
         if self.save_field && kept.is_none() {
             progress.warn(
-                "--save-field: no field was fitted, so none is written; see refinement.field".to_owned(),
+                "--save-field: no field was fitted, so none is written; give refinement.field = \"always\" to fit one".to_owned(),
             );
         }
         for (index, iteration) in refinement.iterations.iter().enumerate() {
@@ -141,6 +148,7 @@ impl Job {
                 missing_pixels,
                 augmentation: &refinement.augmentation,
                 error_bar: &stated,
+                capture: refinement.capture.as_ref(),
                 iterations: &refinement.iterations,
                 training: progress.training(),
                 scores,
@@ -161,7 +169,7 @@ impl Job {
         let gained = gain::summary(&refinement, unit(self.prior.origin.kind));
         let report = folder.path().join(report::FILE);
         let text = format!(
-            "{table}{gained}\nwrote {} in {:.1} s; to look at it, open {}",
+            "{table}{gained}\nwrote {} in {:.1} s; open {} in a browser",
             folder.path().display(),
             progress.seconds(),
             report.display()
@@ -190,7 +198,7 @@ impl Job {
         self.export.iter().try_for_each(|format| scene.write(*format, folder))
     }
 
-    /// The beginning, the end and the accounts; what lies between was recorded on the way.
+    /// Records the inputs, the result and the reports; the iterations were recorded during the run.
     fn record(
         &self,
         recording: &Recording,
@@ -203,7 +211,7 @@ impl Job {
         let before = GaussianDepth::new(prior.clone(), known)?;
         recording.inputs(&self.input, &self.scene(&before, prior, &[]), &self.config.to_toml()?);
         if iterations.is_empty() {
-            // Else the clock of steps would show prior and result at once.
+            // Without a fit, the clock of steps would show prior and result at the same time.
             recording.fitted(1);
         }
         recording.depth(last, &self.scene(depth, prior, &[]));

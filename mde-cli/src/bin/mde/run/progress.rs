@@ -1,10 +1,11 @@
-//! What is said while the work goes on: bars on a terminal, plain lines elsewhere, JSON lines, or nothing.
+//! Progress: bars on a terminal, plain lines elsewhere, JSON lines, or nothing.
 
 use crate::args::RunArgs;
 use crate::run::interrupt;
-use crate::terminal::{columns, fitted, wrapped};
+use crate::terminal::{columns, shown, wrapped};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use mde_cli::{Event, Stage};
+use mde_eval::table::Document;
 use mde_nerf::FieldEvent;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -20,7 +21,7 @@ enum Mode {
     Quiet,
 }
 
-/// How a fit went on, one entry an event.
+/// Curves of a fit, one entry per event.
 #[derive(Debug, Default, Serialize)]
 pub(crate) struct TrainingCurve {
     pub(crate) step: Vec<usize>,
@@ -29,16 +30,16 @@ pub(crate) struct TrainingCurve {
     pub(crate) psnr: Vec<f64>,
 }
 
-/// Tells the user of a run.
+/// Progress of a run.
 #[derive(Debug)]
 pub(crate) struct Progress {
     mode: Mode,
     start: Instant,
     stage: Stage,
-    /// From 1, of how many.
+    /// Current iteration, from 1, and their number.
     iteration: [usize; 2],
     bar: Option<ProgressBar>,
-    /// Tenths of the stage that a line was written for.
+    /// Tenths of the stage that have been printed.
     tenths: usize,
     warnings: Vec<String>,
     training: Vec<TrainingCurve>,
@@ -70,7 +71,7 @@ impl Progress {
         self.start.elapsed().as_secs_f64()
     }
 
-    /// Says a warning and keeps it for the record.
+    /// Prints a warning and keeps it for the record.
     pub(crate) fn warn(&mut self, warning: String) {
         match self.mode {
             Mode::Quiet => {}
@@ -85,12 +86,12 @@ impl Progress {
         &self.warnings
     }
 
-    /// The fits so far, one an iteration.
+    /// The fits so far, one per iteration.
     pub(crate) fn training(&self) -> &[TrainingCurve] {
         &self.training
     }
 
-    /// Says what begins outside the loop.
+    /// Announces a step outside of the loop.
     pub(crate) fn step(&mut self, what: &str) {
         self.finish_bar();
         match self.mode {
@@ -100,18 +101,29 @@ impl Progress {
         }
     }
 
-    /// The results: `text` for people, on stdout, or `value` for programs.
+    /// The results: `text` on stdout, or `value` as JSON.
     pub(crate) fn result(&mut self, text: &str, value: Value) {
         self.finish_bar();
         match self.mode {
             Mode::Quiet => {}
             Mode::Json => self.json(value),
-            // A reader that went away needs no answer.
-            Mode::Lines | Mode::Bars => drop(writeln!(io::stdout().lock(), "{}", fitted(text, columns()))),
+            // A closed pipe is no error.
+            Mode::Lines | Mode::Bars => {
+                drop(writeln!(io::stdout().lock(), "{}", wrapped(text, columns(), 2)))
+            }
         }
     }
 
-    /// The loop's observer.
+    /// Tables, and `text` below them, on stdout, or `value` as JSON.
+    pub(crate) fn tables(&mut self, tables: &Document, text: &str, value: Value) {
+        if matches!(self.mode, Mode::Lines | Mode::Bars) {
+            self.finish_bar();
+            let _ = writeln!(io::stdout().lock(), "{}\n", shown(tables, columns()));
+        }
+        self.result(text, value);
+    }
+
+    /// The callback of the loop.
     pub(crate) fn observe(&mut self, event: &Event) -> ControlFlow<()> {
         match *event {
             Event::Begin { stage, iteration, iterations } => self.begin(stage, [iteration + 1, iterations]),
@@ -201,7 +213,7 @@ impl Progress {
         }
     }
 
-    /// One of many pieces of work is done; `left` is an estimate of the seconds that the others take.
+    /// Reports one finished piece of work; `left` estimates the remaining seconds.
     pub(crate) fn piece(&mut self, done: usize, all: usize, text: &str, left: Option<f64>, mut value: Value) {
         let left_text = left.map(|s| format!(", about {} left", duration(s))).unwrap_or_default();
         match self.mode {
@@ -251,7 +263,7 @@ impl Progress {
     }
 }
 
-/// A duration for people: the two largest units that say something.
+/// A duration in its two largest units.
 fn duration(seconds: f64) -> String {
     let whole = seconds.round().max(0.0) as u64;
     match (whole / 3600, whole / 60 % 60, whole % 60) {
@@ -267,7 +279,7 @@ fn style() -> ProgressStyle {
     ProgressStyle::with_template(template(columns)).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-/// What a line of so many columns has room for.
+/// Template for a line of that width.
 fn template(columns: usize) -> &'static str {
     match columns {
         110.. => "{prefix} {bar:30} {pos}/{len} {msg} [{elapsed}, {eta} left]",

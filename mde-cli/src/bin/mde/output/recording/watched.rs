@@ -11,9 +11,9 @@ pub(super) struct Watched {
 }
 
 impl RadianceField for Watched {
-    fn fit(&mut self, views: &[PosedView], observer: &mut dyn FieldCallback) -> Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], callback: &mut dyn FieldCallback) -> Result<FitReport> {
         self.recording.views(self.iteration, views);
-        let report = self.field.fit(views, observer)?;
+        let report = self.field.fit(views, callback)?;
         self.recording.fitted(report.steps);
         Ok(report)
     }
@@ -22,8 +22,8 @@ impl RadianceField for Watched {
         &self,
         camera: &PinholeCamera,
         pose: &Pose,
-        observer: &mut dyn FieldCallback,
+        callback: &mut dyn FieldCallback,
     ) -> Result<RenderedView> {
-        self.field.render(camera, pose, observer)
+        self.field.render(camera, pose, callback)
     }
 }

@@ -11,19 +11,19 @@ pub(super) fn encode(map: ArrayView2<'_, f32>) -> Vec<u8> {
     bytes
 }
 
-/// The magnitude of the scale is a unit that nobody agrees upon; it is ignored, as other readers do.
+/// The magnitude of the scale has no agreed unit and is ignored, as in other readers.
 pub(super) fn parse(bytes: &[u8]) -> Parsed<Array2<f32>> {
-    let broken = || "the PFM header can't be read; it is 'Pf', width, height and scale".to_owned();
+    let broken = || "the PFM header is malformed; write 'Pf', width, height and scale".to_owned();
     let mut rest = bytes;
     match token(&mut rest) {
         Some("Pf") => {}
         Some("PF") => return Err("this PFM has three channels; write a grey one ('Pf')".to_owned()),
-        _ => return Err("this is no PFM file: it does not start with 'Pf'".to_owned()),
+        _ => return Err("the file is not in PFM format; write a header that starts with 'Pf'".to_owned()),
     }
     let width: usize = token(&mut rest).and_then(|t| t.parse().ok()).ok_or_else(broken)?;
     let height: usize = token(&mut rest).and_then(|t| t.parse().ok()).ok_or_else(broken)?;
     let scale: f64 = token(&mut rest).and_then(|t| t.parse().ok()).ok_or_else(broken)?;
-    // A header with Windows line ends: the line feed still belongs to it.
+    // With Windows line ends, the line feed is still part of the header.
     if bytes[..bytes.len() - rest.len()].ends_with(b"\r") {
         rest = rest.strip_prefix(b"\n").unwrap_or(rest);
     }
@@ -47,7 +47,7 @@ pub(super) fn parse(bytes: &[u8]) -> Parsed<Array2<f32>> {
 /// The next word, and exactly one white-space byte after it (more would be data).
 fn token<'a>(rest: &mut &'a [u8]) -> Option<&'a str> {
     let start = rest.iter().position(|b| !b.is_ascii_whitespace())?;
-    // No number of a header is longer; random bytes are not searched to their end.
+    // No number of a header is longer; other data is not searched to its end.
     let length = rest[start..].iter().take(32).position(u8::is_ascii_whitespace)?;
     let word = &rest[start..start + length];
     *rest = &rest[start + length + 1..];

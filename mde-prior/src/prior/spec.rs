@@ -1,4 +1,4 @@
-//! What a model wants to see and what its answer means: a small TOML beside the model, or a named profile.
+//! Input and output format of a model: a small TOML file beside the model, or a named profile.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::resample::Filter;
 use crate::{DepthKind, Error, Result};
 
-/// Names that [`ModelSpec::profile`] knows.
+/// Names of the profiles of [`ModelSpec::profile`].
 pub const PROFILES: [&str; 7] = [
     "fastdepth",
     "midas-v2.1-small",
@@ -53,7 +53,7 @@ pub enum Channels {
     Bgr,
 }
 
-/// A model's conventions. In a TOML file `output` must be stated; the rest has defaults (224x224, squashed, RGB/255).
+/// Input and output format of a model. In a TOML file `output` must be stated; the rest has defaults (224x224, squashed, RGB/255).
 ///
 /// ```
 /// use mde_prior::spec::{Aspect, ModelSpec};
@@ -73,7 +73,7 @@ pub struct ModelSpec {
     /// Nominal input height in pixels.
     #[serde(default = "side")]
     pub height: usize,
-    /// How the image gets there. A model with a fixed input size gets that size whatever this says.
+    /// How the image is brought to the input size. A model with a fixed input size takes that size in any case.
     #[serde(default = "squash")]
     pub aspect: Aspect,
     /// Both input sides are multiples of this when the aspect is kept.
@@ -94,7 +94,7 @@ pub struct ModelSpec {
     /// Order of the colour channels.
     #[serde(default = "rgb")]
     pub channels: Channels,
-    /// What the output means.
+    /// The meaning of the output.
     pub output: DepthKind,
     /// Name of the output, for models that have several; the first otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -152,7 +152,7 @@ impl ModelSpec {
         }
     }
 
-    /// The conventions of a published model, from its authors' own preprocessing.
+    /// The format of a published model, from its authors' own preprocessing.
     ///
     /// | profile | input | values | output |
     /// | --- | --- | --- | --- |
@@ -163,7 +163,7 @@ impl ModelSpec {
     /// | `depth-anything-v2-metric-indoor`, `-outdoor` | the same | ImageNet | metres |
     ///
     /// # Errors
-    /// [`Error::UnknownProfile`] with the names there are.
+    /// [`Error::UnknownProfile`] with the known names.
     pub fn profile(name: &str) -> Result<Self> {
         let kept = |side, aspect, multiple_of, (mean, std), output| Self {
             aspect,
@@ -196,10 +196,10 @@ impl ModelSpec {
         }
     }
 
-    /// The profile that a model's file name suggests: `dpt_large_384.onnx`, `depth_anything_v2_vits.onnx`, ...
+    /// The profile that matches a model's file name: `dpt_large_384.onnx`, `depth_anything_v2_vits.onnx`, ...
     ///
     /// # Errors
-    /// [`Error::UnknownProfile`] when it suggests none.
+    /// [`Error::UnknownProfile`] when none does.
     pub fn guess(model: impl AsRef<Path>) -> Result<Self> {
         let file = model.as_ref().file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         let plain: String = file.chars().filter(char::is_ascii_alphanumeric).collect();
@@ -213,7 +213,7 @@ impl ModelSpec {
         } else if has("dpthybrid") {
             "dpt-hybrid"
         } else if has("depthanythingv2") && has("metric") {
-            // Metres either way, but a model for rooms must not be taken for one for streets unseen.
+            // Metres either way, but the ranges of rooms and streets differ.
             if has("outdoor") || has("vkitti") {
                 "depth-anything-v2-metric-outdoor"
             } else {
@@ -250,7 +250,7 @@ impl ModelSpec {
         }
     }
 
-    /// The specification beside the model, else the one that its name suggests.
+    /// The specification beside the model, else the profile that matches its name.
     ///
     /// # Errors
     /// Those of [`beside`](Self::beside) and [`guess`](Self::guess).
@@ -316,7 +316,7 @@ impl ModelSpec {
     }
 }
 
-/// The first line of TOML's report that says what is wrong, with its place.
+/// TOML's error, which has several lines, in one line.
 fn one_line(error: &toml::de::Error) -> String {
     error.to_string().lines().map(str::trim).filter(|l| !l.is_empty()).collect::<Vec<_>>().join(" ")
 }

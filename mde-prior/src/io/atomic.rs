@@ -3,11 +3,10 @@ use std::path::Path;
 
 use crate::{Error, Result};
 
-/// Writes a file so that it is there whole or not at all: to a temporary name in the same folder, then renamed.
+/// Writes a file atomically: to a temporary name in the same folder, then renamed.
 ///
 /// # Errors
-/// [`Error::Write`] when the folder is missing or can't be written, or the disk is full; an older file of that name is
-/// then as it was.
+/// [`Error::Write`] when the folder is missing or not writable, or the disk is full; an older file of that name then remains.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
     let folder = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -23,7 +22,7 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
     write().map_err(|source| Error::write(path, source))
 }
 
-/// Temporary files are private by default; a result should have the permissions that the user's umask gives.
+/// Temporary files are private by default; a result has the permissions of the user's umask.
 fn builder() -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     #[cfg(unix)]

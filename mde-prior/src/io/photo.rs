@@ -6,33 +6,34 @@ use std::path::Path;
 use image::{DynamicImage, ExtendedColorType, ImageDecoder as _, ImageEncoder as _, ImageReader, Limits};
 use ndarray::{Array3, ArrayView3};
 
-use crate::format::{MAX_PIXELS, read_file};
-use crate::{Error, Result, write_atomic};
+use super::format::{MAX_PIXELS, read_file};
+use super::write_atomic;
+use crate::{Error, Result};
 
-/// A photograph as it should be looked at.
+/// A photograph, upright.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Photo {
-    /// `[height, width, 3]`, sRGB values in `[0, 1]`, upright.
+    /// `[height, width, 3]`, sRGB values in `[0, 1]`.
     pub pixels: Array3<f32>,
-    /// EXIF `FocalLengthIn35mmFilm` in millimetres, where the camera wrote it.
+    /// EXIF `FocalLengthIn35mmFilm` in millimetres, if any.
     pub focal_35mm: Option<f64>,
 }
 
 /// Reads a JPEG, PNG, TIFF, BMP or WebP of 8 or 16 bits, by its content: grey becomes three equal channels, alpha is
-/// dropped, the EXIF orientation is applied. Colour profiles are not.
+/// dropped, the EXIF orientation is applied, a colour profile is not.
 ///
 /// # Errors
-/// [`Error::Read`]; [`Error::Malformed`] when it is no such image, broken, or too large.
+/// [`Error::Read`]; [`Error::Malformed`] when the file is no such image, broken, or too large.
 pub fn read_image(path: impl AsRef<Path>) -> Result<Photo> {
     let path = path.as_ref();
     decode(&read_file(path)?).map_err(|reason| Error::malformed(path, reason))
 }
 
-/// The same from the bytes of a file.
+/// As [`read_image`], from the bytes of a file.
 ///
 /// # Errors
-/// [`Error::Input`] with what is wrong with them.
+/// [`Error::Input`] with the reason.
 pub fn decode_image(bytes: &[u8]) -> Result<Photo> {
     decode(bytes).map_err(Error::Input)
 }
@@ -48,10 +49,10 @@ fn decode(bytes: &[u8]) -> Result<Photo, String> {
     let (width, height) = decoder.dimensions();
     let pixels = u64::from(width) * u64::from(height);
     if pixels == 0 || pixels > MAX_PIXELS as u64 {
-        return Err(format!("{width}x{height} pixels can't be worked with; resize the image"));
+        return Err(format!("{width}x{height} pixels are too many or none; resize the image"));
     }
     let orientation = decoder.orientation().map_err(broken)?;
-    // The decoder fills what is missing with grey.
+    // The decoder fills a truncated image with grey.
     if bytes.starts_with(&[0xff, 0xd8]) && !ends(bytes) {
         return Err("no readable image (the JPEG is truncated); give a JPEG, PNG, TIFF, BMP or WebP".into());
     }
@@ -80,7 +81,7 @@ fn to_array(image: DynamicImage) -> Result<Array3<f32>, String> {
     let image = image.into_rgb32f();
     let shape = (image.height() as usize, image.width() as usize, 3);
     let pixels = Array3::from_shape_vec(shape, image.into_raw()).map_err(|e| e.to_string())?;
-    // Only floating-point TIFF can hold anything else.
+    // Only floating-point TIFF can hold NaN.
     if pixels.iter().any(|v| v.is_nan()) {
         return Err("the image holds NaN; convert it to 8 or 16 bits".to_owned());
     }
@@ -117,7 +118,7 @@ fn encode(pixels: ArrayView3<'_, u8>) -> Result<Vec<u8>, String> {
     let side = |n: usize| u32::try_from(n).ok().filter(|&n| n > 0);
     let (Some(width), Some(height), 3) = (side(width), side(height), channels) else {
         return Err(format!(
-            "an image of shape {:?} can't be written; give [height, width, 3]",
+            "an image of shape {:?} cannot be written; give [height, width, 3]",
             pixels.shape()
         ));
     };
@@ -136,7 +137,10 @@ fn encode(pixels: ArrayView3<'_, u8>) -> Result<Vec<u8>, String> {
 pub fn write_image(path: impl AsRef<Path>, pixels: ArrayView3<'_, f32>) -> Result<()> {
     let path = path.as_ref();
     if let Some(((row, column, _), _)) = pixels.indexed_iter().find(|(_, v)| v.is_nan()) {
-        return Err(Error::malformed(path, format!("NaN at row {row}, column {column} is no colour")));
+        return Err(Error::malformed(
+            path,
+            format!("NaN at row {row}, column {column} is not a colour; give values in 0 to 1"),
+        ));
     }
     write_rgb_png(path, pixels.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())
 }

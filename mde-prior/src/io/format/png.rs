@@ -20,15 +20,14 @@ pub fn sunrgbd_encode(millimetres: u16) -> u16 {
 }
 
 pub(super) fn parse(bytes: &[u8], encoding: Encoding) -> Parsed<Array2<f32>> {
-    let broken = |e: image::ImageError| format!("no readable PNG ({e}); write the file again");
+    let broken = |e: image::ImageError| format!("the PNG cannot be read ({e}); write the file again");
     let mut limits = image::Limits::default();
     limits.max_alloc = Some(4 * MAX_PIXELS as u64);
     let decoder = image::codecs::png::PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(broken)?;
     let color = decoder.original_color_type();
     if color != ExtendedColorType::L16 {
         return Err(format!(
-            "the PNG's samples are {color:?}; depth needs 16-bit greyscale (an 8-bit or colour PNG is a picture of \
-             depth, not depth)"
+            "the PNG's samples are {color:?}; write depth as 16-bit greyscale (an 8-bit or colour PNG shows depth, it does not hold it)"
         ));
     }
     let (width, height) = (decoder.dimensions().0 as usize, decoder.dimensions().1 as usize);

@@ -10,7 +10,7 @@ use ndarray::{Array2, ArrayView2};
 
 use super::{MAX_PIXELS, Parsed, check_size};
 
-/// Names under which programs store depth, first the one of the OpenEXR convention.
+/// Names of a depth channel, first that of the OpenEXR convention.
 const CHANNELS: [&str; 4] = ["z", "depth", "y", "r"];
 /// DEFLATE never expands more than 1032 times; a header that needs more is broken.
 const MAX_EXPANSION: usize = 1100;
@@ -25,7 +25,7 @@ pub(super) fn parse(bytes: &[u8], wanted: Option<&str>) -> Parsed<Array2<f32>> {
         .all_attributes()
         .non_parallel()
         .from_buffered(Cursor::new(bytes))
-        .map_err(|e| format!("no readable OpenEXR file ({e}); write the file again"))?;
+        .map_err(|e| format!("the OpenEXR file cannot be read ({e}); write it again"))?;
     let channels =
         || image.layer_data.iter().flat_map(|layer| layer.channel_data.list.iter().map(move |c| (layer, c)));
     let names: Vec<String> = image
@@ -37,7 +37,7 @@ pub(super) fn parse(bytes: &[u8], wanted: Option<&str>) -> Parsed<Array2<f32>> {
         })
         .collect();
     let index = choose(&names, wanted)?;
-    let (layer, channel) = channels().nth(index).ok_or("the file has no channel")?;
+    let (layer, channel) = channels().nth(index).ok_or("the file has no channel; write it again")?;
     let (width, height) = (layer.size.width(), layer.size.height());
     if channel.sampling.x() != 1 || channel.sampling.y() != 1 {
         return Err(format!("channel {:?} is subsampled; write it at full size", names[index]));
@@ -47,10 +47,10 @@ pub(super) fn parse(bytes: &[u8], wanted: Option<&str>) -> Parsed<Array2<f32>> {
     Array2::from_shape_vec((height, width), values).map_err(|e| e.to_string())
 }
 
-/// Refuses sizes that the file can't hold before the decoder takes memory for them.
+/// Refuses sizes that the file cannot hold before the decoder allocates memory for them.
 fn check_header(bytes: &[u8]) -> Parsed<()> {
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false)
-        .map_err(|e| format!("this is no OpenEXR file, or it is broken ({e}); write it again"))?;
+        .map_err(|e| format!("the file is not in OpenEXR format, or broken ({e}); write it again"))?;
     let mut total = 0_usize;
     for header in &meta.headers {
         let pixels = check_size(header.layer_size.width(), header.layer_size.height())?;
@@ -70,8 +70,8 @@ fn choose(names: &[String], wanted: Option<&str>) -> Parsed<usize> {
         (None, _) => CHANNELS.iter().find_map(|c| names.iter().position(|n| last(n) == *c)),
     };
     found.ok_or_else(|| match wanted {
-        Some(wanted) => format!("no channel {wanted:?}; there are {names:?}"),
-        None => format!("say which channel holds the depth; there are {names:?}"),
+        Some(wanted) => format!("no channel {wanted:?}; name one of {names:?}"),
+        None => format!("several channels, {names:?}; name the one with the depth"),
     })
 }
 

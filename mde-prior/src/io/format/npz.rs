@@ -13,8 +13,9 @@ use super::{MAX_PIXELS, Parsed, Samples, npy};
 const MAX_MEMBER: u64 = 8 * MAX_PIXELS as u64 + (1 << 16);
 
 pub(super) fn parse(bytes: &[u8], wanted: Option<&str>) -> Parsed<Samples> {
-    let mut archive = ZipArchive::new(Cursor::new(bytes))
-        .map_err(|e| format!("this is no NPZ file, or it is truncated ({e}); write it with numpy.savez"))?;
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|e| {
+        format!("the file is not in NPZ format, or truncated ({e}); write it with numpy.savez")
+    })?;
     let names: Vec<String> = archive.file_names().map(str::to_owned).collect();
     let name = choose(&names, wanted)?;
     let what = |reason: String| format!("array {:?}: {reason}", array_name(name));
@@ -22,10 +23,10 @@ pub(super) fn parse(bytes: &[u8], wanted: Option<&str>) -> Parsed<Samples> {
     let member = archive.by_name(name).map_err(unreadable)?;
     let size = member.size();
     if size > MAX_MEMBER {
-        return Err(what(format!("{size} bytes are no depth map; write the file again")));
+        return Err(what(format!("{size} bytes are too many for a depth map; write the file again")));
     }
     let mut data = Vec::new();
-    // The stated size may lie; what comes out is bounded all the same. The checksum is checked at the end.
+    // The stated size may be wrong, so the output is bounded too. The checksum is checked at the end.
     member.take(MAX_MEMBER + 1).read_to_end(&mut data).map_err(|e| unreadable(e.into()))?;
     npy::parse(&data).map_err(what)
 }
@@ -44,14 +45,14 @@ fn choose<'n>(names: &'n [String], wanted: Option<&str>) -> Parsed<&'n str> {
     found.map(String::as_str).ok_or_else(|| {
         let names: Vec<&str> = names.iter().map(|name| array_name(name)).collect();
         match wanted {
-            Some(wanted) => format!("no array {wanted:?}; there are {names:?}"),
-            None => format!("say which array holds the depth; there are {names:?}"),
+            Some(wanted) => format!("no array {wanted:?}; name one of {names:?}"),
+            None => format!("several arrays, {names:?}; name the one with the depth"),
         }
     })
 }
 
 pub(super) fn encode(arrays: &[(&str, ArrayView2<'_, f32>)]) -> Parsed<Vec<u8>> {
-    let unwritable = |e: ZipError| format!("the archive can't be made: {e}");
+    let unwritable = |e: ZipError| format!("the archive cannot be written ({e}); give fewer arrays");
     let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
     // A fixed date: the same arrays give the same bytes.
     let options = SimpleFileOptions::default()

@@ -1,4 +1,4 @@
-//! Resizing of float planes, as the networks' own preprocessing does it.
+//! Resizing of float planes, as in the networks' own preprocessing.
 
 use ndarray::{Array2, ArrayView1, ArrayView2, Axis};
 use serde::{Deserialize, Serialize};
@@ -19,9 +19,9 @@ pub enum Filter {
     Bicubic,
 }
 
-/// Resizes to `(height, width)`; the map itself where it has that size.
+/// Resizes to `(height, width)`; a map of that size is copied.
 ///
-/// Every output pixel is a weighted mean of input pixels with weights that sum to 1, so constants stay.
+/// Every output pixel is a weighted mean of input pixels with weights that sum to 1, so constants are kept.
 ///
 /// ```
 /// use mde_prior::ndarray::array;
@@ -53,8 +53,8 @@ pub fn resize(map: ArrayView2<'_, f32>, size: (usize, usize), filter: Filter) ->
     resized.mapv(|v| v as f32)
 }
 
-/// The value of the pixel whose area holds the new pixel's centre, for `(height, width)`: for depth, which must not be mixed
-/// across an edge or with what is missing.
+/// Resizes to `(height, width)` with the value of the pixel that contains the new pixel's centre: for depth, which must not be mixed
+/// across an edge or with missing pixels.
 #[must_use]
 pub fn nearest(map: ArrayView2<'_, f32>, (height, width): (usize, usize)) -> Array2<f32> {
     let (rows, columns) = map.dim();

@@ -1,4 +1,7 @@
 //! NumPy's NPY format, versions 1 to 3.
+//!
+//! By hand, since no crate does as much: `ndarray-npy` reads no `float16`, needs the element's type before the header is read, and
+//! allocates by the header; `npyz` brings a parser of Python literals (`py_literal`, `pest`). The tests compare with `ndarray-npy`.
 
 use ndarray::{Array2, ArrayView2, ShapeBuilder as _};
 
@@ -28,7 +31,7 @@ pub(super) fn encode(map: ArrayView2<'_, f32>) -> Vec<u8> {
 
 pub(super) fn parse(bytes: &[u8]) -> Parsed<Samples> {
     if !bytes.starts_with(MAGIC) {
-        return Err("this is no NPY file; write it with numpy.save".to_owned());
+        return Err("the file is not in NPY format; write it with numpy.save".to_owned());
     }
     let (header, data) = split(bytes).ok_or("the NPY header is truncated; write the file again")?;
     let descr = text_value(header, "descr").ok_or_else(|| no_key("descr"))?;
@@ -81,7 +84,7 @@ fn shape(header: &str) -> Parsed<Vec<usize>> {
         .and_then(|list| {
             list.split(',').map(str::trim).filter(|n| !n.is_empty()).map(|n| n.parse().ok()).collect()
         })
-        .ok_or_else(|| "the NPY header's shape can't be read; write the file with numpy.save".to_owned())
+        .ok_or_else(|| "the NPY header's shape is malformed; write the file with numpy.save".to_owned())
 }
 
 /// `[height, width]` of a shape with any number of ones about it.
@@ -129,7 +132,7 @@ impl Sample {
         }
         let bits = u64::from_le_bytes(bytes);
         match (self.kind, self.size) {
-            (b'f', 2) => half(bits as u16),
+            (b'f', 2) => half::f16::from_bits(bits as u16).to_f32(),
             (b'f', 4) => f32::from_bits(bits as u32),
             (b'f', _) => f64::from_bits(bits) as f32,
             (b'i', 2) => f32::from(bits as u16 as i16),
@@ -137,17 +140,5 @@ impl Sample {
             (b'i', _) => bits as i64 as f32,
             _ => bits as f32,
         }
-    }
-}
-
-/// IEEE 754 binary16.
-fn half(bits: u16) -> f32 {
-    let sign = if bits & 0x8000 == 0 { 1.0 } else { -1.0 };
-    let (exponent, fraction) = (i32::from(bits >> 10) & 31, f32::from(bits & 0x3ff));
-    sign * match exponent {
-        0 => fraction * (-24_f32).exp2(),
-        31 if fraction == 0.0 => f32::INFINITY,
-        31 => f32::NAN,
-        _ => (1024.0 + fraction) * ((exponent - 25) as f32).exp2(),
     }
 }

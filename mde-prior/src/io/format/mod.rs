@@ -1,4 +1,4 @@
-//! Depth-map files: the one place of the workspace that reads and writes them.
+//! Depth-map files.
 //!
 //! | extension | read | written |
 //! | --- | --- | --- |
@@ -8,8 +8,8 @@
 //! | `.pfm` | grey (`Pf`), both byte orders | grey, little-endian |
 //! | `.exr` | half, float or uint; a named channel, or the first suitable | float, channel `Z`, ZIP |
 //!
-//! [`read_depth`] gives depths, 0 = missing; [`read_values`] gives the numbers as they are and refuses NaN. Files are
-//! written whole or not at all. Sizes in headers are checked against the file before memory is taken for them.
+//! [`read_depth`] returns depths, 0 = missing; [`read_values`] returns the values unchanged and refuses NaN. Writing is atomic.
+//! Sizes in headers are checked against the file before memory is allocated.
 //!
 //! ```
 //! use mde_prior::format::{self, ReadOptions, WriteOptions};
@@ -40,15 +40,16 @@ use serde::{Deserialize, Serialize};
 
 pub use png::{sunrgbd_decode, sunrgbd_encode};
 
-use crate::{Error, Result, write_atomic};
+use super::write_atomic;
+use crate::{Error, Result};
 
-/// Most pixels a map may have; more is a broken header or not meant for this program.
+/// Most pixels of a map; more is a broken header.
 pub(crate) const MAX_PIXELS: usize = 1 << 27;
 
 /// Most bytes of a file that is read.
 const MAX_FILE: u64 = 1 << 32;
 
-/// What a parser says: the map, or what is wrong with the bytes and what to do (the caller names the file).
+/// A parser's result: the map, or the reason and remedy (the caller names the file).
 type Parsed<T> = std::result::Result<T, String>;
 
 /// Samples of a file and whether they are integers, which carry a scale.
@@ -74,10 +75,10 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format that the extension of `path` names.
+    /// The format of the extension of `path`.
     ///
     /// # Errors
-    /// [`Error::UnknownFormat`] with the list of those known.
+    /// [`Error::UnknownFormat`] with the known ones.
     pub fn of(path: &Path) -> Result<Self> {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
         match extension.to_ascii_lowercase().as_str() {
@@ -91,7 +92,7 @@ impl Format {
     }
 }
 
-/// How the 16 bits of a PNG sample hold a depth.
+/// Encoding of a depth in the 16 bits of a PNG sample.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -103,7 +104,7 @@ pub enum Encoding {
     Sunrgbd,
 }
 
-/// How to read a depth file.
+/// Options for reading a depth file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct ReadOptions {
@@ -111,7 +112,7 @@ pub struct ReadOptions {
     pub png_scale: f64,
     /// Depth = value / `float_scale` for floating-point samples; 1.
     pub float_scale: f64,
-    /// How a PNG sample holds a depth.
+    /// Encoding of a depth in a PNG sample.
     pub encoding: Encoding,
     /// The array of an NPZ; without it the only one, or the one named `depth`.
     pub npz_array: Option<String>,
@@ -148,7 +149,7 @@ impl ReadOptions {
     }
 }
 
-/// How to write a depth file.
+/// Options for writing a depth file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct WriteOptions {
@@ -179,7 +180,7 @@ pub fn read_depth(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Array
     Ok(map)
 }
 
-/// Reads the values of a file as they are, `[height, width]`; infinities stay.
+/// Reads the values of a file, `[height, width]`, infinities included.
 ///
 /// # Errors
 /// Those of [`read_depth`], and [`Error::Malformed`] that names the first NaN.
@@ -206,7 +207,7 @@ pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>> {
     let read = |e| Error::read(path, e);
     let file = std::fs::File::open(path).map_err(read)?;
     if file.metadata().map_err(read)?.len() > MAX_FILE {
-        return Err(Error::malformed(path, "the file is over 4 GiB; it can't be one image or depth map"));
+        return Err(Error::malformed(path, "the file is over 4 GiB; give one image or depth map"));
     }
     let mut bytes = Vec::new();
     file.take(MAX_FILE).read_to_end(&mut bytes).map_err(read)?;
@@ -219,7 +220,8 @@ pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>> {
 fn parse(format: Format, bytes: &[u8], options: &ReadOptions) -> Parsed<Array2<f32>> {
     if options.encoding == Encoding::Sunrgbd && format != Format::Png {
         return Err(
-            "the SUN RGB-D encoding is of PNG files; read this file with the linear encoding".to_owned()
+            "the SUN RGB-D encoding applies to PNG files only; read this file with the linear encoding"
+                .to_owned(),
         );
     }
     let Samples { mut map, integer } = match format {
@@ -243,14 +245,14 @@ fn parse(format: Format, bytes: &[u8], options: &ReadOptions) -> Parsed<Array2<f
 /// Parses the bytes of a file of the given format, as [`read_values`] would, NaN included as 0.
 ///
 /// # Errors
-/// [`Error::Input`] with what is wrong with the bytes.
+/// [`Error::Input`] with the reason.
 pub fn decode(format: Format, bytes: &[u8], options: &ReadOptions) -> Result<Array2<f32>> {
     options.validate()?;
     let map = parse(format, bytes, options).map_err(Error::Input)?;
     Ok(map.mapv_into(|v| if v.is_nan() { 0.0 } else { v }))
 }
 
-/// Writes a map in the format that the extension names.
+/// Writes a map in the format of the file's extension.
 ///
 /// # Errors
 /// [`Error::UnknownFormat`], [`Error::Write`], [`Error::Config`]; [`Error::Malformed`] when the map is empty, holds NaN,
@@ -323,7 +325,7 @@ pub fn write_png16(path: impl AsRef<Path>, map: ArrayView2<'_, f32>, scale: f64)
 fn check_map(path: &Path, map: ArrayView2<'_, f32>) -> Result<()> {
     if map.is_empty() || map.len() > MAX_PIXELS {
         let reason =
-            format!("a map of shape {:?} can't be written; give 1 to {MAX_PIXELS} pixels", map.dim());
+            format!("a map of shape {:?} cannot be written; give 1 to {MAX_PIXELS} pixels", map.dim());
         return Err(Error::malformed(path, reason));
     }
     if let Some(((row, column), _)) = map.indexed_iter().find(|(_, v)| v.is_nan()) {
@@ -341,12 +343,12 @@ fn check_scale(field: &'static str, scale: f64) -> Result<()> {
     Err(Error::Config { field, value: scale.to_string(), remedy: "give a positive number of steps per unit" })
 }
 
-/// Checks a size from a header before memory is taken for it.
+/// Checks a size from a header before memory is allocated for it.
 fn check_size(width: usize, height: usize) -> Parsed<usize> {
     match width.checked_mul(height) {
         Some(pixels) if (1..=MAX_PIXELS).contains(&pixels) => Ok(pixels),
         _ => Err(format!(
-            "the header says {width}x{height} pixels, which is no depth map; write the file again"
+            "the header has {width}x{height} pixels, which is not supported; write the file again"
         )),
     }
 }

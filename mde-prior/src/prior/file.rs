@@ -5,7 +5,7 @@ use ndarray::ArrayView3;
 use crate::format::{self, ReadOptions};
 use crate::{DepthKind, DepthPrior, Error, PriorDepth, Result};
 
-/// A depth or disparity map in a file, of the image's size.
+/// A depth or disparity map from a file, of the image's size. It accepts no new images.
 ///
 /// The file is read and checked when it is opened. See [`format`](mod@crate::format) for the formats.
 #[derive(Debug, Clone)]
@@ -16,7 +16,7 @@ pub struct FilePrior {
 
 impl FilePrior {
     /// Reads a map whose values are of `kind`. With a `scale`, depth = value / scale whatever the format; without one,
-    /// integer samples (16-bit PNG) are thousandths and floating-point samples are taken as they are.
+    /// integer samples (16-bit PNG) are thousandths and floating-point samples are not scaled.
     ///
     /// # Errors
     /// Those of [`format::read_depth`].
@@ -29,7 +29,7 @@ impl FilePrior {
         Self::with_options(path, kind, &options)
     }
 
-    /// The same with all reading options: encoding, the array of an NPZ, the channel of an EXR.
+    /// As [`open`](Self::open), with all reading options: encoding, the array of an NPZ, the channel of an EXR.
     ///
     /// # Errors
     /// Those of [`format::read_depth`].
@@ -43,7 +43,7 @@ impl FilePrior {
         Ok(Self { path: path.to_owned(), prior })
     }
 
-    /// The map as it was read.
+    /// The map in the file.
     #[must_use]
     pub fn prior(&self) -> &PriorDepth {
         &self.prior

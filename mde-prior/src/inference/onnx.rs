@@ -10,15 +10,15 @@ use crate::resample::resize;
 use crate::spec::{Channels, Layout, ModelSpec};
 use crate::{DepthPrior, Error, PriorDepth, Result};
 
-/// The largest input that a kept aspect may ask for: more than any monocular model is made for.
+/// The largest input of a kept aspect: more than any monocular model is made for.
 const MAX_INPUT_PIXELS: usize = 1 << 24;
-/// How far the aspect of an output map may be from the input's.
+/// The largest ratio between the aspects of output and input.
 const MAX_STRETCH: f64 = 1.5;
 
 /// A network in an ONNX file, run on the CPU.
 ///
-/// The model is bound to the concrete input size before it is optimised, since graphs that compute sizes from symbolic
-/// shapes do not run; the plan is kept for the next image of that size.
+/// The graph is optimised for a concrete input size, since graphs that compute sizes from symbolic shapes do not run. The plan is
+/// kept for the next image of that size.
 ///
 /// ```no_run
 /// use mde_prior::{DepthPrior, ModelSpec, OnnxPrior, photo};
@@ -64,7 +64,7 @@ impl OnnxPrior {
         }
         let mut model =
             tract_onnx::onnx().with_ignore_output_shapes(true).model_for_path(path).map_err(|e| {
-                model_error(path, format!("this is no ONNX model that can be run ({})", one_line(&e)))
+                model_error(path, format!("the ONNX model cannot be run ({}); export it again", one_line(&e)))
             })?;
         if let Some(name) = &spec.output_name {
             model.select_outputs_by_name([name]).map_err(|e| {
@@ -75,7 +75,7 @@ impl OnnxPrior {
         Ok(Self { path: path.to_owned(), spec: spec.clone(), model, fixed, plan: Mutex::new(None) })
     }
 
-    /// Loads a model with the specification in the TOML beside it, or with the profile that its name suggests.
+    /// Loads a model with the specification in the TOML file beside it, or with the profile that matches its name.
     ///
     /// # Errors
     /// Those of [`ModelSpec::of`] and [`open`](Self::open).
@@ -98,7 +98,7 @@ impl OnnxPrior {
         (self.fixed.0.unwrap_or(h), self.fixed.1.unwrap_or(w))
     }
 
-    /// The output as the network gives it, at the network's own size, before floor and resizing.
+    /// The network's output at its own size, `[height, width]`, before floor and resizing.
     ///
     /// # Errors
     /// [`Error::Input`] for an image that is not `[height, width, 3]` or not finite; [`Error::Model`] when the model
@@ -107,7 +107,7 @@ impl OnnxPrior {
         let (height, width, channels) = image.dim();
         if height == 0 || width == 0 || channels != 3 || image.iter().any(|v| !v.is_finite()) {
             return Err(Error::Input(format!(
-                "an image of shape {:?} can't be predicted; give finite [height, width, 3]",
+                "an image of shape {:?} cannot be predicted; give finite [height, width, 3]",
                 image.dim()
             )));
         }
@@ -120,9 +120,16 @@ impl OnnxPrior {
         }
         let input = self.tensor(image, size)?;
         let outputs = self.plan(size)?.run(tvec!(input.into())).map_err(|e| {
-            self.error(format!("the model fails at {}x{} ({})", size.1, size.0, one_line(&e)))
+            self.error(format!(
+                "the model fails at {}x{} ({}); check its input size",
+                size.1,
+                size.0,
+                one_line(&e)
+            ))
         })?;
-        let output = outputs.first().ok_or_else(|| self.error("the model has no output".to_owned()))?;
+        let output = outputs
+            .first()
+            .ok_or_else(|| self.error("the model has no output; export it again".to_owned()))?;
         self.map(output, size)
     }
 
@@ -152,7 +159,7 @@ impl OnnxPrior {
     }
 
     fn plan(&self, size: (usize, usize)) -> Result<Plan> {
-        // A plan is stored whole, so one that another thread left behind in a panic is still good.
+        // A plan is stored whole, so it is valid even if another thread panicked.
         let mut kept = self.plan.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((for_size, plan)) = &*kept
             && *for_size == size
@@ -166,7 +173,12 @@ impl OnnxPrior {
             .with_input_fact(0, fact)
             .and_then(|model| model.into_optimized()?.into_runnable())
             .map_err(|e| {
-                self.error(format!("the model can't take a {}x{} input ({})", size.1, size.0, one_line(&e)))
+                self.error(format!(
+                    "the model takes no {}x{} input ({}); check its input size",
+                    size.1,
+                    size.0,
+                    one_line(&e)
+                ))
             })?;
         *kept = Some((size, Arc::clone(&plan)));
         Ok(plan)
@@ -174,7 +186,7 @@ impl OnnxPrior {
 
     fn map(&self, output: &Tensor, input: (usize, usize)) -> Result<Array2<f32>> {
         let sides: Vec<usize> = output.shape().iter().copied().filter(|&n| n != 1).collect();
-        // A map covers the input, so it has its aspect; features and class scores do not.
+        // A depth map has the input's aspect; features and class scores do not.
         let covers = |height: usize, width: usize| {
             let stretch = (height * input.1) as f64 / (width * input.0) as f64;
             (1.0 / MAX_STRETCH..=MAX_STRETCH).contains(&stretch)
@@ -183,8 +195,7 @@ impl OnnxPrior {
             [height, width] if covers(height, width) => (height, width),
             _ => {
                 return Err(self.error(format!(
-                    "the output's shape is {:?}, not one map of depth; check the model, or name another output with \
-                     output-name",
+                    "the output's shape is {:?}, not a depth map; check the model, or name another output with output-name",
                     output.shape()
                 )));
             }
@@ -203,7 +214,7 @@ impl DepthPrior for OnnxPrior {
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
         let mut native = self.predict_native(image.view())?;
         let floor = self.spec.output_floor;
-        // Before resizing, so that no 0 bleeds into its neighbours; and after it, since bicubic overshoots.
+        // Before resizing, so that 0 does not spread to its neighbours; and after it, since bicubic overshoots.
         if let Some(floor) = floor {
             native.mapv_inplace(|v| v.max(floor));
         }
@@ -231,7 +242,7 @@ fn input_shape(layout: Layout, (height, width): (usize, usize)) -> [usize; 4] {
 fn fixed_size(model: &InferenceModel, layout: Layout) -> Result<(Option<usize>, Option<usize>), String> {
     let inputs = model.input_outlets().map_err(|e| one_line(&e))?;
     if inputs.len() != 1 || model.output_outlets().map_err(|e| one_line(&e))?.is_empty() {
-        return Err(format!("the model has {} inputs; a depth model has one, an image", inputs.len()));
+        return Err(format!("the model has {} inputs; give a model with one, an image", inputs.len()));
     }
     let fact = model.input_fact(0).map_err(|e| one_line(&e))?;
     if let Some(kind) = fact.datum_type.concretize().filter(|kind| *kind != f32::datum_type()) {
@@ -239,7 +250,7 @@ fn fixed_size(model: &InferenceModel, layout: Layout) -> Result<(Option<usize>, 
     }
     let Some(rank) = fact.shape.rank().concretize() else { return Ok((None, None)) };
     if rank != 4 {
-        return Err(format!("the input has {rank} axes; an image has 4, [1, 3, height, width]"));
+        return Err(format!("the input has {rank} axes; export it with 4, [1, 3, height, width]"));
     }
     let side = |axis| fact.shape.dim(axis).and_then(|d| d.concretize()).and_then(|d| d.to_usize().ok());
     let (channel, height, width) = match layout {
@@ -261,7 +272,7 @@ fn model_error(path: &Path, reason: impl Into<String>) -> Error {
     Error::Model { path: path.to_owned(), reason: reason.into() }
 }
 
-/// tract reports chains over several lines; the outermost and the innermost say most.
+/// tract's chain of errors in one line.
 fn one_line(error: &TractError) -> String {
     let text = format!("{error:#}");
     let line = text.split_whitespace().collect::<Vec<_>>().join(" ");

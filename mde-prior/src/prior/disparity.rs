@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Error, Result};
 
-/// How disparity with unknown scale and shift becomes positive depth.
+/// The rule that turns disparity of unknown scale and shift into positive depth.
 ///
 /// A model of the MiDaS family gives `d` with \\( 1/z = a d + b \\) for unknown `a > 0` and `b`: `1/d` is no depth, not
 /// even up to scale, and `d` may be negative. The rule states the depth range instead: with `q` the quantiles of the
@@ -14,7 +14,7 @@ use crate::{Error, Result};
 ///    \frac1z = A \hat d + B, \quad A = \frac1{z_{near}} - \frac1{z_{far}}, \quad B = \frac1{z_{far}}. \\]
 ///
 /// So `near <= z <= far` always, depth falls as disparity grows, and the result does not change when the map is
-/// multiplied by a positive number or shifted. A constant map says nothing; it becomes the depth in the middle of the
+/// multiplied by a positive number or shifted. A constant map becomes the depth in the middle of the
 /// disparity range, \\( 2 / (1/z_{near} + 1/z_{far}) \\). Where more than `high - low` of a map is one single value,
 /// its extremes take the place of the quantiles.
 ///
@@ -79,7 +79,7 @@ impl DisparityRule {
         self.depth_between(disparity, valid, self.ends(disparity, valid)?)
     }
 
-    /// The disparities that stand for `far` and `near`.
+    /// The disparities of `far` and `near`.
     ///
     /// # Errors
     /// Those of [`depth`](Self::depth).
@@ -93,8 +93,8 @@ impl DisparityRule {
         })
     }
 
-    /// As [`depth`](Self::depth), with the [`ends`](Self::ends) of another map of the same scale and shift: depths of both can
-    /// then be compared.
+    /// As [`depth`](Self::depth), with the [`ends`](Self::ends) of another map of the same scale and shift, so that the depths of
+    /// both agree.
     ///
     /// # Errors
     /// Those of [`depth`](Self::depth), but for the valid pixel; [`Error::Input`] for ends that are no range.

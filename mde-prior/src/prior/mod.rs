@@ -1,7 +1,18 @@
+//! The prior's interface, its predictions, and the description of a model.
+
+mod disparity;
+#[cfg(feature = "io")]
+mod file;
+pub mod spec;
+
 use ndarray::{Array2, ArrayView3, Zip};
 use serde::{Deserialize, Serialize};
 
-use crate::{DisparityRule, Error, Result};
+use crate::{Error, Result};
+
+pub use disparity::DisparityRule;
+#[cfg(feature = "io")]
+pub use file::FilePrior;
 
 /// A monocular depth estimator.
 ///
@@ -62,7 +73,7 @@ impl<P: DepthPrior + ?Sized> DepthPrior for Box<P> {
     }
 }
 
-/// What the numbers of a prior mean.
+/// The meaning of a prediction's values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum DepthKind {
@@ -115,16 +126,16 @@ impl std::str::FromStr for DepthKind {
 /// The prediction for one image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PriorDepth {
-    /// `[height, width]`, as the model or file gave it; 0 where `valid` is false.
+    /// `[height, width]`, the values of the model or file; 0 where `valid` is false.
     pub map: Array2<f32>,
     /// `[height, width]`, whether the pixel has a value.
     pub valid: Array2<bool>,
-    /// What the values mean.
+    /// The meaning of the values.
     pub kind: DepthKind,
 }
 
 impl PriorDepth {
-    /// Takes a map as it came: values that are not finite, and for depths those that are not positive, are missing.
+    /// A map in which values that are not finite, and for depths those that are not positive, are missing.
     ///
     /// # Errors
     /// [`Error::Input`] when no pixel has a value.
@@ -133,7 +144,7 @@ impl PriorDepth {
         Self { map, valid, kind }.sanitised()
     }
 
-    /// A map with a mask of the pixels that have a value; a value that means "missing" is masked out too.
+    /// A map with a mask of the pixels that have a value, both `[height, width]`. A value that means "missing" is masked out too.
     ///
     /// # Errors
     /// [`Error::Input`] when the shapes differ or no pixel has a value.
@@ -167,7 +178,7 @@ impl PriorDepth {
         Ok(self)
     }
 
-    /// Positive depth, `[height, width]`, 0 = missing: depths as they are (metres, or the model's unit), disparity
+    /// Positive depth, `[height, width]`, 0 = missing: depths unchanged (metres, or the model's unit), disparity
     /// through `rule`.
     ///
     /// # Errors
@@ -180,13 +191,16 @@ impl PriorDepth {
         rule.depth(checked.map.view(), checked.valid.view())
     }
 
-    /// The same in the gauge that `rule` gives to another map of the same scale and shift.
+    /// As [`to_depth`](Self::to_depth), with the quantiles of `reference`, a map of the same scale and shift.
     ///
     /// # Errors
     /// As [`to_depth`](Self::to_depth); [`Error::Input`] for maps of two kinds.
     pub fn to_depth_as(&self, reference: &Self, rule: &DisparityRule) -> Result<Array2<f32>> {
         if self.kind != reference.kind {
-            let reason = format!("{} has no gauge in common with {}", self.kind, reference.kind);
+            let reason = format!(
+                "a map of kind {} cannot take the range of one of kind {}; give both one kind",
+                self.kind, reference.kind
+            );
             return Err(Error::Input(reason));
         }
         if self.kind.is_depth() {

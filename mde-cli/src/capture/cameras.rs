@@ -1,0 +1,131 @@
+//! Poses and cameras of the photographs, refined or estimated, and the choice of photographs.
+
+use super::report::{CaptureReport, PoseSource};
+use super::{Capture, view};
+use crate::Result;
+use crate::config::Config;
+use mde_mvs::poses::{self, PosesConfig, RefineConfig, Track, Verdict, estimate_poses, refine_poses};
+use mde_mvs::views::{ViewSelection, select_views};
+use mde_uncertainty::random::derived_seed;
+use mde_uncertainty::statistics::median;
+use mde_warp::{PinholeCamera, Pose, PosedView};
+use ndarray::Array2;
+
+/// The photographs that are used, in the reference's frame.
+pub(super) struct Posed {
+    /// The reference first.
+    pub(super) views: Vec<PosedView>,
+    /// Index of each view among the photographs.
+    pub(super) order: Vec<usize>,
+    /// Unit of the poses per unit of the prior: the prior's depth times this is in the unit of the poses.
+    pub(super) unit: f64,
+}
+
+/// The posed views, or nothing (with the reason in the report) where no photograph but the reference has a pose with parallax.
+pub(super) fn posed(
+    capture: &Capture,
+    priors: &[Option<Array2<f32>>],
+    config: &Config,
+    report: &mut CaptureReport,
+) -> Result<Option<Posed>> {
+    let inputs: Vec<poses::Photograph<'_>> = capture
+        .photographs
+        .iter()
+        .zip(priors)
+        .map(|(photograph, prior)| poses::Photograph {
+            name: &photograph.name,
+            image: photograph.image.view(),
+            camera: photograph.camera,
+            focal_assumed: photograph.focal_assumed && photograph.pose.is_none(),
+            prior: prior.as_ref().map(|depth| depth.view()),
+        })
+        .collect();
+    let seed = derived_seed(config.seed, "poses", 0);
+    let reference = capture.reference;
+    let given: Option<Vec<Pose>> = capture.photographs.iter().map(|p| p.pose).collect();
+    let (cameras, poses, unit): (Vec<PinholeCamera>, Vec<Option<Pose>>, f64) = match given {
+        Some(given) => {
+            let world = given[reference].inverse();
+            let given: Vec<Pose> = given.iter().map(|pose| pose * world).collect();
+            let refined = refine_poses(&inputs, &given, reference, &RefineConfig::default(), seed)?;
+            report.poses = if refined.accepted { PoseSource::Refined } else { PoseSource::Given };
+            report.withheld_pixels = refined.withheld;
+            let unit = unit(&refined.tracks, reference, priors[reference].as_ref());
+            let cameras = capture.photographs.iter().map(|p| p.camera).collect();
+            (cameras, refined.poses.into_iter().map(Some).collect(), unit)
+        }
+        None => {
+            let estimated = estimate_poses(&inputs, reference, &PosesConfig::default(), seed)?;
+            report.poses = PoseSource::Estimated;
+            report.focal_factor = Some(estimated.focal_factor);
+            for (photograph, found) in report.photographs.iter_mut().zip(&estimated.photographs) {
+                photograph.verdict = found.verdict.to_string();
+            }
+            let parallax = estimated.photographs.iter().any(|p| p.verdict == Verdict::Posed);
+            if !parallax {
+                let reasons: Vec<String> = report
+                    .photographs
+                    .iter()
+                    .enumerate()
+                    .filter(|(index, _)| *index != reference)
+                    .map(|(_, photograph)| format!("{}: {}", photograph.name, photograph.verdict))
+                    .collect();
+                report.fallback = Some(reasons.join("; "));
+                return Ok(None);
+            }
+            let found = estimated.photographs;
+            (found.iter().map(|p| p.camera).collect(), found.iter().map(|p| p.pose).collect(), 1.0)
+        }
+    };
+    let mut order = vec![reference];
+    order.extend((0..poses.len()).filter(|&index| index != reference && poses[index].is_some()));
+    let views = order
+        .iter()
+        .map(|&index| {
+            view(&capture.photographs[index], poses[index].unwrap_or_else(Pose::identity), cameras[index])
+        })
+        .collect::<Result<Vec<_>>>()?;
+    chosen(Posed { views, order, unit }, priors[reference].as_ref(), config, report)
+}
+
+/// The best photographs by parallax, overlap and sharpness.
+fn chosen(
+    all: Posed,
+    prior: Option<&Array2<f32>>,
+    config: &Config,
+    report: &mut CaptureReport,
+) -> Result<Option<Posed>> {
+    let Posed { views, order, unit } = all;
+    let Some(prior) = prior else { return Ok(None) };
+    let depth = prior.mapv(|z| (f64::from(z) * unit) as f32);
+    let mut selection = ViewSelection::default();
+    selection.max_views = config.multi_view.max_views.saturating_sub(1);
+    let scores = select_views(&views, 0, depth.view(), &selection)?;
+    let mut keep = vec![false; views.len()];
+    keep[0] = true;
+    for score in &scores {
+        keep[score.view] = score.chosen;
+        report.photographs[order[score.view]].take(score, &views[score.view], &views[0]);
+    }
+    if keep.iter().filter(|keep| **keep).count() < 2 {
+        report.fallback = Some("no photograph sees the reference's scene from another place".to_owned());
+        return Ok(None);
+    }
+    let mut kept = keep.iter();
+    let views = views.into_iter().filter(|_| kept.next().copied().unwrap_or(false)).collect();
+    let mut kept = keep.iter();
+    let order = order.into_iter().filter(|_| kept.next().copied().unwrap_or(false)).collect();
+    Ok(Some(Posed { views, order, unit }))
+}
+
+/// The robust factor from the reference's prior to the depth of its tracks; 1 without tracks.
+fn unit(tracks: &[Track], reference: usize, prior: Option<&Array2<f32>>) -> f64 {
+    let Some(prior) = prior else { return 1.0 };
+    let logs = tracks.iter().filter_map(|track| {
+        let anchor = track.pixels.first().filter(|pixel| pixel.photograph == reference)?;
+        let [row, column] = [anchor.pixel.y.round() as usize, anchor.pixel.x.round() as usize];
+        let depth = *prior.get((row, column)).filter(|z| **z > 0.0)?;
+        (track.depth > 0.0).then(|| (track.depth / f64::from(depth)).ln())
+    });
+    median(logs).map_or(1.0, f64::exp)
+}

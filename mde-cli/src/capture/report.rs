@@ -1,0 +1,132 @@
+use super::Capture;
+use mde_mvs::consensus::Reconstruction;
+use mde_mvs::exposure::Exposure;
+use mde_mvs::views::ViewScore;
+use mde_nerf::FitReport;
+use mde_warp::PosedView;
+use serde::Serialize;
+
+/// Report of a run with several photographs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CaptureReport {
+    /// One per photograph, in the capture's order.
+    pub photographs: Vec<PhotographReport>,
+    /// Origin of the poses.
+    pub poses: PoseSource,
+    /// Median distance of withheld matches from their prediction, with the given and with the refined poses, pixels of a photograph
+    /// of 640 on the longer side.
+    pub withheld_pixels: Option<[f64; 2]>,
+    /// Factor on assumed focal lengths.
+    pub focal_factor: Option<f64>,
+    /// Unit of the poses per unit of the prior, and the standard deviation of its logarithm.
+    pub scale: Option<[f64; 2]>,
+    /// The field's fit.
+    #[serde(skip)]
+    pub fit: Option<FitReport>,
+    /// Reason for refining the reference alone; none where the photographs were used.
+    pub fallback: Option<String>,
+    /// Wall seconds by stage.
+    pub seconds: CaptureSeconds,
+}
+
+/// Report of one photograph.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PhotographReport {
+    /// Its name.
+    pub name: String,
+    /// Whether its colours and depth were used.
+    pub used: bool,
+    /// Result of the pose estimation.
+    pub verdict: String,
+    /// Distance from the reference over the median depth of what both see.
+    pub parallax: Option<f64>,
+    /// Share of the reference's pixels that it sees.
+    pub overlap: Option<f64>,
+    /// Mean squared gradient over that of the sharpest photograph.
+    pub sharpness: Option<f64>,
+    /// Rotation against the reference, degrees.
+    pub rotation_degrees: Option<f64>,
+    /// Gain and bias per channel to the reference's exposure.
+    pub exposure: Option<Exposure>,
+    /// Share of its pixels whose depth another photograph confirms.
+    pub verified: Option<f32>,
+}
+
+/// Origin of the poses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PoseSource {
+    /// As given; the refinement did not explain withheld matches better.
+    Given,
+    /// Given, then refined on matches.
+    Refined,
+    /// Estimated from matches and the prior.
+    Estimated,
+}
+
+/// Wall seconds by stage.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct CaptureSeconds {
+    /// Predictions of the prior.
+    pub prior: f64,
+    /// Features, matches, poses.
+    pub poses: f64,
+    /// Sweeps, consensus, exposures.
+    pub sweep: f64,
+    /// The field's fit.
+    pub fit: f64,
+    /// Rendering the reference.
+    pub render: f64,
+}
+
+impl CaptureReport {
+    pub(super) fn new(capture: &Capture) -> Self {
+        let photographs = capture
+            .photographs
+            .iter()
+            .enumerate()
+            .map(|(index, photograph)| PhotographReport {
+                name: photograph.name.clone(),
+                used: index == capture.reference,
+                verdict: if index == capture.reference { "the reference" } else { "has a pose" }.to_owned(),
+                parallax: None,
+                overlap: None,
+                sharpness: None,
+                rotation_degrees: None,
+                exposure: None,
+                verified: None,
+            })
+            .collect();
+        Self {
+            photographs,
+            poses: PoseSource::Given,
+            withheld_pixels: None,
+            focal_factor: None,
+            scale: None,
+            fit: None,
+            fallback: None,
+            seconds: CaptureSeconds::default(),
+        }
+    }
+
+    /// Number of photographs that were used, the reference included.
+    pub fn used(&self) -> usize {
+        self.photographs.iter().filter(|photograph| photograph.used).count()
+    }
+
+    pub(super) fn take(&mut self, reconstruction: &Reconstruction, order: &[usize]) {
+        for (known, &index) in reconstruction.views.iter().zip(order) {
+            self.photographs[index].verified = Some(known.verified);
+        }
+    }
+}
+
+impl PhotographReport {
+    pub(super) fn take(&mut self, score: &ViewScore, view: &PosedView, reference: &PosedView) {
+        self.used = score.chosen;
+        self.parallax = Some(score.parallax);
+        self.overlap = Some(score.overlap);
+        self.sharpness = Some(score.sharpness);
+        self.rotation_degrees = Some((view.pose * reference.pose.inverse()).rotation.angle().to_degrees());
+    }
+}

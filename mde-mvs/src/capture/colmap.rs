@@ -1,0 +1,350 @@
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use mde_warp::{PinholeCamera, Pose};
+use nalgebra::Point3;
+
+use super::tum::{lines, number};
+use super::{
+    Capture, Distortion, Error, Frame, Lens, MAX_FRAMES, Result, SparsePoint, check_photograph, content,
+    quaternion, read_bytes, read_text, translation,
+};
+
+const SUPPORTED: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV";
+/// The models in COLMAP's order, with their numbers of parameters; those that are read come first.
+const MODELS: [(&str, usize); 5] =
+    [("SIMPLE_PINHOLE", 3), ("PINHOLE", 4), ("SIMPLE_RADIAL", 4), ("RADIAL", 5), ("OPENCV", 8)];
+/// Names of the models from number 5 on, for the error.
+const OTHERS: [&str; 6] =
+    ["OPENCV_FISHEYE", "FULL_OPENCV", "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"];
+
+/// Reads a COLMAP model: `cameras`, `images` and `points3D`, as `.bin` where `cameras.bin` exists, else as `.txt`.
+///
+/// Names of photographs are relative to `photographs`. Frames come in the order of their names. `size` reports the
+/// width and height of a photograph, or nothing where it is missing. A model without points is read too.
+///
+/// # Errors
+/// One line that names the file and the line or the byte: what is missing, cut short, not finite, of another size, a
+/// camera model that is not supported, a rotation that is none, fewer than two photographs, or all of them taken from
+/// one place.
+pub fn read_colmap(
+    model: &Path,
+    photographs: &Path,
+    size: &dyn Fn(&Path) -> Option<[usize; 2]>,
+) -> Result<Capture> {
+    let binary = model.join("cameras.bin").exists();
+    let file = |stem: &str| model.join(format!("{stem}.{}", if binary { "bin" } else { "txt" }));
+    let (cameras, images, points) = (file("cameras"), file("images"), file("points3D"));
+    let raw = if binary {
+        Raw {
+            cameras: binary_cameras(&cameras, &read_bytes(&cameras)?)?,
+            images: binary_images(&images, &read_bytes(&images)?)?,
+            points: if points.exists() { binary_points(&points, &read_bytes(&points)?)? } else { Vec::new() },
+        }
+    } else {
+        Raw {
+            cameras: text_cameras(&cameras, &read_text(&cameras)?)?,
+            images: text_images(&images, &read_text(&images)?)?,
+            points: if points.exists() { text_points(&points, &read_text(&points)?)? } else { Vec::new() },
+        }
+    };
+    raw.capture(&images, photographs, size)
+}
+
+pub(crate) struct Image {
+    pub(crate) id: u32,
+    pub(crate) quaternion: [f64; 4],
+    pub(crate) translation: [f64; 3],
+    pub(crate) camera: u32,
+    pub(crate) name: String,
+}
+
+/// Position, error, and the images that see the point.
+pub(crate) type Point = ([f64; 3], f64, Vec<u32>);
+
+pub(crate) struct Raw {
+    pub(crate) cameras: BTreeMap<u32, Lens>,
+    pub(crate) images: Vec<Image>,
+    pub(crate) points: Vec<Point>,
+}
+
+impl Raw {
+    pub(crate) fn capture(
+        mut self,
+        path: &Path,
+        photographs: &Path,
+        size: &dyn Fn(&Path) -> Option<[usize; 2]>,
+    ) -> Result<Capture> {
+        self.images.sort_by(|a, b| a.name.cmp(&b.name));
+        let mut capture = Capture::default();
+        let mut index = BTreeMap::new();
+        for image in self.images {
+            let lens = *self.cameras.get(&image.camera).ok_or_else(|| {
+                let problem = format!("camera {} is not among the cameras", image.camera);
+                content(path, format!("image {}", image.name), problem)
+            })?;
+            let photograph = photographs.join(&image.name);
+            check_photograph(path, &photograph, &lens, size)?;
+            let wrong =
+                |problem| Error::Rotation { path: path.to_owned(), photograph: image.name.clone(), problem };
+            let rotation = quaternion(image.quaternion).map_err(wrong)?;
+            let translation = translation(image.translation).map_err(wrong)?;
+            index.insert(image.id, capture.frames.len());
+            capture.frames.push(Frame { photograph, lens, pose: Pose::from_parts(translation, rotation) });
+        }
+        capture.points = self
+            .points
+            .into_iter()
+            .filter(|(position, error, _)| position.iter().all(|x| x.is_finite()) && error.is_finite())
+            .map(|(position, error, track)| {
+                let mut frames: Vec<usize> = track.iter().filter_map(|id| index.get(id).copied()).collect();
+                frames.sort_unstable();
+                frames.dedup();
+                SparsePoint { position: Point3::from(position), error, frames }
+            })
+            .collect();
+        capture.checked(path)
+    }
+}
+
+/// The lens of a model's parameters; COLMAP's pixel centres lie at halves.
+fn lens(
+    path: &Path,
+    place: impl Fn() -> String,
+    model: usize,
+    [width, height]: [u64; 2],
+    p: &[f64],
+) -> Result<Lens> {
+    let (name, _) = MODELS[model];
+    if !p.iter().all(|x| x.is_finite()) {
+        return Err(content(path, place(), format!("a parameter of {name} is not finite")));
+    }
+    let at = |i: usize| p.get(i).copied().unwrap_or(0.0);
+    let shared = [at(0), at(0), at(1), at(2)];
+    let (k, distortion) = match name {
+        "SIMPLE_PINHOLE" => (shared, [0.0; 4]),
+        "PINHOLE" => ([at(0), at(1), at(2), at(3)], [0.0; 4]),
+        "SIMPLE_RADIAL" => (shared, [at(3), 0.0, 0.0, 0.0]),
+        "RADIAL" => (shared, [at(3), at(4), 0.0, 0.0]),
+        _ => ([at(0), at(1), at(2), at(3)], [at(4), at(5), at(6), at(7)]),
+    };
+    if width > 65536 || height > 65536 {
+        return Err(content(path, place(), format!("{width}x{height} pixels; at most 65536 a side")));
+    }
+    let camera = PinholeCamera::new(k[0], k[1], k[2] - 0.5, k[3] - 0.5, width as usize, height as usize)
+        .map_err(|e| content(path, place(), e.to_string()))?;
+    let [k1, k2, p1, p2] = distortion;
+    Ok(Lens { camera, distortion: Distortion { k1, k2, k3: 0.0, p1, p2 } })
+}
+
+fn unsupported(path: &Path, model: String) -> Error {
+    Error::Model { path: path.to_owned(), model, supported: SUPPORTED }
+}
+
+fn integer<T: std::str::FromStr>(path: &Path, line: usize, word: Option<&str>, what: &str) -> Result<T> {
+    let problem = || content(path, format!("line {line}"), format!("{what} is missing or no integer"));
+    word.and_then(|w| w.parse().ok()).ok_or_else(problem)
+}
+
+pub(crate) fn text_cameras(path: &Path, text: &str) -> Result<BTreeMap<u32, Lens>> {
+    let mut cameras = BTreeMap::new();
+    for (line, text) in lines(text) {
+        let mut words = text.split_whitespace();
+        let id = integer(path, line, words.next(), "the camera's number")?;
+        let name = words.next().unwrap_or_default();
+        let model =
+            MODELS.iter().position(|m| m.0 == name).ok_or_else(|| unsupported(path, name.to_owned()))?;
+        let size =
+            [integer(path, line, words.next(), "width")?, integer(path, line, words.next(), "height")?];
+        let parameters = (0..MODELS[model].1)
+            .map(|i| number(path, line, words.next(), &format!("parameter {} of {name}", i + 1)))
+            .collect::<Result<Vec<_>>>()?;
+        cameras.insert(id, lens(path, || format!("line {line}"), model, size, &parameters)?);
+    }
+    Ok(cameras)
+}
+
+pub(crate) fn text_images(path: &Path, text: &str) -> Result<Vec<Image>> {
+    let mut images = Vec::new();
+    let mut lines = text.lines().enumerate();
+    while let Some((i, text)) = lines.next() {
+        let (line, text) = (i + 1, text.trim());
+        if text.is_empty() || text.starts_with('#') {
+            continue;
+        }
+        let mut words = text.split_whitespace();
+        let id = integer(path, line, words.next(), "the image's number")?;
+        let mut row = [0.0; 7];
+        for (value, what) in row.iter_mut().zip(["qw", "qx", "qy", "qz", "tx", "ty", "tz"]) {
+            *value = number(path, line, words.next(), what)?;
+        }
+        let camera = integer(path, line, words.next(), "the camera's number")?;
+        let name = words.collect::<Vec<_>>().join(" ");
+        if name.is_empty() {
+            return Err(content(path, format!("line {line}"), "the photograph's name is missing"));
+        }
+        let [qw, qx, qy, qz, tx, ty, tz] = row;
+        images.push(Image { id, quaternion: [qw, qx, qy, qz], translation: [tx, ty, tz], camera, name });
+        if images.len() > MAX_FRAMES {
+            return Err(content(path, format!("line {line}"), format!("more than {MAX_FRAMES} photographs")));
+        }
+        // Its points in the image, possibly none: an empty line.
+        lines.next();
+    }
+    Ok(images)
+}
+
+pub(crate) fn text_points(path: &Path, text: &str) -> Result<Vec<Point>> {
+    let mut points = Vec::new();
+    for (line, text) in lines(text) {
+        let mut words = text.split_whitespace();
+        words.next();
+        let mut position = [0.0; 3];
+        for (value, what) in position.iter_mut().zip(["x", "y", "z"]) {
+            *value = number(path, line, words.next(), what)?;
+        }
+        let mut words = words.skip(3);
+        let error = number(path, line, words.next(), "error")?;
+        let mut track = Vec::new();
+        while let (Some(image), Some(_)) = (words.next(), words.next()) {
+            track.push(integer(path, line, Some(image), "an image of the track")?);
+        }
+        points.push((position, error, track));
+    }
+    Ok(points)
+}
+
+/// Little-endian values from bytes, none past their end.
+struct Bytes<'a> {
+    path: &'a Path,
+    all: usize,
+    rest: &'a [u8],
+}
+
+impl<'a> Bytes<'a> {
+    fn new(path: &'a Path, bytes: &'a [u8]) -> Self {
+        Self { path, all: bytes.len(), rest: bytes }
+    }
+
+    fn place(&self) -> String {
+        format!("byte {}", self.all - self.rest.len())
+    }
+
+    fn take<const N: usize>(&mut self) -> Result<[u8; N]> {
+        match self.rest.split_first_chunk::<N>() {
+            Some((head, rest)) => {
+                self.rest = rest;
+                Ok(*head)
+            }
+            None => Err(content(self.path, self.place(), "the file ends too early; export the model again")),
+        }
+    }
+
+    fn u32(&mut self) -> Result<u32> {
+        Ok(u32::from_le_bytes(self.take()?))
+    }
+
+    fn u64(&mut self) -> Result<u64> {
+        Ok(u64::from_le_bytes(self.take()?))
+    }
+
+    fn f64(&mut self) -> Result<f64> {
+        Ok(f64::from_le_bytes(self.take()?))
+    }
+
+    fn floats<const N: usize>(&mut self) -> Result<[f64; N]> {
+        let mut values = [0.0; N];
+        for value in &mut values {
+            *value = self.f64()?;
+        }
+        Ok(values)
+    }
+
+    /// Skips `number` entries of `size` bytes.
+    fn skip(&mut self, number: u64, size: u64) -> Result<()> {
+        let bytes = number.checked_mul(size).and_then(|n| usize::try_from(n).ok());
+        match bytes.and_then(|n| self.rest.get(n..)) {
+            Some(rest) => {
+                self.rest = rest;
+                Ok(())
+            }
+            None => Err(content(self.path, self.place(), format!("{number} entries do not fit in the file"))),
+        }
+    }
+
+    /// A count of entries of at least `size` bytes, which must fit in what is left.
+    fn count(&mut self, size: usize) -> Result<usize> {
+        let place = self.place();
+        let n = self.u64()?;
+        match usize::try_from(n).ok().filter(|n| *n <= self.rest.len() / size) {
+            Some(n) => Ok(n),
+            None => Err(content(self.path, place, format!("{n} entries do not fit in the file"))),
+        }
+    }
+
+    fn name(&mut self) -> Result<String> {
+        let end = self.rest.iter().position(|b| *b == 0);
+        let Some((name, rest)) = end.and_then(|n| Some((self.rest.get(..n)?, self.rest.get(n + 1..)?)))
+        else {
+            return Err(content(self.path, self.place(), "a name does not end"));
+        };
+        self.rest = rest;
+        let name = std::str::from_utf8(name);
+        name.map(str::to_owned).map_err(|_| content(self.path, self.place(), "a name is not UTF-8"))
+    }
+}
+
+pub(crate) fn binary_cameras(path: &Path, bytes: &[u8]) -> Result<BTreeMap<u32, Lens>> {
+    let mut bytes = Bytes::new(path, bytes);
+    let mut cameras = BTreeMap::new();
+    for _ in 0..bytes.count(24)? {
+        let place = bytes.place();
+        let (id, model) = (bytes.u32()?, bytes.u32()? as usize);
+        let size = [bytes.u64()?, bytes.u64()?];
+        let Some((_, number)) = MODELS.get(model) else {
+            let other = model.checked_sub(MODELS.len()).and_then(|i| OTHERS.get(i));
+            return Err(unsupported(path, other.map_or_else(|| model.to_string(), |o| (*o).to_owned())));
+        };
+        let parameters = (0..*number).map(|_| bytes.f64()).collect::<Result<Vec<_>>>()?;
+        cameras.insert(id, lens(path, || place.clone(), model, size, &parameters)?);
+    }
+    Ok(cameras)
+}
+
+pub(crate) fn binary_images(path: &Path, bytes: &[u8]) -> Result<Vec<Image>> {
+    let mut bytes = Bytes::new(path, bytes);
+    let mut images = Vec::new();
+    let number = bytes.count(73)?;
+    if number > MAX_FRAMES {
+        return Err(content(path, "byte 0", format!("{number} photographs; at most {MAX_FRAMES}")));
+    }
+    for _ in 0..number {
+        let id = bytes.u32()?;
+        let (quaternion, translation) = (bytes.floats()?, bytes.floats()?);
+        let camera = bytes.u32()?;
+        let name = bytes.name()?;
+        let points = bytes.u64()?;
+        bytes.skip(points, 24)?;
+        images.push(Image { id, quaternion, translation, camera, name });
+    }
+    Ok(images)
+}
+
+pub(crate) fn binary_points(path: &Path, bytes: &[u8]) -> Result<Vec<Point>> {
+    let mut bytes = Bytes::new(path, bytes);
+    let mut points = Vec::new();
+    for _ in 0..bytes.count(51)? {
+        bytes.u64()?;
+        let position = bytes.floats()?;
+        bytes.skip(3, 1)?;
+        let error = bytes.f64()?;
+        let length = bytes.count(8)?;
+        let mut track = Vec::with_capacity(length);
+        for _ in 0..length {
+            track.push(bytes.u32()?);
+            bytes.u32()?;
+        }
+        points.push((position, error, track));
+    }
+    Ok(points)
+}

@@ -1,0 +1,113 @@
+use mde_warp::PinholeCamera;
+use nalgebra::{Point2, Vector3};
+use ndarray::{Array2, Array3, ArrayView3};
+use rayon::prelude::*;
+
+use crate::capture::{Error, Result};
+
+/// Brown's distortion as OpenCV writes it; all zero is none.
+///
+/// With \\( (x, y) \\) the undistorted ray at z = 1 and \\( r^2 = x^2 + y^2 \\),
+///
+/// \\[ x_d = x (1 + k_1 r^2 + k_2 r^4 + k_3 r^6) + 2 p_1 x y + p_2 (r^2 + 2 x^2), \\]
+/// \\[ y_d = y (1 + k_1 r^2 + k_2 r^4 + k_3 r^6) + p_1 (r^2 + 2 y^2) + 2 p_2 x y . \\]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Distortion {
+    /// Radial, of the second power.
+    pub k1: f64,
+    /// Radial, of the fourth power.
+    pub k2: f64,
+    /// Radial, of the sixth power.
+    pub k3: f64,
+    /// Tangential.
+    pub p1: f64,
+    /// Tangential.
+    pub p2: f64,
+}
+
+/// A camera with distortion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lens {
+    /// The pinhole camera of the same centre; pixel centres at integers.
+    pub camera: PinholeCamera,
+    /// How the photograph departs from it.
+    pub distortion: Distortion,
+}
+
+impl Distortion {
+    /// Whether every coefficient is zero.
+    pub fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Where the ray \\( (x, y, 1) \\) appears, as such a ray; nothing where the radial polynomial has turned back, so
+    /// that two rays would share a pixel.
+    pub fn distort(&self, x: f64, y: f64) -> Option<(f64, f64)> {
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
+        let slope = 1.0 + r2 * (3.0 * self.k1 + r2 * (5.0 * self.k2 + r2 * 7.0 * self.k3));
+        if !(slope > 0.0 && radial > 0.0) {
+            return None;
+        }
+        let (p1, p2) = (self.p1, self.p2);
+        let xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x);
+        let yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y;
+        (xd.is_finite() && yd.is_finite()).then_some((xd, yd))
+    }
+}
+
+impl Lens {
+    /// The pixel of the photograph (x: column, y: row) at which the pinhole camera's pixel appears.
+    pub fn photograph_pixel(&self, pixel: Point2<f64>) -> Option<Point2<f64>> {
+        let ray: Vector3<f64> = self.camera.ray(pixel);
+        let (x, y) = self.distortion.distort(ray.x, ray.y)?;
+        Some(Point2::new(self.camera.fx * x + self.camera.cx, self.camera.fy * y + self.camera.cy))
+    }
+
+    /// The photograph `[height, width, 3]` as the pinhole camera would have taken it, and where it has colours: false
+    /// where the pinhole camera sees past the photograph's edge. Colours are bilinear.
+    ///
+    /// # Errors
+    /// [`Error::Size`] for a photograph of another size than the camera.
+    pub fn undistort(&self, photograph: ArrayView3<'_, f32>) -> Result<(Array3<f32>, Array2<bool>)> {
+        let (h, w) = self.camera.dim();
+        let (found_height, found_width, channels) = photograph.dim();
+        if (found_height, found_width, channels) != (h, w, 3) {
+            return Err(Error::Size { found: [found_width, found_height], expected: [w, h] });
+        }
+        if self.distortion.is_none() {
+            return Ok((photograph.to_owned(), Array2::from_elem((h, w), true)));
+        }
+        let rows: Vec<Vec<Option<[f32; 3]>>> = (0..h)
+            .into_par_iter()
+            .map(|y| {
+                let sample = |x: usize| {
+                    let at = self.photograph_pixel(Point2::new(x as f64, y as f64))?;
+                    bilinear(photograph, at)
+                };
+                (0..w).map(sample).collect()
+            })
+            .collect();
+        let mask = Array2::from_shape_fn((h, w), |(y, x)| rows[y][x].is_some());
+        let image = Array3::from_shape_fn((h, w, 3), |(y, x, c)| rows[y][x].map_or(0.0, |colour| colour[c]));
+        Ok((image, mask))
+    }
+}
+
+fn bilinear(image: ArrayView3<'_, f32>, at: Point2<f64>) -> Option<[f32; 3]> {
+    let (h, w, _) = image.dim();
+    // Half a pixel past the outermost centres still lies on the photograph.
+    let inside = |x: f64, n: usize| (-0.5..=n as f64 - 0.5).contains(&x);
+    if !(inside(at.x, w) && inside(at.y, h)) {
+        return None;
+    }
+    let (x, y) = (at.x.clamp(0.0, (w - 1) as f64), at.y.clamp(0.0, (h - 1) as f64));
+    let (x0, y0) = (x as usize, y as usize);
+    let (x1, y1) = ((x0 + 1).min(w - 1), (y0 + 1).min(h - 1));
+    let (fx, fy) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
+    Some(std::array::from_fn(|c| {
+        let along = |y: usize| image[(y, x0, c)] + fx * (image[(y, x1, c)] - image[(y, x0, c)]);
+        let (top, bottom) = (along(y0), along(y1));
+        top + fy * (bottom - top)
+    }))
+}

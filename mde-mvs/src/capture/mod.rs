@@ -1,0 +1,171 @@
+//! Captures: photographs with cameras and poses, from the files of other programs.
+//!
+//! | reader | files | poses | pixel centres |
+//! | --- | --- | --- | --- |
+//! | [`read_transforms`] | nerfstudio's and instant-ngp's `transforms.json` | camera to world, y up, z backwards | integers, or halves if the file says so |
+//! | [`read_colmap`] | a COLMAP model, text or binary | world to camera | halves |
+//! | [`read_tum`] | `groundtruth.txt` and `rgb.txt` | camera to world | those of the given lens |
+//!
+//! Whatever the file, a [`Frame`] has a [`Lens`] with pixel centres at integers and a pose from world to camera, and
+//! [`Frame::view`] makes a [`PosedView`] of the decoded photograph with its distortion removed. The readers decode no
+//! photograph: a closure reports the width and height of each, or nothing where it is missing.
+
+mod colmap;
+mod error;
+mod lens;
+#[cfg(test)]
+mod tests;
+mod transforms;
+mod tum;
+
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+use mde_warp::{Pose, PosedView};
+use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use ndarray::ArrayView3;
+
+pub use colmap::read_colmap;
+pub use error::{Error, Result};
+pub use lens::{Distortion, Lens};
+pub use transforms::{PixelCentres, read_transforms, transforms_json};
+pub use tum::read_tum;
+
+/// Most bytes of a file that is read.
+const MAX_FILE: u64 = 1 << 30;
+/// Most photographs of a capture.
+const MAX_FRAMES: usize = 1 << 16;
+/// Largest departure of a rotation from orthogonality, as an entry of \\( R^\top R - I \\).
+const ORTHOGONAL: f64 = 1e-2;
+
+/// One photograph of a capture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// Where the photograph lies.
+    pub photograph: PathBuf,
+    /// The camera that took it.
+    pub lens: Lens,
+    /// World to camera.
+    pub pose: Pose,
+}
+
+impl Frame {
+    /// The view of a decoded photograph, sRGB in [0, 1], `[height, width, 3]`, without distortion.
+    ///
+    /// # Errors
+    /// [`Error::Size`] for a photograph of another size than the camera, [`Error::View`] for colours that are not finite.
+    pub fn view(&self, photograph: ArrayView3<'_, f32>) -> Result<PosedView> {
+        let (image, mask) = self.lens.undistort(photograph)?;
+        Ok(PosedView::new(image, self.lens.camera, self.pose, mask, Vec::new())?)
+    }
+}
+
+/// A point of the scene that a capture comes with.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SparsePoint {
+    /// Its place in the world.
+    pub position: Point3<f64>,
+    /// Mean reprojection error, pixels.
+    pub error: f64,
+    /// Indices of the frames that see it.
+    pub frames: Vec<usize>,
+}
+
+/// Photographs of one scene with cameras and poses.
+#[derive(Debug, Clone, PartialEq, Default)]
+#[non_exhaustive]
+pub struct Capture {
+    /// The photographs, in the order of the file.
+    pub frames: Vec<Frame>,
+    /// Points of the scene; empty where the format has none.
+    pub points: Vec<SparsePoint>,
+}
+
+impl Capture {
+    fn checked(self, path: &Path) -> Result<Self> {
+        if self.frames.len() < 2 {
+            return Err(Error::TooFew { path: path.to_owned(), found: self.frames.len() });
+        }
+        let centre = |f: &Frame| f.pose.inverse().translation.vector;
+        let first = centre(&self.frames[0]);
+        let reach = self.frames.iter().map(|f| (centre(f) - first).norm()).fold(0.0, f64::max);
+        if reach <= 1e-9 * (1.0 + first.norm()) {
+            return Err(Error::NoParallax { path: path.to_owned() });
+        }
+        Ok(self)
+    }
+}
+
+/// The text or the bytes of a file, of at most 1 GiB.
+fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+    let fail = |source| Error::Read { path: path.to_owned(), source };
+    let file = std::fs::File::open(path).map_err(fail)?;
+    let mut bytes = Vec::new();
+    file.take(MAX_FILE + 1).read_to_end(&mut bytes).map_err(fail)?;
+    if bytes.len() as u64 > MAX_FILE {
+        return Err(content(path, "size", "more than 1 GiB; give a capture of fewer photographs or points"));
+    }
+    Ok(bytes)
+}
+
+fn read_text(path: &Path) -> Result<String> {
+    String::from_utf8(read_bytes(path)?).map_err(|_| content(path, "text", "not UTF-8"))
+}
+
+fn content(path: &Path, place: impl Into<String>, problem: impl Into<String>) -> Error {
+    Error::Content { path: path.to_owned(), place: place.into(), problem: problem.into() }
+}
+
+/// The rotation nearest to a matrix that nearly is one.
+fn rotation(m: &Matrix3<f64>) -> std::result::Result<UnitQuaternion<f64>, &'static str> {
+    if !m.iter().all(|x| x.is_finite()) {
+        return Err("its rotation is not finite");
+    }
+    let excess = (m.transpose() * m - Matrix3::identity()).amax();
+    if excess > ORTHOGONAL {
+        return Err("its rotation is singular or scaled; its columns must be orthonormal");
+    }
+    if m.determinant() <= 0.0 {
+        return Err("its rotation is a reflection; one axis points the wrong way");
+    }
+    // Gram-Schmidt: no iteration, and within `ORTHOGONAL` of the matrix.
+    let x = m.column(0).normalize();
+    let y = m.column(1);
+    let y = (y - x * x.dot(&y)).normalize();
+    let z = x.cross(&y);
+    let exact = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, z]));
+    Ok(UnitQuaternion::from_rotation_matrix(&exact))
+}
+
+/// A rotation from a quaternion (w, x, y, z) that nearly is of unit length.
+fn quaternion(q: [f64; 4]) -> std::result::Result<UnitQuaternion<f64>, &'static str> {
+    let norm = q.iter().map(|x| x * x).sum::<f64>().sqrt();
+    if !norm.is_finite() {
+        return Err("its rotation is not finite");
+    }
+    if !((1.0 - ORTHOGONAL)..=(1.0 + ORTHOGONAL)).contains(&norm) {
+        return Err("its quaternion is not of unit length");
+    }
+    Ok(UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(q[0], q[1], q[2], q[3])))
+}
+
+fn translation(t: [f64; 3]) -> std::result::Result<Translation3<f64>, &'static str> {
+    if t.iter().all(|x| x.is_finite()) {
+        Ok(Translation3::from(Vector3::from(t)))
+    } else {
+        Err("its translation is not finite")
+    }
+}
+
+/// Checks that the photograph is there and of its camera's size.
+fn check_photograph(
+    path: &Path,
+    photograph: &Path,
+    lens: &Lens,
+    size: &dyn Fn(&Path) -> Option<[usize; 2]>,
+) -> Result<()> {
+    let found = size(photograph)
+        .ok_or_else(|| Error::Photograph { path: path.to_owned(), photograph: photograph.to_owned() })?;
+    let expected = [lens.camera.width, lens.camera.height];
+    if found == expected { Ok(()) } else { Err(Error::Size { found, expected }) }
+}

@@ -1,0 +1,307 @@
+use std::path::Path;
+
+use mde_warp::{PinholeCamera, Pose};
+use nalgebra::{Isometry3, Point2, Vector3};
+use ndarray::Array3;
+use proptest::prelude::*;
+
+use super::*;
+
+const SIZE: [usize; 2] = [64, 48];
+
+fn present(_: &Path) -> Option<[usize; 2]> {
+    Some(SIZE)
+}
+
+fn frames() -> Vec<Frame> {
+    let camera = PinholeCamera::new(50.0, 51.0, 31.0, 24.5, 64, 48).unwrap();
+    let distortion = Distortion { k1: 0.1, k2: -0.02, k3: 0.001, p1: 0.002, p2: -0.001 };
+    let pose = |x: f64| Pose::from(Isometry3::new(Vector3::new(x, 0.2, -0.1), Vector3::new(0.1, x, -0.2)));
+    ["a.png", "b/c.png", "d.png"]
+        .iter()
+        .zip([0.0, 0.5, -0.3])
+        .map(|(name, x)| Frame {
+            photograph: Path::new("shots").join(name),
+            lens: Lens { camera, distortion },
+            pose: pose(x),
+        })
+        .collect()
+}
+
+fn close(a: &Capture, b: &[Frame]) -> bool {
+    let same = |(a, b): (&Frame, &Frame)| {
+        let camera =
+            (a.lens.camera.cx - b.lens.camera.cx).abs() + (a.lens.camera.cy - b.lens.camera.cy).abs();
+        let (p, q) = (a.pose.to_homogeneous(), b.pose.to_homogeneous());
+        a.photograph == b.photograph && camera < 1e-9 && (p - q).amax() < 1e-9
+    };
+    a.frames.len() == b.len() && a.frames.iter().zip(b).all(same)
+}
+
+fn transforms(text: &str) -> Result<Capture> {
+    transforms::parse(Path::new("shots/transforms.json"), text, PixelCentres::Integers, &present)
+}
+
+#[test]
+fn transforms_come_back_as_written() {
+    let frames = frames();
+    let text = transforms_json(&frames, Path::new("shots"));
+    let read = transforms(&text).unwrap();
+    assert!(close(&read, &frames));
+    assert_eq!(read.frames[0].lens, frames[0].lens);
+    // The file's own word on pixel centres wins over the caller's.
+    let halves = text.replace("integers", "halves");
+    let read = transforms(&halves).unwrap();
+    assert!((read.frames[0].lens.camera.cx - 30.5).abs() < 1e-12);
+}
+
+/// Where a camera looks along -z of OpenGL, the point ahead of it lies at positive depth and in the middle.
+#[test]
+fn opengl_axes_are_turned() {
+    let text = r#"{"camera_angle_x": 1.0, "frames": [
+        {"file_path": "a", "transform_matrix": [[1,0,0,1],[0,1,0,0],[0,0,1,5],[0,0,0,1]]},
+        {"file_path": "b", "transform_matrix": [[1,0,0,2],[0,1,0,0],[0,0,1,5],[0,0,0,1]]}]}"#;
+    let capture = transforms(text).unwrap();
+    let there = capture.frames[0].pose * Point3::new(1.0, 0.5, 0.0);
+    assert!((there - Point3::new(0.0, -0.5, 5.0)).norm() < 1e-12);
+    let camera = &capture.frames[0].lens.camera;
+    assert!((camera.fx - 32.0 / 0.5_f64.tan()).abs() < 1e-12 && camera.fy == camera.fx && camera.cx == 31.5);
+}
+
+#[test]
+fn bad_transforms_are_named() {
+    let good = transforms_json(&frames(), Path::new("shots"));
+    let one = transforms_json(&frames()[..1], Path::new("shots"));
+    let message = |text: &str| transforms(text).unwrap_err().to_string();
+    assert!(message(&one).contains("at least 2"));
+    assert!(message("{").contains("JSON"));
+    assert!(message("{}").contains("frames: missing"));
+    assert!(message(&good.replace("\"fl_x\": 50.0", "\"fl_x\": 0.0")).contains("fx"));
+    assert!(message(&good.replace("\"fl_x\": 50.0", "\"fl_x\": null")).contains("frames[0].fl_x"));
+    assert!(message(&good.replace("OPENCV", "OPENCV_FISHEYE")).contains("OPENCV_FISHEYE is not supported"));
+    assert!(message(&good.replace("\"w\": 64", "\"w\": 65")).contains("64x48 pixels but its camera 65x48"));
+    assert!(message(&good.replace("\"w\": 64", "\"w\": 1e300")).contains("65536"));
+    let absent = |p: &Path| (!p.ends_with("d.png")).then_some(SIZE);
+    let path = Path::new("shots/transforms.json");
+    let error = transforms::parse(path, &good, PixelCentres::Integers, &absent).unwrap_err();
+    assert!(error.to_string().contains("d.png is missing"), "{error}");
+    let flat = r#"{"fl_x": 50, "frames": [
+        {"file_path": "a.png", "transform_matrix": [[0,0,0,1],[0,0,0,0],[0,0,0,5],[0,0,0,1]]}]}"#;
+    assert!(message(flat).contains("a.png: its rotation is singular"));
+    let mirrored = flat.replace("[0,0,0,1],[0,0,0,0],[0,0,0,5]", "[-1,0,0,1],[0,1,0,0],[0,0,1,5]");
+    assert!(message(&mirrored).contains("reflection"));
+    let still = r#"{"fl_x": 50, "frames": [
+        {"file_path": "a.png", "transform_matrix": [[1,0,0,1],[0,1,0,0],[0,0,1,5]]},
+        {"file_path": "b.png", "transform_matrix": [[1,0,0,1],[0,1,0,0],[0,0,1,5]]}]}"#;
+    assert!(message(still).contains("parallax"));
+    for text in [one.as_str(), "{", flat, still] {
+        assert!(!message(text).contains('\n'));
+    }
+}
+
+/// A model of the frames without distortion, as text and as bytes.
+fn colmap_files(frames: &[Frame]) -> ([String; 3], [Vec<u8>; 3]) {
+    let camera = &frames[0].lens.camera;
+    let p = [camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5, 0.1, -0.02, 0.002, -0.001];
+    let numbers: Vec<String> = p.iter().map(|x| format!("{x}")).collect();
+    let cameras = format!("# comment\n7 OPENCV 64 48 {}\n", numbers.join(" "));
+    let (mut images, mut points) = (String::new(), String::from("3 0.5 1.5 2.5 1 2 3 0.75 1 0 2 1\n"));
+    points.push_str("4 nan 0 0 1 2 3 0.75\n".replace("nan", "1").as_str());
+    let word = |v: u64| v.to_le_bytes().to_vec();
+    let small = |v: u32| v.to_le_bytes().to_vec();
+    let floats = |v: &[f64]| v.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let camera_bytes = [word(1), small(7), small(4), word(64), word(48), floats(&p)].concat();
+    let mut image_bytes = word(frames.len() as u64);
+    for (i, frame) in frames.iter().enumerate() {
+        let (q, t) = (frame.pose.rotation.coords, frame.pose.translation.vector);
+        let row = [q.w, q.x, q.y, q.z, t.x, t.y, t.z];
+        let words: Vec<String> = row.iter().map(|x| format!("{x}")).collect();
+        let name = frame.photograph.strip_prefix("shots").unwrap().to_str().unwrap();
+        images += &format!("{} {} 7 {name}\n10 20 -1 30 40 3\n", i + 1, words.join(" "));
+        image_bytes.extend([small(i as u32 + 1), floats(&row), small(7)].concat());
+        image_bytes.extend(name.as_bytes());
+        image_bytes.push(0);
+        image_bytes.extend([word(1), floats(&[10.0, 20.0]), word(u64::MAX)].concat());
+    }
+    let track = [word(2), small(1), small(0), small(2), small(1)].concat();
+    let mut point_bytes =
+        [word(2), word(3), floats(&[0.5, 1.5, 2.5]), vec![1, 2, 3], floats(&[0.75])].concat();
+    point_bytes.extend(track);
+    point_bytes.extend([word(4), floats(&[1.0, 0.0, 0.0]), vec![1, 2, 3], floats(&[0.75]), word(0)].concat());
+    ([cameras, images, points], [camera_bytes, image_bytes, point_bytes])
+}
+
+fn from_text(text: &[String; 3]) -> Result<Capture> {
+    let path = Path::new("images.txt");
+    let raw = colmap::Raw {
+        cameras: colmap::text_cameras(path, &text[0])?,
+        images: colmap::text_images(path, &text[1])?,
+        points: colmap::text_points(path, &text[2])?,
+    };
+    raw.capture(path, Path::new("shots"), &present)
+}
+
+fn from_bytes(bytes: &[Vec<u8>; 3]) -> Result<Capture> {
+    let path = Path::new("images.bin");
+    let raw = colmap::Raw {
+        cameras: colmap::binary_cameras(path, &bytes[0])?,
+        images: colmap::binary_images(path, &bytes[1])?,
+        points: colmap::binary_points(path, &bytes[2])?,
+    };
+    raw.capture(path, Path::new("shots"), &present)
+}
+
+#[test]
+fn colmap_models_are_read_as_text_and_as_bytes() {
+    let frames = frames();
+    let (text, bytes) = colmap_files(&frames);
+    let read = from_text(&text).unwrap();
+    assert!(close(&read, &frames));
+    assert_eq!(read, from_bytes(&bytes).unwrap());
+    assert_eq!(read.points[0].frames, [0, 1]);
+    assert_eq!(read.points[0].position, Point3::new(0.5, 1.5, 2.5));
+    assert_eq!(read.frames[0].lens.distortion.p2, -0.001);
+    for (model, parameters, k1) in [
+        ("SIMPLE_PINHOLE", "50 32 24", 0.0),
+        ("PINHOLE", "50 50 32 24", 0.0),
+        ("SIMPLE_RADIAL", "50 32 24 0.1", 0.1),
+        ("RADIAL", "50 32 24 0.1 0.2", 0.1),
+    ] {
+        let cameras =
+            colmap::text_cameras(Path::new("c"), &format!("7 {model} 64 48 {parameters}\n")).unwrap();
+        let lens = cameras[&7];
+        assert_eq!((lens.camera.fx, lens.camera.cx, lens.distortion.k1), (50.0, 31.5, k1));
+    }
+}
+
+#[test]
+fn a_model_on_disk_is_found_in_either_form() {
+    let (text, bytes) = colmap_files(&frames());
+    let folder = std::env::temp_dir().join(format!("mde-mvs-colmap-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let names = ["cameras", "images", "points3D"];
+    for (name, text) in names.iter().zip(&text) {
+        std::fs::write(folder.join(format!("{name}.txt")), text).unwrap();
+    }
+    let by_text = read_colmap(&folder, Path::new("shots"), &present).unwrap();
+    for (name, bytes) in names.iter().zip(&bytes) {
+        std::fs::write(folder.join(format!("{name}.bin")), bytes).unwrap();
+    }
+    assert_eq!(by_text, read_colmap(&folder, Path::new("shots"), &present).unwrap());
+    std::fs::remove_dir_all(&folder).unwrap();
+    let gone = read_colmap(&folder, Path::new("shots"), &present).unwrap_err().to_string();
+    assert!(gone.contains("cameras.txt"), "{gone}");
+}
+
+#[test]
+fn bad_models_are_named() {
+    let path = Path::new("cameras.txt");
+    let message = |text: &str| colmap::text_cameras(path, text).unwrap_err().to_string();
+    assert!(message("1 FOV 64 48 1 2 3 4 5").contains("camera model FOV is not supported"));
+    assert!(message("1 PINHOLE 64 48 1 2 3").contains("line 1: parameter 4 of PINHOLE is missing"));
+    assert!(message("1 PINHOLE 64 48 1 2 nan 3").contains("nan; a finite number"));
+    let (text, bytes) = colmap_files(&frames());
+    let mut cut = bytes.clone();
+    cut[1].truncate(100);
+    assert!(from_bytes(&cut).unwrap_err().to_string().contains("byte"));
+    let mut many = bytes.clone();
+    many[2][..8].copy_from_slice(&u64::MAX.to_le_bytes());
+    assert!(from_bytes(&many).unwrap_err().to_string().contains("do not fit"));
+    let mut fisheye = bytes;
+    fisheye[0][12] = 5;
+    assert!(from_bytes(&fisheye).unwrap_err().to_string().contains("OPENCV_FISHEYE"));
+    let mut other = text;
+    other[1] = other[1].replace(" 7 ", " 8 ");
+    assert!(from_text(&other).unwrap_err().to_string().contains("camera 8"));
+}
+
+#[test]
+fn a_trajectory_is_joined_to_its_photographs() {
+    let lens = frames()[0].lens;
+    let read = |rgb: &str, truth: &str| {
+        tum::parse(
+            Path::new("shots/rgb.txt"),
+            rgb,
+            Path::new("shots/groundtruth.txt"),
+            truth,
+            &lens,
+            &present,
+        )
+    };
+    let rgb = "# time file\n1.000 rgb/a.png\n1.100 rgb/b.png\n9.0 rgb/late.png\n";
+    let truth = "1.105 1 2 3 0 0 0 1\n0.995 0 0 0 0 0 0.70710678 0.70710678\n";
+    let capture = read(rgb, truth).unwrap();
+    assert_eq!(capture.frames.len(), 2);
+    assert_eq!(capture.frames[1].photograph, Path::new("shots/rgb/b.png"));
+    let centre = capture.frames[1].pose.inverse().translation.vector;
+    assert!((centre - Vector3::new(1.0, 2.0, 3.0)).norm() < 1e-12);
+    // A camera turned by a quarter about z carries its x axis to the world's y.
+    let world = capture.frames[0].pose.inverse() * Point3::new(1.0, 0.0, 0.0);
+    assert!((world - Point3::new(0.0, 1.0, 0.0)).norm() < 1e-6);
+    let zero = read(rgb, "1.0 0 0 0 0 0 0 0\n1.1 1 1 1 0 0 0 1").unwrap_err().to_string();
+    assert!(zero.contains("rgb/a.png: its quaternion is not of unit length"), "{zero}");
+    let short = read(rgb, "1.0 0 0 0 0 0 0\n").unwrap_err().to_string();
+    assert!(short.contains("line 1: qw is missing"), "{short}");
+    assert!(read(rgb, "").unwrap_err().to_string().contains("at least 2"));
+}
+
+proptest! {
+    /// No bytes make a reader panic or take memory that the file cannot fill.
+    #[test]
+    fn no_bytes_bring_a_reader_down(bytes in prop::collection::vec(any::<u8>(), 0..400), at in 0..400_usize, with: u8) {
+        let path = Path::new("x");
+        let _ = colmap::binary_cameras(path, &bytes);
+        let _ = colmap::binary_images(path, &bytes);
+        let _ = colmap::binary_points(path, &bytes);
+        // The same for a good file with one byte changed.
+        let (text, mut good) = colmap_files(&frames());
+        for file in &mut good {
+            if let Some(byte) = file.get_mut(at) {
+                *byte = with;
+            }
+        }
+        let _ = from_bytes(&good);
+        let damaged = |text: &str| {
+            let mut bytes = text.as_bytes().to_vec();
+            if let Some(byte) = bytes.get_mut(at) {
+                *byte = with;
+            }
+            String::from_utf8_lossy(&bytes).into_owned()
+        };
+        let _ = from_text(&text.map(|t| damaged(&t)));
+        let _ = transforms(&damaged(&transforms_json(&frames(), Path::new("shots"))));
+        let text = String::from_utf8_lossy(&bytes).into_owned();
+        let lens = frames()[0].lens;
+        let _ = tum::parse(path, &text, path, &text, &lens, &present);
+    }
+
+    /// A photograph taken through a lens shows, once undistorted, each ray where the pinhole camera has it.
+    #[test]
+    fn distortion_is_undone(k1 in -0.3..0.3_f64, k2 in -0.05..0.05_f64, p1 in -0.01..0.01_f64, p2 in -0.01..0.01_f64) {
+        let camera = PinholeCamera::from_fov(60.0, 40, 30).unwrap();
+        let lens = Lens { camera, distortion: Distortion { k1, k2, k3: 0.0, p1, p2 } };
+        // Colours are the photograph's own coordinates.
+        let photograph = Array3::from_shape_fn((30, 40, 3), |(y, x, c)| [x as f32, y as f32, 0.0][c] / 40.0);
+        let (image, mask) = lens.undistort(photograph.view()).unwrap();
+        for ((y, x), &known) in mask.indexed_iter() {
+            let Some(at) = lens.photograph_pixel(Point2::new(x as f64, y as f64)) else {
+                prop_assert!(!known);
+                continue;
+            };
+            let inside = (0.0..=39.0).contains(&at.x) && (0.0..=29.0).contains(&at.y);
+            prop_assert!(known || !inside);
+            if inside {
+                let (u, v) = (f64::from(40.0 * image[(y, x, 0)]), f64::from(40.0 * image[(y, x, 1)]));
+                prop_assert!((u - at.x).abs() < 1e-3 && (v - at.y).abs() < 1e-3);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_photograph_of_another_size_is_named() {
+    let frame = &frames()[0];
+    let error = frame.view(Array3::zeros((10, 12, 3)).view()).unwrap_err().to_string();
+    assert!(error.contains("12x10 pixels but its camera 64x48"), "{error}");
+    assert!(frame.view(Array3::zeros((48, 64, 3)).view()).is_ok());
+}

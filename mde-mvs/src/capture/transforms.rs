@@ -1,0 +1,234 @@
+use std::path::{Path, PathBuf};
+
+use mde_warp::{PinholeCamera, Pose};
+use nalgebra::Matrix3;
+use serde_json::{Map, Value, json};
+
+use super::{
+    Capture, Distortion, Error, Frame, Lens, MAX_FRAMES, Result, check_photograph, content, read_text,
+    rotation, translation,
+};
+
+/// Models of a `transforms.json` that are read.
+const MODELS: [&str; 6] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "PERSPECTIVE"];
+const SUPPORTED: &str = "OPENCV, PINHOLE, SIMPLE_PINHOLE, RADIAL, SIMPLE_RADIAL";
+/// What an extension left out may be.
+const EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "JPG"];
+
+/// Where the first pixel's centre lies: at 0, as everywhere in this workspace, or at one half.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum PixelCentres {
+    /// At integers.
+    #[default]
+    Integers,
+    /// At halves, as COLMAP has it.
+    Halves,
+}
+
+/// Reads a `transforms.json`: camera-to-world matrices with OpenGL axes, intrinsics for all frames or for each
+/// (`fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `camera_angle_x`, `camera_angle_y`, `k1`, `k2`, `k3`, `p1`, `p2`).
+///
+/// `size` reports the width and height of a photograph, or nothing where it is missing; it also stands in for `w` and `h`
+/// where the file leaves them out. Principal points are taken by `centres` unless the file has a `pixel_centres` of
+/// `"integers"` or `"halves"`.
+///
+/// # Errors
+/// One line that names the file, the frame and the field: what is missing, not finite, of another size, a fisheye model,
+/// a rotation that is none, fewer than two photographs, or all of them taken from one place.
+pub fn read_transforms(
+    path: &Path,
+    centres: PixelCentres,
+    size: &dyn Fn(&Path) -> Option<[usize; 2]>,
+) -> Result<Capture> {
+    parse(path, &read_text(path)?, centres, size)
+}
+
+pub(super) fn parse(
+    path: &Path,
+    text: &str,
+    centres: PixelCentres,
+    size: &dyn Fn(&Path) -> Option<[usize; 2]>,
+) -> Result<Capture> {
+    let root: Value = serde_json::from_str(text).map_err(|e| content(path, "JSON", e.to_string()))?;
+    let shared = root.as_object().ok_or_else(|| content(path, "JSON", "not an object"))?;
+    let frames = shared.get("frames").and_then(Value::as_array);
+    let frames = frames.ok_or_else(|| content(path, "frames", "missing; a list of photographs is needed"))?;
+    if frames.len() > MAX_FRAMES {
+        return Err(content(path, "frames", format!("{} entries; at most {MAX_FRAMES}", frames.len())));
+    }
+    let centres = match shared.get("pixel_centres").map(Value::as_str) {
+        None => centres,
+        Some(Some("integers")) => PixelCentres::Integers,
+        Some(Some("halves")) => PixelCentres::Halves,
+        Some(_) => return Err(content(path, "pixel_centres", "must be \"integers\" or \"halves\"")),
+    };
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut capture = Capture::default();
+    for (i, frame) in frames.iter().enumerate() {
+        let place = format!("frames[{i}]");
+        let own = frame.as_object().ok_or_else(|| content(path, &place, "not an object"))?;
+        let fields = Fields { path, place: &place, own, shared };
+        let name = own.get("file_path").and_then(Value::as_str);
+        let name = name.ok_or_else(|| content(path, &place, "file_path is missing"))?;
+        let (photograph, found) = find(folder, name, size)
+            .ok_or_else(|| Error::Photograph { path: path.to_owned(), photograph: folder.join(name) })?;
+        let lens = fields.lens(found, centres)?;
+        check_photograph(path, &photograph, &lens, size)?;
+        let pose = fields.pose(name)?;
+        capture.frames.push(Frame { photograph, lens, pose });
+    }
+    capture.checked(path)
+}
+
+/// The photograph and its size; an extension that is left out is tried.
+fn find(
+    folder: &Path,
+    name: &str,
+    size: &dyn Fn(&Path) -> Option<[usize; 2]>,
+) -> Option<(PathBuf, [usize; 2])> {
+    let plain = folder.join(name);
+    if let Some(found) = size(&plain) {
+        return Some((plain, found));
+    }
+    if plain.extension().is_some() {
+        return None;
+    }
+    EXTENSIONS.iter().find_map(|e| {
+        let with = folder.join(format!("{name}.{e}"));
+        size(&with).map(|found| (with, found))
+    })
+}
+
+struct Fields<'a> {
+    path: &'a Path,
+    place: &'a str,
+    own: &'a Map<String, Value>,
+    shared: &'a Map<String, Value>,
+}
+
+impl Fields<'_> {
+    fn get(&self, key: &str) -> Option<&Value> {
+        self.own.get(key).or_else(|| self.shared.get(key))
+    }
+
+    fn number(&self, key: &str) -> Result<Option<f64>> {
+        let Some(value) = self.get(key) else { return Ok(None) };
+        match value.as_f64().filter(|x| x.is_finite()) {
+            Some(x) => Ok(Some(x)),
+            None => Err(content(self.path, format!("{}.{key}", self.place), "not a finite number")),
+        }
+    }
+
+    fn lens(&self, found: [usize; 2], centres: PixelCentres) -> Result<Lens> {
+        let fisheye = self.get("is_fisheye").and_then(Value::as_bool).unwrap_or(false);
+        let model = self.get("camera_model").map_or(Some("OPENCV"), Value::as_str).unwrap_or("?");
+        let k4 = self.number("k4")?.unwrap_or(0.0);
+        if fisheye || k4 != 0.0 || !MODELS.contains(&model) {
+            let model = if fisheye {
+                "is_fisheye"
+            } else if k4 != 0.0 {
+                "with k4"
+            } else {
+                model
+            };
+            return Err(Error::Model {
+                path: self.path.to_owned(),
+                model: model.to_owned(),
+                supported: SUPPORTED,
+            });
+        }
+        let pixels = |key: &str, found: usize| -> Result<usize> {
+            let Some(x) = self.number(key)? else { return Ok(found) };
+            if (1.0..=65536.0).contains(&x) && x.fract() == 0.0 {
+                return Ok(x as usize);
+            }
+            let place = format!("{}.{key}", self.place);
+            Err(content(self.path, place, format!("{x} is no number of pixels from 1 to 65536")))
+        };
+        let (width, height) = (pixels("w", found[0])?, pixels("h", found[1])?);
+        let by_angle = |key: &str, n: usize| -> Result<Option<f64>> {
+            Ok(self.number(key)?.map(|a| 0.5 * n as f64 / (0.5 * a).tan()))
+        };
+        let missing = || content(self.path, self.place, "no focal length; give fl_x or camera_angle_x");
+        let fx = match self.number("fl_x")? {
+            Some(f) => f,
+            None => by_angle("camera_angle_x", width)?.ok_or_else(missing)?,
+        };
+        let fy = match self.number("fl_y")? {
+            Some(f) => f,
+            None => by_angle("camera_angle_y", height)?.unwrap_or(fx),
+        };
+        let shift = if centres == PixelCentres::Halves { 0.5 } else { 0.0 };
+        let middle = |key: &str, n: usize| -> Result<f64> {
+            Ok(self.number(key)?.map_or(0.5 * (n as f64 - 1.0), |c| c - shift))
+        };
+        let camera = PinholeCamera::new(fx, fy, middle("cx", width)?, middle("cy", height)?, width, height)
+            .map_err(|e| content(self.path, self.place, e.to_string()))?;
+        let k = |key: &str| Ok::<f64, Error>(self.number(key)?.unwrap_or(0.0));
+        let distortion = Distortion { k1: k("k1")?, k2: k("k2")?, k3: k("k3")?, p1: k("p1")?, p2: k("p2")? };
+        Ok(Lens { camera, distortion })
+    }
+
+    fn pose(&self, photograph: &str) -> Result<Pose> {
+        let place = format!("{}.transform_matrix", self.place);
+        let bad = || content(self.path, &place, "not 4x4 (or 3x4) finite numbers");
+        let rows = self.own.get("transform_matrix").and_then(Value::as_array).ok_or_else(bad)?;
+        if !(3..=4).contains(&rows.len()) {
+            return Err(bad());
+        }
+        let mut m = [[0.0; 4]; 3];
+        for (row, values) in m.iter_mut().zip(rows) {
+            let values = values.as_array().filter(|v| v.len() == 4).ok_or_else(bad)?;
+            for (entry, value) in row.iter_mut().zip(values) {
+                *entry = value.as_f64().filter(|x| x.is_finite()).ok_or_else(bad)?;
+            }
+        }
+        let wrong = |problem| Error::Rotation {
+            path: self.path.to_owned(),
+            photograph: photograph.to_owned(),
+            problem,
+        };
+        // OpenGL's y and z axes point against OpenCV's.
+        let turned = Matrix3::from_fn(|r, c| if c == 0 { m[r][c] } else { -m[r][c] });
+        let rotation = rotation(&turned).map_err(wrong)?;
+        let translation = translation([m[0][3], m[1][3], m[2][3]]).map_err(wrong)?;
+        Ok(Pose::from_parts(translation, rotation).inverse())
+    }
+}
+
+/// The text of a `transforms.json` of `frames`, with intrinsics for each; photographs are named relative to `folder`
+/// where they lie below it.
+///
+/// ```
+/// use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
+/// use mde_warp::{PinholeCamera, Pose};
+///
+/// let lens = Lens { camera: PinholeCamera::from_fov(60.0, 640, 480)?, distortion: Distortion::default() };
+/// let frame = Frame { photograph: "shots/a.jpg".into(), lens, pose: Pose::identity() };
+/// let text = transforms_json(&[frame], "shots".as_ref());
+/// assert!(text.contains("\"file_path\": \"a.jpg\""));
+/// # Ok::<(), mde_warp::Error>(())
+/// ```
+pub fn transforms_json(frames: &[Frame], folder: &Path) -> String {
+    let entries: Vec<Value> = frames
+        .iter()
+        .map(|frame| {
+            let camera = &frame.lens.camera;
+            let d = &frame.lens.distortion;
+            let m = frame.pose.inverse().to_homogeneous();
+            let row = |r: usize| -> Vec<f64> {
+                (0..4).map(|c| if c == 1 || c == 2 { -m[(r, c)] } else { m[(r, c)] }).collect()
+            };
+            let name = frame.photograph.strip_prefix(folder).unwrap_or(&frame.photograph);
+            json!({
+                "file_path": name.to_string_lossy().replace('\\', "/"),
+                "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy,
+                "w": camera.width, "h": camera.height,
+                "k1": d.k1, "k2": d.k2, "k3": d.k3, "p1": d.p1, "p2": d.p2,
+                "transform_matrix": [row(0), row(1), row(2), row(3)],
+            })
+        })
+        .collect();
+    let root = json!({ "camera_model": "OPENCV", "pixel_centres": "integers", "frames": entries });
+    format!("{root:#}\n")
+}

@@ -1,0 +1,84 @@
+use std::path::Path;
+
+use mde_warp::Pose;
+
+use super::{
+    Capture, Error, Frame, Lens, MAX_FRAMES, Result, check_photograph, content, quaternion, read_text,
+    translation,
+};
+
+/// Seconds between a photograph and its pose, at most, as in the benchmark's own tools.
+const MAX_GAP: f64 = 0.02;
+
+/// Reads a trajectory of the TUM RGB-D benchmark: `rgb.txt` (time, photograph) beside `groundtruth.txt` (time, camera
+/// centre x y z, camera-to-world rotation x y z w), all photographs by one lens, which the format does not have.
+///
+/// A photograph takes the pose nearest in time; one without a pose within 20 ms is left out. `size` reports the width and
+/// height of a photograph, or nothing where it is missing.
+///
+/// # Errors
+/// One line that names the file and the line: what is missing, not finite, of another size, a rotation that is none,
+/// fewer than two photographs with poses, or all of them taken from one place.
+pub fn read_tum(folder: &Path, lens: &Lens, size: &dyn Fn(&Path) -> Option<[usize; 2]>) -> Result<Capture> {
+    let (rgb, poses) = (folder.join("rgb.txt"), folder.join("groundtruth.txt"));
+    parse(&rgb, &read_text(&rgb)?, &poses, &read_text(&poses)?, lens, size)
+}
+
+/// Lines that are no comment, with their numbers from 1.
+pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
+    numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
+}
+
+pub(super) fn number(path: &Path, line: usize, word: Option<&str>, what: &str) -> Result<f64> {
+    let place = || format!("line {line}");
+    let word = word.ok_or_else(|| content(path, place(), format!("{what} is missing")))?;
+    let value = word.parse::<f64>().ok().filter(|x| x.is_finite());
+    value.ok_or_else(|| content(path, place(), format!("{what} is {word}; a finite number is needed")))
+}
+
+pub(super) fn parse(
+    rgb: &Path,
+    rgb_text: &str,
+    truth: &Path,
+    truth_text: &str,
+    lens: &Lens,
+    size: &dyn Fn(&Path) -> Option<[usize; 2]>,
+) -> Result<Capture> {
+    let mut poses = Vec::new();
+    for (line, text) in lines(truth_text) {
+        let mut words = text.split_whitespace();
+        let mut row = [0.0; 8];
+        for (value, what) in row.iter_mut().zip(["time", "tx", "ty", "tz", "qx", "qy", "qz", "qw"]) {
+            *value = number(truth, line, words.next(), what)?;
+        }
+        poses.push((row, line));
+    }
+    poses.sort_by(|a, b| a.0[0].total_cmp(&b.0[0]));
+    let folder = rgb.parent().unwrap_or(Path::new(""));
+    let mut capture = Capture::default();
+    for (line, text) in lines(rgb_text) {
+        let (time, name) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+        let time = number(rgb, line, Some(time), "time")?;
+        let name = name.trim();
+        if name.is_empty() {
+            return Err(content(rgb, format!("line {line}"), "the photograph's name is missing"));
+        }
+        let after = poses.partition_point(|p| p.0[0] < time);
+        let near = [after.checked_sub(1), Some(after)].into_iter().flatten().filter_map(|i| poses.get(i));
+        let nearest = near.min_by(|a, b| (a.0[0] - time).abs().total_cmp(&(b.0[0] - time).abs()));
+        let Some((row, _)) = nearest.filter(|p| (p.0[0] - time).abs() <= MAX_GAP) else { continue };
+        let photograph = folder.join(name);
+        check_photograph(rgb, &photograph, lens, size)?;
+        let wrong =
+            |problem| Error::Rotation { path: truth.to_owned(), photograph: name.to_owned(), problem };
+        let rotation = quaternion([row[7], row[4], row[5], row[6]]).map_err(wrong)?;
+        let translation = translation([row[1], row[2], row[3]]).map_err(wrong)?;
+        let pose = Pose::from_parts(translation, rotation).inverse();
+        capture.frames.push(Frame { photograph, lens: *lens, pose });
+        if capture.frames.len() > MAX_FRAMES {
+            return Err(content(rgb, format!("line {line}"), format!("more than {MAX_FRAMES} photographs")));
+        }
+    }
+    capture.checked(rgb)
+}

@@ -1,0 +1,530 @@
+//! Adjustment of poses, depths, one focal length and the prior's scales to matches.
+//!
+//! A track has a depth \\( z \\) along its ray \\( d_a \\) in one photograph, the anchor, and pixels in others. With
+//! \\( T_v = (R_v, t_v) \\) world to camera, \\( R = R_v R_a^\top \\) and \\( t = t_v - R t_a \\), the residual in view
+//! \\( v \\) is
+//!
+//! \\[ r = \pi_v(R d_a + t / z) - p_v , \\]
+//!
+//! with \\( \pi_v \\) the pinhole projection, and the prior adds \\( (\log z - \log D_a(p_a) - m_a) / \sigma_a \\) with a free
+//! logarithmic scale \\( m_a \\) of each photograph's prior. Poses move by \\( T \leftarrow \exp(\delta) T \\); with a prior, a
+//! depth moves by \\( \log z \leftarrow \log z + \delta \\), without one by \\( 1/z \leftarrow 1/z + \delta \\), which may
+//! pass infinity on its way. Depths meet in no residual, so each is eliminated by a division (Schur's complement); what is left
+//! is as small as seven times the number of photographs.
+
+use crate::statistics::robust_deviation;
+use mde_warp::Pose;
+use nalgebra::{
+    DMatrix, DVector, Matrix2x3, Matrix3, Matrix6, Point2, SMatrix, Translation3, UnitQuaternion,
+};
+use nalgebra::{Vector2, Vector3, Vector6};
+
+/// Share of the cost by which a step must lower it to be worth another.
+const TOLERANCE: f64 = 1e-9;
+/// Damping at the start, and its bounds.
+const DAMPING: [f64; 3] = [1e-4, 1e-12, 1e12];
+/// A point whose depth in a view is below this share of its depth at the anchor is as good as behind it.
+const NEAR: f64 = 1e-3;
+/// Residual of a point behind a view, in units of its noise.
+const BEHIND: f64 = 1000.0;
+/// Bounds of an inverse depth within which no projection overflows.
+const INVERSE_DEPTH: [f64; 2] = [1e-25, 1e25];
+
+/// Fewer tracks than this do not measure a prior.
+const FEW: usize = 10;
+/// No prior counts as closer than this to the depths.
+const LEAST_SPREAD: f64 = 0.02;
+
+type Matrix2x6 = SMatrix<f64, 2, 6>;
+
+/// Intrinsic parameters and noise of one photograph.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Lens {
+    pub(super) focal: Vector2<f64>,
+    pub(super) centre: Vector2<f64>,
+    /// Whether the common factor of assumed focal lengths applies.
+    pub(super) assumed: bool,
+    /// Standard deviation of a pixel of a match.
+    pub(super) noise: f64,
+}
+
+/// A point and the pixels where it was found.
+#[derive(Debug, Clone)]
+pub(super) struct Observed {
+    pub(super) anchor: usize,
+    pub(super) pixel: Point2<f64>,
+    /// One over the depth at the anchor.
+    pub(super) inverse_depth: f64,
+    /// Logarithm of the prior's depth at the anchor.
+    pub(super) prior: Option<f64>,
+    /// Further photographs and the pixels there.
+    pub(super) views: Vec<(usize, Point2<f64>)>,
+}
+
+/// Where a pose was before, and how well that was known.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PosePrior {
+    pub(super) pose: Pose,
+    /// Radians.
+    pub(super) rotation_sigma: f64,
+    /// Of the camera's centre, in the unit of the poses.
+    pub(super) centre_sigma: f64,
+}
+
+/// All that is adjusted, and what it is adjusted to.
+#[derive(Debug, Clone)]
+pub(super) struct Bundle {
+    pub(super) lenses: Vec<Lens>,
+    pub(super) poses: Vec<Pose>,
+    /// The photograph whose pose is kept.
+    pub(super) reference: usize,
+    /// Logarithm of the common factor of the assumed focal lengths.
+    pub(super) log_focal: f64,
+    /// Standard deviation of that logarithm.
+    pub(super) focal_sigma: f64,
+    /// Logarithmic scale of each photograph's prior.
+    pub(super) log_scales: Vec<f64>,
+    /// Whether the reference's scale is kept, which gives the poses their unit.
+    pub(super) keep_scale: bool,
+    /// Standard deviation of the logarithm of each photograph's prior, per track.
+    pub(super) prior_sigmas: Vec<f64>,
+    pub(super) pose_priors: Vec<Option<PosePrior>>,
+    pub(super) tracks: Vec<Observed>,
+}
+
+/// A track as a view sees it.
+struct Seen {
+    rotation: Matrix3<f64>,
+    translation: Vector3<f64>,
+    /// The anchor's ray of z = 1.
+    ray: Vector3<f64>,
+    /// The point in the view's frame over its depth at the anchor.
+    point: Vector3<f64>,
+}
+
+/// Residual of an observation over its noise, and its derivatives.
+struct Linear {
+    residual: Vector2<f64>,
+    anchor: Matrix2x6,
+    view: Matrix2x6,
+    depth: Vector2<f64>,
+    focal: Vector2<f64>,
+}
+
+/// Where the parameters of a bundle are in its vector.
+struct Layout {
+    poses: Vec<Option<usize>>,
+    scales: Vec<Option<usize>>,
+    focal: Option<usize>,
+    size: usize,
+}
+
+/// Normal equations with the depths eliminated.
+struct Normal {
+    matrix: DMatrix<f64>,
+    vector: DVector<f64>,
+    /// Of each track: what its depth shares with the other parameters, its own curvature, its own gradient.
+    depths: Vec<(Vec<(usize, f64)>, f64, f64)>,
+}
+
+/// How a run of [`Bundle::adjust`] went.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Run {
+    /// The cost at the start and after every step that was kept.
+    pub(super) costs: Vec<f64>,
+}
+
+/// Huber's loss of a squared residual, and the weight of its square: quadratic to 1, linear beyond.
+fn huber(squared: f64) -> (f64, f64) {
+    if squared <= 1.0 { (0.5 * squared, 1.0) } else { (squared.sqrt() - 0.5, squared.sqrt().recip()) }
+}
+
+impl Bundle {
+    fn focal(&self, lens: &Lens) -> Vector2<f64> {
+        if lens.assumed { lens.focal * self.log_focal.exp() } else { lens.focal }
+    }
+
+    fn ray(&self, view: usize, pixel: &Point2<f64>) -> Vector3<f64> {
+        let lens = &self.lenses[view];
+        let at = (pixel.coords - lens.centre).component_div(&self.focal(lens));
+        at.push(1.0)
+    }
+
+    fn seen(&self, track: &Observed, view: usize) -> Seen {
+        let motion = self.poses[view] * self.poses[track.anchor].inverse();
+        let rotation = motion.rotation.to_rotation_matrix().into_inner();
+        let ray = self.ray(track.anchor, &track.pixel);
+        let point = rotation * ray + motion.translation.vector * track.inverse_depth;
+        Seen { rotation, translation: motion.translation.vector, ray, point }
+    }
+
+    fn project(&self, view: usize, point: &Vector3<f64>) -> Option<Vector2<f64>> {
+        (point.z > NEAR).then(|| {
+            let lens = &self.lenses[view];
+            self.focal(lens).component_mul(&(point.xy() / point.z)) + lens.centre
+        })
+    }
+
+    /// Residual of a track in a view, over the noise; nothing for a point behind it.
+    pub(super) fn residual(
+        &self,
+        track: &Observed,
+        view: usize,
+        pixel: &Point2<f64>,
+    ) -> Option<Vector2<f64>> {
+        let seen = self.seen(track, view);
+        Some((self.project(view, &seen.point)? - pixel.coords) / self.lenses[view].noise)
+    }
+
+    /// Pixels by which the baseline moves a track in a view: from where its direction alone would land.
+    pub(super) fn parallax(&self, track: &Observed, view: usize) -> Option<f64> {
+        let seen = self.seen(track, view);
+        Some((self.project(view, &seen.point)? - self.project(view, &(seen.rotation * seen.ray))?).norm())
+    }
+
+    fn linear(&self, track: &Observed, view: usize, pixel: &Point2<f64>) -> Option<Linear> {
+        let Seen { rotation, translation, ray, point } = self.seen(track, view);
+        let lens = &self.lenses[view];
+        let at = self.project(view, &point)?;
+        let f = self.focal(lens);
+        let (x, y, w) = (point.x / point.z, point.y / point.z, point.z.recip());
+        let onto = Matrix2x3::new(f.x * w, 0.0, -f.x * x * w, 0.0, f.y * w, -f.y * y * w) / lens.noise;
+
+        let inverse_depth = track.inverse_depth;
+        let mut view_part = SMatrix::<f64, 3, 6>::zeros();
+        view_part.fixed_view_mut::<3, 3>(0, 0).copy_from(&(Matrix3::identity() * inverse_depth));
+        view_part.fixed_view_mut::<3, 3>(0, 3).copy_from(&-point.cross_matrix());
+        let mut anchor_part = SMatrix::<f64, 3, 6>::zeros();
+        anchor_part.fixed_view_mut::<3, 3>(0, 0).copy_from(&(-rotation * inverse_depth));
+        anchor_part.fixed_view_mut::<3, 3>(0, 3).copy_from(&(rotation * ray.cross_matrix()));
+
+        let mut focal = Vector2::zeros();
+        if lens.assumed {
+            focal += (at - lens.centre) / lens.noise;
+        }
+        if self.lenses[track.anchor].assumed {
+            focal -= onto * (rotation * Vector3::new(ray.x, ray.y, 0.0));
+        }
+        Some(Linear {
+            residual: (at - pixel.coords) / lens.noise,
+            anchor: onto * anchor_part,
+            view: onto * view_part,
+            depth: onto * translation * if track.prior.is_some() { -inverse_depth } else { 1.0 },
+            focal,
+        })
+    }
+
+    fn prior_residual(&self, track: &Observed) -> Option<f64> {
+        let deviation = -track.inverse_depth.ln() - track.prior? - self.log_scales[track.anchor];
+        Some(deviation / self.prior_sigmas[track.anchor])
+    }
+
+    /// Residual of a pose against its prior and the derivative by the left perturbation.
+    fn pose_residual(pose: &Pose, prior: &PosePrior) -> (Vector6<f64>, Matrix6<f64>) {
+        let turn = (pose.rotation * prior.pose.rotation.inverse()).scaled_axis();
+        let centre = |p: &Pose| -(p.rotation.inverse() * p.translation.vector);
+        let moved = centre(pose) - centre(&prior.pose);
+        let mut residual = Vector6::zeros();
+        residual.fixed_rows_mut::<3>(0).copy_from(&(moved / prior.centre_sigma));
+        residual.fixed_rows_mut::<3>(3).copy_from(&(turn / prior.rotation_sigma));
+        let mut slope = Matrix6::zeros();
+        let back = pose.rotation.inverse().to_rotation_matrix().into_inner();
+        slope.fixed_view_mut::<3, 3>(0, 0).copy_from(&(-back / prior.centre_sigma));
+        slope.fixed_view_mut::<3, 3>(3, 3).copy_from(&(inverse_left_jacobian(&turn) / prior.rotation_sigma));
+        (residual, slope)
+    }
+
+    fn track_cost(&self, track: &Observed) -> f64 {
+        let seen = track.views.iter().map(|(view, pixel)| {
+            let squared = self.residual(track, *view, pixel).map_or(BEHIND * BEHIND, |r| r.norm_squared());
+            huber(squared).0
+        });
+        seen.sum::<f64>() + self.prior_residual(track).map_or(0.0, |r| huber(r * r).0)
+    }
+
+    /// Measures the spread of each photograph's prior about the depths, of the tracks with more parallax than the median, and
+    /// widens it by the root of the tracks that share one of a map's `regions` independent errors.
+    pub(super) fn measure_priors(&mut self, regions: f64) {
+        for (anchor, sigma) in self.prior_sigmas.iter_mut().enumerate() {
+            let mut deviations: Vec<(f64, f64)> = Vec::new();
+            for track in
+                self.tracks.iter().filter(|track| track.anchor == anchor && track.inverse_depth > 0.0)
+            {
+                let Some(prior) = track.prior else { continue };
+                let deviation = -track.inverse_depth.ln() - prior - self.log_scales[anchor];
+                let baseline = |(view, _): &(usize, Point2<f64>)| {
+                    (self.poses[*view] * self.poses[anchor].inverse()).translation.vector.norm()
+                };
+                let longest = track.views.iter().map(baseline).fold(0.0, f64::max);
+                deviations.push((longest * track.inverse_depth, deviation));
+            }
+            if deviations.len() < FEW {
+                continue;
+            }
+            deviations.sort_by(|a, b| b.0.total_cmp(&a.0));
+            let half = &deviations[..deviations.len().div_ceil(2)];
+            if let Some(spread) = robust_deviation(half.iter().map(|(_, deviation)| *deviation)) {
+                let alike = (deviations.len() as f64 / regions).max(1.0);
+                *sigma = spread.max(LEAST_SPREAD) * alike.sqrt();
+            }
+        }
+    }
+
+    /// The sum of the losses: Huber's of every observation over its noise and of every prior residual, squares of the rest.
+    pub(super) fn cost(&self) -> f64 {
+        let tracks: f64 = self.tracks.iter().map(|track| self.track_cost(track)).sum();
+        let priors = self.poses.iter().zip(&self.pose_priors).filter_map(|(pose, prior)| {
+            prior.as_ref().map(|prior| 0.5 * Self::pose_residual(pose, prior).0.norm_squared())
+        });
+        tracks + priors.sum::<f64>() + 0.5 * (self.log_focal / self.focal_sigma).powi(2)
+    }
+
+    fn layout(&self) -> Layout {
+        let count = self.poses.len();
+        let mut size = 0;
+        let mut take = |needed: bool, width: usize| {
+            let at = size;
+            size += if needed { width } else { 0 };
+            needed.then_some(at)
+        };
+        let mut used = vec![false; count];
+        let mut has_prior = vec![false; count];
+        for track in &self.tracks {
+            used[track.anchor] = true;
+            has_prior[track.anchor] |= track.prior.is_some();
+            track.views.iter().for_each(|(view, _)| used[*view] = true);
+        }
+        let poses = (0..count).map(|v| take(v != self.reference && used[v], 6)).collect();
+        let scales =
+            (0..count).map(|v| take(has_prior[v] && !(self.keep_scale && v == self.reference), 1)).collect();
+        let focal = take(self.lenses.iter().any(|lens| lens.assumed), 1);
+        Layout { poses, scales, focal, size }
+    }
+
+    /// Normal equations before any elimination; observations count as if their noise were `noise` times as large.
+    fn normal(&self, layout: &Layout, noise: f64) -> Normal {
+        let mut matrix = DMatrix::zeros(layout.size, layout.size);
+        let mut vector = DVector::zeros(layout.size);
+        let mut depths = Vec::with_capacity(self.tracks.len());
+        for track in &self.tracks {
+            let mut shared = vec![];
+            let (mut curvature, mut slope) = (0.0, 0.0);
+            let mut share = |index: usize, value: f64| match shared.iter_mut().find(|(i, _)| *i == index) {
+                Some((_, sum)) => *sum += value,
+                None => shared.push((index, value)),
+            };
+            for (view, pixel) in &track.views {
+                let Some(linear) = self.linear(track, *view, pixel) else { continue };
+                let weight = huber(linear.residual.norm_squared()).1 / (noise * noise);
+                // Columns of the derivative by the parameters that this observation has.
+                let mut columns: [(usize, Vector2<f64>); 13] = [(usize::MAX, Vector2::zeros()); 13];
+                let mut count = 0;
+                let mut push = |index: usize, column: Vector2<f64>| {
+                    columns[count] = (index, column);
+                    count += 1;
+                };
+                for (start, part) in
+                    [(layout.poses[track.anchor], &linear.anchor), (layout.poses[*view], &linear.view)]
+                {
+                    if let Some(start) = start {
+                        (0..6).for_each(|k| push(start + k, part.column(k).into_owned()));
+                    }
+                }
+                if let Some(index) = layout.focal {
+                    push(index, linear.focal);
+                }
+                let columns = &columns[..count];
+                for &(i, a) in columns {
+                    vector[i] += weight * a.dot(&linear.residual);
+                    share(i, weight * a.dot(&linear.depth));
+                    for &(j, b) in columns.iter().filter(|(j, _)| *j <= i) {
+                        matrix[(i, j)] += weight * a.dot(&b);
+                    }
+                }
+                curvature += weight * linear.depth.norm_squared();
+                slope += weight * linear.depth.dot(&linear.residual);
+            }
+            if let Some(residual) = self.prior_residual(track) {
+                let weight = huber(residual * residual).1;
+                let unit = self.prior_sigmas[track.anchor].recip();
+                curvature += weight * unit * unit;
+                slope += weight * unit * residual;
+                if let Some(index) = layout.scales[track.anchor] {
+                    share(index, -weight * unit * unit);
+                    matrix[(index, index)] += weight * unit * unit;
+                    vector[index] -= weight * unit * residual;
+                }
+            }
+            depths.push((shared, curvature, slope));
+        }
+        for ((pose, prior), start) in self.poses.iter().zip(&self.pose_priors).zip(&layout.poses) {
+            let (Some(prior), Some(start)) = (prior, start) else { continue };
+            let (residual, slope) = Self::pose_residual(pose, prior);
+            let (square, gradient) = (slope.transpose() * slope, slope.transpose() * residual);
+            for i in 0..6 {
+                vector[start + i] += gradient[i];
+                (0..=i).for_each(|j| matrix[(start + i, start + j)] += square[(i, j)]);
+            }
+        }
+        if let Some(index) = layout.focal {
+            matrix[(index, index)] += self.focal_sigma.powi(-2);
+            vector[index] += self.log_focal * self.focal_sigma.powi(-2);
+        }
+        Normal { matrix, vector, depths }
+    }
+
+    /// Levenberg and Marquardt's steps until one gains less than 1e-9 of the cost. No step that raises the cost is kept.
+    pub(super) fn adjust(&mut self, steps: usize) -> Run {
+        let layout = self.layout();
+        let mut cost = self.cost();
+        let mut costs = vec![cost];
+        let [mut damping, least, most] = DAMPING;
+        let mut normal = self.normal(&layout, 1.0);
+        for _ in 0..steps {
+            let next = normal.step(damping).map(|(common, depths)| self.moved(&layout, &common, &depths));
+            let next_cost = next.as_ref().map_or(f64::INFINITY, Self::cost);
+            if let Some(next) = next.filter(|_| next_cost < cost) {
+                *self = next;
+                let gain = cost - next_cost;
+                cost = next_cost;
+                costs.push(cost);
+                damping = (damping * 0.1).max(least);
+                if gain <= TOLERANCE * cost {
+                    break;
+                }
+                normal = self.normal(&layout, 1.0);
+            } else {
+                damping *= 10.0;
+                if damping > most {
+                    break;
+                }
+            }
+        }
+        Run { costs }
+    }
+
+    fn moved(&self, layout: &Layout, common: &DVector<f64>, depths: &[f64]) -> Self {
+        let mut next = self.clone();
+        for (pose, start) in next.poses.iter_mut().zip(&layout.poses) {
+            if let Some(start) = start {
+                *pose = exp(&common.fixed_rows::<6>(*start).into_owned()) * *pose;
+                pose.rotation.renormalize();
+            }
+        }
+        for (scale, index) in next.log_scales.iter_mut().zip(&layout.scales) {
+            *scale += index.map_or(0.0, |i| common[i]);
+        }
+        next.log_focal += layout.focal.map_or(0.0, |i| common[i]);
+        for (track, step) in next.tracks.iter_mut().zip(depths) {
+            let [least, most] = INVERSE_DEPTH;
+            track.inverse_depth = if track.prior.is_some() {
+                (track.inverse_depth * (-step).exp()).clamp(least, most)
+            } else {
+                (track.inverse_depth + step).clamp(-most, most)
+            };
+        }
+        next
+    }
+
+    /// The same scene with depths and translations `exp(by)` times as large; the reference's prior keeps its scale.
+    pub(super) fn rescale(&mut self, by: f64) {
+        for pose in &mut self.poses {
+            pose.translation.vector *= by.exp();
+        }
+        self.tracks.iter_mut().for_each(|track| track.inverse_depth *= (-by).exp());
+        for (v, scale) in self.log_scales.iter_mut().enumerate() {
+            *scale += if self.keep_scale && v == self.reference { 0.0 } else { by };
+        }
+    }
+
+    /// Covariance of each pose's left perturbation (translation, then rotation in radians) and variance of each logarithmic
+    /// depth, if a pixel's standard deviation is `noise` times that of [`Lens::noise`]. Nothing where the normal equations are
+    /// singular.
+    pub(super) fn covariance(&self, noise: f64) -> Option<(Vec<Option<Matrix6<f64>>>, Vec<f64>)> {
+        let layout = self.layout();
+        let normal = self.normal(&layout, noise);
+        let inverse = normal.reduced(0.0).0.cholesky()?.inverse();
+        let poses = layout
+            .poses
+            .iter()
+            .map(|start| start.map(|at| inverse.fixed_view::<6, 6>(at, at).into_owned()))
+            .collect();
+        let depths = normal
+            .depths
+            .iter()
+            .zip(&self.tracks)
+            .map(|((shared, curvature, _), track)| {
+                let through: f64 = shared
+                    .iter()
+                    .map(|&(i, a)| shared.iter().map(|&(j, b)| a * b * inverse[(i, j)]).sum::<f64>())
+                    .sum();
+                let variance = curvature.recip() + through / (curvature * curvature);
+                if track.prior.is_some() { variance } else { variance / track.inverse_depth.powi(2) }
+            })
+            .collect();
+        Some((poses, depths))
+    }
+}
+
+impl Normal {
+    /// The equations of all but the depths, with a full symmetric matrix, damped.
+    fn reduced(&self, damping: f64) -> (DMatrix<f64>, DVector<f64>) {
+        let (mut matrix, mut vector) = (self.matrix.clone(), self.vector.clone());
+        for i in 0..matrix.nrows() {
+            matrix[(i, i)] += damping * matrix[(i, i)].max(1e-12);
+        }
+        for (shared, curvature, slope) in &self.depths {
+            let inverse = self::inverse(*curvature, damping);
+            for &(i, a) in shared {
+                vector[i] -= a * slope * inverse;
+                for &(j, b) in shared.iter().filter(|(j, _)| *j <= i) {
+                    matrix[(i, j)] -= a * b * inverse;
+                }
+            }
+        }
+        matrix.fill_upper_triangle_with_lower_triangle();
+        (matrix, vector)
+    }
+
+    fn step(&self, damping: f64) -> Option<(DVector<f64>, Vec<f64>)> {
+        let (matrix, vector) = self.reduced(damping);
+        let common = -matrix.cholesky()?.solve(&vector);
+        let depths: Vec<f64> = self
+            .depths
+            .iter()
+            .map(|(shared, curvature, slope)| {
+                let rest: f64 = shared.iter().map(|&(i, a)| a * common[i]).sum();
+                -(slope + rest) * inverse(*curvature, damping)
+            })
+            .collect();
+        let finite = common.iter().chain(&depths).all(|x| x.is_finite());
+        finite.then_some((common, depths))
+    }
+}
+
+/// One over a damped curvature; 0 where there is none, so that the depth stays.
+fn inverse(curvature: f64, damping: f64) -> f64 {
+    if curvature > 0.0 { (curvature * (1.0 + damping)).recip() } else { 0.0 }
+}
+
+/// The rigid motion of a twist: translation first, rotation vector second, each applied on its own.
+///
+/// To first order this is the exponential of se(3), and all that is asked of it is that it is smooth and covers a
+/// neighbourhood.
+pub(super) fn exp(delta: &Vector6<f64>) -> Pose {
+    let turn = UnitQuaternion::from_scaled_axis(delta.fixed_rows::<3>(3).into_owned());
+    Pose::from_parts(Translation3::from(delta.fixed_rows::<3>(0).into_owned()), turn)
+}
+
+/// \\( J_l^{-1}(\phi) = I - \frac12 [\phi]_\times + c [\phi]_\times^2 \\): how a rotation vector changes as its rotation is
+/// turned from the left.
+fn inverse_left_jacobian(turn: &Vector3<f64>) -> Matrix3<f64> {
+    let angle = turn.norm();
+    let cross = turn.cross_matrix();
+    let factor =
+        if angle < 1e-4 { 1.0 / 12.0 } else { (1.0 - 0.5 * angle / (0.5 * angle).tan()) / (angle * angle) };
+    Matrix3::identity() - cross * 0.5 + cross * cross * factor
+}
+
+#[cfg(test)]
+mod tests;

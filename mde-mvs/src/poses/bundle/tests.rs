@@ -1,0 +1,301 @@
+use super::*;
+use mde_uncertainty::random::CounterRng;
+use mde_warp::proptest::pose;
+use nalgebra::Point3;
+use proptest::prelude::*;
+use rand::RngExt;
+
+fn lens(assumed: bool) -> Lens {
+    Lens { focal: Vector2::new(500.0, 510.0), centre: Vector2::new(320.0, 240.0), assumed, noise: 1.0 }
+}
+
+/// An exact scene of `count` points seen by every photograph, the first its reference and the anchor of two thirds of them.
+fn scene(poses: &[Pose], count: usize, seed: u64) -> Bundle {
+    let views = poses.len();
+    let lenses = vec![lens(false); views];
+    let mut tracks = Vec::new();
+    for i in 0..count {
+        let mut rng = CounterRng::new(seed, "bundle-test", 0, i as u64);
+        let mut uniform = |low: f64, high: f64| low + (high - low) * rng.random::<f64>();
+        let z = uniform(2.0, 6.0);
+        let point = Point3::new(uniform(-0.5, 0.5) * z, uniform(-0.4, 0.4) * z, z);
+        let pixel = |v: usize| {
+            let p = poses[v] * point;
+            let at = lenses[v].focal.component_mul(&(p.coords.xy() / p.z)) + lenses[v].centre;
+            (Point2::from(at), p.z)
+        };
+        let anchor = if i % 3 == 0 { 1 % views } else { 0 };
+        let (at, depth) = pixel(anchor);
+        let others = (0..views).filter(|&v| v != anchor).map(|v| (v, pixel(v).0)).collect();
+        tracks.push(Observed {
+            anchor,
+            pixel: at,
+            inverse_depth: depth.recip(),
+            prior: Some(depth.ln()),
+            views: others,
+        });
+    }
+    Bundle {
+        lenses,
+        poses: poses.to_vec(),
+        reference: 0,
+        log_focal: 0.0,
+        focal_sigma: 0.2,
+        log_scales: vec![0.0; views],
+        keep_scale: true,
+        prior_sigmas: vec![0.8; views],
+        pose_priors: vec![None; views],
+        tracks,
+    }
+}
+
+fn motions() -> Vec<Pose> {
+    let twist = |v: [f64; 6]| exp(&Vector6::from(v));
+    vec![
+        Pose::identity(),
+        twist([-0.4, 0.05, 0.1, 0.02, -0.1, 0.03]),
+        twist([0.3, -0.2, 0.05, -0.05, 0.12, -0.02]),
+    ]
+}
+
+fn disturbed(mut bundle: Bundle, size: f64, seed: u64) -> Bundle {
+    let mut rng = CounterRng::new(seed, "bundle-noise", 0, 0);
+    let mut uniform = move || size * (2.0 * rng.random::<f64>() - 1.0);
+    for pose in bundle.poses.iter_mut().skip(1) {
+        *pose = exp(&Vector6::from_fn(|_, _| uniform())) * *pose;
+    }
+    for track in &mut bundle.tracks {
+        track.inverse_depth *= (3.0 * uniform()).exp();
+    }
+    bundle
+}
+
+fn apart(a: &Pose, b: &Pose) -> f64 {
+    a.rotation.angle_to(&b.rotation) + (a.translation.vector - b.translation.vector).norm()
+}
+
+#[test]
+fn an_exact_scene_is_recovered() {
+    for seed in 0..5 {
+        let truth = scene(&motions(), 60, seed);
+        let mut bundle = disturbed(truth.clone(), 0.05, seed);
+        bundle.adjust(100);
+        for (found, pose) in bundle.poses.iter().zip(&truth.poses) {
+            assert!(apart(found, pose) < 1e-6, "{}", apart(found, pose));
+        }
+        for (found, track) in bundle.tracks.iter().zip(&truth.tracks) {
+            assert!((found.inverse_depth / track.inverse_depth - 1.0).abs() < 1e-6);
+        }
+    }
+}
+
+/// A wrong focal length common to all photographs, and the scales of the further priors, are found too.
+#[test]
+fn focal_length_and_scales_of_priors_are_recovered() {
+    let mut truth = scene(&motions(), 80, 7);
+    // Almost no weight, so that the exact answer is the least.
+    truth.focal_sigma = 1e6;
+    for track in truth.tracks.iter_mut().filter(|track| track.anchor == 1) {
+        track.prior = track.prior.map(|p| p - 0.7);
+    }
+    let mut bundle = disturbed(truth, 0.02, 3);
+    bundle.lenses.iter_mut().for_each(|lens| {
+        lens.assumed = true;
+        lens.focal /= 1.15;
+    });
+    bundle.adjust(200);
+    assert!((bundle.log_focal - 1.15_f64.ln()).abs() < 1e-6, "{}", bundle.log_focal);
+    assert!((bundle.log_scales[1] - 0.7).abs() < 1e-6, "{}", bundle.log_scales[1]);
+    assert!(apart(&bundle.poses[2], &motions()[2]) < 1e-6);
+}
+
+/// Without a prior depths are inverse, and one that starts beyond infinity comes back.
+#[test]
+fn depths_come_back_from_beyond_infinity() {
+    let mut truth = scene(&motions(), 60, 3);
+    truth.tracks.iter_mut().for_each(|track| track.prior = None);
+    for (pose, known) in truth.poses.iter().zip(&mut truth.pose_priors) {
+        *known = Some(PosePrior { pose: *pose, rotation_sigma: 1.0, centre_sigma: 1.0 });
+    }
+    let mut bundle = truth.clone();
+    bundle.tracks.iter_mut().for_each(|track| track.inverse_depth = -0.02);
+    bundle.adjust(100);
+    for (found, track) in bundle.tracks.iter().zip(&truth.tracks) {
+        assert!((found.inverse_depth / track.inverse_depth - 1.0).abs() < 1e-5);
+    }
+}
+
+/// The spread of a prior is measured, widened by the tracks that share an error.
+#[test]
+fn the_spread_of_a_prior_is_measured() {
+    let mut bundle = scene(&motions(), 300, 6);
+    for (i, track) in bundle.tracks.iter_mut().enumerate() {
+        let side = if i % 2 == 0 { 1.0 } else { -1.0 };
+        track.prior = track.prior.map(|p| p + 0.1 * side);
+    }
+    bundle.measure_priors(25.0);
+    assert!((bundle.prior_sigmas[0] - 1.4826 * 0.1 * (200.0_f64 / 25.0).sqrt()).abs() < 1e-9);
+    assert!((bundle.prior_sigmas[1] - 1.4826 * 0.1 * 2.0).abs() < 1e-9);
+    assert_eq!(bundle.prior_sigmas[2], 0.8);
+}
+
+/// The prior gives the unit: poses and depths in another unit fit a prior in that unit as well.
+#[test]
+fn poses_are_in_the_unit_of_the_reference_prior() {
+    let mut truth = scene(&motions(), 60, 2);
+    for track in &mut truth.tracks {
+        track.prior = track.prior.map(|p| p + 2.0_f64.ln());
+    }
+    let mut bundle = disturbed(truth, 0.02, 1);
+    bundle.adjust(200);
+    let expected = motions()[1].translation.vector * 2.0;
+    assert!((bundle.poses[1].translation.vector - expected).norm() < 1e-5);
+}
+
+/// Wrong matches among the right ones move the poses little under Huber's loss.
+#[test]
+fn wrong_matches_move_little() {
+    let mut truth = scene(&motions(), 150, 4);
+    for track in truth.tracks.iter_mut().step_by(10) {
+        track.views[0].1 += Vector2::new(20.0, -15.0);
+    }
+    let mut bundle = disturbed(truth.clone(), 0.02, 5);
+    bundle.adjust(100);
+    for (found, pose) in bundle.poses.iter().zip(&truth.poses) {
+        assert!(found.rotation.angle_to(&pose.rotation).to_degrees() < 0.05);
+    }
+}
+
+/// The covariance is that of repeated estimates under noise of the assumed size.
+#[test]
+fn the_covariance_is_that_of_repeated_estimates() {
+    let truth = scene(&motions(), 60, 9);
+    let noise = 0.3;
+    let mut sums = [Matrix6::<f64>::zeros(); 3];
+    let runs = 150;
+    for run in 0..runs {
+        let mut bundle = truth.clone();
+        for (i, track) in bundle.tracks.iter_mut().enumerate() {
+            let mut rng = CounterRng::new(run, "bundle-pixel", 0, i as u64);
+            let mut normal = || {
+                let (a, b): (f64, f64) = (rng.random(), rng.random());
+                (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
+            };
+            for (_, pixel) in &mut track.views {
+                *pixel += Vector2::new(noise * normal(), noise * normal());
+            }
+        }
+        // Exact depths of a strong prior: its spread is no part of what is compared.
+        bundle.adjust(50);
+        for (v, sum) in sums.iter_mut().enumerate().skip(1) {
+            let moved = bundle.poses[v] * truth.poses[v].inverse();
+            let mut delta = Vector6::zeros();
+            delta.fixed_rows_mut::<3>(0).copy_from(&moved.translation.vector);
+            delta.fixed_rows_mut::<3>(3).copy_from(&moved.rotation.scaled_axis());
+            *sum += delta * delta.transpose() / runs as f64;
+        }
+    }
+    let mut loose = truth;
+    loose.prior_sigmas = vec![1e3; 3];
+    loose.keep_scale = true;
+    // With the scale held by exact priors, only directions that pixels decide are compared: the rotation.
+    let (poses, depths) = loose.covariance(noise).unwrap();
+    assert!(depths.iter().all(|d| *d > 0.0));
+    for v in 1..3 {
+        let claimed = poses[v].unwrap();
+        for k in 3..6 {
+            let ratio = sums[v][(k, k)] / claimed[(k, k)];
+            assert!((0.6..1.6).contains(&ratio), "view {v}, axis {k}: {ratio}");
+        }
+    }
+}
+
+fn parameters(bundle: &Bundle) -> (Layout, usize) {
+    let layout = bundle.layout();
+    let size = layout.size;
+    (layout, size)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+
+    /// The gradient of the normal equations is that of the cost, by central differences over every parameter.
+    #[test]
+    fn the_gradient_is_that_of_the_cost(first in pose(0.5, 20.0), second in pose(0.5, 20.0), third in pose(0.5, 20.0), seed in 0..1000_u64) {
+        let mut bundle = disturbed(scene(&[first, second, third], 12, seed), 0.05, seed);
+        bundle.lenses[0].assumed = true;
+        bundle.lenses[2].assumed = true;
+        bundle.log_focal = 0.05;
+        bundle.tracks.iter_mut().step_by(2).for_each(|track| track.prior = None);
+        bundle.log_scales[1] = 0.1;
+        let known = PosePrior { pose: exp(&Vector6::repeat(0.02)) * bundle.poses[1], rotation_sigma: 0.02, centre_sigma: 0.05 };
+        bundle.pose_priors[1] = Some(known);
+        let (layout, size) = parameters(&bundle);
+        let normal = bundle.normal(&layout, 1.0);
+        let still = vec![0.0; bundle.tracks.len()];
+        let step = 1e-6;
+        let scale = 1.0 + normal.vector.amax();
+        for i in 0..size {
+            let mut delta = DVector::zeros(size);
+            delta[i] = step;
+            let above = bundle.moved(&layout, &delta, &still).cost();
+            delta[i] = -step;
+            let below = bundle.moved(&layout, &delta, &still).cost();
+            let slope = (above - below) / (2.0 * step);
+            prop_assert!((slope - normal.vector[i]).abs() < 1e-5 * scale, "{} {} {}", i, slope, normal.vector[i]);
+        }
+        let none = DVector::zeros(size);
+        for t in 0..bundle.tracks.len() {
+            let cost = |by: f64| {
+                let mut steps = still.clone();
+                steps[t] = by;
+                bundle.moved(&layout, &none, &steps).cost()
+            };
+            let slope = (cost(step) - cost(-step)) / (2.0 * step);
+            prop_assert!((slope - normal.depths[t].2).abs() < 1e-5 * scale, "{} {}", slope, normal.depths[t].2);
+        }
+    }
+
+    /// No step that is kept raises the cost, wherever it starts, and the last cost is that of the bundle.
+    #[test]
+    fn the_cost_never_rises(first in pose(0.5, 20.0), second in pose(0.5, 20.0), size in 0.0..0.5_f64, seed in 0..1000_u64) {
+        let mut bundle = disturbed(scene(&[Pose::identity(), first, second], 20, seed), size, seed);
+        let run = bundle.adjust(30);
+        prop_assert!(run.costs.windows(2).all(|pair| pair[1] < pair[0]));
+        prop_assert_eq!(*run.costs.last().unwrap(), bundle.cost());
+    }
+
+    /// A damped step by elimination of the depths solves the whole system.
+    #[test]
+    fn elimination_solves_the_whole_system(seed in 0..1000_u64, damping in 1e-6..1.0_f64) {
+        let bundle = disturbed(scene(&motions(), 10, seed), 0.05, seed);
+        let (layout, size) = parameters(&bundle);
+        let normal = bundle.normal(&layout, 1.0);
+        let tracks = normal.depths.len();
+        let mut whole = DMatrix::zeros(size + tracks, size + tracks);
+        let mut right = DVector::zeros(size + tracks);
+        let mut corner = normal.matrix.clone();
+        corner.fill_upper_triangle_with_lower_triangle();
+        whole.view_mut((0, 0), (size, size)).copy_from(&corner);
+        right.rows_mut(0, size).copy_from(&normal.vector);
+        for (t, (shared, curvature, slope)) in normal.depths.iter().enumerate() {
+            whole[(size + t, size + t)] = *curvature;
+            right[size + t] = *slope;
+            for &(i, a) in shared {
+                whole[(i, size + t)] = a;
+                whole[(size + t, i)] = a;
+            }
+        }
+        for i in 0..size + tracks {
+            whole[(i, i)] *= 1.0 + damping;
+        }
+        let expected = -whole.lu().solve(&right).unwrap();
+        let (common, depths) = normal.step(damping).unwrap();
+        for i in 0..size {
+            prop_assert!((common[i] - expected[i]).abs() < 1e-6 * (1.0 + expected[i].abs()));
+        }
+        for t in 0..tracks {
+            prop_assert!((depths[t] - expected[size + t]).abs() < 1e-6 * (1.0 + expected[size + t].abs()));
+        }
+    }
+}

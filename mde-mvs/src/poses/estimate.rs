@@ -1,0 +1,415 @@
+use super::bundle::{Bundle, Observed};
+use super::pair::{self, Pair};
+use super::tracks::{self, Track, TrackPixel};
+use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order};
+use crate::Result;
+use mde_uncertainty::statistics::quantile;
+use mde_warp::{PinholeCamera, Pose};
+use nalgebra::{Matrix6, Point2};
+use std::fmt;
+
+/// Steps of an adjustment at most.
+pub(super) const STEPS: usize = 60;
+
+/// Adjustments after each of which outliers are dropped and the priors measured.
+const ROUNDS: usize = 3;
+
+/// What became of a photograph.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum Verdict {
+    /// The photograph whose frame is the world.
+    Reference,
+    /// It has a pose.
+    Posed,
+    /// It has a pose, but from so near that matches say next to nothing of depth.
+    NoParallax {
+        /// Median parallax of its matches, in pixels of a photograph of 640 on the longer side.
+        pixels: f64,
+        /// What is needed.
+        need: f64,
+    },
+    /// Too little structure: blurred, dark or blank.
+    TooFewFeatures {
+        /// Features found.
+        found: usize,
+        /// What is needed.
+        need: usize,
+    },
+    /// Some matches agree, but not enough of them: the overlap is small or the views too different.
+    TooFewMatches {
+        /// Matches of the best pair that agree on one motion.
+        agreeing: usize,
+        /// What is needed.
+        need: usize,
+    },
+    /// No more matches agree than those of unrelated photographs.
+    AnotherPlace {
+        /// Matches of the best pair, right or wrong.
+        matches: usize,
+        /// Those that agree on one motion.
+        agreeing: usize,
+    },
+    /// Matches agree with each other, but on no pose with the prior's depth.
+    NoPose {
+        /// Matches of the best pair that obey one epipolar geometry.
+        agreeing: usize,
+    },
+}
+
+impl Verdict {
+    /// Whether the photograph has a pose.
+    pub fn has_pose(&self) -> bool {
+        matches!(self, Self::Reference | Self::Posed | Self::NoParallax { .. })
+    }
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::Reference => write!(f, "the reference"),
+            Self::Posed => write!(f, "has a pose"),
+            Self::NoParallax { pixels, need } => {
+                write!(f, "no parallax: {pixels:.1} pixels, {need:.1} are needed; take it from further aside")
+            }
+            Self::TooFewFeatures { found, need } => {
+                write!(f, "{found} features, {need} are needed; take a sharper or brighter photograph")
+            }
+            Self::TooFewMatches { agreeing, need } => {
+                write!(f, "{agreeing} matches agree, {need} are needed; take it from nearer to the others")
+            }
+            Self::AnotherPlace { matches, agreeing } => {
+                write!(f, "another place: {agreeing} of {matches} matches agree, no more than by chance")
+            }
+            Self::NoPose { agreeing } => {
+                write!(
+                    f,
+                    "{agreeing} matches fit no pose with the prior's depth; check its intrinsic parameters"
+                )
+            }
+        }
+    }
+}
+
+/// What was found of one photograph.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EstimatedPose {
+    /// Reference's frame to camera, in the unit of the reference's prior; nothing where [`Verdict::has_pose`] is false.
+    pub pose: Option<Pose>,
+    /// The camera, with the estimated focal length where it was assumed.
+    pub camera: PinholeCamera,
+    /// What became of it.
+    pub verdict: Verdict,
+    /// Tracks that it is part of.
+    pub tracks: usize,
+    /// Median parallax of those to the others, in pixels of a photograph of 640 on the longer side.
+    pub parallax: f64,
+    /// Depth in the unit of the poses over the depth of this photograph's prior.
+    pub prior_scale: Option<f64>,
+    /// Covariance of the pose's left perturbation: translation, then rotation in radians.
+    pub covariance: Option<Matrix6<f64>>,
+}
+
+/// Poses of photographs, and the points that they have in common.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimated {
+    /// One per photograph, in the order given.
+    pub photographs: Vec<EstimatedPose>,
+    /// Points seen by at least two photographs, those of the reference first.
+    pub tracks: Vec<Track>,
+    /// Factor on the assumed focal lengths; 1 where none was assumed.
+    pub focal_factor: f64,
+    /// Standard deviation of a match, in pixels of a photograph of 640 on the longer side.
+    pub noise: f64,
+}
+
+/// Poses of photographs without any; the module's front page has the method.
+///
+/// The result depends on the photographs, the settings and the seed: neither on the number of threads nor on the order of the
+/// photographs. A photograph that does not fit has no pose and a [`Verdict`] that says why; with none that fits, the reference
+/// alone has one.
+///
+/// # Errors
+/// [`Error::Config`](crate::Error::Config) for a setting out of its range, fewer than two photographs, two of one name, a
+/// reference that is none of them or has no prior; [`Error::View`](crate::Error::View) for a camera that is not of its image's or
+/// its prior's size.
+pub fn estimate_poses(
+    photographs: &[Photograph],
+    reference: usize,
+    settings: &PosesConfig,
+    seed: u64,
+) -> Result<Estimated> {
+    settings.validate()?;
+    let order = in_order(photographs, reference)?;
+    if photographs[reference].prior.is_none() {
+        return Err(config("prior of the reference", "missing", "give its depth"));
+    }
+    let sorted: Vec<Photograph> = order.iter().map(|&i| photographs[i]).collect();
+    let reference = order.iter().position(|&i| i == reference).unwrap_or_default();
+    let shots = Shot::all(&sorted, &settings.features)?;
+    let pairs = all_pairs(&shots, settings, seed, pair::relate);
+
+    let mut dropped = vec![false; shots.len()];
+    loop {
+        let tree = Tree::grow(shots.len(), &pairs, reference, &dropped);
+        let mut bundle = build(&shots, &pairs, &tree, reference, settings);
+        for _ in 0..ROUNDS {
+            bundle.adjust(STEPS);
+            bundle.drop_outliers(settings.outlier_pixels);
+            bundle.measure_priors(settings.regions);
+        }
+        bundle.adjust(STEPS);
+        bundle.drop_outliers(settings.outlier_pixels);
+        let counts = bundle.counts();
+        // The weakest goes first: without it, others may fit better.
+        let weakest = (0..shots.len())
+            .filter(|&v| v != reference && tree.poses[v].is_some() && counts[v] < settings.min_matches)
+            .min_by_key(|&v| counts[v]);
+        match weakest {
+            Some(v) => dropped[v] = true,
+            None => return Ok(report(&sorted, &shots, &pairs, &tree, bundle, settings, &order)),
+        }
+    }
+}
+
+/// Poses and prior scales along the strongest pairs from the reference.
+struct Tree {
+    poses: Vec<Option<Pose>>,
+    log_scales: Vec<f64>,
+    /// When a photograph was attached; the reference first, those without a pose last.
+    rank: Vec<usize>,
+}
+
+impl Tree {
+    /// The spanning tree of most agreeing matches (Prim, 1957).
+    fn grow(count: usize, pairs: &[Pair], reference: usize, dropped: &[bool]) -> Self {
+        let mut tree =
+            Self { poses: vec![None; count], log_scales: vec![0.0; count], rank: vec![usize::MAX; count] };
+        tree.poses[reference] = Some(Pose::identity());
+        tree.rank[reference] = 0;
+        for rank in 1..count {
+            let mut best: Option<(&Pair, &super::pair::Motion, Pose)> = None;
+            for pair in pairs {
+                let Some(motion) = &pair.motion else { continue };
+                let open = [pair.first, pair.second].map(|v| tree.poses[v].is_none() && !dropped[v]);
+                let Some(known) = tree.poses[pair.first].or(tree.poses[pair.second]) else { continue };
+                let better = best.is_none_or(|(top, ..)| pair.agreeing.len() > top.agreeing.len());
+                if (open[0] || open[1]) && better {
+                    best = Some((pair, motion, known));
+                }
+            }
+            let Some((pair, motion, known)) = best else { break };
+            let forward = tree.poses[pair.first].is_some();
+            let (from, to) = if forward { (0, 1) } else { (1, 0) };
+            let ends = [pair.first, pair.second];
+            // The pair's unit over that of the tree.
+            let unit = tree.log_scales[ends[from]] - motion.log_scales[from];
+            let mut step = if forward { motion.pose } else { motion.pose.inverse() };
+            step.translation.vector *= unit.exp();
+            tree.poses[ends[to]] = Some(step * known);
+            tree.log_scales[ends[to]] = motion.log_scales[to] + unit;
+            tree.rank[ends[to]] = rank;
+        }
+        tree
+    }
+}
+
+fn build(shots: &[Shot], pairs: &[Pair], tree: &Tree, reference: usize, settings: &PosesConfig) -> Bundle {
+    let used: Vec<&Pair> = pairs
+        .iter()
+        .filter(|p| p.motion.is_some() && tree.poses[p.first].is_some() && tree.poses[p.second].is_some())
+        .collect();
+    let tracks = tracks::join(shots, &used, &tree.rank);
+    let middles: Vec<f64> = shots
+        .iter()
+        .map(|shot| {
+            let mut depths: Vec<f64> =
+                shot.features.keypoints.iter().filter_map(|k| shot.log_prior(&k.pixel)).collect();
+            quantile(&mut depths, 0.5).unwrap_or(0.0)
+        })
+        .collect();
+    let tracks = tracks
+        .into_iter()
+        .filter_map(|mut group| {
+            let (anchor, pixel) = (!group.is_empty()).then(|| group.remove(0))?;
+            let prior = shots[anchor].log_prior(&pixel);
+            let log_depth = prior.unwrap_or(middles[anchor]) + tree.log_scales[anchor];
+            Some(Observed { anchor, pixel, inverse_depth: (-log_depth).exp(), prior, views: group })
+        })
+        .collect::<Vec<_>>();
+    let count = tracks.len();
+    Bundle {
+        lenses: shots.iter().map(|shot| shot.lens).collect(),
+        poses: tree.poses.iter().map(|pose| pose.unwrap_or_else(Pose::identity)).collect(),
+        reference,
+        log_focal: 0.0,
+        focal_sigma: settings.focal_sigma_of(count),
+        log_scales: tree.log_scales.clone(),
+        keep_scale: true,
+        prior_sigmas: vec![settings.prior_sigma_of(count); shots.len()],
+        pose_priors: vec![None; shots.len()],
+        tracks,
+    }
+}
+
+impl Bundle {
+    /// Whether a track in front of both photographs falls within `limit` units of noise of where it was found.
+    pub(super) fn fits(&self, track: &Observed, view: usize, pixel: &Point2<f64>, limit: f64) -> bool {
+        track.inverse_depth > 0.0 && self.residual(track, view, pixel).is_some_and(|r| r.norm() < limit)
+    }
+
+    /// Leaves out observations further than `limit` from where they should be, and tracks without any left.
+    pub(super) fn drop_outliers(&mut self, limit: f64) {
+        let mut tracks = std::mem::take(&mut self.tracks);
+        for track in &mut tracks {
+            let here = track.clone();
+            track.views.retain(|(v, p)| self.fits(&here, *v, p, limit));
+        }
+        tracks.retain(|track| !track.views.is_empty());
+        self.tracks = tracks;
+    }
+
+    /// Tracks of each photograph.
+    pub(super) fn counts(&self) -> Vec<usize> {
+        let mut counts = vec![0; self.poses.len()];
+        for track in &self.tracks {
+            counts[track.anchor] += 1;
+            track.views.iter().for_each(|(v, _)| counts[*v] += 1);
+        }
+        counts
+    }
+
+    /// Standard deviation of an observation over [`Lens::noise`](super::bundle::Lens::noise), by the residuals that the depths
+    /// and poses leave free.
+    pub(super) fn noise(&self) -> f64 {
+        let observations: usize = self.tracks.iter().map(|track| track.views.len()).sum();
+        let moving = 6 * (self.counts().iter().filter(|count| **count > 0).count().saturating_sub(1));
+        let free = (2 * observations).saturating_sub(self.tracks.len() + moving).max(1);
+        let squares: f64 = self
+            .tracks
+            .iter()
+            .flat_map(|track| track.views.iter().filter_map(move |(v, p)| self.residual(track, *v, p)))
+            .map(|r| r.norm_squared())
+            .sum();
+        (squares / free as f64).sqrt()
+    }
+
+    /// The tracks with depths, deviations and residuals; `order` gives each view's index for the caller.
+    pub(super) fn report_tracks(&self, log_depth_variances: &[f64], order: &[usize]) -> Vec<Track> {
+        self.tracks
+            .iter()
+            .enumerate()
+            .map(|(i, track)| {
+                let place = |view: usize, pixel: Point2<f64>, residual: f64| TrackPixel {
+                    photograph: order[view],
+                    pixel,
+                    residual,
+                };
+                let there = track.views.iter().map(|(v, p)| {
+                    place(*v, *p, self.residual(track, *v, p).map_or(f64::INFINITY, |r| r.norm()))
+                });
+                let moved = track
+                    .views
+                    .iter()
+                    .filter_map(|(v, _)| Some(self.parallax(track, *v)? / self.lenses[*v].noise));
+                Track {
+                    pixels: std::iter::once(place(track.anchor, track.pixel, 0.0)).chain(there).collect(),
+                    depth: track.inverse_depth.recip(),
+                    log_depth_sigma: log_depth_variances.get(i).map_or(f64::INFINITY, |v| v.max(0.0).sqrt()),
+                    parallax: moved.fold(0.0, f64::max),
+                }
+            })
+            .collect()
+    }
+
+    /// Median over a photograph's tracks of the parallax to another photograph, in units of the noise.
+    pub(super) fn median_parallax(&self, photograph: usize) -> f64 {
+        let mut all: Vec<f64> = self
+            .tracks
+            .iter()
+            .flat_map(|track| {
+                track
+                    .views
+                    .iter()
+                    .filter(move |(v, _)| track.anchor == photograph || *v == photograph)
+                    .filter_map(move |(v, _)| Some(self.parallax(track, *v)? / self.lenses[*v].noise))
+            })
+            .collect();
+        quantile(&mut all, 0.5).unwrap_or(0.0)
+    }
+}
+
+fn report(
+    photographs: &[Photograph],
+    shots: &[Shot],
+    pairs: &[Pair],
+    tree: &Tree,
+    mut bundle: Bundle,
+    settings: &PosesConfig,
+    order: &[usize],
+) -> Estimated {
+    let reference = bundle.reference;
+    let anchored = bundle.tracks.iter().filter(|track| track.anchor == reference);
+    let mut ratios: Vec<f64> =
+        anchored.filter_map(|track| Some(-track.inverse_depth.ln() - track.prior?)).collect();
+    if let Some(shift) = quantile(&mut ratios, 0.5) {
+        bundle.rescale(-shift);
+    }
+    let noise = bundle.noise();
+    let (covariances, variances) =
+        bundle.covariance(noise.max(1e-3)).unwrap_or((vec![None; shots.len()], Vec::new()));
+    let counts = bundle.counts();
+    let focal_factor = bundle.log_focal.exp();
+    let mut found: Vec<(usize, EstimatedPose)> = (0..shots.len())
+        .map(|v| {
+            let parallax = bundle.median_parallax(v);
+            let camera = &photographs[v].camera;
+            let factor = if photographs[v].focal_assumed { focal_factor } else { 1.0 };
+            let posed = tree.poses[v].is_some();
+            let verdict = if v == reference {
+                Verdict::Reference
+            } else if !posed {
+                refusal(v, shots, pairs, tree, settings)
+            } else if parallax < settings.min_parallax_pixels {
+                Verdict::NoParallax { pixels: parallax, need: settings.min_parallax_pixels }
+            } else {
+                Verdict::Posed
+            };
+            let of_photograph = EstimatedPose {
+                pose: posed.then_some(bundle.poses[v]),
+                camera: PinholeCamera { fx: camera.fx * factor, fy: camera.fy * factor, ..*camera },
+                verdict,
+                tracks: counts[v],
+                parallax,
+                prior_scale: (posed && shots[v].prior.is_some()).then(|| bundle.log_scales[v].exp()),
+                covariance: if posed { covariances[v] } else { None },
+            };
+            (order[v], of_photograph)
+        })
+        .collect();
+    found.sort_by_key(|(place, _)| *place);
+    let mut tracks = bundle.report_tracks(&variances, order);
+    tracks.sort_by_key(|track| track.pixels[0].photograph != order[reference]);
+    let photographs = found.into_iter().map(|(_, found)| found).collect();
+    Estimated { photographs, tracks, focal_factor, noise }
+}
+
+/// Why a photograph has no pose: by its best pair with one that has.
+fn refusal(view: usize, shots: &[Shot], pairs: &[Pair], tree: &Tree, settings: &PosesConfig) -> Verdict {
+    let need = settings.min_matches;
+    let found = shots[view].features.keypoints.len();
+    if found < need {
+        return Verdict::TooFewFeatures { found, need };
+    }
+    let other = |pair: &Pair| if pair.first == view { pair.second } else { pair.first };
+    let mine = pairs.iter().filter(|pair| pair.first == view || pair.second == view);
+    let best = mine.filter(|pair| tree.poses[other(pair)].is_some()).max_by_key(|pair| pair.agreeing.len());
+    let (matches, agreeing) = best.map_or((0, 0), |pair| (pair.matches, pair.agreeing.len()));
+    if agreeing >= need {
+        Verdict::NoPose { agreeing }
+    } else if 3 * agreeing >= 2 * need {
+        Verdict::TooFewMatches { agreeing, need }
+    } else {
+        Verdict::AnotherPlace { matches, agreeing }
+    }
+}

@@ -1,0 +1,288 @@
+use super::bundle::{Bundle, Observed, PosePrior};
+use super::tracks::{self, Track};
+use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order, pair, positive};
+use crate::{Error, Result};
+use mde_uncertainty::random::CounterRng;
+use mde_uncertainty::statistics::quantile;
+use mde_warp::Pose;
+use nalgebra::{Matrix6, Point2, Vector2};
+use rand::RngExt;
+
+/// Shares of the settings' deviations of a given pose that are tried, the most trust first.
+const TRUST: [f64; 4] = [1.0 / 30.0, 0.1, 0.3, 1.0];
+/// Distances of withheld matches beyond so many units of noise count as that.
+const CUT: f64 = 10.0;
+/// Share of the tracks that are withheld.
+const WITHHELD: f64 = 0.2;
+/// Depths that are tried for a track, over the longest baseline: from once to a thousand times.
+const DEPTHS: usize = 48;
+/// Steps that improve the best of them.
+const DEPTH_STEPS: usize = 8;
+
+/// Settings of [`refine_poses`].
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields, rename_all = "kebab-case"))]
+pub struct RefineConfig {
+    /// Settings of the matches.
+    pub matches: PosesConfig,
+    /// Largest standard deviation of a given pose's rotation about each axis, degrees.
+    pub rotation_sigma_degrees: f64,
+    /// Largest standard deviation of a given camera's place along each axis, as a share of the median depth.
+    pub centre_sigma: f64,
+}
+
+impl Default for RefineConfig {
+    fn default() -> Self {
+        Self { matches: PosesConfig::default(), rotation_sigma_degrees: 1.0, centre_sigma: 0.01 }
+    }
+}
+
+impl RefineConfig {
+    /// # Errors
+    /// [`Error::Config`] with the first field out of its range.
+    pub fn validate(&self) -> Result<()> {
+        self.matches.validate()?;
+        positive("rotation-sigma-degrees", self.rotation_sigma_degrees)?;
+        positive("centre-sigma", self.centre_sigma)
+    }
+}
+
+/// Given poses after refinement.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Refined {
+    /// One per photograph, in the order given. The reference's is unchanged; all are where [`accepted`](Self::accepted) is false.
+    pub poses: Vec<Pose>,
+    /// Whether withheld matches fit better with refined poses.
+    pub accepted: bool,
+    /// Median distance of withheld matches from where they should be, with the given and with the refined poses, in pixels of a
+    /// photograph of 640 on the longer side. Nothing without such matches.
+    pub withheld: Option<[f64; 2]>,
+    /// Covariance of each pose's left perturbation: translation, then rotation in radians.
+    pub covariances: Vec<Option<Matrix6<f64>>>,
+    /// Points seen by at least two photographs, with the poses that are returned.
+    pub tracks: Vec<Track>,
+}
+
+/// Improves given poses (world to camera) by matches of the photographs: the adjustment of the module's front page with inverse
+/// depths from the matches alone, the given poses as a prior, and the reference's pose kept.
+///
+/// A fifth of the tracks has no part in it. The deviations of the given poses are tried at a thirtieth, a tenth, a third and all of
+/// what the settings say, and of those results and the given poses the one that moves least is kept, of those that fit the
+/// withheld tracks as well as the best within its standard error.
+///
+/// # Errors
+/// Those of [`estimate_poses`](super::estimate_poses), and [`Error::Config`] for another number of poses than of photographs.
+pub fn refine_poses(
+    photographs: &[Photograph],
+    poses: &[Pose],
+    reference: usize,
+    settings: &RefineConfig,
+    seed: u64,
+) -> Result<Refined> {
+    settings.validate()?;
+    let order = in_order(photographs, reference)?;
+    if poses.len() != photographs.len() {
+        return Err(config("number of poses", poses.len(), "give one for each photograph"));
+    }
+    let finite = |pose: &Pose| {
+        pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.is_finite())
+    };
+    if !poses.iter().all(finite) {
+        return Err(Error::View(mde_warp::Error::Pose { which: "given" }));
+    }
+    let sorted: Vec<Photograph> = order.iter().map(|&i| photographs[i]).collect();
+    let reference = order.iter().position(|&i| i == reference).unwrap_or_default();
+    let given: Vec<Pose> = order.iter().map(|&i| poses[i]).collect();
+    let shots = Shot::all(&sorted, &settings.matches.features)?;
+    let pairs = all_pairs(&shots, &settings.matches, seed, pair::epipolar);
+
+    let rank: Vec<usize> = (0..shots.len()).map(|v| if v == reference { 0 } else { v + 1 }).collect();
+    let groups = tracks::join(&shots, &pairs.iter().collect::<Vec<_>>(), &rank);
+    let mut bundle = Bundle {
+        lenses: shots.iter().map(|shot| super::bundle::Lens { assumed: false, ..shot.lens }).collect(),
+        poses: given.clone(),
+        reference,
+        log_focal: 0.0,
+        focal_sigma: 1.0,
+        log_scales: vec![0.0; shots.len()],
+        keep_scale: false,
+        prior_sigmas: vec![1.0; shots.len()],
+        pose_priors: vec![None; shots.len()],
+        tracks: groups.into_iter().filter_map(observed).collect(),
+    };
+    let longest = longest_baseline(&given);
+    bundle.triangulate(longest);
+
+    let mut depths: Vec<f64> = bundle.tracks.iter().map(|track| track.inverse_depth.recip()).collect();
+    let Some(depth) = quantile(&mut depths, 0.5).filter(|_| longest > 0.0) else {
+        return Ok(unchanged(poses, bundle, &order));
+    };
+    for (v, prior) in bundle.pose_priors.iter_mut().enumerate() {
+        *prior = (v != reference).then(|| PosePrior {
+            pose: given[v],
+            rotation_sigma: settings.rotation_sigma_degrees.to_radians(),
+            centre_sigma: settings.centre_sigma * depth,
+        });
+    }
+    let all = std::mem::take(&mut bundle.tracks);
+    let (withheld, kept): (Vec<Observed>, Vec<Observed>) = all
+        .into_iter()
+        .enumerate()
+        .map(|(i, track)| (CounterRng::new(seed, "withheld", 0, i as u64).random::<f64>() < WITHHELD, track))
+        .fold((Vec::new(), Vec::new()), |(mut held, mut kept), (hold, track)| {
+            if hold {
+                held.push(track)
+            } else {
+                kept.push(track)
+            }
+            (held, kept)
+        });
+    let judge = Bundle { tracks: withheld, ..bundle.clone() };
+    let errors_with = |poses: &[Pose]| {
+        let mut judge = Bundle { poses: poses.to_vec(), ..judge.clone() };
+        judge.triangulate(longest);
+        judge.errors()
+    };
+    bundle.tracks = kept;
+    let mut candidates = vec![(errors_with(&given), bundle.clone())];
+    for share in TRUST {
+        let mut next = bundle.clone();
+        for prior in next.pose_priors.iter_mut().flatten() {
+            prior.rotation_sigma *= share;
+            prior.centre_sigma *= share;
+        }
+        next.adjust(super::estimate::STEPS);
+        next.triangulate(longest);
+        next.drop_outliers(settings.matches.outlier_pixels);
+        next.adjust(super::estimate::STEPS);
+        candidates.push((errors_with(&next.poses), next));
+    }
+    let errors: Vec<&[f64]> = candidates.iter().map(|(errors, _)| errors.as_slice()).collect();
+    let Some(chosen) = least_moved(&errors, settings.matches.regions) else {
+        return Ok(unchanged(poses, bundle, &order));
+    };
+    let withheld = Some([median(&candidates[0].0), median(&candidates[chosen].0)]);
+    let (_, bundle) = candidates.swap_remove(chosen);
+    if chosen == 0 {
+        return Ok(Refined { withheld, ..unchanged(poses, bundle, &order) });
+    }
+    let (covariances, variances) =
+        bundle.covariance(bundle.noise().max(1e-3)).unwrap_or((vec![None; order.len()], Vec::new()));
+    let mut refined = Refined {
+        poses: poses.to_vec(),
+        accepted: true,
+        withheld,
+        covariances: vec![None; poses.len()],
+        tracks: bundle.report_tracks(&variances, &order),
+    };
+    for (v, &place) in order.iter().enumerate() {
+        refined.poses[place] = bundle.poses[v];
+        refined.covariances[place] = covariances[v];
+    }
+    Ok(refined)
+}
+
+/// The first of the candidates, the given poses and ever larger moves of them, that is not worse than the best by more than the
+/// standard error of their difference on the same matches, where matches of one region share an error.
+///
+/// Nothing without matches.
+fn least_moved(errors: &[&[f64]], regions: f64) -> Option<usize> {
+    let sum = |e: &[f64]| e.iter().sum::<f64>();
+    let best = errors.iter().filter(|e| !e.is_empty()).min_by(|a, b| sum(a).total_cmp(&sum(b)))?;
+    errors.iter().position(|e| {
+        let count = e.len() as f64;
+        let mean = (sum(e) - sum(best)) / count;
+        let spread = e.iter().zip(*best).map(|(a, b)| (a - b - mean).powi(2)).sum::<f64>() / count;
+        mean <= (spread / count.min(regions)).sqrt()
+    })
+}
+
+fn median(values: &[f64]) -> f64 {
+    quantile(&mut values.to_vec(), 0.5).unwrap_or(0.0)
+}
+
+fn observed(mut group: Vec<(usize, Point2<f64>)>) -> Option<Observed> {
+    let (anchor, pixel) = (!group.is_empty()).then(|| group.remove(0))?;
+    Some(Observed { anchor, pixel, inverse_depth: 0.0, prior: None, views: group })
+}
+
+fn unchanged(poses: &[Pose], bundle: Bundle, order: &[usize]) -> Refined {
+    Refined {
+        poses: poses.to_vec(),
+        accepted: false,
+        withheld: None,
+        covariances: vec![None; poses.len()],
+        tracks: bundle.report_tracks(&[], order),
+    }
+}
+
+fn longest_baseline(poses: &[Pose]) -> f64 {
+    let centre = |pose: &Pose| pose.inverse().translation.vector;
+    poses.iter().flat_map(|a| poses.iter().map(move |b| (centre(a) - centre(b)).norm())).fold(0.0, f64::max)
+}
+
+impl Bundle {
+    /// The depth of every track that fits its matches best with the poses as they are.
+    fn triangulate(&mut self, longest_baseline: f64) {
+        let start = longest_baseline.max(f64::MIN_POSITIVE).ln();
+        let tracks = std::mem::take(&mut self.tracks);
+        self.tracks = tracks.into_iter().map(|track| self.triangulated(track, start)).collect();
+    }
+
+    fn triangulated(&self, mut track: Observed, start: f64) -> Observed {
+        let cost = |track: &Observed| -> f64 {
+            let squares = track.views.iter().map(|(v, p)| {
+                self.residual(track, *v, p).map_or(f64::MAX.sqrt(), |r: Vector2<f64>| r.norm())
+            });
+            squares.sum()
+        };
+        let span = 1000_f64.ln();
+        let mut step = span / DEPTHS as f64;
+        let at = |log_depth: f64| Observed { inverse_depth: (-log_depth).exp(), ..track.clone() };
+        let mut best = (0..=DEPTHS)
+            .map(|i| start + step * i as f64)
+            .map(|depth| (cost(&at(depth)), depth))
+            .fold((f64::INFINITY, start), |a, b| if b.0 < a.0 { b } else { a });
+        // Halving steps to either side: the sum of distances is smooth enough about its least.
+        for _ in 0..2 * DEPTH_STEPS {
+            step *= 0.5;
+            for depth in [best.1 - step, best.1 + step] {
+                let there = cost(&at(depth));
+                if there < best.0 {
+                    best = (there, depth);
+                }
+            }
+        }
+        track.inverse_depth = (-best.1).exp();
+        track
+    }
+
+    /// Distances of all observations from where they should be, cut off at [`CUT`].
+    fn errors(&self) -> Vec<f64> {
+        self.tracks
+            .iter()
+            .flat_map(|track| track.views.iter().map(move |(v, p)| self.residual(track, *v, p)))
+            .map(|r| r.map_or(CUT, |r| r.norm().min(CUT)))
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn poses_move_no_further_than_matches_ask_for() {
+        let noisy =
+            |level: f64| (0..200).map(|i| level + 0.1 * ((i * 37 % 11) as f64 - 5.0)).collect::<Vec<_>>();
+        let (far, near, nearer) = (noisy(2.0), noisy(1.0), noisy(0.999));
+        // Alike within the error of the mean: the smaller move.
+        let mut shuffled = near.clone();
+        shuffled.rotate_left(3);
+        assert_eq!(least_moved(&[&far, &shuffled, &nearer], 30.0), Some(1));
+        assert_eq!(least_moved(&[&near, &near, &far], 30.0), Some(0));
+        assert_eq!(least_moved(&[&far, &far, &near], 30.0), Some(2));
+        assert_eq!(least_moved(&[&[], &[]], 30.0), None);
+    }
+}

@@ -1,0 +1,383 @@
+//! Plane sweep: a depth of every pixel by comparing photographs on a set of surfaces.
+//!
+//! A surface is a multiple of a centre in inverse depth: of a constant, which gives the classical planes, or of a depth
+//! map, such as the gauged prior, whose slants the windows and the smoothness then follow. A pixel on a surface is
+//! compared with each source by zero-mean normalised cross-correlation over a box,
+//!
+//! \\[ c_s = 1 - \frac{\operatorname{cov}(I, I_s)}{\sqrt{(\operatorname{var} I + \nu^2)(\operatorname{var} I_s + \nu^2)}} , \\]
+//!
+//! with \\( \nu \\) the noise of a grey value, so that flat places cost the same everywhere. The lower half of the sources'
+//! costs is averaged (a source that is occluded falls into the other half), aggregated by semi-global matching, and read
+//! as a posterior \\( \propto e^{-S/T} \\) over surfaces: its lowest valley gives mean and variance, and the share of the
+//! posterior in that valley is the inlier probability as far as one sweep can tell.
+
+mod aggregate;
+mod cost;
+mod posterior;
+
+use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::quantile;
+use mde_warp::PosedView;
+use ndarray::{Array2, ArrayView2};
+use rayon::prelude::*;
+
+use crate::geometry::Transfer;
+use crate::raster::luma;
+use crate::{Error, Result, check_map};
+use aggregate::{Penalties, aggregate};
+use cost::{Setup, Volume, WORST};
+use posterior::{estimate, softmin_table};
+
+/// Most sources that are compared with a reference.
+const MAX_SOURCES: usize = 32;
+/// Pixels between two samples when the number of surfaces is chosen, along each axis.
+const STRIDE: usize = 8;
+
+/// Settings of [`sweep`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default, rename_all = "kebab-case"))]
+#[non_exhaustive]
+pub struct SweepConfig {
+    /// Most surfaces; 128. Fewer are taken where that many would lie nearer than [`step`](Self::step).
+    pub surfaces: usize,
+    /// Pixels between neighbouring surfaces in the source of most parallax, .25.
+    pub step: f64,
+    /// Half the side of the correlation window, 1 to 5 pixels; 3 makes it 7 x 7.
+    pub radius: usize,
+    /// Standard deviation of a grey value's noise, in sRGB units; 2 / 255.
+    pub noise: f32,
+    /// Penalty for a change by one surface between neighbours, in units of cost.
+    pub small_penalty: f32,
+    /// Penalty for a larger change, in units of cost, divided by 1 + difference of luma / [`edge`](Self::edge).
+    pub large_penalty: f32,
+    /// Difference of luma that halves the large penalty.
+    pub edge: f32,
+    /// Whether costs are aggregated along the diagonals too: 8 directions instead of 4.
+    pub diagonals: bool,
+    /// Temperature of the posterior, in units of cost.
+    pub temperature: f32,
+}
+
+impl Default for SweepConfig {
+    fn default() -> Self {
+        Self {
+            surfaces: 128,
+            step: 0.25,
+            radius: 3,
+            noise: 2.0 / 255.0,
+            small_penalty: 0.04,
+            large_penalty: 0.4,
+            edge: 0.05,
+            diagonals: true,
+            temperature: 0.5,
+        }
+    }
+}
+
+impl SweepConfig {
+    /// Checks the settings.
+    ///
+    /// # Errors
+    /// [`Error::Config`] that names the first field at fault.
+    pub fn validate(&self) -> Result<()> {
+        if !(4..=1024).contains(&self.surfaces) {
+            return Err(Error::config("surfaces", self.surfaces, "give 4 to 1024"));
+        }
+        if !(1..=5).contains(&self.radius) {
+            return Err(Error::config("radius", self.radius, "give 1 to 5 pixels"));
+        }
+        if !(self.step > 0.0 && self.step.is_finite()) {
+            return Err(Error::config("step", self.step, "give a positive number of pixels"));
+        }
+        let positive = [("noise", self.noise), ("edge", self.edge), ("temperature", self.temperature)];
+        for (field, value) in positive {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(Error::config(field, value, "give a positive number"));
+            }
+        }
+        for (field, value) in [("small-penalty", self.small_penalty), ("large-penalty", self.large_penalty)] {
+            if !(0.0..=8.0).contains(&value) {
+                return Err(Error::config(field, value, "give 0 to 8"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The surfaces of a sweep.
+#[derive(Debug, Clone, Copy)]
+pub enum Surfaces<'a> {
+    /// Planes parallel to the image, even in inverse depth.
+    Planes {
+        /// Depth of the nearest, positive.
+        near: f64,
+        /// Depth of the farthest, above `near`; may be infinite.
+        far: f64,
+    },
+    /// Multiples of a depth map from 1 / `factor` to `factor`, even in inverse depth.
+    Around {
+        /// z-depth in the unit of the poses, `[height, width]`; where it is not positive its median is taken.
+        depth: ArrayView2<'a, f32>,
+        /// Above 1.
+        factor: f64,
+    },
+    /// The same, evenly spaced in the logarithm: for a scale that is hardly known.
+    Ladder {
+        /// z-depth, as for `Around`.
+        depth: ArrayView2<'a, f32>,
+        /// Above 1.
+        factor: f64,
+    },
+}
+
+/// What one sweep says about its reference.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Sweep {
+    /// z-depth and variance in the unit of the poses; missing where no source sees the pixel.
+    pub depth: GaussianDepth,
+    /// Share of the posterior in the valley of the lowest cost, 0 to 1; 0 where it lies at either end of the surfaces.
+    pub inlier: Array2<f32>,
+    /// Cost of the best surface before aggregation, 0 to 1.
+    pub cost: Array2<f32>,
+    /// Number of surfaces that were compared.
+    pub surfaces: usize,
+}
+
+/// Sweeps `views[reference]` against `views[i]` for `i` in `sources`.
+///
+/// The result does not depend on the number of threads.
+///
+/// # Errors
+/// [`Error::Reference`] for an index outside the views, [`Error::TooFewViews`] without sources, [`Error::Config`] for a
+/// setting or a range of depths out of order, [`Error::View`] for a depth map of another size.
+pub fn sweep(
+    views: &[PosedView],
+    reference: usize,
+    sources: &[usize],
+    surfaces: Surfaces<'_>,
+    config: &SweepConfig,
+) -> Result<Sweep> {
+    config.validate()?;
+    let view = |i: usize| views.get(i).ok_or(Error::Reference { reference: i, views: views.len() });
+    let from = view(reference)?;
+    let others = sources.iter().filter(|&&i| i != reference).take(MAX_SOURCES);
+    let sources = others.map(|&i| view(i)).collect::<Result<Vec<_>>>()?;
+    if sources.is_empty() {
+        return Err(Error::TooFewViews { views: 1 });
+    }
+    let (height, width) = from.camera.dim();
+    let (centre, [low, high], logarithmic) = centre(from, surfaces)?;
+    let number = number_of_surfaces(from, &sources, &centre, [low, high], config);
+    let multiples: Vec<f32> = (0..number)
+        .map(|k| {
+            let share = k as f64 / (number - 1) as f64;
+            let even = low + share * (high - low);
+            if logarithmic { (low * (high / low).powf(share)) as f32 } else { even as f32 }
+        })
+        .collect();
+    let setup = Setup {
+        reference: from,
+        sources: &sources,
+        centre: &centre,
+        multiples: &multiples,
+        radius: config.radius,
+        noise: config.noise,
+    };
+    let volume = Volume::new(&setup);
+    let grey = luma(from.image.view());
+    let grey: Vec<f32> = grey.iter().copied().collect();
+    let units = |cost: f32| (cost * WORST).round() as u16;
+    let penalties = Penalties {
+        small: units(config.small_penalty),
+        large: units(config.large_penalty),
+        edge: config.edge,
+    };
+    let sums = aggregate(&volume, &grey, width, &penalties, config.diagonals);
+    let table = softmin_table(config.temperature * WORST);
+    let read = |pixel: usize| {
+        let position = (pixel / width, pixel % width);
+        if !(volume.seen[position] && from.mask[position]) {
+            return None;
+        }
+        let found = estimate(&sums[pixel * number..(pixel + 1) * number], &table)?;
+        let below = (found.surface.max(0.0) as usize).min(number - 2);
+        let gap = multiples[below + 1] - multiples[below];
+        let multiple = multiples[below] + (found.surface - below as f32) * gap;
+        let z = 1.0 / (centre[pixel] * multiple);
+        let variance = z * z * found.variance * (gap / multiple).powi(2);
+        let ends = found.surface < 0.5 || found.surface > number as f32 - 1.5;
+        let known = z.is_finite() && z > 0.0 && variance.is_finite();
+        let nearest = (found.surface.max(0.0) as usize).min(number - 1);
+        let cost = f32::from(volume.costs[pixel * number + nearest]) / WORST;
+        known.then_some((z, variance, if ends { 0.0 } else { found.mass }, cost))
+    };
+    let pixels: Vec<Option<(f32, f32, f32, f32)>> = (0..width * height).into_par_iter().map(read).collect();
+    let at = |y: usize, x: usize| pixels[y * width + x];
+    let shape = (height, width);
+    let mean = Array2::from_shape_fn(shape, |(y, x)| at(y, x).map_or(0.0, |p| p.0));
+    let variance = Array2::from_shape_fn(shape, |(y, x)| at(y, x).map_or(f32::INFINITY, |p| p.1));
+    let inlier = Array2::from_shape_fn(shape, |(y, x)| at(y, x).map_or(0.0, |p| p.2));
+    let cost = Array2::from_shape_fn(shape, |(y, x)| at(y, x).map_or(1.0, |p| p.3));
+    Ok(Sweep { depth: GaussianDepth::new(mean, variance)?, inlier, cost, surfaces: number })
+}
+
+/// Inverse depth of every pixel, the least and the greatest multiple of it, and whether they are spaced by logarithm.
+fn centre(from: &PosedView, surfaces: Surfaces<'_>) -> Result<(Vec<f32>, [f64; 2], bool)> {
+    let pixels = from.camera.width * from.camera.height;
+    match surfaces {
+        Surfaces::Planes { near, far } => {
+            if !(near > 0.0 && near.is_finite()) {
+                return Err(Error::config("near", near, "give a positive depth"));
+            }
+            if far.is_nan() || far <= near {
+                return Err(Error::config("far", far, "give a depth beyond near"));
+            }
+            // Infinity itself has no depth: the farthest plane is then at a thousand times the nearest.
+            Ok((vec![1.0; pixels], [far.recip().max(1e-3 / near), near.recip()], false))
+        }
+        Surfaces::Around { depth, factor } | Surfaces::Ladder { depth, factor } => {
+            check_map("depth", depth.dim(), &from.camera)?;
+            if !(factor > 1.0 && factor.is_finite()) {
+                return Err(Error::config("factor", factor, "give a number above 1"));
+            }
+            let good = |z: f32| z > 0.0 && z.is_finite();
+            let mut known: Vec<f64> = depth.iter().filter(|z| good(**z)).map(|&z| f64::from(z)).collect();
+            let middle = quantile(&mut known, 0.5)
+                .ok_or_else(|| Error::config("depth", "nowhere positive", "give a depth map with values"))?;
+            let inverse = |&z: &f32| if good(z) { z.recip() } else { middle.recip() as f32 };
+            let logarithmic = matches!(surfaces, Surfaces::Ladder { .. });
+            Ok((depth.iter().map(inverse).collect(), [factor.recip(), factor], logarithmic))
+        }
+    }
+}
+
+/// As many surfaces as keep neighbours within `step` pixels for three quarters of the pixels, in every source.
+fn number_of_surfaces(
+    from: &PosedView,
+    sources: &[&PosedView],
+    centre: &[f32],
+    [low, high]: [f64; 2],
+    config: &SweepConfig,
+) -> usize {
+    let (height, width) = from.camera.dim();
+    let mut longest = 0.0_f64;
+    for source in sources {
+        let transfer = Transfer::new(from, source);
+        let mut paths = Vec::new();
+        for y in (0..height).step_by(STRIDE) {
+            for x in (0..width).step_by(STRIDE) {
+                let w = f64::from(centre[y * width + x]);
+                let at = |multiple: f64| transfer.at(x as f64, y as f64, w * multiple);
+                if let (Some(a), Some(b)) = (at(low), at(high)) {
+                    paths.push((a.x - b.x).hypot(a.y - b.y));
+                }
+            }
+        }
+        longest = longest.max(quantile(&mut paths, 0.75).unwrap_or(f64::INFINITY));
+    }
+    let wanted = (longest / config.step).ceil() + 1.0;
+    if wanted < config.surfaces as f64 {
+        (wanted as usize).max(16.min(config.surfaces))
+    } else {
+        config.surfaces
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::{Plane, scene};
+    use proptest::prelude::*;
+
+    fn errors(sweep: &Sweep, truth: &Array2<f32>, border: usize) -> Vec<f64> {
+        let (h, w) = truth.dim();
+        let inside =
+            |y: usize, x: usize| (border..h - border).contains(&y) && (border..w - border).contains(&x);
+        let mut all: Vec<f64> = truth
+            .indexed_iter()
+            .filter(|((y, x), _)| inside(*y, *x))
+            .filter_map(|((y, x), t)| sweep.depth.get(y, x).map(|(z, _)| f64::from((z / t).ln().abs())))
+            .collect();
+        all.sort_by(f64::total_cmp);
+        all
+    }
+
+    const CENTRES: [[f64; 3]; 4] = [[0.0; 3], [0.25, 0.0, 0.0], [-0.2, 0.1, 0.0], [0.0, -0.2, 0.15]];
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(6))]
+        /// Slanted planes are found to a fraction of a surface, from planes and from a wrong prior alike.
+        #[test]
+        fn slanted_planes_are_found(a in -0.5..0.5_f64, b in -0.5..0.5_f64, wrong in 0.8..1.25_f32) {
+            let (views, depths) = scene(&[Plane::slanted(2.0, a, b)], (60, 80), &CENTRES);
+            let planes = Surfaces::Planes { near: 1.0, far: 6.0 };
+            let prior = depths[0].mapv(|z| wrong * z);
+            let around = Surfaces::Around { depth: prior.view(), factor: 1.6 };
+            for surfaces in [planes, around] {
+                let found = sweep(&views, 0, &[1, 2, 3], surfaces, &SweepConfig::default()).unwrap();
+                let errors = errors(&found, &depths[0], 10);
+                // Half a pixel is 6 % of the depth here.
+                prop_assert!(errors[errors.len() / 2] < 0.02, "median {}", errors[errors.len() / 2]);
+                prop_assert!(errors[errors.len() * 9 / 10] < 0.05, "9 in 10 {}", errors[errors.len() * 9 / 10]);
+            }
+        }
+    }
+
+    #[test]
+    fn the_bytes_do_not_depend_on_the_number_of_threads() {
+        let (views, depths) = scene(&[Plane::slanted(2.0, 0.3, 0.1)], (50, 70), &CENTRES);
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let around = Surfaces::Around { depth: depths[0].view(), factor: 2.0 };
+            pool.install(|| sweep(&views, 0, &[1, 2, 3], around, &SweepConfig::default()).unwrap())
+        };
+        assert_eq!(run(1), run(3));
+    }
+
+    /// A photograph that is something else altogether changes little: the better half of the sources decides.
+    #[test]
+    fn the_better_half_of_the_sources_decides() {
+        let (mut views, depths) = scene(&[Plane::slanted(2.0, 0.2, 0.0)], (60, 80), &CENTRES);
+        views[3].image.invert_axis(ndarray::Axis(1));
+        let planes = Surfaces::Planes { near: 1.0, far: 6.0 };
+        let found = sweep(&views, 0, &[1, 2, 3], planes, &SweepConfig::default()).unwrap();
+        let errors = errors(&found, &depths[0], 10);
+        assert!(errors[errors.len() / 2] < 0.01);
+    }
+
+    #[test]
+    fn exposure_changes_nothing() {
+        let (mut views, _) = scene(&[Plane::slanted(2.0, 0.2, 0.0)], (60, 80), &CENTRES);
+        let config = SweepConfig { noise: 1e-4, ..SweepConfig::default() };
+        let planes = Surfaces::Planes { near: 1.0, far: 6.0 };
+        let before = sweep(&views, 0, &[1, 2], planes, &config).unwrap();
+        views[1].image.mapv_inplace(|x| 0.7 * x + 0.1);
+        let after = sweep(&views, 0, &[1, 2], planes, &config).unwrap();
+        let (before, after) = (before.depth.mean(), after.depth.mean());
+        let moved = before.iter().zip(after).filter(|(a, b)| ((*a - *b) / *a).abs() > 0.01);
+        assert!(moved.count() < 60 * 80 / 100);
+    }
+
+    #[test]
+    fn what_cannot_be_swept_is_named() {
+        let (views, depths) = scene(&[Plane::slanted(2.0, 0.0, 0.0)], (8, 8), &CENTRES[..2]);
+        let config = SweepConfig::default();
+        let planes = Surfaces::Planes { near: 2.0, far: 1.0 };
+        assert!(matches!(sweep(&views, 0, &[1], planes, &config), Err(Error::Config { field: "far", .. })));
+        let planes = Surfaces::Planes { near: 1.0, far: 2.0 };
+        assert!(matches!(sweep(&views, 0, &[0], planes, &config), Err(Error::TooFewViews { .. })));
+        assert!(matches!(sweep(&views, 0, &[9], planes, &config), Err(Error::Reference { .. })));
+        let around = Surfaces::Around { depth: depths[0].view(), factor: 1.0 };
+        assert!(matches!(
+            sweep(&views, 0, &[1], around, &config),
+            Err(Error::Config { field: "factor", .. })
+        ));
+        let config = SweepConfig { radius: 9, ..config };
+        assert!(matches!(
+            sweep(&views, 0, &[1], planes, &config),
+            Err(Error::Config { field: "radius", .. })
+        ));
+    }
+}

@@ -1,0 +1,5 @@
+//! Networks that run in this process.
+
+mod onnx;
+
+pub use onnx::OnnxPrior;
