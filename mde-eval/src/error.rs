@@ -107,6 +107,10 @@ pub enum Error {
     #[cfg(feature = "prior")]
     #[error(transparent)]
     Camera(#[from] mde_warp::Error),
+    /// Files of a capture that cannot be read or used.
+    #[cfg(feature = "data")]
+    #[error(transparent)]
+    Capture(#[from] mde_mvs::capture::Error),
     /// A depth map, photograph or prior that cannot be read or used.
     #[cfg(feature = "prior")]
     #[error(transparent)]

@@ -3,8 +3,8 @@
 
 use mde_eval::Error;
 use mde_eval::data::{
-    DataSet, DataSetKind, Fallback, MapPairs, Nyu, Options, PlainFolders, Redwood, Resized, Rooms, SunDepth,
-    SunRgbd, Tum, open, parse_places,
+    CaptureGrid, Captures, DataSet, DataSetKind, Fallback, MapPairs, Nyu, Options, PlainFolders, Posed,
+    Redwood, Resized, Rooms, SunDepth, SunRgbd, Tum, open, parse_places,
 };
 use mde_eval::mde_prior::format::{sunrgbd_encode, write_npy};
 use mde_eval::mde_prior::photo::write_image;
@@ -121,7 +121,35 @@ fn the_rooms_are_a_data_set() {
     assert!(rooms.load(7).is_err());
 }
 
-/// A picture and a depth map in millimetres (or another unit) under names below `root`.
+#[test]
+fn captures_are_a_data_set_of_every_combination() {
+    let all = Captures::new(&CaptureGrid::full(), 0, 16, 12).unwrap();
+    assert_eq!(all.len(), 7 * 4 * 4 * 4 * 2);
+    let unique: std::collections::BTreeSet<_> = all.ids().iter().collect();
+    assert_eq!(unique.len(), all.len());
+    let places: std::collections::BTreeSet<_> = (0..all.len()).filter_map(|index| all.place(index)).collect();
+    assert_eq!(places.len(), 7);
+
+    let grid = CaptureGrid { views: vec![3], pose_noises: vec![0.0, 1.0], ..CaptureGrid::default() };
+    let few = Captures::new(&grid, 3, 24, 18).unwrap();
+    let (exact, noisy) = (few.load(0).unwrap(), few.load(1).unwrap());
+    assert_eq!((few.len(), exact.views.len(), exact.depth.dim()), (14, 2, (18, 24)));
+    assert_eq!((&exact.image, &exact.depth, &exact.prior), (&noisy.image, &noisy.depth, &noisy.prior));
+    assert_eq!(exact.image, Rooms::new(3, 24, 18).load(0).unwrap().image);
+    assert_ne!(exact.views[0].view.pose, noisy.views[0].view.pose);
+
+    let small = Resized::new(few, 12, 9).unwrap().load(0).unwrap();
+    for captured in &small.views {
+        assert_eq!((captured.view.image.dim(), captured.view.mask.dim()), ((9, 12, 3), (9, 12)));
+        assert_eq!(captured.prior.as_ref().unwrap().map.dim(), (9, 12));
+        assert_eq!(captured.view.camera, small.camera);
+        captured.view.validate().unwrap();
+    }
+    let bad = CaptureGrid { gains: vec![2.0], ..CaptureGrid::default() };
+    assert!(matches!(Captures::new(&bad, 0, 16, 12), Err(Error::Config { field: "gain", .. })));
+}
+
+/// An image and a depth map in millimetres (or another unit) under names below `root`.
 fn pair(root: &Path, image: &str, depth: &str, size: (usize, usize), units: f32) {
     for path in [image, depth] {
         fs::create_dir_all(root.join(path).parent().unwrap()).unwrap();
@@ -333,6 +361,81 @@ fn places_are_recordings_or_a_list() {
     assert_eq!(found, ["kitchen", "kitchen", "labelled/1", "labelled/2"]);
 }
 
+/// A camera-to-world matrix with OpenGL axes: `x` metres to the right.
+fn opengl(x: f64) -> serde_json::Value {
+    serde_json::json!([[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+}
+
+#[test]
+fn posed_captures_have_the_truth_of_their_reference_alone() {
+    let root = tempfile::tempdir().unwrap();
+    let scene = root.path().join("kitchen/a");
+    fs::create_dir_all(scene.join("images")).unwrap();
+    let mut transforms = serde_json::json!({
+        "camera_model": "OPENCV", "fl_x": 8.0, "fl_y": 8.0, "cx": 3.5, "cy": 2.5, "w": 8, "h": 6,
+        "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0, "depth_units_per_metre": 1000, "frames": [],
+    });
+    for index in 0..3 {
+        let name = format!("images/{index}.png");
+        write_image(scene.join(&name), Array3::from_elem((6, 8, 3), 0.25 * index as f32).view()).unwrap();
+        // No depth file but the reference's is there.
+        transforms["frames"].as_array_mut().unwrap().push(serde_json::json!({
+            "file_path": name, "depth_file_path": format!("depth/{index}.png"),
+            "transform_matrix": opengl(0.1 * f64::from(index)),
+        }));
+    }
+    fs::create_dir_all(scene.join("depth")).unwrap();
+    let depth = truth().mapv(|z| (1000.0 * z).round());
+    mde_eval::mde_prior::format::write_png16(scene.join("depth/1.png"), depth.view(), 1.0).unwrap();
+    let write = |transforms: &serde_json::Value, description: &str| {
+        fs::write(scene.join("transforms.json"), transforms.to_string()).unwrap();
+        fs::write(scene.join("scene.json"), description).unwrap();
+    };
+    write(&transforms, r#"{"reference": 1, "extra_views": [2, 0], "licence": "CC0", "summary": {}}"#);
+    let data = Posed::open(root.path()).unwrap();
+    assert_eq!((data.ids(), data.place(0)), (["kitchen/a".to_owned()].as_slice(), Some("kitchen")));
+    assert_eq!(DataSetKind::guess(root.path()).unwrap(), DataSetKind::Posed);
+    let capture = data.capture(0).unwrap();
+    assert_eq!(
+        (capture.licence.as_deref(), capture.trusted_depth, &capture.truth),
+        (Some("CC0"), 10.0, &truth())
+    );
+    // The world is the reference's camera, with y down and z forward; photographs come in the order of scene.json.
+    let centres: Vec<f64> = capture.views.iter().map(|v| v.view.pose.inverse().translation.x).collect();
+    assert!(centres.iter().zip([0.0, 0.1, -0.1]).all(|(a, b)| (a - b).abs() < 1e-12), "{centres:?}");
+    let sample = data.load(0).unwrap();
+    let shades: Vec<f32> = sample.views.iter().map(|v| v.view.image[[0, 0, 0]]).collect();
+    assert!(
+        (shades[0] - 0.5).abs() < 0.01 && shades[1] == 0.0 && (sample.image[[0, 0, 0]] - 0.25).abs() < 0.01
+    );
+    assert_eq!((sample.camera.fx, sample.depth), (8.0, truth()));
+
+    // With distortion, photograph and truth are resampled alike: towards the border further out.
+    transforms["k1"] = 0.5.into();
+    write(&transforms, r#"{"reference": 1, "max_depth": 3}"#);
+    let bent = data.capture(0).unwrap();
+    assert_eq!((bent.trusted_depth, bent.views.len()), (3.0, 3));
+    assert!(bent.truth.iter().all(|z| *z == 0.0 || truth().iter().any(|t| t == z)));
+    assert_eq!(bent.truth[[2, 4]], truth()[[2, 4]]);
+    assert_eq!(bent.truth[[0, 7]], 0.0);
+    assert!(!bent.views[0].view.mask[[0, 7]] && bent.views[0].view.mask[[2, 4]]);
+
+    for (description, word) in [
+        (r#"{"reference": 5}"#, "frame 5"),
+        (r#"{"reference": 0}"#, "depth/0.png"),
+        (r#"{"max_depth": -1}"#, "max_depth"),
+        ("{", "scene.json"),
+    ] {
+        write(&transforms, description);
+        let error = data.load(0).unwrap_err().to_string();
+        assert!(error.contains(word), "{description}: {error}");
+    }
+    fs::remove_file(scene.join("images/2.png")).unwrap();
+    write(&transforms, "{}");
+    assert!(data.load(0).unwrap_err().to_string().contains("2.png"));
+    assert!(matches!(Posed::open(root.path().join("kitchen/a/images")), Err(Error::Layout { .. })));
+}
+
 /// `MDE_SHARED=FOLDER cargo test -p mde-eval --test data -- --ignored`, with FOLDER/data/SUNRGBD and FOLDER/data/plain.
 #[test]
 #[ignore = "reads the folder that MDE_SHARED names"]
@@ -341,6 +444,20 @@ fn the_real_data_loads() {
     let root = Path::new(&shared).join("data");
     let sun = SunRgbd::open(root.join("SUNRGBD")).unwrap().with_fallback(Fallback::FieldOfView(57.0));
     let plain = PlainFolders::open(root.join("plain")).unwrap();
+    let posed = Posed::open(root.join("posed")).unwrap();
+    let places: std::collections::BTreeSet<_> =
+        (0..posed.len()).filter_map(|index| posed.place(index)).collect();
+    assert_eq!((posed.len(), places.len()), (13, 5));
+    for index in 0..posed.len() {
+        let capture = posed.capture(index).unwrap();
+        let [low, high] = capture.baselines().unwrap();
+        assert!(capture.views.len() >= 5 && low > 0.01 && high < 0.5, "{}: {low} {high}", capture.id);
+        let covered = capture.truth.iter().filter(|z| **z > 0.0).count() as f64 / capture.truth.len() as f64;
+        assert!(covered > 0.5, "{}: {covered}", capture.id);
+        for captured in &capture.views {
+            assert_eq!(captured.view.camera.dim(), capture.truth.dim());
+        }
+    }
     assert!(sun.ids().contains(&"kv2/0000144".to_owned()));
     for data in [&sun as &dyn DataSet, &plain] {
         for index in 0..data.len() {

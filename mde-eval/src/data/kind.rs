@@ -1,8 +1,8 @@
 use super::files::find_scenes;
 use super::pairs::{in_one_folder, side_by_side};
 use super::{
-    CaptureGrid, Captures, DataSet, Fallback, Nyu, Placed, PlainFolders, Redwood, Resized, Rooms, SunDepth,
-    SunRgbd, Tum,
+    CaptureGrid, Captures, DataSet, Fallback, Nyu, Placed, PlainFolders, Posed, Redwood, Resized, Rooms,
+    SunDepth, SunRgbd, Tum,
 };
 use crate::{Error, Result};
 use std::collections::BTreeMap;
@@ -27,14 +27,24 @@ pub enum DataSetKind {
     Rooms,
     /// [`Captures`].
     Captures,
+    /// [`Posed`].
+    Posed,
 }
 
 impl DataSetKind {
     /// All of them.
-    pub const ALL: [Self; 7] =
-        [Self::SunRgbd, Self::Nyu, Self::Tum, Self::Redwood, Self::Plain, Self::Rooms, Self::Captures];
+    pub const ALL: [Self; 8] = [
+        Self::SunRgbd,
+        Self::Nyu,
+        Self::Tum,
+        Self::Redwood,
+        Self::Plain,
+        Self::Rooms,
+        Self::Captures,
+        Self::Posed,
+    ];
 
-    /// Its name: `sunrgbd`, `nyu`, `tum`, `redwood`, `plain`, `rooms` or `captures`.
+    /// Its name: `sunrgbd`, `nyu`, `tum`, `redwood`, `plain`, `rooms`, `captures` or `posed`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::SunRgbd => "sunrgbd",
@@ -44,6 +54,7 @@ impl DataSetKind {
             Self::Plain => "plain",
             Self::Rooms => "rooms",
             Self::Captures => "captures",
+            Self::Posed => "posed",
         }
     }
 
@@ -53,6 +64,9 @@ impl DataSetKind {
     /// [`Error::Io`] for a folder that cannot be read, [`Error::Layout`] where no layout or more than one fits.
     pub fn guess(root: &Path) -> Result<Self> {
         let has = |is: fn(&Path) -> bool| find_scenes(root, is).map(|found| !found.is_empty());
+        if has(Posed::is_scene)? {
+            return Ok(Self::Posed);
+        }
         if has(|folder| folder.join("scene.json").is_file())? {
             return Ok(Self::Plain);
         }
@@ -150,6 +164,7 @@ pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result
         (DataSetKind::SunRgbd, Some(root)) => {
             Box::new(SunRgbd::open(root)?.with_depth(options.sun_depth).with_fallback(options.fallback))
         }
+        (DataSetKind::Posed, Some(root)) => Box::new(Posed::open(root)?),
         (DataSetKind::Nyu, Some(root)) => Box::new(Nyu::open(root)?),
         (DataSetKind::Tum, Some(root)) => {
             Box::new(Tum::open(root)?.with_stride(options.stride).with_fallback(options.fallback))

@@ -1,0 +1,203 @@
+use super::files::{find_scenes, id};
+use super::{DataSet, Sample, out_of_range};
+use crate::capture::{Capture, CapturedView};
+use crate::{Error, Result};
+use mde_mvs::capture::{Lens, PixelCentres, read_transforms};
+use mde_prior::format::{ReadOptions, read_depth};
+use mde_prior::photo::read_image;
+use nalgebra::Point2;
+use ndarray::{Array2, Array3, ArrayView2};
+use serde::Deserialize;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Photographs of scenes with poses, and the true depth of one of them: `SET/SCENE/` with a `transforms.json` and a `scene.json`.
+///
+/// `transforms.json` is nerfstudio's ([`read_transforms`]: camera to world, OpenGL axes, metres; pixel centres at integers) with
+/// two more fields: `depth_units_per_metre` (1000 without it), and a `depth_file_path` for the reference, a 16-bit PNG of
+/// z-depth, 0 = missing, registered to the photograph. The fields of `scene.json` are optional and others are ignored:
+///
+/// | field | meaning |
+/// | --- | --- |
+/// | `reference` | index into `frames` of the photograph that is refined; 0 without it |
+/// | `extra_views` | indices of the further photographs; all others without it |
+/// | `set` | name of the place; the folder of the scene's folder without it |
+/// | `licence` | licence of the photographs |
+/// | `max_depth` | largest reliable depth, metres; without it 10 where the median true depth is below 5, else 80 |
+///
+/// Lens distortion is removed from the photographs, bilinearly, and from the truth, by the nearest pixel. Only the depth of the
+/// reference is read, whatever other depths lie there.
+#[derive(Debug, Clone)]
+pub struct Posed {
+    scenes: Vec<PathBuf>,
+    ids: Vec<String>,
+    places: Vec<String>,
+}
+
+/// Content of a `scene.json`; see [`Posed`] for its fields.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(default)]
+struct Description {
+    reference: usize,
+    extra_views: Option<Vec<usize>>,
+    set: Option<String>,
+    licence: Option<String>,
+    max_depth: Option<f64>,
+}
+
+/// What a `transforms.json` has besides cameras and poses.
+#[derive(Debug, Deserialize)]
+struct Depths {
+    depth_units_per_metre: Option<f64>,
+    frames: Vec<DepthOf>,
+}
+
+#[derive(Debug, Deserialize)]
+struct DepthOf {
+    depth_file_path: Option<String>,
+}
+
+impl Posed {
+    const TRANSFORMS: &'static str = "transforms.json";
+    const DESCRIPTION: &'static str = "scene.json";
+
+    /// Finds the scenes at or below a folder.
+    ///
+    /// # Errors
+    /// [`Error::Io`] for a folder or a `scene.json` that cannot be read, [`Error::Layout`] where there is no scene or a
+    /// `scene.json` is not valid.
+    pub fn open(root: impl AsRef<Path>) -> Result<Self> {
+        let root = root.as_ref();
+        let scenes = find_scenes(root, Self::is_scene)?;
+        if scenes.is_empty() {
+            let reason = "holds no folder with a `transforms.json` and a `scene.json`; name the data set's folder or one below it";
+            return Err(Error::Layout { path: root.to_owned(), reason: reason.into() });
+        }
+        let ids = scenes.iter().map(|scene| id(root, scene)).collect();
+        let place = |scene: &PathBuf| {
+            let parent =
+                || scene.parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
+            Ok(describe(scene)?.set.or_else(parent).unwrap_or_else(|| id(root, scene)))
+        };
+        let places = scenes.iter().map(place).collect::<Result<_>>()?;
+        Ok(Self { scenes, ids, places })
+    }
+
+    pub(super) fn is_scene(folder: &Path) -> bool {
+        folder.join(Self::TRANSFORMS).is_file() && folder.join(Self::DESCRIPTION).is_file()
+    }
+
+    /// Loads a capture by its index in [`DataSet::ids`], in the frame of its reference's camera.
+    ///
+    /// # Errors
+    /// As [`DataSet::load`]; [`Error::Capture`] for a `transforms.json` or photographs that cannot be used.
+    pub fn capture(&self, index: usize) -> Result<Capture> {
+        let (Some(scene), Some(id), Some(place)) =
+            (self.scenes.get(index), self.ids.get(index), self.places.get(index))
+        else {
+            return Err(out_of_range(index, self.scenes.len()));
+        };
+        let description = describe(scene)?;
+        let path = scene.join(Self::TRANSFORMS);
+        let fault = |reason: String| Error::Layout { path: path.clone(), reason };
+        let photographs: RefCell<BTreeMap<PathBuf, Array3<f32>>> = RefCell::default();
+        let size = |photograph: &Path| {
+            if let Some(pixels) = photographs.borrow().get(photograph) {
+                return Some([pixels.dim().1, pixels.dim().0]);
+            }
+            let pixels = read_image(photograph).ok()?.pixels;
+            let size = [pixels.dim().1, pixels.dim().0];
+            photographs.borrow_mut().insert(photograph.to_owned(), pixels);
+            Some(size)
+        };
+        let read = read_transforms(&path, PixelCentres::Integers, &size)?;
+        let photographs = photographs.into_inner();
+        let depths: Depths =
+            serde_json::from_str(&text(&path)?).map_err(|e| fault(format!("is not valid: {e}")))?;
+        let frames = read.frames.len();
+        let reference = description.reference;
+        let further = match description.extra_views {
+            Some(further) => further,
+            None => (0..frames).filter(|frame| *frame != reference).collect(),
+        };
+        let mut order = vec![reference];
+        order.extend(further.into_iter().filter(|frame| *frame != reference));
+        let mut views = Vec::with_capacity(order.len());
+        for index in order {
+            let frame = read.frames.get(index).ok_or_else(|| {
+                fault(format!("has {frames} frames, but scene.json names frame {index}, counted from 0"))
+            })?;
+            let view = match photographs.get(&frame.photograph) {
+                Some(pixels) => frame.view(pixels.view())?,
+                None => frame.view(read_image(&frame.photograph)?.pixels.view())?,
+            };
+            views.push(CapturedView { view, prior: None, true_pose: None, true_exposure: None });
+        }
+        let lens = read.frames[reference].lens;
+        let file = depths.frames.get(reference).and_then(|frame| frame.depth_file_path.as_ref());
+        let file = file
+            .ok_or_else(|| fault(format!("names no depth_file_path for frame {reference}, the reference")))?;
+        let units = depths.depth_units_per_metre.unwrap_or(1000.0);
+        if !(units > 0.0 && units.is_finite()) {
+            return Err(fault(format!("depth_units_per_metre is {units}; use a positive finite number")));
+        }
+        let options = ReadOptions { png_scale: units, ..ReadOptions::default() };
+        let depth_path = scene.join(file);
+        let depth = read_depth(&depth_path, &options)?;
+        super::files::same_size(&depth_path, depth.dim(), lens.camera.dim())?;
+        let truth = undistorted(depth.view(), &lens);
+        let middle =
+            mde_uncertainty::statistics::median(truth.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)));
+        let usual = if middle.is_some_and(|z| z < 5.0) { 10.0 } else { 80.0 };
+        let trusted_depth = description.max_depth.unwrap_or(usual);
+        let (id, place, licence) = (id.clone(), place.clone(), description.licence);
+        Ok(Capture { id, place, licence, reference: 0, views, truth, trusted_depth }.rebased())
+    }
+}
+
+fn text(path: &Path) -> Result<String> {
+    fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })
+}
+
+fn describe(scene: &Path) -> Result<Description> {
+    let path = scene.join(Posed::DESCRIPTION);
+    let fault = |reason: String| Error::Layout { path: path.clone(), reason };
+    let description: Description =
+        serde_json::from_str(&text(&path)?).map_err(|e| fault(format!("is not valid: {e}")))?;
+    match description.max_depth.filter(|z| !(*z > 0.0 && z.is_finite())) {
+        Some(z) => Err(fault(format!("max_depth is {z}; use a positive finite number of metres"))),
+        None => Ok(description),
+    }
+}
+
+/// The depth of the nearest pixel of the photograph at each pixel of the pinhole camera, which has the same axes; 0 where
+/// there is none.
+fn undistorted(depth: ArrayView2<'_, f32>, lens: &Lens) -> Array2<f32> {
+    if lens.distortion.is_none() {
+        return depth.to_owned();
+    }
+    Array2::from_shape_fn(depth.dim(), |(y, x)| {
+        let Some(at) = lens.photograph_pixel(Point2::new(x as f64, y as f64)) else { return 0.0 };
+        let (row, column) = (at.y.round(), at.x.round());
+        if row < 0.0 || column < 0.0 {
+            return 0.0;
+        }
+        depth.get((row as usize, column as usize)).copied().unwrap_or(0.0)
+    })
+}
+
+impl DataSet for Posed {
+    fn ids(&self) -> &[String] {
+        &self.ids
+    }
+
+    fn place(&self, index: usize) -> Option<&str> {
+        self.places.get(index).map(String::as_str)
+    }
+
+    fn load(&self, index: usize) -> Result<Sample> {
+        Sample::of_capture(self.capture(index)?)
+    }
+}
