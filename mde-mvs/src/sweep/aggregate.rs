@@ -8,7 +8,7 @@
 //! The sum over \\( n \\) directions less \\( (n-1)\,C \\) counts every cost once and approximates a min-marginal
 //! (Drory et al., 2014).
 
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::cost::Volume;
@@ -77,7 +77,7 @@ pub(crate) fn aggregate(
     let arch = Arch::new();
     let rows = sums.par_chunks_mut(width * k).zip(volume.costs.par_chunks(width * k));
     rows.zip(luma.par_chunks(width)).for_each(|((sums, costs), luma)| {
-        arch.dispatch(|| along_row(costs, luma, k, penalties, sums));
+        arch.dispatch(AlongRow { costs, luma, k, penalties, sums });
     });
     for upwards in [false, true] {
         across_rows(volume, luma, width, penalties, diagonals, upwards, &mut sums);
@@ -91,8 +91,28 @@ pub(crate) fn aggregate(
     sums
 }
 
+/// Both horizontal directions of one row. Structs and not closures, so that all of it is compiled for the processor's
+/// vectors.
+struct AlongRow<'a> {
+    costs: &'a [u8],
+    luma: &'a [f32],
+    k: usize,
+    penalties: &'a Penalties,
+    sums: &'a mut [u16],
+}
+
+impl WithSimd for AlongRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        along_row(self);
+    }
+}
+
 #[inline(always)]
-fn along_row(costs: &[u8], luma: &[f32], k: usize, penalties: &Penalties, sums: &mut [u16]) {
+fn along_row(row: AlongRow<'_>) {
+    let AlongRow { costs, luma, k, penalties, sums } = row;
     let width = luma.len();
     let (mut before, mut after) = (vec![0_u16; k + 2], vec![0_u16; k + 2]);
     for leftwards in [false, true] {
@@ -142,7 +162,8 @@ fn across_rows(
             .zip(sums[y * width * k..(y + 1) * width * k].par_chunks_mut(columns * k))
             .enumerate()
             .for_each(|(chunk, ((after, lowest), sums))| {
-                arch.dispatch(|| part_of_row(&row, &path, penalties, chunk * columns, after, lowest, sums));
+                let start = chunk * columns;
+                arch.dispatch(PartOfRow { row: &row, path: &path, penalties, start, after, lowest, sums });
             });
         std::mem::swap(&mut before, &mut after);
         std::mem::swap(&mut low_before, &mut low_after);
@@ -171,16 +192,28 @@ struct Path<'a> {
 }
 
 /// The columns of a row from `start` on.
-#[inline(always)]
-fn part_of_row(
-    row: &Row<'_>,
-    path: &Path<'_>,
-    penalties: &Penalties,
+struct PartOfRow<'a> {
+    row: &'a Row<'a>,
+    path: &'a Path<'a>,
+    penalties: &'a Penalties,
     start: usize,
-    after: &mut [u16],
-    lowest: &mut [u16],
-    sums: &mut [u16],
-) {
+    after: &'a mut [u16],
+    lowest: &'a mut [u16],
+    sums: &'a mut [u16],
+}
+
+impl WithSimd for PartOfRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        part_of_row(self);
+    }
+}
+
+#[inline(always)]
+fn part_of_row(part: PartOfRow<'_>) {
+    let PartOfRow { row, path, penalties, start, after, lowest, sums } = part;
     let (k, d, width) = (row.k, row.shifts.len(), row.width);
     let slot = k + 2;
     for (c, sums) in sums.chunks_exact_mut(k).enumerate() {

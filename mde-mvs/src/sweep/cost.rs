@@ -3,7 +3,7 @@
 
 use mde_warp::PosedView;
 use ndarray::Array2;
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use crate::geometry::Transfer;
@@ -166,7 +166,8 @@ impl Volume {
         costs.par_chunks_mut(BLOCK * w * surfaces).enumerate().for_each_init(
             || Scratch::new(&reference, sources.len()),
             |scratch, (block, slab)| {
-                arch.dispatch(|| fill_block(setup, &reference, &sources, scratch, block * BLOCK, slab));
+                let (reference, sources) = (&reference, &sources[..]);
+                arch.dispatch(FillBlock { setup, reference, sources, scratch, top: block * BLOCK, slab });
             },
         );
         let mut seen = Array2::from_elem((h, w), false);
@@ -191,15 +192,29 @@ fn fill_unseen(costs: &mut [u8]) -> bool {
     number > 0
 }
 
-#[inline(always)]
-fn fill_block(
-    setup: &Setup<'_>,
-    reference: &Reference,
-    sources: &[Source],
-    scratch: &mut Scratch,
+/// Costs of the rows of a block from `top` on. A struct and not a closure, so that all of it is compiled for the
+/// processor's vectors.
+struct FillBlock<'a> {
+    setup: &'a Setup<'a>,
+    reference: &'a Reference,
+    sources: &'a [Source],
+    scratch: &'a mut Scratch,
     top: usize,
-    slab: &mut [u8],
-) {
+    slab: &'a mut [u8],
+}
+
+impl WithSimd for FillBlock<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        fill_block(self);
+    }
+}
+
+#[inline(always)]
+fn fill_block(block: FillBlock<'_>) {
+    let FillBlock { setup, reference, sources, scratch, top, slab } = block;
     let (w, surfaces) = (reference.width, setup.multiples.len());
     let rows = slab.len() / (w * surfaces);
     for start in (0..surfaces).step_by(GROUP) {
