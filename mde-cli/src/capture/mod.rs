@@ -145,7 +145,7 @@ pub fn refine_capture(
     }
     equalise(&mut views, &reconstruction, &order, &mut report)?;
     for (view, known) in views.iter_mut().zip(&reconstruction.views) {
-        view.hypotheses = vec![known.depth.clone()];
+        view.hypotheses = vec![known.fused.clone()];
     }
 
     let (mut rendered, mut field) = (None, None);

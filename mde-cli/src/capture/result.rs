@@ -36,7 +36,7 @@ pub(super) fn combine(
     unit: f64,
     config: &Config,
 ) -> Result<(GaussianDepth, Vec<Component>)> {
-    let Some(ViewDepth { depth: consensus, .. }) = reconstruction.views.first() else {
+    let Some(ViewDepth { fused: consensus, .. }) = reconstruction.views.first() else {
         return Ok((GaussianDepth::missing(0, 0), Vec::new()));
     };
     let factor = scale(reconstruction, unit)[0] as f32;

@@ -7,7 +7,7 @@ use crate::run::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
 use mde_cli::{Capture, Config, Photograph};
 use mde_mvs::capture::{Distortion, Frame, Lens, PixelCentres, read_colmap, read_transforms, read_tum};
-use mde_prior::io::photo::image_size;
+use mde_prior::photo::image_size;
 use ndarray::Array2;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -97,7 +97,7 @@ fn posed(args: &RefineArgs, frames: Vec<Frame>, config: &Config, progress: &mut 
     let mut photographs = Vec::new();
     for &index in &order {
         let frame = &frames[index];
-        let opened = mde_prior::io::photo::read_image(&frame.photograph)?;
+        let opened = mde_prior::photo::read_image(&frame.photograph)?;
         let view =
             frame.view(opened.pixels.view()).with_context(|| frame.photograph.display().to_string())?;
         let (height, width) = view.mask.dim();
@@ -105,7 +105,7 @@ fn posed(args: &RefineArgs, frames: Vec<Frame>, config: &Config, progress: &mut 
         let (image, camera, mask) = if (to_height, to_width) == (height, width) {
             (view.image, view.camera, view.mask)
         } else {
-            let mask = mde_prior::io::resample::nearest(
+            let mask = mde_prior::resample::nearest(
                 view.mask.mapv(|m| f32::from(u8::from(m))).view(),
                 (to_height, to_width),
             );
