@@ -203,6 +203,11 @@ impl Default for Decay {
 }
 
 impl Decay {
+    /// Full until 20 % of the steps, a fiftieth from 80 % on: hypotheses that start a field and then leave it to the colours.
+    pub fn fading() -> Self {
+        Self { start: 0.2, end: 0.8, floor: 0.02 }
+    }
+
     /// The factor of the weight at `progress`, 0 at the first step and 1 at the last.
     pub(crate) fn factor(self, progress: f64) -> f64 {
         let Self { start, end, floor } = self;
@@ -266,8 +271,8 @@ pub enum DepthLoss {
     Wasserstein {
         /// Weight of the loss; colours have weight 1.
         weight: f64,
-        /// Decay of the weight over the steps.
-        #[cfg_attr(feature = "serde", serde(default))]
+        /// Decay of the weight over the steps; none, not part of a file.
+        #[cfg_attr(feature = "serde", serde(skip))]
         decay: Decay,
     },
     /// \\(\int |W(r) - F(r)|\,\mathrm dr\\) in the same disparity: the first Wasserstein distance between the termination, of
@@ -281,8 +286,8 @@ pub enum DepthLoss {
         /// the termination cannot be.
         #[cfg_attr(feature = "serde", serde(skip, default = "relative_sigma"))]
         relative_sigma: f64,
-        /// Decay of the weight over the steps.
-        #[cfg_attr(feature = "serde", serde(default))]
+        /// Decay of the weight over the steps; [`Decay::fading`], not part of a file.
+        #[cfg_attr(feature = "serde", serde(skip, default = "Decay::fading"))]
         decay: Decay,
     },
 }
@@ -379,7 +384,7 @@ impl NerfConfig {
                 depth_loss: DepthLoss::Distribution {
                     weight: 0.2,
                     relative_sigma: 0.005,
-                    decay: Decay { start: 0.2, end: 0.8, floor: 0.02 },
+                    decay: Decay::fading(),
                 },
                 ..TrainConfig::default()
             },

@@ -2,12 +2,13 @@
 
 use crate::Result;
 use crate::augmentation::Component;
-use crate::config::Config;
 use mde_mvs::consensus::{Reconstruction, ViewDepth};
 use mde_nerf::RenderedView;
 use mde_uncertainty::GaussianDepth;
 use ndarray::{Array2, Zip};
 
+/// Factors of the standard deviations of the field's termination and of the fused depth.
+const SIGMA: [f32; 2] = [2.0, 0.5];
 /// Least share of the reference's pixels that another photograph confirms.
 const LEAST_VERIFIED: f32 = 0.03;
 
@@ -29,19 +30,16 @@ pub(super) fn scale(reconstruction: &Reconstruction, unit: f64) -> [f64; 2] {
 }
 
 /// The field's depth, the consensus where the field has none, in the prior's unit. The variance adds what the ray's
-/// termination and the consensus state, times the calibrated factors of [`MultiViewConfig`](crate::config::MultiViewConfig).
+/// termination and the consensus state, times the factors of [`SIGMA`].
 pub(super) fn combine(
     reconstruction: &Reconstruction,
     rendered: Option<&RenderedView>,
     unit: f64,
-    config: &Config,
 ) -> Result<(GaussianDepth, Vec<Component>)> {
     let Some(ViewDepth { fused: consensus, .. }) = reconstruction.views.first() else {
         return Ok((GaussianDepth::missing(0, 0), Vec::new()));
     };
     let factor = scale(reconstruction, unit)[0] as f32;
-    let [of_field, of_consensus] =
-        [config.multi_view.sigma_field as f32, config.multi_view.sigma_consensus as f32];
     let (mut mean, mut variance) = (consensus.mean().to_owned(), consensus.variance().to_owned());
     let mut parts =
         [Array2::from_elem(mean.dim(), f32::INFINITY), Array2::from_elem(mean.dim(), f32::INFINITY)];
@@ -57,7 +55,7 @@ pub(super) fn combine(
             }
         };
         let depth = z / factor;
-        let shares = [of_field * field.map_or(0.0, |f| f.1), of_consensus * stated.map_or(0.0, |s| s.1)];
+        let shares = [SIGMA[0] * field.map_or(0.0, |f| f.1), SIGMA[1] * stated.map_or(0.0, |s| s.1)];
         for (part, share) in parts.iter_mut().zip(shares) {
             part[at] = share * depth;
         }

@@ -51,8 +51,6 @@ const UNUSABLE: &[(&str, &[&str])] = &[
     ("nerf.sampling.band-width = 1.0", &["sampling.band-width is 1", "between 0 and 1"]),
     ("nerf.sampling.near = -1.0", &["unknown", "near"]),
     ("multi-view.max-views = 1", &["multi-view.max-views is 1", "2 to 64"]),
-    ("multi-view = { sigma-field = 0.0, sigma-consensus = 0.0 }", &["sigma-field is 0"]),
-    ("multi-view.sigma-field = -1.0", &["multi-view.sigma-field is -1"]),
     ("nerf.render.coarse = 1", &["render.coarse is 1", "2 to 1024"]),
     ("nerf.render.min-opacity = 1.0", &["render.min-opacity is 1", "below 1"]),
     ("nerf.field = { kind = 'mlp', layers = 0 }", &["field.layers is 0", "1 to 16"]),
@@ -63,7 +61,6 @@ const UNUSABLE: &[(&str, &[&str])] = &[
     ("fusion.variance-floor = 1.0", &["variance-floor is 1", "below 1"]),
     ("fusion.kappa = 0.0", &["kappa is 0", "positive"]),
     ("nerf.train.depth-loss = { kind = 'distribution', weight = -1.0 }", &["depth-loss.weight is -1"]),
-    ("nerf.train.depth-loss.decay = { start = 0.5, end = 0.2 }", &["decay.end is 0.2", "decay.start to 1"]),
     (
         "nerf.train.colour-loss = { kind = 'charbonnier', final-weight = -1.0 }",
         &["final-weight is -1", "0 or more"],

@@ -1,0 +1,183 @@
+//! Several photographs through the loop as a library and through the program: a procedural room with exact depth and poses.
+
+use assert_cmd::Command;
+use mde_cli::mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
+use mde_cli::mde_prior::format::write_npy;
+use mde_cli::mde_prior::photo::write_image;
+use mde_cli::mde_prior::{DepthKind, DepthPrior, PriorDepth};
+use mde_cli::ndarray::{Array2, Array3, ArrayView3};
+use mde_cli::{Capture, Config, Event, Photograph, Preset, Refinement, Stages, refine_capture};
+use mde_eval::capture::Capture as Rendered;
+use mde_eval::scene::{CaptureConfig, Room, World};
+use mde_eval::simulated::SimulatedPriorConfig;
+use mde_uncertainty::statistics::median;
+use std::ops::ControlFlow;
+
+const WIDTH: usize = 128;
+const HEIGHT: usize = 96;
+
+/// The simulated prior of each photograph.
+struct Known(Vec<(Array3<f32>, PriorDepth)>);
+
+impl DepthPrior for Known {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_cli::mde_prior::Result<PriorDepth> {
+        match self.0.iter().find(|(known, _)| known.view() == image) {
+            Some((_, depth)) => Ok(depth.clone()),
+            // A crop.
+            None => {
+                let (height, width, _) = image.dim();
+                PriorDepth::from_values(Array2::from_elem((height, width), 3.0), DepthKind::Metric)
+            }
+        }
+    }
+
+    fn accepts_new_images(&self) -> bool {
+        true
+    }
+}
+
+fn rendered(room: Room, views: usize) -> Rendered {
+    let config = CaptureConfig { views, prior: SimulatedPriorConfig::default(), ..CaptureConfig::default() };
+    World::new(room, 0).unwrap().capture("room", &config, WIDTH, HEIGHT).unwrap()
+}
+
+fn inputs(rendered: &Rendered, posed: bool) -> (Capture, Known) {
+    let photographs = rendered.views.iter().enumerate().map(|(index, known)| Photograph {
+        name: format!("photograph {index}"),
+        image: known.view.image.clone(),
+        mask: known.view.mask.clone(),
+        camera: known.view.camera,
+        focal_assumed: false,
+        pose: posed.then_some(known.view.pose),
+    });
+    let capture = Capture { photographs: photographs.collect(), reference: rendered.reference };
+    let known = rendered.views.iter().map(|v| (v.view.image.clone(), v.prior.clone().unwrap())).collect();
+    (capture, Known(known))
+}
+
+fn config() -> Config {
+    // As many rays per pixel as 700 steps have at 320x240, and a grid of that many cells.
+    let text = "nerf.train.steps = 250\nnerf.train.rays = 512\nnerf.field.finest = 128\n";
+    Config::with_overrides(Preset::MultiView, text, "test").unwrap()
+}
+
+fn run(capture: &Capture, prior: &Known, config: &Config) -> Refinement {
+    let mut go_on = |_: &Event| ControlFlow::Continue(());
+    refine_capture(capture, Stages::new(prior), config, &mut go_on).unwrap()
+}
+
+/// Mean squared error after the median alignment.
+fn mse(depth: &Array2<f32>, truth: &Array2<f32>) -> f64 {
+    let pairs = || depth.iter().zip(truth).filter(|(d, t)| **d > 0.0 && **t > 0.0);
+    let scale = median(pairs().map(|(_, t)| f64::from(*t))).unwrap()
+        / median(pairs().map(|(d, _)| f64::from(*d))).unwrap();
+    pairs().map(|(d, t)| (scale * f64::from(*d) - f64::from(*t)).powi(2)).sum::<f64>()
+        / pairs().count() as f64
+}
+
+#[test]
+fn parallax_halves_the_error_of_the_prior() {
+    let room = rendered(Room::Study, 4);
+    let (capture, prior) = inputs(&room, true);
+    let refined = run(&capture, &prior, &config());
+    let report = refined.capture.as_ref().unwrap();
+    assert_eq!(report.fallback, None);
+    assert_eq!(report.used(), 4);
+    let (before, after) =
+        (mse(&refined.prior, &room.truth), mse(&refined.depth.mean().to_owned(), &room.truth));
+    assert!(after < 0.5 * before, "{after} of {before}");
+    // In the unit of the prior, not of the poses: the prior's median is kept within its error.
+    let ratio =
+        median(refined.depth.mean().iter().zip(&refined.prior).map(|(d, p)| f64::from(d / p))).unwrap();
+    assert!((0.8..1.25).contains(&ratio), "{ratio}");
+    assert!(refined.depth.variance().iter().all(|v| *v > 0.0));
+    assert_eq!(run(&capture, &prior, &config()).depth, refined.depth, "the same seed gives the same bits");
+}
+
+#[test]
+fn photographs_of_another_place_leave_the_reference_alone() {
+    let (mut capture, mut prior) = inputs(&rendered(Room::Study, 2), false);
+    let (other, others) = inputs(&rendered(Room::Kitchen, 2), false);
+    capture.photographs[1] = Photograph { name: "elsewhere".to_owned(), ..other.photographs[1].clone() };
+    prior.0.extend(others.0);
+    let refined = run(&capture, &prior, &config());
+    let report = refined.capture.unwrap();
+    assert!(
+        report.fallback.as_ref().is_some_and(|reason| reason.contains("elsewhere")),
+        "{:?}",
+        report.fallback
+    );
+    assert_eq!(report.used(), 1);
+    assert!(refined.field.is_none() && refined.augmentation.predictions > 1, "the default preset");
+}
+
+#[test]
+fn captures_that_are_none_are_refused_by_name() {
+    let (capture, prior) = inputs(&rendered(Room::Study, 3), true);
+    let refused = |change: &dyn Fn(&mut Capture)| {
+        let mut capture = capture.clone();
+        change(&mut capture);
+        let mut go_on = |_: &Event| ControlFlow::Continue(());
+        refine_capture(&capture, Stages::new(&prior), &config(), &mut go_on).err().unwrap().to_string()
+    };
+    for (change, named) in [
+        (&(|c: &mut Capture| c.photographs.truncate(1)) as &dyn Fn(&mut Capture), "two or more"),
+        (&|c: &mut Capture| c.reference = 9, "reference 9"),
+        (&|c: &mut Capture| c.photographs[1].pose = None, "2 of 3 photographs have a pose"),
+        (&|c: &mut Capture| c.photographs[1].name = "photograph 0".to_owned(), "photograph 0"),
+        (&|c: &mut Capture| c.photographs[2].image = Array3::zeros((4, 4, 3)), "photograph 2"),
+    ] {
+        let message = refused(change);
+        assert!(message.contains(named) && message.lines().count() == 1, "{message}");
+    }
+}
+
+/// The program on a folder of photographs, with the poses of a file and without: the maps and what the record says of them.
+#[test]
+fn the_program_takes_photographs_with_poses_and_without() {
+    let room = rendered(Room::Study, 3);
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    std::fs::create_dir(path("images")).unwrap();
+    let mut frames = Vec::new();
+    for (index, known) in room.views.iter().enumerate() {
+        let photograph = path(&format!("images/{index}.png"));
+        write_image(&photograph, known.view.image.view()).unwrap();
+        let lens = Lens { camera: known.view.camera, distortion: Distortion::default() };
+        frames.push(Frame { photograph, lens, pose: known.view.pose });
+    }
+    std::fs::write(path("transforms.json"), transforms_json(&frames, folder.path())).unwrap();
+    write_npy(path("prior.npy"), room.views[0].prior.as_ref().unwrap().map.view()).unwrap();
+    std::fs::write(path("quick.toml"), "nerf.train = { steps = 50, rays = 128 }\nnerf.field.finest = 64\n")
+        .unwrap();
+    let refine = |views: &str, more: &[&str], out: &str| {
+        let mut command = Command::cargo_bin("mde").unwrap();
+        command.current_dir(folder.path()).args(["refine", "images/0.png", "--views", views]);
+        command.args(["--prior-depth", "prior.npy", "--config", "quick.toml", "-q", "-o", out]).args(more);
+        command.assert()
+    };
+    let record = |out: &str| -> serde_json::Value {
+        serde_json::from_str(&std::fs::read_to_string(path(out).join("run.json")).unwrap()).unwrap()
+    };
+    refine("transforms.json", &[], "posed").success();
+    let posed = record("posed");
+    assert_eq!(posed["preset"], "multi-view");
+    assert_eq!(posed["capture"]["photographs"].as_array().unwrap().len(), 3);
+    assert_ne!(posed["capture"]["poses"], "estimated");
+    assert!(posed["capture"]["fallback"].is_null(), "{}", posed["capture"]);
+    assert!(path("posed/report.html").is_file() && path("posed/sigma.npy").is_file());
+
+    let fov = 2.0 * (0.5 * WIDTH as f64 / room.views[0].view.camera.fx).atan().to_degrees();
+    refine("images", &["--fov", &fov.to_string()], "found").success();
+    assert_eq!(record("found")["capture"]["poses"], "estimated");
+
+    let message = |assert: assert_cmd::assert::Assert| {
+        String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
+    };
+    let missing = message(refine("nowhere", &[], "out").failure());
+    assert!(missing.contains("nowhere") && missing.lines().count() == 1, "{missing}");
+    std::fs::remove_file(path("images/2.png")).unwrap();
+    let gone = message(refine("transforms.json", &[], "out").failure());
+    assert!(gone.contains("2.png") && gone.lines().count() == 1, "{gone}");
+    assert!(!path("out").exists());
+}
