@@ -4,7 +4,7 @@ use assert_cmd::Command;
 use mde_cli::mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
 use mde_cli::mde_prior::format::write_npy;
 use mde_cli::mde_prior::photo::write_image;
-use mde_cli::mde_prior::{DepthKind, DepthPrior, PriorDepth};
+use mde_cli::mde_prior::{DepthPrior, PriorDepth};
 use mde_cli::ndarray::{Array2, Array3, ArrayView3};
 use mde_cli::{Capture, Config, Event, Photograph, Preset, Refinement, Stages, refine_capture};
 use mde_eval::capture::Capture as Rendered;
@@ -26,7 +26,7 @@ impl DepthPrior for Known {
             // A crop.
             None => {
                 let (height, width, _) = image.dim();
-                PriorDepth::from_values(Array2::from_elem((height, width), 3.0), DepthKind::Metric)
+                PriorDepth::from_values(Array2::from_elem((height, width), 3.0), self.0[0].1.kind)
             }
         }
     }
@@ -85,7 +85,6 @@ fn parallax_halves_the_typical_error_of_the_prior() {
     assert_eq!(report.used(), 4);
     let before = typical_error(&refined.prior, &room.truth);
     let after = typical_error(&refined.depth.mean().to_owned(), &room.truth);
-    println!("{before} {after}");
     assert!(after < 0.5 * before, "{after} of {before}");
     // In the unit of the prior, not of the poses: the prior's median is kept within its error.
     let ratio =
