@@ -1,4 +1,5 @@
 //! Several photographs through the loop as a library and through the program: a procedural room with exact depth and poses.
+#![allow(clippy::unwrap_used)]
 
 use assert_cmd::Command;
 use mde_cli::mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};

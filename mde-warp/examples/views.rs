@@ -29,7 +29,7 @@ fn main() -> Result<(), mde_warp::Error> {
 
     let scale = median(mean).unwrap_or(1.0);
     println!("view  x [cm]  y [cm]  angle  hidden  outside   time");
-    for (index, pose) in sample_poses(&ViewSampling::default(), scale.into(), 1)?.iter().enumerate() {
+    for (index, pose) in sample_poses(&ViewSampling::default(), scale, 1)?.iter().enumerate() {
         let start = Instant::now();
         let warped = forward_warp(
             image.view(),

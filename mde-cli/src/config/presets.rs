@@ -47,7 +47,6 @@ impl Preset {
                     iterations: 1,
                     prior: IterationPrior::Anchor,
                     field: FieldUse::WithoutAugmentation,
-                    ..RefinementConfig::default()
                 },
                 augmentation: AugmentationConfig::multi_crop(),
                 nerf: supervised(2000, 1024),

@@ -240,7 +240,7 @@ impl AugmentationConfig {
             prior.clone()
         };
         let values = Values::of(&start);
-        let mut current = values.from_prior(&start);
+        let mut current = values.of_prior(&start);
         let mut variance = Array2::<f32>::zeros(current.dim());
         for level in &self.levels {
             let mut changes = window::Changes::new(current.dim());
@@ -275,7 +275,7 @@ impl AugmentationConfig {
             let sigma = self.bilateral_width * current.ncols() as f64;
             filtered = post_filter::bilateral(filtered.view(), image, sigma)?;
         }
-        let added = &current - &values.from_prior(&start);
+        let added = &current - &values.of_prior(&start);
         post_filter::limit(&mut current, &filtered, added.view(), detail);
         let mut merged = start;
         Zip::from(&mut merged.map).and(&merged.valid).and(&current).for_each(|value, &valid, &c| {
@@ -357,7 +357,7 @@ fn predict_crop(
             values.kind()
         )));
     }
-    let prediction = values.from_prior(&prediction);
+    let prediction = values.of_prior(&prediction);
     Ok(if mirrored { prediction.slice(s![.., ..;-1]).to_owned() } else { prediction })
 }
 

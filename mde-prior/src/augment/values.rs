@@ -28,7 +28,7 @@ impl Values {
     }
 
     /// A missing pixel takes the mean.
-    pub(super) fn from_prior(self, prior: &PriorDepth) -> Array2<f32> {
+    pub(super) fn of_prior(self, prior: &PriorDepth) -> Array2<f32> {
         let value = |d: f32| if self.kind.is_depth() { d.ln() } else { self.scale * d };
         let pairs = || prior.map.iter().zip(&prior.valid).filter(|(_, v)| **v);
         let mean = pairs().map(|(d, _)| f64::from(value(*d))).sum::<f64>() / pairs().count().max(1) as f64;
