@@ -40,7 +40,7 @@ struct Decisive<'c> {
 }
 
 /// What the sigma of these settings depends on, for a prior that accepts new images or does not, and the depth model's
-/// [hash](hash) where there is one.
+/// [`hash`] where there is one.
 ///
 /// # Errors
 /// [`Error::Settings`] for a configuration that can't be serialised.

@@ -1,4 +1,4 @@
-//! The configuration of a run. The defaults are those of a [`Preset`](crate::Preset); `docs/settings.md` lists every key.
+//! The configuration of a run. The defaults are those of a [`Preset`]; `docs/settings.md` lists every key.
 
 mod multi_view;
 mod presets;
@@ -110,7 +110,7 @@ impl Default for NovelViews {
 }
 
 impl Default for Config {
-    /// The preset [`Preset::Paper`](crate::Preset::Paper).
+    /// The preset [`Preset::Paper`].
     fn default() -> Self {
         Self {
             seed: 0,

@@ -4,8 +4,8 @@
 //! |---|---|---|
 //! | prior | III.B | [`DepthPrior`], with test-time augmentation where it is configured |
 //! | warp | III.A, Eq. 1 | [`synthesise`] |
-//! | fit | III.C | [`RadianceField::fit`](mde_nerf::RadianceField::fit) |
-//! | render | III.D, Eq. 2-6 | [`RadianceField::render`](mde_nerf::RadianceField::render), [`reproject`](mde_warp::reproject) |
+//! | fit | III.C | [`RadianceField::fit`] |
+//! | render | III.D, Eq. 2-6 | [`RadianceField::render`], [`reproject`](mde_warp::reproject) |
 //! | fuse | III.E, Eq. 7-17 | [`Fuser`] |
 //!
 //! [`refine`] runs it; [`Stages`] names the implementations.

@@ -33,7 +33,7 @@ pub struct SuperpixelPairs {
 }
 
 impl SuperpixelPairs {
-    /// The pairs of a truth `[height, width]` after Miangoleh et al. (CVPR 2021): [superpixels](Superpixels::slic) of its
+    /// The pairs of a truth `[height, width]` after Miangoleh et al. (CVPR 2021): superpixels (SLIC) of its
     /// disparity (5000, compactness 20; disparity scaled to 0 to 100 over the mask), pairs of those that touch, and for each
     /// three random others (the same for every seed and method). Centres outside the mask are left out.
     ///

@@ -71,7 +71,7 @@ impl World {
     /// The room's own camera for an image of `width` by `height` pixels.
     ///
     /// # Errors
-    /// [`Error::Camera`] for an empty image.
+    /// [`Error::Camera`](crate::Error::Camera) for an empty image.
     pub fn camera(&self, width: usize, height: usize) -> Result<PinholeCamera> {
         Ok(PinholeCamera::from_fov(self.field_of_view, width, height)?)
     }
@@ -105,7 +105,7 @@ impl World {
 /// ```
 ///
 /// # Errors
-/// [`Error::Camera`] for an empty image.
+/// [`Error::Camera`](crate::Error::Camera) for an empty image.
 pub fn room(room: Room, seed: u64, width: usize, height: usize) -> Result<Scene> {
     let world = World::new(room, seed)?;
     Ok(world.render(&world.camera(width, height)?, &Pose::identity()))
