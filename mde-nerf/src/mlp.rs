@@ -64,6 +64,7 @@ impl<T: Scalar> Mlp<T> {
         mlp
     }
 
+    #[cfg(feature = "serde")]
     /// An MLP of `widths` with the given parameters, or `None` where their number is wrong.
     pub(crate) fn from_parameters(widths: &[usize], parameters: Vec<T>) -> Option<Self> {
         let mut mlp = Self { parameters: Vec::new(), ..Self::new(widths, 0, "") };

@@ -64,6 +64,7 @@ impl<T: Scalar> Network<T> {
         }
     }
 
+    #[cfg(feature = "serde")]
     /// A network of this configuration with the given parameters, or `None` where a length is wrong.
     pub(crate) fn from_parameters(
         config: &FieldConfig,

@@ -7,8 +7,8 @@
 //! focal length are adjusted to all matches. With pixels \\( p \\), rays \\( d \\), the prior \\( D \\) and Huber's loss
 //! \\( \rho \\):
 //!
-//! \\[ \min \sum_{k, v} \rho\!\left( \lVert \pi_v(T_v T_a^{-1} z_k d_k) - p_{kv} \rVert^2 \right)
-//!   + \sum_k \rho\!\left( \left( \frac{\log z_k - \log D_a(p_k) - m_a}{\sigma} \right)^2 \right) . \\]
+//! \\[ \min \sum_{k, v} \rho\left( \lVert \pi_v(T_v T_a^{-1} z_k d_k) - p_{kv} \rVert^2 \right)
+//!   {}+ \sum_k \rho\left( \left( \frac{\log z_k - \log D_a(p_k) - m_a}{\sigma} \right)^2 \right) . \\]
 //!
 //! The prior gives the start, the unit, and what matches leave open: over a short baseline depth and rotation trade for each
 //! other, and without the prior the answer may be degrees off.
