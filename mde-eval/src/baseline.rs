@@ -11,6 +11,7 @@ mod noise;
 pub mod sigma;
 #[cfg(feature = "solver")]
 mod solver;
+mod sweep;
 mod unsharp;
 mod weighted_median;
 mod zoom;
@@ -21,6 +22,7 @@ pub use joint_bilateral::JointBilateral;
 pub use noise::WhiteNoise;
 #[cfg(feature = "solver")]
 pub use solver::FastBilateralSolver;
+pub use sweep::PlaneSweep;
 pub use unsharp::Unsharp;
 pub use weighted_median::WeightedMedian;
 pub use zoom::ZoomMerge;
@@ -42,6 +44,7 @@ pub const METHODS: &[(&str, &str)] = &[
     ("wmf", "weighted median filter"),
     #[cfg(feature = "solver")]
     ("fbs", "fast bilateral solver with a confidence"),
+    ("sweep", "plane sweep of several photographs with poses, without prior or field"),
 ];
 
 /// A baseline by its name; several joined by `+` run one after the other, each on the depth of the one before.
@@ -74,6 +77,7 @@ fn single(name: &str) -> Result<Box<dyn Refiner + Send + Sync>> {
         "guided" => Box::new(GuidedFilter::default()),
         "jbf" => Box::new(JointBilateral::default()),
         "wmf" => Box::new(WeightedMedian::default()),
+        "sweep" => Box::new(PlaneSweep::default()),
         #[cfg(feature = "solver")]
         "fbs" => Box::new(FastBilateralSolver::default()),
         _ => {

@@ -97,6 +97,9 @@ pub enum Error {
     /// A method that runs the depth model on other images has only a depth map.
     #[error("this method runs the depth model on other images; name a model as the prior, not a file")]
     NoModel,
+    /// A method that needs further photographs with poses, and has none.
+    #[error("this method needs further photographs with poses; use a data set of captures")]
+    NoViews,
     /// A method that failed.
     #[error("{0}")]
     Method(String),

@@ -27,6 +27,8 @@ pub struct Task<'a> {
 pub struct TaskView<'a> {
     /// The photograph with its camera and pose; no depth hypothesis.
     pub view: &'a PosedView,
+    /// Whether the pose is known. Where it is not, the pose of `view` must not be read.
+    pub posed: bool,
     /// Its monocular depth `[height, width]`, where it is known; 0 where missing.
     pub prior: Option<&'a Array2<f32>>,
 }

@@ -2,13 +2,16 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use mde_eval::baseline::sigma::TrivialSigma;
-use mde_eval::baseline::{FastBilateralSolver, GuidedFilter, METHODS, Unsharp, WeightedMedian, named};
+use mde_eval::baseline::{
+    FastBilateralSolver, GuidedFilter, METHODS, PlaneSweep, Unsharp, WeightedMedian, named,
+};
+use mde_eval::data::Sample;
 use mde_eval::mde_prior::{DepthKind, DepthPrior, DisparityRule, PriorDepth};
 use mde_eval::mde_warp::PinholeCamera;
 use mde_eval::metrics::sharpness::sharpness;
 use mde_eval::ndarray::{Array2, Array3, ArrayView3, Axis};
-use mde_eval::scene::{Room, room};
-use mde_eval::{Error, Refiner, Result, Task};
+use mde_eval::scene::{CaptureConfig, Room, World, room};
+use mde_eval::{Error, Refiner, Result, Task, TaskView};
 use proptest::prelude::*;
 use serde_json::Value;
 
@@ -38,7 +41,10 @@ fn run_with(method: &dyn Refiner, image: &Array3<f32>, prior: &Array2<f32>) -> R
 }
 
 fn filters() -> impl Iterator<Item = &'static str> {
-    METHODS.iter().map(|(name, _)| *name).filter(|name| !["prior", "noise", "flip", "zoom"].contains(name))
+    METHODS
+        .iter()
+        .map(|(name, _)| *name)
+        .filter(|name| !["prior", "noise", "flip", "zoom", "sweep"].contains(name))
 }
 
 fn picture() -> impl Strategy<Value = (Array3<f32>, Array2<f32>)> {
@@ -56,7 +62,7 @@ proptest! {
 
     #[test]
     fn missing_stays_missing_and_every_depth_is_one((image, prior) in picture()) {
-        for name in METHODS.iter().map(|(name, _)| *name).chain(["zoom+jbf", "unsharp-0.5"]) {
+        for name in METHODS.iter().map(|(name, _)| *name).filter(|name| *name != "sweep").chain(["zoom+jbf", "unsharp-0.5"]) {
             let refined = run(name, &image, &prior).unwrap();
             for (before, after) in prior.iter().zip(&refined) {
                 prop_assert_eq!(*before > 0.0, *after > 0.0, "{}: {} {}", name, before, after);
@@ -167,6 +173,39 @@ fn a_model_that_is_asked_again_brings_its_detail() {
     let task = Task::new(image.view(), &camera, prior.view(), &rule);
     assert!(matches!(named("zoom").unwrap().refine(&task), Err(Error::NoModel)));
     assert!(matches!(named("flip+jbf").unwrap().refine(&task), Err(Error::NoModel)));
+}
+
+/// A wall and a box in front of it, with texture, from three sides.
+#[test]
+fn a_plane_sweep_finds_the_depth_that_the_poses_give() {
+    let world = World::new(Room::Study, 0).unwrap();
+    let config = CaptureConfig { views: 4, baseline: 0.08, ..CaptureConfig::default() };
+    let sample = Sample::of_capture(world.capture("study", &config, 160, 120).unwrap()).unwrap();
+    let views: Vec<TaskView<'_>> = sample
+        .views
+        .iter()
+        .map(|captured| TaskView { view: &captured.view, posed: true, prior: None })
+        .collect();
+    let (prior, rule) = (Array2::ones(sample.depth.dim()), DisparityRule::default());
+    let task = Task { views: &views, ..Task::new(sample.image.view(), &sample.camera, prior.view(), &rule) };
+    let swept = PlaneSweep::default().refine(&task).unwrap();
+    let mut errors: Vec<f32> = swept
+        .depth
+        .iter()
+        .zip(&sample.depth)
+        .filter(|(d, _)| **d > 0.0)
+        .map(|(d, z)| (d / z - 1.0).abs())
+        .collect();
+    assert!(errors.len() > 15_000, "{}", errors.len());
+    errors.sort_by(f32::total_cmp);
+    assert!(errors[errors.len() / 2] < 0.03, "{}", errors[errors.len() / 2]);
+    let alone = Task::new(sample.image.view(), &sample.camera, prior.view(), &rule);
+    assert!(matches!(named("sweep").unwrap().refine(&alone), Err(Error::NoViews)));
+    let unposed: Vec<_> = views.iter().map(|view| TaskView { posed: false, ..*view }).collect();
+    assert!(matches!(
+        named("sweep").unwrap().refine(&Task { views: &unposed, ..alone }),
+        Err(Error::NoViews)
+    ));
 }
 
 #[test]

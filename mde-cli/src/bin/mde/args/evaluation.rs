@@ -147,6 +147,9 @@ pub(crate) struct DataArgs {
     /// Captures: gain of one further photograph, +X or -X by seed
     #[arg(long, value_name = "X", value_delimiter = ',', default_value = "0")]
     pub(crate) gain: Vec<f64>,
+    /// Give methods the further photographs of captures without their poses
+    #[arg(long)]
+    pub(crate) without_poses: bool,
     /// Scenes to run, separated by commas; default: all
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,
@@ -183,7 +186,7 @@ pub(crate) struct EvalPriorArgs {
 }
 
 /// Arguments without effect on existing maps.
-const MADE_HERE: [&str; 18] = [
+const MADE_HERE: [&str; 19] = [
     "root",
     "dataset",
     "size",
@@ -195,6 +198,7 @@ const MADE_HERE: [&str; 18] = [
     "baseline",
     "pose_noise",
     "gain",
+    "without_poses",
     "prior_model",
     "prior_depth",
     "simulated_prior",

@@ -30,7 +30,12 @@ enum Kind {
     Baseline,
     /// The loop, with a baseline in the field's place if one is named.
     Loop(Box<Config>, Option<&'static str>),
+    /// The loop on several photographs.
+    Photographs(Box<Config>),
 }
+
+/// The consensus of the plane sweeps of several photographs, without a field.
+const CONSENSUS: &str = "consensus";
 
 impl Method {
     /// What `text` names: a preset, a TOML file of settings over `preset`, or a baseline.
@@ -39,16 +44,30 @@ impl Method {
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
             let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
             let config = Config::from_file(preset, path)?;
-            return Ok(Self::of_config(name.unwrap_or_default(), config, seed));
+            return Ok(Self::of_preset(name.unwrap_or_default(), preset, config, seed));
         }
         if let Some(preset) = Preset::ALL.into_iter().find(|preset| preset.name() == text) {
-            return Ok(Self::of_config(text.to_owned(), preset.config(), seed));
+            return Ok(Self::of_preset(text.to_owned(), preset, preset.config(), seed));
+        }
+        if text == CONSENSUS {
+            let mut config = Preset::MultiView.config();
+            config.refinement.iterations = 0;
+            return Ok(Self::of_preset(text.to_owned(), Preset::MultiView, config, seed));
         }
         baseline::named(text).with_context(|| {
-            format!("--methods {text}: also the presets (paper, default, fast) and settings in a .toml file")
+            format!("--methods {text}: also the presets (paper, default, fast, multi-view), consensus, and settings in a .toml file")
         })?;
         let (name, label) = (text.to_owned(), text.to_owned());
         Ok(Self { name, label, seed: seed.unwrap_or(0), kind: Kind::Baseline })
+    }
+
+    /// The loop with settings over a preset.
+    fn of_preset(name: String, preset: Preset, config: Config, seed: Option<u64>) -> Self {
+        let method = Self::of_config(name, config, seed);
+        match (preset, method.kind) {
+            (Preset::MultiView, Kind::Loop(config, _)) => Self { kind: Kind::Photographs(config), ..method },
+            (_, kind) => Self { kind, ..method },
+        }
     }
 
     /// The loop with these settings.
@@ -84,21 +103,21 @@ impl Method {
     /// The settings of the loop.
     pub(crate) fn config(&self) -> Option<&Config> {
         match &self.kind {
-            Kind::Loop(config, _) => Some(config),
+            Kind::Loop(config, _) | Kind::Photographs(config) => Some(config),
             Kind::Baseline => None,
         }
     }
 
     /// Whether this is the loop and not a baseline.
     pub(crate) fn is_loop(&self) -> bool {
-        matches!(self.kind, Kind::Loop(..))
+        matches!(self.kind, Kind::Loop(..) | Kind::Photographs(_))
     }
 
     /// The settings of the loop with the method's own seed, nothing for a baseline.
     pub(crate) fn seeded_config(&self) -> Option<Config> {
         match &self.kind {
             Kind::Baseline => None,
-            Kind::Loop(config, _) => Some(Config { seed: self.seed, ..(**config).clone() }),
+            Kind::Loop(config, _) | Kind::Photographs(config) => Some(Config { seed: self.seed, ..(**config).clone() }),
         }
     }
 
@@ -107,6 +126,9 @@ impl Method {
         let what = match &self.kind {
             Kind::Baseline => json!({ "baseline": self.label }),
             Kind::Loop(config, None) => json!({ "config": Config { seed: self.seed, ..(**config).clone() } }),
+            Kind::Photographs(config) => {
+                json!({ "config": Config { seed: self.seed, ..(**config).clone() }, "photographs": true })
+            }
             Kind::Loop(config, Some(control)) => {
                 json!({ "config": Config { seed: self.seed, ..(**config).clone() }, "control": control })
             }
@@ -124,6 +146,9 @@ impl Method {
         let task = Task { seed: self.seed, ..*task };
         match &self.kind {
             Kind::Baseline => Ok(baseline::named(&self.label)?.refine(&task)?),
+            Kind::Photographs(config) => {
+                Ok(LoopRefiner::new((**config).clone(), callback).with_photographs().refine(&task)?)
+            }
             Kind::Loop(config, control) => {
                 let mut refiner = LoopRefiner::new((**config).clone(), callback);
                 if let Some(memory) = memory {

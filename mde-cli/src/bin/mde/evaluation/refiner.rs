@@ -1,12 +1,12 @@
 //! The loop as a [`Refiner`], beside the baselines of `mde-eval`.
 
 use super::filtered::FilteredField;
-use mde_cli::{Config, Error, Event, Stages, refine};
+use mde_cli::{Capture, Config, Error, Event, Photograph, Stages, refine, refine_capture};
 use mde_eval::{Refined, Refiner, Task};
 use mde_nerf::{FieldCallback, FitReport, Nerf, NerfConfig, RadianceField, RenderConfig, RenderedView};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_warp::{PinholeCamera, Pose, PosedView};
-use ndarray::ArrayView3;
+use ndarray::{Array2, ArrayView3};
 use serde_json::json;
 use std::collections::HashMap;
 use std::collections::hash_map::{DefaultHasher, Entry};
@@ -25,12 +25,20 @@ pub(crate) struct LoopRefiner<'o> {
     memory: Option<FieldMemory>,
     control: Option<Arc<dyn Refiner + Send + Sync>>,
     callback: &'o SharedCallback<'o>,
+    photographs: bool,
 }
 
 impl<'o> LoopRefiner<'o> {
     /// The loop with these settings.
     pub(crate) fn new(config: Config, callback: &'o SharedCallback<'o>) -> Self {
-        Self { config, memory: None, control: None, callback }
+        Self { config, memory: None, control: None, callback, photographs: false }
+    }
+
+    /// Uses the further photographs of a task, as [`refine_capture`] does. Without any, the photograph alone is refined.
+    #[must_use]
+    pub(crate) fn with_photographs(mut self) -> Self {
+        self.photographs = true;
+        self
     }
 
     /// Reuses the fields of the first iteration: configurations that differ only in the fusion share them.
@@ -49,6 +57,9 @@ impl<'o> LoopRefiner<'o> {
 
     fn run(&self, task: &Task<'_>) -> mde_cli::Result<Refined> {
         let config = Config { seed: task.seed, disparity: task.rule.clone(), ..self.config.clone() };
+        if self.photographs && !task.views.is_empty() {
+            return self.run_capture(task, &config);
+        }
         let known = Known(PriorDepth::from_values(task.prior.to_owned(), DepthKind::Metric)?);
         let prior: &dyn DepthPrior = match task.model {
             Some(model) if config.augmentation.is_active() => model,
@@ -72,6 +83,40 @@ impl<'o> LoopRefiner<'o> {
     }
 }
 
+impl LoopRefiner<'_> {
+    /// Depth and sigma in the unit of the poses where they are given, else in the prior's.
+    fn run_capture(&self, task: &Task<'_>, config: &Config) -> mde_cli::Result<Refined> {
+        let mask = Array2::from_elem(task.camera.dim(), true);
+        let mut photographs = vec![Photograph {
+            name: "reference".to_owned(),
+            image: task.image.to_owned(),
+            mask,
+            camera: *task.camera,
+            focal_assumed: false,
+            pose: task.views.iter().all(|view| view.posed).then(Pose::identity),
+        }];
+        photographs.extend(task.views.iter().zip(1..).map(|(view, index)| Photograph {
+            name: format!("photograph {index}"),
+            image: view.view.image.clone(),
+            mask: view.view.mask.clone(),
+            camera: view.view.camera,
+            focal_assumed: false,
+            pose: view.posed.then_some(view.view.pose),
+        }));
+        let capture = Capture { photographs, reference: 0 };
+        let stages = Stages::new(&OfTask(task));
+        let refinement = refine_capture(&capture, stages, config, &mut |e| (self.callback)(e))?;
+        let used = refinement.capture.as_ref().filter(|report| report.fallback.is_none());
+        let posed = capture.photographs[0].pose.is_some();
+        let unit = used.filter(|_| posed).and_then(|report| report.scale).map_or(1.0, |[scale, _]| scale) as f32;
+        Ok(Refined {
+            depth: refinement.depth.mean().mapv(|z| unit * z),
+            sigma: Some(refinement.depth.sigma().mapv(|sigma| unit * sigma)),
+            report: json!({ "capture": refinement.capture, "iterations": refinement.iterations }),
+        })
+    }
+}
+
 impl Refiner for LoopRefiner<'_> {
     fn refine(&self, task: &Task<'_>) -> mde_eval::Result<Refined> {
         self.run(task).map_err(|error| match error {
@@ -79,6 +124,28 @@ impl Refiner for LoopRefiner<'_> {
             Error::Warp(error) => error.into(),
             error => mde_eval::Error::Method(error.to_string()),
         })
+    }
+}
+
+/// The monocular depths of the photographs of a task: those that are known, else the model's.
+struct OfTask<'t>(&'t Task<'t>);
+
+impl DepthPrior for OfTask<'_> {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        let Self(task) = self;
+        if image == task.image {
+            return PriorDepth::from_values(task.prior.to_owned(), DepthKind::Metric);
+        }
+        let known = task.views.iter().find(|view| view.view.image == image).and_then(|view| view.prior);
+        match (known, task.model) {
+            (Some(depth), _) => PriorDepth::from_values(depth.clone(), DepthKind::Metric),
+            (None, Some(model)) => model.predict(image),
+            (None, None) => Err(mde_prior::Error::Input("no depth of this image; name a model".to_owned())),
+        }
+    }
+
+    fn accepts_new_images(&self) -> bool {
+        self.0.model.is_some() || self.0.views.iter().all(|view| view.prior.is_some())
     }
 }
 

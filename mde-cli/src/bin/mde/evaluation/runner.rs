@@ -38,6 +38,8 @@ pub(crate) struct Plan<'p> {
     pub(crate) limit: SceneLimit<'p>,
     /// Whether the methods of a scene share fields that are the same.
     pub(crate) share_fields: bool,
+    /// Whether methods get the further photographs without their poses.
+    pub(crate) without_poses: bool,
 }
 
 /// A scene with every method's answer that could be had.
@@ -130,7 +132,11 @@ impl Shared<'_> {
             .views
             .iter()
             .zip(&view_priors)
-            .map(|(captured, prior)| TaskView { view: &captured.view, prior: prior.as_ref() })
+            .map(|(captured, prior)| TaskView {
+                view: &captured.view,
+                posed: !self.plan.without_poses,
+                prior: prior.as_ref(),
+            })
             .collect();
         let memory = self.plan.share_fields.then(FieldMemory::default);
         let mut entries: Vec<(&Method, Entry)> = Vec::new();

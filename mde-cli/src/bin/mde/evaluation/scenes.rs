@@ -16,6 +16,7 @@ pub(crate) struct Source {
     pub(crate) data: Box<dyn DataSet>,
     pub(crate) kind: DataSetKind,
     options: Options,
+    without_poses: bool,
 }
 
 impl Source {
@@ -47,7 +48,7 @@ impl Source {
             ..Options::default()
         };
         let data = data::open(kind, root.as_deref(), &options)?;
-        Ok(Self { data, kind, options })
+        Ok(Self { data, kind, options, without_poses: args.without_poses })
     }
 
     /// What decides which pictures and truths the scenes have, wherever they lie.
@@ -59,12 +60,16 @@ impl Source {
             value["captures"] =
                 json!({ "views": views, "baselines": baselines, "pose_noises": pose_noises, "gains": gains });
         }
+        if self.without_poses {
+            value["poses"] = json!("withheld");
+        }
         value
     }
 
     pub(crate) fn title(&self) -> String {
         let size = self.options.size.map_or_else(String::new, |[w, h]| format!(" at {w}x{h}"));
-        format!("{}{size}", self.kind)
+        let poses = if self.without_poses { ", poses withheld" } else { "" };
+        format!("{}{size}{poses}", self.kind)
     }
 }
 

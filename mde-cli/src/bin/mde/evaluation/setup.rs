@@ -73,6 +73,7 @@ impl<'a> Setup<'a> {
             store: &self.store,
             limit: limit(self.args, self.memory, &self.scenes),
             share_fields: self.request.share_fields,
+            without_poses: self.args.data.without_poses,
         };
         let (entries, failures) =
             runner::run(&plan, progress, &|scene| self.scoring.scene(scene, &self.store))?;

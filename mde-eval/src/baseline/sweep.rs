@@ -1,0 +1,42 @@
+use super::check;
+use crate::{Error, Refined, Refiner, Result, Task};
+use mde_mvs::sweep::{Surfaces, SweepConfig, sweep};
+use mde_warp::{Pose, PosedView};
+use ndarray::Array2;
+
+/// Plane sweep of the photograph against the further ones, with known poses and nothing else: no prior, no consistency over
+/// photographs, no field. Depth and sigma are in the unit of the poses.
+///
+/// Planes are even in inverse depth ([`mde_mvs::sweep`]), from half the largest baseline to infinity: nearer surfaces have
+/// disparities of several times the focal length.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PlaneSweep {
+    /// Settings of the sweep.
+    pub config: SweepConfig,
+}
+
+impl Refiner for PlaneSweep {
+    fn refine(&self, task: &Task<'_>) -> Result<Refined> {
+        check(task, &[])?;
+        if task.views.is_empty() || task.views.iter().any(|view| !view.posed) {
+            return Err(Error::NoViews);
+        }
+        let mask = Array2::from_elem(task.camera.dim(), true);
+        let own = PosedView::new(task.image.to_owned(), *task.camera, Pose::identity(), mask, Vec::new())?;
+        let mut views = vec![own];
+        views.extend(task.views.iter().map(|view| view.view.clone()));
+        let distance = |view: &PosedView| view.pose.inverse().translation.vector.norm();
+        let baseline = views.iter().map(distance).fold(0.0, f64::max);
+        let sources: Vec<usize> = (1..views.len()).collect();
+        let surfaces = Surfaces::Planes { near: 0.5 * baseline, far: f64::INFINITY };
+        let found = sweep(&views, 0, &sources, surfaces, &self.config)
+            .map_err(|error| Error::Method(error.to_string()))?;
+        let known = found.depth.support();
+        let masked = |mut map: Array2<f32>| {
+            map.zip_mut_with(&known, |value, known| *value = if *known { *value } else { 0.0 });
+            map
+        };
+        let depth = masked(found.depth.mean().to_owned());
+        Ok(Refined { sigma: Some(masked(found.depth.sigma())), ..depth.into() })
+    }
+}
