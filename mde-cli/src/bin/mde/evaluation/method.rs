@@ -117,7 +117,9 @@ impl Method {
     pub(crate) fn seeded_config(&self) -> Option<Config> {
         match &self.kind {
             Kind::Baseline => None,
-            Kind::Loop(config, _) | Kind::Photographs(config) => Some(Config { seed: self.seed, ..(**config).clone() }),
+            Kind::Loop(config, _) | Kind::Photographs(config) => {
+                Some(Config { seed: self.seed, ..(**config).clone() })
+            }
         }
     }
 

@@ -104,11 +104,12 @@ impl LoopRefiner<'_> {
             pose: view.posed.then_some(view.view.pose),
         }));
         let capture = Capture { photographs, reference: 0 };
-        let stages = Stages::new(&OfTask(task));
-        let refinement = refine_capture(&capture, stages, config, &mut |e| (self.callback)(e))?;
+        let priors = OfTask(task);
+        let refinement = refine_capture(&capture, Stages::new(&priors), config, &mut |e| (self.callback)(e))?;
         let used = refinement.capture.as_ref().filter(|report| report.fallback.is_none());
         let posed = capture.photographs[0].pose.is_some();
-        let unit = used.filter(|_| posed).and_then(|report| report.scale).map_or(1.0, |[scale, _]| scale) as f32;
+        let unit =
+            used.filter(|_| posed).and_then(|report| report.scale).map_or(1.0, |[scale, _]| scale) as f32;
         Ok(Refined {
             depth: refinement.depth.mean().mapv(|z| unit * z),
             sigma: Some(refinement.depth.sigma().mapv(|sigma| unit * sigma)),
@@ -128,9 +129,9 @@ impl Refiner for LoopRefiner<'_> {
 }
 
 /// The monocular depths of the photographs of a task: those that are known, else the model's.
-struct OfTask<'t>(&'t Task<'t>);
+struct OfTask<'r, 't>(&'r Task<'t>);
 
-impl DepthPrior for OfTask<'_> {
+impl DepthPrior for OfTask<'_, '_> {
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         let Self(task) = self;
         if image == task.image {
