@@ -14,7 +14,7 @@ use crate::gauge::{Gauge, Match, PATCHES, Scale};
 use crate::geometry::Transfer;
 use crate::raster::{enlarge, luma, pick, shrink, small_view};
 use crate::statistics::{robust_deviation, weighted_quantile};
-use crate::sweep::{Surfaces, Sweep, SweepConfig, sweep};
+use crate::sweep::{Surfaces, Sweep, SweepConfig, sweep, working_bytes};
 use crate::{Error, Result, check_map};
 
 /// Longer side of the photographs on which scale and gauge are found.
@@ -425,6 +425,15 @@ pub fn reconstruct(
         })
         .collect();
     Ok(Reconstruction { scale, views })
+}
+
+/// Bytes that [`reconstruct`] takes, its result included, beside its inputs: the working memory of one sweep, and the maps of all
+/// photographs.
+pub fn reconstruct_bytes(pixels: u64, views: u64, config: &ConsensusConfig) -> u64 {
+    // Two of means and variances, seven of numbers, four of counts; as much again is copied between them.
+    let maps = 2 * (2 * 8 + 7 * 4 + 4);
+    let working = working_bytes(pixels, views.saturating_sub(1), &config.sweep);
+    working.saturating_add(pixels.saturating_mul(views).saturating_mul(maps))
 }
 
 /// One factor for all priors, from sweeps over every scale.

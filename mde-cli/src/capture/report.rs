@@ -3,7 +3,7 @@ use mde_mvs::consensus::Reconstruction;
 use mde_mvs::exposure::Exposure;
 use mde_mvs::views::ViewScore;
 use mde_nerf::FitReport;
-use mde_warp::PosedView;
+use mde_warp::{PinholeCamera, PosedView};
 use serde::Serialize;
 
 /// Report of a run with several photographs.
@@ -38,6 +38,8 @@ pub struct PhotographReport {
     pub used: bool,
     /// Result of the pose estimation.
     pub verdict: String,
+    /// Number of its features that fit its pose and were matched in other photographs; none for given poses.
+    pub matches: Option<usize>,
     /// Distance from the reference over the median depth of what both see.
     pub parallax: Option<f64>,
     /// Share of the reference's pixels that it sees.
@@ -50,6 +52,10 @@ pub struct PhotographReport {
     pub exposure: Option<Exposure>,
     /// Share of its pixels whose depth another photograph confirms.
     pub verified: Option<f32>,
+    /// Its camera, with the estimated focal length where that was assumed.
+    pub camera: PinholeCamera,
+    /// From the frame of the capture's reference to the camera, row by row, in the unit of the poses; none without a pose.
+    pub pose: Option<[[f64; 4]; 4]>,
 }
 
 /// Origin of the poses.
@@ -89,12 +95,15 @@ impl CaptureReport {
                 name: photograph.name.clone(),
                 used: index == capture.reference,
                 verdict: if index == capture.reference { "the reference" } else { "has a pose" }.to_owned(),
+                matches: None,
                 parallax: None,
                 overlap: None,
                 sharpness: None,
                 rotation_degrees: None,
                 exposure: None,
                 verified: None,
+                camera: photograph.camera,
+                pose: None,
             })
             .collect();
         Self {
@@ -114,6 +123,22 @@ impl CaptureReport {
         self.photographs.iter().filter(|photograph| photograph.used).count()
     }
 
+    /// The report of predictions and poses with another photograph as the one that is refined.
+    pub(super) fn of(&self, from: usize, reference: usize) -> Self {
+        let mut report = self.clone();
+        for (index, photograph) in report.photographs.iter_mut().enumerate() {
+            photograph.used = index == reference;
+        }
+        if from != reference {
+            report.photographs[from].verdict = "has a pose".to_owned();
+            report.photographs[reference].verdict = "the reference".to_owned();
+            for photograph in &mut report.photographs {
+                (photograph.parallax, photograph.overlap, photograph.rotation_degrees) = (None, None, None);
+            }
+        }
+        report
+    }
+
     pub(super) fn take(&mut self, reconstruction: &Reconstruction, order: &[usize]) {
         for (known, &index) in reconstruction.views.iter().zip(order) {
             self.photographs[index].verified = Some(known.verified);
@@ -122,6 +147,13 @@ impl CaptureReport {
 }
 
 impl PhotographReport {
+    /// The camera and pose of its view.
+    pub(super) fn found(&mut self, view: &PosedView) {
+        let matrix = view.pose.to_homogeneous();
+        self.camera = view.camera;
+        self.pose = Some(std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)])));
+    }
+
     pub(super) fn take(&mut self, score: &ViewScore, view: &PosedView, reference: &PosedView) {
         self.used = score.chosen;
         self.parallax = Some(score.parallax);

@@ -1,7 +1,9 @@
 //! The command line.
 
+mod capture;
 mod evaluation;
 
+pub(crate) use capture::{PosesArgs, SeveralArgs, UnitName};
 pub(crate) use evaluation::{
     AblateArgs, CalibrateArgs, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs, FaultName, ScoreArgs,
 };
@@ -17,6 +19,8 @@ Examples:
   mde demo -o out/demo
   mde refine room.jpg --prior-model fastdepth_224.onnx -o out/room
   mde refine room.jpg --views left.jpg right.jpg --prior-model fastdepth_224.onnx -o out/room
+  mde refine room/0.jpg --views room --all --prior-model fastdepth_224.onnx -o out/rooms
+  mde poses room --prior-model fastdepth_224.onnx -o room/transforms.json
   mde refine room.png --prior-depth depth.npy --fov 62 --preset fast -o out/room
   mde refine room.png --prior-depth disparity.pfm --prior-kind disparity --gt truth.png -o out/room
   mde config --preset paper > my.toml && mde refine room.jpg --prior-model dpt_large.onnx --config my.toml -o out/room
@@ -42,6 +46,8 @@ pub(crate) enum Command {
     Demo(DemoArgs),
     /// Refine the monocular depth of an image
     Refine(Box<RefineArgs>),
+    /// Estimate the poses of photographs and write a transforms.json
+    Poses(Box<PosesArgs>),
     /// Write the synthetic views of an image, for inspection
     Warp(Box<WarpArgs>),
     /// Render a field that `mde refine --save-field` wrote
@@ -100,15 +106,13 @@ Examples:
 Output: depth.npy and sigma.npy (f32 [height, width], the prior's unit; missing: 0 and inf), prior.npy, depth.png
 (16 bit; its scale is in run.json), image.png, preview.png, config.toml (all settings), run.json (all measurements),
 report.html (all results on one page); with --gt gt.npy; with --interval lower.npy and upper.npy; with --export cloud.ply, depth.exr,
-colmap/, sigma/.")]
+colmap/, sigma/. With --all one such folder for each photograph, and transforms.json, cloud.ply, run.json.")]
 pub(crate) struct RefineArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP
     #[arg(value_name = "IMAGE")]
     pub(crate) image: PathBuf,
-    /// Further photographs of the same static scene, or folders of them: their poses are estimated, and their parallax refines
-    /// the depth. Or one capture with poses: transforms.json, a COLMAP model, a TUM sequence
-    #[arg(long, value_name = "PATH", num_args = 1.., conflicts_with = "resume", help_heading = "Several photographs")]
-    pub(crate) views: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) several: SeveralArgs,
     #[command(flatten)]
     pub(crate) prior: PriorArgs,
     #[command(flatten)]
@@ -121,7 +125,8 @@ pub(crate) struct RefineArgs {
     pub(crate) truth: TruthArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
-    /// Keep every finished iteration in DIR.resume until the results are written, and resume from it
+    /// Keep every finished iteration (with --all every finished photograph) in DIR.resume until the results are written, and resume
+    /// from it
     #[arg(long, help_heading = "Output")]
     pub(crate) resume: bool,
     #[command(flatten)]
@@ -338,7 +343,7 @@ pub(crate) struct CameraArgs {
 }
 
 /// The working size.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Size")]
 pub(crate) struct SizeArgs {
     /// Resize the image, its prior, camera and truth to this longer side
@@ -349,7 +354,7 @@ pub(crate) struct SizeArgs {
 }
 
 /// The memory limit.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Size")]
 pub(crate) struct MemoryArgs {
     /// Refuse runs whose estimated memory exceeds this

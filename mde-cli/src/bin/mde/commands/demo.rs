@@ -1,4 +1,4 @@
-use crate::args::DemoArgs;
+use crate::args::{DemoArgs, UnitName};
 use crate::input::camera::{CameraSource, KnownCamera};
 use crate::input::opened::{settings, use_threads};
 use crate::input::prior::{NamedPrior, PriorOrigin};
@@ -48,6 +48,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         export: args.export.export.clone(),
         recording,
         capture: None,
+        unit: UnitName::Prior,
     };
     job.run(&folder, &mut progress)
 }

@@ -1,6 +1,6 @@
 //! Summary of a finished run.
 
-use mde_cli::Refinement;
+use mde_cli::{CaptureReport, Refinement};
 use mde_uncertainty::statistics::{median, quantile};
 
 /// Two lines: change of the depth and its sigma; and the estimates of the last fusion.
@@ -19,7 +19,11 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
         .collect();
     let percent =
         |share: Option<f64>| share.map_or_else(|| "-".to_owned(), |v| format!("{:.1} %", 100.0 * v));
-    let unit = if unit == "unscaled" { String::new() } else { format!(" {unit}") };
+    let unit = match unit {
+        "unscaled" => String::new(),
+        "capture" => " of the capture's units".to_owned(),
+        unit => format!(" {unit}"),
+    };
     let mut lines = vec![format!(
         "depth: typical change {}; 90 % of pixels changed by less than {}\nsigma: median {}{unit}, {} of the depth",
         percent(median(moves.iter().copied())),
@@ -39,4 +43,16 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
         ));
     }
     lines.join("\n")
+}
+
+/// One line: the photographs that were used and those that were not.
+pub(crate) fn photographs(report: &CaptureReport) -> String {
+    let of = |used: bool| report.photographs.iter().filter(move |photograph| photograph.used == used);
+    let names =
+        |used: bool| of(used).map(|photograph| photograph.name.as_str()).collect::<Vec<_>>().join(", ");
+    let others = match of(false).count() {
+        0 => String::new(),
+        count => format!("; not used: {count} ({}), see run.json", names(false)),
+    };
+    format!("photographs: {} of {}: {}{others}\n", report.used(), report.photographs.len(), names(true))
 }

@@ -1,9 +1,9 @@
 //! One refinement from opened inputs to a folder of results.
 
-use crate::args::ExportName;
-use crate::input::camera::KnownCamera;
-use crate::input::prior::{NamedPrior, PriorOrigin, Timed};
-use crate::input::truth::Truth;
+use crate::args::{ExportName, UnitName};
+use crate::input::camera::{CameraSource, KnownCamera};
+use crate::input::prior::{NamedPrior, Timed};
+use crate::input::truth::{Comparison, Truth};
 use crate::output::export::Exported;
 use crate::output::folder::{OutputFolder, RECORD};
 use crate::output::preview::{Preview, preview};
@@ -22,7 +22,7 @@ use mde_prior::DepthKind;
 use mde_prior::format::{write_npy, write_png16};
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_uncertainty::GaussianDepth;
-use ndarray::{Array2, Array3};
+use ndarray::{Array2, Array3, ArrayView3};
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
@@ -49,14 +49,26 @@ pub(crate) struct Job {
     pub(crate) recording: Option<Recording>,
     /// Further photographs.
     pub(crate) capture: Option<Capture>,
+    /// Unit of the results with further photographs.
+    pub(crate) unit: UnitName,
 }
 
-/// Unit of the refined depth for a prior of this kind.
-fn unit(kind: DepthKind) -> &'static str {
-    match kind {
-        DepthKind::Metric => "m",
-        _ => "unscaled",
-    }
+/// The photograph that is refined.
+pub(crate) struct Subject<'s> {
+    pub(crate) input: &'s str,
+    pub(crate) image: ArrayView3<'s, f32>,
+    pub(crate) camera: KnownCamera,
+}
+
+/// A refinement with its error bar and its scores.
+pub(crate) struct Done<'s> {
+    pub(crate) subject: Subject<'s>,
+    pub(crate) refinement: Refinement,
+    stated: Stated,
+    scores: Option<Comparison>,
+    score_seconds: f64,
+    /// Seconds of the prior's predictions.
+    pub(crate) prior_seconds: f64,
 }
 
 impl Job {
@@ -71,7 +83,6 @@ impl Job {
                 None => field,
             })
         });
-        let image = self.image.view();
         let from = self.checkpoints.as_ref().and_then(|kept| kept.latest(self.config.refinement.iterations));
         if let Some(from) = &from {
             progress.step(&format!("resumed after iteration {}", from.iterations.len()));
@@ -79,9 +90,10 @@ impl Job {
                 from.iterations.iter().for_each(|iteration| recording.fitted(iteration.fit.steps));
             }
         }
+        let start = Subject { input: &self.input, image: self.image.view(), camera: self.camera.clone() };
         let mut keep = |state: &mde_cli::Checkpoint| {
             if let Some(recording) = &self.recording {
-                recording.depth(state.iterations.len(), &self.scene(&state.depth, &state.prior, &[]));
+                recording.depth(state.iterations.len(), &self.scene(&start, &state.depth, &state.prior, &[]));
                 recording.sigma(state.iterations.len(), &state.depth);
             }
             match &self.checkpoints {
@@ -92,20 +104,73 @@ impl Job {
             }
         };
         let mut observe = |event: &Event| progress.observe(event);
-        let mut refinement = match &self.capture {
+        let image = self.image.view();
+        let refinement = match &self.capture {
             Some(capture) => refine_capture(capture, stages, &self.config, &mut observe)?,
             None => resume(image, &self.camera.camera, stages, &self.config, from, &mut keep, &mut observe)?,
         };
-        if let Some(reason) = refinement.capture.as_ref().and_then(|capture| capture.fallback.as_ref()) {
-            progress.warn(format!("--views: {reason}; the photograph was refined alone"));
-        }
-        if let Some(reason) = refinement.augmentation.skipped {
-            progress.warn(format!("no test-time augmentation: {reason}; give --prior-model to use it"));
-        }
         if self.save_field && kept.is_none() {
             progress.warn(
                 "--save-field: no field was fitted, so none is written; give refinement.field = \"always\" to fit one".to_owned(),
             );
+        }
+        let reference = self.capture.as_ref().map_or(0, |capture| capture.reference);
+        let subject = Subject { input: &self.input, image, camera: self.camera.clone() };
+        let mut done = self.finished(subject, refinement, reference, progress)?;
+        done.prior_seconds = prior.seconds();
+        let table = done.scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
+        let said = json!({ "event": "done", "output": folder.path(), "scores": done.scores });
+        folder.write(|path| self.write(path, &done, kept.as_ref(), progress))?;
+        if let Some(checkpoints) = &self.checkpoints {
+            checkpoints.discard();
+        }
+        if let Some(recording) = &self.recording {
+            self.record(recording, &done, progress.training())?;
+        }
+        let photographs = done.refinement.capture.as_ref().map_or_else(String::new, gain::photographs);
+        let gained = gain::summary(&done.refinement, self.unit());
+        let report = folder.path().join(report::FILE);
+        let text = format!(
+            "{table}{photographs}{gained}\nwrote {} in {:.1} s; open {} in a browser",
+            folder.path().display(),
+            progress.seconds(),
+            report.display()
+        );
+        progress.result(&text, said);
+        Ok(())
+    }
+
+    /// Unit of the results.
+    pub(crate) fn unit(&self) -> &'static str {
+        match (self.unit, self.prior.origin.kind) {
+            (UnitName::Capture, _) => "capture",
+            (UnitName::Prior, DepthKind::Metric) => "m",
+            (UnitName::Prior, _) => "unscaled",
+        }
+    }
+
+    /// Warnings, unit, error bar and scores; `photograph` is the index of the subject within the capture.
+    pub(crate) fn finished<'s>(
+        &self,
+        mut subject: Subject<'s>,
+        mut refinement: Refinement,
+        photograph: usize,
+        progress: &mut Progress,
+    ) -> Result<Done<'s>> {
+        if let Some(capture) = &refinement.capture {
+            if let Some(reason) = &capture.fallback {
+                progress.warn(format!("--views: {reason}; the photograph was refined alone"));
+            } else if let Some(found) = capture.photographs.get(photograph)
+                && found.camera != subject.camera.camera
+            {
+                subject.camera = KnownCamera { camera: found.camera, source: CameraSource::Estimated };
+            }
+        }
+        if self.unit == UnitName::Capture && refinement.capture.is_some() {
+            refinement = refinement.in_capture_unit()?;
+        }
+        if let Some(reason) = refinement.augmentation.skipped {
+            progress.warn(format!("no test-time augmentation: {reason}; give --prior-model to use it"));
         }
         for (index, iteration) in refinement.iterations.iter().enumerate() {
             for warning in &iteration.fusion.warnings {
@@ -123,98 +188,85 @@ impl Job {
             None => None,
         };
         let score_seconds = start.elapsed().as_secs_f64();
-        let table = scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
-        let said = json!({ "event": "done", "output": folder.path(), "scores": scores });
+        Ok(Done { subject, refinement, stated, scores, score_seconds, prior_seconds: 0.0 })
+    }
 
+    /// All files of one refinement.
+    pub(crate) fn write(
+        &self,
+        path: &Path,
+        done: &Done<'_>,
+        field: Option<&SharedNerf>,
+        progress: &Progress,
+    ) -> Result<()> {
+        let refinement = &done.refinement;
         let png_scale = png_scale(refinement.depth.mean().iter().copied());
-        let missing_pixels = refinement.depth.variance().iter().filter(|v| v.is_infinite()).count();
-        folder.write(|path| {
-            self.write_maps(path, &refinement, png_scale)?;
-            self.write_interval(path, &refinement, &stated)?;
-            if let Some(field) = kept.as_ref().filter(|_| self.save_field) {
-                field.lock().save(path.join("field.safetensors"))?;
-            }
-            let record = RunRecord {
-                about: About {
-                    preset: Some(self.preset.name()),
-                    seed: Some(self.config.seed),
-                    warnings: progress.warnings(),
-                    total_seconds: progress.seconds(),
-                    ..About::new(self.command, self.input.clone(), &self.camera)
-                },
-                prior: &self.prior.origin,
-                unit: unit(self.prior.origin.kind),
-                png_scale,
-                missing_pixels,
-                augmentation: &refinement.augmentation,
-                error_bar: &stated,
-                capture: refinement.capture.as_ref(),
-                iterations: &refinement.iterations,
-                training: progress.training(),
-                scores,
-                prior_seconds: prior.seconds(),
-                score_seconds,
-            };
-            write_json(&path.join(RECORD), &record)?;
-            self.export(path, &refinement)?;
-            report::write(path)?;
-            Ok(())
-        })?;
-        if let Some(checkpoints) = &self.checkpoints {
-            checkpoints.discard();
+        self.write_maps(path, done, png_scale)?;
+        self.write_interval(path, refinement, &done.stated)?;
+        if let Some(field) = field.filter(|_| self.save_field) {
+            field.lock().save(path.join("field.safetensors"))?;
         }
-        if let Some(recording) = &self.recording {
-            self.record(recording, &refinement, progress.training())?;
-        }
-        let gained = gain::summary(&refinement, unit(self.prior.origin.kind));
-        let report = folder.path().join(report::FILE);
-        let text = format!(
-            "{table}{gained}\nwrote {} in {:.1} s; open {} in a browser",
-            folder.path().display(),
-            progress.seconds(),
-            report.display()
-        );
-        progress.result(&text, said);
+        let record = RunRecord {
+            about: About {
+                preset: Some(self.preset.name()),
+                seed: Some(self.config.seed),
+                warnings: progress.warnings(),
+                total_seconds: progress.seconds(),
+                ..About::new(self.command, done.subject.input.to_owned(), &done.subject.camera)
+            },
+            prior: &self.prior.origin,
+            unit: self.unit(),
+            png_scale,
+            missing_pixels: refinement.depth.variance().iter().filter(|v| v.is_infinite()).count(),
+            augmentation: &refinement.augmentation,
+            error_bar: &done.stated,
+            capture: refinement.capture.as_ref(),
+            iterations: &refinement.iterations,
+            training: progress.training(),
+            scores: done.scores.as_ref(),
+            prior_seconds: done.prior_seconds,
+            score_seconds: done.score_seconds,
+        };
+        write_json(&path.join(RECORD), &record)?;
+        let scene = self.scene(&done.subject, &refinement.depth, &refinement.prior, &refinement.components);
+        self.export.iter().try_for_each(|format| scene.write(*format, path))?;
+        report::write(path)?;
         Ok(())
     }
 
     fn scene<'s>(
         &'s self,
+        subject: &'s Subject<'_>,
         depth: &'s GaussianDepth,
         prior: &'s Array2<f32>,
         components: &'s [Component],
     ) -> Exported<'s> {
         Exported {
-            image: self.image.view(),
-            camera: &self.camera.camera,
+            unit: self.unit(),
+            image: subject.image,
+            camera: &subject.camera.camera,
             depth,
             prior: prior.view(),
             components,
         }
     }
 
-    fn export(&self, folder: &Path, refinement: &Refinement) -> Result<()> {
-        let scene = self.scene(&refinement.depth, &refinement.prior, &refinement.components);
-        self.export.iter().try_for_each(|format| scene.write(*format, folder))
-    }
-
     /// Records the inputs, the result and the reports; the iterations were recorded during the run.
-    fn record(
-        &self,
-        recording: &Recording,
-        refinement: &Refinement,
-        training: &[TrainingCurve],
-    ) -> Result<()> {
-        let Refinement { depth, prior, iterations, .. } = refinement;
+    fn record(&self, recording: &Recording, done: &Done<'_>, training: &[TrainingCurve]) -> Result<()> {
+        let Refinement { depth, prior, iterations, .. } = &done.refinement;
         let last = iterations.len().max(1);
         let known = prior.mapv(|z| if z > 0.0 { 1.0 } else { f32::INFINITY });
         let before = GaussianDepth::new(prior.clone(), known)?;
-        recording.inputs(&self.input, &self.scene(&before, prior, &[]), &self.config.to_toml()?);
+        recording.inputs(
+            &self.input,
+            &self.scene(&done.subject, &before, prior, &[]),
+            &self.config.to_toml()?,
+        );
         if iterations.is_empty() {
             // Without a fit, the clock of steps would show prior and result at the same time.
             recording.fitted(1);
         }
-        recording.depth(last, &self.scene(depth, prior, &[]));
+        recording.depth(last, &self.scene(&done.subject, depth, prior, &[]));
         recording.sigma(last, depth);
         recording.reports(iterations, training);
         recording.save()
@@ -227,23 +279,23 @@ impl Job {
         Ok(write_npy(folder.join("upper.npy"), upper.view())?)
     }
 
-    fn write_maps(&self, folder: &Path, refinement: &Refinement, png_scale: f64) -> Result<()> {
+    fn write_maps(&self, folder: &Path, done: &Done<'_>, png_scale: f64) -> Result<()> {
+        let Done { refinement, subject, .. } = done;
         let (depth, sigma) = (refinement.depth.mean(), refinement.depth.sigma());
         write_npy(folder.join("depth.npy"), depth)?;
         write_npy(folder.join("sigma.npy"), sigma.view())?;
         write_npy(folder.join("prior.npy"), refinement.prior.view())?;
         write_png16(folder.join("depth.png"), depth, png_scale)?;
-        let PriorOrigin { kind, .. } = self.prior.origin;
         let show = Preview {
-            image: self.image.view(),
+            image: subject.image,
             prior: refinement.prior.view(),
             refined: depth,
             sigma: sigma.view(),
-            unit: unit(kind),
+            unit: self.unit(),
         };
         write_rgb_png(folder.join("preview.png"), preview(&show).pixels())?;
         mde_prior::write_atomic(&folder.join("config.toml"), self.config.to_toml()?.as_bytes())?;
-        write_image(folder.join("image.png"), self.image.view())?;
+        write_image(folder.join("image.png"), subject.image)?;
         if let Some(truth) = &self.truth {
             write_npy(folder.join("gt.npy"), truth.depth.view())?;
         }
