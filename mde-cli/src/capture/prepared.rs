@@ -227,7 +227,7 @@ impl<'c> PreparedCapture<'c> {
         let verdict = || format!("no pose: {}", self.report.photographs[photograph].verdict);
         let place = posed.order.iter().position(|&index| index == photograph).ok_or_else(verdict)?;
         if self.plan[place].own.len() < 2 {
-            return Err("no photograph sees the reference's scene from another place".to_owned());
+            return Err("no photograph shows the reference's scene from another place".to_owned());
         }
         Ok(place)
     }

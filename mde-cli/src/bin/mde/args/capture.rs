@@ -8,8 +8,8 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Several photographs")]
 pub(crate) struct SeveralArgs {
-    /// Further photographs of the same static scene, or folders of them: their poses are estimated, and their parallax refines
-    /// the depth. Or one capture with poses: transforms.json, a COLMAP model, a TUM sequence
+    /// Further photographs of the same static scene, or folders of them; their poses are estimated. Or one capture with poses:
+    /// transforms.json, a COLMAP model, a TUM sequence
     #[arg(long, value_name = "PATH", num_args = 1..)]
     pub(crate) views: Vec<PathBuf>,
     /// Use at most N photographs, IMAGE included: the best by parallax, overlap and sharpness; default: 8

@@ -210,7 +210,7 @@ fn photograph(path: &Path, opened: &Opened, camera: &KnownCamera) -> Photograph 
     }
 }
 
-/// File names in the place of paths where they tell the photographs apart.
+/// File names instead of paths where they are unique.
 fn shorten(photographs: &mut [Photograph]) {
     let short = |name: &str| {
         Path::new(name).file_name().map_or_else(|| name.to_owned(), |n| n.to_string_lossy().into_owned())
@@ -245,11 +245,7 @@ fn unique(flag: &str, views: &[PathBuf], skip: impl Fn(&Path) -> bool) -> Result
     for view in views {
         let found = if view.is_dir() { in_folder(flag, view)? } else { vec![view.clone()] };
         for path in found {
-            ensure!(
-                path.is_file(),
-                "{flag} {}: there is no such photograph; give files or a folder",
-                path.display()
-            );
+            ensure!(path.is_file(), "{flag} {}: no such photograph; give files or a folder", path.display());
             if !skip(&path) && !paths.iter().any(|known| same(known, &path)) {
                 paths.push(path);
             }

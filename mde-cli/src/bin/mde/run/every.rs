@@ -142,13 +142,13 @@ pub(crate) fn run(
     if let Some(finished) = &finished {
         finished.discard();
     }
-    let said = json!({ "event": "done", "output": folder.path(), "photographs": rows, "points": points });
+    let value = json!({ "event": "done", "output": folder.path(), "photographs": rows, "points": points });
     let text = format!(
         "{points} points in {CLOUD}\nwrote {} in {:.1} s",
         folder.path().display(),
         progress.seconds()
     );
-    progress.tables(&Document { blocks: vec![Block::Table(table(&rows))] }, &text, said);
+    progress.tables(&Document { blocks: vec![Block::Table(table(&rows))] }, &text, value);
     match rows.iter().find_map(failure) {
         None => Ok(()),
         Some(first) => {

@@ -111,7 +111,7 @@ impl Job {
         };
         if self.save_field && kept.is_none() {
             progress.warn(
-                "--save-field: no field was fitted, so none is written; give refinement.field = \"always\" to fit one".to_owned(),
+                "--save-field: no field was fitted, so none is written; set refinement.field = \"always\" to fit one".to_owned(),
             );
         }
         let reference = self.capture.as_ref().map_or(0, |capture| capture.reference);
@@ -119,7 +119,7 @@ impl Job {
         let mut done = self.finished(subject, refinement, reference, progress)?;
         done.prior_seconds = prior.seconds();
         let table = done.scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
-        let said = json!({ "event": "done", "output": folder.path(), "scores": done.scores });
+        let value = json!({ "event": "done", "output": folder.path(), "scores": done.scores });
         folder.write(|path| self.write(path, &done, kept.as_ref(), progress))?;
         if let Some(checkpoints) = &self.checkpoints {
             checkpoints.discard();
@@ -136,7 +136,7 @@ impl Job {
             progress.seconds(),
             report.display()
         );
-        progress.result(&text, said);
+        progress.result(&text, value);
         Ok(())
     }
 
@@ -159,7 +159,7 @@ impl Job {
     ) -> Result<Done<'s>> {
         if let Some(capture) = &refinement.capture {
             if let Some(reason) = &capture.fallback {
-                progress.warn(format!("--views: {reason}; the photograph was refined alone"));
+                progress.warn(format!("--views: {reason}; only the reference photograph was used"));
             } else if let Some(found) = capture.photographs.get(photograph)
                 && found.camera != subject.camera.camera
             {
@@ -263,7 +263,7 @@ impl Job {
             &self.config.to_toml()?,
         );
         if iterations.is_empty() {
-            // Without a fit, the clock of steps would show prior and result at the same time.
+            // Without a fit, prior and result would share a time on the timeline of steps.
             recording.fitted(1);
         }
         recording.depth(last, &self.scene(&done.subject, depth, prior, &[]));
@@ -303,7 +303,7 @@ impl Job {
     }
 }
 
-/// The largest of 1, 2, 5, 10, ... steps a unit (and their tenths) at which the largest depth fits into 16 bits.
+/// The largest of 1, 2, 5, 10, ... steps per unit (and their tenths) at which the largest depth fits into 16 bits.
 pub(crate) fn png_scale(depths: impl Iterator<Item = f32>) -> f64 {
     let largest = f64::from(depths.fold(0.0, f32::max));
     if !(largest > 0.0 && largest.is_finite()) {
