@@ -260,7 +260,7 @@ impl<'c> PreparedCapture<'c> {
         Ok(())
     }
 
-    /// The photograph alone, with the default preset.
+    /// The photograph alone, with the default preset; without a field where the settings fit none.
     fn alone(
         &self,
         photograph: usize,
@@ -269,8 +269,11 @@ impl<'c> PreparedCapture<'c> {
         callback: &mut Callback<'_>,
     ) -> Result<Refinement> {
         let config = self.config;
-        let alone =
+        let mut alone =
             Config { seed: config.seed, disparity: config.disparity.clone(), ..Preset::Default.config() };
+        if config.refinement.iterations == 0 {
+            alone.refinement.iterations = 0;
+        }
         let reference = &self.capture.photographs[photograph];
         let refined = refine(reference.image.view(), &reference.camera, stages, &alone, callback)?;
         Ok(Refinement { capture: Some(report), ..refined })

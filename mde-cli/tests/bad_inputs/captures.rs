@@ -101,7 +101,7 @@ fn captures_that_are_none() {
 /// The photographs carry no depth: the reference is refined alone, and the record has the reason.
 #[test]
 fn photographs_without_parallax_leave_the_reference_alone() {
-    let refine = |views: &str| works(format!("{} --fov 60 --config quick.toml", refine(views)));
+    let refine = |views: &str| works(format!("{} --fov 60 --no-nerf", refine(views)));
     check(&[
         refine("shots/b.png"),
         refine("shots/b.png shots/c.png"),
@@ -141,8 +141,7 @@ fn names_that_are_not_utf_8() {
         let mut command = assert_cmd::Command::new(env!("CARGO_BIN_EXE_mde"));
         command.current_dir(place.path(".")).args(arguments.split_whitespace()).arg(&odd).assert()
     };
-    run("refine shots/a.png --prior-depth depth.npy --fov 60 --config quick.toml -q -o out --views")
-        .success();
+    run("refine shots/a.png --prior-depth depth.npy --fov 60 --no-nerf -q -o out --views").success();
     let refused = run("poses shots/a.png --prior-depth depth.npy --fov 60 -q -o found.json").failure();
     let message = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
     assert!(message.contains("not UTF-8") && message.lines().count() == 1, "{message}");
