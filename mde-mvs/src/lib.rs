@@ -10,7 +10,7 @@
 //! | scale and gauge of the priors | [`gauge::Scale`], [`gauge::Gauge`] |
 //! | depth from one photograph against others | [`sweep::sweep`] |
 //! | which depths other photographs confirm | [`consensus::agreement`] |
-//! | sweep and prior fused, then the median over photographs | [`consensus::reconstruct`] |
+//! | all of it, sweep and prior fused | [`consensus::reconstruct`] |
 //! | gain and bias between photographs | [`exposure::fit_exposure`] |
 //!
 //! ```
@@ -35,7 +35,7 @@
 //! let prior = Array2::from_elem((48, 64), 5.0_f32);
 //!
 //! let found = reconstruct(&views, &[prior.view(), prior.view()], None, &ConsensusConfig::default())?;
-//! let depth = &found.views[0].depth;
+//! let depth = &found.views[0].fused;
 //! assert!((depth.mean()[(24, 40)] - 2.0).abs() < 0.05);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
