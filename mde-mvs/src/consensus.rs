@@ -19,9 +19,9 @@ use crate::{Error, Result, check_map};
 
 /// Longer side of the photographs on which scale and gauge are found.
 const SMALL: usize = 160;
-/// A prior without any gauge may be wrong by this factor.
+/// Factor by which an ungauged prior may be wrong.
 const UNKNOWN: f64 = 32.0;
-/// Matches below this probability correct no prior.
+/// Matches below this probability are not used to correct a prior.
 const TRUSTED: f32 = 0.5;
 /// The differences of luma and of log depth at which a correction stops.
 const EDGES: [f32; 2] = [0.1, 0.1];
@@ -83,7 +83,7 @@ impl ConsensusConfig {
     }
 }
 
-/// What all photographs say about one.
+/// Depth of one photograph from all of them.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct ViewDepth {
@@ -101,7 +101,7 @@ pub struct ViewDepth {
     pub depth: GaussianDepth,
     /// Number of other photographs whose sweeps agree.
     pub support: Array2<u8>,
-    /// Those and all others.
+    /// Counts over all other photographs.
     pub agreement: Agreement,
     /// Probability that the sweep's match is right, 0 to 1.
     pub inlier: Array2<f32>,
@@ -109,7 +109,7 @@ pub struct ViewDepth {
     pub verified: f32,
 }
 
-/// How many other views agree with each pixel's depth, and how many see past it.
+/// Number of other views that agree with each pixel's depth, and that see past it.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Agreement {
@@ -123,7 +123,7 @@ pub struct Agreement {
 
 /// Compares the depth of `views[reference]` with those of `others`: there and back within `pixels` and `log_depth`.
 ///
-/// A view that sees something nearer says nothing: the point may be hidden there.
+/// A view with a nearer surface counts as neither, since it may hide the point.
 ///
 /// # Errors
 /// [`Error::Reference`] for an index outside the views, [`Error::View`] for a map of another size.
@@ -267,7 +267,7 @@ fn chances(sweep: &Sweep, agreement: &Agreement) -> Array2<f32> {
     chance
 }
 
-/// Pixel by pixel the match that is more probably right: the second only where the first is not trusted.
+/// The more probable of two matches per pixel; the second only where the first is not trusted.
 fn better(
     first: &Sweep,
     first_chance: &Array2<f32>,
@@ -290,7 +290,7 @@ fn better(
     Ok((best, chance))
 }
 
-/// Everything of one scene.
+/// Result of [`reconstruct`].
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Reconstruction {
@@ -496,7 +496,7 @@ fn median(
     Ok(GaussianDepth::new(mean, variance)?)
 }
 
-/// What variances must be multiplied by for the maps of different photographs to differ as they say, at least 1.
+/// Factor on the variances, at least 1, that makes them consistent with the differences between photographs.
 ///
 /// Matches of neighbours share their errors, so that variances which take them as independent are too small. Where two
 /// verified maps meet, 90 % of the differences should lie within 1.645 standard deviations.

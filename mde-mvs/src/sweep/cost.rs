@@ -11,9 +11,9 @@ use crate::raster::luma;
 
 /// Cost 1 (no correlation, or a negative one), quantised.
 pub(crate) const WORST: f32 = 254.0;
-/// What the volume holds, until it is filled, where no source sees a pixel.
+/// Placeholder in the volume where no source has the pixel, until it is filled.
 const UNSEEN: u8 = 255;
-/// A cost above every real one, of a source that does not see the pixel.
+/// Cost of a source that does not have the pixel, above every real one.
 const ABSENT: f32 = 4.0;
 /// Rows that are computed together.
 const BLOCK: usize = 24;
@@ -28,7 +28,7 @@ const NEAR: f32 = 1e-4;
 pub(crate) struct Volume {
     pub(crate) costs: Vec<u8>,
     pub(crate) surfaces: usize,
-    /// Whether any source sees the pixel on any surface.
+    /// Whether any source has the pixel, on any surface.
     pub(crate) seen: Array2<bool>,
 }
 
@@ -144,7 +144,7 @@ impl Scratch {
     }
 }
 
-/// What stays the same over a sweep.
+/// Inputs of a sweep.
 pub(crate) struct Setup<'a> {
     pub(crate) reference: &'a PosedView,
     pub(crate) sources: &'a [&'a PosedView],
@@ -180,7 +180,7 @@ impl Volume {
     }
 }
 
-/// Surfaces on which no source sees the pixel cost what the others do on average.
+/// Surfaces on which no source has the pixel get the mean cost of the others.
 fn fill_unseen(costs: &mut [u8]) -> bool {
     let (mut sum, mut number) = (0_u32, 0_u32);
     for &c in costs.iter().filter(|&&c| c != UNSEEN) {

@@ -1,6 +1,6 @@
 //! From aggregated costs to a multiple of the centre with its variance.
 
-/// What the costs of one pixel say.
+/// Estimate from the costs of one pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Estimate {
     /// Index of the surface, with a fraction.
