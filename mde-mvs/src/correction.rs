@@ -1,4 +1,4 @@
-//! The smooth part of a prior's error: what a field of residuals says about the pixels around each.
+//! The smooth part of a prior's error, interpolated from residuals at matches.
 //!
 //! A monocular prior is right in its details and wrong by something smooth, that changes from one object to the next.
 //! Residuals \\( r \\) (matches minus prior, in log depth) with weights \\( w \\) are averaged by an edge-aware kernel
@@ -9,7 +9,7 @@
 //!    s_{l+1}^2 = \frac{F_l[w (r - u_l)^2] + \lambda s_l^2}{F_l[w] + \lambda} . \\]
 //!
 //! The variance is about the level before: matches of neighbouring pixels share their errors, so that what is left after
-//! the finest level says little of them.
+//! the finest level hardly shows them.
 
 use ndarray::{Array2, ArrayView1, ArrayView2, ArrayViewMut1, Zip, s};
 

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use crate::geometry::Transfer;
 use crate::{Error, Result, check_map};
 
-/// How many other views agree with each pixel's depth, and how many see past it.
+/// Number of other views that agree with each pixel's depth, and that see past it.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Agreement {
@@ -22,7 +22,7 @@ pub struct Agreement {
 
 /// Compares the depth of `views[reference]` with those of `others`: there and back within `pixels` and `log_depth`.
 ///
-/// A view that sees something nearer says nothing: the point may be hidden there.
+/// A view with a nearer surface counts as neither, since it may hide the point.
 ///
 /// # Errors
 /// [`Error::Reference`] for an index outside the views, [`Error::View`] for a map of another size.

@@ -7,7 +7,7 @@ use super::Agreement;
 use crate::Result;
 use crate::sweep::Sweep;
 
-/// Matches below this probability correct no prior.
+/// Matches below this probability are not used to correct a prior.
 pub(super) const TRUSTED: f32 = 0.5;
 
 /// Coefficients of [`chances`]: constant, log odds of the posterior mass, per visible photograph that does not agree, none
@@ -35,7 +35,7 @@ pub(super) fn chances(sweep: &Sweep, agreement: &Agreement) -> Array2<f32> {
     chance
 }
 
-/// Pixel by pixel the match that is more probably right: the second only where the first is not trusted.
+/// The more probable of two matches per pixel; the second only where the first is not trusted.
 pub(super) fn better(
     first: &Sweep,
     first_chance: &Array2<f32>,

@@ -10,7 +10,7 @@ use super::chance::TRUSTED;
 use super::fuse::Fused;
 use crate::geometry::Transfer;
 
-/// What variances must be multiplied by for the maps of different photographs to differ as they say, at least 1.
+/// Factor on the variances, at least 1, that makes them consistent with the differences between photographs.
 ///
 /// Matches of neighbours share their errors, so that variances which take them as independent are too small. Where two
 /// verified maps meet, 90 % of the differences should lie within 1.645 standard deviations.

@@ -26,7 +26,7 @@ use crate::{Error, Result, check_map};
 
 /// Longer side of the photographs on which scale and gauge are found.
 const SMALL: usize = 160;
-/// A prior without any gauge may be wrong by this factor.
+/// Factor by which an ungauged prior may be wrong.
 const UNKNOWN: f64 = 32.0;
 
 /// Settings of [`reconstruct`].
@@ -74,7 +74,7 @@ impl ConsensusConfig {
     }
 }
 
-/// What all photographs say about one.
+/// Depth of one photograph from all of them.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct ViewDepth {
@@ -90,7 +90,7 @@ pub struct ViewDepth {
     pub fused: GaussianDepth,
     /// Number of other photographs whose sweeps agree.
     pub support: Array2<u8>,
-    /// Those and all others.
+    /// Counts over all other photographs.
     pub agreement: Agreement,
     /// Probability that the sweep's match is right, 0 to 1.
     pub inlier: Array2<f32>,
@@ -98,7 +98,7 @@ pub struct ViewDepth {
     pub verified: f32,
 }
 
-/// Everything of one scene.
+/// Result of [`reconstruct`].
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Reconstruction {

@@ -11,7 +11,7 @@ use crate::raster::luma;
 
 /// Cost 1 (no correlation, or a negative one), quantised.
 pub(crate) const WORST: f32 = 254.0;
-/// The quantised cost of a source, or of all, where it does not see the pixel.
+/// Cost of a source that does not have the pixel, and placeholder in the volume where none has it, until it is filled.
 const UNSEEN: u8 = 255;
 /// Rows that are computed together.
 const BLOCK: usize = 48;
@@ -34,7 +34,7 @@ const INTEGER: f32 = 8_388_608.0;
 pub(crate) struct Volume {
     pub(crate) costs: Vec<u8>,
     pub(crate) surfaces: usize,
-    /// Whether any source sees the pixel on any surface.
+    /// Whether any source has the pixel, on any surface.
     pub(crate) seen: Array2<bool>,
 }
 
@@ -155,7 +155,7 @@ impl Scratch {
     }
 }
 
-/// What stays the same over a sweep.
+/// Inputs of a sweep.
 pub(crate) struct Setup<'a> {
     pub(crate) reference: &'a PosedView,
     pub(crate) sources: &'a [&'a PosedView],
@@ -191,7 +191,7 @@ impl Volume {
     }
 }
 
-/// Surfaces on which no source sees the pixel cost what the others do on average.
+/// Surfaces on which no source has the pixel get the mean cost of the others.
 fn fill_unseen(costs: &mut [u8]) -> bool {
     let (mut sum, mut number) = (0_u32, 0_u32);
     for &c in costs.iter().filter(|&&c| c != UNSEEN) {

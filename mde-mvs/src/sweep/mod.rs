@@ -9,7 +9,7 @@
 //! with \\( \nu \\) the noise of a grey value, so that flat places cost the same everywhere. The lower half of the sources'
 //! costs is averaged (a source that is occluded falls into the other half), aggregated by semi-global matching, and read
 //! as a posterior \\( \propto e^{-S/T} \\) over surfaces: its lowest valley gives mean and variance, and the share of the
-//! posterior in that valley is the inlier probability as far as one sweep can tell.
+//! posterior in that valley is the inlier probability by this sweep alone.
 
 mod aggregate;
 mod cost;
@@ -132,11 +132,11 @@ pub enum Surfaces<'a> {
     },
 }
 
-/// What one sweep says about its reference.
+/// Depth of the reference by one sweep.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Sweep {
-    /// z-depth and variance in the unit of the poses; missing where no source sees the pixel.
+    /// z-depth and variance in the unit of the poses; missing where no source has the pixel.
     pub depth: GaussianDepth,
     /// Share of the posterior in the valley of the lowest cost, 0 to 1; 0 where it lies at either end of the surfaces.
     pub inlier: Array2<f32>,
@@ -346,7 +346,7 @@ mod tests {
         assert_eq!(run(1), run(3));
     }
 
-    /// A photograph that is something else altogether changes little: the better half of the sources decides.
+    /// An unrelated photograph changes little, since only the better half of the sources counts.
     #[test]
     fn the_better_half_of_the_sources_decides() {
         let (mut views, depths) = scene(&[Plane::slanted(2.0, 0.2, 0.0)], (60, 80), &CENTRES);

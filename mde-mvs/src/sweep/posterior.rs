@@ -2,7 +2,7 @@
 
 use pulp::{Simd, WithSimd};
 
-/// What the costs of one pixel say.
+/// Estimate from the costs of one pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Estimate {
     /// Index of the surface, with a fraction.
