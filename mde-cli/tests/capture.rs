@@ -327,7 +327,8 @@ fn poses_are_written_and_read_again() {
     let found =
         read_transforms(&folder.path().join("out/found.json"), PixelCentres::Integers, &size).unwrap();
     // The black photograph fits nowhere; at this size another may not.
-    let index = |frame: &Frame| frame.photograph.file_stem().unwrap().to_str().unwrap().parse::<usize>().unwrap();
+    let index =
+        |frame: &Frame| frame.photograph.file_stem().unwrap().to_str().unwrap().parse::<usize>().unwrap();
     assert!((2..=3).contains(&found.frames.len()) && index(&found.frames[0]) == 0);
     let frame = room.views[0].view.pose.inverse();
     for frame_found in &found.frames {
