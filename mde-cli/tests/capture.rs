@@ -6,6 +6,7 @@ use mde_cli::mde_mvs::capture::{Distortion, Frame, Lens, PixelCentres, read_tran
 use mde_cli::mde_prior::format::{ReadOptions, read_values, write_npy};
 use mde_cli::mde_prior::photo::write_image;
 use mde_cli::mde_prior::{DepthPrior, PriorDepth};
+use mde_cli::memory::capture_bytes;
 use mde_cli::ndarray::{Array2, Array3, ArrayView3};
 use mde_cli::{
     Capture, Config, Event, Photograph, PreparedCapture, Preset, Refinement, Stages, refine_capture,
@@ -297,6 +298,12 @@ fn the_program_limits_photographs_and_names_the_unit() {
     let record = record(&folder, "out");
     let used = record["capture"]["photographs"].as_array().unwrap().iter().filter(|p| p["used"] == true);
     assert_eq!((used.count(), record["unit"].as_str()), (2, Some("capture")));
+    if let Some(peak) = record["peak_memory_bytes"].as_u64() {
+        let estimate = capture_bytes((WIDTH * HEIGHT) as u64, 4, 2, &config());
+        assert!((peak..4 * peak).contains(&estimate), "estimate {estimate}, peak {peak}");
+    }
+    let memory = mde(&folder, &format!("{refine} --views transforms.json --max-memory 0.01 -o no")).failure();
+    assert!(message(&memory).contains("--max-memory 0.01"), "{}", message(&memory));
     let depth = read_values(folder.path().join("out/depth.npy"), &ReadOptions::default()).unwrap();
     let ratio =
         median(depth.iter().zip(&room.truth).filter(|(_, t)| **t > 0.0).map(|(d, t)| f64::from(d / t)));

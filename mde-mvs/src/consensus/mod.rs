@@ -111,8 +111,8 @@ pub struct Reconstruction {
 /// Bytes that [`reconstruct`] takes, its result included, beside its inputs: the working memory of one sweep, and the maps of all
 /// photographs.
 pub fn reconstruct_bytes(pixels: u64, views: u64, config: &ConsensusConfig) -> u64 {
-    // Two of means and variances, seven of numbers, four of counts; as much again is copied between them.
-    let maps = 2 * (2 * 8 + 7 * 4 + 4);
+    // Of each photograph three means with variances, five maps of numbers, four of counts.
+    let maps = 3 * 8 + 5 * 4 + 4;
     let working = working_bytes(pixels, views.saturating_sub(1), &config.sweep);
     working.saturating_add(pixels.saturating_mul(views).saturating_mul(maps))
 }

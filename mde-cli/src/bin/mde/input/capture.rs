@@ -3,8 +3,10 @@
 use crate::args::{PosesArgs, RefineArgs, SizeArgs, UnitName};
 use crate::input::camera::{CameraSource, KnownCamera};
 use crate::input::opened::{Opened, open_image};
+use crate::input::size::check_memory;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
+use mde_cli::memory::capture_bytes;
 use mde_cli::{Capture, Config, Photograph};
 use mde_mvs::capture::{Distortion, Frame, Lens, PixelCentres, read_colmap, read_transforms, read_tum};
 use mde_prior::photo::image_size;
@@ -29,7 +31,7 @@ pub(crate) fn open(
     let capture = match args.several.views.as_slice() {
         [] => return Ok(None),
         [one] => match frames(one, args)? {
-            Some(frames) => posed(args, frames, config, progress)?,
+            Some(frames) => posed(args, frames, reference, config, progress)?,
             None => unposed(args, reference, camera, config, progress)?,
         },
         _ => unposed(args, reference, camera, config, progress)?,
@@ -87,7 +89,13 @@ fn colmap_model(path: &Path) -> Option<(PathBuf, PathBuf)> {
 }
 
 /// Photographs with the poses of a file.
-fn posed(args: &RefineArgs, frames: Vec<Frame>, config: &Config, progress: &mut Progress) -> Result<Capture> {
+fn posed(
+    args: &RefineArgs,
+    frames: Vec<Frame>,
+    opened: &Opened,
+    config: &Config,
+    progress: &mut Progress,
+) -> Result<Capture> {
     let Some(reference) = frames.iter().position(|frame| same(&frame.photograph, &args.image)) else {
         let some: Vec<String> = frames.iter().take(3).map(|f| f.photograph.display().to_string()).collect();
         bail!(
@@ -100,6 +108,7 @@ fn posed(args: &RefineArgs, frames: Vec<Frame>, config: &Config, progress: &mut 
     // All of a long capture would not fit into memory; its neighbours in space see the same.
     let most = if args.several.all { frames.len() } else { 4 * config.multi_view.max_views };
     let order = nearest(&frames, reference, most);
+    check(args, opened, order.len(), config)?;
     let mut photographs = Vec::new();
     for &index in &order {
         let frame = &frames[index];
@@ -159,8 +168,10 @@ fn unposed(
     config: &Config,
     progress: &mut Progress,
 ) -> Result<Capture> {
+    let paths = further(&args.image, &args.several.views)?;
+    check(args, opened, 1 + paths.len(), config)?;
     let mut photographs = vec![photograph(&args.image, opened, camera)];
-    for path in further(&args.image, &args.several.views)? {
+    for path in paths {
         let opened = open_image(&path, &args.size, config, progress)?;
         let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)
             .with_context(|| path.display().to_string())?;
@@ -168,6 +179,14 @@ fn unposed(
     }
     shorten(&mut photographs);
     Ok(Capture { photographs, reference: 0 })
+}
+
+/// Refuses more photographs of the reference's size than the memory limit allows.
+fn check(args: &RefineArgs, opened: &Opened, photographs: usize, config: &Config) -> Result<()> {
+    let threads = rayon::current_num_threads() as u64;
+    check_memory(&args.size.memory, &format!("--views: {photographs} photographs"), opened.size, |pixels| {
+        capture_bytes(pixels, photographs as u64, threads, config)
+    })
 }
 
 /// Photographs without poses, the first the reference, each with its file and its size there (`[width, height]`).
