@@ -10,7 +10,7 @@
 //! | scale and gauge of the priors | [`gauge::Scale`], [`gauge::Gauge`] |
 //! | depth of one photograph by comparison with others | [`sweep::sweep`] |
 //! | number of photographs that confirm a depth | [`consensus::agreement`] |
-//! | sweep and prior fused, then the median over photographs | [`consensus::reconstruct`] |
+//! | all of the above, sweep and prior fused | [`consensus::reconstruct`] |
 //! | gain and bias between photographs | [`exposure::fit_exposure`] |
 //! | poses from matches and priors, or refinement of given poses | [`poses::estimate_poses`], [`poses::refine_poses`] |
 //!
@@ -36,7 +36,7 @@
 //! let prior = Array2::from_elem((48, 64), 5.0_f32);
 //!
 //! let found = reconstruct(&views, &[prior.view(), prior.view()], None, &ConsensusConfig::default())?;
-//! let depth = &found.views[0].depth;
+//! let depth = &found.views[0].fused;
 //! assert!((depth.mean()[(24, 40)] - 2.0).abs() < 0.05);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
