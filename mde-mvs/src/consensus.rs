@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use crate::correction::{Guide, correct};
 use crate::gauge::{Gauge, Match, PATCHES, Scale};
 use crate::geometry::Transfer;
-use crate::raster::{enlarge, luma, pick, shrink, small_view};
+use crate::raster::{enlarge, luma, small_map, small_view};
 use crate::statistics::{robust_deviation, weighted_quantile};
 use crate::sweep::{Surfaces, Sweep, SweepConfig, sweep};
 use crate::{Error, Result, check_map};
@@ -541,19 +541,6 @@ fn splat(from: &PosedView, map: &Fused, agreement: &Agreement, to: &PosedView) -
         }
     }
     out
-}
-
-fn small_map(map: &ArrayView2<'_, f32>, (h, w): (usize, usize)) -> Array2<f32> {
-    if map.dim() == (h, w) {
-        return map.to_owned();
-    }
-    let whole = map.iter().all(|z| *z > 0.0 && z.is_finite());
-    if whole {
-        let cube = map.insert_axis(ndarray::Axis(2));
-        shrink(cube, h, w).index_axis_move(ndarray::Axis(2), 0)
-    } else {
-        pick(&map.to_owned(), h, w)
-    }
 }
 
 /// Pixels of one photograph that are probably right, each in its patch of the image.

@@ -12,6 +12,7 @@
 //! | which depths other photographs confirm | [`consensus::agreement`] |
 //! | sweep and prior fused, then the median over photographs | [`consensus::reconstruct`] |
 //! | gain and bias between photographs | [`exposure::fit_exposure`] |
+//! | a photograph that was not used, explained or not | [`withheld::withheld_error`] |
 //!
 //! ```
 //! use mde_mvs::consensus::{ConsensusConfig, reconstruct};
@@ -59,6 +60,7 @@ pub mod sweep;
 #[cfg(test)]
 mod synthetic;
 pub mod views;
+pub mod withheld;
 
 pub use error::{Error, Result};
 pub use {nalgebra, ndarray};
