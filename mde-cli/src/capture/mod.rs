@@ -198,7 +198,7 @@ fn equalise(
     let Some(((reference, others), known)) = views.split_first_mut().zip(reconstruction.views.first()) else {
         return Ok(());
     };
-    let verified = Zip::from(known.depth.mean())
+    let verified = Zip::from(known.fused.mean())
         .and(&known.support)
         .map_collect(|&z, &support| if support > 0 { z } else { 0.0 });
     for (view, &index) in others.iter_mut().zip(order.iter().skip(1)) {
