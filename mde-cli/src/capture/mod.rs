@@ -13,6 +13,7 @@
 
 mod cameras;
 mod cloud;
+mod guard;
 mod prepared;
 mod priors;
 mod report;
@@ -20,7 +21,7 @@ mod result;
 
 pub use cloud::{ConsistentPoint, RefinedView, consistent_points};
 pub use prepared::PreparedCapture;
-pub use report::{CaptureReport, CaptureSeconds, PhotographReport, PoseSource};
+pub use report::{CaptureReport, CaptureSeconds, PhotographReport, PoseSource, WithheldPhotograph};
 
 use crate::config::Config;
 use crate::pipeline::{Callback, Refinement, Stages};
@@ -103,8 +104,9 @@ fn view(photograph: &Photograph, pose: Pose, camera: PinholeCamera) -> Result<Po
 /// Refines the depth of the reference photograph with the parallax of the others; [`PreparedCapture`] refines several of them.
 ///
 /// Depth and sigma are `[height, width]` of the reference, z in the prior's unit. Where the photographs carry no depth (no
-/// common scene, no parallax, hardly anything verified), the result is that of [`refine`](crate::refine) with
-/// [`Preset::Default`](crate::Preset::Default) for the reference alone, and [`CaptureReport::fallback`] has the reason.
+/// common scene, no parallax, hardly anything verified, or a withheld photograph that the prior explains better), the result is that
+/// of [`refine`](crate::refine) with [`Preset::Default`](crate::Preset::Default) for the reference alone, and
+/// [`CaptureReport::fallback`] has the reason.
 ///
 /// # Errors
 /// The error of a stage, [`Error::Capture`] for a capture that [`Capture::validate`] refuses, and those of

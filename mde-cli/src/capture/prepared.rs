@@ -2,7 +2,7 @@
 
 use super::cameras::{self, Posed};
 use super::report::CaptureReport;
-use super::{Capture, capture as fault, priors, result};
+use super::{Capture, capture as fault, guard, priors, result};
 use crate::config::{Config, Preset};
 use crate::pipeline::{Callback, Event, Refinement, Stage, Stages, refine};
 use crate::{Error, Result};
@@ -168,11 +168,6 @@ impl<'c> PreparedCapture<'c> {
         let unit = posed.unit;
         let own = swept.group.iter().position(|&view| view == place).unwrap_or(0);
         report.scale = Some(result::scale(&swept.reconstruction, unit));
-        if let Some(reason) = swept.as_first(own, result::unusable) {
-            report.fallback = Some(reason);
-            report.seconds.sweep = swept.seconds + start.elapsed().as_secs_f64();
-            return self.alone(photograph, stages, report, run.callback);
-        }
         let plan = &self.plan[place];
         let members: Vec<usize> =
             plan.own.iter().copied().filter(|view| swept.group.contains(view)).collect();
@@ -181,6 +176,16 @@ impl<'c> PreparedCapture<'c> {
         if place != 0 {
             let frame = views[0].pose.inverse();
             views.iter_mut().for_each(|view| view.pose *= frame);
+        }
+        let depths = priors::for_views(&views, &order, &self.priors, unit)?;
+        let depths: Vec<ArrayView2<'_, f32>> = depths.iter().map(|depth| depth.view()).collect();
+        report.withheld_colours =
+            guard::withheld(&views, &depths, &order, &swept.reconstruction, self.capture)?;
+        let unusable = swept.as_first(own, result::unusable);
+        if let Some(reason) = unusable.or_else(|| guard::contradiction(&report)) {
+            report.fallback = Some(reason);
+            report.seconds.sweep = swept.seconds + start.elapsed().as_secs_f64();
+            return self.alone(photograph, stages, report, run.callback);
         }
         swept.as_first(own, |known| equalise(&mut views, known, &order, &mut report))?;
         for (view, member) in views.iter_mut().zip(&members) {
