@@ -16,7 +16,7 @@ use crate::run::error_bar::{ErrorBar, Stated};
 use crate::run::field::SharedNerf;
 use crate::run::gain;
 use crate::run::progress::{Progress, TrainingCurve};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use mde_cli::{Capture, Component, Config, Event, Preset, Refinement, Stages, refine_capture, resume};
 use mde_prior::DepthKind;
 use mde_prior::format::{write_npy, write_png16};
@@ -24,6 +24,7 @@ use mde_prior::photo::{write_image, write_rgb_png};
 use mde_uncertainty::GaussianDepth;
 use ndarray::{Array2, Array3};
 use serde_json::json;
+use std::fs;
 use std::path::Path;
 use std::time::Instant;
 
@@ -49,6 +50,8 @@ pub(crate) struct Job {
     pub(crate) recording: Option<Recording>,
     /// Further photographs.
     pub(crate) capture: Option<Capture>,
+    /// Whether the photographs are written too.
+    pub(crate) keep_photographs: bool,
 }
 
 /// Unit of the refined depth for a prior of this kind.
@@ -244,6 +247,13 @@ impl Job {
         write_rgb_png(folder.join("preview.png"), preview(&show).pixels())?;
         mde_prior::write_atomic(&folder.join("config.toml"), self.config.to_toml()?.as_bytes())?;
         write_image(folder.join("image.png"), self.image.view())?;
+        if let Some(capture) = self.capture.as_ref().filter(|_| self.keep_photographs) {
+            let photographs = folder.join("photographs");
+            fs::create_dir_all(&photographs).with_context(|| photographs.display().to_string())?;
+            for photograph in &capture.photographs {
+                write_image(photographs.join(&photograph.name), photograph.image.view())?;
+            }
+        }
         if let Some(truth) = &self.truth {
             write_npy(folder.join("gt.npy"), truth.depth.view())?;
         }
