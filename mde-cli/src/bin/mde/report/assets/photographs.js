@@ -42,7 +42,7 @@ function evidenceKey(layer, shares = true) {
   return make("ul", { class: "key-list small" }, layer.key.map(({ code, share, colour }) => {
     const swatch = make("span", { class: "swatch" });
     swatch.style.background = colour;
-    return make("li", {}, swatch, ` ${evidenceName(code)}`, shares ? make("span", { class: "soft" }, ` ${percent(share)}`) : null);
+    return make("li", {}, swatch, ` ${evidenceName(code)}`, shares ? make("span", { class: "soft" }, ` ${share < 0.001 ? `< 0.1${NBSP}%` : percent(share)}`) : null);
   }));
 }
 
@@ -56,6 +56,7 @@ function photographSection({ layers }) {
   const { capture } = report.record;
   const used = capture.photographs.filter((photograph) => photograph.used).length;
   const about = [`${used} of ${capture.photographs.length} photographs were used.`, POSES[capture.poses]];
+  about.push("Parallax is the distance from the reference over the depth, overlap the share of the reference's pixels, verified the share of the photograph's own pixels that another confirms, exposure the factor to the reference's colours.");
   if (capture.withheld_pixels) {
     about.push(`Withheld matches are off by ${number(capture.withheld_pixels[0], 2)} pixels with the given poses, ${number(capture.withheld_pixels[1], 2)} with the refined (at 640 pixels).`);
   }
@@ -82,7 +83,7 @@ function photographTile(photograph, index) {
   const rows = [];
   const row = (name, value) => rows.push(make("dt", {}, name), make("dd", {}, value));
   if (!reference && photograph.verdict !== "has a pose") row("verdict", photograph.verdict);
-  if (photograph.parallax !== null) row("parallax", `${percent(photograph.parallax, 3)} of the depth`);
+  if (photograph.parallax !== null) row("parallax", percent(photograph.parallax, 3));
   if (photograph.rotation_degrees !== null) row("rotation", `${number(photograph.rotation_degrees, 2)}°`);
   if (photograph.overlap !== null) row("overlap", percent(photograph.overlap));
   if (photograph.verified !== null) row("verified", percent(photograph.verified));
@@ -103,7 +104,7 @@ function novelSection(capture) {
   const name = photographs[novel.photograph]?.name ?? "";
   const share = ` on the ${percent(novel.compared)} of its pixels that the field and the moved reference both reach`;
   const scores = Number.isFinite(novel.psnr) && novel.psnr !== null
-    ? `PSNR ${number(novel.psnr)} dB, where the reference moved there by the prior's depth has ${number(novel.psnr_of_prior)} dB,${share}.`
+    ? `PSNR ${number(novel.psnr)}${NBSP}dB, where the reference moved there by the prior's depth has ${number(novel.psnr_of_prior)}${NBSP}dB,${share}.`
     : `The field and the moved reference both reach ${percent(novel.compared)} of its pixels, too few for a PSNR.`;
   const honest = novel.withheld
     ? `${name} took no part in the sweeps and the fit; its matches took part in the estimation of the poses.`

@@ -59,7 +59,7 @@ function headline(record, maps, unit) {
     const used = capture.photographs.filter((photograph) => photograph.used).length;
     const without = capture.poses === "estimated" ? ", without poses" : "";
     cards.push(card(String(used), `photographs used${without}; another one confirms the depth of ${percent(capture.confirmed ?? NaN)} of the pixels`));
-    if (capture.novel?.psnr) cards.push(card(`${number(capture.novel.psnr)} dB`, `PSNR of a photograph ${capture.novel.withheld ? "withheld from" : "in"} the fit; ${number(capture.novel.psnr_of_prior)} dB by the prior's depth`));
+    if (capture.novel?.psnr) cards.push(card(`${number(capture.novel.psnr)}${NBSP}dB`, `PSNR of a photograph ${capture.novel.withheld ? "withheld from" : "in"} the fit; ${number(capture.novel.psnr_of_prior)}${NBSP}dB by the prior's depth`));
   }
   if (last?.fit.psnr.length > 0) cards.push(card(`${number(last.fit.psnr[0])} dB`, "PSNR of the photograph as the field renders it; high values do not imply good depth"));
   const pair = record.scores?.by_alignment[record.scores.shown];
