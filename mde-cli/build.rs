@@ -1,4 +1,4 @@
-//! Tells the program which versions of the workspace's crates it is made of, and the tests whether the documents are here.
+//! Passes the versions of the workspace's crates to the program, and to the tests whether the documents exist.
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,5 @@
-//! Another scene model in the loop: one surface, the depth of the first view, that sees nothing new. Whatever learns from
-//! posed views and renders depth with a variance fits here, such as a Gaussian splat.
+//! Another scene model in the loop: one surface, the depth of the first view. Any model that is fitted to posed views and renders
+//! depth with a variance can take its place, such as Gaussian splatting.
 #![allow(clippy::print_stdout)]
 
 use mde_cli::mde_nerf::{Error, FieldCallback, FitReport, RadianceField, RenderedView, Result};

@@ -133,7 +133,7 @@ fn captures_that_are_none_are_refused_by_name() {
     }
 }
 
-/// The program on a folder of photographs, with the poses of a file and without: the maps and what the record says of them.
+/// The program on a folder of photographs, with the poses of a file and without: the maps and their record.
 #[test]
 fn the_program_takes_photographs_with_poses_and_without() {
     let room = rendered(Room::Study, 3);

@@ -25,7 +25,7 @@ fn what_was_learned_scales_sigma_and_makes_the_interval() {
     let place = Place::new();
     let learn = "calibrate --dataset rooms --size 64x48 --limit 3 --simulated-model all -o learned";
     let learned = place.mde(learn).assert().success();
-    assert!(String::from_utf8_lossy(&learned.get_output().stderr).contains("of scenes left out"));
+    assert!(String::from_utf8_lossy(&learned.get_output().stderr).contains("on held-out scenes"));
     for file in ["calibration.toml", "scenes.csv", "summary.json", "report.html"] {
         assert!(names(&place.path("learned")).contains(&file.to_owned()), "{file}");
     }

@@ -42,7 +42,7 @@ fn written(place: &Place, scene: &str, method: &str) -> SystemTime {
 fn methods_are_compared_and_nothing_is_run_twice() {
     let place = Place::new();
     let command = format!("{ROOMS} --methods tiny.toml,guided,unsharp1,zoom --preset default");
-    // The simulated prior can't be asked about crops, which is told and keeps nothing else.
+    // The simulated prior accepts no crops: that method fails with a message, the others run.
     let run = place.mde(&command).assert().code(3);
     run.stdout(
         predicate::str::contains("| guided |").and(predicate::str::contains("unsharp as sharp as tiny")),
@@ -74,7 +74,7 @@ fn methods_are_compared_and_nothing_is_run_twice() {
     place.write("tiny.toml", toml.replace("steps = 200", "steps = 201"));
     let changed = place.mde(&command.replace(",zoom", "")).assert().success();
     changed.stderr(predicate::str::contains(
-        "study-0 tiny: run again, as settings.method.config.nerf.train.steps: 200 -> 201",
+        "study-0 tiny: computed again, since settings.method.config.nerf.train.steps: 200 -> 201",
     ));
     assert_ne!(written(&place, "study-0", "tiny"), before);
 
@@ -132,7 +132,7 @@ fn a_broken_scene_is_told_and_the_rest_goes_on() {
     let run = place.mde("eval data --prior-depth priors --methods jbf -o e").assert().code(3);
     run.stdout(predicate::str::contains("1 scene.").and(predicate::str::contains("failed: a"))).stderr(
         predicate::str::contains("scene.json")
-            .and(predicate::str::contains("b: has no intrinsics; the camera is assumed")),
+            .and(predicate::str::contains("b: no intrinsics; the camera is assumed")),
     );
     fs::write(place.path("data/a/scene.json"), "{}").unwrap();
     place.mde("eval data --prior-depth priors --methods jbf -o e").assert().success();

@@ -1,4 +1,4 @@
-//! Whenever a run is killed, its output is the old one or the new one, and the same command goes on to the same bytes.
+//! Whenever a run is killed, its output is the old one or the new one, and the same command continues to the same bytes.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used)]
 
@@ -127,7 +127,7 @@ fn a_kept_iteration_is_used_only_for_the_same_run() {
         fs::remove_dir_all(place.path("out")).unwrap();
         String::from_utf8(run.get_output().stderr.clone()).unwrap().contains("resumed after iteration")
     };
-    // Of another configuration, and broken: both are begun anew.
+    // Of another configuration, and broken: both start over.
     keeps();
     assert!(!goes_on("--config two.toml"));
     keeps();

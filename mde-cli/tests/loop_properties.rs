@@ -1,4 +1,4 @@
-//! What holds for the whole loop, whatever goes in.
+//! Properties of the whole loop for arbitrary inputs.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use mde_cli::mde_fusion::{self, BayesFuser, Fused, Fuser, Prior};

@@ -18,7 +18,7 @@ use std::cell::RefCell;
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex};
 
-/// A wall that says what it was asked.
+/// A wall that records its inputs.
 struct Wall {
     depth: f32,
     log: Arc<Mutex<Vec<String>>>,
@@ -217,7 +217,7 @@ impl DepthPrior for Red {
 }
 
 /// Without a field the augmented map is the result, with the common error in its sigma. A map from a file is not augmented, and
-/// the report says so.
+/// the report records it.
 #[test]
 fn without_a_field_the_augmented_map_is_the_result_and_a_map_is_not_augmented() {
     let scene = scene();
@@ -264,7 +264,7 @@ fn without_a_field_the_augmented_map_is_the_result_and_a_map_is_not_augmented() 
     assert!(kept.augmentation.skipped.is_some());
 }
 
-/// The parts of sigma are told apart: no part is above the whole, and together they are the whole.
+/// The components of sigma are separate: no part is above the whole, and together they are the whole.
 #[test]
 fn the_parts_of_sigma_make_the_whole() {
     let scene = scene();

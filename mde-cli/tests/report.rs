@@ -1,4 +1,4 @@
-//! The report, the files for other programs, and what the program says of itself.
+//! The report, the files for other programs, and the program's own help.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -25,7 +25,7 @@ fn data(html: &str) -> Value {
     serde_json::from_str(&html[start..end]).unwrap()
 }
 
-/// The page asks for nothing: the only address in it is the name of the SVG namespace.
+/// The page loads nothing: the only address in it is the name of the SVG namespace.
 fn check_alone(html: &str) {
     assert!(html.contains("default-src 'none'"));
     let named = html.matches("http://www.w3.org/2000/svg").count();
@@ -175,7 +175,7 @@ fn the_doctor_knows_the_machine() {
     run.stderr(predicate::str::contains("net.onnx"));
 }
 
-/// What the doctor says of a model, line by line, and the error where it finds one.
+/// The doctor's lines about a model, and its error where there is one.
 #[cfg(feature = "onnx")]
 fn doctor(model: &Path, profile: Option<&str>, code: i32) -> (Vec<(String, String)>, String) {
     let place = Place::new();

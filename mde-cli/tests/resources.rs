@@ -106,7 +106,7 @@ fn too_much_memory_is_refused_before_it_is_taken() {
     run.assert().success();
 }
 
-/// Linux tells the peak, and the estimate is above it, though not far above.
+/// Linux reports the peak; the estimate is above it, but not far above.
 #[test]
 fn the_estimate_bounds_what_a_run_takes() {
     let place = Place::new();
@@ -157,7 +157,7 @@ fn an_evaluation_fails_only_where_its_scenes_are_too_large() {
     assert_eq!(names(&place.path("out/scenes")), ["a", "b"]);
 }
 
-/// Linux tells the peak of an evaluation as well.
+/// The same for an evaluation.
 #[test]
 #[cfg(target_os = "linux")]
 fn the_estimate_bounds_what_an_evaluation_takes() {

@@ -50,7 +50,7 @@ pub trait DataSet: Send + Sync {
     /// Identifiers of the scenes, in order; unique, and the same wherever the data lies.
     fn ids(&self) -> &[String];
 
-    /// Name of the place that a scene shows; the scene's own identifier unless the data set knows better. The errors on scenes
+    /// Name of the place that a scene shows; by default the scene's own identifier. The errors on scenes
     /// of one place are correlated, so intervals resample places ([`statistics`](crate::statistics)).
     fn place(&self, index: usize) -> Option<&str> {
         self.ids().get(index).map(String::as_str)

@@ -1,9 +1,10 @@
 //! Metrics of depth maps and of their uncertainty, with alignments, statistics over scenes, and tables.
 //!
 //! Metrics of depth (errors, edges, order) and of its uncertainty (ranking, calibration) are functions, each with its equation.
-//! Behind features: baselines, procedural rooms with exact depth and priors simulated from it, data sets, and figures. The paper's numbers are [MSE](metrics::depth::mse), [sharpness](metrics::sharpness), [edge
-//! F1](metrics::edges) and [Spearman's correlation](metrics::rank) under [median alignment](align) (its Section IV);
-//! [`score`](score::score) returns them and those that contrast and noise do not raise.
+//! The paper's numbers are [MSE](metrics::depth::mse), [sharpness](metrics::sharpness), [edge F1](metrics::edges) and
+//! [Spearman's correlation](metrics::rank) under [median alignment](align) (its Section IV); [`score`](score::score) returns
+//! them and those that contrast and noise do not raise. Behind features: baselines, procedural rooms with exact depth and priors
+//! simulated from it, data sets, and figures.
 //!
 //! Depth is z in metres, maps are `[height, width]`, images `[height, width, 3]` in sRGB 0 to 1. Not positive or not
 //! finite means missing.

@@ -24,7 +24,7 @@ use ndarray::{Array2, ArrayView2};
 /// Pixels of `mask` whose eight neighbours belong to it too, `[height, width]`.
 ///
 /// What lies outside the image counts as part of the mask, as replicate padding has it. A 3 x 3 operator that is read
-/// only here never sees a masked-out value.
+/// only here never reads a masked-out value.
 pub(crate) fn erode(mask: ArrayView2<'_, bool>) -> Array2<bool> {
     let (height, width) = mask.dim();
     let rows = Array2::from_shape_fn((height, width), |(y, x)| {

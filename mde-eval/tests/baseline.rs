@@ -15,7 +15,7 @@ use mde_eval::{Error, Refiner, Result, Task, TaskView};
 use proptest::prelude::*;
 use serde_json::Value;
 
-/// A model that sees depth in the red channel: metres = 1 + red.
+/// A model that reads depth from the red channel: metres = 1 + red.
 struct Red;
 
 impl DepthPrior for Red {
@@ -155,7 +155,7 @@ fn the_matching_mask_is_as_sharp() {
 
 #[test]
 fn a_model_that_is_asked_again_brings_its_detail() {
-    // The prior has no detail; the model sees a step in every crop and in the mirror image.
+    // The prior has no detail; the model predicts a step in every crop and in the mirror image.
     let image =
         Array3::from_shape_fn((48, 64, 3), |(y, x, _)| if (x / 8 + y / 8) % 2 == 0 { 0.2 } else { 0.6 });
     let truth = image.index_axis(Axis(2), 0).mapv(|r| 1.0 + r);

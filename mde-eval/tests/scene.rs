@@ -19,7 +19,7 @@ fn rooms_are_closed_coloured_and_reproducible() {
     }
 }
 
-/// What one camera sees at a pixel, another one sees at the same place unless something is in between.
+/// A point visible to one camera is visible to another at the same place unless something is in between.
 #[test]
 fn another_pose_sees_the_same_world() {
     let world = World::new(Room::Study, 0).unwrap();
@@ -71,7 +71,7 @@ fn centre(pose: &Isometry3<f64>) -> Vector3<f64> {
     pose.inverse().translation.vector
 }
 
-/// A capture is one world: what the reference sees, every further photograph sees at the projected pixel unless something is in
+/// A capture is one world: a point of the reference appears in every further photograph at the projected pixel unless something is in
 /// between.
 #[test]
 fn photographs_of_a_capture_show_one_world() {

@@ -1,4 +1,4 @@
-//! What the scores must say of predictions whose quality is known.
+//! Scores of predictions of known quality.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr)]
 
 use mde_eval::Error;

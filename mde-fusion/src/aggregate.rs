@@ -13,6 +13,9 @@ pub enum Aggregation {
     Precision,
     /// The nearest surface, with its view's variance (the smaller one of equally near views).
     MinDepth,
+    /// The nearest surface, with the variance \\(1/\tau_r\\) of Eq. 8 over all views. It differs from
+    /// [`Precision`](Self::Precision) in the mean alone, and from [`MinDepth`](Self::MinDepth) in the variance alone.
+    MinDepthPrecision,
     /// The view of least variance (the nearer one of equally certain views).
     MinVariance,
     /// The plain mean \\(\tfrac1K\sum_j\mu_j\\), variance \\(\tfrac1{K^2}\sum_j\sigma_j^2\\).
@@ -32,7 +35,7 @@ pub enum Aggregation {
 /// \bigl(\mu_r^{(j)} - \mu_r^{\mathrm{agg}}\bigr)^2\Bigr) \\]
 ///
 /// for [`Aggregation::Precision`], and the same with equal weights for the mean and the median. It does not change the rules
-/// that take one view.
+/// that take the depth of one view.
 ///
 /// Without views the map is empty, `[0, 0]`.
 ///
@@ -83,6 +86,10 @@ fn combine(estimates: &mut [Gaussian], rule: Aggregation, spread: bool) -> Optio
     let mut result = match rule {
         Aggregation::Precision => precision_weighted(estimates),
         Aggregation::MinDepth => estimates.iter().copied().min_by(by_depth),
+        Aggregation::MinDepthPrecision => {
+            let nearest = estimates.iter().copied().min_by(by_depth);
+            nearest.zip(precision_weighted(estimates)).map(|(g, all)| Gaussian::new(g.mean, all.variance))
+        }
         Aggregation::MinVariance => estimates.iter().copied().min_by(by_variance),
         Aggregation::Mean => plain_mean(estimates),
         Aggregation::Median => {
@@ -98,7 +105,7 @@ fn combine(estimates: &mut [Gaussian], rule: Aggregation, spread: bool) -> Optio
                 let second = estimates.iter().map(|g| g.variance + (g.mean - result.mean).powi(2));
                 result.variance = second.sum::<f64>() / estimates.len() as f64;
             }
-            Aggregation::MinDepth | Aggregation::MinVariance => {}
+            Aggregation::MinDepth | Aggregation::MinDepthPrecision | Aggregation::MinVariance => {}
         }
     }
     Some(result)

@@ -95,8 +95,8 @@ pub fn config() -> impl Strategy<Value = FusionConfig> {
         prop::sample::select(vec![Computed, ConstantMedian, ConstantMean])
     };
     let aggregation = {
-        use Aggregation::{Mean, Median, MinDepth, MinVariance, Precision};
-        prop::sample::select(vec![Precision, MinDepth, MinVariance, Mean, Median])
+        use Aggregation::{Mean, Median, MinDepth, MinDepthPrecision, MinVariance, Precision};
+        prop::sample::select(vec![Precision, MinDepth, MinDepthPrecision, MinVariance, Mean, Median])
     };
     let calibration = {
         use Calibration::{Effective, None, Ols, Wls};

@@ -30,7 +30,7 @@ fn camera() -> PinholeCamera {
     PinholeCamera::from_fov(60.0, WIDTH, HEIGHT).unwrap()
 }
 
-/// The view from a pose, with its exact depth as hypothesis where asked for.
+/// The view from a pose, with its exact depth as hypothesis on request.
 fn view(pose: Pose, hypothesis: bool) -> PosedView {
     let camera = camera();
     let inverse = pose.inverse();

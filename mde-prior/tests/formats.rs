@@ -270,7 +270,7 @@ fn sun_rgbd_depth_is_in_metres() {
     let mut known: Vec<f32> = depth.iter().copied().filter(|&z| z > 0.0).collect();
     known.sort_by(f32::total_cmp);
     let (low, high) = (known[known.len() / 20], known[known.len() * 19 / 20]);
-    assert!(low > 0.4 && high < 8.0, "a Kinect sees 0.4 to 8 m, not {low} to {high}");
+    assert!(low > 0.4 && high < 8.0, "a Kinect measures 0.4 to 8 m, not {low} to {high}");
 }
 
 #[test]

@@ -61,7 +61,7 @@ fn midas_like_models_agree_with_onnx_runtime() {
     (spec.width, spec.height) = (96, 64);
     let dynamic = OnnxPrior::open(fixture("midas_dynamic.onnx"), &spec).unwrap();
     let expected = read_values(fixture("midas_dynamic.npy"), &ReadOptions::default()).unwrap();
-    // Another size in between, so that the plan is built anew, twice.
+    // Another size in between, so that the plan is built again, twice.
     for _ in 0..2 {
         assert_close(&dynamic.predict_native(pattern(64, 96).view()).unwrap(), &expected, 1e-5);
         assert_eq!(

@@ -159,7 +159,7 @@ proptest! {
         prop_assert!(warped.view.image.iter().all(|c| (0.0..=1.0).contains(c)));
     }
 
-    /// A target of another size sees the same plane.
+    /// A target of another size shows the same plane.
     #[test]
     fn the_target_may_have_its_own_camera(
         camera in pinhole_of(24, 20),

@@ -111,7 +111,7 @@ fn chosen(
         report.photographs[order[score.view]].take(score, &views[score.view], &views[0]);
     }
     if keep.iter().filter(|keep| **keep).count() < 2 {
-        report.fallback = Some("no photograph sees the reference's scene from another place".to_owned());
+        report.fallback = Some("no photograph shows the reference's scene from another place".to_owned());
         return Ok(None);
     }
     // The best of those that are left out; else the least needed of the chosen, which the fit has then.

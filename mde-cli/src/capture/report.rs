@@ -50,7 +50,7 @@ pub struct PhotographReport {
     pub verdict: String,
     /// Distance from the reference over the median depth of what both see.
     pub parallax: Option<f64>,
-    /// Share of the reference's pixels that it sees.
+    /// Share of the reference's pixels that project into it.
     pub overlap: Option<f64>,
     /// Mean squared gradient over that of the sharpest photograph.
     pub sharpness: Option<f64>,

@@ -93,7 +93,7 @@ pub enum IterationPrior {
     Anchor,
 }
 
-/// The views that the fitted field renders; [`Config::views`] says how far from the original pose they are.
+/// The views that the fitted field renders; [`Config::views`] has their distance from the original pose.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct NovelViews {

@@ -1,4 +1,4 @@
-//! What is wrong is said in one line, with the value at fault and the remedy, and nothing is left; what is only odd works.
+//! Unusable input gives one line with the value at fault and the remedy, and leaves no files; unusual input works.
 #![allow(clippy::unwrap_used)]
 
 mod cameras;

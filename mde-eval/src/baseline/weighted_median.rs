@@ -6,7 +6,7 @@ use rayon::prelude::*;
 /// Weighted median filter (Ma et al., ICCV 2013): the depth at which half the weight of a square is nearer, weights by nearness in colour,
 /// \\(\exp(-\\|I_x - I_y\\|^2 / 2\sigma_r^2)\\).
 ///
-/// The median is found among 256 bins of log depth between the nearest and farthest; the answer is the weighted mean of
+/// The median is found among 256 bins of log depth between the nearest and farthest; the result is the weighted mean of
 /// the depths in its bin, so it is off by less than a bin and a constant depth is kept exactly.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WeightedMedian {

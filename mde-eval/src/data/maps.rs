@@ -19,7 +19,7 @@ pub struct MapPair {
     pub sigma: Option<PathBuf>,
 }
 
-/// Depth maps that any program wrote, in folders: those of the same path below their folder, whatever their extensions (`.npy`,
+/// Depth maps of any program, in folders: those of the same path below their folder, whatever their extensions (`.npy`,
 /// `.npz`, `.pfm`, `.png`, `.exr`), belong together.
 #[derive(Debug, Clone)]
 pub struct MapPairs {
@@ -46,7 +46,7 @@ impl MapPairs {
             let sigma = match (&sigma_of, sigmas) {
                 (Some(of), Some(folder)) => Some(of.get(&id).cloned().ok_or_else(|| Error::Layout {
                     path: folder.to_owned(),
-                    reason: format!("holds no sigma for {id} ({}); add it", prediction.display()),
+                    reason: format!("no sigma for {id} ({}); add it", prediction.display()),
                 })?),
                 _ => None,
             };
@@ -75,7 +75,7 @@ fn maps(root: &Path) -> Result<BTreeMap<String, PathBuf>> {
     let mut found = BTreeMap::new();
     search(root, root, 0, &mut found)?;
     if found.is_empty() {
-        let reason = format!("holds no depth map (.{})", EXTENSIONS.join(", ."));
+        let reason = format!("no depth map (.{})", EXTENSIONS.join(", ."));
         return Err(Error::Layout { path: root.to_owned(), reason });
     }
     Ok(found)

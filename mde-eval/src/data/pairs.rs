@@ -51,7 +51,7 @@ pub(super) struct Paired {
 }
 
 impl Paired {
-    /// `recorded` tells whether a pair is a frame of a recording, whose frames show one place.
+    /// `recorded` is whether a pair is a frame of a recording, whose frames show one place.
     pub(super) fn new(root: &Path, pairs: Vec<Pair>, recorded: impl Fn(&Pair) -> bool) -> Self {
         let ids: Vec<String> = pairs.iter().map(|pair| pair.id(root)).collect();
         let place = |(pair, own): (&Pair, &String)| match recorded(pair) {

@@ -2,7 +2,7 @@ use super::{DataSet, Sample};
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 
-/// A data set whose scenes show the places of a list: for data sets that do not say which of their images are of one room.
+/// A data set whose scenes show the places of a list: for data sets without a record of which images are of one room.
 ///
 /// ```
 /// use mde_eval::data::{DataSet, Placed, Rooms, parse_places};

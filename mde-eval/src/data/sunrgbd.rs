@@ -97,7 +97,7 @@ impl DataSet for SunRgbd {
 
     fn place(&self, index: usize) -> Option<&str> {
         let id = self.ids.get(index)?;
-        // The frames of SUN3D lie in a folder per recording; the other sensors' images do not say where they were taken.
+        // The frames of SUN3D lie in a folder per recording; the other sensors' images have no record of the place.
         let recording = id.split('/').any(|part| part == "sun3ddata").then(|| id.rsplit_once('/')).flatten();
         Some(recording.map_or(id, |(folder, _)| folder))
     }

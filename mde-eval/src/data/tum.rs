@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 ///
 /// An image belongs to the depth map nearest in time within 20 ms, each used once, nearest first, as the published
 /// `associate.py` has it. Depth PNGs hold 5000 units a metre, 0 = missing, and are trusted up to 5 m (a Kinect). The
-/// camera is the published one of `freiburg1`, `freiburg2` or `freiburg3` where the folder's name says which, else
+/// camera is the published one of `freiburg1`, `freiburg2` or `freiburg3` where the folder's name contains it, else
 /// a [`Fallback`].
 #[derive(Debug, Clone)]
 pub struct Tum {

@@ -16,7 +16,7 @@ const NAMES: u32 = 280;
 const NAME_HEIGHT: i32 = 20;
 const FONT: &str = "sans-serif";
 
-/// Okabe and Ito's colours, told apart by the colour-blind too; black and yellow left out.
+/// Okabe and Ito's colours, distinguishable with colour blindness; without black and yellow.
 const COLOURS: [RGBColor; 6] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -97,7 +97,7 @@ fn drawn<B: DrawingBackend>(
     Ok(())
 }
 
-/// A number without the zeros that say nothing.
+/// A number without trailing zeros.
 fn tick(value: &f64) -> String {
     let text = format!("{value:.3}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()

@@ -59,7 +59,7 @@ impl Hierarchy {
         hit
     }
 
-    /// Shows `see` the bodies whose bounds the ray enters before the limit; `see` answers with a nearer limit.
+    /// Calls `see` for the bodies whose bounds the ray enters before the limit; `see` returns a nearer limit.
     fn visit<'a>(&'a self, ray: &Ray, mut limit: f64, mut see: impl FnMut(&'a Body, f64) -> Option<f64>) {
         let inverse = ray.direction.map(f64::recip);
         let mut stack = [0_u32; 48];
@@ -114,7 +114,7 @@ fn enters(node: &Node, ray: &Ray, inverse: &Vector, limit: f64) -> bool {
     near <= far
 }
 
-/// Appends the tree over `bodies` (a slice that starts at index `first`), cut where the surface-area heuristic says.
+/// Appends the tree over `bodies` (a slice that starts at index `first`), split by the surface-area heuristic.
 fn build(bodies: &mut [Body], first: usize, nodes: &mut Vec<Node>) {
     let (low, high) = bounds_of(bodies);
     // A hair of room, so that rounding never hides a face that lies in its own bounds.

@@ -145,7 +145,7 @@ impl Model {
         colour.component_mul(&light) + Colour::repeat(shine * 0.6) + colour * material.glow
     }
 
-    /// How much of the surroundings a point sees, in 0 to 1, by one ray of a stratified hemisphere.
+    /// Ambient visibility of a point, 0 to 1, by one ray of a stratified hemisphere.
     fn openness(&self, point: Vector, normal: Vector, dither: &Dither) -> f64 {
         let direction = (normal + dither.on_sphere(50)).try_normalize(1e-9).unwrap_or(normal);
         let limit = AMBIENT_REACH;

@@ -77,7 +77,7 @@ pub struct BoundaryScores {
 }
 
 impl DepthScores {
-    /// The edge scores at a threshold and tolerance that were asked for.
+    /// The edge scores at a requested threshold and tolerance.
     pub fn edges_at(&self, threshold: f64, tolerance: u32) -> Option<&EdgeScores> {
         self.edges.iter().find(|e| e.threshold == threshold && e.tolerance == tolerance)
     }

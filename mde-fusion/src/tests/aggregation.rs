@@ -9,9 +9,10 @@ use approx::assert_relative_eq;
 use mde_uncertainty::proptest::gaussian_depth_of;
 use ndarray::array;
 
-const RULES: [Aggregation; 5] = [
+const RULES: [Aggregation; 6] = [
     Aggregation::Precision,
     Aggregation::MinDepth,
+    Aggregation::MinDepthPrecision,
     Aggregation::MinVariance,
     Aggregation::Mean,
     Aggregation::Median,
@@ -79,6 +80,17 @@ proptest! {
     }
 
     #[test]
+    fn min_depth_precision_is_the_nearest_mean_with_the_variance_of_eq_8(
+        views in vec(gaussian_depth_of(3, 4), 1..6), spread in any::<bool>(),
+    ) {
+        let both = aggregate(&views, Aggregation::MinDepthPrecision, spread).unwrap();
+        let nearest = aggregate(&views, Aggregation::MinDepth, spread).unwrap();
+        let product = aggregate(&views, Aggregation::Precision, false).unwrap();
+        prop_assert_eq!(both.mean(), nearest.mean());
+        prop_assert_eq!(both.variance(), product.variance());
+    }
+
+    #[test]
     fn a_missing_view_does_not_count(views in vec(gaussian_depth_of(3, 3), 1..5), spread in any::<bool>()) {
         let mut more = views.clone();
         more.push(GaussianDepth::missing(3, 3));
@@ -94,6 +106,9 @@ fn each_rule_takes_its_view() {
     let views = [view(3.0, 0.5), view(1.0, 0.4), view(2.0, 0.1)];
     let of = |rule, spread| aggregate(&views, rule, spread).unwrap().get(0, 0).unwrap();
     assert_eq!(of(Aggregation::MinDepth, false), (1.0, 0.4));
+    let (mean, variance) = of(Aggregation::MinDepthPrecision, false);
+    assert_eq!(mean, 1.0);
+    assert_relative_eq!(variance, 1.0 / (1.0 / 0.5 + 1.0 / 0.4 + 1.0 / 0.1), max_relative = 1e-6);
     assert_eq!(of(Aggregation::MinVariance, false), (2.0, 0.1));
     assert_eq!(of(Aggregation::Median, false), (2.0, 0.1));
     let (mean, variance) = of(Aggregation::Mean, false);

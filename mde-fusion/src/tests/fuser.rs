@@ -166,6 +166,7 @@ fn each_ablation_changes_the_result() {
         FusionConfig { variance: VarianceRule::ConstantMedian, ..paper() },
         FusionConfig { variance: VarianceRule::ConstantMean, ..paper() },
         FusionConfig { aggregation: Aggregation::MinDepth, ..paper() },
+        FusionConfig { aggregation: Aggregation::MinDepthPrecision, ..paper() },
         FusionConfig { aggregation: Aggregation::MinVariance, ..paper() },
         FusionConfig { aggregation: Aggregation::Mean, ..paper() },
         FusionConfig { aggregation: Aggregation::Median, ..paper() },

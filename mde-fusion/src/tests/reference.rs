@@ -132,7 +132,7 @@ fn non_negative_least_squares() {
 #[test]
 fn the_whole_fusion() {
     let r = Reference::load();
-    // The reference knows no clamp.
+    // The reference has no clamp.
     let config = FusionConfig { variance_floor: 0.0, ..FusionConfig::paper() };
     let fused = BayesFuser::new(config).unwrap().fuse(&r.prior(), &r.views()).unwrap();
     assert_map(&fused.depth, r.get("refined"), r.get("refined-variance"));

@@ -150,7 +150,7 @@ fn check(words: &[String]) -> Result<(), String> {
         }
         Subcommand::Ablate(args) => {
             let unknown = args.rows.iter().find(|name| ablation::ROWS.iter().all(|row| row.name != **name));
-            unknown.map_or(Ok(()), |name| Err(format!("--rows {name}: there is no such row")))?;
+            unknown.map_or(Ok(()), |name| Err(format!("--rows {name}: no such row")))?;
         }
         _ => {}
     }

@@ -27,14 +27,14 @@ fn main() -> ExitCode {
                 args::Command::Refine(refine) => refine.resume,
                 _ => false,
             };
-            say(match resumable {
+            print(match resumable {
                 true => "interrupted; finished work is kept, and the same command resumes it",
                 false => "interrupted; nothing was written",
             });
             ExitCode::from(interrupt::EXIT_CODE)
         }
         Err(error) => {
-            say(&format!("error: {}", message(&error)));
+            print(&format!("error: {}", message(&error)));
             if error.is::<evaluation::results::Partial>() { ExitCode::from(3) } else { ExitCode::FAILURE }
         }
     }
@@ -42,15 +42,15 @@ fn main() -> ExitCode {
 
 /// The error and its causes, without those that its text contains already.
 fn message(error: &anyhow::Error) -> String {
-    error.chain().map(ToString::to_string).fold(String::new(), |told, cause| match told.as_str() {
+    error.chain().map(ToString::to_string).fold(String::new(), |text, cause| match text.as_str() {
         "" => cause,
-        _ if told.contains(&cause) => told,
-        _ => format!("{told}: {cause}"),
+        _ if text.contains(&cause) => text,
+        _ => format!("{text}: {cause}"),
     })
 }
 
 /// One line on stderr.
-fn say(message: &str) {
+fn print(message: &str) {
     let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
     let _ = writeln!(io::stderr(), "{line}");
 }

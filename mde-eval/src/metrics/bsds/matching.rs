@@ -4,7 +4,7 @@ use ndarray::Array2;
 /// A largest matching that grows with each predicted pixel.
 ///
 /// The sweep over thresholds needs its size after every pixel. The matchings of `pathfinding` (weighted, on a dense matrix) and
-/// `petgraph` (of a whole graph) would start anew at each threshold: thousands of matchings per map where this makes one.
+/// `petgraph` (of a whole graph) would start over at each threshold: thousands of matchings per map where this makes one.
 pub(super) struct Matching {
     /// Index of each true pixel, `[height, width]`; `NONE` elsewhere.
     index: Array2<u32>,

@@ -13,12 +13,13 @@ Examples:
   mde eval --dataset rooms --simulated-prior --size 320x240 --methods default,my.toml,jbf -o out/rooms
   mde eval --pred maps --sigma sigmas --gt truth -o out/maps
 
-Methods: the presets paper, default and fast; a TOML file of settings over --preset; the baselines prior, flip, zoom,
-unsharp0.5, unsharp1, unsharp2, noise, guided, jbf, wmf and fbs; one after the other with a plus, such as zoom+jbf.
+Methods: the presets paper, default, fast and multi-view; consensus (plane sweeps without a field); a TOML file that overrides
+--preset; the baselines prior, flip, zoom, unsharp0.5, unsharp1, unsharp2, noise, guided, jbf, wmf and fbs; baselines chained
+with a plus, such as zoom+jbf.
 
 Output: report.html, table.md, summary.json, scenes.csv, figures (SVG and PNG), eval.json (what was evaluated), and every map under
-scenes/. Finished scenes are not run again: the same command resumes after an interruption, other methods are added, and a
-method whose settings changed is run again.")]
+scenes/. Results are stored: the same command resumes after an interruption, further methods are added to the
+folder, and a method whose settings changed is run again.")]
 pub(crate) struct EvalArgs {
     #[command(flatten)]
     pub(crate) common: EvaluationArgs,
@@ -49,7 +50,7 @@ Examples:
   mde refine room.jpg --prior-model fastdepth_224.onnx --calibration out/calibration/calibration.toml --interval 0.9 -o out/room
 
 Output: calibration.toml (half widths of intervals in sigmas, and their coverage of held-out scenes), and the output of mde
-eval. In the folder of an evaluation, finished scenes are not run again.")]
+eval. The stored results of an evaluation in the same folder are reused.")]
 pub(crate) struct CalibrateArgs {
     #[command(flatten)]
     pub(crate) common: EvaluationArgs,
@@ -90,12 +91,12 @@ Examples:
   mde ablate --dataset rooms --size 160x120 --config quick.toml -o out/ablation
   mde ablate SUNRGBD --prior-model fastdepth_224.onnx --rows no-variance,min-depth,nerf-only --seeds 1 -o out/ablation
 
-Rows, each a change of one thing in the full model: no-variance, no-variance-mean, min-depth, min-variance, mean, median,
-no-calibration, ols, fixed-variance, kappa-0.02, -0.05, -0.1, -0.2, nerf-only (the paper's Table II and its kin);
-guided-for-nerf, noise-for-nerf (no NeRF at all); original-pose, in-bin, spread, effective, anchor,
-heteroscedastic, all (remedies). Rows that differ after the first fit alone share it.
+Rows, each one change of the full model: no-variance, no-variance-mean, min-depth, min-depth-precision, min-variance, mean,
+median, no-calibration, ols, fixed-variance, kappa-0.02, -0.05, -0.1, -0.2, nerf-only (the paper's Table II and variants);
+guided-for-nerf, noise-for-nerf (a filter in place of the NeRF); original-pose, in-bin, spread, effective, anchor,
+heteroscedastic, all (remedies). Rows that differ only after the first fit share that fit.
 
-Output: as of mde eval, with the paper's Table II at the top of table.md. The same command resumes after an interruption.")]
+Output: as for mde eval, with the paper's Table II at the top of table.md. The same command resumes after an interruption.")]
 pub(crate) struct AblateArgs {
     #[command(flatten)]
     pub(crate) common: EvaluationArgs,
@@ -117,7 +118,7 @@ pub(crate) struct AblateArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data")]
 pub(crate) struct DataArgs {
-    /// Layout of the data set: sunrgbd, nyu, tum, redwood, plain, rooms, captures or posed; default: recognised
+    /// Layout of the data set: sunrgbd, nyu, tum, redwood, plain, rooms, captures or posed; default: detected from the folder
     #[arg(long, value_name = "NAME", value_parser = data_set)]
     pub(crate) dataset: Option<DataSetKind>,
     /// Resize images and truth (640x480 in the paper); default: their own size
@@ -126,19 +127,19 @@ pub(crate) struct DataArgs {
     /// Horizontal field of view of scenes without intrinsics, degrees (with a warning)
     #[arg(long, value_name = "DEG", default_value_t = 60.0)]
     pub(crate) assume_fov: f64,
-    /// Of sequences, use every Nth image
+    /// Use every Nth image of a sequence
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) stride: u16,
     /// SUN RGB-D: use the hole-filled depth_bfx as truth (its filled pixels are not measured)
     #[arg(long)]
     pub(crate) filled_depth: bool,
-    /// Which scenes show the same place: lines of SCENE PLACE; intervals resample places
+    /// File with the place of each scene, one line SCENE PLACE per scene; intervals resample places
     #[arg(long, value_name = "FILE")]
     pub(crate) places: Option<PathBuf>,
-    /// Captures: number of photographs of a room, with the reference; several for each in turn
+    /// Captures: number of photographs per room, with the reference; each value of a list is a scene
     #[arg(long, value_name = "N", value_delimiter = ',', default_value = "5")]
     pub(crate) photographs: Vec<usize>,
-    /// Captures: distance of the further photographs over the median depth
+    /// Captures: distance of the further photographs from the reference / median depth
     #[arg(long, value_name = "X", value_delimiter = ',', default_value = "0.1")]
     pub(crate) baseline: Vec<f64>,
     /// Captures: rotation error of the given poses, degrees (20 mm of translation per degree)
@@ -147,13 +148,13 @@ pub(crate) struct DataArgs {
     /// Captures: gain of one further photograph, +X or -X by seed
     #[arg(long, value_name = "X", value_delimiter = ',', default_value = "0")]
     pub(crate) gain: Vec<f64>,
-    /// Give methods the further photographs of captures without their poses
+    /// Withhold the poses of the further photographs from the methods
     #[arg(long)]
     pub(crate) without_poses: bool,
     /// Scenes to run, separated by commas; default: all
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,
-    /// Largest number of scenes
+    /// Run at most N scenes
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) limit: Option<u32>,
 }
@@ -257,7 +258,7 @@ pub(crate) struct ScoreArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Output")]
 pub(crate) struct ManyArgs {
-    /// Scenes run at the same time; they share the threads
+    /// Number of scenes that run at once and share the threads; default: 1
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     pub(crate) jobs: Option<u16>,
 }

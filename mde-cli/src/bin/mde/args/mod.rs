@@ -44,9 +44,9 @@ pub(crate) enum Command {
     Refine(Box<RefineArgs>),
     /// Write the synthetic views of an image, for inspection
     Warp(Box<WarpArgs>),
-    /// Render a field that `mde refine --save-field` wrote
+    /// Render a field saved by `mde refine --save-field`
     Render(Box<RenderArgs>),
-    /// Score methods on the scenes of a data set, or maps that any program wrote
+    /// Score methods on the scenes of a data set, or the depth maps of any program
     Eval(Box<EvalArgs>),
     /// Run an ablation: one change of the settings per row
     Ablate(Box<AblateArgs>),
@@ -56,7 +56,7 @@ pub(crate) enum Command {
     Config(ConfigArgs),
     /// Time the field's fit and rendering on this machine, by stage
     Bench(BenchArgs),
-    /// Write report.html of a finished folder again
+    /// Write report.html again from the files of a folder
     Report(ReportArgs),
     /// Check this machine and a model
     Doctor(DoctorArgs),
@@ -73,8 +73,8 @@ Examples:
   mde demo -o out/demo --preset fast --size 160x120 --seed 3 --force
 
 Six photographs without poses, each with the depth of a simulated network; one of them is withheld, to be compared with what the
-field renders. Other presets refine one photograph with a simulated depth map; their steps are taken in proportion to the
-pixels (all at 640x480, at least 500), unless --config says otherwise.
+field renders. Other presets refine one photograph with a simulated depth map; their training steps are scaled with the
+number of pixels (all at 640x480, at least 500), unless --config is given.
 
 Output: that of mde refine, and photographs/, from which it can be repeated:
   mde refine out/demo/photographs/0.png --views out/demo/photographs --prior-depth out/demo/prior.npy --fov 62 -o out/again")]
@@ -110,8 +110,8 @@ pub(crate) struct RefineArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP
     #[arg(value_name = "IMAGE")]
     pub(crate) image: PathBuf,
-    /// Further photographs of the same static scene, or folders of them: their poses are estimated, and their parallax refines
-    /// the depth. Or one capture with poses: transforms.json, a COLMAP model, a TUM sequence
+    /// Further photographs of the same static scene, or folders of them; their poses are estimated. Or one capture with poses:
+    /// transforms.json, a COLMAP model, a TUM sequence
     #[arg(long, value_name = "PATH", num_args = 1.., conflicts_with = "resume", help_heading = "Several photographs")]
     pub(crate) views: Vec<PathBuf>,
     #[command(flatten)]
@@ -167,9 +167,9 @@ Examples:
   mde render --field out/room/field.safetensors --size 640x480 --fov 62 -o out/view
   mde render --field out/room/field.safetensors --size 320x240 --fov 62 --orbit 24 -o out/orbit
 
-Output, a view: colour.png, depth.npy, sigma.npy (missing: 0 and inf), depth.png; numbered with --orbit; run.json.")]
+Output per view: colour.png, depth.npy, sigma.npy (missing: 0 and inf), depth.png; numbered with --orbit; run.json.")]
 pub(crate) struct RenderArgs {
-    /// The field that `mde refine --save-field` wrote
+    /// The field saved by `mde refine --save-field`
     #[arg(long, value_name = "FIELD.safetensors")]
     pub(crate) field: PathBuf,
     /// Size of the images, pixels
@@ -188,7 +188,7 @@ pub(crate) struct RenderArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Path")]
 pub(crate) struct PathArgs {
-    /// Number of views on a circle about the original camera, towards the middle of the scene
+    /// Number of views on a circle about the original camera, all looking at the middle of the scene
     #[arg(long, value_name = "N", conflicts_with = "translate", value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) orbit: Option<u16>,
     /// Radius of the circle, as a fraction of the median depth
@@ -215,7 +215,8 @@ Examples:
   mde bench
   mde bench --field hash-8x4 --threads 2 --json
 
-Samples, matrix operations and bytes per second, beside the peak of processor and memory measured in the same run. Stages of one thread first, then the whole step and the render on one thread and on all.")]
+Samples, matrix operations and bytes per second, beside the peak of processor and memory measured in the same run. The stages run
+on one thread; the whole step and the render run on one thread and on all.")]
 pub(crate) struct BenchArgs {
     /// Only this field: hash-12x2, hash-8x4 (default and fast) or mlp-4x128
     #[arg(long, value_name = "NAME")]
@@ -236,7 +237,7 @@ pub(crate) struct BenchArgs {
 Example:
   mde report out/room
 
-The page is made from the files that mde refine, demo, eval or ablate wrote. It needs no network.")]
+The page is made from the files of mde refine, demo, eval or ablate. It needs no network.")]
 pub(crate) struct ReportArgs {
     /// The folder of a run or an evaluation
     #[arg(value_name = "DIR")]
@@ -399,7 +400,7 @@ pub(crate) struct TruthArgs {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Error bar")]
 pub(crate) struct ErrorBarArgs {
-    /// Also write lower.npy and upper.npy, an interval that holds the true depth with this probability
+    /// Also write lower.npy and upper.npy, an interval meant to contain the true depth with this probability
     #[arg(long, value_name = "P", value_parser = probability)]
     pub(crate) interval: Option<f64>,
     /// Calibration file of `mde calibrate`: scales sigma and intervals

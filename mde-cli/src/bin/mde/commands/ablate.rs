@@ -51,7 +51,7 @@ fn methods(args: &AblateArgs) -> Result<Vec<Method>> {
     for name in &args.rows {
         ensure!(
             known.contains(&name.as_str()),
-            "--rows {name}: there is no such row; use some of {}",
+            "--rows {name}: no such row; use some of {}",
             known.join(", ")
         );
     }

@@ -9,9 +9,9 @@ use std::hint::black_box;
 use std::io::{self, ErrorKind, Write};
 use std::time::{Duration, Instant};
 
-/// Multiply-adds of one measurement of the peak: about a tenth of a millisecond.
+/// Multiply-adds per measurement of the peak, about 0.1 ms.
 const PEAK_ROUNDS: u64 = 1 << 16;
-/// The memory whose random lines are fetched: about a table's size, in numbers of four bytes.
+/// Size of the memory for the random reads, in `f32`: about that of a hash table.
 const TABLE: usize = 1 << 21;
 const LINES: u64 = 1 << 16;
 
@@ -29,7 +29,7 @@ struct Ceilings {
     gflops_one_thread: f64,
     gflops_all_threads: f64,
     /// Random cache lines of an 8 MiB table, one thread.
-    random_lines_gbytes_a_second: f64,
+    random_lines_gbytes_per_second: f64,
 }
 
 #[derive(Serialize)]
@@ -37,11 +37,11 @@ struct Row {
     field: &'static str,
     stage: &'static str,
     threads: usize,
-    samples_a_second: f64,
-    /// Of the matrix products, padding left out.
+    samples_per_second: f64,
+    /// Of the matrix products, without padding.
     gflops: Option<f64>,
     share_of_peak: Option<f64>,
-    gbytes_a_second: Option<f64>,
+    gbytes_per_second: Option<f64>,
 }
 
 pub(super) fn run(args: &BenchArgs) -> Result<()> {
@@ -108,7 +108,7 @@ fn ceilings(seconds: f64, threads: usize) -> Result<Ceilings> {
     Ok(Ceilings {
         gflops_one_thread: operations as f64 / one * 1e-9,
         gflops_all_threads: (8 * operations * threads as u64) as f64 / every * 1e-9,
-        random_lines_gbytes_a_second: bytes as f64 / fetch * 1e-9,
+        random_lines_gbytes_per_second: bytes as f64 / fetch * 1e-9,
     })
 }
 
@@ -119,10 +119,10 @@ fn row(field: &'static str, stage: &mut Stage<'_>, threads: usize, peak: f64, se
         field,
         stage: stage.name,
         threads,
-        samples_a_second: stage.samples as f64 / once,
+        samples_per_second: stage.samples as f64 / once,
         gflops: rate(stage.flops),
         share_of_peak: rate(stage.flops).map(|gflops| gflops / peak),
-        gbytes_a_second: rate(stage.bytes),
+        gbytes_per_second: rate(stage.bytes),
     }
 }
 
@@ -143,10 +143,10 @@ fn median_seconds(seconds: f64, mut call: impl FnMut()) -> f64 {
 }
 
 fn table(bench: &Bench) -> String {
-    let Ceilings { gflops_one_thread, gflops_all_threads, random_lines_gbytes_a_second } = bench.ceilings;
+    let Ceilings { gflops_one_thread, gflops_all_threads, random_lines_gbytes_per_second } = bench.ceilings;
     let mut text = format!(
         "peak: {gflops_one_thread:.0} GFLOP/s on one thread, {gflops_all_threads:.0} on {}; random lines of 8 MiB: \
-         {random_lines_gbytes_a_second:.0} GB/s on one thread\n\n{:<11}{:<32}{:>8}{:>12}{:>10}{:>8}{:>8}\n",
+         {random_lines_gbytes_per_second:.0} GB/s on one thread\n\n{:<11}{:<32}{:>8}{:>12}{:>10}{:>8}{:>8}\n",
         bench.threads, "field", "stage", "threads", "Msamples/s", "GFLOP/s", "peak", "GB/s"
     );
     let cell = |value: Option<f64>, unit: f64, end: &str| {
@@ -158,10 +158,10 @@ fn table(bench: &Bench) -> String {
             row.field,
             row.stage,
             row.threads,
-            row.samples_a_second * 1e-6,
+            row.samples_per_second * 1e-6,
             cell(row.gflops, 1.0, ""),
             cell(row.share_of_peak, 100.0, " %"),
-            cell(row.gbytes_a_second, 1.0, ""),
+            cell(row.gbytes_per_second, 1.0, ""),
         );
     }
     if let Some(bytes) = bench.peak_memory_bytes {

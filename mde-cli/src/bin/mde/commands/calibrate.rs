@@ -33,8 +33,8 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     let [data, prior, alignment] = setup.titles();
     let path = setup.folder().join(FILE);
     // Remove the calibration of an earlier run.
-    let learned = !scenes.is_empty();
-    if learned {
+    let calibrated = !scenes.is_empty();
+    if calibrated {
         let source = CalibrationSource { method: name, data, prior, alignment };
         let calibration = Calibration::fit(
             source,
@@ -47,7 +47,7 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         progress.step(&format!("{}: sigma times {factor:.3}", path.display()));
         for held in calibration.held_out() {
             progress.step(&format!(
-                "  {:.0} % intervals cover {:.1} % of scenes left out ({:.0} to {:.0} %)",
+                "  {:.0} % intervals: mean coverage {:.1} % on held-out scenes ({:.0} to {:.0} %)",
                 100.0 * held.probability,
                 100.0 * held.mean,
                 100.0 * held.lowest,
@@ -57,6 +57,6 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     }
     results::finish(setup.results(PRIOR, entries, failures), setup.folder(), &mut progress)
         .inspect_err(|_| setup.discard_if_empty())?;
-    ensure!(learned, "no scene has a sigma, so there is nothing to calibrate");
+    ensure!(calibrated, "no scene has a sigma, so there is nothing to calibrate");
     Ok(())
 }

@@ -13,21 +13,24 @@ use std::io::{self, IsTerminal, Write};
 use std::path::Path;
 use std::time::Instant;
 
-/// The image on which a model is tried.
+/// Size of the image that a model is tried on.
 const TRIAL: [usize; 2] = [320, 240];
 /// Below this correlation with the true depth the profile of a model is probably wrong.
 const AGREES: f64 = 0.0;
 
 pub(super) fn run(args: &DoctorArgs) -> Result<()> {
-    say("program", &versions().iter().map(|(n, v)| format!("{n} {v}")).collect::<Vec<_>>().join(", "));
-    say("models", if cfg!(feature = "onnx") { "ONNX files" } else { "none: built without the feature onnx" });
-    say("machine", &format!("{} {}", std::env::consts::OS, std::env::consts::ARCH));
+    print("program", &versions().iter().map(|(n, v)| format!("{n} {v}")).collect::<Vec<_>>().join(", "));
+    print(
+        "models",
+        if cfg!(feature = "onnx") { "ONNX files" } else { "none: built without the feature onnx" },
+    );
+    print("machine", &format!("{} {}", std::env::consts::OS, std::env::consts::ARCH));
     let cores = std::thread::available_parallelism().map_or_else(|e| e.to_string(), |n| n.to_string());
-    say("threads", &format!("{} used, {cores} available", rayon::current_num_threads()));
-    say("vectors", &vectors());
-    say("memory", &memory());
+    print("threads", &format!("{} used, {cores} available", rayon::current_num_threads()));
+    print("vectors", &vectors());
+    print("memory", &memory());
     let terminal = |is: bool| if is { "terminal" } else { "no terminal" };
-    say(
+    print(
         "output",
         &format!(
             "stdout: {}, stderr: {}{}",
@@ -52,11 +55,11 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
         png_scale: None,
         prior_encoding: EncodingName::Plain,
     })?;
-    say("model", &format!("{}, opened in {:.1} s", path.display(), start.elapsed().as_secs_f64()));
+    print("model", &format!("{}, opened in {:.1} s", path.display(), start.elapsed().as_secs_f64()));
     if let Some(spec) = &prior.origin.model {
         let json = serde_json::to_string(spec).with_context(|| path.display().to_string())?;
-        // Still JSON, and lines can end in it.
-        say("profile", &json.replace(",\"", ", \""));
+        // Spaces, so that the line can be wrapped; it is still JSON.
+        print("profile", &json.replace(",\"", ", \""));
     }
     let scene = room(Room::Study, 0, TRIAL[0], TRIAL[1])?;
     // The first prediction may take longer.
@@ -64,23 +67,25 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
     let start = Instant::now();
     let depth = prior.prior.predict(scene.image.view())?.to_depth(&DisparityRule::default())?;
     let seconds = start.elapsed().as_secs_f64();
-    let (said, truth): (Vec<f64>, Vec<f64>) = depth
+    let (predicted, truth): (Vec<f64>, Vec<f64>) = depth
         .iter()
         .zip(&scene.depth)
-        .filter(|(said, truth)| **said > 0.0 && **truth > 0.0)
-        .map(|(said, truth)| (f64::from(*said), f64::from(*truth)))
+        .filter(|(predicted, truth)| **predicted > 0.0 && **truth > 0.0)
+        .map(|(predicted, truth)| (f64::from(*predicted), f64::from(*truth)))
         .unzip();
-    ensure!(!said.is_empty(), "{}: its output has no valid depth; check its profile", path.display());
-    let order = spearman(&said, &truth)?.unwrap_or(0.0);
-    let [low, high] =
-        [said.iter().copied().fold(f64::INFINITY, f64::min), said.iter().copied().fold(0.0, f64::max)];
+    ensure!(!predicted.is_empty(), "{}: its output has no valid depth; check its profile", path.display());
+    let order = spearman(&predicted, &truth)?.unwrap_or(0.0);
+    let [low, high] = [
+        predicted.iter().copied().fold(f64::INFINITY, f64::min),
+        predicted.iter().copied().fold(0.0, f64::max),
+    ];
     let [width, height] = TRIAL;
-    say(
+    print(
         "trial",
         &format!(
             "a room of {width}x{height}: {seconds:.2} s, depths {low:.3} to {high:.3}, {:.0} % of the pixels; Spearman's \
              correlation with the true depth {order:.2}",
-            100.0 * said.len() as f64 / depth.len() as f64
+            100.0 * predicted.len() as f64 / depth.len() as f64
         ),
     );
     ensure!(
@@ -90,7 +95,7 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
         path.display()
     );
     let predictions = Preset::Default.config().augmentation.predictions();
-    say(
+    print(
         "verdict",
         &format!(
             "the model works here; the preset default needs {predictions} predictions, about {:.0} s, and fast one",
@@ -138,6 +143,6 @@ fn memory() -> String {
 }
 
 /// A closed pipe is no error.
-fn say(what: &str, text: &str) {
+fn print(what: &str, text: &str) {
     let _ = writeln!(io::stdout().lock(), "{}", wrapped(&format!("{what:8} {text}"), columns(), 9));
 }

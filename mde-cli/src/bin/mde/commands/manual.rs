@@ -22,7 +22,7 @@ pub(super) fn page(args: &ManArgs) -> Result<()> {
             let found = program.find_subcommand(name).filter(|found| found.get_name() != "help").cloned();
             let names: Vec<_> = program.get_subcommands().map(|c| c.get_name().to_owned()).collect();
             let found = found
-                .with_context(|| format!("{name}: no such command; take one of {}", names.join(", ")))?;
+                .with_context(|| format!("{name}: no such command; give one of {}", names.join(", ")))?;
             let name = format!("mde-{}", found.get_name());
             found.display_name(name)
         }
@@ -33,7 +33,7 @@ pub(super) fn page(args: &ManArgs) -> Result<()> {
     print(&text)
 }
 
-/// To stdout; a reader that went away needs no answer.
+/// Writes to stdout; a closed pipe is no error.
 fn print(text: &[u8]) -> Result<()> {
     match io::stdout().lock().write_all(text) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error).context("stdout"),

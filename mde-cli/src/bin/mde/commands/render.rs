@@ -22,7 +22,7 @@ use serde_json::json;
 use std::f64::consts::TAU;
 use std::path::Path;
 
-/// Width of the picture that tells how far the scene is.
+/// Width of the rendering from which the scene's distance is measured.
 const PROBE: usize = 64;
 
 #[derive(Serialize)]
@@ -53,7 +53,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
     let count = args.path.orbit.map_or(1, u64::from);
     check_memory(&args.memory, "--size", (height, width), |pixels| render_bytes(pixels, count))?;
     let shown = args.field.display();
-    ensure!(args.field.exists(), "{shown}: there is no such file; check the path");
+    ensure!(args.field.exists(), "{shown}: no such file; check the path");
     ensure!(args.field.is_file(), "{shown}: give a file, not a folder");
     let field = Nerf::load(&args.field)?;
     let poses = poses(&args.path, &field, &camera.camera)?;

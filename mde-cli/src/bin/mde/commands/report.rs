@@ -5,7 +5,7 @@ use std::io::{self, Write};
 
 pub(super) fn run(args: &ReportArgs) -> Result<()> {
     let path = report::write(&args.folder)?;
-    // A reader that went away needs no answer.
+    // A closed pipe is no error.
     let _ = writeln!(io::stdout().lock(), "wrote {}", path.display());
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! `mde eval --pred`: maps that any program wrote.
+//! `mde eval --pred`: depth maps of any program.
 
 use crate::args::EvalArgs;
 use crate::evaluation::results::{self, Results};
@@ -25,7 +25,7 @@ pub(super) fn run(args: &EvalArgs, progress: &mut Progress) -> Result<()> {
     let (Some(pred), Some(gt)) = (&args.maps.pred, &args.maps.gt) else { bail!("--pred needs --gt") };
     let pairs = MapPairs::open(pred, gt, args.maps.sigma.as_deref())?;
     for id in pairs.unmatched() {
-        progress.warn(format!("{id}: has no truth of that name in {}; not scored", gt.display()));
+        progress.warn(format!("{id}: no truth of that name in {}; not scored", gt.display()));
     }
     let scoring = Scoring::new(&args.common.score, false);
     let basis = json!({ "command": "eval", "pred": pred, "gt": gt, "sigma": args.maps.sigma });
@@ -33,12 +33,7 @@ pub(super) fn run(args: &EvalArgs, progress: &mut Progress) -> Result<()> {
         |pair: &&MapPair| args.common.data.scenes.is_empty() || args.common.data.scenes.contains(&pair.id);
     let limit = args.common.data.limit.map_or(usize::MAX, |n| n as usize);
     let chosen: Vec<&MapPair> = pairs.pairs().iter().filter(wanted).take(limit).collect();
-    ensure!(
-        !chosen.is_empty(),
-        "--scenes: names none of the {} maps in {}",
-        pairs.pairs().len(),
-        pred.display()
-    );
+    ensure!(!chosen.is_empty(), "--scenes: none of the {} maps in {}", pairs.pairs().len(), pred.display());
     let store = Store::open(&args.common.run.output, &basis, args.common.run.force)?;
     let (mut entries, mut failures) = (Vec::new(), Vec::new());
     for (index, pair) in chosen.iter().enumerate() {

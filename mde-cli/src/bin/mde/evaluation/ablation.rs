@@ -1,4 +1,4 @@
-//! The rows of `mde ablate`: the paper's Table II, what stands in for the NeRF, and each remedy alone.
+//! The rows of `mde ablate`: the paper's Table II, controls without a NeRF, and each remedy alone.
 
 use super::method::PRIOR;
 use mde_cli::Config;
@@ -7,7 +7,7 @@ use mde_eval::table::{Block, Cell, Column, Summary, Table};
 use mde_fusion::{Aggregation, Calibration, Fusion, FusionConfig, PriorVariance, VarianceRule};
 use mde_uncertainty::termination::InBinVariance;
 
-/// The row that the others change.
+/// The unchanged configuration, the reference of the other rows.
 pub(crate) const FULL: &str = "full";
 
 /// One row: the base configuration with one change.
@@ -17,7 +17,7 @@ pub(crate) struct Row {
     /// Change of MSE in percent, sharpness over the prior's and edge F1, as the paper prints them.
     paper: Option<[f64; 3]>,
     change: fn(&mut Config),
-    /// The baseline that stands in for the field.
+    /// The baseline that replaces the field.
     pub(crate) control: Option<&'static str>,
 }
 
@@ -69,9 +69,14 @@ pub(crate) const ROWS: &[Row] = &[
             c.fusion.variance = VarianceRule::ConstantMedian;
         },
     ),
-    row("no-variance-mean", "the same with their mean", |c| c.fusion.variance = VarianceRule::ConstantMean),
+    row("no-variance-mean", "the mean of all views' variances everywhere", |c| {
+        c.fusion.variance = VarianceRule::ConstantMean
+    }),
     printed("min-depth", "- precision-weighted fusion: the nearest surface", [0.7, 1.04, 0.309], |c| {
         c.fusion.aggregation = Aggregation::MinDepth;
+    }),
+    row("min-depth-precision", "the nearest surface with the variance of Eq. 8", |c| {
+        c.fusion.aggregation = Aggregation::MinDepthPrecision;
     }),
     row("min-variance", "the view of least variance", |c| c.fusion.aggregation = Aggregation::MinVariance),
     row("mean", "the mean of the views", |c| c.fusion.aggregation = Aggregation::Mean),
@@ -103,22 +108,22 @@ pub(crate) const ROWS: &[Row] = &[
     without_nerf("guided-for-nerf", "no NeRF: a guided filter of the prior in its place", "guided"),
     without_nerf("noise-for-nerf", "no NeRF: the prior with 1 % noise in its place", "noise"),
     row("original-pose", "rendered from the original pose alone", original_only),
-    row("in-bin", "variance within a bin (D1)", |c| c.nerf.render.in_bin = InBinVariance::Uniform),
-    row("spread", "variance of the mixture of views (D2)", |c| c.fusion.spread = true),
-    row("effective", "calibration with effective variances, ridge, Huber (D3)", |c| {
+    row("in-bin", "variance within the bins of a ray", |c| c.nerf.render.in_bin = InBinVariance::Uniform),
+    row("spread", "variance of the mixture of views", |c| c.fusion.spread = true),
+    row("effective", "calibration with effective variances, ridge, Huber", |c| {
         c.fusion.calibration = Calibration::Effective;
     }),
-    row("anchor", "the first prior in every iteration (D6)", |c| c.refinement.prior = IterationPrior::Anchor),
-    row("heteroscedastic", "sigma_o by pixel (D7)", |c| {
+    row("anchor", "the first prior in every iteration", |c| c.refinement.prior = IterationPrior::Anchor),
+    row("heteroscedastic", "sigma_o per pixel", |c| {
         c.fusion.prior_variance = PriorVariance::Heteroscedastic;
     }),
-    row("all", "D1 to D3, D6, D7 and strict guards together", all_remedies),
+    row("all", "in-bin, spread, effective, anchor, heteroscedastic and strict guards together", all_remedies),
 ];
 
-/// What every row starts from, for comparison.
+/// The prior without refinement, for comparison.
 const THE_PRIOR: Row = row(PRIOR, "the monocular depth", |_| {});
 
-/// The rows that change something when there is one iteration alone, or all.
+/// The rows that differ from `base`; without `anchor` for a single iteration, where it has no effect.
 pub(crate) fn rows(base: &Config) -> impl Iterator<Item = &'static Row> {
     let config = base.clone();
     ROWS.iter()
@@ -129,7 +134,7 @@ pub(crate) fn rows(base: &Config) -> impl Iterator<Item = &'static Row> {
         })
 }
 
-/// Table II beside the paper's: `to_full` and `to_prior` compare the same entries with either.
+/// Table II beside the paper's figures. `to_full` and `to_prior` compare the same entries with the full model and with the prior.
 pub(crate) fn table(to_full: &Summary, to_prior: &Summary) -> Vec<Block> {
     let note = "Change of MSE against the full model and sharpness against the prior are ratios of means over scenes \
                 [95 % of resampled scenes]; F1 is at 0.25 m and 1 px.";

@@ -1,4 +1,4 @@
-//! A filter in the field's place.
+//! A filter in place of the field.
 
 use mde_eval::{Refiner, Task};
 use mde_nerf::{Error, FieldCallback, FitReport, RadianceField, RenderedView, Result};
@@ -13,7 +13,7 @@ const RELATIVE_SIGMA: f64 = 0.05;
 
 /// A field without a fit: the depth of the first view after a [`Refiner`] (a filter, or noise), reprojected.
 ///
-/// Its standard deviation is 5 % of the depth. In the place of a NeRF it shows the gain of any filter by the same fusion.
+/// Its standard deviation is 5 % of the depth. In place of a NeRF, it shows what the same fusion gains with a plain filter.
 pub(crate) struct FilteredField {
     refiner: Arc<dyn Refiner + Send + Sync>,
     seed: u64,

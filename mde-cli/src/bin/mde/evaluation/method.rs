@@ -1,4 +1,4 @@
-//! What is compared: presets, configurations of the user's own, and the baselines.
+//! The methods to compare: presets, configuration files, and baselines.
 
 use super::refiner::{FieldMemory, LoopRefiner};
 use anyhow::{Context, Result, bail, ensure};
@@ -10,15 +10,15 @@ use serde_json::{Value, json};
 use std::ops::ControlFlow;
 use std::path::Path;
 
-/// The method that is the prior itself, with which all others are compared.
+/// The prior without refinement, the reference of the comparisons.
 pub(crate) const PRIOR: &str = "prior";
 
-/// Something that refines.
+/// A way of refining depth, with its settings and seed.
 #[derive(Clone)]
 pub(crate) struct Method {
-    /// Its own among all that are run.
+    /// Unique among the methods of a run.
     pub(crate) name: String,
-    /// What the tables call it; the same for all seeds.
+    /// Name in the tables, the same for all seeds.
     pub(crate) label: String,
     pub(crate) seed: u64,
     kind: Kind,
@@ -28,7 +28,7 @@ pub(crate) struct Method {
 enum Kind {
     /// A baseline of `mde-eval`, by its name there.
     Baseline,
-    /// The loop, with a baseline in the field's place if one is named.
+    /// The loop, with a baseline in place of the field where one is named.
     Loop(Box<Config>, Option<&'static str>),
     /// The loop on several photographs.
     Photographs(Box<Config>),
@@ -38,7 +38,7 @@ enum Kind {
 const CONSENSUS: &str = "consensus";
 
 impl Method {
-    /// What `text` names: a preset, a TOML file of settings over `preset`, or a baseline.
+    /// Parses the name of a preset or a baseline, or the path of a TOML file that overrides `preset`.
     pub(crate) fn parse(text: &str, preset: Preset, seed: Option<u64>) -> Result<Self> {
         let path = Path::new(text);
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
@@ -55,7 +55,7 @@ impl Method {
             return Ok(Self::of_preset(text.to_owned(), Preset::MultiView, config, seed));
         }
         baseline::named(text).with_context(|| {
-            format!("--methods {text}: also the presets (paper, default, fast, multi-view), consensus, and settings in a .toml file")
+            format!("--methods {text}: neither a preset (paper, default, fast, multi-view) nor consensus, a .toml file or a baseline")
         })?;
         let (name, label) = (text.to_owned(), text.to_owned());
         Ok(Self { name, label, seed: seed.unwrap_or(0), kind: Kind::Baseline })
@@ -82,7 +82,7 @@ impl Method {
         Self { name, label: label.to_owned(), seed, kind: Kind::Loop(Box::new(config), control) }
     }
 
-    /// Several methods, separated by commas; the prior is put first where it is not named.
+    /// Parses a list of methods. The prior comes first and need not be named.
     pub(crate) fn parse_list(texts: &[String], preset: Preset, seed: Option<u64>) -> Result<Vec<Self>> {
         let mut methods = vec![Self::parse(PRIOR, preset, seed)?];
         for text in texts.iter().map(|text| text.trim()).filter(|text| *text != PRIOR) {
@@ -95,7 +95,7 @@ impl Method {
             methods.push(method);
         }
         if texts.is_empty() {
-            bail!("--methods: names no method; give one or more, such as paper,default,guided");
+            bail!("--methods: no method; give one or more, such as paper,default,guided");
         }
         Ok(methods)
     }
@@ -113,7 +113,7 @@ impl Method {
         matches!(self.kind, Kind::Loop(..) | Kind::Photographs(_))
     }
 
-    /// The settings of the loop with the method's own seed, nothing for a baseline.
+    /// The settings of the loop with the method's own seed; `None` for a baseline.
     pub(crate) fn seeded_config(&self) -> Option<Config> {
         match &self.kind {
             Kind::Baseline => None,
@@ -123,7 +123,7 @@ impl Method {
         }
     }
 
-    /// Everything but the scene that the method's answer depends on.
+    /// Everything besides the scene that the result depends on.
     pub(crate) fn settings(&self) -> Result<Value> {
         let what = match &self.kind {
             Kind::Baseline => json!({ "baseline": self.label }),
@@ -138,7 +138,7 @@ impl Method {
         Ok(json!({ "method": what, "seed": self.seed, "version": env!("CARGO_PKG_VERSION") }))
     }
 
-    /// Runs it; `None` where it was told to stop.
+    /// Refines a scene. A `Break` of the callback cancels with an error.
     pub(crate) fn run(
         &self,
         task: &Task<'_>,

@@ -1,4 +1,4 @@
-//! Many methods on many scenes: what `mde eval` and `mde ablate` have in common.
+//! Methods on many scenes, for `mde eval`, `mde ablate` and `mde calibrate`.
 
 pub(crate) mod ablation;
 pub(crate) mod filtered;

@@ -17,7 +17,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// Progress callback, called from any thread; `Break` cancels.
 pub(crate) type SharedCallback<'o> = dyn Fn(&Event) -> ControlFlow<()> + Sync + 'o;
 
-/// [`refine`] with the settings of one [`Config`], but for the seed, which is the [`Task`]'s.
+/// [`refine`] with the settings of one [`Config`] and the seed of the [`Task`].
 ///
 /// The report of a [`Refined`] has the `iterations`, one [`IterationReport`](mde_cli::IterationReport) each.
 pub(crate) struct LoopRefiner<'o> {

@@ -14,25 +14,25 @@ use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
 
-/// Methods in the figures: more lines than this can't be told apart.
+/// Most methods in a figure: more lines cannot be distinguished.
 const LINES: usize = 6;
 
-/// All that was scored.
+/// The scores of all scenes and methods.
 pub(crate) struct Results {
     pub(crate) title: String,
-    /// The alignment belongs beside every number.
+    /// Describes the alignment, which every number depends on.
     pub(crate) alignment: String,
-    /// Before the other tables.
+    /// Blocks before the other tables.
     pub(crate) preface: Vec<Block>,
-    /// The method with which the others are compared.
+    /// The method that the others are compared with.
     pub(crate) reference: Option<String>,
     pub(crate) entries: Vec<Entry>,
     pub(crate) failures: Vec<Failure>,
-    /// What `summary.json` says of how it was made.
+    /// Inputs and settings, for `summary.json`.
     pub(crate) record: Value,
 }
 
-/// Some scenes or methods failed; what did not is written.
+/// Some scenes or methods failed; the results of the others are written.
 #[derive(Debug, thiserror::Error)]
 #[error("{failed} of the runs failed ({first}); the others are in {folder}")]
 pub(crate) struct Partial {
@@ -41,7 +41,10 @@ pub(crate) struct Partial {
     folder: String,
 }
 
-/// Writes the tables and figures into `folder`, shows the table, and is an error where something failed.
+/// Writes tables and figures into `folder` and prints the tables.
+///
+/// # Errors
+/// [`Partial`] where a scene or method failed; the results of the others are written.
 pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progress) -> Result<()> {
     let first = results.failures.first().map(|f| match &f.method {
         Some(method) => format!("{} {method}: {}", f.scene, f.error),
@@ -106,7 +109,7 @@ impl Results {
         Document { blocks }
     }
 
-    /// The figures of the methods that state an uncertainty of their own; without one, of the trivial ones.
+    /// Figures of at most [`LINES`] sigmas: those of the methods first, then trivial ones.
     fn figures(&self, folder: &Path) -> Result<()> {
         let mut names = figure::methods(&self.entries);
         names.sort_by_key(|name| name.contains(SIGMA_BY));

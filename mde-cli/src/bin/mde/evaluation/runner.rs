@@ -1,4 +1,4 @@
-//! Runs what is not there yet, keeps it, and goes on where a scene fails.
+//! Runs the methods whose results are not stored yet, and stores them. A scene that fails does not stop the others.
 
 use super::method::{Method, PRIOR};
 use super::refiner::FieldMemory;
@@ -22,45 +22,45 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// What is to be run.
+/// The scenes and methods to run.
 pub(crate) struct Plan<'p> {
     pub(crate) data: &'p (dyn DataSet + Sync),
-    /// Places in the data set.
+    /// Indices into the data set.
     pub(crate) scenes: &'p [usize],
     /// The prior first.
     pub(crate) methods: &'p [Method],
     pub(crate) prior: &'p PriorPlan,
-    /// What [`PriorPlan::describe`] says.
+    /// [`PriorPlan::describe`] of `prior`.
     pub(crate) prior_settings: Value,
     pub(crate) rule: DisparityRule,
     pub(crate) store: &'p Store,
-    /// What the scenes may take, and how many run at once.
+    /// Memory limit of the scenes, and how many run at once.
     pub(crate) limit: SceneLimit<'p>,
-    /// Whether the methods of a scene share fields that are the same.
+    /// Whether the methods of a scene share fields of equal settings and views.
     pub(crate) share_fields: bool,
     /// Whether methods get the further photographs without their poses.
     pub(crate) without_poses: bool,
 }
 
-/// A scene with every method's answer that could be had.
+/// A scene with the results of the methods that did not fail.
 pub(crate) struct SceneResult<'r> {
     pub(crate) sample: &'r Sample,
     pub(crate) entries: Vec<(&'r Method, Entry)>,
 }
 
-/// What went wrong, and where.
+/// An error of a scene or of one of its methods.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Failure {
     pub(crate) scene: String,
-    /// Nothing where the scene itself could not be had.
+    /// `None` if the scene itself could not be loaded.
     pub(crate) method: Option<String>,
     pub(crate) error: String,
 }
 
-/// What a worker says of a scene that is done.
+/// Called by a worker for each finished scene.
 type Finish<'f, T> = dyn Fn(&SceneResult<'_>) -> Result<T> + Sync + 'f;
 
-/// Runs the plan; `finish` makes what is wanted of each scene, given back in the data set's order.
+/// Runs the plan. The results of `finish`, one per scene, are in the order of the data set.
 pub(crate) fn run<T: Send>(
     plan: &Plan<'_>,
     progress: &mut Progress,
@@ -81,7 +81,7 @@ pub(crate) fn run<T: Send>(
         };
         let workers: Vec<_> = (0..plan.limit.jobs).map(|_| scope.spawn(work)).collect();
         let joined = workers.into_iter().map(|worker| worker.join());
-        joined.map(|outcome| outcome.unwrap_or_else(|_| bail!("a worker stopped"))).collect()
+        joined.map(|outcome| outcome.unwrap_or_else(|_| bail!("a worker thread panicked"))).collect()
     });
     for outcome in outcomes {
         results.extend(outcome?);
@@ -95,7 +95,7 @@ pub(crate) fn run<T: Send>(
     Ok((results.into_iter().map(|(_, result)| result).collect(), failures))
 }
 
-/// What the workers share.
+/// State shared by the workers.
 struct Shared<'s> {
     plan: &'s Plan<'s>,
     next: AtomicUsize,
@@ -121,9 +121,9 @@ impl Shared<'_> {
 
     fn scene<T>(&self, index: usize, priors: &Priors<'_>, finish: &Finish<'_, T>) -> Result<T> {
         let sample = self.plan.data.load(index)?;
-        self.plan.limit.check("its picture", sample.depth.dim())?;
+        self.plan.limit.check("its image", sample.depth.dim())?;
         if sample.assumed_camera {
-            let warning = format!("{}: has no intrinsics; the camera is assumed", sample.id);
+            let warning = format!("{}: no intrinsics; the camera is assumed", sample.id);
             lock(&self.tally).progress.warn(warning);
         }
         let model = priors.model(&sample)?;
@@ -150,7 +150,7 @@ impl Shared<'_> {
                 },
             });
             let outcome = match prior {
-                None => self.answer(&sample, method, made_from, || {
+                None => self.stored_or_run(&sample, method, made_from, || {
                     Ok(priors.depth(&sample, &self.plan.rule, method.seed)?.into())
                 }),
                 Some(prior) => {
@@ -160,7 +160,9 @@ impl Shared<'_> {
                         seed: method.seed,
                         ..Task::new(sample.image.view(), &sample.camera, prior.view(), &self.plan.rule)
                     };
-                    self.answer(&sample, method, made_from, || method.run(&task, memory.as_ref(), &stop))
+                    self.stored_or_run(&sample, method, made_from, || {
+                        method.run(&task, memory.as_ref(), &stop)
+                    })
                 }
             };
             match outcome {
@@ -172,8 +174,8 @@ impl Shared<'_> {
         finish(&SceneResult { sample: &sample, entries })
     }
 
-    /// The method's answer, from the store if it is there.
-    fn answer(
+    /// The stored result if it was computed from the same inputs; otherwise runs the method and stores its result.
+    fn stored_or_run(
         &self,
         sample: &Sample,
         method: &Method,
@@ -186,7 +188,7 @@ impl Shared<'_> {
                 return Ok(*entry);
             }
             Found::Stale(change) => {
-                let warning = format!("{} {}: run again, as {change}", sample.id, method.name);
+                let warning = format!("{} {}: computed again, since {change}", sample.id, method.name);
                 lock(&self.tally).progress.warn(warning);
             }
             Found::Nothing => {}
@@ -194,7 +196,7 @@ impl Shared<'_> {
         let start = Instant::now();
         let refined = run()?;
         if refined.depth.dim() != sample.depth.dim() {
-            bail!("{}: gave a map of another size than the picture", method.name);
+            bail!("{}: its map differs in size from the image", method.name);
         }
         let seconds = start.elapsed().as_secs_f64();
         let record = Record { made_from, seconds, report: refined.report.clone() };
@@ -219,7 +221,7 @@ impl Shared<'_> {
     }
 }
 
-/// The monocular depths that a data set brings for the further photographs.
+/// The monocular depths of the further photographs, where the data set has them.
 fn view_priors(sample: &Sample, rule: &DisparityRule) -> Result<Vec<Option<Array2<f32>>>> {
     let depth =
         |captured: &CapturedView| captured.prior.as_ref().map(|prior| prior.to_depth(rule)).transpose();
@@ -234,13 +236,13 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// How far it all is.
+/// Progress over all runs.
 struct Tally<'t> {
     progress: &'t mut Progress,
     jobs: usize,
     done: usize,
     all: usize,
-    /// By method: runs left, runs made, seconds that they took.
+    /// By method: remaining runs, finished runs, and total seconds of the latter.
     methods: BTreeMap<String, (usize, usize, f64)>,
 }
 
@@ -258,7 +260,7 @@ impl<'t> Tally<'t> {
         Some(entry)
     }
 
-    /// A run that is not needed.
+    /// Counts a run without work: a stored result, or a failure.
     fn skip(&mut self, method: &str) {
         let _ = self.take(method);
     }
@@ -274,7 +276,7 @@ impl<'t> Tally<'t> {
         self.progress.piece(self.done, self.all, &text, left, value);
     }
 
-    /// Seconds that are left, once every method that is left was run before.
+    /// Estimate of the remaining seconds, once every remaining method has run at least once.
     fn left(&self) -> Option<f64> {
         let mut seconds = 0.0;
         for &(left, runs, total) in self.methods.values() {
@@ -286,7 +288,7 @@ impl<'t> Tally<'t> {
     }
 }
 
-/// The scenes at once that were asked for, as far as there are threads and scenes for them.
-pub(crate) fn jobs(asked: Option<usize>, scenes: usize) -> usize {
-    asked.unwrap_or(1).min(scenes).min(rayon::current_num_threads()).max(1)
+/// Number of scenes to run at once: 1 by default, at most the number of scenes and of threads.
+pub(crate) fn jobs(requested: Option<usize>, scenes: usize) -> usize {
+    requested.unwrap_or(1).min(scenes).min(rayon::current_num_threads()).max(1)
 }

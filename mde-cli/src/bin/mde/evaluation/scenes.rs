@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// A data set and how it was asked for.
+/// A data set with the options that it was opened with.
 pub(crate) struct Source {
     pub(crate) data: Box<dyn DataSet>,
     pub(crate) kind: DataSetKind,
@@ -51,7 +51,7 @@ impl Source {
         Ok(Self { data, kind, options, without_poses: args.without_poses })
     }
 
-    /// What decides which pictures and truths the scenes have, wherever they lie.
+    /// The options that determine images and truth of the scenes; not the folder, which may be moved.
     pub(crate) fn describe(&self) -> Value {
         let mut value = json!({ "dataset": self.kind.name(), "size": self.options.size,
                                 "depth": self.options.sun_depth, "stride": self.options.stride });
@@ -78,16 +78,16 @@ impl Source {
 pub(crate) enum PriorPlan {
     /// A model.
     Model(PriorArgs),
-    /// A folder with one depth map a scene, named like it.
+    /// A folder with one depth map per scene, named after it.
     Folder(PathBuf, PriorArgs),
-    /// The truth of a procedural room, made worse.
+    /// The degraded truth of a procedural room.
     Simulated,
-    /// A simulated model of each procedural room, which takes crops and mirror images.
+    /// A simulated model of each procedural room, for crops and mirror images too.
     SimulatedModel(SimulatedModelConfig),
 }
 
 impl PriorPlan {
-    /// What the command line names; for rooms without a word, the simulated one.
+    /// The prior of the command line; for procedural rooms the default is the simulated one.
     pub(crate) fn new(args: &EvalPriorArgs, kind: DataSetKind) -> Result<Self> {
         let source = |depth: bool| PriorSource {
             prior_model: args.prior_model.clone(),
@@ -104,7 +104,7 @@ impl PriorPlan {
         let procedural = rooms || kind == DataSetKind::Captures;
         if let Some(fault) = args.simulated_model {
             if !rooms {
-                bail!("--simulated-model: is made from exact depth; use it with --dataset rooms");
+                bail!("--simulated-model: needs exact depth; use it with --dataset rooms");
             }
             return Ok(Self::SimulatedModel(faults(fault)));
         }
@@ -113,13 +113,13 @@ impl PriorPlan {
             (None, Some(folder)) => Ok(Self::Folder(folder.clone(), prior_args(true))),
             (None, None) if procedural => Ok(Self::Simulated),
             (None, None) if args.simulated_prior => {
-                bail!("--simulated-prior: is made from exact depth; use it with --dataset rooms or captures")
+                bail!("--simulated-prior: needs exact depth; use it with --dataset rooms or captures")
             }
             (None, None) => bail!("no prior is named; give --prior-model MODEL.onnx or --prior-depth FOLDER"),
         }
     }
 
-    /// A few words for the title.
+    /// Name for the title.
     pub(crate) fn title(&self) -> String {
         match self {
             Self::Model(args) => args.source.prior_model.as_deref().map(file_name).unwrap_or_default(),
@@ -142,7 +142,7 @@ impl PriorPlan {
         }
     }
 
-    /// What the record says of it.
+    /// Description for the record.
     pub(crate) fn describe(&self) -> Result<Value> {
         Ok(match self {
             Self::Model(args) => {
@@ -159,7 +159,7 @@ impl PriorPlan {
         })
     }
 
-    /// Opens what is opened once for many scenes.
+    /// Opens the prior, once for many scenes.
     pub(crate) fn open(&self) -> Result<Priors<'_>> {
         Ok(match self {
             Self::Model(args) => Priors::Model(NamedPrior::open(args)?.prior),
@@ -170,7 +170,7 @@ impl PriorPlan {
     }
 }
 
-/// The priors, opened; belongs to one thread.
+/// Opened priors, one per worker.
 pub(crate) enum Priors<'p> {
     Model(Box<dyn DepthPrior>),
     Folder(&'p Path, &'p PriorArgs),
@@ -179,7 +179,7 @@ pub(crate) enum Priors<'p> {
 }
 
 impl Priors<'_> {
-    /// The model to ask again about a scene, where there is one.
+    /// The model for further predictions on a scene, where there is one.
     pub(crate) fn model(&self, sample: &Sample) -> Result<Option<Box<dyn DepthPrior + '_>>> {
         Ok(match self {
             Self::Model(model) => Some(Box::new(&**model)),
@@ -190,7 +190,7 @@ impl Priors<'_> {
 
     /// The monocular depth of a scene, `[height, width]`; 0 where missing.
     pub(crate) fn depth(&self, sample: &Sample, rule: &DisparityRule, seed: u64) -> Result<Array2<f32>> {
-        let answer = match self {
+        let prediction = match self {
             Self::Model(model) => model.predict(sample.image.view())?,
             Self::Folder(folder, args) => {
                 let file = depth_file(folder, &sample.id)?;
@@ -209,7 +209,7 @@ impl Priors<'_> {
             },
             Self::SimulatedModel(faults) => simulated(sample, faults)?.predict(sample.image.view())?,
         };
-        Ok(answer.to_depth(rule)?)
+        Ok(prediction.to_depth(rule)?)
     }
 }
 
@@ -217,7 +217,7 @@ fn simulated(sample: &Sample, faults: &SimulatedModelConfig) -> Result<Simulated
     Ok(SimulatedModel::new(&sample.image, &sample.depth, faults.clone())?)
 }
 
-/// One fault at a size at which it shows, or all of them.
+/// One fault, strong enough to be visible, or all of them.
 fn faults(name: FaultName) -> SimulatedModelConfig {
     let all = SimulatedModelConfig::default();
     let small = SimulatedModelConfig::small(all.side);
@@ -232,7 +232,7 @@ fn faults(name: FaultName) -> SimulatedModelConfig {
     }
 }
 
-/// `FOLDER/ID.npy` and so on.
+/// The file `FOLDER/ID` with the extension of a depth map.
 fn depth_file(folder: &Path, id: &str) -> Result<PathBuf> {
     const EXTENSIONS: [&str; 5] = ["npy", "npz", "pfm", "png", "exr"];
     let found = EXTENSIONS.iter().map(|e| folder.join(format!("{id}.{e}"))).find(|path| path.is_file());
@@ -245,7 +245,7 @@ fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// A number that changes with the image, its camera, the further photographs or, where given, its prior.
+/// Checksum of the image, its camera, the further photographs and, where given, the prior.
 pub(crate) fn fingerprint(sample: &Sample, prior: Option<&Array2<f32>>) -> u32 {
     let mut hasher = crc32fast::Hasher::new();
     let camera = &sample.camera;
@@ -266,7 +266,7 @@ pub(crate) fn fingerprint(sample: &Sample, prior: Option<&Array2<f32>>) -> u32 {
     hasher.finalize()
 }
 
-/// The scenes that `wanted` names (all without it), at most `limit`.
+/// Indices of the scenes that `wanted` names (all if it is empty), at most `limit`.
 pub(crate) fn choose(data: &dyn DataSet, wanted: &[String], limit: Option<u32>) -> Result<Vec<usize>> {
     let ids = data.ids();
     let mut chosen = Vec::new();
@@ -279,7 +279,7 @@ pub(crate) fn choose(data: &dyn DataSet, wanted: &[String], limit: Option<u32>) 
         chosen.extend((0..ids.len()).filter(|&index| fits(&ids[index])));
         if chosen.len() == before {
             let some = ids.iter().take(5).cloned().collect::<Vec<_>>().join(", ");
-            bail!("--scenes {name}: there is no such scene among the {} here ({some}, ...)", ids.len());
+            bail!("--scenes {name}: no such scene among the {} of the data set ({some}, ...)", ids.len());
         }
     }
     chosen.sort_unstable();

@@ -1,4 +1,4 @@
-//! The scores of every method of one scene, with the controls that stand beside them.
+//! Scores of the methods of a scene and of their controls.
 
 use super::method::{Method, PRIOR};
 use super::runner::SceneResult;
@@ -20,22 +20,22 @@ use serde_json::{Value, json};
 /// Rows and columns of NYU's 640x480 that Eigen et al. score.
 const EIGEN_CROP: [usize; 4] = [45, 471, 41, 601];
 
-/// Between a method's name and that of a sigma that is not its own.
+/// Separates a method's name from that of a trivial sigma.
 pub(crate) const SIGMA_BY: &str = ", sigma by ";
 
 /// How maps are scored.
 pub(crate) struct Scoring {
-    /// But for the depths to trust, which the data set may know.
+    /// Settings; the data set may replace the largest depth.
     pub(crate) config: ScoreConfig,
     /// Whether the command line names the largest depth.
     pub(crate) own_range: bool,
-    /// Every method under the prior's alignment.
+    /// Whether every method is scored under the prior's alignment.
     pub(crate) shared: bool,
-    /// Whether the trivial sigmas and the unsharp mask of equal sharpness stand beside the methods.
+    /// Whether trivial sigmas and the unsharp mask of equal sharpness are scored beside the methods.
     pub(crate) controls: bool,
 }
 
-/// Scores with all that they depend on, kept beside the maps.
+/// Scores with everything that they depend on, stored beside the maps.
 #[derive(Serialize, Deserialize)]
 struct Scored {
     made_from: Value,
@@ -55,7 +55,7 @@ impl Scoring {
         Self { config, own_range: args.max_depth.is_some(), shared: args.shared_alignment, controls }
     }
 
-    /// What the tables say of the alignment and the pixels that count.
+    /// Describes the alignment and the scored pixels, for the tables.
     pub(crate) fn alignment_note(&self) -> String {
         let ScoreConfig { alignment, min_depth, max_depth, crop, .. } = &self.config;
         let whose = if self.shared { "the prior's, for all methods" } else { "each map its own" };
@@ -76,7 +76,7 @@ impl Scoring {
         config
     }
 
-    /// Every method of a scene, the controls after the method that they belong to.
+    /// Scores every method of a scene; its controls follow it.
     pub(crate) fn scene(&self, result: &SceneResult<'_>, store: &Store) -> Result<Vec<Entry>> {
         let config = self.config(result.sample);
         let Some((_, prior)) = result.entries.first() else { return Ok(Vec::new()) };
@@ -114,14 +114,14 @@ impl Scoring {
     }
 }
 
-/// What all methods of a scene are scored against.
+/// The truth of a scene, prepared once, and the prior's alignment.
 struct Against<'a> {
     sample: &'a Sample,
     prior: ArrayView2<'a, f32>,
     truth: Prepared,
     /// The prior's alignment.
     shared: Alignment,
-    /// Whether it is every method's.
+    /// Whether every method is scored under it.
     all_shared: bool,
 }
 
@@ -174,7 +174,7 @@ impl<'a> Against<'a> {
         self.entry(unsharp.depth.view(), None, &format!("unsharp as sharp as {label}"))
     }
 
-    /// Sigmas that anybody could state of `depth`, whose entry is `of`.
+    /// Scores of trivial sigmas for `depth`, whose entry is `of`.
     fn trivial_sigmas(&self, depth: ArrayView2<'_, f32>, of: &Entry) -> Result<Vec<Entry>> {
         let config = self.truth.config();
         let alignment = match self.all_shared {

@@ -1,4 +1,4 @@
-//! What `mde eval` and `mde ablate` do alike: open everything, run it, and put the tables together.
+//! The common part of `mde eval`, `mde ablate` and `mde calibrate`: opens the inputs, runs the methods, collects the scores.
 
 use super::method::Method;
 use super::results::Results;
@@ -17,7 +17,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// What a command evaluates.
+/// The methods of a command and how they are scored.
 pub(crate) struct Request<'a> {
     pub(crate) command: &'a str,
     /// The prior first.
@@ -28,7 +28,7 @@ pub(crate) struct Request<'a> {
     pub(crate) share_fields: bool,
 }
 
-/// An evaluation that is opened.
+/// An evaluation with its inputs opened.
 pub(crate) struct Setup<'a> {
     args: &'a EvaluationArgs,
     request: Request<'a>,
@@ -42,7 +42,7 @@ pub(crate) struct Setup<'a> {
 }
 
 impl<'a> Setup<'a> {
-    /// Opens all of it, and refuses what would take too much memory before anything is written.
+    /// Opens the inputs. A run that would need too much memory is refused before anything is written.
     pub(crate) fn open(args: &'a EvaluationArgs, request: Request<'a>) -> Result<Self> {
         let source = Source::open(&args.root, &args.data)?;
         let scenes = choose(&*source.data, &args.data.scenes, args.data.limit)?;
@@ -60,7 +60,7 @@ impl<'a> Setup<'a> {
         Ok(Self { args, request, memory, source, scenes, prior, prior_settings, scoring, store })
     }
 
-    /// Runs and scores what is not there yet.
+    /// Runs and scores the methods; stored results are reused.
     pub(crate) fn run(&self, progress: &mut Progress) -> Result<(Vec<Entry>, Vec<Failure>)> {
         let data = &*self.source.data;
         let plan = Plan {
@@ -84,13 +84,13 @@ impl<'a> Setup<'a> {
             .filter_map(|&index| Some((data.ids().get(index)?.as_str(), data.place(index))))
             .collect();
         for entry in &mut entries {
-            // Not of the stored scores: the same maps may be resampled by other places.
+            // Not from the stored scores: --places may differ from that of an earlier run.
             entry.place = places.get(entry.scene.as_str()).copied().flatten().map(str::to_owned);
         }
         Ok((entries, failures))
     }
 
-    /// The tables of what was run, compared with `reference`.
+    /// The results, compared with `reference`.
     pub(crate) fn results(&self, reference: &str, entries: Vec<Entry>, failures: Vec<Failure>) -> Results {
         Results {
             title: format!("{} with {}", self.source.title(), self.prior.title()),
@@ -119,12 +119,12 @@ impl<'a> Setup<'a> {
         self.prior.model_hash()
     }
 
-    /// Removes the folder again if nothing is in it.
+    /// Removes the folder if it has no results.
     pub(crate) fn discard_if_empty(&self) {
         self.store.discard_if_empty();
     }
 
-    /// Where the results go.
+    /// The folder of the results.
     pub(crate) fn folder(&self) -> &Path {
         self.store.root()
     }

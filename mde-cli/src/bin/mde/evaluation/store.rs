@@ -1,4 +1,4 @@
-//! The folder of an evaluation: one folder a scene and method, each there whole or not at all.
+//! The folder of an evaluation: one folder per scene and method, each written atomically.
 
 use crate::output::canvas::resized;
 use crate::output::provenance::write_json;
@@ -13,17 +13,17 @@ use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// What the whole evaluation is made of; the file by which its folder is known.
+/// The inputs that all results share. This file marks the folder of an evaluation.
 const BASIS: &str = "eval.json";
 const RECORD: &str = "method.json";
 const DEPTH: &str = "depth.npy";
 const SIGMA: &str = "sigma.npy";
 const SCORES: &str = "scores.json";
-/// A scene's picture, small, for the report.
+/// A reduced image of the scene, for the report.
 pub(crate) const PICTURE: &str = "picture.png";
-/// The picture fits into a square of so many pixels.
+/// Longest side of the reduced image, pixels.
 const PICTURE_SIDE: usize = 320;
-/// Unfinished folders start so.
+/// Prefix of unfinished folders.
 const TEMPORARY: &str = ".mde-";
 
 /// An evaluation on disk.
@@ -32,35 +32,35 @@ pub(crate) struct Store {
     root: PathBuf,
 }
 
-/// One method's answer for one scene, with what it was made from.
+/// A method's result for one scene, with the inputs that it was computed from.
 #[derive(Debug)]
 pub(crate) struct Entry {
     pub(crate) refined: Refined,
     pub(crate) record: Record,
 }
 
-/// What is written beside the maps.
+/// The record beside the maps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Record {
     /// Everything that the maps depend on.
     pub(crate) made_from: Value,
-    /// Wall seconds.
+    /// Wall time, seconds.
     pub(crate) seconds: f64,
     /// The method's report of its run.
     pub(crate) report: Value,
 }
 
-/// What a look into the store gives.
+/// Outcome of [`Store::find`].
 #[derive(Debug)]
 pub(crate) enum Found {
     Nothing,
-    /// Made from something else; the text says what differs first.
+    /// Computed from other inputs; the text names the first difference.
     Stale(String),
     Done(Box<Entry>),
 }
 
 impl Store {
-    /// Opens or begins the evaluation of `basis` in `root`; `force` begins it anew.
+    /// Opens the evaluation of `basis` in `root`, or starts it; `force` discards an earlier one.
     pub(crate) fn open(root: &Path, basis: &Value, force: bool) -> Result<Self> {
         let shown = root.display();
         let path = root.join(BASIS);
@@ -69,7 +69,7 @@ impl Store {
             let empty = fs::read_dir(root).with_context(|| shown.to_string())?.next().is_none();
             ensure!(
                 empty || path.is_file(),
-                "{shown}: holds no {BASIS} of an earlier evaluation and is not empty; give another name to -o"
+                "{shown}: not empty and without the {BASIS} of an evaluation; give another name to -o"
             );
         }
         if path.is_file() && force {
@@ -81,11 +81,11 @@ impl Store {
         if path.is_file() {
             let text = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
             let old: Value = serde_json::from_str(&text)
-                .with_context(|| format!("{}: broken; give --force to begin anew", path.display()))?;
+                .with_context(|| format!("{}: broken; give --force to start over", path.display()))?;
             if let Some(change) = difference(&old, basis) {
                 anyhow::bail!(
-                    "{shown}: holds an evaluation of something else ({change}); give another name to -o, or --force \
-                     to begin anew"
+                    "{shown}: contains another evaluation ({change}); give another name to -o, or --force \
+                     to start over"
                 );
             }
         } else {
@@ -102,7 +102,7 @@ impl Store {
         &self.root
     }
 
-    /// Removes an evaluation that holds nothing yet, for one that failed before its first map.
+    /// Removes the folder if it has no results, after a run that failed before its first map.
     pub(crate) fn discard_if_empty(&self) {
         let names = || fs::read_dir(&self.root).into_iter().flatten().flatten();
         if names().all(|entry| entry.file_name() == BASIS) {
@@ -111,7 +111,7 @@ impl Store {
         }
     }
 
-    /// Removes what an interrupted run left unfinished.
+    /// Removes the unfinished folders of interrupted runs.
     fn sweep(&self) {
         let inside = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten();
         let scenes = self.root.join("scenes");
@@ -129,7 +129,7 @@ impl Store {
         self.scene(scene).join(file_name(method))
     }
 
-    /// A method's answer, if it is there and was made from `made_from`.
+    /// The stored result of a method, if it was computed from `made_from`.
     pub(crate) fn find(&self, scene: &str, method: &str, made_from: &Value) -> Result<Found> {
         let folder = self.folder(scene, method);
         let path = folder.join(RECORD);
@@ -148,7 +148,7 @@ impl Store {
             if !path.is_file() {
                 return Ok(None);
             }
-            // A sigma of nothing but zeros is an answer too.
+            // Read as plain values, since a sigma of zeros alone is valid.
             Ok(Some(read_values(&path, &ReadOptions::default())?))
         };
         let Some(depth) = map(DEPTH)? else {
@@ -158,18 +158,18 @@ impl Store {
         Ok(Found::Done(Box::new(Entry { refined, record })))
     }
 
-    /// What was kept as a method's scores, if it can be read.
+    /// The stored scores of a method, if they can be read.
     pub(crate) fn scores<T: DeserializeOwned>(&self, scene: &str, method: &str) -> Option<T> {
         let text = fs::read_to_string(self.folder(scene, method).join(SCORES)).ok()?;
         serde_json::from_str(&text).ok()
     }
 
-    /// Keeps a method's scores; they go when its maps are made anew.
+    /// Stores a method's scores beside its maps; they are removed with the maps.
     pub(crate) fn keep_scores(&self, scene: &str, method: &str, scores: &impl Serialize) -> Result<()> {
         write_json(&self.folder(scene, method).join(SCORES), scores)
     }
 
-    /// Keeps a small picture of the scene, `[height, width, 3]`, unless it is there.
+    /// Stores a reduced image of the scene, `[height, width, 3]`, unless there is one.
     pub(crate) fn keep_picture(&self, scene: &str, image: ArrayView3<'_, f32>) -> Result<()> {
         let path = self.scene(scene).join(PICTURE);
         if path.is_file() {
@@ -181,7 +181,7 @@ impl Store {
         Ok(write_image(path, resized(image, side(width), side(height)).view())?)
     }
 
-    /// Puts a method's answer in its place, instead of an older one.
+    /// Stores a method's result, in place of an older one.
     pub(crate) fn keep(&self, scene: &str, method: &str, entry: &Entry) -> Result<()> {
         let parent = self.scene(scene);
         fs::create_dir_all(&parent)
@@ -194,7 +194,7 @@ impl Store {
         write_json(&temporary.path().join(RECORD), &entry.record)?;
         let folder = self.folder(scene, method);
         let fault = || format!("{}: can't put the maps there", folder.display());
-        // An old answer goes in one step too: half of one must not be taken for a whole one.
+        // The old result is renamed away, so that no half-deleted folder passes for a whole one.
         let old = crate::output::folder::temporary_folder(&parent)?;
         if folder.exists() {
             fs::rename(&folder, old.path().join("old")).with_context(fault)?;
@@ -225,7 +225,7 @@ fn difference(old: &Value, new: &Value) -> Option<String> {
     }
 }
 
-/// A name that every file system takes, another for every text.
+/// A file name that every file system accepts; different texts have different names.
 pub(crate) fn file_name(text: &str) -> String {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
     let mut name = String::new();
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_kept_is_found_and_what_was_made_from_something_else_is_stale() {
+    fn a_stored_result_is_found_and_one_of_other_inputs_is_stale() {
         let place = tempfile::tempdir().unwrap();
         let store = Store::open(&place.path().join("e"), &json!({ "size": "native" }), false).unwrap();
         let made_from = json!({ "config": { "seed": 1 } });
@@ -263,20 +263,20 @@ mod tests {
         assert_eq!(found.refined.depth, entry(Value::Null).refined.depth);
         assert_eq!(found.refined.sigma, entry(Value::Null).refined.sigma);
         assert_eq!((found.record.seconds, found.record.report), (1.5, json!({ "a": 1.0 })));
-        let sure = Entry {
+        let exact = Entry {
             refined: Refined { sigma: Some(Array2::zeros((3, 4))), ..entry(Value::Null).refined },
             ..entry(made_from.clone())
         };
-        store.keep("a/b", "sure", &sure).unwrap();
-        let Found::Done(found) = store.find("a/b", "sure", &made_from).unwrap() else { panic!() };
-        assert_eq!(found.refined.sigma, sure.refined.sigma);
+        store.keep("a/b", "exact", &exact).unwrap();
+        let Found::Done(found) = store.find("a/b", "exact", &made_from).unwrap() else { panic!() };
+        assert_eq!(found.refined.sigma, exact.refined.sigma);
         let other = json!({ "config": { "seed": 2 } });
         let Found::Stale(change) = store.find("a/b", "paper", &other).unwrap() else { panic!() };
         assert_eq!(change, "config.seed: 1 -> 2");
     }
 
     #[test]
-    fn another_evaluation_is_refused_and_force_begins_anew() {
+    fn another_evaluation_is_refused_and_force_starts_over() {
         let place = tempfile::tempdir().unwrap();
         let root = place.path().join("e");
         let store = Store::open(&root, &json!({ "size": "native" }), false).unwrap();

@@ -175,7 +175,7 @@ fn photograph(path: &Path, opened: &Opened, camera: &KnownCamera) -> Photograph 
     }
 }
 
-/// File names in the place of paths where they tell the photographs apart.
+/// File names instead of paths where they are unique.
 fn shorten(photographs: &mut [Photograph]) {
     let short = |name: &str| {
         Path::new(name).file_name().map_or_else(|| name.to_owned(), |n| n.to_string_lossy().into_owned())
@@ -201,11 +201,7 @@ fn further(reference: &Path, views: &[PathBuf]) -> Result<Vec<PathBuf>> {
     for view in views {
         let found = if view.is_dir() { in_folder(view)? } else { vec![view.clone()] };
         for path in found {
-            ensure!(
-                path.is_file(),
-                "--views {}: there is no such photograph; give files or a folder",
-                path.display()
-            );
+            ensure!(path.is_file(), "--views {}: no such photograph; give files or a folder", path.display());
             if !same(&path, reference) && !paths.iter().any(|known| same(known, &path)) {
                 paths.push(path);
             }

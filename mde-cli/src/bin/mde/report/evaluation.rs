@@ -35,7 +35,7 @@ const FIGURES: [(&str, &str); 3] = [
     ),
 ];
 
-/// What a scene's row of `scenes.csv` says, by method.
+/// The row of `scenes.csv` of a scene, by method.
 type Scores = BTreeMap<String, Map<String, Value>>;
 
 pub(super) fn page(folder: &Path) -> Result<String> {

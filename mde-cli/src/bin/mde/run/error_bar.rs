@@ -84,14 +84,14 @@ impl ErrorBar {
                     _ => "these settings",
                 };
                 warnings.push(format!(
-                    "--interval: no calibration is known for {of}, so the interval is a normal distribution's; estimate one with mde calibrate"
+                    "--interval: no calibration for {of}, so the interval assumes a normal distribution; estimate one with mde calibrate"
                 ));
                 (normal_half_width(probability)?, "normal distribution".to_owned())
             }
         };
         if self.given.is_none() && !prior.kind.is_depth() {
-            let told = "the depth range assumed for disparities has an error that sigma does not include";
-            warnings.push(format!("--interval: {told}; mde calibrate learns that too"));
+            let range = "the depth range assumed for disparities has an error that sigma does not include";
+            warnings.push(format!("--interval: {range}; mde calibrate --alignment none includes it"));
         }
         Ok(Stated { factor, interval: Some(Interval { probability, half_width, by }), warnings })
     }

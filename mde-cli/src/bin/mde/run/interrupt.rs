@@ -10,13 +10,13 @@ use std::time::Duration;
 
 /// The exit code of an interrupted program: 128 + SIGINT.
 pub(crate) const EXIT_CODE: u8 = 130;
-/// Time for the work to stop by itself; within a network's prediction or a fusion it can't.
+/// Time for the work to stop at its next callback; a prediction or a fusion has none.
 const GRACE: Duration = Duration::from_secs(1);
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 static TEMPORARY: Mutex<Option<PathBuf>> = Mutex::new(None);
 
-/// Installs the handler: a signal requests a stop, and ends the program soon after if the work goes on.
+/// Installs the handler: a signal requests a stop, and ends the program soon after if the work continues.
 pub(crate) fn install() -> Result<(), ctrlc::Error> {
     ctrlc::set_handler(|| {
         REQUESTED.store(true, Ordering::SeqCst);

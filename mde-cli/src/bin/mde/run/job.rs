@@ -100,14 +100,14 @@ impl Job {
             None => resume(image, &self.camera.camera, stages, &self.config, from, &mut keep, &mut observe)?,
         };
         if let Some(reason) = refinement.capture.as_ref().and_then(|capture| capture.fallback.as_ref()) {
-            progress.warn(format!("--views: {reason}; the photograph was refined alone"));
+            progress.warn(format!("--views: {reason}; only the reference photograph was used"));
         }
         if let Some(reason) = refinement.augmentation.skipped {
             progress.warn(format!("no test-time augmentation: {reason}; give --prior-model to use it"));
         }
         if self.save_field && kept.is_none() {
             progress.warn(
-                "--save-field: no field was fitted, so none is written; give refinement.field = \"always\" to fit one".to_owned(),
+                "--save-field: no field was fitted, so none is written; set refinement.field = \"always\" to fit one".to_owned(),
             );
         }
         for (index, iteration) in refinement.iterations.iter().enumerate() {
@@ -127,7 +127,7 @@ impl Job {
         };
         let score_seconds = start.elapsed().as_secs_f64();
         let table = scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
-        let said = json!({ "event": "done", "output": folder.path(), "scores": scores });
+        let value = json!({ "event": "done", "output": folder.path(), "scores": scores });
 
         let png_scale = png_scale(refinement.depth.mean().iter().copied());
         let missing_pixels = refinement.depth.variance().iter().filter(|v| v.is_infinite()).count();
@@ -177,7 +177,7 @@ impl Job {
             progress.seconds(),
             report.display()
         );
-        progress.result(&text, said);
+        progress.result(&text, value);
         Ok(())
     }
 
@@ -214,7 +214,7 @@ impl Job {
         let before = GaussianDepth::new(prior.clone(), known)?;
         recording.inputs(&self.input, &self.scene(&before, prior, &[]), &self.config.to_toml()?);
         if iterations.is_empty() && training.is_empty() {
-            // Without a fit, the clock of steps would show prior and result at the same time.
+            // Without a fit, prior and result would share a time on the timeline of steps.
             recording.fitted(1);
         }
         if let Some((capture, report)) = self.capture.as_ref().zip(refinement.capture.as_ref()) {
@@ -273,7 +273,7 @@ impl Job {
     }
 }
 
-/// The largest of 1, 2, 5, 10, ... steps a unit (and their tenths) at which the largest depth fits into 16 bits.
+/// The largest of 1, 2, 5, 10, ... steps per unit (and their tenths) at which the largest depth fits into 16 bits.
 pub(crate) fn png_scale(depths: impl Iterator<Item = f32>) -> f64 {
     let largest = f64::from(depths.fold(0.0, f32::max));
     if !(largest > 0.0 && largest.is_finite()) {

@@ -145,7 +145,7 @@ impl Progress {
                     json!({ "event": "begin", "stage": stage.name(), "iteration": index, "iterations": all }),
                 );
             }
-            // These two get a bar with their first event.
+            // These two get a bar at their first event.
             Mode::Bars if matches!(stage, Stage::Fit | Stage::Render) => {}
             // The prior's stage comes before the loop.
             Mode::Bars | Mode::Lines if stage == Stage::Prior => self.line(stage.name()),
@@ -293,7 +293,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_width_has_a_line_that_can_be_drawn() {
+    fn the_template_of_every_width_is_valid() {
         for columns in [0, 20, 69, 70, 109, 110, 500] {
             assert!(ProgressStyle::with_template(template(columns)).is_ok(), "{columns}");
         }
@@ -301,8 +301,8 @@ mod tests {
     }
 
     #[test]
-    fn durations_name_the_two_units_that_matter() {
-        let said = [0.4, 59.6, 61.0, 700.0, 7260.0].map(duration);
-        assert_eq!(said, ["0 s", "1 min 0 s", "1 min 1 s", "11 min", "2 h 1 min"]);
+    fn durations_have_the_two_largest_units() {
+        let texts = [0.4, 59.6, 61.0, 700.0, 7260.0].map(duration);
+        assert_eq!(texts, ["0 s", "1 min 0 s", "1 min 1 s", "11 min", "2 h 1 min"]);
     }
 }

@@ -56,7 +56,7 @@ impl Recording {
         let named = path.extension().is_some_and(|extension| extension == "rrd");
         ensure!(
             named,
-            "--rerun {}: the viewer knows recordings by their name; let it end in .rrd",
+            "--rerun {}: the viewer recognises recordings by the extension; give a name that ends in .rrd",
             path.display()
         );
         check_new_file("--rerun", path, force)?;
@@ -350,7 +350,7 @@ mod tests {
                 recording.depth(iteration, scene);
                 recording.sigma(iteration, scene.depth);
             }
-            // Known from the beginning, and told at the end.
+            // Known from the start, but recorded at the end.
             recording.inputs("plane", scene, "seed = 0");
         });
         let report = IterationReport::default();

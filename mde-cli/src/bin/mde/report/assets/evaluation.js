@@ -108,8 +108,8 @@ function scoreCell(metric, statistics, view, isReference) {
   const nothing = view === "ratio" ? 1 : 0;
   const outside = estimate.low > nothing || estimate.high < nothing;
   const better = { lower: -1, higher: 1 }[metric.better] ?? 0;
-  const told = outside && statistics.paired >= ENOUGH && better !== 0 ? (better * (estimate.value - nothing) > 0 ? "good" : "bad") : "";
-  cell.append(make("span", { class: "interval" }, make("span", { class: told }, show(estimate.value)), ` [${show(estimate.low)}, ${show(estimate.high)}]`));
+  const mark = outside && statistics.paired >= ENOUGH && better !== 0 ? (better * (estimate.value - nothing) > 0 ? "good" : "bad") : "";
+  cell.append(make("span", { class: "interval" }, make("span", { class: mark }, show(estimate.value)), ` [${show(estimate.low)}, ${show(estimate.high)}]`));
   return cell;
 }
 

@@ -149,8 +149,8 @@ function scoreTable(scores) {
   const body = rows.map(([label, of, better]) => [label.replace(/ (?=[↓↑]$)/, NBSP), ...names.flatMap((name) => {
     const [before, after] = [of(scores.by_alignment[name].prior), of(scores.by_alignment[name].refined)];
     const gain = better * (after - before);
-    const told = better !== 0 && Math.abs(after / before - 1) >= 0.01 ? (gain > 0 ? "good" : "bad") : null;
-    return [number(before), make("td", { class: told }, number(after))];
+    const mark = better !== 0 && Math.abs(after / before - 1) >= 0.01 ? (gain > 0 ? "good" : "bad") : null;
+    return [number(before), make("td", { class: mark }, number(after))];
   })]).filter((row) => row.slice(1).some((cell) => (cell.textContent ?? cell) !== "–"));
   return table(heads, body, "scores");
 }

@@ -1,4 +1,4 @@
-// Draws the page, and says so when it is done or why it could not.
+// Draws the page, and marks it as done or as failed with the reason.
 
 const page = document.getElementById("page");
 page.replaceChildren();
