@@ -86,7 +86,7 @@ mod tests {
         };
         assert!(same(&|c| c.seed = 5, true));
         assert!(!same(&|_| (), false), "a prior that accepts no new images has another sigma");
-        // Without a field its settings play no part.
+        // Without a field, its settings have no effect.
         assert!(same(&|c| c.refinement.iterations = 0, true));
         assert!(same(&|c| c.nerf.train.steps = 7, true));
         assert!(!same(&|c| c.refinement.field = crate::config::FieldUse::Always, true));

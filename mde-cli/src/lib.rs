@@ -3,7 +3,8 @@
 //! [`refine`] composes three traits: a [`DepthPrior`](mde_prior::DepthPrior) gives a monocular
 //! depth, a [`RadianceField`](mde_nerf::RadianceField) is fitted to views warped by it, a [`Fuser`](mde_fusion::Fuser)
 //! combines its renderings with the prior (the paper's Section III). [`Stages::new`] takes the field and the fusion from the
-//! [`Config`]; [`Preset`]s are its starting points.
+//! [`Config`]; [`Preset`]s are its starting points. [`refine_capture`] refines the depth of one of several photographs of a static
+//! scene.
 //!
 //! ```
 //! use mde_eval::scene::{Room, room};

@@ -1,4 +1,4 @@
-//! Fusion of a monocular depth map with the depth that a radiance field renders (Eq. 6-17).
+//! Fusion of a monocular depth map with the depth that a radiance field renders (Eq. 7-17).
 //!
 //! The prior \\(D_o\\) is accurate at low frequencies and blurred at edges; the rendered views have a variance per pixel. The
 //! views are averaged by precision (Eq. 7-8) and mapped affinely onto the prior (Eq. 10-13), the variance of the prior is

@@ -1,4 +1,4 @@
-//! The smooth part of a prior's error: what a field of residuals says about the pixels around each.
+//! The smooth part of a prior's error, interpolated from residuals at matches.
 //!
 //! A monocular prior is right in its details and wrong by something smooth, that changes from one object to the next.
 //! Residuals \\( r \\) (matches minus prior, in log depth) with weights \\( w \\) are averaged by an edge-aware kernel
@@ -9,9 +9,9 @@
 //!    s_{l+1}^2 = \frac{F_l[w (r - u_l)^2] + \lambda s_l^2}{F_l[w] + \lambda} . \\]
 //!
 //! The variance is about the level before: matches of neighbouring pixels share their errors, so that what is left after
-//! the finest level says little of them.
+//! the finest level hardly shows them.
 
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, ArrayView1, ArrayView2, ArrayViewMut1, Zip, s};
 
 /// Widths of the kernel, as shares of the image's longer side.
 const WIDTHS: [f32; 3] = [0.5, 0.16, 0.05];
@@ -53,43 +53,60 @@ impl Guide {
         }
     }
 
-    /// The recursive filter of `width` pixels over each map.
-    pub(crate) fn filter<const N: usize>(&self, maps: &mut [Array2<f32>; N], width: f32) {
-        for pass in 0..PASSES {
+    /// What the recursive filter of `width` pixels keeps of the neighbour, across and down, for each of its passes.
+    fn feedback(&self, width: f32) -> Vec<[Array2<f32>; 2]> {
+        let pass = |pass: i32| {
             // Widths of the passes whose variances sum to that of the whole.
             let total = (4_f32.powi(PASSES) - 1.0).sqrt();
             let sigma = width * 3_f32.sqrt() * 2_f32.powi(PASSES - 1 - pass) / total;
             let base = -(2_f32.sqrt()) / sigma.max(0.1);
-            let feedback = |d: &Array2<f32>| d.mapv(|d| (base * (1.0 + width * d)).exp());
-            let (across, down) = (feedback(&self.across), feedback(&self.down));
-            for map in maps.iter_mut() {
-                rows(map, &across);
-                columns(map, &down);
-            }
-        }
+            [&self.across, &self.down].map(|d| d.mapv(|d| (base * (1.0 + width * d)).exp()))
+        };
+        (0..PASSES).map(pass).collect()
     }
 }
 
-fn rows(map: &mut Array2<f32>, feedback: &Array2<f32>) {
-    for (mut line, a) in map.outer_iter_mut().zip(feedback.outer_iter()) {
-        for x in 1..line.len() {
-            line[x] += a[x] * (line[x - 1] - line[x]);
+/// Several maps in one, which a filter treats alike.
+type Maps = Array2<[f32; 4]>;
+
+fn filter(maps: &mut Maps, passes: &[[Array2<f32>; 2]]) {
+    for [across, down] in passes {
+        for (line, a) in maps.outer_iter_mut().zip(across.outer_iter()) {
+            row(line, a);
         }
-        for x in (1..line.len()).rev() {
-            line[x - 1] += a[x] * (line[x] - line[x - 1]);
-        }
+        columns(maps, down);
     }
 }
 
-fn columns(map: &mut Array2<f32>, feedback: &Array2<f32>) {
-    let height = map.nrows();
+#[inline(always)]
+fn towards(from: &[f32; 4], share: f32, here: &mut [f32; 4]) {
+    for (here, from) in here.iter_mut().zip(from) {
+        *here += share * (from - *here);
+    }
+}
+
+fn row(mut line: ArrayViewMut1<'_, [f32; 4]>, feedback: ArrayView1<'_, f32>) {
+    let n = line.len();
+    let mut last = line[0];
+    for x in 1..n {
+        towards(&last, feedback[x], &mut line[x]);
+        last = line[x];
+    }
+    for x in (1..n).rev() {
+        towards(&last, feedback[x], &mut line[x - 1]);
+        last = line[x - 1];
+    }
+}
+
+fn columns(maps: &mut Maps, feedback: &Array2<f32>) {
+    let height = maps.nrows();
     for y in 1..height {
-        let (above, mut here) = map.multi_slice_mut((ndarray::s![y - 1, ..], ndarray::s![y, ..]));
-        Zip::from(&mut here).and(&above).and(feedback.row(y)).for_each(|h, &u, &a| *h += a * (u - *h));
+        let (above, mut here) = maps.multi_slice_mut((s![y - 1, ..], s![y, ..]));
+        Zip::from(&mut here).and(&above).and(feedback.row(y)).for_each(|h, u, &a| towards(u, a, h));
     }
     for y in (1..height).rev() {
-        let (mut above, here) = map.multi_slice_mut((ndarray::s![y - 1, ..], ndarray::s![y, ..]));
-        Zip::from(&mut above).and(&here).and(feedback.row(y)).for_each(|u, &h, &a| *u += a * (h - *u));
+        let (mut above, here) = maps.multi_slice_mut((s![y - 1, ..], s![y, ..]));
+        Zip::from(&mut above).and(&here).and(feedback.row(y)).for_each(|u, h, &a| towards(h, a, u));
     }
 }
 
@@ -110,6 +127,7 @@ pub(crate) fn correct(
     let side = shape.0.max(shape.1) as f32;
     let mut mean: Array2<f32> = Array2::zeros(shape);
     let mut variance: Array2<f32> = Array2::from_elem(shape, spread * spread);
+    let levels = WIDTHS.map(|share| guide.feedback(share * side));
     for _ in 0..ROUNDS {
         let mut robust = weight.clone();
         Zip::from(&mut robust).and(residual).and(&mean).and(&variance).for_each(|w, &r, &u, &s| {
@@ -117,18 +135,18 @@ pub(crate) fn correct(
         });
         mean.fill(0.0);
         variance.fill(spread * spread);
-        for share in WIDTHS {
-            let left = Zip::from(residual).and(&mean).map_collect(|&r, &u| r - u);
-            let product = &robust * &left;
-            let square = &product * &left;
-            let mut maps = [product, square, robust.clone()];
-            guide.filter(&mut maps, share * side);
-            let [product, square, total] = maps;
-            Zip::from(&mut mean).and(&product).and(&total).for_each(|u, &p, &t| *u += p / (t + SHRINK));
-            Zip::from(&mut variance)
-                .and(&square)
-                .and(&total)
-                .for_each(|s, &q, &t| *s = (q + SHRINK * *s) / (t + SHRINK));
+        for passes in &levels {
+            let mut maps = Zip::from(residual).and(&mean).and(&robust).map_collect(|&r, &u, &w| {
+                let left = r - u;
+                [w * left, w * left * left, w, 0.0]
+            });
+            filter(&mut maps, passes);
+            Zip::from(&mut mean).and(&mut variance).and(&maps).for_each(
+                |u, s, &[product, square, total, _]| {
+                    *u += product / (total + SHRINK);
+                    *s = (square + SHRINK * *s) / (total + SHRINK);
+                },
+            );
         }
     }
     Correction { mean, variance }

@@ -13,6 +13,7 @@ use mde_warp::PosedView;
 use ndarray::{Array3, ArrayView2};
 
 use crate::geometry::Transfer;
+use crate::raster::bilinear;
 use crate::statistics::robust_deviation;
 use crate::{Result, check_map};
 
@@ -85,7 +86,7 @@ pub struct ExposureFit {
 /// Fits the exposure of `view` to `reference` through the reference's depth.
 ///
 /// `depth` is z in the unit of the poses, 0 where it is not verified: give only pixels that other photographs confirm.
-/// With fewer than 64 pairs the identity comes back.
+/// With fewer than 64 pairs the result is the identity.
 ///
 /// # Errors
 /// [`Error::View`](crate::Error::View) for a depth map of another size than the reference.
@@ -110,8 +111,8 @@ pub fn fit_exposure(
     Ok(fit_pairs(&pairs))
 }
 
-/// Fits the exposure that takes the first colour of each pair to the second. With fewer than 64 pairs the identity comes
-/// back.
+/// Fits the exposure that takes the first colour of each pair to the second. With fewer than 64 pairs the
+/// result is the identity.
 pub fn fit_pairs(pairs: &[([f32; 3], [f32; 3])]) -> ExposureFit {
     let mut exposure = Exposure::default();
     let (mut used, mut residual) = (0, 0.0);
@@ -184,15 +185,7 @@ fn sample(view: &PosedView, x: f64, y: f64) -> Option<[f32; 3]> {
     if ![(y0, x0), (y0, x1), (y1, x0), (y1, x1)].iter().all(|&p| view.mask[p]) {
         return None;
     }
-    let (fx, fy) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
-    let at = |y: usize, c: usize| {
-        let (left, right) = (view.image[(y, x0, c)], view.image[(y, x1, c)]);
-        left + fx * (right - left)
-    };
-    Some(std::array::from_fn(|c| {
-        let (top, bottom) = (at(y0, c), at(y1, c));
-        top + fy * (bottom - top)
-    }))
+    Some(bilinear(view.image.view(), x, y))
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! The gauge of a depth prior: what takes its depths to the unit of the poses.
+//! The gauge of a depth prior: the map from its depths to the unit of the poses.
 //!
 //! Matches \\( i \\) between photographs give depths \\( z_i \\) where the prior has \\( p_i \\). One factor is
 //! \\( \ln z_i \approx s + \ln p_i \\); the affine gauge lets the prior's contrast be wrong too,
@@ -7,7 +7,7 @@
 //!
 //! with \\( m \\) the mean of \\( \ln p_i \\) under the weights. Both are fitted by reweighted least squares with the weights
 //! \\( 1 / (1 + (r/\sigma)^2) \\) of a Cauchy distribution. Errors of a prior are smooth over the image, so
-//! neighbouring residuals are no independent evidence: the covariance is the sandwich over patches of the image,
+//! neighbouring residuals are not independent: the covariance is the sandwich over patches of the image,
 //! \\( H^{-1} \left( \sum_c g_c g_c^\top \right) H^{-1} \\), each patch counted once.
 
 use mde_uncertainty::GaussianDepth;
@@ -25,7 +25,7 @@ pub(crate) const PATCHES: usize = 10;
 const ROUNDS: usize = 20;
 /// Standard deviation of a prior's contrast in log depth about 1.
 const CONTRAST: f64 = 0.3;
-/// Fewer matches than this say nothing.
+/// Least number of matches for a fit.
 const MIN_MATCHES: usize = 16;
 
 /// A depth in the unit of the poses where the prior has another.
@@ -35,9 +35,9 @@ pub struct Match {
     pub prior: f32,
     /// The depth by matches or sparse points, positive.
     pub depth: f32,
-    /// How much it counts, 0 or more.
+    /// Weight, 0 or more.
     pub weight: f32,
-    /// The patch of the image that it lies in; errors within one are taken as one.
+    /// The patch of the image that it lies in; errors within a patch are treated as one error.
     pub patch: u32,
 }
 
@@ -199,7 +199,7 @@ impl Gauge {
         })
     }
 
-    /// One factor, nothing said of the contrast.
+    /// One factor; the contrast is 1.
     pub fn from_scale(scale: &Scale) -> Self {
         Self {
             offset: scale.log_scale,

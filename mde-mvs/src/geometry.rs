@@ -17,7 +17,7 @@ pub(crate) struct Transfer {
     pub(crate) height: usize,
 }
 
-/// A source pixel as the target sees it.
+/// A source pixel in the target view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Seen {
     pub(crate) x: f64,

@@ -6,12 +6,13 @@
 //!
 //! | step | function |
 //! | --- | --- |
-//! | which photographs are worth comparing | [`views::select_views`] |
+//! | selection of photographs by parallax, overlap and sharpness | [`views::select_views`] |
 //! | scale and gauge of the priors | [`gauge::Scale`], [`gauge::Gauge`] |
-//! | depth from one photograph against others | [`sweep::sweep`] |
-//! | which depths other photographs confirm | [`consensus::agreement`] |
-//! | sweep and prior fused, then the median over photographs | [`consensus::reconstruct`] |
+//! | depth of one photograph by comparison with others | [`sweep::sweep`] |
+//! | number of photographs that confirm a depth | [`consensus::agreement`] |
+//! | all of the above, sweep and prior fused | [`consensus::reconstruct`] |
 //! | gain and bias between photographs | [`exposure::fit_exposure`] |
+//! | poses from matches and priors, or refinement of given poses | [`poses::estimate_poses`], [`poses::refine_poses`] |
 //!
 //! ```
 //! use mde_mvs::consensus::{ConsensusConfig, reconstruct};
@@ -19,7 +20,7 @@
 //! use mde_warp::{PinholeCamera, Pose, PosedView};
 //!
 //! let camera = PinholeCamera::from_fov(60.0, 64, 48)?;
-//! // Two photographs of a textured wall two units away, the second from .2 to the right.
+//! // Two photographs of a textured wall at depth 2; the second camera is 0.2 to the right.
 //! let photograph = |shift: f64| {
 //!     let pixels = camera.fx * shift / 2.0;
 //!     let grey = |y: usize, x: usize| {
@@ -31,11 +32,11 @@
 //!     PosedView::new(image, camera, Pose::translation(-shift, 0.0, 0.0), mask, Vec::new())
 //! };
 //! let views = [photograph(0.0)?, photograph(0.2)?];
-//! // The prior is in another unit: one where the wall is 5 away.
+//! // The prior has another unit, in which the depth of the wall is 5.
 //! let prior = Array2::from_elem((48, 64), 5.0_f32);
 //!
 //! let found = reconstruct(&views, &[prior.view(), prior.view()], None, &ConsensusConfig::default())?;
-//! let depth = &found.views[0].depth;
+//! let depth = &found.views[0].fused;
 //! assert!((depth.mean()[(24, 40)] - 2.0).abs() < 0.05);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

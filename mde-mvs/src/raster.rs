@@ -8,6 +8,19 @@ pub(crate) fn luma(image: ArrayView3<'_, f32>) -> Array2<f32> {
     image.map_axis(Axis(2), |c| 0.299 * c[0] + 0.587 * c[1] + 0.114 * c[2])
 }
 
+/// Bilinear colour at column `x` and row `y`, which lie between the outermost pixel centres.
+pub(crate) fn bilinear(image: ArrayView3<'_, f32>, x: f64, y: f64) -> [f32; 3] {
+    let (h, w, _) = image.dim();
+    let (x0, y0) = (x as usize, y as usize);
+    let (x1, y1) = ((x0 + 1).min(w - 1), (y0 + 1).min(h - 1));
+    let (fx, fy) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
+    std::array::from_fn(|c| {
+        let along = |y: usize| image[(y, x0, c)] + fx * (image[(y, x1, c)] - image[(y, x0, c)]);
+        let (top, bottom) = (along(y0), along(y1));
+        top + fy * (bottom - top)
+    })
+}
+
 /// For each of `to` samples the first of `from` samples that it covers, and their weights, which sum to 1.
 fn area_weights(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
     let ratio = from as f64 / to as f64;

@@ -98,3 +98,16 @@ pub(crate) fn scene(
     let period = 6.0 * near / camera.fx;
     centres.iter().map(|&c| render(planes, camera, pose_at(c, [0.0; 3]), period)).unzip()
 }
+
+const CENTRES: [[f64; 3]; 4] = [[0.0; 3], [0.25, 0.0, 0.0], [-0.2, 0.1, 0.0], [0.0, -0.2, 0.1]];
+
+/// Two slanted walls that meet, and priors of them in a unit of their own, with a smooth error of 20 %.
+pub(crate) fn room(unit: f32) -> (Vec<PosedView>, Vec<Array2<f32>>, Vec<Array2<f32>>) {
+    let planes = [Plane::slanted(2.0, 0.5, 0.1), Plane::slanted(2.1, -0.6, 0.0)];
+    let (views, depths) = scene(&planes, (72, 96), &CENTRES);
+    let bend = |x: usize| 1.0 + 0.2 * (x as f32 / 15.0).sin();
+    let priors =
+        depths.iter().map(|d| Array2::from_shape_fn(d.dim(), |(y, x)| unit * bend(x + y / 2) * d[(y, x)]));
+    let priors = priors.collect();
+    (views, depths, priors)
+}

@@ -1,4 +1,4 @@
-//! Which further photographs are worth sweeping: parallax, overlap and sharpness against the reference.
+//! Selection of further photographs by parallax, overlap and sharpness against the reference.
 
 use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
@@ -11,16 +11,16 @@ use crate::{Error, Result, check_map};
 /// Pixels between two samples of the overlap, along each axis.
 const STRIDE: usize = 4;
 
-/// What a view is measured by.
+/// Settings of [`select_views`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default, rename_all = "kebab-case"))]
 #[non_exhaustive]
 pub struct ViewSelection {
-    /// Further photographs that are kept, at most; 7.
+    /// Most further photographs to keep; 7.
     pub max_views: usize,
-    /// The baseline over depth that is worth most, .1: less triangulates badly, more is hard to match. The worth of a
-    /// parallax falls off as a Gaussian of its logarithm, by a factor \\( e^{-1/2} \\) at \\( e \\) times more or less.
+    /// Best ratio of baseline to depth, .1: less triangulates badly, more is hard to match. The score of a parallax is a
+    /// Gaussian of its logarithm, lower by a factor \\( e^{-1/2} \\) at \\( e \\) times more or less.
     pub best_parallax: f64,
     /// Least share of the reference's pixels that project into a view, .2; a view with less is not used.
     pub min_overlap: f64,
@@ -69,14 +69,14 @@ pub struct ViewScore {
     pub overlap: f64,
     /// Mean squared gradient of its luma over that of the sharpest photograph, 0 to 1.
     pub sharpness: f64,
-    /// Overlap times the square root of sharpness times the worth of the parallax, 0 to 1.
+    /// Overlap times the square root of sharpness times the score of the parallax, 0 to 1.
     pub score: f64,
     /// Whether it is among the best [`max_views`](ViewSelection::max_views).
     pub chosen: bool,
 }
 
-/// Measures every other view against `views[reference]`, whose depth (0 where unknown, in the unit of the poses) says
-/// what is seen where. The scores come best first; equal ones in the order of the views.
+/// Scores every other view against `views[reference]` of known depth (0 where unknown, in the unit of the poses). The scores
+/// come best first; equal ones in the order of the views.
 ///
 /// # Errors
 /// [`Error::Reference`] for an index outside the views, [`Error::View`] for a depth map of another size, and what
@@ -159,7 +159,7 @@ mod tests {
         assert_eq!(scores.iter().map(|s| s.view).collect::<Vec<_>>(), [2, 3, 1, 4]);
         assert_eq!(scores.iter().map(|s| s.chosen).collect::<Vec<_>>(), [true, true, false, false]);
         assert!((scores[0].parallax - 0.1).abs() < 1e-6 && scores[3].overlap == 0.0);
-        // The same view out of focus is worth less.
+        // The same view out of focus has a lower score.
         let sharp = scores[0];
         let mean = views[2].image.mean().unwrap();
         views[2].image.mapv_inplace(|x| mean + 0.3 * (x - mean));

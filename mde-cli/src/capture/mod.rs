@@ -226,7 +226,7 @@ fn equalise(
 
 /// The exposure of a photograph against the reference's, and its image in that of the reference.
 fn equalised(reference: &PosedView, view: &PosedView, known: &ViewDepth) -> Result<(Exposure, Array3<f32>)> {
-    let verified = Zip::from(known.depth.mean())
+    let verified = Zip::from(known.fused.mean())
         .and(&known.support)
         .map_collect(|&z, &support| if support > 0 { z } else { 0.0 });
     let exposure = fit_exposure(reference, view, verified.view())?.exposure;

@@ -71,7 +71,7 @@ impl Refinement {
     }
 }
 
-/// State of a run between two iterations: everything that the next one depends on beside the inputs and the settings.
+/// State of a run between two iterations: everything that the next one depends on besides the inputs and the settings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checkpoint {
     /// The monocular depth that it started from, `[height, width]`; 0 where missing.

@@ -36,7 +36,7 @@ struct Fit {
 pub struct WarpReport {
     /// Number of views.
     pub views: usize,
-    /// Mean share of a view's pixels that are holes: the source image covers them but does not see their surface. They are filled and masked.
+    /// Mean share of a view's pixels that are holes: within the source image, but of a surface that it does not show. They are filled and masked.
     pub mean_hole_fraction: f64,
     /// Largest share of any view.
     pub max_hole_fraction: f64,

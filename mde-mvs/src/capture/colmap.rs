@@ -20,8 +20,8 @@ const OTHERS: [&str; 6] =
 
 /// Reads a COLMAP model: `cameras`, `images` and `points3D`, as `.bin` where `cameras.bin` exists, else as `.txt`.
 ///
-/// Names of photographs are relative to `photographs`. Frames come in the order of their names. `size` reports the
-/// width and height of a photograph, or nothing where it is missing. A model without points is read too.
+/// Names of photographs are relative to `photographs`. Frames come in the order of their names. `size` returns the
+/// width and height of a photograph, or `None` if it is missing. A model without points is read too.
 ///
 /// # Errors
 /// One line that names the file and the line or the byte: what is missing, cut short, not finite, of another size, a
@@ -59,7 +59,7 @@ pub(crate) struct Image {
     pub(crate) name: String,
 }
 
-/// Position, error, and the images that see the point.
+/// Position, error, and the images that show the point.
 pub(crate) type Point = ([f64; 3], f64, Vec<u32>);
 
 pub(crate) struct Raw {

@@ -1,29 +1,30 @@
+use std::fmt::Display;
 use std::path::PathBuf;
 
-/// What can be wrong with the files of a capture.
+/// Errors of the files of a capture. Each text is one line: control characters of names and values are escaped.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A file that cannot be read.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}", line(path.display()))]
     Read {
         /// The file.
         path: PathBuf,
         /// Why not.
         source: std::io::Error,
     },
-    /// A file that is not what it should be.
-    #[error("{}: {place}: {problem}", path.display())]
+    /// A file with wrong content.
+    #[error("{}: {}: {}", line(path.display()), line(place), line(problem))]
     Content {
         /// The file.
         path: PathBuf,
         /// Line, field or byte.
         place: String,
-        /// What is wrong there and what would be right.
+        /// What is wrong there, and what is expected.
         problem: String,
     },
     /// A camera model that cannot be turned into a pinhole camera.
-    #[error("{}: camera model {model} is not supported; undistort the photographs, or export one of {supported}", path.display())]
+    #[error("{}: camera model {} is not supported; undistort the photographs, or export one of {supported}", line(path.display()), line(model))]
     Model {
         /// The file.
         path: PathBuf,
@@ -32,8 +33,8 @@ pub enum Error {
         /// Those that are read.
         supported: &'static str,
     },
-    /// A rotation that is none.
-    #[error("{}: photograph {photograph}: {problem}; its pose cannot be used", path.display())]
+    /// A pose that is not a rigid motion.
+    #[error("{}: photograph {}: {problem}; its pose cannot be used", line(path.display()), line(photograph))]
     Rotation {
         /// The file.
         path: PathBuf,
@@ -43,7 +44,7 @@ pub enum Error {
         problem: &'static str,
     },
     /// A photograph that a capture names and that is not there.
-    #[error("{}: photograph {} is missing; copy it there, or remove its entry", path.display(), photograph.display())]
+    #[error("{}: photograph {} is missing; copy it there, or remove its entry", line(path.display()), line(photograph.display()))]
     Photograph {
         /// The file that names it.
         path: PathBuf,
@@ -51,7 +52,7 @@ pub enum Error {
         photograph: PathBuf,
     },
     /// Too few photographs with poses.
-    #[error("{}: {found} photograph(s) with a pose; at least 2 are needed", path.display())]
+    #[error("{}: {found} photograph(s) with a pose; at least 2 are needed", line(path.display()))]
     TooFew {
         /// The file.
         path: PathBuf,
@@ -59,7 +60,7 @@ pub enum Error {
         found: usize,
     },
     /// All photographs taken from one place.
-    #[error("{}: all photographs were taken from one place, so that nothing has parallax; add some from a little aside", path.display())]
+    #[error("{}: all photographs were taken from one place, so that nothing has parallax; add some from other places", line(path.display()))]
     NoParallax {
         /// The file.
         path: PathBuf,
@@ -75,6 +76,12 @@ pub enum Error {
     /// A view that cannot be made.
     #[error(transparent)]
     View(#[from] mde_warp::Error),
+}
+
+/// The text with control characters escaped, so that names in a file can neither break the line nor control a terminal.
+fn line(text: impl Display) -> String {
+    let plain = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+    text.to_string().chars().map(plain).collect()
 }
 
 /// Shorthand for results of the readers.

@@ -4,6 +4,7 @@ use ndarray::{Array2, Array3, ArrayView3};
 use rayon::prelude::*;
 
 use crate::capture::{Error, Result};
+use crate::raster::bilinear;
 
 /// Brown's distortion as OpenCV writes it; all zero is none.
 ///
@@ -65,7 +66,7 @@ impl Lens {
     }
 
     /// The photograph `[height, width, 3]` as the pinhole camera would have taken it, and where it has colours: false
-    /// where the pinhole camera sees past the photograph's edge. Colours are bilinear.
+    /// where the pinhole camera's image extends beyond the photograph. Colours are bilinear.
     ///
     /// # Errors
     /// [`Error::Size`] for a photograph of another size than the camera.
@@ -83,7 +84,7 @@ impl Lens {
             .map(|y| {
                 let sample = |x: usize| {
                     let at = self.photograph_pixel(Point2::new(x as f64, y as f64))?;
-                    bilinear(photograph, at)
+                    colour_at(photograph, at)
                 };
                 (0..w).map(sample).collect()
             })
@@ -94,20 +95,12 @@ impl Lens {
     }
 }
 
-fn bilinear(image: ArrayView3<'_, f32>, at: Point2<f64>) -> Option<[f32; 3]> {
+fn colour_at(image: ArrayView3<'_, f32>, at: Point2<f64>) -> Option<[f32; 3]> {
     let (h, w, _) = image.dim();
     // Half a pixel past the outermost centres still lies on the photograph.
     let inside = |x: f64, n: usize| (-0.5..=n as f64 - 0.5).contains(&x);
     if !(inside(at.x, w) && inside(at.y, h)) {
         return None;
     }
-    let (x, y) = (at.x.clamp(0.0, (w - 1) as f64), at.y.clamp(0.0, (h - 1) as f64));
-    let (x0, y0) = (x as usize, y as usize);
-    let (x1, y1) = ((x0 + 1).min(w - 1), (y0 + 1).min(h - 1));
-    let (fx, fy) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
-    Some(std::array::from_fn(|c| {
-        let along = |y: usize| image[(y, x0, c)] + fx * (image[(y, x1, c)] - image[(y, x0, c)]);
-        let (top, bottom) = (along(y0), along(y1));
-        top + fy * (bottom - top)
-    }))
+    Some(bilinear(image, at.x.clamp(0.0, (w - 1) as f64), at.y.clamp(0.0, (h - 1) as f64)))
 }

@@ -6,9 +6,9 @@
 //! | [`read_colmap`] | a COLMAP model, text or binary | world to camera | halves |
 //! | [`read_tum`] | `groundtruth.txt` and `rgb.txt` | camera to world | those of the given lens |
 //!
-//! Whatever the file, a [`Frame`] has a [`Lens`] with pixel centres at integers and a pose from world to camera, and
+//! For every format, a [`Frame`] has a [`Lens`] with pixel centres at integers and a pose from world to camera, and
 //! [`Frame::view`] makes a [`PosedView`] of the decoded photograph with its distortion removed. The readers decode no
-//! photograph: a closure reports the width and height of each, or nothing where it is missing.
+//! photograph: a closure returns the width and height of each, or `None` for a missing one.
 
 mod colmap;
 mod error;
@@ -33,6 +33,8 @@ pub use tum::read_tum;
 
 /// Most bytes of a file that is read.
 const MAX_FILE: u64 = 1 << 30;
+/// Largest coordinate of a position, in the unit of the poses. Products of positions up to it are finite.
+const MAX_POSITION: f64 = 1e12;
 /// Most photographs of a capture.
 const MAX_FRAMES: usize = 1 << 16;
 /// Largest departure of a rotation from orthogonality, as an entry of \\( R^\top R - I \\).
@@ -41,7 +43,7 @@ const ORTHOGONAL: f64 = 1e-2;
 /// One photograph of a capture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
-    /// Where the photograph lies.
+    /// Path of the photograph.
     pub photograph: PathBuf,
     /// The camera that took it.
     pub lens: Lens,
@@ -60,14 +62,14 @@ impl Frame {
     }
 }
 
-/// A point of the scene that a capture comes with.
+/// A point of the scene from the capture's files.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SparsePoint {
-    /// Its place in the world.
+    /// Position in the world.
     pub position: Point3<f64>,
     /// Mean reprojection error, pixels.
     pub error: f64,
-    /// Indices of the frames that see it.
+    /// Indices of the frames that show it.
     pub frames: Vec<usize>,
 }
 
@@ -116,7 +118,7 @@ fn content(path: &Path, place: impl Into<String>, problem: impl Into<String>) ->
     Error::Content { path: path.to_owned(), place: place.into(), problem: problem.into() }
 }
 
-/// The rotation nearest to a matrix that nearly is one.
+/// The rotation nearest to a matrix that is nearly a rotation.
 fn rotation(m: &Matrix3<f64>) -> std::result::Result<UnitQuaternion<f64>, &'static str> {
     if !m.iter().all(|x| x.is_finite()) {
         return Err("its rotation is not finite");
@@ -150,10 +152,10 @@ fn quaternion(q: [f64; 4]) -> std::result::Result<UnitQuaternion<f64>, &'static 
 }
 
 fn translation(t: [f64; 3]) -> std::result::Result<Translation3<f64>, &'static str> {
-    if t.iter().all(|x| x.is_finite()) {
+    if t.iter().all(|x| x.abs() <= MAX_POSITION) {
         Ok(Translation3::from(Vector3::from(t)))
     } else {
-        Err("its translation is not finite")
+        Err("its translation is not finite or above 1e12")
     }
 }
 

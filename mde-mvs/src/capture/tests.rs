@@ -99,6 +99,32 @@ fn bad_transforms_are_named() {
     }
 }
 
+#[test]
+fn names_with_control_characters_stay_on_one_line() {
+    let good = transforms_json(&frames(), Path::new("shots"));
+    let absent = |p: &Path| (!p.to_string_lossy().contains('\n')).then_some(SIZE);
+    let path = Path::new("shots/transforms.json");
+    let text = good.replace("d.png", "d\\n\\u001b[31m.png");
+    let error = transforms::parse(path, &text, PixelCentres::Integers, &absent).unwrap_err().to_string();
+    assert!(
+        error.contains(r"d\n\u{1b}[31m.png is missing") && !error.contains(char::is_control),
+        "{error:?}"
+    );
+    let model = transforms(&good.replace("OPENCV", "OPEN\\rCV")).unwrap_err().to_string();
+    assert!(model.contains(r"OPEN\rCV is not supported"), "{model:?}");
+}
+
+/// The camera's centre is a sum of three products: each translation is finite, but the centre would not be.
+#[test]
+fn positions_whose_products_overflow_are_refused() {
+    let text = r#"{"fl_x": 50, "frames": [
+        {"file_path": "a", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]},
+        {"file_path": "b", "transform_matrix": [[0.6,-0.8,0,1.7e308],[0.8,0.6,0,1.7e308],[0,0,1,0]]}]}"#;
+    assert!(transforms(text).unwrap_err().to_string().contains("translation is not finite or above 1e12"));
+    let near = transforms(&text.replace("1.7e308", "1e12")).unwrap();
+    assert!(near.frames[1].pose.to_homogeneous().iter().all(|x| x.is_finite()));
+}
+
 /// A model of the frames without distortion, as text and as bytes.
 fn colmap_files(frames: &[Frame]) -> ([String; 3], [Vec<u8>; 3]) {
     let camera = &frames[0].lens.camera;

@@ -12,10 +12,10 @@ use super::{
 /// Models of a `transforms.json` that are read.
 const MODELS: [&str; 6] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "PERSPECTIVE"];
 const SUPPORTED: &str = "OPENCV, PINHOLE, SIMPLE_PINHOLE, RADIAL, SIMPLE_RADIAL";
-/// What an extension left out may be.
+/// Extensions that are tried for a name without one.
 const EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "JPG"];
 
-/// Where the first pixel's centre lies: at 0, as everywhere in this workspace, or at one half.
+/// Position of the first pixel's centre: 0, as everywhere in this workspace, or one half.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PixelCentres {
     /// At integers.
@@ -28,8 +28,8 @@ pub enum PixelCentres {
 /// Reads a `transforms.json`: camera-to-world matrices with OpenGL axes, intrinsics for all frames or for each
 /// (`fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `camera_angle_x`, `camera_angle_y`, `k1`, `k2`, `k3`, `p1`, `p2`).
 ///
-/// `size` reports the width and height of a photograph, or nothing where it is missing; it also stands in for `w` and `h`
-/// where the file leaves them out. Principal points are taken by `centres` unless the file has a `pixel_centres` of
+/// `size` returns the width and height of a photograph, or `None` if it is missing; it also replaces `w` and `h`
+/// where the file has none. Principal points are taken by `centres` unless the file has a `pixel_centres` of
 /// `"integers"` or `"halves"`.
 ///
 /// # Errors
@@ -80,7 +80,7 @@ pub(super) fn parse(
     capture.checked(path)
 }
 
-/// The photograph and its size; an extension that is left out is tried.
+/// The photograph and its size; a name without extension is tried with each of [`EXTENSIONS`].
 fn find(
     folder: &Path,
     name: &str,

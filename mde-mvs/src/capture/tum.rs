@@ -13,8 +13,8 @@ const MAX_GAP: f64 = 0.02;
 /// Reads a trajectory of the TUM RGB-D benchmark: `rgb.txt` (time, photograph) beside `groundtruth.txt` (time, camera
 /// centre x y z, camera-to-world rotation x y z w), all photographs by one lens, which the format does not have.
 ///
-/// A photograph takes the pose nearest in time; one without a pose within 20 ms is left out. `size` reports the width and
-/// height of a photograph, or nothing where it is missing.
+/// A photograph takes the pose nearest in time; one without a pose within 20 ms is left out. `size` returns the width and
+/// height of a photograph, or `None` if it is missing.
 ///
 /// # Errors
 /// One line that names the file and the line: what is missing, not finite, of another size, a rotation that is none,

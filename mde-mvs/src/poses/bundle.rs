@@ -92,7 +92,7 @@ pub(super) struct Bundle {
     pub(super) tracks: Vec<Observed>,
 }
 
-/// A track as a view sees it.
+/// A track in a view.
 struct Seen {
     rotation: Matrix3<f64>,
     translation: Vector3<f64>,
@@ -522,8 +522,7 @@ fn inverse(curvature: f64, damping: f64) -> f64 {
 
 /// The rigid motion of a twist: translation first, rotation vector second, each applied on its own.
 ///
-/// To first order this is the exponential of se(3), and all that is asked of it is that it is smooth and covers a
-/// neighbourhood.
+/// To first order this is the exponential of se(3). The optimisation only needs a smooth parametrisation of a neighbourhood.
 pub(super) fn exp(delta: &Vector6<f64>) -> Pose {
     let turn = UnitQuaternion::from_scaled_axis(delta.fixed_rows::<3>(3).into_owned());
     Pose::from_parts(Translation3::from(delta.fixed_rows::<3>(0).into_owned()), turn)

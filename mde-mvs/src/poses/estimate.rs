@@ -17,7 +17,7 @@ const ROUNDS: usize = 3;
 /// No covariance is of matches better than this, in units of noise.
 pub(super) const LEAST_NOISE: f64 = 1e-3;
 
-/// What became of a photograph.
+/// Outcome for a photograph.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Verdict {
@@ -25,7 +25,7 @@ pub enum Verdict {
     Reference,
     /// It has a pose.
     Posed,
-    /// It has a pose, but from so near that matches say next to nothing of depth.
+    /// It has a pose, but so little parallax that its matches hardly determine depth.
     NoParallax {
         /// Median parallax of its matches, in pixels of a photograph of 640 on the longer side.
         pixels: f64,
@@ -101,7 +101,7 @@ pub struct EstimatedPose {
     pub pose: Option<Pose>,
     /// The camera, with the estimated focal length where it was assumed.
     pub camera: PinholeCamera,
-    /// What became of it.
+    /// Outcome for it.
     pub verdict: Verdict,
     /// Tracks that it is part of.
     pub tracks: usize,
@@ -122,7 +122,7 @@ pub struct Estimated {
     pub tracks: Vec<Track>,
     /// Factor on the assumed focal lengths; 1 where none was assumed.
     pub focal_factor: f64,
-    /// Standard deviation of its logarithm; 0 where none was assumed. What the photographs do not tell stays near the settings'.
+    /// Standard deviation of its logarithm; 0 where none was assumed. Where the photographs do not determine it, it stays near that of the settings.
     pub focal_log_sigma: f64,
     /// Standard deviation of a match, in pixels of a photograph of 640 on the longer side.
     pub noise: f64,
@@ -131,7 +131,7 @@ pub struct Estimated {
 /// Poses of photographs without any; the module's front page has the method.
 ///
 /// The result depends on the photographs, the settings and the seed: neither on the number of threads nor on the order of the
-/// photographs. A photograph that does not fit has no pose and a [`Verdict`] that says why; with none that fits, the reference
+/// photographs. A photograph that does not fit has no pose and a [`Verdict`] with the reason; with none that fits, the reference
 /// alone has one.
 ///
 /// # Errors

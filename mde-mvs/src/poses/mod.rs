@@ -11,7 +11,7 @@
 //!   {}+ \sum_k \rho\left( \left( \frac{\log z_k - \log D_a(p_k) - m_a}{\sigma} \right)^2 \right) . \\]
 //!
 //! The prior gives the start, the unit, and what matches leave open: over a short baseline depth and rotation trade for each
-//! other, and without the prior the answer may be degrees off.
+//! other, and without the prior the result may be off by degrees.
 //!
 //! [`refine_poses`] improves given poses by the same adjustment, with the poses themselves as a prior, and keeps the result only
 //! where matches that had no part in it fit better.
@@ -90,7 +90,7 @@ pub struct PosesConfig {
     pub regions: f64,
     /// Standard deviation of the logarithm of an assumed focal length.
     pub focal_sigma: f64,
-    /// Least median parallax of a photograph that depth can be had from, pixels.
+    /// Least median parallax of a photograph that determines depth, pixels.
     pub min_parallax_pixels: f64,
 }
 

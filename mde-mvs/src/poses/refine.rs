@@ -3,7 +3,7 @@ use super::tracks::{self, Track};
 use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order, pair, positive};
 use crate::{Error, Result};
 use mde_uncertainty::random::CounterRng;
-use mde_uncertainty::statistics::quantile;
+use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
 use nalgebra::{Matrix6, Point2, Vector2};
 use rand::RngExt;
@@ -68,7 +68,7 @@ pub struct Refined {
 /// depths from the matches alone, the given poses as a prior, and the reference's pose kept.
 ///
 /// A fifth of the tracks has no part in it. The deviations of the given poses are tried at a thirtieth, a tenth, a third and all of
-/// what the settings say, and of those results and the given poses the one that moves least is kept, of those that fit the
+/// those in the settings, and of those results and the given poses the one that moves least is kept, of those that fit the
 /// withheld tracks as well as the best within its standard error.
 ///
 /// # Errors
@@ -114,8 +114,8 @@ pub fn refine_poses(
     let longest = longest_baseline(&given);
     bundle.triangulate(longest);
 
-    let mut depths: Vec<f64> = bundle.tracks.iter().map(|track| track.inverse_depth.recip()).collect();
-    let Some(depth) = quantile(&mut depths, 0.5).filter(|_| longest > 0.0) else {
+    let depths = bundle.tracks.iter().map(|track| track.inverse_depth.recip());
+    let Some(depth) = median(depths).filter(|_| longest > 0.0) else {
         return Ok(unchanged(poses, bundle, &order));
     };
     for (v, prior) in bundle.pose_priors.iter_mut().enumerate() {
@@ -162,7 +162,7 @@ pub fn refine_poses(
     let Some(chosen) = least_moved(&errors, settings.matches.regions) else {
         return Ok(unchanged(poses, bundle, &order));
     };
-    let withheld = Some([median(&candidates[0].0), median(&candidates[chosen].0)]);
+    let withheld = Some([0, chosen].map(|i| median(candidates[i].0.iter().copied()).unwrap_or(0.0)));
     let (_, bundle) = candidates.swap_remove(chosen);
     if chosen == 0 {
         return Ok(Refined { withheld, ..unchanged(poses, bundle, &order) });
@@ -197,10 +197,6 @@ fn least_moved(errors: &[&[f64]], regions: f64) -> Option<usize> {
         let spread = e.iter().zip(*best).map(|(a, b)| (a - b - mean).powi(2)).sum::<f64>() / count;
         mean <= (spread / count.min(regions)).sqrt()
     })
-}
-
-fn median(values: &[f64]) -> f64 {
-    quantile(&mut values.to_vec(), 0.5).unwrap_or(0.0)
 }
 
 fn observed(mut group: Vec<(usize, Point2<f64>)>) -> Option<Observed> {

@@ -34,7 +34,7 @@ pub struct Track {
 
 /// Joins matches that share features. A track that has two places in one photograph is dropped: some match of it is wrong.
 ///
-/// Each is a list of `(shot, pixel)`, by the rank of the shots, which says who the anchor is.
+/// Each is a list of `(shot, pixel)`, by the rank of the shots; the first is the anchor.
 pub(super) fn join(shots: &[Shot], pairs: &[&Pair], rank: &[usize]) -> Vec<Vec<(usize, Point2<f64>)>> {
     let starts: Vec<usize> = shots
         .iter()

@@ -2,7 +2,7 @@
 //! sources.
 
 use mde_warp::PosedView;
-use ndarray::Array2;
+use ndarray::{Array2, Zip};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -11,31 +11,38 @@ use crate::raster::luma;
 
 /// Cost 1 (no correlation, or a negative one), quantised.
 pub(crate) const WORST: f32 = 254.0;
-/// What the volume holds, until it is filled, where no source sees a pixel.
+/// Cost of a source that does not have the pixel, and placeholder in the volume where none has it, until it is filled.
 const UNSEEN: u8 = 255;
-/// A cost above every real one, of a source that does not see the pixel.
-const ABSENT: f32 = 4.0;
 /// Rows that are computed together.
-const BLOCK: usize = 24;
-/// Pixels that are combined together.
+const BLOCK: usize = 48;
+/// Surfaces whose costs are transposed together: the bytes of one word.
+const GROUP: usize = 8;
+/// Pixels whose costs are transposed or combined together.
 const LANES: usize = 64;
-/// Surfaces whose costs are transposed together.
-const GROUP: usize = 16;
 /// A target depth below this share of the source depth counts as behind the camera.
 const NEAR: f32 = 1e-4;
+/// Luma 1 as it is stored.
+const UNIT: f32 = 65_000.0;
+/// Least product of a variance and the squared number of pixels, against rounding errors below zero.
+const LEAST: f32 = 1e-12;
+/// What is stored where a neighbour is masked or off the image.
+const MISSING: u16 = u16::MAX;
+/// Added to a number from 0 to 2^22 it leaves the nearest integer in the lowest bits: a conversion that vectorises.
+const INTEGER: f32 = 8_388_608.0;
 
 /// Costs `[height, width, surfaces]`, 0 to 254, surfaces fastest.
 pub(crate) struct Volume {
     pub(crate) costs: Vec<u8>,
     pub(crate) surfaces: usize,
-    /// Whether any source sees the pixel on any surface.
+    /// Whether any source has the pixel, on any surface.
     pub(crate) seen: Array2<bool>,
 }
 
 /// One source view, ready to be sampled.
 struct Source {
-    /// For each pixel itself, its right, its lower and its diagonal neighbour; one more, NaN, for all that is outside.
-    quads: Vec<[f32; 4]>,
+    /// For each pixel the luma of itself, its right, its lower and its diagonal neighbour, 16 bits each from the lowest;
+    /// one more, all missing, for what is outside.
+    quads: Vec<u64>,
     width: usize,
     height: usize,
     transfer: Transfer,
@@ -44,16 +51,21 @@ struct Source {
 impl Source {
     fn new(reference: &PosedView, view: &PosedView) -> Self {
         let (h, w) = view.camera.dim();
-        let luma = luma(view.image.view());
-        let at = |y: usize, x: usize| {
-            let p = (y.min(h - 1), x.min(w - 1));
-            if view.mask[p] { luma[p] } else { f32::NAN }
-        };
-        let mut quads: Vec<[f32; 4]> = Vec::with_capacity(h * w + 1);
+        let stored = Zip::from(&luma(view.image.view())).and(&view.mask).map_collect(|&value, &kept| {
+            if kept { (UNIT * value.clamp(0.0, 1.0)).round() as u16 } else { MISSING }
+        });
+        let at = |y: usize, x: usize| stored[(y.min(h - 1), x.min(w - 1))];
+        let mut quads: Vec<u64> = Vec::with_capacity(h * w + 1);
         for y in 0..h {
-            quads.extend((0..w).map(|x| [at(y, x), at(y, x + 1), at(y + 1, x), at(y + 1, x + 1)]));
+            quads.extend((0..w).map(|x| {
+                let corners = [at(y, x), at(y, x + 1), at(y + 1, x), at(y + 1, x + 1)];
+                if corners.contains(&MISSING) {
+                    return u64::MAX;
+                }
+                corners.iter().rev().fold(0, |quad, &corner| (quad << 16) | u64::from(corner))
+            }));
         }
-        quads.push([f32::NAN; 4]);
+        quads.push(u64::MAX);
         Self { quads, width: w, height: h, transfer: Transfer::new(reference, view) }
     }
 }
@@ -114,37 +126,36 @@ impl Reference {
 
 /// Buffers of one thread.
 struct Scratch {
-    inverse_depth: Vec<f32>,
     fraction_x: Vec<f32>,
     fraction_y: Vec<f32>,
-    index: Vec<i32>,
+    index: Vec<u32>,
+    quads: Vec<u64>,
     warped: Vec<f32>,
-    /// Horizontal sums of the warp, its square, and its product with the reference; one row after the other.
+    /// Horizontal sums of the warp, its square, and its product with the reference, for the lines of one window in turn.
     sums: [Vec<f32>; 3],
-    /// Costs of every source, `[source][row of the block][column]`.
-    costs: Vec<Vec<f32>>,
-    /// Quantised costs `[surface of the group][row of the block][column]`.
+    /// Quantised costs of every source, `[source][row of the block][column]`.
+    costs: Vec<Vec<u8>>,
+    /// Their combination, `[surface of the group][row of the block][column]`.
     group: Vec<u8>,
 }
 
 impl Scratch {
     fn new(reference: &Reference, sources: usize) -> Self {
         let (w, r) = (reference.width, reference.radius);
-        let rows = BLOCK + 2 * r;
         Self {
-            inverse_depth: vec![0.0; w],
             fraction_x: vec![0.0; w],
             fraction_y: vec![0.0; w],
             index: vec![0; w],
+            quads: vec![0; w],
             warped: vec![0.0; w + 2 * r],
-            sums: std::array::from_fn(|_| vec![0.0; rows * w]),
-            costs: vec![vec![0.0; BLOCK * w]; sources],
+            sums: std::array::from_fn(|_| vec![0.0; (2 * r + 1) * w]),
+            costs: vec![vec![0; BLOCK * w]; sources],
             group: vec![0; GROUP * BLOCK * w],
         }
     }
 }
 
-/// What stays the same over a sweep.
+/// Inputs of a sweep.
 pub(crate) struct Setup<'a> {
     pub(crate) reference: &'a PosedView,
     pub(crate) sources: &'a [&'a PosedView],
@@ -180,7 +191,7 @@ impl Volume {
     }
 }
 
-/// Surfaces on which no source sees the pixel cost what the others do on average.
+/// Surfaces on which no source has the pixel get the mean cost of the others.
 fn fill_unseen(costs: &mut [u8]) -> bool {
     let (mut sum, mut number) = (0_u32, 0_u32);
     for &c in costs.iter().filter(|&&c| c != UNSEEN) {
@@ -216,98 +227,152 @@ impl WithSimd for FillBlock<'_> {
 fn fill_block(block: FillBlock<'_>) {
     let FillBlock { setup, reference, sources, scratch, top, slab } = block;
     let (w, surfaces) = (reference.width, setup.multiples.len());
-    let rows = slab.len() / (w * surfaces);
+    let pixels = slab.len() / surfaces;
     for start in (0..surfaces).step_by(GROUP) {
         let multiples = &setup.multiples[start..(start + GROUP).min(surfaces)];
         for (slot, &multiple) in multiples.iter().enumerate() {
             for (s, source) in sources.iter().enumerate() {
-                window_sums(setup, reference, source, scratch, top, rows, multiple);
-                correlation(reference, scratch, s, top, rows);
+                let surface = Surface { setup, reference, source, multiple };
+                match reference.radius {
+                    1 => correlate::<3>(&surface, scratch, s, top, pixels / w),
+                    2 => correlate::<5>(&surface, scratch, s, top, pixels / w),
+                    3 => correlate::<7>(&surface, scratch, s, top, pixels / w),
+                    4 => correlate::<9>(&surface, scratch, s, top, pixels / w),
+                    _ => correlate::<11>(&surface, scratch, s, top, pixels / w),
+                }
             }
-            best_half(&mut scratch.costs, rows * w, &mut scratch.group[slot * BLOCK * w..]);
+            best_half(&mut scratch.costs, &mut scratch.group[slot * BLOCK * w..][..pixels]);
         }
-        for (pixel, costs) in slab.chunks_exact_mut(surfaces).enumerate() {
-            for (slot, cost) in costs[start..start + multiples.len()].iter_mut().enumerate() {
-                *cost = scratch.group[slot * BLOCK * w + pixel];
+        for (chunk, slab) in slab.chunks_mut(LANES * surfaces).enumerate() {
+            let mut words = [0_u64; LANES];
+            let n = slab.len() / surfaces;
+            for slot in 0..multiples.len() {
+                let costs = &scratch.group[slot * BLOCK * w + chunk * LANES..][..n];
+                for (word, &cost) in words.iter_mut().zip(costs) {
+                    *word |= u64::from(cost) << (8 * slot);
+                }
+            }
+            for (costs, word) in slab.chunks_exact_mut(surfaces).zip(words) {
+                let here = &mut costs[start..start + multiples.len()];
+                here.copy_from_slice(&word.to_le_bytes()[..multiples.len()]);
             }
         }
     }
 }
 
-/// Warps the rows of a block and its margin onto a surface, and sums over horizontal windows.
+/// One surface seen by one source.
+struct Surface<'a> {
+    setup: &'a Setup<'a>,
+    reference: &'a Reference,
+    source: &'a Source,
+    multiple: f32,
+}
+
+/// Costs of the rows of a block: line by line, its margin too, the source is warped onto the surface and summed over
+/// horizontal windows; as many lines as the window is high are kept, and summed.
 #[inline(always)]
-fn window_sums(
-    setup: &Setup<'_>,
-    reference: &Reference,
-    source: &Source,
+fn correlate<const WINDOW: usize>(
+    surface: &Surface<'_>,
     scratch: &mut Scratch,
+    source: usize,
     top: usize,
     rows: usize,
-    multiple: f32,
 ) {
-    let (w, r) = (reference.width, reference.radius);
+    let Surface { setup, reference, source: view, multiple } = *surface;
+    let (w, r) = (reference.width, WINDOW / 2);
+    let squared = reference.noise * reference.noise;
+    let Scratch { fraction_x, fraction_y, index, quads, warped, sums: [s1, s2, s3], costs, .. } = scratch;
     for line in 0..rows + 2 * r {
-        let here = line * w..(line + 1) * w;
-        let Some(y) = (top + line).checked_sub(r).filter(|&y| y < reference.height) else {
-            scratch.sums.iter_mut().for_each(|s| s[here.clone()].fill(0.0));
-            continue;
-        };
-        let centre = &setup.centre[y * w..(y + 1) * w];
-        for (inverse, &c) in scratch.inverse_depth.iter_mut().zip(centre) {
-            *inverse = c * multiple;
+        let slot = line % WINDOW;
+        let here = slot * w..(slot + 1) * w;
+        let (l1, l2, l3) = (&mut s1[here.clone()], &mut s2[here.clone()], &mut s3[here]);
+        if let Some(y) = (top + line).checked_sub(r).filter(|&y| y < reference.height) {
+            places(view, y, &setup.centre[y * w..(y + 1) * w], multiple, index, fraction_x, fraction_y);
+            for (quad, &i) in quads.iter_mut().zip(index.iter()) {
+                *quad = view.quads[i as usize];
+            }
+            let mask = &reference.mask[y * w..(y + 1) * w];
+            interpolate(quads, fraction_x, fraction_y, mask, &mut warped[r..r + w]);
+            let stride = w + 2 * r;
+            let luma = &reference.padded[y * stride..(y + 1) * stride];
+            horizontal::<WINDOW>(warped, luma, l1, l2, l3);
+        } else {
+            [l1, l2, l3].into_iter().for_each(|sums| sums.fill(0.0));
         }
-        places(source, y, scratch);
-        let mask = &reference.mask[y * w..(y + 1) * w];
-        for (x, &kept) in mask.iter().enumerate() {
-            let [a, b, c, d] = source.quads[scratch.index[x] as usize];
-            let (fx, fy) = (scratch.fraction_x[x], scratch.fraction_y[x]);
-            let (top, bottom) = (a + fx * (b - a), c + fx * (d - c));
-            let value = top + fy * (bottom - top);
-            scratch.warped[r + x] = if kept > 0.0 { value } else { 0.0 };
-        }
-        let stride = w + 2 * r;
-        let luma = &reference.padded[y * stride..(y + 1) * stride];
-        let [s1, s2, s3] = &mut scratch.sums;
-        let (s1, s2, s3) = (&mut s1[here.clone()], &mut s2[here.clone()], &mut s3[here]);
-        match r {
-            1 => horizontal::<3>(&scratch.warped, luma, s1, s2, s3),
-            2 => horizontal::<5>(&scratch.warped, luma, s1, s2, s3),
-            3 => horizontal::<7>(&scratch.warped, luma, s1, s2, s3),
-            4 => horizontal::<9>(&scratch.warped, luma, s1, s2, s3),
-            _ => horizontal::<11>(&scratch.warped, luma, s1, s2, s3),
+        if let Some(row) = line.checked_sub(2 * r) {
+            let here = (top + row) * w..(top + row + 1) * w;
+            correlation_row::<WINDOW>(
+                [s1, s2, s3],
+                &reference.count[here.clone()],
+                &reference.sum[here.clone()],
+                &reference.scale[here],
+                squared,
+                &mut costs[source][row * w..(row + 1) * w],
+            );
         }
     }
 }
 
-/// Where the pixels of row `y` at their inverse depths land: index of the upper left neighbour, and fractions.
+/// Where the pixels of row `y` at `multiple` times their inverse depths land: index of the upper left neighbour, and
+/// fractions.
 #[inline(always)]
-fn places(source: &Source, y: usize, scratch: &mut Scratch) {
+fn places(
+    source: &Source,
+    y: usize,
+    centre: &[f32],
+    multiple: f32,
+    index: &mut [u32],
+    fraction_x: &mut [f32],
+    fraction_y: &mut [f32],
+) {
     let m = &source.transfer.rotation;
     let t = &source.transfer.translation;
     let v = y as f64;
     let start: [f32; 3] = std::array::from_fn(|i| (m[(i, 1)] * v + m[(i, 2)]) as f32);
     let along: [f32; 3] = std::array::from_fn(|i| m[(i, 0)] as f32);
-    let shift: [f32; 3] = std::array::from_fn(|i| t[i] as f32);
+    let shift: [f32; 3] = std::array::from_fn(|i| t[i] as f32 * multiple);
     let (right, bottom) = ((source.width - 1) as f32, (source.height - 1) as f32);
-    let stride = source.width as i32;
-    let outside = (source.width * source.height) as i32;
-    let n = scratch.inverse_depth.len();
-    let inverse_depth = &scratch.inverse_depth[..n];
-    let (index, fraction_x) = (&mut scratch.index[..n], &mut scratch.fraction_x[..n]);
-    let fraction_y = &mut scratch.fraction_y[..n];
+    let stride = source.width as u32;
+    let outside = (source.width * source.height) as u32;
+    let n = centre.len();
+    let (index, fraction_x, fraction_y) = (&mut index[..n], &mut fraction_x[..n], &mut fraction_y[..n]);
     for x in 0..n {
-        let (u, d) = (x as f32, inverse_depth[x]);
+        let (u, d) = (x as i32 as f32, centre[x]);
         let z = start[2] + along[2] * u + shift[2] * d;
         let scale = 1.0 / z;
         let px = (start[0] + along[0] * u + shift[0] * d) * scale;
         let py = (start[1] + along[1] * u + shift[1] * d) * scale;
         let inside = (z > NEAR) & (px >= 0.0) & (px <= right) & (py >= 0.0) & (py <= bottom);
-        let (px, py) = if inside { (px, py) } else { (0.0, 0.0) };
+        let px = if inside { px } else { 0.0 };
+        let py = if inside { py } else { 0.0 };
         let (x0, y0) = (px.floor(), py.floor());
         fraction_x[x] = px - x0;
         fraction_y[x] = py - y0;
-        let at = y0 as i32 * stride + x0 as i32;
+        let at = integer(y0) * stride + integer(x0);
         index[x] = if inside { at } else { outside };
+    }
+}
+
+/// A number from 0 to 2^22, rounded.
+#[inline(always)]
+fn integer(x: f32) -> u32 {
+    (x + INTEGER).to_bits() & 0x7F_FFFF
+}
+
+/// Bilinear values, 0 where the reference is masked and NaN where the source misses a neighbour.
+#[inline(always)]
+fn interpolate(quads: &[u64], fraction_x: &[f32], fraction_y: &[f32], mask: &[f32], warped: &mut [f32]) {
+    let n = warped.len();
+    let (quads, fraction_x, fraction_y, mask) = (&quads[..n], &fraction_x[..n], &fraction_y[..n], &mask[..n]);
+    for x in 0..n {
+        let (low, high) = (quads[x] as u32, (quads[x] >> 32) as u32);
+        let luma = |bits: u32| (bits & 0xFFFF) as i32 as f32;
+        let (a, b, c, d) = (luma(low), luma(low >> 16), luma(high), luma(high >> 16));
+        let (fx, fy) = (fraction_x[x], fraction_y[x]);
+        let (top, bottom) = (a + fx * (b - a), c + fx * (d - c));
+        let value = (top + fy * (bottom - top)) * (1.0 / UNIT);
+        let value = if low == u32::MAX { f32::NAN } else { value };
+        warped[x] = if mask[x] > 0.0 { value } else { 0.0 };
     }
 }
 
@@ -337,91 +402,94 @@ fn horizontal<const WINDOW: usize>(
     }
 }
 
-/// Costs of a block from its horizontal sums.
+/// One row of quantised costs; `out` is an argument of its own, so that the compiler knows that nothing overlaps it.
 #[inline(always)]
-fn correlation(reference: &Reference, scratch: &mut Scratch, source: usize, top: usize, rows: usize) {
-    match reference.radius {
-        1 => correlation_rows::<3>(reference, scratch, source, top, rows),
-        2 => correlation_rows::<5>(reference, scratch, source, top, rows),
-        3 => correlation_rows::<7>(reference, scratch, source, top, rows),
-        4 => correlation_rows::<9>(reference, scratch, source, top, rows),
-        _ => correlation_rows::<11>(reference, scratch, source, top, rows),
-    }
-}
-
-#[inline(always)]
-fn correlation_rows<const WINDOW: usize>(
-    reference: &Reference,
-    scratch: &mut Scratch,
-    source: usize,
-    top: usize,
-    rows: usize,
+fn correlation_row<const WINDOW: usize>(
+    [s1, s2, s3]: [&[f32]; 3],
+    count: &[f32],
+    sum: &[f32],
+    scale: &[f32],
+    squared: f32,
+    out: &mut [u8],
 ) {
-    let w = reference.width;
-    let squared = reference.noise * reference.noise;
-    for row in 0..rows {
-        let here = (top + row) * w..(top + row + 1) * w;
-        let (count, sum, scale) =
-            (&reference.count[here.clone()], &reference.sum[here.clone()], &reference.scale[here]);
-        let lines = |s: usize| -> [&[f32]; WINDOW] {
-            std::array::from_fn(|j| &scratch.sums[s][(row + j) * w..(row + j + 1) * w])
-        };
-        let (l1, l2, l3) = (lines(0), lines(1), lines(2));
-        let out = &mut scratch.costs[source][row * w..(row + 1) * w];
-        for x in 0..w {
-            let (mut s1, mut s2, mut s3) = (0.0, 0.0, 0.0);
-            for j in 0..WINDOW {
-                s1 += l1[j][x];
-                s2 += l2[j][x];
-                s3 += l3[j][x];
-            }
-            let n = count[x];
-            let noise = n * n * squared;
-            let covariance = n * s3 - s1 * sum[x];
-            let variance = n * s2 - s1 * s1 + noise;
-            let cost = 1.0 - covariance * scale[x] / variance.sqrt();
-            out[x] = if cost < ABSENT { cost } else { ABSENT };
+    let w = out.len();
+    let lines = |s| -> [&[f32]; WINDOW] {
+        let s: &[f32] = s;
+        std::array::from_fn(|j| &s[j * w..(j + 1) * w])
+    };
+    let (l1, l2, l3) = (lines(s1), lines(s2), lines(s3));
+    let (count, sum, scale) = (&count[..w], &sum[..w], &scale[..w]);
+    for x in 0..w {
+        let (mut s1, mut s2, mut s3) = (0.0, 0.0, 0.0);
+        for j in 0..WINDOW {
+            s1 += l1[j][x];
+            s2 += l2[j][x];
+            s3 += l3[j][x];
         }
+        let n = count[x];
+        let covariance = n * s3 - s1 * sum[x];
+        let variance = n * s2 - s1 * s1 + n * n * squared;
+        // Not `max`, which would turn NaN into the bound.
+        let variance = if variance < LEAST { LEAST } else { variance };
+        let cost = 1.0 - covariance * scale[x] * inverse_root(variance);
+        let capped = if cost > 0.0 { if cost < 1.0 { cost } else { 1.0 } } else { 0.0 };
+        let quantised = integer(WORST * capped) as u8;
+        out[x] = if cost.is_nan() { UNSEEN } else { quantised };
     }
 }
 
-/// Mean of the lower half of the costs of the sources that see a pixel (rounded up), quantised.
+/// 1 / sqrt(x) of a positive number to 5e-6, NaN of NaN: an estimate from the exponent and two steps of Newton's method.
 #[inline(always)]
-fn best_half(costs: &mut [Vec<f32>], pixels: usize, out: &mut [u8]) {
-    // A sorting network over sources, all pixels at once.
-    for last in (1..costs.len()).rev() {
-        for i in 0..last {
-            let (low, high) = costs.split_at_mut(i + 1);
-            let (a, b) = (&mut low[i][..pixels], &mut high[0][..pixels]);
-            for (a, b) in a.iter_mut().zip(b) {
-                let (x, y) = (*a, *b);
-                *a = if x < y { x } else { y };
-                *b = if x < y { y } else { x };
-            }
-        }
-    }
-    let mut kept = [0.0_f32; LANES];
-    let mut sum = [0.0_f32; LANES];
+fn inverse_root(x: f32) -> f32 {
+    let estimate = f32::from_bits(0x5F37_59DF_u32.wrapping_sub(x.to_bits() >> 1));
+    let half = 0.5 * x;
+    let better = estimate * (1.5 - half * estimate * estimate);
+    better * (1.5 - half * better * better)
+}
+
+/// Mean of the lower half of the costs of the sources that see a pixel (rounded up).
+#[inline(always)]
+fn best_half(costs: &mut [Vec<u8>], out: &mut [u8]) {
+    let (pixels, half) = (out.len(), costs.len().div_ceil(2));
+    let mut valid = [0_u8; LANES];
+    let mut sum = [0_u16; LANES];
     for start in (0..pixels).step_by(LANES) {
         let n = LANES.min(pixels - start);
-        kept.fill(0.0);
-        sum.fill(0.0);
-        // Half of the valid ones, rounded up: the i-th lowest is kept if there are more than 2 i valid.
+        let here = start..start + n;
+        valid.fill(0);
         for c in costs.iter() {
-            for (k, &c) in kept.iter_mut().zip(&c[start..start + n]) {
-                *k += if c < ABSENT { 0.5 } else { 0.0 };
+            for (v, &c) in valid.iter_mut().zip(&c[here.clone()]) {
+                *v += u8::from(c != UNSEEN);
             }
         }
-        for (i, c) in costs.iter().enumerate() {
-            for ((s, &k), &c) in sum.iter_mut().zip(&kept).zip(&c[start..start + n]) {
-                *s += if k > i as f32 { c } else { 0.0 };
+        // The lowest to the front, then the next: all pixels at once.
+        for first in 0..half {
+            for i in (first..costs.len() - 1).rev() {
+                let (low, high) = costs.split_at_mut(i + 1);
+                exchange(&mut low[i][here.clone()], &mut high[0][here.clone()]);
             }
         }
-        for ((out, &k), &s) in out[start..start + n].iter_mut().zip(&kept).zip(&sum) {
-            let mean = (s / k.ceil().max(1.0)).clamp(0.0, 1.0);
-            let cost = (WORST * mean + 0.5) as u8;
-            *out = if k > 0.0 { cost } else { UNSEEN };
+        // Half of the valid ones, rounded up: the i-th lowest is kept if there are more than 2 i valid.
+        sum.fill(0);
+        for (i, c) in costs[..half].iter().enumerate() {
+            let least = 2 * i as u8;
+            for ((s, &v), &c) in sum.iter_mut().zip(&valid).zip(&c[here.clone()]) {
+                *s += if v > least { u16::from(c) } else { 0 };
+            }
         }
+        for ((out, &v), &s) in out[here].iter_mut().zip(&valid).zip(&sum) {
+            let kept = f32::from((v >> 1) + (v & 1));
+            let mean = f32::from(s) / if v > 0 { kept } else { 1.0 };
+            *out = if v > 0 { integer(mean) as u8 } else { UNSEEN };
+        }
+    }
+}
+
+#[inline(always)]
+fn exchange(a: &mut [u8], b: &mut [u8]) {
+    for (a, b) in a.iter_mut().zip(b) {
+        let (x, y) = (*a, *b);
+        (*a, *b) = (x.min(y), x.max(y));
     }
 }
 
@@ -479,6 +547,7 @@ mod tests {
             costs.push(1.0 - product(&a, ma, &b, mb) / scale);
         }
         costs.sort_by(f64::total_cmp);
+        costs.iter_mut().for_each(|c| *c = c.clamp(0.0, 1.0));
         let kept = costs.len().div_ceil(2);
         (kept > 0).then(|| costs[..kept].iter().sum::<f64>() / kept as f64)
     }
@@ -511,7 +580,7 @@ mod tests {
                     for (k, &multiple) in multiples.iter().enumerate().step_by(3) {
                         let Some(exact) = reference_cost(&setup, x, y, multiple) else { continue };
                         let found = f64::from(volume.costs[(y * size.1 + x) * 21 + k]) / f64::from(WORST);
-                        prop_assert!((found - exact.clamp(0.0, 1.0)).abs() < 4e-3, "{x} {y} {k}: {found} {exact}");
+                        prop_assert!((found - exact).abs() < 5e-3, "{x} {y} {k}: {found} {exact}");
                     }
                 }
             }

@@ -4,12 +4,12 @@
 //! map, such as the gauged prior, whose slants the windows and the smoothness then follow. A pixel on a surface is
 //! compared with each source by zero-mean normalised cross-correlation over a box,
 //!
-//! \\[ c_s = 1 - \frac{\operatorname{cov}(I, I_s)}{\sqrt{(\operatorname{var} I + \nu^2)(\operatorname{var} I_s + \nu^2)}} , \\]
+//! \\[ c_s = \min\Bigl\{1,\; 1 - \frac{\operatorname{cov}(I, I_s)}{\sqrt{(\operatorname{var} I + \nu^2)(\operatorname{var} I_s + \nu^2)}}\Bigr\} , \\]
 //!
 //! with \\( \nu \\) the noise of a grey value, so that flat places cost the same everywhere. The lower half of the sources'
 //! costs is averaged (a source that is occluded falls into the other half), aggregated by semi-global matching, and read
 //! as a posterior \\( \propto e^{-S/T} \\) over surfaces: its lowest valley gives mean and variance, and the share of the
-//! posterior in that valley is the inlier probability as far as one sweep can tell.
+//! posterior in that valley is the inlier probability by this sweep alone.
 
 mod aggregate;
 mod cost;
@@ -19,6 +19,7 @@ use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
 use ndarray::{Array2, ArrayView2};
+use pulp::Arch;
 use rayon::prelude::*;
 
 use crate::geometry::Transfer;
@@ -26,7 +27,7 @@ use crate::raster::luma;
 use crate::{Error, Result, check_map};
 use aggregate::{Penalties, aggregate};
 use cost::{Setup, Volume, WORST};
-use posterior::{estimate, softmin_table};
+use posterior::EstimateRow;
 
 /// Most sources that are compared with a reference.
 const MAX_SOURCES: usize = 32;
@@ -131,11 +132,11 @@ pub enum Surfaces<'a> {
     },
 }
 
-/// What one sweep says about its reference.
+/// Depth of the reference by one sweep.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Sweep {
-    /// z-depth and variance in the unit of the poses; missing where no source sees the pixel.
+    /// z-depth and variance in the unit of the poses; missing where no source has the pixel.
     pub depth: GaussianDepth,
     /// Share of the posterior in the valley of the lowest cost, 0 to 1; 0 where it lies at either end of the surfaces.
     pub inlier: Array2<f32>,
@@ -195,13 +196,22 @@ pub fn sweep(
         edge: config.edge,
     };
     let sums = aggregate(&volume, &grey, width, &penalties, config.diagonals);
-    let table = softmin_table(config.temperature * WORST);
+    let mut found = vec![None; width * height];
+    let arch = Arch::new();
+    found.par_chunks_mut(width).zip(sums.par_chunks(width * number)).for_each_init(
+        || vec![0.0; number],
+        |weights, (found, costs)| {
+            let temperature = config.temperature * WORST;
+            arch.dispatch(EstimateRow { costs, surfaces: number, temperature, weights, found });
+        },
+    );
+    drop(sums);
     let read = |pixel: usize| {
         let position = (pixel / width, pixel % width);
         if !(volume.seen[position] && from.mask[position]) {
             return None;
         }
-        let found = estimate(&sums[pixel * number..(pixel + 1) * number], &table)?;
+        let found = found[pixel]?;
         let below = (found.surface.max(0.0) as usize).min(number - 2);
         let gap = multiples[below + 1] - multiples[below];
         let multiple = multiples[below] + (found.surface - below as f32) * gap;
@@ -336,7 +346,7 @@ mod tests {
         assert_eq!(run(1), run(3));
     }
 
-    /// A photograph that is something else altogether changes little: the better half of the sources decides.
+    /// An unrelated photograph changes little, since only the better half of the sources counts.
     #[test]
     fn the_better_half_of_the_sources_decides() {
         let (mut views, depths) = scene(&[Plane::slanted(2.0, 0.2, 0.0)], (60, 80), &CENTRES);

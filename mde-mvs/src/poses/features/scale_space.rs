@@ -1,21 +1,22 @@
-//! Gaussians of an image at ever larger scales, by octaves.
+//! Gaussian scale space of an image, by octaves.
 
 use super::Keypoint;
 use super::extrema::Extremum;
+use crate::raster::{luma, shrink};
 use nalgebra::Point2;
-use ndarray::ArrayView3;
+use ndarray::{Array3, ArrayView3};
 use pulp::Arch;
 use rayon::prelude::*;
 
-/// Scales between a scale and twice it.
+/// Scales per octave.
 pub(super) const LAYERS: usize = 3;
 /// Standard deviation at the first layer of an octave, in its own pixels.
 pub(super) const FIRST_SIGMA: f64 = 1.6;
-/// Blur that a photograph has already, in its own pixels.
+/// Blur of the photograph itself, in its pixels.
 const CAMERA_SIGMA: f64 = 0.5;
-/// No octave has a side below this.
+/// Least side of an octave, pixels.
 const SMALLEST: usize = 12;
-/// Rows that a task blurs.
+/// Rows per task of the blur.
 const ROWS: usize = 16;
 
 /// A row-major image of one channel.
@@ -54,7 +55,7 @@ pub(super) struct Octave {
     pub(super) differences: Vec<Plane>,
 }
 
-/// All octaves, and how their pixels lie in the photograph.
+/// All octaves, with the map from their pixels to the photograph's.
 pub(super) struct ScaleSpace {
     pub(super) octaves: Vec<Octave>,
     /// Photograph pixels per pixel of the first octave.
@@ -66,9 +67,7 @@ pub(super) struct ScaleSpace {
 impl ScaleSpace {
     pub(super) fn new(image: ArrayView3<f32>, finest_pixels: usize) -> Self {
         let (height, width, _) = image.dim();
-        let gray = Plane::from_fn(width, height, |x, y| {
-            0.299 * image[(y, x, 0)] + 0.587 * image[(y, x, 1)] + 0.114 * image[(y, x, 2)]
-        });
+        let gray = Plane { width, height, data: luma(image).into_iter().collect() };
         let (base, step, origin) = if 4 * width * height <= finest_pixels {
             (doubled(&gray), [0.5; 2], [0.0; 2])
         } else if width * height <= finest_pixels {
@@ -131,26 +130,8 @@ fn halved(source: &Plane) -> Plane {
 
 /// A smaller image whose pixels are means over their area.
 fn reduced(source: &Plane, width: usize, height: usize) -> Plane {
-    let cover = |size: usize, target: usize| -> Vec<Vec<(usize, f32)>> {
-        let step = size as f64 / target as f64;
-        (0..target)
-            .map(|i| {
-                let (from, to) = (i as f64 * step, ((i + 1) as f64 * step).min(size as f64));
-                (from as usize..(to.ceil() as usize).min(size))
-                    .map(|k| (k, ((to.min(k as f64 + 1.0) - from.max(k as f64)) / step) as f32))
-                    .collect()
-            })
-            .collect()
-    };
-    let (columns, rows) = (cover(source.width, width), cover(source.height, height));
-    Plane::from_fn(width, height, |x, y| {
-        let mut sum = 0.0;
-        for &(v, share) in &rows[y] {
-            let row = source.row(v);
-            sum += share * columns[x].iter().map(|&(u, part)| part * row[u]).sum::<f32>();
-        }
-        sum
-    })
+    let image = Array3::from_shape_fn((source.height, source.width, 1), |(y, x, _)| source.at(x, y));
+    Plane { width, height, data: shrink(image.view(), height, width).into_iter().collect() }
 }
 
 fn difference(a: &Plane, b: &Plane) -> Plane {
@@ -176,6 +157,7 @@ fn mirrored(index: isize, size: usize) -> usize {
 }
 
 /// Convolution with a Gaussian cut off at four standard deviations.
+// Not `mde_uncertainty::filter::gaussian_blur`: this one uses all threads and vectors, 5 ms for 28 ms at 1280 x 960 and sigma 2.
 pub(super) fn blurred(source: &Plane, sigma: f64) -> Plane {
     let radius = ((4.0 * sigma).round() as usize).max(1);
     let half: Vec<f64> = (0..=radius).map(|i| (-0.5 * (i as f64 / sigma).powi(2)).exp()).collect();

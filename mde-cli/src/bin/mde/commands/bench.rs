@@ -1,6 +1,8 @@
 use crate::args::BenchArgs;
 use crate::output::provenance::peak_memory;
+use crate::terminal::{columns, shown};
 use anyhow::{Context, Result, ensure};
+use mde_eval::table::{Block, Cell, Column, Document, Table};
 use mde_nerf::stages::{Stage, fields, multiply_adds, random_lines, stages};
 use mde_nerf::{FieldConfig, NerfConfig};
 use mde_uncertainty::statistics::median;
@@ -77,7 +79,10 @@ pub(super) fn run(args: &BenchArgs) -> Result<()> {
         }
     }
     let bench = Bench { threads: all, ceilings, stages: rows, peak_memory_bytes: peak_memory() };
-    let text = if args.json { serde_json::to_string_pretty(&bench)? + "\n" } else { table(&bench) };
+    let text = match args.json {
+        true => serde_json::to_string_pretty(&bench)?,
+        false => shown(&document(&bench), columns()),
+    } + "\n";
     match io::stdout().lock().write_all(text.as_bytes()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error.into()),
         _ => Ok(()),
@@ -142,30 +147,35 @@ fn median_seconds(seconds: f64, mut call: impl FnMut()) -> f64 {
     median(times).unwrap_or(f64::NAN)
 }
 
-fn table(bench: &Bench) -> String {
+fn document(bench: &Bench) -> Document {
     let Ceilings { gflops_one_thread, gflops_all_threads, random_lines_gbytes_per_second } = bench.ceilings;
-    let mut text = format!(
+    let peak = format!(
         "peak: {gflops_one_thread:.0} GFLOP/s on one thread, {gflops_all_threads:.0} on {}; random lines of 8 MiB: \
-         {random_lines_gbytes_per_second:.0} GB/s on one thread\n\n{:<11}{:<32}{:>8}{:>12}{:>10}{:>8}{:>8}\n",
-        bench.threads, "field", "stage", "threads", "Msamples/s", "GFLOP/s", "peak", "GB/s"
+         {random_lines_gbytes_per_second:.0} GB/s on one thread",
+        bench.threads
     );
-    let cell = |value: Option<f64>, unit: f64, end: &str| {
+    let columns = ["field", "stage"].map(Column::text).into_iter();
+    let numbers = ["threads", "Msamples/s", "GFLOP/s", "peak", "GB/s"].map(Column::number);
+    let optional = |value: Option<f64>, unit: f64, end: &str| {
         value.map_or_else(|| "-".to_owned(), |v| format!("{:.0}{end}", v * unit))
     };
-    for row in &bench.stages {
-        text += &format!(
-            "{:<11}{:<32}{:>8}{:>12.2}{:>10}{:>8}{:>8}\n",
-            row.field,
-            row.stage,
-            row.threads,
-            row.samples_per_second * 1e-6,
-            cell(row.gflops, 1.0, ""),
-            cell(row.share_of_peak, 100.0, " %"),
-            cell(row.gbytes_per_second, 1.0, ""),
-        );
-    }
+    let cells = |row: &Row| {
+        let cells = [
+            row.field.to_owned(),
+            row.stage.to_owned(),
+            row.threads.to_string(),
+            format!("{:.2}", row.samples_per_second * 1e-6),
+            optional(row.gflops, 1.0, ""),
+            optional(row.share_of_peak, 100.0, " %"),
+            optional(row.gbytes_per_second, 1.0, ""),
+        ];
+        cells.into_iter().map(Cell::new).collect()
+    };
+    let table =
+        Table { columns: columns.chain(numbers).collect(), rows: bench.stages.iter().map(cells).collect() };
+    let mut blocks = vec![Block::Text(peak), Block::Table(table)];
     if let Some(bytes) = bench.peak_memory_bytes {
-        text += &format!("\npeak memory: {:.0} MiB\n", bytes as f64 / f64::from(1 << 20));
+        blocks.push(Block::Text(format!("peak memory: {:.0} MiB", bytes as f64 / f64::from(1 << 20))));
     }
-    text
+    Document { blocks }
 }

@@ -1,0 +1,59 @@
+//! How probable it is that a match is right.
+
+use mde_uncertainty::GaussianDepth;
+use ndarray::{Array2, Zip};
+
+use super::Agreement;
+use crate::Result;
+use crate::sweep::Sweep;
+
+/// Matches below this probability are not used to correct a prior.
+pub(super) const TRUSTED: f32 = 0.5;
+
+/// Coefficients of [`chances`]: constant, log odds of the posterior mass, per visible photograph that does not agree, none
+/// agrees, cost. A logistic regression of "within 10 % of the truth" over 11 indoor captures.
+const CHANCE: [f32; 5] = [1.2, 0.3, -0.4, -1.4, -1.3];
+
+/// Probability that a match is right, from its posterior mass, its cost and the other photographs.
+pub(super) fn chances(sweep: &Sweep, agreement: &Agreement) -> Array2<f32> {
+    let mut chance =
+        Zip::from(&sweep.inlier).and(&sweep.cost).and(&agreement.agree).and(&agreement.visible).map_collect(
+            |&mass, &cost, &agree, &visible| {
+                let odds = (mass.max(1e-3) / (1.0 - mass).max(0.02)).ln();
+                let none = if agree == 0 { 1.0 } else { 0.0 };
+                let terms = [1.0, odds, f32::from(visible - agree), none, cost];
+                let logit: f32 = CHANCE.iter().zip(terms).map(|(c, t)| c * t).sum();
+                1.0 / (1.0 + (-logit).exp())
+            },
+        );
+    // The best surface at either end is no match.
+    Zip::from(&mut chance).and(&sweep.inlier).for_each(|c, &mass| {
+        if mass == 0.0 {
+            *c = 0.0;
+        }
+    });
+    chance
+}
+
+/// The more probable of two matches per pixel; the second only where the first is not trusted.
+pub(super) fn better(
+    first: &Sweep,
+    first_chance: &Array2<f32>,
+    second: &Sweep,
+    second_chance: &Array2<f32>,
+) -> Result<(Sweep, Array2<f32>)> {
+    let mut best = first.clone();
+    let mut chance = first_chance.clone();
+    let (mut mean, mut variance) = best.depth.into_parts();
+    for (at, c) in chance.indexed_iter_mut() {
+        if *c <= TRUSTED && second_chance[at] > TRUSTED {
+            *c = second_chance[at];
+            mean[at] = second.depth.mean()[at];
+            variance[at] = second.depth.variance()[at];
+            best.inlier[at] = second.inlier[at];
+            best.cost[at] = second.cost[at];
+        }
+    }
+    best.depth = GaussianDepth::new(mean, variance)?;
+    Ok((best, chance))
+}
