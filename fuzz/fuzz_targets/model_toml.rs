@@ -1,4 +1,4 @@
-//! What a model wants and gives; a size for any picture comes of it.
+//! Descriptions of models; each valid one gives an input size for any image.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

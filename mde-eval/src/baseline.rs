@@ -22,7 +22,7 @@ pub use joint_bilateral::JointBilateral;
 pub use noise::WhiteNoise;
 #[cfg(feature = "solver")]
 pub use solver::FastBilateralSolver;
-pub use sweep::PlaneSweep;
+pub use sweep::{GaugedPrior, PlaneSweep};
 pub use unsharp::Unsharp;
 pub use weighted_median::WeightedMedian;
 pub use zoom::ZoomMerge;
@@ -44,6 +44,7 @@ pub const METHODS: &[(&str, &str)] = &[
     ("wmf", "weighted median filter"),
     #[cfg(feature = "solver")]
     ("fbs", "fast bilateral solver with a confidence"),
+    ("gauged", "the prior in the gauge of the poses of several photographs"),
     ("sweep", "plane sweep of several photographs with poses, without prior or field"),
 ];
 
@@ -77,6 +78,7 @@ fn single(name: &str) -> Result<Box<dyn Refiner + Send + Sync>> {
         "guided" => Box::new(GuidedFilter::default()),
         "jbf" => Box::new(JointBilateral::default()),
         "wmf" => Box::new(WeightedMedian::default()),
+        "gauged" => Box::new(GaugedPrior::default()),
         "sweep" => Box::new(PlaneSweep::default()),
         #[cfg(feature = "solver")]
         "fbs" => Box::new(FastBilateralSolver::default()),

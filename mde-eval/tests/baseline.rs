@@ -7,11 +7,13 @@ use mde_eval::baseline::{
 };
 use mde_eval::data::Sample;
 use mde_eval::mde_prior::{DepthKind, DepthPrior, DisparityRule, PriorDepth};
-use mde_eval::mde_warp::PinholeCamera;
+use mde_eval::mde_warp::{PinholeCamera, Pose, WarpConfig, forward_warp};
 use mde_eval::metrics::sharpness::sharpness;
 use mde_eval::ndarray::{Array2, Array3, ArrayView3, Axis};
 use mde_eval::scene::{CaptureConfig, Room, World, room};
 use mde_eval::{Error, Refiner, Result, Task, TaskView};
+use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::median;
 use proptest::prelude::*;
 use serde_json::Value;
 
@@ -44,7 +46,7 @@ fn filters() -> impl Iterator<Item = &'static str> {
     METHODS
         .iter()
         .map(|(name, _)| *name)
-        .filter(|name| !["prior", "noise", "flip", "zoom", "sweep"].contains(name))
+        .filter(|name| !["prior", "noise", "flip", "zoom", "gauged", "sweep"].contains(name))
 }
 
 fn picture() -> impl Strategy<Value = (Array3<f32>, Array2<f32>)> {
@@ -206,6 +208,43 @@ fn a_plane_sweep_finds_the_depth_that_the_poses_give() {
         named("sweep").unwrap().refine(&Task { views: &unposed, ..alone }),
         Err(Error::NoViews)
     ));
+}
+
+/// Exact depths in a unit of their own come into the unit of the poses, with their bends left as they are.
+#[test]
+fn the_gauge_of_the_poses_brings_a_prior_into_their_unit() {
+    let world = World::new(Room::Study, 0).unwrap();
+    let config = CaptureConfig { views: 4, baseline: 0.08, ..CaptureConfig::default() };
+    let sample = Sample::of_capture(world.capture("study", &config, 160, 120).unwrap()).unwrap();
+    let (prior, rule) = (sample.depth.mapv(|z| 3.0 * z), DisparityRule::default());
+    let warped: Vec<Array2<f32>> = sample
+        .views
+        .iter()
+        .map(|captured| {
+            let exact = GaussianDepth::new(prior.mapv(|z| z / 3.0), Array2::ones(prior.dim())).unwrap();
+            let (camera, pose) = (&captured.view.camera, &captured.view.pose);
+            let config = WarpConfig::default();
+            let from = Pose::identity();
+            forward_warp(sample.image.view(), &exact, &sample.camera, &from, camera, pose, &config)
+                .unwrap()
+                .depth
+                .mapv(|z| 3.0 * z)
+        })
+        .collect();
+    let views: Vec<TaskView<'_>> = sample
+        .views
+        .iter()
+        .zip(&warped)
+        .map(|(captured, prior)| TaskView { view: &captured.view, posed: true, prior: Some(prior) })
+        .collect();
+    let task = Task { views: &views, ..Task::new(sample.image.view(), &sample.camera, prior.view(), &rule) };
+    let gauged = named("gauged").unwrap().refine(&task).unwrap();
+    let ratio =
+        |depth: &Array2<f32>| median(depth.iter().zip(&sample.depth).map(|(d, z)| f64::from(d / z))).unwrap();
+    assert!((ratio(&gauged.depth) - 1.0).abs() < 0.03, "{}", ratio(&gauged.depth));
+    assert!(gauged.sigma.unwrap().iter().all(|sigma| *sigma >= 0.0 && sigma.is_finite()));
+    let alone = Task { views: &[], ..task };
+    assert!(matches!(named("gauged").unwrap().refine(&alone), Err(Error::NoViews)));
 }
 
 #[test]

@@ -175,7 +175,7 @@ fn robust_line(points: &[[f64; 2]]) -> Line {
 }
 
 /// Bilinear colour, where all four pixels are on the mask.
-fn sample(view: &PosedView, x: f64, y: f64) -> Option<[f32; 3]> {
+pub(crate) fn sample(view: &PosedView, x: f64, y: f64) -> Option<[f32; 3]> {
     let (h, w) = view.camera.dim();
     if !(x >= 0.0 && y >= 0.0 && x <= (w - 1) as f64 && y <= (h - 1) as f64) {
         return None;

@@ -12,6 +12,7 @@
 //! | number of photographs that confirm a depth | [`consensus::agreement`] |
 //! | all of the above, sweep and prior fused | [`consensus::reconstruct`] |
 //! | gain and bias between photographs | [`exposure::fit_exposure`] |
+//! | colour error of a withheld photograph | [`withheld::withheld_error`] |
 //! | poses from matches and priors, or refinement of given poses | [`poses::estimate_poses`], [`poses::refine_poses`] |
 //!
 //! ```
@@ -60,6 +61,7 @@ pub mod sweep;
 #[cfg(test)]
 mod synthetic;
 pub mod views;
+pub mod withheld;
 
 pub use error::{Error, Result};
 pub use {nalgebra, ndarray};

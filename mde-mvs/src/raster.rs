@@ -1,5 +1,5 @@
 use mde_warp::PosedView;
-use ndarray::{Array2, Array3, ArrayView3, Axis};
+use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis};
 
 use crate::Result;
 
@@ -89,6 +89,20 @@ pub(crate) fn enlarge(map: &Array2<f32>, height: usize, width: usize) -> Array2<
         let (top, bottom) = (along(y0), along(y1));
         top + fy * (bottom - top)
     })
+}
+
+/// A depth map at another size: area means where it is complete, else nearest samples.
+pub(crate) fn small_map(map: &ArrayView2<'_, f32>, (h, w): (usize, usize)) -> Array2<f32> {
+    if map.dim() == (h, w) {
+        return map.to_owned();
+    }
+    let whole = map.iter().all(|z| *z > 0.0 && z.is_finite());
+    if whole {
+        let cube = map.insert_axis(Axis(2));
+        shrink(cube, h, w).index_axis_move(Axis(2), 0)
+    } else {
+        pick(&map.to_owned(), h, w)
+    }
 }
 
 /// A view of at most `side` pixels along its longer side; hypotheses are left out.

@@ -13,6 +13,7 @@
 
 mod cameras;
 mod evidence;
+mod guard;
 mod novel;
 mod priors;
 mod report;
@@ -20,7 +21,7 @@ mod result;
 
 pub use evidence::{Evidence, Origin};
 pub use novel::NovelView;
-pub use report::{CaptureReport, CaptureSeconds, PhotographReport, PoseSource};
+pub use report::{CaptureReport, CaptureSeconds, PhotographReport, PoseSource, WithheldPhotograph};
 
 use crate::config::{Config, Preset};
 use crate::pipeline::{Callback, Event, Refinement, Stage, Stages, refine};
@@ -109,7 +110,7 @@ fn view(photograph: &Photograph, pose: Pose, camera: PinholeCamera) -> Result<Po
 /// Refines the depth of the reference photograph with the parallax of the others.
 ///
 /// Depth and sigma are `[height, width]` of the reference, z in the prior's unit. Where the photographs carry no depth (no
-/// common scene, no parallax, hardly anything verified), the result is that of [`refine`] with [`Preset::Default`] for the reference
+/// common scene, no parallax, hardly anything verified, or a withheld photograph that the prior explains better), the result is that of [`refine`] with [`Preset::Default`] for the reference
 /// alone, and [`CaptureReport::fallback`] has the reason.
 ///
 /// # Errors
@@ -144,7 +145,8 @@ pub fn refine_capture(
     let reconstruction = reconstruct(&views, &depths, None, &ConsensusConfig::default())?;
     report.take(&reconstruction, &order);
     report.seconds.sweep = start.elapsed().as_secs_f64();
-    if let Some(reason) = result::unusable(&reconstruction) {
+    report.withheld_colours = guard::withheld(&views, &depths, &order, &reconstruction, capture)?;
+    if let Some(reason) = result::unusable(&reconstruction).or_else(|| guard::contradiction(&report)) {
         report.fallback = Some(reason);
         return fall_back(capture, stages, config, report, run.callback);
     }

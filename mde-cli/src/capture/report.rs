@@ -4,6 +4,7 @@ use super::novel::NovelView;
 use mde_mvs::consensus::Reconstruction;
 use mde_mvs::exposure::Exposure;
 use mde_mvs::views::ViewScore;
+use mde_mvs::withheld::WithheldError;
 use mde_nerf::FitReport;
 use mde_warp::{PinholeCamera, PosedView};
 use serde::Serialize;
@@ -18,6 +19,8 @@ pub struct CaptureReport {
     /// Median distance of withheld matches from their prediction, with the given and with the refined poses, pixels of a photograph
     /// of 640 on the longer side.
     pub withheld_pixels: Option<[f64; 2]>,
+    /// Colour error of a photograph through the depth of the others, at low resolution; none with fewer than three photographs.
+    pub withheld_colours: Option<WithheldPhotograph>,
     /// Factor on assumed focal lengths.
     pub focal_factor: Option<f64>,
     /// Unit of the poses per unit of the prior, and the standard deviation of its logarithm.
@@ -37,6 +40,16 @@ pub struct CaptureReport {
     pub fallback: Option<String>,
     /// Wall seconds by stage.
     pub seconds: CaptureSeconds,
+}
+
+/// A photograph that was compared with the depth of the others.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct WithheldPhotograph {
+    /// Its name.
+    pub name: String,
+    /// Its error through that depth and through the prior.
+    #[serde(flatten)]
+    pub error: WithheldError,
 }
 
 /// Report of one photograph.
@@ -118,6 +131,7 @@ impl CaptureReport {
             photographs,
             poses: PoseSource::Given,
             withheld_pixels: None,
+            withheld_colours: None,
             focal_factor: None,
             scale: None,
             fit: None,

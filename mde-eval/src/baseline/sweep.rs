@@ -1,8 +1,9 @@
 use super::check;
 use crate::{Error, Refined, Refiner, Result, Task};
+use mde_mvs::consensus::{ConsensusConfig, reconstruct};
 use mde_mvs::sweep::{Surfaces, SweepConfig, sweep};
 use mde_warp::{Pose, PosedView};
-use ndarray::Array2;
+use ndarray::{Array2, ArrayView2};
 
 /// Plane sweep of the photograph against the further ones, with known poses and nothing else: no prior, no consistency over
 /// photographs, no field. Depth and sigma are in the unit of the poses.
@@ -17,14 +18,7 @@ pub struct PlaneSweep {
 
 impl Refiner for PlaneSweep {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        check(task, &[])?;
-        if task.views.is_empty() || task.views.iter().any(|view| !view.posed) {
-            return Err(Error::NoViews);
-        }
-        let mask = Array2::from_elem(task.camera.dim(), true);
-        let own = PosedView::new(task.image.to_owned(), *task.camera, Pose::identity(), mask, Vec::new())?;
-        let mut views = vec![own];
-        views.extend(task.views.iter().map(|view| view.view.clone()));
+        let views = photographs(task)?;
         let distance = |view: &PosedView| view.pose.inverse().translation.vector.norm();
         let baseline = views.iter().map(distance).fold(0.0, f64::max);
         let sources: Vec<usize> = (1..views.len()).collect();
@@ -39,4 +33,44 @@ impl Refiner for PlaneSweep {
         let depth = masked(found.depth.mean().to_owned());
         Ok(Refined { sigma: Some(masked(found.depth.sigma())), ..depth.into() })
     }
+}
+
+/// The prior in the unit of the poses: one affine gauge in inverse depth, fitted to the plane sweeps of all photographs
+/// ([`mde_mvs::gauge`]). All that poses give without a depth per pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct GaugedPrior {
+    /// Settings of the sweeps.
+    pub config: ConsensusConfig,
+}
+
+impl Refiner for GaugedPrior {
+    fn refine(&self, task: &Task<'_>) -> Result<Refined> {
+        let views = photographs(task)?;
+        let mut priors = vec![task.prior.to_owned()];
+        for view in task.views {
+            priors.push(match view.prior {
+                Some(prior) => prior.clone(),
+                None => task.predict(view.view.image.view())?,
+            });
+        }
+        let priors: Vec<ArrayView2<'_, f32>> = priors.iter().map(|prior| prior.view()).collect();
+        let known = reconstruct(&views, &priors, None, &self.config)
+            .map_err(|error| Error::Method(error.to_string()))?;
+        let reference = known.views.into_iter().next().ok_or(Error::NoViews)?;
+        let sigma = reference.prior.sigma().mapv(|sigma| if sigma.is_finite() { sigma } else { 0.0 });
+        Ok(Refined { sigma: Some(sigma), ..reference.prior.mean().to_owned().into() })
+    }
+}
+
+/// The photograph and the further ones of a task with poses.
+fn photographs(task: &Task<'_>) -> Result<Vec<PosedView>> {
+    check(task, &[])?;
+    if task.views.is_empty() || task.views.iter().any(|view| !view.posed) {
+        return Err(Error::NoViews);
+    }
+    let mask = Array2::from_elem(task.camera.dim(), true);
+    let own = PosedView::new(task.image.to_owned(), *task.camera, Pose::identity(), mask, Vec::new())?;
+    let mut views = vec![own];
+    views.extend(task.views.iter().map(|view| view.view.clone()));
+    Ok(views)
 }

@@ -20,7 +20,7 @@ use fuse::fuse;
 use inflation::inflation;
 
 use crate::gauge::{Gauge, Match, PATCHES, Scale};
-use crate::raster::{enlarge, pick, shrink, small_view};
+use crate::raster::{enlarge, small_map, small_view};
 use crate::sweep::{Surfaces, Sweep, SweepConfig, sweep};
 use crate::{Error, Result, check_map};
 
@@ -253,19 +253,6 @@ fn common_scale(
         matches.extend(matches_of(&priors[i], &sweeps[i], &chances(&sweeps[i], &agreement), i));
     }
     Ok(Scale::fit(&matches))
-}
-
-fn small_map(map: &ArrayView2<'_, f32>, (h, w): (usize, usize)) -> Array2<f32> {
-    if map.dim() == (h, w) {
-        return map.to_owned();
-    }
-    let whole = map.iter().all(|z| *z > 0.0 && z.is_finite());
-    if whole {
-        let cube = map.insert_axis(ndarray::Axis(2));
-        shrink(cube, h, w).index_axis_move(ndarray::Axis(2), 0)
-    } else {
-        pick(&map.to_owned(), h, w)
-    }
 }
 
 /// Pixels of one photograph that are probably right, each in its patch of the image.
