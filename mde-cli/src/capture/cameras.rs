@@ -86,9 +86,6 @@ pub(super) fn posed(
             view(&capture.photographs[index], poses[index].unwrap_or_else(Pose::identity), cameras[index])
         })
         .collect::<Result<Vec<_>>>()?;
-    for (view, &index) in views.iter().zip(&order) {
-        report.photographs[index].found(view);
-    }
     Ok(Some(Posed { views, order, unit }))
 }
 

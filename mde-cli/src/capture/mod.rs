@@ -13,13 +13,17 @@
 
 mod cameras;
 mod cloud;
+mod evidence;
 mod guard;
+mod novel;
 mod prepared;
 mod priors;
 mod report;
 mod result;
 
 pub use cloud::{ConsistentPoint, RefinedView, consistent_points};
+pub use evidence::{Evidence, Origin};
+pub use novel::NovelView;
 pub use prepared::PreparedCapture;
 pub use report::{CaptureReport, CaptureSeconds, PhotographReport, PoseSource, WithheldPhotograph};
 

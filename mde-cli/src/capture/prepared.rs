@@ -1,18 +1,21 @@
 //! What the photographs of a capture share, found once, and the refinement of each.
 
 use super::cameras::{self, Posed};
+use super::evidence::Evidence;
+use super::novel::{self, Candidate};
 use super::report::CaptureReport;
 use super::{Capture, capture as fault, guard, priors, result};
 use crate::config::{Config, Preset};
 use crate::pipeline::{Callback, Event, Refinement, Stage, Stages, refine};
 use crate::{Error, Result};
-use mde_mvs::consensus::{ConsensusConfig, Reconstruction, reconstruct};
-use mde_mvs::exposure::fit_exposure;
+use mde_mvs::consensus::{ConsensusConfig, Reconstruction, ViewDepth, reconstruct};
+use mde_mvs::exposure::{Exposure, fit_exposure};
 use mde_mvs::gauge::Scale;
 use mde_mvs::views::{ViewScore, ViewSelection, select_views};
 use mde_prior::DepthPrior;
-use mde_warp::{Pose, PosedView};
-use ndarray::{Array2, ArrayView2, Zip};
+use mde_uncertainty::GaussianDepth;
+use mde_warp::{PinholeCamera, Pose, PosedView};
+use ndarray::{Array2, Array3, ArrayView2, Zip};
 use std::ops::ControlFlow;
 use std::time::Instant;
 
@@ -112,6 +115,15 @@ impl<'c> PreparedCapture<'c> {
         &self.report
     }
 
+    /// The camera of a photograph, with the estimated focal length where that was assumed; none for an index that is none of them.
+    pub fn camera(&self, photograph: usize) -> Option<PinholeCamera> {
+        let found = self.posed.as_ref().and_then(|posed| {
+            let place = posed.order.iter().position(|&index| index == photograph)?;
+            Some(posed.views[place].camera)
+        });
+        found.or_else(|| Some(self.capture.photographs.get(photograph)?.camera))
+    }
+
     /// From the frame of the capture's reference to that of a photograph, in the unit of the poses.
     pub fn pose(&self, photograph: usize) -> Option<Pose> {
         let posed = self.posed.as_ref()?;
@@ -173,9 +185,11 @@ impl<'c> PreparedCapture<'c> {
             plan.own.iter().copied().filter(|view| swept.group.contains(view)).collect();
         let mut views = members.iter().map(|&view| posed.views[view].clone()).collect::<Vec<_>>();
         let order: Vec<usize> = members.iter().map(|&view| posed.order[view]).collect();
+        let mut candidate = candidate(plan, posed);
         if place != 0 {
             let frame = views[0].pose.inverse();
-            views.iter_mut().for_each(|view| view.pose *= frame);
+            let others = candidate.iter_mut().map(|candidate| &mut candidate.view);
+            views.iter_mut().chain(others).for_each(|view| view.pose *= frame);
         }
         let depths = priors::for_views(&views, &order, &self.priors, unit)?;
         let depths: Vec<ArrayView2<'_, f32>> = depths.iter().map(|depth| depth.view()).collect();
@@ -212,11 +226,31 @@ impl<'c> PreparedCapture<'c> {
                 },
             )?);
             report.seconds.render = start.elapsed().as_secs_f64();
+            if let Some(candidate) = &mut candidate {
+                if !candidate.withheld {
+                    // In the exposure of the fit.
+                    let at = order.iter().position(|index| *index == candidate.index);
+                    candidate.view = at.map_or_else(|| candidate.view.clone(), |at| views[at].clone());
+                }
+                let mut notify = |event: &mde_nerf::FieldEvent| {
+                    run.notify(&Event::Field { event: *event, view: 1, views: 2 })
+                };
+                report.novel = swept.as_first(own, |known| {
+                    novel::compare(candidate, &views[0], known, &*fitted, &mut notify)
+                })?;
+            }
             field = Some(fitted);
         }
         run.begin(Stage::Fuse)?;
         let (depth, components) =
             swept.as_first(own, |known| result::combine(known, rendered.as_ref(), unit))?;
+        let factor = result::scale(&swept.reconstruction, unit)[0];
+        report.place(&views, &order, factor);
+        let known = members.iter().filter_map(|member| swept.group.iter().position(|view| view == member));
+        let fused: Vec<&GaussianDepth> = known.map(|at| &swept.reconstruction.views[at].fused).collect();
+        let evidence = Evidence::new(&views, &fused, rendered.as_ref(), &depth, factor)?;
+        report.confirmed = Some(evidence.confirmed_share());
+        report.evidence = Some(evidence);
         Ok(Refinement { depth, components, field, capture: Some(report), ..Refinement::of_prior(prior) })
     }
 
@@ -285,6 +319,19 @@ impl<'c> PreparedCapture<'c> {
     }
 }
 
+/// The best of the photographs that are left out; else the least needed of the chosen, which the fit has then.
+fn candidate(plan: &Planned, posed: &Posed) -> Option<Candidate> {
+    let least = ViewSelection::default().min_overlap;
+    let overlaps = |score: &&ViewScore| score.overlap >= least && score.score > 0.0;
+    let spare = plan.scores.iter().filter(|score| !score.chosen).find(overlaps);
+    let score = spare.or_else(|| plan.scores.iter().rfind(|score| score.chosen))?;
+    Some(Candidate {
+        view: posed.views[score.view].clone(),
+        index: posed.order[score.view],
+        withheld: !score.chosen,
+    })
+}
+
 /// The best photographs for each by parallax, overlap and sharpness, and the groups of those that are swept together: every group is
 /// the choice of one photograph, and serves those of its members whose own choice it nearly is. Only the first `count` are planned.
 fn plan(
@@ -334,15 +381,26 @@ fn equalise(
     let Some(((reference, others), known)) = views.split_first_mut().zip(reconstruction.views.first()) else {
         return Ok(());
     };
+    for (view, &index) in others.iter_mut().zip(order.iter().skip(1)) {
+        let (exposure, image) = equalised(reference, view, known)?;
+        view.image = image;
+        report.photographs[index].exposure = Some(exposure);
+    }
+    Ok(())
+}
+
+/// The exposure of a photograph against the reference's, and its image in that of the reference.
+pub(super) fn equalised(
+    reference: &PosedView,
+    view: &PosedView,
+    known: &ViewDepth,
+) -> Result<(Exposure, Array3<f32>)> {
     let verified = Zip::from(known.fused.mean())
         .and(&known.support)
         .map_collect(|&z, &support| if support > 0 { z } else { 0.0 });
-    for (view, &index) in others.iter_mut().zip(order.iter().skip(1)) {
-        let fit = fit_exposure(reference, view, verified.view())?;
-        view.image = fit.exposure.apply_to(&view.image).mapv(|value| value.clamp(0.0, 1.0));
-        report.photographs[index].exposure = Some(fit.exposure);
-    }
-    Ok(())
+    let exposure = fit_exposure(reference, view, verified.view())?.exposure;
+    let image = exposure.apply_to(&view.image).mapv(|value| value.clamp(0.0, 1.0));
+    Ok((exposure, image))
 }
 
 struct Run<'r, 'c> {

@@ -1,4 +1,6 @@
 use super::Capture;
+use super::evidence::Evidence;
+use super::novel::NovelView;
 use mde_mvs::consensus::Reconstruction;
 use mde_mvs::exposure::Exposure;
 use mde_mvs::views::ViewScore;
@@ -26,6 +28,14 @@ pub struct CaptureReport {
     /// The field's fit.
     #[serde(skip)]
     pub fit: Option<FitReport>,
+    /// Share of the reference's pixels whose refined depth at least one other photograph confirms.
+    pub confirmed: Option<f64>,
+    /// Where the depth of each pixel comes from.
+    #[serde(skip)]
+    pub evidence: Option<Evidence>,
+    /// A photograph beside what the field renders from its place: the best of those that [`MultiViewConfig::max_views`](crate::MultiViewConfig::max_views)
+    /// leaves out, else the least needed of those in the fit.
+    pub novel: Option<NovelView>,
     /// Reason for refining the reference alone; none where the photographs were used.
     pub fallback: Option<String>,
     /// Wall seconds by stage.
@@ -65,10 +75,11 @@ pub struct PhotographReport {
     pub exposure: Option<Exposure>,
     /// Share of its pixels whose depth another photograph confirms.
     pub verified: Option<f32>,
-    /// Its camera, with the estimated focal length where that was assumed.
-    pub camera: PinholeCamera,
-    /// From the frame of the capture's reference to the camera, row by row, in the unit of the poses; none without a pose.
+    /// World to camera, row by row: the world is the reference's camera frame, in the unit of the refined depth. None where it was
+    /// not used.
     pub pose: Option<[[f64; 4]; 4]>,
+    /// Its camera, with the focal length that was used.
+    pub camera: Option<PinholeCamera>,
 }
 
 /// Origin of the poses.
@@ -115,8 +126,8 @@ impl CaptureReport {
                 rotation_degrees: None,
                 exposure: None,
                 verified: None,
-                camera: photograph.camera,
                 pose: None,
+                camera: None,
             })
             .collect();
         Self {
@@ -127,6 +138,9 @@ impl CaptureReport {
             focal_factor: None,
             scale: None,
             fit: None,
+            confirmed: None,
+            evidence: None,
+            novel: None,
             fallback: None,
             seconds: CaptureSeconds::default(),
         }
@@ -158,16 +172,21 @@ impl CaptureReport {
             self.photographs[index].verified = Some(known.verified);
         }
     }
+
+    /// Cameras and poses of the photographs that were used, of `factor` units of the poses per unit of the depth.
+    pub(super) fn place(&mut self, views: &[PosedView], order: &[usize], factor: f64) {
+        for (view, &index) in views.iter().zip(order) {
+            let mut pose = view.pose;
+            pose.translation.vector /= factor;
+            let matrix = pose.to_homogeneous();
+            let rows = std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]));
+            self.photographs[index].pose = Some(rows);
+            self.photographs[index].camera = Some(view.camera);
+        }
+    }
 }
 
 impl PhotographReport {
-    /// The camera and pose of its view.
-    pub(super) fn found(&mut self, view: &PosedView) {
-        let matrix = view.pose.to_homogeneous();
-        self.camera = view.camera;
-        self.pose = Some(std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)])));
-    }
-
     pub(super) fn take(&mut self, score: &ViewScore, view: &PosedView, reference: &PosedView) {
         self.used = score.chosen;
         self.parallax = Some(score.parallax);

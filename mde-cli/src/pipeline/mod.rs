@@ -87,8 +87,15 @@ impl Refinement {
         };
         let depth = self.depth.map(|mean, variance| (factor * mean, factor * factor * variance));
         let scaled = |part: Component| Component { sigma: part.sigma.mapv(|s| factor * s), ..part };
+        let mut capture = self.capture;
+        for pose in
+            capture.iter_mut().flat_map(|report| &mut report.photographs).filter_map(|p| p.pose.as_mut())
+        {
+            pose.iter_mut().take(3).for_each(|row| row[3] *= f64::from(factor));
+        }
         Ok(Self {
             depth,
+            capture,
             prior: self.prior.mapv(|z| factor * z),
             components: self.components.into_iter().map(scaled).collect(),
             ..self

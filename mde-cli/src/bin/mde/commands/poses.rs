@@ -39,8 +39,8 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     );
     let mut frames = Vec::new();
     for (index, (name, (_, [width, height]))) in names.into_iter().zip(&files).enumerate() {
-        let Some(pose) = prepared.pose(index) else { continue };
-        let camera = report.photographs[index].camera.resized(*width, *height)?;
+        let (Some(pose), Some(camera)) = (prepared.pose(index), prepared.camera(index)) else { continue };
+        let camera = camera.resized(*width, *height)?;
         let lens = Lens { camera, distortion: Distortion::default() };
         frames.push(Frame { photograph: name.into(), lens, pose });
     }

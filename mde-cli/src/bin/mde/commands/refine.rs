@@ -63,6 +63,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         recording,
         capture,
         unit: args.several.unit,
+        keep_photographs: false,
         image: opened.photo.pixels,
     };
     match args.several.all {

@@ -104,8 +104,9 @@ pub(crate) fn run(
                     row
                 }
             };
-            if let (Some(scale), Some(pose)) = (row.scale.map(f64::from_bits), prepared.pose(index)) {
-                let camera = prepared.report().photographs[index].camera;
+            if let (Some(scale), Some(pose), Some(camera)) =
+                (row.scale.map(f64::from_bits), prepared.pose(index), prepared.camera(index))
+            {
                 solids.push(Solid::read(
                     index,
                     &folders[index],

@@ -1,9 +1,10 @@
 //! Summary of a finished run.
 
+use mde_cli::capture::PoseSource;
 use mde_cli::{CaptureReport, Refinement};
 use mde_uncertainty::statistics::{median, quantile};
 
-/// Two lines: change of the depth and its sigma; and the estimates of the last fusion.
+/// Change of the depth, its sigma, the photographs that were used, and the estimates of the last fusion.
 pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
     let depth = refinement.depth.mean();
     let moved =
@@ -31,6 +32,7 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
         median(known).map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
         percent(median(relative)),
     )];
+    lines.extend(refinement.capture.as_ref().and_then(photographs));
     if let Some(last) = refinement.iterations.last() {
         let (fusion, psnr) = (&last.fusion, last.fit.psnr.first());
         let psnr = psnr.map_or_else(String::new, |p| format!("; PSNR of the photograph {p:.1} dB"));
@@ -45,14 +47,30 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
     lines.join("\n")
 }
 
-/// One line: the photographs that were used and those that were not.
-pub(crate) fn photographs(report: &CaptureReport) -> String {
-    let of = |used: bool| report.photographs.iter().filter(move |photograph| photograph.used == used);
-    let names =
-        |used: bool| of(used).map(|photograph| photograph.name.as_str()).collect::<Vec<_>>().join(", ");
-    let others = match of(false).count() {
-        0 => String::new(),
-        count => format!("; not used: {count} ({}), see run.json", names(false)),
+/// The photographs that were used, and how the field renders one of them.
+fn photographs(report: &CaptureReport) -> Option<String> {
+    if report.fallback.is_some() {
+        return None;
+    }
+    let poses = match report.poses {
+        PoseSource::Given => "poses as given",
+        PoseSource::Refined => "poses refined",
+        PoseSource::Estimated => "poses estimated",
     };
-    format!("photographs: {} of {}: {}{others}\n", report.used(), report.photographs.len(), names(true))
+    let confirmed = report.confirmed.map_or_else(String::new, |share| {
+        format!("; another one confirms the depth of {:.0} % of the pixels", 100.0 * share)
+    });
+    let (used, all) = (report.used(), report.photographs.len());
+    let chosen = report.photographs.iter().filter(|photograph| photograph.used);
+    let names: Vec<&str> = chosen.map(|photograph| photograph.name.as_str()).collect();
+    let mut line = format!("photographs: {used} of {all} used ({}), {poses}{confirmed}", names.join(", "));
+    let novel = report.novel.as_ref();
+    if let Some((novel, psnr, prior)) =
+        novel.and_then(|novel| Some((novel, novel.psnr?, novel.psnr_of_prior?)))
+    {
+        let name = report.photographs.get(novel.photograph).map_or("", |photograph| photograph.name.as_str());
+        let kind = if novel.withheld { "withheld" } else { "in the fit" };
+        line += &format!("\nPSNR of {name}, {kind}: field {psnr:.1} dB, moved by the prior {prior:.1} dB");
+    }
+    Some(line)
 }

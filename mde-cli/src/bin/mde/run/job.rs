@@ -10,6 +10,7 @@ use crate::output::preview::{Preview, preview};
 use crate::output::provenance::write_json;
 use crate::output::recording::Recording;
 use crate::output::run_record::{About, RunRecord};
+use crate::output::several;
 use crate::report;
 use crate::run::checkpoint::Checkpoints;
 use crate::run::error_bar::{ErrorBar, Stated};
@@ -51,6 +52,8 @@ pub(crate) struct Job {
     pub(crate) capture: Option<Capture>,
     /// Unit of the results with further photographs.
     pub(crate) unit: UnitName,
+    /// Whether the photographs are written too, as they are.
+    pub(crate) keep_photographs: bool,
 }
 
 /// The photograph that is refined.
@@ -64,6 +67,8 @@ pub(crate) struct Subject<'s> {
 pub(crate) struct Done<'s> {
     pub(crate) subject: Subject<'s>,
     pub(crate) refinement: Refinement,
+    /// Index of the subject among the photographs.
+    photograph: usize,
     stated: Stated,
     scores: Option<Comparison>,
     score_seconds: f64,
@@ -79,7 +84,7 @@ impl Job {
         let stages = Stages::new(&prior).with_field(|request| {
             let field = Box::new(kept.insert(SharedNerf::new(request.nerf()?)).clone());
             Ok(match &self.recording {
-                Some(recording) => recording.watch(request.iteration + 1, field),
+                Some(recording) => recording.watch(request.iteration + 1, self.capture.is_none(), field),
                 None => field,
             })
         });
@@ -127,11 +132,10 @@ impl Job {
         if let Some(recording) = &self.recording {
             self.record(recording, &done, progress.training())?;
         }
-        let photographs = done.refinement.capture.as_ref().map_or_else(String::new, gain::photographs);
         let gained = gain::summary(&done.refinement, self.unit());
         let report = folder.path().join(report::FILE);
         let text = format!(
-            "{table}{photographs}{gained}\nwrote {} in {:.1} s; open {} in a browser",
+            "{table}{gained}\nwrote {} in {:.1} s; open {} in a browser",
             folder.path().display(),
             progress.seconds(),
             report.display()
@@ -161,9 +165,10 @@ impl Job {
             if let Some(reason) = &capture.fallback {
                 progress.warn(format!("--views: {reason}; only the reference photograph was used"));
             } else if let Some(found) = capture.photographs.get(photograph)
-                && found.camera != subject.camera.camera
+                && let Some(camera) = found.camera
+                && camera != subject.camera.camera
             {
-                subject.camera = KnownCamera { camera: found.camera, source: CameraSource::Estimated };
+                subject.camera = KnownCamera { camera, source: CameraSource::Estimated };
             }
         }
         if self.unit == UnitName::Capture && refinement.capture.is_some() {
@@ -188,7 +193,7 @@ impl Job {
             None => None,
         };
         let score_seconds = start.elapsed().as_secs_f64();
-        Ok(Done { subject, refinement, stated, scores, score_seconds, prior_seconds: 0.0 })
+        Ok(Done { subject, refinement, photograph, stated, scores, score_seconds, prior_seconds: 0.0 })
     }
 
     /// All files of one refinement.
@@ -262,14 +267,28 @@ impl Job {
             &self.scene(&done.subject, &before, prior, &[]),
             &self.config.to_toml()?,
         );
-        if iterations.is_empty() {
+        if iterations.is_empty() && training.is_empty() {
             // Without a fit, prior and result would share a time on the timeline of steps.
             recording.fitted(1);
+        }
+        if let Some((capture, report)) = self.capture.as_ref().zip(done.refinement.capture.as_ref()) {
+            recording.photographs(capture, report);
         }
         recording.depth(last, &self.scene(&done.subject, depth, prior, &[]));
         recording.sigma(last, depth);
         recording.reports(iterations, training);
         recording.save()
+    }
+
+    /// The photographs that were used, the reference first; none where there is one alone.
+    fn shown<'s>(&'s self, done: &'s Done<'_>) -> Vec<ArrayView3<'s, f32>> {
+        let Some((capture, report)) = self.capture.as_ref().zip(done.refinement.capture.as_ref()) else {
+            return Vec::new();
+        };
+        let used = capture.photographs.iter().zip(&report.photographs).enumerate();
+        let used = used.filter(|(index, (_, report))| report.used && *index != done.photograph);
+        let others = used.map(|(_, (photograph, _))| photograph.image.view());
+        std::iter::once(done.subject.image).chain(others).collect()
     }
 
     fn write_interval(&self, folder: &Path, refinement: &Refinement, stated: &Stated) -> Result<()> {
@@ -292,10 +311,19 @@ impl Job {
             refined: depth,
             sigma: sigma.view(),
             unit: self.unit(),
+            photographs: self.shown(done),
+            truth: self
+                .truth
+                .as_ref()
+                .filter(|_| self.prior.origin.kind == DepthKind::Metric)
+                .map(|truth| truth.depth.view()),
         };
         write_rgb_png(folder.join("preview.png"), preview(&show).pixels())?;
         mde_prior::write_atomic(&folder.join("config.toml"), self.config.to_toml()?.as_bytes())?;
         write_image(folder.join("image.png"), subject.image)?;
+        if let Some((capture, report)) = self.capture.as_ref().zip(refinement.capture.as_ref()) {
+            several::write(folder, capture, report, self.keep_photographs)?;
+        }
         if let Some(truth) = &self.truth {
             write_npy(folder.join("gt.npy"), truth.depth.view())?;
         }
