@@ -182,3 +182,64 @@ fn the_program_takes_photographs_with_poses_and_without() {
     assert!(gone.contains("2.png") && gone.lines().count() == 1, "{gone}");
     assert!(!path("out").exists());
 }
+
+/// The demo of several photographs: better than its prior, the same with any number of threads, and refined again from its files.
+#[test]
+fn the_demo_has_photographs_without_poses() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let quick = "nerf.train = { steps = 120, rays = 256 }\nnerf.field.finest = 128\n";
+    std::fs::write(path("quick.toml"), quick).unwrap();
+    let mde = |arguments: &str| {
+        let mut command = Command::cargo_bin("mde").unwrap();
+        command.current_dir(folder.path()).args(arguments.split(' ')).assert().success()
+    };
+    let demo = "demo --size 160x120 --config quick.toml";
+    let said = mde(&format!("{demo} -o demo"));
+    let said = String::from_utf8_lossy(&said.get_output().stdout).into_owned();
+    assert!(said.contains("AbsRel") && said.contains("90 % intervals hold"), "{said}");
+    mde(&format!("{demo} --threads 1 -q -o again"));
+    for name in ["depth.npy", "sigma.npy", "prior.npy", "views/rendered.png", "evidence.npz"] {
+        let read = |run: &str| std::fs::read(path(run).join(name)).unwrap();
+        assert!(read("demo") == read("again"), "{name}");
+    }
+    let record = |run: &str| -> serde_json::Value {
+        serde_json::from_str(&std::fs::read_to_string(path(run).join("run.json")).unwrap()).unwrap()
+    };
+    let told = record("demo");
+    let capture = &told["capture"];
+    assert_eq!((&capture["poses"], &capture["fallback"]), (&"estimated".into(), &serde_json::Value::Null));
+    let photographs = capture["photographs"].as_array().unwrap();
+    let used: Vec<bool> =
+        photographs.iter().map(|photograph| photograph["used"].as_bool().unwrap()).collect();
+    assert_eq!((used.len(), used.iter().filter(|used| **used).count()), (6, 5), "{photographs:?}");
+    let novel = &capture["novel"];
+    assert_eq!(novel["withheld"], true);
+    assert!(!used[novel["photograph"].as_u64().unwrap() as usize]);
+    let psnr = |key: &str| novel[key].as_f64().unwrap();
+    assert!(psnr("psnr") > 16.0 && psnr("psnr_of_prior") > 16.0, "{novel}");
+    let scores = &told["scores"]["by_alignment"]["median"];
+    let abs_rel = |which: &str| scores[which]["depth"]["abs-rel"].as_f64().unwrap();
+    assert!(abs_rel("refined") < 0.8 * abs_rel("prior"), "{} {}", abs_rel("refined"), abs_rel("prior"));
+
+    let options = |name: &str| mde_cli::mde_prior::format::ReadOptions {
+        npz_array: Some(name.to_owned()),
+        ..Default::default()
+    };
+    let map = |name: &str| {
+        mde_cli::mde_prior::format::read_values(path("demo/evidence.npz"), &options(name)).unwrap()
+    };
+    let (seen, confirmed) = (map("seen"), map("confirmed"));
+    assert!(seen.iter().zip(&confirmed).all(|(seen, confirmed)| confirmed <= seen && *seen <= 4.0));
+    let known = map("origin").iter().filter(|origin| **origin > 0.0).count();
+    let share = confirmed.iter().filter(|count| **count > 0.0).count() as f64 / known as f64;
+    assert!((share - capture["confirmed"].as_f64().unwrap()).abs() < 1e-9 && share > 0.2, "{share}");
+
+    let again = "--views demo/photographs --prior-depth demo/prior.npy --fov 62 --config quick.toml -q";
+    mde(&format!("refine demo/photographs/0.png {again} -o from-files"));
+    let found = record("from-files");
+    assert_eq!(found["capture"]["fallback"], serde_json::Value::Null, "{found}");
+    assert_eq!(found["capture"]["photographs"].as_array().unwrap().len(), 6);
+    // Fewer than the most that may be used: none is left out.
+    assert_eq!(found["capture"]["novel"]["withheld"], false);
+}

@@ -1,11 +1,12 @@
 //! Poses and cameras of the photographs, refined or estimated, and the choice of photographs.
 
+use super::novel::Candidate;
 use super::report::{CaptureReport, PoseSource};
 use super::{Capture, view};
 use crate::Result;
 use crate::config::Config;
 use mde_mvs::poses::{self, PosesConfig, RefineConfig, Track, Verdict, estimate_poses, refine_poses};
-use mde_mvs::views::{ViewSelection, select_views};
+use mde_mvs::views::{ViewScore, ViewSelection, select_views};
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose, PosedView};
@@ -19,6 +20,8 @@ pub(super) struct Posed {
     pub(super) order: Vec<usize>,
     /// Unit of the poses per unit of the prior: the prior's depth times this is in the unit of the poses.
     pub(super) unit: f64,
+    /// The photograph to be compared with what the field renders.
+    pub(super) candidate: Option<Candidate>,
 }
 
 /// The posed views, or nothing (with the reason in the report) where no photograph but the reference has a pose with parallax.
@@ -85,7 +88,7 @@ pub(super) fn posed(
             view(&capture.photographs[index], poses[index].unwrap_or_else(Pose::identity), cameras[index])
         })
         .collect::<Result<Vec<_>>>()?;
-    chosen(Posed { views, order, unit }, priors[reference].as_ref(), config, report)
+    chosen(Posed { views, order, unit, candidate: None }, priors[reference].as_ref(), config, report)
 }
 
 /// The best photographs by parallax, overlap and sharpness.
@@ -95,7 +98,7 @@ fn chosen(
     config: &Config,
     report: &mut CaptureReport,
 ) -> Result<Option<Posed>> {
-    let Posed { views, order, unit } = all;
+    let Posed { views, order, unit, .. } = all;
     let Some(prior) = prior else { return Ok(None) };
     let depth = prior.mapv(|z| (f64::from(z) * unit) as f32);
     let mut selection = ViewSelection::default();
@@ -111,11 +114,19 @@ fn chosen(
         report.fallback = Some("no photograph shows the reference's scene from another place".to_owned());
         return Ok(None);
     }
+    // The best of those that are left out; else the least needed of the chosen, which the fit has then.
+    let overlaps = |score: &&ViewScore| score.overlap >= selection.min_overlap && score.score > 0.0;
+    let spare = scores.iter().filter(|score| !score.chosen).find(overlaps);
+    let candidate = spare.or_else(|| scores.iter().rfind(|score| score.chosen)).map(|score| Candidate {
+        view: views[score.view].clone(),
+        index: order[score.view],
+        withheld: !score.chosen,
+    });
     let mut kept = keep.iter();
     let views = views.into_iter().filter(|_| kept.next().copied().unwrap_or(false)).collect();
     let mut kept = keep.iter();
     let order = order.into_iter().filter(|_| kept.next().copied().unwrap_or(false)).collect();
-    Ok(Some(Posed { views, order, unit }))
+    Ok(Some(Posed { views, order, unit, candidate }))
 }
 
 /// The robust factor from the reference's prior to the depth of its tracks; 1 without tracks.

@@ -12,19 +12,24 @@
 //! The poses fix the gauge, so the prior is brought to the field and not the field to the prior (`docs/method.md`).
 
 mod cameras;
+mod evidence;
 mod guard;
+mod novel;
 mod priors;
 mod report;
 mod result;
 
+pub use evidence::{Evidence, Origin};
+pub use novel::NovelView;
 pub use report::{CaptureReport, CaptureSeconds, PhotographReport, PoseSource, WithheldPhotograph};
 
 use crate::config::{Config, Preset};
 use crate::pipeline::{Callback, Event, Refinement, Stage, Stages, refine};
 use crate::{Error, Result};
 use cameras::Posed;
+use mde_mvs::consensus::ViewDepth;
 use mde_mvs::consensus::{ConsensusConfig, Reconstruction, reconstruct};
-use mde_mvs::exposure::fit_exposure;
+use mde_mvs::exposure::{Exposure, fit_exposure};
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use ndarray::{Array2, Array3, ArrayView2, Zip};
 use std::ops::ControlFlow;
@@ -130,7 +135,7 @@ pub fn refine_capture(
     let start = run.begin(Stage::Poses)?;
     let posed = cameras::posed(capture, &priors, config, &mut report)?;
     report.seconds.poses = start.elapsed().as_secs_f64();
-    let Some(Posed { mut views, order, unit }) = posed else {
+    let Some(Posed { mut views, order, unit, mut candidate }) = posed else {
         return fall_back(capture, stages, config, report, run.callback);
     };
 
@@ -165,12 +170,27 @@ pub fn refine_capture(
                 run.notify(&Event::Field { event: *event, view: 0, views: 1 })
             })?);
         report.seconds.render = start.elapsed().as_secs_f64();
+        if let Some(candidate) = &mut candidate {
+            if !candidate.withheld {
+                // In the exposure of the fit.
+                let at = order.iter().position(|index| *index == candidate.index);
+                candidate.view = at.map_or_else(|| candidate.view.clone(), |at| views[at].clone());
+            }
+            let mut notify =
+                |event: &mde_nerf::FieldEvent| run.notify(&Event::Field { event: *event, view: 1, views: 2 });
+            report.novel = novel::compare(candidate, &views[0], &reconstruction, &*fitted, &mut notify)?;
+        }
         field = Some(fitted);
     }
     run.begin(Stage::Fuse)?;
     let (depth, components) = result::combine(&reconstruction, rendered.as_ref(), unit)?;
     let prior = priors[capture.reference].clone().ok_or(Error::EmptyPrior)?;
-    report.scale = Some(result::scale(&reconstruction, unit));
+    let scale = result::scale(&reconstruction, unit);
+    report.scale = Some(scale);
+    report.place(&views, &order, scale[0]);
+    let evidence = Evidence::new(&views, &reconstruction, rendered.as_ref(), &depth, scale[0])?;
+    report.confirmed = Some(evidence.confirmed_share());
+    report.evidence = Some(evidence);
     Ok(Refinement { depth, components, field, capture: Some(report), ..Refinement::of_prior(prior) })
 }
 
@@ -198,15 +218,22 @@ fn equalise(
     let Some(((reference, others), known)) = views.split_first_mut().zip(reconstruction.views.first()) else {
         return Ok(());
     };
+    for (view, &index) in others.iter_mut().zip(order.iter().skip(1)) {
+        let (exposure, image) = equalised(reference, view, known)?;
+        view.image = image;
+        report.photographs[index].exposure = Some(exposure);
+    }
+    Ok(())
+}
+
+/// The exposure of a photograph against the reference's, and its image in that of the reference.
+fn equalised(reference: &PosedView, view: &PosedView, known: &ViewDepth) -> Result<(Exposure, Array3<f32>)> {
     let verified = Zip::from(known.fused.mean())
         .and(&known.support)
         .map_collect(|&z, &support| if support > 0 { z } else { 0.0 });
-    for (view, &index) in others.iter_mut().zip(order.iter().skip(1)) {
-        let fit = fit_exposure(reference, view, verified.view())?;
-        view.image = fit.exposure.apply_to(&view.image).mapv(|value| value.clamp(0.0, 1.0));
-        report.photographs[index].exposure = Some(fit.exposure);
-    }
-    Ok(())
+    let exposure = fit_exposure(reference, view, verified.view())?.exposure;
+    let image = exposure.apply_to(&view.image).mapv(|value| value.clamp(0.0, 1.0));
+    Ok((exposure, image))
 }
 
 struct Run<'r, 'c> {

@@ -1,10 +1,12 @@
 use super::Capture;
+use super::evidence::Evidence;
+use super::novel::NovelView;
 use mde_mvs::consensus::Reconstruction;
 use mde_mvs::exposure::Exposure;
 use mde_mvs::views::ViewScore;
 use mde_mvs::withheld::WithheldError;
 use mde_nerf::FitReport;
-use mde_warp::PosedView;
+use mde_warp::{PinholeCamera, PosedView};
 use serde::Serialize;
 
 /// Report of a run with several photographs.
@@ -26,6 +28,14 @@ pub struct CaptureReport {
     /// The field's fit.
     #[serde(skip)]
     pub fit: Option<FitReport>,
+    /// Share of the reference's pixels whose refined depth at least one other photograph confirms.
+    pub confirmed: Option<f64>,
+    /// Where the depth of each pixel comes from.
+    #[serde(skip)]
+    pub evidence: Option<Evidence>,
+    /// A photograph beside what the field renders from its place: the best of those that [`MultiViewConfig::max_views`](crate::MultiViewConfig::max_views)
+    /// leaves out, else the least needed of those in the fit.
+    pub novel: Option<NovelView>,
     /// Reason for refining the reference alone; none where the photographs were used.
     pub fallback: Option<String>,
     /// Wall seconds by stage.
@@ -63,6 +73,11 @@ pub struct PhotographReport {
     pub exposure: Option<Exposure>,
     /// Share of its pixels whose depth another photograph confirms.
     pub verified: Option<f32>,
+    /// World to camera, row by row: the world is the reference's camera frame, in the unit of the refined depth. None where it was
+    /// not used.
+    pub pose: Option<[[f64; 4]; 4]>,
+    /// Its camera, with the focal length that was used.
+    pub camera: Option<PinholeCamera>,
 }
 
 /// Origin of the poses.
@@ -108,6 +123,8 @@ impl CaptureReport {
                 rotation_degrees: None,
                 exposure: None,
                 verified: None,
+                pose: None,
+                camera: None,
             })
             .collect();
         Self {
@@ -118,6 +135,9 @@ impl CaptureReport {
             focal_factor: None,
             scale: None,
             fit: None,
+            confirmed: None,
+            evidence: None,
+            novel: None,
             fallback: None,
             seconds: CaptureSeconds::default(),
         }
@@ -131,6 +151,18 @@ impl CaptureReport {
     pub(super) fn take(&mut self, reconstruction: &Reconstruction, order: &[usize]) {
         for (known, &index) in reconstruction.views.iter().zip(order) {
             self.photographs[index].verified = Some(known.verified);
+        }
+    }
+
+    /// Cameras and poses of the photographs that were used, of `factor` units of the poses per unit of the depth.
+    pub(super) fn place(&mut self, views: &[PosedView], order: &[usize], factor: f64) {
+        for (view, &index) in views.iter().zip(order) {
+            let mut pose = view.pose;
+            pose.translation.vector /= factor;
+            let matrix = pose.to_homogeneous();
+            let rows = std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]));
+            self.photographs[index].pose = Some(rows);
+            self.photographs[index].camera = Some(view.camera);
         }
     }
 }

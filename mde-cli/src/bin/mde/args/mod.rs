@@ -38,7 +38,7 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Refine a procedural room with exact depth; needs no input
+    /// Refine a procedural room with exact depth from photographs without poses; needs no input
     Demo(DemoArgs),
     /// Refine the monocular depth of an image
     Refine(Box<RefineArgs>),
@@ -72,7 +72,12 @@ Examples:
   mde demo -o out/demo
   mde demo -o out/demo --preset fast --size 160x120 --seed 3 --force
 
-The preset's training steps are scaled with the number of pixels (all at 640x480, at least 500), unless --config is given.")]
+Six photographs without poses, each with the depth of a simulated network; one of them is withheld, to be compared with what the
+field renders. Other presets refine one photograph with a simulated depth map; their training steps are scaled with the
+number of pixels (all at 640x480, at least 500), unless --config is given.
+
+Output: that of mde refine, and photographs/, from which it can be repeated:
+  mde refine out/demo/photographs/0.png --views out/demo/photographs --prior-depth out/demo/prior.npy --fov 62 -o out/again")]
 pub(crate) struct DemoArgs {
     /// Size of the room's image, pixels
     #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = size)]
@@ -362,7 +367,7 @@ pub(crate) struct MemoryArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings")]
 pub(crate) struct SettingsArgs {
-    /// Preset of the settings; default: multi-view with --views, default without
+    /// Preset of the settings; default: multi-view with several photographs, default with one
     #[arg(long, value_enum)]
     pub(crate) preset: Option<PresetName>,
     /// TOML file that overrides settings of the preset; `mde config` prints all

@@ -48,6 +48,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         export: args.export.export.clone(),
         recording,
         capture,
+        keep_photographs: false,
         image: opened.photo.pixels,
     };
     job.run(&folder, &mut progress)

@@ -7,3 +7,4 @@ pub(crate) mod preview;
 pub(crate) mod provenance;
 pub(crate) mod recording;
 pub(crate) mod run_record;
+pub(crate) mod several;

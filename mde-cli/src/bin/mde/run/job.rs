@@ -10,6 +10,7 @@ use crate::output::preview::{Preview, preview};
 use crate::output::provenance::write_json;
 use crate::output::recording::Recording;
 use crate::output::run_record::{About, RunRecord};
+use crate::output::several;
 use crate::report;
 use crate::run::checkpoint::Checkpoints;
 use crate::run::error_bar::{ErrorBar, Stated};
@@ -22,7 +23,7 @@ use mde_prior::DepthKind;
 use mde_prior::format::{write_npy, write_png16};
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_uncertainty::GaussianDepth;
-use ndarray::{Array2, Array3};
+use ndarray::{Array2, Array3, ArrayView3};
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
@@ -49,6 +50,8 @@ pub(crate) struct Job {
     pub(crate) recording: Option<Recording>,
     /// Further photographs.
     pub(crate) capture: Option<Capture>,
+    /// Whether the photographs are written too, as they are.
+    pub(crate) keep_photographs: bool,
 }
 
 /// Unit of the refined depth for a prior of this kind.
@@ -67,7 +70,7 @@ impl Job {
         let stages = Stages::new(&prior).with_field(|request| {
             let field = Box::new(kept.insert(SharedNerf::new(request.nerf()?)).clone());
             Ok(match &self.recording {
-                Some(recording) => recording.watch(request.iteration + 1, field),
+                Some(recording) => recording.watch(request.iteration + 1, self.capture.is_none(), field),
                 None => field,
             })
         });
@@ -210,14 +213,28 @@ impl Job {
         let known = prior.mapv(|z| if z > 0.0 { 1.0 } else { f32::INFINITY });
         let before = GaussianDepth::new(prior.clone(), known)?;
         recording.inputs(&self.input, &self.scene(&before, prior, &[]), &self.config.to_toml()?);
-        if iterations.is_empty() {
+        if iterations.is_empty() && training.is_empty() {
             // Without a fit, prior and result would share a time on the timeline of steps.
             recording.fitted(1);
+        }
+        if let Some((capture, report)) = self.capture.as_ref().zip(refinement.capture.as_ref()) {
+            recording.photographs(capture, report);
         }
         recording.depth(last, &self.scene(depth, prior, &[]));
         recording.sigma(last, depth);
         recording.reports(iterations, training);
         recording.save()
+    }
+
+    /// The photographs that were used, the reference first; none where there is one alone.
+    fn shown(&self, refinement: &Refinement) -> Vec<ArrayView3<'_, f32>> {
+        let Some((capture, report)) = self.capture.as_ref().zip(refinement.capture.as_ref()) else {
+            return Vec::new();
+        };
+        let used = capture.photographs.iter().zip(&report.photographs).enumerate();
+        let used = used.filter(|(index, (_, report))| report.used && *index != capture.reference);
+        let others = used.map(|(_, (photograph, _))| photograph.image.view());
+        std::iter::once(self.image.view()).chain(others).collect()
     }
 
     fn write_interval(&self, folder: &Path, refinement: &Refinement, stated: &Stated) -> Result<()> {
@@ -240,10 +257,15 @@ impl Job {
             refined: depth,
             sigma: sigma.view(),
             unit: unit(kind),
+            photographs: self.shown(refinement),
+            truth: self.truth.as_ref().filter(|_| kind == DepthKind::Metric).map(|truth| truth.depth.view()),
         };
         write_rgb_png(folder.join("preview.png"), preview(&show).pixels())?;
         mde_prior::write_atomic(&folder.join("config.toml"), self.config.to_toml()?.as_bytes())?;
         write_image(folder.join("image.png"), self.image.view())?;
+        if let Some((capture, report)) = self.capture.as_ref().zip(refinement.capture.as_ref()) {
+            several::write(folder, capture, report, self.keep_photographs)?;
+        }
         if let Some(truth) = &self.truth {
             write_npy(folder.join("gt.npy"), truth.depth.view())?;
         }
