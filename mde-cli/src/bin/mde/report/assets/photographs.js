@@ -61,6 +61,8 @@ function photographSection({ layers }) {
     about.push(`Withheld matches are off by ${number(capture.withheld_pixels[0], 2)} pixels with the given poses, ${number(capture.withheld_pixels[1], 2)} with the refined (at 640 pixels).`);
   }
   if (capture.focal_factor && Math.abs(capture.focal_factor - 1) > 1e-9) about.push(`The assumed focal length was multiplied by ${number(capture.focal_factor)}.`);
+  const held = capture.withheld_colours;
+  if (held) about.push(`A check: through the depth of the others, ${held.name} is explained with a colour error of ${number(held.found)}; through the prior, ${number(held.prior)}.`);
   if (capture.fallback) about.push(`The photograph was refined alone: ${capture.fallback}.`);
   const tiles = capture.photographs.map((photograph, index) => photographTile(photograph, index));
   section("Photographs", about.join(" "), make("div", { class: "gallery photographs" }, tiles));
