@@ -117,7 +117,7 @@ fn wrong_usage_of_several_photographs() {
     };
     check(&[
         of("--views", &["--views"]),
-        of("--all", &["--views"]),
+        misused("refine image.png --prior-model fastdepth.onnx --all -o out", &["--views"]),
         of("--max-views 3", &["--views"]),
         of("--unit prior", &["--views"]),
         of("--views shots --max-views 1", &["2..=64"]),

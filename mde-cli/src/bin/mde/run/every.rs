@@ -456,4 +456,33 @@ mod tests {
         let expected = ["1", "1_2", "ü_b", "cloud.ply_2", "jpg", "A_1", "a_1_2"];
         assert_eq!(folders(&capture), expected);
     }
+
+    #[test]
+    fn a_finished_photograph_is_taken_by_the_same_run_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = folder.path().join("a");
+        fs::create_dir_all(place.join("views")).unwrap();
+        fs::write(place.join("views/0.png"), "picture").unwrap();
+        let row = Row {
+            photograph: "a.png".to_owned(),
+            folder: Some("a".to_owned()),
+            reason: None,
+            verified: Some(0.5),
+            sigma: None,
+            seconds: 1.0,
+            scale: Some(0.3_f64.to_bits()),
+        };
+        let output = folder.path().join("out");
+        let run = Finished::new(&output, json!({ "seed": 0 }));
+        run.keep("a", &place, &row).unwrap();
+        let copied = folder.path().join("b");
+        assert!(
+            Finished::new(&output, json!({ "seed": 1 })).take("a", &copied).is_none() && !copied.exists()
+        );
+        let found = run.take("a", &copied).unwrap();
+        assert_eq!((found.scale, found.photograph), (row.scale, row.photograph));
+        assert_eq!(fs::read_to_string(copied.join("views/0.png")).unwrap(), "picture");
+        run.discard();
+        assert!(!output.with_file_name("out.resume").exists());
+    }
 }
