@@ -168,7 +168,7 @@ pub fn refine_capture(
         field = Some(fitted);
     }
     run.begin(Stage::Fuse)?;
-    let (depth, components) = result::combine(&reconstruction, rendered.as_ref(), unit)?;
+    let (depth, components) = result::combine(&reconstruction, &views, rendered.as_ref(), unit)?;
     let prior = priors[capture.reference].clone().ok_or(Error::EmptyPrior)?;
     report.scale = Some(result::scale(&reconstruction, unit));
     Ok(Refinement { depth, components, field, capture: Some(report), ..Refinement::of_prior(prior) })
