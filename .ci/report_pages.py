@@ -278,9 +278,33 @@ def check_run(page, folder):
     page.key("0")
     check(page.pixels("#cloud") != unturned, "0 does not bring the cloud back")
     # A run that fitted no field has none.
-    fitted = page.value("JSON.parse(document.getElementById('data').textContent).record.iterations.length")
+    fitted = page.value("JSON.parse(document.getElementById('data').textContent).record.training.length")
     curves = page.value("document.querySelectorAll('.chart polyline').length")
     check((curves >= 2) == (fitted > 0), f"{curves} training curves for {fitted} fits")
+
+
+    if (folder / "views").is_dir():
+        check_photographs(page, folder)
+
+
+def check_photographs(page, folder):
+    """Thumbnails, evidence and novel view of a run with several photographs."""
+    loaded = page.value("Promise.all([...document.images].map((i) => i.decode())).then(() =>"
+                        "[...document.images].every((i) => i.naturalWidth > 0))")
+    check(loaded, "a picture is broken")
+    shown = page.value("document.querySelectorAll('.photographs img').length")
+    expected = len([path for path in (folder / "views").glob("*.png") if path.stem.isdigit()])
+    check(shown == expected, f"{shown} thumbnails of {expected} photographs")
+    chips = page.value("[...document.querySelectorAll('.photographs .chip')].map((c) => c.textContent)")
+    check(chips.count("reference") == 1, f"the photographs are {chips}")
+    clipped = page.value("[...document.querySelectorAll('.photographs figcaption *')].filter((e) => e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== 'inline').map((e) => e.textContent)")
+    check(clipped == [], f"captions that are cut off: {clipped}")
+    if (folder / "evidence.npz").exists():
+        keys = page.value("document.querySelectorAll('.split > .key-list li').length")
+        check(keys >= 2, f"{keys} colours of the evidence are named")
+        check(reading(page).get("evidence", "") != "", "the read-out has no evidence")
+    pair = page.value("document.querySelectorAll('.pair img').length")
+    check(pair == (2 if (folder / "views/novel.png").exists() else 0), f"{pair} pictures of the novel view")
 
 
 def check_hover(page, folder):

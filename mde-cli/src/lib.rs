@@ -34,7 +34,7 @@ pub mod memory;
 pub mod pipeline;
 
 pub use augmentation::{AugmentationReport, Component};
-pub use capture::{Capture, CaptureReport, Photograph, refine_capture};
+pub use capture::{Capture, CaptureReport, Photograph, PreparedCapture, refine_capture};
 pub use config::{Config, MultiViewConfig, Preset, SigmaConfig};
 pub use error::{Error, Result};
 pub use intrinsics::Intrinsics;

@@ -2,12 +2,15 @@
 #![allow(clippy::unwrap_used)]
 
 use assert_cmd::Command;
-use mde_cli::mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
-use mde_cli::mde_prior::format::write_npy;
+use mde_cli::mde_mvs::capture::{Distortion, Frame, Lens, PixelCentres, read_transforms, transforms_json};
+use mde_cli::mde_prior::format::{ReadOptions, read_values, write_npy};
 use mde_cli::mde_prior::photo::write_image;
 use mde_cli::mde_prior::{DepthPrior, PriorDepth};
+use mde_cli::memory::capture_bytes;
 use mde_cli::ndarray::{Array2, Array3, ArrayView3};
-use mde_cli::{Capture, Config, Event, Photograph, Preset, Refinement, Stages, refine_capture};
+use mde_cli::{
+    Capture, Config, Event, Photograph, PreparedCapture, Preset, Refinement, Stages, refine_capture,
+};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::{CaptureConfig, Room, World};
 use mde_eval::simulated::SimulatedPriorConfig;
@@ -181,4 +184,288 @@ fn the_program_takes_photographs_with_poses_and_without() {
     let gone = message(refine("transforms.json", &[], "out").failure());
     assert!(gone.contains("2.png") && gone.lines().count() == 1, "{gone}");
     assert!(!path("out").exists());
+}
+
+/// Photographs of a room on disk: `images/0.png` ..., `transforms.json`, `prior.npy` of the first, `quick.toml`.
+fn on_disk(room: &Rendered) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    std::fs::create_dir(path("images")).unwrap();
+    let mut frames = Vec::new();
+    for (index, known) in room.views.iter().enumerate() {
+        let photograph = path(&format!("images/{index}.png"));
+        write_image(&photograph, known.view.image.view()).unwrap();
+        let lens = Lens { camera: known.view.camera, distortion: Distortion::default() };
+        frames.push(Frame { photograph, lens, pose: known.view.pose });
+    }
+    std::fs::write(path("transforms.json"), transforms_json(&frames, folder.path())).unwrap();
+    write_npy(path("prior.npy"), room.views[0].prior.as_ref().unwrap().map.view()).unwrap();
+    std::fs::write(path("quick.toml"), "nerf.train = { steps = 50, rays = 128 }\nnerf.field.finest = 64\n")
+        .unwrap();
+    folder
+}
+
+fn mde(folder: &tempfile::TempDir, arguments: &str) -> assert_cmd::assert::Assert {
+    let mut command = Command::cargo_bin("mde").unwrap();
+    command.current_dir(folder.path()).args(arguments.split_whitespace()).arg("-q").assert()
+}
+
+fn record(folder: &tempfile::TempDir, out: &str) -> serde_json::Value {
+    let text = std::fs::read_to_string(folder.path().join(out).join("run.json")).unwrap();
+    serde_json::from_str(&text).unwrap()
+}
+
+fn message(assert: &assert_cmd::assert::Assert) -> String {
+    String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
+}
+
+fn fov(room: &Rendered) -> f64 {
+    2.0 * (0.5 * WIDTH as f64 / room.views[0].view.camera.fx).atan().to_degrees()
+}
+
+#[test]
+fn a_photograph_of_a_prepared_capture_does_not_depend_on_those_before() {
+    let (capture, prior) = inputs(&rendered(Room::Study, 4), true);
+    let config = Config::with_overrides(
+        Preset::MultiView,
+        "nerf.train.steps = 20\nnerf.train.rays = 64\nnerf.field.finest = 64\nmulti-view.max-views = 3\n",
+        "test",
+    )
+    .unwrap();
+    let mut go_on = |_: &Event| ControlFlow::Continue(());
+    let refine = |order: &[usize]| {
+        let mut go_on = |_: &Event| ControlFlow::Continue(());
+        let mut prepared = PreparedCapture::new(&capture, &prior, &config, &mut go_on).unwrap();
+        let mut found = Vec::new();
+        for &index in order {
+            found.push(prepared.refine(index, Stages::new(&prior), &mut go_on).unwrap());
+        }
+        found
+    };
+    let (forth, back) = (refine(&[0, 1, 2, 3]), refine(&[3, 2, 1, 0]));
+    for (one, other) in forth.iter().zip(back.iter().rev()) {
+        assert_eq!(one.depth, other.depth);
+        assert_eq!(one.capture.as_ref().unwrap().used(), 3, "max-views");
+    }
+    let single = refine_capture(&capture, Stages::new(&prior), &config, &mut go_on).unwrap();
+    assert_eq!(single.depth, forth[0].depth);
+    assert_ne!(forth[1].depth, forth[0].depth);
+    // One scale for all, so that depths and poses fit each other.
+    let scale = |r: &Refinement| r.capture.as_ref().unwrap().scale.unwrap()[0];
+    assert!(forth.iter().all(|r| scale(r).to_bits() == scale(&forth[0]).to_bits()));
+    let (mut prepared, outside) =
+        (PreparedCapture::new(&capture, &prior, &config, &mut go_on).unwrap(), capture.photographs.len());
+    assert!(prepared.refine(outside, Stages::new(&prior), &mut go_on).is_err());
+}
+
+#[test]
+fn the_capture_s_unit_is_that_of_its_poses() {
+    let room = rendered(Room::Study, 3);
+    let (capture, prior) = inputs(&room, true);
+    let refined = run(&capture, &prior, &config());
+    let ratio = |depth: &Array2<f32>| {
+        median(
+            depth
+                .iter()
+                .zip(&room.truth)
+                .filter(|(d, t)| **d > 0.0 && **t > 0.0)
+                .map(|(d, t)| f64::from(d / t)),
+        )
+        .unwrap()
+    };
+    let in_prior = refined.depth.clone();
+    let refined = refined.in_capture_unit().unwrap();
+    let factor = refined.capture.as_ref().unwrap().scale.unwrap()[0];
+    // Poses of a rendered room are in metres, as is its truth; at this size they are refined to within a third.
+    let metres = ratio(&refined.depth.mean().to_owned());
+    assert!((metres.ln()).abs() < 0.33, "{metres}");
+    let pixel = (HEIGHT / 2, WIDTH / 2);
+    let relative = |map: &mde_uncertainty::GaussianDepth| map.variance()[pixel].sqrt() / map.mean()[pixel];
+    assert!((relative(&refined.depth) / relative(&in_prior) - 1.0).abs() < 1e-4);
+    assert!((f64::from(refined.depth.mean()[pixel] / in_prior.mean()[pixel]) / factor - 1.0).abs() < 1e-5);
+
+    let (capture, prior) = inputs(&room, false);
+    let estimated = run(&capture, &prior, &config()).in_capture_unit().err().unwrap().to_string();
+    assert!(estimated.contains("estimated") && estimated.lines().count() == 1, "{estimated}");
+}
+
+#[test]
+fn the_program_limits_photographs_and_names_the_unit() {
+    let room = rendered(Room::Study, 4);
+    let folder = on_disk(&room);
+    let refine = "refine images/0.png --prior-depth prior.npy --config quick.toml";
+    mde(&folder, &format!("{refine} --views transforms.json --max-views 2 --unit capture -o out")).success();
+    let record = record(&folder, "out");
+    let used = record["capture"]["photographs"].as_array().unwrap().iter().filter(|p| p["used"] == true);
+    assert_eq!((used.count(), record["unit"].as_str()), (2, Some("capture")));
+    if let Some(peak) = record["peak_memory_bytes"].as_u64() {
+        let estimate = capture_bytes((WIDTH * HEIGHT) as u64, 4, 2, &config());
+        assert!((peak..4 * peak).contains(&estimate), "estimate {estimate}, peak {peak}");
+    }
+    let memory = mde(&folder, &format!("{refine} --views transforms.json --max-memory 0.01 -o no")).failure();
+    assert!(message(&memory).contains("--max-memory 0.01"), "{}", message(&memory));
+    let depth = read_values(folder.path().join("out/depth.npy"), &ReadOptions::default()).unwrap();
+    let ratio =
+        median(depth.iter().zip(&room.truth).filter(|(_, t)| **t > 0.0).map(|(d, t)| f64::from(d / t)));
+    assert!(ratio.unwrap().ln().abs() < 0.5, "{ratio:?}");
+
+    let unit = mde(&folder, &format!("{refine} --views images --unit capture -o no")).failure();
+    assert!(message(&unit).contains("--unit prior"), "{}", message(&unit));
+    let resume = mde(&folder, &format!("{refine} --views images --resume -o no")).failure();
+    assert!(message(&resume).contains("--all"), "{}", message(&resume));
+    assert!(!folder.path().join("no").exists());
+}
+
+/// What `mde poses` writes is a capture that `mde refine` reads, with the poses and the focal length that it found.
+#[test]
+fn poses_are_written_and_read_again() {
+    let room = rendered(Room::Study, 3);
+    let folder = on_disk(&room);
+    write_image(folder.path().join("black.png"), Array3::zeros((HEIGHT, WIDTH, 3)).view()).unwrap();
+    let fov = fov(&room);
+    std::fs::create_dir(folder.path().join("out")).unwrap();
+    let poses =
+        format!("poses images/0.png images black.png --prior-depth prior.npy --fov {fov} -o out/found.json");
+    mde(&folder, &poses).success();
+    let again = mde(&folder, &poses).failure();
+    assert!(message(&again).contains("--force"), "{}", message(&again));
+    mde(&folder, &format!("{poses} --force")).success();
+    let size = |path: &std::path::Path| mde_cli::mde_prior::photo::image_size(path);
+    let found =
+        read_transforms(&folder.path().join("out/found.json"), PixelCentres::Integers, &size).unwrap();
+    // The black photograph fits nowhere; at this size another may not.
+    let index =
+        |frame: &Frame| frame.photograph.file_stem().unwrap().to_str().unwrap().parse::<usize>().unwrap();
+    assert!((2..=3).contains(&found.frames.len()) && index(&found.frames[0]) == 0);
+    let frame = room.views[0].view.pose.inverse();
+    for frame_found in &found.frames {
+        let known = &room.views[index(frame_found)];
+        let turned = (known.view.pose * frame).rotation.angle_to(&frame_found.pose.rotation).to_degrees();
+        assert!(turned < 3.0, "{turned}");
+        assert!((frame_found.lens.camera.fx / known.view.camera.fx - 1.0).abs() < 1e-9);
+    }
+    let refine =
+        "refine images/0.png --views out/found.json --prior-depth prior.npy --config quick.toml -o refined";
+    mde(&folder, refine).success();
+    let record = record(&folder, "refined");
+    assert_ne!(record["capture"]["poses"], "estimated");
+    assert!(record["capture"]["fallback"].is_null());
+
+    let alone =
+        mde(&folder, &format!("poses images/0.png black.png --prior-depth prior.npy --fov {fov} -o no.json"));
+    let told = message(&alone.failure());
+    assert!(told.contains("black.png") && told.contains("features") && told.lines().count() == 1, "{told}");
+    let one = message(&mde(&folder, "poses images/0.png --prior-depth prior.npy -o no.json").failure());
+    assert!(one.contains("two or more") && !folder.path().join("no.json").exists(), "{one}");
+}
+
+/// All photographs with a network of brightness: what is written fits together, and a finished photograph is not refined again.
+#[test]
+#[cfg(feature = "onnx")]
+fn every_photograph_gets_a_folder_and_all_a_cloud() {
+    let room = rendered(Room::Study, 3);
+    let folder = on_disk(&room);
+    let path = |name: &str| folder.path().join(name);
+    let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures");
+    std::fs::copy(fixtures.join("grey_nchw.onnx"), path("grey.onnx")).unwrap();
+    let all = "refine images/1.png --views transforms.json --all --prior-model grey.onnx --model-profile fastdepth \
+               --prior-kind metric --config quick.toml --resume --unit capture -o out";
+    mde(&folder, all).success();
+    let record = record(&folder, "out");
+    let rows = record["photographs"].as_array().unwrap();
+    assert_eq!(rows.len(), 3);
+    let transforms = read_transforms(&path("out/transforms.json"), PixelCentres::Integers, &|p| {
+        mde_cli::mde_prior::photo::image_size(p)
+    })
+    .unwrap();
+    let whole: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(path("out/transforms.json")).unwrap()).unwrap();
+    for (index, name) in ["1", "0", "2"].iter().enumerate() {
+        assert_eq!(rows[index]["folder"], *name);
+        for file in ["depth.npy", "sigma.npy", "run.json", "report.html", "image.png"] {
+            assert!(path(&format!("out/{name}/{file}")).is_file(), "{name}/{file}");
+        }
+        assert_eq!(whole["frames"][index]["depth_file_path"], format!("{name}/depth.npy"));
+        assert!(path("out").join(whole["frames"][index]["sigma_file_path"].as_str().unwrap()).is_file());
+        // In the world of the capture, in its unit; the reference's pose is as given.
+        let known = &room.views[name.parse::<usize>().unwrap()].view.pose;
+        let apart = (transforms.frames[index].pose * known.inverse()).translation.vector.norm();
+        assert!(apart < if index == 0 { 1e-9 } else { 0.5 }, "{apart}");
+    }
+    let cloud = std::fs::read(path("out/cloud.ply")).unwrap();
+    assert!(record["points"].as_u64().unwrap() > (WIDTH * HEIGHT / 10) as u64, "{}", record["points"]);
+    assert!(!path("out.resume").exists());
+
+    // An interrupted run leaves finished photographs; here one of them is marked to be told apart.
+    let kept = path("out.resume/0");
+    std::fs::create_dir_all(kept.join("results")).unwrap();
+    for entry in std::fs::read_dir(path("out/0")).unwrap() {
+        let entry = entry.unwrap();
+        std::fs::copy(entry.path(), kept.join("results").join(entry.file_name())).unwrap();
+    }
+    let again = all.replace("-o out", "-o out --force");
+    std::fs::write(kept.join("kept.json"), "{}").unwrap();
+    mde(&folder, &again).success();
+    assert!(std::fs::read(path("out/cloud.ply")).unwrap() == cloud, "the same bytes");
+}
+
+/// The demo of several photographs: better than its prior, the same with any number of threads, and refined again from its files.
+#[test]
+fn the_demo_has_photographs_without_poses() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let quick = "nerf.train = { steps = 120, rays = 256 }\nnerf.field.finest = 128\n";
+    std::fs::write(path("quick.toml"), quick).unwrap();
+    let mde = |arguments: &str| {
+        let mut command = Command::cargo_bin("mde").unwrap();
+        command.current_dir(folder.path()).args(arguments.split(' ')).assert().success()
+    };
+    let demo = "demo --size 160x120 --config quick.toml";
+    let said = mde(&format!("{demo} -o demo"));
+    let said = String::from_utf8_lossy(&said.get_output().stdout).into_owned();
+    assert!(said.contains("AbsRel") && said.contains("90 % intervals hold"), "{said}");
+    mde(&format!("{demo} --threads 1 -q -o again"));
+    for name in ["depth.npy", "sigma.npy", "prior.npy", "views/rendered.png", "evidence.npz"] {
+        let read = |run: &str| std::fs::read(path(run).join(name)).unwrap();
+        assert!(read("demo") == read("again"), "{name}");
+    }
+    let record = |run: &str| -> serde_json::Value {
+        serde_json::from_str(&std::fs::read_to_string(path(run).join("run.json")).unwrap()).unwrap()
+    };
+    let told = record("demo");
+    let capture = &told["capture"];
+    assert_eq!((&capture["poses"], &capture["fallback"]), (&"estimated".into(), &serde_json::Value::Null));
+    let photographs = capture["photographs"].as_array().unwrap();
+    let used: Vec<bool> =
+        photographs.iter().map(|photograph| photograph["used"].as_bool().unwrap()).collect();
+    assert_eq!((used.len(), used.iter().filter(|used| **used).count()), (6, 5), "{photographs:?}");
+    let novel = &capture["novel"];
+    assert_eq!(novel["withheld"], true);
+    assert!(!used[novel["photograph"].as_u64().unwrap() as usize]);
+    let psnr = |key: &str| novel[key].as_f64().unwrap();
+    assert!(psnr("psnr") > 16.0 && psnr("psnr_of_prior") > 16.0, "{novel}");
+    let scores = &told["scores"]["by_alignment"]["median"];
+    let abs_rel = |which: &str| scores[which]["depth"]["abs-rel"].as_f64().unwrap();
+    assert!(abs_rel("refined") < 0.8 * abs_rel("prior"), "{} {}", abs_rel("refined"), abs_rel("prior"));
+
+    let options = |name: &str| mde_cli::mde_prior::format::ReadOptions {
+        npz_array: Some(name.to_owned()),
+        ..Default::default()
+    };
+    let map = |name: &str| {
+        mde_cli::mde_prior::format::read_values(path("demo/evidence.npz"), &options(name)).unwrap()
+    };
+    let (seen, confirmed) = (map("seen"), map("confirmed"));
+    assert!(seen.iter().zip(&confirmed).all(|(seen, confirmed)| confirmed <= seen && *seen <= 4.0));
+    let known = map("origin").iter().filter(|origin| **origin > 0.0).count();
+    let share = confirmed.iter().filter(|count| **count > 0.0).count() as f64 / known as f64;
+    assert!((share - capture["confirmed"].as_f64().unwrap()).abs() < 1e-9 && share > 0.2, "{share}");
+
+    let again = "--views demo/photographs --prior-depth demo/prior.npy --fov 62 --config quick.toml -q";
+    mde(&format!("refine demo/photographs/0.png {again} -o from-files"));
+    let found = record("from-files");
+    assert_eq!(found["capture"]["fallback"], serde_json::Value::Null, "{found}");
+    assert_eq!(found["capture"]["photographs"].as_array().unwrap().len(), 6);
+    // Fewer than the most that may be used: none is left out.
+    assert_eq!(found["capture"]["novel"]["withheld"], false);
 }

@@ -71,9 +71,10 @@ fn check_outputs(folder: &Path, (height, width): (usize, usize)) -> Value {
 }
 
 #[test]
-fn the_demo_is_scored_against_its_exact_depth() {
+fn the_demo_of_one_photograph_is_scored_against_its_exact_depth() {
     let place = Place::new();
-    let run = place.mde("demo --size 64x48 --config tiny.toml --seed 3 -o a/demo").assert().success();
+    let demo = "demo --preset default --size 64x48 --config tiny.toml --seed 3 -o a/demo";
+    let run = place.mde(demo).assert().success();
     run.stdout(predicate::str::contains("AbsRel").and(predicate::str::contains("a/demo")))
         .stderr(predicate::str::contains("iteration 2/2: fuse"));
     let record = check_outputs(&place.path("a/demo"), (HEIGHT, WIDTH));

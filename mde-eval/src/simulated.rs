@@ -2,7 +2,7 @@
 
 mod model;
 
-pub use model::{SimulatedModel, SimulatedModelConfig};
+pub use model::{SimulatedModel, SimulatedModelConfig, SimulatedModels};
 
 use crate::raster::blur_within;
 use crate::{Error, Result};

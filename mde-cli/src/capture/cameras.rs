@@ -1,19 +1,19 @@
-//! Poses and cameras of the photographs, refined or estimated, and the choice of photographs.
+//! Poses and cameras of the photographs, refined or estimated.
 
 use super::report::{CaptureReport, PoseSource};
 use super::{Capture, view};
 use crate::Result;
 use crate::config::Config;
 use mde_mvs::poses::{self, PosesConfig, RefineConfig, Track, Verdict, estimate_poses, refine_poses};
-use mde_mvs::views::{ViewSelection, select_views};
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use ndarray::Array2;
 
-/// The photographs that are used, in the reference's frame.
+/// The photographs with a pose, in the frame of the capture's reference.
+#[derive(Debug)]
 pub(super) struct Posed {
-    /// The reference first.
+    /// That reference first.
     pub(super) views: Vec<PosedView>,
     /// Index of each view among the photographs.
     pub(super) order: Vec<usize>,
@@ -60,6 +60,7 @@ pub(super) fn posed(
             report.focal_factor = Some(estimated.focal_factor);
             for (photograph, found) in report.photographs.iter_mut().zip(&estimated.photographs) {
                 photograph.verdict = found.verdict.to_string();
+                photograph.matches = Some(found.tracks);
             }
             let parallax = estimated.photographs.iter().any(|p| p.verdict == Verdict::Posed);
             if !parallax {
@@ -85,36 +86,6 @@ pub(super) fn posed(
             view(&capture.photographs[index], poses[index].unwrap_or_else(Pose::identity), cameras[index])
         })
         .collect::<Result<Vec<_>>>()?;
-    chosen(Posed { views, order, unit }, priors[reference].as_ref(), config, report)
-}
-
-/// The best photographs by parallax, overlap and sharpness.
-fn chosen(
-    all: Posed,
-    prior: Option<&Array2<f32>>,
-    config: &Config,
-    report: &mut CaptureReport,
-) -> Result<Option<Posed>> {
-    let Posed { views, order, unit } = all;
-    let Some(prior) = prior else { return Ok(None) };
-    let depth = prior.mapv(|z| (f64::from(z) * unit) as f32);
-    let mut selection = ViewSelection::default();
-    selection.max_views = config.multi_view.max_views.saturating_sub(1);
-    let scores = select_views(&views, 0, depth.view(), &selection)?;
-    let mut keep = vec![false; views.len()];
-    keep[0] = true;
-    for score in &scores {
-        keep[score.view] = score.chosen;
-        report.photographs[order[score.view]].take(score, &views[score.view], &views[0]);
-    }
-    if keep.iter().filter(|keep| **keep).count() < 2 {
-        report.fallback = Some("no photograph shows the reference's scene from another place".to_owned());
-        return Ok(None);
-    }
-    let mut kept = keep.iter();
-    let views = views.into_iter().filter(|_| kept.next().copied().unwrap_or(false)).collect();
-    let mut kept = keep.iter();
-    let order = order.into_iter().filter(|_| kept.next().copied().unwrap_or(false)).collect();
     Ok(Some(Posed { views, order, unit }))
 }
 

@@ -26,8 +26,12 @@ pub(super) fn predict(
             continue;
         }
         let depth = prior.predict(photograph.image.view())?.to_depth(&config.disparity)?;
-        crate::pipeline::check_prior(depth.view(), photograph.image.view())?;
-        depths.push(Some(depth));
+        match crate::pipeline::check_prior(depth.view(), photograph.image.view()) {
+            Ok(()) => depths.push(Some(depth)),
+            Err(error) if index == capture.reference => return Err(error),
+            // The reference's depth takes its place.
+            Err(_) => depths.push(None),
+        }
         done += 1;
         if progress(done, total).is_break() {
             return Err(Error::Interrupted);

@@ -1,10 +1,12 @@
 use super::Capture;
+use super::evidence::Evidence;
+use super::novel::NovelView;
 use mde_mvs::consensus::Reconstruction;
 use mde_mvs::exposure::Exposure;
 use mde_mvs::views::ViewScore;
 use mde_mvs::withheld::WithheldError;
 use mde_nerf::FitReport;
-use mde_warp::PosedView;
+use mde_warp::{PinholeCamera, PosedView};
 use serde::Serialize;
 
 /// Report of a run with several photographs.
@@ -26,6 +28,14 @@ pub struct CaptureReport {
     /// The field's fit.
     #[serde(skip)]
     pub fit: Option<FitReport>,
+    /// Share of the reference's pixels whose refined depth at least one other photograph confirms.
+    pub confirmed: Option<f64>,
+    /// Where the depth of each pixel comes from.
+    #[serde(skip)]
+    pub evidence: Option<Evidence>,
+    /// A photograph beside what the field renders from its place: the best of those that [`MultiViewConfig::max_views`](crate::MultiViewConfig::max_views)
+    /// leaves out, else the least needed of those in the fit.
+    pub novel: Option<NovelView>,
     /// Reason for refining the reference alone; none where the photographs were used.
     pub fallback: Option<String>,
     /// Wall seconds by stage.
@@ -51,6 +61,8 @@ pub struct PhotographReport {
     pub used: bool,
     /// Result of the pose estimation.
     pub verdict: String,
+    /// Number of its features that fit its pose and were matched in other photographs; none for given poses.
+    pub matches: Option<usize>,
     /// Distance from the reference over the median depth of what both see.
     pub parallax: Option<f64>,
     /// Share of the reference's pixels that project into it.
@@ -63,6 +75,11 @@ pub struct PhotographReport {
     pub exposure: Option<Exposure>,
     /// Share of its pixels whose depth another photograph confirms.
     pub verified: Option<f32>,
+    /// World to camera, row by row: the world is the reference's camera frame, in the unit of the refined depth. None where it was
+    /// not used.
+    pub pose: Option<[[f64; 4]; 4]>,
+    /// Its camera, with the focal length that was used.
+    pub camera: Option<PinholeCamera>,
 }
 
 /// Origin of the poses.
@@ -102,12 +119,15 @@ impl CaptureReport {
                 name: photograph.name.clone(),
                 used: index == capture.reference,
                 verdict: if index == capture.reference { "the reference" } else { "has a pose" }.to_owned(),
+                matches: None,
                 parallax: None,
                 overlap: None,
                 sharpness: None,
                 rotation_degrees: None,
                 exposure: None,
                 verified: None,
+                pose: None,
+                camera: None,
             })
             .collect();
         Self {
@@ -118,6 +138,9 @@ impl CaptureReport {
             focal_factor: None,
             scale: None,
             fit: None,
+            confirmed: None,
+            evidence: None,
+            novel: None,
             fallback: None,
             seconds: CaptureSeconds::default(),
         }
@@ -128,9 +151,37 @@ impl CaptureReport {
         self.photographs.iter().filter(|photograph| photograph.used).count()
     }
 
+    /// The report of predictions and poses with another photograph as the one that is refined.
+    pub(super) fn of(&self, from: usize, reference: usize) -> Self {
+        let mut report = self.clone();
+        for (index, photograph) in report.photographs.iter_mut().enumerate() {
+            photograph.used = index == reference;
+        }
+        if from != reference {
+            report.photographs[from].verdict = "has a pose".to_owned();
+            report.photographs[reference].verdict = "the reference".to_owned();
+            for photograph in &mut report.photographs {
+                (photograph.parallax, photograph.overlap, photograph.rotation_degrees) = (None, None, None);
+            }
+        }
+        report
+    }
+
     pub(super) fn take(&mut self, reconstruction: &Reconstruction, order: &[usize]) {
         for (known, &index) in reconstruction.views.iter().zip(order) {
             self.photographs[index].verified = Some(known.verified);
+        }
+    }
+
+    /// Cameras and poses of the photographs that were used, of `factor` units of the poses per unit of the depth.
+    pub(super) fn place(&mut self, views: &[PosedView], order: &[usize], factor: f64) {
+        for (view, &index) in views.iter().zip(order) {
+            let mut pose = view.pose;
+            pose.translation.vector /= factor;
+            let matrix = pose.to_homogeneous();
+            let rows = std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]));
+            self.photographs[index].pose = Some(rows);
+            self.photographs[index].camera = Some(view.camera);
         }
     }
 }

@@ -22,7 +22,7 @@ pub use stages::{FieldFactory, FieldRequest, Stages};
 pub use views::synthesise;
 
 use crate::augmentation::{AugmentationReport, Component, Start, start};
-use crate::capture::CaptureReport;
+use crate::capture::{CaptureReport, PoseSource};
 use crate::config::{Config, IterationPrior};
 use crate::error::{LEAST, MOST};
 use crate::{Error, Result};
@@ -68,6 +68,38 @@ impl Refinement {
             field: None,
             capture: None,
         }
+    }
+
+    /// The same in the unit of the capture's poses instead of the prior's: depth, prior, components and variance.
+    ///
+    /// # Errors
+    /// [`Error::Capture`] where the poses have no unit of their own, or no scale between it and the prior was found.
+    pub fn in_capture_unit(self) -> Result<Self> {
+        let remedy = "give a capture with poses, or keep the unit of the prior";
+        let fault = |reason: &str| crate::capture::capture(reason.to_owned(), remedy);
+        let report = self.capture.as_ref().filter(|report| report.poses != PoseSource::Estimated);
+        let Some(report) = report else {
+            return Err(fault("the poses were estimated, so the capture has no unit but the prior's"));
+        };
+        let factor = match report.scale {
+            Some([factor, _]) if factor > 0.0 && factor.is_finite() => factor as f32,
+            _ => return Err(fault("no scale between the capture's unit and the prior's was found")),
+        };
+        let depth = self.depth.map(|mean, variance| (factor * mean, factor * factor * variance));
+        let scaled = |part: Component| Component { sigma: part.sigma.mapv(|s| factor * s), ..part };
+        let mut capture = self.capture;
+        for pose in
+            capture.iter_mut().flat_map(|report| &mut report.photographs).filter_map(|p| p.pose.as_mut())
+        {
+            pose.iter_mut().take(3).for_each(|row| row[3] *= f64::from(factor));
+        }
+        Ok(Self {
+            depth,
+            capture,
+            prior: self.prior.mapv(|z| factor * z),
+            components: self.components.into_iter().map(scaled).collect(),
+            ..self
+        })
     }
 }
 

@@ -1,5 +1,6 @@
 //! The files that the cases name.
 
+use crate::captures::captures;
 use crate::common::{HEIGHT, Place, WIDTH};
 use image::{DynamicImage, ImageFormat};
 use mde_cli::mde_prior::format::{write_depth, write_npy, write_npz, write_pfm, write_png16};
@@ -37,6 +38,7 @@ pub(crate) fn place() -> Place {
     arrays(&place);
     texts(&place);
     data_sets(&place);
+    captures(&place);
     place
 }
 

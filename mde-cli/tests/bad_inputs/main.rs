@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod cameras;
+mod captures;
 #[path = "../common/mod.rs"]
 mod common;
 mod evaluations;

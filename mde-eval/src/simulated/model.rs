@@ -1,6 +1,9 @@
 use super::{close, waves};
+use crate::capture::Capture;
+use crate::scene::World;
 use crate::{Error, Result};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
+use mde_uncertainty::random::derived_seed;
 use ndarray::{Array2, Array3, ArrayView2, ArrayView3, s};
 use serde::{Deserialize, Serialize};
 
@@ -179,6 +182,60 @@ impl DepthPrior for SimulatedModel {
             seen.invert_axis(ndarray::Axis(1));
         }
         PriorDepth::from_values(seen.mapv(|d| d.recip() as f32), DepthKind::Metric)
+    }
+
+    fn accepts_new_images(&self) -> bool {
+        true
+    }
+}
+
+/// One [`SimulatedModel`] per photograph of a capture: it predicts each of them, their crops and mirror images.
+///
+/// Photographs of one scene share the faults but not the errors, as predictions of one network do.
+///
+/// ```
+/// use mde_eval::scene::{CaptureConfig, Room, World};
+/// use mde_eval::simulated::{SimulatedModelConfig, SimulatedModels};
+/// use mde_prior::DepthPrior;
+///
+/// let world = World::new(Room::Study, 0)?;
+/// let capture = world.capture("study", &CaptureConfig { views: 2, ..CaptureConfig::default() }, 64, 48)?;
+/// let models = SimulatedModels::new(&world, &capture, &SimulatedModelConfig::default())?;
+/// for photograph in &capture.views {
+///     assert_eq!(models.predict(photograph.view.image.view())?.map.dim(), (48, 64));
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimulatedModels(Vec<SimulatedModel>);
+
+impl SimulatedModels {
+    /// Models of the photographs of a capture of this room, each with a seed of its own derived from that of `config`.
+    ///
+    /// # Errors
+    /// As [`SimulatedModel::new`].
+    pub fn new(world: &World, capture: &Capture, config: &SimulatedModelConfig) -> Result<Self> {
+        let models = capture.views.iter().zip(0..).map(|(known, index)| {
+            let pose = known.true_pose.unwrap_or(known.view.pose);
+            let depth = world.depth(&known.view.camera, &pose);
+            let seed = derived_seed(config.seed, "simulated-models", index);
+            SimulatedModel::new(&known.view.image, &depth, SimulatedModelConfig { seed, ..config.clone() })
+        });
+        Ok(Self(models.collect::<Result<_>>()?))
+    }
+}
+
+impl DepthPrior for SimulatedModels {
+    /// # Errors
+    /// As [`SimulatedModel`], for an image that is a part of no photograph.
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        // One that has the image whole, then one that has it as a crop.
+        let whole = self.0.iter().find(|model| model.image.view() == image);
+        let model = whole.or_else(|| self.0.iter().find(|model| model.find(image).is_some()));
+        match model.or(self.0.first()) {
+            Some(model) => model.predict(image),
+            None => Err(mde_prior::Error::Input("the simulated model has no photograph".to_owned())),
+        }
     }
 
     fn accepts_new_images(&self) -> bool {

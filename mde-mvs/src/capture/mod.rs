@@ -28,7 +28,7 @@ use ndarray::ArrayView3;
 pub use colmap::read_colmap;
 pub use error::{Error, Result};
 pub use lens::{Distortion, Lens};
-pub use transforms::{PixelCentres, read_transforms, transforms_json};
+pub use transforms::{PixelCentres, read_transforms, transforms_json, transforms_json_with};
 pub use tum::read_tum;
 
 /// Most bytes of a file that is read.
@@ -169,5 +169,12 @@ fn check_photograph(
     let found = size(photograph)
         .ok_or_else(|| Error::Photograph { path: path.to_owned(), photograph: photograph.to_owned() })?;
     let expected = [lens.camera.width, lens.camera.height];
-    if found == expected { Ok(()) } else { Err(Error::Size { found, expected }) }
+    if found == expected {
+        return Ok(());
+    }
+    let ([w, h], [cw, ch]) = (found, expected);
+    let problem = format!(
+        "the photograph is {w}x{h} pixels but its camera {cw}x{ch}; give the photograph that the camera was calibrated for"
+    );
+    Err(content(path, photograph.display().to_string(), problem))
 }

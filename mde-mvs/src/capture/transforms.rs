@@ -210,9 +210,19 @@ impl Fields<'_> {
 /// # Ok::<(), mde_warp::Error>(())
 /// ```
 pub fn transforms_json(frames: &[Frame], folder: &Path) -> String {
+    transforms_json_with(frames, folder, |_| Vec::new())
+}
+
+/// The same with further text fields of each frame, by its index: `depth_file_path`, for example.
+pub fn transforms_json_with(
+    frames: &[Frame],
+    folder: &Path,
+    more: impl Fn(usize) -> Vec<(&'static str, String)>,
+) -> String {
     let entries: Vec<Value> = frames
         .iter()
-        .map(|frame| {
+        .enumerate()
+        .map(|(index, frame)| {
             let camera = &frame.lens.camera;
             let d = &frame.lens.distortion;
             let m = frame.pose.inverse().to_homogeneous();
@@ -220,13 +230,17 @@ pub fn transforms_json(frames: &[Frame], folder: &Path) -> String {
                 (0..4).map(|c| if c == 1 || c == 2 { -m[(r, c)] } else { m[(r, c)] }).collect()
             };
             let name = frame.photograph.strip_prefix(folder).unwrap_or(&frame.photograph);
-            json!({
+            let mut entry = json!({
                 "file_path": name.to_string_lossy().replace('\\', "/"),
                 "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy,
                 "w": camera.width, "h": camera.height,
                 "k1": d.k1, "k2": d.k2, "k3": d.k3, "p1": d.p1, "p2": d.p2,
                 "transform_matrix": [row(0), row(1), row(2), row(3)],
-            })
+            });
+            for (key, value) in more(index) {
+                entry[key] = json!(value);
+            }
+            entry
         })
         .collect();
     let root = json!({ "camera_model": "OPENCV", "pixel_centres": "integers", "frames": entries });

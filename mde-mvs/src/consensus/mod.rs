@@ -21,7 +21,7 @@ use inflation::inflation;
 
 use crate::gauge::{Gauge, Match, PATCHES, Scale};
 use crate::raster::{enlarge, small_map, small_view};
-use crate::sweep::{Surfaces, Sweep, SweepConfig, sweep};
+use crate::sweep::{Surfaces, Sweep, SweepConfig, sweep, working_bytes};
 use crate::{Error, Result, check_map};
 
 /// Longer side of the photographs on which scale and gauge are found.
@@ -106,6 +106,15 @@ pub struct Reconstruction {
     pub scale: Option<Scale>,
     /// One for each view.
     pub views: Vec<ViewDepth>,
+}
+
+/// Bytes that [`reconstruct`] takes, its result included, beside its inputs: the working memory of one sweep, and the maps of all
+/// photographs.
+pub fn reconstruct_bytes(pixels: u64, views: u64, config: &ConsensusConfig) -> u64 {
+    // Of each photograph three means with variances, five maps of numbers, four of counts.
+    let maps = 3 * 8 + 5 * 4 + 4;
+    let working = working_bytes(pixels, views.saturating_sub(1), &config.sweep);
+    working.saturating_add(pixels.saturating_mul(views).saturating_mul(maps))
 }
 
 /// Depth and variance of every photograph, from poses, sweeps and priors.

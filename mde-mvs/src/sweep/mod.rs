@@ -233,6 +233,16 @@ pub fn sweep(
     Ok(Sweep { depth: GaussianDepth::new(mean, variance)?, inlier, cost, surfaces: number })
 }
 
+/// Bytes that [`sweep`] takes beside its inputs and its result for a photograph of that many pixels: costs and their sums on all
+/// surfaces, and the samples of the sources.
+pub fn working_bytes(pixels: u64, sources: u64, config: &SweepConfig) -> u64 {
+    let volume = (size_of::<u8>() + size_of::<u16>()) as u64 * config.surfaces as u64;
+    let sources = sources.min(MAX_SOURCES as u64).saturating_mul(size_of::<[f32; 4]>() as u64);
+    // Luma, its windows and the centre of the reference; what is read from the sums.
+    let reference = 12 * size_of::<f32>() as u64;
+    pixels.saturating_mul(volume.saturating_add(sources).saturating_add(reference))
+}
+
 /// Inverse depth of every pixel, the least and the greatest multiple of it, and whether they are spaced by logarithm.
 fn centre(from: &PosedView, surfaces: Surfaces<'_>) -> Result<(Vec<f32>, [f64; 2], bool)> {
     let pixels = from.camera.width * from.camera.height;

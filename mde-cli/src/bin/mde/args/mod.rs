@@ -1,7 +1,9 @@
 //! The command line.
 
+mod capture;
 mod evaluation;
 
+pub(crate) use capture::{PosesArgs, SeveralArgs, UnitName};
 pub(crate) use evaluation::{
     AblateArgs, CalibrateArgs, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs, FaultName, ScoreArgs,
 };
@@ -17,6 +19,8 @@ Examples:
   mde demo -o out/demo
   mde refine room.jpg --prior-model fastdepth_224.onnx -o out/room
   mde refine room.jpg --views left.jpg right.jpg --prior-model fastdepth_224.onnx -o out/room
+  mde refine room/0.jpg --views room --all --prior-model fastdepth_224.onnx -o out/rooms
+  mde poses room --prior-model fastdepth_224.onnx -o room/transforms.json
   mde refine room.png --prior-depth depth.npy --fov 62 --preset fast -o out/room
   mde refine room.png --prior-depth disparity.pfm --prior-kind disparity --gt truth.png -o out/room
   mde config --preset paper > my.toml && mde refine room.jpg --prior-model dpt_large.onnx --config my.toml -o out/room
@@ -38,10 +42,12 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Refine a procedural room with exact depth; needs no input
+    /// Refine a procedural room with exact depth from photographs without poses; needs no input
     Demo(DemoArgs),
     /// Refine the monocular depth of an image
     Refine(Box<RefineArgs>),
+    /// Estimate the poses of photographs and write a transforms.json
+    Poses(Box<PosesArgs>),
     /// Write the synthetic views of an image, for inspection
     Warp(Box<WarpArgs>),
     /// Render a field saved by `mde refine --save-field`
@@ -72,7 +78,12 @@ Examples:
   mde demo -o out/demo
   mde demo -o out/demo --preset fast --size 160x120 --seed 3 --force
 
-The preset's training steps are scaled with the number of pixels (all at 640x480, at least 500), unless --config is given.")]
+Six photographs without poses, each with the depth of a simulated network; one of them is withheld, to be compared with what the
+field renders. Other presets refine one photograph with a simulated depth map; their training steps are scaled with the
+number of pixels (all at 640x480, at least 500), unless --config is given.
+
+Output: that of mde refine, and photographs/, from which it can be repeated:
+  mde refine out/demo/photographs/0.png --views out/demo/photographs --prior-depth out/demo/prior.npy --fov 62 -o out/again")]
 pub(crate) struct DemoArgs {
     /// Size of the room's image, pixels
     #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = size)]
@@ -100,15 +111,13 @@ Examples:
 Output: depth.npy and sigma.npy (f32 [height, width], the prior's unit; missing: 0 and inf), prior.npy, depth.png
 (16 bit; its scale is in run.json), image.png, preview.png, config.toml (all settings), run.json (all measurements),
 report.html (all results on one page); with --gt gt.npy; with --interval lower.npy and upper.npy; with --export cloud.ply, depth.exr,
-colmap/, sigma/.")]
+colmap/, sigma/. With --all one such folder for each photograph, and transforms.json, cloud.ply, run.json.")]
 pub(crate) struct RefineArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP
     #[arg(value_name = "IMAGE")]
     pub(crate) image: PathBuf,
-    /// Further photographs of the same static scene, or folders of them; their poses are estimated. Or one capture with poses:
-    /// transforms.json, a COLMAP model, a TUM sequence
-    #[arg(long, value_name = "PATH", num_args = 1.., conflicts_with = "resume", help_heading = "Several photographs")]
-    pub(crate) views: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) several: SeveralArgs,
     #[command(flatten)]
     pub(crate) prior: PriorArgs,
     #[command(flatten)]
@@ -121,7 +130,8 @@ pub(crate) struct RefineArgs {
     pub(crate) truth: TruthArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
-    /// Keep every finished iteration in DIR.resume until the results are written, and resume from it
+    /// Keep every finished iteration (with --all every finished photograph) in DIR.resume until the results are written, and resume
+    /// from it
     #[arg(long, help_heading = "Output")]
     pub(crate) resume: bool,
     #[command(flatten)]
@@ -339,7 +349,7 @@ pub(crate) struct CameraArgs {
 }
 
 /// The working size.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Size")]
 pub(crate) struct SizeArgs {
     /// Resize the image, its prior, camera and truth to this longer side
@@ -350,7 +360,7 @@ pub(crate) struct SizeArgs {
 }
 
 /// The memory limit.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Size")]
 pub(crate) struct MemoryArgs {
     /// Refuse runs whose estimated memory exceeds this
@@ -362,7 +372,7 @@ pub(crate) struct MemoryArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings")]
 pub(crate) struct SettingsArgs {
-    /// Preset of the settings; default: multi-view with --views, default without
+    /// Preset of the settings; default: multi-view with several photographs, default with one
     #[arg(long, value_enum)]
     pub(crate) preset: Option<PresetName>,
     /// TOML file that overrides settings of the preset; `mde config` prints all

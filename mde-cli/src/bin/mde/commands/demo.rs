@@ -1,5 +1,10 @@
-use crate::args::DemoArgs;
-use crate::input::camera::{CameraSource, KnownCamera};
+//! `mde demo`: a procedural room with exact depth, photographed several times or once.
+
+mod several;
+mod single;
+
+use crate::args::{DemoArgs, UnitName};
+use crate::input::camera::KnownCamera;
 use crate::input::opened::{settings, use_threads};
 use crate::input::prior::{NamedPrior, PriorOrigin};
 use crate::input::size::check_memory;
@@ -10,50 +15,64 @@ use crate::run::error_bar::ErrorBar;
 use crate::run::job::Job;
 use crate::run::progress::Progress;
 use anyhow::Result;
-use mde_cli::Preset;
 use mde_cli::memory::refine_bytes;
-use mde_eval::scene::{Room, room};
+use mde_cli::{Capture, Preset};
+use mde_eval::scene::Room;
 use mde_eval::score::ScoreConfig;
-use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
+use mde_prior::{DepthKind, DepthPrior};
+use ndarray::{Array2, Array3};
+
+/// The room of every demo.
+const ROOM: Room = Room::Study;
+
+/// What a demo refines.
+struct Scene {
+    image: Array3<f32>,
+    camera: KnownCamera,
+    truth: Array2<f32>,
+    prior: Box<dyn DepthPrior>,
+    kind: DepthKind,
+    /// Further photographs.
+    capture: Option<Capture>,
+}
 
 pub(super) fn run(args: &DemoArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output, args.run.force)?;
     let recording = recording::open(&args.export, args.run.force)?;
-    let (preset, mut config) = settings(&args.settings, Preset::Default)?;
+    let (preset, mut config) = settings(&args.settings, Preset::MultiView)?;
     let [width, height] = args.size;
     check_memory(&args.memory, "--size", (height, width), |pixels| refine_bytes(pixels, &config))?;
-    if args.settings.config.is_none() {
-        config.nerf.train.steps = steps(config.nerf.train.steps, width * height);
-    }
-    progress.step(&format!("a {} of {width}x{height} pixels", Room::Study));
-    let scene = room(Room::Study, config.seed, width, height)?;
-    let faults = SimulatedPriorConfig { seed: config.seed, ..SimulatedPriorConfig::disparity() };
-    let prior = SimulatedPrior::new(&scene.depth, &faults)?;
+    let own_settings = args.settings.config.is_some();
+    let scene = match preset {
+        Preset::MultiView => several::scene(args.size, &mut config, &mut progress)?,
+        _ => single::scene(args.size, own_settings, &mut config, &mut progress)?,
+    };
     let origin =
-        PriorOrigin { kind: faults.kind, source: "simulated".to_owned(), model: None, model_hash: None };
+        PriorOrigin { kind: scene.kind, source: "simulated".to_owned(), model: None, model_hash: None };
     let job = Job {
         command: "demo",
-        input: format!("{}, seed {}", Room::Study, config.seed),
+        input: format!("{ROOM}, seed {}", config.seed),
         image: scene.image,
-        camera: KnownCamera { camera: scene.camera, source: CameraSource::Scene },
-        prior: NamedPrior { prior: Box::new(prior), origin },
+        camera: scene.camera,
+        prior: NamedPrior { prior: scene.prior, origin },
         preset,
         config,
-        truth: Some(Truth { source: "exact".to_owned(), depth: scene.depth, config: ScoreConfig::default() }),
+        truth: Some(Truth {
+            source: "exact".to_owned(),
+            depth: scene.truth,
+            config: ScoreConfig::default(),
+            brief: true,
+        }),
         save_field: false,
         checkpoints: None,
         error_bar: ErrorBar::open(&args.error_bar)?,
         export: args.export.export.clone(),
         recording,
-        capture: None,
+        capture: scene.capture,
+        keep_photographs: true,
+        unit: UnitName::Prior,
     };
     job.run(&folder, &mut progress)
-}
-
-/// The steps of a preset are for 640x480; smaller rooms get fewer in proportion.
-fn steps(preset: usize, pixels: usize) -> usize {
-    let scaled = preset as f64 * pixels as f64 / (640.0 * 480.0);
-    (scaled as usize).clamp(preset.min(500), preset)
 }

@@ -9,10 +9,12 @@ use crate::output::provenance::versions;
 use crate::output::recording;
 use crate::run::checkpoint::Checkpoints;
 use crate::run::error_bar::ErrorBar;
+use crate::run::every;
 use crate::run::job::Job;
 use crate::run::progress::Progress;
-use anyhow::{Context, Result};
-use mde_cli::{Config, Preset};
+use anyhow::{Context, Result, ensure};
+use mde_cli::{Capture, Config, Preset};
+use ndarray::Array3;
 use serde_json::{Value, json};
 
 pub(super) fn run(args: &RefineArgs) -> Result<()> {
@@ -20,8 +22,16 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output, args.run.force)?;
     let recording = recording::open(&args.export, args.run.force)?;
-    let usual = if args.views.is_empty() { Preset::Default } else { Preset::MultiView };
-    let (preset, config) = settings(&args.settings, usual)?;
+    let usual = if args.several.views.is_empty() { Preset::Default } else { Preset::MultiView };
+    let (preset, mut config) = settings(&args.settings, usual)?;
+    if let Some(most) = args.several.max_views {
+        config.multi_view.max_views = most.into();
+    }
+    ensure!(
+        !args.resume || args.several.views.is_empty() || args.several.all,
+        "--resume: one photograph with --views has no state between its start and its end to resume from; leave --resume out, or \
+         refine them all with --all"
+    );
     let mut opened = open_image(&args.image, &args.size, &config, &mut progress)?;
     let mut camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
     let capture = capture::open(args, &mut opened, &mut camera, &config, &mut progress)?;
@@ -30,9 +40,13 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         progress.warn(warning);
     }
     let prior = NamedPrior::open(&args.prior)?.resized(&opened)?;
-    let checkpoints = match args.resume {
-        true => Some(Checkpoints::new(folder.path(), made_from(args, &opened, &camera, &prior, &config)?)),
+    let made_from = match args.resume {
+        true => Some(made_from(args, &opened, &camera, &prior, &config, capture.as_ref())?),
         false => None,
+    };
+    let checkpoints = match &made_from {
+        Some(made_from) if !args.several.all => Some(Checkpoints::new(folder.path(), made_from.clone())),
+        _ => None,
     };
     let job = Job {
         command: "refine",
@@ -48,9 +62,14 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         export: args.export.export.clone(),
         recording,
         capture,
+        unit: args.several.unit,
+        keep_photographs: false,
         image: opened.photo.pixels,
     };
-    job.run(&folder, &mut progress)
+    match args.several.all {
+        true => every::run(&job, &folder, made_from, &mut progress),
+        false => job.run(&folder, &mut progress),
+    }
 }
 
 /// Everything that the maps depend on.
@@ -60,17 +79,45 @@ fn made_from(
     camera: &KnownCamera,
     prior: &NamedPrior,
     config: &Config,
+    capture: Option<&Capture>,
 ) -> Result<Value> {
-    let mut hasher = crc32fast::Hasher::new();
-    opened.photo.pixels.iter().for_each(|value| hasher.update(&value.to_le_bytes()));
+    let checksum = |image: &Array3<f32>| {
+        let mut hasher = crc32fast::Hasher::new();
+        image.iter().for_each(|value| hasher.update(&value.to_le_bytes()));
+        hasher.finalize()
+    };
+    let photographs: Vec<Value> = capture
+        .iter()
+        .flat_map(|capture| &capture.photographs)
+        .map(|p| {
+            let pose = p.pose.as_ref().map(super::rows);
+            json!([
+                p.name,
+                checksum(&p.image),
+                p.mask.iter().filter(|m| **m).count(),
+                p.camera,
+                p.focal_assumed,
+                pose
+            ])
+        })
+        .collect();
     let file = args.prior.source.prior_model.as_ref().or(args.prior.source.prior_depth.as_ref());
     let file = match file {
         Some(path) => std::fs::read(path).with_context(|| path.display().to_string())?,
         None => Vec::new(),
     };
-    Ok(json!({
-        "versions": versions(), "config": config.to_toml()?, "image": hasher.finalize(), "size": opened.size,
+    let mut made_from = json!({
+        "versions": versions(), "config": config.to_toml()?, "image": checksum(&opened.photo.pixels), "size": opened.size,
         "camera": camera.camera, "prior": prior.origin, "prior_file": crc32fast::hash(&file),
         "prior_scale": args.prior.png_scale, "prior_encoding": format!("{:?}", args.prior.prior_encoding),
-    }))
+    });
+    // Whole results are kept with --all, not only states of the loop.
+    if !photographs.is_empty() {
+        made_from["photographs"] = json!(photographs);
+        made_from["output"] = json!(format!(
+            "{:?}",
+            (args.several.unit, &args.error_bar, &args.export.export, args.save_field)
+        ));
+    }
+    Ok(made_from)
 }

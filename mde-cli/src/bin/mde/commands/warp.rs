@@ -69,7 +69,7 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
         write_json(&path.join(RECORD), &WarpRecord { about, prior: &prior.origin, warp })
     })?;
     let text = format!(
-        "{} views, holes {:.2} % (at most {:.2} %), outside the picture {:.2} %\nwrote {}",
+        "{} views, holes {:.2} % (at most {:.2} %), outside the image {:.2} %\nwrote {}",
         warp.views,
         100.0 * warp.mean_hole_fraction,
         100.0 * warp.max_hole_fraction,

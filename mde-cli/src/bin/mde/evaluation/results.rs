@@ -36,9 +36,9 @@ pub(crate) struct Results {
 #[derive(Debug, thiserror::Error)]
 #[error("{failed} of the runs failed ({first}); the others are in {folder}")]
 pub(crate) struct Partial {
-    failed: usize,
-    first: String,
-    folder: String,
+    pub(crate) failed: usize,
+    pub(crate) first: String,
+    pub(crate) folder: String,
 }
 
 /// Writes tables and figures into `folder` and prints the tables.

@@ -12,14 +12,14 @@ use std::path::PathBuf;
 const ASSUMED_FOV: f64 = 60.0;
 
 /// A camera and where it comes from.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, Serialize)]
 pub(crate) struct KnownCamera {
     #[serde(flatten)]
     pub(crate) camera: PinholeCamera,
     pub(crate) source: CameraSource,
 }
 
-#[derive(Debug, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum CameraSource {
     /// `--fx` and so on.
@@ -32,6 +32,8 @@ pub(crate) enum CameraSource {
     Exif(f64),
     /// Assumed, degrees.
     Assumed(f64),
+    /// An assumed focal length, estimated with the poses of several photographs.
+    Estimated,
     /// The procedural scene's own.
     Scene,
 }

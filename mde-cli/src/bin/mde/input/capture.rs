@@ -1,10 +1,12 @@
 //! The further photographs that the command line names, with poses or without.
 
-use crate::args::RefineArgs;
+use crate::args::{PosesArgs, RefineArgs, SizeArgs, UnitName};
 use crate::input::camera::{CameraSource, KnownCamera};
 use crate::input::opened::{Opened, open_image};
+use crate::input::size::check_memory;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
+use mde_cli::memory::capture_bytes;
 use mde_cli::{Capture, Config, Photograph};
 use mde_mvs::capture::{Distortion, Frame, Lens, PixelCentres, read_colmap, read_transforms, read_tum};
 use mde_prior::photo::image_size;
@@ -24,19 +26,24 @@ pub(crate) fn open(
     config: &Config,
     progress: &mut Progress,
 ) -> Result<Option<Capture>> {
-    let capture = match args.views.as_slice() {
+    let estimated = "--unit capture: the photographs have no poses of their own, so there is no unit but the prior's; give a \
+                     capture with poses, or --unit prior";
+    let capture = match args.several.views.as_slice() {
         [] => return Ok(None),
         [one] => match frames(one, args)? {
-            Some(frames) => posed(args, frames, config, progress)?,
+            Some(frames) => posed(args, frames, reference, config, progress)?,
             None => unposed(args, reference, camera, config, progress)?,
         },
         _ => unposed(args, reference, camera, config, progress)?,
     };
     capture.validate()?;
+    let posed = capture.photographs.iter().all(|photograph| photograph.pose.is_some());
+    ensure!(posed || args.several.unit == UnitName::Prior, estimated);
     let first = &capture.photographs[capture.reference];
     if first.pose.is_some() {
         reference.photo.pixels = first.image.clone();
-        *camera = KnownCamera { camera: first.camera, source: CameraSource::File(args.views[0].clone()) };
+        *camera =
+            KnownCamera { camera: first.camera, source: CameraSource::File(args.several.views[0].clone()) };
     }
     Ok(Some(capture))
 }
@@ -82,7 +89,13 @@ fn colmap_model(path: &Path) -> Option<(PathBuf, PathBuf)> {
 }
 
 /// Photographs with the poses of a file.
-fn posed(args: &RefineArgs, frames: Vec<Frame>, config: &Config, progress: &mut Progress) -> Result<Capture> {
+fn posed(
+    args: &RefineArgs,
+    frames: Vec<Frame>,
+    opened: &Opened,
+    config: &Config,
+    progress: &mut Progress,
+) -> Result<Capture> {
     let Some(reference) = frames.iter().position(|frame| same(&frame.photograph, &args.image)) else {
         let some: Vec<String> = frames.iter().take(3).map(|f| f.photograph.display().to_string()).collect();
         bail!(
@@ -93,7 +106,9 @@ fn posed(args: &RefineArgs, frames: Vec<Frame>, config: &Config, progress: &mut 
         );
     };
     // All of a long capture would not fit into memory; its neighbours in space see the same.
-    let order = nearest(&frames, reference, 4 * config.multi_view.max_views);
+    let most = if args.several.all { frames.len() } else { 4 * config.multi_view.max_views };
+    let order = nearest(&frames, reference, most);
+    check(args, opened, order.len(), config)?;
     let mut photographs = Vec::new();
     for &index in &order {
         let frame = &frames[index];
@@ -153,8 +168,10 @@ fn unposed(
     config: &Config,
     progress: &mut Progress,
 ) -> Result<Capture> {
+    let paths = further(&args.image, &args.several.views)?;
+    check(args, opened, 1 + paths.len(), config)?;
     let mut photographs = vec![photograph(&args.image, opened, camera)];
-    for path in further(&args.image, &args.views)? {
+    for path in paths {
         let opened = open_image(&path, &args.size, config, progress)?;
         let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)
             .with_context(|| path.display().to_string())?;
@@ -162,6 +179,43 @@ fn unposed(
     }
     shorten(&mut photographs);
     Ok(Capture { photographs, reference: 0 })
+}
+
+/// Refuses more photographs of the reference's size than the memory limit allows.
+fn check(args: &RefineArgs, opened: &Opened, photographs: usize, config: &Config) -> Result<()> {
+    let threads = rayon::current_num_threads() as u64;
+    check_memory(&args.size.memory, &format!("--views: {photographs} photographs"), opened.size, |pixels| {
+        capture_bytes(pixels, photographs as u64, threads, config)
+    })
+}
+
+/// Photographs without poses, the first the reference, each with its file and its size there (`[width, height]`).
+pub(crate) fn photographs(
+    args: &PosesArgs,
+    size: &SizeArgs,
+    config: &Config,
+    progress: &mut Progress,
+) -> Result<(Capture, Vec<(PathBuf, [usize; 2])>, Opened)> {
+    let paths = unique("PHOTO", &args.photographs, |_| false)?;
+    ensure!(
+        paths.len() > 1,
+        "{}: one photograph has no parallax; give two or more, or a folder of them",
+        paths.first().unwrap_or(&PathBuf::new()).display()
+    );
+    let (mut photographs, mut files, mut first) = (Vec::new(), Vec::new(), None);
+    for path in paths {
+        let opened = open_image(&path, size, config, progress)?;
+        let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)
+            .with_context(|| path.display().to_string())?;
+        photographs.push(photograph(&path, &opened, &camera));
+        files.push((path, [opened.original.1, opened.original.0]));
+        first.get_or_insert(opened);
+    }
+    shorten(&mut photographs);
+    let capture = Capture { photographs, reference: 0 };
+    capture.validate()?;
+    let first = first.context("no photograph; give two or more")?;
+    Ok((capture, files, first))
 }
 
 fn photograph(path: &Path, opened: &Opened, camera: &KnownCamera) -> Photograph {
@@ -197,24 +251,30 @@ fn same(a: &Path, b: &Path) -> bool {
 
 /// The photographs of files and folders but for the reference, each once, folders in the order of their names.
 fn further(reference: &Path, views: &[PathBuf]) -> Result<Vec<PathBuf>> {
-    let mut paths: Vec<PathBuf> = Vec::new();
-    for view in views {
-        let found = if view.is_dir() { in_folder(view)? } else { vec![view.clone()] };
-        for path in found {
-            ensure!(path.is_file(), "--views {}: no such photograph; give files or a folder", path.display());
-            if !same(&path, reference) && !paths.iter().any(|known| same(known, &path)) {
-                paths.push(path);
-            }
-        }
-    }
+    let paths = unique("--views", views, |path| same(path, reference))?;
     if paths.is_empty() {
         bail!("--views: no photograph but {} is there; give one or more others", reference.display());
     }
     Ok(paths)
 }
 
-fn in_folder(folder: &Path) -> Result<Vec<PathBuf>> {
-    let fault = || format!("--views {}: the folder can't be read; check the path", folder.display());
+/// The photographs of files and folders, each once, without those that `skip` names; `flag` gave them.
+fn unique(flag: &str, views: &[PathBuf], skip: impl Fn(&Path) -> bool) -> Result<Vec<PathBuf>> {
+    let mut paths: Vec<PathBuf> = Vec::new();
+    for view in views {
+        let found = if view.is_dir() { in_folder(flag, view)? } else { vec![view.clone()] };
+        for path in found {
+            ensure!(path.is_file(), "{flag} {}: no such photograph; give files or a folder", path.display());
+            if !skip(&path) && !paths.iter().any(|known| same(known, &path)) {
+                paths.push(path);
+            }
+        }
+    }
+    Ok(paths)
+}
+
+fn in_folder(flag: &str, folder: &Path) -> Result<Vec<PathBuf>> {
+    let fault = || format!("{flag} {}: the folder can't be read; check the path", folder.display());
     let mut paths = Vec::new();
     for entry in std::fs::read_dir(folder).with_context(fault)? {
         let path = entry.with_context(fault)?.path();

@@ -20,6 +20,8 @@ pub(crate) struct Truth {
     /// Metres, `[height, width]`; 0 = missing.
     pub(crate) depth: Array2<f32>,
     pub(crate) config: ScoreConfig,
+    /// Whether the printed table has the most important scores alone.
+    pub(crate) brief: bool,
 }
 
 impl Truth {
@@ -44,7 +46,7 @@ impl Truth {
         } else {
             ScoreConfig::default()
         };
-        Ok(Some(Self { source: path.display().to_string(), depth, config }))
+        Ok(Some(Self { source: path.display().to_string(), depth, config, brief: false }))
     }
 
     /// Scores of prior and refined depth, each under its own alignment, by three rules.
@@ -59,7 +61,7 @@ impl Truth {
             let of = |subject| score(subject, &config).with_context(|| self.source.clone());
             by_alignment.insert(rule.name(), Pair { prior: of(&prior)?, refined: of(&refined)? });
         }
-        Ok(Comparison { truth: self.source.clone(), shown: rules[0].name(), by_alignment })
+        Ok(Comparison { truth: self.source.clone(), shown: rules[0].name(), by_alignment, brief: self.brief })
     }
 }
 
@@ -79,6 +81,8 @@ pub(crate) struct Comparison {
     /// The alignment that the program prints.
     shown: &'static str,
     by_alignment: BTreeMap<&'static str, Pair>,
+    #[serde(skip)]
+    brief: bool,
 }
 
 #[derive(Debug, Serialize)]
@@ -98,17 +102,30 @@ impl Comparison {
             let label = format!("{name}, {better}");
             lines.push(format!("{label:40}{:>10}{:>10}", cell(prior), cell(refined)));
         };
+        let all = !self.brief;
         row("AbsRel", "lower", &|s| Some(s.depth.abs_rel));
-        row("RMSE, m", "lower", &|s| Some(s.depth.rmse));
+        if all {
+            row("RMSE, m", "lower", &|s| Some(s.depth.rmse));
+        }
         row("MSE, m2", "lower", &|s| Some(s.depth.mse));
-        row("within a factor 1.25", "higher", &|s| Some(s.depth.delta[0]));
+        if all {
+            row("within a factor 1.25", "higher", &|s| Some(s.depth.delta[0]));
+        }
         row("edge F1, 0.25 m, 1 px", "higher", &|s| s.depth.edges_at(0.25, 1).map(|e| e.f1));
-        row("boundary F1", "higher", &|s| Some(s.depth.boundary_f1));
+        if all {
+            row("boundary F1", "higher", &|s| Some(s.depth.boundary_f1));
+        }
         row("wrong order across edges, D3R", "lower", &|s| s.depth.d3r_like);
-        row("sharpness on edges", "higher", &|s| s.depth.sharpness_on);
-        row("sharpness off edges", "lower", &|s| s.depth.sharpness_off);
-        row("Spearman of sigma and error", "higher", &|s| s.uncertainty.as_ref()?.spearman);
-        row("mean z2 (above 1: sigma too small)", "near 1", &|s| Some(s.uncertainty.as_ref()?.mean_z2));
+        if all {
+            row("sharpness on edges", "higher", &|s| s.depth.sharpness_on);
+            row("sharpness off edges", "lower", &|s| s.depth.sharpness_off);
+            row("Spearman of sigma and error", "higher", &|s| s.uncertainty.as_ref()?.spearman);
+            row("mean z2 (above 1: sigma too small)", "near 1", &|s| Some(s.uncertainty.as_ref()?.mean_z2));
+        }
+        row("90 % intervals hold", "near 0.9", &|s| {
+            let coverage = &s.uncertainty.as_ref()?.coverage;
+            coverage.iter().find(|c| (c.nominal - 0.9).abs() < 1e-9).map(|c| c.observed)
+        });
         lines.join("\n")
     }
 }

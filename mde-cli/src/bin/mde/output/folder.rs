@@ -91,7 +91,6 @@ impl OutputFolder {
 }
 
 /// Checks that the file of `flag` can be written at the end; creates nothing.
-#[cfg(feature = "rerun")]
 pub(crate) fn check_new_file(flag: &str, path: &Path, force: bool) -> Result<()> {
     let name = path.display();
     ensure!(!path.is_dir(), "{flag} {name}: is a folder; give a file's name");

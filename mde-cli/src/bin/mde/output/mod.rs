@@ -7,3 +7,5 @@ pub(crate) mod preview;
 pub(crate) mod provenance;
 pub(crate) mod recording;
 pub(crate) mod run_record;
+pub(crate) mod several;
+pub(crate) mod transforms;

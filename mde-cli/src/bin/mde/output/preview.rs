@@ -27,38 +27,83 @@ pub(crate) struct Preview<'p> {
     pub(crate) sigma: ArrayView2<'p, f32>,
     /// Name of the depths' unit.
     pub(crate) unit: &'p str,
+    /// Several photographs, the refined one first; none for a run with one.
+    pub(crate) photographs: Vec<ArrayView3<'p, f32>>,
+    /// Ground truth in the unit of the depths; shown beside several photographs.
+    pub(crate) truth: Option<ArrayView2<'p, f32>>,
 }
 
-/// Image, prior, refined and sigma side by side. Both depths share one scale, from 1 % to 99 % of all their pixels.
+/// Image, prior, refined and sigma side by side; with several photographs these are above, and the truth, where it is known, takes the
+/// place of the image. All depths share one scale, from 1 % to 99 % of the pixels of prior and refined.
 pub(crate) fn preview(show: &Preview<'_>) -> Canvas {
     let (rows, columns, _) = show.image.dim();
     let width = columns.clamp(NARROWEST, WIDEST);
     let height = (rows * width).div_ceil(columns.max(1)).clamp(1, 4 * WIDEST);
     let text = if width < 400 { 1 } else { 2 };
-    let top = 2 * MARGIN + text_height(text);
+    let whole = 4 * width + 5 * MARGIN;
+    let strip = strip(&show.photographs, whole, text);
+    let above = strip.as_ref().map_or(0, |strip| strip.height + MARGIN);
+    let title = above + MARGIN;
+    let top = title + MARGIN + text_height(text);
     let panel = [width, height];
     let bottom = top + height + 3 * MARGIN + BAR + text_height(text);
-    let mut canvas = Canvas::new(4 * width + 5 * MARGIN, bottom, BACKGROUND);
+    let mut canvas = Canvas::new(whole, bottom, BACKGROUND);
+    for (image, [x, y]) in strip.iter().flat_map(|strip| &strip.pictures) {
+        canvas.paint([*x, *y], [image.dim().1, image.dim().0], |x, y| colour_at(image, x, y));
+    }
+    if strip.is_some() {
+        canvas.text("photographs, the first is refined", [MARGIN, MARGIN], text, INK);
+    }
 
     let depths = usual_range(show.prior.iter().chain(show.refined));
     let sigmas = usual_range(show.sigma.iter());
-    let maps = [
-        (format!("prior [{}]", show.unit), show.prior, &VIRIDIS, depths),
-        (format!("refined [{}]", show.unit), show.refined, &VIRIDIS, depths),
-        (format!("sigma [{}]", show.unit), show.sigma, &MAGMA, sigmas),
-    ];
-    canvas.text("image", [MARGIN, MARGIN], text, INK);
-    let small = resized(show.image, width, height);
-    canvas.paint([MARGIN, top], panel, |x, y| colour_at(&small, x, y));
-    for (index, (title, map, gradient, range)) in maps.iter().enumerate() {
-        let left = MARGIN + (index + 1) * (width + MARGIN);
-        canvas.text(title, [left, MARGIN], text, INK);
+    let depth = |name: &str, map| (format!("{name} [{}]", show.unit), map, &VIRIDIS, depths);
+    let mut maps = vec![depth("prior", show.prior), depth("refined", show.refined)];
+    match show.truth.filter(|_| strip.is_some()) {
+        Some(truth) => maps.push(depth("truth", truth)),
+        None => {
+            canvas.text("image", [MARGIN, title], text, INK);
+            let small = resized(show.image, width, height);
+            canvas.paint([MARGIN, top], panel, |x, y| colour_at(&small, x, y));
+        }
+    }
+    maps.push((format!("sigma [{}]", show.unit), show.sigma, &MAGMA, sigmas));
+    let first = 4 - maps.len();
+    for (index, (name, map, gradient, range)) in maps.iter().enumerate() {
+        let left = MARGIN + (index + first) * (width + MARGIN);
+        canvas.text(name, [left, title], text, INK);
         canvas.paint([left, top], panel, |x, y| {
             shade(map[(y * rows / height, x * columns / width)], gradient, *range)
         });
         colour_bar(&mut canvas, [left, top + height + MARGIN], width, gradient, *range, text);
     }
     canvas
+}
+
+/// Photographs of one height in a row, with their corners.
+struct Strip {
+    pictures: Vec<(Array3<f32>, [usize; 2])>,
+    height: usize,
+}
+
+fn strip(photographs: &[ArrayView3<'_, f32>], width: usize, text: usize) -> Option<Strip> {
+    let shapes = photographs.iter().map(|p| p.dim().1 as f64 / p.dim().0.max(1) as f64);
+    let all: f64 = shapes.sum();
+    if photographs.len() < 2 || all <= 0.0 {
+        return None;
+    }
+    let inner = width.saturating_sub(MARGIN * (photographs.len() + 1));
+    let height = ((inner as f64 / all) as usize).clamp(1, THUMBNAIL);
+    let top = 2 * MARGIN + text_height(text);
+    let mut left = MARGIN;
+    let pictures = photographs.iter().map(|photograph| {
+        let (rows, columns, _) = photograph.dim();
+        let wide = (columns * height / rows.max(1)).max(1);
+        let place = [left, top];
+        left += wide + MARGIN;
+        (resized(*photograph, wide, height), place)
+    });
+    Some(Strip { pictures: pictures.collect(), height: top + height })
 }
 
 /// A depth map as a colour picture, `[height, width, 3]` bytes.
@@ -177,6 +222,8 @@ mod tests {
             refined: prior.view(),
             sigma: sigma.view(),
             unit: "m",
+            photographs: Vec::new(),
+            truth: None,
         };
         let canvas = preview(&show);
         let (top, left) = (2 * MARGIN + text_height(1), |panel: usize| MARGIN + panel * (300 + MARGIN));
@@ -187,6 +234,29 @@ mod tests {
         }
         assert_eq!(colours(&canvas, (top + 10, left(1) + 20)), MISSING);
         assert_eq!(colours(&canvas, (top + 10, left(0) + 20)), [128; 3]);
+    }
+
+    #[test]
+    fn several_photographs_are_shown_above_with_the_truth_for_the_image() {
+        let image = Array3::from_elem((30, 300, 3), 0.5);
+        let other = Array3::from_elem((30, 300, 3), 1.0);
+        let depth = Array2::from_shape_fn((30, 300), |(_, x)| 1.0 + x as f32 / 100.0);
+        let show = |photographs: Vec<ArrayView3<'_, f32>>| {
+            let truth = Some(depth.view());
+            let [prior, refined, sigma] = [depth.view(), depth.view(), depth.view()];
+            preview(&Preview { image: image.view(), prior, refined, sigma, unit: "m", photographs, truth })
+        };
+        let (one, two) = (show(Vec::new()), show(vec![image.view(), other.view()]));
+        let added = two.pixels().dim().0 - one.pixels().dim().0;
+        assert!(added > 30 && one.pixels().dim().1 == two.pixels().dim().1, "{added}");
+        let (top, middle) = (2 * MARGIN + text_height(1), two.pixels().dim().1 / 2);
+        assert_eq!(colours(&two, (top + 5, middle - 60)), [128; 3]);
+        assert_eq!(colours(&two, (top + 5, middle + 60)), [255; 3]);
+        // The prior takes the image's place, and the truth is between refined and sigma.
+        let row = added + top + 10;
+        let panel = |index: usize| colours(&two, (row, MARGIN + index * (300 + MARGIN) + 100));
+        assert_eq!((panel(0), panel(1)), (panel(1), panel(2)));
+        assert_ne!(panel(2), panel(3));
     }
 
     #[test]

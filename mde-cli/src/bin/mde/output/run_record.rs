@@ -33,7 +33,7 @@ pub(crate) struct RunRecord<'r> {
     /// Curves of the fit of every iteration.
     pub(crate) training: &'r [TrainingCurve],
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) scores: Option<Comparison>,
+    pub(crate) scores: Option<&'r Comparison>,
     pub(crate) prior_seconds: f64,
     pub(crate) score_seconds: f64,
 }

@@ -4,6 +4,7 @@
 mod encode;
 mod evaluation;
 mod page;
+mod photographs;
 mod run;
 
 use crate::output::folder::RECORD;

@@ -5,9 +5,10 @@ use serde_json::Value;
 const PAGE: &str = include_str!("assets/page.html");
 const STYLE: &str = include_str!("assets/report.css");
 /// Everything that the scripts share, then the parts, then the start.
-const SCRIPTS: [&str; 8] = [
+const SCRIPTS: [&str; 9] = [
     include_str!("assets/common.js"),
     include_str!("assets/layers.js"),
+    include_str!("assets/photographs.js"),
     include_str!("assets/viewer.js"),
     include_str!("assets/cloud.js"),
     include_str!("assets/chart.js"),

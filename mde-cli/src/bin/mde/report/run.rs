@@ -1,7 +1,7 @@
 //! The page of one refinement.
 
 use super::encode::{WIDEST, fitted, gradients, map, nearest, picture};
-use super::{page, read_json, read_text};
+use super::{page, photographs, read_json, read_text};
 use crate::output::canvas::resized;
 use crate::output::folder::RECORD;
 use anyhow::{Context, Result, ensure};
@@ -16,7 +16,7 @@ use std::fs;
 use std::path::Path;
 
 /// What the files are, in the order of the page's list.
-const FILES: [(&str, &str); 14] = [
+const FILES: [(&str, &str); 17] = [
     ("depth.npy", "refined depth, 32-bit floats"),
     ("sigma.npy", "its standard deviation, same unit"),
     ("prior.npy", "the monocular depth, input of the run"),
@@ -25,6 +25,9 @@ const FILES: [(&str, &str); 14] = [
     ("cloud.ply", "coloured points with normals and sigma"),
     ("colmap", "the camera and points as COLMAP text"),
     ("image.png", "the photograph, upright"),
+    ("photographs", "the photographs; input of mde refine --views"),
+    ("views", "the photographs, small, and what the field renders"),
+    ("evidence.npz", "photographs that see and that confirm each pixel, and the origin of its depth"),
     ("gt.npy", "ground truth of the scores"),
     ("preview.png", "image, prior, refined and sigma side by side"),
     ("field.safetensors", "field of the last iteration, for mde render"),
@@ -73,6 +76,10 @@ pub(super) fn page(folder: &Path) -> Result<String> {
     if folder.join("gt.npy").is_file() {
         maps.insert("truth".to_owned(), embed(&read("gt.npy")?)?);
     }
+    let several = photographs::read(folder, &record, size)?;
+    if let Some(evidence) = several.as_ref().and_then(|several| several.evidence.as_ref()) {
+        maps.insert("evidence".to_owned(), embed(evidence)?);
+    }
     let small = resized(image.pixels.view(), size[0], size[1]);
     let present = |name: &str| name == super::FILE || folder.join(name).exists();
     let files: Vec<Value> = FILES
@@ -86,7 +93,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         })
         .collect();
     let title = format!("Depth of {}", input_name(&record));
-    let data = json!({
+    let mut data = json!({
         "kind": "run",
         "title": input_name(&record),
         "record": record,
@@ -99,6 +106,9 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         "gradients": gradients(),
         "files": files,
     });
+    if let Some(several) = several {
+        several.add_to(&mut data);
+    }
     Ok(page::page(&title, &data))
 }
 

@@ -1,9 +1,10 @@
 //! Summary of a finished run.
 
-use mde_cli::Refinement;
+use mde_cli::capture::PoseSource;
+use mde_cli::{CaptureReport, Refinement};
 use mde_uncertainty::statistics::{median, quantile};
 
-/// Two lines: change of the depth and its sigma; and the estimates of the last fusion.
+/// Change of the depth, its sigma, the photographs that were used, and the estimates of the last fusion.
 pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
     let depth = refinement.depth.mean();
     let moved =
@@ -19,7 +20,11 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
         .collect();
     let percent =
         |share: Option<f64>| share.map_or_else(|| "-".to_owned(), |v| format!("{:.1} %", 100.0 * v));
-    let unit = if unit == "unscaled" { String::new() } else { format!(" {unit}") };
+    let unit = match unit {
+        "unscaled" => String::new(),
+        "capture" => " of the capture's units".to_owned(),
+        unit => format!(" {unit}"),
+    };
     let mut lines = vec![format!(
         "depth: typical change {}; 90 % of pixels changed by less than {}\nsigma: median {}{unit}, {} of the depth",
         percent(median(moves.iter().copied())),
@@ -27,6 +32,7 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
         median(known).map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
         percent(median(relative)),
     )];
+    lines.extend(refinement.capture.as_ref().and_then(photographs));
     if let Some(last) = refinement.iterations.last() {
         let (fusion, psnr) = (&last.fusion, last.fit.psnr.first());
         let psnr = psnr.map_or_else(String::new, |p| format!("; PSNR of the photograph {p:.1} dB"));
@@ -39,4 +45,32 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
         ));
     }
     lines.join("\n")
+}
+
+/// The photographs that were used, and how the field renders one of them.
+fn photographs(report: &CaptureReport) -> Option<String> {
+    if report.fallback.is_some() {
+        return None;
+    }
+    let poses = match report.poses {
+        PoseSource::Given => "poses as given",
+        PoseSource::Refined => "poses refined",
+        PoseSource::Estimated => "poses estimated",
+    };
+    let confirmed = report.confirmed.map_or_else(String::new, |share| {
+        format!("; another one confirms the depth of {:.0} % of the pixels", 100.0 * share)
+    });
+    let (used, all) = (report.used(), report.photographs.len());
+    let chosen = report.photographs.iter().filter(|photograph| photograph.used);
+    let names: Vec<&str> = chosen.map(|photograph| photograph.name.as_str()).collect();
+    let mut line = format!("photographs: {used} of {all} used ({}), {poses}{confirmed}", names.join(", "));
+    let novel = report.novel.as_ref();
+    if let Some((novel, psnr, prior)) =
+        novel.and_then(|novel| Some((novel, novel.psnr?, novel.psnr_of_prior?)))
+    {
+        let name = report.photographs.get(novel.photograph).map_or("", |photograph| photograph.name.as_str());
+        let kind = if novel.withheld { "withheld" } else { "in the fit" };
+        line += &format!("\nPSNR of {name}, {kind}: field {psnr:.1} dB, moved by the prior {prior:.1} dB");
+    }
+    Some(line)
 }

@@ -1,15 +1,16 @@
 //! One refinement from opened inputs to a folder of results.
 
-use crate::args::ExportName;
-use crate::input::camera::KnownCamera;
-use crate::input::prior::{NamedPrior, PriorOrigin, Timed};
-use crate::input::truth::Truth;
+use crate::args::{ExportName, UnitName};
+use crate::input::camera::{CameraSource, KnownCamera};
+use crate::input::prior::{NamedPrior, Timed};
+use crate::input::truth::{Comparison, Truth};
 use crate::output::export::Exported;
 use crate::output::folder::{OutputFolder, RECORD};
 use crate::output::preview::{Preview, preview};
 use crate::output::provenance::write_json;
 use crate::output::recording::Recording;
 use crate::output::run_record::{About, RunRecord};
+use crate::output::several;
 use crate::report;
 use crate::run::checkpoint::Checkpoints;
 use crate::run::error_bar::{ErrorBar, Stated};
@@ -22,7 +23,7 @@ use mde_prior::DepthKind;
 use mde_prior::format::{write_npy, write_png16};
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_uncertainty::GaussianDepth;
-use ndarray::{Array2, Array3};
+use ndarray::{Array2, Array3, ArrayView3};
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
@@ -49,14 +50,30 @@ pub(crate) struct Job {
     pub(crate) recording: Option<Recording>,
     /// Further photographs.
     pub(crate) capture: Option<Capture>,
+    /// Unit of the results with further photographs.
+    pub(crate) unit: UnitName,
+    /// Whether the photographs are written too, as they are.
+    pub(crate) keep_photographs: bool,
 }
 
-/// Unit of the refined depth for a prior of this kind.
-fn unit(kind: DepthKind) -> &'static str {
-    match kind {
-        DepthKind::Metric => "m",
-        _ => "unscaled",
-    }
+/// The photograph that is refined.
+pub(crate) struct Subject<'s> {
+    pub(crate) input: &'s str,
+    pub(crate) image: ArrayView3<'s, f32>,
+    pub(crate) camera: KnownCamera,
+}
+
+/// A refinement with its error bar and its scores.
+pub(crate) struct Done<'s> {
+    pub(crate) subject: Subject<'s>,
+    pub(crate) refinement: Refinement,
+    /// Index of the subject among the photographs.
+    photograph: usize,
+    stated: Stated,
+    scores: Option<Comparison>,
+    score_seconds: f64,
+    /// Seconds of the prior's predictions.
+    pub(crate) prior_seconds: f64,
 }
 
 impl Job {
@@ -67,11 +84,10 @@ impl Job {
         let stages = Stages::new(&prior).with_field(|request| {
             let field = Box::new(kept.insert(SharedNerf::new(request.nerf()?)).clone());
             Ok(match &self.recording {
-                Some(recording) => recording.watch(request.iteration + 1, field),
+                Some(recording) => recording.watch(request.iteration + 1, self.capture.is_none(), field),
                 None => field,
             })
         });
-        let image = self.image.view();
         let from = self.checkpoints.as_ref().and_then(|kept| kept.latest(self.config.refinement.iterations));
         if let Some(from) = &from {
             progress.step(&format!("resumed after iteration {}", from.iterations.len()));
@@ -79,9 +95,10 @@ impl Job {
                 from.iterations.iter().for_each(|iteration| recording.fitted(iteration.fit.steps));
             }
         }
+        let start = Subject { input: &self.input, image: self.image.view(), camera: self.camera.clone() };
         let mut keep = |state: &mde_cli::Checkpoint| {
             if let Some(recording) = &self.recording {
-                recording.depth(state.iterations.len(), &self.scene(&state.depth, &state.prior, &[]));
+                recording.depth(state.iterations.len(), &self.scene(&start, &state.depth, &state.prior, &[]));
                 recording.sigma(state.iterations.len(), &state.depth);
             }
             match &self.checkpoints {
@@ -92,20 +109,73 @@ impl Job {
             }
         };
         let mut observe = |event: &Event| progress.observe(event);
-        let mut refinement = match &self.capture {
+        let image = self.image.view();
+        let refinement = match &self.capture {
             Some(capture) => refine_capture(capture, stages, &self.config, &mut observe)?,
             None => resume(image, &self.camera.camera, stages, &self.config, from, &mut keep, &mut observe)?,
         };
-        if let Some(reason) = refinement.capture.as_ref().and_then(|capture| capture.fallback.as_ref()) {
-            progress.warn(format!("--views: {reason}; only the reference photograph was used"));
-        }
-        if let Some(reason) = refinement.augmentation.skipped {
-            progress.warn(format!("no test-time augmentation: {reason}; give --prior-model to use it"));
-        }
         if self.save_field && kept.is_none() {
             progress.warn(
                 "--save-field: no field was fitted, so none is written; set refinement.field = \"always\" to fit one".to_owned(),
             );
+        }
+        let reference = self.capture.as_ref().map_or(0, |capture| capture.reference);
+        let subject = Subject { input: &self.input, image, camera: self.camera.clone() };
+        let mut done = self.finished(subject, refinement, reference, progress)?;
+        done.prior_seconds = prior.seconds();
+        let table = done.scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
+        let value = json!({ "event": "done", "output": folder.path(), "scores": done.scores });
+        folder.write(|path| self.write(path, &done, kept.as_ref(), progress))?;
+        if let Some(checkpoints) = &self.checkpoints {
+            checkpoints.discard();
+        }
+        if let Some(recording) = &self.recording {
+            self.record(recording, &done, progress.training())?;
+        }
+        let gained = gain::summary(&done.refinement, self.unit());
+        let report = folder.path().join(report::FILE);
+        let text = format!(
+            "{table}{gained}\nwrote {} in {:.1} s; open {} in a browser",
+            folder.path().display(),
+            progress.seconds(),
+            report.display()
+        );
+        progress.result(&text, value);
+        Ok(())
+    }
+
+    /// Unit of the results.
+    pub(crate) fn unit(&self) -> &'static str {
+        match (self.unit, self.prior.origin.kind) {
+            (UnitName::Capture, _) => "capture",
+            (UnitName::Prior, DepthKind::Metric) => "m",
+            (UnitName::Prior, _) => "unscaled",
+        }
+    }
+
+    /// Warnings, unit, error bar and scores; `photograph` is the index of the subject within the capture.
+    pub(crate) fn finished<'s>(
+        &self,
+        mut subject: Subject<'s>,
+        mut refinement: Refinement,
+        photograph: usize,
+        progress: &mut Progress,
+    ) -> Result<Done<'s>> {
+        if let Some(capture) = &refinement.capture {
+            if let Some(reason) = &capture.fallback {
+                progress.warn(format!("--views: {reason}; only the reference photograph was used"));
+            } else if let Some(found) = capture.photographs.get(photograph)
+                && let Some(camera) = found.camera
+                && camera != subject.camera.camera
+            {
+                subject.camera = KnownCamera { camera, source: CameraSource::Estimated };
+            }
+        }
+        if self.unit == UnitName::Capture && refinement.capture.is_some() {
+            refinement = refinement.in_capture_unit()?;
+        }
+        if let Some(reason) = refinement.augmentation.skipped {
+            progress.warn(format!("no test-time augmentation: {reason}; give --prior-model to use it"));
         }
         for (index, iteration) in refinement.iterations.iter().enumerate() {
             for warning in &iteration.fusion.warnings {
@@ -123,101 +193,102 @@ impl Job {
             None => None,
         };
         let score_seconds = start.elapsed().as_secs_f64();
-        let table = scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
-        let value = json!({ "event": "done", "output": folder.path(), "scores": scores });
+        Ok(Done { subject, refinement, photograph, stated, scores, score_seconds, prior_seconds: 0.0 })
+    }
 
+    /// All files of one refinement.
+    pub(crate) fn write(
+        &self,
+        path: &Path,
+        done: &Done<'_>,
+        field: Option<&SharedNerf>,
+        progress: &Progress,
+    ) -> Result<()> {
+        let refinement = &done.refinement;
         let png_scale = png_scale(refinement.depth.mean().iter().copied());
-        let missing_pixels = refinement.depth.variance().iter().filter(|v| v.is_infinite()).count();
-        folder.write(|path| {
-            self.write_maps(path, &refinement, png_scale)?;
-            self.write_interval(path, &refinement, &stated)?;
-            if let Some(field) = kept.as_ref().filter(|_| self.save_field) {
-                field.lock().save(path.join("field.safetensors"))?;
-            }
-            let record = RunRecord {
-                about: About {
-                    preset: Some(self.preset.name()),
-                    seed: Some(self.config.seed),
-                    warnings: progress.warnings(),
-                    total_seconds: progress.seconds(),
-                    ..About::new(self.command, self.input.clone(), &self.camera)
-                },
-                prior: &self.prior.origin,
-                unit: unit(self.prior.origin.kind),
-                png_scale,
-                missing_pixels,
-                augmentation: &refinement.augmentation,
-                error_bar: &stated,
-                capture: refinement.capture.as_ref(),
-                iterations: &refinement.iterations,
-                training: progress.training(),
-                scores,
-                prior_seconds: prior.seconds(),
-                score_seconds,
-            };
-            write_json(&path.join(RECORD), &record)?;
-            self.export(path, &refinement)?;
-            report::write(path)?;
-            Ok(())
-        })?;
-        if let Some(checkpoints) = &self.checkpoints {
-            checkpoints.discard();
+        self.write_maps(path, done, png_scale)?;
+        self.write_interval(path, refinement, &done.stated)?;
+        if let Some(field) = field.filter(|_| self.save_field) {
+            field.lock().save(path.join("field.safetensors"))?;
         }
-        if let Some(recording) = &self.recording {
-            self.record(recording, &refinement, progress.training())?;
-        }
-        let gained = gain::summary(&refinement, unit(self.prior.origin.kind));
-        let report = folder.path().join(report::FILE);
-        let text = format!(
-            "{table}{gained}\nwrote {} in {:.1} s; open {} in a browser",
-            folder.path().display(),
-            progress.seconds(),
-            report.display()
-        );
-        progress.result(&text, value);
+        let record = RunRecord {
+            about: About {
+                preset: Some(self.preset.name()),
+                seed: Some(self.config.seed),
+                warnings: progress.warnings(),
+                total_seconds: progress.seconds(),
+                ..About::new(self.command, done.subject.input.to_owned(), &done.subject.camera)
+            },
+            prior: &self.prior.origin,
+            unit: self.unit(),
+            png_scale,
+            missing_pixels: refinement.depth.variance().iter().filter(|v| v.is_infinite()).count(),
+            augmentation: &refinement.augmentation,
+            error_bar: &done.stated,
+            capture: refinement.capture.as_ref(),
+            iterations: &refinement.iterations,
+            training: progress.training(),
+            scores: done.scores.as_ref(),
+            prior_seconds: done.prior_seconds,
+            score_seconds: done.score_seconds,
+        };
+        write_json(&path.join(RECORD), &record)?;
+        let scene = self.scene(&done.subject, &refinement.depth, &refinement.prior, &refinement.components);
+        self.export.iter().try_for_each(|format| scene.write(*format, path))?;
+        report::write(path)?;
         Ok(())
     }
 
     fn scene<'s>(
         &'s self,
+        subject: &'s Subject<'_>,
         depth: &'s GaussianDepth,
         prior: &'s Array2<f32>,
         components: &'s [Component],
     ) -> Exported<'s> {
         Exported {
-            image: self.image.view(),
-            camera: &self.camera.camera,
+            unit: self.unit(),
+            image: subject.image,
+            camera: &subject.camera.camera,
             depth,
             prior: prior.view(),
             components,
         }
     }
 
-    fn export(&self, folder: &Path, refinement: &Refinement) -> Result<()> {
-        let scene = self.scene(&refinement.depth, &refinement.prior, &refinement.components);
-        self.export.iter().try_for_each(|format| scene.write(*format, folder))
-    }
-
     /// Records the inputs, the result and the reports; the iterations were recorded during the run.
-    fn record(
-        &self,
-        recording: &Recording,
-        refinement: &Refinement,
-        training: &[TrainingCurve],
-    ) -> Result<()> {
-        let Refinement { depth, prior, iterations, .. } = refinement;
+    fn record(&self, recording: &Recording, done: &Done<'_>, training: &[TrainingCurve]) -> Result<()> {
+        let Refinement { depth, prior, iterations, .. } = &done.refinement;
         let last = iterations.len().max(1);
         let known = prior.mapv(|z| if z > 0.0 { 1.0 } else { f32::INFINITY });
         let before = GaussianDepth::new(prior.clone(), known)?;
-        recording.inputs(&self.input, &self.scene(&before, prior, &[]), &self.config.to_toml()?);
-        if iterations.is_empty() {
+        recording.inputs(
+            &self.input,
+            &self.scene(&done.subject, &before, prior, &[]),
+            &self.config.to_toml()?,
+        );
+        if iterations.is_empty() && training.is_empty() {
             // Without a fit, prior and result would share a time on the timeline of steps.
             recording.fitted(1);
         }
-        recording.depth(last, &self.scene(depth, prior, &[]));
+        if let Some((capture, report)) = self.capture.as_ref().zip(done.refinement.capture.as_ref()) {
+            recording.photographs(capture, report);
+        }
+        recording.depth(last, &self.scene(&done.subject, depth, prior, &[]));
         recording.sigma(last, depth);
         recording.reports(iterations, training);
         recording.save()
+    }
+
+    /// The photographs that were used, the reference first; none where there is one alone.
+    fn shown<'s>(&'s self, done: &'s Done<'_>) -> Vec<ArrayView3<'s, f32>> {
+        let Some((capture, report)) = self.capture.as_ref().zip(done.refinement.capture.as_ref()) else {
+            return Vec::new();
+        };
+        let used = capture.photographs.iter().zip(&report.photographs).enumerate();
+        let used = used.filter(|(index, (_, report))| report.used && *index != done.photograph);
+        let others = used.map(|(_, (photograph, _))| photograph.image.view());
+        std::iter::once(done.subject.image).chain(others).collect()
     }
 
     fn write_interval(&self, folder: &Path, refinement: &Refinement, stated: &Stated) -> Result<()> {
@@ -227,23 +298,32 @@ impl Job {
         Ok(write_npy(folder.join("upper.npy"), upper.view())?)
     }
 
-    fn write_maps(&self, folder: &Path, refinement: &Refinement, png_scale: f64) -> Result<()> {
+    fn write_maps(&self, folder: &Path, done: &Done<'_>, png_scale: f64) -> Result<()> {
+        let Done { refinement, subject, .. } = done;
         let (depth, sigma) = (refinement.depth.mean(), refinement.depth.sigma());
         write_npy(folder.join("depth.npy"), depth)?;
         write_npy(folder.join("sigma.npy"), sigma.view())?;
         write_npy(folder.join("prior.npy"), refinement.prior.view())?;
         write_png16(folder.join("depth.png"), depth, png_scale)?;
-        let PriorOrigin { kind, .. } = self.prior.origin;
         let show = Preview {
-            image: self.image.view(),
+            image: subject.image,
             prior: refinement.prior.view(),
             refined: depth,
             sigma: sigma.view(),
-            unit: unit(kind),
+            unit: self.unit(),
+            photographs: self.shown(done),
+            truth: self
+                .truth
+                .as_ref()
+                .filter(|_| self.prior.origin.kind == DepthKind::Metric)
+                .map(|truth| truth.depth.view()),
         };
         write_rgb_png(folder.join("preview.png"), preview(&show).pixels())?;
         mde_prior::write_atomic(&folder.join("config.toml"), self.config.to_toml()?.as_bytes())?;
-        write_image(folder.join("image.png"), self.image.view())?;
+        write_image(folder.join("image.png"), subject.image)?;
+        if let Some((capture, report)) = self.capture.as_ref().zip(refinement.capture.as_ref()) {
+            several::write(folder, capture, report, self.keep_photographs)?;
+        }
         if let Some(truth) = &self.truth {
             write_npy(folder.join("gt.npy"), truth.depth.view())?;
         }

@@ -2,6 +2,7 @@
 
 pub(crate) mod checkpoint;
 pub(crate) mod error_bar;
+pub(crate) mod every;
 pub(crate) mod field;
 pub(crate) mod gain;
 pub(crate) mod interrupt;

@@ -91,6 +91,12 @@ impl Progress {
         &self.training
     }
 
+    /// Begins another refinement of the same run: its curves are its own.
+    pub(crate) fn next(&mut self, what: &str) {
+        self.training.clear();
+        self.step(what);
+    }
+
     /// Announces a step outside of the loop.
     pub(crate) fn step(&mut self, what: &str) {
         self.finish_bar();

@@ -2,7 +2,7 @@
 
 mod colmap;
 mod layers;
-mod ply;
+pub(crate) mod ply;
 
 use crate::args::ExportName;
 use anyhow::{Context, Result};
@@ -15,8 +15,10 @@ use ndarray::{ArrayView2, ArrayView3};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The exported scene; the world is the camera's frame (x right, y down, z forward), in the prior's unit.
+/// The exported scene; the world is the camera's frame (x right, y down, z forward).
 pub(crate) struct Exported<'e> {
+    /// Unit of depths and points.
+    pub(crate) unit: &'e str,
     /// sRGB in 0 to 1, `[height, width, 3]`.
     pub(crate) image: ArrayView3<'e, f32>,
     pub(crate) camera: &'e PinholeCamera,
@@ -97,6 +99,7 @@ pub(crate) mod tests {
         let depth = GaussianDepth::new(depth, variance).unwrap();
         let image = Array3::from_shape_fn((SIZE.0, SIZE.1, 3), |(v, u, c)| (v * 8 + u + c) as f32 / 50.0);
         test(&Exported {
+            unit: "m",
             image: image.view(),
             camera: &camera,
             depth: &depth,

@@ -5,32 +5,56 @@ use nalgebra::{Point3, Vector3};
 
 pub(super) fn encode(scene: &Exported<'_>) -> Vec<u8> {
     let (rows, columns) = scene.depth.dim();
-    let (mut points, mut count) = (Vec::new(), 0_usize);
+    let mut cloud = Cloud::default();
     for row in 0..rows {
         for column in 0..columns {
             let Some(point) = scene.point(row, column) else { continue };
             let normal = normal(scene, row, column, point);
-            let numbers = point.iter().chain(normal.iter()).map(|v| *v as f32);
-            numbers.for_each(|number| points.extend(number.to_le_bytes()));
-            points.extend(scene.colour(row, column));
-            points.extend(scene.depth.variance()[(row, column)].sqrt().to_le_bytes());
-            count += 1;
+            let sigma = scene.depth.variance()[(row, column)].sqrt();
+            cloud.push(point, normal, scene.colour(row, column), sigma);
         }
     }
-    let header = format!(
-        "ply\nformat binary_little_endian 1.0\n\
-         comment camera frame: x right, y down, z forward, in the prior's unit; sigma is the depth's standard deviation\n\
-         element vertex {count}\n\
-         property float x\nproperty float y\nproperty float z\n\
-         property float nx\nproperty float ny\nproperty float nz\n\
-         property uchar red\nproperty uchar green\nproperty uchar blue\n\
-         property float sigma\nend_header\n"
-    );
-    [header.into_bytes(), points].concat()
+    cloud.encode("camera frame: x right, y down, z forward", scene.unit)
+}
+
+/// Points with normal, colour and sigma.
+#[derive(Default)]
+pub(crate) struct Cloud {
+    bytes: Vec<u8>,
+    count: usize,
+}
+
+impl Cloud {
+    pub(crate) fn push(&mut self, point: Point3<f64>, normal: Vector3<f64>, colour: [u8; 3], sigma: f32) {
+        let numbers = point.iter().chain(normal.iter()).map(|v| *v as f32);
+        numbers.for_each(|number| self.bytes.extend(number.to_le_bytes()));
+        self.bytes.extend(colour);
+        self.bytes.extend(sigma.to_le_bytes());
+        self.count += 1;
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.count
+    }
+
+    /// The file.
+    pub(crate) fn encode(self, frame: &str, unit: &str) -> Vec<u8> {
+        let header = format!(
+            "ply\nformat binary_little_endian 1.0\n\
+             comment {frame}; unit: {unit}; sigma is the depth's standard deviation\n\
+             element vertex {}\n\
+             property float x\nproperty float y\nproperty float z\n\
+             property float nx\nproperty float ny\nproperty float nz\n\
+             property uchar red\nproperty uchar green\nproperty uchar blue\n\
+             property float sigma\nend_header\n",
+            self.count
+        );
+        [header.into_bytes(), self.bytes].concat()
+    }
 }
 
 /// The surface's unit normal, towards the camera; 0 where no neighbour is known.
-fn normal(scene: &Exported<'_>, row: usize, column: usize, point: Point3<f64>) -> Vector3<f64> {
+pub(crate) fn normal(scene: &Exported<'_>, row: usize, column: usize, point: Point3<f64>) -> Vector3<f64> {
     let at = |row: Option<usize>, column: Option<usize>| scene.point(row?, column?);
     let (row, column) = (Some(row), Some(column));
     let along = |before: Option<Point3<f64>>, after: Option<Point3<f64>>| {

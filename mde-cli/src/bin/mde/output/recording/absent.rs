@@ -3,7 +3,7 @@
 use crate::output::export::Exported;
 use crate::run::progress::TrainingCurve;
 use anyhow::{Result, bail};
-use mde_cli::IterationReport;
+use mde_cli::{Capture, CaptureReport, IterationReport};
 use mde_nerf::RadianceField;
 use mde_uncertainty::GaussianDepth;
 use std::path::Path;
@@ -32,7 +32,11 @@ impl Recording {
         match *self {}
     }
 
-    pub(crate) fn watch(&self, _: usize, _: Box<dyn RadianceField>) -> Box<dyn RadianceField> {
+    pub(crate) fn watch(&self, _: usize, _: bool, _: Box<dyn RadianceField>) -> Box<dyn RadianceField> {
+        match *self {}
+    }
+
+    pub(crate) fn photographs(&self, _: &Capture, _: &CaptureReport) {
         match *self {}
     }
 

@@ -5,11 +5,12 @@ use crate::output::export::Exported;
 use crate::output::folder::check_new_file;
 use crate::run::progress::TrainingCurve;
 use anyhow::{Context, Result, ensure};
-use mde_cli::IterationReport;
+use mde_cli::{Capture, CaptureReport, IterationReport};
 use mde_nerf::RadianceField;
 use mde_prior::photo::encode_rgb_png;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
+use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion};
 use ndarray::{ArrayView2, ArrayView3};
 use re_chunk::{Chunk, ChunkBuilder, EntityPath, TimePoint, Timeline};
 use re_log_encoding::Encoder;
@@ -108,9 +109,29 @@ impl Recording {
         self.log("sigma", self.now(iterations), &map(depth.sigma().view(), Colormap::Magma));
     }
 
-    /// A field that also records what it is fitted to.
-    pub(crate) fn watch(&self, iteration: usize, field: Box<dyn RadianceField>) -> Box<dyn RadianceField> {
-        Box::new(Watched { field, iteration, recording: self.clone() })
+    /// A field that also records its steps and, with `views`, what it is fitted to.
+    pub(crate) fn watch(
+        &self,
+        iteration: usize,
+        views: bool,
+        field: Box<dyn RadianceField>,
+    ) -> Box<dyn RadianceField> {
+        Box::new(Watched { field, iteration, views, recording: self.clone() })
+    }
+
+    /// The further photographs that were used and their cameras, in the unit of the depth; may be called at any time.
+    pub(crate) fn photographs(&self, capture: &Capture, report: &CaptureReport) {
+        for (index, (photograph, found)) in capture.photographs.iter().zip(&report.photographs).enumerate() {
+            let (Some(rows), Some(camera)) = (found.pose, found.camera) else { continue };
+            if index == capture.reference {
+                continue;
+            }
+            let entity = format!("world/photographs/{index:02}");
+            self.log(entity.as_str(), TimePoint::default(), &placed(&pose(rows)));
+            self.log(entity.as_str(), TimePoint::default(), &pinhole(&camera));
+            let mask = Some(photograph.mask.view());
+            self.picture(&format!("{entity}/image"), TimePoint::default(), photograph.image.view(), mask);
+        }
     }
 
     /// The training views of an iteration (from 1).
@@ -134,21 +155,15 @@ impl Recording {
     pub(crate) fn reports(&self, iterations: &[IterationReport], training: &[TrainingCurve]) {
         // What was fitted before an interruption left no curve.
         let resumed = iterations.len().saturating_sub(training.len());
+        if let ([], [curve]) = (iterations, training) {
+            // The fit to several photographs.
+            self.curve(curve, 1, 0);
+        }
         let mut before = 0;
         for (index, IterationReport { fit, fusion, .. }) in iterations.iter().enumerate() {
             let iteration = index + 1;
             if let Some(curve) = index.checked_sub(resumed).and_then(|index| training.get(index)) {
-                for (name, values) in [("loss", &curve.loss), ("psnr", &curve.psnr)] {
-                    self.append(format!("training/{name}"), |chunk| {
-                        let rows = curve.step.iter().zip(values);
-                        rows.fold(chunk, |chunk, (step, value)| {
-                            chunk.with_archetype_auto_row(
-                                at(iteration, before + step),
-                                &Scalars::single(*value),
-                            )
-                        })
-                    });
-                }
+                self.curve(curve, iteration, before);
             }
             before += fit.steps;
             for (name, value) in [
@@ -159,6 +174,18 @@ impl Recording {
             ] {
                 self.log(format!("fusion/{name}"), at(iteration, before), &Scalars::single(value));
             }
+        }
+    }
+
+    /// The curve of a fit that began after `before` steps.
+    fn curve(&self, curve: &TrainingCurve, iteration: usize, before: usize) {
+        for (name, values) in [("loss", &curve.loss), ("psnr", &curve.psnr)] {
+            self.append(format!("training/{name}"), |chunk| {
+                let rows = curve.step.iter().zip(values);
+                rows.fold(chunk, |chunk, (step, value)| {
+                    chunk.with_archetype_auto_row(at(iteration, before + step), &Scalars::single(*value))
+                })
+            });
         }
     }
 
@@ -234,6 +261,13 @@ fn pinhole(camera: &PinholeCamera) -> Pinhole {
     // By columns.
     Pinhole::new([[fx, 0.0, 0.0], [0.0, fy, 0.0], [cx, cy, 1.0]])
         .with_resolution([camera.width as f32, camera.height as f32])
+}
+
+/// The pose of a world-to-camera matrix.
+fn pose(rows: [[f64; 4]; 4]) -> Pose {
+    let rotation = Matrix3::from_fn(|row, column| rows[row][column]);
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+    Pose::from_parts(Translation3::new(rows[0][3], rows[1][3], rows[2][3]), rotation)
 }
 
 /// Where a camera stands.
@@ -312,7 +346,7 @@ mod tests {
                 })
                 .into();
             for iteration in [1, 2] {
-                recording.watch(iteration, Box::new(Wall)).fit(&views, &mut mde_nerf::Silent).unwrap();
+                recording.watch(iteration, true, Box::new(Wall)).fit(&views, &mut mde_nerf::Silent).unwrap();
                 recording.depth(iteration, scene);
                 recording.sigma(iteration, scene.depth);
             }
@@ -361,6 +395,14 @@ mod tests {
         assert!(refused("folder.rrd", true).unwrap().contains("is a folder"));
         assert!(refused("old.rrd/run.rrd", true).unwrap().contains("another place to --rerun"));
         assert_eq!(refused("old.rrd", true), None);
+    }
+
+    #[test]
+    fn a_matrix_gives_its_pose_back() {
+        let expected = Pose::new([0.1, -0.2, 0.3].into(), [0.3, 0.1, -0.2].into());
+        let matrix = expected.to_homogeneous();
+        let rows = std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]));
+        assert!((pose(rows).to_homogeneous() - matrix).norm() < 1e-12);
     }
 
     #[test]

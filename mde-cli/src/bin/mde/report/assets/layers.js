@@ -113,6 +113,10 @@ async function runLayers() {
     layers.error_prior = { label: "Error of the prior", values: maps.error_prior, ramp: diverging, range: [-worst, worst], unit: "m", signed: true, known: known("prior") };
     layers.error_refined = { label: "Error of the refined", values: maps.error_refined, ramp: diverging, range: [-worst, worst], unit: "m", signed: true, known: known("refined") };
   }
+  if (maps.evidence) {
+    maps.evidence = maps.evidence.map(Math.round);
+    layers.evidence = evidenceLayer(maps.evidence, size);
+  }
   for (const layer of Object.values(layers)) {
     if (layer.values && !layer.range.every(Number.isFinite)) layer.range = [0, 1];
     layer.canvas ??= paint(layer, size);

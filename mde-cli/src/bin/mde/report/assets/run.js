@@ -18,6 +18,7 @@ async function runPage(page) {
   const compare = viewer(scene);
   const hint = "Drag in the image to move the border; point at a pixel to read its values. ";
   section("Before and after", hint + report.prior_sigma, compare.root);
+  if (record.capture) photographSection(scene);
 
   const gallery = make("div", { class: "gallery" }, Object.entries(layers).map(([name, layer]) => tile(name, layer, () => {
     compare.set("right", name);
@@ -27,6 +28,7 @@ async function runPage(page) {
   section("All maps", "Press a map to show it on the right above. Colours run from the 1st to the 99th percentile; missing pixels are grey. In differences and errors, orange is farther, purple nearer.", gallery);
 
   section("Point cloud", "Drag to turn, wheel or pinch to zoom; on the keyboard: arrows, plus, minus, 0 to reset.", cloud(scene));
+  if (record.capture && !record.capture.fallback) section("Stages", "Seconds of each stage.", secondsTable(record));
   if (record.iterations.length > 0) section("Iterations", null, iterationTable(record.iterations, unit));
   const curves = trainingCharts(record.training ?? []);
   if (curves) section("Training", "Loss and PSNR of the rays of a batch, every few steps.", curves);
@@ -52,6 +54,13 @@ function headline(record, maps, unit) {
   const predictions = record.augmentation?.predictions ?? 1;
   if (predictions > 1) cards.push(card(String(predictions), `predictions of the model, on the photograph, crops and mirror images; median spread ${percent(record.augmentation.median_spread ?? NaN)}`));
   if (last) cards.push(card(percent(last.fusion.nerf_weight), "weight of the field in the result; the rest is the prior"));
+  const { capture } = record;
+  if (capture && !capture.fallback) {
+    const used = capture.photographs.filter((photograph) => photograph.used).length;
+    const without = capture.poses === "estimated" ? ", without poses" : "";
+    cards.push(card(String(used), `photographs used${without}; another one confirms the depth of ${percent(capture.confirmed ?? NaN)} of the pixels`));
+    if (capture.novel?.psnr) cards.push(card(`${number(capture.novel.psnr)}${NBSP}dB`, `PSNR of a photograph ${capture.novel.withheld ? "withheld from" : "in"} the fit; ${number(capture.novel.psnr_of_prior)}${NBSP}dB by the prior's depth`));
+  }
   if (last?.fit.psnr.length > 0) cards.push(card(`${number(last.fit.psnr[0])} dB`, "PSNR of the photograph as the field renders it; high values do not imply good depth"));
   const pair = record.scores?.by_alignment[record.scores.shown];
   if (pair) {
@@ -72,7 +81,7 @@ function tile(name, layer, pressed) {
   const heading = make("div", { class: "scale name" }, make("span", {}, layer.label), make("span", { class: "soft" }, layer.unit ?? ""));
   return make("figure", {},
     make("button", { type: "button", onclick: pressed, "aria-label": `Show ${layer.label} above`, "data-layer": name }, copy),
-    make("figcaption", {}, heading, colourBar(layer)));
+    make("figcaption", {}, heading, colourBar(layer), layer.key ? evidenceKey(layer, false) : null));
 }
 
 /** `heads` are rows of headings. */
@@ -105,6 +114,11 @@ function iterationTable(iterations, unit) {
   return table(heads, rows.map(([label, value]) => [label, ...iterations.map(value)]), "iterations");
 }
 
+function secondsTable(record) {
+  const rows = Object.entries(record.capture.seconds).map(([stage, value]) => [stage, number(value, 2)]);
+  return table([["stage", "seconds"]], [...rows, ["score", number(record.score_seconds, 2)], ["all", number(record.total_seconds, 3)]], "seconds");
+}
+
 function trainingCharts(training) {
   const lines = (key) => training.map((curve, index) => ({ name: `iteration ${index + 1}`, points: curve.step.map((step, i) => [step, curve[key][i]]) })).filter((line) => line.points.length > 1);
   if (lines("psnr").length === 0) return null;
@@ -119,11 +133,12 @@ function scoreNote(scores) {
 
 function scoreTable(scores) {
   const rows = [
-    ["AbsRel ↓", (s) => s.depth["abs-rel"], -1], ["RMSE [m] ↓", (s) => s.depth.rmse, -1],
+    ["AbsRel ↓", (s) => s.depth["abs-rel"], -1], ["RMSE [m] ↓", (s) => s.depth.rmse, -1], ["MSE [m²] ↓", (s) => s.depth.mse, -1],
     ["within a factor 1.25 ↑", (s) => s.depth.delta?.[0], 1], ["edge F1, 0.25 m, 1 px ↑", (s) => s.depth.edges?.find((edge) => edge.threshold === 0.25 && edge.tolerance === 1)?.f1, 1],
     ["boundary F1 ↑", (s) => s.depth["boundary-f1"], 1],
     ["wrong order across edges (D3R) ↓", (s) => s.depth["d3r-like"], -1], ["sharpness on edges ↑", (s) => s.depth["sharpness-on"], 1],
     ["sharpness off edges ↓", (s) => s.depth["sharpness-off"], -1], ["Spearman of sigma and error ↑", (s) => s.uncertainty?.spearman, 0],
+    [`90${NBSP}% intervals hold`, (s) => s.uncertainty?.coverage?.find((c) => Math.abs(c.nominal - 0.9) < 1e-9)?.observed, 0],
     ["mean z² (1: calibrated; above 1: sigma too small)", (s) => s.uncertainty?.["mean-z2"], 0],
   ];
   const names = [scores.shown, ...Object.keys(scores.by_alignment).filter((name) => name !== scores.shown)];

@@ -94,6 +94,7 @@ function viewer({ layers, maps }) {
       ["refined", depth(maps.refined, maps.sigma)],
       ["change", change],
     ];
+    if (maps.evidence) rows.push(["evidence", evidenceName(maps.evidence[place])]);
     if (maps.truth) rows.push(["truth", maps.truth[place] > 0 ? `${number(maps.truth[place], 4)} m` : "missing"], ...errorsAt(place));
     readout.replaceChildren(...rows.flatMap(([name, value]) => [make("dt", {}, name), make("dd", { "data-name": name }, value)]));
   }
@@ -113,7 +114,8 @@ function viewer({ layers, maps }) {
 
   function show() {
     for (const side of ["left", "right"]) tags[side].textContent = layers[state[side]].label;
-    const shown = [...new Set([state.left, state.right])].filter((name) => layers[name].ramp);
+    const both = [...new Set([state.left, state.right])];
+    const [shown, keyed] = [both.filter((name) => layers[name].ramp), both.filter((name) => layers[name].key)];
     const groups = new Map();
     for (const name of shown) {
       const key = `${layers[name].range} ${layers[name].unit}`;
@@ -121,7 +123,7 @@ function viewer({ layers, maps }) {
     }
     scales.replaceChildren(...[...groups.values()].map((names) => make("div", {},
       make("div", { class: "scale name" }, make("span", {}, names.map((name) => layers[name].label).join(", ")), make("span", { class: "soft" }, layers[names[0]].unit)),
-      colourBar(layers[names[0]]))));
+      colourBar(layers[names[0]]))), ...keyed.map((name) => evidenceKey(layers[name])));
     draw();
   }
 

@@ -1,0 +1,459 @@
+//! Every photograph of a capture refined: a folder for each, their poses, and one cloud.
+
+use crate::evaluation::results::Partial;
+use crate::input::prior::Timed;
+use crate::output::export::{Exported, ply};
+use crate::output::folder::{OutputFolder, RECORD, temporary_folder};
+use crate::output::provenance::write_json;
+use crate::output::run_record::About;
+use crate::run::field::SharedNerf;
+use crate::run::interrupt;
+use crate::run::job::{Job, Subject};
+use crate::run::progress::Progress;
+use anyhow::{Context, Result, bail};
+use mde_cli::capture::{RefinedView, consistent_points};
+use mde_cli::{Capture, PreparedCapture, Stages};
+use mde_eval::table::{Block, Cell, Column, Document, Table};
+use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json_with};
+use mde_prior::format::{ReadOptions, read_values};
+use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::median;
+use mde_warp::{PinholeCamera, Pose};
+use nalgebra::Vector3;
+use ndarray::Array2;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+const CLOUD: &str = "cloud.ply";
+const TRANSFORMS: &str = "transforms.json";
+
+/// One photograph in the summary.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Row {
+    photograph: String,
+    /// Its folder; none where it failed.
+    folder: Option<String>,
+    /// Why it failed, or was refined alone.
+    reason: Option<String>,
+    /// Share of its pixels whose depth another photograph confirms in the sweeps.
+    verified: Option<f32>,
+    /// Median of sigma over depth.
+    sigma: Option<f64>,
+    seconds: f64,
+    /// Unit of the poses per unit of the results, as bits; none where it was refined alone.
+    scale: Option<u64>,
+}
+
+/// A photograph refined by the others.
+struct Solid {
+    photograph: usize,
+    folder: String,
+    camera: PinholeCamera,
+    /// World to camera, in the unit of the depth.
+    pose: Pose,
+    depth: Array2<f32>,
+    sigma: Array2<f32>,
+}
+
+/// Finished photographs of an earlier run with the same inputs and settings.
+struct Finished {
+    folder: PathBuf,
+    made_from: Value,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Kept {
+    made_from: Value,
+    row: Row,
+}
+
+/// Refines all photographs of the job's capture; with `made_from` the finished ones are kept beside the output and used again.
+pub(crate) fn run(
+    job: &Job,
+    folder: &OutputFolder,
+    made_from: Option<Value>,
+    progress: &mut Progress,
+) -> Result<()> {
+    let Some(capture) = &job.capture else { bail!("--all: give --views") };
+    let finished = made_from.map(|made_from| Finished::new(folder.path(), made_from));
+    let prior = Timed::new(&*job.prior.prior);
+    let mut prepared =
+        PreparedCapture::new(capture, &prior, &job.config, &mut |event| progress.observe(event))?;
+    let folders = folders(capture);
+    let (mut rows, mut points) = (Vec::new(), 0);
+    folder.write(|path| {
+        let mut solids = Vec::new();
+        for (index, photograph) in capture.photographs.iter().enumerate() {
+            let place = path.join(&folders[index]);
+            let counted = format!("[{}/{}] {}", index + 1, folders.len(), photograph.name);
+            let kept = finished.as_ref().and_then(|finished| finished.take(&folders[index], &place));
+            let row = match kept {
+                Some(row) => {
+                    progress.next(&format!("{counted}: finished before"));
+                    row
+                }
+                None => {
+                    progress.next(&counted);
+                    let row = one(job, &mut prepared, index, &folders[index], &place, progress)?;
+                    if let (Some(finished), true) = (&finished, row.folder.is_some()) {
+                        finished.keep(&folders[index], &place, &row)?;
+                    }
+                    row
+                }
+            };
+            if let (Some(scale), Some(pose), Some(camera)) =
+                (row.scale.map(f64::from_bits), prepared.pose(index), prepared.camera(index))
+            {
+                solids.push(Solid::read(
+                    index,
+                    &folders[index],
+                    &place,
+                    camera,
+                    in_unit(pose, scale, capture),
+                )?);
+            }
+            rows.push(row);
+        }
+        if let Some(first) = rows.iter().find_map(failure).filter(|_| rows.iter().all(|r| r.folder.is_none()))
+        {
+            bail!("no photograph could be refined: {first}");
+        }
+        transforms(&path.join(TRANSFORMS), &solids)?;
+        points = cloud(&path.join(CLOUD), capture, &solids, job.unit())?;
+        let about = About {
+            preset: Some(job.preset.name()),
+            seed: Some(job.config.seed),
+            warnings: progress.warnings(),
+            total_seconds: progress.seconds(),
+            ..About::new("refine --all", job.input.clone(), &job.camera)
+        };
+        let record = Record {
+            about,
+            unit: job.unit(),
+            photographs: &rows,
+            poses: prepared.report(),
+            points,
+            prior_seconds: prior.seconds(),
+        };
+        write_json(&path.join(RECORD), &record)
+    })?;
+    if let Some(finished) = &finished {
+        finished.discard();
+    }
+    let value = json!({ "event": "done", "output": folder.path(), "photographs": rows, "points": points });
+    let text = format!(
+        "{points} points in {CLOUD}\nwrote {} in {:.1} s",
+        folder.path().display(),
+        progress.seconds()
+    );
+    progress.tables(&Document { blocks: vec![Block::Table(table(&rows))] }, &text, value);
+    match rows.iter().find_map(failure) {
+        None => Ok(()),
+        Some(first) => {
+            let failed = rows.iter().filter(|row| row.folder.is_none()).count();
+            Err(Partial { failed, first, folder: folder.path().display().to_string() }.into())
+        }
+    }
+}
+
+/// The whole run's `run.json`.
+#[derive(Serialize)]
+struct Record<'r> {
+    #[serde(flatten)]
+    about: About<'r>,
+    unit: &'static str,
+    photographs: &'r [Row],
+    poses: &'r mde_cli::CaptureReport,
+    /// Points of the cloud.
+    points: usize,
+    prior_seconds: f64,
+}
+
+fn failure(row: &Row) -> Option<String> {
+    let reason = row.reason.as_deref().filter(|_| row.folder.is_none())?;
+    Some(format!("{}: {reason}", row.photograph))
+}
+
+/// Refines one photograph into its folder. Only an interruption is an error; what else fails is in the row.
+fn one(
+    job: &Job,
+    prepared: &mut PreparedCapture<'_>,
+    index: usize,
+    folder: &str,
+    place: &Path,
+    progress: &mut Progress,
+) -> Result<Row> {
+    let start = Instant::now();
+    let name =
+        job.capture.as_ref().map(|capture| capture.photographs[index].name.clone()).unwrap_or_default();
+    let mut row = Row {
+        photograph: name,
+        folder: None,
+        reason: None,
+        verified: None,
+        sigma: None,
+        seconds: 0.0,
+        scale: None,
+    };
+    let made = refined(job, prepared, index, place, progress, &mut row);
+    row.seconds = start.elapsed().as_secs_f64();
+    match made {
+        Ok(()) => row.folder = Some(folder.to_owned()),
+        Err(error) if interrupt::requested() => return Err(error),
+        Err(error) => {
+            let _ = fs::remove_dir_all(place);
+            row.reason = Some(crate::message(&error));
+        }
+    }
+    Ok(row)
+}
+
+fn refined(
+    job: &Job,
+    prepared: &mut PreparedCapture<'_>,
+    index: usize,
+    place: &Path,
+    progress: &mut Progress,
+    row: &mut Row,
+) -> Result<()> {
+    let Some(photograph) = job.capture.as_ref().and_then(|capture| capture.photographs.get(index)) else {
+        bail!("--all: give --views");
+    };
+    let mut kept = None;
+    let prior = Timed::new(&*job.prior.prior);
+    let stages = Stages::new(&prior)
+        .with_field(|request| Ok(Box::new(kept.insert(SharedNerf::new(request.nerf()?)).clone())));
+    let refinement = prepared.refine(index, stages, &mut |event| progress.observe(event))?;
+    let mut camera = job.camera.clone();
+    camera.camera = photograph.camera;
+    let subject = Subject { input: &photograph.name, image: photograph.image.view(), camera };
+    let mut done = job.finished(subject, refinement, index, progress)?;
+    done.prior_seconds = prior.seconds();
+    fs::create_dir(place).with_context(|| format!("{}: can't make this folder", place.display()))?;
+    job.write(place, &done, kept.as_ref(), progress)?;
+    let report = done.refinement.capture.as_ref();
+    row.reason = report.and_then(|report| report.fallback.clone());
+    row.verified = report.and_then(|report| report.photographs.get(index)?.verified);
+    row.sigma = relative_sigma(&done.refinement.depth);
+    row.scale = report
+        .filter(|report| report.fallback.is_none())
+        .and_then(|report| report.scale)
+        .map(|[scale, _]| if job.unit() == "capture" { 1.0 } else { scale }.to_bits());
+    Ok(())
+}
+
+fn relative_sigma(depth: &GaussianDepth) -> Option<f64> {
+    let sigma = depth.sigma();
+    let known = depth.mean();
+    let relative = known.iter().zip(&sigma).filter(|(z, s)| **z > 0.0 && s.is_finite());
+    median(relative.map(|(z, s)| f64::from(s / z)))
+}
+
+/// The pose for depths in the results' unit. The world is that of a capture with poses in its own unit, else the frame of the
+/// capture's reference.
+fn in_unit(mut pose: Pose, scale: f64, capture: &Capture) -> Pose {
+    pose.translation.vector /= scale;
+    match capture.photographs.get(capture.reference).and_then(|reference| reference.pose) {
+        Some(world) if scale.to_bits() == 1.0_f64.to_bits() => pose * world,
+        _ => pose,
+    }
+}
+
+impl Solid {
+    fn read(
+        photograph: usize,
+        folder: &str,
+        place: &Path,
+        camera: PinholeCamera,
+        pose: Pose,
+    ) -> Result<Self> {
+        let map = |name: &str| read_values(place.join(name), &ReadOptions::default());
+        let (depth, sigma) = (map("depth.npy")?, map("sigma.npy")?);
+        Ok(Self { photograph, folder: folder.to_owned(), camera, pose, depth, sigma })
+    }
+}
+
+/// Poses, photographs, depths and sigmas of those refined by the others.
+fn transforms(path: &Path, solids: &[Solid]) -> Result<()> {
+    let frames: Vec<Frame> = solids
+        .iter()
+        .map(|solid| Frame {
+            photograph: Path::new(&solid.folder).join("image.png"),
+            lens: Lens { camera: solid.camera, distortion: Distortion::default() },
+            pose: solid.pose,
+        })
+        .collect();
+    let file = |index: usize, name: &str| format!("{}/{name}", solids[index].folder);
+    let text = transforms_json_with(&frames, Path::new(""), |index| {
+        vec![("depth_file_path", file(index, "depth.npy")), ("sigma_file_path", file(index, "sigma.npy"))]
+    });
+    Ok(mde_prior::write_atomic(path, text.as_bytes())?)
+}
+
+/// Writes the points that two photographs confirm; their number.
+fn cloud(path: &Path, capture: &Capture, solids: &[Solid], unit: &str) -> Result<usize> {
+    let views: Vec<RefinedView<'_>> = solids
+        .iter()
+        .map(|s| RefinedView { camera: s.camera, pose: s.pose, depth: s.depth.view(), sigma: s.sigma.view() })
+        .collect();
+    let depths = solids
+        .iter()
+        .map(|s| GaussianDepth::new(s.depth.clone(), s.sigma.mapv(|sigma| sigma * sigma)))
+        .collect::<mde_uncertainty::Result<Vec<_>>>()?;
+    let mut cloud = ply::Cloud::default();
+    for point in consistent_points(&views) {
+        let solid = &solids[point.view];
+        let scene = Exported {
+            unit,
+            image: capture.photographs[solid.photograph].image.view(),
+            camera: &solid.camera,
+            depth: &depths[point.view],
+            prior: solid.depth.view(),
+            components: &[],
+        };
+        let [row, column] = point.pixel;
+        let normal =
+            scene.point(row, column).map_or_else(Vector3::zeros, |p| ply::normal(&scene, row, column, p));
+        let normal = solid.pose.rotation.inverse() * normal;
+        cloud.push(point.position, normal, scene.colour(row, column), point.sigma);
+    }
+    let count = cloud.len();
+    let frame = "world of transforms.json with x right, y down, z forward in its first camera's frame";
+    let frame = if count == 0 { "no point is confirmed by two photographs" } else { frame };
+    mde_prior::write_atomic(path, &cloud.encode(frame, unit))?;
+    Ok(count)
+}
+
+fn table(rows: &[Row]) -> Table {
+    let columns = vec![
+        Column::text("photograph"),
+        Column::text("result"),
+        Column::number("verified, %"),
+        Column::number("sigma / depth, %"),
+        Column::number("seconds"),
+    ];
+    let percent = |share: Option<f64>| share.map_or_else(|| "-".to_owned(), |s| format!("{:.1}", 100.0 * s));
+    let rows = rows.iter().map(|row| {
+        let result = match (&row.folder, &row.reason) {
+            (None, reason) => format!("failed: {}", reason.as_deref().unwrap_or("no reason")),
+            (Some(_), Some(reason)) => format!("refined alone: {reason}"),
+            (Some(folder), None) => folder.clone(),
+        };
+        vec![
+            Cell::new(row.photograph.clone()),
+            Cell::new(result),
+            Cell::new(percent(row.verified.map(f64::from))),
+            Cell::new(percent(row.sigma)),
+            Cell::new(format!("{:.1}", row.seconds)),
+        ]
+    });
+    Table { columns, rows: rows.collect() }
+}
+
+/// A folder's name for each photograph: that of its file without the extension, unique on any file system.
+fn folders(capture: &Capture) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for photograph in &capture.photographs {
+        let stem = Path::new(&photograph.name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+        let base: String = stem.chars().map(plain).collect::<String>().trim_start_matches('.').to_owned();
+        let base = if base.is_empty() { "photograph".to_owned() } else { base };
+        let taken = |name: &String| {
+            let same = |other: &str| other.to_lowercase() == name.to_lowercase();
+            names.iter().any(|other| same(other)) || [CLOUD, TRANSFORMS, RECORD].into_iter().any(same)
+        };
+        let numbered = (2..).map(|number| format!("{base}_{number}"));
+        let name = std::iter::once(base.clone()).chain(numbered).find(|name| !taken(name));
+        names.push(name.unwrap_or(base));
+    }
+    names
+}
+
+impl Finished {
+    fn new(output: &Path, made_from: Value) -> Self {
+        let mut name = output.file_name().unwrap_or_default().to_owned();
+        name.push(".resume");
+        Self { folder: output.with_file_name(name), made_from }
+    }
+
+    fn record(&self, name: &str) -> PathBuf {
+        self.folder.join(name).join("kept.json")
+    }
+
+    /// Copies a finished folder to `place`; nothing where there is none of the same inputs and settings.
+    fn take(&self, name: &str, place: &Path) -> Option<Row> {
+        let kept: Kept = serde_json::from_str(&fs::read_to_string(self.record(name)).ok()?).ok()?;
+        if kept.made_from != self.made_from {
+            return None;
+        }
+        let copied = copy(&self.folder.join(name).join("results"), place);
+        if copied.is_err() {
+            let _ = fs::remove_dir_all(place);
+        }
+        copied.ok().map(|()| kept.row)
+    }
+
+    /// Copies a finished folder beside the output.
+    fn keep(&self, name: &str, place: &Path, row: &Row) -> Result<()> {
+        let fault = || format!("{}: can't write the photograph there", self.folder.display());
+        fs::create_dir_all(&self.folder).with_context(fault)?;
+        let temporary = temporary_folder(&self.folder)?;
+        copy(place, &temporary.path().join("results")).with_context(fault)?;
+        let kept = Kept { made_from: self.made_from.clone(), row: row.clone() };
+        write_json(&temporary.path().join("kept.json"), &kept)?;
+        let target = self.folder.join(name);
+        if target.exists() {
+            fs::remove_dir_all(&target).with_context(fault)?;
+        }
+        fs::rename(temporary.path(), target).with_context(fault)?;
+        let _ = temporary.keep();
+        Ok(())
+    }
+
+    /// Removes the folder once the results are written.
+    fn discard(&self) {
+        let _ = fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// A folder with all that is in it.
+fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
+    fs::create_dir(to)?;
+    for entry in fs::read_dir(from)? {
+        let entry = entry?;
+        let target = to.join(entry.file_name());
+        if entry.file_type()?.is_dir() {
+            copy(&entry.path(), &target)?;
+        } else {
+            fs::copy(entry.path(), target)?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mde_cli::Photograph;
+    use ndarray::Array3;
+
+    #[test]
+    fn folders_are_named_after_the_photographs_and_differ() {
+        let camera = PinholeCamera::from_fov(60.0, 8, 8).unwrap();
+        let photograph = |name: &str| Photograph {
+            name: name.to_owned(),
+            image: Array3::zeros((8, 8, 3)),
+            mask: Array2::from_elem((8, 8), true),
+            camera,
+            focal_assumed: false,
+            pose: None,
+        };
+        let names = ["a/1.png", "b/1.PNG", "ü b.jpg", "cloud.ply.png", ".jpg", "A 1.png", "a?1.png"];
+        let capture = Capture { photographs: names.map(photograph).into(), reference: 0 };
+        let expected = ["1", "1_2", "ü_b", "cloud.ply_2", "jpg", "A_1", "a_1_2"];
+        assert_eq!(folders(&capture), expected);
+    }
+}
