@@ -176,6 +176,37 @@ fn maps_of_any_program_are_scored() {
     wrong.stderr(predicate::str::contains("c.npy").and(predicate::str::contains("[3, 4]")));
 }
 
+/// Beside our own methods; other maps in the folder are scored again.
+#[test]
+fn maps_of_another_program_are_a_method() {
+    let place = Place::new();
+    fs::create_dir(place.path("theirs")).unwrap();
+    let exact = room(Room::Study, 0, 64, 48).unwrap().depth;
+    let put = |factor: f32| {
+        let bent =
+            Array2::from_shape_fn(exact.dim(), |(y, x)| exact[(y, x)] * (1.0 + factor * x as f32 / 64.0));
+        write_npy(place.path("theirs/study-0.npy"), bent.view()).unwrap();
+    };
+    let error = || {
+        let summary = json(&place.path("e/summary.json"));
+        let methods = summary["summary"]["methods"].as_array().unwrap().clone();
+        let own = methods.iter().find(|method| method["method"] == "theirs").unwrap();
+        own["metrics"]["abs_rel"]["mean"].as_f64().unwrap()
+    };
+    let command = "eval --dataset rooms --size 64x48 --limit 1 -o e --methods theirs=theirs";
+    put(0.0);
+    place.mde(command).assert().success();
+    assert!(error() < 1e-6, "{}", error());
+    put(0.3);
+    place.mde(command).assert().success();
+    assert!((0.02..0.2).contains(&error()), "{}", error());
+    fs::remove_file(place.path("theirs/study-0.npy")).unwrap();
+    let run = place.mde(command).assert().code(3);
+    run.stderr(predicate::str::contains("no depth map study-0.npy"));
+    let nowhere = place.mde(&command.replace("=theirs", "=nowhere")).assert().failure();
+    nowhere.stderr(predicate::str::contains("nowhere"));
+}
+
 #[test]
 fn rows_of_an_ablation_share_their_field() {
     let place = Place::new();

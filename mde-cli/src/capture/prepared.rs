@@ -243,7 +243,7 @@ impl<'c> PreparedCapture<'c> {
         }
         run.begin(Stage::Fuse)?;
         let (depth, components) =
-            swept.as_first(own, |known| result::combine(known, rendered.as_ref(), unit))?;
+            swept.as_first(own, |known| result::combine(known, &views, rendered.as_ref(), unit))?;
         let factor = result::scale(&swept.reconstruction, unit)[0];
         report.place(&views, &order, factor);
         let known = members.iter().filter_map(|member| swept.group.iter().position(|view| view == member));

@@ -5,10 +5,13 @@ use crate::augmentation::Component;
 use mde_mvs::consensus::{Reconstruction, ViewDepth};
 use mde_nerf::RenderedView;
 use mde_uncertainty::GaussianDepth;
+use mde_warp::PosedView;
 use ndarray::{Array2, Zip};
 
-/// Factors of the standard deviations of the field's termination and of the fused depth.
-const SIGMA: [f32; 2] = [2.0, 0.5];
+/// Factor of the standard deviation of the fused depth, which the field has in part already.
+const CONSENSUS: f32 = 0.5;
+/// Standard deviation of a match, pixels of disparity. What neither the field nor the sweeps state: poses, exposure, the raster.
+const MATCH: f64 = 0.5;
 /// Least share of the reference's pixels that another photograph confirms.
 const LEAST_VERIFIED: f32 = 0.03;
 
@@ -29,10 +32,13 @@ pub(super) fn scale(reconstruction: &Reconstruction, unit: f64) -> [f64; 2] {
     reconstruction.scale.map_or([unit, f64::INFINITY], |s| [unit * s.log_scale.exp(), s.variance.sqrt()])
 }
 
-/// The field's depth, the consensus where the field has none, in the prior's unit. The variance adds what the ray's
-/// termination and the consensus state, times the factors of [`SIGMA`].
+/// The field's depth, the consensus where the field has none, in the prior's unit.
+///
+/// Relative variances add: that of the ray's termination, a quarter of the consensus', and half a pixel of disparity over the root mean
+/// square of the baselines \\( b \\), \\( (0.5\, z / (f_x b))^2 \\).
 pub(super) fn combine(
     reconstruction: &Reconstruction,
+    views: &[PosedView],
     rendered: Option<&RenderedView>,
     unit: f64,
 ) -> Result<(GaussianDepth, Vec<Component>)> {
@@ -41,8 +47,8 @@ pub(super) fn combine(
     };
     let factor = scale(reconstruction, unit)[0] as f32;
     let (mut mean, mut variance) = (consensus.mean().to_owned(), consensus.variance().to_owned());
-    let mut parts =
-        [Array2::from_elem(mean.dim(), f32::INFINITY), Array2::from_elem(mean.dim(), f32::INFINITY)];
+    let per_depth = disparity(views) as f32;
+    let mut parts: [Array2<f32>; 3] = std::array::from_fn(|_| Array2::from_elem(mean.dim(), f32::INFINITY));
     for (at, mean) in mean.indexed_iter_mut() {
         let relative = |map: &GaussianDepth| map.get(at.0, at.1).map(|(z, v)| (z, v.sqrt() / z));
         let field = rendered.and_then(|r| relative(&r.depth)).filter(|(z, _)| *z > 0.0);
@@ -55,7 +61,7 @@ pub(super) fn combine(
             }
         };
         let depth = z / factor;
-        let shares = [SIGMA[0] * field.map_or(0.0, |f| f.1), SIGMA[1] * stated.map_or(0.0, |s| s.1)];
+        let shares = [field.map_or(0.0, |f| f.1), CONSENSUS * stated.map_or(0.0, |s| s.1), per_depth * z];
         for (part, share) in parts.iter_mut().zip(shares) {
             part[at] = share * depth;
         }
@@ -63,13 +69,24 @@ pub(super) fn combine(
         let share = shares.iter().map(|s| s * s).sum::<f32>();
         variance[at] = (share * depth * depth).max(f32::MIN_POSITIVE);
     }
-    let [field, consensus] = parts;
-    let components =
-        vec![Component { name: "field", sigma: field }, Component { name: "consensus", sigma: consensus }];
+    let components = ["field", "consensus", "parallax"]
+        .into_iter()
+        .zip(parts)
+        .map(|(name, sigma)| Component { name, sigma })
+        .collect();
     Zip::from(&mut variance).and(&mut mean).for_each(|v, z| {
         if !(v.is_finite() && z.is_finite()) {
             (*v, *z) = (f32::INFINITY, 0.0);
         }
     });
     Ok((GaussianDepth::new(mean, variance)?, components))
+}
+
+/// Relative standard deviation per unit of depth of a match that is [`MATCH`] pixels off, over the root mean square baseline.
+fn disparity(views: &[PosedView]) -> f64 {
+    let Some((reference, others)) = views.split_first() else { return 0.0 };
+    let centre = |view: &PosedView| view.pose.inverse().translation.vector;
+    let squares: f64 = others.iter().map(|view| (centre(view) - centre(reference)).norm_squared()).sum();
+    let baseline = (squares / others.len().max(1) as f64).sqrt();
+    if baseline > 0.0 { MATCH / (reference.camera.fx * baseline) } else { 0.0 }
 }

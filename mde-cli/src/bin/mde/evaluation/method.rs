@@ -1,14 +1,16 @@
 //! The methods to compare: presets, configuration files, and baselines.
 
 use super::refiner::{FieldMemory, LoopRefiner};
+use super::scenes::depth_file;
 use anyhow::{Context, Result, bail, ensure};
 use mde_cli::pipeline::Event;
 use mde_cli::{Config, Preset};
 use mde_eval::baseline;
 use mde_eval::{Refined, Refiner, Task};
+use mde_prior::format::{ReadOptions, read_depth};
 use serde_json::{Value, json};
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The prior without refinement, the reference of the comparisons.
 pub(crate) const PRIOR: &str = "prior";
@@ -32,6 +34,8 @@ enum Kind {
     Loop(Box<Config>, Option<&'static str>),
     /// The loop on several photographs.
     Photographs(Box<Config>),
+    /// Depth maps of another program, `FOLDER/SCENE.npy`, and the checksum of their files.
+    Maps(PathBuf, u32),
 }
 
 /// The consensus of the plane sweeps of several photographs, without a field.
@@ -46,6 +50,9 @@ impl Method {
             let config = Config::from_file(preset, path)?;
             return Ok(Self::of_preset(name.unwrap_or_default(), preset, config, seed));
         }
+        if let Some((name, folder)) = text.split_once('=') {
+            return Self::of_maps(name, Path::new(folder));
+        }
         if let Some(preset) = Preset::ALL.into_iter().find(|preset| preset.name() == text) {
             return Ok(Self::of_preset(text.to_owned(), preset, preset.config(), seed));
         }
@@ -59,6 +66,28 @@ impl Method {
         })?;
         let (name, label) = (text.to_owned(), text.to_owned());
         Ok(Self { name, label, seed: seed.unwrap_or(0), kind: Kind::Baseline })
+    }
+
+    /// The maps of another program.
+    fn of_maps(name: &str, folder: &Path) -> Result<Self> {
+        let named = || format!("--methods {name}={}", folder.display());
+        ensure!(!name.is_empty(), "{}: give the maps a name, as in sgbm=FOLDER", named());
+        let mut folders = vec![folder.to_owned()];
+        let mut files = Vec::new();
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(&folder).with_context(named)? {
+                let path = entry.with_context(named)?.path();
+                if path.is_dir() { folders.push(path) } else { files.push(path) }
+            }
+        }
+        files.sort();
+        let mut hasher = crc32fast::Hasher::new();
+        for path in &files {
+            hasher.update(path.strip_prefix(folder).unwrap_or(path).as_os_str().as_encoded_bytes());
+            hasher.update(&std::fs::read(path).with_context(|| path.display().to_string())?);
+        }
+        let kind = Kind::Maps(folder.to_owned(), hasher.finalize());
+        Ok(Self { name: name.to_owned(), label: name.to_owned(), seed: 0, kind })
     }
 
     /// The loop with settings over a preset.
@@ -104,7 +133,7 @@ impl Method {
     pub(crate) fn config(&self) -> Option<&Config> {
         match &self.kind {
             Kind::Loop(config, _) | Kind::Photographs(config) => Some(config),
-            Kind::Baseline => None,
+            Kind::Baseline | Kind::Maps(..) => None,
         }
     }
 
@@ -116,7 +145,7 @@ impl Method {
     /// The settings of the loop with the method's own seed; `None` for a baseline.
     pub(crate) fn seeded_config(&self) -> Option<Config> {
         match &self.kind {
-            Kind::Baseline => None,
+            Kind::Baseline | Kind::Maps(..) => None,
             Kind::Loop(config, _) | Kind::Photographs(config) => {
                 Some(Config { seed: self.seed, ..(**config).clone() })
             }
@@ -127,6 +156,7 @@ impl Method {
     pub(crate) fn settings(&self) -> Result<Value> {
         let what = match &self.kind {
             Kind::Baseline => json!({ "baseline": self.label }),
+            Kind::Maps(_, checksum) => json!({ "maps": checksum }),
             Kind::Loop(config, None) => json!({ "config": Config { seed: self.seed, ..(**config).clone() } }),
             Kind::Photographs(config) => {
                 json!({ "config": Config { seed: self.seed, ..(**config).clone() }, "photographs": true })
@@ -141,6 +171,7 @@ impl Method {
     /// Refines a scene. A `Break` of the callback cancels with an error.
     pub(crate) fn run(
         &self,
+        scene: &str,
         task: &Task<'_>,
         memory: Option<&FieldMemory>,
         callback: &(dyn Fn(&Event) -> ControlFlow<()> + Sync),
@@ -148,6 +179,12 @@ impl Method {
         let task = Task { seed: self.seed, ..*task };
         match &self.kind {
             Kind::Baseline => Ok(baseline::named(&self.label)?.refine(&task)?),
+            Kind::Maps(folder, _) => {
+                let file = depth_file(folder, scene)?;
+                let depth =
+                    read_depth(&file, &ReadOptions::default()).with_context(|| file.display().to_string())?;
+                Ok(depth.into())
+            }
             Kind::Photographs(config) => {
                 Ok(LoopRefiner::new((**config).clone(), callback).with_photographs().refine(&task)?)
             }

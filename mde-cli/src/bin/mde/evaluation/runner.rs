@@ -161,7 +161,7 @@ impl Shared<'_> {
                         ..Task::new(sample.image.view(), &sample.camera, prior.view(), &self.plan.rule)
                     };
                     self.stored_or_run(&sample, method, made_from, || {
-                        method.run(&task, memory.as_ref(), &stop)
+                        method.run(&sample.id, &task, memory.as_ref(), &stop)
                     })
                 }
             };

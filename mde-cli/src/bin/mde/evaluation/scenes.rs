@@ -233,7 +233,7 @@ fn faults(name: FaultName) -> SimulatedModelConfig {
 }
 
 /// The file `FOLDER/ID` with the extension of a depth map.
-fn depth_file(folder: &Path, id: &str) -> Result<PathBuf> {
+pub(super) fn depth_file(folder: &Path, id: &str) -> Result<PathBuf> {
     const EXTENSIONS: [&str; 5] = ["npy", "npz", "pfm", "png", "exr"];
     let found = EXTENSIONS.iter().map(|e| folder.join(format!("{id}.{e}"))).find(|path| path.is_file());
     found.with_context(|| {
