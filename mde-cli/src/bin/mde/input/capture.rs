@@ -189,13 +189,16 @@ fn check(args: &RefineArgs, opened: &Opened, photographs: usize, config: &Config
     })
 }
 
-/// Photographs without poses, the first the reference, each with its file and its size there (`[width, height]`).
+/// The file of a photograph and its size there, `[width, height]`.
+pub(crate) type SourceFile = (PathBuf, [usize; 2]);
+
+/// Photographs without poses, the first the reference.
 pub(crate) fn photographs(
     args: &PosesArgs,
     size: &SizeArgs,
     config: &Config,
     progress: &mut Progress,
-) -> Result<(Capture, Vec<(PathBuf, [usize; 2])>, Opened)> {
+) -> Result<(Capture, Vec<SourceFile>, Opened)> {
     let paths = unique("PHOTO", &args.photographs, |_| false)?;
     ensure!(
         paths.len() > 1,
