@@ -8,6 +8,7 @@ use mde_mvs::poses::{self, PosesConfig, RefineConfig, Track, Verdict, estimate_p
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose, PosedView};
+use nalgebra::Matrix6;
 use ndarray::Array2;
 
 /// The photographs with a pose, in the frame of the capture's reference.
@@ -17,6 +18,8 @@ pub(super) struct Posed {
     pub(super) views: Vec<PosedView>,
     /// Index of each view among the photographs.
     pub(super) order: Vec<usize>,
+    /// Covariance of each view's pose, from the capture's reference; none where it was given and kept.
+    pub(super) covariances: Vec<Option<Matrix6<f64>>>,
     /// Unit of the poses per unit of the prior: the prior's depth times this is in the unit of the poses.
     pub(super) unit: f64,
 }
@@ -43,7 +46,7 @@ pub(super) fn posed(
     let seed = derived_seed(config.seed, "poses", 0);
     let reference = capture.reference;
     let given: Option<Vec<Pose>> = capture.photographs.iter().map(|p| p.pose).collect();
-    let (cameras, poses, unit): (Vec<PinholeCamera>, Vec<Option<Pose>>, f64) = match given {
+    let (cameras, poses, covariances, unit) = match given {
         Some(given) => {
             let world = given[reference].inverse();
             let given: Vec<Pose> = given.iter().map(|pose| pose * world).collect();
@@ -51,8 +54,9 @@ pub(super) fn posed(
             report.poses = if refined.accepted { PoseSource::Refined } else { PoseSource::Given };
             report.withheld_pixels = refined.withheld;
             let unit = unit(&refined.tracks, reference, priors[reference].as_ref());
-            let cameras = capture.photographs.iter().map(|p| p.camera).collect();
-            (cameras, refined.poses.into_iter().map(Some).collect(), unit)
+            let cameras: Vec<PinholeCamera> = capture.photographs.iter().map(|p| p.camera).collect();
+            let poses: Vec<Option<Pose>> = refined.poses.into_iter().map(Some).collect();
+            (cameras, poses, refined.covariances, unit)
         }
         None => {
             let estimated = estimate_poses(&inputs, reference, &PosesConfig::default(), seed)?;
@@ -75,7 +79,13 @@ pub(super) fn posed(
                 return Ok(None);
             }
             let found = estimated.photographs;
-            (found.iter().map(|p| p.camera).collect(), found.iter().map(|p| p.pose).collect(), 1.0)
+            let covariances = found.iter().map(|p| p.covariance).collect();
+            (
+                found.iter().map(|p| p.camera).collect(),
+                found.iter().map(|p| p.pose).collect(),
+                covariances,
+                1.0,
+            )
         }
     };
     let mut order = vec![reference];
@@ -86,7 +96,8 @@ pub(super) fn posed(
             view(&capture.photographs[index], poses[index].unwrap_or_else(Pose::identity), cameras[index])
         })
         .collect::<Result<Vec<_>>>()?;
-    Ok(Some(Posed { views, order, unit }))
+    let covariances = order.iter().map(|&index| covariances[index]).collect();
+    Ok(Some(Posed { views, order, covariances, unit }))
 }
 
 /// The robust factor from the reference's prior to the depth of its tracks; 1 without tracks.

@@ -11,10 +11,12 @@ use crate::{Error, Result};
 use mde_mvs::consensus::{ConsensusConfig, Reconstruction, ViewDepth, reconstruct};
 use mde_mvs::exposure::{Exposure, fit_exposure};
 use mde_mvs::gauge::Scale;
+use mde_mvs::poses::relative_covariance;
 use mde_mvs::views::{ViewScore, ViewSelection, select_views};
 use mde_prior::DepthPrior;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
+use nalgebra::Matrix6;
 use ndarray::{Array2, Array3, ArrayView2, Zip};
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -185,6 +187,13 @@ impl<'c> PreparedCapture<'c> {
             plan.own.iter().copied().filter(|view| swept.group.contains(view)).collect();
         let mut views = members.iter().map(|&view| posed.views[view].clone()).collect::<Vec<_>>();
         let order: Vec<usize> = members.iter().map(|&view| posed.order[view]).collect();
+        let from = posed.covariances[place].as_ref();
+        let back = posed.views[place].pose.inverse();
+        let relative = |&view: &usize| {
+            let motion = posed.views[view].pose * back;
+            posed.covariances[view].as_ref().map(|own| relative_covariance(&motion, own, from))
+        };
+        let covariances: Vec<Option<Matrix6<f64>>> = members.iter().map(relative).collect();
         let mut candidate = candidate(plan, posed);
         if place != 0 {
             let frame = views[0].pose.inverse();
@@ -242,8 +251,8 @@ impl<'c> PreparedCapture<'c> {
             field = Some(fitted);
         }
         run.begin(Stage::Fuse)?;
-        let (depth, components) =
-            swept.as_first(own, |known| result::combine(known, &views, rendered.as_ref(), unit))?;
+        let (depth, components) = swept
+            .as_first(own, |known| result::combine(known, &views, &covariances, rendered.as_ref(), unit))?;
         let factor = result::scale(&swept.reconstruction, unit)[0];
         report.place(&views, &order, factor);
         let known = members.iter().filter_map(|member| swept.group.iter().position(|view| view == member));

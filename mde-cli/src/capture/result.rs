@@ -3,14 +3,16 @@
 use crate::Result;
 use crate::augmentation::Component;
 use mde_mvs::consensus::{Reconstruction, ViewDepth};
+use mde_mvs::poses::depth_variance;
 use mde_nerf::RenderedView;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
+use nalgebra::Matrix6;
 use ndarray::{Array2, Zip};
 
 /// Factor of the standard deviation of the fused depth, which the field has in part already.
 const CONSENSUS: f32 = 0.5;
-/// Standard deviation of a match, pixels of disparity. What neither the field nor the sweeps state: poses, exposure, the raster.
+/// Standard deviation of a match, pixels of disparity. What neither the field nor the sweeps state: exposure, the raster, the lens.
 const MATCH: f64 = 0.5;
 /// Least share of the reference's pixels that another photograph confirms.
 const LEAST_VERIFIED: f32 = 0.03;
@@ -34,11 +36,12 @@ pub(super) fn scale(reconstruction: &Reconstruction, unit: f64) -> [f64; 2] {
 
 /// The field's depth, the consensus where the field has none, in the prior's unit.
 ///
-/// Relative variances add: that of the ray's termination, a quarter of the consensus', and half a pixel of disparity over the root mean
-/// square of the baselines \\( b \\), \\( (0.5\, z / (f_x b))^2 \\).
+/// Relative variances add: that of the ray's termination, a quarter of the consensus', half a pixel of disparity over the root mean
+/// square of the baselines \\( b \\), \\( (0.5\, z / (f_x b))^2 \\), and that of the poses ([`depth_variance`]).
 pub(super) fn combine(
     reconstruction: &Reconstruction,
     views: &[PosedView],
+    covariances: &[Option<Matrix6<f64>>],
     rendered: Option<&RenderedView>,
     unit: f64,
 ) -> Result<(GaussianDepth, Vec<Component>)> {
@@ -48,7 +51,8 @@ pub(super) fn combine(
     let factor = scale(reconstruction, unit)[0] as f32;
     let (mut mean, mut variance) = (consensus.mean().to_owned(), consensus.variance().to_owned());
     let per_depth = disparity(views) as f32;
-    let mut parts: [Array2<f32>; 3] = std::array::from_fn(|_| Array2::from_elem(mean.dim(), f32::INFINITY));
+    let of_poses = depth_variance(views, covariances, consensus.mean());
+    let mut parts: [Array2<f32>; 4] = std::array::from_fn(|_| Array2::from_elem(mean.dim(), f32::INFINITY));
     for (at, mean) in mean.indexed_iter_mut() {
         let relative = |map: &GaussianDepth| map.get(at.0, at.1).map(|(z, v)| (z, v.sqrt() / z));
         let field = rendered.and_then(|r| relative(&r.depth)).filter(|(z, _)| *z > 0.0);
@@ -61,7 +65,12 @@ pub(super) fn combine(
             }
         };
         let depth = z / factor;
-        let shares = [field.map_or(0.0, |f| f.1), CONSENSUS * stated.map_or(0.0, |s| s.1), per_depth * z];
+        let shares = [
+            field.map_or(0.0, |f| f.1),
+            CONSENSUS * stated.map_or(0.0, |s| s.1),
+            per_depth * z,
+            of_poses[at].sqrt(),
+        ];
         for (part, share) in parts.iter_mut().zip(shares) {
             part[at] = share * depth;
         }
@@ -69,7 +78,7 @@ pub(super) fn combine(
         let share = shares.iter().map(|s| s * s).sum::<f32>();
         variance[at] = (share * depth * depth).max(f32::MIN_POSITIVE);
     }
-    let components = ["field", "consensus", "parallax"]
+    let components = ["field", "consensus", "parallax", "poses"]
         .into_iter()
         .zip(parts)
         .map(|(name, sigma)| Component { name, sigma })

@@ -19,6 +19,7 @@
 //! Poses map the reference's frame to the camera's, in the unit of the reference's prior.
 
 mod bundle;
+mod depth;
 mod epipolar;
 mod estimate;
 mod features;
@@ -30,6 +31,7 @@ mod roots;
 mod sampling;
 mod tracks;
 
+pub use depth::{depth_variance, relative_covariance};
 pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses};
 pub use features::{DESCRIPTOR_LENGTH, FeatureConfig, Features, Keypoint};
 pub use matching::{Match, match_features};

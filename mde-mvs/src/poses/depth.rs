@@ -1,0 +1,209 @@
+//! What uncertain poses do to depth.
+
+use mde_warp::{Pose, PosedView};
+use nalgebra::{Matrix3, Matrix6, Point2, RowVector2, RowVector6, Vector3};
+use ndarray::{Array2, ArrayView2};
+
+/// Variance of the log depth of each pixel of `views[0]` that comes from the poses of the other views; 0 where none of them shows the
+/// pixel. Views without a covariance have exact poses.
+///
+/// A pixel with ray \\( d \\) and depth \\( z \\) is seen by view \\( v \\) at \\( u_v = \pi(R_v z d + t_v) \\). With
+/// \\( g_v = \partial u_v / \partial \log z \\), the depth of least squares of all views moves by
+///
+/// \\[ \delta \log z = - \frac{\sum_v g_v^\top A_v \xi_v}{\sum_v \lVert g_v \rVert^2}, \quad
+///   \operatorname{var} \log z = \frac{\sum_v g_v^\top A_v \Sigma_v A_v^\top g_v}{\left( \sum_v \lVert g_v \rVert^2 \right)^2} \\]
+///
+/// when the poses move by the left perturbations \\( \xi_v \\) (translation before rotation) of covariance \\( \Sigma_v \\), taken as
+/// independent, with \\( A_v = \partial u_v / \partial \xi_v \\). The length of each translation has no part in it: it is the scale,
+/// which is common to all pixels.
+///
+/// `covariances` are of the transformations from the frame of `views[0]`, one per view; that of `views[0]` is not read.
+pub fn depth_variance(
+    views: &[PosedView],
+    covariances: &[Option<Matrix6<f64>>],
+    depth: ArrayView2<'_, f32>,
+) -> Array2<f32> {
+    let Some((reference, others)) = views.split_first() else { return Array2::zeros(depth.dim()) };
+    let back = reference.pose.inverse();
+    let moving: Vec<(&PosedView, Pose, Matrix6<f64>)> = others
+        .iter()
+        .zip(covariances.iter().skip(1))
+        .map(|(view, covariance)| {
+            let motion = view.pose * back;
+            let covariance =
+                covariance.as_ref().map_or_else(Matrix6::zeros, |own| without_scale(&motion, own));
+            (view, motion, covariance)
+        })
+        .collect();
+    Array2::from_shape_fn(depth.dim(), |(y, x)| {
+        let z = f64::from(depth[(y, x)]);
+        if !(z > 0.0 && z.is_finite()) {
+            return 0.0;
+        }
+        let point = reference.camera.ray(Point2::new(x as f64, y as f64)) * z;
+        let (mut variance, mut information) = (0.0, 0.0);
+        for (view, motion, covariance) in &moving {
+            let Some((slope, row)) = derivative(view, motion, &point) else { continue };
+            variance += (row * covariance * row.transpose())[(0, 0)];
+            information += slope;
+        }
+        if information > 0.0 { (variance.max(0.0) / (information * information)) as f32 } else { 0.0 }
+    })
+}
+
+/// \\( \lVert g \rVert^2 \\) and \\( g^\top A \\) of a point in the reference's frame; nothing where the view does not show it.
+fn derivative(view: &PosedView, motion: &Pose, point: &Vector3<f64>) -> Option<(f64, RowVector6<f64>)> {
+    let turned = motion.rotation * point;
+    let there = turned + motion.translation.vector;
+    if there.z <= 1e-9 {
+        return None;
+    }
+    let camera = &view.camera;
+    let (u, v) = (camera.fx * there.x / there.z + camera.cx, camera.fy * there.y / there.z + camera.cy);
+    if !(u >= 0.0 && v >= 0.0 && u <= (camera.width - 1) as f64 && v <= (camera.height - 1) as f64) {
+        return None;
+    }
+    let across = Vector3::new(camera.fx / there.z, 0.0, -camera.fx * there.x / (there.z * there.z));
+    let down = Vector3::new(0.0, camera.fy / there.z, -camera.fy * there.y / (there.z * there.z));
+    let slope = RowVector2::new(across.dot(&turned), down.dot(&turned));
+    let translation = slope.x * across + slope.y * down;
+    // (omega x p) . a = omega . (p x a).
+    let rotation = there.cross(&translation);
+    let row =
+        RowVector6::new(translation.x, translation.y, translation.z, rotation.x, rotation.y, rotation.z);
+    Some((slope.norm_squared(), row))
+}
+
+/// The covariance without the direction of the translation.
+fn without_scale(motion: &Pose, covariance: &Matrix6<f64>) -> Matrix6<f64> {
+    let Some(direction) = motion.translation.vector.try_normalize(1e-12) else { return *covariance };
+    let mut projection = Matrix6::identity();
+    let across = Matrix3::identity() - direction * direction.transpose();
+    projection.fixed_view_mut::<3, 3>(0, 0).copy_from(&across);
+    projection * covariance * projection
+}
+
+/// Covariance of the transformation from the frame of one photograph to another's, from those of both to a third frame's, taken as
+/// independent: \\( \Sigma + \mathrm{Ad}\\, \Sigma_0 \mathrm{Ad}^\top \\), with the adjoint of `motion`, from the one to the other.
+pub fn relative_covariance(
+    motion: &Pose,
+    covariance: &Matrix6<f64>,
+    from: Option<&Matrix6<f64>>,
+) -> Matrix6<f64> {
+    let Some(from) = from else { return *covariance };
+    let rotation = motion.rotation.to_rotation_matrix().into_inner();
+    let mut adjoint = Matrix6::zeros();
+    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
+    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
+    let crossed = motion.translation.vector.cross_matrix() * rotation;
+    adjoint.fixed_view_mut::<3, 3>(0, 3).copy_from(&crossed);
+    covariance + adjoint * from * adjoint.transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::{Plane, pose_at, scene};
+    use nalgebra::{UnitQuaternion, Vector6};
+    use proptest::prelude::*;
+
+    const CENTRES: [[f64; 3]; 3] = [[0.0; 3], [0.3, 0.05, 0.0], [-0.1, 0.25, 0.1]];
+
+    fn perturbed(pose: &Pose, by: &Vector6<f64>) -> Pose {
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::new(by[3], by[4], by[5]));
+        Pose::from_parts(Vector3::new(by[0], by[1], by[2]).into(), turn) * pose
+    }
+
+    /// Log depth of least squares of the pixels that the true poses give, under perturbed poses.
+    fn moved(views: &[PosedView], by: &[Vector6<f64>], z: f64, (y, x): (usize, usize)) -> f64 {
+        let ray = views[0].camera.ray(Point2::new(x as f64, y as f64));
+        let project = |view: &PosedView, pose: &Pose, log: f64| {
+            let p = pose.rotation * (ray * log.exp()) + pose.translation.vector;
+            [view.camera.fx * p.x / p.z, view.camera.fy * p.y / p.z]
+        };
+        let cost = |log: f64| -> f64 {
+            let pairs = views[1..].iter().zip(by);
+            pairs
+                .map(|(view, by)| {
+                    let seen = project(view, &view.pose, z.ln());
+                    let now = project(view, &perturbed(&view.pose, by), log);
+                    (seen[0] - now[0]).powi(2) + (seen[1] - now[1]).powi(2)
+                })
+                .sum()
+        };
+        // The cost is a parabola about its least, near log z.
+        let (h, at) = (1e-3, z.ln());
+        let (a, b, c) = (cost(at - h), cost(at), cost(at + h));
+        -h * (c - a) / (2.0 * (a - 2.0 * b + c))
+    }
+
+    proptest! {
+        /// One direction of one view's pose at a time: the variance is the square of the depth's move.
+        #[test]
+        fn the_variance_is_that_of_the_depth_of_least_squares(
+            axis in 0..6_usize, which in 1..3_usize, y in 20..50_usize, x in 30..66_usize,
+        ) {
+            let plane = [Plane::slanted(2.0, 0.3, 0.1)];
+            let (views, depths) = scene(&plane, (72, 96), &CENTRES);
+            let step = 1e-5;
+            let mut by = [Vector6::zeros(), Vector6::zeros()];
+            by[which - 1][axis] = step;
+            if axis < 3 {
+                // Without the part along the translation, as there.
+                let direction = views[which].pose.translation.vector.normalize();
+                let mut shift = Vector3::zeros();
+                shift[axis] = step;
+                let across = shift - direction * direction.dot(&shift);
+                (0..3).for_each(|i| by[which - 1][i] = across[i]);
+            }
+            let mut covariance = Matrix6::zeros();
+            covariance[(axis, axis)] = step * step;
+            let mut covariances = vec![None; 3];
+            covariances[which] = Some(covariance);
+            let found = depth_variance(&views, &covariances, depths[0].view())[(y, x)];
+            let z = f64::from(depths[0][(y, x)]);
+            let still = [Vector6::zeros(), Vector6::zeros()];
+            let expected = (moved(&views, &by, z, (y, x)) - moved(&views, &still, z, (y, x))).abs();
+            let seen = |view: &PosedView| {
+                let point = views[0].camera.ray(Point2::new(x as f64, y as f64)) * z;
+                derivative(view, &view.pose, &point).is_some()
+            };
+            prop_assume!(views[1..].iter().all(seen));
+            prop_assert!((f64::from(found).sqrt() - expected).abs() < 0.01 * step + 0.01 * expected,
+                "{found} {expected}");
+        }
+    }
+
+    /// A longer or shorter translation is another unit, not another shape.
+    #[test]
+    fn the_length_of_a_translation_is_no_variance_of_depth() {
+        let plane = [Plane::slanted(2.0, 0.3, 0.1)];
+        let (views, depths) = scene(&plane, (48, 64), &CENTRES[..2]);
+        let along = views[1].pose.translation.vector * 0.1;
+        let direction = Vector6::new(along.x, along.y, along.z, 0.0, 0.0, 0.0);
+        let covariances = [None, Some(direction * direction.transpose())];
+        let found = depth_variance(&views, &covariances, depths[0].view());
+        assert!(found.iter().all(|v| *v < 1e-12), "{found}");
+        let none = depth_variance(&views, &[None, None], depths[0].view());
+        assert!(none.iter().all(|v| *v == 0.0));
+    }
+
+    /// Two photographs that move together do not move against each other.
+    #[test]
+    fn a_relative_covariance_has_both_poses() {
+        let (first, second) =
+            (pose_at([0.1, 0.0, 0.0], [0.1, 0.2, 0.0]), pose_at([0.3, 0.1, 0.2], [0.0, -0.1, 0.3]));
+        let motion = second * first.inverse();
+        let by = Vector6::new(0.3, -0.2, 0.1, 0.2, 0.4, -0.3) * 1e-6;
+        let moved = second * perturbed(&first, &by).inverse();
+        let found = relative_covariance(&motion, &Matrix6::zeros(), Some(&(by * by.transpose())));
+        let difference = moved * motion.inverse();
+        let axis = difference.rotation.scaled_axis();
+        let expected = [difference.translation.vector, axis].map(|v| v.map(|x| x * x));
+        for i in 0..3 {
+            assert!((found[(i, i)] - expected[0][i]).abs() < 1e-3 * 1e-12, "{i}");
+            assert!((found[(i + 3, i + 3)] - expected[1][i]).abs() < 1e-3 * 1e-12, "{i}");
+        }
+        assert_eq!(relative_covariance(&motion, &Matrix6::identity(), None), Matrix6::identity());
+    }
+}
