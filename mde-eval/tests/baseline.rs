@@ -64,7 +64,8 @@ proptest! {
 
     #[test]
     fn missing_stays_missing_and_every_depth_is_one((image, prior) in picture()) {
-        for name in METHODS.iter().map(|(name, _)| *name).filter(|name| *name != "sweep").chain(["zoom+jbf", "unsharp-0.5"]) {
+        let alone = METHODS.iter().map(|(name, _)| *name).filter(|name| !["gauged", "sweep"].contains(name));
+        for name in alone.chain(["zoom+jbf", "unsharp-0.5"]) {
             let refined = run(name, &image, &prior).unwrap();
             for (before, after) in prior.iter().zip(&refined) {
                 prop_assert_eq!(*before > 0.0, *after > 0.0, "{}: {} {}", name, before, after);
@@ -200,7 +201,7 @@ fn a_plane_sweep_finds_the_depth_that_the_poses_give() {
         .collect();
     assert!(errors.len() > 15_000, "{}", errors.len());
     errors.sort_by(f32::total_cmp);
-    assert!(errors[errors.len() / 2] < 0.03, "{}", errors[errors.len() / 2]);
+    assert!(errors[errors.len() / 2] < 0.05, "{}", errors[errors.len() / 2]);
     let alone = Task::new(sample.image.view(), &sample.camera, prior.view(), &rule);
     assert!(matches!(named("sweep").unwrap().refine(&alone), Err(Error::NoViews)));
     let unposed: Vec<_> = views.iter().map(|view| TaskView { posed: false, ..*view }).collect();
