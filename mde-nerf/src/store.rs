@@ -65,9 +65,10 @@ pub(crate) fn save(path: &Path, config: &NerfConfig, seed: u64, fitted: &Fitted)
     Ok(())
 }
 
-/// Temporary files are private by default; the result gets the permissions of the user's umask.
+/// The prefix marks what a killed run leaves. Temporary files are private by default; the result gets the permissions of the user's umask.
 fn builder() -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
+    builder.prefix(".mde-");
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;

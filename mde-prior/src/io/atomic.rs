@@ -22,9 +22,10 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
     write().map_err(|source| Error::write(path, source))
 }
 
-/// Temporary files are private by default; a result has the permissions of the user's umask.
+/// The prefix marks what a killed run leaves. Temporary files are private by default; a result has the permissions of the user's umask.
 fn builder() -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
+    builder.prefix(".mde-");
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;

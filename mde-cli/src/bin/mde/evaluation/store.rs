@@ -23,7 +23,7 @@ const SCORES: &str = "scores.json";
 pub(crate) const PICTURE: &str = "picture.png";
 /// Longest side of the reduced image, pixels.
 const PICTURE_SIDE: usize = 320;
-/// Prefix of unfinished folders.
+/// Prefix of unfinished files and folders.
 const TEMPORARY: &str = ".mde-";
 
 /// An evaluation on disk.
@@ -66,7 +66,11 @@ impl Store {
         let path = root.join(BASIS);
         if root.exists() {
             ensure!(root.is_dir(), "{shown}: exists and is not a folder; give another name to -o");
-            let empty = fs::read_dir(root).with_context(|| shown.to_string())?.next().is_none();
+            // A run that was killed as it started leaves no more than an unfinished file.
+            let mut empty = true;
+            for entry in fs::read_dir(root).with_context(|| shown.to_string())? {
+                empty &= is_temporary(&entry.with_context(|| shown.to_string())?);
+            }
             ensure!(
                 empty || path.is_file(),
                 "{shown}: not empty and without the {BASIS} of an evaluation; give another name to -o"
@@ -111,13 +115,18 @@ impl Store {
         }
     }
 
-    /// Removes the unfinished folders of interrupted runs.
+    /// Removes the unfinished files and folders of interrupted runs.
     fn sweep(&self) {
         let inside = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten();
         let scenes = self.root.join("scenes");
-        let all = inside(&self.root).chain(inside(&scenes).flat_map(|scene| inside(&scene.path())));
-        for entry in all.filter(|e| e.file_name().to_string_lossy().starts_with(TEMPORARY)) {
-            let _ = fs::remove_dir_all(entry.path());
+        let kept = |scene: fs::DirEntry| {
+            let methods = inside(&scene.path()).flat_map(|method| inside(&method.path()));
+            inside(&scene.path()).chain(methods).collect::<Vec<_>>()
+        };
+        let all = inside(&self.root).chain(inside(&scenes).flat_map(kept));
+        for entry in all.filter(is_temporary) {
+            let path = entry.path();
+            let _ = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
         }
     }
 
@@ -241,6 +250,10 @@ pub(crate) fn file_name(text: &str) -> String {
     name
 }
 
+fn is_temporary(entry: &fs::DirEntry) -> bool {
+    entry.file_name().to_string_lossy().starts_with(TEMPORARY)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -288,6 +301,29 @@ mod tests {
         assert!(matches!(store.find("a", "paper", &Value::Null).unwrap(), Found::Nothing));
         fs::write(place.path().join("x"), "").unwrap();
         assert!(Store::open(place.path(), &other, true).is_err());
+    }
+
+    /// As after a kill at any moment: before the first file is in place, and beside finished results.
+    #[test]
+    fn unfinished_files_stop_no_run_and_are_removed() {
+        let place = tempfile::tempdir().unwrap();
+        let root = place.path().join("e");
+        fs::create_dir(&root).unwrap();
+        fs::write(root.join(".mde-AbCdEf"), "{ \"si").unwrap();
+        let basis = json!({ "size": "native" });
+        let store = Store::open(&root, &basis, false).unwrap();
+        assert!(!root.join(".mde-AbCdEf").exists());
+        store.keep("a", "paper", &entry(Value::Null)).unwrap();
+        let left =
+            ["scenes/a/paper/.mde-scores", "scenes/a/.mde-picture", ".mde-table"].map(|name| root.join(name));
+        left.iter().for_each(|path| fs::write(path, "x").unwrap());
+        fs::create_dir(root.join("scenes/a/.mde-folder")).unwrap();
+        Store::open(&root, &basis, false).unwrap();
+        assert!(left.iter().all(|path| !path.exists()) && !root.join("scenes/a/.mde-folder").exists());
+        assert!(matches!(store.find("a", "paper", &Value::Null).unwrap(), Found::Done(_)));
+        // Someone else's file is not ours to remove.
+        fs::write(place.path().join("x"), "").unwrap();
+        assert!(Store::open(place.path(), &basis, false).is_err());
     }
 
     #[test]
