@@ -87,7 +87,8 @@ pub(super) fn relate(shots: &[Shot], first: usize, second: usize, config: &Poses
 }
 
 /// Pose of `b` in the frame of `a` and which pairs fit it: `a`'s pixels lifted by its prior, a pose by RANSAC over three
-/// points, and the adjustment of pose and depths.
+/// points, and the adjustment of pose and depths. The adjustment also starts from no motion, since three points of a poor prior
+/// can lead it to a wrong minimum; the start of lower cost is kept.
 fn from_prior(
     a: &Shot,
     b: &Shot,
@@ -105,11 +106,25 @@ fn from_prior(
     let ransac = Ransac { iterations: config.samples, seed, purpose: "resection", stream };
     let start = resect(&lifted, &b.lens, config.resection_pixels, &ransac)?;
 
+    let starts = [start, Pose::identity()];
+    let motions = starts.into_iter().filter_map(|start| adjusted(a, b, pixels, &depths, config, start));
+    motions.reduce(|best, next| if next.0.cost < best.0.cost { next } else { best })
+}
+
+/// The adjustment of pose and depths from that pose.
+fn adjusted(
+    a: &Shot,
+    b: &Shot,
+    pixels: &[PixelPair],
+    depths: &[Option<f64>],
+    config: &PosesConfig,
+    start: Pose,
+) -> Option<(Motion, Vec<bool>)> {
     let mut known: Vec<f64> = depths.iter().flatten().copied().collect();
     let middle = quantile(&mut known, 0.5)?;
     let tracks = pixels
         .iter()
-        .zip(&depths)
+        .zip(depths)
         .map(|((p, q), &prior)| Observed {
             anchor: 0,
             pixel: *p,
