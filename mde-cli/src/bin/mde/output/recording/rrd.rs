@@ -390,7 +390,7 @@ mod tests {
         };
         std::fs::write(place.path().join("old.rrd"), "").unwrap();
         std::fs::create_dir(place.path().join("folder.rrd")).unwrap();
-        assert!(refused("run.png", true).unwrap().contains("end in .rrd"));
+        assert!(refused("run.png", true).unwrap().contains("ends in .rrd"));
         assert!(refused("old.rrd", false).unwrap().contains("--force"));
         assert!(refused("folder.rrd", true).unwrap().contains("is a folder"));
         assert!(refused("old.rrd/run.rrd", true).unwrap().contains("another place to --rerun"));
