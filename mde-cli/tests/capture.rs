@@ -140,20 +140,8 @@ fn captures_that_are_none_are_refused_by_name() {
 #[test]
 fn the_program_takes_photographs_with_poses_and_without() {
     let room = rendered(Room::Study, 3);
-    let folder = tempfile::tempdir().unwrap();
+    let folder = on_disk(&room);
     let path = |name: &str| folder.path().join(name);
-    std::fs::create_dir(path("images")).unwrap();
-    let mut frames = Vec::new();
-    for (index, known) in room.views.iter().enumerate() {
-        let photograph = path(&format!("images/{index}.png"));
-        write_image(&photograph, known.view.image.view()).unwrap();
-        let lens = Lens { camera: known.view.camera, distortion: Distortion::default() };
-        frames.push(Frame { photograph, lens, pose: known.view.pose });
-    }
-    std::fs::write(path("transforms.json"), transforms_json(&frames, folder.path())).unwrap();
-    write_npy(path("prior.npy"), room.views[0].prior.as_ref().unwrap().map.view()).unwrap();
-    std::fs::write(path("quick.toml"), "nerf.train = { steps = 50, rays = 128 }\nnerf.field.finest = 64\n")
-        .unwrap();
     let refine = |views: &str, more: &[&str], out: &str| {
         let mut command = Command::cargo_bin("mde").unwrap();
         command.current_dir(folder.path()).args(["refine", "images/0.png", "--views", views]);

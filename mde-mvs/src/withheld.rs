@@ -19,7 +19,7 @@ use crate::{Error, Result, check_map};
 const SMALL: usize = 160;
 /// Side of a block of pixels, which counts as one measurement: errors of neighbours are correlated.
 const BLOCK: usize = 10;
-/// Differences of colour are cut here: occluded pixels say nothing about depth.
+/// Differences of colour are cut here: those of occluded pixels do not depend on depth.
 const CUT: f32 = 0.1;
 /// Factors of the prior that are tried about the common one, in units of [`STEP`] in log depth.
 const SCALES: [f64; 7] = [-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0];

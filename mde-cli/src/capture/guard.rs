@@ -24,7 +24,7 @@ pub(super) fn withheld(
     Ok(error.map(|error| WithheldPhotograph { name: capture.photographs[order[index]].name.clone(), error }))
 }
 
-/// Why the photographs are not used, where the withheld one speaks against them.
+/// The reason for not using the photographs, where the withheld one fits the prior better.
 pub(super) fn contradiction(report: &CaptureReport) -> Option<String> {
     let WithheldPhotograph { name, error } =
         report.withheld_colours.as_ref().filter(|w| w.error.is_worse())?;

@@ -120,7 +120,7 @@ pub fn reconstruct_bytes(pixels: u64, views: u64, config: &ConsensusConfig) -> u
 /// Depth and variance of every photograph, from poses, sweeps and priors.
 ///
 /// `priors` are z-depths `[height, width]`, one for each view, in any unit (one for all); 0 where unknown. Depths come in
-/// the unit of the poses. `scale`, where it is known (from sparse points, say), saves the search for it; without it
+/// the unit of the poses. `scale`, where it is known, for example from sparse points, saves the search for it; without it
 /// any factor between 1/32 and 32 is found.
 ///
 /// # Errors

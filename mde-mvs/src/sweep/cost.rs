@@ -402,7 +402,7 @@ fn horizontal<const WINDOW: usize>(
     }
 }
 
-/// One row of quantised costs; `out` is an argument of its own, so that the compiler knows that nothing overlaps it.
+/// One row of quantised costs; `out` is an argument of its own: as such it overlaps nothing, and the loop vectorises.
 #[inline(always)]
 fn correlation_row<const WINDOW: usize>(
     [s1, s2, s3]: [&[f32]; 3],
