@@ -3,6 +3,7 @@
 use crate::config::Config;
 use crate::config::SigmaConfig;
 use crate::{Error, Result};
+use mde_prior::augment::{Plan, Predictions, Progress};
 use mde_prior::{Augmented, DepthPrior};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::filter::{Border, Gaussian, gaussian_blur};
@@ -10,6 +11,7 @@ use mde_uncertainty::statistics::median;
 use ndarray::{Array2, ArrayView2, ArrayView3, Zip};
 use serde::Serialize;
 use std::ops::ControlFlow;
+use std::time::Duration;
 
 /// The result of the prior's stage.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,6 +40,10 @@ pub struct Component {
 pub struct AugmentationReport {
     /// Number of inference calls.
     pub predictions: usize,
+    /// The images that were predicted, where the model accepts any.
+    pub plan: Option<Plan>,
+    /// Why it is this plan.
+    pub reason: Option<String>,
     /// Why the configured augmentation was skipped.
     pub skipped: Option<&'static str>,
     /// Median spread of the predictions, as a fraction of the depth.
@@ -53,7 +59,8 @@ pub(crate) fn start(
     model: &dyn DepthPrior,
     image: ArrayView3<'_, f32>,
     config: &Config,
-    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+    budget: Option<Duration>,
+    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<Start> {
     let mut report = AugmentationReport { predictions: 1, ..AugmentationReport::default() };
     if !(config.augmentation.is_active() && model.accepts_new_images()) {
@@ -63,13 +70,33 @@ pub(crate) fn start(
         let prior = model.predict(image)?.to_depth(&config.disparity)?;
         return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), report });
     }
-    let augmented = config.augmentation.predict_with(model, image, progress)?.ok_or(Error::Interrupted)?;
+    let augmented =
+        config.augmentation.predict_with(model, image, budget, progress)?.ok_or(Error::Interrupted)?;
     let prior = augmented.prior.to_depth(&config.disparity)?;
     let depth = augmented.depth(&config.disparity)?;
-    report.predictions = augmented.predictions;
+    report.predictions = augmented.plan.predictions();
+    report.reason = Some(reason(&augmented.plan, config.augmentation.predictions, budget));
+    report.plan = Some(augmented.plan.clone());
+    if report.predictions == 1 {
+        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), report });
+    }
     let (components, variance) =
         variance(&augmented, prior.view(), depth.view(), &config.sigma, &mut report)?;
     Ok(Start { prior, depth: GaussianDepth::new(depth, variance)?, components, report })
+}
+
+/// What decided the plan.
+fn reason(plan: &Plan, wanted: Predictions, budget: Option<Duration>) -> String {
+    let detail = match plan.ratio {
+        Some(ratio) => format!("the image has {ratio:.1} times the pixels of the model's input along a side"),
+        None => "the size of the model's input is unknown".to_owned(),
+    };
+    let limit = match (wanted, budget) {
+        (_, Some(budget)) => format!("within {} s", budget.as_secs_f64()),
+        (Predictions::Auto, None) => "auto".to_owned(),
+        (Predictions::Most(most), None) => format!("{most} at most"),
+    };
+    format!("{limit}: {detail}")
 }
 
 /// A map of depths (0: missing) taken as exact, of variance 0: warps of it are exact too, and the fusion estimates its error.

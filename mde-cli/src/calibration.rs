@@ -91,7 +91,7 @@ mod tests {
         assert!(same(&|c| c.nerf.train.steps = 7, true));
         assert!(!same(&|c| c.refinement.field = crate::config::FieldUse::Always, true));
         assert!(!same(&|c| c.sigma.spread = 3.0, true));
-        assert!(!same(&|c| c.augmentation.levels.truncate(1), true));
+        assert!(!same(&|c| c.augmentation.gain = 0.5, true));
         assert!(!same(&|c| c.fusion.common_error = 0.1, true));
     }
 

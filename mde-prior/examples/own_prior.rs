@@ -1,6 +1,7 @@
 //! A custom depth prior: the lower in the image and the brighter, the nearer; averaged with its mirror image.
 #![allow(clippy::print_stdout)]
 
+use mde_prior::augment::Predictions;
 use mde_prior::ndarray::{Array2, Array3, ArrayView3};
 use mde_prior::{AugmentationConfig, DepthKind, DepthPrior, DisparityRule, PriorDepth, Result};
 
@@ -23,7 +24,8 @@ impl DepthPrior for GroundPlane {
 
 fn main() -> Result<()> {
     let image = Array3::from_shape_fn((6, 8, 3), |(y, x, _)| ((x + y) % 3) as f32 / 2.0);
-    let augmentation = AugmentationConfig { flip: true, ..AugmentationConfig::default() };
+    let augmentation =
+        AugmentationConfig { predictions: Predictions::Most(2), ..AugmentationConfig::default() };
     let depth = augmentation.predict(&GroundPlane, image.view())?.depth(&DisparityRule::default())?;
     println!("depth in metres, assuming a room of 0.8 to 8 m:\n{depth:.2}");
     Ok(())

@@ -1,5 +1,9 @@
 //! Filters of maps `[height, width]`: a separable Gaussian blur and a joint bilateral filter.
 
+mod upsample;
+
+pub use upsample::JointUpsampling;
+
 use crate::{Error, Real, Result};
 use ndarray::{Array2, ArrayView1, ArrayView2, Axis};
 
@@ -136,8 +140,7 @@ struct Tap {
 
 impl JointBilateral {
     /// Every pixel within two `sigma` (\\(\sigma_s\\), pixels) to each side; pixels beyond the border are left out. `colour` is
-    /// \\(\sigma_c\\), in the guide's unit. The exponential of the colours, \\(e^{-u}\\), is \\((1 - u/n)^n\\) with \\(n = 2^{10}\\), which is off by less than
-    /// \\(u^2/n\\) of itself and needs no branch.
+    /// \\(\sigma_c\\), in the guide's unit.
     #[must_use]
     pub fn dense(sigma: f64, colour: f64) -> Self {
         let steps = (2.0 * sigma).ceil() as isize;
@@ -229,11 +232,7 @@ impl BilateralRows<'_> {
                 let pairs = there[pixels.clone()].iter().zip(here.iter().skip(pixels.start));
                 weights.iter_mut().zip(pairs).for_each(|(sum, (t, h))| *sum += (t - h) * (t - h));
             }
-            if *dense {
-                weights.iter_mut().for_each(|w| *w = tap.weight * approximate_exp(*w * falloff));
-            } else {
-                weights.iter_mut().for_each(|w| *w = tap.weight * (-*w * falloff).exp());
-            }
+            weights.iter_mut().for_each(|w| *w = tap.weight * approximate_exp(*w * falloff));
             if let Some(support) = support {
                 shift(support.row(row), tap.across, there);
                 weights.iter_mut().zip(&there[pixels.clone()]).for_each(|(w, known)| *w *= known);
@@ -284,7 +283,7 @@ fn falloff(colour: f64) -> f32 {
     (0.5 / (colour * colour)) as f32
 }
 
-/// \\((1 - u/n)^n\\), \\(n = 2^{10}\\).
+/// \\(e^{-u}\\) as \\((1 - u/n)^n\\) with \\(n = 2^{10}\\), which is off by less than \\(u^2/n\\) of itself and needs no branch.
 fn approximate_exp(u: f32) -> f32 {
     let mut factor = (1.0 - u / 1024.0).max(0.0);
     for _ in 0..10 {

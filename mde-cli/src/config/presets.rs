@@ -1,9 +1,8 @@
-use crate::config::{Config, FieldUse, IterationPrior, NovelViews, RefinementConfig};
+use crate::config::{Config, FieldUse, IterationPrior, RefinementConfig};
 use mde_fusion::FusionConfig;
-use mde_nerf::{
-    Decay, DepthLoss, FieldConfig, HashFieldConfig, NerfConfig, RenderConfig, SamplingConfig, TrainConfig,
-};
+use mde_nerf::{Decay, DepthLoss, FieldConfig, HashFieldConfig, NerfConfig, RenderConfig, TrainConfig};
 use mde_prior::AugmentationConfig;
+use mde_prior::augment::Predictions;
 use mde_uncertainty::termination::InBinVariance;
 use serde::{Deserialize, Serialize};
 
@@ -17,7 +16,7 @@ pub enum Preset {
     /// map from a file, a hash field is fitted with depth supervision, with the remedies of the fusion.
     #[default]
     Default,
-    /// A preview: one short iteration of the hash field, rendered from the original pose only.
+    /// At most five predictions, merged, and no field. A depth map from a file gets an error bar and stays as it is.
     Fast,
     /// Several photographs of one scene: a hash field on their colours and on the consensus of their plane sweeps, rays clipped to
     /// the reference's frustum.
@@ -54,24 +53,12 @@ impl Preset {
                 ..Config::default()
             },
             Self::Fast => Config {
-                refinement: RefinementConfig {
-                    iterations: 1,
-                    prior: IterationPrior::Anchor,
-                    ..RefinementConfig::default()
+                refinement: RefinementConfig { iterations: 0, ..Self::Default.config().refinement },
+                augmentation: AugmentationConfig {
+                    predictions: Predictions::Most(5),
+                    ..AugmentationConfig::multi_crop()
                 },
-                nerf: NerfConfig {
-                    render: RenderConfig {
-                        coarse: 16,
-                        fine: 16,
-                        in_bin: InBinVariance::Uniform,
-                        ..RenderConfig::default()
-                    },
-                    sampling: SamplingConfig { coarse: 8, band: 12, fine: 12, ..SamplingConfig::default() },
-                    ..supervised(400, 1024)
-                },
-                novel: NovelViews { count: 0, original: true },
-                fusion: remedied(),
-                ..Config::default()
+                ..Self::Default.config()
             },
             Self::MultiView => {
                 let mut nerf = NerfConfig::photographs(640);

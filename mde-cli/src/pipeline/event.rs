@@ -5,6 +5,8 @@ use std::ops::ControlFlow;
 pub enum Stage {
     /// The monocular depth (III.B).
     Prior,
+    /// The merge of the predictions.
+    Merge,
     /// Poses of several photographs.
     Poses,
     /// Plane sweeps of several photographs and their consensus.
@@ -24,6 +26,7 @@ impl Stage {
     pub fn name(self) -> &'static str {
         match self {
             Self::Prior => "prior",
+            Self::Merge => "merge",
             Self::Poses => "poses",
             Self::Sweep => "sweep",
             Self::Warp => "warp",

@@ -13,6 +13,7 @@
 mod event;
 mod report;
 mod stages;
+mod upsample;
 mod views;
 
 pub use crate::augmentation::known;
@@ -29,12 +30,13 @@ use crate::{Error, Result};
 use mde_fusion::{BayesFuser, Fused, Fuser, Prior};
 use mde_nerf::RadianceField;
 use mde_prior::DepthPrior;
+use mde_prior::augment::Progress;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::{median, spearman};
 use mde_warp::PinholeCamera;
 use ndarray::{Array2, ArrayView2, ArrayView3};
 use std::ops::ControlFlow;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use views::median_depth;
 
 /// Result of a run.
@@ -148,7 +150,8 @@ pub fn resume(
 ) -> Result<Refinement> {
     config.validate()?;
     let mut run = Run { image, camera, config, callback };
-    let Start { prior, depth: anchor, mut components, report: augmentation } = run.start(stages.prior)?;
+    let Start { prior, depth: anchor, mut components, report: augmentation } =
+        run.start(stages.prior, stages.budget)?;
     check_prior(prior.view(), image)?;
     if !config.refinement.fits_a_field(augmentation.predictions > 1) {
         let depth = with_common_error(anchor, config.fusion.common_error)?;
@@ -225,11 +228,14 @@ impl Run<'_, '_> {
     }
 
     /// The prior's stage.
-    fn start(&mut self, model: &dyn DepthPrior) -> Result<Start> {
+    fn start(&mut self, model: &dyn DepthPrior, budget: Option<Duration>) -> Result<Start> {
         let begin = self.begin(Stage::Prior, 0)?;
-        let callback = &mut *self.callback;
-        let mut listen = |done: usize, total: usize| callback(&Event::Predicted { done, total });
-        let mut start = start(model, self.image, self.config, &mut listen)?;
+        let (callback, iterations) = (&mut *self.callback, self.config.refinement.iterations);
+        let mut listen = |progress| match progress {
+            Progress::Predicted { done, total } => callback(&Event::Predicted { done, total }),
+            Progress::Merging => callback(&Event::Begin { stage: Stage::Merge, iteration: 0, iterations }),
+        };
+        let mut start = start(model, self.image, self.config, budget, &mut listen)?;
         start.report.seconds = begin.elapsed().as_secs_f64();
         Ok(start)
     }

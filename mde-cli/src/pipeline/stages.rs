@@ -4,6 +4,7 @@ use mde_fusion::Fuser;
 use mde_nerf::{Nerf, NerfConfig, RadianceField};
 use mde_prior::DepthPrior;
 use mde_uncertainty::random::derived_seed;
+use std::time::Duration;
 
 /// Arguments of a field factory.
 #[derive(Debug, Clone, Copy)]
@@ -53,12 +54,13 @@ pub struct Stages<'s> {
     pub(crate) prior: &'s dyn DepthPrior,
     field: Option<Box<FieldFactory<'s>>>,
     pub(crate) fuser: Option<&'s dyn Fuser>,
+    pub(crate) budget: Option<Duration>,
 }
 
 impl<'s> Stages<'s> {
     /// The depth of `prior`, a [`Nerf`] with [`Config::nerf`], and a [`BayesFuser`](mde_fusion::BayesFuser) with [`Config::fusion`].
     pub fn new(prior: &'s dyn DepthPrior) -> Self {
-        Self { prior, field: None, fuser: None }
+        Self { prior, field: None, fuser: None, budget: None }
     }
 
     /// Another field; `factory` is called once per iteration. [`Config::nerf`] is passed to it and not used otherwise.
@@ -75,6 +77,14 @@ impl<'s> Stages<'s> {
     #[must_use]
     pub fn with_fuser(mut self, fuser: &'s dyn Fuser) -> Self {
         self.fuser = Some(fuser);
+        self
+    }
+
+    /// Cuts test-time augmentation to the predictions that fit into this time, which makes the result depend on the clock; the report has
+    /// their number.
+    #[must_use]
+    pub fn with_budget(mut self, budget: Duration) -> Self {
+        self.budget = Some(budget);
         self
     }
 

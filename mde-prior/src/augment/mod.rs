@@ -26,17 +26,21 @@
 //! \\(c \leftarrow c + \delta \min(1, \sqrt{G f^2 / G \delta^2})\\). A map to which the crops add nothing is not filtered.
 
 mod flip;
+mod plan;
 mod post_filter;
 mod regression;
 mod values;
 mod window;
 
 pub use flip::flip_average;
+pub use plan::{Plan, Predictions};
 
 use crate::{DepthPrior, DisparityRule, Error, PriorDepth, Result};
 use ndarray::{Array2, ArrayView2, ArrayView3, Zip, s};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
 use values::Values;
 
 /// Which crops are predicted, and how the predictions are merged. The equations are in the [module's](self) documentation.
@@ -67,11 +71,9 @@ use values::Values;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct AugmentationConfig {
-    /// Whether the mirror image of the photograph and of every crop is predicted too: twice the predictions, less error between
-    /// left and right.
-    pub flip: bool,
-    /// Levels of crops, from wide to narrow. Each refines the map of the level before; narrow crops add finer detail.
-    pub levels: Vec<CropLevel>,
+    /// Number of predictions, `"auto"` or an upper bound; 1 for no augmentation. More take longer and add detail, down to the
+    /// pixels that the model has not seen yet. [`Plan`] says which.
+    pub predictions: Predictions,
     /// \\(q\\), 0 to 4: exponent of the local correlation of crop and map. Larger values flatten what the two disagree on.
     pub correlation_exponent: f64,
     /// \\(g\\), 0 to 1: fraction of a level's mean change that is applied. Larger values add more detail and more noise.
@@ -86,24 +88,11 @@ pub struct AugmentationConfig {
 /// Standard deviation of the Gaussian that separates detail from low frequencies, as a fraction of the image width.
 const DETAIL_WIDTH: f64 = 1.0 / 80.0;
 
-/// Overlapping crops of one size.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "kebab-case")]
-pub struct CropLevel {
-    /// Sides of a crop as a fraction of the image's sides, above 0 and below 1.
-    pub side: f64,
-    /// Crops along each axis, 2 to 16, evenly spaced.
-    pub positions: usize,
-    /// Standard deviation of the regression's window as a fraction of the crop's sides, above 0 and at most 1.
-    pub window: f64,
-}
-
 impl Default for AugmentationConfig {
     /// A single prediction of the whole image.
     fn default() -> Self {
         Self {
-            flip: false,
-            levels: Vec::new(),
+            predictions: Predictions::Most(1),
             correlation_exponent: 0.25,
             gain: 0.7,
             sharpen: 0.0,
@@ -117,47 +106,42 @@ impl Default for AugmentationConfig {
 pub struct Augmented {
     /// The model's prediction of the whole image.
     pub prior: PriorDepth,
-    /// All predictions merged, `[height, width]`, of the same kind as `prior`. Missing pixels are those of `prior`, or with
-    /// `flip` those that are missing in its mirror image too.
+    /// All predictions merged, `[height, width]`, of the same kind as `prior`. Missing pixels are those of `prior`, or those that are
+    /// missing in its mirror image too, where that was predicted.
     pub merged: PriorDepth,
-    /// Standard deviation of the crops' changes about their mean, `[height, width]`: of log depth, or of a disparity in its own
-    /// unit.
+    /// Standard deviation of the predictions about their mean, `[height, width]`: of log depth, or of a disparity in its own unit.
     pub spread: Array2<f32>,
-    /// Number of inference calls.
-    pub predictions: usize,
+    /// The images that were predicted.
+    pub plan: Plan,
+}
+
+/// Progress of the augmentation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Progress {
+    /// A prediction is done.
+    Predicted {
+        /// Predictions so far.
+        done: usize,
+        /// Predictions in total.
+        total: usize,
+    },
+    /// All predictions are done; the post-filter begins.
+    Merging,
 }
 
 impl AugmentationConfig {
-    /// Mirror images and crops of 4/5, 2/3 and 1/2 of the image: 120 predictions.
+    /// As many predictions as are worthwhile.
     ///
     /// The constants were chosen on twenty photographs with one network; see `docs/method.md` of the workspace.
     #[must_use]
     pub fn multi_crop() -> Self {
-        let level = |side, positions, window| CropLevel { side, positions, window };
-        Self {
-            flip: true,
-            levels: vec![
-                level(0.8, 3, 6.0 / 28.0),
-                level(2.0 / 3.0, 5, 6.0 / 28.0),
-                level(0.5, 5, 3.0 / 28.0),
-            ],
-            sharpen: 0.4,
-            bilateral_width: 0.00625,
-            ..Self::default()
-        }
+        Self { predictions: Predictions::Auto, sharpen: 0.4, bilateral_width: 0.00625, ..Self::default() }
     }
 
-    /// Whether there is more than one prediction.
+    /// Whether there may be more than one prediction.
     #[must_use]
     pub fn is_active(&self) -> bool {
-        self.flip || !self.levels.is_empty()
-    }
-
-    /// Number of inference calls.
-    #[must_use]
-    pub fn predictions(&self) -> usize {
-        let crops: usize = self.levels.iter().map(|level| level.positions * level.positions).sum();
-        (1 + crops) * if self.flip { 2 } else { 1 }
+        self.predictions != Predictions::Most(1)
     }
 
     /// Checks every value.
@@ -168,18 +152,6 @@ impl AugmentationConfig {
         let check = |ok: bool, field, value: f64, remedy| {
             if ok { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), remedy }) }
         };
-        for &CropLevel { side, positions, window } in &self.levels {
-            let fraction = "give a fraction of the image's sides, above 0 and below 1";
-            check(side > 0.0 && side < 1.0, "augmentation.levels.side", side, fraction)?;
-            check(
-                (2..=16).contains(&positions),
-                "augmentation.levels.positions",
-                positions as f64,
-                "give 2 to 16 crops along each axis",
-            )?;
-            let fraction = "give a fraction of the crop's sides, above 0 and at most 1";
-            check(window > 0.0 && window <= 1.0, "augmentation.levels.window", window, fraction)?;
-        }
         let Self { correlation_exponent: exponent, gain, sharpen, bilateral_width: width, .. } = *self;
         check((0.0..=4.0).contains(&exponent), "augmentation.correlation-exponent", exponent, "give 0 to 4")?;
         check((0.0..=1.0).contains(&gain), "augmentation.gain", gain, "give 0 to 1")?;
@@ -198,15 +170,16 @@ impl AugmentationConfig {
     /// # Errors
     /// [`Error::Config`], the model's own errors, or [`Error::Input`] for a prediction of another size or kind.
     pub fn predict(&self, model: &dyn DepthPrior, image: ArrayView3<'_, f32>) -> Result<Augmented> {
-        let never = &mut |_, _| ControlFlow::Continue(());
-        match self.predict_with(model, image, never)? {
+        let never = &mut |_| ControlFlow::Continue(());
+        match self.predict_with(model, image, None, never)? {
             Some(augmented) => Ok(augmented),
             None => Err(Error::Input("the augmentation was cancelled; run it again".to_owned())),
         }
     }
 
-    /// [`predict`](Self::predict) with a progress callback: after each prediction it gets the number so far and in total.
-    /// `Break` cancels, and the result is `None`. A configuration with a single prediction does not call it.
+    /// [`predict`](Self::predict) within a time budget and with a progress callback. The first prediction is timed, and the plan is
+    /// cut to what fits into `budget`; with the number of predictions of the result as [`Predictions::Most`] the same map is made again.
+    /// `Break` cancels, and the result is `None`. The results do not depend on how many predictions run at once.
     ///
     /// # Errors
     /// As [`predict`](Self::predict).
@@ -214,57 +187,80 @@ impl AugmentationConfig {
         &self,
         model: &dyn DepthPrior,
         image: ArrayView3<'_, f32>,
-        progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+        budget: Option<Duration>,
+        progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
     ) -> Result<Option<Augmented>> {
         self.validate()?;
-        let prior = model.predict(image.view())?;
-        if !self.is_active() {
-            let spread = Array2::zeros(prior.map.dim());
-            return Ok(Some(Augmented { merged: prior.clone(), prior, spread, predictions: 1 }));
+        let (height, width, _) = image.dim();
+        let at_once = model.concurrency().clamp(1, rayon::current_num_threads());
+        let mut plan = Plan::new(self.predictions, (height, width), model.resolution(height, width));
+        let mut whole = Vec::with_capacity(2);
+        if let Some(budget) = budget {
+            let begin = Instant::now();
+            whole.push(model.predict(image.view())?);
+            plan = plan.within(budget, begin.elapsed(), at_once);
         }
-        let (total, mut done) = (self.predictions(), 0);
-        let mut cancelled = || {
+        let mut done = whole.len();
+        let mut predicted = |plan: &Plan| {
             done += 1;
-            progress(done, total).is_break()
+            progress(Progress::Predicted { done, total: plan.predictions() })
         };
-        if cancelled() {
+        let mirrors: &[bool] = if plan.mirror { &[false, true] } else { &[false] };
+        let predict = |&mirrored: &bool| match mirrored {
+            true => model.predict(mirror(image).view()),
+            false => model.predict(image.view()),
+        };
+        let rest = mirrors.get(whole.len()..).unwrap_or_default();
+        let take = |prediction| {
+            whole.push(prediction);
+            predicted(&plan)
+        };
+        if in_order(rest, at_once, predict, take)?.is_break() {
             return Ok(None);
         }
-        let start = if self.flip {
-            let mirrored = model.predict(mirror(image).view())?;
-            if cancelled() {
-                return Ok(None);
-            }
-            flip_average(prior.clone(), &mirrored)?
-        } else {
-            prior.clone()
+        let mut whole = whole.into_iter();
+        let Some(prior) = whole.next() else { return Ok(None) };
+        let start = match whole.next() {
+            Some(mirrored) => flip_average(prior.clone(), &mirrored)?,
+            None => prior.clone(),
         };
+        if plan.predictions() == 1 {
+            let spread = Array2::zeros(prior.map.dim());
+            return Ok(Some(Augmented { merged: prior.clone(), prior, spread, plan }));
+        }
         let values = Values::of(&start);
         let mut current = values.of_prior(&start);
-        let mut variance = Array2::<f32>::zeros(current.dim());
-        for level in &self.levels {
+        // Half of the difference between an image and its mirror image.
+        let mut variance = (&current - &values.of_prior(&prior)).mapv_into(|d| d * d);
+        for (index, level) in plan.levels.clone().into_iter().enumerate() {
             let mut changes = window::Changes::new(current.dim());
-            for (y, x, height, width) in window::crops(current.dim(), level) {
+            let places = window::crops(current.dim(), level);
+            let crops: Vec<_> = places.flat_map(|crop| mirrors.iter().map(move |m| (crop, *m))).collect();
+            let change = |&((y, x, height, width), mirrored): &((usize, usize, usize, usize), bool)| {
                 let crop = image.slice(s![y..y + height, x..x + width, ..]);
                 let target = current.slice(s![y..y + height, x..x + width]);
-                let mirrors: &[bool] = if self.flip { &[false, true] } else { &[false] };
-                for &mirrored in mirrors {
-                    let prediction = predict_crop(model, crop, mirrored, values)?;
-                    let change = regression::change(
-                        prediction.view(),
-                        target,
-                        level.window,
-                        self.correlation_exponent,
-                    );
-                    changes.add((y, x), change.view());
-                    if cancelled() {
-                        return Ok(None);
-                    }
-                }
+                let prediction = predict_crop(model, crop, mirrored, values)?;
+                let change = regression::change(prediction.view(), target, self.correlation_exponent);
+                Ok(((y, x), change))
+            };
+            let take = |(place, change): ((usize, usize), Array2<f32>)| {
+                changes.add(place, change.view());
+                predicted(&plan)
+            };
+            if in_order(&crops, at_once, change, take)?.is_break() {
+                return Ok(None);
             }
             let (mean, spread) = changes.mean_and_variance();
             current.zip_mut_with(&mean, |c, m| *c += self.gain as f32 * m);
             variance += &spread;
+            let moved: f64 = mean.iter().map(|m| f64::from(m * m)).sum();
+            if self.predictions == Predictions::Auto && moved < spread.iter().map(|v| f64::from(*v)).sum() {
+                plan.levels.truncate(index + 1);
+                break;
+            }
+        }
+        if progress(Progress::Merging).is_break() {
+            return Ok(None);
         }
         let detail = DETAIL_WIDTH * current.ncols() as f64;
         let mut filtered = current.clone();
@@ -284,7 +280,7 @@ impl AugmentationConfig {
             }
         });
         let spread = variance.mapv(|v| values.spread(v.max(0.0).sqrt()));
-        Ok(Some(Augmented { prior, merged, spread, predictions: total }))
+        Ok(Some(Augmented { prior, merged, spread, plan }))
     }
 }
 
@@ -327,6 +323,27 @@ impl Augmented {
     pub fn depth(&self, rule: &DisparityRule) -> Result<Array2<f32>> {
         self.merged.to_depth_as(&self.prior, rule)
     }
+}
+
+/// Runs `task` on each input, `at_once` of them in parallel, and passes the results to `take` in the order of the inputs.
+fn in_order<I: Sync, O: Send>(
+    inputs: &[I],
+    at_once: usize,
+    task: impl Fn(&I) -> Result<O> + Sync,
+    mut take: impl FnMut(O) -> ControlFlow<()>,
+) -> Result<ControlFlow<()>> {
+    for inputs in inputs.chunks(at_once.max(1)) {
+        let outputs: Vec<Result<O>> = match inputs {
+            [input] => vec![task(input)],
+            inputs => inputs.par_iter().map(&task).collect(),
+        };
+        for output in outputs {
+            if take(output?).is_break() {
+                return Ok(ControlFlow::Break(()));
+            }
+        }
+    }
+    Ok(ControlFlow::Continue(()))
 }
 
 /// The mirror image, with contiguous rows, which a model may need.

@@ -4,6 +4,8 @@ use ndarray::{Array2, ArrayView2, Zip};
 
 /// Cells along each axis for the statistics of a crop: windows are much wider than a cell.
 const CELLS: usize = 28;
+/// Standard deviation of the regression's window, as a fraction of the crop's sides.
+const WINDOW: f64 = 6.0 / 28.0;
 /// \\(\varepsilon\\), added to every variance: a standard deviation of 0.01 counts as noise.
 const EPSILON: f32 = 1e-4;
 /// \\(a_{max}\\): steeper slopes amplify noise.
@@ -14,18 +16,15 @@ const STEEPEST: f32 = 3.0;
 pub(super) fn change(
     prediction: ArrayView2<'_, f32>,
     map: ArrayView2<'_, f32>,
-    window: f64,
     exponent: f64,
 ) -> Array2<f32> {
     let (height, width) = prediction.dim();
     let cells = (CELLS.min(height), CELLS.min(width));
     let smooth = |map: Array2<f32>| {
-        let [down, along] = [cells.0, cells.1].map(|side| window * side as f64);
+        let [down, along] = [cells.0, cells.1].map(|side| WINDOW * side as f64);
         blurred(map.view(), down, along)
     };
-    let mean = |of: &dyn Fn(f32, f32) -> f32| smooth(block_means(prediction, map, cells, of));
-    let (l, c) = (mean(&|l, _| l), mean(&|_, c| c));
-    let (ll, cc, lc) = (mean(&|l, _| l * l), mean(&|_, c| c * c), mean(&|l, c| l * c));
+    let [l, c, ll, cc, lc] = block_moments(prediction, map, cells).map(smooth);
     let mut slope = Array2::zeros(cells);
     Zip::indexed(&mut slope).for_each(|at, slope| {
         let variance_l = (ll[at] - l[at] * l[at]).max(0.0) + EPSILON;
@@ -45,23 +44,40 @@ pub(super) fn change(
     Zip::from(&slope).and(&offset).and(prediction).and(map).map_collect(|&a, &b, &l, &c| a * l + b - c)
 }
 
-/// Means of a quantity over a grid of cells.
-fn block_means(
+/// Means of \\(L\\), \\(c\\), \\(L^2\\), \\(c^2\\) and \\(L c\\) over a grid of cells.
+fn block_moments(
     prediction: ArrayView2<'_, f32>,
     map: ArrayView2<'_, f32>,
     cells: (usize, usize),
-    of: &dyn Fn(f32, f32) -> f32,
-) -> Array2<f32> {
+) -> [Array2<f32>; 5] {
     let (height, width) = prediction.dim();
-    let mut sums = Array2::<f64>::zeros(cells);
-    let mut counts = Array2::<f64>::zeros(cells);
-    for (y, (predictions, values)) in prediction.outer_iter().zip(map.outer_iter()).enumerate() {
-        let row = y * cells.0 / height;
-        for (x, (&l, &c)) in predictions.iter().zip(&values).enumerate() {
-            let cell = (row, x * cells.1 / width);
-            sums[cell] += f64::from(of(l, c));
-            counts[cell] += 1.0;
+    let mut means: [Array2<f32>; 5] = std::array::from_fn(|_| Array2::zeros(cells));
+    // Cell i has the pixels p with floor(p cells / pixels) = i.
+    let first = |cell: usize, pixels: usize, cells: usize| (cell * pixels).div_ceil(cells);
+    for row in 0..cells.0 {
+        let rows = first(row, height, cells.0)..first(row + 1, height, cells.0);
+        let mut sums = vec![[0.0_f64; 5]; cells.1];
+        for y in rows.clone() {
+            let (predictions, values) = (prediction.row(y), map.row(y));
+            for (column, sum) in sums.iter_mut().enumerate() {
+                let at = first(column, width, cells.1)..first(column + 1, width, cells.1);
+                let mut part = [0.0_f32; 5];
+                for x in at {
+                    let (l, c) = (predictions[x], values[x]);
+                    part[0] += l;
+                    part[1] += c;
+                    part[2] += l * l;
+                    part[3] += c * c;
+                    part[4] += l * c;
+                }
+                sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += f64::from(part));
+            }
+        }
+        for (column, sum) in sums.iter().enumerate() {
+            let columns = first(column + 1, width, cells.1) - first(column, width, cells.1);
+            let count = (rows.len() * columns).max(1) as f64;
+            means.iter_mut().zip(sum).for_each(|(mean, sum)| mean[(row, column)] = (sum / count) as f32);
         }
     }
-    Zip::from(&sums).and(&counts).map_collect(|&sum, &count| (sum / count.max(1.0)) as f32)
+    means
 }

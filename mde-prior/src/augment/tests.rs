@@ -42,7 +42,7 @@ fn crops_add_the_detail_that_the_whole_image_lost() {
     let augmented = AugmentationConfig::multi_crop().predict(&model, picture.view()).unwrap();
     let (before, after) = (error(&augmented.prior.map, &picture), error(&augmented.merged.map, &picture));
     assert!(after < 0.7 * before, "{before} {after}");
-    assert_eq!(augmented.predictions, AugmentationConfig::multi_crop().predictions());
+    assert_eq!(augmented.plan, Plan::new(Predictions::Auto, (60, 80), None));
     assert!(
         augmented.spread.iter().all(|s| s.is_finite() && *s >= 0.0)
             && augmented.spread.iter().any(|s| *s > 0.0)
@@ -94,19 +94,20 @@ fn a_few_sharper_disparities_leave_the_depth_of_the_others_alone() {
 fn without_augmentation_the_single_prediction_is_the_result() {
     let model = Coarse { cells: 14, kind: DepthKind::Metric };
     let augmented = AugmentationConfig::default().predict(&model, picture().view()).unwrap();
-    assert_eq!((augmented.merged, augmented.predictions), (augmented.prior, 1));
+    assert_eq!((augmented.merged, augmented.plan.predictions()), (augmented.prior, 1));
 }
 
 #[test]
 fn a_cancelled_augmentation_has_no_result() {
     let model = Coarse { cells: 14, kind: DepthKind::Metric };
     let mut calls = 0;
-    let mut stop = |done, _| {
+    let mut stop = |progress| {
+        let Progress::Predicted { done, .. } = progress else { panic!("nothing is merged") };
         calls = done;
         if done > 5 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     assert_eq!(
-        AugmentationConfig::multi_crop().predict_with(&model, picture().view(), &mut stop).unwrap(),
+        AugmentationConfig::multi_crop().predict_with(&model, picture().view(), None, &mut stop).unwrap(),
         None
     );
     assert_eq!(calls, 6);
@@ -114,9 +115,6 @@ fn a_cancelled_augmentation_has_no_result() {
 
 #[test]
 fn a_value_out_of_range_is_named() {
-    let level = CropLevel { side: 1.5, positions: 3, window: 0.2 };
-    let wrong = AugmentationConfig { levels: vec![level], ..AugmentationConfig::multi_crop() };
-    assert!(wrong.validate().unwrap_err().to_string().contains("augmentation.levels.side is 1.5"));
     let wrong = AugmentationConfig { gain: f64::NAN, ..AugmentationConfig::multi_crop() };
     assert!(wrong.validate().unwrap_err().to_string().contains("augmentation.gain is NaN"));
 }

@@ -14,11 +14,13 @@ use crate::{DepthPrior, Error, PriorDepth, Result};
 const MAX_INPUT_PIXELS: usize = 1 << 24;
 /// The largest ratio between the aspects of output and input.
 const MAX_STRETCH: f64 = 1.5;
+/// Plans that are kept: each has a copy of the weights. Crops of one image need one or two input sizes.
+const KEPT_PLANS: usize = 2;
 
 /// A network in an ONNX file, run on the CPU.
 ///
-/// The graph is optimised for a concrete input size, since graphs that compute sizes from symbolic shapes do not run. The plan is
-/// kept for the next image of that size.
+/// The graph is optimised for a concrete input size, since graphs that compute sizes from symbolic shapes do not run. The plans of
+/// the latest sizes are kept.
 ///
 /// ```no_run
 /// use mde_prior::{DepthPrior, ModelSpec, OnnxPrior, photo};
@@ -34,7 +36,9 @@ pub struct OnnxPrior {
     model: InferenceModel,
     /// `(height, width)` where the model has them fixed.
     fixed: (Option<usize>, Option<usize>),
-    plan: Mutex<Option<((usize, usize), Plan)>>,
+    /// The latest plans, by input size.
+    plans: Mutex<Vec<((usize, usize), Plan)>>,
+    concurrency: usize,
 }
 
 type Plan = Arc<TypedRunnableModel>;
@@ -72,7 +76,14 @@ impl OnnxPrior {
             })?;
         }
         let fixed = fixed_size(&model, spec.layout).map_err(|reason| model_error(path, reason))?;
-        Ok(Self { path: path.to_owned(), spec: spec.clone(), model, fixed, plan: Mutex::new(None) })
+        Ok(Self {
+            path: path.to_owned(),
+            spec: spec.clone(),
+            model,
+            fixed,
+            plans: Mutex::default(),
+            concurrency: usize::MAX,
+        })
     }
 
     /// Loads a model with the specification in the TOML file beside it, or with the profile that matches its name.
@@ -82,6 +93,13 @@ impl OnnxPrior {
     pub fn open_guessed(path: impl AsRef<Path>) -> Result<Self> {
         let spec = ModelSpec::of(&path)?;
         Self::open(path, &spec)
+    }
+
+    /// At most `predictions` (1 or more) at once; without, as many as there are threads. Each needs the memory of its activations.
+    #[must_use]
+    pub fn with_concurrency(mut self, predictions: usize) -> Self {
+        self.concurrency = predictions.max(1);
+        self
     }
 
     /// The specification in use.
@@ -160,10 +178,8 @@ impl OnnxPrior {
 
     fn plan(&self, size: (usize, usize)) -> Result<Plan> {
         // A plan is stored whole, so it is valid even if another thread panicked.
-        let mut kept = self.plan.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((for_size, plan)) = &*kept
-            && *for_size == size
-        {
+        let mut plans = self.plans.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, plan)) = plans.iter().find(|(for_size, _)| *for_size == size) {
             return Ok(Arc::clone(plan));
         }
         let fact = InferenceFact::from(f32::fact(input_shape(self.spec.layout, size)));
@@ -180,7 +196,10 @@ impl OnnxPrior {
                     one_line(&e)
                 ))
             })?;
-        *kept = Some((size, Arc::clone(&plan)));
+        if plans.len() == KEPT_PLANS {
+            plans.remove(0);
+        }
+        plans.push((size, Arc::clone(&plan)));
         Ok(plan)
     }
 
@@ -228,6 +247,14 @@ impl DepthPrior for OnnxPrior {
 
     fn accepts_new_images(&self) -> bool {
         true
+    }
+
+    fn resolution(&self, height: usize, width: usize) -> Option<(usize, usize)> {
+        Some(self.input_size(height, width))
+    }
+
+    fn concurrency(&self) -> usize {
+        self.concurrency
     }
 }
 

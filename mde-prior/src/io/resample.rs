@@ -1,6 +1,6 @@
 //! Resizing of float planes, as in the networks' own preprocessing.
 
-use ndarray::{Array2, ArrayView1, ArrayView2, Axis};
+use ndarray::{Array2, ArrayView2};
 use serde::{Deserialize, Serialize};
 
 /// An interpolation kernel. Pixel centres are at half-integers of the area: the half-pixel convention of OpenCV and of
@@ -36,21 +36,22 @@ pub fn resize(map: ArrayView2<'_, f32>, size: (usize, usize), filter: Filter) ->
         return if map.is_empty() { Array2::zeros(size) } else { map.to_owned() };
     }
     let columns = taps(map.ncols(), size.1, filter);
-    let mut narrow = Array2::zeros((map.nrows(), size.1));
+    let mut narrow = Array2::<f32>::zeros((map.nrows(), size.1));
+    let mut line = vec![0.0_f32; map.ncols()];
     for (row, mut out) in map.outer_iter().zip(narrow.outer_iter_mut()) {
-        for (value, taps) in out.iter_mut().zip(&columns) {
-            *value = taps.apply(row);
+        line.iter_mut().zip(row).for_each(|(to, from)| *to = *from);
+        for (value, Taps { first, weights }) in out.iter_mut().zip(&columns) {
+            *value = line[*first..].iter().zip(weights).map(|(v, w)| v * w).sum();
         }
     }
     let rows = taps(map.nrows(), size.0, filter);
-    let mut resized = Array2::<f64>::zeros(size);
-    for (mut out, taps) in resized.outer_iter_mut().zip(&rows) {
-        let sources = narrow.axis_iter(Axis(0)).skip(taps.first);
-        for (source, &weight) in sources.zip(&taps.weights) {
-            out.zip_mut_with(&source, |sum, &v| *sum += weight * f64::from(v));
+    let mut resized = Array2::<f32>::zeros(size);
+    for (mut out, Taps { first, weights }) in resized.outer_iter_mut().zip(&rows) {
+        for (row, &weight) in (*first..).zip(weights) {
+            out.zip_mut_with(&narrow.row(row), |sum, &v| *sum += weight * v);
         }
     }
-    resized.mapv(|v| v as f32)
+    resized
 }
 
 /// Resizes to `(height, width)` with the value of the pixel that contains the new pixel's centre: for depth, which must not be mixed
@@ -68,13 +69,7 @@ pub fn nearest(map: ArrayView2<'_, f32>, (height, width): (usize, usize)) -> Arr
 /// Weights of consecutive input pixels.
 struct Taps {
     first: usize,
-    weights: Vec<f64>,
-}
-
-impl Taps {
-    fn apply(&self, line: ArrayView1<'_, f32>) -> f32 {
-        line.iter().skip(self.first).zip(&self.weights).map(|(&v, w)| w * f64::from(v)).sum::<f64>() as f32
-    }
+    weights: Vec<f32>,
 }
 
 fn taps(input: usize, output: usize, filter: Filter) -> Vec<Taps> {
@@ -92,13 +87,12 @@ fn taps(input: usize, output: usize, filter: Filter) -> Vec<Taps> {
         // Pillow cuts the widened triangle off at the border, the others repeat the border pixel.
         let range = if widen > 1.0 { low.max(0)..=high.min(last) } else { low..=high };
         let first = low.clamp(0, last);
-        let mut weights = vec![0.0; (high.clamp(0, last) - first + 1) as usize];
+        let mut weights = vec![0.0_f64; (high.clamp(0, last) - first + 1) as usize];
         for j in range {
             weights[(j.clamp(0, last) - first) as usize] += kernel((j as f64 - centre) / widen, filter);
         }
         let sum: f64 = weights.iter().sum();
-        weights.iter_mut().for_each(|w| *w /= sum);
-        Taps { first: first as usize, weights }
+        Taps { first: first as usize, weights: weights.iter().map(|w| (w / sum) as f32).collect() }
     };
     (0..output).map(at).collect()
 }

@@ -38,7 +38,7 @@ pub use file::FilePrior;
 /// assert!((depth[[0, 0]] - 8.0).abs() < 1e-5 && (depth[[5, 0]] - 0.8).abs() < 1e-5);
 /// # Ok::<(), mde_prior::Error>(())
 /// ```
-pub trait DepthPrior {
+pub trait DepthPrior: Sync {
     /// Predicts the depth of `image`, `[height, width, 3]`, sRGB values in `[0, 1]`; the result has the image's size.
     ///
     /// # Errors
@@ -51,6 +51,18 @@ pub trait DepthPrior {
     fn accepts_new_images(&self) -> bool {
         false
     }
+
+    /// `(height, width)` to which an image of that size is brought before it is predicted; `None`, the default, where there is
+    /// no such size. A crop shows the model more only where the image has more pixels; see [`augment`](crate::augment).
+    fn resolution(&self, _height: usize, _width: usize) -> Option<(usize, usize)> {
+        None
+    }
+
+    /// Number of predictions that may run at once, each on one thread; 1, the default, for a model that uses all cores itself or
+    /// that only one thread may use.
+    fn concurrency(&self) -> usize {
+        1
+    }
 }
 
 impl<P: DepthPrior + ?Sized> DepthPrior for &P {
@@ -61,6 +73,13 @@ impl<P: DepthPrior + ?Sized> DepthPrior for &P {
     fn accepts_new_images(&self) -> bool {
         (**self).accepts_new_images()
     }
+    fn resolution(&self, height: usize, width: usize) -> Option<(usize, usize)> {
+        (**self).resolution(height, width)
+    }
+
+    fn concurrency(&self) -> usize {
+        (**self).concurrency()
+    }
 }
 
 impl<P: DepthPrior + ?Sized> DepthPrior for Box<P> {
@@ -70,6 +89,13 @@ impl<P: DepthPrior + ?Sized> DepthPrior for Box<P> {
 
     fn accepts_new_images(&self) -> bool {
         (**self).accepts_new_images()
+    }
+    fn resolution(&self, height: usize, width: usize) -> Option<(usize, usize)> {
+        (**self).resolution(height, width)
+    }
+
+    fn concurrency(&self) -> usize {
+        (**self).concurrency()
     }
 }
 

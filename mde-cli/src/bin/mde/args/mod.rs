@@ -11,6 +11,7 @@ pub(crate) use evaluation::{
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use mde_cli::Preset;
 use mde_prior::DepthKind;
+use mde_prior::augment::Predictions;
 use mde_prior::format::Encoding;
 use std::path::PathBuf;
 
@@ -355,6 +356,10 @@ pub(crate) struct SizeArgs {
     /// Resize the image, its prior, camera and truth to this longer side
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..))]
     pub(crate) max_size: Option<u32>,
+    /// Refine a larger photograph at this many million pixels. The maps of one photograph are brought back to its own size, with the
+    /// edges of the photograph; those of several photographs are not
+    #[arg(long, value_name = "MEGAPIXELS", default_value_t = 1.5, value_parser = positive)]
+    pub(crate) work_size: f64,
     #[command(flatten)]
     pub(crate) memory: MemoryArgs,
 }
@@ -384,6 +389,12 @@ pub(crate) struct SettingsArgs {
     /// Fit no field: the model's prediction, with the configured augmentation, is the result
     #[arg(long)]
     pub(crate) no_nerf: bool,
+    /// Predictions of the model at most, on the photograph, its mirror image and crops: auto, or a number (1: the photograph alone)
+    #[arg(long, value_name = "N|auto")]
+    pub(crate) predictions: Option<Predictions>,
+    /// Only as many predictions as fit into this time, by the time of the first one; config.toml has their number
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub(crate) budget: Option<f64>,
 }
 
 /// Ground truth for the scores.
@@ -462,9 +473,9 @@ pub(crate) struct RunArgs {
 pub(crate) enum PresetName {
     /// The equations as printed: an MLP trained on colours alone, two iterations
     Paper,
-    /// A preview in seconds: one short iteration, rendered from the original pose only
+    /// At most five predictions; a depth map gets an error bar and stays as it is
     Fast,
-    /// Test-time augmentation with crops and mirror images; for a depth map, a field supervised by it
+    /// Predictions of crops and mirror images too, merged; for a depth map, a field supervised by it
     Default,
     /// Several photographs (--views): a field on their colours and on the consensus of plane sweeps
     MultiView,

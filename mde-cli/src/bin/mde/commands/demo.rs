@@ -21,6 +21,7 @@ use mde_eval::scene::Room;
 use mde_eval::score::ScoreConfig;
 use mde_prior::{DepthKind, DepthPrior};
 use ndarray::{Array2, Array3};
+use std::time::Duration;
 
 /// The room of every demo.
 const ROOM: Room = Room::Study;
@@ -66,6 +67,8 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
             brief: true,
         }),
         save_field: false,
+        budget: args.settings.budget.map(Duration::from_secs_f64),
+        full: None,
         checkpoints: None,
         error_bar: ErrorBar::open(&args.error_bar)?,
         export: args.export.export.clone(),

@@ -10,12 +10,13 @@ use crate::output::recording;
 use crate::run::checkpoint::Checkpoints;
 use crate::run::error_bar::ErrorBar;
 use crate::run::every;
-use crate::run::job::Job;
+use crate::run::job::{Full, Job};
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_cli::{Capture, Config, Preset};
 use ndarray::Array3;
 use serde_json::{Value, json};
+use std::time::Duration;
 
 pub(super) fn run(args: &RefineArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
@@ -33,6 +34,15 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
          refine them all with --all"
     );
     let mut opened = open_image(&args.image, &args.size, &config, &mut progress)?;
+    let mut full = None;
+    if args.several.views.is_empty() {
+        if let Some(working) = opened.working(&args.size) {
+            let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+            full = Some(Full { image: std::mem::replace(&mut opened, working).photo.pixels, camera });
+        }
+    } else {
+        opened = opened.reduced(&args.size);
+    }
     let mut camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
     let capture = capture::open(args, &mut opened, &mut camera, &config, &mut progress)?;
     // Further photographs without poses give the focal length.
@@ -55,7 +65,9 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         prior,
         preset,
         config,
-        truth: Truth::open(&args.truth, &opened)?,
+        truth: Truth::open(&args.truth, opened.original, full.as_ref().map_or(opened.size, Full::size))?,
+        budget: args.settings.budget.map(Duration::from_secs_f64),
+        full,
         save_field: args.save_field,
         checkpoints,
         error_bar: ErrorBar::open(&args.error_bar)?,
@@ -107,7 +119,7 @@ fn made_from(
         None => Vec::new(),
     };
     let mut made_from = json!({
-        "versions": versions(), "config": config.to_toml()?, "image": checksum(&opened.photo.pixels), "size": opened.size,
+        "versions": versions(), "config": config.to_toml()?, "image": checksum(&opened.photo.pixels), "size": opened.size, "budget": args.settings.budget,
         "camera": camera.camera, "prior": prior.origin, "prior_file": crc32fast::hash(&file),
         "prior_scale": args.prior.png_scale, "prior_encoding": format!("{:?}", args.prior.prior_encoding),
     });

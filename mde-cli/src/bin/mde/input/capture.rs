@@ -3,7 +3,7 @@
 use crate::args::{PosesArgs, RefineArgs, SizeArgs, UnitName};
 use crate::input::camera::{CameraSource, KnownCamera};
 use crate::input::opened::{Opened, open_image};
-use crate::input::size::check_memory;
+use crate::input::size::{check_memory, within, working};
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
 use mde_cli::memory::capture_bytes;
@@ -116,7 +116,7 @@ fn posed(
         let view =
             frame.view(opened.pixels.view()).with_context(|| frame.photograph.display().to_string())?;
         let (height, width) = view.mask.dim();
-        let (to_height, to_width) = crate::input::size::within((height, width), args.size.max_size);
+        let (to_height, to_width) = working(within((height, width), args.size.max_size), &args.size);
         let (image, camera, mask) = if (to_height, to_width) == (height, width) {
             (view.image, view.camera, view.mask)
         } else {
@@ -172,7 +172,7 @@ fn unposed(
     check(args, opened, 1 + paths.len(), config)?;
     let mut photographs = vec![photograph(&args.image, opened, camera)];
     for path in paths {
-        let opened = open_image(&path, &args.size, config, progress)?;
+        let opened = open_image(&path, &args.size, config, progress)?.reduced(&args.size);
         let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)
             .with_context(|| path.display().to_string())?;
         photographs.push(photograph(&path, &opened, &camera));
@@ -207,7 +207,7 @@ pub(crate) fn photographs(
     );
     let (mut photographs, mut files, mut first) = (Vec::new(), Vec::new(), None);
     for path in paths {
-        let opened = open_image(&path, size, config, progress)?;
+        let opened = open_image(&path, size, config, progress)?.reduced(size);
         let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)
             .with_context(|| path.display().to_string())?;
         photographs.push(photograph(&path, &opened, &camera));

@@ -1,16 +1,13 @@
 //! Settings, threads, and a photograph at the working size.
 
 use crate::args::{RunArgs, SettingsArgs, SizeArgs};
-use crate::input::size::{SMALLEST, check_memory, shrink, within};
+use crate::input::size::{SMALLEST, check_memory, shrink, within, working};
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_cli::memory::refine_bytes;
 use mde_cli::{Config, Preset};
 use mde_prior::photo::{Photo, read_image};
 use std::path::Path;
-
-/// Number of pixels above which a run takes very long.
-const LARGE: usize = 2_000_000;
 
 /// The settings of the command line; `usual` is the preset where none is named.
 pub(crate) fn settings(args: &SettingsArgs, usual: Preset) -> Result<(Preset, Config)> {
@@ -25,6 +22,9 @@ pub(crate) fn settings(args: &SettingsArgs, usual: Preset) -> Result<(Preset, Co
     if args.no_nerf {
         config.refinement.iterations = 0;
     }
+    if let Some(predictions) = args.predictions {
+        config.augmentation.predictions = predictions;
+    }
     Ok((preset, config))
 }
 
@@ -37,13 +37,30 @@ pub(crate) fn use_threads(args: &RunArgs) -> Result<()> {
         .with_context(|| format!("--threads {threads}: the threads can't be started; give fewer"))
 }
 
-/// A photograph at the working size.
+/// A photograph at the size of the results.
 pub(crate) struct Opened {
     pub(crate) photo: Photo,
     /// `(height, width)` of the file.
     pub(crate) original: (usize, usize),
-    /// `(height, width)` of the working size.
+    /// `(height, width)` of the results.
     pub(crate) size: (usize, usize),
+}
+
+impl Opened {
+    /// The same photograph at the working size, if that is smaller.
+    pub(crate) fn working(&self, args: &SizeArgs) -> Option<Self> {
+        let size = working(self.size, args);
+        (size != self.size).then(|| {
+            let mut photo = self.photo.clone();
+            photo.pixels = shrink(&self.photo.pixels, size);
+            Self { photo, original: self.original, size }
+        })
+    }
+
+    /// At the working size, for photographs whose results stay at it.
+    pub(crate) fn reduced(self, args: &SizeArgs) -> Self {
+        self.working(args).unwrap_or(self)
+    }
 }
 
 /// Reads a photograph and resizes it to the working size.
@@ -58,7 +75,8 @@ pub(crate) fn open_image(
     let original = (height, width);
     let size = within(original, args.max_size);
     let (height, width) = size;
-    check_memory(&args.memory, &path.display().to_string(), size, |pixels| refine_bytes(pixels, config))?;
+    let at = working(size, args);
+    check_memory(&args.memory, &path.display().to_string(), at, |pixels| refine_bytes(pixels, config))?;
     if size != original {
         photo.pixels = shrink(&photo.pixels, size);
         progress.warn(format!("resized from {}x{} to {width}x{height} pixels", original.1, original.0));
@@ -68,8 +86,9 @@ pub(crate) fn open_image(
         "{}: the image is {width}x{height}; give one of {SMALLEST}x{SMALLEST} pixels or more",
         path.display()
     );
-    if width * height > LARGE {
-        progress.warn(format!("{width}x{height} pixels take long; 640x480 is usual; give --max-size 640"));
+    if at != size {
+        progress
+            .warn(format!("{width}x{height} pixels: refined at {}x{}; --work-size sets this", at.1, at.0));
     }
     Ok(Opened { photo, original, size })
 }

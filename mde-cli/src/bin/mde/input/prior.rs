@@ -8,8 +8,8 @@ use mde_prior::ndarray::{Array3, ArrayView3};
 use mde_prior::resample::nearest;
 use mde_prior::{DepthKind, DepthPrior, FilePrior, ModelSpec, PriorDepth};
 use serde::Serialize;
-use std::cell::Cell;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 /// A prior, and its entry in the record.
@@ -125,16 +125,16 @@ pub(crate) fn read_options(flag: &str, scale: Option<f64>, encoding: Encoding) -
 /// A prior that measures the time of its predictions.
 pub(crate) struct Timed<'p> {
     prior: &'p dyn DepthPrior,
-    seconds: Cell<f64>,
+    nanoseconds: AtomicU64,
 }
 
 impl<'p> Timed<'p> {
     pub(crate) fn new(prior: &'p dyn DepthPrior) -> Self {
-        Self { prior, seconds: Cell::new(0.0) }
+        Self { prior, nanoseconds: AtomicU64::new(0) }
     }
 
     pub(crate) fn seconds(&self) -> f64 {
-        self.seconds.get()
+        self.nanoseconds.load(Ordering::Relaxed) as f64 * 1e-9
     }
 }
 
@@ -142,11 +142,20 @@ impl DepthPrior for Timed<'_> {
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         let start = Instant::now();
         let prediction = self.prior.predict(image);
-        self.seconds.set(self.seconds.get() + start.elapsed().as_secs_f64());
+        let elapsed = u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        self.nanoseconds.fetch_add(elapsed, Ordering::Relaxed);
         prediction
     }
 
     fn accepts_new_images(&self) -> bool {
         self.prior.accepts_new_images()
+    }
+
+    fn resolution(&self, height: usize, width: usize) -> Option<(usize, usize)> {
+        self.prior.resolution(height, width)
+    }
+
+    fn concurrency(&self) -> usize {
+        self.prior.concurrency()
     }
 }

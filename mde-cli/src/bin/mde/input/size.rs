@@ -1,6 +1,6 @@
 //! Working size and memory limit.
 
-use crate::args::MemoryArgs;
+use crate::args::{MemoryArgs, SizeArgs};
 use anyhow::{Result, bail};
 use mde_cli::memory::{SceneMemory, most_pixels};
 use mde_prior::resample::{Filter, resize};
@@ -18,6 +18,17 @@ pub(crate) fn within((height, width): (usize, usize), longest: Option<u32>) -> (
     }
     let scaled = |side: usize| ((2 * side * longest + longer) / (2 * longer)).max(1);
     (scaled(height), scaled(width))
+}
+
+/// `(height, width)` with at most `--work-size` pixels, the aspect kept.
+pub(crate) fn working((height, width): (usize, usize), args: &SizeArgs) -> (usize, usize) {
+    let most = 1e6 * args.work_size;
+    let pixels = (height * width) as f64;
+    if pixels <= most {
+        return (height, width);
+    }
+    let side = |side: usize| ((side as f64 * (most / pixels).sqrt()).round() as usize).max(1);
+    (side(height), side(width))
 }
 
 /// The image at that size.

@@ -1,7 +1,6 @@
 //! Scores against ground truth.
 
 use crate::args::TruthArgs;
-use crate::input::opened::Opened;
 use crate::input::prior::read_options;
 use anyhow::{Context, Result, ensure};
 use mde_cli::Refinement;
@@ -25,9 +24,8 @@ pub(crate) struct Truth {
 }
 
 impl Truth {
-    /// The map that `--gt` names for that image, if it is given.
-    pub(crate) fn open(args: &TruthArgs, opened: &Opened) -> Result<Option<Self>> {
-        let size = opened.original;
+    /// The map that `--gt` names for an image of `(height, width)`, resized, if it is given.
+    pub(crate) fn open(args: &TruthArgs, size: (usize, usize), to: (usize, usize)) -> Result<Option<Self>> {
         let Some(path) = &args.gt else { return Ok(None) };
         let options = read_options("--gt-scale", args.gt_scale, args.gt_encoding.into())?;
         let depth = read_depth(path, &options)?;
@@ -40,7 +38,7 @@ impl Truth {
             size.1,
             size.0
         );
-        let depth = nearest(depth.view(), opened.size);
+        let depth = nearest(depth.view(), to);
         let config = if options.encoding == Encoding::Sunrgbd {
             ScoreConfig::sunrgbd()
         } else {

@@ -20,13 +20,14 @@ use crate::run::progress::{Progress, TrainingCurve};
 use anyhow::Result;
 use mde_cli::{Capture, Component, Config, Event, Preset, Refinement, Stages, refine_capture, resume};
 use mde_prior::DepthKind;
+use mde_prior::augment::Predictions;
 use mde_prior::format::{write_npy, write_png16};
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_uncertainty::GaussianDepth;
 use ndarray::{Array2, Array3, ArrayView3};
 use serde_json::json;
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Inputs of a refinement.
 pub(crate) struct Job {
@@ -54,6 +55,24 @@ pub(crate) struct Job {
     pub(crate) unit: UnitName,
     /// Whether the photographs are written too, as they are.
     pub(crate) keep_photographs: bool,
+    /// Time for the model's predictions.
+    pub(crate) budget: Option<Duration>,
+    /// The photograph at the size of the results, where that is larger.
+    pub(crate) full: Option<Full>,
+}
+
+/// A photograph that is refined at a smaller size.
+pub(crate) struct Full {
+    pub(crate) image: Array3<f32>,
+    pub(crate) camera: KnownCamera,
+}
+
+impl Full {
+    /// `(height, width)`.
+    pub(crate) fn size(&self) -> (usize, usize) {
+        let (height, width, _) = self.image.dim();
+        (height, width)
+    }
 }
 
 /// The photograph that is refined.
@@ -81,7 +100,11 @@ impl Job {
     pub(crate) fn run(self, folder: &OutputFolder, progress: &mut Progress) -> Result<()> {
         let mut kept = None;
         let prior = Timed::new(&*self.prior.prior);
-        let stages = Stages::new(&prior).with_field(|request| {
+        let mut stages = Stages::new(&prior);
+        if let Some(budget) = self.budget {
+            stages = stages.with_budget(budget);
+        }
+        let stages = stages.with_field(|request| {
             let field = Box::new(kept.insert(SharedNerf::new(request.nerf()?)).clone());
             Ok(match &self.recording {
                 Some(recording) => recording.watch(request.iteration + 1, self.capture.is_none(), field),
@@ -110,7 +133,7 @@ impl Job {
         };
         let mut observe = |event: &Event| progress.observe(event);
         let image = self.image.view();
-        let refinement = match &self.capture {
+        let mut refinement = match &self.capture {
             Some(capture) => refine_capture(capture, stages, &self.config, &mut observe)?,
             None => resume(image, &self.camera.camera, stages, &self.config, from, &mut keep, &mut observe)?,
         };
@@ -120,7 +143,12 @@ impl Job {
             );
         }
         let reference = self.capture.as_ref().map_or(0, |capture| capture.reference);
-        let subject = Subject { input: &self.input, image, camera: self.camera.clone() };
+        let mut subject = Subject { input: &self.input, image, camera: self.camera.clone() };
+        if let Some(full) = &self.full {
+            progress.step("to the photograph's own size");
+            refinement = refinement.upsampled(image, full.image.view())?;
+            (subject.image, subject.camera) = (full.image.view(), full.camera.clone());
+        }
         let mut done = self.finished(subject, refinement, reference, progress)?;
         done.prior_seconds = prior.seconds();
         let table = done.scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
@@ -319,7 +347,12 @@ impl Job {
                 .map(|truth| truth.depth.view()),
         };
         write_rgb_png(folder.join("preview.png"), preview(&show).pixels())?;
-        mde_prior::write_atomic(&folder.join("config.toml"), self.config.to_toml()?.as_bytes())?;
+        let mut config = self.config.clone();
+        if self.budget.is_some() {
+            // The clock chose the number; with it the run repeats.
+            config.augmentation.predictions = Predictions::Most(refinement.augmentation.predictions as u32);
+        }
+        mde_prior::write_atomic(&folder.join("config.toml"), config.to_toml()?.as_bytes())?;
         write_image(folder.join("image.png"), subject.image)?;
         if let Some((capture, report)) = self.capture.as_ref().zip(refinement.capture.as_ref()) {
             several::write(folder, capture, report, self.keep_photographs)?;

@@ -154,7 +154,9 @@ impl Progress {
             // These two get a bar at their first event.
             Mode::Bars if matches!(stage, Stage::Fit | Stage::Render) => {}
             // The prior's stage comes before the loop.
-            Mode::Bars | Mode::Lines if stage == Stage::Prior => self.line(stage.name()),
+            Mode::Bars | Mode::Lines if matches!(stage, Stage::Prior | Stage::Merge) => {
+                self.line(stage.name())
+            }
             Mode::Bars | Mode::Lines => self.line(&format!("iteration {index}/{all}: {}", stage.name())),
         }
     }

@@ -1,0 +1,175 @@
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// Number of predictions of the augmentation: `"auto"`, or an upper bound.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(try_from = "Repr", into = "Repr")]
+pub enum Predictions {
+    /// As many as the sizes of image and model make worthwhile; see [`Plan`].
+    #[default]
+    Auto,
+    /// At most so many, 1 or more.
+    Most(u32),
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum Repr {
+    Most(u32),
+    Auto(String),
+}
+
+impl TryFrom<Repr> for Predictions {
+    type Error = String;
+
+    fn try_from(repr: Repr) -> Result<Self, String> {
+        match repr {
+            Repr::Most(most @ 1..) => Ok(Self::Most(most)),
+            Repr::Most(0) => Err("give \"auto\", or 1 or more predictions".to_owned()),
+            Repr::Auto(text) => text.parse(),
+        }
+    }
+}
+
+impl From<Predictions> for Repr {
+    fn from(predictions: Predictions) -> Self {
+        match predictions {
+            Predictions::Auto => Self::Auto("auto".to_owned()),
+            Predictions::Most(most) => Self::Most(most),
+        }
+    }
+}
+
+impl std::str::FromStr for Predictions {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match (text, text.parse()) {
+            ("auto", _) => Ok(Self::Auto),
+            (_, Ok(most @ 1..)) => Ok(Self::Most(most)),
+            _ => Err(format!("{text:?} is no number of predictions; give \"auto\", or 1 or more")),
+        }
+    }
+}
+
+/// The images that are predicted: the whole image, crops level by level, and with `mirror` the mirror image of each.
+///
+/// Level `n` has n x n crops whose sides are 2 / (n + 1) of the image's, so that neighbours overlap by half. A crop shows the model
+/// more than the whole image does only where the image has the pixels for it: with \\(r\\) the geometric mean of the ratios of the
+/// image's sides to the model's [input](crate::DepthPrior::resolution), that is for \\(2/(n+1) \ge 1/r\\). Without a known
+/// input \\(r = 2.5\\). Plans grow by 1, 2, 5, 10, 14, 28, 60, 110, ... predictions: mirror images of all before level 4.
+///
+/// [`Predictions::Auto`] takes the largest plan whose predictions have at most five times the pixels of the image in all, of 2 to 60
+/// predictions. It ends at a level that moves the map by less (root mean square) than its predictions differ among themselves.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Plan {
+    /// Whether the mirror image of every image is predicted too.
+    pub mirror: bool,
+    /// `n` of each level, from wide to narrow.
+    pub levels: Vec<usize>,
+    /// \\(r\\), where the model's input is known.
+    pub ratio: Option<f64>,
+}
+
+/// \\(r\\) where the input's size is unknown.
+const USUAL_RATIO: f64 = 2.5;
+/// Most pixels that [`Predictions::Auto`] predicts, as a multiple of the image's.
+const MOST_PIXELS: f64 = 5.0;
+/// Most predictions of [`Predictions::Auto`].
+const MOST: usize = 60;
+/// Last level of a plan without mirror images: from there on they are worth more than another level.
+const LAST_PLAIN: usize = 3;
+
+impl Plan {
+    /// The plan for an image of `(height, width)` that the model takes at `input`.
+    #[must_use]
+    pub fn new(predictions: Predictions, image: (usize, usize), input: Option<(usize, usize)>) -> Self {
+        let known = input.map(|input| {
+            let side = |image: usize, input: usize| image as f64 / input.max(1) as f64;
+            (side(image.0, input.0) * side(image.1, input.1)).sqrt()
+        });
+        let ratio = known.unwrap_or(USUAL_RATIO);
+        let most = match predictions {
+            Predictions::Auto => ((MOST_PIXELS * ratio * ratio) as usize).clamp(2, MOST),
+            Predictions::Most(most) => most as usize,
+        };
+        // More crops than pixels along an axis would repeat themselves; more than 2^20 in all are never predicted.
+        let finest = ((2.0 * ratio - 1.0) as usize).min(image.0.min(image.1)).min(128);
+        Self { mirror: true, levels: (2..=finest).collect(), ratio: known }.at_most(most)
+    }
+
+    /// The plan cut to what fits into `budget` after a first prediction that took `first`, with `at_once` predictions at once.
+    #[must_use]
+    pub fn within(&self, budget: Duration, first: Duration, at_once: usize) -> Self {
+        let rest = budget.saturating_sub(first).as_secs_f64() / first.as_secs_f64().max(1e-9);
+        self.at_most(1 + (rest * at_once as f64) as usize)
+    }
+
+    /// The plan without its last levels, or without mirror images, so that it has at most `predictions`.
+    #[must_use]
+    pub fn at_most(&self, predictions: usize) -> Self {
+        let plan =
+            |mirror, levels| Self { mirror, levels: self.levels[..levels].to_vec(), ratio: self.ratio };
+        let all = (0..=self.levels.len()).flat_map(|n| [plan(false, n), plan(self.mirror, n)]);
+        let worthwhile = all.filter(|plan| plan.mirror || plan.levels.iter().all(|n| *n <= LAST_PLAIN));
+        let fitting = worthwhile.filter(|plan| plan.predictions() <= predictions);
+        fitting.max_by_key(Self::predictions).unwrap_or_else(|| plan(false, 0))
+    }
+
+    /// Number of predictions.
+    #[must_use]
+    pub fn predictions(&self) -> usize {
+        let crops: usize = self.levels.iter().map(|n| n * n).sum();
+        (1 + crops) * if self.mirror { 2 } else { 1 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn predictions(most: u32, image: (usize, usize), input: usize) -> usize {
+        Plan::new(Predictions::Most(most), image, Some((input, input))).predictions()
+    }
+
+    #[test]
+    fn crops_are_predicted_where_they_show_the_model_more() {
+        let auto = |image, input| Plan::new(Predictions::Auto, image, Some(input));
+        // FastDepth, a network of 48 x 48, and Depth Anything, whose input has more pixels than the image.
+        assert_eq!(auto((480, 640), (224, 224)).levels, [2, 3]);
+        assert_eq!(auto((480, 640), (224, 224)).predictions(), 28);
+        assert_eq!(auto((480, 640), (48, 48)).predictions(), 60);
+        assert_eq!(
+            (auto((480, 640), (518, 686)).mirror, auto((480, 640), (518, 686)).predictions()),
+            (true, 2)
+        );
+        assert_eq!(auto((1060, 1414), (518, 686)).levels, [2, 3]);
+        assert_eq!(Plan::new(Predictions::Auto, (480, 640), None).levels, [2, 3]);
+        let steps = [1, 2, 4, 5, 10, 14, 27, 28, 59, 60, 120].map(|most| predictions(most, (960, 960), 96));
+        assert_eq!(steps, [1, 2, 2, 5, 10, 14, 14, 28, 28, 60, 110]);
+    }
+
+    #[test]
+    fn a_budget_cuts_the_plan() {
+        let plan = Plan::new(Predictions::Auto, (480, 640), Some((224, 224)));
+        let seconds = Duration::from_secs;
+        assert_eq!(plan.within(seconds(100), seconds(1), 1), plan);
+        assert_eq!(plan.within(seconds(6), seconds(1), 1).predictions(), 5);
+        assert_eq!(plan.within(seconds(6), seconds(1), 2).predictions(), 10);
+        assert_eq!(plan.within(seconds(1), seconds(2), 2).predictions(), 1);
+    }
+
+    proptest! {
+        /// The number of predictions of a plan, as an upper bound, gives the plan again: a run repeats from its record.
+        #[test]
+        fn a_plan_repeats_from_its_number(height in 1..3000_usize, width in 1..3000_usize, input in 1..800_usize, most in 1..300_u32, cut in 1..300_usize) {
+            for wanted in [Predictions::Auto, Predictions::Most(most)] {
+                let plan = Plan::new(wanted, (height, width), Some((input, input))).at_most(cut);
+                prop_assert!(plan.predictions() <= cut.max(1));
+                let again = Plan::new(Predictions::Most(plan.predictions() as u32), (height, width), Some((input, input)));
+                prop_assert_eq!(plan, again);
+            }
+        }
+    }
+}
