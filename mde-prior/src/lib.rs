@@ -13,7 +13,8 @@
 //! | [`augment`] | test-time augmentation | |
 //! | [`resample`] | resizing of maps | |
 //! | `format`, `photo` | depth-map files and photographs | `io` (default) |
-//! | `OnnxPrior` | networks in ONNX files | `onnx` |
+//! | `OnnxPrior` | networks in ONNX files, run by tract | `onnx` |
+//! | `Runtime`, `find_onnxruntime` | ONNX Runtime in the place of tract | `onnxruntime` |
 #![cfg_attr(
     feature = "io",
     doc = r#"
@@ -44,8 +45,10 @@ mod prior;
 
 pub use augment::{AugmentationConfig, Augmented};
 pub use error::{Error, Result};
+#[cfg(feature = "onnxruntime")]
+pub use inference::find_library as find_onnxruntime;
 #[cfg(feature = "onnx")]
-pub use inference::OnnxPrior;
+pub use inference::{OnnxPrior, Runtime};
 pub use io::resample;
 #[cfg(feature = "io")]
 pub use io::{format, photo, write_atomic};

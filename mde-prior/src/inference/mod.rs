@@ -1,5 +1,12 @@
 //! Networks that run in this process.
 
+mod graph;
 mod onnx;
+#[cfg(feature = "onnxruntime")]
+mod onnxruntime;
+mod runtime;
+mod tract;
 
-pub use onnx::OnnxPrior;
+pub use onnx::{OnnxPrior, Runtime};
+#[cfg(feature = "onnxruntime")]
+pub use onnxruntime::find_library;

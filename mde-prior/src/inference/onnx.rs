@@ -1,11 +1,12 @@
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
 
 use ndarray::{Array2, Array3, ArrayView3, Axis, stack};
-use tract_onnx::prelude::*;
-use tract_onnx::tract_hir::infer::Factoid as _;
-use tract_onnx::tract_hir::internal::DimLike as _;
 
+use super::graph::{Graph, Output, fixed_size};
+#[cfg(feature = "onnxruntime")]
+use super::onnxruntime::OnnxRuntimeGraph;
+use super::runtime::{call, model_error};
+use super::tract::TractGraph;
 use crate::resample::resize;
 use crate::spec::{Channels, Layout, ModelSpec};
 use crate::{DepthPrior, Error, PriorDepth, Result};
@@ -14,13 +15,29 @@ use crate::{DepthPrior, Error, PriorDepth, Result};
 const MAX_INPUT_PIXELS: usize = 1 << 24;
 /// The largest ratio between the aspects of output and input.
 const MAX_STRETCH: f64 = 1.5;
-/// Plans that are kept: each has a copy of the weights. Crops of one image need one or two input sizes.
-const KEPT_PLANS: usize = 2;
+/// What runs a network.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub enum Runtime {
+    /// tract, which is part of the program. Several predictions run at once, each on one thread.
+    #[default]
+    Tract,
+    /// ONNX Runtime, the library in that file. One prediction runs at a time, on all threads.
+    #[cfg(feature = "onnxruntime")]
+    OnnxRuntime(PathBuf),
+}
+
+impl std::fmt::Display for Runtime {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Tract => f.write_str("tract"),
+            #[cfg(feature = "onnxruntime")]
+            Self::OnnxRuntime(library) => write!(f, "ONNX Runtime ({})", library.display()),
+        }
+    }
+}
 
 /// A network in an ONNX file, run on the CPU.
-///
-/// The graph is optimised for a concrete input size, since graphs that compute sizes from symbolic shapes do not run. The plans of
-/// the latest sizes are kept.
 ///
 /// ```no_run
 /// use mde_prior::{DepthPrior, ModelSpec, OnnxPrior, photo};
@@ -33,15 +50,16 @@ const KEPT_PLANS: usize = 2;
 pub struct OnnxPrior {
     path: PathBuf,
     spec: ModelSpec,
-    model: InferenceModel,
+    graph: Box<dyn Graph>,
+    /// Index of the output.
+    output: usize,
     /// `(height, width)` where the model has them fixed.
     fixed: (Option<usize>, Option<usize>),
-    /// The latest plans, by input size.
-    plans: Mutex<Vec<((usize, usize), Plan)>>,
+    /// Files of weights outside the ONNX file.
+    external: Vec<PathBuf>,
+    runtime: Runtime,
     concurrency: usize,
 }
-
-type Plan = Arc<TypedRunnableModel>;
 
 impl std::fmt::Debug for OnnxPrior {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -54,35 +72,53 @@ impl std::fmt::Debug for OnnxPrior {
 }
 
 impl OnnxPrior {
-    /// Loads a model and checks that its input is one image of three channels.
+    /// Loads a model for [`Runtime::Tract`] and checks that its input is one image of three channels.
     ///
     /// # Errors
     /// [`Error::Read`] when there is no such file, [`Error::Model`] when it is no model for images, [`Error::Config`]
     /// when the specification is out of range.
     pub fn open(path: impl AsRef<Path>, spec: &ModelSpec) -> Result<Self> {
+        Self::open_with(path, spec, &Runtime::Tract)
+    }
+
+    /// As [`open`](Self::open), for any runtime.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open), and [`Error::Model`] where the runtime's library can't be loaded.
+    pub fn open_with(path: impl AsRef<Path>, spec: &ModelSpec, runtime: &Runtime) -> Result<Self> {
         let path = path.as_ref();
         spec.validate()?;
         let length = std::fs::metadata(path).map_err(|e| Error::read(path, e))?.len();
         if length == 0 {
             return Err(model_error(path, "the file is empty; copy the model again"));
         }
-        let mut model =
-            tract_onnx::onnx().with_ignore_output_shapes(true).model_for_path(path).map_err(|e| {
-                model_error(path, format!("the ONNX model cannot be run ({}); export it again", one_line(&e)))
-            })?;
-        if let Some(name) = &spec.output_name {
-            model.select_outputs_by_name([name]).map_err(|e| {
-                model_error(path, format!("no output {name:?} ({}); check output-name", one_line(&e)))
-            })?;
-        }
-        let fixed = fixed_size(&model, spec.layout).map_err(|reason| model_error(path, reason))?;
-        Ok(Self {
-            path: path.to_owned(),
-            spec: spec.clone(),
-            model,
-            fixed,
-            plans: Mutex::default(),
-            concurrency: usize::MAX,
+        call(path, || {
+            let fault = |reason: String| model_error(path, reason);
+            let (graph, external): (Box<dyn Graph>, _) = match runtime {
+                Runtime::Tract => {
+                    let (graph, external) = TractGraph::open(path).map_err(fault)?;
+                    (Box::new(graph), external)
+                }
+                #[cfg(feature = "onnxruntime")]
+                Runtime::OnnxRuntime(library) => {
+                    let external = super::runtime::external_files(path).map_err(fault)?;
+                    (Box::new(OnnxRuntimeGraph::open(path, library).map_err(fault)?), external)
+                }
+            };
+            let output = match &spec.output_name {
+                None => 0,
+                Some(name) => {
+                    let names = || graph.outputs().iter().map(|port| port.name.as_str());
+                    names().position(|other| other == name).ok_or_else(|| {
+                        let names = names().collect::<Vec<_>>().join(", ");
+                        fault(format!("no output {name:?}, but {names}; check output-name"))
+                    })?
+                }
+            };
+            let fixed = fixed_size(&*graph, spec.layout).map_err(fault)?;
+            let (path, spec, concurrency) = (path.to_owned(), spec.clone(), graph.concurrency());
+            let runtime = runtime.clone();
+            Ok(Self { path, spec, graph, output, fixed, external, runtime, concurrency })
         })
     }
 
@@ -95,11 +131,22 @@ impl OnnxPrior {
         Self::open(path, &spec)
     }
 
+    /// The files with the network's weights: the ONNX file, then those that it names.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        std::iter::once(&self.path).chain(&self.external).map(PathBuf::as_path)
+    }
+
     /// At most `predictions` (1 or more) at once; without, as many as there are threads. Each needs the memory of its activations.
     #[must_use]
     pub fn with_concurrency(mut self, predictions: usize) -> Self {
-        self.concurrency = predictions.max(1);
+        self.concurrency = self.graph.concurrency().min(predictions.max(1));
         self
+    }
+
+    /// What runs the network.
+    #[must_use]
+    pub fn runtime(&self) -> &Runtime {
+        &self.runtime
     }
 
     /// The specification in use.
@@ -136,19 +183,12 @@ impl OnnxPrior {
                 size.1, size.0
             )));
         }
-        let input = self.tensor(image, size)?;
-        let outputs = self.plan(size)?.run(tvec!(input.into())).map_err(|e| {
-            self.error(format!(
-                "the model fails at {}x{} ({}); check its input size",
-                size.1,
-                size.0,
-                one_line(&e)
-            ))
-        })?;
-        let output = outputs
-            .first()
-            .ok_or_else(|| self.error("the model has no output; export it again".to_owned()))?;
-        self.map(output, size)
+        call(&self.path, || {
+            let values = self.values(image, size)?;
+            let shape = input_shape(self.spec.layout, size);
+            let output = self.graph.run(shape, values, self.output).map_err(|reason| self.error(reason))?;
+            self.map(output, size)
+        })
     }
 
     fn error(&self, reason: String) -> Error {
@@ -156,7 +196,7 @@ impl OnnxPrior {
     }
 
     /// The image at the input's size, normalised and in the input's order of axes and channels.
-    fn tensor(&self, image: ArrayView3<'_, f32>, size: (usize, usize)) -> Result<Tensor> {
+    fn values(&self, image: ArrayView3<'_, f32>, size: (usize, usize)) -> Result<Vec<f32>> {
         let order = match self.spec.channels {
             Channels::Rgb => [0, 1, 2],
             Channels::Bgr => [2, 1, 0],
@@ -171,40 +211,11 @@ impl OnnxPrior {
         };
         let views = planes.each_ref().map(|p| p.view());
         let stacked: Array3<f32> = stack(axis, &views).map_err(|e| self.error(e.to_string()))?;
-        let values: Vec<f32> = stacked.iter().copied().collect();
-        Tensor::from_shape(&input_shape(self.spec.layout, size), &values)
-            .map_err(|e| self.error(one_line(&e)))
+        Ok(stacked.iter().copied().collect())
     }
 
-    fn plan(&self, size: (usize, usize)) -> Result<Plan> {
-        // A plan is stored whole, so it is valid even if another thread panicked.
-        let mut plans = self.plans.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, plan)) = plans.iter().find(|(for_size, _)| *for_size == size) {
-            return Ok(Arc::clone(plan));
-        }
-        let fact = InferenceFact::from(f32::fact(input_shape(self.spec.layout, size)));
-        let plan = self
-            .model
-            .clone()
-            .with_input_fact(0, fact)
-            .and_then(|model| model.into_optimized()?.into_runnable())
-            .map_err(|e| {
-                self.error(format!(
-                    "the model takes no {}x{} input ({}); check its input size",
-                    size.1,
-                    size.0,
-                    one_line(&e)
-                ))
-            })?;
-        if plans.len() == KEPT_PLANS {
-            plans.remove(0);
-        }
-        plans.push((size, Arc::clone(&plan)));
-        Ok(plan)
-    }
-
-    fn map(&self, output: &Tensor, input: (usize, usize)) -> Result<Array2<f32>> {
-        let sides: Vec<usize> = output.shape().iter().copied().filter(|&n| n != 1).collect();
+    fn map(&self, output: Output, input: (usize, usize)) -> Result<Array2<f32>> {
+        let sides: Vec<usize> = output.shape.iter().copied().filter(|&n| n != 1).collect();
         // A depth map has the input's aspect; features and class scores do not.
         let covers = |height: usize, width: usize| {
             let stretch = (height * input.1) as f64 / (width * input.0) as f64;
@@ -215,17 +226,14 @@ impl OnnxPrior {
             _ => {
                 return Err(self.error(format!(
                     "the output's shape is {:?}, not a depth map; check the model, or name another output with output-name",
-                    output.shape()
+                    output.shape
                 )));
             }
         };
-        let output = output.cast_to::<f32>().map_err(|e| self.error(one_line(&e)))?;
-        let values = output.to_plain_array_view::<f32>().map_err(|e| self.error(one_line(&e)))?;
-        if let Some(value) = values.iter().find(|v| !v.is_finite()) {
+        if let Some(value) = output.values.iter().find(|v| !v.is_finite()) {
             return Err(self.error(format!("the output holds {value}; check mean, std and channels")));
         }
-        Array2::from_shape_vec((height, width), values.iter().copied().collect())
-            .map_err(|e| self.error(e.to_string()))
+        Array2::from_shape_vec((height, width), output.values).map_err(|e| self.error(e.to_string()))
     }
 }
 
@@ -262,49 +270,5 @@ fn input_shape(layout: Layout, (height, width): (usize, usize)) -> [usize; 4] {
     match layout {
         Layout::Nchw => [1, 3, height, width],
         Layout::Nhwc => [1, height, width, 3],
-    }
-}
-
-/// Height and width where the model's input has them fixed; an error when the input is no image of three channels.
-fn fixed_size(model: &InferenceModel, layout: Layout) -> Result<(Option<usize>, Option<usize>), String> {
-    let inputs = model.input_outlets().map_err(|e| one_line(&e))?;
-    if inputs.len() != 1 || model.output_outlets().map_err(|e| one_line(&e))?.is_empty() {
-        return Err(format!("the model has {} inputs; give a model with one, an image", inputs.len()));
-    }
-    let fact = model.input_fact(0).map_err(|e| one_line(&e))?;
-    if let Some(kind) = fact.datum_type.concretize().filter(|kind| *kind != f32::datum_type()) {
-        return Err(format!("the input is {kind:?}; export the model with float32 input"));
-    }
-    let Some(rank) = fact.shape.rank().concretize() else { return Ok((None, None)) };
-    if rank != 4 {
-        return Err(format!("the input has {rank} axes; export it with 4, [1, 3, height, width]"));
-    }
-    let side = |axis| fact.shape.dim(axis).and_then(|d| d.concretize()).and_then(|d| d.to_usize().ok());
-    let (channel, height, width) = match layout {
-        Layout::Nchw => (1, 2, 3),
-        Layout::Nhwc => (3, 1, 2),
-    };
-    match (side(0), side(channel)) {
-        (Some(batch), _) if batch != 1 => {
-            Err(format!("the input takes {batch} images at once; export it for 1"))
-        }
-        (_, Some(channels)) if channels != 3 => {
-            Err(format!("axis {channel} of the input has {channels} channels, not 3; check layout"))
-        }
-        _ => Ok((side(height), side(width))),
-    }
-}
-
-fn model_error(path: &Path, reason: impl Into<String>) -> Error {
-    Error::Model { path: path.to_owned(), reason: reason.into() }
-}
-
-/// tract's chain of errors in one line.
-fn one_line(error: &TractError) -> String {
-    let text = format!("{error:#}");
-    let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
-    match line.char_indices().nth(240) {
-        Some((end, _)) => format!("{} ...", &line[..end]),
-        None => line,
     }
 }

@@ -256,7 +256,7 @@ Examples:
   mde doctor
   mde doctor --prior-model dpt_large.onnx
 
-A model is run on a procedural room, and its prediction is compared with the exact depth.")]
+A model is timed with every runtime that is found, and its predictions of procedural rooms are compared with the exact depth.")]
 pub(crate) struct DoctorArgs {
     /// A monocular depth network to check
     #[arg(long, value_name = "MODEL.onnx")]
@@ -264,6 +264,10 @@ pub(crate) struct DoctorArgs {
     /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else guessed from its name
     #[arg(long, value_name = "NAME", requires = "prior_model")]
     pub(crate) model_profile: Option<String>,
+    /// ONNX Runtime's library, timed beside tract; else ORT_DYLIB_PATH, else beside this program, else in the active Python
+    #[cfg(feature = "onnxruntime")]
+    #[arg(long, value_name = "LIBRARY", requires = "prior_model")]
+    pub(crate) onnxruntime: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
@@ -309,6 +313,34 @@ pub(crate) struct PriorArgs {
     /// Encoding of depths in PNG files
     #[arg(long, value_enum, default_value = "plain", conflicts_with = "prior_model")]
     pub(crate) prior_encoding: EncodingName,
+    #[command(flatten)]
+    pub(crate) runtime: RuntimeArgs,
+}
+
+/// What runs a model.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Prior")]
+pub(crate) struct RuntimeArgs {
+    /// What runs the model
+    #[cfg(feature = "onnxruntime")]
+    #[arg(long, value_enum, default_value = "tract")]
+    pub(crate) runtime: RuntimeName,
+    /// ONNX Runtime's library; else ORT_DYLIB_PATH, else beside this program, else in the active Python's package onnxruntime
+    #[cfg(feature = "onnxruntime")]
+    #[arg(long, value_name = "LIBRARY")]
+    pub(crate) onnxruntime: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+#[cfg(feature = "onnxruntime")]
+pub(crate) enum RuntimeName {
+    /// ONNX Runtime where its library is found, else tract
+    Auto,
+    /// tract, part of this program
+    #[default]
+    Tract,
+    /// ONNX Runtime
+    Onnxruntime,
 }
 
 #[derive(Debug, Clone, Args)]

@@ -50,8 +50,13 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         Preset::MultiView => several::scene(args.size, &mut config, &mut progress)?,
         _ => single::scene(args.size, own_settings, &mut config, &mut progress)?,
     };
-    let origin =
-        PriorOrigin { kind: scene.kind, source: "simulated".to_owned(), model: None, model_hash: None };
+    let origin = PriorOrigin {
+        kind: scene.kind,
+        source: "simulated".to_owned(),
+        model: None,
+        runtime: None,
+        model_hash: None,
+    };
     let job = Job {
         command: "demo",
         input: format!("{ROOM}, seed {}", config.seed),

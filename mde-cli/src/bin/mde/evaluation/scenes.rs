@@ -1,6 +1,6 @@
 //! Scenes with the monocular depth that every method starts from.
 
-use crate::args::{DataArgs, EncodingName, EvalPriorArgs, FaultName, PriorArgs, PriorSource};
+use crate::args::{DataArgs, EncodingName, EvalPriorArgs, FaultName, PriorArgs, PriorSource, RuntimeArgs};
 use crate::input::prior::NamedPrior;
 use anyhow::{Context, Result, bail};
 use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Fallback, Options, Sample, SunDepth};
@@ -99,6 +99,7 @@ impl PriorPlan {
             prior_kind: args.prior_kind,
             png_scale: args.png_scale,
             prior_encoding: EncodingName::Plain,
+            runtime: RuntimeArgs::default(),
         };
         let rooms = kind == DataSetKind::Rooms;
         let procedural = rooms || kind == DataSetKind::Captures;

@@ -1,6 +1,8 @@
 //! The monocular depth that the command line names.
 
 use crate::args::PriorArgs;
+#[cfg(feature = "onnx")]
+use crate::args::RuntimeArgs;
 use crate::input::opened::Opened;
 use anyhow::{Result, ensure};
 use mde_prior::format::{Encoding, ReadOptions};
@@ -26,6 +28,9 @@ pub(crate) struct PriorOrigin {
     pub(crate) source: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) model: Option<ModelSpec>,
+    /// What ran the model.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) runtime: Option<String>,
     /// Identifies the model's file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) model_hash: Option<String>,
@@ -54,7 +59,7 @@ impl NamedPrior {
         let options = read_options("--png-scale", args.png_scale, args.prior_encoding.into())?;
         let prior = Box::new(FilePrior::with_options(path, kind, &options)?);
         let source = path.display().to_string();
-        let origin = PriorOrigin { kind, source, model: None, model_hash: None };
+        let origin = PriorOrigin { kind, source, model: None, runtime: None, model_hash: None };
         Ok(Self { prior, origin })
     }
 
@@ -73,12 +78,13 @@ impl NamedPrior {
             spec.output = kind;
             spec.output_floor = spec.output_floor.filter(|_| kind.is_depth());
         }
-        let prior = Box::new(OnnxPrior::open(path, &spec)?);
+        let prior = Box::new(OnnxPrior::open_with(path, &spec, &runtime(&args.runtime)?)?);
         let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
         let origin = PriorOrigin {
             kind: spec.output,
             source: path.display().to_string(),
             model: Some(spec),
+            runtime: Some(prior.runtime().to_string()),
             model_hash: Some(hash(&bytes)),
         };
         Ok(Self { prior, origin })
@@ -91,6 +97,30 @@ impl NamedPrior {
             "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"
         )
     }
+}
+
+/// What runs the model.
+#[cfg(feature = "onnx")]
+pub(crate) fn runtime(args: &RuntimeArgs) -> Result<mde_prior::Runtime> {
+    #[cfg(feature = "onnxruntime")]
+    {
+        use crate::args::RuntimeName;
+        let named = args.onnxruntime.as_deref();
+        if args.runtime == RuntimeName::Tract && named.is_none() {
+            return Ok(mde_prior::Runtime::Tract);
+        }
+        if let Some(library) = mde_prior::find_onnxruntime(named) {
+            return Ok(mde_prior::Runtime::OnnxRuntime(library));
+        }
+        ensure!(
+            args.runtime == RuntimeName::Auto,
+            "--runtime onnxruntime: no library of ONNX Runtime was found; install it (pip install onnxruntime), or give its path with \
+             --onnxruntime or ORT_DYLIB_PATH"
+        );
+    }
+    #[cfg(not(feature = "onnxruntime"))]
+    let _ = args;
+    Ok(mde_prior::Runtime::Tract)
 }
 
 /// A prior of the image's original size, resampled to the working size.

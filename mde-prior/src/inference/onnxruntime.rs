@@ -1,0 +1,158 @@
+//! Networks run by ONNX Runtime, a library that is loaded when it is asked for.
+
+use super::graph::{Graph, Output, Port};
+use ort::session::{Session, SessionInputValue};
+use ort::value::{Outlet, Tensor, TensorElementType, ValueType};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+/// One prediction at a time, on all threads.
+pub(super) struct OnnxRuntimeGraph {
+    session: Mutex<Session>,
+    inputs: Vec<Port>,
+    outputs: Vec<Port>,
+}
+
+impl OnnxRuntimeGraph {
+    /// The graph in the file `path`, with the `library` (`libonnxruntime.so`, `.dylib`, `.dll`). A process loads one library.
+    pub(super) fn open(path: &Path, library: &Path) -> Result<Self, String> {
+        let failed =
+            |e: ort::Error| format!("ONNX Runtime cannot run the model ({}); export it again", line(&e));
+        let environment = ort::init_from(library)
+            .map_err(|e| format!("{}; give the path of ONNX Runtime's library", line(&e)))?
+            .build()
+            .map_err(failed)?;
+        let threads = rayon::current_num_threads();
+        let session = Session::builder(&environment)
+            .and_then(|builder| builder.with_intra_threads(threads).map_err(ort::Error::from))
+            .and_then(|mut builder| builder.commit_from_file(path))
+            .map_err(failed)?;
+        let ports = |outlets: &[Outlet]| outlets.iter().map(port).collect();
+        let (inputs, outputs) = (ports(session.inputs()), ports(session.outputs()));
+        Ok(Self { session: Mutex::new(session), inputs, outputs })
+    }
+}
+
+impl Graph for OnnxRuntimeGraph {
+    fn inputs(&self) -> &[Port] {
+        &self.inputs
+    }
+
+    fn outputs(&self) -> &[Port] {
+        &self.outputs
+    }
+
+    fn run(&self, shape: [usize; 4], values: Vec<f32>, output: usize) -> Result<Output, String> {
+        let failed =
+            |e: ort::Error| format!("the model fails at {shape:?} ({}); check its input size", line(&e));
+        let missing = || "the model has no output; export it again".to_owned();
+        let image = Tensor::from_array((shape.map(|side| side as i64), values)).map_err(failed)?;
+        let name = self.inputs.first().map(|port| port.name.clone()).unwrap_or_default();
+        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        let inputs: Vec<(String, SessionInputValue<'_>)> = vec![(name, image.into())];
+        let outputs = session.run(inputs).map_err(failed)?;
+        let name = &self.outputs.get(output).ok_or_else(missing)?.name;
+        let (shape, values) =
+            outputs.get(name).ok_or_else(missing)?.try_extract_tensor::<f32>().map_err(failed)?;
+        let shape = shape.iter().map(|side| usize::try_from(*side).unwrap_or(0)).collect();
+        Ok(Output { shape, values: values.to_vec() })
+    }
+
+    fn concurrency(&self) -> usize {
+        1
+    }
+}
+
+fn port(outlet: &Outlet) -> Port {
+    let (kind, sides) = match outlet.dtype() {
+        ValueType::Tensor { ty, shape, .. } => {
+            (Some(*ty), Some(shape.iter().map(|side| usize::try_from(*side).ok()).collect()))
+        }
+        _ => (None, None),
+    };
+    let other_type = match kind {
+        Some(TensorElementType::Float32) => None,
+        Some(kind) => Some(format!("{kind:?}")),
+        None => Some("no tensor".to_owned()),
+    };
+    Port { name: outlet.name().to_owned(), sides, other_type }
+}
+
+fn line(error: &dyn std::fmt::Display) -> String {
+    super::runtime::shortened(&error.to_string())
+}
+
+/// ONNX Runtime's library: `named`, else the environment's `ORT_DYLIB_PATH`, else beside the program, else in the `onnxruntime` package
+/// of the active Python (`VIRTUAL_ENV`, `CONDA_PREFIX`, or that of `python3`).
+#[must_use]
+pub fn find_library(named: Option<&Path>) -> Option<PathBuf> {
+    if let Some(named) = named {
+        return Some(named.to_owned());
+    }
+    let from_environment = std::env::var_os("ORT_DYLIB_PATH").filter(|path| !path.is_empty());
+    if let Some(path) = from_environment {
+        return Some(path.into());
+    }
+    let program = std::env::current_exe().ok();
+    let beside = program.as_deref().and_then(Path::parent).and_then(library_in);
+    beside.or_else(|| {
+        python_packages().iter().find_map(|packages| library_in(&packages.join("onnxruntime/capi")))
+    })
+}
+
+/// The library in a folder: the first by name of those that are it, with or without a version.
+fn library_in(folder: &Path) -> Option<PathBuf> {
+    let names = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        name.starts_with("libonnxruntime.so")
+            || (name.starts_with("libonnxruntime") && name.ends_with(".dylib"))
+            || name == "onnxruntime.dll"
+    };
+    let mut found: Vec<PathBuf> =
+        std::fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path()).collect();
+    found.retain(names);
+    found.sort();
+    found.into_iter().next()
+}
+
+/// Folders of the active Python's packages.
+fn python_packages() -> Vec<PathBuf> {
+    let roots = ["VIRTUAL_ENV", "CONDA_PREFIX"].iter().filter_map(std::env::var_os).map(PathBuf::from);
+    let in_root = |root: PathBuf| {
+        let versions = std::fs::read_dir(root.join("lib")).into_iter().flatten().flatten();
+        versions.map(|entry| entry.path().join("site-packages")).filter(|path| path.is_dir())
+    };
+    let mut folders: Vec<PathBuf> = roots.flat_map(in_root).collect();
+    folders.sort();
+    let script = "import site, sys; print('\\n'.join(site.getsitepackages() + [site.getusersitepackages()]))";
+    if let Ok(output) = std::process::Command::new("python3").args(["-c", script]).output() {
+        folders.extend(String::from_utf8_lossy(&output.stdout).lines().map(PathBuf::from));
+    }
+    folders
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_library_is_found_by_its_name_with_or_without_a_version() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(library_in(folder.path()), None);
+        std::fs::write(folder.path().join("onnxruntime_pybind11_state.so"), "").unwrap();
+        assert_eq!(library_in(folder.path()), None);
+        let library = folder.path().join("libonnxruntime.so.1.31.1");
+        std::fs::write(&library, "").unwrap();
+        assert_eq!(library_in(folder.path()), Some(library));
+        assert_eq!(find_library(Some(Path::new("mine.so"))), Some(PathBuf::from("mine.so")));
+    }
+
+    #[test]
+    fn another_file_is_no_library() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("libonnxruntime.so");
+        std::fs::write(&file, "no library").unwrap();
+        let error = OnnxRuntimeGraph::open(Path::new("net.onnx"), &file).map(|_| ()).unwrap_err();
+        assert!(error.contains("libonnxruntime.so") && error.contains("give the path"), "{error}");
+    }
+}
