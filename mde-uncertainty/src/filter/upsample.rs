@@ -33,6 +33,8 @@ pub struct JointUpsampling<'g> {
     small: &'g [Array2<f32>],
     large: &'g [Array2<f32>],
     falloff: f32,
+    /// Taps of each large column.
+    columns: Vec<Taps>,
 }
 
 /// The four taps of a large row or column: indices in the small map and weights.
@@ -52,7 +54,10 @@ impl<'g> JointUpsampling<'g> {
                 return Err(Error::Size { what: "the guide", found, expected });
             }
         }
-        Ok(Self { small, large, falloff: super::falloff(colour) })
+        let width = |channels: &[Array2<f32>]| channels.first().map_or(0, |channel| channel.ncols());
+        let (from, to) = (width(small), width(large));
+        let columns = (0..to).map(|x| taps(x, from, to)).collect();
+        Ok(Self { small, large, falloff: super::falloff(colour), columns })
     }
 
     /// Writes row `y` of each map's larger version to `out`, one row per map. A value that is not finite or not positive is missing and
@@ -77,11 +82,10 @@ impl<'g> JointUpsampling<'g> {
             return Ok(());
         }
         let (from, down) = taps(y, rows, height);
-        for x in 0..width {
-            let (at, across) = taps(x, columns, width);
+        for (x, (at, across)) in self.columns.iter().enumerate() {
             let mut weights = [[0.0_f32; TAPS]; TAPS];
             for ((weights, &row), &down) in weights.iter_mut().zip(&from).zip(&down) {
-                for ((weight, &column), &across) in weights.iter_mut().zip(&at).zip(&across) {
+                for ((weight, &column), &across) in weights.iter_mut().zip(at).zip(across) {
                     let colours = self.small.iter().zip(self.large);
                     let squared: f32 =
                         colours.map(|(small, large)| (small[(row, column)] - large[(y, x)]).powi(2)).sum();
@@ -91,7 +95,7 @@ impl<'g> JointUpsampling<'g> {
             for (map, out) in maps.iter().zip(out.iter_mut()) {
                 let (mut sum, mut total) = (0.0, 0.0);
                 for (weights, &row) in weights.iter().zip(&from) {
-                    for (weight, &column) in weights.iter().zip(&at) {
+                    for (weight, &column) in weights.iter().zip(at) {
                         let value = map[(row, column)];
                         if value > 0.0 && value.is_finite() {
                             sum += weight * value;
