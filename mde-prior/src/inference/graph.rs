@@ -19,52 +19,70 @@ pub(super) struct Output {
     pub(super) values: Vec<f32>,
 }
 
-/// A network that a runtime has loaded.
+/// What a graph computes: outputs of an image.
+pub(super) struct Request<'r> {
+    /// Shape of the image.
+    pub(super) shape: [usize; 4],
+    /// The image in that order.
+    pub(super) values: Vec<f32>,
+    /// Indices of the outputs.
+    pub(super) outputs: &'r [usize],
+}
+
+/// A network that a runtime has loaded. Inputs other than the image are whole numbers, which are given when it is opened.
 pub(super) trait Graph: Send + Sync {
     fn inputs(&self) -> &[Port];
 
     fn outputs(&self) -> &[Port];
 
-    /// The output with that index for one image, `values` in the order of `shape`. An error is one line without the file's name.
-    fn run(&self, shape: [usize; 4], values: Vec<f32>, output: usize) -> Result<Output, String>;
+    /// The outputs in the order of the request. An error is one line without the file's name.
+    fn run(&self, request: Request<'_>) -> Result<Vec<Output>, String>;
 
     /// Predictions that are worth running at once.
     fn concurrency(&self) -> usize;
 }
 
-/// Height and width where the input has them fixed; an error when the graph does not take one image of three channels.
-pub(super) fn fixed_size(
-    graph: &dyn Graph,
-    layout: Layout,
-) -> Result<(Option<usize>, Option<usize>), String> {
-    let [input] = graph.inputs() else {
-        return Err(format!(
-            "the model has {} inputs; give a model with one, an image",
-            graph.inputs().len()
-        ));
+/// Index of the image among the inputs; an error for inputs that are neither an image nor numbers that `tokens` gives.
+pub(super) fn image_input(inputs: &[Port], tokens: Option<u32>) -> Result<usize, String> {
+    let is_number = |port: &Port| port.other_type.as_ref().is_some_and(|kind| kind.contains("64"));
+    let image = match tokens {
+        Some(_) => inputs.iter().position(|port| !is_number(port)),
+        None => (!inputs.is_empty()).then_some(0),
     };
-    if graph.outputs().is_empty() {
-        return Err("the model has no output; export it again".to_owned());
+    let others = inputs.len() - usize::from(image.is_some());
+    match (image, tokens) {
+        (Some(image), None) if others == 0 => Ok(image),
+        (Some(image), Some(_)) if inputs.iter().filter(|port| is_number(port)).count() == others => Ok(image),
+        _ => {
+            let names: Vec<&str> = inputs.iter().map(|port| port.name.as_str()).collect();
+            Err(format!(
+                "the model has the inputs {}; give one with an image, and tokens for a number",
+                names.join(", ")
+            ))
+        }
     }
+}
+
+/// Height and width where the image has them fixed; an error when it is no image of three channels.
+pub(super) fn fixed_size(input: &Port, layout: Layout) -> Result<(Option<usize>, Option<usize>), String> {
     if let Some(kind) = &input.other_type {
         return Err(format!("the input is {kind}; export the model with float32 input"));
     }
     let Some(sides) = &input.sides else { return Ok((None, None)) };
-    let &[batch, ..] = sides.as_slice() else { return Ok((None, None)) };
-    if sides.len() != 4 {
+    let &[batch, a, b, c] = sides.as_slice() else {
         return Err(format!("the input has {} axes; export it with 4, [1, 3, height, width]", sides.len()));
-    }
-    let (channel, height, width) = match layout {
-        Layout::Nchw => (1, 2, 3),
-        Layout::Nhwc => (3, 1, 2),
     };
-    match (batch, sides[channel]) {
+    let (axis, channels, height, width) = match layout {
+        Layout::Nchw => (1, a, b, c),
+        Layout::Nhwc => (3, c, a, b),
+    };
+    match (batch, channels) {
         (Some(batch), _) if batch != 1 => {
             Err(format!("the input takes {batch} images at once; export it for 1"))
         }
         (_, Some(channels)) if channels != 3 => {
-            Err(format!("axis {channel} of the input has {channels} channels, not 3; check layout"))
+            Err(format!("axis {axis} of the input has {channels} channels, not 3; check layout"))
         }
-        _ => Ok((sides[height], sides[width])),
+        _ => Ok((height, width)),
     }
 }

@@ -2,12 +2,13 @@ use std::path::{Path, PathBuf};
 
 use ndarray::{Array2, Array3, ArrayView3, Axis, stack};
 
-use super::graph::{Graph, Output, fixed_size};
+use super::graph::{Graph, Output, Request, fixed_size, image_input};
 #[cfg(feature = "onnxruntime")]
 use super::onnxruntime::OnnxRuntimeGraph;
-use super::runtime::{call, model_error};
+use super::points;
+use super::runtime::{call, model_error, port_names};
 use super::tract::TractGraph;
-use crate::resample::resize;
+use crate::resample::{nearest, resize};
 use crate::spec::{Channels, Layout, ModelSpec};
 use crate::{DepthPrior, Error, PriorDepth, Result};
 
@@ -51,8 +52,8 @@ pub struct OnnxPrior {
     path: PathBuf,
     spec: ModelSpec,
     graph: Box<dyn Graph>,
-    /// Index of the output.
-    output: usize,
+    /// Indices of the outputs: depth, then scale and mask where there are any.
+    outputs: Vec<usize>,
     /// `(height, width)` where the model has them fixed.
     fixed: (Option<usize>, Option<usize>),
     /// Files of weights outside the ONNX file.
@@ -96,38 +97,72 @@ impl OnnxPrior {
             let fault = |reason: String| model_error(path, reason);
             let (graph, external): (Box<dyn Graph>, _) = match runtime {
                 Runtime::Tract => {
-                    let (graph, external) = TractGraph::open(path).map_err(fault)?;
+                    let (graph, external) = TractGraph::open(path, spec.tokens).map_err(fault)?;
                     (Box::new(graph), external)
                 }
                 #[cfg(feature = "onnxruntime")]
                 Runtime::OnnxRuntime(library) => {
                     let external = super::runtime::external_files(path).map_err(fault)?;
-                    (Box::new(OnnxRuntimeGraph::open(path, library).map_err(fault)?), external)
+                    (Box::new(OnnxRuntimeGraph::open(path, library, spec.tokens).map_err(fault)?), external)
                 }
             };
-            let output = match &spec.output_name {
-                None => 0,
-                Some(name) => {
-                    let names = || graph.outputs().iter().map(|port| port.name.as_str());
-                    names().position(|other| other == name).ok_or_else(|| {
-                        let names = names().collect::<Vec<_>>().join(", ");
-                        fault(format!("no output {name:?}, but {names}; check output-name"))
-                    })?
-                }
+            if graph.outputs().is_empty() {
+                return Err(fault("the model has no output; export it again".to_owned()));
+            }
+            let index = |key: &str, name: &String| {
+                let names = || graph.outputs().iter().map(|port| port.name.as_str());
+                names().position(|other| other == name).ok_or_else(|| {
+                    let names = names().collect::<Vec<_>>().join(", ");
+                    fault(format!("no output {name:?}, but {names}; check {key}"))
+                })
             };
-            let fixed = fixed_size(&*graph, spec.layout).map_err(fault)?;
+            let depth = spec.output_name.as_ref().map_or(Ok(0), |name| index("output-name", name))?;
+            let mut outputs = vec![depth];
+            for (key, name) in [("scale-output", &spec.scale_output), ("mask-output", &spec.mask_output)] {
+                outputs.extend(name.iter().map(|name| index(key, name)).collect::<Result<Vec<_>>>()?);
+            }
+            let image = image_input(graph.inputs(), spec.tokens).map_err(fault)?;
+            let fixed = fixed_size(&graph.inputs()[image], spec.layout).map_err(fault)?;
             let (path, spec, concurrency) = (path.to_owned(), spec.clone(), graph.concurrency());
             let runtime = runtime.clone();
-            Ok(Self { path, spec, graph, output, fixed, external, runtime, concurrency })
+            Ok(Self { path, spec, graph, outputs, fixed, external, runtime, concurrency })
         })
     }
 
-    /// Loads a model with the specification in the TOML file beside it, or with the profile that matches its name.
+    /// The specification of a model: a TOML file beside it, else the files of a model hub, else the profile of a graph that cannot be
+    /// mistaken by the names of its inputs and outputs (MoGe-2, UniDepth V2, Depth Pro), else the profile that matches its name.
     ///
     /// # Errors
-    /// Those of [`ModelSpec::of`] and [`open`](Self::open).
+    /// Those of [`ModelSpec::of`]; [`Error::Model`] for a file that is no ONNX model.
+    pub fn recognise(path: impl AsRef<Path>) -> Result<ModelSpec> {
+        let path = path.as_ref();
+        if let Some(spec) = ModelSpec::beside(path)? {
+            return Ok(spec);
+        }
+        if let Some(spec) = ModelSpec::of_hub(path)? {
+            return Ok(spec);
+        }
+        let (inputs, outputs) = call(path, || port_names(path).map_err(|reason| model_error(path, reason)))?;
+        let has = |names: &[String], name: &str| names.iter().any(|other| other == name);
+        let profile =
+            if has(&inputs, "num_tokens") && has(&outputs, "points") && has(&outputs, "metric_scale") {
+                "moge-2"
+            } else if has(&outputs, "pts_3d") && has(&outputs, "intrinsics") {
+                "unidepth-v2"
+            } else if has(&outputs, "predicted_depth") && has(&outputs, "focallength_px") {
+                "depth-pro"
+            } else {
+                return ModelSpec::guess(path);
+            };
+        ModelSpec::profile(profile)
+    }
+
+    /// Loads a model with the specification that is [recognised](Self::recognise).
+    ///
+    /// # Errors
+    /// Those of [`recognise`](Self::recognise) and [`open`](Self::open).
     pub fn open_guessed(path: impl AsRef<Path>) -> Result<Self> {
-        let spec = ModelSpec::of(&path)?;
+        let spec = Self::recognise(&path)?;
         Self::open(path, &spec)
     }
 
@@ -163,12 +198,21 @@ impl OnnxPrior {
         (self.fixed.0.unwrap_or(h), self.fixed.1.unwrap_or(w))
     }
 
-    /// The network's output at its own size, `[height, width]`, before floor and resizing.
+    /// The network's depth or disparity at its own size, `[height, width]`, before floor and resizing; 0 where a mask excludes it.
     ///
     /// # Errors
     /// [`Error::Input`] for an image that is not `[height, width, 3]` or not finite; [`Error::Model`] when the model
     /// fails or its output is no map of finite values.
     pub fn predict_native(&self, image: ArrayView3<'_, f32>) -> Result<Array2<f32>> {
+        let (mut map, mask) = self.native(image)?;
+        if let Some(mask) = mask {
+            map.zip_mut_with(&mask, |value, &valid| *value = if valid { *value } else { 0.0 });
+        }
+        Ok(map)
+    }
+
+    /// Depth or disparity at the network's size, and where it is valid.
+    fn native(&self, image: ArrayView3<'_, f32>) -> Result<(Array2<f32>, Option<Array2<bool>>)> {
         let (height, width, channels) = image.dim();
         if height == 0 || width == 0 || channels != 3 || image.iter().any(|v| !v.is_finite()) {
             return Err(Error::Input(format!(
@@ -184,10 +228,40 @@ impl OnnxPrior {
             )));
         }
         call(&self.path, || {
-            let values = self.values(image, size)?;
-            let shape = input_shape(self.spec.layout, size);
-            let output = self.graph.run(shape, values, self.output).map_err(|reason| self.error(reason))?;
-            self.map(output, size)
+            let (values, shape) = (self.values(image, size)?, input_shape(self.spec.layout, size));
+            let request = Request { shape, values, outputs: &self.outputs };
+            let mut outputs = self.graph.run(request).map_err(|reason| self.error(reason))?.into_iter();
+            let missing = || self.error("an output is missing; export the model again".to_owned());
+            let depth = outputs.next().ok_or_else(missing)?;
+            let scale = self.spec.scale_output.as_ref().map(|_| outputs.next().ok_or_else(missing));
+            let mask = self.spec.mask_output.as_ref().map(|_| outputs.next().ok_or_else(missing));
+            let mask =
+                mask.transpose()?.map(|mask| Ok(self.map(mask, size)?.mapv(|m| m > 0.5))).transpose()?;
+            let mut map = match self.spec.output_channel {
+                None => self.map(depth, size)?,
+                Some(channel) => {
+                    let points = points::Points::new(depth).map_err(|reason| self.error(reason))?;
+                    let mut z = points.channel(channel).map_err(|reason| self.error(reason))?;
+                    if self.spec.recover_shift {
+                        let shift = points.shift(mask.as_ref()).map_err(|reason| self.error(reason))?;
+                        z.mapv_inplace(|z| z + shift);
+                    }
+                    let shape = vec![z.nrows(), z.ncols()];
+                    self.map(Output { shape, values: z.iter().copied().collect() }, size)?
+                }
+            };
+            if let Some(scale) = scale.transpose()? {
+                let factor = match scale.values.as_slice() {
+                    &[factor] if factor > 0.0 && factor.is_finite() => factor,
+                    _ => {
+                        return Err(
+                            self.error("scale-output is no positive number; check its name".to_owned())
+                        );
+                    }
+                };
+                map.mapv_inplace(|v| factor * v);
+            }
+            Ok((map, mask))
         })
     }
 
@@ -239,7 +313,7 @@ impl OnnxPrior {
 
 impl DepthPrior for OnnxPrior {
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-        let mut native = self.predict_native(image.view())?;
+        let (mut native, mask) = self.native(image.view())?;
         let floor = self.spec.output_floor;
         // Before resizing, so that 0 does not spread to its neighbours; and after it, since bicubic overshoots.
         if let Some(floor) = floor {
@@ -250,7 +324,14 @@ impl DepthPrior for OnnxPrior {
         if let Some(floor) = floor {
             map.mapv_inplace(|v| v.max(floor));
         }
-        PriorDepth::from_values(map, self.spec.output).map_err(|e| self.error(e.to_string()))
+        let prior = match mask {
+            None => PriorDepth::from_values(map, self.spec.output),
+            Some(mask) => {
+                let valid = nearest(mask.mapv(|m| f32::from(u8::from(m))).view(), (height, width));
+                PriorDepth::with_mask(map, valid.mapv(|m| m > 0.5), self.spec.output)
+            }
+        };
+        prior.map_err(|e| self.error(e.to_string()))
     }
 
     fn accepts_new_images(&self) -> bool {

@@ -1,6 +1,6 @@
 //! Networks run by ONNX Runtime, a library that is loaded when it is asked for.
 
-use super::graph::{Graph, Output, Port};
+use super::graph::{Graph, Output, Port, Request, image_input};
 use ort::session::{Session, SessionInputValue};
 use ort::value::{Outlet, Tensor, TensorElementType, ValueType};
 use std::path::{Path, PathBuf};
@@ -11,11 +11,12 @@ pub(super) struct OnnxRuntimeGraph {
     session: Mutex<Session>,
     inputs: Vec<Port>,
     outputs: Vec<Port>,
+    tokens: Option<u32>,
 }
 
 impl OnnxRuntimeGraph {
-    /// The graph in the file `path`, with the `library` (`libonnxruntime.so`, `.dylib`, `.dll`). A process loads one library.
-    pub(super) fn open(path: &Path, library: &Path) -> Result<Self, String> {
+    /// The graph in the file `path` with `tokens` for its inputs other than the image, and the `library` (`libonnxruntime.so`, `.dylib`, `.dll`). A process loads one library.
+    pub(super) fn open(path: &Path, library: &Path, tokens: Option<u32>) -> Result<Self, String> {
         let failed =
             |e: ort::Error| format!("ONNX Runtime cannot run the model ({}); export it again", line(&e));
         let environment = ort::init_from(library)
@@ -29,7 +30,7 @@ impl OnnxRuntimeGraph {
             .map_err(failed)?;
         let ports = |outlets: &[Outlet]| outlets.iter().map(port).collect();
         let (inputs, outputs) = (ports(session.inputs()), ports(session.outputs()));
-        Ok(Self { session: Mutex::new(session), inputs, outputs })
+        Ok(Self { session: Mutex::new(session), inputs, outputs, tokens })
     }
 }
 
@@ -42,20 +43,31 @@ impl Graph for OnnxRuntimeGraph {
         &self.outputs
     }
 
-    fn run(&self, shape: [usize; 4], values: Vec<f32>, output: usize) -> Result<Output, String> {
+    fn run(&self, request: Request<'_>) -> Result<Vec<Output>, String> {
+        let Request { shape, values, outputs: wanted } = request;
         let failed =
             |e: ort::Error| format!("the model fails at {shape:?} ({}); check its input size", line(&e));
-        let missing = || "the model has no output; export it again".to_owned();
-        let image = Tensor::from_array((shape.map(|side| side as i64), values)).map_err(failed)?;
-        let name = self.inputs.first().map(|port| port.name.clone()).unwrap_or_default();
+        let missing = || "the model has no such output; export it again".to_owned();
+        let image = image_input(&self.inputs, self.tokens)?;
+        let mut inputs: Vec<(String, SessionInputValue<'_>)> = Vec::new();
+        for (index, port) in self.inputs.iter().enumerate().filter(|(index, _)| *index != image) {
+            let axes = self.inputs[index].sides.as_ref().map_or(0, Vec::len);
+            let number = vec![i64::from(self.tokens.unwrap_or_default())];
+            let number = Tensor::from_array((vec![1_i64; axes], number)).map_err(failed)?;
+            inputs.push((port.name.clone(), number.into()));
+        }
+        let values = Tensor::from_array((shape.map(|side| side as i64), values)).map_err(failed)?;
+        inputs.push((self.inputs[image].name.clone(), values.into()));
         let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
-        let inputs: Vec<(String, SessionInputValue<'_>)> = vec![(name, image.into())];
         let outputs = session.run(inputs).map_err(failed)?;
-        let name = &self.outputs.get(output).ok_or_else(missing)?.name;
-        let (shape, values) =
-            outputs.get(name).ok_or_else(missing)?.try_extract_tensor::<f32>().map_err(failed)?;
-        let shape = shape.iter().map(|side| usize::try_from(*side).unwrap_or(0)).collect();
-        Ok(Output { shape, values: values.to_vec() })
+        let output = |index: &usize| {
+            let name = &self.outputs.get(*index).ok_or_else(missing)?.name;
+            let value = outputs.get(name).ok_or_else(missing)?;
+            let (shape, values) = value.try_extract_tensor::<f32>().map_err(failed)?;
+            let shape = shape.iter().map(|side| usize::try_from(*side).unwrap_or(0)).collect();
+            Ok(Output { shape, values: values.to_vec() })
+        };
+        wanted.iter().map(output).collect()
     }
 
     fn concurrency(&self) -> usize {
@@ -152,7 +164,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("libonnxruntime.so");
         std::fs::write(&file, "no library").unwrap();
-        let error = OnnxRuntimeGraph::open(Path::new("net.onnx"), &file).map(|_| ()).unwrap_err();
+        let error = OnnxRuntimeGraph::open(Path::new("net.onnx"), &file, None).map(|_| ()).unwrap_err();
         assert!(error.contains("libonnxruntime.so") && error.contains("give the path"), "{error}");
     }
 }

@@ -1,12 +1,13 @@
 //! Networks run by tract, which is part of the program.
 
-use super::graph::{Graph, Output, Port};
+use super::graph::{Graph, Output, Port, Request, image_input};
 use super::runtime::{check_tensors, load, one_line};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use tract_onnx::prelude::*;
 use tract_onnx::tract_hir::infer::Factoid as _;
 use tract_onnx::tract_hir::internal::DimLike as _;
+use tract_onnx::tract_hir::ops::konst::Const;
 
 /// Plans that are kept: each has a copy of the weights. Crops of one image need one or two input sizes.
 const KEPT_PLANS: usize = 2;
@@ -18,26 +19,33 @@ pub(super) struct TractGraph {
     model: InferenceModel,
     inputs: Vec<Port>,
     outputs: Vec<Port>,
-    /// The latest plans, by input shape and output.
-    plans: Mutex<Vec<(([usize; 4], usize), Plan)>>,
+    /// The latest plans, by input shape and outputs.
+    plans: Mutex<Vec<(PlanKey, Plan)>>,
 }
 
+type PlanKey = ([usize; 4], Vec<usize>);
+
 impl TractGraph {
-    /// The graph, and the files of its weights outside the ONNX file.
-    pub(super) fn open(path: &Path) -> Result<(Self, Vec<PathBuf>), String> {
+    /// The graph with `tokens` for its inputs other than the image, and the files of its weights outside the ONNX file.
+    pub(super) fn open(path: &Path, tokens: Option<u32>) -> Result<(Self, Vec<PathBuf>), String> {
         let cannot =
             |e: TractError| format!("the ONNX model cannot be run ({}); export it again", one_line(&e));
-        let (model, external) = load(path).map_err(cannot)?;
+        let (mut model, external) = load(path).map_err(cannot)?;
         let ports = |outlets: &[OutletId]| outlets.iter().map(|outlet| port(&model, *outlet)).collect();
-        let inputs = ports(model.input_outlets().map_err(cannot)?);
+        let inputs: Vec<Port> = ports(model.input_outlets().map_err(cannot)?);
         let outputs = ports(model.output_outlets().map_err(cannot)?);
+        if let Some(tokens) = tokens {
+            let image = image_input(&inputs, Some(tokens))?;
+            constant(&mut model, image, &inputs, tokens).map_err(cannot)?;
+        }
         Ok((Self { model, inputs, outputs, plans: Mutex::default() }, external))
     }
 
-    fn plan(&self, shape: [usize; 4], output: usize) -> Result<Plan, String> {
+    fn plan(&self, shape: [usize; 4], outputs: &[usize]) -> Result<Plan, String> {
         // A plan is stored whole, so it is valid even if another thread panicked.
         let mut plans = self.plans.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, plan)) = plans.iter().find(|(made_for, _)| *made_for == (shape, output)) {
+        if let Some((_, plan)) = plans.iter().find(|((size, wanted), _)| *size == shape && wanted == outputs)
+        {
             return Ok(Arc::clone(plan));
         }
         let refused = |e: TractError| {
@@ -46,10 +54,9 @@ impl TractGraph {
         let mut model = self.model.clone();
         if self.outputs.len() > 1 {
             // What the other outputs alone need is not computed.
-            let outlet = model.output_outlets().map_err(refused)?.get(output).copied();
-            let outlet =
-                outlet.ok_or_else(|| format!("the model has no output {output}; export it again"))?;
-            model.select_output_outlets(&[outlet]).map_err(refused)?;
+            let all = model.output_outlets().map_err(refused)?.to_vec();
+            let wanted: Vec<OutletId> = outputs.iter().filter_map(|index| all.get(*index).copied()).collect();
+            model.select_output_outlets(&wanted).map_err(refused)?;
         }
         let fact = InferenceFact::from(f32::fact(shape));
         let model =
@@ -59,7 +66,7 @@ impl TractGraph {
         if plans.len() == KEPT_PLANS {
             plans.remove(0);
         }
-        plans.push(((shape, output), Arc::clone(&plan)));
+        plans.push(((shape, outputs.to_vec()), Arc::clone(&plan)));
         Ok(plan)
     }
 }
@@ -73,22 +80,38 @@ impl Graph for TractGraph {
         &self.outputs
     }
 
-    fn run(&self, shape: [usize; 4], values: Vec<f32>, output: usize) -> Result<Output, String> {
+    fn run(&self, request: Request<'_>) -> Result<Vec<Output>, String> {
+        let Request { shape, values, outputs } = request;
         let input = Tensor::from_shape(&shape, &values).map_err(|e| one_line(&e))?;
         let outputs = self
-            .plan(shape, output)?
+            .plan(shape, outputs)?
             .run(tvec!(input.into()))
             .map_err(|e| format!("the model fails at {shape:?} ({}); check its input size", one_line(&e)))?;
-        let output = outputs.first().ok_or_else(|| "the model has no output; export it again".to_owned())?;
-        let shape = output.shape().to_vec();
-        let output = output.cast_to::<f32>().map_err(|e| one_line(&e))?;
-        let values = output.to_plain_array_view::<f32>().map_err(|e| one_line(&e))?;
-        Ok(Output { shape, values: values.iter().copied().collect() })
+        outputs.iter().map(|output| floats(output).map_err(|e| one_line(&e))).collect()
     }
 
     fn concurrency(&self) -> usize {
         usize::MAX
     }
+}
+
+fn floats(output: &Tensor) -> TractResult<Output> {
+    let shape = output.shape().to_vec();
+    let output = output.cast_to::<f32>()?;
+    let values = output.to_plain_array_view::<f32>()?;
+    Ok(Output { shape, values: values.iter().copied().collect() })
+}
+
+/// Puts a constant in the place of every input but the image.
+fn constant(model: &mut InferenceModel, image: usize, inputs: &[Port], value: u32) -> TractResult<()> {
+    let outlets = model.input_outlets()?.to_vec();
+    for (index, outlet) in outlets.iter().enumerate().filter(|(index, _)| *index != image) {
+        let axes = inputs.get(index).and_then(|port| port.sides.as_ref()).map_or(0, Vec::len);
+        let number = Tensor::from_shape(&vec![1; axes], &[i64::from(value)])?.into_arc_tensor();
+        model.set_outlet_fact(*outlet, InferenceFact::dt_shape(i64::datum_type(), number.shape()))?;
+        model.node_mut(outlet.node).op = Box::new(Const::new(number)?);
+    }
+    model.set_input_outlets(&outlets[image..=image])
 }
 
 fn port(model: &InferenceModel, outlet: OutletId) -> Port {

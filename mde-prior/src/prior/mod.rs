@@ -3,6 +3,8 @@
 mod disparity;
 #[cfg(feature = "io")]
 mod file;
+mod hub;
+mod profiles;
 pub mod spec;
 
 use ndarray::{Array2, ArrayView3, Zip};

@@ -7,16 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::resample::Filter;
 use crate::{DepthKind, Error, Result};
 
-/// Names of the profiles of [`ModelSpec::profile`].
-pub const PROFILES: [&str; 7] = [
-    "fastdepth",
-    "midas-v2.1-small",
-    "dpt-large",
-    "dpt-hybrid",
-    "depth-anything-v2",
-    "depth-anything-v2-metric-indoor",
-    "depth-anything-v2-metric-outdoor",
-];
+pub use super::profiles::PROFILES;
 
 /// How an image is brought to the model's input size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -99,6 +90,21 @@ pub struct ModelSpec {
     /// Name of the output, for models that have several; the first otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub output_name: Option<String>,
+    /// Index of the depth among the channels of an output of points, `[1, height, width, 3]` or `[1, 3, height, width]`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub output_channel: Option<usize>,
+    /// Name of an output by whose number the depth is multiplied.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale_output: Option<String>,
+    /// Name of an output that is above 1/2 where the depth is valid.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mask_output: Option<String>,
+    /// Whether the points' depth lacks an unknown shift, which is found from their rays before the scale is applied (MoGe).
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub recover_shift: bool,
+    /// The number for the inputs other than the image (MoGe's `num_tokens`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tokens: Option<u32>,
     /// Smallest depth, for models whose depth can reach 0; not for disparity.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub output_floor: Option<f32>,
@@ -129,8 +135,6 @@ fn rgb() -> Channels {
     Channels::Rgb
 }
 
-const IMAGENET: ([f32; 3], [f32; 3]) = ([0.485, 0.456, 0.406], [0.229, 0.224, 0.225]);
-
 impl ModelSpec {
     /// A model that takes RGB/255 squashed to `width` x `height` and gives `output`.
     #[must_use]
@@ -147,84 +151,14 @@ impl ModelSpec {
             channels: Channels::Rgb,
             output,
             output_name: None,
+            output_channel: None,
+            scale_output: None,
+            mask_output: None,
+            recover_shift: false,
+            tokens: None,
             output_floor: None,
             output_filter: Filter::Bilinear,
         }
-    }
-
-    /// The format of a published model, from its authors' own preprocessing.
-    ///
-    /// | profile | input | values | output |
-    /// | --- | --- | --- | --- |
-    /// | `fastdepth` | 224x224, squashed | RGB/255 | metres, floored at 0.1 |
-    /// | `midas-v2.1-small` | within 256, multiples of 32 | ImageNet | disparity |
-    /// | `dpt-large`, `dpt-hybrid` | about 384, multiples of 32 | mean and std 0.5 | disparity |
-    /// | `depth-anything-v2` | 518 at least, multiples of 14 | ImageNet | disparity |
-    /// | `depth-anything-v2-metric-indoor`, `-outdoor` | the same | ImageNet | metres |
-    ///
-    /// # Errors
-    /// [`Error::UnknownProfile`] with the known names.
-    pub fn profile(name: &str) -> Result<Self> {
-        let kept = |side, aspect, multiple_of, (mean, std), output| Self {
-            aspect,
-            multiple_of,
-            input_filter: Filter::Bicubic,
-            mean,
-            std,
-            ..Self::new(side, side, output)
-        };
-        let disparity = DepthKind::AffineDisparity;
-        let anything = |output| Self {
-            output_filter: Filter::BilinearAlignCorners,
-            ..kept(518, Aspect::KeepLowerBound, 14, IMAGENET, output)
-        };
-        match name {
-            "fastdepth" => Ok(Self { output_floor: Some(0.1), ..Self::new(224, 224, DepthKind::Metric) }),
-            "midas-v2.1-small" => Ok(Self {
-                output_filter: Filter::Bicubic,
-                ..kept(256, Aspect::KeepUpperBound, 32, IMAGENET, disparity)
-            }),
-            "dpt-large" | "dpt-hybrid" => Ok(Self {
-                output_filter: Filter::Bicubic,
-                ..kept(384, Aspect::KeepMinimal, 32, ([0.5; 3], [0.5; 3]), disparity)
-            }),
-            "depth-anything-v2" => Ok(anything(disparity)),
-            "depth-anything-v2-metric-indoor" | "depth-anything-v2-metric-outdoor" => {
-                Ok(anything(DepthKind::Metric))
-            }
-            _ => Err(Error::UnknownProfile { name: name.to_owned() }),
-        }
-    }
-
-    /// The profile that matches a model's file name: `dpt_large_384.onnx`, `depth_anything_v2_vits.onnx`, ...
-    ///
-    /// # Errors
-    /// [`Error::UnknownProfile`] when none does.
-    pub fn guess(model: impl AsRef<Path>) -> Result<Self> {
-        let file = model.as_ref().file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        let plain: String = file.chars().filter(char::is_ascii_alphanumeric).collect();
-        let has = |part: &str| plain.contains(part);
-        let name = if has("fastdepth") {
-            "fastdepth"
-        } else if has("midas") && (has("small") || has("v21s")) {
-            "midas-v2.1-small"
-        } else if has("dptlarge") {
-            "dpt-large"
-        } else if has("dpthybrid") {
-            "dpt-hybrid"
-        } else if has("depthanythingv2") && has("metric") {
-            // Metres either way, but the ranges of rooms and streets differ.
-            if has("outdoor") || has("vkitti") {
-                "depth-anything-v2-metric-outdoor"
-            } else {
-                "depth-anything-v2-metric-indoor"
-            }
-        } else if has("depthanythingv2") {
-            "depth-anything-v2"
-        } else {
-            return Err(Error::UnknownProfile { name: file });
-        };
-        Self::profile(name)
     }
 
     /// Reads a specification in TOML.
@@ -250,12 +184,17 @@ impl ModelSpec {
         }
     }
 
-    /// The specification beside the model, else the profile that matches its name.
+    /// The specification beside the model ([`beside`](Self::beside)), else that of a model hub's files
+    /// ([`of_hub`](Self::of_hub)), else the profile that matches its name ([`guess`](Self::guess)). `OnnxPrior::recognise` looks
+    /// at the graph before the name.
     ///
     /// # Errors
-    /// Those of [`beside`](Self::beside) and [`guess`](Self::guess).
+    /// Those of the three.
     pub fn of(model: impl AsRef<Path>) -> Result<Self> {
-        match Self::beside(&model)? {
+        if let Some(spec) = Self::beside(&model)? {
+            return Ok(spec);
+        }
+        match Self::of_hub(&model)? {
             Some(spec) => Ok(spec),
             None => Self::guess(model),
         }

@@ -304,6 +304,9 @@ pub(crate) struct PriorArgs {
     /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else guessed from its name
     #[arg(long, value_name = "NAME", conflicts_with = "prior_depth")]
     pub(crate) model_profile: Option<String>,
+    /// Size of the model's input, pixels; by default that of the profile
+    #[arg(long, value_name = "WxH", value_parser = size, conflicts_with = "prior_depth")]
+    pub(crate) input_size: Option<[usize; 2]>,
     /// Kind of the values; by default metric for a file, and that of the profile for a model
     #[arg(long, value_enum)]
     pub(crate) prior_kind: Option<KindName>,

@@ -58,6 +58,7 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
         NamedPrior::open(&PriorArgs {
             source: PriorSource { prior_model: Some(path.to_owned()), prior_depth: None },
             model_profile: args.model_profile.clone(),
+            input_size: None,
             prior_kind: None,
             png_scale: None,
             prior_encoding: EncodingName::Plain,

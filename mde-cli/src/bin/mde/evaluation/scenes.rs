@@ -96,6 +96,7 @@ impl PriorPlan {
         let prior_args = |depth| PriorArgs {
             source: source(depth),
             model_profile: args.model_profile.clone(),
+            input_size: None,
             prior_kind: args.prior_kind,
             png_scale: args.png_scale,
             prior_encoding: EncodingName::Plain,

@@ -71,9 +71,12 @@ impl NamedPrior {
         let mut spec = match &args.model_profile {
             Some(name) => ModelSpec::profile(name)?,
             // A missing file gets its own error below.
-            None if path.exists() => ModelSpec::of(path)?,
+            None if path.exists() => recognised(path, args, kind)?,
             None => ModelSpec::new(1, 1, DepthKind::Metric),
         };
+        if let Some([width, height]) = args.input_size {
+            (spec.width, spec.height) = (width, height);
+        }
         if let Some(kind) = kind {
             spec.output = kind;
             spec.output_floor = spec.output_floor.filter(|_| kind.is_depth());
@@ -96,6 +99,25 @@ impl NamedPrior {
         anyhow::bail!(
             "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"
         )
+    }
+}
+
+/// The model's format; with size and kind given, that of a network that takes RGB/255.
+#[cfg(feature = "onnx")]
+fn recognised(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<ModelSpec> {
+    use mde_prior::{Error, OnnxPrior};
+    match (OnnxPrior::recognise(path), args.input_size, kind) {
+        (Err(Error::UnknownProfile { .. }), Some([width, height]), Some(kind)) => {
+            Ok(ModelSpec::new(width, height, kind))
+        }
+        (Err(Error::UnknownProfile { .. }), ..) => anyhow::bail!(
+            "{}: a network that is not recognised by its graph, its folder or its name; give --model-profile ({}), or --input-size WxH \
+             with --prior-kind, or a file {} beside it",
+            path.display(),
+            mde_prior::spec::PROFILES.join(", "),
+            path.with_extension("toml").display()
+        ),
+        (spec, ..) => Ok(spec?),
     }
 }
 
