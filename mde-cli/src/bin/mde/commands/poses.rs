@@ -57,7 +57,7 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     };
     let count = format!("{} of {} photographs have a pose", frames.len(), capture.photographs.len());
     let text = format!("{focal}{count}\nwrote {} in {:.1} s", target.display(), progress.seconds());
-    let value = json!({ "event": "done", "output": target, "photographs": report.photographs,
+    let value = json!({ "event": "done", "output": target.display().to_string(), "photographs": report.photographs,
         "focal_factor": report.focal_factor, "poses_seconds": report.seconds.poses });
     progress.tables(&Document { blocks }, &text, value);
     Ok(())

@@ -84,7 +84,10 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
         write_json(&path.join(RECORD), &RenderRecord { about, png_scale, views: records })
     })?;
     let text = format!("{} views\nwrote {}", poses.len(), folder.path().display());
-    progress.result(&text, json!({ "event": "done", "output": folder.path(), "views": poses.len() }));
+    progress.result(
+        &text,
+        json!({ "event": "done", "output": folder.path().display().to_string(), "views": poses.len() }),
+    );
     Ok(())
 }
 

@@ -76,7 +76,10 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
         100.0 * warp.mean_outside_fraction,
         folder.path().display()
     );
-    progress.result(&text, json!({ "event": "done", "output": folder.path(), "warp": warp }));
+    progress.result(
+        &text,
+        json!({ "event": "done", "output": folder.path().display().to_string(), "warp": warp }),
+    );
     Ok(())
 }
 

@@ -99,7 +99,7 @@ impl<'a> Setup<'a> {
             reference: Some(reference.to_owned()),
             entries,
             failures,
-            record: json!({ "data": self.source.describe(), "root": self.args.root, "prior": self.prior_settings,
+            record: json!({ "data": self.source.describe(), "root": self.args.root.as_ref().map(|root| root.display().to_string()), "prior": self.prior_settings,
                             "score": self.scoring.config }),
         }
     }

@@ -124,7 +124,8 @@ impl Job {
         let mut done = self.finished(subject, refinement, reference, progress)?;
         done.prior_seconds = prior.seconds();
         let table = done.scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
-        let value = json!({ "event": "done", "output": folder.path(), "scores": done.scores });
+        let value =
+            json!({ "event": "done", "output": folder.path().display().to_string(), "scores": done.scores });
         folder.write(|path| self.write(path, &done, kept.as_ref(), progress))?;
         if let Some(checkpoints) = &self.checkpoints {
             checkpoints.discard();
