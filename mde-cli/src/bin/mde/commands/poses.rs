@@ -19,7 +19,7 @@ const LONGER_SIDE: u32 = 1024;
 pub(super) fn run(args: &PosesArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
-    let target = &args.run.output;
+    let target = &args.run.output.clone().unwrap_or_else(|| "transforms.json".into());
     check_new_file("-o", target, args.run.force)?;
     let config = Config::default();
     let mut size = args.size.clone();

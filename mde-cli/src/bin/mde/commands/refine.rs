@@ -20,7 +20,7 @@ use serde_json::{Value, json};
 pub(super) fn run(args: &RefineArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
-    let folder = OutputFolder::new(&args.run.output, args.run.force)?;
+    let folder = OutputFolder::new(&args.run.output(&args.image, "-depth"), args.run.force)?;
     let recording = recording::open(&args.export, args.run.force)?;
     let usual = if args.several.views.is_empty() { Preset::Default } else { Preset::MultiView };
     let (preset, mut config) = settings(&args.settings, usual)?;

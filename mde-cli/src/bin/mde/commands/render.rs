@@ -44,7 +44,7 @@ struct ViewRecord {
 pub(super) fn run(args: &RenderArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
-    let folder = OutputFolder::new(&args.run.output, args.run.force)?;
+    let folder = OutputFolder::new(&args.run.output(&args.field, "-render"), args.run.force)?;
     let camera = KnownCamera::of_size(&args.camera, None, args.size)?;
     if let Some(warning) = camera.warning() {
         progress.warn(warning);

@@ -11,3 +11,4 @@ pub(crate) mod scenes;
 pub(crate) mod scoring;
 pub(crate) mod setup;
 pub(crate) mod store;
+pub(crate) mod verdict;

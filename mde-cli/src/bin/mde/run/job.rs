@@ -133,7 +133,15 @@ impl Job {
         if let Some(recording) = &self.recording {
             self.record(recording, &done, progress.training())?;
         }
-        let gained = gain::summary(&done.refinement, self.unit());
+        let mut gained = gain::summary(&done.refinement, self.unit());
+        if let Some(interval) = &done.stated.interval {
+            gained += &format!(
+                "\nlower.npy and upper.npy: {:.0} % interval, the depth -+ {:.2} sigma, by {}",
+                100.0 * interval.probability,
+                interval.half_width,
+                interval.by
+            );
+        }
         let report = folder.path().join(report::FILE);
         let text = format!(
             "{table}{gained}\nwrote {} in {:.1} s; open {} in a browser",
