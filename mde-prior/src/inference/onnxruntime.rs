@@ -1,10 +1,14 @@
 //! Networks run by ONNX Runtime, a library that is loaded when it is asked for.
 
 use super::graph::{Graph, Output, Port, Request, image_input};
+use ort::environment::Environment;
 use ort::session::{Session, SessionInputValue};
 use ort::value::{Outlet, Tensor, TensorElementType, ValueType};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
+
+/// The library, of which a process has one.
+static ENVIRONMENT: Mutex<Option<Environment>> = Mutex::new(None);
 
 /// One prediction at a time, on all threads.
 pub(super) struct OnnxRuntimeGraph {
@@ -15,16 +19,23 @@ pub(super) struct OnnxRuntimeGraph {
 }
 
 impl OnnxRuntimeGraph {
-    /// The graph in the file `path` with `tokens` for its inputs other than the image, and the `library` (`libonnxruntime.so`, `.dylib`, `.dll`). A process loads one library.
+    /// The graph in the file `path` with `tokens` for its inputs other than the image, and the `library` (`libonnxruntime.so`, `.dylib`, `.dll`). A process loads one library: the first.
     pub(super) fn open(path: &Path, library: &Path, tokens: Option<u32>) -> Result<Self, String> {
         let failed =
             |e: ort::Error| format!("ONNX Runtime cannot run the model ({}); export it again", line(&e));
-        let environment = ort::init_from(library)
-            .map_err(|e| format!("{}; give the path of ONNX Runtime's library", line(&e)))?
-            .build()
-            .map_err(failed)?;
+        let mut kept = ENVIRONMENT.lock().unwrap_or_else(PoisonError::into_inner);
+        let environment = match &*kept {
+            Some(environment) => environment,
+            None => {
+                let made = ort::init_from(library)
+                    .map_err(|e| format!("{}; give the path of ONNX Runtime's library", line(&e)))?
+                    .build()
+                    .map_err(failed)?;
+                kept.insert(made)
+            }
+        };
         let threads = rayon::current_num_threads();
-        let session = Session::builder(&environment)
+        let session = Session::builder(environment)
             .and_then(|builder| builder.with_intra_threads(threads).map_err(ort::Error::from))
             .and_then(|mut builder| builder.commit_from_file(path))
             .map_err(failed)?;

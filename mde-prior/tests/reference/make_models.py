@@ -140,3 +140,87 @@ for name, (height, width) in {"midas_small": (32, 32), "midas_dynamic": (64, 96)
     session = onnxruntime.InferenceSession(FOLDER / f"{name}.onnx")
     (out,) = session.run(None, {"image": image.transpose(2, 0, 1)[None]})
     np.save(FOLDER / f"{name}.npy", out[0])
+
+
+def published(name, nodes, inputs, outputs, constants):
+    """A graph with the inputs and outputs of a published network; pairs are (name, type, shape)."""
+    def infos(triples):
+        return [helper.make_tensor_value_info(n, t, s) for n, t, s in triples]
+
+    graph = helper.make_graph(nodes, name, infos(inputs), infos(outputs), constants)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    onnx.checker.check_model(model)
+    onnx.save(model, FOLDER / f"{name}.onnx")
+
+
+F, I = TensorProto.FLOAT, TensorProto.INT64
+GREY_NODES = [
+    helper.make_node("Mul", ["image", "w"], ["m"]),
+    helper.make_node("ReduceSum", ["m", "axis"], ["grey"], keepdims=1),
+    helper.make_node("Add", ["grey", "one"], ["z"]),
+]
+GREY_CONSTANTS = [
+    constant("w", GREY[:, None, None]), constant("axis", np.array([1], np.int64)), constant("one", np.float32([1.0])),
+]
+H, W = 28, 42
+v, u = np.mgrid[:H, :W].astype(np.float32)
+diagonal = np.hypot(H, W)
+RAYS = np.stack([(2 * u + 1 - W) / diagonal, (2 * v + 1 - H) / diagonal])[None].astype(np.float32)
+
+# MoGe-2: points with an unknown shift of depth, a mask, a scale; a number of tokens beside the image. Here z = 1 + grey, the focal
+# length 0.8 of the diagonal, the points 0.4 too near, the scale tokens / 1000, and dark pixels masked.
+published(
+    "moge2",
+    GREY_NODES + [
+        helper.make_node("Mul", ["rays", "z"], ["xy"]),
+        helper.make_node("Sub", ["z", "shift"], ["near"]),
+        helper.make_node("Concat", ["xy", "near"], ["chw"], axis=1),
+        helper.make_node("Transpose", ["chw"], ["points"], perm=[0, 2, 3, 1]),
+        helper.make_node("Identity", ["points"], ["normal"]),
+        helper.make_node("Greater", ["grey", "dark"], ["bright"]),
+        helper.make_node("Cast", ["bright"], ["masks"], to=F),
+        helper.make_node("Squeeze", ["masks", "axis"], ["mask"]),
+        helper.make_node("Cast", ["num_tokens"], ["tokens"], to=F),
+        helper.make_node("Mul", ["tokens", "thousandth"], ["scale"]),
+        helper.make_node("Reshape", ["scale", "axis"], ["metric_scale"]),
+    ],
+    [("image", F, [1, 3, H, W]), ("num_tokens", I, [])],
+    [("points", F, [1, H, W, 3]), ("normal", F, [1, H, W, 3]), ("mask", F, [1, H, W]), ("metric_scale", F, [1])],
+    GREY_CONSTANTS + [
+        constant("rays", RAYS / np.float32(0.8)), constant("shift", np.float32([0.4])), constant("dark", np.float32([0.2])),
+        constant("thousandth", np.float32([0.001])),
+    ],
+)
+# UniDepth V2: points in metres, channels first; confidence and intrinsics beside them.
+published(
+    "unidepth",
+    GREY_NODES + [
+        helper.make_node("Mul", ["rays", "z"], ["xy"]),
+        helper.make_node("Concat", ["xy", "z"], ["pts_3d"], axis=1),
+        helper.make_node("Identity", ["grey"], ["confidence"]),
+        helper.make_node("Identity", ["k"], ["intrinsics"]),
+    ],
+    [("image", F, [1, 3, H, W])],
+    [("pts_3d", F, [1, 3, H, W]), ("confidence", F, [1, 1, H, W]), ("intrinsics", F, [1, 3, 3])],
+    GREY_CONSTANTS + [constant("rays", RAYS), constant("k", np.eye(3, dtype=np.float32)[None])],
+)
+# Depth Pro: metres, and the focal length.
+published(
+    "depth_pro_like",
+    GREY_NODES + [
+        helper.make_node("Squeeze", ["z", "axis"], ["predicted_depth"]),
+        helper.make_node("Identity", ["f"], ["focallength_px"]),
+    ],
+    [("image", F, [1, 3, H, W])],
+    [("predicted_depth", F, [1, H, W]), ("focallength_px", F, [1, 1])],
+    GREY_CONSTANTS + [constant("f", np.float32([[50.0]]))],
+)
+# Depth Anything and its relatives as Transformers exports them.
+published(
+    "predicted_depth",
+    [helper.make_node("Identity", ["pixel_values"], ["image"])] + GREY_NODES
+    + [helper.make_node("Squeeze", ["z", "axis"], ["predicted_depth"])],
+    [("pixel_values", F, [1, 3, "height", "width"])],
+    [("predicted_depth", F, [1, "height", "width"])],
+    GREY_CONSTANTS,
+)

@@ -22,8 +22,8 @@ const TRIAL: [usize; 2] = [320, 240];
 const USUAL: (usize, usize) = (480, 640);
 /// Below this mean correlation with the true depth of the rooms a model is of no use, or its profile is wrong.
 const AGREES: f64 = 0.25;
-/// Standard errors by which the mean correlation exceeds 0 beyond chance: 95 % of Student's distribution for five rooms.
-const CHANCE: f64 = 2.1;
+/// Standard errors by which the mean correlation exceeds 0 beyond chance: 95 % of Student's distribution for seven rooms.
+const CHANCE: f64 = 1.94;
 
 pub(super) fn run(args: &DoctorArgs) -> Result<()> {
     print("program", &versions().iter().map(|(n, v)| format!("{n} {v}")).collect::<Vec<_>>().join(", "));

@@ -1,0 +1,164 @@
+//! Published networks: graphs with their inputs and outputs, made by tests/reference/make_models.py.
+#![cfg(feature = "onnx")]
+#![allow(clippy::unwrap_used)]
+
+use mde_prior::ndarray::{Array2, Array3};
+use mde_prior::spec::PROFILES;
+use mde_prior::{DepthKind, DepthPrior, Error, ModelSpec, OnnxPrior};
+use std::path::{Path, PathBuf};
+
+const GREY: [f32; 3] = [0.299, 0.587, 0.114];
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name)
+}
+
+/// An image of the size that the graphs take, dark on the left.
+fn image() -> Array3<f32> {
+    Array3::from_shape_fn((28, 42, 3), |(y, x, c)| {
+        (x as f32 / 42.0) * (0.6 + 0.1 * c as f32) + 0.005 * y as f32
+    })
+}
+
+fn grey(image: &Array3<f32>) -> Array2<f32> {
+    Array2::from_shape_fn((image.dim().0, image.dim().1), |(y, x)| {
+        (0..3).map(|c| GREY[c] * image[(y, x, c)]).sum()
+    })
+}
+
+fn assert_close(a: &Array2<f32>, b: &Array2<f32>) {
+    assert_eq!(a.dim(), b.dim());
+    let worst = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(worst < 2e-3, "they differ by {worst}");
+}
+
+/// A network of one input and one output, whatever its profile: an even image gives the value of its normalised colour.
+#[test]
+fn every_profile_of_one_output_normalises_as_it_says() {
+    let even = Array3::from_elem((60, 80, 3), 0.4);
+    for name in PROFILES {
+        let spec = ModelSpec::profile(name).unwrap();
+        if spec.output_channel.is_some() {
+            continue;
+        }
+        let expected: f32 = 1.0 + (0..3).map(|c| GREY[c] * (0.4 - spec.mean[c]) / spec.std[c]).sum::<f32>();
+        let prior = OnnxPrior::open(fixture("predicted_depth.onnx"), &spec).unwrap();
+        let prediction = prior.predict(even.view()).unwrap();
+        assert_eq!((prediction.map.dim(), prediction.kind), ((60, 80), spec.output), "{name}");
+        assert!(
+            prediction
+                .map
+                .iter()
+                .all(|v| (v - expected.max(spec.output_floor.unwrap_or(expected))).abs() < 1e-3),
+            "{name}"
+        );
+        assert_eq!(prior.resolution(60, 80), Some(spec.input_size(60, 80)), "{name}");
+    }
+}
+
+#[test]
+fn moge_gives_metres_with_its_shift_scale_and_mask() {
+    let prior = OnnxPrior::open_guessed(fixture("moge2.onnx")).unwrap();
+    let (image, prediction) = (image(), prior.predict(image().view()).unwrap());
+    let grey = grey(&image);
+    assert_eq!((prediction.kind, prior.spec().tokens), (DepthKind::Metric, Some(1800)));
+    assert_eq!(prediction.valid, grey.mapv(|g| g > 0.2));
+    let expected = grey.mapv(|g| if g > 0.2 { 1.8 * (1.0 + g) } else { 0.0 });
+    assert_close(&prediction.map, &expected);
+}
+
+#[test]
+fn unidepth_and_depth_pro_give_metres() {
+    let image = image();
+    let unidepth = OnnxPrior::open_guessed(fixture("unidepth.onnx")).unwrap();
+    let spec = unidepth.spec().clone();
+    let normalised = |c: usize, v: f32| (v - spec.mean[c]) / spec.std[c];
+    let expected = Array2::from_shape_fn((28, 42), |(y, x)| {
+        1.0 + (0..3).map(|c| GREY[c] * normalised(c, image[(y, x, c)])).sum::<f32>()
+    });
+    let found = unidepth.predict(image.view()).unwrap();
+    assert_eq!(found.valid, expected.mapv(|z| z > 0.0));
+    assert_close(&found.map, &expected.mapv(|z| z.max(0.0)));
+    let pro = OnnxPrior::open_guessed(fixture("depth_pro_like.onnx")).unwrap();
+    assert_eq!(pro.spec(), &ModelSpec::profile("depth-pro").unwrap());
+    assert_close(&pro.predict(image.view()).unwrap().map, &grey(&image).mapv(|g| 1.0 + (g - 0.5) / 0.5));
+}
+
+#[test]
+fn a_file_of_any_name_is_recognised_by_its_graph_or_its_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = folder.path().join("model.onnx");
+    for (graph, profile) in
+        [("moge2", "moge-2"), ("unidepth", "unidepth-v2"), ("depth_pro_like", "depth-pro")]
+    {
+        std::fs::copy(fixture(&format!("{graph}.onnx")), &model).unwrap();
+        assert_eq!(OnnxPrior::recognise(&model).unwrap(), ModelSpec::profile(profile).unwrap());
+    }
+    std::fs::copy(fixture("predicted_depth.onnx"), &model).unwrap();
+    assert!(matches!(OnnxPrior::recognise(&model), Err(Error::UnknownProfile { .. })));
+    std::fs::write(folder.path().join("config.json"), r#"{"model_type": "depth_anything"}"#).unwrap();
+    assert_eq!(OnnxPrior::recognise(&model).unwrap(), ModelSpec::profile("depth-anything-v2").unwrap());
+    let named = folder.path().join("da3_mono_large.onnx");
+    std::fs::copy(fixture("predicted_depth.onnx"), &named).unwrap();
+    std::fs::remove_file(folder.path().join("config.json")).unwrap();
+    assert_eq!(OnnxPrior::recognise(&named).unwrap(), ModelSpec::profile("depth-anything-3-mono").unwrap());
+}
+
+#[test]
+fn an_output_that_is_not_there_is_named() {
+    let error = |spec: ModelSpec| OnnxPrior::open(fixture("moge2.onnx"), &spec).unwrap_err().to_string();
+    let moge = || ModelSpec::profile("moge-2").unwrap();
+    let text = error(ModelSpec { mask_output: Some("sky".to_owned()), ..moge() });
+    assert!(
+        text.contains("\"sky\"") && text.contains("metric_scale") && text.contains("mask-output"),
+        "{text}"
+    );
+    let text = error(ModelSpec { tokens: None, ..moge() });
+    assert!(text.contains("num_tokens") && text.contains("tokens"), "{text}");
+}
+
+/// ONNX Runtime against tract. It needs the library: the package onnxruntime of the active Python, or ORT_DYLIB_PATH.
+#[cfg(feature = "onnxruntime")]
+mod onnxruntime {
+    use super::*;
+    use mde_prior::{Runtime, find_onnxruntime};
+
+    fn agree(path: &Path, spec: &ModelSpec, image: &Array3<f32>) {
+        let library = find_onnxruntime(None).unwrap();
+        let tract = OnnxPrior::open(path, spec).unwrap();
+        let other = OnnxPrior::open_with(path, spec, &Runtime::OnnxRuntime(library)).unwrap();
+        assert_eq!(other.concurrency(), 1);
+        let [a, b] = [&tract, &other].map(|prior| prior.predict(image.view()).unwrap());
+        assert_eq!(a.valid, b.valid);
+        let largest = a.map.iter().copied().fold(0.0, f32::max);
+        let worst = a.map.iter().zip(&b.map).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(worst <= 1e-4 * largest, "{}: {worst} of {largest}", path.display());
+    }
+
+    #[test]
+    #[ignore = "needs ONNX Runtime's library"]
+    fn onnxruntime_agrees_with_tract_on_the_graphs_of_published_networks() {
+        for (graph, profile) in
+            [("moge2", "moge-2"), ("unidepth", "unidepth-v2"), ("depth_pro_like", "depth-pro")]
+        {
+            agree(&fixture(&format!("{graph}.onnx")), &ModelSpec::profile(profile).unwrap(), &image());
+        }
+        agree(&fixture("predicted_depth.onnx"), &ModelSpec::profile("depth-anything-v2").unwrap(), &image());
+    }
+
+    #[test]
+    #[ignore = "needs ONNX Runtime's library, and the networks and photographs that MDE_SHARED names"]
+    fn onnxruntime_agrees_with_tract_on_real_networks() {
+        let shared = std::env::var_os("MDE_SHARED").unwrap();
+        let photograph =
+            mde_prior::photo::read_image(Path::new(&shared).join("data/plain/nyu_living/color.png")).unwrap();
+        let fastdepth = ModelSpec::profile("fastdepth").unwrap();
+        agree(
+            &Path::new(&shared).join("models/fastdepth/fastdepth_224.onnx"),
+            &fastdepth,
+            &photograph.pixels,
+        );
+        let small = ModelSpec::new(48, 48, DepthKind::AffineDisparity);
+        agree(&Path::new(&shared).join("models/upydnet_nyu48/model.onnx"), &small, &photograph.pixels);
+    }
+}
