@@ -28,16 +28,18 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
     };
     let same = refinement.iterations.is_empty() && moves.iter().all(|change| *change == 0.0);
     let change = match (same, refinement.augmentation.predictions > 1) {
-        (true, false) => "as it came: no field was fitted, and the prior is one map without others to compare it with".to_owned(),
+        (true, false) => {
+            "as it came: no field was fitted, and the prior is one map without others to compare it with"
+                .to_owned()
+        }
         _ => format!(
             "typical change {}; 90 % of pixels changed by less than {}",
             percent(median(moves.iter().copied())),
             percent(quantile(&mut moves, 0.9))
         ),
     };
-    let least = least_sure(depth, sigma.view()).map_or_else(String::new, |(place, share)| {
-        format!("; least sure {place}: {}", percent(Some(share)))
-    });
+    let least = least_sure(depth, sigma.view())
+        .map_or_else(String::new, |(place, share)| format!("; least sure {place}: {}", percent(Some(share))));
     let mut lines = vec![format!(
         "depth: {change}\nsigma: median {}{unit}, {} of the depth{least}",
         median(known).map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
