@@ -434,6 +434,12 @@ pub(crate) struct SettingsArgs {
     /// Predictions of the model at most, on the photograph, its mirror image and crops: auto, or a number (1: the photograph alone)
     #[arg(long, value_name = "N|auto")]
     pub(crate) predictions: Option<Predictions>,
+    /// Nearest depth of the scene, for disparity of unknown scale and shift; default: that of the settings, 0.8
+    #[arg(long, value_name = "METRES", value_parser = positive)]
+    pub(crate) near: Option<f64>,
+    /// Farthest depth of the scene, likewise; default: 8
+    #[arg(long, value_name = "METRES", value_parser = positive)]
+    pub(crate) far: Option<f64>,
     /// Only as many predictions as fit into this time, by the time of the first one; config.toml has their number
     #[arg(long, value_name = "SECONDS", value_parser = positive)]
     pub(crate) budget: Option<f64>,

@@ -22,6 +22,9 @@ pub(crate) fn settings(args: &SettingsArgs, usual: Preset) -> Result<(Preset, Co
     if args.no_nerf {
         config.refinement.iterations = 0;
     }
+    (config.disparity.near, config.disparity.far) =
+        (args.near.unwrap_or(config.disparity.near), args.far.unwrap_or(config.disparity.far));
+    config.disparity.validate().context("--near, --far")?;
     if let Some(predictions) = args.predictions {
         config.augmentation.predictions = predictions;
     }

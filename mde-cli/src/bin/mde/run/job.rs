@@ -13,6 +13,7 @@ use crate::output::run_record::{About, RunRecord};
 use crate::output::several;
 use crate::report;
 use crate::run::checkpoint::Checkpoints;
+use crate::run::doubts::doubts;
 use crate::run::error_bar::{ErrorBar, Stated};
 use crate::run::field::SharedNerf;
 use crate::run::gain;
@@ -211,6 +212,9 @@ impl Job {
         if self.unit == UnitName::Capture && refinement.capture.is_some() {
             refinement = refinement.in_capture_unit()?;
         }
+        doubts(&refinement.prior, &self.prior.origin, &self.config)
+            .into_iter()
+            .for_each(|doubt| progress.warn(doubt));
         if let Some(reason) = refinement.augmentation.skipped {
             progress.warn(format!("no test-time augmentation: {reason}; give --prior-model to use it"));
         }

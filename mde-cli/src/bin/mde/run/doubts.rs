@@ -1,0 +1,75 @@
+//! Signs that a model's output is no depth of the photograph.
+
+use crate::input::prior::PriorOrigin;
+use mde_cli::Config;
+use mde_prior::DepthKind;
+use mde_uncertainty::statistics::quantile;
+use ndarray::Array2;
+
+/// Share of the pixels above which missing depth is a sign.
+const MISSING: f64 = 0.3;
+/// Ratio of the depths' 95 and 5 % quantiles below which a map is nearly constant.
+const RANGE: f64 = 1.03;
+
+/// Warnings about the depth that a model gave, 0 where missing; none for a map from a file.
+pub(super) fn doubts(depth: &Array2<f32>, origin: &PriorOrigin, config: &Config) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if origin.model.is_none() {
+        return warnings;
+    }
+    let name = &origin.source;
+    let mut known: Vec<f64> = depth.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)).collect();
+    let missing = 1.0 - known.len() as f64 / depth.len().max(1) as f64;
+    if missing > MISSING {
+        warnings.push(format!(
+            "{name}: no depth for {:.0} % of the pixels; check its profile and weights with mde doctor",
+            100.0 * missing
+        ));
+    }
+    if let (Some(low), Some(high)) = (quantile(&mut known, 0.05), quantile(&mut known, 0.95))
+        && high < RANGE * low
+    {
+        warnings.push(format!(
+            "{name}: its depth is nearly constant, {low:.3} to {high:.3}; check its profile and weights with mde doctor"
+        ));
+    }
+    if origin.kind == DepthKind::AffineDisparity {
+        warnings.push(format!(
+            "{name} gives disparity of unknown scale and shift: depths of {} to {} are assumed; give --near and --far",
+            config.disparity.near, config.disparity.far
+        ));
+    }
+    warnings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mde_cli::Preset;
+    use mde_prior::ModelSpec;
+
+    #[test]
+    fn missing_constant_and_assumed_depth_are_named() {
+        let origin = |kind| PriorOrigin {
+            kind,
+            source: "net.onnx".to_owned(),
+            model: Some(ModelSpec::new(8, 8, kind)),
+            runtime: None,
+            model_hash: None,
+        };
+        let config = Preset::Default.config();
+        let found = |depth: &dyn Fn(usize) -> f32, kind| {
+            doubts(&Array2::from_shape_fn((10, 10), |(y, x)| depth(10 * y + x)), &origin(kind), &config)
+        };
+        let metric = DepthKind::Metric;
+        assert!(found(&|i| 1.0 + i as f32, metric).is_empty());
+        let missing = found(&|i| if i < 49 { 0.0 } else { i as f32 }, metric);
+        assert!(missing.len() == 1 && missing[0].contains("49 %"), "{missing:?}");
+        let constant = found(&|i| 2.0 + 1e-4 * i as f32, metric);
+        assert!(constant.len() == 1 && constant[0].contains("nearly constant"), "{constant:?}");
+        let assumed = found(&|i| 1.0 + i as f32, DepthKind::AffineDisparity);
+        assert!(assumed.len() == 1 && assumed[0].contains("0.8 to 8"), "{assumed:?}");
+        let file = PriorOrigin { model: None, ..origin(metric) };
+        assert!(doubts(&Array2::zeros((3, 3)), &file, &config).is_empty());
+    }
+}
