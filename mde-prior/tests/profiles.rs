@@ -70,7 +70,8 @@ fn moge_gives_metres_with_its_shift_scale_and_mask() {
 #[test]
 fn unidepth_and_depth_pro_give_metres() {
     let image = image();
-    let unidepth = OnnxPrior::open_guessed(fixture("unidepth.onnx")).unwrap();
+    let [unidepth, older] =
+        ["unidepth.onnx", "unidepth_k.onnx"].map(|name| OnnxPrior::open_guessed(fixture(name)).unwrap());
     let spec = unidepth.spec().clone();
     let normalised = |c: usize, v: f32| (v - spec.mean[c]) / spec.std[c];
     let expected = Array2::from_shape_fn((28, 42), |(y, x)| {
@@ -79,6 +80,7 @@ fn unidepth_and_depth_pro_give_metres() {
     let found = unidepth.predict(image.view()).unwrap();
     assert_eq!(found.valid, expected.mapv(|z| z > 0.0));
     assert_close(&found.map, &expected.mapv(|z| z.max(0.0)));
+    assert_eq!(older.predict(image.view()).unwrap(), found);
     let pro = OnnxPrior::open_guessed(fixture("depth_pro_like.onnx")).unwrap();
     assert_eq!(pro.spec(), &ModelSpec::profile("depth-pro").unwrap());
     assert_close(&pro.predict(image.view()).unwrap().map, &grey(&image).mapv(|g| 1.0 + (g - 0.5) / 0.5));

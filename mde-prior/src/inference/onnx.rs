@@ -6,7 +6,7 @@ use super::graph::{Graph, Output, Request, fixed_size, image_input};
 #[cfg(feature = "onnxruntime")]
 use super::onnxruntime::OnnxRuntimeGraph;
 use super::points;
-use super::runtime::{call, model_error, port_names};
+use super::runtime::{call, model_error, output_names};
 use super::tract::TractGraph;
 use crate::resample::{nearest, resize};
 use crate::spec::{Channels, Layout, ModelSpec};
@@ -130,7 +130,7 @@ impl OnnxPrior {
     }
 
     /// The specification of a model: a TOML file beside it, else the files of a model hub, else the profile of a graph that cannot be
-    /// mistaken by the names of its inputs and outputs (MoGe-2, UniDepth V2, Depth Pro), else the profile that matches its name.
+    /// mistaken by the names of its outputs (MoGe-2, UniDepth V2, Depth Pro), else the profile that matches its name.
     ///
     /// # Errors
     /// Those of [`ModelSpec::of`]; [`Error::Model`] for a file that is no ONNX model.
@@ -142,19 +142,21 @@ impl OnnxPrior {
         if let Some(spec) = ModelSpec::of_hub(path)? {
             return Ok(spec);
         }
-        let (inputs, outputs) = call(path, || port_names(path).map_err(|reason| model_error(path, reason)))?;
-        let has = |names: &[String], name: &str| names.iter().any(|other| other == name);
-        let profile =
-            if has(&inputs, "num_tokens") && has(&outputs, "points") && has(&outputs, "metric_scale") {
-                "moge-2"
-            } else if has(&outputs, "pts_3d") && has(&outputs, "intrinsics") {
-                "unidepth-v2"
-            } else if has(&outputs, "predicted_depth") && has(&outputs, "focallength_px") {
-                "depth-pro"
-            } else {
-                return ModelSpec::guess(path);
-            };
-        ModelSpec::profile(profile)
+        let outputs = call(path, || output_names(path).map_err(|reason| model_error(path, reason)))?;
+        let all = |names: &[&str]| names.iter().all(|name| outputs.iter().any(|output| output == name));
+        if all(&["points", "mask", "metric_scale"]) {
+            ModelSpec::profile("moge-2")
+        } else if all(&["pts_3d", "intrinsics"]) {
+            ModelSpec::profile("unidepth-v2")
+        } else if all(&["out_K", "depth", "confidence"]) {
+            // Of its older export.
+            let spec = ModelSpec::profile("unidepth-v2")?;
+            Ok(ModelSpec { output_name: Some("depth".to_owned()), output_channel: None, ..spec })
+        } else if all(&["predicted_depth", "focallength_px"]) {
+            ModelSpec::profile("depth-pro")
+        } else {
+            ModelSpec::guess(path)
+        }
     }
 
     /// Loads a model with the specification that is [recognised](Self::recognise).

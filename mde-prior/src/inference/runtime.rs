@@ -79,15 +79,11 @@ pub(super) fn external_files(path: &Path) -> Result<Vec<PathBuf>, String> {
     Ok(named_files(&proto, path))
 }
 
-/// Names of a graph's inputs, without the weights among them, and of its outputs.
-pub(super) fn port_names(path: &Path) -> Result<(Vec<String>, Vec<String>), String> {
+/// Names of a graph's outputs.
+pub(super) fn output_names(path: &Path) -> Result<Vec<String>, String> {
     let proto = tract_onnx::onnx().proto_model_for_path(path);
     let proto = proto.map_err(|e| format!("the file is no ONNX model ({}); copy it again", one_line(&e)))?;
-    let graph = proto.graph.unwrap_or_default();
-    let weights: BTreeSet<&str> = graph.initializer.iter().map(|tensor| tensor.name.as_str()).collect();
-    let inputs = graph.input.iter().map(|port| port.name.clone());
-    let inputs = inputs.filter(|name| !weights.contains(name.as_str())).collect();
-    Ok((inputs, graph.output.iter().map(|port| port.name.clone()).collect()))
+    Ok(proto.graph.iter().flat_map(|graph| &graph.output).map(|port| port.name.clone()).collect())
 }
 
 fn named_files(proto: &ModelProto, path: &Path) -> Vec<PathBuf> {

@@ -204,6 +204,19 @@ published(
     [("pts_3d", F, [1, 3, H, W]), ("confidence", F, [1, 1, H, W]), ("intrinsics", F, [1, 3, 3])],
     GREY_CONSTANTS + [constant("rays", RAYS), constant("k", np.eye(3, dtype=np.float32)[None])],
 )
+# The same from its older export: the intrinsics first, then metres.
+published(
+    "unidepth_k",
+    GREY_NODES + [
+        helper.make_node("Identity", ["k"], ["out_K"]),
+        helper.make_node("Identity", ["z"], ["depth"]),
+        helper.make_node("Identity", ["grey"], ["depth_ssi"]),
+        helper.make_node("Identity", ["grey"], ["confidence"]),
+    ],
+    [("image", F, [1, 3, H, W])],
+    [("out_K", F, [1, 3, 3]), ("depth", F, [1, 1, H, W]), ("depth_ssi", F, [1, 1, H, W]), ("confidence", F, [1, 1, H, W])],
+    GREY_CONSTANTS + [constant("k", np.eye(3, dtype=np.float32)[None])],
+)
 # Depth Pro: metres, and the focal length.
 published(
     "depth_pro_like",
