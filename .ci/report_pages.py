@@ -245,6 +245,12 @@ def check_run(page, folder):
     page.key("ArrowDown")
     check(reading(page)["pixel"] != place, "the arrow keys do not move the pixel")
 
+    check(page.value("document.querySelectorAll('.triptych canvas').length") == 3, "photograph, depth and sigma are not side by side")
+    check_distance(page)
+    linked = page.value("[...document.querySelectorAll('.gallery a[download]')].map((a) => a.getAttribute('href'))")
+    check("depth.npy" in linked and "sigma.npy" in linked, f"the maps are linked to {linked}")
+    check(page.value("document.querySelectorAll('.histogram rect').length") == 96, "there are no histograms")
+
     plain = page.pixels("#viewer")
     page.value("document.getElementById('edges-refined').click()")
     page.settle()
@@ -285,6 +291,21 @@ def check_run(page, folder):
 
     if (folder / "views").is_dir():
         check_photographs(page, folder)
+
+
+def check_distance(page):
+    """Two points have a distance with an error bar; the border stays where it is."""
+    at = page.value("document.getElementById('split').value")
+    page.value("document.getElementById('measure').click()")
+    left, top, width, height = page.box("#viewer")
+    for u, v in ((0.3, 0.6), (0.7, 0.7)):
+        point = (left + u * width, top + v * height)
+        page.drag(point, point)
+    said = reading(page)["distance"].split()
+    check(len(said) >= 3 and said[1] == "±" and float(said[0]) > 0 and float(said[2]) > 0, f"the distance is {said}")
+    check(page.value("document.getElementById('split').value") == at, "measuring moves the border")
+    page.value("document.getElementById('measure').click()")
+    check("distance" not in reading(page), "the distance stays after measuring")
 
 
 def check_photographs(page, folder):
@@ -381,6 +402,14 @@ def check_evaluation(page, folder):
                        f"s.value = {json.dumps(option)}; s.dispatchEvent(new Event('change')); }})()")
             cells = page.value("document.querySelectorAll('#scores tbody td').length")
             check(cells > 0, f"no scores for {option}")
+    check(page.value("document.querySelectorAll('#verdict li').length") >= 1, "there is no verdict")
+    if page.value("document.getElementById('worst-first') !== null"):
+        order = "[...document.querySelectorAll('#scene-list h3')].map((h) => h.textContent)"
+        usual = page.value(order)
+        page.value("document.getElementById('worst-first').click()")
+        check(sorted(page.value(order)) == sorted(usual), "scenes are lost when they are sorted")
+        page.value("document.getElementById('worst-first').click()")
+        check(page.value(order) == usual, "the scenes do not come back in their order")
     figures = len(list(folder.glob("*.svg")))
     check(page.value("document.querySelectorAll('.figures img').length") == figures, f"not the folder's {figures} figures")
     loaded = page.value("Promise.all([...document.images].map((i) => i.decode())).then(() =>"

@@ -29,6 +29,19 @@ pub fn hash(bytes: &[u8]) -> String {
     format!("{:08x}", crc32fast::hash(bytes))
 }
 
+/// [`hash`] of several files, as if they were one.
+///
+/// # Errors
+/// [`Error::Io`] where one cannot be read.
+pub fn hash_files<'p>(paths: impl IntoIterator<Item = &'p Path>) -> Result<String> {
+    let mut hasher = crc32fast::Hasher::new();
+    for path in paths {
+        let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+        hasher.update(&bytes);
+    }
+    Ok(format!("{:08x}", hasher.finalize()))
+}
+
 /// What sigma depends on.
 #[derive(Serialize)]
 struct Decisive<'c> {

@@ -3,7 +3,7 @@
 use crate::Config;
 use crate::config::{NovelViews, RefinementConfig};
 use mde_mvs::consensus::{ConsensusConfig, reconstruct_bytes};
-use mde_nerf::{FieldConfig, RenderConfig};
+use mde_nerf::{FieldConfig, HashFieldConfig, RenderConfig};
 
 /// The program, its threads' tiles and what it allocates at any image size.
 const BASE: u64 = 64 << 20;
@@ -13,8 +13,13 @@ const PIXEL: u64 = 220;
 const VIEW: u64 = 25;
 /// Bytes per pixel and rendered view: depth and variance, before and after reprojection.
 const RENDERED: u64 = 16;
-/// Bytes per parameter of a field: the parameter, its gradient, two moments, an average, a copy.
-const PARAMETER: u64 = 6 * 4;
+/// Groups of rays that sum their gradients and keep their activations, and the points of one of their tiles; as in `mde-nerf`.
+const GROUPS: u64 = 16;
+const TILE_POINTS: u64 = 1024;
+/// Copies of a network's parameters: itself, its transpose, two moments, an average, a sum of gradients; and a gradient per group.
+const NETWORK_COPIES: u64 = 6 + GROUPS;
+/// Bytes of a sample's position, kept with its gradients until the end of a step.
+const POSITION: u64 = 12;
 /// Bytes per pixel and photograph of a capture: twice colours and mask, and the prior.
 const PHOTOGRAPH: u64 = 2 * 13 + 4;
 /// Bytes per pixel of a photograph whose features are searched for: scale spaces at twice its size.
@@ -31,8 +36,7 @@ const SHARED_VIEW: u64 = 24;
 /// Upper bound of the bytes that [`refine`](crate::refine) needs for an image of that many pixels; measured, it is 1.1 to 2 times
 /// the real peak. The memory of the prior's own inference is not included.
 pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
-    BASE.saturating_add(pixels.saturating_mul(pixel_bytes(config)))
-        .saturating_add(field_bytes(&config.nerf.field))
+    BASE.saturating_add(pixels.saturating_mul(pixel_bytes(config))).saturating_add(field_bytes(config))
 }
 
 /// Estimate of the bytes that [`refine_capture`](crate::refine_capture) needs for that many photographs of that many pixels on that
@@ -45,7 +49,7 @@ pub fn capture_bytes(pixels: u64, photographs: u64, threads: u64, config: &Confi
     let sweeps = reconstruct_bytes(pixels, used, &ConsensusConfig::default());
     let stage = match config.refinement.iterations {
         0 => sweeps,
-        _ => sweeps.max(field_bytes(&config.nerf.field)),
+        _ => sweeps.max(field_bytes(config)),
     };
     BASE.saturating_add(pixels.saturating_mul(held.saturating_add(features))).saturating_add(stage)
 }
@@ -80,7 +84,7 @@ impl SceneMemory {
         let mut pixel = SCENE
             .saturating_add(most(pixel_bytes).max(SCORES))
             .saturating_add(METHOD.saturating_mul(methods.len() as u64));
-        let mut fixed = most(|config| field_bytes(&config.nerf.field));
+        let mut fixed = most(field_bytes);
         if share_fields {
             let fits = distinct(loops(), fit_part);
             fixed = fits.iter().fold(fixed, |sum, fit| sum.saturating_add(parameters(&fit.nerf.field) * 4));
@@ -128,18 +132,73 @@ pub fn render_bytes(pixels: u64, views: u64) -> u64 {
     BASE.saturating_add(pixels.saturating_mul(64 + 24 * views))
 }
 
-fn field_bytes(field: &FieldConfig) -> u64 {
-    PARAMETER * parameters(field)
+/// Bytes of a field and its fit, which depend on the rays of a step and not on the image.
+fn field_bytes(config: &Config) -> u64 {
+    let (nerf, field) = (&config.nerf, &config.nerf.field);
+    let per_ray =
+        [nerf.sampling.coarse, nerf.sampling.band, nerf.sampling.fine].iter().map(|n| *n as u64).sum::<u64>();
+    let rays = nerf.train.rays as u64;
+    let (mlp, activations) = match field {
+        FieldConfig::Mlp(f) => {
+            (parameters(field), 2 * (3 + 6 * f.frequencies as u64) + (f.layers as u64 + 2) * f.width as u64)
+        }
+        FieldConfig::Hash(f) => {
+            let features = (f.levels * f.features) as u64;
+            (parameters(field) - table(f), 2 * features + (f.layers as u64 + 2) * f.width as u64)
+        }
+    };
+    // A tile is at least one ray.
+    let points = TILE_POINTS.max(per_ray).min(rays.div_ceil(GROUPS).saturating_mul(per_ray));
+    let network = NETWORK_COPIES.saturating_mul(4 * mlp);
+    let active = GROUPS.saturating_mul(points).saturating_mul(4 * activations);
+    let grid = match field {
+        FieldConfig::Mlp(_) => 0,
+        FieldConfig::Hash(f) => {
+            let (features, table) = (f.features as u64, table(f));
+            // The grid, its average, the first moment, and the second, one number a row.
+            let kept = (3 * table).saturating_add(table / features.max(1));
+            let threads = std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
+            let scratch = largest_level(f).saturating_mul(threads.min(f.levels as u64));
+            let samples = rays.saturating_mul(per_ray);
+            let of_samples = samples.saturating_mul(POSITION + 4 * features * f.levels as u64);
+            kept.saturating_add(scratch).saturating_mul(4).saturating_add(of_samples)
+        }
+    };
+    network.saturating_add(active).saturating_add(grid)
 }
 
+/// Numbers of a field.
 fn parameters(field: &FieldConfig) -> u64 {
+    let network = |input: u64, layers: usize, width: usize| {
+        let (layers, width) = (layers as u64, width as u64);
+        input * width + layers.saturating_sub(1) * width.pow(2) + 4 * width
+    };
     match field {
-        FieldConfig::Mlp(f) => (f.layers as u64 + 1) * (f.width as u64).pow(2),
+        FieldConfig::Mlp(f) => network(3 + 6 * f.frequencies as u64, f.layers, f.width),
         FieldConfig::Hash(f) => {
-            let rows = 1_u64 << f.log2_rows.min(32);
-            f.levels as u64 * f.features as u64 * rows + 2 * (f.layers as u64 + 2) * (f.width as u64).pow(2)
+            let colour = if f.geometry > 0 { network(f.geometry as u64 + 1, 1, f.width) } else { 0 };
+            network((f.levels * f.features) as u64, f.layers, f.width) + colour + table(f)
         }
     }
+}
+
+/// Rows of the levels of a hash grid: its corners, or as many columns as `log2-rows` allows.
+fn rows(field: &HashFieldConfig) -> impl Iterator<Item = u64> {
+    let (coarsest, finest) = (f64::from(field.coarsest), f64::from(field.finest));
+    let growth = (finest / coarsest).powf(1.0 / (field.levels.max(2) - 1) as f64);
+    let most = 1_u64 << field.log2_rows.min(32);
+    (0..field.levels).map(move |level| {
+        let cells = (coarsest * growth.powi(level as i32)) as u64;
+        cells.saturating_add(1).saturating_pow(3).min(most + cells)
+    })
+}
+
+fn table(field: &HashFieldConfig) -> u64 {
+    rows(field).sum::<u64>().saturating_mul(field.features as u64)
+}
+
+fn largest_level(field: &HashFieldConfig) -> u64 {
+    rows(field).max().unwrap_or(0).saturating_mul(field.features as u64)
 }
 
 /// The largest number of pixels for which `bytes` stays within `bound`; `None` where one pixel is too many.

@@ -295,3 +295,17 @@ fn a_real_scene_is_refined_with_a_real_model() {
     let abs_rel = record["scores"]["by_alignment"]["median"]["prior"]["depth"]["abs-rel"].as_f64().unwrap();
     assert!((0.02..0.2).contains(&abs_rel), "{abs_rel}");
 }
+
+#[test]
+fn an_output_has_a_name_without_o() {
+    let place = Place::new();
+    place.mde("refine image.png --prior-depth depth.npy --fov 60 --no-nerf -q").assert().success();
+    place.mde("eval --dataset rooms --size 64x48 --limit 1 --methods guided -q").assert().success();
+    place
+        .mde("refine image.png --prior-depth depth.npy --fov 60 --no-nerf -q")
+        .assert()
+        .code(1)
+        .stderr(predicate::str::contains("image-depth: the folder exists; give another name to -o"));
+    let names = place.entries();
+    assert!(["image-depth", "rooms-eval"].iter().all(|name| names.iter().any(|n| n == name)), "{names:?}");
+}

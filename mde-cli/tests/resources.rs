@@ -131,6 +131,43 @@ fn the_estimate_bounds_what_a_run_takes() {
     }
 }
 
+/// Of what grows with the rays of a step, with the network and with the grid, not with the image.
+#[test]
+fn the_estimate_of_a_large_fit_is_close() {
+    let place = Place::new();
+    let cases = [
+        ("samples", "nerf.sampling = { coarse = 64, fine = 64 }", "levels = 8\nfeatures = 4", 16384),
+        ("fewer-features", "nerf.sampling = { coarse = 256, fine = 256 }", "levels = 8\nfeatures = 2", 4096),
+        ("grid", "", "levels = 16\nfeatures = 4\nlog2-rows = 20\nfinest = 2048", 512),
+    ];
+    for (name, sampling, field, rays) in cases {
+        let text = format!(
+            "refinement.iterations = 1\nviews.count = 1\nnovel.count = 1\n{sampling}\n\
+             [nerf.train]\nsteps = 2\nrays = {rays}\n[nerf.render]\ncoarse = 4\nfine = 4\n\
+             [nerf.field]\nkind = 'hash'\n{field}\n"
+        );
+        near(&place, name, &text);
+    }
+    let mlp = "refinement.iterations = 1\nviews.count = 1\nnovel.count = 1\n[nerf.train]\nsteps = 2\nrays = 512\n\
+               [nerf.render]\ncoarse = 4\nfine = 4\n[nerf.field]\nkind = 'mlp'\nlayers = 8\nwidth = 512\n";
+    near(&place, "network", mlp);
+}
+
+/// The peak of a run is below the estimate, and at most a quarter of it and the program's own share below.
+fn near(place: &Place, name: &str, text: &str) {
+    place.write("near.toml", text);
+    let config = Config::with_overrides(Preset::Fast, text, "near.toml").unwrap();
+    let run = "refine image.png --prior-depth depth.npy --fov 60 --preset fast --config near.toml -q";
+    place.mde(&format!("{run} -o {name}")).assert().success();
+    let Some(peak) = record(&place.path(name))["peak_memory_bytes"].as_u64() else { return };
+    let estimate = refine_bytes((WIDTH * HEIGHT) as u64, &config);
+    assert!(estimate > 120 << 20, "{name}: {estimate}");
+    assert!(
+        (peak..peak + peak / 4 + (48 << 20)).contains(&estimate),
+        "{name}: estimate {estimate}, peak {peak}"
+    );
+}
+
 /// The folder of one that is replaced stays too.
 #[test]
 fn an_evaluation_fails_only_where_its_scenes_are_too_large() {

@@ -154,6 +154,31 @@ fn wrong_models_are_one_line_errors() {
     assert!(grey.predict(Array3::from_elem((8, 8, 3), f32::NAN).view()).is_err());
 }
 
+/// Some of these panic in the runtime.
+#[test]
+fn networks_that_nothing_can_run_are_errors_with_the_name_of_the_file() {
+    let names = ["stride_0", "axis_99", "step_0", "divided_by_0", "huge", "enlarged", "groups", "split"]
+        .map(|name| format!("{name}.onnx"));
+    let mut panics = 0;
+    for name in names {
+        let opened = OnnxPrior::open(fixture(&name), &ModelSpec::new(16, 16, DepthKind::Metric));
+        let message = opened.and_then(|prior| prior.predict(pattern(16, 16).view())).unwrap_err().to_string();
+        assert!(message.contains(&name) && message.contains("; ") && !message.contains('\n'), "{message}");
+        panics += u32::from(message.contains("the runtime cannot run this model"));
+    }
+    assert!(panics >= 2, "{panics}");
+}
+
+#[test]
+fn weights_in_another_file_are_named() {
+    let prior = OnnxPrior::open(fixture("external.onnx"), &ModelSpec::new(8, 8, DepthKind::Metric)).unwrap();
+    let files: Vec<_> = prior.files().collect();
+    assert_eq!(files, [fixture("external.onnx"), fixture("external.bin")]);
+    let inside =
+        OnnxPrior::open(fixture("grey_nchw.onnx"), &ModelSpec::new(8, 8, DepthKind::Metric)).unwrap();
+    assert_eq!(inside.files().count(), 1);
+}
+
 #[test]
 fn a_prior_can_be_shared_between_threads() {
     fn shared<T: Send + Sync>() {}

@@ -9,7 +9,7 @@ fn with_prior(image: &str, prior: &str) -> String {
 #[test]
 fn unusable_photographs() {
     let formats = "give a JPEG, PNG, TIFF, BMP or WebP";
-    let cases: [(&str, &[&'static str]); 24] = [
+    let cases: [(&str, &[&'static str]); 30] = [
         ("none.png", &["none.png", "check the path"]),
         ("empty.png", &["empty.png", "is empty"]),
         ("text.png", &["text.png", formats]),
@@ -22,6 +22,12 @@ fn unusable_photographs() {
         ("thin.png", &["thin.png", "7x48", "8x8"]),
         ("half.png", &["half.png", formats]),
         ("half.jpg", &["half.jpg", formats]),
+        ("cut.jpg", &["cut.jpg", "truncated"]),
+        ("cut-progressive.jpg", &["cut-progressive.jpg", "truncated"]),
+        ("zeroed.jpg", &["zeroed.jpg", formats]),
+        ("wide.tif", &["wide.tif", "32-bit integers", "8 or 16 bits"]),
+        ("wide-motorola.tif", &["wide-motorola.tif", "32-bit integers"]),
+        ("line.png", &["line.png", "134217728x1", "resize"]),
         ("half.webp", &["half.webp", formats]),
         ("half.bmp", &["half.bmp", formats]),
         ("half.tif", &["half.tif", formats]),

@@ -90,6 +90,20 @@ fn pictures(place: &Place) {
         let bytes = fs::read(place.path(whole)).unwrap();
         place.write(half, &bytes[..bytes.len() / 2]);
     }
+    let progressive = fs::read(fixtures().join("progressive.jpg")).unwrap();
+    for (whole, name) in
+        [(fs::read(place.path("plain.jpg")).unwrap(), "cut.jpg"), (progressive, "cut-progressive.jpg")]
+    {
+        let mut cut = whole[..whole.len() * 6 / 10].to_vec();
+        let mut zeroed = cut.clone();
+        cut.extend([0xff, 0xd9]);
+        place.write(name, cut);
+        zeroed.resize(whole.len(), 0);
+        zeroed.extend([0xff, 0xd9]);
+        place.write("zeroed.jpg", zeroed);
+    }
+    place.write("wide.tif", wide_tiff(u16::to_le_bytes, u32::to_le_bytes, b"II"));
+    place.write("wide-motorola.tif", wide_tiff(u16::to_be_bytes, u32::to_be_bytes, b"MM"));
     let png = fs::read(place.path("picture.png")).unwrap();
     place.write("no-extension", &png);
     place.write("wrong.jpg", &png);
@@ -97,6 +111,7 @@ fn pictures(place: &Place) {
     place.write("signature.png", &png[..8]);
     // The header's checksum is not what keeps a size from being believed.
     place.write("huge.png", with_size(&png, 60_000, 60_000));
+    place.write("line.png", with_size(&png, 1 << 27, 1));
     place.write("zero.png", with_size(&png, 0, 48));
     let mut damaged = png.clone();
     let middle = damaged.len() / 2;
@@ -124,6 +139,31 @@ fn pictures(place: &Place) {
 
 fn fixtures() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures")
+}
+
+/// RGB samples of 32 bits without a sample format, which means unsigned integers.
+fn wide_tiff(short: fn(u16) -> [u8; 2], long: fn(u32) -> [u8; 4], order: &[u8]) -> Vec<u8> {
+    let (width, height) = (WIDTH as u32, HEIGHT as u32);
+    let mut bytes = [order, &short(42), &long(8), &short(10)].concat();
+    let after = 8 + 2 + 12 * 10 + 4;
+    let bytes_of_strip = width * height * 12;
+    for (tag, kind, count, value) in [
+        (256_u16, 4_u16, 1_u32, long(width)),
+        (257, 4, 1, long(height)),
+        (258, 3, 3, long(after)),
+        (259, 4, 1, long(1)),
+        (262, 4, 1, long(2)),
+        (273, 4, 1, long(after + 6)),
+        (277, 4, 1, long(3)),
+        (278, 4, 1, long(height)),
+        (279, 4, 1, long(bytes_of_strip)),
+        (284, 4, 1, long(1)),
+    ] {
+        bytes.extend([&short(tag)[..], &short(kind), &long(count), &value].concat());
+    }
+    bytes.extend([&long(0)[..], &short(32), &short(32), &short(32)].concat());
+    (0..width * height * 3).for_each(|index| bytes.extend(long(index.wrapping_mul(9_000_000))));
+    bytes
 }
 
 fn with_size(png: &[u8], width: u32, height: u32) -> Vec<u8> {
@@ -308,6 +348,8 @@ fn texts(place: &Place) {
     fs::create_dir(place.path("folder.npy")).unwrap();
     fs::create_dir(place.path("empty")).unwrap();
     fs::create_dir(place.path("thesis")).unwrap();
+    fs::create_dir(place.path("kept.resume")).unwrap();
+    place.write("kept.resume/chapter.txt", "years");
     place.write("thesis/chapter.txt", "years");
     fs::create_dir(place.path("earlier")).unwrap();
     place.write("earlier/run.json", "{}");

@@ -31,6 +31,14 @@ fn unusable_models() {
         refused(fixture("scores.onnx"), &["scores.onnx", "[1, 3]", "output-name"]),
         refused(fixture("vector.onnx"), &["vector.onnx", "1 axes", "4"]),
         refused(fixture("not_finite.onnx"), &["not_finite.onnx", "NaN", "check mean"]),
+        refused(fixture("stride_0.onnx"), &["stride_0.onnx"]),
+        refused(fixture("axis_99.onnx"), &["axis_99.onnx"]),
+        refused(fixture("step_0.onnx"), &["step_0.onnx"]),
+        refused(fixture("divided_by_0.onnx"), &["divided_by_0.onnx"]),
+        refused(fixture("huge.onnx"), &["huge.onnx"]),
+        refused(fixture("enlarged.onnx"), &["enlarged.onnx"]),
+        refused(fixture("groups.onnx"), &["groups.onnx"]),
+        refused(fixture("split.onnx"), &["split.onnx"]),
     ]);
 }
 

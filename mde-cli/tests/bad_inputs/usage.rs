@@ -11,7 +11,6 @@ fn wrong_usage() {
         misused("polish image.png", &["polish"]),
         misused("refine", &["IMAGE"]),
         misused("refine image.png -o out", &["--prior-model", "--prior-depth"]),
-        misused(refine, &["--output"]),
         misused("refine image.png --prior-depth -o out", &["--prior-depth"]),
         misused("refine a.png b.png --prior-depth depth.npy -o out", &["b.png"]),
         misused(
@@ -41,7 +40,6 @@ fn wrong_usage() {
         misused("demo --size 0x0 -o out", &["8 to 16384"]),
         misused("demo --size 99999x99999 -o out", &["8 to 16384"]),
         misused("demo --quiet --log-json -o out", &["cannot be used with"]),
-        misused("demo", &["--output"]),
         misused("demo extra -o out", &["extra"]),
         misused("render -o out", &["--field"]),
     ]);

@@ -6,6 +6,7 @@ use tract_onnx::prelude::*;
 use tract_onnx::tract_hir::infer::Factoid as _;
 use tract_onnx::tract_hir::internal::DimLike as _;
 
+use super::runtime::{self, model_error, one_line};
 use crate::resample::resize;
 use crate::spec::{Channels, Layout, ModelSpec};
 use crate::{DepthPrior, Error, PriorDepth, Result};
@@ -34,6 +35,8 @@ pub struct OnnxPrior {
     model: InferenceModel,
     /// `(height, width)` where the model has them fixed.
     fixed: (Option<usize>, Option<usize>),
+    /// Files of weights outside the ONNX file.
+    external: Vec<PathBuf>,
     plan: Mutex<Option<((usize, usize), Plan)>>,
 }
 
@@ -62,17 +65,19 @@ impl OnnxPrior {
         if length == 0 {
             return Err(model_error(path, "the file is empty; copy the model again"));
         }
-        let mut model =
-            tract_onnx::onnx().with_ignore_output_shapes(true).model_for_path(path).map_err(|e| {
+        runtime::call(path, || {
+            let (mut model, external) = runtime::load(path).map_err(|e| {
                 model_error(path, format!("the ONNX model cannot be run ({}); export it again", one_line(&e)))
             })?;
-        if let Some(name) = &spec.output_name {
-            model.select_outputs_by_name([name]).map_err(|e| {
-                model_error(path, format!("no output {name:?} ({}); check output-name", one_line(&e)))
-            })?;
-        }
-        let fixed = fixed_size(&model, spec.layout).map_err(|reason| model_error(path, reason))?;
-        Ok(Self { path: path.to_owned(), spec: spec.clone(), model, fixed, plan: Mutex::new(None) })
+            if let Some(name) = &spec.output_name {
+                model.select_outputs_by_name([name]).map_err(|e| {
+                    model_error(path, format!("no output {name:?} ({}); check output-name", one_line(&e)))
+                })?;
+            }
+            let fixed = fixed_size(&model, spec.layout).map_err(|reason| model_error(path, reason))?;
+            let (path, spec) = (path.to_owned(), spec.clone());
+            Ok(Self { path, spec, model, fixed, external, plan: Mutex::new(None) })
+        })
     }
 
     /// Loads a model with the specification in the TOML file beside it, or with the profile that matches its name.
@@ -82,6 +87,11 @@ impl OnnxPrior {
     pub fn open_guessed(path: impl AsRef<Path>) -> Result<Self> {
         let spec = ModelSpec::of(&path)?;
         Self::open(path, &spec)
+    }
+
+    /// The files with the network's weights: the ONNX file, then those that it names.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        std::iter::once(&self.path).chain(&self.external).map(PathBuf::as_path)
     }
 
     /// The specification in use.
@@ -118,6 +128,10 @@ impl OnnxPrior {
                 size.1, size.0
             )));
         }
+        runtime::call(&self.path, || self.run(image, size))
+    }
+
+    fn run(&self, image: ArrayView3<'_, f32>, size: (usize, usize)) -> Result<Array2<f32>> {
         let input = self.tensor(image, size)?;
         let outputs = self.plan(size)?.run(tvec!(input.into())).map_err(|e| {
             self.error(format!(
@@ -167,19 +181,18 @@ impl OnnxPrior {
             return Ok(Arc::clone(plan));
         }
         let fact = InferenceFact::from(f32::fact(input_shape(self.spec.layout, size)));
-        let plan = self
-            .model
-            .clone()
-            .with_input_fact(0, fact)
-            .and_then(|model| model.into_optimized()?.into_runnable())
-            .map_err(|e| {
-                self.error(format!(
-                    "the model takes no {}x{} input ({}); check its input size",
-                    size.1,
-                    size.0,
-                    one_line(&e)
-                ))
-            })?;
+        let refused = |e: TractError| {
+            self.error(format!(
+                "the model takes no {}x{} input ({}); check its input size",
+                size.1,
+                size.0,
+                one_line(&e)
+            ))
+        };
+        let model = self.model.clone().with_input_fact(0, fact).and_then(|model| model.into_optimized());
+        let model = model.map_err(refused)?;
+        runtime::check_tensors(&model).map_err(|reason| self.error(reason))?;
+        let plan = model.into_runnable().map_err(refused)?;
         *kept = Some((size, Arc::clone(&plan)));
         Ok(plan)
     }
@@ -265,19 +278,5 @@ fn fixed_size(model: &InferenceModel, layout: Layout) -> Result<(Option<usize>, 
             Err(format!("axis {channel} of the input has {channels} channels, not 3; check layout"))
         }
         _ => Ok((side(height), side(width))),
-    }
-}
-
-fn model_error(path: &Path, reason: impl Into<String>) -> Error {
-    Error::Model { path: path.to_owned(), reason: reason.into() }
-}
-
-/// tract's chain of errors in one line.
-fn one_line(error: &TractError) -> String {
-    let text = format!("{error:#}");
-    let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
-    match line.char_indices().nth(240) {
-        Some((end, _)) => format!("{} ...", &line[..end]),
-        None => line,
     }
 }

@@ -5,6 +5,8 @@ mod atomic;
 #[cfg(feature = "io")]
 pub mod format;
 #[cfg(feature = "io")]
+mod jpeg;
+#[cfg(feature = "io")]
 pub mod photo;
 pub mod resample;
 

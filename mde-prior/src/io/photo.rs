@@ -4,12 +4,22 @@ use std::io::Cursor;
 use std::path::Path;
 
 use image::metadata::Orientation;
-use image::{DynamicImage, ExtendedColorType, ImageDecoder as _, ImageEncoder as _, ImageReader, Limits};
+use image::{
+    DynamicImage, ExtendedColorType, ImageDecoder as _, ImageEncoder as _, ImageFormat, ImageReader, Limits,
+};
 use ndarray::{Array3, ArrayView3};
 
 use super::format::{MAX_PIXELS, read_file};
-use super::write_atomic;
+use super::{jpeg, write_atomic};
 use crate::{Error, Result};
+
+/// Longest side, pixels.
+const MAX_SIDE: u32 = 1 << 16;
+/// Most bytes of a PNG's compressed metadata.
+const MAX_METADATA: u64 = 1 << 26;
+/// Tags of a TIFF.
+const BITS_PER_SAMPLE: usize = 258;
+const SAMPLE_FORMAT: usize = 339;
 
 /// A photograph, upright.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,38 +69,75 @@ fn decode(bytes: &[u8]) -> Result<Photo, String> {
         |e: image::ImageError| format!("no readable image ({e}); give a JPEG, PNG, TIFF, BMP or WebP");
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
     let mut limits = Limits::default();
-    limits.max_alloc = Some(16 * MAX_PIXELS as u64);
+    // A PNG is decoded row by row: the limit is for what is compressed beside the pixels.
+    let png = reader.format() == Some(ImageFormat::Png);
+    if let Some([width, height]) = png_size(bytes) {
+        check_size(width, height)?;
+    }
+    limits.max_alloc = Some(if png { MAX_METADATA } else { 16 * MAX_PIXELS as u64 });
     reader.limits(limits);
     let mut decoder = reader.into_decoder().map_err(broken)?;
     let (width, height) = decoder.dimensions();
-    let pixels = u64::from(width) * u64::from(height);
-    if pixels == 0 || pixels > MAX_PIXELS as u64 {
-        return Err(format!("{width}x{height} pixels are too many or none; resize the image"));
-    }
+    check_size(width, height)?;
     let orientation = decoder.orientation().map_err(broken)?;
-    // The decoder fills a truncated image with grey.
-    if bytes.starts_with(&[0xff, 0xd8]) && !ends(bytes) {
-        return Err("no readable image (the JPEG is truncated); give a JPEG, PNG, TIFF, BMP or WebP".into());
+    let refused =
+        |what: &str| Err(format!("no readable image ({what}); give a JPEG, PNG, TIFF, BMP or WebP"));
+    if bytes.starts_with(&[0xff, 0xd8]) {
+        match jpeg::check(bytes) {
+            Ok(()) => {}
+            Err(jpeg::Fault::Truncated) => return refused("the JPEG is truncated"),
+            Err(jpeg::Fault::Damaged) => return refused("the data of the JPEG is damaged"),
+        }
+    }
+    if has_wide_integers(bytes) {
+        return Err("the TIFF holds 32-bit integers; convert it to 8 or 16 bits".to_owned());
     }
     let mut image = DynamicImage::from_decoder(decoder).map_err(broken)?;
     image.apply_orientation(orientation);
     Ok(Photo { pixels: to_array(image)?, focal_35mm: focal_35mm(bytes) })
 }
 
-/// Whether a JPEG's first scan is followed by the end-of-image marker; a thumbnail before it has its own.
-fn ends(bytes: &[u8]) -> bool {
-    let mut rest = bytes.get(2..).unwrap_or_default();
-    loop {
-        match rest {
-            [0xff, 0xff, ..] => rest = &rest[1..],
-            [0xff, 0xda, scan @ ..] => return scan.windows(2).any(|pair| pair == [0xff, 0xd9]),
-            [0xff, _, high, low, ..] => {
-                let length = 2 + usize::from(u16::from_be_bytes([*high, *low]));
-                rest = rest.get(length..).unwrap_or_default();
-            }
-            _ => return false,
-        }
+fn check_size(width: u32, height: u32) -> Result<(), String> {
+    let pixels = u64::from(width) * u64::from(height);
+    if pixels == 0 || pixels > MAX_PIXELS as u64 || width.max(height) > MAX_SIDE {
+        return Err(format!("{width}x{height} pixels are too many or none; resize the image"));
     }
+    Ok(())
+}
+
+/// The size in the header of a PNG.
+fn png_size(bytes: &[u8]) -> Option<[u32; 2]> {
+    let header = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n")?.get(8..16)?.as_chunks::<4>().0;
+    Some([u32::from_be_bytes(*header.first()?), u32::from_be_bytes(*header.get(1)?)])
+}
+
+/// Whether a TIFF's samples are integers of 32 bits or more without a stated format, whose bits the decoder takes for those of
+/// floating-point numbers.
+fn has_wide_integers(bytes: &[u8]) -> bool {
+    let number = |at: usize, length: usize| -> Option<usize> {
+        let part = bytes.get(at..at.checked_add(length)?)?;
+        let digit = |sum: usize, byte: &u8| sum << 8 | usize::from(*byte);
+        Some(if bytes[0] == b'I' { part.iter().rev().fold(0, digit) } else { part.iter().fold(0, digit) })
+    };
+    // Lengths of an offset, of the number of entries, and of an entry.
+    let (offset, count, entry) = match bytes.get(..4) {
+        Some(b"II*\0" | b"MM\0*") => (4, 2, 12),
+        Some(b"II+\0" | b"MM\0+") => (8, 8, 20),
+        _ => return false,
+    };
+    // A big TIFF has the size of its offsets first.
+    let Some(start) = number(offset, offset) else { return false };
+    let entries = number(start, count).unwrap_or(0).min(1 << 16);
+    let find = |tag: usize| {
+        let at = |index: usize| start.checked_add(count)?.checked_add(index * entry);
+        (0..entries).filter_map(at).find(|&at| number(at, 2) == Some(tag))
+    };
+    let bits = find(BITS_PER_SAMPLE).and_then(|at| {
+        let value = at + entry - offset;
+        let inline = 2 * number(at + 4, offset)? <= offset;
+        number(if inline { value } else { number(value, offset)? }, 2)
+    });
+    bits.is_some_and(|bits| bits >= 32) && find(SAMPLE_FORMAT).is_none()
 }
 
 fn to_array(image: DynamicImage) -> Result<Array3<f32>, String> {

@@ -84,6 +84,55 @@ save("not_finite", [helper.make_node("ReduceSum", ["image", "axis"], ["s"]), hel
                     helper.make_node("Div", ["z", "z"], ["out"])],
      [("image", [1, 3, 8, 8])], [("out", [1, 1, 8, 8])], [constant("axis", np.array([1], np.int64))])
 
+# Weights in a file of their own.
+def external(name):
+    weights = numpy_helper.from_array(np.full((1, 3, 1, 1), 1 / 3, np.float32), "w")
+    nodes = [helper.make_node("Conv", ["image", "w"], ["depth"])]
+    graph = helper.make_graph(nodes, name, [helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, "h", "w"])],
+                              [helper.make_tensor_value_info("depth", TensorProto.FLOAT, [1, 1, "h", "w"])], [weights])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    (FOLDER / f"{name}.bin").unlink(missing_ok=True)
+    onnx.save(model, FOLDER / f"{name}.onnx", save_as_external_data=True, location=f"{name}.bin", size_threshold=0)
+
+
+external("external")
+
+
+# Graphs that no runtime can run, some of which panic in tract. The checker refuses them, so they are not checked.
+def broken(name, nodes, constants=()):
+    sides = [1, 3, 16, 16]
+    graph = helper.make_graph(nodes, name, [helper.make_tensor_value_info("image", TensorProto.FLOAT, sides)],
+                              [helper.make_tensor_value_info("depth", TensorProto.FLOAT, None)], list(constants))
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    onnx.save(model, FOLDER / f"{name}.onnx")
+
+
+def integers(name, *values):
+    return constant(name, np.array(values, np.int64))
+
+
+KERNEL = constant("k", np.ones((1, 3, 3, 3), np.float32))
+broken("stride_0", [helper.make_node("Conv", ["image", "k"], ["depth"], strides=[0, 0])], [KERNEL])
+broken("axis_99", [helper.make_node("ReduceMean", ["image"], ["depth"], axes=[99])])
+broken("step_0", [helper.make_node("Slice", ["image", "a", "b", "c", "d"], ["depth"])],
+       [integers("a", 0), integers("b", 16), integers("c", 2), integers("d", 0)])
+broken("divided_by_0", [helper.make_node("Shape", ["image"], ["shape"]), helper.make_node("Div", ["shape", "zero"], ["sides"]),
+                        helper.make_node("Reshape", ["image", "sides"], ["depth"])], [integers("zero", 0)])
+broken("huge", [helper.make_node("Tile", ["image", "times"], ["depth"])], [integers("times", 1, 1, 1 << 20, 1 << 20)])
+broken("enlarged", [helper.make_node("Resize", ["image", "", "scales"], ["depth"])],
+       [constant("scales", np.array([1, 1, 1e5, 1e5], np.float32))])
+# 60 convolutions of 31x31: minutes at 1024x1024.
+BOX = constant("box", np.full((1, 1, 31, 31), 1 / 961, np.float32))
+names = ["grey", *(f"s{i}" for i in range(60))]
+nodes = [helper.make_node("ReduceMean", ["image"], ["grey"], axes=[1])]
+nodes += [helper.make_node("Conv", [a, "box"], [b], pads=[15] * 4) for a, b in zip(names, names[1:])]
+graph = helper.make_graph(nodes, "slow", [helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, "h", "w"])],
+                          [helper.make_tensor_value_info(names[-1], TensorProto.FLOAT, [1, 1, "h", "w"])], [BOX])
+onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), FOLDER / "slow.onnx")
+
+broken("groups", [helper.make_node("Conv", ["image", "k"], ["depth"], group=7)], [KERNEL])
+broken("split", [helper.make_node("Split", ["image", "parts"], ["depth", "rest"], axis=1)], [integers("parts", 5, -2)])
+
 # The answer of an independent runtime to a stated image, at the fixed and at another size.
 for name, (height, width) in {"midas_small": (32, 32), "midas_dynamic": (64, 96)}.items():
     y, x, c = np.meshgrid(np.arange(height), np.arange(width), np.arange(3), indexing="ij")

@@ -14,11 +14,25 @@ mod terminal;
 use crate::run::interrupt;
 use clap::Parser;
 use std::io::{self, Write};
+use std::panic::{self, AssertUnwindSafe};
 use std::process::ExitCode;
+use std::sync::{Mutex, PoisonError};
+
+/// Where the last panic began, and its message.
+static PANIC: Mutex<String> = Mutex::new(String::new());
+
+/// The exit code after a fault of the program itself.
+const FAULT: u8 = 101;
 
 fn main() -> ExitCode {
     let cli = args::Cli::parse();
-    let result = interrupt::install().map_err(Into::into).and_then(|()| commands::run(&cli.command));
+    // Kept, not printed: a panic within a network's runtime becomes an error that names the network.
+    panic::set_hook(Box::new(|info| *fault() = info.to_string()));
+    interrupt::install();
+    let Ok(result) = panic::catch_unwind(AssertUnwindSafe(|| commands::run(&cli.command))) else {
+        print(&format!("error: a fault of the program, please report it: {}", fault()));
+        return ExitCode::from(FAULT);
+    };
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(_) if interrupt::requested() => {
@@ -38,6 +52,10 @@ fn main() -> ExitCode {
             if error.is::<evaluation::results::Partial>() { ExitCode::from(3) } else { ExitCode::FAILURE }
         }
     }
+}
+
+fn fault() -> std::sync::MutexGuard<'static, String> {
+    PANIC.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The error and its causes, without those that its text contains already.

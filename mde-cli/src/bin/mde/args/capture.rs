@@ -40,7 +40,7 @@ Examples:
 
 The world is the frame of the first photograph's camera, in the unit of its prior. Photographs that do not fit are left out, with the
 reason. Photographs are resized to 1024 pixels on the longer side, or to --max-size; the intrinsics are for their full size.",
-    mut_arg("output", |output| output.value_name("FILE.json").help("File to write, as nerfstudio has it")),
+    mut_arg("output", |output| output.value_name("FILE.json").help("File to write, as nerfstudio has it; default: transforms.json")),
     mut_arg("force", |force| force.help("Replace the file"))
 )]
 pub(crate) struct PosesArgs {

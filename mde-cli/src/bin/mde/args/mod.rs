@@ -12,7 +12,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use mde_cli::Preset;
 use mde_prior::DepthKind;
 use mde_prior::format::Encoding;
-use std::path::PathBuf;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -103,7 +104,7 @@ pub(crate) struct DemoArgs {
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  mde refine room.jpg --prior-model fastdepth_224.onnx -o out/room
+  mde refine room.jpg --prior-model fastdepth_224.onnx
   mde refine room.jpg --prior-model net.onnx --model-profile depth-anything-v2 -o out/room
   mde refine room.png --prior-depth depth.png --png-scale 5000 --intrinsics K.txt --intrinsics-base 1 -o out/room
   mde refine room.png --prior-depth depth.exr --fx 520 --fy 520 --cx 319.5 --cy 239.5 --gt truth.npy -o out/room
@@ -139,7 +140,7 @@ pub(crate) struct RefineArgs {
     #[command(flatten)]
     pub(crate) export: ExportArgs,
     /// Also write the field of the last iteration: field.safetensors
-    #[arg(long, help_heading = "Output")]
+    #[arg(long, help_heading = "Advanced")]
     pub(crate) save_field: bool,
 }
 
@@ -306,7 +307,13 @@ pub(crate) struct PriorArgs {
     #[arg(long, value_name = "X", conflicts_with = "prior_model")]
     pub(crate) png_scale: Option<f64>,
     /// Encoding of depths in PNG files
-    #[arg(long, value_enum, default_value = "plain", conflicts_with = "prior_model")]
+    #[arg(
+        long,
+        help_heading = "Advanced",
+        value_enum,
+        default_value = "plain",
+        conflicts_with = "prior_model"
+    )]
     pub(crate) prior_encoding: EncodingName,
 }
 
@@ -329,7 +336,7 @@ pub(crate) struct CameraArgs {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["fx", "fov"])]
     pub(crate) intrinsics: Option<PathBuf>,
     /// Index of the first pixel in the intrinsics file (SUN RGB-D: 1)
-    #[arg(long, value_name = "0|1", requires = "intrinsics", conflicts_with_all = ["fx", "fov"], default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=1))]
+    #[arg(long, help_heading = "Advanced", value_name = "0|1", requires = "intrinsics", conflicts_with_all = ["fx", "fov"], default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=1))]
     pub(crate) intrinsics_base: u8,
     /// Horizontal focal length, pixels
     #[arg(long, value_name = "PX", allow_negative_numbers = true, conflicts_with = "fov")]
@@ -364,7 +371,7 @@ pub(crate) struct SizeArgs {
 #[command(next_help_heading = "Size")]
 pub(crate) struct MemoryArgs {
     /// Refuse runs whose estimated memory exceeds this
-    #[arg(long, value_name = "GIB", default_value_t = 8.0, value_parser = positive)]
+    #[arg(long, help_heading = "Advanced", value_name = "GIB", default_value_t = 8.0, value_parser = positive)]
     pub(crate) max_memory: f64,
 }
 
@@ -379,7 +386,7 @@ pub(crate) struct SettingsArgs {
     #[arg(long, value_name = "FILE")]
     pub(crate) config: Option<PathBuf>,
     /// Seed of all random draws; default: that of the settings, 0
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
+    #[arg(long, help_heading = "Advanced", value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub(crate) seed: Option<u64>,
     /// Fit no field: the model's prediction, with the configured augmentation, is the result
     #[arg(long)]
@@ -393,11 +400,11 @@ pub(crate) struct TruthArgs {
     /// Ground-truth depth of the image's size, metres (0: missing), to score prior and refined depth
     #[arg(long, value_name = "FILE")]
     pub(crate) gt: Option<PathBuf>,
-    /// Encoding of depths in PNG files
-    #[arg(long, value_enum, default_value = "plain", requires = "gt")]
+    /// Encoding of the truth in PNG files
+    #[arg(long, help_heading = "Advanced", value_enum, default_value = "plain", requires = "gt")]
     pub(crate) gt_encoding: EncodingName,
-    /// Depth = value / X; 1000 for 16-bit PNG, 1 for floats
-    #[arg(long, value_name = "X", requires = "gt")]
+    /// True depth = value / X; 1000 for 16-bit PNG, 1 for floats
+    #[arg(long, help_heading = "Advanced", value_name = "X", requires = "gt")]
     pub(crate) gt_scale: Option<f64>,
 }
 
@@ -421,7 +428,7 @@ pub(crate) struct ExportArgs {
     #[arg(long, value_enum, value_name = "FORMATS", value_delimiter = ',')]
     pub(crate) export: Vec<ExportName>,
     /// Also write a recording of the run for rerun's viewer (needs the feature rerun)
-    #[arg(long, value_name = "FILE.rrd")]
+    #[arg(long, help_heading = "Advanced", value_name = "FILE.rrd")]
     pub(crate) rerun: Option<PathBuf>,
 }
 
@@ -441,20 +448,20 @@ pub(crate) enum ExportName {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Output")]
 pub(crate) struct RunArgs {
-    /// Output folder
-    #[arg(short, long, value_name = "DIR")]
-    pub(crate) output: PathBuf,
+    /// Output folder; by default one in the working folder, with the input's name: room-depth for room.jpg
+    #[arg(short, long, value_name = "DIR", help_heading = None::<&'static str>, display_order = 0)]
+    pub(crate) output: Option<PathBuf>,
     /// Replace the folder of an earlier run
     #[arg(long)]
     pub(crate) force: bool,
     /// Number of threads; default: all cores. The results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, help_heading = "Advanced", value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(crate) threads: Option<u16>,
     /// Print errors only
     #[arg(short, long, conflicts_with = "log_json")]
     pub(crate) quiet: bool,
     /// Progress, warnings and results as JSON lines on stderr
-    #[arg(long)]
+    #[arg(long, help_heading = "Advanced")]
     pub(crate) log_json: bool,
 }
 
@@ -518,6 +525,21 @@ impl From<EncodingName> for Encoding {
     }
 }
 
+impl RunArgs {
+    /// The output, by default the name of `input` without its extension and with this ending, in the working folder.
+    pub(crate) fn output(&self, input: &Path, ending: &str) -> PathBuf {
+        self.output.clone().unwrap_or_else(|| {
+            let full =
+                || std::path::absolute(input).ok().and_then(|path| path.file_stem().map(OsStr::to_owned));
+            // A folder such as `..` has a name in its full path only.
+            let mut name =
+                input.file_stem().map(OsStr::to_owned).or_else(full).unwrap_or_else(|| "mde".into());
+            name.push(ending);
+            name.into()
+        })
+    }
+}
+
 /// `WxH` as `[width, height]`.
 fn size(text: &str) -> Result<[usize; 2], String> {
     let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
@@ -557,6 +579,30 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn an_output_without_a_name_is_called_after_its_input() {
+        let name = |arguments: &str, input: &str| {
+            let cli = Cli::try_parse_from(arguments.split_whitespace()).unwrap();
+            let Command::Refine(refine) = cli.command else { panic!() };
+            refine.run.output(Path::new(input), "-depth")
+        };
+        let refine = "mde refine a/room.v2.jpg --prior-depth d.npy";
+        assert_eq!(name(refine, "a/room.v2.jpg"), Path::new("room.v2-depth"));
+        assert_eq!(name(&format!("{refine} -o out/x"), "a/room.v2.jpg"), Path::new("out/x"));
+    }
+
+    /// What everyone needs comes first, what few need last.
+    #[test]
+    fn the_help_begins_with_the_output_and_ends_with_what_is_rare() {
+        for name in ["refine", "demo", "eval"] {
+            let mut command = Cli::command();
+            let help = command.find_subcommand_mut(name).unwrap().render_long_help().to_string();
+            let at = |text: &str| help.find(text).unwrap_or_else(|| panic!("{name}: no {text}"));
+            assert!(at("--output") < at("--force") && at("--output") < at("--threads"), "{name}: {help}");
+            assert!(at("Advanced:") < at("--threads"), "{name}: {help}");
+        }
     }
 
     #[test]

@@ -21,6 +21,7 @@ use mde_eval::scene::Room;
 use mde_eval::score::ScoreConfig;
 use mde_prior::{DepthKind, DepthPrior};
 use ndarray::{Array2, Array3};
+use std::path::Path;
 
 /// The room of every demo.
 const ROOM: Room = Room::Study;
@@ -39,7 +40,7 @@ struct Scene {
 pub(super) fn run(args: &DemoArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
-    let folder = OutputFolder::new(&args.run.output, args.run.force)?;
+    let folder = OutputFolder::new(&args.run.output(Path::new("mde"), "-demo"), args.run.force)?;
     let recording = recording::open(&args.export, args.run.force)?;
     let (preset, mut config) = settings(&args.settings, Preset::MultiView)?;
     let [width, height] = args.size;

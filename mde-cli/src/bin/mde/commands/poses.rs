@@ -19,7 +19,7 @@ const LONGER_SIDE: u32 = 1024;
 pub(super) fn run(args: &PosesArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
-    let target = &args.run.output;
+    let target = &args.run.output.clone().unwrap_or_else(|| "transforms.json".into());
     check_new_file("-o", target, args.run.force)?;
     let config = Config::default();
     let mut size = args.size.clone();
@@ -57,7 +57,7 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     };
     let count = format!("{} of {} photographs have a pose", frames.len(), capture.photographs.len());
     let text = format!("{focal}{count}\nwrote {} in {:.1} s", target.display(), progress.seconds());
-    let value = json!({ "event": "done", "output": target, "photographs": report.photographs,
+    let value = json!({ "event": "done", "output": target.display().to_string(), "photographs": report.photographs,
         "focal_factor": report.focal_factor, "poses_seconds": report.seconds.poses });
     progress.tables(&Document { blocks }, &text, value);
     Ok(())

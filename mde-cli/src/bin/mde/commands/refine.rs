@@ -20,7 +20,7 @@ use serde_json::{Value, json};
 pub(super) fn run(args: &RefineArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
-    let folder = OutputFolder::new(&args.run.output, args.run.force)?;
+    let folder = OutputFolder::new(&args.run.output(&args.image, "-depth"), args.run.force)?;
     let recording = recording::open(&args.export, args.run.force)?;
     let usual = if args.several.views.is_empty() { Preset::Default } else { Preset::MultiView };
     let (preset, mut config) = settings(&args.settings, usual)?;
@@ -45,7 +45,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         false => None,
     };
     let checkpoints = match &made_from {
-        Some(made_from) if !args.several.all => Some(Checkpoints::new(folder.path(), made_from.clone())),
+        Some(made_from) if !args.several.all => Some(Checkpoints::new(folder.path(), made_from.clone())?),
         _ => None,
     };
     let job = Job {
@@ -101,14 +101,15 @@ fn made_from(
             ])
         })
         .collect();
-    let file = args.prior.source.prior_model.as_ref().or(args.prior.source.prior_depth.as_ref());
-    let file = match file {
+    // The content of the prior's files, not their place. A model's hash is in its origin.
+    let file = match &args.prior.source.prior_depth {
         Some(path) => std::fs::read(path).with_context(|| path.display().to_string())?,
         None => Vec::new(),
     };
+    let origin = &prior.origin;
     let mut made_from = json!({
         "versions": versions(), "config": config.to_toml()?, "image": checksum(&opened.photo.pixels), "size": opened.size,
-        "camera": camera.camera, "prior": prior.origin, "prior_file": crc32fast::hash(&file),
+        "camera": camera.camera, "prior": (origin.kind, &origin.model, &origin.model_hash), "prior_file": crc32fast::hash(&file),
         "prior_scale": args.prior.png_scale, "prior_encoding": format!("{:?}", args.prior.prior_encoding),
     });
     // Whole results are kept with --all, not only states of the loop.

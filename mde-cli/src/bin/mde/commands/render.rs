@@ -44,7 +44,7 @@ struct ViewRecord {
 pub(super) fn run(args: &RenderArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
-    let folder = OutputFolder::new(&args.run.output, args.run.force)?;
+    let folder = OutputFolder::new(&args.run.output(&args.field, "-render"), args.run.force)?;
     let camera = KnownCamera::of_size(&args.camera, None, args.size)?;
     if let Some(warning) = camera.warning() {
         progress.warn(warning);
@@ -84,7 +84,10 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
         write_json(&path.join(RECORD), &RenderRecord { about, png_scale, views: records })
     })?;
     let text = format!("{} views\nwrote {}", poses.len(), folder.path().display());
-    progress.result(&text, json!({ "event": "done", "output": folder.path(), "views": poses.len() }));
+    progress.result(
+        &text,
+        json!({ "event": "done", "output": folder.path().display().to_string(), "views": poses.len() }),
+    );
     Ok(())
 }
 

@@ -28,13 +28,15 @@ pub(super) fn run(args: &EvalArgs, progress: &mut Progress) -> Result<()> {
         progress.warn(format!("{id}: no truth of that name in {}; not scored", gt.display()));
     }
     let scoring = Scoring::new(&args.common.score, false);
-    let basis = json!({ "command": "eval", "pred": pred, "gt": gt, "sigma": args.maps.sigma });
+    let [pred_name, gt_name] = [pred, gt].map(|folder| folder.display().to_string());
+    let sigma_name = args.maps.sigma.as_ref().map(|folder| folder.display().to_string());
+    let basis = json!({ "command": "eval", "pred": pred_name, "gt": gt_name, "sigma": sigma_name });
     let wanted =
         |pair: &&MapPair| args.common.data.scenes.is_empty() || args.common.data.scenes.contains(&pair.id);
     let limit = args.common.data.limit.map_or(usize::MAX, |n| n as usize);
     let chosen: Vec<&MapPair> = pairs.pairs().iter().filter(wanted).take(limit).collect();
     ensure!(!chosen.is_empty(), "--scenes: none of the {} maps in {}", pairs.pairs().len(), pred.display());
-    let store = Store::open(&args.common.run.output, &basis, args.common.run.force)?;
+    let store = Store::open(&args.common.run.output(pred, "-eval"), &basis, args.common.run.force)?;
     let (mut entries, mut failures) = (Vec::new(), Vec::new());
     for (index, pair) in chosen.iter().enumerate() {
         if interrupt::requested() {
@@ -58,7 +60,7 @@ pub(super) fn run(args: &EvalArgs, progress: &mut Progress) -> Result<()> {
         reference: None,
         entries,
         failures,
-        record: json!({ "pred": pred, "gt": gt, "sigma": args.maps.sigma, "score": scoring.config }),
+        record: json!({ "pred": pred_name, "gt": gt_name, "sigma": sigma_name, "score": scoring.config }),
     };
     results::finish(results, store.root(), progress).inspect_err(|_| store.discard_if_empty())
 }

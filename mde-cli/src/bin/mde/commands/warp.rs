@@ -41,7 +41,7 @@ struct ViewRecord {
 pub(super) fn run(args: &WarpArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
-    let folder = OutputFolder::new(&args.run.output, args.run.force)?;
+    let folder = OutputFolder::new(&args.run.output(&args.image, "-views"), args.run.force)?;
     let (preset, config) = settings(&args.settings, Preset::Default)?;
     let opened = open_image(&args.image, &args.size, &config, &mut progress)?;
     let (height, width) = opened.size;
@@ -76,7 +76,10 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
         100.0 * warp.mean_outside_fraction,
         folder.path().display()
     );
-    progress.result(&text, json!({ "event": "done", "output": folder.path(), "warp": warp }));
+    progress.result(
+        &text,
+        json!({ "event": "done", "output": folder.path().display().to_string(), "warp": warp }),
+    );
     Ok(())
 }
 

@@ -2,6 +2,7 @@
 
 pub(crate) mod ablation;
 pub(crate) mod filtered;
+mod lock;
 pub(crate) mod method;
 pub(crate) mod refiner;
 pub(crate) mod results;
@@ -10,3 +11,4 @@ pub(crate) mod scenes;
 pub(crate) mod scoring;
 pub(crate) mod setup;
 pub(crate) mod store;
+pub(crate) mod verdict;

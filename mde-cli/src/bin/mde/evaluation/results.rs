@@ -2,10 +2,12 @@
 
 use super::runner::Failure;
 use super::scoring::SIGMA_BY;
+use super::verdict;
 use crate::output::folder::temporary_folder;
 use crate::output::provenance::{command_line, versions, write_json};
 use crate::report;
 use crate::run::progress::Progress;
+use crate::terminal::columns;
 use anyhow::{Context, Result, ensure};
 use mde_eval::figure;
 use mde_eval::statistics::Bootstrap;
@@ -57,8 +59,10 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
     );
     calibrate(&mut results.entries);
     let summary = Summary::new(&results.entries, results.reference.as_deref(), &Bootstrap::default())?;
-    let tables = results.tables(&summary);
+    let verdict = verdict::sentences(&summary);
+    let tables = results.tables(&summary, &verdict);
     let value = json!({
+        "verdict": verdict,
         "title": results.title, "alignment": results.alignment, "command_line": command_line(), "made_from": results.record, "versions": versions(),
         "failures": results.failures, "warnings": progress.warnings(), "summary": summary,
     });
@@ -76,8 +80,10 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
             .with_context(|| format!("{}: can't put the results there", target.display()))?;
     }
     let report = report::write(folder)?;
-    let text = format!("report: {}", report.display());
-    progress.tables(&tables, &text, json!({ "event": "result", "summary": value["summary"] }));
+    let text = format!("tables: {}\nreport: {}", folder.join("table.md").display(), report.display());
+    // On a terminal the tables would be hundreds of lines.
+    let shown = if columns() == usize::MAX { tables } else { results.summary(&summary, &verdict) };
+    progress.tables(&shown, &text, json!({ "event": "result", "summary": value["summary"] }));
     match first {
         None => Ok(()),
         Some(first) => {
@@ -88,7 +94,15 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
 }
 
 impl Results {
-    fn tables(&self, summary: &Summary) -> Document {
+    fn tables(&self, summary: &Summary, verdict: &[String]) -> Document {
+        let mut blocks = self.summary(summary, verdict).blocks;
+        blocks.extend(self.preface.iter().cloned());
+        blocks.extend(document(summary).blocks);
+        Document { blocks }
+    }
+
+    /// The title, what failed, and the verdict.
+    fn summary(&self, summary: &Summary, verdict: &[String]) -> Document {
         let counted =
             |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
         let mut sample = counted(summary.scenes, "scene");
@@ -104,8 +118,9 @@ impl Results {
         if !self.failures.is_empty() {
             blocks.push(Block::List(failed.collect()));
         }
-        blocks.extend(self.preface.iter().cloned());
-        blocks.extend(document(summary).blocks);
+        if !verdict.is_empty() {
+            blocks.push(Block::List(verdict.to_vec()));
+        }
         Document { blocks }
     }
 

@@ -79,10 +79,18 @@ pub(crate) fn run<T: Send>(
     let mut results = Vec::new();
     let outcomes: Vec<Result<Vec<(usize, T)>>> = std::thread::scope(|scope| {
         let work = || -> Result<Vec<(usize, T)>> {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-            pool.install(|| shared.work(finish))
+            // Where the system has no thread left for a pool of its own, the program's common one.
+            match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
+                Ok(pool) => pool.install(|| shared.work(finish)),
+                Err(_) => shared.work(finish),
+            }
         };
-        let workers: Vec<_> = (0..plan.limit.jobs).map(|_| scope.spawn(work)).collect();
+        let start = |_| std::thread::Builder::new().spawn_scoped(scope, work);
+        let workers: Vec<_> = (0..plan.limit.jobs).map_while(|job| start(job).ok()).collect();
+        if workers.is_empty() {
+            // The system has no thread left: this one does the work.
+            return vec![shared.work(finish)];
+        }
         let joined = workers.into_iter().map(|worker| worker.join());
         joined.map(|outcome| outcome.unwrap_or_else(|_| bail!("a worker thread panicked"))).collect()
     });
@@ -145,6 +153,7 @@ impl Shared<'_> {
             })
             .collect();
         let memory = self.plan.share_fields.then(FieldMemory::default);
+        let own = self.plan.prior.made_from(&self.plan.prior_settings, &sample.id)?;
         let mut entries: Vec<(&Method, Entry)> = Vec::new();
         for method in self.plan.methods {
             let prior = entries.first().map(|(_, prior)| &prior.refined.depth);
@@ -152,7 +161,7 @@ impl Shared<'_> {
                 "input": fingerprint(&sample, prior),
                 "settings": match prior {
                     Some(_) => method.settings()?,
-                    None => json!({ "prior": self.plan.prior_settings, "rule": self.plan.rule }),
+                    None => json!({ "prior": own, "rule": self.plan.rule }),
                 },
             });
             let outcome = match prior {
@@ -206,7 +215,8 @@ impl Shared<'_> {
             bail!("{}: its map differs in size from the image", method.name);
         }
         let seconds = start.elapsed().as_secs_f64();
-        let record = Record { made_from, seconds, report: refined.report.clone() };
+        let record =
+            Record { made_from, seconds, report: refined.report.clone(), checksums: BTreeMap::new() };
         let entry = Entry { refined, record };
         self.plan.store.keep(&sample.id, &method.name, &entry)?;
         lock(&self.tally).done(&sample.id, &method.name, seconds);

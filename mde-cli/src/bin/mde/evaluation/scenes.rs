@@ -5,7 +5,7 @@ use crate::input::prior::NamedPrior;
 use anyhow::{Context, Result, bail};
 use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Fallback, Options, Sample, SunDepth};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
-use mde_prior::{DepthPrior, DisparityRule};
+use mde_prior::{DepthPrior, DisparityRule, PriorDepth};
 use ndarray::Array2;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -162,11 +162,33 @@ impl PriorPlan {
                         "settings": origin.model })
             }
             Self::Folder(path, args) => {
-                json!({ "folder": path, "kind": args.prior_kind.map(mde_prior::DepthKind::from) })
+                json!({ "folder": path.display().to_string(), "kind": args.prior_kind.map(mde_prior::DepthKind::from),
+                        "png_scale": args.png_scale })
             }
             Self::Simulated => json!("simulated"),
             Self::SimulatedModel(faults) => json!({ "simulated": faults }),
         })
+    }
+
+    /// Everything that a scene's prior depends on besides the scene: of files the content, not the place. `described` is
+    /// [`describe`](Self::describe).
+    pub(crate) fn made_from(&self, described: &Value, scene: &str) -> Result<Value> {
+        let mut made_from = described.clone();
+        let removed = match self {
+            Self::Model(_) => "model",
+            Self::Folder(folder, _) => {
+                let file = depth_file(folder, scene)?;
+                let bytes = std::fs::read(&file).with_context(|| file.display().to_string())?;
+                // The extension decides how the bytes are read.
+                made_from["file"] = json!([extension(&file), crc32fast::hash(&bytes)]);
+                "folder"
+            }
+            Self::Simulated | Self::SimulatedModel(_) => return Ok(made_from),
+        };
+        if let Some(map) = made_from.as_object_mut() {
+            map.remove(removed);
+        }
+        Ok(made_from)
     }
 
     /// Opens the prior, once for many scenes.
@@ -251,11 +273,15 @@ pub(super) fn depth_file(folder: &Path, id: &str) -> Result<PathBuf> {
     })
 }
 
+fn extension(path: &Path) -> String {
+    path.extension().unwrap_or_default().to_string_lossy().into_owned()
+}
+
 fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Checksum of the image, its camera, the further photographs and, where given, the prior.
+/// Checksum of the image, its camera, its own prior, the further photographs with theirs and, where given, the prior.
 pub(crate) fn fingerprint(sample: &Sample, prior: Option<&Array2<f32>>) -> u32 {
     let mut hasher = crc32fast::Hasher::new();
     let camera = &sample.camera;
@@ -265,7 +291,16 @@ pub(crate) fn fingerprint(sample: &Sample, prior: Option<&Array2<f32>>) -> u32 {
     for value in sample.image.iter().chain(prior.into_iter().flatten()) {
         hasher.update(&value.to_le_bytes());
     }
+    let brought = |prior: Option<&PriorDepth>, hasher: &mut crc32fast::Hasher| {
+        if let Some(prior) = prior {
+            hasher.update(prior.kind.to_string().as_bytes());
+            let known = prior.map.iter().zip(&prior.valid);
+            known.for_each(|(value, valid)| hasher.update(&if *valid { *value } else { 0.0 }.to_le_bytes()));
+        }
+    };
+    brought(sample.prior.as_ref(), &mut hasher);
     for captured in &sample.views {
+        brought(captured.prior.as_ref(), &mut hasher);
         let camera = &captured.view.camera;
         let pose = captured.view.pose.to_homogeneous();
         for number in [camera.fx, camera.fy, camera.cx, camera.cy].iter().chain(pose.iter()) {

@@ -56,7 +56,9 @@ impl<'a> Setup<'a> {
         let prior_settings = prior.describe()?;
         let scoring = Scoring::new(&args.score, request.controls);
         let basis = json!({ "command": request.command, "data": source.describe() });
-        let store = Store::open(&args.run.output, &basis, args.run.force)?;
+        let name = args.root.clone().unwrap_or_else(|| source.kind.name().into());
+        let output = args.run.output(&name, &format!("-{}", request.command));
+        let store = Store::open(&output, &basis, args.run.force)?;
         Ok(Self { args, request, memory, source, scenes, prior, prior_settings, scoring, store })
     }
 
@@ -100,7 +102,7 @@ impl<'a> Setup<'a> {
             reference: Some(reference.to_owned()),
             entries,
             failures,
-            record: json!({ "data": self.source.describe(), "root": self.args.root, "prior": self.prior_settings,
+            record: json!({ "data": self.source.describe(), "root": self.args.root.as_ref().map(|root| root.display().to_string()), "prior": self.prior_settings,
                             "score": self.scoring.config }),
         }
     }

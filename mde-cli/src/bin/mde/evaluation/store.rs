@@ -1,15 +1,17 @@
 //! The folder of an evaluation: one folder per scene and method, each written atomically.
 
+use super::lock::{self, Lock};
 use crate::output::canvas::resized;
 use crate::output::provenance::write_json;
 use anyhow::{Context, Result, ensure};
 use mde_eval::Refined;
-use mde_prior::format::{ReadOptions, read_values, write_npy};
+use mde_prior::format::{Format, ReadOptions, decode, write_npy};
 use mde_prior::photo::write_image;
 use ndarray::{Array2, ArrayView3};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -26,10 +28,14 @@ const PICTURE_SIDE: usize = 320;
 /// Prefix of unfinished files and folders.
 const TEMPORARY: &str = ".mde-";
 
-/// An evaluation on disk.
+/// Most bytes of a name, with room for the prefix and the extension of a temporary file.
+const LONGEST_NAME: usize = 200;
+
+/// An evaluation on disk. No other process opens it until this is dropped.
 #[derive(Debug)]
 pub(crate) struct Store {
     root: PathBuf,
+    _lock: Option<Lock>,
 }
 
 /// A method's result for one scene, with the inputs that it was computed from.
@@ -48,6 +54,9 @@ pub(crate) struct Record {
     pub(crate) seconds: f64,
     /// The method's report of its run.
     pub(crate) report: Value,
+    /// CRC-32 of the files of the maps, by name.
+    #[serde(default)]
+    pub(crate) checksums: BTreeMap<String, u32>,
 }
 
 /// Outcome of [`Store::find`].
@@ -66,16 +75,33 @@ impl Store {
         let path = root.join(BASIS);
         if root.exists() {
             ensure!(root.is_dir(), "{shown}: exists and is not a folder; give another name to -o");
-            // A run that was killed as it started leaves no more than an unfinished file.
+            // A run that was killed as it started leaves no more than an unfinished file or its lock.
             let mut empty = true;
             for entry in fs::read_dir(root).with_context(|| shown.to_string())? {
-                empty &= is_temporary(&entry.with_context(|| shown.to_string())?);
+                let entry = entry.with_context(|| shown.to_string())?;
+                empty &= is_temporary(&entry);
             }
             ensure!(
                 empty || path.is_file(),
                 "{shown}: not empty and without the {BASIS} of an evaluation; give another name to -o"
             );
         }
+        let new = !root.exists();
+        fs::create_dir_all(root)
+            .with_context(|| format!("{shown}: can't make this folder; give another name to -o"))?;
+        let lock = Lock::take(root)?;
+        let store = Self { root: root.to_owned(), _lock: lock };
+        let opened = store.start(basis, force);
+        if opened.is_err() && new {
+            store.discard_if_empty();
+        }
+        opened.map(|()| store)
+    }
+
+    fn start(&self, basis: &Value, force: bool) -> Result<()> {
+        let root = &self.root;
+        let shown = root.display();
+        let path = root.join(BASIS);
         if path.is_file() && force {
             fs::remove_dir_all(root.join("scenes"))
                 .or_else(|e| if e.kind() == std::io::ErrorKind::NotFound { Ok(()) } else { Err(e) })
@@ -93,13 +119,10 @@ impl Store {
                 );
             }
         } else {
-            fs::create_dir_all(root)
-                .with_context(|| format!("{shown}: can't make this folder; give another name to -o"))?;
             write_json(&path, basis)?;
         }
-        let store = Self { root: root.to_owned() };
-        store.sweep();
-        Ok(store)
+        self.sweep();
+        Ok(())
     }
 
     pub(crate) fn root(&self) -> &Path {
@@ -109,8 +132,9 @@ impl Store {
     /// Removes the folder if it has no results, after a run that failed before its first map.
     pub(crate) fn discard_if_empty(&self) {
         let names = || fs::read_dir(&self.root).into_iter().flatten().flatten();
-        if names().all(|entry| entry.file_name() == BASIS) {
+        if names().all(|entry| entry.file_name() == BASIS || entry.file_name() == lock::FILE) {
             let _ = fs::remove_file(self.root.join(BASIS));
+            let _ = fs::remove_file(self.root.join(lock::FILE));
             let _ = fs::remove_dir(&self.root);
         }
     }
@@ -124,7 +148,7 @@ impl Store {
             inside(&scene.path()).chain(methods).collect::<Vec<_>>()
         };
         let all = inside(&self.root).chain(inside(&scenes).flat_map(kept));
-        for entry in all.filter(is_temporary) {
+        for entry in all.filter(|entry| is_temporary(entry) && entry.file_name() != lock::FILE) {
             let path = entry.path();
             let _ = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
         }
@@ -152,19 +176,25 @@ impl Store {
         if let Some(change) = difference(&record.made_from, made_from) {
             return Ok(Found::Stale(change));
         }
-        let map = |name: &str| -> Result<Option<Array2<f32>>> {
+        let map = |name: &str| -> Result<Array2<f32>, String> {
             let path = folder.join(name);
-            if !path.is_file() {
-                return Ok(None);
+            let bytes = fs::read(&path).map_err(|e| format!("{} can't be read: {e}", path.display()))?;
+            if record.checksums.get(name).is_some_and(|sum| *sum != crc32fast::hash(&bytes)) {
+                return Err(format!("{} is not as it was written", path.display()));
             }
             // Read as plain values, since a sigma of zeros alone is valid.
-            Ok(Some(read_values(&path, &ReadOptions::default())?))
+            decode(Format::Npy, &bytes, &ReadOptions::default())
+                .map_err(|e| format!("{}: {e}", path.display()))
         };
-        let Some(depth) = map(DEPTH)? else {
-            return Ok(Found::Stale(format!("{} is missing", folder.join(DEPTH).display())));
-        };
-        let refined = Refined { depth, sigma: map(SIGMA)?, report: record.report.clone() };
-        Ok(Found::Done(Box::new(Entry { refined, record })))
+        let with_sigma = record.checksums.contains_key(SIGMA) || folder.join(SIGMA).is_file();
+        let maps = map(DEPTH).and_then(|depth| Ok((depth, with_sigma.then(|| map(SIGMA)).transpose()?)));
+        Ok(match maps {
+            Ok((depth, sigma)) => {
+                let refined = Refined { depth, sigma, report: record.report.clone() };
+                Found::Done(Box::new(Entry { refined, record }))
+            }
+            Err(fault) => Found::Stale(fault),
+        })
     }
 
     /// The stored scores of a method, if they can be read.
@@ -196,11 +226,15 @@ impl Store {
         fs::create_dir_all(&parent)
             .with_context(|| format!("{}: can't make this folder", parent.display()))?;
         let temporary = crate::output::folder::temporary_folder(&parent)?;
-        write_npy(temporary.path().join(DEPTH), entry.refined.depth.view())?;
-        if let Some(sigma) = &entry.refined.sigma {
-            write_npy(temporary.path().join(SIGMA), sigma.view())?;
+        let mut record = entry.record.clone();
+        let maps = [(DEPTH, Some(&entry.refined.depth)), (SIGMA, entry.refined.sigma.as_ref())];
+        for (name, map) in maps.iter().filter_map(|(name, map)| Some((*name, (*map)?))) {
+            let path = temporary.path().join(name);
+            write_npy(&path, map.view())?;
+            let bytes = fs::read(&path).with_context(|| path.display().to_string())?;
+            record.checksums.insert(name.to_owned(), crc32fast::hash(&bytes));
         }
-        write_json(&temporary.path().join(RECORD), &entry.record)?;
+        write_json(&temporary.path().join(RECORD), &record)?;
         let folder = self.folder(scene, method);
         let fault = || format!("{}: can't put the maps there", folder.display());
         // The old result is renamed away, so that no half-deleted folder passes for a whole one.
@@ -247,6 +281,11 @@ pub(crate) fn file_name(text: &str) -> String {
             name.push_str(&format!("%{byte:02x}"));
         }
     }
+    if name.len() > LONGEST_NAME {
+        // Ends in the checksum of the whole text.
+        name.truncate(LONGEST_NAME - 9);
+        name += &format!("~{:08x}", crc32fast::hash(text.as_bytes()));
+    }
     name
 }
 
@@ -262,7 +301,15 @@ mod tests {
     fn entry(made_from: Value) -> Entry {
         let depth = Array2::from_elem((3, 4), 2.0);
         let refined = Refined { sigma: Some(&depth * 0.1), ..Refined::from(depth) };
-        Entry { refined, record: Record { made_from, seconds: 1.5, report: json!({ "a": 1.0 }) } }
+        Entry {
+            refined,
+            record: Record {
+                made_from,
+                seconds: 1.5,
+                report: json!({ "a": 1.0 }),
+                checksums: BTreeMap::new(),
+            },
+        }
     }
 
     #[test]
@@ -294,6 +341,7 @@ mod tests {
         let root = place.path().join("e");
         let store = Store::open(&root, &json!({ "size": "native" }), false).unwrap();
         store.keep("a", "paper", &entry(Value::Null)).unwrap();
+        drop(store);
         let other = json!({ "size": [640, 480] });
         let refused = Store::open(&root, &other, false).unwrap_err().to_string();
         assert!(refused.contains("size: \"native\" -> [640,480]"), "{refused}");
@@ -318,7 +366,8 @@ mod tests {
             ["scenes/a/paper/.mde-scores", "scenes/a/.mde-picture", ".mde-table"].map(|name| root.join(name));
         left.iter().for_each(|path| fs::write(path, "x").unwrap());
         fs::create_dir(root.join("scenes/a/.mde-folder")).unwrap();
-        Store::open(&root, &basis, false).unwrap();
+        drop(store);
+        let store = Store::open(&root, &basis, false).unwrap();
         assert!(left.iter().all(|path| !path.exists()) && !root.join("scenes/a/.mde-folder").exists());
         assert!(matches!(store.find("a", "paper", &Value::Null).unwrap(), Found::Done(_)));
         // Someone else's file is not ours to remove.
@@ -328,7 +377,10 @@ mod tests {
 
     #[test]
     fn every_name_has_a_file_name_of_its_own() {
-        let names = ["a/b", "a+b", "a b", ".", "..", "a%2fb", "zoom+jbf", "ä"].map(file_name);
+        let long = ["室".repeat(60), "室".repeat(61), "a".repeat(300), "a".repeat(301)];
+        let names = ["a/b", "a+b", "a b", ".", "..", "a%2fb", "zoom+jbf", "ä"].into_iter();
+        let names: Vec<_> = names.chain(long.iter().map(String::as_str)).map(file_name).collect();
+        assert!(names.iter().all(|name| name.len() <= LONGEST_NAME));
         let distinct: std::collections::BTreeSet<_> = names.iter().collect();
         assert_eq!(distinct.len(), names.len());
         assert!(names.iter().all(|name| !name.contains('/') && !name.starts_with('.')), "{names:?}");

@@ -6,7 +6,6 @@ use anyhow::{Context, Result};
 use mde_cli::Intrinsics;
 use mde_warp::PinholeCamera;
 use serde::Serialize;
-use std::path::PathBuf;
 
 /// Assumed horizontal field of view, degrees: between a phone's main camera (65 to 75) and a longer lens.
 const ASSUMED_FOV: f64 = 60.0;
@@ -27,7 +26,7 @@ pub(crate) enum CameraSource {
     /// `--fov`, degrees.
     FieldOfView(f64),
     /// `--intrinsics`.
-    File(PathBuf),
+    File(String),
     /// The photograph's EXIF, 35 mm focal length in millimetres.
     Exif(f64),
     /// Assumed, degrees.
@@ -61,7 +60,7 @@ impl KnownCamera {
             let camera = Intrinsics::parse(&text)
                 .and_then(|k| k.camera(args.intrinsics_base, [width, height]))
                 .with_context(|| path.display().to_string())?;
-            (camera, CameraSource::File(path.clone()))
+            (camera, CameraSource::File(path.display().to_string()))
         } else if let Some(fx) = args.fx {
             let (cx, cy) = (args.cx.unwrap_or(middle(width)), args.cy.unwrap_or(middle(height)));
             (PinholeCamera::new(fx, args.fy.unwrap_or(fx), cx, cy, width, height)?, CameraSource::Flags)

@@ -42,8 +42,10 @@ pub(crate) fn open(
     let first = &capture.photographs[capture.reference];
     if first.pose.is_some() {
         reference.photo.pixels = first.image.clone();
-        *camera =
-            KnownCamera { camera: first.camera, source: CameraSource::File(args.several.views[0].clone()) };
+        *camera = KnownCamera {
+            camera: first.camera,
+            source: CameraSource::File(args.several.views[0].display().to_string()),
+        };
     }
     Ok(Some(capture))
 }

@@ -28,13 +28,37 @@ pub(crate) fn settings(args: &SettingsArgs, usual: Preset) -> Result<(Preset, Co
     Ok((preset, config))
 }
 
-/// Uses the number of threads of the command line.
+/// Uses the number of threads of the command line, else one per processor.
 pub(crate) fn use_threads(args: &RunArgs) -> Result<()> {
-    let Some(threads) = args.threads else { return Ok(()) };
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.into())
+    start_threads(args.threads.map(usize::from))
+}
+
+/// Uses that number of threads, else one per processor, and fewer where the system has fewer left.
+pub(crate) fn start_threads(wanted: Option<usize>) -> Result<()> {
+    let usual = || std::thread::available_parallelism().map_or(1, usize::from);
+    let builder = match available(wanted.unwrap_or_else(usual)) {
+        0 => rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread(),
+        threads => rayon::ThreadPoolBuilder::new().num_threads(threads),
+    };
+    builder
         .build_global()
-        .with_context(|| format!("--threads {threads}: the threads can't be started; give fewer"))
+        .context("the threads can't be started; close other programs, or give fewer to --threads")
+}
+
+/// The number of threads that can be started at once, at most `wanted`. A pool that fails cannot be made again.
+fn available(wanted: usize) -> usize {
+    let (open, wait) = std::sync::mpsc::channel::<()>();
+    let wait = std::sync::Arc::new(std::sync::Mutex::new(wait));
+    let start = || {
+        let wait = std::sync::Arc::clone(&wait);
+        // Until the channel closes.
+        std::thread::Builder::new().spawn(move || drop(wait.lock().map(|wait| wait.recv())))
+    };
+    let started: Vec<_> = (0..wanted).map_while(|_| start().ok()).collect();
+    drop(open);
+    let count = started.len();
+    started.into_iter().for_each(|thread| drop(thread.join()));
+    count
 }
 
 /// A photograph at the working size.

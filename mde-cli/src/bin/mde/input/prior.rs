@@ -26,7 +26,7 @@ pub(crate) struct PriorOrigin {
     pub(crate) source: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) model: Option<ModelSpec>,
-    /// Identifies the model's file.
+    /// Identifies the bytes of the model's files.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) model_hash: Option<String>,
 }
@@ -60,8 +60,7 @@ impl NamedPrior {
 
     #[cfg(feature = "onnx")]
     fn model(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
-        use anyhow::Context;
-        use mde_cli::calibration::hash;
+        use mde_cli::calibration::hash_files;
         use mde_prior::OnnxPrior;
         let mut spec = match &args.model_profile {
             Some(name) => ModelSpec::profile(name)?,
@@ -74,12 +73,12 @@ impl NamedPrior {
             spec.output_floor = spec.output_floor.filter(|_| kind.is_depth());
         }
         let prior = Box::new(OnnxPrior::open(path, &spec)?);
-        let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+        let model_hash = Some(hash_files(prior.files())?);
         let origin = PriorOrigin {
             kind: spec.output,
             source: path.display().to_string(),
             model: Some(spec),
-            model_hash: Some(hash(&bytes)),
+            model_hash,
         };
         Ok(Self { prior, origin })
     }

@@ -23,6 +23,7 @@ impl OutputFolder {
             "{}: not the name of a new folder; give one to -o",
             target.display()
         );
+        check_name("-o", target)?;
         let folder = Self { target: target.to_owned(), force };
         folder.check_target()?;
         check_place("-o", parent(target))?;
@@ -52,15 +53,15 @@ impl OutputFolder {
         fs::create_dir_all(parent)
             .with_context(|| format!("{}: can't make this folder", parent.display()))?;
         let temporary = temporary_folder(parent)?;
-        interrupt::guard(temporary.path());
+        let _guard = interrupt::guard(temporary.path());
         fill(temporary.path())?;
-        let mut guarded = interrupt::temporary();
+        let held = interrupt::hold();
         if interrupt::requested() {
             bail!(mde_cli::Error::Interrupted);
         }
         self.check_target()?;
         self.put(temporary.path())?;
-        *guarded = None;
+        drop(held);
         // It has another name now.
         let _ = temporary.keep();
         Ok(())
@@ -98,16 +99,37 @@ pub(crate) fn check_new_file(flag: &str, path: &Path, force: bool) -> Result<()>
         force || !path.exists(),
         "{flag} {name}: the file exists; give another name, or --force to replace it"
     );
+    check_name(flag, path)?;
     check_place(flag, parent(path))
 }
 
+/// Most bytes of a name on the usual file systems.
+const LONGEST_NAME: usize = 255;
+
 /// Checks that a folder, or its first existing ancestor, is writable.
 fn check_place(flag: &str, folder: &Path) -> Result<()> {
+    for path in folder.ancestors().take_while(|path| !path.exists()) {
+        check_name(flag, path)?;
+        let link = fs::symlink_metadata(path).is_ok();
+        ensure!(!link, "{}: is a link to nothing; give another place to {flag}", path.display());
+    }
     let ancestor = folder.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
     ensure!(ancestor.is_dir(), "{}: is not a folder; give another place to {flag}", ancestor.display());
     tempfile::tempfile_in(ancestor).with_context(|| {
         format!("{}: can't write there; give another place to {flag}", ancestor.display())
     })?;
+    Ok(())
+}
+
+/// Checks that a name fits into a folder, with the ending of what is kept beside it.
+fn check_name(flag: &str, path: &Path) -> Result<()> {
+    let length = path.file_name().map_or(0, |name| name.as_encoded_bytes().len());
+    let most = LONGEST_NAME - ".resume".len();
+    ensure!(
+        length <= most,
+        "{}: the name is too long; give one of {most} bytes at most to {flag}",
+        path.display()
+    );
     Ok(())
 }
 
@@ -179,5 +201,18 @@ mod tests {
         assert_eq!(entries(&target), [RECORD]);
         assert_eq!(entries(place.path()), ["run"]);
         assert!(OutputFolder::new(Path::new("/"), true).is_err());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_to_nothing_is_refused_before_the_work() {
+        let place = tempfile::tempdir().unwrap();
+        let link = place.path().join("link");
+        std::os::unix::fs::symlink(place.path().join("absent"), &link).unwrap();
+        for target in [link.clone(), link.join("out"), link.join("a/b")] {
+            let refused = OutputFolder::new(&target, true).unwrap_err().to_string();
+            assert!(refused.contains("link") && refused.contains("-o"), "{refused}");
+        }
+        assert!(!place.path().join("absent").exists());
     }
 }

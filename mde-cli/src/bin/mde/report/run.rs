@@ -103,6 +103,7 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         "image": picture(small.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())?,
         "maps": maps,
         "prior_sigma": stated.note,
+        "common_error": config.fusion.common_error,
         "gradients": gradients(),
         "files": files,
     });

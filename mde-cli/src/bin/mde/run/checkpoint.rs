@@ -1,9 +1,8 @@
 //! The state of a refinement between two iterations, on disk.
 
-use crate::output::folder::temporary_folder;
 use crate::output::provenance::write_json;
-use crate::run::interrupt;
-use anyhow::{Context, Result};
+use crate::run::resume::ResumeFolder;
+use anyhow::Result;
 use mde_cli::{Checkpoint, IterationReport};
 use mde_prior::format::{ReadOptions, read_values, write_npz};
 use mde_uncertainty::GaussianDepth;
@@ -11,14 +10,14 @@ use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 const RECORD: &str = "state.json";
 const MAPS: &str = "maps.npz";
 
-/// `OUT.resume`: one folder per iteration, written atomically.
+/// `OUT.resume` with one entry per iteration.
 pub(crate) struct Checkpoints {
-    folder: PathBuf,
+    folder: ResumeFolder,
     made_from: Value,
 }
 
@@ -31,10 +30,8 @@ struct Record {
 
 impl Checkpoints {
     /// In a folder beside the output.
-    pub(crate) fn new(output: &Path, made_from: Value) -> Self {
-        let mut name = output.file_name().unwrap_or_default().to_owned();
-        name.push(".resume");
-        Self { folder: output.with_file_name(name), made_from }
+    pub(crate) fn new(output: &Path, made_from: Value) -> Result<Self> {
+        Ok(Self { folder: ResumeFolder::beside(output, RECORD)?, made_from })
     }
 
     /// The latest state with the same inputs and settings. Unreadable states and states of other runs are ignored.
@@ -43,7 +40,7 @@ impl Checkpoints {
     }
 
     fn read(&self, count: usize) -> Result<Option<Checkpoint>> {
-        let folder = self.folder.join(count.to_string());
+        let folder = self.folder.entry(&count.to_string());
         let record: Record = serde_json::from_str(&fs::read_to_string(folder.join(RECORD))?)?;
         if record.made_from != self.made_from || record.iterations.len() != count {
             return Ok(None);
@@ -58,32 +55,20 @@ impl Checkpoints {
 
     /// Writes the state after an iteration.
     pub(crate) fn keep(&self, state: &Checkpoint) -> Result<()> {
-        let fault = || format!("{}: can't write the iteration there", self.folder.display());
-        fs::create_dir_all(&self.folder).with_context(fault)?;
-        let temporary = temporary_folder(&self.folder)?;
-        interrupt::guard(temporary.path());
         let arrays = [
             ("prior", state.prior.view()),
             ("depth", state.depth.mean()),
             ("variance", state.depth.variance()),
         ];
-        write_npz(temporary.path().join(MAPS), &arrays)?;
         let record = Record { made_from: self.made_from.clone(), iterations: state.iterations.clone() };
-        write_json(&temporary.path().join(RECORD), &record)?;
-        let mut guarded = interrupt::temporary();
-        let place = self.folder.join(state.iterations.len().to_string());
-        if place.exists() {
-            fs::rename(&place, temporary.path().join("old")).with_context(fault)?;
-        }
-        fs::rename(temporary.path(), &place).with_context(fault)?;
-        *guarded = None;
-        let _ = temporary.keep();
-        let _ = fs::remove_dir_all(place.join("old"));
-        Ok(())
+        self.folder.keep(&state.iterations.len().to_string(), |path| {
+            write_npz(path.join(MAPS), &arrays)?;
+            write_json(&path.join(RECORD), &record)
+        })
     }
 
     /// Removes the folder once the results are written.
     pub(crate) fn discard(&self) {
-        let _ = fs::remove_dir_all(&self.folder);
+        self.folder.discard();
     }
 }

@@ -3,7 +3,7 @@
 use crate::evaluation::results::Partial;
 use crate::input::prior::Timed;
 use crate::output::export::{Exported, ply};
-use crate::output::folder::{OutputFolder, RECORD, temporary_folder};
+use crate::output::folder::{OutputFolder, RECORD};
 use crate::output::provenance::write_json;
 use crate::output::run_record::About;
 use crate::report::{Indexed, index};
@@ -11,6 +11,7 @@ use crate::run::field::SharedNerf;
 use crate::run::interrupt;
 use crate::run::job::{Job, Subject};
 use crate::run::progress::Progress;
+use crate::run::resume::ResumeFolder;
 use anyhow::{Context, Result, bail};
 use mde_cli::capture::{RefinedView, consistent_points};
 use mde_cli::{Capture, PreparedCapture, Stages};
@@ -25,12 +26,14 @@ use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 const CLOUD: &str = "cloud.ply";
 const TRANSFORMS: &str = "transforms.json";
 const INDEX: &str = "index.html";
+/// The record of a photograph that `--resume` keeps.
+const KEPT: &str = "kept.json";
 
 /// One photograph in the summary.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -62,7 +65,7 @@ struct Solid {
 
 /// Finished photographs of an earlier run with the same inputs and settings.
 struct Finished {
-    folder: PathBuf,
+    folder: ResumeFolder,
     made_from: Value,
 }
 
@@ -80,7 +83,7 @@ pub(crate) fn run(
     progress: &mut Progress,
 ) -> Result<()> {
     let Some(capture) = &job.capture else { bail!("--all: give --views") };
-    let finished = made_from.map(|made_from| Finished::new(folder.path(), made_from));
+    let finished = made_from.map(|made_from| Finished::new(folder.path(), made_from)).transpose()?;
     let prior = Timed::new(&*job.prior.prior);
     let mut prepared =
         PreparedCapture::new(capture, &prior, &job.config, &mut |event| progress.observe(event))?;
@@ -148,7 +151,7 @@ pub(crate) fn run(
     if let Some(finished) = &finished {
         finished.discard();
     }
-    let value = json!({ "event": "done", "output": folder.path(), "photographs": rows, "points": points });
+    let value = json!({ "event": "done", "output": folder.path().display().to_string(), "photographs": rows, "points": points });
     let text = format!(
         "{points} points in {CLOUD}\nwrote {} in {:.1} s",
         folder.path().display(),
@@ -396,23 +399,18 @@ fn folders(capture: &Capture) -> Vec<String> {
 }
 
 impl Finished {
-    fn new(output: &Path, made_from: Value) -> Self {
-        let mut name = output.file_name().unwrap_or_default().to_owned();
-        name.push(".resume");
-        Self { folder: output.with_file_name(name), made_from }
-    }
-
-    fn record(&self, name: &str) -> PathBuf {
-        self.folder.join(name).join("kept.json")
+    fn new(output: &Path, made_from: Value) -> Result<Self> {
+        Ok(Self { folder: ResumeFolder::beside(output, KEPT)?, made_from })
     }
 
     /// Copies a finished folder to `place`; nothing where there is none of the same inputs and settings.
     fn take(&self, name: &str, place: &Path) -> Option<Row> {
-        let kept: Kept = serde_json::from_str(&fs::read_to_string(self.record(name)).ok()?).ok()?;
+        let entry = self.folder.entry(name);
+        let kept: Kept = serde_json::from_str(&fs::read_to_string(entry.join(KEPT)).ok()?).ok()?;
         if kept.made_from != self.made_from {
             return None;
         }
-        let copied = copy(&self.folder.join(name).join("results"), place);
+        let copied = copy(&entry.join("results"), place);
         if copied.is_err() {
             let _ = fs::remove_dir_all(place);
         }
@@ -421,24 +419,16 @@ impl Finished {
 
     /// Copies a finished folder beside the output.
     fn keep(&self, name: &str, place: &Path, row: &Row) -> Result<()> {
-        let fault = || format!("{}: can't write the photograph there", self.folder.display());
-        fs::create_dir_all(&self.folder).with_context(fault)?;
-        let temporary = temporary_folder(&self.folder)?;
-        copy(place, &temporary.path().join("results")).with_context(fault)?;
         let kept = Kept { made_from: self.made_from.clone(), row: row.clone() };
-        write_json(&temporary.path().join("kept.json"), &kept)?;
-        let target = self.folder.join(name);
-        if target.exists() {
-            fs::remove_dir_all(&target).with_context(fault)?;
-        }
-        fs::rename(temporary.path(), target).with_context(fault)?;
-        let _ = temporary.keep();
-        Ok(())
+        self.folder.keep(name, |path| {
+            copy(place, &path.join("results")).with_context(|| path.display().to_string())?;
+            write_json(&path.join(KEPT), &kept)
+        })
     }
 
     /// Removes the folder once the results are written.
     fn discard(&self) {
-        let _ = fs::remove_dir_all(&self.folder);
+        self.folder.discard();
     }
 }
 
@@ -496,12 +486,11 @@ mod tests {
             scale: Some(0.3_f64.to_bits()),
         };
         let output = folder.path().join("out");
-        let run = Finished::new(&output, json!({ "seed": 0 }));
+        let run = Finished::new(&output, json!({ "seed": 0 })).unwrap();
         run.keep("a", &place, &row).unwrap();
         let copied = folder.path().join("b");
-        assert!(
-            Finished::new(&output, json!({ "seed": 1 })).take("a", &copied).is_none() && !copied.exists()
-        );
+        let other = Finished::new(&output, json!({ "seed": 1 })).unwrap();
+        assert!(other.take("a", &copied).is_none() && !copied.exists());
         let found = run.take("a", &copied).unwrap();
         assert_eq!((found.scale, found.photograph), (row.scale, row.photograph));
         assert_eq!(fs::read_to_string(copied.join("views/0.png")).unwrap(), "picture");

@@ -14,20 +14,21 @@ pub(crate) const EXIT_CODE: u8 = 130;
 const GRACE: Duration = Duration::from_secs(1);
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
-static TEMPORARY: Mutex<Option<PathBuf>> = Mutex::new(None);
+static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// Installs the handler: a signal requests a stop, and ends the program soon after if the work continues.
-pub(crate) fn install() -> Result<(), ctrlc::Error> {
-    ctrlc::set_handler(|| {
+/// Installs the handler: a signal requests a stop, and ends the program soon after if the work continues. Where the system has no
+/// thread left for it, a signal ends the program at once.
+pub(crate) fn install() {
+    let _ = ctrlc::set_handler(|| {
         REQUESTED.store(true, Ordering::SeqCst);
         thread::sleep(GRACE);
         // Held until the end: no folder is moved into place any more.
-        let folder = temporary();
-        if let Some(folder) = folder.as_ref() {
-            let _ = std::fs::remove_dir_all(folder);
+        let held = hold();
+        for path in held.iter() {
+            let _ = std::fs::remove_dir_all(path).or_else(|_| std::fs::remove_file(path));
         }
         process::exit(EXIT_CODE.into());
-    })
+    });
 }
 
 /// Whether a signal has arrived.
@@ -40,12 +41,23 @@ pub(crate) fn flow() -> ControlFlow<()> {
     if requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
 }
 
-/// Names the folder to be removed when a signal ends the program.
-pub(crate) fn guard(folder: &Path) {
-    *temporary() = Some(folder.to_owned());
+/// A file or folder that is removed when a signal ends the program, until this is dropped.
+#[derive(Debug)]
+pub(crate) struct Guard(PathBuf);
+
+/// Names a file or folder to be removed when a signal ends the program.
+pub(crate) fn guard(path: &Path) -> Guard {
+    hold().push(path.to_owned());
+    Guard(path.to_owned())
 }
 
-/// The guarded folder; while this is held, a signal does not end the program.
-pub(crate) fn temporary() -> MutexGuard<'static, Option<PathBuf>> {
+impl Drop for Guard {
+    fn drop(&mut self) {
+        hold().retain(|path| *path != self.0);
+    }
+}
+
+/// The guarded names; while this is held, a signal does not end the program.
+pub(crate) fn hold() -> MutexGuard<'static, Vec<PathBuf>> {
     TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner)
 }

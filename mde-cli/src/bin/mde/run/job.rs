@@ -124,7 +124,8 @@ impl Job {
         let mut done = self.finished(subject, refinement, reference, progress)?;
         done.prior_seconds = prior.seconds();
         let table = done.scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
-        let value = json!({ "event": "done", "output": folder.path(), "scores": done.scores });
+        let value =
+            json!({ "event": "done", "output": folder.path().display().to_string(), "scores": done.scores });
         folder.write(|path| self.write(path, &done, kept.as_ref(), progress))?;
         if let Some(checkpoints) = &self.checkpoints {
             checkpoints.discard();
@@ -132,7 +133,15 @@ impl Job {
         if let Some(recording) = &self.recording {
             self.record(recording, &done, progress.training())?;
         }
-        let gained = gain::summary(&done.refinement, self.unit());
+        let mut gained = gain::summary(&done.refinement, self.unit());
+        if let Some(interval) = &done.stated.interval {
+            gained += &format!(
+                "\nlower.npy and upper.npy: {:.0} % interval, the depth -+ {:.2} sigma, by {}",
+                100.0 * interval.probability,
+                interval.half_width,
+                interval.by
+            );
+        }
         let report = folder.path().join(report::FILE);
         let text = format!(
             "{table}{gained}\nwrote {} in {:.1} s; open {} in a browser",

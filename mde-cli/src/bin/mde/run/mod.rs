@@ -8,3 +8,4 @@ pub(crate) mod gain;
 pub(crate) mod interrupt;
 pub(crate) mod job;
 pub(crate) mod progress;
+pub(crate) mod resume;

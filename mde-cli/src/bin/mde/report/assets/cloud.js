@@ -6,15 +6,14 @@ function cloud({ layers, maps, photo }) {
   const shrink = width / report.full[0];
   const focal = [camera.fx * shrink, camera.fy * (height / report.full[1])];
   const middle = [(camera.cx + 0.5) * shrink - 0.5, (camera.cy + 0.5) * (height / report.full[1]) - 0.5];
-  const unit = report.record.unit === "unscaled" ? "" : ` ${report.record.unit}`;
   const count = width * height;
   const photoWords = new Uint32Array(photo.buffer.slice(0));
   const colours = {
     photo: photoWords,
-    sigma: Uint32Array.from(maps.sigma, (s) => layers.sigma.ramp.shade(s, ...layers.sigma.range)),
+    relative: Uint32Array.from(maps.relative, (s) => layers.relative.ramp.shade(s, ...layers.relative.range)),
     depth: Uint32Array.from(maps.refined, (d) => layers.refined.ramp.shade(d, ...layers.refined.range)),
   };
-  const sorted = Float32Array.from(maps.sigma.filter((s) => s > 0)).sort();
+  const sorted = Float32Array.from(maps.relative.filter((s) => s > 0)).sort();
   const start = { turn: 0.26, tilt: 0.12, zoom: 0.9 };
   const state = { ...start, colour: "photo", source: "refined", most: Infinity };
   const points = {};
@@ -64,14 +63,14 @@ function cloud({ layers, maps, photo }) {
     const lens = Math.min((wide / width) * focal[0], (high / height) * focal[1]) * 0.92;
     const back = pivot / state.zoom;
     const nearest = 0.02 * pivot;
-    const colour = colours[state.colour], sigma = maps.sigma;
+    const colour = colours[state.colour], unsure = maps.relative;
     const reach = (1.6 * lens) / focal[0];
     let drawn = 0, all = 0;
     for (let place = 0; place < count; place += 1) {
       const z0 = xyz[3 * place + 2];
       if (!(z0 > 0)) continue;
       all += 1;
-      if (!(sigma[place] <= state.most)) continue;
+      if (!(unsure[place] <= state.most)) continue;
       drawn += 1;
       const x0 = xyz[3 * place], y0 = xyz[3 * place + 1], d = z0 - pivot;
       const x = ct * x0 + st * d, far = -st * x0 + ct * d;
@@ -87,7 +86,7 @@ function cloud({ layers, maps, photo }) {
         }
       }
     }
-    shown.textContent = `${drawn.toLocaleString("en")} of ${all.toLocaleString("en")} points`;
+    shown.textContent = `${drawn.toLocaleString("en")} of ${all.toLocaleString("en")} points${drawn === 0 ? "; none is left: move the slider, or choose another depth" : ""}`;
   }
 
   function turn(dx, dy) {
@@ -137,13 +136,13 @@ function cloud({ layers, maps, photo }) {
 
   const most = make("output", { id: "cloud-most" });
   const threshold = make("input", {
-    id: "cloud-sigma", type: "range", min: "1", max: "100", value: "100", "aria-label": "Hide points above this sigma",
+    id: "cloud-sigma", type: "range", min: "1", max: "100", value: "100", "aria-label": "Hide points above this sigma / depth",
     oninput: limit,
   });
   function limit() {
     const share = threshold.value / 100;
     state.most = share >= 1 || sorted.length === 0 ? Infinity : sorted[Math.round(share * (sorted.length - 1))];
-    most.textContent = Number.isFinite(state.most) ? `σ ≤ ${number(state.most)}${unit}` : "all";
+    most.textContent = Number.isFinite(state.most) ? `σ / depth ≤ ${number(state.most, 2)}${NBSP}%` : "all";
     draw();
   }
 
@@ -154,11 +153,11 @@ function cloud({ layers, maps, photo }) {
     make("div", { class: "panel" },
       make("div", { class: "field" },
         make("span", {}, "Depth"), choice(sources, state.source, "Which depth", (name) => { state.source = name; draw(); }),
-        make("span", {}, "Colour"), choice([["photo", "Photograph"], ["sigma", "Sigma"], ["depth", "Refined depth"]], state.colour, "Colour of the points", (name) => { state.colour = name; draw(); })),
+        make("span", {}, "Colour"), choice([["photo", "Photograph"], ["relative", "Sigma / depth"], ["depth", "Refined depth"]], state.colour, "Colour of the points", (name) => { state.colour = name; draw(); })),
       make("div", {},
-        make("div", { class: "scale name" }, make("span", {}, "Hide points with sigma above"), most),
+        make("div", { class: "scale name" }, make("span", {}, "Hide what is less sure"), most),
         threshold),
-      colourBarFor(layers.sigma, "Sigma"),
+      colourBarFor(layers.relative, "Sigma / depth"),
       make("div", { class: "row" },
         make("button", { type: "button", onclick: () => zoom(1.25), "aria-label": "Zoom in" }, "+"),
         make("button", { type: "button", onclick: () => zoom(0.8), "aria-label": "Zoom out" }, "−"),

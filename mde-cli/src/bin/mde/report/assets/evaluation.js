@@ -8,6 +8,7 @@ function evaluationPage(page) {
   page.append(make("h1", {}, report.title),
     make("p", { class: "soft" }, `${summary.scenes} scene${summary.scenes === 1 ? "" : "s"} · ${count} method${count === 1 ? "" : "s"} · mde ${all.versions["mde-cli"]}`),
     make("p", {}, all.alignment));
+  if (all.verdict?.length > 0) page.append(make("ul", { id: "verdict" }, all.verdict.map((line) => make("li", {}, line))));
   const failed = (all.failures ?? []).map((f) => `failed: ${f.scene}, ${f.method ?? "all methods"}: ${f.error}`);
   const notes = warnings([...failed, ...(all.warnings ?? [])]);
   if (notes) page.append(notes);
@@ -126,6 +127,20 @@ function sceneList() {
   const label = metric ? `${metric.label}: ` : "";
   root.append(make("p", { class: "soft small" }, "Depth of each method in the colours of the prior's range; below it its sigma, if it has one."));
   const without = [];
+  const methods = report.scenes[0] ? Object.keys(report.scenes[0].scores) : [];
+  // By the first method after the prior, where there is one.
+  const judged = methods.find((name) => name !== "prior") ?? methods[0];
+  const badness = (scene) => (scene.scores[judged]?.[metric?.key] ?? NaN) * (metric?.better === "higher" ? -1 : 1);
+  const list = make("div", { id: "scene-list" });
+  const order = make("input", { type: "checkbox", id: "worst-first", onchange: arrange });
+  if (metric && judged && report.scenes.length > 1) {
+    root.append(make("label", { class: "row" }, order, `worst scenes first, by ${metric.label} of ${judged}`));
+  }
+  const blocks = [];
+  function arrange() {
+    const sorted = order.checked ? [...blocks].sort((a, b) => b.bad - a.bad) : blocks;
+    list.replaceChildren(...sorted.map(({ block }) => block));
+  }
   for (const scene of report.scenes) {
     if (!scene.thumbnails) { without.push(scene.id); continue; }
     const figure = (title, more, ...images) => make("figure", {}, images, make("figcaption", {}, make("b", {}, title), more ? make("span", { class: "soft" }, ` ${more}`) : null));
@@ -135,8 +150,12 @@ function sceneList() {
       return figure(map.method, score === undefined ? null : label + number(score), picture(map.depth, `depth of ${map.method}`), picture(map.sigma, `sigma of ${map.method}`));
     });
     const photo = scene.thumbnails.image ? figure("picture", null, picture(scene.thumbnails.image, `picture of ${scene.id}`)) : null;
-    root.append(make("div", { class: "scene" }, make("div", { class: "row head" }, make("h3", {}, scene.id), thumbnailScale("depth", "viridis", scene.thumbnails.depths), thumbnailScale("sigma", "magma", scene.thumbnails.sigmas)), make("div", { class: "strip", tabindex: "0", role: "region", "aria-label": `maps of ${scene.id}` }, photo, tiles)));
+    const block = make("div", { class: "scene" }, make("div", { class: "row head" }, make("h3", {}, scene.id), thumbnailScale("depth", "viridis", scene.thumbnails.depths), thumbnailScale("sigma", "magma", scene.thumbnails.sigmas)), make("div", { class: "strip", tabindex: "0", role: "region", "aria-label": `maps of ${scene.id}` }, photo, tiles));
+    const bad = badness(scene);
+    blocks.push({ block, bad: Number.isFinite(bad) ? bad : -Infinity });
   }
+  root.append(list);
+  arrange();
   if (without.length > 0) {
     const why = without.length === report.scenes.length ? "The maps are not in this folder" : `No thumbnails (of at most ${report.thumbnails_of} scenes)`;
     root.append(make("p", { class: "soft small" }, `${why}: ${without.join(", ")}.`));

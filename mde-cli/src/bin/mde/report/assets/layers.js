@@ -93,12 +93,13 @@ async function runLayers() {
   const largest = Math.max(quantiles(difference.map(Math.abs), [0.99])[0] || 0, 0.001 * depths[1]) || 1;
   const relative = sigma.map((s, i) => (s > 0 && refined[i] > 0 ? (100 * s) / refined[i] : 0));
 
+  maps.relative = relative;
   const layers = {
     image: { label: "Photograph", canvas: photo.canvas, smooth: true },
     prior: { label: "Prior", values: prior, ramp: viridis, range: depths, unit, known: positive(prior) },
     refined: { label: "Refined", values: refined, ramp: viridis, range: depths, unit, known: positive(refined) },
-    sigma: { label: "Sigma", values: sigma, ramp: magma, range: quantiles(sigma, [0.01, 0.99]), unit, known: positive(sigma) },
-    relative: { label: "Sigma / depth", values: relative, ramp: magma, range: spread(quantiles(relative, [0.01, 0.99])), unit: "%", known: positive(relative) },
+    sigma: { label: "Sigma", values: sigma, ramp: magma, range: spread(quantiles(sigma, [0.05, 0.95])), unit, known: positive(sigma) },
+    relative: { label: "Sigma / depth", values: relative, ramp: magma, range: spread(quantiles(relative, [0.05, 0.95])), unit: "%", known: positive(relative) },
     difference: { label: "Refined − prior", values: difference, ramp: diverging, range: [-largest, largest], unit, signed: true, known: (place) => both[place] === 1 },
   };
   if (maps.truth) {

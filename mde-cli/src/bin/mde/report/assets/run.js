@@ -15,17 +15,23 @@ async function runPage(page) {
   const notes = warnings(record.warnings);
   if (notes) page.append(notes);
 
+  const three = ["image", "refined", "relative"].map((name) => figureOf(layers[name], layers[name].label));
+  page.append(make("div", { class: "triptych" }, three));
+
   const compare = viewer(scene);
-  const hint = "Drag in the image to move the border; point at a pixel to read its values. ";
+  const hint = "Drag in the image to move the border; point at a pixel to read its values. Measured distances are of the refined depth; beside its common error, the errors of their ends count as independent. ";
   section("Before and after", hint + report.prior_sigma, compare.root);
   if (record.capture) photographSection(scene);
 
-  const gallery = make("div", { class: "gallery" }, Object.entries(layers).map(([name, layer]) => tile(name, layer, () => {
+  const here = new Set(report.files.map((file) => file.name));
+  const fileOf = Object.fromEntries(Object.entries({ image: "image.png", prior: "prior.npy", refined: "depth.npy", sigma: "sigma.npy", truth: "gt.npy", evidence: "evidence.npz" }).filter(([, name]) => here.has(name)));
+  const gallery = make("div", { class: "gallery" }, Object.entries(layers).map(([name, layer]) => tile(name, layer, fileOf[name], () => {
     compare.set("right", name);
     document.getElementById("viewer").scrollIntoView({ block: "center" });
     document.getElementById("viewer").focus({ preventScroll: true });
   })));
-  section("All maps", "Press a map to show it on the right above. Colours run from the 1st to the 99th percentile; missing pixels are grey. In differences and errors, orange is farther, purple nearer.", gallery);
+  section("All maps", "Press a map to show it on the right above. Colours run from the 1st to the 99th percentile, of sigma from the 5th to the 95th; missing pixels are grey. In differences and errors, orange is farther, purple nearer.", gallery,
+    make("div", { class: "charts" }, histogram("Depth", layers.refined), histogram("Sigma / depth", layers.relative)));
 
   section("Point cloud", "Drag to turn, wheel or pinch to zoom; on the keyboard: arrows, plus, minus, 0 to reset.", cloud(scene));
   if (record.capture && !record.capture.fallback) section("Stages", "Seconds of each stage.", secondsTable(record));
@@ -75,13 +81,47 @@ function verdict(change) {
   return `${percent(Math.abs(change))} ${change < 0 ? "better" : "worse"}`;
 }
 
-function tile(name, layer, pressed) {
-  const copy = make("canvas", { width: layer.canvas.width, height: layer.canvas.height });
+function copyOf(layer) {
+  const copy = make("canvas", { width: layer.canvas.width, height: layer.canvas.height, role: "img", "aria-label": layer.label });
   copy.getContext("2d").drawImage(layer.canvas, 0, 0);
+  return copy;
+}
+
+function figureOf(layer, label) {
+  const heading = make("div", { class: "scale name" }, make("b", {}, label), make("span", { class: "soft" }, layer.unit ?? ""));
+  return make("figure", {}, copyOf(layer), make("figcaption", {}, heading, layer.ramp ? colourBar(layer) : null));
+}
+
+/** How many pixels have which value, within the range of the colours. */
+function histogram(title, layer) {
+  const bins = 48, [low, high] = layer.range;
+  const counts = new Float64Array(bins);
+  layer.values.forEach((value, place) => {
+    const bin = Math.floor(((value - low) / (high - low || 1)) * bins);
+    if (layer.known(place) && bin >= 0 && bin < bins) counts[bin] += 1;
+  });
+  const most = Math.max(1, ...counts);
+  const svg = (tag, attributes, ...children) => {
+    const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
+    for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+    element.append(...children);
+    return element;
+  };
+  const bars = [...counts].map((count, i) => svg("rect", { x: 10 * i, y: 90 - (90 * count) / most, width: 9, height: (90 * count) / most, fill: "var(--series-0)" }));
+  const picture = svg("svg", { viewBox: "0 0 480 92", role: "img", "aria-label": `histogram of ${title}`, preserveAspectRatio: "none" }, ...bars);
+  picture.style.height = "7rem";
+  const ends = [low, (low + high) / 2, high].map((v) => make("span", {}, number(v)));
+  return make("figure", { class: "chart histogram" }, make("div", { class: "scale name" }, make("b", {}, title), make("span", { class: "soft" }, `${layer.unit}, number of pixels`)),
+    picture, make("div", { class: "scale" }, make("div", { class: "ends" }, ends)));
+}
+
+function tile(name, layer, file, pressed) {
+  const copy = copyOf(layer);
   const heading = make("div", { class: "scale name" }, make("span", {}, layer.label), make("span", { class: "soft" }, layer.unit ?? ""));
   return make("figure", {},
     make("button", { type: "button", onclick: pressed, "aria-label": `Show ${layer.label} above`, "data-layer": name }, copy),
-    make("figcaption", {}, heading, colourBar(layer), layer.key ? evidenceKey(layer, false) : null));
+    make("figcaption", {}, heading, colourBar(layer), layer.key ? evidenceKey(layer, false) : null,
+      file ? make("a", { class: "small", href: file, download: file }, file) : null));
 }
 
 /** `heads` are rows of headings. */

@@ -33,7 +33,7 @@ const EDGES = { prior: "#ff9d1e", refined: "#19e3ff" };
 function viewer({ layers, maps }) {
   const [width, height] = report.size;
   const unit = report.record.unit === "unscaled" ? "" : `${NBSP}${report.record.unit}`;
-  const state = { left: "prior", right: "refined", split: 0.5, at: [width >> 1, height >> 1], edges: new Set() };
+  const state = { left: "image", right: "refined", split: 0.5, at: [width >> 1, height >> 1], edges: new Set(), measure: false, ends: [] };
   const edges = {};
 
   const canvas = make("canvas", {
@@ -74,6 +74,7 @@ function viewer({ layers, maps }) {
     }
     bar(context, middle, high, ratio);
     cross(context, (state.at[0] + 0.5) * scale, (state.at[1] + 0.5) * scale, ratio);
+    ruler(context, state.ends.map((end) => end.map((v) => (v + 0.5) * scale)), ratio);
     tags.left.hidden = state.split < 0.12;
     tags.right.hidden = state.split > 0.88;
   });
@@ -92,8 +93,10 @@ function viewer({ layers, maps }) {
       ["pixel", `${full[0]}, ${full[1]}`],
       ["prior", depth(maps.prior, maps.prior_sigma)],
       ["refined", depth(maps.refined, maps.sigma)],
+      ["sigma / depth", maps.relative[place] > 0 ? `${number(maps.relative[place], 2)}${NBSP}%` : "–"],
       ["change", change],
     ];
+    if (state.measure) rows.push(["distance", state.ends.length === 2 ? distance(...state.ends) : state.ends.length === 1 ? "press a second point" : "press two points"]);
     if (maps.evidence) rows.push(["evidence", evidenceName(maps.evidence[place])]);
     if (maps.truth) rows.push(["truth", maps.truth[place] > 0 ? `${number(maps.truth[place], 4)} m` : "missing"], ...errorsAt(place));
     readout.replaceChildren(...rows.flatMap(([name, value]) => [make("dt", {}, name), make("dd", { "data-name": name }, value)]));
@@ -133,12 +136,38 @@ function viewer({ layers, maps }) {
     show();
   }
 
+  /** Between two pixels of the refined depth, with its standard deviation. */
+  function distance(...ends) {
+    const camera = report.record.camera;
+    const points = ends.map(([x, y]) => {
+      const place = y * width + x, z = maps.refined[place];
+      const [u, v] = [x, y].map((value, i) => ((value + 0.5) * report.full[i]) / report.size[i] - 0.5);
+      const ray = [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1];
+      return { z, ray, sigma: maps.sigma[place], at: ray.map((r) => r * z) };
+    });
+    if (!points.every(({ z, sigma }) => z > 0 && sigma > 0)) return "missing";
+    const [a, b] = points;
+    const line = a.at.map((value, i) => value - b.at[i]);
+    const length = Math.hypot(...line);
+    if (!(length > 0)) return `0${unit}`;
+    // The common error scales the whole scene; what remains of sigma is each pixel's own.
+    const common = report.common_error;
+    const own = points.map(({ ray, z, sigma }) => {
+      const along = ray.reduce((sum, r, i) => sum + r * line[i], 0) / length;
+      return along * along * Math.max(0, sigma * sigma - (common * z) ** 2);
+    });
+    const sigma = Math.sqrt(own[0] + own[1] + (common * length) ** 2);
+    return `${number(length)}${NBSP}±${NBSP}${number(sigma, 2)}${unit}`;
+  }
+
   function place(event) {
     const box = canvas.getBoundingClientRect();
     const share = (value, from, size) => Math.max(0, Math.min(1, (value - from) / size));
     const [u, v] = [share(event.clientX, box.left, box.width), share(event.clientY, box.top, box.height)];
     state.at = [Math.min(width - 1, Math.floor(u * width)), Math.min(height - 1, Math.floor(v * height))];
-    if (event.buttons & 1 || event.type === "pointerdown") {
+    if (state.measure) {
+      if (event.type === "pointerdown") state.ends = [...(state.ends.length === 2 ? [] : state.ends), [...state.at]];
+    } else if (event.buttons & 1 || event.type === "pointerdown") {
       state.split = u;
       slider.value = String(Math.round(1000 * u));
     }
@@ -152,7 +181,9 @@ function viewer({ layers, maps }) {
     const step = event.shiftKey ? 10 : 1;
     const moves = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
     const move = moves[event.key];
-    if (move) {
+    if (event.key === "Enter" && state.measure) {
+      state.ends = [...(state.ends.length === 2 ? [] : state.ends), [...state.at]];
+    } else if (move) {
       state.at = [Math.max(0, Math.min(width - 1, state.at[0] + move[0])), Math.max(0, Math.min(height - 1, state.at[1] + move[1]))];
     } else if (event.key === "PageUp" || event.key === "PageDown") {
       state.split = Math.max(0, Math.min(1, state.split + (event.key === "PageUp" ? -0.05 : 0.05)));
@@ -180,11 +211,22 @@ function viewer({ layers, maps }) {
     return make("label", {}, box, swatch, text);
   };
 
+  const measure = make("button", {
+    type: "button", id: "measure", "aria-pressed": "false",
+    onclick: () => {
+      [state.measure, state.ends] = [!state.measure, []];
+      measure.setAttribute("aria-pressed", String(state.measure));
+      read();
+      draw();
+    },
+  }, "Measure a distance");
+
   const root = make("div", { class: "split viewer" },
     make("div", {}, make("div", { class: "stage" }, canvas, tags.left, tags.right), slider),
     make("div", { class: "panel" },
       make("div", { class: "readout" }, readout),
       make("div", { class: "field" }, make("span", {}, "Left"), pick.left, make("span", {}, "Right"), pick.right),
+      make("div", { class: "row" }, measure),
       make("div", { class: "row" }, edgeBox("prior", "edges of the prior"), edgeBox("refined", "edges of the refined")),
       scales));
   new ResizeObserver(draw).observe(canvas);
@@ -208,6 +250,23 @@ function bar(context, x, high, ratio) {
     context.lineTo(x + side * 2.5 * ratio, high / 2 - 4.5 * ratio);
     context.lineTo(x + side * 2.5 * ratio, high / 2 + 4.5 * ratio);
     context.fill();
+  }
+}
+
+/** The ends of a measured distance and the line between them. */
+function ruler(context, ends, ratio) {
+  if (ends.length === 0) return;
+  for (const [colour, thick] of [["rgb(0 0 0 / 0.7)", 4.5], ["#ffd60a", 2]]) {
+    context.strokeStyle = colour;
+    context.lineWidth = thick * ratio;
+    context.beginPath();
+    ends.forEach(([x, y], index) => (index === 0 ? context.moveTo(x, y) : context.lineTo(x, y)));
+    context.stroke();
+    for (const [x, y] of ends) {
+      context.beginPath();
+      context.arc(x, y, 5 * ratio, 0, 2 * Math.PI);
+      context.stroke();
+    }
   }
 }
 

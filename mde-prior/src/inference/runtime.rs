@@ -1,0 +1,91 @@
+//! The edge to the runtime, which panics on some graphs.
+
+use std::any::Any;
+use std::collections::BTreeSet;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+
+use tract_onnx::pb::{GraphProto, ModelProto, TensorProto};
+use tract_onnx::prelude::*;
+use tract_onnx::tract_hir::internal::DimLike as _;
+
+use crate::{Error, Result};
+
+/// Bytes of the largest tensor that a network may compute.
+const MAX_TENSOR: usize = 1 << 32;
+
+pub(super) fn model_error(path: &Path, reason: impl Into<String>) -> Error {
+    Error::Model { path: path.to_owned(), reason: reason.into() }
+}
+
+/// Calls the runtime; its panic becomes an error that names the file.
+pub(super) fn call<T>(path: &Path, work: impl FnOnce() -> Result<T>) -> Result<T> {
+    // What is shared is written whole, so it is valid after a panic.
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+        let text = shortened(&message(&*panic));
+        Err(model_error(path, format!("the runtime cannot run this model ({text}); export it again")))
+    })
+}
+
+fn message(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic".to_owned())
+}
+
+/// tract's chain of errors in one line.
+pub(super) fn one_line(error: &TractError) -> String {
+    shortened(&format!("{error:#}"))
+}
+
+fn shortened(text: &str) -> String {
+    let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    match line.char_indices().nth(240) {
+        Some((end, _)) => format!("{} ...", &line[..end]),
+        None => line,
+    }
+}
+
+/// Refuses a network with a tensor that no machine for it holds, before it is allocated.
+pub(super) fn check_tensors(model: &TypedModel) -> Result<(), String> {
+    for node in model.nodes() {
+        for output in &node.outputs {
+            let sides = output.fact.shape.iter().filter_map(|side| side.to_usize().ok());
+            let bytes = sides.fold(output.fact.datum_type.size_of(), usize::saturating_mul);
+            if bytes > MAX_TENSOR {
+                return Err(format!(
+                    "{} computes a tensor of {} GiB; check the model and its input size",
+                    shortened(&node.name),
+                    bytes >> 30
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Loads a network, and the files of its weights outside the ONNX file, sorted.
+pub(super) fn load(path: &Path) -> TractResult<(InferenceModel, Vec<PathBuf>)> {
+    let onnx = tract_onnx::onnx().with_ignore_output_shapes(true);
+    let files = {
+        let mut names = BTreeSet::new();
+        let proto: ModelProto = onnx.proto_model_for_path(path)?;
+        proto.graph.iter().for_each(|graph| external(graph, &mut names));
+        let folder = path.parent().unwrap_or(Path::new(""));
+        names.iter().map(|name| folder.join(name)).collect()
+    };
+    Ok((onnx.model_for_path(path)?, files))
+}
+
+/// Locations of the tensors that a graph keeps in other files.
+fn external(graph: &GraphProto, names: &mut BTreeSet<String>) {
+    let mut add = |tensor: &TensorProto| {
+        let location = tensor.external_data.iter().find(|entry| entry.key == "location");
+        names.extend(location.map(|entry| entry.value.clone()));
+    };
+    graph.initializer.iter().for_each(&mut add);
+    let attributes = || graph.node.iter().flat_map(|node| &node.attribute);
+    attributes().flat_map(|attribute| attribute.t.iter().chain(&attribute.tensors)).for_each(&mut add);
+    for inner in attributes().flat_map(|attribute| attribute.g.iter().chain(&attribute.graphs)) {
+        external(inner, names);
+    }
+}
