@@ -5,7 +5,7 @@ use assert_cmd::Command;
 use mde_cli::mde_mvs::capture::{Distortion, Frame, Lens, PixelCentres, read_transforms, transforms_json};
 use mde_cli::mde_prior::format::{ReadOptions, read_values, write_npy};
 use mde_cli::mde_prior::photo::write_image;
-use mde_cli::mde_prior::{DepthPrior, PriorDepth};
+use mde_cli::mde_prior::{DepthPrior, DisparityRule, PriorDepth};
 use mde_cli::memory::capture_bytes;
 use mde_cli::ndarray::{Array2, Array3, ArrayView3};
 use mde_cli::{
@@ -187,7 +187,8 @@ fn on_disk(room: &Rendered) -> tempfile::TempDir {
         frames.push(Frame { photograph, lens, pose: known.view.pose });
     }
     std::fs::write(path("transforms.json"), transforms_json(&frames, folder.path())).unwrap();
-    write_npy(path("prior.npy"), room.views[0].prior.as_ref().unwrap().map.view()).unwrap();
+    let prior = room.views[0].prior.as_ref().unwrap().to_depth(&DisparityRule::default()).unwrap();
+    write_npy(path("prior.npy"), prior.view()).unwrap();
     std::fs::write(path("quick.toml"), "nerf.train = { steps = 50, rays = 128 }\nnerf.field.finest = 64\n")
         .unwrap();
     folder
@@ -391,6 +392,7 @@ fn every_photograph_gets_a_folder_and_all_a_cloud() {
     std::fs::create_dir_all(kept.join("results")).unwrap();
     let again = all.replace("-o out", "-o out --force");
     std::fs::write(kept.join("kept.json"), "{}").unwrap();
+    std::fs::write(path("out.resume/resume.json"), "{}").unwrap();
     mde(&folder, &again).success();
     assert!(std::fs::read(path("out/cloud.ply")).unwrap() == cloud, "the same bytes");
 }
