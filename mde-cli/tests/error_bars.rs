@@ -53,6 +53,19 @@ fn what_was_learned_scales_sigma_and_makes_the_interval() {
 }
 
 #[test]
+fn a_calibration_for_a_map_from_a_file_warns_that_its_network_is_unknown() {
+    let place = Place::new();
+    place
+        .mde("calibrate --dataset rooms --size 64x48 --limit 3 --method tiny.toml -q -o learned")
+        .assert()
+        .success();
+    let told =
+        place.mde(&format!("{REFINE} --calibration learned/calibration.toml -o out")).assert().success();
+    let told = String::from_utf8_lossy(&told.get_output().stderr).into_owned();
+    assert!(told.contains("does not name its network") && !told.contains("other settings"), "{told}");
+}
+
+#[test]
 fn an_interval_without_a_calibration_is_normal_and_says_so() {
     let place = Place::new();
     let told = place.mde(&format!("{REFINE} --interval 0.5 -o out")).assert().success();

@@ -130,7 +130,10 @@ fn a_broken_scene_is_told_and_the_rest_goes_on() {
         fs::write(folder.join("scene.json"), if name == "a" { "{" } else { "{}" }).unwrap();
     }
     let run = place.mde("eval data --prior-depth priors --methods jbf -o e").assert().code(3);
-    run.stdout(predicate::str::contains("1 scene.").and(predicate::str::contains("failed: a"))).stderr(
+    run.stdout(
+        predicate::str::contains("1 scene.").and(predicate::str::contains("failed: all methods on a")),
+    )
+    .stderr(
         predicate::str::contains("scene.json")
             .and(predicate::str::contains("b: no intrinsics; the camera is assumed")),
     );

@@ -6,7 +6,7 @@ mod common;
 use common::{HEIGHT, Place, WIDTH, names};
 use mde_cli::Preset;
 use mde_cli::config::Config;
-use mde_cli::mde_prior::format::{ReadOptions, read_depth, write_depth};
+use mde_cli::mde_prior::format::{ReadOptions, read_depth, read_values, write_depth, write_npy};
 use ndarray::Array2;
 use ndarray_npy::read_npy;
 use predicates::prelude::*;
@@ -190,8 +190,12 @@ fn a_saved_field_of_another_version_or_damaged_is_refused() {
         bytes
     };
     let last = whole.len() - 1;
+    // A render from another scale or unit would be wrong without a sign of it.
+    let seed = br#"seed\":"#;
+    let seed = whole.windows(seed.len()).position(|bytes| bytes == seed).unwrap() + seed.len();
     for (bytes, told) in [
         (with(at, b'9'), "version is 9"),
+        (with(seed, b'7'), "checksum of its header"),
         (with(last, whole[last] ^ 1), "checksum"),
         (whole[..last].to_vec(), "not a usable field"),
         (whole[..40].to_vec(), "not a usable field"),
@@ -308,4 +312,26 @@ fn an_output_has_a_name_without_o() {
         .stderr(predicate::str::contains("image-depth: the folder exists; give another name to -o"));
     let names = place.entries();
     assert!(["image-depth", "rooms-eval"].iter().all(|name| names.iter().any(|n| n == name)), "{names:?}");
+}
+
+#[test]
+fn a_prior_of_another_size_and_one_of_eight_bits_are_taken_with_a_note() {
+    let place = Place::new();
+    let small = Array2::from_shape_fn((HEIGHT / 2, WIDTH / 2), |(y, x)| place.scene.depth[(2 * y, 2 * x)]);
+    write_npy(place.path("small.npy"), small.view()).unwrap();
+    let picture =
+        image::GrayImage::from_fn(WIDTH as u32, HEIGHT as u32, |x, y| image::Luma([(2 * x + y) as u8]));
+    picture.save(place.path("eight.png")).unwrap();
+    let refine = |rest: &str| {
+        let run = place.mde(&format!("refine image.png --fov 60 --no-nerf {rest}")).assert().success();
+        String::from_utf8(run.get_output().stderr.clone()).unwrap()
+    };
+    let told = refine("--prior-depth small.npy -o small");
+    assert!(told.contains("small.npy: resized from 32x24 to 64x48 pixels"), "{told}");
+    let map = read_values(place.path("small/prior.npy"), &ReadOptions::default()).unwrap();
+    assert!(map.indexed_iter().all(|((y, x), z)| *z == small[(y / 2, x / 2)]));
+    let told = refine("--prior-depth eight.png --prior-kind disparity -o eight");
+    assert!(told.contains("eight.png: 8 bits hold 256 levels"), "{told}");
+    // As depth in metres it would be a picture of depth.
+    place.mde("refine image.png --fov 60 --prior-depth eight.png -o metric").assert().code(1);
 }

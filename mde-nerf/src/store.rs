@@ -24,6 +24,22 @@ struct Header {
     frustum: Frustum,
     /// CRC-32 of the tensors' bytes: table, density, colour.
     checksum: u32,
+    /// CRC-32 of the header's text with eight zeros here, hexadecimal. Missing in older files.
+    #[serde(default)]
+    header_checksum: String,
+}
+
+/// The field of the header's own checksum, as text.
+const OWN: &str = "\"header_checksum\":\"";
+/// Its place holder.
+const ZEROS: &str = "00000000";
+
+/// The header's checksum as it is stated, and as it is.
+fn own_checksum(header: &str) -> Option<(&str, String)> {
+    let begin = header.rfind(OWN)? + OWN.len();
+    let stated = header.get(begin..begin + ZEROS.len())?;
+    let blank = [&header[..begin], ZEROS, header.get(begin + ZEROS.len()..)?].concat();
+    Some((stated, format!("{:08x}", crc32fast::hash(blank.as_bytes()))))
 }
 
 #[derive(Deserialize)]
@@ -47,8 +63,12 @@ pub(crate) fn save(path: &Path, config: &NerfConfig, seed: u64, fitted: &Fitted)
         seed,
         frustum: fitted.frustum.clone(),
         checksum: checksum(bytes.iter().map(|(_, b)| b.as_slice())),
+        header_checksum: ZEROS.to_owned(),
     };
-    let header = serde_json::to_string(&header).map_err(|e| io(e.into()))?;
+    let mut header = serde_json::to_string(&header).map_err(|e| io(e.into()))?;
+    if let Some((zeros, own)) = own_checksum(&header) {
+        header = header.replace(&format!("{OWN}{zeros}"), &format!("{OWN}{own}"));
+    }
     let mut tensors = Vec::new();
     for (name, bytes) in &bytes {
         let view = TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes)
@@ -88,6 +108,11 @@ pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {
     let Version { version } = serde_json::from_str(header).map_err(|e| format(e.to_string()))?;
     if version != VERSION {
         return Err(format(format!("its version is {version}, not {VERSION}; fit the field again")));
+    }
+    if own_checksum(header).is_some_and(|(stated, own)| stated != own) {
+        return Err(format(
+            "the checksum of its header is wrong, the file is damaged; fit the field again".into(),
+        ));
     }
     let header: Header = serde_json::from_str(header).map_err(|e| format(e.to_string()))?;
     header.config.validate()?;

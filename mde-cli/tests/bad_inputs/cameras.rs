@@ -8,7 +8,7 @@ fn refine(rest: &str) -> String {
 
 #[test]
 fn unusable_cameras() {
-    let cases: [(&str, &[&'static str]); 32] = [
+    let cases: [(&str, &[&'static str]); 34] = [
         ("--fov 0", &["--fov", "field of view is 0", "180"]),
         ("--fov 180", &["--fov", "field of view is 180", "180"]),
         ("--fov -20", &["--fov", "field of view is -20", "180"]),
@@ -18,6 +18,8 @@ fn unusable_cameras() {
         ("--fx nan", &["fx is NaN", "finite"]),
         ("--fx inf", &["fx is inf", "finite"]),
         ("--fx -50", &["fx is -50", "> 0"]),
+        ("--fx 1e-308", &["fx is 1e-308", "--fov"]),
+        ("--fx 50 --fy 1e300", &["fy is 1e300", "--fov"]),
         ("--fx 50 --fy -50", &["fy is -50", "> 0"]),
         ("--fx 50 --fy 0", &["fy is 0", "> 0"]),
         ("--fx 50 --cx nan", &["cx is NaN", "finite"]),

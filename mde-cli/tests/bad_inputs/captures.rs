@@ -125,7 +125,6 @@ fn wrong_usage_of_several_photographs() {
         of("--views shots --all", &["cannot be used with"]),
         misused("poses -o found.json", &["PHOTO"]),
         misused("poses shots -o found.json", &["--prior-model", "--prior-depth"]),
-        misused("poses shots --prior-depth depth.npy", &["--output"]),
     ]);
 }
 

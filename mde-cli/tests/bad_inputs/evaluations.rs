@@ -11,7 +11,7 @@ fn partly(arguments: &str, told: &[&'static str]) -> Case {
 fn unusable_views_and_renders() {
     check(&[
         refused("warp none.png --prior-depth depth.npy", &["none.png", "check the path"]),
-        refused("warp image.png --prior-depth small.npy", &["small.npy", "64x48"]),
+        refused("warp image.png --prior-depth turned.npy", &["turned.npy", "64x48"]),
         refused("warp image.png --prior-depth zero.npy", &["zero.npy", "no usable pixel"]),
         refused("warp image.png --prior-depth depth.npy --fov 0", &["field of view is 0"]),
         refused("render --field none.safetensors --size 64x48", &["none.safetensors", "check the path"]),

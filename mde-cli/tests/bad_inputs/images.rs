@@ -45,7 +45,7 @@ fn unusable_photographs() {
         cases.into_iter().map(|(image, told)| refused(with_prior(image, "depth.npy"), told)).collect();
     cases.push(refused(with_prior("animated.gif", "depth.npy"), &["animated.gif", formats]));
     cases.push(refused(with_prior("depth.npy", "depth.npy"), &["depth.npy", formats]));
-    cases.push(refused(with_prior("big.png", "depth.npy"), &["depth.npy", "64x48", "640x480", "resize"]));
+    cases.push(refused(with_prior("big.png", "turned.npy"), &["turned.npy", "48x64", "640x480", "resize"]));
     check(&cases);
 }
 

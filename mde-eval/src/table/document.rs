@@ -89,12 +89,17 @@ impl Cell {
 
     fn markdown(&self) -> String {
         // A bar would end the cell.
-        let escaped = |text: &str| text.replace('|', "\\|");
+        let escaped = |text: &str| inert(text).replace('|', "\\|");
         match self.strong.as_str() {
             "" => escaped(&self.text),
             strong => format!("**{}**{}", escaped(strong), escaped(&self.text)),
         }
     }
+}
+
+/// Text without HTML: names come from files.
+fn inert(text: &str) -> String {
+    text.replace('<', "&lt;")
 }
 
 impl Document {
@@ -108,9 +113,11 @@ impl Document {
 impl Block {
     fn markdown(&self) -> String {
         match self {
-            Self::Heading(level, text) => format!("{} {text}", "#".repeat((*level).clamp(1, 6))),
-            Self::Text(text) => text.clone(),
-            Self::List(lines) => lines.iter().map(|line| format!("- {line}")).collect::<Vec<_>>().join("\n"),
+            Self::Heading(level, text) => format!("{} {}", "#".repeat((*level).clamp(1, 6)), inert(text)),
+            Self::Text(text) => inert(text),
+            Self::List(lines) => {
+                lines.iter().map(|line| format!("- {}", inert(line))).collect::<Vec<_>>().join("\n")
+            }
             Self::Table(table) => table.markdown(),
         }
     }
@@ -126,5 +133,27 @@ impl Table {
             let _ = write!(text, "\n{}", line(row.iter().map(Cell::markdown).collect()));
         }
         text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_no_html() {
+        let hostile = "<img src=x onerror=alert(1)>";
+        let table = Table {
+            columns: vec![Column::text(hostile)],
+            rows: vec![vec![Cell::new(hostile)], vec![Cell::strong(hostile)]],
+        };
+        let blocks = vec![
+            Block::Heading(1, hostile.to_owned()),
+            Block::Text(hostile.to_owned()),
+            Block::List(vec![hostile.to_owned()]),
+            Block::Table(table),
+        ];
+        let text = Document { blocks }.markdown();
+        assert!(!text.contains('<') && text.matches("&lt;img").count() == 6, "{text}");
     }
 }

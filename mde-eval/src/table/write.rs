@@ -23,10 +23,24 @@ pub fn csv(entries: &[Entry], to: impl Write) -> Result<()> {
         let values = METRICS.iter().map(|m| m.value(entry).map_or_else(String::new, |v| v.to_string()));
         let Entry { scene, method, seed, alignment, .. } = entry;
         let place = entry.place().to_owned();
-        let names = [scene.clone(), place, method.clone(), seed.to_string(), alignment.clone()];
+        let names = [inert(scene), inert(&place), inert(method), seed.to_string(), alignment.clone()];
         writer.write_record(names.into_iter().chain(values)).map_err(fault)?;
     }
     writer.flush().map_err(|error| fault(error.into()))
+}
+
+/// A name that a spreadsheet would run as a formula, behind an apostrophe, as spreadsheets mark text.
+fn inert(name: &str) -> String {
+    if name.starts_with(['=', '+', '-', '@', '\t', '\r', '\'']) {
+        format!("'{name}")
+    } else {
+        name.to_owned()
+    }
+}
+
+/// A name as it was before [`csv`] wrote it.
+pub fn original_name(cell: &str) -> &str {
+    cell.strip_prefix('\'').filter(|name| inert(name) == cell).unwrap_or(cell)
 }
 
 /// The summary as a document: for every group of metrics the means with ranks, then the paired differences to the reference
@@ -175,6 +189,21 @@ mod tests {
         for (row, entry) in reader.records().map(|row| row.unwrap()).zip(&entries) {
             assert_eq!((&row[0], &row[2]), (entry.scene.as_str(), entry.method.as_str()));
             assert_eq!(row[column].parse::<f64>().unwrap(), entry.depth.as_ref().unwrap().mse);
+        }
+    }
+
+    #[test]
+    fn a_name_is_no_formula() {
+        let mut entries = entries();
+        entries.truncate(1);
+        for name in ["=cmd|' /C calc'!A0", "+1", "-1", "@a", "'=1", "study"] {
+            entries[0].scene = name.to_owned();
+            let mut bytes = Vec::new();
+            csv(&entries, &mut bytes).unwrap();
+            let mut reader = ::csv::Reader::from_reader(bytes.as_slice());
+            let row = reader.records().next().unwrap().unwrap();
+            assert!(!row[0].starts_with(['=', '+', '-', '@']), "{}", &row[0]);
+            assert_eq!(original_name(&row[0]), name);
         }
     }
 

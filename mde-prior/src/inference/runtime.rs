@@ -38,6 +38,7 @@ pub(super) fn one_line(error: &TractError) -> String {
 }
 
 fn shortened(text: &str) -> String {
+    let text = text.split("Stack backtrace").next().unwrap_or_default();
     let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
     match line.char_indices().nth(240) {
         Some((end, _)) => format!("{} ...", &line[..end]),

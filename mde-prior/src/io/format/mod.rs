@@ -114,6 +114,8 @@ pub struct ReadOptions {
     pub float_scale: f64,
     /// Encoding of a depth in a PNG sample.
     pub encoding: Encoding,
+    /// Whether a grey PNG of 8 bits is read too, as its 256 levels: a picture of disparity, at most.
+    pub eight_bits: bool,
     /// The array of an NPZ; without it the only one, or the one named `depth`.
     pub npz_array: Option<String>,
     /// The channel of an EXR; without it the first of `Z`, `depth`, `Y`, `R` (in any layer), or the only one.
@@ -126,6 +128,7 @@ impl Default for ReadOptions {
             png_scale: 1000.0,
             float_scale: 1.0,
             encoding: Encoding::Linear,
+            eight_bits: false,
             npz_array: None,
             exr_channel: None,
         }
@@ -225,7 +228,9 @@ fn parse(format: Format, bytes: &[u8], options: &ReadOptions) -> Parsed<Array2<f
         );
     }
     let Samples { mut map, integer } = match format {
-        Format::Png => Samples { map: png::parse(bytes, options.encoding)?, integer: true },
+        Format::Png => {
+            Samples { map: png::parse(bytes, options.encoding, options.eight_bits)?, integer: true }
+        }
         Format::Npy => npy::parse(bytes)?,
         Format::Npz => npz::parse(bytes, options.npz_array.as_deref())?,
         Format::Pfm => Samples { map: pfm::parse(bytes)?, integer: false },

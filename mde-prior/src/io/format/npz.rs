@@ -46,7 +46,9 @@ fn choose<'n>(names: &'n [String], wanted: Option<&str>) -> Parsed<&'n str> {
         let names: Vec<&str> = names.iter().map(|name| array_name(name)).collect();
         match wanted {
             Some(wanted) => format!("no array {wanted:?}; name one of {names:?}"),
-            None => format!("several arrays, {names:?}; name the one with the depth"),
+            None => {
+                format!("several arrays, {names:?}; name the one with the depth, or save it as \"depth\"")
+            }
         }
     })
 }

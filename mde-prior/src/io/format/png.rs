@@ -19,20 +19,25 @@ pub fn sunrgbd_encode(millimetres: u16) -> u16 {
     millimetres.rotate_left(3)
 }
 
-pub(super) fn parse(bytes: &[u8], encoding: Encoding) -> Parsed<Array2<f32>> {
+pub(super) fn parse(bytes: &[u8], encoding: Encoding, eight_bits: bool) -> Parsed<Array2<f32>> {
     let broken = |e: image::ImageError| format!("the PNG cannot be read ({e}); write the file again");
     let mut limits = image::Limits::default();
     limits.max_alloc = Some(4 * MAX_PIXELS as u64);
     let decoder = image::codecs::png::PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(broken)?;
     let color = decoder.original_color_type();
-    if color != ExtendedColorType::L16 {
+    let eight = eight_bits && encoding == Encoding::Linear && color == ExtendedColorType::L8;
+    if color != ExtendedColorType::L16 && !eight {
         return Err(format!(
             "the PNG's samples are {color:?}; write depth as 16-bit greyscale (an 8-bit or colour PNG shows depth, it does not hold it)"
         ));
     }
     let (width, height) = (decoder.dimensions().0 as usize, decoder.dimensions().1 as usize);
-    let mut data = vec![0_u8; 2 * check_size(width, height)?];
+    let mut data = vec![0_u8; if eight { 1 } else { 2 } * check_size(width, height)?];
     decoder.read_image(&mut data).map_err(broken)?;
+    if eight {
+        let values = data.into_iter().map(f32::from);
+        return Array2::from_shape_vec((height, width), values.collect()).map_err(|e| e.to_string());
+    }
     let values = data.as_chunks().0.iter().map(|raw| {
         let raw = u16::from_ne_bytes(*raw);
         f32::from(match encoding {

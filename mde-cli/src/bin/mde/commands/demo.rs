@@ -6,7 +6,7 @@ mod single;
 use crate::args::{DemoArgs, UnitName};
 use crate::input::camera::KnownCamera;
 use crate::input::opened::{settings, use_threads};
-use crate::input::prior::{NamedPrior, PriorOrigin};
+use crate::input::prior::{NamedPrior, PriorOrigin, SIMULATED};
 use crate::input::size::check_memory;
 use crate::input::truth::Truth;
 use crate::output::folder::OutputFolder;
@@ -51,13 +51,13 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         _ => single::scene(args.size, own_settings, &mut config, &mut progress)?,
     };
     let origin =
-        PriorOrigin { kind: scene.kind, source: "simulated".to_owned(), model: None, model_hash: None };
+        PriorOrigin { kind: scene.kind, source: SIMULATED.to_owned(), model: None, model_hash: None };
     let job = Job {
         command: "demo",
         input: format!("{ROOM}, seed {}", config.seed),
         image: scene.image,
         camera: scene.camera,
-        prior: NamedPrior { prior: scene.prior, origin },
+        prior: NamedPrior { prior: scene.prior, origin, size: None, note: None },
         preset,
         config,
         truth: Some(Truth {

@@ -39,7 +39,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     if let Some(warning) = camera.warning().filter(|_| capture.is_none()) {
         progress.warn(warning);
     }
-    let prior = NamedPrior::open(&args.prior)?.resized(&opened)?;
+    let prior = NamedPrior::open(&args.prior)?.resized(&opened, &mut progress)?;
     let made_from = match args.resume {
         true => Some(made_from(args, &opened, &camera, &prior, &config, capture.as_ref())?),
         false => None,

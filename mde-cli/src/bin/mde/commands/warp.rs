@@ -49,7 +49,7 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
     if let Some(warning) = camera.warning() {
         progress.warn(warning);
     }
-    let prior = NamedPrior::open(&args.prior)?.resized(&opened)?;
+    let prior = NamedPrior::open(&args.prior)?.resized(&opened, &mut progress)?;
     let photo = opened.photo;
     progress.step("prior");
     let depth = prior.prior.predict(photo.pixels.view())?.to_depth(&config.disparity)?;

@@ -101,7 +101,7 @@ impl Results {
         Document { blocks }
     }
 
-    /// The title, what failed, and the verdict.
+    /// The title, the verdict, and what failed.
     fn summary(&self, summary: &Summary, verdict: &[String]) -> Document {
         let counted =
             |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
@@ -111,15 +111,11 @@ impl Results {
         }
         let mut blocks =
             vec![Block::Heading(1, self.title.clone()), Block::Text(format!("{sample}. {}", self.alignment))];
-        let failed = self.failures.iter().map(|failure| {
-            let what = failure.method.as_deref().unwrap_or("all methods");
-            format!("failed: {}, {what}: {}", failure.scene, failure.error)
-        });
-        if !self.failures.is_empty() {
-            blocks.push(Block::List(failed.collect()));
-        }
         if !verdict.is_empty() {
             blocks.push(Block::List(verdict.to_vec()));
+        }
+        if !self.failures.is_empty() {
+            blocks.push(Block::List(verdict::failures(&self.failures)));
         }
         Document { blocks }
     }

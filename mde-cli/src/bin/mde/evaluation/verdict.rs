@@ -1,7 +1,9 @@
 //! An evaluation in a few sentences: which method is better than the reference in what, beyond chance.
 
+use super::runner::Failure;
 use super::scoring::SIGMA_BY;
 use mde_eval::table::{Better, Group, METRICS, MethodSummary, Metric, Statistics, Summary};
+use std::collections::BTreeMap;
 
 /// Places from which on an interval is more than the range of a few numbers.
 const ENOUGH: usize = 6;
@@ -38,6 +40,20 @@ pub(crate) fn sentences(summary: &Summary) -> Vec<String> {
         ));
     }
     lines
+}
+
+/// What failed, one line for each method and reason.
+pub(crate) fn failures(failures: &[Failure]) -> Vec<String> {
+    let mut groups: BTreeMap<(&str, &str), Vec<&str>> = BTreeMap::new();
+    for failure in failures {
+        let method = failure.method.as_deref().unwrap_or("all methods");
+        groups.entry((method, &failure.error)).or_default().push(&failure.scene);
+    }
+    let line = |((method, error), scenes): ((&str, &str), Vec<&str>)| match scenes.as_slice() {
+        [scene] => format!("failed: {method} on {scene}: {error}"),
+        scenes => format!("failed: {method} on {} scenes: {error}", scenes.len()),
+    };
+    groups.into_iter().map(line).collect()
 }
 
 /// Whether this is a method and not a control of one.
@@ -100,7 +116,11 @@ fn gain(metric: &Metric, statistics: &Statistics) -> Option<i8> {
     })
 }
 
+/// Labels without their parameters and units, each once.
 fn named(labels: &[&str]) -> String {
+    let mut short: Vec<&str> = labels.iter().filter_map(|label| label.split(',').next()).collect();
+    short.dedup();
+    let labels = short;
     let shown = labels.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
     match labels.len().saturating_sub(NAMED) {
         0 => shown,
@@ -146,6 +166,18 @@ mod tests {
             lines[1].starts_with("bad: AbsRel ") && lines[1].contains("worse than prior in "),
             "{lines:?}"
         );
+    }
+
+    #[test]
+    fn equal_failures_take_one_line() {
+        let failure = |scene: &str, method: Option<&str>, error: &str| Failure {
+            scene: scene.to_owned(),
+            method: method.map(str::to_owned),
+            error: error.to_owned(),
+        };
+        let all = [failure("a", Some("zoom"), "x"), failure("b", Some("zoom"), "x"), failure("a", None, "y")];
+        assert_eq!(failures(&all), ["failed: all methods on a: y", "failed: zoom on 2 scenes: x"]);
+        assert_eq!(named(&["F1, 0.25 m", "F1, 0.5 m", "MSE, m²"]), "F1, MSE");
     }
 
     #[test]

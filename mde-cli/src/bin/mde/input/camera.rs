@@ -2,7 +2,7 @@
 
 use crate::args::CameraArgs;
 use crate::input::opened::Opened;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use mde_cli::Intrinsics;
 use mde_warp::PinholeCamera;
 use serde::Serialize;
@@ -72,6 +72,14 @@ impl KnownCamera {
         } else {
             (PinholeCamera::from_fov(ASSUMED_FOV, width, height)?, CameraSource::Assumed(ASSUMED_FOV))
         };
+        // Beyond this, rays leave at right angles to the axis, or all along it.
+        let stated = matches!(source, CameraSource::Flags | CameraSource::File(_));
+        for (name, focal, side) in [("fx", camera.fx, width), ("fy", camera.fy, height)] {
+            ensure!(
+                !stated || (1e-3..=1e5).contains(&(focal / side as f64)),
+                "{name} is {focal:e} pixels, which is no focal length of an image of {width}x{height}; give one about the width, or --fov"
+            );
+        }
         Ok(Self { camera, source })
     }
 

@@ -2,6 +2,7 @@
 
 use crate::args::PriorArgs;
 use crate::input::opened::Opened;
+use crate::run::progress::Progress;
 use anyhow::{Result, ensure};
 use mde_prior::format::{Encoding, ReadOptions};
 use mde_prior::ndarray::{Array3, ArrayView3};
@@ -16,7 +17,14 @@ use std::time::Instant;
 pub(crate) struct NamedPrior {
     pub(crate) prior: Box<dyn DepthPrior>,
     pub(crate) origin: PriorOrigin,
+    /// `(height, width)` of a map from a file.
+    pub(crate) size: Option<(usize, usize)>,
+    /// What to know of the file.
+    pub(crate) note: Option<String>,
 }
+
+/// Two aspects that differ by no more are the same up to rounded sides.
+const SAME_ASPECT: f64 = 0.02;
 
 /// Where a prior comes from.
 #[derive(Debug, Serialize)]
@@ -31,6 +39,16 @@ pub(crate) struct PriorOrigin {
     pub(crate) model_hash: Option<String>,
 }
 
+impl PriorOrigin {
+    /// Whether it is a map from a file.
+    pub(crate) fn is_file(&self) -> bool {
+        self.model.is_none() && self.source != SIMULATED
+    }
+}
+
+/// The source of a procedural scene's prior.
+pub(crate) const SIMULATED: &str = "simulated";
+
 impl NamedPrior {
     pub(crate) fn open(args: &PriorArgs) -> Result<Self> {
         let kind = args.prior_kind.map(DepthKind::from);
@@ -41,21 +59,41 @@ impl NamedPrior {
         }
     }
 
-    /// For an image that was resized: a map of the file's size is resampled.
-    pub(crate) fn resized(self, opened: &Opened) -> Result<Self> {
-        let (from, to) = (opened.original, opened.size);
+    /// A map of another size than the image, but of its aspect, is resampled. A map of the size of an image's file is
+    /// resized with it, without a note.
+    pub(crate) fn resized(self, opened: &Opened, progress: &mut Progress) -> Result<Self> {
+        self.note.iter().for_each(|note| progress.warn(note.clone()));
+        let (from, to) = (self.size.unwrap_or(opened.original), opened.size);
         if from == to || self.origin.model.is_some() {
             return Ok(self);
         }
-        Ok(Self { prior: Box::new(Resized { prior: self.prior, from, to }), origin: self.origin })
+        if from != opened.original {
+            let aspect = |(height, width): (usize, usize)| width as f64 / height as f64;
+            if (aspect(from) / aspect(opened.original) - 1.0).abs() > SAME_ASPECT {
+                return Ok(self);
+            }
+            let ((h, w), (height, width)) = (from, to);
+            progress.warn(format!(
+                "{}: resized from {w}x{h} to {width}x{height} pixels, each the nearest one; make the prior at the image's size for its edges",
+                self.origin.source
+            ));
+        }
+        let prior = Box::new(Resized { prior: self.prior, from, to });
+        Ok(Self { prior, origin: self.origin, size: Some(to), note: None })
     }
 
     fn file(path: &Path, args: &PriorArgs, kind: DepthKind) -> Result<Self> {
         let options = read_options("--png-scale", args.png_scale, args.prior_encoding.into())?;
+        // Only as disparity: its scale is unknown anyway, and 256 levels of depth in metres would be none.
+        let options = ReadOptions { eight_bits: kind == DepthKind::AffineDisparity, ..options };
         let prior = Box::new(FilePrior::with_options(path, kind, &options)?);
         let source = path.display().to_string();
+        let size = Some(prior.prior().map.dim());
+        let note = has_eight_bits(path).then(|| {
+            format!("{source}: 8 bits hold 256 levels at most, so its depth has steps; write the disparity as floats")
+        });
         let origin = PriorOrigin { kind, source, model: None, model_hash: None };
-        Ok(Self { prior, origin })
+        Ok(Self { prior, origin, size, note })
     }
 
     #[cfg(feature = "onnx")]
@@ -80,7 +118,7 @@ impl NamedPrior {
             model: Some(spec),
             model_hash,
         };
-        Ok(Self { prior, origin })
+        Ok(Self { prior, origin, size: None, note: None })
     }
 
     #[cfg(not(feature = "onnx"))]
@@ -90,6 +128,14 @@ impl NamedPrior {
             "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"
         )
     }
+}
+
+/// Whether a file is a PNG of 8 bits a sample.
+fn has_eight_bits(path: &Path) -> bool {
+    let mut header = [0; 25];
+    let read =
+        std::fs::File::open(path).and_then(|mut file| std::io::Read::read_exact(&mut file, &mut header));
+    read.is_ok() && header.starts_with(b"\x89PNG") && header[24] == 8
 }
 
 /// A prior of the image's original size, resampled to the working size.

@@ -4,7 +4,7 @@ use super::encode::{fitted, gradients, nearest, picture, svg};
 use super::{page, read_json, read_text};
 use crate::output::preview::{depth_picture_within, sigma_picture_within, usual_range};
 use anyhow::{Context, Result};
-use mde_eval::table::{Better, Group, METRICS, Metric};
+use mde_eval::table::{Better, Group, METRICS, Metric, original_name};
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
 use ndarray::{Array2, ArrayView2};
@@ -92,7 +92,8 @@ fn scores(path: &Path) -> Result<(Vec<String>, BTreeMap<String, Scores>)> {
     for row in reader.records() {
         let row = row.with_context(name)?;
         let cell = |key: &str| header.iter().position(|h| h == key).and_then(|i| row.get(i));
-        let (scene, method) = (cell("scene").unwrap_or_default(), cell("method").unwrap_or_default());
+        let name = |key: &str| original_name(cell(key).unwrap_or_default());
+        let (scene, method) = (name("scene"), name("method"));
         if !order.iter().any(|known| known == scene) {
             order.push(scene.to_owned());
         }

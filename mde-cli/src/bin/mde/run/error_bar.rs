@@ -67,6 +67,13 @@ impl ErrorBar {
                 let run = "calibrate with the settings and the model of this run";
                 warnings.push(format!("--calibration {name}: estimated with {other} ({method}); {run}"));
             }
+            if other.is_none() && prior.is_file() {
+                warnings.push(format!(
+                    "--calibration {name}: a map from a file does not name its network; use the calibration for maps of the network that it \
+                     was estimated with ({})",
+                    calibration.source().prior
+                ));
+            }
             factor = calibration.intervals()?.factor(Calibration::AT)?;
             let squared = (factor * factor) as f32;
             let depth = std::mem::replace(&mut refinement.depth, GaussianDepth::missing(0, 0));
