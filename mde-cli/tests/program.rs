@@ -335,3 +335,23 @@ fn a_prior_of_another_size_and_one_of_eight_bits_are_taken_with_a_note() {
     // As depth in metres it would be a picture of depth.
     place.mde("refine image.png --fov 60 --prior-depth eight.png -o metric").assert().code(1);
 }
+
+/// A photograph above the work size is refined smaller, and its maps have its own size again.
+#[test]
+fn a_large_photograph_is_refined_at_the_work_size() {
+    let place = Place::new();
+    let run = |out: &str, rest: &str| {
+        let command =
+            format!("refine image.png --prior-depth depth.npy --fov 60 --preset fast -o {out} {rest}");
+        place.mde(&command).assert().success();
+        check_outputs(&place.path(out), (HEIGHT, WIDTH))
+    };
+    let (own, small) = (run("own", ""), run("small", "--work-size 0.0005"));
+    assert!(own["warnings"].as_array().unwrap().is_empty(), "{}", own["warnings"]);
+    assert!(small["warnings"][0].as_str().unwrap().contains("--work-size"), "{}", small["warnings"]);
+    let depth = |out: &str| -> Array2<f32> { read_npy(place.path(out).join("depth.npy")).unwrap() };
+    let (own, small) = (depth("own"), depth("small"));
+    let off =
+        own.iter().zip(&small).map(|(a, b)| f64::from((a / b).ln().abs())).sum::<f64>() / own.len() as f64;
+    assert!(off > 0.0 && off < 0.05, "{off}");
+}

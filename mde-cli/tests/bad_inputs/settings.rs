@@ -66,6 +66,10 @@ const UNUSABLE: &[(&str, &[&str])] = &[
         &["final-weight is -1", "0 or more"],
     ),
     ("nerf.sampling.volume = { kind = 'sphere' }", &["`sphere`", "`hull`"]),
+    ("augmentation.predictions = 0", &["1 or more"]),
+    ("augmentation.predictions = 'many'", &["many", "auto"]),
+    ("augmentation.predictions = 2.5", &["predictions"]),
+    ("augmentation.levels = []", &["`levels`"]),
     ("disparity.near = 0.0", &["disparity.near is 0", "above 0"]),
     ("disparity = { near = 2.0, far = 1.0 }", &["disparity.far is 1", "above disparity.near"]),
 ];
@@ -124,6 +128,10 @@ fn unreadable_settings() {
         refused(of("broken.toml"), &["broken.toml", "seed"]),
         refused(of("binary.toml"), &["binary.toml", "UTF-8"]),
         refused(of("depth.npy"), &["depth.npy", "UTF-8"]),
+        refused(
+            "refine image.png --prior-depth depth.npy --near 3 --far 2",
+            &["--near, --far", "disparity.far is 2"],
+        ),
         refused("demo --size 64x48 --config broken.toml", &["broken.toml", "seed"]),
         refused("warp image.png --prior-depth depth.npy --config none.toml", &["none.toml"]),
         refused("ablate --dataset rooms --config none.toml", &["none.toml"]),

@@ -113,6 +113,58 @@ fn a_cancelled_augmentation_has_no_result() {
     assert_eq!(calls, 6);
 }
 
+/// Several predictions at once give the same bytes, and a budget the bytes of its number of predictions.
+#[test]
+fn neither_concurrency_nor_a_budget_changes_a_byte() {
+    struct AtOnce(Coarse, usize);
+    impl DepthPrior for AtOnce {
+        fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+            std::thread::sleep(Duration::from_millis(2));
+            self.0.predict(image)
+        }
+        fn concurrency(&self) -> usize {
+            self.1
+        }
+    }
+    let model = |at_once| AtOnce(Coarse { cells: 14, kind: DepthKind::Metric }, at_once);
+    let picture = picture();
+    let config = AugmentationConfig::multi_crop();
+    let alone = config.predict(&model(1), picture.view()).unwrap();
+    assert_eq!(config.predict(&model(7), picture.view()).unwrap(), alone);
+    let mut go_on = |_| ControlFlow::Continue(());
+    let budget = Some(Duration::from_millis(12));
+    let short = config.predict_with(&model(1), picture.view(), budget, &mut go_on).unwrap().unwrap();
+    assert!(short.plan.predictions() < alone.plan.predictions());
+    let predictions = Predictions::Most(short.plan.predictions() as u32);
+    let again = AugmentationConfig { predictions, ..config };
+    assert_eq!(again.predict(&model(3), picture.view()).unwrap(), short);
+}
+
+/// An image and its mirror image alone have a spread too.
+#[test]
+fn two_predictions_that_differ_have_a_spread() {
+    struct Tilted;
+    impl DepthPrior for Tilted {
+        fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+            let (height, width, _) = image.dim();
+            PriorDepth::from_values(
+                Array2::from_shape_fn((height, width), |(_, x)| 1.0 + 0.01 * x as f32),
+                DepthKind::Metric,
+            )
+        }
+    }
+    let config = AugmentationConfig { predictions: Predictions::Most(2), ..AugmentationConfig::default() };
+    let augmented = config.predict(&Tilted, picture().view()).unwrap();
+    let (a, b) = (1.0_f32, 1.79_f32);
+    assert!((augmented.merged.map[(7, 0)] - 0.5 * (a + b)).abs() < 1e-5);
+    assert!(
+        (augmented.spread[(7, 0)] - (0.5 * (a + b) / a).ln()).abs() < 1e-4,
+        "{}",
+        augmented.spread[(7, 0)]
+    );
+    assert_eq!(augmented.spread[(7, 39)] < 0.01, augmented.spread[(7, 0)] > 0.1);
+}
+
 #[test]
 fn a_value_out_of_range_is_named() {
     let wrong = AugmentationConfig { gain: f64::NAN, ..AugmentationConfig::multi_crop() };
