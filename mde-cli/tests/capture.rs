@@ -389,6 +389,7 @@ fn every_photograph_gets_a_folder_and_all_a_cloud() {
     std::fs::create_dir_all(kept.join("results")).unwrap();
     let again = all.replace("-o out", "-o out --force");
     std::fs::write(kept.join("kept.json"), "{}").unwrap();
+    std::fs::write(path("out.resume/resume.json"), "{}").unwrap();
     mde(&folder, &again).success();
     assert!(std::fs::read(path("out/cloud.ply")).unwrap() == cloud, "the same bytes");
 }
