@@ -10,6 +10,8 @@ pub struct Task<'a> {
     pub image: ArrayView3<'a, f32>,
     /// Its camera.
     pub camera: &'a PinholeCamera,
+    /// Whether the focal length of this camera, and of those of `views`, is a guess.
+    pub focal_assumed: bool,
     /// The monocular depth, `[height, width]`; 0 where missing.
     pub prior: ArrayView2<'a, f32>,
     /// The model that predicted the depth, where it accepts other images; `None` where the depth is from a file.
@@ -41,7 +43,7 @@ impl<'a> Task<'a> {
         prior: ArrayView2<'a, f32>,
         rule: &'a DisparityRule,
     ) -> Self {
-        Self { image, camera, prior, model: None, rule, views: &[], seed: 0 }
+        Self { image, camera, focal_assumed: false, prior, model: None, rule, views: &[], seed: 0 }
     }
 
     /// The model's depth of another image, `[height, width]` of that image; 0 where missing.

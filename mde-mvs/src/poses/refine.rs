@@ -7,13 +7,14 @@ use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
 use nalgebra::{Matrix6, Point2, Vector2};
 use rand::RngExt;
+use rayon::prelude::*;
 
 /// Shares of the settings' deviations of a given pose that are tried, the most trust first.
 const TRUST: [f64; 4] = [1.0 / 30.0, 0.1, 0.3, 1.0];
-/// Distances of withheld matches beyond so many units of noise count as that.
-const CUT: f64 = 10.0;
-/// Share of the tracks that are withheld.
-const WITHHELD: f64 = 0.2;
+/// Parts of the tracks, each of which is withheld once.
+const FOLDS: usize = 5;
+/// Standard errors by which a larger move must fit the withheld tracks better.
+const BEYOND_NOISE: f64 = 2.0;
 /// Depths that are tried for a track, over the longest baseline: from once to a thousand times.
 const DEPTHS: usize = 48;
 /// Steps that improve the best of them.
@@ -55,8 +56,8 @@ pub struct Refined {
     pub poses: Vec<Pose>,
     /// Whether withheld matches fit better with refined poses.
     pub accepted: bool,
-    /// Median distance of withheld matches from where they should be, with the given and with the refined poses, in pixels of a
-    /// photograph of 640 on the longer side. Nothing without such matches.
+    /// Median distance of withheld matches from where they should be, with the given poses and with those refined without them,
+    /// in pixels of a photograph of 640 on the longer side. Nothing where there are too few matches.
     pub withheld: Option<[f64; 2]>,
     /// Covariance of each pose's left perturbation: translation, then rotation in radians.
     pub covariances: Vec<Option<Matrix6<f64>>>,
@@ -67,9 +68,11 @@ pub struct Refined {
 /// Improves given poses (world to camera) by matches of the photographs: the adjustment of the module's front page with inverse
 /// depths from the matches alone, the given poses as a prior, and the reference's pose kept.
 ///
-/// A fifth of the tracks has no part in it. The deviations of the given poses are tried at a thirtieth, a tenth, a third and all of
-/// those in the settings, and of those results and the given poses the one that moves least is kept, of those that fit the
-/// withheld tracks as well as the best within its standard error.
+/// The deviations of the given poses are tried at a thirtieth, a tenth, a third and all of those in the settings. Each trial is
+/// judged by tracks that had no part in it: every fifth of the tracks is withheld once, and distances beyond
+/// [`PosesConfig::outlier_pixels`] count as that, so that wrong matches do not decide. Of the trials and the given poses the one
+/// that moves least is kept, of those that fit the withheld tracks as well as the best within two standard errors; it is then
+/// adjusted to all tracks. With fewer than [`PosesConfig::min_matches`] tracks the given poses are kept.
 ///
 /// # Errors
 /// Those of [`estimate_poses`](super::estimate_poses), and [`Error::Config`] for another number of poses than of photographs.
@@ -125,48 +128,46 @@ pub fn refine_poses(
             centre_sigma: settings.centre_sigma * depth,
         });
     }
-    let all = std::mem::take(&mut bundle.tracks);
-    let (withheld, kept): (Vec<Observed>, Vec<Observed>) = all
-        .into_iter()
-        .enumerate()
-        .map(|(i, track)| (CounterRng::new(seed, "withheld", 0, i as u64).random::<f64>() < WITHHELD, track))
-        .fold((Vec::new(), Vec::new()), |(mut held, mut kept), (hold, track)| {
-            if hold {
-                held.push(track)
-            } else {
-                kept.push(track)
-            }
-            (held, kept)
-        });
-    let judge = Bundle { tracks: withheld, ..bundle.clone() };
-    let errors_with = |poses: &[Pose]| {
-        let mut judge = Bundle { poses: poses.to_vec(), ..judge.clone() };
-        judge.triangulate(longest);
-        judge.errors()
-    };
-    bundle.tracks = kept;
-    let mut candidates = vec![(errors_with(&given), bundle.clone())];
-    for share in TRUST {
-        let mut next = bundle.clone();
+    if bundle.tracks.len() < settings.matches.min_matches {
+        return Ok(unchanged(poses, bundle, &order));
+    }
+    let cut = settings.matches.outlier_pixels;
+    let folds = folds(&bundle, seed);
+    let refined = |share: f64, tracks: &[Observed]| {
+        let mut next = Bundle { tracks: tracks.to_vec(), ..bundle.clone() };
         for prior in next.pose_priors.iter_mut().flatten() {
             prior.rotation_sigma *= share;
             prior.centre_sigma *= share;
         }
         next.adjust(super::estimate::STEPS);
         next.triangulate(longest);
-        next.drop_outliers(settings.matches.outlier_pixels);
+        next.drop_outliers(cut);
         next.adjust(super::estimate::STEPS);
-        candidates.push((errors_with(&next.poses), next));
-    }
-    let errors: Vec<&[f64]> = candidates.iter().map(|(errors, _)| errors.as_slice()).collect();
+        next
+    };
+    // The given poses first, then every trust, each over all folds.
+    let trials: Vec<(Option<f64>, &Fold)> = std::iter::once(None)
+        .chain(TRUST.map(Some))
+        .flat_map(|share| folds.iter().map(move |fold| (share, fold)))
+        .collect();
+    let judged: Vec<Vec<f64>> = trials
+        .par_iter()
+        .map(|(share, fold)| {
+            let poses = share.map_or_else(|| given.clone(), |share| refined(share, &fold.kept).poses);
+            let mut judge = Bundle { tracks: fold.withheld.clone(), poses, ..bundle.clone() };
+            judge.triangulate(longest);
+            judge.errors(cut)
+        })
+        .collect();
+    let errors: Vec<Vec<f64>> = judged.chunks(FOLDS).map(<[Vec<f64>]>::concat).collect();
     let Some(chosen) = least_moved(&errors, settings.matches.regions) else {
         return Ok(unchanged(poses, bundle, &order));
     };
-    let withheld = Some([0, chosen].map(|i| median(candidates[i].0.iter().copied()).unwrap_or(0.0)));
-    let (_, bundle) = candidates.swap_remove(chosen);
-    if chosen == 0 {
+    let withheld = Some([0, chosen].map(|i| median(errors[i].iter().copied()).unwrap_or(0.0)));
+    let Some(share) = chosen.checked_sub(1).and_then(|i| TRUST.get(i)) else {
         return Ok(Refined { withheld, ..unchanged(poses, bundle, &order) });
-    }
+    };
+    let bundle = refined(*share, &bundle.tracks);
     let noise =
         settings.matches.alike(bundle.tracks.len()) * bundle.noise().max(super::estimate::LEAST_NOISE);
     let covariance = bundle.covariance(noise);
@@ -184,18 +185,35 @@ pub fn refine_poses(
     Ok(refined)
 }
 
-/// The first of the candidates, the given poses and ever larger moves of them, that is not worse than the best by more than the
-/// standard error of their difference on the same matches, where matches of one region share an error.
+/// Tracks that an adjustment has, and those that judge it.
+struct Fold {
+    kept: Vec<Observed>,
+    withheld: Vec<Observed>,
+}
+
+/// Every track is withheld in one of the folds.
+fn folds(bundle: &Bundle, seed: u64) -> Vec<Fold> {
+    let draw = |track: usize| CounterRng::new(seed, "withheld", 0, track as u64).random_range(0..FOLDS);
+    let drawn: Vec<usize> = (0..bundle.tracks.len()).map(draw).collect();
+    let of = |keep: &dyn Fn(usize) -> bool| {
+        let tracks = bundle.tracks.iter().zip(&drawn).filter(|(_, fold)| keep(**fold));
+        tracks.map(|(track, _)| track.clone()).collect()
+    };
+    (0..FOLDS).map(|fold| Fold { kept: of(&|f| f != fold), withheld: of(&|f| f == fold) }).collect()
+}
+
+/// The first of the candidates, the given poses and ever larger moves of them, that is not worse than the best by more than two
+/// standard errors of their difference on the same matches, where matches of one region share an error.
 ///
 /// Nothing without matches.
-fn least_moved(errors: &[&[f64]], regions: f64) -> Option<usize> {
+fn least_moved(errors: &[Vec<f64>], regions: f64) -> Option<usize> {
     let sum = |e: &[f64]| e.iter().sum::<f64>();
     let best = errors.iter().filter(|e| !e.is_empty()).min_by(|a, b| sum(a).total_cmp(&sum(b)))?;
     errors.iter().position(|e| {
         let count = e.len() as f64;
         let mean = (sum(e) - sum(best)) / count;
-        let spread = e.iter().zip(*best).map(|(a, b)| (a - b - mean).powi(2)).sum::<f64>() / count;
-        mean <= (spread / count.min(regions)).sqrt()
+        let spread = e.iter().zip(best).map(|(a, b)| (a - b - mean).powi(2)).sum::<f64>() / count;
+        mean <= BEYOND_NOISE * (spread / count.min(regions)).sqrt()
     })
 }
 
@@ -255,12 +273,12 @@ impl Bundle {
         track
     }
 
-    /// Distances of all observations from where they should be, cut off at [`CUT`].
-    fn errors(&self) -> Vec<f64> {
+    /// Distances of all observations from where they should be, at most `cut`.
+    fn errors(&self, cut: f64) -> Vec<f64> {
         self.tracks
             .iter()
             .flat_map(|track| track.views.iter().map(move |(v, p)| self.residual(track, *v, p)))
-            .map(|r| r.map_or(CUT, |r| r.norm().min(CUT)))
+            .map(|r| r.map_or(cut, |r| r.norm().min(cut)))
             .collect()
     }
 }
@@ -277,9 +295,9 @@ mod tests {
         // Alike within the error of the mean: the smaller move.
         let mut shuffled = near.clone();
         shuffled.rotate_left(3);
-        assert_eq!(least_moved(&[&far, &shuffled, &nearer], 30.0), Some(1));
-        assert_eq!(least_moved(&[&near, &near, &far], 30.0), Some(0));
-        assert_eq!(least_moved(&[&far, &far, &near], 30.0), Some(2));
-        assert_eq!(least_moved(&[&[], &[]], 30.0), None);
+        assert_eq!(least_moved(&[far.clone(), shuffled, nearer], 30.0), Some(1));
+        assert_eq!(least_moved(&[near.clone(), near.clone(), far.clone()], 30.0), Some(0));
+        assert_eq!(least_moved(&[far.clone(), far, near], 30.0), Some(2));
+        assert_eq!(least_moved(&[vec![], vec![]], 30.0), None);
     }
 }

@@ -151,6 +151,9 @@ pub(crate) struct DataArgs {
     /// Withhold the poses of the further photographs from the methods
     #[arg(long)]
     pub(crate) without_poses: bool,
+    /// Withhold the cameras too: their field of view is assumed, and estimated with the poses
+    #[arg(long, requires = "without_poses")]
+    pub(crate) without_intrinsics: bool,
     /// Scenes to run, separated by commas; default: all
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,
@@ -187,7 +190,7 @@ pub(crate) struct EvalPriorArgs {
 }
 
 /// Arguments without effect on existing maps.
-const MADE_HERE: [&str; 19] = [
+const MADE_HERE: [&str; 20] = [
     "root",
     "dataset",
     "size",
@@ -200,6 +203,7 @@ const MADE_HERE: [&str; 19] = [
     "pose_noise",
     "gain",
     "without_poses",
+    "without_intrinsics",
     "prior_model",
     "prior_depth",
     "simulated_prior",

@@ -120,5 +120,6 @@ fn made_from(
             (args.several.unit, &args.error_bar, &args.export.export, args.save_field)
         ));
     }
-    Ok(made_from)
+    // As text: numbers that are read again may differ in their last bit.
+    Ok(Value::String(made_from.to_string()))
 }

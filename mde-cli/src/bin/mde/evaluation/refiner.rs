@@ -92,7 +92,7 @@ impl LoopRefiner<'_> {
             image: task.image.to_owned(),
             mask,
             camera: *task.camera,
-            focal_assumed: false,
+            focal_assumed: task.focal_assumed,
             pose: task.views.iter().all(|view| view.posed).then(Pose::identity),
         }];
         photographs.extend(task.views.iter().zip(1..).map(|(view, index)| Photograph {
@@ -100,7 +100,7 @@ impl LoopRefiner<'_> {
             image: view.view.image.clone(),
             mask: view.view.mask.clone(),
             camera: view.view.camera,
-            focal_assumed: false,
+            focal_assumed: task.focal_assumed,
             pose: view.posed.then_some(view.view.pose),
         }));
         let capture = Capture { photographs, reference: 0 };

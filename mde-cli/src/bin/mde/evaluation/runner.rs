@@ -14,6 +14,7 @@ use mde_eval::capture::CapturedView;
 use mde_eval::data::{DataSet, Sample};
 use mde_eval::{Refined, Task, TaskView};
 use mde_prior::DisparityRule;
+use mde_warp::PinholeCamera;
 use ndarray::Array2;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -40,6 +41,8 @@ pub(crate) struct Plan<'p> {
     pub(crate) share_fields: bool,
     /// Whether methods get the further photographs without their poses.
     pub(crate) without_poses: bool,
+    /// Cameras of several photographs with this field of view, degrees, in place of their own.
+    pub(crate) assumed_fov: Option<f64>,
 }
 
 /// A scene with the results of the methods that did not fail.
@@ -128,7 +131,10 @@ impl Shared<'_> {
     }
 
     fn scene<T>(&self, index: usize, priors: &Priors<'_>, finish: &Finish<'_, T>) -> Result<T> {
-        let sample = self.plan.data.load(index)?;
+        let mut sample = self.plan.data.load(index)?;
+        if let Some(fov) = self.plan.assumed_fov {
+            assume(&mut sample, fov)?;
+        }
         self.plan.limit.check("its image", sample.depth.dim())?;
         if sample.assumed_camera {
             let warning = format!("{}: no intrinsics; the camera is assumed", sample.id);
@@ -166,6 +172,7 @@ impl Shared<'_> {
                     let task = Task {
                         model: model.as_deref(),
                         views: &views,
+                        focal_assumed: self.plan.assumed_fov.is_some(),
                         seed: method.seed,
                         ..Task::new(sample.image.view(), &sample.camera, prior.view(), &self.plan.rule)
                     };
@@ -236,6 +243,16 @@ fn view_priors(sample: &Sample, rule: &DisparityRule) -> Result<Vec<Option<Array
     let depth =
         |captured: &CapturedView| captured.prior.as_ref().map(|prior| prior.to_depth(rule)).transpose();
     Ok(sample.views.iter().map(depth).collect::<Result<_, _>>()?)
+}
+
+/// Cameras of a field of view, the principal point in the middle.
+fn assume(sample: &mut Sample, fov: f64) -> Result<()> {
+    let assumed = |camera: &PinholeCamera| PinholeCamera::from_fov(fov, camera.width, camera.height);
+    sample.camera = assumed(&sample.camera)?;
+    for captured in &mut sample.views {
+        captured.view.camera = assumed(&captured.view.camera)?;
+    }
+    Ok(())
 }
 
 fn stop(_: &Event) -> std::ops::ControlFlow<()> {

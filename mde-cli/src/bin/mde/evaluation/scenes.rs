@@ -17,6 +17,8 @@ pub(crate) struct Source {
     pub(crate) kind: DataSetKind,
     options: Options,
     without_poses: bool,
+    /// The assumed field of view, degrees, where the cameras are withheld.
+    assumed_fov: Option<f64>,
 }
 
 impl Source {
@@ -48,7 +50,8 @@ impl Source {
             ..Options::default()
         };
         let data = data::open(kind, root.as_deref(), &options)?;
-        Ok(Self { data, kind, options, without_poses: args.without_poses })
+        let assumed_fov = args.without_intrinsics.then_some(args.assume_fov);
+        Ok(Self { data, kind, options, without_poses: args.without_poses, assumed_fov })
     }
 
     /// The options that determine images and truth of the scenes; not the folder, which may be moved.
@@ -63,12 +66,19 @@ impl Source {
         if self.without_poses {
             value["poses"] = json!("withheld");
         }
+        if let Some(fov) = self.assumed_fov {
+            value["assumed_fov"] = json!(fov);
+        }
         value
     }
 
     pub(crate) fn title(&self) -> String {
         let size = self.options.size.map_or_else(String::new, |[w, h]| format!(" at {w}x{h}"));
-        let poses = if self.without_poses { ", poses withheld" } else { "" };
+        let poses = match (self.without_poses, self.assumed_fov) {
+            (_, Some(fov)) => format!(", poses and cameras withheld, {fov} degrees assumed"),
+            (true, None) => ", poses withheld".to_owned(),
+            (false, None) => String::new(),
+        };
         format!("{}{size}{poses}", self.kind)
     }
 }

@@ -76,6 +76,7 @@ impl<'a> Setup<'a> {
             limit: limit(self.args, self.memory, &self.scenes),
             share_fields: self.request.share_fields,
             without_poses: self.args.data.without_poses,
+            assumed_fov: self.args.data.without_intrinsics.then_some(self.args.data.assume_fov),
         };
         let (entries, failures) =
             runner::run(&plan, progress, &|scene| self.scoring.scene(scene, &self.store))?;

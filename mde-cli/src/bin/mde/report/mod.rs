@@ -3,9 +3,12 @@
 
 mod encode;
 mod evaluation;
+mod index;
 mod page;
 mod photographs;
 mod run;
+
+pub(crate) use index::{Indexed, index};
 
 use crate::output::folder::RECORD;
 use anyhow::{Context, Result, bail};

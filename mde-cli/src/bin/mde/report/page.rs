@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 const PAGE: &str = include_str!("assets/page.html");
-const STYLE: &str = include_str!("assets/report.css");
+pub(super) const STYLE: &str = include_str!("assets/report.css");
 /// Everything that the scripts share, then the parts, then the start.
 const SCRIPTS: [&str; 9] = [
     include_str!("assets/common.js"),
@@ -30,7 +30,7 @@ fn inert(data: &Value) -> String {
     data.to_string().replace('<', "\\u003c").replace('\u{2028}', "\\u2028").replace('\u{2029}', "\\u2029")
 }
 
-fn escaped(text: &str) -> String {
+pub(super) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace("{{", "{ {")
 }
 

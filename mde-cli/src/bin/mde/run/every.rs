@@ -6,6 +6,7 @@ use crate::output::export::{Exported, ply};
 use crate::output::folder::{OutputFolder, RECORD};
 use crate::output::provenance::write_json;
 use crate::output::run_record::About;
+use crate::report::{Indexed, index};
 use crate::run::field::SharedNerf;
 use crate::run::interrupt;
 use crate::run::job::{Job, Subject};
@@ -30,6 +31,7 @@ use std::time::Instant;
 
 const CLOUD: &str = "cloud.ply";
 const TRANSFORMS: &str = "transforms.json";
+const INDEX: &str = "index.html";
 /// The record of a photograph that `--resume` keeps.
 const KEPT: &str = "kept.json";
 
@@ -126,6 +128,9 @@ pub(crate) fn run(
         }
         transforms(&path.join(TRANSFORMS), &solids)?;
         points = cloud(&path.join(CLOUD), capture, &solids, job.unit())?;
+        let shown: Vec<Indexed<'_>> = rows.iter().map(indexed).collect();
+        let page = index(&format!("{} photographs", rows.len()), &shown, &[CLOUD, TRANSFORMS, RECORD]);
+        mde_prior::write_atomic(&path.join(INDEX), page.as_bytes())?;
         let about = About {
             preset: Some(job.preset.name()),
             seed: Some(job.config.seed),
@@ -330,6 +335,29 @@ fn cloud(path: &Path, capture: &Capture, solids: &[Solid], unit: &str) -> Result
     Ok(count)
 }
 
+/// What the page has of a photograph.
+fn indexed(row: &Row) -> Indexed<'_> {
+    let measured = || {
+        let verified = percent(row.verified.map(f64::from));
+        format!("verified {verified} %, median of sigma / depth {} %", percent(row.sigma))
+    };
+    let text = outcome(row).unwrap_or_else(measured);
+    Indexed { photograph: &row.photograph, folder: row.folder.as_deref(), text }
+}
+
+/// What became of a photograph that the others did not refine.
+fn outcome(row: &Row) -> Option<String> {
+    match (&row.folder, &row.reason) {
+        (None, reason) => Some(format!("failed: {}", reason.as_deref().unwrap_or("no reason"))),
+        (Some(_), Some(reason)) => Some(format!("refined alone: {reason}")),
+        (Some(_), None) => None,
+    }
+}
+
+fn percent(share: Option<f64>) -> String {
+    share.map_or_else(|| "-".to_owned(), |s| format!("{:.1}", 100.0 * s))
+}
+
 fn table(rows: &[Row]) -> Table {
     let columns = vec![
         Column::text("photograph"),
@@ -338,13 +366,8 @@ fn table(rows: &[Row]) -> Table {
         Column::number("sigma / depth, %"),
         Column::number("seconds"),
     ];
-    let percent = |share: Option<f64>| share.map_or_else(|| "-".to_owned(), |s| format!("{:.1}", 100.0 * s));
     let rows = rows.iter().map(|row| {
-        let result = match (&row.folder, &row.reason) {
-            (None, reason) => format!("failed: {}", reason.as_deref().unwrap_or("no reason")),
-            (Some(_), Some(reason)) => format!("refined alone: {reason}"),
-            (Some(folder), None) => folder.clone(),
-        };
+        let result = outcome(row).unwrap_or_else(|| row.folder.clone().unwrap_or_default());
         vec![
             Cell::new(row.photograph.clone()),
             Cell::new(result),
@@ -366,7 +389,7 @@ fn folders(capture: &Capture) -> Vec<String> {
         let base = if base.is_empty() { "photograph".to_owned() } else { base };
         let taken = |name: &String| {
             let same = |other: &str| other.to_lowercase() == name.to_lowercase();
-            names.iter().any(|other| same(other)) || [CLOUD, TRANSFORMS, RECORD].into_iter().any(same)
+            names.iter().any(|other| same(other)) || [CLOUD, TRANSFORMS, RECORD, INDEX].into_iter().any(same)
         };
         let numbered = (2..).map(|number| format!("{base}_{number}"));
         let name = std::iter::once(base.clone()).chain(numbered).find(|name| !taken(name));
