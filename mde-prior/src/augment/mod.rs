@@ -193,7 +193,8 @@ impl AugmentationConfig {
         self.validate()?;
         let (height, width, _) = image.dim();
         let at_once = model.concurrency().clamp(1, rayon::current_num_threads());
-        let mut plan = Plan::new(self.predictions, (height, width), model.resolution(height, width));
+        let input = model.resolution(height, width);
+        let mut plan = Plan::new(self.predictions, (height, width), input);
         let mut whole = Vec::with_capacity(2);
         if let Some(budget) = budget {
             let begin = Instant::now();
@@ -233,6 +234,7 @@ impl AugmentationConfig {
         // Half of the difference between an image and its mirror image.
         let mut variance = (&current - &values.of_prior(&prior)).mapv_into(|d| d * d);
         for (index, level) in plan.levels.clone().into_iter().enumerate() {
+            let window = regression::window(level, input.map(|(height, width)| height.min(width)));
             let mut changes = window::Changes::new(current.dim());
             let places = window::crops(current.dim(), level);
             let crops: Vec<_> = places.flat_map(|crop| mirrors.iter().map(move |m| (crop, *m))).collect();
@@ -240,7 +242,7 @@ impl AugmentationConfig {
                 let crop = image.slice(s![y..y + height, x..x + width, ..]);
                 let target = current.slice(s![y..y + height, x..x + width]);
                 let prediction = predict_crop(model, crop, mirrored, values)?;
-                let change = regression::change(prediction.view(), target, self.correlation_exponent);
+                let change = regression::change(prediction.view(), target, window, self.correlation_exponent);
                 Ok(((y, x), change))
             };
             let take = |(place, change): ((usize, usize), Array2<f32>)| {

@@ -54,10 +54,10 @@ impl std::str::FromStr for Predictions {
 
 /// The images that are predicted: the whole image, crops level by level, and with `mirror` the mirror image of each.
 ///
-/// Level `n` has n x n crops whose sides are 2 / (n + 1) of the image's, so that neighbours overlap by half. A crop shows the model
-/// more than the whole image does only where the image has the pixels for it: with \\(r\\) the geometric mean of the ratios of the
-/// image's sides to the model's [input](crate::DepthPrior::resolution), that is for \\(2/(n+1) \ge 1/r\\). Without a known
-/// input \\(r = 2.5\\). Plans grow by 1, 2, 5, 10, 14, 28, 60, 110, ... predictions: mirror images of all before level 4.
+/// Level `n` has n x n crops whose sides are 2 / n of the image's (4 / 5 for n = 2), so that neighbours overlap by more than half.
+/// A crop shows the model more than the whole image does only where the image has the pixels for it: with \\(r\\) the geometric
+/// mean of the ratios of the image's sides to the model's [input](crate::DepthPrior::resolution), for sides of \\(1/r\\) and more.
+/// Without a known input \\(r = 2.5\\). Plans grow by 1, 2, 5, 10, 14, 28, 30, 60, 110, ... predictions.
 ///
 /// [`Predictions::Auto`] takes the largest plan whose predictions have at most five times the pixels of the image in all, of 2 to 60
 /// predictions. It ends at a level that moves the map by less (root mean square) than its predictions differ among themselves.
@@ -78,15 +78,20 @@ const MOST_PIXELS: f64 = 5.0;
 /// Most predictions of [`Predictions::Auto`].
 const MOST: usize = 60;
 /// Last level of a plan without mirror images: from there on they are worth more than another level.
-const LAST_PLAIN: usize = 3;
+const LAST_PLAIN: usize = 4;
+
+/// Sides of the crops of level n, as a fraction of the image's.
+pub(super) fn side(n: usize) -> f64 {
+    if n <= 2 { 0.8 } else { 2.0 / n as f64 }
+}
 
 impl Plan {
     /// The plan for an image of `(height, width)` that the model takes at `input`.
     #[must_use]
     pub fn new(predictions: Predictions, image: (usize, usize), input: Option<(usize, usize)>) -> Self {
         let known = input.map(|input| {
-            let side = |image: usize, input: usize| image as f64 / input.max(1) as f64;
-            (side(image.0, input.0) * side(image.1, input.1)).sqrt()
+            let times = |image: usize, input: usize| image as f64 / input.max(1) as f64;
+            (times(image.0, input.0) * times(image.1, input.1)).sqrt()
         });
         let ratio = known.unwrap_or(USUAL_RATIO);
         let most = match predictions {
@@ -94,8 +99,9 @@ impl Plan {
             Predictions::Most(most) => most as usize,
         };
         // More crops than pixels along an axis would repeat themselves; more than 2^20 in all are never predicted.
-        let finest = ((2.0 * ratio - 1.0) as usize).min(image.0.min(image.1)).min(128);
-        Self { mirror: true, levels: (2..=finest).collect(), ratio: known }.at_most(most)
+        let finest = image.0.min(image.1).min(128);
+        let levels = (2..=finest).take_while(|n| side(*n) * ratio >= 1.0).collect();
+        Self { mirror: true, levels, ratio: known }.at_most(most)
     }
 
     /// The plan cut to what fits into `budget` after a first prediction that took `first`, with `at_once` predictions at once.
@@ -110,7 +116,7 @@ impl Plan {
     pub fn at_most(&self, predictions: usize) -> Self {
         let plan =
             |mirror, levels| Self { mirror, levels: self.levels[..levels].to_vec(), ratio: self.ratio };
-        let all = (0..=self.levels.len()).flat_map(|n| [plan(false, n), plan(self.mirror, n)]);
+        let all = (0..=self.levels.len()).flat_map(|n| [plan(false, n), plan(true, n)]);
         let worthwhile = all.filter(|plan| plan.mirror || plan.levels.iter().all(|n| *n <= LAST_PLAIN));
         let fitting = worthwhile.filter(|plan| plan.predictions() <= predictions);
         fitting.max_by_key(Self::predictions).unwrap_or_else(|| plan(false, 0))
@@ -137,17 +143,17 @@ mod tests {
     fn crops_are_predicted_where_they_show_the_model_more() {
         let auto = |image, input| Plan::new(Predictions::Auto, image, Some(input));
         // FastDepth, a network of 48 x 48, and Depth Anything, whose input has more pixels than the image.
-        assert_eq!(auto((480, 640), (224, 224)).levels, [2, 3]);
-        assert_eq!(auto((480, 640), (224, 224)).predictions(), 28);
+        assert_eq!(auto((480, 640), (224, 224)).levels, [2, 3, 4]);
+        assert_eq!(auto((480, 640), (224, 224)).predictions(), 30);
         assert_eq!(auto((480, 640), (48, 48)).predictions(), 60);
         assert_eq!(
             (auto((480, 640), (518, 686)).mirror, auto((480, 640), (518, 686)).predictions()),
             (true, 2)
         );
         assert_eq!(auto((1060, 1414), (518, 686)).levels, [2, 3]);
-        assert_eq!(Plan::new(Predictions::Auto, (480, 640), None).levels, [2, 3]);
+        assert_eq!(Plan::new(Predictions::Auto, (480, 640), None).levels, [2, 3, 4]);
         let steps = [1, 2, 4, 5, 10, 14, 27, 28, 59, 60, 120].map(|most| predictions(most, (960, 960), 96));
-        assert_eq!(steps, [1, 2, 2, 5, 10, 14, 14, 28, 28, 60, 110]);
+        assert_eq!(steps, [1, 2, 2, 5, 10, 14, 14, 28, 30, 60, 110]);
     }
 
     #[test]

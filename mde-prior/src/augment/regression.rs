@@ -4,24 +4,32 @@ use ndarray::{Array2, ArrayView2, Zip};
 
 /// Cells along each axis for the statistics of a crop: windows are much wider than a cell.
 const CELLS: usize = 28;
-/// Standard deviation of the regression's window, as a fraction of the crop's sides.
-const WINDOW: f64 = 6.0 / 28.0;
+/// Least standard deviation of the window, in pixels of the model's input: fewer do not determine a slope.
+const LEAST: f64 = 10.0;
 /// \\(\varepsilon\\), added to every variance: a standard deviation of 0.01 counts as noise.
 const EPSILON: f32 = 1e-4;
 /// \\(a_{max}\\): steeper slopes amplify noise.
 const STEEPEST: f32 = 3.0;
+
+/// Standard deviation of the regression's window for level n, as a fraction of the crop's sides; `input` is the shorter side of the
+/// model's input, where it is known.
+pub(super) fn window(n: usize, input: Option<usize>) -> f64 {
+    let usual: f64 = if n <= 3 { 6.0 / 28.0 } else { 3.0 / 28.0 };
+    input.map_or(usual, |input| usual.max(LEAST / input.max(1) as f64)).min(1.0)
+}
 
 /// The change of the map by the prediction of a crop, \\(a L + b - c\\), all `[height, width]`; see the equations in
 /// [`augment`](super).
 pub(super) fn change(
     prediction: ArrayView2<'_, f32>,
     map: ArrayView2<'_, f32>,
+    window: f64,
     exponent: f64,
 ) -> Array2<f32> {
     let (height, width) = prediction.dim();
     let cells = (CELLS.min(height), CELLS.min(width));
     let smooth = |map: Array2<f32>| {
-        let [down, along] = [cells.0, cells.1].map(|side| WINDOW * side as f64);
+        let [down, along] = [cells.0, cells.1].map(|side| window * side as f64);
         blurred(map.view(), down, along)
     };
     let [l, c, ll, cc, lc] = block_moments(prediction, map, cells).map(smooth);

@@ -1,14 +1,15 @@
+use super::plan::side;
 use ndarray::{Array2, ArrayView2, s};
 
 /// Added to every weight, so that no pixel of a crop has weight 0.
 const LEAST: f32 = 1e-6;
 
-/// Rows, columns and sides of the n x n crops of level n, which overlap by half: `(y, x, height, width)`.
+/// Rows, columns and sides of the n x n crops of level n: `(y, x, height, width)`.
 pub(super) fn crops(
     (height, width): (usize, usize),
     n: usize,
 ) -> impl Iterator<Item = (usize, usize, usize, usize)> + use<> {
-    let side = |whole: usize| (2 * whole).div_ceil(n + 1).clamp(1, whole);
+    let side = |whole: usize| ((side(n) * whole as f64).ceil() as usize).clamp(1, whole);
     let (tall, wide) = (side(height), side(width));
     let start = move |i: usize, whole: usize, crop: usize| {
         (i as f64 * (whole - crop) as f64 / n.saturating_sub(1).max(1) as f64).round() as usize
