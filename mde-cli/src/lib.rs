@@ -13,7 +13,7 @@
 //! use std::ops::ControlFlow;
 //!
 //! // Far fewer steps than a useful run has (2000).
-//! let config = Config::with_overrides(Preset::Fast, "nerf.train.steps = 10", "here")?;
+//! let config = Config::with_overrides(Preset::Default, "nerf.train.steps = 10", "here")?;
 //! let scene = room(Room::Study, 0, 64, 48)?;
 //! let prior = SimulatedPrior::new(&scene.depth, &SimulatedPriorConfig::default())?;
 //!

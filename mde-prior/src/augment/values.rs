@@ -30,9 +30,15 @@ impl Values {
     /// A missing pixel takes the mean.
     pub(super) fn of_prior(self, prior: &PriorDepth) -> Array2<f32> {
         let value = |d: f32| if self.kind.is_depth() { d.ln() } else { self.scale * d };
-        let pairs = || prior.map.iter().zip(&prior.valid).filter(|(_, v)| **v);
-        let mean = pairs().map(|(d, _)| f64::from(value(*d))).sum::<f64>() / pairs().count().max(1) as f64;
-        Zip::from(&prior.map).and(&prior.valid).map_collect(|&d, &v| if v { value(d) } else { mean as f32 })
+        let mut values =
+            Zip::from(&prior.map).and(&prior.valid).map_collect(|&d, &v| if v { value(d) } else { 0.0 });
+        let missing = prior.valid.iter().filter(|v| !**v).count();
+        if missing > 0 {
+            let known = (prior.valid.len() - missing).max(1) as f64;
+            let mean = (values.iter().map(|v| f64::from(*v)).sum::<f64>() / known) as f32;
+            values.zip_mut_with(&prior.valid, |value, &valid| *value = if valid { *value } else { mean });
+        }
+        values
     }
 
     pub(super) fn to_prior(self, value: f32) -> f32 {
