@@ -310,6 +310,7 @@ fn the_program_limits_photographs_and_names_the_unit() {
 fn poses_are_written_and_read_again() {
     let room = rendered(Room::Study, 3);
     let folder = on_disk(&room);
+    write_npy(folder.path().join("prior.npy"), room.truth.view()).unwrap();
     write_image(folder.path().join("black.png"), Array3::zeros((HEIGHT, WIDTH, 3)).view()).unwrap();
     let fov = fov(&room);
     std::fs::create_dir(folder.path().join("out")).unwrap();

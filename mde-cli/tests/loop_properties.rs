@@ -215,7 +215,8 @@ impl RadianceField for Tinted {
 fn a_mirrored_image_gives_the_mirrored_result() {
     let (image, prior) = study();
     let mirrored = (image.slice(s![.., ..;-1, ..]).to_owned(), prior.slice(s![.., ..;-1]).to_owned());
-    for preset in Preset::ALL {
+    // `fast` leaves a map as it is.
+    for preset in Preset::ALL.into_iter().filter(|preset| *preset != Preset::Fast) {
         let mut config = short(preset, "");
         (config.views.count, config.novel.count, config.novel.original) = (0, 0, true);
         let run = |image: &Array3<f32>, prior: &Array2<f32>, seed: u64| {

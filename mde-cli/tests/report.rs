@@ -195,10 +195,13 @@ fn said<'a>(lines: &'a [(String, String)], what: &str) -> Option<&'a str> {
     lines.iter().find(|(name, _)| name == what).map(|(_, said)| said.as_str())
 }
 
-/// The last number of the doctor's trial.
+/// The mean of the correlations in the doctor's trial.
 #[cfg(feature = "onnx")]
 fn correlation(lines: &[(String, String)]) -> f64 {
-    said(lines, "trial").unwrap().rsplit(' ').next().unwrap().parse().unwrap()
+    let each = said(lines, "trial").unwrap().rsplit(": ").next().unwrap();
+    let each: Vec<f64> = each.split(", ").map(|number| number.trim().parse().unwrap()).collect();
+    assert!(each.len() > 4, "{each:?}");
+    each.iter().sum::<f64>() / each.len() as f64
 }
 
 #[test]
@@ -210,19 +213,14 @@ fn the_doctor_tries_a_model() {
     let (lines, error) = doctor(&model, None, 0);
     assert!(error.is_empty(), "{error}");
     assert_eq!(said(&lines, "models"), Some("ONNX files"));
-    assert!(said(&lines, "model").unwrap().contains("fastdepth_224.onnx, opened in"));
+    assert!(said(&lines, "model").unwrap().contains("fastdepth_224.onnx"));
     let profile: Value = serde_json::from_str(said(&lines, "profile").unwrap()).unwrap();
     assert_eq!((profile["width"].as_u64(), profile["output"].as_str()), (Some(224), Some("metric")));
-    let trial = said(&lines, "trial").unwrap();
-    let range = trial.split("depths ").nth(1).unwrap().split(',').next().unwrap();
-    let [near, far] = [0, 1].map(|i| range.split(" to ").nth(i).unwrap().parse::<f64>().unwrap());
-    // Metres, in a room.
-    assert!(0.3 < near && near < far && far < 10.0 && trial.contains("100 % of the pixels"), "{trial}");
-    assert!(correlation(&lines) > 0.5, "{trial}");
-    let verdict = said(&lines, "verdict").unwrap();
+    let runtime = said(&lines, "runtime").unwrap();
+    assert!(runtime.starts_with("tract: ") && runtime.contains("default needs 30 predictions"), "{runtime}");
     assert!(
-        verdict.starts_with("the model works here; the preset default needs 120 predictions"),
-        "{verdict}"
+        correlation(&lines) > 0.5 && said(&lines, "verdict") == Some("the model works here"),
+        "{lines:?}"
     );
 
     let (lines, error) = doctor(&model, Some("midas-v2.1-small"), 1);
@@ -237,15 +235,16 @@ fn the_doctor_tries_a_model() {
 #[cfg(feature = "onnx")]
 fn the_doctor_tells_a_wrong_profile_and_a_useless_model() {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures");
-    // It takes brightness for depth, which in this room is better than the reverse.
+    // It takes brightness for depth, which is better than the reverse in most rooms, but not beyond chance.
     let grey = fixtures.join("grey_nchw.onnx");
-    let (lines, error) = doctor(&grey, Some("fastdepth"), 0);
-    assert!(correlation(&lines) > 0.2 && error.is_empty(), "{lines:?} {error}");
-    let (lines, error) = doctor(&grey, Some("midas-v2.1-small"), 1);
-    assert!(correlation(&lines) < -0.2 && said(&lines, "verdict").is_none(), "{lines:?}");
-    assert!(error.contains("check the profile"), "{error}");
+    for (profile, sign) in [("fastdepth", 1.0), ("midas-v2.1-small", -1.0)] {
+        let (lines, error) = doctor(&grey, Some(profile), 1);
+        assert!((0.1..0.25).contains(&(sign * correlation(&lines))), "{lines:?}");
+        assert!(said(&lines, "verdict").is_none(), "{lines:?}");
+        assert!(error.contains("beyond chance") && error.contains("check the profile"), "{error}");
+    }
     for (model, profile, told) in [
-        ("grey_nchw.onnx", None, "name one of: fastdepth"),
+        ("grey_nchw.onnx", None, "--model-profile (fastdepth"),
         ("grey_nhwc.onnx", Some("fastdepth"), "check layout"),
         ("scores.onnx", Some("fastdepth"), "output-name"),
         ("not_finite.onnx", Some("fastdepth"), "check mean"),

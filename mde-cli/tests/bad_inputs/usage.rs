@@ -41,7 +41,7 @@ fn wrong_usage() {
         of("--budget 0", &["--budget", "positive"]),
         of("--work-size 0", &["--work-size", "positive"]),
         of("--near none", &["--near", "positive"]),
-        of("--far -1", &["--far"]),
+        of("--far 0", &["--far", "positive"]),
         of("--input-size 48x48", &["cannot be used with"]),
         of("--runtime mxnet", &["mxnet", "onnxruntime"]),
         misused("demo --size 320 -o out", &["WIDTHxHEIGHT"]),

@@ -118,7 +118,8 @@ impl Plan {
             |mirror, levels| Self { mirror, levels: self.levels[..levels].to_vec(), ratio: self.ratio };
         let all = (0..=self.levels.len()).flat_map(|n| [plan(false, n), plan(true, n)]);
         let worthwhile = all.filter(|plan| plan.mirror || plan.levels.iter().all(|n| *n <= LAST_PLAIN));
-        let fitting = worthwhile.filter(|plan| plan.predictions() <= predictions);
+        let most = predictions.min(self.predictions());
+        let fitting = worthwhile.filter(|plan| plan.predictions() <= most);
         fitting.max_by_key(Self::predictions).unwrap_or_else(|| plan(false, 0))
     }
 

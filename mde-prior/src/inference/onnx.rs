@@ -133,7 +133,7 @@ impl OnnxPrior {
     /// mistaken by the names of its outputs (MoGe-2, UniDepth V2, Depth Pro), else the profile that matches its name.
     ///
     /// # Errors
-    /// Those of [`ModelSpec::of`]; [`Error::Model`] for a file that is no ONNX model.
+    /// Those of [`ModelSpec::of`].
     pub fn recognise(path: impl AsRef<Path>) -> Result<ModelSpec> {
         let path = path.as_ref();
         if let Some(spec) = ModelSpec::beside(path)? {
@@ -142,7 +142,9 @@ impl OnnxPrior {
         if let Some(spec) = ModelSpec::of_hub(path)? {
             return Ok(spec);
         }
-        let outputs = call(path, || output_names(path).map_err(|reason| model_error(path, reason)))?;
+        // A file that is no graph gets its error when it is opened.
+        let outputs = call(path, || output_names(path).map_err(|reason| model_error(path, reason)));
+        let outputs = outputs.unwrap_or_default();
         let all = |names: &[&str]| names.iter().all(|name| outputs.iter().any(|output| output == name));
         if all(&["points", "mask", "metric_scale"]) {
             ModelSpec::profile("moge-2")
