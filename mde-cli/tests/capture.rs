@@ -308,9 +308,9 @@ fn the_program_limits_photographs_and_names_the_unit() {
 /// What `mde poses` writes is a capture that `mde refine` reads, with the poses and the focal length that it found.
 #[test]
 fn poses_are_written_and_read_again() {
-    let room = rendered(Room::Study, 3);
+    // At this size matches are few; this room has enough.
+    let room = rendered(Room::Kitchen, 3);
     let folder = on_disk(&room);
-    write_npy(folder.path().join("prior.npy"), room.truth.view()).unwrap();
     write_image(folder.path().join("black.png"), Array3::zeros((HEIGHT, WIDTH, 3)).view()).unwrap();
     let fov = fov(&room);
     std::fs::create_dir(folder.path().join("out")).unwrap();
