@@ -38,7 +38,7 @@ fn inert(name: &str) -> String {
     }
 }
 
-/// A name as it was before [`csv`] wrote it.
+/// A name as it was before [`csv()`] wrote it.
 pub fn original_name(cell: &str) -> &str {
     cell.strip_prefix('\'').filter(|name| inert(name) == cell).unwrap_or(cell)
 }
