@@ -81,17 +81,22 @@ impl ResumeFolder {
         if self.check().is_err() {
             return;
         }
+        self.discard_entries();
+        // Last: a run killed before this line leaves a folder that is still known.
+        let _ = fs::remove_file(self.path.join(MARKER));
+        let _ = fs::remove_dir(&self.path);
+    }
+
+    /// Entries leave whole, by a rename, as a killed removal would leave folders without their record.
+    fn discard_entries(&self) {
+        let Ok(removed) = temporary_folder(&self.path) else { return };
         for entry in fs::read_dir(&self.path).into_iter().flatten().flatten() {
-            let path = entry.path();
             let unfinished = entry.file_name().as_encoded_bytes().starts_with(b".mde-");
             let folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
-            if folder && (unfinished || path.join(self.record).is_file()) {
-                let _ = fs::remove_dir_all(path);
-            } else if !folder && (unfinished || entry.file_name() == MARKER) {
-                let _ = fs::remove_file(path);
+            if unfinished || (folder && entry.path().join(self.record).is_file()) {
+                let _ = fs::rename(entry.path(), removed.path().join(entry.file_name()));
             }
         }
-        let _ = fs::remove_dir(&self.path);
     }
 }
 
@@ -132,6 +137,8 @@ mod tests {
         let path = place.path().join("out.resume");
         fs::write(path.join("thesis.txt"), "years").unwrap();
         fs::create_dir(path.join("mine")).unwrap();
+        folder.discard_entries();
+        assert!(path.join(MARKER).is_file() && !path.join("1").exists());
         folder.discard();
         let mut names: Vec<_> = fs::read_dir(&path).unwrap().map(|e| e.unwrap().file_name()).collect();
         names.sort();
