@@ -2,11 +2,13 @@ use crate::args::RefineArgs;
 use crate::input::camera::KnownCamera;
 use crate::input::capture;
 use crate::input::opened::{Opened, open_image, settings, use_threads};
+use crate::input::photographs;
 use crate::input::prior::NamedPrior;
 use crate::input::truth::Truth;
 use crate::output::folder::OutputFolder;
 use crate::output::provenance::versions;
 use crate::output::recording;
+use crate::run::batch;
 use crate::run::checkpoint::Checkpoints;
 use crate::run::error_bar::ErrorBar;
 use crate::run::every;
@@ -19,6 +21,9 @@ use serde_json::{Value, json};
 use std::time::Duration;
 
 pub(super) fn run(args: &RefineArgs) -> Result<()> {
+    if photographs::are_many(&args.photographs()) || args.several.shard.is_some() {
+        return batch::run(args);
+    }
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output(&args.image, "-depth"), args.run.force)?;
@@ -90,7 +95,7 @@ fn made_from(
     args: &RefineArgs,
     opened: &Opened,
     camera: &KnownCamera,
-    prior: &NamedPrior,
+    prior: &NamedPrior<'_>,
     config: &Config,
     capture: Option<&Capture>,
 ) -> Result<Value> {

@@ -17,8 +17,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 /// A prior, and its entry in the record.
-pub(crate) struct NamedPrior {
-    pub(crate) prior: Box<dyn DepthPrior>,
+pub(crate) struct NamedPrior<'p> {
+    pub(crate) prior: Box<dyn DepthPrior + 'p>,
     pub(crate) origin: PriorOrigin,
     /// `(height, width)` of a map from a file.
     pub(crate) size: Option<(usize, usize)>,
@@ -30,7 +30,7 @@ pub(crate) struct NamedPrior {
 const SAME_ASPECT: f64 = 0.02;
 
 /// Where a prior comes from.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, Serialize)]
 pub(crate) struct PriorOrigin {
     pub(crate) kind: DepthKind,
     /// The file, or `simulated`.
@@ -55,7 +55,7 @@ impl PriorOrigin {
 /// The source of a procedural scene's prior.
 pub(crate) const SIMULATED: &str = "simulated";
 
-impl NamedPrior {
+impl NamedPrior<'_> {
     pub(crate) fn open(args: &PriorArgs) -> Result<Self> {
         let kind = args.prior_kind.map(DepthKind::from);
         match (&args.source.prior_model, &args.source.prior_depth) {
@@ -214,14 +214,14 @@ fn has_eight_bits(path: &Path) -> bool {
 }
 
 /// A prior of the image's original size, resampled to the working size.
-struct Resized {
-    prior: Box<dyn DepthPrior>,
+struct Resized<'p> {
+    prior: Box<dyn DepthPrior + 'p>,
     /// `(height, width)`.
     from: (usize, usize),
     to: (usize, usize),
 }
 
-impl DepthPrior for Resized {
+impl DepthPrior for Resized<'_> {
     fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         // A map from a file depends on the size alone.
         let blank = Array3::zeros((self.from.0, self.from.1, 3));
