@@ -1,0 +1,192 @@
+"""Refinement of data sets of any size with Ray Data.
+
+>>> import ray, mdenerf.ray                                                             # doctest: +SKIP
+>>> photographs = ray.data.read_binary_files("s3://bucket/photos", include_paths=True)  # doctest: +SKIP
+>>> refined = photographs.map_batches(                                                  # doctest: +SKIP
+...     mdenerf.ray.Refine, fn_constructor_kwargs={"model": "network.onnx"}, batch_size=4, num_cpus=4,
+...     compute=ray.data.ActorPoolStrategy(min_size=1, max_size=1000),
+... )
+>>> refined.write_parquet("s3://bucket/depth")                                          # doctest: +SKIP
+
+Ray schedules the actors, restarts those that are lost and runs their batches again. The result of a photograph depends on its bytes and
+the settings only, so that a batch that runs twice gives the same rows.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import tempfile
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._mdenerf import Error
+from ._refine import Refiner
+from ._result import RefinementWarning, Result
+
+__all__ = ["Refine", "pending", "read_map", "webdataset"]
+
+Batch = dict[str, NDArray[Any]]
+
+
+class Refine:
+    """An actor for ``Dataset.map_batches``: it keeps the network, and turns rows with photographs into rows with maps.
+
+    A row has a photograph either as ``bytes``, the file (``ray.data.read_binary_files``), or as ``image``, ``uint8 [height, width, 3]``
+    (``ray.data.read_images``). Files are decoded as the program decodes them, and have its focal length; arrays come without one. The name
+    of a row is its ``path``, or the column ``name``.
+
+    Rows of the result, one per photograph:
+
+    ``name`` (str), ``status`` (``done`` or ``failed``), ``error`` (str, one line), ``depth`` and ``sigma`` (bytes, the files ``depth.npy``
+    and ``sigma.npy`` of the program; :func:`read_map` reads them; empty where it failed), ``height``, ``width`` (int), ``unit`` (str),
+    ``median_depth``, ``median_sigma``, ``seconds`` (float), ``run`` (str, the record as JSON).
+
+    Parameters
+    ----------
+    model, **settings
+        Those of :class:`mdenerf.Refiner`. The number of threads is by default that of the actor's CPUs.
+    fov : float, optional
+        Horizontal field of view of all photographs, degrees.
+    """
+
+    def __init__(self, model: Any = None, *, fov: float | None = None, **settings: Any) -> None:
+        settings.setdefault("threads", _threads())
+        self._refiner = Refiner(model, **settings)
+        self._fov = fov
+
+    def __call__(self, batch: Batch) -> Batch:
+        """Refines the photographs of a batch, one after the other; one that fails is a row too."""
+        names = batch["name"] if "name" in batch else batch["path"]
+        files = batch.get("bytes")
+        images = files if files is not None else batch["image"]
+        rows = [self._row(str(name), image) for name, image in zip(names, images, strict=True)]
+        return {key: _column([row[key] for row in rows]) for key in rows[0]} if rows else {}
+
+    def _row(self, name: str, image: Any) -> dict[str, Any]:
+        begun = time.monotonic()
+        try:
+            result, error = self._refine(image), ""
+        except Error as failure:
+            result, error = None, str(failure)
+        seconds = time.monotonic() - begun
+        row: dict[str, Any] = {"name": name, "status": "failed" if result is None else "done", "error": error}
+        return {**row, **_columns(result), "seconds": seconds}
+
+    def _refine(self, image: Any) -> Result:
+        with warnings.catch_warnings():
+            # The record has them.
+            warnings.simplefilter("ignore", RefinementWarning)
+            return self._refiner.refine(bytes(image) if isinstance(image, (bytearray, memoryview)) else image, fov=self._fov)
+
+
+def _threads() -> int | None:
+    """The CPUs of this actor; all of the machine's outside of one."""
+    try:
+        import ray
+    except ImportError:
+        return None
+    if not ray.is_initialized():
+        return None
+    context: Any = ray.get_runtime_context()
+    return max(1, int(context.get_assigned_resources().get("CPU", 1)))
+
+
+def _columns(result: Result | None) -> dict[str, Any]:
+    if result is None:
+        nothing = {"height": 0, "width": 0, "unit": "", "median_depth": np.nan, "median_sigma": np.nan, "run": ""}
+        return {"depth": b"", "sigma": b"", **nothing}
+    known = np.isfinite(result.sigma)
+    median = [float(np.median(values[known])) if known.any() else np.nan for values in (result.depth, result.sigma)]
+    # Times and memory differ from run to run.
+    record = {key: value for key, value in result.run.items() if not key.endswith("seconds")}
+    return {
+        "depth": _npy(result.depth),
+        "sigma": _npy(result.sigma),
+        "height": result.depth.shape[0],
+        "width": result.depth.shape[1],
+        "unit": result.unit,
+        "median_depth": median[0],
+        "median_sigma": median[1],
+        "run": json.dumps(record),
+    }
+
+
+def _npy(values: NDArray[np.float32]) -> bytes:
+    """The bytes of the program's file."""
+    from . import _mdenerf as native
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = os.path.join(folder, "map.npy")
+        native.save_npy(path, values)
+        return Path(path).read_bytes()
+
+
+def _column(values: list[Any]) -> NDArray[Any]:
+    if isinstance(values[0], (bytes, str)):
+        column = np.empty(len(values), dtype=object)
+        column[:] = values
+        return column
+    return np.array(values)
+
+
+def read_map(data: bytes) -> NDArray[np.float32]:
+    """The map ``float32 [height, width]`` of a row's ``depth`` or ``sigma``."""
+    values: NDArray[np.float32] = np.load(io.BytesIO(data), allow_pickle=False)
+    return values
+
+
+def pending(folder: str | os.PathLike[str], filesystem: Any = None) -> Callable[[dict[str, Any]], bool]:
+    """A filter of what earlier jobs have not done: ``photographs.filter(mdenerf.ray.pending("out"))``.
+
+    Parameters
+    ----------
+    folder : path
+        Where earlier jobs wrote Parquet; it need not exist.
+    filesystem : pyarrow.fs.FileSystem, optional
+        Where that is.
+
+    Returns
+    -------
+    callable
+        True for a row whose ``name`` or ``path`` has no row with the status ``done`` there.
+    """
+    import pyarrow.dataset
+    import pyarrow.fs
+
+    place, done = os.fspath(folder), frozenset[str]()
+    if filesystem is None:
+        filesystem, place = pyarrow.fs.FileSystem.from_uri(place) if "://" in place else (pyarrow.fs.LocalFileSystem(), place)
+    if filesystem.get_file_info(place).type != pyarrow.fs.FileType.NotFound:
+        columns = ["name", "status"]
+        table = pyarrow.dataset.dataset(place, format="parquet", filesystem=filesystem).to_table(columns=columns)
+        rows = zip(table["name"].to_pylist(), table["status"].to_pylist(), strict=True)
+        done = frozenset(name for name, status in rows if status == "done")
+
+    def is_pending(row: dict[str, Any]) -> bool:
+        return str(row["name"] if "name" in row else row["path"]) not in done
+
+    return is_pending
+
+
+def webdataset(row: dict[str, Any]) -> dict[str, Any]:
+    """A row for WebDataset: ``refined.map(mdenerf.ray.webdataset).write_webdataset("shards", encoder=None)``.
+
+    The sample's key is the name without its extension, other dots as underscores; its files are ``depth.npy``, ``sigma.npy`` and ``json``, the other columns.
+    """
+    rest = {key: value for key, value in row.items() if key not in ("depth", "sigma", "run")}
+    rest = {key: value.item() if isinstance(value, np.generic) else value for key, value in rest.items()}
+    run = json.loads(row["run"]) if row["run"] else None
+    return {
+        "__key__": str(PurePosixPath(str(row["name"])).with_suffix("")).strip("/").replace(".", "_"),
+        "depth.npy": row["depth"],
+        "sigma.npy": row["sigma"],
+        "json": json.dumps({**rest, "run": run}).encode(),
+    }
