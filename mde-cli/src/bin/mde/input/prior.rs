@@ -6,6 +6,7 @@ use crate::args::RuntimeArgs;
 use crate::input::opened::Opened;
 use crate::run::progress::Progress;
 use anyhow::{Result, ensure};
+pub(crate) use mde_cli::pictures16::METRES;
 use mde_prior::format::{Encoding, PngContent, ReadOptions, png_content};
 use mde_prior::ndarray::{Array3, ArrayView3};
 use mde_prior::resample::nearest;
@@ -24,9 +25,6 @@ pub(crate) struct NamedPrior<'p> {
     /// What to know of the file.
     pub(crate) note: Option<String>,
 }
-
-/// The unit of metric depth.
-pub(crate) const METRES: &str = "m";
 
 /// Two aspects that differ by no more are the same up to rounded sides.
 const SAME_ASPECT: f64 = 0.02;
