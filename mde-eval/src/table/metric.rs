@@ -178,6 +178,11 @@ pub const METRICS: &[Metric] = &[
     shown("spearman_binned", "Spearman, 100 bins", Higher, Ranking, |e| sigma(e)?.spearman_binned),
     shown("ause_mae", "AUSE, MAE", Lower, Ranking, |e| Some(area(e, |u| &u.mae)?.ause)),
     shown("ause_rmse", "AUSE, RMSE", Lower, Ranking, |e| Some(area(e, |u| &u.rmse)?.ause)),
+    shown("spearman_relative", "Spearman, σ/D and AbsRel", Higher, Ranking, |e| sigma(e)?.spearman_relative),
+    shown("ause_relative", "AUSE, σ/D and AbsRel", Lower, Ranking, |e| Some(area(e, |u| &u.relative)?.ause)),
+    shown("aurg_relative", "AURG, σ/D and AbsRel", Higher, Ranking, |e| {
+        Some(area(e, |u| &u.relative)?.aurg)
+    }),
     more("poggi_ause_abs_rel", Lower, Ranking, |e| Some(area(e, |u| &u.poggi_abs_rel)?.ause)),
     shown("poggi_aurg_abs_rel", "AURG, AbsRel", Higher, Ranking, |e| {
         Some(area(e, |u| &u.poggi_abs_rel)?.aurg)
