@@ -22,6 +22,8 @@ pub(crate) struct Start {
     pub(crate) depth: GaussianDepth,
     /// The parts of the standard deviation.
     pub(crate) components: Vec<Component>,
+    /// The model's own confidence.
+    pub(crate) confidence: Option<Array2<f32>>,
     pub(crate) report: AugmentationReport,
 }
 
@@ -67,22 +69,25 @@ pub(crate) fn start(
         if config.augmentation.is_active() {
             report.skipped = Some("the prior does not accept new images");
         }
-        let prior = model.predict(image)?.to_depth(&config.disparity)?;
-        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), report });
+        let mut predicted = model.predict(image)?;
+        let confidence = predicted.confidence.take();
+        let prior = predicted.to_depth(&config.disparity)?;
+        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), confidence, report });
     }
-    let augmented =
+    let mut augmented =
         config.augmentation.predict_with(model, image, budget, progress)?.ok_or(Error::Interrupted)?;
+    let confidence = augmented.prior.confidence.take();
     let prior = augmented.prior.to_depth(&config.disparity)?;
     let depth = augmented.depth(&config.disparity)?;
     report.predictions = augmented.plan.predictions();
     report.reason = Some(reason(&augmented.plan, config.augmentation.predictions, budget));
     report.plan = Some(augmented.plan.clone());
     if report.predictions == 1 {
-        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), report });
+        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), confidence, report });
     }
     let (components, variance) =
         variance(&augmented, prior.view(), depth.view(), &config.sigma, &mut report)?;
-    Ok(Start { prior, depth: GaussianDepth::new(depth, variance)?, components, report })
+    Ok(Start { prior, depth: GaussianDepth::new(depth, variance)?, components, confidence, report })
 }
 
 /// What decided the plan.

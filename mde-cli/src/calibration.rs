@@ -64,7 +64,7 @@ pub fn fingerprint(config: &Config, accepts_new_images: bool, model: Option<Stri
     let decisive = Decisive {
         augmentation: augmented.then_some((augmentation, sigma)),
         common_error: config.fusion.common_error,
-        field: refinement.fits_a_field(augmented).then(|| Config {
+        field: refinement.fits_a_field(accepts_new_images).then(|| Config {
             seed: 0,
             disparity: usual.disparity,
             augmentation: usual.augmentation,

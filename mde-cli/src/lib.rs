@@ -32,6 +32,7 @@ mod error;
 mod intrinsics;
 pub mod memory;
 pub mod pipeline;
+pub mod scale;
 
 pub use augmentation::{AugmentationReport, Component};
 pub use capture::{Capture, CaptureReport, Photograph, PreparedCapture, refine_capture};

@@ -204,6 +204,7 @@ pub const METRICS: &[Metric] = &[
     more("mace", Lower, Calibration, |e| Some(sigma(e)?.mace)),
     more("rmsce", Lower, Calibration, |e| Some(sigma(e)?.rmsce)),
     more("miscalibration_area", Lower, Calibration, |e| Some(sigma(e)?.miscalibration_area)),
+    more("alignment_scale", Neither, Calibration, |e| e.scale),
     more("rms_sigma", Neither, Calibration, |e| Some(sigma(e)?.rms_sigma)),
     shown("factor", "factor from other places", Near(1.0), Calibration, |e| Some(e.calibrated?.factor)),
     shown("calibrated_coverage_90", "then cover 90 %", Near(0.9), Calibration, |e| {

@@ -5,7 +5,7 @@ use crate::input::prior::NamedPrior;
 use anyhow::{Context, Result, bail};
 use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Fallback, Options, Sample, SunDepth};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
-use mde_prior::{DepthPrior, DisparityRule, PriorDepth};
+use mde_prior::{DepthKind, DepthPrior, DisparityRule, PriorDepth};
 use ndarray::Array2;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -146,10 +146,21 @@ impl PriorPlan {
         matches!(self, Self::Model(_) | Self::SimulatedModel(_))
     }
 
+    /// Whether its maps are in metres, as far as the command line and the model say.
+    pub(crate) fn is_metric(&self) -> Result<bool> {
+        Ok(match self {
+            Self::Model(args) => NamedPrior::open(args, None)?.origin.kind == DepthKind::Metric,
+            Self::Folder(_, args) => {
+                args.prior_kind.is_none_or(|kind| DepthKind::from(kind) == DepthKind::Metric)
+            }
+            Self::Simulated | Self::SimulatedModel(_) => false,
+        })
+    }
+
     /// Identifies the model's file, where there is one.
     pub(crate) fn model_hash(&self) -> Result<Option<String>> {
         match self {
-            Self::Model(args) => Ok(NamedPrior::open(args)?.origin.model_hash),
+            Self::Model(args) => Ok(NamedPrior::open(args, None)?.origin.model_hash),
             _ => Ok(None),
         }
     }
@@ -159,12 +170,12 @@ impl PriorPlan {
         Ok(match self {
             Self::Model(args) => {
                 let Some(path) = &args.source.prior_model else { bail!("no model is named") };
-                let origin = NamedPrior::open(args)?.origin;
+                let origin = NamedPrior::open(args, None)?.origin;
                 json!({ "model": file_name(path), "crc32": origin.model_hash, "kind": origin.kind,
                         "settings": origin.model })
             }
             Self::Folder(path, args) => {
-                json!({ "folder": path.display().to_string(), "kind": args.prior_kind.map(mde_prior::DepthKind::from),
+                json!({ "folder": path.display().to_string(), "kind": args.prior_kind.map(DepthKind::from),
                         "png_scale": args.png_scale })
             }
             Self::Simulated => json!("simulated"),
@@ -196,7 +207,7 @@ impl PriorPlan {
     /// Opens the prior, once for many scenes.
     pub(crate) fn open(&self) -> Result<Priors<'_>> {
         Ok(match self {
-            Self::Model(args) => Priors::Model(NamedPrior::open(args)?.prior),
+            Self::Model(args) => Priors::Model(NamedPrior::open(args, None)?.prior),
             Self::Folder(path, args) => Priors::Folder(path, args),
             Self::Simulated => Priors::Simulated,
             Self::SimulatedModel(faults) => Priors::SimulatedModel(faults),
@@ -232,7 +243,7 @@ impl Priors<'_> {
                     source: PriorSource { prior_model: None, prior_depth: Some(file) },
                     ..(*args).clone()
                 };
-                NamedPrior::open(&args)?.prior.predict(sample.image.view())?
+                NamedPrior::open(&args, None)?.prior.predict(sample.image.view())?
             }
             Self::Simulated => match &sample.prior {
                 Some(prior) => prior.clone(),

@@ -29,6 +29,8 @@ pub(crate) enum CameraSource {
     File(String),
     /// The photograph's EXIF, 35 mm focal length in millimetres.
     Exif(f64),
+    /// The depth network's own estimate.
+    Network,
     /// Assumed, degrees.
     Assumed(f64),
     /// An assumed focal length, estimated with the poses of several photographs.
@@ -81,6 +83,12 @@ impl KnownCamera {
             );
         }
         Ok(Self { camera, source })
+    }
+
+    /// Focal length / width, where it is not assumed.
+    pub(crate) fn focal(&self) -> Option<f64> {
+        let known = !matches!(self.source, CameraSource::Assumed(_));
+        known.then(|| self.camera.fx / self.camera.width as f64)
     }
 
     /// A warning where the camera is assumed.

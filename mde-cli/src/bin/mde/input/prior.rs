@@ -3,13 +3,15 @@
 use crate::args::PriorArgs;
 #[cfg(feature = "onnx")]
 use crate::args::RuntimeArgs;
+use crate::input::camera::{CameraSource, KnownCamera};
 use crate::input::opened::Opened;
 use crate::run::progress::Progress;
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use mde_prior::format::{Encoding, ReadOptions};
 use mde_prior::ndarray::{Array3, ArrayView3};
 use mde_prior::resample::nearest;
 use mde_prior::{DepthKind, DepthPrior, FilePrior, ModelSpec, PriorDepth};
+use mde_warp::PinholeCamera;
 use serde::Serialize;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -55,13 +57,33 @@ impl PriorOrigin {
 pub(crate) const SIMULATED: &str = "simulated";
 
 impl NamedPrior {
-    pub(crate) fn open(args: &PriorArgs) -> Result<Self> {
+    /// `focal`, the focal length / width of the photographs, is for networks whose metres depend on it.
+    pub(crate) fn open(args: &PriorArgs, focal: Option<f64>) -> Result<Self> {
         let kind = args.prior_kind.map(DepthKind::from);
         match (&args.source.prior_model, &args.source.prior_depth) {
-            (Some(model), _) => Self::model(model, args, kind),
+            (Some(model), _) => Self::model(model, args, kind, focal),
             (None, Some(file)) => Self::file(file, args, kind.unwrap_or(DepthKind::Metric)),
             (None, None) => anyhow::bail!("no prior is named; give --prior-model or --prior-depth"),
         }
+    }
+
+    /// The network's own camera for an image, in place of an assumed one; it takes a prediction.
+    pub(crate) fn camera(
+        &self,
+        image: ArrayView3<'_, f32>,
+        known: &KnownCamera,
+    ) -> Result<Option<KnownCamera>> {
+        let has_one = |spec: &ModelSpec| spec.camera_output.is_some() || spec.recover_shift;
+        if !(matches!(known.source, CameraSource::Assumed(_))
+            && self.origin.model.as_ref().is_some_and(has_one))
+        {
+            return Ok(None);
+        }
+        let Some([fx, fy, cx, cy]) = self.prior.predict(image)?.intrinsics else { return Ok(None) };
+        let (height, width, _) = image.dim();
+        let camera = PinholeCamera::new(fx, fy, cx, cy, width, height)
+            .with_context(|| format!("{}: its own camera", self.origin.source))?;
+        Ok(Some(KnownCamera { camera, source: CameraSource::Network }))
     }
 
     /// A map of another size than the image, but of its aspect, is resampled. A map of the size of an image's file is
@@ -102,7 +124,7 @@ impl NamedPrior {
     }
 
     #[cfg(feature = "onnx")]
-    fn model(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
+    fn model(path: &Path, args: &PriorArgs, kind: Option<DepthKind>, focal: Option<f64>) -> Result<Self> {
         use mde_cli::calibration::hash_files;
         use mde_prior::OnnxPrior;
         let mut spec = match &args.model_profile {
@@ -117,11 +139,12 @@ impl NamedPrior {
         if let Some(kind) = kind {
             spec.output = kind;
             spec.output_floor = spec.output_floor.filter(|_| kind.is_depth());
+            spec.canonical_focal = spec.canonical_focal.filter(|_| kind == DepthKind::Metric);
         }
-        let prior = Box::new(OnnxPrior::open_with(path, &spec, &runtime(&args.runtime)?)?);
+        let prior = Box::new(OnnxPrior::open_with(path, &spec, &runtime(&args.runtime)?)?.with_focal(focal));
         let model_hash = Some(hash_files(prior.files())?);
         let origin = PriorOrigin {
-            kind: spec.output,
+            kind: prior.kind(),
             source: path.display().to_string(),
             model: Some(spec),
             runtime: Some(prior.runtime().to_string()),
@@ -131,7 +154,7 @@ impl NamedPrior {
     }
 
     #[cfg(not(feature = "onnx"))]
-    fn model(path: &Path, _: &PriorArgs, _: Option<DepthKind>) -> Result<Self> {
+    fn model(path: &Path, _: &PriorArgs, _: Option<DepthKind>, _: Option<f64>) -> Result<Self> {
         let path = path.display();
         anyhow::bail!(
             "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"
@@ -202,7 +225,7 @@ impl DepthPrior for Resized {
     fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         // A map from a file depends on the size alone.
         let blank = Array3::zeros((self.from.0, self.from.1, 3));
-        let PriorDepth { map, valid, kind } = self.prior.predict(blank.view())?;
+        let PriorDepth { map, valid, kind, .. } = self.prior.predict(blank.view())?;
         let known = nearest(valid.mapv(|v| f32::from(u8::from(v))).view(), self.to).mapv(|v| v > 0.5);
         PriorDepth::with_mask(nearest(map.view(), self.to), known, kind)
     }

@@ -103,7 +103,9 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         "image": picture(small.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())?,
         "maps": maps,
         "prior_sigma": stated.note,
+        // What scales the whole map: the common error, and the scale's where it is known.
         "common_error": config.fusion.common_error,
+        "scale_error": record["error_bar"]["scale"]["relative"].as_f64().unwrap_or_default(),
         "gradients": gradients(),
         "files": files,
     });

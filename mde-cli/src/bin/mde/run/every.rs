@@ -321,6 +321,7 @@ fn cloud(path: &Path, capture: &Capture, solids: &[Solid], unit: &str) -> Result
             depth: &depths[point.view],
             prior: solid.depth.view(),
             components: &[],
+            confidence: None,
         };
         let [row, column] = point.pixel;
         let normal =

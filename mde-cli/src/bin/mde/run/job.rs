@@ -2,6 +2,7 @@
 
 use crate::args::{ExportName, UnitName};
 use crate::input::camera::{CameraSource, KnownCamera};
+use crate::input::known::{Known, Scaled};
 use crate::input::prior::{NamedPrior, Timed};
 use crate::input::truth::{Comparison, Truth};
 use crate::output::export::Exported;
@@ -18,7 +19,7 @@ use crate::run::error_bar::{ErrorBar, Stated};
 use crate::run::field::SharedNerf;
 use crate::run::gain;
 use crate::run::progress::{Progress, TrainingCurve};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use mde_cli::{Capture, Component, Config, Event, Preset, Refinement, Stages, refine_capture, resume};
 use mde_prior::DepthKind;
 use mde_prior::augment::Predictions;
@@ -54,6 +55,8 @@ pub(crate) struct Job {
     pub(crate) capture: Option<Capture>,
     /// Unit of the results with further photographs.
     pub(crate) unit: UnitName,
+    /// Depths that give the scale.
+    pub(crate) known: Option<Known>,
     /// Whether the photographs are written too, as they are.
     pub(crate) keep_photographs: bool,
     /// Time for the model's predictions.
@@ -90,6 +93,8 @@ pub(crate) struct Done<'s> {
     /// Index of the subject among the photographs.
     photograph: usize,
     stated: Stated,
+    /// How known depths gave the scale.
+    scaled: Option<Scaled>,
     scores: Option<Comparison>,
     score_seconds: f64,
     /// Seconds of the prior's predictions.
@@ -162,7 +167,7 @@ impl Job {
         if let Some(recording) = &self.recording {
             self.record(recording, &done, progress.training())?;
         }
-        let mut gained = gain::summary(&done.refinement, self.unit());
+        let mut gained = gain::summary(&done.refinement, self.unit(), &done.stated, self.is_unscaled());
         if let Some(interval) = &done.stated.interval {
             gained += &format!(
                 "\nlower.npy and upper.npy: {:.0} % interval, the depth -+ {:.2} sigma, by {}",
@@ -184,11 +189,19 @@ impl Job {
 
     /// Unit of the results.
     pub(crate) fn unit(&self) -> &'static str {
+        if let Some(known) = &self.known {
+            return if known.of_model { "capture" } else { "m" };
+        }
         match (self.unit, self.prior.origin.kind) {
             (UnitName::Capture, _) => "capture",
             (UnitName::Prior, DepthKind::Metric) => "m",
             (UnitName::Prior, _) => "unscaled",
         }
+    }
+
+    /// Whether the scale of a model's map is not known.
+    fn is_unscaled(&self) -> bool {
+        self.prior.origin.model.is_some() && self.known.is_none() && self.capture.is_none()
     }
 
     /// Warnings, unit, error bar and scores; `photograph` is the index of the subject within the capture.
@@ -212,7 +225,7 @@ impl Job {
         if self.unit == UnitName::Capture && refinement.capture.is_some() {
             refinement = refinement.in_capture_unit()?;
         }
-        doubts(&refinement.prior, &self.prior.origin, &self.config)
+        doubts(&refinement.prior, &self.prior.origin, &self.config, self.known.is_some())
             .into_iter()
             .for_each(|doubt| progress.warn(doubt));
         if let Some(reason) = refinement.augmentation.skipped {
@@ -223,7 +236,23 @@ impl Job {
                 progress.warn(format!("iteration {}: {warning}", index + 1));
             }
         }
-        let stated = self.error_bar.apply(&mut refinement, &self.config, &self.prior.origin)?;
+        let stated =
+            self.error_bar.apply(&mut refinement, &self.config, &self.prior.origin, self.known.is_some())?;
+        if let Some(scale) = &stated.scale {
+            let relative = scale.relative as f32;
+            let map = refinement.depth.mean().mapv(|z| if z > 0.0 { relative * z } else { f32::INFINITY });
+            refinement.components.push(Component { name: "scale", sigma: map });
+        }
+        let mut scaled = None;
+        if let Some(known) = &self.known {
+            let of_disparity = !self.prior.origin.kind.is_depth();
+            let at = known.at(refinement.depth.dim());
+            let (refined, report) = refinement
+                .scaled_to(&at, of_disparity)
+                .with_context(|| format!("--scale-from {}", known.source))?;
+            refinement = refined;
+            scaled = Some(Scaled { from: known.source.clone(), report });
+        }
         stated.warnings.iter().for_each(|warning| progress.warn(warning.clone()));
         let start = Instant::now();
         let scores = match &self.truth {
@@ -234,7 +263,16 @@ impl Job {
             None => None,
         };
         let score_seconds = start.elapsed().as_secs_f64();
-        Ok(Done { subject, refinement, photograph, stated, scores, score_seconds, prior_seconds: 0.0 })
+        Ok(Done {
+            subject,
+            refinement,
+            photograph,
+            stated,
+            scaled,
+            scores,
+            score_seconds,
+            prior_seconds: 0.0,
+        })
     }
 
     /// All files of one refinement.
@@ -267,6 +305,7 @@ impl Job {
             augmentation: &refinement.augmentation,
             error_bar: &done.stated,
             capture: refinement.capture.as_ref(),
+            scale: done.scaled.as_ref(),
             iterations: &refinement.iterations,
             training: progress.training(),
             scores: done.scores.as_ref(),
@@ -274,7 +313,10 @@ impl Job {
             score_seconds: done.score_seconds,
         };
         write_json(&path.join(RECORD), &record)?;
-        let scene = self.scene(&done.subject, &refinement.depth, &refinement.prior, &refinement.components);
+        let scene = Exported {
+            confidence: refinement.confidence.as_ref().map(|confidence| confidence.view()),
+            ..self.scene(&done.subject, &refinement.depth, &refinement.prior, &refinement.components)
+        };
         self.export.iter().try_for_each(|format| scene.write(*format, path))?;
         report::write(path)?;
         Ok(())
@@ -294,6 +336,7 @@ impl Job {
             depth,
             prior: prior.view(),
             components,
+            confidence: None,
         }
     }
 

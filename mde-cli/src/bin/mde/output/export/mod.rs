@@ -27,6 +27,8 @@ pub(crate) struct Exported<'e> {
     pub(crate) prior: ArrayView2<'e, f32>,
     /// The components of sigma.
     pub(crate) components: &'e [Component],
+    /// The network's own confidence.
+    pub(crate) confidence: Option<ArrayView2<'e, f32>>,
 }
 
 impl Exported<'_> {
@@ -48,6 +50,9 @@ impl Exported<'_> {
                 let parts = subfolder(folder, "sigma")?;
                 for part in self.components {
                     write_npy(parts.join(format!("{}.npy", part.name)), part.sigma.view())?;
+                }
+                if let Some(confidence) = self.confidence {
+                    write_npy(parts.join("network-confidence.npy"), confidence)?;
                 }
                 Ok(())
             }
@@ -105,6 +110,7 @@ pub(crate) mod tests {
             depth: &depth,
             prior: prior.view(),
             components: &[],
+            confidence: None,
         });
     }
 }
