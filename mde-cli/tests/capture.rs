@@ -375,7 +375,7 @@ fn every_photograph_gets_a_folder_and_all_a_cloud() {
         for file in ["depth.npy", "sigma.npy", "run.json", "report.html", "image.png"] {
             assert!(path(&format!("out/{name}/{file}")).is_file(), "{name}/{file}");
         }
-        assert_eq!(whole["frames"][index]["depth_file_path"], format!("{name}/depth.npy"));
+        assert_eq!(whole["frames"][index]["depth_file_path"], format!("{name}/depth.png"));
         assert!(path("out").join(whole["frames"][index]["sigma_file_path"].as_str().unwrap()).is_file());
         // In the world of the capture, in its unit; the reference's pose is as given.
         let known = &room.views[name.parse::<usize>().unwrap()].view.pose;

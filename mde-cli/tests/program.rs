@@ -14,7 +14,8 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 
-const OUTPUTS: [&str; 9] = [
+const OUTPUTS: [&str; 10] = [
+    "confidence.png",
     "config.toml",
     "depth.npy",
     "depth.png",
@@ -43,8 +44,8 @@ fn check_outputs(folder: &Path, (height, width): (usize, usize)) -> Value {
     }
     let record = record(folder);
     let scale = record["png_scale"].as_f64().unwrap();
-    let options = ReadOptions { png_scale: scale, ..ReadOptions::default() };
-    let png = read_depth(folder.join("depth.png"), &options).unwrap();
+    // The file has its own scale.
+    let png = read_depth(folder.join("depth.png"), &ReadOptions::default()).unwrap();
     for (png, depth) in png.iter().zip(&depth) {
         assert!(f64::from((png - depth).abs()) <= 0.5001 / scale + 1e-6 * f64::from(*depth), "{png} {depth}");
     }
@@ -94,6 +95,43 @@ fn the_demo_of_one_photograph_is_scored_against_its_exact_depth() {
         fs::read(place.path("a/demo/prior.npy")).unwrap(),
         fs::read(place.path("a/demo/gt.npy")).unwrap()
     );
+}
+
+/// `depth.png` is millimetres whatever it holds, and goes back into the program with its unit.
+#[test]
+fn a_depth_png_is_read_back_in_its_unit() {
+    let place = Place::new();
+    let refine = |prior: &str, out: &str| {
+        let kind =
+            format!("refine image.png --prior-depth {prior} --fov 60 --config tiny.toml --no-nerf -o {out}");
+        let run = place.mde(&kind).assert().success();
+        String::from_utf8(run.get_output().stderr.clone()).unwrap()
+    };
+    let prior = |out: &str| -> Array2<f32> { read_npy(place.path(&format!("{out}/prior.npy"))).unwrap() };
+    let near = |a: &Array2<f32>, b: &Array2<f32>| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 5.1e-4);
+    refine("depth.npy", "a");
+    assert_eq!(record(&place.path("a"))["png_scale"], 1000.0);
+    refine("a/depth.png", "b");
+    assert!(near(&prior("a"), &prior("b")));
+    assert_eq!(
+        (&record(&place.path("b"))["unit"], &record(&place.path("b"))["prior"]["kind"]),
+        (&"m".into(), &"metric".into())
+    );
+    // Of unknown scale once, of unknown scale again, with a word.
+    refine("depth.npy --prior-kind depth", "c");
+    let warned = refine("c/depth.png", "d");
+    assert!(warned.contains("c/depth.png: its metadata have the unit \"unscaled\""), "{warned}");
+    assert!(near(&prior("c"), &prior("d")));
+    assert_eq!(record(&place.path("d"))["unit"], "unscaled");
+    // Far pixels are missing, and counted.
+    write_npy(place.path("far.npy"), place.scene.depth.mapv(|z| if z > 3.0 { 80.0 } else { z }).view())
+        .unwrap();
+    let warned = refine("far.npy", "e");
+    let far = place.scene.depth.iter().filter(|z| **z > 3.0).count();
+    assert!(far > 0 && warned.contains(&format!("{far} pixels are farther than the 65.535 m")), "{warned}");
+    assert_eq!(record(&place.path("e"))["png_missing_pixels"], far);
+    let refused = place.mde("refine image.png --prior-depth a/confidence.png --fov 60 -o f").assert().code(1);
+    refused.stderr(predicate::str::contains("a confidence, not a depth"));
 }
 
 #[test]

@@ -117,14 +117,19 @@ fn a_folder_without_a_report_is_told_in_one_line() {
 fn files_for_other_programs_are_written_where_asked_for() {
     let place = Place::new();
     place.mde(&format!("{RUN} -q -o plain")).assert().success();
-    place.mde(&format!("{RUN} -q --export ply,exr,colmap -o out")).assert().success();
-    let mut expected =
-        [names(&place.path("plain")), ["cloud.ply", "colmap", "depth.exr"].map(str::to_owned).to_vec()]
-            .concat();
+    place.mde(&format!("{RUN} -q --export ply,exr,colmap,glb,transforms -o out")).assert().success();
+    let mut expected = [
+        names(&place.path("plain")),
+        ["cloud.ply", "colmap", "depth.exr", "mesh.glb", "transforms.json"].map(str::to_owned).to_vec(),
+    ]
+    .concat();
     expected.sort();
     assert_eq!(names(&place.path("out")), expected);
-    assert_eq!(names(&place.path("out/colmap")), ["cameras.txt", "images.txt", "points3D.txt"]);
-    for (channel, file) in [("Z", "depth.npy"), ("sigma", "sigma.npy"), ("prior", "prior.npy")] {
+    assert_eq!(names(&place.path("out/colmap/sparse/0")), ["cameras.txt", "images.txt", "points3D.txt"]);
+    assert_eq!(names(&place.path("out/colmap/images")), ["image.png"]);
+    for (channel, file) in
+        [("Y", "depth.npy"), ("Z", "depth.npy"), ("sigma", "sigma.npy"), ("prior", "prior.npy")]
+    {
         let options = ReadOptions { exr_channel: Some(channel.to_owned()), ..ReadOptions::default() };
         let map: Array2<f32> = read_npy(place.path("out").join(file)).unwrap();
         assert_eq!(read_values(place.path("out/depth.exr"), &options).unwrap(), map, "{channel}");

@@ -73,7 +73,7 @@ proptest! {
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("m.png");
         format::write_png16(&path, map.view(), scale)?;
-        let options = ReadOptions { png_scale: scale, ..ReadOptions::default() };
+        let options = ReadOptions { png_scale: Some(scale), ..ReadOptions::default() };
         let read = format::read_values(&path, &options)?;
         for (&a, &b) in map.iter().zip(&read) {
             let error = (f64::from(a) - f64::from(b)).abs();
@@ -278,4 +278,40 @@ fn a_pfm_header_may_have_windows_line_ends() {
     let bytes = [b"Pf\r\n1 1\r\n-1.0\r\n".as_slice(), &2.5_f32.to_le_bytes()].concat();
     let map = format::decode(format::Format::Pfm, &bytes, &format::ReadOptions::default()).unwrap();
     assert_eq!(map[(0, 0)], 2.5);
+}
+
+#[test]
+fn a_depth_png_is_read_by_the_scale_in_its_metadata() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("m.png");
+    let map = array![[0.0, 1.25], [2.5, 13.0], [13.2, f32::INFINITY]];
+    let read = |options: &ReadOptions| format::read_values(&path, options).unwrap();
+    assert_eq!(format::write_depth_png(&path, map.view(), "m", 5000.0).unwrap(), 1);
+    // What does not fit is missing, as what has no depth.
+    assert_eq!(read(&ReadOptions::default()), array![[0.0, 1.25], [2.5, 13.0], [0.0, 0.0]]);
+    let stated = ReadOptions { png_scale: Some(1000.0), ..ReadOptions::default() };
+    assert_eq!(read(&stated)[(0, 1)], 6.25);
+    let expected = format::PngContent::Depth { unit: "m".to_owned(), scale: 5000.0 };
+    assert_eq!(format::png_content(&path).unwrap(), Some(expected));
+    format::write_png16(&path, array![[1.5]].view(), 1000.0).unwrap();
+    assert_eq!((format::png_content(&path).unwrap(), read(&ReadOptions::default())), (None, array![[1.5]]));
+    let unprintable = format::write_depth_png(&path, map.view(), "m\u{b2}", 1000.0).unwrap_err().to_string();
+    assert!(unprintable.contains("ASCII"), "{unprintable}");
+}
+
+#[test]
+fn a_scale_that_is_none_and_a_confidence_are_refused_as_depth() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("m.png");
+    let refused = || format::read_depth(&path, &ReadOptions::default()).unwrap_err().to_string();
+    format::write_depth_png(&path, array![[1.0]].view(), "m", 1000.0).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let at = bytes.windows(16).position(|part| part == b"Depth-Scale\x001000").unwrap();
+    std::fs::write(&path, [&bytes[..at + 12], b"-100", &bytes[at + 16..]].concat()).unwrap();
+    assert!(refused().contains("Depth-Scale"), "{}", refused());
+    format::write_confidence_png(&path, array![[0.0, 0.5, 1.0]].view(), "1 - x").unwrap();
+    assert!(refused().contains("a confidence, not a depth"), "{}", refused());
+    assert_eq!(format::png_content(&path).unwrap(), Some(format::PngContent::Confidence));
+    let high = format::write_confidence_png(&path, array![[1.5]].view(), "x").unwrap_err().to_string();
+    assert!(high.contains("1.5 at row 0, column 0"), "{high}");
 }

@@ -33,7 +33,7 @@ impl Pair {
     /// Reads both; the depth map holds `units_per_metre` units a metre.
     pub(super) fn read(&self, units_per_metre: f64) -> Result<Read> {
         let image = read_image(&self.image)?.pixels;
-        let options = ReadOptions { png_scale: units_per_metre, ..ReadOptions::default() };
+        let options = ReadOptions { png_scale: Some(units_per_metre), ..ReadOptions::default() };
         let depth = read_depth(&self.depth, &options)?;
         let (height, width, _) = image.dim();
         same_size(&self.depth, depth.dim(), (height, width))?;

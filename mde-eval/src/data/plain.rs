@@ -108,7 +108,7 @@ fn describe(path: &Path) -> Result<PlainScene> {
 
 fn options(units_per_metre: Option<f64>) -> ReadOptions {
     match units_per_metre {
-        Some(scale) => ReadOptions { png_scale: scale, float_scale: scale, ..ReadOptions::default() },
+        Some(scale) => ReadOptions { png_scale: Some(scale), float_scale: scale, ..ReadOptions::default() },
         None => ReadOptions::default(),
     }
 }

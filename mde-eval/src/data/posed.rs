@@ -143,7 +143,7 @@ impl Posed {
         if !(units > 0.0 && units.is_finite()) {
             return Err(fault(format!("depth_units_per_metre is {units}; use a positive finite number")));
         }
-        let options = ReadOptions { png_scale: units, ..ReadOptions::default() };
+        let options = ReadOptions { png_scale: Some(units), ..ReadOptions::default() };
         let depth_path = scene.join(file);
         let depth = read_depth(&depth_path, &options)?;
         super::files::same_size(&depth_path, depth.dim(), lens.camera.dim())?;

@@ -50,9 +50,9 @@ fn transforms_come_back_as_written() {
     assert!(close(&read, &frames));
     assert_eq!(read.frames[0].lens, frames[0].lens);
     // The file's own word on pixel centres wins over the caller's.
-    let halves = text.replace("integers", "halves");
-    let read = transforms(&halves).unwrap();
-    assert!((read.frames[0].lens.camera.cx - 30.5).abs() < 1e-12);
+    let integers = text.replace("halves", "integers");
+    let read = transforms(&integers).unwrap();
+    assert!((read.frames[0].lens.camera.cx - 31.5).abs() < 1e-12);
 }
 
 /// Where a camera looks along -z of OpenGL, the point ahead of it lies at positive depth and in the middle.

@@ -15,6 +15,9 @@ const SUPPORTED: &str = "OPENCV, PINHOLE, SIMPLE_PINHOLE, RADIAL, SIMPLE_RADIAL"
 /// Extensions that are tried for a name without one.
 const EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "JPG"];
 
+/// From pixel centres at integers to those at halves.
+const HALF: f64 = 0.5;
+
 /// Position of the first pixel's centre: 0, as everywhere in this workspace, or one half.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PixelCentres {
@@ -197,7 +200,7 @@ impl Fields<'_> {
 }
 
 /// The text of a `transforms.json` of `frames`, with intrinsics for each; photographs are named relative to `folder`
-/// where they lie below it.
+/// where they lie below it. Principal points have pixel centres at halves, as nerfstudio takes them; `pixel_centres` says so.
 ///
 /// ```
 /// use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
@@ -232,7 +235,7 @@ pub fn transforms_json_with(
             let name = frame.photograph.strip_prefix(folder).unwrap_or(&frame.photograph);
             let mut entry = json!({
                 "file_path": name.to_string_lossy().replace('\\', "/"),
-                "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy,
+                "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx + HALF, "cy": camera.cy + HALF,
                 "w": camera.width, "h": camera.height,
                 "k1": d.k1, "k2": d.k2, "k3": d.k3, "p1": d.p1, "p2": d.p2,
                 "transform_matrix": [row(0), row(1), row(2), row(3)],
@@ -243,6 +246,6 @@ pub fn transforms_json_with(
             entry
         })
         .collect();
-    let root = json!({ "camera_model": "OPENCV", "pixel_centres": "integers", "frames": entries });
+    let root = json!({ "camera_model": "OPENCV", "pixel_centres": "halves", "frames": entries });
     format!("{root:#}\n")
 }

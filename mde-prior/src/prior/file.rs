@@ -16,14 +16,15 @@ pub struct FilePrior {
 
 impl FilePrior {
     /// Reads a map whose values are of `kind`. With a `scale`, depth = value / scale whatever the format; without one,
-    /// integer samples (16-bit PNG) are thousandths and floating-point samples are not scaled.
+    /// integer samples (16-bit PNG) have the scale in the PNG's metadata, else they are thousandths; floating-point samples are not
+    /// scaled.
     ///
     /// # Errors
     /// Those of [`format::read_depth`].
     pub fn open(path: impl AsRef<Path>, kind: DepthKind, scale: Option<f64>) -> Result<Self> {
         let mut options = ReadOptions::default();
         if let Some(scale) = scale {
-            options.png_scale = scale;
+            options.png_scale = Some(scale);
             options.float_scale = scale;
         }
         Self::with_options(path, kind, &options)

@@ -2,7 +2,7 @@
 //!
 //! | extension | read | written |
 //! | --- | --- | --- |
-//! | `.png` | 16-bit grey, value / scale; or SUN RGB-D's rotated bits | 16-bit grey, value · scale, 0 = missing |
+//! | `.png` | 16-bit grey, value / scale; or SUN RGB-D's rotated bits | 16-bit grey, value · scale, 0 = missing; unit and scale as text |
 //! | `.npy` | f2, f4, f8, u1 to u4, i2 to i8, both byte orders, C and Fortran order | f4, version 1.0 |
 //! | `.npz` | stored or deflated; a named array, or the only one | f4, stored, array `depth` |
 //! | `.pfm` | grey (`Pf`), both byte orders | grey, little-endian |
@@ -31,6 +31,7 @@ mod npy;
 mod npz;
 mod pfm;
 mod png;
+mod png_text;
 
 use std::io::Read as _;
 use std::path::Path;
@@ -48,6 +49,9 @@ pub(crate) const MAX_PIXELS: usize = 1 << 27;
 
 /// Most bytes of a file that is read.
 const MAX_FILE: u64 = 1 << 32;
+
+/// Steps per metre of a PNG that has no other scale.
+const MILLIMETRES: f64 = 1000.0;
 
 /// A parser's result: the map, or the reason and remedy (the caller names the file).
 type Parsed<T> = std::result::Result<T, String>;
@@ -108,8 +112,9 @@ pub enum Encoding {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct ReadOptions {
-    /// Depth = value / `png_scale` for integer samples (PNG; NPY and NPZ of integers); 1000, millimetres.
-    pub png_scale: f64,
+    /// Depth = value / `png_scale` for integer samples (PNG; NPY and NPZ of integers); without it the scale in the PNG's metadata, else
+    /// 1000, millimetres.
+    pub png_scale: Option<f64>,
     /// Depth = value / `float_scale` for floating-point samples; 1.
     pub float_scale: f64,
     /// Encoding of a depth in a PNG sample.
@@ -125,7 +130,7 @@ pub struct ReadOptions {
 impl Default for ReadOptions {
     fn default() -> Self {
         Self {
-            png_scale: 1000.0,
+            png_scale: None,
             float_scale: 1.0,
             encoding: Encoding::Linear,
             eight_bits: false,
@@ -147,7 +152,7 @@ impl ReadOptions {
     /// # Errors
     /// [`Error::Config`] that names the field.
     pub fn validate(&self) -> Result<()> {
-        check_scale("png-scale", self.png_scale)?;
+        check_scale("png-scale", self.png_scale.unwrap_or(MILLIMETRES))?;
         check_scale("float-scale", self.float_scale)
     }
 }
@@ -162,7 +167,7 @@ pub struct WriteOptions {
 
 impl Default for WriteOptions {
     fn default() -> Self {
-        Self { png_scale: 1000.0 }
+        Self { png_scale: MILLIMETRES }
     }
 }
 
@@ -227,6 +232,18 @@ fn parse(format: Format, bytes: &[u8], options: &ReadOptions) -> Parsed<Array2<f
                 .to_owned(),
         );
     }
+    let stated = match format {
+        Format::Png => match png_text::content(bytes)? {
+            Some(PngContent::Depth { scale, .. }) => Some(scale),
+            Some(PngContent::Confidence) => {
+                return Err(
+                    "the PNG holds a confidence, not a depth; give the depth map beside it".to_owned()
+                );
+            }
+            None => None,
+        },
+        _ => None,
+    };
     let Samples { mut map, integer } = match format {
         Format::Png => {
             Samples { map: png::parse(bytes, options.encoding, options.eight_bits)?, integer: true }
@@ -238,7 +255,7 @@ fn parse(format: Format, bytes: &[u8], options: &ReadOptions) -> Parsed<Array2<f
     };
     let scale = match (options.encoding, integer) {
         (Encoding::Sunrgbd, _) => 1000.0,
-        (Encoding::Linear, true) => options.png_scale,
+        (Encoding::Linear, true) => options.png_scale.or(stated).unwrap_or(MILLIMETRES),
         (Encoding::Linear, false) => options.float_scale,
     };
     if scale != 1.0 {
@@ -325,6 +342,83 @@ pub fn write_png16(path: impl AsRef<Path>, map: ArrayView2<'_, f32>, scale: f64)
     check_scale("png-scale", scale)?;
     check_map(path, map)?;
     write_atomic(path, &png::encode(map, scale).map_err(|reason| Error::malformed(path, reason))?)
+}
+
+/// What the metadata of a PNG say of its values.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum PngContent {
+    /// Depth in `unit` = value / `scale`; 0 = missing.
+    Depth {
+        /// Name of the unit: `m` for metres.
+        unit: String,
+        /// Steps per unit.
+        scale: f64,
+    },
+    /// A confidence, from 0 to 1 = the largest value.
+    Confidence,
+}
+
+/// Reads what [`write_depth_png`] or [`write_confidence_png`] wrote into a file's metadata; nothing for other files.
+///
+/// # Errors
+/// [`Error::Read`]; [`Error::Malformed`] where the scale is no number.
+pub fn png_content(path: impl AsRef<Path>) -> Result<Option<PngContent>> {
+    let path = path.as_ref();
+    png_text::content(&read_file(path)?).map_err(|reason| Error::malformed(path, reason))
+}
+
+/// As [`write_png16`], with `unit` and scale in the metadata (`tEXt`: `Depth-Unit`, `Depth-Scale`, `Description`), by which
+/// [`read_depth`] finds the scale. Depths that do not fit into 16 bits are written as missing, as depth cameras write what is out of
+/// their range; the result is their number.
+///
+/// # Errors
+/// See [`write_depth`]; [`Error::Input`] where the unit is not printable ASCII.
+pub fn write_depth_png(
+    path: impl AsRef<Path>,
+    map: ArrayView2<'_, f32>,
+    unit: &str,
+    scale: f64,
+) -> Result<usize> {
+    let path = path.as_ref();
+    check_scale("png-scale", scale)?;
+    check_map(path, map)?;
+    check_text(unit)?;
+    let fits = |depth: f32| (f64::from(depth) * scale).round() <= f64::from(u16::MAX);
+    let near = map.mapv(|depth| if fits(depth) { depth } else { 0.0 });
+    let beyond = map.iter().filter(|depth| depth.is_finite() && !fits(**depth)).count();
+    let png = png::encode(near.view(), scale).map_err(|reason| Error::malformed(path, reason))?;
+    let description = format!("depth along the optical axis in {unit} = value / {scale}; 0: missing");
+    let texts = png_text::with_texts(&png, &png_text::of_depth(unit, &scale.to_string(), &description));
+    write_atomic(path, &texts)?;
+    Ok(beyond)
+}
+
+/// Writes values of 0 to 1 as a 16-bit grey PNG, round(value · 65535), with `formula` in the metadata. It is refused where a depth is read.
+///
+/// # Errors
+/// See [`write_depth`]; [`Error::Malformed`] names the first value outside of 0 to 1, [`Error::Input`] a formula that is not printable
+/// ASCII.
+pub fn write_confidence_png(path: impl AsRef<Path>, map: ArrayView2<'_, f32>, formula: &str) -> Result<()> {
+    let path = path.as_ref();
+    check_map(path, map)?;
+    check_text(formula)?;
+    if let Some(((row, column), value)) = map.indexed_iter().find(|(_, v)| !(0.0..=1.0).contains(*v)) {
+        let reason = format!("{value} at row {row}, column {column} is no confidence; give 0 to 1");
+        return Err(Error::malformed(path, reason));
+    }
+    let png = png::encode_values(map, |value| (f64::from(value) * f64::from(u16::MAX)).round() as u16);
+    let png = png.map_err(|reason| Error::malformed(path, reason))?;
+    let description = format!("confidence = {formula} = value / 65535; 0: no depth, 1: surest");
+    write_atomic(path, &png_text::with_texts(&png, &png_text::of_confidence(formula, &description)))
+}
+
+fn check_text(text: &str) -> Result<()> {
+    let printable = text.bytes().all(|byte| (0x20..0x7f).contains(&byte));
+    if printable {
+        return Ok(());
+    }
+    Err(Error::Input(format!("{text:?} can't stand in a PNG's metadata; give printable ASCII")))
 }
 
 fn check_map(path: &Path, map: ArrayView2<'_, f32>) -> Result<()> {

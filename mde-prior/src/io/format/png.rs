@@ -49,20 +49,22 @@ pub(super) fn parse(bytes: &[u8], encoding: Encoding, eight_bits: bool) -> Parse
 }
 
 pub(super) fn encode(map: ArrayView2<'_, f32>, scale: f64) -> Parsed<Vec<u8>> {
-    let (height, width) = map.dim();
-    let mut data = Vec::with_capacity(2 * map.len());
-    for ((row, column), &value) in map.indexed_iter() {
-        let raw = (f64::from(value) * scale).round();
-        if !(value >= 0.0 && raw <= 65535.0) {
-            return Err(format!(
-                "{value} at row {row}, column {column} does not fit into 16 bits at {scale} steps per unit; \
-                 write .npy, or use a smaller scale for depths beyond {}",
-                65535.0 / scale
-            ));
-        }
-        let raw = if value > 0.0 { raw.max(1.0) } else { 0.0 };
-        data.extend((raw as u16).to_ne_bytes());
+    let raw = |value: f32| (f64::from(value) * scale).round();
+    let fits = |value: f32| value >= 0.0 && raw(value) <= 65535.0;
+    if let Some(((row, column), value)) = map.indexed_iter().find(|(_, value)| !fits(**value)) {
+        return Err(format!(
+            "{value} at row {row}, column {column} does not fit into 16 bits at {scale} steps per unit; \
+             write .npy, or use a smaller scale for depths beyond {}",
+            65535.0 / scale
+        ));
     }
+    encode_values(map, |value| if value > 0.0 { raw(value).max(1.0) as u16 } else { 0 })
+}
+
+/// Any values as 16-bit grey.
+pub(super) fn encode_values(map: ArrayView2<'_, f32>, sample: impl Fn(f32) -> u16) -> Parsed<Vec<u8>> {
+    let (height, width) = map.dim();
+    let data: Vec<u8> = map.iter().flat_map(|value| sample(*value).to_ne_bytes()).collect();
     let side =
         |n: usize| u32::try_from(n).map_err(|_| format!("{n} pixels are too many for a PNG; write .npy"));
     let mut bytes = Vec::new();

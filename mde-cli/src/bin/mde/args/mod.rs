@@ -111,9 +111,9 @@ Examples:
   mde refine room.png --prior-depth depth.exr --fx 520 --fy 520 --cx 319.5 --cy 239.5 --gt truth.npy -o out/room
 
 Output: depth.npy and sigma.npy (f32 [height, width], the prior's unit; missing: 0 and inf), prior.npy, depth.png
-(16 bit; its scale is in run.json), image.png, preview.png, config.toml (all settings), run.json (all measurements),
-report.html (all results on one page); with --gt gt.npy; with --interval lower.npy and upper.npy; with --export cloud.ply, depth.exr,
-colmap/, sigma/. With --all one such folder for each photograph, and transforms.json, cloud.ply, run.json.")]
+(16 bit, millimetres), confidence.png, image.png, preview.png, config.toml (all settings), run.json (all measurements),
+report.html (all results on one page); with --gt gt.npy; with --interval lower.npy and upper.npy; with --export cloud.ply, mesh.glb,
+depth.exr, colmap/, transforms.json, sigma/. With --all one such folder for each photograph, and transforms.json, cloud.ply, run.json.")]
 pub(crate) struct RefineArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP
     #[arg(value_name = "IMAGE")]
@@ -312,10 +312,10 @@ pub(crate) struct PriorArgs {
     /// Size of the model's input, pixels; by default that of the profile
     #[arg(long, value_name = "WxH", value_parser = size, conflicts_with = "prior_depth")]
     pub(crate) input_size: Option<[usize; 2]>,
-    /// Kind of the values; by default metric for a file, and that of the profile for a model
+    /// Kind of the values; by default metric for a file whose metadata have no other unit, and that of the profile for a model
     #[arg(long, value_enum)]
     pub(crate) prior_kind: Option<KindName>,
-    /// Depth = value / X for a file; 1000 for 16-bit PNG, 1 for floats
+    /// Depth = value / X for a file; for 16-bit PNG the scale in its metadata, else 1000; 1 for floats
     #[arg(long, value_name = "X", conflicts_with = "prior_model")]
     pub(crate) png_scale: Option<f64>,
     /// Encoding of depths in PNG files
@@ -483,6 +483,9 @@ pub(crate) struct ExportArgs {
     /// Also write files for other programs, separated by commas
     #[arg(long, value_enum, value_name = "FORMATS", value_delimiter = ',')]
     pub(crate) export: Vec<ExportName>,
+    /// Points of cloud.ply with y up, z backward (mesh.glb always has)
+    #[arg(long, help_heading = "Advanced")]
+    pub(crate) y_up: bool,
     /// Also write a recording of the run for rerun's viewer (needs the feature rerun)
     #[arg(long, help_heading = "Advanced", value_name = "FILE.rrd")]
     pub(crate) rerun: Option<PathBuf>,
@@ -492,10 +495,14 @@ pub(crate) struct ExportArgs {
 pub(crate) enum ExportName {
     /// cloud.ply: points with colour, normal and sigma (binary)
     Ply,
-    /// depth.exr: channels Z (refined), sigma and prior
+    /// mesh.glb: textured mesh, torn at depth edges, y up
+    Glb,
+    /// depth.exr: channels Y and Z (refined), sigma and prior
     Exr,
-    /// colmap/: cameras.txt, images.txt, points3D.txt
+    /// colmap/: images/ and sparse/0/
     Colmap,
+    /// transforms.json: camera, depth and sigma for nerfstudio
+    Transforms,
     /// sigma/: the components of sigma (NPY)
     Sigma,
 }

@@ -78,6 +78,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         checkpoints: None,
         error_bar: ErrorBar::open(&args.error_bar)?,
         export: args.export.export.clone(),
+        y_up: args.export.y_up,
         recording,
         capture: scene.capture,
         keep_photographs: true,

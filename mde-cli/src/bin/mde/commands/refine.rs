@@ -84,6 +84,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         checkpoints,
         error_bar: ErrorBar::open(&args.error_bar)?,
         export: args.export.export.clone(),
+        y_up: args.export.y_up,
         recording,
         capture,
         unit: args.several.unit,
@@ -142,7 +143,7 @@ fn made_from(
         made_from["photographs"] = json!(photographs);
         made_from["output"] = json!(format!(
             "{:?}",
-            (args.several.unit, &args.error_bar, &args.export.export, args.save_field)
+            (args.several.unit, &args.error_bar, &args.export.export, args.export.y_up, args.save_field)
         ));
     }
     // As text: numbers that are read again may differ in their last bit.

@@ -3,16 +3,16 @@ use crate::input::camera::KnownCamera;
 use crate::input::opened::use_threads;
 use crate::input::size::check_memory;
 use crate::output::folder::{OutputFolder, RECORD};
+use crate::output::pictures16::DepthPng;
 use crate::output::preview::depth_picture;
 use crate::output::provenance::write_json;
 use crate::output::run_record::About;
 use crate::run::interrupt;
-use crate::run::job::png_scale;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_cli::memory::render_bytes;
 use mde_nerf::{FieldEvent, Nerf, RadianceField, RenderedView};
-use mde_prior::format::{write_npy, write_png16};
+use mde_prior::format::write_npy;
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose};
@@ -22,6 +22,8 @@ use serde_json::json;
 use std::f64::consts::TAU;
 use std::path::Path;
 
+/// A field does not store the unit of its prior.
+const UNIT: &str = "unknown";
 /// Width of the rendering from which the scene's distance is measured.
 const PROBE: usize = 64;
 
@@ -65,12 +67,13 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
         };
         views.push(field.render(&camera.camera, pose, &mut listen)?);
     }
-    let png_scale = png_scale(views.iter().flat_map(|view| view.depth.mean().to_owned()));
+    let depths: Vec<f32> = views.iter().flat_map(|view| view.depth.mean().to_owned()).collect();
+    let png = DepthPng::new(UNIT, depths.iter().copied());
     folder.write(|path| {
         let mut records = Vec::new();
         for (index, (view, pose)) in views.iter().zip(&poses).enumerate() {
             let number = if poses.len() == 1 { String::new() } else { format!("_{index:03}") };
-            write_view(path, &number, view, png_scale)?;
+            write_view(path, &number, view, &png)?;
             records.push(ViewRecord {
                 colour: format!("colour{number}.png"),
                 world_to_camera: super::rows(pose),
@@ -81,7 +84,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
             total_seconds: progress.seconds(),
             ..About::new("render", args.field.display().to_string(), &camera)
         };
-        write_json(&path.join(RECORD), &RenderRecord { about, png_scale, views: records })
+        write_json(&path.join(RECORD), &RenderRecord { about, png_scale: png.scale, views: records })
     })?;
     let text = format!("{} views\nwrote {}", poses.len(), folder.path().display());
     progress.result(
@@ -91,11 +94,11 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
     Ok(())
 }
 
-fn write_view(folder: &Path, number: &str, view: &RenderedView, png_scale: f64) -> Result<()> {
+fn write_view(folder: &Path, number: &str, view: &RenderedView, png: &DepthPng) -> Result<()> {
     write_image(folder.join(format!("colour{number}.png")), view.image.view())?;
     write_npy(folder.join(format!("depth{number}.npy")), view.depth.mean())?;
     write_npy(folder.join(format!("sigma{number}.npy")), view.depth.sigma().view())?;
-    write_png16(folder.join(format!("depth{number}.png")), view.depth.mean(), png_scale)?;
+    png.write(&folder.join(format!("depth{number}.png")), view.depth.mean())?;
     Ok(write_rgb_png(folder.join(format!("preview{number}.png")), depth_picture(view.depth.mean()).pixels())?)
 }
 

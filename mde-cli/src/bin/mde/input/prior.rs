@@ -7,7 +7,7 @@ use crate::input::camera::{CameraSource, KnownCamera};
 use crate::input::opened::Opened;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
-use mde_prior::format::{Encoding, ReadOptions};
+use mde_prior::format::{Encoding, PngContent, ReadOptions, png_content};
 use mde_prior::ndarray::{Array3, ArrayView3};
 use mde_prior::resample::nearest;
 use mde_prior::{DepthKind, DepthPrior, FilePrior, ModelSpec, PriorDepth};
@@ -26,6 +26,9 @@ pub(crate) struct NamedPrior {
     /// What to know of the file.
     pub(crate) note: Option<String>,
 }
+
+/// The unit of metric depth.
+pub(crate) const METRES: &str = "m";
 
 /// Two aspects that differ by no more are the same up to rounded sides.
 const SAME_ASPECT: f64 = 0.02;
@@ -62,7 +65,7 @@ impl NamedPrior {
         let kind = args.prior_kind.map(DepthKind::from);
         match (&args.source.prior_model, &args.source.prior_depth) {
             (Some(model), _) => Self::model(model, args, kind, focal),
-            (None, Some(file)) => Self::file(file, args, kind.unwrap_or(DepthKind::Metric)),
+            (None, Some(file)) => Self::file(file, args, kind),
             (None, None) => anyhow::bail!("no prior is named; give --prior-model or --prior-depth"),
         }
     }
@@ -109,16 +112,30 @@ impl NamedPrior {
         Ok(Self { prior, origin: self.origin, size: Some(to), note: None })
     }
 
-    fn file(path: &Path, args: &PriorArgs, kind: DepthKind) -> Result<Self> {
+    fn file(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
+        let source = path.display().to_string();
+        let unit = unit(path);
+        let (kind, stated) = match (kind, unit) {
+            (Some(kind), _) => (kind, None),
+            (None, Some(unit)) if unit != METRES => (DepthKind::RelativeDepth, Some(unit)),
+            (None, _) => (DepthKind::Metric, None),
+        };
         let options = read_options("--png-scale", args.png_scale, args.prior_encoding.into())?;
         // Only as disparity: its scale is unknown anyway, and 256 levels of depth in metres would be none.
         let options = ReadOptions { eight_bits: kind == DepthKind::AffineDisparity, ..options };
         let prior = Box::new(FilePrior::with_options(path, kind, &options)?);
-        let source = path.display().to_string();
         let size = Some(prior.prior().map.dim());
-        let note = has_eight_bits(path).then(|| {
-            format!("{source}: 8 bits hold 256 levels at most, so its depth has steps; write the disparity as floats")
-        });
+        let eight_bits = || {
+            has_eight_bits(path).then(|| {
+                format!("{source}: 8 bits hold 256 levels at most, so its depth has steps; write the disparity as floats")
+            })
+        };
+        let unscaled = |unit| {
+            format!(
+                "{source}: its metadata have the unit \"{unit}\", so it is depth in an unknown unit; with --prior-kind metric it is metres"
+            )
+        };
+        let note = stated.map(unscaled).or_else(eight_bits);
         let origin = PriorOrigin { kind, source, model: None, runtime: None, model_hash: None };
         Ok(Self { prior, origin, size, note })
     }
@@ -205,6 +222,14 @@ pub(crate) fn runtime(args: &RuntimeArgs) -> Result<mde_prior::Runtime> {
     Ok(mde_prior::Runtime::Tract)
 }
 
+/// The unit in the metadata of a depth map.
+fn unit(path: &Path) -> Option<String> {
+    match png_content(path).ok().flatten() {
+        Some(PngContent::Depth { unit, .. }) => Some(unit),
+        _ => None,
+    }
+}
+
 /// Whether a file is a PNG of 8 bits a sample.
 fn has_eight_bits(path: &Path) -> bool {
     let mut header = [0; 25];
@@ -237,7 +262,7 @@ pub(crate) fn read_options(flag: &str, scale: Option<f64>, encoding: Encoding) -
     if let Some(scale) = scale {
         let usable = scale > 0.0 && scale.is_finite();
         ensure!(usable, "{flag}: {scale} is no scale; give a positive number of steps per unit");
-        (options.png_scale, options.float_scale) = (scale, scale);
+        (options.png_scale, options.float_scale) = (Some(scale), scale);
     }
     Ok(options)
 }

@@ -3,6 +3,7 @@
 pub(crate) mod canvas;
 pub(crate) mod export;
 pub(crate) mod folder;
+pub(crate) mod pictures16;
 pub(crate) mod preview;
 pub(crate) mod provenance;
 pub(crate) mod recording;

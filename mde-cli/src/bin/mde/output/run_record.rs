@@ -21,6 +21,8 @@ pub(crate) struct RunRecord<'r> {
     pub(crate) unit: &'static str,
     /// depth.png = depth times this.
     pub(crate) png_scale: f64,
+    /// Pixels too far for depth.png, missing there.
+    pub(crate) png_missing_pixels: usize,
     /// Pixels without a refined depth.
     pub(crate) missing_pixels: usize,
     /// The prior's stage.

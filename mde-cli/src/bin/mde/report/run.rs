@@ -16,14 +16,17 @@ use std::fs;
 use std::path::Path;
 
 /// What the files are, in the order of the page's list.
-const FILES: [(&str, &str); 17] = [
+const FILES: [(&str, &str); 20] = [
     ("depth.npy", "refined depth, 32-bit floats"),
     ("sigma.npy", "its standard deviation, same unit"),
     ("prior.npy", "the monocular depth, input of the run"),
-    ("depth.png", "refined depth, 16 bits"),
-    ("depth.exr", "refined depth, its sigma and the prior: channels Z, sigma, prior"),
+    ("depth.png", "refined depth, 16 bits; its unit is in its metadata"),
+    ("confidence.png", "probability of an error below 10 % of the depth, 16 bits"),
+    ("depth.exr", "refined depth, its sigma and the prior: channels Y and Z, sigma, prior"),
     ("cloud.ply", "coloured points with normals and sigma"),
-    ("colmap", "the camera and points as COLMAP text"),
+    ("mesh.glb", "textured mesh, y up"),
+    ("colmap", "the photograph, its camera and points as COLMAP has them"),
+    ("transforms.json", "the photograph, its camera, depth and sigma, as nerfstudio has them"),
     ("image.png", "the photograph, upright"),
     ("photographs", "the photographs; input of mde refine --views"),
     ("views", "the photographs, small, and what the field renders"),

@@ -8,7 +8,7 @@ use mde_cli::{Config, Refinement};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::calibration::{Calibration, Fingerprint, Mismatch};
 use mde_uncertainty::pooled::normal_half_width;
-use ndarray::Array2;
+use ndarray::{Array2, Zip};
 use serde::Serialize;
 
 /// The requested error bar.
@@ -140,15 +140,16 @@ impl ErrorBar {
 }
 
 impl Interval {
-    /// Its lower and upper ends; 0 and infinity where there is no depth.
+    /// Its lower and upper ends; 0 and infinity where there is no depth, and nowhere else: an end below 0 is the least positive number.
     pub(crate) fn bounds(&self, depth: &GaussianDepth) -> [Array2<f32>; 2] {
         let sigma = depth.sigma();
-        [-1.0, 1.0].map(|side: f32| {
-            let mut end = sigma.mapv(|s| side * self.half_width as f32 * s);
-            end += &depth.mean();
-            end.mapv_inplace(|d| d.max(0.0));
-            end
-        })
+        let end = |side: f32, missing: f32| {
+            Zip::from(depth.mean()).and(&sigma).map_collect(|&depth, &sigma| match sigma.is_finite() {
+                true => (depth + side * self.half_width as f32 * sigma).clamp(f32::MIN_POSITIVE, f32::MAX),
+                false => missing,
+            })
+        };
+        [end(-1.0, 0.0), end(1.0, f32::INFINITY)]
     }
 }
 
@@ -158,11 +159,11 @@ mod tests {
     use ndarray::array;
 
     #[test]
-    fn an_interval_is_about_the_depth_and_not_below_zero() {
+    fn an_interval_is_about_the_depth_and_only_the_missing_are_zero() {
         let depth = GaussianDepth::new(array![[2.0, 1.0, 0.0]], array![[0.25, 4.0, f32::INFINITY]]).unwrap();
         let interval = Interval { probability: 0.9, half_width: 2.0, by: String::new() };
         let [lower, upper] = interval.bounds(&depth);
-        assert_eq!(lower, array![[1.0, 0.0, 0.0]]);
+        assert_eq!(lower, array![[1.0, f32::MIN_POSITIVE, 0.0]]);
         assert_eq!(upper, array![[3.0, 5.0, f32::INFINITY]]);
     }
 }

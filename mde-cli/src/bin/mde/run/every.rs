@@ -2,8 +2,10 @@
 
 use crate::evaluation::results::Partial;
 use crate::input::prior::Timed;
+use crate::output::export::transforms::{self, Exposed, FILE as TRANSFORMS};
 use crate::output::export::{Exported, ply};
 use crate::output::folder::{OutputFolder, RECORD};
+use crate::output::pictures16::MILLIMETRES;
 use crate::output::provenance::write_json;
 use crate::output::run_record::About;
 use crate::report::{Indexed, index};
@@ -16,8 +18,7 @@ use anyhow::{Context, Result, bail};
 use mde_cli::capture::{RefinedView, consistent_points};
 use mde_cli::{Capture, PreparedCapture, Stages};
 use mde_eval::table::{Block, Cell, Column, Document, Table};
-use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json_with};
-use mde_prior::format::{ReadOptions, read_values};
+use mde_prior::format::{PngContent, ReadOptions, png_content, read_values};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose};
@@ -30,7 +31,6 @@ use std::path::Path;
 use std::time::Instant;
 
 const CLOUD: &str = "cloud.ply";
-const TRANSFORMS: &str = "transforms.json";
 const INDEX: &str = "index.html";
 /// The record of a photograph that `--resume` keeps.
 const KEPT: &str = "kept.json";
@@ -61,6 +61,8 @@ struct Solid {
     pose: Pose,
     depth: Array2<f32>,
     sigma: Array2<f32>,
+    /// Steps per unit of its depth.png.
+    png_scale: f64,
 }
 
 /// Finished photographs of an earlier run with the same inputs and settings.
@@ -126,8 +128,9 @@ pub(crate) fn run(
         {
             bail!("no photograph could be refined: {first}");
         }
-        transforms(&path.join(TRANSFORMS), &solids)?;
-        points = cloud(&path.join(CLOUD), capture, &solids, job.unit())?;
+        let exposed: Vec<Exposed<'_>> = solids.iter().map(Solid::exposed).collect();
+        transforms::write(&path.join(TRANSFORMS), &exposed)?;
+        points = cloud(&path.join(CLOUD), capture, &solids, job)?;
         let shown: Vec<Indexed<'_>> = rows.iter().map(indexed).collect();
         let page = index(&format!("{} photographs", rows.len()), &shown, &[CLOUD, TRANSFORMS, RECORD]);
         mde_prior::write_atomic(&path.join(INDEX), page.as_bytes())?;
@@ -280,29 +283,21 @@ impl Solid {
     ) -> Result<Self> {
         let map = |name: &str| read_values(place.join(name), &ReadOptions::default());
         let (depth, sigma) = (map("depth.npy")?, map("sigma.npy")?);
-        Ok(Self { photograph, folder: folder.to_owned(), camera, pose, depth, sigma })
+        let png_scale = match png_content(place.join("depth.png"))? {
+            Some(PngContent::Depth { scale, .. }) => scale,
+            _ => MILLIMETRES,
+        };
+        Ok(Self { photograph, folder: folder.to_owned(), camera, pose, depth, sigma, png_scale })
+    }
+
+    fn exposed(&self) -> Exposed<'_> {
+        Exposed { folder: &self.folder, camera: self.camera, pose: self.pose, png_scale: self.png_scale }
     }
 }
 
-/// Poses, photographs, depths and sigmas of those refined by the others.
-fn transforms(path: &Path, solids: &[Solid]) -> Result<()> {
-    let frames: Vec<Frame> = solids
-        .iter()
-        .map(|solid| Frame {
-            photograph: Path::new(&solid.folder).join("image.png"),
-            lens: Lens { camera: solid.camera, distortion: Distortion::default() },
-            pose: solid.pose,
-        })
-        .collect();
-    let file = |index: usize, name: &str| format!("{}/{name}", solids[index].folder);
-    let text = transforms_json_with(&frames, Path::new(""), |index| {
-        vec![("depth_file_path", file(index, "depth.npy")), ("sigma_file_path", file(index, "sigma.npy"))]
-    });
-    Ok(mde_prior::write_atomic(path, text.as_bytes())?)
-}
-
 /// Writes the points that two photographs confirm; their number.
-fn cloud(path: &Path, capture: &Capture, solids: &[Solid], unit: &str) -> Result<usize> {
+fn cloud(path: &Path, capture: &Capture, solids: &[Solid], job: &Job) -> Result<usize> {
+    let unit = job.unit();
     let views: Vec<RefinedView<'_>> = solids
         .iter()
         .map(|s| RefinedView { camera: s.camera, pose: s.pose, depth: s.depth.view(), sigma: s.sigma.view() })
@@ -311,7 +306,7 @@ fn cloud(path: &Path, capture: &Capture, solids: &[Solid], unit: &str) -> Result
         .iter()
         .map(|s| GaussianDepth::new(s.depth.clone(), s.sigma.mapv(|sigma| sigma * sigma)))
         .collect::<mde_uncertainty::Result<Vec<_>>>()?;
-    let mut cloud = ply::Cloud::default();
+    let mut cloud = ply::Cloud::new(job.y_up);
     for point in consistent_points(&views) {
         let solid = &solids[point.view];
         let scene = Exported {
@@ -322,6 +317,8 @@ fn cloud(path: &Path, capture: &Capture, solids: &[Solid], unit: &str) -> Result
             prior: solid.depth.view(),
             components: &[],
             confidence: None,
+            y_up: job.y_up,
+            png_scale: solid.png_scale,
         };
         let [row, column] = point.pixel;
         let normal =
@@ -330,7 +327,7 @@ fn cloud(path: &Path, capture: &Capture, solids: &[Solid], unit: &str) -> Result
         cloud.push(point.position, normal, scene.colour(row, column), point.sigma);
     }
     let count = cloud.len();
-    let frame = "world of transforms.json with x right, y down, z forward in its first camera's frame";
+    let frame = "world of transforms.json, the frame of its first camera";
     let frame = if count == 0 { "no point is confirmed by two photographs" } else { frame };
     mde_prior::write_atomic(path, &cloud.encode(frame, unit))?;
     Ok(count)

@@ -3,10 +3,11 @@
 use crate::args::{ExportName, UnitName};
 use crate::input::camera::{CameraSource, KnownCamera};
 use crate::input::known::{Known, Scaled};
-use crate::input::prior::{NamedPrior, Timed};
+use crate::input::prior::{METRES, NamedPrior, Timed};
 use crate::input::truth::{Comparison, Truth};
 use crate::output::export::Exported;
 use crate::output::folder::{OutputFolder, RECORD};
+use crate::output::pictures16::{DepthPng, write_confidence};
 use crate::output::preview::{Preview, preview};
 use crate::output::provenance::write_json;
 use crate::output::recording::Recording;
@@ -23,7 +24,7 @@ use anyhow::{Context, Result};
 use mde_cli::{Capture, Component, Config, Event, Preset, Refinement, Stages, refine_capture, resume};
 use mde_prior::DepthKind;
 use mde_prior::augment::Predictions;
-use mde_prior::format::{write_npy, write_png16};
+use mde_prior::format::write_npy;
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_uncertainty::GaussianDepth;
 use ndarray::{Array2, Array3, ArrayView3};
@@ -49,6 +50,8 @@ pub(crate) struct Job {
     pub(crate) error_bar: ErrorBar,
     /// Files for other programs.
     pub(crate) export: Vec<ExportName>,
+    /// Whether exported points have y up.
+    pub(crate) y_up: bool,
     /// The recording of `--rerun`.
     pub(crate) recording: Option<Recording>,
     /// Further photographs.
@@ -95,6 +98,7 @@ pub(crate) struct Done<'s> {
     stated: Stated,
     /// How known depths gave the scale.
     scaled: Option<Scaled>,
+    png: DepthPng,
     scores: Option<Comparison>,
     score_seconds: f64,
     /// Seconds of the prior's predictions.
@@ -190,11 +194,11 @@ impl Job {
     /// Unit of the results.
     pub(crate) fn unit(&self) -> &'static str {
         if let Some(known) = &self.known {
-            return if known.of_model { "capture" } else { "m" };
+            return if known.of_model { "capture" } else { METRES };
         }
         match (self.unit, self.prior.origin.kind) {
             (UnitName::Capture, _) => "capture",
-            (UnitName::Prior, DepthKind::Metric) => "m",
+            (UnitName::Prior, DepthKind::Metric) => METRES,
             (UnitName::Prior, _) => "unscaled",
         }
     }
@@ -263,12 +267,15 @@ impl Job {
             None => None,
         };
         let score_seconds = start.elapsed().as_secs_f64();
+        let png = DepthPng::new(self.unit(), refinement.depth.mean().iter().copied());
+        png.warning().into_iter().for_each(|warning| progress.warn(warning));
         Ok(Done {
             subject,
             refinement,
             photograph,
             stated,
             scaled,
+            png,
             scores,
             score_seconds,
             prior_seconds: 0.0,
@@ -284,8 +291,7 @@ impl Job {
         progress: &Progress,
     ) -> Result<()> {
         let refinement = &done.refinement;
-        let png_scale = png_scale(refinement.depth.mean().iter().copied());
-        self.write_maps(path, done, png_scale)?;
+        self.write_maps(path, done)?;
         self.write_interval(path, refinement, &done.stated)?;
         if let Some(field) = field.filter(|_| self.save_field) {
             field.lock().save(path.join("field.safetensors"))?;
@@ -300,7 +306,8 @@ impl Job {
             },
             prior: &self.prior.origin,
             unit: self.unit(),
-            png_scale,
+            png_scale: done.png.scale,
+            png_missing_pixels: done.png.beyond,
             missing_pixels: refinement.depth.variance().iter().filter(|v| v.is_infinite()).count(),
             augmentation: &refinement.augmentation,
             error_bar: &done.stated,
@@ -337,6 +344,8 @@ impl Job {
             prior: prior.view(),
             components,
             confidence: None,
+            y_up: self.y_up,
+            png_scale: DepthPng::new(self.unit(), depth.mean().iter().copied()).scale,
         }
     }
 
@@ -382,13 +391,14 @@ impl Job {
         Ok(write_npy(folder.join("upper.npy"), upper.view())?)
     }
 
-    fn write_maps(&self, folder: &Path, done: &Done<'_>, png_scale: f64) -> Result<()> {
+    fn write_maps(&self, folder: &Path, done: &Done<'_>) -> Result<()> {
         let Done { refinement, subject, .. } = done;
         let (depth, sigma) = (refinement.depth.mean(), refinement.depth.sigma());
         write_npy(folder.join("depth.npy"), depth)?;
         write_npy(folder.join("sigma.npy"), sigma.view())?;
         write_npy(folder.join("prior.npy"), refinement.prior.view())?;
-        write_png16(folder.join("depth.png"), depth, png_scale)?;
+        done.png.write(&folder.join("depth.png"), depth)?;
+        write_confidence(&folder.join("confidence.png"), &refinement.depth)?;
         let show = Preview {
             image: subject.image,
             prior: refinement.prior.view(),
@@ -417,32 +427,5 @@ impl Job {
             write_npy(folder.join("gt.npy"), truth.depth.view())?;
         }
         Ok(())
-    }
-}
-
-/// The largest of 1, 2, 5, 10, ... steps per unit (and their tenths) at which the largest depth fits into 16 bits.
-pub(crate) fn png_scale(depths: impl Iterator<Item = f32>) -> f64 {
-    let largest = f64::from(depths.fold(0.0, f32::max));
-    if !(largest > 0.0 && largest.is_finite()) {
-        return 1000.0;
-    }
-    let most = f64::from(u16::MAX) / largest;
-    let power = 10_f64.powf(most.log10().floor());
-    [5.0, 2.0, 1.0].into_iter().map(|step| step * power).find(|scale| *scale <= most).unwrap_or(0.5 * power)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_png_scale_is_round_and_the_largest_depth_fits() {
-        assert_eq!(png_scale([3.0, 4.0].into_iter()), 10_000.0);
-        assert_eq!(png_scale([6.6].into_iter()), 5000.0);
-        assert_eq!(png_scale(std::iter::empty()), 1000.0);
-        for largest in [1e-20_f32, 0.001, 0.65535, 7.0, 65535.0, 1e9, 1e30] {
-            let steps = f64::from(largest) * png_scale([largest].into_iter());
-            assert!((13_000.0..=65_535.5).contains(&steps), "{largest}: {steps}");
-        }
     }
 }

@@ -35,7 +35,8 @@ pub(super) fn files(scene: &Exported<'_>) -> [(&'static str, String); 3] {
     }
     let images = format!(
         "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME; then (X, Y, POINT3D_ID)\n\
-         1 1 0 0 0 0 0 0 1 image.png\n{}\n",
+         1 1 0 0 0 0 0 0 1 {}\n{}\n",
+        super::IMAGE,
         seen.join(" ")
     );
     [("cameras.txt", cameras), ("images.txt", images), ("points3D.txt", points)]

@@ -1,10 +1,10 @@
-//! OpenEXR with the channels Z, sigma and prior.
+//! OpenEXR with the refined depth as Y and Z, its sigma and the prior.
 
 use super::Exported;
 use anyhow::{Context, Result};
 use exr::prelude::{
-    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, SmallVec,
-    WritableImage as _,
+    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
+    LineOrder, SmallVec, WritableImage as _,
 };
 use ndarray::ArrayView2;
 use std::io::Cursor;
@@ -16,12 +16,19 @@ pub(super) fn encode(scene: &Exported<'_>) -> Result<Vec<u8>> {
         AnyChannel::new(name, FlatSamples::F32(map.iter().copied().collect()))
     };
     let channels = AnyChannels::sort(SmallVec::from_iter([
+        // OpenCV reads a luminance or colours alone; Nuke and Blender look for Z.
+        channel("Y", scene.depth.mean()),
         channel("Z", scene.depth.mean()),
         channel("sigma", sigma.view()),
         channel("prior", scene.prior),
     ]));
-    let layer =
-        Layer::new((width, height), LayerAttributes::default(), Encoding::SMALL_FAST_LOSSLESS, channels);
+    // Scan lines from top to bottom and ZIP: every reader has them.
+    let encoding = Encoding {
+        compression: Compression::ZIP16,
+        blocks: Blocks::ScanLines,
+        line_order: LineOrder::Increasing,
+    };
+    let layer = Layer::new((width, height), LayerAttributes::default(), encoding, channels);
     let mut bytes = Cursor::new(Vec::new());
     let write = Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes);
     write.context("depth.exr can't be made")?;
@@ -47,6 +54,7 @@ mod tests {
             };
             // Without a word the refined depth.
             assert_eq!(read(None), scene.depth.mean());
+            assert_eq!(read(Some("Y")), scene.depth.mean());
             assert_eq!(read(Some("sigma")), scene.depth.sigma());
             assert_eq!(read(Some("prior")), scene.prior);
         });

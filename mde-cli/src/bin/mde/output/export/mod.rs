@@ -1,19 +1,25 @@
 //! Files for other programs.
 
 mod colmap;
+mod glb;
 mod layers;
 pub(crate) mod ply;
+pub(crate) mod transforms;
 
 use crate::args::ExportName;
 use anyhow::{Context, Result};
 use mde_cli::Component;
 use mde_prior::format::write_npy;
+use mde_prior::photo::write_image;
 use mde_uncertainty::GaussianDepth;
-use mde_warp::PinholeCamera;
+use mde_warp::{PinholeCamera, Pose};
 use nalgebra::Point3;
 use ndarray::{ArrayView2, ArrayView3};
 use std::fs;
 use std::path::{Path, PathBuf};
+
+/// The photograph in a folder of results.
+const IMAGE: &str = "image.png";
 
 /// The exported scene; the world is the camera's frame (x right, y down, z forward).
 pub(crate) struct Exported<'e> {
@@ -29,23 +35,39 @@ pub(crate) struct Exported<'e> {
     pub(crate) components: &'e [Component],
     /// The network's own confidence.
     pub(crate) confidence: Option<ArrayView2<'e, f32>>,
+    /// Whether the points of PLY have y up.
+    pub(crate) y_up: bool,
+    /// Steps per unit of depth.png.
+    pub(crate) png_scale: f64,
 }
 
 impl Exported<'_> {
     /// Writes one format's files into a folder.
     pub(crate) fn write(&self, format: ExportName, folder: &Path) -> Result<()> {
         match format {
-            ExportName::Ply => Ok(mde_prior::write_atomic(&folder.join("cloud.ply"), &ply::encode(self))?),
+            ExportName::Ply => {
+                Ok(mde_prior::write_atomic(&folder.join("cloud.ply"), &ply::encode(self, self.y_up))?)
+            }
             ExportName::Exr => {
                 Ok(mde_prior::write_atomic(&folder.join("depth.exr"), &layers::encode(self)?)?)
             }
             ExportName::Colmap => {
-                let colmap = subfolder(folder, "colmap")?;
+                let model = subfolder(folder, "colmap/sparse/0")?;
                 for (name, text) in colmap::files(self) {
-                    mde_prior::write_atomic(&colmap.join(name), text.as_bytes())?;
+                    mde_prior::write_atomic(&model.join(name), text.as_bytes())?;
                 }
-                Ok(())
+                Ok(write_image(subfolder(folder, "colmap/images")?.join(IMAGE), self.image)?)
             }
+            ExportName::Glb => Ok(mde_prior::write_atomic(&folder.join("mesh.glb"), &glb::encode(self)?)?),
+            ExportName::Transforms => transforms::write(
+                &folder.join(transforms::FILE),
+                &[transforms::Exposed {
+                    folder: "",
+                    camera: *self.camera,
+                    pose: Pose::identity(),
+                    png_scale: self.png_scale,
+                }],
+            ),
             ExportName::Sigma => {
                 let parts = subfolder(folder, "sigma")?;
                 for part in self.components {
@@ -111,6 +133,8 @@ pub(crate) mod tests {
             prior: prior.view(),
             components: &[],
             confidence: None,
+            y_up: false,
+            png_scale: 1000.0,
         });
     }
 }
