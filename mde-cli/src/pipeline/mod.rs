@@ -158,8 +158,9 @@ pub fn resume(
         run.start(stages.prior, stages.budget)?;
     check_prior(prior.view(), image)?;
     if !config.refinement.fits_a_field(stages.prior.accepts_new_images()) {
-        let depth = with_common_error(anchor, config.fusion.common_error)?;
-        components.push(common(&depth, config.fusion.common_error));
+        let share = augmentation.common_error.unwrap_or(config.fusion.common_error);
+        let depth = with_common_error(anchor, share)?;
+        components.push(common(&depth, share));
         return Ok(Refinement {
             depth,
             prior,
