@@ -193,12 +193,22 @@ impl Refinement {
 
 /// The robust line through `(u, its variance, v, its variance)`; `None` where it is not determined or falls.
 fn fit(samples: &[(f64, f64, f64, f64)], needs_shift: bool) -> Option<Line> {
-    let ratio = median(samples.iter().map(|s| s.2 / s.0)).filter(|r| r.is_finite() && *r > 0.0)?;
-    let mut line = None;
+    if needs_shift {
+        return robust(samples, true);
+    }
+    let with_shift = (samples.len() > 2).then(|| robust(samples, true)).flatten();
+    // A shift within its own error: the scale alone is the better fit.
+    let matters = |line: &Line| line.affine.b.abs() >= 2.0 * line.variance(0.0).sqrt();
+    with_shift.filter(matters).or_else(|| robust(samples, false))
+}
+
+/// Least squares, reweighted by Huber's weights.
+fn robust(samples: &[(f64, f64, f64, f64)], has_shift: bool) -> Option<Line> {
+    let free = if has_shift { 2 } else { 1 };
+    let mut slope = median(samples.iter().map(|s| s.2 / s.0)).filter(|r| r.is_finite() && *r > 0.0)?;
     let mut weights = vec![1.0; samples.len()];
-    let mut shift = samples.len() > 2 || needs_shift;
+    let mut line = None;
     for _ in 0..ROUNDS {
-        let slope = line.as_ref().map_or(ratio, |line: &Line| line.affine.a);
         // Exact values on both sides weigh the same.
         let own = |s: &(f64, f64, f64, f64)| (slope * slope * s.1 + s.3).max((1e-6 * s.2).powi(2));
         let weighted: Vec<Sample> = samples
@@ -206,24 +216,18 @@ fn fit(samples: &[(f64, f64, f64, f64)], needs_shift: bool) -> Option<Line> {
             .zip(&weights)
             .map(|(s, weight)| Sample { u: s.0, variance: own(s) / weight, v: s.2 })
             .collect();
-        let mut affine = through_origin(&weighted);
-        if shift && let Some(found) = affine_wls(&weighted) {
-            affine = found.affine;
-        } else if needs_shift {
-            return None;
-        }
+        let affine = match has_shift {
+            true => affine_wls(&weighted)?.affine,
+            false => through_origin(&weighted),
+        };
         if !(affine.a > 0.0 && affine.a.is_finite()) {
             return None;
         }
         let z = |s: &(f64, f64, f64, f64)| (affine.a * s.0 + affine.b - s.2).abs() / own(s).sqrt();
-        let free = if shift { 2 } else { 1 };
         // As many points as unknowns leave no residual: their own variances stand.
+        let count = samples.len() as f64;
         let scale = match samples.len() > free {
-            true => {
-                NORMAL
-                    * median(samples.iter().map(z))?
-                    * (samples.len() as f64 / (samples.len() - free) as f64).sqrt()
-            }
+            true => NORMAL * median(samples.iter().map(z))? * (count / (count - free as f64)).sqrt(),
             false => 1.0,
         };
         weights = samples.iter().map(|s| (CUT * scale / z(s)).min(1.0).max(LEAST_WEIGHT)).collect();
@@ -232,12 +236,8 @@ fn fit(samples: &[(f64, f64, f64, f64)], needs_shift: bool) -> Option<Line> {
         let mean = weighted.iter().map(|s| precision(s) * s.u).sum::<f64>() / total;
         let spread = weighted.iter().map(|s| precision(s) * (s.u - mean).powi(2)).sum();
         let outliers = weights.iter().filter(|w| **w < 0.5).count();
-        let found = Line { affine, precision: total, mean, spread, has_shift: shift, outliers };
-        if shift && !needs_shift && affine.b.abs() < 2.0 * found.variance(0.0).sqrt() {
-            // Eq. 10's shift is within its own error: the scale alone is the better fit.
-            shift = false;
-        }
-        line = Some(found);
+        line = Some(Line { affine, precision: total, mean, spread, has_shift, outliers });
+        slope = affine.a;
     }
     line
 }
