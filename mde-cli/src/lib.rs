@@ -31,6 +31,7 @@ pub mod config;
 mod error;
 mod intrinsics;
 pub mod memory;
+pub mod pictures16;
 pub mod pipeline;
 pub mod scale;
 

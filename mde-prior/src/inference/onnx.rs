@@ -309,11 +309,9 @@ impl OnnxPrior {
                 };
                 map.mapv_inplace(|v| factor * v);
             }
-            if let (Some(canonical), Some(focal)) = (self.spec.canonical_focal, self.focal) {
-                // Along both axes of the input, whose pixels need not be square.
-                let aspect = width as f64 / height as f64;
-                let at_input = focal * (size.1 as f64 * aspect * size.0 as f64).sqrt();
-                map.mapv_inplace(|v| (at_input / f64::from(canonical)) as f32 * v);
+            let factor = self.focal.and_then(|focal| self.spec.metres(focal, (height, width), size));
+            if let Some(factor) = factor {
+                map.mapv_inplace(|v| factor * v);
             }
             Ok(Native { map, mask, intrinsics, confidence })
         })

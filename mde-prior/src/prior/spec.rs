@@ -250,6 +250,16 @@ impl ModelSpec {
         Ok(())
     }
 
+    /// The factor from the output to metres for an image and an input of `(height, width)`, where the model has a
+    /// [canonical focal length](Self::canonical_focal) and `focal` is that of the image over its width. The mean of both axes, as
+    /// the input's pixels need not be square.
+    #[must_use]
+    pub fn metres(&self, focal: f64, image: (usize, usize), input: (usize, usize)) -> Option<f32> {
+        let aspect = image.1 as f64 / image.0.max(1) as f64;
+        let at_input = focal * (input.1 as f64 * aspect * input.0 as f64).sqrt();
+        self.canonical_focal.map(|canonical| (at_input / f64::from(canonical)) as f32)
+    }
+
     /// `(height, width)` of the input for an image of that size.
     ///
     /// With the aspect kept, both sides are scaled by one factor (the larger, the smaller, or the one nearer to 1 of

@@ -11,6 +11,7 @@ mod report;
 mod run;
 mod terminal;
 
+use crate::input::photographs;
 use crate::run::interrupt;
 use clap::Parser;
 use std::io::{self, Write};
@@ -38,7 +39,9 @@ fn main() -> ExitCode {
         Err(_) if interrupt::requested() => {
             let resumable = match &cli.command {
                 args::Command::Eval(_) | args::Command::Ablate(_) | args::Command::Calibrate(_) => true,
-                args::Command::Refine(refine) => refine.resume,
+                args::Command::Refine(refine) => {
+                    refine.resume || photographs::are_many(&refine.photographs())
+                }
                 _ => false,
             };
             print(match resumable {

@@ -1,6 +1,7 @@
 //! Several photographs: arguments of `mde refine --views` and `mde poses`.
 
 use super::{CameraArgs, PriorArgs, RunArgs, SizeArgs};
+use crate::run::batch::Shard;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
@@ -21,6 +22,9 @@ pub(crate) struct SeveralArgs {
     /// Refine every photograph: a folder for each, transforms.json, and cloud.ply of the points that two photographs confirm
     #[arg(long, requires = "views", conflicts_with_all = ["prior_depth", "gt", "rerun"])]
     pub(crate) all: bool,
+    /// Only part I of N of the photographs, by their names; mde merge joins the parts
+    #[arg(long, value_name = "I/N", conflicts_with = "views")]
+    pub(crate) shard: Option<Shard>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

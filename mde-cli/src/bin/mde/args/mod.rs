@@ -2,18 +2,21 @@
 
 mod capture;
 mod evaluation;
+mod output;
+mod tools;
 
 pub(crate) use capture::{PosesArgs, SeveralArgs, UnitName};
 pub(crate) use evaluation::{
     AblateArgs, CalibrateArgs, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs, FaultName, ScoreArgs,
 };
+pub(crate) use output::{ExportArgs, ExportName, MergeArgs, RunArgs};
+pub(crate) use tools::{CompletionsArgs, DoctorArgs, ManArgs};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use mde_cli::Preset;
 use mde_prior::DepthKind;
 use mde_prior::augment::Predictions;
 use mde_prior::format::Encoding;
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "\
@@ -48,6 +51,8 @@ pub(crate) enum Command {
     Demo(DemoArgs),
     /// Refine the monocular depth of an image
     Refine(Box<RefineArgs>),
+    /// Join the shards of a refinement of many photographs
+    Merge(MergeArgs),
     /// Estimate the poses of photographs and write a transforms.json
     Poses(Box<PosesArgs>),
     /// Write the synthetic views of an image, for inspection
@@ -107,17 +112,23 @@ pub(crate) struct DemoArgs {
 Examples:
   mde refine room.jpg --prior-model fastdepth_224.onnx
   mde refine room.jpg --prior-model net.onnx --model-profile depth-anything-v2 -o out/room
+  mde refine holiday --prior-model fastdepth_224.onnx -o out/holiday
   mde refine room.png --prior-depth depth.png --png-scale 5000 --intrinsics K.txt --intrinsics-base 1 -o out/room
   mde refine room.png --prior-depth depth.exr --fx 520 --fy 520 --cx 319.5 --cy 239.5 --gt truth.npy -o out/room
 
 Output: depth.npy and sigma.npy (f32 [height, width], the prior's unit; missing: 0 and inf), prior.npy, depth.png
 (16 bit, millimetres), confidence.png, image.png, preview.png, config.toml (all settings), run.json (all measurements),
 report.html (all results on one page); with --gt gt.npy; with --interval lower.npy and upper.npy; with --export cloud.ply, mesh.glb,
-depth.exr, colmap/, transforms.json, sigma/. With --all one such folder for each photograph, and transforms.json, cloud.ply, run.json.")]
+depth.exr, colmap/, transforms.json, sigma/. With --all one such folder for each photograph, and transforms.json, cloud.ply, run.json. With many photographs one such folder for each, with
+thumbnail.png and finished.json, and index.html, index.csv, index.json; the same command continues, and refines only what is new or changed.")]
 pub(crate) struct RefineArgs {
-    /// The photograph: JPEG, PNG, TIFF, BMP or WebP
+    /// The photograph: JPEG, PNG, TIFF, BMP or WebP. Or many, each refined alone: photographs, folders, lists (.txt, one name per line), or -
+    /// for names from standard input
     #[arg(value_name = "IMAGE")]
     pub(crate) image: PathBuf,
+    /// More photographs, folders and lists
+    #[arg(value_name = "MORE")]
+    pub(crate) more: Vec<PathBuf>,
     #[command(flatten)]
     pub(crate) several: SeveralArgs,
     #[command(flatten)]
@@ -253,49 +264,6 @@ pub(crate) struct ReportArgs {
     /// The folder of a run or an evaluation
     #[arg(value_name = "DIR")]
     pub(crate) folder: PathBuf,
-}
-
-#[derive(Debug, Args)]
-#[command(after_help = "\
-Examples:
-  mde doctor
-  mde doctor --prior-model dpt_large.onnx
-
-A model is timed with every runtime that is found, and its predictions of procedural rooms are compared with the exact depth.")]
-pub(crate) struct DoctorArgs {
-    /// A monocular depth network to check
-    #[arg(long, value_name = "MODEL.onnx")]
-    pub(crate) prior_model: Option<PathBuf>,
-    /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else guessed from its name
-    #[arg(long, value_name = "NAME", requires = "prior_model")]
-    pub(crate) model_profile: Option<String>,
-    /// ONNX Runtime's library, timed beside tract; else ORT_DYLIB_PATH, else beside this program, else in the active Python
-    #[cfg(feature = "onnxruntime")]
-    #[arg(long, value_name = "LIBRARY", requires = "prior_model")]
-    pub(crate) onnxruntime: Option<PathBuf>,
-}
-
-#[derive(Debug, Args)]
-#[command(after_help = "\
-Examples:
-  mde completions bash > ~/.local/share/bash-completion/completions/mde
-  mde completions zsh > ~/.zfunc/_mde
-  mde completions fish > ~/.config/fish/completions/mde.fish")]
-pub(crate) struct CompletionsArgs {
-    /// Shell
-    #[arg(value_enum)]
-    pub(crate) shell: clap_complete::Shell,
-}
-
-#[derive(Debug, Args)]
-#[command(after_help = "\
-Examples:
-  mde man > mde.1
-  mde man refine | man -l -")]
-pub(crate) struct ManArgs {
-    /// Manual page of this subcommand instead of the program's
-    #[arg(value_name = "COMMAND")]
-    pub(crate) command: Option<String>,
 }
 
 // Clap accepts an argument whose required argument conflicts with another, so such conflicts are listed too.
@@ -476,58 +444,6 @@ pub(crate) struct ErrorBarArgs {
     pub(crate) calibration: Option<PathBuf>,
 }
 
-/// Files for other programs.
-#[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Output")]
-pub(crate) struct ExportArgs {
-    /// Also write files for other programs, separated by commas
-    #[arg(long, value_enum, value_name = "FORMATS", value_delimiter = ',')]
-    pub(crate) export: Vec<ExportName>,
-    /// Points of cloud.ply with y up, z backward (mesh.glb always has)
-    #[arg(long, help_heading = "Advanced")]
-    pub(crate) y_up: bool,
-    /// Also write a recording of the run for rerun's viewer (needs the feature rerun)
-    #[arg(long, help_heading = "Advanced", value_name = "FILE.rrd")]
-    pub(crate) rerun: Option<PathBuf>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ExportName {
-    /// cloud.ply: points with colour, normal and sigma (binary)
-    Ply,
-    /// mesh.glb: textured mesh, torn at depth edges, y up
-    Glb,
-    /// depth.exr: channels Y and Z (refined), sigma and prior
-    Exr,
-    /// colmap/: images/ and sparse/0/
-    Colmap,
-    /// transforms.json: camera, depth and sigma for nerfstudio
-    Transforms,
-    /// sigma/: the components of sigma (NPY)
-    Sigma,
-}
-
-/// Output folder and progress.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Output")]
-pub(crate) struct RunArgs {
-    /// Output folder; by default one in the working folder, with the input's name: room-depth for room.jpg
-    #[arg(short, long, value_name = "DIR", help_heading = None::<&'static str>, display_order = 0)]
-    pub(crate) output: Option<PathBuf>,
-    /// Replace the folder of an earlier run
-    #[arg(long)]
-    pub(crate) force: bool,
-    /// Number of threads; default: all cores. The results do not depend on it
-    #[arg(long, help_heading = "Advanced", value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub(crate) threads: Option<u16>,
-    /// Print errors only
-    #[arg(short, long, conflicts_with = "log_json")]
-    pub(crate) quiet: bool,
-    /// Progress, warnings and results as JSON lines on stderr
-    #[arg(long, help_heading = "Advanced")]
-    pub(crate) log_json: bool,
-}
-
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub(crate) enum PresetName {
     /// The equations as printed: an MLP trained on colours alone, two iterations
@@ -588,18 +504,10 @@ impl From<EncodingName> for Encoding {
     }
 }
 
-impl RunArgs {
-    /// The output, by default the name of `input` without its extension and with this ending, in the working folder.
-    pub(crate) fn output(&self, input: &Path, ending: &str) -> PathBuf {
-        self.output.clone().unwrap_or_else(|| {
-            let full =
-                || std::path::absolute(input).ok().and_then(|path| path.file_stem().map(OsStr::to_owned));
-            // A folder such as `..` has a name in its full path only.
-            let mut name =
-                input.file_stem().map(OsStr::to_owned).or_else(full).unwrap_or_else(|| "mde".into());
-            name.push(ending);
-            name.into()
-        })
+impl RefineArgs {
+    /// Everything that the command names to be refined.
+    pub(crate) fn photographs(&self) -> Vec<&Path> {
+        std::iter::once(&self.image).chain(&self.more).map(PathBuf::as_path).collect()
     }
 }
 

@@ -64,7 +64,7 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
             prior_encoding: EncodingName::Plain,
             runtime,
         };
-        NamedPrior::open(&args, None)
+        NamedPrior::open(&args)
     };
     let prior = open(RuntimeArgs::default())?;
     print("model", &path.display().to_string());

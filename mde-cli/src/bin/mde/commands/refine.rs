@@ -3,11 +3,13 @@ use crate::input::camera::KnownCamera;
 use crate::input::capture;
 use crate::input::known::Known;
 use crate::input::opened::{Opened, open_image, settings, use_threads};
+use crate::input::photographs;
 use crate::input::prior::NamedPrior;
 use crate::input::truth::Truth;
 use crate::output::folder::OutputFolder;
 use crate::output::provenance::versions;
 use crate::output::recording;
+use crate::run::batch;
 use crate::run::checkpoint::Checkpoints;
 use crate::run::error_bar::ErrorBar;
 use crate::run::every;
@@ -20,6 +22,9 @@ use serde_json::{Value, json};
 use std::time::Duration;
 
 pub(super) fn run(args: &RefineArgs) -> Result<()> {
+    if photographs::are_many(&args.photographs()) || args.several.shard.is_some() {
+        return batch::run(args);
+    }
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output(&args.image, "-depth"), args.run.force)?;
@@ -46,18 +51,18 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     }
     let mut camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
     let capture = capture::open(args, &mut opened, &mut camera, &config, &mut progress)?;
-    let prior = NamedPrior::open(&args.prior, camera.focal())?.resized(&opened, &mut progress)?;
+    let prior = NamedPrior::open(&args.prior)?.resized(&opened, &mut progress)?;
     // Further photographs without poses give the focal length.
     if capture.is_none() {
         if let Some(own) = prior.camera(opened.photo.pixels.view(), &camera)? {
             if let Some(full) = &mut full {
-                let (height, width) = full.size();
-                full.camera = KnownCamera { camera: own.camera.resized(width, height)?, ..own.clone() };
+                full.take_camera(&own)?;
             }
             camera = own;
         }
         camera.warning().into_iter().for_each(|warning| progress.warn(warning));
     }
+    let prior = prior.for_camera(&camera);
     let known = match &args.scale_from {
         Some(path) => Some(Known::open(path, &args.image, opened.original)?),
         None => None,
@@ -103,7 +108,7 @@ fn made_from(
     args: &RefineArgs,
     opened: &Opened,
     camera: &KnownCamera,
-    prior: &NamedPrior,
+    prior: &NamedPrior<'_>,
     config: &Config,
     capture: Option<&Capture>,
 ) -> Result<Value> {

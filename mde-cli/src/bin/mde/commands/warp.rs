@@ -46,7 +46,7 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
     let opened = open_image(&args.image, &args.size, &config, &mut progress)?;
     let (height, width) = opened.size;
     let mut camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
-    let prior = NamedPrior::open(&args.prior, camera.focal())?.resized(&opened, &mut progress)?;
+    let prior = NamedPrior::open(&args.prior)?.resized(&opened, &mut progress)?;
     if let Some(own) = prior.camera(opened.photo.pixels.view(), &camera)? {
         camera = own;
     }
@@ -54,6 +54,7 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
         progress.warn(warning);
     }
     let photo = opened.photo;
+    let prior = prior.for_camera(&camera);
     progress.step("prior");
     let depth = prior.prior.predict(photo.pixels.view())?.to_depth(&config.disparity)?;
     ensure!(depth.dim() == (height, width), "the prior is not of the image's size; make both the same");

@@ -1,4 +1,4 @@
-//! The lock of an evaluation's folder.
+//! The lock of a folder that is written for long.
 
 use anyhow::{Context, Result, bail};
 use std::fs::{File, OpenOptions, TryLockError};
@@ -6,18 +6,18 @@ use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
 /// The locked file. The system releases the lock of a process that ends, so one that is left here is taken over.
-pub(super) const FILE: &str = ".mde-lock";
+pub(crate) const FILE: &str = ".mde-lock";
 
 /// A folder that no other process writes to.
 #[derive(Debug)]
-pub(super) struct Lock {
+pub(crate) struct Lock {
     path: PathBuf,
     file: File,
 }
 
 impl Lock {
     /// Locks a folder; `None` on a file system without locks.
-    pub(super) fn take(folder: &Path) -> Result<Option<Self>> {
+    pub(crate) fn take(folder: &Path) -> Result<Option<Self>> {
         let path = folder.join(FILE);
         let shown = path.display();
         // Again where the file was removed by its last holder between its opening and its locking.
@@ -33,7 +33,7 @@ impl Lock {
                     let mut holder = String::new();
                     let _ = file.read_to_string(&mut holder);
                     bail!(
-                        "{}: another process ({}) is writing this evaluation; wait for it, or give another name to -o",
+                        "{}: another process ({}) is writing this folder; wait for it, or give another name to -o",
                         folder.display(),
                         holder.trim()
                     );

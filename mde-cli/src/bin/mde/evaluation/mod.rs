@@ -2,7 +2,7 @@
 
 pub(crate) mod ablation;
 pub(crate) mod filtered;
-mod lock;
+pub(crate) mod lock;
 pub(crate) mod method;
 pub(crate) mod refiner;
 pub(crate) mod results;

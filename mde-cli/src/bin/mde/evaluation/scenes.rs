@@ -149,7 +149,7 @@ impl PriorPlan {
     /// Whether its maps are in metres, as far as the command line and the model say.
     pub(crate) fn is_metric(&self) -> Result<bool> {
         Ok(match self {
-            Self::Model(args) => NamedPrior::open(args, None)?.origin.kind == DepthKind::Metric,
+            Self::Model(args) => NamedPrior::open(args)?.origin.kind == DepthKind::Metric,
             Self::Folder(_, args) => {
                 args.prior_kind.is_none_or(|kind| DepthKind::from(kind) == DepthKind::Metric)
             }
@@ -160,7 +160,7 @@ impl PriorPlan {
     /// Identifies the model's file, where there is one.
     pub(crate) fn model_hash(&self) -> Result<Option<String>> {
         match self {
-            Self::Model(args) => Ok(NamedPrior::open(args, None)?.origin.model_hash),
+            Self::Model(args) => Ok(NamedPrior::open(args)?.origin.model_hash),
             _ => Ok(None),
         }
     }
@@ -170,7 +170,7 @@ impl PriorPlan {
         Ok(match self {
             Self::Model(args) => {
                 let Some(path) = &args.source.prior_model else { bail!("no model is named") };
-                let origin = NamedPrior::open(args, None)?.origin;
+                let origin = NamedPrior::open(args)?.origin;
                 json!({ "model": file_name(path), "crc32": origin.model_hash, "kind": origin.kind,
                         "settings": origin.model })
             }
@@ -207,7 +207,7 @@ impl PriorPlan {
     /// Opens the prior, once for many scenes.
     pub(crate) fn open(&self) -> Result<Priors<'_>> {
         Ok(match self {
-            Self::Model(args) => Priors::Model(NamedPrior::open(args, None)?.prior),
+            Self::Model(args) => Priors::Model(NamedPrior::open(args)?.prior),
             Self::Folder(path, args) => Priors::Folder(path, args),
             Self::Simulated => Priors::Simulated,
             Self::SimulatedModel(faults) => Priors::SimulatedModel(faults),
@@ -243,7 +243,7 @@ impl Priors<'_> {
                     source: PriorSource { prior_model: None, prior_depth: Some(file) },
                     ..(*args).clone()
                 };
-                NamedPrior::open(&args, None)?.prior.predict(sample.image.view())?
+                NamedPrior::open(&args)?.prior.predict(sample.image.view())?
             }
             Self::Simulated => match &sample.prior {
                 Some(prior) => prior.clone(),

@@ -39,6 +39,22 @@ pub(crate) enum CameraSource {
     Scene,
 }
 
+impl CameraSource {
+    /// A word for a table.
+    pub(crate) fn name(&self) -> &'static str {
+        match self {
+            Self::Flags => "flags",
+            Self::FieldOfView(_) => "field-of-view",
+            Self::File(_) => "file",
+            Self::Exif(_) => "exif",
+            Self::Network => "network",
+            Self::Assumed(_) => "assumed",
+            Self::Estimated => "estimated",
+            Self::Scene => "scene",
+        }
+    }
+}
+
 impl KnownCamera {
     /// The camera at the working size; flags and files are for the size of the image file.
     pub(crate) fn new(args: &CameraArgs, focal_35mm: Option<f64>, opened: &Opened) -> Result<Self> {

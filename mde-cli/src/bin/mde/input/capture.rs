@@ -3,6 +3,7 @@
 use crate::args::{PosesArgs, RefineArgs, SizeArgs, UnitName};
 use crate::input::camera::{CameraSource, KnownCamera};
 use crate::input::opened::{Opened, open_image};
+use crate::input::photographs::in_folder;
 use crate::input::size::{check_memory, within, working};
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
@@ -13,9 +14,6 @@ use mde_prior::photo::image_size;
 use ndarray::Array2;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-
-/// Extensions of photographs within a folder.
-const PHOTOGRAPHS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
 
 /// The capture of `--views`, or nothing without it. The command's photograph is the reference; its image and camera change where the
 /// capture has other intrinsics or lens distortion for it.
@@ -275,23 +273,6 @@ fn unique(flag: &str, views: &[PathBuf], skip: impl Fn(&Path) -> bool) -> Result
             }
         }
     }
-    Ok(paths)
-}
-
-fn in_folder(flag: &str, folder: &Path) -> Result<Vec<PathBuf>> {
-    let fault = || format!("{flag} {}: the folder can't be read; check the path", folder.display());
-    let mut paths = Vec::new();
-    for entry in std::fs::read_dir(folder).with_context(fault)? {
-        let path = entry.with_context(fault)?.path();
-        let is_photograph = path
-            .extension()
-            .and_then(OsStr::to_str)
-            .is_some_and(|e| PHOTOGRAPHS.contains(&e.to_ascii_lowercase().as_str()));
-        if is_photograph && path.is_file() {
-            paths.push(path);
-        }
-    }
-    paths.sort();
     Ok(paths)
 }
 

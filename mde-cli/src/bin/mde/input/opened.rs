@@ -90,14 +90,24 @@ impl Opened {
     }
 }
 
-/// Reads a photograph and resizes it to the working size.
+/// Reads a photograph and resizes it to the size of the results.
 pub(crate) fn open_image(
     path: &Path,
     args: &SizeArgs,
     config: &Config,
     progress: &mut Progress,
 ) -> Result<Opened> {
-    let mut photo = read_image(path)?;
+    opened(read_image(path)?, path, args, config, progress)
+}
+
+/// Resizes a photograph of that name to the size of the results.
+pub(crate) fn opened(
+    mut photo: Photo,
+    path: &Path,
+    args: &SizeArgs,
+    config: &Config,
+    progress: &mut Progress,
+) -> Result<Opened> {
     let (height, width, _) = photo.pixels.dim();
     let original = (height, width);
     let size = within(original, args.max_size);

@@ -7,6 +7,7 @@ use crate::input::camera::{CameraSource, KnownCamera};
 use crate::input::opened::Opened;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
+pub(crate) use mde_cli::pictures16::METRES;
 use mde_prior::format::{Encoding, PngContent, ReadOptions, png_content};
 use mde_prior::ndarray::{Array3, ArrayView3};
 use mde_prior::resample::nearest;
@@ -18,8 +19,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 /// A prior, and its entry in the record.
-pub(crate) struct NamedPrior {
-    pub(crate) prior: Box<dyn DepthPrior>,
+pub(crate) struct NamedPrior<'p> {
+    pub(crate) prior: Box<dyn DepthPrior + 'p>,
     pub(crate) origin: PriorOrigin,
     /// `(height, width)` of a map from a file.
     pub(crate) size: Option<(usize, usize)>,
@@ -27,14 +28,11 @@ pub(crate) struct NamedPrior {
     pub(crate) note: Option<String>,
 }
 
-/// The unit of metric depth.
-pub(crate) const METRES: &str = "m";
-
 /// Two aspects that differ by no more are the same up to rounded sides.
 const SAME_ASPECT: f64 = 0.02;
 
 /// Where a prior comes from.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, Serialize)]
 pub(crate) struct PriorOrigin {
     pub(crate) kind: DepthKind,
     /// The file, or `simulated`.
@@ -59,15 +57,28 @@ impl PriorOrigin {
 /// The source of a procedural scene's prior.
 pub(crate) const SIMULATED: &str = "simulated";
 
-impl NamedPrior {
-    /// `focal`, the focal length / width of the photographs, is for networks whose metres depend on it.
-    pub(crate) fn open(args: &PriorArgs, focal: Option<f64>) -> Result<Self> {
+impl NamedPrior<'_> {
+    pub(crate) fn open(args: &PriorArgs) -> Result<Self> {
         let kind = args.prior_kind.map(DepthKind::from);
         match (&args.source.prior_model, &args.source.prior_depth) {
-            (Some(model), _) => Self::model(model, args, kind, focal),
+            (Some(model), _) => Self::model(model, args, kind),
             (None, Some(file)) => Self::file(file, args, kind),
             (None, None) => anyhow::bail!("no prior is named; give --prior-model or --prior-depth"),
         }
+    }
+
+    /// The same for photographs of that camera: a network whose metres depend on the focal length has some only then.
+    pub(crate) fn for_camera(&self, camera: &KnownCamera) -> NamedPrior<'_> {
+        let spec = self.origin.model.as_ref().filter(|spec| spec.canonical_focal.is_some());
+        let mut origin = self.origin.clone();
+        let prior: Box<dyn DepthPrior + '_> = match (spec, camera.focal()) {
+            (Some(spec), Some(focal)) => {
+                origin.kind = spec.output;
+                Box::new(Metres { prior: &*self.prior, spec, focal })
+            }
+            _ => Box::new(&*self.prior),
+        };
+        NamedPrior { prior, origin, size: self.size, note: None }
     }
 
     /// The network's own camera for an image, in place of an assumed one; it takes a prediction.
@@ -141,7 +152,7 @@ impl NamedPrior {
     }
 
     #[cfg(feature = "onnx")]
-    fn model(path: &Path, args: &PriorArgs, kind: Option<DepthKind>, focal: Option<f64>) -> Result<Self> {
+    fn model(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
         use mde_cli::calibration::hash_files;
         use mde_prior::OnnxPrior;
         let mut spec = match &args.model_profile {
@@ -158,7 +169,7 @@ impl NamedPrior {
             spec.output_floor = spec.output_floor.filter(|_| kind.is_depth());
             spec.canonical_focal = spec.canonical_focal.filter(|_| kind == DepthKind::Metric);
         }
-        let prior = Box::new(OnnxPrior::open_with(path, &spec, &runtime(&args.runtime)?)?.with_focal(focal));
+        let prior = Box::new(OnnxPrior::open_with(path, &spec, &runtime(&args.runtime)?)?);
         let model_hash = Some(hash_files(prior.files())?);
         let origin = PriorOrigin {
             kind: prior.kind(),
@@ -171,7 +182,7 @@ impl NamedPrior {
     }
 
     #[cfg(not(feature = "onnx"))]
-    fn model(path: &Path, _: &PriorArgs, _: Option<DepthKind>, _: Option<f64>) -> Result<Self> {
+    fn model(path: &Path, _: &PriorArgs, _: Option<DepthKind>) -> Result<Self> {
         let path = path.display();
         anyhow::bail!(
             "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"
@@ -238,15 +249,45 @@ fn has_eight_bits(path: &Path) -> bool {
     read.is_ok() && header.starts_with(b"\x89PNG") && header[24] == 8
 }
 
+/// A network's depth times the factor that the focal length gives.
+struct Metres<'p> {
+    prior: &'p dyn DepthPrior,
+    spec: &'p ModelSpec,
+    /// Focal length / width.
+    focal: f64,
+}
+
+impl DepthPrior for Metres<'_> {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        let (height, width, _) = image.dim();
+        let prediction = self.prior.predict(image)?;
+        let input = self.prior.resolution(height, width).unwrap_or((height, width));
+        let factor = self.spec.metres(self.focal, (height, width), input).unwrap_or(1.0);
+        Ok(PriorDepth { map: prediction.map.mapv(|z| factor * z), kind: self.spec.output, ..prediction })
+    }
+
+    fn accepts_new_images(&self) -> bool {
+        self.prior.accepts_new_images()
+    }
+
+    fn resolution(&self, height: usize, width: usize) -> Option<(usize, usize)> {
+        self.prior.resolution(height, width)
+    }
+
+    fn concurrency(&self) -> usize {
+        self.prior.concurrency()
+    }
+}
+
 /// A prior of the image's original size, resampled to the working size.
-struct Resized {
-    prior: Box<dyn DepthPrior>,
+struct Resized<'p> {
+    prior: Box<dyn DepthPrior + 'p>,
     /// `(height, width)`.
     from: (usize, usize),
     to: (usize, usize),
 }
 
-impl DepthPrior for Resized {
+impl DepthPrior for Resized<'_> {
     fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         // A map from a file depends on the size alone.
         let blank = Array3::zeros((self.from.0, self.from.1, 3));

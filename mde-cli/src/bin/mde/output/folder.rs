@@ -8,6 +8,9 @@ use std::path::{Path, PathBuf};
 /// The file that marks the folder of an earlier run.
 pub(crate) const RECORD: &str = "run.json";
 
+/// Begins the name of what is not finished.
+const PREFIX: &str = ".mde-";
+
 /// The folder of the results.
 #[derive(Debug)]
 pub(crate) struct OutputFolder {
@@ -107,7 +110,7 @@ pub(crate) fn check_new_file(flag: &str, path: &Path, force: bool) -> Result<()>
 const LONGEST_NAME: usize = 255;
 
 /// Checks that a folder, or its first existing ancestor, is writable.
-fn check_place(flag: &str, folder: &Path) -> Result<()> {
+pub(crate) fn check_place(flag: &str, folder: &Path) -> Result<()> {
     for path in folder.ancestors().take_while(|path| !path.exists()) {
         check_name(flag, path)?;
         let link = fs::symlink_metadata(path).is_ok();
@@ -145,10 +148,20 @@ pub(crate) fn temporary_folder(parent: &Path) -> Result<tempfile::TempDir> {
     builder().tempdir_in(parent).with_context(|| format!("{}: can't make a folder in it", parent.display()))
 }
 
+/// Removes what killed runs left unfinished in a folder of results that no other process writes to.
+pub(crate) fn remove_unfinished(folder: &Path) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let unfinished = entry.file_name().as_encoded_bytes().starts_with(PREFIX.as_bytes());
+        if unfinished && entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+            let _ = fs::remove_dir_all(entry.path());
+        }
+    }
+}
+
 /// Temporary folders are private by default; a result should have the permissions that the user's umask gives.
 fn builder() -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".mde-");
+    builder.prefix(PREFIX);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;

@@ -3,10 +3,11 @@
 pub(crate) mod canvas;
 pub(crate) mod export;
 pub(crate) mod folder;
-pub(crate) mod pictures16;
 pub(crate) mod preview;
 pub(crate) mod provenance;
 pub(crate) mod recording;
 pub(crate) mod run_record;
 pub(crate) mod several;
 pub(crate) mod transforms;
+
+pub(crate) use mde_cli::pictures16;

@@ -55,7 +55,7 @@ pub(super) fn map(map: ArrayView2<'_, f32>) -> Result<Value> {
             (lows[place], highs[place], left) = (low, high, value);
         }
     }
-    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
+    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
     encoder.write_all(&bytes)?;
     let data = STANDARD.encode(encoder.finish()?);
     let [low, high] = [low, high].map(|v| if v.is_finite() { v } else { 0.0 });

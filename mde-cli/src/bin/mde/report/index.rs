@@ -1,6 +1,7 @@
 //! The page of a folder with a folder for each photograph: no script, and pictures from beside it.
 
 use super::page::{STYLE, escaped};
+use crate::run::batch::Row;
 use std::fmt::Write as _;
 
 /// A photograph of the page.
@@ -37,6 +38,54 @@ pub(crate) fn index(title: &str, photographs: &[Indexed<'_>], files: &[&str]) ->
     )
 }
 
+/// The page of many photographs, the least sure first; each has a folder with a `thumbnail`.
+pub(crate) fn photographs_page(rows: &[Row], thumbnail: &str, files: &[&str]) -> String {
+    let mut sorted: Vec<&Row> = rows.iter().collect();
+    // What failed comes before what has a sigma.
+    let sigma = |row: &Row| if row.error.is_some() { f64::INFINITY } else { row.sigma.unwrap_or(0.0) };
+    sorted.sort_by(|a, b| sigma(b).total_cmp(&sigma(a)).then(a.folder.cmp(&b.folder)));
+    let mut body = String::new();
+    let number = |value: Option<f64>, times: f64| {
+        value.map_or_else(|| "-".to_owned(), |v| format!("{:.2}", times * v))
+    };
+    for row in &sorted {
+        let (name, folder) = (quoted(&row.photograph), quoted(&row.folder));
+        let picture = match &row.error {
+            Some(error) => format!("failed: {}", quoted(error)),
+            None => format!(
+                "<a href=\"{folder}/{}\"><img loading=\"lazy\" src=\"{folder}/{thumbnail}\" alt=\"{name}: photograph, depth, sigma / depth\"></a>",
+                super::FILE
+            ),
+        };
+        let _ = writeln!(
+            body,
+            "<tr><td>{picture}</td><td>{name}<br>{}x{}, {}</td><td>{}</td><td>{}</td><td>{}</td><td>{:.1}</td></tr>",
+            row.width,
+            row.height,
+            quoted(&row.camera),
+            number(row.sigma, 100.0),
+            number(row.sigma_90, 100.0),
+            number(row.median_depth, 1.0),
+            row.seconds
+        );
+    }
+    let failed = rows.iter().filter(|row| row.error.is_some()).count();
+    let links: Vec<String> =
+        files.iter().map(|file| format!("<a href=\"{0}\">{0}</a>", quoted(file))).collect();
+    let unit = rows.iter().map(|row| row.unit.as_str()).find(|unit| !unit.is_empty()).unwrap_or("-");
+    format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{count} photographs</title>\n\
+         <style>{STYLE}\ntd, th {{ padding: 0.3rem 0.8rem; text-align: left; }}</style>\n</head>\n<body>\n<main>\n<h1>{count} photographs</h1>\n\
+         <p>{failed} failed. The least sure are first: by the median of sigma / depth. A picture (photograph, depth, sigma / depth) leads to its report. \
+         All together: {links}.</p>\n<div style=\"overflow: auto\"><table>\n<tr><th></th><th>photograph</th><th>sigma / depth, %</th><th>90 % below, %</th>\
+         <th>median depth, {unit}</th><th>seconds</th></tr>\n{body}</table></div>\n</main>\n</body>\n</html>\n",
+        count = rows.len(),
+        links = links.join(", "),
+        unit = quoted(unit),
+    )
+}
+
 fn quoted(text: &str) -> String {
     escaped(text).replace('"', "&quot;")
 }
@@ -44,6 +93,26 @@ fn quoted(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_least_sure_and_what_failed_come_first() {
+        let row = |name: &str, sigma: Option<f64>, error: Option<&str>| Row {
+            photograph: format!("<{name}>"),
+            folder: name.to_owned(),
+            sigma,
+            error: error.map(str::to_owned),
+            ..Row::default()
+        };
+        let rows = [row("a", Some(0.1), None), row("b", Some(0.3), None), row("c", None, Some("no & such"))];
+        let html = photographs_page(&rows, "small.png", &["index.csv"]);
+        let at = |name: &str| html.find(&format!("&lt;{name}&gt;<br>")).unwrap();
+        assert!(at("c") < at("b") && at("b") < at("a"), "{html}");
+        assert!(
+            html.contains("failed: no &amp; such")
+                && html.contains("src=\"a/small.png\"")
+                && !html.contains("<a>")
+        );
+    }
 
     #[test]
     fn names_are_escaped_and_a_failure_has_no_link() {

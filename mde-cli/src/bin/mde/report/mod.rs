@@ -8,7 +8,7 @@ mod page;
 mod photographs;
 mod run;
 
-pub(crate) use index::{Indexed, index};
+pub(crate) use index::{Indexed, index, photographs_page};
 
 use crate::output::folder::RECORD;
 use anyhow::{Context, Result, bail};

@@ -12,6 +12,7 @@ use ndarray::{Array2, Zip};
 use serde::Serialize;
 
 /// The requested error bar.
+#[derive(Clone)]
 pub(crate) struct ErrorBar {
     probability: Option<f64>,
     given: Option<(String, Calibration)>,

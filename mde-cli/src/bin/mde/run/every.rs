@@ -12,6 +12,7 @@ use crate::report::{Indexed, index};
 use crate::run::field::SharedNerf;
 use crate::run::interrupt;
 use crate::run::job::{Job, Subject};
+use crate::run::names::folders;
 use crate::run::progress::Progress;
 use crate::run::resume::ResumeFolder;
 use anyhow::{Context, Result, bail};
@@ -79,7 +80,7 @@ struct Kept {
 
 /// Refines all photographs of the job's capture; with `made_from` the finished ones are kept beside the output and used again.
 pub(crate) fn run(
-    job: &Job,
+    job: &Job<'_>,
     folder: &OutputFolder,
     made_from: Option<Value>,
     progress: &mut Progress,
@@ -89,7 +90,8 @@ pub(crate) fn run(
     let prior = Timed::new(&*job.prior.prior);
     let mut prepared =
         PreparedCapture::new(capture, &prior, &job.config, &mut |event| progress.observe(event))?;
-    let folders = folders(capture);
+    let photographs = capture.photographs.iter().map(|photograph| Path::new(&photograph.name));
+    let folders = folders(photographs, &[CLOUD, TRANSFORMS, RECORD, INDEX]);
     let (mut rows, mut points) = (Vec::new(), 0);
     folder.write(|path| {
         let mut solids = Vec::new();
@@ -190,7 +192,7 @@ fn failure(row: &Row) -> Option<String> {
 
 /// Refines one photograph into its folder. Only an interruption is an error; what else fails is in the row.
 fn one(
-    job: &Job,
+    job: &Job<'_>,
     prepared: &mut PreparedCapture<'_>,
     index: usize,
     folder: &str,
@@ -223,7 +225,7 @@ fn one(
 }
 
 fn refined(
-    job: &Job,
+    job: &Job<'_>,
     prepared: &mut PreparedCapture<'_>,
     index: usize,
     place: &Path,
@@ -256,7 +258,7 @@ fn refined(
     Ok(())
 }
 
-fn relative_sigma(depth: &GaussianDepth) -> Option<f64> {
+pub(crate) fn relative_sigma(depth: &GaussianDepth) -> Option<f64> {
     let sigma = depth.sigma();
     let known = depth.mean();
     let relative = known.iter().zip(&sigma).filter(|(z, s)| **z > 0.0 && s.is_finite());
@@ -296,7 +298,7 @@ impl Solid {
 }
 
 /// Writes the points that two photographs confirm; their number.
-fn cloud(path: &Path, capture: &Capture, solids: &[Solid], job: &Job) -> Result<usize> {
+fn cloud(path: &Path, capture: &Capture, solids: &[Solid], job: &Job<'_>) -> Result<usize> {
     let unit = job.unit();
     let views: Vec<RefinedView<'_>> = solids
         .iter()
@@ -352,7 +354,7 @@ fn outcome(row: &Row) -> Option<String> {
     }
 }
 
-fn percent(share: Option<f64>) -> String {
+pub(crate) fn percent(share: Option<f64>) -> String {
     share.map_or_else(|| "-".to_owned(), |s| format!("{:.1}", 100.0 * s))
 }
 
@@ -375,25 +377,6 @@ fn table(rows: &[Row]) -> Table {
         ]
     });
     Table { columns, rows: rows.collect() }
-}
-
-/// A folder's name for each photograph: that of its file without the extension, unique on any file system.
-fn folders(capture: &Capture) -> Vec<String> {
-    let mut names: Vec<String> = Vec::new();
-    for photograph in &capture.photographs {
-        let stem = Path::new(&photograph.name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
-        let base: String = stem.chars().map(plain).collect::<String>().trim_start_matches('.').to_owned();
-        let base = if base.is_empty() { "photograph".to_owned() } else { base };
-        let taken = |name: &String| {
-            let same = |other: &str| other.to_lowercase() == name.to_lowercase();
-            names.iter().any(|other| same(other)) || [CLOUD, TRANSFORMS, RECORD, INDEX].into_iter().any(same)
-        };
-        let numbered = (2..).map(|number| format!("{base}_{number}"));
-        let name = std::iter::once(base.clone()).chain(numbered).find(|name| !taken(name));
-        names.push(name.unwrap_or(base));
-    }
-    names
 }
 
 impl Finished {
@@ -431,7 +414,7 @@ impl Finished {
 }
 
 /// A folder with all that is in it.
-fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
+pub(crate) fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
     fs::create_dir(to)?;
     for entry in fs::read_dir(from)? {
         let entry = entry?;
@@ -448,25 +431,6 @@ fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mde_cli::Photograph;
-    use ndarray::Array3;
-
-    #[test]
-    fn folders_are_named_after_the_photographs_and_differ() {
-        let camera = PinholeCamera::from_fov(60.0, 8, 8).unwrap();
-        let photograph = |name: &str| Photograph {
-            name: name.to_owned(),
-            image: Array3::zeros((8, 8, 3)),
-            mask: Array2::from_elem((8, 8), true),
-            camera,
-            focal_assumed: false,
-            pose: None,
-        };
-        let names = ["a/1.png", "b/1.PNG", "ü b.jpg", "cloud.ply.png", ".jpg", "A 1.png", "a?1.png"];
-        let capture = Capture { photographs: names.map(photograph).into(), reference: 0 };
-        let expected = ["1", "1_2", "ü_b", "cloud.ply_2", "jpg", "A_1", "a_1_2"];
-        assert_eq!(folders(&capture), expected);
-    }
 
     #[test]
     fn a_finished_photograph_is_taken_by_the_same_run_alone() {

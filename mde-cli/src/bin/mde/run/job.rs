@@ -33,13 +33,13 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Inputs of a refinement.
-pub(crate) struct Job {
+pub(crate) struct Job<'p> {
     pub(crate) command: &'static str,
     pub(crate) input: String,
     /// sRGB in 0 to 1, `[height, width, 3]`.
     pub(crate) image: Array3<f32>,
     pub(crate) camera: KnownCamera,
-    pub(crate) prior: NamedPrior,
+    pub(crate) prior: NamedPrior<'p>,
     pub(crate) preset: Preset,
     pub(crate) config: Config,
     pub(crate) truth: Option<Truth>,
@@ -75,6 +75,13 @@ pub(crate) struct Full {
 }
 
 impl Full {
+    /// The camera of the smaller photograph, for this size.
+    pub(crate) fn take_camera(&mut self, camera: &KnownCamera) -> Result<()> {
+        let (height, width) = self.size();
+        self.camera = KnownCamera { camera: camera.camera.resized(width, height)?, ..camera.clone() };
+        Ok(())
+    }
+
     /// `(height, width)`.
     pub(crate) fn size(&self) -> (usize, usize) {
         let (height, width, _) = self.image.dim();
@@ -105,9 +112,40 @@ pub(crate) struct Done<'s> {
     pub(crate) prior_seconds: f64,
 }
 
-impl Job {
-    /// Refines, scores and writes.
+impl Job<'_> {
+    /// Refines, scores, writes and prints.
     pub(crate) fn run(self, folder: &OutputFolder, progress: &mut Progress) -> Result<()> {
+        let done = self.produce(folder, progress, |_, _, _| Ok(()))?;
+        let table = done.scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
+        let value =
+            json!({ "event": "done", "output": folder.path().display().to_string(), "scores": done.scores });
+        let mut gained = gain::summary(&done.refinement, self.unit(), &done.stated, self.is_unscaled());
+        if let Some(interval) = &done.stated.interval {
+            gained += &format!(
+                "\nlower.npy and upper.npy: {:.0} % interval, the depth -+ {:.2} sigma, by {}",
+                100.0 * interval.probability,
+                interval.half_width,
+                interval.by
+            );
+        }
+        let report = folder.path().join(report::FILE);
+        let text = format!(
+            "{table}{gained}\nwrote {} in {:.1} s; open {} in a browser",
+            folder.path().display(),
+            progress.seconds(),
+            report.display()
+        );
+        progress.result(&text, value);
+        Ok(())
+    }
+
+    /// Refines, scores and writes; `last` adds files to the folder before it gets its name.
+    pub(crate) fn produce(
+        &self,
+        folder: &OutputFolder,
+        progress: &mut Progress,
+        last: impl FnOnce(&Path, &Done<'_>, &Progress) -> Result<()>,
+    ) -> Result<Done<'_>> {
         let mut kept = None;
         let prior = Timed::new(&*self.prior.prior);
         let mut stages = Stages::new(&prior);
@@ -161,34 +199,17 @@ impl Job {
         }
         let mut done = self.finished(subject, refinement, reference, progress)?;
         done.prior_seconds = prior.seconds();
-        let table = done.scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
-        let value =
-            json!({ "event": "done", "output": folder.path().display().to_string(), "scores": done.scores });
-        folder.write(|path| self.write(path, &done, kept.as_ref(), progress))?;
+        folder.write(|path| {
+            self.write(path, &done, kept.as_ref(), progress)?;
+            last(path, &done, progress)
+        })?;
         if let Some(checkpoints) = &self.checkpoints {
             checkpoints.discard();
         }
         if let Some(recording) = &self.recording {
             self.record(recording, &done, progress.training())?;
         }
-        let mut gained = gain::summary(&done.refinement, self.unit(), &done.stated, self.is_unscaled());
-        if let Some(interval) = &done.stated.interval {
-            gained += &format!(
-                "\nlower.npy and upper.npy: {:.0} % interval, the depth -+ {:.2} sigma, by {}",
-                100.0 * interval.probability,
-                interval.half_width,
-                interval.by
-            );
-        }
-        let report = folder.path().join(report::FILE);
-        let text = format!(
-            "{table}{gained}\nwrote {} in {:.1} s; open {} in a browser",
-            folder.path().display(),
-            progress.seconds(),
-            report.display()
-        );
-        progress.result(&text, value);
-        Ok(())
+        Ok(done)
     }
 
     /// Unit of the results.

@@ -1,5 +1,6 @@
 //! One refinement: the job, its progress, its checkpoints and how its error bar is stated.
 
+pub(crate) mod batch;
 pub(crate) mod checkpoint;
 pub(crate) mod doubts;
 pub(crate) mod error_bar;
@@ -8,5 +9,6 @@ pub(crate) mod field;
 pub(crate) mod gain;
 pub(crate) mod interrupt;
 pub(crate) mod job;
+pub(crate) mod names;
 pub(crate) mod progress;
 pub(crate) mod resume;

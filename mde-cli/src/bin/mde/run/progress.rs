@@ -53,10 +53,14 @@ impl Progress {
             _ if io::stderr().is_terminal() => Mode::Bars,
             _ => Mode::Lines,
         };
-        let start = Instant::now();
+        Self { mode, ..Self::silent() }
+    }
+
+    /// One that prints nothing and keeps its warnings.
+    pub(crate) fn silent() -> Self {
         Self {
-            mode,
-            start,
+            mode: Mode::Quiet,
+            start: Instant::now(),
             stage: Stage::Prior,
             iteration: [1, 1],
             bar: None,

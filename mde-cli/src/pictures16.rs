@@ -1,7 +1,6 @@
-//! Maps in PNGs of 16 bits: `depth.png` and `confidence.png`.
+//! The maps of a run in PNGs of 16 bits: `depth.png` and `confidence.png`.
 
-use crate::input::prior::METRES;
-use anyhow::Result;
+use crate::Result;
 use mde_prior::format::{write_confidence_png, write_depth_png};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::normal::erf;
@@ -10,8 +9,10 @@ use ndarray::{Array2, ArrayView2, Zip};
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::path::Path;
 
+/// The unit of metric depth.
+pub const METRES: &str = "m";
 /// Steps per unit: millimetres for metres.
-pub(crate) const MILLIMETRES: f64 = 1000.0;
+pub const MILLIMETRES: f64 = 1000.0;
 /// Least steps of the median depth in an unknown unit.
 const FEWEST_STEPS: f64 = 100.0;
 /// Error whose probability the confidence states, as a share of the depth.
@@ -21,17 +22,17 @@ const FORMULA: &str = "erf(0.1 depth / (sqrt(2) sigma)), the probability of an e
 
 /// Unit and scale of `depth.png`.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct DepthPng {
+pub struct DepthPng {
     unit: &'static str,
     /// Value = depth times this.
-    pub(crate) scale: f64,
-    /// Pixels whose depth does not fit, and that are missing in the file.
-    pub(crate) beyond: usize,
+    pub scale: f64,
+    /// Number of pixels whose depth does not fit, and that are missing in the file.
+    pub beyond: usize,
 }
 
 impl DepthPng {
     /// Millimetres for metres. In any other unit thousandths too, unless the depths do not fit or are too coarse; then the scale that fits.
-    pub(crate) fn new(unit: &'static str, depths: impl Iterator<Item = f32> + Clone) -> Self {
+    pub fn new(unit: &'static str, depths: impl Iterator<Item = f32> + Clone) -> Self {
         let known = depths.filter(|depth| *depth > 0.0 && depth.is_finite());
         let too_far = |depth: &f32| (f64::from(*depth) * MILLIMETRES).round() > f64::from(u16::MAX);
         let beyond = known.clone().filter(too_far).count();
@@ -44,7 +45,7 @@ impl DepthPng {
     }
 
     /// A warning where depths do not fit.
-    pub(crate) fn warning(&self) -> Option<String> {
+    pub fn warning(&self) -> Option<String> {
         let Self { beyond, .. } = self;
         (*beyond > 0).then(|| {
             format!(
@@ -53,14 +54,21 @@ impl DepthPng {
         })
     }
 
-    pub(crate) fn write(&self, path: &Path, depth: ArrayView2<'_, f32>) -> Result<()> {
+    /// Writes the depths `[height, width]`, those beyond as missing.
+    ///
+    /// # Errors
+    /// Those of [`write_depth_png`].
+    pub fn write(&self, path: &Path, depth: ArrayView2<'_, f32>) -> Result<()> {
         write_depth_png(path, depth, self.unit, self.scale)?;
         Ok(())
     }
 }
 
-/// Writes `confidence.png`.
-pub(crate) fn write_confidence(path: &Path, depth: &GaussianDepth) -> Result<()> {
+/// Writes the probability of an error below a tenth of the depth, if errors are normally distributed.
+///
+/// # Errors
+/// Those of [`write_confidence_png`].
+pub fn write_confidence(path: &Path, depth: &GaussianDepth) -> Result<()> {
     Ok(write_confidence_png(path, confidence(depth).view(), FORMULA)?)
 }
 

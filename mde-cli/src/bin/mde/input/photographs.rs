@@ -1,0 +1,138 @@
+//! The photographs of a command that takes many: files, folders, lists of names.
+
+use anyhow::{Context, Result, bail, ensure};
+use std::collections::HashSet;
+use std::ffi::OsStr;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+/// Extensions of photographs within a folder.
+const PHOTOGRAPHS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
+/// Standard input.
+const STDIN: &str = "-";
+const LIST: &str = "txt";
+
+/// Whether the arguments name more than one photograph: several of them, a folder, a list, standard input.
+pub(crate) fn are_many(named: &[&Path]) -> bool {
+    match named {
+        [one] => *one == Path::new(STDIN) || is_list(one) || one.is_dir(),
+        _ => true,
+    }
+}
+
+/// All photographs in the order of the arguments, each file once; folders in the order of their names. A named file that is missing is
+/// among them.
+pub(crate) fn all(named: &[&Path]) -> Result<Vec<PathBuf>> {
+    let (mut paths, mut seen) = (Vec::new(), HashSet::new());
+    for name in named {
+        let found = match () {
+            () if *name == Path::new(STDIN) => {
+                let mut text = String::new();
+                std::io::stdin()
+                    .read_to_string(&mut text)
+                    .context("-: standard input can't be read as UTF-8 text")?;
+                listed("standard input", &text, Path::new("."))?
+            }
+            () if is_list(name) => {
+                let fault =
+                    || format!("{}: the list can't be read as UTF-8 text; check the path", name.display());
+                let text = std::fs::read_to_string(name).with_context(fault)?;
+                listed(&name.display().to_string(), &text, name.parent().unwrap_or(Path::new(".")))?
+            }
+            () if name.is_dir() => {
+                let found = in_folder("PHOTO", name)?;
+                ensure!(
+                    !found.is_empty(),
+                    "{}: the folder holds no photograph ({}); folders within it are not searched",
+                    name.display(),
+                    PHOTOGRAPHS.join(", ")
+                );
+                found
+            }
+            () => vec![name.to_path_buf()],
+        };
+        for path in found {
+            if seen.insert(path.canonicalize().unwrap_or_else(|_| path.clone())) {
+                paths.push(path);
+            }
+        }
+    }
+    Ok(paths)
+}
+
+fn is_list(path: &Path) -> bool {
+    path.extension().and_then(OsStr::to_str).is_some_and(|e| e.eq_ignore_ascii_case(LIST)) && !path.is_dir()
+}
+
+/// One name per line, from the working folder, else from `folder`; empty lines and those that begin with # are skipped.
+fn listed(list: &str, text: &str, folder: &Path) -> Result<Vec<PathBuf>> {
+    let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
+    let place = |line: &str| match folder.join(line) {
+        beside if !Path::new(line).exists() && beside.exists() => beside,
+        _ => PathBuf::from(line),
+    };
+    let paths: Vec<PathBuf> = lines.map(place).collect();
+    match paths.iter().any(|path| path.is_file()) {
+        true => Ok(paths),
+        false if paths.is_empty() => bail!("{list}: names no photograph; give one path per line"),
+        false => bail!("{list}: none of its {} lines names a file; give one path per line", paths.len()),
+    }
+}
+
+/// The photographs in a folder, in the order of their names; `flag` named it.
+pub(crate) fn in_folder(flag: &str, folder: &Path) -> Result<Vec<PathBuf>> {
+    let fault = || format!("{flag} {}: the folder can't be read; check the path", folder.display());
+    let mut paths = Vec::new();
+    for entry in std::fs::read_dir(folder).with_context(fault)? {
+        let path = entry.with_context(fault)?.path();
+        let is_photograph = path
+            .extension()
+            .and_then(OsStr::to_str)
+            .is_some_and(|e| PHOTOGRAPHS.contains(&e.to_ascii_lowercase().as_str()));
+        if is_photograph && path.is_file() {
+            paths.push(path);
+        }
+    }
+    paths.sort();
+    Ok(paths)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_folders_and_lists_give_each_photograph_once() {
+        let place = tempfile::tempdir().unwrap();
+        let at = |name: &str| place.path().join(name);
+        std::fs::create_dir(at("shots")).unwrap();
+        for name in ["b.png", "shots/2.JPG", "shots/1.png", "shots/notes.txt"] {
+            std::fs::write(at(name), "").unwrap();
+        }
+        std::fs::write(at("list.txt"), "# two\n\nshots/1.png\n  absent.png \n").unwrap();
+        let (file, folder, list) = (at("b.png"), at("shots"), at("list.txt"));
+        let found = all(&[&file, &folder, &list, &file]).unwrap();
+        // A name that is missing stays: it becomes a row of its own.
+        assert_eq!(found, [at("b.png"), at("shots/1.png"), at("shots/2.JPG"), PathBuf::from("absent.png")]);
+        assert!(
+            are_many(&[&folder]) && are_many(&[&list]) && are_many(&[&file, &file]) && !are_many(&[&file])
+        );
+    }
+
+    #[test]
+    fn what_holds_no_photograph_is_refused_in_a_line() {
+        let place = tempfile::tempdir().unwrap();
+        let empty = place.path().join("empty");
+        std::fs::create_dir(&empty).unwrap();
+        let prose = place.path().join("prose.txt");
+        std::fs::write(&prose, "It was a dark\nand stormy night.\n").unwrap();
+        let blank = place.path().join("blank.txt");
+        std::fs::write(&blank, "\n# nothing\n").unwrap();
+        for (path, word) in
+            [(&empty, "holds no photograph"), (&prose, "none of its 2 lines"), (&blank, "one path per line")]
+        {
+            let refused = all(&[path]).unwrap_err().to_string();
+            assert!(refused.contains(word), "{refused}");
+        }
+    }
+}

@@ -1,0 +1,233 @@
+//! One of many photographs: its marker, its refinement, its row.
+
+use super::allowance::Allowance;
+use super::index::Row;
+use crate::args::RefineArgs;
+use crate::input::camera::KnownCamera;
+use crate::input::opened::opened;
+use crate::input::prior::{NamedPrior, Timed};
+use crate::input::size::{within, working};
+use crate::output::canvas::resized;
+use crate::output::folder::OutputFolder;
+use crate::output::preview::{depth_picture, sigma_picture_within, usual_range};
+use crate::output::provenance::{versions, write_json};
+use crate::run::error_bar::ErrorBar;
+use crate::run::every::relative_sigma;
+use crate::run::job::{Done, Full, Job};
+use crate::run::progress::Progress;
+use anyhow::{Context, Result, ensure};
+use mde_cli::memory::refine_bytes;
+use mde_cli::{Config, Preset};
+use mde_prior::photo::{decode_image, image_size, write_rgb_png};
+use mde_uncertainty::statistics::median;
+use ndarray::{Array3, ArrayView3, Axis, concatenate};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// The file of a finished folder, written last.
+pub(crate) const MARKER: &str = "finished.json";
+/// Photograph, depth and sigma, small.
+pub(crate) const THUMBNAIL: &str = "thumbnail.png";
+/// Height of a thumbnail, pixels.
+const HEIGHT: usize = 120;
+/// Bytes per pixel of a photograph that is refined at a smaller size: itself, and the maps of the result.
+const FULL: u64 = 60;
+
+/// A photograph and the name of its folder.
+pub(crate) struct Item {
+    pub(crate) path: PathBuf,
+    pub(crate) folder: String,
+}
+
+/// What all photographs share.
+pub(crate) struct Common<'c> {
+    pub(crate) args: &'c RefineArgs,
+    pub(crate) output: &'c Path,
+    pub(crate) prior: &'c NamedPrior<'c>,
+    pub(crate) error_bar: ErrorBar,
+    pub(crate) allowance: Allowance,
+    pub(crate) preset: Preset,
+    pub(crate) config: Config,
+    /// Everything but the photograph that the results depend on.
+    pub(crate) settings: String,
+}
+
+#[derive(Serialize, Deserialize)]
+pub(crate) struct Marker {
+    /// Settings and the content of the photograph.
+    made_from: String,
+    pub(crate) row: Row,
+}
+
+/// Everything but the photograph that the results depend on, files by their content.
+pub(crate) fn settings_of(
+    args: &RefineArgs,
+    preset: Preset,
+    config: &Config,
+    prior: &NamedPrior<'_>,
+) -> Result<String> {
+    let content = |path: &Option<PathBuf>| -> Result<Option<u32>> {
+        let Some(path) = path else { return Ok(None) };
+        let bytes =
+            fs::read(path).with_context(|| format!("{}: can't be read; check the path", path.display()))?;
+        Ok(Some(crc32fast::hash(&bytes)))
+    };
+    let (camera, origin) = (&args.camera, &prior.origin);
+    let settings = json!({
+        "versions": versions(), "config": config.to_toml()?, "preset": preset.name(),
+        "size": (args.size.max_size, args.size.work_size),
+        "camera": (content(&camera.intrinsics)?, camera.intrinsics_base, camera.fx, camera.fy, camera.cx, camera.cy, camera.fov),
+        "prior": (origin.kind, &origin.model, &origin.model_hash, &origin.runtime),
+        "error_bar": (args.error_bar.interval, content(&args.error_bar.calibration)?),
+        "output": (format!("{:?}", args.export.export), args.export.y_up, args.save_field),
+    });
+    // As text: numbers that are read again may differ in their last bit.
+    Ok(settings.to_string())
+}
+
+impl Common<'_> {
+    /// Refines a photograph, unless its folder is finished. What fails is in the row.
+    pub(crate) fn one(&self, item: &Item) -> Row {
+        let made = self.made(item, &mut Progress::silent());
+        made.unwrap_or_else(|error| Row::failed(item, &crate::message(&error)))
+    }
+
+    fn made(&self, item: &Item, progress: &mut Progress) -> Result<Row> {
+        let Self { args, prior, .. } = self;
+        let Item { path, folder } = item;
+        let shown = || path.display().to_string();
+        ensure!(path.is_file(), "no such photograph; check the path");
+        // By the header alone; what has no header fails when it is decoded.
+        let [width, height] = image_size(path).unwrap_or_default();
+        let size = within((height, width), args.size.max_size);
+        let (rows, columns) = working(size, &args.size);
+        let _taken = self
+            .allowance
+            .take(refine_bytes((rows * columns) as u64, &self.config) + FULL * (width * height) as u64);
+        let start = Instant::now();
+        let bytes = fs::read(path).context("can't be read")?;
+        let made_from = format!("{} {:08x} {}", self.settings, crc32fast::hash(&bytes), bytes.len());
+        let place = self.output.join(folder);
+        if !args.run.force
+            && let Some(row) = finished(&place, &made_from)
+        {
+            return Ok(Row { photograph: shown(), folder: folder.clone(), kept: true, ..row });
+        }
+        let photo = decode_image(&bytes).map_err(|error| match error {
+            mde_prior::Error::Input(reason) => anyhow::anyhow!(reason),
+            other => other.into(),
+        })?;
+        drop(bytes);
+        let mut opened = opened(photo, path, &args.size, &self.config, progress)?;
+        let mut full = None;
+        if let Some(working) = opened.working(&args.size) {
+            let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+            full = Some(Full { image: std::mem::replace(&mut opened, working).photo.pixels, camera });
+        }
+        let mut camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+        if let Some(own) = prior.camera(opened.photo.pixels.view(), &camera)? {
+            if let Some(full) = &mut full {
+                full.take_camera(&own)?;
+            }
+            camera = own;
+        }
+        let prior = prior.for_camera(&camera);
+        camera.warning().into_iter().for_each(|warning| progress.warn(warning));
+        let job = Job {
+            command: "refine",
+            input: shown(),
+            camera,
+            prior: NamedPrior {
+                prior: Box::new(Timed::new(&*prior.prior)),
+                origin: prior.origin.clone(),
+                size: None,
+                note: None,
+            },
+            preset: self.preset,
+            config: self.config.clone(),
+            truth: None,
+            budget: None,
+            full,
+            save_field: args.save_field,
+            checkpoints: None,
+            error_bar: self.error_bar.clone(),
+            export: args.export.export.clone(),
+            y_up: args.export.y_up,
+            recording: None,
+            capture: None,
+            unit: args.several.unit,
+            known: None,
+            keep_photographs: false,
+            image: opened.photo.pixels,
+        };
+        let mut row = Row {
+            photograph: shown(),
+            folder: folder.clone(),
+            unit: job.unit().to_owned(),
+            ..Row::default()
+        };
+        job.produce(&OutputFolder::new(&place, true)?, progress, |path, done, progress| {
+            write_rgb_png(path.join(THUMBNAIL), thumbnail(done)?.view())?;
+            row.measure(done, progress);
+            row.seconds = start.elapsed().as_secs_f64();
+            write_json(&path.join(MARKER), &Marker { made_from, row: row.clone() })
+        })?;
+        Ok(row)
+    }
+}
+
+impl Row {
+    fn measure(&mut self, done: &Done<'_>, progress: &Progress) {
+        let camera = &done.subject.camera;
+        let depth = &done.refinement.depth;
+        (self.width, self.height) = (camera.camera.width, camera.camera.height);
+        (self.fx, self.camera) = (Some(camera.camera.fx), camera.source.name().to_owned());
+        self.median_depth = median(depth.mean().iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)));
+        self.sigma = relative_sigma(depth);
+        let sigma = depth.sigma();
+        let mut relative: Vec<f32> = depth
+            .mean()
+            .iter()
+            .zip(&sigma)
+            .filter(|(z, s)| **z > 0.0 && s.is_finite())
+            .map(|(z, s)| s / z)
+            .collect();
+        relative.sort_unstable_by(f32::total_cmp);
+        self.sigma_90 = mde_uncertainty::statistics::quantile_sorted(&relative, 0.9);
+        self.missing = sigma.iter().filter(|s| s.is_infinite()).count();
+        self.warnings = progress.warnings().to_vec();
+    }
+}
+
+/// The row of a folder that the same inputs and settings made.
+fn finished(place: &Path, made_from: &str) -> Option<Row> {
+    let marker = read_marker(place)?;
+    (marker.made_from == made_from).then_some(marker.row)
+}
+
+pub(crate) fn read_marker(place: &Path) -> Option<Marker> {
+    serde_json::from_str(&fs::read_to_string(place.join(MARKER)).ok()?).ok()
+}
+
+/// Photograph, depth and sigma / depth side by side.
+fn thumbnail(done: &Done<'_>) -> Result<Array3<u8>> {
+    let (rows, columns, _) = done.subject.image.dim();
+    let width = (columns * HEIGHT / rows.max(1)).clamp(1, 4 * HEIGHT);
+    let small =
+        |picture: ArrayView3<'_, u8>| resized(picture.mapv(|v| f32::from(v) / 255.0).view(), width, HEIGHT);
+    let depth = &done.refinement.depth;
+    let relative = ndarray::Zip::from(depth.mean())
+        .and(&depth.sigma())
+        .map_collect(|z, s| if *z > 0.0 { s / z } else { f32::INFINITY });
+    let range = usual_range(relative.iter());
+    let parts = [
+        resized(done.subject.image, width, HEIGHT),
+        small(depth_picture(depth.mean()).pixels()),
+        small(sigma_picture_within(relative.view(), range).pixels()),
+    ];
+    let strip = concatenate(Axis(1), &parts.each_ref().map(|part| part.view()))?;
+    Ok(strip.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8))
+}

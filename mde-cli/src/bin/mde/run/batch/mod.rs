@@ -1,0 +1,193 @@
+//! Many photographs, each refined alone into a folder of its own, side by side as far as the memory goes.
+//!
+//! A folder appears whole, by a rename, with its marker (`finished.json`) in it. A run that finds a marker of the same inputs and settings
+//! keeps the folder. The index is written from the markers' rows.
+
+mod allowance;
+mod index;
+mod item;
+pub(crate) mod merge;
+mod shard;
+
+pub(crate) use index::Row;
+pub(crate) use shard::Shard;
+
+use crate::args::RefineArgs;
+use crate::evaluation::lock::Lock;
+use crate::evaluation::results::Partial;
+use crate::input::opened::{settings, use_threads};
+use crate::input::photographs;
+use crate::input::prior::NamedPrior;
+use crate::output::folder::{check_place, remove_unfinished};
+use crate::run::batch::allowance::Allowance;
+use crate::run::batch::index::Index;
+use crate::run::batch::item::{Common, Item, settings_of};
+use crate::run::error_bar::ErrorBar;
+use crate::run::interrupt;
+use crate::run::names::folders;
+use crate::run::progress::Progress;
+use anyhow::{Context, Result, bail, ensure};
+use mde_cli::Preset;
+use std::collections::BTreeMap;
+use std::fs;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+/// Refines all photographs that the arguments name.
+pub(crate) fn run(args: &RefineArgs) -> Result<()> {
+    let mut progress = Progress::new(&args.run);
+    use_threads(&args.run)?;
+    check_arguments(args)?;
+    let Some(output) = &args.run.output else {
+        bail!("-o: give a folder for the results of several photographs")
+    };
+    let paths = photographs::all(&args.photographs())?;
+    let names = folders(paths.iter().map(|path| &**path), &index::RESERVED);
+    let set = index::set_of(&names);
+    let mut items: Vec<Item> =
+        paths.into_iter().zip(names).map(|(path, folder)| Item { path, folder }).collect();
+    let whole = items.len();
+    if let Some(shard) = &args.several.shard {
+        items.retain(|item| shard.has(&item.folder));
+    }
+    let (preset, config) = settings(&args.settings, Preset::Default)?;
+    check_place("-o", output)?;
+    index::check_folder(output)?;
+    let prior = NamedPrior::open(&args.prior)?;
+    let common = Common {
+        args,
+        output,
+        error_bar: ErrorBar::open(&args.error_bar)?,
+        allowance: Allowance::new((args.size.memory.max_memory * f64::from(1 << 30)) as u64),
+        preset,
+        settings: settings_of(args, preset, &config, &prior)?,
+        config,
+        prior: &prior,
+    };
+
+    fs::create_dir_all(output).with_context(|| format!("{}: can't make this folder", output.display()))?;
+    let _lock = match args.several.shard {
+        None => {
+            let lock = Lock::take(output)?;
+            remove_unfinished(output);
+            lock
+        }
+        Some(_) => None,
+    };
+    let mut found = Index::new(args.several.shard, whole, set, &common.settings);
+    found.mark(output)?;
+    let (next, start) = (AtomicUsize::new(0), Instant::now());
+    let state = Mutex::new(State { progress: &mut progress, rows: BTreeMap::new(), refined: 0 });
+    // One more than processors: while one is decoded or written, the others keep the processors busy.
+    let workers = (rayon::current_num_threads() + 1).min(items.len());
+    let work = || {
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(item) = items.get(index).filter(|_| !interrupt::requested()) else { break };
+            let made = catch_unwind(AssertUnwindSafe(|| common.one(item)))
+                .unwrap_or_else(|_| Row::fault(item, &crate::fault()));
+            state.lock().unwrap_or_else(PoisonError::into_inner).add(index, made, items.len(), start);
+        }
+    };
+    std::thread::scope(|scope| {
+        let spawn = |_| std::thread::Builder::new().spawn_scoped(scope, work).is_ok();
+        // A system without threads has this one.
+        if (0..workers).filter(|worker| spawn(*worker)).count() == 0 {
+            work();
+        }
+    });
+    let rows = state.into_inner().unwrap_or_else(PoisonError::into_inner).rows;
+    if interrupt::requested() {
+        bail!(mde_cli::Error::Interrupted);
+    }
+    found.rows = rows.into_values().collect();
+    found.write(output)?;
+    warnings(&found.rows, &mut progress);
+    finish(&found, output, start.elapsed().as_secs_f64(), &mut progress)
+}
+
+struct State<'p> {
+    progress: &'p mut Progress,
+    /// By the index of the photograph.
+    rows: BTreeMap<usize, Row>,
+    /// Photographs that were not finished before.
+    refined: usize,
+}
+
+impl State<'_> {
+    fn add(&mut self, index: usize, row: Row, all: usize, start: Instant) {
+        if interrupt::requested() && row.error.is_some() {
+            return;
+        }
+        self.refined += usize::from(!row.kept);
+        let text = format!("{}: {}", row.photograph, row.outcome());
+        let value = serde_json::json!({ "event": "photograph", "photograph": row.photograph, "folder": row.folder,
+            "status": row.status(), "kept": row.kept, "error": row.error, "photograph_seconds": row.seconds });
+        self.rows.insert(index, row);
+        let done = self.rows.len();
+        let each = start.elapsed().as_secs_f64() / self.refined.max(1) as f64;
+        let left = (done < all && self.refined > 0).then(|| each * (all - done) as f64);
+        self.progress.piece(done, all, &text, left, value);
+    }
+}
+
+/// What a single photograph alone can have is refused.
+fn check_arguments(args: &RefineArgs) -> Result<()> {
+    let several = "one photograph at a time";
+    ensure!(args.several.views.is_empty(), "--views: refines {several}; give one, or leave --views out");
+    ensure!(
+        args.prior.source.prior_depth.is_none(),
+        "--prior-depth: is the map of one photograph; give --prior-model"
+    );
+    ensure!(args.truth.gt.is_none(), "--gt: is the truth of one photograph; score a folder with mde eval");
+    ensure!(args.scale_from.is_none(), "--scale-from: has the depths of one photograph; refine it alone");
+    ensure!(args.export.rerun.is_none(), "--rerun: records {several}; leave it out");
+    ensure!(
+        args.settings.budget.is_none(),
+        "--budget: depends on the clock, so that a run could not be continued; give --predictions"
+    );
+    Ok(())
+}
+
+/// Each different warning once, with the number of photographs that had it.
+fn warnings(rows: &[Row], progress: &mut Progress) {
+    let mut counted: BTreeMap<&str, usize> = BTreeMap::new();
+    for warning in rows.iter().flat_map(|row| &row.warnings) {
+        *counted.entry(warning).or_default() += 1;
+    }
+    for (warning, count) in counted {
+        progress.warn(format!("{count} of {} photographs: {warning}", rows.len()));
+    }
+}
+
+fn finish(index: &Index, output: &Path, seconds: f64, progress: &mut Progress) -> Result<()> {
+    let rows = &index.rows;
+    let failed: Vec<&Row> = rows.iter().filter(|row| row.error.is_some()).collect();
+    let kept = rows.iter().filter(|row| row.kept).count();
+    let page = match index.shard {
+        None => format!("open {} in a browser", output.join(index::PAGE).display()),
+        Some(_) => format!("mde merge {} joins the shards", output.display()),
+    };
+    let text = format!(
+        "{} photographs: {} refined, {kept} finished before, {} failed\nwrote {} in {seconds:.1} s; {page}",
+        rows.len(),
+        rows.len() - kept - failed.len(),
+        failed.len(),
+        output.display()
+    );
+    let value =
+        serde_json::json!({ "event": "done", "output": output.display().to_string(), "photographs": rows });
+    progress.result(&text, value);
+    match failed.first() {
+        None => Ok(()),
+        Some(row) => Err(Partial {
+            failed: failed.len(),
+            first: format!("{}: {}", row.photograph, row.error.as_deref().unwrap_or_default()),
+            folder: output.display().to_string(),
+        }
+        .into()),
+    }
+}

@@ -1,0 +1,226 @@
+//! `mde refine` on many photographs: each as a run of its own would have it, resumed after a kill, sharded and merged.
+#![cfg(unix)]
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{Place, names};
+use mde_cli::mde_prior::photo::write_image;
+use mde_eval::scene::{Room, room};
+use predicates::prelude::*;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::Instant;
+
+const MAPS: [&str; 6] = ["depth.npy", "sigma.npy", "prior.npy", "depth.png", "confidence.png", "preview.png"];
+const MOMENTS: u32 = 12;
+
+/// `shots/` with photographs of rooms, and `grey.onnx`: depth by the brightness.
+fn place(count: usize) -> Place {
+    let place = Place::new();
+    fs::create_dir(place.path("shots")).unwrap();
+    for seed in 0..count {
+        let scene = room(Room::ALL[seed % Room::ALL.len()], seed as u64, 64, 48).unwrap();
+        write_image(place.path(&format!("shots/{seed:02}.png")), scene.image.view()).unwrap();
+    }
+    let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures");
+    fs::copy(fixtures.join("grey_nchw.onnx"), place.path("grey.onnx")).unwrap();
+    place
+}
+
+const MODEL: &str = "--prior-model grey.onnx --model-profile fastdepth --fov 60";
+
+fn maps(folder: &Path) -> [Vec<u8>; 6] {
+    MAPS.map(|name| fs::read(folder.join(name)).unwrap())
+}
+
+/// The maps of each finished photograph.
+fn all(folder: &Path) -> BTreeMap<String, [Vec<u8>; 6]> {
+    let folders =
+        names(folder).into_iter().filter(|name| !name.starts_with('.') && folder.join(name).is_dir());
+    folders.map(|name| (name.clone(), maps(&folder.join(&name)))).collect()
+}
+
+fn index(folder: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(folder.join("index.json")).unwrap()).unwrap()
+}
+
+fn stderr(place: &Place, arguments: &str) -> String {
+    String::from_utf8(place.mde(arguments).assert().get_output().stderr.clone()).unwrap()
+}
+
+#[test]
+fn each_photograph_is_as_a_run_of_its_own_has_it() {
+    let place = place(4);
+    place.mde(&format!("refine shots {MODEL} -o out")).assert().success();
+    let found = all(&place.path("out"));
+    assert_eq!(found.keys().collect::<Vec<_>>(), ["00", "01", "02", "03"]);
+    for (name, maps_of) in &found {
+        place.mde(&format!("refine shots/{name}.png {MODEL} -q -o one{name}")).assert().success();
+        assert!(maps(&place.path(&format!("one{name}"))) == *maps_of, "{name}");
+        let config = |folder: String| fs::read(place.path(&folder).join("config.toml")).unwrap();
+        assert_eq!(config(format!("out/{name}")), config(format!("one{name}")));
+    }
+    let table = fs::read_to_string(place.path("out/index.csv")).unwrap();
+    assert_eq!((table.lines().count(), table.matches(",done,").count()), (5, 4));
+    let page = fs::read_to_string(place.path("out/index.html")).unwrap();
+    for name in found.keys() {
+        assert!(
+            page.contains(&format!("href=\"{name}/report.html\""))
+                && page.contains(&format!("src=\"{name}/thumbnail.png\""))
+        );
+        assert!(place.path(&format!("out/{name}/thumbnail.png")).is_file());
+    }
+    let row = &index(&place.path("out"))["photographs"][0];
+    assert_eq!((row["width"].as_u64(), row["camera"].as_str()), (Some(64), Some("field-of-view")));
+    assert!(row["sigma"].as_f64().unwrap() > 0.0 && row["median_depth"].as_f64().unwrap() > 0.0);
+
+    // Again: nothing to do. One changed, one more, one gone, other settings: as much as that.
+    let finished = |text: &str| text.matches("finished before").count();
+    assert_eq!(finished(&stderr(&place, &format!("refine shots {MODEL} -o out"))), 4);
+    fs::copy(place.path("shots/03.png"), place.path("shots/01.png")).unwrap();
+    fs::copy(place.path("shots/02.png"), place.path("shots/09.png")).unwrap();
+    fs::remove_file(place.path("shots/02.png")).unwrap();
+    assert_eq!(finished(&stderr(&place, &format!("refine shots {MODEL} -o out"))), 2);
+    let again = all(&place.path("out"));
+    assert!(again["01"] == found["03"] && again["09"] == found["02"] && again["00"] == found["00"]);
+    assert_eq!(index(&place.path("out"))["photographs"].as_array().unwrap().len(), 4);
+    assert_eq!(finished(&stderr(&place, &format!("refine shots {MODEL} --seed 5 -o out"))), 0);
+}
+
+#[test]
+fn what_fails_is_a_row_and_the_others_are_refined() {
+    let place = place(2);
+    fs::create_dir(place.path("other")).unwrap();
+    fs::copy(place.path("shots/00.png"), place.path("other/00.PNG")).unwrap();
+    fs::write(place.path("shots/broken.jpg"), "no picture").unwrap();
+    fs::write(place.path("shots/notes.txt"), "not a photograph").unwrap();
+    fs::copy(place.path("shots/00.png"), place.path("odd , name?.png")).unwrap();
+    fs::write(place.path("list.txt"), "# more\nodd , name?.png\nabsent.png\n").unwrap();
+    // Names twice, names that collide, a list.
+    let run = format!("refine shots shots/01.png other list.txt {MODEL} -o out");
+    place
+        .mde(&run)
+        .assert()
+        .code(3)
+        .stderr(predicate::str::contains("2 of the runs failed"))
+        .stdout(predicate::str::contains("6 photographs: 4 refined, 0 finished before, 2 failed"));
+    let rows = index(&place.path("out"))["photographs"].as_array().unwrap().clone();
+    let failed: Vec<(&str, &str)> =
+        rows.iter().filter_map(|row| Some((row["photograph"].as_str()?, row["error"].as_str()?))).collect();
+    assert_eq!(failed.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["shots/broken.jpg", "absent.png"]);
+    assert!(
+        failed[0].1.contains("no readable image") && failed[1].1.contains("no such photograph"),
+        "{failed:?}"
+    );
+    assert_eq!(all(&place.path("out")).keys().collect::<Vec<_>>(), ["00", "00_2", "01", "odd___name_"]);
+    // Mended, it is refined; the others are kept.
+    fs::copy(place.path("shots/01.png"), place.path("shots/broken.jpg")).unwrap();
+    fs::copy(place.path("shots/01.png"), place.path("absent.png")).unwrap();
+    place.mde(&run).assert().success().stdout(predicate::str::contains("2 refined, 4 finished before"));
+
+    let names_by_pipe = place
+        .mde(&format!("refine - {MODEL} -o piped"))
+        .write_stdin("shots/00.png\n\nshots/01.png\n")
+        .assert();
+    names_by_pipe.success().stdout(predicate::str::contains("2 photographs: 2 refined"));
+}
+
+#[test]
+fn what_is_for_one_photograph_is_refused_in_a_line() {
+    let place = place(1);
+    fs::create_dir(place.path("empty")).unwrap();
+    fs::create_dir(place.path("foreign")).unwrap();
+    fs::write(place.path("foreign/thesis.txt"), "years").unwrap();
+    for (arguments, word) in [
+        (format!("refine empty {MODEL} -o out"), "holds no photograph"),
+        (format!("refine shots {MODEL}"), "-o: give a folder"),
+        (format!("refine shots {MODEL} -o foreign"), "holds no index.json"),
+        (format!("refine shots {MODEL} --views shots -o out"), "--views"),
+        (format!("refine shots {MODEL} --budget 3 -o out"), "--budget"),
+        ("refine shots --prior-depth depth.npy -o out".to_owned(), "--prior-depth"),
+        ("merge empty".to_owned(), "holds no shard"),
+    ] {
+        let refused = place.mde(&arguments).assert().code(1);
+        let text = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
+        assert!(text.contains(word) && text.trim_end().lines().count() == 1, "{arguments}: {text}");
+    }
+    assert!(!place.path("out").exists());
+}
+
+#[test]
+fn a_run_killed_at_any_moment_continues_to_the_same_bytes() {
+    let place = place(6);
+    let refine = |out: &str| format!("refine shots {MODEL} --quiet -o {out}");
+    let begin = Instant::now();
+    place.mde(&refine("whole")).assert().success();
+    let whole = begin.elapsed();
+    let expected = all(&place.path("whole"));
+    let (mut killed, mut kept) = (0, 0);
+    for moment in 0..MOMENTS {
+        let out = format!("out{moment}");
+        let mut child = Command::new(env!("CARGO_BIN_EXE_mde"))
+            .current_dir(place.path("."))
+            .args(refine(&out).split_whitespace())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let jitter = (f64::from(moment) * 0.618_034).fract();
+        sleep(whole.mul_f64((f64::from(moment) + jitter) / f64::from(MOMENTS)));
+        let signal = if moment.is_multiple_of(3) { "-TERM" } else { "-KILL" };
+        let _ = Command::new("kill").args([signal, &child.id().to_string()]).stderr(Stdio::null()).status();
+        killed += u32::from(!child.wait().unwrap().success());
+        if place.path(&out).exists() {
+            // What has its name is whole.
+            let left = all(&place.path(&out));
+            kept += left.len();
+            for (name, maps) in left {
+                assert!(maps == expected[&name], "moment {moment}: {name}");
+            }
+        }
+        place.mde(&refine(&out)).assert().success();
+        assert!(all(&place.path(&out)) == expected, "moment {moment}: other bytes than an unbroken run's");
+        assert_eq!(names(&place.path(&out)), names(&place.path("whole")), "moment {moment}");
+    }
+    assert!(killed >= MOMENTS / 4 && kept >= 2, "{killed} killed, {kept} kept");
+}
+
+#[test]
+fn shards_join_to_what_one_run_has() {
+    let place = place(6);
+    place.mde(&format!("refine shots {MODEL} -q -o whole")).assert().success();
+    let expected = all(&place.path("whole"));
+    for shard in 1..=3 {
+        for out in ["parts".to_owned(), format!("part{shard}")] {
+            place.mde(&format!("refine shots {MODEL} --shard {shard}/3 -q -o {out}")).assert().success();
+        }
+        if shard < 3 {
+            place.mde("merge parts").assert().code(1).stderr(predicate::str::contains("are missing"));
+        }
+    }
+    place.mde("merge parts").assert().success().stdout(predicate::str::contains("6 photographs"));
+    place.mde("merge part1 part2 part3 -o joined").assert().success();
+    // The order of the folders' names, whatever that of the shards; all but the seconds is the same.
+    let without_seconds = |folder: &str| {
+        let mut rows = index(&place.path(folder))["photographs"].clone();
+        rows.as_array_mut().unwrap().iter_mut().for_each(|row| row["seconds"] = 0.into());
+        rows
+    };
+    for folder in ["parts", "joined"] {
+        assert!(all(&place.path(folder)) == expected, "{folder}");
+        assert_eq!(without_seconds(folder), without_seconds("whole"), "{folder}");
+        assert!(
+            place.path(&format!("{folder}/index.html")).is_file()
+                && place.path(&format!("{folder}/index.csv")).is_file()
+        );
+    }
+    // Again is the same; a torn folder is found.
+    place.mde("merge parts").assert().success();
+    fs::remove_file(place.path("parts/03/finished.json")).unwrap();
+    place.mde("merge parts").assert().code(1).stderr(predicate::str::contains("parts/03"));
+}

@@ -1,0 +1,50 @@
+"""Monocular depth, refined, with a standard deviation per pixel.
+
+>>> import mdenerf
+>>> result = mdenerf.refine("photo.jpg", "network.onnx")        # doctest: +SKIP
+>>> result.depth, result.sigma                                  # doctest: +SKIP
+
+:func:`refine` refines the depth of one photograph, or of one of several of the same scene; a :class:`Refiner` keeps the network
+loaded. The model is an ONNX file or any callable, such as a network in PyTorch. :func:`fuse`, :func:`affine_wls`,
+:func:`termination_moments` and :func:`forward_warp` are stages alone, :mod:`mdenerf.metrics` scores maps.
+
+Depth is z along the optical axis, never the distance along the ray, as ``float32 [height, width]``. A pixel without depth has
+depth 0 and an infinite sigma. Pixel centres are at integers, from 0. Cameras look along z; x is right, y is down.
+"""
+
+from . import metrics
+from ._mdenerf import Error
+from ._program import program
+from ._refine import Refiner, refine
+from ._result import Camera, RefinementWarning, Result
+from ._stages import (
+    AffineFit,
+    Fused,
+    Moments,
+    Warped,
+    affine_wls,
+    forward_warp,
+    fuse,
+    termination_moments,
+)
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "AffineFit",
+    "Camera",
+    "Error",
+    "Fused",
+    "Moments",
+    "RefinementWarning",
+    "Refiner",
+    "Result",
+    "Warped",
+    "affine_wls",
+    "forward_warp",
+    "fuse",
+    "metrics",
+    "program",
+    "refine",
+    "termination_moments",
+]

@@ -1,0 +1,232 @@
+"""The result of a refinement."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import os
+import subprocess
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import _mdenerf as native
+from ._arrays import Bytes, Doubles, Floats, PathLike
+from ._mdenerf import Error
+from ._program import program
+
+#: The file that marks the folder of an earlier run.
+_RECORD = "run.json"
+#: Width of the pictures in a notebook, pixels.
+_SHOWN = 320
+
+
+class RefinementWarning(UserWarning):
+    """What to know of a result: an assumed camera, a resized map, a doubtful model."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera; pixel centres are at integers, from 0.
+
+    Attributes
+    ----------
+    fx, fy : float
+        Focal lengths, pixels.
+    cx, cy : float
+        Principal point, pixels.
+    width, height : int
+        Size of the image, pixels.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+    @property
+    def matrix(self) -> Doubles:
+        """The intrinsic matrix, ``float64 [3, 3]``."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def points(self, depth: Floats) -> Floats:
+        """The points of a depth map in the frame of the camera: x right, y down, z forward.
+
+        Parameters
+        ----------
+        depth : ndarray
+            ``[height, width]``.
+
+        Returns
+        -------
+        ndarray
+            ``float32 [height, width, 3]`` in the unit of the depth; 0 where it is missing.
+        """
+        rows, columns = np.indices(depth.shape, dtype=np.float32)
+        x, y = (columns - self.cx) / self.fx * depth, (rows - self.cy) / self.fy * depth
+        return np.stack([x, y, depth], axis=-1).astype(np.float32)
+
+
+@dataclass(eq=False)
+class Result:
+    """Refined depth with its standard deviation.
+
+    Attributes
+    ----------
+    depth : ndarray
+        Refined depth z, ``float32 [height, width]``, in the prior's unit (``run["unit"]``); 0 where missing.
+    sigma : ndarray
+        Its standard deviation, in the same shape and unit; infinite where missing.
+    prior : ndarray
+        The monocular depth that it started from, in the same shape and unit; 0 where missing.
+    camera : Camera
+        The camera of these maps: given, from EXIF, assumed or estimated (``run["camera"]["source"]``).
+    run : dict
+        The record of the run, with the keys of the program's ``run.json``.
+    image : ndarray
+        The photograph at the size of the maps, ``uint8 [height, width, 3]``.
+    config : str
+        All settings of the run as TOML; ``refine(..., config=result.config)`` repeats it.
+    components : dict of str to ndarray
+        Components of sigma by name: ``spread`` and ``disagreement`` of the predictions, ``common``, ``field``.
+    evidence : dict of str to ndarray
+        With several photographs, ``float32 [height, width]`` each: ``origin`` of the depth (0 none, 1 prior, 2 consensus, 3 field), how
+        many photographs have ``seen`` and ``confirmed`` it. Empty otherwise.
+    """
+
+    depth: Floats
+    sigma: Floats
+    prior: Floats
+    camera: Camera
+    run: dict[str, Any]
+    image: Bytes
+    config: str
+    components: dict[str, Floats] = field(default_factory=dict)
+    evidence: dict[str, Floats] = field(default_factory=dict)
+    _pictures: dict[str, Bytes] = field(default_factory=dict, repr=False)
+    #: Without the rounding of sigma.
+    _variance: Floats = field(default_factory=lambda: np.zeros((0, 0), np.float32), repr=False)
+
+    @classmethod
+    def _of(cls, parts: dict[str, Any]) -> Result:
+        return cls(
+            depth=parts["depth"],
+            sigma=parts["sigma"],
+            prior=parts["prior"],
+            camera=Camera(*parts["camera"]),
+            run=json.loads(parts["run"]),
+            image=parts["image"],
+            config=parts["config"],
+            components=parts["components"],
+            evidence=parts["evidence"],
+            _pictures=parts["pictures"],
+            _variance=parts["variance"],
+        )
+
+    @property
+    def unit(self) -> str:
+        """The unit of the maps: ``m``, ``unscaled`` or ``capture``."""
+        return str(self.run["unit"])
+
+    def save(self, folder: PathLike, *, force: bool = False, report: bool = True) -> Path:
+        """Writes the maps, the photograph, the settings, the record and the report, as ``mde refine`` does.
+
+        ``depth.npy``, ``sigma.npy``, ``prior.npy``, ``depth.png``, ``confidence.png``, ``image.png`` and ``config.toml`` have the bytes of the
+        program's; with several photographs also ``evidence.npz`` and ``views/``. The folder appears whole or not at all.
+
+        Parameters
+        ----------
+        folder : path
+            The new folder.
+        force : bool
+            Replace the folder of an earlier run.
+        report : bool
+            Also write ``report.html``, with the program of this package.
+
+        Returns
+        -------
+        Path
+            The folder.
+
+        Raises
+        ------
+        Error
+            Where the folder exists, or can't be written.
+        """
+        target = Path(folder)
+        if target.exists() or target.is_symlink():
+            if not target.is_dir():
+                raise Error(f"{target}: exists and is not a folder; give another name")
+            if not force:
+                raise Error(f"{target}: the folder exists; give another name, or force=True to replace it")
+            if any(target.iterdir()) and not (target / _RECORD).is_file():
+                raise Error(f"{target}: not replaced, as it holds no {_RECORD} of an earlier run; give another name")
+        try:
+            target.absolute().parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(prefix=".mde-", dir=target.absolute().parent) as place:
+                made = Path(place) / "new"
+                made.mkdir()
+                self._write(made, report)
+                if target.exists():
+                    os.replace(target, Path(place) / "old")
+                os.replace(made, target)
+        except OSError as error:
+            raise Error(f"{target}: can't write ({error}); give another place") from error
+        return target
+
+    def _write(self, folder: Path, report: bool) -> None:
+        for name, values in (("depth", self.depth), ("sigma", self.sigma), ("prior", self.prior)):
+            native.save_npy(str(folder / f"{name}.npy"), values)
+        native.save_pictures16(str(folder), self.depth, self._variance, self.unit)
+        native.save_rgb(str(folder / "image.png"), self.image)
+        if self._pictures:
+            (folder / "views").mkdir()
+        for name, picture in self._pictures.items():
+            native.save_rgb(str(folder / name), picture)
+        if self.evidence:
+            native.save_npz(str(folder / "evidence.npz"), list(self.evidence.items()))
+        (folder / "config.toml").write_text(self.config, encoding="utf-8", newline="\n")
+        record = json.dumps(self.run, indent=2, ensure_ascii=False) + "\n"
+        (folder / _RECORD).write_text(record, encoding="utf-8", newline="\n")
+        if report:
+            made = subprocess.run([program(), "report", folder], capture_output=True, text=True, check=False)
+            if made.returncode != 0:
+                raise Error(made.stderr.strip().removeprefix("error: "))
+
+    def __repr__(self) -> str:
+        height, width = self.depth.shape
+        known = np.isfinite(self.sigma)
+        if not known.any():
+            return f"Result({width}x{height}, no depth)"
+        depth, sigma = np.median(self.depth[known]), np.median(self.sigma[known])
+        return f"Result({width}x{height}, median depth {depth:.3g} {self.unit}, median sigma {sigma:.2g})"
+
+    def _repr_html_(self) -> str:
+        height, width = self.depth.shape
+        step = max(1, -(-width // _SHOWN))
+        depth, depths = native.picture(np.ascontiguousarray(self.depth[::step, ::step]), "viridis")
+        sigma, sigmas = native.picture(np.ascontiguousarray(self.sigma[::step, ::step]), "magma")
+        image = np.ascontiguousarray(self.image[::step, ::step])
+        unit = html.escape(self.unit)
+
+        def figure(picture: Bytes, title: str) -> str:
+            data = base64.b64encode(native.encode_png(picture)).decode("ascii")
+            return (
+                '<figure style="display:inline-block;margin:4px">'
+                f'<img src="data:image/png;base64,{data}" width="{min(width, _SHOWN)}" alt="{title}">'
+                f"<figcaption>{title}</figcaption></figure>"
+            )
+
+        return "<div>" + "".join(
+            (
+                figure(image, f"image, {width}x{height}"),
+                figure(depth, f"depth, {depths[0]:.3g} to {depths[1]:.3g} {unit}"),
+                figure(sigma, f"sigma, {sigmas[0]:.2g} to {sigmas[1]:.2g} {unit}"),
+            )
+        ) + "</div>"

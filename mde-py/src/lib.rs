@@ -1,0 +1,40 @@
+//! The native module of the Python package `mdenerf`, which documents and types what it holds.
+
+mod capture;
+mod error;
+mod files;
+mod metrics;
+mod prior;
+mod refine;
+mod settings;
+mod stages;
+mod worker;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+mod _mdenerf {
+    #[pymodule_export]
+    use crate::capture::read_capture;
+    #[pymodule_export]
+    use crate::error::Error;
+    #[pymodule_export]
+    use crate::files::{
+        decode_photo, encode_png, parse_intrinsics, picture, read_photo, save_npy, save_npz, save_pictures16,
+        save_rgb,
+    };
+    #[pymodule_export]
+    use crate::metrics::{
+        align, boundary_errors, boundary_f1, boundary_matches, coverage, delta, depth_metric, edge_curve,
+        edge_f1, edge_map, ence, mean_gradient, occlusion_f1, ordinal_error, reliability, score_maps,
+        sigma_metric, soft_edge_error, sparsification_curves, spearman, superpixel_order,
+    };
+    #[pymodule_export]
+    use crate::prior::Prior;
+    #[pymodule_export]
+    use crate::refine::{refine, rigid_motion};
+    #[pymodule_export]
+    use crate::settings::Settings;
+    #[pymodule_export]
+    use crate::stages::{affine_wls, forward_warp, fuse, termination_moments};
+}

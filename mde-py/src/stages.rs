@@ -1,0 +1,168 @@
+//! The stages alone.
+
+use crate::error::raise;
+use crate::refine::rigid;
+use crate::settings::Settings;
+use mde_cli::mde_fusion::{self, BayesFuser, Fuser, Prior, Sample};
+use mde_cli::mde_uncertainty::GaussianDepth;
+use mde_cli::mde_uncertainty::termination::{self, InBinVariance, weights};
+use mde_cli::mde_warp::{self, PinholeCamera, Pose, WarpConfig};
+use ndarray::{Array1, Array2, ArrayView2, Zip};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+type Object<'py> = Bound<'py, PyAny>;
+
+/// Depth with a standard deviation, infinite where missing.
+fn gaussian(depth: ArrayView2<'_, f32>, sigma: ArrayView2<'_, f32>) -> Result<GaussianDepth, String> {
+    if depth.dim() != sigma.dim() {
+        return Err(format!(
+            "the depth is {:?} but its sigma {:?}; give both one shape",
+            depth.shape(),
+            sigma.shape()
+        ));
+    }
+    if let Some(value) = sigma.iter().find(|value| **value < 0.0 || value.is_nan()) {
+        return Err(format!("sigma holds {value}; give 0 or more, and infinity where missing"));
+    }
+    // A missing depth needs no value of its own.
+    let mean =
+        Zip::from(depth).and(sigma).map_collect(|&z, &s| if s.is_finite() && z > 0.0 { z } else { 0.0 });
+    let variance = Zip::from(depth)
+        .and(sigma)
+        .map_collect(|&z, &s| if s.is_finite() && z > 0.0 { s * s } else { f32::INFINITY });
+    GaussianDepth::new(mean, variance).map_err(|e| e.to_string())
+}
+
+/// Eq. 7-17 for a prior and reprojected views.
+#[pyfunction]
+#[pyo3(signature = (prior, prior_sigma, depths, sigmas, settings))]
+pub(crate) fn fuse<'py>(
+    py: Python<'py>,
+    prior: PyReadonlyArray2<'py, f32>,
+    prior_sigma: Option<PyReadonlyArray2<'py, f32>>,
+    depths: Vec<PyReadonlyArray2<'py, f32>>,
+    sigmas: Vec<PyReadonlyArray2<'py, f32>>,
+    settings: &Settings,
+) -> PyResult<Object<'py>> {
+    if depths.len() != sigmas.len() {
+        return Err(raise(format!("{} depths but {} sigmas; give one for each", depths.len(), sigmas.len())));
+    }
+    let prior = match &prior_sigma {
+        Some(sigma) => gaussian(prior.as_array(), sigma.as_array())
+            .and_then(|depth| Prior::with_variance(depth).map_err(|e| e.to_string())),
+        None => Prior::new(prior.as_array().to_owned()).map_err(|e| e.to_string()),
+    };
+    let prior = prior.map_err(raise)?;
+    let views = depths.iter().zip(&sigmas).map(|(depth, sigma)| gaussian(depth.as_array(), sigma.as_array()));
+    let views = views.collect::<Result<Vec<_>, _>>().map_err(raise)?;
+    let fused = py
+        .detach(|| BayesFuser::new(settings.config.fusion.clone())?.fuse(&prior, &views))
+        .map_err(|e: mde_fusion::Error| raise(e))?;
+    let parts = PyDict::new(py);
+    let maps = [("", &fused.depth), ("aggregated_", &fused.aggregated), ("aligned_", &fused.aligned)];
+    for (name, depth) in maps {
+        parts.set_item(format!("{name}depth"), depth.mean().to_owned().into_pyarray(py))?;
+        parts.set_item(format!("{name}sigma"), depth.sigma().into_pyarray(py))?;
+    }
+    parts.set_item("report", serde_json::to_string(&fused.report).map_err(raise)?)?;
+    Ok(parts.into_any())
+}
+
+/// Eq. 11-13: `(a, b, effective_support, correlation, relative_spread)`, or nothing where the line is not determined.
+#[pyfunction]
+#[pyo3(signature = (u, v, variance))]
+pub(crate) fn affine_wls(
+    u: PyReadonlyArray1<'_, f64>,
+    v: PyReadonlyArray1<'_, f64>,
+    variance: PyReadonlyArray1<'_, f64>,
+) -> Option<[f64; 5]> {
+    let samples: Vec<Sample> = u
+        .as_array()
+        .iter()
+        .zip(v.as_array())
+        .zip(variance.as_array())
+        .map(|((&u, &v), &variance)| Sample { u, variance, v })
+        .collect();
+    let fit = mde_fusion::affine_wls(&samples)?;
+    let affine = fit.affine;
+    Some([affine.a, affine.b, fit.effective_support, fit.correlation, fit.relative_spread])
+}
+
+/// Opacity, mean, variance of each ray, and the weights of its bins.
+type Moments<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
+);
+
+/// Eq. 2-5 for rays `[rays, bins]`.
+#[pyfunction]
+#[pyo3(signature = (density, depth, extent, uniform))]
+pub(crate) fn termination_moments<'py>(
+    py: Python<'py>,
+    density: PyReadonlyArray2<'py, f64>,
+    depth: PyReadonlyArray2<'py, f64>,
+    extent: PyReadonlyArray2<'py, f64>,
+    uniform: bool,
+) -> Moments<'py> {
+    let rule = if uniform { InBinVariance::Uniform } else { InBinVariance::Midpoint };
+    let (rays, bins) = density.as_array().dim();
+    let mut all = Array2::zeros((rays, bins));
+    let [mut opacity, mut mean, mut variance] = [(); 3].map(|()| Array1::zeros(rays));
+    for (index, mut row) in all.outer_iter_mut().enumerate() {
+        let of = |map: &PyReadonlyArray2<'py, f64>| map.as_array().row(index).to_vec();
+        let (density, depth, extent) = (of(&density), of(&depth), of(&extent));
+        let mut found = vec![0.0; bins];
+        weights(&density, &extent, &mut found);
+        let moments = termination::moments(&found, &depth, &extent, rule);
+        (opacity[index], mean[index], variance[index]) = (moments.opacity, moments.mean, moments.variance);
+        row.iter_mut().zip(found).for_each(|(to, weight)| *to = weight);
+    }
+    (opacity.into_pyarray(py), mean.into_pyarray(py), variance.into_pyarray(py), all.into_pyarray(py))
+}
+
+/// Eq. 1: an image with its depth, seen from another pose. `source` has its intrinsics and the motion to the other.
+#[pyfunction]
+#[pyo3(signature = (image, depth, sigma, source, target, tear))]
+pub(crate) fn forward_warp<'py>(
+    py: Python<'py>,
+    image: PyReadonlyArray3<'py, f32>,
+    depth: PyReadonlyArray2<'py, f32>,
+    sigma: PyReadonlyArray2<'py, f32>,
+    source: ([f64; 4], [[f64; 4]; 4]),
+    target: Option<([f64; 4], usize, usize)>,
+    tear: f64,
+) -> PyResult<Object<'py>> {
+    let camera = |[fx, fy, cx, cy]: [f64; 4], height, width| {
+        PinholeCamera::new(fx, fy, cx, cy, width, height).map_err(raise)
+    };
+    let (height, width) = depth.as_array().dim();
+    let (intrinsics, pose) = source;
+    let source = camera(intrinsics, height, width)?;
+    let target = match target {
+        Some((intrinsics, height, width)) => camera(intrinsics, height, width)?,
+        None => source,
+    };
+    let pose = rigid("pose", &pose)?;
+    let (image, depth) =
+        (image.as_array().to_owned(), gaussian(depth.as_array(), sigma.as_array()).map_err(raise)?);
+    let config = WarpConfig { tear };
+    let warped = py
+        .detach(|| {
+            let start = Pose::identity();
+            mde_warp::forward_warp(image.view(), &depth, &source, &start, &target, &pose, &config)
+        })
+        .map_err(raise)?;
+    let parts = PyDict::new(py);
+    parts.set_item("image", warped.view.image.into_pyarray(py))?;
+    parts.set_item("depth", warped.depth.into_pyarray(py))?;
+    let sigma = warped.view.hypotheses.first().map(GaussianDepth::sigma).unwrap_or_default();
+    parts.set_item("sigma", sigma.into_pyarray(py))?;
+    parts.set_item("mask", warped.view.mask.into_pyarray(py))?;
+    parts.set_item("hole_fraction", warped.hole_fraction)?;
+    parts.set_item("outside_fraction", warped.outside_fraction)?;
+    Ok(parts.into_any())
+}

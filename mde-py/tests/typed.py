@@ -1,0 +1,31 @@
+"""Not a test of pytest: what callers write, for a type checker."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import mdenerf
+
+
+def network(rgb: NDArray[np.float32]) -> NDArray[np.float32]:
+    return rgb[..., 0] + 1
+
+
+def progress(stage: str, done: int, total: int) -> None:
+    del stage, done, total
+
+
+def use(photo: NDArray[np.uint8], depth: NDArray[np.float64], folder: Path) -> None:
+    refiner = mdenerf.Refiner(network, kind="depth", preset="fast", config={"augmentation": {"predictions": 3}})
+    result: mdenerf.Result = refiner.refine(photo, seed=2, progress=progress)
+    result = mdenerf.refine(folder / "photo.jpg", "network.onnx", views=[folder / "b.jpg"], intrinsics=np.eye(3))
+    result = mdenerf.refine(photo, depth=depth, fov=60.0)
+    matrix: NDArray[np.float64] = result.camera.matrix
+    sigma: NDArray[np.float32] = result.sigma
+    record: dict[str, Any] = result.run
+    saved: Path = result.save(folder / "out", force=True)
+    fit: mdenerf.AffineFit = mdenerf.affine_wls(depth, depth, sigma)
+    score: float = mdenerf.metrics.abs_rel(result.depth, depth)
+    del matrix, record, saved, fit, score
