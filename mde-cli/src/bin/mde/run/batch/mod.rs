@@ -144,6 +144,7 @@ fn check_arguments(args: &RefineArgs) -> Result<()> {
         args.photographs().iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(" ")
     );
     ensure!(args.truth.gt.is_none(), "--gt: is the truth of one photograph; score a folder with mde eval");
+    ensure!(args.scale_from.is_none(), "--scale-from: has the depths of one photograph; refine it alone");
     ensure!(args.export.rerun.is_none(), "--rerun: records {several}; leave it out");
     ensure!(
         args.settings.budget.is_none(),
