@@ -22,6 +22,8 @@ pub(crate) struct Start {
     pub(crate) depth: GaussianDepth,
     /// The parts of the standard deviation.
     pub(crate) components: Vec<Component>,
+    /// The model's own confidence.
+    pub(crate) confidence: Option<Array2<f32>>,
     pub(crate) report: AugmentationReport,
 }
 
@@ -48,6 +50,8 @@ pub struct AugmentationReport {
     pub skipped: Option<&'static str>,
     /// Median spread of the predictions, as a fraction of the depth.
     pub median_spread: Option<f64>,
+    /// Stated error that all predictions share, as a fraction of the depth.
+    pub common_error: Option<f64>,
     /// Median of \\(|\ln z - \ln z_o|\\): the change by the augmentation.
     pub median_change: Option<f64>,
     /// Wall seconds.
@@ -67,22 +71,31 @@ pub(crate) fn start(
         if config.augmentation.is_active() {
             report.skipped = Some("the prior does not accept new images");
         }
-        let prior = model.predict(image)?.to_depth(&config.disparity)?;
-        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), report });
+        let mut predicted = model.predict(image)?;
+        let confidence = predicted.confidence.take();
+        let prior = predicted.to_depth(&config.disparity)?;
+        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), confidence, report });
     }
-    let augmented =
+    let mut augmented =
         config.augmentation.predict_with(model, image, budget, progress)?.ok_or(Error::Interrupted)?;
+    let confidence = augmented.prior.confidence.take();
     let prior = augmented.prior.to_depth(&config.disparity)?;
     let depth = augmented.depth(&config.disparity)?;
     report.predictions = augmented.plan.predictions();
     report.reason = Some(reason(&augmented.plan, config.augmentation.predictions, budget));
     report.plan = Some(augmented.plan.clone());
     if report.predictions == 1 {
-        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), report });
+        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), confidence, report });
     }
-    let (components, variance) =
-        variance(&augmented, prior.view(), depth.view(), &config.sigma, &mut report)?;
-    Ok(Start { prior, depth: GaussianDepth::new(depth, variance)?, components, report })
+    let (components, variance) = variance(
+        &augmented,
+        prior.view(),
+        depth.view(),
+        &config.sigma,
+        config.fusion.common_error,
+        &mut report,
+    )?;
+    Ok(Start { prior, depth: GaussianDepth::new(depth, variance)?, components, confidence, report })
 }
 
 /// What decided the plan.
@@ -105,12 +118,17 @@ pub fn known(depth: Array2<f32>) -> Result<GaussianDepth> {
     Ok(GaussianDepth::new(depth, variance)?)
 }
 
+/// Error that all predictions share over the median of what they do not share: where predictions of a photograph differ by more,
+/// they are wrong together by more, too. Measured with two networks (docs/results.md).
+const SHARED: f64 = 1.5;
+
 /// The parts of sigma, and the variance that they make without the common error. Their medians go into the report.
 fn variance(
     augmented: &Augmented,
     prior: ArrayView2<'_, f32>,
     depth: ArrayView2<'_, f32>,
     config: &SigmaConfig,
+    common: f64,
     report: &mut AugmentationReport,
 ) -> Result<(Vec<Component>, Array2<f32>)> {
     let spread = augmented.relative_spread(depth)?;
@@ -129,6 +147,10 @@ fn variance(
         // Predictions that agree still share an error: no depth is exact.
         if z > 0.0 { ((s + d).max(1e-6) * z * z).max(f32::MIN_POSITIVE) } else { f32::INFINITY }
     });
+    let own = Zip::from(&spread).and(&change).map_collect(|&s, &d| (s + d).max(0.0).sqrt());
+    let own = own.iter().zip(depth).filter(|(s, z)| **z > 0.0 && s.is_finite());
+    let own = median(own.map(|(s, _)| f64::from(*s))).unwrap_or(0.0);
+    report.common_error = Some(if common > 0.0 { common.hypot(SHARED * own) } else { 0.0 });
     let component = |name, squared: &Array2<f32>| {
         let sigma = Zip::from(depth)
             .and(squared)

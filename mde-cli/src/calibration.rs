@@ -45,6 +45,8 @@ pub fn hash_files<'p>(paths: impl IntoIterator<Item = &'p Path>) -> Result<Strin
 /// What sigma depends on.
 #[derive(Serialize)]
 struct Decisive<'c> {
+    /// Changes when the rule for sigma does.
+    version: u32,
     /// With test-time augmentation.
     augmentation: Option<(&'c AugmentationConfig, &'c SigmaConfig)>,
     common_error: f64,
@@ -62,9 +64,10 @@ pub fn fingerprint(config: &Config, accepts_new_images: bool, model: Option<Stri
     let Config { refinement, augmentation, sigma, .. } = config;
     let usual = Config::default();
     let decisive = Decisive {
+        version: 2,
         augmentation: augmented.then_some((augmentation, sigma)),
         common_error: config.fusion.common_error,
-        field: refinement.fits_a_field(augmented).then(|| Config {
+        field: refinement.fits_a_field(accepts_new_images).then(|| Config {
             seed: 0,
             disparity: usual.disparity,
             augmentation: usual.augmentation,

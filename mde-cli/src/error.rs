@@ -76,6 +76,9 @@ pub enum Error {
         /// The fault and the remedy.
         reason: String,
     },
+    /// Known depths that give no scale.
+    #[error("{0}")]
+    Scale(String),
     /// Camera intrinsics of another layout or size.
     #[error("{0}")]
     Intrinsics(String),

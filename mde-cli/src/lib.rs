@@ -33,6 +33,7 @@ mod intrinsics;
 pub mod memory;
 pub mod pictures16;
 pub mod pipeline;
+pub mod scale;
 
 pub use augmentation::{AugmentationReport, Component};
 pub use capture::{Capture, CaptureReport, Photograph, PreparedCapture, refine_capture};

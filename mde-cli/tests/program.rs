@@ -393,3 +393,53 @@ fn a_large_photograph_is_refined_at_the_work_size() {
         own.iter().zip(&small).map(|(a, b)| f64::from((a / b).ln().abs())).sum::<f64>() / own.len() as f64;
     assert!(off > 0.0 && off < 0.05, "{off}");
 }
+
+/// A disparity map of unknown scale and shift is brought to metres by twenty known depths.
+#[test]
+fn known_depths_give_the_scale() {
+    let place = Place::new();
+    let truth = &place.scene.depth;
+    write_npy(place.path("disparity.npy"), truth.mapv(|z| 3.0 / z + 0.4).view()).unwrap();
+    let known = truth.indexed_iter().step_by(157);
+    let rows: Vec<String> = known.map(|((y, x), z)| format!("{x},{y},{z}")).collect();
+    place.write("known.csv", format!("x,y,depth\n{}\n", rows.join("\n")));
+    let refine = "refine image.png --prior-depth disparity.npy --prior-kind disparity --fov 60 --no-nerf";
+    place.mde(&format!("{refine} -o assumed")).assert().success();
+    place.mde(&format!("{refine} --scale-from known.csv --export sigma -o scaled")).assert().success();
+    let error = |out: &str| {
+        let depth: Array2<f32> = read_npy(place.path(out).join("depth.npy")).unwrap();
+        let mut off: Vec<f32> = depth.iter().zip(truth).map(|(a, b)| (a / b - 1.0).abs()).collect();
+        off.sort_by(f32::total_cmp);
+        off[off.len() / 2]
+    };
+    assert!(error("assumed") > 0.05 && error("scaled") < 0.01, "{} {}", error("assumed"), error("scaled"));
+    let record = record(&place.path("scaled"));
+    assert_eq!((&record["unit"], &record["scale"]["points"]), (&Value::from("m"), &Value::from(rows.len())));
+    let sigma: Array2<f32> = read_npy(place.path("scaled/sigma.npy")).unwrap();
+    let scale: Array2<f32> = read_npy(place.path("scaled/sigma/scale.npy")).unwrap();
+    assert!(scale.iter().zip(&sigma).all(|(part, whole)| *part > 0.0 && part <= whole));
+}
+
+/// A network's own camera takes the place of an assumed one, and its confidence is exported.
+#[cfg(feature = "onnx")]
+#[test]
+fn a_networks_camera_and_confidence_are_used() {
+    let place = Place::new();
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures/unidepth.onnx");
+    fs::copy(fixture, place.path("net.onnx")).unwrap();
+    let refine = "refine image.png --prior-model net.onnx --runtime tract --export sigma";
+    place.mde(&format!("{refine} -o own")).assert().success();
+    place.mde(&format!("{refine} --fov 60 -o given")).assert().success();
+    let [own, given] = ["own", "given"].map(|out| record(&place.path(out)));
+    assert_eq!(
+        (&own["camera"]["source"], &given["camera"]["source"]["field-of-view"]),
+        (&Value::from("network"), &Value::from(60.0))
+    );
+    // 30 pixels at its input's 42 are as many at the photograph's width.
+    let focal = 30.0 * WIDTH as f64 / 42.0;
+    assert!((own["camera"]["fx"].as_f64().unwrap() / focal - 1.0).abs() < 1e-6, "{}", own["camera"]);
+    let confidence: Array2<f32> = read_npy(place.path("own/sigma/network-confidence.npy")).unwrap();
+    assert_eq!(confidence.dim(), (HEIGHT, WIDTH));
+    // The scale's error is known for the network of a calibration alone.
+    assert!(own["error_bar"]["scale"].is_null() && own["error_bar"]["common_by"].is_null());
+}

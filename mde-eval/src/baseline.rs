@@ -34,7 +34,10 @@ use ndarray::{Array2, ArrayView2, ArrayView3};
 pub const METHODS: &[(&str, &str)] = &[
     ("prior", "the monocular depth as it is"),
     ("flip", "mean of the prior and the model's depth of the mirror image"),
-    ("zoom", "the model on 2x2, then 3x3 zoomed crops, with their detail merged"),
+    (
+        "zoom",
+        "the model on 2x2, then 3x3 zoomed crops, with their detail merged (zoom30: as many grids as 30 predictions allow)",
+    ),
     ("unsharp0.5", "unsharp mask in log depth, with half the detail added (any number after the name)"),
     ("unsharp1", "the same with all of it"),
     ("unsharp2", "the same with twice as much"),
@@ -83,6 +86,9 @@ fn single(name: &str) -> Result<Box<dyn Refiner + Send + Sync>> {
         #[cfg(feature = "solver")]
         "fbs" => Box::new(FastBilateralSolver::default()),
         _ => {
+            if let Some(predictions) = name.strip_prefix("zoom").and_then(|number| number.parse().ok()) {
+                return Ok(Box::new(ZoomMerge::with_predictions(predictions)));
+            }
             let amount = name.strip_prefix("unsharp").and_then(|amount| amount.parse::<f64>().ok());
             let amount = amount.filter(|a| a.is_finite()).ok_or_else(unknown)?;
             Box::new(Unsharp { amount, ..Unsharp::default() })

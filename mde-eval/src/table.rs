@@ -35,6 +35,9 @@ pub struct Entry {
     pub seed: u64,
     /// The rule that brought the map to the truth's scale, `given` where it was another map's alignment.
     pub alignment: String,
+    /// The factor that brought the map to the truth's scale, where the alignment is one of depth without a shift.
+    #[serde(default)]
+    pub scale: Option<f64>,
     /// Wall seconds that the method took; nothing where it is not known.
     pub seconds: Option<f64>,
     /// Scores of the depth; nothing where only another sigma of the same depth is scored.
@@ -54,7 +57,13 @@ impl Entry {
     pub fn new(scene: impl Into<String>, method: impl Into<String>, scores: Scores) -> Self {
         let (depth, uncertainty) = (Some(scores.depth), scores.uncertainty);
         let alignment = scores.rule.map_or("given", AlignmentRule::name).to_owned();
-        Self { alignment, depth, uncertainty, ..Self::empty(scene.into(), method.into()) }
+        let scale = match (scores.rule, scores.alignment) {
+            (Some(AlignmentRule::Median | AlignmentRule::MedianRatio), Alignment::Depth { scale, .. }) => {
+                Some(scale)
+            }
+            _ => None,
+        };
+        Self { alignment, scale, depth, uncertainty, ..Self::empty(scene.into(), method.into()) }
     }
 
     /// The scores of a sigma whose depth has the entry `of`.
@@ -82,6 +91,7 @@ impl Entry {
             method,
             seed: 0,
             alignment: String::new(),
+            scale: None,
             seconds: None,
             depth: None,
             shared: None,

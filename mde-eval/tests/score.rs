@@ -4,7 +4,7 @@
 use mde_eval::Error;
 use mde_eval::align::{Alignment, AlignmentRule};
 use mde_eval::mde_uncertainty::random::CounterRng;
-use mde_eval::ndarray::{Array2, s};
+use mde_eval::ndarray::{Array2, Zip, s};
 use mde_eval::scene::{Room, room};
 use mde_eval::score::{Prepared, ScoreConfig, Scores, Subject, score, score_aligned};
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
@@ -130,6 +130,34 @@ fn the_true_sigma_is_calibrated_and_points_at_the_errors() {
     let flat = score(&subject.with_sigma(none.view()), &config).unwrap().uncertainty.unwrap();
     assert_eq!(flat.spearman, None);
     assert!(flat.nll > scores.nll && flat.crps > scores.crps && flat.mae.ause > scores.mae.ause);
+}
+
+#[test]
+fn a_sigma_proportional_to_depth_is_at_chance_where_errors_are_relative() {
+    let truth = study();
+    let mut index = 0;
+    // The relative error is larger on the left half; it does not depend on depth.
+    let share = Array2::from_shape_fn(truth.dim(), |(_, x)| if x < 80 { 0.1 } else { 0.02 });
+    let prediction = Zip::from(&truth).and(&share).map_collect(|&g, &share| {
+        index += 1;
+        g * (1.0 + share * normal(index) as f32).max(0.1)
+    });
+    let scores = |sigma: &Array2<f32>| {
+        let subject = Subject::new(prediction.view(), truth.view()).with_sigma(sigma.view());
+        score_aligned(&subject, &Alignment::Depth { scale: 1.0, shift: 0.0 }, &ScoreConfig::default())
+            .unwrap()
+            .uncertainty
+            .unwrap()
+    };
+    let [by_depth, right] = [scores(&(&prediction * 0.25)), scores(&(&prediction * &share))];
+    assert!(by_depth.relative.aurg.abs() < 0.02, "{:?}", by_depth.relative);
+    assert!(by_depth.mae.aurg > 0.02, "{:?}", by_depth.mae);
+    assert!(
+        right.relative.aurg > 0.1 && right.relative.ause < by_depth.relative.ause,
+        "{:?}",
+        right.relative
+    );
+    assert!(right.spearman_relative.unwrap() > 0.4, "{:?}", right.spearman_relative);
 }
 
 #[test]

@@ -166,8 +166,11 @@ fn missing_stays_missing_and_garbage_is_missing() {
     let rule = DisparityRule { low: 0.0, high: 1.0, ..DisparityRule::default() };
     assert_eq!(prior.to_depth(&rule).unwrap().mapv(|z| z > 0.0), prior.valid);
     // The fields are public, so a map may be tampered with.
-    let tampered =
-        PriorDepth { map: array![[f32::NAN, -1.0, 3.0]], valid: array![[true; 3]], kind: DepthKind::Metric };
+    let tampered = PriorDepth {
+        map: array![[f32::NAN, -1.0, 3.0]],
+        valid: array![[true; 3]],
+        ..PriorDepth::from_values(array![[1.0; 3]], DepthKind::Metric).unwrap()
+    };
     assert_eq!(tampered.to_depth(&rule).unwrap(), array![[0.0, 0.0, 3.0]]);
     assert!(PriorDepth::from_values(array![[f32::NAN]], DepthKind::Metric).is_err());
     assert!(PriorDepth::with_mask(array![[1.0]], array![[true, true]], DepthKind::Metric).is_err());

@@ -38,18 +38,21 @@ fn every_profile_of_one_output_normalises_as_it_says() {
     let even = Array3::from_elem((60, 80, 3), 0.4);
     for name in PROFILES {
         let spec = ModelSpec::profile(name).unwrap();
+        let one_output = ModelSpec { camera_output: None, confidence_output: None, ..spec.clone() };
         if spec.output_channel.is_some() {
             continue;
         }
         let expected: f32 = 1.0 + (0..3).map(|c| GREY[c] * (0.4 - spec.mean[c]) / spec.std[c]).sum::<f32>();
-        let prior = OnnxPrior::open(fixture("predicted_depth.onnx"), &spec).unwrap();
+        let prior = OnnxPrior::open(fixture("predicted_depth.onnx"), &one_output).unwrap();
         let prediction = prior.predict(even.view()).unwrap();
-        assert_eq!((prediction.map.dim(), prediction.kind), ((60, 80), spec.output), "{name}");
+        // Without a camera, metres for a stated one have no unit.
+        let kind = if spec.canonical_focal.is_some() { DepthKind::RelativeDepth } else { spec.output };
+        assert_eq!((prediction.map.dim(), prediction.kind), ((60, 80), kind), "{name}");
         assert!(
             prediction
                 .map
                 .iter()
-                .all(|v| (v - expected.max(spec.output_floor.unwrap_or(expected))).abs() < 1e-3),
+                .all(|v| (v / expected.max(spec.output_floor.unwrap_or(expected)) - 1.0).abs() < 1e-3),
             "{name}"
         );
         assert_eq!(prior.resolution(60, 80), Some(spec.input_size(60, 80)), "{name}");
@@ -87,6 +90,41 @@ fn unidepth_and_depth_pro_give_metres() {
 }
 
 #[test]
+fn a_networks_own_camera_and_confidence_come_with_its_prediction() {
+    // Twice the size of the input, so pixels twice as fine.
+    let image = Array3::from_shape_fn((56, 84, 3), |(y, x, _)| 0.2 + 0.005 * (x + y) as f32);
+    let predict = |name: &str| OnnxPrior::open_guessed(fixture(name)).unwrap().predict(image.view()).unwrap();
+    for name in ["unidepth.onnx", "unidepth_k.onnx"] {
+        let found = predict(name);
+        assert_eq!(found.intrinsics, Some([60.0, 62.0, 39.5, 29.5]), "{name}");
+        // It grows with brightness in these graphs.
+        let confidence = found.confidence.unwrap();
+        assert!(confidence.dim() == (56, 84) && confidence[(50, 80)] > confidence[(5, 5)], "{name}");
+    }
+    // Depth Pro's focal length is that of its width; the image's pixels are square.
+    let pro = predict("depth_pro_like.onnx");
+    assert_eq!(pro.intrinsics, Some([100.0, 100.0, 41.5, 27.5]));
+    let [fx, fy, cx, cy] = predict("moge2.onnx").intrinsics.unwrap();
+    // 0.8 of half the diagonal.
+    let expected = 0.4 * 84.0_f64.hypot(56.0);
+    assert!((fx / expected - 1.0).abs() < 0.01 && fx == fy && (cx, cy) == (41.5, 27.5), "{fx} {expected}");
+}
+
+#[test]
+fn metres_for_a_stated_focal_length_follow_the_cameras() {
+    let open = |focal| OnnxPrior::open_guessed(fixture("metric3d.onnx")).unwrap().with_focal(focal);
+    let even = Array3::from_elem((60, 80, 3), 0.5);
+    let without = open(None).predict(even.view()).unwrap();
+    assert_eq!((open(None).kind(), without.kind), (DepthKind::RelativeDepth, DepthKind::RelativeDepth));
+    let with = open(Some(1.25)).predict(even.view()).unwrap();
+    assert_eq!(with.kind, DepthKind::Metric);
+    // 1.25 of the input's width, over 1000 pixels.
+    let (_, width) = open(None).input_size(60, 80);
+    let factor = 1.25 * width as f32 / 1000.0;
+    assert!((with.map[(30, 40)] / without.map[(30, 40)] / factor - 1.0).abs() < 0.02, "{factor}");
+}
+
+#[test]
 fn a_file_of_any_name_is_recognised_by_its_graph_or_its_folder() {
     let folder = tempfile::tempdir().unwrap();
     let model = folder.path().join("model.onnx");
@@ -96,6 +134,8 @@ fn a_file_of_any_name_is_recognised_by_its_graph_or_its_folder() {
         std::fs::copy(fixture(&format!("{graph}.onnx")), &model).unwrap();
         assert_eq!(OnnxPrior::recognise(&model).unwrap(), ModelSpec::profile(profile).unwrap());
     }
+    std::fs::copy(fixture("metric3d.onnx"), &model).unwrap();
+    assert_eq!(OnnxPrior::recognise(&model).unwrap().canonical_focal, Some(1000.0));
     std::fs::copy(fixture("predicted_depth.onnx"), &model).unwrap();
     assert!(matches!(OnnxPrior::recognise(&model), Err(Error::UnknownProfile { .. })));
     std::fs::write(folder.path().join("config.json"), r#"{"model_type": "depth_anything"}"#).unwrap();

@@ -23,6 +23,8 @@ pub struct Calibration {
     model: Option<String>,
     scenes: Vec<String>,
     half_widths: Vec<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    scale_error: Option<f64>,
     source: CalibrationSource,
     #[serde(default)]
     held_out: Vec<HeldOut>,
@@ -106,9 +108,20 @@ impl Calibration {
             model: fingerprint.model,
             scenes: names,
             half_widths: table.half_widths().iter().copied().map(rounded).collect(),
+            scale_error: None,
             source,
             held_out: coverages,
         })
+    }
+
+    /// With the error of each map's scale, the part that alignment takes out of the errors: the root mean square of
+    /// \\(\\ln s\\) over the scenes, with \\(s\\) the factor that brings a map to the truth. None without scenes, or with a factor that
+    /// is not positive.
+    #[must_use]
+    pub fn with_scales(mut self, scales: &[f64]) -> Self {
+        let mean = scales.iter().map(|s| s.ln().powi(2)).sum::<f64>() / scales.len() as f64;
+        self.scale_error = mean.is_finite().then(|| rounded(mean.sqrt()));
+        self
     }
 
     /// From the text of a file; `origin` names it in errors.
@@ -131,6 +144,11 @@ impl Calibration {
             return Err(error(format!("format is {format}, which must be {FORMAT}")));
         }
         let read: Self = toml::from_str(text).map_err(|e| error(e.to_string()))?;
+        if read.scale_error.is_some_and(|e| !(0.0..=10.0).contains(&e)) {
+            return Err(error(
+                "scale-error is no standard deviation of a logarithm; give 0 to 10".to_owned(),
+            ));
+        }
         PooledIntervals::from_half_widths(read.half_widths.clone())
             .and_then(|table| usable(&table))
             .map_err(|e| error(e.to_string()))?;
@@ -152,6 +170,12 @@ impl Calibration {
     /// None: the table was checked when this was made.
     pub fn intervals(&self) -> Result<PooledIntervals> {
         PooledIntervals::from_half_widths(self.half_widths.clone())
+    }
+
+    /// Standard deviation of the maps' scale as a fraction of the depth, where maps had a scale and were aligned by a factor. Neither
+    /// sigma nor the intervals contain it.
+    pub fn scale_error(&self) -> Option<f64> {
+        self.scale_error
     }
 
     /// Where it is from.
@@ -221,6 +245,18 @@ mod tests {
         // 90 % of the second scene lie below 3.6, as does all of the first; 90 % of the first below 1.8, as does 45 % of the second.
         let nine = read.held_out().iter().find(|h| h.probability == 0.9).unwrap();
         assert!((nine.highest - 1.0).abs() < 1e-6 && (nine.lowest - 0.45).abs() < 1e-6, "{nine:?}");
+    }
+
+    #[test]
+    fn the_scale_s_error_is_the_root_mean_square_of_its_logarithm() {
+        assert_eq!(fitted().scale_error(), None);
+        let by = |factor: f64| fitted().with_scales(&[factor, 1.0 / factor]).scale_error();
+        assert!((by(1.2).unwrap() - 1.2_f64.ln()).abs() < 1e-6 && by(1.0) == Some(0.0));
+        assert_eq!([by(0.0), by(-1.0), by(f64::NAN), fitted().with_scales(&[]).scale_error()], [None; 4]);
+        let kept = fitted().with_scales(&[1.5]);
+        assert_eq!(Calibration::parse(&kept.to_toml().unwrap(), "f.toml").unwrap(), kept);
+        let wrong = kept.to_toml().unwrap().replace("scale-error = 0", "scale-error = -0");
+        assert!(Calibration::parse(&wrong, "f.toml").unwrap_err().to_string().contains("scale-error"));
     }
 
     #[test]

@@ -64,9 +64,9 @@ impl Default for RefinementConfig {
 }
 
 impl RefinementConfig {
-    /// Whether a field is fitted, given whether the prior was augmented.
-    pub(crate) fn fits_a_field(&self, augmented: bool) -> bool {
-        self.iterations > 0 && (self.field == FieldUse::Always || !augmented)
+    /// Whether a field is fitted to a prior that accepts new images or does not.
+    pub(crate) fn fits_a_field(&self, accepts_new_images: bool) -> bool {
+        self.iterations > 0 && (self.field == FieldUse::Always || !accepts_new_images)
     }
 }
 
@@ -77,7 +77,7 @@ pub enum FieldUse {
     /// In every run.
     #[default]
     Always,
-    /// Only where the prior is not augmented. Measured on photographs, a field fitted after the augmentation lowers no error and
+    /// Only where the prior accepts no new images, so that it is not augmented. Measured on photographs, a field fitted after the augmentation lowers no error and
     /// blurs edges, since its views are warps of the same photograph.
     WithoutAugmentation,
 }

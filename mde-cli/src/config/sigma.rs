@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 /// \\[ \frac{\sigma^2}{z^2} = G * \Bigl(k_s^2 s^2 + k_d^2 \ln^2\frac{z}{z_o}\Bigr) + \sigma_c^2, \\]
 ///
 /// with \\(s\\) the spread of the predictions, \\(z_o\\) the model's prediction for the whole image, \\(G\\) a Gaussian blur, and
-/// \\(\sigma_c\\) the error that all predictions share ([`mde_fusion::FusionConfig::common_error`]).
+/// \\(\sigma_c\\) the error that all predictions share: \\(\sigma_c^2 = c^2 + 2.25\, m^2\\) with \\(c\\) the
+/// [stated one](mde_fusion::FusionConfig::common_error), where that is not 0, and \\(m\\) the median of the root of the first term.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct SigmaConfig {

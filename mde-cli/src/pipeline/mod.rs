@@ -53,6 +53,9 @@ pub struct Refinement {
     pub iterations: Vec<IterationReport>,
     /// The field of the last iteration, if there was one.
     pub field: Option<Box<dyn RadianceField>>,
+    /// The model's own confidence, `[height, width]`, larger where it is surer, where it has one and refined a single photograph.
+    /// Sigma does not depend on it.
+    pub confidence: Option<Array2<f32>>,
     /// Report of several photographs, where there were any.
     pub capture: Option<CaptureReport>,
 }
@@ -68,6 +71,7 @@ impl Refinement {
             components: Vec::new(),
             iterations: Vec::new(),
             field: None,
+            confidence: None,
             capture: None,
         }
     }
@@ -150,12 +154,13 @@ pub fn resume(
 ) -> Result<Refinement> {
     config.validate()?;
     let mut run = Run { image, camera, config, callback };
-    let Start { prior, depth: anchor, mut components, report: augmentation } =
+    let Start { prior, depth: anchor, mut components, confidence, report: augmentation } =
         run.start(stages.prior, stages.budget)?;
     check_prior(prior.view(), image)?;
-    if !config.refinement.fits_a_field(augmentation.predictions > 1) {
-        let depth = with_common_error(anchor, config.fusion.common_error)?;
-        components.push(common(&depth, config.fusion.common_error));
+    if !config.refinement.fits_a_field(stages.prior.accepts_new_images()) {
+        let share = augmentation.common_error.unwrap_or(config.fusion.common_error);
+        let depth = with_common_error(anchor, share)?;
+        components.push(common(&depth, share));
         return Ok(Refinement {
             depth,
             prior,
@@ -163,6 +168,7 @@ pub fn resume(
             components,
             iterations: Vec::new(),
             field: None,
+            confidence,
             capture: None,
         });
     }
@@ -202,6 +208,7 @@ pub fn resume(
                 components,
                 iterations,
                 field,
+                confidence,
                 capture: None,
             });
         }

@@ -50,6 +50,7 @@ impl Refinement {
             false => nearest(self.prior.view(), (height, width)),
         };
         let depth = GaussianDepth::new(depth, variance).map_err(Error::from)?;
-        Ok(Self { depth, prior, components, ..self })
+        let confidence = self.confidence.map(|map| resize(map.view(), (height, width), Filter::Bilinear));
+        Ok(Self { depth, prior, components, confidence, ..self })
     }
 }

@@ -33,6 +33,23 @@ fine = 4
 pub(crate) fn place() -> Place {
     let place = Place::new();
     place.write("quick.toml", QUICK);
+    for (name, text) in [
+        ("known.csv", "x,y,depth\n3,4,2.5\n30,20,3.5\n"),
+        ("known-none.csv", ""),
+        ("known-head.csv", "x,y,depth\n"),
+        ("known-two.csv", "3,4\n"),
+        ("known-five.csv", "3,4,2.5,0.1,7\n"),
+        ("known-word.csv", "3,4,2.5\n3,four,2.5\n"),
+        ("known-zero.csv", "3,4,0\n"),
+        ("known-minus.csv", "3,4,-2.5\n"),
+        ("known-nan.csv", "3,4,nan\n"),
+        ("known-sigma.csv", "3,4,2.5,-1\n"),
+        ("known-outside.csv", "300,4,2.5\n3,-40,2.5\n"),
+        ("known-one.csv", "3,4,2.5\n"),
+    ] {
+        place.write(name, text);
+    }
+    place.write("known-bytes.csv", [0xff, 0xfe, b',', b'1']);
     pictures(&place);
     maps(&place);
     arrays(&place);

@@ -69,6 +69,29 @@ fn unusable_depth_maps() {
 }
 
 #[test]
+fn known_depths_that_give_no_scale() {
+    let with = |rest: &str| refine(&format!("depth.npy --no-nerf --scale-from {rest}"));
+    check(&[
+        refused(with("none.csv"), &["none.csv", "can't be read", "COLMAP"]),
+        refused(with("known-none.csv"), &["known-none.csv", "no depth"]),
+        refused(with("known-head.csv"), &["known-head.csv", "no depth"]),
+        refused(with("known-two.csv"), &["known-two.csv", "row 1", "3,4"]),
+        refused(with("known-five.csv"), &["known-five.csv", "row 1"]),
+        refused(with("known-word.csv"), &["known-word.csv", "row 2", "four"]),
+        refused(with("known-bytes.csv"), &["known-bytes.csv"]),
+        refused(with("known-zero.csv"), &["known-zero.csv", "0 +- 0 at (3, 4)", "check its columns"]),
+        refused(with("known-minus.csv"), &["known-minus.csv", "-2.5", "check its columns"]),
+        refused(with("known-nan.csv"), &["known-nan.csv", "NaN", "check its columns"]),
+        refused(with("known-sigma.csv"), &["known-sigma.csv", "+- -1", "check its columns"]),
+        refused(with("known-outside.csv"), &["known-outside.csv", "0 of 2", "give 1 or more"]),
+        refused(with("known-one.csv --prior-kind disparity"), &["known-one.csv", "give 2 or more"]),
+        refused(with("folder.npy"), &["folder.npy", "cameras.txt"]),
+        works(with("known.csv")),
+        works(with("known-one.csv")),
+    ]);
+}
+
+#[test]
 fn depths_that_no_field_can_hold() {
     check(&[
         refused(refine("denormal.npy"), &["1e-42", "1e-12 to 1e12", "scale"]),

@@ -12,7 +12,7 @@ fn wrong_usage() {
         misused("refine", &["IMAGE"]),
         misused("refine image.png -o out", &["--prior-model", "--prior-depth"]),
         misused("refine image.png --prior-depth -o out", &["--prior-depth"]),
-        misused("refine a.png b.png --prior-depth depth.npy -o out", &["b.png"]),
+        misused("refine a.png b.png -o out", &["--prior-model", "--prior-depth"]),
         misused(
             "refine image.png --prior-model fastdepth.onnx --png-scale 3 -o out",
             &["cannot be used with"],

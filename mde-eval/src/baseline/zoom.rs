@@ -21,6 +21,18 @@ impl Default for ZoomMerge {
     }
 }
 
+impl ZoomMerge {
+    /// The grids 2, 3, ... that have at most `predictions` in all, the whole image included.
+    #[must_use]
+    pub fn with_predictions(predictions: usize) -> Self {
+        let mut left = predictions.saturating_sub(1);
+        let fits = |n: &usize| {
+            n.checked_mul(*n).and_then(|crops| left.checked_sub(crops)).map(|rest| left = rest).is_some()
+        };
+        Self { grids: (2..).take_while(fits).collect() }
+    }
+}
+
 impl Refiner for ZoomMerge {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         check(task, &[])?;
@@ -94,4 +106,17 @@ fn detail(crop: ArrayView2<'_, f32>, current: ArrayView2<'_, f64>) -> Option<Arr
     let difference = aligned - current;
     let low = blur(difference.clone(), sigma) / share;
     Some(difference - low)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn grids_fit_into_the_number_of_predictions() {
+        let grids = |predictions| ZoomMerge::with_predictions(predictions).grids;
+        assert_eq!([0, 4, 5, 13].map(grids), [vec![], vec![], vec![2], vec![2]]);
+        assert_eq!([14, 30, 60].map(grids), [vec![2, 3], vec![2, 3, 4], vec![2, 3, 4, 5]]);
+        assert_eq!(ZoomMerge::with_predictions(14), ZoomMerge::default());
+    }
 }

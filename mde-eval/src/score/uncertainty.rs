@@ -21,6 +21,11 @@ pub struct UncertaintyScores {
     pub mae: AreaScores,
     /// Sparsification by RMSE after Bayes' Rays.
     pub rmse: AreaScores,
+    /// [Spearman's correlation](crate::metrics::rank::spearman) of sigma over depth and \\(|e|/g\\), \\(g\\) the truth: without the share that
+    /// comes from both growing with depth. Nothing where sigma is proportional to depth.
+    pub spearman_relative: Option<f64>,
+    /// Sparsification by \\(|e|/g\\) in order of sigma over depth, after Bayes' Rays. A sigma proportional to depth is at chance.
+    pub relative: AreaScores,
     /// Sparsification by AbsRel after [Poggi et al.](crate::metrics::sparsification::sparsify_poggi)
     pub poggi_abs_rel: AreaScores,
     /// Sparsification by RMSE after Poggi et al., m.
@@ -133,6 +138,9 @@ pub(super) fn scores(lists: &Lists, config: &ScoreConfig) -> Result<UncertaintyS
     let Lists { errors, sigma, truth, absolute, order } = lists;
     let squared: Vec<f64> = errors.iter().map(|e| e * e).collect();
     let relative: Vec<f64> = absolute.iter().zip(truth).map(|(e, g)| e / g).collect();
+    let relative_sigma: Vec<f64> =
+        sigma.iter().zip(errors).zip(truth).map(|((s, e), g)| s / (g + e).max(f64::MIN_POSITIVE)).collect();
+    let by_relative_sigma = Order::new(&relative_sigma)?;
     let outlier = |(e, g): (&f64, &f64)| f64::from(u8::from((g + e).max(*g) >= 1.25 * (g + e).min(*g)));
     let outliers: Vec<f64> = errors.iter().zip(truth).map(outlier).collect();
     let by_error = Order::new(absolute)?;
@@ -151,6 +159,14 @@ pub(super) fn scores(lists: &Lists, config: &ScoreConfig) -> Result<UncertaintyS
         spearman_binned: spearman_of_bins(&bin(absolute, sigma, order, config.spearman_bins)?)?,
         mae: by_error_size.normalised(Reduction::Mean)?.into(),
         rmse: by_square.normalised(Reduction::RootMean)?.into(),
+        spearman_relative: pearson(&by_relative_sigma.ranks(), &Order::new(&relative)?.ranks()),
+        relative: Costs::new(
+            &by_relative_sigma.apply(&relative),
+            &by_relative_sigma.apply(&relative_sigma),
+            &by_relative_sigma,
+        )?
+        .normalised(Reduction::Mean)?
+        .into(),
         poggi_abs_rel: costs(&relative)?.poggi(Reduction::Mean)?.into(),
         poggi_rmse: by_square.poggi(Reduction::RootMean)?.into(),
         poggi_a1: costs(&outliers)?.poggi(Reduction::Mean)?.into(),

@@ -178,6 +178,11 @@ pub const METRICS: &[Metric] = &[
     shown("spearman_binned", "Spearman, 100 bins", Higher, Ranking, |e| sigma(e)?.spearman_binned),
     shown("ause_mae", "AUSE, MAE", Lower, Ranking, |e| Some(area(e, |u| &u.mae)?.ause)),
     shown("ause_rmse", "AUSE, RMSE", Lower, Ranking, |e| Some(area(e, |u| &u.rmse)?.ause)),
+    shown("spearman_relative", "Spearman, σ/D and AbsRel", Higher, Ranking, |e| sigma(e)?.spearman_relative),
+    shown("ause_relative", "AUSE, σ/D and AbsRel", Lower, Ranking, |e| Some(area(e, |u| &u.relative)?.ause)),
+    shown("aurg_relative", "AURG, σ/D and AbsRel", Higher, Ranking, |e| {
+        Some(area(e, |u| &u.relative)?.aurg)
+    }),
     more("poggi_ause_abs_rel", Lower, Ranking, |e| Some(area(e, |u| &u.poggi_abs_rel)?.ause)),
     shown("poggi_aurg_abs_rel", "AURG, AbsRel", Higher, Ranking, |e| {
         Some(area(e, |u| &u.poggi_abs_rel)?.aurg)
@@ -199,6 +204,7 @@ pub const METRICS: &[Metric] = &[
     more("mace", Lower, Calibration, |e| Some(sigma(e)?.mace)),
     more("rmsce", Lower, Calibration, |e| Some(sigma(e)?.rmsce)),
     more("miscalibration_area", Lower, Calibration, |e| Some(sigma(e)?.miscalibration_area)),
+    more("alignment_scale", Neither, Calibration, |e| e.scale),
     more("rms_sigma", Neither, Calibration, |e| Some(sigma(e)?.rms_sigma)),
     shown("factor", "factor from other places", Near(1.0), Calibration, |e| Some(e.calibrated?.factor)),
     shown("calibrated_coverage_90", "then cover 90 %", Near(0.9), Calibration, |e| {

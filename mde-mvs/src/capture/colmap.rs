@@ -1,8 +1,8 @@
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use mde_warp::{PinholeCamera, Pose};
-use nalgebra::Point3;
+use nalgebra::{Point2, Point3};
 
 use super::tum::{lines, number};
 use super::{
@@ -32,23 +32,53 @@ pub fn read_colmap(
     photographs: &Path,
     size: &dyn Fn(&Path) -> Option<[usize; 2]>,
 ) -> Result<Capture> {
-    let binary = model.join("cameras.bin").exists();
-    let file = |stem: &str| model.join(format!("{stem}.{}", if binary { "bin" } else { "txt" }));
-    let (cameras, images, points) = (file("cameras"), file("images"), file("points3D"));
-    let raw = if binary {
-        Raw {
-            cameras: binary_cameras(&cameras, &read_bytes(&cameras)?)?,
-            images: binary_images(&images, &read_bytes(&images)?)?,
-            points: if points.exists() { binary_points(&points, &read_bytes(&points)?)? } else { Vec::new() },
-        }
-    } else {
-        Raw {
-            cameras: text_cameras(&cameras, &read_text(&cameras)?)?,
-            images: text_images(&images, &read_text(&images)?)?,
-            points: if points.exists() { text_points(&points, &read_text(&points)?)? } else { Vec::new() },
-        }
-    };
+    let (images, raw) = Raw::read(model)?;
     raw.capture(&images, photographs, size)
+}
+
+/// Depths of one photograph from a COLMAP model, at the points that it shows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SparseDepths {
+    /// Width and height of the photograph, pixels.
+    pub size: [usize; 2],
+    /// Column and row, pixel centres at integers, and z in the model's unit.
+    pub depths: Vec<(Point2<f64>, f64)>,
+}
+
+/// The [depths](SparseDepths) of the photograph of that name, or else of that file name, in a COLMAP model (text or binary).
+/// Points behind the camera or beyond its image are left out. No photograph is read.
+///
+/// # Errors
+/// As [`read_colmap`], and [`Error::Content`] where the model has no such photograph, or several.
+pub fn read_colmap_depths(model: &Path, photograph: &str) -> Result<SparseDepths> {
+    let (path, raw) = Raw::read(model)?;
+    let mut found: Vec<&Image> = raw.images.iter().filter(|image| image.name == photograph).collect();
+    if found.is_empty() {
+        let name = Path::new(photograph).file_name();
+        found.extend(raw.images.iter().filter(|image| Path::new(&image.name).file_name() == name));
+    }
+    let &[image] = found.as_slice() else {
+        let problem = format!("{} photographs of that name; give the model one", found.len());
+        return Err(content(&path, format!("image {photograph}"), problem));
+    };
+    let (lens, pose) = raw.camera(image, &path)?;
+    let depths = raw.points.iter().filter(|(.., track)| track.contains(&image.id)).filter_map(
+        |(position, error, _)| {
+            let point = pose.transform_point(&Point3::from(*position));
+            let camera = &lens.camera;
+            let pinhole = Point2::new(
+                camera.fx * point.x / point.z + camera.cx,
+                camera.fy * point.y / point.z + camera.cy,
+            );
+            let pixel = lens.photograph_pixel(pinhole)?;
+            let inside = |x: f64, side: usize| x >= -0.5 && x <= side as f64 - 0.5;
+            let (height, width) = camera.dim();
+            let usable = point.z > 0.0 && point.z.is_finite() && error.is_finite();
+            (usable && inside(pixel.x, width) && inside(pixel.y, height)).then_some((pixel, point.z))
+        },
+    );
+    let (height, width) = lens.camera.dim();
+    Ok(SparseDepths { size: [width, height], depths: depths.collect() })
 }
 
 pub(crate) struct Image {
@@ -69,6 +99,48 @@ pub(crate) struct Raw {
 }
 
 impl Raw {
+    /// The files of a model, and the path of the one with the images.
+    fn read(model: &Path) -> Result<(PathBuf, Self)> {
+        let binary = model.join("cameras.bin").exists();
+        let file = |stem: &str| model.join(format!("{stem}.{}", if binary { "bin" } else { "txt" }));
+        let (cameras, images, points) = (file("cameras"), file("images"), file("points3D"));
+        let raw = if binary {
+            Self {
+                cameras: binary_cameras(&cameras, &read_bytes(&cameras)?)?,
+                images: binary_images(&images, &read_bytes(&images)?)?,
+                points: if points.exists() {
+                    binary_points(&points, &read_bytes(&points)?)?
+                } else {
+                    Vec::new()
+                },
+            }
+        } else {
+            Self {
+                cameras: text_cameras(&cameras, &read_text(&cameras)?)?,
+                images: text_images(&images, &read_text(&images)?)?,
+                points: if points.exists() {
+                    text_points(&points, &read_text(&points)?)?
+                } else {
+                    Vec::new()
+                },
+            }
+        };
+        Ok((images, raw))
+    }
+
+    /// The lens and pose of an image.
+    fn camera(&self, image: &Image, path: &Path) -> Result<(Lens, Pose)> {
+        let lens = *self.cameras.get(&image.camera).ok_or_else(|| {
+            let problem = format!("camera {} is not among the cameras", image.camera);
+            content(path, format!("image {}", image.name), problem)
+        })?;
+        let wrong =
+            |problem| Error::Rotation { path: path.to_owned(), photograph: image.name.clone(), problem };
+        let rotation = quaternion(image.quaternion).map_err(wrong)?;
+        let translation = translation(image.translation).map_err(wrong)?;
+        Ok((lens, Pose::from_parts(translation, rotation)))
+    }
+
     pub(crate) fn capture(
         mut self,
         path: &Path,
@@ -78,19 +150,12 @@ impl Raw {
         self.images.sort_by(|a, b| a.name.cmp(&b.name));
         let mut capture = Capture::default();
         let mut index = BTreeMap::new();
-        for image in self.images {
-            let lens = *self.cameras.get(&image.camera).ok_or_else(|| {
-                let problem = format!("camera {} is not among the cameras", image.camera);
-                content(path, format!("image {}", image.name), problem)
-            })?;
+        for image in &self.images {
             let photograph = photographs.join(&image.name);
+            let (lens, pose) = self.camera(image, path)?;
             check_photograph(path, &photograph, &lens, size)?;
-            let wrong =
-                |problem| Error::Rotation { path: path.to_owned(), photograph: image.name.clone(), problem };
-            let rotation = quaternion(image.quaternion).map_err(wrong)?;
-            let translation = translation(image.translation).map_err(wrong)?;
             index.insert(image.id, capture.frames.len());
-            capture.frames.push(Frame { photograph, lens, pose: Pose::from_parts(translation, rotation) });
+            capture.frames.push(Frame { photograph, lens, pose });
         }
         capture.points = self
             .points

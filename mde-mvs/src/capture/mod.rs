@@ -25,7 +25,7 @@ use mde_warp::{Pose, PosedView};
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use ndarray::ArrayView3;
 
-pub use colmap::read_colmap;
+pub use colmap::{SparseDepths, read_colmap, read_colmap_depths};
 pub use error::{Error, Result};
 pub use lens::{Distortion, Lens};
 pub use transforms::{PixelCentres, read_transforms, transforms_json, transforms_json_with};

@@ -220,6 +220,30 @@ fn a_model_on_disk_is_found_in_either_form() {
 }
 
 #[test]
+fn a_photograph_s_sparse_depths_are_those_of_its_points() {
+    let folder = std::env::temp_dir().join(format!("mde-mvs-depths-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
+    write("cameras.txt", "7 PINHOLE 64 48 50 50 32 24\n");
+    // A metre before the world's origin; the second image is of the same name in another folder.
+    let images = "1 1 0 0 0 0 0 1 7 left/a.jpg\n\n2 1 0 0 0 1 0 1 7 left/b.jpg\n\n";
+    write("images.txt", images);
+    write(
+        "points3D.txt",
+        "1 0.2 -0.1 1 0 0 0 0.5 1 0 2 0\n2 0 0 -3 0 0 0 0.5 1 1 2 1\n3 0 0 2 0 0 0 0.5 2 2\n4 9 0 2 0 0 0 0.5 1 3\n",
+    );
+    let found = read_colmap_depths(&folder, "a.jpg").unwrap();
+    assert_eq!(found.size, [64, 48]);
+    assert_eq!(found.depths, [(Point2::new(36.5, 21.0), 2.0)]);
+    let gone = read_colmap_depths(&folder, "c.jpg").unwrap_err().to_string();
+    assert!(gone.contains("c.jpg") && gone.contains("0 photographs"), "{gone}");
+    write("images.txt", &images.replace("left/b.jpg", "right/a.jpg"));
+    assert!(read_colmap_depths(&folder, "a.jpg").unwrap_err().to_string().contains("2 photographs"));
+    assert_eq!(read_colmap_depths(&folder, "left/a.jpg").unwrap(), found);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
 fn bad_models_are_named() {
     let path = Path::new("cameras.txt");
     let message = |text: &str| colmap::text_cameras(path, text).unwrap_err().to_string();

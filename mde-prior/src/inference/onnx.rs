@@ -8,9 +8,9 @@ use super::onnxruntime::OnnxRuntimeGraph;
 use super::points;
 use super::runtime::{call, model_error, output_names};
 use super::tract::TractGraph;
-use crate::resample::{nearest, resize};
+use crate::resample::{Filter, nearest, resize};
 use crate::spec::{Channels, Layout, ModelSpec};
-use crate::{DepthPrior, Error, PriorDepth, Result};
+use crate::{DepthKind, DepthPrior, Error, PriorDepth, Result};
 
 /// The largest input of a kept aspect: more than any monocular model is made for.
 const MAX_INPUT_PIXELS: usize = 1 << 24;
@@ -52,7 +52,7 @@ pub struct OnnxPrior {
     path: PathBuf,
     spec: ModelSpec,
     graph: Box<dyn Graph>,
-    /// Indices of the outputs: depth, then scale and mask where there are any.
+    /// Indices of the outputs: depth, then scale, mask, camera and confidence where there are any.
     outputs: Vec<usize>,
     /// `(height, width)` where the model has them fixed.
     fixed: (Option<usize>, Option<usize>),
@@ -60,6 +60,17 @@ pub struct OnnxPrior {
     external: Vec<PathBuf>,
     runtime: Runtime,
     concurrency: usize,
+    /// Focal length of the photographs / their width, where it is known.
+    focal: Option<f64>,
+}
+
+/// What a network gives, at its own size.
+struct Native {
+    map: Array2<f32>,
+    mask: Option<Array2<bool>>,
+    /// In pixels of the image.
+    intrinsics: Option<[f64; 4]>,
+    confidence: Option<Array2<f32>>,
 }
 
 impl std::fmt::Debug for OnnxPrior {
@@ -118,19 +129,25 @@ impl OnnxPrior {
             };
             let depth = spec.output_name.as_ref().map_or(Ok(0), |name| index("output-name", name))?;
             let mut outputs = vec![depth];
-            for (key, name) in [("scale-output", &spec.scale_output), ("mask-output", &spec.mask_output)] {
+            let named = [
+                ("scale-output", &spec.scale_output),
+                ("mask-output", &spec.mask_output),
+                ("camera-output", &spec.camera_output),
+                ("confidence-output", &spec.confidence_output),
+            ];
+            for (key, name) in named {
                 outputs.extend(name.iter().map(|name| index(key, name)).collect::<Result<Vec<_>>>()?);
             }
             let image = image_input(graph.inputs(), spec.tokens).map_err(fault)?;
             let fixed = fixed_size(&graph.inputs()[image], spec.layout).map_err(fault)?;
             let (path, spec, concurrency) = (path.to_owned(), spec.clone(), graph.concurrency());
             let runtime = runtime.clone();
-            Ok(Self { path, spec, graph, outputs, fixed, external, runtime, concurrency })
+            Ok(Self { path, spec, graph, outputs, fixed, external, runtime, concurrency, focal: None })
         })
     }
 
     /// The specification of a model: a TOML file beside it, else the files of a model hub, else the profile of a graph that cannot be
-    /// mistaken by the names of its outputs (MoGe-2, UniDepth V2, Depth Pro), else the profile that matches its name.
+    /// mistaken by the names of its outputs (MoGe-2, UniDepth V2, Depth Pro, Metric3D v2), else the profile that matches its name.
     ///
     /// # Errors
     /// Those of [`ModelSpec::of`].
@@ -153,9 +170,13 @@ impl OnnxPrior {
         } else if all(&["out_K", "depth", "confidence"]) {
             // Of its older export.
             let spec = ModelSpec::profile("unidepth-v2")?;
-            Ok(ModelSpec { output_name: Some("depth".to_owned()), output_channel: None, ..spec })
+            let (output_name, camera_output) = (Some("depth".to_owned()), Some("out_K".to_owned()));
+            Ok(ModelSpec { output_name, camera_output, output_channel: None, ..spec })
         } else if all(&["predicted_depth", "focallength_px"]) {
             ModelSpec::profile("depth-pro")
+        } else if all(&["predicted_depth", "predicted_normal", "normal_confidence"]) {
+            let spec = ModelSpec::profile("metric3d-v2")?;
+            Ok(ModelSpec { output_name: Some("predicted_depth".to_owned()), ..spec })
         } else {
             ModelSpec::guess(path)
         }
@@ -180,6 +201,23 @@ impl OnnxPrior {
     pub fn with_concurrency(mut self, predictions: usize) -> Self {
         self.concurrency = self.graph.concurrency().min(predictions.max(1));
         self
+    }
+
+    /// The focal length of the photographs / their width, for a model whose metres depend on it
+    /// ([`ModelSpec::canonical_focal`]); without it such a model gives depth of unknown scale.
+    #[must_use]
+    pub fn with_focal(mut self, focal: Option<f64>) -> Self {
+        self.focal = focal;
+        self
+    }
+
+    /// The meaning of its predictions.
+    #[must_use]
+    pub fn kind(&self) -> DepthKind {
+        match (self.spec.canonical_focal, self.focal) {
+            (Some(_), None) => DepthKind::RelativeDepth,
+            _ => self.spec.output,
+        }
     }
 
     /// What runs the network.
@@ -208,15 +246,14 @@ impl OnnxPrior {
     /// [`Error::Input`] for an image that is not `[height, width, 3]` or not finite; [`Error::Model`] when the model
     /// fails or its output is no map of finite values.
     pub fn predict_native(&self, image: ArrayView3<'_, f32>) -> Result<Array2<f32>> {
-        let (mut map, mask) = self.native(image)?;
+        let Native { mut map, mask, .. } = self.native(image)?;
         if let Some(mask) = mask {
             map.zip_mut_with(&mask, |value, &valid| *value = if valid { *value } else { 0.0 });
         }
         Ok(map)
     }
 
-    /// Depth or disparity at the network's size, and where it is valid.
-    fn native(&self, image: ArrayView3<'_, f32>) -> Result<(Array2<f32>, Option<Array2<bool>>)> {
+    fn native(&self, image: ArrayView3<'_, f32>) -> Result<Native> {
         let (height, width, channels) = image.dim();
         if height == 0 || width == 0 || channels != 3 || image.iter().any(|v| !v.is_finite()) {
             return Err(Error::Input(format!(
@@ -237,24 +274,31 @@ impl OnnxPrior {
             let mut outputs = self.graph.run(request).map_err(|reason| self.error(reason))?.into_iter();
             let missing = || self.error("an output is missing; export the model again".to_owned());
             let depth = outputs.next().ok_or_else(missing)?;
-            let scale = self.spec.scale_output.as_ref().map(|_| outputs.next().ok_or_else(missing));
-            let mask = self.spec.mask_output.as_ref().map(|_| outputs.next().ok_or_else(missing));
-            let mask =
-                mask.transpose()?.map(|mask| Ok(self.map(mask, size)?.mapv(|m| m > 0.5))).transpose()?;
+            let mut named =
+                |name: &Option<String>| name.as_ref().map(|_| outputs.next().ok_or_else(missing)).transpose();
+            let (scale, mask) = (named(&self.spec.scale_output)?, named(&self.spec.mask_output)?);
+            let (camera, confidence) =
+                (named(&self.spec.camera_output)?, named(&self.spec.confidence_output)?);
+            let mask = mask.map(|mask| Ok(self.map(mask, size)?.mapv(|m| m > 0.5))).transpose()?;
+            let confidence = confidence.map(|values| self.map(values, size)).transpose()?;
+            let mut intrinsics =
+                camera.map(|camera| self.intrinsics(&camera, size, (height, width))).transpose()?;
             let mut map = match self.spec.output_channel {
                 None => self.map(depth, size)?,
                 Some(channel) => {
                     let points = points::Points::new(depth).map_err(|reason| self.error(reason))?;
                     let mut z = points.channel(channel).map_err(|reason| self.error(reason))?;
                     if self.spec.recover_shift {
-                        let shift = points.shift(mask.as_ref()).map_err(|reason| self.error(reason))?;
-                        z.mapv_inplace(|z| z + shift);
+                        let found = points.camera(mask.as_ref()).map_err(|reason| self.error(reason))?;
+                        z.mapv_inplace(|z| z + found.shift);
+                        let focal = found.focal * width as f64 / z.ncols() as f64;
+                        intrinsics = intrinsics.or(Some(centred(focal, (height, width))));
                     }
                     let shape = vec![z.nrows(), z.ncols()];
                     self.map(Output { shape, values: z.iter().copied().collect() }, size)?
                 }
             };
-            if let Some(scale) = scale.transpose()? {
+            if let Some(scale) = scale {
                 let factor = match scale.values.as_slice() {
                     &[factor] if factor > 0.0 && factor.is_finite() => factor,
                     _ => {
@@ -265,7 +309,35 @@ impl OnnxPrior {
                 };
                 map.mapv_inplace(|v| factor * v);
             }
-            Ok((map, mask))
+            let factor = self.focal.and_then(|focal| self.spec.metres(focal, (height, width), size));
+            if let Some(factor) = factor {
+                map.mapv_inplace(|v| factor * v);
+            }
+            Ok(Native { map, mask, intrinsics, confidence })
+        })
+    }
+
+    /// The camera of an image: that of the input, scaled.
+    fn intrinsics(
+        &self,
+        output: &Output,
+        input: (usize, usize),
+        (height, width): (usize, usize),
+    ) -> Result<[f64; 4]> {
+        let (y, x) = (height as f64 / input.0 as f64, width as f64 / input.1 as f64);
+        let values: Vec<f64> = output.values.iter().map(|v| f64::from(*v)).collect();
+        let intrinsics = match *values.as_slice() {
+            [focal] => centred(focal * x, (height, width)),
+            // Centres of the input's pixels are at halves.
+            [fx, _, cx, _, fy, cy, ..] if values.len() == 9 => [fx * x, fy * y, cx * x - 0.5, cy * y - 0.5],
+            _ => {
+                let shape = &output.shape;
+                return Err(self.error(format!("camera-output is {shape:?}, not a number or a 3x3 matrix")));
+            }
+        };
+        let usable = intrinsics.iter().all(|v| v.is_finite()) && intrinsics[0].min(intrinsics[1]) > 0.0;
+        usable.then_some(intrinsics).ok_or_else(|| {
+            self.error("camera-output is no camera of positive focal length; check its name".to_owned())
         })
     }
 
@@ -317,7 +389,7 @@ impl OnnxPrior {
 
 impl DepthPrior for OnnxPrior {
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-        let (mut native, mask) = self.native(image.view())?;
+        let Native { map: mut native, mask, intrinsics, confidence } = self.native(image.view())?;
         let floor = self.spec.output_floor;
         // Before resizing, so that 0 does not spread to its neighbours; and after it, since bicubic overshoots.
         if let Some(floor) = floor {
@@ -329,13 +401,15 @@ impl DepthPrior for OnnxPrior {
             map.mapv_inplace(|v| v.max(floor));
         }
         let prior = match mask {
-            None => PriorDepth::from_values(map, self.spec.output),
+            None => PriorDepth::from_values(map, self.kind()),
             Some(mask) => {
                 let valid = nearest(mask.mapv(|m| f32::from(u8::from(m))).view(), (height, width));
-                PriorDepth::with_mask(map, valid.mapv(|m| m > 0.5), self.spec.output)
+                PriorDepth::with_mask(map, valid.mapv(|m| m > 0.5), self.kind())
             }
         };
-        prior.map_err(|e| self.error(e.to_string()))
+        let prior = prior.map_err(|e| self.error(e.to_string()))?;
+        let confidence = confidence.map(|map| resize(map.view(), (height, width), Filter::Bilinear));
+        Ok(PriorDepth { intrinsics, confidence, ..prior })
     }
 
     fn accepts_new_images(&self) -> bool {
@@ -349,6 +423,11 @@ impl DepthPrior for OnnxPrior {
     fn concurrency(&self) -> usize {
         self.concurrency
     }
+}
+
+/// A camera of square pixels with its principal point in the middle of an image of `(height, width)`.
+fn centred(focal: f64, (height, width): (usize, usize)) -> [f64; 4] {
+    [focal, focal, 0.5 * (width as f64 - 1.0), 0.5 * (height as f64 - 1.0)]
 }
 
 fn input_shape(layout: Layout, (height, width): (usize, usize)) -> [usize; 4] {

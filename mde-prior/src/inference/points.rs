@@ -6,6 +6,15 @@ use ndarray::{Array2, Array3, Axis, s};
 /// Pixels along an axis on which the shift is found.
 const SAMPLES: usize = 48;
 
+/// The camera of points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Camera {
+    /// To be added to their depth.
+    pub(super) shift: f32,
+    /// In pixels of the map.
+    pub(super) focal: f64,
+}
+
 /// A map of points, `[height, width, 3]`.
 pub(super) struct Points(Array3<f32>);
 
@@ -40,10 +49,10 @@ impl Points {
         Ok(points.index_axis(Axis(2), index).to_owned())
     }
 
-    /// The shift `t` of depth for which the rays of a camera with its principal point in the middle go through the points: with `u` the
-    /// pixel's place and `f` a focal length, it minimises the sum of `|f x / (z + t) - u|^2` over `t`, `f` being closed-form (MoGe, Wang et
-    /// al., 2025). A golden-section search over the logarithm of `t` less its least value.
-    pub(super) fn shift(&self, mask: Option<&Array2<bool>>) -> Result<f32, String> {
+    /// The shift `t` of depth for which the rays of a camera with its principal point in the middle go through the points, and the
+    /// focal length `f` in pixels: with `u` the pixel's place, they minimise the sum of `|f x / (z + t) - u|^2`, `f` being closed-form
+    /// (MoGe, Wang et al., 2025). A golden-section search over the logarithm of `t` less its least value.
+    pub(super) fn camera(&self, mask: Option<&Array2<bool>>) -> Result<Camera, String> {
         let Self(points) = self;
         let (height, width, _) = points.dim();
         let steps = (height.div_ceil(SAMPLES), width.div_ceil(SAMPLES));
@@ -66,13 +75,18 @@ impl Points {
         if samples.len() < 16 || !(spread >= 0.0 && spread.is_finite()) {
             return Err("too few valid points to find their shift; check the outputs' names".to_owned());
         }
-        let cost = |log: f64| {
+        let rays = |log: f64| {
             let t = log.exp() - nearest;
-            let rays = || samples.iter().map(|&(x, y, z, u, v)| (x / (z + t), y / (z + t), u, v));
-            let (up, down) = rays()
+            samples.iter().map(move |&(x, y, z, u, v)| (x / (z + t), y / (z + t), u, v))
+        };
+        let focal = |log: f64| {
+            let (up, down) = rays(log)
                 .fold((0.0, 0.0), |(up, down), (a, b, u, v)| (up + a * u + b * v, down + a * a + b * b));
-            let f = if down > 0.0 { up / down } else { 0.0 };
-            rays().map(|(a, b, u, v)| (f * a - u).powi(2) + (f * b - v).powi(2)).sum::<f64>()
+            if down > 0.0 { up / down } else { 0.0 }
+        };
+        let cost = |log: f64| {
+            let f = focal(log);
+            rays(log).map(|(a, b, u, v)| (f * a - u).powi(2) + (f * b - v).powi(2)).sum::<f64>()
         };
         let size = spread.max(1e-6);
         let (mut low, mut high) = ((1e-3 * size).ln(), (1e3 * size).ln());
@@ -86,7 +100,9 @@ impl Points {
             let (a, b) = (high - golden * (high - low), low + golden * (high - low));
             if cost(a) < cost(b) { high = b } else { low = a }
         }
-        Ok(((0.5 * (low + high)).exp() - nearest) as f32)
+        let best = 0.5 * (low + high);
+        // Places are in halves of the diagonal.
+        Ok(Camera { shift: (best.exp() - nearest) as f32, focal: 0.5 * diagonal * focal(best) })
     }
 }
 
@@ -112,8 +128,11 @@ mod tests {
                 let v = (2.0 * y as f32 + 1.0 - height as f32) / diagonal;
                 [u * z / f, v * z / f, z - moved][c]
             });
-            let found = Points(points).shift(None).unwrap();
-            prop_assert!((found - moved).abs() < 0.01, "{} {}", found, moved);
+            let found = Points(points).camera(None).unwrap();
+            prop_assert!((found.shift - moved).abs() < 0.01, "{found:?} {moved}");
+            // The rays' places are in halves of the diagonal.
+            let pixels = f64::from(0.5 * f * diagonal);
+            prop_assert!((found.focal / pixels - 1.0).abs() < 0.01, "{found:?} {pixels}");
         }
     }
 

@@ -160,6 +160,10 @@ pub struct PriorDepth {
     pub valid: Array2<bool>,
     /// The meaning of the values.
     pub kind: DepthKind,
+    /// \\((f_x, f_y, c_x, c_y)\\) in pixels of the image, with pixel centres at integers, where the model estimates its camera.
+    pub intrinsics: Option<[f64; 4]>,
+    /// `[height, width]`, the model's own confidence (larger is surer) where it has one. It has no unit and is not calibrated.
+    pub confidence: Option<Array2<f32>>,
 }
 
 impl PriorDepth {
@@ -169,7 +173,7 @@ impl PriorDepth {
     /// [`Error::Input`] when no pixel has a value.
     pub fn from_values(map: Array2<f32>, kind: DepthKind) -> Result<Self> {
         let valid = map.mapv(|v| v.is_finite() && (v > 0.0 || !kind.is_depth()));
-        Self { map, valid, kind }.sanitised()
+        Self { map, valid, kind, intrinsics: None, confidence: None }.sanitised()
     }
 
     /// A map with a mask of the pixels that have a value, both `[height, width]`. A value that means "missing" is masked out too.
@@ -184,7 +188,7 @@ impl PriorDepth {
                 valid.dim()
             )));
         }
-        Self { map, valid, kind }.sanitised()
+        Self { map, valid, kind, intrinsics: None, confidence: None }.sanitised()
     }
 
     fn sanitised(mut self) -> Result<Self> {

@@ -6,7 +6,7 @@ use crate::{DepthKind, Error, Result};
 use std::path::Path;
 
 /// Names of the profiles of [`ModelSpec::profile`].
-pub const PROFILES: [&str; 14] = [
+pub const PROFILES: [&str; 16] = [
     "fastdepth",
     "midas-v2.1-small",
     "dpt-large",
@@ -20,7 +20,9 @@ pub const PROFILES: [&str; 14] = [
     "depth-pro",
     "unidepth-v2",
     "moge-2",
+    "metric3d-v2",
     "lite-mono",
+    "pydnet",
 ];
 
 /// Mean and standard deviation of the colours of ImageNet.
@@ -38,12 +40,13 @@ impl ModelSpec {
     /// | `depth-anything-v2` | 518 at least, multiples of 14 | ImageNet | disparity |
     /// | `depth-anything-v2-metric-indoor`, `-outdoor` | the same | ImageNet | metres |
     /// | `depth-anything-3-mono` | within 504, multiples of 14 | ImageNet | depth without scale |
-    /// | `depth-anything-3-metric` | the same | ImageNet | depth without scale: metres are focal length / 300 times it |
+    /// | `depth-anything-3-metric` | the same | ImageNet | metres for a focal length of 300 pixels |
     /// | `zoedepth` | 512x384 at least, multiples of 32 | mean and std 0.5 | metres |
-    /// | `depth-pro` | 1536x1536, squashed | mean and std 0.5 | metres |
-    /// | `unidepth-v2` | 630x462, squashed | ImageNet | metres: z of `pts_3d` |
-    /// | `moge-2` | within 728, multiples of 14, 1800 tokens | RGB/255 | metres: z of `points`, its shift recovered, times `metric_scale`; `mask` |
-    /// | `lite-mono` | 640x192, squashed | RGB/255 | disparity |
+    /// | `depth-pro` | 1536x1536, squashed | mean and std 0.5 | metres; `focallength_px` |
+    /// | `unidepth-v2` | 630x462, squashed | ImageNet | metres: z of `pts_3d`; `intrinsics`, `confidence` |
+    /// | `moge-2` | within 728, multiples of 14, 1800 tokens | RGB/255 | metres: z of `points`, its shift recovered, times `metric_scale`; `mask`; the camera |
+    /// | `metric3d-v2` | within 1064x616, multiples of 28 | RGB | metres for a focal length of 1000 pixels |
+    /// | `lite-mono`, `pydnet` | 640x192, squashed | RGB/255 | disparity |
     ///
     /// # Errors
     /// [`Error::UnknownProfile`] with the known names.
@@ -77,18 +80,27 @@ impl ModelSpec {
             "depth-anything-v2-metric-indoor" | "depth-anything-v2-metric-outdoor" => {
                 Ok(anything(DepthKind::Metric))
             }
-            "depth-anything-3-mono" | "depth-anything-3-metric" => {
+            "depth-anything-3-mono" => {
                 Ok(kept(504, Aspect::KeepUpperBound, 14, IMAGENET, DepthKind::RelativeDepth))
             }
+            "depth-anything-3-metric" => Ok(Self {
+                canonical_focal: Some(300.0),
+                ..kept(504, Aspect::KeepUpperBound, 14, IMAGENET, DepthKind::Metric)
+            }),
             "zoedepth" => Ok(Self {
                 width: 512,
                 input_filter: Filter::Bilinear,
                 ..kept(384, Aspect::KeepLowerBound, 32, HALF, DepthKind::Metric)
             }),
-            "depth-pro" => Ok(squashed(1536, 1536, HALF, DepthKind::Metric)),
+            "depth-pro" => Ok(Self {
+                camera_output: Some("focallength_px".to_owned()),
+                ..squashed(1536, 1536, HALF, DepthKind::Metric)
+            }),
             "unidepth-v2" => Ok(Self {
                 output_name: Some("pts_3d".to_owned()),
                 output_channel: Some(2),
+                camera_output: Some("intrinsics".to_owned()),
+                confidence_output: Some("confidence".to_owned()),
                 ..squashed(630, 462, IMAGENET, DepthKind::Metric)
             }),
             "moge-2" => Ok(Self {
@@ -101,7 +113,14 @@ impl ModelSpec {
                 tokens: Some(1800),
                 ..kept(728, Aspect::KeepUpperBound, 14, ([0.0; 3], [1.0; 3]), DepthKind::Metric)
             }),
-            "lite-mono" => Ok(Self::new(640, 192, disparity)),
+            // Its export subtracts mean and standard deviation itself, of values up to 255.
+            "metric3d-v2" => Ok(Self {
+                height: 616,
+                input_filter: Filter::Bilinear,
+                canonical_focal: Some(1000.0),
+                ..kept(1064, Aspect::KeepUpperBound, 28, ([0.0; 3], [1.0 / 255.0; 3]), DepthKind::Metric)
+            }),
+            "lite-mono" | "pydnet" => Ok(Self::new(640, 192, disparity)),
             _ => Err(Error::UnknownProfile { name: name.to_owned() }),
         }
     }
@@ -143,8 +162,12 @@ impl ModelSpec {
             "unidepth-v2"
         } else if has("moge2") {
             "moge-2"
+        } else if has("metric3d") {
+            "metric3d-v2"
         } else if has("litemono") {
             "lite-mono"
+        } else if has("pydnet") && !has("upydnet") {
+            "pydnet"
         } else {
             return Err(Error::UnknownProfile { name: file });
         };

@@ -99,6 +99,16 @@ pub struct ModelSpec {
     /// Name of an output that is above 1/2 where the depth is valid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mask_output: Option<String>,
+    /// Name of an output with the camera, in pixels of the input: a focal length, or a 3x3 matrix.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera_output: Option<String>,
+    /// Name of an output with the model's confidence per pixel, larger where it is surer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub confidence_output: Option<String>,
+    /// Focal length \\(f_c\\) in pixels of the camera for which the output is in metres: for another camera, of \\(f\\) pixels at the
+    /// size of the input, metres are \\(f / f_c\\) times the output, and without a known camera the depth has no unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub canonical_focal: Option<f32>,
     /// Whether the points' depth lacks an unknown shift, which is found from their rays before the scale is applied (MoGe).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub recover_shift: bool,
@@ -154,6 +164,9 @@ impl ModelSpec {
             output_channel: None,
             scale_output: None,
             mask_output: None,
+            camera_output: None,
+            confidence_output: None,
+            canonical_focal: None,
             recover_shift: false,
             tokens: None,
             output_floor: None,
@@ -224,7 +237,27 @@ impl ModelSpec {
             check(floor.is_finite() && floor > 0.0, "output-floor", &floor, "give a positive depth")?;
             check(self.output.is_depth(), "output-floor", &floor, "remove it: disparities may be negative")?;
         }
+        if let Some(focal) = self.canonical_focal {
+            check(
+                focal.is_finite() && focal > 0.0,
+                "canonical-focal",
+                &focal,
+                "give a positive number of pixels",
+            )?;
+            let metric = self.output == DepthKind::Metric;
+            check(metric, "canonical-focal", &focal, "set output = \"metric\", or remove it")?;
+        }
         Ok(())
+    }
+
+    /// The factor from the output to metres for an image and an input of `(height, width)`, where the model has a
+    /// [canonical focal length](Self::canonical_focal) and `focal` is that of the image over its width. The mean of both axes, as
+    /// the input's pixels need not be square.
+    #[must_use]
+    pub fn metres(&self, focal: f64, image: (usize, usize), input: (usize, usize)) -> Option<f32> {
+        let aspect = image.1 as f64 / image.0.max(1) as f64;
+        let at_input = focal * (input.1 as f64 * aspect * input.0 as f64).sqrt();
+        self.canonical_focal.map(|canonical| (at_input / f64::from(canonical)) as f32)
     }
 
     /// `(height, width)` of the input for an image of that size.

@@ -191,6 +191,7 @@ published(
         constant("thousandth", np.float32([0.001])),
     ],
 )
+K = np.float32([[[30, 0, 20], [0, 31, 15], [0, 0, 1]]])
 # UniDepth V2: points in metres, channels first; confidence and intrinsics beside them.
 published(
     "unidepth",
@@ -202,7 +203,7 @@ published(
     ],
     [("image", F, [1, 3, H, W])],
     [("pts_3d", F, [1, 3, H, W]), ("confidence", F, [1, 1, H, W]), ("intrinsics", F, [1, 3, 3])],
-    GREY_CONSTANTS + [constant("rays", RAYS), constant("k", np.eye(3, dtype=np.float32)[None])],
+    GREY_CONSTANTS + [constant("rays", RAYS), constant("k", K)],
 )
 # The same from its older export: the intrinsics first, then metres.
 published(
@@ -215,7 +216,7 @@ published(
     ],
     [("image", F, [1, 3, H, W])],
     [("out_K", F, [1, 3, 3]), ("depth", F, [1, 1, H, W]), ("depth_ssi", F, [1, 1, H, W]), ("confidence", F, [1, 1, H, W])],
-    GREY_CONSTANTS + [constant("k", np.eye(3, dtype=np.float32)[None])],
+    GREY_CONSTANTS + [constant("k", K)],
 )
 # Depth Pro: metres, and the focal length.
 published(
@@ -227,6 +228,17 @@ published(
     [("image", F, [1, 3, H, W])],
     [("predicted_depth", F, [1, H, W]), ("focallength_px", F, [1, 1])],
     GREY_CONSTANTS + [constant("f", np.float32([[50.0]]))],
+)
+# Metric3D v2: depth for a focal length of 1000 pixels, and normals.
+published(
+    "metric3d",
+    [helper.make_node("Identity", ["pixel_values"], ["image"])] + GREY_NODES
+    + [helper.make_node("Identity", ["z"], ["predicted_depth"]), helper.make_node("Identity", ["image"], ["predicted_normal"]),
+       helper.make_node("Identity", ["grey"], ["normal_confidence"])],
+    [("pixel_values", F, [1, 3, "height", "width"])],
+    [("predicted_depth", F, [1, 1, "height", "width"]), ("predicted_normal", F, [1, 3, "height", "width"]),
+     ("normal_confidence", F, [1, 1, "height", "width"])],
+    GREY_CONSTANTS,
 )
 # Depth Anything and its relatives as Transformers exports them.
 published(

@@ -133,6 +133,10 @@ pub(crate) struct RefineArgs {
     pub(crate) several: SeveralArgs,
     #[command(flatten)]
     pub(crate) prior: PriorArgs,
+    /// Depths known at some pixels, which give the result its scale: a CSV file of column, row, depth and if known its standard
+    /// deviation, in pixels of the photograph and metres, or the folder of a COLMAP model of this photograph
+    #[arg(long, help_heading = "Prior", value_name = "FILE|DIR", conflicts_with_all = ["all", "unit"])]
+    pub(crate) scale_from: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) camera: CameraArgs,
     #[command(flatten)]

@@ -30,6 +30,8 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         .filter(|entry| entry.method == name)
         .filter_map(|entry| Some((entry.scene.clone(), entry.curves.as_ref()?.abs_z_quantiles.clone())))
         .collect();
+    let own = entries.iter().filter(|entry| entry.method == name && entry.curves.is_some());
+    let scales: Vec<f64> = own.filter_map(|entry| entry.scale).collect();
     let [data, prior, alignment] = setup.titles();
     let path = setup.folder().join(FILE);
     // Remove the calibration of an earlier run.
@@ -41,10 +43,17 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
             fingerprint(&config, setup.accepts_new_images(), setup.model_hash()?)?,
             scenes,
         )?;
+        let calibration = match setup.is_metric()? {
+            true => calibration.with_scales(&scales),
+            false => calibration,
+        };
         mde_prior::write_atomic(&path, calibration.to_toml()?.as_bytes())
             .with_context(|| path.display().to_string())?;
         let factor = calibration.intervals()?.factor(Calibration::AT)?;
         progress.step(&format!("{}: sigma times {factor:.3}", path.display()));
+        if let Some(error) = calibration.scale_error() {
+            progress.step(&format!("  scale of the whole map: +-{:.1} % beside sigma", 100.0 * error));
+        }
         for held in calibration.held_out() {
             progress.step(&format!(
                 "  {:.0} % intervals: mean coverage {:.1} % on held-out scenes ({:.0} to {:.0} %)",

@@ -83,6 +83,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         capture: scene.capture,
         keep_photographs: true,
         unit: UnitName::Prior,
+        known: None,
     };
     job.run(&folder, &mut progress)
 }

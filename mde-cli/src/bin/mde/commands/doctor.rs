@@ -55,7 +55,7 @@ pub(super) fn run(args: &DoctorArgs) -> Result<()> {
 /// Times the model with every runtime, and compares its predictions of rooms with their depth.
 fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
     let open = |runtime: RuntimeArgs| {
-        NamedPrior::open(&PriorArgs {
+        let args = PriorArgs {
             source: PriorSource { prior_model: Some(path.to_owned()), prior_depth: None },
             model_profile: args.model_profile.clone(),
             input_size: None,
@@ -63,7 +63,8 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
             png_scale: None,
             prior_encoding: EncodingName::Plain,
             runtime,
-        })
+        };
+        NamedPrior::open(&args)
     };
     let prior = open(RuntimeArgs::default())?;
     print("model", &path.display().to_string());

@@ -1,6 +1,7 @@
 use crate::args::RefineArgs;
 use crate::input::camera::KnownCamera;
 use crate::input::capture;
+use crate::input::known::Known;
 use crate::input::opened::{Opened, open_image, settings, use_threads};
 use crate::input::photographs;
 use crate::input::prior::NamedPrior;
@@ -50,11 +51,22 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     }
     let mut camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
     let capture = capture::open(args, &mut opened, &mut camera, &config, &mut progress)?;
-    // Further photographs without poses give the focal length.
-    if let Some(warning) = camera.warning().filter(|_| capture.is_none()) {
-        progress.warn(warning);
-    }
     let prior = NamedPrior::open(&args.prior)?.resized(&opened, &mut progress)?;
+    // Further photographs without poses give the focal length.
+    if capture.is_none() {
+        if let Some(own) = prior.camera(opened.photo.pixels.view(), &camera)? {
+            if let Some(full) = &mut full {
+                full.take_camera(&own)?;
+            }
+            camera = own;
+        }
+        camera.warning().into_iter().for_each(|warning| progress.warn(warning));
+    }
+    let prior = prior.for_camera(&camera);
+    let known = match &args.scale_from {
+        Some(path) => Some(Known::open(path, &args.image, opened.original)?),
+        None => None,
+    };
     let made_from = match args.resume {
         true => Some(made_from(args, &opened, &camera, &prior, &config, capture.as_ref())?),
         false => None,
@@ -81,6 +93,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         recording,
         capture,
         unit: args.several.unit,
+        known,
         keep_photographs: false,
         image: opened.photo.pixels,
     };

@@ -45,12 +45,16 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
     let (preset, config) = settings(&args.settings, Preset::Default)?;
     let opened = open_image(&args.image, &args.size, &config, &mut progress)?;
     let (height, width) = opened.size;
-    let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+    let mut camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+    let prior = NamedPrior::open(&args.prior)?.resized(&opened, &mut progress)?;
+    if let Some(own) = prior.camera(opened.photo.pixels.view(), &camera)? {
+        camera = own;
+    }
     if let Some(warning) = camera.warning() {
         progress.warn(warning);
     }
-    let prior = NamedPrior::open(&args.prior)?.resized(&opened, &mut progress)?;
     let photo = opened.photo;
+    let prior = prior.for_camera(&camera);
     progress.step("prior");
     let depth = prior.prior.predict(photo.pixels.view())?.to_depth(&config.disparity)?;
     ensure!(depth.dim() == (height, width), "the prior is not of the image's size; make both the same");

@@ -5,7 +5,7 @@ use crate::input::prior::NamedPrior;
 use anyhow::{Context, Result, bail};
 use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Fallback, Options, Sample, SunDepth};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
-use mde_prior::{DepthPrior, DisparityRule, PriorDepth};
+use mde_prior::{DepthKind, DepthPrior, DisparityRule, PriorDepth};
 use ndarray::Array2;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -146,6 +146,17 @@ impl PriorPlan {
         matches!(self, Self::Model(_) | Self::SimulatedModel(_))
     }
 
+    /// Whether its maps are in metres, as far as the command line and the model say.
+    pub(crate) fn is_metric(&self) -> Result<bool> {
+        Ok(match self {
+            Self::Model(args) => NamedPrior::open(args)?.origin.kind == DepthKind::Metric,
+            Self::Folder(_, args) => {
+                args.prior_kind.is_none_or(|kind| DepthKind::from(kind) == DepthKind::Metric)
+            }
+            Self::Simulated | Self::SimulatedModel(_) => false,
+        })
+    }
+
     /// Identifies the model's file, where there is one.
     pub(crate) fn model_hash(&self) -> Result<Option<String>> {
         match self {
@@ -164,7 +175,7 @@ impl PriorPlan {
                         "settings": origin.model })
             }
             Self::Folder(path, args) => {
-                json!({ "folder": path.display().to_string(), "kind": args.prior_kind.map(mde_prior::DepthKind::from),
+                json!({ "folder": path.display().to_string(), "kind": args.prior_kind.map(DepthKind::from),
                         "png_scale": args.png_scale })
             }
             Self::Simulated => json!("simulated"),

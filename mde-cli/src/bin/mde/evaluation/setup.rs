@@ -117,6 +117,11 @@ impl<'a> Setup<'a> {
         self.prior.accepts_new_images()
     }
 
+    /// Whether the prior's maps are in metres.
+    pub(crate) fn is_metric(&self) -> Result<bool> {
+        self.prior.is_metric()
+    }
+
     /// Identifies the model's file, where there is one.
     pub(crate) fn model_hash(&self) -> Result<Option<String>> {
         self.prior.model_hash()

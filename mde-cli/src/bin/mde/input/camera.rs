@@ -29,6 +29,8 @@ pub(crate) enum CameraSource {
     File(String),
     /// The photograph's EXIF, 35 mm focal length in millimetres.
     Exif(f64),
+    /// The depth network's own estimate.
+    Network,
     /// Assumed, degrees.
     Assumed(f64),
     /// An assumed focal length, estimated with the poses of several photographs.
@@ -45,6 +47,7 @@ impl CameraSource {
             Self::FieldOfView(_) => "field-of-view",
             Self::File(_) => "file",
             Self::Exif(_) => "exif",
+            Self::Network => "network",
             Self::Assumed(_) => "assumed",
             Self::Estimated => "estimated",
             Self::Scene => "scene",
@@ -96,6 +99,12 @@ impl KnownCamera {
             );
         }
         Ok(Self { camera, source })
+    }
+
+    /// Focal length / width, where it is not assumed.
+    pub(crate) fn focal(&self) -> Option<f64> {
+        let known = !matches!(self.source, CameraSource::Assumed(_));
+        known.then(|| self.camera.fx / self.camera.width as f64)
     }
 
     /// A warning where the camera is assumed.

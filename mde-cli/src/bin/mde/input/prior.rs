@@ -3,14 +3,16 @@
 use crate::args::PriorArgs;
 #[cfg(feature = "onnx")]
 use crate::args::RuntimeArgs;
+use crate::input::camera::{CameraSource, KnownCamera};
 use crate::input::opened::Opened;
 use crate::run::progress::Progress;
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 pub(crate) use mde_cli::pictures16::METRES;
 use mde_prior::format::{Encoding, PngContent, ReadOptions, png_content};
 use mde_prior::ndarray::{Array3, ArrayView3};
 use mde_prior::resample::nearest;
 use mde_prior::{DepthKind, DepthPrior, FilePrior, ModelSpec, PriorDepth};
+use mde_warp::PinholeCamera;
 use serde::Serialize;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -63,6 +65,39 @@ impl NamedPrior<'_> {
             (None, Some(file)) => Self::file(file, args, kind),
             (None, None) => anyhow::bail!("no prior is named; give --prior-model or --prior-depth"),
         }
+    }
+
+    /// The same for photographs of that camera: a network whose metres depend on the focal length has some only then.
+    pub(crate) fn for_camera(&self, camera: &KnownCamera) -> NamedPrior<'_> {
+        let spec = self.origin.model.as_ref().filter(|spec| spec.canonical_focal.is_some());
+        let mut origin = self.origin.clone();
+        let prior: Box<dyn DepthPrior + '_> = match (spec, camera.focal()) {
+            (Some(spec), Some(focal)) => {
+                origin.kind = spec.output;
+                Box::new(Metres { prior: &*self.prior, spec, focal })
+            }
+            _ => Box::new(&*self.prior),
+        };
+        NamedPrior { prior, origin, size: self.size, note: None }
+    }
+
+    /// The network's own camera for an image, in place of an assumed one; it takes a prediction.
+    pub(crate) fn camera(
+        &self,
+        image: ArrayView3<'_, f32>,
+        known: &KnownCamera,
+    ) -> Result<Option<KnownCamera>> {
+        let has_one = |spec: &ModelSpec| spec.camera_output.is_some() || spec.recover_shift;
+        if !(matches!(known.source, CameraSource::Assumed(_))
+            && self.origin.model.as_ref().is_some_and(has_one))
+        {
+            return Ok(None);
+        }
+        let Some([fx, fy, cx, cy]) = self.prior.predict(image)?.intrinsics else { return Ok(None) };
+        let (height, width, _) = image.dim();
+        let camera = PinholeCamera::new(fx, fy, cx, cy, width, height)
+            .with_context(|| format!("{}: its own camera", self.origin.source))?;
+        Ok(Some(KnownCamera { camera, source: CameraSource::Network }))
     }
 
     /// A map of another size than the image, but of its aspect, is resampled. A map of the size of an image's file is
@@ -132,11 +167,12 @@ impl NamedPrior<'_> {
         if let Some(kind) = kind {
             spec.output = kind;
             spec.output_floor = spec.output_floor.filter(|_| kind.is_depth());
+            spec.canonical_focal = spec.canonical_focal.filter(|_| kind == DepthKind::Metric);
         }
         let prior = Box::new(OnnxPrior::open_with(path, &spec, &runtime(&args.runtime)?)?);
         let model_hash = Some(hash_files(prior.files())?);
         let origin = PriorOrigin {
-            kind: spec.output,
+            kind: prior.kind(),
             source: path.display().to_string(),
             model: Some(spec),
             runtime: Some(prior.runtime().to_string()),
@@ -213,6 +249,36 @@ fn has_eight_bits(path: &Path) -> bool {
     read.is_ok() && header.starts_with(b"\x89PNG") && header[24] == 8
 }
 
+/// A network's depth times the factor that the focal length gives.
+struct Metres<'p> {
+    prior: &'p dyn DepthPrior,
+    spec: &'p ModelSpec,
+    /// Focal length / width.
+    focal: f64,
+}
+
+impl DepthPrior for Metres<'_> {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        let (height, width, _) = image.dim();
+        let prediction = self.prior.predict(image)?;
+        let input = self.prior.resolution(height, width).unwrap_or((height, width));
+        let factor = self.spec.metres(self.focal, (height, width), input).unwrap_or(1.0);
+        Ok(PriorDepth { map: prediction.map.mapv(|z| factor * z), kind: self.spec.output, ..prediction })
+    }
+
+    fn accepts_new_images(&self) -> bool {
+        self.prior.accepts_new_images()
+    }
+
+    fn resolution(&self, height: usize, width: usize) -> Option<(usize, usize)> {
+        self.prior.resolution(height, width)
+    }
+
+    fn concurrency(&self) -> usize {
+        self.prior.concurrency()
+    }
+}
+
 /// A prior of the image's original size, resampled to the working size.
 struct Resized<'p> {
     prior: Box<dyn DepthPrior + 'p>,
@@ -225,7 +291,7 @@ impl DepthPrior for Resized<'_> {
     fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         // A map from a file depends on the size alone.
         let blank = Array3::zeros((self.from.0, self.from.1, 3));
-        let PriorDepth { map, valid, kind } = self.prior.predict(blank.view())?;
+        let PriorDepth { map, valid, kind, .. } = self.prior.predict(blank.view())?;
         let known = nearest(valid.mapv(|v| f32::from(u8::from(v))).view(), self.to).mapv(|v| v > 0.5);
         PriorDepth::with_mask(nearest(map.view(), self.to), known, kind)
     }

@@ -1,6 +1,7 @@
 //! `run.json`: the record of a run.
 
 use crate::input::camera::KnownCamera;
+use crate::input::known::Scaled;
 use crate::input::prior::PriorOrigin;
 use crate::input::truth::Comparison;
 use crate::output::provenance::{command_line, peak_memory, versions};
@@ -31,6 +32,9 @@ pub(crate) struct RunRecord<'r> {
     /// Several photographs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) capture: Option<&'r CaptureReport>,
+    /// Scale by known depths.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) scale: Option<&'r Scaled>,
     pub(crate) iterations: &'r [IterationReport],
     /// Curves of the fit of every iteration.
     pub(crate) training: &'r [TrainingCurve],

@@ -106,7 +106,9 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         "image": picture(small.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())?,
         "maps": maps,
         "prior_sigma": stated.note,
-        "common_error": config.fusion.common_error,
+        // What scales the whole map: the common error, and the scale's where it is known.
+        "common_error": stated.common,
+        "scale_error": record["error_bar"]["scale"]["relative"].as_f64().unwrap_or_default(),
         "gradients": gradients(),
         "files": files,
     });
@@ -139,7 +141,7 @@ impl PriorSigma {
             _ => 0,
         };
         let sigma_o = iterations.get(index).and_then(|i| i["fusion"]["sigma_o"].as_f64()).unwrap_or_default();
-        let common = config.fusion.common_error;
+        let common = record["augmentation"]["common_error"].as_f64().unwrap_or(config.fusion.common_error);
         let mean = match config.fusion.prior_variance {
             PriorVariance::Heteroscedastic => ", its mean over the pixels",
             _ => "",

@@ -11,8 +11,13 @@ const MISSING: f64 = 0.3;
 /// Ratio of the depths' 95 and 5 % quantiles below which a map is nearly constant.
 const RANGE: f64 = 1.03;
 
-/// Warnings about the depth that a model gave, 0 where missing; none for a map from a file.
-pub(super) fn doubts(depth: &Array2<f32>, origin: &PriorOrigin, config: &Config) -> Vec<String> {
+/// Warnings about the depth that a model gave, 0 where missing; none for a map from a file. `scaled`: known depths give the scale.
+pub(super) fn doubts(
+    depth: &Array2<f32>,
+    origin: &PriorOrigin,
+    config: &Config,
+    scaled: bool,
+) -> Vec<String> {
     let mut warnings = Vec::new();
     if origin.model.is_none() {
         return warnings;
@@ -33,9 +38,9 @@ pub(super) fn doubts(depth: &Array2<f32>, origin: &PriorOrigin, config: &Config)
             "{name}: its depth is nearly constant, {low:.3} to {high:.3}; check its profile and weights with mde doctor"
         ));
     }
-    if origin.kind == DepthKind::AffineDisparity {
+    if origin.kind == DepthKind::AffineDisparity && !scaled {
         warnings.push(format!(
-            "{name} gives disparity of unknown scale and shift: depths of {} to {} are assumed; give --near and --far",
+            "{name} gives disparity of unknown scale and shift: depths of {} to {} are assumed; give --near and --far, or --scale-from",
             config.disparity.near, config.disparity.far
         ));
     }
@@ -59,7 +64,8 @@ mod tests {
         };
         let config = Preset::Default.config();
         let found = |depth: &dyn Fn(usize) -> f32, kind| {
-            doubts(&Array2::from_shape_fn((10, 10), |(y, x)| depth(10 * y + x)), &origin(kind), &config)
+            let depth = Array2::from_shape_fn((10, 10), |(y, x)| depth(10 * y + x));
+            doubts(&depth, &origin(kind), &config, false)
         };
         let metric = DepthKind::Metric;
         assert!(found(&|i| 1.0 + i as f32, metric).is_empty());
@@ -70,6 +76,8 @@ mod tests {
         let assumed = found(&|i| 1.0 + i as f32, DepthKind::AffineDisparity);
         assert!(assumed.len() == 1 && assumed[0].contains("0.8 to 8"), "{assumed:?}");
         let file = PriorOrigin { model: None, ..origin(metric) };
-        assert!(doubts(&Array2::zeros((3, 3)), &file, &config).is_empty());
+        assert!(doubts(&Array2::zeros((3, 3)), &file, &config, false).is_empty());
+        let ramp = Array2::from_shape_fn((10, 10), |(y, x)| (1 + 10 * y + x) as f32);
+        assert!(doubts(&ramp, &origin(DepthKind::AffineDisparity), &config, true).is_empty());
     }
 }

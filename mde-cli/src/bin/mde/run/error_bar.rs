@@ -24,8 +24,21 @@ pub(crate) struct Stated {
     /// Factor applied to sigma.
     pub(crate) factor: f64,
     pub(crate) interval: Option<Interval>,
+    /// Error of the scale of the whole map, which sigma does not contain; nothing where it is not known.
+    pub(crate) scale: Option<Scale>,
+    /// Source of the error that all predictions share, `fusion.common-error`, for a model; nothing where it is assumed.
+    pub(crate) common_by: Option<String>,
     #[serde(skip)]
     pub(crate) warnings: Vec<String>,
+}
+
+/// Error of the scale of the whole map.
+#[derive(Debug, Serialize)]
+pub(crate) struct Scale {
+    /// Standard deviation, as a fraction of the depth.
+    pub(crate) relative: f64,
+    /// Its source.
+    pub(crate) by: String,
 }
 
 /// `lower.npy` and `upper.npy`.
@@ -47,14 +60,15 @@ impl ErrorBar {
         Ok(Self { probability: args.interval, given })
     }
 
-    /// Scales sigma, where a calibration was given, and finds the interval.
+    /// Scales sigma, where a calibration was given, and finds the interval. `scaled`: known depths give the scale.
     pub(crate) fn apply(
         &self,
         refinement: &mut Refinement,
         config: &Config,
         prior: &PriorOrigin,
+        scaled: bool,
     ) -> Result<Stated> {
-        let run = fingerprint(config, refinement.augmentation.predictions > 1, prior.model_hash.clone())?;
+        let run = fingerprint(config, prior.model.is_some(), prior.model_hash.clone())?;
         let mut warnings = Vec::new();
         let mut factor = 1.0;
         if let Some((name, calibration)) = &self.given {
@@ -81,10 +95,16 @@ impl ErrorBar {
             refinement.depth =
                 depth.map(|mean, variance| (mean, (variance * squared).max(f32::MIN_POSITIVE)));
         }
-        let Some(probability) = self.probability else {
-            return Ok(Stated { factor, interval: None, warnings });
+        let fitting = self.calibration(&run)?;
+        let common_by = fitting.as_ref().map(|(by, _)| by.clone());
+        let of_scale = |(by, calibration): &(String, Calibration)| {
+            Some(Scale { relative: calibration.scale_error()?, by: by.clone() })
         };
-        let (half_width, by) = match self.calibration(&run)? {
+        let scale = fitting.as_ref().filter(|_| !scaled).and_then(of_scale);
+        let Some(probability) = self.probability else {
+            return Ok(Stated { factor, interval: None, scale, common_by, warnings });
+        };
+        let (half_width, by) = match fitting {
             Some((by, calibration)) => (calibration.intervals()?.half_width(probability)? / factor, by),
             None => {
                 let of = match shipped()?.mismatch(&run) {
@@ -97,11 +117,12 @@ impl ErrorBar {
                 (normal_half_width(probability)?, "normal distribution".to_owned())
             }
         };
-        if self.given.is_none() && !prior.kind.is_depth() {
+        if self.given.is_none() && !prior.kind.is_depth() && !scaled {
             let range = "the depth range assumed for disparities has an error that sigma does not include";
             warnings.push(format!("--interval: {range}; mde calibrate --alignment none includes it"));
         }
-        Ok(Stated { factor, interval: Some(Interval { probability, half_width, by }), warnings })
+        let interval = Some(Interval { probability, half_width, by });
+        Ok(Stated { factor, interval, scale, common_by, warnings })
     }
 
     /// The calibration of the interval with a name for it: the given one, else the program's own where it fits this run.

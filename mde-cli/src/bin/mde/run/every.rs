@@ -318,6 +318,7 @@ fn cloud(path: &Path, capture: &Capture, solids: &[Solid], job: &Job<'_>) -> Res
             depth: &depths[point.view],
             prior: solid.depth.view(),
             components: &[],
+            confidence: None,
             y_up: job.y_up,
             png_scale: solid.png_scale,
         };

@@ -1,12 +1,13 @@
 //! Summary of a finished run.
 
+use crate::run::error_bar::Stated;
 use mde_cli::capture::PoseSource;
 use mde_cli::{CaptureReport, Refinement};
 use mde_uncertainty::statistics::{median, quantile};
 use ndarray::ArrayView2;
 
 /// Change of the depth, its sigma, the photographs that were used, and the estimates of the last fusion.
-pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
+pub(crate) fn summary(refinement: &Refinement, unit: &str, stated: &Stated, of_model: bool) -> String {
     let depth = refinement.depth.mean();
     let moved =
         |(new, old): (&f32, &f32)| (*new > 0.0 && *old > 0.0).then(|| f64::from((new / old - 1.0).abs()));
@@ -40,8 +41,19 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str) -> String {
     };
     let least = least_sure(depth, sigma.view())
         .map_or_else(String::new, |(place, share)| format!("; least sure {place}: {}", percent(Some(share))));
+    let scale = match (&stated.scale, of_model) {
+        (Some(scale), _) => {
+            format!(
+                "; the scale of the whole map: {} beside sigma ({})",
+                percent(Some(scale.relative)),
+                scale.by
+            )
+        }
+        (None, true) => "; the scale of the whole map is not in it".to_owned(),
+        (None, false) => String::new(),
+    };
     let mut lines = vec![format!(
-        "depth: {change}\nsigma: median {}{unit}, {} of the depth{least}",
+        "depth: {change}\nsigma: median {}{unit}, {} of the depth{least}{scale}",
         median(known).map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
         percent(median(relative)),
     )];

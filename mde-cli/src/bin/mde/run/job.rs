@@ -2,6 +2,7 @@
 
 use crate::args::{ExportName, UnitName};
 use crate::input::camera::{CameraSource, KnownCamera};
+use crate::input::known::{Known, Scaled};
 use crate::input::prior::{METRES, NamedPrior, Timed};
 use crate::input::truth::{Comparison, Truth};
 use crate::output::export::Exported;
@@ -19,7 +20,7 @@ use crate::run::error_bar::{ErrorBar, Stated};
 use crate::run::field::SharedNerf;
 use crate::run::gain;
 use crate::run::progress::{Progress, TrainingCurve};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use mde_cli::{Capture, Component, Config, Event, Preset, Refinement, Stages, refine_capture, resume};
 use mde_prior::DepthKind;
 use mde_prior::augment::Predictions;
@@ -57,6 +58,8 @@ pub(crate) struct Job<'p> {
     pub(crate) capture: Option<Capture>,
     /// Unit of the results with further photographs.
     pub(crate) unit: UnitName,
+    /// Depths that give the scale.
+    pub(crate) known: Option<Known>,
     /// Whether the photographs are written too, as they are.
     pub(crate) keep_photographs: bool,
     /// Time for the model's predictions.
@@ -72,6 +75,13 @@ pub(crate) struct Full {
 }
 
 impl Full {
+    /// The camera of the smaller photograph, for this size.
+    pub(crate) fn take_camera(&mut self, camera: &KnownCamera) -> Result<()> {
+        let (height, width) = self.size();
+        self.camera = KnownCamera { camera: camera.camera.resized(width, height)?, ..camera.clone() };
+        Ok(())
+    }
+
     /// `(height, width)`.
     pub(crate) fn size(&self) -> (usize, usize) {
         let (height, width, _) = self.image.dim();
@@ -93,6 +103,8 @@ pub(crate) struct Done<'s> {
     /// Index of the subject among the photographs.
     photograph: usize,
     stated: Stated,
+    /// How known depths gave the scale.
+    scaled: Option<Scaled>,
     png: DepthPng,
     scores: Option<Comparison>,
     score_seconds: f64,
@@ -107,7 +119,7 @@ impl Job<'_> {
         let table = done.scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
         let value =
             json!({ "event": "done", "output": folder.path().display().to_string(), "scores": done.scores });
-        let mut gained = gain::summary(&done.refinement, self.unit());
+        let mut gained = gain::summary(&done.refinement, self.unit(), &done.stated, self.is_unscaled());
         if let Some(interval) = &done.stated.interval {
             gained += &format!(
                 "\nlower.npy and upper.npy: {:.0} % interval, the depth -+ {:.2} sigma, by {}",
@@ -202,11 +214,19 @@ impl Job<'_> {
 
     /// Unit of the results.
     pub(crate) fn unit(&self) -> &'static str {
+        if let Some(known) = &self.known {
+            return if known.of_model { "capture" } else { METRES };
+        }
         match (self.unit, self.prior.origin.kind) {
             (UnitName::Capture, _) => "capture",
             (UnitName::Prior, DepthKind::Metric) => METRES,
             (UnitName::Prior, _) => "unscaled",
         }
+    }
+
+    /// Whether the scale of a model's map is not known.
+    fn is_unscaled(&self) -> bool {
+        self.prior.origin.model.is_some() && self.known.is_none() && self.capture.is_none()
     }
 
     /// Warnings, unit, error bar and scores; `photograph` is the index of the subject within the capture.
@@ -230,7 +250,7 @@ impl Job<'_> {
         if self.unit == UnitName::Capture && refinement.capture.is_some() {
             refinement = refinement.in_capture_unit()?;
         }
-        doubts(&refinement.prior, &self.prior.origin, &self.config)
+        doubts(&refinement.prior, &self.prior.origin, &self.config, self.known.is_some())
             .into_iter()
             .for_each(|doubt| progress.warn(doubt));
         if let Some(reason) = refinement.augmentation.skipped {
@@ -241,7 +261,23 @@ impl Job<'_> {
                 progress.warn(format!("iteration {}: {warning}", index + 1));
             }
         }
-        let stated = self.error_bar.apply(&mut refinement, &self.config, &self.prior.origin)?;
+        let stated =
+            self.error_bar.apply(&mut refinement, &self.config, &self.prior.origin, self.known.is_some())?;
+        if let Some(scale) = &stated.scale {
+            let relative = scale.relative as f32;
+            let map = refinement.depth.mean().mapv(|z| if z > 0.0 { relative * z } else { f32::INFINITY });
+            refinement.components.push(Component { name: "scale", sigma: map });
+        }
+        let mut scaled = None;
+        if let Some(known) = &self.known {
+            let of_disparity = !self.prior.origin.kind.is_depth();
+            let at = known.at(refinement.depth.dim());
+            let (refined, report) = refinement
+                .scaled_to(&at, of_disparity)
+                .with_context(|| format!("--scale-from {}", known.source))?;
+            refinement = refined;
+            scaled = Some(Scaled { from: known.source.clone(), report });
+        }
         stated.warnings.iter().for_each(|warning| progress.warn(warning.clone()));
         let start = Instant::now();
         let scores = match &self.truth {
@@ -254,7 +290,17 @@ impl Job<'_> {
         let score_seconds = start.elapsed().as_secs_f64();
         let png = DepthPng::new(self.unit(), refinement.depth.mean().iter().copied());
         png.warning().into_iter().for_each(|warning| progress.warn(warning));
-        Ok(Done { subject, refinement, photograph, stated, png, scores, score_seconds, prior_seconds: 0.0 })
+        Ok(Done {
+            subject,
+            refinement,
+            photograph,
+            stated,
+            scaled,
+            png,
+            scores,
+            score_seconds,
+            prior_seconds: 0.0,
+        })
     }
 
     /// All files of one refinement.
@@ -287,6 +333,7 @@ impl Job<'_> {
             augmentation: &refinement.augmentation,
             error_bar: &done.stated,
             capture: refinement.capture.as_ref(),
+            scale: done.scaled.as_ref(),
             iterations: &refinement.iterations,
             training: progress.training(),
             scores: done.scores.as_ref(),
@@ -294,7 +341,10 @@ impl Job<'_> {
             score_seconds: done.score_seconds,
         };
         write_json(&path.join(RECORD), &record)?;
-        let scene = self.scene(&done.subject, &refinement.depth, &refinement.prior, &refinement.components);
+        let scene = Exported {
+            confidence: refinement.confidence.as_ref().map(|confidence| confidence.view()),
+            ..self.scene(&done.subject, &refinement.depth, &refinement.prior, &refinement.components)
+        };
         self.export.iter().try_for_each(|format| scene.write(*format, path))?;
         report::write(path)?;
         Ok(())
@@ -314,6 +364,7 @@ impl Job<'_> {
             depth,
             prior: prior.view(),
             components,
+            confidence: None,
             y_up: self.y_up,
             png_scale: DepthPng::new(self.unit(), depth.mean().iter().copied()).scale,
         }

@@ -33,6 +33,8 @@ pub(crate) struct Exported<'e> {
     pub(crate) prior: ArrayView2<'e, f32>,
     /// The components of sigma.
     pub(crate) components: &'e [Component],
+    /// The network's own confidence.
+    pub(crate) confidence: Option<ArrayView2<'e, f32>>,
     /// Whether the points of PLY have y up.
     pub(crate) y_up: bool,
     /// Steps per unit of depth.png.
@@ -70,6 +72,9 @@ impl Exported<'_> {
                 let parts = subfolder(folder, "sigma")?;
                 for part in self.components {
                     write_npy(parts.join(format!("{}.npy", part.name)), part.sigma.view())?;
+                }
+                if let Some(confidence) = self.confidence {
+                    write_npy(parts.join("network-confidence.npy"), confidence)?;
                 }
                 Ok(())
             }
@@ -127,6 +132,7 @@ pub(crate) mod tests {
             depth: &depth,
             prior: prior.view(),
             components: &[],
+            confidence: None,
             y_up: false,
             png_scale: 1000.0,
         });

@@ -150,13 +150,13 @@ function viewer({ layers, maps }) {
     const line = a.at.map((value, i) => value - b.at[i]);
     const length = Math.hypot(...line);
     if (!(length > 0)) return `0${unit}`;
-    // The common error scales the whole scene; what remains of sigma is each pixel's own.
-    const common = report.common_error;
+    // The common error and the scale's move the whole scene; what remains of sigma is each pixel's own.
+    const common = report.common_error, whole = Math.hypot(common, report.scale_error ?? 0);
     const own = points.map(({ ray, z, sigma }) => {
       const along = ray.reduce((sum, r, i) => sum + r * line[i], 0) / length;
       return along * along * Math.max(0, sigma * sigma - (common * z) ** 2);
     });
-    const sigma = Math.sqrt(own[0] + own[1] + (common * length) ** 2);
+    const sigma = Math.sqrt(own[0] + own[1] + (whole * length) ** 2);
     return `${number(length)}${NBSP}±${NBSP}${number(sigma, 2)}${unit}`;
   }
 

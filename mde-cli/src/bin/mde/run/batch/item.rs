@@ -127,7 +127,14 @@ impl Common<'_> {
             let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
             full = Some(Full { image: std::mem::replace(&mut opened, working).photo.pixels, camera });
         }
-        let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+        let mut camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+        if let Some(own) = prior.camera(opened.photo.pixels.view(), &camera)? {
+            if let Some(full) = &mut full {
+                full.take_camera(&own)?;
+            }
+            camera = own;
+        }
+        let prior = prior.for_camera(&camera);
         camera.warning().into_iter().for_each(|warning| progress.warn(warning));
         let job = Job {
             command: "refine",
@@ -152,6 +159,7 @@ impl Common<'_> {
             recording: None,
             capture: None,
             unit: args.several.unit,
+            known: None,
             keep_photographs: false,
             image: opened.photo.pixels,
         };

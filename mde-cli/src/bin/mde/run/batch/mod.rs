@@ -140,9 +140,11 @@ fn check_arguments(args: &RefineArgs) -> Result<()> {
     ensure!(args.several.views.is_empty(), "--views: refines {several}; give one, or leave --views out");
     ensure!(
         args.prior.source.prior_depth.is_none(),
-        "--prior-depth: is the map of one photograph; give --prior-model"
+        "{}: more than one photograph, and --prior-depth is the map of one; give a file, not a folder or a list, or --prior-model",
+        args.photographs().iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(" ")
     );
     ensure!(args.truth.gt.is_none(), "--gt: is the truth of one photograph; score a folder with mde eval");
+    ensure!(args.scale_from.is_none(), "--scale-from: has the depths of one photograph; refine it alone");
     ensure!(args.export.rerun.is_none(), "--rerun: records {several}; leave it out");
     ensure!(
         args.settings.budget.is_none(),
