@@ -230,7 +230,10 @@ fn robust(samples: &[(f64, f64, f64, f64)], has_shift: bool) -> Option<Line> {
             true => NORMAL * median(samples.iter().map(z))? * (count / (count - free as f64)).sqrt(),
             false => 1.0,
         };
-        weights = samples.iter().map(|s| (CUT * scale / z(s)).min(1.0).max(LEAST_WEIGHT)).collect();
+        // Where residual and scale are 0 the point fits.
+        let cut = (CUT * scale).max(f64::MIN_POSITIVE);
+        weights =
+            samples.iter().map(|s| (cut / z(s).max(f64::MIN_POSITIVE)).clamp(LEAST_WEIGHT, 1.0)).collect();
         let precision = |s: &Sample| 1.0 / (s.variance * scale.max(1e-12).powi(2));
         let total: f64 = weighted.iter().map(precision).sum();
         let mean = weighted.iter().map(|s| precision(s) * s.u).sum::<f64>() / total;
@@ -310,8 +313,8 @@ mod tests {
         let (mut within, mut ratio) = (0, Vec::new());
         for seed in 0..200_u32 {
             let noise = |i: usize| {
-                let hash =
-                    (i as u32 * 2_654_435_761 ^ seed.wrapping_mul(0x9e37_79b9)).wrapping_mul(0x85eb_ca6b);
+                let hash = ((i as u32).wrapping_mul(2_654_435_761) ^ seed.wrapping_mul(0x9e37_79b9))
+                    .wrapping_mul(0x85eb_ca6b);
                 // A sum of four uniform numbers, of standard deviation 1.
                 (0..4).map(|k| f64::from((hash >> (8 * k)) & 255) / 255.0 - 0.5).sum::<f64>() * 3.0_f64.sqrt()
             };
