@@ -78,13 +78,14 @@ impl Prior {
         if let Some(kind) = kind {
             spec.output = kind;
             spec.output_floor = spec.output_floor.filter(|_| kind.is_depth());
+            spec.canonical_focal = spec.canonical_focal.filter(|_| kind == DepthKind::Metric);
         }
         let runtime = self::runtime(runtime, library)?;
         let pool = pool(threads)?;
         let network =
             py.detach(|| pool.install(|| OnnxPrior::open_with(&path, &spec, &runtime))).map_err(raise)?;
         let origin = Origin {
-            kind: spec.output,
+            kind: network.kind(),
             source: path.display().to_string(),
             model: Some(spec),
             runtime: Some(network.runtime().to_string()),
@@ -184,6 +185,8 @@ fn runtime(name: &str, library: Option<PathBuf>) -> PyResult<Runtime> {
 pub(crate) struct Bound<'p> {
     prior: &'p Prior,
     link: &'p Link,
+    /// Focal length / width, where the network's metres depend on it.
+    focal: Option<f64>,
     /// A map at another size.
     resized: Option<PriorDepth>,
     seconds: std::sync::Mutex<Duration>,
@@ -195,15 +198,38 @@ impl Prior {
         matches!(self.source, Source::Map(_))
     }
 
-    /// The prior for an image file of `original` pixels that is refined at `size`, both `(height, width)`. A map of the image's
+    /// The network's format where its metres depend on the focal length.
+    fn canonical(&self) -> Option<&ModelSpec> {
+        self.origin.model.as_ref().filter(|spec| spec.canonical_focal.is_some())
+    }
+
+    /// The origin of predictions for a camera of that focal length / width, if it is known.
+    pub(crate) fn origin(&self, focal: Option<f64>) -> Origin {
+        let kind = self.canonical().filter(|_| focal.is_some()).map_or(self.origin.kind, |spec| spec.output);
+        Origin { kind, ..self.origin.clone() }
+    }
+
+    /// The network's own camera for an image: fx, fy, cx, cy. It takes a prediction, for networks that have one.
+    pub(crate) fn camera(&self, image: ArrayView3<'_, f32>) -> Result<Option<[f64; 4]>> {
+        let has_one = |spec: &ModelSpec| spec.camera_output.is_some() || spec.recover_shift;
+        match &self.source {
+            Source::Network(network) if self.origin.model.as_ref().is_some_and(has_one) => {
+                Ok(network.predict(image)?.intrinsics)
+            }
+            _ => Ok(None),
+        }
+    }
+
+    /// The prior for an image file of `original` pixels that is refined at `size`, both `(height, width)`, with that focal length / width. A map of the image's
     /// aspect is resampled; the second value is the warning of it.
     pub(crate) fn bind<'p>(
         &'p self,
         link: &'p Link,
         original: (usize, usize),
         size: (usize, usize),
+        focal: Option<f64>,
     ) -> Result<(Bound<'p>, Option<String>)> {
-        let mut bound = Bound { prior: self, link, resized: None, seconds: Default::default() };
+        let mut bound = Bound { prior: self, link, focal, resized: None, seconds: Default::default() };
         let Source::Map(map) = &self.source else { return Ok((bound, None)) };
         let from = map.map.dim();
         let aspect = |(height, width): (usize, usize)| width as f64 / height as f64;
@@ -224,6 +250,15 @@ impl Prior {
 }
 
 impl Bound<'_> {
+    /// The depth times the factor that the focal length gives, where it gives one.
+    fn in_metres(&self, prediction: Result<PriorDepth>, image: (usize, usize)) -> Result<PriorDepth> {
+        let (Some(spec), Some(focal)) = (self.prior.canonical(), self.focal) else { return prediction };
+        let prediction = prediction?;
+        let input = self.resolution(image.0, image.1).unwrap_or(image);
+        let factor = spec.metres(focal, image, input).unwrap_or(1.0);
+        Ok(PriorDepth { map: prediction.map.mapv(|z| factor * z), kind: spec.output, ..prediction })
+    }
+
     /// Seconds of the predictions so far.
     pub(crate) fn seconds(&self) -> f64 {
         self.seconds.lock().map_or(0.0, |time| time.as_secs_f64())
@@ -236,7 +271,7 @@ impl DepthPrior for Bound<'_> {
         let (height, width, _) = image.dim();
         let prediction = match (&self.prior.source, &self.resized) {
             (_, Some(map)) => Ok(map.clone()),
-            (Source::Network(network), _) => network.predict(image),
+            (Source::Network(network), _) => self.in_metres(network.predict(image), (height, width)),
             (Source::Callable(_), _) => self
                 .link
                 .predict(image.as_standard_layout().into_owned())

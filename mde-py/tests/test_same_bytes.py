@@ -8,6 +8,8 @@ import pytest
 import mdenerf
 from mdenerf import _mdenerf as native
 
+from conftest import NETWORK
+
 #: Short fits; the tests are of equality.
 QUICK = "nerf.train = { steps = 40, rays = 64 }\nviews.count = 3\nnovel.count = 2\n"
 
@@ -88,3 +90,24 @@ def test_several_photographs(network, arguments, mde, tmp_path, demo, posed):
     assert result.run["preset"] == "multi-view"
     assert result.run["capture"]["photographs"] == record["capture"]["photographs"]
     assert result.run["camera"]["fx"] == record["camera"]["fx"]
+
+
+@pytest.mark.parametrize(
+    ("name", "camera", "unit", "source"),
+    [
+        ("metric3d", {"fov": 60.0}, "m", {"field-of-view": 60.0}),
+        ("metric3d", {}, "unscaled", {"assumed": 60.0}),
+        ("unidepth", {}, "m", "network"),
+        ("unidepth", {"fov": 60.0}, "m", {"field-of-view": 60.0}),
+    ],
+)
+def test_a_network_with_a_camera(photo, photo_file, mde, tmp_path, name, camera, unit, source):
+    """Metres by the focal length, and a network's own camera."""
+    model = NETWORK.with_name(f"{name}.onnx")
+    fov = [word for key, value in camera.items() for word in (f"--{key}", value)]
+    mde("refine", photo_file, "--prior-model", model, *fov, "--preset", "fast", "-o", tmp_path / "out")
+    result = mdenerf.refine(photo, str(model), **camera, preset="fast", runtime="tract")
+    same(result, tmp_path / "out")
+    record = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert result.unit == record["unit"] == unit
+    assert result.run["camera"] == record["camera"] and record["camera"]["source"] == source

@@ -35,6 +35,8 @@ pub(crate) enum CameraSource {
     File(String),
     /// The photograph's EXIF, 35 mm focal length in millimetres.
     Exif(f64),
+    /// The depth network's own estimate.
+    Network,
     /// Assumed, degrees.
     Assumed(f64),
     /// An assumed focal length, estimated with the poses of several photographs.
@@ -64,6 +66,11 @@ impl KnownCamera {
     /// The same for the image resized to `(height, width)`.
     pub(crate) fn resized(&self, (height, width): (usize, usize)) -> Result<Self> {
         Ok(Self { camera: self.camera.resized(width, height)?, source: self.source.clone() })
+    }
+
+    /// Focal length / width, where it is not assumed.
+    pub(crate) fn focal(&self) -> Option<f64> {
+        (!self.is_assumed()).then(|| self.camera.fx / self.camera.width as f64)
     }
 
     pub(crate) fn is_assumed(&self) -> bool {

@@ -5,11 +5,11 @@ mod record;
 mod size;
 
 use crate::error::{message, raise};
-use crate::prior::Prior;
+use crate::prior::{Origin, Prior};
 use crate::settings::Settings;
 use crate::worker::{self, Link, Request};
 use camera::{CameraSource, KnownCamera};
-use mde_cli::capture::Origin;
+use mde_cli::capture::Origin as DepthOrigin;
 use mde_cli::mde_prior::DepthKind;
 use mde_cli::mde_prior::augment::Predictions;
 use mde_cli::mde_prior::resample::nearest;
@@ -315,14 +315,24 @@ fn work(
         });
     }
     let config = &settings.config;
+    let mut known = opened[0].known.resized(opened[0].size).map_err(message)?;
+    if known.is_assumed()
+        && !several
+        && let Some([fx, fy, cx, cy]) = prior.camera(opened[0].image.view()).map_err(message)?
+    {
+        let (height, width) = opened[0].size;
+        let camera = PinholeCamera::new(fx, fy, cx, cy, width, height).map_err(message)?;
+        known = KnownCamera { camera, source: CameraSource::Network };
+        opened[0].known = known.resized(opened[0].original).map_err(message)?;
+    }
     let first = &opened[0];
-    let (bound, warning) = prior.bind(link, first.original, first.size).map_err(message)?;
+    let origin = prior.origin(known.focal());
+    let (bound, warning) = prior.bind(link, first.original, first.size, known.focal()).map_err(message)?;
     watch.warnings.extend(warning);
     let mut stages = Stages::new(&bound);
     if let Some(budget) = settings.budget {
         stages = stages.with_budget(budget);
     }
-    let mut known = first.known.resized(first.size).map_err(message)?;
     if known.is_assumed() && !several {
         watch.warnings.push(
             "the camera is unknown: a horizontal field of view of 60 degrees is assumed, which affects the point cloud but not the \
@@ -357,7 +367,7 @@ fn work(
     }
     let seconds = (start.elapsed().as_secs_f64(), bound.seconds());
     finished(
-        Finished { prior, settings, watch, refinement, known, capture, seconds },
+        Finished { prior, origin, settings, watch, refinement, known, capture, seconds },
         image.to_owned(),
         &inputs,
     )
@@ -399,6 +409,7 @@ fn photographs(opened: &[Opened]) -> Result<Capture, String> {
 
 struct Finished<'f> {
     prior: &'f Prior,
+    origin: Origin,
     settings: &'f Settings,
     watch: Watch<'f>,
     refinement: Refinement,
@@ -409,10 +420,10 @@ struct Finished<'f> {
 }
 
 fn finished(done: Finished<'_>, image: Array3<f32>, inputs: &Inputs) -> Result<Outcome, String> {
-    let Finished { prior, settings, mut watch, refinement, known, capture, seconds } = done;
+    let Finished { prior, origin, settings, mut watch, refinement, known, capture, seconds } = done;
     let config = &settings.config;
     if !prior.is_map() {
-        watch.warnings.extend(doubts(&refinement.prior, &prior.origin, config));
+        watch.warnings.extend(doubts(&refinement.prior, &origin, config));
     }
     if let Some(reason) = refinement.augmentation.skipped {
         watch.warnings.push(format!("no test-time augmentation: {reason}; give a model to use it"));
@@ -421,7 +432,7 @@ fn finished(done: Finished<'_>, image: Array3<f32>, inputs: &Inputs) -> Result<O
         let warnings = iteration.fusion.warnings.iter();
         watch.warnings.extend(warnings.map(|warning| format!("iteration {}: {warning}", index + 1)));
     }
-    let unit = match prior.origin.kind {
+    let unit = match origin.kind {
         _ if inputs.unit_of_poses => "capture",
         DepthKind::Metric => METRES,
         _ => "unscaled",
@@ -438,7 +449,7 @@ fn finished(done: Finished<'_>, image: Array3<f32>, inputs: &Inputs) -> Result<O
         threads: rayon::current_num_threads(),
         warnings: &watch.warnings,
         total_seconds: seconds.0,
-        prior: &prior.origin,
+        prior: &origin,
         unit,
         png_scale: png.scale,
         png_missing_pixels: png.beyond,
@@ -500,10 +511,10 @@ fn pictures(capture: &Capture, report: &CaptureReport) -> Vec<(String, Array3<u8
 fn evidence(report: &CaptureReport) -> Option<[Array2<f32>; 3]> {
     let evidence = report.evidence.as_ref()?;
     let origin = evidence.origin.mapv(|origin| match origin {
-        Origin::Missing => 0.0,
-        Origin::Prior => 1.0,
-        Origin::Consensus => 2.0,
-        Origin::Field => 3.0,
+        DepthOrigin::Missing => 0.0,
+        DepthOrigin::Prior => 1.0,
+        DepthOrigin::Consensus => 2.0,
+        DepthOrigin::Field => 3.0,
     });
     Some([origin, evidence.seen.mapv(f32::from), evidence.confirmed.mapv(f32::from)])
 }
