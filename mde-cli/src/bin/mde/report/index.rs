@@ -57,12 +57,14 @@ pub(crate) fn photographs_page(rows: &[Row], thumbnail: &str, files: &[&str]) ->
                 super::FILE
             ),
         };
+        // A photograph that could not be read has no size.
+        let about = match row.width {
+            0 => String::new(),
+            width => format!("{width}x{}, {}", row.height, quoted(&row.camera)),
+        };
         let _ = writeln!(
             body,
-            "<tr><td>{picture}</td><td>{name}<br>{}x{}, {}</td><td>{}</td><td>{}</td><td>{}</td><td>{:.1}</td></tr>",
-            row.width,
-            row.height,
-            quoted(&row.camera),
+            "<tr><td>{picture}</td><td>{name}<br>{about}</td><td>{}</td><td>{}</td><td>{}</td><td>{:.1}</td></tr>",
             number(row.sigma, 100.0),
             number(row.sigma_90, 100.0),
             number(row.median_depth, 1.0),
@@ -76,7 +78,7 @@ pub(crate) fn photographs_page(rows: &[Row], thumbnail: &str, files: &[&str]) ->
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{count} photographs</title>\n\
-         <style>{STYLE}\ntd, th {{ padding: 0.3rem 0.8rem; text-align: left; }}</style>\n</head>\n<body>\n<main>\n<h1>{count} photographs</h1>\n\
+         <style>{STYLE}\ntd, th {{ padding: 0.3rem 0.8rem; text-align: left; }}\ntd:first-child {{ white-space: normal; min-width: 18rem; }}</style>\n</head>\n<body>\n<main>\n<h1>{count} photographs</h1>\n\
          <p>{failed} failed. The least sure are first: by the median of sigma / depth. A picture (photograph, depth, sigma / depth) leads to its report. \
          All together: {links}.</p>\n<div style=\"overflow: auto\"><table>\n<tr><th></th><th>photograph</th><th>sigma / depth, %</th><th>90 % below, %</th>\
          <th>median depth, {unit}</th><th>seconds</th></tr>\n{body}</table></div>\n</main>\n</body>\n</html>\n",
