@@ -7,7 +7,8 @@
 //!
 //! \\[ \\mathrm{Var}(a u + b) = s^2\\Bigl(\\frac{1}{\\sum p} + \\frac{(u - \\bar u)^2}{\\sum p (u - \\bar u)^2}\\Bigr), \\]
 //!
-//! with \\(s\\) the residuals' scale. It takes the errors of the points as independent.
+//! with \\(p\\) the weights without Huber's and \\(s^2\\) the variance of the clipped residuals over the squared share of those that are
+//! not clipped (Huber, 1981). It takes the errors of the points as independent.
 
 use crate::augmentation::Component;
 use crate::{Error, Refinement, Result};
@@ -234,10 +235,17 @@ fn robust(samples: &[(f64, f64, f64, f64)], has_shift: bool) -> Option<Line> {
         let cut = (CUT * scale).max(f64::MIN_POSITIVE);
         weights =
             samples.iter().map(|s| (cut / z(s).max(f64::MIN_POSITIVE)).clamp(LEAST_WEIGHT, 1.0)).collect();
-        let precision = |s: &Sample| 1.0 / (s.variance * scale.max(1e-12).powi(2));
-        let total: f64 = weighted.iter().map(precision).sum();
-        let mean = weighted.iter().map(|s| precision(s) * s.u).sum::<f64>() / total;
-        let spread = weighted.iter().map(|s| precision(s) * (s.u - mean).powi(2)).sum();
+        // Huber's covariance: the clipped residuals' variance over the squared share that is not clipped.
+        let clipped: f64 = samples.iter().map(|s| z(s).min(cut).powi(2)).sum();
+        let within = samples.iter().filter(|s| z(s) <= cut).count() as f64 / count;
+        let factor = match samples.len() > free {
+            true => (clipped / (count - free as f64) / (within * within)).max(1e-24),
+            false => 1.0,
+        };
+        let precision = |s: &(f64, f64, f64, f64)| 1.0 / (own(s) * factor);
+        let total: f64 = samples.iter().map(precision).sum();
+        let mean = samples.iter().map(|s| precision(s) * s.0).sum::<f64>() / total;
+        let spread = samples.iter().map(|s| precision(s) * (s.0 - mean).powi(2)).sum();
         let outliers = weights.iter().filter(|w| **w < 0.5).count();
         line = Some(Line { affine, precision: total, mean, spread, has_shift, outliers });
         slope = affine.a;
@@ -256,7 +264,9 @@ fn through_origin(samples: &[Sample]) -> Affine {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mde_uncertainty::random::CounterRng;
     use proptest::prelude::*;
+    use rand::RngExt as _;
 
     fn refinement(depth: &Array2<f32>, relative: f32) -> Refinement {
         let variance = depth.mapv(|z| (relative * z).powi(2));
@@ -311,12 +321,11 @@ mod tests {
         // Noise of 10 % on 12 known depths: the error of the mean is about 3 %.
         let depth = scene(3);
         let (mut within, mut ratio) = (0, Vec::new());
-        for seed in 0..200_u32 {
+        for seed in 0..200_u64 {
+            // A sum of four uniform numbers, of standard deviation 1.
             let noise = |i: usize| {
-                let hash = ((i as u32).wrapping_mul(2_654_435_761) ^ seed.wrapping_mul(0x9e37_79b9))
-                    .wrapping_mul(0x85eb_ca6b);
-                // A sum of four uniform numbers, of standard deviation 1.
-                (0..4).map(|k| f64::from((hash >> (8 * k)) & 255) / 255.0 - 0.5).sum::<f64>() * 3.0_f64.sqrt()
+                let mut random = CounterRng::new(5, "known depths", seed, i as u64);
+                (0..4).map(|_| random.random::<f64>() - 0.5).sum::<f64>() * 3.0_f64.sqrt()
             };
             let mut known = points(&depth.mapv(|z| 2.0 * z), 64);
             known.iter_mut().enumerate().for_each(|(i, p)| p.depth *= 1.0 + 0.1 * noise(i));
