@@ -266,7 +266,6 @@ mod tests {
     use super::*;
     use mde_uncertainty::random::CounterRng;
     use proptest::prelude::*;
-    use rand::RngExt as _;
 
     fn refinement(depth: &Array2<f32>, relative: f32) -> Refinement {
         let variance = depth.mapv(|z| (relative * z).powi(2));
