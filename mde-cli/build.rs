@@ -20,7 +20,7 @@ fn lock_file() -> Option<PathBuf> {
     package.ancestors().map(|folder| folder.join("Cargo.lock")).find(|path| path.is_file())
 }
 
-/// `name=version` of every package whose name starts with `mde-`.
+/// `name=version` of every package whose name starts with `mde-`, but the Python package, which is built on the program.
 fn versions(lock: &Path) -> Vec<String> {
     println!("cargo:rerun-if-changed={}", lock.display());
     let text = std::fs::read_to_string(lock).unwrap_or_default();
@@ -29,7 +29,7 @@ fn versions(lock: &Path) -> Vec<String> {
     let (mut found, mut name) = (Vec::new(), None);
     for line in text.lines() {
         if let Some(value) = value(line, "name") {
-            name = value.starts_with("mde-").then_some(value);
+            name = (value.starts_with("mde-") && value != "mde-py").then_some(value);
         } else if let (Some(name), Some(version)) = (&name, value(line, "version")) {
             found.push(format!("{name}={version}"));
         }

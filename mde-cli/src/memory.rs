@@ -27,7 +27,7 @@ const FEATURES: u64 = 230;
 /// Bytes per pixel of an evaluated scene: image, truth, prior.
 const SCENE: u64 = 60;
 /// Bytes per pixel of the temporary buffers of the scores or of a baseline.
-const SCORES: u64 = 400;
+const SCORES: u64 = 450;
 /// Bytes per pixel and method: its maps, until the scene is scored.
 const METHOD: u64 = 8;
 /// Bytes per pixel of a view that a shared field rendered: colours, depth, variance, opacity.
