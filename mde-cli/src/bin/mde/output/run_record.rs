@@ -5,6 +5,7 @@ use crate::input::known::Scaled;
 use crate::input::prior::PriorOrigin;
 use crate::input::truth::Comparison;
 use crate::output::provenance::{command_line, peak_memory, versions};
+use crate::run::batch::SameScale;
 use crate::run::error_bar::Stated;
 use crate::run::progress::TrainingCurve;
 use mde_cli::{AugmentationReport, CaptureReport, IterationReport};
@@ -35,6 +36,9 @@ pub(crate) struct RunRecord<'r> {
     /// Scale by known depths.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) scale: Option<&'r Scaled>,
+    /// One scale for many photographs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) same_scale: Option<&'r SameScale>,
     pub(crate) iterations: &'r [IterationReport],
     /// Curves of the fit of every iteration.
     pub(crate) training: &'r [TrainingCurve],

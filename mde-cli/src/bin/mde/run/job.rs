@@ -14,6 +14,7 @@ use crate::output::recording::Recording;
 use crate::output::run_record::{About, RunRecord};
 use crate::output::several;
 use crate::report;
+use crate::run::batch::SameScale;
 use crate::run::checkpoint::Checkpoints;
 use crate::run::doubts::doubts;
 use crate::run::error_bar::{ErrorBar, Stated};
@@ -27,6 +28,7 @@ use mde_prior::augment::Predictions;
 use mde_prior::format::write_npy;
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::median;
 use ndarray::{Array2, Array3, ArrayView3};
 use serde_json::json;
 use std::path::Path;
@@ -60,6 +62,8 @@ pub(crate) struct Job<'p> {
     pub(crate) unit: UnitName,
     /// Depths that give the scale.
     pub(crate) known: Option<Known>,
+    /// The factor that gives photographs one scale.
+    pub(crate) same_scale: Option<SameScale>,
     /// Whether the photographs are written too, as they are.
     pub(crate) keep_photographs: bool,
     /// Time for the model's predictions.
@@ -105,6 +109,8 @@ pub(crate) struct Done<'s> {
     stated: Stated,
     /// How known depths gave the scale.
     scaled: Option<Scaled>,
+    /// The factor to the scale in common with other photographs, of the refined map.
+    pub(crate) same_scale: Option<SameScale>,
     png: DepthPng,
     scores: Option<Comparison>,
     score_seconds: f64,
@@ -268,6 +274,14 @@ impl Job<'_> {
             let map = refinement.depth.mean().mapv(|z| if z > 0.0 { relative * z } else { f32::INFINITY });
             refinement.components.push(Component { name: "scale", sigma: map });
         }
+        let mut same_scale = self.same_scale;
+        if let Some(found) = same_scale.as_mut().filter(|found| !found.is_alone()) {
+            // The factor is that of the plain prediction; the merged one differs by another.
+            let both = refinement.prior.iter().zip(refinement.depth.mean());
+            let both = both.filter(|(prior, z)| **prior > 0.0 && **z > 0.0);
+            found.factor *= median(both.map(|(prior, z)| f64::from(*prior) / f64::from(*z))).unwrap_or(1.0);
+            refinement = refinement.scaled(found.factor, found.log_sigma)?;
+        }
         let mut scaled = None;
         if let Some(known) = &self.known {
             let of_disparity = !self.prior.origin.kind.is_depth();
@@ -296,6 +310,7 @@ impl Job<'_> {
             photograph,
             stated,
             scaled,
+            same_scale,
             png,
             scores,
             score_seconds,
@@ -334,6 +349,7 @@ impl Job<'_> {
             error_bar: &done.stated,
             capture: refinement.capture.as_ref(),
             scale: done.scaled.as_ref(),
+            same_scale: done.same_scale.as_ref(),
             iterations: &refinement.iterations,
             training: progress.training(),
             scores: done.scores.as_ref(),
