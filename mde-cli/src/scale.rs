@@ -1,11 +1,11 @@
 //! Scale from known depths: Eq. 10-13 with the known depths in the place of the prior.
 //!
-//! With \\(u\\) the refined depth at the known pixels and \\(v\\) the known depths, \\(v \\approx a u + b\\). For a map from disparities of
+//! With \\(u\\) the refined depth at the known pixels and \\(v\\) the known depths, \\(v \approx a u + b\\). For a map from disparities of
 //! unknown scale and shift both are disparities, \\(u = 1/D\\): there the affine map is exact, \\(1/z = a d + b\\). Weights are
-//! \\(1/(\\sigma_u^2 + \\sigma_v^2)\\), divided by Huber's weights for what does not fit. A shift below twice its own standard deviation
+//! \\(1/(a^2 \sigma_u^2 + \sigma_v^2)\\) times Huber's weights, which are below 1 for what does not fit. A shift below twice its own standard deviation
 //! is left out for depths. The covariance of \\(a\\) and \\(b\\) becomes a part of sigma,
 //!
-//! \\[ \\mathrm{Var}(a u + b) = s^2\\Bigl(\\frac{1}{\\sum p} + \\frac{(u - \\bar u)^2}{\\sum p (u - \\bar u)^2}\\Bigr), \\]
+//! \\[ \mathrm{Var}(a u + b) = s^2\\Bigl(\frac{1}{\sum p} + \frac{(u - \bar u)^2}{\sum p (u - \bar u)^2}\\Bigr), \\]
 //!
 //! with \\(p\\) the weights without Huber's and \\(s^2\\) the variance of the clipped residuals over the squared share of those that are
 //! not clipped (Huber, 1981). It takes the errors of the points as independent.
@@ -66,7 +66,7 @@ const SAME_SCALE: &str = "same-scale";
 /// A line with its covariance.
 struct Line {
     affine: Affine,
-    /// \\(\\sum p\\), \\(\\bar u\\) and \\(\\sum p (u - \\bar u)^2\\) with weights in inverse variances.
+    /// \\(\sum p\\), \\(\bar u\\) and \\(\sum p (u - \bar u)^2\\) with weights in inverse variances.
     precision: f64,
     mean: f64,
     spread: f64,

@@ -4,7 +4,7 @@
 
 use mde_prior::ndarray::{Array2, Array3};
 use mde_prior::spec::PROFILES;
-use mde_prior::{DepthKind, DepthPrior, Error, ModelSpec, OnnxPrior};
+use mde_prior::{DepthKind, DepthPrior, Error, Metres, ModelSpec, OnnxPrior};
 use std::path::{Path, PathBuf};
 
 const GREY: [f32; 3] = [0.299, 0.587, 0.114];
@@ -112,14 +112,14 @@ fn a_networks_own_camera_and_confidence_come_with_its_prediction() {
 
 #[test]
 fn metres_for_a_stated_focal_length_follow_the_cameras() {
-    let open = |focal| OnnxPrior::open_guessed(fixture("metric3d.onnx")).unwrap().with_focal(focal);
+    let prior = OnnxPrior::open_guessed(fixture("metric3d.onnx")).unwrap();
     let even = Array3::from_elem((60, 80, 3), 0.5);
-    let without = open(None).predict(even.view()).unwrap();
-    assert_eq!((open(None).kind(), without.kind), (DepthKind::RelativeDepth, DepthKind::RelativeDepth));
-    let with = open(Some(1.25)).predict(even.view()).unwrap();
+    let without = prior.predict(even.view()).unwrap();
+    assert_eq!((prior.kind(), without.kind), (DepthKind::RelativeDepth, DepthKind::RelativeDepth));
+    let with = Metres::new(&prior, prior.spec(), 1.25).unwrap().predict(even.view()).unwrap();
     assert_eq!(with.kind, DepthKind::Metric);
     // 1.25 of the input's width, over 1000 pixels.
-    let (_, width) = open(None).input_size(60, 80);
+    let (_, width) = prior.input_size(60, 80);
     let factor = 1.25 * width as f32 / 1000.0;
     assert!((with.map[(30, 40)] / without.map[(30, 40)] / factor - 1.0).abs() < 0.02, "{factor}");
 }

@@ -4,9 +4,8 @@ use crate::error::raise;
 use crate::worker::{Link, pool};
 use mde_cli::calibration::hash_files;
 use mde_cli::mde_prior::format::{PngContent, ReadOptions, png_content};
-use mde_cli::mde_prior::resample::nearest;
 use mde_cli::mde_prior::{
-    DepthKind, DepthPrior, Error, FilePrior, ModelSpec, OnnxPrior, PriorDepth, Result, Runtime,
+    DepthKind, DepthPrior, Error, FilePrior, Metres, ModelSpec, OnnxPrior, PriorDepth, Result, Runtime,
     find_onnxruntime, spec,
 };
 use mde_cli::pictures16::METRES;
@@ -76,9 +75,7 @@ impl Prior {
             (spec.width, spec.height) = (width, height);
         }
         if let Some(kind) = kind {
-            spec.output = kind;
-            spec.output_floor = spec.output_floor.filter(|_| kind.is_depth());
-            spec.canonical_focal = spec.canonical_focal.filter(|_| kind == DepthKind::Metric);
+            spec = spec.with_output(kind);
         }
         let runtime = self::runtime(runtime, library)?;
         let pool = pool(threads)?;
@@ -198,14 +195,10 @@ impl Prior {
         matches!(self.source, Source::Map(_))
     }
 
-    /// The network's format where its metres depend on the focal length.
-    fn canonical(&self) -> Option<&ModelSpec> {
-        self.origin.model.as_ref().filter(|spec| spec.canonical_focal.is_some())
-    }
-
     /// The origin of predictions for a camera of that focal length / width, if it is known.
     pub(crate) fn origin(&self, focal: Option<f64>) -> Origin {
-        let kind = self.canonical().filter(|_| focal.is_some()).map_or(self.origin.kind, |spec| spec.output);
+        let metres = self.origin.model.as_ref().filter(|_| focal.is_some());
+        let kind = metres.map_or(self.origin.kind, |spec| spec.output);
         Origin { kind, ..self.origin.clone() }
     }
 
@@ -243,20 +236,14 @@ impl Prior {
                 self.origin.source, from.1, from.0, size.1, size.0
             )
         });
-        let known = nearest(map.valid.mapv(|v| f32::from(u8::from(v))).view(), size).mapv(|v| v > 0.5);
-        bound.resized = Some(PriorDepth::with_mask(nearest(map.map.view(), size), known, map.kind)?);
+        bound.resized = Some(map.resized(size)?);
         Ok((bound, warning))
     }
 }
 
 impl Bound<'_> {
-    /// The depth times the factor that the focal length gives, where it gives one.
-    fn in_metres(&self, prediction: Result<PriorDepth>, image: (usize, usize)) -> Result<PriorDepth> {
-        let (Some(spec), Some(focal)) = (self.prior.canonical(), self.focal) else { return prediction };
-        let prediction = prediction?;
-        let input = self.resolution(image.0, image.1).unwrap_or(image);
-        let factor = spec.metres(focal, image, input).unwrap_or(1.0);
-        Ok(PriorDepth { map: prediction.map.mapv(|z| factor * z), kind: spec.output, ..prediction })
+    fn metres<'n>(&'n self, network: &'n OnnxPrior) -> Option<Metres<'n>> {
+        Metres::new(network, self.prior.origin.model.as_ref()?, self.focal?)
     }
 
     /// Seconds of the predictions so far.
@@ -271,7 +258,10 @@ impl DepthPrior for Bound<'_> {
         let (height, width, _) = image.dim();
         let prediction = match (&self.prior.source, &self.resized) {
             (_, Some(map)) => Ok(map.clone()),
-            (Source::Network(network), _) => self.in_metres(network.predict(image), (height, width)),
+            (Source::Network(network), _) => match self.metres(network) {
+                Some(network) => network.predict(image),
+                None => network.predict(image),
+            },
             (Source::Callable(_), _) => self
                 .link
                 .predict(image.as_standard_layout().into_owned())

@@ -115,7 +115,7 @@ impl Calibration {
     }
 
     /// With the error of each map's scale, the part that alignment takes out of the errors: the root mean square of
-    /// \\(\\ln s\\) over the scenes, with \\(s\\) the factor that brings a map to the truth. None without scenes, or with a factor that
+    /// \\(\ln s\\) over the scenes, with \\(s\\) the factor that brings a map to the truth. None without scenes, or with a factor that
     /// is not positive.
     #[must_use]
     pub fn with_scales(mut self, scales: &[f64]) -> Self {

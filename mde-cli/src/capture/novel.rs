@@ -70,7 +70,7 @@ pub(super) fn compare(
     let ([height, width], [rows, columns]) = (size(view), size(reference));
     let camera = view.camera.resized(width, height)?;
     let image = shrunk(&image, [height, width]);
-    let mask = nearest(view.mask.mapv(|m| f32::from(u8::from(m))).view(), (height, width)).mapv(|m| m > 0.5);
+    let mask = nearest(view.mask.view(), (height, width));
     let rendered = field.render(&camera, &view.pose, callback)?;
 
     let z = nearest(known.prior.mean(), (rows, columns));

@@ -1,6 +1,5 @@
 use super::{DataSet, Sample};
 use crate::Result;
-use mde_prior::PriorDepth;
 use mde_prior::resample::{Filter, nearest, resize};
 use mde_warp::PosedView;
 use ndarray::{Array3, Axis};
@@ -43,15 +42,14 @@ impl<D: DataSet> DataSet for Resized<D> {
     fn load(&self, index: usize) -> Result<Sample> {
         let mut sample = self.data.load(index)?;
         let size = (self.height, self.width);
-        sample.prior = sample.prior.map(|prior| self.prior(prior)).transpose()?;
+        sample.prior = sample.prior.map(|prior| prior.resized(size)).transpose()?;
         for captured in &mut sample.views {
             let view = &captured.view;
             let image = self.image(&view.image);
-            let mask = nearest(view.mask.mapv(|keep| f32::from(u8::from(keep))).view(), size)
-                .mapv(|keep| keep > 0.5);
+            let mask = nearest(view.mask.view(), size);
             let camera = view.camera.resized(self.width, self.height)?;
             captured.view = PosedView::new(image, camera, view.pose, mask, Vec::new())?;
-            captured.prior = captured.prior.take().map(|prior| self.prior(prior)).transpose()?;
+            captured.prior = captured.prior.take().map(|prior| prior.resized(size)).transpose()?;
         }
         if sample.depth.dim() == size {
             return Ok(sample);
@@ -71,12 +69,5 @@ impl<D> Resized<D> {
             to.assign(&resize(from, size, Filter::BilinearAntialias));
         }
         resized
-    }
-
-    fn prior(&self, prior: PriorDepth) -> Result<PriorDepth> {
-        let size = (self.height, self.width);
-        let valid =
-            nearest(prior.valid.mapv(|keep| f32::from(u8::from(keep))).view(), size).mapv(|keep| keep > 0.5);
-        Ok(PriorDepth::with_mask(nearest(prior.map.view(), size), valid, prior.kind)?)
     }
 }

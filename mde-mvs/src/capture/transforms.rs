@@ -200,7 +200,7 @@ impl Fields<'_> {
 }
 
 /// The text of a `transforms.json` of `frames`, with intrinsics for each; photographs are named relative to `folder`
-/// where they lie below it. Principal points have pixel centres at halves, as nerfstudio takes them; `pixel_centres` says so.
+/// where they lie below it. Principal points have pixel centres at halves, as in nerfstudio; `pixel_centres` has that convention.
 ///
 /// ```
 /// use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};

@@ -60,8 +60,6 @@ pub struct OnnxPrior {
     external: Vec<PathBuf>,
     runtime: Runtime,
     concurrency: usize,
-    /// Focal length of the photographs / their width, where it is known.
-    focal: Option<f64>,
 }
 
 /// What a network gives, at its own size.
@@ -142,7 +140,7 @@ impl OnnxPrior {
             let fixed = fixed_size(&graph.inputs()[image], spec.layout).map_err(fault)?;
             let (path, spec, concurrency) = (path.to_owned(), spec.clone(), graph.concurrency());
             let runtime = runtime.clone();
-            Ok(Self { path, spec, graph, outputs, fixed, external, runtime, concurrency, focal: None })
+            Ok(Self { path, spec, graph, outputs, fixed, external, runtime, concurrency })
         })
     }
 
@@ -203,21 +201,11 @@ impl OnnxPrior {
         self
     }
 
-    /// The focal length of the photographs / their width, for a model whose metres depend on it
-    /// ([`ModelSpec::canonical_focal`]); without it such a model gives depth of unknown scale.
-    #[must_use]
-    pub fn with_focal(mut self, focal: Option<f64>) -> Self {
-        self.focal = focal;
-        self
-    }
-
-    /// The meaning of its predictions.
+    /// The meaning of its predictions: with a [canonical focal length](ModelSpec::canonical_focal) they have no unit until
+    /// [`Metres`](crate::Metres) knows the photographs' own.
     #[must_use]
     pub fn kind(&self) -> DepthKind {
-        match (self.spec.canonical_focal, self.focal) {
-            (Some(_), None) => DepthKind::RelativeDepth,
-            _ => self.spec.output,
-        }
+        if self.spec.canonical_focal.is_some() { DepthKind::RelativeDepth } else { self.spec.output }
     }
 
     /// What runs the network.
@@ -309,10 +297,6 @@ impl OnnxPrior {
                 };
                 map.mapv_inplace(|v| factor * v);
             }
-            let factor = self.focal.and_then(|focal| self.spec.metres(focal, (height, width), size));
-            if let Some(factor) = factor {
-                map.mapv_inplace(|v| factor * v);
-            }
             Ok(Native { map, mask, intrinsics, confidence })
         })
     }
@@ -402,10 +386,7 @@ impl DepthPrior for OnnxPrior {
         }
         let prior = match mask {
             None => PriorDepth::from_values(map, self.kind()),
-            Some(mask) => {
-                let valid = nearest(mask.mapv(|m| f32::from(u8::from(m))).view(), (height, width));
-                PriorDepth::with_mask(map, valid.mapv(|m| m > 0.5), self.kind())
-            }
+            Some(mask) => PriorDepth::with_mask(map, nearest(mask.view(), (height, width)), self.kind()),
         };
         let prior = prior.map_err(|e| self.error(e.to_string()))?;
         let confidence = confidence.map(|map| resize(map.view(), (height, width), Filter::Bilinear));

@@ -57,12 +57,12 @@ pub fn resize(map: ArrayView2<'_, f32>, size: (usize, usize), filter: Filter) ->
 /// Resizes to `(height, width)` with the value of the pixel that contains the new pixel's centre: for depth, which must not be mixed
 /// across an edge or with missing pixels.
 #[must_use]
-pub fn nearest(map: ArrayView2<'_, f32>, (height, width): (usize, usize)) -> Array2<f32> {
+pub fn nearest<T: Copy + Default>(map: ArrayView2<'_, T>, (height, width): (usize, usize)) -> Array2<T> {
     let (rows, columns) = map.dim();
     let source =
         |to: usize, of: usize, from: usize| ((2 * to + 1) * from / (2 * of)).min(from.saturating_sub(1));
     Array2::from_shape_fn((height, width), |(y, x)| {
-        map.get((source(y, height, rows), source(x, width, columns))).copied().unwrap_or(0.0)
+        map.get((source(y, height, rows), source(x, width, columns))).copied().unwrap_or_default()
     })
 }
 

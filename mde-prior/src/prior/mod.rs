@@ -1,5 +1,6 @@
 //! The prior's interface, its predictions, and the description of a model.
 
+mod adapters;
 mod disparity;
 #[cfg(feature = "io")]
 mod file;
@@ -10,8 +11,10 @@ pub mod spec;
 use ndarray::{Array2, ArrayView3, Zip};
 use serde::{Deserialize, Serialize};
 
+use crate::resample::nearest;
 use crate::{Error, Result};
 
+pub use adapters::{Metres, Timed};
 pub use disparity::DisparityRule;
 #[cfg(feature = "io")]
 pub use file::FilePrior;
@@ -221,6 +224,14 @@ impl PriorDepth {
             return Ok(checked.map);
         }
         rule.depth(checked.map.view(), checked.valid.view())
+    }
+
+    /// The map and its mask at another `(height, width)`, each pixel the nearest one.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when no pixel keeps a value.
+    pub fn resized(&self, size: (usize, usize)) -> Result<Self> {
+        Self::with_mask(nearest(self.map.view(), size), nearest(self.valid.view(), size), self.kind)
     }
 
     /// As [`to_depth`](Self::to_depth), with the quantiles of `reference`, a map of the same scale and shift.

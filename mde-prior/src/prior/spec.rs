@@ -174,6 +174,17 @@ impl ModelSpec {
         }
     }
 
+    /// The same model with an output of that kind, without what only the kind before it had.
+    #[must_use]
+    pub fn with_output(self, output: DepthKind) -> Self {
+        Self {
+            output,
+            output_floor: self.output_floor.filter(|_| output.is_depth()),
+            canonical_focal: self.canonical_focal.filter(|_| output == DepthKind::Metric),
+            ..self
+        }
+    }
+
     /// Reads a specification in TOML.
     ///
     /// # Errors
@@ -253,8 +264,7 @@ impl ModelSpec {
     /// The factor from the output to metres for an image and an input of `(height, width)`, where the model has a
     /// [canonical focal length](Self::canonical_focal) and `focal` is that of the image over its width. The mean of both axes, as
     /// the input's pixels need not be square.
-    #[must_use]
-    pub fn metres(&self, focal: f64, image: (usize, usize), input: (usize, usize)) -> Option<f32> {
+    pub(crate) fn metres(&self, focal: f64, image: (usize, usize), input: (usize, usize)) -> Option<f32> {
         let aspect = image.1 as f64 / image.0.max(1) as f64;
         let at_input = focal * (input.1 as f64 * aspect * input.0 as f64).sqrt();
         self.canonical_focal.map(|canonical| (at_input / f64::from(canonical)) as f32)

@@ -300,7 +300,7 @@ fn work(
         let everywhere = || Array2::from_elem((height, width), true);
         let mut mask = mask.clone().unwrap_or_else(everywhere);
         if at != (height, width) {
-            mask = nearest(mask.mapv(|m| f32::from(u8::from(m))).view(), at).mapv(|m| m > 0.5);
+            mask = nearest(mask.view(), at);
         }
         let (name, known) = (name.clone(), known.clone());
         opened.push(Opened {

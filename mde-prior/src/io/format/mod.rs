@@ -344,7 +344,7 @@ pub fn write_png16(path: impl AsRef<Path>, map: ArrayView2<'_, f32>, scale: f64)
     write_atomic(path, &png::encode(map, scale).map_err(|reason| Error::malformed(path, reason))?)
 }
 
-/// What the metadata of a PNG say of its values.
+/// What the values of a PNG are, by its metadata.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum PngContent {

@@ -36,7 +36,7 @@ pub(super) fn of_confidence<'t>(formula: &'t str, description: &'t str) -> [(&'t
     [("Description", description), (CONFIDENCE, formula)]
 }
 
-/// What the texts before the pixels say of the values; nothing where they say nothing.
+/// What the values are, by the texts before the pixels; `None` without such texts.
 pub(super) fn content(png: &[u8]) -> Parsed<Option<PngContent>> {
     let text = |keyword: &str| find(png, keyword);
     if text(CONFIDENCE).is_some() {

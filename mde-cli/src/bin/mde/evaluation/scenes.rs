@@ -146,7 +146,7 @@ impl PriorPlan {
         matches!(self, Self::Model(_) | Self::SimulatedModel(_))
     }
 
-    /// Whether its maps are in metres, as far as the command line and the model say.
+    /// Whether its maps are in metres, by the command line and the model.
     pub(crate) fn is_metric(&self) -> Result<bool> {
         Ok(match self {
             Self::Model(args) => NamedPrior::open(args)?.origin.kind == DepthKind::Metric,

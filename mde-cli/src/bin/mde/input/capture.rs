@@ -120,12 +120,9 @@ fn posed(
         let (image, camera, mask) = if (to_height, to_width) == (height, width) {
             (view.image, view.camera, view.mask)
         } else {
-            let mask = mde_prior::resample::nearest(
-                view.mask.mapv(|m| f32::from(u8::from(m))).view(),
-                (to_height, to_width),
-            );
+            let mask = mde_prior::resample::nearest(view.mask.view(), (to_height, to_width));
             let image = crate::input::size::shrink(&view.image, (to_height, to_width));
-            (image, view.camera.resized(to_width, to_height)?, mask.mapv(|m| m > 0.5))
+            (image, view.camera.resized(to_width, to_height)?, mask)
         };
         photographs.push(Photograph {
             name: frame.photograph.display().to_string(),

@@ -10,13 +10,10 @@ use anyhow::{Context, Result, ensure};
 pub(crate) use mde_cli::pictures16::METRES;
 use mde_prior::format::{Encoding, PngContent, ReadOptions, png_content};
 use mde_prior::ndarray::{Array3, ArrayView3};
-use mde_prior::resample::nearest;
-use mde_prior::{DepthKind, DepthPrior, FilePrior, ModelSpec, PriorDepth};
+use mde_prior::{DepthKind, DepthPrior, FilePrior, Metres, ModelSpec, PriorDepth};
 use mde_warp::PinholeCamera;
 use serde::Serialize;
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Instant;
 
 /// A prior, and its entry in the record.
 pub(crate) struct NamedPrior<'p> {
@@ -69,12 +66,14 @@ impl NamedPrior<'_> {
 
     /// The same for photographs of that camera: a network whose metres depend on the focal length has some only then.
     pub(crate) fn for_camera(&self, camera: &KnownCamera) -> NamedPrior<'_> {
-        let spec = self.origin.model.as_ref().filter(|spec| spec.canonical_focal.is_some());
+        let spec = self.origin.model.as_ref();
+        let metres =
+            spec.zip(camera.focal()).and_then(|(spec, focal)| Metres::new(&*self.prior, spec, focal));
         let mut origin = self.origin.clone();
-        let prior: Box<dyn DepthPrior + '_> = match (spec, camera.focal()) {
-            (Some(spec), Some(focal)) => {
+        let prior: Box<dyn DepthPrior + '_> = match (metres, spec) {
+            (Some(metres), Some(spec)) => {
                 origin.kind = spec.output;
-                Box::new(Metres { prior: &*self.prior, spec, focal })
+                Box::new(metres)
             }
             _ => Box::new(&*self.prior),
         };
@@ -165,9 +164,7 @@ impl NamedPrior<'_> {
             (spec.width, spec.height) = (width, height);
         }
         if let Some(kind) = kind {
-            spec.output = kind;
-            spec.output_floor = spec.output_floor.filter(|_| kind.is_depth());
-            spec.canonical_focal = spec.canonical_focal.filter(|_| kind == DepthKind::Metric);
+            spec = spec.with_output(kind);
         }
         let prior = Box::new(OnnxPrior::open_with(path, &spec, &runtime(&args.runtime)?)?);
         let model_hash = Some(hash_files(prior.files())?);
@@ -249,36 +246,6 @@ fn has_eight_bits(path: &Path) -> bool {
     read.is_ok() && header.starts_with(b"\x89PNG") && header[24] == 8
 }
 
-/// A network's depth times the factor that the focal length gives.
-struct Metres<'p> {
-    prior: &'p dyn DepthPrior,
-    spec: &'p ModelSpec,
-    /// Focal length / width.
-    focal: f64,
-}
-
-impl DepthPrior for Metres<'_> {
-    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-        let (height, width, _) = image.dim();
-        let prediction = self.prior.predict(image)?;
-        let input = self.prior.resolution(height, width).unwrap_or((height, width));
-        let factor = self.spec.metres(self.focal, (height, width), input).unwrap_or(1.0);
-        Ok(PriorDepth { map: prediction.map.mapv(|z| factor * z), kind: self.spec.output, ..prediction })
-    }
-
-    fn accepts_new_images(&self) -> bool {
-        self.prior.accepts_new_images()
-    }
-
-    fn resolution(&self, height: usize, width: usize) -> Option<(usize, usize)> {
-        self.prior.resolution(height, width)
-    }
-
-    fn concurrency(&self) -> usize {
-        self.prior.concurrency()
-    }
-}
-
 /// A prior of the image's original size, resampled to the working size.
 struct Resized<'p> {
     prior: Box<dyn DepthPrior + 'p>,
@@ -291,9 +258,7 @@ impl DepthPrior for Resized<'_> {
     fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         // A map from a file depends on the size alone.
         let blank = Array3::zeros((self.from.0, self.from.1, 3));
-        let PriorDepth { map, valid, kind, .. } = self.prior.predict(blank.view())?;
-        let known = nearest(valid.mapv(|v| f32::from(u8::from(v))).view(), self.to).mapv(|v| v > 0.5);
-        PriorDepth::with_mask(nearest(map.view(), self.to), known, kind)
+        self.prior.predict(blank.view())?.resized(self.to)
     }
 }
 
@@ -306,42 +271,4 @@ pub(crate) fn read_options(flag: &str, scale: Option<f64>, encoding: Encoding) -
         (options.png_scale, options.float_scale) = (Some(scale), scale);
     }
     Ok(options)
-}
-
-/// A prior that measures the time of its predictions.
-pub(crate) struct Timed<'p> {
-    prior: &'p dyn DepthPrior,
-    nanoseconds: AtomicU64,
-}
-
-impl<'p> Timed<'p> {
-    pub(crate) fn new(prior: &'p dyn DepthPrior) -> Self {
-        Self { prior, nanoseconds: AtomicU64::new(0) }
-    }
-
-    pub(crate) fn seconds(&self) -> f64 {
-        self.nanoseconds.load(Ordering::Relaxed) as f64 * 1e-9
-    }
-}
-
-impl DepthPrior for Timed<'_> {
-    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-        let start = Instant::now();
-        let prediction = self.prior.predict(image);
-        let elapsed = u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        self.nanoseconds.fetch_add(elapsed, Ordering::Relaxed);
-        prediction
-    }
-
-    fn accepts_new_images(&self) -> bool {
-        self.prior.accepts_new_images()
-    }
-
-    fn resolution(&self, height: usize, width: usize) -> Option<(usize, usize)> {
-        self.prior.resolution(height, width)
-    }
-
-    fn concurrency(&self) -> usize {
-        self.prior.concurrency()
-    }
 }

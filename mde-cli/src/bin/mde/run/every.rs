@@ -1,7 +1,6 @@
 //! Every photograph of a capture refined: a folder for each, their poses, and one cloud.
 
 use crate::evaluation::results::Partial;
-use crate::input::prior::Timed;
 use crate::output::export::transforms::{self, Exposed, FILE as TRANSFORMS};
 use crate::output::export::{Exported, ply};
 use crate::output::folder::{OutputFolder, RECORD};
@@ -19,6 +18,7 @@ use anyhow::{Context, Result, bail};
 use mde_cli::capture::{RefinedView, consistent_points};
 use mde_cli::{Capture, PreparedCapture, Stages};
 use mde_eval::table::{Block, Cell, Column, Document, Table};
+use mde_prior::Timed;
 use mde_prior::format::{PngContent, ReadOptions, png_content, read_values};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
