@@ -129,7 +129,11 @@ pub(super) fn same_scale(
             super::index::TABLE
         ));
     }
-    progress.step(&format!("{} photographs on {groups} scales", factors.len() - alone));
+    progress.step(&format!(
+        "{} of {} photographs share a scale with another",
+        factors.len() - alone,
+        items.len()
+    ));
     Ok(factors)
 }
 
