@@ -91,7 +91,7 @@ pub(super) fn same_scale(
             let index = first + at;
             let Some(Some(prepared)) = prepared else { continue };
             let new: Kept = (index, Arc::new(prepared));
-            let is_key = index % stride == 0;
+            let is_key = index.is_multiple_of(stride);
             let before: Vec<&Kept> = if is_key {
                 keys.iter().filter(|(i, _)| last.iter().all(|(j, _)| i != j)).collect()
             } else {
