@@ -29,6 +29,9 @@ const LONGER_SIDE: u32 = 640;
 const CHUNK: usize = 16;
 /// Features of a photograph; a ratio needs fewer than a pose.
 const FEATURES: usize = 1500;
+/// Error of a whole photograph's factor over that by what it has in common with others: the median of two networks on 13 captures
+/// (docs/many.md).
+const WHOLE: f64 = 2.2;
 
 /// The factor of a photograph's prediction; in the record, of the refined map.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -46,7 +49,7 @@ pub(crate) struct SameScale {
 impl From<LogFactor> for SameScale {
     fn from(found: LogFactor) -> Self {
         let LogFactor { log, sigma, component, photographs } = found;
-        Self { factor: log.exp(), log_sigma: sigma, group: component, photographs }
+        Self { factor: log.exp(), log_sigma: WHOLE * sigma, group: component, photographs }
     }
 }
 
