@@ -22,10 +22,11 @@ impl Canvas {
         self.pixels.view()
     }
 
-    pub(crate) fn set(&mut self, x: usize, y: usize, colour: Colour) {
-        let (height, width, _) = self.pixels.dim();
-        if x < width && y < height {
-            self.pixels.slice_mut(s![y, x, ..]).iter_mut().zip(colour).for_each(|(old, new)| *old = new);
+    fn set(&mut self, x: usize, y: usize, colour: Colour) {
+        for (channel, value) in colour.into_iter().enumerate() {
+            if let Some(old) = self.pixels.get_mut((y, x, channel)) {
+                *old = value;
+            }
         }
     }
 
@@ -72,6 +73,9 @@ pub(crate) fn text_height(magnification: usize) -> usize {
 /// An image `[height, width, 3]` in 0 to 1 at another size: means over the pixels that fall together, else the nearest.
 pub(crate) fn resized(image: ArrayView3<'_, f32>, width: usize, height: usize) -> Array3<f32> {
     let (rows, columns, _) = image.dim();
+    if (rows, columns) == (height, width) {
+        return image.to_owned();
+    }
     let span = |index: usize, from: usize, to: usize| {
         let first = index * from / to;
         first..((index + 1) * from / to).max(first + 1)
