@@ -1,6 +1,7 @@
 //! Arguments of what is written: the folder, the files for other programs, the progress.
 
 use clap::{Args, ValueEnum};
+use mde_cli::results::export::Format;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -33,6 +34,19 @@ pub(crate) enum ExportName {
     Transforms,
     /// sigma/: the components of sigma (NPY)
     Sigma,
+}
+
+impl From<ExportName> for Format {
+    fn from(name: ExportName) -> Self {
+        match name {
+            ExportName::Ply => Self::Ply,
+            ExportName::Glb => Self::Glb,
+            ExportName::Exr => Self::Exr,
+            ExportName::Colmap => Self::Colmap,
+            ExportName::Transforms => Self::Transforms,
+            ExportName::Sigma => Self::Sigma,
+        }
+    }
 }
 
 /// Output folder and progress.

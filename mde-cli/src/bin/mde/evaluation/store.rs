@@ -1,9 +1,9 @@
 //! The folder of an evaluation: one folder per scene and method, each written atomically.
 
 use super::lock::{self, Lock};
-use crate::output::canvas::resized;
 use crate::output::provenance::write_json;
 use anyhow::{Context, Result, ensure};
+use mde_cli::inputs::size::resized;
 use mde_eval::Refined;
 use mde_prior::format::{Format, ReadOptions, decode, write_npy};
 use mde_prior::photo::write_image;

@@ -1,7 +1,7 @@
 //! The further photographs that the command line names, with poses or without.
 
 use crate::args::{PosesArgs, RefineArgs, SizeArgs, UnitName};
-use crate::input::camera::{CameraSource, KnownCamera};
+use crate::input::camera::{self, CameraSource, KnownCamera};
 use crate::input::opened::{Opened, open_image};
 use crate::input::photographs::in_folder;
 use crate::input::size::{check_memory, within, working};
@@ -61,7 +61,7 @@ fn frames(path: &Path, args: &RefineArgs) -> Result<Option<Vec<Frame>>> {
     } else if within("groundtruth.txt") && within("rgb.txt") {
         let first = image_size(&args.image)
             .with_context(|| format!("{}: no readable image; check the path", args.image.display()))?;
-        let camera = KnownCamera::of_size(&args.camera, None, first)?.camera;
+        let camera = camera::of_size(&args.camera, None, first)?.camera;
         read_tum(path, &Lens { camera, distortion: Distortion::default() }, &size)
     } else {
         return Ok(None);
@@ -170,7 +170,7 @@ fn unposed(
     let mut photographs = vec![photograph(&args.image, opened, camera)];
     for path in paths {
         let opened = open_image(&path, &args.size, config, progress)?.reduced(&args.size);
-        let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)
+        let camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)
             .with_context(|| path.display().to_string())?;
         photographs.push(photograph(&path, &opened, &camera));
     }
@@ -205,7 +205,7 @@ pub(crate) fn photographs(
     let (mut photographs, mut files, mut first) = (Vec::new(), Vec::new(), None);
     for path in paths {
         let opened = open_image(&path, size, config, progress)?.reduced(size);
-        let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)
+        let camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)
             .with_context(|| path.display().to_string())?;
         photographs.push(photograph(&path, &opened, &camera));
         files.push((path, [opened.original.1, opened.original.0]));

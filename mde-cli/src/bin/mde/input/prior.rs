@@ -7,12 +7,12 @@ use crate::input::camera::{CameraSource, KnownCamera};
 use crate::input::opened::Opened;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
-pub(crate) use mde_cli::pictures16::METRES;
+use mde_cli::inputs::{PriorForm, PriorOrigin};
+use mde_cli::pictures16::METRES;
 use mde_prior::format::{Encoding, PngContent, ReadOptions, png_content};
 use mde_prior::ndarray::{Array3, ArrayView3};
 use mde_prior::{DepthKind, DepthPrior, FilePrior, Metres, ModelSpec, PriorDepth};
 use mde_warp::PinholeCamera;
-use serde::Serialize;
 use std::path::Path;
 
 /// A prior, and its entry in the record.
@@ -27,32 +27,6 @@ pub(crate) struct NamedPrior<'p> {
 
 /// Two aspects that differ by no more are the same up to rounded sides.
 const SAME_ASPECT: f64 = 0.02;
-
-/// Where a prior comes from.
-#[derive(Debug, Clone, Serialize)]
-pub(crate) struct PriorOrigin {
-    pub(crate) kind: DepthKind,
-    /// The file, or `simulated`.
-    pub(crate) source: String,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) model: Option<ModelSpec>,
-    /// What ran the model.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) runtime: Option<String>,
-    /// Identifies the bytes of the model's files.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) model_hash: Option<String>,
-}
-
-impl PriorOrigin {
-    /// Whether it is a map from a file.
-    pub(crate) fn is_file(&self) -> bool {
-        self.model.is_none() && self.source != SIMULATED
-    }
-}
-
-/// The source of a procedural scene's prior.
-pub(crate) const SIMULATED: &str = "simulated";
 
 impl NamedPrior<'_> {
     pub(crate) fn open(args: &PriorArgs) -> Result<Self> {
@@ -146,7 +120,7 @@ impl NamedPrior<'_> {
             )
         };
         let note = stated.map(unscaled).or_else(eight_bits);
-        let origin = PriorOrigin { kind, source, model: None, runtime: None, model_hash: None };
+        let origin = PriorOrigin::new(PriorForm::Map, kind, source);
         Ok(Self { prior, origin, size, note })
     }
 
@@ -169,6 +143,7 @@ impl NamedPrior<'_> {
         let prior = Box::new(OnnxPrior::open_with(path, &spec, &runtime(&args.runtime)?)?);
         let model_hash = Some(hash_files(prior.files())?);
         let origin = PriorOrigin {
+            form: PriorForm::Network,
             kind: prior.kind(),
             source: path.display().to_string(),
             model: Some(spec),

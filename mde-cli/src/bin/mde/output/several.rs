@@ -1,8 +1,8 @@
 //! Files of several photographs: thumbnails, the novel view, and where each pixel's depth comes from.
 
-use crate::output::canvas::resized;
 use anyhow::{Context, Result};
 use mde_cli::capture::{Evidence, Origin};
+use mde_cli::inputs::size::resized;
 use mde_cli::{Capture, CaptureReport};
 use mde_prior::format::write_npz;
 use mde_prior::photo::write_image;

@@ -3,21 +3,21 @@
 use super::allowance::Allowance;
 use super::index::Row;
 use crate::args::RefineArgs;
-use crate::input::camera::KnownCamera;
+use crate::input::camera;
 use crate::input::opened::opened;
 use crate::input::prior::NamedPrior;
 use crate::input::size::{within, working};
-use crate::output::canvas::resized;
 use crate::output::folder::OutputFolder;
-use crate::output::preview::{depth_picture, sigma_picture_within, usual_range};
 use crate::output::provenance::{versions, write_json};
-use crate::run::error_bar::ErrorBar;
 use crate::run::every::relative_sigma;
 use crate::run::job::{Done, Full, Job};
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
+use mde_cli::inputs::size::resized;
 use mde_cli::memory::refine_bytes;
-use mde_cli::{Config, Preset};
+use mde_cli::results::ErrorBar;
+use mde_cli::results::preview::{depth_picture, sigma_picture_within, usual_range};
+use mde_cli::{Config, Naming, Preset};
 use mde_prior::Timed;
 use mde_prior::photo::{decode_image, image_size, write_rgb_png};
 use mde_uncertainty::statistics::median;
@@ -125,10 +125,10 @@ impl Common<'_> {
         let mut opened = opened(photo, path, &args.size, &self.config, progress)?;
         let mut full = None;
         if let Some(working) = opened.working(&args.size) {
-            let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+            let camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
             full = Some(Full { image: std::mem::replace(&mut opened, working).photo.pixels, camera });
         }
-        let mut camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+        let mut camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
         if let Some(own) = prior.camera(opened.photo.pixels.view(), &camera)? {
             if let Some(full) = &mut full {
                 full.take_camera(&own)?;
@@ -136,7 +136,7 @@ impl Common<'_> {
             camera = own;
         }
         let prior = prior.for_camera(&camera);
-        camera.warning().into_iter().for_each(|warning| progress.warn(warning));
+        camera.warning(Naming::Flags).into_iter().for_each(|warning| progress.warn(warning));
         let job = Job {
             command: "refine",
             input: shown(),
@@ -183,7 +183,7 @@ impl Common<'_> {
 impl Row {
     fn measure(&mut self, done: &Done<'_>, progress: &Progress) {
         let camera = &done.subject.camera;
-        let depth = &done.refinement.depth;
+        let depth = &done.result.refinement.depth;
         (self.width, self.height) = (camera.camera.width, camera.camera.height);
         (self.fx, self.camera) = (Some(camera.camera.fx), camera.source.name().to_owned());
         self.median_depth = median(depth.mean().iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)));
@@ -219,7 +219,7 @@ fn thumbnail(done: &Done<'_>) -> Result<Array3<u8>> {
     let width = (columns * HEIGHT / rows.max(1)).clamp(1, 4 * HEIGHT);
     let small =
         |picture: ArrayView3<'_, u8>| resized(picture.mapv(|v| f32::from(v) / 255.0).view(), width, HEIGHT);
-    let depth = &done.refinement.depth;
+    let depth = &done.result.refinement.depth;
     let relative = ndarray::Zip::from(depth.mean())
         .and(&depth.sigma())
         .map_collect(|z, s| if *z > 0.0 { s / z } else { f32::INFINITY });

@@ -22,7 +22,6 @@ use crate::output::folder::{check_place, remove_unfinished};
 use crate::run::batch::allowance::Allowance;
 use crate::run::batch::index::Index;
 use crate::run::batch::item::{Common, Item, settings_of};
-use crate::run::error_bar::ErrorBar;
 use crate::run::interrupt;
 use crate::run::names::folders;
 use crate::run::progress::Progress;
@@ -60,7 +59,7 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
     let common = Common {
         args,
         output,
-        error_bar: ErrorBar::open(&args.error_bar)?,
+        error_bar: args.error_bar.open()?,
         allowance: Allowance::new((args.size.memory.max_memory * f64::from(1 << 30)) as u64),
         preset,
         settings: settings_of(args, preset, &config, &prior)?,
