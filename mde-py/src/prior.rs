@@ -3,6 +3,7 @@
 use crate::error::raise;
 use crate::worker::{Link, pool};
 use mde_cli::calibration::hash_files;
+use mde_cli::inputs::{PriorForm, PriorOrigin};
 use mde_cli::mde_prior::format::{PngContent, ReadOptions, png_content};
 use mde_cli::mde_prior::{
     DepthKind, DepthPrior, Error, FilePrior, Metres, ModelSpec, OnnxPrior, PriorDepth, Result, Runtime,
@@ -12,29 +13,12 @@ use mde_cli::pictures16::METRES;
 use ndarray::ArrayView3;
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
-use serde::Serialize;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
 /// Two aspects that differ by no more are the same up to rounded sides.
 const SAME_ASPECT: f64 = 0.02;
-
-/// Where a prior comes from.
-#[derive(Debug, Clone, Serialize)]
-pub(crate) struct Origin {
-    pub(crate) kind: DepthKind,
-    /// The file, the callable's name, or `depth`.
-    pub(crate) source: String,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) model: Option<ModelSpec>,
-    /// What ran the model.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) runtime: Option<String>,
-    /// Identifies the bytes of the model's files.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) model_hash: Option<String>,
-}
 
 enum Source {
     Network(OnnxPrior),
@@ -47,7 +31,7 @@ enum Source {
 #[pyclass(frozen, module = "mdenerf._mdenerf")]
 pub(crate) struct Prior {
     source: Source,
-    pub(crate) origin: Origin,
+    pub(crate) origin: PriorOrigin,
 }
 
 #[pymethods]
@@ -81,7 +65,8 @@ impl Prior {
         let pool = pool(threads)?;
         let network =
             py.detach(|| pool.install(|| OnnxPrior::open_with(&path, &spec, &runtime))).map_err(raise)?;
-        let origin = Origin {
+        let origin = PriorOrigin {
+            form: PriorForm::Network,
             kind: network.kind(),
             source: path.display().to_string(),
             model: Some(spec),
@@ -96,7 +81,7 @@ impl Prior {
     #[pyo3(signature = (name, kind, input_size))]
     fn callable(name: String, kind: &str, input_size: Option<(usize, usize)>) -> PyResult<Self> {
         let kind = DepthKind::from_str(kind).map_err(raise)?;
-        let origin = Origin { kind, source: name, model: None, runtime: None, model_hash: None };
+        let origin = PriorOrigin::new(PriorForm::Callable, kind, name);
         Ok(Self { source: Source::Callable(input_size), origin })
     }
 
@@ -106,8 +91,7 @@ impl Prior {
     fn map(map: PyReadonlyArray2<'_, f32>, kind: &str) -> PyResult<Self> {
         let kind = DepthKind::from_str(kind).map_err(raise)?;
         let map = PriorDepth::from_values(map.as_array().to_owned(), kind).map_err(raise)?;
-        let origin =
-            Origin { kind, source: "depth".to_owned(), model: None, runtime: None, model_hash: None };
+        let origin = PriorOrigin::new(PriorForm::Map, kind, "depth");
         Ok(Self { source: Source::Map(map), origin })
     }
 
@@ -124,8 +108,7 @@ impl Prior {
         let options =
             ReadOptions { eight_bits: kind == DepthKind::AffineDisparity, ..ReadOptions::default() };
         let map = FilePrior::with_options(&path, kind, &options).map_err(raise)?.prior().clone();
-        let source = path.display().to_string();
-        let origin = Origin { kind, source, model: None, runtime: None, model_hash: None };
+        let origin = PriorOrigin::new(PriorForm::Map, kind, path.display().to_string());
         Ok(Self { source: Source::Map(map), origin })
     }
 
@@ -196,10 +179,10 @@ impl Prior {
     }
 
     /// The origin of predictions for a camera of that focal length / width, if it is known.
-    pub(crate) fn origin(&self, focal: Option<f64>) -> Origin {
+    pub(crate) fn origin(&self, focal: Option<f64>) -> PriorOrigin {
         let metres = self.origin.model.as_ref().filter(|_| focal.is_some());
         let kind = metres.map_or(self.origin.kind, |spec| spec.output);
-        Origin { kind, ..self.origin.clone() }
+        PriorOrigin { kind, ..self.origin.clone() }
     }
 
     /// The network's own camera for an image: fx, fy, cx, cy. It takes a prediction, for networks that have one.

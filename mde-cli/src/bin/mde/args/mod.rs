@@ -53,7 +53,7 @@ pub(crate) enum Command {
     Demo(DemoArgs),
     /// Refine the monocular depth of an image
     Refine(Box<RefineArgs>),
-    /// Join the shards of a refinement of many photographs
+    /// Join the shards of a refinement of many photographs, or of an evaluation
     Merge(MergeArgs),
     /// Estimate the poses of photographs and write a transforms.json
     Poses(Box<PosesArgs>),

@@ -91,8 +91,9 @@ Examples:
   mde merge out/holiday
   mde merge out/part-1 out/part-2 -o out/holiday
 
-Shards of mde refine --shard, in one folder or in several: their index.html, index.csv and index.json as one. It is an error if a shard or a
-photograph is missing, double, unfinished, or of other settings.")]
+Shards of mde refine --shard, in one folder or in several: their index.html, index.csv and index.json as one. Shards of mde eval
+--shard: the tables, figures and report of all scenes. It is an error if a shard, a photograph or a scene is missing, double, unfinished,
+or of other settings.")]
 pub(crate) struct MergeArgs {
     /// Folders with shards
     #[arg(value_name = "OUT", required = true)]

@@ -7,9 +7,9 @@ mod allowance;
 mod index;
 mod item;
 pub(crate) mod merge;
-mod shard;
+pub(crate) mod shard;
 
-pub(crate) use index::Row;
+pub(crate) use index::{Row, set_of};
 pub(crate) use shard::Shard;
 
 use crate::args::RefineArgs;
@@ -45,7 +45,7 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
     };
     let paths = photographs::all(&args.photographs())?;
     let names = folders(paths.iter().map(|path| &**path), &index::RESERVED);
-    let set = index::set_of(&names);
+    let set = set_of(&names);
     let mut items: Vec<Item> =
         paths.into_iter().zip(names).map(|(path, folder)| Item { path, folder }).collect();
     let whole = items.len();
