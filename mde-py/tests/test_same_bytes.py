@@ -108,7 +108,9 @@ def test_an_interval_and_the_exports(photo_file, network, arguments, mde, tmp_pa
 
 
 def test_known_depths_give_the_scale(photo, photo_file, network, arguments, mde, tmp_path):
-    known = np.array([[5, 6, 2.0, 0.01], [40, 30, 2.5, 0.02], [50, 8, 3.0, 0], [20, 40, 2.2, 0.05]])
+    before = mdenerf.refine(photo, **network).depth
+    places = [(5, 6, 1.02, 0.01), (40, 30, 0.99, 0.02), (50, 8, 1.01, 0), (20, 40, 0.97, 0.05), (33, 20, 1.0, 0)]
+    known = np.array([[x, y, 1.5 * noise * before[y, x], sigma] for x, y, noise, sigma in places])
     table = tmp_path / "known.csv"
     table.write_text("x,y,depth,sigma\n" + "".join(",".join(f"{value!r}" for value in row) + "\n" for row in known.tolist()))
     mde("refine", photo_file, *arguments, "--scale-from", table, "--export", "sigma", "-o", tmp_path / "out")
