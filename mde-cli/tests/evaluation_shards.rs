@@ -92,7 +92,8 @@ fn merged_shards_are_the_whole_evaluation() {
     copy(&place.path("whole/scenes"), &place.path("kept/scenes"));
     fs::copy(place.path("whole/eval.json"), place.path("kept/eval.json")).unwrap();
     for shard in ["3/3", "1/3", "2/3"] {
-        eval(&place, &format!("--shard {shard} -o kept")).code(3);
+        // One of these has no scene.
+        eval(&place, &format!("--shard {shard} -o kept")).code(predicate::in_iter([0, 3]));
     }
     place.mde("merge kept -q").assert().code(3);
     assert_eq!(summary(&place.path("kept")), summary(&place.path("whole")));

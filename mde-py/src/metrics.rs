@@ -82,14 +82,13 @@ pub(crate) fn calibration_errors(errors: List<'_>, sigma: List<'_>) -> PyResult<
     Ok((found.mean, found.root_mean_square, found.area))
 }
 
+/// Pairs of sigma and cost, and their correlation.
+type Bins = (Vec<(f64, f64)>, Option<f64>);
+
 /// Mean sigma and mean cost by percentile of sigma, and their Spearman correlation.
 #[pyfunction]
 #[pyo3(signature = (costs, sigma, bins))]
-pub(crate) fn costs_by_sigma(
-    costs: List<'_>,
-    sigma: List<'_>,
-    bins: usize,
-) -> PyResult<(Vec<(f64, f64)>, Option<f64>)> {
+pub(crate) fn costs_by_sigma(costs: List<'_>, sigma: List<'_>, bins: usize) -> PyResult<Bins> {
     let found =
         sparsification::costs_by_uncertainty(&values(&costs), &values(&sigma), bins).map_err(raise)?;
     let correlation = sparsification::spearman_of_bins(&found).map_err(raise)?;

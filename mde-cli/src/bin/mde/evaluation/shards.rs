@@ -226,7 +226,7 @@ fn in_order<'s>(warnings: Vec<String>, scenes: impl Iterator<Item = &'s str>) ->
     let places: BTreeMap<&str, usize> = scenes.enumerate().map(|(place, scene)| (scene, place + 1)).collect();
     let place = |warning: &str| {
         let ends = warning.char_indices().filter(|(_, c)| [' ', ':'].contains(c)).map(|(end, _)| end);
-        ends.filter_map(|end| places.get(&warning[..end])).last().copied().unwrap_or_default()
+        ends.filter_map(|end| places.get(&warning[..end])).next_back().copied().unwrap_or_default()
     };
     let mut placed: Vec<(usize, String)> =
         warnings.into_iter().map(|warning| (place(&warning), warning)).collect();
