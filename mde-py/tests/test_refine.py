@@ -312,3 +312,17 @@ def test_a_forked_process_refines_too(photo, depth):
     os.close(write)
     assert os.read(read, 64) == expected.depth.tobytes()[:64]
     os.waitpid(child, 0)
+
+
+def test_a_map_from_a_file_is_known_by_its_metadata(photo, photo_file, depth, mde, tmp_path):
+    """Its unit, and that its bits are few."""
+    result = mdenerf.refine(photo, depth=depth, kind="depth", **FAST)
+    saved = result.save(tmp_path / "out", report=False)
+    with pytest.warns(mdenerf.RefinementWarning, match='have the unit "unscaled".*kind="metric"'):
+        again = mdenerf.refine(photo, depth=saved / "depth.png", **FAST)
+    assert again.unit == "unscaled"
+    assert mdenerf.refine(photo, depth=saved / "depth.png", kind="metric", **FAST).unit == "m"
+    pillow = pytest.importorskip("PIL.Image")
+    pillow.fromarray(np.uint8(np.clip(500 / depth, 0, 255))).save(tmp_path / "few.png")
+    with pytest.warns(mdenerf.RefinementWarning, match="8 bits hold 256 levels"):
+        mdenerf.refine(photo, depth=tmp_path / "few.png", kind="disparity", **FAST)

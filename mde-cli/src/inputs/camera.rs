@@ -1,8 +1,11 @@
 //! The camera of a photograph: given, from its EXIF, or assumed.
 
+use super::PriorOrigin;
 use crate::error::text;
 use crate::{CaptureReport, Error, Intrinsics, Naming, Result};
+use mde_prior::DepthPrior;
 use mde_warp::PinholeCamera;
+use ndarray::ArrayView3;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -155,6 +158,28 @@ impl KnownCamera {
     /// Focal length / width, where it is not assumed.
     pub fn focal(&self) -> Option<f64> {
         (!self.is_assumed()).then(|| self.camera.fx / self.camera.width as f64)
+    }
+
+    /// In the place of an assumed camera, that which a network estimates for an image `[height, width, 3]`, where it estimates one. It takes
+    /// a prediction.
+    ///
+    /// # Errors
+    /// [`Error::Prior`] where the network fails, [`Error::Argument`] for what is no camera.
+    pub fn by_network(
+        &self,
+        prior: &dyn DepthPrior,
+        origin: &PriorOrigin,
+        image: ArrayView3<'_, f32>,
+    ) -> Result<Option<Self>> {
+        if !(self.is_assumed() && origin.has_camera()) {
+            return Ok(None);
+        }
+        let Some([fx, fy, cx, cy]) = prior.predict(image)?.intrinsics else { return Ok(None) };
+        let (height, width, _) = image.dim();
+        let camera = PinholeCamera::new(fx, fy, cx, cy, width, height).map_err(|error| {
+            Error::Argument(format!("{}: its own camera: {}", origin.source, text(&error)))
+        })?;
+        Ok(Some(Self { camera, source: CameraSource::Network }))
     }
 
     /// Takes the camera that was estimated for a photograph of a capture, if one was.

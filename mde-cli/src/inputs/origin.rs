@@ -43,6 +43,19 @@ impl PriorOrigin {
         Self { form, kind, source: source.into(), model: None, runtime: None, model_hash: None }
     }
 
+    /// Whether it is a network that estimates the camera too.
+    pub fn has_camera(&self) -> bool {
+        self.model.as_ref().is_some_and(|spec| spec.camera_output.is_some() || spec.recover_shift)
+    }
+
+    /// The origin of predictions for cameras of that focal length / width, where it is known: a network whose metres depend on it has some
+    /// only then.
+    #[must_use]
+    pub fn at_focal(&self, focal: Option<f64>) -> Self {
+        let metric = self.model.as_ref().filter(|spec| spec.canonical_focal.is_some() && focal.is_some());
+        Self { kind: metric.map_or(self.kind, |spec| spec.output), ..self.clone() }
+    }
+
     /// Whether it predicts the depth of new images.
     pub fn predicts(&self) -> bool {
         matches!(self.form, PriorForm::Network | PriorForm::Callable)

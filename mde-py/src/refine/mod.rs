@@ -9,8 +9,8 @@ use crate::settings::{ErrorBar, Settings};
 use crate::worker::{self, Link, Request};
 pub(crate) use inputs::{Arguments, given};
 use inputs::{Inputs, capture};
-use mde_cli::inputs::{CameraSource, KnownCamera};
-use mde_cli::mde_warp::{PinholeCamera, Pose};
+use mde_cli::mde_prior::Timed;
+use mde_cli::mde_warp::Pose;
 use mde_cli::nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion};
 use mde_cli::results::{Finish, TrainingCurve, follow};
 use mde_cli::{Event, Naming, Stages, refine as refine_one, refine_capture};
@@ -143,21 +143,17 @@ impl Run<'_> {
         let mut opened = inputs.open(settings, &mut watch)?;
         let several = opened.len() > 1;
         let mut known = opened[0].known.resized(opened[0].size).map_err(message)?;
-        if known.is_assumed()
-            && !several
-            && let Some([fx, fy, cx, cy]) = prior.camera(opened[0].image.view()).map_err(message)?
-        {
-            let (height, width) = opened[0].size;
-            let camera = PinholeCamera::new(fx, fy, cx, cy, width, height).map_err(message)?;
-            known = KnownCamera { camera, source: CameraSource::Network };
+        if !several && let Some(own) = prior.camera(opened[0].image.view(), &known).map_err(message)? {
+            known = own;
             opened[0].known = known.resized(opened[0].original).map_err(message)?;
         }
         let first = &opened[0];
-        let origin = prior.origin(known.focal());
-        let (bound, warning) =
+        let origin = prior.origin.at_focal(known.focal());
+        let (bound, warnings) =
             prior.bind(link, first.original, first.size, known.focal()).map_err(message)?;
-        watch.warnings.extend(warning);
-        let mut stages = Stages::new(&bound);
+        watch.warnings.extend(warnings);
+        let timed = Timed::new(&bound);
+        let mut stages = Stages::new(&timed);
         if let Some(budget) = settings.budget {
             stages = stages.with_budget(budget);
         }
@@ -187,7 +183,7 @@ impl Run<'_> {
         };
         let mut warn = |warning| watch.warnings.push(warning);
         let result = finish.apply(refinement, 0, &mut known, &mut warn).map_err(message)?;
-        let seconds = (start.elapsed().as_secs_f64(), bound.seconds());
+        let seconds = (start.elapsed().as_secs_f64(), timed.seconds());
         let input = &inputs.photographs[0].name;
         Done { origin, settings, watch, result, known, capture, input, image, seconds }.outcome()
     }
