@@ -59,6 +59,10 @@ const LEAST_WEIGHT: f64 = 1e-6;
 /// Standard deviation of a normal distribution over its median absolute deviation.
 const NORMAL: f64 = 1.4826;
 
+/// Components of sigma: the errors of the map to known depths, and of the factor to a scale in common.
+const SCALE: &str = "scale";
+const SAME_SCALE: &str = "same-scale";
+
 /// A line with its covariance.
 struct Line {
     affine: Affine,
@@ -140,9 +144,51 @@ impl Refinement {
         };
         let errors =
             pairs.iter().filter_map(|&(z, _, v, _)| mapped(z).map(|(new, ..)| (new / v - 1.0).abs()));
-        let (median_error, mut scale) = (median(errors), Array2::from_elem((height, width), f32::INFINITY));
+        let median_error = median(errors);
+        let (refined, sigma) = self.mapped(SCALE, mapped)?;
+        let Affine { a, b } = line.affine;
+        let report = ScaleReport {
+            of_disparity,
+            a,
+            b,
+            points: pairs.len(),
+            outliers: line.outliers,
+            median_error,
+            sigma,
+        };
+        Ok((refined, report))
+    }
+
+    /// The refinement times a factor whose logarithm has the standard deviation `log_sigma`: depth, prior, sigma and its components.
+    /// The factor's error, `log_sigma` times the depth, becomes a part of sigma and of the component `same-scale`.
+    ///
+    /// # Errors
+    /// [`Error::Scale`] for a factor that is not positive and finite, or a deviation that is negative or not finite.
+    pub fn scaled(self, factor: f64, log_sigma: f64) -> Result<Self> {
+        let usable = factor > 0.0 && factor.is_finite() && log_sigma >= 0.0 && log_sigma.is_finite();
+        if !usable {
+            return Err(Error::Scale(format!(
+                "the factor {factor} +- {log_sigma} (of its logarithm) is no positive number; give one with the deviation of its logarithm"
+            )));
+        }
+        let mapped = |z: f64| {
+            let depth = factor * z;
+            let usable = depth.is_finite() && (depth as f32) > 0.0;
+            usable.then_some((depth, factor, (log_sigma * depth).powi(2)))
+        };
+        Ok(self.mapped(SAME_SCALE, mapped)?.0)
+    }
+
+    /// Each depth by a map that gives the new one, the map's derivative, and its variance, which becomes a part of sigma and of the
+    /// component of that name; and that part's median, as a fraction of the depth.
+    fn mapped(
+        self,
+        name: &'static str,
+        mapped: impl Fn(f64) -> Option<(f64, f64, f64)>,
+    ) -> Result<(Self, Option<f64>)> {
+        let mut scale = Array2::from_elem(self.depth.dim(), f32::INFINITY);
         let old = self.depth.mean().to_owned();
-        let mut slopes = Array2::zeros((height, width));
+        let mut slopes = Array2::zeros(old.dim());
         ndarray::Zip::from(&mut scale).and(&mut slopes).and(&old).for_each(|scale, slope: &mut f32, &z| {
             if let Some((_, derivative, variance)) = (z > 0.0).then(|| mapped(f64::from(z))).flatten() {
                 (*scale, *slope) = (variance.sqrt() as f32, derivative as f32);
@@ -176,19 +222,12 @@ impl Refinement {
             .collect();
         let sigma =
             median(scale.iter().zip(&depth).filter(|(_, z)| **z > 0.0).map(|(s, z)| f64::from(s / z)));
-        components.push(Component { name: "scale", sigma: scale });
-        let Affine { a, b } = line.affine;
-        let report = ScaleReport {
-            of_disparity,
-            a,
-            b,
-            points: pairs.len(),
-            outliers: line.outliers,
-            median_error,
-            sigma,
-        };
+        match components.iter_mut().find(|part| part.name == name) {
+            Some(part) => part.sigma.zip_mut_with(&scale, |all, own| *all = all.hypot(*own)),
+            None => components.push(Component { name, sigma: scale }),
+        }
         let depth = GaussianDepth::new(depth, variance)?;
-        Ok((Self { depth, components, prior: self.prior.mapv(new), ..self }, report))
+        Ok((Self { depth, components, prior: self.prior.mapv(new), ..self }, sigma))
     }
 }
 
@@ -336,6 +375,45 @@ mod tests {
         }
         assert!((150..=196).contains(&within), "{within} of 200");
         assert!((0.015..0.06).contains(&median(ratio.iter().copied()).unwrap()));
+    }
+
+    proptest! {
+        /// Depth, prior, sigma and components times the factor; its error adds to sigma, and to the component that is there.
+        #[test]
+        fn a_factor_scales_everything(factor in 0.1..10.0_f64, log_sigma in 0.0..0.3_f64, seed in 0..20_u64) {
+            let mut depth = scene(seed);
+            depth[(3, 4)] = 0.0;
+            let before = refinement(&depth, 0.05);
+            let (old, old_sigma) = (before.depth.mean().to_owned(), before.depth.sigma());
+            let once = before.scaled(factor, log_sigma).unwrap();
+            let near = |a: f32, b: f64| (f64::from(a) - b).abs() <= 1e-5 * b.abs();
+            for (at, z) in old.indexed_iter().map(|(at, z)| (at, f64::from(*z))) {
+                let sigma = once.depth.sigma()[at];
+                if z == 0.0 {
+                    prop_assert!(once.depth.mean()[at] == 0.0 && sigma.is_infinite());
+                    continue;
+                }
+                prop_assert!(near(once.depth.mean()[at], factor * z) && near(once.prior[at], factor * z));
+                prop_assert!(near(once.components[0].sigma[at], factor * f64::from(old_sigma[at])));
+                prop_assert!(near(once.components[1].sigma[at], log_sigma * factor * z));
+                prop_assert!(near(sigma, (factor * f64::from(old_sigma[at])).hypot(log_sigma * factor * z)));
+            }
+            let twice = once.scaled(1.0 / factor, log_sigma).unwrap();
+            prop_assert_eq!(twice.components.iter().map(|part| part.name).collect::<Vec<_>>(), ["spread", "same-scale"]);
+            let expected = 2.0_f64.sqrt() * log_sigma * f64::from(old[(9, 9)]);
+            prop_assert!(near(twice.components[1].sigma[(9, 9)], expected));
+        }
+    }
+
+    #[test]
+    fn what_is_no_factor_is_refused() {
+        let depth = scene(0);
+        for (factor, log_sigma) in
+            [(0.0, 0.1), (f64::NAN, 0.1), (f64::INFINITY, 0.1), (2.0, -0.1), (2.0, f64::NAN)]
+        {
+            let refused = refinement(&depth, 0.05).scaled(factor, log_sigma).err().unwrap().to_string();
+            assert!(refused.contains("no positive number"), "{refused}");
+        }
     }
 
     #[test]

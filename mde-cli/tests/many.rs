@@ -5,8 +5,10 @@
 mod common;
 
 use common::{Place, names};
+use mde_cli::mde_prior::format::{ReadOptions, read_values};
 use mde_cli::mde_prior::photo::write_image;
 use mde_eval::scene::{Room, room};
+use ndarray::{ArrayView3, s};
 use predicates::prelude::*;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -143,6 +145,7 @@ fn what_is_for_one_photograph_is_refused_in_a_line() {
         (format!("refine shots {MODEL} --views shots -o out"), "--views"),
         (format!("refine shots {MODEL} --budget 3 -o out"), "--budget"),
         ("refine shots --prior-depth depth.npy -o out".to_owned(), "--prior-depth"),
+        (format!("refine shots/00.png {MODEL} --same-scale -o out"), "--same-scale"),
         ("merge empty".to_owned(), "holds no shard"),
     ] {
         let refused = place.mde(&arguments).assert().code(1);
@@ -223,4 +226,80 @@ fn shards_join_to_what_one_run_has() {
     place.mde("merge parts").assert().success();
     fs::remove_file(place.path("parts/03/finished.json")).unwrap();
     place.mde("merge parts").assert().code(1).stderr(predicate::str::contains("parts/03"));
+}
+
+/// `burst/`: a room at four exposures, which the network takes for four depths, one of them cropped; and another room.
+fn burst() -> Place {
+    let place = place(0);
+    fs::create_dir(place.path("burst")).unwrap();
+    let write = |name: &str, image: ArrayView3<'_, f32>| {
+        write_image(place.path(&format!("burst/{name}.png")), image).unwrap();
+    };
+    let scene = room(Room::ALL[0], 3, 224, 168).unwrap();
+    for (name, gain) in [("a", 1.0), ("b", 0.8), ("c", 0.64)] {
+        write(name, (&scene.image * gain).view());
+    }
+    write("d", (&scene.image.slice(s![14..154, 12..212, ..]) * 0.9).view());
+    write("e", room(Room::ALL[1], 8, 224, 168).unwrap().image.view());
+    place
+}
+
+#[test]
+fn the_same_scale_is_found_recorded_and_resumed() {
+    let place = burst();
+    let refine = |more: &str, out: &str| format!("refine burst {MODEL} --predictions 1 {more} -o {out}");
+    place.mde(&refine("", "plain")).assert().success();
+    let same = "--same-scale";
+    let run = place.mde(&refine(same, "out")).assert().success();
+    let text = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+    assert!(text.contains("1 of 5 photographs: --same-scale: matches no other photograph"), "{text}");
+
+    // The photographs of one room get the factors of their exposures, with a mean of 1. Cropped, with the same field of view, a room is
+    // nearer.
+    let rows = index(&place.path("out"))["photographs"].as_array().unwrap().clone();
+    let factor = |i: usize| rows[i]["same_scale"].as_f64().unwrap();
+    for (i, gain) in [(1, 0.8), (2, 0.64), (3, 0.9 * 224.0 / 200.0)] {
+        let error = factor(i) / factor(0) * gain;
+        assert!((error - 1.0).abs() < 0.04, "{i}: {error}");
+    }
+    assert!(((0..4).map(|i| factor(i).ln()).sum::<f64>()).abs() < 1e-9);
+    let groups: Vec<u64> = rows.iter().map(|row| row["same_scale_group"].as_u64().unwrap()).collect();
+    assert_eq!((groups, factor(4)), (vec![0, 0, 0, 0, 1], 1.0));
+    let table = fs::read_to_string(place.path("out/index.csv")).unwrap();
+    assert!(table.lines().next().unwrap().ends_with(",same_scale,same_scale_sigma,same_scale_group"));
+
+    // The maps are those without the flag, times the factor.
+    for (i, name) in ["a", "b", "c", "d", "e"].iter().enumerate() {
+        let map =
+            |out: &str| read_values(place.path(&format!("{out}/{name}/depth.npy")), &ReadOptions::default());
+        for (scaled, plain) in map("out").unwrap().iter().zip(&map("plain").unwrap()) {
+            assert!((f64::from(*scaled) - factor(i) * f64::from(*plain)).abs() <= 1e-5 * f64::from(*scaled));
+        }
+        let record = fs::read_to_string(place.path(&format!("out/{name}/run.json"))).unwrap();
+        let found = serde_json::from_str::<Value>(&record).unwrap()["same_scale"].clone();
+        assert!((found["factor"].as_f64().unwrap() / factor(i) - 1.0).abs() < 1e-12);
+        assert_eq!(found["photographs"].as_u64(), Some(if i < 4 { 4 } else { 1 }));
+        assert_eq!(found["log_sigma"].as_f64().unwrap() > 0.0, i < 4);
+    }
+
+    // One thread, shards, and a run that is continued have the same bytes.
+    let expected = all(&place.path("out"));
+    place.mde(&refine("--same-scale --threads 1 -q", "one")).assert().success();
+    assert!(all(&place.path("one")) == expected);
+    for shard in ["1/2", "2/2"] {
+        place.mde(&refine(&format!("--same-scale -q --shard {shard}"), "parts")).assert().success();
+    }
+    assert!(all(&place.path("parts")) == expected);
+    fs::remove_file(place.path("out/b/finished.json")).unwrap();
+    let again = place.mde(&refine(same, "out")).assert().success();
+    again.stdout(predicate::str::contains("1 refined, 4 finished before"));
+    assert!(all(&place.path("out")) == expected);
+
+    // One that can't be read is a row; without another the factors are others, and only they are refined again.
+    fs::write(place.path("burst/c.png"), "no picture").unwrap();
+    place
+        .mde(&refine(same, "out"))
+        .assert()
+        .code(3)
+        .stdout(predicate::str::contains("3 refined, 1 finished before, 1 failed"));
 }

@@ -6,7 +6,10 @@ use crate::error::text;
 use crate::inputs::{Known, KnownCamera, PriorOrigin, Scaled};
 use crate::pictures16::{DepthPng, METRES};
 use crate::{Component, Config, Error, Naming, Refinement, Result};
+use mde_mvs::poses::LogFactor;
 use mde_prior::DepthKind;
+use mde_uncertainty::statistics::median;
+use serde::Serialize;
 
 /// Unit of a result with several photographs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -16,6 +19,40 @@ pub enum Unit {
     Prior,
     /// That of the poses that the photographs came with.
     Capture,
+}
+
+/// The factor of a photograph's prediction that brings it to one scale with others; in the record, of the refined map.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SameScale {
+    /// The factor.
+    pub factor: f64,
+    /// Standard deviation of its logarithm, relative to the mean over the group.
+    pub log_sigma: f64,
+    /// Number of the photographs that share a scale, from 0; not in the record, as it changes with other photographs.
+    #[serde(skip)]
+    pub group: usize,
+    /// Photographs in the group.
+    pub photographs: usize,
+}
+
+impl From<LogFactor> for SameScale {
+    fn from(found: LogFactor) -> Self {
+        let LogFactor { log, sigma, component, photographs } = found;
+        Self { factor: log.exp(), log_sigma: sigma, group: component, photographs }
+    }
+}
+
+impl SameScale {
+    /// What a photograph's results depend on.
+    pub fn key(&self) -> String {
+        // Bits, as texts of numbers may differ.
+        format!("{:016x} {:016x} {}", self.factor.to_bits(), self.log_sigma.to_bits(), self.photographs)
+    }
+
+    /// Whether no other photograph has this scale.
+    pub fn is_alone(&self) -> bool {
+        self.photographs < 2
+    }
 }
 
 /// What a refinement becomes a result by.
@@ -29,6 +66,8 @@ pub struct Finish<'f> {
     pub error_bar: &'f ErrorBar,
     /// Depths that give the scale.
     pub known: Option<&'f Known>,
+    /// The scale in common with other photographs.
+    pub same_scale: Option<SameScale>,
     /// The requested unit.
     pub unit: Unit,
     /// How warnings name arguments.
@@ -45,6 +84,8 @@ pub struct Finished {
     pub stated: Stated,
     /// How known depths gave the scale.
     pub scaled: Option<Scaled>,
+    /// The factor to the scale in common with other photographs, of the refined map.
+    pub same_scale: Option<SameScale>,
     /// Unit and scale of `depth.png`.
     pub png: DepthPng,
 }
@@ -65,7 +106,7 @@ impl Finish<'_> {
     /// for it. Warnings go to `warn`, but for that of [`DepthPng`].
     ///
     /// # Errors
-    /// [`Error::Argument`] for known depths that give no scale, and those of [`ErrorBar::apply`] and [`Refinement::in_capture_unit`].
+    /// [`Error::Argument`] for known depths that give no scale, [`Error::Scale`] for a factor that is none, and those of [`ErrorBar::apply`] and [`Refinement::in_capture_unit`].
     pub fn apply(
         &self,
         mut refinement: Refinement,
@@ -103,6 +144,14 @@ impl Finish<'_> {
             let map = refinement.depth.mean().mapv(|z| if z > 0.0 { relative * z } else { f32::INFINITY });
             refinement.components.push(Component { name: "scale", sigma: map });
         }
+        let mut same_scale = self.same_scale;
+        if let Some(found) = same_scale.as_mut().filter(|found| !found.is_alone()) {
+            // The factor is that of the plain prediction; the merged one differs by another.
+            let both = refinement.prior.iter().zip(refinement.depth.mean());
+            let both = both.filter(|(prior, z)| **prior > 0.0 && **z > 0.0);
+            found.factor *= median(both.map(|(prior, z)| f64::from(*prior) / f64::from(*z))).unwrap_or(1.0);
+            refinement = refinement.scaled(found.factor, found.log_sigma)?;
+        }
         let mut scaled = None;
         if let Some(known) = self.known {
             let of_disparity = !origin.kind.is_depth();
@@ -117,6 +166,6 @@ impl Finish<'_> {
         stated.warnings.iter().cloned().for_each(&mut *warn);
         let unit = self.unit();
         let png = DepthPng::new(unit, refinement.depth.mean().iter().copied());
-        Ok(Finished { refinement, unit, stated, scaled, png })
+        Ok(Finished { refinement, unit, stated, scaled, same_scale, png })
     }
 }

@@ -12,5 +12,5 @@ pub mod preview;
 mod record;
 
 pub use error_bar::{ErrorBar, Interval, ScaleError, Stated};
-pub use finish::{Finish, Finished, Unit};
+pub use finish::{Finish, Finished, SameScale, Unit};
 pub use record::{About, RunRecord, TrainingCurve, follow, versions};

@@ -1,6 +1,6 @@
 //! `run.json`: the record of a run.
 
-use super::{Finished, Stated};
+use super::{Finished, SameScale, Stated};
 use crate::inputs::{KnownCamera, PriorOrigin, Scaled};
 use crate::{AugmentationReport, CaptureReport, IterationReport};
 use mde_nerf::FieldEvent;
@@ -55,6 +55,9 @@ pub struct RunRecord<'r, S: Serialize> {
     /// Scale by known depths.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scale: Option<&'r Scaled>,
+    /// One scale for many photographs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub same_scale: Option<&'r SameScale>,
     /// The iterations of the loop.
     pub iterations: &'r [IterationReport],
     /// Curves of the fit of every iteration.
@@ -89,6 +92,7 @@ impl<'r, S: Serialize> RunRecord<'r, S> {
             error_bar: &result.stated,
             capture: refinement.capture.as_ref(),
             scale: result.scaled.as_ref(),
+            same_scale: result.same_scale.as_ref(),
             iterations: &refinement.iterations,
             training,
             scores: None,

@@ -16,6 +16,8 @@
 //! [`refine_poses`] improves given poses by the same adjustment, with the poses themselves as a prior, and keeps the result only
 //! where matches that had no part in it fit better.
 //!
+//! [`Prepared::log_ratio`] and [`common_scale`] need no poses: they bring the priors of a burst or a video to one scale.
+//!
 //! Poses map the reference's frame to the camera's, in the unit of the reference's prior.
 
 mod bundle;
@@ -29,6 +31,7 @@ mod refine;
 mod resection;
 mod roots;
 mod sampling;
+mod scales;
 mod tracks;
 
 pub use depth::{depth_variance, relative_covariance};
@@ -36,6 +39,7 @@ pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses};
 pub use features::{DESCRIPTOR_LENGTH, FeatureConfig, Features, Keypoint};
 pub use matching::{Match, match_features};
 pub use refine::{RefineConfig, Refined, refine_poses};
+pub use scales::{LogFactor, LogRatio, Prepared, common_scale};
 pub use tracks::{Track, TrackPixel};
 
 use crate::{Result, check_map};
@@ -45,6 +49,7 @@ use mde_warp::PinholeCamera;
 use nalgebra::{Point2, Vector2, Vector3};
 use ndarray::{ArrayView2, ArrayView3};
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Longer side of the photographs for which settings in pixels are meant.
 const LONGER_SIDE: f64 = 640.0;
@@ -159,7 +164,7 @@ fn positive(field: &'static str, value: f64) -> Result<()> {
 /// A photograph with its features, as the stages below take it.
 #[derive(Debug)]
 struct Shot<'a> {
-    features: Features,
+    features: Cow<'a, Features>,
     lens: Lens,
     prior: Option<ArrayView2<'a, f32>>,
 }
@@ -179,7 +184,8 @@ impl<'a> Shot<'a> {
             assumed: photograph.focal_assumed,
             noise: width.max(height) as f64 / LONGER_SIDE,
         };
-        Ok(Self { features: Features::detect(photograph.image, settings)?, lens, prior: photograph.prior })
+        let features = Cow::Owned(Features::detect(photograph.image, settings)?);
+        Ok(Self { features, lens, prior: photograph.prior })
     }
 
     /// All photographs' features, in parallel.

@@ -30,13 +30,18 @@ pub(super) struct Motion {
     pub(super) pose: Pose,
     /// Logarithm of that unit's depths over each photograph's prior.
     pub(super) log_scales: [f64; 2],
+    /// Logarithm of the common factor of the assumed focal lengths.
+    pub(super) log_focal: f64,
     /// Cost of the adjustment over its matches.
     cost: f64,
 }
 
 /// Matches of two photographs that obey one epipolar geometry.
 pub(super) fn epipolar(shots: &[Shot], first: usize, second: usize, config: &PosesConfig, seed: u64) -> Pair {
-    let (a, b) = (&shots[first], &shots[second]);
+    epipolar_of([&shots[first], &shots[second]], [first, second], config, seed)
+}
+
+fn epipolar_of([a, b]: [&Shot; 2], [first, second]: [usize; 2], config: &PosesConfig, seed: u64) -> Pair {
     let found = super::matching::match_features(&a.features, &b.features, config.ratio);
     let pixels: Vec<PixelPair> = found
         .iter()
@@ -56,8 +61,17 @@ fn stream(first: usize, second: usize) -> u64 {
 
 /// The same, and the motion from the prior's depth in the first and in the second photograph, of which the better is kept.
 pub(super) fn relate(shots: &[Shot], first: usize, second: usize, config: &PosesConfig, seed: u64) -> Pair {
-    let (a, b) = (&shots[first], &shots[second]);
-    let mut pair = epipolar(shots, first, second, config, seed);
+    relate_two([&shots[first], &shots[second]], [first, second], config, seed)
+}
+
+/// [`relate`] for two photographs of those places.
+pub(super) fn relate_two(
+    [a, b]: [&Shot; 2],
+    [first, second]: [usize; 2],
+    config: &PosesConfig,
+    seed: u64,
+) -> Pair {
+    let mut pair = epipolar_of([a, b], [first, second], config, seed);
     if pair.agreeing.len() < config.min_matches {
         return pair;
     }
@@ -163,7 +177,12 @@ fn adjusted(
         (point.z > 0.0).then(|| Some(point.z.ln() - b.log_prior(&t.views[0].1)?)).flatten()
     })
     .unwrap_or(here);
-    let motion = Motion { pose: bundle.poses[1], log_scales: [here, there], cost: bundle.cost() };
+    let motion = Motion {
+        pose: bundle.poses[1],
+        log_scales: [here, there],
+        log_focal: bundle.log_focal,
+        cost: bundle.cost(),
+    };
     Some((motion, fits))
 }
 

@@ -178,6 +178,7 @@ impl Run<'_> {
             origin: &origin,
             error_bar: &error_bar.0,
             known: inputs.scale.as_ref(),
+            same_scale: None,
             unit: inputs.unit,
             naming: Naming::Keywords,
         };

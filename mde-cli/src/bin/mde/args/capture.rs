@@ -23,6 +23,10 @@ pub(crate) struct SeveralArgs {
     /// Refine every photograph: a folder for each, transforms.json, and cloud.ply of the points that two photographs confirm
     #[arg(long, requires = "views", conflicts_with_all = ["prior_depth", "gt", "rerun"])]
     pub(crate) all: bool,
+    /// Put many photographs of one place, such as a burst or the frames of a video, on one scale: a factor for each, by the points that
+    /// they have in common. Those that match no other keep their own scale. Poses are not needed
+    #[arg(long, conflicts_with_all = ["views", "prior_depth"])]
+    pub(crate) same_scale: bool,
     /// Only part I of N of the photographs, by their names; mde merge joins the parts
     #[arg(long, value_name = "I/N", conflicts_with = "views")]
     pub(crate) shard: Option<Shard>,

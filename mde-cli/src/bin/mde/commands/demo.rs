@@ -78,6 +78,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         keep_photographs: true,
         unit: UnitName::Prior,
         known: None,
+        same_scale: None,
     };
     job.run(&folder, &mut progress)
 }

@@ -24,6 +24,10 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     if photographs::are_many(&args.photographs()) || args.several.shard.is_some() {
         return batch::run(args);
     }
+    ensure!(
+        !args.several.same_scale,
+        "--same-scale: one photograph has no scale in common with another; give several, or a folder, or leave it out"
+    );
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output(&args.image, "-depth"), args.run.force)?;
@@ -93,6 +97,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         capture,
         unit: args.several.unit,
         known,
+        same_scale: None,
         keep_photographs: false,
         image: opened.photo.pixels,
     };

@@ -18,7 +18,7 @@ use mde_cli::inputs::Known;
 use mde_cli::pictures16::{DepthPng, write_confidence};
 use mde_cli::results::export::Exported;
 use mde_cli::results::preview::{Preview, preview, strip};
-use mde_cli::results::{About, ErrorBar, Finish, Finished, RunRecord, TrainingCurve};
+use mde_cli::results::{About, ErrorBar, Finish, Finished, RunRecord, SameScale, TrainingCurve};
 use mde_cli::{
     Capture, Component, Config, Event, Naming, Preset, Refinement, Stages, refine_capture, resume,
 };
@@ -60,6 +60,8 @@ pub(crate) struct Job<'p> {
     pub(crate) unit: UnitName,
     /// Depths that give the scale.
     pub(crate) known: Option<Known>,
+    /// The factor that gives photographs one scale.
+    pub(crate) same_scale: Option<SameScale>,
     /// Whether the photographs are written too, as they are.
     pub(crate) keep_photographs: bool,
     /// Time for the model's predictions.
@@ -213,6 +215,7 @@ impl Job<'_> {
             origin: &self.prior.origin,
             error_bar: &self.error_bar,
             known: self.known.as_ref(),
+            same_scale: self.same_scale,
             unit: self.unit.into(),
             naming: Naming::Flags,
         }

@@ -34,6 +34,12 @@ pub(crate) struct Row {
     pub(crate) seconds: f64,
     /// Unit of the depth.
     pub(crate) unit: String,
+    /// Factor of `--same-scale`.
+    pub(crate) same_scale: Option<f64>,
+    /// Standard deviation of its logarithm.
+    pub(crate) same_scale_sigma: Option<f64>,
+    /// Photographs that share a scale have the same number.
+    pub(crate) same_scale_group: Option<usize>,
     pub(crate) median_depth: Option<f64>,
     /// Median of sigma / depth.
     pub(crate) sigma: Option<f64>,
@@ -187,7 +193,7 @@ impl Index {
     }
 }
 
-const COLUMNS: [&str; 15] = [
+const COLUMNS: [&str; 18] = [
     "photograph",
     "folder",
     "status",
@@ -203,6 +209,9 @@ const COLUMNS: [&str; 15] = [
     "sigma_over_depth_90",
     "missing_pixels",
     "warnings",
+    "same_scale",
+    "same_scale_sigma",
+    "same_scale_group",
 ];
 
 fn csv(rows: &[Row]) -> Result<Vec<u8>> {
@@ -226,6 +235,9 @@ fn csv(rows: &[Row]) -> Result<Vec<u8>> {
             number(row.sigma_90),
             row.missing.to_string(),
             row.warnings.len().to_string(),
+            number(row.same_scale),
+            number(row.same_scale_sigma),
+            row.same_scale_group.map(|group| group.to_string()).unwrap_or_default(),
         ])?;
     }
     Ok(table.into_inner()?)

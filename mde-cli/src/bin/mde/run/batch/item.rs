@@ -1,10 +1,10 @@
 //! One of many photographs: its marker, its refinement, its row.
 
-use super::allowance::Allowance;
+use super::allowance::{Allowance, Taken};
 use super::index::Row;
 use crate::args::RefineArgs;
-use crate::input::camera;
-use crate::input::opened::opened;
+use crate::input::camera::{self, KnownCamera};
+use crate::input::opened::{Opened, opened};
 use crate::input::prior::NamedPrior;
 use crate::input::size::{within, working};
 use crate::output::folder::OutputFolder;
@@ -15,8 +15,8 @@ use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_cli::inputs::size::resized;
 use mde_cli::memory::refine_bytes;
-use mde_cli::results::ErrorBar;
 use mde_cli::results::preview::{depth_picture, sigma_picture_within, usual_range};
+use mde_cli::results::{ErrorBar, SameScale};
 use mde_cli::{Config, Naming, Preset};
 use mde_prior::Timed;
 use mde_prior::photo::{decode_image, image_size, write_rgb_png};
@@ -41,6 +41,8 @@ const FULL: u64 = 60;
 pub(crate) struct Item {
     pub(crate) path: PathBuf,
     pub(crate) folder: String,
+    /// The factor of `--same-scale`.
+    pub(crate) same_scale: Option<SameScale>,
 }
 
 /// What all photographs share.
@@ -77,7 +79,7 @@ pub(crate) fn settings_of(
         Ok(Some(crc32fast::hash(&bytes)))
     };
     let (camera, origin) = (&args.camera, &prior.origin);
-    let settings = json!({
+    let mut settings = json!({
         "versions": versions(), "config": config.to_toml()?, "preset": preset.name(),
         "size": (args.size.max_size, args.size.work_size),
         "camera": (content(&camera.intrinsics)?, camera.intrinsics_base, camera.fx, camera.fy, camera.cx, camera.cy, camera.fov),
@@ -85,6 +87,9 @@ pub(crate) fn settings_of(
         "error_bar": (args.error_bar.interval, content(&args.error_bar.calibration)?),
         "output": (format!("{:?}", args.export.export), args.export.y_up, args.save_field),
     });
+    if args.several.same_scale {
+        settings["same_scale"] = json!(true);
+    }
     // As text: numbers that are read again may differ in their last bit.
     Ok(settings.to_string())
 }
@@ -96,47 +101,77 @@ impl Common<'_> {
         made.unwrap_or_else(|error| Row::failed(item, &crate::message(&error)))
     }
 
-    fn made(&self, item: &Item, progress: &mut Progress) -> Result<Row> {
-        let Self { args, prior, .. } = self;
-        let Item { path, folder } = item;
-        let shown = || path.display().to_string();
+    /// The bytes of a photograph, and the memory of its refinement.
+    pub(super) fn read(&self, item: &Item) -> Result<(Taken<'_>, Vec<u8>)> {
+        let (args, path) = (self.args, &item.path);
         ensure!(path.is_file(), "no such photograph; check the path");
         // By the header alone; what has no header fails when it is decoded.
         let [width, height] = image_size(path).unwrap_or_default();
         let size = within((height, width), args.size.max_size);
         let (rows, columns) = working(size, &args.size);
-        let _taken = self
-            .allowance
-            .take(refine_bytes((rows * columns) as u64, &self.config) + FULL * (width * height) as u64);
-        let start = Instant::now();
-        let bytes = fs::read(path).context("can't be read")?;
-        let made_from = format!("{} {:08x} {}", self.settings, crc32fast::hash(&bytes), bytes.len());
-        let place = self.output.join(folder);
-        if !args.run.force
-            && let Some(row) = finished(&place, &made_from)
-        {
-            return Ok(Row { photograph: shown(), folder: folder.clone(), kept: true, ..row });
-        }
+        let bytes = refine_bytes((rows * columns) as u64, &self.config) + FULL * (width * height) as u64;
+        let taken = self.allowance.take(bytes);
+        Ok((taken, fs::read(path).context("can't be read")?))
+    }
+
+    /// The photograph at the working size, at that of the results where it is larger, and the camera at the working size.
+    pub(super) fn decoded(
+        &self,
+        item: &Item,
+        bytes: Vec<u8>,
+        progress: &mut Progress,
+    ) -> Result<(Opened, Option<Full>, KnownCamera)> {
+        let args = self.args;
         let photo = decode_image(&bytes).map_err(|error| match error {
             mde_prior::Error::Input(reason) => anyhow::anyhow!(reason),
             other => other.into(),
         })?;
         drop(bytes);
-        let mut opened = opened(photo, path, &args.size, &self.config, progress)?;
+        let mut opened = opened(photo, &item.path, &args.size, &self.config, progress)?;
         let mut full = None;
         if let Some(working) = opened.working(&args.size) {
             let camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
             full = Some(Full { image: std::mem::replace(&mut opened, working).photo.pixels, camera });
         }
         let mut camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
-        if let Some(own) = prior.camera(opened.photo.pixels.view(), &camera)? {
+        if let Some(own) = self.prior.camera(opened.photo.pixels.view(), &camera)? {
             if let Some(full) = &mut full {
                 full.take_camera(&own)?;
             }
             camera = own;
         }
+        Ok((opened, full, camera))
+    }
+
+    fn made(&self, item: &Item, progress: &mut Progress) -> Result<Row> {
+        let Self { args, prior, .. } = self;
+        let Item { path, folder, same_scale } = item;
+        let shown = || path.display().to_string();
+        let (_taken, bytes) = self.read(item)?;
+        let start = Instant::now();
+        let mut made_from = format!("{} {:08x} {}", self.settings, crc32fast::hash(&bytes), bytes.len());
+        if let Some(same_scale) = same_scale {
+            made_from = format!("{made_from} {}", same_scale.key());
+        }
+        let place = self.output.join(folder);
+        if !args.run.force
+            && let Some(row) = finished(&place, &made_from)
+        {
+            let same_scale_group = same_scale.map(|found| found.group);
+            return Ok(Row {
+                photograph: shown(),
+                folder: folder.clone(),
+                kept: true,
+                same_scale_group,
+                ..row
+            });
+        }
+        let (opened, full, camera) = self.decoded(item, bytes, progress)?;
         let prior = prior.for_camera(&camera);
         camera.warning(Naming::Flags).into_iter().for_each(|warning| progress.warn(warning));
+        if same_scale.is_some_and(|found| found.is_alone()) {
+            progress.warn("--same-scale: matches no other photograph, and keeps its own scale".to_owned());
+        }
         let job = Job {
             command: "refine",
             input: shown(),
@@ -161,6 +196,7 @@ impl Common<'_> {
             capture: None,
             unit: args.several.unit,
             known: None,
+            same_scale: *same_scale,
             keep_photographs: false,
             image: opened.photo.pixels,
         };
@@ -168,6 +204,7 @@ impl Common<'_> {
             photograph: shown(),
             folder: folder.clone(),
             unit: job.unit().to_owned(),
+            same_scale_group: same_scale.map(|found| found.group),
             ..Row::default()
         };
         job.produce(&OutputFolder::new(&place, true)?, progress, |path, done, progress| {
@@ -187,6 +224,8 @@ impl Row {
         (self.width, self.height) = (camera.camera.width, camera.camera.height);
         (self.fx, self.camera) = (Some(camera.camera.fx), camera.source.name().to_owned());
         self.median_depth = median(depth.mean().iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)));
+        self.same_scale = done.result.same_scale.map(|found| found.factor);
+        self.same_scale_sigma = done.result.same_scale.map(|found| found.log_sigma);
         self.sigma = relative_sigma(depth);
         let sigma = depth.sigma();
         let mut relative: Vec<f32> = depth

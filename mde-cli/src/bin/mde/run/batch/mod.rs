@@ -7,6 +7,7 @@ mod allowance;
 mod index;
 mod item;
 pub(crate) mod merge;
+mod same_scale;
 pub(crate) mod shard;
 
 pub(crate) use index::{Row, set_of};
@@ -47,11 +48,8 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
     let names = folders(paths.iter().map(|path| &**path), &index::RESERVED);
     let set = set_of(&names);
     let mut items: Vec<Item> =
-        paths.into_iter().zip(names).map(|(path, folder)| Item { path, folder }).collect();
+        paths.into_iter().zip(names).map(|(path, folder)| Item { path, folder, same_scale: None }).collect();
     let whole = items.len();
-    if let Some(shard) = &args.several.shard {
-        items.retain(|item| shard.has(&item.folder));
-    }
     let (preset, config) = settings(&args.settings, Preset::Default)?;
     check_place("-o", output)?;
     index::check_folder(output)?;
@@ -78,6 +76,14 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
     };
     let mut found = Index::new(args.several.shard, whole, set, &common.settings);
     found.mark(output)?;
+    if args.several.same_scale {
+        // Of all photographs, so that a shard has the same factors.
+        let factors = same_scale::same_scale(&common, &items, &mut progress)?;
+        items.iter_mut().zip(factors).for_each(|(item, factor)| item.same_scale = Some(factor));
+    }
+    if let Some(shard) = &args.several.shard {
+        items.retain(|item| shard.has(&item.folder));
+    }
     let (next, start) = (AtomicUsize::new(0), Instant::now());
     let state = Mutex::new(State { progress: &mut progress, rows: BTreeMap::new(), refined: 0 });
     // One more than processors: while one is decoded or written, the others keep the processors busy.
@@ -91,13 +97,7 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
             state.lock().unwrap_or_else(PoisonError::into_inner).add(index, made, items.len(), start);
         }
     };
-    std::thread::scope(|scope| {
-        let spawn = |_| std::thread::Builder::new().spawn_scoped(scope, work).is_ok();
-        // A system without threads has this one.
-        if (0..workers).filter(|worker| spawn(*worker)).count() == 0 {
-            work();
-        }
-    });
+    on_threads(workers, &work);
     let rows = state.into_inner().unwrap_or_else(PoisonError::into_inner).rows;
     if interrupt::requested() {
         bail!(mde_cli::Error::Interrupted);
@@ -106,6 +106,17 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
     found.write(output)?;
     warnings(&found.rows, &mut progress);
     finish(&found, output, start.elapsed().as_secs_f64(), &mut progress)
+}
+
+/// Runs `work` on so many threads of its own, and waits for all.
+fn on_threads(count: usize, work: &(impl Fn() + Sync)) {
+    std::thread::scope(|scope| {
+        let spawn = |_| std::thread::Builder::new().spawn_scoped(scope, work).is_ok();
+        // A system without threads has this one.
+        if (0..count).filter(|worker| spawn(*worker)).count() == 0 {
+            work();
+        }
+    });
 }
 
 struct State<'p> {
