@@ -42,6 +42,9 @@ pub fn shrink(image: &Array3<f32>, (height, width): (usize, usize)) -> Array3<f3
 /// An image `[height, width, 3]` in 0 to 1 at another size: means over the pixels that fall together, else the nearest.
 pub fn resized(image: ArrayView3<'_, f32>, width: usize, height: usize) -> Array3<f32> {
     let (rows, columns, _) = image.dim();
+    if (rows, columns) == (height, width) {
+        return image.to_owned();
+    }
     let span = |index: usize, from: usize, to: usize| {
         let first = index * from / to;
         first..((index + 1) * from / to).max(first + 1)

@@ -1,7 +1,7 @@
 //! A raster image with rectangles, text and images.
 
 use font8x8::legacy::BASIC_LEGACY;
-use ndarray::{Array3, ArrayView3, s};
+use ndarray::{Array3, ArrayView3};
 
 /// Red, green, blue.
 pub type Colour = [u8; 3];
@@ -25,11 +25,11 @@ impl Canvas {
         self.pixels.view()
     }
 
-    /// Colours a pixel.
-    pub fn set(&mut self, x: usize, y: usize, colour: Colour) {
-        let (height, width, _) = self.pixels.dim();
-        if x < width && y < height {
-            self.pixels.slice_mut(s![y, x, ..]).iter_mut().zip(colour).for_each(|(old, new)| *old = new);
+    fn set(&mut self, x: usize, y: usize, colour: Colour) {
+        for (channel, value) in colour.into_iter().enumerate() {
+            if let Some(old) = self.pixels.get_mut((y, x, channel)) {
+                *old = value;
+            }
         }
     }
 

@@ -2,6 +2,8 @@
 
 use super::graph::{Graph, Output, Port, Request, image_input};
 use super::runtime::{check_tensors, load, one_line};
+use pulp::{Arch, Simd, WithSimd};
+use std::hint::black_box;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use tract_onnx::prelude::*;
@@ -86,12 +88,27 @@ impl Graph for TractGraph {
         let outputs = self
             .plan(shape, outputs)?
             .run(tvec!(input.into()))
-            .map_err(|e| format!("the model fails at {shape:?} ({}); check its input size", one_line(&e)))?;
+            .map_err(|e| format!("the model fails at {shape:?} ({}); check its input size", one_line(&e)));
+        Arch::new().dispatch(ClearRegisters);
+        let outputs = outputs?;
         outputs.iter().map(|output| floats(output).map_err(|e| one_line(&e))).collect()
     }
 
     fn concurrency(&self) -> usize {
         usize::MAX
+    }
+}
+
+/// Clears the upper halves of the vector registers: tract's matrix kernels end without `vzeroupper`, and then each change between
+/// SSE code, such as ours, and AVX code, such as libm's logarithm, takes some hundred cycles. The compiler ends AVX code with it.
+struct ClearRegisters;
+
+impl WithSimd for ClearRegisters {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        black_box(simd.splat_f32s(black_box(1.0)));
     }
 }
 

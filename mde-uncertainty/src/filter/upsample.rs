@@ -1,5 +1,5 @@
 use crate::{Error, Result};
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView1, ArrayView2};
 
 /// Standard deviation of the nearness in place, in pixels of the small map.
 const NEAR: f64 = 0.75;
@@ -82,31 +82,48 @@ impl<'g> JointUpsampling<'g> {
             return Ok(());
         }
         let (from, down) = taps(y, rows, height);
+        let four = |map: ArrayView2<'_, f32>| from.map(|row| map.row(row).to_vec());
+        let small: Vec<[Vec<f32>; TAPS]> = self.small.iter().map(|channel| four(channel.view())).collect();
+        let large: Vec<ArrayView1<'_, f32>> = self.large.iter().map(|channel| channel.row(y)).collect();
+        let maps: Vec<[Vec<f32>; TAPS]> = maps.iter().map(|map| four(*map)).collect();
         for (x, (at, across)) in self.columns.iter().enumerate() {
             let mut weights = [[0.0_f32; TAPS]; TAPS];
-            for ((weights, &row), &down) in weights.iter_mut().zip(&from).zip(&down) {
-                for ((weight, &column), &across) in weights.iter_mut().zip(at).zip(across) {
-                    let colours = self.small.iter().zip(self.large);
-                    let squared: f32 =
-                        colours.map(|(small, large)| (small[(row, column)] - large[(y, x)]).powi(2)).sum();
-                    *weight = down * across * (super::approximate_exp(squared * self.falloff) + FLOOR);
+            for (k, weights) in weights.iter_mut().enumerate() {
+                let mut squared = [0.0_f32; TAPS];
+                for (small, large) in small.iter().zip(&large) {
+                    let (values, colour) = (values(&small[k], at), large[x]);
+                    squared = std::array::from_fn(|i| squared[i] + (values[i] - colour).powi(2));
                 }
+                *weights = std::array::from_fn(|i| {
+                    down[k] * across[i] * (super::approximate_exp(squared[i] * self.falloff) + FLOOR)
+                });
             }
             for (map, out) in maps.iter().zip(out.iter_mut()) {
-                let (mut sum, mut total) = (0.0, 0.0);
-                for (weights, &row) in weights.iter().zip(&from) {
-                    for (weight, &column) in weights.iter().zip(at) {
-                        let value = map[(row, column)];
-                        if value > 0.0 && value.is_finite() {
-                            sum += weight * value;
-                            total += weight;
-                        }
-                    }
+                let (mut sums, mut totals) = ([0.0_f32; TAPS], [0.0_f32; TAPS]);
+                for (weights, row) in weights.iter().zip(map) {
+                    let values = values(row, at);
+                    // Without a branch, for vector registers.
+                    let known: [bool; TAPS] =
+                        std::array::from_fn(|i| values[i] > 0.0 && values[i] <= f32::MAX);
+                    let weights: [f32; TAPS] =
+                        std::array::from_fn(|i| if known[i] { weights[i] } else { 0.0 });
+                    let values: [f32; TAPS] = std::array::from_fn(|i| if known[i] { values[i] } else { 0.0 });
+                    sums = std::array::from_fn(|i| sums[i] + weights[i] * values[i]);
+                    totals = std::array::from_fn(|i| totals[i] + weights[i]);
                 }
+                let (sum, total) = (sums.iter().sum::<f32>(), totals.iter().sum::<f32>());
                 out[x] = if total > 0.0 { sum / total } else { 0.0 };
             }
         }
         Ok(())
+    }
+}
+
+/// The values of a row at four columns, which are neighbours but at its ends.
+fn values(row: &[f32], at: &[usize; TAPS]) -> [f32; TAPS] {
+    match row.get(at[0]..).and_then(|row| row.first_chunk()) {
+        Some(values) if at[TAPS - 1] == at[0] + TAPS - 1 => *values,
+        _ => at.map(|column| row[column]),
     }
 }
 
