@@ -79,6 +79,9 @@ pub enum Error {
     /// Known depths that give no scale.
     #[error("{0}")]
     Scale(String),
+    /// An argument of a run at fault, or a file that it names.
+    #[error("{0}")]
+    Argument(String),
     /// Camera intrinsics of another layout or size.
     #[error("{0}")]
     Intrinsics(String),
@@ -103,6 +106,20 @@ impl Error {
     pub fn external(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
         Self::External(error.into())
     }
+}
+
+/// An error and its causes, without those that its text contains already.
+pub(crate) fn text(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let more = error.to_string();
+        if !text.contains(&more) {
+            text = format!("{text}: {more}");
+        }
+        cause = error.source();
+    }
+    text
 }
 
 fn io_remedy(source: &std::io::Error) -> &'static str {

@@ -29,10 +29,13 @@ pub mod calibration;
 pub mod capture;
 pub mod config;
 mod error;
+pub mod inputs;
 mod intrinsics;
 pub mod memory;
+mod naming;
 pub mod pictures16;
 pub mod pipeline;
+pub mod results;
 pub mod scale;
 
 pub use augmentation::{AugmentationReport, Component};
@@ -40,6 +43,7 @@ pub use capture::{Capture, CaptureReport, Photograph, PreparedCapture, refine_ca
 pub use config::{Config, MultiViewConfig, Preset, SigmaConfig};
 pub use error::{Error, Result};
 pub use intrinsics::Intrinsics;
+pub use naming::Naming;
 pub use pipeline::{
     Callback, Checkpoint, Event, FieldFactory, FieldRequest, IterationReport, Refinement, Stage,
     StageSeconds, Stages, WarpReport, refine, resume,

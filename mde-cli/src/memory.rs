@@ -1,9 +1,13 @@
 //! Estimates of the memory that a run needs.
 
+mod limit;
+
 use crate::Config;
 use crate::config::{NovelViews, RefinementConfig};
 use mde_mvs::consensus::{ConsensusConfig, reconstruct_bytes};
 use mde_nerf::{FieldConfig, HashFieldConfig, RenderConfig};
+
+pub use limit::MemoryLimit;
 
 /// The program, its threads' tiles and what it allocates at any image size.
 const BASE: u64 = 64 << 20;

@@ -3,7 +3,6 @@
 #![allow(clippy::unwrap_used)]
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::ndarray::{Array2, Array3};
@@ -184,27 +183,4 @@ fn weights_in_another_file_are_named() {
 fn a_prior_can_be_shared_between_threads() {
     fn shared<T: Send + Sync>() {}
     shared::<OnnxPrior>();
-}
-
-/// A processor with vector registers in use changes between SSE and AVX code a hundred times slower.
-#[test]
-#[ignore = "needs the networks and photographs that MDE_SHARED names"]
-fn logarithms_after_a_prediction_take_no_longer_than_before() {
-    let prior =
-        OnnxPrior::open(fixture("grey_nchw.onnx"), &ModelSpec::new(32, 32, DepthKind::Metric)).unwrap();
-    let values: Vec<f32> = (0..20_000).map(|i| 1.0 + (i % 977) as f32).collect();
-    let seconds = || {
-        let start = Instant::now();
-        let sum: f32 = values.iter().map(|v| v.ln()).sum();
-        assert!(sum > 0.0);
-        start.elapsed().as_secs_f64()
-    };
-    let fastest = |times: &mut dyn Iterator<Item = f64>| times.fold(f64::INFINITY, f64::min);
-    let before = fastest(&mut (0..20).map(|_| seconds()));
-    let image = pattern(300, 400);
-    let after = fastest(&mut (0..20).map(|_| {
-        prior.predict(image.view()).unwrap();
-        seconds()
-    }));
-    assert!(after < 8.0 * before, "{after} s after predictions, {before} s before");
 }

@@ -1,21 +1,18 @@
 //! Files: photographs, camera intrinsics, maps and pictures.
 
 use crate::error::raise;
-use colorous::{Gradient, MAGMA, VIRIDIS};
-use mde_cli::Intrinsics;
 use mde_cli::mde_prior::format::{write_npy, write_npz};
-use mde_cli::mde_prior::photo::{decode_image, encode_rgb_png, read_image, write_rgb_png};
+use mde_cli::mde_prior::photo::{decode_image, encode_rgb_png, read_image, write_image, write_rgb_png};
 use mde_cli::mde_uncertainty::GaussianDepth;
-use mde_cli::mde_uncertainty::statistics::quantile_sorted;
+use mde_cli::mde_warp::PinholeCamera;
 use mde_cli::pictures16::{DepthPng, METRES, write_confidence};
-use ndarray::Array3;
+use mde_cli::results::export::{Exported, Format};
+use mde_cli::results::preview::{Preview, depth_picture_within, preview, sigma_picture_within, usual_range};
+use mde_cli::{Intrinsics, Result};
 use numpy::{IntoPyArray, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use std::path::PathBuf;
-
-/// The colour of missing pixels, as in the program's previews.
-const MISSING: [u8; 3] = [128; 3];
+use std::path::{Path, PathBuf};
 
 /// A photograph `[height, width, 3]` in 0 to 1, upright, and its EXIF's focal length in millimetres of 35 mm film.
 #[pyfunction]
@@ -51,33 +48,101 @@ pub(crate) fn save_npy(path: PathBuf, map: PyReadonlyArray2<'_, f32>) -> PyResul
     write_npy(path, map.as_array()).map_err(raise)
 }
 
-/// Writes maps by their names as NPZ.
-#[pyfunction]
-#[pyo3(signature = (path, maps))]
-pub(crate) fn save_npz(path: PathBuf, maps: Vec<(String, PyReadonlyArray2<'_, f32>)>) -> PyResult<()> {
-    let views: Vec<_> = maps.iter().map(|(name, map)| (name.as_str(), map.as_array())).collect();
-    write_npz(path, &views).map_err(raise)
+/// The parts of a result that its folder has.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Saved<'py> {
+    depth: PyReadonlyArray2<'py, f32>,
+    variance: PyReadonlyArray2<'py, f32>,
+    sigma: PyReadonlyArray2<'py, f32>,
+    prior: PyReadonlyArray2<'py, f32>,
+    /// Further maps of files of their names: `lower`, `upper`.
+    more: Vec<(String, PyReadonlyArray2<'py, f32>)>,
+    /// Components of sigma by their names.
+    components: Vec<(String, PyReadonlyArray2<'py, f32>)>,
+    confidence: Option<PyReadonlyArray2<'py, f32>>,
+    evidence: Vec<(String, PyReadonlyArray2<'py, f32>)>,
+    /// sRGB in 0 to 1, `[height, width, 3]`.
+    image: PyReadonlyArray3<'py, f32>,
+    /// Pictures by the names of their files.
+    pictures: Vec<(String, PyReadonlyArray3<'py, u8>)>,
+    /// The photographs above the preview.
+    strip: Vec<PyReadonlyArray3<'py, f32>>,
+    unit: String,
+    /// fx, fy, cx, cy.
+    camera: [f64; 4],
 }
 
-/// Writes `depth.png` and `confidence.png` into a folder.
+/// Writes the files of a result into a folder, and those of the formats that are named.
 #[pyfunction]
-#[pyo3(signature = (folder, depth, variance, unit))]
-pub(crate) fn save_pictures16(
+#[pyo3(signature = (folder, parts, export, y_up))]
+pub(crate) fn save_result(
     folder: PathBuf,
-    depth: PyReadonlyArray2<'_, f32>,
-    variance: PyReadonlyArray2<'_, f32>,
-    unit: &str,
+    parts: Saved<'_>,
+    export: Vec<String>,
+    y_up: bool,
 ) -> PyResult<()> {
-    let unit = match unit {
-        METRES => METRES,
-        "capture" => "capture",
-        _ => "unscaled",
-    };
-    let maps = (depth.as_array().to_owned(), variance.as_array().to_owned());
-    let depth = GaussianDepth::new(maps.0, maps.1).map_err(raise)?;
-    let png = DepthPng::new(unit, depth.mean().iter().copied());
-    png.write(&folder.join("depth.png"), depth.mean()).map_err(raise)?;
-    write_confidence(&folder.join("confidence.png"), &depth).map_err(raise)
+    let formats = export.iter().map(|name| format(name)).collect::<PyResult<Vec<_>>>()?;
+    parts.write(&folder, &formats, y_up).map_err(raise)
+}
+
+fn format(name: &str) -> PyResult<Format> {
+    Format::ALL.into_iter().find(|format| format.name() == name).ok_or_else(|| {
+        raise(format!(
+            "export: {name:?} is no format; give some of {}",
+            Format::ALL.map(Format::name).join(", ")
+        ))
+    })
+}
+
+impl Saved<'_> {
+    fn write(&self, folder: &Path, formats: &[Format], y_up: bool) -> Result<()> {
+        let maps = [("depth", &self.depth), ("sigma", &self.sigma), ("prior", &self.prior)];
+        let more = self.more.iter().map(|(name, map)| (name.as_str(), map));
+        for (name, map) in maps.into_iter().chain(more) {
+            write_npy(folder.join(format!("{name}.npy")), map.as_array())?;
+        }
+        let unit = match self.unit.as_str() {
+            METRES => METRES,
+            "capture" => "capture",
+            _ => "unscaled",
+        };
+        let depth =
+            GaussianDepth::new(self.depth.as_array().to_owned(), self.variance.as_array().to_owned())?;
+        let png = DepthPng::new(unit, depth.mean().iter().copied());
+        png.write(&folder.join("depth.png"), depth.mean())?;
+        write_confidence(&folder.join("confidence.png"), &depth)?;
+        let (image, prior) = (self.image.as_array(), self.prior.as_array());
+        write_image(folder.join("image.png"), image)?;
+        let strip: Vec<_> = self.strip.iter().map(|picture| picture.as_array().to_owned()).collect();
+        let sigma = self.sigma.as_array();
+        let show = Preview { image, prior, refined: depth.mean(), sigma, unit, strip: &strip, truth: None };
+        write_rgb_png(folder.join("preview.png"), preview(&show).pixels())?;
+        for (name, picture) in &self.pictures {
+            write_rgb_png(folder.join(name), picture.as_array())?;
+        }
+        if !self.evidence.is_empty() {
+            let maps: Vec<_> =
+                self.evidence.iter().map(|(name, map)| (name.as_str(), map.as_array())).collect();
+            write_npz(folder.join("evidence.npz"), &maps)?;
+        }
+        let [fx, fy, cx, cy] = self.camera;
+        let (height, width) = depth.dim();
+        let camera = PinholeCamera::new(fx, fy, cx, cy, width, height)?;
+        let components = self.components.iter().map(|(name, map)| (name.as_str(), map.as_array()));
+        let scene = Exported {
+            unit,
+            image,
+            camera: &camera,
+            depth: &depth,
+            prior,
+            components: components.collect(),
+            confidence: self.confidence.as_ref().map(|map| map.as_array()),
+            y_up,
+            png_scale: png.scale,
+        };
+        formats.iter().try_for_each(|format| scene.write(*format, folder))
+    }
 }
 
 /// Writes an image `[height, width, 3]` as PNG.
@@ -105,24 +170,12 @@ pub(crate) fn picture<'py>(
     map: PyReadonlyArray2<'py, f32>,
     colours: &str,
 ) -> PyResult<(Bound<'py, PyArray3<u8>>, [f64; 2])> {
-    let gradient: &Gradient = match colours {
-        "viridis" => &VIRIDIS,
-        "magma" => &MAGMA,
+    let map = map.as_array();
+    let range = usual_range(map.iter());
+    let picture = match colours {
+        "viridis" => depth_picture_within(map, range),
+        "magma" => sigma_picture_within(map, range),
         _ => return Err(raise(format!("colours is {colours:?}; give viridis or magma"))),
     };
-    let map = map.as_array();
-    let known = |value: f32| value.is_finite() && value > 0.0;
-    let mut values: Vec<f32> = map.iter().copied().filter(|value| known(*value)).collect();
-    values.sort_unstable_by(f32::total_cmp);
-    let [low, high] = [0.01, 0.99].map(|p| quantile_sorted(&values, p).unwrap_or(0.0));
-    let mut picture = Array3::zeros((map.nrows(), map.ncols(), 3));
-    for ((y, x), &value) in map.indexed_iter() {
-        let share = if high > low { (f64::from(value) - low) / (high - low) } else { 0.5 };
-        let colour = match known(value) {
-            true => gradient.eval_continuous(share.clamp(0.0, 1.0)).as_array(),
-            false => MISSING,
-        };
-        (0..3).for_each(|c| picture[(y, x, c)] = colour[c]);
-    }
-    Ok((picture.into_pyarray(py), [low, high]))
+    Ok((picture.pixels().to_owned().into_pyarray(py), range))
 }

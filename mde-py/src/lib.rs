@@ -20,21 +20,21 @@ mod _mdenerf {
     use crate::error::Error;
     #[pymodule_export]
     use crate::files::{
-        decode_photo, encode_png, parse_intrinsics, picture, read_photo, save_npy, save_npz, save_pictures16,
-        save_rgb,
+        decode_photo, encode_png, parse_intrinsics, picture, read_photo, save_npy, save_result, save_rgb,
     };
     #[pymodule_export]
     use crate::metrics::{
-        align, boundary_errors, boundary_f1, boundary_matches, coverage, delta, depth_metric, edge_curve,
-        edge_f1, edge_map, ence, mean_gradient, occlusion_f1, ordinal_error, reliability, score_maps,
-        sigma_metric, soft_edge_error, sparsification_curves, spearman, superpixel_order,
+        align, boundary_errors, boundary_f1, boundary_matches, calibration_errors, costs_by_sigma, coverage,
+        delta, depth_metric, edge_curve, edge_f1, edge_map, ence, mean_gradient, mean_gradient_by_edges,
+        occlusion_f1, ordinal_error, reliability, score_maps, sigma_metric, soft_edge_error,
+        sparsification_curves, spearman, superpixel_order,
     };
     #[pymodule_export]
     use crate::prior::Prior;
     #[pymodule_export]
     use crate::refine::{refine, rigid_motion};
     #[pymodule_export]
-    use crate::settings::Settings;
+    use crate::settings::{ErrorBar, Settings};
     #[pymodule_export]
     use crate::stages::{affine_wls, forward_warp, fuse, termination_moments};
 }

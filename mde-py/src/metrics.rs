@@ -74,6 +74,27 @@ pub(crate) fn ence(errors: List<'_>, sigma: List<'_>, bins: usize) -> PyResult<f
     calibration::ence(&values(&errors), &values(&sigma), bins).map_err(raise)
 }
 
+/// Mean, root of the mean square, and area of the distances between observed and nominal coverage.
+#[pyfunction]
+#[pyo3(signature = (errors, sigma))]
+pub(crate) fn calibration_errors(errors: List<'_>, sigma: List<'_>) -> PyResult<(f64, f64, f64)> {
+    let found = calibration::calibration_errors(&values(&errors), &values(&sigma)).map_err(raise)?;
+    Ok((found.mean, found.root_mean_square, found.area))
+}
+
+/// Pairs of sigma and cost, and their correlation.
+type Bins = (Vec<(f64, f64)>, Option<f64>);
+
+/// Mean sigma and mean cost by percentile of sigma, and their Spearman correlation.
+#[pyfunction]
+#[pyo3(signature = (costs, sigma, bins))]
+pub(crate) fn costs_by_sigma(costs: List<'_>, sigma: List<'_>, bins: usize) -> PyResult<Bins> {
+    let found =
+        sparsification::costs_by_uncertainty(&values(&costs), &values(&sigma), bins).map_err(raise)?;
+    let correlation = sparsification::spearman_of_bins(&found).map_err(raise)?;
+    Ok((found.iter().map(|bin| (bin.sigma, bin.cost)).collect(), correlation))
+}
+
 /// Nominal and observed coverage.
 #[pyfunction]
 #[pyo3(signature = (errors, sigma))]
@@ -111,6 +132,20 @@ pub(crate) fn sparsification_curves(
 #[pyo3(signature = (map, mask))]
 pub(crate) fn mean_gradient(map: Map<'_>, mask: Mask<'_>) -> PyResult<f64> {
     sharpness::sharpness(map.as_array(), mask.as_array()).map_err(raise)
+}
+
+/// Mean gradient of a map within a band of pixels about edges, and beyond it.
+#[pyfunction]
+#[pyo3(signature = (map, mask, edges, band))]
+pub(crate) fn mean_gradient_by_edges(
+    map: Map<'_>,
+    mask: Mask<'_>,
+    edges: Mask<'_>,
+    band: f64,
+) -> PyResult<(Option<f64>, Option<f64>)> {
+    let maps = (map.as_array(), mask.as_array(), edges.as_array());
+    let found = sharpness::sharpness_by_edges(maps.0, maps.1, maps.2, band).map_err(raise)?;
+    Ok((found.on, found.off))
 }
 
 /// Edges of a map.

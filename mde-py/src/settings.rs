@@ -76,6 +76,23 @@ impl Settings {
     }
 }
 
+/// The error bar of the results.
+#[pyclass(frozen, module = "mdenerf._mdenerf")]
+pub(crate) struct ErrorBar(pub(crate) mde_cli::results::ErrorBar);
+
+#[pymethods]
+impl ErrorBar {
+    /// The probability of the interval, and the file of a calibration.
+    #[new]
+    #[pyo3(signature = (interval, calibration))]
+    fn new(interval: Option<f64>, calibration: Option<std::path::PathBuf>) -> PyResult<Self> {
+        if let Some(probability) = interval.filter(|probability| !(0.01..=0.99).contains(probability)) {
+            return Err(raise(format!("interval is {probability}; give 0.01 to 0.99, such as 0.9")));
+        }
+        mde_cli::results::ErrorBar::open(interval, calibration.as_deref()).map(Self).map_err(raise)
+    }
+}
+
 fn read(path: &Path) -> PyResult<String> {
     std::fs::read_to_string(path)
         .map_err(|source| raise(mde_cli::Error::Io { path: path.to_owned(), source }))

@@ -47,6 +47,17 @@ def test_metrics_of_sigma():
     assert 0.85 < metrics.coverage(ERROR, SIGMA) < 0.95
     assert metrics.mace(ERROR, SIGMA) < 0.03 < metrics.mace(ERROR, 3 * SIGMA)
     assert metrics.ence(ERROR, SIGMA) < metrics.ence(ERROR, 3 * SIGMA)
+    curve = metrics.reliability(ERROR, SIGMA)
+    misses = curve[:, 1] - curve[:, 0]
+    np.testing.assert_allclose(metrics.rmsce(ERROR, SIGMA), np.sqrt(np.mean(misses**2)))
+    fine = np.linspace(0, 1, 200_001)
+    gap = np.abs(np.interp(fine, *curve.T) - fine)
+    np.testing.assert_allclose(metrics.miscalibration_area(ERROR, SIGMA), np.mean((gap[1:] + gap[:-1]) / 2), rtol=1e-4)
+    bins, correlation = metrics.costs_by_sigma(np.abs(ERROR), SIGMA, bins=2)
+    halves = np.sort(SIGMA.ravel()).reshape(2, -1).mean(axis=1)
+    np.testing.assert_allclose(bins[:, 0], halves)
+    np.testing.assert_allclose(bins[:, 1].mean(), np.abs(ERROR).mean())
+    assert correlation == (1 if bins[1, 1] > bins[0, 1] else -1)
     assert 0 < metrics.crps(ERROR, SIGMA) < metrics.crps(ERROR, 10 * SIGMA)
     table = metrics.reliability(ERROR, SIGMA)
     assert table.shape[1] == 2 and np.abs(table[:, 0] - table[:, 1]).max() < 0.05
@@ -71,6 +82,9 @@ def test_metrics_of_edges_and_order():
     assert metrics.soft_edge_error(TRUTH, TRUTH) == 0 < metrics.soft_edge_error(PREDICTION, TRUTH)
     assert metrics.edges(TRUTH).any(axis=0).nonzero()[0].tolist() == [31, 32]
     assert metrics.sharpness(TRUTH) == metrics.sharpness(2 * TRUTH) > 0
+    near, far = metrics.sharpness_by_edges(TRUTH, metrics.edges(TRUTH))
+    assert near > metrics.sharpness(TRUTH) > far
+    assert metrics.sharpness_by_edges(TRUTH, np.zeros(TRUTH.shape, bool)) == (None, metrics.sharpness(TRUTH))
     d3r, order = metrics.superpixel_order(TRUTH, TRUTH)
     assert order == 0 and d3r in (0, None)
 

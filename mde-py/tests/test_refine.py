@@ -138,6 +138,16 @@ def test_the_camera(photo, depth, tmp_path):
         ({"depth": 1, "intrinsics": "missing.txt"}, "missing.txt"),
         ({"depth": 1, "fov": 200}, "200"),
         ({"depth": 1, "work_size": 0}, "work_size"),
+        ({"depth": 1, "max_memory": 0}, "max_memory is 0; give a positive number of GiB"),
+        ({"depth": 1, "max_memory": 0.01}, "more than max_memory 0.01"),
+        ({"depth": 1, "interval": 1.5}, "interval is 1.5; give 0.01 to 0.99"),
+        ({"depth": 1, "calibration": "missing.toml"}, "missing.toml"),
+        ({"depth": 1, "scale_from": np.ones((3, 2))}, "scale_from has the shape [3, 2]"),
+        ({"depth": 1, "scale_from": np.ones((0, 3))}, "scale_from array: no depth of image"),
+        ({"depth": 1, "scale_from": [[3, 4, -1.0]]}, "scale_from array: the known depth -1"),
+        ({"depth": 1, "scale_from": "missing.csv"}, "scale_from missing.csv: can't be read"),
+        ({"depth": 1, "scale_from": np.ones((3, 3)), "unit": "poses"}, "scale_from gives the unit"),
+        ({"depth": 1, "intrinsics": np.diag([1e-9, 60, 1])}, "fx is 1e-9 pixels"),
         ({"depth": 1, "views": ["a.png"]}, "give a model to use views"),
         ({"model": lambda rgb: rgb}, "model: the depth has the shape [48, 64, 3]"),
         ({"model": lambda rgb: rgb[:5, :6, 0] + 1}, "model: the depth is 6x5 but the image is 64x48"),
@@ -302,3 +312,17 @@ def test_a_forked_process_refines_too(photo, depth):
     os.close(write)
     assert os.read(read, 64) == expected.depth.tobytes()[:64]
     os.waitpid(child, 0)
+
+
+def test_a_map_from_a_file_is_known_by_its_metadata(photo, photo_file, depth, mde, tmp_path):
+    """Its unit, and that its bits are few."""
+    result = mdenerf.refine(photo, depth=depth, kind="depth", **FAST)
+    saved = result.save(tmp_path / "out", report=False)
+    with pytest.warns(mdenerf.RefinementWarning, match='have the unit "unscaled".*kind="metric"'):
+        again = mdenerf.refine(photo, depth=saved / "depth.png", **FAST)
+    assert again.unit == "unscaled"
+    assert mdenerf.refine(photo, depth=saved / "depth.png", kind="metric", **FAST).unit == "m"
+    pillow = pytest.importorskip("PIL.Image")
+    pillow.fromarray(np.uint8(np.clip(500 / depth, 0, 255))).save(tmp_path / "few.png")
+    with pytest.warns(mdenerf.RefinementWarning, match="8 bits hold 256 levels"):
+        mdenerf.refine(photo, depth=tmp_path / "few.png", kind="disparity", **FAST)

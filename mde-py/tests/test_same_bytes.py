@@ -14,6 +14,19 @@ from conftest import NETWORK
 QUICK = "nerf.train = { steps = 40, rays = 64 }\nviews.count = 3\nnovel.count = 2\n"
 
 
+#: All that `mde refine --export` writes.
+FORMATS = ["ply", "glb", "exr", "colmap", "transforms", "sigma"]
+
+
+def same_files(saved, folder):
+    """Whether a saved result has the files of the program's folder, byte for byte but for the record and the report."""
+    files = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
+    assert {path.relative_to(saved) for path in saved.rglob("*") if path.is_file()} == files
+    for name in files:
+        if name.name not in ("run.json", "report.html"):
+            assert (saved / name).read_bytes() == (folder / name).read_bytes(), name
+
+
 def same(result, folder):
     """Whether the maps are those of the program's folder, bit for bit."""
     for name, values in (("depth", result.depth), ("sigma", result.sigma), ("prior", result.prior)):
@@ -59,11 +72,69 @@ def test_a_larger_photograph(depth, network, arguments, mde, tmp_path):
     mde("refine", tmp_path / "large.png", *arguments, "--work-size", 0.002, "--fov", 70, "-o", tmp_path / "out")
     result = mdenerf.refine(image, **network, work_size=0.002, fov=70)
     same(result, tmp_path / "out")
+    same_files(result.save(tmp_path / "saved"), tmp_path / "out")
     mde("refine", tmp_path / "large.png", *arguments, "--max-size", 48, "-o", tmp_path / "small")
     small = mdenerf.refine(tmp_path / "large.png", **network, max_size=48)
     same(small, tmp_path / "small")
+    # Bytes do not hold this photograph: its preview and its colours are of the resized one.
+    same_files(small.save(tmp_path / "saved-small"), tmp_path / "small")
     assert small.depth.shape == (32, 48)
     assert small.camera.width == 48 and any("resized" in text for text in small.run["warnings"])
+
+
+@pytest.fixture(scope="session")
+def calibration(mde, tmp_path_factory):
+    """Of other settings than those of the tests, of which both warn."""
+    folder = tmp_path_factory.mktemp("calibration") / "learned"
+    mde("calibrate", "--dataset", "rooms", "--size", "64x48", "--limit", 3, "--simulated-model", "all", "-o", folder)
+    return folder / "calibration.toml"
+
+
+@pytest.mark.parametrize("calibrated", [False, True])
+def test_an_interval_and_the_exports(photo_file, network, arguments, mde, tmp_path, calibration, calibrated):
+    options = {"interval": 0.8, **({"calibration": calibration} if calibrated else {})}
+    words = [word for name, value in options.items() for word in (f"--{name}", value)]
+    mde("refine", photo_file, *arguments, *words, "--export", ",".join(FORMATS), "--y-up", "-o", tmp_path / "out")
+    with pytest.warns(mdenerf.RefinementWarning, match="calibration .*other" if calibrated else "interval: no calibration"):
+        result = mdenerf.refine(photo_file, **network, **options)
+    same(result, tmp_path / "out")
+    same_files(result.save(tmp_path / "saved", export=FORMATS, y_up=True), tmp_path / "out")
+    assert (result.lower < result.depth).all() and (result.depth < result.upper).all()
+    record = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert result.run["error_bar"] == record["error_bar"]
+    assert (result.run["error_bar"]["factor"] != 1) == calibrated
+    plain = mdenerf.refine(photo_file, **network)
+    assert plain.lower is None and plain.upper is None
+
+
+def test_known_depths_give_the_scale(photo, photo_file, network, arguments, mde, tmp_path):
+    before = mdenerf.refine(photo, **network).depth
+    places = [(5, 6, 1.02, 0.01), (40, 30, 0.99, 0.02), (50, 8, 1.01, 0), (20, 40, 0.97, 0.05), (33, 20, 1.0, 0)]
+    known = np.array([[x, y, 1.5 * noise * before[y, x], sigma] for x, y, noise, sigma in places])
+    table = tmp_path / "known.csv"
+    table.write_text("x,y,depth,sigma\n" + "".join(",".join(f"{value!r}" for value in row) + "\n" for row in known.tolist()))
+    mde("refine", photo_file, *arguments, "--scale-from", table, "--export", "sigma", "-o", tmp_path / "out")
+    by_file = mdenerf.refine(photo_file, **network, scale_from=table)
+    same_files(by_file.save(tmp_path / "saved", export="sigma"), tmp_path / "out")
+    by_array = mdenerf.refine(photo, **network, scale_from=known)
+    same(by_array, tmp_path / "out")
+    record = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert by_file.run["scale"] == record["scale"] and by_array.run["scale"] == {**record["scale"], "from": "array"}
+    assert by_array.unit == record["unit"] == "m" and "scale" in by_array.components
+    without_sigma = mdenerf.refine(photo, **network, scale_from=known[:, :3].tolist())
+    assert without_sigma.unit == "m" and without_sigma.depth.tobytes() != by_array.depth.tobytes()
+
+
+def test_a_colmap_model_gives_the_scale(photo_file, depth, mde, tmp_path):
+    native.save_npy(str(tmp_path / "depth.npy"), depth)
+    prior = ["--prior-depth", tmp_path / "depth.npy", "--preset", "fast"]
+    mde("refine", photo_file, *prior, "--export", "colmap", "-o", tmp_path / "first")
+    model, image = tmp_path / "first" / "colmap", tmp_path / "image.png"
+    image.write_bytes(photo_file.read_bytes())
+    mde("refine", image, *prior, "--scale-from", model, "-o", tmp_path / "out")
+    result = mdenerf.refine(image, depth=tmp_path / "depth.npy", preset="fast", scale_from=model)
+    same_files(result.save(tmp_path / "saved"), tmp_path / "out")
+    assert result.unit == "capture"
 
 
 def test_a_depth_of_another_size(photo, photo_file, mde, tmp_path):
@@ -87,6 +158,7 @@ def test_several_photographs(network, arguments, mde, tmp_path, demo, posed):
     result = mdenerf.refine(photographs[0], views=given, config=quick, **network)
     same(result, tmp_path / "out")
     record = json.loads((tmp_path / "out" / "run.json").read_text())
+    same_files(result.save(tmp_path / "saved"), tmp_path / "out")
     assert result.run["preset"] == "multi-view"
     assert result.run["capture"]["photographs"] == record["capture"]["photographs"]
     assert result.run["camera"]["fx"] == record["camera"]["fx"]

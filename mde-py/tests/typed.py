@@ -25,7 +25,9 @@ def use(photo: NDArray[np.uint8], depth: NDArray[np.float64], folder: Path) -> N
     matrix: NDArray[np.float64] = result.camera.matrix
     sigma: NDArray[np.float32] = result.sigma
     record: dict[str, Any] = result.run
-    saved: Path = result.save(folder / "out", force=True)
+    result = mdenerf.refine(photo, network, scale_from=depth, interval=0.9, calibration=folder / "c.toml", max_memory=4.0)
+    lower: NDArray[np.float32] | None = result.lower
+    saved: Path = result.save(folder / "out", force=True, export=["ply"], y_up=True)
     fit: mdenerf.AffineFit = mdenerf.affine_wls(depth, depth, sigma)
     score: float = mdenerf.metrics.abs_rel(result.depth, depth)
-    del matrix, record, saved, fit, score
+    del lower, matrix, record, saved, fit, score

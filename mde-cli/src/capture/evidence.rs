@@ -64,6 +64,21 @@ impl Evidence {
         Ok(Self { origin, seen: found.visible, confirmed: found.agree })
     }
 
+    /// The three maps as floats, by their names; `origin` is 0 for none, 1 for the prior, 2 for the consensus, 3 for the field.
+    pub fn arrays(&self) -> [(&'static str, Array2<f32>); 3] {
+        let origin = self.origin.mapv(|origin| match origin {
+            Origin::Missing => 0.0,
+            Origin::Prior => 1.0,
+            Origin::Consensus => 2.0,
+            Origin::Field => 3.0,
+        });
+        [
+            ("origin", origin),
+            ("seen", self.seen.mapv(f32::from)),
+            ("confirmed", self.confirmed.mapv(f32::from)),
+        ]
+    }
+
     /// Share of the pixels with a depth that at least one other photograph confirms.
     pub fn confirmed_share(&self) -> f64 {
         let known = self.origin.iter().filter(|origin| **origin != Origin::Missing).count();

@@ -51,6 +51,16 @@ pub enum Error {
         /// Where it should be.
         photograph: PathBuf,
     },
+    /// A photograph that is not one of the capture.
+    #[error("{}: not a photograph of this capture; give one of its {frames}, such as {}", line(photograph.display()), line(some.join(", ")))]
+    Foreign {
+        /// The photograph.
+        photograph: PathBuf,
+        /// Number of the capture's photographs.
+        frames: usize,
+        /// The first of them.
+        some: Vec<String>,
+    },
     /// Too few photographs with poses.
     #[error("{}: {found} photograph(s) with a pose; at least 2 are needed", line(path.display()))]
     TooFew {

@@ -8,10 +8,11 @@
 //!
 //! For every format, a [`Frame`] has a [`Lens`] with pixel centres at integers and a pose from world to camera, and
 //! [`Frame::view`] makes a [`PosedView`] of the decoded photograph with its distortion removed. The readers decode no
-//! photograph: a closure returns the width and height of each, or `None` for a missing one.
+//! photograph: a closure returns the width and height of each, or `None` for a missing one. [`CaptureFiles`] recognises the format.
 
 mod colmap;
 mod error;
+mod files;
 mod lens;
 #[cfg(test)]
 mod tests;
@@ -27,6 +28,7 @@ use ndarray::ArrayView3;
 
 pub use colmap::{SparseDepths, read_colmap, read_colmap_depths};
 pub use error::{Error, Result};
+pub use files::{CaptureFiles, same_file};
 pub use lens::{Distortion, Lens};
 pub use transforms::{PixelCentres, read_transforms, transforms_json, transforms_json_with};
 pub use tum::read_tum;

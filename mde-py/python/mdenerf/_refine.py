@@ -24,6 +24,7 @@ from ._arrays import (
     Views,
     depth_map,
     intrinsics as known_intrinsics,
+    numpy,
     photograph,
     several,
     short_names,
@@ -75,6 +76,14 @@ class Refiner:
     work_size : float
         Refine larger photographs at this many million pixels. The maps of one photograph are brought back to its own size with the
         edges of the photograph; those of several are not.
+    max_memory : float
+        Refuse runs whose estimated memory exceeds this, GiB. That of the model's own inference is not included.
+    interval : float, optional
+        Give each pixel an interval that is meant to contain the true depth with this probability, 0.01 to 0.99: ``Result.lower`` and
+        ``Result.upper``.
+    calibration : path, optional
+        A calibration file of ``mde calibrate``: it scales sigma and intervals. By default that of the package where the model is the one
+        it was estimated with; else intervals assume normally distributed errors.
     threads : int, optional
         Number of threads; by default one per core.
 
@@ -104,6 +113,9 @@ class Refiner:
         onnxruntime: PathLike | None = None,
         max_size: int | None = None,
         work_size: float = 1.5,
+        max_memory: float = 8.0,
+        interval: float | None = None,
+        calibration: PathLike | None = None,
         threads: int | None = None,
     ) -> None:
         self._model = model
@@ -118,9 +130,17 @@ class Refiner:
         self._library = onnxruntime
         self._max_size = max_size
         self._work_size = work_size
+        self._max_memory = max_memory
+        self._interval = interval
+        self._calibration = calibration
         self._threads = threads
         self._settings(False, None)
+        self._error_bar = self._open_error_bar()
         self._prior = self._open()
+
+    def _open_error_bar(self) -> native.ErrorBar:
+        calibration = None if self._calibration is None else os.fspath(self._calibration)
+        return native.ErrorBar(self._interval, calibration)
 
     def _open(self) -> native.Prior | None:
         model = self._model
@@ -136,10 +156,11 @@ class Refiner:
         return native.Prior.callable(name, self._kind or "metric", self._input_size)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_prior"}
+        return {name: value for name, value in self.__dict__.items() if name not in ("_prior", "_error_bar")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
+        self._error_bar = self._open_error_bar()
         self._prior = self._open()
 
     def _settings(self, many: bool, seed: int | None) -> native.Settings:
@@ -162,6 +183,7 @@ class Refiner:
         views: Views | None = None,
         poses: ArrayLike | None = None,
         unit: str = "prior",
+        scale_from: PathLike | ArrayLike | None = None,
         seed: int | None = None,
         progress: Progress | None = None,
     ) -> Result:
@@ -188,6 +210,10 @@ class Refiner:
             World to camera, ``[photographs, 4, 4]``, that of ``image`` first; by default those of the capture, else they are estimated.
         unit : {"prior", "poses"}
             Unit of the result.
+        scale_from : ndarray or path, optional
+            Depths that are known at some pixels and give the result its scale: ``[n, 3]`` or ``[n, 4]`` of column, row, depth and standard
+            deviation (0 where unknown), in pixels of the photograph as given (centres at integers) and metres. Or a CSV file of these, or the
+            folder of a COLMAP model that has the photograph, whose unit the result then has. The error of the scale is in sigma.
         seed : int, optional
             Instead of the refiner's.
         progress : callable, optional
@@ -213,6 +239,8 @@ class Refiner:
             raise Error(f"unit is {unit!r}; give prior or poses")
         if poses is not None and views is None:
             raise Error("poses are given but no views; give the further photographs too")
+        if scale_from is not None and unit != "prior":
+            raise Error("scale_from gives the unit of the result; leave unit out")
         prior = self._prior if self._prior is not None else _map_prior(depth, self._kind)
         settings = self._settings(views is not None, seed)
         photographs, file, captured = _photographs(image, intrinsics, fov, views, poses, settings.max_views)
@@ -223,12 +251,14 @@ class Refiner:
             "fov": None if captured else fov,
             "camera_file": file,
             "unit_of_poses": unit == "poses",
+            "scale_from": None if scale_from is None else _known_depths(scale_from, image),
             "max_size": self._max_size,
             "work_size": self._work_size,
+            "max_memory": self._max_memory,
             "threads": self._threads,
         }
         model = _checked(self._model) if callable(self._model) else None
-        result = Result._of(native.refine(prior, settings, arguments, model, progress))
+        result = Result._of(native.refine(prior, settings, self._error_bar, arguments, model, progress))
         for warning in result.run["warnings"]:
             warnings.warn(warning, RefinementWarning, stacklevel=_callers())
         return result
@@ -251,12 +281,16 @@ def refine(
     views: Views | None = None,
     poses: ArrayLike | None = None,
     unit: str = "prior",
+    scale_from: PathLike | ArrayLike | None = None,
+    interval: float | None = None,
+    calibration: PathLike | None = None,
     seed: int | None = None,
     budget: float | None = None,
     runtime: str = "auto",
     onnxruntime: PathLike | None = None,
     max_size: int | None = None,
     work_size: float = 1.5,
+    max_memory: float = 8.0,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Result:
@@ -280,6 +314,7 @@ def refine(
     --------
     >>> mdenerf.refine("photo.jpg", "network.onnx")                              # doctest: +SKIP
     >>> mdenerf.refine("photo.jpg", depth="depth.npy", fov=65)                   # doctest: +SKIP
+    >>> mdenerf.refine("photo.jpg", "network.onnx", interval=0.9).lower          # doctest: +SKIP
     >>> mdenerf.refine("a.jpg", "network.onnx", views=["b.jpg", "c.jpg"])        # doctest: +SKIP
     """
     refiner = Refiner(
@@ -295,6 +330,9 @@ def refine(
         onnxruntime=onnxruntime,
         max_size=max_size,
         work_size=work_size,
+        max_memory=max_memory,
+        interval=interval,
+        calibration=calibration,
         threads=threads,
     )
     return refiner.refine(
@@ -305,6 +343,7 @@ def refine(
         views=views,
         poses=poses,
         unit=unit,
+        scale_from=scale_from,
         progress=progress,
     )
 
@@ -352,6 +391,20 @@ def _map_prior(depth: PathLike | ArrayLike | None, kind: str | None) -> native.P
     if isinstance(depth, (str, os.PathLike)):
         return native.Prior.file(os.fspath(depth), kind)
     return native.Prior.map(depth_map(depth, "depth"), kind or "metric")
+
+
+def _known_depths(given: PathLike | ArrayLike, image: ImageLike) -> dict[str, Any]:
+    """Known depths as a path, or as rows of column, row, depth, sigma."""
+    photograph = os.fspath(image) if isinstance(image, (str, os.PathLike)) else "image"
+    rows = np.zeros((0, 4))
+    if isinstance(given, (str, os.PathLike)):
+        return {"path": os.fspath(given), "rows": rows, "photograph": photograph}
+    known = numpy(given)
+    if known.dtype.kind not in "fiu" or known.ndim != 2 or known.shape[1] not in (3, 4):
+        raise Error(f"scale_from has the shape {list(known.shape)}; give [n, 3] or [n, 4]: column, row, depth, and sigma if known")
+    rows = np.zeros((len(known), 4))
+    rows[:, : known.shape[1]] = known
+    return {"path": None, "rows": rows, "photograph": photograph}
 
 
 def _checked(model: Callable[[Floats], Any]) -> Callable[[Floats], Floats]:

@@ -8,6 +8,7 @@ import json
 import os
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -94,7 +95,10 @@ class Result:
     config : str
         All settings of the run as TOML; ``refine(..., config=result.config)`` repeats it.
     components : dict of str to ndarray
-        Components of sigma by name: ``spread`` and ``disagreement`` of the predictions, ``common``, ``field``.
+        Components of sigma by name: ``spread`` and ``disagreement`` of the predictions, ``common``, ``field``, ``scale``.
+    lower, upper : ndarray or None
+        With ``interval``, the ends of the interval of each pixel, in the shape and unit of the depth; 0 and infinity where missing, and
+        nowhere else. The probability and its source are in ``run["error_bar"]["interval"]``.
     evidence : dict of str to ndarray
         With several photographs, ``float32 [height, width]`` each: ``origin`` of the depth (0 none, 1 prior, 2 consensus, 3 field), how
         many photographs have ``seen`` and ``confirmed`` it. Empty otherwise.
@@ -109,7 +113,15 @@ class Result:
     config: str
     components: dict[str, Floats] = field(default_factory=dict)
     evidence: dict[str, Floats] = field(default_factory=dict)
+    lower: Floats | None = None
+    upper: Floats | None = None
     _pictures: dict[str, Bytes] = field(default_factory=dict, repr=False)
+    #: The photographs above the preview.
+    _strip: list[Floats] = field(default_factory=list, repr=False)
+    #: The photograph, where bytes do not hold it.
+    _exact: Floats | None = field(default=None, repr=False)
+    #: The network's own.
+    _confidence: Floats | None = field(default=None, repr=False)
     #: Without the rounding of sigma.
     _variance: Floats = field(default_factory=lambda: np.zeros((0, 0), np.float32), repr=False)
 
@@ -125,7 +137,12 @@ class Result:
             config=parts["config"],
             components=parts["components"],
             evidence=parts["evidence"],
+            lower=parts["lower"],
+            upper=parts["upper"],
             _pictures=parts["pictures"],
+            _strip=parts["strip"],
+            _exact=parts["exact"],
+            _confidence=parts["confidence"],
             _variance=parts["variance"],
         )
 
@@ -134,16 +151,31 @@ class Result:
         """The unit of the maps: ``m``, ``unscaled`` or ``capture``."""
         return str(self.run["unit"])
 
-    def save(self, folder: PathLike, *, force: bool = False, report: bool = True) -> Path:
+    def save(
+        self,
+        folder: PathLike,
+        *,
+        export: str | Sequence[str] = (),
+        y_up: bool = False,
+        force: bool = False,
+        report: bool = True,
+    ) -> Path:
         """Writes the maps, the photograph, the settings, the record and the report, as ``mde refine`` does.
 
-        ``depth.npy``, ``sigma.npy``, ``prior.npy``, ``depth.png``, ``confidence.png``, ``image.png`` and ``config.toml`` have the bytes of the
-        program's; with several photographs also ``evidence.npz`` and ``views/``. The folder appears whole or not at all.
+        ``depth.npy``, ``sigma.npy``, ``prior.npy``, ``depth.png``, ``confidence.png``, ``image.png``, ``preview.png`` and ``config.toml`` have the
+        bytes of the program's; with several photographs also ``evidence.npz`` and ``views/``, with an interval ``lower.npy`` and
+        ``upper.npy``. The folder appears whole or not at all.
 
         Parameters
         ----------
         folder : path
             The new folder.
+        export : sequence of str
+            Also write files for other programs, with the program's bytes: ``ply`` (``cloud.ply``, points with colour, normal and sigma), ``glb``
+            (``mesh.glb``), ``exr`` (``depth.exr``), ``colmap`` (a folder with ``images`` and ``sparse/0``), ``transforms`` (``transforms.json``),
+            ``sigma`` (the components of sigma).
+        y_up : bool
+            The points of ``cloud.ply`` with y up and z backward.
         force : bool
             Replace the folder of an earlier run.
         report : bool
@@ -159,6 +191,7 @@ class Result:
         Error
             Where the folder exists, or can't be written.
         """
+        formats = [export] if isinstance(export, str) else list(export)
         target = Path(folder)
         if target.exists() or target.is_symlink():
             if not target.is_dir():
@@ -172,7 +205,7 @@ class Result:
             with tempfile.TemporaryDirectory(prefix=".mde-", dir=target.absolute().parent) as place:
                 made = Path(place) / "new"
                 made.mkdir()
-                self._write(made, report)
+                self._write(made, formats, y_up, report)
                 if target.exists():
                     os.replace(target, Path(place) / "old")
                 os.replace(made, target)
@@ -180,17 +213,27 @@ class Result:
             raise Error(f"{target}: can't write ({error}); give another place") from error
         return target
 
-    def _write(self, folder: Path, report: bool) -> None:
-        for name, values in (("depth", self.depth), ("sigma", self.sigma), ("prior", self.prior)):
-            native.save_npy(str(folder / f"{name}.npy"), values)
-        native.save_pictures16(str(folder), self.depth, self._variance, self.unit)
-        native.save_rgb(str(folder / "image.png"), self.image)
+    def _write(self, folder: Path, formats: list[str], y_up: bool, report: bool) -> None:
         if self._pictures:
             (folder / "views").mkdir()
-        for name, picture in self._pictures.items():
-            native.save_rgb(str(folder / name), picture)
-        if self.evidence:
-            native.save_npz(str(folder / "evidence.npz"), list(self.evidence.items()))
+        image = self.image.astype(np.float32) / np.float32(255) if self._exact is None else self._exact
+        ends = (("lower", self.lower), ("upper", self.upper))
+        parts = {
+            "depth": self.depth,
+            "variance": self._variance,
+            "sigma": self.sigma,
+            "prior": self.prior,
+            "more": [(name, values) for name, values in ends if values is not None],
+            "components": list(self.components.items()),
+            "confidence": self._confidence,
+            "evidence": list(self.evidence.items()),
+            "image": image,
+            "pictures": list(self._pictures.items()),
+            "strip": self._strip,
+            "unit": self.unit,
+            "camera": (self.camera.fx, self.camera.fy, self.camera.cx, self.camera.cy),
+        }
+        native.save_result(str(folder), parts, formats, y_up)
         (folder / "config.toml").write_text(self.config, encoding="utf-8", newline="\n")
         record = json.dumps(self.run, indent=2, ensure_ascii=False) + "\n"
         (folder / _RECORD).write_text(record, encoding="utf-8", newline="\n")

@@ -26,6 +26,7 @@ __all__ = [
     "boundary_errors",
     "boundary_f1",
     "boundary_matches",
+    "costs_by_sigma",
     "coverage",
     "crps",
     "delta",
@@ -37,16 +38,19 @@ __all__ = [
     "log10",
     "mace",
     "mean_z2",
+    "miscalibration_area",
     "mse",
     "nll",
     "occlusion_f1",
     "ordinal_error",
     "reliability",
     "rms_sigma",
+    "rmsce",
     "rmse",
     "rmse_log",
     "score",
     "sharpness",
+    "sharpness_by_edges",
     "silog",
     "soft_edge_error",
     "sparsification",
@@ -175,6 +179,16 @@ def mace(error: ArrayLike, sigma: ArrayLike, mask: ArrayLike | None = None) -> f
     return native.sigma_metric("mace", *_errors(error, sigma, mask))
 
 
+def rmsce(error: ArrayLike, sigma: ArrayLike, mask: ArrayLike | None = None) -> float:
+    """Root of the mean squared distance of observed from nominal coverage."""
+    return native.calibration_errors(*_errors(error, sigma, mask))[1]
+
+
+def miscalibration_area(error: ArrayLike, sigma: ArrayLike, mask: ArrayLike | None = None) -> float:
+    """Area between the curve of observed over nominal coverage and the diagonal."""
+    return native.calibration_errors(*_errors(error, sigma, mask))[2]
+
+
 def coverage(error: ArrayLike, sigma: ArrayLike, mask: ArrayLike | None = None, *, level: float = 0.9) -> float:
     """Share of the errors within the central normal interval of that probability."""
     return native.coverage(*_errors(error, sigma, mask), level)
@@ -188,6 +202,29 @@ def ence(error: ArrayLike, sigma: ArrayLike, mask: ArrayLike | None = None, *, b
 def reliability(error: ArrayLike, sigma: ArrayLike, mask: ArrayLike | None = None) -> Doubles:
     """Nominal and observed coverage, ``float64 [levels, 2]``."""
     return np.array(native.reliability(*_errors(error, sigma, mask)))
+
+
+def costs_by_sigma(
+    cost: ArrayLike, sigma: ArrayLike, mask: ArrayLike | None = None, *, bins: int = 100
+) -> tuple[Doubles, float | None]:
+    """Costs by percentile of sigma.
+
+    Parameters
+    ----------
+    cost, sigma : ndarray
+        Costs of the pixels, such as the absolute error, and their standard deviations, in one shape.
+    mask : ndarray, optional
+        Pixels that may count, ``bool`` in the same shape; by default those where both are finite and sigma is positive.
+    bins : int
+        Number of runs of equal size in order of sigma.
+
+    Returns
+    -------
+    (ndarray, float or None)
+        ``float64 [bins, 2]``, mean sigma and mean cost of each bin; and Spearman's correlation of the two, None where either is constant.
+    """
+    table, correlation = native.costs_by_sigma(*_errors(cost, sigma, mask), bins)
+    return np.array(table, dtype=np.float64).reshape(-1, 2), correlation
 
 
 def spearman(x: ArrayLike, y: ArrayLike) -> float | None:
@@ -221,6 +258,15 @@ def sharpness(map: ArrayLike, mask: ArrayLike | None = None) -> float:
     values = depth_map(map, "map")
     keep = np.isfinite(values) & (values > 0) if mask is None else _selected(mask, values.shape)
     return native.mean_gradient(values, keep)
+
+
+def sharpness_by_edges(
+    map: ArrayLike, edges: ArrayLike, mask: ArrayLike | None = None, *, band: float = 3.0
+) -> tuple[float | None, float | None]:
+    """:func:`sharpness` within ``band`` pixels of edges, those of the truth, ``bool [height, width]``, and beyond; None where there is no pixel."""
+    values = depth_map(map, "map")
+    keep = np.isfinite(values) & (values > 0) if mask is None else _selected(mask, values.shape)
+    return native.mean_gradient_by_edges(values, keep, _selected(edges, values.shape), band)
 
 
 def edges(map: ArrayLike, mask: ArrayLike | None = None, *, threshold: float = 0.25) -> Mask:

@@ -3,6 +3,7 @@
 use super::{CameraArgs, PriorArgs, RunArgs, SizeArgs};
 use crate::run::batch::Shard;
 use clap::{Args, ValueEnum};
+use mde_cli::results::Unit;
 use std::path::PathBuf;
 
 /// Further photographs of `mde refine`.
@@ -37,6 +38,15 @@ pub(crate) enum UnitName {
     Prior,
     /// The unit of the poses that the capture came with
     Capture,
+}
+
+impl From<UnitName> for Unit {
+    fn from(name: UnitName) -> Self {
+        match name {
+            UnitName::Prior => Self::Prior,
+            UnitName::Capture => Self::Capture,
+        }
+    }
 }
 
 #[derive(Debug, Args)]

@@ -1,6 +1,7 @@
 //! The arguments of the commands that run over many scenes.
 
 use super::{EncodingName, KindName, MemoryArgs, PresetName, RunArgs, size};
+use crate::run::batch::Shard;
 use clap::{Args, ValueEnum};
 use mde_eval::align::AlignmentRule;
 use mde_eval::data::DataSetKind;
@@ -19,7 +20,7 @@ photographs gauged and sweep; baselines chained with a plus, such as zoom+jbf.
 
 Output: report.html, table.md, summary.json, scenes.csv, figures (SVG and PNG), eval.json (what was evaluated), and every map under
 scenes/. Results are stored: the same command resumes after an interruption, further methods are added to the
-folder, and a method whose settings changed is run again.")]
+folder, and a method whose settings changed is run again. With --shard only the maps and eval-shard-I-of-N.json, for mde merge.")]
 pub(crate) struct EvalArgs {
     #[command(flatten)]
     pub(crate) common: EvaluationArgs,
@@ -39,6 +40,9 @@ pub(crate) struct EvalArgs {
     /// Seed of all random draws
     #[arg(long, value_name = "N", help_heading = "Methods")]
     pub(crate) seed: Option<u64>,
+    /// Only part I of N of the scenes, by their names; mde merge joins the parts
+    #[arg(long, value_name = "I/N", help_heading = "Output")]
+    pub(crate) shard: Option<Shard>,
     #[command(flatten)]
     pub(crate) maps: MapArgs,
 }
@@ -190,7 +194,7 @@ pub(crate) struct EvalPriorArgs {
 }
 
 /// Arguments without effect on existing maps.
-const MADE_HERE: [&str; 20] = [
+const MADE_HERE: [&str; 21] = [
     "root",
     "dataset",
     "size",
@@ -211,6 +215,7 @@ const MADE_HERE: [&str; 20] = [
     "methods",
     "seed",
     "jobs",
+    "shard",
 ];
 
 /// Depth maps of other programs.

@@ -14,6 +14,8 @@ pub(crate) use tools::{CompletionsArgs, DoctorArgs, ManArgs};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use mde_cli::Preset;
+use mde_cli::memory::MemoryLimit;
+use mde_cli::results::ErrorBar;
 use mde_prior::DepthKind;
 use mde_prior::augment::Predictions;
 use mde_prior::format::Encoding;
@@ -51,7 +53,7 @@ pub(crate) enum Command {
     Demo(DemoArgs),
     /// Refine the monocular depth of an image
     Refine(Box<RefineArgs>),
-    /// Join the shards of a refinement of many photographs
+    /// Join the shards of a refinement of many photographs, or of an evaluation
     Merge(MergeArgs),
     /// Estimate the poses of photographs and write a transforms.json
     Poses(Box<PosesArgs>),
@@ -383,7 +385,7 @@ pub(crate) struct SizeArgs {
 #[command(next_help_heading = "Size")]
 pub(crate) struct MemoryArgs {
     /// Refuse runs whose estimated memory exceeds this
-    #[arg(long, help_heading = "Advanced", value_name = "GIB", default_value_t = 8.0, value_parser = positive)]
+    #[arg(long, help_heading = "Advanced", value_name = "GIB", default_value_t = MemoryLimit::USUAL, value_parser = positive)]
     pub(crate) max_memory: f64,
 }
 
@@ -442,6 +444,13 @@ pub(crate) struct ErrorBarArgs {
     /// Calibration file of `mde calibrate`: scales sigma and intervals
     #[arg(long, value_name = "FILE")]
     pub(crate) calibration: Option<PathBuf>,
+}
+
+impl ErrorBarArgs {
+    /// The error bar, with its calibration read.
+    pub(crate) fn open(&self) -> mde_cli::Result<ErrorBar> {
+        ErrorBar::open(self.interval, self.calibration.as_deref())
+    }
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]

@@ -1,6 +1,7 @@
 //! Arguments of what is written: the folder, the files for other programs, the progress.
 
 use clap::{Args, ValueEnum};
+use mde_cli::results::export::Format;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -33,6 +34,19 @@ pub(crate) enum ExportName {
     Transforms,
     /// sigma/: the components of sigma (NPY)
     Sigma,
+}
+
+impl From<ExportName> for Format {
+    fn from(name: ExportName) -> Self {
+        match name {
+            ExportName::Ply => Self::Ply,
+            ExportName::Glb => Self::Glb,
+            ExportName::Exr => Self::Exr,
+            ExportName::Colmap => Self::Colmap,
+            ExportName::Transforms => Self::Transforms,
+            ExportName::Sigma => Self::Sigma,
+        }
+    }
 }
 
 /// Output folder and progress.
@@ -77,8 +91,9 @@ Examples:
   mde merge out/holiday
   mde merge out/part-1 out/part-2 -o out/holiday
 
-Shards of mde refine --shard, in one folder or in several: their index.html, index.csv and index.json as one. It is an error if a shard or a
-photograph is missing, double, unfinished, or of other settings.")]
+Shards of mde refine --shard, in one folder or in several: their index.html, index.csv and index.json as one. Shards of mde eval
+--shard: the tables, figures and report of all scenes. It is an error if a shard, a photograph or a scene is missing, double, unfinished,
+or of other settings.")]
 pub(crate) struct MergeArgs {
     /// Folders with shards
     #[arg(value_name = "OUT", required = true)]

@@ -17,7 +17,8 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
     let mut progress = Progress::new(&args.common.run);
     use_threads(&args.common.run)?;
     let methods = methods(args)?;
-    let request = Request { command: "ablate", methods: &methods, controls: false, share_fields: true };
+    let request =
+        Request { command: "ablate", methods: &methods, controls: false, share_fields: true, shard: None };
     let setup = Setup::open(&args.common, request)?;
     let (mut entries, failures) = setup.run(&mut progress)?;
     // Rows share fields, so their seconds would mislead.

@@ -22,7 +22,8 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     else {
         bail!("--method {}: has no sigma of its own; give a preset or settings in a .toml file", args.method);
     };
-    let request = Request { command: "eval", methods: &methods, controls: true, share_fields: false };
+    let request =
+        Request { command: "eval", methods: &methods, controls: true, share_fields: false, shard: None };
     let setup = Setup::open(&args.common, request)?;
     let (entries, failures) = setup.run(&mut progress)?;
     let scenes: Vec<_> = entries

@@ -6,15 +6,15 @@ mod single;
 use crate::args::{DemoArgs, UnitName};
 use crate::input::camera::KnownCamera;
 use crate::input::opened::{settings, use_threads};
-use crate::input::prior::{NamedPrior, PriorOrigin, SIMULATED};
+use crate::input::prior::NamedPrior;
 use crate::input::size::check_memory;
 use crate::input::truth::Truth;
 use crate::output::folder::OutputFolder;
 use crate::output::recording;
-use crate::run::error_bar::ErrorBar;
 use crate::run::job::Job;
 use crate::run::progress::Progress;
 use anyhow::Result;
+use mde_cli::inputs::{PriorForm, PriorOrigin};
 use mde_cli::memory::refine_bytes;
 use mde_cli::{Capture, Preset};
 use mde_eval::scene::Room;
@@ -51,13 +51,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         Preset::MultiView => several::scene(args.size, &mut config, &mut progress)?,
         _ => single::scene(args.size, own_settings, &mut config, &mut progress)?,
     };
-    let origin = PriorOrigin {
-        kind: scene.kind,
-        source: SIMULATED.to_owned(),
-        model: None,
-        runtime: None,
-        model_hash: None,
-    };
+    let origin = PriorOrigin::new(PriorForm::Simulated, scene.kind, "simulated");
     let job = Job {
         command: "demo",
         input: format!("{ROOM}, seed {}", config.seed),
@@ -76,7 +70,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         budget: args.settings.budget.map(Duration::from_secs_f64),
         full: None,
         checkpoints: None,
-        error_bar: ErrorBar::open(&args.error_bar)?,
+        error_bar: args.error_bar.open()?,
         export: args.export.export.clone(),
         y_up: args.export.y_up,
         recording,

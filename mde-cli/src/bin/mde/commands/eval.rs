@@ -3,8 +3,8 @@
 use super::score_maps;
 use crate::args::EvalArgs;
 use crate::evaluation::method::{Method, PRIOR};
-use crate::evaluation::results;
 use crate::evaluation::setup::{Request, Setup};
+use crate::evaluation::{results, shards};
 use crate::input::opened::use_threads;
 use crate::run::progress::Progress;
 use anyhow::Result;
@@ -16,8 +16,12 @@ pub(super) fn run(args: &EvalArgs) -> Result<()> {
         return score_maps::run(args, &mut progress);
     }
     let methods = Method::parse_list(&args.methods, args.preset.into(), args.seed)?;
-    let request = Request { command: "eval", methods: &methods, controls: true, share_fields: false };
+    let shard = args.shard;
+    let request = Request { command: "eval", methods: &methods, controls: true, share_fields: false, shard };
     let setup = Setup::open(&args.common, request)?;
+    if let Some(shard) = shard {
+        return shards::run(&setup, shard, PRIOR, &mut progress);
+    }
     let (entries, failures) = setup.run(&mut progress)?;
     results::finish(setup.results(PRIOR, entries, failures), setup.folder(), &mut progress)
         .inspect_err(|_| setup.discard_if_empty())

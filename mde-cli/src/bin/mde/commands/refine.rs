@@ -1,7 +1,6 @@
 use crate::args::RefineArgs;
-use crate::input::camera::KnownCamera;
+use crate::input::camera::{self, KnownCamera};
 use crate::input::capture;
-use crate::input::known::Known;
 use crate::input::opened::{Opened, open_image, settings, use_threads};
 use crate::input::photographs;
 use crate::input::prior::NamedPrior;
@@ -11,12 +10,12 @@ use crate::output::provenance::versions;
 use crate::output::recording;
 use crate::run::batch;
 use crate::run::checkpoint::Checkpoints;
-use crate::run::error_bar::ErrorBar;
 use crate::run::every;
 use crate::run::job::{Full, Job};
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
-use mde_cli::{Capture, Config, Preset};
+use mde_cli::inputs::Known;
+use mde_cli::{Capture, Config, Naming, Preset};
 use ndarray::Array3;
 use serde_json::{Value, json};
 use std::time::Duration;
@@ -47,13 +46,13 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     let mut full = None;
     if args.several.views.is_empty() {
         if let Some(working) = opened.working(&args.size) {
-            let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+            let camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
             full = Some(Full { image: std::mem::replace(&mut opened, working).photo.pixels, camera });
         }
     } else {
         opened = opened.reduced(&args.size);
     }
-    let mut camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+    let mut camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
     let capture = capture::open(args, &mut opened, &mut camera, &config, &mut progress)?;
     let prior = NamedPrior::open(&args.prior)?.resized(&opened, &mut progress)?;
     // Further photographs without poses give the focal length.
@@ -64,11 +63,11 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
             }
             camera = own;
         }
-        camera.warning().into_iter().for_each(|warning| progress.warn(warning));
+        camera.warning(Naming::Flags).into_iter().for_each(|warning| progress.warn(warning));
     }
     let prior = prior.for_camera(&camera);
     let known = match &args.scale_from {
-        Some(path) => Some(Known::open(path, &args.image, opened.original)?),
+        Some(path) => Some(Known::open(path, &args.image, opened.original, Naming::Flags)?),
         None => None,
     };
     let made_from = match args.resume {
@@ -91,7 +90,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         full,
         save_field: args.save_field,
         checkpoints,
-        error_bar: ErrorBar::open(&args.error_bar)?,
+        error_bar: args.error_bar.open()?,
         export: args.export.export.clone(),
         y_up: args.export.y_up,
         recording,

@@ -1,16 +1,17 @@
 use crate::args::{PathArgs, RenderArgs};
-use crate::input::camera::KnownCamera;
+use crate::input::camera;
 use crate::input::opened::use_threads;
 use crate::input::size::check_memory;
 use crate::output::folder::{OutputFolder, RECORD};
-use crate::output::pictures16::DepthPng;
-use crate::output::preview::depth_picture;
-use crate::output::provenance::write_json;
-use crate::output::run_record::About;
+use crate::output::provenance::{about, write_json};
 use crate::run::interrupt;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
+use mde_cli::Naming;
 use mde_cli::memory::render_bytes;
+use mde_cli::pictures16::DepthPng;
+use mde_cli::results::About;
+use mde_cli::results::preview::depth_picture;
 use mde_nerf::{FieldEvent, Nerf, RadianceField, RenderedView};
 use mde_prior::format::write_npy;
 use mde_prior::photo::{write_image, write_rgb_png};
@@ -47,8 +48,8 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output(&args.field, "-render"), args.run.force)?;
-    let camera = KnownCamera::of_size(&args.camera, None, args.size)?;
-    if let Some(warning) = camera.warning() {
+    let camera = camera::of_size(&args.camera, None, args.size)?;
+    if let Some(warning) = camera.warning(Naming::Flags) {
         progress.warn(warning);
     }
     let [width, height] = args.size;
@@ -82,7 +83,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
         let about = About {
             warnings: progress.warnings(),
             total_seconds: progress.seconds(),
-            ..About::new("render", args.field.display().to_string(), &camera)
+            ..about("render", args.field.display().to_string(), &camera)
         };
         write_json(&path.join(RECORD), &RenderRecord { about, png_scale: png.scale, views: records })
     })?;

@@ -1,15 +1,16 @@
 use crate::args::WarpArgs;
-use crate::input::camera::KnownCamera;
+use crate::input::camera;
 use crate::input::opened::{open_image, settings, use_threads};
-use crate::input::prior::{NamedPrior, PriorOrigin};
+use crate::input::prior::NamedPrior;
 use crate::output::folder::{OutputFolder, RECORD};
-use crate::output::preview::contact_sheet;
-use crate::output::provenance::write_json;
-use crate::output::run_record::About;
+use crate::output::provenance::{about, write_json};
 use crate::run::progress::Progress;
 use anyhow::{Result, ensure};
+use mde_cli::inputs::PriorOrigin;
 use mde_cli::pipeline::{known, synthesise};
-use mde_cli::{Preset, WarpReport};
+use mde_cli::results::About;
+use mde_cli::results::preview::contact_sheet;
+use mde_cli::{Naming, Preset, WarpReport};
 use mde_prior::format::write_npy;
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_warp::PosedView;
@@ -45,12 +46,12 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
     let (preset, config) = settings(&args.settings, Preset::Default)?;
     let opened = open_image(&args.image, &args.size, &config, &mut progress)?;
     let (height, width) = opened.size;
-    let mut camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+    let mut camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
     let prior = NamedPrior::open(&args.prior)?.resized(&opened, &mut progress)?;
     if let Some(own) = prior.camera(opened.photo.pixels.view(), &camera)? {
         camera = own;
     }
-    if let Some(warning) = camera.warning() {
+    if let Some(warning) = camera.warning(Naming::Flags) {
         progress.warn(warning);
     }
     let photo = opened.photo;
@@ -68,7 +69,7 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
             seed: Some(config.seed),
             warnings: progress.warnings(),
             total_seconds: progress.seconds(),
-            ..About::new("warp", args.image.display().to_string(), &camera)
+            ..about("warp", args.image.display().to_string(), &camera)
         };
         write_json(&path.join(RECORD), &WarpRecord { about, prior: &prior.origin, warp })
     })?;

@@ -48,10 +48,7 @@ pub(crate) struct Partial {
 /// # Errors
 /// [`Partial`] where a scene or method failed; the results of the others are written.
 pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progress) -> Result<()> {
-    let first = results.failures.first().map(|f| match &f.method {
-        Some(method) => format!("{} {method}: {}", f.scene, f.error),
-        None => format!("{}: {}", f.scene, f.error),
-    });
+    let first = results.failures.first().map(ToString::to_string);
     ensure!(
         !results.entries.is_empty(),
         "no scene could be scored{}",

@@ -16,9 +16,10 @@ use mde_eval::{Refined, Task, TaskView};
 use mde_prior::DisparityRule;
 use mde_warp::PinholeCamera;
 use ndarray::Array2;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::fmt;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -52,12 +53,21 @@ pub(crate) struct SceneResult<'r> {
 }
 
 /// An error of a scene or of one of its methods.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Failure {
     pub(crate) scene: String,
     /// `None` if the scene itself could not be loaded.
     pub(crate) method: Option<String>,
     pub(crate) error: String,
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.method {
+            Some(method) => write!(f, "{} {method}: {}", self.scene, self.error),
+            None => write!(f, "{}: {}", self.scene, self.error),
+        }
+    }
 }
 
 /// Called by a worker for each finished scene.
@@ -102,8 +112,13 @@ pub(crate) fn run<T: Send>(
     }
     results.sort_by_key(|(index, _)| *index);
     let mut failures = shared.failures.into_inner().unwrap_or_else(PoisonError::into_inner);
-    failures.sort_by(|a, b| (&a.scene, &a.method).cmp(&(&b.scene, &b.method)));
+    sort(&mut failures);
     Ok((results.into_iter().map(|(_, result)| result).collect(), failures))
+}
+
+/// The order of failures in the results.
+pub(crate) fn sort(failures: &mut [Failure]) {
+    failures.sort_by(|a, b| (&a.scene, &a.method).cmp(&(&b.scene, &b.method)));
 }
 
 /// State shared by the workers.

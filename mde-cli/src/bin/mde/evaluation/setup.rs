@@ -8,8 +8,9 @@ use super::scoring::Scoring;
 use super::store::Store;
 use crate::args::EvaluationArgs;
 use crate::input::size::SceneLimit;
+use crate::run::batch::{Shard, set_of};
 use crate::run::progress::Progress;
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use mde_cli::memory::SceneMemory;
 use mde_eval::table::Entry;
 use mde_prior::DisparityRule;
@@ -26,6 +27,8 @@ pub(crate) struct Request<'a> {
     pub(crate) controls: bool,
     /// As in [`Plan`].
     pub(crate) share_fields: bool,
+    /// Only this part of the scenes.
+    pub(crate) shard: Option<Shard>,
 }
 
 /// An evaluation with its inputs opened.
@@ -35,6 +38,8 @@ pub(crate) struct Setup<'a> {
     memory: SceneMemory,
     source: Source,
     scenes: Vec<usize>,
+    /// Number of the scenes of all shards, and what identifies their names.
+    whole: (usize, String),
     prior: PriorPlan,
     prior_settings: Value,
     scoring: Scoring,
@@ -45,7 +50,17 @@ impl<'a> Setup<'a> {
     /// Opens the inputs. A run that would need too much memory is refused before anything is written.
     pub(crate) fn open(args: &'a EvaluationArgs, request: Request<'a>) -> Result<Self> {
         let source = Source::open(&args.root, &args.data)?;
-        let scenes = choose(&*source.data, &args.data.scenes, args.data.limit)?;
+        let mut scenes = choose(&*source.data, &args.data.scenes, args.data.limit)?;
+        let ids = source.data.ids();
+        let names: Vec<String> = scenes.iter().filter_map(|&index| ids.get(index).cloned()).collect();
+        let whole = (names.len(), set_of(&names));
+        if let Some(shard) = &request.shard {
+            ensure!(
+                !args.run.force,
+                "--force: would remove the scenes of the other shards; remove the folder first, or leave it out"
+            );
+            scenes.retain(|&index| ids.get(index).is_some_and(|name| shard.has(name)));
+        }
         let configs: Vec<_> = request.methods.iter().map(Method::seeded_config).collect();
         let memory = SceneMemory::new(&configs, request.share_fields);
         let limit = limit(args, memory, &scenes);
@@ -58,8 +73,11 @@ impl<'a> Setup<'a> {
         let basis = json!({ "command": request.command, "data": source.describe() });
         let name = args.root.clone().unwrap_or_else(|| source.kind.name().into());
         let output = args.run.output(&name, &format!("-{}", request.command));
-        let store = Store::open(&output, &basis, args.run.force)?;
-        Ok(Self { args, request, memory, source, scenes, prior, prior_settings, scoring, store })
+        let store = match request.shard {
+            Some(_) => Store::open_shared(&output, &basis)?,
+            None => Store::open(&output, &basis, args.run.force)?,
+        };
+        Ok(Self { args, request, memory, source, scenes, whole, prior, prior_settings, scoring, store })
     }
 
     /// Runs and scores the methods; stored results are reused.
@@ -105,6 +123,28 @@ impl<'a> Setup<'a> {
             record: json!({ "data": self.source.describe(), "root": self.args.root.as_ref().map(|root| root.display().to_string()), "prior": self.prior_settings,
                             "score": self.scoring.config }),
         }
+    }
+
+    /// The scenes of this part by their names, with their index in the data set.
+    pub(crate) fn scenes(&self) -> Vec<(usize, String)> {
+        let ids = self.source.data.ids();
+        self.scenes.iter().filter_map(|&index| Some((index, ids.get(index)?.clone()))).collect()
+    }
+
+    /// Number of the scenes of all shards, and what identifies their names.
+    pub(crate) fn whole(&self) -> (usize, &str) {
+        (self.whole.0, &self.whole.1)
+    }
+
+    /// Everything but the scenes that the results depend on.
+    pub(crate) fn identity(&self) -> Result<Value> {
+        let methods: Vec<Value> = self.request.methods.iter().map(Method::settings).collect::<Result<_>>()?;
+        let names: Vec<&str> = self.request.methods.iter().map(|method| &*method.name).collect();
+        let Scoring { config, own_range, shared, controls } = &self.scoring;
+        Ok(json!({
+            "data": self.source.describe(), "prior": self.prior_settings, "methods": [json!(names), json!(methods)],
+            "score": (config, own_range, shared, controls), "poses": (self.args.data.without_poses, self.args.data.without_intrinsics),
+        }))
     }
 
     /// The data, the prior and the alignment, in words.

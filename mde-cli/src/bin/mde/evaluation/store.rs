@@ -1,9 +1,9 @@
 //! The folder of an evaluation: one folder per scene and method, each written atomically.
 
 use super::lock::{self, Lock};
-use crate::output::canvas::resized;
 use crate::output::provenance::write_json;
 use anyhow::{Context, Result, ensure};
+use mde_cli::inputs::size::resized;
 use mde_eval::Refined;
 use mde_prior::format::{Format, ReadOptions, decode, write_npy};
 use mde_prior::photo::write_image;
@@ -31,10 +31,12 @@ const TEMPORARY: &str = ".mde-";
 /// Most bytes of a name, with room for the prefix and the extension of a temporary file.
 const LONGEST_NAME: usize = 200;
 
-/// An evaluation on disk. No other process opens it until this is dropped.
+/// An evaluation on disk. No other process opens it until this is dropped, but for shards.
 #[derive(Debug)]
 pub(crate) struct Store {
     root: PathBuf,
+    /// Whether other shards write into the folder.
+    shared: bool,
     _lock: Option<Lock>,
 }
 
@@ -71,6 +73,15 @@ pub(crate) enum Found {
 impl Store {
     /// Opens the evaluation of `basis` in `root`, or starts it; `force` discards an earlier one.
     pub(crate) fn open(root: &Path, basis: &Value, force: bool) -> Result<Self> {
+        Self::opened(root, basis, force, false)
+    }
+
+    /// The same for a shard, beside which others write into the folder.
+    pub(crate) fn open_shared(root: &Path, basis: &Value) -> Result<Self> {
+        Self::opened(root, basis, false, true)
+    }
+
+    fn opened(root: &Path, basis: &Value, force: bool, shared: bool) -> Result<Self> {
         let shown = root.display();
         let path = root.join(BASIS);
         if root.exists() {
@@ -89,10 +100,10 @@ impl Store {
         let new = !root.exists();
         fs::create_dir_all(root)
             .with_context(|| format!("{shown}: can't make this folder; give another name to -o"))?;
-        let lock = Lock::take(root)?;
-        let store = Self { root: root.to_owned(), _lock: lock };
+        let lock = if shared { None } else { Lock::take(root)? };
+        let store = Self { root: root.to_owned(), shared, _lock: lock };
         let opened = store.start(basis, force);
-        if opened.is_err() && new {
+        if opened.is_err() && new && !shared {
             store.discard_if_empty();
         }
         opened.map(|()| store)
@@ -121,8 +132,19 @@ impl Store {
         } else {
             write_json(&path, basis)?;
         }
-        self.sweep();
+        if !self.shared {
+            self.sweep();
+        }
         Ok(())
+    }
+
+    /// What the evaluation in a folder was started with.
+    pub(crate) fn basis(root: &Path) -> Result<Value> {
+        let path = root.join(BASIS);
+        let shown = path.display();
+        let text =
+            fs::read_to_string(&path).with_context(|| format!("{shown}: can't be read; check the path"))?;
+        serde_json::from_str(&text).with_context(|| format!("{shown}: broken; run the shard again"))
     }
 
     pub(crate) fn root(&self) -> &Path {
@@ -131,6 +153,9 @@ impl Store {
 
     /// Removes the folder if it has no results, after a run that failed before its first map.
     pub(crate) fn discard_if_empty(&self) {
+        if self.shared {
+            return;
+        }
         let names = || fs::read_dir(&self.root).into_iter().flatten().flatten();
         if names().all(|entry| entry.file_name() == BASIS || entry.file_name() == lock::FILE) {
             let _ = fs::remove_file(self.root.join(BASIS));

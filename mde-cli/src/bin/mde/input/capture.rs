@@ -1,7 +1,7 @@
 //! The further photographs that the command line names, with poses or without.
 
 use crate::args::{PosesArgs, RefineArgs, SizeArgs, UnitName};
-use crate::input::camera::{CameraSource, KnownCamera};
+use crate::input::camera::{self, CameraSource, KnownCamera};
 use crate::input::opened::{Opened, open_image};
 use crate::input::photographs::in_folder;
 use crate::input::size::{check_memory, within, working};
@@ -9,10 +9,9 @@ use crate::run::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
 use mde_cli::memory::capture_bytes;
 use mde_cli::{Capture, Config, Photograph};
-use mde_mvs::capture::{Distortion, Frame, Lens, PixelCentres, read_colmap, read_transforms, read_tum};
+use mde_mvs::capture::{Capture as Posed, CaptureFiles, Distortion, Lens, same_file};
 use mde_prior::photo::image_size;
 use ndarray::Array2;
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// The capture of `--views`, or nothing without it. The command's photograph is the reference; its image and camera change where the
@@ -28,8 +27,8 @@ pub(crate) fn open(
                      capture with poses, or --unit prior";
     let capture = match args.several.views.as_slice() {
         [] => return Ok(None),
-        [one] => match frames(one, args)? {
-            Some(frames) => posed(args, frames, reference, config, progress)?,
+        [one] => match read(one, args)? {
+            Some(capture) => posed(args, &capture, reference, config, progress)?,
             None => unposed(args, reference, camera, config, progress)?,
         },
         _ => unposed(args, reference, camera, config, progress)?,
@@ -48,66 +47,33 @@ pub(crate) fn open(
     Ok(Some(capture))
 }
 
-/// The frames of a capture with poses, or nothing where the path is none.
-fn frames(path: &Path, args: &RefineArgs) -> Result<Option<Vec<Frame>>> {
-    let size = |path: &Path| image_size(path);
-    let within = |name: &str| path.join(name).is_file();
-    let read = if path.is_file() && path.extension() == Some(OsStr::new("json")) {
-        read_transforms(path, PixelCentres::Integers, &size)
-    } else if within("transforms.json") {
-        read_transforms(&path.join("transforms.json"), PixelCentres::Integers, &size)
-    } else if let Some((model, images)) = colmap_model(path) {
-        read_colmap(&model, &images, &size)
-    } else if within("groundtruth.txt") && within("rgb.txt") {
+/// The capture with poses, or nothing where the path is none.
+fn read(path: &Path, args: &RefineArgs) -> Result<Option<Posed>> {
+    let Some(files) = CaptureFiles::find(path) else { return Ok(None) };
+    let mut lens = None;
+    if files.needs_lens() {
         let first = image_size(&args.image)
             .with_context(|| format!("{}: no readable image; check the path", args.image.display()))?;
-        let camera = KnownCamera::of_size(&args.camera, None, first)?.camera;
-        read_tum(path, &Lens { camera, distortion: Distortion::default() }, &size)
-    } else {
-        return Ok(None);
-    };
-    Ok(Some(read.with_context(|| format!("--views {}", path.display()))?.frames))
-}
-
-/// Folder of a COLMAP model and of its photographs: `DIR` or `DIR/sparse/0`, beside `DIR/images`.
-fn colmap_model(path: &Path) -> Option<(PathBuf, PathBuf)> {
-    let is_model =
-        |folder: &Path| ["cameras.bin", "cameras.txt"].iter().any(|name| folder.join(name).is_file());
-    let images = |root: &Path| {
-        let folder = root.join("images");
-        if folder.is_dir() { folder } else { root.to_owned() }
-    };
-    let nested = path.join("sparse").join("0");
-    if is_model(&nested) {
-        return Some((nested, images(path)));
+        let camera = camera::of_size(&args.camera, None, first)?.camera;
+        lens = Some(Lens { camera, distortion: Distortion::default() });
     }
-    let root = match path.ends_with("sparse/0") {
-        true => path.parent().and_then(Path::parent).unwrap_or(path),
-        false => path,
-    };
-    is_model(path).then(|| (path.to_owned(), images(root)))
+    let capture = files.read(lens.as_ref(), &|path| image_size(path));
+    Ok(Some(capture.with_context(|| format!("--views {}", path.display()))?))
 }
 
 /// Photographs with the poses of a file.
 fn posed(
     args: &RefineArgs,
-    frames: Vec<Frame>,
+    capture: &Posed,
     opened: &Opened,
     config: &Config,
     progress: &mut Progress,
 ) -> Result<Capture> {
-    let Some(reference) = frames.iter().position(|frame| same(&frame.photograph, &args.image)) else {
-        let some: Vec<String> = frames.iter().take(3).map(|f| f.photograph.display().to_string()).collect();
-        bail!(
-            "{}: not a photograph of this capture; give one of its {}, such as {}",
-            args.image.display(),
-            frames.len(),
-            some.join(", ")
-        );
-    };
+    let reference = capture.position(&args.image)?;
+    let frames = &capture.frames;
     // All of a long capture would not fit into memory; its neighbours in space see the same.
     let most = if args.several.all { frames.len() } else { 4 * config.multi_view.max_views };
-    let order = nearest(&frames, reference, most);
+    let order = capture.nearest(reference, most);
     check(args, opened, order.len(), config)?;
     let mut photographs = Vec::new();
     for &index in &order {
@@ -144,19 +110,6 @@ fn posed(
     Ok(Capture { photographs, reference: 0 })
 }
 
-/// The reference, then the frames of the nearest camera centres.
-fn nearest(frames: &[Frame], reference: usize, most: usize) -> Vec<usize> {
-    let centre = |index: usize| frames[index].pose.inverse().translation.vector;
-    let mut order: Vec<usize> = (0..frames.len()).collect();
-    let key = |index: &usize| (*index != reference, (centre(*index) - centre(reference)).norm());
-    order.sort_by(|a, b| {
-        let (a, b) = (key(a), key(b));
-        a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
-    });
-    order.truncate(most.max(2));
-    order
-}
-
 /// Photographs alone.
 fn unposed(
     args: &RefineArgs,
@@ -170,7 +123,7 @@ fn unposed(
     let mut photographs = vec![photograph(&args.image, opened, camera)];
     for path in paths {
         let opened = open_image(&path, &args.size, config, progress)?.reduced(&args.size);
-        let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)
+        let camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)
             .with_context(|| path.display().to_string())?;
         photographs.push(photograph(&path, &opened, &camera));
     }
@@ -205,7 +158,7 @@ pub(crate) fn photographs(
     let (mut photographs, mut files, mut first) = (Vec::new(), Vec::new(), None);
     for path in paths {
         let opened = open_image(&path, size, config, progress)?.reduced(size);
-        let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)
+        let camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)
             .with_context(|| path.display().to_string())?;
         photographs.push(photograph(&path, &opened, &camera));
         files.push((path, [opened.original.1, opened.original.0]));
@@ -242,16 +195,9 @@ fn shorten(photographs: &mut [Photograph]) {
     }
 }
 
-fn same(a: &Path, b: &Path) -> bool {
-    match (a.canonicalize(), b.canonicalize()) {
-        (Ok(a), Ok(b)) => a == b,
-        _ => a == b,
-    }
-}
-
 /// The photographs of files and folders but for the reference, each once, folders in the order of their names.
 fn further(reference: &Path, views: &[PathBuf]) -> Result<Vec<PathBuf>> {
-    let paths = unique("--views", views, |path| same(path, reference))?;
+    let paths = unique("--views", views, |path| same_file(path, reference))?;
     if paths.is_empty() {
         bail!("--views: no photograph but {} is there; give one or more others", reference.display());
     }
@@ -265,7 +211,7 @@ fn unique(flag: &str, views: &[PathBuf], skip: impl Fn(&Path) -> bool) -> Result
         let found = if view.is_dir() { in_folder(flag, view)? } else { vec![view.clone()] };
         for path in found {
             ensure!(path.is_file(), "{flag} {}: no such photograph; give files or a folder", path.display());
-            if !skip(&path) && !paths.iter().any(|known| same(known, &path)) {
+            if !skip(&path) && !paths.iter().any(|known| same_file(known, &path)) {
                 paths.push(path);
             }
         }

@@ -3,16 +3,15 @@
 use crate::args::PriorArgs;
 #[cfg(feature = "onnx")]
 use crate::args::RuntimeArgs;
-use crate::input::camera::{CameraSource, KnownCamera};
+use crate::input::camera::KnownCamera;
 use crate::input::opened::Opened;
 use crate::run::progress::Progress;
-use anyhow::{Context, Result, ensure};
-pub(crate) use mde_cli::pictures16::METRES;
-use mde_prior::format::{Encoding, PngContent, ReadOptions, png_content};
+use anyhow::{Result, ensure};
+use mde_cli::Naming;
+use mde_cli::inputs::{MapFile, PriorOrigin, Resampled};
+use mde_prior::format::{Encoding, ReadOptions};
 use mde_prior::ndarray::{Array3, ArrayView3};
-use mde_prior::{DepthKind, DepthPrior, FilePrior, Metres, ModelSpec, PriorDepth};
-use mde_warp::PinholeCamera;
-use serde::Serialize;
+use mde_prior::{DepthKind, DepthPrior, Metres};
 use std::path::Path;
 
 /// A prior, and its entry in the record.
@@ -24,35 +23,6 @@ pub(crate) struct NamedPrior<'p> {
     /// What to know of the file.
     pub(crate) note: Option<String>,
 }
-
-/// Two aspects that differ by no more are the same up to rounded sides.
-const SAME_ASPECT: f64 = 0.02;
-
-/// Where a prior comes from.
-#[derive(Debug, Clone, Serialize)]
-pub(crate) struct PriorOrigin {
-    pub(crate) kind: DepthKind,
-    /// The file, or `simulated`.
-    pub(crate) source: String,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) model: Option<ModelSpec>,
-    /// What ran the model.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) runtime: Option<String>,
-    /// Identifies the bytes of the model's files.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) model_hash: Option<String>,
-}
-
-impl PriorOrigin {
-    /// Whether it is a map from a file.
-    pub(crate) fn is_file(&self) -> bool {
-        self.model.is_none() && self.source != SIMULATED
-    }
-}
-
-/// The source of a procedural scene's prior.
-pub(crate) const SIMULATED: &str = "simulated";
 
 impl NamedPrior<'_> {
     pub(crate) fn open(args: &PriorArgs) -> Result<Self> {
@@ -69,14 +39,11 @@ impl NamedPrior<'_> {
         let spec = self.origin.model.as_ref();
         let metres =
             spec.zip(camera.focal()).and_then(|(spec, focal)| Metres::new(&*self.prior, spec, focal));
-        let mut origin = self.origin.clone();
-        let prior: Box<dyn DepthPrior + '_> = match (metres, spec) {
-            (Some(metres), Some(spec)) => {
-                origin.kind = spec.output;
-                Box::new(metres)
-            }
-            _ => Box::new(&*self.prior),
+        let prior: Box<dyn DepthPrior + '_> = match metres {
+            Some(metres) => Box::new(metres),
+            None => Box::new(&*self.prior),
         };
+        let origin = self.origin.at_focal(camera.focal());
         NamedPrior { prior, origin, size: self.size, note: None }
     }
 
@@ -86,17 +53,7 @@ impl NamedPrior<'_> {
         image: ArrayView3<'_, f32>,
         known: &KnownCamera,
     ) -> Result<Option<KnownCamera>> {
-        let has_one = |spec: &ModelSpec| spec.camera_output.is_some() || spec.recover_shift;
-        if !(matches!(known.source, CameraSource::Assumed(_))
-            && self.origin.model.as_ref().is_some_and(has_one))
-        {
-            return Ok(None);
-        }
-        let Some([fx, fy, cx, cy]) = self.prior.predict(image)?.intrinsics else { return Ok(None) };
-        let (height, width, _) = image.dim();
-        let camera = PinholeCamera::new(fx, fy, cx, cy, width, height)
-            .with_context(|| format!("{}: its own camera", self.origin.source))?;
-        Ok(Some(KnownCamera { camera, source: CameraSource::Network }))
+        Ok(known.by_network(&*self.prior, &self.origin, image)?)
     }
 
     /// A map of another size than the image, but of its aspect, is resampled. A map of the size of an image's file is
@@ -104,78 +61,31 @@ impl NamedPrior<'_> {
     pub(crate) fn resized(self, opened: &Opened, progress: &mut Progress) -> Result<Self> {
         self.note.iter().for_each(|note| progress.warn(note.clone()));
         let (from, to) = (self.size.unwrap_or(opened.original), opened.size);
-        if from == to || self.origin.model.is_some() {
+        if self.origin.model.is_some() {
             return Ok(self);
         }
-        if from != opened.original {
-            let aspect = |(height, width): (usize, usize)| width as f64 / height as f64;
-            if (aspect(from) / aspect(opened.original) - 1.0).abs() > SAME_ASPECT {
-                return Ok(self);
-            }
-            let ((h, w), (height, width)) = (from, to);
-            progress.warn(format!(
-                "{}: resized from {w}x{h} to {width}x{height} pixels, each the nearest one; make the prior at the image's size for its edges",
-                self.origin.source
-            ));
-        }
+        let Some(found) = Resampled::find(&self.origin.source, from, opened.original, to) else {
+            return Ok(self);
+        };
+        found.warning.into_iter().for_each(|warning| progress.warn(warning));
         let prior = Box::new(Resized { prior: self.prior, from, to });
         Ok(Self { prior, origin: self.origin, size: Some(to), note: None })
     }
 
     fn file(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
-        let source = path.display().to_string();
-        let unit = unit(path);
-        let (kind, stated) = match (kind, unit) {
-            (Some(kind), _) => (kind, None),
-            (None, Some(unit)) if unit != METRES => (DepthKind::RelativeDepth, Some(unit)),
-            (None, _) => (DepthKind::Metric, None),
-        };
         let options = read_options("--png-scale", args.png_scale, args.prior_encoding.into())?;
-        // Only as disparity: its scale is unknown anyway, and 256 levels of depth in metres would be none.
-        let options = ReadOptions { eight_bits: kind == DepthKind::AffineDisparity, ..options };
-        let prior = Box::new(FilePrior::with_options(path, kind, &options)?);
+        let MapFile { prior, origin, note } = MapFile::open(path, kind, options, Naming::Flags)?;
         let size = Some(prior.prior().map.dim());
-        let eight_bits = || {
-            has_eight_bits(path).then(|| {
-                format!("{source}: 8 bits hold 256 levels at most, so its depth has steps; write the disparity as floats")
-            })
-        };
-        let unscaled = |unit| {
-            format!(
-                "{source}: its metadata have the unit \"{unit}\", so it is depth in an unknown unit; with --prior-kind metric it is metres"
-            )
-        };
-        let note = stated.map(unscaled).or_else(eight_bits);
-        let origin = PriorOrigin { kind, source, model: None, runtime: None, model_hash: None };
-        Ok(Self { prior, origin, size, note })
+        Ok(Self { prior: Box::new(prior), origin, size, note })
     }
 
     #[cfg(feature = "onnx")]
     fn model(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
-        use mde_cli::calibration::hash_files;
-        use mde_prior::OnnxPrior;
-        let mut spec = match &args.model_profile {
-            Some(name) => ModelSpec::profile(name)?,
-            // A missing file gets its own error below.
-            None if path.exists() => recognised(path, args, kind)?,
-            None => ModelSpec::new(1, 1, DepthKind::Metric),
-        };
-        if let Some([width, height]) = args.input_size {
-            (spec.width, spec.height) = (width, height);
-        }
-        if let Some(kind) = kind {
-            spec = spec.with_output(kind);
-        }
-        let prior = Box::new(OnnxPrior::open_with(path, &spec, &runtime(&args.runtime)?)?);
-        let model_hash = Some(hash_files(prior.files())?);
-        let origin = PriorOrigin {
-            kind: prior.kind(),
-            source: path.display().to_string(),
-            model: Some(spec),
-            runtime: Some(prior.runtime().to_string()),
-            model_hash,
-        };
-        Ok(Self { prior, origin, size: None, note: None })
+        use mde_cli::inputs::{NetworkFormat, open_network};
+        let profile = args.model_profile.as_deref();
+        let spec = NetworkFormat { profile, input_size: args.input_size, kind }.spec(path, Naming::Flags)?;
+        let (prior, origin) = open_network(path, spec, &runtime(&args.runtime)?)?;
+        Ok(Self { prior: Box::new(prior), origin, size: None, note: None })
     }
 
     #[cfg(not(feature = "onnx"))]
@@ -184,25 +94,6 @@ impl NamedPrior<'_> {
         anyhow::bail!(
             "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"
         )
-    }
-}
-
-/// The model's format; with size and kind given, that of a network that takes RGB/255.
-#[cfg(feature = "onnx")]
-fn recognised(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<ModelSpec> {
-    use mde_prior::{Error, OnnxPrior};
-    match (OnnxPrior::recognise(path), args.input_size, kind) {
-        (Err(Error::UnknownProfile { .. }), Some([width, height]), Some(kind)) => {
-            Ok(ModelSpec::new(width, height, kind))
-        }
-        (Err(Error::UnknownProfile { .. }), ..) => anyhow::bail!(
-            "{}: a network that is not recognised by its graph, its folder or its name; give --model-profile ({}), or --input-size WxH \
-             with --prior-kind, or a file {} beside it",
-            path.display(),
-            mde_prior::spec::PROFILES.join(", "),
-            path.with_extension("toml").display()
-        ),
-        (spec, ..) => Ok(spec?),
     }
 }
 
@@ -230,22 +121,6 @@ pub(crate) fn runtime(args: &RuntimeArgs) -> Result<mde_prior::Runtime> {
     Ok(mde_prior::Runtime::Tract)
 }
 
-/// The unit in the metadata of a depth map.
-fn unit(path: &Path) -> Option<String> {
-    match png_content(path).ok().flatten() {
-        Some(PngContent::Depth { unit, .. }) => Some(unit),
-        _ => None,
-    }
-}
-
-/// Whether a file is a PNG of 8 bits a sample.
-fn has_eight_bits(path: &Path) -> bool {
-    let mut header = [0; 25];
-    let read =
-        std::fs::File::open(path).and_then(|mut file| std::io::Read::read_exact(&mut file, &mut header));
-    read.is_ok() && header.starts_with(b"\x89PNG") && header[24] == 8
-}
-
 /// A prior of the image's original size, resampled to the working size.
 struct Resized<'p> {
     prior: Box<dyn DepthPrior + 'p>,
@@ -255,7 +130,7 @@ struct Resized<'p> {
 }
 
 impl DepthPrior for Resized<'_> {
-    fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+    fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<mde_prior::PriorDepth> {
         // A map from a file depends on the size alone.
         let blank = Array3::zeros((self.from.0, self.from.1, 3));
         self.prior.predict(blank.view())?.resized(self.to)

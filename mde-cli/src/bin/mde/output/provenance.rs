@@ -1,8 +1,10 @@
 //! Provenance of a run: command, versions, memory.
 
 use anyhow::{Context, Result};
+use mde_cli::inputs::KnownCamera;
+use mde_cli::results::About;
+pub(crate) use mde_cli::results::versions;
 use serde::Serialize;
-use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Writes a record as JSON.
@@ -26,10 +28,13 @@ fn quoted(argument: &str) -> String {
     }
 }
 
-/// The workspace's crates and their versions.
-pub(crate) fn versions() -> BTreeMap<&'static str, &'static str> {
-    let known = env!("MDE_VERSIONS").split_whitespace().filter_map(|pair| pair.split_once('='));
-    known.chain([(env!("CARGO_PKG_NAME"), env!("CARGO_PKG_VERSION"))]).collect()
+/// The common part of the record of a command.
+pub(crate) fn about<'r>(command: &'static str, input: String, camera: &'r KnownCamera) -> About<'r> {
+    About {
+        command_line: Some(command_line()),
+        peak_memory_bytes: peak_memory(),
+        ..About::new(command, input, camera)
+    }
 }
 
 /// Peak resident memory of the process, bytes; known on Linux only.

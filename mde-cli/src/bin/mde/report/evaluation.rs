@@ -2,8 +2,8 @@
 
 use super::encode::{fitted, gradients, nearest, picture, svg};
 use super::{page, read_json, read_text};
-use crate::output::preview::{depth_picture_within, sigma_picture_within, usual_range};
 use anyhow::{Context, Result};
+use mde_cli::results::preview::{depth_picture_within, sigma_picture_within, usual_range};
 use mde_eval::table::{Better, Group, METRICS, Metric, original_name};
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;

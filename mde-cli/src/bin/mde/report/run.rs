@@ -2,10 +2,10 @@
 
 use super::encode::{WIDEST, fitted, gradients, map, nearest, picture};
 use super::{page, photographs, read_json, read_text};
-use crate::output::canvas::resized;
 use crate::output::folder::RECORD;
 use anyhow::{Context, Result, ensure};
 use mde_cli::config::IterationPrior;
+use mde_cli::inputs::size::resized;
 use mde_cli::{Config, Preset};
 use mde_fusion::PriorVariance;
 use mde_prior::format::{ReadOptions, read_values};

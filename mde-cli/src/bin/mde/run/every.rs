@@ -1,12 +1,8 @@
 //! Every photograph of a capture refined: a folder for each, their poses, and one cloud.
 
 use crate::evaluation::results::Partial;
-use crate::output::export::transforms::{self, Exposed, FILE as TRANSFORMS};
-use crate::output::export::{Exported, ply};
 use crate::output::folder::{OutputFolder, RECORD};
-use crate::output::pictures16::MILLIMETRES;
-use crate::output::provenance::write_json;
-use crate::output::run_record::About;
+use crate::output::provenance::{about, write_json};
 use crate::report::{Indexed, index};
 use crate::run::field::SharedNerf;
 use crate::run::interrupt;
@@ -16,6 +12,10 @@ use crate::run::progress::Progress;
 use crate::run::resume::ResumeFolder;
 use anyhow::{Context, Result, bail};
 use mde_cli::capture::{RefinedView, consistent_points};
+use mde_cli::pictures16::MILLIMETRES;
+use mde_cli::results::About;
+use mde_cli::results::export::transforms::{self, Exposed, FILE as TRANSFORMS};
+use mde_cli::results::export::{Exported, ply};
 use mde_cli::{Capture, PreparedCapture, Stages};
 use mde_eval::table::{Block, Cell, Column, Document, Table};
 use mde_prior::Timed;
@@ -141,7 +141,7 @@ pub(crate) fn run(
             seed: Some(job.config.seed),
             warnings: progress.warnings(),
             total_seconds: progress.seconds(),
-            ..About::new("refine --all", job.input.clone(), &job.camera)
+            ..about("refine --all", job.input.clone(), &job.camera)
         };
         let record = Record {
             about,
@@ -247,10 +247,10 @@ fn refined(
     done.prior_seconds = prior.seconds();
     fs::create_dir(place).with_context(|| format!("{}: can't make this folder", place.display()))?;
     job.write(place, &done, kept.as_ref(), progress)?;
-    let report = done.refinement.capture.as_ref();
+    let report = done.result.refinement.capture.as_ref();
     row.reason = report.and_then(|report| report.fallback.clone());
     row.verified = report.and_then(|report| report.photographs.get(index)?.verified);
-    row.sigma = relative_sigma(&done.refinement.depth);
+    row.sigma = relative_sigma(&done.result.refinement.depth);
     row.scale = report
         .filter(|report| report.fallback.is_none())
         .and_then(|report| report.scale)
@@ -317,7 +317,7 @@ fn cloud(path: &Path, capture: &Capture, solids: &[Solid], job: &Job<'_>) -> Res
             camera: &solid.camera,
             depth: &depths[point.view],
             prior: solid.depth.view(),
-            components: &[],
+            components: Vec::new(),
             confidence: None,
             y_up: job.y_up,
             png_scale: solid.png_scale,

@@ -1,13 +1,14 @@
 //! Summary of a finished run.
 
-use crate::run::error_bar::Stated;
+use mde_cli::CaptureReport;
 use mde_cli::capture::PoseSource;
-use mde_cli::{CaptureReport, Refinement};
+use mde_cli::results::Finished;
 use mde_uncertainty::statistics::{median, quantile};
 use ndarray::ArrayView2;
 
 /// Change of the depth, its sigma, the photographs that were used, and the estimates of the last fusion.
-pub(crate) fn summary(refinement: &Refinement, unit: &str, stated: &Stated, of_model: bool) -> String {
+pub(crate) fn summary(result: &Finished, of_model: bool) -> String {
+    let Finished { refinement, unit, stated, .. } = result;
     let depth = refinement.depth.mean();
     let moved =
         |(new, old): (&f32, &f32)| (*new > 0.0 && *old > 0.0).then(|| f64::from((new / old - 1.0).abs()));
@@ -22,7 +23,7 @@ pub(crate) fn summary(refinement: &Refinement, unit: &str, stated: &Stated, of_m
         .collect();
     let percent =
         |share: Option<f64>| share.map_or_else(|| "-".to_owned(), |v| format!("{:.1} %", 100.0 * v));
-    let unit = match unit {
+    let unit = match *unit {
         "unscaled" => String::new(),
         "capture" => " of the capture's units".to_owned(),
         unit => format!(" {unit}"),

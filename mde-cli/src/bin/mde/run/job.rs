@@ -1,34 +1,32 @@
 //! One refinement from opened inputs to a folder of results.
 
 use crate::args::{ExportName, UnitName};
-use crate::input::camera::{CameraSource, KnownCamera};
-use crate::input::known::{Known, Scaled};
-use crate::input::prior::{METRES, NamedPrior};
+use crate::input::camera::KnownCamera;
+use crate::input::prior::NamedPrior;
 use crate::input::truth::{Comparison, Truth};
-use crate::output::export::Exported;
 use crate::output::folder::{OutputFolder, RECORD};
-use crate::output::pictures16::{DepthPng, write_confidence};
-use crate::output::preview::{Preview, preview};
-use crate::output::provenance::write_json;
+use crate::output::provenance::{about, write_json};
 use crate::output::recording::Recording;
-use crate::output::run_record::{About, RunRecord};
 use crate::output::several;
 use crate::report;
-use crate::run::batch::SameScale;
 use crate::run::checkpoint::Checkpoints;
-use crate::run::doubts::doubts;
-use crate::run::error_bar::{ErrorBar, Stated};
 use crate::run::field::SharedNerf;
 use crate::run::gain;
-use crate::run::progress::{Progress, TrainingCurve};
-use anyhow::{Context, Result};
-use mde_cli::{Capture, Component, Config, Event, Preset, Refinement, Stages, refine_capture, resume};
+use crate::run::progress::Progress;
+use anyhow::Result;
+use mde_cli::inputs::Known;
+use mde_cli::pictures16::{DepthPng, write_confidence};
+use mde_cli::results::export::Exported;
+use mde_cli::results::preview::{Preview, preview, strip};
+use mde_cli::results::{About, ErrorBar, Finish, Finished, RunRecord, SameScale, TrainingCurve};
+use mde_cli::{
+    Capture, Component, Config, Event, Naming, Preset, Refinement, Stages, refine_capture, resume,
+};
 use mde_prior::augment::Predictions;
 use mde_prior::format::write_npy;
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_prior::{DepthKind, Timed};
 use mde_uncertainty::GaussianDepth;
-use mde_uncertainty::statistics::median;
 use ndarray::{Array2, Array3, ArrayView3};
 use serde_json::json;
 use std::path::Path;
@@ -81,8 +79,7 @@ pub(crate) struct Full {
 impl Full {
     /// The camera of the smaller photograph, for this size.
     pub(crate) fn take_camera(&mut self, camera: &KnownCamera) -> Result<()> {
-        let (height, width) = self.size();
-        self.camera = KnownCamera { camera: camera.camera.resized(width, height)?, ..camera.clone() };
+        self.camera = camera.resized(self.size())?;
         Ok(())
     }
 
@@ -103,15 +100,9 @@ pub(crate) struct Subject<'s> {
 /// A refinement with its error bar and its scores.
 pub(crate) struct Done<'s> {
     pub(crate) subject: Subject<'s>,
-    pub(crate) refinement: Refinement,
+    pub(crate) result: Finished,
     /// Index of the subject among the photographs.
     photograph: usize,
-    stated: Stated,
-    /// How known depths gave the scale.
-    scaled: Option<Scaled>,
-    /// The factor to the scale in common with other photographs, of the refined map.
-    pub(crate) same_scale: Option<SameScale>,
-    png: DepthPng,
     scores: Option<Comparison>,
     score_seconds: f64,
     /// Seconds of the prior's predictions.
@@ -125,8 +116,8 @@ impl Job<'_> {
         let table = done.scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
         let value =
             json!({ "event": "done", "output": folder.path().display().to_string(), "scores": done.scores });
-        let mut gained = gain::summary(&done.refinement, self.unit(), &done.stated, self.is_unscaled());
-        if let Some(interval) = &done.stated.interval {
+        let mut gained = gain::summary(&done.result, self.is_unscaled());
+        if let Some(interval) = &done.result.stated.interval {
             gained += &format!(
                 "\nlower.npy and upper.npy: {:.0} % interval, the depth -+ {:.2} sigma, by {}",
                 100.0 * interval.probability,
@@ -218,16 +209,21 @@ impl Job<'_> {
         Ok(done)
     }
 
+    fn finish(&self) -> Finish<'_> {
+        Finish {
+            config: &self.config,
+            origin: &self.prior.origin,
+            error_bar: &self.error_bar,
+            known: self.known.as_ref(),
+            same_scale: self.same_scale,
+            unit: self.unit.into(),
+            naming: Naming::Flags,
+        }
+    }
+
     /// Unit of the results.
     pub(crate) fn unit(&self) -> &'static str {
-        if let Some(known) = &self.known {
-            return if known.of_model { "capture" } else { METRES };
-        }
-        match (self.unit, self.prior.origin.kind) {
-            (UnitName::Capture, _) => "capture",
-            (UnitName::Prior, DepthKind::Metric) => METRES,
-            (UnitName::Prior, _) => "unscaled",
-        }
+        self.finish().unit()
     }
 
     /// Whether the scale of a model's map is not known.
@@ -239,83 +235,23 @@ impl Job<'_> {
     pub(crate) fn finished<'s>(
         &self,
         mut subject: Subject<'s>,
-        mut refinement: Refinement,
+        refinement: Refinement,
         photograph: usize,
         progress: &mut Progress,
     ) -> Result<Done<'s>> {
-        if let Some(capture) = &refinement.capture {
-            if let Some(reason) = &capture.fallback {
-                progress.warn(format!("--views: {reason}; only the reference photograph was used"));
-            } else if let Some(found) = capture.photographs.get(photograph)
-                && let Some(camera) = found.camera
-                && camera != subject.camera.camera
-            {
-                subject.camera = KnownCamera { camera, source: CameraSource::Estimated };
-            }
-        }
-        if self.unit == UnitName::Capture && refinement.capture.is_some() {
-            refinement = refinement.in_capture_unit()?;
-        }
-        doubts(&refinement.prior, &self.prior.origin, &self.config, self.known.is_some())
-            .into_iter()
-            .for_each(|doubt| progress.warn(doubt));
-        if let Some(reason) = refinement.augmentation.skipped {
-            progress.warn(format!("no test-time augmentation: {reason}; give --prior-model to use it"));
-        }
-        for (index, iteration) in refinement.iterations.iter().enumerate() {
-            for warning in &iteration.fusion.warnings {
-                progress.warn(format!("iteration {}: {warning}", index + 1));
-            }
-        }
-        let stated =
-            self.error_bar.apply(&mut refinement, &self.config, &self.prior.origin, self.known.is_some())?;
-        if let Some(scale) = &stated.scale {
-            let relative = scale.relative as f32;
-            let map = refinement.depth.mean().mapv(|z| if z > 0.0 { relative * z } else { f32::INFINITY });
-            refinement.components.push(Component { name: "scale", sigma: map });
-        }
-        let mut same_scale = self.same_scale;
-        if let Some(found) = same_scale.as_mut().filter(|found| !found.is_alone()) {
-            // The factor is that of the plain prediction; the merged one differs by another.
-            let both = refinement.prior.iter().zip(refinement.depth.mean());
-            let both = both.filter(|(prior, z)| **prior > 0.0 && **z > 0.0);
-            found.factor *= median(both.map(|(prior, z)| f64::from(*prior) / f64::from(*z))).unwrap_or(1.0);
-            refinement = refinement.scaled(found.factor, found.log_sigma)?;
-        }
-        let mut scaled = None;
-        if let Some(known) = &self.known {
-            let of_disparity = !self.prior.origin.kind.is_depth();
-            let at = known.at(refinement.depth.dim());
-            let (refined, report) = refinement
-                .scaled_to(&at, of_disparity)
-                .with_context(|| format!("--scale-from {}", known.source))?;
-            refinement = refined;
-            scaled = Some(Scaled { from: known.source.clone(), report });
-        }
-        stated.warnings.iter().for_each(|warning| progress.warn(warning.clone()));
+        let mut warn = |warning| progress.warn(warning);
+        let result = self.finish().apply(refinement, photograph, &mut subject.camera, &mut warn)?;
         let start = Instant::now();
         let scores = match &self.truth {
             Some(truth) => {
                 progress.step("score");
-                Some(truth.compare(&refinement, self.prior.origin.kind)?)
+                Some(truth.compare(&result.refinement, self.prior.origin.kind)?)
             }
             None => None,
         };
         let score_seconds = start.elapsed().as_secs_f64();
-        let png = DepthPng::new(self.unit(), refinement.depth.mean().iter().copied());
-        png.warning().into_iter().for_each(|warning| progress.warn(warning));
-        Ok(Done {
-            subject,
-            refinement,
-            photograph,
-            stated,
-            scaled,
-            same_scale,
-            png,
-            scores,
-            score_seconds,
-            prior_seconds: 0.0,
-        })
+        result.png.warning().into_iter().for_each(|warning| progress.warn(warning));
+        Ok(Done { subject, result, photograph, scores, score_seconds, prior_seconds: 0.0 })
     }
 
     /// All files of one refinement.
@@ -326,42 +262,31 @@ impl Job<'_> {
         field: Option<&SharedNerf>,
         progress: &Progress,
     ) -> Result<()> {
-        let refinement = &done.refinement;
+        let refinement = &done.result.refinement;
         self.write_maps(path, done)?;
-        self.write_interval(path, refinement, &done.stated)?;
+        self.write_interval(path, &done.result)?;
         if let Some(field) = field.filter(|_| self.save_field) {
             field.lock().save(path.join("field.safetensors"))?;
         }
+        let about = About {
+            preset: Some(self.preset.name()),
+            seed: Some(self.config.seed),
+            warnings: progress.warnings(),
+            total_seconds: progress.seconds(),
+            ..about(self.command, done.subject.input.to_owned(), &done.subject.camera)
+        };
+        let origin = &self.prior.origin;
         let record = RunRecord {
-            about: About {
-                preset: Some(self.preset.name()),
-                seed: Some(self.config.seed),
-                warnings: progress.warnings(),
-                total_seconds: progress.seconds(),
-                ..About::new(self.command, done.subject.input.to_owned(), &done.subject.camera)
-            },
-            prior: &self.prior.origin,
-            unit: self.unit(),
-            png_scale: done.png.scale,
-            png_missing_pixels: done.png.beyond,
-            missing_pixels: refinement.depth.variance().iter().filter(|v| v.is_infinite()).count(),
-            augmentation: &refinement.augmentation,
-            error_bar: &done.stated,
-            capture: refinement.capture.as_ref(),
-            scale: done.scaled.as_ref(),
-            same_scale: done.same_scale.as_ref(),
-            iterations: &refinement.iterations,
-            training: progress.training(),
             scores: done.scores.as_ref(),
-            prior_seconds: done.prior_seconds,
             score_seconds: done.score_seconds,
+            ..RunRecord::new(about, origin, &done.result, progress.training(), done.prior_seconds)
         };
         write_json(&path.join(RECORD), &record)?;
         let scene = Exported {
             confidence: refinement.confidence.as_ref().map(|confidence| confidence.view()),
             ..self.scene(&done.subject, &refinement.depth, &refinement.prior, &refinement.components)
         };
-        self.export.iter().try_for_each(|format| scene.write(*format, path))?;
+        self.export.iter().try_for_each(|format| scene.write((*format).into(), path))?;
         report::write(path)?;
         Ok(())
     }
@@ -379,7 +304,7 @@ impl Job<'_> {
             camera: &subject.camera.camera,
             depth,
             prior: prior.view(),
-            components,
+            components: components.iter().map(|part| (part.name, part.sigma.view())).collect(),
             confidence: None,
             y_up: self.y_up,
             png_scale: DepthPng::new(self.unit(), depth.mean().iter().copied()).scale,
@@ -388,7 +313,7 @@ impl Job<'_> {
 
     /// Records the inputs, the result and the reports; the iterations were recorded during the run.
     fn record(&self, recording: &Recording, done: &Done<'_>, training: &[TrainingCurve]) -> Result<()> {
-        let Refinement { depth, prior, iterations, .. } = &done.refinement;
+        let Refinement { depth, prior, iterations, .. } = &done.result.refinement;
         let last = iterations.len().max(1);
         let known = prior.mapv(|z| if z > 0.0 { 1.0 } else { f32::INFINITY });
         let before = GaussianDepth::new(prior.clone(), known)?;
@@ -401,7 +326,7 @@ impl Job<'_> {
             // Without a fit, prior and result would share a time on the timeline of steps.
             recording.fitted(1);
         }
-        if let Some((capture, report)) = self.capture.as_ref().zip(done.refinement.capture.as_ref()) {
+        if let Some((capture, report)) = self.capture.as_ref().zip(done.result.refinement.capture.as_ref()) {
             recording.photographs(capture, report);
         }
         recording.depth(last, &self.scene(&done.subject, depth, prior, &[]));
@@ -412,7 +337,8 @@ impl Job<'_> {
 
     /// The photographs that were used, the reference first; none where there is one alone.
     fn shown<'s>(&'s self, done: &'s Done<'_>) -> Vec<ArrayView3<'s, f32>> {
-        let Some((capture, report)) = self.capture.as_ref().zip(done.refinement.capture.as_ref()) else {
+        let Some((capture, report)) = self.capture.as_ref().zip(done.result.refinement.capture.as_ref())
+        else {
             return Vec::new();
         };
         let used = capture.photographs.iter().zip(&report.photographs).enumerate();
@@ -421,28 +347,29 @@ impl Job<'_> {
         std::iter::once(done.subject.image).chain(others).collect()
     }
 
-    fn write_interval(&self, folder: &Path, refinement: &Refinement, stated: &Stated) -> Result<()> {
-        let Some(interval) = &stated.interval else { return Ok(()) };
-        let [lower, upper] = interval.bounds(&refinement.depth);
+    fn write_interval(&self, folder: &Path, result: &Finished) -> Result<()> {
+        let Some(interval) = &result.stated.interval else { return Ok(()) };
+        let [lower, upper] = interval.bounds(&result.refinement.depth);
         write_npy(folder.join("lower.npy"), lower.view())?;
         Ok(write_npy(folder.join("upper.npy"), upper.view())?)
     }
 
     fn write_maps(&self, folder: &Path, done: &Done<'_>) -> Result<()> {
-        let Done { refinement, subject, .. } = done;
+        let Done { result: Finished { refinement, png, .. }, subject, .. } = done;
         let (depth, sigma) = (refinement.depth.mean(), refinement.depth.sigma());
         write_npy(folder.join("depth.npy"), depth)?;
         write_npy(folder.join("sigma.npy"), sigma.view())?;
         write_npy(folder.join("prior.npy"), refinement.prior.view())?;
-        done.png.write(&folder.join("depth.png"), depth)?;
+        png.write(&folder.join("depth.png"), depth)?;
         write_confidence(&folder.join("confidence.png"), &refinement.depth)?;
+        let strip = strip(&self.shown(done), subject.image.dim().1);
         let show = Preview {
             image: subject.image,
             prior: refinement.prior.view(),
             refined: depth,
             sigma: sigma.view(),
             unit: self.unit(),
-            photographs: self.shown(done),
+            strip: &strip,
             truth: self
                 .truth
                 .as_ref()

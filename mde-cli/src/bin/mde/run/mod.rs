@@ -1,9 +1,7 @@
-//! One refinement: the job, its progress, its checkpoints and how its error bar is stated.
+//! One refinement: the job, its progress, its checkpoints and how it is summarised.
 
 pub(crate) mod batch;
 pub(crate) mod checkpoint;
-pub(crate) mod doubts;
-pub(crate) mod error_bar;
 pub(crate) mod every;
 pub(crate) mod field;
 pub(crate) mod gain;

@@ -4,10 +4,10 @@ use crate::args::RunArgs;
 use crate::run::interrupt;
 use crate::terminal::{columns, shown, wrapped};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use mde_cli::results::{TrainingCurve, follow};
 use mde_cli::{Event, Stage};
 use mde_eval::table::Document;
 use mde_nerf::FieldEvent;
-use serde::Serialize;
 use serde_json::{Value, json};
 use std::io::{self, IsTerminal, Write};
 use std::ops::ControlFlow;
@@ -19,15 +19,6 @@ enum Mode {
     Lines,
     Json,
     Quiet,
-}
-
-/// Curves of a fit, one entry per event.
-#[derive(Debug, Default, Serialize)]
-pub(crate) struct TrainingCurve {
-    pub(crate) step: Vec<usize>,
-    pub(crate) loss: Vec<f64>,
-    /// Of the training rays, dB.
-    pub(crate) psnr: Vec<f64>,
 }
 
 /// Progress of a run.
@@ -169,12 +160,7 @@ impl Progress {
     pub(crate) fn field(&mut self, event: &FieldEvent, view: usize, views: usize) {
         match *event {
             FieldEvent::Fit { step, steps, loss, psnr } => {
-                self.training.resize_with(self.iteration[0].max(self.training.len()), Default::default);
-                if let Some(curve) = self.training.last_mut() {
-                    curve.step.push(step);
-                    curve.loss.push(loss);
-                    curve.psnr.push(psnr);
-                }
+                follow(&mut self.training, self.iteration[0] - 1, event);
                 let text = format!("steps, loss {loss:.4}, PSNR {psnr:.1} dB");
                 let value =
                     json!({ "event": "fit", "step": step, "steps": steps, "loss": loss, "psnr": psnr });

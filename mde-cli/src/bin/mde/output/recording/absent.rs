@@ -1,8 +1,8 @@
 //! Recordings in a program without the feature `rerun`: never opened.
 
-use crate::output::export::Exported;
-use crate::run::progress::TrainingCurve;
 use anyhow::{Result, bail};
+use mde_cli::results::TrainingCurve;
+use mde_cli::results::export::Exported;
 use mde_cli::{Capture, CaptureReport, IterationReport};
 use mde_nerf::RadianceField;
 use mde_uncertainty::GaussianDepth;

@@ -1,10 +1,10 @@
 //! Rerun's file format: entities with a history, one Arrow table a chunk.
 
 use super::watched::Watched;
-use crate::output::export::Exported;
 use crate::output::folder::check_new_file;
-use crate::run::progress::TrainingCurve;
 use anyhow::{Context, Result, ensure};
+use mde_cli::results::TrainingCurve;
+use mde_cli::results::export::Exported;
 use mde_cli::{Capture, CaptureReport, IterationReport};
 use mde_nerf::RadianceField;
 use mde_prior::photo::encode_rgb_png;
@@ -292,11 +292,31 @@ fn map(values: ArrayView2<'_, f32>, colours: Colormap) -> DepthImage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::export::tests::{SIZE, with_plane};
     use mde_nerf::{FieldCallback, FitReport, RenderedView};
     use re_log_encoding::DecoderApp;
     use re_log_types::TimeInt;
     use std::collections::BTreeMap;
+
+    const SIZE: (usize, usize) = (6, 8);
+
+    fn with_plane(test: impl FnOnce(&Exported<'_>)) {
+        let camera = PinholeCamera::new(10.0, 12.0, 3.5, 2.5, SIZE.1, SIZE.0).unwrap();
+        let prior = ndarray::Array2::from_elem(SIZE, 2.0);
+        let depth = GaussianDepth::new(prior.clone(), ndarray::Array2::from_elem(SIZE, 0.01)).unwrap();
+        let image =
+            ndarray::Array3::from_shape_fn((SIZE.0, SIZE.1, 3), |(v, u, c)| (v * 8 + u + c) as f32 / 50.0);
+        test(&Exported {
+            unit: "m",
+            image: image.view(),
+            camera: &camera,
+            depth: &depth,
+            prior: prior.view(),
+            components: Vec::new(),
+            confidence: None,
+            y_up: false,
+            png_scale: 1000.0,
+        });
+    }
 
     struct Wall;
 

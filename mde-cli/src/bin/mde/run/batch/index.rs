@@ -97,7 +97,7 @@ pub(crate) struct Index {
 }
 
 /// Identifies a set of names.
-pub(super) fn set_of(names: &[String]) -> String {
+pub(crate) fn set_of(names: &[String]) -> String {
     let mut sorted: Vec<&String> = names.iter().collect();
     sorted.sort();
     let mut hasher = crc32fast::Hasher::new();

@@ -2,23 +2,22 @@
 
 use super::allowance::{Allowance, Taken};
 use super::index::Row;
-use super::same_scale::SameScale;
 use crate::args::RefineArgs;
-use crate::input::camera::KnownCamera;
+use crate::input::camera::{self, KnownCamera};
 use crate::input::opened::{Opened, opened};
 use crate::input::prior::NamedPrior;
 use crate::input::size::{within, working};
-use crate::output::canvas::resized;
 use crate::output::folder::OutputFolder;
-use crate::output::preview::{depth_picture, sigma_picture_within, usual_range};
 use crate::output::provenance::{versions, write_json};
-use crate::run::error_bar::ErrorBar;
 use crate::run::every::relative_sigma;
 use crate::run::job::{Done, Full, Job};
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
+use mde_cli::inputs::size::resized;
 use mde_cli::memory::refine_bytes;
-use mde_cli::{Config, Preset};
+use mde_cli::results::preview::{depth_picture, sigma_picture_within, usual_range};
+use mde_cli::results::{ErrorBar, SameScale};
+use mde_cli::{Config, Naming, Preset};
 use mde_prior::Timed;
 use mde_prior::photo::{decode_image, image_size, write_rgb_png};
 use mde_uncertainty::statistics::median;
@@ -131,10 +130,10 @@ impl Common<'_> {
         let mut opened = opened(photo, &item.path, &args.size, &self.config, progress)?;
         let mut full = None;
         if let Some(working) = opened.working(&args.size) {
-            let camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+            let camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
             full = Some(Full { image: std::mem::replace(&mut opened, working).photo.pixels, camera });
         }
-        let mut camera = KnownCamera::new(&args.camera, opened.photo.focal_35mm, &opened)?;
+        let mut camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
         if let Some(own) = self.prior.camera(opened.photo.pixels.view(), &camera)? {
             if let Some(full) = &mut full {
                 full.take_camera(&own)?;
@@ -169,7 +168,7 @@ impl Common<'_> {
         }
         let (opened, full, camera) = self.decoded(item, bytes, progress)?;
         let prior = prior.for_camera(&camera);
-        camera.warning().into_iter().for_each(|warning| progress.warn(warning));
+        camera.warning(Naming::Flags).into_iter().for_each(|warning| progress.warn(warning));
         if same_scale.is_some_and(|found| found.is_alone()) {
             progress.warn("--same-scale: matches no other photograph, and keeps its own scale".to_owned());
         }
@@ -221,12 +220,12 @@ impl Common<'_> {
 impl Row {
     fn measure(&mut self, done: &Done<'_>, progress: &Progress) {
         let camera = &done.subject.camera;
-        let depth = &done.refinement.depth;
+        let depth = &done.result.refinement.depth;
         (self.width, self.height) = (camera.camera.width, camera.camera.height);
         (self.fx, self.camera) = (Some(camera.camera.fx), camera.source.name().to_owned());
         self.median_depth = median(depth.mean().iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)));
-        self.same_scale = done.same_scale.map(|found| found.factor);
-        self.same_scale_sigma = done.same_scale.map(|found| found.log_sigma);
+        self.same_scale = done.result.same_scale.map(|found| found.factor);
+        self.same_scale_sigma = done.result.same_scale.map(|found| found.log_sigma);
         self.sigma = relative_sigma(depth);
         let sigma = depth.sigma();
         let mut relative: Vec<f32> = depth
@@ -259,7 +258,7 @@ fn thumbnail(done: &Done<'_>) -> Result<Array3<u8>> {
     let width = (columns * HEIGHT / rows.max(1)).clamp(1, 4 * HEIGHT);
     let small =
         |picture: ArrayView3<'_, u8>| resized(picture.mapv(|v| f32::from(v) / 255.0).view(), width, HEIGHT);
-    let depth = &done.refinement.depth;
+    let depth = &done.result.refinement.depth;
     let relative = ndarray::Zip::from(depth.mean())
         .and(&depth.sigma())
         .map_collect(|z, s| if *z > 0.0 { s / z } else { f32::INFINITY });

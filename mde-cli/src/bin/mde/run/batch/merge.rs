@@ -3,12 +3,13 @@
 use super::finish;
 use super::index::{Index, RECORD, Row, is_record};
 use super::item::read_marker;
+use super::shard::{Claim, check};
 use crate::args::MergeArgs;
 use crate::output::folder::check_place;
 use crate::run::every::copy;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -56,49 +57,17 @@ fn read(folder: &Path) -> Result<Vec<Found>> {
 
 /// All photographs by the names of their folders, each with the folder of its shard.
 fn joined(shards: &[Found]) -> Result<Vec<(PathBuf, Row)>> {
-    let Some((_, first)) = shards.first() else { bail!("no shard") };
-    let count = first.shard.map_or(1, |shard| shard.count);
-    let mut rows: BTreeMap<&str, (&PathBuf, &Row)> = BTreeMap::new();
-    let mut seen = BTreeSet::new();
+    let mut claims = Vec::new();
     for (folder, index) in shards {
         let Some(shard) = index.shard else { bail!("{}: is no shard", folder.display()) };
-        let named = format!("{}: shard {shard}", folder.display());
-        ensure!(
-            shard.count == count,
-            "{named} is of {} shards, the first of {count}; remove the files shard-*.json of the run that is not meant",
-            shard.count
-        );
-        ensure!(
-            index.set == first.set && index.all == first.all,
-            "{named} is of other photographs than the first; give the shards of one run"
-        );
-        ensure!(
-            index.settings == first.settings,
-            "{named} has other settings than the first; run it again with those of the first"
-        );
-        ensure!(index.complete, "{named} is not finished; run its command again");
-        ensure!(seen.insert(shard.index), "{named} is double; give each shard once");
-        for row in &index.rows {
-            ensure!(
-                rows.insert(&row.folder, (folder, row)).is_none(),
-                "{named}: {} is in two shards; run both again",
-                row.photograph
-            );
-        }
+        let items = index.rows.iter().map(|row| (&*row.folder, &*row.photograph)).collect();
+        let Index { all, set, settings, complete, .. } = index;
+        claims.push(Claim { folder, shard, all: *all, set, settings, complete: *complete, items });
     }
-    let missing: Vec<String> =
-        (1..=count).filter(|index| !seen.contains(index)).map(|i| i.to_string()).collect();
-    ensure!(
-        missing.is_empty(),
-        "shards {} of {count} are missing; run mde refine --shard I/{count} for them",
-        missing.join(", ")
-    );
-    ensure!(
-        rows.len() == first.all,
-        "{} of {} photographs are in the shards; run them again",
-        rows.len(),
-        first.all
-    );
+    check(&claims, "photographs", "mde refine", "shard-*.json")?;
+    let rows = shards.iter().flat_map(|(folder, index)| index.rows.iter().map(move |row| (folder, row)));
+    let rows: BTreeMap<&str, (&PathBuf, &Row)> =
+        rows.map(|(folder, row)| (&*row.folder, (folder, row))).collect();
     Ok(rows.into_values().map(|(folder, row)| (folder.clone(), row.clone())).collect())
 }
 

@@ -8,10 +8,9 @@ mod index;
 mod item;
 pub(crate) mod merge;
 mod same_scale;
-mod shard;
+pub(crate) mod shard;
 
-pub(crate) use index::Row;
-pub(crate) use same_scale::SameScale;
+pub(crate) use index::{Row, set_of};
 pub(crate) use shard::Shard;
 
 use crate::args::RefineArgs;
@@ -24,7 +23,6 @@ use crate::output::folder::{check_place, remove_unfinished};
 use crate::run::batch::allowance::Allowance;
 use crate::run::batch::index::Index;
 use crate::run::batch::item::{Common, Item, settings_of};
-use crate::run::error_bar::ErrorBar;
 use crate::run::interrupt;
 use crate::run::names::folders;
 use crate::run::progress::Progress;
@@ -48,7 +46,7 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
     };
     let paths = photographs::all(&args.photographs())?;
     let names = folders(paths.iter().map(|path| &**path), &index::RESERVED);
-    let set = index::set_of(&names);
+    let set = set_of(&names);
     let mut items: Vec<Item> =
         paths.into_iter().zip(names).map(|(path, folder)| Item { path, folder, same_scale: None }).collect();
     let whole = items.len();
@@ -59,7 +57,7 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
     let common = Common {
         args,
         output,
-        error_bar: ErrorBar::open(&args.error_bar)?,
+        error_bar: args.error_bar.open()?,
         allowance: Allowance::new((args.size.memory.max_memory * f64::from(1 << 30)) as u64),
         preset,
         settings: settings_of(args, preset, &config, &prior)?,

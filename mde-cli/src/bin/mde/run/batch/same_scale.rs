@@ -9,10 +9,10 @@ use crate::input::size::{shrink, within};
 use crate::run::interrupt;
 use crate::run::progress::Progress;
 use anyhow::{Result, bail};
-use mde_mvs::poses::{FeatureConfig, LogFactor, LogRatio, Photograph, PosesConfig, Prepared, common_scale};
+use mde_cli::results::SameScale;
+use mde_mvs::poses::{FeatureConfig, LogRatio, Photograph, PosesConfig, Prepared, common_scale};
 use mde_prior::resample::nearest;
 use mde_uncertainty::random::derived_seed;
-use serde::Serialize;
 use serde_json::json;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -29,42 +29,6 @@ const LONGER_SIDE: u32 = 640;
 const CHUNK: usize = 16;
 /// Features of a photograph; a ratio needs fewer than a pose.
 const FEATURES: usize = 1500;
-/// Error of a whole photograph's factor over that by what it has in common with others: the median of two networks on 13 captures
-/// (docs/many.md).
-const WHOLE: f64 = 2.2;
-
-/// The factor of a photograph's prediction; in the record, of the refined map.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub(crate) struct SameScale {
-    pub(crate) factor: f64,
-    /// Standard deviation of the factor's logarithm, relative to the mean over the group.
-    pub(crate) log_sigma: f64,
-    /// Number of the photographs that share a scale, from 0; not in the record, as it changes with other photographs.
-    #[serde(skip)]
-    pub(crate) group: usize,
-    /// Photographs in the group.
-    pub(crate) photographs: usize,
-}
-
-impl From<LogFactor> for SameScale {
-    fn from(found: LogFactor) -> Self {
-        let LogFactor { log, sigma, component, photographs } = found;
-        Self { factor: log.exp(), log_sigma: WHOLE * sigma, group: component, photographs }
-    }
-}
-
-impl SameScale {
-    /// What a photograph's results depend on.
-    pub(super) fn key(&self) -> String {
-        // Bits, as texts of numbers may differ.
-        format!("{:016x} {:016x} {}", self.factor.to_bits(), self.log_sigma.to_bits(), self.photographs)
-    }
-
-    /// Whether no other photograph has this scale.
-    pub(crate) fn is_alone(&self) -> bool {
-        self.photographs < 2
-    }
-}
 
 /// A photograph that is compared with later ones.
 type Kept = (usize, Arc<Prepared>);

@@ -1,6 +1,9 @@
-//! A part of many photographs, by their names alone.
+//! A part of many photographs or scenes, by their names alone.
 
+use anyhow::{Result, bail, ensure};
+use std::collections::BTreeSet;
 use std::fmt;
+use std::path::Path;
 use std::str::FromStr;
 
 /// Part `index` of `count`, from 1.
@@ -15,6 +18,65 @@ impl Shard {
     pub(crate) fn has(&self, name: &str) -> bool {
         crc32fast::hash(name.as_bytes()) % self.count == self.index - 1
     }
+}
+
+/// What the record of a shard states.
+pub(crate) struct Claim<'c> {
+    /// The folder that it is in.
+    pub(crate) folder: &'c Path,
+    pub(crate) shard: Shard,
+    /// Items of all shards, and what identifies their names.
+    pub(crate) all: usize,
+    pub(crate) set: &'c str,
+    /// Identifies the settings.
+    pub(crate) settings: &'c str,
+    /// Whether all of its items have been tried.
+    pub(crate) complete: bool,
+    /// Its items: what identifies each, and how messages name it.
+    pub(crate) items: Vec<(&'c str, &'c str)>,
+}
+
+/// Checks that shards make one whole, with nothing missing and nothing double. `items` is what they are parts of, `command` makes
+/// a shard, `files` are their records.
+pub(crate) fn check(claims: &[Claim<'_>], items: &str, command: &str, files: &str) -> Result<()> {
+    let Some(first) = claims.first() else { bail!("no shard") };
+    let count = first.shard.count;
+    let (mut names, mut seen) = (BTreeSet::new(), BTreeSet::new());
+    for claim in claims {
+        let named = format!("{}: shard {}", claim.folder.display(), claim.shard);
+        ensure!(
+            claim.shard.count == count,
+            "{named} is of {} shards, the first of {count}; remove the files {files} of the run that is not meant",
+            claim.shard.count
+        );
+        ensure!(
+            claim.set == first.set && claim.all == first.all,
+            "{named} is of other {items} than the first; give the shards of one run"
+        );
+        ensure!(
+            claim.settings == first.settings,
+            "{named} has other settings than the first; run it again with those of the first"
+        );
+        ensure!(claim.complete, "{named} is not finished; run its command again");
+        ensure!(seen.insert(claim.shard.index), "{named} is double; give each shard once");
+        for (key, shown) in &claim.items {
+            ensure!(names.insert(*key), "{named}: {shown} is in two shards; run both again");
+        }
+    }
+    let missing: Vec<String> =
+        (1..=count).filter(|index| !seen.contains(index)).map(|i| i.to_string()).collect();
+    ensure!(
+        missing.is_empty(),
+        "shards {} of {count} are missing; run {command} --shard I/{count} for them",
+        missing.join(", ")
+    );
+    ensure!(
+        names.len() == first.all,
+        "{} of {} {items} are in the shards; run them again",
+        names.len(),
+        first.all
+    );
+    Ok(())
 }
 
 impl FromStr for Shard {

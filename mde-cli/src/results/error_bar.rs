@@ -1,74 +1,84 @@
-//! The error bar that the user requested: sigma by a calibration, and an interval.
+//! The error bar of a result: sigma by a calibration, and an interval.
 
-use crate::args::ErrorBarArgs;
-use crate::input::prior::PriorOrigin;
-use anyhow::Result;
-use mde_cli::calibration::{fingerprint, read, shipped};
-use mde_cli::{Config, Refinement};
+use crate::calibration::{fingerprint, read, shipped};
+use crate::inputs::{PriorForm, PriorOrigin};
+use crate::{Config, Naming, Refinement, Result};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::calibration::{Calibration, Fingerprint, Mismatch};
 use mde_uncertainty::pooled::normal_half_width;
 use ndarray::{Array2, Zip};
 use serde::Serialize;
+use std::path::Path;
 
 /// The requested error bar.
-#[derive(Clone)]
-pub(crate) struct ErrorBar {
+#[derive(Debug, Clone, Default)]
+pub struct ErrorBar {
     probability: Option<f64>,
     given: Option<(String, Calibration)>,
 }
 
-/// The stated error bar.
+/// The stated error bar, for the record.
 #[derive(Debug, Serialize)]
-pub(crate) struct Stated {
+pub struct Stated {
     /// Factor applied to sigma.
-    pub(crate) factor: f64,
-    pub(crate) interval: Option<Interval>,
+    pub factor: f64,
+    /// The interval, where one is requested.
+    pub interval: Option<Interval>,
     /// Error of the scale of the whole map, which sigma does not contain; nothing where it is not known.
-    pub(crate) scale: Option<Scale>,
+    pub scale: Option<ScaleError>,
     /// Source of the error that all predictions share, `fusion.common-error`, for a model; nothing where it is assumed.
-    pub(crate) common_by: Option<String>,
+    pub common_by: Option<String>,
+    /// What to know of it.
     #[serde(skip)]
-    pub(crate) warnings: Vec<String>,
+    pub warnings: Vec<String>,
 }
 
 /// Error of the scale of the whole map.
 #[derive(Debug, Serialize)]
-pub(crate) struct Scale {
+pub struct ScaleError {
     /// Standard deviation, as a fraction of the depth.
-    pub(crate) relative: f64,
+    pub relative: f64,
     /// Its source.
-    pub(crate) by: String,
+    pub by: String,
 }
 
-/// `lower.npy` and `upper.npy`.
+/// An interval about the depth of each pixel.
 #[derive(Debug, Serialize)]
-pub(crate) struct Interval {
-    pub(crate) probability: f64,
-    /// In sigmas of `sigma.npy`.
-    pub(crate) half_width: f64,
+pub struct Interval {
+    /// The probability with which it is meant to contain the true depth.
+    pub probability: f64,
+    /// In sigmas of the result.
+    pub half_width: f64,
     /// Source of the half width.
-    pub(crate) by: String,
+    pub by: String,
 }
 
 impl ErrorBar {
-    pub(crate) fn open(args: &ErrorBarArgs) -> Result<Self> {
-        let given = match &args.calibration {
+    /// An interval of that probability, and a calibration from a file; either may be missing.
+    ///
+    /// # Errors
+    /// Those of [`read`].
+    pub fn open(probability: Option<f64>, calibration: Option<&Path>) -> Result<Self> {
+        let given = match calibration {
             Some(path) => Some((path.display().to_string(), read(path)?)),
             None => None,
         };
-        Ok(Self { probability: args.interval, given })
+        Ok(Self { probability, given })
     }
 
     /// Scales sigma, where a calibration was given, and finds the interval. `scaled`: known depths give the scale.
-    pub(crate) fn apply(
+    ///
+    /// # Errors
+    /// [`Error::Depth`](crate::Error::Depth) for a calibration without scenes, or a probability out of range.
+    pub fn apply(
         &self,
         refinement: &mut Refinement,
         config: &Config,
         prior: &PriorOrigin,
         scaled: bool,
+        naming: Naming,
     ) -> Result<Stated> {
-        let run = fingerprint(config, prior.model.is_some(), prior.model_hash.clone())?;
+        let run = fingerprint(config, prior.predicts(), prior.model_hash.clone())?;
         let mut warnings = Vec::new();
         let mut factor = 1.0;
         if let Some((name, calibration)) = &self.given {
@@ -80,12 +90,16 @@ impl ErrorBar {
             };
             if let Some(other) = other {
                 let run = "calibrate with the settings and the model of this run";
-                warnings.push(format!("--calibration {name}: estimated with {other} ({method}); {run}"));
-            }
-            if other.is_none() && prior.is_file() {
                 warnings.push(format!(
-                    "--calibration {name}: a map from a file does not name its network; use the calibration for maps of the network that it \
+                    "{} {name}: estimated with {other} ({method}); {run}",
+                    naming.of("calibration")
+                ));
+            }
+            if other.is_none() && prior.form == PriorForm::Map {
+                warnings.push(format!(
+                    "{} {name}: a map from a file does not name its network; use the calibration for maps of the network that it \
                      was estimated with ({})",
+                    naming.of("calibration"),
                     calibration.source().prior
                 ));
             }
@@ -98,7 +112,7 @@ impl ErrorBar {
         let fitting = self.calibration(&run)?;
         let common_by = fitting.as_ref().map(|(by, _)| by.clone());
         let of_scale = |(by, calibration): &(String, Calibration)| {
-            Some(Scale { relative: calibration.scale_error()?, by: by.clone() })
+            Some(ScaleError { relative: calibration.scale_error()?, by: by.clone() })
         };
         let scale = fitting.as_ref().filter(|_| !scaled).and_then(of_scale);
         let Some(probability) = self.probability else {
@@ -112,14 +126,18 @@ impl ErrorBar {
                     _ => "these settings",
                 };
                 warnings.push(format!(
-                    "--interval: no calibration for {of}, so the interval assumes a normal distribution; estimate one with mde calibrate"
+                    "{}: no calibration for {of}, so the interval assumes a normal distribution; estimate one with mde calibrate",
+                    naming.of("interval")
                 ));
                 (normal_half_width(probability)?, "normal distribution".to_owned())
             }
         };
         if self.given.is_none() && !prior.kind.is_depth() && !scaled {
             let range = "the depth range assumed for disparities has an error that sigma does not include";
-            warnings.push(format!("--interval: {range}; mde calibrate --alignment none includes it"));
+            warnings.push(format!(
+                "{}: {range}; mde calibrate --alignment none includes it",
+                naming.of("interval")
+            ));
         }
         let interval = Some(Interval { probability, half_width, by });
         Ok(Stated { factor, interval, scale, common_by, warnings })
@@ -142,7 +160,7 @@ impl ErrorBar {
 
 impl Interval {
     /// Its lower and upper ends; 0 and infinity where there is no depth, and nowhere else: an end below 0 is the least positive number.
-    pub(crate) fn bounds(&self, depth: &GaussianDepth) -> [Array2<f32>; 2] {
+    pub fn bounds(&self, depth: &GaussianDepth) -> [Array2<f32>; 2] {
         let sigma = depth.sigma();
         let end = |side: f32, missing: f32| {
             Zip::from(depth.mean()).and(&sigma).map_collect(|&depth, &sigma| match sigma.is_finite() {

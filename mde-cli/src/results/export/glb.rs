@@ -1,7 +1,7 @@
 //! Binary glTF: the depth map as a mesh with the photograph as its texture, y up, torn at depth edges.
 
 use super::Exported;
-use anyhow::Result;
+use crate::Result;
 use mde_prior::photo::encode_rgb_png;
 use nalgebra::Point3;
 use ndarray::Array3;

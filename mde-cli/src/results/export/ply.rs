@@ -18,7 +18,7 @@ pub(super) fn encode(scene: &Exported<'_>, y_up: bool) -> Vec<u8> {
 }
 
 /// Points with normal, colour and sigma.
-pub(crate) struct Cloud {
+pub struct Cloud {
     bytes: Vec<u8>,
     count: usize,
     y_up: bool,
@@ -26,11 +26,12 @@ pub(crate) struct Cloud {
 
 impl Cloud {
     /// Points with x right, y down, z forward; with `y_up` they are turned to x right, y up, z backward.
-    pub(crate) fn new(y_up: bool) -> Self {
+    pub fn new(y_up: bool) -> Self {
         Self { bytes: Vec::new(), count: 0, y_up }
     }
 
-    pub(crate) fn push(&mut self, point: Point3<f64>, normal: Vector3<f64>, colour: [u8; 3], sigma: f32) {
+    /// Adds a point with its unit normal and the standard deviation of its depth.
+    pub fn push(&mut self, point: Point3<f64>, normal: Vector3<f64>, colour: [u8; 3], sigma: f32) {
         let side = if self.y_up { -1.0 } else { 1.0 };
         let [point, normal] = [point.coords, normal].map(|v| [v.x, side * v.y, side * v.z]);
         let numbers = point.iter().chain(&normal).map(|v| *v as f32);
@@ -40,12 +41,18 @@ impl Cloud {
         self.count += 1;
     }
 
-    pub(crate) fn len(&self) -> usize {
+    /// Number of points.
+    pub fn len(&self) -> usize {
         self.count
     }
 
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
     /// The file.
-    pub(crate) fn encode(self, frame: &str, unit: &str) -> Vec<u8> {
+    pub fn encode(self, frame: &str, unit: &str) -> Vec<u8> {
         let axes = if self.y_up { "x right, y up, z backward" } else { "x right, y down, z forward" };
         let header = format!(
             "ply\nformat binary_little_endian 1.0\n\
@@ -62,7 +69,7 @@ impl Cloud {
 }
 
 /// The surface's unit normal, towards the camera; 0 where no neighbour is known.
-pub(crate) fn normal(scene: &Exported<'_>, row: usize, column: usize, point: Point3<f64>) -> Vector3<f64> {
+pub fn normal(scene: &Exported<'_>, row: usize, column: usize, point: Point3<f64>) -> Vector3<f64> {
     let at = |row: Option<usize>, column: Option<usize>| scene.point(row?, column?);
     let (row, column) = (Some(row), Some(column));
     let along = |before: Option<Point3<f64>>, after: Option<Point3<f64>>| {

@@ -1,6 +1,7 @@
 //! Preview images: depth maps side by side with colour bars, and contact sheets of views.
 
-use crate::output::canvas::{Canvas, Colour, colour_at, resized, text_height, text_width};
+use crate::inputs::size::resized;
+use crate::results::canvas::{Canvas, Colour, colour_at, text_height, text_width};
 use colorous::{Gradient, MAGMA, VIRIDIS};
 use mde_uncertainty::statistics::quantile_sorted;
 use mde_warp::PosedView;
@@ -20,38 +21,44 @@ const THUMBNAIL: usize = 240;
 const COLUMNS: usize = 4;
 
 /// The maps of a preview, `[height, width]`; values that are not positive and finite are missing.
-pub(crate) struct Preview<'p> {
-    pub(crate) image: ArrayView3<'p, f32>,
-    pub(crate) prior: ArrayView2<'p, f32>,
-    pub(crate) refined: ArrayView2<'p, f32>,
-    pub(crate) sigma: ArrayView2<'p, f32>,
+pub struct Preview<'p> {
+    /// The photograph, sRGB in 0 to 1, `[height, width, 3]`.
+    pub image: ArrayView3<'p, f32>,
+    /// The monocular depth.
+    pub prior: ArrayView2<'p, f32>,
+    /// The result.
+    pub refined: ArrayView2<'p, f32>,
+    /// Its standard deviation.
+    pub sigma: ArrayView2<'p, f32>,
     /// Name of the depths' unit.
-    pub(crate) unit: &'p str,
-    /// Several photographs, the refined one first; none for a run with one.
-    pub(crate) photographs: Vec<ArrayView3<'p, f32>>,
+    pub unit: &'p str,
+    /// The [`strip`] of several photographs; empty for one.
+    pub strip: &'p [Array3<f32>],
     /// Ground truth in the unit of the depths; shown beside several photographs.
-    pub(crate) truth: Option<ArrayView2<'p, f32>>,
+    pub truth: Option<ArrayView2<'p, f32>>,
 }
 
 /// Image, prior, refined and sigma side by side; with several photographs these are above, and the truth, where it is known, takes the
 /// place of the image. All depths share one scale, from 1 % to 99 % of the pixels of prior and refined.
-pub(crate) fn preview(show: &Preview<'_>) -> Canvas {
+pub fn preview(show: &Preview<'_>) -> Canvas {
     let (rows, columns, _) = show.image.dim();
-    let width = columns.clamp(NARROWEST, WIDEST);
+    let [width, whole] = widths(columns);
     let height = (rows * width).div_ceil(columns.max(1)).clamp(1, 4 * WIDEST);
     let text = if width < 400 { 1 } else { 2 };
-    let whole = 4 * width + 5 * MARGIN;
-    let strip = strip(&show.photographs, whole, text);
-    let above = strip.as_ref().map_or(0, |strip| strip.height + MARGIN);
+    let first = 2 * MARGIN + text_height(text);
+    let above = show.strip.first().map_or(0, |picture| first + picture.dim().0 + MARGIN);
     let title = above + MARGIN;
     let top = title + MARGIN + text_height(text);
     let panel = [width, height];
     let bottom = top + height + 3 * MARGIN + BAR + text_height(text);
     let mut canvas = Canvas::new(whole, bottom, BACKGROUND);
-    for (image, [x, y]) in strip.iter().flat_map(|strip| &strip.pictures) {
-        canvas.paint([*x, *y], [image.dim().1, image.dim().0], |x, y| colour_at(image, x, y));
+    let mut left = MARGIN;
+    for picture in show.strip {
+        let (tall, wide, _) = picture.dim();
+        canvas.paint([left, first], [wide, tall], |x, y| colour_at(picture, x, y));
+        left += wide + MARGIN;
     }
-    if strip.is_some() {
+    if !show.strip.is_empty() {
         canvas.text("photographs, the first is refined", [MARGIN, MARGIN], text, INK);
     }
 
@@ -59,7 +66,7 @@ pub(crate) fn preview(show: &Preview<'_>) -> Canvas {
     let sigmas = usual_range(show.sigma.iter());
     let depth = |name: &str, map| (format!("{name} [{}]", show.unit), map, &VIRIDIS, depths);
     let mut maps = vec![depth("prior", show.prior), depth("refined", show.refined)];
-    match show.truth.filter(|_| strip.is_some()) {
+    match show.truth.filter(|_| !show.strip.is_empty()) {
         Some(truth) => maps.push(depth("truth", truth)),
         None => {
             canvas.text("image", [MARGIN, title], text, INK);
@@ -80,44 +87,42 @@ pub(crate) fn preview(show: &Preview<'_>) -> Canvas {
     canvas
 }
 
-/// Photographs of one height in a row, with their corners.
-struct Strip {
-    pictures: Vec<(Array3<f32>, [usize; 2])>,
-    height: usize,
+/// Width of a panel and of the preview of an image with that many columns.
+fn widths(columns: usize) -> [usize; 2] {
+    let width = columns.clamp(NARROWEST, WIDEST);
+    [width, 4 * width + 5 * MARGIN]
 }
 
-fn strip(photographs: &[ArrayView3<'_, f32>], width: usize, text: usize) -> Option<Strip> {
+/// Photographs `[height, width, 3]` at one height, to stand in a row above the [`preview`] of an image with that many columns. Empty
+/// for fewer than two.
+pub fn strip(photographs: &[ArrayView3<'_, f32>], columns: usize) -> Vec<Array3<f32>> {
     let shapes = photographs.iter().map(|p| p.dim().1 as f64 / p.dim().0.max(1) as f64);
     let all: f64 = shapes.sum();
     if photographs.len() < 2 || all <= 0.0 {
-        return None;
+        return Vec::new();
     }
-    let inner = width.saturating_sub(MARGIN * (photographs.len() + 1));
+    let [_, whole] = widths(columns);
+    let inner = whole.saturating_sub(MARGIN * (photographs.len() + 1));
     let height = ((inner as f64 / all) as usize).clamp(1, THUMBNAIL);
-    let top = 2 * MARGIN + text_height(text);
-    let mut left = MARGIN;
-    let pictures = photographs.iter().map(|photograph| {
+    let small = |photograph: &ArrayView3<'_, f32>| {
         let (rows, columns, _) = photograph.dim();
-        let wide = (columns * height / rows.max(1)).max(1);
-        let place = [left, top];
-        left += wide + MARGIN;
-        (resized(*photograph, wide, height), place)
-    });
-    Some(Strip { pictures: pictures.collect(), height: top + height })
+        resized(*photograph, (columns * height / rows.max(1)).max(1), height)
+    };
+    photographs.iter().map(small).collect()
 }
 
 /// A depth map as a colour picture, `[height, width, 3]` bytes.
-pub(crate) fn depth_picture(depth: ArrayView2<'_, f32>) -> Canvas {
+pub fn depth_picture(depth: ArrayView2<'_, f32>) -> Canvas {
     depth_picture_within(depth, usual_range(depth.iter()))
 }
 
 /// The same with the colours from one depth to another.
-pub(crate) fn depth_picture_within(depth: ArrayView2<'_, f32>, range: [f64; 2]) -> Canvas {
+pub fn depth_picture_within(depth: ArrayView2<'_, f32>, range: [f64; 2]) -> Canvas {
     picture(depth, &VIRIDIS, range)
 }
 
 /// A map of sigma as a colour picture.
-pub(crate) fn sigma_picture_within(sigma: ArrayView2<'_, f32>, range: [f64; 2]) -> Canvas {
+pub fn sigma_picture_within(sigma: ArrayView2<'_, f32>, range: [f64; 2]) -> Canvas {
     picture(sigma, &MAGMA, range)
 }
 
@@ -128,7 +133,7 @@ fn picture(map: ArrayView2<'_, f32>, gradient: &Gradient, range: [f64; 2]) -> Ca
 }
 
 /// All views on one sheet, masked pixels in red.
-pub(crate) fn contact_sheet(views: &[PosedView]) -> Canvas {
+pub fn contact_sheet(views: &[PosedView]) -> Canvas {
     let shapes = views.iter().map(|view| view.camera.height as f64 / view.camera.width as f64);
     let height = ((THUMBNAIL as f64 * shapes.fold(0.0, f64::max)).ceil() as usize).clamp(1, 4 * THUMBNAIL);
     let cell = [THUMBNAIL + MARGIN, height + text_height(1) + 2 * MARGIN];
@@ -195,7 +200,7 @@ fn known(value: f32) -> bool {
 }
 
 /// 1 % and 99 % of the known values.
-pub(crate) fn usual_range<'v>(values: impl Iterator<Item = &'v f32>) -> [f64; 2] {
+pub fn usual_range<'v>(values: impl Iterator<Item = &'v f32>) -> [f64; 2] {
     let mut values: Vec<f32> = values.copied().filter(|&v| known(v)).collect();
     values.sort_unstable_by(f32::total_cmp);
     [0.01, 0.99].map(|p| quantile_sorted(&values, p).unwrap_or(0.0))
@@ -222,7 +227,7 @@ mod tests {
             refined: prior.view(),
             sigma: sigma.view(),
             unit: "m",
-            photographs: Vec::new(),
+            strip: &[],
             truth: None,
         };
         let canvas = preview(&show);
@@ -241,12 +246,13 @@ mod tests {
         let image = Array3::from_elem((30, 300, 3), 0.5);
         let other = Array3::from_elem((30, 300, 3), 1.0);
         let depth = Array2::from_shape_fn((30, 300), |(_, x)| 1.0 + x as f32 / 100.0);
-        let show = |photographs: Vec<ArrayView3<'_, f32>>| {
+        let show = |photographs: &[ArrayView3<'_, f32>]| {
             let truth = Some(depth.view());
             let [prior, refined, sigma] = [depth.view(), depth.view(), depth.view()];
-            preview(&Preview { image: image.view(), prior, refined, sigma, unit: "m", photographs, truth })
+            let strip = strip(photographs, 300);
+            preview(&Preview { image: image.view(), prior, refined, sigma, unit: "m", strip: &strip, truth })
         };
-        let (one, two) = (show(Vec::new()), show(vec![image.view(), other.view()]));
+        let (one, two) = (show(&[]), show(&[image.view(), other.view()]));
         let added = two.pixels().dim().0 - one.pixels().dim().0;
         assert!(added > 30 && one.pixels().dim().1 == two.pixels().dim().1, "{added}");
         let (top, middle) = (2 * MARGIN + text_height(1), two.pixels().dim().1 / 2);

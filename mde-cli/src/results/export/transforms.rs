@@ -1,28 +1,32 @@
 //! `transforms.json` of photographs with their depth, as nerfstudio's data parser reads it.
 
 use super::IMAGE;
-use anyhow::Result;
+use crate::Result;
+use crate::pictures16::MILLIMETRES;
 use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json_with};
 use mde_warp::{PinholeCamera, Pose};
 use std::path::Path;
 
-use crate::output::pictures16::MILLIMETRES;
-
-pub(crate) const FILE: &str = "transforms.json";
+/// Name of the file.
+pub const FILE: &str = "transforms.json";
 
 /// A photograph and the folder with its results.
-pub(crate) struct Exposed<'e> {
+pub struct Exposed<'e> {
     /// Beside the file; empty where that is in the same folder.
-    pub(crate) folder: &'e str,
-    pub(crate) camera: PinholeCamera,
+    pub folder: &'e str,
+    /// The camera of its maps.
+    pub camera: PinholeCamera,
     /// World to camera, in the unit of the depth.
-    pub(crate) pose: Pose,
+    pub pose: Pose,
     /// Steps per unit of its depth.png.
-    pub(crate) png_scale: f64,
+    pub png_scale: f64,
 }
 
 /// Cameras, poses, depths, sigmas and confidences. Depth is the PNG: nerfstudio takes thousandths of the poses' unit, in NumPy files too.
-pub(crate) fn write(path: &Path, photographs: &[Exposed<'_>]) -> Result<()> {
+///
+/// # Errors
+/// [`Error::Prior`](crate::Error::Prior) where the file can't be written.
+pub fn write(path: &Path, photographs: &[Exposed<'_>]) -> Result<()> {
     let file = |folder: &str, name: &str| match folder {
         "" => name.to_owned(),
         _ => format!("{folder}/{name}"),

@@ -1,7 +1,7 @@
 //! Signs that a model's output is no depth of the photograph.
 
-use crate::input::prior::PriorOrigin;
-use mde_cli::Config;
+use crate::inputs::PriorOrigin;
+use crate::{Config, Naming};
 use mde_prior::DepthKind;
 use mde_uncertainty::statistics::quantile;
 use ndarray::Array2;
@@ -17,31 +17,35 @@ pub(super) fn doubts(
     origin: &PriorOrigin,
     config: &Config,
     scaled: bool,
+    naming: Naming,
 ) -> Vec<String> {
     let mut warnings = Vec::new();
-    if origin.model.is_none() {
+    if !origin.predicts() {
         return warnings;
     }
     let name = &origin.source;
+    let check = naming.choose("profile and weights with mde doctor", "profile, kind and weights");
     let mut known: Vec<f64> = depth.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)).collect();
     let missing = 1.0 - known.len() as f64 / depth.len().max(1) as f64;
     if missing > MISSING {
-        warnings.push(format!(
-            "{name}: no depth for {:.0} % of the pixels; check its profile and weights with mde doctor",
-            100.0 * missing
-        ));
+        warnings
+            .push(format!("{name}: no depth for {:.0} % of the pixels; check its {check}", 100.0 * missing));
     }
     if let (Some(low), Some(high)) = (quantile(&mut known, 0.05), quantile(&mut known, 0.95))
         && high < RANGE * low
     {
-        warnings.push(format!(
-            "{name}: its depth is nearly constant, {low:.3} to {high:.3}; check its profile and weights with mde doctor"
-        ));
+        warnings
+            .push(format!("{name}: its depth is nearly constant, {low:.3} to {high:.3}; check its {check}"));
     }
     if origin.kind == DepthKind::AffineDisparity && !scaled {
         warnings.push(format!(
-            "{name} gives disparity of unknown scale and shift: depths of {} to {} are assumed; give --near and --far, or --scale-from",
-            config.disparity.near, config.disparity.far
+            "{name} gives disparity of unknown scale and shift: depths of {} to {} are assumed; {}",
+            config.disparity.near,
+            config.disparity.far,
+            naming.choose(
+                "give --near and --far, or --scale-from",
+                "set disparity.near and disparity.far, or give scale_from"
+            )
         ));
     }
     warnings
@@ -50,22 +54,16 @@ pub(super) fn doubts(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mde_cli::Preset;
-    use mde_prior::ModelSpec;
+    use crate::Preset;
+    use crate::inputs::PriorForm;
 
     #[test]
     fn missing_constant_and_assumed_depth_are_named() {
-        let origin = |kind| PriorOrigin {
-            kind,
-            source: "net.onnx".to_owned(),
-            model: Some(ModelSpec::new(8, 8, kind)),
-            runtime: None,
-            model_hash: None,
-        };
+        let origin = |kind| PriorOrigin::new(PriorForm::Network, kind, "net.onnx");
         let config = Preset::Default.config();
         let found = |depth: &dyn Fn(usize) -> f32, kind| {
             let depth = Array2::from_shape_fn((10, 10), |(y, x)| depth(10 * y + x));
-            doubts(&depth, &origin(kind), &config, false)
+            doubts(&depth, &origin(kind), &config, false, Naming::Flags)
         };
         let metric = DepthKind::Metric;
         assert!(found(&|i| 1.0 + i as f32, metric).is_empty());
@@ -75,9 +73,9 @@ mod tests {
         assert!(constant.len() == 1 && constant[0].contains("nearly constant"), "{constant:?}");
         let assumed = found(&|i| 1.0 + i as f32, DepthKind::AffineDisparity);
         assert!(assumed.len() == 1 && assumed[0].contains("0.8 to 8"), "{assumed:?}");
-        let file = PriorOrigin { model: None, ..origin(metric) };
-        assert!(doubts(&Array2::zeros((3, 3)), &file, &config, false).is_empty());
+        let file = PriorOrigin::new(PriorForm::Map, metric, "depth.npy");
+        assert!(doubts(&Array2::zeros((3, 3)), &file, &config, false, Naming::Flags).is_empty());
         let ramp = Array2::from_shape_fn((10, 10), |(y, x)| (1 + 10 * y + x) as f32);
-        assert!(doubts(&ramp, &origin(DepthKind::AffineDisparity), &config, true).is_empty());
+        assert!(doubts(&ramp, &origin(DepthKind::AffineDisparity), &config, true, Naming::Flags).is_empty());
     }
 }

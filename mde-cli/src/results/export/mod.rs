@@ -3,12 +3,10 @@
 mod colmap;
 mod glb;
 mod layers;
-pub(crate) mod ply;
-pub(crate) mod transforms;
+pub mod ply;
+pub mod transforms;
 
-use crate::args::ExportName;
-use anyhow::{Context, Result};
-use mde_cli::Component;
+use crate::{Error, Result};
 use mde_prior::format::write_npy;
 use mde_prior::photo::write_image;
 use mde_uncertainty::GaussianDepth;
@@ -18,48 +16,85 @@ use ndarray::{ArrayView2, ArrayView3};
 use std::fs;
 use std::path::{Path, PathBuf};
 
+/// A kind of files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// `cloud.ply`: points with colour, normal and sigma (binary).
+    Ply,
+    /// `mesh.glb`: textured mesh, torn at depth edges, y up.
+    Glb,
+    /// `depth.exr`: channels Y and Z (refined), sigma and prior.
+    Exr,
+    /// `colmap/`: `images/` and `sparse/0/`.
+    Colmap,
+    /// `transforms.json`: camera, depth and sigma for nerfstudio.
+    Transforms,
+    /// `sigma/`: the components of sigma (NPY).
+    Sigma,
+}
+
+impl Format {
+    /// All formats.
+    pub const ALL: [Self; 6] = [Self::Ply, Self::Glb, Self::Exr, Self::Colmap, Self::Transforms, Self::Sigma];
+
+    /// Its name as an argument.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ply => "ply",
+            Self::Glb => "glb",
+            Self::Exr => "exr",
+            Self::Colmap => "colmap",
+            Self::Transforms => "transforms",
+            Self::Sigma => "sigma",
+        }
+    }
+}
+
 /// The photograph in a folder of results.
 const IMAGE: &str = "image.png";
 
 /// The exported scene; the world is the camera's frame (x right, y down, z forward).
-pub(crate) struct Exported<'e> {
+pub struct Exported<'e> {
     /// Unit of depths and points.
-    pub(crate) unit: &'e str,
+    pub unit: &'e str,
     /// sRGB in 0 to 1, `[height, width, 3]`.
-    pub(crate) image: ArrayView3<'e, f32>,
-    pub(crate) camera: &'e PinholeCamera,
-    pub(crate) depth: &'e GaussianDepth,
+    pub image: ArrayView3<'e, f32>,
+    /// The camera of the maps.
+    pub camera: &'e PinholeCamera,
+    /// The refined depth, `[height, width]`.
+    pub depth: &'e GaussianDepth,
     /// `[height, width]`; 0 where missing.
-    pub(crate) prior: ArrayView2<'e, f32>,
-    /// The components of sigma.
-    pub(crate) components: &'e [Component],
+    pub prior: ArrayView2<'e, f32>,
+    /// The components of sigma by their names.
+    pub components: Vec<(&'e str, ArrayView2<'e, f32>)>,
     /// The network's own confidence.
-    pub(crate) confidence: Option<ArrayView2<'e, f32>>,
+    pub confidence: Option<ArrayView2<'e, f32>>,
     /// Whether the points of PLY have y up.
-    pub(crate) y_up: bool,
+    pub y_up: bool,
     /// Steps per unit of depth.png.
-    pub(crate) png_scale: f64,
+    pub png_scale: f64,
 }
 
 impl Exported<'_> {
     /// Writes one format's files into a folder.
-    pub(crate) fn write(&self, format: ExportName, folder: &Path) -> Result<()> {
+    ///
+    /// # Errors
+    /// [`Error::Prior`] or [`Error::External`] for a file that can't be written.
+    pub fn write(&self, format: Format, folder: &Path) -> Result<()> {
         match format {
-            ExportName::Ply => {
+            Format::Ply => {
                 Ok(mde_prior::write_atomic(&folder.join("cloud.ply"), &ply::encode(self, self.y_up))?)
             }
-            ExportName::Exr => {
-                Ok(mde_prior::write_atomic(&folder.join("depth.exr"), &layers::encode(self)?)?)
-            }
-            ExportName::Colmap => {
+            Format::Exr => Ok(mde_prior::write_atomic(&folder.join("depth.exr"), &layers::encode(self)?)?),
+            Format::Colmap => {
                 let model = subfolder(folder, "colmap/sparse/0")?;
                 for (name, text) in colmap::files(self) {
                     mde_prior::write_atomic(&model.join(name), text.as_bytes())?;
                 }
                 Ok(write_image(subfolder(folder, "colmap/images")?.join(IMAGE), self.image)?)
             }
-            ExportName::Glb => Ok(mde_prior::write_atomic(&folder.join("mesh.glb"), &glb::encode(self)?)?),
-            ExportName::Transforms => transforms::write(
+            Format::Glb => Ok(mde_prior::write_atomic(&folder.join("mesh.glb"), &glb::encode(self)?)?),
+            Format::Transforms => transforms::write(
                 &folder.join(transforms::FILE),
                 &[transforms::Exposed {
                     folder: "",
@@ -68,10 +103,10 @@ impl Exported<'_> {
                     png_scale: self.png_scale,
                 }],
             ),
-            ExportName::Sigma => {
+            Format::Sigma => {
                 let parts = subfolder(folder, "sigma")?;
-                for part in self.components {
-                    write_npy(parts.join(format!("{}.npy", part.name)), part.sigma.view())?;
+                for (name, sigma) in &self.components {
+                    write_npy(parts.join(format!("{name}.npy")), *sigma)?;
                 }
                 if let Some(confidence) = self.confidence {
                     write_npy(parts.join("network-confidence.npy"), confidence)?;
@@ -82,7 +117,7 @@ impl Exported<'_> {
     }
 
     /// The pixel's point, where its depth is known.
-    pub(crate) fn point(&self, row: usize, column: usize) -> Option<Point3<f64>> {
+    pub fn point(&self, row: usize, column: usize) -> Option<Point3<f64>> {
         let z = f64::from(*self.depth.mean().get((row, column))?);
         let camera = self.camera;
         let known = z > 0.0 && self.depth.variance()[(row, column)].is_finite();
@@ -95,15 +130,18 @@ impl Exported<'_> {
         })
     }
 
-    pub(crate) fn colour(&self, row: usize, column: usize) -> [u8; 3] {
+    /// The pixel's colour.
+    pub fn colour(&self, row: usize, column: usize) -> [u8; 3] {
         [0, 1, 2].map(|c| (self.image[(row, column, c)].clamp(0.0, 1.0) * 255.0).round() as u8)
     }
 }
 
 fn subfolder(folder: &Path, name: &str) -> Result<PathBuf> {
     let path = folder.join(name);
-    fs::create_dir_all(&path).with_context(|| format!("{}: can't make this folder", path.display()))?;
-    Ok(path)
+    match fs::create_dir_all(&path) {
+        Ok(()) => Ok(path),
+        Err(error) => Err(Error::external(format!("{}: can't make this folder: {error}", path.display()))),
+    }
 }
 
 /// A slanted plane with a hole, for the tests of the formats.
@@ -131,7 +169,7 @@ pub(crate) mod tests {
             camera: &camera,
             depth: &depth,
             prior: prior.view(),
-            components: &[],
+            components: Vec::new(),
             confidence: None,
             y_up: false,
             png_scale: 1000.0,

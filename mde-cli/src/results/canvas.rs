@@ -1,24 +1,27 @@
 //! A raster image with rectangles, text and images.
 
 use font8x8::legacy::BASIC_LEGACY;
-use ndarray::{Array3, ArrayView3, s};
+use ndarray::{Array3, ArrayView3};
 
-pub(crate) type Colour = [u8; 3];
+/// Red, green, blue.
+pub type Colour = [u8; 3];
 
 /// Side of a glyph before magnification, pixels.
 const GLYPH: usize = 8;
 
 /// An RGB image, `[height, width, 3]`. Drawing outside of it is clipped.
-pub(crate) struct Canvas {
+pub struct Canvas {
     pixels: Array3<u8>,
 }
 
 impl Canvas {
-    pub(crate) fn new(width: usize, height: usize, background: Colour) -> Self {
+    /// One colour all over.
+    pub fn new(width: usize, height: usize, background: Colour) -> Self {
         Self { pixels: Array3::from_shape_fn((height, width, 3), |(_, _, c)| background[c]) }
     }
 
-    pub(crate) fn pixels(&self) -> ArrayView3<'_, u8> {
+    /// `[height, width, 3]`.
+    pub fn pixels(&self) -> ArrayView3<'_, u8> {
         self.pixels.view()
     }
 
@@ -31,7 +34,7 @@ impl Canvas {
     }
 
     /// Draws `colour(column, row)` over a rectangle.
-    pub(crate) fn paint(
+    pub fn paint(
         &mut self,
         [left, top]: [usize; 2],
         [width, height]: [usize; 2],
@@ -45,7 +48,7 @@ impl Canvas {
     }
 
     /// Writes a line of text with its top left corner at `(left, top)`, magnified; only ASCII can be shown.
-    pub(crate) fn text(&mut self, text: &str, [left, top]: [usize; 2], magnification: usize, colour: Colour) {
+    pub fn text(&mut self, text: &str, [left, top]: [usize; 2], magnification: usize, colour: Colour) {
         for (index, character) in text.chars().enumerate() {
             let glyph = BASIC_LEGACY.get(character as usize).unwrap_or(&BASIC_LEGACY[usize::from(b'?')]);
             let start = left + index * GLYPH * magnification;
@@ -61,33 +64,17 @@ impl Canvas {
 }
 
 /// Width of a line of text, pixels.
-pub(crate) fn text_width(text: &str, magnification: usize) -> usize {
+pub fn text_width(text: &str, magnification: usize) -> usize {
     text.chars().count() * GLYPH * magnification
 }
 
 /// Height of a line of text, pixels.
-pub(crate) fn text_height(magnification: usize) -> usize {
+pub fn text_height(magnification: usize) -> usize {
     GLYPH * magnification
 }
 
-/// An image `[height, width, 3]` in 0 to 1 at another size: means over the pixels that fall together, else the nearest.
-pub(crate) fn resized(image: ArrayView3<'_, f32>, width: usize, height: usize) -> Array3<f32> {
-    let (rows, columns, _) = image.dim();
-    if (rows, columns) == (height, width) {
-        return image.to_owned();
-    }
-    let span = |index: usize, from: usize, to: usize| {
-        let first = index * from / to;
-        first..((index + 1) * from / to).max(first + 1)
-    };
-    Array3::from_shape_fn((height, width, 3), |(y, x, c)| {
-        let block = image.slice(s![span(y, rows, height), span(x, columns, width), c]);
-        block.iter().sum::<f32>() / block.len().max(1) as f32
-    })
-}
-
 /// sRGB in 0 to 1 as bytes.
-pub(crate) fn colour_at(image: &Array3<f32>, x: usize, y: usize) -> Colour {
+pub fn colour_at(image: &Array3<f32>, x: usize, y: usize) -> Colour {
     [0, 1, 2].map(|c| (image[(y, x, c)].clamp(0.0, 1.0) * 255.0).round() as u8)
 }
 
@@ -104,15 +91,5 @@ mod tests {
         assert!(lit(4, 2) && lit(14, 2) && !lit(9, 2));
         assert!((0..20).all(|y| (0..40).all(|x| !lit(x, y) || (4..20).contains(&x) && (2..18).contains(&y))));
         canvas.text("outside and not ASCII: é", [30, 15], 3, [9; 3]);
-    }
-
-    #[test]
-    fn shrinking_keeps_the_mean_and_growing_repeats() {
-        let image = Array3::from_shape_fn((4, 6, 3), |(y, x, _)| (y * 6 + x) as f32 / 24.0);
-        let small = resized(image.view(), 3, 2);
-        assert!((small.mean().unwrap() - image.mean().unwrap()).abs() < 1e-6);
-        let large = resized(image.view(), 12, 8);
-        assert_eq!(large[(7, 11, 0)], image[(3, 5, 0)]);
-        assert_eq!(large[(0, 1, 0)], image[(0, 0, 0)]);
     }
 }

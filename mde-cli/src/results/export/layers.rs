@@ -1,7 +1,7 @@
 //! OpenEXR with the refined depth as Y and Z, its sigma and the prior.
 
 use super::Exported;
-use anyhow::{Context, Result};
+use crate::{Error, Result};
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
     LineOrder, SmallVec, WritableImage as _,
@@ -31,7 +31,7 @@ pub(super) fn encode(scene: &Exported<'_>) -> Result<Vec<u8>> {
     let layer = Layer::new((width, height), LayerAttributes::default(), encoding, channels);
     let mut bytes = Cursor::new(Vec::new());
     let write = Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes);
-    write.context("depth.exr can't be made")?;
+    write.map_err(|error| Error::external(format!("depth.exr can't be made: {error}")))?;
     Ok(bytes.into_inner())
 }
 

@@ -1,0 +1,122 @@
+//! The files of a capture, recognised by their names.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+use super::{
+    Capture, Error, Frame, Lens, PixelCentres, Result, content, read_colmap, read_transforms, read_tum,
+};
+
+/// The files of a capture.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum CaptureFiles {
+    /// A `transforms.json`.
+    Transforms(PathBuf),
+    /// A COLMAP model and the folder of its photographs.
+    Colmap {
+        /// The folder of the model.
+        model: PathBuf,
+        /// The folder of the photographs.
+        photographs: PathBuf,
+    },
+    /// The folder of a TUM sequence.
+    Tum(PathBuf),
+}
+
+impl CaptureFiles {
+    /// Those of a JSON file, or in a folder: `transforms.json`, `sparse/0` or a COLMAP model itself, beside `images`, or `groundtruth.txt` with
+    /// `rgb.txt`. `None` where there are none.
+    #[must_use]
+    pub fn find(path: &Path) -> Option<Self> {
+        let within = |name: &str| path.join(name).is_file();
+        if path.is_file() && path.extension() == Some(OsStr::new("json")) {
+            return Some(Self::Transforms(path.to_owned()));
+        }
+        if within("transforms.json") {
+            return Some(Self::Transforms(path.join("transforms.json")));
+        }
+        if let Some((model, photographs)) = colmap(path) {
+            return Some(Self::Colmap { model, photographs });
+        }
+        (within("groundtruth.txt") && within("rgb.txt")).then(|| Self::Tum(path.to_owned()))
+    }
+
+    /// Whether the files have no intrinsics.
+    #[must_use]
+    pub fn needs_lens(&self) -> bool {
+        matches!(self, Self::Tum(_))
+    }
+
+    /// The capture. `lens` is that of files without intrinsics; `size` is as for the readers.
+    ///
+    /// # Errors
+    /// Those of [`read_transforms`], [`read_colmap`] and [`read_tum`], and [`Error::Content`] where the lens is missing.
+    pub fn read(&self, lens: Option<&Lens>, size: &dyn Fn(&Path) -> Option<[usize; 2]>) -> Result<Capture> {
+        match (self, lens) {
+            (Self::Transforms(path), _) => read_transforms(path, PixelCentres::Integers, size),
+            (Self::Colmap { model, photographs }, _) => read_colmap(model, photographs, size),
+            (Self::Tum(folder), Some(lens)) => read_tum(folder, lens, size),
+            (Self::Tum(folder), None) => {
+                Err(content(folder, "intrinsics", "a TUM sequence has none; give them"))
+            }
+        }
+    }
+}
+
+impl Capture {
+    /// Index of the frame of a photograph.
+    ///
+    /// # Errors
+    /// [`Error::Foreign`] where the capture does not have it.
+    pub fn position(&self, photograph: &Path) -> Result<usize> {
+        let found = self.frames.iter().position(|frame| same_file(&frame.photograph, photograph));
+        found.ok_or_else(|| Error::Foreign {
+            photograph: photograph.to_owned(),
+            frames: self.frames.len(),
+            some: self.frames.iter().take(3).map(|frame| frame.photograph.display().to_string()).collect(),
+        })
+    }
+
+    /// Indices of the reference, then of the frames whose centres are the nearest to its own; at most `most`, and at least two.
+    #[must_use]
+    pub fn nearest(&self, reference: usize, most: usize) -> Vec<usize> {
+        let centre = |frame: &Frame| frame.pose.inverse().translation.vector;
+        let Some(from) = self.frames.get(reference).map(centre) else { return Vec::new() };
+        let mut order: Vec<usize> = (0..self.frames.len()).collect();
+        let key = |index: &usize| (*index != reference, (centre(&self.frames[*index]) - from).norm());
+        order.sort_by(|a, b| {
+            let (a, b) = (key(a), key(b));
+            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
+        });
+        order.truncate(most.max(2));
+        order
+    }
+}
+
+/// Whether two paths lead to one file.
+#[must_use]
+pub fn same_file(a: &Path, b: &Path) -> bool {
+    match (a.canonicalize(), b.canonicalize()) {
+        (Ok(a), Ok(b)) => a == b,
+        _ => a == b,
+    }
+}
+
+/// Folder of a COLMAP model and of its photographs: `DIR` or `DIR/sparse/0`, beside `DIR/images`.
+fn colmap(path: &Path) -> Option<(PathBuf, PathBuf)> {
+    let is_model =
+        |folder: &Path| ["cameras.bin", "cameras.txt"].iter().any(|name| folder.join(name).is_file());
+    let images = |root: &Path| {
+        let folder = root.join("images");
+        if folder.is_dir() { folder } else { root.to_owned() }
+    };
+    let nested = path.join("sparse").join("0");
+    if is_model(&nested) {
+        return Some((nested, images(path)));
+    }
+    let root = match path.ends_with("sparse/0") {
+        true => path.parent().and_then(Path::parent).unwrap_or(path),
+        false => path,
+    };
+    is_model(path).then(|| (path.to_owned(), images(root)))
+}
