@@ -3,7 +3,7 @@
 use crate::inputs::size::resized;
 use crate::results::canvas::{Canvas, Colour, colour_at, text_height, text_width};
 use colorous::{Gradient, MAGMA, VIRIDIS};
-use mde_uncertainty::statistics::quantile_sorted;
+use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
 use ndarray::{Array3, ArrayView2, ArrayView3, Zip};
 
@@ -202,8 +202,7 @@ fn known(value: f32) -> bool {
 /// 1 % and 99 % of the known values.
 pub fn usual_range<'v>(values: impl Iterator<Item = &'v f32>) -> [f64; 2] {
     let mut values: Vec<f32> = values.copied().filter(|&v| known(v)).collect();
-    values.sort_unstable_by(f32::total_cmp);
-    [0.01, 0.99].map(|p| quantile_sorted(&values, p).unwrap_or(0.0))
+    [0.01, 0.99].map(|p| quantile(&mut values, p).unwrap_or(0.0))
 }
 
 #[cfg(test)]

@@ -20,7 +20,7 @@ use mde_cli::results::{ErrorBar, SameScale};
 use mde_cli::{Config, Naming, Preset};
 use mde_prior::Timed;
 use mde_prior::photo::{decode_image, image_size, write_rgb_png};
-use mde_uncertainty::statistics::median;
+use mde_uncertainty::statistics::{median, quantile};
 use ndarray::{Array3, ArrayView3, Axis, concatenate};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -235,8 +235,7 @@ impl Row {
             .filter(|(z, s)| **z > 0.0 && s.is_finite())
             .map(|(z, s)| s / z)
             .collect();
-        relative.sort_unstable_by(f32::total_cmp);
-        self.sigma_90 = mde_uncertainty::statistics::quantile_sorted(&relative, 0.9);
+        self.sigma_90 = quantile(&mut relative, 0.9);
         self.missing = sigma.iter().filter(|s| s.is_infinite()).count();
         self.warnings = progress.warnings().to_vec();
     }
