@@ -247,6 +247,7 @@ def check_run(page, folder):
 
     check(page.value("document.querySelectorAll('.triptych canvas').length") == 3, "photograph, depth and sigma are not side by side")
     check_distance(page)
+    check_zoom(page, load(folder / "depth.npy")[0])
     linked = page.value("[...document.querySelectorAll('.gallery a[download]')].map((a) => a.getAttribute('href'))")
     check("depth.npy" in linked and "sigma.npy" in linked, f"the maps are linked to {linked}")
     check(page.value("document.querySelectorAll('.histogram rect').length") == 96, "there are no histograms")
@@ -279,7 +280,13 @@ def check_run(page, folder):
     some = page.value(points)
     check(0.3 * every < some < 0.7 * every, f"half of the sigmas hides {every - some} of {every} points")
     page.value("(() => { const s = document.getElementById('cloud-sigma'); s.value = 100; s.dispatchEvent(new Event('input')); })()")
+    page.settle()
     unturned = page.pixels("#cloud")
+    for shape in ("surface", "points"):
+        page.value("(() => { const s = document.querySelector('select[aria-label=\"Points or a surface\"]');"
+                   f"s.value = '{shape}'; s.dispatchEvent(new Event('change')); }})()")
+        page.settle()
+        check((page.pixels("#cloud") == unturned) == (shape == "points"), f"the depth as {shape} looks wrong")
     page.value("document.getElementById('cloud').focus()")
     page.key("0")
     check(page.pixels("#cloud") != unturned, "0 does not bring the cloud back")
@@ -306,6 +313,36 @@ def check_distance(page):
     check(page.value("document.getElementById('split').value") == at, "measuring moves the border")
     page.value("document.getElementById('measure').click()")
     check("distance" not in reading(page), "the distance stays after measuring")
+
+
+def check_zoom(page, size):
+    """The middle of the maps, larger: the read-out follows, dragging moves it, and the border stays."""
+    (rows, columns), at = size, "document.getElementById('split').value"
+    before, split = page.pixels("#viewer"), page.value(at)
+    left, top, width, height = page.box("#viewer")
+    page.mouse("mouseMoved", left + 0.25 * width, top + 0.25 * height)
+    page.settle()
+    plain = page.pixels("#viewer")
+    page.value("document.getElementById('zoom-in').click()")
+    page.mouse("mouseMoved", left + 0.25 * width, top + 0.25 * height)
+    page.settle()
+    zoomed = page.pixels("#viewer")
+    check(zoomed not in (plain, before), "zooming does not change the picture")
+
+    def near(u, v):
+        x, y = map(int, reading(page)["pixel"].split(", "))
+        return abs(x - u * columns) <= 3 + columns / 320 and abs(y - v * rows) <= 3 + rows / 320
+
+    check(near(1 / 3, 1 / 3), f"a quarter into 2/3 of the maps is said to be {reading(page)['pixel']}")
+    page.drag((left + 0.25 * width, top + 0.25 * height), (left + 0.4 * width, top + 0.25 * height))
+    check(near(1 / 3, 1 / 3) and page.value(at) == split, f"the picture does not follow the pointer: {reading(page)['pixel']}")
+    page.mouse("mouseWheel", left + 0.4 * width, top + 0.25 * height, deltaX=0, deltaY=-200, modifiers=2)
+    page.settle()
+    check(near(1 / 3, 1 / 3), f"the wheel does not zoom about the pointer: {reading(page)['pixel']}")
+    page.value("document.getElementById('zoom-whole').click()")
+    page.mouse("mouseMoved", left + 0.25 * width, top + 0.25 * height)
+    page.settle()
+    check(page.pixels("#viewer") == plain, "the whole does not come back")
 
 
 def check_photographs(page, folder):

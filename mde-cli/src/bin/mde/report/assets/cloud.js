@@ -1,4 +1,7 @@
-// The depth as a point cloud, drawn with a depth buffer on a plain canvas, without WebGL.
+// The depth as points or as a surface, drawn with a depth buffer on a plain canvas, without WebGL.
+
+/** A surface is torn where the disparities of neighbours differ by more than this share, as in the exported mesh. */
+const TEAR = 0.05;
 
 function cloud({ layers, maps, photo }) {
   const [width, height] = report.size;
@@ -15,7 +18,7 @@ function cloud({ layers, maps, photo }) {
   };
   const sorted = Float32Array.from(maps.relative.filter((s) => s > 0)).sort();
   const start = { turn: 0.26, tilt: 0.12, zoom: 0.9 };
-  const state = { ...start, colour: "photo", source: "refined", most: Infinity };
+  const state = { ...start, colour: "photo", source: "refined", most: Infinity, surface: false };
   const points = {};
 
   /** x, y, z of every pixel of a map; z = 0 where it is missing. */
@@ -34,11 +37,13 @@ function cloud({ layers, maps, photo }) {
 
   const canvas = make("canvas", {
     id: "cloud", tabindex: "0", role: "img",
-    "aria-label": "Point cloud of the depth; arrow keys turn it, plus and minus zoom, 0 resets",
+    "aria-label": "The depth in space; arrow keys turn it, plus and minus zoom, 0 resets",
   });
   const context = canvas.getContext("2d");
   const shown = make("span", { class: "soft small", id: "cloud-count" });
   let picture = null, words = null, buffer = null;
+  /** Place on the canvas and distance of each pixel; distance 0 where there is none. */
+  const screen = new Float32Array(3 * count);
 
   const draw = oncePerFrame(() => {
     const wide = Math.max(64, Math.min(1000, Math.round((canvas.clientWidth || 640) * Math.min(devicePixelRatio || 1, 1.5))));
@@ -53,19 +58,22 @@ function cloud({ layers, maps, photo }) {
     words.fill(0);
     buffer.fill(Infinity);
     points[state.source] ??= build(state.source);
-    splat(points[state.source], wide, high);
+    const reach = project(points[state.source], wide, high);
+    if (state.surface) triangles(maps[state.source], wide, high);
+    else splat(reach, wide, high);
     context.putImageData(picture, 0, 0);
   });
 
-  function splat({ xyz, pivot }, wide, high) {
+  /** Fills `screen`; gives the side of a point times its distance over its depth. */
+  function project({ xyz, pivot }, wide, high) {
     const [ct, st, cp, sp] = [Math.cos(state.turn), Math.sin(state.turn), Math.cos(state.tilt), Math.sin(state.tilt)];
     // At zoom 1 and no turn this is the photograph's own view.
     const lens = Math.min((wide / width) * focal[0], (high / height) * focal[1]) * 0.92;
     const back = pivot / state.zoom;
     const nearest = 0.02 * pivot;
-    const colour = colours[state.colour], unsure = maps.relative;
-    const reach = (1.6 * lens) / focal[0];
+    const unsure = maps.relative;
     let drawn = 0, all = 0;
+    screen.fill(0);
     for (let place = 0; place < count; place += 1) {
       const z0 = xyz[3 * place + 2];
       if (!(z0 > 0)) continue;
@@ -76,17 +84,61 @@ function cloud({ layers, maps, photo }) {
       const x = ct * x0 + st * d, far = -st * x0 + ct * d;
       const y = cp * y0 - sp * far, z = sp * y0 + cp * far + back;
       if (z < nearest) continue;
-      const size = Math.max(1, Math.min(5, Math.ceil((reach * z0) / z)));
-      const left = Math.round(wide / 2 + (lens * x) / z - size / 2), top = Math.round(high / 2 + (lens * y) / z - size / 2);
+      screen[3 * place] = wide / 2 + (lens * x) / z;
+      screen[3 * place + 1] = high / 2 + (lens * y) / z;
+      screen[3 * place + 2] = z;
+    }
+    shown.textContent = `${drawn.toLocaleString("en")} of ${all.toLocaleString("en")} points${drawn === 0 ? "; none is left: move the slider, or choose another depth" : ""}`;
+    return (1.6 * lens) / focal[0];
+  }
+
+  function splat(reach, wide, high) {
+    const colour = colours[state.colour], depths = maps[state.source];
+    for (let place = 0; place < count; place += 1) {
+      const z = screen[3 * place + 2];
+      if (z === 0) continue;
+      const size = Math.max(1, Math.min(5, Math.ceil((reach * depths[place]) / z)));
+      const left = Math.round(screen[3 * place] - size / 2), top = Math.round(screen[3 * place + 1] - size / 2);
       if (left < 0 || top < 0 || left + size > wide || top + size > high) continue;
-      const word = colour[place];
       for (let row = top; row < top + size; row += 1) {
         for (let at = row * wide + left, end = at + size; at < end; at += 1) {
+          if (z < buffer[at]) { buffer[at] = z; words[at] = colour[place]; }
+        }
+      }
+    }
+  }
+
+  /** Two triangles between four neighbours, each in the colour of its first corner. */
+  function triangles(depths, wide, high) {
+    const colour = colours[state.colour];
+    const tear = TEAR * Math.max(1, report.full[0] / width);
+    for (let row = 0; row + 1 < height; row += 1) {
+      for (let place = row * width, end = place + width - 1; place < end; place += 1) {
+        fill(place, place + width, place + 1, colour[place]);
+        fill(place + 1, place + width, place + width + 1, colour[place + 1]);
+      }
+    }
+
+    function fill(a, b, c, word) {
+      const [za, zb, zc] = [screen[3 * a + 2], screen[3 * b + 2], screen[3 * c + 2]];
+      if (za === 0 || zb === 0 || zc === 0) return;
+      const near = Math.min(depths[a], depths[b], depths[c]), far = Math.max(depths[a], depths[b], depths[c]);
+      if (1 - near / far > tear) return;
+      const [xa, ya, xb, yb, xc, yc] = [screen[3 * a], screen[3 * a + 1], screen[3 * b], screen[3 * b + 1], screen[3 * c], screen[3 * c + 1]];
+      const twice = (xb - xa) * (yc - ya) - (xc - xa) * (yb - ya);
+      if (twice === 0) return;
+      const left = Math.max(0, Math.ceil(Math.min(xa, xb, xc) - 0.5)), right = Math.min(wide - 1, Math.floor(Math.max(xa, xb, xc) - 0.5));
+      const top = Math.max(0, Math.ceil(Math.min(ya, yb, yc) - 0.5)), bottom = Math.min(high - 1, Math.floor(Math.max(ya, yb, yc) - 0.5));
+      for (let y = top; y <= bottom; y += 1) {
+        for (let x = left; x <= right; x += 1) {
+          const [u, v] = [x + 0.5, y + 0.5];
+          const wb = ((u - xa) * (yc - ya) - (xc - xa) * (v - ya)) / twice, wc = ((xb - xa) * (v - ya) - (u - xa) * (yb - ya)) / twice;
+          if (wb < 0 || wc < 0 || wb + wc > 1) continue;
+          const z = za + wb * (zb - za) + wc * (zc - za), at = y * wide + x;
           if (z < buffer[at]) { buffer[at] = z; words[at] = word; }
         }
       }
     }
-    shown.textContent = `${drawn.toLocaleString("en")} of ${all.toLocaleString("en")} points${drawn === 0 ? "; none is left: move the slider, or choose another depth" : ""}`;
   }
 
   function turn(dx, dy) {
@@ -153,7 +205,8 @@ function cloud({ layers, maps, photo }) {
     make("div", { class: "panel" },
       make("div", { class: "field" },
         make("span", {}, "Depth"), choice(sources, state.source, "Which depth", (name) => { state.source = name; draw(); }),
-        make("span", {}, "Colour"), choice([["photo", "Photograph"], ["relative", "Sigma / depth"], ["depth", "Refined depth"]], state.colour, "Colour of the points", (name) => { state.colour = name; draw(); })),
+        make("span", {}, "Colour"), choice([["photo", "Photograph"], ["relative", "Sigma / depth"], ["depth", "Refined depth"]], state.colour, "Colour of the points", (name) => { state.colour = name; draw(); }),
+        make("span", {}, "Drawn as"), choice([["points", "Points"], ["surface", "Surface"]], "points", "Points or a surface", (name) => { state.surface = name === "surface"; draw(); })),
       make("div", {},
         make("div", { class: "scale name" }, make("span", {}, "Hide what is less sure"), most),
         threshold),

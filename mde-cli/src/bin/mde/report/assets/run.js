@@ -19,7 +19,7 @@ async function runPage(page) {
   page.append(make("div", { class: "triptych" }, three));
 
   const compare = viewer(scene);
-  const hint = "Drag in the image to move the border; point at a pixel to read its values. Measured distances are of the refined depth; beside its common error, the errors of their ends count as independent. ";
+  const hint = "Drag in the image to move the border; point at a pixel to read its values. Ctrl with the wheel, two fingers, or plus and minus zoom; then drag to move the picture. Measured distances are of the refined depth; beside its common error, the errors of their ends count as independent. ";
   section("Before and after", hint + report.prior_sigma, compare.root);
   if (record.capture) photographSection(scene);
 

@@ -35,10 +35,12 @@ function viewer({ layers, maps }) {
   const unit = report.record.unit === "unscaled" ? "" : `${NBSP}${report.record.unit}`;
   const state = { left: "image", right: "refined", split: 0.5, at: [width >> 1, height >> 1], edges: new Set(), measure: false, ends: [] };
   const edges = {};
+  /** Upper left corner of the part of the maps that is shown, and how many times larger than the whole it is. */
+  const view = { x: 0, y: 0, zoom: 1 };
 
   const canvas = make("canvas", {
     id: "viewer", tabindex: "0", role: "img",
-    "aria-label": "Two maps side by side; arrow keys move the pixel that is read, Page Up and Page Down the slider",
+    "aria-label": "Two maps side by side; arrow keys move the pixel that is read, Page Up and Page Down the slider; plus and minus zoom, 0 shows the whole",
   });
   const context = canvas.getContext("2d");
   const tags = { left: make("span", { class: "tag left" }), right: make("span", { class: "tag right" }) };
@@ -54,15 +56,17 @@ function viewer({ layers, maps }) {
     const wide = Math.max(1, Math.round((canvas.clientWidth || width) * ratio));
     const high = Math.max(1, Math.round((wide * height) / width));
     if (canvas.width !== wide || canvas.height !== high) { canvas.width = wide; canvas.height = high; }
-    const scale = wide / width;
+    const scale = (view.zoom * wide) / width;
+    const onto = (picture) => context.drawImage(picture, -view.x * scale, -view.y * scale, width * scale, height * scale);
+    const on = ([x, y]) => [(x + 0.5 - view.x) * scale, (y + 0.5 - view.y) * scale];
     const middle = state.split * wide;
     const part = (name, from, to) => {
       context.save();
       context.beginPath();
       context.rect(from, 0, to - from, high);
       context.clip();
-      context.imageSmoothingEnabled = Boolean(layers[name].smooth);
-      context.drawImage(layers[name].canvas, 0, 0, wide, high);
+      context.imageSmoothingEnabled = Boolean(layers[name].smooth) && view.zoom < 4;
+      onto(layers[name].canvas);
       context.restore();
     };
     part(state.left, 0, middle);
@@ -70,11 +74,11 @@ function viewer({ layers, maps }) {
     context.imageSmoothingEnabled = false;
     for (const name of Object.keys(EDGES).filter((name) => state.edges.has(name))) {
       edges[name] ??= edgePicture(maps[name], report.size, EDGES[name]);
-      context.drawImage(edges[name], 0, 0, wide, high);
+      onto(edges[name]);
     }
     bar(context, middle, high, ratio);
-    cross(context, (state.at[0] + 0.5) * scale, (state.at[1] + 0.5) * scale, ratio);
-    ruler(context, state.ends.map((end) => end.map((v) => (v + 0.5) * scale)), ratio);
+    cross(context, ...on(state.at), ratio);
+    ruler(context, state.ends.map(on), ratio);
     tags.left.hidden = state.split < 0.12;
     tags.right.hidden = state.split > 0.88;
   });
@@ -160,14 +164,35 @@ function viewer({ layers, maps }) {
     return `${number(length)}${NBSP}±${NBSP}${number(sigma, 2)}${unit}`;
   }
 
-  function place(event) {
+  /** The upper left corner to that point of the maps, as far as they reach. */
+  function moveTo(x, y) {
+    view.x = Math.max(0, Math.min(width - width / view.zoom, x));
+    view.y = Math.max(0, Math.min(height - height / view.zoom, y));
+    whole.disabled = view.zoom === 1;
+    canvas.classList.toggle("zoomed", view.zoom > 1);
+    draw();
+  }
+
+  /** Zooms about a point, given as shares of the picture's sides. */
+  function zoomBy(factor, [u, v] = [0.5, 0.5]) {
+    const [x, y] = [view.x + (u * width) / view.zoom, view.y + (v * height) / view.zoom];
+    view.zoom = Math.max(1, Math.min(32, view.zoom * factor));
+    moveTo(x - (u * width) / view.zoom, y - (v * height) / view.zoom);
+  }
+
+  function share(event) {
     const box = canvas.getBoundingClientRect();
-    const share = (value, from, size) => Math.max(0, Math.min(1, (value - from) / size));
-    const [u, v] = [share(event.clientX, box.left, box.width), share(event.clientY, box.top, box.height)];
-    state.at = [Math.min(width - 1, Math.floor(u * width)), Math.min(height - 1, Math.floor(v * height))];
+    const part = (value, from, size) => Math.max(0, Math.min(1, (value - from) / size));
+    return [part(event.clientX, box.left, box.width), part(event.clientY, box.top, box.height)];
+  }
+
+  function place(event) {
+    const [u, v] = share(event);
+    const at = [view.x + (u * width) / view.zoom, view.y + (v * height) / view.zoom];
+    state.at = [Math.min(width - 1, Math.floor(at[0])), Math.min(height - 1, Math.floor(at[1]))];
     if (state.measure) {
       if (event.type === "pointerdown") state.ends = [...(state.ends.length === 2 ? [] : state.ends), [...state.at]];
-    } else if (event.buttons & 1 || event.type === "pointerdown") {
+    } else if (view.zoom === 1 && (event.buttons & 1 || event.type === "pointerdown")) {
       state.split = u;
       slider.value = String(Math.round(1000 * u));
     }
@@ -175,8 +200,31 @@ function viewer({ layers, maps }) {
     draw();
   }
 
-  canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); place(event); });
-  canvas.addEventListener("pointermove", place);
+  const fingers = new Map();
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    fingers.set(event.pointerId, share(event));
+    if (fingers.size === 1) place(event);
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const before = fingers.get(event.pointerId), now = share(event);
+    const other = [...fingers].find(([id]) => id !== event.pointerId)?.[1];
+    if (before && other) {
+      const apart = (point) => Math.hypot(point[0] - other[0], point[1] - other[1]) || 1;
+      zoomBy(apart(now) / apart(before), other);
+    } else if (before && view.zoom > 1 && !state.measure) {
+      moveTo(view.x + ((before[0] - now[0]) * width) / view.zoom, view.y + ((before[1] - now[1]) * height) / view.zoom);
+    }
+    if (before) fingers.set(event.pointerId, now);
+    if (fingers.size < 2) place(event);
+  });
+  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
+  canvas.addEventListener("wheel", (event) => {
+    // The wheel alone scrolls the page; a pinch on a touchpad comes with this key.
+    if (!(event.ctrlKey || event.metaKey)) return;
+    event.preventDefault();
+    zoomBy(Math.exp(-event.deltaY / 200), share(event));
+  }, { passive: false });
   canvas.addEventListener("keydown", (event) => {
     const step = event.shiftKey ? 10 : 1;
     const moves = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
@@ -185,6 +233,9 @@ function viewer({ layers, maps }) {
       state.ends = [...(state.ends.length === 2 ? [] : state.ends), [...state.at]];
     } else if (move) {
       state.at = [Math.max(0, Math.min(width - 1, state.at[0] + move[0])), Math.max(0, Math.min(height - 1, state.at[1] + move[1]))];
+    } else if (["+", "=", "-", "0"].includes(event.key)) {
+      const factors = { "+": 1.5, "=": 1.5, "-": 1 / 1.5, 0: 0 };
+      zoomBy(factors[event.key], [0, 1].map((i) => ((state.at[i] + 0.5 - [view.x, view.y][i]) * view.zoom) / report.size[i]));
     } else if (event.key === "PageUp" || event.key === "PageDown") {
       state.split = Math.max(0, Math.min(1, state.split + (event.key === "PageUp" ? -0.05 : 0.05)));
       slider.value = String(Math.round(1000 * state.split));
@@ -221,12 +272,16 @@ function viewer({ layers, maps }) {
     },
   }, "Measure a distance");
 
+  const whole = make("button", { type: "button", id: "zoom-whole", disabled: true, onclick: () => zoomBy(0) }, "Whole");
   const root = make("div", { class: "split viewer" },
     make("div", {}, make("div", { class: "stage" }, canvas, tags.left, tags.right), slider),
     make("div", { class: "panel" },
       make("div", { class: "readout" }, readout),
       make("div", { class: "field" }, make("span", {}, "Left"), pick.left, make("span", {}, "Right"), pick.right),
-      make("div", { class: "row" }, measure),
+      make("div", { class: "row" },
+        make("button", { type: "button", id: "zoom-in", onclick: () => zoomBy(1.5), "aria-label": "Zoom into the maps" }, "+"),
+        make("button", { type: "button", onclick: () => zoomBy(1 / 1.5), "aria-label": "Zoom out of the maps" }, "−"),
+        whole, measure),
       make("div", { class: "row" }, edgeBox("prior", "edges of the prior"), edgeBox("refined", "edges of the refined")),
       scales));
   new ResizeObserver(draw).observe(canvas);
