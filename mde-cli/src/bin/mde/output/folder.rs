@@ -1,5 +1,6 @@
 //! An output folder, written atomically.
 
+use crate::evaluation::lock;
 use crate::run::interrupt;
 use anyhow::{Context, Result, bail, ensure};
 use std::fs;
@@ -148,12 +149,16 @@ pub(crate) fn temporary_folder(parent: &Path) -> Result<tempfile::TempDir> {
     builder().tempdir_in(parent).with_context(|| format!("{}: can't make a folder in it", parent.display()))
 }
 
-/// Removes what killed runs left unfinished in a folder of results that no other process writes to.
+/// Removes the folders and files that killed runs left unfinished in a folder of results that no other process writes to.
 pub(crate) fn remove_unfinished(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        let unfinished = entry.file_name().as_encoded_bytes().starts_with(PREFIX.as_bytes());
-        if unfinished && entry.file_type().is_ok_and(|kind| kind.is_dir()) {
-            let _ = fs::remove_dir_all(entry.path());
+        let name = entry.file_name();
+        // The lock is this process's own.
+        if name.as_encoded_bytes().starts_with(PREFIX.as_bytes()) && name != lock::FILE {
+            let _ = match entry.file_type() {
+                Ok(kind) if kind.is_dir() => fs::remove_dir_all(entry.path()),
+                _ => fs::remove_file(entry.path()),
+            };
         }
     }
 }
