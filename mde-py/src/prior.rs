@@ -18,7 +18,7 @@ enum Source {
     Network(OnnxPrior),
     /// The size of its input, `(height, width)`, where it has one.
     Callable(Option<(usize, usize)>),
-    /// With what to know of its file.
+    /// With a warning about its file.
     Map(PriorDepth, Option<String>),
 }
 

@@ -17,7 +17,7 @@ pub struct MapFile {
     pub prior: FilePrior,
     /// Where it comes from.
     pub origin: PriorOrigin,
-    /// What to know of the file.
+    /// A warning about the file: an unknown unit, or 8 bits.
     pub note: Option<String>,
 }
 

@@ -28,7 +28,7 @@ pub struct Stated {
     pub scale: Option<ScaleError>,
     /// Source of the error that all predictions share, `fusion.common-error`, for a model; nothing where it is assumed.
     pub common_by: Option<String>,
-    /// What to know of it.
+    /// Warnings about it, such as a calibration of another network.
     #[serde(skip)]
     pub warnings: Vec<String>,
 }

@@ -124,7 +124,7 @@ pub struct About<'r> {
     pub seed: Option<u64>,
     /// Number of threads.
     pub threads: usize,
-    /// What to know of the result.
+    /// Warnings of the run.
     pub warnings: &'r [String],
     /// From the start to this record.
     pub total_seconds: f64,

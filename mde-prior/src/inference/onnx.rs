@@ -201,8 +201,8 @@ impl OnnxPrior {
         self
     }
 
-    /// The meaning of its predictions: with a [canonical focal length](ModelSpec::canonical_focal) they have no unit until
-    /// [`Metres`](crate::Metres) knows the photographs' own.
+    /// The meaning of its predictions: with a [canonical focal length](ModelSpec::canonical_focal) they have no unit;
+    /// [`Metres`](crate::Metres) gives them one for photographs of a known focal length.
     #[must_use]
     pub fn kind(&self) -> DepthKind {
         if self.spec.canonical_focal.is_some() { DepthKind::RelativeDepth } else { self.spec.output }

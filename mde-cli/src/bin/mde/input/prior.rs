@@ -20,7 +20,7 @@ pub(crate) struct NamedPrior<'p> {
     pub(crate) origin: PriorOrigin,
     /// `(height, width)` of a map from a file.
     pub(crate) size: Option<(usize, usize)>,
-    /// What to know of the file.
+    /// A warning about the file.
     pub(crate) note: Option<String>,
 }
 

@@ -207,6 +207,18 @@ mod tests {
     }
 
     #[test]
+    fn unfinished_folders_and_files_are_swept_but_not_the_lock() {
+        let place = tempfile::tempdir().unwrap();
+        fs::create_dir(place.path().join(".mde-folder")).unwrap();
+        fs::create_dir(place.path().join("photograph")).unwrap();
+        for file in [".mde-folder/depth.npy", ".mde-file", lock::FILE, "index.csv"] {
+            fs::write(place.path().join(file), "").unwrap();
+        }
+        remove_unfinished(place.path());
+        assert_eq!(entries(place.path()), [lock::FILE, "index.csv", "photograph"]);
+    }
+
+    #[test]
     fn only_an_earlier_run_is_replaced() {
         let place = tempfile::tempdir().unwrap();
         let target = place.path().join("run");
