@@ -107,7 +107,7 @@ pub(super) fn same_scale(
 impl Common<'_> {
     /// Features of a photograph and a prediction of the network at them.
     fn prepared(&self, item: &Item, settings: &PosesConfig) -> Result<Prepared> {
-        let (_taken, bytes) = self.read(item)?;
+        let (_taken, _, bytes) = self.read(item)?;
         let (opened, _, camera) = self.decoded(item, bytes, &mut Progress::silent())?;
         let image = opened.photo.pixels;
         let prior = self.prior.for_camera(&camera);
