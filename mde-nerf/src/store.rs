@@ -49,6 +49,17 @@ struct Version {
 
 pub(crate) fn save(path: &Path, config: &NerfConfig, seed: u64, fitted: &Fitted) -> Result<()> {
     let io = |source: std::io::Error| Error::Io { path: path.to_owned(), source };
+    let file = encode(config, seed, fitted).map_err(io)?;
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut temporary = builder().tempfile_in(folder).map_err(io)?;
+    temporary.write_all(&file).map_err(io)?;
+    temporary.as_file().sync_all().map_err(io)?;
+    temporary.persist(path).map_err(|e| io(e.error))?;
+    Ok(())
+}
+
+/// The bytes of the file.
+pub(crate) fn encode(config: &NerfConfig, seed: u64, fitted: &Fitted) -> std::io::Result<Vec<u8>> {
     let table = match &fitted.network.encoding {
         Encoding::Hash(grid) => grid.table.as_slice(),
         Encoding::Frequency(_) => &[],
@@ -65,24 +76,18 @@ pub(crate) fn save(path: &Path, config: &NerfConfig, seed: u64, fitted: &Fitted)
         checksum: checksum(bytes.iter().map(|(_, b)| b.as_slice())),
         header_checksum: ZEROS.to_owned(),
     };
-    let mut header = serde_json::to_string(&header).map_err(|e| io(e.into()))?;
+    let mut header = serde_json::to_string(&header)?;
     if let Some((zeros, own)) = own_checksum(&header) {
         header = header.replace(&format!("{OWN}{zeros}"), &format!("{OWN}{own}"));
     }
     let mut tensors = Vec::new();
     for (name, bytes) in &bytes {
-        let view = TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes)
-            .map_err(|e| io(std::io::Error::other(e)))?;
+        let view =
+            TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes).map_err(std::io::Error::other)?;
         tensors.push((*name, view));
     }
-    let file = safetensors::serialize(tensors, Some(HashMap::from([(HEADER.to_owned(), header)])))
-        .map_err(|e| io(std::io::Error::other(e)))?;
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut temporary = builder().tempfile_in(folder).map_err(io)?;
-    temporary.write_all(&file).map_err(io)?;
-    temporary.as_file().sync_all().map_err(io)?;
-    temporary.persist(path).map_err(|e| io(e.error))?;
-    Ok(())
+    safetensors::serialize(tensors, Some(HashMap::from([(HEADER.to_owned(), header)])))
+        .map_err(std::io::Error::other)
 }
 
 /// The prefix marks what a killed run leaves. Temporary files are private by default; the result gets the permissions of the user's umask.

@@ -2,10 +2,12 @@
 
 mod multi_view;
 mod presets;
+mod shorthands;
 mod sigma;
 
 pub use multi_view::MultiViewConfig;
 pub use presets::Preset;
+pub use shorthands::Shorthands;
 pub use sigma::SigmaConfig;
 
 use crate::{Error, Result};

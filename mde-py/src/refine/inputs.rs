@@ -1,5 +1,6 @@
 //! The inputs of a refinement, as the caller gives them and at the size at which they are refined.
 
+use super::one_scale::{Factor, same_scale};
 use super::{Motion, Watch};
 use crate::error::{message, raise};
 use crate::settings::Settings;
@@ -9,7 +10,7 @@ use mde_cli::mde_prior::resample::nearest;
 use mde_cli::mde_warp::Pose;
 use mde_cli::memory::{MemoryLimit, capture_bytes, refine_bytes};
 use mde_cli::nalgebra::{Quaternion, Translation3, UnitQuaternion};
-use mde_cli::results::Unit;
+use mde_cli::results::{SameScale, Unit};
 use mde_cli::scale::KnownDepth;
 use mde_cli::{Capture, Naming, Photograph};
 use ndarray::{Array2, Array3};
@@ -60,6 +61,10 @@ pub(crate) struct Arguments<'py> {
     /// Whether the results are in the unit of the poses.
     unit_of_poses: bool,
     scale_from: Option<Scale<'py>>,
+    /// The factor to one scale with other photographs.
+    same_scale: Option<Factor>,
+    /// Whether the fitted field is a part of the result.
+    keep_field: bool,
     max_size: Option<usize>,
     /// Million pixels.
     work_size: f64,
@@ -81,6 +86,8 @@ pub(super) struct Inputs {
     pub(super) photographs: Vec<Input>,
     pub(super) unit: Unit,
     pub(super) scale: Option<Known>,
+    pub(super) same_scale: Option<SameScale>,
+    pub(super) keep_field: bool,
     max_size: Option<usize>,
     work_size: f64,
     limit: MemoryLimit,
@@ -154,8 +161,9 @@ impl Inputs {
         };
         let unit = if arguments.unit_of_poses { Unit::Capture } else { Unit::Prior };
         let limit = MemoryLimit { gib: arguments.max_memory, naming: Naming::Keywords };
-        let Arguments { max_size, work_size, .. } = arguments;
-        Ok(Self { photographs, unit, scale, max_size, work_size, limit })
+        let same_scale = arguments.same_scale.map(same_scale);
+        let Arguments { max_size, work_size, keep_field, .. } = arguments;
+        Ok(Self { photographs, unit, scale, same_scale, keep_field, max_size, work_size, limit })
     }
 
     /// The photographs at the size at which they are refined.
