@@ -41,7 +41,7 @@ impl Known {
     ) -> Result<Self> {
         if depths.is_empty() {
             return Err(Error::Argument(format!(
-                "{} {source}: no depth of {photograph}",
+                "{} {source}: no depth of {photograph}; give its column, row and depth, separated by commas, or a COLMAP model that has points of it",
                 naming.of("scale-from")
             )));
         }
