@@ -45,7 +45,7 @@ pub use error::{Error, Result};
 pub use intrinsics::Intrinsics;
 pub use naming::Naming;
 pub use pipeline::{
-    Callback, Checkpoint, Event, FieldFactory, FieldRequest, IterationReport, Refinement, Stage,
+    Callback, Checkpoint, Event, FieldFactory, FieldRequest, IterationReport, Refinement, SharedNerf, Stage,
     StageSeconds, Stages, WarpReport, refine, resume,
 };
 pub use {mde_fusion, mde_mvs, mde_nerf, mde_prior, mde_uncertainty, mde_warp};

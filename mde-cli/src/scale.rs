@@ -31,6 +31,19 @@ pub struct KnownDepth {
     pub sigma: f64,
 }
 
+impl KnownDepth {
+    pub(crate) fn check(&self) -> Result<()> {
+        let Self { x, y, depth, sigma } = *self;
+        let finite = [x, y, depth, sigma].iter().all(|v| v.is_finite());
+        match finite && depth > 0.0 && sigma >= 0.0 {
+            true => Ok(()),
+            false => Err(Error::Scale(format!(
+                "the known depth {depth} +- {sigma} at ({x}, {y}) is no positive number; check its columns"
+            ))),
+        }
+    }
+}
+
 /// The map from a refinement to the known depths.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ScaleReport {
@@ -96,13 +109,7 @@ impl Refinement {
         let (height, width) = self.depth.dim();
         let mut pairs = Vec::new();
         for point in known {
-            let usable = [point.x, point.y, point.depth, point.sigma].iter().all(|v| v.is_finite());
-            if !(usable && point.depth > 0.0 && point.sigma >= 0.0) {
-                return Err(fault(format!(
-                    "the known depth {} +- {} at ({}, {}) is no positive number; check its columns",
-                    point.depth, point.sigma, point.x, point.y
-                )));
-            }
+            point.check()?;
             let (x, y) = (point.x.round(), point.y.round());
             if x < 0.0 || y < 0.0 || x >= width as f64 || y >= height as f64 {
                 continue;

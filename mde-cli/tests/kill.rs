@@ -32,7 +32,7 @@ fn kill_at(place: &Place, arguments: &str, moment: u32, whole: Duration) -> bool
     // Not at equal steps: a fraction that has no period in common with the stages.
     let jitter = (f64::from(moment) * 0.618_034).fract();
     sleep(whole.mul_f64((f64::from(moment) + jitter) / f64::from(MOMENTS)));
-    let signal = if moment.is_multiple_of(2) { "-KILL" } else { "-TERM" };
+    let signal = ["-KILL", "-TERM", "-KILL", "-QUIT"][moment as usize % 4];
     let _ = Command::new("kill").args([signal, &child.id().to_string()]).stderr(Stdio::null()).status();
     !child.wait().unwrap().success()
 }
@@ -103,6 +103,33 @@ fn a_refinement_killed_at_any_moment_leaves_old_or_new_and_resumes_to_the_same_b
         assert!(!place.path(&format!("{out}.resume")).exists());
     }
     assert!(killed >= MOMENTS / 4 && resumed >= 2, "{killed} killed, {resumed} resumed");
+}
+
+/// Each signal that a program can handle, as soon as the results are being written.
+#[test]
+fn an_interrupted_run_leaves_no_unfinished_files() {
+    let place = Place::new();
+    let before = place.entries();
+    let unfinished = || place.entries().iter().any(|name| name.starts_with(".mde-"));
+    let refine = "refine image.png --prior-depth depth.npy --fov 60 --config tiny.toml --export ply,glb,exr,colmap,sigma -o out";
+    for signal in ["INT", "TERM", "HUP", "QUIT"] {
+        // A run may be finished before the signal arrives.
+        let interrupted = (0..20).any(|_| {
+            let mut child = start(&place, refine);
+            let begin = Instant::now();
+            while !unfinished() && child.try_wait().unwrap().is_none() {
+                assert!(begin.elapsed() < Duration::from_secs(60));
+                sleep(Duration::from_millis(1));
+            }
+            let id = child.id().to_string();
+            let _ = Command::new("kill").args(["-s", signal, &id]).stderr(Stdio::null()).status();
+            let status = child.wait().unwrap();
+            let _ = fs::remove_dir_all(place.path("out"));
+            assert_eq!(place.entries(), before, "{signal}, {status}");
+            status.code() == Some(130)
+        });
+        assert!(interrupted, "{signal} never ended a run with exit code 130");
+    }
 }
 
 #[test]

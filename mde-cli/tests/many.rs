@@ -163,7 +163,7 @@ fn a_run_killed_at_any_moment_continues_to_the_same_bytes() {
     place.mde(&refine("whole")).assert().success();
     let whole = begin.elapsed();
     let expected = all(&place.path("whole"));
-    let (mut killed, mut kept) = (0, 0);
+    let (mut killed, mut kept, mut indexed) = (0, 0, 0);
     for moment in 0..MOMENTS {
         let out = format!("out{moment}");
         let mut child = Command::new(env!("CARGO_BIN_EXE_mde"))
@@ -182,8 +182,15 @@ fn a_run_killed_at_any_moment_continues_to_the_same_bytes() {
             // What has its name is whole.
             let left = all(&place.path(&out));
             kept += left.len();
-            for (name, maps) in left {
-                assert!(maps == expected[&name], "moment {moment}: {name}");
+            for (name, maps) in &left {
+                assert!(*maps == expected[name], "moment {moment}: {name}");
+            }
+            // The index names no photograph that is not finished; of a run that could end by itself, all that are.
+            let listed = listed(&place.path(&out));
+            assert!(listed.iter().all(|name| left.contains_key(name)), "moment {moment}: {listed:?}");
+            indexed += listed.len();
+            if signal == "-TERM" {
+                assert_eq!(listed.len(), left.len(), "moment {moment}");
             }
         }
         place.mde(&refine(&out)).assert().success();
@@ -191,6 +198,18 @@ fn a_run_killed_at_any_moment_continues_to_the_same_bytes() {
         assert_eq!(names(&place.path(&out)), names(&place.path("whole")), "moment {moment}");
     }
     assert!(killed >= MOMENTS / 4 && kept >= 2, "{killed} killed, {kept} kept");
+    assert!(indexed > 0 && indexed < 6 * MOMENTS as usize, "{indexed} rows");
+}
+
+/// The folders of the photographs in `index.csv`, if there is one.
+fn listed(folder: &Path) -> Vec<String> {
+    let Ok(table) = fs::read_to_string(folder.join("index.csv")) else { return Vec::new() };
+    let page = fs::read_to_string(folder.join("index.html")).unwrap_or_default();
+    let folders: Vec<String> =
+        table.lines().skip(1).map(|row| row.split(',').nth(1).unwrap().to_owned()).collect();
+    // Written after the table: never more, and whole.
+    assert!(page.is_empty() || page.ends_with("</html>\n"), "{page}");
+    folders
 }
 
 #[test]

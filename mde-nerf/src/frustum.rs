@@ -118,6 +118,25 @@ impl Ray {
 }
 
 impl Frustum {
+    /// What is wrong with a volume that was read from a file.
+    #[cfg(feature = "serde")]
+    pub(crate) fn fault(&self) -> Option<&'static str> {
+        let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
+        let rotation = nalgebra::Matrix3::from_fn(|r, c| self.rotation[r][c]);
+        let turned = (rotation.transpose() * rotation - nalgebra::Matrix3::identity()).amax();
+        let faults = [
+            (!(turned < 1e-6 && rotation.determinant() > 0.0), "its rotation is none"),
+            (!(finite(&self.translation) && finite(&self.offset)), "its translation or offset is not finite"),
+            (!self.scale.iter().all(|s| *s > 0.0 && s.is_finite()), "its scale is not positive"),
+            (
+                !(self.near > 0.0 && self.near < self.far && self.far.is_finite()),
+                "its near and far are no range of depths",
+            ),
+            (!(self.unit > 0.0 && self.unit.is_finite()), "its unit is not positive"),
+        ];
+        faults.into_iter().find_map(|(wrong, fault)| wrong.then_some(fault))
+    }
+
     /// The volume of `views` that `sampling` describes.
     pub(crate) fn of_views(views: &[PosedView], sampling: &SamplingConfig) -> Result<Self> {
         let original = views.first().ok_or(Error::NoPixels)?;

@@ -97,6 +97,17 @@ impl Nerf {
         store::save(path.as_ref(), &self.config, self.seed, fitted)
     }
 
+    /// The bytes of the file that [`Nerf::save`] writes.
+    ///
+    /// # Errors
+    /// [`Error::NotFitted`], or [`Error::Io`] where they can't be made.
+    #[cfg(feature = "serde")]
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        let fitted = self.fitted.as_ref().ok_or(Error::NotFitted)?;
+        let fault = |source| Error::Io { path: "field".into(), source };
+        store::encode(&self.config, self.seed, fitted).map_err(fault)
+    }
+
     /// Reads a field written by [`Nerf::save`].
     ///
     /// # Errors

@@ -49,6 +49,17 @@ struct Version {
 
 pub(crate) fn save(path: &Path, config: &NerfConfig, seed: u64, fitted: &Fitted) -> Result<()> {
     let io = |source: std::io::Error| Error::Io { path: path.to_owned(), source };
+    let file = encode(config, seed, fitted).map_err(io)?;
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut temporary = builder().tempfile_in(folder).map_err(io)?;
+    temporary.write_all(&file).map_err(io)?;
+    temporary.as_file().sync_all().map_err(io)?;
+    temporary.persist(path).map_err(|e| io(e.error))?;
+    Ok(())
+}
+
+/// The bytes of the file.
+pub(crate) fn encode(config: &NerfConfig, seed: u64, fitted: &Fitted) -> std::io::Result<Vec<u8>> {
     let table = match &fitted.network.encoding {
         Encoding::Hash(grid) => grid.table.as_slice(),
         Encoding::Frequency(_) => &[],
@@ -65,24 +76,18 @@ pub(crate) fn save(path: &Path, config: &NerfConfig, seed: u64, fitted: &Fitted)
         checksum: checksum(bytes.iter().map(|(_, b)| b.as_slice())),
         header_checksum: ZEROS.to_owned(),
     };
-    let mut header = serde_json::to_string(&header).map_err(|e| io(e.into()))?;
+    let mut header = serde_json::to_string(&header)?;
     if let Some((zeros, own)) = own_checksum(&header) {
         header = header.replace(&format!("{OWN}{zeros}"), &format!("{OWN}{own}"));
     }
     let mut tensors = Vec::new();
     for (name, bytes) in &bytes {
-        let view = TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes)
-            .map_err(|e| io(std::io::Error::other(e)))?;
+        let view =
+            TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes).map_err(std::io::Error::other)?;
         tensors.push((*name, view));
     }
-    let file = safetensors::serialize(tensors, Some(HashMap::from([(HEADER.to_owned(), header)])))
-        .map_err(|e| io(std::io::Error::other(e)))?;
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut temporary = builder().tempfile_in(folder).map_err(io)?;
-    temporary.write_all(&file).map_err(io)?;
-    temporary.as_file().sync_all().map_err(io)?;
-    temporary.persist(path).map_err(|e| io(e.error))?;
-    Ok(())
+    safetensors::serialize(tensors, Some(HashMap::from([(HEADER.to_owned(), header)])))
+        .map_err(std::io::Error::other)
 }
 
 /// The prefix marks what a killed run leaves. Temporary files are private by default; the result gets the permissions of the user's umask.
@@ -100,12 +105,12 @@ fn builder() -> tempfile::Builder<'static, 'static> {
 pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {
     let format = |reason: String| Error::Format { path: path.to_owned(), reason };
     let file = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
-    let (_, metadata) = SafeTensors::read_metadata(&file).map_err(|e| format(e.to_string()))?;
+    let (_, metadata) = SafeTensors::read_metadata(&file).map_err(|e| format(foreign(e)))?;
     let header = metadata.metadata().as_ref().and_then(|m| m.get(HEADER)).ok_or_else(|| {
         format(format!("its header has no {HEADER:?} entry; give a file written by mde-nerf"))
     })?;
     // The version first: the header of another version need not parse.
-    let Version { version } = serde_json::from_str(header).map_err(|e| format(e.to_string()))?;
+    let Version { version } = serde_json::from_str(header).map_err(|e| format(foreign(e)))?;
     if version != VERSION {
         return Err(format(format!("its version is {version}, not {VERSION}; fit the field again")));
     }
@@ -114,12 +119,15 @@ pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {
             "the checksum of its header is wrong, the file is damaged; fit the field again".into(),
         ));
     }
-    let header: Header = serde_json::from_str(header).map_err(|e| format(e.to_string()))?;
-    header.config.validate()?;
-    let tensors = SafeTensors::deserialize(&file).map_err(|e| format(e.to_string()))?;
+    let header: Header = serde_json::from_str(header).map_err(|e| format(foreign(e)))?;
+    header.config.validate().map_err(|e| format(e.to_string()))?;
+    if let Some(fault) = header.frustum.fault() {
+        return Err(format(format!("{fault}; fit the field again")));
+    }
+    let tensors = SafeTensors::deserialize(&file).map_err(|e| format(foreign(e)))?;
     let mut parts = Vec::new();
     for name in ["table", "density", "colour"] {
-        let tensor = tensors.tensor(name).map_err(|e| format(e.to_string()))?;
+        let tensor = tensors.tensor(name).map_err(|e| format(foreign(e)))?;
         if tensor.dtype() != Dtype::F32 {
             return Err(format(format!("its tensor {name:?} is not of 32-bit floats")));
         }
@@ -135,6 +143,11 @@ pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {
     let network = Network::from_parameters(&header.config.field, next(), next(), next())
         .ok_or_else(|| format("its tensors do not fit its configuration".into()))?;
     Ok((header.config, header.seed, Fitted { network, frustum: header.frustum }))
+}
+
+/// The fault of a file that is cut, or of another program.
+fn foreign(fault: impl std::fmt::Display) -> String {
+    format!("{fault}; give a file written by mde-nerf")
 }
 
 fn checksum<'b>(parts: impl Iterator<Item = &'b [u8]>) -> u32 {

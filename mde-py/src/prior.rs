@@ -3,10 +3,13 @@
 use crate::error::raise;
 use crate::worker::{Link, pool};
 use mde_cli::Naming;
-use mde_cli::inputs::{KnownCamera, MapFile, NetworkFormat, PriorForm, PriorOrigin, Resampled, open_network};
-use mde_cli::mde_prior::format::ReadOptions;
+use mde_cli::inputs::{
+    KnownCamera, MapFile, NetworkFormat, PriorForm, PriorOrigin, Resampled, open_network, read_options,
+};
+use mde_cli::mde_prior::format::Encoding;
 use mde_cli::mde_prior::{
-    DepthKind, DepthPrior, Error, Metres, OnnxPrior, PriorDepth, Result, Runtime, find_onnxruntime,
+    DepthKind, DepthPrior, Error, InferenceMemory, Metres, OnnxPrior, PriorDepth, Result, Runtime,
+    find_onnxruntime,
 };
 use ndarray::ArrayView3;
 use numpy::PyReadonlyArray2;
@@ -73,13 +76,19 @@ impl Prior {
         Ok(Self { source: Source::Map(map, None), origin })
     }
 
-    /// A depth map in a file.
+    /// A depth map in a file; depth = value / `png_scale`, with that encoding in PNG files.
     #[staticmethod]
-    #[pyo3(signature = (path, kind))]
-    fn file(path: PathBuf, kind: Option<&str>) -> PyResult<Self> {
+    #[pyo3(signature = (path, kind, png_scale, encoding))]
+    fn file(path: PathBuf, kind: Option<&str>, png_scale: Option<f64>, encoding: &str) -> PyResult<Self> {
         let kind = kind.map(DepthKind::from_str).transpose().map_err(raise)?;
+        let encoding = match encoding {
+            "plain" => Encoding::Linear,
+            "sunrgbd" => Encoding::Sunrgbd,
+            _ => return Err(raise(format!("depth_encoding is {encoding:?}; give plain or sunrgbd"))),
+        };
+        let options = read_options("png_scale", png_scale, encoding).map_err(raise)?;
         let MapFile { prior, origin, note } =
-            MapFile::open(&path, kind, ReadOptions::default(), Naming::Keywords).map_err(raise)?;
+            MapFile::open(&path, kind, options, Naming::Keywords).map_err(raise)?;
         Ok(Self { source: Source::Map(prior.prior().clone(), note), origin })
     }
 
@@ -111,7 +120,7 @@ fn runtime(name: &str, library: Option<PathBuf>) -> PyResult<Runtime> {
     }
 }
 
-/// The network, the callable or the map as the loop takes it, .
+/// The network, the callable or the map as the loop takes it.
 pub(crate) struct Bound<'p> {
     prior: &'p Prior,
     link: &'p Link,
@@ -204,6 +213,13 @@ impl DepthPrior for Bound<'_> {
         match &self.prior.source {
             Source::Network(network) => network.concurrency(),
             _ => 1,
+        }
+    }
+
+    fn memory(&self, height: usize, width: usize) -> Option<InferenceMemory> {
+        match &self.prior.source {
+            Source::Network(network) => network.memory(height, width),
+            _ => None,
         }
     }
 }

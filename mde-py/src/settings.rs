@@ -1,9 +1,12 @@
 //! Settings of a run: a preset and what overrides it.
 
 use crate::error::raise;
-use mde_cli::{Config, Preset};
+use mde_cli::config::Shorthands;
+use mde_cli::mde_prior::augment::Predictions;
+use mde_cli::{Config, Naming, Preset};
 use pyo3::prelude::*;
 use std::path::Path;
+use std::str::FromStr;
 use std::time::Duration;
 
 /// The preset and the configuration of a run.
@@ -14,19 +17,47 @@ pub(crate) struct Settings {
     pub(crate) budget: Option<Duration>,
 }
 
+/// Settings with arguments of their own.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Short {
+    seed: Option<u64>,
+    /// Seconds.
+    budget: Option<f64>,
+    no_nerf: bool,
+    /// A number, or `auto`.
+    predictions: Option<String>,
+    /// Metres.
+    near: Option<f64>,
+    far: Option<f64>,
+}
+
+impl Short {
+    fn shorthands(&self) -> PyResult<Shorthands> {
+        let Self { seed, budget, no_nerf, predictions, near, far } = self;
+        if let Some(seed) = seed.filter(|seed| i64::try_from(*seed).is_err()) {
+            return Err(raise(format!("seed is {seed}; give 0 to 2^63 - 1")));
+        }
+        for (name, value, unit) in
+            [("budget", budget, "seconds"), ("near", near, "metres"), ("far", far, "metres")]
+        {
+            if let Some(value) = value.filter(|value| !(*value > 0.0 && value.is_finite())) {
+                return Err(raise(format!("{name} is {value}; give a positive number of {unit}")));
+            }
+        }
+        let predictions = predictions.as_deref().map(Predictions::from_str).transpose();
+        let predictions = predictions.map_err(|text| raise(format!("predictions: {text}")))?;
+        Ok(Shorthands { seed: *seed, no_nerf: *no_nerf, predictions, near: *near, far: *far })
+    }
+}
+
 #[pymethods]
 impl Settings {
-    /// `overrides` is TOML or, with `json`, a JSON object of tables; `origin` names it in errors.
+    /// `overrides` is TOML or, with `json`, a JSON object of tables; `origin` names it in errors. `short` has the settings with arguments
+    /// of their own.
     #[new]
-    #[pyo3(signature = (preset, overrides, json, origin, seed, budget))]
-    fn new(
-        preset: &str,
-        overrides: &str,
-        json: bool,
-        origin: &str,
-        seed: Option<u64>,
-        budget: Option<f64>,
-    ) -> PyResult<Self> {
+    #[pyo3(signature = (preset, overrides, json, origin, short))]
+    fn new(preset: &str, overrides: &str, json: bool, origin: &str, short: Short) -> PyResult<Self> {
         let preset = named(preset)?;
         let table = match json {
             true => {
@@ -37,31 +68,15 @@ impl Settings {
             false => overrides.to_owned(),
         };
         let mut config = Config::with_overrides(preset, &table, origin).map_err(raise)?;
-        if let Some(seed) = seed {
-            if i64::try_from(seed).is_err() {
-                return Err(raise(format!("seed is {seed}; give 0 to 2^63 - 1")));
-            }
-            config.seed = seed;
-        }
-        let budget = match budget {
-            Some(seconds) if !(seconds > 0.0 && seconds.is_finite()) => {
-                return Err(raise(format!("budget is {seconds}; give a positive number of seconds")));
-            }
-            seconds => seconds.map(Duration::from_secs_f64),
-        };
-        Ok(Self { preset, config, budget })
+        short.shorthands()?.apply(&mut config, Naming::Keywords).map_err(raise)?;
+        Ok(Self { preset, config, budget: short.budget.map(Duration::from_secs_f64) })
     }
 
     /// A preset with the values of a TOML file over it.
     #[staticmethod]
-    #[pyo3(signature = (preset, path, seed, budget))]
-    fn from_file(
-        preset: &str,
-        path: std::path::PathBuf,
-        seed: Option<u64>,
-        budget: Option<f64>,
-    ) -> PyResult<Self> {
-        Self::new(preset, &read(&path)?, false, &path.display().to_string(), seed, budget)
+    #[pyo3(signature = (preset, path, short))]
+    fn from_file(preset: &str, path: std::path::PathBuf, short: Short) -> PyResult<Self> {
+        Self::new(preset, &read(&path)?, false, &path.display().to_string(), short)
     }
 
     /// Most photographs that are used with the first.

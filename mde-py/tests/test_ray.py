@@ -81,7 +81,7 @@ def test_a_killed_node_changes_no_byte(cluster, folder, network, arguments, mde,
     killer = threading.Thread(target=kill)
     killer.start()
     photographs = ray.data.read_binary_files(str(folder), include_paths=True)
-    settings = {"log": str(log), **network, "preset": "fast"}
+    settings = {"log": str(log), **network, "preset": "fast", "interval": 0.9}
     refined = photographs.map_batches(
         Slow, fn_constructor_kwargs=settings, batch_size=1, num_cpus=1, resources={"work": 1}, compute=ray.data.ActorPoolStrategy(size=2)
     )
@@ -94,12 +94,12 @@ def test_a_killed_node_changes_no_byte(cluster, folder, network, arguments, mde,
     by_name = {Path(row["name"]).name: row for row in rows}
     assert len(rows) == len(by_name) == PHOTOGRAPHS + 1
     broken = by_name.pop("broken.png")
-    assert broken["status"] == "failed" and "no readable image" in broken["error"] and broken["depth"] == b""
+    assert broken["status"] == "failed" and "no readable image" in broken["error"] and broken["depth"] == b"" == broken["upper"]
     for name, row in by_name.items():
         out = tmp_path / "program" / name
-        mde("refine", folder / name, *arguments, "--preset", "fast", "-o", out, "--quiet")
+        mde("refine", folder / name, *arguments, "--preset", "fast", "--interval", 0.9, "-o", out, "--quiet")
         assert row["status"] == "done" and row["error"] == ""
-        for part in ("depth", "sigma"):
+        for part in ("depth", "sigma", "lower", "upper"):
             assert row[part] == (out / f"{part}.npy").read_bytes(), f"{part} of {name}"
         depth = mdenerf.ray.read_map(row["depth"])
         assert depth.shape == (row["height"], row["width"])
@@ -107,7 +107,7 @@ def test_a_killed_node_changes_no_byte(cluster, folder, network, arguments, mde,
 
     # A second job into the same folder has only what failed to do.
     rest = photographs.filter(mdenerf.ray.pending(tmp_path / "out"))
-    once = {"fn_constructor_kwargs": {**network, "preset": "fast"}, "batch_size": 1}
+    once = {"fn_constructor_kwargs": {**network, "preset": "fast", "interval": 0.9}, "batch_size": 1}
     pool = ray.data.ActorPoolStrategy(size=1)
     rest.map_batches(mdenerf.ray.Refine, **once, compute=pool).write_parquet(str(tmp_path / "out"))
     rows = pyarrow.dataset.dataset(str(tmp_path / "out")).to_table(columns=["name"]).to_pylist()
@@ -120,15 +120,17 @@ def test_shards_for_webdataset(cluster, folder, network, tmp_path):
 
     photographs = ray.data.read_images(str(folder / "00.png"), include_paths=True)
     refined = photographs.map_batches(
-        mdenerf.ray.Refine, fn_constructor_kwargs={**network, "preset": "fast"}, batch_size=1, num_cpus=1, compute=ray.data.ActorPoolStrategy(size=1)
+        mdenerf.ray.Refine, fn_constructor_kwargs={**network, "preset": "fast", "interval": 0.9}, batch_size=1, num_cpus=1, compute=ray.data.ActorPoolStrategy(size=1)
     )
     refined.map(mdenerf.ray.webdataset).write_webdataset(str(tmp_path / "shards"), encoder=None)
     (shard,) = (tmp_path / "shards").iterdir()
     with tarfile.open(shard) as archive:
         files = {member.name: archive.extractfile(member).read() for member in archive.getmembers()}
     key = str(folder / "00").strip("/")
-    assert set(files) == {f"{key}.depth.npy", f"{key}.sigma.npy", f"{key}.json"}
-    expected = mdenerf.refine(folder / "00.png", **network, preset="fast")
-    np.testing.assert_array_equal(mdenerf.ray.read_map(files[f"{key}.depth.npy"]), expected.depth)
+    maps = ("depth", "sigma", "lower", "upper")
+    assert set(files) == {*(f"{key}.{name}.npy" for name in maps), f"{key}.json"}
+    expected = mdenerf.refine(folder / "00.png", **network, preset="fast", interval=0.9)
+    for name in maps:
+        np.testing.assert_array_equal(mdenerf.ray.read_map(files[f"{key}.{name}.npy"]), getattr(expected, name))
     record = json.loads(files[f"{key}.json"])
     assert record["status"] == "done" and record["run"]["unit"] == record["unit"] == "unscaled"

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import mdenerf
 from mdenerf import _mdenerf as native
@@ -144,6 +145,64 @@ def test_a_depth_of_another_size(photo, photo_file, mde, tmp_path):
     result = mdenerf.refine(photo, depth=depth, preset="fast")
     same(result, tmp_path / "out")
     assert any("resized from 128x96 to 64x48" in text for text in result.run["warnings"])
+
+
+@pytest.mark.parametrize("encoding", ["plain", "sunrgbd"])
+def test_a_depth_in_a_png(photo_file, depth, mde, tmp_path, encoding):
+    """With a scale and an encoding that its metadata do not have."""
+    values = np.uint16(2000 * depth)
+    if encoding == "sunrgbd":
+        values = (values << 3) | (values >> 13)
+    Image.fromarray(values).save(tmp_path / "depth.png")
+    given = ["--prior-depth", tmp_path / "depth.png", "--prior-encoding", encoding, "--preset", "fast"]
+    options = {"depth": tmp_path / "depth.png", "depth_encoding": encoding, "preset": "fast"}
+    if encoding == "plain":
+        given += ["--png-scale", 2000]
+        options["png_scale"] = 2000
+    mde("refine", photo_file, *given, "-o", tmp_path / "out")
+    result = mdenerf.refine(photo_file, **options)
+    same(result, tmp_path / "out")
+    median = np.median(depth) * (1 if encoding == "plain" else 2)
+    assert abs(np.median(result.depth) / median - 1) < 0.1
+
+
+def test_intrinsics_from_one(photo_file, network, arguments, mde, tmp_path):
+    (tmp_path / "K.txt").write_text("70 0 33\n0 71 25.5\n0 0 1\n")
+    based = ["--intrinsics", tmp_path / "K.txt", "--intrinsics-base", 1]
+    mde("refine", photo_file, *arguments, *based, "--export", "ply", "-o", tmp_path / "out")
+    matrix = np.array([[70, 0, 33], [0, 71, 25.5], [0, 0, 1]])
+    for intrinsics in (tmp_path / "K.txt", matrix, {"fx": 70, "fy": 71, "cx": 33, "cy": 25.5}):
+        result = mdenerf.refine(photo_file, **network, intrinsics=intrinsics, intrinsics_base=1)
+        assert (result.camera.cx, result.camera.cy) == (32, 24.5)
+    by_file = mdenerf.refine(photo_file, **network, intrinsics=tmp_path / "K.txt", intrinsics_base=1)
+    same_files(by_file.save(tmp_path / "saved", export="ply"), tmp_path / "out")
+    assert by_file.run["camera"] == json.loads((tmp_path / "out" / "run.json").read_text())["camera"]
+    for wrong in ({"intrinsics": matrix, "intrinsics_base": 2}, {"intrinsics_base": 1}):
+        with pytest.raises(mdenerf.Error, match="intrinsics_base"):
+            mdenerf.refine(photo_file, **network, **wrong)
+
+
+def test_settings_with_arguments_of_their_own(photo, photo_file, network, arguments, mde, tmp_path):
+    given = ["--predictions", 2, "--near", 0.5, "--far", 20, "--no-nerf"]
+    mde("refine", photo_file, *arguments, *given, "-o", tmp_path / "out")
+    result = mdenerf.refine(photo, **network, predictions=2, near=0.5, far=20, no_nerf=True)
+    same(result, tmp_path / "out")
+    assert result.config == (tmp_path / "out" / "config.toml").read_text()
+    assert mdenerf.refine(photo, **network, predictions="auto").run["augmentation"]["predictions"] > 2
+
+
+def test_the_field_is_kept(photo, photo_file, depth, mde, tmp_path):
+    native.save_npy(str(tmp_path / "depth.npy"), depth)
+    (tmp_path / "quick.toml").write_text(QUICK)
+    prior = ["--prior-depth", tmp_path / "depth.npy", "--config", tmp_path / "quick.toml"]
+    mde("refine", photo_file, *prior, "--save-field", "-o", tmp_path / "out")
+    result = mdenerf.refine(photo_file, depth=tmp_path / "depth.npy", config=QUICK, keep_field=True)
+    same_files(result.save(tmp_path / "saved"), tmp_path / "out")
+    assert result.field == (tmp_path / "out" / "field.safetensors").read_bytes()
+    mde("render", "--field", tmp_path / "saved" / "field.safetensors", "--size", "64x48", "--fov", 60, "-o", tmp_path / "view")
+    assert mdenerf.refine(photo, depth=depth, config=QUICK).field is None
+    with pytest.warns(mdenerf.RefinementWarning, match="keep_field: no field was fitted"):
+        assert mdenerf.refine(photo, depth=depth, preset="fast", keep_field=True).field is None
 
 
 @pytest.mark.parametrize("posed", [False, True])

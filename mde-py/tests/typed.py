@@ -27,7 +27,16 @@ def use(photo: NDArray[np.uint8], depth: NDArray[np.float64], folder: Path) -> N
     record: dict[str, Any] = result.run
     result = mdenerf.refine(photo, network, scale_from=depth, interval=0.9, calibration=folder / "c.toml", max_memory=4.0)
     lower: NDArray[np.float32] | None = result.lower
+    result = mdenerf.refine(photo, depth=folder / "d.png", png_scale=5000.0, intrinsics=np.eye(3), intrinsics_base=1, keep_field=True)
+    field: bytes | None = result.field
+    scales: list[mdenerf.SameScale] = refiner.same_scale([photo, photo], fov=60.0)
+    result = refiner.refine(photo, same_scale=scales[0])
+    for each in mdenerf.refine_many([photo], network, same_scale=True, predictions=1):
+        result = each
+    for one in refiner.refine_many(folder, return_exceptions=True):
+        failed: bool = isinstance(one, mdenerf.Error)
+        del failed
     saved: Path = result.save(folder / "out", force=True, export=["ply"], y_up=True)
     fit: mdenerf.AffineFit = mdenerf.affine_wls(depth, depth, sigma)
     score: float = mdenerf.metrics.abs_rel(result.depth, depth)
-    del lower, matrix, record, saved, fit, score
+    del field, lower, matrix, record, saved, fit, score

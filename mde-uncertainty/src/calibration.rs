@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 
 /// Version of the file's layout.
 const FORMAT: u32 = 2;
+/// Most characters of a line that an error quotes.
+const LONGEST_LINE: usize = 120;
 
 /// Factors on sigma whose squares leave variances that are floats.
 const FACTORS: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
@@ -132,7 +134,13 @@ impl Calibration {
     pub fn parse(text: &str, origin: &str) -> Result<Self> {
         let error = |reason: String| {
             let lines = reason.lines().map(str::trim).filter(|line| !line.is_empty());
-            Error::Calibration { origin: origin.to_owned(), reason: lines.collect::<Vec<_>>().join(" ") }
+            // TOML quotes the line at fault, which may be a table of many numbers.
+            let short = |line: &str| match line.contains('|') {
+                true => line.chars().take(LONGEST_LINE).collect(),
+                false => line.to_owned(),
+            };
+            let reason = lines.map(short).collect::<Vec<String>>().join(" ");
+            Error::Calibration { origin: origin.to_owned(), reason }
         };
         /// So that a file of another version is refused for its version.
         #[derive(Deserialize)]

@@ -2,10 +2,12 @@
 
 mod multi_view;
 mod presets;
+mod shorthands;
 mod sigma;
 
 pub use multi_view::MultiViewConfig;
 pub use presets::Preset;
+pub use shorthands::Shorthands;
 pub use sigma::SigmaConfig;
 
 use crate::{Error, Result};
@@ -238,9 +240,17 @@ fn unknown(table: &Table, known: &Table) -> Option<String> {
     })
 }
 
-/// Parser messages span several lines; an error is one line.
+/// Most characters of a line that an error quotes.
+const LONGEST_LINE: usize = 120;
+
+/// Parser messages span several lines, with the line at fault as `5 | key = value`; an error is one line.
 fn one_line(message: &str) -> String {
-    message.lines().map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ")
+    let lines = message.lines().map(str::trim).filter(|line| !line.is_empty());
+    let short = |line: &str| match line.contains('|') {
+        true => line.chars().take(LONGEST_LINE).collect(),
+        false => line.to_owned(),
+    };
+    lines.map(short).collect::<Vec<_>>().join(" ")
 }
 
 #[cfg(test)]

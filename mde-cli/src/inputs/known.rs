@@ -1,5 +1,6 @@
 //! Depths that are known at some pixels.
 
+use crate::error::text;
 use crate::scale::{KnownDepth, ScaleReport};
 use crate::{Error, Naming, Result};
 use serde::Serialize;
@@ -30,7 +31,7 @@ impl Known {
     /// Depths in metres, in pixels of a photograph of `(height, width)`; `source` names them.
     ///
     /// # Errors
-    /// [`Error::Argument`] where there is none.
+    /// [`Error::Argument`] where there is none, or one is no positive number.
     pub fn new(
         source: String,
         depths: Vec<KnownDepth>,
@@ -40,10 +41,15 @@ impl Known {
     ) -> Result<Self> {
         if depths.is_empty() {
             return Err(Error::Argument(format!(
-                "{} {source}: no depth of {photograph}",
+                "{} {source}: no depth of {photograph}; give its column, row and depth, separated by commas, or a COLMAP model that has points of it",
                 naming.of("scale-from")
             )));
         }
+        // Before the refinement, not after it.
+        depths.iter().try_for_each(KnownDepth::check).map_err(|error| {
+            let argument = naming.of("scale-from");
+            Error::Argument(format!("{argument} {source}: {}", text(&error)))
+        })?;
         Ok(Self { source, of_model: false, depths, size })
     }
 
@@ -174,6 +180,7 @@ mod tests {
             ("1,2\n", "row 1"),
             ("1,2,3\na,b,c\n", "row 2"),
             ("1,2,three\n", "row 1"),
+            ("1,2,-3\n", "the known depth -3"),
         ] {
             let error = read(text).err().unwrap().to_string();
             assert!(error.contains("known.csv") && error.contains(part), "{text:?}: {error}");

@@ -9,6 +9,6 @@ pub mod size;
 pub use camera::{CameraSource, GivenCamera, KnownCamera};
 pub use known::{Known, Scaled};
 pub use origin::{PriorForm, PriorOrigin};
-pub use prior::{MapFile, Resampled};
+pub use prior::{MapFile, Resampled, read_options};
 #[cfg(feature = "onnx")]
 pub use prior::{NetworkFormat, open_network};

@@ -3,7 +3,7 @@
 use super::{PriorForm, PriorOrigin};
 use crate::pictures16::METRES;
 use crate::{Naming, Result};
-use mde_prior::format::{PngContent, ReadOptions, png_content};
+use mde_prior::format::{Encoding, PngContent, ReadOptions, png_content};
 use mde_prior::{DepthKind, FilePrior};
 use std::path::Path;
 
@@ -51,6 +51,23 @@ impl MapFile {
         let note = stated.map(unscaled).or_else(eight_bits);
         Ok(Self { prior, origin: PriorOrigin::new(PriorForm::Map, kind, source), note })
     }
+}
+
+/// How a map is read: with the encoding of depths in PNG files, and the scale that is given as the argument `name`.
+///
+/// # Errors
+/// [`Error::Argument`](crate::Error::Argument) for a scale that is none.
+pub fn read_options(name: &str, scale: Option<f64>, encoding: Encoding) -> Result<ReadOptions> {
+    let mut options = ReadOptions { encoding, ..ReadOptions::default() };
+    if let Some(scale) = scale {
+        if !(scale > 0.0 && scale.is_finite()) {
+            return Err(crate::Error::Argument(format!(
+                "{name}: {scale} is no scale; give a positive number of steps per unit"
+            )));
+        }
+        (options.png_scale, options.float_scale) = (Some(scale), scale);
+    }
+    Ok(options)
 }
 
 /// The unit in the metadata of a depth map.

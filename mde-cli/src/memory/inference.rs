@@ -15,7 +15,7 @@ const FULL: u64 = 60;
 const ALONE: (u64, u64) = (14, 10 << 20);
 const BESIDE: (u64, u64) = (21, 30 << 20);
 
-/// Estimate of the memory of one photograph's refinement, the inference of its prior included. Measured on ten settings, it is .89 to
+/// Estimate of the memory of one photograph's refinement, the inference of its prior included. Measured on ten settings, it is .87 to
 /// 1.17 times the peak (docs/performance.md).
 #[derive(Debug, Clone, Copy)]
 pub struct PhotographMemory<'c> {

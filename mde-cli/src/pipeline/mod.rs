@@ -12,6 +12,7 @@
 
 mod event;
 mod report;
+mod shared;
 mod stages;
 mod upsample;
 mod views;
@@ -19,6 +20,7 @@ mod views;
 pub use crate::augmentation::known;
 pub use event::{Callback, Event, Stage};
 pub use report::{IterationReport, StageSeconds, WarpReport};
+pub use shared::SharedNerf;
 pub use stages::{FieldFactory, FieldRequest, Stages};
 pub use views::synthesise;
 

@@ -1,13 +1,15 @@
 //! A raster image with rectangles, text and images.
 
-use font8x8::legacy::BASIC_LEGACY;
+use ab_glyph::{Font, FontRef, Glyph, ScaleFont};
 use ndarray::{Array3, ArrayView3};
+use std::sync::LazyLock;
 
 /// Red, green, blue.
 pub type Colour = [u8; 3];
 
-/// Side of a glyph before magnification, pixels.
-const GLYPH: usize = 8;
+/// The font of the figures too. No test passes without it, so that it is there.
+static FONT: LazyLock<Option<FontRef<'static>>> =
+    LazyLock::new(|| FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).ok());
 
 /// An RGB image, `[height, width, 3]`. Drawing outside of it is clipped.
 pub struct Canvas {
@@ -47,30 +49,51 @@ impl Canvas {
         }
     }
 
-    /// Writes a line of text with its top left corner at `(left, top)`, magnified; only ASCII can be shown.
-    pub fn text(&mut self, text: &str, [left, top]: [usize; 2], magnification: usize, colour: Colour) {
-        for (index, character) in text.chars().enumerate() {
-            let glyph = BASIC_LEGACY.get(character as usize).unwrap_or(&BASIC_LEGACY[usize::from(b'?')]);
-            let start = left + index * GLYPH * magnification;
-            for y in 0..GLYPH * magnification {
-                for x in 0..GLYPH * magnification {
-                    if glyph[y / magnification] >> (x / magnification) & 1 == 1 {
-                        self.set(start + x, top + y, colour);
-                    }
-                }
+    /// Mixes the colour over a pixel.
+    fn mix(&mut self, x: usize, y: usize, colour: Colour, share: f32) {
+        for (channel, value) in colour.into_iter().enumerate() {
+            if let Some(old) = self.pixels.get_mut((y, x, channel)) {
+                *old = (f32::from(*old) + share * (f32::from(value) - f32::from(*old))).round() as u8;
             }
+        }
+    }
+
+    /// Writes a line of text of that [height](text_width) with its top left corner at `(left, top)`.
+    pub fn text(&mut self, text: &str, [left, top]: [usize; 2], height: usize, colour: Colour) {
+        let Some(font) = &*FONT else { return };
+        let base = font.as_scaled(height as f32).ascent();
+        for (glyph, at) in placed(font, text, height) {
+            let Some(outline) = font.outline_glyph(glyph) else { continue };
+            let bounds = outline.px_bounds();
+            let (x0, y0) = (left as f32 + at + bounds.min.x, top as f32 + base + bounds.min.y);
+            outline.draw(|x, y, share| {
+                let (x, y) = (x0.round() + x as f32, y0.round() + y as f32);
+                if x >= 0.0 && y >= 0.0 {
+                    self.mix(x as usize, y as usize, colour, share.clamp(0.0, 1.0));
+                }
+            });
         }
     }
 }
 
-/// Width of a line of text, pixels.
-pub fn text_width(text: &str, magnification: usize) -> usize {
-    text.chars().count() * GLYPH * magnification
+/// The glyphs of a line, each with its distance from the line's left end.
+fn placed(font: &FontRef<'static>, text: &str, height: usize) -> Vec<(Glyph, f32)> {
+    let scaled = font.as_scaled(height as f32);
+    let mut at = 0.0;
+    let place = |character: char| {
+        let id = font.glyph_id(character);
+        let begin = at;
+        at += scaled.h_advance(id);
+        (id.with_scale(height as f32), begin)
+    };
+    text.chars().map(place).collect()
 }
 
-/// Height of a line of text, pixels.
-pub fn text_height(magnification: usize) -> usize {
-    GLYPH * magnification
+/// Width of a line of text, pixels. Its height is from the top of the highest letters to the bottom of the lowest.
+pub fn text_width(text: &str, height: usize) -> usize {
+    let Some(font) = &*FONT else { return 0 };
+    let scaled = font.as_scaled(height as f32);
+    text.chars().map(|c| scaled.h_advance(font.glyph_id(c))).sum::<f32>().ceil() as usize
 }
 
 /// sRGB in 0 to 1 as bytes.
@@ -84,12 +107,20 @@ mod tests {
 
     #[test]
     fn text_is_drawn_where_it_belongs() {
-        let mut canvas = Canvas::new(40, 20, [0; 3]);
-        canvas.text("H", [4, 2], 2, [255; 3]);
-        let lit = |x: usize, y: usize| canvas.pixels()[(y, x, 0)] == 255;
-        // Two uprights and nothing between them at the top.
-        assert!(lit(4, 2) && lit(14, 2) && !lit(9, 2));
-        assert!((0..20).all(|y| (0..40).all(|x| !lit(x, y) || (4..20).contains(&x) && (2..18).contains(&y))));
-        canvas.text("outside and not ASCII: é", [30, 15], 3, [9; 3]);
+        let mut canvas = Canvas::new(60, 40, [0; 3]);
+        canvas.text("H", [4, 2], 24, [255; 3]);
+        let width = text_width("H", 24);
+        let dark = |x: usize, y: usize| canvas.pixels()[(y, x, 0)] == 0;
+        assert!(
+            (0..40)
+                .all(|y| (0..60).all(|x| dark(x, y) || (4..4 + width).contains(&x) && (2..26).contains(&y)))
+        );
+        // Two uprights and a bar between them.
+        let middle = 4 + width / 2;
+        let lit: Vec<usize> = (0..40).filter(|y| !dark(middle, *y)).collect();
+        assert!(!lit.is_empty() && lit.len() <= 3, "{lit:?}");
+        assert!((4..middle).any(|x| (8..16).all(|y| !dark(x, y))));
+        canvas.text("outside, and not ASCII: é", [50, 35], 30, [9; 3]);
+        assert!(text_width("HH", 24) > text_width("H", 24));
     }
 }

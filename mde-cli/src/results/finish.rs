@@ -57,6 +57,25 @@ impl SameScale {
     pub fn is_alone(&self) -> bool {
         self.photographs < 2
     }
+
+    /// A warning where no other photograph has this scale.
+    pub fn warning(&self, naming: Naming) -> Option<String> {
+        let name = naming.of("same-scale");
+        self.is_alone().then(|| format!("{name}: matches no other photograph, and keeps its own scale"))
+    }
+
+    /// A warning where the factors of photographs are of several groups; `place` has the group of each.
+    pub fn groups_warning(factors: &[Self], naming: Naming, place: &str) -> Option<String> {
+        let alone = factors.iter().filter(|factor| factor.is_alone()).count();
+        let groups = factors.iter().map(|factor| factor.group + 1).max().unwrap_or(0) - alone;
+        let name = naming.of("same-scale");
+        (groups > 1).then(|| {
+            format!(
+                "{name}: the photographs are {groups} groups without a match between them, each on a scale of its own; {place} has the group \
+                 of each"
+            )
+        })
+    }
 }
 
 /// What a refinement becomes a result by.

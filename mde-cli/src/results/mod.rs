@@ -7,10 +7,12 @@ mod error_bar;
 #[cfg(feature = "files")]
 pub mod export;
 mod finish;
+mod one_scale;
 #[cfg(feature = "files")]
 pub mod preview;
 mod record;
 
 pub use error_bar::{ErrorBar, Interval, ScaleError, Stated};
 pub use finish::{Finish, Finished, SameScale, Unit};
+pub use one_scale::{OneScale, Pair};
 pub use record::{About, RunRecord, TrainingCurve, follow, versions};

@@ -1,7 +1,7 @@
 //! Preview images: depth maps side by side with colour bars, and contact sheets of views.
 
 use crate::inputs::size::resized;
-use crate::results::canvas::{Canvas, Colour, colour_at, text_height, text_width};
+use crate::results::canvas::{Canvas, Colour, colour_at, text_width};
 use colorous::{Gradient, MAGMA, VIRIDIS};
 use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
@@ -44,13 +44,13 @@ pub fn preview(show: &Preview<'_>) -> Canvas {
     let (rows, columns, _) = show.image.dim();
     let [width, whole] = widths(columns);
     let height = (rows * width).div_ceil(columns.max(1)).clamp(1, 4 * WIDEST);
-    let text = if width < 400 { 1 } else { 2 };
-    let first = 2 * MARGIN + text_height(text);
+    let text = text_height(width);
+    let first = 2 * MARGIN + text;
     let above = show.strip.first().map_or(0, |picture| first + picture.dim().0 + MARGIN);
     let title = above + MARGIN;
-    let top = title + MARGIN + text_height(text);
+    let top = title + MARGIN + text;
     let panel = [width, height];
-    let bottom = top + height + 3 * MARGIN + BAR + text_height(text);
+    let bottom = top + height + 3 * MARGIN + BAR + text;
     let mut canvas = Canvas::new(whole, bottom, BACKGROUND);
     let mut left = MARGIN;
     for picture in show.strip {
@@ -85,6 +85,11 @@ pub fn preview(show: &Preview<'_>) -> Canvas {
         colour_bar(&mut canvas, [left, top + height + MARGIN], width, gradient, *range, text);
     }
     canvas
+}
+
+/// Height of the text beside panels of that width.
+fn text_height(width: usize) -> usize {
+    width / 28 + 8
 }
 
 /// Width of a panel and of the preview of an image with that many columns.
@@ -136,17 +141,16 @@ fn picture(map: ArrayView2<'_, f32>, gradient: &Gradient, range: [f64; 2]) -> Ca
 pub fn contact_sheet(views: &[PosedView]) -> Canvas {
     let shapes = views.iter().map(|view| view.camera.height as f64 / view.camera.width as f64);
     let height = ((THUMBNAIL as f64 * shapes.fold(0.0, f64::max)).ceil() as usize).clamp(1, 4 * THUMBNAIL);
-    let cell = [THUMBNAIL + MARGIN, height + text_height(1) + 2 * MARGIN];
+    let text = text_height(THUMBNAIL);
+    let cell = [THUMBNAIL + MARGIN, height + text + 2 * MARGIN];
     let (columns, rows) = (views.len().clamp(1, COLUMNS), views.len().div_ceil(COLUMNS));
     let mut canvas = Canvas::new(columns * cell[0] + MARGIN, rows * cell[1] + MARGIN, BACKGROUND);
     for (index, view) in views.iter().enumerate() {
         let [left, top] = [MARGIN + index % COLUMNS * cell[0], MARGIN + index / COLUMNS * cell[1]];
         let title = if index == 0 { "original".to_owned() } else { format!("view {index:02}") };
-        canvas.text(&title, [left, top], 1, INK);
+        canvas.text(&title, [left, top], text, INK);
         let small = resized(masked(view).view(), THUMBNAIL, height);
-        canvas.paint([left, top + text_height(1) + MARGIN / 2], [THUMBNAIL, height], |x, y| {
-            colour_at(&small, x, y)
-        });
+        canvas.paint([left, top + text + MARGIN / 2], [THUMBNAIL, height], |x, y| colour_at(&small, x, y));
     }
     canvas
 }
@@ -230,7 +234,7 @@ mod tests {
             truth: None,
         };
         let canvas = preview(&show);
-        let (top, left) = (2 * MARGIN + text_height(1), |panel: usize| MARGIN + panel * (300 + MARGIN));
+        let (top, left) = (2 * MARGIN + text_height(300), |panel: usize| MARGIN + panel * (300 + MARGIN));
         for (y, x) in [(3, 2), (20, 150), (29, 299)] {
             assert_eq!(colours(&canvas, (top + y, left(1) + x)), colours(&canvas, (top + y, left(2) + x)));
             assert_ne!(colours(&canvas, (top + y, left(1) + x)), MISSING);
@@ -254,7 +258,7 @@ mod tests {
         let (one, two) = (show(&[]), show(&[image.view(), other.view()]));
         let added = two.pixels().dim().0 - one.pixels().dim().0;
         assert!(added > 30 && one.pixels().dim().1 == two.pixels().dim().1, "{added}");
-        let (top, middle) = (2 * MARGIN + text_height(1), two.pixels().dim().1 / 2);
+        let (top, middle) = (2 * MARGIN + text_height(300), two.pixels().dim().1 / 2);
         assert_eq!(colours(&two, (top + 5, middle - 60)), [128; 3]);
         assert_eq!(colours(&two, (top + 5, middle + 60)), [255; 3]);
         // The prior takes the image's place, and the truth is between refined and sigma.

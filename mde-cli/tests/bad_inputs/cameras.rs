@@ -7,7 +7,7 @@ fn refine(rest: &str) -> String {
 }
 
 #[test]
-fn unusable_cameras() {
+pub(crate) fn unusable_cameras() {
     let cases: [(&str, &[&'static str]); 34] = [
         ("--fov 0", &["--fov", "field of view is 0", "180"]),
         ("--fov 180", &["--fov", "field of view is 180", "180"]),
@@ -51,7 +51,7 @@ fn unusable_cameras() {
 }
 
 #[test]
-fn odd_cameras() {
+pub(crate) fn odd_cameras() {
     let cameras = [
         "",
         "--fov 179",

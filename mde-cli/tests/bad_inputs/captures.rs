@@ -59,7 +59,7 @@ fn refine(views: &str) -> String {
 }
 
 #[test]
-fn captures_that_are_none() {
+pub(crate) fn captures_that_are_none() {
     let poses = |rest: &str| format!("poses {rest} --prior-depth depth.npy --fov 60");
     let cases: Vec<Case> = vec![
         refused(refine("one.json"), &["one.json", "at least 2"]),
@@ -100,7 +100,7 @@ fn captures_that_are_none() {
 
 /// The photographs carry no depth: the reference is refined alone, and the record has the reason.
 #[test]
-fn photographs_without_parallax_leave_the_reference_alone() {
+pub(crate) fn photographs_without_parallax_leave_the_reference_alone() {
     let refine = |views: &str| works(format!("{} --fov 60 --no-nerf", refine(views)));
     check(&[
         refine("shots/b.png"),
@@ -111,7 +111,7 @@ fn photographs_without_parallax_leave_the_reference_alone() {
 }
 
 #[test]
-fn wrong_usage_of_several_photographs() {
+pub(crate) fn wrong_usage_of_several_photographs() {
     let of = |rest: &str, told: &[&'static str]| {
         misused(format!("refine image.png --prior-depth depth.npy {rest} -o out"), told)
     };

@@ -1,6 +1,6 @@
 //! Evaluations, ablations, views and renders.
 
-use crate::table::{Case, check, misused, refused, works};
+use crate::table::{Case, check, count, misused, refused, works};
 
 /// Some scenes failed: exit code 3.
 fn partly(arguments: &str, told: &[&'static str]) -> Case {
@@ -8,7 +8,7 @@ fn partly(arguments: &str, told: &[&'static str]) -> Case {
 }
 
 #[test]
-fn unusable_views_and_renders() {
+pub(crate) fn unusable_views_and_renders() {
     check(&[
         refused("warp none.png --prior-depth depth.npy", &["none.png", "check the path"]),
         refused("warp image.png --prior-depth turned.npy", &["turned.npy", "64x48"]),
@@ -36,7 +36,7 @@ fn unusable_views_and_renders() {
 }
 
 #[test]
-fn unusable_evaluations() {
+pub(crate) fn unusable_evaluations() {
     check(&[
         refused("eval", &["--dataset rooms"]),
         refused("eval none --dataset sunrgbd --prior-depth priors", &["none"]),
@@ -69,7 +69,7 @@ fn unusable_evaluations() {
 
 /// The only scene fails, so nothing could be scored; the folder of the evaluation may stay.
 #[test]
-fn unusable_scenes() {
+pub(crate) fn unusable_scenes() {
     let place = crate::inputs::place();
     let eval = |rest: &str| {
         let out = tempfile::tempdir().unwrap();
@@ -99,6 +99,9 @@ fn unusable_scenes() {
         ("sun-letters --prior-depth priors", &["intrinsics.txt", "3 x 3"]),
         ("sun-minus --prior-depth priors", &["intrinsics.txt", "fx is -60"]),
     ];
+    if count(cases.len()) {
+        return;
+    }
     let mut faults = Vec::new();
     for (arguments, told) in cases {
         let (code, message) = eval(arguments);
@@ -111,7 +114,7 @@ fn unusable_scenes() {
 }
 
 #[test]
-fn odd_evaluations() {
+pub(crate) fn odd_evaluations() {
     check(&[
         works("eval good-set --prior-depth priors --methods guided"),
         works("eval --pred maps --gt maps"),

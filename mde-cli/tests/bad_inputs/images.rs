@@ -7,7 +7,7 @@ fn with_prior(image: &str, prior: &str) -> String {
 }
 
 #[test]
-fn unusable_photographs() {
+pub(crate) fn unusable_photographs() {
     let formats = "give a JPEG, PNG, TIFF, BMP or WebP";
     let cases: [(&str, &[&'static str]); 30] = [
         ("none.png", &["none.png", "check the path"]),
@@ -50,7 +50,7 @@ fn unusable_photographs() {
 }
 
 #[test]
-fn odd_photographs() {
+pub(crate) fn odd_photographs() {
     let same_size = [
         "grey.png",
         "grey16.png",

@@ -4,7 +4,7 @@ use crate::table::{check, refused};
 
 #[cfg(not(feature = "onnx"))]
 #[test]
-fn a_program_without_networks_says_so() {
+pub(crate) fn a_program_without_networks_says_so() {
     check(&[refused(
         "refine image.png --prior-model fastdepth.onnx",
         &["fastdepth.onnx", "--features onnx", "--prior-depth"],
@@ -13,7 +13,7 @@ fn a_program_without_networks_says_so() {
 
 #[cfg(feature = "onnx")]
 #[test]
-fn unusable_models() {
+pub(crate) fn unusable_models() {
     let fixture = |name: &str| {
         let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../mde-prior/tests/fixtures");
         format!("refine image.png --prior-model {folder}/{name} --model-profile fastdepth")
@@ -44,7 +44,7 @@ fn unusable_models() {
 
 #[cfg(feature = "onnx")]
 #[test]
-fn a_model_with_dynamic_axes() {
+pub(crate) fn a_model_with_dynamic_axes() {
     let model = concat!(env!("CARGO_MANIFEST_DIR"), "/../mde-prior/tests/fixtures/midas_dynamic.onnx");
     let quick = crate::table::QUICK;
     check(&[crate::table::works(format!(

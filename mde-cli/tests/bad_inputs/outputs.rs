@@ -3,7 +3,7 @@
 use crate::table::{check, refused};
 
 #[test]
-fn unusable_places() {
+pub(crate) fn unusable_places() {
     let refine = "refine image.png --prior-depth depth.npy --quiet";
     let mut cases = vec![
         refused(format!("{refine} -o empty"), &["empty", "--force"]),

@@ -7,7 +7,7 @@ fn refine(rest: &str) -> String {
 }
 
 #[test]
-fn unusable_depth_maps() {
+pub(crate) fn unusable_depth_maps() {
     let cases: [(&str, &[&'static str]); 55] = [
         ("none.npy", &["none.npy", "check the path"]),
         ("empty.npy", &["empty.npy", "is empty"]),
@@ -69,7 +69,7 @@ fn unusable_depth_maps() {
 }
 
 #[test]
-fn known_depths_that_give_no_scale() {
+pub(crate) fn known_depths_that_give_no_scale() {
     let with = |rest: &str| refine(&format!("depth.npy --no-nerf --scale-from {rest}"));
     check(&[
         refused(with("none.csv"), &["none.csv", "can't be read", "COLMAP"]),
@@ -92,7 +92,7 @@ fn known_depths_that_give_no_scale() {
 }
 
 #[test]
-fn depths_that_no_field_can_hold() {
+pub(crate) fn depths_that_no_field_can_hold() {
     check(&[
         refused(refine("denormal.npy"), &["1e-42", "1e-12 to 1e12", "scale"]),
         refused(refine("largest.npy"), &["3.4028235e38", "1e-12 to 1e12", "scale"]),
@@ -102,7 +102,7 @@ fn depths_that_no_field_can_hold() {
 }
 
 #[test]
-fn odd_depth_maps() {
+pub(crate) fn odd_depth_maps() {
     let priors = [
         "constant.npy",
         "constant.npy --prior-kind disparity",
@@ -140,7 +140,7 @@ fn odd_depth_maps() {
 }
 
 #[test]
-fn truths() {
+pub(crate) fn truths() {
     let truth = |rest: &str| format!("{} --gt {rest}", refine("depth.npy"));
     let cases: [Case; 12] = [
         refused(truth("none.npy"), &["none.npy", "check the path"]),

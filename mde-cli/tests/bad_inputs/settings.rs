@@ -20,7 +20,6 @@ const UNUSABLE: &[(&str, &[&str])] = &[
     ("refinement = 3", &["refinement"]),
     ("views.count = 2.5", &["count", "2.5"]),
     ("refinement.iterations = 101", &["refinement.iterations is 101", "to 100"]),
-    ("refinement.iterations = 101", &["refinement.iterations is 101", "to 100"]),
     ("refinement.prior = 'none'", &["`none`", "`carry`"]),
     ("novel = { original = false, count = 0 }", &["novel.count is 0", "at least 1"]),
     ("views.count = 2000000", &["count is 2000000", "1000000"]),
@@ -75,7 +74,7 @@ const UNUSABLE: &[(&str, &[&str])] = &[
 ];
 
 #[test]
-fn unusable_settings() {
+pub(crate) fn unusable_settings() {
     let texts = Place::new();
     let mut cases = Vec::new();
     for (index, (text, told)) in UNUSABLE.iter().enumerate() {
@@ -92,7 +91,7 @@ fn unusable_settings() {
 }
 
 #[test]
-fn unusable_calibrations() {
+pub(crate) fn unusable_calibrations() {
     let of = |file: &str| format!("refine image.png --prior-depth depth.npy --calibration {file}");
     check(&[
         refused(of("none.toml"), &["none.toml", "check the path"]),
@@ -120,7 +119,7 @@ fn unusable_calibrations() {
 }
 
 #[test]
-fn unreadable_settings() {
+pub(crate) fn unreadable_settings() {
     let of = |file: &str| format!("refine image.png --prior-depth depth.npy --config {file}");
     check(&[
         refused(of("none.toml"), &["none.toml", "check the path"]),

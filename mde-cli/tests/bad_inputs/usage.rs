@@ -3,7 +3,7 @@
 use crate::table::{check, misused};
 
 #[test]
-fn wrong_usage() {
+pub(crate) fn wrong_usage() {
     let refine = "refine image.png --prior-depth depth.npy";
     let of = |rest: &str, told: &[&'static str]| misused(format!("{refine} {rest} -o out"), told);
     check(&[

@@ -5,7 +5,7 @@
 >>> result.depth, result.sigma                                  # doctest: +SKIP
 
 :func:`refine` refines the depth of one photograph, or of one of several of the same scene; a :class:`Refiner` keeps the network
-loaded. The model is an ONNX file or any callable, such as a network in PyTorch. :func:`fuse`, :func:`affine_wls`,
+loaded. :func:`refine_many` takes many photographs, if wanted on one scale. The model is an ONNX file or any callable, such as a network in PyTorch. :func:`fuse`, :func:`affine_wls`,
 :func:`termination_moments` and :func:`forward_warp` are stages alone, :mod:`mdenerf.metrics` scores maps.
 
 Depth is z along the optical axis, never the distance along the ray, as ``float32 [height, width]``. A pixel without depth has
@@ -13,9 +13,11 @@ depth 0 and an infinite sigma. Pixel centres are at integers, from 0. Cameras lo
 """
 
 from . import metrics
+from ._many import SameScale
 from ._mdenerf import Error
 from ._program import program
-from ._refine import Refiner, refine
+from ._refine import refine, refine_many
+from ._refiner import Refiner
 from ._result import Camera, RefinementWarning, Result
 from ._stages import (
     AffineFit,
@@ -39,6 +41,7 @@ __all__ = [
     "RefinementWarning",
     "Refiner",
     "Result",
+    "SameScale",
     "Warped",
     "affine_wls",
     "forward_warp",
@@ -46,5 +49,6 @@ __all__ = [
     "metrics",
     "program",
     "refine",
+    "refine_many",
     "termination_moments",
 ]

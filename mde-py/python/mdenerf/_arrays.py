@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -157,3 +158,11 @@ def same_map(value: ArrayLike, shape: tuple[int, ...], name: str) -> Floats:
     if array.shape != shape:
         raise Error(f"{name} has the shape {list(array.shape)} but the depth {list(shape)}; give both one shape")
     return np.ascontiguousarray(array)
+
+
+def callers() -> int:
+    """The number of frames of this package on the stack, for a warning at the caller's line."""
+    frame, count = inspect.currentframe(), 0
+    while frame is not None and frame.f_globals.get("__package__") == __package__:
+        frame, count = frame.f_back, count + 1
+    return count

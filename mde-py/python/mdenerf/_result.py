@@ -9,7 +9,8 @@ import os
 import subprocess
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from dataclasses import field as part
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +100,8 @@ class Result:
     lower, upper : ndarray or None
         With ``interval``, the ends of the interval of each pixel, in the shape and unit of the depth; 0 and infinity where missing, and
         nowhere else. The probability and its source are in ``run["error_bar"]["interval"]``.
+    field : bytes or None
+        With ``keep_field``, the fitted field of the last iteration as a file, ``field.safetensors``, which ``mde render`` reads; None where none was fitted.
     evidence : dict of str to ndarray
         With several photographs, ``float32 [height, width]`` each: ``origin`` of the depth (0 none, 1 prior, 2 consensus, 3 field), how
         many photographs have ``seen`` and ``confirmed`` it. Empty otherwise.
@@ -111,19 +114,20 @@ class Result:
     run: dict[str, Any]
     image: Bytes
     config: str
-    components: dict[str, Floats] = field(default_factory=dict)
-    evidence: dict[str, Floats] = field(default_factory=dict)
+    components: dict[str, Floats] = part(default_factory=dict)
+    evidence: dict[str, Floats] = part(default_factory=dict)
     lower: Floats | None = None
     upper: Floats | None = None
-    _pictures: dict[str, Bytes] = field(default_factory=dict, repr=False)
+    field: bytes | None = None
+    _pictures: dict[str, Bytes] = part(default_factory=dict, repr=False)
     #: The photographs above the preview.
-    _strip: list[Floats] = field(default_factory=list, repr=False)
+    _strip: list[Floats] = part(default_factory=list, repr=False)
     #: The photograph, where bytes do not hold it.
-    _exact: Floats | None = field(default=None, repr=False)
+    _exact: Floats | None = part(default=None, repr=False)
     #: The network's own.
-    _confidence: Floats | None = field(default=None, repr=False)
+    _confidence: Floats | None = part(default=None, repr=False)
     #: Without the rounding of sigma.
-    _variance: Floats = field(default_factory=lambda: np.zeros((0, 0), np.float32), repr=False)
+    _variance: Floats = part(default_factory=lambda: np.zeros((0, 0), np.float32), repr=False)
 
     @classmethod
     def _of(cls, parts: dict[str, Any]) -> Result:
@@ -139,6 +143,7 @@ class Result:
             evidence=parts["evidence"],
             lower=parts["lower"],
             upper=parts["upper"],
+            field=parts["field"],
             _pictures=parts["pictures"],
             _strip=parts["strip"],
             _exact=parts["exact"],
@@ -164,7 +169,7 @@ class Result:
 
         ``depth.npy``, ``sigma.npy``, ``prior.npy``, ``depth.png``, ``confidence.png``, ``image.png``, ``preview.png`` and ``config.toml`` have the
         bytes of the program's; with several photographs also ``evidence.npz`` and ``views/``, with an interval ``lower.npy`` and
-        ``upper.npy``. The folder appears whole or not at all.
+        ``upper.npy``, with a kept field ``field.safetensors``. The folder appears whole or not at all.
 
         Parameters
         ----------
@@ -234,6 +239,8 @@ class Result:
             "camera": (self.camera.fx, self.camera.fy, self.camera.cx, self.camera.cy),
         }
         native.save_result(str(folder), parts, formats, y_up)
+        if self.field is not None:
+            (folder / "field.safetensors").write_bytes(self.field)
         (folder / "config.toml").write_text(self.config, encoding="utf-8", newline="\n")
         record = json.dumps(self.run, indent=2, ensure_ascii=False) + "\n"
         (folder / _RECORD).write_text(record, encoding="utf-8", newline="\n")

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from . import _mdenerf as native
 from ._arrays import Doubles, Floats, IntrinsicsLike, Mask, _unit, depth_map, intrinsics as known_intrinsics, same_map
+from ._inputs import Config, native_settings
 from ._mdenerf import Error
-from ._refine import Config, _settings
 
 
 @dataclass(eq=False)
@@ -72,7 +72,7 @@ def fuse(
         for index, (view, sigma) in enumerate(views)
     ]
     known = None if prior_sigma is None else same_map(prior_sigma, depth.shape, "prior_sigma")
-    settings = _settings(preset, config, None, None)
+    settings = native_settings(preset, config)
     parts = native.fuse(depth, known, [view for view, _ in maps], [sigma for _, sigma in maps], settings)
     parts["report"] = json.loads(parts["report"])
     return Fused(**parts)

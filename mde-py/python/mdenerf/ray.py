@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._mdenerf import Error
-from ._refine import Refiner
+from ._refiner import Refiner
 from ._result import RefinementWarning, Result
 
 __all__ = ["Refine", "pending", "read_map", "webdataset"]
@@ -47,7 +47,8 @@ class Refine:
 
     ``name`` (str), ``status`` (``done`` or ``failed``), ``error`` (str, one line), ``depth`` and ``sigma`` (bytes, the files ``depth.npy``
     and ``sigma.npy`` of the program; :func:`read_map` reads them; empty where it failed), ``height``, ``width`` (int), ``unit`` (str),
-    ``median_depth``, ``median_sigma``, ``seconds`` (float), ``run`` (str, the record as JSON).
+    ``median_depth``, ``median_sigma``, ``seconds`` (float), ``run`` (str, the record as JSON). With the setting ``interval`` also ``lower`` and ``upper``
+    (bytes, as ``depth``), the ends of the interval of each pixel.
 
     Parameters
     ----------
@@ -60,6 +61,7 @@ class Refine:
     def __init__(self, model: Any = None, *, fov: float | None = None, **settings: Any) -> None:
         settings.setdefault("threads", _threads())
         self._refiner = Refiner(model, **settings)
+        self._ends = settings.get("interval") is not None
         self._fov = fov
 
     def __call__(self, batch: Batch) -> Batch:
@@ -78,7 +80,8 @@ class Refine:
             result, error = None, str(failure)
         seconds = time.monotonic() - begun
         row: dict[str, Any] = {"name": name, "status": "failed" if result is None else "done", "error": error}
-        return {**row, **_columns(result), "seconds": seconds}
+        ends = _ends(result) if self._ends else {}
+        return {**row, **_columns(result), **ends, "seconds": seconds}
 
     def _refine(self, image: Any) -> Result:
         with warnings.catch_warnings():
@@ -119,6 +122,12 @@ def _columns(result: Result | None) -> dict[str, Any]:
     }
 
 
+def _ends(result: Result | None) -> dict[str, bytes]:
+    """The interval's files; empty where there is no result."""
+    ends = {"lower": None, "upper": None} if result is None else {"lower": result.lower, "upper": result.upper}
+    return {name: b"" if values is None else _npy(values) for name, values in ends.items()}
+
+
 def _npy(values: NDArray[np.float32]) -> bytes:
     """The bytes of the program's file."""
     from . import _mdenerf as native
@@ -138,7 +147,7 @@ def _column(values: list[Any]) -> NDArray[Any]:
 
 
 def read_map(data: bytes) -> NDArray[np.float32]:
-    """The map ``float32 [height, width]`` of a row's ``depth`` or ``sigma``."""
+    """The map ``float32 [height, width]`` of a row's ``depth``, ``sigma``, ``lower`` or ``upper``."""
     values: NDArray[np.float32] = np.load(io.BytesIO(data), allow_pickle=False)
     return values
 
@@ -179,14 +188,15 @@ def pending(folder: str | os.PathLike[str], filesystem: Any = None) -> Callable[
 def webdataset(row: dict[str, Any]) -> dict[str, Any]:
     """A row for WebDataset: ``refined.map(mdenerf.ray.webdataset).write_webdataset("shards", encoder=None)``.
 
-    The sample's key is the name without its extension, other dots as underscores; its files are ``depth.npy``, ``sigma.npy`` and ``json``, the other columns.
+    The sample's key is the name without its extension, other dots as underscores; its files are ``depth.npy``, ``sigma.npy``,
+    with an interval ``lower.npy`` and ``upper.npy``, and ``json``, the other columns.
     """
-    rest = {key: value for key, value in row.items() if key not in ("depth", "sigma", "run")}
+    maps = {f"{name}.npy": row[name] for name in ("depth", "sigma", "lower", "upper") if name in row}
+    rest = {key: value for key, value in row.items() if f"{key}.npy" not in maps and key != "run"}
     rest = {key: value.item() if isinstance(value, np.generic) else value for key, value in rest.items()}
     run = json.loads(row["run"]) if row["run"] else None
     return {
         "__key__": str(PurePosixPath(str(row["name"])).with_suffix("")).strip("/").replace(".", "_"),
-        "depth.npy": row["depth"],
-        "sigma.npy": row["sigma"],
+        **maps,
         "json": json.dumps({**rest, "run": run}).encode(),
     }

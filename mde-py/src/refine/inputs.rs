@@ -1,17 +1,19 @@
 //! The inputs of a refinement, as the caller gives them and at the size at which they are refined.
 
+use super::one_scale::{Factor, same_scale};
 use super::{Motion, Watch};
 use crate::error::{message, raise};
 use crate::settings::Settings;
 use mde_cli::inputs::size::{SMALLEST, shrink, within, working};
 use mde_cli::inputs::{CameraSource, GivenCamera, Known, KnownCamera};
+use mde_cli::mde_prior::DepthPrior;
 use mde_cli::mde_prior::resample::nearest;
 use mde_cli::mde_warp::Pose;
-use mde_cli::memory::{MemoryLimit, capture_bytes, refine_bytes};
+use mde_cli::memory::{MemoryLimit, PhotographMemory, capture_bytes};
 use mde_cli::nalgebra::{Quaternion, Translation3, UnitQuaternion};
-use mde_cli::results::Unit;
+use mde_cli::results::{SameScale, Unit};
 use mde_cli::scale::KnownDepth;
-use mde_cli::{Capture, Naming, Photograph};
+use mde_cli::{Capture, Config, Naming, Photograph};
 use ndarray::{Array2, Array3};
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
@@ -60,6 +62,10 @@ pub(crate) struct Arguments<'py> {
     /// Whether the results are in the unit of the poses.
     unit_of_poses: bool,
     scale_from: Option<Scale<'py>>,
+    /// The factor to one scale with other photographs.
+    same_scale: Option<Factor>,
+    /// Whether the fitted field is a part of the result.
+    keep_field: bool,
     max_size: Option<usize>,
     /// Million pixels.
     work_size: f64,
@@ -81,6 +87,8 @@ pub(super) struct Inputs {
     pub(super) photographs: Vec<Input>,
     pub(super) unit: Unit,
     pub(super) scale: Option<Known>,
+    pub(super) same_scale: Option<SameScale>,
+    pub(super) keep_field: bool,
     max_size: Option<usize>,
     work_size: f64,
     limit: MemoryLimit,
@@ -154,8 +162,9 @@ impl Inputs {
         };
         let unit = if arguments.unit_of_poses { Unit::Capture } else { Unit::Prior };
         let limit = MemoryLimit { gib: arguments.max_memory, naming: Naming::Keywords };
-        let Arguments { max_size, work_size, .. } = arguments;
-        Ok(Self { photographs, unit, scale, max_size, work_size, limit })
+        let same_scale = arguments.same_scale.map(same_scale);
+        let Arguments { max_size, work_size, keep_field, .. } = arguments;
+        Ok(Self { photographs, unit, scale, same_scale, keep_field, max_size, work_size, limit })
     }
 
     /// The photographs at the size at which they are refined.
@@ -166,8 +175,6 @@ impl Inputs {
             let (height, width, _) = image.dim();
             let size = within((height, width), self.max_size);
             let at = working(size, self.work_size);
-            let bytes = |pixels| refine_bytes(pixels, &settings.config);
-            self.limit.check(name, at, bytes).map_err(message)?;
             let mut image = Cow::Borrowed(image);
             if size != (height, width) {
                 image = Cow::Owned(shrink(&image, size));
@@ -198,6 +205,18 @@ impl Inputs {
             self.limit.check(&format!("views: {count} photographs"), first.size, bytes).map_err(message)?;
         }
         Ok(opened)
+    }
+
+    /// The prior's predictions at once that the memory limit allows for one photograph.
+    pub(super) fn predictions_at_once(
+        &self,
+        one: &Opened,
+        config: &Config,
+        prior: &dyn DepthPrior,
+    ) -> Result<usize, String> {
+        let full = one.full.as_ref().map_or(one.size, |full| (full.dim().0, full.dim().1));
+        let memory = PhotographMemory::new(config, prior, full, one.size, rayon::current_num_threads());
+        memory.predictions_at_once(&self.limit, &one.name, one.size).map_err(message)
     }
 }
 

@@ -1,6 +1,7 @@
 //! The refinement: one photograph, or several of one scene.
 
 mod inputs;
+mod one_scale;
 mod outcome;
 
 use crate::error::{message, raise};
@@ -8,13 +9,15 @@ use crate::prior::Prior;
 use crate::settings::{ErrorBar, Settings};
 use crate::worker::{self, Link, Request};
 pub(crate) use inputs::{Arguments, given};
-use inputs::{Inputs, capture};
+use inputs::{Inputs, Opened, capture};
+use mde_cli::inputs::KnownCamera;
 use mde_cli::mde_prior::Timed;
 use mde_cli::mde_warp::Pose;
 use mde_cli::nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion};
 use mde_cli::results::{Finish, TrainingCurve, follow};
-use mde_cli::{Event, Naming, Stages, refine as refine_one, refine_capture};
+use mde_cli::{Event, Naming, SharedNerf, Stages, refine as refine_one, refine_capture};
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods};
+pub(crate) use one_scale::OneScale;
 use outcome::{Done, Outcome};
 use pyo3::prelude::*;
 use std::ops::ControlFlow;
@@ -41,7 +44,19 @@ pub(crate) fn refine<'py>(
     let threads = arguments.threads;
     let inputs = Inputs::new(arguments)?;
     let observed = progress.is_some();
-    let serve = |request| match request {
+    let run = Run { prior, settings, error_bar };
+    let serve = server(py, model, progress);
+    let outcome = worker::run(py, threads, serve, |link| run.work(link, &inputs, observed))?;
+    outcome.into_dict(py)
+}
+
+/// Runs the callables of a run.
+fn server<'py>(
+    py: Python<'py>,
+    model: Option<Object<'py>>,
+    progress: Option<Object<'py>>,
+) -> impl FnMut(Request) -> PyResult<()> {
+    move |request| match request {
         Request::Progress(stage, done, total) => match &progress {
             Some(progress) => progress.call1((stage, done, total)).map(drop),
             None => Ok(()),
@@ -54,10 +69,7 @@ pub(crate) fn refine<'py>(
             let _ = reply.send(depth);
             Ok(())
         }
-    };
-    let run = Run { prior, settings, error_bar };
-    let outcome = worker::run(py, threads, serve, |link| run.work(link, &inputs, observed))?;
-    outcome.into_dict(py)
+    }
 }
 
 /// The numbers of a pose.
@@ -97,7 +109,11 @@ struct Watch<'l> {
     warnings: Vec<String>,
 }
 
-impl Watch<'_> {
+impl<'l> Watch<'l> {
+    fn new(link: &'l Link, observed: bool) -> Self {
+        Self { link, observed, iteration: 0, training: Vec::new(), warnings: Vec::new() }
+    }
+
     fn observe(&mut self, event: &Event) -> ControlFlow<()> {
         let seen = match event {
             Event::Begin { stage, iteration, .. } => {
@@ -127,6 +143,24 @@ impl Watch<'_> {
     }
 }
 
+/// The photographs at the size at which they are refined, and the camera of the first: a network's own in place of an assumed one.
+fn framed(
+    inputs: &Inputs,
+    settings: &Settings,
+    prior: &Prior,
+    watch: &mut Watch<'_>,
+) -> Result<(Vec<Opened>, KnownCamera), String> {
+    let mut opened = inputs.open(settings, watch)?;
+    let mut known = opened[0].known.resized(opened[0].size).map_err(message)?;
+    if opened.len() == 1
+        && let Some(own) = prior.camera(opened[0].image.view(), &known).map_err(message)?
+    {
+        known = own;
+        opened[0].known = known.resized(opened[0].original).map_err(message)?;
+    }
+    Ok((opened, known))
+}
+
 /// What a refiner keeps between runs.
 struct Run<'r> {
     prior: &'r Prior,
@@ -139,26 +173,29 @@ impl Run<'_> {
         let Self { prior, settings, error_bar } = *self;
         let config = &settings.config;
         let start = Instant::now();
-        let mut watch = Watch { link, observed, iteration: 0, training: Vec::new(), warnings: Vec::new() };
-        let mut opened = inputs.open(settings, &mut watch)?;
+        let mut watch = Watch::new(link, observed);
+        let (opened, mut known) = framed(inputs, settings, prior, &mut watch)?;
         let several = opened.len() > 1;
-        let mut known = opened[0].known.resized(opened[0].size).map_err(message)?;
-        if !several && let Some(own) = prior.camera(opened[0].image.view(), &known).map_err(message)? {
-            known = own;
-            opened[0].known = known.resized(opened[0].original).map_err(message)?;
-        }
         let first = &opened[0];
         let origin = prior.origin.at_focal(known.focal());
         let (bound, warnings) =
             prior.bind(link, first.original, first.size, known.focal()).map_err(message)?;
         watch.warnings.extend(warnings);
         let timed = Timed::new(&bound);
+        let mut kept = None;
         let mut stages = Stages::new(&timed);
+        if !several {
+            stages = stages.with_predictions_at_once(inputs.predictions_at_once(first, config, &timed)?);
+        }
         if let Some(budget) = settings.budget {
             stages = stages.with_budget(budget);
         }
         if !several {
             watch.warnings.extend(known.warning(Naming::Keywords));
+        }
+        if inputs.keep_field {
+            let mut keep = |field| Box::new(kept.insert(SharedNerf::new(field)).clone());
+            stages = stages.with_field(move |request| Ok(keep(request.nerf()?)));
         }
         let capture = several.then(|| capture(&opened)).transpose()?;
         let mut observe = |event: &Event| watch.observe(event);
@@ -167,6 +204,14 @@ impl Run<'_> {
             None => refine_one(first.image.view(), &known.camera, stages, config, &mut observe),
         };
         let mut refinement = refined.map_err(message)?;
+        let field = kept.map(|field: SharedNerf| field.lock().to_bytes()).transpose().map_err(message)?;
+        if inputs.keep_field && field.is_none() {
+            watch.warnings.push(
+                "keep_field: no field was fitted, so none is kept; set refinement.field = \"always\" to fit one".to_owned(),
+            );
+        }
+        let alone = inputs.same_scale.and_then(|found| found.warning(Naming::Keywords));
+        watch.warnings.extend(alone);
         let mut image = first.image.view();
         if let Some(full) = &first.full {
             refinement = refinement.upsampled(image, full.view()).map_err(message)?;
@@ -178,7 +223,7 @@ impl Run<'_> {
             origin: &origin,
             error_bar: &error_bar.0,
             known: inputs.scale.as_ref(),
-            same_scale: None,
+            same_scale: inputs.same_scale,
             unit: inputs.unit,
             naming: Naming::Keywords,
         };
@@ -186,6 +231,6 @@ impl Run<'_> {
         let result = finish.apply(refinement, 0, &mut known, &mut warn).map_err(message)?;
         let seconds = (start.elapsed().as_secs_f64(), timed.seconds());
         let input = &inputs.photographs[0].name;
-        Done { origin, settings, watch, result, known, capture, input, image, seconds }.outcome()
+        Done { origin, settings, watch, result, known, capture, field, input, image, seconds }.outcome()
     }
 }

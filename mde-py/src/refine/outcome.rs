@@ -13,7 +13,7 @@ use mde_cli::{Capture, CaptureReport};
 use ndarray::{Array2, Array3, ArrayView3};
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList};
+use pyo3::types::{PyBytes, PyDict, PyList};
 use std::collections::BTreeMap;
 
 /// The parts of a result.
@@ -31,6 +31,8 @@ pub(super) struct Outcome {
     config: String,
     pictures: Vec<(String, Array3<u8>)>,
     strip: Vec<Array3<f32>>,
+    /// The file of the fitted field.
+    field: Option<Vec<u8>>,
 }
 
 /// A run that is done.
@@ -41,6 +43,7 @@ pub(super) struct Done<'d> {
     pub(super) result: Finished,
     pub(super) known: KnownCamera,
     pub(super) capture: Option<Capture>,
+    pub(super) field: Option<Vec<u8>>,
     pub(super) input: &'d str,
     /// At the size of the maps.
     pub(super) image: ArrayView3<'d, f32>,
@@ -101,6 +104,7 @@ impl Done<'_> {
             config: config.to_toml().map_err(message)?,
             pictures,
             strip: above,
+            field: self.field,
         })
     }
 }
@@ -152,6 +156,7 @@ impl Outcome {
         parts.set_item("pictures", pictures)?;
         let strip = self.strip.into_iter().map(|picture| picture.into_pyarray(py));
         parts.set_item("strip", PyList::new(py, strip.collect::<Vec<_>>())?)?;
+        parts.set_item("field", self.field.map(|field| PyBytes::new(py, &field)))?;
         Ok(parts.into_any())
     }
 }

@@ -129,7 +129,7 @@ pub(crate) struct DataArgs {
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub(crate) size: Option<[usize; 2]>,
     /// Horizontal field of view of scenes without intrinsics, degrees (with a warning)
-    #[arg(long, value_name = "DEG", default_value_t = 60.0)]
+    #[arg(long, value_name = "DEG", default_value_t = 60.0, value_parser = field_of_view)]
     pub(crate) assume_fov: f64,
     /// Use every Nth image of a sequence
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
@@ -313,6 +313,13 @@ pub(crate) enum FaultName {
     Own,
     /// All of these
     All,
+}
+
+fn field_of_view(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(degrees) if 0.0 < degrees && degrees < 180.0 => Ok(degrees),
+        _ => Err("give degrees above 0 and below 180, such as 60".to_owned()),
+    }
 }
 
 fn data_set(name: &str) -> Result<DataSetKind, String> {

@@ -37,7 +37,7 @@ Exit codes:
   1    failed; one line on stderr names the cause and the remedy
   2    wrong usage
   3    some scenes of an evaluation failed; the others are written
-  130  interrupted (Ctrl-C or SIGTERM); only the state from which --resume and evaluations continue is kept";
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP or SIGQUIT); only the state from which --resume and evaluations continue is kept";
 
 /// Refine the monocular depth of a photograph, with a standard deviation per pixel
 #[derive(Debug, Parser)]
@@ -384,7 +384,7 @@ pub(crate) struct SizeArgs {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Size")]
 pub(crate) struct MemoryArgs {
-    /// Refuse runs whose estimated memory exceeds this
+    /// Refuse runs whose estimated memory exceeds this; fewer predictions run at once where that suffices
     #[arg(long, help_heading = "Advanced", value_name = "GIB", default_value_t = MemoryLimit::USUAL, value_parser = positive)]
     pub(crate) max_memory: f64,
 }

@@ -4,8 +4,9 @@ use crate::args::{RunArgs, SettingsArgs, SizeArgs};
 use crate::input::size::{SMALLEST, limit, shrink, within, working};
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
+use mde_cli::config::Shorthands;
 use mde_cli::memory::PhotographMemory;
-use mde_cli::{Config, Preset};
+use mde_cli::{Config, Naming, Preset};
 use mde_prior::DepthPrior;
 use mde_prior::photo::{Photo, read_image};
 use std::path::Path;
@@ -17,18 +18,8 @@ pub(crate) fn settings(args: &SettingsArgs, usual: Preset) -> Result<(Preset, Co
         Some(path) => Config::from_file(preset, path)?,
         None => preset.config(),
     };
-    if let Some(seed) = args.seed {
-        config.seed = seed;
-    }
-    if args.no_nerf {
-        config.refinement.iterations = 0;
-    }
-    (config.disparity.near, config.disparity.far) =
-        (args.near.unwrap_or(config.disparity.near), args.far.unwrap_or(config.disparity.far));
-    config.disparity.validate().context("--near, --far")?;
-    if let Some(predictions) = args.predictions {
-        config.augmentation.predictions = predictions;
-    }
+    let &SettingsArgs { seed, no_nerf, predictions, near, far, .. } = args;
+    Shorthands { seed, no_nerf, predictions, near, far }.apply(&mut config, Naming::Flags)?;
     Ok((preset, config))
 }
 

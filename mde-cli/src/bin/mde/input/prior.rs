@@ -8,8 +8,7 @@ use crate::input::opened::Opened;
 use crate::run::progress::Progress;
 use anyhow::{Result, ensure};
 use mde_cli::Naming;
-use mde_cli::inputs::{MapFile, PriorOrigin, Resampled};
-use mde_prior::format::{Encoding, ReadOptions};
+use mde_cli::inputs::{MapFile, PriorOrigin, Resampled, read_options};
 use mde_prior::ndarray::{Array3, ArrayView3};
 use mde_prior::{DepthKind, DepthPrior, Metres};
 use std::path::Path;
@@ -135,15 +134,4 @@ impl DepthPrior for Resized<'_> {
         let blank = Array3::zeros((self.from.0, self.from.1, 3));
         self.prior.predict(blank.view())?.resized(self.to)
     }
-}
-
-/// How a map is read, with the scale that `flag` gave.
-pub(crate) fn read_options(flag: &str, scale: Option<f64>, encoding: Encoding) -> Result<ReadOptions> {
-    let mut options = ReadOptions { encoding, ..ReadOptions::default() };
-    if let Some(scale) = scale {
-        let usable = scale > 0.0 && scale.is_finite();
-        ensure!(usable, "{flag}: {scale} is no scale; give a positive number of steps per unit");
-        (options.png_scale, options.float_scale) = (Some(scale), scale);
-    }
-    Ok(options)
 }

@@ -1,9 +1,9 @@
 //! Scores against ground truth.
 
 use crate::args::TruthArgs;
-use crate::input::prior::read_options;
 use anyhow::{Context, Result, ensure};
 use mde_cli::Refinement;
+use mde_cli::inputs::read_options;
 use mde_eval::align::AlignmentRule;
 use mde_eval::score::{ScoreConfig, Scores, Subject, score};
 use mde_prior::DepthKind;

@@ -38,8 +38,8 @@ pub(crate) fn index(title: &str, photographs: &[Indexed<'_>], files: &[&str]) ->
     )
 }
 
-/// The page of many photographs, the least sure first; each has a folder with a `thumbnail`.
-pub(crate) fn photographs_page(rows: &[Row], thumbnail: &str, files: &[&str]) -> String {
+/// The page of `all` photographs, or of those that a run has so far, the least sure first; each has a folder with a `thumbnail`.
+pub(crate) fn photographs_page(rows: &[Row], all: usize, thumbnail: &str, files: &[&str]) -> String {
     let mut sorted: Vec<&Row> = rows.iter().collect();
     // What failed comes before what has a sigma.
     let sigma = |row: &Row| if row.error.is_some() { f64::INFINITY } else { row.sigma.unwrap_or(0.0) };
@@ -71,18 +71,21 @@ pub(crate) fn photographs_page(rows: &[Row], thumbnail: &str, files: &[&str]) ->
             row.seconds
         );
     }
+    let count = match rows.len() {
+        count if count < all => format!("{count} of {all} photographs, so far"),
+        count => format!("{count} photographs"),
+    };
     let failed = rows.iter().filter(|row| row.error.is_some()).count();
     let links: Vec<String> =
         files.iter().map(|file| format!("<a href=\"{0}\">{0}</a>", quoted(file))).collect();
     let unit = rows.iter().map(|row| row.unit.as_str()).find(|unit| !unit.is_empty()).unwrap_or("-");
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{count} photographs</title>\n\
-         <style>{STYLE}\ntd, th {{ padding: 0.3rem 0.8rem; text-align: left; }}\ntd:first-child {{ white-space: normal; min-width: 18rem; }}</style>\n</head>\n<body>\n<main>\n<h1>{count} photographs</h1>\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{count}</title>\n\
+         <style>{STYLE}\ntd, th {{ padding: 0.3rem 0.8rem; text-align: left; }}\ntd:first-child {{ white-space: normal; min-width: 18rem; }}</style>\n</head>\n<body>\n<main>\n<h1>{count}</h1>\n\
          <p>{failed} failed. The least sure are first: by the median of sigma / depth. A picture (photograph, depth, sigma / depth) leads to its report. \
          All together: {links}.</p>\n<div style=\"overflow: auto\"><table>\n<tr><th></th><th>photograph</th><th>sigma / depth, %</th><th>90 % below, %</th>\
          <th>median depth, {unit}</th><th>seconds</th></tr>\n{body}</table></div>\n</main>\n</body>\n</html>\n",
-        count = rows.len(),
         links = links.join(", "),
         unit = quoted(unit),
     )
@@ -106,7 +109,10 @@ mod tests {
             ..Row::default()
         };
         let rows = [row("a", Some(0.1), None), row("b", Some(0.3), None), row("c", None, Some("no & such"))];
-        let html = photographs_page(&rows, "small.png", &["index.csv"]);
+        let html = photographs_page(&rows, 3, "small.png", &["index.csv"]);
+        assert!(html.contains("<h1>3 photographs</h1>"), "{html}");
+        let partial = photographs_page(&rows[..2], 3, "small.png", &["index.csv"]);
+        assert!(partial.contains("<h1>2 of 3 photographs, so far</h1>"), "{partial}");
         let at = |name: &str| html.find(&format!("&lt;{name}&gt;<br>")).unwrap();
         assert!(at("c") < at("b") && at("b") < at("a"), "{html}");
         assert!(

@@ -1,4 +1,4 @@
-//! Ctrl-C and SIGTERM.
+//! Ctrl-C, SIGTERM, SIGHUP and SIGQUIT.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -17,18 +17,41 @@ static REQUESTED: AtomicBool = AtomicBool::new(false);
 static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
 /// Installs the handler: a signal requests a stop, and ends the program soon after if the work continues. Where the system has no
-/// thread left for it, a signal ends the program at once.
+/// thread left for it, a signal ends the program at once. Called before any other thread is started.
 pub(crate) fn install() {
-    let _ = ctrlc::set_handler(|| {
-        REQUESTED.store(true, Ordering::SeqCst);
-        thread::sleep(GRACE);
-        // Held until the end: no folder is moved into place any more.
-        let held = hold();
-        for path in held.iter() {
-            let _ = std::fs::remove_dir_all(path).or_else(|_| std::fs::remove_file(path));
+    #[cfg(unix)]
+    wait_for_quit();
+    let _ = ctrlc::set_handler(end);
+}
+
+/// Requests a stop, and ends the program without its unfinished files after some time.
+fn end() {
+    REQUESTED.store(true, Ordering::SeqCst);
+    thread::sleep(GRACE);
+    // Held until the end: no folder is moved into place any more.
+    let held = hold();
+    for path in held.iter() {
+        let _ = std::fs::remove_dir_all(path).or_else(|_| std::fs::remove_file(path));
+    }
+    process::exit(EXIT_CODE.into());
+}
+
+/// SIGQUIT, which `ctrlc` leaves out: all threads block it, as they inherit the mask of this one, and one waits for it.
+#[cfg(unix)]
+fn wait_for_quit() {
+    use nix::sys::signal::{SigSet, Signal};
+    let quit: SigSet = [Signal::SIGQUIT].into_iter().collect();
+    if quit.thread_block().is_err() {
+        return;
+    }
+    let wait = move || {
+        if quit.wait().is_ok() {
+            end();
         }
-        process::exit(EXIT_CODE.into());
-    });
+    };
+    if thread::Builder::new().name("SIGQUIT".to_owned()).spawn(wait).is_err() {
+        let _ = quit.thread_unblock();
+    }
 }
 
 /// Whether a signal has arrived.

@@ -10,7 +10,6 @@ use crate::output::recording::Recording;
 use crate::output::several;
 use crate::report;
 use crate::run::checkpoint::Checkpoints;
-use crate::run::field::SharedNerf;
 use crate::run::gain;
 use crate::run::progress::Progress;
 use anyhow::Result;
@@ -20,7 +19,7 @@ use mde_cli::results::export::Exported;
 use mde_cli::results::preview::{Preview, preview, strip};
 use mde_cli::results::{About, ErrorBar, Finish, Finished, RunRecord, SameScale, TrainingCurve};
 use mde_cli::{
-    Capture, Component, Config, Event, Naming, Preset, Refinement, Stages, refine_capture, resume,
+    Capture, Component, Config, Event, Naming, Preset, Refinement, SharedNerf, Stages, refine_capture, resume,
 };
 use mde_prior::augment::Predictions;
 use mde_prior::format::write_npy;

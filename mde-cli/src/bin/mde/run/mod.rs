@@ -3,7 +3,6 @@
 pub(crate) mod batch;
 pub(crate) mod checkpoint;
 pub(crate) mod every;
-pub(crate) mod field;
 pub(crate) mod gain;
 pub(crate) mod interrupt;
 pub(crate) mod job;

@@ -181,12 +181,17 @@ impl Index {
         if Self::read(&path).is_ok() { Ok(()) } else { write_json(&path, self) }
     }
 
-    /// Writes the index; for a shard no more than its rows.
+    /// Writes the index of all photographs; for a shard no more than its rows.
     pub(super) fn write(&mut self, folder: &Path) -> Result<()> {
         self.complete = true;
+        self.write_so_far(folder)
+    }
+
+    /// The same for the photographs that have been tried. Each file appears whole.
+    pub(super) fn write_so_far(&self, folder: &Path) -> Result<()> {
         if self.shard.is_none() {
             mde_prior::write_atomic(&folder.join(TABLE), &csv(&self.rows)?)?;
-            let page = photographs_page(&self.rows, THUMBNAIL, &[TABLE, RECORD]);
+            let page = photographs_page(&self.rows, self.all, THUMBNAIL, &[TABLE, RECORD]);
             mde_prior::write_atomic(&folder.join(PAGE), page.as_bytes())?;
         }
         write_json(&folder.join(self.name()), self)

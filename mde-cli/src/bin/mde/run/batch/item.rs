@@ -171,9 +171,8 @@ impl Common<'_> {
         let (opened, full, camera) = self.decoded(item, bytes, progress)?;
         let prior = prior.for_camera(&camera);
         camera.warning(Naming::Flags).into_iter().for_each(|warning| progress.warn(warning));
-        if same_scale.is_some_and(|found| found.is_alone()) {
-            progress.warn("--same-scale: matches no other photograph, and keeps its own scale".to_owned());
-        }
+        let alone = same_scale.and_then(|found| found.warning(Naming::Flags));
+        alone.into_iter().for_each(|warning| progress.warn(warning));
         let job = Job {
             command: "refine",
             input: shown(),

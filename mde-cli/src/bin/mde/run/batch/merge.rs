@@ -25,6 +25,9 @@ pub(crate) fn run(args: &MergeArgs) -> Result<()> {
         shards.extend(read(folder)?);
     }
     let rows = joined(&shards)?;
+    for (folder, row) in &rows {
+        check_finished(folder, row)?;
+    }
     let output = match (&args.run.output, &args.folders[..]) {
         (Some(output), _) => output,
         (None, [one]) => one,
@@ -71,13 +74,30 @@ fn joined(shards: &[Found]) -> Result<Vec<(PathBuf, Row)>> {
     Ok(rows.into_values().map(|(folder, row)| (folder.clone(), row.clone())).collect())
 }
 
-/// Checks a finished folder, and copies it to the output where it is elsewhere.
+/// Checks that a photograph's folder lies in that of its shard, and is finished.
+fn check_finished(folder: &Path, row: &Row) -> Result<()> {
+    let plain = Path::new(&row.folder).file_name().is_some_and(|name| name == &*row.folder);
+    let shown = folder.display();
+    ensure!(
+        plain,
+        "{shown}: {:?} in a file shard-*.json is no name of a folder; run its shard again",
+        row.folder
+    );
+    let from = folder.join(&row.folder);
+    ensure!(
+        row.error.is_some() || read_marker(&from).is_some(),
+        "{}: is missing or not finished; run its shard again",
+        from.display()
+    );
+    Ok(())
+}
+
+/// Copies a finished folder to the output where it is elsewhere.
 fn bring(from: &Path, to: &Path, row: &Row) -> Result<()> {
     if row.error.is_some() {
         return Ok(());
     }
     let shown = from.display();
-    ensure!(read_marker(from).is_some(), "{shown}: is missing or not finished; run its shard again");
     if from == to || to.exists() {
         ensure!(read_marker(to).is_some(), "{}: exists and is not finished; remove it", to.display());
         return Ok(());

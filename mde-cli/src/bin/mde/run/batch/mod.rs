@@ -1,7 +1,7 @@
 //! Many photographs, each refined alone into a folder of its own, side by side as far as the memory goes.
 //!
 //! A folder appears whole, by a rename, with its marker (`finished.json`) in it. A run that finds a marker of the same inputs and settings
-//! keeps the folder. The index is written from the markers' rows.
+//! keeps the folder. The index is written from the markers' rows, every few seconds and at the end.
 
 mod allowance;
 mod index;
@@ -35,7 +35,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Refines all photographs that the arguments name.
 pub(crate) fn run(args: &RefineArgs) -> Result<()> {
@@ -75,7 +75,7 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
         }
         Some(_) => None,
     };
-    let mut found = Index::new(args.several.shard, whole, set, &common.settings);
+    let found = Index::new(args.several.shard, whole, set, &common.settings);
     found.mark(output)?;
     if args.several.same_scale {
         // Of all photographs, so that a shard has the same factors.
@@ -86,7 +86,14 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
         items.retain(|item| shard.has(&item.folder));
     }
     let (next, start) = (AtomicUsize::new(0), Instant::now());
-    let state = Mutex::new(State { progress: &mut progress, rows: BTreeMap::new(), refined: 0 });
+    let state = Mutex::new(State {
+        progress: &mut progress,
+        rows: BTreeMap::new(),
+        refined: 0,
+        index: found,
+        output,
+        due: None,
+    });
     // One more than processors: while one is decoded or written, the others keep the processors busy.
     let workers = (rayon::current_num_threads() + 1).min(items.len());
     let work = || {
@@ -99,10 +106,12 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
         }
     };
     on_threads(workers, &work);
-    let rows = state.into_inner().unwrap_or_else(PoisonError::into_inner).rows;
+    let mut state = state.into_inner().unwrap_or_else(PoisonError::into_inner);
     if interrupt::requested() {
+        state.save();
         bail!(mde_cli::Error::Interrupted);
     }
+    let State { rows, index: mut found, .. } = state;
     found.rows = rows.into_values().collect();
     found.write(output)?;
     warnings(&found.rows, &mut progress);
@@ -120,12 +129,22 @@ fn on_threads(count: usize, work: &(impl Fn() + Sync)) {
     });
 }
 
+/// Least time between two indices of a run.
+const INDEX_SECONDS: Duration = Duration::from_secs(5);
+/// The same, over the time that the last one took: with so many photographs that it takes long.
+const INDEX_SHARE: u32 = 50;
+
 struct State<'p> {
     progress: &'p mut Progress,
     /// By the index of the photograph.
     rows: BTreeMap<usize, Row>,
     /// Photographs that were not finished before.
     refined: usize,
+    /// What a killed run leaves.
+    index: Index,
+    output: &'p Path,
+    /// When it is written next; at the first photograph.
+    due: Option<Instant>,
 }
 
 impl State<'_> {
@@ -142,6 +161,18 @@ impl State<'_> {
         let each = start.elapsed().as_secs_f64() / self.refined.max(1) as f64;
         let left = (done < all && self.refined > 0).then(|| each * (all - done) as f64);
         self.progress.piece(done, all, &text, left, value);
+        if done < all && self.due.is_none_or(|due| due <= Instant::now()) {
+            self.save();
+        }
+    }
+
+    /// Writes the index of the photographs so far.
+    fn save(&mut self) {
+        let start = Instant::now();
+        self.index.rows = self.rows.values().cloned().collect();
+        // What prevents it prevents the last one too, which names it.
+        let _ = self.index.write_so_far(self.output);
+        self.due = Some(Instant::now() + INDEX_SECONDS.max(INDEX_SHARE * start.elapsed()));
     }
 }
 

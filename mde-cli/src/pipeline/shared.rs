@@ -4,16 +4,28 @@ use mde_nerf::{FieldCallback, FitReport, Nerf, RadianceField, RenderedView, Resu
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A [`Nerf`] shared by the loop and the job that saves it.
+/// A [`Nerf`] that the loop fits and its caller keeps: clones are one field.
+///
+/// ```
+/// use mde_cli::{SharedNerf, Stages};
+/// # use mde_cli::mde_prior::DepthPrior;
+///
+/// # fn stages<'s>(prior: &'s dyn DepthPrior, kept: &'s mut Option<SharedNerf>) -> Stages<'s> {
+/// // After the run, `kept` is the field of the last iteration.
+/// Stages::new(prior).with_field(|request| Ok(Box::new(kept.insert(SharedNerf::new(request.nerf()?)).clone())))
+/// # }
+/// ```
 #[derive(Clone)]
-pub(crate) struct SharedNerf(Arc<Mutex<Nerf>>);
+pub struct SharedNerf(Arc<Mutex<Nerf>>);
 
 impl SharedNerf {
-    pub(crate) fn new(nerf: Nerf) -> Self {
+    /// Shares a field.
+    pub fn new(nerf: Nerf) -> Self {
         Self(Arc::new(Mutex::new(nerf)))
     }
 
-    pub(crate) fn lock(&self) -> MutexGuard<'_, Nerf> {
+    /// The field, once nothing else uses it.
+    pub fn lock(&self) -> MutexGuard<'_, Nerf> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

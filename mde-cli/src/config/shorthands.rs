@@ -1,0 +1,71 @@
+//! Settings that have a short form beside the configuration.
+
+use super::Config;
+use crate::error::text;
+use crate::{Error, Naming, Result};
+use mde_prior::augment::Predictions;
+
+/// What a command line or a function's caller sets in few words; each overrides a value of the [`Config`].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Shorthands {
+    /// [`Config::seed`].
+    pub seed: Option<u64>,
+    /// Whether no field is fitted: 0 iterations.
+    pub no_nerf: bool,
+    /// Predictions of a model at most.
+    pub predictions: Option<Predictions>,
+    /// Nearest depth of the scene, for disparity of unknown scale and shift, metres.
+    pub near: Option<f64>,
+    /// Farthest depth, likewise.
+    pub far: Option<f64>,
+}
+
+impl Shorthands {
+    /// Sets what is given.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where `near` and `far` are no range.
+    pub fn apply(&self, config: &mut Config, naming: Naming) -> Result<()> {
+        config.seed = self.seed.unwrap_or(config.seed);
+        if self.no_nerf {
+            config.refinement.iterations = 0;
+        }
+        if let Some(predictions) = self.predictions {
+            config.augmentation.predictions = predictions;
+        }
+        let rule = &mut config.disparity;
+        (rule.near, rule.far) = (self.near.unwrap_or(rule.near), self.far.unwrap_or(rule.far));
+        rule.validate().map_err(|error| {
+            let [near, far] = ["near", "far"].map(|name| naming.of(name));
+            Error::Argument(format!("{near}, {far}: {}", text(&error)))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Preset;
+
+    #[test]
+    fn what_is_given_replaces_a_setting_and_what_is_not_leaves_it() {
+        let preset = Preset::Default.config();
+        let mut config = preset.clone();
+        Shorthands::default().apply(&mut config, Naming::Flags).unwrap();
+        assert_eq!(config, preset);
+        let given = Shorthands {
+            seed: Some(7),
+            no_nerf: true,
+            predictions: Some(Predictions::Most(3)),
+            near: Some(0.5),
+            far: None,
+        };
+        given.apply(&mut config, Naming::Flags).unwrap();
+        assert_eq!((config.seed, config.refinement.iterations), (7, 0));
+        assert_eq!(config.augmentation.predictions, Predictions::Most(3));
+        assert_eq!((config.disparity.near, config.disparity.far), (0.5, preset.disparity.far));
+        let refused = Shorthands { near: Some(9.0), far: Some(2.0), ..given };
+        let refused = refused.apply(&mut config, Naming::Keywords).unwrap_err().to_string();
+        assert!(refused.starts_with("near, far: "), "{refused}");
+    }
+}

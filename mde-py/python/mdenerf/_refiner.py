@@ -1,0 +1,437 @@
+"""The refinement of photographs, with a model that stays loaded."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import astuple
+from typing import Any, Literal, TypeAlias, overload
+
+from numpy.typing import ArrayLike
+
+from . import _mdenerf as native
+from ._arrays import Floats, ImageLike, IntrinsicsLike, Model, PathLike, Views, callers
+from ._inputs import CameraOf, Config, checked, known_depths, library_of, map_prior, native_settings, photographs_and_camera
+from ._many import SameScale, photographs_of, refine_each, scales_of
+from ._mdenerf import Error
+from ._result import RefinementWarning, Result
+
+#: Called with the stage's name, the steps done and the steps in all (0 where unknown). An exception cancels the run.
+Progress: TypeAlias = Callable[[str, int, int], object]
+
+
+class Refiner:
+    """A depth model that stays loaded, with the settings of its runs.
+
+    A refiner may be used by several threads at once, and pickled: the copy opens the network again.
+
+    Parameters
+    ----------
+    model : path or callable, optional
+        A network in an ONNX file, or a callable. The callable gets ``float32 [height, width, 3]``, sRGB in 0 to 1, and returns
+        its prediction ``[height, width]`` as anything that NumPy understands, a tensor of PyTorch on any device among them. It is called
+        in the thread that called :meth:`refine`, also for crops and mirror images (with the default settings, up to some 30 times); its
+        exceptions pass through. Without a model, give :meth:`refine` a ``depth``.
+    kind : {"metric", "depth", "disparity"}, optional
+        Meaning of the values: metres, depth in an unknown unit, or 1/depth up to scale and shift (MiDaS, Depth Anything). By default that
+        of the ONNX file's profile, and ``metric`` otherwise.
+    profile : str, optional
+        Name of the ONNX file's profile (``mde refine --help`` lists them); by default it is recognised.
+    input_size : (int, int), optional
+        Height and width of the network's input, pixels: for an ONNX file by default its profile's. For a callable it decides how many crops
+        are worth their time; without it the size is taken for unknown.
+    preset : {"paper", "default", "fast", "multi-view"}, optional
+        By default ``default`` for one photograph, ``multi-view`` for several.
+    config : path, str or dict, optional
+        Settings that override those of the preset: a TOML file, TOML text, or a dictionary of tables such as
+        ``{"augmentation": {"predictions": 5}}``.
+    seed : int, optional
+        Seed of all random draws; by default that of the settings, 0. The same seed gives the same bits with any number of threads.
+    budget : float, optional
+        Seconds for the model's predictions: only as many as fit, by the time of the first one.
+    predictions : int or "auto", optional
+        Predictions of the model at most, on the photograph, its mirror image and crops; 1 is the photograph alone. By default that of the
+        settings.
+    no_nerf : bool
+        Fit no field: the model's prediction, with the configured augmentation, is the result.
+    near, far : float, optional
+        Nearest and farthest depth of the scene, metres, for disparity of unknown scale and shift; by default those of the settings, 0.8 and 8.
+    runtime : {"auto", "tract", "onnxruntime"}
+        What runs an ONNX file. ``auto`` takes ONNX Runtime where the package ``onnxruntime`` is installed, else tract, which is part of this
+        package. The program's default is tract; the two differ in the last bits.
+    onnxruntime : path, optional
+        ONNX Runtime's library; by default that of the package ``onnxruntime``.
+    max_size : int, optional
+        Resize photographs to this longer side, pixels.
+    work_size : float
+        Refine larger photographs at this many million pixels. The maps of one photograph are brought back to its own size with the
+        edges of the photograph; those of several are not.
+    max_memory : float
+        Refuse runs whose estimated memory exceeds this, GiB. That of the model's own inference is not included.
+    interval : float, optional
+        Give each pixel an interval that is meant to contain the true depth with this probability, 0.01 to 0.99: ``Result.lower`` and
+        ``Result.upper``.
+    calibration : path, optional
+        A calibration file of ``mde calibrate``: it scales sigma and intervals. By default that of the package where the model is the one
+        it was estimated with; else intervals assume normally distributed errors.
+    threads : int, optional
+        Number of threads; by default one per core.
+
+    Raises
+    ------
+    Error
+        For a model that can't be opened, or a setting out of range.
+
+    Examples
+    --------
+    >>> refiner = mdenerf.Refiner("network.onnx")               # doctest: +SKIP
+    >>> results = [refiner.refine(path) for path in paths]      # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        model: Model | None = None,
+        *,
+        kind: str | None = None,
+        profile: str | None = None,
+        input_size: tuple[int, int] | None = None,
+        preset: str | None = None,
+        config: Config | None = None,
+        seed: int | None = None,
+        budget: float | None = None,
+        predictions: int | Literal["auto"] | None = None,
+        no_nerf: bool = False,
+        near: float | None = None,
+        far: float | None = None,
+        runtime: str = "auto",
+        onnxruntime: PathLike | None = None,
+        max_size: int | None = None,
+        work_size: float = 1.5,
+        max_memory: float = 8.0,
+        interval: float | None = None,
+        calibration: PathLike | None = None,
+        threads: int | None = None,
+    ) -> None:
+        self._model = model
+        self._kind = kind
+        self._profile = profile
+        self._input_size = input_size
+        self._preset = preset
+        self._config = config
+        self._seed = seed
+        self._short: dict[str, Any] = {
+            "budget": budget,
+            "no_nerf": no_nerf,
+            "predictions": None if predictions is None else str(predictions),
+            "near": near,
+            "far": far,
+        }
+        self._runtime = runtime
+        self._library = onnxruntime
+        self._max_size = max_size
+        self._work_size = work_size
+        self._max_memory = max_memory
+        self._interval = interval
+        self._calibration = calibration
+        self._threads = threads
+        self._settings(False, None)
+        self._error_bar = self._open_error_bar()
+        self._prior = self._open()
+
+    def _open_error_bar(self) -> native.ErrorBar:
+        calibration = None if self._calibration is None else os.fspath(self._calibration)
+        return native.ErrorBar(self._interval, calibration)
+
+    def _open(self) -> native.Prior | None:
+        model = self._model
+        if model is None:
+            return None
+        if isinstance(model, (str, os.PathLike)):
+            library = library_of(self._runtime) if self._library is None else os.fspath(self._library)
+            form = (self._profile, self._input_size, self._kind)
+            return native.Prior.network(os.fspath(model), form, self._runtime, library, self._threads)
+        if not callable(model):
+            raise Error(f"model is of {type(model).__name__}; give the path of an ONNX file, or a callable")
+        name = getattr(model, "__qualname__", type(model).__name__)
+        return native.Prior.callable(name, self._kind or "metric", self._input_size)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name not in ("_prior", "_error_bar")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._error_bar = self._open_error_bar()
+        self._prior = self._open()
+
+    def _settings(self, many: bool, seed: int | None) -> native.Settings:
+        preset = self._preset or ("multi-view" if many else "default")
+        seed = self._seed if seed is None else seed
+        return native_settings(preset, self._config, seed=seed, **self._short)
+
+    @property
+    def runtime(self) -> str | None:
+        """What runs the ONNX file; None for a callable."""
+        return None if self._prior is None else self._prior.runtime
+
+    def refine(
+        self,
+        image: ImageLike,
+        *,
+        depth: PathLike | ArrayLike | None = None,
+        png_scale: float | None = None,
+        depth_encoding: str = "plain",
+        intrinsics: IntrinsicsLike | None = None,
+        intrinsics_base: int = 0,
+        fov: float | None = None,
+        views: Views | None = None,
+        poses: ArrayLike | None = None,
+        unit: str = "prior",
+        scale_from: PathLike | ArrayLike | None = None,
+        same_scale: SameScale | None = None,
+        keep_field: bool = False,
+        seed: int | None = None,
+        progress: Progress | None = None,
+    ) -> Result:
+        """Refines the depth of a photograph.
+
+        The GIL is released meanwhile, and Ctrl-C cancels the run.
+
+        Parameters
+        ----------
+        image : path, bytes, ndarray or PIL.Image.Image
+            The photograph: a file, its bytes, ``uint8`` or ``uint16`` or floats in 0 to 1 of ``[height, width, 3]``, sRGB, or an image of Pillow. Files
+            and Pillow's images are turned upright, and their EXIF has the focal length.
+        depth : path or ndarray, optional
+            In the place of a model, a depth map of the image, ``[height, width]``; 0 where missing. Or a file of it: NPY, NPZ, PNG of 16 bits,
+            PFM, EXR.
+        png_scale : float, optional
+            Depth = value / ``png_scale`` for a file; by default the scale in the metadata of a PNG, else 1000 for 16 bits and 1 for floats.
+        depth_encoding : {"plain", "sunrgbd"}
+            Encoding of depths in PNG files: as they are, or with the rotated bits of SUN RGB-D.
+        intrinsics : ndarray, dict or path, optional
+            The camera of the photograph as given, pixels: a matrix ``[3, 3]``, ``fx``, ``fy``, ``cx``, ``cy`` by name, or a file with either. By
+            default from EXIF, else a horizontal field of view of 60 degrees.
+        intrinsics_base : {0, 1}
+            Index of the first pixel in the intrinsics: 1 in the files of SUN RGB-D and of MATLAB.
+        fov : float, optional
+            Instead of intrinsics, the horizontal field of view, degrees.
+        views : sequence of images, or path, optional
+            Further photographs of the same static scene, or a folder of them, with the same intrinsics where these are given. Or a
+            capture with poses that ``image`` is a photograph of: ``transforms.json``, the folder of a COLMAP model or of a TUM sequence.
+        poses : ndarray, optional
+            World to camera, ``[photographs, 4, 4]``, that of ``image`` first; by default those of the capture, else they are estimated.
+        unit : {"prior", "poses"}
+            Unit of the result.
+        scale_from : ndarray or path, optional
+            Depths that are known at some pixels and give the result its scale: ``[n, 3]`` or ``[n, 4]`` of column, row, depth and standard
+            deviation (0 where unknown), in pixels of the photograph as given (centres at integers) and metres. Or a CSV file of these, or the
+            folder of a COLMAP model that has the photograph, whose unit the result then has. The error of the scale is in sigma.
+        same_scale : SameScale, optional
+            The factor of this photograph among others of the place, of :meth:`same_scale`. Its error is in sigma.
+        keep_field : bool
+            Keep the fitted field of the last iteration: ``Result.field``, which :meth:`Result.save` writes.
+        seed : int, optional
+            Instead of the refiner's.
+        progress : callable, optional
+            Called as ``progress(stage, done, total)`` in this thread; ``total`` is 0 where it is unknown. An exception cancels the run and
+            passes through.
+
+        Returns
+        -------
+        Result
+
+        Raises
+        ------
+        Error
+            For an input, a setting or a stage at fault, in one line that names it and the remedy.
+        KeyboardInterrupt
+            After Ctrl-C.
+        """
+        if (depth is None) == (self._prior is None):
+            raise Error("give a model or a depth, and not both: the depth that is refined")
+        if depth is not None and views is not None:
+            raise Error("depth is that of one photograph; give a model to use views")
+        if unit not in ("prior", "poses"):
+            raise Error(f"unit is {unit!r}; give prior or poses")
+        if poses is not None and views is None:
+            raise Error("poses are given but no views; give the further photographs too")
+        if scale_from is not None and unit != "prior":
+            raise Error("scale_from gives the unit of the result; leave unit out")
+        if same_scale is not None and (views is not None or scale_from is not None):
+            raise Error("same_scale is for photographs that are refined alone; leave views and scale_from out")
+        prior = self._prior if self._prior is not None else map_prior(depth, self._kind, png_scale, depth_encoding)
+        if not isinstance(depth, (str, os.PathLike)) and (png_scale is not None or depth_encoding != "plain"):
+            raise Error("png_scale and depth_encoding are of a depth in a file; give depth as a path, or leave them out")
+        settings = self._settings(views is not None, seed)
+        camera = CameraOf(intrinsics, intrinsics_base, fov)
+        photographs, file, captured = photographs_and_camera(image, camera, views, poses, settings.max_views)
+        if unit == "poses" and any(one["pose"] is None for one in photographs):
+            raise Error("unit is 'poses', but the photographs have none; give poses or a capture with them, or unit='prior'")
+        arguments = self._arguments(photographs, None if captured else fov, file)
+        arguments["unit_of_poses"] = unit == "poses"
+        arguments["scale_from"] = None if scale_from is None else known_depths(scale_from, image)
+        arguments["same_scale"] = None if same_scale is None else astuple(same_scale)
+        arguments["keep_field"] = keep_field
+        result = Result._of(native.refine(prior, settings, self._error_bar, arguments, self._callable(), progress))
+        for warning in result.run["warnings"]:
+            warnings.warn(warning, RefinementWarning, stacklevel=callers())
+        return result
+
+    __call__ = refine
+
+    def _arguments(self, photographs: list[dict[str, Any]], fov: float | None, file: str | None) -> dict[str, Any]:
+        return {
+            "photographs": photographs,
+            "fov": fov,
+            "camera_file": file,
+            "unit_of_poses": False,
+            "scale_from": None,
+            "same_scale": None,
+            "keep_field": False,
+            "max_size": self._max_size,
+            "work_size": self._work_size,
+            "max_memory": self._max_memory,
+            "threads": self._threads,
+        }
+
+    def _callable(self) -> Callable[[Floats], Floats] | None:
+        return checked(self._model) if callable(self._model) else None
+
+    def same_scale(
+        self,
+        images: PathLike | Iterable[ImageLike],
+        *,
+        intrinsics: IntrinsicsLike | None = None,
+        intrinsics_base: int = 0,
+        fov: float | None = None,
+        seed: int | None = None,
+        progress: Progress | None = None,
+    ) -> list[SameScale]:
+        """The factors that bring the model's depth of photographs of one place to one scale, as ``mde refine --same-scale``.
+
+        A network gives photographs of one place depths that differ by a factor. Each photograph is matched with the three before it, and
+        up to 16, evenly spread over all, with each other; up to 16 photographs thus need no order. It takes one prediction of each.
+
+        Parameters
+        ----------
+        images : sequence of images, or path
+            The photographs of a burst or the frames of a video in their order, or a folder of them, in the order of names.
+        intrinsics, intrinsics_base, fov
+            The camera of all, as in :meth:`refine`.
+        seed : int, optional
+            Instead of the refiner's.
+        progress : callable, optional
+            Called as ``progress("match", done, total)``, with photographs.
+
+        Returns
+        -------
+        list of SameScale
+            One for each photograph, for the argument ``same_scale`` of :meth:`refine`. One that can't be read, or that matches no other, has the
+            factor 1.
+
+        Raises
+        ------
+        Error
+            For a setting at fault, or where the refiner has no model.
+        """
+        if self._prior is None:
+            raise Error("same_scale needs a model; a depth is that of one photograph")
+        found = photographs_of(images)
+        settings = self._settings(False, seed)
+        camera = CameraOf(intrinsics, intrinsics_base, fov)
+
+        def prepared(image: ImageLike) -> dict[str, Any]:
+            photographs, file, _ = photographs_and_camera(image, camera, None, None, settings.max_views)
+            return self._arguments(photographs, fov, file)
+
+        scale = native.OneScale(len(found), settings)
+        return scales_of(scale, found, prepared, (self._prior, settings, self._callable(), self._threads), progress)
+
+    @overload
+    def refine_many(
+        self,
+        images: PathLike | Iterable[ImageLike],
+        *,
+        same_scale: bool = ...,
+        intrinsics: IntrinsicsLike | None = ...,
+        intrinsics_base: int = ...,
+        fov: float | None = ...,
+        seed: int | None = ...,
+        return_exceptions: Literal[False] = ...,
+        progress: Progress | None = ...,
+    ) -> Iterator[Result]: ...
+
+    @overload
+    def refine_many(
+        self,
+        images: PathLike | Iterable[ImageLike],
+        *,
+        same_scale: bool = ...,
+        intrinsics: IntrinsicsLike | None = ...,
+        intrinsics_base: int = ...,
+        fov: float | None = ...,
+        seed: int | None = ...,
+        return_exceptions: bool,
+        progress: Progress | None = ...,
+    ) -> Iterator[Result | Error]: ...
+
+    def refine_many(
+        self,
+        images: PathLike | Iterable[ImageLike],
+        *,
+        same_scale: bool = False,
+        intrinsics: IntrinsicsLike | None = None,
+        intrinsics_base: int = 0,
+        fov: float | None = None,
+        seed: int | None = None,
+        return_exceptions: bool = False,
+        progress: Progress | None = None,
+    ) -> Iterator[Result | Error]:
+        """Refines photographs one after the other, each alone.
+
+        Each result is computed when it is asked for, so that one is in memory. For a data set, the program's ``mde refine FOLDER`` also
+        resumes after a kill, and :mod:`mdenerf.ray` goes to many machines.
+
+        Parameters
+        ----------
+        images : iterable of images, or path
+            The photographs, or a folder of them, in the order of names.
+        same_scale : bool
+            First bring all to one scale, as :meth:`same_scale` does.
+        intrinsics, intrinsics_base, fov, seed
+            Those of all, as in :meth:`refine`.
+        return_exceptions : bool
+            For a photograph that fails, give its :class:`Error` in the place of a result, and go on.
+        progress : callable, optional
+            Called as ``progress("photograph", done, total)`` after each (``total`` is 0 where ``images`` has no length), and with
+            ``same_scale`` before as ``progress("match", done, total)``.
+
+        Returns
+        -------
+        iterator of Result
+            In the order of the photographs.
+
+        Raises
+        ------
+        Error
+            For a setting at fault; for a photograph at fault when its result is asked for.
+
+        Examples
+        --------
+        >>> for path, result in zip(paths, refiner.refine_many(paths, same_scale=True)):     # doctest: +SKIP
+        ...     result.save(f"out/{path.stem}")
+        """
+        if self._prior is None:
+            raise Error("refine_many needs a model; a depth is that of one photograph")
+        camera: dict[str, Any] = {"intrinsics": intrinsics, "intrinsics_base": intrinsics_base, "fov": fov, "seed": seed}
+        self._settings(False, seed)
+        found = photographs_of(images) if same_scale or isinstance(images, (str, os.PathLike)) else images
+
+        def scales(images: list[ImageLike]) -> list[SameScale]:
+            return self.same_scale(images, **camera, progress=progress)
+
+        def one(image: ImageLike, factor: SameScale | None) -> Result:
+            return self.refine(image, **camera, same_scale=factor)
+
+        return refine_each(found, scales if same_scale else None, one, return_exceptions, progress)
