@@ -195,7 +195,7 @@ pub fn read_depth(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Array
 pub fn read_values(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Array2<f32>> {
     let path = path.as_ref();
     let map = read_raw(path, options)?;
-    if let Some(((row, column), _)) = map.indexed_iter().find(|(_, v)| v.is_nan()) {
+    if let Some((row, column)) = first_nan(map.view()) {
         let reason = format!("NaN at row {row}, column {column}; write 0 where a value is missing");
         return Err(Error::malformed(path, reason));
     }
@@ -421,13 +421,20 @@ fn check_text(text: &str) -> Result<()> {
     Err(Error::Input(format!("{text:?} can't stand in a PNG's metadata; give printable ASCII")))
 }
 
+/// Row and column of the first NaN.
+fn first_nan(map: ArrayView2<'_, f32>) -> Option<(usize, usize)> {
+    // Without an early end a row's test is a few instructions for 16 values.
+    let row = map.outer_iter().position(|row| row.fold(false, |any, v| any | v.is_nan()))?;
+    map.row(row).iter().position(|v| v.is_nan()).map(|column| (row, column))
+}
+
 fn check_map(path: &Path, map: ArrayView2<'_, f32>) -> Result<()> {
     if map.is_empty() || map.len() > MAX_PIXELS {
         let reason =
             format!("a map of shape {:?} cannot be written; give 1 to {MAX_PIXELS} pixels", map.dim());
         return Err(Error::malformed(path, reason));
     }
-    if let Some(((row, column), _)) = map.indexed_iter().find(|(_, v)| v.is_nan()) {
+    if let Some((row, column)) = first_nan(map) {
         let reason =
             format!("NaN at row {row}, column {column} is not written; use 0 where a value is missing");
         return Err(Error::malformed(path, reason));

@@ -51,9 +51,12 @@ pub(super) fn page(folder: &Path) -> Result<String> {
     let toml = read_text(&settings)?;
     let config = Config::with_overrides(Preset::Default, &toml, &settings.display().to_string())?;
     let read = |name: &str| read_values(folder.join(name), &ReadOptions::default());
-    let (refined, sigma, prior) = (read("depth.npy")?, read("sigma.npy")?, read("prior.npy")?);
     let path = folder.join("image.png");
-    let image = read_image(&path).with_context(|| {
+    let maps =
+        || rayon::join(|| rayon::join(|| read("depth.npy"), || read("sigma.npy")), || read("prior.npy"));
+    let (image, ((refined, sigma), prior)) = rayon::join(|| read_image(&path), maps);
+    let (refined, sigma, prior) = (refined?, sigma?, prior?);
+    let image = image.with_context(|| {
         format!("{}: the report needs the image; run the refinement again", path.display())
     })?;
     let (rows, columns, _) = image.pixels.dim();
@@ -75,7 +78,8 @@ pub(super) fn page(folder: &Path) -> Result<String> {
     maps.insert("refined".to_owned(), embed(&refined)?);
     maps.insert("sigma".to_owned(), embed(&sigma)?);
     let stated = PriorSigma::new(&config, &record);
-    maps.insert("prior_sigma".to_owned(), embed(&stated.map(&prior))?);
+    let small = nearest(prior.view(), size);
+    maps.insert("prior_sigma".to_owned(), map(stated.map(&small).view())?);
     if folder.join("gt.npy").is_file() {
         maps.insert("truth".to_owned(), embed(&read("gt.npy")?)?);
     }
