@@ -4,7 +4,7 @@ use crate::{Error, Result};
 use mde_prior::resample::{Filter, nearest, resize};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::filter::JointUpsampling;
-use ndarray::{Array2, ArrayView3, Axis, Zip};
+use ndarray::{Array2, ArrayView3, Axis};
 use rayon::prelude::*;
 
 /// Standard deviation of the upsampling in colour (0 to 1).
@@ -33,17 +33,22 @@ impl Refinement {
             let mut rows: Vec<&mut [f32]> = rows.chunks_mut(width.max(1)).collect();
             upsampling.row(&views, y, &mut rows)
         })?;
-        let map = |index: usize| {
-            Array2::from_shape_fn((height, width), |(y, x)| rows[(y * count + index) * width + x])
+        let row = |index: usize, y: usize| &rows[(y * count + index) * width..][..width];
+        let mut depth = Array2::zeros((height, width));
+        each_row(&mut depth, |y, depth| depth.copy_from_slice(row(0, y)));
+        let known = |index: usize, value: fn(f32) -> f32| {
+            let mut map = Array2::zeros((height, width));
+            each_row(&mut map, |y, out| {
+                for ((out, &s), &z) in out.iter_mut().zip(row(index, y)).zip(row(0, y)) {
+                    *out = if z > 0.0 { value(s) } else { f32::INFINITY };
+                }
+            });
+            map
         };
-        let depth = map(0);
-        let known = |sigma: Array2<f32>| {
-            Zip::from(&sigma).and(&depth).map_collect(|&s, &z| if z > 0.0 { s } else { f32::INFINITY })
-        };
-        let variance = known(map(1)).mapv_into(|s| s * s);
+        let variance = known(1, |s| s * s);
         let components = self.components.iter().zip(2..);
         let components = components
-            .map(|(component, index)| Component { name: component.name, sigma: known(map(index)) })
+            .map(|(component, index)| Component { name: component.name, sigma: known(index, |s| s) })
             .collect();
         let prior = match self.prior.iter().all(|&z| z > 0.0) {
             true => resize(self.prior.view(), (height, width), Filter::Bilinear),
@@ -52,5 +57,13 @@ impl Refinement {
         let depth = GaussianDepth::new(depth, variance).map_err(Error::from)?;
         let confidence = self.confidence.map(|map| resize(map.view(), (height, width), Filter::Bilinear));
         Ok(Self { depth, prior, components, confidence, ..self })
+    }
+}
+
+/// Calls `write` with the index and the values of each row, rows side by side.
+fn each_row(map: &mut Array2<f32>, write: impl Fn(usize, &mut [f32]) + Sync) {
+    let width = map.ncols().max(1);
+    if let Some(values) = map.as_slice_mut() {
+        values.par_chunks_mut(width).enumerate().for_each(|(y, row)| write(y, row));
     }
 }
