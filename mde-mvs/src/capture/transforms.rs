@@ -246,6 +246,10 @@ pub fn transforms_json_with(
             entry
         })
         .collect();
-    let root = json!({ "camera_model": "OPENCV", "pixel_centres": "halves", "frames": entries });
+    // Without it, nerfstudio takes a folder colmap/ beside the file for the origin of the poses, with axes of its own.
+    let unmoved = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]];
+    let root = json!({
+        "camera_model": "OPENCV", "pixel_centres": "halves", "applied_transform": unmoved, "frames": entries,
+    });
     format!("{root:#}\n")
 }
