@@ -3,7 +3,7 @@
 use crate::config::Config;
 use crate::config::SigmaConfig;
 use crate::{Error, Result};
-use mde_prior::augment::{Plan, Predictions, Progress};
+use mde_prior::augment::{Limits, Plan, Predictions, Progress};
 use mde_prior::{Augmented, DepthPrior};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::filter::{Border, Gaussian, gaussian_blur};
@@ -63,7 +63,7 @@ pub(crate) fn start(
     model: &dyn DepthPrior,
     image: ArrayView3<'_, f32>,
     config: &Config,
-    budget: Option<Duration>,
+    limits: Limits,
     progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<Start> {
     let mut report = AugmentationReport { predictions: 1, ..AugmentationReport::default() };
@@ -77,12 +77,12 @@ pub(crate) fn start(
         return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), confidence, report });
     }
     let mut augmented =
-        config.augmentation.predict_with(model, image, budget, progress)?.ok_or(Error::Interrupted)?;
+        config.augmentation.predict_with(model, image, limits, progress)?.ok_or(Error::Interrupted)?;
     let confidence = augmented.prior.confidence.take();
     let prior = augmented.prior.to_depth(&config.disparity)?;
     let depth = augmented.depth(&config.disparity)?;
     report.predictions = augmented.plan.predictions();
-    report.reason = Some(reason(&augmented.plan, config.augmentation.predictions, budget));
+    report.reason = Some(reason(&augmented.plan, config.augmentation.predictions, limits.budget));
     report.plan = Some(augmented.plan.clone());
     if report.predictions == 1 {
         return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), confidence, report });

@@ -1,5 +1,6 @@
 //! Estimates of the memory that a run needs.
 
+mod inference;
 mod limit;
 
 use crate::Config;
@@ -7,6 +8,7 @@ use crate::config::{NovelViews, RefinementConfig};
 use mde_mvs::consensus::{ConsensusConfig, reconstruct_bytes};
 use mde_nerf::{FieldConfig, HashFieldConfig, RenderConfig};
 
+pub use inference::PhotographMemory;
 pub use limit::MemoryLimit;
 
 /// The program, its threads' tiles and what it allocates at any image size.
@@ -41,7 +43,8 @@ const METHOD: u64 = 8;
 const SHARED_VIEW: u64 = 24;
 
 /// Upper bound of the bytes that [`refine`](crate::refine) needs for an image of that many pixels; measured, it is 1 to 1.25 times
-/// the real peak for the fields of small images, and up to twice for large images. The memory of the prior's own inference is not included.
+/// the real peak for the fields of small images, and up to twice for large images. The memory of the prior's own inference is not
+/// included; [`PhotographMemory`] has it.
 pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
     PROGRAM.saturating_add(pixels.saturating_mul(pixel_bytes(config))).saturating_add(field_bytes(config))
 }

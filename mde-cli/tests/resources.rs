@@ -4,8 +4,14 @@
 mod common;
 
 use common::{HEIGHT, Place, TINY, WIDTH, names};
+#[cfg(feature = "onnx")]
+use mde_cli::Naming;
+#[cfg(feature = "onnx")]
+use mde_cli::mde_prior::OnnxPrior;
 use mde_cli::mde_prior::format::{ReadOptions, read_values, write_npy};
 use mde_cli::mde_prior::photo::write_image;
+#[cfg(feature = "onnx")]
+use mde_cli::memory::{MemoryLimit, PhotographMemory};
 use mde_cli::memory::{SceneMemory, refine_bytes};
 use mde_cli::{Config, Preset};
 use mde_eval::scene::{Room, room};
@@ -128,6 +134,29 @@ fn the_estimate_bounds_what_a_run_takes() {
         let Some(peak) = record(&place.path(name))["peak_memory_bytes"].as_u64() else { return };
         let estimate = refine_bytes(640 * 480, &config);
         assert!((peak..4 * peak).contains(&estimate), "{name}: estimate {estimate}, peak {peak}");
+    }
+}
+
+/// With the predictions of a network, side by side and one at a time, within a quarter of the peak when it was measured.
+#[test]
+#[cfg(feature = "onnx")]
+#[ignore = "needs the networks and photographs that MDE_SHARED names"]
+fn the_estimate_has_the_network() {
+    let shared = common::shared();
+    let (network, photo) =
+        (shared.join("models/fastdepth/fastdepth_224.onnx"), shared.join("data/plain/nyu_living/color.png"));
+    let (place, config, size) = (Place::new(), Preset::Default.config(), (480, 640));
+    let prior = OnnxPrior::open_guessed(&network).unwrap();
+    for (threads, gib) in [(1, 8.0), (2, 8.0), (4, 8.0), (4, 0.17)] {
+        let memory = PhotographMemory::new(&config, &prior, size, size, threads);
+        let limit = MemoryLimit { gib, naming: Naming::Flags };
+        let at_once = memory.predictions_at_once(&limit, "photo", size).unwrap();
+        assert_eq!(at_once < threads, gib < 1.0, "{at_once}");
+        let mut run = place.mde(&format!("refine --threads {threads} --max-memory {gib} --force -q -o out"));
+        run.arg(&photo).arg("--prior-model").arg(&network).assert().success();
+        let Some(peak) = record(&place.path("out"))["peak_memory_bytes"].as_f64() else { return };
+        let ratio = memory.bytes(640 * 480, at_once as u64) as f64 / peak;
+        assert!((0.65..1.4).contains(&ratio), "{threads} threads, {gib} GiB: {ratio:.2} of {peak}");
     }
 }
 

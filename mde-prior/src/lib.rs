@@ -56,7 +56,7 @@ pub use ndarray;
 #[cfg(feature = "io")]
 pub use prior::FilePrior;
 pub use prior::spec::{self, ModelSpec};
-pub use prior::{DepthKind, DepthPrior, DisparityRule, Metres, PriorDepth, Timed};
+pub use prior::{DepthKind, DepthPrior, DisparityRule, InferenceMemory, Metres, PriorDepth, Timed};
 
 #[cfg(all(doctest, feature = "io"))]
 #[doc = include_str!("../README.md")]

@@ -179,6 +179,23 @@ fn weights_in_another_file_are_named() {
     assert_eq!(inside.files().count(), 1);
 }
 
+/// A larger input has larger tensors, and the weights count twice.
+#[test]
+fn the_memory_follows_the_input_and_the_file() {
+    let path = fixture("midas_dynamic.onnx");
+    let spec = ModelSpec::new(32, 32, DepthKind::AffineDisparity);
+    let memory = |side| {
+        let spec = ModelSpec { width: side, height: side, ..spec.clone() };
+        OnnxPrior::open(&path, &spec).unwrap().memory(480, 640).unwrap()
+    };
+    let (small, large) = (memory(32), memory(64));
+    assert_eq!(small.model, 2 * std::fs::metadata(&path).unwrap().len());
+    assert_eq!(large.model, small.model);
+    let input = 4 * 3 * 32 * 32;
+    assert!((input..20 * input).contains(&small.prediction), "{small:?}");
+    assert!((3 * small.prediction..=5 * small.prediction).contains(&large.prediction), "{small:?} {large:?}");
+}
+
 #[test]
 fn a_prior_can_be_shared_between_threads() {
     fn shared<T: Send + Sync>() {}

@@ -8,7 +8,8 @@ use mde_cli::inputs::{
 };
 use mde_cli::mde_prior::format::Encoding;
 use mde_cli::mde_prior::{
-    DepthKind, DepthPrior, Error, Metres, OnnxPrior, PriorDepth, Result, Runtime, find_onnxruntime,
+    DepthKind, DepthPrior, Error, InferenceMemory, Metres, OnnxPrior, PriorDepth, Result, Runtime,
+    find_onnxruntime,
 };
 use ndarray::ArrayView3;
 use numpy::PyReadonlyArray2;
@@ -212,6 +213,13 @@ impl DepthPrior for Bound<'_> {
         match &self.prior.source {
             Source::Network(network) => network.concurrency(),
             _ => 1,
+        }
+    }
+
+    fn memory(&self, height: usize, width: usize) -> Option<InferenceMemory> {
+        match &self.prior.source {
+            Source::Network(network) => network.memory(height, width),
+            _ => None,
         }
     }
 }

@@ -17,6 +17,11 @@ impl MemoryLimit {
     /// The usual limit, GiB.
     pub const USUAL: f64 = 8.0;
 
+    /// In bytes.
+    pub fn bytes(&self) -> u64 {
+        (self.gib * f64::from(1 << 30)) as u64
+    }
+
     /// Refuses a refinement above the limit; `what` names its image of `(height, width)`, `bytes` estimates its memory by the number of
     /// pixels.
     ///
@@ -44,7 +49,7 @@ impl MemoryLimit {
         bytes: impl Fn(u64) -> u64,
         remedy: impl Fn(Option<(usize, usize)>) -> String,
     ) -> Result<()> {
-        let bound = (self.gib * f64::from(1 << 30)) as u64;
+        let bound = self.bytes();
         let pixels = width as u64 * height as u64;
         let needed = bytes(pixels);
         if needed <= bound {

@@ -32,13 +32,13 @@ use crate::{Error, Result};
 use mde_fusion::{BayesFuser, Fused, Fuser, Prior};
 use mde_nerf::RadianceField;
 use mde_prior::DepthPrior;
-use mde_prior::augment::Progress;
+use mde_prior::augment::{Limits, Progress};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::{median, spearman};
 use mde_warp::PinholeCamera;
 use ndarray::{Array2, ArrayView2, ArrayView3};
 use std::ops::ControlFlow;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use views::median_depth;
 
 /// Result of a run.
@@ -157,7 +157,7 @@ pub fn resume(
     config.validate()?;
     let mut run = Run { image, camera, config, callback };
     let Start { prior, depth: anchor, mut components, confidence, report: augmentation } =
-        run.start(stages.prior, stages.budget)?;
+        run.start(stages.prior, stages.limits)?;
     check_prior(prior.view(), image)?;
     if !config.refinement.fits_a_field(stages.prior.accepts_new_images()) {
         let share = augmentation.common_error.unwrap_or(config.fusion.common_error);
@@ -237,14 +237,14 @@ impl Run<'_, '_> {
     }
 
     /// The prior's stage.
-    fn start(&mut self, model: &dyn DepthPrior, budget: Option<Duration>) -> Result<Start> {
+    fn start(&mut self, model: &dyn DepthPrior, limits: Limits) -> Result<Start> {
         let begin = self.begin(Stage::Prior, 0)?;
         let (callback, iterations) = (&mut *self.callback, self.config.refinement.iterations);
         let mut listen = |progress| match progress {
             Progress::Predicted { done, total } => callback(&Event::Predicted { done, total }),
             Progress::Merging => callback(&Event::Begin { stage: Stage::Merge, iteration: 0, iterations }),
         };
-        let mut start = start(model, self.image, self.config, budget, &mut listen)?;
+        let mut start = start(model, self.image, self.config, limits, &mut listen)?;
         start.report.seconds = begin.elapsed().as_secs_f64();
         Ok(start)
     }

@@ -3,6 +3,7 @@ use crate::config::Config;
 use mde_fusion::Fuser;
 use mde_nerf::{Nerf, NerfConfig, RadianceField};
 use mde_prior::DepthPrior;
+use mde_prior::augment::Limits;
 use mde_uncertainty::random::derived_seed;
 use std::time::Duration;
 
@@ -54,13 +55,13 @@ pub struct Stages<'s> {
     pub(crate) prior: &'s dyn DepthPrior,
     field: Option<Box<FieldFactory<'s>>>,
     pub(crate) fuser: Option<&'s dyn Fuser>,
-    pub(crate) budget: Option<Duration>,
+    pub(crate) limits: Limits,
 }
 
 impl<'s> Stages<'s> {
     /// The depth of `prior`, a [`Nerf`] with [`Config::nerf`], and a [`BayesFuser`](mde_fusion::BayesFuser) with [`Config::fusion`].
     pub fn new(prior: &'s dyn DepthPrior) -> Self {
-        Self { prior, field: None, fuser: None, budget: None }
+        Self { prior, field: None, fuser: None, limits: Limits::default() }
     }
 
     /// Another field; `factory` is called once per iteration. [`Config::nerf`] is passed to it and not used otherwise.
@@ -84,7 +85,15 @@ impl<'s> Stages<'s> {
     /// their number.
     #[must_use]
     pub fn with_budget(mut self, budget: Duration) -> Self {
-        self.budget = Some(budget);
+        self.limits.budget = Some(budget);
+        self
+    }
+
+    /// At most that many of the prior's predictions at once, 1 or more; see
+    /// [`PhotographMemory`](crate::memory::PhotographMemory). The result does not depend on it.
+    #[must_use]
+    pub fn with_predictions_at_once(mut self, most: usize) -> Self {
+        self.limits.at_once = Some(most);
         self
     }
 

@@ -38,6 +38,7 @@ pub use plan::{Plan, Predictions};
 use crate::{DepthPrior, DisparityRule, Error, PriorDepth, Result};
 use ndarray::{Array2, ArrayView2, ArrayView3, Zip, s};
 use rayon::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
@@ -115,6 +116,16 @@ pub struct Augmented {
     pub plan: Plan,
 }
 
+/// Limits of the time and of the memory of an augmentation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Limits {
+    /// Time for the predictions. The first is timed, and the plan is cut to what fits; with the number of predictions of the result as
+    /// [`Predictions::Most`] the same map is made again.
+    pub budget: Option<Duration>,
+    /// Most predictions at once, 1 or more; without, as many as the model allows and there are threads.
+    pub at_once: Option<usize>,
+}
+
 /// Progress of the augmentation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {
@@ -171,15 +182,14 @@ impl AugmentationConfig {
     /// [`Error::Config`], the model's own errors, or [`Error::Input`] for a prediction of another size or kind.
     pub fn predict(&self, model: &dyn DepthPrior, image: ArrayView3<'_, f32>) -> Result<Augmented> {
         let never = &mut |_| ControlFlow::Continue(());
-        match self.predict_with(model, image, None, never)? {
+        match self.predict_with(model, image, Limits::default(), never)? {
             Some(augmented) => Ok(augmented),
             None => Err(Error::Input("the augmentation was cancelled; run it again".to_owned())),
         }
     }
 
-    /// [`predict`](Self::predict) within a time budget and with a progress callback. The first prediction is timed, and the plan is
-    /// cut to what fits into `budget`; with the number of predictions of the result as [`Predictions::Most`] the same map is made again.
-    /// `Break` cancels, and the result is `None`. The results do not depend on how many predictions run at once.
+    /// [`predict`](Self::predict) within limits and with a progress callback. `Break` cancels, and the result is `None`. The results do not
+    /// depend on how many predictions run at once.
     ///
     /// # Errors
     /// As [`predict`](Self::predict).
@@ -187,19 +197,19 @@ impl AugmentationConfig {
         &self,
         model: &dyn DepthPrior,
         image: ArrayView3<'_, f32>,
-        budget: Option<Duration>,
+        limits: Limits,
         progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
     ) -> Result<Option<Augmented>> {
         self.validate()?;
         let (height, width, _) = image.dim();
-        let at_once = model.concurrency().clamp(1, rayon::current_num_threads());
+        let at_once = AtOnce::new(model.concurrency(), limits.at_once);
         let input = model.resolution(height, width);
         let mut plan = Plan::new(self.predictions, (height, width), input);
         let mut whole = Vec::with_capacity(2);
-        if let Some(budget) = budget {
+        if let Some(budget) = limits.budget {
             let begin = Instant::now();
             whole.push(model.predict(image.view())?);
-            plan = plan.within(budget, begin.elapsed(), at_once);
+            plan = plan.within(budget, begin.elapsed(), at_once.most);
         }
         let mut done = whole.len();
         let mut predicted = |plan: &Plan| {
@@ -216,7 +226,7 @@ impl AugmentationConfig {
             whole.push(prediction);
             predicted(&plan)
         };
-        if in_order(rest, at_once, predict, take)?.is_break() {
+        if at_once.in_order(rest, predict, take)?.is_break() {
             return Ok(None);
         }
         let mut whole = whole.into_iter();
@@ -249,7 +259,7 @@ impl AugmentationConfig {
                 changes.add(place, change.view());
                 predicted(&plan)
             };
-            if in_order(&crops, at_once, change, take)?.is_break() {
+            if at_once.in_order(&crops, change, take)?.is_break() {
                 return Ok(None);
             }
             let (mean, spread) = changes.mean_and_variance();
@@ -327,25 +337,51 @@ impl Augmented {
     }
 }
 
-/// Runs `task` on each input, `at_once` of them in parallel, and passes the results to `take` in the order of the inputs.
-fn in_order<I: Sync, O: Send>(
-    inputs: &[I],
-    at_once: usize,
-    task: impl Fn(&I) -> Result<O> + Sync,
-    mut take: impl FnMut(O) -> ControlFlow<()>,
-) -> Result<ControlFlow<()>> {
-    for inputs in inputs.chunks(at_once.max(1)) {
-        let outputs: Vec<Result<O>> = match inputs {
-            [input] => vec![task(input)],
-            inputs => inputs.par_iter().map(&task).collect(),
-        };
-        for output in outputs {
-            if take(output?).is_break() {
-                return Ok(ControlFlow::Break(()));
-            }
+/// Tasks side by side.
+struct AtOnce {
+    /// Most at once.
+    most: usize,
+    /// Threads of their own where there are fewer than usual: an allocator keeps memory for each thread that ever ran one.
+    pool: Option<ThreadPool>,
+}
+
+impl AtOnce {
+    /// As many as the model allows and there are threads, and no more than the limit.
+    fn new(concurrency: usize, limit: Option<usize>) -> Self {
+        let threads = rayon::current_num_threads();
+        let most = limit.unwrap_or(threads).min(concurrency).clamp(1, threads);
+        if most == 1 || most == threads {
+            return Self { most, pool: None };
+        }
+        match ThreadPoolBuilder::new().num_threads(most).build() {
+            Ok(pool) => Self { most, pool: Some(pool) },
+            // No threads to be had.
+            Err(_) => Self { most: 1, pool: None },
         }
     }
-    Ok(ControlFlow::Continue(()))
+
+    /// Runs `task` on each input and passes the results to `take` in the order of the inputs.
+    fn in_order<I: Sync, O: Send>(
+        &self,
+        inputs: &[I],
+        task: impl Fn(&I) -> Result<O> + Sync,
+        mut take: impl FnMut(O) -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>> {
+        for inputs in inputs.chunks(self.most) {
+            let all = || inputs.par_iter().map(&task).collect();
+            let outputs: Vec<Result<O>> = match (inputs, &self.pool) {
+                ([input], _) => vec![task(input)],
+                (_, Some(pool)) => pool.install(all),
+                (_, None) => all(),
+            };
+            for output in outputs {
+                if take(output?).is_break() {
+                    return Ok(ControlFlow::Break(()));
+                }
+            }
+        }
+        Ok(ControlFlow::Continue(()))
+    }
 }
 
 /// The mirror image, with contiguous rows, which a model may need.

@@ -2,6 +2,7 @@ use super::*;
 use crate::DepthKind;
 use ndarray::{Array3, Axis};
 use proptest::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Takes the red channel for depth, seen through a small input: the mean over blocks of a grid.
 struct Coarse {
@@ -107,7 +108,9 @@ fn a_cancelled_augmentation_has_no_result() {
         if done > 5 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     assert_eq!(
-        AugmentationConfig::multi_crop().predict_with(&model, picture().view(), None, &mut stop).unwrap(),
+        AugmentationConfig::multi_crop()
+            .predict_with(&model, picture().view(), Limits::default(), &mut stop)
+            .unwrap(),
         None
     );
     assert_eq!(calls, 6);
@@ -132,8 +135,8 @@ fn neither_concurrency_nor_a_budget_changes_a_byte() {
     let alone = config.predict(&model(1), picture.view()).unwrap();
     assert_eq!(config.predict(&model(7), picture.view()).unwrap(), alone);
     let mut go_on = |_| ControlFlow::Continue(());
-    let budget = Some(Duration::from_millis(12));
-    let short = config.predict_with(&model(1), picture.view(), budget, &mut go_on).unwrap().unwrap();
+    let limits = Limits { budget: Some(Duration::from_millis(12)), at_once: None };
+    let short = config.predict_with(&model(1), picture.view(), limits, &mut go_on).unwrap().unwrap();
     assert!(short.plan.predictions() < alone.plan.predictions());
     let predictions = Predictions::Most(short.plan.predictions() as u32);
     let again = AugmentationConfig { predictions, ..config };
@@ -198,5 +201,42 @@ proptest! {
             prop_assert!(a.is_finite() && *a > 0.0);
             prop_assert!((a.ln() + unit.ln() - b.ln()).abs() < 0.01, "{} {}", a, b);
         }
+    }
+}
+
+/// A limit bounds how many predictions run at once, and no byte depends on it.
+#[test]
+fn no_more_predictions_run_at_once_than_the_limit() {
+    struct Counted(Coarse, AtomicUsize, AtomicUsize);
+    impl DepthPrior for Counted {
+        fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+            let running = self.1.fetch_add(1, Ordering::SeqCst) + 1;
+            self.2.fetch_max(running, Ordering::SeqCst);
+            std::thread::sleep(Duration::from_millis(2));
+            let prediction = self.0.predict(image);
+            self.1.fetch_sub(1, Ordering::SeqCst);
+            prediction
+        }
+        fn concurrency(&self) -> usize {
+            usize::MAX
+        }
+    }
+    let picture = picture();
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
+    let run = |at_once| {
+        let coarse = Coarse { cells: 14, kind: DepthKind::Metric };
+        let model = Counted(coarse, AtomicUsize::new(0), AtomicUsize::new(0));
+        let limits = Limits { budget: None, at_once };
+        let mut go_on = |_| ControlFlow::Continue(());
+        let config = AugmentationConfig::multi_crop();
+        let made = threads.install(|| config.predict_with(&model, picture.view(), limits, &mut go_on));
+        (made.unwrap().unwrap(), model.2.into_inner())
+    };
+    let (free, most) = run(None);
+    assert!((2..=4).contains(&most), "{most}");
+    for at_once in [0, 1, 2] {
+        let (limited, most) = run(Some(at_once));
+        assert!(most <= at_once.max(1), "{at_once}: {most}");
+        assert_eq!(limited, free);
     }
 }

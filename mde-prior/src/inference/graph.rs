@@ -1,5 +1,6 @@
 //! A network as a graph, whatever runs it.
 
+use crate::InferenceMemory;
 use crate::spec::Layout;
 
 /// An input or output of a graph.
@@ -37,6 +38,9 @@ pub(super) trait Graph: Send + Sync {
 
     /// The outputs in the order of the request. An error is one line without the file's name.
     fn run(&self, request: Request<'_>) -> Result<Vec<Output>, String>;
+
+    /// Memory for an image of that shape and those outputs; of the network itself, what comes beside its weights.
+    fn memory(&self, shape: [usize; 4], outputs: &[usize]) -> Result<InferenceMemory, String>;
 
     /// Predictions that are worth running at once.
     fn concurrency(&self) -> usize;

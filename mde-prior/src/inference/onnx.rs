@@ -10,12 +10,16 @@ use super::runtime::{call, model_error, output_names};
 use super::tract::TractGraph;
 use crate::resample::{Filter, nearest, resize};
 use crate::spec::{Channels, Layout, ModelSpec};
-use crate::{DepthKind, DepthPrior, Error, PriorDepth, Result};
+use crate::{DepthKind, DepthPrior, Error, InferenceMemory, PriorDepth, Result};
 
 /// The largest input of a kept aspect: more than any monocular model is made for.
 const MAX_INPUT_PIXELS: usize = 1 << 24;
 /// The largest ratio between the aspects of output and input.
 const MAX_STRETCH: f64 = 1.5;
+
+/// Copies of the weights that a runtime keeps: as they are in the file, and as its kernels take them.
+const COPIES: u64 = 2;
+
 /// What runs a network.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[non_exhaustive]
@@ -59,7 +63,6 @@ pub struct OnnxPrior {
     /// Files of weights outside the ONNX file.
     external: Vec<PathBuf>,
     runtime: Runtime,
-    concurrency: usize,
 }
 
 /// What a network gives, at its own size.
@@ -111,8 +114,9 @@ impl OnnxPrior {
                 }
                 #[cfg(feature = "onnxruntime")]
                 Runtime::OnnxRuntime(library) => {
-                    let external = super::runtime::external_files(path).map_err(fault)?;
-                    (Box::new(OnnxRuntimeGraph::open(path, library, spec.tokens).map_err(fault)?), external)
+                    let (graph, external) =
+                        OnnxRuntimeGraph::open(path, library, spec.tokens).map_err(fault)?;
+                    (Box::new(graph), external)
                 }
             };
             if graph.outputs().is_empty() {
@@ -138,9 +142,8 @@ impl OnnxPrior {
             }
             let image = image_input(graph.inputs(), spec.tokens).map_err(fault)?;
             let fixed = fixed_size(&graph.inputs()[image], spec.layout).map_err(fault)?;
-            let (path, spec, concurrency) = (path.to_owned(), spec.clone(), graph.concurrency());
-            let runtime = runtime.clone();
-            Ok(Self { path, spec, graph, outputs, fixed, external, runtime, concurrency })
+            let (path, spec, runtime) = (path.to_owned(), spec.clone(), runtime.clone());
+            Ok(Self { path, spec, graph, outputs, fixed, external, runtime })
         })
     }
 
@@ -192,13 +195,6 @@ impl OnnxPrior {
     /// The files with the network's weights: the ONNX file, then those that it names.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         std::iter::once(&self.path).chain(&self.external).map(PathBuf::as_path)
-    }
-
-    /// At most `predictions` (1 or more) at once; without, as many as there are threads. Each needs the memory of its activations.
-    #[must_use]
-    pub fn with_concurrency(mut self, predictions: usize) -> Self {
-        self.concurrency = self.graph.concurrency().min(predictions.max(1));
-        self
     }
 
     /// The meaning of its predictions: with a [canonical focal length](ModelSpec::canonical_focal) they have no unit;
@@ -402,7 +398,17 @@ impl DepthPrior for OnnxPrior {
     }
 
     fn concurrency(&self) -> usize {
-        self.concurrency
+        self.graph.concurrency()
+    }
+
+    fn memory(&self, height: usize, width: usize) -> Option<InferenceMemory> {
+        let shape = input_shape(self.spec.layout, self.input_size(height, width));
+        // What a runtime cannot plan fails when it is predicted.
+        let memory = || self.graph.memory(shape, &self.outputs).map_err(|reason| self.error(reason));
+        let InferenceMemory { model, prediction } = call(&self.path, memory).ok()?;
+        let lengths = self.files().filter_map(|path| std::fs::metadata(path).ok());
+        let weights: u64 = lengths.map(|file| file.len()).sum();
+        Some(InferenceMemory { model: model.saturating_add(COPIES.saturating_mul(weights)), prediction })
     }
 }
 

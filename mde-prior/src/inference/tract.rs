@@ -2,11 +2,13 @@
 
 use super::graph::{Graph, Output, Port, Request, image_input};
 use super::runtime::{check_tensors, load, one_line};
+use crate::InferenceMemory;
 use pulp::{Arch, Simd, WithSimd};
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use tract_onnx::prelude::*;
+use tract_onnx::tract_core::ops::konst::Const as Constant;
 use tract_onnx::tract_hir::infer::Factoid as _;
 use tract_onnx::tract_hir::internal::DimLike as _;
 use tract_onnx::tract_hir::ops::konst::Const;
@@ -21,8 +23,8 @@ pub(super) struct TractGraph {
     model: InferenceModel,
     inputs: Vec<Port>,
     outputs: Vec<Port>,
-    /// The latest plans, by input shape and outputs.
-    plans: Mutex<Vec<(PlanKey, Plan)>>,
+    /// The latest plans, by input shape and outputs, with the bytes of their tensors.
+    plans: Mutex<Vec<(PlanKey, Plan, u64)>>,
 }
 
 type PlanKey = ([usize; 4], Vec<usize>);
@@ -43,12 +45,12 @@ impl TractGraph {
         Ok((Self { model, inputs, outputs, plans: Mutex::default() }, external))
     }
 
-    fn plan(&self, shape: [usize; 4], outputs: &[usize]) -> Result<Plan, String> {
+    fn plan(&self, shape: [usize; 4], outputs: &[usize]) -> Result<(Plan, u64), String> {
         // A plan is stored whole, so it is valid even if another thread panicked.
         let mut plans = self.plans.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, plan)) = plans.iter().find(|((size, wanted), _)| *size == shape && wanted == outputs)
-        {
-            return Ok(Arc::clone(plan));
+        let kept = plans.iter().find(|((size, wanted), ..)| *size == shape && wanted == outputs);
+        if let Some((_, plan, bytes)) = kept {
+            return Ok((Arc::clone(plan), *bytes));
         }
         let refused = |e: TractError| {
             format!("the model takes no input of {shape:?} ({}); check its input size", one_line(&e))
@@ -64,12 +66,13 @@ impl TractGraph {
         let model =
             model.with_input_fact(0, fact).and_then(|model| model.into_optimized()).map_err(refused)?;
         check_tensors(&model)?;
+        let bytes = tensor_bytes(&model).map_err(refused)?;
         let plan = model.into_runnable().map_err(refused)?;
         if plans.len() == KEPT_PLANS {
             plans.remove(0);
         }
-        plans.push(((shape, outputs.to_vec()), Arc::clone(&plan)));
-        Ok(plan)
+        plans.push(((shape, outputs.to_vec()), Arc::clone(&plan), bytes));
+        Ok((plan, bytes))
     }
 }
 
@@ -85,13 +88,17 @@ impl Graph for TractGraph {
     fn run(&self, request: Request<'_>) -> Result<Vec<Output>, String> {
         let Request { shape, values, outputs } = request;
         let input = Tensor::from_shape(&shape, &values).map_err(|e| one_line(&e))?;
-        let outputs = self
-            .plan(shape, outputs)?
+        let (plan, _) = self.plan(shape, outputs)?;
+        let outputs = plan
             .run(tvec!(input.into()))
             .map_err(|e| format!("the model fails at {shape:?} ({}); check its input size", one_line(&e)));
         Arch::new().dispatch(ClearRegisters);
         let outputs = outputs?;
         outputs.iter().map(|output| floats(output).map_err(|e| one_line(&e))).collect()
+    }
+
+    fn memory(&self, shape: [usize; 4], outputs: &[usize]) -> Result<InferenceMemory, String> {
+        Ok(InferenceMemory { model: 0, prediction: self.plan(shape, outputs)?.1 })
     }
 
     fn concurrency(&self) -> usize {
@@ -110,6 +117,14 @@ impl WithSimd for ClearRegisters {
     fn with_simd<S: Simd>(self, simd: S) {
         black_box(simd.splat_f32s(black_box(1.0)));
     }
+}
+
+/// The most that the tensors of a plan take at once, its constants apart.
+fn tensor_bytes(model: &TypedModel) -> TractResult<u64> {
+    let order = model.eval_order()?;
+    let alive = model.eval_tmp_memory_usage(&order, |node| !node.op_is::<Constant>())?;
+    let most = alive.iter().filter_map(|(_, bytes)| bytes.to_i64().ok()).max();
+    Ok(most.unwrap_or(0).unsigned_abs())
 }
 
 fn floats(output: &Tensor) -> TractResult<Output> {

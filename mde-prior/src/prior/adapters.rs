@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use ndarray::ArrayView3;
 
+use super::forward;
 use crate::{DepthPrior, ModelSpec, PriorDepth, Result};
 
 /// A network with a [canonical focal length](ModelSpec::canonical_focal), for photographs of a known one: its depth times
@@ -33,17 +34,7 @@ impl DepthPrior for Metres<'_> {
         Ok(PriorDepth { map: prediction.map.mapv(|z| factor * z), kind: self.spec.output, ..prediction })
     }
 
-    fn accepts_new_images(&self) -> bool {
-        self.prior.accepts_new_images()
-    }
-
-    fn resolution(&self, height: usize, width: usize) -> Option<(usize, usize)> {
-        self.prior.resolution(height, width)
-    }
-
-    fn concurrency(&self) -> usize {
-        self.prior.concurrency()
-    }
+    forward!(|self| self.prior);
 }
 
 /// A prior that measures the time of its predictions.
@@ -75,15 +66,5 @@ impl<P: DepthPrior> DepthPrior for Timed<P> {
         prediction
     }
 
-    fn accepts_new_images(&self) -> bool {
-        self.prior.accepts_new_images()
-    }
-
-    fn resolution(&self, height: usize, width: usize) -> Option<(usize, usize)> {
-        self.prior.resolution(height, width)
-    }
-
-    fn concurrency(&self) -> usize {
-        self.prior.concurrency()
-    }
+    forward!(|self| self.prior);
 }

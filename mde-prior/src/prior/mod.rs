@@ -68,23 +68,50 @@ pub trait DepthPrior: Sync {
     fn concurrency(&self) -> usize {
         1
     }
+
+    /// Memory for images of that size; `None`, the default, where it is not known.
+    fn memory(&self, _height: usize, _width: usize) -> Option<InferenceMemory> {
+        None
+    }
 }
+
+/// Memory that a network takes, an estimate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct InferenceMemory {
+    /// Bytes of the loaded network, however many predictions there are.
+    pub model: u64,
+    /// Bytes of each of the predictions at once.
+    pub prediction: u64,
+}
+
+/// The methods of [`DepthPrior`] other than `predict`, those of another prior.
+macro_rules! forward {
+    (|$this:ident| $prior:expr) => {
+        fn accepts_new_images(&$this) -> bool {
+            $prior.accepts_new_images()
+        }
+
+        fn resolution(&$this, height: usize, width: usize) -> Option<(usize, usize)> {
+            $prior.resolution(height, width)
+        }
+
+        fn concurrency(&$this) -> usize {
+            $prior.concurrency()
+        }
+
+        fn memory(&$this, height: usize, width: usize) -> Option<$crate::InferenceMemory> {
+            $prior.memory(height, width)
+        }
+    };
+}
+use forward;
 
 impl<P: DepthPrior + ?Sized> DepthPrior for &P {
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
         (**self).predict(image)
     }
 
-    fn accepts_new_images(&self) -> bool {
-        (**self).accepts_new_images()
-    }
-    fn resolution(&self, height: usize, width: usize) -> Option<(usize, usize)> {
-        (**self).resolution(height, width)
-    }
-
-    fn concurrency(&self) -> usize {
-        (**self).concurrency()
-    }
+    forward!(|self| (**self));
 }
 
 impl<P: DepthPrior + ?Sized> DepthPrior for Box<P> {
@@ -92,16 +119,7 @@ impl<P: DepthPrior + ?Sized> DepthPrior for Box<P> {
         (**self).predict(image)
     }
 
-    fn accepts_new_images(&self) -> bool {
-        (**self).accepts_new_images()
-    }
-    fn resolution(&self, height: usize, width: usize) -> Option<(usize, usize)> {
-        (**self).resolution(height, width)
-    }
-
-    fn concurrency(&self) -> usize {
-        (**self).concurrency()
-    }
+    forward!(|self| (**self));
 }
 
 /// The meaning of a prediction's values.

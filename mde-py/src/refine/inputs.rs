@@ -6,13 +6,14 @@ use crate::error::{message, raise};
 use crate::settings::Settings;
 use mde_cli::inputs::size::{SMALLEST, shrink, within, working};
 use mde_cli::inputs::{CameraSource, GivenCamera, Known, KnownCamera};
+use mde_cli::mde_prior::DepthPrior;
 use mde_cli::mde_prior::resample::nearest;
 use mde_cli::mde_warp::Pose;
-use mde_cli::memory::{MemoryLimit, capture_bytes, refine_bytes};
+use mde_cli::memory::{MemoryLimit, PhotographMemory, capture_bytes};
 use mde_cli::nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use mde_cli::results::{SameScale, Unit};
 use mde_cli::scale::KnownDepth;
-use mde_cli::{Capture, Naming, Photograph};
+use mde_cli::{Capture, Config, Naming, Photograph};
 use ndarray::{Array2, Array3};
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
@@ -174,8 +175,6 @@ impl Inputs {
             let (height, width, _) = image.dim();
             let size = within((height, width), self.max_size);
             let at = working(size, self.work_size);
-            let bytes = |pixels| refine_bytes(pixels, &settings.config);
-            self.limit.check(name, at, bytes).map_err(message)?;
             let mut image = Cow::Borrowed(image);
             if size != (height, width) {
                 image = Cow::Owned(shrink(&image, size));
@@ -206,6 +205,18 @@ impl Inputs {
             self.limit.check(&format!("views: {count} photographs"), first.size, bytes).map_err(message)?;
         }
         Ok(opened)
+    }
+
+    /// The prior's predictions at once that the memory limit allows for one photograph.
+    pub(super) fn predictions_at_once(
+        &self,
+        one: &Opened,
+        config: &Config,
+        prior: &dyn DepthPrior,
+    ) -> Result<usize, String> {
+        let full = one.full.as_ref().map_or(one.size, |full| (full.dim().0, full.dim().1));
+        let memory = PhotographMemory::new(config, prior, full, one.size, rayon::current_num_threads());
+        memory.predictions_at_once(&self.limit, &one.name, one.size).map_err(message)
     }
 }
 

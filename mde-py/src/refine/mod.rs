@@ -184,6 +184,9 @@ impl Run<'_> {
         let timed = Timed::new(&bound);
         let mut kept = None;
         let mut stages = Stages::new(&timed);
+        if !several {
+            stages = stages.with_predictions_at_once(inputs.predictions_at_once(first, config, &timed)?);
+        }
         if let Some(budget) = settings.budget {
             stages = stages.with_budget(budget);
         }

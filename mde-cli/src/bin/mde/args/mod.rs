@@ -384,7 +384,7 @@ pub(crate) struct SizeArgs {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Size")]
 pub(crate) struct MemoryArgs {
-    /// Refuse runs whose estimated memory exceeds this
+    /// Refuse runs whose estimated memory exceeds this; fewer predictions run at once where that suffices
     #[arg(long, help_heading = "Advanced", value_name = "GIB", default_value_t = MemoryLimit::USUAL, value_parser = positive)]
     pub(crate) max_memory: f64,
 }

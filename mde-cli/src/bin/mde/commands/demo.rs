@@ -68,6 +68,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         }),
         save_field: false,
         budget: args.settings.budget.map(Duration::from_secs_f64),
+        at_once: 1,
         full: None,
         checkpoints: None,
         error_bar: args.error_bar.open()?,

@@ -1,7 +1,7 @@
 use crate::args::RefineArgs;
 use crate::input::camera::{self, KnownCamera};
 use crate::input::capture;
-use crate::input::opened::{Opened, open_image, settings, use_threads};
+use crate::input::opened::{Opened, open_image, predictions_at_once, settings, use_threads};
 use crate::input::photographs;
 use crate::input::prior::NamedPrior;
 use crate::input::truth::Truth;
@@ -42,7 +42,12 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         "--resume: one photograph with --views has no state between its start and its end to resume from; leave --resume out, or \
          refine them all with --all"
     );
-    let mut opened = open_image(&args.image, &args.size, &config, &mut progress)?;
+    let mut opened = open_image(&args.image, &args.size, &mut progress)?;
+    let prior = NamedPrior::open(&args.prior)?;
+    let at_once = match args.several.views.is_empty() {
+        true => predictions_at_once(&args.image, opened.size, &args.size, &config, &*prior.prior)?,
+        false => 1,
+    };
     let mut full = None;
     if args.several.views.is_empty() {
         if let Some(working) = opened.working(&args.size) {
@@ -54,7 +59,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     }
     let mut camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
     let capture = capture::open(args, &mut opened, &mut camera, &config, &mut progress)?;
-    let prior = NamedPrior::open(&args.prior)?.resized(&opened, &mut progress)?;
+    let prior = prior.resized(&opened, &mut progress)?;
     // Further photographs without poses give the focal length.
     if capture.is_none() {
         if let Some(own) = prior.camera(opened.photo.pixels.view(), &camera)? {
@@ -87,6 +92,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         config,
         truth: Truth::open(&args.truth, opened.original, full.as_ref().map_or(opened.size, Full::size))?,
         budget: args.settings.budget.map(Duration::from_secs_f64),
+        at_once,
         full,
         save_field: args.save_field,
         checkpoints,

@@ -122,7 +122,7 @@ fn unposed(
     check(args, opened, 1 + paths.len(), config)?;
     let mut photographs = vec![photograph(&args.image, opened, camera)];
     for path in paths {
-        let opened = open_image(&path, &args.size, config, progress)?.reduced(&args.size);
+        let opened = open_image(&path, &args.size, progress)?.reduced(&args.size);
         let camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)
             .with_context(|| path.display().to_string())?;
         photographs.push(photograph(&path, &opened, &camera));
@@ -156,8 +156,16 @@ pub(crate) fn photographs(
         paths.first().unwrap_or(&PathBuf::new()).display()
     );
     let (mut photographs, mut files, mut first) = (Vec::new(), Vec::new(), None);
+    let count = paths.len() as u64;
     for path in paths {
-        let opened = open_image(&path, size, config, progress)?.reduced(size);
+        let opened = open_image(&path, size, progress)?.reduced(size);
+        if first.is_none() {
+            let (what, threads) =
+                (format!("PHOTO: {count} photographs"), rayon::current_num_threads() as u64);
+            check_memory(&size.memory, &what, opened.size, |pixels| {
+                capture_bytes(pixels, count, threads, config)
+            })?;
+        }
         let camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)
             .with_context(|| path.display().to_string())?;
         photographs.push(photograph(&path, &opened, &camera));

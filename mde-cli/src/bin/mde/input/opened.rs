@@ -1,12 +1,13 @@
 //! Settings, threads, and a photograph at the working size.
 
 use crate::args::{RunArgs, SettingsArgs, SizeArgs};
-use crate::input::size::{SMALLEST, check_memory, shrink, within, working};
+use crate::input::size::{SMALLEST, limit, shrink, within, working};
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_cli::config::Shorthands;
-use mde_cli::memory::refine_bytes;
+use mde_cli::memory::PhotographMemory;
 use mde_cli::{Config, Naming, Preset};
+use mde_prior::DepthPrior;
 use mde_prior::photo::{Photo, read_image};
 use std::path::Path;
 
@@ -55,6 +56,19 @@ fn available(wanted: usize) -> usize {
     count
 }
 
+/// The prior's predictions at once that the memory limit allows for the photograph `path`, which is refined at the working size.
+pub(crate) fn predictions_at_once(
+    path: &Path,
+    size: (usize, usize),
+    args: &SizeArgs,
+    config: &Config,
+    prior: &dyn DepthPrior,
+) -> Result<usize> {
+    let (at, threads) = (working(size, args), rayon::current_num_threads());
+    let memory = PhotographMemory::new(config, prior, size, at, threads);
+    Ok(memory.predictions_at_once(&limit(&args.memory), &path.display().to_string(), at)?)
+}
+
 /// A photograph at the size of the results.
 pub(crate) struct Opened {
     pub(crate) photo: Photo,
@@ -82,13 +96,8 @@ impl Opened {
 }
 
 /// Reads a photograph and resizes it to the size of the results.
-pub(crate) fn open_image(
-    path: &Path,
-    args: &SizeArgs,
-    config: &Config,
-    progress: &mut Progress,
-) -> Result<Opened> {
-    opened(read_image(path)?, path, args, config, progress)
+pub(crate) fn open_image(path: &Path, args: &SizeArgs, progress: &mut Progress) -> Result<Opened> {
+    opened(read_image(path)?, path, args, progress)
 }
 
 /// Resizes a photograph of that name to the size of the results.
@@ -96,7 +105,6 @@ pub(crate) fn opened(
     mut photo: Photo,
     path: &Path,
     args: &SizeArgs,
-    config: &Config,
     progress: &mut Progress,
 ) -> Result<Opened> {
     let (height, width, _) = photo.pixels.dim();
@@ -104,7 +112,6 @@ pub(crate) fn opened(
     let size = within(original, args.max_size);
     let (height, width) = size;
     let at = working(size, args);
-    check_memory(&args.memory, &path.display().to_string(), at, |pixels| refine_bytes(pixels, config))?;
     if size != original {
         photo.pixels = shrink(&photo.pixels, size);
         progress.warn(format!("resized from {}x{} to {width}x{height} pixels", original.1, original.0));

@@ -17,7 +17,7 @@ pub(crate) fn working(size: (usize, usize), args: &SizeArgs) -> (usize, usize) {
     size::working(size, args.work_size)
 }
 
-fn limit(args: &MemoryArgs) -> MemoryLimit {
+pub(crate) fn limit(args: &MemoryArgs) -> MemoryLimit {
     MemoryLimit { gib: args.max_memory, naming: Naming::Flags }
 }
 

@@ -66,6 +66,8 @@ pub(crate) struct Job<'p> {
     pub(crate) keep_photographs: bool,
     /// Time for the model's predictions.
     pub(crate) budget: Option<Duration>,
+    /// Most of the model's predictions at once.
+    pub(crate) at_once: usize,
     /// The photograph at the size of the results, where that is larger.
     pub(crate) full: Option<Full>,
 }
@@ -145,7 +147,7 @@ impl Job<'_> {
     ) -> Result<Done<'_>> {
         let mut kept = None;
         let prior = Timed::new(&*self.prior.prior);
-        let mut stages = Stages::new(&prior);
+        let mut stages = Stages::new(&prior).with_predictions_at_once(self.at_once);
         if let Some(budget) = self.budget {
             stages = stages.with_budget(budget);
         }

@@ -6,7 +6,7 @@ use crate::args::RefineArgs;
 use crate::input::camera::{self, KnownCamera};
 use crate::input::opened::{Opened, opened};
 use crate::input::prior::NamedPrior;
-use crate::input::size::{within, working};
+use crate::input::size::{limit, within, working};
 use crate::output::folder::OutputFolder;
 use crate::output::provenance::{versions, write_json};
 use crate::run::every::relative_sigma;
@@ -14,7 +14,7 @@ use crate::run::job::{Done, Full, Job};
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_cli::inputs::size::resized;
-use mde_cli::memory::refine_bytes;
+use mde_cli::memory::PhotographMemory;
 use mde_cli::results::preview::{depth_picture, sigma_picture_within, usual_range};
 use mde_cli::results::{ErrorBar, SameScale};
 use mde_cli::{Config, Naming, Preset};
@@ -34,8 +34,6 @@ pub(crate) const MARKER: &str = "finished.json";
 pub(crate) const THUMBNAIL: &str = "thumbnail.png";
 /// Height of a thumbnail, pixels.
 const HEIGHT: usize = 120;
-/// Bytes per pixel of a photograph that is refined at a smaller size: itself, and the maps of the result.
-const FULL: u64 = 60;
 
 /// A photograph and the name of its folder.
 pub(crate) struct Item {
@@ -101,17 +99,21 @@ impl Common<'_> {
         made.unwrap_or_else(|error| Row::failed(item, &crate::message(&error)))
     }
 
-    /// The bytes of a photograph, and the memory of its refinement.
-    pub(super) fn read(&self, item: &Item) -> Result<(Taken<'_>, Vec<u8>)> {
+    /// The bytes of a photograph, the predictions at once, and the memory of its refinement.
+    pub(super) fn read(&self, item: &Item) -> Result<(Taken<'_>, usize, Vec<u8>)> {
         let (args, path) = (self.args, &item.path);
         ensure!(path.is_file(), "no such photograph; check the path");
         // By the header alone; what has no header fails when it is decoded.
         let [width, height] = image_size(path).unwrap_or_default();
         let size = within((height, width), args.size.max_size);
-        let (rows, columns) = working(size, &args.size);
-        let bytes = refine_bytes((rows * columns) as u64, &self.config) + FULL * (width * height) as u64;
+        let at = working(size, &args.size);
+        let memory =
+            PhotographMemory::new(&self.config, &*self.prior.prior, size, at, rayon::current_num_threads());
+        let at_once =
+            memory.predictions_at_once(&limit(&args.size.memory), &path.display().to_string(), at)?;
+        let bytes = memory.bytes((at.0 * at.1) as u64, at_once as u64) - memory.shared();
         let taken = self.allowance.take(bytes);
-        Ok((taken, fs::read(path).context("can't be read")?))
+        Ok((taken, at_once, fs::read(path).context("can't be read")?))
     }
 
     /// The photograph at the working size, at that of the results where it is larger, and the camera at the working size.
@@ -127,7 +129,7 @@ impl Common<'_> {
             other => other.into(),
         })?;
         drop(bytes);
-        let mut opened = opened(photo, &item.path, &args.size, &self.config, progress)?;
+        let mut opened = opened(photo, &item.path, &args.size, progress)?;
         let mut full = None;
         if let Some(working) = opened.working(&args.size) {
             let camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
@@ -147,7 +149,7 @@ impl Common<'_> {
         let Self { args, prior, .. } = self;
         let Item { path, folder, same_scale } = item;
         let shown = || path.display().to_string();
-        let (_taken, bytes) = self.read(item)?;
+        let (_taken, at_once, bytes) = self.read(item)?;
         let start = Instant::now();
         let mut made_from = format!("{} {:08x} {}", self.settings, crc32fast::hash(&bytes), bytes.len());
         if let Some(same_scale) = same_scale {
@@ -185,6 +187,7 @@ impl Common<'_> {
             config: self.config.clone(),
             truth: None,
             budget: None,
+            at_once,
             full,
             save_field: args.save_field,
             checkpoints: None,

@@ -19,6 +19,7 @@ use crate::evaluation::results::Partial;
 use crate::input::opened::{settings, use_threads};
 use crate::input::photographs;
 use crate::input::prior::NamedPrior;
+use crate::input::size::limit;
 use crate::output::folder::{check_place, remove_unfinished};
 use crate::run::batch::allowance::Allowance;
 use crate::run::batch::index::Index;
@@ -58,7 +59,7 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
         args,
         output,
         error_bar: args.error_bar.open()?,
-        allowance: Allowance::new((args.size.memory.max_memory * f64::from(1 << 30)) as u64),
+        allowance: Allowance::new(limit(&args.size.memory).bytes()),
         preset,
         settings: settings_of(args, preset, &config, &prior)?,
         config,
