@@ -13,6 +13,8 @@ pub use limit::MemoryLimit;
 
 /// The program, its threads' tiles and what it allocates at any image size.
 const BASE: u64 = 64 << 20;
+/// The same for the refinement of one photograph: on two threads 17 to 20 MiB, and for each further one a few.
+const PROGRAM: u64 = 40 << 20;
 /// Bytes per pixel for the image, the prior, the maps and a stage's temporary buffers.
 const PIXEL: u64 = 220;
 /// Bytes per pixel and training view: colours, mask, depth, variance, the list of trainable pixels.
@@ -22,8 +24,9 @@ const RENDERED: u64 = 16;
 /// Groups of rays that sum their gradients and keep their activations, and the points of one of their tiles; as in `mde-nerf`.
 const GROUPS: u64 = 16;
 const TILE_POINTS: u64 = 1024;
-/// Copies of a network's parameters: itself, its transpose, two moments, an average, a sum of gradients; and a gradient per group.
-const NETWORK_COPIES: u64 = 6 + GROUPS;
+/// Copies of a network's parameters: itself, its transpose, two moments, an average, a sum of gradients, two for what vectors hold in
+/// reserve; and a gradient per group.
+const NETWORK_COPIES: u64 = 8 + GROUPS;
 /// Bytes of a sample's position, kept with its gradients until the end of a step.
 const POSITION: u64 = 12;
 /// Bytes per pixel and photograph of a capture: twice colours and mask, and the prior.
@@ -39,10 +42,11 @@ const METHOD: u64 = 8;
 /// Bytes per pixel of a view that a shared field rendered: colours, depth, variance, opacity.
 const SHARED_VIEW: u64 = 24;
 
-/// Upper bound of the bytes that [`refine`](crate::refine) needs for an image of that many pixels; measured, it is 1.1 to 2 times
-/// the real peak. The memory of the prior's own inference is not included; [`PhotographMemory`] has it.
+/// Upper bound of the bytes that [`refine`](crate::refine) needs for an image of that many pixels; measured, it is 1 to 1.25 times
+/// the real peak for the fields of small images, and up to twice for large images. The memory of the prior's own inference is not
+/// included; [`PhotographMemory`] has it.
 pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
-    BASE.saturating_add(pixels.saturating_mul(pixel_bytes(config))).saturating_add(field_bytes(config))
+    PROGRAM.saturating_add(pixels.saturating_mul(pixel_bytes(config))).saturating_add(field_bytes(config))
 }
 
 /// Estimate of the bytes that [`refine_capture`](crate::refine_capture) needs for that many photographs of that many pixels on that

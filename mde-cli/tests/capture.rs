@@ -41,9 +41,13 @@ impl DepthPrior for Known {
 }
 
 fn rendered(room: Room, views: usize) -> Rendered {
+    rendered_at(room, views, [WIDTH, HEIGHT])
+}
+
+fn rendered_at(room: Room, views: usize, [width, height]: [usize; 2]) -> Rendered {
     let config =
         CaptureConfig { views, prior: SimulatedPriorConfig::disparity(), ..CaptureConfig::default() };
-    World::new(room, 0).unwrap().capture("room", &config, WIDTH, HEIGHT).unwrap()
+    World::new(room, 0).unwrap().capture("room", &config, width, height).unwrap()
 }
 
 fn inputs(rendered: &Rendered, posed: bool) -> (Capture, Known) {
@@ -192,6 +196,31 @@ fn on_disk(room: &Rendered) -> tempfile::TempDir {
     std::fs::write(path("quick.toml"), "nerf.train = { steps = 50, rays = 128 }\nnerf.field.finest = 64\n")
         .unwrap();
     folder
+}
+
+/// With noise, which no compression makes small.
+#[test]
+fn the_report_of_several_large_photographs_is_below_five_megabytes() {
+    let mut room = rendered_at(Room::Study, 3, [640, 480]);
+    for (index, known) in room.views.iter_mut().enumerate() {
+        let mut state = index as u32 + 1;
+        known.view.image.mapv_inplace(|value| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            value + 0.02 * ((state >> 8) as f32 / (1 << 24) as f32 - 0.5)
+        });
+    }
+    let folder = on_disk(&room);
+    std::fs::write(
+        folder.path().join("quick.toml"),
+        "nerf.train = { steps = 5, rays = 128 }\nnerf.render = { coarse = 4, fine = 4 }\nnerf.field.finest = 64\n",
+    )
+    .unwrap();
+    let refine =
+        "refine images/0.png --prior-depth prior.npy --config quick.toml --views transforms.json -o out";
+    mde(&folder, refine).success();
+    assert!(record(&folder, "out")["capture"]["fallback"].is_null());
+    let bytes = std::fs::metadata(folder.path().join("out/report.html")).unwrap().len();
+    assert!((2_000_000..5_000_000).contains(&bytes), "{bytes}");
 }
 
 fn mde(folder: &tempfile::TempDir, arguments: &str) -> assert_cmd::assert::Assert {

@@ -3,8 +3,10 @@
 
 mod common;
 
-use common::{HEIGHT, Place, WIDTH, names};
-use mde_cli::mde_prior::format::{ReadOptions, read_values};
+use common::{HEIGHT, Place, TINY, WIDTH, names};
+use mde_cli::mde_prior::format::{ReadOptions, read_values, write_npy};
+use mde_cli::mde_prior::photo::write_image;
+use mde_eval::scene::{Room, room};
 use ndarray::Array2;
 use ndarray_npy::read_npy;
 use predicates::prelude::*;
@@ -280,4 +282,69 @@ fn a_pipe_gets_no_escape_codes_and_the_end_says_what_was_gained() {
     }
     let help = place.mde("refine --help").env("NO_COLOR", "1").assert().success();
     assert!(!help.get_output().stdout.contains(&0x1b));
+}
+
+/// What a terminal of 80 columns gets, or nothing where there is no program `script`.
+#[cfg(target_os = "linux")]
+fn on_a_terminal(place: &Place, arguments: &str, no_color: Option<&str>) -> Option<String> {
+    let mde = env!("CARGO_BIN_EXE_mde");
+    let mut command = std::process::Command::new("script");
+    command.args(["-qec", &format!("stty cols 80 rows 24; {mde} {arguments}"), "/dev/null"]);
+    command.current_dir(place.path(".")).stdin(std::process::Stdio::null());
+    command.env("TERM", "xterm").env_remove("CLICOLOR").env_remove("NO_COLOR");
+    no_color.map(|value| command.env("NO_COLOR", value));
+    Some(String::from_utf8(command.output().ok()?.stdout).unwrap())
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_terminal_gets_a_coloured_bar_for_each_stage_and_warnings_at_the_end() {
+    let place = Place::new();
+    let run = "refine image.png --prior-depth depth.npy --config tiny.toml";
+    let Some(text) = on_a_terminal(&place, &format!("{run} -o a"), None) else { return };
+    assert!(text.contains("\x1b[36m"), "no colour: {text}");
+    for stage in ["prior [", "1/2: warp [", "1/2: fit ", "2/2: render ", "2/2: fuse ["] {
+        assert!(text.contains(stage), "no {stage}: {text}");
+    }
+    let plain = on_a_terminal(&place, &format!("{run} -o b"), Some("1")).unwrap();
+    assert!(!plain.contains("\x1b[3") && plain.contains("1/2: fit "), "{plain}");
+    // Once, between the last stage and the results.
+    let at = |part: &str| plain.rfind(part).unwrap_or_else(|| panic!("no {part}: {plain}"));
+    assert_eq!(plain.matches("the camera is unknown").count(), 1, "{plain}");
+    assert!(at("2/2: fuse") < at("warning: the camera is unknown") && at("warning:") < at("depth: typical"));
+    // What has no control sequences is no bar, and fits.
+    let lines: Vec<&str> = plain.lines().filter(|line| !line.contains('\x1b')).collect();
+    assert!(lines.len() > 5 && lines.iter().all(|line| line.trim_end().chars().count() <= 80), "{plain}");
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn an_error_is_printed_without_the_warnings_of_its_run() {
+    let place = Place::new();
+    let run = "refine image.png --prior-depth depth.npy --config tiny.toml --gt nowhere.npy -o out";
+    let told = place.mde(run).assert().code(1);
+    let message = String::from_utf8(told.get_output().stderr.clone()).unwrap();
+    assert!(message.starts_with("error: nowhere.npy") && message.lines().count() == 1, "{message}");
+    let Some(text) = on_a_terminal(&place, run, None) else { return };
+    assert!(text.contains("\x1b[31m") && text.contains("error:") && !text.contains("warning"), "{text}");
+}
+
+/// With noise, which no compression makes small.
+#[test]
+fn the_report_of_a_large_photograph_is_below_five_megabytes() {
+    let place = Place::new();
+    let scene = room(Room::Study, 0, 640, 480).unwrap();
+    let mut state = 1_u32;
+    let image = scene.image.mapv(|value| {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        value + 0.02 * ((state >> 8) as f32 / (1 << 24) as f32 - 0.5)
+    });
+    write_image(place.path("large.png"), image.view()).unwrap();
+    write_npy(place.path("large.npy"), scene.depth.view()).unwrap();
+    place.write("quick.toml", TINY.replace("steps = 200", "steps = 5").replace("= 8\n", "= 2\n"));
+    let run =
+        "refine large.png --prior-depth large.npy --gt large.npy --fov 60 --config quick.toml -q -o out";
+    place.mde(run).assert().success();
+    let bytes = fs::metadata(place.path("out/report.html")).unwrap().len();
+    assert!((1_000_000..5_000_000).contains(&bytes), "{bytes}");
 }

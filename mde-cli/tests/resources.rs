@@ -184,17 +184,88 @@ fn the_estimate_of_a_large_fit_is_close() {
 
 /// The peak of a run is below the estimate, and at most a quarter of it and the program's own share below.
 fn near(place: &Place, name: &str, text: &str) {
-    place.write("near.toml", text);
-    let config = Config::with_overrides(Preset::Fast, text, "near.toml").unwrap();
-    let run = "refine image.png --prior-depth depth.npy --fov 60 --preset fast --config near.toml -q";
-    place.mde(&format!("{run} -o {name}")).assert().success();
-    let Some(peak) = record(&place.path(name))["peak_memory_bytes"].as_u64() else { return };
-    let estimate = refine_bytes((WIDTH * HEIGHT) as u64, &config);
+    let (estimate, Some(peak)) = estimate_and_peak(place, name, text) else { return };
     assert!(estimate > 120 << 20, "{name}: {estimate}");
     assert!(
         (peak..peak + peak / 4 + (48 << 20)).contains(&estimate),
         "{name}: estimate {estimate}, peak {peak}"
     );
+}
+
+/// The estimate of a run with these settings over the preset fast, and its peak where the system reports it.
+fn estimate_and_peak(place: &Place, name: &str, text: &str) -> (u64, Option<u64>) {
+    place.write("near.toml", text);
+    let config = Config::with_overrides(Preset::Fast, text, "near.toml").unwrap();
+    let run = "refine image.png --prior-depth depth.npy --fov 60 --preset fast --config near.toml -q";
+    place.mde(&format!("{run} --max-memory 64 -o {name}")).assert().success();
+    let peak = record(&place.path(name))["peak_memory_bytes"].as_u64();
+    (refine_bytes((WIDTH * HEIGHT) as u64, &config), peak)
+}
+
+/// Rays of a step, samples of a ray in both passes, and the field.
+const GRID: [(u32, u32, &str); 30] = [
+    (65536, 128, "kind = 'hash'\nlevels = 8\nfeatures = 4"),
+    (65536, 32, "kind = 'hash'\nlevels = 8\nfeatures = 4"),
+    (65536, 128, "kind = 'hash'\nlevels = 4\nfeatures = 1"),
+    (32768, 64, "kind = 'hash'\nlevels = 12\nfeatures = 2"),
+    (16384, 256, "kind = 'hash'\nlevels = 8\nfeatures = 4"),
+    (16384, 128, "kind = 'hash'\nlevels = 16\nfeatures = 2"),
+    (16384, 64, "kind = 'hash'\nlevels = 16\nfeatures = 8"),
+    (16384, 128, "kind = 'hash'\nlevels = 16\nfeatures = 4\nlog2-rows = 20\nfinest = 2048"),
+    (4096, 1024, "kind = 'hash'\nlevels = 4\nfeatures = 2"),
+    (4096, 512, "kind = 'hash'\nlevels = 8\nfeatures = 8"),
+    (4096, 128, "kind = 'hash'\nlevels = 12\nfeatures = 2\nlog2-rows = 19"),
+    (4096, 128, "kind = 'hash'\nlevels = 24\nfeatures = 4"),
+    (4096, 128, "kind = 'hash'\nlevels = 8\nfeatures = 4\nlayers = 4\nwidth = 256"),
+    (4096, 256, "kind = 'hash'\nlevels = 8\nfeatures = 4\ngeometry = 15"),
+    (1024, 2048, "kind = 'hash'\nlevels = 8\nfeatures = 4"),
+    (1024, 1024, "kind = 'hash'\nlevels = 16\nfeatures = 1"),
+    (512, 32, "kind = 'hash'\nlevels = 16\nfeatures = 4\nlog2-rows = 20\nfinest = 2048"),
+    (512, 32, "kind = 'hash'\nlevels = 16\nfeatures = 8\nlog2-rows = 20\nfinest = 2048"),
+    (512, 32, "kind = 'hash'\nlevels = 16\nfeatures = 2\nlog2-rows = 22\nfinest = 4096"),
+    (512, 32, "kind = 'hash'\nlevels = 8\nfeatures = 4\nlog2-rows = 22\nfinest = 2048"),
+    (512, 32, "kind = 'hash'\nlevels = 4\nfeatures = 8\nlog2-rows = 21\nfinest = 1024"),
+    (512, 32, "kind = 'mlp'\nlayers = 8\nwidth = 512"),
+    (512, 32, "kind = 'mlp'\nlayers = 16\nwidth = 512"),
+    (512, 32, "kind = 'mlp'\nlayers = 4\nwidth = 1024"),
+    (512, 32, "kind = 'mlp'\nlayers = 8\nwidth = 1024"),
+    (256, 16, "kind = 'mlp'\nlayers = 16\nwidth = 1024"),
+    (2048, 32, "kind = 'mlp'\nlayers = 8\nwidth = 256"),
+    (2048, 32, "kind = 'mlp'\nlayers = 8\nwidth = 512"),
+    (1024, 64, "kind = 'mlp'\nlayers = 4\nwidth = 512"),
+    (32, 16, "kind = 'mlp'\nlayers = 16\nwidth = 1024"),
+];
+
+/// Peaks of short fits over a grid of settings; `docs/reliability.md` has the summary of `memory.txt` in the folder of
+/// temporary files that cargo gives to tests.
+#[test]
+#[ignore = "takes minutes"]
+fn the_estimates_over_a_grid_of_settings_are_close() {
+    let place = Place::new();
+    let (mut ratios, mut lines) = (Vec::new(), Vec::new());
+    for (index, (rays, samples, field)) in GRID.into_iter().enumerate() {
+        let half = samples / 2;
+        let text = format!(
+            "refinement.iterations = 1\nviews.count = 1\nnovel.count = 1\n\
+             nerf.sampling = {{ coarse = {half}, band = 0, fine = {half} }}\n[nerf.train]\nsteps = 2\nrays = {rays}\n\
+             [nerf.render]\ncoarse = 4\nfine = 4\n[nerf.field]\n{field}\n"
+        );
+        let (estimate, Some(peak)) = estimate_and_peak(&place, &format!("grid{index}"), &text) else {
+            return;
+        };
+        let ratio = estimate as f64 / peak as f64;
+        let mebibytes = [estimate, peak].map(|bytes| bytes >> 20);
+        lines.push(format!("{rays} x {samples}, {field:?}: {mebibytes:?} {ratio:.2}"));
+        if peak > 100 << 20 {
+            ratios.push(ratio);
+        }
+    }
+    ratios.sort_by(f64::total_cmp);
+    let close = ratios.iter().filter(|ratio| (1.0..=1.25).contains(*ratio)).count();
+    let text = lines.join("\n");
+    let summary = format!("{text}\n{close} of {} within 25 %: {ratios:.2?}\n", ratios.len());
+    fs::write(Path::new(env!("CARGO_TARGET_TMPDIR")).join("memory.txt"), summary).unwrap();
+    assert!(ratios.len() >= 25 && close == ratios.len(), "{close} of {}:\n{text}", ratios.len());
 }
 
 /// The folder of one that is replaced stays too.

@@ -1,12 +1,10 @@
 //! The memory of a network's predictions.
 
-use super::{MemoryLimit, refine_bytes};
+use super::{MemoryLimit, PROGRAM, refine_bytes};
 use crate::{Config, Result};
 use mde_prior::augment::Plan;
 use mde_prior::{DepthPrior, InferenceMemory};
 
-/// The program and its threads where no field is fitted.
-const PROGRAM: u64 = 40 << 20;
 /// Bytes per pixel of the working size, for the image, the merge and the results.
 const AUGMENTED: u64 = 70;
 /// Bytes per pixel of a photograph that is refined at a smaller size: itself, and the maps of its own size.
@@ -14,6 +12,8 @@ const FULL: u64 = 60;
 /// What the allocator holds for a prediction, in tenths of its tensors and in bytes: alone, and beside others on their own threads.
 const ALONE: (u64, u64) = (14, 10 << 20);
 const BESIDE: (u64, u64) = (21, 30 << 20);
+/// What it keeps of a network's predictions while a field is fitted.
+const KEPT: u64 = 24 << 20;
 
 /// Estimate of the memory of one photograph's refinement, the inference of its prior included. Measured on ten settings, it is .87 to
 /// 1.17 times the peak (docs/performance.md).
@@ -64,7 +64,11 @@ impl<'c> PhotographMemory<'c> {
             _ => prediction.saturating_mul(at_once),
         };
         let predicted = PROGRAM.saturating_add(pixels.saturating_mul(AUGMENTED)).saturating_add(predictions);
-        let fitted = if self.fits_a_field { refine_bytes(pixels, self.config) } else { 0 };
+        let kept = if self.inference.model > 0 { KEPT } else { 0 };
+        let fitted = match self.fits_a_field {
+            true => refine_bytes(pixels, self.config).saturating_add(kept),
+            false => 0,
+        };
         predicted
             .max(fitted)
             .saturating_add(self.inference.model)

@@ -51,7 +51,7 @@ fn main() -> ExitCode {
             ExitCode::from(interrupt::EXIT_CODE)
         }
         Err(error) => {
-            print(&format!("error: {}", message(&error)));
+            print(&format!("{} {}", console::style("error:").for_stderr().red().bold(), message(&error)));
             if error.is::<evaluation::results::Partial>() { ExitCode::from(3) } else { ExitCode::FAILURE }
         }
     }

@@ -85,6 +85,23 @@ fn part_of(
     table.trim_fmt()
 }
 
+/// Words with the spaces after them; a number and its unit are one.
+fn words(line: &str) -> impl Iterator<Item = &str> {
+    let is_number =
+        |word: &str| word.trim_end_matches(' ').trim_start_matches(['-', '+', '(']).parse::<f64>().is_ok();
+    let mut rest = line;
+    std::iter::from_fn(move || {
+        let next = |from: usize| rest[from..].find(' ').map_or(rest.len(), |at| from + at + 1);
+        let mut end = next(0);
+        if end < rest.len() && is_number(&rest[..end]) {
+            end = next(end);
+        }
+        let (word, after) = rest.split_at(end);
+        rest = after;
+        (!word.is_empty()).then_some(word)
+    })
+}
+
 /// Breaks the lines that are longer than `columns` between words, and indents what follows.
 pub(crate) fn wrapped(text: &str, columns: usize, indent: usize) -> String {
     let broken = |line: &str| {
@@ -92,7 +109,7 @@ pub(crate) fn wrapped(text: &str, columns: usize, indent: usize) -> String {
             return line.to_owned();
         }
         let mut lines = vec![String::new()];
-        for word in line.split_inclusive(' ') {
+        for word in words(line) {
             let used = lines.last().map_or(0, |last| last.chars().count());
             if used > indent && used + word.trim_end().chars().count() > columns {
                 lines.push(" ".repeat(indent));
@@ -119,6 +136,11 @@ mod tests {
         let text = "depth: typical change of 3.2 % per pixel\nshort";
         let broken = wrapped(text, 20, 2);
         assert_eq!(broken, "depth: typical\n  change of 3.2 %\n  per pixel\nshort");
+        // A number stays with its unit.
+        assert_eq!(
+            wrapped("depth: typical change of 3.2 % per pixel", 28, 2),
+            "depth: typical change of\n  3.2 % per pixel"
+        );
         for (columns, indent) in [(usize::MAX, 2), (12, 9), (0, 2), (1, 0), (60, 2)] {
             let broken = wrapped(text, columns, indent);
             assert!(broken.split_whitespace().eq(text.split_whitespace()), "{columns}: {broken}");

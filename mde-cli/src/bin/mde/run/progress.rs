@@ -11,7 +11,14 @@ use mde_nerf::FieldEvent;
 use serde_json::{Value, json};
 use std::io::{self, IsTerminal, Write};
 use std::ops::ControlFlow;
-use std::time::Instant;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Time between two redraws of a stage that reports no progress of its own.
+const TICK: Duration = Duration::from_millis(200);
+
+/// Begins the line of a warning.
+const WARNING: &str = "warning:";
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Mode {
@@ -33,6 +40,10 @@ pub(crate) struct Progress {
     /// Tenths of the stage that have been printed.
     tenths: usize,
     warnings: Vec<String>,
+    /// Warnings that have been printed; the others follow before the result.
+    printed: usize,
+    /// Whether the run reports pieces of work, each with its warnings.
+    in_pieces: bool,
     training: Vec<TrainingCurve>,
 }
 
@@ -57,6 +68,8 @@ impl Progress {
             bar: None,
             tenths: 0,
             warnings: Vec::new(),
+            printed: 0,
+            in_pieces: false,
             training: Vec::new(),
         }
     }
@@ -66,14 +79,26 @@ impl Progress {
         self.start.elapsed().as_secs_f64()
     }
 
-    /// Prints a warning and keeps it for the record.
+    /// Keeps a warning for the record, and prints it before the result, or at once between pieces of work. A run that fails prints
+    /// its error alone.
     pub(crate) fn warn(&mut self, warning: String) {
-        match self.mode {
-            Mode::Quiet => {}
-            Mode::Json => self.json(json!({ "event": "warning", "message": warning })),
-            Mode::Lines | Mode::Bars => self.line(&format!("warning: {warning}")),
+        if self.mode == Mode::Json {
+            self.json(json!({ "event": "warning", "message": warning }));
         }
         self.warnings.push(warning);
+        if self.in_pieces {
+            self.print_warnings();
+        }
+    }
+
+    fn print_warnings(&mut self) {
+        if matches!(self.mode, Mode::Lines | Mode::Bars) {
+            self.warnings
+                .iter()
+                .skip(self.printed)
+                .for_each(|warning| self.line(&format!("{WARNING} {warning}")));
+        }
+        self.printed = self.warnings.len();
     }
 
     /// Every warning so far.
@@ -105,6 +130,7 @@ impl Progress {
     /// The results: `text` on stdout, or `value` as JSON.
     pub(crate) fn result(&mut self, text: &str, value: Value) {
         self.finish_bar();
+        self.print_warnings();
         match self.mode {
             Mode::Quiet => {}
             Mode::Json => self.json(value),
@@ -119,6 +145,7 @@ impl Progress {
     pub(crate) fn tables(&mut self, tables: &Document, text: &str, value: Value) {
         if matches!(self.mode, Mode::Lines | Mode::Bars) {
             self.finish_bar();
+            self.print_warnings();
             let _ = writeln!(io::stdout().lock(), "{}\n", shown(tables, columns()));
         }
         self.result(text, value);
@@ -146,14 +173,37 @@ impl Progress {
                     json!({ "event": "begin", "stage": stage.name(), "iteration": index, "iterations": all }),
                 );
             }
-            // These two get a bar at their first event.
-            Mode::Bars if matches!(stage, Stage::Fit | Stage::Render) => {}
-            // The prior's stage comes before the loop.
-            Mode::Bars | Mode::Lines if matches!(stage, Stage::Prior | Stage::Merge) => {
-                self.line(stage.name())
-            }
-            Mode::Bars | Mode::Lines => self.line(&format!("iteration {index}/{all}: {}", stage.name())),
+            Mode::Bars => self.bar = Some(self.spinner(stage)),
+            Mode::Lines => self.line(&self.named(stage)),
         }
+    }
+
+    /// The name of a stage, with its iteration where there are several. The prior's stages come before the loop.
+    fn named(&self, stage: Stage) -> String {
+        match self.iteration {
+            [index, all] if all > 1 && !matches!(stage, Stage::Prior | Stage::Merge) => {
+                format!("iteration {index}/{all}: {}", stage.name())
+            }
+            _ => stage.name().to_owned(),
+        }
+    }
+
+    /// A bar without length, which shows the time until the stage's first event.
+    fn spinner(&self, stage: Stage) -> ProgressBar {
+        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+        let bar = bar.with_style(style("{prefix} {spinner:.cyan} {elapsed}")).with_prefix(self.named(stage));
+        bar.tick();
+        // Ends with the bar. Where the system has no thread left, the time stands still.
+        let weak = bar.downgrade();
+        let tick = move || {
+            while let Some(bar) = weak.upgrade().filter(|bar| !bar.is_finished()) {
+                bar.tick();
+                drop(bar);
+                thread::sleep(TICK);
+            }
+        };
+        drop(thread::Builder::new().spawn(tick));
+        bar
     }
 
     /// A field's own event; `view` of `views` is being rendered.
@@ -197,22 +247,22 @@ impl Progress {
                 }
             }
             Mode::Bars => {
-                let [index, iterations] = self.iteration;
-                let bar = self.bar.get_or_insert_with(|| {
-                    let bar = ProgressBar::with_draw_target(Some(all as u64), ProgressDrawTarget::stderr());
-                    bar.with_style(style()).with_prefix(match stage {
-                        Stage::Prior => "running the model".to_owned(),
-                        _ => format!("iteration {index}/{iterations}: {}", stage.name()),
-                    })
-                });
+                let bar = self.bar.take();
+                let bar = bar.unwrap_or_else(|| self.spinner(stage));
+                if bar.length().is_none() {
+                    bar.set_length(all as u64);
+                    bar.set_style(style(template(terminal_columns())));
+                }
                 bar.set_position(done as u64);
                 bar.set_message(text.to_owned());
+                self.bar = Some(bar);
             }
         }
     }
 
     /// Reports one finished piece of work; `left` estimates the remaining seconds.
     pub(crate) fn piece(&mut self, done: usize, all: usize, text: &str, left: Option<f64>, mut value: Value) {
+        self.in_pieces = true;
         let left_text = left.map(|s| format!(", about {} left", duration(s))).unwrap_or_default();
         match self.mode {
             Mode::Quiet => {}
@@ -225,22 +275,27 @@ impl Progress {
                 self.line(text);
                 let bar = self.bar.get_or_insert_with(|| {
                     let bar = ProgressBar::with_draw_target(Some(all as u64), ProgressDrawTarget::stderr());
-                    let template = "{bar:30} {pos}/{len} [{elapsed}{msg}]";
-                    bar.with_style(
-                        ProgressStyle::with_template(template)
-                            .unwrap_or_else(|_| ProgressStyle::default_bar()),
-                    )
+                    bar.with_style(style("{bar:30.cyan/dim} {pos}/{len} [{elapsed}{msg}]"))
                 });
                 bar.set_position(done as u64);
                 bar.set_message(left_text);
             }
         }
+        self.print_warnings();
     }
 
+    /// Leaves the line of the bar, with the time that it took.
     fn finish_bar(&mut self) {
-        if let Some(bar) = self.bar.take() {
-            bar.abandon();
+        let Some(bar) = self.bar.take() else { return };
+        bar.set_message(String::new());
+        if bar.length().is_none() {
+            let seconds = bar.elapsed().as_secs_f64();
+            bar.set_style(style("{prefix} [{msg}]"));
+            bar.set_message(duration(seconds));
+        } else if !self.in_pieces {
+            bar.set_style(style(finished(terminal_columns())));
         }
+        bar.abandon();
     }
 
     fn json(&self, mut value: Value) {
@@ -250,7 +305,7 @@ impl Progress {
 
     fn line(&self, text: &str) {
         let text = match self.mode {
-            Mode::Bars => wrapped(text, usize::from(console::Term::stderr().size().1), 2),
+            Mode::Bars => coloured(&wrapped(text, terminal_columns(), 2)),
             _ => text.to_owned(),
         };
         let write = || drop(writeln!(io::stderr().lock(), "{text}"));
@@ -272,17 +327,37 @@ fn duration(seconds: f64) -> String {
     }
 }
 
-fn style() -> ProgressStyle {
-    let columns = usize::from(console::Term::stderr().size().1);
-    ProgressStyle::with_template(template(columns)).unwrap_or_else(|_| ProgressStyle::default_bar())
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+/// A line whose `warning:` has a colour, on a terminal that shows colours and without `NO_COLOR`.
+fn coloured(line: &str) -> String {
+    match line.strip_prefix(WARNING) {
+        Some(rest) => format!("{}{rest}", console::style(WARNING).for_stderr().yellow().bold()),
+        None => line.to_owned(),
+    }
+}
+
+fn terminal_columns() -> usize {
+    usize::from(console::Term::stderr().size().1)
 }
 
 /// Template for a line of that width.
 fn template(columns: usize) -> &'static str {
     match columns {
-        110.. => "{prefix} {bar:30} {pos}/{len} {msg} [{elapsed}, {eta} left]",
-        70.. => "{prefix} {wide_bar} {pos}/{len} [{elapsed}, {eta} left]",
-        _ => "{prefix} {wide_bar} {percent} %",
+        110.. => "{prefix} {bar:30.cyan/dim} {pos}/{len} {msg} [{elapsed}, {eta} left]",
+        70.. => "{prefix} {wide_bar:.cyan/dim} {pos}/{len} [{elapsed}, {eta} left]",
+        _ => "{prefix} {wide_bar:.cyan/dim} {percent} %",
+    }
+}
+
+/// The same for a stage that has ended.
+fn finished(columns: usize) -> &'static str {
+    match columns {
+        110.. => "{prefix} {bar:30.cyan/dim} {pos}/{len} [{elapsed}]",
+        70.. => "{prefix} {wide_bar:.cyan/dim} {pos}/{len} [{elapsed}]",
+        _ => "{prefix} {wide_bar:.cyan/dim} {percent} %",
     }
 }
 
@@ -294,6 +369,7 @@ mod tests {
     fn the_template_of_every_width_is_valid() {
         for columns in [0, 20, 69, 70, 109, 110, 500] {
             assert!(ProgressStyle::with_template(template(columns)).is_ok(), "{columns}");
+            assert!(ProgressStyle::with_template(finished(columns)).is_ok(), "{columns}");
         }
         assert!(template(40).len() < template(80).len() && template(80).len() < template(200).len());
     }

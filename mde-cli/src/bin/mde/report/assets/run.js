@@ -155,8 +155,9 @@ function iterationTable(iterations, unit) {
 }
 
 function secondsTable(record) {
-  const rows = Object.entries(record.capture.seconds).map(([stage, value]) => [stage, number(value, 2)]);
-  return table([["stage", "seconds"]], [...rows, ["score", number(record.score_seconds, 2)], ["all", number(record.total_seconds, 3)]], "seconds");
+  const times = [...Object.entries(record.capture.seconds), ["score", record.score_seconds]];
+  const rows = times.filter(([, value]) => value >= 0.01).map(([stage, value]) => [stage, number(value, 2)]);
+  return table([["stage", "seconds"]], [...rows, ["all", number(record.total_seconds, 3)]], "seconds");
 }
 
 function trainingCharts(training) {
