@@ -13,6 +13,8 @@ pub use limit::MemoryLimit;
 
 /// The program, its threads' tiles and what it allocates at any image size.
 const BASE: u64 = 64 << 20;
+/// The same for an evaluation: memory that threads keep after a scene differs by 10 MiB from run to run.
+const EVALUATION: u64 = 80 << 20;
 /// The same for the refinement of one photograph: on two threads 17 to 20 MiB, and for each further one a few.
 const PROGRAM: u64 = 40 << 20;
 /// Bytes per pixel for the image, the prior, the maps and a stage's temporary buffers.
@@ -108,7 +110,7 @@ impl SceneMemory {
     /// Upper bound of the bytes for `scenes` scenes of that many pixels at once.
     pub fn bytes(&self, pixels: u64, scenes: u64) -> u64 {
         let scene = pixels.saturating_mul(self.pixel).saturating_add(self.fixed);
-        BASE.saturating_add(scene.saturating_mul(scenes))
+        EVALUATION.saturating_add(scene.saturating_mul(scenes))
     }
 }
 
@@ -263,7 +265,7 @@ mod tests {
         assert!(one > refine_bytes(640 * 480, &full) && one > bytes(&[None, Some(few.clone())], false));
         assert!(bytes(&[None, Some(few), Some(full.clone())], false) > one);
         let memory = SceneMemory::new(&[None, Some(full.clone())], false);
-        assert_eq!(memory.bytes(640 * 480, 3) - one, 2 * (one - BASE));
+        assert_eq!(memory.bytes(640 * 480, 3) - one, 2 * (one - EVALUATION));
         assert_eq!(memory.bytes(u64::MAX, 2), u64::MAX);
         // A fusion's settings need no field of their own; another seed does.
         let mut fused = full.clone();

@@ -33,11 +33,12 @@ pub(crate) fn sentences(summary: &Summary) -> Vec<String> {
         lines.push(format!("{more} more methods are in table.md"));
     }
     if summary.places < ENOUGH && !lines.is_empty() {
-        let what = if summary.places < summary.scenes { "places" } else { "scenes" };
-        lines.push(format!(
-            "{} {what} are too few to tell a difference from chance; evaluate {ENOUGH} or more",
-            summary.places
-        ));
+        let what = if summary.places < summary.scenes { "place" } else { "scene" };
+        let few = match summary.places {
+            1 => format!("one {what} is too few"),
+            places => format!("{places} {what}s are too few"),
+        };
+        lines.push(format!("{few} to tell a difference from chance; evaluate {ENOUGH} or more"));
     }
     lines
 }
@@ -182,8 +183,9 @@ mod tests {
 
     #[test]
     fn few_scenes_show_nothing() {
-        let summary = Summary::new(&entries(3), Some("prior"), &Bootstrap::default()).unwrap();
-        let lines = sentences(&summary);
+        let summary = |scenes| Summary::new(&entries(scenes), Some("prior"), &Bootstrap::default()).unwrap();
+        assert!(sentences(&summary(1)).last().unwrap().starts_with("one scene is too few"));
+        let lines = sentences(&summary(3));
         assert!(
             lines[..2].iter().all(|line| line.contains("no difference to prior beyond chance")),
             "{lines:?}"
