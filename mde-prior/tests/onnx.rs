@@ -108,6 +108,22 @@ fn layout_order_and_normalisation_are_as_stated() {
     );
 }
 
+/// A network of single pixels predicts the same with and without padding, wherever that lies.
+#[test]
+fn padding_keeps_the_aspect_and_is_cut_off() {
+    for (height, width, sides) in [(16, 16, (8, 8)), (4, 16, (3, 12)), (10, 14, (8, 11))] {
+        let image = pattern(height, width);
+        let mut spec = ModelSpec::new(12, 8, DepthKind::Metric);
+        spec.aspect = Aspect::Pad;
+        let padded = OnnxPrior::open(fixture("grey_nchw.onnx"), &spec).unwrap();
+        assert_eq!(padded.input_size(height, width), sides);
+        let spec = ModelSpec::new(sides.1, sides.0, DepthKind::Metric);
+        let squashed = OnnxPrior::open(fixture("grey_nchw.onnx"), &spec).unwrap();
+        let [with, without] = [&padded, &squashed].map(|prior| prior.predict(image.view()).unwrap().map);
+        assert_close(&with, &without, 1e-6);
+    }
+}
+
 #[test]
 fn the_floor_holds_after_bicubic_overshoot() {
     let mut spec = ModelSpec::new(12, 8, DepthKind::Metric);

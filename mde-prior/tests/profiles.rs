@@ -118,7 +118,8 @@ fn metres_for_a_stated_focal_length_follow_the_cameras() {
     assert_eq!((prior.kind(), without.kind), (DepthKind::RelativeDepth, DepthKind::RelativeDepth));
     let with = Metres::new(&prior, prior.spec(), 1.25).unwrap().predict(even.view()).unwrap();
     assert_eq!(with.kind, DepthKind::Metric);
-    // 1.25 of the input's width, over 1000 pixels.
+    // Padded at its sides: 821 of 1064 pixels. 1.25 of that width, over 1000 pixels.
+    assert_eq!(prior.input_size(60, 80), (616, 821));
     let (_, width) = prior.input_size(60, 80);
     let factor = 1.25 * width as f32 / 1000.0;
     assert!((with.map[(30, 40)] / without.map[(30, 40)] / factor - 1.0).abs() < 0.02, "{factor}");

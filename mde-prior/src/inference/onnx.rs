@@ -1,6 +1,6 @@
 use std::path::{Path, PathBuf};
 
-use ndarray::{Array2, Array3, ArrayView3, Axis, stack};
+use ndarray::{Array2, Array3, ArrayView3, Axis, s, stack};
 
 use super::graph::{Graph, Output, Request, fixed_size, image_input};
 #[cfg(feature = "onnxruntime")]
@@ -8,8 +8,9 @@ use super::onnxruntime::OnnxRuntimeGraph;
 use super::points;
 use super::runtime::{call, model_error, output_names};
 use super::tract::TractGraph;
+use crate::prior::IMAGENET;
 use crate::resample::{Filter, nearest, resize};
-use crate::spec::{Channels, Layout, ModelSpec};
+use crate::spec::{Aspect, Channels, Layout, ModelSpec};
 use crate::{DepthKind, DepthPrior, Error, InferenceMemory, PriorDepth, Result};
 
 /// The largest input of a kept aspect: more than any monocular model is made for.
@@ -217,11 +218,27 @@ impl OnnxPrior {
     }
 
     /// `(height, width)` of the input for an image of that size: the model's own where it is fixed, otherwise
-    /// [`ModelSpec::input_size`].
+    /// [`ModelSpec::input_size`]. With [`Aspect::Pad`] that of the image within the input.
     #[must_use]
     pub fn input_size(&self, height: usize, width: usize) -> (usize, usize) {
+        if self.spec.aspect == Aspect::Pad {
+            let (h, w) = self.bounds();
+            return ModelSpec { height: h, width: w, ..self.spec.clone() }.input_size(height, width);
+        }
         let (h, w) = self.spec.input_size(height, width);
         (self.fixed.0.unwrap_or(h), self.fixed.1.unwrap_or(w))
+    }
+
+    /// The model's own `(height, width)` where it is fixed, else that of the specification.
+    fn bounds(&self) -> (usize, usize) {
+        (self.fixed.0.unwrap_or(self.spec.height), self.fixed.1.unwrap_or(self.spec.width))
+    }
+
+    /// The place of an image of that size in the input.
+    fn frame(&self, height: usize, width: usize) -> Frame {
+        let image = self.input_size(height, width);
+        let input = if self.spec.aspect == Aspect::Pad { self.bounds() } else { image };
+        Frame { input, image }
     }
 
     /// The network's depth or disparity at its own size, `[height, width]`, before floor and resizing; 0 where a mask excludes it.
@@ -245,7 +262,8 @@ impl OnnxPrior {
                 image.dim()
             )));
         }
-        let size = self.input_size(height, width);
+        let frame = self.frame(height, width);
+        let size = frame.input;
         if size.0.saturating_mul(size.1) > MAX_INPUT_PIXELS {
             return Err(Error::Input(format!(
                 "a {width}x{height} image needs a {}x{} input with the aspect kept; crop it, or set aspect = \"squash\"",
@@ -253,7 +271,7 @@ impl OnnxPrior {
             )));
         }
         call(&self.path, || {
-            let (values, shape) = (self.values(image, size)?, input_shape(self.spec.layout, size));
+            let (values, shape) = (self.values(image, &frame)?, input_shape(self.spec.layout, size));
             let request = Request { shape, values, outputs: &self.outputs };
             let mut outputs = self.graph.run(request).map_err(|reason| self.error(reason))?.into_iter();
             let missing = || self.error("an output is missing; export the model again".to_owned());
@@ -263,12 +281,12 @@ impl OnnxPrior {
             let (scale, mask) = (named(&self.spec.scale_output)?, named(&self.spec.mask_output)?);
             let (camera, confidence) =
                 (named(&self.spec.camera_output)?, named(&self.spec.confidence_output)?);
-            let mask = mask.map(|mask| Ok(self.map(mask, size)?.mapv(|m| m > 0.5))).transpose()?;
-            let confidence = confidence.map(|values| self.map(values, size)).transpose()?;
+            let mask = mask.map(|mask| Ok(self.map(mask, &frame)?.mapv(|m| m > 0.5))).transpose()?;
+            let confidence = confidence.map(|values| self.map(values, &frame)).transpose()?;
             let mut intrinsics =
-                camera.map(|camera| self.intrinsics(&camera, size, (height, width))).transpose()?;
+                camera.map(|camera| self.intrinsics(&camera, &frame, (height, width))).transpose()?;
             let mut map = match self.spec.output_channel {
-                None => self.map(depth, size)?,
+                None => self.map(depth, &frame)?,
                 Some(channel) => {
                     let points = points::Points::new(depth).map_err(|reason| self.error(reason))?;
                     let mut z = points.channel(channel).map_err(|reason| self.error(reason))?;
@@ -279,7 +297,7 @@ impl OnnxPrior {
                         intrinsics = intrinsics.or(Some(centred(focal, (height, width))));
                     }
                     let shape = vec![z.nrows(), z.ncols()];
-                    self.map(Output { shape, values: z.iter().copied().collect() }, size)?
+                    self.map(Output { shape, values: z.iter().copied().collect() }, &frame)?
                 }
             };
             if let Some(scale) = scale {
@@ -301,15 +319,18 @@ impl OnnxPrior {
     fn intrinsics(
         &self,
         output: &Output,
-        input: (usize, usize),
+        frame: &Frame,
         (height, width): (usize, usize),
     ) -> Result<[f64; 4]> {
-        let (y, x) = (height as f64 / input.0 as f64, width as f64 / input.1 as f64);
+        let (y, x) = (height as f64 / frame.image.0 as f64, width as f64 / frame.image.1 as f64);
+        let (top, left) = frame.start(frame.input);
         let values: Vec<f64> = output.values.iter().map(|v| f64::from(*v)).collect();
         let intrinsics = match *values.as_slice() {
             [focal] => centred(focal * x, (height, width)),
             // Centres of the input's pixels are at halves.
-            [fx, _, cx, _, fy, cy, ..] if values.len() == 9 => [fx * x, fy * y, cx * x - 0.5, cy * y - 0.5],
+            [fx, _, cx, _, fy, cy, ..] if values.len() == 9 => {
+                [fx * x, fy * y, (cx - left as f64) * x - 0.5, (cy - top as f64) * y - 0.5]
+            }
             _ => {
                 let shape = &output.shape;
                 return Err(self.error(format!("camera-output is {shape:?}, not a number or a 3x3 matrix")));
@@ -326,14 +347,15 @@ impl OnnxPrior {
     }
 
     /// The image at the input's size, normalised and in the input's order of axes and channels.
-    fn values(&self, image: ArrayView3<'_, f32>, size: (usize, usize)) -> Result<Vec<f32>> {
+    fn values(&self, image: ArrayView3<'_, f32>, frame: &Frame) -> Result<Vec<f32>> {
         let order = match self.spec.channels {
             Channels::Rgb => [0, 1, 2],
             Channels::Bgr => [2, 1, 0],
         };
         let planes = order.map(|c| {
             let (mean, std) = (self.spec.mean[c], self.spec.std[c]);
-            resize(image.index_axis(Axis(2), c), size, self.spec.input_filter).mapv_into(|v| (v - mean) / std)
+            let plane = resize(image.index_axis(Axis(2), c), frame.image, self.spec.input_filter);
+            frame.padded(plane, IMAGENET.0[c]).mapv_into(|v| (v - mean) / std)
         });
         let axis = match self.spec.layout {
             Layout::Nchw => Axis(0),
@@ -344,7 +366,9 @@ impl OnnxPrior {
         Ok(stacked.iter().copied().collect())
     }
 
-    fn map(&self, output: Output, input: (usize, usize)) -> Result<Array2<f32>> {
+    /// An output as a map of the image, without padding.
+    fn map(&self, output: Output, frame: &Frame) -> Result<Array2<f32>> {
+        let input = frame.input;
         let sides: Vec<usize> = output.shape.iter().copied().filter(|&n| n != 1).collect();
         // A depth map has the input's aspect; features and class scores do not.
         let covers = |height: usize, width: usize| {
@@ -363,7 +387,53 @@ impl OnnxPrior {
         if let Some(value) = output.values.iter().find(|v| !v.is_finite()) {
             return Err(self.error(format!("the output holds {value}; check mean, std and channels")));
         }
-        Array2::from_shape_vec((height, width), output.values).map_err(|e| self.error(e.to_string()))
+        let map = Array2::from_shape_vec((height, width), output.values);
+        Ok(frame.cut(map.map_err(|e| self.error(e.to_string()))?))
+    }
+}
+
+/// Where an image lies in a network's input: in the middle.
+struct Frame {
+    /// `(height, width)` of the input.
+    input: (usize, usize),
+    /// `(height, width)` of the image in it.
+    image: (usize, usize),
+}
+
+impl Frame {
+    /// `(height, width)` of the image in a map of that size, which covers the input.
+    fn within(&self, (height, width): (usize, usize)) -> (usize, usize) {
+        let side = |map: usize, input: usize, image: usize| {
+            let scaled = map as f64 * image as f64 / input.max(1) as f64;
+            (scaled.round() as usize).clamp(1, map.max(1))
+        };
+        (side(height, self.input.0, self.image.0), side(width, self.input.1, self.image.1))
+    }
+
+    /// Row and column at which it begins there.
+    fn start(&self, size: (usize, usize)) -> (usize, usize) {
+        let (height, width) = self.within(size);
+        (size.0.saturating_sub(height) / 2, size.1.saturating_sub(width) / 2)
+    }
+
+    /// The input around the image.
+    fn padded(&self, image: Array2<f32>, colour: f32) -> Array2<f32> {
+        if self.input == self.image {
+            return image;
+        }
+        let mut input = Array2::from_elem(self.input, colour);
+        let ((top, left), (height, width)) = (self.start(self.input), self.image);
+        input.slice_mut(s![top..top + height, left..left + width]).assign(&image);
+        input
+    }
+
+    /// The image in a map that covers the input.
+    fn cut(&self, map: Array2<f32>) -> Array2<f32> {
+        if self.input == self.image {
+            return map;
+        }
+        let ((top, left), (height, width)) = (self.start(map.dim()), self.within(map.dim()));
+        map.slice(s![top..top + height, left..left + width]).to_owned()
     }
 }
 
@@ -402,7 +472,7 @@ impl DepthPrior for OnnxPrior {
     }
 
     fn memory(&self, height: usize, width: usize) -> Option<InferenceMemory> {
-        let shape = input_shape(self.spec.layout, self.input_size(height, width));
+        let shape = input_shape(self.spec.layout, self.frame(height, width).input);
         // What a runtime cannot plan fails when it is predicted.
         let memory = || self.graph.memory(shape, &self.outputs).map_err(|reason| self.error(reason));
         let InferenceMemory { model, prediction } = call(&self.path, memory).ok()?;

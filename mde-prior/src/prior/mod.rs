@@ -18,6 +18,8 @@ pub use adapters::{Metres, Timed};
 pub use disparity::DisparityRule;
 #[cfg(feature = "io")]
 pub use file::FilePrior;
+#[cfg(feature = "onnx")]
+pub(crate) use profiles::IMAGENET;
 
 /// A monocular depth estimator.
 ///

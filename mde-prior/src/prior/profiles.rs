@@ -26,7 +26,7 @@ pub const PROFILES: [&str; 16] = [
 ];
 
 /// Mean and standard deviation of the colours of ImageNet.
-pub(super) const IMAGENET: ([f32; 3], [f32; 3]) = ([0.485, 0.456, 0.406], [0.229, 0.224, 0.225]);
+pub(crate) const IMAGENET: ([f32; 3], [f32; 3]) = ([0.485, 0.456, 0.406], [0.229, 0.224, 0.225]);
 const HALF: ([f32; 3], [f32; 3]) = ([0.5; 3], [0.5; 3]);
 
 impl ModelSpec {
@@ -45,7 +45,7 @@ impl ModelSpec {
     /// | `depth-pro` | 1536x1536, squashed | mean and std 0.5 | metres; `focallength_px` |
     /// | `unidepth-v2` | 630x462, squashed | ImageNet | metres: z of `pts_3d`; `intrinsics`, `confidence` |
     /// | `moge-2` | within 728, multiples of 14, 1800 tokens | RGB/255 | metres: z of `points`, its shift recovered, times `metric_scale`; `mask`; the camera |
-    /// | `metric3d-v2` | within 1064x616, multiples of 28 | RGB | metres for a focal length of 1000 pixels |
+    /// | `metric3d-v2` | 1064x616, aspect kept, padded | RGB | metres for a focal length of 1000 pixels |
     /// | `lite-mono`, `pydnet` | 640x192, squashed | RGB/255 | disparity |
     ///
     /// # Errors
@@ -118,7 +118,7 @@ impl ModelSpec {
                 height: 616,
                 input_filter: Filter::Bilinear,
                 canonical_focal: Some(1000.0),
-                ..kept(1064, Aspect::KeepUpperBound, 28, ([0.0; 3], [1.0 / 255.0; 3]), DepthKind::Metric)
+                ..kept(1064, Aspect::Pad, 1, ([0.0; 3], [1.0 / 255.0; 3]), DepthKind::Metric)
             }),
             "lite-mono" | "pydnet" => Ok(Self::new(640, 192, disparity)),
             _ => Err(Error::UnknownProfile { name: name.to_owned() }),

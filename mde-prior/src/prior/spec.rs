@@ -22,6 +22,9 @@ pub enum Aspect {
     KeepUpperBound,
     /// Aspect kept, both sides multiples of `multiple-of`, scaled as little as possible (DPT).
     KeepMinimal,
+    /// To `width` x `height` with the aspect kept: scaled to fit and padded on two sides with the mean colour of ImageNet; the padding is cut
+    /// from the outputs (Metric3D).
+    Pad,
 }
 
 /// Order of the input's axes.
@@ -64,7 +67,7 @@ pub struct ModelSpec {
     /// Nominal input height in pixels.
     #[serde(default = "side")]
     pub height: usize,
-    /// How the image is brought to the input size. A model with a fixed input size takes that size in any case.
+    /// How the image is brought to the input size. A model with a fixed input size takes that size in any case, squashed unless padded.
     #[serde(default = "squash")]
     pub aspect: Aspect,
     /// Both input sides are multiples of this when the aspect is kept.
@@ -270,7 +273,7 @@ impl ModelSpec {
         self.canonical_focal.map(|canonical| (at_input / f64::from(canonical)) as f32)
     }
 
-    /// `(height, width)` of the input for an image of that size.
+    /// `(height, width)` of the input for an image of that size; with [`Aspect::Pad`] that of the image within the input.
     ///
     /// With the aspect kept, both sides are scaled by one factor (the larger, the smaller, or the one nearer to 1 of
     /// input side / image side) and rounded to multiples, as MiDaS does.
@@ -280,12 +283,15 @@ impl ModelSpec {
         let scale = match self.aspect {
             Aspect::Squash => return (self.height, self.width),
             Aspect::KeepLowerBound => y.max(x),
-            Aspect::KeepUpperBound => y.min(x),
+            Aspect::KeepUpperBound | Aspect::Pad => y.min(x),
             Aspect::KeepMinimal if (1.0 - x).abs() < (1.0 - y).abs() => x,
             Aspect::KeepMinimal => y,
         };
         let side = |image: usize, bound: usize| {
             let (exact, step) = (scale * image as f64, self.multiple_of.max(1) as f64);
+            if self.aspect == Aspect::Pad {
+                return (exact.round_ties_even() as usize).clamp(1, bound.max(1));
+            }
             let nearest = (exact / step).round_ties_even() * step;
             let fitted = match self.aspect {
                 Aspect::KeepLowerBound if nearest < bound as f64 => (exact / step).ceil() * step,
