@@ -293,7 +293,7 @@ impl OnnxPrior {
                     if self.spec.recover_shift {
                         let found = points.camera(mask.as_ref()).map_err(|reason| self.error(reason))?;
                         z.mapv_inplace(|z| z + found.shift);
-                        let focal = found.focal * width as f64 / z.ncols() as f64;
+                        let focal = found.focal * width as f64 / frame.within(z.dim()).1 as f64;
                         intrinsics = intrinsics.or(Some(centred(focal, (height, width))));
                     }
                     let shape = vec![z.nrows(), z.ncols()];

@@ -91,7 +91,7 @@ def refine_each(
     return_exceptions: bool,
     progress: Progress | None,
 ) -> Iterator[Result | Error]:
-    """The results, each when it is asked for."""
+    """The results, each computed at its step."""
     factors: list[SameScale] | None = None
     if scales is not None:
         images = list(images)

@@ -165,7 +165,7 @@ def refine_many(
     Raises
     ------
     Error
-        For a setting at fault; for a photograph at fault when its result is asked for.
+        For a setting at fault; for a photograph at fault at its step of the iterator.
 
     Examples
     --------

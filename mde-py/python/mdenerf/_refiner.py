@@ -390,7 +390,7 @@ class Refiner:
     ) -> Iterator[Result | Error]:
         """Refines photographs one after the other, each alone.
 
-        Each result is computed when it is asked for, so that one is in memory. For a data set, the program's ``mde refine FOLDER`` also
+        Each result is computed at the iterator's next step, so that one is in memory. For a data set, the program's ``mde refine FOLDER`` also
         resumes after a kill, and :mod:`mdenerf.ray` goes to many machines.
 
         Parameters
@@ -415,7 +415,7 @@ class Refiner:
         Raises
         ------
         Error
-            For a setting at fault; for a photograph at fault when its result is asked for.
+            For a setting at fault; for a photograph at fault at its step of the iterator.
 
         Examples
         --------

@@ -44,10 +44,6 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     );
     let mut opened = open_image(&args.image, &args.size, &mut progress)?;
     let prior = NamedPrior::open(&args.prior)?;
-    let at_once = match args.several.views.is_empty() {
-        true => predictions_at_once(&args.image, opened.size, &args.size, &config, &*prior.prior)?,
-        false => 1,
-    };
     let mut full = None;
     if args.several.views.is_empty() {
         if let Some(working) = opened.working(&args.size) {
@@ -57,6 +53,10 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     } else {
         opened = opened.reduced(&args.size);
     }
+    // Of several photographs, what falls back is one of them refined alone with the usual preset.
+    let alone = if args.several.views.is_empty() { &config } else { &Preset::Default.config() };
+    let size = full.as_ref().map_or(opened.size, Full::size);
+    let at_once = predictions_at_once(&args.image, size, &args.size, alone, &*prior.prior)?;
     let mut camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
     let capture = capture::open(args, &mut opened, &mut camera, &config, &mut progress)?;
     let prior = prior.resized(&opened, &mut progress)?;
