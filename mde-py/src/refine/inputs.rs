@@ -268,7 +268,7 @@ pub(super) fn capture(opened: &[Opened]) -> Result<Capture, String> {
         })
     };
     let photographs = opened.iter().map(photograph).collect::<Result<_, _>>()?;
-    let capture = Capture { photographs, reference: 0 };
+    let capture = Capture { photographs, reference: 0, matches: None };
     capture.validate().map_err(message)?;
     Ok(capture)
 }
