@@ -28,9 +28,9 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     let folder = target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     // Names are checked before the work.
     let names = files.iter().map(|(path, _)| relative(path, folder)).collect::<Result<Vec<_>>>()?;
-    let prior = NamedPrior::open(&args.prior)?.resized(&first, &mut progress)?;
-    let prepared =
-        PreparedCapture::new(&capture, &*prior.prior, &config, &mut |event| progress.observe(event))?;
+    let prior = NamedPrior::open(&args.prior)?;
+    let prior = prior.bind(&first, &mut progress)?;
+    let prepared = PreparedCapture::new(&capture, &prior, &config, &mut |event| progress.observe(event))?;
     let report = prepared.report();
     ensure!(
         report.fallback.is_none(),
