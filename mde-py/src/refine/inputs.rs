@@ -13,7 +13,7 @@ use mde_cli::memory::{MemoryLimit, PhotographMemory, capture_bytes};
 use mde_cli::nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use mde_cli::results::{SameScale, Unit};
 use mde_cli::scale::KnownDepth;
-use mde_cli::{Capture, Config, Naming, Photograph};
+use mde_cli::{Capture, Config, Naming, Photograph, Preset};
 use ndarray::{Array2, Array3};
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
@@ -217,6 +217,21 @@ impl Inputs {
         let full = one.full.as_ref().map_or(one.size, |full| (full.dim().0, full.dim().1));
         let memory = PhotographMemory::new(config, prior, full, one.size, rayon::current_num_threads());
         memory.predictions_at_once(&self.limit, &one.name, one.size).map_err(message)
+    }
+
+    /// The same for several photographs, which are predicted side by side.
+    pub(super) fn predictions_at_once_of(
+        &self,
+        opened: &[Opened],
+        prior: &dyn DepthPrior,
+    ) -> Result<usize, String> {
+        let Some(first) = opened.first() else { return Ok(1) };
+        let (config, threads) = (Preset::Default.config(), rayon::current_num_threads());
+        let count = opened.len();
+        let memory = PhotographMemory::of_several(&config, prior, first.size, count, threads);
+        memory
+            .predictions_at_once(&self.limit, &format!("views: {count} photographs"), first.size)
+            .map_err(message)
     }
 }
 

@@ -184,9 +184,11 @@ impl Run<'_> {
         let timed = Timed::new(&bound);
         let mut kept = None;
         let mut stages = Stages::new(&timed);
-        if !several {
-            stages = stages.with_predictions_at_once(inputs.predictions_at_once(first, config, &timed)?);
-        }
+        let at_once = match several {
+            true => inputs.predictions_at_once_of(&opened, &timed),
+            false => inputs.predictions_at_once(first, config, &timed),
+        };
+        stages = stages.with_predictions_at_once(at_once?);
         if let Some(budget) = settings.budget {
             stages = stages.with_budget(budget);
         }

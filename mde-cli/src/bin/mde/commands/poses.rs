@@ -1,13 +1,13 @@
 use crate::args::PosesArgs;
 use crate::input::capture::photographs;
-use crate::input::opened::use_threads;
+use crate::input::opened::{predictions_at_once_of, use_threads};
 use crate::input::prior::NamedPrior;
 use crate::output::folder::check_new_file;
 use crate::output::transforms::relative;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_cli::capture::CaptureReport;
-use mde_cli::{Config, PreparedCapture};
+use mde_cli::{Config, PreparedCapture, Stages};
 use mde_eval::table::{Block, Cell, Column, Document, Table};
 use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
 use serde_json::json;
@@ -29,8 +29,9 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     // Names are checked before the work.
     let names = files.iter().map(|(path, _)| relative(path, folder)).collect::<Result<Vec<_>>>()?;
     let prior = NamedPrior::open(&args.prior)?.resized(&first, &mut progress)?;
-    let prepared =
-        PreparedCapture::new(&capture, &*prior.prior, &config, &mut |event| progress.observe(event))?;
+    let at_once = predictions_at_once_of(&capture, first.size, &size, &*prior.prior)?;
+    let stages = Stages::new(&*prior.prior).with_predictions_at_once(at_once);
+    let prepared = PreparedCapture::new(&capture, &stages, &config, &mut |event| progress.observe(event))?;
     let report = prepared.report();
     ensure!(
         report.fallback.is_none(),

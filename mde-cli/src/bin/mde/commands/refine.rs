@@ -1,7 +1,9 @@
 use crate::args::RefineArgs;
 use crate::input::camera::{self, KnownCamera};
 use crate::input::capture;
-use crate::input::opened::{Opened, open_image, predictions_at_once, settings, use_threads};
+use crate::input::opened::{
+    Opened, open_image, predictions_at_once, predictions_at_once_of, settings, use_threads,
+};
 use crate::input::photographs;
 use crate::input::prior::NamedPrior;
 use crate::input::truth::Truth;
@@ -53,12 +55,18 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     } else {
         opened = opened.reduced(&args.size);
     }
-    // Of several photographs, what falls back is one of them refined alone with the usual preset.
-    let alone = if args.several.views.is_empty() { &config } else { &Preset::Default.config() };
     let size = full.as_ref().map_or(opened.size, Full::size);
-    let at_once = predictions_at_once(&args.image, size, &args.size, alone, &*prior.prior)?;
+    let alone = match args.several.views.is_empty() {
+        true => Some(predictions_at_once(&args.image, size, &args.size, &config, &*prior.prior)?),
+        false => None,
+    };
     let mut camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
     let capture = capture::open(args, &mut opened, &mut camera, &config, &mut progress)?;
+    let at_once = match (alone, &capture) {
+        (Some(at_once), _) => at_once,
+        (None, Some(capture)) => predictions_at_once_of(capture, opened.size, &args.size, &*prior.prior)?,
+        (None, None) => 1,
+    };
     let prior = prior.resized(&opened, &mut progress)?;
     // Further photographs without poses give the focal length.
     if capture.is_none() {

@@ -6,7 +6,7 @@ use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_cli::config::Shorthands;
 use mde_cli::memory::PhotographMemory;
-use mde_cli::{Config, Naming, Preset};
+use mde_cli::{Capture, Config, Naming, Preset};
 use mde_prior::DepthPrior;
 use mde_prior::photo::{Photo, read_image};
 use std::path::Path;
@@ -67,6 +67,20 @@ pub(crate) fn predictions_at_once(
     let (at, threads) = (working(size, args), rayon::current_num_threads());
     let memory = PhotographMemory::new(config, prior, size, at, threads);
     Ok(memory.predictions_at_once(&limit(&args.memory), &path.display().to_string(), at)?)
+}
+
+/// The same for the photographs of a capture, which are predicted side by side. A photograph that is refined alone in the end is so with the
+/// usual preset.
+pub(crate) fn predictions_at_once_of(
+    capture: &Capture,
+    at: (usize, usize),
+    args: &SizeArgs,
+    prior: &dyn DepthPrior,
+) -> Result<usize> {
+    let (config, threads) = (Preset::Default.config(), rayon::current_num_threads());
+    let count = capture.photographs.len();
+    let memory = PhotographMemory::of_several(&config, prior, at, count, threads);
+    Ok(memory.predictions_at_once(&limit(&args.memory), &format!("{count} photographs"), at)?)
 }
 
 /// A photograph at the size of the results.

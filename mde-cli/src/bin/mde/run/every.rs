@@ -87,8 +87,9 @@ pub(crate) fn run(
     let Some(capture) = &job.capture else { bail!("--all: give --views") };
     let finished = made_from.map(|made_from| Finished::new(folder.path(), made_from)).transpose()?;
     let prior = Timed::new(&*job.prior.prior);
+    let stages = Stages::new(&prior).with_predictions_at_once(job.at_once);
     let mut prepared =
-        PreparedCapture::new(capture, &prior, &job.config, &mut |event| progress.observe(event))?;
+        PreparedCapture::new(capture, &stages, &job.config, &mut |event| progress.observe(event))?;
     let photographs = capture.photographs.iter().map(|photograph| Path::new(&photograph.name));
     let folders = folders(photographs, &[CLOUD, TRANSFORMS, RECORD, INDEX]);
     let (mut rows, mut points) = (Vec::new(), 0);
@@ -237,6 +238,7 @@ fn refined(
     let mut kept = None;
     let prior = Timed::new(&*job.prior.prior);
     let stages = Stages::new(&prior)
+        .with_predictions_at_once(job.at_once)
         .with_field(|request| Ok(Box::new(kept.insert(SharedNerf::new(request.nerf()?)).clone())));
     let refinement = prepared.refine(index, stages, &mut |event| progress.observe(event))?;
     let mut camera = job.camera.clone();
