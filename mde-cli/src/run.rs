@@ -156,6 +156,7 @@ impl<'r> Run<'r> {
         let prior = Timed::new(self.prior);
         let mut field = None;
         let stages = Stages::new(&prior)
+            .with_predictions_at_once(self.at_once)
             .with_field(|request| Ok(Box::new(field.insert(SharedNerf::new(request.nerf()?)).clone())));
         let refinement = prepared.refine(photograph, stages, &mut |event| watch.event(event))?;
         let one = &capture.photographs[photograph];

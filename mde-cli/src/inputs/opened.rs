@@ -3,7 +3,7 @@
 use super::size::{SMALLEST, shrink, within, working};
 use super::{KnownCamera, PriorOrigin};
 use crate::memory::{MemoryLimit, PhotographMemory};
-use crate::{Config, Error, Naming, Result};
+use crate::{Config, Error, Naming, Preset, Result};
 use mde_prior::DepthPrior;
 use ndarray::Array3;
 
@@ -122,6 +122,22 @@ impl Opened {
         let (full, at) = (self.of_results(), self.size());
         let memory = PhotographMemory::new(config, prior, full, at, rayon::current_num_threads());
         memory.predictions_at_once(limit, name, at)
+    }
+
+    /// The same where it is one of so many photographs of a scene, which are predicted side by side. One that is refined alone in the end is
+    /// so with the usual preset.
+    ///
+    /// # Errors
+    /// As [`predictions_at_once`](Self::predictions_at_once).
+    pub fn predictions_at_once_of(
+        &self,
+        photographs: usize,
+        prior: &dyn DepthPrior,
+        limit: &MemoryLimit,
+    ) -> Result<usize> {
+        let (config, threads) = (Preset::Default.config(), rayon::current_num_threads());
+        let memory = PhotographMemory::of_several(&config, prior, self.size(), photographs, threads);
+        memory.predictions_at_once(limit, &format!("{photographs} photographs"), self.size())
     }
 
     /// Takes a network's own camera in the place of an assumed one. It takes a prediction, so memory is checked before.

@@ -14,7 +14,7 @@ use mde_cli::results::About;
 use mde_cli::results::every::{EveryRecord, EveryRow, Solid, write_all};
 use mde_cli::results::names::folders;
 use mde_cli::run::Watch;
-use mde_cli::{Error, PreparedCapture, Result};
+use mde_cli::{Error, PreparedCapture, Result, Stages};
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -79,8 +79,9 @@ impl Refiner<'_> {
         let capture = capture(&placed)?;
         let run = self.run(&placed[0].opened, &prior, None, inputs, at_once);
         let timed = Timed::new(&prior);
+        let stages = Stages::new(&timed).with_predictions_at_once(at_once);
         let mut prepared =
-            PreparedCapture::new(&capture, &timed, run.finish.config, &mut |event| watch.event(event))?;
+            PreparedCapture::new(&capture, &stages, run.finish.config, &mut |event| watch.event(event))?;
         let folders = folders(capture.photographs.iter().map(|one| Path::new(&one.name)), &RESERVED);
         let (mut outcomes, mut rows) = (Vec::new(), Vec::new());
         for (index, folder) in folders.iter().enumerate() {

@@ -13,7 +13,7 @@ use mde_cli::memory::{MemoryLimit, capture_bytes};
 use mde_cli::results::{SameScale, Unit};
 use mde_cli::run::Watch;
 use mde_cli::scale::KnownDepth;
-use mde_cli::{Capture, Naming, Photograph, Preset};
+use mde_cli::{Capture, Naming, Photograph};
 use ndarray::{Array2, Array3};
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
@@ -187,9 +187,10 @@ impl Inputs {
             self.limit.check(&format!("views: {count} photographs"), first.size(), bytes)?;
         }
         let bound = prior.bind(first, &mut |warning| watch.warn(warning))?;
-        // Of several photographs, what falls back is one of them refined alone with the usual preset.
-        let alone = if several { &Preset::Default.config() } else { &settings.config };
-        let at_once = first.predictions_at_once(name, alone, &bound, &self.limit)?;
+        let at_once = match several {
+            true => first.predictions_at_once_of(count, &bound, &self.limit)?,
+            false => first.predictions_at_once(name, &settings.config, &bound, &self.limit)?,
+        };
         // Further photographs give the focal length.
         if !several {
             let origin = bound.origin().clone();

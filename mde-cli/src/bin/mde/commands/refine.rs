@@ -47,11 +47,17 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     let mut opened = opening.open(&args.image, &mut progress)?;
     let named = NamedPrior::open(&args.prior)?;
     let prior = named.bind(&opened, &mut progress)?;
-    // Of several photographs, what falls back is one of them refined alone with the usual preset.
-    let alone = if several { &Preset::Default.config() } else { &config };
-    let name = args.image.display().to_string();
-    let at_once = opened.predictions_at_once(&name, alone, &prior, &limit(&args.size.memory))?;
+    let (name, limit) = (args.image.display().to_string(), limit(&args.size.memory));
+    let alone = match several {
+        false => Some(opened.predictions_at_once(&name, &config, &prior, &limit)?),
+        true => None,
+    };
     let capture = capture::open(args, &mut opened, &config, &mut progress)?;
+    let at_once = match (alone, &capture) {
+        (Some(at_once), _) => at_once,
+        (None, Some(capture)) => opened.predictions_at_once_of(capture.photographs.len(), &prior, &limit)?,
+        (None, None) => 1,
+    };
     // Further photographs give the focal length.
     if capture.is_none() {
         opened.take_camera_of(&prior, &named.origin)?;

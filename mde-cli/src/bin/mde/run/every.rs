@@ -14,7 +14,7 @@ use mde_cli::results::About;
 use mde_cli::results::every::{CLOUD, EveryRecord, EveryRow, Solid, write_all};
 use mde_cli::results::export::transforms::FILE as TRANSFORMS;
 use mde_cli::results::names::folders;
-use mde_cli::{Capture, PreparedCapture};
+use mde_cli::{Capture, PreparedCapture, Stages};
 use mde_eval::table::{Block, Cell, Column, Document, Table};
 use mde_prior::Timed;
 use mde_prior::format::{PngContent, ReadOptions, png_content, read_values};
@@ -59,8 +59,9 @@ pub(crate) fn run(
     let Some(capture) = &job.capture else { bail!("--all: give --views") };
     let finished = made_from.map(|made_from| Finished::new(folder.path(), made_from)).transpose()?;
     let prior = Timed::new(&job.prior);
+    let stages = Stages::new(&prior).with_predictions_at_once(job.at_once);
     let mut prepared =
-        PreparedCapture::new(capture, &prior, &job.config, &mut |event| progress.observe(event))?;
+        PreparedCapture::new(capture, &stages, &job.config, &mut |event| progress.observe(event))?;
     let photographs = capture.photographs.iter().map(|photograph| Path::new(&photograph.name));
     let folders = folders(photographs, &[CLOUD, TRANSFORMS, RECORD, INDEX]);
     let (mut rows, mut points) = (Vec::<EveryRow>::new(), 0);
