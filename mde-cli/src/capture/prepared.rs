@@ -112,6 +112,11 @@ impl<'c> PreparedCapture<'c> {
         Ok(Self { capture, config, priors, posed, plan, swept: None, scale: None, report })
     }
 
+    /// The photographs.
+    pub fn capture(&self) -> &'c Capture {
+        self.capture
+    }
+
     /// Report of predictions and poses.
     pub fn report(&self) -> &CaptureReport {
         &self.report

@@ -5,11 +5,11 @@ mod evaluation;
 mod output;
 mod tools;
 
-pub(crate) use capture::{PosesArgs, SeveralArgs, UnitName};
+pub(crate) use capture::{MatchesName, PosesArgs, SeveralArgs, UnitName};
 pub(crate) use evaluation::{
     AblateArgs, CalibrateArgs, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs, FaultName, ScoreArgs,
 };
-pub(crate) use output::{ExportArgs, ExportName, MergeArgs, RunArgs};
+pub(crate) use output::{ExportArgs, MergeArgs, RunArgs};
 pub(crate) use tools::{CompletionsArgs, DoctorArgs, ManArgs};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
