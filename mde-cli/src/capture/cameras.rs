@@ -4,7 +4,9 @@ use super::report::{CaptureReport, PoseSource};
 use super::{Capture, view};
 use crate::Result;
 use crate::config::Config;
-use mde_mvs::poses::{self, PosesConfig, RefineConfig, Track, Verdict, estimate_poses, refine_poses};
+use mde_mvs::poses::{
+    self, PosesConfig, RefineConfig, Track, Verdict, estimate_poses, estimate_poses_from, refine_poses,
+};
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose, PosedView};
@@ -59,7 +61,11 @@ pub(super) fn posed(
             (cameras, poses, refined.covariances, unit)
         }
         None => {
-            let estimated = estimate_poses(&inputs, reference, &PosesConfig::default(), seed)?;
+            let settings = PosesConfig::default();
+            let estimated = match &capture.matches {
+                Some(matches) => estimate_poses_from(&inputs, reference, matches, &settings, seed)?,
+                None => estimate_poses(&inputs, reference, &settings, seed)?,
+            };
             report.poses = PoseSource::Estimated;
             report.focal_factor = Some(estimated.focal_factor);
             for (photograph, found) in report.photographs.iter_mut().zip(&estimated.photographs) {
