@@ -36,6 +36,7 @@ mod naming;
 pub mod pictures16;
 pub mod pipeline;
 pub mod results;
+pub mod run;
 pub mod scale;
 
 pub use augmentation::{AugmentationReport, Component};

@@ -23,7 +23,8 @@ const FORMULA: &str = "erf(0.1 depth / (sqrt(2) sigma)), the probability of an e
 /// Unit and scale of `depth.png`.
 #[derive(Debug, Clone, Copy)]
 pub struct DepthPng {
-    unit: &'static str,
+    /// Name of the unit.
+    pub unit: &'static str,
     /// Value = depth times this.
     pub scale: f64,
     /// Number of pixels whose depth does not fit, and that are missing in the file.

@@ -41,6 +41,10 @@ impl DepthPrior for Known {
     fn accepts_new_images(&self) -> bool {
         true
     }
+
+    fn concurrency(&self) -> usize {
+        usize::MAX
+    }
 }
 
 fn rendered(room: Room, views: usize) -> Rendered {
@@ -263,7 +267,7 @@ fn a_photograph_of_a_prepared_capture_does_not_depend_on_those_before() {
     let mut go_on = |_: &Event| ControlFlow::Continue(());
     let refine = |order: &[usize]| {
         let mut go_on = |_: &Event| ControlFlow::Continue(());
-        let mut prepared = PreparedCapture::new(&capture, &prior, &config, &mut go_on).unwrap();
+        let mut prepared = PreparedCapture::new(&capture, &Stages::new(&prior), &config, &mut go_on).unwrap();
         let mut found = Vec::new();
         for &index in order {
             found.push(prepared.refine(index, Stages::new(&prior), &mut go_on).unwrap());
@@ -281,9 +285,40 @@ fn a_photograph_of_a_prepared_capture_does_not_depend_on_those_before() {
     // One scale for all, so that depths and poses fit each other.
     let scale = |r: &Refinement| r.capture.as_ref().unwrap().scale.unwrap()[0];
     assert!(forth.iter().all(|r| scale(r).to_bits() == scale(&forth[0]).to_bits()));
-    let (mut prepared, outside) =
-        (PreparedCapture::new(&capture, &prior, &config, &mut go_on).unwrap(), capture.photographs.len());
+    let (mut prepared, outside) = (
+        PreparedCapture::new(&capture, &Stages::new(&prior), &config, &mut go_on).unwrap(),
+        capture.photographs.len(),
+    );
     assert!(prepared.refine(outside, Stages::new(&prior), &mut go_on).is_err());
+}
+
+/// Nor does a byte of poses, predictions, sweeps and field depend on the number of threads or of predictions at once.
+#[test]
+fn any_number_of_threads_gives_the_same_bytes() {
+    let (capture, prior) = inputs(&rendered(Room::Study, 4), false);
+    let text = "nerf.train.steps = 20\nnerf.train.rays = 64\nnerf.field.finest = 64\n";
+    let config = Config::with_overrides(Preset::MultiView, text, "test").unwrap();
+    let refine = |threads: usize, at_once: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let mut seen = Vec::new();
+        let refined = pool.install(|| {
+            let mut watch = |event: &Event| {
+                if let Event::Predicted { done, total } = event {
+                    seen.push((*done, *total));
+                }
+                ControlFlow::Continue(())
+            };
+            let stages = Stages::new(&prior).with_predictions_at_once(at_once);
+            refine_capture(&capture, stages, &config, &mut watch).unwrap()
+        });
+        assert_eq!(seen, [(1, 4), (2, 4), (3, 4), (4, 4)]);
+        assert_eq!(refined.capture.as_ref().unwrap().fallback, None);
+        refined.depth
+    };
+    let one = refine(1, 1);
+    for (threads, at_once) in [(3, 8), (3, 2), (2, 1)] {
+        assert!(refine(threads, at_once) == one, "{threads} threads, {at_once} predictions at once");
+    }
 }
 
 #[test]

@@ -2,8 +2,18 @@
 
 use mde_mvs::exposure::Exposure;
 use mde_prior::PriorDepth;
+use mde_uncertainty::random::CounterRng;
 use mde_warp::{Pose, PosedView};
+use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use ndarray::Array2;
+use rand::RngExt;
+use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
+
+/// Rotation errors of given poses that make sense, degrees.
+pub(crate) const POSE_NOISES: RangeInclusive<f64> = 0.0..=10.0;
+/// Metres by which a centre is off for a rotation error of one degree.
+const METRES_PER_DEGREE: f64 = 0.02;
 
 /// Photographs of one scene with cameras and poses, and the true depth of the reference.
 ///
@@ -75,4 +85,24 @@ impl Capture {
             Some(range.map_or([d, d], |[low, high]| [low.min(d), high.max(d)]))
         })
     }
+}
+
+/// The pose of the photograph `index`, off by `degrees` about a random axis and by 20 mm per degree in a random direction.
+pub(crate) fn disturbed(pose: &Pose, degrees: f64, seed: u64, index: usize) -> Pose {
+    if degrees == 0.0 {
+        return *pose;
+    }
+    let mut rng = CounterRng::new(seed, "capture-poses", 0, index as u64);
+    let axis = Unit::new_normalize(direction(&mut rng));
+    let rotation = UnitQuaternion::from_axis_angle(&axis, degrees.to_radians());
+    let shift = direction(&mut rng) * (METRES_PER_DEGREE * degrees);
+    Isometry3::from_parts(Translation3::from(shift), rotation) * pose
+}
+
+/// A direction, uniform over the sphere.
+pub(crate) fn direction(rng: &mut CounterRng) -> Vector3<f64> {
+    let (z, angle) = (rng.random_range(-1.0..1.0_f64), TAU * rng.random::<f64>());
+    let (sin, cos) = angle.sin_cos();
+    let across = (1.0 - z * z).sqrt();
+    Vector3::new(across * cos, across * sin, z)
 }

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use mde_eval::Error;
+use mde_eval::capture::CapturedView;
 use mde_eval::data::{
     CaptureGrid, Captures, DataSet, DataSetKind, Fallback, MapPairs, Nyu, Options, PlainFolders, Posed,
     Redwood, Resized, Rooms, SunDepth, SunRgbd, Tum, open, parse_places,
@@ -409,6 +410,20 @@ fn posed_captures_have_the_truth_of_their_reference_alone() {
         (shades[0] - 0.5).abs() < 0.01 && shades[1] == 0.0 && (sample.image[[0, 0, 0]] - 0.25).abs() < 0.01
     );
     assert_eq!((sample.camera.fx, sample.depth), (8.0, truth()));
+
+    // Errors of the poses: the stated angle and 20 mm per degree for each further photograph, the same each time.
+    let noisy = || Posed::open(root.path()).unwrap().with_pose_noise(0.5);
+    let off = noisy().unwrap().capture(0).unwrap();
+    assert_eq!(off, noisy().unwrap().capture(0).unwrap());
+    assert_eq!(off.views[0], capture.views[0]);
+    let errors: Vec<_> = [1, 2].map(|v| off.views[v].view.pose * capture.views[v].view.pose.inverse()).into();
+    for (error, v) in errors.iter().zip([1, 2]) {
+        let centre = |views: &[CapturedView]| views[v].view.pose.inverse().translation.vector;
+        assert!((error.rotation.angle().to_degrees() - 0.5).abs() < 1e-9);
+        assert!(((centre(&off.views) - centre(&capture.views)).norm() - 0.01).abs() < 1e-9);
+    }
+    assert_ne!(errors[0], errors[1]);
+    assert!(Posed::open(root.path()).unwrap().with_pose_noise(f64::NAN).is_err());
 
     // With distortion, photograph and truth are resampled alike: towards the border further out.
     transforms["k1"] = 0.5.into();

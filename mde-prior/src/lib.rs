@@ -9,7 +9,7 @@
 //!
 //! | module | contents | feature |
 //! | --- | --- | --- |
-//! | the root, [`spec`] | the trait, predictions, the disparity rule, descriptions of models | |
+//! | the root, [`spec`] | the trait, predictions of one image or [of several side by side](predict_each), the disparity rule, descriptions of models | |
 //! | [`augment`] | test-time augmentation | |
 //! | [`resample`] | resizing of maps | |
 //! | `format`, `photo` | depth-map files and photographs | `io` (default) |
@@ -36,6 +36,7 @@ assert!(depth[[0, 0]] > depth[[1, 2]]);
 "#
 )]
 
+mod at_once;
 pub mod augment;
 mod error;
 #[cfg(feature = "onnx")]
@@ -43,6 +44,7 @@ mod inference;
 mod io;
 mod prior;
 
+pub use at_once::predict_each;
 pub use augment::{AugmentationConfig, Augmented};
 pub use error::{Error, Result};
 #[cfg(feature = "onnxruntime")]

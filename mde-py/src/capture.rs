@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 /// Name, image, mask, intrinsics and pose of a photograph.
 type Posed<'py> = (String, Bound<'py, PyArray3<f32>>, Bound<'py, PyArray2<bool>>, [f64; 4], Motion);
 
-/// The photographs of a capture, `image` first and then the nearest, at most `most`; nothing where the path holds no capture. The
+/// The photographs of a capture, `image` first and then the nearest, all or at most `most`; nothing where the path holds no capture. The
 /// second value is the number of all.
 #[pyfunction]
 #[pyo3(signature = (path, image, intrinsics, fov, most))]
@@ -23,7 +23,7 @@ pub(crate) fn read_capture<'py>(
     image: PathBuf,
     intrinsics: Option<[f64; 4]>,
     fov: Option<f64>,
-    most: usize,
+    most: Option<usize>,
 ) -> PyResult<Option<(Vec<Posed<'py>>, usize)>> {
     let given = given(intrinsics, fov);
     let fault = |text: String| raise(format!("views {}: {text}", path.display()));
@@ -31,7 +31,7 @@ pub(crate) fn read_capture<'py>(
     let reference = capture.position(&image).map_err(raise)?;
     let views = py.detach(|| {
         capture
-            .nearest(reference, most)
+            .nearest(reference, most.unwrap_or(capture.frames.len()))
             .into_iter()
             .map(|index| {
                 let frame = &capture.frames[index];

@@ -1,14 +1,16 @@
 //! Files: photographs, camera intrinsics, maps and pictures.
 
 use crate::error::raise;
-use mde_cli::mde_prior::format::{write_npy, write_npz};
-use mde_cli::mde_prior::photo::{decode_image, encode_rgb_png, read_image, write_image, write_rgb_png};
+use mde_cli::mde_prior::format::write_npy;
+use mde_cli::mde_prior::photo::{decode_image, encode_rgb_png, read_image, write_rgb_png};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::PinholeCamera;
-use mde_cli::pictures16::{DepthPng, METRES, write_confidence};
+use mde_cli::pictures16::{DepthPng, METRES};
+use mde_cli::results::Maps;
 use mde_cli::results::export::{Exported, Format};
-use mde_cli::results::preview::{Preview, depth_picture_within, preview, sigma_picture_within, usual_range};
+use mde_cli::results::preview::{depth_picture_within, sigma_picture_within, usual_range};
 use mde_cli::{Intrinsics, Result};
+use ndarray::ArrayView2;
 use numpy::{IntoPyArray, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -82,67 +84,61 @@ pub(crate) fn save_result(
     export: Vec<String>,
     y_up: bool,
 ) -> PyResult<()> {
-    let formats = export.iter().map(|name| format(name)).collect::<PyResult<Vec<_>>>()?;
+    let formats = export.iter().map(|name| name.parse().map_err(raise)).collect::<PyResult<Vec<_>>>()?;
     parts.write(&folder, &formats, y_up).map_err(raise)
-}
-
-fn format(name: &str) -> PyResult<Format> {
-    Format::ALL.into_iter().find(|format| format.name() == name).ok_or_else(|| {
-        raise(format!(
-            "export: {name:?} is no format; give some of {}",
-            Format::ALL.map(Format::name).join(", ")
-        ))
-    })
 }
 
 impl Saved<'_> {
     fn write(&self, folder: &Path, formats: &[Format], y_up: bool) -> Result<()> {
-        let maps = [("depth", &self.depth), ("sigma", &self.sigma), ("prior", &self.prior)];
-        let more = self.more.iter().map(|(name, map)| (name.as_str(), map));
-        for (name, map) in maps.into_iter().chain(more) {
-            write_npy(folder.join(format!("{name}.npy")), map.as_array())?;
-        }
-        let unit = match self.unit.as_str() {
-            METRES => METRES,
-            "capture" => "capture",
-            _ => "unscaled",
-        };
+        let unit = unit(&self.unit);
         let depth =
             GaussianDepth::new(self.depth.as_array().to_owned(), self.variance.as_array().to_owned())?;
         let png = DepthPng::new(unit, depth.mean().iter().copied());
-        png.write(&folder.join("depth.png"), depth.mean())?;
-        write_confidence(&folder.join("confidence.png"), &depth)?;
         let (image, prior) = (self.image.as_array(), self.prior.as_array());
-        write_image(folder.join("image.png"), image)?;
-        let strip: Vec<_> = self.strip.iter().map(|picture| picture.as_array().to_owned()).collect();
-        let sigma = self.sigma.as_array();
-        let show = Preview { image, prior, refined: depth.mean(), sigma, unit, strip: &strip, truth: None };
-        write_rgb_png(folder.join("preview.png"), preview(&show).pixels())?;
-        for (name, picture) in &self.pictures {
-            write_rgb_png(folder.join(name), picture.as_array())?;
+        let pictures = self.pictures.iter().map(|(name, one)| (name.clone(), one.as_array().to_owned()));
+        Maps {
+            depth: &depth,
+            sigma: self.sigma.as_array(),
+            prior,
+            more: &named(&self.more),
+            evidence: &named(&self.evidence),
+            image,
+            pictures: &pictures.collect::<Vec<_>>(),
+            strip: &self.strip.iter().map(|one| one.as_array().to_owned()).collect::<Vec<_>>(),
+            truth: None,
+            png: &png,
         }
-        if !self.evidence.is_empty() {
-            let maps: Vec<_> =
-                self.evidence.iter().map(|(name, map)| (name.as_str(), map.as_array())).collect();
-            write_npz(folder.join("evidence.npz"), &maps)?;
-        }
+        .write(folder)?;
         let [fx, fy, cx, cy] = self.camera;
         let (height, width) = depth.dim();
         let camera = PinholeCamera::new(fx, fy, cx, cy, width, height)?;
-        let components = self.components.iter().map(|(name, map)| (name.as_str(), map.as_array()));
         let scene = Exported {
             unit,
             image,
             camera: &camera,
             depth: &depth,
             prior,
-            components: components.collect(),
+            components: named(&self.components),
             confidence: self.confidence.as_ref().map(|map| map.as_array()),
             y_up,
             png_scale: png.scale,
         };
         formats.iter().try_for_each(|format| scene.write(*format, folder))
     }
+}
+
+/// The unit of a result by its name.
+pub(crate) fn unit(name: &str) -> &'static str {
+    match name {
+        METRES => METRES,
+        "capture" => "capture",
+        _ => "unscaled",
+    }
+}
+
+/// Maps by their names.
+fn named<'m>(maps: &'m [(String, PyReadonlyArray2<'_, f32>)]) -> Vec<(&'m str, ArrayView2<'m, f32>)> {
+    maps.iter().map(|(name, map)| (name.as_str(), map.as_array())).collect()
 }
 
 /// Writes an image `[height, width, 3]` as PNG.

@@ -32,7 +32,7 @@ mod _mdenerf {
     #[pymodule_export]
     use crate::prior::Prior;
     #[pymodule_export]
-    use crate::refine::{OneScale, refine, rigid_motion};
+    use crate::refine::{OneScale, refine, refine_all, rigid_motion, save_all};
     #[pymodule_export]
     use crate::settings::{ErrorBar, Settings};
     #[pymodule_export]

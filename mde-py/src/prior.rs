@@ -4,12 +4,11 @@ use crate::error::raise;
 use crate::worker::{Link, pool};
 use mde_cli::Naming;
 use mde_cli::inputs::{
-    KnownCamera, MapFile, NetworkFormat, PriorForm, PriorOrigin, Resampled, open_network, read_options,
+    BoundPrior, MapFile, NetworkFormat, Opened, PriorForm, PriorOrigin, open_network, read_options,
 };
 use mde_cli::mde_prior::format::Encoding;
 use mde_cli::mde_prior::{
-    DepthKind, DepthPrior, Error, InferenceMemory, Metres, OnnxPrior, PriorDepth, Result, Runtime,
-    find_onnxruntime,
+    DepthKind, DepthPrior, Error, InferenceMemory, OnnxPrior, PriorDepth, Result, Runtime, find_onnxruntime,
 };
 use ndarray::ArrayView3;
 use numpy::PyReadonlyArray2;
@@ -121,13 +120,9 @@ fn runtime(name: &str, library: Option<PathBuf>) -> PyResult<Runtime> {
 }
 
 /// The network, the callable or the map as the loop takes it.
-pub(crate) struct Bound<'p> {
+pub(crate) struct Linked<'p> {
     prior: &'p Prior,
     link: &'p Link,
-    /// Focal length / width, where the network's metres depend on it.
-    focal: Option<f64>,
-    /// A map at another size.
-    resized: Option<PriorDepth>,
 }
 
 impl Prior {
@@ -136,60 +131,37 @@ impl Prior {
         matches!(self.source, Source::Map(..))
     }
 
-    /// The network's own camera for an image, in place of an assumed one.
-    pub(crate) fn camera(
+    /// The prior with the connection to its callable.
+    pub(crate) fn linked<'p>(&'p self, link: &'p Link) -> Linked<'p> {
+        Linked { prior: self, link }
+    }
+}
+
+impl Linked<'_> {
+    /// The prior for a photograph. A map of the photograph's aspect is resampled; warnings of it go to `warn`.
+    pub(crate) fn bind(
         &self,
-        image: ArrayView3<'_, f32>,
-        known: &KnownCamera,
-    ) -> mde_cli::Result<Option<KnownCamera>> {
-        match &self.source {
-            Source::Network(network) => known.by_network(network, &self.origin, image),
-            _ => Ok(None),
-        }
-    }
-
-    /// The prior for an image file of `original` pixels that is refined at `size`, both `(height, width)`, with that focal length / width. A map of the image's
-    /// aspect is resampled; the second value are the warnings of it.
-    pub(crate) fn bind<'p>(
-        &'p self,
-        link: &'p Link,
-        original: (usize, usize),
-        size: (usize, usize),
-        focal: Option<f64>,
-    ) -> Result<(Bound<'p>, Vec<String>)> {
-        let mut bound = Bound { prior: self, link, focal, resized: None };
-        let Source::Map(map, note) = &self.source else { return Ok((bound, Vec::new())) };
-        let mut warnings = Vec::from_iter(note.clone());
-        let Some(found) = Resampled::find(&self.origin.source, map.map.dim(), original, size) else {
-            return Ok((bound, warnings));
-        };
-        warnings.extend(found.warning);
-        bound.resized = Some(map.resized(size)?);
-        Ok((bound, warnings))
+        opened: &Opened,
+        warn: &mut dyn FnMut(String),
+    ) -> mde_cli::Result<BoundPrior<'_>> {
+        let bound = BoundPrior::new(self, &self.prior.origin);
+        let Source::Map(map, note) = &self.prior.source else { return Ok(bound) };
+        note.clone().into_iter().for_each(&mut *warn);
+        bound.resampled(map.map.dim(), opened.original, opened.size(), warn)
     }
 }
 
-impl Bound<'_> {
-    fn metres<'n>(&'n self, network: &'n OnnxPrior) -> Option<Metres<'n>> {
-        Metres::new(network, self.prior.origin.model.as_ref()?, self.focal?)
-    }
-}
-
-impl DepthPrior for Bound<'_> {
+impl DepthPrior for Linked<'_> {
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
         let (height, width, _) = image.dim();
-        match (&self.prior.source, &self.resized) {
-            (_, Some(map)) => Ok(map.clone()),
-            (Source::Network(network), _) => match self.metres(network) {
-                Some(network) => network.predict(image),
-                None => network.predict(image),
-            },
-            (Source::Callable(_), _) => self
+        match &self.prior.source {
+            Source::Network(network) => network.predict(image),
+            Source::Callable(_) => self
                 .link
                 .predict(image.as_standard_layout().into_owned())
                 .and_then(|map| PriorDepth::from_values(map, self.prior.origin.kind)),
-            (Source::Map(map, _), _) if map.map.dim() == (height, width) => Ok(map.clone()),
-            (Source::Map(map, _), _) => Err(Error::SizeMismatch {
+            Source::Map(map, _) if map.map.dim() == (height, width) => Ok(map.clone()),
+            Source::Map(map, _) => Err(Error::SizeMismatch {
                 path: PathBuf::from(&self.prior.origin.source),
                 prior: map.map.dim(),
                 image: (height, width),

@@ -223,6 +223,47 @@ def test_several_photographs(network, arguments, mde, tmp_path, demo, posed):
     assert result.run["camera"]["fx"] == record["camera"]["fx"]
 
 
+@pytest.mark.parametrize("posed", [False, True])
+def test_every_photograph(network, arguments, mde, tmp_path, demo, posed):
+    quick = "nerf.train.steps = 40\nnerf.train.rays = 64\nnerf.field.finest = 64\n"
+    (tmp_path / "quick.toml").write_text(quick)
+    photographs = sorted((demo / "photographs").iterdir())[:4]
+    views = [demo / "transforms.json"] if posed else photographs[1:]
+    unit = ["--unit", "capture"] if posed else []
+    options = [*arguments, "--config", tmp_path / "quick.toml", *unit, "--export", "ply", "--y-up"]
+    mde("refine", photographs[0], "--views", *views, "--all", *options, "-o", tmp_path / "out")
+    calls = []
+    scene = mdenerf.refine_all(
+        photographs[0],
+        views=str(views[0]) if posed else views,
+        unit="poses" if posed else "prior",
+        config=quick,
+        progress=lambda *call: calls.append(call),
+        **network,
+    )
+    count = len(scene)
+    assert count == len(scene.names) == len(scene.poses) == (count if posed else 4) and count > 2
+    assert [call for call in calls if call[0] == "photograph"] == [("photograph", done + 1, count) for done in range(count)]
+    record = json.loads((tmp_path / "out" / "run.json").read_text())
+    keys = ("photograph", "folder", "reason", "verified", "sigma", "scale")
+    for name, result, mine, theirs in zip(scene.names, scene, scene.run["photographs"], record["photographs"], strict=True):
+        same(result, tmp_path / "out" / theirs["folder"])
+        assert {key: mine[key] for key in keys} == {key: theirs[key] for key in keys} and mine["photograph"] == name
+    saved = scene.save(tmp_path / "saved", export="ply", y_up=True)
+    same_files(saved, tmp_path / "out")
+    assert json.loads((saved / "run.json").read_text())["points"] == record["points"] > 0
+    assert scene.unit == record["unit"] and sum(pose is not None for pose in scene.poses) > 1
+    frames = json.loads((saved / "transforms.json").read_text())["frames"]
+    placed = [pose for pose in scene.poses if pose is not None]
+    for frame, pose in zip(frames, placed, strict=True):
+        to_world = np.linalg.inv(pose) @ np.diag([1.0, -1.0, -1.0, 1.0])
+        np.testing.assert_allclose(np.array(frame["transform_matrix"]), to_world, atol=1e-9)
+    plain = scene.save(tmp_path / "plain", report=False)
+    assert not (plain / "index.html").exists() and (plain / "cloud.ply").is_file()
+    with pytest.raises(mdenerf.Error, match="the folder exists"):
+        scene.save(saved)
+
+
 @pytest.mark.parametrize(
     ("name", "camera", "unit", "source"),
     [

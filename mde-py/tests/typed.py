@@ -36,6 +36,14 @@ def use(photo: NDArray[np.uint8], depth: NDArray[np.float64], folder: Path) -> N
     for one in refiner.refine_many(folder, return_exceptions=True):
         failed: bool = isinstance(one, mdenerf.Error)
         del failed
+    scene: mdenerf.Scene = mdenerf.refine_all(photo, network, views=[photo], unit="prior", preset="multi-view")
+    scene = refiner.refine_all(folder / "a.jpg", views=folder / "transforms.json", keep_field=True)
+    pose: NDArray[np.float64] | None = scene.poses[0]
+    for each in scene:
+        result = each
+    some: list[mdenerf.Result] = scene[1:]
+    written: Path = scene.save(folder / "scene", export="ply")
+    del pose, some, written
     saved: Path = result.save(folder / "out", force=True, export=["ply"], y_up=True)
     fit: mdenerf.AffineFit = mdenerf.affine_wls(depth, depth, sigma)
     score: float = mdenerf.metrics.abs_rel(result.depth, depth)

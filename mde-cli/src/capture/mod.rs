@@ -121,5 +121,5 @@ pub fn refine_capture(
     config: &Config,
     callback: &mut Callback<'_>,
 ) -> Result<Refinement> {
-    PreparedCapture::new(capture, stages.prior, config, callback)?.refine(capture.reference, stages, callback)
+    PreparedCapture::new(capture, &stages, config, callback)?.refine(capture.reference, stages, callback)
 }

@@ -13,7 +13,6 @@ use mde_mvs::exposure::{Exposure, fit_exposure};
 use mde_mvs::gauge::Scale;
 use mde_mvs::poses::relative_covariance;
 use mde_mvs::views::{ViewScore, ViewSelection, select_views};
-use mde_prior::DepthPrior;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::Matrix6;
@@ -73,13 +72,14 @@ impl Swept {
 }
 
 impl<'c> PreparedCapture<'c> {
-    /// Predictions and poses of all photographs, and the choice of those that are swept together.
+    /// Predictions and poses of all photographs, and the choice of those that are swept together. Of the stages, the prior and its limit of
+    /// predictions at once are used.
     ///
     /// # Errors
     /// As [`refine_capture`](super::refine_capture).
     pub fn new(
         capture: &'c Capture,
-        prior: &dyn DepthPrior,
+        stages: &Stages<'_>,
         config: &'c Config,
         callback: &mut Callback<'_>,
     ) -> Result<Self> {
@@ -88,7 +88,7 @@ impl<'c> PreparedCapture<'c> {
         let mut run = Run { config, callback };
         let mut report = CaptureReport::new(capture);
         let start = run.begin(Stage::Prior)?;
-        let priors = priors::predict(capture, prior, config, |done, total| {
+        let priors = priors::predict(capture, stages, config, |done, total| {
             run.notify(&Event::Predicted { done, total })
         })?;
         report.seconds.prior = start.elapsed().as_secs_f64();
@@ -110,6 +110,11 @@ impl<'c> PreparedCapture<'c> {
         }
         report.seconds.poses = start.elapsed().as_secs_f64();
         Ok(Self { capture, config, priors, posed, plan, swept: None, scale: None, report })
+    }
+
+    /// The photographs.
+    pub fn capture(&self) -> &'c Capture {
+        self.capture
     }
 
     /// Report of predictions and poses.

@@ -2,39 +2,43 @@
 
 use super::Capture;
 use crate::config::Config;
+use crate::pipeline::Stages;
 use crate::{Error, Result};
-use mde_prior::DepthPrior;
+use mde_prior::predict_each;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PosedView, WarpConfig, forward_warp};
 use ndarray::Array2;
 use std::ops::ControlFlow;
 
-/// One prediction per photograph, `[height, width]`, 0 where missing; of the reference alone for a prior that is a map.
+/// One prediction per photograph, `[height, width]`, 0 where missing; of the reference alone for a prior that is a map. As many run at
+/// once as the prior and the limits of the stages allow; the depths do not depend on it.
 pub(super) fn predict(
     capture: &Capture,
-    prior: &dyn DepthPrior,
+    stages: &Stages<'_>,
     config: &Config,
     mut progress: impl FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<Vec<Option<Array2<f32>>>> {
-    let wanted = |index: usize| index == capture.reference || prior.accepts_new_images();
-    let total = (0..capture.photographs.len()).filter(|&index| wanted(index)).count();
-    let mut done = 0;
-    let mut depths = Vec::with_capacity(capture.photographs.len());
-    for (index, photograph) in capture.photographs.iter().enumerate() {
-        if !wanted(index) {
-            depths.push(None);
-            continue;
-        }
-        let depth = prior.predict(photograph.image.view())?.to_depth(&config.disparity)?;
-        match crate::pipeline::check_prior(depth.view(), photograph.image.view()) {
-            Ok(()) => depths.push(Some(depth)),
+    let prior = stages.prior;
+    let count = capture.photographs.len();
+    let every = prior.accepts_new_images();
+    let wanted: Vec<usize> = (0..count).filter(|&index| every || index == capture.reference).collect();
+    let images: Vec<_> = wanted.iter().map(|&index| capture.photographs[index].image.view()).collect();
+    let mut predictions = Vec::with_capacity(images.len());
+    let flow = predict_each(prior, &images, stages.limits.at_once, |prediction| {
+        predictions.push(prediction);
+        progress(predictions.len(), images.len())
+    })?;
+    if flow.is_break() {
+        return Err(Error::Interrupted);
+    }
+    let mut depths = vec![None; count];
+    for ((&index, image), prediction) in wanted.iter().zip(&images).zip(predictions) {
+        let depth = prediction.to_depth(&config.disparity)?;
+        match crate::pipeline::check_prior(depth.view(), image.view()) {
+            Ok(()) => depths[index] = Some(depth),
             Err(error) if index == capture.reference => return Err(error),
             // The reference's depth takes its place.
-            Err(_) => depths.push(None),
-        }
-        done += 1;
-        if progress(done, total).is_break() {
-            return Err(Error::Interrupted);
+            Err(_) => {}
         }
     }
     Ok(depths)

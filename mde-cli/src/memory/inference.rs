@@ -1,6 +1,6 @@
 //! The memory of a network's predictions.
 
-use super::{MemoryLimit, PROGRAM, refine_bytes};
+use super::{MemoryLimit, PHOTOGRAPH, PROGRAM, refine_bytes};
 use crate::{Config, Result};
 use mde_prior::augment::Plan;
 use mde_prior::{DepthPrior, InferenceMemory};
@@ -26,6 +26,8 @@ pub struct PhotographMemory<'c> {
     most: u64,
     /// Pixels of the results, where the photograph is refined at a smaller size.
     full: u64,
+    /// Bytes of the photographs of a capture.
+    held: u64,
 }
 
 impl<'c> PhotographMemory<'c> {
@@ -52,7 +54,24 @@ impl<'c> PhotographMemory<'c> {
             inference: prior.memory(height, width).unwrap_or_default(),
             most: prior.concurrency().min(threads).min(predictions).max(1) as u64,
             full: if full == at { 0 } else { full.0 as u64 * full.1 as u64 },
+            held: 0,
         }
+    }
+
+    /// For `photographs` of one scene, all of the size `at`, which [`refine_capture`](crate::refine_capture) predicts before all else; what the
+    /// sweeps and the field take is in [`capture_bytes`](super::capture_bytes). `config` is that of a photograph alone, on which it falls back.
+    pub fn of_several(
+        config: &'c Config,
+        prior: &dyn DepthPrior,
+        at: (usize, usize),
+        photographs: usize,
+        threads: usize,
+    ) -> Self {
+        let alone = Self::new(config, prior, at, at, threads);
+        let images = if prior.accepts_new_images() { photographs } else { 1 };
+        let most = prior.concurrency().min(threads).min(images).max(1) as u64;
+        let held = PHOTOGRAPH.saturating_mul(photographs as u64);
+        Self { most: alone.most.max(most), held: held.saturating_mul(at.0 as u64 * at.1 as u64), ..alone }
     }
 
     /// Bytes at that number of pixels with so many predictions at once.
@@ -73,6 +92,7 @@ impl<'c> PhotographMemory<'c> {
             .max(fitted)
             .saturating_add(self.inference.model)
             .saturating_add(FULL.saturating_mul(self.full))
+            .saturating_add(self.held)
     }
 
     /// Bytes of the loaded network, which photographs side by side share.
@@ -147,6 +167,19 @@ mod tests {
         let refused = at_once(memory.bytes(0, 1) - 1).unwrap_err().to_string();
         assert!(refused.contains("photo.png") && refused.contains("a smaller network"), "{refused}");
         assert_eq!(at_once(u64::MAX).unwrap(), 8);
+    }
+
+    #[test]
+    fn photographs_of_a_capture_are_counted_and_may_run_at_once() {
+        let mut config = Preset::Default.config();
+        config.augmentation.predictions = mde_prior::augment::Predictions::Most(1);
+        let at = (480, 640);
+        let of =
+            |photographs, threads| PhotographMemory::of_several(&config, &Large(0), at, photographs, threads);
+        let alone = PhotographMemory::new(&config, &Large(0), at, at, 8);
+        assert_eq!([alone.most, of(5, 8).most, of(5, 2).most, of(0, 2).most], [1, 5, 2, 1]);
+        assert_eq!(of(5, 2).bytes(9, 2) - alone.bytes(9, 2), 5 * PHOTOGRAPH * 480 * 640);
+        assert_eq!(of(usize::MAX, 2).bytes(u64::MAX, u64::MAX), u64::MAX);
     }
 
     #[test]

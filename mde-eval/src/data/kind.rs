@@ -121,6 +121,8 @@ pub struct Options {
     pub seed: u64,
     /// The conditions of [`Captures`].
     pub captures: CaptureGrid,
+    /// Error of the given poses of [`Posed`], degrees ([`Posed::with_pose_noise`]).
+    pub pose_noise: f64,
     /// Places by scene ([`Placed`]), for data sets that do not name them.
     pub places: BTreeMap<String, String>,
 }
@@ -134,6 +136,7 @@ impl Default for Options {
             stride: 1,
             seed: 0,
             captures: CaptureGrid::default(),
+            pose_noise: 0.0,
             places: BTreeMap::new(),
         }
     }
@@ -164,7 +167,7 @@ pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result
         (DataSetKind::SunRgbd, Some(root)) => {
             Box::new(SunRgbd::open(root)?.with_depth(options.sun_depth).with_fallback(options.fallback))
         }
-        (DataSetKind::Posed, Some(root)) => Box::new(Posed::open(root)?),
+        (DataSetKind::Posed, Some(root)) => Box::new(Posed::open(root)?.with_pose_noise(options.pose_noise)?),
         (DataSetKind::Nyu, Some(root)) => Box::new(Nyu::open(root)?),
         (DataSetKind::Tum, Some(root)) => {
             Box::new(Tum::open(root)?.with_stride(options.stride).with_fallback(options.fallback))

@@ -1,10 +1,11 @@
 use super::files::{find_scenes, id};
 use super::{DataSet, Sample, out_of_range};
-use crate::capture::{Capture, CapturedView};
+use crate::capture::{Capture, CapturedView, POSE_NOISES, disturbed};
 use crate::{Error, Result};
 use mde_mvs::capture::{Lens, PixelCentres, read_transforms};
 use mde_prior::format::{ReadOptions, read_depth};
 use mde_prior::photo::read_image;
+use mde_uncertainty::random::derived_seed;
 use nalgebra::Point2;
 use ndarray::{Array2, Array3, ArrayView2};
 use serde::Deserialize;
@@ -34,6 +35,7 @@ pub struct Posed {
     scenes: Vec<PathBuf>,
     ids: Vec<String>,
     places: Vec<String>,
+    pose_noise: f64,
 }
 
 /// Content of a `scene.json`; see [`Posed`] for its fields.
@@ -82,7 +84,20 @@ impl Posed {
             Ok(describe(scene)?.set.or_else(parent).unwrap_or_else(|| id(root, scene)))
         };
         let places = scenes.iter().map(place).collect::<Result<_>>()?;
-        Ok(Self { scenes, ids, places })
+        Ok(Self { scenes, ids, places, pose_noise: 0.0 })
+    }
+
+    /// Gives the poses of the further photographs an error: `degrees` of rotation about a random axis, and 20 mm per degree of
+    /// translation in a random direction, the same in every run.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for degrees below 0 or above 10.
+    pub fn with_pose_noise(self, degrees: f64) -> Result<Self> {
+        if !POSE_NOISES.contains(&degrees) {
+            let remedy = "use 0 to 10 degrees";
+            return Err(Error::Config { field: "pose-noise", value: degrees.to_string(), remedy });
+        }
+        Ok(Self { pose_noise: degrees, ..self })
     }
 
     pub(super) fn is_scene(folder: &Path) -> bool {
@@ -153,7 +168,12 @@ impl Posed {
         let usual = if middle.is_some_and(|z| z < 5.0) { 10.0 } else { 80.0 };
         let trusted_depth = description.max_depth.unwrap_or(usual);
         let (id, place, licence) = (id.clone(), place.clone(), description.licence);
-        Ok(Capture { id, place, licence, reference: 0, views, truth, trusted_depth }.rebased())
+        let mut capture = Capture { id, place, licence, reference: 0, views, truth, trusted_depth }.rebased();
+        let seed = derived_seed(0, &capture.id, 0);
+        for (index, captured) in capture.views.iter_mut().enumerate().skip(1) {
+            captured.view.pose = disturbed(&captured.view.pose, self.pose_noise, seed, index);
+        }
+        Ok(capture)
     }
 }
 

@@ -1,13 +1,13 @@
 use super::World;
 use super::solid::Ray;
-use crate::capture::{Capture, CapturedView};
+use crate::capture::{Capture, CapturedView, POSE_NOISES, direction, disturbed};
 use crate::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use crate::{Error, Result};
 use mde_mvs::exposure::Exposure;
 use mde_uncertainty::random::{CounterRng, derived_seed};
 use mde_uncertainty::statistics::median;
 use mde_warp::{Pose, PosedView};
-use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use ndarray::Array2;
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
@@ -46,8 +46,6 @@ impl Default for CaptureConfig {
     }
 }
 
-/// Metres by which a centre is off for a rotation error of one degree.
-const METRES_PER_DEGREE: f64 = 0.02;
 /// Free space that a camera needs around it, metres.
 const CLEARANCE: f64 = 0.2;
 /// Share of the way that cameras turn towards the middle of the reference's view.
@@ -69,7 +67,7 @@ impl CaptureConfig {
                 self.baseline > 0.0 && self.baseline <= 1.0,
                 "use a number in (0, 1]",
             ),
-            ("pose-noise", self.pose_noise, (0.0..=10.0).contains(&self.pose_noise), "use 0 to 10 degrees"),
+            ("pose-noise", self.pose_noise, POSE_NOISES.contains(&self.pose_noise), "use 0 to 10 degrees"),
             ("gain", self.gain, (0.0..=0.9).contains(&self.gain), "use 0 to 0.9"),
         ];
         match checks.into_iter().find(|check| !check.2) {
@@ -115,7 +113,8 @@ impl World {
                 _ => 1.0,
             } as f32;
             let image = if gain == 1.0 { scene.image } else { scene.image.mapv(|c| (gain * c).min(1.0)) };
-            let given = if index == 0 { pose } else { disturbed(&pose, config, index) };
+            let given =
+                if index == 0 { pose } else { disturbed(&pose, config.pose_noise, config.seed, index) };
             let seed = derived_seed(config.seed, "capture-prior", index as u64);
             let faults = SimulatedPriorConfig { seed, ..config.prior.clone() };
             let mask = Array2::from_elem(camera.dim(), true);
@@ -143,7 +142,7 @@ impl World {
         for index in 0..further {
             let nominal = start + TAU * index as f64 / further as f64;
             let tilt = rng.random_range(-0.2..0.2);
-            let turn = unit(&mut rng).scale(TURN.to_radians() * rng.random::<f64>());
+            let turn = direction(&mut rng).scale(TURN.to_radians() * rng.random::<f64>());
             let pose = |angle: f64| {
                 let centre = Vector3::new(angle.cos(), angle.sin(), tilt).normalize() * distance;
                 let towards = Vector3::new(0.0, 0.0, middle) - centre;
@@ -184,24 +183,4 @@ impl World {
         let Ok(camera) = self.camera(16, 12) else { return false };
         self.depth(&camera, pose).iter().all(|z| f64::from(*z) > CLEARANCE)
     }
-}
-
-/// The pose with the errors of `config`.
-fn disturbed(pose: &Pose, config: &CaptureConfig, index: usize) -> Pose {
-    if config.pose_noise == 0.0 {
-        return *pose;
-    }
-    let mut rng = CounterRng::new(config.seed, "capture-poses", 0, index as u64);
-    let axis = Unit::new_normalize(unit(&mut rng));
-    let rotation = UnitQuaternion::from_axis_angle(&axis, config.pose_noise.to_radians());
-    let shift = unit(&mut rng) * (METRES_PER_DEGREE * config.pose_noise);
-    Isometry3::from_parts(Translation3::from(shift), rotation) * pose
-}
-
-/// A direction, uniform over the sphere.
-fn unit(rng: &mut CounterRng) -> Vector3<f64> {
-    let (z, angle) = (rng.random_range(-1.0..1.0_f64), TAU * rng.random::<f64>());
-    let (sin, cos) = angle.sin_cos();
-    let across = (1.0 - z * z).sqrt();
-    Vector3::new(across * cos, across * sin, z)
 }

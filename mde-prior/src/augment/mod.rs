@@ -35,10 +35,9 @@ mod window;
 pub use flip::flip_average;
 pub use plan::{Plan, Predictions};
 
+use crate::at_once::AtOnce;
 use crate::{DepthPrior, DisparityRule, Error, PriorDepth, Result};
 use ndarray::{Array2, ArrayView2, ArrayView3, Zip, s};
-use rayon::prelude::*;
-use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
@@ -334,53 +333,6 @@ impl Augmented {
     /// Those of [`PriorDepth::to_depth_as`].
     pub fn depth(&self, rule: &DisparityRule) -> Result<Array2<f32>> {
         self.merged.to_depth_as(&self.prior, rule)
-    }
-}
-
-/// Tasks side by side.
-struct AtOnce {
-    /// Most at once.
-    most: usize,
-    /// Threads of their own where there are fewer than usual: an allocator keeps memory for each thread that ever ran one.
-    pool: Option<ThreadPool>,
-}
-
-impl AtOnce {
-    /// As many as the model allows and there are threads, and no more than the limit.
-    fn new(concurrency: usize, limit: Option<usize>) -> Self {
-        let threads = rayon::current_num_threads();
-        let most = limit.unwrap_or(threads).min(concurrency).clamp(1, threads);
-        if most == 1 || most == threads {
-            return Self { most, pool: None };
-        }
-        match ThreadPoolBuilder::new().num_threads(most).build() {
-            Ok(pool) => Self { most, pool: Some(pool) },
-            // No threads to be had.
-            Err(_) => Self { most: 1, pool: None },
-        }
-    }
-
-    /// Runs `task` on each input and passes the results to `take` in the order of the inputs.
-    fn in_order<I: Sync, O: Send>(
-        &self,
-        inputs: &[I],
-        task: impl Fn(&I) -> Result<O> + Sync,
-        mut take: impl FnMut(O) -> ControlFlow<()>,
-    ) -> Result<ControlFlow<()>> {
-        for inputs in inputs.chunks(self.most) {
-            let all = || inputs.par_iter().map(&task).collect();
-            let outputs: Vec<Result<O>> = match (inputs, &self.pool) {
-                ([input], _) => vec![task(input)],
-                (_, Some(pool)) => pool.install(all),
-                (_, None) => all(),
-            };
-            for output in outputs {
-                if take(output?).is_break() {
-                    return Ok(ControlFlow::Break(()));
-                }
-            }
-        }
-        Ok(ControlFlow::Continue(()))
     }
 }
 

@@ -5,7 +5,8 @@
 >>> result.depth, result.sigma                                  # doctest: +SKIP
 
 :func:`refine` refines the depth of one photograph, or of one of several of the same scene; a :class:`Refiner` keeps the network
-loaded. :func:`refine_many` takes many photographs, if wanted on one scale. The model is an ONNX file or any callable, such as a network in PyTorch. :func:`fuse`, :func:`affine_wls`,
+loaded. :func:`refine_all` refines every photograph of a scene with the others, :func:`refine_many` many photographs each alone, if wanted
+on one scale. The model is an ONNX file or any callable, such as a network in PyTorch. :func:`fuse`, :func:`affine_wls`,
 :func:`termination_moments` and :func:`forward_warp` are stages alone, :mod:`mdenerf.metrics` scores maps.
 
 Depth is z along the optical axis, never the distance along the ray, as ``float32 [height, width]``. A pixel without depth has
@@ -16,9 +17,10 @@ from . import metrics
 from ._many import SameScale
 from ._mdenerf import Error
 from ._program import program
-from ._refine import refine, refine_many
+from ._refine import refine, refine_all, refine_many
 from ._refiner import Refiner
 from ._result import Camera, RefinementWarning, Result
+from ._scene import Scene
 from ._stages import (
     AffineFit,
     Fused,
@@ -42,6 +44,7 @@ __all__ = [
     "Refiner",
     "Result",
     "SameScale",
+    "Scene",
     "Warped",
     "affine_wls",
     "forward_warp",
@@ -49,6 +52,7 @@ __all__ = [
     "metrics",
     "program",
     "refine",
+    "refine_all",
     "refine_many",
     "termination_moments",
 ]

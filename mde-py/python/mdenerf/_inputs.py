@@ -135,11 +135,11 @@ def photographs_and_camera(
     camera: CameraOf,
     views: Views | None,
     poses: ArrayLike | None,
-    max_views: int,
+    most: int | None,
 ) -> tuple[list[dict[str, Any]], str | None, bool]:
-    """The photograph and the further ones, the file that their cameras are from, and whether it is a capture."""
+    """The photograph and the further ones (of a capture, at most so many), the file that their cameras are from, and whether it is one."""
     if isinstance(views, (str, os.PathLike)) and poses is None:
-        captured = _capture(image, camera, os.fspath(views), max_views)
+        captured = _capture(image, camera, os.fspath(views), most)
         if captured is not None:
             return captured, os.fspath(views), True
     found = [photograph(image, "image")] if views is None else several(image, views)
@@ -163,7 +163,7 @@ def photographs_and_camera(
     return described, camera.file, False
 
 
-def _capture(image: ImageLike, camera: CameraOf, path: str, max_views: int) -> list[dict[str, Any]] | None:
+def _capture(image: ImageLike, camera: CameraOf, path: str, most: int | None) -> list[dict[str, Any]] | None:
     """The photographs of a capture with poses; None where the path holds none."""
     if not isinstance(image, (str, os.PathLike)):
         return None
@@ -171,7 +171,7 @@ def _capture(image: ImageLike, camera: CameraOf, path: str, max_views: int) -> l
     if camera.is_given:
         height, width = photograph(image, "image")[1].shape[:2]
         known = camera.of(height, width)
-    found = native.read_capture(path, os.fspath(image), known, camera.fov, 4 * max_views)
+    found = native.read_capture(path, os.fspath(image), known, camera.fov, most)
     if found is None:
         return None
     names = short_names([name for name, *_ in found[0]])

@@ -63,9 +63,18 @@ def refine(
     model: Callable[[Floats], Floats] | None,
     progress: Callable[[str, int, int], object] | None,
 ) -> dict[str, Any]: ...
+def refine_all(
+    prior: Prior,
+    settings: Settings,
+    error_bar: ErrorBar,
+    arguments: dict[str, Any],
+    model: Callable[[Floats], Floats] | None,
+    progress: Callable[[str, int, int], object] | None,
+) -> dict[str, Any]: ...
+def save_all(folder: str, photographs: list[dict[str, Any]], unit: str, y_up: bool) -> int: ...
 def rigid_motion(name: str, rows: Sequence[Any]) -> list[float]: ...
 def read_capture(
-    path: str, image: str, intrinsics: list[float] | None, fov: float | None, most: int
+    path: str, image: str, intrinsics: list[float] | None, fov: float | None, most: int | None
 ) -> tuple[list[tuple[str, Floats, Mask, list[float], list[float]]], int] | None: ...
 def fuse(
     prior: Floats, prior_sigma: Floats | None, depths: list[Floats], sigmas: list[Floats], settings: Settings

@@ -12,6 +12,7 @@ from ._inputs import Config
 from ._mdenerf import Error
 from ._refiner import Progress, Refiner
 from ._result import Result
+from ._scene import Scene
 
 
 def refine(
@@ -107,6 +108,54 @@ def refine(
         poses=poses,
         unit=unit,
         scale_from=scale_from,
+        keep_field=keep_field,
+        progress=progress,
+    )
+
+
+def refine_all(
+    image: ImageLike,
+    model: Model,
+    *,
+    views: Views,
+    intrinsics: IntrinsicsLike | None = None,
+    intrinsics_base: int = 0,
+    fov: float | None = None,
+    poses: ArrayLike | None = None,
+    unit: str = "prior",
+    keep_field: bool = False,
+    progress: Progress | None = None,
+    **settings: Any,
+) -> Scene:
+    """Refines the depth of every one of several photographs of a scene, with the depth that the others carry.
+
+    The parameters are those of :class:`Refiner` (``settings``) and of :meth:`Refiner.refine_all`.
+
+    Returns
+    -------
+    Scene
+        A sequence of results, that of ``image`` first, with the poses.
+
+    Raises
+    ------
+    Error
+        For an input, a setting or a stage at fault, in one line that names it and the remedy.
+    KeyboardInterrupt
+        After Ctrl-C.
+
+    Examples
+    --------
+    >>> scene = mdenerf.refine_all("a.jpg", "network.onnx", views=["b.jpg", "c.jpg"])      # doctest: +SKIP
+    >>> scene.save("out/room")                                                             # doctest: +SKIP
+    """
+    return Refiner(model, **settings).refine_all(
+        image,
+        views=views,
+        intrinsics=intrinsics,
+        intrinsics_base=intrinsics_base,
+        fov=fov,
+        poses=poses,
+        unit=unit,
         keep_field=keep_field,
         progress=progress,
     )

@@ -16,6 +16,7 @@ from ._inputs import CameraOf, Config, checked, known_depths, library_of, map_pr
 from ._many import SameScale, photographs_of, refine_each, scales_of
 from ._mdenerf import Error
 from ._result import RefinementWarning, Result
+from ._scene import Scene
 
 #: Called with the stage's name, the steps done and the steps in all (0 where unknown). An exception cancels the run.
 Progress: TypeAlias = Callable[[str, int, int], object]
@@ -68,7 +69,7 @@ class Refiner:
         Refine larger photographs at this many million pixels. The maps of one photograph are brought back to its own size with the
         edges of the photograph; those of several are not.
     max_memory : float
-        Refuse runs whose estimated memory exceeds this, GiB. That of the model's own inference is not included.
+        Refuse runs whose estimated memory exceeds this, GiB. That of an ONNX file's inference is included, a callable's own is not.
     interval : float, optional
         Give each pixel an interval that is meant to contain the true depth with this probability, 0.01 to 0.99: ``Result.lower`` and
         ``Result.upper``.
@@ -252,8 +253,6 @@ class Refiner:
             raise Error("give a model or a depth, and not both: the depth that is refined")
         if depth is not None and views is not None:
             raise Error("depth is that of one photograph; give a model to use views")
-        if unit not in ("prior", "poses"):
-            raise Error(f"unit is {unit!r}; give prior or poses")
         if poses is not None and views is None:
             raise Error("poses are given but no views; give the further photographs too")
         if scale_from is not None and unit != "prior":
@@ -265,11 +264,7 @@ class Refiner:
             raise Error("png_scale and depth_encoding are of a depth in a file; give depth as a path, or leave them out")
         settings = self._settings(views is not None, seed)
         camera = CameraOf(intrinsics, intrinsics_base, fov)
-        photographs, file, captured = photographs_and_camera(image, camera, views, poses, settings.max_views)
-        if unit == "poses" and any(one["pose"] is None for one in photographs):
-            raise Error("unit is 'poses', but the photographs have none; give poses or a capture with them, or unit='prior'")
-        arguments = self._arguments(photographs, None if captured else fov, file)
-        arguments["unit_of_poses"] = unit == "poses"
+        arguments = self._scene(image, camera, views, poses, unit, 4 * settings.max_views)
         arguments["scale_from"] = None if scale_from is None else known_depths(scale_from, image)
         arguments["same_scale"] = None if same_scale is None else astuple(same_scale)
         arguments["keep_field"] = keep_field
@@ -279,6 +274,86 @@ class Refiner:
         return result
 
     __call__ = refine
+
+    def refine_all(
+        self,
+        image: ImageLike,
+        *,
+        views: Views,
+        intrinsics: IntrinsicsLike | None = None,
+        intrinsics_base: int = 0,
+        fov: float | None = None,
+        poses: ArrayLike | None = None,
+        unit: str = "prior",
+        keep_field: bool = False,
+        seed: int | None = None,
+        progress: Progress | None = None,
+    ) -> Scene:
+        """Refines the depth of every one of several photographs of a scene, as ``mde refine IMAGE --views VIEWS --all``.
+
+        Predictions, poses and, among photographs that see the same, plane sweeps are computed once; each photograph then gets a field of
+        its own. The maps of all are in memory until the end, some 40 bytes a pixel and photograph. An error of one photograph ends the
+        run; the program's ``--all`` goes on without it.
+
+        Parameters
+        ----------
+        image, views, intrinsics, intrinsics_base, fov, poses, unit
+            As in :meth:`refine`. ``image`` gives the frame of the poses and the scale of all. All photographs of a capture are refined.
+        keep_field : bool
+            Keep the fitted field of each photograph: ``Result.field``.
+        seed : int, optional
+            Instead of the refiner's.
+        progress : callable, optional
+            As in :meth:`refine`, and as ``progress("photograph", done, total)`` after each.
+
+        Returns
+        -------
+        Scene
+            A sequence of results, that of ``image`` first, with the poses.
+
+        Raises
+        ------
+        Error
+            For an input, a setting or a stage at fault, in one line that names it and the remedy.
+        KeyboardInterrupt
+            After Ctrl-C.
+
+        Examples
+        --------
+        >>> scene = refiner.refine_all("a.jpg", views=["b.jpg", "c.jpg"])      # doctest: +SKIP
+        >>> scene[1].depth, scene.poses[1]                                     # doctest: +SKIP
+        >>> scene.save("out/room")                                             # doctest: +SKIP
+        """
+        if self._prior is None:
+            raise Error("refine_all needs a model; a depth is that of one photograph")
+        settings = self._settings(True, seed)
+        camera = CameraOf(intrinsics, intrinsics_base, fov)
+        arguments = self._scene(image, camera, views, poses, unit, None)
+        arguments["keep_field"] = keep_field
+        made = native.refine_all(self._prior, settings, self._error_bar, arguments, self._callable(), progress)
+        scene = Scene._of(made)
+        for warning in scene.run["warnings"]:
+            warnings.warn(warning, RefinementWarning, stacklevel=callers())
+        return scene
+
+    def _scene(
+        self,
+        image: ImageLike,
+        camera: CameraOf,
+        views: Views | None,
+        poses: ArrayLike | None,
+        unit: str,
+        most: int | None,
+    ) -> dict[str, Any]:
+        """The arguments of the photograph and of further ones, at most so many of a capture."""
+        if unit not in ("prior", "poses"):
+            raise Error(f"unit is {unit!r}; give prior or poses")
+        photographs, file, captured = photographs_and_camera(image, camera, views, poses, most)
+        if unit == "poses" and any(one["pose"] is None for one in photographs):
+            raise Error("unit is 'poses', but the photographs have none; give poses or a capture with them, or unit='prior'")
+        arguments = self._arguments(photographs, None if captured else camera.fov, file)
+        arguments["unit_of_poses"] = unit == "poses"
+        return arguments
 
     def _arguments(self, photographs: list[dict[str, Any]], fov: float | None, file: str | None) -> dict[str, Any]:
         return {
@@ -342,7 +417,7 @@ class Refiner:
         camera = CameraOf(intrinsics, intrinsics_base, fov)
 
         def prepared(image: ImageLike) -> dict[str, Any]:
-            photographs, file, _ = photographs_and_camera(image, camera, None, None, settings.max_views)
+            photographs, file, _ = photographs_and_camera(image, camera, None, None, None)
             return self._arguments(photographs, fov, file)
 
         scale = native.OneScale(len(found), settings)

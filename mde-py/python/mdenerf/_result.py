@@ -8,7 +8,7 @@ import json
 import os
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from dataclasses import field as part
 from pathlib import Path
@@ -25,6 +25,43 @@ from ._program import program
 _RECORD = "run.json"
 #: Width of the pictures in a notebook, pixels.
 _SHOWN = 320
+
+
+def in_place(folder: PathLike, force: bool, write: Callable[[Path], None]) -> Path:
+    """The folder once ``write`` has filled it; it appears whole or not at all."""
+    target = Path(folder)
+    if target.exists() or target.is_symlink():
+        if not target.is_dir():
+            raise Error(f"{target}: exists and is not a folder; give another name")
+        if not force:
+            raise Error(f"{target}: the folder exists; give another name, or force=True to replace it")
+        if any(target.iterdir()) and not (target / _RECORD).is_file():
+            raise Error(f"{target}: not replaced, as it holds no {_RECORD} of an earlier run; give another name")
+    try:
+        target.absolute().parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".mde-", dir=target.absolute().parent) as place:
+            made = Path(place) / "new"
+            made.mkdir()
+            write(made)
+            if target.exists():
+                os.replace(target, Path(place) / "old")
+            os.replace(made, target)
+    except OSError as error:
+        raise Error(f"{target}: can't write ({error}); give another place") from error
+    return target
+
+
+def write_record(folder: Path, run: dict[str, Any]) -> None:
+    """Writes the record of a run."""
+    record = json.dumps(run, indent=2, ensure_ascii=False) + "\n"
+    (folder / _RECORD).write_text(record, encoding="utf-8", newline="\n")
+
+
+def pages(folder: Path) -> None:
+    """Writes the pages of a folder, with the program."""
+    made = subprocess.run([program(), "report", folder], capture_output=True, text=True, check=False)
+    if made.returncode != 0:
+        raise Error(made.stderr.strip().removeprefix("error: "))
 
 
 class RefinementWarning(UserWarning):
@@ -197,31 +234,17 @@ class Result:
             Where the folder exists, or can't be written.
         """
         formats = [export] if isinstance(export, str) else list(export)
-        target = Path(folder)
-        if target.exists() or target.is_symlink():
-            if not target.is_dir():
-                raise Error(f"{target}: exists and is not a folder; give another name")
-            if not force:
-                raise Error(f"{target}: the folder exists; give another name, or force=True to replace it")
-            if any(target.iterdir()) and not (target / _RECORD).is_file():
-                raise Error(f"{target}: not replaced, as it holds no {_RECORD} of an earlier run; give another name")
-        try:
-            target.absolute().parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(prefix=".mde-", dir=target.absolute().parent) as place:
-                made = Path(place) / "new"
-                made.mkdir()
-                self._write(made, formats, y_up, report)
-                if target.exists():
-                    os.replace(target, Path(place) / "old")
-                os.replace(made, target)
-        except OSError as error:
-            raise Error(f"{target}: can't write ({error}); give another place") from error
-        return target
 
-    def _write(self, folder: Path, formats: list[str], y_up: bool, report: bool) -> None:
+        def write(made: Path) -> None:
+            self._write(made, formats, y_up)
+            if report:
+                pages(made)
+
+        return in_place(folder, force, write)
+
+    def _write(self, folder: Path, formats: list[str], y_up: bool) -> None:
         if self._pictures:
             (folder / "views").mkdir()
-        image = self.image.astype(np.float32) / np.float32(255) if self._exact is None else self._exact
         ends = (("lower", self.lower), ("upper", self.upper))
         parts = {
             "depth": self.depth,
@@ -232,7 +255,7 @@ class Result:
             "components": list(self.components.items()),
             "confidence": self._confidence,
             "evidence": list(self.evidence.items()),
-            "image": image,
+            "image": self._photograph(),
             "pictures": list(self._pictures.items()),
             "strip": self._strip,
             "unit": self.unit,
@@ -242,12 +265,11 @@ class Result:
         if self.field is not None:
             (folder / "field.safetensors").write_bytes(self.field)
         (folder / "config.toml").write_text(self.config, encoding="utf-8", newline="\n")
-        record = json.dumps(self.run, indent=2, ensure_ascii=False) + "\n"
-        (folder / _RECORD).write_text(record, encoding="utf-8", newline="\n")
-        if report:
-            made = subprocess.run([program(), "report", folder], capture_output=True, text=True, check=False)
-            if made.returncode != 0:
-                raise Error(made.stderr.strip().removeprefix("error: "))
+        write_record(folder, self.run)
+
+    def _photograph(self) -> Floats:
+        """sRGB in 0 to 1."""
+        return self.image.astype(np.float32) / np.float32(255) if self._exact is None else self._exact
 
     def __repr__(self) -> str:
         height, width = self.depth.shape

@@ -1,23 +1,22 @@
 //! The inputs of a refinement, as the caller gives them and at the size at which they are refined.
 
 use super::one_scale::{Factor, same_scale};
-use super::{Motion, Watch};
-use crate::error::{message, raise};
+use super::{Motion, Watched, pose_of};
+use crate::error::raise;
+use crate::prior::Linked;
 use crate::settings::Settings;
-use mde_cli::inputs::size::{SMALLEST, shrink, within, working};
-use mde_cli::inputs::{CameraSource, GivenCamera, Known, KnownCamera};
-use mde_cli::mde_prior::DepthPrior;
+use mde_cli::inputs::size::SMALLEST;
+use mde_cli::inputs::{BoundPrior, CameraSource, GivenCamera, Known, KnownCamera, Opened, Sizes};
 use mde_cli::mde_prior::resample::nearest;
 use mde_cli::mde_warp::Pose;
-use mde_cli::memory::{MemoryLimit, PhotographMemory, capture_bytes};
-use mde_cli::nalgebra::{Quaternion, Translation3, UnitQuaternion};
+use mde_cli::memory::{MemoryLimit, capture_bytes};
 use mde_cli::results::{SameScale, Unit};
+use mde_cli::run::Watch;
 use mde_cli::scale::KnownDepth;
-use mde_cli::{Capture, Config, Naming, Photograph};
+use mde_cli::{Capture, Naming, Photograph};
 use ndarray::{Array2, Array3};
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
-use std::borrow::Cow;
 use std::path::PathBuf;
 
 /// A photograph as the caller gave it.
@@ -74,7 +73,7 @@ pub(crate) struct Arguments<'py> {
     pub(super) threads: Option<usize>,
 }
 
-/// A photograph and its camera.
+/// A photograph, its camera and its place.
 pub(super) struct Input {
     pub(super) name: String,
     image: Array3<f32>,
@@ -89,25 +88,16 @@ pub(super) struct Inputs {
     pub(super) scale: Option<Known>,
     pub(super) same_scale: Option<SameScale>,
     pub(super) keep_field: bool,
-    max_size: Option<usize>,
-    work_size: f64,
+    sizes: Sizes,
     limit: MemoryLimit,
 }
 
-/// A photograph at the size at which it is refined.
-pub(super) struct Opened {
+/// A photograph at the size at which it is refined, with the others' view of it.
+pub(super) struct Placed {
     name: String,
-    /// `(height, width)` as given.
-    pub(super) original: (usize, usize),
-    /// `(height, width)` of the refinement.
-    pub(super) size: (usize, usize),
-    pub(super) image: Array3<f32>,
+    pub(super) opened: Opened,
     mask: Array2<bool>,
-    /// Of the original size.
-    pub(super) known: KnownCamera,
     pose: Option<Pose>,
-    /// At the size of the results, where that is larger.
-    pub(super) full: Option<Array3<f32>>,
 }
 
 /// The camera of a photograph with these arguments.
@@ -149,10 +139,7 @@ impl Inputs {
                 known.source = CameraSource::File(file.clone());
             }
             let mask = one.mask.as_ref().map(|mask| mask.as_array().to_owned());
-            let pose = one.pose.map(|[w, i, j, k, x, y, z]| {
-                let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
-                Pose::from_parts(Translation3::new(x, y, z), rotation)
-            });
+            let pose = one.pose.map(pose_of);
             Ok(Input { name, image, mask, known, pose })
         });
         let photographs = photographs.collect::<PyResult<Vec<_>>>()?;
@@ -163,60 +150,54 @@ impl Inputs {
         let unit = if arguments.unit_of_poses { Unit::Capture } else { Unit::Prior };
         let limit = MemoryLimit { gib: arguments.max_memory, naming: Naming::Keywords };
         let same_scale = arguments.same_scale.map(same_scale);
-        let Arguments { max_size, work_size, keep_field, .. } = arguments;
-        Ok(Self { photographs, unit, scale, same_scale, keep_field, max_size, work_size, limit })
+        let sizes = Sizes { longest: arguments.max_size, megapixels: arguments.work_size };
+        let keep_field = arguments.keep_field;
+        Ok(Self { photographs, unit, scale, same_scale, keep_field, sizes, limit })
     }
 
-    /// The photographs at the size at which they are refined.
-    pub(super) fn open(&self, settings: &Settings, watch: &mut Watch<'_>) -> Result<Vec<Opened>, String> {
-        let several = self.photographs.len() > 1;
-        let mut opened = Vec::new();
-        for Input { name, image, mask, known, pose } in &self.photographs {
-            let (height, width, _) = image.dim();
-            let size = within((height, width), self.max_size);
-            let at = working(size, self.work_size);
-            let mut image = Cow::Borrowed(image);
-            if size != (height, width) {
-                image = Cow::Owned(shrink(&image, size));
-                let text = format!("{name}: resized from {width}x{height} to {}x{} pixels", size.1, size.0);
-                watch.warnings.push(text);
-            }
-            if at != size {
-                let text = format!(
-                    "{}x{} pixels: refined at {}x{}; work_size sets this",
-                    size.1, size.0, at.1, at.0
-                );
-                watch.warnings.push(text);
-            }
-            // That of one photograph is brought back to its own size.
-            let full = (at != size && !several).then(|| image.clone().into_owned());
-            let image = if at == size { image.into_owned() } else { shrink(&image, at) };
-            let everywhere = || Array2::from_elem((height, width), true);
-            let mut mask = mask.clone().unwrap_or_else(everywhere);
-            if at != (height, width) {
-                mask = nearest(mask.view(), at);
-            }
-            let (name, known, original) = (name.clone(), known.clone(), (height, width));
-            opened.push(Opened { name, original, size: at, image, mask, known, pose: *pose, full });
-        }
-        if let Some(first) = opened.first().filter(|_| several) {
-            let (count, threads) = (opened.len() as u64, rayon::current_num_threads() as u64);
-            let bytes = |pixels| capture_bytes(pixels, count, threads, &settings.config);
-            self.limit.check(&format!("views: {count} photographs"), first.size, bytes).map_err(message)?;
-        }
-        Ok(opened)
-    }
-
-    /// The prior's predictions at once that the memory limit allows for one photograph.
-    pub(super) fn predictions_at_once(
+    /// The photographs at their sizes, the prior for the first with the camera that it gives, and its predictions at once.
+    pub(super) fn open<'p>(
         &self,
-        one: &Opened,
-        config: &Config,
-        prior: &dyn DepthPrior,
-    ) -> Result<usize, String> {
-        let full = one.full.as_ref().map_or(one.size, |full| (full.dim().0, full.dim().1));
-        let memory = PhotographMemory::new(config, prior, full, one.size, rayon::current_num_threads());
-        memory.predictions_at_once(&self.limit, &one.name, one.size).map_err(message)
+        settings: &Settings,
+        prior: &'p Linked<'p>,
+        watch: &mut Watched<'_>,
+    ) -> mde_cli::Result<(Vec<Placed>, BoundPrior<'p>, usize)> {
+        let several = self.photographs.len() > 1;
+        let mut placed = Vec::new();
+        for Input { name, image, mask, known, pose } in &self.photographs {
+            let mut warn = |warning: String| {
+                watch.warn(if several { format!("{name}: {warning}") } else { warning });
+            };
+            let opened = Opened::new(image.clone(), known.clone());
+            let opened = opened.resized(name, &self.sizes, several, Naming::Keywords, &mut warn)?;
+            let mask = match mask {
+                Some(mask) if mask.dim() == opened.size() => mask.clone(),
+                Some(mask) => nearest(mask.view(), opened.size()),
+                None => Array2::from_elem(opened.size(), true),
+            };
+            placed.push(Placed { name: name.clone(), opened, mask, pose: *pose });
+        }
+        let count = placed.len();
+        let Some(Placed { name, opened: first, .. }) = placed.first_mut() else {
+            return Err(mde_cli::Error::Argument("there is no photograph; give one".to_owned()));
+        };
+        if several {
+            let (photographs, threads) = (count as u64, rayon::current_num_threads() as u64);
+            let bytes = |pixels| capture_bytes(pixels, photographs, threads, &settings.config);
+            self.limit.check(&format!("views: {count} photographs"), first.size(), bytes)?;
+        }
+        let bound = prior.bind(first, &mut |warning| watch.warn(warning))?;
+        let at_once = match several {
+            true => first.predictions_at_once_of(count, &bound, &self.limit)?,
+            false => first.predictions_at_once(name, &settings.config, &bound, &self.limit)?,
+        };
+        // Further photographs give the focal length.
+        if !several {
+            let origin = bound.origin().clone();
+            first.take_camera_of(&bound, &origin)?;
+        }
+        let bound = bound.at_focal(first.camera.focal());
+        Ok((placed, bound, at_once))
     }
 }
 
@@ -255,20 +236,16 @@ fn check(name: &str, image: &Array3<f32>) -> PyResult<()> {
     }
 }
 
-pub(super) fn capture(opened: &[Opened]) -> Result<Capture, String> {
-    let photograph = |opened: &Opened| -> Result<Photograph, String> {
-        let known = opened.known.resized(opened.size).map_err(message)?;
-        Ok(Photograph {
-            name: opened.name.clone(),
-            image: opened.image.clone(),
-            mask: opened.mask.clone(),
-            camera: known.camera,
-            focal_assumed: known.is_assumed() && opened.pose.is_none(),
-            pose: opened.pose,
-        })
+pub(super) fn capture(placed: &[Placed]) -> mde_cli::Result<Capture> {
+    let photograph = |placed: &Placed| Photograph {
+        name: placed.name.clone(),
+        image: placed.opened.image.clone(),
+        mask: placed.mask.clone(),
+        camera: placed.opened.camera.camera,
+        focal_assumed: placed.opened.camera.is_assumed() && placed.pose.is_none(),
+        pose: placed.pose,
     };
-    let photographs = opened.iter().map(photograph).collect::<Result<_, _>>()?;
-    let capture = Capture { photographs, reference: 0 };
-    capture.validate().map_err(message)?;
+    let capture = Capture { photographs: placed.iter().map(photograph).collect(), reference: 0 };
+    capture.validate()?;
     Ok(capture)
 }

@@ -1,5 +1,6 @@
 //! The refinement: one photograph, or several of one scene.
 
+mod every;
 mod inputs;
 mod one_scale;
 mod outcome;
@@ -8,17 +9,18 @@ use crate::error::{message, raise};
 use crate::prior::Prior;
 use crate::settings::{ErrorBar, Settings};
 use crate::worker::{self, Link, Request};
+pub(crate) use every::{refine_all, save_all};
 pub(crate) use inputs::{Arguments, given};
-use inputs::{Inputs, Opened, capture};
-use mde_cli::inputs::KnownCamera;
-use mde_cli::mde_prior::Timed;
+use inputs::{Inputs, capture};
+use mde_cli::inputs::{BoundPrior, Opened};
 use mde_cli::mde_warp::Pose;
-use mde_cli::nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion};
+use mde_cli::nalgebra::{Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion};
 use mde_cli::results::{Finish, TrainingCurve, follow};
-use mde_cli::{Event, Naming, SharedNerf, Stages, refine as refine_one, refine_capture};
+use mde_cli::run::{Hooks, Run, Watch};
+use mde_cli::{Capture, Event, Naming};
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods};
 pub(crate) use one_scale::OneScale;
-use outcome::{Done, Outcome};
+use outcome::{Outcome, Recorded};
 use pyo3::prelude::*;
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -44,9 +46,10 @@ pub(crate) fn refine<'py>(
     let threads = arguments.threads;
     let inputs = Inputs::new(arguments)?;
     let observed = progress.is_some();
-    let run = Run { prior, settings, error_bar };
+    let refiner = Refiner { prior, settings, error_bar };
     let serve = server(py, model, progress);
-    let outcome = worker::run(py, threads, serve, |link| run.work(link, &inputs, observed))?;
+    let outcome =
+        worker::run(py, threads, serve, |link| refiner.refine(link, &inputs, observed).map_err(message))?;
     outcome.into_dict(py)
 }
 
@@ -78,6 +81,12 @@ pub(crate) fn motion(pose: &Pose) -> Motion {
     [q.w, q.i, q.j, q.k, t.x, t.y, t.z]
 }
 
+/// The pose of such numbers.
+fn pose_of([w, i, j, k, x, y, z]: Motion) -> Pose {
+    let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
+    Pose::from_parts(Translation3::new(x, y, z), rotation)
+}
+
 /// The numbers of a 4x4 matrix; `name` is that of the argument.
 #[pyfunction]
 #[pyo3(signature = (name, rows))]
@@ -101,7 +110,7 @@ pub(crate) fn rigid(name: &str, rows: &[[f64; 4]; 4]) -> PyResult<Pose> {
 }
 
 /// The state of a run beside its inputs.
-struct Watch<'l> {
+struct Watched<'l> {
     link: &'l Link,
     observed: bool,
     iteration: usize,
@@ -109,12 +118,14 @@ struct Watch<'l> {
     warnings: Vec<String>,
 }
 
-impl<'l> Watch<'l> {
+impl<'l> Watched<'l> {
     fn new(link: &'l Link, observed: bool) -> Self {
         Self { link, observed, iteration: 0, training: Vec::new(), warnings: Vec::new() }
     }
+}
 
-    fn observe(&mut self, event: &Event) -> ControlFlow<()> {
+impl Watch for Watched<'_> {
+    fn event(&mut self, event: &Event) -> ControlFlow<()> {
         let seen = match event {
             Event::Begin { stage, iteration, .. } => {
                 self.iteration = *iteration;
@@ -141,96 +152,55 @@ impl<'l> Watch<'l> {
             false => ControlFlow::Continue(()),
         }
     }
-}
 
-/// The photographs at the size at which they are refined, and the camera of the first: a network's own in place of an assumed one.
-fn framed(
-    inputs: &Inputs,
-    settings: &Settings,
-    prior: &Prior,
-    watch: &mut Watch<'_>,
-) -> Result<(Vec<Opened>, KnownCamera), String> {
-    let mut opened = inputs.open(settings, watch)?;
-    let mut known = opened[0].known.resized(opened[0].size).map_err(message)?;
-    if opened.len() == 1
-        && let Some(own) = prior.camera(opened[0].image.view(), &known).map_err(message)?
-    {
-        known = own;
-        opened[0].known = known.resized(opened[0].original).map_err(message)?;
+    fn warn(&mut self, warning: String) {
+        self.warnings.push(warning);
     }
-    Ok((opened, known))
 }
 
 /// What a refiner keeps between runs.
-struct Run<'r> {
+struct Refiner<'r> {
     prior: &'r Prior,
     settings: &'r Settings,
     error_bar: &'r ErrorBar,
 }
 
-impl Run<'_> {
-    fn work(&self, link: &Link, inputs: &Inputs, observed: bool) -> Result<Outcome, String> {
-        let Self { prior, settings, error_bar } = *self;
-        let config = &settings.config;
-        let start = Instant::now();
-        let mut watch = Watch::new(link, observed);
-        let (opened, mut known) = framed(inputs, settings, prior, &mut watch)?;
-        let several = opened.len() > 1;
-        let first = &opened[0];
-        let origin = prior.origin.at_focal(known.focal());
-        let (bound, warnings) =
-            prior.bind(link, first.original, first.size, known.focal()).map_err(message)?;
-        watch.warnings.extend(warnings);
-        let timed = Timed::new(&bound);
-        let mut kept = None;
-        let mut stages = Stages::new(&timed);
-        if !several {
-            stages = stages.with_predictions_at_once(inputs.predictions_at_once(first, config, &timed)?);
-        }
-        if let Some(budget) = settings.budget {
-            stages = stages.with_budget(budget);
-        }
-        if !several {
-            watch.warnings.extend(known.warning(Naming::Keywords));
-        }
-        if inputs.keep_field {
-            let mut keep = |field| Box::new(kept.insert(SharedNerf::new(field)).clone());
-            stages = stages.with_field(move |request| Ok(keep(request.nerf()?)));
-        }
-        let capture = several.then(|| capture(&opened)).transpose()?;
-        let mut observe = |event: &Event| watch.observe(event);
-        let refined = match &capture {
-            Some(capture) => refine_capture(capture, stages, config, &mut observe),
-            None => refine_one(first.image.view(), &known.camera, stages, config, &mut observe),
-        };
-        let mut refinement = refined.map_err(message)?;
-        let field = kept.map(|field: SharedNerf| field.lock().to_bytes()).transpose().map_err(message)?;
-        if inputs.keep_field && field.is_none() {
-            watch.warnings.push(
-                "keep_field: no field was fitted, so none is kept; set refinement.field = \"always\" to fit one".to_owned(),
-            );
-        }
-        let alone = inputs.same_scale.and_then(|found| found.warning(Naming::Keywords));
-        watch.warnings.extend(alone);
-        let mut image = first.image.view();
-        if let Some(full) = &first.full {
-            refinement = refinement.upsampled(image, full.view()).map_err(message)?;
-            let (height, width, _) = full.dim();
-            (image, known) = (full.view(), first.known.resized((height, width)).map_err(message)?);
-        }
+impl Refiner<'_> {
+    fn run<'r>(
+        &'r self,
+        opened: &'r Opened,
+        prior: &'r BoundPrior<'r>,
+        capture: Option<&'r Capture>,
+        inputs: &'r Inputs,
+        at_once: usize,
+    ) -> Run<'r> {
         let finish = Finish {
-            config,
-            origin: &origin,
-            error_bar: &error_bar.0,
+            config: &self.settings.config,
+            origin: prior.origin(),
+            error_bar: &self.error_bar.0,
             known: inputs.scale.as_ref(),
             same_scale: inputs.same_scale,
             unit: inputs.unit,
             naming: Naming::Keywords,
         };
-        let mut warn = |warning| watch.warnings.push(warning);
-        let result = finish.apply(refinement, 0, &mut known, &mut warn).map_err(message)?;
-        let seconds = (start.elapsed().as_secs_f64(), timed.seconds());
-        let input = &inputs.photographs[0].name;
-        Done { origin, settings, watch, result, known, capture, field, input, image, seconds }.outcome()
+        let (budget, keeps_field) = (self.settings.budget, inputs.keep_field);
+        Run { opened, prior, capture, finish, budget, at_once, keeps_field }
+    }
+
+    fn refine(&self, link: &Link, inputs: &Inputs, observed: bool) -> mde_cli::Result<Outcome> {
+        let start = Instant::now();
+        let mut watch = Watched::new(link, observed);
+        let linked = self.prior.linked(link);
+        let (placed, prior, at_once) = inputs.open(self.settings, &linked, &mut watch)?;
+        let capture = (placed.len() > 1).then(|| capture(&placed)).transpose()?;
+        let run = self.run(&placed[0].opened, &prior, capture.as_ref(), inputs, at_once);
+        let done = run.refine(Hooks::default(), &mut watch)?;
+        let about = Recorded {
+            preset: self.settings.preset,
+            input: &inputs.photographs[0].name,
+            watch: &watch,
+            seconds: start.elapsed().as_secs_f64(),
+        };
+        Outcome::new(&run, done, &about)
     }
 }

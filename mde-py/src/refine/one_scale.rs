@@ -1,7 +1,7 @@
 //! One scale for many photographs.
 
 use super::inputs::{Arguments, Inputs};
-use super::{Object, Watch, framed, server};
+use super::{Object, Watched, server};
 use crate::error::{message, raise};
 use crate::prior::Prior;
 use crate::settings::Settings;
@@ -80,8 +80,9 @@ fn prepared(
     if link.is_cancelled() {
         return Err("cancelled".to_owned());
     }
-    let (opened, known) = framed(inputs, settings, prior, &mut Watch::new(link, false))?;
-    let first = &opened[0];
-    let (bound, _) = prior.bind(link, first.original, first.size, known.focal()).map_err(message)?;
-    scale.prepare(&first.image, &known, &bound).map_err(message)
+    let linked = prior.linked(link);
+    let (placed, bound, _) =
+        inputs.open(settings, &linked, &mut Watched::new(link, false)).map_err(message)?;
+    let first = &placed[0].opened;
+    scale.prepare(&first.image, &first.camera, &bound).map_err(message)
 }

@@ -1,16 +1,12 @@
 //! What a run gives back: maps, the record, pictures.
 
-use super::{Object, Watch};
-use crate::error::message;
-use crate::settings::Settings;
-use mde_cli::inputs::size::thumbnail;
-use mde_cli::inputs::{KnownCamera, PriorOrigin};
-use mde_cli::mde_prior::augment::Predictions;
+use super::{Object, Watched};
 use mde_cli::mde_warp::PinholeCamera;
 use mde_cli::results::preview::strip;
 use mde_cli::results::{About, Finished, RunRecord};
-use mde_cli::{Capture, CaptureReport};
-use ndarray::{Array2, Array3, ArrayView3};
+use mde_cli::run::{Done, Run, bytes};
+use mde_cli::{Error, Preset, Result};
+use ndarray::{Array2, Array3};
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -35,59 +31,43 @@ pub(super) struct Outcome {
     field: Option<Vec<u8>>,
 }
 
-/// A run that is done.
-pub(super) struct Done<'d> {
-    pub(super) origin: PriorOrigin,
-    pub(super) settings: &'d Settings,
-    pub(super) watch: Watch<'d>,
-    pub(super) result: Finished,
-    pub(super) known: KnownCamera,
-    pub(super) capture: Option<Capture>,
-    pub(super) field: Option<Vec<u8>>,
-    pub(super) input: &'d str,
-    /// At the size of the maps.
-    pub(super) image: ArrayView3<'d, f32>,
-    /// Of the run, and of the predictions.
-    pub(super) seconds: (f64, f64),
+/// What the record has beside the result.
+pub(super) struct Recorded<'r> {
+    pub(super) preset: Preset,
+    pub(super) input: &'r str,
+    pub(super) watch: &'r Watched<'r>,
+    /// Of the run.
+    pub(super) seconds: f64,
 }
 
-impl Done<'_> {
-    pub(super) fn outcome(self) -> Result<Outcome, String> {
-        let Self { origin, settings, mut watch, result, known, capture, image, seconds, .. } = self;
-        watch.warnings.extend(result.png.warning());
-        let mut config = settings.config.clone();
+impl Outcome {
+    pub(super) fn new(run: &Run<'_>, done: Done<'_>, recorded: &Recorded<'_>) -> Result<Self> {
         let about = About {
             versions: BTreeMap::from([(env!("CARGO_PKG_NAME"), env!("CARGO_PKG_VERSION"))]),
-            preset: Some(settings.preset.name()),
-            seed: Some(config.seed),
-            warnings: &watch.warnings,
-            total_seconds: seconds.0,
-            ..About::new("refine", self.input.to_owned(), &known)
+            preset: Some(recorded.preset.name()),
+            seed: Some(run.finish.config.seed),
+            warnings: &recorded.watch.warnings,
+            total_seconds: recorded.seconds,
+            ..About::new("refine", recorded.input.to_owned(), &done.camera)
         };
-        let record = RunRecord::<()>::new(about, &origin, &result, &watch.training, seconds.1);
-        let run = serde_json::to_string(&record).map_err(message)?;
-        if settings.budget.is_some() {
-            // The clock chose the number; with it the run repeats.
-            config.augmentation.predictions =
-                Predictions::Most(result.refinement.augmentation.predictions as u32);
-        }
-        let refinement = result.refinement;
-        let (mut pictures, mut evidence, mut above) = (Vec::new(), Vec::new(), Vec::new());
-        if let Some((capture, report)) = capture.as_ref().zip(refinement.capture.as_ref()) {
-            pictures = thumbnails(capture, report);
-            evidence = report.evidence.iter().flat_map(|evidence| evidence.arrays()).collect();
-            let others = capture.photographs.iter().zip(&report.photographs).skip(1);
-            let used = others.filter(|(_, report)| report.used).map(|(one, _)| one.image.view());
-            let shown: Vec<_> = std::iter::once(image).chain(used).collect();
-            above = strip(&shown, image.dim().1);
-        }
-        let interval = result.stated.interval.map(|interval| interval.bounds(&refinement.depth));
+        let (origin, training) = (run.finish.origin, &recorded.watch.training);
+        let record = RunRecord::<()>::new(about, origin, &done.result, training, done.prior_seconds);
+        let record = serde_json::to_string(&record).map_err(Error::external)?;
+        let config = run.repeating(&done).to_toml()?;
+        let (pictures, image) = (done.pictures(), done.image);
+        let strip = strip(&done.shown(), image.dim().1);
+        let field =
+            done.field.filter(|_| run.keeps_field).map(|field| field.lock().to_bytes()).transpose()?;
+        let Finished { refinement, stated, .. } = done.result;
+        let evidence = refinement.capture.as_ref().and_then(|capture| capture.evidence.as_ref());
+        let evidence = evidence.iter().flat_map(|evidence| evidence.arrays()).collect();
+        let interval = stated.interval.map(|interval| interval.bounds(&refinement.depth));
         let [lower, upper] = interval.map_or([None, None], |ends| ends.map(Some));
         let sigma = refinement.depth.sigma();
         let (depth, variance) = refinement.depth.into_parts();
         let bytes = bytes(image);
         let exact = image.iter().zip(&bytes).any(|(value, byte)| *value != f32::from(*byte) / 255.0);
-        Ok(Outcome {
+        Ok(Self {
             maps: vec![
                 ("depth", depth),
                 ("variance", variance),
@@ -99,32 +79,14 @@ impl Done<'_> {
             evidence,
             image: bytes,
             exact: exact.then(|| image.to_owned()),
-            camera: known.camera,
-            run,
-            config: config.to_toml().map_err(message)?,
+            camera: done.camera.camera,
+            run: record,
+            config,
             pictures,
-            strip: above,
-            field: self.field,
+            strip,
+            field,
         })
     }
-}
-
-/// The pictures of `views/`, by their names.
-fn thumbnails(capture: &Capture, report: &CaptureReport) -> Vec<(String, Array3<u8>)> {
-    let small = |image: &Array3<f32>| bytes(thumbnail(image.view()).view());
-    let photographs = capture.photographs.iter().enumerate();
-    let mut pictures: Vec<_> =
-        photographs.map(|(index, one)| (format!("views/{index:02}.png"), small(&one.image))).collect();
-    if let Some(novel) = &report.novel {
-        pictures.push(("views/novel.png".to_owned(), bytes(novel.image.view())));
-        pictures.push(("views/rendered.png".to_owned(), bytes(novel.rendered.view())));
-    }
-    pictures
-}
-
-/// sRGB in 0 to 1 as bytes.
-fn bytes(image: ArrayView3<'_, f32>) -> Array3<u8> {
-    image.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8)
 }
 
 impl Outcome {

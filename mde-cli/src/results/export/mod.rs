@@ -15,6 +15,7 @@ use nalgebra::Point3;
 use ndarray::{ArrayView2, ArrayView3};
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 /// A kind of files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,6 +48,29 @@ impl Format {
             Self::Transforms => "transforms",
             Self::Sigma => "sigma",
         }
+    }
+
+    /// Its files and what is in them.
+    pub fn about(self) -> &'static str {
+        match self {
+            Self::Ply => "cloud.ply: points with colour, normal and sigma (binary)",
+            Self::Glb => "mesh.glb: textured mesh, torn at depth edges, y up",
+            Self::Exr => "depth.exr: channels Y and Z (refined), sigma and prior",
+            Self::Colmap => "colmap/: images/ and sparse/0/",
+            Self::Transforms => "transforms.json: camera, depth and sigma for nerfstudio",
+            Self::Sigma => "sigma/: the components of sigma (NPY)",
+        }
+    }
+}
+
+impl FromStr for Format {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        Self::ALL.into_iter().find(|format| format.name() == name).ok_or_else(|| {
+            let names = Self::ALL.map(Self::name).join(", ");
+            Error::Argument(format!("export: {name:?} is no format; give some of {names}"))
+        })
     }
 }
 

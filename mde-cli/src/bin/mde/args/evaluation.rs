@@ -146,7 +146,7 @@ pub(crate) struct DataArgs {
     /// Captures: distance of the further photographs from the reference / median depth
     #[arg(long, value_name = "X", value_delimiter = ',', default_value = "0.1")]
     pub(crate) baseline: Vec<f64>,
-    /// Captures: rotation error of the given poses, degrees (20 mm of translation per degree)
+    /// Captures and posed: rotation error of the given poses, degrees (20 mm of translation per degree); posed takes one value
     #[arg(long, value_name = "DEG", value_delimiter = ',', default_value = "0")]
     pub(crate) pose_noise: Vec<f64>,
     /// Captures: gain of one further photograph, +X or -X by seed

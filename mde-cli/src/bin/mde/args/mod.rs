@@ -9,7 +9,7 @@ pub(crate) use capture::{PosesArgs, SeveralArgs, UnitName};
 pub(crate) use evaluation::{
     AblateArgs, CalibrateArgs, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs, FaultName, ScoreArgs,
 };
-pub(crate) use output::{ExportArgs, ExportName, MergeArgs, RunArgs};
+pub(crate) use output::{ExportArgs, MergeArgs, RunArgs};
 pub(crate) use tools::{CompletionsArgs, DoctorArgs, ManArgs};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};

@@ -1,6 +1,7 @@
 //! Arguments of what is written: the folder, the files for other programs, the progress.
 
-use clap::{Args, ValueEnum};
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use mde_cli::results::export::Format;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -10,8 +11,8 @@ use std::path::{Path, PathBuf};
 #[command(next_help_heading = "Output")]
 pub(crate) struct ExportArgs {
     /// Also write files for other programs, separated by commas
-    #[arg(long, value_enum, value_name = "FORMATS", value_delimiter = ',')]
-    pub(crate) export: Vec<ExportName>,
+    #[arg(long, value_name = "FORMATS", value_delimiter = ',', value_parser = formats())]
+    pub(crate) export: Vec<Format>,
     /// Points of cloud.ply with y up, z backward (mesh.glb always has)
     #[arg(long, help_heading = "Advanced")]
     pub(crate) y_up: bool,
@@ -20,33 +21,10 @@ pub(crate) struct ExportArgs {
     pub(crate) rerun: Option<PathBuf>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ExportName {
-    /// cloud.ply: points with colour, normal and sigma (binary)
-    Ply,
-    /// mesh.glb: textured mesh, torn at depth edges, y up
-    Glb,
-    /// depth.exr: channels Y and Z (refined), sigma and prior
-    Exr,
-    /// colmap/: images/ and sparse/0/
-    Colmap,
-    /// transforms.json: camera, depth and sigma for nerfstudio
-    Transforms,
-    /// sigma/: the components of sigma (NPY)
-    Sigma,
-}
-
-impl From<ExportName> for Format {
-    fn from(name: ExportName) -> Self {
-        match name {
-            ExportName::Ply => Self::Ply,
-            ExportName::Glb => Self::Glb,
-            ExportName::Exr => Self::Exr,
-            ExportName::Colmap => Self::Colmap,
-            ExportName::Transforms => Self::Transforms,
-            ExportName::Sigma => Self::Sigma,
-        }
-    }
+/// The formats by their names.
+fn formats() -> impl TypedValueParser<Value = Format> {
+    let values = Format::ALL.map(|format| PossibleValue::new(format.name()).help(format.about()));
+    PossibleValuesParser::new(values).try_map(|name| name.parse::<Format>())
 }
 
 /// Output folder and progress.

@@ -6,7 +6,6 @@ mod single;
 use crate::args::{DemoArgs, UnitName};
 use crate::input::camera::KnownCamera;
 use crate::input::opened::{settings, use_threads};
-use crate::input::prior::NamedPrior;
 use crate::input::size::check_memory;
 use crate::input::truth::Truth;
 use crate::output::folder::OutputFolder;
@@ -14,7 +13,7 @@ use crate::output::recording;
 use crate::run::job::Job;
 use crate::run::progress::Progress;
 use anyhow::Result;
-use mde_cli::inputs::{PriorForm, PriorOrigin};
+use mde_cli::inputs::{BoundPrior, Opened, PriorForm, PriorOrigin};
 use mde_cli::memory::refine_bytes;
 use mde_cli::{Capture, Preset};
 use mde_eval::scene::Room;
@@ -55,9 +54,8 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
     let job = Job {
         command: "demo",
         input: format!("{ROOM}, seed {}", config.seed),
-        image: scene.image,
-        camera: scene.camera,
-        prior: NamedPrior { prior: scene.prior, origin, size: None, note: None },
+        opened: Opened::new(scene.image, scene.camera),
+        prior: BoundPrior::new(&*scene.prior, &origin),
         preset,
         config,
         truth: Some(Truth {
@@ -69,7 +67,6 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
         save_field: false,
         budget: args.settings.budget.map(Duration::from_secs_f64),
         at_once: 1,
-        full: None,
         checkpoints: None,
         error_bar: args.error_bar.open()?,
         export: args.export.export.clone(),

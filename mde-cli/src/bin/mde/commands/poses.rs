@@ -2,12 +2,13 @@ use crate::args::PosesArgs;
 use crate::input::capture::photographs;
 use crate::input::opened::use_threads;
 use crate::input::prior::NamedPrior;
+use crate::input::size::limit;
 use crate::output::folder::check_new_file;
 use crate::output::transforms::relative;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_cli::capture::CaptureReport;
-use mde_cli::{Config, PreparedCapture};
+use mde_cli::{Config, PreparedCapture, Stages};
 use mde_eval::table::{Block, Cell, Column, Document, Table};
 use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
 use serde_json::json;
@@ -28,9 +29,12 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     let folder = target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     // Names are checked before the work.
     let names = files.iter().map(|(path, _)| relative(path, folder)).collect::<Result<Vec<_>>>()?;
-    let prior = NamedPrior::open(&args.prior)?.resized(&first, &mut progress)?;
-    let prepared =
-        PreparedCapture::new(&capture, &*prior.prior, &config, &mut |event| progress.observe(event))?;
+    let prior = NamedPrior::open(&args.prior)?;
+    let prior = prior.bind(&first, &mut progress)?;
+    let limit = limit(&size.memory);
+    let at_once = first.predictions_at_once_of(capture.photographs.len(), &prior, &limit)?;
+    let stages = Stages::new(&prior).with_predictions_at_once(at_once);
+    let prepared = PreparedCapture::new(&capture, &stages, &config, &mut |event| progress.observe(event))?;
     let report = prepared.report();
     ensure!(
         report.fallback.is_none(),

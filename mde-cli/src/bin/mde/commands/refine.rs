@@ -1,9 +1,9 @@
 use crate::args::RefineArgs;
-use crate::input::camera::{self, KnownCamera};
 use crate::input::capture;
-use crate::input::opened::{Opened, open_image, predictions_at_once, settings, use_threads};
+use crate::input::opened::{Opening, settings, use_threads};
 use crate::input::photographs;
 use crate::input::prior::NamedPrior;
+use crate::input::size::limit;
 use crate::input::truth::Truth;
 use crate::output::folder::OutputFolder;
 use crate::output::provenance::versions;
@@ -11,10 +11,10 @@ use crate::output::recording;
 use crate::run::batch;
 use crate::run::checkpoint::Checkpoints;
 use crate::run::every;
-use crate::run::job::{Full, Job};
+use crate::run::job::Job;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
-use mde_cli::inputs::Known;
+use mde_cli::inputs::{Known, Opened, PriorOrigin};
 use mde_cli::{Capture, Config, Naming, Preset};
 use ndarray::Array3;
 use serde_json::{Value, json};
@@ -42,41 +42,33 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         "--resume: one photograph with --views has no state between its start and its end to resume from; leave --resume out, or \
          refine them all with --all"
     );
-    let mut opened = open_image(&args.image, &args.size, &mut progress)?;
-    let prior = NamedPrior::open(&args.prior)?;
-    let mut full = None;
-    if args.several.views.is_empty() {
-        if let Some(working) = opened.working(&args.size) {
-            let camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
-            full = Some(Full { image: std::mem::replace(&mut opened, working).photo.pixels, camera });
-        }
-    } else {
-        opened = opened.reduced(&args.size);
-    }
-    // Of several photographs, what falls back is one of them refined alone with the usual preset.
-    let alone = if args.several.views.is_empty() { &config } else { &Preset::Default.config() };
-    let size = full.as_ref().map_or(opened.size, Full::size);
-    let at_once = predictions_at_once(&args.image, size, &args.size, alone, &*prior.prior)?;
-    let mut camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
-    let capture = capture::open(args, &mut opened, &mut camera, &config, &mut progress)?;
-    let prior = prior.resized(&opened, &mut progress)?;
-    // Further photographs without poses give the focal length.
+    let several = !args.several.views.is_empty();
+    let opening = Opening { size: &args.size, camera: &args.camera, several };
+    let mut opened = opening.open(&args.image, &mut progress)?;
+    let named = NamedPrior::open(&args.prior)?;
+    let prior = named.bind(&opened, &mut progress)?;
+    let (name, limit) = (args.image.display().to_string(), limit(&args.size.memory));
+    let alone = match several {
+        false => Some(opened.predictions_at_once(&name, &config, &prior, &limit)?),
+        true => None,
+    };
+    let capture = capture::open(args, &mut opened, &config, &mut progress)?;
+    let at_once = match (alone, &capture) {
+        (Some(at_once), _) => at_once,
+        (None, Some(capture)) => opened.predictions_at_once_of(capture.photographs.len(), &prior, &limit)?,
+        (None, None) => 1,
+    };
+    // Further photographs give the focal length.
     if capture.is_none() {
-        if let Some(own) = prior.camera(opened.photo.pixels.view(), &camera)? {
-            if let Some(full) = &mut full {
-                full.take_camera(&own)?;
-            }
-            camera = own;
-        }
-        camera.warning(Naming::Flags).into_iter().for_each(|warning| progress.warn(warning));
+        opened.take_camera_of(&prior, &named.origin)?;
     }
-    let prior = prior.for_camera(&camera);
+    let prior = prior.at_focal(opened.camera.focal());
     let known = match &args.scale_from {
         Some(path) => Some(Known::open(path, &args.image, opened.original, Naming::Flags)?),
         None => None,
     };
     let made_from = match args.resume {
-        true => Some(made_from(args, &opened, &camera, &prior, &config, capture.as_ref())?),
+        true => Some(made_from(args, &opened, prior.origin(), &config, capture.as_ref())?),
         false => None,
     };
     let checkpoints = match &made_from {
@@ -85,15 +77,13 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     };
     let job = Job {
         command: "refine",
-        input: args.image.display().to_string(),
-        camera,
+        input: name,
         prior,
         preset,
         config,
-        truth: Truth::open(&args.truth, opened.original, full.as_ref().map_or(opened.size, Full::size))?,
+        truth: Truth::open(&args.truth, opened.original, opened.of_results())?,
         budget: args.settings.budget.map(Duration::from_secs_f64),
         at_once,
-        full,
         save_field: args.save_field,
         checkpoints,
         error_bar: args.error_bar.open()?,
@@ -105,7 +95,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         known,
         same_scale: None,
         keep_photographs: false,
-        image: opened.photo.pixels,
+        opened,
     };
     match args.several.all {
         true => every::run(&job, &folder, made_from, &mut progress),
@@ -117,8 +107,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
 fn made_from(
     args: &RefineArgs,
     opened: &Opened,
-    camera: &KnownCamera,
-    prior: &NamedPrior<'_>,
+    origin: &PriorOrigin,
     config: &Config,
     capture: Option<&Capture>,
 ) -> Result<Value> {
@@ -147,10 +136,9 @@ fn made_from(
         Some(path) => std::fs::read(path).with_context(|| path.display().to_string())?,
         None => Vec::new(),
     };
-    let origin = &prior.origin;
     let mut made_from = json!({
-        "versions": versions(), "config": config.to_toml()?, "image": checksum(&opened.photo.pixels), "size": opened.size, "budget": args.settings.budget,
-        "camera": camera.camera, "prior": (origin.kind, &origin.model, &origin.model_hash, &origin.runtime), "prior_file": crc32fast::hash(&file),
+        "versions": versions(), "config": config.to_toml()?, "image": checksum(&opened.image), "size": opened.size(), "budget": args.settings.budget,
+        "camera": opened.camera.camera, "prior": (origin.kind, &origin.model, &origin.model_hash, &origin.runtime), "prior_file": crc32fast::hash(&file),
         "prior_scale": args.prior.png_scale, "prior_encoding": format!("{:?}", args.prior.prior_encoding),
     });
     // Whole results are kept with --all, not only states of the loop.

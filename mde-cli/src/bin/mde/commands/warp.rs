@@ -1,18 +1,18 @@
 use crate::args::WarpArgs;
-use crate::input::camera;
-use crate::input::opened::{open_image, settings, use_threads};
+use crate::input::opened::{Opening, settings, use_threads};
 use crate::input::prior::NamedPrior;
-use crate::input::size::{check_memory, working};
+use crate::input::size::check_memory;
 use crate::output::folder::{OutputFolder, RECORD};
 use crate::output::provenance::{about, write_json};
 use crate::run::progress::Progress;
 use anyhow::{Result, ensure};
-use mde_cli::inputs::PriorOrigin;
+use mde_cli::inputs::{Opened, PriorOrigin};
 use mde_cli::memory::refine_bytes;
 use mde_cli::pipeline::{known, synthesise};
 use mde_cli::results::About;
 use mde_cli::results::preview::contact_sheet;
 use mde_cli::{Naming, Preset, WarpReport};
+use mde_prior::DepthPrior;
 use mde_prior::format::write_npy;
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_warp::PosedView;
@@ -46,25 +46,25 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output(&args.image, "-views"), args.run.force)?;
     let (preset, config) = settings(&args.settings, Preset::Default)?;
-    let opened = open_image(&args.image, &args.size, &mut progress)?;
-    let (what, at) = (args.image.display().to_string(), working(opened.size, &args.size));
-    check_memory(&args.size.memory, &what, at, |pixels| refine_bytes(pixels, &config))?;
-    let (height, width) = opened.size;
-    let mut camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
-    let prior = NamedPrior::open(&args.prior)?.resized(&opened, &mut progress)?;
-    if let Some(own) = prior.camera(opened.photo.pixels.view(), &camera)? {
-        camera = own;
-    }
+    // Views are not brought back to a larger size.
+    let opening = Opening { size: &args.size, camera: &args.camera, several: true };
+    let mut opened = opening.open(&args.image, &mut progress)?;
+    let what = args.image.display().to_string();
+    check_memory(&args.size.memory, &what, opened.size(), |pixels| refine_bytes(pixels, &config))?;
+    let (height, width) = opened.size();
+    let named = NamedPrior::open(&args.prior)?;
+    let prior = named.bind(&opened, &mut progress)?;
+    opened.take_camera_of(&prior, &named.origin)?;
+    let Opened { image, camera, .. } = opened;
     if let Some(warning) = camera.warning(Naming::Flags) {
         progress.warn(warning);
     }
-    let photo = opened.photo;
-    let prior = prior.for_camera(&camera);
+    let prior = prior.at_focal(camera.focal());
     progress.step("prior");
-    let depth = prior.prior.predict(photo.pixels.view())?.to_depth(&config.disparity)?;
+    let depth = prior.predict(image.view())?.to_depth(&config.disparity)?;
     ensure!(depth.dim() == (height, width), "the prior is not of the image's size; make both the same");
     progress.step("warp");
-    let (views, warp) = synthesise(photo.pixels.view(), &camera.camera, &known(depth)?, &config, 0)?;
+    let (views, warp) = synthesise(image.view(), &camera.camera, &known(depth)?, &config, 0)?;
     folder.write(|path| {
         write_views(path, &views)?;
         mde_prior::write_atomic(&path.join("config.toml"), config.to_toml()?.as_bytes())?;
@@ -75,7 +75,7 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
             total_seconds: progress.seconds(),
             ..about("warp", args.image.display().to_string(), &camera)
         };
-        write_json(&path.join(RECORD), &WarpRecord { about, prior: &prior.origin, warp })
+        write_json(&path.join(RECORD), &WarpRecord { about, prior: prior.origin(), warp })
     })?;
     let text = format!(
         "{} views, holes {:.2} % (at most {:.2} %), outside the image {:.2} %\nwrote {}",

@@ -148,6 +148,10 @@ impl DepthPrior for OfTask<'_, '_> {
     fn accepts_new_images(&self) -> bool {
         self.0.model.is_some() || self.0.views.iter().all(|view| view.prior.is_some())
     }
+
+    fn concurrency(&self) -> usize {
+        self.0.model.map_or(1, |model| model.concurrency())
+    }
 }
 
 /// A prior with a known depth.

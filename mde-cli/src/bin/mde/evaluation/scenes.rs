@@ -35,8 +35,16 @@ impl Source {
             }
             None => BTreeMap::new(),
         };
+        let pose_noise = match args.pose_noise[..] {
+            [degrees] => degrees,
+            _ if kind == DataSetKind::Captures => 0.0,
+            _ => {
+                bail!("--pose-noise: several values make procedural captures; give one with --dataset {kind}")
+            }
+        };
         let options = Options {
             places,
+            pose_noise,
             fallback: Fallback::FieldOfView(args.assume_fov),
             sun_depth: if args.filled_depth { SunDepth::Filled } else { SunDepth::Sensor },
             size: args.size,
@@ -63,6 +71,9 @@ impl Source {
             value["captures"] =
                 json!({ "views": views, "baselines": baselines, "pose_noises": pose_noises, "gains": gains });
         }
+        if self.kind == DataSetKind::Posed && self.options.pose_noise > 0.0 {
+            value["pose_noise"] = json!(self.options.pose_noise);
+        }
         if self.without_poses {
             value["poses"] = json!("withheld");
         }
@@ -74,9 +85,13 @@ impl Source {
 
     pub(crate) fn title(&self) -> String {
         let size = self.options.size.map_or_else(String::new, |[w, h]| format!(" at {w}x{h}"));
+        let noise = self.options.pose_noise;
         let poses = match (self.without_poses, self.assumed_fov) {
             (_, Some(fov)) => format!(", poses and cameras withheld, {fov} degrees assumed"),
             (true, None) => ", poses withheld".to_owned(),
+            (false, None) if self.kind == DataSetKind::Posed && noise > 0.0 => {
+                format!(", poses off by {noise} degrees")
+            }
             (false, None) => String::new(),
         };
         format!("{}{size}{poses}", self.kind)

@@ -1,19 +1,12 @@
 //! The camera of the command line.
 
 use crate::args::CameraArgs;
-use crate::input::opened::Opened;
 use anyhow::Result;
 use mde_cli::Naming;
 use mde_cli::inputs::GivenCamera;
 pub(crate) use mde_cli::inputs::{CameraSource, KnownCamera};
 
-/// The camera at the working size; flags and files are for the size of the image file.
-pub(crate) fn known(args: &CameraArgs, focal_35mm: Option<f64>, opened: &Opened) -> Result<KnownCamera> {
-    let (height, width) = opened.original;
-    Ok(of_size(args, focal_35mm, [width, height])?.resized(opened.size)?)
-}
-
-/// The camera of an image that is not resized.
+/// The camera of an image of that size, `[width, height]`.
 pub(crate) fn of_size(args: &CameraArgs, focal_35mm: Option<f64>, size: [usize; 2]) -> Result<KnownCamera> {
     let given = match (&args.intrinsics, args.fx, args.fov) {
         (Some(path), ..) => GivenCamera::File { path: path.clone(), base: args.intrinsics_base },

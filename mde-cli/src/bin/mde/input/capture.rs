@@ -2,11 +2,12 @@
 
 use crate::args::{PosesArgs, RefineArgs, SizeArgs, UnitName};
 use crate::input::camera::{self, CameraSource, KnownCamera};
-use crate::input::opened::{Opened, open_image};
+use crate::input::opened::Opening;
 use crate::input::photographs::in_folder;
-use crate::input::size::{check_memory, within, working};
+use crate::input::size::{check_memory, sizes};
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
+use mde_cli::inputs::Opened;
 use mde_cli::memory::capture_bytes;
 use mde_cli::{Capture, Config, Photograph};
 use mde_mvs::capture::{Capture as Posed, CaptureFiles, Distortion, Lens, same_file};
@@ -14,12 +15,11 @@ use mde_prior::photo::image_size;
 use ndarray::Array2;
 use std::path::{Path, PathBuf};
 
-/// The capture of `--views`, or nothing without it. The command's photograph is the reference; its image and camera change where the
+/// The capture of `--views`, or nothing without it. The command's photograph is the reference, which changes where the
 /// capture has other intrinsics or lens distortion for it.
 pub(crate) fn open(
     args: &RefineArgs,
     reference: &mut Opened,
-    camera: &mut KnownCamera,
     config: &Config,
     progress: &mut Progress,
 ) -> Result<Option<Capture>> {
@@ -29,17 +29,17 @@ pub(crate) fn open(
         [] => return Ok(None),
         [one] => match read(one, args)? {
             Some(capture) => posed(args, &capture, reference, config, progress)?,
-            None => unposed(args, reference, camera, config, progress)?,
+            None => unposed(args, reference, config, progress)?,
         },
-        _ => unposed(args, reference, camera, config, progress)?,
+        _ => unposed(args, reference, config, progress)?,
     };
     capture.validate()?;
     let posed = capture.photographs.iter().all(|photograph| photograph.pose.is_some());
     ensure!(posed || args.several.unit == UnitName::Prior, estimated);
     let first = &capture.photographs[capture.reference];
     if first.pose.is_some() {
-        reference.photo.pixels = first.image.clone();
-        *camera = KnownCamera {
+        reference.image = first.image.clone();
+        reference.camera = KnownCamera {
             camera: first.camera,
             source: CameraSource::File(args.several.views[0].display().to_string()),
         };
@@ -82,12 +82,13 @@ fn posed(
         let view =
             frame.view(opened.pixels.view()).with_context(|| frame.photograph.display().to_string())?;
         let (height, width) = view.mask.dim();
-        let (to_height, to_width) = working(within((height, width), args.size.max_size), &args.size);
+        let sizes = sizes(&args.size);
+        let (to_height, to_width) = sizes.of_refinement(sizes.of_results((height, width)));
         let (image, camera, mask) = if (to_height, to_width) == (height, width) {
             (view.image, view.camera, view.mask)
         } else {
             let mask = mde_prior::resample::nearest(view.mask.view(), (to_height, to_width));
-            let image = crate::input::size::shrink(&view.image, (to_height, to_width));
+            let image = mde_cli::inputs::size::shrink(&view.image, (to_height, to_width));
             (image, view.camera.resized(to_width, to_height)?, mask)
         };
         photographs.push(Photograph {
@@ -111,21 +112,13 @@ fn posed(
 }
 
 /// Photographs alone.
-fn unposed(
-    args: &RefineArgs,
-    opened: &Opened,
-    camera: &KnownCamera,
-    config: &Config,
-    progress: &mut Progress,
-) -> Result<Capture> {
+fn unposed(args: &RefineArgs, opened: &Opened, config: &Config, progress: &mut Progress) -> Result<Capture> {
     let paths = further(&args.image, &args.several.views)?;
     check(args, opened, 1 + paths.len(), config)?;
-    let mut photographs = vec![photograph(&args.image, opened, camera)];
+    let mut photographs = vec![photograph(&args.image, opened)];
+    let opening = Opening { size: &args.size, camera: &args.camera, several: true };
     for path in paths {
-        let opened = open_image(&path, &args.size, progress)?.reduced(&args.size);
-        let camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)
-            .with_context(|| path.display().to_string())?;
-        photographs.push(photograph(&path, &opened, &camera));
+        photographs.push(photograph(&path, &opening.open(&path, progress)?));
     }
     shorten(&mut photographs);
     Ok(Capture { photographs, reference: 0 })
@@ -134,7 +127,7 @@ fn unposed(
 /// Refuses more photographs of the reference's size than the memory limit allows.
 fn check(args: &RefineArgs, opened: &Opened, photographs: usize, config: &Config) -> Result<()> {
     let threads = rayon::current_num_threads() as u64;
-    check_memory(&args.size.memory, &format!("--views: {photographs} photographs"), opened.size, |pixels| {
+    check_memory(&args.size.memory, &format!("--views: {photographs} photographs"), opened.size(), |pixels| {
         capture_bytes(pixels, photographs as u64, threads, config)
     })
 }
@@ -157,18 +150,17 @@ pub(crate) fn photographs(
     );
     let (mut photographs, mut files, mut first) = (Vec::new(), Vec::new(), None);
     let count = paths.len() as u64;
+    let opening = Opening { size, camera: &args.camera, several: true };
     for path in paths {
-        let opened = open_image(&path, size, progress)?.reduced(size);
+        let opened = opening.open(&path, progress)?;
         if first.is_none() {
             let (what, threads) =
                 (format!("PHOTO: {count} photographs"), rayon::current_num_threads() as u64);
-            check_memory(&size.memory, &what, opened.size, |pixels| {
+            check_memory(&size.memory, &what, opened.size(), |pixels| {
                 capture_bytes(pixels, count, threads, config)
             })?;
         }
-        let camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)
-            .with_context(|| path.display().to_string())?;
-        photographs.push(photograph(&path, &opened, &camera));
+        photographs.push(photograph(&path, &opened));
         files.push((path, [opened.original.1, opened.original.0]));
         first.get_or_insert(opened);
     }
@@ -179,13 +171,13 @@ pub(crate) fn photographs(
     Ok((capture, files, first))
 }
 
-fn photograph(path: &Path, opened: &Opened, camera: &KnownCamera) -> Photograph {
+fn photograph(path: &Path, opened: &Opened) -> Photograph {
     Photograph {
         name: path.display().to_string(),
-        image: opened.photo.pixels.clone(),
-        mask: Array2::from_elem(opened.size, true),
-        camera: camera.camera,
-        focal_assumed: matches!(camera.source, CameraSource::Assumed(_)),
+        image: opened.image.clone(),
+        mask: Array2::from_elem(opened.size(), true),
+        camera: opened.camera.camera,
+        focal_assumed: opened.camera.is_assumed(),
         pose: None,
     }
 }

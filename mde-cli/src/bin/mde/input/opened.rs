@@ -1,13 +1,13 @@
-//! Settings, threads, and a photograph at the working size.
+//! Settings, threads, and photographs at their sizes.
 
-use crate::args::{RunArgs, SettingsArgs, SizeArgs};
-use crate::input::size::{SMALLEST, limit, shrink, within, working};
+use crate::args::{CameraArgs, RunArgs, SettingsArgs, SizeArgs};
+use crate::input::camera;
+use crate::input::size::sizes;
 use crate::run::progress::Progress;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use mde_cli::config::Shorthands;
-use mde_cli::memory::PhotographMemory;
+use mde_cli::inputs::Opened;
 use mde_cli::{Config, Naming, Preset};
-use mde_prior::DepthPrior;
 use mde_prior::photo::{Photo, read_image};
 use std::path::Path;
 
@@ -56,74 +56,26 @@ fn available(wanted: usize) -> usize {
     count
 }
 
-/// The prior's predictions at once that the memory limit allows for the photograph `path`, which is refined at the working size.
-pub(crate) fn predictions_at_once(
-    path: &Path,
-    size: (usize, usize),
-    args: &SizeArgs,
-    config: &Config,
-    prior: &dyn DepthPrior,
-) -> Result<usize> {
-    let (at, threads) = (working(size, args), rayon::current_num_threads());
-    let memory = PhotographMemory::new(config, prior, size, at, threads);
-    Ok(memory.predictions_at_once(&limit(&args.memory), &path.display().to_string(), at)?)
+/// How a photograph is opened.
+pub(crate) struct Opening<'a> {
+    pub(crate) size: &'a SizeArgs,
+    pub(crate) camera: &'a CameraArgs,
+    /// Whether its results stay at the size of the refinement.
+    pub(crate) several: bool,
 }
 
-/// A photograph at the size of the results.
-pub(crate) struct Opened {
-    pub(crate) photo: Photo,
-    /// `(height, width)` of the file.
-    pub(crate) original: (usize, usize),
-    /// `(height, width)` of the results.
-    pub(crate) size: (usize, usize),
-}
-
-impl Opened {
-    /// The same photograph at the working size, if that is smaller.
-    pub(crate) fn working(&self, args: &SizeArgs) -> Option<Self> {
-        let size = working(self.size, args);
-        (size != self.size).then(|| {
-            let mut photo = self.photo.clone();
-            photo.pixels = shrink(&self.photo.pixels, size);
-            Self { photo, original: self.original, size }
-        })
+impl Opening<'_> {
+    /// Reads a photograph and brings it to its size.
+    pub(crate) fn open(&self, path: &Path, progress: &mut Progress) -> Result<Opened> {
+        self.of(read_image(path)?, path, progress)
     }
 
-    /// At the working size, for photographs whose results stay at it.
-    pub(crate) fn reduced(self, args: &SizeArgs) -> Self {
-        self.working(args).unwrap_or(self)
+    /// Brings a photograph of that name to its size.
+    pub(crate) fn of(&self, photo: Photo, path: &Path, progress: &mut Progress) -> Result<Opened> {
+        let (height, width, _) = photo.pixels.dim();
+        let camera = camera::of_size(self.camera, photo.focal_35mm, [width, height])?;
+        let (name, mut warn) = (path.display().to_string(), |warning| progress.warn(warning));
+        let opened = Opened::new(photo.pixels, camera);
+        Ok(opened.resized(&name, &sizes(self.size), self.several, Naming::Flags, &mut warn)?)
     }
-}
-
-/// Reads a photograph and resizes it to the size of the results.
-pub(crate) fn open_image(path: &Path, args: &SizeArgs, progress: &mut Progress) -> Result<Opened> {
-    opened(read_image(path)?, path, args, progress)
-}
-
-/// Resizes a photograph of that name to the size of the results.
-pub(crate) fn opened(
-    mut photo: Photo,
-    path: &Path,
-    args: &SizeArgs,
-    progress: &mut Progress,
-) -> Result<Opened> {
-    let (height, width, _) = photo.pixels.dim();
-    let original = (height, width);
-    let size = within(original, args.max_size);
-    let (height, width) = size;
-    let at = working(size, args);
-    if size != original {
-        photo.pixels = shrink(&photo.pixels, size);
-        progress.warn(format!("resized from {}x{} to {width}x{height} pixels", original.1, original.0));
-    }
-    ensure!(
-        width.min(height) >= SMALLEST,
-        "{}: the image is {width}x{height}; give one of {SMALLEST}x{SMALLEST} pixels or more",
-        path.display()
-    );
-    if at != size {
-        progress
-            .warn(format!("{width}x{height} pixels: refined at {}x{}; --work-size sets this", at.1, at.0));
-    }
-    Ok(Opened { photo, original, size })
 }

@@ -3,18 +3,12 @@
 use crate::args::{MemoryArgs, SizeArgs};
 use anyhow::Result;
 use mde_cli::Naming;
-use mde_cli::inputs::size;
-pub(crate) use mde_cli::inputs::size::{SMALLEST, shrink};
+use mde_cli::inputs::Sizes;
 use mde_cli::memory::{MemoryLimit, SceneMemory};
 
-/// `(height, width)` with the longer side at most `longest`, the aspect kept.
-pub(crate) fn within(size: (usize, usize), longest: Option<u32>) -> (usize, usize) {
-    size::within(size, longest.map(|n| n as usize))
-}
-
-/// `(height, width)` with at most `--work-size` pixels, the aspect kept.
-pub(crate) fn working(size: (usize, usize), args: &SizeArgs) -> (usize, usize) {
-    size::working(size, args.work_size)
+/// The sizes of the command line.
+pub(crate) fn sizes(args: &SizeArgs) -> Sizes {
+    Sizes { longest: args.max_size.map(|n| n as usize), megapixels: args.work_size }
 }
 
 pub(crate) fn limit(args: &MemoryArgs) -> MemoryLimit {

@@ -3,5 +3,4 @@
 pub(crate) mod folder;
 pub(crate) mod provenance;
 pub(crate) mod recording;
-pub(crate) mod several;
 pub(crate) mod transforms;

@@ -11,8 +11,12 @@ mod run;
 pub(crate) use index::{Indexed, index, photographs_page};
 
 use crate::output::folder::RECORD;
-use anyhow::{Context, Result, bail};
+use crate::run::every::{INDEX, every_page};
+use anyhow::{Context, Result, bail, ensure};
+use mde_cli::results::every::EveryRow;
+use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -24,7 +28,10 @@ pub(crate) fn write(folder: &Path) -> Result<PathBuf> {
     let html = if folder.join(evaluation::SUMMARY).is_file() {
         evaluation::page(folder)?
     } else if folder.join(RECORD).is_file() {
-        run::page(folder)?
+        match read_json::<Every>(&folder.join(RECORD))?.photographs {
+            Some(rows) => return every(folder, &rows),
+            None => run::page(folder)?,
+        }
     } else {
         bail!(
             "{}: holds neither {RECORD} nor {}; give a folder that mde refine, demo, eval or ablate wrote",
@@ -34,6 +41,27 @@ pub(crate) fn write(folder: &Path) -> Result<PathBuf> {
     };
     let path = folder.join(FILE);
     mde_prior::write_atomic(&path, html.as_bytes())?;
+    Ok(path)
+}
+
+/// What the record of a run has that refined every photograph of a capture.
+#[derive(Deserialize)]
+struct Every {
+    photographs: Option<Vec<EveryRow>>,
+}
+
+/// Writes the page of every photograph, and that of all.
+fn every(folder: &Path, rows: &[EveryRow]) -> Result<PathBuf> {
+    for name in rows.iter().filter_map(|row| row.folder.as_deref()) {
+        ensure!(
+            Path::new(name).file_name() == Some(OsStr::new(name)),
+            "{}: {name} is no name of a folder beside it; run the command again",
+            folder.join(RECORD).display()
+        );
+        write(&folder.join(name))?;
+    }
+    let path = folder.join(INDEX);
+    mde_prior::write_atomic(&path, every_page(rows).as_bytes())?;
     Ok(path)
 }
 

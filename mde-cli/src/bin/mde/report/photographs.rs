@@ -1,8 +1,9 @@
 //! What the page of a run has of several photographs.
 
 use super::encode::picture;
-use crate::output::several::{EVIDENCE, NOVEL, RENDERED, thumbnail};
 use anyhow::Result;
+use mde_cli::results::EVIDENCE;
+use mde_cli::run::{NOVEL, RENDERED, picture_of};
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
 use ndarray::{Array2, Zip};
@@ -29,7 +30,7 @@ pub(super) fn read(folder: &Path, record: &Value, [width, height]: [usize; 2]) -
         let pixels = read_image(path)?.pixels;
         Ok(Some(picture(pixels.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())?))
     };
-    let pictures = (0..photographs.len()).map(|index| image(&folder.join(thumbnail(index))));
+    let pictures = (0..photographs.len()).map(|index| image(&folder.join(picture_of(index))));
     let pictures: Vec<Option<String>> = pictures.collect::<Result<_>>()?;
     let novel = match (image(&folder.join(NOVEL))?, image(&folder.join(RENDERED))?) {
         (Some(photograph), Some(rendered)) => Some(json!({ "image": photograph, "rendered": rendered })),

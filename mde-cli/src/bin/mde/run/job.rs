@@ -1,45 +1,40 @@
 //! One refinement from opened inputs to a folder of results.
 
-use crate::args::{ExportName, UnitName};
+use crate::args::UnitName;
 use crate::input::camera::KnownCamera;
-use crate::input::prior::NamedPrior;
 use crate::input::truth::{Comparison, Truth};
 use crate::output::folder::{OutputFolder, RECORD};
 use crate::output::provenance::{about, write_json};
 use crate::output::recording::Recording;
-use crate::output::several;
 use crate::report;
 use crate::run::checkpoint::Checkpoints;
 use crate::run::gain;
 use crate::run::progress::Progress;
-use anyhow::Result;
-use mde_cli::inputs::Known;
-use mde_cli::pictures16::{DepthPng, write_confidence};
-use mde_cli::results::export::Exported;
-use mde_cli::results::preview::{Preview, preview, strip};
-use mde_cli::results::{About, ErrorBar, Finish, Finished, RunRecord, SameScale, TrainingCurve};
-use mde_cli::{
-    Capture, Component, Config, Event, Naming, Preset, Refinement, SharedNerf, Stages, refine_capture, resume,
-};
-use mde_prior::augment::Predictions;
-use mde_prior::format::write_npy;
-use mde_prior::photo::{write_image, write_rgb_png};
-use mde_prior::{DepthKind, Timed};
+use anyhow::{Context, Result};
+use mde_cli::inputs::{BoundPrior, Known, Opened};
+use mde_cli::pictures16::DepthPng;
+use mde_cli::results::export::{Exported, Format};
+use mde_cli::results::preview::strip;
+use mde_cli::results::{About, ErrorBar, Finish, Finished, Maps, RunRecord, SameScale, TrainingCurve};
+use mde_cli::run::{Done, Hooks, Run, Watch};
+use mde_cli::{Capture, Component, Config, Event, Naming, Preset, Refinement};
+use mde_prior::DepthKind;
+use mde_prior::photo::write_image;
 use mde_uncertainty::GaussianDepth;
-use ndarray::{Array2, Array3, ArrayView3};
-use rayon::prelude::*;
+use ndarray::{Array2, ArrayView3};
 use serde_json::json;
+use std::fs;
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Inputs of a refinement.
+/// A refinement with what is written of it.
 pub(crate) struct Job<'p> {
     pub(crate) command: &'static str,
     pub(crate) input: String,
-    /// sRGB in 0 to 1, `[height, width, 3]`.
-    pub(crate) image: Array3<f32>,
-    pub(crate) camera: KnownCamera,
-    pub(crate) prior: NamedPrior<'p>,
+    /// The photograph, at its size.
+    pub(crate) opened: Opened,
+    pub(crate) prior: BoundPrior<'p>,
     pub(crate) preset: Preset,
     pub(crate) config: Config,
     pub(crate) truth: Option<Truth>,
@@ -49,7 +44,7 @@ pub(crate) struct Job<'p> {
     /// The requested error bar.
     pub(crate) error_bar: ErrorBar,
     /// Files for other programs.
-    pub(crate) export: Vec<ExportName>,
+    pub(crate) export: Vec<Format>,
     /// Whether exported points have y up.
     pub(crate) y_up: bool,
     /// The recording of `--rerun`.
@@ -68,56 +63,36 @@ pub(crate) struct Job<'p> {
     pub(crate) budget: Option<Duration>,
     /// Most of the model's predictions at once.
     pub(crate) at_once: usize,
-    /// The photograph at the size of the results, where that is larger.
-    pub(crate) full: Option<Full>,
 }
 
-/// A photograph that is refined at a smaller size.
-pub(crate) struct Full {
-    pub(crate) image: Array3<f32>,
-    pub(crate) camera: KnownCamera,
-}
-
-impl Full {
-    /// The camera of the smaller photograph, for this size.
-    pub(crate) fn take_camera(&mut self, camera: &KnownCamera) -> Result<()> {
-        self.camera = camera.resized(self.size())?;
-        Ok(())
-    }
-
-    /// `(height, width)`.
-    pub(crate) fn size(&self) -> (usize, usize) {
-        let (height, width, _) = self.image.dim();
-        (height, width)
-    }
-}
-
-/// The photograph that is refined.
-pub(crate) struct Subject<'s> {
-    pub(crate) input: &'s str,
-    pub(crate) image: ArrayView3<'s, f32>,
-    pub(crate) camera: KnownCamera,
-}
-
-/// A refinement with its error bar and its scores.
-pub(crate) struct Done<'s> {
-    pub(crate) subject: Subject<'s>,
-    pub(crate) result: Finished,
-    /// Index of the subject among the photographs.
-    photograph: usize,
+/// A refinement with its scores.
+pub(crate) struct Scored<'s> {
+    pub(crate) done: Done<'s>,
     scores: Option<Comparison>,
     score_seconds: f64,
-    /// Seconds of the prior's predictions.
-    pub(crate) prior_seconds: f64,
+}
+
+impl Watch for Progress {
+    fn event(&mut self, event: &Event) -> ControlFlow<()> {
+        self.observe(event)
+    }
+
+    fn warn(&mut self, warning: String) {
+        Self::warn(self, warning);
+    }
+
+    fn step(&mut self, what: &str) {
+        Self::step(self, what);
+    }
 }
 
 impl Job<'_> {
     /// Refines, scores, writes and prints.
     pub(crate) fn run(self, folder: &OutputFolder, progress: &mut Progress) -> Result<()> {
-        let done = self.produce(folder, progress, |_, _, _| Ok(()))?;
-        let table = done.scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
+        let Scored { done, scores, .. } = self.produce(folder, progress, |_, _, _| Ok(()))?;
+        let table = scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
         let value =
-            json!({ "event": "done", "output": folder.path().display().to_string(), "scores": done.scores });
+            json!({ "event": "done", "output": folder.path().display().to_string(), "scores": scores });
         let mut gained = gain::summary(&done.result, self.is_unscaled());
         if let Some(interval) = &done.result.stated.interval {
             gained += &format!(
@@ -144,20 +119,7 @@ impl Job<'_> {
         folder: &OutputFolder,
         progress: &mut Progress,
         last: impl FnOnce(&Path, &Done<'_>, &Progress) -> Result<()>,
-    ) -> Result<Done<'_>> {
-        let mut kept = None;
-        let prior = Timed::new(&*self.prior.prior);
-        let mut stages = Stages::new(&prior).with_predictions_at_once(self.at_once);
-        if let Some(budget) = self.budget {
-            stages = stages.with_budget(budget);
-        }
-        let stages = stages.with_field(|request| {
-            let field = Box::new(kept.insert(SharedNerf::new(request.nerf()?)).clone());
-            Ok(match &self.recording {
-                Some(recording) => recording.watch(request.iteration + 1, self.capture.is_none(), field),
-                None => field,
-            })
-        });
+    ) -> Result<Scored<'_>> {
         let from = self.checkpoints.as_ref().and_then(|kept| kept.latest(self.config.refinement.iterations));
         if let Some(from) = &from {
             progress.step(&format!("resumed after iteration {}", from.iterations.len()));
@@ -165,10 +127,11 @@ impl Job<'_> {
                 from.iterations.iter().for_each(|iteration| recording.fitted(iteration.fit.steps));
             }
         }
-        let start = Subject { input: &self.input, image: self.image.view(), camera: self.camera.clone() };
-        let mut keep = |state: &mde_cli::Checkpoint| {
+        let keep = |state: &mde_cli::Checkpoint| {
             if let Some(recording) = &self.recording {
-                recording.depth(state.iterations.len(), &self.scene(&start, &state.depth, &state.prior, &[]));
+                let (image, camera) = (self.opened.image.view(), &self.opened.camera);
+                let scene = self.scene(image, camera, &state.depth, &state.prior, &[]);
+                recording.depth(state.iterations.len(), &scene);
                 recording.sigma(state.iterations.len(), &state.depth);
             }
             match &self.checkpoints {
@@ -178,96 +141,82 @@ impl Job<'_> {
                 None => Ok(()),
             }
         };
-        let mut observe = |event: &Event| progress.observe(event);
-        let image = self.image.view();
-        let mut refinement = match &self.capture {
-            Some(capture) => refine_capture(capture, stages, &self.config, &mut observe)?,
-            None => resume(image, &self.camera.camera, stages, &self.config, from, &mut keep, &mut observe)?,
+        let recorded = |iteration, field| match &self.recording {
+            Some(recording) => recording.watch(iteration + 1, self.capture.is_none(), field),
+            None => field,
         };
-        if self.save_field && kept.is_none() {
-            progress.warn(
-                "--save-field: no field was fitted, so none is written; set refinement.field = \"always\" to fit one".to_owned(),
-            );
-        }
-        let reference = self.capture.as_ref().map_or(0, |capture| capture.reference);
-        let mut subject = Subject { input: &self.input, image, camera: self.camera.clone() };
-        if let Some(full) = &self.full {
-            progress.step("to the photograph's own size");
-            refinement = refinement.upsampled(image, full.image.view())?;
-            (subject.image, subject.camera) = (full.image.view(), full.camera.clone());
-        }
-        let mut done = self.finished(subject, refinement, reference, progress)?;
-        done.prior_seconds = prior.seconds();
+        let hooks = Hooks { from, keep: Some(&keep), field: Some(&recorded) };
+        let done = self.of_capture(self.capture.as_ref()).refine(hooks, progress)?;
+        let scored = self.scored(done, progress)?;
         folder.write(|path| {
-            self.write(path, &done, kept.as_ref(), progress)?;
-            last(path, &done, progress)
+            self.write(path, &self.input, &scored, progress)?;
+            last(path, &scored.done, progress)
         })?;
         if let Some(checkpoints) = &self.checkpoints {
             checkpoints.discard();
         }
         if let Some(recording) = &self.recording {
-            self.record(recording, &done, progress.training())?;
+            self.record(recording, &scored.done, progress.training())?;
         }
-        Ok(done)
+        Ok(scored)
     }
 
-    fn finish(&self) -> Finish<'_> {
-        Finish {
-            config: &self.config,
-            origin: &self.prior.origin,
-            error_bar: &self.error_bar,
-            known: self.known.as_ref(),
-            same_scale: self.same_scale,
-            unit: self.unit.into(),
-            naming: Naming::Flags,
+    /// The refinement; with further photographs, those of `capture`.
+    pub(crate) fn of_capture<'s>(&'s self, capture: Option<&'s Capture>) -> Run<'s> {
+        Run {
+            opened: &self.opened,
+            prior: &self.prior,
+            capture,
+            finish: Finish {
+                config: &self.config,
+                origin: self.prior.origin(),
+                error_bar: &self.error_bar,
+                known: self.known.as_ref(),
+                same_scale: self.same_scale,
+                unit: self.unit.into(),
+                naming: Naming::Flags,
+            },
+            budget: self.budget,
+            at_once: self.at_once,
+            keeps_field: self.save_field,
         }
     }
 
     /// Unit of the results.
     pub(crate) fn unit(&self) -> &'static str {
-        self.finish().unit()
+        self.of_capture(None).finish.unit()
     }
 
     /// Whether the scale of a model's map is not known.
     fn is_unscaled(&self) -> bool {
-        self.prior.origin.model.is_some() && self.known.is_none() && self.capture.is_none()
+        self.prior.origin().model.is_some() && self.known.is_none() && self.capture.is_none()
     }
 
-    /// Warnings, unit, error bar and scores; `photograph` is the index of the subject within the capture.
-    pub(crate) fn finished<'s>(
-        &self,
-        mut subject: Subject<'s>,
-        refinement: Refinement,
-        photograph: usize,
-        progress: &mut Progress,
-    ) -> Result<Done<'s>> {
-        let mut warn = |warning| progress.warn(warning);
-        let result = self.finish().apply(refinement, photograph, &mut subject.camera, &mut warn)?;
+    /// A refinement with its scores.
+    pub(crate) fn scored<'s>(&self, done: Done<'s>, progress: &mut Progress) -> Result<Scored<'s>> {
         let start = Instant::now();
         let scores = match &self.truth {
             Some(truth) => {
                 progress.step("score");
-                Some(truth.compare(&result.refinement, self.prior.origin.kind)?)
+                Some(truth.compare(&done.result.refinement, self.prior.origin().kind)?)
             }
             None => None,
         };
-        let score_seconds = start.elapsed().as_secs_f64();
-        result.png.warning().into_iter().for_each(|warning| progress.warn(warning));
-        Ok(Done { subject, result, photograph, scores, score_seconds, prior_seconds: 0.0 })
+        Ok(Scored { done, scores, score_seconds: start.elapsed().as_secs_f64() })
     }
 
-    /// All files of one refinement.
+    /// All files of the refinement of `input`.
     pub(crate) fn write(
         &self,
         path: &Path,
-        done: &Done<'_>,
-        field: Option<&SharedNerf>,
+        input: &str,
+        scored: &Scored<'_>,
         progress: &Progress,
     ) -> Result<()> {
+        let Scored { done, scores, score_seconds } = scored;
         let refinement = &done.result.refinement;
         self.write_maps(path, done)?;
-        self.write_interval(path, &done.result)?;
-        if let Some(field) = field.filter(|_| self.save_field) {
+        if let Some(field) = done.field.as_ref().filter(|_| self.save_field) {
             field.lock().save(path.join("field.safetensors"))?;
         }
         let about = About {
@@ -275,35 +224,37 @@ impl Job<'_> {
             seed: Some(self.config.seed),
             warnings: progress.warnings(),
             total_seconds: progress.seconds(),
-            ..about(self.command, done.subject.input.to_owned(), &done.subject.camera)
+            ..about(self.command, input.to_owned(), &done.camera)
         };
-        let origin = &self.prior.origin;
+        let origin = self.prior.origin();
         let record = RunRecord {
-            scores: done.scores.as_ref(),
-            score_seconds: done.score_seconds,
+            scores: scores.as_ref(),
+            score_seconds: *score_seconds,
             ..RunRecord::new(about, origin, &done.result, progress.training(), done.prior_seconds)
         };
         write_json(&path.join(RECORD), &record)?;
+        let Refinement { depth, prior, components, confidence, .. } = refinement;
         let scene = Exported {
-            confidence: refinement.confidence.as_ref().map(|confidence| confidence.view()),
-            ..self.scene(&done.subject, &refinement.depth, &refinement.prior, &refinement.components)
+            confidence: confidence.as_ref().map(|confidence| confidence.view()),
+            ..self.scene(done.image, &done.camera, depth, prior, components)
         };
-        self.export.iter().try_for_each(|format| scene.write((*format).into(), path))?;
+        self.export.iter().try_for_each(|format| scene.write(*format, path))?;
         report::write(path)?;
         Ok(())
     }
 
     fn scene<'s>(
         &'s self,
-        subject: &'s Subject<'_>,
+        image: ArrayView3<'s, f32>,
+        camera: &'s KnownCamera,
         depth: &'s GaussianDepth,
         prior: &'s Array2<f32>,
         components: &'s [Component],
     ) -> Exported<'s> {
         Exported {
             unit: self.unit(),
-            image: subject.image,
-            camera: &subject.camera.camera,
+            image,
+            camera: &camera.camera,
             depth,
             prior: prior.view(),
             components: components.iter().map(|part| (part.name, part.sigma.view())).collect(),
@@ -321,7 +272,7 @@ impl Job<'_> {
         let before = GaussianDepth::new(prior.clone(), known)?;
         recording.inputs(
             &self.input,
-            &self.scene(&done.subject, &before, prior, &[]),
+            &self.scene(done.image, &done.camera, &before, prior, &[]),
             &self.config.to_toml()?,
         );
         if iterations.is_empty() && training.is_empty() {
@@ -331,71 +282,45 @@ impl Job<'_> {
         if let Some((capture, report)) = self.capture.as_ref().zip(done.result.refinement.capture.as_ref()) {
             recording.photographs(capture, report);
         }
-        recording.depth(last, &self.scene(&done.subject, depth, prior, &[]));
+        recording.depth(last, &self.scene(done.image, &done.camera, depth, prior, &[]));
         recording.sigma(last, depth);
         recording.reports(iterations, training);
         recording.save()
     }
 
-    /// The photographs that were used, the reference first; none where there is one alone.
-    fn shown<'s>(&'s self, done: &'s Done<'_>) -> Vec<ArrayView3<'s, f32>> {
-        let Some((capture, report)) = self.capture.as_ref().zip(done.result.refinement.capture.as_ref())
-        else {
-            return Vec::new();
-        };
-        let used = capture.photographs.iter().zip(&report.photographs).enumerate();
-        let used = used.filter(|(index, (_, report))| report.used && *index != done.photograph);
-        let others = used.map(|(_, (photograph, _))| photograph.image.view());
-        std::iter::once(done.subject.image).chain(others).collect()
-    }
-
-    fn write_interval(&self, folder: &Path, result: &Finished) -> Result<()> {
-        let Some(interval) = &result.stated.interval else { return Ok(()) };
-        let [lower, upper] = interval.bounds(&result.refinement.depth);
-        write_npy(folder.join("lower.npy"), lower.view())?;
-        Ok(write_npy(folder.join("upper.npy"), upper.view())?)
-    }
-
     fn write_maps(&self, folder: &Path, done: &Done<'_>) -> Result<()> {
-        let Done { result: Finished { refinement, png, .. }, subject, .. } = done;
-        let (Refinement { depth: refined, prior, .. }, image) = (refinement, subject.image);
-        let (depth, sigma) = (refined.mean(), refined.sigma());
-        let strip = strip(&self.shown(done), image.dim().1);
-        let show = Preview {
-            image,
-            prior: prior.view(),
-            refined: depth,
+        let Finished { refinement, png, stated, .. } = &done.result;
+        let sigma = refinement.depth.sigma();
+        let bounds = stated.interval.as_ref().map(|interval| interval.bounds(&refinement.depth));
+        let mut more = Vec::new();
+        if let Some([lower, upper]) = &bounds {
+            more.extend([("lower", lower.view()), ("upper", upper.view())]);
+        }
+        more.extend(self.truth.as_ref().map(|truth| ("gt", truth.depth.view())));
+        let evidence = refinement.capture.as_ref().and_then(|capture| capture.evidence.as_ref());
+        let evidence: Vec<_> = evidence.iter().flat_map(|evidence| evidence.arrays()).collect();
+        let metric = self.prior.origin().kind == DepthKind::Metric;
+        Maps {
+            depth: &refinement.depth,
             sigma: sigma.view(),
-            unit: self.unit(),
-            strip: &strip,
-            truth: self
-                .truth
-                .as_ref()
-                .filter(|_| self.prior.origin.kind == DepthKind::Metric)
-                .map(|truth| truth.depth.view()),
-        };
-        let files: [&(dyn Fn() -> Result<()> + Sync); 7] = [
-            &|| Ok(write_npy(folder.join("depth.npy"), depth)?),
-            &|| Ok(write_npy(folder.join("sigma.npy"), sigma.view())?),
-            &|| Ok(write_npy(folder.join("prior.npy"), prior.view())?),
-            &|| Ok(png.write(&folder.join("depth.png"), depth)?),
-            &|| Ok(write_confidence(&folder.join("confidence.png"), refined)?),
-            &|| Ok(write_rgb_png(folder.join("preview.png"), preview(&show).pixels())?),
-            &|| Ok(write_image(folder.join("image.png"), image)?),
-        ];
-        // Side by side: of a photograph of 12 megapixels they take seconds.
-        files.par_iter().try_for_each(|write| write())?;
-        let mut config = self.config.clone();
-        if self.budget.is_some() {
-            // The clock chose the number; with it the run repeats.
-            config.augmentation.predictions = Predictions::Most(refinement.augmentation.predictions as u32);
+            prior: refinement.prior.view(),
+            more: &more,
+            evidence: &evidence.iter().map(|(name, map)| (*name, map.view())).collect::<Vec<_>>(),
+            image: done.image,
+            pictures: &done.pictures(),
+            strip: &strip(&done.shown(), done.image.dim().1),
+            truth: self.truth.as_ref().filter(|_| metric).map(|truth| truth.depth.view()),
+            png,
         }
-        mde_prior::write_atomic(&folder.join("config.toml"), config.to_toml()?.as_bytes())?;
-        if let Some((capture, report)) = self.capture.as_ref().zip(refinement.capture.as_ref()) {
-            several::write(folder, capture, report, self.keep_photographs)?;
-        }
-        if let Some(truth) = &self.truth {
-            write_npy(folder.join("gt.npy"), truth.depth.view())?;
+        .write(folder)?;
+        let config = self.of_capture(None).repeating(done).to_toml()?;
+        mde_prior::write_atomic(&folder.join("config.toml"), config.as_bytes())?;
+        if let Some(capture) = self.capture.as_ref().filter(|_| self.keep_photographs) {
+            let path = folder.join("photographs");
+            fs::create_dir_all(&path).with_context(|| path.display().to_string())?;
+            for photograph in &capture.photographs {
+                write_image(path.join(&photograph.name), photograph.image.view())?;
+            }
         }
         Ok(())
     }

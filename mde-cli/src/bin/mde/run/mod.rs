@@ -6,6 +6,5 @@ pub(crate) mod every;
 pub(crate) mod gain;
 pub(crate) mod interrupt;
 pub(crate) mod job;
-pub(crate) mod names;
 pub(crate) mod progress;
 pub(crate) mod resume;

@@ -3,22 +3,22 @@
 use super::allowance::{Allowance, Taken};
 use super::index::Row;
 use crate::args::RefineArgs;
-use crate::input::camera::{self, KnownCamera};
-use crate::input::opened::{Opened, opened};
+use crate::input::opened::Opening;
 use crate::input::prior::NamedPrior;
-use crate::input::size::{limit, within, working};
+use crate::input::size::{limit, sizes};
 use crate::output::folder::OutputFolder;
 use crate::output::provenance::{versions, write_json};
-use crate::run::every::relative_sigma;
-use crate::run::job::{Done, Full, Job};
+use crate::run::job::Job;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, ensure};
 use mde_cli::inputs::size::resized;
+use mde_cli::inputs::{BoundPrior, Opened};
 use mde_cli::memory::PhotographMemory;
+use mde_cli::results::every::relative_sigma;
 use mde_cli::results::preview::{depth_picture, sigma_picture_within, usual_range};
 use mde_cli::results::{ErrorBar, SameScale};
-use mde_cli::{Config, Naming, Preset};
-use mde_prior::Timed;
+use mde_cli::run::Done;
+use mde_cli::{Config, Preset};
 use mde_prior::photo::{decode_image, image_size, write_rgb_png};
 use mde_uncertainty::statistics::{median, quantile};
 use ndarray::{Array3, ArrayView3, Axis, concatenate};
@@ -47,7 +47,7 @@ pub(crate) struct Item {
 pub(crate) struct Common<'c> {
     pub(crate) args: &'c RefineArgs,
     pub(crate) output: &'c Path,
-    pub(crate) prior: &'c NamedPrior<'c>,
+    pub(crate) prior: &'c NamedPrior,
     pub(crate) error_bar: ErrorBar,
     pub(crate) allowance: Allowance,
     pub(crate) preset: Preset,
@@ -68,7 +68,7 @@ pub(crate) fn settings_of(
     args: &RefineArgs,
     preset: Preset,
     config: &Config,
-    prior: &NamedPrior<'_>,
+    prior: &NamedPrior,
 ) -> Result<String> {
     let content = |path: &Option<PathBuf>| -> Result<Option<u32>> {
         let Some(path) = path else { return Ok(None) };
@@ -99,65 +99,66 @@ impl Common<'_> {
         made.unwrap_or_else(|error| Row::failed(item, &crate::message(&error)))
     }
 
-    /// The bytes of a photograph, the predictions at once, and the memory of its refinement.
-    pub(super) fn read(&self, item: &Item) -> Result<(Taken<'_>, usize, Vec<u8>)> {
+    /// The bytes of a photograph.
+    pub(super) fn read(&self, item: &Item) -> Result<Vec<u8>> {
+        ensure!(item.path.is_file(), "no such photograph; check the path");
+        fs::read(&item.path).context("can't be read")
+    }
+
+    /// The memory of a photograph's refinement once it is free, and its predictions at once.
+    pub(super) fn take(&self, item: &Item) -> Result<(Taken<'_>, usize)> {
         let (args, path) = (self.args, &item.path);
-        ensure!(path.is_file(), "no such photograph; check the path");
         // By the header alone; what has no header fails when it is decoded.
         let [width, height] = image_size(path).unwrap_or_default();
-        let size = within((height, width), args.size.max_size);
-        let at = working(size, &args.size);
+        let sizes = sizes(&args.size);
+        let size = sizes.of_results((height, width));
+        let at = sizes.of_refinement(size);
         let memory =
             PhotographMemory::new(&self.config, &*self.prior.prior, size, at, rayon::current_num_threads());
         let at_once =
             memory.predictions_at_once(&limit(&args.size.memory), &path.display().to_string(), at)?;
         let bytes = memory.bytes((at.0 * at.1) as u64, at_once as u64) - memory.shared();
-        let taken = self.allowance.take(bytes);
-        Ok((taken, at_once, fs::read(path).context("can't be read")?))
+        Ok((self.allowance.take(bytes), at_once))
     }
 
-    /// The photograph at the working size, at that of the results where it is larger, and the camera at the working size.
-    pub(super) fn decoded(
+    /// The photograph of that content at its size, and the prior for it.
+    pub(super) fn opened(
         &self,
         item: &Item,
         bytes: Vec<u8>,
         progress: &mut Progress,
-    ) -> Result<(Opened, Option<Full>, KnownCamera)> {
-        let args = self.args;
+    ) -> Result<(Opened, BoundPrior<'_>)> {
         let photo = decode_image(&bytes).map_err(|error| match error {
             mde_prior::Error::Input(reason) => anyhow::anyhow!(reason),
             other => other.into(),
         })?;
         drop(bytes);
-        let mut opened = opened(photo, &item.path, &args.size, progress)?;
-        let mut full = None;
-        if let Some(working) = opened.working(&args.size) {
-            let camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
-            full = Some(Full { image: std::mem::replace(&mut opened, working).photo.pixels, camera });
+        let opening = Opening { size: &self.args.size, camera: &self.args.camera, several: false };
+        let mut opened = opening.of(photo, &item.path, progress)?;
+        let prior = self.prior.bind(&opened, progress)?;
+        opened.take_camera_of(&prior, &self.prior.origin)?;
+        let prior = prior.at_focal(opened.camera.focal());
+        Ok((opened, prior))
+    }
+
+    /// Everything that the results depend on, the photograph by its content.
+    fn made_from(&self, item: &Item, bytes: &[u8]) -> String {
+        let made_from = format!("{} {:08x} {}", self.settings, crc32fast::hash(bytes), bytes.len());
+        match &item.same_scale {
+            Some(same_scale) => format!("{made_from} {}", same_scale.key()),
+            None => made_from,
         }
-        let mut camera = camera::known(&args.camera, opened.photo.focal_35mm, &opened)?;
-        if let Some(own) = self.prior.camera(opened.photo.pixels.view(), &camera)? {
-            if let Some(full) = &mut full {
-                full.take_camera(&own)?;
-            }
-            camera = own;
-        }
-        Ok((opened, full, camera))
     }
 
     fn made(&self, item: &Item, progress: &mut Progress) -> Result<Row> {
-        let Self { args, prior, .. } = self;
+        let args = self.args;
         let Item { path, folder, same_scale } = item;
         let shown = || path.display().to_string();
-        let (_taken, at_once, bytes) = self.read(item)?;
-        let start = Instant::now();
-        let mut made_from = format!("{} {:08x} {}", self.settings, crc32fast::hash(&bytes), bytes.len());
-        if let Some(same_scale) = same_scale {
-            made_from = format!("{made_from} {}", same_scale.key());
-        }
         let place = self.output.join(folder);
-        if !args.run.force
-            && let Some(row) = finished(&place, &made_from)
+        // First of all: a plan of the predictions takes as long as thousands of markers.
+        let marker = read_marker(&place).filter(|_| !args.run.force);
+        if let Some(marker) = marker
+            && marker.made_from == self.made_from(item, &self.read(item)?)
         {
             let same_scale_group = same_scale.map(|found| found.group);
             return Ok(Row {
@@ -165,30 +166,25 @@ impl Common<'_> {
                 folder: folder.clone(),
                 kept: true,
                 same_scale_group,
-                ..row
+                ..marker.row
             });
         }
-        let (opened, full, camera) = self.decoded(item, bytes, progress)?;
-        let prior = prior.for_camera(&camera);
-        camera.warning(Naming::Flags).into_iter().for_each(|warning| progress.warn(warning));
-        let alone = same_scale.and_then(|found| found.warning(Naming::Flags));
-        alone.into_iter().for_each(|warning| progress.warn(warning));
+        ensure!(path.is_file(), "no such photograph; check the path");
+        let (_taken, at_once) = self.take(item)?;
+        let start = Instant::now();
+        let bytes = self.read(item)?;
+        let made_from = self.made_from(item, &bytes);
+        let (opened, prior) = self.opened(item, bytes, progress)?;
         let job = Job {
             command: "refine",
             input: shown(),
-            camera,
-            prior: NamedPrior {
-                prior: Box::new(Timed::new(&*prior.prior)),
-                origin: prior.origin.clone(),
-                size: None,
-                note: None,
-            },
+            opened,
+            prior,
             preset: self.preset,
             config: self.config.clone(),
             truth: None,
             budget: None,
             at_once,
-            full,
             save_field: args.save_field,
             checkpoints: None,
             error_bar: self.error_bar.clone(),
@@ -200,7 +196,6 @@ impl Common<'_> {
             known: None,
             same_scale: *same_scale,
             keep_photographs: false,
-            image: opened.photo.pixels,
         };
         let mut row = Row {
             photograph: shown(),
@@ -221,7 +216,7 @@ impl Common<'_> {
 
 impl Row {
     fn measure(&mut self, done: &Done<'_>, progress: &Progress) {
-        let camera = &done.subject.camera;
+        let camera = &done.camera;
         let depth = &done.result.refinement.depth;
         (self.width, self.height) = (camera.camera.width, camera.camera.height);
         (self.fx, self.camera) = (Some(camera.camera.fx), camera.source.name().to_owned());
@@ -243,19 +238,13 @@ impl Row {
     }
 }
 
-/// The row of a folder that the same inputs and settings made.
-fn finished(place: &Path, made_from: &str) -> Option<Row> {
-    let marker = read_marker(place)?;
-    (marker.made_from == made_from).then_some(marker.row)
-}
-
 pub(crate) fn read_marker(place: &Path) -> Option<Marker> {
     serde_json::from_str(&fs::read_to_string(place.join(MARKER)).ok()?).ok()
 }
 
 /// Photograph, depth and sigma / depth side by side.
 fn thumbnail(done: &Done<'_>) -> Result<Array3<u8>> {
-    let (rows, columns, _) = done.subject.image.dim();
+    let (rows, columns, _) = done.image.dim();
     let width = (columns * HEIGHT / rows.max(1)).clamp(1, 4 * HEIGHT);
     let small =
         |picture: ArrayView3<'_, u8>| resized(picture.mapv(|v| f32::from(v) / 255.0).view(), width, HEIGHT);
@@ -265,7 +254,7 @@ fn thumbnail(done: &Done<'_>) -> Result<Array3<u8>> {
         .map_collect(|z, s| if *z > 0.0 { s / z } else { f32::INFINITY });
     let range = usual_range(relative.iter());
     let parts = [
-        resized(done.subject.image, width, HEIGHT),
+        resized(done.image, width, HEIGHT),
         small(depth_picture(depth.mean()).pixels()),
         small(sigma_picture_within(relative.view(), range).pixels()),
     ];

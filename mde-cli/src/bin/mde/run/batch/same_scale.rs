@@ -55,9 +55,9 @@ pub(super) fn same_scale(
 impl Common<'_> {
     /// Features of a photograph and a prediction of the network at them.
     fn prepared(&self, item: &Item, scale: &OneScale) -> Result<Prepared> {
-        let (_taken, _, bytes) = self.read(item)?;
-        let (opened, _, camera) = self.decoded(item, bytes, &mut Progress::silent())?;
-        Ok(scale.prepare(&opened.photo.pixels, &camera, &*self.prior.for_camera(&camera).prior)?)
+        let (_taken, _) = self.take(item)?;
+        let (opened, prior) = self.opened(item, self.read(item)?, &mut Progress::silent())?;
+        Ok(scale.prepare(&opened.image, &opened.camera, &prior)?)
     }
 }
 

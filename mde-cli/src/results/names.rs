@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 /// A folder's name for each photograph: that of its file without the extension, unique on any file system, and none of `reserved`.
-pub(crate) fn folders<'n>(photographs: impl Iterator<Item = &'n Path>, reserved: &[&str]) -> Vec<String> {
+pub fn folders<'n>(photographs: impl Iterator<Item = &'n Path>, reserved: &[&str]) -> Vec<String> {
     let mut taken: HashSet<String> = reserved.iter().map(|name| name.to_lowercase()).collect();
     let name = |photograph: &Path| {
         let stem = photograph.file_stem().unwrap_or_default().to_string_lossy().into_owned();
