@@ -295,7 +295,7 @@ fn a_photograph_of_a_prepared_capture_does_not_depend_on_those_before() {
 /// Nor does a byte of poses, predictions, sweeps and field depend on the number of threads or of predictions at once.
 #[test]
 fn any_number_of_threads_gives_the_same_bytes() {
-    let (capture, prior) = inputs(&rendered(Room::Study, 4), false);
+    let (capture, prior) = inputs(&rendered(Room::Kitchen, 3), false);
     let text = "nerf.train.steps = 20\nnerf.train.rays = 64\nnerf.field.finest = 64\n";
     let config = Config::with_overrides(Preset::MultiView, text, "test").unwrap();
     let refine = |threads: usize, at_once: usize| {
@@ -303,15 +303,19 @@ fn any_number_of_threads_gives_the_same_bytes() {
         let mut seen = Vec::new();
         let refined = pool.install(|| {
             let mut watch = |event: &Event| {
-                if let Event::Predicted { done, total } = event {
-                    seen.push((*done, *total));
+                match event {
+                    Event::Predicted { done, total } => seen.push(("prior", *done, *total)),
+                    Event::Part { stage, done, total } => seen.push((stage.name(), *done, *total)),
+                    _ => {}
                 }
                 ControlFlow::Continue(())
             };
             let stages = Stages::new(&prior).with_predictions_at_once(at_once);
             refine_capture(&capture, stages, &config, &mut watch).unwrap()
         });
-        assert_eq!(seen, [(1, 4), (2, 4), (3, 4), (4, 4)]);
+        // Photographs predicted, pairs matched, photographs swept.
+        let counted = |stage| [1, 2, 3].map(|done| (stage, done, 3));
+        assert_eq!(seen, [&counted("prior")[..], &[("poses", 3, 3)], &counted("sweep")].concat());
         assert_eq!(refined.capture.as_ref().unwrap().fallback, None);
         refined.depth
     };

@@ -4,7 +4,9 @@ use super::report::{CaptureReport, PoseSource};
 use super::{Capture, view};
 use crate::Result;
 use crate::config::Config;
-use mde_mvs::poses::{self, PosesConfig, RefineConfig, Track, Verdict, estimate_poses, refine_poses};
+use mde_mvs::poses::{
+    self, PosesConfig, RefineConfig, Track, Verdict, estimate_poses_with, refine_poses_with,
+};
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose, PosedView};
@@ -24,12 +26,14 @@ pub(super) struct Posed {
     pub(super) unit: f64,
 }
 
-/// The posed views, or nothing (with the reason in the report) where no photograph but the reference has a pose with parallax.
+/// The posed views, or nothing (with the reason in the report) where no photograph but the reference has a pose with parallax. The
+/// callback counts the pairs of photographs as they are matched.
 pub(super) fn posed(
     capture: &Capture,
     priors: &[Option<Array2<f32>>],
     config: &Config,
     report: &mut CaptureReport,
+    matched: &mut mde_mvs::Callback<'_>,
 ) -> Result<Option<Posed>> {
     let inputs: Vec<poses::Photograph<'_>> = capture
         .photographs
@@ -50,7 +54,8 @@ pub(super) fn posed(
         Some(given) => {
             let world = given[reference].inverse();
             let given: Vec<Pose> = given.iter().map(|pose| pose * world).collect();
-            let refined = refine_poses(&inputs, &given, reference, &RefineConfig::default(), seed)?;
+            let refined =
+                refine_poses_with(&inputs, &given, reference, &RefineConfig::default(), seed, matched)?;
             report.poses = if refined.accepted { PoseSource::Refined } else { PoseSource::Given };
             report.withheld_pixels = refined.withheld;
             let unit = unit(&refined.tracks, reference, priors[reference].as_ref());
@@ -59,7 +64,7 @@ pub(super) fn posed(
             (cameras, poses, refined.covariances, unit)
         }
         None => {
-            let estimated = estimate_poses(&inputs, reference, &PosesConfig::default(), seed)?;
+            let estimated = estimate_poses_with(&inputs, reference, &PosesConfig::default(), seed, matched)?;
             report.poses = PoseSource::Estimated;
             report.focal_factor = Some(estimated.focal_factor);
             for (photograph, found) in report.photographs.iter_mut().zip(&estimated.photographs) {

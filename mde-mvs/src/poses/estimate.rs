@@ -2,7 +2,7 @@ use super::bundle::{Bundle, Covariance, Observed};
 use super::pair::{self, Pair};
 use super::tracks::{self, Track, TrackPixel};
 use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order};
-use crate::Result;
+use crate::{Callback, Result, silent};
 use mde_uncertainty::statistics::quantile;
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Matrix6, Point2};
@@ -144,6 +144,20 @@ pub fn estimate_poses(
     settings: &PosesConfig,
     seed: u64,
 ) -> Result<Estimated> {
+    estimate_poses_with(photographs, reference, settings, seed, &mut silent)
+}
+
+/// [`estimate_poses`] with a callback that counts the pairs of photographs as they are matched.
+///
+/// # Errors
+/// As [`estimate_poses`], and [`Error::Interrupted`](crate::Error::Interrupted).
+pub fn estimate_poses_with(
+    photographs: &[Photograph],
+    reference: usize,
+    settings: &PosesConfig,
+    seed: u64,
+    callback: &mut Callback<'_>,
+) -> Result<Estimated> {
     settings.validate()?;
     let order = in_order(photographs, reference)?;
     if photographs[reference].prior.is_none() {
@@ -152,7 +166,7 @@ pub fn estimate_poses(
     let sorted: Vec<Photograph> = order.iter().map(|&i| photographs[i]).collect();
     let reference = order.iter().position(|&i| i == reference).unwrap_or_default();
     let shots = Shot::all(&sorted, &settings.features)?;
-    let pairs = all_pairs(&shots, settings, seed, pair::relate);
+    let pairs = all_pairs(&shots, settings, seed, pair::relate, callback)?;
 
     let mut dropped = vec![false; shots.len()];
     loop {

@@ -35,14 +35,14 @@ mod scales;
 mod tracks;
 
 pub use depth::{depth_variance, relative_covariance};
-pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses};
+pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses, estimate_poses_with};
 pub use features::{DESCRIPTOR_LENGTH, FeatureConfig, Features, Keypoint};
 pub use matching::{Match, match_features};
-pub use refine::{RefineConfig, Refined, refine_poses};
+pub use refine::{RefineConfig, Refined, refine_poses, refine_poses_with};
 pub use scales::{LogFactor, LogRatio, Prepared, common_scale};
 pub use tracks::{Track, TrackPixel};
 
-use crate::{Result, check_map};
+use crate::{Callback, Result, check_map, notify};
 use bundle::Lens;
 use features::config;
 use mde_warp::PinholeCamera;
@@ -225,11 +225,23 @@ fn in_order(photographs: &[Photograph], reference: usize) -> Result<Vec<usize>> 
 /// A pair of photographs by their places among the shots.
 type Relate = fn(&[Shot], usize, usize, &PosesConfig, u64) -> pair::Pair;
 
-/// Every pair of photographs, in parallel.
-fn all_pairs(shots: &[Shot], settings: &PosesConfig, seed: u64, relate: Relate) -> Vec<pair::Pair> {
+/// Every pair of photographs, some at once; the callback counts them.
+fn all_pairs(
+    shots: &[Shot],
+    settings: &PosesConfig,
+    seed: u64,
+    relate: Relate,
+    callback: &mut Callback<'_>,
+) -> Result<Vec<pair::Pair>> {
     let pairs: Vec<(usize, usize)> =
         (0..shots.len()).flat_map(|i| (i + 1..shots.len()).map(move |j| (i, j))).collect();
-    pairs.par_iter().map(|&(i, j)| relate(shots, i, j, settings, seed)).collect()
+    let mut found = Vec::with_capacity(pairs.len());
+    // Enough for each thread that the last ones seldom wait.
+    for part in pairs.chunks(8 * rayon::current_num_threads()) {
+        found.par_extend(part.par_iter().map(|&(i, j)| relate(shots, i, j, settings, seed)));
+        notify(callback, found.len(), pairs.len())?;
+    }
+    Ok(found)
 }
 
 #[cfg(test)]
