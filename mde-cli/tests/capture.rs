@@ -295,7 +295,7 @@ fn a_photograph_of_a_prepared_capture_does_not_depend_on_those_before() {
 /// Nor does a byte of poses, predictions, sweeps and field depend on the number of threads or of predictions at once.
 #[test]
 fn any_number_of_threads_gives_the_same_bytes() {
-    let (capture, prior) = inputs(&rendered(Room::Kitchen, 3), false);
+    let (capture, prior) = inputs(&rendered(Room::Study, 4), false);
     let text = "nerf.train.steps = 20\nnerf.train.rays = 64\nnerf.field.finest = 64\n";
     let config = Config::with_overrides(Preset::MultiView, text, "test").unwrap();
     let refine = |threads: usize, at_once: usize| {
@@ -313,10 +313,12 @@ fn any_number_of_threads_gives_the_same_bytes() {
             let stages = Stages::new(&prior).with_predictions_at_once(at_once);
             refine_capture(&capture, stages, &config, &mut watch).unwrap()
         });
+        let report = refined.capture.as_ref().unwrap();
+        assert_eq!(report.fallback, None);
         // Photographs predicted, pairs matched, photographs swept.
-        let counted = |stage| [1, 2, 3].map(|done| (stage, done, 3));
-        assert_eq!(seen, [&counted("prior")[..], &[("poses", 3, 3)], &counted("sweep")].concat());
-        assert_eq!(refined.capture.as_ref().unwrap().fallback, None);
+        let counted = |stage, all| (1..=all).map(move |done| (stage, done, all));
+        let expected = counted("prior", 4).chain([("poses", 6, 6)]).chain(counted("sweep", report.used()));
+        assert_eq!(seen, expected.collect::<Vec<_>>());
         refined.depth
     };
     let one = refine(1, 1);
