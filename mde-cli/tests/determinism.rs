@@ -37,6 +37,8 @@ fn threads_and_repetition_change_no_byte() {
             }
             command.assert().success();
             let bytes = ["depth.npy", "sigma.npy"].map(|name| fs::read(place.path(&out).join(name)).unwrap());
+            let prior = fs::read(place.path(&out).join("prior.npy")).unwrap();
+            assert!(bytes[0] != prior, "{preset}: the field has no part in it");
             let expected = first.get_or_insert_with(|| bytes.clone());
             assert!(*expected == bytes, "{preset}: {threads} {variable:?}");
         }

@@ -211,7 +211,7 @@ fn rows_of_an_ablation_share_their_field() {
     let place = Place::new();
     // The field's own depth: nothing reverts to the prior.
     let toml = fs::read_to_string(place.path("tiny.toml")).unwrap();
-    place.write("tiny.toml", toml + "[fusion]\nfusion = 'nerf-only'\ncalibration = 'none'\n");
+    place.write("tiny.toml", toml + "fusion = 'nerf-only'\ncalibration = 'none'\n");
     let command = "ablate --dataset rooms --size 64x48 --limit 1 --seeds 2 --config tiny.toml -o e \
                    --rows min-depth,guided-for-nerf,in-bin";
     let run = place.mde(command).assert().success();

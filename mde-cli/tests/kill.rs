@@ -69,9 +69,7 @@ fn a_refinement_killed_at_any_moment_leaves_old_or_new_and_resumes_to_the_same_b
     let place = Place::new();
     place.write(
         "four.toml",
-        // An estimated variance of 0 would leave the prior, whatever the seed.
-        TINY.replace("iterations = 2", "iterations = 4").replace("steps = 60", "steps = 20")
-            + "[fusion]\nprior-variance = 'fixed-relative'\n",
+        TINY.replace("iterations = 2", "iterations = 4").replace("steps = 60", "steps = 20"),
     );
     let refine = "refine image.png --prior-depth depth.npy --fov 60 --config four.toml --force";
     place.mde(&format!("{refine} --seed 7 -o old")).assert().success();

@@ -17,7 +17,7 @@ use tempfile::TempDir;
 pub(crate) const WIDTH: usize = 64;
 pub(crate) const HEIGHT: usize = 48;
 
-/// Two short iterations.
+/// Two short iterations. An estimated variance of the prior would be 0 here and leave the prior, whatever the field.
 pub(crate) const TINY: &str = "\
 [refinement]
 iterations = 2
@@ -42,6 +42,8 @@ fine = 8
 [nerf.render]
 coarse = 8
 fine = 8
+[fusion]
+prior-variance = 'fixed-relative'
 ";
 
 /// A folder with `image.png`, `depth.npy` and `tiny.toml`.
