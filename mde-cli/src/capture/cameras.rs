@@ -64,7 +64,9 @@ pub(super) fn posed(
             (cameras, poses, refined.covariances, unit)
         }
         None => {
-            let estimated = estimate_poses_with(&inputs, reference, &PosesConfig::default(), seed, matched)?;
+            let settings = PosesConfig::default();
+            let matches = capture.matches.as_ref();
+            let estimated = estimate_poses_with(&inputs, reference, matches, &settings, seed, matched)?;
             report.poses = PoseSource::Estimated;
             report.focal_factor = Some(estimated.focal_factor);
             for (photograph, found) in report.photographs.iter_mut().zip(&estimated.photographs) {

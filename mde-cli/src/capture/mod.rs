@@ -30,6 +30,7 @@ pub use report::{CaptureReport, CaptureSeconds, PhotographReport, PoseSource, Wi
 use crate::config::Config;
 use crate::pipeline::{Callback, Refinement, Stages};
 use crate::{Error, Result};
+use mde_mvs::poses::GivenMatches;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use ndarray::{Array2, Array3};
 
@@ -57,6 +58,8 @@ pub struct Capture {
     pub photographs: Vec<Photograph>,
     /// Index of the photograph whose depth is refined.
     pub reference: usize,
+    /// Matches of another program, from which the poses are estimated in the place of our own features.
+    pub matches: Option<GivenMatches>,
 }
 
 impl Capture {

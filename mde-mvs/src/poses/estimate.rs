@@ -1,4 +1,5 @@
 use super::bundle::{Bundle, Covariance, Observed};
+use super::matching::{GivenMatches, match_features};
 use super::pair::{self, Pair};
 use super::tracks::{self, Track, TrackPixel};
 use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order};
@@ -144,16 +145,33 @@ pub fn estimate_poses(
     settings: &PosesConfig,
     seed: u64,
 ) -> Result<Estimated> {
-    estimate_poses_with(photographs, reference, settings, seed, &mut silent)
+    estimate_poses_with(photographs, reference, None, settings, seed, &mut silent)
 }
 
-/// [`estimate_poses`] with a callback that counts the pairs of photographs as they are matched.
+/// [`estimate_poses`] from matches of another program: [`PosesConfig::features`] and [`PosesConfig::ratio`] are not used. Wrong
+/// matches are dropped as ours are.
 ///
 /// # Errors
-/// As [`estimate_poses`], and [`Error::Interrupted`](crate::Error::Interrupted).
+/// As [`estimate_poses`], and [`Error::Config`](crate::Error::Config) for matches of other photographs or points than there are.
+pub fn estimate_poses_from(
+    photographs: &[Photograph],
+    reference: usize,
+    matches: &GivenMatches,
+    settings: &PosesConfig,
+    seed: u64,
+) -> Result<Estimated> {
+    estimate_poses_with(photographs, reference, Some(matches), settings, seed, &mut silent)
+}
+
+/// [`estimate_poses`], or [`estimate_poses_from`] where matches are given, with a callback that counts the pairs of photographs as
+/// they are compared.
+///
+/// # Errors
+/// Theirs, and [`Error::Interrupted`](crate::Error::Interrupted).
 pub fn estimate_poses_with(
     photographs: &[Photograph],
     reference: usize,
+    matches: Option<&GivenMatches>,
     settings: &PosesConfig,
     seed: u64,
     callback: &mut Callback<'_>,
@@ -165,8 +183,23 @@ pub fn estimate_poses_with(
     }
     let sorted: Vec<Photograph> = order.iter().map(|&i| photographs[i]).collect();
     let reference = order.iter().position(|&i| i == reference).unwrap_or_default();
-    let shots = Shot::all(&sorted, &settings.features)?;
-    let pairs = all_pairs(&shots, settings, seed, pair::relate, callback)?;
+    let (shots, pairs) = match matches {
+        None => {
+            let shots = Shot::all(&sorted, &settings.features)?;
+            let found =
+                |i: usize, j: usize| match_features(&shots[i].features, &shots[j].features, settings.ratio);
+            let pairs = all_pairs(&shots, found, pair::relate, settings, seed, callback)?;
+            (shots, pairs)
+        }
+        Some(matches) => {
+            let (features, matches) = matches.sorted(&order)?;
+            let shots = sorted.iter().zip(features).map(|(photograph, of)| Shot::new(photograph, of));
+            let shots = shots.collect::<Result<Vec<_>>>()?;
+            let found = |i: usize, j: usize| matches.get(&[i, j]).map_or(&[][..], Vec::as_slice);
+            let pairs = all_pairs(&shots, found, pair::relate, settings, seed, callback)?;
+            (shots, pairs)
+        }
+    };
 
     let mut dropped = vec![false; shots.len()];
     loop {

@@ -13,6 +13,8 @@
 //! The prior gives the start, the unit, and what matches leave open: over a short baseline depth and rotation trade for each
 //! other, and without the prior the result may be off by degrees.
 //!
+//! [`estimate_poses_from`] takes the matches of another program in the place of these features; all that follows is the same.
+//!
 //! [`refine_poses`] improves given poses by the same adjustment, with the poses themselves as a prior, and keeps the result only
 //! where matches that had no part in it fit better.
 //!
@@ -35,9 +37,11 @@ mod scales;
 mod tracks;
 
 pub use depth::{depth_variance, relative_covariance};
-pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses, estimate_poses_with};
+pub use estimate::{
+    Estimated, EstimatedPose, Verdict, estimate_poses, estimate_poses_from, estimate_poses_with,
+};
 pub use features::{DESCRIPTOR_LENGTH, FeatureConfig, Features, Keypoint};
-pub use matching::{Match, match_features};
+pub use matching::{GivenMatches, Match, match_features};
 pub use refine::{RefineConfig, Refined, refine_poses, refine_poses_with};
 pub use scales::{LogFactor, LogRatio, Prepared, common_scale};
 pub use tracks::{Track, TrackPixel};
@@ -170,7 +174,11 @@ struct Shot<'a> {
 }
 
 impl<'a> Shot<'a> {
-    fn new(photograph: &Photograph<'a>, settings: &FeatureConfig) -> Result<Self> {
+    fn detected(photograph: &Photograph<'a>, settings: &FeatureConfig) -> Result<Self> {
+        Self::new(photograph, Features::detect(photograph.image, settings)?)
+    }
+
+    fn new(photograph: &Photograph<'a>, features: Features) -> Result<Self> {
         let camera = &photograph.camera;
         camera.validate()?;
         let (height, width, _) = photograph.image.dim();
@@ -184,13 +192,12 @@ impl<'a> Shot<'a> {
             assumed: photograph.focal_assumed,
             noise: width.max(height) as f64 / LONGER_SIDE,
         };
-        let features = Cow::Owned(Features::detect(photograph.image, settings)?);
-        Ok(Self { features, lens, prior: photograph.prior })
+        Ok(Self { features: Cow::Owned(features), lens, prior: photograph.prior })
     }
 
     /// All photographs' features, in parallel.
     fn all(photographs: &[Photograph<'a>], settings: &FeatureConfig) -> Result<Vec<Self>> {
-        photographs.par_iter().map(|photograph| Self::new(photograph, settings)).collect()
+        photographs.par_iter().map(|photograph| Self::detected(photograph, settings)).collect()
     }
 
     fn ray(&self, pixel: &Point2<f64>) -> Vector3<f64> {
@@ -222,23 +229,27 @@ fn in_order(photographs: &[Photograph], reference: usize) -> Result<Vec<usize>> 
     Ok(order)
 }
 
-/// A pair of photographs by their places among the shots.
-type Relate = fn(&[Shot], usize, usize, &PosesConfig, u64) -> pair::Pair;
+/// A pair of photographs by their places among the shots, and its matches.
+type Relate = fn([&Shot; 2], [usize; 2], &[Match], &PosesConfig, u64) -> pair::Pair;
 
-/// Every pair of photographs, some at once; the callback counts them.
-fn all_pairs(
+/// Every pair of photographs, some at once; `matches` gives those of two of them, and the callback counts the pairs.
+fn all_pairs<M: AsRef<[Match]>>(
     shots: &[Shot],
+    matches: impl Fn(usize, usize) -> M + Sync,
+    relate: Relate,
     settings: &PosesConfig,
     seed: u64,
-    relate: Relate,
     callback: &mut Callback<'_>,
 ) -> Result<Vec<pair::Pair>> {
     let pairs: Vec<(usize, usize)> =
         (0..shots.len()).flat_map(|i| (i + 1..shots.len()).map(move |j| (i, j))).collect();
+    let of_pair = |&(i, j): &(usize, usize)| {
+        relate([&shots[i], &shots[j]], [i, j], matches(i, j).as_ref(), settings, seed)
+    };
     let mut found = Vec::with_capacity(pairs.len());
     // Enough for each thread that the last ones seldom wait.
     for part in pairs.chunks(8 * rayon::current_num_threads()) {
-        found.par_extend(part.par_iter().map(|&(i, j)| relate(shots, i, j, settings, seed)));
+        found.par_extend(part.par_iter().map(of_pair));
         notify(callback, found.len(), pairs.len())?;
     }
     Ok(found)

@@ -2,6 +2,7 @@
 
 use super::bundle::{Bundle, Lens, Observed};
 use super::epipolar::{self, PixelPair};
+use super::matching::Match;
 use super::resection::three_points;
 use super::sampling::{Ransac, draw};
 use super::{PosesConfig, Shot};
@@ -36,13 +37,14 @@ pub(super) struct Motion {
     cost: f64,
 }
 
-/// Matches of two photographs that obey one epipolar geometry.
-pub(super) fn epipolar(shots: &[Shot], first: usize, second: usize, config: &PosesConfig, seed: u64) -> Pair {
-    epipolar_of([&shots[first], &shots[second]], [first, second], config, seed)
-}
-
-fn epipolar_of([a, b]: [&Shot; 2], [first, second]: [usize; 2], config: &PosesConfig, seed: u64) -> Pair {
-    let found = super::matching::match_features(&a.features, &b.features, config.ratio);
+/// Those of the matches of two photographs of these places that obey one epipolar geometry.
+pub(super) fn epipolar(
+    [a, b]: [&Shot; 2],
+    [first, second]: [usize; 2],
+    found: &[Match],
+    config: &PosesConfig,
+    seed: u64,
+) -> Pair {
     let pixels: Vec<PixelPair> = found
         .iter()
         .map(|m| (a.features.keypoints[m.first].pixel, b.features.keypoints[m.second].pixel))
@@ -60,18 +62,14 @@ fn stream(first: usize, second: usize) -> u64 {
 }
 
 /// The same, and the motion from the prior's depth in the first and in the second photograph, of which the better is kept.
-pub(super) fn relate(shots: &[Shot], first: usize, second: usize, config: &PosesConfig, seed: u64) -> Pair {
-    relate_two([&shots[first], &shots[second]], [first, second], config, seed)
-}
-
-/// [`relate`] for two photographs of those places.
-pub(super) fn relate_two(
+pub(super) fn relate(
     [a, b]: [&Shot; 2],
     [first, second]: [usize; 2],
+    found: &[Match],
     config: &PosesConfig,
     seed: u64,
 ) -> Pair {
-    let mut pair = epipolar_of([a, b], [first, second], config, seed);
+    let mut pair = epipolar([a, b], [first, second], found, config, seed);
     if pair.agreeing.len() < config.min_matches {
         return pair;
     }

@@ -1,6 +1,6 @@
 use super::bundle::{Bundle, Observed, PosePrior};
 use super::tracks::{self, Track};
-use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order, pair, positive};
+use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order, matching, pair, positive};
 use crate::{Callback, Error, Result, silent};
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::statistics::median;
@@ -113,7 +113,10 @@ pub fn refine_poses_with(
     let reference = order.iter().position(|&i| i == reference).unwrap_or_default();
     let given: Vec<Pose> = order.iter().map(|&i| poses[i]).collect();
     let shots = Shot::all(&sorted, &settings.matches.features)?;
-    let pairs = all_pairs(&shots, &settings.matches, seed, pair::epipolar, callback)?;
+    let found = |i: usize, j: usize| {
+        matching::match_features(&shots[i].features, &shots[j].features, settings.matches.ratio)
+    };
+    let pairs = all_pairs(&shots, found, pair::epipolar, &settings.matches, seed, callback)?;
 
     let rank: Vec<usize> = (0..shots.len()).map(|v| if v == reference { 0 } else { v + 1 }).collect();
     let groups = tracks::join(&shots, &pairs.iter().collect::<Vec<_>>(), &rank);

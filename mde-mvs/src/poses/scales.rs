@@ -7,7 +7,8 @@
 //! \\[ \min_f \sum_{ij} \rho\left( \frac{f_j - f_i - r_{ij}}{\sigma_{ij}} \right), \quad \sum_{i \in C} f_i = 0
 //!   \text{ for each connected component } C . \\]
 
-use super::pair::relate_two;
+use super::matching::match_features;
+use super::pair::relate;
 use super::{FeatureConfig, Features, Photograph, PosesConfig, Shot, config, positive};
 use crate::Result;
 use crate::statistics::robust_deviation;
@@ -74,7 +75,7 @@ impl Prepared {
     /// [`Error::Config`](crate::Error::Config) for a setting out of its range, an image too small for features, or no prior;
     /// [`Error::View`](crate::Error::View) for a camera that is not of the image's or the prior's size.
     pub fn new(photograph: &Photograph, settings: &FeatureConfig) -> Result<Self> {
-        let shot = Shot::new(photograph, settings)?;
+        let shot = Shot::detected(photograph, settings)?;
         let prior = shot.prior.ok_or_else(|| config("prior", "missing", "give each photograph its depth"))?;
         Ok(Self { prior: prior.to_owned(), lens: shot.lens, features: shot.features.into_owned() })
     }
@@ -109,10 +110,13 @@ impl Prepared {
         let (a, b) = (first.shot(), second.shot());
         let (pose, log_scales, log_focal) = match stands_still(&a, &b, settings) {
             true => (Pose::identity(), [0.0; 2], 0.0),
-            false => match relate_two([&a, &b], [0, 1], settings, seed).motion {
-                Some(motion) => (motion.pose, motion.log_scales, motion.log_focal),
-                None => return Ok(None),
-            },
+            false => {
+                let found = match_features(&a.features, &b.features, settings.ratio);
+                match relate([&a, &b], [0, 1], &found, settings, seed).motion {
+                    Some(motion) => (motion.pose, motion.log_scales, motion.log_focal),
+                    None => return Ok(None),
+                }
+            }
         };
         let (mut ratios, forth) = carried([&a, &b], &pose, log_scales[0], log_focal);
         let (others, back) = carried([&b, &a], &pose.inverse(), log_scales[1], log_focal);

@@ -77,6 +77,48 @@ fn centre(pose: &Pose) -> Vector3<f64> {
     pose.inverse().translation.vector
 }
 
+/// The matches of our own features, as another program would give them: reversed, and in another order of photographs.
+#[test]
+fn given_matches_give_the_poses_of_the_same_matches_found_here() {
+    let settings = PosesConfig::default();
+    let photographs = photographs(standard(), &["d", "b", "a", "c"]);
+    let features: Vec<Features> =
+        photographs.iter().map(|p| Features::detect(p.image, &settings.features).unwrap()).collect();
+    let points = features.iter().map(|f| f.keypoints.iter().map(|k| k.pixel).collect()).collect();
+    let mut pairs = Vec::new();
+    for first in 0..4 {
+        for second in 0..first {
+            let found = match_features(&features[second], &features[first], settings.ratio);
+            let reversed = found.iter().map(|m| Match { first: m.second, second: m.first }).collect();
+            pairs.push(([first, second], reversed));
+        }
+    }
+    let mut matches = GivenMatches { points, pairs };
+    let given = |matches: &GivenMatches| estimate_poses_from(&photographs, 1, matches, &settings, 0);
+    let (here, there) = (estimate(&photographs, 1), given(&matches).unwrap());
+    for (here, there) in here.photographs.iter().zip(&there.photographs) {
+        assert_eq!((here.verdict, there.verdict.has_pose()), (there.verdict, true));
+        let (here, there) = (here.pose.unwrap(), there.pose.unwrap());
+        // Matches come in another order, so RANSAC draws others.
+        assert!(rotation_error(&here, &there) < 0.05, "{}", rotation_error(&here, &there));
+        assert!((centre(&here) - centre(&there)).norm() < 0.01);
+    }
+
+    // A photograph without matches has no pose.
+    matches.pairs.retain(|(pair, _)| !pair.contains(&3));
+    let without = given(&matches).unwrap();
+    assert_eq!(without.photographs[3].verdict, Verdict::AnotherPlace { matches: 0, agreeing: 0 });
+    assert!(without.photographs[2].verdict.has_pose());
+
+    let refused = |matches: GivenMatches| given(&matches).unwrap_err().to_string();
+    let twice = ([0, 1], Vec::new());
+    assert!(refused(GivenMatches { pairs: vec![twice.clone(), twice], ..matches.clone() }).contains("0, 1"));
+    let wrong = ([1, 0], vec![Match { first: 0, second: 100_000 }]);
+    assert!(refused(GivenMatches { pairs: vec![wrong], ..matches.clone() }).contains("100000"));
+    matches.points.pop();
+    assert!(refused(matches).contains("photographs with points is 3"));
+}
+
 #[test]
 fn poses_of_rendered_photographs_are_found_in_the_unit_of_the_prior() {
     let found = estimate(&photographs(standard(), &NAMES), 0);

@@ -17,6 +17,9 @@ pub(crate) struct SeveralArgs {
     /// Use at most N photographs, IMAGE included: the best by parallax, overlap and sharpness; default: 8
     #[arg(long, value_name = "N", requires = "views", value_parser = clap::value_parser!(u16).range(2..=64))]
     pub(crate) max_views: Option<u16>,
+    /// Where the matches come from by which poses are estimated
+    #[arg(long, value_enum, default_value = "sift", requires = "views")]
+    pub(crate) matches: MatchesName,
     /// Unit of depth and sigma: the prior's, or that of the capture's poses
     #[arg(long, value_enum, default_value = "prior", requires = "views")]
     pub(crate) unit: UnitName,
@@ -30,6 +33,14 @@ pub(crate) struct SeveralArgs {
     /// Only part I of N of the photographs, by their names; mde merge joins the parts
     #[arg(long, value_name = "I/N", conflicts_with = "views")]
     pub(crate) shard: Option<Shard>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum MatchesName {
+    /// mde's own features
+    Sift,
+    /// The program colmap on the PATH: its features and matches of all pairs
+    Colmap,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -65,6 +76,9 @@ pub(crate) struct PosesArgs {
     /// Photographs of one static scene, or folders of them
     #[arg(value_name = "PHOTO", required = true)]
     pub(crate) photographs: Vec<PathBuf>,
+    /// Where the matches come from by which poses are estimated
+    #[arg(long, value_enum, default_value = "sift")]
+    pub(crate) matches: MatchesName,
     #[command(flatten)]
     pub(crate) prior: PriorArgs,
     #[command(flatten)]

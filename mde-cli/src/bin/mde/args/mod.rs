@@ -5,7 +5,7 @@ mod evaluation;
 mod output;
 mod tools;
 
-pub(crate) use capture::{PosesArgs, SeveralArgs, UnitName};
+pub(crate) use capture::{MatchesName, PosesArgs, SeveralArgs, UnitName};
 pub(crate) use evaluation::{
     AblateArgs, CalibrateArgs, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs, FaultName, ScoreArgs,
 };

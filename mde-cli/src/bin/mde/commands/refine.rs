@@ -146,7 +146,14 @@ fn made_from(
         made_from["photographs"] = json!(photographs);
         made_from["output"] = json!(format!(
             "{:?}",
-            (args.several.unit, &args.error_bar, &args.export.export, args.export.y_up, args.save_field)
+            (
+                args.several.unit,
+                args.several.matches,
+                &args.error_bar,
+                &args.export.export,
+                args.export.y_up,
+                args.save_field
+            )
         ));
     }
     // As text: numbers that are read again may differ in their last bit.

@@ -1,7 +1,8 @@
 //! The further photographs that the command line names, with poses or without.
 
-use crate::args::{PosesArgs, RefineArgs, SizeArgs, UnitName};
+use crate::args::{MatchesName, PosesArgs, RefineArgs, SizeArgs, UnitName};
 use crate::input::camera::{self, CameraSource, KnownCamera};
+use crate::input::colmap;
 use crate::input::opened::Opening;
 use crate::input::photographs::in_folder;
 use crate::input::size::{check_memory, sizes};
@@ -25,7 +26,7 @@ pub(crate) fn open(
 ) -> Result<Option<Capture>> {
     let estimated = "--unit capture: the photographs have no poses of their own, so there is no unit but the prior's; give a \
                      capture with poses, or --unit prior";
-    let capture = match args.several.views.as_slice() {
+    let mut capture = match args.several.views.as_slice() {
         [] => return Ok(None),
         [one] => match read(one, args)? {
             Some(capture) => posed(args, &capture, reference, config, progress)?,
@@ -36,6 +37,10 @@ pub(crate) fn open(
     capture.validate()?;
     let posed = capture.photographs.iter().all(|photograph| photograph.pose.is_some());
     ensure!(posed || args.several.unit == UnitName::Prior, estimated);
+    if args.several.matches == MatchesName::Colmap {
+        ensure!(!posed, "--matches colmap: the capture has poses, so none are estimated; leave it out");
+        capture.matches = Some(colmap::matches(&capture.photographs, progress)?);
+    }
     let first = &capture.photographs[capture.reference];
     if first.pose.is_some() {
         reference.image = first.image.clone();
@@ -108,7 +113,7 @@ fn posed(
             frames.len()
         ));
     }
-    Ok(Capture { photographs, reference: 0 })
+    Ok(Capture { photographs, reference: 0, matches: None })
 }
 
 /// Photographs alone.
@@ -121,7 +126,7 @@ fn unposed(args: &RefineArgs, opened: &Opened, config: &Config, progress: &mut P
         photographs.push(photograph(&path, &opening.open(&path, progress)?));
     }
     shorten(&mut photographs);
-    Ok(Capture { photographs, reference: 0 })
+    Ok(Capture { photographs, reference: 0, matches: None })
 }
 
 /// Refuses more photographs of the reference's size than the memory limit allows.
@@ -165,8 +170,11 @@ pub(crate) fn photographs(
         first.get_or_insert(opened);
     }
     shorten(&mut photographs);
-    let capture = Capture { photographs, reference: 0 };
+    let mut capture = Capture { photographs, reference: 0, matches: None };
     capture.validate()?;
+    if args.matches == MatchesName::Colmap {
+        capture.matches = Some(colmap::matches(&capture.photographs, progress)?);
+    }
     let first = first.context("no photograph; give two or more")?;
     Ok((capture, files, first))
 }
