@@ -49,9 +49,10 @@ fn a_run_has_a_report_that_can_be_made_again() {
     let data = data(&html);
     assert_eq!((data["kind"].as_str(), data["title"].as_str()), (Some("run"), Some("a 'b.png")));
     assert_eq!(data["size"], serde_json::json!([WIDTH, HEIGHT]));
-    for map in ["prior", "refined", "sigma", "prior_sigma", "truth"] {
+    for map in ["prior", "refined", "sigma", "truth"] {
         assert!(data["maps"][map]["data"].as_str().unwrap().len() > 20, "{map}");
     }
+    assert!(data["prior_error"].as_array().unwrap().iter().any(|error| error.as_f64().unwrap() > 0.0));
     let record = &data["record"];
     assert!(record["command_line"].as_str().unwrap().ends_with(r"-o out 'a '\''b.png'"));
     let curves = record["training"].as_array().unwrap();

@@ -1,7 +1,7 @@
 //! Sizes of photographs, and pictures of them.
 
 use mde_prior::resample::{Filter, resize};
-use ndarray::{Array3, ArrayView3, Axis, s};
+use ndarray::{Array3, ArrayView3, Axis};
 
 /// Least width and height of an image, pixels.
 pub const SMALLEST: usize = 8;
@@ -49,10 +49,22 @@ pub fn resized(image: ArrayView3<'_, f32>, width: usize, height: usize) -> Array
         let first = index * from / to;
         first..((index + 1) * from / to).max(first + 1)
     };
-    Array3::from_shape_fn((height, width, 3), |(y, x, c)| {
-        let block = image.slice(s![span(y, rows, height), span(x, columns, width), c]);
-        block.iter().sum::<f32>() / block.len().max(1) as f32
-    })
+    let across: Vec<_> = (0..width).map(|x| span(x, columns, width)).collect();
+    let mut small = Array3::zeros((height, width, 3));
+    for (y, mut line) in small.outer_iter_mut().enumerate() {
+        let down = span(y, rows, height);
+        for (mut to, across) in line.outer_iter_mut().zip(&across) {
+            let mut sums = [0.0_f32; 3];
+            for row in down.clone() {
+                for column in across.clone() {
+                    sums.iter_mut().enumerate().for_each(|(c, sum)| *sum += image[(row, column, c)]);
+                }
+            }
+            let count = (down.len() * across.len()).max(1) as f32;
+            to.iter_mut().zip(sums).for_each(|(to, sum)| *to = sum / count);
+        }
+    }
+    small
 }
 
 /// A small version of a photograph `[height, width, 3]`, at most 240 pixels a side.

@@ -27,14 +27,6 @@ impl Canvas {
         self.pixels.view()
     }
 
-    fn set(&mut self, x: usize, y: usize, colour: Colour) {
-        for (channel, value) in colour.into_iter().enumerate() {
-            if let Some(old) = self.pixels.get_mut((y, x, channel)) {
-                *old = value;
-            }
-        }
-    }
-
     /// Draws `colour(column, row)` over a rectangle.
     pub fn paint(
         &mut self,
@@ -42,9 +34,10 @@ impl Canvas {
         [width, height]: [usize; 2],
         colour: impl Fn(usize, usize) -> Colour,
     ) {
-        for y in 0..height {
-            for x in 0..width {
-                self.set(left + x, top + y, colour(x, y));
+        let rows = self.pixels.outer_iter_mut().skip(top).take(height).enumerate();
+        for (y, mut row) in rows {
+            for (x, mut pixel) in row.outer_iter_mut().skip(left).take(width).enumerate() {
+                pixel.iter_mut().zip(colour(x, y)).for_each(|(old, new)| *old = new);
             }
         }
     }

@@ -6,6 +6,7 @@ use colorous::{Gradient, MAGMA, VIRIDIS};
 use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
 use ndarray::{Array3, ArrayView2, ArrayView3, Zip};
+use std::sync::LazyLock;
 
 const BACKGROUND: Colour = [255; 3];
 const INK: Colour = [20; 3];
@@ -19,6 +20,27 @@ const NARROWEST: usize = 240;
 /// Width of a picture on a contact sheet.
 const THUMBNAIL: usize = 240;
 const COLUMNS: usize = 4;
+
+/// Colours of a gradient at even steps: its curve takes longer than all else of a picture.
+struct Palette([Colour; STEPS]);
+
+/// More than a channel has.
+const STEPS: usize = 1024;
+
+static DEPTHS: LazyLock<Palette> = LazyLock::new(|| Palette::new(VIRIDIS));
+static SIGMAS: LazyLock<Palette> = LazyLock::new(|| Palette::new(MAGMA));
+
+impl Palette {
+    fn new(gradient: Gradient) -> Self {
+        let at = |step| gradient.eval_continuous(step as f64 / (STEPS - 1) as f64).as_array();
+        Self(std::array::from_fn(at))
+    }
+
+    /// The colour at a share in 0 to 1.
+    fn at(&self, share: f64) -> Colour {
+        self.0[((share * (STEPS - 1) as f64 + 0.5) as usize).min(STEPS - 1)]
+    }
+}
 
 /// The maps of a preview, `[height, width]`; values that are not positive and finite are missing.
 pub struct Preview<'p> {
@@ -64,7 +86,7 @@ pub fn preview(show: &Preview<'_>) -> Canvas {
 
     let depths = usual_range(show.prior.iter().chain(show.refined));
     let sigmas = usual_range(show.sigma.iter());
-    let depth = |name: &str, map| (format!("{name} [{}]", show.unit), map, &VIRIDIS, depths);
+    let depth = |name: &str, map| (format!("{name} [{}]", show.unit), map, &*DEPTHS, depths);
     let mut maps = vec![depth("prior", show.prior), depth("refined", show.refined)];
     match show.truth.filter(|_| !show.strip.is_empty()) {
         Some(truth) => maps.push(depth("truth", truth)),
@@ -74,15 +96,15 @@ pub fn preview(show: &Preview<'_>) -> Canvas {
             canvas.paint([MARGIN, top], panel, |x, y| colour_at(&small, x, y));
         }
     }
-    maps.push((format!("sigma [{}]", show.unit), show.sigma, &MAGMA, sigmas));
+    maps.push((format!("sigma [{}]", show.unit), show.sigma, &*SIGMAS, sigmas));
     let first = 4 - maps.len();
-    for (index, (name, map, gradient, range)) in maps.iter().enumerate() {
+    for (index, (name, map, palette, range)) in maps.iter().enumerate() {
         let left = MARGIN + (index + first) * (width + MARGIN);
         canvas.text(name, [left, title], text, INK);
         canvas.paint([left, top], panel, |x, y| {
-            shade(map[(y * rows / height, x * columns / width)], gradient, *range)
+            shade(map[(y * rows / height, x * columns / width)], palette, *range)
         });
-        colour_bar(&mut canvas, [left, top + height + MARGIN], width, gradient, *range, text);
+        colour_bar(&mut canvas, [left, top + height + MARGIN], width, palette, *range, text);
     }
     canvas
 }
@@ -123,17 +145,17 @@ pub fn depth_picture(depth: ArrayView2<'_, f32>) -> Canvas {
 
 /// The same with the colours from one depth to another.
 pub fn depth_picture_within(depth: ArrayView2<'_, f32>, range: [f64; 2]) -> Canvas {
-    picture(depth, &VIRIDIS, range)
+    picture(depth, &DEPTHS, range)
 }
 
 /// A map of sigma as a colour picture.
 pub fn sigma_picture_within(sigma: ArrayView2<'_, f32>, range: [f64; 2]) -> Canvas {
-    picture(sigma, &MAGMA, range)
+    picture(sigma, &SIGMAS, range)
 }
 
-fn picture(map: ArrayView2<'_, f32>, gradient: &Gradient, range: [f64; 2]) -> Canvas {
+fn picture(map: ArrayView2<'_, f32>, palette: &Palette, range: [f64; 2]) -> Canvas {
     let mut canvas = Canvas::new(map.ncols(), map.nrows(), MISSING);
-    canvas.paint([0, 0], [map.ncols(), map.nrows()], |x, y| shade(map[(y, x)], gradient, range));
+    canvas.paint([0, 0], [map.ncols(), map.nrows()], |x, y| shade(map[(y, x)], palette, range));
     canvas
 }
 
@@ -170,14 +192,12 @@ fn colour_bar(
     canvas: &mut Canvas,
     [left, top]: [usize; 2],
     width: usize,
-    gradient: &Gradient,
+    palette: &Palette,
     [low, high]: [f64; 2],
     text: usize,
 ) {
     let steps = width.max(2) - 1;
-    canvas.paint([left, top], [width, BAR], |x, _| {
-        gradient.eval_continuous(x as f64 / steps as f64).as_array()
-    });
+    canvas.paint([left, top], [width, BAR], |x, _| palette.at(x as f64 / steps as f64));
     for (share, value) in [(0.0, low), (0.5, 0.5 * (low + high)), (1.0, high)] {
         let label = number(value, high - low);
         let start = share * (width as f64 - text_width(&label, text) as f64).max(0.0);
@@ -191,12 +211,12 @@ fn number(value: f64, range: f64) -> String {
     format!("{value:.digits$}")
 }
 
-fn shade(value: f32, gradient: &Gradient, [low, high]: [f64; 2]) -> Colour {
+fn shade(value: f32, palette: &Palette, [low, high]: [f64; 2]) -> Colour {
     if !known(value) {
         return MISSING;
     }
     let share = if high > low { (f64::from(value) - low) / (high - low) } else { 0.5 };
-    gradient.eval_continuous(share.clamp(0.0, 1.0)).as_array()
+    palette.at(share.clamp(0.0, 1.0))
 }
 
 fn known(value: f32) -> bool {

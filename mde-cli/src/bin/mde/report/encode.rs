@@ -55,7 +55,8 @@ pub(super) fn map(map: ArrayView2<'_, f32>) -> Result<Value> {
             (lows[place], highs[place], left) = (low, high, value);
         }
     }
-    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
+    // The usual level takes twice as long, for 4 % fewer bytes.
+    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::new(2));
     encoder.write_all(&bytes)?;
     let data = STANDARD.encode(encoder.finish()?);
     let [low, high] = [low, high].map(|v| if v.is_finite() { v } else { 0.0 });

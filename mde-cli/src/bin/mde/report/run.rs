@@ -10,7 +10,7 @@ use mde_cli::{Config, Preset};
 use mde_fusion::PriorVariance;
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
-use ndarray::{Array2, Zip};
+use ndarray::Array2;
 use serde_json::{Map, Value, json};
 use std::fs;
 use std::path::Path;
@@ -78,8 +78,6 @@ pub(super) fn page(folder: &Path) -> Result<String> {
     maps.insert("refined".to_owned(), embed(&refined)?);
     maps.insert("sigma".to_owned(), embed(&sigma)?);
     let stated = PriorSigma::new(&config, &record);
-    let small = nearest(prior.view(), size);
-    maps.insert("prior_sigma".to_owned(), map(stated.map(&small).view())?);
     if folder.join("gt.npy").is_file() {
         maps.insert("truth".to_owned(), embed(&read("gt.npy")?)?);
     }
@@ -110,6 +108,8 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         "image": picture(small.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())?,
         "maps": maps,
         "prior_sigma": stated.note,
+        // Of the prior: the page makes the map.
+        "prior_error": [stated.sigma_o, stated.common],
         // What scales the whole map: the common error, and the scale's where it is known.
         "common_error": stated.common,
         "scale_error": record["error_bar"]["scale"]["relative"].as_f64().unwrap_or_default(),
@@ -168,16 +168,6 @@ impl PriorSigma {
         };
         Self { sigma_o, common, note }
     }
-
-    fn map(&self, prior: &Array2<f32>) -> Array2<f32> {
-        Zip::from(prior).map_collect(|&depth| {
-            let depth = f64::from(depth);
-            if depth <= 0.0 || !depth.is_finite() {
-                return 0.0;
-            }
-            self.sigma_o.hypot(self.common * depth) as f32
-        })
-    }
 }
 
 #[cfg(test)]
@@ -188,13 +178,12 @@ mod tests {
     fn the_priors_sigma_is_that_of_the_iteration_which_met_it() {
         let record =
             json!({ "iterations": [{ "fusion": { "sigma_o": 0.3 } }, { "fusion": { "sigma_o": 0.1 } }] });
-        let prior = Array2::from_shape_vec((1, 3), vec![0.0, 2.0, 4.0]).unwrap();
-        let paper = PriorSigma::new(&Preset::Paper.config(), &record).map(&prior);
-        assert_eq!(paper.as_slice().unwrap(), [0.0, 0.3, 0.3]);
+        let paper = PriorSigma::new(&Preset::Paper.config(), &record);
+        assert_eq!((paper.sigma_o, paper.common), (0.3, 0.0));
         let mut config = Preset::Paper.config();
         config.refinement.prior = IterationPrior::Anchor;
         config.fusion.common_error = 0.1;
-        let anchored = PriorSigma::new(&config, &record).map(&prior);
-        assert!((anchored[(0, 2)] - 0.1_f32.hypot(0.4)).abs() < 1e-6, "{anchored}");
+        let anchored = PriorSigma::new(&config, &record);
+        assert_eq!((anchored.sigma_o, anchored.common), (0.1, 0.1));
     }
 }

@@ -84,6 +84,7 @@ async function runLayers() {
   const photo = await decodePicture(report.image, size);
   const viridis = ramp("viridis"), magma = ramp("magma"), diverging = ramp("diverging");
   const { prior, refined, sigma } = maps;
+  maps.prior_sigma = prior.map((d) => (d > 0 ? Math.hypot(report.prior_error[0], report.prior_error[1] * d) : 0));
   const both = prior.map((p, i) => (p > 0 && refined[i] > 0 ? 1 : 0));
   const ends = [quantiles(prior, [0.01, 0.99]), quantiles(refined, [0.01, 0.99])];
   const depths = [Math.min(ends[0][0], ends[1][0]), Math.max(ends[0][1], ends[1][1])];
