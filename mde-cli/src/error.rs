@@ -19,7 +19,7 @@ pub enum Error {
     Field(mde_nerf::Error),
     /// A stage of multi-view stereo failed.
     #[error(transparent)]
-    MultiView(#[from] mde_mvs::Error),
+    MultiView(mde_mvs::Error),
     /// Photographs that are no capture.
     #[error("{reason}; {remedy}")]
     Capture {
@@ -139,6 +139,15 @@ impl From<mde_nerf::Error> for Error {
         match error {
             mde_nerf::Error::Interrupted => Self::Interrupted,
             other => Self::Field(other),
+        }
+    }
+}
+
+impl From<mde_mvs::Error> for Error {
+    fn from(error: mde_mvs::Error) -> Self {
+        match error {
+            mde_mvs::Error::Interrupted => Self::Interrupted,
+            other => Self::MultiView(other),
         }
     }
 }

@@ -3,12 +3,11 @@
 
 mod common;
 
-use common::{HEIGHT, Place, TINY, WIDTH, names};
+use common::{HEIGHT, Place, TINY, WIDTH, names, wait_until};
 use mde_cli::mde_prior::format::{write_npy, write_png16};
 use mde_eval::data::{DataSet, Rooms};
 use std::fs;
 use std::process::Stdio;
-use std::time::{Duration, Instant};
 
 const EVAL: &str = "eval --dataset rooms --size 64x48 --limit 1";
 
@@ -98,7 +97,7 @@ fn a_damaged_map_is_computed_again() {
 #[test]
 fn one_evaluation_at_a_time_writes_a_folder() {
     let place = Place::new();
-    place.write("long.toml", TINY.replace("iterations = 2", "iterations = 100"));
+    place.write("long.toml", TINY.replace("steps = 60", "steps = 100000"));
     let mut first = std::process::Command::new(env!("CARGO_BIN_EXE_mde"))
         .current_dir(place.path("."))
         .args(format!("{EVAL} --methods long.toml -o e").split_whitespace())
@@ -106,11 +105,7 @@ fn one_evaluation_at_a_time_writes_a_folder() {
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    let begin = Instant::now();
-    while !place.path("e/eval.json").is_file() {
-        assert!(begin.elapsed() < Duration::from_secs(60), "it does not start");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    wait_until(&mut first, || place.path("e/eval.json").is_file());
     let second = format!("{EVAL} --methods guided -q -o e");
     let refused = place.mde(&second).assert().code(1);
     let told = String::from_utf8(refused.get_output().stderr.clone()).unwrap();

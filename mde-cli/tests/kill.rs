@@ -4,14 +4,14 @@
 
 mod common;
 
-use common::{Place, TINY, names};
+use common::{Course, Place, TINY, names, wait_until};
 use mde_cli::mde_prior::format::{ReadOptions, read_values};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 const MOMENTS: u32 = 20;
 const MAPS: [&str; 3] = ["depth.npy", "sigma.npy", "prior.npy"];
@@ -26,15 +26,12 @@ fn start(place: &Place, arguments: &str) -> Child {
         .unwrap()
 }
 
-/// Kills at one of the moments, spread over a whole run's time; whether it was still going.
-fn kill_at(place: &Place, arguments: &str, moment: u32, whole: Duration) -> bool {
-    let mut child = start(place, arguments);
+/// Kills at one of the moments, spread over a whole run; whether it was still going.
+fn kill_at(place: &Place, arguments: &str, moment: u32, course: &Course) -> bool {
     // Not at equal steps: a fraction that has no period in common with the stages.
     let jitter = (f64::from(moment) * 0.618_034).fract();
-    sleep(whole.mul_f64((f64::from(moment) + jitter) / f64::from(MOMENTS)));
-    let signal = ["-KILL", "-TERM", "-KILL", "-QUIT"][moment as usize % 4];
-    let _ = Command::new("kill").args([signal, &child.id().to_string()]).stderr(Stdio::null()).status();
-    !child.wait().unwrap().success()
+    let share = (f64::from(moment) + jitter) / f64::from(MOMENTS);
+    course.kill(place, arguments, share, ["-KILL", "-TERM", "-KILL", "-QUIT"][moment as usize % 4])
 }
 
 fn maps(folder: &Path) -> [Vec<u8>; 3] {
@@ -72,15 +69,11 @@ fn a_refinement_killed_at_any_moment_leaves_old_or_new_and_resumes_to_the_same_b
     let place = Place::new();
     place.write(
         "four.toml",
-        // An estimated variance of 0 would leave the prior, whatever the seed.
-        TINY.replace("iterations = 2", "iterations = 4").replace("steps = 200", "steps = 100")
-            + "[fusion]\nprior-variance = 'fixed-relative'\n",
+        TINY.replace("iterations = 2", "iterations = 4").replace("steps = 60", "steps = 20"),
     );
-    let refine = "refine image.png --prior-depth depth.npy --fov 60 --config four.toml --quiet --force";
+    let refine = "refine image.png --prior-depth depth.npy --fov 60 --config four.toml --force";
     place.mde(&format!("{refine} --seed 7 -o old")).assert().success();
-    let begin = Instant::now();
-    place.mde(&format!("{refine} -o new")).assert().success();
-    let whole = begin.elapsed();
+    let course = Course::of(&place, &format!("{refine} -o new"));
     let (old, new) = (maps(&place.path("old")), maps(&place.path("new")));
     assert!(old != new);
 
@@ -92,7 +85,7 @@ fn a_refinement_killed_at_any_moment_leaves_old_or_new_and_resumes_to_the_same_b
             fs::copy(place.path("old").join(&name), place.path(&out).join(&name)).unwrap();
         }
         let again = format!("{refine} --resume -o {out}");
-        killed += u32::from(kill_at(&place, &again, moment, whole));
+        killed += u32::from(kill_at(&place, &again, moment, &course));
         let left = maps(&place.path(&out));
         assert!(left == old || left == new, "moment {moment}: neither the old maps nor the new ones");
         let expected = names(&place.path("old"));
@@ -109,16 +102,15 @@ fn a_refinement_killed_at_any_moment_leaves_old_or_new_and_resumes_to_the_same_b
 #[test]
 fn an_interrupted_run_leaves_no_unfinished_files() {
     let place = Place::new();
-    let before = place.entries();
     let unfinished = || place.entries().iter().any(|name| name.starts_with(".mde-"));
-    let refine = "refine image.png --prior-depth depth.npy --fov 60 --config tiny.toml --export ply,glb,exr,colmap,sigma -o out";
+    place.write("short.toml", TINY.replace("steps = 60", "steps = 5"));
+    let before = place.entries();
+    let refine = "refine image.png --prior-depth depth.npy --fov 60 --config short.toml --export ply,glb,exr,colmap,sigma -o out";
     for signal in ["INT", "TERM", "HUP", "QUIT"] {
         // A run may be finished before the signal arrives.
         let interrupted = (0..20).any(|_| {
             let mut child = start(&place, refine);
-            let begin = Instant::now();
             while !unfinished() && child.try_wait().unwrap().is_none() {
-                assert!(begin.elapsed() < Duration::from_secs(60));
                 sleep(Duration::from_millis(1));
             }
             let id = child.id().to_string();
@@ -141,11 +133,7 @@ fn a_kept_iteration_is_used_only_for_the_same_run() {
         |rest: &str| format!("refine image.png --prior-depth depth.npy --fov 60 {rest} --resume -o out");
     let keeps = || {
         let mut child = start(&place, &refine("--config long.toml"));
-        let begin = Instant::now();
-        while !place.path("out.resume/2/state.json").is_file() {
-            assert!(begin.elapsed() < Duration::from_secs(60), "no iteration was kept");
-            sleep(Duration::from_millis(5));
-        }
+        wait_until(&mut child, || place.path("out.resume/2/state.json").is_file());
         child.kill().unwrap();
         child.wait().unwrap();
     };
@@ -168,10 +156,12 @@ fn a_kept_iteration_is_used_only_for_the_same_run() {
 #[test]
 fn an_evaluation_killed_at_any_moment_resumes_to_the_same_bytes() {
     let place = Place::new();
-    let eval = "eval --dataset rooms --size 64x48 --limit 2 --methods guided,tiny.toml --quiet";
-    let begin = Instant::now();
-    place.mde(&format!("{eval} -o whole")).assert().success();
-    let whole = begin.elapsed();
+    place.write(
+        "short.toml",
+        TINY.replace("steps = 60", "steps = 10").replace("iterations = 2", "iterations = 1"),
+    );
+    let eval = "eval --dataset rooms --size 64x48 --limit 2 --methods guided,short.toml";
+    let course = Course::of(&place, &format!("{eval} -o whole"));
     let expected = entries(&place.path("whole"));
     assert!(expected.len() >= 8);
 
@@ -179,7 +169,7 @@ fn an_evaluation_killed_at_any_moment_resumes_to_the_same_bytes() {
     for moment in 0..MOMENTS {
         let root = place.path(&format!("e{moment}"));
         let again = format!("{eval} -o e{moment}");
-        killed += u32::from(kill_at(&place, &again, moment, whole));
+        killed += u32::from(kill_at(&place, &again, moment, &course));
         for (name, bytes) in entries(&root) {
             assert!(expected[&name] == bytes, "moment {moment}: {}", name.display());
         }

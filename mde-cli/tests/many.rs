@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{Place, names};
+use common::{Course, Place, names};
 use mde_cli::mde_prior::format::{ReadOptions, read_values};
 use mde_cli::mde_prior::photo::write_image;
 use mde_eval::scene::{Room, room};
@@ -14,9 +14,6 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Stdio};
-use std::thread::sleep;
-use std::time::Instant;
 
 const MAPS: [&str; 6] = ["depth.npy", "sigma.npy", "prior.npy", "depth.png", "confidence.png", "preview.png"];
 const MOMENTS: u32 = 12;
@@ -158,26 +155,16 @@ fn what_is_for_one_photograph_is_refused_in_a_line() {
 #[test]
 fn a_run_killed_at_any_moment_continues_to_the_same_bytes() {
     let place = place(6);
-    let refine = |out: &str| format!("refine shots {MODEL} --quiet -o {out}");
-    let begin = Instant::now();
-    place.mde(&refine("whole")).assert().success();
-    let whole = begin.elapsed();
+    let refine = |out: &str| format!("refine shots {MODEL} -o {out}");
+    let course = Course::of(&place, &refine("whole"));
     let expected = all(&place.path("whole"));
     let (mut killed, mut kept, mut indexed) = (0, 0, 0);
     for moment in 0..MOMENTS {
         let out = format!("out{moment}");
-        let mut child = Command::new(env!("CARGO_BIN_EXE_mde"))
-            .current_dir(place.path("."))
-            .args(refine(&out).split_whitespace())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
         let jitter = (f64::from(moment) * 0.618_034).fract();
-        sleep(whole.mul_f64((f64::from(moment) + jitter) / f64::from(MOMENTS)));
+        let share = (f64::from(moment) + jitter) / f64::from(MOMENTS);
         let signal = if moment.is_multiple_of(3) { "-TERM" } else { "-KILL" };
-        let _ = Command::new("kill").args([signal, &child.id().to_string()]).stderr(Stdio::null()).status();
-        killed += u32::from(!child.wait().unwrap().success());
+        killed += u32::from(course.kill(&place, &refine(&out), share, signal));
         if place.path(&out).exists() {
             // What has its name is whole.
             let left = all(&place.path(&out));

@@ -287,7 +287,7 @@ fn an_interrupted_run_stops_soon_and_leaves_nothing() {
     use std::time::{Duration, Instant};
 
     let place = Place::new();
-    place.write("long.toml", common::TINY.replace("steps = 200", "steps = 1000000"));
+    place.write("long.toml", common::TINY.replace("steps = 60", "steps = 1000000"));
     let before = place.entries();
     for signal in ["INT", "TERM"] {
         let mut run = Command::new(env!("CARGO_BIN_EXE_mde"))

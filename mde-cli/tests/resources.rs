@@ -14,7 +14,7 @@ use mde_cli::mde_prior::photo::write_image;
 use mde_cli::memory::{MemoryLimit, PhotographMemory};
 use mde_cli::memory::{SceneMemory, refine_bytes};
 use mde_cli::{Config, Preset};
-use mde_eval::scene::{Room, room};
+use ndarray::{Array2, Array3};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -23,11 +23,16 @@ fn record(folder: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(folder.join("run.json")).unwrap()).unwrap()
 }
 
-/// A picture of that size with its depth: `large.png`, `large.npy`.
+/// A picture of that size with its depth: `large.png`, `large.npy`. Enlarged, as a room takes seconds to render at such a size.
 fn large(place: &Place, width: usize, height: usize) {
-    let scene = room(Room::Study, 0, width, height).unwrap();
-    write_image(place.path("large.png"), scene.image.view()).unwrap();
-    write_npy(place.path("large.npy"), scene.depth.view()).unwrap();
+    let small = &place.scene;
+    let from = |y: usize, x: usize| (y * HEIGHT / height, x * WIDTH / width);
+    let image =
+        Array3::from_shape_fn((height, width, 3), |(y, x, c)| small.image[[from(y, x).0, from(y, x).1, c]]);
+    let depth =
+        Array2::from_shape_fn((height, width), |(y, x)| small.depth[from(y, x)] + 1e-4 * (x + 2 * y) as f32);
+    write_image(place.path("large.png"), image.view()).unwrap();
+    write_npy(place.path("large.npy"), depth.view()).unwrap();
 }
 
 #[test]
@@ -118,7 +123,7 @@ fn the_estimate_bounds_what_a_run_takes() {
     let place = Place::new();
     large(&place, 640, 480);
     let quick = TINY
-        .replace("steps = 200", "steps = 5")
+        .replace("steps = 60", "steps = 5")
         .replace("iterations = 2", "iterations = 1")
         .replace("= 8\n", "= 2\n");
     for (name, count) in [("few", 1), ("many", 20)] {
@@ -299,7 +304,7 @@ fn an_evaluation_fails_only_where_its_scenes_are_too_large() {
 #[cfg(target_os = "linux")]
 fn the_estimate_bounds_what_an_evaluation_takes() {
     let place = Place::new();
-    let text = TINY.replace("steps = 200", "steps = 5").replace("= 8\n", "= 2\n");
+    let text = TINY.replace("steps = 60", "steps = 5").replace("= 8\n", "= 2\n");
     place.write("quick.toml", &text);
     let quick = |preset| Config::with_overrides(preset, &text, "quick.toml").unwrap();
     let (eval, ablate) = (Some(quick(Preset::Default)), quick(Preset::Paper));
@@ -315,7 +320,7 @@ fn the_estimate_bounds_what_an_evaluation_takes() {
         let mut run = std::process::Command::new(env!("CARGO_BIN_EXE_mde"))
             .current_dir(place.path("."))
             .args(arguments.split_whitespace())
-            .args("--dataset rooms --size 480x360 --quiet -o out".split_whitespace())
+            .args("--dataset rooms --size 320x240 --quiet -o out".split_whitespace())
             .spawn()
             .unwrap();
         let status = format!("/proc/{}/status", run.id());
@@ -327,7 +332,7 @@ fn the_estimate_bounds_what_an_evaluation_takes() {
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
         assert!(run.wait().unwrap().success(), "{arguments}");
-        let estimate = SceneMemory::new(methods, share).bytes(480 * 360, jobs);
+        let estimate = SceneMemory::new(methods, share).bytes(320 * 240, jobs);
         assert!((peak..4 * peak).contains(&estimate), "{arguments}: estimate {estimate}, peak {peak}");
         fs::remove_dir_all(place.path("out")).unwrap();
     }

@@ -89,6 +89,7 @@ fn a_system_without_threads_takes_one() {
 #[cfg(feature = "onnx")]
 #[test]
 fn a_prediction_can_be_interrupted() {
+    use std::io::{BufRead, BufReader};
     use std::time::{Duration, Instant};
     let place = Place::new();
     let model = concat!(env!("CARGO_MANIFEST_DIR"), "/../mde-prior/tests/fixtures/slow.onnx");
@@ -96,11 +97,13 @@ fn a_prediction_can_be_interrupted() {
     fs::copy(model, place.path("slow.onnx")).unwrap();
     let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_mde"))
         .current_dir(place.path("."))
-        .args("refine image.png --prior-model slow.onnx --fov 60 -q -o out".split_whitespace())
-        .stderr(std::process::Stdio::null())
+        .args("refine image.png --prior-model slow.onnx --fov 60 --log-json -o out".split_whitespace())
+        .stderr(std::process::Stdio::piped())
         .spawn()
         .unwrap();
-    std::thread::sleep(Duration::from_secs(2));
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    assert!(lines.any(|line| line.unwrap().contains("\"prior\"")), "the prediction does not begin");
+    std::thread::sleep(Duration::from_millis(200));
     assert!(child.try_wait().unwrap().is_none(), "the network is not slow");
     let begin = Instant::now();
     std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();

@@ -31,6 +31,9 @@ pub enum Error {
     /// A view, a camera or a map that [`mde_warp`] refuses.
     #[error(transparent)]
     View(#[from] mde_warp::Error),
+    /// The callback of a stage returned `Break`.
+    #[error("interrupted")]
+    Interrupted,
     /// A depth map that [`GaussianDepth`](mde_uncertainty::GaussianDepth) refuses.
     #[error(transparent)]
     Depth(#[from] mde_uncertainty::Error),

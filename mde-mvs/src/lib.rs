@@ -68,6 +68,23 @@ pub use error::{Error, Result};
 pub use {nalgebra, ndarray};
 
 use mde_warp::PinholeCamera;
+use std::ops::ControlFlow;
+
+/// Progress callback: the pieces of work that are done, and their number. `Break` ends the work with [`Error::Interrupted`].
+pub type Callback<'c> = dyn FnMut(usize, usize) -> ControlFlow<()> + 'c;
+
+/// The callback of a function that has none.
+fn silent(_: usize, _: usize) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+/// An error where the callback ends the work.
+fn notify(callback: &mut Callback<'_>, done: usize, all: usize) -> Result<()> {
+    match callback(done, all) {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(()) => Err(Error::Interrupted),
+    }
+}
 
 /// An error unless a map has its camera's size.
 fn check_map(what: &'static str, found: (usize, usize), camera: &PinholeCamera) -> Result<()> {

@@ -70,7 +70,7 @@ fn hash() -> NerfConfig {
         field: FieldConfig::Hash(HashFieldConfig { log2_rows: 14, finest: 96, ..HashFieldConfig::default() }),
         ..NerfConfig::default()
     };
-    config.train.steps = 400;
+    config.train.steps = 150;
     config.train.rays = 512;
     config.train.learning_rate = 1e-2;
     config.train.warm_up = 20;
@@ -107,7 +107,9 @@ fn quality(config: NerfConfig, views: &[PosedView]) -> (f64, f64) {
 
 #[test]
 fn parallax_alone_teaches_the_hash_field_colour_and_depth() {
-    let (psnr, depth) = quality(hash(), &views(false));
+    let mut config = hash();
+    config.train.steps = 400;
+    let (psnr, depth) = quality(config, &views(false));
     assert!(psnr > 30.0, "PSNR {psnr:.1} dB");
     assert!(depth < 0.05, "median relative depth error {depth:.4}");
 }
@@ -159,7 +161,7 @@ fn photographs_from_far_apart_refine_noisy_hypotheses() {
         views.push(view);
     }
     let mut config = NerfConfig::photographs(WIDTH);
-    (config.train.steps, config.train.rays) = (400, 512);
+    (config.train.steps, config.train.rays) = (200, 512);
     let mut field = Nerf::new(config, 1).unwrap();
     field.fit(&views, &mut Silent).unwrap();
     let rendered = field.render(&views[0].camera, &views[0].pose, &mut Silent).unwrap();

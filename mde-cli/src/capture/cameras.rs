@@ -5,7 +5,7 @@ use super::{Capture, view};
 use crate::Result;
 use crate::config::Config;
 use mde_mvs::poses::{
-    self, PosesConfig, RefineConfig, Track, Verdict, estimate_poses, estimate_poses_from, refine_poses,
+    self, PosesConfig, RefineConfig, Track, Verdict, estimate_poses_with, refine_poses_with,
 };
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
@@ -26,12 +26,14 @@ pub(super) struct Posed {
     pub(super) unit: f64,
 }
 
-/// The posed views, or nothing (with the reason in the report) where no photograph but the reference has a pose with parallax.
+/// The posed views, or nothing (with the reason in the report) where no photograph but the reference has a pose with parallax. The
+/// callback counts the pairs of photographs as they are matched.
 pub(super) fn posed(
     capture: &Capture,
     priors: &[Option<Array2<f32>>],
     config: &Config,
     report: &mut CaptureReport,
+    matched: &mut mde_mvs::Callback<'_>,
 ) -> Result<Option<Posed>> {
     let inputs: Vec<poses::Photograph<'_>> = capture
         .photographs
@@ -52,7 +54,8 @@ pub(super) fn posed(
         Some(given) => {
             let world = given[reference].inverse();
             let given: Vec<Pose> = given.iter().map(|pose| pose * world).collect();
-            let refined = refine_poses(&inputs, &given, reference, &RefineConfig::default(), seed)?;
+            let refined =
+                refine_poses_with(&inputs, &given, reference, &RefineConfig::default(), seed, matched)?;
             report.poses = if refined.accepted { PoseSource::Refined } else { PoseSource::Given };
             report.withheld_pixels = refined.withheld;
             let unit = unit(&refined.tracks, reference, priors[reference].as_ref());
@@ -62,10 +65,8 @@ pub(super) fn posed(
         }
         None => {
             let settings = PosesConfig::default();
-            let estimated = match &capture.matches {
-                Some(matches) => estimate_poses_from(&inputs, reference, matches, &settings, seed)?,
-                None => estimate_poses(&inputs, reference, &settings, seed)?,
-            };
+            let matches = capture.matches.as_ref();
+            let estimated = estimate_poses_with(&inputs, reference, matches, &settings, seed, matched)?;
             report.poses = PoseSource::Estimated;
             report.focal_factor = Some(estimated.focal_factor);
             for (photograph, found) in report.photographs.iter_mut().zip(&estimated.photographs) {

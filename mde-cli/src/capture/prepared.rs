@@ -8,7 +8,7 @@ use super::{Capture, capture as fault, guard, priors, result};
 use crate::config::{Config, Preset};
 use crate::pipeline::{Callback, Event, Refinement, Stage, Stages, refine};
 use crate::{Error, Result};
-use mde_mvs::consensus::{ConsensusConfig, Reconstruction, ViewDepth, reconstruct};
+use mde_mvs::consensus::{ConsensusConfig, Reconstruction, ViewDepth, reconstruct_with};
 use mde_mvs::exposure::{Exposure, fit_exposure};
 use mde_mvs::gauge::Scale;
 use mde_mvs::poses::relative_covariance;
@@ -94,7 +94,8 @@ impl<'c> PreparedCapture<'c> {
         report.seconds.prior = start.elapsed().as_secs_f64();
 
         let start = run.begin(Stage::Poses)?;
-        let posed = cameras::posed(capture, &priors, config, &mut report)?;
+        let mut matched = |done, total| run.notify(&Event::Part { stage: Stage::Poses, done, total });
+        let posed = cameras::posed(capture, &priors, config, &mut report, &mut matched)?;
         let plan = match &posed {
             Some(posed) => plan(posed, &priors, config, 1)?,
             None => Vec::new(),
@@ -177,7 +178,7 @@ impl<'c> PreparedCapture<'c> {
         }
 
         run.begin(Stage::Sweep)?;
-        self.sweep(place)?;
+        self.sweep(place, &mut |done, total| run.notify(&Event::Part { stage: Stage::Sweep, done, total }))?;
         let (Some(posed), Some(swept)) = (&self.posed, &mut self.swept) else {
             return Err(Error::EmptyPrior);
         };
@@ -286,7 +287,7 @@ impl<'c> PreparedCapture<'c> {
     }
 
     /// Sweeps of the group in which that view is, unless they are the latest.
-    fn sweep(&mut self, place: usize) -> Result<()> {
+    fn sweep(&mut self, place: usize, swept: &mut mde_mvs::Callback<'_>) -> Result<()> {
         let same = |swept: &Swept| swept.group == self.plan[place].group;
         if self.swept.as_ref().is_some_and(same) {
             if let Some(swept) = &mut self.swept {
@@ -297,7 +298,7 @@ impl<'c> PreparedCapture<'c> {
         // One scale for all: that of the reference's group.
         if self.scale.is_none() && self.plan[place].group != self.plan[0].group && self.plan[0].own.len() > 1
         {
-            self.sweep(0)?;
+            self.sweep(0, swept)?;
         }
         let Some(posed) = &self.posed else { return Ok(()) };
         self.swept = None;
@@ -307,7 +308,8 @@ impl<'c> PreparedCapture<'c> {
         let views: Vec<PosedView> = group.iter().map(|&view| posed.views[view].clone()).collect();
         let depths = priors::for_views(&views, &order, &self.priors, posed.unit)?;
         let depths: Vec<ArrayView2<'_, f32>> = depths.iter().map(|depth| depth.view()).collect();
-        let reconstruction = reconstruct(&views, &depths, self.scale, &ConsensusConfig::default())?;
+        let reconstruction =
+            reconstruct_with(&views, &depths, self.scale, &ConsensusConfig::default(), swept)?;
         self.scale = self.scale.or(reconstruction.scale);
         self.swept = Some(Swept { group, reconstruction, seconds: start.elapsed().as_secs_f64() });
         Ok(())

@@ -59,6 +59,16 @@ pub enum Event {
         /// Number of views to render; 0 during the fit.
         views: usize,
     },
+    /// A part of a stage of several photographs is done: pairs of photographs are matched ([`Stage::Poses`]), a photograph is swept
+    /// ([`Stage::Sweep`]).
+    Part {
+        /// The stage.
+        stage: Stage,
+        /// Parts so far.
+        done: usize,
+        /// Parts in total.
+        total: usize,
+    },
     /// The model finished a prediction.
     Predicted {
         /// Predictions so far.

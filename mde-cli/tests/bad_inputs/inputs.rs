@@ -6,8 +6,10 @@ use image::{DynamicImage, ImageFormat};
 use mde_cli::mde_prior::format::{write_depth, write_npy, write_npz, write_pfm, write_png16};
 use mde_cli::mde_prior::photo::write_image;
 use ndarray::{Array2, Array3};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 const QUICK: &str = "\
 [views]
@@ -29,8 +31,40 @@ coarse = 4
 fine = 4
 ";
 
-/// All inputs of all tables.
+/// All inputs of all tables, made once and written for each test.
 pub(crate) fn place() -> Place {
+    static MADE: LazyLock<BTreeMap<PathBuf, Option<Vec<u8>>>> = LazyLock::new(|| {
+        let mut found = BTreeMap::new();
+        collect(&made().path("."), Path::new(""), &mut found);
+        found
+    });
+    let place = Place::empty();
+    for (path, bytes) in MADE.iter() {
+        let path = place.path(".").join(path);
+        match bytes {
+            Some(bytes) => fs::write(path, bytes).unwrap(),
+            None => fs::create_dir(path).unwrap(),
+        }
+    }
+    place
+}
+
+/// The files below a folder with their bytes, and the folders, each before what is in it.
+fn collect(root: &Path, inside: &Path, found: &mut BTreeMap<PathBuf, Option<Vec<u8>>>) {
+    for entry in fs::read_dir(root.join(inside)).unwrap() {
+        let entry = entry.unwrap();
+        let path = inside.join(entry.file_name());
+        assert!(!entry.file_type().unwrap().is_symlink(), "{}", path.display());
+        if entry.path().is_dir() {
+            found.insert(path.clone(), None);
+            collect(root, &path, found);
+        } else {
+            found.insert(path, Some(fs::read(entry.path()).unwrap()));
+        }
+    }
+}
+
+fn made() -> Place {
     let place = Place::new();
     place.write("quick.toml", QUICK);
     for (name, text) in [

@@ -228,13 +228,14 @@ mod tests {
 
     #[test]
     fn few_places_make_nothing_bold() {
+        let draws = Bootstrap { draws: 1000, ..Bootstrap::default() };
         let spread = |places: usize| {
             let mut entries = Vec::new();
             for (scene, entry) in (0..8).flat_map(|scene| entries_of_one().map(move |entry| (scene, entry))) {
                 let place = Some(format!("room {}", scene % places));
                 entries.push(Entry { scene: format!("scene {scene}"), place, ..entry });
             }
-            let summary = Summary::new(&entries, Some("prior"), &Bootstrap::default()).unwrap();
+            let summary = Summary::new(&entries, Some("prior"), &draws).unwrap();
             assert_eq!((summary.scenes, summary.places), (8, places));
             document(&summary).markdown()
         };

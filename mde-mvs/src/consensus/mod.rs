@@ -22,7 +22,7 @@ use inflation::inflation;
 use crate::gauge::{Gauge, Match, PATCHES, Scale};
 use crate::raster::{enlarge, small_map, small_view};
 use crate::sweep::{Surfaces, Sweep, SweepConfig, sweep, working_bytes};
-use crate::{Error, Result, check_map};
+use crate::{Callback, Error, Result, check_map, notify, silent};
 
 /// Longer side of the photographs on which scale and gauge are found.
 const SMALL: usize = 160;
@@ -132,6 +132,20 @@ pub fn reconstruct(
     scale: Option<Scale>,
     config: &ConsensusConfig,
 ) -> Result<Reconstruction> {
+    reconstruct_with(views, priors, scale, config, &mut silent)
+}
+
+/// [`reconstruct`] with a callback that counts the photographs as the last sweep of each ends; those before, of small images, are quick.
+///
+/// # Errors
+/// As [`reconstruct`], and [`Error::Interrupted`].
+pub fn reconstruct_with(
+    views: &[PosedView],
+    priors: &[ArrayView2<'_, f32>],
+    scale: Option<Scale>,
+    config: &ConsensusConfig,
+    callback: &mut Callback<'_>,
+) -> Result<Reconstruction> {
     config.validate()?;
     if views.len() < 2 || priors.len() != views.len() {
         return Err(Error::TooFewViews { views: views.len().min(priors.len()) });
@@ -202,7 +216,9 @@ pub fn reconstruct(
         .iter()
         .map(|&i| {
             let surfaces = Surfaces::Around { depth: centres[i].view(), factor: config.narrow };
-            sweep(views, i, &everyone, surfaces, &config.sweep)
+            let swept = sweep(views, i, &everyone, surfaces, &config.sweep)?;
+            notify(callback, i + 1, views.len())?;
+            Ok(swept)
         })
         .collect::<Result<Vec<_>>>()?;
     let depths: Vec<&GaussianDepth> = fine.iter().map(|s| &s.depth).collect();

@@ -3,7 +3,7 @@ use super::matching::{GivenMatches, match_features};
 use super::pair::{self, Pair};
 use super::tracks::{self, Track, TrackPixel};
 use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order};
-use crate::Result;
+use crate::{Callback, Result, silent};
 use mde_uncertainty::statistics::quantile;
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Matrix6, Point2};
@@ -145,7 +145,7 @@ pub fn estimate_poses(
     settings: &PosesConfig,
     seed: u64,
 ) -> Result<Estimated> {
-    estimate(photographs, reference, None, settings, seed)
+    estimate_poses_with(photographs, reference, None, settings, seed, &mut silent)
 }
 
 /// [`estimate_poses`] from matches of another program: [`PosesConfig::features`] and [`PosesConfig::ratio`] are not used. Wrong
@@ -160,15 +160,21 @@ pub fn estimate_poses_from(
     settings: &PosesConfig,
     seed: u64,
 ) -> Result<Estimated> {
-    estimate(photographs, reference, Some(matches), settings, seed)
+    estimate_poses_with(photographs, reference, Some(matches), settings, seed, &mut silent)
 }
 
-fn estimate(
+/// [`estimate_poses`], or [`estimate_poses_from`] where matches are given, with a callback that counts the pairs of photographs as
+/// they are compared.
+///
+/// # Errors
+/// Theirs, and [`Error::Interrupted`](crate::Error::Interrupted).
+pub fn estimate_poses_with(
     photographs: &[Photograph],
     reference: usize,
     matches: Option<&GivenMatches>,
     settings: &PosesConfig,
     seed: u64,
+    callback: &mut Callback<'_>,
 ) -> Result<Estimated> {
     settings.validate()?;
     let order = in_order(photographs, reference)?;
@@ -182,7 +188,7 @@ fn estimate(
             let shots = Shot::all(&sorted, &settings.features)?;
             let found =
                 |i: usize, j: usize| match_features(&shots[i].features, &shots[j].features, settings.ratio);
-            let pairs = all_pairs(&shots, found, pair::relate, settings, seed);
+            let pairs = all_pairs(&shots, found, pair::relate, settings, seed, callback)?;
             (shots, pairs)
         }
         Some(matches) => {
@@ -190,7 +196,7 @@ fn estimate(
             let shots = sorted.iter().zip(features).map(|(photograph, of)| Shot::new(photograph, of));
             let shots = shots.collect::<Result<Vec<_>>>()?;
             let found = |i: usize, j: usize| matches.get(&[i, j]).map_or(&[][..], Vec::as_slice);
-            let pairs = all_pairs(&shots, found, pair::relate, settings, seed);
+            let pairs = all_pairs(&shots, found, pair::relate, settings, seed, callback)?;
             (shots, pairs)
         }
     };

@@ -37,14 +37,16 @@ mod scales;
 mod tracks;
 
 pub use depth::{depth_variance, relative_covariance};
-pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses, estimate_poses_from};
+pub use estimate::{
+    Estimated, EstimatedPose, Verdict, estimate_poses, estimate_poses_from, estimate_poses_with,
+};
 pub use features::{DESCRIPTOR_LENGTH, FeatureConfig, Features, Keypoint};
 pub use matching::{GivenMatches, Match, match_features};
-pub use refine::{RefineConfig, Refined, refine_poses};
+pub use refine::{RefineConfig, Refined, refine_poses, refine_poses_with};
 pub use scales::{LogFactor, LogRatio, Prepared, common_scale};
 pub use tracks::{Track, TrackPixel};
 
-use crate::{Result, check_map};
+use crate::{Callback, Result, check_map, notify};
 use bundle::Lens;
 use features::config;
 use mde_warp::PinholeCamera;
@@ -230,20 +232,27 @@ fn in_order(photographs: &[Photograph], reference: usize) -> Result<Vec<usize>> 
 /// A pair of photographs by their places among the shots, and its matches.
 type Relate = fn([&Shot; 2], [usize; 2], &[Match], &PosesConfig, u64) -> pair::Pair;
 
-/// Every pair of photographs, in parallel; `found` gives the matches of two of them.
+/// Every pair of photographs, some at once; `matches` gives those of two of them, and the callback counts the pairs.
 fn all_pairs<M: AsRef<[Match]>>(
     shots: &[Shot],
-    found: impl Fn(usize, usize) -> M + Sync,
+    matches: impl Fn(usize, usize) -> M + Sync,
     relate: Relate,
     settings: &PosesConfig,
     seed: u64,
-) -> Vec<pair::Pair> {
+    callback: &mut Callback<'_>,
+) -> Result<Vec<pair::Pair>> {
     let pairs: Vec<(usize, usize)> =
         (0..shots.len()).flat_map(|i| (i + 1..shots.len()).map(move |j| (i, j))).collect();
     let of_pair = |&(i, j): &(usize, usize)| {
-        relate([&shots[i], &shots[j]], [i, j], found(i, j).as_ref(), settings, seed)
+        relate([&shots[i], &shots[j]], [i, j], matches(i, j).as_ref(), settings, seed)
     };
-    pairs.par_iter().map(of_pair).collect()
+    let mut found = Vec::with_capacity(pairs.len());
+    // Enough for each thread that the last ones seldom wait.
+    for part in pairs.chunks(8 * rayon::current_num_threads()) {
+        found.par_extend(part.par_iter().map(of_pair));
+        notify(callback, found.len(), pairs.len())?;
+    }
+    Ok(found)
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 use super::bundle::{Bundle, Observed, PosePrior};
 use super::tracks::{self, Track};
 use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order, matching, pair, positive};
-use crate::{Error, Result};
+use crate::{Callback, Error, Result, silent};
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
@@ -83,6 +83,21 @@ pub fn refine_poses(
     settings: &RefineConfig,
     seed: u64,
 ) -> Result<Refined> {
+    refine_poses_with(photographs, poses, reference, settings, seed, &mut silent)
+}
+
+/// [`refine_poses`] with a callback that counts the pairs of photographs as they are matched.
+///
+/// # Errors
+/// As [`refine_poses`], and [`Error::Interrupted`].
+pub fn refine_poses_with(
+    photographs: &[Photograph],
+    poses: &[Pose],
+    reference: usize,
+    settings: &RefineConfig,
+    seed: u64,
+    callback: &mut Callback<'_>,
+) -> Result<Refined> {
     settings.validate()?;
     let order = in_order(photographs, reference)?;
     if poses.len() != photographs.len() {
@@ -101,7 +116,7 @@ pub fn refine_poses(
     let found = |i: usize, j: usize| {
         matching::match_features(&shots[i].features, &shots[j].features, settings.matches.ratio)
     };
-    let pairs = all_pairs(&shots, found, pair::epipolar, &settings.matches, seed);
+    let pairs = all_pairs(&shots, found, pair::epipolar, &settings.matches, seed, callback)?;
 
     let rank: Vec<usize> = (0..shots.len()).map(|v| if v == reference { 0 } else { v + 1 }).collect();
     let groups = tracks::join(&shots, &pairs.iter().collect::<Vec<_>>(), &rank);

@@ -132,6 +132,7 @@ impl Watch for Watched<'_> {
                 Some((stage.name(), 0, 0))
             }
             Event::Predicted { done, total } => Some(("prior", *done, *total)),
+            Event::Part { stage, done, total } => Some((stage.name(), *done, *total)),
             Event::Field { event, view, views } => {
                 follow(&mut self.training, self.iteration, event);
                 match *event {

@@ -17,7 +17,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Size of the image that a model is tried on.
-const TRIAL: [usize; 2] = [320, 240];
+const TRIAL: [usize; 2] = [224, 168];
 /// `(height, width)` of the photograph whose cost is stated.
 const USUAL: (usize, usize) = (480, 640);
 /// Below this mean correlation with the true depth of the rooms a model is of no use, or its profile is wrong.

@@ -157,6 +157,7 @@ impl Progress {
             Event::Begin { stage, iteration, iterations } => self.begin(stage, [iteration + 1, iterations]),
             Event::Field { event, view, views } => self.field(&event, view, views),
             Event::Predicted { done, total } => self.predicted(done, total),
+            Event::Part { stage, done, total } => self.part(stage, done, total),
             _ => {}
         }
         interrupt::flow()
@@ -232,6 +233,13 @@ impl Progress {
         self.advance(Stage::Prior, done, total, "predictions of the model", value);
     }
 
+    /// Pairs of photographs that are matched, or photographs that are swept.
+    fn part(&mut self, stage: Stage, done: usize, total: usize) {
+        let what = if stage == Stage::Poses { "pairs of photographs" } else { "photographs" };
+        let value = json!({ "event": stage.name(), "done": done, "total": total });
+        self.advance(stage, done, total, what, value);
+    }
+
     fn advance(&mut self, stage: Stage, done: usize, all: usize, text: &str, mut value: Value) {
         match self.mode {
             Mode::Quiet => {}
@@ -250,9 +258,9 @@ impl Progress {
                 let bar = self.bar.take();
                 let bar = bar.unwrap_or_else(|| self.spinner(stage));
                 if bar.length().is_none() {
-                    bar.set_length(all as u64);
                     bar.set_style(style(template(terminal_columns())));
                 }
+                bar.set_length(all as u64);
                 bar.set_position(done as u64);
                 bar.set_message(text.to_owned());
                 self.bar = Some(bar);
