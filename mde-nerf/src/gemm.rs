@@ -252,4 +252,34 @@ mod tests {
             prop_assert!(close(&dw, &exact, n));
         }
     }
+
+    /// Every sum is of the same terms in the same order, each rounded once.
+    #[test]
+    #[cfg(target_arch = "x86_64")]
+    fn products_are_the_same_bytes_for_any_vector_width() {
+        use pulp::Scalar;
+        use pulp::x86::{V3, V4};
+        fn products<S: Simd>(simd: S, m: usize) -> Vec<u32> {
+            let (n, used, m) = (37, 21, m * LANES);
+            let k = padded(used);
+            let shape = Shape { inputs: k, used, outputs: m };
+            let (mut x, w, dy, bias) = (noise(0, n * k), noise(1, k * m), noise(2, n * m), noise(3, m));
+            x.chunks_exact_mut(k).for_each(|row| row[used..].fill(0.0));
+            let (mut y, mut dw) = (vec![0.0; n * m], noise(4, k * m));
+            let epilogue = Epilogue { bias: Some(&bias), relu: true };
+            simd.vectorize(Product { x: &x, w: &w, y: &mut y, shape, epilogue });
+            simd.vectorize(Outer { x: &x, dy: &dy, dw: &mut dw, shape });
+            y.iter().chain(&dw).map(|v| v.to_bits()).collect()
+        }
+        for m in 1..9 {
+            let plain = products(Scalar::new(), m);
+            assert!(plain.iter().any(|bits| *bits != 0));
+            if let Some(simd) = V3::try_new() {
+                assert_eq!(products(simd, m), plain, "AVX2, {m}");
+            }
+            if let Some(simd) = V4::try_new() {
+                assert_eq!(products(simd, m), plain, "AVX-512, {m}");
+            }
+        }
+    }
 }
