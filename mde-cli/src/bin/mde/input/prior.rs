@@ -4,7 +4,7 @@ use crate::args::PriorArgs;
 #[cfg(feature = "onnx")]
 use crate::args::RuntimeArgs;
 use crate::run::progress::Progress;
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use mde_cli::Naming;
 use mde_cli::inputs::{BoundPrior, MapFile, Opened, PriorOrigin, read_options};
 use mde_prior::{DepthKind, DepthPrior};
@@ -82,7 +82,7 @@ pub(crate) fn runtime(args: &RuntimeArgs) -> Result<mde_prior::Runtime> {
         if let Some(library) = mde_prior::find_onnxruntime(named) {
             return Ok(mde_prior::Runtime::OnnxRuntime(library));
         }
-        ensure!(
+        anyhow::ensure!(
             args.runtime == RuntimeName::Auto,
             "--runtime onnxruntime: no library of ONNX Runtime was found; install it (pip install onnxruntime), or give its path with \
              --onnxruntime or ORT_DYLIB_PATH"
