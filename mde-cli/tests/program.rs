@@ -304,7 +304,7 @@ fn an_interrupted_run_stops_soon_and_leaves_nothing() {
         let kill = format!("kill -{signal} {}", run.id());
         assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
         assert_eq!(run.wait().unwrap().code(), Some(130));
-        assert!(start.elapsed() < Duration::from_secs(10));
+        assert!(start.elapsed() < Duration::from_secs(60));
         assert!(lines.any(|line| line.contains("interrupted")));
         assert_eq!(place.entries(), before);
     }

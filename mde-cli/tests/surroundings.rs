@@ -108,6 +108,6 @@ fn a_prediction_can_be_interrupted() {
     let begin = Instant::now();
     std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(130));
-    assert!(begin.elapsed() < Duration::from_secs(10), "{:?}", begin.elapsed());
+    assert!(begin.elapsed() < Duration::from_secs(60), "{:?}", begin.elapsed());
     assert!(!names(&place.path(".")).iter().any(|name| name.starts_with(".mde-") || name == "out"));
 }

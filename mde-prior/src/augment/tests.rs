@@ -207,18 +207,26 @@ proptest! {
 /// A limit bounds how many predictions run at once, and no byte depends on it.
 #[test]
 fn no_more_predictions_run_at_once_than_the_limit() {
-    struct Counted(Coarse, AtomicUsize, AtomicUsize, Option<Instant>);
+    struct Counted {
+        model: Coarse,
+        begun: AtomicUsize,
+        running: AtomicUsize,
+        most: AtomicUsize,
+        wait_until: Option<Instant>,
+    }
     impl DepthPrior for Counted {
         fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-            let running = self.1.fetch_add(1, Ordering::SeqCst) + 1;
-            self.2.fetch_max(running, Ordering::SeqCst);
+            let first = self.begun.fetch_add(1, Ordering::SeqCst) == 0;
+            let running = self.running.fetch_add(1, Ordering::SeqCst) + 1;
+            self.most.fetch_max(running, Ordering::SeqCst);
             std::thread::sleep(Duration::from_millis(2));
-            // Where two may run, one waits for another, however late the machine starts it.
-            while self.3.is_some_and(|end| Instant::now() < end) && self.2.load(Ordering::SeqCst) < 2 {
+            // Where two may run, one waits for another, however late the machine starts it. The whole image comes first and alone.
+            let alone = || !first && self.most.load(Ordering::SeqCst) < 2;
+            while self.wait_until.is_some_and(|end| Instant::now() < end) && alone() {
                 std::thread::yield_now();
             }
-            let prediction = self.0.predict(image);
-            self.1.fetch_sub(1, Ordering::SeqCst);
+            let prediction = self.model.predict(image);
+            self.running.fetch_sub(1, Ordering::SeqCst);
             prediction
         }
         fn concurrency(&self) -> usize {
@@ -228,14 +236,18 @@ fn no_more_predictions_run_at_once_than_the_limit() {
     let picture = picture();
     let threads = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
     let run = |at_once: Option<usize>| {
-        let end = at_once.is_none().then(|| Instant::now() + Duration::from_secs(60));
-        let coarse = Coarse { cells: 14, kind: DepthKind::Metric };
-        let model = Counted(coarse, AtomicUsize::new(0), AtomicUsize::new(0), end);
+        let model = Counted {
+            model: Coarse { cells: 14, kind: DepthKind::Metric },
+            begun: AtomicUsize::new(0),
+            running: AtomicUsize::new(0),
+            most: AtomicUsize::new(0),
+            wait_until: at_once.is_none().then(|| Instant::now() + Duration::from_secs(60)),
+        };
         let limits = Limits { budget: None, at_once };
         let mut go_on = |_| ControlFlow::Continue(());
         let config = AugmentationConfig::multi_crop();
         let made = threads.install(|| config.predict_with(&model, picture.view(), limits, &mut go_on));
-        (made.unwrap().unwrap(), model.2.into_inner())
+        (made.unwrap().unwrap(), model.most.into_inner())
     };
     let (free, most) = run(None);
     assert!((2..=4).contains(&most), "{most}");
