@@ -2,13 +2,14 @@
 #![cfg(feature = "onnx")]
 #![allow(clippy::unwrap_used)]
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::ndarray::{Array2, Array3};
 use mde_prior::resample::Filter;
 use mde_prior::spec::{Aspect, Channels, Layout};
-use mde_prior::{DepthKind, DepthPrior, DisparityRule, ModelSpec, OnnxPrior};
+use mde_prior::{DepthKind, DepthPrior, DisparityRule, ModelSpec, OnnxPrior, PriorDepth, predict_each};
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name)
@@ -210,6 +211,30 @@ fn the_memory_follows_the_input_and_the_file() {
     let input = 4 * 3 * 32 * 32;
     assert!((input..20 * input).contains(&small.prediction), "{small:?}");
     assert!((3 * small.prediction..=5 * small.prediction).contains(&large.prediction), "{small:?} {large:?}");
+}
+
+/// Idle threads help a prediction, alone or beside others.
+#[test]
+fn no_byte_depends_on_the_number_of_threads() {
+    let mut spec = ModelSpec::new(384, 256, DepthKind::AffineDisparity);
+    (spec.aspect, spec.multiple_of) = (Aspect::KeepMinimal, 32);
+    let prior = OnnxPrior::open(fixture("midas_dynamic.onnx"), &spec).unwrap();
+    let images = [pattern(256, 384), 1.0 - pattern(256, 384), 0.5 * pattern(256, 384)];
+    let views = images.each_ref().map(|image| image.view());
+    let predicted = |threads: usize, at_once: Option<usize>| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let mut maps = Vec::new();
+        let take = |prediction: PriorDepth| {
+            maps.push(prediction.map);
+            ControlFlow::Continue(())
+        };
+        _ = pool.install(|| predict_each(&prior, &views, at_once, take)).unwrap();
+        maps
+    };
+    let expected = predicted(1, None);
+    for (threads, at_once) in [(2, None), (4, None), (4, Some(1)), (4, Some(2))] {
+        assert!(predicted(threads, at_once) == expected, "{threads} threads, {at_once:?} at once");
+    }
 }
 
 #[test]

@@ -208,7 +208,7 @@ impl AugmentationConfig {
         if let Some(budget) = limits.budget {
             let begin = Instant::now();
             whole.push(model.predict(image.view())?);
-            plan = plan.within(budget, begin.elapsed(), at_once.most);
+            plan = plan.within(budget, begin.elapsed());
         }
         let mut done = whole.len();
         let mut predicted = |plan: &Plan| {

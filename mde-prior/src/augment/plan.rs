@@ -104,11 +104,12 @@ impl Plan {
         Self { mirror: true, levels, ratio: known }.at_most(most)
     }
 
-    /// The plan cut to what fits into `budget` after a first prediction that took `first`, with `at_once` predictions at once.
+    /// The plan cut to what fits into `budget` where each prediction takes as long as the first, alone on all threads. Side by side they
+    /// take less.
     #[must_use]
-    pub fn within(&self, budget: Duration, first: Duration, at_once: usize) -> Self {
+    pub fn within(&self, budget: Duration, first: Duration) -> Self {
         let rest = budget.saturating_sub(first).as_secs_f64() / first.as_secs_f64().max(1e-9);
-        self.at_most(1 + (rest * at_once as f64) as usize)
+        self.at_most(1 + rest as usize)
     }
 
     /// The plan without its last levels, or without mirror images, so that it has at most `predictions`.
@@ -161,10 +162,10 @@ mod tests {
     fn a_budget_cuts_the_plan() {
         let plan = Plan::new(Predictions::Auto, (480, 640), Some((224, 224)));
         let seconds = Duration::from_secs;
-        assert_eq!(plan.within(seconds(100), seconds(1), 1), plan);
-        assert_eq!(plan.within(seconds(6), seconds(1), 1).predictions(), 5);
-        assert_eq!(plan.within(seconds(6), seconds(1), 2).predictions(), 10);
-        assert_eq!(plan.within(seconds(1), seconds(2), 2).predictions(), 1);
+        assert_eq!(plan.within(seconds(100), seconds(1)), plan);
+        assert_eq!(plan.within(seconds(6), seconds(1)).predictions(), 5);
+        assert_eq!(plan.within(seconds(12), seconds(1)).predictions(), 10);
+        assert_eq!(plan.within(seconds(1), seconds(2)).predictions(), 1);
     }
 
     proptest! {

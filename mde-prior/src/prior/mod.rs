@@ -65,8 +65,8 @@ pub trait DepthPrior: Sync {
         None
     }
 
-    /// Number of predictions that may run at once, each on one thread; 1, the default, for a model that uses all cores itself or
-    /// that only one thread may use.
+    /// Number of predictions that may run at once; 1, the default, for a model that uses all cores itself or that only one thread may
+    /// use. A prediction may use the threads of rayon's current pool that have none of their own.
     fn concurrency(&self) -> usize {
         1
     }

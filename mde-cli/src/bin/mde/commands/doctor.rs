@@ -9,10 +9,11 @@ use crate::terminal::{columns, wrapped};
 use anyhow::{Context, Result, ensure};
 use mde_cli::Preset;
 use mde_eval::scene::{Room, room};
-use mde_prior::DisparityRule;
 use mde_prior::augment::Plan;
+use mde_prior::{DisparityRule, predict_each};
 use mde_uncertainty::statistics::spearman;
 use std::io::{self, IsTerminal, Write};
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
 
@@ -98,14 +99,17 @@ fn time(prior: &NamedPrior) -> Result<()> {
     prior.prior.predict(scene.image.view())?;
     let start = Instant::now();
     prior.prior.predict(scene.image.view())?;
+    let alone = start.elapsed().as_secs_f64();
+    let at_once = prior.prior.concurrency().clamp(1, rayon::current_num_threads());
+    let start = Instant::now();
+    _ = predict_each(&*prior.prior, &vec![scene.image.view(); at_once], None, |_| ControlFlow::Continue(()))?;
     let seconds = start.elapsed().as_secs_f64();
     let usual = Preset::Default.config().augmentation.predictions;
     let predictions = Plan::new(usual, USUAL, prior.prior.resolution(USUAL.0, USUAL.1)).predictions();
-    let at_once = prior.prior.concurrency().clamp(1, rayon::current_num_threads());
     print(
         "runtime",
         &format!(
-            "{}: {seconds:.3} s per prediction, {at_once} at once; for a photograph of {}x{} the preset default needs {predictions} \
+            "{}: {alone:.3} s for one prediction, {seconds:.3} s for {at_once} at once; for a photograph of {}x{} the preset default needs {predictions} \
              predictions, about {:.1} s",
             prior.origin.runtime.as_deref().unwrap_or("-"),
             USUAL.1,
