@@ -234,3 +234,87 @@ fn part_of_row(part: PartOfRow<'_>) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mde_uncertainty::random::CounterRng;
+    use ndarray::Array2;
+    use proptest::prelude::*;
+    use rand::RngExt;
+
+    /// The module's equations in `f64`, each path cost from the one before it.
+    fn reference(
+        costs: &[u8],
+        luma: &[f32],
+        [h, w, k]: [usize; 3],
+        p: &Penalties,
+        diagonals: bool,
+    ) -> Vec<f64> {
+        let mut steps: Vec<(isize, isize)> = vec![(0, 1), (0, -1), (1, 0), (-1, 0)];
+        if diagonals {
+            steps.extend([(1, 1), (1, -1), (-1, 1), (-1, -1)]);
+        }
+        let cost = |pixel: usize, s: usize| f64::from(costs[pixel * k + s]);
+        let mut sums = vec![0.0; h * w * k];
+        for &(dy, dx) in &steps {
+            let mut paths = vec![Vec::<f64>::new(); h * w];
+            // Against the step, so that the pixel before is done.
+            let order = |n: usize, d: isize| (0..n).map(move |i| if d < 0 { n - 1 - i } else { i });
+            for y in order(h, dy) {
+                for x in order(w, dx) {
+                    let here = y * w + x;
+                    let from = y
+                        .checked_add_signed(-dy)
+                        .filter(|y| *y < h)
+                        .zip(x.checked_add_signed(-dx).filter(|x| *x < w));
+                    paths[here] = match from {
+                        None => (0..k).map(|s| cost(here, s)).collect(),
+                        Some((y0, x0)) => {
+                            let before = &paths[y0 * w + x0];
+                            let least = before.iter().copied().fold(f64::INFINITY, f64::min);
+                            let apart = f64::from((luma[here] - luma[y0 * w + x0]).abs());
+                            let large = (f64::from(p.large) / (1.0 + apart / f64::from(p.edge))).floor();
+                            let large = large.max(f64::from(p.small) + 1.0);
+                            let reached = |s: usize| {
+                                let beside = [s.checked_sub(1), Some(s + 1)]
+                                    .into_iter()
+                                    .flatten()
+                                    .filter_map(|i| before.get(i));
+                                let beside =
+                                    beside.copied().fold(f64::INFINITY, f64::min) + f64::from(p.small);
+                                before[s].min(beside).min(least + large)
+                            };
+                            (0..k).map(|s| cost(here, s) + reached(s) - least).collect()
+                        }
+                    };
+                    sums[here * k..(here + 1) * k]
+                        .iter_mut()
+                        .zip(&paths[here])
+                        .for_each(|(sum, path)| *sum += path);
+                }
+            }
+        }
+        let twice = steps.len() as f64 - 1.0;
+        sums.iter().zip(costs).map(|(sum, &cost)| sum - twice * f64::from(cost)).collect()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(48))]
+        #[test]
+        fn the_sums_are_those_of_the_equations(
+            h in 1..9_usize, w in 1..40_usize, k in 1..20_usize, diagonals: bool,
+            small in 1..40_u16, more in 1..120_u16, seed: u64,
+        ) {
+            let mut rng = CounterRng::new(seed, "costs", 0, 0);
+            let costs: Vec<u8> = (0..h * w * k).map(|_| rng.random_range(0..255)).collect();
+            // Of few values, so that penalties do not lie at a rounding of their division.
+            let luma: Vec<f32> = (0..h * w).map(|_| f32::from(rng.random_range(0..4_u8)) / 4.0).collect();
+            let penalties = Penalties { small, large: small + more, edge: 0.25 };
+            let volume = Volume { costs: costs.clone(), surfaces: k, seen: Array2::from_elem((h, w), true) };
+            let found = aggregate(&volume, &luma, w, &penalties, diagonals);
+            let expected = reference(&costs, &luma, [h, w, k], &penalties, diagonals);
+            prop_assert!(found.iter().zip(&expected).all(|(a, b)| f64::from(*a) == *b));
+        }
+    }
+}
