@@ -14,8 +14,8 @@ Examples:
   mde eval --dataset rooms --simulated-prior --size 320x240 --methods default,my.toml,jbf -o out/rooms
   mde eval --pred maps --sigma sigmas --gt truth -o out/maps
 
-Methods: the presets paper, default, fast and multi-view; consensus (plane sweeps without a field); a TOML file that overrides
---preset; the baselines prior, flip, zoom, unsharp0.5, unsharp1, unsharp2, noise, guided, jbf, wmf and fbs, and with several
+Methods: the presets paper, default, fast and multi-view; consensus (plane sweeps without a field); field (multi-view);
+a TOML file that overrides --preset; the baselines prior, flip, zoom, unsharp0.5, unsharp1, unsharp2, noise, guided, jbf, wmf and fbs, and with several
 photographs gauged and sweep; baselines chained with a plus, such as zoom+jbf.
 
 Output: report.html, table.md, summary.json, scenes.csv, figures (SVG and PNG), eval.json (what was evaluated), and every map under

@@ -40,6 +40,8 @@ enum Kind {
 
 /// The consensus of the plane sweeps of several photographs, without a field.
 const CONSENSUS: &str = "consensus";
+/// The preset `multi-view`, by what it adds to the consensus.
+const FIELD: &str = "field";
 
 impl Method {
     /// Parses the name of a preset or a baseline, or the path of a TOML file that overrides `preset`.
@@ -56,13 +58,15 @@ impl Method {
         if let Some(preset) = Preset::ALL.into_iter().find(|preset| preset.name() == text) {
             return Ok(Self::of_preset(text.to_owned(), preset, preset.config(), seed));
         }
-        if text == CONSENSUS {
+        if [CONSENSUS, FIELD].contains(&text) {
             let mut config = Preset::MultiView.config();
-            config.refinement.iterations = 0;
+            if text == CONSENSUS {
+                config.refinement.iterations = 0;
+            }
             return Ok(Self::of_preset(text.to_owned(), Preset::MultiView, config, seed));
         }
         baseline::named(text).with_context(|| {
-            format!("--methods {text}: neither a preset (paper, default, fast, multi-view) nor consensus, a .toml file or a baseline")
+            format!("--methods {text}: neither a preset (paper, default, fast, multi-view) nor consensus, field, a .toml file or a baseline")
         })?;
         let (name, label) = (text.to_owned(), text.to_owned());
         Ok(Self { name, label, seed: seed.unwrap_or(0), kind: Kind::Baseline })
