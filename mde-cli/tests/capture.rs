@@ -5,6 +5,7 @@ mod common;
 
 use assert_cmd::Command;
 use common::wait_until;
+use mde_cli::mde_fusion::{Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_mvs::capture::{Distortion, Frame, Lens, PixelCentres, read_transforms, transforms_json};
 use mde_cli::mde_prior::format::{ReadOptions, read_values, write_npy};
 use mde_cli::mde_prior::photo::write_image;
@@ -17,6 +18,7 @@ use mde_cli::{
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::{CaptureConfig, Room, World};
 use mde_eval::simulated::SimulatedPriorConfig;
+use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 use std::ops::ControlFlow;
 
@@ -66,8 +68,12 @@ fn inputs(rendered: &Rendered, posed: bool) -> (Capture, Known) {
         focal_assumed: false,
         pose: posed.then_some(known.view.pose),
     });
-    let capture =
-        Capture { photographs: photographs.collect(), reference: rendered.reference, matches: None };
+    let capture = Capture {
+        photographs: photographs.collect(),
+        reference: rendered.reference,
+        matches: None,
+        points: Vec::new(),
+    };
     let known = rendered.views.iter().map(|v| (v.view.image.clone(), v.prior.clone().unwrap())).collect();
     (capture, Known(known))
 }
@@ -124,6 +130,103 @@ fn photographs_of_another_place_leave_the_reference_alone() {
     );
     assert_eq!(report.used(), 1);
     assert!(refined.field.is_none() && refined.augmentation.predictions > 1, "the default preset");
+}
+
+/// Poses and photographs of another place do not belong together: neither with one such photograph among others, nor with all.
+#[test]
+fn photographs_that_do_not_fit_their_poses_are_left_out_by_name() {
+    let at = |room| rendered_at(room, 4, [256, 192]);
+    let (good, prior) = inputs(&at(Room::Study), true);
+    let (other, others) = inputs(&at(Room::Kitchen), false);
+    let prior = Known(prior.0.into_iter().chain(others.0).collect());
+    let mut config = config();
+    config.refinement.iterations = 0;
+    let with = |strange: std::ops::Range<usize>| {
+        let mut capture = good.clone();
+        for index in strange {
+            let photograph = &other.photographs[index];
+            capture.photographs[index].image.clone_from(&photograph.image);
+        }
+        run(&capture, &prior, &config)
+    };
+    let report = |refined: &Refinement| refined.capture.clone().unwrap();
+    let as_given = report(&with(0..0));
+    assert_eq!((as_given.used(), &as_given.fallback), (4, &None));
+    assert!(as_given.photographs.iter().all(|photograph| photograph.matches > Some(20)), "{as_given:?}");
+
+    let one = report(&with(2..3));
+    assert_eq!((one.used(), &one.fallback), (3, &None), "{:?}", one.photographs);
+    let verdict = &one.photographs[2].verdict;
+    assert!(!one.photographs[2].used && verdict.contains("matches"), "{verdict}");
+
+    let all = with(1..4);
+    let found = report(&all);
+    assert_eq!(found.used(), 1);
+    assert!(
+        found.fallback.as_ref().is_some_and(|reason| reason.contains("photograph 0")),
+        "{:?}",
+        found.fallback
+    );
+    assert!(all.augmentation.predictions > 1, "the default preset");
+}
+
+/// The scale between poses and prior is that of the points where there are some.
+#[test]
+fn points_of_the_capture_give_its_scale() {
+    let room = rendered(Room::Study, 3);
+    let (mut capture, prior) = inputs(&room, true);
+    let mut config = config();
+    config.refinement.iterations = 0;
+    let Photograph { camera, pose, .. } = capture.photographs[capture.reference];
+    let back = pose.unwrap().inverse();
+    let points = room.truth.indexed_iter().step_by(97).filter(|(_, z)| **z > 0.0);
+    capture.points = points
+        .map(|((y, x), &z)| back * camera.unproject([x as f64, y as f64].into(), f64::from(z)))
+        .collect();
+    let scale = |capture: &Capture| run(capture, &prior, &config).capture.unwrap().scale.unwrap();
+    let exact = scale(&capture);
+    let own = prior.0[room.reference].1.to_depth(&DisparityRule::default()).unwrap();
+    let ratios = room.truth.iter().zip(&own);
+    let expected = median(ratios.filter(|(z, _)| **z > 0.0).map(|(z, p)| f64::from(z / p))).unwrap();
+    assert!((exact[0] / expected).ln().abs() < 0.1, "{exact:?}, {expected}");
+    // In a world of twice the size, seen from the same place, the scale is that of the points.
+    let centre = back.translation.vector;
+    capture.points.iter_mut().for_each(|point| point.coords += point.coords - centre);
+    let twice = scale(&capture);
+    assert!((twice[0] / exact[0] - 2.0).abs() < 0.05, "{twice:?}, {exact:?}");
+}
+
+/// The field as it is.
+struct FieldAlone;
+
+impl Fuser for FieldAlone {
+    fn fuse(&self, _: &Prior, views: &[GaussianDepth]) -> mde_cli::mde_fusion::Result<Fused> {
+        let field = views[0].clone();
+        let report = FusionReport::default();
+        Ok(Fused { depth: field.clone(), aggregated: field.clone(), aligned: field, report })
+    }
+}
+
+/// Eq. 10-17 in the printed order where the settings say so, or another fusion.
+#[test]
+fn the_printed_fusion_is_there_with_several_photographs() {
+    let (capture, prior) = inputs(&rendered(Room::Study, 3), true);
+    let mut config = config();
+    let usual = run(&capture, &prior, &config);
+    assert_eq!(usual.capture.as_ref().unwrap().fusion, None);
+
+    config.fusion = Preset::Paper.config().fusion;
+    let printed = run(&capture, &prior, &config);
+    let report = printed.capture.as_ref().unwrap().fusion.clone().unwrap();
+    assert!(report.degenerate.is_none() && report.a > 0.0 && report.b != 0.0, "{report:?}");
+    let field = usual.depth.mean();
+    assert!(printed.depth.mean().iter().zip(field).any(|(a, b)| (a / b - 1.0).abs() > 0.01));
+    assert_eq!(printed.components.iter().map(|part| part.name).collect::<Vec<_>>(), ["field"]);
+
+    let stages = Stages::new(&prior).with_fuser(&FieldAlone);
+    let alone =
+        refine_capture(&capture, stages, &config, &mut |_: &Event| ControlFlow::Continue(())).unwrap();
+    assert!(alone.depth.mean().iter().zip(field).all(|(a, b)| *a == 0.0 || (a / b - 1.0).abs() < 1e-5));
 }
 
 #[test]

@@ -5,13 +5,19 @@ use super::{Capture, view};
 use crate::Result;
 use crate::config::Config;
 use mde_mvs::poses::{
-    self, PosesConfig, RefineConfig, Track, Verdict, estimate_poses_with, refine_poses_with,
+    self, Agreement, PosesConfig, RefineConfig, Refined, Track, Verdict, estimate_poses_with,
+    refine_poses_with,
 };
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::Matrix6;
 use ndarray::Array2;
+
+/// Features of a photograph in which those of the same scene find matches.
+const PLENTY: usize = 200;
+/// Least share of a photograph's matches that fit its pose.
+const LEAST_AGREEING: f64 = 0.5;
 
 /// The photographs with a pose, in the frame of the capture's reference.
 #[derive(Debug)]
@@ -54,14 +60,21 @@ pub(super) fn posed(
         Some(given) => {
             let world = given[reference].inverse();
             let given: Vec<Pose> = given.iter().map(|pose| pose * world).collect();
-            let refined =
-                refine_poses_with(&inputs, &given, reference, &RefineConfig::default(), seed, matched)?;
+            let (kept, refined) = refined(&inputs, &given, reference, seed, report, matched)?;
             report.poses = if refined.accepted { PoseSource::Refined } else { PoseSource::Given };
             report.withheld_pixels = refined.withheld;
-            let unit = unit(&refined.tracks, reference, priors[reference].as_ref());
+            if kept.len() < 2 {
+                report.fallback = report.fallback.take().or_else(|| Some(report.verdicts(reference)));
+                return Ok(None);
+            }
+            let first = kept.iter().position(|&index| index == reference).unwrap_or_default();
+            let unit = unit(&refined.tracks, first, priors[reference].as_ref());
             let cameras: Vec<PinholeCamera> = capture.photographs.iter().map(|p| p.camera).collect();
-            let poses: Vec<Option<Pose>> = refined.poses.into_iter().map(Some).collect();
-            (cameras, poses, refined.covariances, unit)
+            let (mut poses, mut covariances) = (vec![None; given.len()], vec![None; given.len()]);
+            for ((&index, pose), covariance) in kept.iter().zip(refined.poses).zip(refined.covariances) {
+                (poses[index], covariances[index]) = (Some(pose), covariance);
+            }
+            (cameras, poses, covariances, unit)
         }
         None => {
             let settings = PosesConfig::default();
@@ -75,14 +88,7 @@ pub(super) fn posed(
             }
             let parallax = estimated.photographs.iter().any(|p| p.verdict == Verdict::Posed);
             if !parallax {
-                let reasons: Vec<String> = report
-                    .photographs
-                    .iter()
-                    .enumerate()
-                    .filter(|(index, _)| *index != reference)
-                    .map(|(_, photograph)| format!("{}: {}", photograph.name, photograph.verdict))
-                    .collect();
-                report.fallback = Some(reasons.join("; "));
+                report.fallback = Some(report.verdicts(reference));
                 return Ok(None);
             }
             let found = estimated.photographs;
@@ -105,6 +111,64 @@ pub(super) fn posed(
         .collect::<Result<Vec<_>>>()?;
     let covariances = order.iter().map(|&index| covariances[index]).collect();
     Ok(Some(Posed { views, order, covariances, unit }))
+}
+
+/// Given poses, refined, of the photographs that belong to them by their matches: their indices, and the poses in that order. The
+/// others are left out before a second refinement.
+fn refined(
+    inputs: &[poses::Photograph<'_>],
+    given: &[Pose],
+    reference: usize,
+    seed: u64,
+    report: &mut CaptureReport,
+    matched: &mut mde_mvs::Callback<'_>,
+) -> Result<(Vec<usize>, Refined)> {
+    let settings = RefineConfig::default();
+    let few = settings.matches.min_matches;
+    let mut kept: Vec<usize> = (0..inputs.len()).collect();
+    loop {
+        let shown: Vec<poses::Photograph<'_>> = kept.iter().map(|&index| inputs[index]).collect();
+        let theirs: Vec<Pose> = kept.iter().map(|&index| given[index]).collect();
+        let first = kept.iter().position(|&index| index == reference).unwrap_or_default();
+        let refined = refine_poses_with(&shown, &theirs, first, &settings, seed, matched)?;
+        let doubts: Vec<Option<String>> = refined.agreement.iter().map(|found| doubt(found, few)).collect();
+        for ((&index, found), doubt) in kept.iter().zip(&refined.agreement).zip(&doubts) {
+            let photograph = &mut report.photographs[index];
+            photograph.matches = Some(found.agreeing);
+            if let Some(doubt) = doubt.as_ref().filter(|_| index != reference) {
+                photograph.verdict.clone_from(doubt);
+            }
+        }
+        let count = kept.len();
+        match &doubts[first] {
+            // Nothing tells which of the others could be right.
+            Some(doubt) => {
+                report.fallback = Some(format!("{}: {doubt}", report.photographs[reference].name));
+                kept = vec![reference];
+            }
+            None => {
+                let mut doubts = doubts.iter();
+                kept.retain(|_| doubts.next().is_some_and(Option::is_none));
+            }
+        }
+        if kept.len() == count || kept.len() < 2 {
+            return Ok((kept, refined));
+        }
+    }
+}
+
+/// Why a photograph does not belong to its pose, if it does not: its matches with the others do not fit, or there are none though
+/// it has features for them.
+fn doubt(found: &Agreement, few: usize) -> Option<String> {
+    let Agreement { features, matches, agreeing } = *found;
+    if matches < few {
+        return (features >= PLENTY).then(|| {
+            format!("{matches} matches with the other photographs, {few} are needed; check that it shows the same scene")
+        });
+    }
+    ((agreeing as f64) < LEAST_AGREEING * matches as f64).then(|| {
+        format!("{agreeing} of {matches} matches fit its pose; check that the pose belongs to the photograph")
+    })
 }
 
 /// The robust factor from the reference's prior to the depth of its tracks; 1 without tracks.

@@ -32,6 +32,7 @@ use crate::pipeline::{Callback, Refinement, Stages};
 use crate::{Error, Result};
 use mde_mvs::poses::GivenMatches;
 use mde_warp::{PinholeCamera, Pose, PosedView};
+use nalgebra::Point3;
 use ndarray::{Array2, Array3};
 
 /// One of several photographs.
@@ -60,6 +61,9 @@ pub struct Capture {
     pub reference: usize,
     /// Matches of another program, from which the poses are estimated in the place of our own features.
     pub matches: Option<GivenMatches>,
+    /// Points that the reference shows, such as COLMAP's, in the world of the poses. 16 or more give the scale between poses and prior,
+    /// which the sweeps find otherwise. Not used without poses.
+    pub points: Vec<Point3<f64>>,
 }
 
 impl Capture {

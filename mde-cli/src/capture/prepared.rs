@@ -5,17 +5,19 @@ use super::evidence::Evidence;
 use super::novel::{self, Candidate};
 use super::report::CaptureReport;
 use super::{Capture, capture as fault, guard, priors, result};
+use crate::augmentation::Component;
 use crate::config::{Config, Preset};
 use crate::pipeline::{Callback, Event, Refinement, Stage, Stages, refine};
 use crate::{Error, Result};
+use mde_fusion::{BayesFuser, Guards};
 use mde_mvs::consensus::{ConsensusConfig, Reconstruction, ViewDepth, reconstruct_with};
 use mde_mvs::exposure::{Exposure, fit_exposure};
-use mde_mvs::gauge::Scale;
+use mde_mvs::gauge::{Scale, point_matches};
 use mde_mvs::poses::relative_covariance;
 use mde_mvs::views::{ViewScore, ViewSelection, select_views};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
-use nalgebra::Matrix6;
+use nalgebra::{Matrix6, Point3};
 use ndarray::{Array2, Array3, ArrayView2, Zip};
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -38,7 +40,7 @@ pub struct PreparedCapture<'c> {
     /// refined.
     plan: Vec<Planned>,
     swept: Option<Swept>,
-    /// Found by the sweeps of the reference's group.
+    /// Of the capture's points, or found by the sweeps of the reference's group.
     scale: Option<Scale>,
     report: CaptureReport,
 }
@@ -109,8 +111,12 @@ impl<'c> PreparedCapture<'c> {
                 );
             }
         }
+        let scale = match &posed {
+            Some(posed) => scale_of_points(capture, posed, &priors)?,
+            None => None,
+        };
         report.seconds.poses = start.elapsed().as_secs_f64();
-        Ok(Self { capture, config, priors, posed, plan, swept: None, scale: None, report })
+        Ok(Self { capture, config, priors, posed, plan, swept: None, scale, report })
     }
 
     /// The photographs.
@@ -257,9 +263,23 @@ impl<'c> PreparedCapture<'c> {
             field = Some(fitted);
         }
         run.begin(Stage::Fuse)?;
-        let (depth, components) = swept
+        let (mut depth, mut components) = swept
             .as_first(own, |known| result::combine(known, &views, &covariances, rendered.as_ref(), unit))?;
         let factor = result::scale(&swept.reconstruction, unit)[0];
+        if let Some(rendered) = &rendered {
+            let printed = match (stages.fuser, config.fusion.guards) {
+                (Some(fuser), _) => Some(result::printed(fuser, &prior, rendered, factor)?),
+                (None, Guards::Paper) => {
+                    Some(result::printed(&BayesFuser::new(config.fusion.clone())?, &prior, rendered, factor)?)
+                }
+                (None, _) => None,
+            };
+            if let Some(fused) = printed {
+                components = vec![Component { name: "field", sigma: fused.aligned.sigma() }];
+                report.fusion = Some(fused.report);
+                depth = fused.depth;
+            }
+        }
         report.place(&views, &order, factor);
         let known = members.iter().filter_map(|member| swept.group.iter().position(|view| view == member));
         let fused: Vec<&GaussianDepth> = known.map(|at| &swept.reconstruction.views[at].fused).collect();
@@ -333,6 +353,22 @@ impl<'c> PreparedCapture<'c> {
         let refined = refine(reference.image.view(), &reference.camera, stages, &alone, callback)?;
         Ok(Refinement { capture: Some(report), ..refined })
     }
+}
+
+/// The scale by the points that the capture's reference shows.
+fn scale_of_points(
+    capture: &Capture,
+    posed: &Posed,
+    priors: &[Option<Array2<f32>>],
+) -> Result<Option<Scale>> {
+    let reference = capture.reference;
+    let (Some(pose), Some(prior)) = (capture.photographs[reference].pose, &priors[reference]) else {
+        return Ok(None);
+    };
+    // The posed views have the reference's frame for their world.
+    let points: Vec<Point3<f64>> = capture.points.iter().map(|point| pose * point).collect();
+    let prior = prior.mapv(|z| (f64::from(z) * posed.unit) as f32);
+    Ok(Scale::fit(&point_matches(&posed.views[0], &points, prior.view())?))
 }
 
 /// The best of the photographs that are left out; else the least needed of the chosen, which the fit has then.

@@ -1,6 +1,7 @@
 use super::Capture;
 use super::evidence::Evidence;
 use super::novel::NovelView;
+use mde_fusion::FusionReport;
 use mde_mvs::consensus::Reconstruction;
 use mde_mvs::exposure::Exposure;
 use mde_mvs::views::ViewScore;
@@ -8,6 +9,10 @@ use mde_mvs::withheld::WithheldError;
 use mde_nerf::FitReport;
 use mde_warp::{PinholeCamera, PosedView};
 use serde::Serialize;
+
+/// Verdicts on the photographs that are used.
+const REFERENCE: &str = "the reference";
+const POSED: &str = "has a pose";
 
 /// Report of a run with several photographs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -28,6 +33,8 @@ pub struct CaptureReport {
     /// The field's fit.
     #[serde(skip)]
     pub fit: Option<FitReport>,
+    /// Estimates of the fusion in the paper's order, where that was asked for.
+    pub fusion: Option<FusionReport>,
     /// Share of the reference's pixels whose refined depth at least one other photograph confirms.
     pub confirmed: Option<f64>,
     /// Where the depth of each pixel comes from.
@@ -118,7 +125,7 @@ impl CaptureReport {
             .map(|(index, photograph)| PhotographReport {
                 name: photograph.name.clone(),
                 used: index == capture.reference,
-                verdict: if index == capture.reference { "the reference" } else { "has a pose" }.to_owned(),
+                verdict: if index == capture.reference { REFERENCE } else { POSED }.to_owned(),
                 matches: None,
                 parallax: None,
                 overlap: None,
@@ -138,6 +145,7 @@ impl CaptureReport {
             focal_factor: None,
             scale: None,
             fit: None,
+            fusion: None,
             confirmed: None,
             evidence: None,
             novel: None,
@@ -151,6 +159,15 @@ impl CaptureReport {
         self.photographs.iter().filter(|photograph| photograph.used).count()
     }
 
+    /// The verdicts on all photographs but the reference.
+    pub(super) fn verdicts(&self, reference: usize) -> String {
+        let others = self.photographs.iter().enumerate().filter(|(index, _)| *index != reference);
+        let verdict = |(_, photograph): (usize, &PhotographReport)| {
+            format!("{}: {}", photograph.name, photograph.verdict)
+        };
+        others.map(verdict).collect::<Vec<_>>().join("; ")
+    }
+
     /// The report of predictions and poses with another photograph as the one that is refined.
     pub(super) fn of(&self, from: usize, reference: usize) -> Self {
         let mut report = self.clone();
@@ -158,8 +175,8 @@ impl CaptureReport {
             photograph.used = index == reference;
         }
         if from != reference {
-            report.photographs[from].verdict = "has a pose".to_owned();
-            report.photographs[reference].verdict = "the reference".to_owned();
+            report.photographs[from].verdict = POSED.to_owned();
+            report.photographs[reference].verdict = REFERENCE.to_owned();
             for photograph in &mut report.photographs {
                 (photograph.parallax, photograph.overlap, photograph.rotation_degrees) = (None, None, None);
             }
@@ -187,6 +204,11 @@ impl CaptureReport {
 }
 
 impl PhotographReport {
+    /// Whether it was left out for want of a pose that its matches fit; [`verdict`](Self::verdict) has the reason.
+    pub fn has_no_pose(&self) -> bool {
+        !self.used && self.verdict != REFERENCE && self.verdict != POSED
+    }
+
     pub(super) fn take(&mut self, score: &ViewScore, view: &PosedView, reference: &PosedView) {
         self.used = score.chosen;
         self.parallax = Some(score.parallax);

@@ -2,6 +2,7 @@
 
 use crate::Result;
 use crate::augmentation::Component;
+use mde_fusion::{Fused, Fuser, Prior};
 use mde_mvs::consensus::{Reconstruction, ViewDepth};
 use mde_mvs::poses::depth_variance;
 use mde_nerf::RenderedView;
@@ -89,6 +90,18 @@ pub(super) fn combine(
         }
     });
     Ok((GaussianDepth::new(mean, variance)?, components))
+}
+
+/// The fusion of the prior with the field in the order of the paper, the field brought into the prior's unit by `factor` first.
+pub(super) fn printed(
+    fuser: &dyn Fuser,
+    prior: &Array2<f32>,
+    rendered: &RenderedView,
+    factor: f64,
+) -> Result<Fused> {
+    let factor = factor as f32;
+    let seen = rendered.depth.clone().map(|mean, variance| (mean / factor, variance / (factor * factor)));
+    Ok(fuser.fuse(&Prior::new(prior.clone())?, &[seen])?)
 }
 
 /// Relative standard deviation per unit of depth of a match that is [`MATCH`] pixels off, over the root mean square baseline.

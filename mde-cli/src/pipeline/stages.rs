@@ -74,7 +74,7 @@ impl<'s> Stages<'s> {
         self
     }
 
-    /// Another fusion. Of [`Config::fusion`] only `common-error` is then used, where no field is fitted.
+    /// Another fusion, also of the prior with the field of several photographs. Of [`Config::fusion`] only `common-error` is then used, where no field is fitted.
     #[must_use]
     pub fn with_fuser(mut self, fuser: &'s dyn Fuser) -> Self {
         self.fuser = Some(fuser);

@@ -42,7 +42,7 @@ pub use estimate::{
 };
 pub use features::{DESCRIPTOR_LENGTH, FeatureConfig, Features, Keypoint};
 pub use matching::{GivenMatches, Match, match_features};
-pub use refine::{RefineConfig, Refined, refine_poses, refine_poses_with};
+pub use refine::{Agreement, RefineConfig, Refined, refine_poses, refine_poses_with};
 pub use scales::{LogFactor, LogRatio, Prepared, common_scale};
 pub use tracks::{Track, TrackPixel};
 

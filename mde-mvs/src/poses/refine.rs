@@ -63,6 +63,19 @@ pub struct Refined {
     pub covariances: Vec<Option<Matrix6<f64>>>,
     /// Points seen by at least two photographs, with the poses that are returned.
     pub tracks: Vec<Track>,
+    /// How well each photograph's matches fit the poses that are returned.
+    pub agreement: Vec<Agreement>,
+}
+
+/// Matches of a photograph with the others, and how many fit the poses.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Agreement {
+    /// Features that were found in it.
+    pub features: usize,
+    /// Matches with other photographs that fit some motion.
+    pub matches: usize,
+    /// Of these, those that fit the poses to [`PosesConfig::outlier_pixels`].
+    pub agreeing: usize,
 }
 
 /// Improves given poses (world to camera) by matches of the photographs: the adjustment of the module's front page with inverse
@@ -134,10 +147,25 @@ pub fn refine_poses_with(
     };
     let longest = longest_baseline(&given);
     bundle.triangulate(longest);
+    let cut = settings.matches.outlier_pixels;
+    let all = bundle.clone();
+    let features: Vec<usize> = shots.iter().map(|shot| shot.features.keypoints.len()).collect();
+    let unchanged = |withheld| {
+        let mut agreement = vec![Agreement::default(); poses.len()];
+        order.iter().zip(all.agreement(&features, cut)).for_each(|(&place, found)| agreement[place] = found);
+        Refined {
+            poses: poses.to_vec(),
+            accepted: false,
+            withheld,
+            covariances: vec![None; poses.len()],
+            tracks: all.report_tracks(None, &order),
+            agreement,
+        }
+    };
 
     let depths = bundle.tracks.iter().map(|track| track.inverse_depth.recip());
     let Some(depth) = median(depths).filter(|_| longest > 0.0) else {
-        return Ok(unchanged(poses, bundle, &order));
+        return Ok(unchanged(None));
     };
     for (v, prior) in bundle.pose_priors.iter_mut().enumerate() {
         *prior = (v != reference).then(|| PosePrior {
@@ -147,9 +175,8 @@ pub fn refine_poses_with(
         });
     }
     if bundle.tracks.len() < settings.matches.min_matches {
-        return Ok(unchanged(poses, bundle, &order));
+        return Ok(unchanged(None));
     }
-    let cut = settings.matches.outlier_pixels;
     let folds = folds(&bundle, seed);
     let refined = |share: f64, tracks: &[Observed]| {
         let mut next = Bundle { tracks: tracks.to_vec(), ..bundle.clone() };
@@ -179,26 +206,31 @@ pub fn refine_poses_with(
         .collect();
     let errors: Vec<Vec<f64>> = judged.chunks(FOLDS).map(<[Vec<f64>]>::concat).collect();
     let Some(chosen) = least_moved(&errors, settings.matches.regions) else {
-        return Ok(unchanged(poses, bundle, &order));
+        return Ok(unchanged(None));
     };
     let withheld = Some([0, chosen].map(|i| median(errors[i].iter().copied()).unwrap_or(0.0)));
     let Some(share) = chosen.checked_sub(1).and_then(|i| TRUST.get(i)) else {
-        return Ok(Refined { withheld, ..unchanged(poses, bundle, &order) });
+        return Ok(unchanged(withheld));
     };
     let bundle = refined(*share, &bundle.tracks);
     let noise =
         settings.matches.alike(bundle.tracks.len()) * bundle.noise().max(super::estimate::LEAST_NOISE);
     let covariance = bundle.covariance(noise);
+    let mut judged = Bundle { poses: bundle.poses.clone(), ..all };
+    judged.triangulate(longest);
+    let agreement = judged.agreement(&features, cut);
     let mut refined = Refined {
         poses: poses.to_vec(),
         accepted: true,
         withheld,
         covariances: vec![None; poses.len()],
         tracks: bundle.report_tracks(covariance.as_ref(), &order),
+        agreement: vec![Agreement::default(); poses.len()],
     };
     for (v, &place) in order.iter().enumerate() {
         refined.poses[place] = bundle.poses[v];
         refined.covariances[place] = covariance.as_ref().and_then(|c| c.poses[v]);
+        refined.agreement[place] = agreement[v];
     }
     Ok(refined)
 }
@@ -240,16 +272,6 @@ fn observed(mut group: Vec<(usize, Point2<f64>)>) -> Option<Observed> {
     Some(Observed { anchor, pixel, inverse_depth: 0.0, prior: None, views: group })
 }
 
-fn unchanged(poses: &[Pose], bundle: Bundle, order: &[usize]) -> Refined {
-    Refined {
-        poses: poses.to_vec(),
-        accepted: false,
-        withheld: None,
-        covariances: vec![None; poses.len()],
-        tracks: bundle.report_tracks(None, order),
-    }
-}
-
 fn longest_baseline(poses: &[Pose]) -> f64 {
     let centre = |pose: &Pose| pose.inverse().translation.vector;
     poses.iter().flat_map(|a| poses.iter().map(move |b| (centre(a) - centre(b)).norm())).fold(0.0, f64::max)
@@ -289,6 +311,22 @@ impl Bundle {
         }
         track.inverse_depth = (-best.1).exp();
         track
+    }
+
+    /// Matches of every photograph, of the number of features given, and those within `cut` of where they should be.
+    fn agreement(&self, features: &[usize], cut: f64) -> Vec<Agreement> {
+        let mut found: Vec<Agreement> =
+            features.iter().map(|&features| Agreement { features, ..Agreement::default() }).collect();
+        for track in &self.tracks {
+            for (v, p) in &track.views {
+                let fits = self.residual(track, *v, p).is_some_and(|r| r.norm() <= cut);
+                for view in [track.anchor, *v] {
+                    found[view].matches += 1;
+                    found[view].agreeing += usize::from(fits);
+                }
+            }
+        }
+        found
     }
 
     /// Distances of all observations from where they should be, at most `cut`.

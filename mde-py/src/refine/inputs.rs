@@ -245,8 +245,12 @@ pub(super) fn capture(placed: &[Placed]) -> mde_cli::Result<Capture> {
         focal_assumed: placed.opened.camera.is_assumed() && placed.pose.is_none(),
         pose: placed.pose,
     };
-    let capture =
-        Capture { photographs: placed.iter().map(photograph).collect(), reference: 0, matches: None };
+    let capture = Capture {
+        photographs: placed.iter().map(photograph).collect(),
+        reference: 0,
+        matches: None,
+        points: Vec::new(),
+    };
     capture.validate()?;
     Ok(capture)
 }

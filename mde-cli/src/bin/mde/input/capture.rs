@@ -113,7 +113,9 @@ fn posed(
             frames.len()
         ));
     }
-    Ok(Capture { photographs, reference: 0, matches: None })
+    let shown = capture.points.iter().filter(|point| point.frames.contains(&reference));
+    let points = shown.map(|point| point.position).collect();
+    Ok(Capture { photographs, reference: 0, matches: None, points })
 }
 
 /// Photographs alone.
@@ -126,7 +128,7 @@ fn unposed(args: &RefineArgs, opened: &Opened, config: &Config, progress: &mut P
         photographs.push(photograph(&path, &opening.open(&path, progress)?));
     }
     shorten(&mut photographs);
-    Ok(Capture { photographs, reference: 0, matches: None })
+    Ok(Capture { photographs, reference: 0, matches: None, points: Vec::new() })
 }
 
 /// Refuses more photographs of the reference's size than the memory limit allows.
@@ -170,7 +172,7 @@ pub(crate) fn photographs(
         first.get_or_insert(opened);
     }
     shorten(&mut photographs);
-    let mut capture = Capture { photographs, reference: 0, matches: None };
+    let mut capture = Capture { photographs, reference: 0, matches: None, points: Vec::new() };
     capture.validate()?;
     if args.matches == MatchesName::Colmap {
         capture.matches = Some(colmap::matches(&capture.photographs, progress)?);

@@ -118,6 +118,9 @@ fn photographs(report: &CaptureReport) -> Option<String> {
     let chosen = report.photographs.iter().filter(|photograph| photograph.used);
     let names: Vec<&str> = chosen.map(|photograph| photograph.name.as_str()).collect();
     let mut line = format!("photographs: {used} of {all} used ({}), {poses}{confirmed}", names.join(", "));
+    for photograph in report.photographs.iter().filter(|photograph| photograph.has_no_pose()) {
+        line += &format!("\nleft out: {}: {}", photograph.name, photograph.verdict);
+    }
     let novel = report.novel.as_ref();
     if let Some((novel, psnr, prior)) =
         novel.and_then(|novel| Some((novel, novel.psnr?, novel.psnr_of_prior?)))
