@@ -214,15 +214,10 @@ fn shards_join_to_what_one_run_has() {
     }
     place.mde("merge parts").assert().success().stdout(predicate::str::contains("6 photographs"));
     place.mde("merge part1 part2 part3 -o joined").assert().success();
-    // The order of the folders' names, whatever that of the shards; all but the seconds is the same.
-    let without_seconds = |folder: &str| {
-        let mut rows = index(&place.path(folder))["photographs"].clone();
-        rows.as_array_mut().unwrap().iter_mut().for_each(|row| row["seconds"] = 0.into());
-        rows
-    };
+    // The order of the arguments, whatever that of the shards; all but the seconds is the same.
     for folder in ["parts", "joined"] {
         assert!(all(&place.path(folder)) == expected, "{folder}");
-        assert_eq!(without_seconds(folder), without_seconds("whole"), "{folder}");
+        assert_eq!(rows(&place.path(folder)), rows(&place.path("whole")), "{folder}");
         assert!(
             place.path(&format!("{folder}/index.html")).is_file()
                 && place.path(&format!("{folder}/index.csv")).is_file()
@@ -232,6 +227,123 @@ fn shards_join_to_what_one_run_has() {
     place.mde("merge parts").assert().success();
     fs::remove_file(place.path("parts/03/finished.json")).unwrap();
     place.mde("merge parts").assert().code(1).stderr(predicate::str::contains("parts/03"));
+}
+
+/// The rows of an index without the seconds.
+fn rows(folder: &Path) -> Value {
+    let mut rows = index(folder)["photographs"].clone();
+    rows.as_array_mut().unwrap().iter_mut().for_each(|row| row["seconds"] = 0.into());
+    rows
+}
+
+#[test]
+fn shards_agree_on_names_that_collide_whatever_the_order() {
+    let place = place(3);
+    for (folder, name) in [("a", "00"), ("b", "01"), ("c", "02")] {
+        fs::create_dir(place.path(folder)).unwrap();
+        fs::copy(place.path(&format!("shots/{name}.png")), place.path(&format!("{folder}/1.png"))).unwrap();
+    }
+    let forth = "c/1.png a/1.png b/1.png";
+    place.mde(&format!("refine {forth} {MODEL} -q -o whole")).assert().success();
+    for (shard, photographs) in [("1/2", forth), ("2/2", "b/1.png c/1.png a/1.png")] {
+        place.mde(&format!("refine {photographs} {MODEL} -q --shard {shard} -o parts")).assert().success();
+    }
+    place.mde("merge parts -q").assert().success();
+    let mut named: Vec<String> = rows(&place.path("parts"))
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|row| format!("{} {}", row["photograph"].as_str().unwrap(), row["folder"].as_str().unwrap()))
+        .collect();
+    named.sort();
+    assert_eq!(named, ["a/1.png 1", "b/1.png 1_2", "c/1.png 1_3"]);
+    assert!(all(&place.path("parts")) == all(&place.path("whole")));
+    // In the order of the arguments, as one run has them.
+    for shard in 1..=2 {
+        place.mde(&format!("refine {forth} {MODEL} -q --shard {shard}/2 -o parts")).assert().success();
+    }
+    place.mde("merge parts -q").assert().success();
+    assert_eq!(rows(&place.path("parts")), rows(&place.path("whole")));
+    assert_eq!(rows(&place.path("whole"))[0]["photograph"], "c/1.png");
+    // Another photograph of the same name is not the same set.
+    fs::rename(place.path("b"), place.path("d")).unwrap();
+    place.mde(&format!("refine d/1.png c/1.png a/1.png {MODEL} -q --shard 1/2 -o parts")).assert().success();
+    place.mde("merge parts").assert().code(1).stderr(predicate::str::contains("other photographs"));
+}
+
+#[test]
+fn a_merge_brings_what_was_made_anew_and_sweeps() {
+    let place = place(4);
+    let shard = |number: u32, fov: u32| {
+        let model = MODEL.replace("60", &fov.to_string());
+        place.mde(&format!("refine shots {model} -q --shard {number}/2 -o part{number}")).assert().success();
+    };
+    let merge = || place.mde("merge part1 part2 -q -o joined");
+    shard(1, 60);
+    shard(2, 60);
+    // What a killed shard leaves.
+    for folder in ["part1/.mde-left", "joined/.mde-left"] {
+        fs::create_dir_all(place.path(folder)).unwrap();
+        fs::write(place.path(&format!("{folder}/depth.npy")), "torn").unwrap();
+    }
+    merge().assert().success();
+    assert!(!place.path("part1/.mde-left").exists() && !place.path("joined/.mde-left").exists());
+    shard(1, 40);
+    shard(2, 40);
+    merge().assert().success();
+    let of = |folder: &str, file: &str| fs::read(place.path(folder).join(file)).unwrap();
+    for name in ["00", "01", "02", "03"] {
+        let part = ["part1", "part2"].map(|part| format!("{part}/{name}"));
+        let part = part.iter().find(|part| place.path(part).exists()).unwrap();
+        for file in ["run.json", "finished.json", "depth.npy"] {
+            assert!(of(&format!("joined/{name}"), file) == of(part, file), "{name}/{file}");
+        }
+    }
+    // A photograph with the settings of another run in a shard's folder.
+    let name = index(&place.path("joined"))["photographs"][0]["folder"].as_str().unwrap().to_owned();
+    let marker = ["part1", "part2"].map(|part| place.path(&format!("{part}/{name}/finished.json")));
+    let marker = marker.iter().find(|marker| marker.exists()).unwrap();
+    let other = fs::read_to_string(marker).unwrap().replace("40.0", "50.0");
+    fs::write(marker, other).unwrap();
+    merge().assert().code(1).stderr(predicate::str::contains("other settings than its shard states"));
+}
+
+#[test]
+fn a_pattern_names_photographs_where_no_shell_expands_it() {
+    let place = place(3);
+    fs::write(place.path("shots/notes.txt"), "not a photograph").unwrap();
+    fs::copy(place.path("shots/00.png"), place.path("=cmd.png")).unwrap();
+    fs::write(place.path("list.txt"), "shots/0[12].png\n*.png\n").unwrap();
+    let run =
+        place.mde(&format!("refine shots/*0.png list.txt {MODEL} --log-json -o out")).assert().success();
+    let rows = rows(&place.path("out"));
+    let named: Vec<&str> =
+        rows.as_array().unwrap().iter().map(|row| row["photograph"].as_str().unwrap()).collect();
+    assert_eq!(named, ["shots/00.png", "shots/01.png", "shots/02.png", "=cmd.png", "image.png"]);
+    // A spreadsheet runs no name.
+    let table = fs::read_to_string(place.path("out/index.csv")).unwrap();
+    assert!(table.contains("\n'=cmd.png,_cmd,"), "{table}");
+
+    // Each photograph but the last has the time that is left.
+    let log = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+    let events = log.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    let events: Vec<Value> = events.filter(|event| event["event"] == "photograph").collect();
+    assert_eq!(events.len(), 5);
+    for (done, event) in events.iter().enumerate() {
+        assert_eq!((&event["done"], &event["all"]), (&(done + 1).into(), &5.into()));
+        let left = event["seconds_left"].as_f64();
+        // The mean time of those that are done, for each of the others.
+        let most = event["seconds"].as_f64().unwrap() * (4 - done) as f64 / (done + 1) as f64;
+        assert!(
+            if done < 4 { left.is_some_and(|s| s > 0.0 && s <= most + 1e-3) } else { left.is_none() },
+            "{event}"
+        );
+    }
+
+    place.mde(&format!("refine shots/0.* {MODEL} -o none")).assert().code(1).stderr(
+        predicate::str::contains("shots/0.*: no photograph (jpg")
+            .and(predicate::function(|text: &str| text.trim_end().lines().count() == 1)),
+    );
 }
 
 /// `burst/`: a room at four exposures, which the network takes for four depths, one of them cropped; and another room.

@@ -8,7 +8,7 @@ mod write;
 pub use document::{Block, Cell, Column, Document, Table};
 pub use metric::{Better, Group, METRICS, Metric};
 pub use summary::{MethodSummary, Statistics, Summary};
-pub use write::{csv, document, original_name};
+pub use write::{csv, document, inert, original_name};
 
 use crate::Result;
 use crate::align::{Alignment, AlignmentRule};

@@ -10,7 +10,7 @@ use mde_cli::results::Maps;
 use mde_cli::results::export::{Exported, Format};
 use mde_cli::results::preview::{depth_picture_within, sigma_picture_within, usual_range};
 use mde_cli::{Intrinsics, Result};
-use ndarray::ArrayView2;
+use ndarray::{ArrayView2, ArrayView3};
 use numpy::{IntoPyArray, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -46,8 +46,9 @@ pub(crate) fn parse_intrinsics(text: &str, height: usize, width: usize) -> PyRes
 /// Writes a map as NPY.
 #[pyfunction]
 #[pyo3(signature = (path, map))]
-pub(crate) fn save_npy(path: PathBuf, map: PyReadonlyArray2<'_, f32>) -> PyResult<()> {
-    write_npy(path, map.as_array()).map_err(raise)
+pub(crate) fn save_npy(py: Python<'_>, path: PathBuf, map: PyReadonlyArray2<'_, f32>) -> PyResult<()> {
+    let map = map.as_array();
+    py.detach(|| write_npy(path, map)).map_err(raise)
 }
 
 /// The parts of a result that its folder has.
@@ -79,32 +80,69 @@ pub(crate) struct Saved<'py> {
 #[pyfunction]
 #[pyo3(signature = (folder, parts, export, y_up))]
 pub(crate) fn save_result(
+    py: Python<'_>,
     folder: PathBuf,
     parts: Saved<'_>,
     export: Vec<String>,
     y_up: bool,
 ) -> PyResult<()> {
     let formats = export.iter().map(|name| name.parse().map_err(raise)).collect::<PyResult<Vec<_>>>()?;
-    parts.write(&folder, &formats, y_up).map_err(raise)
+    let views = parts.views();
+    py.detach(|| views.write(&folder, &formats, y_up)).map_err(raise)
+}
+
+/// [`Saved`] without the interpreter.
+struct Views<'m> {
+    depth: ArrayView2<'m, f32>,
+    variance: ArrayView2<'m, f32>,
+    sigma: ArrayView2<'m, f32>,
+    prior: ArrayView2<'m, f32>,
+    more: Vec<Named<'m>>,
+    components: Vec<Named<'m>>,
+    confidence: Option<ArrayView2<'m, f32>>,
+    evidence: Vec<Named<'m>>,
+    image: ArrayView3<'m, f32>,
+    pictures: Vec<(&'m str, ArrayView3<'m, u8>)>,
+    strip: Vec<ArrayView3<'m, f32>>,
+    unit: &'static str,
+    camera: [f64; 4],
 }
 
 impl Saved<'_> {
-    fn write(&self, folder: &Path, formats: &[Format], y_up: bool) -> Result<()> {
-        let unit = unit(&self.unit);
-        let depth =
-            GaussianDepth::new(self.depth.as_array().to_owned(), self.variance.as_array().to_owned())?;
+    fn views(&self) -> Views<'_> {
+        Views {
+            depth: self.depth.as_array(),
+            variance: self.variance.as_array(),
+            sigma: self.sigma.as_array(),
+            prior: self.prior.as_array(),
+            more: named(&self.more),
+            components: named(&self.components),
+            confidence: self.confidence.as_ref().map(|map| map.as_array()),
+            evidence: named(&self.evidence),
+            image: self.image.as_array(),
+            pictures: self.pictures.iter().map(|(name, one)| (name.as_str(), one.as_array())).collect(),
+            strip: self.strip.iter().map(|one| one.as_array()).collect(),
+            unit: unit(&self.unit),
+            camera: self.camera,
+        }
+    }
+}
+
+impl Views<'_> {
+    fn write(self, folder: &Path, formats: &[Format], y_up: bool) -> Result<()> {
+        let Self { unit, image, prior, .. } = self;
+        let depth = GaussianDepth::new(self.depth.to_owned(), self.variance.to_owned())?;
         let png = DepthPng::new(unit, depth.mean().iter().copied());
-        let (image, prior) = (self.image.as_array(), self.prior.as_array());
-        let pictures = self.pictures.iter().map(|(name, one)| (name.clone(), one.as_array().to_owned()));
+        let pictures = self.pictures.iter().map(|(name, one)| ((*name).to_owned(), one.to_owned()));
         Maps {
             depth: &depth,
-            sigma: self.sigma.as_array(),
+            sigma: self.sigma,
             prior,
-            more: &named(&self.more),
-            evidence: &named(&self.evidence),
+            more: &self.more,
+            evidence: &self.evidence,
             image,
             pictures: &pictures.collect::<Vec<_>>(),
-            strip: &self.strip.iter().map(|one| one.as_array().to_owned()).collect::<Vec<_>>(),
+            strip: &self.strip.iter().map(|one| one.to_owned()).collect::<Vec<_>>(),
             truth: None,
             png: &png,
         }
@@ -118,8 +156,8 @@ impl Saved<'_> {
             camera: &camera,
             depth: &depth,
             prior,
-            components: named(&self.components),
-            confidence: self.confidence.as_ref().map(|map| map.as_array()),
+            components: self.components,
+            confidence: self.confidence,
             y_up,
             png_scale: png.scale,
         };
@@ -136,16 +174,19 @@ pub(crate) fn unit(name: &str) -> &'static str {
     }
 }
 
-/// Maps by their names.
-fn named<'m>(maps: &'m [(String, PyReadonlyArray2<'_, f32>)]) -> Vec<(&'m str, ArrayView2<'m, f32>)> {
+/// A map by its name.
+type Named<'m> = (&'m str, ArrayView2<'m, f32>);
+
+fn named<'m>(maps: &'m [(String, PyReadonlyArray2<'_, f32>)]) -> Vec<Named<'m>> {
     maps.iter().map(|(name, map)| (name.as_str(), map.as_array())).collect()
 }
 
 /// Writes an image `[height, width, 3]` as PNG.
 #[pyfunction]
 #[pyo3(signature = (path, image))]
-pub(crate) fn save_rgb(path: PathBuf, image: PyReadonlyArray3<'_, u8>) -> PyResult<()> {
-    write_rgb_png(path, image.as_array()).map_err(raise)
+pub(crate) fn save_rgb(py: Python<'_>, path: PathBuf, image: PyReadonlyArray3<'_, u8>) -> PyResult<()> {
+    let image = image.as_array();
+    py.detach(|| write_rgb_png(path, image)).map_err(raise)
 }
 
 /// The PNG of an image `[height, width, 3]`.
@@ -155,7 +196,8 @@ pub(crate) fn encode_png<'py>(
     py: Python<'py>,
     image: PyReadonlyArray3<'py, u8>,
 ) -> PyResult<Bound<'py, PyBytes>> {
-    Ok(PyBytes::new(py, &encode_rgb_png(image.as_array()).map_err(raise)?))
+    let image = image.as_array();
+    Ok(PyBytes::new(py, &py.detach(|| encode_rgb_png(image)).map_err(raise)?))
 }
 
 /// A map in colours `[height, width, 3]`, from 1 % to 99 % of its known values, and these two.
@@ -167,11 +209,14 @@ pub(crate) fn picture<'py>(
     colours: &str,
 ) -> PyResult<(Bound<'py, PyArray3<u8>>, [f64; 2])> {
     let map = map.as_array();
-    let range = usual_range(map.iter());
-    let picture = match colours {
-        "viridis" => depth_picture_within(map, range),
-        "magma" => sigma_picture_within(map, range),
+    let draw = match colours {
+        "viridis" => depth_picture_within,
+        "magma" => sigma_picture_within,
         _ => return Err(raise(format!("colours is {colours:?}; give viridis or magma"))),
     };
-    Ok((picture.pixels().to_owned().into_pyarray(py), range))
+    let (pixels, range) = py.detach(|| {
+        let range = usual_range(map.iter());
+        (draw(map, range).pixels().to_owned(), range)
+    });
+    Ok((pixels.into_pyarray(py), range))
 }

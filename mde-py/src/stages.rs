@@ -74,18 +74,17 @@ pub(crate) fn fuse<'py>(
 #[pyfunction]
 #[pyo3(signature = (u, v, variance))]
 pub(crate) fn affine_wls(
+    py: Python<'_>,
     u: PyReadonlyArray1<'_, f64>,
     v: PyReadonlyArray1<'_, f64>,
     variance: PyReadonlyArray1<'_, f64>,
 ) -> Option<[f64; 5]> {
-    let samples: Vec<Sample> = u
-        .as_array()
-        .iter()
-        .zip(v.as_array())
-        .zip(variance.as_array())
-        .map(|((&u, &v), &variance)| Sample { u, variance, v })
-        .collect();
-    let fit = mde_fusion::affine_wls(&samples)?;
+    let (u, v, variance) = (u.as_array(), v.as_array(), variance.as_array());
+    let fit = py.detach(|| {
+        let lists = u.iter().zip(v).zip(variance);
+        let samples: Vec<Sample> = lists.map(|((&u, &v), &variance)| Sample { u, variance, v }).collect();
+        mde_fusion::affine_wls(&samples)
+    })?;
     let affine = fit.affine;
     Some([affine.a, affine.b, fit.effective_support, fit.correlation, fit.relative_spread])
 }
@@ -109,18 +108,21 @@ pub(crate) fn termination_moments<'py>(
     uniform: bool,
 ) -> Moments<'py> {
     let rule = if uniform { InBinVariance::Uniform } else { InBinVariance::Midpoint };
-    let (rays, bins) = density.as_array().dim();
+    let (density, depth, extent) = (density.as_array(), depth.as_array(), extent.as_array());
+    let (rays, bins) = density.dim();
     let mut all = Array2::zeros((rays, bins));
     let [mut opacity, mut mean, mut variance] = [(); 3].map(|()| Array1::zeros(rays));
-    for (index, mut row) in all.outer_iter_mut().enumerate() {
-        let of = |map: &PyReadonlyArray2<'py, f64>| map.as_array().row(index).to_vec();
-        let (density, depth, extent) = (of(&density), of(&depth), of(&extent));
-        let mut found = vec![0.0; bins];
-        weights(&density, &extent, &mut found);
-        let moments = termination::moments(&found, &depth, &extent, rule);
-        (opacity[index], mean[index], variance[index]) = (moments.opacity, moments.mean, moments.variance);
-        row.iter_mut().zip(found).for_each(|(to, weight)| *to = weight);
-    }
+    py.detach(|| {
+        for (index, mut row) in all.outer_iter_mut().enumerate() {
+            let [density, depth, extent] = [density, depth, extent].map(|map| map.row(index).to_vec());
+            let mut found = vec![0.0; bins];
+            weights(&density, &extent, &mut found);
+            let moments = termination::moments(&found, &depth, &extent, rule);
+            (opacity[index], mean[index], variance[index]) =
+                (moments.opacity, moments.mean, moments.variance);
+            row.iter_mut().zip(found).for_each(|(to, weight)| *to = weight);
+        }
+    });
     (opacity.into_pyarray(py), mean.into_pyarray(py), variance.into_pyarray(py), all.into_pyarray(py))
 }
 

@@ -2,6 +2,8 @@
 
 import json
 import subprocess
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +64,33 @@ def mde():
         return subprocess.run(command, check=True, capture_output=True, text=True)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def ticker():
+    """The longest time that another thread waits during a call, as a share of the call's: 1 where the call keeps the interpreter."""
+
+    def share(call) -> float:
+        ticks, stop = [], threading.Event()
+
+        def tick():
+            while not stop.is_set():
+                ticks.append(time.monotonic())
+                time.sleep(0.001)
+
+        thread = threading.Thread(target=tick)
+        thread.start()
+        begun = time.monotonic()
+        call()
+        ended = time.monotonic()
+        stop.set()
+        thread.join()
+        assert ended - begun > 0.05, "too short to tell"
+        within = [begun, *(moment for moment in ticks if begun < moment < ended), ended]
+        return float(np.diff(within).max() / (ended - begun))
+
+    # The machine may have been busy.
+    return lambda call: min(share(call) for _ in range(3))
 
 
 @pytest.fixture(scope="session")

@@ -89,6 +89,12 @@ def test_metrics_of_edges_and_order():
     assert order == 0 and d3r in (0, None)
 
 
+def test_the_interpreter_is_free_meanwhile(ticker):
+    truth = 2 + RNG.random((360, 480))
+    prediction = truth * np.exp(RNG.normal(0, 0.1, truth.shape))
+    assert ticker(lambda: metrics.boundary_matches(prediction, truth)) < 0.5
+
+
 def test_alignment_and_all_scores():
     aligned, fit = metrics.align(0.5 * TRUTH, TRUTH)
     np.testing.assert_allclose(aligned, TRUTH, rtol=1e-6)

@@ -63,6 +63,70 @@ class Slow(mdenerf.ray.Refine):
         return super().__call__(batch)
 
 
+@pytest.fixture
+def refine(network):
+    """An actor without a cluster."""
+    return mdenerf.ray.Refine(**network, preset="fast")
+
+
+def objects(*values) -> np.ndarray:
+    column = np.empty(len(values), dtype=object)
+    column[:] = values
+    return column
+
+
+def test_no_photograph_ends_the_job(refine, folder, monkeypatch):
+    file = (folder / "00.png").read_bytes()
+    batch = {"path": objects("a", "b"), "bytes": objects(file, file)}
+    calls = []
+    original = refine._refiner.refine
+
+    def fails_once(image, **settings):
+        calls.append(image)
+        if len(calls) == 1:
+            raise MemoryError("no room\nfor 3 GiB")
+        return original(image, **settings)
+
+    monkeypatch.setattr(refine._refiner, "refine", fails_once)
+    rows = refine(batch)
+    assert list(rows["status"]) == ["failed", "done"]
+    assert rows["error"][0] == "MemoryError: no room for 3 GiB" and rows["depth"][0] == b""
+
+
+def test_a_batch_without_names_is_told(refine, folder):
+    file = (folder / "00.png").read_bytes()
+    with pytest.raises(mdenerf.Error, match="no column name or path, only bytes; give include_paths=True"):
+        refine({"bytes": objects(file)})
+    with pytest.raises(mdenerf.Error, match="no column bytes or image, only path; read them with"):
+        refine({"path": objects("a")})
+    with pytest.raises(mdenerf.Error, match="include_paths=True"):
+        mdenerf.ray.pending("absent")({"bytes": file})
+
+
+def test_what_a_killed_job_leaves_is_skipped(tmp_path):
+    import pyarrow
+    import pyarrow.parquet
+
+    def is_pending():
+        chosen = mdenerf.ray.pending(tmp_path / "out")
+        return [chosen({"path": name}) for name in ("a", "b", "c")]
+
+    assert is_pending() == [True] * 3
+    (tmp_path / "out" / "part").mkdir(parents=True)
+    assert is_pending() == [True] * 3
+    table = pyarrow.table({"name": ["a", "b"], "status": ["done", "failed"], "seconds": [1.0, 2.0]})
+    pyarrow.parquet.write_table(table, tmp_path / "out" / "part" / "0.parquet")
+    (tmp_path / "out" / "notes.txt").write_text("not Parquet")
+    assert is_pending() == [False, True, True]
+    whole = (tmp_path / "out" / "part" / "0.parquet").read_bytes()
+    pyarrow.parquet.write_table(pyarrow.table({"other": [1]}), tmp_path / "out" / "other.parquet")
+    for length in (0, 3, len(whole) // 2, len(whole) - 1):
+        (tmp_path / "out" / "torn.parquet").write_bytes(whole[:length])
+        with pytest.warns(RuntimeWarning, match="parquet: can't be read, so its photographs are refined again") as told:
+            assert is_pending() == [False, True, True]
+        assert sorted(Path(str(one.message).split(":")[0]).name for one in told) == ["other.parquet", "torn.parquet"]
+
+
 def test_a_killed_node_changes_no_byte(cluster, folder, network, arguments, mde, tmp_path):
     made, nodes = cluster
     log = tmp_path / "log"

@@ -51,8 +51,9 @@ def test_the_input_size_of_a_callable_decides_on_crops(photo):
 class Tensor:
     """As PyTorch has it: on a device, with a gradient, with a batch."""
 
-    def __init__(self, values):
+    def __init__(self, values, dtype="torch.float32"):
         self.values = values
+        self.dtype = dtype
 
     def detach(self):
         return self
@@ -60,13 +61,48 @@ class Tensor:
     def cpu(self):
         return self
 
+    def float(self):
+        return Tensor(self.values)
+
     def __array__(self, dtype=None, copy=None):
+        if self.dtype == "torch.bfloat16":
+            raise TypeError("Got unsupported ScalarType BFloat16")
         return self.values
 
 
 def test_a_tensor_is_a_prediction(photo):
     result = mdenerf.refine(photo, lambda rgb: Tensor(np.float64(1 + rgb[None, None, ..., 1])), **FAST)
     np.testing.assert_allclose(result.prior, 1 + photo[..., 1].astype(np.float32) / 255, rtol=1e-6)
+    half = mdenerf.refine(photo, lambda rgb: Tensor(np.float32(1 + rgb[..., 1]), "torch.bfloat16"), **FAST)
+    np.testing.assert_allclose(half.prior, result.prior, rtol=1e-6)
+
+
+def test_a_tensor_of_pytorch_is_a_prediction(photo):
+    torch = pytest.importorskip("torch")
+
+    def model(rgb):
+        return (1 + torch.from_numpy(rgb)[None, ..., 1]).to(torch.bfloat16).requires_grad_()
+
+    result = mdenerf.refine(photo, model, **FAST)
+    np.testing.assert_allclose(result.prior, 1 + photo[..., 1].astype(np.float32) / 255, rtol=2**-8)
+
+
+def test_a_session_of_another_framework_is_a_model(photo, network):
+    """The same network in a callable and as a file."""
+    runtime = pytest.importorskip("onnxruntime")
+    session = runtime.InferenceSession(network["model"], providers=["CPUExecutionProvider"])
+    (entry,) = session.get_inputs()
+
+    def model(rgb):
+        mean, deviation = np.float32([0.485, 0.456, 0.406]), np.float32([0.229, 0.224, 0.225])
+        pixels = ((rgb - mean) / deviation).transpose(2, 0, 1)[None]
+        return session.run(None, {entry.name: np.ascontiguousarray(pixels, dtype=np.float32)})[0]
+
+    small = photo[:32, :32].copy()
+    settings = {**FAST, "kind": "disparity", "input_size": (32, 32), "config": {"augmentation": {"predictions": 1}}}
+    result = mdenerf.refine(small, model, **settings)
+    file = mdenerf.refine(small, **{**network, **settings})
+    np.testing.assert_allclose(result.depth, file.depth, rtol=1e-3)
 
 
 @pytest.mark.parametrize(

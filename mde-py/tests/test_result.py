@@ -51,6 +51,12 @@ def test_a_folder_is_replaced_only_by_force_and_if_it_is_of_a_run(result, tmp_pa
         result.save(tmp_path / "file" / "out")
 
 
+def test_the_interpreter_is_free_while_it_is_saved(ticker, tmp_path):
+    image = np.random.default_rng(0).integers(0, 255, (600, 800, 3), dtype=np.uint8)
+    result = mdenerf.refine(image, depth=np.full((600, 800), 2.0), no_nerf=True, preset="fast")
+    assert ticker(lambda: result.save(tmp_path / "out", report=False, export=["ply"], force=True)) < 0.5
+
+
 def test_an_unknown_format_is_named(result, tmp_path):
     with pytest.raises(mdenerf.Error, match='"obj" is no format; give some of ply, glb, exr, colmap, transforms, sigma'):
         result.save(tmp_path / "out", export=["ply", "obj"])

@@ -30,7 +30,7 @@ pub fn csv(entries: &[Entry], to: impl Write) -> Result<()> {
 }
 
 /// A name that a spreadsheet would run as a formula, behind an apostrophe, as spreadsheets mark text.
-fn inert(name: &str) -> String {
+pub fn inert(name: &str) -> String {
     if name.starts_with(['=', '+', '-', '@', '\t', '\r', '\'']) {
         format!("'{name}")
     } else {

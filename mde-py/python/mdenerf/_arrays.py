@@ -135,6 +135,9 @@ def numpy(value: Any) -> NDArray[Any]:
     """Any array-like, a tensor on another device among them."""
     if hasattr(value, "detach"):
         value = value.detach().cpu()
+        if "bfloat16" in str(getattr(value, "dtype", "")):
+            # NumPy has no such floats.
+            value = value.float()
     return np.asarray(value)
 
 

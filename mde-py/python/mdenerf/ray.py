@@ -20,7 +20,8 @@ import os
 import tempfile
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -34,6 +35,9 @@ from ._result import RefinementWarning, Result
 __all__ = ["Refine", "pending", "read_map", "webdataset"]
 
 Batch = dict[str, NDArray[Any]]
+
+#: Files of earlier jobs that are read side by side.
+_READERS = 16
 
 
 class Refine:
@@ -65,10 +69,9 @@ class Refine:
         self._fov = fov
 
     def __call__(self, batch: Batch) -> Batch:
-        """Refines the photographs of a batch, one after the other; one that fails is a row too."""
-        names = batch["name"] if "name" in batch else batch["path"]
-        files = batch.get("bytes")
-        images = files if files is not None else batch["image"]
+        """Refines the photographs of a batch, one after the other; one that fails, for whatever reason, is a row too."""
+        names = batch[_either(batch, "name", "path", "give include_paths=True to the function that reads them")]
+        images = batch[_either(batch, "bytes", "image", "read them with ray.data.read_binary_files or ray.data.read_images")]
         rows = [self._row(str(name), image) for name, image in zip(names, images, strict=True)]
         return {key: _column([row[key] for row in rows]) for key in rows[0]} if rows else {}
 
@@ -78,6 +81,9 @@ class Refine:
             result, error = self._refine(image), ""
         except Error as failure:
             result, error = None, str(failure)
+        except Exception as failure:
+            # Of one photograph, such as a lack of memory: not the end of the job.
+            result, error = None, " ".join(f"{type(failure).__name__}: {failure}".split())
         seconds = time.monotonic() - begun
         row: dict[str, Any] = {"name": name, "status": "failed" if result is None else "done", "error": error}
         ends = _ends(result) if self._ends else {}
@@ -88,6 +94,14 @@ class Refine:
             # The record has them.
             warnings.simplefilter("ignore", RefinementWarning)
             return self._refiner.refine(bytes(image) if isinstance(image, (bytearray, memoryview)) else image, fov=self._fov)
+
+
+def _either(columns: Mapping[str, Any], one: str, other: str, remedy: str) -> str:
+    """The first of two columns that is there."""
+    for column in (one, other):
+        if column in columns:
+            return column
+    raise Error(f"the photographs have no column {one} or {other}, only {', '.join(columns) or 'none'}; {remedy}")
 
 
 def _threads() -> int | None:
@@ -155,10 +169,12 @@ def read_map(data: bytes) -> NDArray[np.float32]:
 def pending(folder: str | os.PathLike[str], filesystem: Any = None) -> Callable[[dict[str, Any]], bool]:
     """A filter of what earlier jobs have not done: ``photographs.filter(mdenerf.ray.pending("out"))``.
 
+    Files that can't be read, as a job that was killed leaves them, are skipped with a :class:`RuntimeWarning` that names them.
+
     Parameters
     ----------
     folder : path
-        Where earlier jobs wrote Parquet; it need not exist.
+        Where earlier jobs wrote Parquet, files ``*.parquet``; it need not exist.
     filesystem : pyarrow.fs.FileSystem, optional
         Where that is.
 
@@ -167,22 +183,39 @@ def pending(folder: str | os.PathLike[str], filesystem: Any = None) -> Callable[
     callable
         True for a row whose ``name`` or ``path`` has no row with the status ``done`` there.
     """
-    import pyarrow.dataset
     import pyarrow.fs
 
-    place, done = os.fspath(folder), frozenset[str]()
+    place = os.fspath(folder)
     if filesystem is None:
         filesystem, place = pyarrow.fs.FileSystem.from_uri(place) if "://" in place else (pyarrow.fs.LocalFileSystem(), place)
-    if filesystem.get_file_info(place).type != pyarrow.fs.FileType.NotFound:
-        columns = ["name", "status"]
-        table = pyarrow.dataset.dataset(place, format="parquet", filesystem=filesystem).to_table(columns=columns)
-        rows = zip(table["name"].to_pylist(), table["status"].to_pylist(), strict=True)
-        done = frozenset(name for name, status in rows if status == "done")
+    entries = filesystem.get_file_info(pyarrow.fs.FileSelector(place, recursive=True, allow_not_found=True))
+    files = sorted(entry.path for entry in entries if entry.is_file and entry.path.endswith(".parquet"))
+    with ThreadPoolExecutor(_READERS) as readers:
+        found = list(readers.map(lambda path: _done(path, filesystem), files))
+    for path, names in zip(files, found, strict=True):
+        if names is None:
+            message = f"{path}: can't be read, so its photographs are refined again; remove it once no job writes to it"
+            warnings.warn(message, RuntimeWarning, stacklevel=2)
+    done = frozenset[str]().union(*(names for names in found if names is not None))
 
     def is_pending(row: dict[str, Any]) -> bool:
-        return str(row["name"] if "name" in row else row["path"]) not in done
+        return str(row[_either(row, "name", "path", "give include_paths=True to the function that reads them")]) not in done
 
     return is_pending
+
+
+def _done(path: str, filesystem: Any) -> frozenset[str] | None:
+    """The names of a file's rows that are done; nothing for one that can't be read, or has no such rows."""
+    import pyarrow
+    import pyarrow.parquet
+
+    try:
+        with filesystem.open_input_file(path) as file:
+            table = pyarrow.parquet.ParquetFile(file).read(columns=["name", "status"])
+        rows = zip(table["name"].to_pylist(), table["status"].to_pylist(), strict=True)
+    except (pyarrow.ArrowException, OSError, KeyError):
+        return None
+    return frozenset(name for name, status in rows if status == "done")
 
 
 def webdataset(row: dict[str, Any]) -> dict[str, Any]:

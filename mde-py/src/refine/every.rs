@@ -148,25 +148,32 @@ pub(crate) struct Refined<'py> {
 #[pyfunction]
 #[pyo3(signature = (folder, photographs, unit, y_up))]
 pub(crate) fn save_all(
+    py: Python<'_>,
     folder: PathBuf,
     photographs: Vec<Refined<'_>>,
     unit: &str,
     y_up: bool,
 ) -> PyResult<usize> {
     let unit = crate::files::unit(unit);
-    let solids = photographs.iter().map(|one| -> Result<Solid<'_>> {
-        let (fx, fy, cx, cy, width, height) = one.camera;
-        let depth = one.depth.as_array().to_owned();
-        Ok(Solid {
-            folder: &one.folder,
-            image: one.image.as_array(),
-            camera: PinholeCamera::new(fx, fy, cx, cy, width, height)?,
-            pose: pose_of(one.pose),
-            png_scale: DepthPng::new(unit, depth.iter().copied()).scale,
-            depth,
-            sigma: one.sigma.as_array().to_owned(),
-        })
+    let views = photographs.iter().map(|one| {
+        let maps = (one.image.as_array(), one.depth.as_array(), one.sigma.as_array());
+        (one.folder.as_str(), one.camera, one.pose, maps)
     });
-    let solids = solids.collect::<Result<Vec<_>>>().map_err(raise)?;
-    write_all(&folder, &solids, unit, y_up).map_err(raise)
+    let views: Vec<_> = views.collect();
+    let write = || -> Result<usize> {
+        let solids = views.into_iter().map(|(folder, camera, pose, (image, depth, sigma))| {
+            let (fx, fy, cx, cy, width, height) = camera;
+            Ok(Solid {
+                folder,
+                image,
+                camera: PinholeCamera::new(fx, fy, cx, cy, width, height)?,
+                pose: pose_of(pose),
+                png_scale: DepthPng::new(unit, depth.iter().copied()).scale,
+                depth: depth.to_owned(),
+                sigma: sigma.to_owned(),
+            })
+        });
+        write_all(&folder, &solids.collect::<Result<Vec<_>>>()?, unit, y_up)
+    };
+    py.detach(write).map_err(raise)
 }

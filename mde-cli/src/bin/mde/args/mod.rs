@@ -124,8 +124,8 @@ report.html (all results on one page); with --gt gt.npy; with --interval lower.n
 depth.exr, colmap/, transforms.json, sigma/. With --all one such folder for each photograph, and transforms.json, cloud.ply, run.json. With many photographs one such folder for each, with
 thumbnail.png and finished.json, and index.html, index.csv, index.json; the same command continues, and refines only what is new or changed.")]
 pub(crate) struct RefineArgs {
-    /// The photograph: JPEG, PNG, TIFF, BMP or WebP. Or many, each refined alone: photographs, folders, lists (.txt, one name per line), or -
-    /// for names from standard input
+    /// The photograph: JPEG, PNG, TIFF, BMP or WebP. Or many, each refined alone: photographs, patterns ('holiday/*.jpg'), folders, lists
+    /// (.txt, one name or pattern per line), or - for names from standard input
     #[arg(value_name = "IMAGE")]
     pub(crate) image: PathBuf,
     /// More photographs, folders and lists

@@ -12,16 +12,16 @@ const PHOTOGRAPHS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "web
 const STDIN: &str = "-";
 const LIST: &str = "txt";
 
-/// Whether the arguments name more than one photograph: several of them, a folder, a list, standard input.
+/// Whether the arguments name more than one photograph: several of them, a folder, a list, a pattern, standard input.
 pub(crate) fn are_many(named: &[&Path]) -> bool {
     match named {
-        [one] => *one == Path::new(STDIN) || is_list(one) || one.is_dir(),
+        [one] => *one == Path::new(STDIN) || is_list(one) || one.is_dir() || pattern::is_one(one),
         _ => true,
     }
 }
 
-/// All photographs in the order of the arguments, each file once; folders in the order of their names. A named file that is missing is
-/// among them.
+/// All photographs in the order of the arguments, each file once; those of folders and patterns in the order of their names. A named file
+/// that is missing is among them.
 pub(crate) fn all(named: &[&Path]) -> Result<Vec<PathBuf>> {
     let (mut paths, mut seen) = (Vec::new(), HashSet::new());
     for name in named {
@@ -32,6 +32,17 @@ pub(crate) fn all(named: &[&Path]) -> Result<Vec<PathBuf>> {
                     .read_to_string(&mut text)
                     .context("-: standard input can't be read as UTF-8 text")?;
                 listed("standard input", &text, Path::new("."))?
+            }
+            // Not every shell has put the names in its place.
+            () if pattern::is_one(name) => {
+                let found = of_pattern(name);
+                ensure!(
+                    !found.is_empty(),
+                    "{}: no photograph ({}) has such a name; check the path",
+                    name.display(),
+                    PHOTOGRAPHS.join(", ")
+                );
+                found
             }
             () if is_list(name) => {
                 let fault =
@@ -64,14 +75,28 @@ fn is_list(path: &Path) -> bool {
     path.extension().and_then(OsStr::to_str).is_some_and(|e| e.eq_ignore_ascii_case(LIST)) && !path.is_dir()
 }
 
-/// One name per line, from the working folder, else from `folder`; empty lines and those that begin with # are skipped.
+/// The photographs whose names match.
+fn of_pattern(pattern: &Path) -> Vec<PathBuf> {
+    let mut found = pattern::matches(pattern);
+    found.retain(|path| is_photograph(path));
+    found
+}
+
+/// One name or pattern per line, from the working folder, else from `folder`; empty lines and those that begin with # are skipped.
 fn listed(list: &str, text: &str, folder: &Path) -> Result<Vec<PathBuf>> {
     let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
-    let place = |line: &str| match folder.join(line) {
-        beside if !Path::new(line).exists() && beside.exists() => beside,
-        _ => PathBuf::from(line),
+    let place = |line: &str| {
+        let (here, beside) = (PathBuf::from(line), folder.join(line));
+        if here.exists() {
+            return vec![here];
+        }
+        if beside.exists() {
+            return vec![beside];
+        }
+        let found = [&here, &beside].map(|pattern| of_pattern(pattern));
+        found.into_iter().find(|found| !found.is_empty()).unwrap_or_else(|| vec![here])
     };
-    let paths: Vec<PathBuf> = lines.map(place).collect();
+    let paths: Vec<PathBuf> = lines.flat_map(place).collect();
     match paths.iter().any(|path| path.is_file()) {
         true => Ok(paths),
         false if paths.is_empty() => bail!("{list}: names no photograph; give one path per line"),
@@ -85,11 +110,7 @@ pub(crate) fn in_folder(flag: &str, folder: &Path) -> Result<Vec<PathBuf>> {
     let mut paths = Vec::new();
     for entry in std::fs::read_dir(folder).with_context(fault)? {
         let path = entry.with_context(fault)?.path();
-        let is_photograph = path
-            .extension()
-            .and_then(OsStr::to_str)
-            .is_some_and(|e| PHOTOGRAPHS.contains(&e.to_ascii_lowercase().as_str()));
-        if is_photograph && path.is_file() {
+        if is_photograph(&path) {
             paths.push(path);
         }
     }
@@ -97,9 +118,147 @@ pub(crate) fn in_folder(flag: &str, folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
+/// Whether it is a file with the extension of a photograph.
+fn is_photograph(path: &Path) -> bool {
+    let extension = path.extension().and_then(OsStr::to_str);
+    extension.is_some_and(|e| PHOTOGRAPHS.contains(&e.to_ascii_lowercase().as_str())) && path.is_file()
+}
+
+/// Patterns of paths, as shells have them: `*`, `?`, `[abc]`, `[a-z]` and `[!a]` within a name.
+mod pattern {
+    use std::path::{Component, Path, PathBuf};
+
+    /// Whether it has wildcards and is no path itself.
+    pub(super) fn is_one(path: &Path) -> bool {
+        has_wildcard(path) && !path.exists()
+    }
+
+    /// The paths that match, in the order of their names; a name that begins with a dot only where the pattern's does.
+    pub(super) fn matches(pattern: &Path) -> Vec<PathBuf> {
+        let mut found = vec![PathBuf::new()];
+        for part in pattern.components() {
+            found = found.into_iter().flat_map(|place| within(&place, part)).collect();
+        }
+        found
+    }
+
+    fn has_wildcard(path: &Path) -> bool {
+        path.to_str().is_some_and(|text| text.contains(['*', '?', '[']))
+    }
+
+    /// The paths in a folder that match one part of a pattern.
+    fn within(place: &Path, part: Component<'_>) -> Vec<PathBuf> {
+        let wanted = match part {
+            Component::Normal(name) if has_wildcard(Path::new(name)) => name.to_string_lossy(),
+            _ => {
+                let path = place.join(part);
+                return if path.exists() { vec![path] } else { Vec::new() };
+            }
+        };
+        let folder = if place.as_os_str().is_empty() { Path::new(".") } else { place };
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        let mut names: Vec<_> = entries.map(|entry| entry.file_name()).collect();
+        names.retain(|name| {
+            let name = name.to_string_lossy();
+            (wanted.starts_with('.') || !name.starts_with('.')) && matches_name(&wanted, &name)
+        });
+        names.sort();
+        names.into_iter().map(|name| place.join(name)).collect()
+    }
+
+    /// Whether a pattern matches a name; on Windows, where names have no case, in any.
+    pub(super) fn matches_name(pattern: &str, name: &str) -> bool {
+        let characters = |text: &str| -> Vec<char> {
+            if cfg!(windows) { text.to_lowercase().chars().collect() } else { text.chars().collect() }
+        };
+        let (pattern, name) = (characters(pattern), characters(name));
+        // Where the rest of the pattern may begin, after each character of the name.
+        let (mut p, mut n) = (0, 0);
+        let mut star = None;
+        while n < name.len() {
+            let next = one(&pattern[p..], name[n]);
+            if pattern.get(p) == Some(&'*') {
+                p += 1;
+                star = Some((p, n));
+            } else if let Some(length) = next {
+                (p, n) = (p + length, n + 1);
+            } else if let Some((after, at)) = star {
+                (p, n) = (after, at + 1);
+                star = Some((after, at + 1));
+            } else {
+                return false;
+            }
+        }
+        pattern[p..].iter().all(|c| *c == '*')
+    }
+
+    /// The length of the pattern's first element, if it matches the character.
+    fn one(pattern: &[char], c: char) -> Option<usize> {
+        match *pattern.first()? {
+            '?' => Some(1),
+            // The set's first character may be its closing bracket.
+            '[' => {
+                let negated = usize::from(matches!(pattern.get(1), Some('!' | '^')));
+                let begin = 1 + negated;
+                let Some(length) = pattern.iter().skip(begin + 1).position(|c| *c == ']') else {
+                    return (c == '[').then_some(1);
+                };
+                let set = &pattern[begin..=begin + length];
+                let mut inside = set.contains(&c);
+                for range in set.windows(3).filter(|range| range[1] == '-') {
+                    inside |= (range[0]..=range[2]).contains(&c);
+                }
+                (inside != (negated == 1)).then_some(begin + length + 2)
+            }
+            other => (other == c).then_some(1),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_pattern_matches_as_in_a_shell() {
+        for (pattern, name, expected) in [
+            ("*.png", "a.png", true),
+            ("*.png", "a.jpg", false),
+            ("IMG_??.*g", "IMG_07.jpeg", true),
+            ("IMG_??.*g", "IMG_7.jpeg", false),
+            ("*a*b*", "xaxxb", true),
+            ("*a*b*", "xbxxa", false),
+            ("[a-c]1", "b1", true),
+            ("[!a-c]1", "b1", false),
+            ("[]x]1", "]1", true),
+            ("[1", "[1", true),
+            ("", "a", false),
+        ] {
+            assert_eq!(pattern::matches_name(pattern, name), expected, "{pattern} {name}");
+        }
+    }
+
+    #[test]
+    fn a_pattern_that_no_shell_expanded_names_photographs() {
+        let place = tempfile::tempdir().unwrap();
+        let at = |name: &str| place.path().join(name);
+        std::fs::create_dir_all(at("shots/b")).unwrap();
+        std::fs::create_dir(at("shots/a")).unwrap();
+        for name in ["shots/b/2.png", "shots/a/1.png", "shots/a/.hidden.png", "shots/notes.txt", "[x].png"] {
+            std::fs::write(at(name), "").unwrap();
+        }
+        let both = [at("shots/a/1.png"), at("shots/b/2.png")];
+        let pattern = at("shots/?/*.png");
+        assert!(are_many(&[&pattern]));
+        assert_eq!(all(&[&pattern]).unwrap(), both);
+        // A file of that name is itself.
+        assert!(!are_many(&[&at("[x].png")]));
+        std::fs::write(at("list.txt"), "shots/*/*\n[x].png\n").unwrap();
+        let expected = [both[0].clone(), both[1].clone(), at("[x].png")];
+        assert_eq!(all(&[&at("list.txt")]).unwrap(), expected);
+        let refused = all(&[&at("shots/*")]).unwrap_err().to_string();
+        assert!(refused.contains("no photograph") && refused.contains("shots/*"), "{refused}");
+    }
 
     #[test]
     fn files_folders_and_lists_give_each_photograph_once() {

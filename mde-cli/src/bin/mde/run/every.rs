@@ -276,9 +276,9 @@ impl Finished {
     }
 }
 
-/// A folder with all that is in it.
+/// A folder with all that is in it; `to` may exist.
 pub(crate) fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
-    fs::create_dir(to)?;
+    fs::create_dir_all(to)?;
     for entry in fs::read_dir(from)? {
         let entry = entry?;
         let target = to.join(entry.file_name());

@@ -5,6 +5,7 @@ use super::shard::Shard;
 use crate::output::provenance::{command_line, versions, write_json};
 use crate::report::photographs_page;
 use anyhow::{Context, Result, ensure};
+use mde_eval::table::inert;
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::path::Path;
@@ -48,6 +49,9 @@ pub(crate) struct Row {
     /// Pixels without depth.
     pub(crate) missing: usize,
     pub(crate) warnings: Vec<String>,
+    /// Among the photographs of all shards; a shard has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) position: Option<usize>,
     /// Whether an earlier run finished it.
     #[serde(skip)]
     pub(crate) kept: bool,
@@ -94,6 +98,11 @@ pub(crate) struct Index {
     pub(crate) complete: bool,
     #[serde(rename = "photographs")]
     pub(crate) rows: Vec<Row>,
+}
+
+/// Identifies settings.
+pub(crate) fn identity_of(settings: &str) -> String {
+    format!("{:08x}", crc32fast::hash(settings.as_bytes()))
 }
 
 /// Identifies a set of names.
@@ -148,7 +157,7 @@ impl Index {
             shard,
             all,
             set,
-            settings: format!("{:08x}", crc32fast::hash(settings.as_bytes())),
+            settings: identity_of(settings),
             complete: false,
             rows: Vec::new(),
         }
@@ -175,10 +184,11 @@ impl Index {
         }
     }
 
-    /// Marks the folder as the program's, unless an index is there.
+    /// Marks the folder as the program's. An earlier index of all photographs stays; a shard's is not complete until its end.
     pub(super) fn mark(&self, folder: &Path) -> Result<()> {
         let path = folder.join(self.name());
-        if Self::read(&path).is_ok() { Ok(()) } else { write_json(&path, self) }
+        let stays = Self::read(&path).is_ok_and(|earlier| self.shard.is_none() || !earlier.complete);
+        if stays { Ok(()) } else { write_json(&path, self) }
     }
 
     /// Writes the index of all photographs; for a shard no more than its rows.
@@ -225,10 +235,10 @@ fn csv(rows: &[Row]) -> Result<Vec<u8>> {
     let number = |value: Option<f64>| value.map(|v| format!("{v:.6}")).unwrap_or_default();
     for row in rows {
         table.write_record([
-            row.photograph.clone(),
-            row.folder.clone(),
+            inert(&row.photograph),
+            inert(&row.folder),
             row.status().to_owned(),
-            row.error.clone().unwrap_or_default(),
+            inert(row.error.as_deref().unwrap_or_default()),
             row.width.to_string(),
             row.height.to_string(),
             number(row.fx),
@@ -277,12 +287,14 @@ mod tests {
             error: Some("no\nphotograph".to_owned()),
             ..Row::default()
         };
+        let formula = Row { photograph: "=cmd.png".to_owned(), folder: "-1".to_owned(), ..Row::default() };
         let done = Row { median_depth: Some(2.5), sigma: Some(0.125), ..Row::default() };
-        let table = String::from_utf8(csv(&[failed, done]).unwrap()).unwrap();
+        let table = String::from_utf8(csv(&[failed, done, formula]).unwrap()).unwrap();
         let mut read = csv::Reader::from_reader(table.as_bytes());
         let rows: Vec<csv::StringRecord> = read.records().map(Result::unwrap).collect();
         assert_eq!((&rows[0][0], &rows[0][2], &rows[0][3]), ("a,\"b\".jpg", "failed", "no\nphotograph"));
         assert_eq!((&rows[1][2], &rows[1][10], &rows[1][11]), ("done", "2.500000", "0.125000"));
+        assert_eq!((&rows[2][0], &rows[2][1]), ("'=cmd.png", "'-1"));
     }
 
     #[test]

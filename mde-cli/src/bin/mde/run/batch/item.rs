@@ -1,7 +1,7 @@
 //! One of many photographs: its marker, its refinement, its row.
 
 use super::allowance::{Allowance, Taken};
-use super::index::Row;
+use super::index::{Row, identity_of};
 use crate::args::RefineArgs;
 use crate::input::opened::Opening;
 use crate::input::prior::NamedPrior;
@@ -22,6 +22,7 @@ use mde_cli::{Config, Preset};
 use mde_prior::photo::{decode_image, image_size, write_rgb_png};
 use mde_uncertainty::statistics::{median, quantile};
 use ndarray::{Array3, ArrayView3, Axis, concatenate};
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::fs;
@@ -39,6 +40,8 @@ const HEIGHT: usize = 120;
 pub(crate) struct Item {
     pub(crate) path: PathBuf,
     pub(crate) folder: String,
+    /// Among the photographs of all shards.
+    pub(crate) position: usize,
     /// The factor of `--same-scale`.
     pub(crate) same_scale: Option<SameScale>,
 }
@@ -59,8 +62,17 @@ pub(crate) struct Common<'c> {
 #[derive(Serialize, Deserialize)]
 pub(crate) struct Marker {
     /// Settings and the content of the photograph.
-    made_from: String,
+    pub(crate) made_from: String,
     pub(crate) row: Row,
+}
+
+impl Marker {
+    /// Identifies the settings that it begins with.
+    pub(crate) fn settings(&self) -> Option<String> {
+        let mut values = serde_json::Deserializer::from_str(&self.made_from).into_iter::<IgnoredAny>();
+        values.next()?.ok()?;
+        self.made_from.get(..values.byte_offset()).map(identity_of)
+    }
 }
 
 /// Everything but the photograph that the results depend on, files by their content.
@@ -152,7 +164,7 @@ impl Common<'_> {
 
     fn made(&self, item: &Item, progress: &mut Progress) -> Result<Row> {
         let args = self.args;
-        let Item { path, folder, same_scale } = item;
+        let Item { path, folder, same_scale, .. } = item;
         let shown = || path.display().to_string();
         let place = self.output.join(folder);
         // First of all: a plan of the predictions takes as long as thousands of markers.

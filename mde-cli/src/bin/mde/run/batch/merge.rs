@@ -5,17 +5,25 @@ use super::index::{Index, RECORD, Row, is_record};
 use super::item::read_marker;
 use super::shard::{Claim, check};
 use crate::args::MergeArgs;
-use crate::output::folder::check_place;
+use crate::evaluation::lock::Lock;
+use crate::output::folder::{OutputFolder, check_place, remove_unfinished};
 use crate::run::every::copy;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
-use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// A shard's index and the folder that it is in.
 type Found = (PathBuf, Index);
+
+/// A photograph with the folder and the settings of its shard.
+#[derive(Debug)]
+struct Part {
+    folder: PathBuf,
+    settings: String,
+    row: Row,
+}
 
 pub(crate) fn run(args: &MergeArgs) -> Result<()> {
     let start = Instant::now();
@@ -24,10 +32,8 @@ pub(crate) fn run(args: &MergeArgs) -> Result<()> {
     for folder in &args.folders {
         shards.extend(read(folder)?);
     }
-    let rows = joined(&shards)?;
-    for (folder, row) in &rows {
-        check_finished(folder, row)?;
-    }
+    let parts = joined(&shards)?;
+    parts.iter().try_for_each(check_finished)?;
     let output = match (&args.run.output, &args.folders[..]) {
         (Some(output), _) => output,
         (None, [one]) => one,
@@ -36,11 +42,14 @@ pub(crate) fn run(args: &MergeArgs) -> Result<()> {
     check_place("-o", output)?;
     super::index::check_folder(output)?;
     fs::create_dir_all(output).with_context(|| format!("{}: can't make this folder", output.display()))?;
-    for (folder, row) in &rows {
+    let _lock = Lock::take(output)?;
+    // All shards have ended, so that what is unfinished is of killed ones.
+    args.folders.iter().chain([output]).for_each(|folder| remove_unfinished(folder));
+    for Part { folder, row, .. } in &parts {
         bring(&folder.join(&row.folder), &output.join(&row.folder), row)?;
     }
     let Some((_, first)) = shards.into_iter().next() else { bail!("no shard") };
-    let mut index = first.whole(rows.into_iter().map(|(_, row)| row).collect());
+    let mut index = first.whole(parts.into_iter().map(|part| Row { position: None, ..part.row }).collect());
     index.write(output)?;
     finish(&index, output, start.elapsed().as_secs_f64(), &mut progress)
 }
@@ -58,8 +67,8 @@ fn read(folder: &Path) -> Result<Vec<Found>> {
     names.iter().map(|name| Ok((folder.to_owned(), Index::read(&folder.join(name))?))).collect()
 }
 
-/// All photographs by the names of their folders, each with the folder of its shard.
-fn joined(shards: &[Found]) -> Result<Vec<(PathBuf, Row)>> {
+/// All photographs in the order of the arguments.
+fn joined(shards: &[Found]) -> Result<Vec<Part>> {
     let mut claims = Vec::new();
     for (folder, index) in shards {
         let Some(shard) = index.shard else { bail!("{}: is no shard", folder.display()) };
@@ -68,14 +77,23 @@ fn joined(shards: &[Found]) -> Result<Vec<(PathBuf, Row)>> {
         claims.push(Claim { folder, shard, all: *all, set, settings, complete: *complete, items });
     }
     check(&claims, "photographs", "mde refine", "shard-*.json")?;
-    let rows = shards.iter().flat_map(|(folder, index)| index.rows.iter().map(move |row| (folder, row)));
-    let rows: BTreeMap<&str, (&PathBuf, &Row)> =
-        rows.map(|(folder, row)| (&*row.folder, (folder, row))).collect();
-    Ok(rows.into_values().map(|(folder, row)| (folder.clone(), row.clone())).collect())
+    let part = |folder: &PathBuf, index: &Index, row: &Row| Part {
+        folder: folder.clone(),
+        settings: index.settings.clone(),
+        row: row.clone(),
+    };
+    let mut parts: Vec<Part> = shards
+        .iter()
+        .flat_map(|(folder, index)| index.rows.iter().map(move |row| part(folder, index, row)))
+        .collect();
+    // Shards may have got their arguments in another order.
+    parts.sort_by(|a, b| (a.row.position, &a.row.folder).cmp(&(b.row.position, &b.row.folder)));
+    Ok(parts)
 }
 
-/// Checks that a photograph's folder lies in that of its shard, and is finished.
-fn check_finished(folder: &Path, row: &Row) -> Result<()> {
+/// Checks that a photograph's folder lies in that of its shard, and is finished, with the shard's settings.
+fn check_finished(part: &Part) -> Result<()> {
+    let Part { folder, settings, row } = part;
     let plain = Path::new(&row.folder).file_name().is_some_and(|name| name == &*row.folder);
     let shown = folder.display();
     ensure!(
@@ -83,30 +101,39 @@ fn check_finished(folder: &Path, row: &Row) -> Result<()> {
         "{shown}: {:?} in a file shard-*.json is no name of a folder; run its shard again",
         row.folder
     );
+    if row.error.is_some() {
+        return Ok(());
+    }
     let from = folder.join(&row.folder);
+    let Some(marker) = read_marker(&from) else {
+        bail!("{}: is missing or not finished; run its shard again", from.display())
+    };
     ensure!(
-        row.error.is_some() || read_marker(&from).is_some(),
-        "{}: is missing or not finished; run its shard again",
+        marker.settings().as_ref() == Some(settings),
+        "{}: was made with other settings than its shard states; run its shard again",
         from.display()
     );
     Ok(())
 }
 
-/// Copies a finished folder to the output where it is elsewhere.
+/// Copies a finished folder to the output where it is elsewhere, in the place of one that was made otherwise.
 fn bring(from: &Path, to: &Path, row: &Row) -> Result<()> {
     if row.error.is_some() {
         return Ok(());
     }
-    let shown = from.display();
-    if from == to || to.exists() {
-        ensure!(read_marker(to).is_some(), "{}: exists and is not finished; remove it", to.display());
+    if from == to {
         return Ok(());
     }
-    let parent = to.parent().unwrap_or(Path::new("."));
-    let temporary = crate::output::folder::temporary_folder(parent)?;
-    let whole = temporary.path().join("whole");
-    copy(from, &whole).with_context(|| format!("{shown}: can't be copied to {}", to.display()))?;
-    fs::rename(&whole, to).with_context(|| format!("{}: can't be put there", to.display()))
+    let made_from = |place: &Path| read_marker(place).map(|marker| marker.made_from);
+    if to.exists() {
+        let earlier = made_from(to);
+        ensure!(earlier.is_some(), "{}: exists and is not finished; remove it", to.display());
+        if earlier == made_from(from) {
+            return Ok(());
+        }
+    }
+    let fault = || format!("{}: can't be copied to {}", from.display(), to.display());
+    OutputFolder::new(to, true)?.write(|place| copy(from, place).with_context(fault))
 }
 
 #[cfg(test)]
@@ -121,7 +148,13 @@ mod tests {
             let shard = Shard { index, count: 2 };
             let mut found = Index::new(Some(shard), names.len(), set_of(&names), "");
             let mine = names.iter().filter(|name| shard.has(name));
-            found.rows = mine.map(|name| Row { folder: name.clone(), ..Row::default() }).collect();
+            let row = |name: &String| Row {
+                photograph: format!("{name}.png"),
+                folder: name.clone(),
+                position: names.iter().rev().position(|other| other == name),
+                ..Row::default()
+            };
+            found.rows = mine.map(row).collect();
             found.complete = true;
             (PathBuf::from(index.to_string()), found)
         };
@@ -133,18 +166,23 @@ mod tests {
     #[test]
     fn shards_join_in_any_order_and_nothing_may_be_missing_or_double() {
         let names = |found: &[Found]| -> Vec<String> {
-            joined(found).unwrap().into_iter().map(|(_, row)| row.folder).collect()
+            joined(found).unwrap().into_iter().map(|part| part.row.folder).collect()
         };
         let mut reversed = shards();
         reversed.reverse();
-        assert_eq!(names(&shards()), ["a", "b", "c", "d", "e"]);
+        // That of the arguments, here e first.
+        assert_eq!(names(&shards()), ["e", "d", "c", "b", "a"]);
         assert_eq!(names(&reversed), names(&shards()));
         let refused = |change: Change<'_>| {
             let mut found = shards();
             change(&mut found);
             joined(&found).unwrap_err().to_string()
         };
-        let cases: [(Change<'_>, &str); 6] = [
+        let cases: [(Change<'_>, &str); 7] = [
+            (
+                &|found| found[0].1.rows[0].photograph = found[1].1.rows[0].photograph.clone(),
+                "in two shards; run both again",
+            ),
             (&|found| drop(found.pop()), "shards 2 of 2 are missing"),
             (&|found| found[1].1.shard = Some(Shard { index: 1, count: 2 }), "double"),
             (&|found| found[1].1.complete = false, "not finished"),

@@ -32,7 +32,7 @@ use mde_cli::results::names::folders;
 use std::collections::BTreeMap;
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -47,9 +47,9 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
     };
     let paths = photographs::all(&args.photographs())?;
     let names = folders(paths.iter().map(|path| &**path), &index::RESERVED);
-    let set = set_of(&names);
-    let mut items: Vec<Item> =
-        paths.into_iter().zip(names).map(|(path, folder)| Item { path, folder, same_scale: None }).collect();
+    let set = set_of(&identities(&paths, &names));
+    let item = |(position, (path, folder))| Item { path, folder, position, same_scale: None };
+    let mut items: Vec<Item> = paths.into_iter().zip(names).enumerate().map(item).collect();
     let whole = items.len();
     let (preset, config) = settings(&args.settings, Preset::Default)?;
     check_place("-o", output)?;
@@ -102,6 +102,7 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
             let Some(item) = items.get(index).filter(|_| !interrupt::requested()) else { break };
             let made = catch_unwind(AssertUnwindSafe(|| common.one(item)))
                 .unwrap_or_else(|_| Row::fault(item, &crate::fault()));
+            let made = Row { position: args.several.shard.map(|_| item.position), ..made };
             state.lock().unwrap_or_else(PoisonError::into_inner).add(index, made, items.len(), start);
         }
     };
@@ -116,6 +117,20 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
     found.write(output)?;
     warnings(&found.rows, &mut progress);
     finish(&found, output, start.elapsed().as_secs_f64(), &mut progress)
+}
+
+/// What identifies each photograph among all, on any machine: its folder, and its path from the folder that all are in.
+fn identities(paths: &[PathBuf], folders: &[String]) -> Vec<String> {
+    let parents = paths.iter().map(|path| path.parent().unwrap_or(Path::new("")));
+    let shared = parents.reduce(|shared, parent| {
+        shared.ancestors().find(|place| parent.starts_with(place)).unwrap_or(Path::new(""))
+    });
+    let shared = shared.unwrap_or(Path::new(""));
+    let identity = |(path, folder): (&PathBuf, &String)| {
+        let rest = path.strip_prefix(shared).unwrap_or(path);
+        format!("{folder}\0{}", rest.display())
+    };
+    paths.iter().zip(folders).map(identity).collect()
 }
 
 /// Runs `work` on so many threads of its own, and waits for all.
@@ -232,5 +247,21 @@ fn finish(index: &Index, output: &Path, seconds: f64, progress: &mut Progress) -
             folder: output.display().to_string(),
         }
         .into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn photographs_are_the_same_at_another_place_but_not_in_other_folders() {
+        let set = |paths: [&str; 2], folders: [&str; 2]| {
+            set_of(&identities(&paths.map(PathBuf::from), &folders.map(str::to_owned)))
+        };
+        let one = set(["/mnt/a/x.png", "/mnt/a/y/x.png"], ["x", "x_2"]);
+        assert_eq!(one, set(["b/x.png", "b/y/x.png"], ["x", "x_2"]));
+        assert_eq!(one, set(["y/x.png", "x.png"], ["x_2", "x"]));
+        assert_ne!(one, set(["y/x.png", "x.png"], ["x", "x_2"]));
     }
 }

@@ -41,7 +41,7 @@ pub(crate) struct Claim<'c> {
 pub(crate) fn check(claims: &[Claim<'_>], items: &str, command: &str, files: &str) -> Result<()> {
     let Some(first) = claims.first() else { bail!("no shard") };
     let count = first.shard.count;
-    let (mut names, mut seen) = (BTreeSet::new(), BTreeSet::new());
+    let (mut keys, mut names, mut seen) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
     for claim in claims {
         let named = format!("{}: shard {}", claim.folder.display(), claim.shard);
         ensure!(
@@ -60,7 +60,8 @@ pub(crate) fn check(claims: &[Claim<'_>], items: &str, command: &str, files: &st
         ensure!(claim.complete, "{named} is not finished; run its command again");
         ensure!(seen.insert(claim.shard.index), "{named} is double; give each shard once");
         for (key, shown) in &claim.items {
-            ensure!(names.insert(*key), "{named}: {shown} is in two shards; run both again");
+            let new = keys.insert(*key) & names.insert(*shown);
+            ensure!(new, "{named}: {shown} is in two shards; run both again");
         }
     }
     let missing: Vec<String> =
@@ -71,9 +72,9 @@ pub(crate) fn check(claims: &[Claim<'_>], items: &str, command: &str, files: &st
         missing.join(", ")
     );
     ensure!(
-        names.len() == first.all,
+        keys.len() == first.all,
         "{} of {} {items} are in the shards; run them again",
-        names.len(),
+        keys.len(),
         first.all
     );
     Ok(())
