@@ -498,6 +498,19 @@ fn a_killed_capture_goes_on_after_the_finished_photographs() {
     wait_until(&mut child, || path("out.resume/1/kept.json").is_file());
     child.kill().unwrap();
     assert!(!child.wait().unwrap().success() && !path("out").exists());
+    // One whose kept maps are not as they were written.
+    let from = path("out.resume/1");
+    std::fs::create_dir_all(path("spoiled.resume/1/results")).unwrap();
+    std::fs::copy(path("out.resume/resume.json"), path("spoiled.resume/resume.json")).unwrap();
+    std::fs::copy(from.join("kept.json"), path("spoiled.resume/1/kept.json")).unwrap();
+    let results = || std::fs::read_dir(from.join("results")).unwrap().map(Result::unwrap);
+    for entry in results().filter(|entry| entry.file_type().unwrap().is_file()) {
+        std::fs::copy(entry.path(), path("spoiled.resume/1/results").join(entry.file_name())).unwrap();
+    }
+    write_npy(path("spoiled.resume/1/results/depth.npy"), Array2::from_elem((HEIGHT, WIDTH), 7.0).view())
+        .unwrap();
+    std::fs::write(path("spoiled.resume/1/results/sigma.npy"), "").unwrap();
+    mde(&folder, &format!("{all} -o spoiled")).success();
     let mut again = Command::cargo_bin("mde").unwrap();
     let again = again.current_dir(folder.path()).args(format!("{all} -o out").split_whitespace()).assert();
     let told = message(&again.success());
@@ -509,7 +522,7 @@ fn a_killed_capture_goes_on_after_the_finished_photographs() {
     mde(&folder, &format!("{all} -o unbroken")).success();
     for name in ["1/depth.npy", "1/sigma.npy", "0/depth.npy", "2/sigma.npy", "cloud.ply", "transforms.json"] {
         let read = |run: &str| std::fs::read(path(run).join(name)).unwrap();
-        assert!(read("out") == read("unbroken"), "{name}");
+        assert!(read("out") == read("unbroken") && read("spoiled") == read("unbroken"), "{name}");
     }
 }
 

@@ -78,6 +78,15 @@ fn each_photograph_is_as_a_run_of_its_own_has_it() {
     assert_eq!((row["width"].as_u64(), row["camera"].as_str()), (Some(64), Some("field-of-view")));
     assert!(row["sigma"].as_f64().unwrap() > 0.0 && row["median_depth"].as_f64().unwrap() > 0.0);
 
+    // Emptied, cut or removed maps are made again.
+    fs::write(place.path("out/00/depth.npy"), "").unwrap();
+    let cut = fs::read(place.path("out/01/sigma.npy")).unwrap();
+    fs::write(place.path("out/01/sigma.npy"), &cut[..cut.len() / 2]).unwrap();
+    fs::remove_file(place.path("out/02/depth.npy")).unwrap();
+    let again = place.mde(&format!("refine shots {MODEL} -o out")).assert().success();
+    again.stdout(predicate::str::contains("3 refined, 1 finished before"));
+    assert!(all(&place.path("out")) == found);
+
     // Again: nothing to do. One changed, one more, one gone, other settings: as much as that.
     let finished = |text: &str| text.matches("finished before").count();
     assert_eq!(finished(&stderr(&place, &format!("refine shots {MODEL} -o out"))), 4);
@@ -232,6 +241,11 @@ fn shards_join_to_what_one_run_has() {
     place.mde("merge parts").assert().success();
     fs::remove_file(place.path("parts/03/finished.json")).unwrap();
     place.mde("merge parts").assert().code(1).stderr(predicate::str::contains("parts/03"));
+    let part =
+        (1..=3).map(|shard| place.path(&format!("part{shard}/00"))).find(|part| part.is_dir()).unwrap();
+    fs::write(part.join("depth.npy"), "").unwrap();
+    let spoiled = place.mde("merge part1 part2 part3 -o again").assert().code(1);
+    spoiled.stderr(predicate::str::contains("/00: is missing or not finished"));
 }
 
 /// `burst/`: a room at four exposures, which the network takes for four depths, one of them cropped; and another room.
