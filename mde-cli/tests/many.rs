@@ -5,7 +5,9 @@
 mod common;
 
 use common::{Course, Place, names};
-use mde_cli::mde_prior::format::{ReadOptions, read_values};
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+use mde_cli::mde_prior::format::{ReadOptions, read_values, write_depth_png};
 use mde_cli::mde_prior::photo::write_image;
 use mde_eval::scene::{Room, room};
 use ndarray::{ArrayView3, s};
@@ -13,6 +15,7 @@ use predicates::prelude::*;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::Write;
 use std::path::Path;
 
 const MAPS: [&str; 6] = ["depth.npy", "sigma.npy", "prior.npy", "depth.png", "confidence.png", "preview.png"];
@@ -246,6 +249,42 @@ fn shards_join_to_what_one_run_has() {
     fs::write(part.join("depth.npy"), "").unwrap();
     let spoiled = place.mde("merge part1 part2 part3 -o again").assert().code(1);
     spoiled.stderr(predicate::str::contains("/00: is missing or not finished"));
+}
+
+/// A PNG with a colour profile of 256 MiB of zeros, deflated.
+fn with_large_profile(png: &[u8]) -> Vec<u8> {
+    let mut deflated = ZlibEncoder::new(b"iCCPzeros\0\0".to_vec(), Compression::new(6));
+    let zeros = vec![0; 1 << 20];
+    (0..256).for_each(|_| deflated.write_all(&zeros).unwrap());
+    let chunk = deflated.finish().unwrap();
+    let length = (chunk.len() as u32 - 4).to_be_bytes();
+    // After the signature and the header.
+    let (header, rest) = png.split_at(33);
+    [header, &length, &chunk, &crc32fast::hash(&chunk).to_be_bytes(), rest].concat()
+}
+
+#[test]
+fn compressed_metadata_take_little_memory() {
+    let place = place(1);
+    for name in ["shots/00.png", "truth.png"] {
+        if name == "truth.png" {
+            write_depth_png(place.path(name), place.scene.depth.view(), "m", 1000.0).unwrap();
+        }
+        let png = fs::read(place.path(name)).unwrap();
+        place.write(name, with_large_profile(&png));
+    }
+    for (run, record) in [
+        (format!("refine shots {MODEL} -o many"), "many/00/run.json"),
+        (
+            "refine image.png --prior-depth truth.png --gt truth.png --no-nerf --fov 60 -o one".to_owned(),
+            "one/run.json",
+        ),
+    ] {
+        place.mde(&run).assert().success();
+        let record: Value = serde_json::from_str(&fs::read_to_string(place.path(record)).unwrap()).unwrap();
+        let Some(peak) = record["peak_memory_bytes"].as_u64() else { continue };
+        assert!(peak < 240 << 20, "{run}: {peak} bytes");
+    }
 }
 
 /// `burst/`: a room at four exposures, which the network takes for four depths, one of them cropped; and another room.
