@@ -489,7 +489,7 @@ fn a_killed_capture_goes_on_after_the_finished_photographs() {
     let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures");
     std::fs::copy(fixtures.join("grey_nchw.onnx"), path("grey.onnx")).unwrap();
     let all = "refine images/1.png --views transforms.json --all --prior-model grey.onnx --model-profile fastdepth \
-               --prior-kind metric --config quick.toml --resume";
+               --prior-kind metric --config quick.toml --interval 0.8 --resume";
     let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin("mde"))
         .current_dir(folder.path())
         .args(format!("{all} -q -o out").split_whitespace())
@@ -513,7 +513,10 @@ fn a_killed_capture_goes_on_after_the_finished_photographs() {
     mde(&folder, &format!("{all} -o spoiled")).success();
     let mut again = Command::cargo_bin("mde").unwrap();
     let again = again.current_dir(folder.path()).args(format!("{all} -o out").split_whitespace()).assert();
-    let told = message(&again.success());
+    let again = again.success();
+    let said = String::from_utf8_lossy(&again.get_output().stdout).into_owned();
+    assert!(said.contains("lower.npy and upper.npy in each folder: 80 % interval"), "{said}");
+    let told = message(&again);
     assert!(
         told.contains("1.png: finished before") && told.matches("finished before").count() <= 2,
         "{told}"

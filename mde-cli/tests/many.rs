@@ -81,6 +81,13 @@ fn each_photograph_is_as_a_run_of_its_own_has_it() {
     assert_eq!((row["width"].as_u64(), row["camera"].as_str()), (Some(64), Some("field-of-view")));
     assert!(row["sigma"].as_f64().unwrap() > 0.0 && row["median_depth"].as_f64().unwrap() > 0.0);
 
+    place
+        .mde(&format!("refine shots {MODEL} --interval 0.8 -o intervals"))
+        .assert()
+        .success()
+        .stdout(predicate::str::contains("lower.npy and upper.npy in each folder: 80 % interval\nwrote "));
+    assert!(place.path("intervals/03/upper.npy").is_file());
+
     // Emptied, cut or removed maps are made again.
     fs::write(place.path("out/00/depth.npy"), "").unwrap();
     let cut = fs::read(place.path("out/01/sigma.npy")).unwrap();

@@ -48,7 +48,7 @@ fn what_is_too_large_is_resized_with_its_prior_camera_and_truth() {
         .assert()
         .success();
     let said = String::from_utf8(run.get_output().stderr.clone()).unwrap();
-    assert!(said.contains("warning: resized from 256x192 to 64x48 pixels"), "{said}");
+    assert!(said.contains("warning: resized from 256x192 to 64x48 pixels; --max-size sets this"), "{said}");
     let map = |name: &str| read_values(place.path(name), &ReadOptions::default()).unwrap();
     let (prior, whole) = (map("out/prior.npy"), map("large.npy"));
     assert_eq!((prior.dim(), map("out/depth.npy").dim()), ((HEIGHT, WIDTH), (HEIGHT, WIDTH)));

@@ -5,6 +5,7 @@ use crate::output::contents::{Contents, checksums};
 use crate::output::folder::{OutputFolder, RECORD};
 use crate::output::provenance::{about, write_json};
 use crate::report::{Indexed, index};
+use crate::run::gain::intervals;
 use crate::run::interrupt;
 use crate::run::job::Job;
 use crate::run::progress::Progress;
@@ -124,7 +125,8 @@ pub(crate) fn run(
     }
     let value = json!({ "event": "done", "output": folder.path().display().to_string(), "photographs": rows, "points": points });
     let text = format!(
-        "{points} points in {CLOUD}\nwrote {} in {:.1} s",
+        "{points} points in {CLOUD}\n{}wrote {} in {:.1} s",
+        intervals(&job.error_bar),
         folder.path().display(),
         progress.seconds()
     );
