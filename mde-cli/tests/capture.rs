@@ -592,7 +592,7 @@ fn a_killed_capture_goes_on_after_the_finished_photographs() {
     let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures");
     std::fs::copy(fixtures.join("grey_nchw.onnx"), path("grey.onnx")).unwrap();
     let all = "refine images/1.png --views transforms.json --all --prior-model grey.onnx --model-profile fastdepth \
-               --prior-kind metric --config quick.toml --resume";
+               --prior-kind metric --config quick.toml --interval 0.8 --resume";
     let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin("mde"))
         .current_dir(folder.path())
         .args(format!("{all} -q -o out").split_whitespace())
@@ -601,9 +601,25 @@ fn a_killed_capture_goes_on_after_the_finished_photographs() {
     wait_until(&mut child, || path("out.resume/1/kept.json").is_file());
     child.kill().unwrap();
     assert!(!child.wait().unwrap().success() && !path("out").exists());
+    // One whose kept maps are not as they were written.
+    let from = path("out.resume/1");
+    std::fs::create_dir_all(path("spoiled.resume/1/results")).unwrap();
+    std::fs::copy(path("out.resume/resume.json"), path("spoiled.resume/resume.json")).unwrap();
+    std::fs::copy(from.join("kept.json"), path("spoiled.resume/1/kept.json")).unwrap();
+    let results = || std::fs::read_dir(from.join("results")).unwrap().map(Result::unwrap);
+    for entry in results().filter(|entry| entry.file_type().unwrap().is_file()) {
+        std::fs::copy(entry.path(), path("spoiled.resume/1/results").join(entry.file_name())).unwrap();
+    }
+    write_npy(path("spoiled.resume/1/results/depth.npy"), Array2::from_elem((HEIGHT, WIDTH), 7.0).view())
+        .unwrap();
+    std::fs::write(path("spoiled.resume/1/results/sigma.npy"), "").unwrap();
+    mde(&folder, &format!("{all} -o spoiled")).success();
     let mut again = Command::cargo_bin("mde").unwrap();
     let again = again.current_dir(folder.path()).args(format!("{all} -o out").split_whitespace()).assert();
-    let told = message(&again.success());
+    let again = again.success();
+    let said = String::from_utf8_lossy(&again.get_output().stdout).into_owned();
+    assert!(said.contains("lower.npy and upper.npy in each folder: 80 % interval"), "{said}");
+    let told = message(&again);
     assert!(
         told.contains("1.png: finished before") && told.matches("finished before").count() <= 2,
         "{told}"
@@ -612,7 +628,7 @@ fn a_killed_capture_goes_on_after_the_finished_photographs() {
     mde(&folder, &format!("{all} -o unbroken")).success();
     for name in ["1/depth.npy", "1/sigma.npy", "0/depth.npy", "2/sigma.npy", "cloud.ply", "transforms.json"] {
         let read = |run: &str| std::fs::read(path(run).join(name)).unwrap();
-        assert!(read("out") == read("unbroken"), "{name}");
+        assert!(read("out") == read("unbroken") && read("spoiled") == read("unbroken"), "{name}");
     }
 }
 

@@ -74,6 +74,56 @@ fn weights_beside_the_model_count_as_the_model() {
     assert!(stderr(&place, &eval).contains("computed again"));
 }
 
+#[cfg(feature = "onnx")]
+#[test]
+fn weights_beside_the_model_count_for_every_command_that_continues() {
+    let place = Place::new();
+    let fixtures = concat!(env!("CARGO_MANIFEST_DIR"), "/../mde-prior/tests/fixtures");
+    fs::copy(format!("{fixtures}/external.onnx"), place.path("external.onnx")).unwrap();
+    place.write("external.toml", "width = 32\nheight = 32\noutput = 'metric'\n");
+    place.write(
+        "short.toml",
+        TINY.replace("steps = 60", "steps = 10").replace("iterations = 2", "iterations = 1"),
+    );
+    place.write("long.toml", TINY.replace("iterations = 2", "iterations = 12"));
+    let usual = fs::read(format!("{fixtures}/external.bin")).unwrap();
+    let other: Vec<u8> = [0.9_f32, 0.05, 0.05].iter().flat_map(|w| w.to_le_bytes()).collect();
+
+    let rooms = "--dataset rooms --size 64x48 --prior-model external.onnx";
+    for command in [
+        format!("ablate {rooms} --limit 1 --rows mean --seeds 1 --config short.toml -o a"),
+        format!("calibrate {rooms} --limit 3 --method short.toml -o c"),
+    ] {
+        place.write("external.bin", &usual);
+        stderr(&place, &command);
+        assert!(!stderr(&place, &command).contains("computed again"), "{command}");
+        place.write("external.bin", &other);
+        assert!(stderr(&place, &command).contains("computed again"), "{command}");
+    }
+
+    // A kept iteration.
+    place.write("external.bin", &usual);
+    let refine =
+        "refine image.png --prior-model external.onnx --fov 60 --preset paper --config long.toml --resume";
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_mde"))
+        .current_dir(place.path("."))
+        .args(format!("{refine} -q -o out").split_whitespace())
+        .spawn()
+        .unwrap();
+    wait_until(&mut child, || place.path("out.resume/2/state.json").is_file());
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let copied = std::process::Command::new("cp")
+        .current_dir(place.path("."))
+        .args(["-r", "out.resume", "same.resume"])
+        .status()
+        .unwrap();
+    assert!(copied.success());
+    assert!(stderr(&place, &format!("{refine} -o same")).contains("resumed after iteration"));
+    place.write("external.bin", &other);
+    assert!(!stderr(&place, &format!("{refine} -o out")).contains("resumed after iteration"));
+}
+
 #[test]
 fn a_damaged_map_is_computed_again() {
     let place = Place::new();

@@ -6,6 +6,38 @@ mod common;
 use common::{Place, TINY};
 use std::fs;
 
+/// What the field and a network add: the other field, and predictions of crops that run side by side.
+#[test]
+fn threads_change_no_byte_of_an_mlp_or_of_predictions() {
+    let place = Place::new();
+    let mlp = TINY
+        .replace(
+            "kind = 'hash'\nlevels = 4\nlog2-rows = 10\nfinest = 64\nwidth = 16",
+            "kind = 'mlp'\nlayers = 2\nwidth = 16",
+        )
+        .replace("rays = 128", "rays = 131")
+        .replace("steps = 60", "steps = 20");
+    assert!(mlp.contains("mlp"));
+    place.write("mlp.toml", mlp);
+    let field = "--prior-depth depth.npy --preset paper --config mlp.toml";
+    let mut runs = vec![("mlp", field)];
+    if cfg!(feature = "onnx") {
+        let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures");
+        fs::copy(fixtures.join("grey_nchw.onnx"), place.path("grey.onnx")).unwrap();
+        runs.push(("network", "--prior-model grey.onnx --model-profile fastdepth --predictions 5"));
+    }
+    for (name, rest) in runs {
+        let bytes = [1, 2, 5].map(|threads| {
+            let out = format!("{name}{threads}");
+            let refine = format!("refine image.png {rest} --fov 60 --threads {threads} -q -o {out}");
+            place.mde(&refine).assert().success();
+            ["depth.npy", "sigma.npy", "prior.npy"].map(|map| fs::read(place.path(&out).join(map)).unwrap())
+        });
+        assert!(bytes[0][0] != bytes[0][2], "{name}: the result is the prior");
+        assert!(bytes[0] == bytes[1] && bytes[0] == bytes[2], "{name}");
+    }
+}
+
 #[test]
 fn threads_and_repetition_change_no_byte() {
     let place = Place::new();

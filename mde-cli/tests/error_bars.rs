@@ -36,6 +36,9 @@ fn what_was_learned_scales_sigma_and_makes_the_interval() {
     let options = "--calibration learned/calibration.toml --interval 0.8";
     let scaled = place.mde(&format!("{REFINE} {options} -o scaled")).assert().success();
     assert!(String::from_utf8_lossy(&scaled.get_output().stderr).contains("other settings"));
+    let said = String::from_utf8_lossy(&scaled.get_output().stdout).into_owned();
+    assert!(said.contains("lower.npy and upper.npy: 80 % interval, the depth -+ "), "{said}");
+    assert!(said.contains(" sigma, by learned/calibration.toml"), "{said}");
     let factor = calibration.intervals().unwrap().factor(0.9).unwrap() as f32;
     let half_width = calibration.intervals().unwrap().half_width(0.8).unwrap() as f32;
     let (depth, sigma) = (map(&place, "scaled/depth.npy"), map(&place, "scaled/sigma.npy"));

@@ -5,7 +5,9 @@
 mod common;
 
 use common::{Course, Place, names};
-use mde_cli::mde_prior::format::{ReadOptions, read_values};
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+use mde_cli::mde_prior::format::{ReadOptions, read_values, write_depth_png};
 use mde_cli::mde_prior::photo::write_image;
 use mde_eval::scene::{Room, room};
 use ndarray::{ArrayView3, s};
@@ -13,6 +15,7 @@ use predicates::prelude::*;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::Write;
 use std::path::Path;
 
 const MAPS: [&str; 6] = ["depth.npy", "sigma.npy", "prior.npy", "depth.png", "confidence.png", "preview.png"];
@@ -77,6 +80,22 @@ fn each_photograph_is_as_a_run_of_its_own_has_it() {
     let row = &index(&place.path("out"))["photographs"][0];
     assert_eq!((row["width"].as_u64(), row["camera"].as_str()), (Some(64), Some("field-of-view")));
     assert!(row["sigma"].as_f64().unwrap() > 0.0 && row["median_depth"].as_f64().unwrap() > 0.0);
+
+    place
+        .mde(&format!("refine shots {MODEL} --interval 0.8 -o intervals"))
+        .assert()
+        .success()
+        .stdout(predicate::str::contains("lower.npy and upper.npy in each folder: 80 % interval\nwrote "));
+    assert!(place.path("intervals/03/upper.npy").is_file());
+
+    // Emptied, cut or removed maps are made again.
+    fs::write(place.path("out/00/depth.npy"), "").unwrap();
+    let cut = fs::read(place.path("out/01/sigma.npy")).unwrap();
+    fs::write(place.path("out/01/sigma.npy"), &cut[..cut.len() / 2]).unwrap();
+    fs::remove_file(place.path("out/02/depth.npy")).unwrap();
+    let again = place.mde(&format!("refine shots {MODEL} -o out")).assert().success();
+    again.stdout(predicate::str::contains("3 refined, 1 finished before"));
+    assert!(all(&place.path("out")) == found);
 
     // Again: nothing to do. One changed, one more, one gone, other settings: as much as that.
     let finished = |text: &str| text.matches("finished before").count();
@@ -227,6 +246,47 @@ fn shards_join_to_what_one_run_has() {
     place.mde("merge parts").assert().success();
     fs::remove_file(place.path("parts/03/finished.json")).unwrap();
     place.mde("merge parts").assert().code(1).stderr(predicate::str::contains("parts/03"));
+    let part =
+        (1..=3).map(|shard| place.path(&format!("part{shard}/00"))).find(|part| part.is_dir()).unwrap();
+    fs::write(part.join("depth.npy"), "").unwrap();
+    let spoiled = place.mde("merge part1 part2 part3 -o again").assert().code(1);
+    spoiled.stderr(predicate::str::contains("/00: is missing or not finished"));
+}
+
+/// A PNG with a colour profile of 256 MiB of zeros, deflated.
+fn with_large_profile(png: &[u8]) -> Vec<u8> {
+    let mut deflated = ZlibEncoder::new(b"iCCPzeros\0\0".to_vec(), Compression::new(6));
+    let zeros = vec![0; 1 << 20];
+    (0..256).for_each(|_| deflated.write_all(&zeros).unwrap());
+    let chunk = deflated.finish().unwrap();
+    let length = (chunk.len() as u32 - 4).to_be_bytes();
+    // After the signature and the header.
+    let (header, rest) = png.split_at(33);
+    [header, &length, &chunk, &crc32fast::hash(&chunk).to_be_bytes(), rest].concat()
+}
+
+#[test]
+fn compressed_metadata_take_little_memory() {
+    let place = place(1);
+    for name in ["shots/00.png", "truth.png"] {
+        if name == "truth.png" {
+            write_depth_png(place.path(name), place.scene.depth.view(), "m", 1000.0).unwrap();
+        }
+        let png = fs::read(place.path(name)).unwrap();
+        place.write(name, with_large_profile(&png));
+    }
+    for (run, record) in [
+        (format!("refine shots {MODEL} -o many"), "many/00/run.json"),
+        (
+            "refine image.png --prior-depth truth.png --gt truth.png --no-nerf --fov 60 -o one".to_owned(),
+            "one/run.json",
+        ),
+    ] {
+        place.mde(&run).assert().success();
+        let record: Value = serde_json::from_str(&fs::read_to_string(place.path(record)).unwrap()).unwrap();
+        let Some(peak) = record["peak_memory_bytes"].as_u64() else { continue };
+        assert!(peak < 240 << 20, "{run}: {peak} bytes");
+    }
 }
 
 /// The rows of an index without the seconds.

@@ -31,7 +31,7 @@ fn paths_need_not_be_unicode() {
     put("image.png", "ph?.png");
     put("depth.npy", "d?.npy");
     put("tiny.toml", "t?.toml");
-    for name in ["maps?", "gt?", "data?/scene", "pr?"] {
+    for name in ["maps?", "gt?", "data?/scene", "pr?", "shots?"] {
         make(name);
     }
     put("depth.npy", "maps?/a.npy");
@@ -39,6 +39,12 @@ fn paths_need_not_be_unicode() {
     put("depth.npy", "pr?/scene.npy");
     put("image.png", "data?/scene/color.png");
     write_png16(folder.join(odd("data?/scene/depth.png")), place.scene.depth.view(), 1000.0).unwrap();
+    put("image.png", "shots?/a?.png");
+    put("image.png", "shots?/b.png");
+    let fixtures = concat!(env!("CARGO_MANIFEST_DIR"), "/../mde-prior/tests/fixtures/");
+    fs::copy(format!("{fixtures}grey_nchw.onnx"), folder.join(odd("net?.onnx"))).unwrap();
+    #[cfg(feature = "onnx")]
+    let net = "--prior-model net?.onnx --model-profile fastdepth --fov 60";
     let camera = r#"{"fx": 60, "fy": 60, "cx": 31.5, "cy": 23.5}"#;
     fs::write(folder.join(odd("data?/scene/scene.json")), camera).unwrap();
     let eval = "data? --dataset plain --prior-depth pr? -q";
@@ -49,6 +55,12 @@ fn paths_need_not_be_unicode() {
         "warp ph?.png --prior-depth d?.npy --fov 60 --config t?.toml --log-json -o views?",
         "render --field out?/field.safetensors --size 32x24 --fov 60 --log-json -o render?",
         "report out?",
+        #[cfg(feature = "onnx")]
+        &format!("refine ph?.png {net} -o net?"),
+        #[cfg(feature = "onnx")]
+        &format!("refine shots? {net} --log-json -o many?"),
+        #[cfg(feature = "onnx")]
+        &format!("refine ph?.png --views shots? {net} --config t?.toml --log-json -o views-of?"),
         "eval --pred maps? --gt gt? -q -o scores?",
         &format!("eval {eval} --methods guided -o e?"),
         &format!("ablate {eval} --config t?.toml --rows mean --seeds 1 -o a?"),

@@ -76,7 +76,11 @@ impl Opened {
         let (height, width) = size;
         if size != original {
             image = shrink(&image, size);
-            warn(format!("resized from {}x{} to {width}x{height} pixels", original.1, original.0));
+            let argument = naming.of("max-size");
+            warn(format!(
+                "resized from {}x{} to {width}x{height} pixels; {argument} sets this",
+                original.1, original.0
+            ));
         }
         if width.min(height) < SMALLEST {
             return Err(Error::Argument(format!(

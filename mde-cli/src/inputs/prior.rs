@@ -36,9 +36,16 @@ impl MapFile {
         };
         // Only as disparity: its scale is unknown anyway, and 256 levels of depth in metres would be none.
         let options = ReadOptions { eight_bits: kind == DepthKind::AffineDisparity, ..options };
-        let prior = FilePrior::with_options(path, kind, &options)?;
+        let prior = FilePrior::with_options(path, kind, &options).map_err(|error| match error {
+            mde_prior::Error::Malformed { path: file, reason } if has_eight_bits(path, true) => {
+                let disparity = naming.choose("--prior-kind disparity", "kind=\"disparity\"");
+                let reason = format!("{reason}; a picture of disparity is read with {disparity}");
+                mde_prior::Error::Malformed { path: file, reason }
+            }
+            other => other,
+        })?;
         let eight_bits = || {
-            has_eight_bits(path).then(|| {
+            has_eight_bits(path, false).then(|| {
                 format!("{source}: 8 bits hold 256 levels at most, so its depth has steps; write the disparity as floats")
             })
         };
@@ -78,12 +85,12 @@ fn unit(path: &Path) -> Option<String> {
     }
 }
 
-/// Whether a file is a PNG of 8 bits a sample.
-fn has_eight_bits(path: &Path) -> bool {
-    let mut header = [0; 25];
+/// Whether a file is a PNG of 8 bits a sample; `grey`: of one channel.
+fn has_eight_bits(path: &Path, grey: bool) -> bool {
+    let mut header = [0; 26];
     let read =
         std::fs::File::open(path).and_then(|mut file| std::io::Read::read_exact(&mut file, &mut header));
-    read.is_ok() && header.starts_with(b"\x89PNG") && header[24] == 8
+    read.is_ok() && header.starts_with(b"\x89PNG") && header[24] == 8 && (!grey || header[25] == 0)
 }
 
 /// A map that is resampled to the size of a refinement.

@@ -32,7 +32,7 @@ impl MemoryLimit {
             Some((height, width)) => {
                 format!("resize it to {} pixels a side at most, give fewer views", height.max(width))
             }
-            None => "give fewer views or a smaller field".to_owned(),
+            None => "give fewer views, fewer rays or samples, a smaller field".to_owned(),
         })
     }
 

@@ -66,6 +66,11 @@ impl ErrorBar {
         Ok(Self { probability, given })
     }
 
+    /// The probability of the interval, where one is requested.
+    pub fn probability(&self) -> Option<f64> {
+        self.probability
+    }
+
     /// Scales sigma, where a calibration was given, and finds the interval. `scaled`: known depths give the scale.
     ///
     /// # Errors

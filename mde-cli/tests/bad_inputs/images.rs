@@ -9,7 +9,7 @@ fn with_prior(image: &str, prior: &str) -> String {
 #[test]
 pub(crate) fn unusable_photographs() {
     let formats = "give a JPEG, PNG, TIFF, BMP or WebP";
-    let cases: [(&str, &[&'static str]); 30] = [
+    let cases: [(&str, &[&'static str]); 31] = [
         ("none.png", &["none.png", "check the path"]),
         ("empty.png", &["empty.png", "is empty"]),
         ("text.png", &["text.png", formats]),
@@ -25,6 +25,7 @@ pub(crate) fn unusable_photographs() {
         ("cut.jpg", &["cut.jpg", "truncated"]),
         ("cut-progressive.jpg", &["cut-progressive.jpg", "truncated"]),
         ("zeroed.jpg", &["zeroed.jpg", formats]),
+        ("two-frames.jpg", &["two-frames.jpg", "damaged", formats]),
         ("wide.tif", &["wide.tif", "32-bit integers", "8 or 16 bits"]),
         ("wide-motorola.tif", &["wide-motorola.tif", "32-bit integers"]),
         ("line.png", &["line.png", "134217728x1", "resize"]),

@@ -153,6 +153,13 @@ fn pictures(place: &Place) {
         zeroed.extend([0xff, 0xd9]);
         place.write("zeroed.jpg", zeroed);
     }
+    let mut two_frames = fs::read(place.path("plain.jpg")).unwrap();
+    // Behind the scan: progressive, 65500x65500, 255 components.
+    let end = two_frames.len() - 2;
+    let mut frame = vec![0xff, 0xc2, 0x03, 0x05, 8, 0xff, 0xdc, 0xff, 0xdc, 255];
+    frame.extend((0..255).flat_map(|id| [id, 0x11, 0]));
+    two_frames.splice(end..end, frame);
+    place.write("two-frames.jpg", two_frames);
     place.write("wide.tif", wide_tiff(u16::to_le_bytes, u32::to_le_bytes, b"II"));
     place.write("wide-motorola.tif", wide_tiff(u16::to_be_bytes, u32::to_be_bytes, b"MM"));
     let png = fs::read(place.path("picture.png")).unwrap();
@@ -288,6 +295,8 @@ fn maps(place: &Place) {
         let bytes = fs::read(place.path(whole)).unwrap();
         place.write(cut, &bytes[..bytes.len() - bytes.len() / 3]);
     }
+    let png = fs::read(place.path("depth.png")).unwrap();
+    place.write("line-depth.png", with_size(&png, 1 << 27, 1));
     for name in ["empty.npy", "empty.npz", "empty.pfm", "empty.exr", "empty-depth.png"] {
         place.write(name, "");
     }

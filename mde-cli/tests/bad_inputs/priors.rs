@@ -8,7 +8,7 @@ fn refine(rest: &str) -> String {
 
 #[test]
 pub(crate) fn unusable_depth_maps() {
-    let cases: [(&str, &[&'static str]); 55] = [
+    let cases: [(&str, &[&'static str]); 56] = [
         ("none.npy", &["none.npy", "check the path"]),
         ("empty.npy", &["empty.npy", "is empty"]),
         ("empty.npz", &["empty.npz", "is empty"]),
@@ -25,6 +25,7 @@ pub(crate) fn unusable_depth_maps() {
         ("short.pfm", &["short.pfm", "truncated", "write the file again"]),
         ("short.exr", &["short.exr", "write"]),
         ("short-depth.png", &["short-depth.png", "write the file again"]),
+        ("line-depth.png", &["line-depth.png", "134217728x1", "resize"]),
         ("header.npy", &["header.npy", "truncated"]),
         ("future.npy", &["future.npy", "header"]),
         ("folder.npy", &["folder.npy", "give a file, not a folder"]),
@@ -51,13 +52,13 @@ pub(crate) fn unusable_depth_maps() {
         ("no-descr.npy", &["no-descr.npy", "'descr'", "numpy.save"]),
         ("no-order.npy", &["no-order.npy", "'fortran_order'", "numpy.save"]),
         ("no-shape.npy", &["no-shape.npy", "'shape'", "numpy.save"]),
-        ("two.npz", &["two.npz", "near", "far", "save it as \"depth\""]),
+        ("two.npz", &["two.npz", "near", "far", "save the one with the depth under the name \"depth\""]),
         ("colour.pfm", &["colour.pfm", "three channels", "'Pf'"]),
         ("header.pfm", &["header.pfm", "header", "scale"]),
         ("huge.pfm", &["huge.pfm", "99999999x99999999", "write the file again"]),
         ("negative.pfm", &["negative.pfm", "header"]),
         ("unscaled.pfm", &["unscaled.pfm", "header", "scale"]),
-        ("grey.png", &["grey.png", "16-bit greyscale"]),
+        ("grey.png", &["grey.png", "16-bit greyscale", "--prior-kind disparity"]),
         ("rgb16.png", &["rgb16.png", "16-bit greyscale"]),
         ("depth.npy --prior-encoding sunrgbd", &["depth.npy", "PNG"]),
         ("depth.npy --png-scale 0", &["png-scale", "0 is no scale", "positive"]),
@@ -142,10 +143,11 @@ pub(crate) fn odd_depth_maps() {
 #[test]
 pub(crate) fn truths() {
     let truth = |rest: &str| format!("{} --gt {rest}", refine("depth.npy"));
-    let cases: [Case; 12] = [
+    let cases: [Case; 13] = [
         refused(truth("none.npy"), &["none.npy", "check the path"]),
         refused(truth("empty.npy"), &["empty.npy", "is empty"]),
         refused(truth("short.npy"), &["short.npy", "truncated"]),
+        refused(truth("line-depth.png"), &["line-depth.png", "134217728x1", "resize"]),
         refused(truth("small.npy"), &["small.npy", "32x24", "64x48", "same size"]),
         refused(truth("zero.npy"), &["zero.npy", "no pixel"]),
         refused(truth("nan.npy"), &["nan.npy", "no pixel"]),

@@ -23,7 +23,7 @@ pub(super) enum Fault {
 pub(super) fn check(bytes: &[u8]) -> Result<(), Fault> {
     let mut image = Image::default();
     let mut rest = bytes.get(2..).unwrap_or_default();
-    let mut scans = 0;
+    let (mut frames, mut scans) = (0, 0);
     loop {
         rest = match rest {
             [0xff, 0xd9, ..] => return image.covered(),
@@ -39,7 +39,14 @@ pub(super) fn check(bytes: &[u8]) -> Result<(), Fault> {
                 };
                 match kind {
                     0xc4 => image.tables(segment),
-                    0xc0..=0xc2 => image.frame = Frame::parse(segment, *kind == 0xc2),
+                    0xc0..=0xc2 => {
+                        frames += 1;
+                        // The caller has checked the size of the first one alone.
+                        if frames > 1 {
+                            return Err(Fault::Damaged);
+                        }
+                        image.frame = Frame::parse(segment, *kind == 0xc2);
+                    }
                     0xdd => image.interval = word(segment, 0),
                     _ => {}
                 }
@@ -100,7 +107,9 @@ impl Frame {
             parts.map(|part| (part[0], [usize::from(part[1] >> 4), usize::from(part[1] & 15)])).collect();
         let most = [0, 1].map(|axis| parts.iter().map(|(_, sampling)| sampling[axis]).max().unwrap_or(0));
         let valid = parts.iter().all(|(_, sampling)| sampling.iter().all(|side| (1..=4).contains(side)));
-        if size.contains(&0) || parts.is_empty() || !valid {
+        // A progressive image has at most four (T.81, table B.2), a sequential one no memory per block.
+        let many = progressive && parts.len() > 4;
+        if size.contains(&0) || parts.is_empty() || many || !valid {
             return None;
         }
         let units = [0, 1].map(|axis| size[axis].div_ceil(8 * most[axis]));
@@ -512,6 +521,20 @@ mod tests {
                 assert!(check(&zeroed).is_err(), "zeros from {share}");
             }
         }
+    }
+
+    #[test]
+    fn a_second_frame_is_damage_whatever_its_size() {
+        // Progressive, 65500x65500, 255 components: 137 GB of blocks.
+        let mut second = vec![0xff, 0xc2, 0x03, 0x05, 8, 0xff, 0xdc, 0xff, 0xdc, 255];
+        second.extend((0..=254).flat_map(|id| [id, 0x11, 0]));
+        for mut bytes in images() {
+            let end = bytes.len() - 2;
+            bytes.splice(end..end, second.clone());
+            assert_eq!(check(&bytes), Err(Fault::Damaged));
+        }
+        let alone = [&[0xff, 0xd8], &*second, &[0xff, 0xd9]].concat();
+        assert_eq!(check(&alone), Ok(()), "left to the decoder, which refuses it");
     }
 
     #[test]

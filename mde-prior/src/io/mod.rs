@@ -7,6 +7,8 @@ pub mod format;
 #[cfg(feature = "io")]
 mod jpeg;
 #[cfg(feature = "io")]
+mod limits;
+#[cfg(feature = "io")]
 pub mod photo;
 pub mod resample;
 

@@ -1,6 +1,6 @@
 //! Photographs: reading with the EXIF orientation and focal length, writing of PNG.
 
-use std::io::Cursor;
+use std::io::{BufRead, Cursor, Seek};
 use std::path::Path;
 
 use image::metadata::Orientation;
@@ -10,13 +10,10 @@ use image::{
 use ndarray::{Array3, ArrayView3};
 
 use super::format::{MAX_PIXELS, read_file};
+use super::limits::{MAX_METADATA, check_image_size, png_size};
 use super::{jpeg, write_atomic};
 use crate::{Error, Result};
 
-/// Longest side, pixels.
-const MAX_SIDE: u32 = 1 << 16;
-/// Most bytes of a PNG's compressed metadata.
-const MAX_METADATA: u64 = 1 << 26;
 /// Tags of a TIFF.
 const BITS_PER_SAMPLE: usize = 258;
 const SAMPLE_FORMAT: usize = 339;
@@ -41,10 +38,12 @@ pub fn read_image(path: impl AsRef<Path>) -> Result<Photo> {
     decode(&read_file(path)?).map_err(|reason| Error::malformed(path, reason))
 }
 
-/// Width and height of an image file, upright, from its header alone; nothing where it is missing or no image.
+/// Width and height of an image file, upright, from its header alone; nothing where it is missing, no image, or too large to be read.
 pub fn image_size(path: impl AsRef<Path>) -> Option<[usize; 2]> {
-    let mut decoder = ImageReader::open(path).ok()?.with_guessed_format().ok()?.into_decoder().ok()?;
+    let reader = ImageReader::open(path).ok()?.with_guessed_format().ok()?;
+    let mut decoder = with_limits(reader).into_decoder().ok()?;
     let (width, height) = decoder.dimensions();
+    check_image_size(width, height).ok()?;
     let turned = matches!(
         decoder.orientation().ok()?,
         Orientation::Rotate90
@@ -67,18 +66,13 @@ pub fn decode_image(bytes: &[u8]) -> Result<Photo> {
 fn decode(bytes: &[u8]) -> Result<Photo, String> {
     let broken =
         |e: image::ImageError| format!("no readable image ({e}); give a JPEG, PNG, TIFF, BMP or WebP");
-    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
-    let mut limits = Limits::default();
-    // A PNG is decoded row by row: the limit is for what is compressed beside the pixels.
-    let png = reader.format() == Some(ImageFormat::Png);
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
     if let Some([width, height]) = png_size(bytes) {
-        check_size(width, height)?;
+        check_image_size(width, height)?;
     }
-    limits.max_alloc = Some(if png { MAX_METADATA } else { 16 * MAX_PIXELS as u64 });
-    reader.limits(limits);
-    let mut decoder = reader.into_decoder().map_err(broken)?;
+    let mut decoder = with_limits(reader).into_decoder().map_err(broken)?;
     let (width, height) = decoder.dimensions();
-    check_size(width, height)?;
+    check_image_size(width, height)?;
     let orientation = decoder.orientation().map_err(broken)?;
     let refused =
         |what: &str| Err(format!("no readable image ({what}); give a JPEG, PNG, TIFF, BMP or WebP"));
@@ -97,18 +91,14 @@ fn decode(bytes: &[u8]) -> Result<Photo, String> {
     Ok(Photo { pixels: to_array(image)?, focal_35mm: focal_35mm(bytes) })
 }
 
-fn check_size(width: u32, height: u32) -> Result<(), String> {
-    let pixels = u64::from(width) * u64::from(height);
-    if pixels == 0 || pixels > MAX_PIXELS as u64 || width.max(height) > MAX_SIDE {
-        return Err(format!("{width}x{height} pixels are too many or none; resize the image"));
-    }
-    Ok(())
-}
-
-/// The size in the header of a PNG.
-fn png_size(bytes: &[u8]) -> Option<[u32; 2]> {
-    let header = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n")?.get(8..16)?.as_chunks::<4>().0;
-    Some([u32::from_be_bytes(*header.first()?), u32::from_be_bytes(*header.get(1)?)])
+/// The reader with the memory that its decoder may take.
+fn with_limits<R: BufRead + Seek>(mut reader: ImageReader<R>) -> ImageReader<R> {
+    let mut limits = Limits::default();
+    // A PNG is decoded row by row: the limit is for what is compressed beside the pixels.
+    let png = reader.format() == Some(ImageFormat::Png);
+    limits.max_alloc = Some(if png { MAX_METADATA } else { 16 * MAX_PIXELS as u64 });
+    reader.limits(limits);
+    reader
 }
 
 /// Whether a TIFF's samples are integers of 32 bits or more without a stated format, whose bits the decoder takes for those of

@@ -13,7 +13,7 @@ mod terminal;
 
 use crate::input::photographs;
 use crate::run::interrupt;
-use clap::Parser;
+use clap::FromArgMatches;
 use std::io::{self, Write};
 use std::panic::{self, AssertUnwindSafe};
 use std::process::ExitCode;
@@ -26,7 +26,8 @@ static PANIC: Mutex<String> = Mutex::new(String::new());
 const FAULT: u8 = 101;
 
 fn main() -> ExitCode {
-    let cli = args::Cli::parse();
+    let matches = args::command().get_matches();
+    let cli = args::Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     // Kept, not printed: a panic within a network's runtime becomes an error that names the network.
     panic::set_hook(Box::new(|info| *fault() = info.to_string()));
     interrupt::install();

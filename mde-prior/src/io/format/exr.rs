@@ -71,7 +71,7 @@ fn choose(names: &[String], wanted: Option<&str>) -> Parsed<usize> {
     };
     found.ok_or_else(|| match wanted {
         Some(wanted) => format!("no channel {wanted:?}; name one of {names:?}"),
-        None => format!("several channels, {names:?}; name the one with the depth"),
+        None => format!("several channels, {names:?}; save the one with the depth under the name \"Z\""),
     })
 }
 

@@ -47,7 +47,7 @@ fn choose<'n>(names: &'n [String], wanted: Option<&str>) -> Parsed<&'n str> {
         match wanted {
             Some(wanted) => format!("no array {wanted:?}; name one of {names:?}"),
             None => {
-                format!("several arrays, {names:?}; name the one with the depth, or save it as \"depth\"")
+                format!("several arrays, {names:?}; save the one with the depth under the name \"depth\"")
             }
         }
     })

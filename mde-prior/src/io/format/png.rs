@@ -5,7 +5,8 @@ use std::io::Cursor;
 use image::{ExtendedColorType, ImageDecoder as _, ImageEncoder as _};
 use ndarray::{Array2, ArrayView2};
 
-use super::{Encoding, MAX_PIXELS, Parsed, check_size};
+use super::super::limits::{MAX_METADATA, check_image_size, png_size};
+use super::{Encoding, Parsed, check_size};
 
 /// Millimetres of a SUN RGB-D sample, \\( (r \gg 3) \mathbin{|} (r \ll 13) \\): a rotation of the 16 bits; 0 = missing.
 #[must_use]
@@ -21,8 +22,12 @@ pub fn sunrgbd_encode(millimetres: u16) -> u16 {
 
 pub(super) fn parse(bytes: &[u8], encoding: Encoding, eight_bits: bool) -> Parsed<Array2<f32>> {
     let broken = |e: image::ImageError| format!("the PNG cannot be read ({e}); write the file again");
+    if let Some([width, height]) = png_size(bytes) {
+        check_image_size(width, height)?;
+    }
     let mut limits = image::Limits::default();
-    limits.max_alloc = Some(4 * MAX_PIXELS as u64);
+    // It is decoded row by row: the limit is for what is compressed beside the pixels.
+    limits.max_alloc = Some(MAX_METADATA);
     let decoder = image::codecs::png::PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(broken)?;
     let color = decoder.original_color_type();
     let eight = eight_bits && encoding == Encoding::Linear && color == ExtendedColorType::L8;

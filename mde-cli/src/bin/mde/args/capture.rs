@@ -18,10 +18,10 @@ pub(crate) struct SeveralArgs {
     #[arg(long, value_name = "N", requires = "views", value_parser = clap::value_parser!(u16).range(2..=64))]
     pub(crate) max_views: Option<u16>,
     /// Where the matches come from by which poses are estimated
-    #[arg(long, value_enum, default_value = "sift", requires = "views")]
+    #[arg(long, help_heading = "Advanced", value_enum, default_value = "sift", requires = "views")]
     pub(crate) matches: MatchesName,
     /// Unit of depth and sigma: the prior's, or that of the capture's poses
-    #[arg(long, value_enum, default_value = "prior", requires = "views")]
+    #[arg(long, help_heading = "Advanced", value_enum, default_value = "prior", requires = "views")]
     pub(crate) unit: UnitName,
     /// Refine every photograph: a folder for each, transforms.json, and cloud.ply of the points that two photographs confirm
     #[arg(long, requires = "views", conflicts_with_all = ["prior_depth", "gt", "rerun"])]
@@ -31,7 +31,7 @@ pub(crate) struct SeveralArgs {
     #[arg(long, conflicts_with_all = ["views", "prior_depth"])]
     pub(crate) same_scale: bool,
     /// Only part I of N of the photographs, by their names; mde merge joins the parts
-    #[arg(long, value_name = "I/N", conflicts_with = "views")]
+    #[arg(long, help_heading = "Advanced", value_name = "I/N", conflicts_with = "views")]
     pub(crate) shard: Option<Shard>,
 }
 

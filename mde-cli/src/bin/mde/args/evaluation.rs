@@ -8,7 +8,9 @@ use mde_eval::data::DataSetKind;
 use std::path::PathBuf;
 
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the name of ROOT, of the data set where it has none, or of --pred: SUNRGBD-eval for SUNRGBD")),
+    after_help = "\
 Examples:
   mde eval SUNRGBD --dataset sunrgbd --prior-model fastdepth_224.onnx --methods paper,default,guided -o out/eval
   mde eval --dataset rooms --simulated-prior --size 320x240 --methods default,my.toml,jbf -o out/rooms
@@ -20,7 +22,8 @@ photographs gauged and sweep; baselines chained with a plus, such as zoom+jbf.
 
 Output: report.html, table.md, summary.json, scenes.csv, figures (SVG and PNG), eval.json (what was evaluated), and every map under
 scenes/. Results are stored: the same command resumes after an interruption, further methods are added to the
-folder, and a method whose settings changed is run again. With --shard only the maps and eval-shard-I-of-N.json, for mde merge.")]
+folder, and a method whose settings changed is run again. With --shard only the maps and eval-shard-I-of-N.json, for mde merge."
+)]
 pub(crate) struct EvalArgs {
     #[command(flatten)]
     pub(crate) common: EvaluationArgs,
@@ -48,13 +51,16 @@ pub(crate) struct EvalArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the name of ROOT, or of the data set where it has none: SUNRGBD-eval for SUNRGBD, as of mde eval")),
+    after_help = "\
 Examples:
   mde calibrate SUNRGBD --dataset sunrgbd --prior-model fastdepth_224.onnx -o out/calibration
   mde refine room.jpg --prior-model fastdepth_224.onnx --calibration out/calibration/calibration.toml --interval 0.9 -o out/room
 
 Output: calibration.toml (half widths of intervals in sigmas, and their coverage of held-out scenes), and the output of mde
-eval. The stored results of an evaluation in the same folder are reused.")]
+eval. The stored results of an evaluation in the same folder are reused."
+)]
 pub(crate) struct CalibrateArgs {
     #[command(flatten)]
     pub(crate) common: EvaluationArgs,
@@ -90,7 +96,9 @@ pub(crate) struct EvaluationArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the name of ROOT, or of the data set where it has none: SUNRGBD-ablate for SUNRGBD")),
+    after_help = "\
 Examples:
   mde ablate --dataset rooms --size 160x120 --config quick.toml -o out/ablation
   mde ablate SUNRGBD --prior-model fastdepth_224.onnx --rows no-variance,min-depth,nerf-only --seeds 1 -o out/ablation
@@ -100,7 +108,8 @@ median, no-calibration, ols, fixed-variance, kappa-0.02, -0.05, -0.1, -0.2, nerf
 guided-for-nerf, noise-for-nerf (a filter in place of the NeRF); original-pose, in-bin, spread, effective, anchor,
 heteroscedastic, all (remedies). Rows that differ only after the first fit share that fit.
 
-Output: as for mde eval, with the paper's Table II at the top of table.md. The same command resumes after an interruption.")]
+Output: as for mde eval, with the paper's Table II at the top of table.md. The same command resumes after an interruption."
+)]
 pub(crate) struct AblateArgs {
     #[command(flatten)]
     pub(crate) common: EvaluationArgs,
@@ -135,28 +144,28 @@ pub(crate) struct DataArgs {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) stride: u16,
     /// SUN RGB-D: use the hole-filled depth_bfx as truth (its filled pixels are not measured)
-    #[arg(long)]
+    #[arg(long, help_heading = "Advanced")]
     pub(crate) filled_depth: bool,
     /// File with the place of each scene, one line SCENE PLACE per scene; intervals resample places
     #[arg(long, value_name = "FILE")]
     pub(crate) places: Option<PathBuf>,
     /// Captures: number of photographs per room, with the reference; each value of a list is a scene
-    #[arg(long, value_name = "N", value_delimiter = ',', default_value = "5")]
+    #[arg(long, help_heading = "Advanced", value_name = "N", value_delimiter = ',', default_value = "5")]
     pub(crate) photographs: Vec<usize>,
     /// Captures: distance of the further photographs from the reference / median depth
-    #[arg(long, value_name = "X", value_delimiter = ',', default_value = "0.1")]
+    #[arg(long, help_heading = "Advanced", value_name = "X", value_delimiter = ',', default_value = "0.1")]
     pub(crate) baseline: Vec<f64>,
     /// Captures and posed: rotation error of the given poses, degrees (20 mm of translation per degree); posed takes one value
-    #[arg(long, value_name = "DEG", value_delimiter = ',', default_value = "0")]
+    #[arg(long, help_heading = "Advanced", value_name = "DEG", value_delimiter = ',', default_value = "0")]
     pub(crate) pose_noise: Vec<f64>,
     /// Captures: gain of one further photograph, +X or -X by seed
-    #[arg(long, value_name = "X", value_delimiter = ',', default_value = "0")]
+    #[arg(long, help_heading = "Advanced", value_name = "X", value_delimiter = ',', default_value = "0")]
     pub(crate) gain: Vec<f64>,
     /// Withhold the poses of the further photographs from the methods
-    #[arg(long)]
+    #[arg(long, help_heading = "Advanced")]
     pub(crate) without_poses: bool,
     /// Withhold the cameras too: their field of view is assumed, and estimated with the poses
-    #[arg(long, requires = "without_poses")]
+    #[arg(long, help_heading = "Advanced", requires = "without_poses")]
     pub(crate) without_intrinsics: bool,
     /// Scenes to run, separated by commas; default: all
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
@@ -232,7 +241,7 @@ pub(crate) struct MapArgs {
     #[arg(long, value_name = "DIR", requires = "pred")]
     pub(crate) sigma: Option<PathBuf>,
     /// Encoding of the truth in PNG files
-    #[arg(long, value_enum, default_value = "plain", requires = "gt")]
+    #[arg(long, help_heading = "Advanced", value_enum, default_value = "plain", requires = "gt")]
     pub(crate) gt_encoding: EncodingName,
     /// True depth = value / X; 1000 for 16-bit PNG, 1 for floats
     #[arg(long, value_name = "X", requires = "gt")]
@@ -259,7 +268,7 @@ pub(crate) struct ScoreArgs {
     #[arg(long, value_name = "M")]
     pub(crate) max_depth: Option<f64>,
     /// Score only Eigen's crop of NYU's 640x480
-    #[arg(long)]
+    #[arg(long, help_heading = "Advanced")]
     pub(crate) eigen_crop: bool,
 }
 

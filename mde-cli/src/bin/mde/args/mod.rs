@@ -12,7 +12,7 @@ pub(crate) use evaluation::{
 pub(crate) use output::{ExportArgs, MergeArgs, RunArgs};
 pub(crate) use tools::{CompletionsArgs, DoctorArgs, ManArgs};
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, CommandFactory, Id, Parser, Subcommand, ValueEnum};
 use mde_cli::Preset;
 use mde_cli::memory::MemoryLimit;
 use mde_cli::results::ErrorBar;
@@ -45,6 +45,19 @@ Exit codes:
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
+}
+
+/// Heading of what few need.
+const RARE: &str = "Advanced";
+
+/// The command line; the help of each command ends with what few need.
+pub(crate) fn command() -> clap::Command {
+    Cli::command().mut_subcommands(|command| {
+        let rare = command.get_arguments().filter(|argument| argument.get_help_heading() == Some(RARE));
+        let rare: Vec<Id> = rare.map(|argument| argument.get_id().clone()).collect();
+        // Headings come in the order of their first arguments, and a mutated one becomes the last.
+        rare.into_iter().fold(command, |command, id| command.mut_arg(id, |argument| argument))
+    })
 }
 
 #[derive(Debug, Subcommand)]
@@ -82,7 +95,9 @@ pub(crate) enum Command {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default mde-demo in the working folder")),
+    after_help = "\
 Examples:
   mde demo -o out/demo
   mde demo -o out/demo --preset fast --size 160x120 --seed 3 --force
@@ -92,7 +107,8 @@ field renders. Other presets refine one photograph with a simulated depth map; t
 number of pixels (all at 640x480, at least 500), unless --config is given.
 
 Output: that of mde refine, and photographs/, from which it can be repeated:
-  mde refine out/demo/photographs/0.png --views out/demo/photographs --prior-depth out/demo/prior.npy --fov 62 -o out/again")]
+  mde refine out/demo/photographs/0.png --views out/demo/photographs --prior-depth out/demo/prior.npy --fov 62 -o out/again"
+)]
 pub(crate) struct DemoArgs {
     /// Size of the room's image, pixels
     #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = size)]
@@ -110,7 +126,9 @@ pub(crate) struct DemoArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the input's name: room-depth for room.jpg. Many photographs need one")),
+    after_help = "\
 Examples:
   mde refine room.jpg --prior-model fastdepth_224.onnx
   mde refine room.jpg --prior-model net.onnx --model-profile depth-anything-v2 -o out/room
@@ -122,7 +140,8 @@ Output: depth.npy and sigma.npy (f32 [height, width], the prior's unit; missing:
 (16 bit, millimetres), confidence.png, image.png, preview.png, config.toml (all settings), run.json (all measurements),
 report.html (all results on one page); with --gt gt.npy; with --interval lower.npy and upper.npy; with --export cloud.ply, mesh.glb,
 depth.exr, colmap/, transforms.json, sigma/. With --all one such folder for each photograph, and transforms.json, cloud.ply, run.json. With many photographs one such folder for each, with
-thumbnail.png and finished.json, and index.html, index.csv, index.json; the same command continues, and refines only what is new or changed.")]
+thumbnail.png and finished.json, and index.html, index.csv, index.json; the same command continues, and refines only what is new or changed."
+)]
 pub(crate) struct RefineArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP. Or many, each refined alone: photographs, patterns ('holiday/*.jpg'), folders, lists
     /// (.txt, one name or pattern per line), or - for names from standard input
@@ -163,12 +182,15 @@ pub(crate) struct RefineArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the input's name: room-views for room.jpg")),
+    after_help = "\
 Example:
   mde warp room.jpg --prior-model fastdepth_224.onnx -o out/views
 
 Output: view_00.png (the original), view_01.png ... with mask_01.png (white: used for training) and depth_01.npy
-(0: missing), poses.json, contact.png (masked pixels in red), config.toml, run.json.")]
+(0: missing), poses.json, contact.png (masked pixels in red), config.toml, run.json."
+)]
 pub(crate) struct WarpArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP
     #[arg(value_name = "IMAGE")]
@@ -186,12 +208,15 @@ pub(crate) struct WarpArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the field's name: field-render for field.safetensors")),
+    after_help = "\
 Examples:
   mde render --field out/room/field.safetensors --size 640x480 --fov 62 -o out/view
   mde render --field out/room/field.safetensors --size 320x240 --fov 62 --orbit 24 -o out/orbit
 
-Output per view: colour.png, depth.npy, sigma.npy (missing: 0 and inf), depth.png; numbered with --orbit; run.json.")]
+Output per view: colour.png, depth.npy, sigma.npy (missing: 0 and inf), depth.png; numbered with --orbit; run.json."
+)]
 pub(crate) struct RenderArgs {
     /// The field saved by `mde refine --save-field`
     #[arg(long, value_name = "FIELD.safetensors")]
@@ -554,7 +579,6 @@ fn triple(text: &str) -> Result<[f64; 3], String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_command_line_is_consistent() {
@@ -577,11 +601,66 @@ mod tests {
     #[test]
     fn the_help_begins_with_the_output_and_ends_with_what_is_rare() {
         for name in ["refine", "demo", "eval"] {
-            let mut command = Cli::command();
+            let mut command = command();
             let help = command.find_subcommand_mut(name).unwrap().render_long_help().to_string();
             let at = |text: &str| help.find(text).unwrap_or_else(|| panic!("{name}: no {text}"));
             assert!(at("--output") < at("--force") && at("--output") < at("--threads"), "{name}: {help}");
             assert!(at("Advanced:") < at("--threads"), "{name}: {help}");
+            let headings =
+                help[..at("Examples:")].lines().filter(|line| !line.starts_with(' ') && line.ends_with(':'));
+            assert_eq!(headings.last(), Some("Advanced:"), "{name}: {help}");
+        }
+        let rare: [(&str, &[&str]); 2] = [
+            ("refine", &["matches", "unit", "shard", "same_scale"]),
+            (
+                "eval",
+                &[
+                    "filled_depth",
+                    "photographs",
+                    "baseline",
+                    "pose_noise",
+                    "gain",
+                    "without_poses",
+                    "without_intrinsics",
+                    "eigen_crop",
+                    "gt_encoding",
+                    "methods",
+                ],
+            ),
+        ];
+        for (name, flags) in rare {
+            let command = Cli::command();
+            let command = command.find_subcommand(name).unwrap();
+            for flag in flags {
+                let argument = command.get_arguments().find(|argument| argument.get_id() == flag).unwrap();
+                let usual = ["same_scale", "methods"].contains(flag);
+                assert_eq!(argument.get_help_heading() == Some("Advanced"), !usual, "{name} {flag}");
+            }
+        }
+    }
+
+    /// Where the results go by default is told for each command as it is.
+    #[test]
+    fn the_help_names_the_folder_of_each_command() {
+        for (name, folder) in [
+            ("refine", "room-depth"),
+            ("warp", "room-views"),
+            ("render", "field-render"),
+            ("demo", "mde-demo"),
+            ("eval", "SUNRGBD-eval"),
+            ("calibrate", "SUNRGBD-eval"),
+            ("ablate", "SUNRGBD-ablate"),
+            ("merge", "that of the shards"),
+            ("poses", "transforms.json"),
+        ] {
+            let command = Cli::command();
+            let command = command.find_subcommand(name).unwrap();
+            let output = command.get_arguments().find(|argument| argument.get_id() == "output").unwrap();
+            let help = output.get_help().unwrap().to_string();
+            assert!(
+                help.contains(folder) && (name == "refine" || !help.contains("room-depth")),
+                "{name}: {help}"
+            );
         }
     }
 

@@ -31,7 +31,7 @@ fn formats() -> impl TypedValueParser<Value = Format> {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Output")]
 pub(crate) struct RunArgs {
-    /// Output folder; by default one in the working folder, with the input's name: room-depth for room.jpg
+    /// Output folder; by default one in the working folder, with the input's name
     #[arg(short, long, value_name = "DIR", help_heading = None::<&'static str>, display_order = 0)]
     pub(crate) output: Option<PathBuf>,
     /// Replace the folder of an earlier run
@@ -64,14 +64,17 @@ impl RunArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default that of the shards, where all are in one")),
+    after_help = "\
 Examples:
   mde merge out/holiday
   mde merge out/part-1 out/part-2 -o out/holiday
 
 Shards of mde refine --shard, in one folder or in several: their index.html, index.csv and index.json as one. Shards of mde eval
 --shard: the tables, figures and report of all scenes. It is an error if a shard, a photograph or a scene is missing, double, unfinished,
-or of other settings.")]
+or of other settings."
+)]
 pub(crate) struct MergeArgs {
     /// Folders with shards
     #[arg(value_name = "OUT", required = true)]

@@ -1,22 +1,21 @@
 //! `mde completions` and `mde man`.
 
-use crate::args::{Cli, CompletionsArgs, ManArgs};
+use crate::args::{CompletionsArgs, ManArgs, command};
 use anyhow::{Context, Result};
-use clap::CommandFactory;
 use clap_mangen::Man;
 use std::io::{self, Write};
 
 pub(super) fn completions(args: &CompletionsArgs) -> Result<()> {
     let mut text = Vec::new();
-    clap_complete::generate(args.shell, &mut Cli::command(), "mde", &mut text);
+    clap_complete::generate(args.shell, &mut command(), "mde", &mut text);
     print(&text)
 }
 
 pub(super) fn page(args: &ManArgs) -> Result<()> {
-    let mut program = Cli::command();
+    let mut program = command();
     // Gives the subcommands their whole names.
     program.build();
-    let command = match &args.command {
+    let page = match &args.command {
         None => program,
         Some(name) => {
             let found = program.find_subcommand(name).filter(|found| found.get_name() != "help").cloned();
@@ -29,7 +28,7 @@ pub(super) fn page(args: &ManArgs) -> Result<()> {
     };
     let mut text = Vec::new();
     let source = concat!("mde ", env!("CARGO_PKG_VERSION"));
-    Man::new(command).source(source).render(&mut text).context("the manual page can't be made")?;
+    Man::new(page).source(source).render(&mut text).context("the manual page can't be made")?;
     print(&text)
 }
 

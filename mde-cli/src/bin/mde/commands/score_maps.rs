@@ -46,7 +46,7 @@ pub(super) fn run(args: &EvalArgs, progress: &mut Progress) -> Result<()> {
             Ok(entry) => entries.push(entry),
             Err(error) => {
                 let error = format!("{error:#}");
-                progress.warn(format!("{}: failed: {error}", pair.id));
+                progress.failed(format!("{}: failed: {error}", pair.id));
                 failures.push(Failure { scene: pair.id.clone(), method: None, error });
             }
         }

@@ -77,9 +77,15 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
             .with_context(|| format!("{}: can't put the results there", target.display()))?;
     }
     let report = report::write(folder)?;
-    let text = format!("tables: {}\nreport: {}", folder.join("table.md").display(), report.display());
+    let (table, report) = (folder.join("table.md"), report.display());
     // On a terminal the tables would be hundreds of lines.
-    let shown = if columns() == usize::MAX { tables } else { results.summary(&summary, &verdict) };
+    let (shown, text) = match columns() {
+        usize::MAX => (tables, format!("tables: {}\nreport: {report}", table.display())),
+        _ => {
+            let text = format!("{}; report: {report}; tables: {}", counted(&summary), table.display());
+            (results.brief(&verdict), text)
+        }
+    };
     progress.tables(&shown, &text, json!({ "event": "result", "summary": value["summary"] }));
     match first {
         None => Ok(()),
@@ -100,21 +106,17 @@ impl Results {
 
     /// The title, the verdict, and what failed.
     fn summary(&self, summary: &Summary, verdict: &[String]) -> Document {
-        let counted =
-            |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
-        let mut sample = counted(summary.scenes, "scene");
-        if summary.places < summary.scenes {
-            sample += &format!(" of {}", counted(summary.places, "place"));
-        }
+        let sample = counted(summary);
         let mut blocks =
             vec![Block::Heading(1, self.title.clone()), Block::Text(format!("{sample}. {}", self.alignment))];
-        if !verdict.is_empty() {
-            blocks.push(Block::List(verdict.to_vec()));
-        }
-        if !self.failures.is_empty() {
-            blocks.push(Block::List(verdict::failures(&self.failures)));
-        }
+        blocks.extend(self.brief(verdict).blocks);
         Document { blocks }
+    }
+
+    /// The verdict, and what failed.
+    fn brief(&self, verdict: &[String]) -> Document {
+        let lists = [verdict.to_vec(), verdict::failures(&self.failures)];
+        Document { blocks: lists.into_iter().filter(|list| !list.is_empty()).map(Block::List).collect() }
     }
 
     /// Figures of at most [`LINES`] sigmas: those of the methods first, then trivial ones.
@@ -135,6 +137,15 @@ impl Results {
             }
         }
         Ok(())
+    }
+}
+
+/// The numbers of scenes and places.
+fn counted(summary: &Summary) -> String {
+    let counted = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
+    match summary.places < summary.scenes {
+        true => format!("{} of {}", counted(summary.scenes, "scene"), counted(summary.places, "place")),
+        false => counted(summary.scenes, "scene"),
     }
 }
 

@@ -244,7 +244,7 @@ impl Shared<'_> {
         let error = format!("{error:#}");
         let mut tally = lock(&self.tally);
         let what = method.as_deref().unwrap_or("scene");
-        tally.progress.warn(format!("{scene} {what}: failed: {error}"));
+        tally.progress.failed(format!("{scene} {what}: failed: {error}"));
         match &method {
             Some(method) => tally.skip(method),
             None => self.plan.methods.iter().for_each(|method| tally.skip(&method.name)),

@@ -7,6 +7,7 @@ use super::results::{self, Partial, Results};
 use super::runner::{self, Failure};
 use super::setup::Setup;
 use super::store::Store;
+use super::verdict;
 use crate::args::MergeArgs;
 use crate::output::folder::temporary_folder;
 use crate::output::provenance::{versions, write_json};
@@ -119,8 +120,11 @@ pub(crate) fn run(setup: &Setup<'_>, shard: Shard, reference: &str, progress: &m
     };
     write_json(&path, &part)?;
     let folder = setup.folder().display();
-    let text =
-        format!("{} of {all} scenes\nwrote {folder}; mde merge {folder} joins the shards", part.scenes.len());
+    let failed: String = verdict::failures(&part.failures).into_iter().map(|line| line + "\n").collect();
+    let text = format!(
+        "{failed}{} of {all} scenes\nwrote {folder}; mde merge {folder} joins the shards",
+        part.scenes.len()
+    );
     let value = json!({ "event": "done", "output": folder.to_string(), "scenes": part.scenes.len(), "failures": part.failures });
     progress.result(&text, value);
     match part.failures.first() {

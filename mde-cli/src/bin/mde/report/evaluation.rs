@@ -17,7 +17,7 @@ use std::path::Path;
 pub(super) const SUMMARY: &str = "summary.json";
 /// Thumbnails fit into a square of so many pixels.
 const THUMBNAIL: usize = 200;
-/// Scenes that get thumbnails: the page stays small enough to be opened.
+/// Scenes that get thumbnails, the worst: the page stays small enough to be opened.
 const SCENES: usize = 40;
 /// The figures, in the order of the page.
 const FIGURES: [(&str, &str); 3] = [
@@ -41,10 +41,13 @@ type Scores = BTreeMap<String, Map<String, Value>>;
 pub(super) fn page(folder: &Path) -> Result<String> {
     let summary: Value = read_json(&folder.join(SUMMARY))?;
     let (order, scores) = scores(&folder.join("scenes.csv"))?;
+    let judged = judged(&order, &scores);
+    let worst = worst(&order, &scores, judged.as_ref());
     let mut scenes = Vec::new();
-    for (index, id) in order.iter().enumerate() {
+    for id in &order {
         let of_scene = scores.get(id).cloned().unwrap_or_default();
-        let thumbnails = if index < SCENES { thumbnails(folder, id, &of_scene)? } else { Value::Null };
+        let shown = worst.contains(&**id);
+        let thumbnails = if shown { thumbnails(folder, id, &of_scene)? } else { Value::Null };
         scenes.push(json!({ "id": id, "scores": of_scene, "thumbnails": thumbnails }));
     }
     let mut figures = Vec::new();
@@ -65,8 +68,37 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         "gradients": gradients(),
         "scenes": scenes,
         "thumbnails_of": SCENES,
+        "judged": judged.map(|(method, metric)| json!({ "method": method, "metric": metric.key })),
     });
     Ok(page::page(&title, &data))
+}
+
+/// The method and the metric by which a scene is bad: the first method after the prior, where there is one, and its AbsRel, else its
+/// first metric.
+fn judged(order: &[String], scores: &BTreeMap<String, Scores>) -> Option<(String, &'static Metric)> {
+    let first = scores.get(order.first()?)?;
+    let (method, of_method) =
+        first.iter().find(|(name, _)| *name != "prior").or_else(|| first.iter().next())?;
+    let known = || METRICS.iter().filter(|metric| of_method.contains_key(metric.key));
+    let metric = known().find(|metric| metric.key.starts_with("abs")).or_else(|| known().next())?;
+    Some((method.clone(), metric))
+}
+
+/// At most [`SCENES`] scenes, the worst first; those without a score last.
+fn worst<'s>(
+    order: &'s [String],
+    scores: &BTreeMap<String, Scores>,
+    judged: Option<&(String, &'static Metric)>,
+) -> BTreeSet<&'s str> {
+    let badness = |scene: &str| -> Option<f64> {
+        let (method, metric) = judged?;
+        let value = scores.get(scene)?.get(method)?.get(metric.key)?.as_f64()?;
+        Some(if matches!(metric.better, Better::Higher) { -value } else { value })
+    };
+    let mut sorted: Vec<(f64, &str)> =
+        order.iter().map(|scene| (badness(scene).unwrap_or(f64::NEG_INFINITY), &**scene)).collect();
+    sorted.sort_by(|a, b| b.0.total_cmp(&a.0));
+    sorted.into_iter().take(SCENES).map(|(_, scene)| scene).collect()
 }
 
 fn metric(metric: &Metric) -> Value {
@@ -171,6 +203,22 @@ fn folders(folder: &Path) -> Vec<std::path::PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_worst_scenes_get_the_thumbnails() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("scenes.csv");
+        let rows = |i: usize| format!("s{i},fast,0,median,{i}\ns{i},prior,0,median,{}\n", 100 - i);
+        let text: String = (0..SCENES + 5).map(rows).collect();
+        fs::write(&path, format!("scene,method,seed,alignment,abs_rel\n{text}none,prior,0,median,1\n"))
+            .unwrap();
+        let (order, scores) = scores(&path).unwrap();
+        let judged = judged(&order, &scores).unwrap();
+        assert_eq!((&*judged.0, judged.1.key), ("fast", "abs_rel"));
+        let worst = worst(&order, &scores, Some(&judged));
+        assert_eq!(worst.len(), SCENES);
+        assert!(worst.contains("s5") && worst.contains("s44") && !worst.contains("s4"), "{worst:?}");
+    }
 
     #[test]
     fn seeds_are_averaged_and_empty_cells_stay_empty() {

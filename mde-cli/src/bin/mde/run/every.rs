@@ -1,9 +1,11 @@
 //! Every photograph of a capture refined: a folder for each, their poses, and one cloud.
 
 use crate::evaluation::results::Partial;
+use crate::output::contents::{Contents, checksums};
 use crate::output::folder::{OutputFolder, RECORD};
 use crate::output::provenance::{about, write_json};
 use crate::report::{Indexed, index};
+use crate::run::gain::intervals;
 use crate::run::interrupt;
 use crate::run::job::Job;
 use crate::run::progress::Progress;
@@ -47,6 +49,8 @@ struct Finished {
 struct Kept {
     made_from: Value,
     row: EveryRow,
+    /// CRC-32 of the files of the results.
+    checksums: Contents<u32>,
 }
 
 /// Refines all photographs of the job's capture; with `made_from` the finished ones are kept beside the output and used again.
@@ -121,7 +125,8 @@ pub(crate) fn run(
     }
     let value = json!({ "event": "done", "output": folder.path().display().to_string(), "photographs": rows, "points": points });
     let text = format!(
-        "{points} points in {CLOUD}\nwrote {} in {:.1} s",
+        "{points} points in {CLOUD}\n{}wrote {} in {:.1} s",
+        intervals(&job.error_bar),
         folder.path().display(),
         progress.seconds()
     );
@@ -247,25 +252,29 @@ impl Finished {
         Ok(Self { folder: ResumeFolder::beside(output, KEPT)?, made_from })
     }
 
-    /// Copies a finished folder to `place`; nothing where there is none of the same inputs and settings.
+    /// Copies a finished folder to `place`; nothing where there is none of the same inputs and settings, or where a file is not as it was
+    /// written.
     fn take(&self, name: &str, place: &Path) -> Option<EveryRow> {
         let entry = self.folder.entry(name);
         let kept: Kept = serde_json::from_str(&fs::read_to_string(entry.join(KEPT)).ok()?).ok()?;
         if kept.made_from != self.made_from {
             return None;
         }
-        let copied = copy(&entry.join("results"), place);
-        if copied.is_err() {
-            let _ = fs::remove_dir_all(place);
+        let copied = copy(&entry.join("results"), place).and_then(|()| checksums(place));
+        if copied.is_ok_and(|copied| copied == kept.checksums) {
+            return Some(kept.row);
         }
-        copied.ok().map(|()| kept.row)
+        let _ = fs::remove_dir_all(place);
+        None
     }
 
     /// Copies a finished folder beside the output.
     fn keep(&self, name: &str, place: &Path, row: &EveryRow) -> Result<()> {
-        let kept = Kept { made_from: self.made_from.clone(), row: row.clone() };
         self.folder.keep(name, |path| {
-            copy(place, &path.join("results")).with_context(|| path.display().to_string())?;
+            let fault = || path.display().to_string();
+            let checksums = checksums(place).with_context(fault)?;
+            copy(place, &path.join("results")).with_context(fault)?;
+            let kept = Kept { made_from: self.made_from.clone(), row: row.clone(), checksums };
             write_json(&path.join(KEPT), &kept)
         })
     }
@@ -316,6 +325,17 @@ mod tests {
         let found = run.take("a", &copied).unwrap();
         assert_eq!((found.scale, found.photograph), (row.scale, row.photograph));
         assert_eq!(fs::read_to_string(copied.join("views/0.png")).unwrap(), "picture");
+        // One that was altered, cut or removed since.
+        let picture = output.with_file_name("out.resume/a/results/views/0.png");
+        for altered in [Some("picturE"), Some(""), None] {
+            fs::remove_dir_all(&copied).unwrap();
+            match altered {
+                Some(text) => fs::write(&picture, text).unwrap(),
+                None => fs::remove_file(&picture).unwrap(),
+            }
+            assert!(run.take("a", &copied).is_none() && !copied.exists(), "{altered:?}");
+            fs::create_dir(&copied).unwrap();
+        }
         run.discard();
         assert!(!output.with_file_name("out.resume").exists());
     }

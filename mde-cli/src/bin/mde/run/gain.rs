@@ -2,9 +2,15 @@
 
 use mde_cli::CaptureReport;
 use mde_cli::capture::PoseSource;
-use mde_cli::results::Finished;
+use mde_cli::results::{ErrorBar, Finished};
 use mde_uncertainty::statistics::{median, quantile};
 use ndarray::ArrayView2;
+
+/// What `--interval` adds to each folder of several photographs, as a line; nothing without it.
+pub(crate) fn intervals(error_bar: &ErrorBar) -> String {
+    let line = |p| format!("lower.npy and upper.npy in each folder: {:.0} % interval\n", 100.0 * p);
+    error_bar.probability().map(line).unwrap_or_default()
+}
 
 /// Change of the depth, its sigma, the photographs that were used, and the estimates of the last fusion.
 pub(crate) fn summary(result: &Finished, of_model: bool) -> String {

@@ -80,14 +80,28 @@ impl Progress {
     }
 
     /// Keeps a warning for the record, and prints it before the result, or at once between pieces of work. A run that fails prints
-    /// its error alone.
+    /// its error alone. One that was there before is not repeated.
     pub(crate) fn warn(&mut self, warning: String) {
+        if self.warnings.contains(&warning) {
+            return;
+        }
         if self.mode == Mode::Json {
             self.json(json!({ "event": "warning", "message": warning }));
         }
         self.warnings.push(warning);
         if self.in_pieces {
             self.print_warnings();
+        }
+    }
+
+    /// As a warning, for a failure that the results list too: a terminal leaves it to them.
+    pub(crate) fn failed(&mut self, failure: String) {
+        if self.mode == Mode::Bars {
+            self.print_warnings();
+            self.warnings.push(failure);
+            self.printed = self.warnings.len();
+        } else {
+            self.warn(failure);
         }
     }
 
@@ -268,7 +282,8 @@ impl Progress {
         }
     }
 
-    /// Reports one finished piece of work; `left` estimates the remaining seconds.
+    /// Reports one finished piece of work; `left` estimates the remaining seconds. On a terminal the bar names the last one, and only a piece
+    /// with an `error` in its `value` leaves a line.
     pub(crate) fn piece(&mut self, done: usize, all: usize, text: &str, left: Option<f64>, mut value: Value) {
         self.in_pieces = true;
         let left_text = left.map(|s| format!(", about {} left", duration(s))).unwrap_or_default();
@@ -280,13 +295,16 @@ impl Progress {
             }
             Mode::Lines => self.line(&format!("[{done}/{all}] {text}{left_text}")),
             Mode::Bars => {
-                self.line(text);
+                if value["error"].is_string() {
+                    self.line(text);
+                }
                 let bar = self.bar.get_or_insert_with(|| {
                     let bar = ProgressBar::with_draw_target(Some(all as u64), ProgressDrawTarget::stderr());
-                    bar.with_style(style("{bar:30.cyan/dim} {pos}/{len} [{elapsed}{msg}]"))
+                    bar.with_style(style(PIECES))
                 });
                 bar.set_position(done as u64);
-                bar.set_message(left_text);
+                bar.set_prefix(left_text);
+                bar.set_message(text.to_owned());
             }
         }
         self.print_warnings();
@@ -300,7 +318,9 @@ impl Progress {
             let seconds = bar.elapsed().as_secs_f64();
             bar.set_style(style("{prefix} [{msg}]"));
             bar.set_message(duration(seconds));
-        } else if !self.in_pieces {
+        } else if self.in_pieces {
+            bar.set_prefix(String::new());
+        } else {
             bar.set_style(style(finished(terminal_columns())));
         }
         bar.abandon();
@@ -351,6 +371,9 @@ fn terminal_columns() -> usize {
     usize::from(console::Term::stderr().size().1)
 }
 
+/// Template of pieces of work: the prefix is the remaining time, the message the last piece, cut to the line.
+const PIECES: &str = "{bar:20.cyan/dim} {pos}/{len} [{elapsed}{prefix}] {wide_msg}";
+
 /// Template for a line of that width.
 fn template(columns: usize) -> &'static str {
     match columns {
@@ -374,11 +397,21 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_warning_is_kept_once() {
+        let mut progress = Progress::silent();
+        for text in ["resized", "the camera is unknown", "resized"] {
+            progress.warn(text.to_owned());
+        }
+        assert_eq!(progress.warnings(), ["resized", "the camera is unknown"]);
+    }
+
+    #[test]
     fn the_template_of_every_width_is_valid() {
         for columns in [0, 20, 69, 70, 109, 110, 500] {
             assert!(ProgressStyle::with_template(template(columns)).is_ok(), "{columns}");
             assert!(ProgressStyle::with_template(finished(columns)).is_ok(), "{columns}");
         }
+        assert!(ProgressStyle::with_template(PIECES).is_ok());
         assert!(template(40).len() < template(80).len() && template(80).len() < template(200).len());
     }
 

@@ -188,12 +188,12 @@ function cloud({ layers, maps, photo }) {
 
   const most = make("output", { id: "cloud-most" });
   const threshold = make("input", {
-    id: "cloud-sigma", type: "range", min: "1", max: "100", value: "100", "aria-label": "Hide points above this sigma / depth",
+    id: "cloud-sigma", type: "range", min: "0", max: "100", value: "100", "aria-label": "Hide points above this sigma / depth",
     oninput: limit,
   });
   function limit() {
     const share = threshold.value / 100;
-    state.most = share >= 1 || sorted.length === 0 ? Infinity : sorted[Math.round(share * (sorted.length - 1))];
+    state.most = share >= 1 || sorted.length === 0 ? Infinity : share === 0 ? 0 : sorted[Math.round(share * (sorted.length - 1))];
     most.textContent = Number.isFinite(state.most) ? `σ / depth ≤ ${number(state.most, 2)}${NBSP}%` : "all";
     draw();
   }

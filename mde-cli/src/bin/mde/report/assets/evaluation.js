@@ -122,14 +122,12 @@ function thumbnailScale(name, colours, range) {
 
 function sceneList() {
   const root = make("div", {});
-  const keys = Object.keys(report.scenes[0]?.scores ? Object.values(report.scenes[0].scores)[0] ?? {} : {});
-  const metric = report.metrics.find((m) => keys.includes(m.key) && m.key.startsWith("abs")) ?? report.metrics.find((m) => keys.includes(m.key));
+  // By the first method after the prior, where there is one.
+  const { method: judged, metric: key } = report.judged ?? {};
+  const metric = report.metrics.find((m) => m.key === key);
   const label = metric ? `${metric.label}: ` : "";
   root.append(make("p", { class: "soft small" }, "Depth of each method in the colours of the prior's range; below it its sigma, if it has one."));
   const without = [];
-  const methods = report.scenes[0] ? Object.keys(report.scenes[0].scores) : [];
-  // By the first method after the prior, where there is one.
-  const judged = methods.find((name) => name !== "prior") ?? methods[0];
   const badness = (scene) => (scene.scores[judged]?.[metric?.key] ?? NaN) * (metric?.better === "higher" ? -1 : 1);
   const list = make("div", { id: "scene-list" });
   const order = make("input", { type: "checkbox", id: "worst-first", onchange: arrange });
@@ -157,7 +155,7 @@ function sceneList() {
   root.append(list);
   arrange();
   if (without.length > 0) {
-    const why = without.length === report.scenes.length ? "The maps are not in this folder" : `No thumbnails (of at most ${report.thumbnails_of} scenes)`;
+    const why = without.length === report.scenes.length ? "The maps are not in this folder" : `No thumbnails, which the worst ${report.thumbnails_of} scenes have`;
     root.append(make("p", { class: "soft small" }, `${why}: ${without.join(", ")}.`));
   }
   return root;

@@ -6,6 +6,7 @@ use crate::args::RefineArgs;
 use crate::input::opened::Opening;
 use crate::input::prior::NamedPrior;
 use crate::input::size::{limit, sizes};
+use crate::output::contents::{Contents, have_lengths, lengths};
 use crate::output::folder::OutputFolder;
 use crate::output::provenance::{versions, write_json};
 use crate::run::job::Job;
@@ -64,6 +65,8 @@ pub(crate) struct Marker {
     /// Settings and the content of the photograph.
     pub(crate) made_from: String,
     pub(crate) row: Row,
+    /// Bytes of the folder's other files.
+    files: Contents<u64>,
 }
 
 impl Marker {
@@ -220,7 +223,8 @@ impl Common<'_> {
             write_rgb_png(path.join(THUMBNAIL), thumbnail(done)?.view())?;
             row.measure(done, progress);
             row.seconds = start.elapsed().as_secs_f64();
-            write_json(&path.join(MARKER), &Marker { made_from, row: row.clone() })
+            let files = lengths(path).with_context(|| path.display().to_string())?;
+            write_json(&path.join(MARKER), &Marker { made_from, row: row.clone(), files })
         })?;
         Ok(row)
     }
@@ -250,8 +254,10 @@ impl Row {
     }
 }
 
+/// The marker of a folder whose files are there with the lengths that they were written with.
 pub(crate) fn read_marker(place: &Path) -> Option<Marker> {
-    serde_json::from_str(&fs::read_to_string(place.join(MARKER)).ok()?).ok()
+    let marker: Marker = serde_json::from_str(&fs::read_to_string(place.join(MARKER)).ok()?).ok()?;
+    have_lengths(place, &marker.files).then_some(marker)
 }
 
 /// Photograph, depth and sigma / depth side by side.

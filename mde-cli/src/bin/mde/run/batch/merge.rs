@@ -51,7 +51,7 @@ pub(crate) fn run(args: &MergeArgs) -> Result<()> {
     let Some((_, first)) = shards.into_iter().next() else { bail!("no shard") };
     let mut index = first.whole(parts.into_iter().map(|part| Row { position: None, ..part.row }).collect());
     index.write(output)?;
-    finish(&index, output, start.elapsed().as_secs_f64(), &mut progress)
+    finish(&index, output, "", start.elapsed().as_secs_f64(), &mut progress)
 }
 
 fn read(folder: &Path) -> Result<Vec<Found>> {

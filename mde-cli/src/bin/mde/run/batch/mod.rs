@@ -24,6 +24,7 @@ use crate::output::folder::{check_place, remove_unfinished};
 use crate::run::batch::allowance::Allowance;
 use crate::run::batch::index::Index;
 use crate::run::batch::item::{Common, Item, settings_of};
+use crate::run::gain::intervals;
 use crate::run::interrupt;
 use crate::run::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
@@ -116,7 +117,7 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
     found.rows = rows.into_values().collect();
     found.write(output)?;
     warnings(&found.rows, &mut progress);
-    finish(&found, output, start.elapsed().as_secs_f64(), &mut progress)
+    finish(&found, output, &intervals(&common.error_bar), start.elapsed().as_secs_f64(), &mut progress)
 }
 
 /// What identifies each photograph among all, on any machine: its folder, and its path from the folder that all are in.
@@ -221,7 +222,8 @@ fn warnings(rows: &[Row], progress: &mut Progress) {
     }
 }
 
-fn finish(index: &Index, output: &Path, seconds: f64, progress: &mut Progress) -> Result<()> {
+/// Tells what was made; `more` is a line before that of the folder, or empty.
+fn finish(index: &Index, output: &Path, more: &str, seconds: f64, progress: &mut Progress) -> Result<()> {
     let rows = &index.rows;
     let failed: Vec<&Row> = rows.iter().filter(|row| row.error.is_some()).collect();
     let kept = rows.iter().filter(|row| row.kept).count();
@@ -230,7 +232,7 @@ fn finish(index: &Index, output: &Path, seconds: f64, progress: &mut Progress) -
         Some(_) => format!("mde merge {} joins the shards", output.display()),
     };
     let text = format!(
-        "{} photographs: {} refined, {kept} finished before, {} failed\nwrote {} in {seconds:.1} s; {page}",
+        "{} photographs: {} refined, {kept} finished before, {} failed\n{more}wrote {} in {seconds:.1} s; {page}",
         rows.len(),
         rows.len() - kept - failed.len(),
         failed.len(),

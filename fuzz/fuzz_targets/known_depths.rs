@@ -1,0 +1,22 @@
+//! Known depths in a CSV file: what is read is positive and finite.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use mde_cli::Naming;
+use mde_cli::inputs::Known;
+use mde_fuzz::{folder, write};
+use std::path::Path;
+
+fuzz_target!(|data: &[u8]| {
+    let folder = folder();
+    write(&folder, "known.csv", data);
+    match Known::open(&folder.join("known.csv"), Path::new("a.jpg"), (6, 8), Naming::Flags) {
+        Ok(known) => {
+            let depths = known.at((6, 8));
+            assert!(!depths.is_empty());
+            assert!(depths.iter().all(|known| known.depth > 0.0 && known.depth.is_finite()));
+            assert!(depths.iter().all(|known| known.sigma >= 0.0 && known.sigma.is_finite()));
+        }
+        Err(error) => assert!(error.to_string().contains("known.csv")),
+    }
+});
