@@ -27,7 +27,8 @@ pub const PROFILES: [&str; 16] = [
 
 /// Mean and standard deviation of the colours of ImageNet.
 pub(crate) const IMAGENET: ([f32; 3], [f32; 3]) = ([0.485, 0.456, 0.406], [0.229, 0.224, 0.225]);
-const HALF: ([f32; 3], [f32; 3]) = ([0.5; 3], [0.5; 3]);
+/// What processors of Transformers take where a file names none.
+pub(super) const HALF: ([f32; 3], [f32; 3]) = ([0.5; 3], [0.5; 3]);
 
 impl ModelSpec {
     /// The format of a published model, from its authors' own preprocessing.
