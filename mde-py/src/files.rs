@@ -1,6 +1,7 @@
 //! Files: photographs, camera intrinsics, maps and pictures.
 
 use crate::error::raise;
+use mde_cli::mde_prior::CertaintyMeaning;
 use mde_cli::mde_prior::format::write_npy;
 use mde_cli::mde_prior::photo::{decode_image, encode_rgb_png, read_image, write_rgb_png};
 use mde_cli::mde_uncertainty::GaussianDepth;
@@ -63,6 +64,7 @@ pub(crate) struct Saved<'py> {
     /// Components of sigma by their names.
     components: Vec<(String, PyReadonlyArray2<'py, f32>)>,
     confidence: Option<PyReadonlyArray2<'py, f32>>,
+    error: Option<PyReadonlyArray2<'py, f32>>,
     evidence: Vec<(String, PyReadonlyArray2<'py, f32>)>,
     /// sRGB in 0 to 1, `[height, width, 3]`.
     image: PyReadonlyArray3<'py, f32>,
@@ -112,6 +114,12 @@ impl Saved<'_> {
         let [fx, fy, cx, cy] = self.camera;
         let (height, width) = depth.dim();
         let camera = PinholeCamera::new(fx, fy, cx, cy, width, height)?;
+        let own = |meaning, map: &Option<PyReadonlyArray2<'_, f32>>| {
+            map.as_ref().map(|map| (meaning, map.as_array().to_owned()))
+        };
+        let certainty = own(CertaintyMeaning::Confidence, &self.confidence)
+            .or_else(|| own(CertaintyMeaning::Error, &self.error));
+        let certainty = certainty.as_ref().map(|(meaning, map)| (*meaning, map.view()));
         let scene = Exported {
             unit,
             image,
@@ -119,7 +127,7 @@ impl Saved<'_> {
             depth: &depth,
             prior,
             components: named(&self.components),
-            confidence: self.confidence.as_ref().map(|map| map.as_array()),
+            certainty,
             y_up,
             png_scale: png.scale,
         };
