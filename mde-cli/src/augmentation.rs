@@ -4,7 +4,7 @@ use crate::config::Config;
 use crate::config::SigmaConfig;
 use crate::{Error, Result};
 use mde_prior::augment::{Limits, Plan, Predictions, Progress};
-use mde_prior::{Augmented, DepthPrior};
+use mde_prior::{Augmented, Certainty, DepthPrior};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::filter::{Border, Gaussian, gaussian_blur};
 use mde_uncertainty::statistics::median;
@@ -22,8 +22,8 @@ pub(crate) struct Start {
     pub(crate) depth: GaussianDepth,
     /// The parts of the standard deviation.
     pub(crate) components: Vec<Component>,
-    /// The model's own confidence.
-    pub(crate) confidence: Option<Array2<f32>>,
+    /// How sure the model itself is.
+    pub(crate) certainty: Option<Certainty>,
     pub(crate) report: AugmentationReport,
 }
 
@@ -72,20 +72,20 @@ pub(crate) fn start(
             report.skipped = Some("the prior does not accept new images");
         }
         let mut predicted = model.predict(image)?;
-        let confidence = predicted.confidence.take();
+        let certainty = predicted.certainty.take();
         let prior = predicted.to_depth(&config.disparity)?;
-        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), confidence, report });
+        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), certainty, report });
     }
     let mut augmented =
         config.augmentation.predict_with(model, image, limits, progress)?.ok_or(Error::Interrupted)?;
-    let confidence = augmented.prior.confidence.take();
+    let certainty = augmented.prior.certainty.take();
     let prior = augmented.prior.to_depth(&config.disparity)?;
     let depth = augmented.depth(&config.disparity)?;
     report.predictions = augmented.plan.predictions();
-    report.reason = Some(reason(&augmented.plan, config.augmentation.predictions, limits.budget));
+    report.reason = Some(reason(&augmented, config.augmentation.predictions, limits.budget));
     report.plan = Some(augmented.plan.clone());
     if report.predictions == 1 {
-        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), confidence, report });
+        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), certainty, report });
     }
     let (components, variance) = variance(
         &augmented,
@@ -95,12 +95,12 @@ pub(crate) fn start(
         config.fusion.common_error,
         &mut report,
     )?;
-    Ok(Start { prior, depth: GaussianDepth::new(depth, variance)?, components, confidence, report })
+    Ok(Start { prior, depth: GaussianDepth::new(depth, variance)?, components, certainty, report })
 }
 
 /// What decided the plan.
-fn reason(plan: &Plan, wanted: Predictions, budget: Option<Duration>) -> String {
-    let detail = match plan.ratio {
+fn reason(augmented: &Augmented, wanted: Predictions, budget: Option<Duration>) -> String {
+    let detail = match augmented.plan.ratio {
         Some(ratio) => format!("the image has {ratio:.1} times the pixels of the model's input along a side"),
         None => "the size of the model's input is unknown".to_owned(),
     };
@@ -109,7 +109,10 @@ fn reason(plan: &Plan, wanted: Predictions, budget: Option<Duration>) -> String 
         (Predictions::Auto, None) => "auto".to_owned(),
         (Predictions::Most(most), None) => format!("{most} at most"),
     };
-    format!("{limit}: {detail}")
+    let end = augmented.stopped.map_or_else(String::new, |n| {
+        format!("; no smaller crops, since those of {n} x {n} moved the map by less than they differ")
+    });
+    format!("{limit}: {detail}{end}")
 }
 
 /// A map of depths (0: missing) taken as exact, of variance 0: warps of it are exact too, and the fusion estimates its error.
@@ -158,4 +161,22 @@ fn variance(
         Component { name, sigma }
     };
     Ok((vec![component("spread", &spread), component("disagreement", &change)], variance))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mde_prior::{DepthKind, PriorDepth};
+
+    #[test]
+    fn the_reason_names_the_level_that_ended_the_plan() {
+        let prior = PriorDepth::from_values(Array2::ones((2, 2)), DepthKind::Metric).unwrap();
+        let plan = Plan { mirror: true, levels: vec![2], ratio: Some(2.5) };
+        let spread = Array2::zeros((2, 2));
+        let mut augmented = Augmented { merged: prior.clone(), prior, spread, plan, stopped: None };
+        let told = reason(&augmented, Predictions::Auto, None);
+        assert_eq!(told, "auto: the image has 2.5 times the pixels of the model's input along a side");
+        augmented.stopped = Some(2);
+        assert!(reason(&augmented, Predictions::Auto, None).contains("those of 2 x 2 moved the map by less"));
+    }
 }

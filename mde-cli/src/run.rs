@@ -187,6 +187,19 @@ impl<'r> Run<'r> {
         }
         config
     }
+
+    /// [`repeating`](Self::repeating) as TOML, with the number of predictions and its reason in a comment.
+    ///
+    /// # Errors
+    /// Those of [`Config::to_toml`].
+    pub fn settings(&self, done: &Done<'_>) -> Result<String> {
+        let report = &done.result.refinement.augmentation;
+        let comment = report.reason.as_ref().map(|reason| {
+            let unit = if report.predictions == 1 { "prediction" } else { "predictions" };
+            format!("# {} {unit}: {reason}\n", report.predictions)
+        });
+        Ok(comment.unwrap_or_default() + &self.repeating(done).to_toml()?)
+    }
 }
 
 impl<'r> Done<'r> {

@@ -51,6 +51,8 @@ fn what_was_learned_scales_sigma_and_makes_the_interval() {
         assert!((lower[pixel] - (depth[pixel] - reach).max(0.0)).abs() < 1e-4 * (depth[pixel] + reach));
     }
     let record = record(&place, "scaled");
+    let common = record["augmentation"]["common_error"].as_f64().unwrap();
+    assert!((common / (0.12 * f64::from(factor)) - 1.0).abs() < 1e-4, "{common} {factor}");
     assert_eq!(record["error_bar"]["interval"]["probability"], 0.8);
     assert_eq!(record["error_bar"]["interval"]["by"], "learned/calibration.toml");
 }
@@ -86,6 +88,29 @@ fn the_interval_of_a_disparity_warns_of_the_assumed_range() {
         let told = place.mde(&format!("{REFINE} {options}")).assert().success();
         let told = String::from_utf8_lossy(&told.get_output().stderr).into_owned();
         assert_eq!(told.contains("depth range assumed for disparities"), warned, "{told}");
+    }
+}
+
+/// Their root sum of squares is sigma, with a calibration too.
+#[cfg(feature = "onnx")]
+#[test]
+fn a_calibration_scales_the_parts_of_sigma_too() {
+    let place = Place::new();
+    let learn = "calibrate --dataset rooms --size 64x48 --limit 3 --simulated-model all -q -o learned";
+    place.mde(learn).assert().success();
+    let net = concat!(env!("CARGO_MANIFEST_DIR"), "/../mde-prior/tests/fixtures/grey_nchw.onnx");
+    let model = format!("--prior-model {net} --input-size 32x24 --prior-kind metric");
+    let calibrated = "--calibration learned/calibration.toml --export sigma -o out";
+    place.mde(&format!("refine image.png {model} --fov 60 {calibrated}")).assert().success();
+    let factor = record(&place, "out")["error_bar"]["factor"].as_f64().unwrap();
+    assert!((factor - 1.0).abs() > 0.05, "{factor}");
+    let [common, spread, disagreement, sigma] =
+        ["sigma/common", "sigma/spread", "sigma/disagreement", "sigma"]
+            .map(|name| map(&place, &format!("out/{name}.npy")));
+    for (pixel, whole) in sigma.indexed_iter() {
+        let parts = [&common, &spread, &disagreement].map(|part| part[pixel].powi(2));
+        let sum = parts.iter().sum::<f32>().sqrt();
+        assert!((sum / whole - 1.0).abs() < 1e-3, "{sum} {whole} {factor}");
     }
 }
 

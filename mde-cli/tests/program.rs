@@ -420,10 +420,10 @@ fn known_depths_give_the_scale() {
     assert!(scale.iter().zip(&sigma).all(|(part, whole)| *part > 0.0 && part <= whole));
 }
 
-/// A network's own camera takes the place of an assumed one, and its confidence is exported.
+/// A network's own camera takes the place of an assumed one, and its own error is exported.
 #[cfg(feature = "onnx")]
 #[test]
-fn a_networks_camera_and_confidence_are_used() {
+fn a_networks_camera_and_error_are_used() {
     let place = Place::new();
     let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures/unidepth.onnx");
     fs::copy(fixture, place.path("net.onnx")).unwrap();
@@ -438,8 +438,21 @@ fn a_networks_camera_and_confidence_are_used() {
     // 30 pixels at its input's 42 are as many at the photograph's width.
     let focal = 30.0 * WIDTH as f64 / 42.0;
     assert!((own["camera"]["fx"].as_f64().unwrap() / focal - 1.0).abs() < 1e-6, "{}", own["camera"]);
-    let confidence: Array2<f32> = read_npy(place.path("own/sigma/network-confidence.npy")).unwrap();
-    assert_eq!(confidence.dim(), (HEIGHT, WIDTH));
+    let error: Array2<f32> = read_npy(place.path("own/sigma/network-error.npy")).unwrap();
+    assert_eq!(error.dim(), (HEIGHT, WIDTH));
+    // The plan and its reason, where the settings are kept.
+    let settings = fs::read_to_string(place.path("own/config.toml")).unwrap();
+    let plan = &own["augmentation"];
+    let first = format!("# {} predictions: {}", plan["predictions"], plan["reason"].as_str().unwrap());
+    assert!(settings.starts_with(&first), "{settings}");
+    let told = place.mde(&format!("{refine} -o told")).assert().success();
+    let told = String::from_utf8_lossy(&told.get_output().stdout).into_owned();
+    let told = told.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(
+        told.contains("12 % of the depth is FastDepth's error") && told.contains("mde calibrate"),
+        "{told}"
+    );
+    assert_eq!(own["error_bar"]["common_assumed"], 0.12);
     // The scale's error is known for the network of a calibration alone.
     assert!(own["error_bar"]["scale"].is_null() && own["error_bar"]["common_by"].is_null());
 }

@@ -233,10 +233,37 @@ fn the_doctor_tries_a_model() {
 
     let (lines, error) = doctor(&model, Some("midas-v2.1-small"), 1);
     assert!(correlation(&lines) < -0.5 && said(&lines, "verdict").is_none(), "{lines:?}");
-    assert!(
-        error.contains("fastdepth_224.onnx") && error.contains("a disparity taken for a depth"),
-        "{error}"
-    );
+    assert!(error.contains("fastdepth_224.onnx") && error.contains("near and far are exchanged"), "{error}");
+    // Under another name its layers tell it.
+    let place = Place::new();
+    fs::copy(&model, place.path("model.onnx")).unwrap();
+    let run = place.mde("doctor --prior-model model.onnx").assert().success();
+    run.stdout(predicate::str::contains("the model works here"));
+
+    let small = shared.join("models/upydnet_nyu48/model.onnx");
+    let run = |kind: &str| {
+        let mut command = place.mde(&format!("doctor --input-size 48x48 --prior-kind {kind} --prior-model"));
+        command.arg(&small).assert()
+    };
+    run("disparity").success().stdout(predicate::str::contains("the model works here"));
+    run("metric").code(1).stderr(predicate::str::contains("give --prior-kind disparity"));
+}
+
+/// What the error about an unknown network advises, the doctor takes.
+#[test]
+#[cfg(feature = "onnx")]
+fn the_doctor_takes_a_size_and_a_kind() {
+    let place = Place::new();
+    let net = Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures/grey_nchw.onnx");
+    fs::copy(net, place.path("net.onnx")).unwrap();
+    let run = place.mde("doctor --prior-model net.onnx").assert().code(1);
+    run.stderr(predicate::str::contains("--input-size WxH with --prior-kind"));
+    let run =
+        place.mde("doctor --prior-model net.onnx --input-size 48x32 --prior-kind depth").assert().code(1);
+    // It takes brightness for depth.
+    let told = String::from_utf8_lossy(&run.get_output().stdout).into_owned();
+    assert!(told.contains("\"width\":48") && told.contains("\"output\":\"depth\""), "{told}");
+    run.stderr(predicate::str::contains("beyond chance"));
 }
 
 #[test]

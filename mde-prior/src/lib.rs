@@ -58,7 +58,10 @@ pub use ndarray;
 #[cfg(feature = "io")]
 pub use prior::FilePrior;
 pub use prior::spec::{self, ModelSpec};
-pub use prior::{DepthKind, DepthPrior, DisparityRule, InferenceMemory, Metres, PriorDepth, Timed};
+pub use prior::{
+    Certainty, CertaintyMeaning, DepthKind, DepthPrior, DisparityRule, InferenceMemory, Metres, PriorDepth,
+    Timed,
+};
 
 #[cfg(all(doctest, feature = "io"))]
 #[doc = include_str!("../README.md")]

@@ -3,8 +3,10 @@
 #![allow(clippy::unwrap_used)]
 
 use mde_prior::ndarray::{Array2, Array3};
+use mde_prior::resample::Filter;
+use mde_prior::spec::Aspect;
 use mde_prior::spec::PROFILES;
-use mde_prior::{DepthKind, DepthPrior, Error, Metres, ModelSpec, OnnxPrior};
+use mde_prior::{CertaintyMeaning, DepthKind, DepthPrior, Error, Metres, ModelSpec, OnnxPrior};
 use std::path::{Path, PathBuf};
 
 const GREY: [f32; 3] = [0.299, 0.587, 0.114];
@@ -38,7 +40,7 @@ fn every_profile_of_one_output_normalises_as_it_says() {
     let even = Array3::from_elem((60, 80, 3), 0.4);
     for name in PROFILES {
         let spec = ModelSpec::profile(name).unwrap();
-        let one_output = ModelSpec { camera_output: None, confidence_output: None, ..spec.clone() };
+        let one_output = ModelSpec { camera_output: None, error_output: None, ..spec.clone() };
         if spec.output_channel.is_some() {
             continue;
         }
@@ -90,7 +92,7 @@ fn unidepth_and_depth_pro_give_metres() {
 }
 
 #[test]
-fn a_networks_own_camera_and_confidence_come_with_its_prediction() {
+fn a_networks_own_camera_and_error_come_with_its_prediction() {
     // Twice the size of the input, so pixels twice as fine.
     let image = Array3::from_shape_fn((56, 84, 3), |(y, x, _)| 0.2 + 0.005 * (x + y) as f32);
     let predict = |name: &str| OnnxPrior::open_guessed(fixture(name)).unwrap().predict(image.view()).unwrap();
@@ -98,9 +100,18 @@ fn a_networks_own_camera_and_confidence_come_with_its_prediction() {
         let found = predict(name);
         assert_eq!(found.intrinsics, Some([60.0, 62.0, 39.5, 29.5]), "{name}");
         // It grows with brightness in these graphs.
-        let confidence = found.confidence.unwrap();
-        assert!(confidence.dim() == (56, 84) && confidence[(50, 80)] > confidence[(5, 5)], "{name}");
+        let own = found.certainty.unwrap();
+        assert_eq!((own.meaning, own.map.dim()), (CertaintyMeaning::Error, (56, 84)), "{name}");
+        assert!(own.map[(50, 80)] > own.map[(5, 5)], "{name}");
     }
+    // A network with a confidence in its place.
+    let profile = ModelSpec::profile("unidepth-v2").unwrap();
+    let surer =
+        ModelSpec { error_output: None, confidence_output: Some("confidence".to_owned()), ..profile.clone() };
+    let surer = OnnxPrior::open(fixture("unidepth.onnx"), &surer).unwrap().predict(image.view()).unwrap();
+    assert_eq!(surer.certainty.unwrap().meaning, CertaintyMeaning::Confidence);
+    let both = ModelSpec { confidence_output: Some("confidence".to_owned()), ..profile };
+    assert!(both.validate().unwrap_err().to_string().contains("error-output"));
     // Depth Pro's focal length is that of its width; the image's pixels are square.
     let pro = predict("depth_pro_like.onnx");
     assert_eq!(pro.intrinsics, Some([100.0, 100.0, 41.5, 27.5]));
@@ -108,6 +119,77 @@ fn a_networks_own_camera_and_confidence_come_with_its_prediction() {
     // 0.8 of half the diagonal.
     let expected = 0.4 * 84.0_f64.hypot(56.0);
     assert!((fx / expected - 1.0).abs() < 0.01 && fx == fy && (cx, cy) == (41.5, 27.5), "{fx} {expected}");
+}
+
+/// Of Transformers and of Apple's network, under the profile's name too.
+#[test]
+fn depth_pros_inverse_depth_becomes_metres_by_its_field_of_view() {
+    let image = image();
+    // Twice the tangent of half of 60 degrees.
+    let width_over_focal = 2.0 * 30.0_f32.to_radians().tan();
+    let expected = grey(&image).mapv(|g| 1.0 / (width_over_focal * (1.0 + (g - 0.5) / 0.5)).max(1e-4));
+    let focal = 42.0 / f64::from(width_over_focal);
+    for name in ["depth_pro_inverse.onnx", "depth_pro_apple.onnx"] {
+        let named = OnnxPrior::open(fixture(name), &ModelSpec::profile("depth-pro").unwrap()).unwrap();
+        let prior = OnnxPrior::open_guessed(fixture(name)).unwrap();
+        assert_eq!((named.spec(), named.kind()), (prior.spec(), DepthKind::Metric));
+        let found = prior.predict(image.view()).unwrap();
+        assert_eq!(found, named.predict(image.view()).unwrap());
+        assert_eq!(found.kind, DepthKind::Metric);
+        // Where the graph's inverse depth is 0 or less, 10 km as by its authors.
+        let near = |(a, b): (&f32, &f32)| (a / b - 1.0).abs() < 2e-3;
+        assert!(found.map.iter().zip(&expected).all(near) && expected.iter().any(|z| *z > 9e3), "{name}");
+        assert_eq!(prior.predict_native(image.view()).unwrap(), found.map);
+        let [fx, fy, cx, cy] = found.intrinsics.unwrap();
+        assert!((fx / focal - 1.0).abs() < 1e-5 && fx == fy && (cx, cy) == (20.5, 13.5), "{fx} {focal}");
+    }
+    // As a disparity, the network's own values.
+    let spec = OnnxPrior::recognise(fixture("depth_pro_inverse.onnx")).unwrap();
+    assert_eq!(spec.clone().with_output(DepthKind::AffineDisparity).fov_output, None);
+    assert!(ModelSpec { output: DepthKind::AffineDisparity, ..spec }.validate().is_err());
+}
+
+/// The constants of each profile: mean, deviation, width, height, multiple, meaning, aspect, filters in and out.
+#[test]
+fn the_constants_of_every_profile_are_these() {
+    use Aspect::{KeepLowerBound, KeepMinimal, KeepUpperBound, Pad, Squash};
+    use DepthKind::{AffineDisparity, Metric, RelativeDepth};
+    use Filter::{Bicubic, Bilinear, BilinearAlignCorners, BilinearAntialias};
+    let plain = ([0.0; 3], [1.0; 3]);
+    let imagenet = ([0.485, 0.456, 0.406], [0.229, 0.224, 0.225]);
+    let half = ([0.5; 3], [0.5; 3]);
+    let bytes = ([0.0; 3], [1.0 / 255.0; 3]);
+    type Row =
+        (&'static str, ([f32; 3], [f32; 3]), [usize; 3], DepthKind, Aspect, [Filter; 2], [Option<f32>; 2]);
+    let none = [None, None];
+    #[rustfmt::skip]
+    let rows: [Row; 16] = [
+        ("fastdepth", plain, [224, 224, 1], Metric, Squash, [Bilinear, Bilinear], [Some(0.1), None]),
+        ("midas-v2.1-small", imagenet, [256, 256, 32], AffineDisparity, KeepUpperBound, [Bicubic, Bicubic], none),
+        ("dpt-large", half, [384, 384, 32], AffineDisparity, KeepMinimal, [Bicubic, Bicubic], none),
+        ("dpt-hybrid", half, [384, 384, 32], AffineDisparity, KeepMinimal, [Bicubic, Bicubic], none),
+        ("depth-anything-v2", imagenet, [518, 518, 14], AffineDisparity, KeepLowerBound, [Bicubic, BilinearAlignCorners], none),
+        ("depth-anything-v2-metric-indoor", imagenet, [518, 518, 14], Metric, KeepLowerBound, [Bicubic, BilinearAlignCorners], none),
+        ("depth-anything-v2-metric-outdoor", imagenet, [518, 518, 14], Metric, KeepLowerBound, [Bicubic, BilinearAlignCorners], none),
+        ("depth-anything-3-mono", imagenet, [504, 504, 14], RelativeDepth, KeepUpperBound, [Bicubic, Bilinear], none),
+        ("depth-anything-3-metric", imagenet, [504, 504, 14], Metric, KeepUpperBound, [Bicubic, Bilinear], [None, Some(300.0)]),
+        ("zoedepth", half, [512, 384, 32], Metric, KeepLowerBound, [Bilinear, Bilinear], none),
+        ("depth-pro", half, [1536, 1536, 1], Metric, Squash, [Bilinear, Bilinear], none),
+        ("unidepth-v2", imagenet, [630, 462, 1], Metric, Squash, [Bilinear, Bilinear], none),
+        ("moge-2", plain, [728, 728, 14], Metric, KeepUpperBound, [BilinearAntialias, Bilinear], none),
+        ("metric3d-v2", bytes, [1064, 616, 1], Metric, Pad, [Bilinear, Bilinear], [None, Some(1000.0)]),
+        ("lite-mono", plain, [640, 192, 1], AffineDisparity, Squash, [Bilinear, Bilinear], none),
+        ("pydnet", plain, [640, 192, 1], AffineDisparity, Squash, [Bilinear, Bilinear], none),
+    ];
+    assert_eq!(rows.map(|row| row.0), PROFILES);
+    for (name, values, [width, height, multiple], output, aspect, [input, back], [floor, focal]) in rows {
+        let spec = ModelSpec::profile(name).unwrap();
+        assert_eq!((spec.mean, spec.std), values, "{name}");
+        assert_eq!((spec.width, spec.height, spec.multiple_of), (width, height, multiple), "{name}");
+        assert_eq!((spec.output, spec.aspect), (output, aspect), "{name}");
+        assert_eq!((spec.input_filter, spec.output_filter), (input, back), "{name}");
+        assert_eq!((spec.output_floor, spec.canonical_focal), (floor, focal), "{name}");
+    }
 }
 
 #[test]
@@ -129,12 +211,19 @@ fn metres_for_a_stated_focal_length_follow_the_cameras() {
 fn a_file_of_any_name_is_recognised_by_its_graph_or_its_folder() {
     let folder = tempfile::tempdir().unwrap();
     let model = folder.path().join("model.onnx");
-    for (graph, profile) in
-        [("moge2", "moge-2"), ("unidepth", "unidepth-v2"), ("depth_pro_like", "depth-pro")]
-    {
+    let known = [
+        ("moge2", "moge-2"),
+        ("unidepth", "unidepth-v2"),
+        ("depth_pro_like", "depth-pro"),
+        ("fastdepth_like", "fastdepth"),
+    ];
+    for (graph, profile) in known {
         std::fs::copy(fixture(&format!("{graph}.onnx")), &model).unwrap();
         assert_eq!(OnnxPrior::recognise(&model).unwrap(), ModelSpec::profile(profile).unwrap());
     }
+    // A small network of fixed size, but of other layers.
+    std::fs::copy(fixture("midas_small.onnx"), &model).unwrap();
+    assert!(matches!(OnnxPrior::recognise(&model), Err(Error::UnknownProfile { .. })));
     std::fs::copy(fixture("metric3d.onnx"), &model).unwrap();
     assert_eq!(OnnxPrior::recognise(&model).unwrap().canonical_focal, Some(1000.0));
     std::fs::copy(fixture("predicted_depth.onnx"), &model).unwrap();

@@ -1,6 +1,7 @@
 //! Files: photographs, camera intrinsics, maps and pictures.
 
 use crate::error::raise;
+use mde_cli::mde_prior::CertaintyMeaning;
 use mde_cli::mde_prior::format::write_npy;
 use mde_cli::mde_prior::photo::{decode_image, encode_rgb_png, read_image, write_rgb_png};
 use mde_cli::mde_uncertainty::GaussianDepth;
@@ -64,6 +65,7 @@ pub(crate) struct Saved<'py> {
     /// Components of sigma by their names.
     components: Vec<(String, PyReadonlyArray2<'py, f32>)>,
     confidence: Option<PyReadonlyArray2<'py, f32>>,
+    error: Option<PyReadonlyArray2<'py, f32>>,
     evidence: Vec<(String, PyReadonlyArray2<'py, f32>)>,
     /// sRGB in 0 to 1, `[height, width, 3]`.
     image: PyReadonlyArray3<'py, f32>,
@@ -99,7 +101,7 @@ struct Views<'m> {
     prior: ArrayView2<'m, f32>,
     more: Vec<Named<'m>>,
     components: Vec<Named<'m>>,
-    confidence: Option<ArrayView2<'m, f32>>,
+    certainty: Option<(CertaintyMeaning, ArrayView2<'m, f32>)>,
     evidence: Vec<Named<'m>>,
     image: ArrayView3<'m, f32>,
     pictures: Vec<(&'m str, ArrayView3<'m, u8>)>,
@@ -110,6 +112,9 @@ struct Views<'m> {
 
 impl Saved<'_> {
     fn views(&self) -> Views<'_> {
+        let confidence = self.confidence.as_ref().map(|map| (CertaintyMeaning::Confidence, map.as_array()));
+        let error = self.error.as_ref().map(|map| (CertaintyMeaning::Error, map.as_array()));
+        let certainty = confidence.or(error);
         Views {
             depth: self.depth.as_array(),
             variance: self.variance.as_array(),
@@ -117,7 +122,7 @@ impl Saved<'_> {
             prior: self.prior.as_array(),
             more: named(&self.more),
             components: named(&self.components),
-            confidence: self.confidence.as_ref().map(|map| map.as_array()),
+            certainty,
             evidence: named(&self.evidence),
             image: self.image.as_array(),
             pictures: self.pictures.iter().map(|(name, one)| (name.as_str(), one.as_array())).collect(),
@@ -157,7 +162,7 @@ impl Views<'_> {
             depth: &depth,
             prior,
             components: self.components,
-            confidence: self.confidence,
+            certainty: self.certainty,
             y_up,
             png_scale: png.scale,
         };

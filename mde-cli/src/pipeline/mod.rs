@@ -31,8 +31,8 @@ use crate::error::{LEAST, MOST};
 use crate::{Error, Result};
 use mde_fusion::{BayesFuser, Fused, Fuser, Prior};
 use mde_nerf::RadianceField;
-use mde_prior::DepthPrior;
 use mde_prior::augment::{Limits, Progress};
+use mde_prior::{Certainty, DepthPrior};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::{median, spearman};
 use mde_warp::PinholeCamera;
@@ -55,9 +55,8 @@ pub struct Refinement {
     pub iterations: Vec<IterationReport>,
     /// The field of the last iteration, if there was one.
     pub field: Option<Box<dyn RadianceField>>,
-    /// The model's own confidence, `[height, width]`, larger where it is surer, where it has one and refined a single photograph.
-    /// Sigma does not depend on it.
-    pub confidence: Option<Array2<f32>>,
+    /// How sure the model itself is of each pixel, where it says so and refined a single photograph. Sigma does not depend on it.
+    pub certainty: Option<Certainty>,
     /// Report of several photographs, where there were any.
     pub capture: Option<CaptureReport>,
 }
@@ -73,7 +72,7 @@ impl Refinement {
             components: Vec::new(),
             iterations: Vec::new(),
             field: None,
-            confidence: None,
+            certainty: None,
             capture: None,
         }
     }
@@ -156,7 +155,7 @@ pub fn resume(
 ) -> Result<Refinement> {
     config.validate()?;
     let mut run = Run { image, camera, config, callback };
-    let Start { prior, depth: anchor, mut components, confidence, report: augmentation } =
+    let Start { prior, depth: anchor, mut components, certainty, report: augmentation } =
         run.start(stages.prior, stages.limits)?;
     check_prior(prior.view(), image)?;
     if !config.refinement.fits_a_field(stages.prior.accepts_new_images()) {
@@ -170,7 +169,7 @@ pub fn resume(
             components,
             iterations: Vec::new(),
             field: None,
-            confidence,
+            certainty,
             capture: None,
         });
     }
@@ -210,7 +209,7 @@ pub fn resume(
                 components,
                 iterations,
                 field,
-                confidence,
+                certainty,
                 capture: None,
             });
         }

@@ -1,6 +1,7 @@
 use super::Refinement;
 use crate::augmentation::Component;
 use crate::{Error, Result};
+use mde_prior::Certainty;
 use mde_prior::resample::{Filter, nearest, resize};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::filter::JointUpsampling;
@@ -55,8 +56,10 @@ impl Refinement {
             false => nearest(self.prior.view(), (height, width)),
         };
         let depth = GaussianDepth::new(depth, variance).map_err(Error::from)?;
-        let confidence = self.confidence.map(|map| resize(map.view(), (height, width), Filter::Bilinear));
-        Ok(Self { depth, prior, components, confidence, ..self })
+        let resized = |map: Array2<f32>| resize(map.view(), (height, width), Filter::Bilinear);
+        let certainty =
+            self.certainty.map(|Certainty { meaning, map }| Certainty { meaning, map: resized(map) });
+        Ok(Self { depth, prior, components, certainty, ..self })
     }
 }
 

@@ -11,6 +11,9 @@ const MISSING: f64 = 0.3;
 /// Ratio of the depths' 95 and 5 % quantiles below which a map is nearly constant.
 const RANGE: f64 = 1.03;
 
+/// Metres between which a photograph has some depth: a network of rooms or streets that gives none there gives no metres.
+const METRES: [f64; 2] = [0.1, 65.0];
+
 /// Warnings about the depth that a model gave, 0 where missing; none for a map from a file. `scaled`: known depths give the scale.
 pub(super) fn doubts(
     depth: &Array2<f32>,
@@ -31,11 +34,21 @@ pub(super) fn doubts(
         warnings
             .push(format!("{name}: no depth for {:.0} % of the pixels; check its {check}", 100.0 * missing));
     }
-    if let (Some(low), Some(high)) = (quantile(&mut known, 0.05), quantile(&mut known, 0.95))
-        && high < RANGE * low
-    {
-        warnings
-            .push(format!("{name}: its depth is nearly constant, {low:.3} to {high:.3}; check its {check}"));
+    if let (Some(low), Some(high)) = (quantile(&mut known, 0.05), quantile(&mut known, 0.95)) {
+        if high < RANGE * low {
+            warnings.push(format!(
+                "{name}: its depth is nearly constant, {low:.3} to {high:.3}; check its {check}"
+            ));
+        }
+        let [nearest, farthest] = METRES;
+        if origin.kind == DepthKind::Metric && !scaled && (high < nearest || low > farthest) {
+            let kind = naming
+                .choose("--prior-kind disparity or depth, or --scale-from", "another kind, or scale_from");
+            warnings.push(format!(
+                "{name}: its depth is from {low:.3} to {high:.3} m, where photographs have none: its values may be no metres; give {kind}, \
+                 or check its {check}"
+            ));
+        }
     }
     if origin.kind == DepthKind::AffineDisparity && !scaled {
         warnings.push(format!(
@@ -73,6 +86,13 @@ mod tests {
         assert!(constant.len() == 1 && constant[0].contains("nearly constant"), "{constant:?}");
         let assumed = found(&|i| 1.0 + i as f32, DepthKind::AffineDisparity);
         assert!(assumed.len() == 1 && assumed[0].contains("0.8 to 8"), "{assumed:?}");
+        for (unit, told) in [(100.0, "m, where photographs have none"), (1e-4, "--prior-kind disparity")] {
+            let wrong = found(&|i| unit * (1.0 + i as f32 / 100.0), metric);
+            assert!(wrong.len() == 1 && wrong[0].contains(told), "{wrong:?}");
+        }
+        // A sky beyond the range is no sign.
+        assert!(found(&|i| 100.0 + i as f32, DepthKind::RelativeDepth).is_empty());
+        assert!(found(&|i| if i < 10 { 5.0 } else { 9e3 + 9.0 * i as f32 }, metric).is_empty());
         let file = PriorOrigin::new(PriorForm::Map, metric, "depth.npy");
         assert!(doubts(&Array2::zeros((3, 3)), &file, &config, false, Naming::Flags).is_empty());
         let ramp = Array2::from_shape_fn((10, 10), |(y, x)| (1 + 10 * y + x) as f32);

@@ -2,7 +2,7 @@
 
 use crate::calibration::{fingerprint, read, shipped};
 use crate::inputs::{PriorForm, PriorOrigin};
-use crate::{Config, Naming, Refinement, Result};
+use crate::{Config, Naming, Preset, Refinement, Result};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::calibration::{Calibration, Fingerprint, Mismatch};
 use mde_uncertainty::pooled::normal_half_width;
@@ -28,6 +28,8 @@ pub struct Stated {
     pub scale: Option<ScaleError>,
     /// Source of the error that all predictions share, `fusion.common-error`, for a model; nothing where it is assumed.
     pub common_by: Option<String>,
+    /// That error where it is FastDepth's, assumed of another prior: as a fraction of the depth.
+    pub common_assumed: Option<f64>,
     /// Warnings about it, such as a calibration of another network.
     #[serde(skip)]
     pub warnings: Vec<String>,
@@ -71,7 +73,7 @@ impl ErrorBar {
         self.probability
     }
 
-    /// Scales sigma, where a calibration was given, and finds the interval. `scaled`: known depths give the scale.
+    /// Scales sigma, its parts and the reported common error, where a calibration was given, and finds the interval. `scaled`: known depths give the scale.
     ///
     /// # Errors
     /// [`Error::Depth`](crate::Error::Depth) for a calibration without scenes, or a probability out of range.
@@ -113,15 +115,24 @@ impl ErrorBar {
             let depth = std::mem::replace(&mut refinement.depth, GaussianDepth::missing(0, 0));
             refinement.depth =
                 depth.map(|mean, variance| (mean, (variance * squared).max(f32::MIN_POSITIVE)));
+            for part in &mut refinement.components {
+                part.sigma.mapv_inplace(|sigma| factor as f32 * sigma);
+            }
+            let common = refinement.augmentation.common_error.unwrap_or(config.fusion.common_error);
+            refinement.augmentation.common_error = Some(factor * common);
         }
         let fitting = self.calibration(&run)?;
         let common_by = fitting.as_ref().map(|(by, _)| by.clone());
+        let usual = Preset::Default.config().fusion.common_error;
+        let states = refinement.components.iter().any(|part| part.name == "common");
+        let common_assumed =
+            Some(usual).filter(|usual| states && common_by.is_none() && config.fusion.common_error == *usual);
         let of_scale = |(by, calibration): &(String, Calibration)| {
             Some(ScaleError { relative: calibration.scale_error()?, by: by.clone() })
         };
         let scale = fitting.as_ref().filter(|_| !scaled).and_then(of_scale);
         let Some(probability) = self.probability else {
-            return Ok(Stated { factor, interval: None, scale, common_by, warnings });
+            return Ok(Stated { factor, interval: None, scale, common_by, common_assumed, warnings });
         };
         let (half_width, by) = match fitting {
             Some((by, calibration)) => (calibration.intervals()?.half_width(probability)? / factor, by),
@@ -145,7 +156,7 @@ impl ErrorBar {
             ));
         }
         let interval = Some(Interval { probability, half_width, by });
-        Ok(Stated { factor, interval, scale, common_by, warnings })
+        Ok(Stated { factor, interval, scale, common_by, common_assumed, warnings })
     }
 
     /// The calibration of the interval with a name for it: the given one, else the program's own where it fits this run.

@@ -135,7 +135,7 @@ pub fn write_all(folder: &Path, solids: &[Solid<'_>], unit: &str, y_up: bool) ->
             depth: &depths[point.view],
             prior: solid.depth.view(),
             components: Vec::new(),
-            confidence: None,
+            certainty: None,
             y_up,
             png_scale: solid.png_scale,
         };

@@ -39,6 +39,11 @@ pub(crate) fn unusable_models() {
         refused(fixture("enlarged.onnx"), &["enlarged.onnx"]),
         refused(fixture("groups.onnx"), &["groups.onnx"]),
         refused(fixture("split.onnx"), &["split.onnx"]),
+        #[cfg(feature = "onnxruntime")]
+        refused(
+            refine("fastdepth.onnx --runtime tract --onnxruntime lib.so"),
+            &["--runtime tract", "--onnxruntime", "leave one of them out"],
+        ),
     ]);
 }
 

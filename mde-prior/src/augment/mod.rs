@@ -113,6 +113,8 @@ pub struct Augmented {
     pub spread: Array2<f32>,
     /// The images that were predicted.
     pub plan: Plan,
+    /// The level after which [`Predictions::Auto`] left out further ones, where it did.
+    pub stopped: Option<usize>,
 }
 
 /// Limits of the time and of the memory of an augmentation.
@@ -236,8 +238,9 @@ impl AugmentationConfig {
         };
         if plan.predictions() == 1 {
             let spread = Array2::zeros(prior.map.dim());
-            return Ok(Some(Augmented { merged: prior.clone(), prior, spread, plan }));
+            return Ok(Some(Augmented { merged: prior.clone(), prior, spread, plan, stopped: None }));
         }
+        let mut stopped = None;
         let values = Values::of(&start);
         let mut current = values.of_prior(&start);
         // Half of the difference between an image and its mirror image.
@@ -266,6 +269,7 @@ impl AugmentationConfig {
             variance += &spread;
             let moved: f64 = mean.iter().map(|m| f64::from(m * m)).sum();
             if self.predictions == Predictions::Auto && moved < spread.iter().map(|v| f64::from(*v)).sum() {
+                stopped = Some(level).filter(|_| plan.levels.len() > index + 1);
                 plan.levels.truncate(index + 1);
                 break;
             }
@@ -291,7 +295,7 @@ impl AugmentationConfig {
             }
         });
         let spread = variance.mapv(|v| values.spread(v.max(0.0).sqrt()));
-        Ok(Some(Augmented { prior, merged, spread, plan }))
+        Ok(Some(Augmented { prior, merged, spread, plan, stopped }))
     }
 }
 

@@ -4,6 +4,7 @@ mod graph;
 mod onnx;
 #[cfg(feature = "onnxruntime")]
 mod onnxruntime;
+mod outline;
 mod points;
 mod runtime;
 mod tract;

@@ -5,10 +5,11 @@ use ndarray::{Array2, Array3, ArrayView3, Axis, s, stack};
 use super::graph::{Graph, Output, Request, fixed_size, image_input};
 #[cfg(feature = "onnxruntime")]
 use super::onnxruntime::OnnxRuntimeGraph;
+use super::outline::Outline;
 use super::points;
-use super::runtime::{call, model_error, output_names};
+use super::runtime::{call, model_error};
 use super::tract::TractGraph;
-use crate::prior::IMAGENET;
+use crate::prior::{Certainty, CertaintyMeaning, IMAGENET};
 use crate::resample::{Filter, nearest, resize};
 use crate::spec::{Aspect, Channels, Layout, ModelSpec};
 use crate::{DepthKind, DepthPrior, Error, InferenceMemory, PriorDepth, Result};
@@ -57,7 +58,7 @@ pub struct OnnxPrior {
     path: PathBuf,
     spec: ModelSpec,
     graph: Box<dyn Graph>,
-    /// Indices of the outputs: depth, then scale, mask, camera and confidence where there are any.
+    /// Indices of the outputs: depth, then scale, mask, camera, field of view and certainty where there are any.
     outputs: Vec<usize>,
     /// `(height, width)` where the model has them fixed.
     fixed: (Option<usize>, Option<usize>),
@@ -72,7 +73,21 @@ struct Native {
     mask: Option<Array2<bool>>,
     /// In pixels of the image.
     intrinsics: Option<[f64; 4]>,
-    confidence: Option<Array2<f32>>,
+    certainty: Option<Certainty>,
+    /// Where the map is inverse depth for a focal length of the width: the width over the focal length.
+    inverse: Option<f32>,
+}
+
+impl Native {
+    /// The depth of a value of the map.
+    fn depth(&self) -> impl Fn(f32) -> f32 + use<> {
+        let inverse = self.inverse;
+        move |value| match inverse {
+            None => value,
+            // Bounds of Depth Pro's authors.
+            Some(factor) => 1.0 / (factor * value).clamp(1e-4, 1e4),
+        }
+    }
 }
 
 impl std::fmt::Debug for OnnxPrior {
@@ -123,6 +138,8 @@ impl OnnxPrior {
             if graph.outputs().is_empty() {
                 return Err(fault("the model has no output; export it again".to_owned()));
             }
+            let names: Vec<String> = graph.outputs().iter().map(|port| port.name.clone()).collect();
+            let spec = &spec.clone().for_outputs(&names);
             let index = |key: &str, name: &String| {
                 let names = || graph.outputs().iter().map(|port| port.name.as_str());
                 names().position(|other| other == name).ok_or_else(|| {
@@ -136,7 +153,9 @@ impl OnnxPrior {
                 ("scale-output", &spec.scale_output),
                 ("mask-output", &spec.mask_output),
                 ("camera-output", &spec.camera_output),
+                ("fov-output", &spec.fov_output),
                 ("confidence-output", &spec.confidence_output),
+                ("error-output", &spec.error_output),
             ];
             for (key, name) in named {
                 outputs.extend(name.iter().map(|name| index(key, name)).collect::<Result<Vec<_>>>()?);
@@ -149,7 +168,8 @@ impl OnnxPrior {
     }
 
     /// The specification of a model: a TOML file beside it, else the files of a model hub, else the profile of a graph that cannot be
-    /// mistaken by the names of its outputs (MoGe-2, UniDepth V2, Depth Pro, Metric3D v2), else the profile that matches its name.
+    /// mistaken by the names of its outputs (MoGe-2, UniDepth V2, Depth Pro, Metric3D v2) or by its layers (FastDepth), else the profile that
+    /// matches its name.
     ///
     /// # Errors
     /// Those of [`ModelSpec::of`].
@@ -162,26 +182,16 @@ impl OnnxPrior {
             return Ok(spec);
         }
         // A file that is no graph gets its error when it is opened.
-        let outputs = call(path, || output_names(path).map_err(|reason| model_error(path, reason)));
-        let outputs = outputs.unwrap_or_default();
-        let all = |names: &[&str]| names.iter().all(|name| outputs.iter().any(|output| output == name));
-        if all(&["points", "mask", "metric_scale"]) {
-            ModelSpec::profile("moge-2")
-        } else if all(&["pts_3d", "intrinsics"]) {
-            ModelSpec::profile("unidepth-v2")
-        } else if all(&["out_K", "depth", "confidence"]) {
-            // Of its older export.
-            let spec = ModelSpec::profile("unidepth-v2")?;
-            let (output_name, camera_output) = (Some("depth".to_owned()), Some("out_K".to_owned()));
-            Ok(ModelSpec { output_name, camera_output, output_channel: None, ..spec })
-        } else if all(&["predicted_depth", "focallength_px"]) {
-            ModelSpec::profile("depth-pro")
-        } else if all(&["predicted_depth", "predicted_normal", "normal_confidence"]) {
-            let spec = ModelSpec::profile("metric3d-v2")?;
-            Ok(ModelSpec { output_name: Some("predicted_depth".to_owned()), ..spec })
-        } else {
-            ModelSpec::guess(path)
+        let read = || Outline::read(path).map_err(|reason| model_error(path, reason));
+        let outline = call(path, read).unwrap_or_default();
+        let spec = match outline.profile() {
+            Some(name) => ModelSpec::profile(name)?,
+            None => ModelSpec::guess(path)?,
+        };
+        if spec.aspect == Aspect::Pad && outline.outputs.iter().any(|name| name == "predicted_depth") {
+            return Ok(ModelSpec { output_name: Some("predicted_depth".to_owned()), ..spec });
         }
+        Ok(spec.for_outputs(&outline.outputs))
     }
 
     /// Loads a model with the specification that is [recognised](Self::recognise).
@@ -247,7 +257,10 @@ impl OnnxPrior {
     /// [`Error::Input`] for an image that is not `[height, width, 3]` or not finite; [`Error::Model`] when the model
     /// fails or its output is no map of finite values.
     pub fn predict_native(&self, image: ArrayView3<'_, f32>) -> Result<Array2<f32>> {
-        let Native { mut map, mask, .. } = self.native(image)?;
+        let native = self.native(image)?;
+        let depth = native.depth();
+        let Native { map, mask, .. } = native;
+        let mut map = map.mapv_into(depth);
         if let Some(mask) = mask {
             map.zip_mut_with(&mask, |value, &valid| *value = if valid { *value } else { 0.0 });
         }
@@ -279,10 +292,19 @@ impl OnnxPrior {
             let mut named =
                 |name: &Option<String>| name.as_ref().map(|_| outputs.next().ok_or_else(missing)).transpose();
             let (scale, mask) = (named(&self.spec.scale_output)?, named(&self.spec.mask_output)?);
-            let (camera, confidence) =
-                (named(&self.spec.camera_output)?, named(&self.spec.confidence_output)?);
+            let (camera, fov) = (named(&self.spec.camera_output)?, named(&self.spec.fov_output)?);
+            let confidence = named(&self.spec.confidence_output)?;
+            let certainty = match confidence {
+                Some(values) => Some((CertaintyMeaning::Confidence, values)),
+                None => named(&self.spec.error_output)?.map(|values| (CertaintyMeaning::Error, values)),
+            };
+            let focal = fov.map(|fov| self.focal(&fov, &frame)).transpose()?;
+            let inverse = focal.map(|focal| frame.input.1 as f32 / focal);
+            let camera = camera.or(focal.map(|focal| Output { shape: vec![1], values: vec![focal] }));
             let mask = mask.map(|mask| Ok(self.map(mask, &frame)?.mapv(|m| m > 0.5))).transpose()?;
-            let confidence = confidence.map(|values| self.map(values, &frame)).transpose()?;
+            let certainty = certainty
+                .map(|(meaning, values)| Ok(Certainty { meaning, map: self.map(values, &frame)? }))
+                .transpose()?;
             let mut intrinsics =
                 camera.map(|camera| self.intrinsics(&camera, &frame, (height, width))).transpose()?;
             let mut map = match self.spec.output_channel {
@@ -311,8 +333,21 @@ impl OnnxPrior {
                 };
                 map.mapv_inplace(|v| factor * v);
             }
-            Ok(Native { map, mask, intrinsics, confidence })
+            Ok(Native { map, mask, intrinsics, certainty, inverse })
         })
+    }
+
+    /// The focal length, in pixels of the input, of a horizontal field of view in degrees.
+    fn focal(&self, fov: &Output, frame: &Frame) -> Result<f32> {
+        match *fov.values.as_slice() {
+            [degrees] if degrees > 0.0 && degrees < 180.0 => {
+                Ok(0.5 * frame.input.1 as f32 / (0.5 * degrees.to_radians()).tan())
+            }
+            _ => {
+                Err(self
+                    .error("fov-output is no field of view of 0 to 180 degrees; check its name".to_owned()))
+            }
+        }
     }
 
     /// The camera of an image: that of the input, scaled.
@@ -439,14 +474,17 @@ impl Frame {
 
 impl DepthPrior for OnnxPrior {
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-        let Native { map: mut native, mask, intrinsics, confidence } = self.native(image.view())?;
+        let native = self.native(image.view())?;
+        let depth = native.depth();
+        let Native { map: mut native, mask, intrinsics, certainty, inverse } = native;
         let floor = self.spec.output_floor;
         // Before resizing, so that 0 does not spread to its neighbours; and after it, since bicubic overshoots.
-        if let Some(floor) = floor {
+        if let Some(floor) = floor.filter(|_| inverse.is_none()) {
             native.mapv_inplace(|v| v.max(floor));
         }
         let (height, width, _) = image.dim();
-        let mut map = resize(native.view(), (height, width), self.spec.output_filter);
+        // Depth Pro's authors resize the inverse depth too.
+        let mut map = resize(native.view(), (height, width), self.spec.output_filter).mapv_into(depth);
         if let Some(floor) = floor {
             map.mapv_inplace(|v| v.max(floor));
         }
@@ -455,8 +493,9 @@ impl DepthPrior for OnnxPrior {
             Some(mask) => PriorDepth::with_mask(map, nearest(mask.view(), (height, width)), self.kind()),
         };
         let prior = prior.map_err(|e| self.error(e.to_string()))?;
-        let confidence = confidence.map(|map| resize(map.view(), (height, width), Filter::Bilinear));
-        Ok(PriorDepth { intrinsics, confidence, ..prior })
+        let resized = |map: Array2<f32>| resize(map.view(), (height, width), Filter::Bilinear);
+        let certainty = certainty.map(|Certainty { meaning, map }| Certainty { meaning, map: resized(map) });
+        Ok(PriorDepth { intrinsics, certainty, ..prior })
     }
 
     fn accepts_new_images(&self) -> bool {

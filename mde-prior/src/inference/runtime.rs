@@ -71,19 +71,16 @@ pub(super) fn load(path: &Path) -> TractResult<(InferenceModel, Vec<PathBuf>)> {
     Ok((onnx.model_for_path(path)?, files))
 }
 
+/// The graph in a file, without the weights that are elsewhere.
+pub(super) fn proto(path: &Path) -> Result<ModelProto, String> {
+    let proto = tract_onnx::onnx().proto_model_for_path(path);
+    proto.map_err(|e| format!("the file is no ONNX model ({}); copy it again", one_line(&e)))
+}
+
 /// The files of a network's weights outside the ONNX file, sorted.
 #[cfg(feature = "onnxruntime")]
 pub(super) fn external_files(path: &Path) -> Result<Vec<PathBuf>, String> {
-    let proto = tract_onnx::onnx().proto_model_for_path(path);
-    let proto = proto.map_err(|e| format!("the file is no ONNX model ({}); copy it again", one_line(&e)))?;
-    Ok(named_files(&proto, path))
-}
-
-/// Names of a graph's outputs.
-pub(super) fn output_names(path: &Path) -> Result<Vec<String>, String> {
-    let proto = tract_onnx::onnx().proto_model_for_path(path);
-    let proto = proto.map_err(|e| format!("the file is no ONNX model ({}); copy it again", one_line(&e)))?;
-    Ok(proto.graph.iter().flat_map(|graph| &graph.output).map(|port| port.name.clone()).collect())
+    Ok(named_files(&proto(path)?, path))
 }
 
 fn named_files(proto: &ModelProto, path: &Path) -> Vec<PathBuf> {

@@ -19,7 +19,7 @@ pub use disparity::DisparityRule;
 #[cfg(feature = "io")]
 pub use file::FilePrior;
 #[cfg(feature = "onnx")]
-pub(crate) use profiles::IMAGENET;
+pub(crate) use profiles::{FIELDS_OF_VIEW, IMAGENET, INVERSE_DEPTHS};
 
 /// A monocular depth estimator.
 ///
@@ -185,8 +185,37 @@ pub struct PriorDepth {
     pub kind: DepthKind,
     /// \\((f_x, f_y, c_x, c_y)\\) in pixels of the image, with pixel centres at integers, where the model estimates its camera.
     pub intrinsics: Option<[f64; 4]>,
-    /// `[height, width]`, the model's own confidence (larger is surer) where it has one. It has no unit and is not calibrated.
-    pub confidence: Option<Array2<f32>>,
+    /// How sure the model itself is of each pixel, where it says so.
+    pub certainty: Option<Certainty>,
+}
+
+/// How sure a model is of each pixel, by its own statement, which is not calibrated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Certainty {
+    /// The meaning of the values.
+    pub meaning: CertaintyMeaning,
+    /// `[height, width]`, without a unit.
+    pub map: Array2<f32>,
+}
+
+/// The meaning of a model's statement about its own errors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum CertaintyMeaning {
+    /// Larger is surer.
+    Confidence,
+    /// Larger is less sure: the model's estimate of its error.
+    Error,
+}
+
+impl CertaintyMeaning {
+    /// `confidence` or `error`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Confidence => "confidence",
+            Self::Error => "error",
+        }
+    }
 }
 
 impl PriorDepth {
@@ -196,7 +225,7 @@ impl PriorDepth {
     /// [`Error::Input`] when no pixel has a value.
     pub fn from_values(map: Array2<f32>, kind: DepthKind) -> Result<Self> {
         let valid = map.mapv(|v| v.is_finite() && (v > 0.0 || !kind.is_depth()));
-        Self { map, valid, kind, intrinsics: None, confidence: None }.sanitised()
+        Self { map, valid, kind, intrinsics: None, certainty: None }.sanitised()
     }
 
     /// A map with a mask of the pixels that have a value, both `[height, width]`. A value that means "missing" is masked out too.
@@ -211,7 +240,7 @@ impl PriorDepth {
                 valid.dim()
             )));
         }
-        Self { map, valid, kind, intrinsics: None, confidence: None }.sanitised()
+        Self { map, valid, kind, intrinsics: None, certainty: None }.sanitised()
     }
 
     fn sanitised(mut self) -> Result<Self> {

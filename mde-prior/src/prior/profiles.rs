@@ -27,7 +27,15 @@ pub const PROFILES: [&str; 16] = [
 
 /// Mean and standard deviation of the colours of ImageNet.
 pub(crate) const IMAGENET: ([f32; 3], [f32; 3]) = ([0.485, 0.456, 0.406], [0.229, 0.224, 0.225]);
-const HALF: ([f32; 3], [f32; 3]) = ([0.5; 3], [0.5; 3]);
+/// What processors of Transformers take where a file names none.
+pub(super) const HALF: ([f32; 3], [f32; 3]) = ([0.5; 3], [0.5; 3]);
+
+/// Names of Depth Pro's field of view: those of Transformers and of Apple's code.
+#[cfg(feature = "onnx")]
+pub(crate) const FIELDS_OF_VIEW: [&str; 2] = ["field_of_view", "fov_deg"];
+/// Names of the inverse depth beside it.
+#[cfg(feature = "onnx")]
+pub(crate) const INVERSE_DEPTHS: [&str; 2] = ["predicted_depth", "canonical_inverse_depth"];
 
 impl ModelSpec {
     /// The format of a published model, from its authors' own preprocessing.
@@ -42,8 +50,8 @@ impl ModelSpec {
     /// | `depth-anything-3-mono` | within 504, multiples of 14 | ImageNet | depth without scale |
     /// | `depth-anything-3-metric` | the same | ImageNet | metres for a focal length of 300 pixels |
     /// | `zoedepth` | 512x384 at least, multiples of 32 | mean and std 0.5 | metres |
-    /// | `depth-pro` | 1536x1536, squashed | mean and std 0.5 | metres; `focallength_px` |
-    /// | `unidepth-v2` | 630x462, squashed | ImageNet | metres: z of `pts_3d`; `intrinsics`, `confidence` |
+    /// | `depth-pro` | 1536x1536, squashed | mean and std 0.5 | metres and `focallength_px`, or inverse depth of a focal length of the width and `field_of_view` |
+    /// | `unidepth-v2` | 630x462, squashed | ImageNet | metres: z of `pts_3d`; `intrinsics`; `confidence`, which is its error |
     /// | `moge-2` | within 728, multiples of 14, 1800 tokens | RGB/255 | metres: z of `points`, its shift recovered, times `metric_scale`; `mask`; the camera |
     /// | `metric3d-v2` | 1064x616, aspect kept, padded | RGB | metres for a focal length of 1000 pixels |
     /// | `lite-mono`, `pydnet` | 640x192, squashed | RGB/255 | disparity |
@@ -100,7 +108,8 @@ impl ModelSpec {
                 output_name: Some("pts_3d".to_owned()),
                 output_channel: Some(2),
                 camera_output: Some("intrinsics".to_owned()),
-                confidence_output: Some("confidence".to_owned()),
+                // Its name misleads: the loss fits it to the error (unidepth/ops/losses/confidence.py).
+                error_output: Some("confidence".to_owned()),
                 ..squashed(630, 462, IMAGENET, DepthKind::Metric)
             }),
             "moge-2" => Ok(Self {
@@ -123,6 +132,33 @@ impl ModelSpec {
             "lite-mono" | "pydnet" => Ok(Self::new(640, 192, disparity)),
             _ => Err(Error::UnknownProfile { name: name.to_owned() }),
         }
+    }
+
+    /// The specification for a graph with those outputs, where a network has exports of several kinds.
+    #[cfg(feature = "onnx")]
+    pub(crate) fn for_outputs(self, outputs: &[String]) -> Self {
+        let has = |name: &str| outputs.iter().any(|output| output == name);
+        let lacks = |name: &Option<String>, of: &str| name.as_deref() == Some(of) && !has(of);
+        let named = |name: &str| Some(name.to_owned());
+        // Depth Pro as its network gives it, without the metres that its authors' code makes of it.
+        if lacks(&self.camera_output, "focallength_px") {
+            let fov = FIELDS_OF_VIEW.into_iter().find(|name| has(name));
+            let depth = INVERSE_DEPTHS.into_iter().find(|name| has(name));
+            if let (Some(fov), Some(depth)) = (fov, depth) {
+                return Self {
+                    camera_output: None,
+                    fov_output: named(fov),
+                    output_name: named(depth),
+                    ..self
+                };
+            }
+        }
+        // UniDepth V2's older export.
+        if lacks(&self.output_name, "pts_3d") && has("out_K") && has("depth") {
+            let (output_name, camera_output) = (named("depth"), named("out_K"));
+            return Self { output_name, camera_output, output_channel: None, ..self };
+        }
+        self
     }
 
     /// The profile that matches a model's file name: `dpt_large_384.onnx`, `depth_anything_v2_vits.onnx`, ...

@@ -105,9 +105,16 @@ pub struct ModelSpec {
     /// Name of an output with the camera, in pixels of the input: a focal length, or a 3x3 matrix.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera_output: Option<String>,
+    /// Name of an output with the camera's horizontal field of view in degrees. The depth's output \\(c\\) is then inverse depth for a focal
+    /// length of the width, and depth is \\(1 / (2 c \tan(\text{fov} / 2))\\), from 0.1 mm to 10 km (Depth Pro).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fov_output: Option<String>,
     /// Name of an output with the model's confidence per pixel, larger where it is surer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confidence_output: Option<String>,
+    /// Name of an output with the model's own estimate of its error per pixel, larger where it is less sure, in place of a confidence.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error_output: Option<String>,
     /// Focal length \\(f_c\\) in pixels of the camera for which the output is in metres: for another camera, of \\(f\\) pixels at the
     /// size of the input, metres are \\(f / f_c\\) times the output, and without a known camera the depth has no unit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -168,7 +175,9 @@ impl ModelSpec {
             scale_output: None,
             mask_output: None,
             camera_output: None,
+            fov_output: None,
             confidence_output: None,
+            error_output: None,
             canonical_focal: None,
             recover_shift: false,
             tokens: None,
@@ -184,6 +193,7 @@ impl ModelSpec {
             output,
             output_floor: self.output_floor.filter(|_| output.is_depth()),
             canonical_focal: self.canonical_focal.filter(|_| output == DepthKind::Metric),
+            fov_output: self.fov_output.filter(|_| output.is_depth()),
             ..self
         }
     }
@@ -250,6 +260,12 @@ impl ModelSpec {
         if let Some(floor) = self.output_floor {
             check(floor.is_finite() && floor > 0.0, "output-floor", &floor, "give a positive depth")?;
             check(self.output.is_depth(), "output-floor", &floor, "remove it: disparities may be negative")?;
+        }
+        if let Some(name) = &self.fov_output {
+            check(self.output.is_depth(), "fov-output", name, "set output = \"metric\", or remove it")?;
+        }
+        if let (Some(name), Some(_)) = (&self.error_output, &self.confidence_output) {
+            check(false, "error-output", name, "remove it or confidence-output: one of them is kept")?;
         }
         if let Some(focal) = self.canonical_focal {
             check(

@@ -249,3 +249,28 @@ published(
     [("predicted_depth", F, [1, "height", "width"])],
     GREY_CONSTANTS,
 )
+# Depth Pro as Transformers and Apple's network give it: inverse depth for a focal length of the width, and the field of view in degrees.
+for name, depth, fov in [("depth_pro_inverse", "predicted_depth", "field_of_view"),
+                         ("depth_pro_apple", "canonical_inverse_depth", "fov_deg")]:
+    published(
+        name,
+        GREY_NODES + [
+            helper.make_node("Squeeze", ["z", "axis"], [depth]),
+            helper.make_node("Identity", ["f"], [fov]),
+        ],
+        [("image", F, [1, 3, H, W])],
+        [(depth, F, [1, H, W]), (fov, F, [1])],
+        GREY_CONSTANTS + [constant("f", np.float32([60.0]))],
+    )
+# FastDepth's layers, as many and of the same kernels: MobileNet's, then those of its decoder. Each keeps the picture's three channels.
+names = ["image", *(f"a{i}" for i in range(13)), *(f"b{i}" for i in range(5))]
+published(
+    "fastdepth_like",
+    [helper.make_node("Conv", [a, "k3" if b[0] == "a" else "k5"], [b], group=3, pads=[1 if b[0] == "a" else 2] * 4,
+                      kernel_shape=[3, 3] if b[0] == "a" else [5, 5]) for a, b in zip(names, names[1:])]
+    + [helper.make_node("Conv", [names[-1], "grey"], ["depth"], kernel_shape=[1, 1])],
+    [("image", F, [1, 3, 224, 224])],
+    [("depth", F, [1, 1, 224, 224])],
+    [constant("k3", np.full((3, 1, 3, 3), 1 / 9, np.float32)), constant("k5", np.full((3, 1, 5, 5), 1 / 25, np.float32)),
+     constant("grey", 5 * GREY[None, :, None, None])],
+)

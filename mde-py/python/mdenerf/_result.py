@@ -161,8 +161,10 @@ class Result:
     _strip: list[Floats] = part(default_factory=list, repr=False)
     #: The photograph, where bytes do not hold it.
     _exact: Floats | None = part(default=None, repr=False)
-    #: The network's own.
+    #: The network's own: larger where it is surer.
     _confidence: Floats | None = part(default=None, repr=False)
+    #: The network's own: larger where it is less sure.
+    _error: Floats | None = part(default=None, repr=False)
     #: Without the rounding of sigma.
     _variance: Floats = part(default_factory=lambda: np.zeros((0, 0), np.float32), repr=False)
 
@@ -185,6 +187,7 @@ class Result:
             _strip=parts["strip"],
             _exact=parts["exact"],
             _confidence=parts["confidence"],
+            _error=parts["error"],
             _variance=parts["variance"],
         )
 
@@ -254,6 +257,7 @@ class Result:
             "more": [(name, values) for name, values in ends if values is not None],
             "components": list(self.components.items()),
             "confidence": self._confidence,
+            "error": self._error,
             "evidence": list(self.evidence.items()),
             "image": self._photograph(),
             "pictures": list(self._pictures.items()),

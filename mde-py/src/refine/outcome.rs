@@ -1,6 +1,7 @@
 //! What a run gives back: maps, the record, pictures.
 
 use super::{Object, Watched};
+use mde_cli::mde_prior::{Certainty, CertaintyMeaning};
 use mde_cli::mde_warp::PinholeCamera;
 use mde_cli::results::preview::strip;
 use mde_cli::results::{About, Finished, RunRecord};
@@ -53,7 +54,7 @@ impl Outcome {
         let (origin, training) = (run.finish.origin, &recorded.watch.training);
         let record = RunRecord::<()>::new(about, origin, &done.result, training, done.prior_seconds);
         let record = serde_json::to_string(&record).map_err(Error::external)?;
-        let config = run.repeating(&done).to_toml()?;
+        let config = run.settings(&done)?;
         let (pictures, image) = (done.pictures(), done.image);
         let strip = strip(&done.shown(), image.dim().1);
         let field =
@@ -63,6 +64,10 @@ impl Outcome {
         let evidence = evidence.iter().flat_map(|evidence| evidence.arrays()).collect();
         let interval = stated.interval.map(|interval| interval.bounds(&refinement.depth));
         let [lower, upper] = interval.map_or([None, None], |ends| ends.map(Some));
+        let [confidence, error] = match refinement.certainty {
+            Some(Certainty { meaning: CertaintyMeaning::Error, map }) => [None, Some(map)],
+            own => [own.map(|own| own.map), None],
+        };
         let sigma = refinement.depth.sigma();
         let (depth, variance) = refinement.depth.into_parts();
         let bytes = bytes(image);
@@ -74,7 +79,7 @@ impl Outcome {
                 ("sigma", sigma),
                 ("prior", refinement.prior),
             ],
-            more: vec![("lower", lower), ("upper", upper), ("confidence", refinement.confidence)],
+            more: vec![("lower", lower), ("upper", upper), ("confidence", confidence), ("error", error)],
             components: refinement.components.into_iter().map(|part| (part.name, part.sigma)).collect(),
             evidence,
             image: bytes,

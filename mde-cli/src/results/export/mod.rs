@@ -7,6 +7,7 @@ pub mod ply;
 pub mod transforms;
 
 use crate::{Error, Result};
+use mde_prior::CertaintyMeaning;
 use mde_prior::format::write_npy;
 use mde_prior::photo::write_image;
 use mde_uncertainty::GaussianDepth;
@@ -91,8 +92,8 @@ pub struct Exported<'e> {
     pub prior: ArrayView2<'e, f32>,
     /// The components of sigma by their names.
     pub components: Vec<(&'e str, ArrayView2<'e, f32>)>,
-    /// The network's own confidence.
-    pub confidence: Option<ArrayView2<'e, f32>>,
+    /// How sure the network itself is.
+    pub certainty: Option<(CertaintyMeaning, ArrayView2<'e, f32>)>,
     /// Whether the points of PLY have y up.
     pub y_up: bool,
     /// Steps per unit of depth.png.
@@ -132,8 +133,8 @@ impl Exported<'_> {
                 for (name, sigma) in &self.components {
                     write_npy(parts.join(format!("{name}.npy")), *sigma)?;
                 }
-                if let Some(confidence) = self.confidence {
-                    write_npy(parts.join("network-confidence.npy"), confidence)?;
+                if let Some((meaning, map)) = self.certainty {
+                    write_npy(parts.join(format!("network-{}.npy", meaning.name())), map)?;
                 }
                 Ok(())
             }
@@ -194,7 +195,7 @@ pub(crate) mod tests {
             depth: &depth,
             prior: prior.view(),
             components: Vec::new(),
-            confidence: None,
+            certainty: None,
             y_up: false,
             png_scale: 1000.0,
         });

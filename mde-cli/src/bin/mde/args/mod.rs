@@ -301,7 +301,7 @@ pub(crate) struct ReportArgs {
 pub(crate) struct PriorArgs {
     #[command(flatten)]
     pub(crate) source: PriorSource,
-    /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else guessed from its name
+    /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else recognised by its folder, its graph or its name
     #[arg(long, value_name = "NAME", conflicts_with = "prior_depth")]
     pub(crate) model_profile: Option<String>,
     /// Size of the model's input, pixels; by default that of the profile
@@ -330,23 +330,22 @@ pub(crate) struct PriorArgs {
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Prior")]
 pub(crate) struct RuntimeArgs {
-    /// What runs the model
+    /// What runs the model; tract, unless --onnxruntime is given
     #[cfg(feature = "onnxruntime")]
-    #[arg(long, value_enum, default_value = "tract")]
-    pub(crate) runtime: RuntimeName,
+    #[arg(long, value_enum)]
+    pub(crate) runtime: Option<RuntimeName>,
     /// ONNX Runtime's library; else ORT_DYLIB_PATH, else beside this program, else in the active Python's package onnxruntime
     #[cfg(feature = "onnxruntime")]
     #[arg(long, value_name = "LIBRARY")]
     pub(crate) onnxruntime: Option<PathBuf>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 #[cfg(feature = "onnxruntime")]
 pub(crate) enum RuntimeName {
     /// ONNX Runtime where its library is found, else tract
     Auto,
     /// tract, part of this program
-    #[default]
     Tract,
     /// ONNX Runtime
     Onnxruntime,

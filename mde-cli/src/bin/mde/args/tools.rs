@@ -1,5 +1,6 @@
 //! Arguments of the commands about the program and the machine.
 
+use super::{KindName, size};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -8,15 +9,22 @@ use std::path::PathBuf;
 Examples:
   mde doctor
   mde doctor --prior-model dpt_large.onnx
+  mde doctor --prior-model net.onnx --input-size 48x48 --prior-kind disparity
 
 A model is timed with every runtime that is found, and its predictions of procedural rooms are compared with the exact depth.")]
 pub(crate) struct DoctorArgs {
     /// A monocular depth network to check
     #[arg(long, value_name = "MODEL.onnx")]
     pub(crate) prior_model: Option<PathBuf>,
-    /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else guessed from its name
+    /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else recognised by its folder, its graph or its name
     #[arg(long, value_name = "NAME", requires = "prior_model")]
     pub(crate) model_profile: Option<String>,
+    /// Size of the model's input, pixels; by default that of the profile
+    #[arg(long, value_name = "WxH", value_parser = size, requires = "prior_model")]
+    pub(crate) input_size: Option<[usize; 2]>,
+    /// Kind of the model's values; by default that of the profile
+    #[arg(long, value_enum, requires = "prior_model")]
+    pub(crate) prior_kind: Option<KindName>,
     /// ONNX Runtime's library, timed beside tract; else ORT_DYLIB_PATH, else beside this program, else in the active Python
     #[cfg(feature = "onnxruntime")]
     #[arg(long, value_name = "LIBRARY", requires = "prior_model")]

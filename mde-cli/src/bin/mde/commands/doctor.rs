@@ -10,7 +10,7 @@ use anyhow::{Context, Result, ensure};
 use mde_cli::Preset;
 use mde_eval::scene::{Room, room};
 use mde_prior::augment::Plan;
-use mde_prior::{DisparityRule, predict_each};
+use mde_prior::{DepthKind, DisparityRule, predict_each};
 use mde_uncertainty::statistics::spearman;
 use std::io::{self, IsTerminal, Write};
 use std::ops::ControlFlow;
@@ -59,8 +59,8 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
         let args = PriorArgs {
             source: PriorSource { prior_model: Some(path.to_owned()), prior_depth: None },
             model_profile: args.model_profile.clone(),
-            input_size: None,
-            prior_kind: None,
+            input_size: args.input_size,
+            prior_kind: args.prior_kind,
             png_scale: None,
             prior_encoding: EncodingName::Plain,
             runtime,
@@ -82,7 +82,7 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
             "ONNX Runtime: no library found; pip install onnxruntime, or give --onnxruntime PATH",
         ),
         Some(library) => {
-            let runtime = RuntimeArgs { runtime: RuntimeName::Onnxruntime, onnxruntime: Some(library) };
+            let runtime = RuntimeArgs { runtime: Some(RuntimeName::Onnxruntime), onnxruntime: Some(library) };
             match open(runtime).and_then(|prior| time(&prior)) {
                 Ok(()) => {}
                 Err(error) => print("runtime", &crate::message(&error)),
@@ -150,9 +150,17 @@ fn verdict(path: &Path, prior: &NamedPrior) -> Result<()> {
         &format!("Spearman's correlation with the true depth of {count} procedural rooms: {each}"),
     );
     ensure!(
+        mean > -AGREES || -mean < CHANCE * error,
+        "{}: near and far are exchanged (mean correlation {mean:.2}), as where a disparity is taken for a depth; {}",
+        path.display(),
+        match prior.origin.kind {
+            DepthKind::AffineDisparity => "give --prior-kind metric or depth, or check the profile",
+            _ => "give --prior-kind disparity, or check the profile",
+        }
+    );
+    ensure!(
         mean > AGREES && mean > CHANCE * error,
-        "{}: its depth does not agree with the rooms' beyond chance (mean correlation {mean:.2}); check the profile (a disparity taken \
-         for a depth has a negative correlation) and the weights",
+        "{}: its depth does not agree with the rooms' beyond chance (mean correlation {mean:.2}); check the profile and the weights",
         path.display()
     );
     print("verdict", "the model works here");

@@ -76,14 +76,22 @@ pub(crate) fn runtime(args: &RuntimeArgs) -> Result<mde_prior::Runtime> {
     {
         use crate::args::RuntimeName;
         let named = args.onnxruntime.as_deref();
-        if args.runtime == RuntimeName::Tract && named.is_none() {
+        let wanted = args.runtime.unwrap_or(match named {
+            None => RuntimeName::Tract,
+            Some(_) => RuntimeName::Onnxruntime,
+        });
+        if wanted == RuntimeName::Tract {
+            anyhow::ensure!(
+                named.is_none(),
+                "--runtime tract: runs no library, but --onnxruntime names one; leave one of them out"
+            );
             return Ok(mde_prior::Runtime::Tract);
         }
         if let Some(library) = mde_prior::find_onnxruntime(named) {
             return Ok(mde_prior::Runtime::OnnxRuntime(library));
         }
         anyhow::ensure!(
-            args.runtime == RuntimeName::Auto,
+            wanted == RuntimeName::Auto,
             "--runtime onnxruntime: no library of ONNX Runtime was found; install it (pip install onnxruntime), or give its path with \
              --onnxruntime or ORT_DYLIB_PATH"
         );

@@ -110,8 +110,9 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         "prior_sigma": stated.note,
         // Of the prior: the page makes the map.
         "prior_error": [stated.sigma_o, stated.common],
-        // What scales the whole map: the common error, and the scale's where it is known.
+        // Of a pixel: all its predictions share it. Measured distances take it as shared by both ends too.
         "common_error": stated.common,
+        // Of the whole map: its gauge, where it is known.
         "scale_error": record["error_bar"]["scale"]["relative"].as_f64().unwrap_or_default(),
         "gradients": gradients(),
         "files": files,
@@ -150,9 +151,16 @@ impl PriorSigma {
             PriorVariance::Heteroscedastic => ", its mean over the pixels",
             _ => "",
         };
+        let whose = match record["error_bar"]["common_assumed"].is_null() {
+            true => "",
+            false => ", which has FastDepth's error, assumed here (mde calibrate measures another network's)",
+        };
         let more = match common > 0.0 {
             true => {
-                format!(", with the common error of {:.0} % of the depth as in the result", 100.0 * common)
+                format!(
+                    ", with the common error of {:.0} % of the depth as in the result{whose}",
+                    100.0 * common
+                )
             }
             false => String::new(),
         };
@@ -160,7 +168,7 @@ impl PriorSigma {
             || iterations.is_empty()
         {
             format!(
-                "The prior's ± is the common error of {:.0} % of the depth: a single prediction gives no spread.",
+                "The prior's ± is the common error of {:.0} % of the depth{whose}: a single prediction gives no spread.",
                 100.0 * common
             )
         } else {

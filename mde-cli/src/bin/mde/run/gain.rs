@@ -48,6 +48,10 @@ pub(crate) fn summary(result: &Finished, of_model: bool) -> String {
     };
     let least = least_sure(depth, sigma.view())
         .map_or_else(String::new, |(place, share)| format!("; least sure {place}: {}", percent(Some(share))));
+    let assumed = stated.common_assumed.map_or_else(String::new, |share| {
+        let measure = "assumed here: mde calibrate measures this network's";
+        format!("; in it {:.0} % of the depth is FastDepth's error, {measure}", 100.0 * share)
+    });
     let scale = match (&stated.scale, of_model) {
         (Some(scale), _) => {
             format!(
@@ -60,7 +64,7 @@ pub(crate) fn summary(result: &Finished, of_model: bool) -> String {
         (None, false) => String::new(),
     };
     let mut lines = vec![format!(
-        "depth: {change}\nsigma: median {}{unit}, {} of the depth{least}{scale}",
+        "depth: {change}\nsigma: median {}{unit}, {} of the depth{assumed}{least}{scale}",
         median(known).map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
         percent(median(relative)),
     )];

@@ -233,9 +233,9 @@ impl Job<'_> {
             ..RunRecord::new(about, origin, &done.result, progress.training(), done.prior_seconds)
         };
         write_json(&path.join(RECORD), &record)?;
-        let Refinement { depth, prior, components, confidence, .. } = refinement;
+        let Refinement { depth, prior, components, certainty, .. } = refinement;
         let scene = Exported {
-            confidence: confidence.as_ref().map(|confidence| confidence.view()),
+            certainty: certainty.as_ref().map(|own| (own.meaning, own.map.view())),
             ..self.scene(done.image, &done.camera, depth, prior, components)
         };
         self.export.iter().try_for_each(|format| scene.write(*format, path))?;
@@ -258,7 +258,7 @@ impl Job<'_> {
             depth,
             prior: prior.view(),
             components: components.iter().map(|part| (part.name, part.sigma.view())).collect(),
-            confidence: None,
+            certainty: None,
             y_up: self.y_up,
             png_scale: DepthPng::new(self.unit(), depth.mean().iter().copied()).scale,
         }
@@ -313,7 +313,7 @@ impl Job<'_> {
             png,
         }
         .write(folder)?;
-        let config = self.of_capture(None).repeating(done).to_toml()?;
+        let config = self.of_capture(None).settings(done)?;
         mde_prior::write_atomic(&folder.join("config.toml"), config.as_bytes())?;
         if let Some(capture) = self.capture.as_ref().filter(|_| self.keep_photographs) {
             let path = folder.join("photographs");

@@ -312,7 +312,7 @@ mod tests {
             depth: &depth,
             prior: prior.view(),
             components: Vec::new(),
-            confidence: None,
+            certainty: None,
             y_up: false,
             png_scale: 1000.0,
         });

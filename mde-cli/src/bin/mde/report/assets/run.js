@@ -19,7 +19,7 @@ async function runPage(page) {
   page.append(make("div", { class: "triptych" }, three));
 
   const compare = viewer(scene);
-  const hint = "Drag in the image to move the border; point at a pixel to read its values. Ctrl with the wheel, two fingers, or plus and minus zoom; then drag to move the picture. Measured distances are of the refined depth; beside its common error, the errors of their ends count as independent. ";
+  const hint = "Drag in the image to move the border; point at a pixel to read its values. Ctrl with the wheel, two fingers, or plus and minus zoom; then drag to move the picture. Measured distances are of the refined depth; its common error counts as shared by both ends, their other errors as independent. ";
   section("Before and after", hint + report.prior_sigma, compare.root);
   if (record.capture) photographSection(scene);
 
@@ -55,10 +55,10 @@ function headline(record, maps, unit) {
   const last = record.iterations[record.iterations.length - 1];
   const cards = [
     card(percent(median), `typical change of the depth (median); 90${NBSP}% of pixels changed by less than ${percent(most)}`),
-    card(`± ${number(quantiles(maps.sigma, [0.5])[0])}${unit}`, `median sigma: ${percent(quantiles(relative, [0.5])[0])} of the depth`),
+    card(`± ${number(quantiles(maps.sigma, [0.5])[0])}${unit}`, `median sigma: ${percent(quantiles(relative, [0.5])[0])} of the depth${assumed(record)}`),
   ];
   const predictions = record.augmentation?.predictions ?? 1;
-  if (predictions > 1) cards.push(card(String(predictions), `predictions of the model, on the photograph, crops and mirror images; median spread ${percent(record.augmentation.median_spread ?? NaN)}`));
+  if (predictions > 1) cards.push(card(String(predictions), planOf(record.augmentation)));
   if (last) cards.push(card(percent(last.fusion.nerf_weight), "weight of the field in the result; the rest is the prior"));
   const { capture } = record;
   if (capture && !capture.fallback) {
@@ -74,6 +74,20 @@ function headline(record, maps, unit) {
     cards.unshift(card(`${number(before)} → ${number(after)}`, `AbsRel against the truth: ${verdict(after / before - 1)} (${record.scores.shown} alignment)`));
   }
   return make("div", { class: "cards" }, cards);
+}
+
+/** What of sigma is not known of this network. */
+function assumed(record) {
+  const share = record.error_bar?.common_assumed;
+  return share ? `; in it ${percent(share)} of the depth is FastDepth's error, assumed here: mde calibrate measures this network's` : "";
+}
+
+/** Which images the model predicted, and why so many. */
+function planOf({ plan, reason, median_spread: spread }) {
+  const levels = plan?.levels ?? [];
+  const crops = levels.length > 0 ? `, crops of ${levels.map((n) => `${n} × ${n}`).join(", ")}` : "";
+  const mirror = plan?.mirror ? ", each with its mirror image" : "";
+  return `predictions of the model: the photograph${crops}${mirror}; their median spread ${percent(spread ?? NaN)}. ${reason ? `Why so many: ${reason}` : ""}`;
 }
 
 function verdict(change) {

@@ -154,7 +154,7 @@ function viewer({ layers, maps }) {
     const line = a.at.map((value, i) => value - b.at[i]);
     const length = Math.hypot(...line);
     if (!(length > 0)) return `0${unit}`;
-    // The common error and the scale's move the whole scene; what remains of sigma is each pixel's own.
+    // The scale's error moves the whole scene. The common error, which all predictions of a pixel share, counts as shared by both ends; what remains of sigma is each pixel's own.
     const common = report.common_error, whole = Math.hypot(common, report.scale_error ?? 0);
     const own = points.map(({ ray, z, sigma }) => {
       const along = ray.reduce((sum, r, i) => sum + r * line[i], 0) / length;

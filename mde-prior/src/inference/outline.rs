@@ -1,0 +1,102 @@
+//! What a graph shows of its network before it is loaded.
+
+use super::runtime::proto;
+use crate::prior::{FIELDS_OF_VIEW, INVERSE_DEPTHS};
+use std::path::Path;
+use tract_onnx::pb::tensor_shape_proto::dimension::Value;
+use tract_onnx::pb::type_proto::Value as Type;
+use tract_onnx::pb::{NodeProto, ValueInfoProto};
+
+/// The layers that tell FastDepth (Wofk et al., 2019): MobileNet's depthwise convolutions, and those of its decoder.
+const FASTDEPTH: Layers = Layers { depthwise_3: 13, decoder_5: 5 };
+/// Its input.
+const FASTDEPTH_INPUT: [i64; 4] = [1, 3, 224, 224];
+
+#[derive(Debug, Default)]
+pub(super) struct Outline {
+    /// Names of the outputs.
+    pub(super) outputs: Vec<String>,
+    /// Sides of the only input, where they are fixed.
+    input: Vec<i64>,
+    layers: Option<Layers>,
+}
+
+/// Convolutions of a network that has no matrix products, so no attention.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Layers {
+    /// Of 3 x 3, each channel alone.
+    depthwise_3: usize,
+    /// Of 5 x 5.
+    decoder_5: usize,
+}
+
+impl Outline {
+    /// Of the graph in a file.
+    pub(super) fn read(path: &Path) -> Result<Self, String> {
+        let graph = proto(path)?.graph.ok_or("the file has no graph; copy it again")?;
+        // Older exports name their weights among the inputs.
+        let is_weight = |port: &&ValueInfoProto| graph.initializer.iter().any(|w| w.name == port.name);
+        let inputs: Vec<_> = graph.input.iter().filter(|port| !is_weight(port)).collect();
+        let input = match inputs.as_slice() {
+            [one] => fixed(one),
+            _ => Vec::new(),
+        };
+        let outputs = graph.output.iter().map(|port| port.name.clone()).collect();
+        let attends = graph.node.iter().any(|node| matches!(node.op_type.as_str(), "MatMul" | "Gemm"));
+        let layers = (!attends).then(|| {
+            let mut layers = Layers::default();
+            for node in graph.node.iter().filter(|node| node.op_type == "Conv") {
+                match (kernel(node), groups(node) > 1) {
+                    ([3, 3], true) => layers.depthwise_3 += 1,
+                    ([5, 5], _) => layers.decoder_5 += 1,
+                    _ => {}
+                }
+            }
+            layers
+        });
+        Ok(Self { outputs, input, layers })
+    }
+
+    /// The profile of a network that cannot be mistaken.
+    pub(super) fn profile(&self) -> Option<&'static str> {
+        let has = |name: &str| self.outputs.iter().any(|output| output == name);
+        let all = |names: &[&str]| names.iter().all(|name| has(name));
+        let any = |names: &[&str]| names.iter().any(|name| has(name));
+        if all(&["points", "mask", "metric_scale"]) {
+            Some("moge-2")
+        } else if all(&["pts_3d", "intrinsics"]) || all(&["out_K", "depth", "confidence"]) {
+            Some("unidepth-v2")
+        } else if all(&["predicted_depth", "focallength_px"]) || any(&FIELDS_OF_VIEW) && any(&INVERSE_DEPTHS)
+        {
+            Some("depth-pro")
+        } else if all(&["predicted_depth", "predicted_normal", "normal_confidence"]) {
+            Some("metric3d-v2")
+        } else if self.input == FASTDEPTH_INPUT && self.outputs.len() == 1 && self.layers == Some(FASTDEPTH) {
+            Some("fastdepth")
+        } else {
+            None
+        }
+    }
+}
+
+/// The sides of a tensor; none where one is not fixed.
+fn fixed(port: &ValueInfoProto) -> Vec<i64> {
+    let Some(Type::TensorType(tensor)) = port.r#type.as_ref().and_then(|kind| kind.value.as_ref()) else {
+        return Vec::new();
+    };
+    let sides = tensor.shape.iter().flat_map(|shape| &shape.dim);
+    let sides = sides.map(|side| match side.value {
+        Some(Value::DimValue(side)) => Some(side),
+        _ => None,
+    });
+    sides.collect::<Option<_>>().unwrap_or_default()
+}
+
+fn kernel(node: &NodeProto) -> &[i64] {
+    let sides = node.attribute.iter().find(|attribute| attribute.name == "kernel_shape");
+    sides.map_or(&[], |sides| &sides.ints)
+}
+
+fn groups(node: &NodeProto) -> i64 {
+    node.attribute.iter().find(|attribute| attribute.name == "group").map_or(1, |group| group.i)
+}
