@@ -1,6 +1,7 @@
 //! The photographs of a command that takes many: files, folders, lists of names.
 
 use anyhow::{Context, Result, bail, ensure};
+use glob::{MatchOptions, glob_with};
 use std::collections::HashSet;
 use std::ffi::OsStr;
 use std::io::Read as _;
@@ -15,7 +16,7 @@ const LIST: &str = "txt";
 /// Whether the arguments name more than one photograph: several of them, a folder, a list, a pattern, standard input.
 pub(crate) fn are_many(named: &[&Path]) -> bool {
     match named {
-        [one] => *one == Path::new(STDIN) || is_list(one) || one.is_dir() || pattern::is_one(one),
+        [one] => *one == Path::new(STDIN) || is_list(one) || one.is_dir() || is_pattern(one),
         _ => true,
     }
 }
@@ -34,7 +35,7 @@ pub(crate) fn all(named: &[&Path]) -> Result<Vec<PathBuf>> {
                 listed("standard input", &text, Path::new("."))?
             }
             // Not every shell has put the names in its place.
-            () if pattern::is_one(name) => {
+            () if is_pattern(name) => {
                 let found = of_pattern(name);
                 ensure!(
                     !found.is_empty(),
@@ -75,11 +76,15 @@ fn is_list(path: &Path) -> bool {
     path.extension().and_then(OsStr::to_str).is_some_and(|e| e.eq_ignore_ascii_case(LIST)) && !path.is_dir()
 }
 
-/// The photographs whose names match.
+/// The photographs whose names match, in their order; a name that begins with a dot only where the pattern's does.
 fn of_pattern(pattern: &Path) -> Vec<PathBuf> {
-    let mut found = pattern::matches(pattern);
-    found.retain(|path| is_photograph(path));
-    found
+    let options = MatchOptions {
+        case_sensitive: !cfg!(windows),
+        require_literal_separator: true,
+        require_literal_leading_dot: true,
+    };
+    let found = pattern.to_str().and_then(|text| glob_with(text, options).ok());
+    found.into_iter().flatten().flatten().filter(|path| is_photograph(path)).collect()
 }
 
 /// One name or pattern per line, from the working folder, else from `folder`; empty lines and those that begin with # are skipped.
@@ -124,119 +129,14 @@ fn is_photograph(path: &Path) -> bool {
     extension.is_some_and(|e| PHOTOGRAPHS.contains(&e.to_ascii_lowercase().as_str())) && path.is_file()
 }
 
-/// Patterns of paths, as shells have them: `*`, `?`, `[abc]`, `[a-z]` and `[!a]` within a name.
-mod pattern {
-    use std::path::{Component, Path, PathBuf};
-
-    /// Whether it has wildcards and is no path itself.
-    pub(super) fn is_one(path: &Path) -> bool {
-        has_wildcard(path) && !path.exists()
-    }
-
-    /// The paths that match, in the order of their names; a name that begins with a dot only where the pattern's does.
-    pub(super) fn matches(pattern: &Path) -> Vec<PathBuf> {
-        let mut found = vec![PathBuf::new()];
-        for part in pattern.components() {
-            found = found.into_iter().flat_map(|place| within(&place, part)).collect();
-        }
-        found
-    }
-
-    fn has_wildcard(path: &Path) -> bool {
-        path.to_str().is_some_and(|text| text.contains(['*', '?', '[']))
-    }
-
-    /// The paths in a folder that match one part of a pattern.
-    fn within(place: &Path, part: Component<'_>) -> Vec<PathBuf> {
-        let wanted = match part {
-            Component::Normal(name) if has_wildcard(Path::new(name)) => name.to_string_lossy(),
-            _ => {
-                let path = place.join(part);
-                return if path.exists() { vec![path] } else { Vec::new() };
-            }
-        };
-        let folder = if place.as_os_str().is_empty() { Path::new(".") } else { place };
-        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-        let mut names: Vec<_> = entries.map(|entry| entry.file_name()).collect();
-        names.retain(|name| {
-            let name = name.to_string_lossy();
-            (wanted.starts_with('.') || !name.starts_with('.')) && matches_name(&wanted, &name)
-        });
-        names.sort();
-        names.into_iter().map(|name| place.join(name)).collect()
-    }
-
-    /// Whether a pattern matches a name; on Windows, where names have no case, in any.
-    pub(super) fn matches_name(pattern: &str, name: &str) -> bool {
-        let characters = |text: &str| -> Vec<char> {
-            if cfg!(windows) { text.to_lowercase().chars().collect() } else { text.chars().collect() }
-        };
-        let (pattern, name) = (characters(pattern), characters(name));
-        // Where the rest of the pattern may begin, after each character of the name.
-        let (mut p, mut n) = (0, 0);
-        let mut star = None;
-        while n < name.len() {
-            let next = one(&pattern[p..], name[n]);
-            if pattern.get(p) == Some(&'*') {
-                p += 1;
-                star = Some((p, n));
-            } else if let Some(length) = next {
-                (p, n) = (p + length, n + 1);
-            } else if let Some((after, at)) = star {
-                (p, n) = (after, at + 1);
-                star = Some((after, at + 1));
-            } else {
-                return false;
-            }
-        }
-        pattern[p..].iter().all(|c| *c == '*')
-    }
-
-    /// The length of the pattern's first element, if it matches the character.
-    fn one(pattern: &[char], c: char) -> Option<usize> {
-        match *pattern.first()? {
-            '?' => Some(1),
-            // The set's first character may be its closing bracket.
-            '[' => {
-                let negated = usize::from(matches!(pattern.get(1), Some('!' | '^')));
-                let begin = 1 + negated;
-                let Some(length) = pattern.iter().skip(begin + 1).position(|c| *c == ']') else {
-                    return (c == '[').then_some(1);
-                };
-                let set = &pattern[begin..=begin + length];
-                let mut inside = set.contains(&c);
-                for range in set.windows(3).filter(|range| range[1] == '-') {
-                    inside |= (range[0]..=range[2]).contains(&c);
-                }
-                (inside != (negated == 1)).then_some(begin + length + 2)
-            }
-            other => (other == c).then_some(1),
-        }
-    }
+/// Whether it has wildcards (`*`, `?`, `[abc]`) and is no path itself.
+fn is_pattern(path: &Path) -> bool {
+    path.to_str().is_some_and(|text| text.contains(['*', '?', '['])) && !path.exists()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_pattern_matches_as_in_a_shell() {
-        for (pattern, name, expected) in [
-            ("*.png", "a.png", true),
-            ("*.png", "a.jpg", false),
-            ("IMG_??.*g", "IMG_07.jpeg", true),
-            ("IMG_??.*g", "IMG_7.jpeg", false),
-            ("*a*b*", "xaxxb", true),
-            ("*a*b*", "xbxxa", false),
-            ("[a-c]1", "b1", true),
-            ("[!a-c]1", "b1", false),
-            ("[]x]1", "]1", true),
-            ("[1", "[1", true),
-            ("", "a", false),
-        ] {
-            assert_eq!(pattern::matches_name(pattern, name), expected, "{pattern} {name}");
-        }
-    }
 
     #[test]
     fn a_pattern_that_no_shell_expanded_names_photographs() {
