@@ -605,9 +605,9 @@ mod tests {
             let at = |text: &str| help.find(text).unwrap_or_else(|| panic!("{name}: no {text}"));
             assert!(at("--output") < at("--force") && at("--output") < at("--threads"), "{name}: {help}");
             assert!(at("Advanced:") < at("--threads"), "{name}: {help}");
-            let headings =
+            let mut headings =
                 help[..at("Examples:")].lines().filter(|line| !line.starts_with(' ') && line.ends_with(':'));
-            assert_eq!(headings.last(), Some("Advanced:"), "{name}: {help}");
+            assert_eq!(headings.next_back(), Some("Advanced:"), "{name}: {help}");
         }
         let rare: [(&str, &[&str]); 2] = [
             ("refine", &["matches", "unit", "shard", "same_scale"]),
