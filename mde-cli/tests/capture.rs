@@ -4,20 +4,20 @@
 mod common;
 
 use assert_cmd::Command;
+use common::capture::{Known, inputs, rendered_at};
 use common::wait_until;
 use mde_cli::mde_fusion::{Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_mvs::capture::{Distortion, Frame, Lens, PixelCentres, read_transforms, transforms_json};
+use mde_cli::mde_prior::DisparityRule;
 use mde_cli::mde_prior::format::{ReadOptions, read_values, write_npy};
 use mde_cli::mde_prior::photo::write_image;
-use mde_cli::mde_prior::{DepthPrior, DisparityRule, PriorDepth};
 use mde_cli::memory::capture_bytes;
-use mde_cli::ndarray::{Array2, Array3, ArrayView3};
+use mde_cli::ndarray::{Array2, Array3};
 use mde_cli::{
     Capture, Config, Event, Photograph, PreparedCapture, Preset, Refinement, Stages, refine_capture,
 };
 use mde_eval::capture::Capture as Rendered;
-use mde_eval::scene::{CaptureConfig, Room, World};
-use mde_eval::simulated::SimulatedPriorConfig;
+use mde_eval::scene::Room;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 use std::ops::ControlFlow;
@@ -25,57 +25,8 @@ use std::ops::ControlFlow;
 const WIDTH: usize = 128;
 const HEIGHT: usize = 96;
 
-/// The simulated prior of each photograph.
-struct Known(Vec<(Array3<f32>, PriorDepth)>);
-
-impl DepthPrior for Known {
-    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_cli::mde_prior::Result<PriorDepth> {
-        match self.0.iter().find(|(known, _)| known.view() == image) {
-            Some((_, depth)) => Ok(depth.clone()),
-            // A crop.
-            None => {
-                let (height, width, _) = image.dim();
-                PriorDepth::from_values(Array2::from_elem((height, width), 3.0), self.0[0].1.kind)
-            }
-        }
-    }
-
-    fn accepts_new_images(&self) -> bool {
-        true
-    }
-
-    fn concurrency(&self) -> usize {
-        usize::MAX
-    }
-}
-
 fn rendered(room: Room, views: usize) -> Rendered {
     rendered_at(room, views, [WIDTH, HEIGHT])
-}
-
-fn rendered_at(room: Room, views: usize, [width, height]: [usize; 2]) -> Rendered {
-    let config =
-        CaptureConfig { views, prior: SimulatedPriorConfig::disparity(), ..CaptureConfig::default() };
-    World::new(room, 0).unwrap().capture("room", &config, width, height).unwrap()
-}
-
-fn inputs(rendered: &Rendered, posed: bool) -> (Capture, Known) {
-    let photographs = rendered.views.iter().enumerate().map(|(index, known)| Photograph {
-        name: format!("photograph {index}"),
-        image: known.view.image.clone(),
-        mask: known.view.mask.clone(),
-        camera: known.view.camera,
-        focal_assumed: false,
-        pose: posed.then_some(known.view.pose),
-    });
-    let capture = Capture {
-        photographs: photographs.collect(),
-        reference: rendered.reference,
-        matches: None,
-        points: Vec::new(),
-    };
-    let known = rendered.views.iter().map(|v| (v.view.image.clone(), v.prior.clone().unwrap())).collect();
-    (capture, Known(known))
 }
 
 fn config() -> Config {
@@ -130,6 +81,16 @@ fn photographs_of_another_place_leave_the_reference_alone() {
     );
     assert_eq!(report.used(), 1);
     assert!(refined.field.is_none() && refined.augmentation.predictions > 1, "the default preset");
+}
+
+/// Where photographs are small, half of their matches may be wrong, and their poses right.
+#[test]
+fn small_photographs_keep_their_poses() {
+    let (capture, prior) = inputs(&rendered_at(Room::Study, 3, [96, 72]), true);
+    let text = "nerf.train.steps = 5\nnerf.train.rays = 64\nnerf.field.finest = 64\n";
+    let refined = run(&capture, &prior, &Config::with_overrides(Preset::MultiView, text, "test").unwrap());
+    let report = refined.capture.unwrap();
+    assert_eq!((report.fallback.as_deref(), report.used()), (None, 3), "{:?}", report.photographs);
 }
 
 /// Poses and photographs of another place do not belong together: neither with one such photograph among others, nor with all.

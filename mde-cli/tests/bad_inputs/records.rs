@@ -32,7 +32,9 @@ pub(crate) fn unusable_shards() {
         (of("shard", json!("2/2")), &["shard-2-of-2.json", "no index"]),
         (of("shard", json!({ "index": 1, "count": 2 })), &["double", "give each shard once"]),
         (of("shard", json!({ "index": 2, "count": 3 })), &["of 3 shards", "remove the files"]),
-        (of("shard", json!({ "index": 7, "count": 2 })), &["shards 2 of 2 are missing", "--shard I/2"]),
+        (of("shard", json!({ "index": 7, "count": 2 })), &["shard-2-of-2.json", "no shard 7/2"]),
+        (of("shard", json!({ "index": 1, "count": 0 })), &["shard-2-of-2.json", "no shard 1/0"]),
+        (of("shard", json!({ "index": 2, "count": 4_000_000_000_u32 })), &["no shard 2/4000000000"]),
         (of("all", json!(3)), &["other photographs", "give the shards of one run"]),
         (of("all", json!(-1)), &["shard-2-of-2.json", "no index"]),
         (of("set", json!("other")), &["other photographs"]),
@@ -56,6 +58,15 @@ pub(crate) fn unusable_shards() {
             refused(format!("merge {}", folder.display()), told)
         })
         .collect();
+    let alone = place.path("alone");
+    fs::create_dir_all(&alone).unwrap();
+    let mut one = whole(2);
+    one["shard"]["count"] = json!(1000);
+    fs::write(alone.join("shard-2-of-1000.json"), one.to_string()).unwrap();
+    cases.push(refused(
+        format!("merge {}", alone.display()),
+        &["shards 1, 3, 4,", ", 11 and 989 more of 1000 are missing", "--shard I/1000"],
+    ));
     let scenes = place.path("scenes");
     fs::create_dir_all(&scenes).unwrap();
     fs::write(scenes.join("eval-shard-1-of-2.json"), "{}").unwrap();

@@ -1,6 +1,8 @@
 //! A small picture with its depth, written where the program can read it, and settings that take no time.
 #![allow(dead_code, clippy::expect_used, clippy::unwrap_used)]
 
+pub(crate) mod capture;
+
 use assert_cmd::Command;
 use mde_cli::mde_prior::format::write_npy;
 use mde_cli::mde_prior::photo::write_image;

@@ -1,19 +1,46 @@
 //! A part of many photographs or scenes, by their names alone.
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{bail, ensure};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
+/// Missing shards that a message names.
+const NAMED: usize = 10;
+
 /// Part `index` of `count`, from 1.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "Stated")]
 pub(crate) struct Shard {
     pub(crate) index: u32,
     pub(crate) count: u32,
 }
 
+/// What a record states, not checked.
+#[derive(Deserialize)]
+struct Stated {
+    index: u32,
+    count: u32,
+}
+
+impl TryFrom<Stated> for Shard {
+    type Error = String;
+
+    fn try_from(Stated { index, count }: Stated) -> Result<Self, String> {
+        Self::new(index, count).ok_or_else(|| format!("there is no shard {index}/{count}"))
+    }
+}
+
 impl Shard {
+    /// The most parts that a run can have.
+    const MOST: u32 = 1_000_000;
+
+    fn new(index: u32, count: u32) -> Option<Self> {
+        ((1..=count).contains(&index) && count <= Self::MOST).then_some(Self { index, count })
+    }
+
     /// Whether the item of this name belongs to it: the CRC-32 of the name modulo the number of shards.
     pub(crate) fn has(&self, name: &str) -> bool {
         crc32fast::hash(name.as_bytes()) % self.count == self.index - 1
@@ -38,7 +65,7 @@ pub(crate) struct Claim<'c> {
 
 /// Checks that shards make one whole, with nothing missing and nothing double. `items` is what they are parts of, `command` makes
 /// a shard, `files` are their records.
-pub(crate) fn check(claims: &[Claim<'_>], items: &str, command: &str, files: &str) -> Result<()> {
+pub(crate) fn check(claims: &[Claim<'_>], items: &str, command: &str, files: &str) -> anyhow::Result<()> {
     let Some(first) = claims.first() else { bail!("no shard") };
     let count = first.shard.count;
     let (mut keys, mut names, mut seen) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
@@ -66,10 +93,14 @@ pub(crate) fn check(claims: &[Claim<'_>], items: &str, command: &str, files: &st
     }
     let missing: Vec<String> =
         (1..=count).filter(|index| !seen.contains(index)).map(|i| i.to_string()).collect();
+    let more = match missing.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
     ensure!(
         missing.is_empty(),
-        "shards {} of {count} are missing; run {command} --shard I/{count} for them",
-        missing.join(", ")
+        "shards {}{more} of {count} are missing; run {command} --shard I/{count} for them",
+        missing[..missing.len().min(NAMED)].join(", ")
     );
     ensure!(
         keys.len() == first.all,
@@ -84,13 +115,8 @@ impl FromStr for Shard {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
-        match parts {
-            Some((index, count)) if (1..=count).contains(&index) && count <= 1_000_000 => {
-                Ok(Self { index, count })
-            }
-            _ => Err("give I/N with I from 1 to N, such as 2/8".to_owned()),
-        }
+        let shard = text.split_once('/').and_then(|(i, n)| Self::new(i.parse().ok()?, n.parse().ok()?));
+        shard.ok_or_else(|| "give I/N with I from 1 to N, such as 2/8".to_owned())
     }
 }
 
