@@ -242,3 +242,69 @@ fn a_prior_can_be_shared_between_threads() {
     fn shared<T: Send + Sync>() {}
     shared::<OnnxPrior>();
 }
+
+/// A field of a message of protobuf: bytes.
+fn field(number: u8, bytes: &[u8]) -> Vec<u8> {
+    [vec![number << 3 | 2], varint(bytes.len()), bytes.to_vec()].concat()
+}
+
+/// The same: a whole number.
+fn whole(number: u8, value: usize) -> Vec<u8> {
+    [vec![number << 3], varint(value)].concat()
+}
+
+fn varint(mut value: usize) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    while value > 127 {
+        bytes.push((value & 127) as u8 | 128);
+        value >>= 7;
+    }
+    bytes.push(value as u8);
+    bytes
+}
+
+/// An ONNX file of convolutions of 3 x 3, of 3, 48, 48 and 1 channels, on images of that side.
+fn convolutions(side: usize) -> Vec<u8> {
+    let port = |name: &str, channels: usize| {
+        let sides = [1, channels, side, side].map(|side| field(1, &whole(1, side))).concat();
+        let tensor = [whole(1, 1), field(2, &sides)].concat();
+        [field(1, name.as_bytes()), field(2, &field(1, &tensor))].concat()
+    };
+    let pads = [field(1, b"pads"), [whole(8, 1), whole(8, 1), whole(8, 1), whole(8, 1)].concat()].concat();
+    let pads = field(5, &[pads, vec![0xa0, 0x01, 7]].concat());
+    let mut graph = field(2, b"convolutions");
+    for (layer, [from, to]) in [[3, 48], [48, 48], [48, 48], [48, 1]].into_iter().enumerate() {
+        let names = [format!("c{layer}"), format!("w{layer}"), format!("c{}", layer + 1)];
+        let [input, weights, output] = names.each_ref().map(String::as_bytes);
+        let node =
+            [field(1, input), field(1, weights), field(2, output), field(4, b"Conv"), pads.clone()].concat();
+        let values: Vec<u8> =
+            (0..from * to * 9).flat_map(|i| ((i % 7) as f32 / (27 * from) as f32).to_le_bytes()).collect();
+        let sides = [to, from, 3, 3].map(|side| whole(1, side)).concat();
+        let tensor = [sides, whole(2, 1), field(8, weights), field(9, &values)].concat();
+        graph.extend([field(1, &node), field(5, &tensor)].concat());
+    }
+    graph.extend([field(11, &port("c0", 3)), field(12, &port("c4", 1))].concat());
+    [whole(1, 8), field(7, &graph), field(8, &whole(2, 13))].concat()
+}
+
+/// A thread that waits for its part of a matrix product takes up whatever the pool has to do, another prediction too.
+#[test]
+fn predictions_meet_on_the_threads_of_one_pool() {
+    let place = tempfile::tempdir().unwrap();
+    let path = place.path().join("convolutions.onnx");
+    std::fs::write(&path, convolutions(96)).unwrap();
+    let model = OnnxPrior::open(&path, &ModelSpec::new(96, 96, DepthKind::AffineDisparity)).unwrap();
+    let image = pattern(32, 32);
+    let alone = model.predict(image.view()).unwrap();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    std::thread::scope(|scope| {
+        for _ in 0..6 {
+            scope.spawn(|| {
+                for _ in 0..25 {
+                    assert_eq!(pool.install(|| model.predict(image.view())).unwrap(), alone);
+                }
+            });
+        }
+    });
+}

@@ -5,7 +5,8 @@ mod upsample;
 pub use upsample::JointUpsampling;
 
 use crate::{Error, Real, Result};
-use ndarray::{Array2, ArrayView1, ArrayView2, Axis};
+use ndarray::{Array2, ArrayView1, ArrayView2};
+use std::borrow::Cow;
 
 /// Values beyond the border of a map that is blurred.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -60,13 +61,14 @@ pub fn gaussian_blur<T: Real>(
     along: Gaussian,
     border: Border,
 ) -> Array2<T> {
-    let mut out = map.to_owned();
-    if down.radius > 0 {
+    let (height, width) = map.dim();
+    let mut values: Vec<T> = map.iter().copied().collect();
+    if width > 0 && down.radius > 0 {
         let kernel: Vec<T> = down.kernel();
-        let height = out.nrows();
-        let source = out.clone();
-        for (y, mut line) in out.axis_iter_mut(Axis(0)).enumerate() {
-            line.fill(T::ZERO);
+        let source = values.clone();
+        let mut parts = Vec::with_capacity(kernel.len());
+        for (y, line) in values.chunks_exact_mut(width).enumerate() {
+            parts.clear();
             for (k, &weight) in kernel.iter().enumerate() {
                 let from = y as isize + k as isize - down.radius as isize;
                 let from = match border {
@@ -74,30 +76,50 @@ pub fn gaussian_blur<T: Real>(
                     Border::Zero if (0..height as isize).contains(&from) => from as usize,
                     Border::Zero => continue,
                 };
-                line.zip_mut_with(&source.row(from), |sum, &v| *sum += weight * v);
+                parts.push((weight, &source[from * width..(from + 1) * width]));
             }
+            weighted_sum(&parts, line);
         }
     }
-    if along.radius > 0 && out.ncols() > 0 {
+    if width > 0 && along.radius > 0 {
         let kernel: Vec<T> = along.kernel();
-        let width = out.ncols();
-        let mut padded = vec![T::ZERO; width + 2 * along.radius];
-        for mut line in out.axis_iter_mut(Axis(0)) {
-            for (at, value) in padded.iter_mut().enumerate() {
-                let from = at as isize - along.radius as isize;
-                *value = match border {
-                    Border::Mirror => line[mirrored(from, width)],
-                    Border::Zero if (0..width as isize).contains(&from) => line[from as usize],
-                    Border::Zero => T::ZERO,
-                };
+        let reach = along.radius;
+        let mut padded = vec![T::ZERO; width + 2 * reach];
+        for line in values.chunks_exact_mut(width) {
+            padded[reach..reach + width].copy_from_slice(line);
+            if border == Border::Mirror {
+                for at in (0..reach).chain(reach + width..width + 2 * reach) {
+                    padded[at] = line[mirrored(at as isize - reach as isize, width)];
+                }
             }
-            line.fill(T::ZERO);
-            for (k, &weight) in kernel.iter().enumerate() {
-                line.iter_mut().zip(&padded[k..]).for_each(|(sum, &v)| *sum += weight * v);
-            }
+            let parts: Vec<(T, &[T])> =
+                kernel.iter().enumerate().map(|(k, &weight)| (weight, &padded[k..k + width])).collect();
+            weighted_sum(&parts, line);
         }
     }
-    out
+    // There are as many as the map has.
+    Array2::from_shape_vec((height, width), values).unwrap_or_default()
+}
+
+/// Values that are summed at once: the sums stay in registers.
+const BLOCK: usize = 16;
+
+/// The sum of the parts times their weights, in their order; each has the length of `out`.
+fn weighted_sum<T: Real>(parts: &[(T, &[T])], out: &mut [T]) {
+    let whole = out.len() - out.len() % BLOCK;
+    let (blocks, rest) = out.as_chunks_mut::<BLOCK>();
+    for (index, block) in blocks.iter_mut().enumerate() {
+        let mut sums = [T::ZERO; BLOCK];
+        for &(weight, part) in parts {
+            let part = &part[index * BLOCK..][..BLOCK];
+            sums.iter_mut().zip(part).for_each(|(sum, &value)| *sum += weight * value);
+        }
+        *block = sums;
+    }
+    rest.fill(T::ZERO);
+    for &(weight, part) in parts {
+        rest.iter_mut().zip(&part[whole..]).for_each(|(sum, &value)| *sum += weight * value);
+    }
 }
 
 /// The index inside of a mirrored border.
@@ -210,6 +232,7 @@ impl BilateralRows<'_> {
         }
         let (mut sum, mut total) = (vec![0.0_f32; width], vec![0.0_f32; width]);
         let (mut weights, mut there) = (vec![0.0_f32; width], vec![0.0_f32; width]);
+        let here: Vec<Cow<'_, [f32]>> = guide.iter().map(|channel| line(channel.row(y))).collect();
         for tap in taps {
             let row = match y.checked_add_signed(tap.down).filter(|row| *row < height) {
                 Some(row) => row,
@@ -226,10 +249,9 @@ impl BilateralRows<'_> {
             let pixels = if *dense { within(tap.across, width) } else { 0..width };
             let (weights, there) = (&mut weights[pixels.clone()], &mut there);
             weights.fill(0.0);
-            for channel in *guide {
+            for (channel, here) in guide.iter().zip(&here) {
                 shift(channel.row(row), tap.across, there);
-                let here = channel.row(y);
-                let pairs = there[pixels.clone()].iter().zip(here.iter().skip(pixels.start));
+                let pairs = there[pixels.clone()].iter().zip(&here[pixels.clone()]);
                 weights.iter_mut().zip(pairs).for_each(|(sum, (t, h))| *sum += (t - h) * (t - h));
             }
             weights.iter_mut().for_each(|w| *w = tap.weight * approximate_exp(*w * falloff));
@@ -261,10 +283,16 @@ fn within(across: isize, width: usize) -> std::ops::Range<usize> {
 fn shift(row: ArrayView1<'_, f32>, across: isize, out: &mut [f32]) {
     let width = row.len();
     let pixels = within(across, width);
-    let from = pixels.start.saturating_add_signed(across);
+    let from = pixels.start.saturating_add_signed(across).min(width);
     out[..pixels.start].fill(row[0]);
     out[pixels.end..].fill(row[width - 1]);
-    out[pixels].iter_mut().zip(row.iter().skip(from)).for_each(|(out, value)| *out = *value);
+    let count = pixels.len();
+    out[pixels].copy_from_slice(&line(row)[from..][..count]);
+}
+
+/// A row as a slice, copied only where its values do not lie side by side.
+fn line(row: ArrayView1<'_, f32>) -> Cow<'_, [f32]> {
+    row.to_slice().map_or_else(|| Cow::Owned(row.to_vec()), Cow::Borrowed)
 }
 
 /// `steps` to each side, `stride` standard deviations apart.

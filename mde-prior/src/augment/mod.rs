@@ -37,7 +37,7 @@ pub use plan::{Plan, Predictions};
 
 use crate::at_once::AtOnce;
 use crate::{DepthPrior, DisparityRule, Error, PriorDepth, Result};
-use ndarray::{Array2, ArrayView2, ArrayView3, Zip, s};
+use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Zip, s};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
@@ -219,7 +219,7 @@ impl AugmentationConfig {
         };
         let mirrors: &[bool] = if plan.mirror { &[false, true] } else { &[false] };
         let predict = |&mirrored: &bool| match mirrored {
-            true => model.predict(mirror(image).view()),
+            true => model.predict(copied(image, true).view()),
             false => model.predict(image.view()),
         };
         let rest = mirrors.get(whole.len()..).unwrap_or_default();
@@ -340,9 +340,21 @@ impl Augmented {
     }
 }
 
-/// The mirror image, with contiguous rows, which a model may need.
-fn mirror(image: ArrayView3<'_, f32>) -> ndarray::Array3<f32> {
-    image.slice(s![.., ..;-1, ..]).to_owned()
+/// The image, or its mirror image, with contiguous rows, which a model may need.
+fn copied(image: ArrayView3<'_, f32>, mirrored: bool) -> Array3<f32> {
+    let turned = if mirrored { image.slice(s![.., ..;-1, ..]) } else { image.view() };
+    let mut copy = Array3::zeros(image.dim());
+    for ((mut to, from), turned) in copy.outer_iter_mut().zip(image.outer_iter()).zip(turned.outer_iter()) {
+        match (to.as_slice_mut(), from.as_slice(), from.ncols()) {
+            (Some(to), Some(from), 3) if mirrored => {
+                let pixels = to.as_chunks_mut::<3>().0.iter_mut().zip(from.as_chunks::<3>().0.iter().rev());
+                pixels.for_each(|(to, from)| *to = *from);
+            }
+            (Some(to), Some(from), _) if !mirrored => to.copy_from_slice(from),
+            _ => to.assign(&turned),
+        }
+    }
+    copy
 }
 
 /// The prediction of a crop, or of its mirror image turned back, as values for the regression.
@@ -352,12 +364,7 @@ fn predict_crop(
     mirrored: bool,
     values: Values,
 ) -> Result<Array2<f32>> {
-    let prediction = if mirrored {
-        model.predict(mirror(crop).view())?
-    } else {
-        // A model may need contiguous rows.
-        model.predict(crop.to_owned().view())?
-    };
+    let prediction = model.predict(copied(crop, mirrored).view())?;
     let (height, width, _) = crop.dim();
     if prediction.map.dim() != (height, width) || prediction.kind != values.kind() {
         return Err(Error::Input(format!(
@@ -368,8 +375,14 @@ fn predict_crop(
             values.kind()
         )));
     }
-    let prediction = values.of_prior(&prediction);
-    Ok(if mirrored { prediction.slice(s![.., ..;-1]).to_owned() } else { prediction })
+    let mut prediction = values.of_prior(&prediction);
+    if mirrored {
+        match prediction.as_slice_mut() {
+            Some(all) => all.chunks_exact_mut(width.max(1)).for_each(<[f32]>::reverse),
+            None => prediction = prediction.slice(s![.., ..;-1]).to_owned(),
+        }
+    }
+    Ok(prediction)
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
 use super::post_filter::blurred;
-use crate::resample::{Filter, resize};
+use crate::resample::{Filter, line, resize};
 use ndarray::{Array2, ArrayView2, Zip};
 
 /// Cells along each axis for the statistics of a crop: windows are much wider than a cell.
@@ -49,7 +49,15 @@ pub(super) fn change(
         resize(smooth.view(), (height, width), Filter::Bilinear)
     };
     let (slope, offset) = (per_pixel(slope), per_pixel(offset));
-    Zip::from(&slope).and(&offset).and(prediction).and(map).map_collect(|&a, &b, &l, &c| a * l + b - c)
+    let mut change = Vec::with_capacity(height * width);
+    for y in 0..height {
+        let (slope, offset) = (line(slope.row(y)), line(offset.row(y)));
+        let (prediction, map) = (line(prediction.row(y)), line(map.row(y)));
+        let pixels = slope.iter().zip(&*offset).zip(&*prediction).zip(&*map);
+        change.extend(pixels.map(|(((a, b), l), c)| a * l + b - c));
+    }
+    // There are as many values as pixels.
+    Array2::from_shape_vec((height, width), change).unwrap_or_default()
 }
 
 /// Means of \\(L\\), \\(c\\), \\(L^2\\), \\(c^2\\) and \\(L c\\) over a grid of cells.
@@ -66,12 +74,11 @@ fn block_moments(
         let rows = first(row, height, cells.0)..first(row + 1, height, cells.0);
         let mut sums = vec![[0.0_f64; 5]; cells.1];
         for y in rows.clone() {
-            let (predictions, values) = (prediction.row(y), map.row(y));
+            let (predictions, values) = (line(prediction.row(y)), line(map.row(y)));
             for (column, sum) in sums.iter_mut().enumerate() {
                 let at = first(column, width, cells.1)..first(column + 1, width, cells.1);
                 let mut part = [0.0_f32; 5];
-                for x in at {
-                    let (l, c) = (predictions[x], values[x]);
+                for (&l, &c) in predictions[at.clone()].iter().zip(&values[at]) {
                     part[0] += l;
                     part[1] += c;
                     part[2] += l * l;

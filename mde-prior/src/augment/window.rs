@@ -1,4 +1,5 @@
 use super::plan::side;
+use crate::resample::line;
 use ndarray::{Array2, ArrayView2, s};
 
 /// Added to every weight, so that no pixel of a crop has weight 0.
@@ -39,8 +40,15 @@ impl Changes {
         let rows = sums.outer_iter_mut().zip(squares.outer_iter_mut()).zip(weights.outer_iter_mut());
         for (v, (((mut sum, mut squares), mut weight), change)) in rows.zip(change.outer_iter()).enumerate() {
             let down = sine(v, height);
-            let cells = sum.iter_mut().zip(squares.iter_mut()).zip(weight.iter_mut());
-            for ((((sum, square), weight), &d), &across) in cells.zip(&change).zip(&across) {
+            let change = line(change);
+            // Rows of own maps, which are slices: vectors sum them.
+            let (Some(sum), Some(squares), Some(weight)) =
+                (sum.as_slice_mut(), squares.as_slice_mut(), weight.as_slice_mut())
+            else {
+                continue;
+            };
+            let cells = sum.iter_mut().zip(squares).zip(weight);
+            for ((((sum, square), weight), &d), &across) in cells.zip(&*change).zip(&across) {
                 let w = down * across + LEAST;
                 *sum += w * d;
                 *square += w * d * d;

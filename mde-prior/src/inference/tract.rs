@@ -4,7 +4,9 @@ use super::graph::{Graph, Output, Port, Request, image_input};
 use super::runtime::{check_tensors, load, one_line};
 use crate::InferenceMemory;
 use pulp::{Arch, Simd, WithSimd};
+use std::cell::Cell;
 use std::hint::black_box;
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use tract_linalg::multithread::{Executor, multithread_tract_scope};
@@ -88,15 +90,22 @@ impl Graph for TractGraph {
 
     fn run(&self, request: Request<'_>) -> Result<Vec<Output>, String> {
         let Request { shape, values, outputs } = request;
-        let input = Tensor::from_shape(&shape, &values).map_err(|e| one_line(&e))?;
         let (plan, _) = self.plan(shape, outputs)?;
-        // The pool that this runs in: threads without a prediction of their own help. Work is split between outputs, never within a
-        // sum, so the bytes stay the same.
-        let outputs = multithread_tract_scope(Executor::RayonGlobal, || plan.run(tvec!(input.into())))
-            .map_err(|e| format!("the model fails at {shape:?} ({}); check its input size", one_line(&e)));
-        Arch::new().dispatch(ClearRegisters);
-        let outputs = outputs?;
-        outputs.iter().map(|output| floats(output).map_err(|e| one_line(&e))).collect()
+        let compute = || {
+            let input = Tensor::from_shape(&shape, &values).map_err(|e| one_line(&e))?;
+            let outputs = plan.run(tvec!(input.into()));
+            Arch::new().dispatch(ClearRegisters);
+            let outputs = outputs.map_err(|e| {
+                format!("the model fails at {shape:?} ({}); check its input size", one_line(&e))
+            })?;
+            outputs.iter().map(|output| floats(output).map_err(|e| one_line(&e))).collect()
+        };
+        match Within::enter() {
+            // The pool that this runs in: threads without a prediction of their own help. Work is split between outputs, never within
+            // a sum, so the bytes stay the same.
+            Some(_within) => multithread_tract_scope(Executor::RayonGlobal, compute),
+            None => on_own_thread(compute),
+        }
     }
 
     fn memory(&self, shape: [usize; 4], outputs: &[usize]) -> Result<InferenceMemory, String> {
@@ -106,6 +115,35 @@ impl Graph for TractGraph {
     fn concurrency(&self) -> usize {
         usize::MAX
     }
+}
+
+thread_local! {
+    static WITHIN: Cell<bool> = const { Cell::new(false) };
+}
+
+/// This thread is within a prediction. While it waits there for its part of a matrix product, rayon gives it whatever the pool has to do,
+/// another prediction too; tract holds the scratch of a thread meanwhile, and panics when it is asked for again.
+struct Within;
+
+impl Within {
+    /// Nothing where it is already.
+    fn enter() -> Option<Self> {
+        (!WITHIN.replace(true)).then(|| Self)
+    }
+}
+
+impl Drop for Within {
+    fn drop(&mut self) {
+        WITHIN.set(false);
+    }
+}
+
+/// Runs a prediction on a thread of its own, which has a scratch of its own, and waits for it.
+fn on_own_thread<T: Send>(predict: impl FnOnce() -> Result<T, String> + Send) -> Result<T, String> {
+    std::thread::scope(|scope| match std::thread::Builder::new().spawn_scoped(scope, predict) {
+        Ok(thread) => thread.join().unwrap_or_else(|panic| resume_unwind(panic)),
+        Err(e) => Err(format!("the system gives no further thread ({e}); give fewer --threads")),
+    })
 }
 
 /// Clears the upper halves of the vector registers: tract's matrix kernels end without `vzeroupper`, and then each change between

@@ -1,7 +1,10 @@
 //! Resizing of float planes, as in the networks' own preprocessing.
 
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView1, ArrayView2};
+#[cfg(feature = "onnx")]
+use ndarray::{ArrayView3, Axis};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// An interpolation kernel. Pixel centres are at half-integers of the area: the half-pixel convention of OpenCV and of
 /// PyTorch with `align_corners = false`, borders repeated.
@@ -32,26 +35,88 @@ pub enum Filter {
 /// ```
 #[must_use]
 pub fn resize(map: ArrayView2<'_, f32>, size: (usize, usize), filter: Filter) -> Array2<f32> {
-    if map.dim() == size || map.is_empty() {
-        return if map.is_empty() { Array2::zeros(size) } else { map.to_owned() };
+    if map.is_empty() || size.0 == 0 || size.1 == 0 {
+        return Array2::zeros(size);
+    }
+    if map.dim() == size {
+        return map.to_owned();
     }
     let columns = taps(map.ncols(), size.1, filter);
-    let mut narrow = Array2::<f32>::zeros((map.nrows(), size.1));
-    let mut line = vec![0.0_f32; map.ncols()];
-    for (row, mut out) in map.outer_iter().zip(narrow.outer_iter_mut()) {
-        line.iter_mut().zip(row).for_each(|(to, from)| *to = *from);
-        for (value, Taps { first, weights }) in out.iter_mut().zip(&columns) {
-            *value = line[*first..].iter().zip(weights).map(|(v, w)| v * w).sum();
-        }
-    }
     let rows = taps(map.nrows(), size.0, filter);
-    let mut resized = Array2::<f32>::zeros(size);
-    for (mut out, Taps { first, weights }) in resized.outer_iter_mut().zip(&rows) {
-        for (row, &weight) in (*first..).zip(weights) {
-            out.zip_mut_with(&narrow.row(row), |sum, &v| *sum += weight * v);
+    let mut narrow = vec![0.0_f32; map.nrows() * size.1];
+    for row in used(&rows) {
+        let from = line(map.row(row));
+        let out = &mut narrow[row * size.1..(row + 1) * size.1];
+        out.iter_mut().zip(&columns).for_each(|(out, taps)| *out = taps.mean(&from));
+    }
+    tall(&narrow, &rows, size.1)
+}
+
+/// The channels of an image `[height, width, 3]`, each resized as by [`resize`].
+#[cfg(feature = "onnx")]
+pub(crate) fn resize_channels(
+    image: ArrayView3<'_, f32>,
+    size: (usize, usize),
+    filter: Filter,
+) -> [Array2<f32>; 3] {
+    let (height, width, channels) = image.dim();
+    let empty = image.is_empty() || size.0 == 0 || size.1 == 0;
+    if (height, width) == size || empty || channels != 3 {
+        return [0, 1, 2].map(|c| match c < channels {
+            true => resize(image.index_axis(Axis(2), c), size, filter),
+            false => Array2::zeros(size),
+        });
+    }
+    let columns = taps(width, size.1, filter);
+    let rows = taps(height, size.0, filter);
+    let mut narrow = [0, 1, 2].map(|_| vec![0.0_f32; height * size.1]);
+    for row in used(&rows) {
+        let image = image.index_axis(Axis(0), row);
+        let pixels: Cow<'_, [f32]> =
+            image.to_slice().map_or_else(|| Cow::Owned(image.iter().copied().collect()), Cow::Borrowed);
+        let pixels = pixels.as_chunks::<3>().0;
+        let [a, b, c] = narrow.each_mut().map(|plane| &mut plane[row * size.1..(row + 1) * size.1]);
+        for (((a, b), c), taps) in a.iter_mut().zip(b).zip(c).zip(&columns) {
+            [*a, *b, *c] = taps.mean_colour(pixels);
         }
     }
-    resized
+    narrow.map(|narrow| tall(&narrow, &rows, size.1))
+}
+
+/// The rows of the input that the new rows are made of.
+fn used(rows: &[Taps]) -> impl Iterator<Item = usize> {
+    let mut next = 0;
+    rows.iter().flat_map(move |Taps { first, weights }| {
+        let end = first + weights.len();
+        let part = next.max(*first)..end;
+        next = next.max(end);
+        part
+    })
+}
+
+/// The new rows, from rows that have the new width.
+fn tall(narrow: &[f32], rows: &[Taps], width: usize) -> Array2<f32> {
+    let mut resized = Vec::with_capacity(rows.len() * width);
+    for Taps { first, weights } in rows {
+        let from = &narrow[first * width..];
+        if let [a, b] = weights[..] {
+            let (upper, lower) = from.split_at(width);
+            resized.extend(upper.iter().zip(lower).map(|(upper, lower)| 0.0 + a * upper + b * lower));
+            continue;
+        }
+        let begin = resized.len();
+        resized.resize(begin + width, 0.0);
+        for (row, &weight) in from.chunks_exact(width).zip(weights) {
+            resized[begin..].iter_mut().zip(row).for_each(|(sum, v)| *sum += weight * v);
+        }
+    }
+    // There are as many values as that.
+    Array2::from_shape_vec((rows.len(), width), resized).unwrap_or_default()
+}
+
+/// A row as a slice, copied only where its values do not lie side by side.
+pub(crate) fn line(row: ArrayView1<'_, f32>) -> Cow<'_, [f32]> {
+    row.to_slice().map_or_else(|| Cow::Owned(row.to_vec()), Cow::Borrowed)
 }
 
 /// Resizes to `(height, width)` with the value of the pixel that contains the new pixel's centre: for depth, which must not be mixed
@@ -70,6 +135,27 @@ pub fn nearest<T: Copy + Default>(map: ArrayView2<'_, T>, (height, width): (usiz
 struct Taps {
     first: usize,
     weights: Vec<f32>,
+}
+
+impl Taps {
+    fn mean(&self, line: &[f32]) -> f32 {
+        let from = &line[self.first..];
+        match (&self.weights[..], from) {
+            // The usual case.
+            ([a, b], [v, w, ..]) => v * a + w * b,
+            (weights, from) => from.iter().zip(weights).map(|(v, w)| v * w).sum(),
+        }
+    }
+
+    /// The same of pixels of three channels.
+    #[cfg(feature = "onnx")]
+    fn mean_colour(&self, line: &[[f32; 3]]) -> [f32; 3] {
+        let from = &line[self.first..];
+        match (&self.weights[..], from) {
+            ([a, b], [v, w, ..]) => [v[0] * a + w[0] * b, v[1] * a + w[1] * b, v[2] * a + w[2] * b],
+            (weights, from) => [0, 1, 2].map(|c| from.iter().zip(weights).map(|(v, w)| v[c] * w).sum()),
+        }
+    }
 }
 
 fn taps(input: usize, output: usize, filter: Filter) -> Vec<Taps> {
