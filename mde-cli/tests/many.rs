@@ -110,6 +110,57 @@ fn each_photograph_is_as_a_run_of_its_own_has_it() {
     assert_eq!(finished(&stderr(&place, &format!("refine shots {MODEL} --seed 5 -o out"))), 0);
 }
 
+/// A graph whose values are larger below, as the disparity of rooms is: taken for a depth, near and far are exchanged.
+#[test]
+fn exchanged_near_and_far_are_told_where_only_the_user_or_a_name_says_what_a_network_gives() {
+    const TOLD: &str = "near and far are exchanged";
+    let place = place(2);
+    let net = Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures/rows.onnx");
+    for name in ["net.onnx", "zoedepth.onnx", "hub/model.onnx", "dpt_large.onnx"] {
+        fs::create_dir_all(place.path(name).parent().unwrap()).unwrap();
+        fs::copy(&net, place.path(name)).unwrap();
+    }
+    fs::write(place.path("hub/config.json"), r#"{"model_type": "zoedepth"}"#).unwrap();
+    let one = |model: &str| {
+        let run = place.mde(&format!(
+            "refine shots/00.png --predictions 1 --fov 60 --force -o one --prior-model {model}"
+        ));
+        let output = { run }.assert().success();
+        let text = String::from_utf8(output.get_output().stderr.clone()).unwrap();
+        let record = fs::read_to_string(place.path("one/run.json")).unwrap();
+        assert_eq!(record.contains(TOLD), text.contains(TOLD), "{text}");
+        (text, fs::read(place.path("one/depth.npy")).unwrap())
+    };
+    let size = "--input-size 32x24";
+    for right in [&format!("net.onnx {size} --prior-kind disparity"), "dpt_large.onnx"] {
+        let (text, _) = one(right);
+        assert!(!text.contains(TOLD), "{right}: {text}");
+    }
+    for wrong in [&format!("net.onnx {size} --prior-kind depth"), "zoedepth.onnx"] {
+        let (text, depth) = one(wrong);
+        let lines: Vec<_> = text.lines().filter(|line| line.contains(TOLD)).collect();
+        assert!(lines.len() == 1 && lines[0].contains("give --prior-kind disparity"), "{wrong}: {text}");
+        // What the files of a hub tell is not tried, and gives the same depth.
+        if wrong == "zoedepth.onnx" {
+            let (text, told) = one("hub/model.onnx");
+            assert!(!text.contains(TOLD) && told == depth, "{text}");
+        }
+    }
+    let (text, _) = one("hub/model.onnx --prior-kind depth");
+    assert!(text.contains(TOLD), "{text}");
+    let many = format!(
+        "refine shots --predictions 1 --fov 60 -o out --prior-model net.onnx {size} --prior-kind metric"
+    );
+    let text = stderr(&place, &many);
+    let lines: Vec<_> = text.lines().filter(|line| line.contains(TOLD)).collect();
+    assert!(lines.len() == 1 && lines[0].contains("2 of 2 photographs: net.onnx: near"), "{text}");
+    // The doctor has the same to say.
+    let doctor = |kind: &str| place.mde(&format!("doctor --prior-model net.onnx {size} --prior-kind {kind}"));
+    doctor("disparity").assert().success();
+    let said = doctor("depth").assert().code(1);
+    said.stderr(predicate::str::contains(TOLD).and(predicate::str::contains("give --prior-kind disparity")));
+}
+
 #[test]
 fn what_fails_is_a_row_and_the_others_are_refined() {
     let place = place(2);

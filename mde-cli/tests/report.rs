@@ -247,6 +247,21 @@ fn the_doctor_tries_a_model() {
     };
     run("disparity").success().stdout(predicate::str::contains("the model works here"));
     run("metric").code(1).stderr(predicate::str::contains("give --prior-kind disparity"));
+
+    // A refinement warns of the same.
+    let photograph = shared.join("data/plain/nyu_00000/color.jpg");
+    for (net, said, told) in [
+        (&model, "--prior-kind depth", false),
+        (&model, "--prior-kind disparity", true),
+        (&model, "--model-profile midas-v2.1-small", true),
+        (&small, "--input-size 48x48 --prior-kind disparity", false),
+        (&small, "--input-size 48x48 --prior-kind depth", true),
+    ] {
+        let mut command = place.mde(&format!("refine --predictions 1 --fov 60 --force -o out {said}"));
+        let run = command.arg("--prior-model").arg(net).arg(&photograph).assert().success();
+        let text = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+        assert_eq!(text.contains("near and far are exchanged"), told, "{said}: {text}");
+    }
 }
 
 /// What the error about an unknown network advises, the doctor takes.

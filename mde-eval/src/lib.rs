@@ -13,7 +13,7 @@
 //! | --- | --- |
 //! | `baseline` | [`Refiner`], filters and further predictions of the model, trivial sigmas |
 //! | `solver` | the fast bilateral solver (faer) |
-//! | `scenes` | procedural rooms, simulated priors and models |
+//! | `scenes` | procedural rooms, simulated priors and models, the trial of a model on the rooms |
 //! | `data` | data sets; includes `scenes` |
 //! | `plot` | figures as SVG and PNG |
 //!
@@ -54,6 +54,8 @@ pub mod score;
 pub mod simulated;
 pub mod statistics;
 pub mod table;
+#[cfg(feature = "scenes")]
+pub mod trial;
 
 pub use error::{Error, Result};
 #[cfg(feature = "scenes")]

@@ -50,7 +50,7 @@ pub use error::{Error, Result};
 #[cfg(feature = "onnxruntime")]
 pub use inference::find_library as find_onnxruntime;
 #[cfg(feature = "onnx")]
-pub use inference::{OnnxPrior, Runtime};
+pub use inference::{OnnxPrior, RecognisedBy, Runtime};
 pub use io::resample;
 #[cfg(feature = "io")]
 pub use io::{format, photo, write_atomic};

@@ -10,11 +10,13 @@ use mde_cli::mde_prior::format::Encoding;
 use mde_cli::mde_prior::{
     DepthKind, DepthPrior, Error, InferenceMemory, OnnxPrior, PriorDepth, Result, Runtime, find_onnxruntime,
 };
+use mde_eval::trial::Trial;
 use ndarray::ArrayView3;
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::str::FromStr;
+use std::sync::OnceLock;
 
 enum Source {
     Network(OnnxPrior),
@@ -29,6 +31,8 @@ enum Source {
 pub(crate) struct Prior {
     source: Source,
     pub(crate) origin: PriorOrigin,
+    /// What was found when a network was tried on rooms.
+    exchanged: OnceLock<Option<String>>,
 }
 
 #[pymethods]
@@ -53,7 +57,7 @@ impl Prior {
         let pool = pool(threads)?;
         let opened = py.detach(|| pool.install(|| open_network(&path, spec, &runtime)));
         let (network, origin) = opened.map_err(raise)?;
-        Ok(Self { source: Source::Network(network), origin })
+        Ok(Self::new(Source::Network(network), origin))
     }
 
     /// A callable of that name.
@@ -62,7 +66,7 @@ impl Prior {
     fn callable(name: String, kind: &str, input_size: Option<(usize, usize)>) -> PyResult<Self> {
         let kind = DepthKind::from_str(kind).map_err(raise)?;
         let origin = PriorOrigin::new(PriorForm::Callable, kind, name);
-        Ok(Self { source: Source::Callable(input_size), origin })
+        Ok(Self::new(Source::Callable(input_size), origin))
     }
 
     /// A depth map `[height, width]`.
@@ -72,7 +76,7 @@ impl Prior {
         let kind = DepthKind::from_str(kind).map_err(raise)?;
         let map = PriorDepth::from_values(map.as_array().to_owned(), kind).map_err(raise)?;
         let origin = PriorOrigin::new(PriorForm::Map, kind, "depth");
-        Ok(Self { source: Source::Map(map, None), origin })
+        Ok(Self::new(Source::Map(map, None), origin))
     }
 
     /// A depth map in a file; depth = value / `png_scale`, with that encoding in PNG files.
@@ -88,7 +92,7 @@ impl Prior {
         let options = read_options("png_scale", png_scale, encoding).map_err(raise)?;
         let MapFile { prior, origin, note } =
             MapFile::open(&path, kind, options, Naming::Keywords).map_err(raise)?;
-        Ok(Self { source: Source::Map(prior.prior().clone(), note), origin })
+        Ok(Self::new(Source::Map(prior.prior().clone(), note), origin))
     }
 
     /// `metric`, `depth` or `disparity`.
@@ -126,6 +130,23 @@ pub(crate) struct Linked<'p> {
 }
 
 impl Prior {
+    fn new(source: Source, origin: PriorOrigin) -> Self {
+        Self { source, origin, exchanged: OnceLock::new() }
+    }
+
+    /// A warning where a network's near and far come out exchanged in rooms, as the program has it. A network is tried once.
+    pub(crate) fn exchanged(&self) -> Option<&str> {
+        let Source::Network(network) = &self.source else { return None };
+        if self.exchanged.get().is_none() && self.origin.is_doubtful() {
+            // Without a lock: a thread of the pool that waits would take up work that waits for it.
+            let trial = Trial::exchanged(network).ok().flatten();
+            let found = trial.map(|trial| self.origin.exchanged(trial.mean(), Naming::Keywords));
+            // Another thread finds the same.
+            let _ = self.exchanged.set(found);
+        }
+        self.exchanged.get()?.as_deref()
+    }
+
     /// Whether it is a map, whose network is unknown.
     pub(crate) fn is_map(&self) -> bool {
         matches!(self.source, Source::Map(..))

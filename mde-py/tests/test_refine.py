@@ -8,6 +8,7 @@ import sys
 import textwrap
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -113,6 +114,15 @@ def test_the_kinds_of_images(photo, depth, image):
     result = mdenerf.refine(image(photo), depth=depth, **FAST)
     np.testing.assert_array_equal(result.image, photo)
     np.testing.assert_allclose(result.depth, expected.depth, rtol=1e-6)
+
+
+def test_exchanged_near_and_far_are_told(photo, network):
+    rows = {**network, "model": str(Path(network["model"]).with_name("rows.onnx")), "input_size": (24, 32), "fov": 60}
+    told = [
+        any("near and far are exchanged" in warning and "kind=\"disparity\"" in warning for warning in result.run["warnings"])
+        for result in (mdenerf.refine(photo, **{**rows, **FAST, "kind": kind}) for kind in ("disparity", "depth"))
+    ]
+    assert told == [False, True]
 
 
 def test_the_bytes_of_a_file_are_an_image(photo_file, photo, depth):

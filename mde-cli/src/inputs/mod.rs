@@ -15,4 +15,4 @@ pub use opened::{Full, Opened, Sizes};
 pub use origin::{PriorForm, PriorOrigin};
 pub use prior::{MapFile, Resampled, read_options};
 #[cfg(feature = "onnx")]
-pub use prior::{NetworkFormat, open_network};
+pub use prior::{NetworkFormat, NetworkSpec, open_network};

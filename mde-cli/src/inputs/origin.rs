@@ -1,5 +1,6 @@
 //! Where a prior comes from.
 
+use crate::Naming;
 use mde_prior::{DepthKind, ModelSpec};
 use serde::Serialize;
 
@@ -24,6 +25,9 @@ pub struct PriorOrigin {
     pub form: PriorForm,
     /// Kind of its values.
     pub kind: DepthKind,
+    /// Whether a network's graph or the files of its model hub tell that kind: not the user, nor the name of the file.
+    #[serde(skip)]
+    pub kind_is_told: bool,
     /// The file, the name of the callable, or `simulated`.
     pub source: String,
     /// The format of a network.
@@ -40,7 +44,29 @@ pub struct PriorOrigin {
 impl PriorOrigin {
     /// One without a network's file.
     pub fn new(form: PriorForm, kind: DepthKind, source: impl Into<String>) -> Self {
-        Self { form, kind, source: source.into(), model: None, runtime: None, model_hash: None }
+        let source = source.into();
+        Self { form, kind, kind_is_told: false, source, model: None, runtime: None, model_hash: None }
+    }
+
+    /// Whether it is a network in a file of which nothing but the user or its name tells depth from disparity: one to try where the depth is
+    /// known.
+    pub fn is_doubtful(&self) -> bool {
+        self.form == PriorForm::Network && !self.kind_is_told
+    }
+
+    /// The message about a network whose order of near and far is exchanged, with that mean correlation with known depth.
+    pub fn exchanged(&self, correlation: f64, naming: Naming) -> String {
+        let remedy = match self.kind {
+            DepthKind::AffineDisparity => {
+                naming.choose("--prior-kind metric or depth", "kind=\"metric\" or \"depth\"")
+            }
+            _ => naming.choose("--prior-kind disparity", "kind=\"disparity\""),
+        };
+        format!(
+            "{}: near and far are exchanged in rooms of known depth (mean correlation {correlation:.2}), as where a disparity is taken for a depth \
+             or the reverse; give {remedy}, or check the profile",
+            self.source
+        )
     }
 
     /// Whether it is a network that estimates the camera too.

@@ -131,7 +131,7 @@ mod network {
     use super::{Naming, Path, PriorForm, PriorOrigin, Result};
     use crate::Error;
     use crate::calibration::hash_files;
-    use mde_prior::{DepthKind, ModelSpec, OnnxPrior, Runtime, spec};
+    use mde_prior::{DepthKind, ModelSpec, OnnxPrior, RecognisedBy, Runtime, spec};
 
     /// What is given of a network's format.
     #[derive(Debug, Clone, Copy, Default)]
@@ -144,32 +144,44 @@ mod network {
         pub kind: Option<DepthKind>,
     }
 
+    /// The format of a network.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct NetworkSpec {
+        /// Its input and output.
+        pub spec: ModelSpec,
+        /// The kind of output that its graph or the files of its model hub tell, where they do.
+        pub told: Option<DepthKind>,
+    }
+
     impl NetworkFormat<'_> {
         /// The format of the network in a file: what is given over its profile, by default the recognised one.
         ///
         /// # Errors
         /// [`Error::Prior`] for an unknown profile, [`Error::Argument`] for a network that is not recognised.
-        pub fn spec(&self, path: &Path, naming: Naming) -> Result<ModelSpec> {
-            let mut spec = match self.profile {
-                Some(name) => ModelSpec::profile(name)?,
+        pub fn spec(&self, path: &Path, naming: Naming) -> Result<NetworkSpec> {
+            let (mut spec, by) = match self.profile {
+                Some(name) => (ModelSpec::profile(name)?, None),
                 // A missing file gets its own error when it is opened.
                 None if path.exists() => self.recognised(path, naming)?,
-                None => ModelSpec::new(1, 1, DepthKind::Metric),
+                None => (ModelSpec::new(1, 1, DepthKind::Metric), None),
             };
+            let tells = matches!(by, Some(RecognisedBy::Hub | RecognisedBy::Graph));
+            let told = tells.then_some(spec.output);
             if let Some([width, height]) = self.input_size {
                 (spec.width, spec.height) = (width, height);
             }
-            Ok(match self.kind {
+            let spec = match self.kind {
                 Some(kind) => spec.with_output(kind),
                 None => spec,
-            })
+            };
+            Ok(NetworkSpec { spec, told })
         }
 
         /// With size and kind given, that of a network that takes RGB/255.
-        fn recognised(&self, path: &Path, naming: Naming) -> Result<ModelSpec> {
-            match (OnnxPrior::recognise(path), self.input_size, self.kind) {
+        fn recognised(&self, path: &Path, naming: Naming) -> Result<(ModelSpec, Option<RecognisedBy>)> {
+            match (OnnxPrior::recognise_by(path), self.input_size, self.kind) {
                 (Err(mde_prior::Error::UnknownProfile { .. }), Some([width, height]), Some(kind)) => {
-                    Ok(ModelSpec::new(width, height, kind))
+                    Ok((ModelSpec::new(width, height, kind), None))
                 }
                 (Err(mde_prior::Error::UnknownProfile { .. }), ..) => {
                     let [profile, format] = match naming {
@@ -184,7 +196,7 @@ mod network {
                         path.with_extension("toml").display()
                     )))
                 }
-                (spec, ..) => Ok(spec?),
+                (recognised, ..) => Ok(recognised.map(|(spec, by)| (spec, Some(by)))?),
             }
         }
     }
@@ -193,12 +205,18 @@ mod network {
     ///
     /// # Errors
     /// [`Error::Prior`] for a network that can't be opened, [`Error::Io`] for files that can't be read.
-    pub fn open_network(path: &Path, spec: ModelSpec, runtime: &Runtime) -> Result<(OnnxPrior, PriorOrigin)> {
+    pub fn open_network(
+        path: &Path,
+        network: NetworkSpec,
+        runtime: &Runtime,
+    ) -> Result<(OnnxPrior, PriorOrigin)> {
+        let NetworkSpec { spec, told } = network;
         let prior = OnnxPrior::open_with(path, &spec, runtime)?;
         let model_hash = Some(hash_files(prior.files())?);
         let origin = PriorOrigin {
             form: PriorForm::Network,
             kind: prior.kind(),
+            kind_is_told: told == Some(spec.output),
             source: path.display().to_string(),
             model: Some(spec),
             runtime: Some(prior.runtime().to_string()),
@@ -209,7 +227,7 @@ mod network {
 }
 
 #[cfg(feature = "onnx")]
-pub use network::{NetworkFormat, open_network};
+pub use network::{NetworkFormat, NetworkSpec, open_network};
 
 #[cfg(test)]
 mod tests {

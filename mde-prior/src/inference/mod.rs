@@ -9,6 +9,6 @@ mod points;
 mod runtime;
 mod tract;
 
-pub use onnx::{OnnxPrior, Runtime};
+pub use onnx::{OnnxPrior, RecognisedBy, Runtime};
 #[cfg(feature = "onnxruntime")]
 pub use onnxruntime::find_library;

@@ -44,6 +44,19 @@ impl std::fmt::Display for Runtime {
     }
 }
 
+/// What a network is recognised by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RecognisedBy {
+    /// A TOML file beside it.
+    Toml,
+    /// The files of a model hub.
+    Hub,
+    /// Its outputs or its layers.
+    Graph,
+    /// The name of its file.
+    Name,
+}
+
 /// A network in an ONNX file, run on the CPU.
 ///
 /// ```no_run
@@ -174,24 +187,32 @@ impl OnnxPrior {
     /// # Errors
     /// Those of [`ModelSpec::of`].
     pub fn recognise(path: impl AsRef<Path>) -> Result<ModelSpec> {
+        Self::recognise_by(path).map(|(spec, _)| spec)
+    }
+
+    /// As [`recognise`](Self::recognise), with what it was recognised by.
+    ///
+    /// # Errors
+    /// Those of [`ModelSpec::of`].
+    pub fn recognise_by(path: impl AsRef<Path>) -> Result<(ModelSpec, RecognisedBy)> {
         let path = path.as_ref();
         if let Some(spec) = ModelSpec::beside(path)? {
-            return Ok(spec);
+            return Ok((spec, RecognisedBy::Toml));
         }
         if let Some(spec) = ModelSpec::of_hub(path)? {
-            return Ok(spec);
+            return Ok((spec, RecognisedBy::Hub));
         }
         // A file that is no graph gets its error when it is opened.
         let read = || Outline::read(path).map_err(|reason| model_error(path, reason));
         let outline = call(path, read).unwrap_or_default();
-        let spec = match outline.profile() {
-            Some(name) => ModelSpec::profile(name)?,
-            None => ModelSpec::guess(path)?,
+        let (spec, by) = match outline.profile() {
+            Some(name) => (ModelSpec::profile(name)?, RecognisedBy::Graph),
+            None => (ModelSpec::guess(path)?, RecognisedBy::Name),
         };
         if spec.aspect == Aspect::Pad && outline.outputs.iter().any(|name| name == "predicted_depth") {
-            return Ok(ModelSpec { output_name: Some("predicted_depth".to_owned()), ..spec });
+            return Ok((ModelSpec { output_name: Some("predicted_depth".to_owned()), ..spec }, by));
         }
-        Ok(spec.for_outputs(&outline.outputs))
+        Ok((spec.for_outputs(&outline.outputs), by))
     }
 
     /// Loads a model with the specification that is [recognised](Self::recognise).

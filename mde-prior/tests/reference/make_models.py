@@ -72,6 +72,13 @@ midas("midas_dynamic", [1, 3, "height", "width"])
 grey("grey_nchw", [1, 3, "height", "width"], [1, 1, "height", "width"])
 grey("grey_nhwc", [1, 8, 12, 3], [1, 8, 12, 1], "nhwc")
 
+# Whatever the image, larger below, as the disparity of rooms is.
+save("rows", [helper.make_node("ReduceSum", ["image", "axis"], ["s"], keepdims=1), helper.make_node("Mul", ["s", "zero"], ["z"]),
+              helper.make_node("Add", ["z", "rows"], ["out"])],
+     [("image", [1, 3, 24, 32])], [("out", [1, 1, 24, 32])],
+     [constant("axis", np.array([1], np.int64)), constant("zero", np.zeros(1, np.float32)),
+      constant("rows", np.linspace(0.5, 2.5, 24, dtype=np.float32)[None, None, :, None])])
+
 # Not depth: the colours as they came, a row of class scores, an input of one channel, a vector.
 save("three_channels", [helper.make_node("Identity", ["image"], ["out"])],
      [("image", [1, 3, 8, 8])], [("out", [1, 3, 8, 8])], [])

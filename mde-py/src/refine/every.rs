@@ -76,6 +76,7 @@ impl Refiner<'_> {
         let mut watch = Watched::new(link, observed);
         let linked = self.prior.linked(link);
         let (placed, prior, at_once) = inputs.open(self.settings, &linked, &mut watch)?;
+        self.prior.exchanged().into_iter().for_each(|warning| watch.warn(warning.to_owned()));
         let capture = capture(&placed)?;
         let run = self.run(&placed[0].opened, &prior, None, inputs, at_once);
         let timed = Timed::new(&prior);

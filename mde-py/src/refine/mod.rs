@@ -193,6 +193,7 @@ impl Refiner<'_> {
         let mut watch = Watched::new(link, observed);
         let linked = self.prior.linked(link);
         let (placed, prior, at_once) = inputs.open(self.settings, &linked, &mut watch)?;
+        self.prior.exchanged().into_iter().for_each(|warning| watch.warn(warning.to_owned()));
         let capture = (placed.len() > 1).then(|| capture(&placed)).transpose()?;
         let run = self.run(&placed[0].opened, &prior, capture.as_ref(), inputs, at_once);
         let done = run.refine(Hooks::default(), &mut watch)?;

@@ -6,25 +6,19 @@ use crate::args::{DoctorArgs, EncodingName, PriorArgs, PriorSource, RuntimeArgs}
 use crate::input::prior::NamedPrior;
 use crate::output::provenance::versions;
 use crate::terminal::{columns, wrapped};
-use anyhow::{Context, Result, ensure};
-use mde_cli::Preset;
+use anyhow::{Context, Result, bail, ensure};
+use mde_cli::{Naming, Preset};
 use mde_eval::scene::{Room, room};
+use mde_eval::trial::{Order, SIZE, Trial};
 use mde_prior::augment::Plan;
-use mde_prior::{DepthKind, DisparityRule, predict_each};
-use mde_uncertainty::statistics::spearman;
+use mde_prior::predict_each;
 use std::io::{self, IsTerminal, Write};
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
 
-/// Size of the image that a model is tried on.
-const TRIAL: [usize; 2] = [224, 168];
 /// `(height, width)` of the photograph whose cost is stated.
 const USUAL: (usize, usize) = (480, 640);
-/// Below this mean correlation with the true depth of the rooms a model is of no use, or its profile is wrong.
-const AGREES: f64 = 0.25;
-/// Standard errors by which the mean correlation exceeds 0 beyond chance: 95 % of Student's distribution for seven rooms.
-const CHANCE: f64 = 1.94;
 
 pub(super) fn run(args: &DoctorArgs) -> Result<()> {
     print("program", &versions().iter().map(|(n, v)| format!("{n} {v}")).collect::<Vec<_>>().join(", "));
@@ -94,7 +88,7 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
 
 /// Seconds per prediction and of a run with the preset `default`.
 fn time(prior: &NamedPrior) -> Result<()> {
-    let scene = room(Room::Study, 0, TRIAL[0], TRIAL[1])?;
+    let scene = room(Room::Study, 0, SIZE[0], SIZE[1])?;
     // The first prediction may take longer.
     prior.prior.predict(scene.image.view())?;
     let start = Instant::now();
@@ -122,47 +116,34 @@ fn time(prior: &NamedPrior) -> Result<()> {
 
 /// Whether the model's order of depths agrees with that of procedural rooms beyond chance.
 fn verdict(path: &Path, prior: &NamedPrior) -> Result<()> {
-    let [width, height] = TRIAL;
-    let mut orders = Vec::new();
-    for kind in Room::ALL {
-        let scene = room(kind, 0, width, height)?;
-        let depth = prior.prior.predict(scene.image.view())?.to_depth(&DisparityRule::default())?;
-        let (predicted, truth): (Vec<f64>, Vec<f64>) = depth
-            .iter()
-            .zip(&scene.depth)
-            .filter(|(predicted, truth)| **predicted > 0.0 && **truth > 0.0)
-            .map(|(predicted, truth)| (f64::from(*predicted), f64::from(*truth)))
-            .unzip();
+    let trial = Trial::new(&*prior.prior)?;
+    for tried in &trial.rooms {
         ensure!(
-            2 * predicted.len() > depth.len(),
-            "{}: {:.0} % of its output for {kind} is no valid depth; check its profile and its weights",
+            tried.missing < 0.5,
+            "{}: {:.0} % of its output for {} is no valid depth; check its profile and its weights",
             path.display(),
-            100.0 * (1.0 - predicted.len() as f64 / depth.len() as f64)
+            100.0 * tried.missing,
+            tried.room
         );
-        orders.push(spearman(&predicted, &truth)?.unwrap_or(0.0));
     }
-    let count = orders.len() as f64;
-    let mean = orders.iter().sum::<f64>() / count;
-    let error = (orders.iter().map(|o| (o - mean).powi(2)).sum::<f64>() / (count * (count - 1.0))).sqrt();
-    let each = orders.iter().map(|o| format!("{o:.2}")).collect::<Vec<_>>().join(", ");
+    let each = trial.rooms.iter().map(|tried| format!("{:.2}", tried.correlation)).collect::<Vec<_>>();
     print(
         "trial",
-        &format!("Spearman's correlation with the true depth of {count} procedural rooms: {each}"),
+        &format!(
+            "Spearman's correlation with the true depth of {} procedural rooms: {}",
+            each.len(),
+            each.join(", ")
+        ),
     );
-    ensure!(
-        mean > -AGREES || -mean < CHANCE * error,
-        "{}: near and far are exchanged (mean correlation {mean:.2}), as where a disparity is taken for a depth; {}",
-        path.display(),
-        match prior.origin.kind {
-            DepthKind::AffineDisparity => "give --prior-kind metric or depth, or check the profile",
-            _ => "give --prior-kind disparity, or check the profile",
-        }
-    );
-    ensure!(
-        mean > AGREES && mean > CHANCE * error,
-        "{}: its depth does not agree with the rooms' beyond chance (mean correlation {mean:.2}); check the profile and the weights",
-        path.display()
-    );
+    match trial.order() {
+        Order::True => {}
+        Order::Exchanged => bail!(prior.origin.exchanged(trial.mean(), Naming::Flags)),
+        Order::Chance => bail!(
+            "{}: its depth does not agree with the rooms' beyond chance (mean correlation {:.2}); check the profile and the weights",
+            path.display(),
+            trial.mean()
+        ),
+    }
     print("verdict", "the model works here");
     Ok(())
 }

@@ -58,6 +58,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         (None, Some(capture)) => opened.predictions_at_once_of(capture.photographs.len(), &prior, &limit)?,
         (None, None) => 1,
     };
+    named.exchanged().into_iter().for_each(|warning| progress.warn(warning.to_owned()));
     // Further photographs give the focal length.
     if capture.is_none() {
         opened.take_camera_of(&prior, &named.origin)?;

@@ -7,8 +7,10 @@ use crate::run::progress::Progress;
 use anyhow::Result;
 use mde_cli::Naming;
 use mde_cli::inputs::{BoundPrior, MapFile, Opened, PriorOrigin, read_options};
+use mde_eval::trial::Trial;
 use mde_prior::{DepthKind, DepthPrior};
 use std::path::Path;
+use std::sync::OnceLock;
 
 /// A prior, and its entry in the record.
 pub(crate) struct NamedPrior {
@@ -18,6 +20,8 @@ pub(crate) struct NamedPrior {
     pub(crate) size: Option<(usize, usize)>,
     /// A warning about the file.
     pub(crate) note: Option<String>,
+    /// What was found when it was tried on rooms, once.
+    exchanged: OnceLock<Option<String>>,
 }
 
 impl NamedPrior {
@@ -44,11 +48,23 @@ impl NamedPrior {
         }
     }
 
+    /// A warning where a network's near and far come out exchanged in rooms. Only one whose kind of output neither its graph nor a model hub
+    /// tells is tried, once. Not for threads of a pool: they would take up work that waits for the result.
+    pub(crate) fn exchanged(&self) -> Option<&str> {
+        let found = self.exchanged.get_or_init(|| {
+            // What can't be predicted fails in the run too, with its own error.
+            let tried = self.origin.is_doubtful().then(|| Trial::exchanged(&*self.prior));
+            let trial = tried?.ok()??;
+            Some(self.origin.exchanged(trial.mean(), Naming::Flags))
+        });
+        found.as_deref()
+    }
+
     fn file(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
         let options = read_options("--png-scale", args.png_scale, args.prior_encoding.into())?;
         let MapFile { prior, origin, note } = MapFile::open(path, kind, options, Naming::Flags)?;
         let size = Some(prior.prior().map.dim());
-        Ok(Self { prior: Box::new(prior), origin, size, note })
+        Ok(Self { prior: Box::new(prior), origin, size, note, exchanged: OnceLock::new() })
     }
 
     #[cfg(feature = "onnx")]
@@ -57,7 +73,7 @@ impl NamedPrior {
         let profile = args.model_profile.as_deref();
         let spec = NetworkFormat { profile, input_size: args.input_size, kind }.spec(path, Naming::Flags)?;
         let (prior, origin) = open_network(path, spec, &runtime(&args.runtime)?)?;
-        Ok(Self { prior: Box::new(prior), origin, size: None, note: None })
+        Ok(Self { prior: Box::new(prior), origin, size: None, note: None, exchanged: OnceLock::new() })
     }
 
     #[cfg(not(feature = "onnx"))]

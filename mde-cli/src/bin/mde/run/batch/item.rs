@@ -151,6 +151,7 @@ impl Common<'_> {
         let opening = Opening { size: &self.args.size, camera: &self.args.camera, several: false };
         let mut opened = opening.of(photo, &item.path, progress)?;
         let prior = self.prior.bind(&opened, progress)?;
+        self.prior.exchanged().into_iter().for_each(|warning| progress.warn(warning.to_owned()));
         opened.take_camera_of(&prior, &self.prior.origin)?;
         let prior = prior.at_focal(opened.camera.focal());
         Ok((opened, prior))

@@ -1,0 +1,149 @@
+//! A model tried on procedural rooms: whether its order of near and far is that of their depth.
+//!
+//! Nothing in a photograph tells a disparity that is taken for a depth, which exchanges near and far. The rooms' depth is known.
+
+use crate::Result;
+use crate::scene::{Room, room};
+use mde_prior::{DepthPrior, DisparityRule};
+use mde_uncertainty::statistics::spearman;
+
+/// Width and height of the rooms' images, pixels.
+pub const SIZE: [usize; 2] = [224, 168];
+/// Below this mean correlation with the true depth of the rooms a model is of no use, or its profile is wrong.
+const AGREES: f64 = 0.25;
+/// Standard errors by which the mean correlation exceeds 0 beyond chance: 95 % of Student's distribution for seven rooms.
+const CHANCE: f64 = 1.94;
+
+/// A model's depth of one room.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tried {
+    /// The room.
+    pub room: Room,
+    /// Spearman's correlation of the predicted with the true depth; 0 where either is constant.
+    pub correlation: f64,
+    /// Share of the pixels without a prediction.
+    pub missing: f64,
+}
+
+impl Tried {
+    /// Predicts a room.
+    ///
+    /// # Errors
+    /// [`Error::Prior`](crate::Error::Prior) where the model fails.
+    pub fn new(prior: &dyn DepthPrior, kind: Room) -> Result<Self> {
+        let [width, height] = SIZE;
+        let scene = room(kind, 0, width, height)?;
+        let depth = prior.predict(scene.image.view())?.to_depth(&DisparityRule::default())?;
+        let (predicted, truth): (Vec<f64>, Vec<f64>) = depth
+            .iter()
+            .zip(&scene.depth)
+            .filter(|(predicted, truth)| **predicted > 0.0 && **truth > 0.0)
+            .map(|(predicted, truth)| (f64::from(*predicted), f64::from(*truth)))
+            .unzip();
+        let missing = 1.0 - predicted.len() as f64 / depth.len().max(1) as f64;
+        let correlation = match predicted.is_empty() {
+            true => 0.0,
+            false => spearman(&predicted, &truth)?.unwrap_or(0.0),
+        };
+        Ok(Self { room: kind, correlation, missing })
+    }
+}
+
+/// A model's order of near and far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// That of the rooms, beyond chance.
+    True,
+    /// Its reverse, beyond chance.
+    Exchanged,
+    /// Neither.
+    Chance,
+}
+
+/// A model's depth of all rooms.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trial {
+    /// One after the other.
+    pub rooms: Vec<Tried>,
+}
+
+impl Trial {
+    /// Predicts all rooms.
+    ///
+    /// # Errors
+    /// As [`Tried::new`].
+    pub fn new(prior: &dyn DepthPrior) -> Result<Self> {
+        let rooms = Room::ALL.into_iter().map(|kind| Tried::new(prior, kind));
+        Ok(Self { rooms: rooms.collect::<Result<_>>()? })
+    }
+
+    /// A trial whose order is exchanged beyond chance, or nothing. A model is told by one prediction, unless that one is exchanged: then by
+    /// all rooms.
+    ///
+    /// # Errors
+    /// As [`Tried::new`].
+    pub fn exchanged(prior: &dyn DepthPrior) -> Result<Option<Self>> {
+        let [first, others @ ..] = Room::ALL;
+        let first = Tried::new(prior, first)?;
+        if first.correlation > -AGREES {
+            return Ok(None);
+        }
+        let others = others.into_iter().map(|kind| Tried::new(prior, kind));
+        let rooms = std::iter::once(Ok(first)).chain(others).collect::<Result<_>>()?;
+        Ok(Some(Self { rooms }).filter(|trial| trial.order() == Order::Exchanged))
+    }
+
+    /// Mean of the correlations.
+    pub fn mean(&self) -> f64 {
+        self.rooms.iter().map(|tried| tried.correlation).sum::<f64>() / self.rooms.len() as f64
+    }
+
+    /// Whether the correlations are of one sign beyond chance, and not too small to be of use.
+    pub fn order(&self) -> Order {
+        let (mean, count) = (self.mean(), self.rooms.len() as f64);
+        let squares: f64 = self.rooms.iter().map(|tried| (tried.correlation - mean).powi(2)).sum();
+        let error = (squares / (count * (count - 1.0))).sqrt();
+        if mean.abs() <= AGREES || mean.abs() <= CHANCE * error {
+            Order::Chance
+        } else if mean > 0.0 {
+            Order::True
+        } else {
+            Order::Exchanged
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mde_prior::{DepthKind, PriorDepth};
+    use ndarray::ArrayView3;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// Depth by the row of a pixel: rooms are nearer below.
+    struct ByRow {
+        exchanged: bool,
+        predictions: AtomicUsize,
+    }
+
+    impl DepthPrior for ByRow {
+        fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+            self.predictions.fetch_add(1, Ordering::Relaxed);
+            let (height, width, _) = image.dim();
+            let depth = |(y, _)| 1.0 + if self.exchanged { y as f32 } else { (height - y) as f32 };
+            PriorDepth::from_values(ndarray::Array2::from_shape_fn((height, width), depth), DepthKind::Metric)
+        }
+    }
+
+    #[test]
+    fn an_exchanged_order_is_told_and_another_costs_one_prediction() {
+        let model = |exchanged| ByRow { exchanged, predictions: AtomicUsize::new(0) };
+        let (right, wrong) = (model(false), model(true));
+        assert_eq!(Trial::new(&right).unwrap().order(), Order::True);
+        assert_eq!(right.predictions.swap(0, Ordering::Relaxed), Room::ALL.len());
+        assert_eq!(Trial::exchanged(&right).unwrap(), None);
+        assert_eq!(right.predictions.into_inner(), 1);
+        let told = Trial::exchanged(&wrong).unwrap().unwrap();
+        assert!(told.mean() < -AGREES && told == Trial::new(&wrong).unwrap(), "{told:?}");
+    }
+}
