@@ -26,12 +26,11 @@ pub struct Tried {
 }
 
 impl Tried {
-    /// Predicts a room.
+    /// Predicts a room of `[width, height]`.
     ///
     /// # Errors
     /// [`Error::Prior`](crate::Error::Prior) where the model fails.
-    pub fn new(prior: &dyn DepthPrior, kind: Room) -> Result<Self> {
-        let [width, height] = SIZE;
+    pub fn new(prior: &dyn DepthPrior, kind: Room, [width, height]: [usize; 2]) -> Result<Self> {
         let scene = room(kind, 0, width, height)?;
         let depth = prior.predict(scene.image.view())?.to_depth(&DisparityRule::default())?;
         let (predicted, truth): (Vec<f64>, Vec<f64>) = depth
@@ -73,24 +72,21 @@ impl Trial {
     /// # Errors
     /// As [`Tried::new`].
     pub fn new(prior: &dyn DepthPrior) -> Result<Self> {
-        let rooms = Room::ALL.into_iter().map(|kind| Tried::new(prior, kind));
+        let rooms = Room::ALL.into_iter().map(|kind| Tried::new(prior, kind, SIZE));
         Ok(Self { rooms: rooms.collect::<Result<_>>()? })
     }
 
-    /// A trial whose order is exchanged beyond chance, or nothing. A model is told by one prediction, unless that one is exchanged: then by
-    /// all rooms.
+    /// A trial whose order is exchanged beyond chance, or nothing. A model is told by one prediction of a small room, unless that one is
+    /// exchanged: then by all rooms.
     ///
     /// # Errors
     /// As [`Tried::new`].
     pub fn exchanged(prior: &dyn DepthPrior) -> Result<Option<Self>> {
-        let [first, others @ ..] = Room::ALL;
-        let first = Tried::new(prior, first)?;
+        let first = Tried::new(prior, Room::ALL[0], SIZE.map(|side| side / 2))?;
         if first.correlation > -AGREES {
             return Ok(None);
         }
-        let others = others.into_iter().map(|kind| Tried::new(prior, kind));
-        let rooms = std::iter::once(Ok(first)).chain(others).collect::<Result<_>>()?;
-        Ok(Some(Self { rooms }).filter(|trial| trial.order() == Order::Exchanged))
+        Ok(Some(Self::new(prior)?).filter(|trial| trial.order() == Order::Exchanged))
     }
 
     /// Mean of the correlations.
