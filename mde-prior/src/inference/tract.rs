@@ -56,7 +56,10 @@ impl TractGraph {
             return Ok((Arc::clone(plan), *bytes));
         }
         let refused = |e: TractError| {
-            format!("the model takes no input of {shape:?} ({}); check its input size", one_line(&e))
+            format!(
+                "the model takes no input of {shape:?} ({}); check its input size, or try ONNX Runtime",
+                one_line(&e)
+            )
         };
         let mut model = self.model.clone();
         if self.outputs.len() > 1 {
@@ -96,7 +99,10 @@ impl Graph for TractGraph {
             let outputs = plan.run(tvec!(input.into()));
             Arch::new().dispatch(ClearRegisters);
             let outputs = outputs.map_err(|e| {
-                format!("the model fails at {shape:?} ({}); check its input size", one_line(&e))
+                format!(
+                    "the model fails at {shape:?} ({}); check its input size, or try ONNX Runtime",
+                    one_line(&e)
+                )
             })?;
             outputs.iter().map(|output| floats(output).map_err(|e| one_line(&e))).collect()
         };
