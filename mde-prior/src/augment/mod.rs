@@ -340,21 +340,21 @@ impl Augmented {
     }
 }
 
-/// The image, or its mirror image, with contiguous rows, which a model may need.
+/// The image `[height, width, 3]`, or its mirror image, with contiguous rows, which a model may need.
 fn copied(image: ArrayView3<'_, f32>, mirrored: bool) -> Array3<f32> {
-    let turned = if mirrored { image.slice(s![.., ..;-1, ..]) } else { image.view() };
-    let mut copy = Array3::zeros(image.dim());
-    for ((mut to, from), turned) in copy.outer_iter_mut().zip(image.outer_iter()).zip(turned.outer_iter()) {
-        match (to.as_slice_mut(), from.as_slice(), from.ncols()) {
-            (Some(to), Some(from), 3) if mirrored => {
-                let pixels = to.as_chunks_mut::<3>().0.iter_mut().zip(from.as_chunks::<3>().0.iter().rev());
-                pixels.for_each(|(to, from)| *to = *from);
-            }
-            (Some(to), Some(from), _) if !mirrored => to.copy_from_slice(from),
-            _ => to.assign(&turned),
+    let mut values = Vec::with_capacity(image.len());
+    for row in image.outer_iter() {
+        let begin = values.len();
+        match row.as_slice() {
+            Some(row) => values.extend_from_slice(row),
+            None => values.extend(row),
+        }
+        if mirrored {
+            values[begin..].as_chunks_mut::<3>().0.reverse();
         }
     }
-    copy
+    // There are as many values as the image has.
+    Array3::from_shape_vec(image.dim(), values).unwrap_or_default()
 }
 
 /// The prediction of a crop, or of its mirror image turned back, as values for the regression.
