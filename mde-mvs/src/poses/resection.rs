@@ -4,6 +4,9 @@ use super::roots::quartic;
 use mde_warp::Pose;
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
+/// Sine of the angle by which a point may miss its ray. Near a double root half of the digits are left.
+const MISSED: f64 = 3e-4;
+
 /// Poses (world to camera) that put three points on three rays: at most four (Grunert, 1841; in the form of Haralick et al.,
 /// 1994).
 ///
@@ -36,6 +39,10 @@ pub(super) fn three_points(points: [Point3<f64>; 3], rays: [Vector3<f64>; 3]) ->
             let first = (b2 / (1.0 + v * v - 2.0 * v * cb)).sqrt();
             let seen = [j[0] * first, j[1] * (u * first), j[2] * (v * first)];
             (v > 0.0 && u > 0.0 && first.is_finite() && u.is_finite()).then(|| align(points, seen)).flatten()
+        })
+        // Where v makes `below` vanish, u is of rounding alone.
+        .filter(|pose| {
+            points.iter().zip(&j).all(|(p, ray)| (pose * p).coords.normalize().cross(ray).norm() < MISSED)
         })
         .collect()
 }

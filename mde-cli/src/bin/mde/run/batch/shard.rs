@@ -67,7 +67,7 @@ pub(crate) struct Claim<'c> {
 /// a shard, `files` are their records.
 pub(crate) fn check(claims: &[Claim<'_>], items: &str, command: &str, files: &str) -> anyhow::Result<()> {
     let Some(first) = claims.first() else { bail!("no shard") };
-    let count = first.shard.count;
+    let (count, shown) = (first.shard.count, first.folder.display());
     let (mut keys, mut names, mut seen) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
     for claim in claims {
         let named = format!("{}: shard {}", claim.folder.display(), claim.shard);
@@ -99,12 +99,12 @@ pub(crate) fn check(claims: &[Claim<'_>], items: &str, command: &str, files: &st
     };
     ensure!(
         missing.is_empty(),
-        "shards {}{more} of {count} are missing; run {command} --shard I/{count} for them",
+        "{shown}: shards {}{more} of {count} are missing; run {command} --shard I/{count} for them",
         missing[..missing.len().min(NAMED)].join(", ")
     );
     ensure!(
         keys.len() == first.all,
-        "{} of {} {items} are in the shards; run them again",
+        "{shown}: {} of {} {items} are in the shards; run them again",
         keys.len(),
         first.all
     );
