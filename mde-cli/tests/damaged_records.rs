@@ -1,17 +1,16 @@
 //! Records of shards as a killed job, a full disk or an editor may leave them: `mde merge` joins them or refuses in one line, and
-//! writes nowhere but in its output. `PROPTEST_CASES` says how many.
+//! writes nowhere but in its output. `PROPTEST_CASES` sets their number.
 #![allow(clippy::unwrap_used)]
 
 mod common;
 
-use common::Place;
+use common::{Place, copy};
 use proptest::prelude::*;
 use proptest::sample::Index;
 use proptest::test_runner::{Config, TestRunner};
 use serde_json::Value;
 use std::cell::Cell;
 use std::fs;
-use std::path::Path;
 
 const VALUES: [&str; 14] = [
     "null",
@@ -95,19 +94,6 @@ fn damaged(text: &[u8], damage: &Damage) -> Vec<u8> {
     bytes
 }
 
-fn copy(from: &Path, to: &Path) {
-    fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap() {
-        let entry = entry.unwrap();
-        let target = to.join(entry.file_name());
-        if entry.file_type().unwrap().is_dir() {
-            copy(&entry.path(), &target);
-        } else {
-            fs::copy(entry.path(), target).unwrap();
-        }
-    }
-}
-
 /// Merges with one record damaged. Whole ones come out, or an error that names what is wrong; nothing else is written.
 fn merge_damaged(shards: &Place, records: &[&'static str], written: &str, cases: u32) {
     let mut runner = TestRunner::new(Config { failure_persistence: None, ..Config::with_cases(cases) });
@@ -123,7 +109,7 @@ fn merge_damaged(shards: &Place, records: &[&'static str], written: &str, cases:
         let told = String::from_utf8_lossy(&done.stderr).into_owned();
         match done.status.code() {
             Some(0) => joined.set(joined.get() + 1),
-            // A row or a scene says that it failed.
+            // A photograph or a scene failed.
             Some(3) => prop_assert!(place.path("out").join(written).is_file(), "{told}"),
             Some(1) => {
                 refused.set(refused.get() + 1);
@@ -145,7 +131,7 @@ fn merge_damaged(shards: &Place, records: &[&'static str], written: &str, cases:
     assert!(joined.get() > 0 && refused.get() > 0, "{} joined, {} refused", joined.get(), refused.get());
 }
 
-/// More where `PROPTEST_CASES` says so.
+/// Overridden by `PROPTEST_CASES`.
 fn cases(usual: u32) -> u32 {
     std::env::var("PROPTEST_CASES").ok().and_then(|number| number.parse().ok()).unwrap_or(usual)
 }
@@ -154,7 +140,7 @@ fn cases(usual: u32) -> u32 {
 #[cfg(feature = "onnx")]
 fn damaged_records_of_photographs_are_joined_or_refused() {
     let place = Place::new();
-    let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures");
+    let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures");
     fs::copy(fixtures.join("grey_nchw.onnx"), place.path("grey.onnx")).unwrap();
     fs::copy(place.path("image.png"), place.path("b.png")).unwrap();
     let refine = "refine image.png b.png --prior-model grey.onnx --model-profile fastdepth --predictions 1 --fov 60 -q";

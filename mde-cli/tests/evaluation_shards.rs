@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{Place, names};
+use common::{Place, copy, names};
 use predicates::prelude::*;
 use serde_json::Value;
 use std::fs;
@@ -14,19 +14,6 @@ const EVAL: &str = "eval --dataset rooms --size 64x48 --limit 5 --methods tiny.t
 
 fn eval(place: &Place, rest: &str) -> assert_cmd::assert::Assert {
     place.mde(&format!("{EVAL} {rest}")).assert()
-}
-
-fn copy(from: &Path, to: &Path) {
-    fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap() {
-        let entry = entry.unwrap();
-        let target = to.join(entry.file_name());
-        if entry.file_type().unwrap().is_dir() {
-            copy(&entry.path(), &target);
-        } else {
-            fs::copy(entry.path(), target).unwrap();
-        }
-    }
 }
 
 /// The rows of `scenes.csv` without the seconds.

@@ -154,7 +154,7 @@ fn exchanged_near_and_far_are_told_where_only_the_user_or_a_name_says_what_a_net
     let text = stderr(&place, &many);
     let lines: Vec<_> = text.lines().filter(|line| line.contains(TOLD)).collect();
     assert!(lines.len() == 1 && lines[0].contains("2 of 2 photographs: net.onnx: near"), "{text}");
-    // The doctor has the same to say.
+    // `mde doctor` fails for the same reason.
     let doctor = |kind: &str| place.mde(&format!("doctor --prior-model net.onnx {size} --prior-kind {kind}"));
     doctor("disparity").assert().success();
     let said = doctor("depth").assert().code(1);

@@ -153,3 +153,17 @@ pub(crate) fn shared() -> PathBuf {
     let folder = std::env::var_os("MDE_SHARED");
     folder.expect("MDE_SHARED names the folder with the networks and photographs").into()
 }
+
+/// Copies a folder with what is in it.
+pub(crate) fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        let target = to.join(entry.file_name());
+        if entry.file_type().unwrap().is_dir() {
+            copy(&entry.path(), &target);
+        } else {
+            fs::copy(entry.path(), target).unwrap();
+        }
+    }
+}

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaterni
 
 /// Sine of the angle by which a point may miss its ray. Near a double root half of the digits are left.
 const MISSED: f64 = 3e-4;
-/// Below it two poses share their ratio of the third to the first distance.
+/// Denominator of u below which two poses have nearly the same v, and u is of rounding alone.
 const SHARED: f64 = 1e-4;
 
 /// Poses (world to camera) that put three points on three rays: at most four (Grunert, 1841; in the form of Haralick et al.,

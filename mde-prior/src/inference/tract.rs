@@ -128,7 +128,7 @@ thread_local! {
 }
 
 /// This thread is within a prediction. While it waits there for its part of a matrix product, rayon gives it whatever the pool has to do,
-/// another prediction too; tract holds the scratch of a thread meanwhile, and panics when it is asked for again.
+/// another prediction too; tract's scratch of that thread is borrowed meanwhile, and borrowing it again panics.
 struct Within;
 
 impl Within {
