@@ -152,9 +152,10 @@ pub(crate) fn merge(args: &MergeArgs) -> Result<()> {
         (None, _) => bail!("-o: give a folder for the scenes of all {} folders", args.folders.len()),
     };
     let Some((first, part)) = parts.first() else { bail!("no shard") };
+    let first = first.clone();
     let shared: Shared =
         serde_json::from_value(part.shared.clone()).with_context(|| first.display().to_string())?;
-    let store = Store::open(output, &Store::basis(first)?, false)?;
+    let store = Store::open(output, &Store::basis(&first)?, false)?;
     let mut scenes = Vec::new();
     let (mut failures, mut warnings) = (Vec::new(), Vec::new());
     for (folder, part) in parts {
@@ -183,7 +184,10 @@ pub(crate) fn merge(args: &MergeArgs) -> Result<()> {
         failures,
         record: shared.record,
     };
-    results::finish(results, store.root(), &mut progress)
+    results::finish(results, store.root(), &mut progress).map_err(|error| match error.is::<Partial>() {
+        true => error,
+        false => error.context(format!("{}: its shards can't be joined", first.display())),
+    })
 }
 
 fn read(folder: &Path) -> Result<Vec<(PathBuf, Part)>> {
