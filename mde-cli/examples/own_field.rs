@@ -31,6 +31,7 @@ impl RadianceField for Surface {
             image: Array3::from_elem((size.0, size.1, 3), 0.5),
             depth: seen,
             opacity: Array2::ones(size),
+            in_bin: None,
         })
     }
 }

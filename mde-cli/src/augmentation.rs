@@ -31,7 +31,8 @@ pub(crate) struct Start {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Component {
     /// `spread`: of the predictions. `disagreement`: between the merged map and the prediction of the whole image. `common`: the
-    /// stated error that all predictions share. `field`: of the rays' termination over all views, in the prior's gauge.
+    /// stated error that all predictions share. `field`: of the rays' termination over all views, in the prior's gauge. Those of several
+    /// photographs are in `docs/outputs.md`.
     pub name: &'static str,
     /// `[height, width]`, in the depth's unit; infinite where missing.
     pub sigma: Array2<f32>,

@@ -168,6 +168,23 @@ impl Fuser for FieldAlone {
     }
 }
 
+/// Sigma of its components, each of which says something, whether a pixel has the field's depth or the consensus'.
+fn is_the_root_sum_of_squares(refined: &Refinement) {
+    let names: Vec<_> = refined.components.iter().map(|part| part.name).collect();
+    assert_eq!(
+        names,
+        ["termination", "in-bin", "ambiguity", "prior", "view-disagreement", "parallax", "poses"]
+    );
+    for (at, &variance) in refined.depth.variance().indexed_iter() {
+        let sum: f32 = refined.components.iter().map(|part| part.sigma[at].powi(2)).sum();
+        assert!((sum / variance - 1.0).abs() < 1e-4 || variance.is_infinite() && sum.is_infinite());
+    }
+    for part in refined.components.iter().filter(|part| part.name != "poses") {
+        let known = part.sigma.iter().filter(|s| s.is_finite());
+        assert!(known.clone().all(|s| *s >= 0.0) && known.clone().any(|s| *s > 0.0), "{}", part.name);
+    }
+}
+
 /// Eq. 10-17 in the printed order where the settings say so, or another fusion.
 #[test]
 fn the_printed_fusion_is_there_with_several_photographs() {
@@ -175,6 +192,7 @@ fn the_printed_fusion_is_there_with_several_photographs() {
     let mut config = config();
     let usual = run(&capture, &prior, &config);
     assert_eq!(usual.capture.as_ref().unwrap().fusion, None);
+    is_the_root_sum_of_squares(&usual);
 
     config.fusion = Preset::Paper.config().fusion;
     let printed = run(&capture, &prior, &config);
@@ -428,8 +446,14 @@ fn the_program_limits_photographs_and_names_the_unit() {
     let room = rendered(Room::Study, 4);
     let folder = on_disk(&room);
     let refine = "refine images/0.png --prior-depth prior.npy --config quick.toml";
-    mde(&folder, &format!("{refine} --views transforms.json --max-views 2 --unit capture -o out")).success();
+    let views = format!("{refine} --views transforms.json --max-views 2 --export sigma");
+    mde(&folder, &format!("{views} --unit capture -o out")).success();
     let record = record(&folder, "out");
+    // The factor to the prior counts in the prior's unit only.
+    mde(&folder, &format!("{views} -o metres")).success();
+    let exported = |name: &str| folder.path().join(name).exists();
+    assert!(exported("out/sigma/ambiguity.npy") && !exported("out/sigma/gauge.npy"));
+    assert!(exported("metres/sigma/gauge.npy"));
     let used = record["capture"]["photographs"].as_array().unwrap().iter().filter(|p| p["used"] == true);
     assert_eq!((used.count(), record["unit"].as_str()), (2, Some("capture")));
     if let Some(peak) = record["peak_memory_bytes"].as_u64() {

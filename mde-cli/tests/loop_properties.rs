@@ -206,7 +206,8 @@ impl RadianceField for Tinted {
         let mean = Zip::from(view.hypotheses[0].mean()).and(red).map_collect(|z, c| z * (0.9 + 0.3 * c));
         let variance = mean.mapv(|z| (0.03 * z).powi(2));
         let opacity = Array2::ones(mean.dim());
-        Ok(RenderedView { image: view.image.clone(), depth: GaussianDepth::new(mean, variance)?, opacity })
+        let depth = GaussianDepth::new(mean, variance)?;
+        Ok(RenderedView { image: view.image.clone(), depth, opacity, in_bin: None })
     }
 }
 

@@ -52,6 +52,7 @@ impl RadianceField for Wall {
             image: Array3::zeros((size.0, size.1, 3)),
             depth: GaussianDepth::new(Array2::from_elem(size, self.depth), Array2::from_elem(size, 1e-2))?,
             opacity: Array2::ones(size),
+            in_bin: None,
         })
     }
 }

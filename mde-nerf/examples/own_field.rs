@@ -23,7 +23,8 @@ impl RadianceField for Surface {
         let depth = reproject(depth, &view.camera, &view.pose, camera, pose, &ReprojectConfig::default())
             .map_err(Error::external)?;
         let opacity = depth.support().mapv(|known| f32::from(u8::from(known)));
-        Ok(RenderedView { image: Array3::from_elem((camera.height, camera.width, 3), 0.5), depth, opacity })
+        let image = Array3::from_elem((camera.height, camera.width, 3), 0.5);
+        Ok(RenderedView { image, depth, opacity, in_bin: None })
     }
 }
 

@@ -27,6 +27,7 @@ use std::ops::ControlFlow;
 ///             image: Array3::from_elem((size.0, size.1, 3), 0.5),
 ///             depth: GaussianDepth::new(Array2::from_elem(size, self.0), Array2::from_elem(size, 1e-4))?,
 ///             opacity: Array2::ones(size),
+///             in_bin: None,
 ///         })
 ///     }
 /// }
@@ -67,6 +68,8 @@ pub struct RenderedView {
     pub depth: GaussianDepth,
     /// Probability that the ray ends in the volume, `[height, width]`.
     pub opacity: Array2<f32>,
+    /// The part of the variance from within the bins of the rays, `[height, width]`, where the field tells it apart.
+    pub in_bin: Option<Array2<f32>>,
 }
 
 /// Summary of a fit.

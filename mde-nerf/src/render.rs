@@ -8,6 +8,7 @@ use crate::network::Network;
 use crate::train::tile_rays;
 use crate::{Error, Result};
 use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::termination::Moments;
 use mde_warp::{PinholeCamera, Pose};
 use ndarray::{Array2, Array3};
 use rayon::prelude::*;
@@ -17,8 +18,8 @@ const ROWS: usize = 16;
 /// Background of rendered views.
 const BACKGROUND: f64 = 0.5;
 
-/// Colour, depth mean and variance, opacity.
-type Pixel = ([f32; 3], f32, f32, f32);
+/// Colour, and the moments of the depth.
+type Pixel = ([f32; 3], Moments<f32>);
 
 pub(crate) fn render(
     network: &Network<f32>,
@@ -35,6 +36,7 @@ pub(crate) fn render(
     let mut mean = Array2::zeros((height, width));
     let mut variance = Array2::from_elem((height, width), f32::INFINITY);
     let mut opacity = Array2::zeros((height, width));
+    let mut in_bin = Array2::zeros((height, width));
     for first in (0..height).step_by(ROWS) {
         let rows = ROWS.min(height - first);
         let tiles: Vec<Vec<Pixel>> = (0..(rows * width).div_ceil(tile))
@@ -48,26 +50,27 @@ pub(crate) fn render(
                 };
                 let mut marches: Vec<March> = pixels.map(march).collect();
                 marcher.forward(network, frustum, &mut marches, &budget);
-                let pixel = |r: &crate::volume::Rendered<f32>| {
-                    (r.colour, r.depth.mean, r.depth.variance, r.depth.opacity)
-                };
+                let pixel = |r: &crate::volume::Rendered<f32>| (r.colour, r.depth);
                 marcher.rendered[..marches.len()].iter().map(pixel).collect()
             })
             .collect();
-        for (i, (colour, m, v, a)) in tiles.into_iter().flatten().enumerate() {
+        for (i, (colour, depth)) in tiles.into_iter().flatten().enumerate() {
             let at = (first + i / width, i % width);
             for (channel, c) in colour.into_iter().enumerate() {
                 image[(at.0, at.1, channel)] = c.clamp(0.0, 1.0);
             }
-            opacity[at] = a.clamp(0.0, 1.0);
-            if a >= config.render.min_opacity && m.is_finite() && v.is_finite() {
-                mean[at] = m;
-                variance[at] = v.max(0.0);
+            opacity[at] = depth.opacity.clamp(0.0, 1.0);
+            let finite = depth.mean.is_finite() && depth.variance.is_finite();
+            if depth.opacity >= config.render.min_opacity && finite {
+                mean[at] = depth.mean;
+                variance[at] = depth.variance.max(0.0);
+                in_bin[at] = depth.in_bin;
             }
         }
         if callback.on_event(&FieldEvent::Render { row: first + rows, rows: height }).is_break() {
             return Err(Error::Interrupted);
         }
     }
-    Ok(RenderedView { image, depth: GaussianDepth::new(mean, variance)?, opacity })
+    let depth = GaussianDepth::new(mean, variance)?;
+    Ok(RenderedView { image, depth, opacity, in_bin: Some(in_bin) })
 }

@@ -28,6 +28,8 @@ pub struct Moments<T> {
     pub mean: T,
     /// \\(\sigma_r^2\\), Eq. 5; 0 where the opacity is 0.
     pub variance: T,
+    /// The part of it that [`InBinVariance`] adds.
+    pub in_bin: T,
 }
 
 /// Opacity of one bin (Eq. 2, left): \\(\alpha_i = 1 - e^{-\sigma_i \Delta_i}\\), exact for thin bins.
@@ -71,11 +73,12 @@ pub fn moments<T: Real>(weights: &[T], depth: &[T], extent: &[T], in_bin: InBinV
         mean += w * offset;
     }
     mean = mean / opacity;
-    let mut variance = T::ZERO;
+    let (mut variance, mut within) = (T::ZERO, T::ZERO);
     for (w, offset, inside) in bins(weights, depth, extent, origin, in_bin) {
         variance += w * ((offset - mean) * (offset - mean) + inside);
+        within += w * inside;
     }
-    Moments { opacity, mean: origin + mean, variance: variance / opacity }
+    Moments { opacity, mean: origin + mean, variance: variance / opacity, in_bin: within / opacity }
 }
 
 /// Each bin's weight, its mean depth less `origin`, and the variance inside it.
@@ -143,6 +146,9 @@ mod tests {
             let uniform = moments(&w, &depth, &extent, InBinVariance::Uniform);
             prop_assert!(midpoint.mean >= ends.0 - 1e-12 && midpoint.mean <= ends.1 + 1e-12);
             prop_assert!(uniform.variance > midpoint.variance && uniform.mean == midpoint.mean);
+            prop_assert!(midpoint.in_bin == 0.0);
+            let sum = midpoint.variance + uniform.in_bin;
+            prop_assert!((uniform.variance - sum).abs() < 1e-12 * sum);
         }
 
         /// Shifting a ray by 1 km must not touch its variance, in `f32` either.

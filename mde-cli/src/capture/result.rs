@@ -15,6 +15,9 @@ use ndarray::{Array2, Zip};
 const CONSENSUS: f32 = 0.5;
 /// Standard deviation of a match, pixels of disparity. What neither the field nor the sweeps state: exposure, the raster, the lens.
 const MATCH: f64 = 0.5;
+/// What sigma is made of.
+const COMPONENTS: [&str; 7] =
+    ["termination", "in-bin", "ambiguity", "prior", "view-disagreement", "parallax", "poses"];
 /// Least share of the reference's pixels that another photograph confirms.
 const LEAST_VERIFIED: f32 = 0.03;
 
@@ -38,7 +41,9 @@ pub(super) fn scale(reconstruction: &Reconstruction, unit: f64) -> [f64; 2] {
 /// The field's depth, the consensus where the field has none, in the prior's unit.
 ///
 /// Relative variances add: that of the ray's termination, a quarter of the consensus', half a pixel of disparity over the root mean
-/// square of the baselines \\( b \\), \\( (0.5\, z / (f_x b))^2 \\), and that of the poses ([`depth_variance`]).
+/// square of the baselines \\( b \\), \\( (0.5\, z / (f_x b))^2 \\), and that of the poses ([`depth_variance`]). The components
+/// split the first two: the ray's into what lies within its bins and the rest, the consensus' into the ambiguity of the costs, the
+/// prior with the doubt of the match, and the inflation by which the photographs disagree.
 pub(super) fn combine(
     reconstruction: &Reconstruction,
     views: &[PosedView],
@@ -46,14 +51,16 @@ pub(super) fn combine(
     rendered: Option<&RenderedView>,
     unit: f64,
 ) -> Result<(GaussianDepth, Vec<Component>)> {
-    let Some(ViewDepth { fused: consensus, .. }) = reconstruction.views.first() else {
+    let Some(ViewDepth { fused: consensus, ambiguity, .. }) = reconstruction.views.first() else {
         return Ok((GaussianDepth::missing(0, 0), Vec::new()));
     };
     let factor = scale(reconstruction, unit)[0] as f32;
     let (mut mean, mut variance) = (consensus.mean().to_owned(), consensus.variance().to_owned());
     let per_depth = disparity(views) as f32;
     let of_poses = depth_variance(views, covariances, consensus.mean());
-    let mut parts: [Array2<f32>; 4] = std::array::from_fn(|_| Array2::from_elem(mean.dim(), f32::INFINITY));
+    let disagreement = 1.0 - reconstruction.inflation.recip();
+    let within = rendered.and_then(|r| r.in_bin.as_ref());
+    let mut parts = COMPONENTS.map(|_| Array2::from_elem(mean.dim(), f32::INFINITY));
     for (at, mean) in mean.indexed_iter_mut() {
         let relative = |map: &GaussianDepth| map.get(at.0, at.1).map(|(z, v)| (z, v.sqrt() / z));
         let field = rendered.and_then(|r| relative(&r.depth)).filter(|(z, _)| *z > 0.0);
@@ -66,24 +73,29 @@ pub(super) fn combine(
             }
         };
         let depth = z / factor;
+        let ray = field.map_or(0.0, |f| f.1 * f.1);
+        let in_bin = within.and_then(|w| w.get(at)).map_or(0.0, |v| (v / (z * z)).max(0.0).min(ray));
+        let fused = (CONSENSUS * stated.map_or(0.0, |s| s.1)).powi(2);
+        let apart = disagreement * fused;
+        let ambiguous = ambiguity[at] * (fused - apart);
         let shares = [
-            field.map_or(0.0, |f| f.1),
-            CONSENSUS * stated.map_or(0.0, |s| s.1),
-            per_depth * z,
-            of_poses[at].sqrt(),
+            ray - in_bin,
+            in_bin,
+            ambiguous,
+            (fused - apart - ambiguous).max(0.0),
+            apart,
+            (per_depth * z).powi(2),
+            of_poses[at],
         ];
         for (part, share) in parts.iter_mut().zip(shares) {
-            part[at] = share * depth;
+            part[at] = share.sqrt() * depth;
         }
         *mean = depth;
-        let share = shares.iter().map(|s| s * s).sum::<f32>();
+        let share = ray + fused + (per_depth * z).powi(2) + of_poses[at];
         variance[at] = (share * depth * depth).max(f32::MIN_POSITIVE);
     }
-    let components = ["field", "consensus", "parallax", "poses"]
-        .into_iter()
-        .zip(parts)
-        .map(|(name, sigma)| Component { name, sigma })
-        .collect();
+    let components =
+        COMPONENTS.into_iter().zip(parts).map(|(name, sigma)| Component { name, sigma }).collect();
     Zip::from(&mut variance).and(&mut mean).for_each(|v, z| {
         if !(v.is_finite() && z.is_finite()) {
             (*v, *z) = (f32::INFINITY, 0.0);

@@ -162,10 +162,15 @@ impl Finish<'_> {
             }
         }
         let stated = self.error_bar.apply(&mut refinement, config, origin, scaled, naming)?;
-        if let Some(scale) = &stated.scale {
-            let relative = scale.relative as f32;
-            let map = refinement.depth.mean().mapv(|z| if z > 0.0 { relative * z } else { f32::INFINITY });
-            refinement.components.push(Component { name: "scale", sigma: map });
+        // Errors of the whole map, which sigma does not contain.
+        let of_poses = refinement.capture.as_ref().and_then(|capture| capture.scale);
+        let gauge = of_poses.filter(|_| self.unit == Unit::Prior && !scaled).map(|[_, relative]| relative);
+        let scale = stated.scale.as_ref().map(|scale| scale.relative);
+        for (name, relative) in [("gauge", gauge), ("scale", scale)] {
+            let Some(relative) = relative.filter(|relative| relative.is_finite()) else { continue };
+            let of = |z: &f32| if *z > 0.0 { relative as f32 * z } else { f32::INFINITY };
+            let sigma = refinement.depth.mean().map(of);
+            refinement.components.push(Component { name, sigma });
         }
         let mut same_scale = self.same_scale;
         if let Some(found) = same_scale.as_mut().filter(|found| !found.is_alone()) {

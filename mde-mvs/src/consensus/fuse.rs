@@ -22,6 +22,8 @@ pub(super) struct Fused {
     pub(super) inlier: Array2<f32>,
     /// The prior after the correction.
     pub(super) corrected: Array2<f32>,
+    /// Share of the variance that the sweep's own is.
+    pub(super) ambiguity: Array2<f32>,
 }
 
 pub(super) fn fuse(
@@ -52,10 +54,11 @@ pub(super) fn fuse(
     let (mut mean, mut variance) = (Array2::zeros(shape), Array2::from_elem(shape, f32::INFINITY));
     let mut inlier = Array2::zeros(shape);
     let mut corrected = Array2::zeros(shape);
+    let mut ambiguity = Array2::zeros(shape);
     for (at, &p) in log_prior.indexed_iter() {
         if !p.is_finite() {
             if let Some((z, v)) = sweep.depth.get(at.0, at.1) {
-                (mean[at], variance[at], inlier[at]) = (z, v, chance[at]);
+                (mean[at], variance[at], inlier[at], ambiguity[at]) = (z, v, chance[at], 1.0);
             }
             continue;
         }
@@ -72,10 +75,12 @@ pub(super) fn fuse(
             m = probability * m1 + (1.0 - probability) * u;
             v = probability * (v1 + (m1 - m).powi(2)) + (1.0 - probability) * (s + (u - m).powi(2));
             inlier[at] = probability;
+            // Of the fused variance (1 - gain)^2 s + gain^2 var.
+            ambiguity[at] = if v > 0.0 { (probability * gain * gain * var / v).min(1.0) } else { 0.0 };
         }
         let z = (p + m).exp();
         (mean[at], variance[at]) = (z, z * z * v);
         corrected[at] = (p + u).exp();
     }
-    Ok(Fused { depth: GaussianDepth::new(mean, variance)?, inlier, corrected })
+    Ok(Fused { depth: GaussianDepth::new(mean, variance)?, inlier, corrected, ambiguity })
 }

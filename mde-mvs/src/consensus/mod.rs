@@ -96,6 +96,9 @@ pub struct ViewDepth {
     pub inlier: Array2<f32>,
     /// Share of the pixels on which at least one other photograph agrees.
     pub verified: f32,
+    /// Share of the variance of `fused`, but for the inflation, that is photometric ambiguity: the variance of the softmin of the sweep's
+    /// costs, by the weight of the match. The rest is the prior's, and the doubt whether the match is right.
+    pub ambiguity: Array2<f32>,
 }
 
 /// Result of [`reconstruct`].
@@ -106,13 +109,15 @@ pub struct Reconstruction {
     pub scale: Option<Scale>,
     /// One for each view.
     pub views: Vec<ViewDepth>,
+    /// Factor, at least 1, by which the variances of `fused` were enlarged, so that they explain how far the photographs disagree.
+    pub inflation: f32,
 }
 
 /// Bytes that [`reconstruct`] takes, its result included, beside its inputs: the working memory of one sweep, and the maps of all
 /// photographs.
 pub fn reconstruct_bytes(pixels: u64, views: u64, config: &ConsensusConfig) -> u64 {
-    // Of each photograph three means with variances, five maps of numbers, four of counts.
-    let maps = 3 * 8 + 5 * 4 + 4;
+    // Of each photograph three means with variances, six maps of numbers, four of counts.
+    let maps = 3 * 8 + 6 * 4 + 4;
     let working = working_bytes(pixels, views.saturating_sub(1), &config.sweep);
     working.saturating_add(pixels.saturating_mul(views).saturating_mul(maps))
 }
@@ -252,9 +257,10 @@ pub fn reconstruct_with(
             agreement: f.1,
             inlier: f.0.inlier,
             verified: f.2,
+            ambiguity: f.0.ambiguity,
         })
         .collect();
-    Ok(Reconstruction { scale, views })
+    Ok(Reconstruction { scale, views, inflation })
 }
 
 /// One factor for all priors, from sweeps over every scale.

@@ -59,5 +59,5 @@ impl RadianceField for FilteredField {
 
 fn uncoloured(depth: GaussianDepth, camera: &PinholeCamera) -> RenderedView {
     let opacity = depth.support().mapv(|known| f32::from(u8::from(known)));
-    RenderedView { image: Array3::zeros((camera.height, camera.width, 3)), depth, opacity }
+    RenderedView { image: Array3::zeros((camera.height, camera.width, 3)), depth, opacity, in_bin: None }
 }
