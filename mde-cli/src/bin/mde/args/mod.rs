@@ -3,6 +3,7 @@
 mod capture;
 mod evaluation;
 mod output;
+mod prior;
 mod tools;
 
 pub(crate) use capture::{MatchesName, PosesArgs, SeveralArgs, UnitName};
@@ -10,15 +11,16 @@ pub(crate) use evaluation::{
     AblateArgs, CalibrateArgs, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs, FaultName, ScoreArgs,
 };
 pub(crate) use output::{ExportArgs, MergeArgs, RunArgs};
+#[cfg(feature = "onnxruntime")]
+pub(crate) use prior::RuntimeName;
+pub(crate) use prior::{EncodingName, KindName, PriorArgs, PriorSource, RuntimeArgs};
 pub(crate) use tools::{CompletionsArgs, DoctorArgs, ManArgs};
 
 use clap::{Args, CommandFactory, Id, Parser, Subcommand, ValueEnum};
 use mde_cli::Preset;
 use mde_cli::memory::MemoryLimit;
 use mde_cli::results::ErrorBar;
-use mde_prior::DepthKind;
 use mde_prior::augment::Predictions;
-use mde_prior::format::Encoding;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "\
@@ -295,73 +297,6 @@ pub(crate) struct ReportArgs {
 
 // Clap accepts an argument whose required argument conflicts with another, so such conflicts are listed too.
 
-/// Where the monocular depth comes from.
-#[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Prior")]
-pub(crate) struct PriorArgs {
-    #[command(flatten)]
-    pub(crate) source: PriorSource,
-    /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else recognised by its folder, its graph or its name
-    #[arg(long, value_name = "NAME", conflicts_with = "prior_depth")]
-    pub(crate) model_profile: Option<String>,
-    /// Size of the model's input, pixels; by default that of the profile
-    #[arg(long, value_name = "WxH", value_parser = size, conflicts_with = "prior_depth")]
-    pub(crate) input_size: Option<[usize; 2]>,
-    /// Kind of the values; by default metric for a file whose metadata have no other unit, and that of the profile for a model
-    #[arg(long, value_enum)]
-    pub(crate) prior_kind: Option<KindName>,
-    /// Depth = value / X for a file; for 16-bit PNG the scale in its metadata, else 1000; 1 for floats
-    #[arg(long, value_name = "X", conflicts_with = "prior_model")]
-    pub(crate) png_scale: Option<f64>,
-    /// Encoding of depths in PNG files
-    #[arg(
-        long,
-        help_heading = "Advanced",
-        value_enum,
-        default_value = "plain",
-        conflicts_with = "prior_model"
-    )]
-    pub(crate) prior_encoding: EncodingName,
-    #[command(flatten)]
-    pub(crate) runtime: RuntimeArgs,
-}
-
-/// What runs a model.
-#[derive(Debug, Clone, Default, Args)]
-#[command(next_help_heading = "Prior")]
-pub(crate) struct RuntimeArgs {
-    /// What runs the model; tract, unless --onnxruntime is given
-    #[cfg(feature = "onnxruntime")]
-    #[arg(long, value_enum)]
-    pub(crate) runtime: Option<RuntimeName>,
-    /// ONNX Runtime's library; else ORT_DYLIB_PATH, else beside this program, else in the active Python's package onnxruntime
-    #[cfg(feature = "onnxruntime")]
-    #[arg(long, value_name = "LIBRARY")]
-    pub(crate) onnxruntime: Option<PathBuf>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-#[cfg(feature = "onnxruntime")]
-pub(crate) enum RuntimeName {
-    /// ONNX Runtime where its library is found, else tract
-    Auto,
-    /// tract, part of this program
-    Tract,
-    /// ONNX Runtime
-    Onnxruntime,
-}
-
-#[derive(Debug, Clone, Args)]
-#[group(required = true, multiple = false)]
-pub(crate) struct PriorSource {
-    /// A monocular depth network
-    #[arg(long, value_name = "MODEL.onnx", help_heading = "Prior")]
-    pub(crate) prior_model: Option<PathBuf>,
-    /// A depth map of the image's size: .npy, .npz, .png (16 bit), .pfm, .exr
-    #[arg(long, value_name = "FILE", help_heading = "Prior")]
-    pub(crate) prior_depth: Option<PathBuf>,
-}
-
 /// The pinhole camera.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Camera (without: EXIF, else 60 degrees)")]
@@ -500,43 +435,6 @@ impl From<PresetName> for Preset {
     }
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(crate) enum KindName {
-    /// Depth in metres
-    Metric,
-    /// Depth in an unknown unit
-    Depth,
-    /// 1/depth up to a scale and a shift (MiDaS, DPT, Depth Anything)
-    Disparity,
-}
-
-impl From<KindName> for DepthKind {
-    fn from(name: KindName) -> Self {
-        match name {
-            KindName::Metric => Self::Metric,
-            KindName::Depth => Self::RelativeDepth,
-            KindName::Disparity => Self::AffineDisparity,
-        }
-    }
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum EncodingName {
-    /// Depth = value / scale
-    Plain,
-    /// SUN RGB-D's rotated bits, millimetres
-    Sunrgbd,
-}
-
-impl From<EncodingName> for Encoding {
-    fn from(name: EncodingName) -> Self {
-        match name {
-            EncodingName::Plain => Self::Linear,
-            EncodingName::Sunrgbd => Self::Sunrgbd,
-        }
-    }
-}
-
 impl RefineArgs {
     /// Everything that the command names to be refined.
     pub(crate) fn photographs(&self) -> Vec<&Path> {
@@ -576,98 +474,4 @@ fn triple(text: &str) -> Result<[f64; 3], String> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_command_line_is_consistent() {
-        Cli::command().debug_assert();
-    }
-
-    #[test]
-    fn an_output_without_a_name_is_called_after_its_input() {
-        let name = |arguments: &str, input: &str| {
-            let cli = Cli::try_parse_from(arguments.split_whitespace()).unwrap();
-            let Command::Refine(refine) = cli.command else { panic!() };
-            refine.run.output(Path::new(input), "-depth")
-        };
-        let refine = "mde refine a/room.v2.jpg --prior-depth d.npy";
-        assert_eq!(name(refine, "a/room.v2.jpg"), Path::new("room.v2-depth"));
-        assert_eq!(name(&format!("{refine} -o out/x"), "a/room.v2.jpg"), Path::new("out/x"));
-    }
-
-    /// What everyone needs comes first, what few need last.
-    #[test]
-    fn the_help_begins_with_the_output_and_ends_with_what_is_rare() {
-        for name in ["refine", "demo", "eval"] {
-            let mut command = command();
-            let help = command.find_subcommand_mut(name).unwrap().render_long_help().to_string();
-            let at = |text: &str| help.find(text).unwrap_or_else(|| panic!("{name}: no {text}"));
-            assert!(at("--output") < at("--force") && at("--output") < at("--threads"), "{name}: {help}");
-            assert!(at("Advanced:") < at("--threads"), "{name}: {help}");
-            let mut headings =
-                help[..at("Examples:")].lines().filter(|line| !line.starts_with(' ') && line.ends_with(':'));
-            assert_eq!(headings.next_back(), Some("Advanced:"), "{name}: {help}");
-        }
-        let rare: [(&str, &[&str]); 2] = [
-            ("refine", &["matches", "unit", "shard", "same_scale"]),
-            (
-                "eval",
-                &[
-                    "filled_depth",
-                    "photographs",
-                    "baseline",
-                    "pose_noise",
-                    "gain",
-                    "without_poses",
-                    "without_intrinsics",
-                    "eigen_crop",
-                    "gt_encoding",
-                    "methods",
-                ],
-            ),
-        ];
-        for (name, flags) in rare {
-            let command = Cli::command();
-            let command = command.find_subcommand(name).unwrap();
-            for flag in flags {
-                let argument = command.get_arguments().find(|argument| argument.get_id() == flag).unwrap();
-                let usual = ["same_scale", "methods"].contains(flag);
-                assert_eq!(argument.get_help_heading() == Some("Advanced"), !usual, "{name} {flag}");
-            }
-        }
-    }
-
-    /// Where the results go by default is told for each command as it is.
-    #[test]
-    fn the_help_names_the_folder_of_each_command() {
-        for (name, folder) in [
-            ("refine", "room-depth"),
-            ("warp", "room-views"),
-            ("render", "field-render"),
-            ("demo", "mde-demo"),
-            ("eval", "SUNRGBD-eval"),
-            ("calibrate", "SUNRGBD-eval"),
-            ("ablate", "SUNRGBD-ablate"),
-            ("merge", "that of the shards"),
-            ("poses", "transforms.json"),
-        ] {
-            let command = Cli::command();
-            let command = command.find_subcommand(name).unwrap();
-            let output = command.get_arguments().find(|argument| argument.get_id() == "output").unwrap();
-            let help = output.get_help().unwrap().to_string();
-            assert!(
-                help.contains(folder) && (name == "refine" || !help.contains("room-depth")),
-                "{name}: {help}"
-            );
-        }
-    }
-
-    #[test]
-    fn sizes_and_triples() {
-        assert_eq!(size("320x240"), Ok([320, 240]));
-        assert!(["320", "0x9", "axb", "99999x99"].iter().all(|text| size(text).is_err()));
-        assert_eq!(triple("-1, 0,2.5"), Ok([-1.0, 0.0, 2.5]));
-        assert!(["1,2", "1,2,inf", "a,b,c"].iter().all(|text| triple(text).is_err()));
-    }
-}
+mod tests;
