@@ -50,6 +50,7 @@ pub(crate) fn unusable_evaluations() {
         refused("eval --dataset rooms --methods jbf,jbf", &["jbf", "twice"]),
         refused("eval --dataset rooms --methods none.toml", &["none.toml"]),
         refused("eval --dataset rooms --methods broken.toml", &["broken.toml"]),
+        refused("eval --dataset rooms --methods three.toml", &["three.toml", "--preset multi-view"]),
         refused("eval --dataset rooms --scenes attic", &["attic", "study-0"]),
         refused("eval --pred none --gt maps", &["none"]),
         refused("eval --pred maps --gt none", &["none"]),

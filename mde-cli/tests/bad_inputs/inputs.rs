@@ -376,6 +376,7 @@ fn arrays(place: &Place) {
 
 fn texts(place: &Place) {
     place.write("broken.toml", "seed = = 1\n");
+    place.write("three.toml", "multi-view.max-views = 3\n");
     place.write("binary.toml", b"\xff\xfe\0\x01");
     place.write("broken.txt", "520 0 320 0 520");
     place.write("ten.txt", "520 0 32 0 520 24 0 0 1 7");

@@ -4,7 +4,7 @@ use super::refiner::{FieldMemory, LoopRefiner};
 use super::scenes::depth_file;
 use anyhow::{Context, Result, bail, ensure};
 use mde_cli::pipeline::Event;
-use mde_cli::{Config, Preset};
+use mde_cli::{Config, MultiViewConfig, Preset};
 use mde_eval::baseline;
 use mde_eval::{Refined, Refiner, Task};
 use mde_prior::format::{ReadOptions, read_depth};
@@ -50,6 +50,10 @@ impl Method {
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
             let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
             let config = Config::from_file(preset, path)?;
+            ensure!(
+                preset == Preset::MultiView || config.multi_view == MultiViewConfig::default(),
+                "{text}: multi-view counts for several photographs only; give --preset multi-view"
+            );
             return Ok(Self::of_preset(name.unwrap_or_default(), preset, config, seed));
         }
         if let Some((name, folder)) = text.split_once('=') {
