@@ -19,10 +19,14 @@ METRICS = ("mse", "abs_rel", "d3r", "f1_max@0.25m_r1")
 
 def rows(folder, method):
     """The row of each scene that has a method."""
-    with (Path(folder) / "scenes.csv").open(newline="") as file:
-        found = {row["scene"]: row for row in csv.DictReader(file) if row["method"] == method}
+    path = Path(folder) / "scenes.csv"
+    try:
+        with path.open(newline="") as file:
+            found = {row["scene"]: row for row in csv.DictReader(file) if row["method"] == method}
+    except OSError as error:
+        raise SystemExit(f"{path}: {error.strerror}; give the folder that mde eval wrote") from None
     if not found:
-        raise SystemExit(f"{folder}/scenes.csv: no method {method}")
+        raise SystemExit(f"{path}: no method {method}")
     return found
 
 
