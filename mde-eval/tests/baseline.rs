@@ -52,7 +52,9 @@ fn filters() -> impl Iterator<Item = &'static str> {
 fn picture() -> impl Strategy<Value = (Array3<f32>, Array2<f32>)> {
     (1..14_usize, 1..14_usize).prop_flat_map(|(h, w)| {
         let colours = proptest::collection::vec(0.0..1.0_f32, h * w * 3);
-        let depths = proptest::collection::vec(prop_oneof![6 => 0.5..8.0_f32, 1 => Just(0.0)], h * w);
+        // A map without a single depth is refused.
+        let depths = proptest::collection::vec(prop_oneof![6 => 0.5..8.0_f32, 1 => Just(0.0)], h * w)
+            .prop_filter("no depth", |depths| depths.iter().any(|d| *d > 0.0));
         (colours, depths).prop_map(move |(c, d)| {
             (Array3::from_shape_vec((h, w, 3), c).unwrap(), Array2::from_shape_vec((h, w), d).unwrap())
         })
