@@ -90,6 +90,8 @@ pub(super) struct Bundle {
     pub(super) prior_sigmas: Vec<f64>,
     pub(super) pose_priors: Vec<Option<PosePrior>>,
     pub(super) tracks: Vec<Observed>,
+    /// Of the observations; that of the priors is Huber's.
+    pub(super) loss: Loss,
 }
 
 /// A track in a view.
@@ -152,9 +154,25 @@ pub(super) struct Run {
     pub(super) costs: Vec<f64>,
 }
 
-/// Huber's loss of a squared residual, and the weight of its square: quadratic to 1, linear beyond.
-fn huber(squared: f64) -> (f64, f64) {
-    if squared <= 1.0 { (0.5 * squared, 1.0) } else { (squared.sqrt() - 0.5, squared.sqrt().recip()) }
+/// Loss of a squared residual.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Loss {
+    /// Quadratic to 1, linear beyond: for matches most of which are right.
+    Huber,
+    /// \\( \frac12 \log(1 + s) \\): the further off a match, the less it pulls. Some wrong matches on the right epipolar line, whose depth
+    /// would be negative, can outweigh all others under Huber's.
+    Cauchy,
+}
+
+impl Loss {
+    /// The loss, and the weight of its square.
+    fn of(self, squared: f64) -> (f64, f64) {
+        match self {
+            Self::Huber if squared <= 1.0 => (0.5 * squared, 1.0),
+            Self::Huber => (squared.sqrt() - 0.5, squared.sqrt().recip()),
+            Self::Cauchy => (0.5 * squared.ln_1p(), (1.0 + squared).recip()),
+        }
+    }
 }
 
 impl Bundle {
@@ -255,9 +273,9 @@ impl Bundle {
     fn track_cost(&self, track: &Observed) -> f64 {
         let seen = track.views.iter().map(|(view, pixel)| {
             let squared = self.residual(track, *view, pixel).map_or(BEHIND * BEHIND, |r| r.norm_squared());
-            huber(squared).0
+            self.loss.of(squared).0
         });
-        seen.sum::<f64>() + self.prior_residual(track).map_or(0.0, |r| huber(r * r).0)
+        seen.sum::<f64>() + self.prior_residual(track).map_or(0.0, |r| Loss::Huber.of(r * r).0)
     }
 
     /// Measures the spread of each photograph's prior about the depths, of the tracks with more parallax than the median, and
@@ -288,7 +306,7 @@ impl Bundle {
         }
     }
 
-    /// The sum of the losses: Huber's of every observation over its noise and of every prior residual, squares of the rest.
+    /// The sum of the losses: of every observation over its noise and of every prior residual, squares of the rest.
     pub(super) fn cost(&self) -> f64 {
         let tracks: f64 = self.tracks.iter().map(|track| self.track_cost(track)).sum();
         let priors = self.poses.iter().zip(&self.pose_priors).filter_map(|(pose, prior)| {
@@ -333,7 +351,7 @@ impl Bundle {
             };
             for (view, pixel) in &track.views {
                 let Some(linear) = self.linear(track, *view, pixel) else { continue };
-                let weight = huber(linear.residual.norm_squared()).1 / (noise * noise);
+                let weight = self.loss.of(linear.residual.norm_squared()).1 / (noise * noise);
                 // Columns of the derivative by the parameters that this observation has.
                 let mut columns: [(usize, Vector2<f64>); 13] = [(usize::MAX, Vector2::zeros()); 13];
                 let mut count = 0;
@@ -363,7 +381,7 @@ impl Bundle {
                 slope += weight * linear.depth.dot(&linear.residual);
             }
             if let Some(residual) = self.prior_residual(track) {
-                let weight = huber(residual * residual).1;
+                let weight = Loss::Huber.of(residual * residual).1;
                 let unit = self.prior_sigmas[track.anchor].recip();
                 curvature += weight * unit * unit;
                 slope += weight * unit * residual;
@@ -476,6 +494,15 @@ impl Bundle {
             log_depths: normal.depths.iter().zip(&self.tracks).map(of_depth).collect(),
             log_focal: layout.focal.map(|at| inverse[(at, at)]),
         })
+    }
+}
+
+impl Covariance {
+    /// The photograph whose rotation is least certain, and its standard deviation in degrees.
+    pub(super) fn most_uncertain_rotation(&self) -> Option<(usize, f64)> {
+        let degrees = |c: &Matrix6<f64>| (c[(3, 3)] + c[(4, 4)] + c[(5, 5)]).max(0.0).sqrt().to_degrees();
+        let each = self.poses.iter().enumerate().filter_map(|(v, c)| Some((v, degrees(c.as_ref()?))));
+        each.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 }
 

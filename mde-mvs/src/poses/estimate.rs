@@ -1,4 +1,4 @@
-use super::bundle::{Bundle, Covariance, Observed};
+use super::bundle::{Bundle, Covariance, Loss, Observed};
 use super::matching::{GivenMatches, match_features};
 use super::pair::{self, Pair};
 use super::tracks::{self, Track, TrackPixel};
@@ -14,6 +14,10 @@ pub(super) const STEPS: usize = 60;
 
 /// Adjustments after each of which outliers are dropped and the priors measured.
 const ROUNDS: usize = 3;
+
+/// A photograph whose rotation is less certain than this, in degrees, has no pose. Of 226 photographs with estimated poses, those right within
+/// 2.5 degrees have at most 1.0, those further off at least 4.7.
+const MOST_UNCERTAIN: f64 = 3.0;
 
 /// No covariance is of matches better than this, in units of noise.
 pub(super) const LEAST_NOISE: f64 = 1e-3;
@@ -59,6 +63,13 @@ pub enum Verdict {
         /// Matches of the best pair that obey one epipolar geometry.
         agreeing: usize,
     },
+    /// Too few matches, or too close together, for a pose.
+    Uncertain {
+        /// Standard deviation of the rotation, in degrees.
+        degrees: f64,
+        /// What is allowed.
+        most: f64,
+    },
 }
 
 impl Verdict {
@@ -89,6 +100,12 @@ impl fmt::Display for Verdict {
                 write!(
                     f,
                     "{agreeing} matches fit no pose with the prior's depth; check its intrinsic parameters"
+                )
+            }
+            Self::Uncertain { degrees, most } => {
+                write!(
+                    f,
+                    "its pose is uncertain by {degrees:.1} degrees, {most:.1} are allowed; take it from nearer to the others"
                 )
             }
         }
@@ -201,7 +218,7 @@ pub fn estimate_poses_with(
         }
     };
 
-    let mut dropped = vec![false; shots.len()];
+    let mut dropped = vec![None; shots.len()];
     loop {
         let tree = Tree::grow(shots.len(), &pairs, reference, &dropped);
         let mut bundle = build(&shots, &pairs, &tree, reference, settings);
@@ -217,11 +234,40 @@ pub fn estimate_poses_with(
         let weakest = (0..shots.len())
             .filter(|&v| v != reference && tree.poses[v].is_some() && counts[v] < settings.min_matches)
             .min_by_key(|&v| counts[v]);
-        match weakest {
-            Some(v) => dropped[v] = true,
-            None => return Ok(report(&sorted, &shots, &pairs, &tree, bundle, settings, &order)),
+        if let Some(v) = weakest {
+            dropped[v] = Some(Dropped::TooFewTracks);
+            continue;
+        }
+        bundle.rescale_to_prior();
+        let noise = bundle.noise();
+        // The matches count as if they were few, so the focal length's own deviation counts in full.
+        bundle.focal_sigma = settings.focal_sigma;
+        let covariance = bundle.covariance(settings.alike(bundle.tracks.len()) * noise.max(LEAST_NOISE));
+        let most_uncertain = covariance.as_ref().and_then(Covariance::most_uncertain_rotation);
+        match most_uncertain.filter(|(_, degrees)| *degrees > MOST_UNCERTAIN) {
+            Some((v, degrees)) => dropped[v] = Some(Dropped::Uncertain { degrees }),
+            None => {
+                let found = Found { tree, dropped, bundle, noise, covariance };
+                return Ok(found.report(&sorted, &shots, &pairs, settings, &order));
+            }
         }
     }
+}
+
+/// Why a photograph has no pose although it has a motion with another.
+#[derive(Debug, Clone, Copy)]
+enum Dropped {
+    TooFewTracks,
+    Uncertain { degrees: f64 },
+}
+
+/// The adjusted photographs.
+struct Found {
+    tree: Tree,
+    dropped: Vec<Option<Dropped>>,
+    bundle: Bundle,
+    noise: f64,
+    covariance: Option<Covariance>,
 }
 
 /// Poses and prior scales along the strongest pairs from the reference.
@@ -234,7 +280,7 @@ struct Tree {
 
 impl Tree {
     /// The spanning tree of most agreeing matches (Prim, 1957).
-    fn grow(count: usize, pairs: &[Pair], reference: usize, dropped: &[bool]) -> Self {
+    fn grow(count: usize, pairs: &[Pair], reference: usize, dropped: &[Option<Dropped>]) -> Self {
         let mut tree =
             Self { poses: vec![None; count], log_scales: vec![0.0; count], rank: vec![usize::MAX; count] };
         tree.poses[reference] = Some(Pose::identity());
@@ -243,7 +289,7 @@ impl Tree {
             let mut best: Option<(&Pair, &super::pair::Motion, Pose)> = None;
             for pair in pairs {
                 let Some(motion) = &pair.motion else { continue };
-                let open = [pair.first, pair.second].map(|v| tree.poses[v].is_none() && !dropped[v]);
+                let open = [pair.first, pair.second].map(|v| tree.poses[v].is_none() && dropped[v].is_none());
                 let Some(known) = tree.poses[pair.first].or(tree.poses[pair.second]) else { continue };
                 let better = best.is_none_or(|(top, ..)| pair.agreeing.len() > top.agreeing.len());
                 if (open[0] || open[1]) && better {
@@ -301,6 +347,7 @@ fn build(shots: &[Shot], pairs: &[Pair], tree: &Tree, reference: usize, settings
         prior_sigmas: vec![settings.prior_sigma * settings.alike(count); shots.len()],
         pose_priors: vec![None; shots.len()],
         tracks,
+        loss: Loss::Huber,
     }
 }
 
@@ -329,6 +376,16 @@ impl Bundle {
             track.views.iter().for_each(|(v, _)| counts[*v] += 1);
         }
         counts
+    }
+
+    /// Brings all to the unit in which the reference's prior is right on the whole.
+    fn rescale_to_prior(&mut self) {
+        let anchored = self.tracks.iter().filter(|track| track.anchor == self.reference);
+        let mut ratios: Vec<f64> =
+            anchored.filter_map(|track| Some(-track.inverse_depth.ln() - track.prior?)).collect();
+        if let Some(shift) = quantile(&mut ratios, 0.5) {
+            self.rescale(-shift);
+        }
     }
 
     /// Standard deviation of an observation over [`Lens::noise`](super::bundle::Lens::noise), by the residuals that the depths
@@ -391,61 +448,55 @@ impl Bundle {
     }
 }
 
-fn report(
-    photographs: &[Photograph],
-    shots: &[Shot],
-    pairs: &[Pair],
-    tree: &Tree,
-    mut bundle: Bundle,
-    settings: &PosesConfig,
-    order: &[usize],
-) -> Estimated {
-    let reference = bundle.reference;
-    let anchored = bundle.tracks.iter().filter(|track| track.anchor == reference);
-    let mut ratios: Vec<f64> =
-        anchored.filter_map(|track| Some(-track.inverse_depth.ln() - track.prior?)).collect();
-    if let Some(shift) = quantile(&mut ratios, 0.5) {
-        bundle.rescale(-shift);
+impl Found {
+    fn report(
+        self,
+        photographs: &[Photograph],
+        shots: &[Shot],
+        pairs: &[Pair],
+        settings: &PosesConfig,
+        order: &[usize],
+    ) -> Estimated {
+        let Self { tree, dropped, bundle, noise, covariance } = self;
+        let reference = bundle.reference;
+        let counts = bundle.counts();
+        let focal_factor = bundle.log_focal.exp();
+        let mut found: Vec<(usize, EstimatedPose)> = (0..shots.len())
+            .map(|v| {
+                let parallax = bundle.median_parallax(v);
+                let camera = &photographs[v].camera;
+                let factor = if photographs[v].focal_assumed { focal_factor } else { 1.0 };
+                let posed = tree.poses[v].is_some();
+                let verdict = if v == reference {
+                    Verdict::Reference
+                } else if let Some(Dropped::Uncertain { degrees }) = dropped[v] {
+                    Verdict::Uncertain { degrees, most: MOST_UNCERTAIN }
+                } else if !posed {
+                    refusal(v, shots, pairs, &tree, settings)
+                } else if parallax < settings.min_parallax_pixels {
+                    Verdict::NoParallax { pixels: parallax, need: settings.min_parallax_pixels }
+                } else {
+                    Verdict::Posed
+                };
+                let of_photograph = EstimatedPose {
+                    pose: posed.then_some(bundle.poses[v]),
+                    camera: PinholeCamera { fx: camera.fx * factor, fy: camera.fy * factor, ..*camera },
+                    verdict,
+                    tracks: counts[v],
+                    parallax,
+                    prior_scale: (posed && shots[v].prior.is_some()).then(|| bundle.log_scales[v].exp()),
+                    covariance: covariance.as_ref().filter(|_| posed).and_then(|c| c.poses[v]),
+                };
+                (order[v], of_photograph)
+            })
+            .collect();
+        found.sort_by_key(|(place, _)| *place);
+        let mut tracks = bundle.report_tracks(covariance.as_ref(), order);
+        tracks.sort_by_key(|track| track.pixels[0].photograph != order[reference]);
+        let photographs = found.into_iter().map(|(_, found)| found).collect();
+        let focal_log_sigma = covariance.and_then(|c| c.log_focal).map_or(0.0, f64::sqrt);
+        Estimated { photographs, tracks, focal_factor, focal_log_sigma, noise }
     }
-    let noise = bundle.noise();
-    // The matches count as if they were few, so the focal length's own deviation counts in full.
-    bundle.focal_sigma = settings.focal_sigma;
-    let covariance = bundle.covariance(settings.alike(bundle.tracks.len()) * noise.max(LEAST_NOISE));
-    let counts = bundle.counts();
-    let focal_factor = bundle.log_focal.exp();
-    let mut found: Vec<(usize, EstimatedPose)> = (0..shots.len())
-        .map(|v| {
-            let parallax = bundle.median_parallax(v);
-            let camera = &photographs[v].camera;
-            let factor = if photographs[v].focal_assumed { focal_factor } else { 1.0 };
-            let posed = tree.poses[v].is_some();
-            let verdict = if v == reference {
-                Verdict::Reference
-            } else if !posed {
-                refusal(v, shots, pairs, tree, settings)
-            } else if parallax < settings.min_parallax_pixels {
-                Verdict::NoParallax { pixels: parallax, need: settings.min_parallax_pixels }
-            } else {
-                Verdict::Posed
-            };
-            let of_photograph = EstimatedPose {
-                pose: posed.then_some(bundle.poses[v]),
-                camera: PinholeCamera { fx: camera.fx * factor, fy: camera.fy * factor, ..*camera },
-                verdict,
-                tracks: counts[v],
-                parallax,
-                prior_scale: (posed && shots[v].prior.is_some()).then(|| bundle.log_scales[v].exp()),
-                covariance: covariance.as_ref().filter(|_| posed).and_then(|c| c.poses[v]),
-            };
-            (order[v], of_photograph)
-        })
-        .collect();
-    found.sort_by_key(|(place, _)| *place);
-    let mut tracks = bundle.report_tracks(covariance.as_ref(), order);
-    tracks.sort_by_key(|track| track.pixels[0].photograph != order[reference]);
-    let photographs = found.into_iter().map(|(_, found)| found).collect();
-    let focal_log_sigma = covariance.and_then(|c| c.log_focal).map_or(0.0, f64::sqrt);
-    Estimated { photographs, tracks, focal_factor, focal_log_sigma, noise }
 }
 
 /// Why a photograph has no pose: by its best pair with one that has.

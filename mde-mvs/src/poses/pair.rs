@@ -1,6 +1,6 @@
 //! The motion between two photographs, from their matches and the prior's depth in either.
 
-use super::bundle::{Bundle, Lens, Observed};
+use super::bundle::{Bundle, Lens, Loss, Observed};
 use super::epipolar::{self, PixelPair};
 use super::matching::Match;
 use super::resection::three_points;
@@ -156,6 +156,7 @@ fn adjusted(
         prior_sigmas: vec![config.prior_sigma * config.alike(pixels.len()); 2],
         pose_priors: vec![None; 2],
         tracks,
+        loss: Loss::Cauchy,
     };
     bundle.adjust(STEPS);
 

@@ -1,7 +1,9 @@
 use super::*;
 use crate::synthetic::{Plane, pose_at, render};
+use mde_uncertainty::random::CounterRng;
 use mde_warp::{Pose, PosedView};
 use ndarray::{Array2, Array3};
+use rand::RngExt;
 use std::sync::OnceLock;
 
 const PERIOD: f64 = 0.1;
@@ -117,6 +119,40 @@ fn given_matches_give_the_poses_of_the_same_matches_found_here() {
     assert!(refused(GivenMatches { pairs: vec![wrong], ..matches.clone() }).contains("100000"));
     matches.points.pop();
     assert!(refused(matches).contains("photographs with points is 3"));
+}
+
+/// Matches of one small place give a pose that may be off by many degrees; all of them, shaken alike, do not.
+#[test]
+fn a_photograph_of_uncertain_rotation_has_no_pose() {
+    let settings = PosesConfig::default();
+    let photographs = photographs(standard(), &["a", "b", "c"]);
+    let features: Vec<Features> =
+        photographs.iter().map(|p| Features::detect(p.image, &settings.features).unwrap()).collect();
+    let shaken = |index: usize, k: &Keypoint| {
+        let mut rng = CounterRng::new(5, "poses-test", index as u64, k.pixel.x.to_bits());
+        k.pixel + Vector2::from_fn(|_, _| 3.0 * (rng.random::<f64>() - 0.5))
+    };
+    let points: Vec<Vec<Point2<f64>>> =
+        (0..3).map(|i| features[i].keypoints.iter().map(|k| shaken(i, k)).collect()).collect();
+    let verdict = |nearest: usize| {
+        let pairs = [[0, 1], [0, 2], [1, 2]].map(|[first, second]| {
+            let mut found = match_features(&features[first], &features[second], settings.ratio);
+            if second == 2 {
+                let middle = Point2::new(160.0, 120.0);
+                let from_middle = |m: &Match| (points[2][m.second] - middle).norm();
+                found.sort_by(|a, b| from_middle(a).total_cmp(&from_middle(b)));
+                found.truncate(nearest);
+            }
+            ([first, second], found)
+        });
+        let matches = GivenMatches { points: points.clone(), pairs: pairs.to_vec() };
+        let found = estimate_poses_from(&photographs, 0, &matches, &settings, 0).unwrap();
+        assert!(found.photographs[1].pose.is_some());
+        (found.photographs[2].verdict, found.photographs[2].pose.is_some())
+    };
+    assert_eq!(verdict(usize::MAX), (Verdict::Posed, true));
+    let (few, posed) = verdict(40);
+    assert!(matches!(few, Verdict::Uncertain { degrees, .. } if degrees > 3.0) && !posed, "{few:?}");
 }
 
 #[test]

@@ -46,6 +46,7 @@ fn scene(poses: &[Pose], count: usize, seed: u64) -> Bundle {
         prior_sigmas: vec![0.8; views],
         pose_priors: vec![None; views],
         tracks,
+        loss: Loss::Huber,
     }
 }
 
@@ -87,6 +88,27 @@ fn an_exact_scene_is_recovered() {
             assert!((found.inverse_depth / track.inverse_depth - 1.0).abs() < 1e-6);
         }
     }
+}
+
+/// Wrong matches on the right epipolar line, beyond infinity, which no depth explains: Huber's loss gives the pose up for them, Cauchy's
+/// does not.
+#[test]
+fn a_few_wrong_matches_outweigh_no_others() {
+    let wrong = |loss| {
+        let exact = scene(&motions()[..2], 40, 11);
+        let mut bundle = Bundle { loss, ..exact.clone() };
+        for track in bundle.tracks.iter_mut().step_by(8) {
+            let beyond = Observed { inverse_depth: -4.0 * track.inverse_depth, ..track.clone() };
+            for (view, pixel) in &mut track.views {
+                *pixel += exact.residual(&beyond, *view, pixel).unwrap();
+            }
+        }
+        bundle.adjust(100);
+        bundle.poses[1].rotation.angle_to(&motions()[1].rotation).to_degrees()
+    };
+    let (huber, cauchy) = (wrong(Loss::Huber), wrong(Loss::Cauchy));
+    assert!(cauchy < 0.5, "{cauchy} degrees");
+    assert!(huber > 2.0, "{huber} degrees: the test has no effect");
 }
 
 /// A wrong focal length common to all photographs, and the scales of the further priors, are found too.
