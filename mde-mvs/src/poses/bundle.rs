@@ -439,6 +439,18 @@ impl Bundle {
         Run { costs }
     }
 
+    /// Adjusted under Cauchy's loss. Its cost has more minima than that of Huber's, so it is minimised from here and from Huber's
+    /// minimum, and the lower cost is kept.
+    pub(super) fn adjusted_against_outliers(self, steps: usize) -> Self {
+        let mut direct = Self { loss: Loss::Cauchy, ..self.clone() };
+        let mut through_huber = Self { loss: Loss::Huber, ..self };
+        direct.adjust(steps);
+        through_huber.adjust(steps);
+        through_huber.loss = Loss::Cauchy;
+        through_huber.adjust(steps);
+        if direct.cost() <= through_huber.cost() { direct } else { through_huber }
+    }
+
     fn moved(&self, layout: &Layout, common: &DVector<f64>, depths: &[f64]) -> Self {
         let mut next = self.clone();
         for (pose, start) in next.poses.iter_mut().zip(&layout.poses) {

@@ -15,8 +15,8 @@ pub(super) const STEPS: usize = 60;
 /// Adjustments after each of which outliers are dropped and the priors measured.
 const ROUNDS: usize = 3;
 
-/// A photograph whose rotation is less certain than this, in degrees, has no pose. Of 226 photographs with estimated poses, those right within
-/// 2.5 degrees have at most 1.0, those further off at least 4.7.
+/// A photograph whose rotation is less certain than this, in degrees, has no pose. Of 450 photographs, those of up to 1.02 are right
+/// within 3 degrees, and one more has 9.
 const MOST_UNCERTAIN: f64 = 3.0;
 
 /// No covariance is of matches better than this, in units of noise.

@@ -145,7 +145,7 @@ fn adjusted(
             views: vec![(1, *q)],
         })
         .collect();
-    let mut bundle = Bundle {
+    let bundle = Bundle {
         lenses: vec![a.lens, b.lens],
         poses: vec![Pose::identity(), start],
         reference: 0,
@@ -156,9 +156,9 @@ fn adjusted(
         prior_sigmas: vec![config.prior_sigma * config.alike(pixels.len()); 2],
         pose_priors: vec![None; 2],
         tracks,
-        loss: Loss::Cauchy,
-    };
-    bundle.adjust(STEPS);
+        loss: Loss::Huber,
+    }
+    .adjusted_against_outliers(STEPS);
 
     let fits: Vec<bool> =
         bundle.tracks.iter().map(|t| bundle.fits(t, 1, &t.views[0].1, config.outlier_pixels)).collect();

@@ -111,6 +111,29 @@ fn a_few_wrong_matches_outweigh_no_others() {
     assert!(huber > 2.0, "{huber} degrees: the test has no effect");
 }
 
+/// With a poor prior, from no motion, and a quarter of the matches wrong, Cauchy's loss at once ends in a wrong minimum in 52 of 100
+/// scenes, the lower cost of both ways in 29.
+#[test]
+fn a_poor_start_is_brought_back_by_way_of_huber() {
+    let truth = [Pose::identity(), exp(&Vector6::new(-1.0, 0.05, 0.1, 0.0, 0.0, 0.0))];
+    let is_wrong = |bundle: &Bundle| bundle.poses[1].rotation.angle().to_degrees() > 1.0;
+    let [mut at_once, mut both_ways] = [0; 2];
+    for seed in 0..100 {
+        let mut start = disturbed(scene(&truth, 60, seed), 0.6, seed);
+        start.poses[1] = Pose::identity();
+        start.tracks.iter_mut().for_each(|track| track.prior = Some(-track.inverse_depth.ln()));
+        let mut rng = CounterRng::new(seed, "wrong-matches", 0, 0);
+        for (_, pixel) in start.tracks.iter_mut().step_by(4).flat_map(|track| &mut track.views) {
+            *pixel = Point2::new(640.0 * rng.random::<f64>(), 480.0 * rng.random::<f64>());
+        }
+        let mut direct = Bundle { loss: Loss::Cauchy, ..start.clone() };
+        direct.adjust(30);
+        at_once += usize::from(is_wrong(&direct));
+        both_ways += usize::from(is_wrong(&start.adjusted_against_outliers(30)));
+    }
+    assert!(3 * both_ways < 2 * at_once, "{both_ways} and {at_once} of 100");
+}
+
 /// A wrong focal length common to all photographs, and the scales of the further priors, are found too.
 #[test]
 fn focal_length_and_scales_of_priors_are_recovered() {
