@@ -7,14 +7,15 @@ use super::Agreement;
 use crate::Result;
 use crate::sweep::Sweep;
 
-/// Matches below this probability are not used to correct a prior.
+/// Matches of at most this probability are not used to correct a prior.
 pub(super) const TRUSTED: f32 = 0.5;
 
 /// Coefficients of [`chances`]: constant, log odds of the posterior mass, per visible photograph that does not agree, none
 /// agrees, cost. A logistic regression of "within 10 % of the truth" over 11 indoor captures.
 const CHANCE: [f32; 5] = [1.2, 0.3, -0.4, -1.4, -1.3];
 
-/// Probability that a match is right, from its posterior mass, its cost and the other photographs.
+/// Probability that a match is right, from its posterior mass, its cost and the other photographs. One that no other photograph
+/// confirms is not trusted: among two or three photographs a single one sees past it, which the coefficients, of more, hardly count.
 pub(super) fn chances(sweep: &Sweep, agreement: &Agreement) -> Array2<f32> {
     let mut chance =
         Zip::from(&sweep.inlier).and(&sweep.cost).and(&agreement.agree).and(&agreement.visible).map_collect(
@@ -23,7 +24,8 @@ pub(super) fn chances(sweep: &Sweep, agreement: &Agreement) -> Array2<f32> {
                 let none = if agree == 0 { 1.0 } else { 0.0 };
                 let terms = [1.0, odds, f32::from(visible - agree), none, cost];
                 let logit: f32 = CHANCE.iter().zip(terms).map(|(c, t)| c * t).sum();
-                1.0 / (1.0 + (-logit).exp())
+                let chance = 1.0 / (1.0 + (-logit).exp());
+                if agree == 0 { chance.min(TRUSTED) } else { chance }
             },
         );
     // The best surface at either end is no match.
@@ -56,4 +58,23 @@ pub(super) fn better(
     }
     best.depth = GaussianDepth::new(mean, variance)?;
     Ok((best, chance))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A match of full mass and no cost, that one of two photographs confirms or none.
+    #[test]
+    fn a_match_that_no_photograph_confirms_is_not_trusted() {
+        let shape = (1, 2);
+        let depth = GaussianDepth::new(Array2::ones(shape), Array2::ones(shape)).unwrap();
+        let (inlier, cost) = (Array2::ones(shape), Array2::zeros(shape));
+        let sweep = Sweep { depth, inlier, cost, surfaces: 8 };
+        let agree = ndarray::array![[1, 0]];
+        let agreement = Agreement { agree, against: Array2::zeros(shape), visible: Array2::ones(shape) };
+        let found = chances(&sweep, &agreement);
+        assert!(found[(0, 0)] > 0.9, "{}", found[(0, 0)]);
+        assert!(found[(0, 1)] <= TRUSTED && found[(0, 1)] > 0.0, "{}", found[(0, 1)]);
+    }
 }

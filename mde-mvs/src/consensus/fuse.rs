@@ -26,6 +26,24 @@ pub(super) struct Fused {
     pub(super) ambiguity: Array2<f32>,
 }
 
+impl Fused {
+    /// Leaves the corrected prior where no other photograph has the point, with the variance of the prior at least: the correction
+    /// holds between matches, and beyond them the prior is as uncertain as it was.
+    pub(super) fn without_unseen(mut self, seen: &Array2<bool>, prior: &GaussianDepth) -> Result<Self> {
+        let (mut mean, mut variance) = self.depth.into_parts();
+        for (at, _) in seen.indexed_iter().filter(|(_, seen)| !**seen) {
+            let Some((z, v)) = prior.get(at.0, at.1).filter(|(z, _)| *z > 0.0) else { continue };
+            let corrected = self.corrected[at];
+            let least = v * (corrected / z).powi(2);
+            variance[at] = (variance[at] * (corrected / mean[at]).powi(2)).max(least);
+            mean[at] = corrected;
+            (self.inlier[at], self.ambiguity[at]) = (0.0, 0.0);
+        }
+        self.depth = GaussianDepth::new(mean, variance)?;
+        Ok(self)
+    }
+}
+
 pub(super) fn fuse(
     view: &PosedView,
     prior: &GaussianDepth,
@@ -83,4 +101,31 @@ pub(super) fn fuse(
         corrected[at] = (p + u).exp();
     }
     Ok(Fused { depth: GaussianDepth::new(mean, variance)?, inlier, corrected, ambiguity })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::room;
+
+    /// Matches on the right that all say the same: the correction on the left is certain, until it is known that nothing is seen there.
+    #[test]
+    fn beyond_the_other_photographs_the_prior_stays_uncertain() {
+        let view = room(1.0).0.swap_remove(0);
+        let shape = view.camera.dim();
+        let prior = GaussianDepth::new(Array2::ones(shape), Array2::from_elem(shape, 0.01)).unwrap();
+        let depth =
+            GaussianDepth::new(Array2::from_elem(shape, 1.2), Array2::from_elem(shape, 1e-6)).unwrap();
+        let sweep = Sweep { depth, inlier: Array2::ones(shape), cost: Array2::zeros(shape), surfaces: 8 };
+        let seen = Array2::from_shape_fn(shape, |(_, x)| x >= 8);
+        let chance = seen.mapv(|seen| if seen { 0.95 } else { 0.0 });
+        let fused = fuse(&view, &prior, &sweep, &chance, 1.5).unwrap();
+        let relative = |fused: &Fused, x: usize| fused.depth.get(30, x).map(|(z, v)| v.sqrt() / z).unwrap();
+        assert!(relative(&fused, 4) < 0.08, "{}: the test has no effect", relative(&fused, 4));
+        let inside = fused.depth.get(30, 60);
+        let found = fused.without_unseen(&seen, &prior).unwrap();
+        assert!((relative(&found, 4) - 0.1).abs() < 1e-4, "{}", relative(&found, 4));
+        assert!((found.depth.mean()[(30, 4)] - found.corrected[(30, 4)]).abs() < 1e-6);
+        assert_eq!(found.depth.get(30, 60), inside);
+    }
 }

@@ -116,8 +116,8 @@ pub struct Reconstruction {
 /// Bytes that [`reconstruct`] takes, its result included, beside its inputs: the working memory of one sweep, and the maps of all
 /// photographs.
 pub fn reconstruct_bytes(pixels: u64, views: u64, config: &ConsensusConfig) -> u64 {
-    // Of each photograph three means with variances, six maps of numbers, four of counts.
-    let maps = 3 * 8 + 6 * 4 + 4;
+    // Of each photograph four means with variances, six maps of numbers, four of counts.
+    let maps = 4 * 8 + 6 * 4 + 4;
     let working = working_bytes(pixels, views.saturating_sub(1), &config.sweep);
     working.saturating_add(pixels.saturating_mul(views).saturating_mul(maps))
 }
@@ -227,13 +227,26 @@ pub fn reconstruct_with(
         })
         .collect::<Result<Vec<_>>>()?;
     let depths: Vec<&GaussianDepth> = fine.iter().map(|s| &s.depth).collect();
+    let corrected = centres.iter().zip(&gauges).map(|(centre, (_, prior))| {
+        let variance = Zip::from(centre)
+            .and(prior.mean())
+            .and(prior.variance())
+            .map_collect(|&z, &p, &v| if p > 0.0 { v * (z / p).powi(2) } else { v });
+        Ok(GaussianDepth::new(centre.clone(), variance)?)
+    });
+    let corrected = corrected.collect::<Result<Vec<_>>>()?;
+    let corrected_depths: Vec<&GaussianDepth> = corrected.iter().collect();
+    let within = [config.pixels, config.log_depth];
     let mut fused = everyone
         .par_iter()
         .map(|&i| {
-            let agreement = agreement(views, &depths, i, &everyone, [config.pixels, config.log_depth])?;
+            let agreement = agreement(views, &depths, i, &everyone, within)?;
             let chance = chances(&fine[i], &agreement);
-            let centre = GaussianDepth::new(centres[i].clone(), gauges[i].1.variance().to_owned())?;
-            let map = fuse(&views[i], &centre, &fine[i], &chance, config.narrow)?;
+            let visible = self::agreement(views, &corrected_depths, i, &everyone, within)?.visible;
+            let seen =
+                Zip::from(&visible).and(fine[i].depth.mean()).map_collect(|&count, &z| count > 0 && z > 0.0);
+            let map = fuse(&views[i], &corrected[i], &fine[i], &chance, config.narrow)?;
+            let map = map.without_unseen(&seen, &corrected[i])?;
             let confirmed = agreement.agree.iter().filter(|a| **a > 0).count();
             let verified = confirmed as f32 / agreement.agree.len() as f32;
             Ok((map, agreement, verified))

@@ -60,7 +60,9 @@ fn derivative(view: &PosedView, motion: &Pose, point: &Vector3<f64>) -> Option<(
     }
     let camera = &view.camera;
     let (u, v) = (camera.fx * there.x / there.z + camera.cx, camera.fy * there.y / there.z + camera.cy);
-    if !(u >= 0.0 && v >= 0.0 && u <= (camera.width - 1) as f64 && v <= (camera.height - 1) as f64) {
+    // The pixels reach half a pixel beyond their centres.
+    let within = |at: f64, size: usize| at >= -0.5 && at <= size as f64 - 0.5;
+    if !(within(u, camera.width) && within(v, camera.height)) {
         return None;
     }
     let across = Vector3::new(camera.fx / there.z, 0.0, -camera.fx * there.x / (there.z * there.z));
