@@ -90,8 +90,6 @@ pub(super) struct Bundle {
     pub(super) prior_sigmas: Vec<f64>,
     pub(super) pose_priors: Vec<Option<PosePrior>>,
     pub(super) tracks: Vec<Observed>,
-    /// Of the observations; that of the priors is Huber's.
-    pub(super) loss: Loss,
 }
 
 /// A track in a view.
@@ -154,25 +152,9 @@ pub(super) struct Run {
     pub(super) costs: Vec<f64>,
 }
 
-/// Loss of a squared residual.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Loss {
-    /// Quadratic to 1, linear beyond: for matches most of which are right.
-    Huber,
-    /// \\( \frac12 \log(1 + s) \\): the further off a match, the less it pulls. Some wrong matches on the right epipolar line, whose depth
-    /// would be negative, can outweigh all others under Huber's.
-    Cauchy,
-}
-
-impl Loss {
-    /// The loss, and the weight of its square.
-    fn of(self, squared: f64) -> (f64, f64) {
-        match self {
-            Self::Huber if squared <= 1.0 => (0.5 * squared, 1.0),
-            Self::Huber => (squared.sqrt() - 0.5, squared.sqrt().recip()),
-            Self::Cauchy => (0.5 * squared.ln_1p(), (1.0 + squared).recip()),
-        }
-    }
+/// Huber's loss of a squared residual, and the weight of its square: quadratic to 1, linear beyond.
+fn huber(squared: f64) -> (f64, f64) {
+    if squared <= 1.0 { (0.5 * squared, 1.0) } else { (squared.sqrt() - 0.5, squared.sqrt().recip()) }
 }
 
 impl Bundle {
@@ -273,9 +255,9 @@ impl Bundle {
     fn track_cost(&self, track: &Observed) -> f64 {
         let seen = track.views.iter().map(|(view, pixel)| {
             let squared = self.residual(track, *view, pixel).map_or(BEHIND * BEHIND, |r| r.norm_squared());
-            self.loss.of(squared).0
+            huber(squared).0
         });
-        seen.sum::<f64>() + self.prior_residual(track).map_or(0.0, |r| Loss::Huber.of(r * r).0)
+        seen.sum::<f64>() + self.prior_residual(track).map_or(0.0, |r| huber(r * r).0)
     }
 
     /// Measures the spread of each photograph's prior about the depths, of the tracks with more parallax than the median, and
@@ -306,7 +288,7 @@ impl Bundle {
         }
     }
 
-    /// The sum of the losses: of every observation over its noise and of every prior residual, squares of the rest.
+    /// The sum of the losses: Huber's of every observation over its noise and of every prior residual, squares of the rest.
     pub(super) fn cost(&self) -> f64 {
         let tracks: f64 = self.tracks.iter().map(|track| self.track_cost(track)).sum();
         let priors = self.poses.iter().zip(&self.pose_priors).filter_map(|(pose, prior)| {
@@ -351,7 +333,7 @@ impl Bundle {
             };
             for (view, pixel) in &track.views {
                 let Some(linear) = self.linear(track, *view, pixel) else { continue };
-                let weight = self.loss.of(linear.residual.norm_squared()).1 / (noise * noise);
+                let weight = huber(linear.residual.norm_squared()).1 / (noise * noise);
                 // Columns of the derivative by the parameters that this observation has.
                 let mut columns: [(usize, Vector2<f64>); 13] = [(usize::MAX, Vector2::zeros()); 13];
                 let mut count = 0;
@@ -381,7 +363,7 @@ impl Bundle {
                 slope += weight * linear.depth.dot(&linear.residual);
             }
             if let Some(residual) = self.prior_residual(track) {
-                let weight = Loss::Huber.of(residual * residual).1;
+                let weight = huber(residual * residual).1;
                 let unit = self.prior_sigmas[track.anchor].recip();
                 curvature += weight * unit * unit;
                 slope += weight * unit * residual;
@@ -437,18 +419,6 @@ impl Bundle {
             }
         }
         Run { costs }
-    }
-
-    /// Adjusted under Cauchy's loss. Its cost has more minima than that of Huber's, so it is minimised from here and from Huber's
-    /// minimum, and the lower cost is kept.
-    pub(super) fn adjusted_against_outliers(self, steps: usize) -> Self {
-        let mut direct = Self { loss: Loss::Cauchy, ..self.clone() };
-        let mut through_huber = Self { loss: Loss::Huber, ..self };
-        direct.adjust(steps);
-        through_huber.adjust(steps);
-        through_huber.loss = Loss::Cauchy;
-        through_huber.adjust(steps);
-        if direct.cost() <= through_huber.cost() { direct } else { through_huber }
     }
 
     fn moved(&self, layout: &Layout, common: &DVector<f64>, depths: &[f64]) -> Self {

@@ -1,4 +1,4 @@
-use super::bundle::{Bundle, Covariance, Loss, Observed};
+use super::bundle::{Bundle, Covariance, Observed};
 use super::matching::{GivenMatches, match_features};
 use super::pair::{self, Pair};
 use super::tracks::{self, Track, TrackPixel};
@@ -15,8 +15,8 @@ pub(super) const STEPS: usize = 60;
 /// Adjustments after each of which outliers are dropped and the priors measured.
 const ROUNDS: usize = 3;
 
-/// A photograph whose rotation is less certain than this, in degrees, has no pose. Of 450 photographs, those of up to 1.02 are right
-/// within 3 degrees, and one more has 9.
+/// A photograph whose rotation is less certain than this, in degrees, has no pose. Of 448 photographs, 446 have at most 1.2, of which one
+/// is off by more than 3 degrees; the other two have 4.7 and 5.3.
 const MOST_UNCERTAIN: f64 = 3.0;
 
 /// No covariance is of matches better than this, in units of noise.
@@ -347,7 +347,6 @@ fn build(shots: &[Shot], pairs: &[Pair], tree: &Tree, reference: usize, settings
         prior_sigmas: vec![settings.prior_sigma * settings.alike(count); shots.len()],
         pose_priors: vec![None; shots.len()],
         tracks,
-        loss: Loss::Huber,
     }
 }
 

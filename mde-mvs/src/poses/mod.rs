@@ -10,9 +10,7 @@
 //! \\[ \min \sum_{k, v} \rho\left( \lVert \pi_v(T_v T_a^{-1} z_k d_k) - p_{kv} \rVert^2 \right)
 //!   {}+ \sum_k \rho\left( \left( \frac{\log z_k - \log D_a(p_k) - m_a}{\sigma} \right)^2 \right) . \\]
 //!
-//! Each pair by itself is adjusted with Cauchy's loss in the place of the first Huber's, so that its wrong matches pull little; of its
-//! minima, the lowest that is reached at once or by way of Huber's is kept. A photograph whose rotation stays uncertain has no pose
-//! ([`Verdict::Uncertain`]).
+//! A photograph whose rotation stays uncertain has no pose ([`Verdict::Uncertain`]).
 //!
 //! The prior gives the start, the unit, and what matches leave open: over a short baseline depth and rotation trade for each
 //! other, and without the prior the result may be off by degrees.

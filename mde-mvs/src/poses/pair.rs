@@ -1,6 +1,6 @@
 //! The motion between two photographs, from their matches and the prior's depth in either.
 
-use super::bundle::{Bundle, Lens, Loss, Observed};
+use super::bundle::{Bundle, Lens, Observed};
 use super::epipolar::{self, PixelPair};
 use super::matching::Match;
 use super::resection::three_points;
@@ -145,7 +145,7 @@ fn adjusted(
             views: vec![(1, *q)],
         })
         .collect();
-    let bundle = Bundle {
+    let mut bundle = Bundle {
         lenses: vec![a.lens, b.lens],
         poses: vec![Pose::identity(), start],
         reference: 0,
@@ -156,9 +156,8 @@ fn adjusted(
         prior_sigmas: vec![config.prior_sigma * config.alike(pixels.len()); 2],
         pose_priors: vec![None; 2],
         tracks,
-        loss: Loss::Huber,
-    }
-    .adjusted_against_outliers(STEPS);
+    };
+    bundle.adjust(STEPS);
 
     let fits: Vec<bool> =
         bundle.tracks.iter().map(|t| bundle.fits(t, 1, &t.views[0].1, config.outlier_pixels)).collect();

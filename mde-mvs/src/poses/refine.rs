@@ -1,4 +1,4 @@
-use super::bundle::{Bundle, Loss, Observed, PosePrior};
+use super::bundle::{Bundle, Observed, PosePrior};
 use super::tracks::{self, Track};
 use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order, matching, pair, positive};
 use crate::{Callback, Error, Result, silent};
@@ -144,7 +144,6 @@ pub fn refine_poses_with(
         prior_sigmas: vec![1.0; shots.len()],
         pose_priors: vec![None; shots.len()],
         tracks: groups.into_iter().filter_map(observed).collect(),
-        loss: Loss::Huber,
     };
     let longest = longest_baseline(&given);
     bundle.triangulate(longest);

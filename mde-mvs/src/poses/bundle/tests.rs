@@ -46,7 +46,6 @@ fn scene(poses: &[Pose], count: usize, seed: u64) -> Bundle {
         prior_sigmas: vec![0.8; views],
         pose_priors: vec![None; views],
         tracks,
-        loss: Loss::Huber,
     }
 }
 
@@ -88,50 +87,6 @@ fn an_exact_scene_is_recovered() {
             assert!((found.inverse_depth / track.inverse_depth - 1.0).abs() < 1e-6);
         }
     }
-}
-
-/// Wrong matches on the right epipolar line, beyond infinity, which no depth explains: Huber's loss gives the pose up for them, Cauchy's
-/// does not.
-#[test]
-fn a_few_wrong_matches_outweigh_no_others() {
-    let wrong = |loss| {
-        let exact = scene(&motions()[..2], 40, 11);
-        let mut bundle = Bundle { loss, ..exact.clone() };
-        for track in bundle.tracks.iter_mut().step_by(8) {
-            let beyond = Observed { inverse_depth: -4.0 * track.inverse_depth, ..track.clone() };
-            for (view, pixel) in &mut track.views {
-                *pixel += exact.residual(&beyond, *view, pixel).unwrap();
-            }
-        }
-        bundle.adjust(100);
-        bundle.poses[1].rotation.angle_to(&motions()[1].rotation).to_degrees()
-    };
-    let (huber, cauchy) = (wrong(Loss::Huber), wrong(Loss::Cauchy));
-    assert!(cauchy < 0.5, "{cauchy} degrees");
-    assert!(huber > 2.0, "{huber} degrees: the test has no effect");
-}
-
-/// With a poor prior, from no motion, and a quarter of the matches wrong, Cauchy's loss at once ends in a wrong minimum in 52 of 100
-/// scenes, the lower cost of both ways in 29.
-#[test]
-fn a_poor_start_is_brought_back_by_way_of_huber() {
-    let truth = [Pose::identity(), exp(&Vector6::new(-1.0, 0.05, 0.1, 0.0, 0.0, 0.0))];
-    let is_wrong = |bundle: &Bundle| bundle.poses[1].rotation.angle().to_degrees() > 1.0;
-    let [mut at_once, mut both_ways] = [0; 2];
-    for seed in 0..100 {
-        let mut start = disturbed(scene(&truth, 60, seed), 0.6, seed);
-        start.poses[1] = Pose::identity();
-        start.tracks.iter_mut().for_each(|track| track.prior = Some(-track.inverse_depth.ln()));
-        let mut rng = CounterRng::new(seed, "wrong-matches", 0, 0);
-        for (_, pixel) in start.tracks.iter_mut().step_by(4).flat_map(|track| &mut track.views) {
-            *pixel = Point2::new(640.0 * rng.random::<f64>(), 480.0 * rng.random::<f64>());
-        }
-        let mut direct = Bundle { loss: Loss::Cauchy, ..start.clone() };
-        direct.adjust(30);
-        at_once += usize::from(is_wrong(&direct));
-        both_ways += usize::from(is_wrong(&start.adjusted_against_outliers(30)));
-    }
-    assert!(3 * both_ways < 2 * at_once, "{both_ways} and {at_once} of 100");
 }
 
 /// A wrong focal length common to all photographs, and the scales of the further priors, are found too.
