@@ -15,7 +15,7 @@ pub(super) const TRUSTED: f32 = 0.5;
 const CHANCE: [f32; 5] = [1.2, 0.3, -0.4, -1.4, -1.3];
 
 /// Probability that a match is right, from its posterior mass, its cost and the other photographs. One that no other photograph
-/// confirms is not trusted: the coefficients are of four photographs and more, where several see past a wrong match.
+/// confirms is not trusted: the coefficients are of four photographs and more, several of which contradict a wrong match.
 pub(super) fn chances(sweep: &Sweep, agreement: &Agreement) -> Array2<f32> {
     let mut chance =
         Zip::from(&sweep.inlier).and(&sweep.cost).and(&agreement.agree).and(&agreement.visible).map_collect(

@@ -27,8 +27,8 @@ pub(super) struct Fused {
 }
 
 impl Fused {
-    /// Leaves the corrected prior where no other photograph has the point, with the variance of the prior at least: the correction
-    /// holds between matches, and beyond them the prior is as uncertain as it was.
+    /// Leaves the corrected prior where no other photograph contains the point, with the variance of the prior at least: the correction
+    /// is extrapolated there.
     pub(super) fn without_unseen(mut self, seen: &Array2<bool>, prior: &GaussianDepth) -> Result<Self> {
         let (mut mean, mut variance) = self.depth.into_parts();
         for (at, _) in seen.indexed_iter().filter(|(_, seen)| !**seen) {
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
     use crate::synthetic::room;
 
-    /// Matches on the right that all say the same: the correction on the left is certain, until it is known that nothing is seen there.
+    /// Equal matches on the right give the correction on the left a small variance; where nothing is visible it has to be the prior's.
     #[test]
     fn beyond_the_other_photographs_the_prior_stays_uncertain() {
         let view = room(1.0).0.swap_remove(0);

@@ -190,6 +190,19 @@ mod tests {
         assert!(none.iter().all(|v| *v == 0.0));
     }
 
+    /// A pixel shows what lies up to half a pixel from its centre.
+    #[test]
+    fn the_outer_pixels_are_shown_to_their_rims() {
+        let plane = [Plane::slanted(2.0, 0.0, 0.0)];
+        let first_row = |beyond: f64| {
+            let focal = scene(&plane, (48, 64), &CENTRES[..1]).0[0].camera.fy;
+            let (views, depths) = scene(&plane, (48, 64), &[[0.0; 3], [0.1, beyond * 2.0 / focal, 0.0]]);
+            depth_variance(&views, &[None, Some(Matrix6::identity() * 1e-6)], depths[0].view())[(0, 32)]
+        };
+        assert!(first_row(0.3) > 0.5 * first_row(0.0) && first_row(0.0) > 0.0);
+        assert_eq!(first_row(0.7), 0.0);
+    }
+
     /// Two photographs that move together do not move against each other.
     #[test]
     fn a_relative_covariance_has_both_poses() {
