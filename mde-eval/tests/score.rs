@@ -158,6 +158,11 @@ fn a_sigma_proportional_to_depth_is_at_chance_where_errors_are_relative() {
         right.relative
     );
     assert!(right.spearman_relative.unwrap() > 0.4, "{:?}", right.spearman_relative);
+    // A sigma that ranks the relative errors exactly.
+    let error = Zip::from(&prediction).and(&truth).map_collect(|p, g| (p - g).abs());
+    let exact = Zip::from(&prediction).and(&truth).and(&error).map_collect(|p, g, e| p * (e / g + 1e-6));
+    let exact = scores(&exact);
+    assert!(exact.spearman_relative.unwrap() > 0.999 && exact.relative.ause.abs() < 1e-3, "{exact:?}");
 }
 
 #[test]

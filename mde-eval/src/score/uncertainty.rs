@@ -160,13 +160,9 @@ pub(super) fn scores(lists: &Lists, config: &ScoreConfig) -> Result<UncertaintyS
         mae: by_error_size.normalised(Reduction::Mean)?.into(),
         rmse: by_square.normalised(Reduction::RootMean)?.into(),
         spearman_relative: pearson(&by_relative_sigma.ranks(), &Order::new(&relative)?.ranks()),
-        relative: Costs::new(
-            &by_relative_sigma.apply(&relative),
-            &by_relative_sigma.apply(&relative_sigma),
-            &by_relative_sigma,
-        )?
-        .normalised(Reduction::Mean)?
-        .into(),
+        relative: Costs::new(&relative, &relative_sigma, &by_relative_sigma)?
+            .normalised(Reduction::Mean)?
+            .into(),
         poggi_abs_rel: costs(&relative)?.poggi(Reduction::Mean)?.into(),
         poggi_rmse: by_square.poggi(Reduction::RootMean)?.into(),
         poggi_a1: costs(&outliers)?.poggi(Reduction::Mean)?.into(),

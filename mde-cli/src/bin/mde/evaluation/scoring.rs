@@ -20,6 +20,9 @@ use serde_json::{Value, json};
 /// Rows and columns of NYU's 640x480 that Eigen et al. score.
 const EIGEN_CROP: [usize; 4] = [45, 471, 41, 601];
 
+/// Changes with the definition of a score, so that kept scores are computed again.
+const DEFINITIONS: u32 = 2;
+
 /// Separates a method's name from that of a trivial sigma.
 pub(crate) const SIGMA_BY: &str = ", sigma by ";
 
@@ -87,7 +90,7 @@ impl Scoring {
         for (method, kept) in &result.entries {
             let made_from = json!({
                 "maps": kept.record.made_from, "prior": prior.record.made_from, "truth": truth, "config": config,
-                "shared": self.shared, "controls": self.controls, "version": env!("CARGO_PKG_VERSION"),
+                "shared": self.shared, "controls": self.controls, "version": env!("CARGO_PKG_VERSION"), "definitions": DEFINITIONS,
             });
             let id = &result.sample.id;
             if let Some(scored) = store.scores::<Scored>(id, &method.name)
