@@ -78,6 +78,12 @@ fn methods_are_compared_and_nothing_is_run_twice() {
     ));
     assert_ne!(written(&place, "study-0", "tiny"), before);
 
+    // The simulated prior is of the seed.
+    let prior = || fs::read(place.path("e/scenes/study-0/prior/depth.npy")).unwrap();
+    let of_seed_0 = prior();
+    place.mde(&format!("{ROOMS} --methods guided --seed 7")).assert().success();
+    assert_ne!(prior(), of_seed_0);
+
     let other = place.mde(&command.replace("64x48", "32x24")).assert().code(1);
     other.stderr(
         predicate::str::contains("data.size: [64,48] -> [32,24]").and(predicate::str::contains("--force")),
@@ -167,6 +173,10 @@ fn maps_of_any_program_are_scored() {
     // The same map in two formats: PNG keeps half a millimetre.
     assert!((values[0] / values[1] - 1.0).abs() < 0.02 && values[0] > 0.0, "{values:?}");
     assert!(place.path("whole/reliability.svg").is_file() && !place.path("plain/reliability.svg").exists());
+    // Without a sigma no figure of one stays.
+    place.mde("eval --pred pred --gt gt -o whole --force").assert().success();
+    assert!(!place.path("whole/reliability.svg").exists() && !place.path("whole/reliability.png").exists());
+    assert!(!fs::read_to_string(place.path("whole/report.html")).unwrap().contains("sparsification"));
     write_npy(place.path("pred/c.npy"), prediction.view()).unwrap();
     let extra = place.mde("eval --pred pred --gt gt -o extra").assert().success();
     extra.stderr(predicate::str::contains("c: no truth of that name"));
@@ -241,7 +251,9 @@ fn rows_of_an_ablation_share_their_field() {
 fn what_cannot_be_evaluated_is_told_in_one_line() {
     let place = Place::new();
     fs::create_dir(place.path("full")).unwrap();
+    fs::create_dir(place.path("maps")).unwrap();
     place.write("full/thesis.txt", "years");
+    write_npy(place.path("maps/a.npy"), place.scene.depth.view()).unwrap();
     for (arguments, code, words) in [
         ("eval -o e", 1, &["--dataset rooms"][..]),
         ("eval --dataset rooms --methods blur -o e", 1, &["`blur`", "guided"]),
@@ -255,6 +267,9 @@ fn what_cannot_be_evaluated_is_told_in_one_line() {
         ("eval --pred none --gt none -o e", 1, &["none"]),
         ("eval --pred . -o e", 2, &["--gt"]),
         ("eval --pred . --gt . --methods jbf -o e", 2, &["--methods"]),
+        ("eval --pred . --gt . --shared-alignment -o e", 2, &["--shared-alignment"]),
+        ("eval --pred . --gt . --preset fast -o e", 2, &["--preset"]),
+        ("eval --pred maps --gt maps --scenes a,attic -o e", 1, &["--scenes attic"]),
         ("ablate --dataset rooms --rows best -o e", 1, &["best", "min-depth"]),
         (
             "eval --dataset rooms --limit 1 --size 64x48 --max-depth 0.0001 --methods guided -o e",

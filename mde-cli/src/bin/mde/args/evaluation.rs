@@ -203,7 +203,7 @@ pub(crate) struct EvalPriorArgs {
 }
 
 /// Arguments without effect on existing maps.
-const MADE_HERE: [&str; 21] = [
+const MADE_HERE: [&str; 24] = [
     "root",
     "dataset",
     "size",
@@ -221,6 +221,9 @@ const MADE_HERE: [&str; 21] = [
     "prior_depth",
     "simulated_prior",
     "simulated_model",
+    "prior_kind",
+    "shared_alignment",
+    "preset",
     "methods",
     "seed",
     "jobs",

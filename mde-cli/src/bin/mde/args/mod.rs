@@ -38,7 +38,7 @@ Exit codes:
   0    done
   1    failed; one line on stderr names the cause and the remedy
   2    wrong usage
-  3    some scenes of an evaluation failed; the others are written
+  3    some photographs or scenes failed; the others are written
   130  interrupted (Ctrl-C, SIGTERM, SIGHUP or SIGQUIT); only the state from which --resume and evaluations continue is kept";
 
 /// Refine the monocular depth of a photograph, with a standard deviation per pixel

@@ -35,7 +35,13 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     let scales: Vec<f64> = own.filter_map(|entry| entry.scale).collect();
     let [data, prior, alignment] = setup.titles();
     let path = setup.folder().join(FILE);
-    // Remove the calibration of an earlier run.
+    // That of an earlier run is of other settings.
+    match std::fs::remove_file(&path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            return Err(error).with_context(|| path.display().to_string());
+        }
+        _ => {}
+    }
     let calibrated = !scenes.is_empty();
     if calibrated {
         let source = CalibrationSource { method: name, data, prior, alignment };

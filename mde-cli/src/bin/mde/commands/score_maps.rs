@@ -31,6 +31,10 @@ pub(super) fn run(args: &EvalArgs, progress: &mut Progress) -> Result<()> {
     let [pred_name, gt_name] = [pred, gt].map(|folder| folder.display().to_string());
     let sigma_name = args.maps.sigma.as_ref().map(|folder| folder.display().to_string());
     let basis = json!({ "command": "eval", "pred": pred_name, "gt": gt_name, "sigma": sigma_name });
+    for name in &args.common.data.scenes {
+        let known = pairs.pairs().iter().any(|pair| pair.id == *name);
+        ensure!(known, "--scenes {name}: none of the {} maps in {}", pairs.pairs().len(), pred.display());
+    }
     let wanted =
         |pair: &&MapPair| args.common.data.scenes.is_empty() || args.common.data.scenes.contains(&pair.id);
     let limit = args.common.data.limit.map_or(usize::MAX, |n| n as usize);

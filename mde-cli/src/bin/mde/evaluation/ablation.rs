@@ -136,8 +136,11 @@ pub(crate) fn rows(base: &Config) -> impl Iterator<Item = &'static Row> {
 
 /// Table II beside the paper's figures. `to_full` and `to_prior` compare the same entries with the full model and with the prior.
 pub(crate) fn table(to_full: &Summary, to_prior: &Summary) -> Vec<Block> {
-    let note = "Change of MSE against the full model and sharpness against the prior are ratios of means over scenes \
-                [95 % of resampled scenes]; F1 is at 0.25 m and 1 px.";
+    let sample = if to_full.places < to_full.scenes { "places" } else { "scenes" };
+    let note = format!(
+        "Change of MSE against the full model and sharpness against the prior are ratios of means over scenes \
+         [95 % of resampled {sample}]; F1 is at 0.25 m and 1 px."
+    );
     let numbers = ["dMSE", "dMSE, paper", "sharpness", "paper", "F1", "paper"].map(Column::number);
     let columns = [Column::text("row"), Column::text("what")].into_iter().chain(numbers).collect();
     let mut rows = Vec::new();
@@ -146,7 +149,7 @@ pub(crate) fn table(to_full: &Summary, to_prior: &Summary) -> Vec<Block> {
         let mse = to_full.get(row.name, "mse").and_then(|s| s.ratio);
         let percent = |ratio: f64| 100.0 * (ratio - 1.0);
         let mse = mse.map_or_else(
-            || "0".to_owned(),
+            || if row.name == FULL { "0" } else { "–" }.to_owned(),
             |r| format!("{:+.1} % [{:+.1}, {:+.1}]", percent(r.value), percent(r.low), percent(r.high)),
         );
         let sharp = to_prior.get(row.name, "sharpness").and_then(|s| s.ratio);
@@ -167,7 +170,7 @@ pub(crate) fn table(to_full: &Summary, to_prior: &Summary) -> Vec<Block> {
         rows.push(cells.into_iter().map(Cell::new).collect());
     }
     let heading = Block::Heading(2, "The paper's Table II".to_owned());
-    vec![heading, Block::Text(note.to_owned()), Block::Table(Table { columns, rows })]
+    vec![heading, Block::Text(note), Block::Table(Table { columns, rows })]
 }
 
 #[cfg(test)]

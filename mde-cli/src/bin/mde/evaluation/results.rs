@@ -19,6 +19,10 @@ use std::path::Path;
 /// Most methods in a figure: more lines cannot be distinguished.
 const LINES: usize = 6;
 
+/// The figures' files.
+const FIGURES: [&str; 3] = ["error-by-percentile", "sparsification", "reliability"];
+const EXTENSIONS: [&str; 2] = ["svg", "png"];
+
 /// The scores of all scenes and methods.
 pub(crate) struct Results {
     pub(crate) title: String,
@@ -71,6 +75,13 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
     write(&place.join("table.md"), tables.markdown().as_bytes())?;
     write_json(&place.join("summary.json"), &value)?;
     results.figures(place)?;
+    // Those of an earlier evaluation, whose maps had a sigma.
+    for file in FIGURES.iter().flat_map(|name| EXTENSIONS.map(|extension| format!("{name}.{extension}"))) {
+        let old = folder.join(&file);
+        if !place.join(&file).exists() && old.exists() {
+            fs::remove_file(&old).with_context(|| format!("{}: can't remove it", old.display()))?;
+        }
+    }
     for file in fs::read_dir(place).with_context(|| place.display().to_string())?.flatten() {
         let target = folder.join(file.file_name());
         fs::rename(file.path(), &target)
@@ -127,12 +138,13 @@ impl Results {
         if names.is_empty() {
             return Ok(());
         }
-        for (name, chart) in [
-            ("error-by-percentile", figure::error_by_percentile(&self.entries, &names)),
-            ("sparsification", figure::sparsification(&self.entries, &names)),
-            ("reliability", figure::reliability(&self.entries, &names)),
-        ] {
-            for extension in ["svg", "png"] {
+        let charts = [
+            figure::error_by_percentile(&self.entries, &names),
+            figure::sparsification(&self.entries, &names),
+            figure::reliability(&self.entries, &names),
+        ];
+        for (name, chart) in FIGURES.iter().zip(charts) {
+            for extension in EXTENSIONS {
                 chart.write(folder.join(format!("{name}.{extension}")))?;
             }
         }

@@ -172,11 +172,14 @@ impl Shared<'_> {
         let mut entries: Vec<(&Method, Entry)> = Vec::new();
         for method in self.plan.methods {
             let prior = entries.first().map(|(_, prior)| &prior.refined.depth);
+            // The prior that is made here depends on the seed.
+            let seed = (sample.prior.is_none() && matches!(self.plan.prior, PriorPlan::Simulated))
+                .then_some(method.seed);
             let made_from = json!({
                 "input": fingerprint(&sample, prior),
                 "settings": match prior {
                     Some(_) => method.settings()?,
-                    None => json!({ "prior": own, "rule": self.plan.rule }),
+                    None => json!({ "prior": own, "rule": self.plan.rule, "seed": seed }),
                 },
             });
             let outcome = match prior {

@@ -83,11 +83,12 @@ fn compared(method: &MethodSummary, reference: &str, own: Option<f64>) -> String
             Some(gain) => if gain > 0 { &mut better } else { &mut worse }.push(metric.label),
         }
     }
-    let text = match (better.as_slice(), worse.as_slice()) {
-        ([], []) => format!("no difference to {reference} beyond chance"),
-        (better, []) => format!("better than {reference} in {}", named(better)),
-        ([], worse) => format!("worse than {reference} in {}", named(worse)),
-        (better, worse) => format!("better than {reference} in {}, worse in {}", named(better), named(worse)),
+    let (on_better, on_worse) = (named(&better, &worse), named(&worse, &better));
+    let text = match (better.is_empty(), worse.is_empty()) {
+        (true, true) => format!("no difference to {reference} beyond chance"),
+        (false, true) => format!("better than {reference} in {on_better}"),
+        (true, false) => format!("worse than {reference} in {on_worse}"),
+        (false, false) => format!("better than {reference} in {on_better}, worse in {on_worse}"),
     };
     let rest = if open > 0 && !(better.is_empty() && worse.is_empty()) {
         format!("; {open} others within chance")
@@ -117,12 +118,21 @@ fn gain(metric: &Metric, statistics: &Statistics) -> Option<i8> {
     })
 }
 
-/// Labels without their parameters and units, each once.
-fn named(labels: &[&str]) -> String {
-    let mut short: Vec<&str> = labels.iter().filter_map(|label| label.split(',').next()).collect();
-    short.dedup();
-    let labels = short;
-    let shown = labels.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
+/// Labels without their parameters and units, each once; with them where the name is among the others too.
+fn named(labels: &[&str], others: &[&str]) -> String {
+    let short = |label: &str| label.split(',').next().unwrap_or(label).to_owned();
+    let mut shortened: Vec<String> = Vec::new();
+    for label in labels {
+        let name = match others.iter().any(|other| short(other) == short(label)) {
+            true => label.replacen(", ", " (", 1) + if label.contains(", ") { ")" } else { "" },
+            false => short(label),
+        };
+        if !shortened.contains(&name) {
+            shortened.push(name);
+        }
+    }
+    let labels = shortened;
+    let shown = labels.iter().take(NAMED).map(String::as_str).collect::<Vec<_>>().join(", ");
     match labels.len().saturating_sub(NAMED) {
         0 => shown,
         more => format!("{shown} and {more} more"),
@@ -178,7 +188,8 @@ mod tests {
         };
         let all = [failure("a", Some("zoom"), "x"), failure("b", Some("zoom"), "x"), failure("a", None, "y")];
         assert_eq!(failures(&all), ["failed: all methods on a: y", "failed: zoom on 2 scenes: x"]);
-        assert_eq!(named(&["F1, 0.25 m", "F1, 0.5 m", "MSE, m²"]), "F1, MSE");
+        assert_eq!(named(&["F1, 0.25 m", "MSE, m²", "F1, 0.5 m"], &["D3R"]), "F1, MSE");
+        assert_eq!(named(&["F1, 0.25 m", "MSE, m²"], &["F1, 0.5 m"]), "F1 (0.25 m), MSE");
     }
 
     #[test]

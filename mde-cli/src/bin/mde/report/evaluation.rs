@@ -41,7 +41,7 @@ type Scores = BTreeMap<String, Map<String, Value>>;
 pub(super) fn page(folder: &Path) -> Result<String> {
     let summary: Value = read_json(&folder.join(SUMMARY))?;
     let (order, scores) = scores(&folder.join("scenes.csv"))?;
-    let judged = judged(&order, &scores);
+    let judged = judged(&summary);
     let worst = worst(&order, &scores, judged.as_ref());
     let mut scenes = Vec::new();
     for id in &order {
@@ -73,15 +73,16 @@ pub(super) fn page(folder: &Path) -> Result<String> {
     Ok(page::page(&title, &data))
 }
 
-/// The method and the metric by which a scene is bad: the first method after the prior, where there is one, and its AbsRel, else its
-/// first metric.
-fn judged(order: &[String], scores: &BTreeMap<String, Scores>) -> Option<(String, &'static Metric)> {
-    let first = scores.get(order.first()?)?;
-    let (method, of_method) =
-        first.iter().find(|(name, _)| *name != "prior").or_else(|| first.iter().next())?;
-    let known = || METRICS.iter().filter(|metric| of_method.contains_key(metric.key));
+/// The method and the metric by which a scene is bad: the first method after the prior with scores of its depth, where there is one,
+/// and its AbsRel, else its first metric.
+fn judged(summary: &Value) -> Option<(String, &'static Metric)> {
+    let methods = summary["summary"]["methods"].as_array()?;
+    let has_depth = |method: &&Value| method["metrics"].get("abs_rel").is_some();
+    let found = methods.iter().filter(has_depth).find(|method| method["method"] != "prior");
+    let found = found.or_else(|| methods.iter().find(has_depth)).or_else(|| methods.first())?;
+    let known = || METRICS.iter().filter(|metric| found["metrics"].get(metric.key).is_some());
     let metric = known().find(|metric| metric.key.starts_with("abs")).or_else(|| known().next())?;
-    Some((method.clone(), metric))
+    Some((found["method"].as_str()?.to_owned(), metric))
 }
 
 /// At most [`SCENES`] scenes, the worst first; those without a score last.
@@ -213,8 +214,18 @@ mod tests {
         fs::write(&path, format!("scene,method,seed,alignment,abs_rel\n{text}none,prior,0,median,1\n"))
             .unwrap();
         let (order, scores) = scores(&path).unwrap();
-        let judged = judged(&order, &scores).unwrap();
-        assert_eq!((&*judged.0, judged.1.key), ("fast", "abs_rel"));
+        // A trivial sigma of the prior has no depth of its own; a control comes after the methods.
+        let method = |name: &str, key: &str| json!({ "method": name, "metrics": { key: {} } });
+        let summary = |methods: &[Value]| json!({ "summary": { "methods": methods } });
+        let [prior, constant] = [method("prior", "abs_rel"), method("prior, sigma by constant", "ause_mae")];
+        let judged_of =
+            |methods: &[Value]| judged(&summary(methods)).map(|(name, metric)| (name, metric.key));
+        let fast = method("fast", "abs_rel");
+        let judged_by = |name: &str| Some((name.to_owned(), "abs_rel"));
+        assert_eq!(judged_of(&[prior.clone(), constant.clone()]), judged_by("prior"));
+        assert_eq!(judged_of(&[prior.clone(), constant.clone(), fast.clone()]), judged_by("fast"));
+        assert_eq!(judged_of(std::slice::from_ref(&constant)).unwrap().1, "ause_mae");
+        let judged = judged(&summary(&[prior, constant, fast])).unwrap();
         let worst = worst(&order, &scores, Some(&judged));
         assert_eq!(worst.len(), SCENES);
         assert!(worst.contains("s5") && worst.contains("s44") && !worst.contains("s4"), "{worst:?}");

@@ -59,9 +59,10 @@ function methodsOf(summary, title) {
 
 function scoreNoteOf(summary, state) {
   const level = `${100 * summary.bootstrap.level} %`;
+  const sample = summary.places < summary.scenes ? "places" : "scenes";
   const text = {
-    difference: `Mean over scenes; below it the paired difference to ${summary.reference} with its ${level} interval over resampled scenes.`,
-    ratio: `Mean over scenes; below it the ratio of means to ${summary.reference}'s with its ${level} interval over resampled scenes.`,
+    difference: `Mean over scenes; below it the paired difference to ${summary.reference} with its ${level} interval over resampled ${sample}.`,
+    ratio: `Mean over scenes; below it the ratio of means to ${summary.reference}'s with its ${level} interval over resampled ${sample}.`,
     mean: "Mean over scenes; below it the mean rank among the methods, 1 the best.",
   }[state.view];
   return make("p", { class: "soft small" }, `${text} Press a heading to sort by it.`);
@@ -109,7 +110,7 @@ function scoreCell(metric, statistics, view, isReference) {
   const nothing = view === "ratio" ? 1 : 0;
   const outside = estimate.low > nothing || estimate.high < nothing;
   const better = { lower: -1, higher: 1 }[metric.better] ?? 0;
-  const mark = outside && statistics.paired >= ENOUGH && better !== 0 ? (better * (estimate.value - nothing) > 0 ? "good" : "bad") : "";
+  const mark = outside && statistics.places >= ENOUGH && better !== 0 ? (better * (estimate.value - nothing) > 0 ? "good" : "bad") : "";
   cell.append(make("span", { class: "interval" }, make("span", { class: mark }, show(estimate.value)), ` [${show(estimate.low)}, ${show(estimate.high)}]`));
   return cell;
 }

@@ -159,7 +159,7 @@ function iterationTable(iterations, unit) {
     ["weight of the field in the result", ({ fusion }) => percent(fusion.nerf_weight)],
     ["typical deviation of the field from the prior", (one) => percent(one.field_prior_deviation ?? NaN)],
     ["PSNR, original view [dB]", ({ fit }) => number(fit.psnr[0])],
-    ["PSNR, mean of the views [dB]", ({ fit }) => number(mean(fit.psnr))],
+    ["PSNR, mean of the views [dB]", ({ fit }) => number(mean(fit.psnr.filter((psnr) => psnr > 0)))],
     ["loss", ({ fit }) => number(fit.loss)],
     ["holes in the views", ({ warp }) => percent(warp.mean_hole_fraction)],
     ...["warp", "fit", "render", "fuse"].map((stage) => [`${stage} [s]`, (one) => number(one.seconds[stage], 2)]),
