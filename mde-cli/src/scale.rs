@@ -154,6 +154,8 @@ impl Refinement {
         let median_error = median(errors);
         let (refined, sigma) = self.mapped(SCALE, mapped)?;
         let Affine { a, b } = line.affine;
+        let factor = if of_disparity { a.recip() } else { a };
+        let refined = refined.with_poses((b == 0.0).then_some(factor));
         let report = ScaleReport {
             of_disparity,
             a,
@@ -183,7 +185,18 @@ impl Refinement {
             let usable = depth.is_finite() && (depth as f32) > 0.0;
             usable.then_some((depth, factor, (log_sigma * depth).powi(2)))
         };
-        Ok(self.mapped(SAME_SCALE, mapped)?.0)
+        Ok(self.mapped(SAME_SCALE, mapped)?.0.with_poses(Some(factor)))
+    }
+
+    /// The photographs' poses in the unit of the depth, which was multiplied by `factor`. None where it was bent: no poses fit it then.
+    fn with_poses(mut self, factor: Option<f64>) -> Self {
+        for photograph in self.capture.iter_mut().flat_map(|capture| &mut capture.photographs) {
+            photograph.pose = photograph.pose.zip(factor).map(|(mut rows, factor)| {
+                rows.iter_mut().take(3).for_each(|row| row[3] *= factor);
+                rows
+            });
+        }
+        self
     }
 
     /// Each depth by a map that gives the new one, the map's derivative, and its variance, which becomes a part of sigma and of the

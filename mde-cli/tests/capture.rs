@@ -7,12 +7,15 @@ use assert_cmd::Command;
 use common::capture::{Known, inputs, rendered_at};
 use common::wait_until;
 use mde_cli::mde_fusion::{Fused, Fuser, FusionReport, Prior};
-use mde_cli::mde_mvs::capture::{Distortion, Frame, Lens, PixelCentres, read_transforms, transforms_json};
+use mde_cli::mde_mvs::capture::{
+    CaptureFiles, Distortion, Frame, Lens, PixelCentres, read_transforms, transforms_json,
+};
 use mde_cli::mde_prior::DisparityRule;
 use mde_cli::mde_prior::format::{ReadOptions, read_values, write_npy};
 use mde_cli::mde_prior::photo::write_image;
 use mde_cli::memory::capture_bytes;
 use mde_cli::ndarray::{Array2, Array3};
+use mde_cli::scale::KnownDepth;
 use mde_cli::{
     Capture, Config, Event, Photograph, PreparedCapture, Preset, Refinement, Stages, refine_capture,
 };
@@ -375,6 +378,51 @@ fn a_photograph_of_a_prepared_capture_does_not_depend_on_those_before() {
     assert!(prepared.refine(outside, Stages::new(&prior), &mut go_on).is_err());
 }
 
+/// Photographs that are swept together need not all be in the fit of each: what is called used has a place in it, and what is called
+/// withheld was not swept.
+#[test]
+fn used_and_withheld_photographs_are_what_they_are_called() {
+    let (capture, prior) = inputs(&rendered_at(Room::Study, 7, [96, 72]), true);
+    let text =
+        "nerf.train.steps = 5\nnerf.train.rays = 64\nnerf.field.finest = 64\nmulti-view.max-views = 5\n";
+    let config = Config::with_overrides(Preset::MultiView, text, "test").unwrap();
+    let mut go_on = |_: &Event| ControlFlow::Continue(());
+    let mut prepared = PreparedCapture::new(&capture, &Stages::new(&prior), &config, &mut go_on).unwrap();
+    let mut shared = 0;
+    for index in 0..capture.photographs.len() {
+        let refined = prepared.refine(index, Stages::new(&prior), &mut go_on).unwrap();
+        let report = refined.capture.unwrap();
+        assert_eq!(report.fallback, None);
+        for photograph in &report.photographs {
+            assert_eq!(photograph.used, photograph.pose.is_some(), "{index}: {photograph:?}");
+            shared += usize::from(photograph.verified.is_some() && !photograph.used);
+        }
+        let novel = report.novel.unwrap();
+        let shown = &report.photographs[novel.photograph];
+        assert_eq!((novel.withheld, !novel.withheld), (shown.verified.is_none(), shown.used), "{index}");
+    }
+    assert!(shared > 0, "the case is among them");
+}
+
+/// The frame is the reference's, whose pose is exact in it; to another photograph it is as uncertain as that photograph is.
+#[test]
+fn the_pose_of_the_reference_is_uncertain_to_the_others() {
+    let (capture, prior) = inputs(&rendered_at(Room::Study, 2, [256, 192]), false);
+    let text = "nerf.train.steps = 5\nnerf.train.rays = 64\nnerf.field.finest = 64\n";
+    let config = Config::with_overrides(Preset::MultiView, text, "test").unwrap();
+    let mut go_on = |_: &Event| ControlFlow::Continue(());
+    let mut prepared = PreparedCapture::new(&capture, &Stages::new(&prior), &config, &mut go_on).unwrap();
+    let mut typical = |index: usize| {
+        let refined = prepared.refine(index, Stages::new(&prior), &mut go_on).unwrap();
+        assert_eq!(refined.capture.as_ref().unwrap().fallback, None);
+        let poses = refined.components.iter().find(|part| part.name == "poses").unwrap();
+        let relative = poses.sigma.iter().zip(refined.depth.mean()).filter(|(_, z)| **z > 0.0);
+        median(relative.map(|(sigma, z)| f64::from(sigma / z))).unwrap()
+    };
+    let (first, second) = (typical(0), typical(1));
+    assert!(first > 0.0 && (0.5..2.0).contains(&(second / first)), "{first} {second}");
+}
+
 /// Nor does a byte of poses, predictions, sweeps and field depend on the number of threads or of predictions at once.
 #[test]
 fn any_number_of_threads_gives_the_same_bytes() {
@@ -435,6 +483,19 @@ fn the_capture_s_unit_is_that_of_its_poses() {
     let relative = |map: &mde_uncertainty::GaussianDepth| map.variance()[pixel].sqrt() / map.mean()[pixel];
     assert!((relative(&refined.depth) / relative(&in_prior) - 1.0).abs() < 1e-4);
     assert!((f64::from(refined.depth.mean()[pixel] / in_prior.mean()[pixel]) / factor - 1.0).abs() < 1e-5);
+    // Poses stay in the unit of the depth; one that is shifted too has none.
+    let placed = |r: &Refinement| r.capture.as_ref().unwrap().photographs[1].pose.map(|rows| rows[0][3]);
+    let before = placed(&refined).unwrap();
+    let refined = refined.scaled(2.0, 0.0).unwrap();
+    assert_eq!(placed(&refined), Some(2.0 * before));
+    let known: Vec<KnownDepth> = (0..WIDTH * HEIGHT)
+        .step_by(97)
+        .map(|i| (i % WIDTH, i / WIDTH))
+        .map(|(x, y)| (x, y, 3.0 * f64::from(refined.depth.mean()[(y, x)]) + 5.0))
+        .map(|(x, y, depth)| KnownDepth { x: x as f64, y: y as f64, depth, sigma: 0.0 })
+        .collect();
+    let (refined, _) = refined.scaled_to(&known, false).unwrap();
+    assert_eq!(placed(&refined), None);
 
     let (capture, prior) = inputs(&room, false);
     let estimated = run(&capture, &prior, &config()).in_capture_unit().err().unwrap().to_string();
@@ -492,6 +553,13 @@ fn poses_are_written_and_read_again() {
     let size = |path: &std::path::Path| mde_cli::mde_prior::photo::image_size(path);
     let found =
         read_transforms(&folder.path().join("out/found.json"), PixelCentres::Integers, &size).unwrap();
+    // nerfstudio's files have pixel centres at halves, as ours, and do not say so.
+    let file = folder.path().join("out/found.json");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let silent = folder.path().join("out/transforms.json");
+    std::fs::write(&silent, text.replace("pixel_centres", "some_key")).unwrap();
+    let silent = CaptureFiles::find(&silent).unwrap().read(None, &size).unwrap();
+    assert_eq!(silent.frames[0].lens.camera, found.frames[0].lens.camera);
     // The black photograph fits nowhere; at this size another may not.
     let index =
         |frame: &Frame| frame.photograph.file_stem().unwrap().to_str().unwrap().parse::<usize>().unwrap();

@@ -42,6 +42,8 @@ pub struct PreparedCapture<'c> {
     swept: Option<Swept>,
     /// Of the capture's points, or found by the sweeps of the reference's group.
     scale: Option<Scale>,
+    /// Whether the sweeps of the first group have been asked for it.
+    scale_sought: bool,
     report: CaptureReport,
 }
 
@@ -116,7 +118,7 @@ impl<'c> PreparedCapture<'c> {
             None => None,
         };
         report.seconds.poses = start.elapsed().as_secs_f64();
-        Ok(Self { capture, config, priors, posed, plan, swept: None, scale, report })
+        Ok(Self { capture, config, priors, posed, plan, swept: None, scale, scale_sought: false, report })
     }
 
     /// The photographs.
@@ -197,16 +199,22 @@ impl<'c> PreparedCapture<'c> {
         let plan = &self.plan[place];
         let members: Vec<usize> =
             plan.own.iter().copied().filter(|view| swept.group.contains(view)).collect();
+        for score in &plan.scores {
+            report.photographs[posed.order[score.view]].used = members.contains(&score.view);
+        }
         let mut views = members.iter().map(|&view| posed.views[view].clone()).collect::<Vec<_>>();
         let order: Vec<usize> = members.iter().map(|&view| posed.order[view]).collect();
         let from = posed.covariances[place].as_ref();
         let back = posed.views[place].pose.inverse();
+        // The capture's reference, or given poses that are kept, have no covariance of their own.
         let relative = |&view: &usize| {
             let motion = posed.views[view].pose * back;
-            posed.covariances[view].as_ref().map(|own| relative_covariance(&motion, own, from))
+            let own = posed.covariances[view];
+            (own.is_some() || from.is_some())
+                .then(|| relative_covariance(&motion, &own.unwrap_or_else(Matrix6::zeros), from))
         };
         let covariances: Vec<Option<Matrix6<f64>>> = members.iter().map(relative).collect();
-        let mut candidate = candidate(plan, posed);
+        let mut candidate = candidate(plan, posed, &swept.group);
         if place != 0 {
             let frame = views[0].pose.inverse();
             let others = candidate.iter_mut().map(|candidate| &mut candidate.view);
@@ -315,10 +323,11 @@ impl<'c> PreparedCapture<'c> {
             }
             return Ok(());
         }
-        // One scale for all: that of the reference's group.
-        if self.scale.is_none() && self.plan[place].group != self.plan[0].group && self.plan[0].own.len() > 1
-        {
-            self.sweep(0, swept)?;
+        // One scale for all: that of the first group, which is the reference's unless nothing shows its scene.
+        let first = self.plan.iter().position(|planned| planned.own.len() > 1).unwrap_or(0);
+        let is_first = self.plan[place].group == self.plan[first].group;
+        if self.scale.is_none() && !self.scale_sought && !is_first {
+            self.sweep(first, swept)?;
         }
         let Some(posed) = &self.posed else { return Ok(()) };
         self.swept = None;
@@ -330,7 +339,10 @@ impl<'c> PreparedCapture<'c> {
         let depths: Vec<ArrayView2<'_, f32>> = depths.iter().map(|depth| depth.view()).collect();
         let reconstruction =
             reconstruct_with(&views, &depths, self.scale, &ConsensusConfig::default(), swept)?;
-        self.scale = self.scale.or(reconstruction.scale);
+        if is_first {
+            self.scale = self.scale.or(reconstruction.scale);
+            self.scale_sought = true;
+        }
         self.swept = Some(Swept { group, reconstruction, seconds: start.elapsed().as_secs_f64() });
         Ok(())
     }
@@ -371,16 +383,17 @@ fn scale_of_points(
     Ok(Scale::fit(&point_matches(&posed.views[0], &points, prior.view())?))
 }
 
-/// The best of the photographs that are left out; else the least needed of the chosen, which the fit has then.
-fn candidate(plan: &Planned, posed: &Posed) -> Option<Candidate> {
+/// The best of the photographs that are not swept; else the least needed of the chosen, which the fit has then.
+fn candidate(plan: &Planned, posed: &Posed, swept: &[usize]) -> Option<Candidate> {
     let least = ViewSelection::default().min_overlap;
     let overlaps = |score: &&ViewScore| score.overlap >= least && score.score > 0.0;
-    let spare = plan.scores.iter().filter(|score| !score.chosen).find(overlaps);
-    let score = spare.or_else(|| plan.scores.iter().rfind(|score| score.chosen))?;
+    let is_swept = |score: &&ViewScore| swept.contains(&score.view);
+    let spare = plan.scores.iter().filter(|score| !is_swept(score)).find(overlaps);
+    let score = spare.or_else(|| plan.scores.iter().rfind(|score| score.chosen && is_swept(score)))?;
     Some(Candidate {
         view: posed.views[score.view].clone(),
         index: posed.order[score.view],
-        withheld: !score.chosen,
+        withheld: !is_swept(&score),
     })
 }
 

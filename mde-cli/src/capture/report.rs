@@ -68,7 +68,8 @@ pub struct PhotographReport {
     pub used: bool,
     /// Result of the pose estimation.
     pub verdict: String,
-    /// Number of its features that fit its pose and were matched in other photographs; none for given poses.
+    /// Number of its features that fit its pose and were matched in other photographs; for given poses, of its matches
+    /// that fit them.
     pub matches: Option<usize>,
     /// Distance from the reference over the median depth of what both see.
     pub parallax: Option<f64>,
@@ -83,7 +84,7 @@ pub struct PhotographReport {
     /// Share of its pixels whose depth another photograph confirms.
     pub verified: Option<f32>,
     /// World to camera, row by row: the world is the reference's camera frame, in the unit of the refined depth. None where it was
-    /// not used.
+    /// not used, and where known depths shifted the depth.
     pub pose: Option<[[f64; 4]; 4]>,
     /// Its camera, with the focal length that was used.
     pub camera: Option<PinholeCamera>,
