@@ -89,12 +89,14 @@ pub struct ExposureFit {
 /// With fewer than 64 pairs the result is the identity.
 ///
 /// # Errors
-/// [`Error::View`](crate::Error::View) for a depth map of another size than the reference.
+/// [`Error::View`](crate::Error::View) for a view that [`PosedView::validate`] refuses, or a depth map of another size than the reference.
 pub fn fit_exposure(
     reference: &PosedView,
     view: &PosedView,
     depth: ArrayView2<'_, f32>,
 ) -> Result<ExposureFit> {
+    reference.validate()?;
+    view.validate()?;
     check_map("depth", depth.dim(), &reference.camera)?;
     let transfer = Transfer::new(reference, view);
     let mut pairs: Vec<([f32; 3], [f32; 3])> = Vec::new();

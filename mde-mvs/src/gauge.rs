@@ -86,12 +86,13 @@ struct Fit {
 /// at its pixel. Points behind the camera or off the image are left out.
 ///
 /// # Errors
-/// [`Error::View`] for a prior of another size than the view's camera.
+/// [`Error::View`] for a view that [`PosedView::validate`] refuses, or a prior of another size than its camera.
 pub fn point_matches(
     view: &PosedView,
     points: &[Point3<f64>],
     prior: ArrayView2<'_, f32>,
 ) -> Result<Vec<Match>> {
+    view.validate()?;
     check_map("prior", prior.dim(), &view.camera)?;
     let (h, w) = view.camera.dim();
     let found = points.iter().filter_map(|point| {

@@ -79,7 +79,8 @@ pub struct ViewScore {
 /// come best first; equal ones in the order of the views.
 ///
 /// # Errors
-/// [`Error::Reference`] for an index outside the views, [`Error::View`] for a depth map of another size, and what
+/// [`Error::Reference`] for an index outside the views, [`Error::View`] for a view that [`PosedView::validate`] refuses or a depth map of
+/// another size, and what
 /// [`ViewSelection::validate`] refuses.
 pub fn select_views(
     views: &[PosedView],
@@ -89,6 +90,7 @@ pub fn select_views(
 ) -> Result<Vec<ViewScore>> {
     config.validate()?;
     let from = views.get(reference).ok_or(Error::Reference { reference, views: views.len() })?;
+    views.iter().try_for_each(PosedView::validate)?;
     check_map("depth", depth.dim(), &from.camera)?;
     let energies: Vec<f64> = views.iter().map(|v| gradient_energy(&luma(v.image.view()))).collect();
     let sharpest = energies.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
@@ -170,7 +172,8 @@ mod tests {
 
     #[test]
     fn what_cannot_be_measured_is_named() {
-        let (views, depths) = scene(&[Plane::slanted(2.0, 0.0, 0.0)], (8, 8), &[[0.0; 3], [0.1, 0.0, 0.0]]);
+        let (mut views, depths) =
+            scene(&[Plane::slanted(2.0, 0.0, 0.0)], (8, 8), &[[0.0; 3], [0.1, 0.0, 0.0]]);
         let bad = select_views(&views, 2, depths[0].view(), &ViewSelection::default());
         assert_eq!(bad, Err(Error::Reference { reference: 2, views: 2 }));
         let map = Array2::zeros((8, 9));
@@ -178,5 +181,12 @@ mod tests {
             select_views(&views, 0, map.view(), &ViewSelection::default()),
             Err(Error::View(_))
         ));
+        // Each stage that takes views checks them: their fields are public.
+        views[1].mask = Array2::from_elem((3, 4), true);
+        let depth = depths[0].view();
+        let chosen = select_views(&views, 0, depth, &ViewSelection::default());
+        assert!(matches!(chosen, Err(Error::View(_))));
+        assert!(matches!(crate::exposure::fit_exposure(&views[0], &views[1], depth), Err(Error::View(_))));
+        assert!(matches!(crate::gauge::point_matches(&views[1], &[], depth), Err(Error::View(_))));
     }
 }

@@ -47,13 +47,14 @@ impl CaptureFiles {
         matches!(self, Self::Tum(_))
     }
 
-    /// The capture. `lens` is that of files without intrinsics; `size` is as for the readers.
+    /// The capture. `lens` is that of files without intrinsics; `size` is as for the readers. Pixel centres of a `transforms.json` are at
+    /// halves, as nerfstudio and instant-ngp have them, unless it says otherwise.
     ///
     /// # Errors
     /// Those of [`read_transforms`], [`read_colmap`] and [`read_tum`], and [`Error::Content`] where the lens is missing.
     pub fn read(&self, lens: Option<&Lens>, size: &dyn Fn(&Path) -> Option<[usize; 2]>) -> Result<Capture> {
         match (self, lens) {
-            (Self::Transforms(path), _) => read_transforms(path, PixelCentres::Integers, size),
+            (Self::Transforms(path), _) => read_transforms(path, PixelCentres::Halves, size),
             (Self::Colmap { model, photographs }, _) => read_colmap(model, photographs, size),
             (Self::Tum(folder), Some(lens)) => read_tum(folder, lens, size),
             (Self::Tum(folder), None) => {

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use crate::geometry::Transfer;
 use crate::{Error, Result, check_map};
 
-/// Number of other views that agree with each pixel's depth, and that see past it.
+/// Number of other views that agree with each pixel's depth, and that see past it; at most 255.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Agreement {
@@ -39,7 +39,7 @@ pub fn agreement(
     };
     let (from, depth) = of(reference)?;
     check_map("depth", depth.dim(), &from.camera)?;
-    let mut agree = Array2::zeros(depth.dim());
+    let mut agree: Array2<u8> = Array2::zeros(depth.dim());
     let mut against: Array2<u8> = Array2::zeros(depth.dim());
     let mut visible: Array2<u8> = Array2::zeros(depth.dim());
     for &other in others.iter().filter(|&&i| i != reference) {
@@ -58,16 +58,16 @@ pub fn agreement(
                 let Some(seen) = forth.at(x as f64, *y as f64, 1.0 / f64::from(z)) else { continue };
                 let Some((v, u)) = forth.nearest(&seen) else { continue };
                 let Some((z_there, _)) = there.get(v, u).filter(|(z, _)| *z > 0.0) else { continue };
-                visible[x] += 1;
+                visible[x] = visible[x].saturating_add(1);
                 let expected = f64::from(z) * seen.ratio;
                 let difference = (f64::from(z_there) / expected).ln();
                 let distance = back
                     .at(seen.x, seen.y, 1.0 / f64::from(z_there))
                     .map_or(f64::INFINITY, |b| (b.x - x as f64).hypot(b.y - *y as f64));
                 if distance <= f64::from(pixels) && difference.abs() <= f64::from(log_depth) {
-                    agree[x] += 1;
+                    agree[x] = agree[x].saturating_add(1);
                 } else if difference > 0.0 {
-                    against[x] += 1;
+                    against[x] = against[x].saturating_add(1);
                 }
             }
         });
@@ -100,5 +100,16 @@ mod tests {
         maps[0] = exact(&depths[0].mapv(|z| 1.4 * z));
         let far = count(&maps);
         assert_eq!((far.agree[middle], far.against[middle]), (0, 0));
+    }
+
+    #[test]
+    fn hundreds_of_views_are_counted_to_255() {
+        let (views, depths, _) = room(1.0);
+        let exact = GaussianDepth::new(depths[0].clone(), Array2::from_elem(depths[0].dim(), 1e-4)).unwrap();
+        let views = vec![views[0].clone(); 300];
+        let maps = vec![&exact; 300];
+        let others: Vec<usize> = (0..300).collect();
+        let found = agreement(&views, &maps, 0, &others, [1.0, 0.1]).unwrap();
+        assert_eq!((found.agree[(36, 48)], found.visible[(36, 48)]), (255, 255));
     }
 }

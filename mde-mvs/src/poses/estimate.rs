@@ -154,8 +154,8 @@ pub struct Estimated {
 ///
 /// # Errors
 /// [`Error::Config`](crate::Error::Config) for a setting out of its range, fewer than two photographs, two of one name, a
-/// reference that is none of them or has no prior; [`Error::View`](crate::Error::View) for a camera that is not of its image's or
-/// its prior's size.
+/// reference that is none of them or has no prior, or a photograph with a side below 16 pixels (not with given matches);
+/// [`Error::View`](crate::Error::View) for a camera that is not of its image's or its prior's size.
 pub fn estimate_poses(
     photographs: &[Photograph],
     reference: usize,

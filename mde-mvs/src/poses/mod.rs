@@ -101,7 +101,8 @@ pub struct PosesConfig {
     /// lens or a shutter does that is not the model's: the prior's deviation per match and all covariances grow as if there were
     /// no more matches than regions.
     pub regions: f64,
-    /// Standard deviation of the logarithm of an assumed focal length.
+    /// Standard deviation of the logarithm of an assumed focal length. In the adjustment, where all matches count, it is divided by
+    /// the root of the number that share an error.
     pub focal_sigma: f64,
     /// Least median parallax of a photograph that determines depth, pixels.
     pub min_parallax_pixels: f64,

@@ -88,7 +88,8 @@ pub struct Agreement {
 /// adjusted to all tracks. With fewer than [`PosesConfig::min_matches`] tracks the given poses are kept.
 ///
 /// # Errors
-/// Those of [`estimate_poses`](super::estimate_poses), and [`Error::Config`] for another number of poses than of photographs.
+/// Those of [`estimate_poses`](super::estimate_poses) but for the prior, [`Error::Config`] for another number of poses than of
+/// photographs, and [`Error::View`] for a pose that is not finite.
 pub fn refine_poses(
     photographs: &[Photograph],
     poses: &[Pose],

@@ -9,7 +9,7 @@
 
 use super::matching::match_features;
 use super::pair::relate;
-use super::{FeatureConfig, Features, Photograph, PosesConfig, Shot, config, positive};
+use super::{FeatureConfig, Features, Photograph, PosesConfig, Shot, config};
 use crate::Result;
 use crate::statistics::robust_deviation;
 use mde_uncertainty::statistics::median;
@@ -181,11 +181,14 @@ fn carried([from, to]: [&Shot; 2], pose: &Pose, log_scale: f64, log_focal: f64) 
 ///
 /// # Errors
 /// [`Error::Config`](crate::Error::Config) for a ratio of a photograph that is none of `0..photographs` or of one with itself, or
-/// that is not finite, or whose deviation is not positive.
+/// that is not finite, or whose deviation is not from 1e-100 to 1e100.
 pub fn common_scale(photographs: usize, ratios: &[LogRatio]) -> Result<Vec<LogFactor>> {
     let mut sorted = Vec::with_capacity(ratios.len());
     for ratio in ratios {
-        positive("sigma of a ratio", ratio.sigma)?;
+        // Their squares, and what is divided by them, are numbers.
+        if !(1e-100..=1e100).contains(&ratio.sigma) {
+            return Err(config("sigma of a ratio", ratio.sigma, "give a number from 1e-100 to 1e100"));
+        }
         if !ratio.log.is_finite() {
             return Err(config("ratio", ratio.log, "give finite numbers"));
         }

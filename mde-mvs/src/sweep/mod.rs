@@ -140,7 +140,7 @@ pub struct Sweep {
     pub depth: GaussianDepth,
     /// Share of the posterior in the valley of the lowest cost, 0 to 1; 0 where it lies at either end of the surfaces.
     pub inlier: Array2<f32>,
-    /// Cost of the best surface before aggregation, 0 to 1.
+    /// Cost before aggregation, 0 to 1, of the surface that passes at the depth or next beyond it.
     pub cost: Array2<f32>,
     /// Number of surfaces that were compared.
     pub surfaces: usize,
@@ -152,7 +152,8 @@ pub struct Sweep {
 ///
 /// # Errors
 /// [`Error::Reference`] for an index outside the views, [`Error::TooFewViews`] without sources, [`Error::Config`] for a
-/// setting or a range of depths out of order, [`Error::View`] for a depth map of another size.
+/// setting or a range of depths out of order, [`Error::View`] for a view that [`PosedView::validate`] refuses or a depth map of another
+/// size.
 pub fn sweep(
     views: &[PosedView],
     reference: usize,
@@ -161,7 +162,11 @@ pub fn sweep(
     config: &SweepConfig,
 ) -> Result<Sweep> {
     config.validate()?;
-    let view = |i: usize| views.get(i).ok_or(Error::Reference { reference: i, views: views.len() });
+    let view = |i: usize| -> Result<&PosedView> {
+        let view = views.get(i).ok_or(Error::Reference { reference: i, views: views.len() })?;
+        view.validate()?;
+        Ok(view)
+    };
     let from = view(reference)?;
     let others = sources.iter().filter(|&&i| i != reference).take(MAX_SOURCES);
     let sources = others.map(|&i| view(i)).collect::<Result<Vec<_>>>()?;
@@ -219,8 +224,9 @@ pub fn sweep(
         let variance = z * z * found.variance * (gap / multiple).powi(2);
         let ends = found.surface < 0.5 || found.surface > number as f32 - 1.5;
         let known = z.is_finite() && z > 0.0 && variance.is_finite();
-        let nearest = (found.surface.max(0.0) as usize).min(number - 1);
-        let cost = f32::from(volume.costs[pixel * number + nearest]) / WORST;
+        // The chance of a match was fitted to this one; with the nearest surface's, MSE is 1.006 and D3R 1.02 times as large.
+        let beyond = (found.surface.max(0.0) as usize).min(number - 1);
+        let cost = f32::from(volume.costs[pixel * number + beyond]) / WORST;
         known.then_some((z, variance, if ends { 0.0 } else { found.mass }, cost))
     };
     let pixels: Vec<Option<(f32, f32, f32, f32)>> = (0..width * height).into_par_iter().map(read).collect();
@@ -255,7 +261,8 @@ fn centre(from: &PosedView, surfaces: Surfaces<'_>) -> Result<(Vec<f32>, [f64; 2
                 return Err(Error::config("far", far, "give a depth beyond near"));
             }
             // Infinity itself has no depth: the farthest plane is then at a thousand times the nearest.
-            Ok((vec![1.0; pixels], [far.recip().max(1e-3 / near), near.recip()], false))
+            let least = if far.is_finite() { far.recip() } else { 1e-3 / near };
+            Ok((vec![1.0; pixels], [least, near.recip()], false))
         }
         Surfaces::Around { depth, factor } | Surfaces::Ladder { depth, factor } => {
             check_map("depth", depth.dim(), &from.camera)?;
@@ -399,5 +406,17 @@ mod tests {
             sweep(&views, 0, &[1], planes, &config),
             Err(Error::Config { field: "radius", .. })
         ));
+        let mut views = views;
+        views[1].mask = Array2::from_elem((3, 4), true);
+        assert!(matches!(sweep(&views, 0, &[1], planes, &SweepConfig::default()), Err(Error::View(_))));
+    }
+
+    /// A plane beyond a thousand times the nearest depth, which has next to no parallax.
+    #[test]
+    fn the_farthest_plane_is_where_it_was_asked_for() {
+        let (views, _) = scene(&[Plane::slanted(50.0, 0.0, 0.0)], (8, 8), &CENTRES[..2]);
+        let ends = |far| centre(&views[0], Surfaces::Planes { near: 0.01, far }).unwrap().1;
+        assert_eq!(ends(100.0), [0.01, 100.0]);
+        assert_eq!(ends(f64::INFINITY), [0.1, 100.0]);
     }
 }

@@ -156,7 +156,9 @@ fn what_is_no_ratio_is_refused() {
     assert!(text(ratio(0, 3, 0.1, 0.1)).contains("0 and 3"));
     assert!(text(ratio(1, 1, 0.1, 0.1)).contains("1 and 1"));
     assert!(text(ratio(0, 1, f64::NAN, 0.1)).contains("ratio"));
-    assert!(text(ratio(0, 1, 0.1, 0.0)).contains("sigma"));
+    for sigma in [0.0, -0.1, 1e-160, 1e200, f64::INFINITY, f64::NAN] {
+        assert!(text(ratio(0, 1, 0.1, sigma)).contains("sigma"), "{sigma}");
+    }
 }
 
 fn camera() -> PinholeCamera {
