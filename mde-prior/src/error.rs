@@ -86,6 +86,9 @@ pub enum Error {
     /// An array has the wrong shape or values.
     #[error("{0}")]
     Input(String),
+    /// A prediction without a usable pixel, such as that of a crop of the sky; test-time augmentation goes on without it.
+    #[error("{0}")]
+    Empty(String),
 }
 
 impl Error {

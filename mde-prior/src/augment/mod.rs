@@ -232,6 +232,14 @@ impl AugmentationConfig {
         }
         let mut whole = whole.into_iter();
         let Some(prior) = whole.next() else { return Ok(None) };
+        let (height, width, _) = image.dim();
+        if prior.map.dim() != (height, width) || prior.valid.dim() != (height, width) {
+            return Err(Error::Input(format!(
+                "for an image of {width}x{height} the model returned {}x{}; the augmentation needs the image's size",
+                prior.map.ncols(),
+                prior.map.nrows()
+            )));
+        }
         let start = match whole.next() {
             Some(mirrored) => flip_average(prior.clone(), &mirrored)?,
             None => prior.clone(),
@@ -253,12 +261,17 @@ impl AugmentationConfig {
             let change = |&((y, x, height, width), mirrored): &((usize, usize, usize, usize), bool)| {
                 let crop = image.slice(s![y..y + height, x..x + width, ..]);
                 let target = current.slice(s![y..y + height, x..x + width]);
-                let prediction = predict_crop(model, crop, mirrored, values)?;
+                let prediction = match predict_crop(model, crop, mirrored, values) {
+                    Err(Error::Empty(_)) => return Ok(None),
+                    prediction => prediction?,
+                };
                 let change = regression::change(prediction.view(), target, window, self.correlation_exponent);
-                Ok(((y, x), change))
+                Ok(Some(((y, x), change)))
             };
-            let take = |(place, change): ((usize, usize), Array2<f32>)| {
-                changes.add(place, change.view());
+            let take = |change: Option<((usize, usize), Array2<f32>)>| {
+                if let Some((place, change)) = change {
+                    changes.add(place, change.view());
+                }
                 predicted(&plan)
             };
             if at_once.in_order(&crops, change, take)?.is_break() {

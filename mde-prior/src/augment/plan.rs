@@ -98,7 +98,7 @@ impl Plan {
             Predictions::Auto => ((MOST_PIXELS * ratio * ratio) as usize).clamp(2, MOST),
             Predictions::Most(most) => most as usize,
         };
-        // More crops than pixels along an axis would repeat themselves; more than 2^20 in all are never predicted.
+        // More crops than pixels along an axis would repeat themselves; more than 2^21 in all are never predicted.
         let finest = image.0.min(image.1).min(128);
         let levels = (2..=finest).take_while(|n| side(*n) * ratio >= 1.0).collect();
         Self { mirror: true, levels, ratio: known }.at_most(most)
@@ -109,7 +109,7 @@ impl Plan {
     #[must_use]
     pub fn within(&self, budget: Duration, first: Duration) -> Self {
         let rest = budget.saturating_sub(first).as_secs_f64() / first.as_secs_f64().max(1e-9);
-        self.at_most(1 + rest as usize)
+        self.at_most((rest as usize).saturating_add(1))
     }
 
     /// The plan without its last levels, or without mirror images, so that it has at most `predictions`.
@@ -163,6 +163,7 @@ mod tests {
         let plan = Plan::new(Predictions::Auto, (480, 640), Some((224, 224)));
         let seconds = Duration::from_secs;
         assert_eq!(plan.within(seconds(100), seconds(1)), plan);
+        assert_eq!(plan.within(Duration::MAX, seconds(1) / 2), plan);
         assert_eq!(plan.within(seconds(6), seconds(1)).predictions(), 5);
         assert_eq!(plan.within(seconds(12), seconds(1)).predictions(), 10);
         assert_eq!(plan.within(seconds(1), seconds(2)).predictions(), 1);

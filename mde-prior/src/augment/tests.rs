@@ -257,3 +257,42 @@ fn no_more_predictions_run_at_once_than_the_limit() {
         assert_eq!(limited, free);
     }
 }
+
+/// A crop that is all sky, where the model has no depth, leaves the other crops their detail.
+#[test]
+fn a_crop_without_a_usable_pixel_is_left_out() {
+    struct Sky;
+    impl DepthPrior for Sky {
+        fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+            let red = image.index_axis(Axis(2), 0).to_owned();
+            let valid = red.mapv(|v| v < 0.95);
+            PriorDepth::with_mask(red, valid, DepthKind::Metric)
+        }
+    }
+    let mut picture = picture();
+    let half = picture.dim().0 * 3 / 5;
+    picture.slice_mut(s![..half, .., ..]).fill(1.0);
+    picture.slice_mut(s![half.., .., ..]).mapv_inplace(|v| 0.3 + 0.5 * v.clamp(0.0, 1.0));
+    let config = AugmentationConfig { predictions: Predictions::Most(30), ..AugmentationConfig::default() };
+    let merged = config.predict(&Sky, picture.view()).unwrap().merged;
+    assert!(merged.valid.indexed_iter().all(|((y, _), valid)| *valid == (y >= half)));
+    picture.fill(1.0);
+    assert!(matches!(config.predict(&Sky, picture.view()), Err(Error::Empty(_))));
+}
+
+#[test]
+fn a_prediction_of_another_size_is_refused() {
+    struct Sized(usize, usize);
+    impl DepthPrior for Sized {
+        fn predict(&self, _: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+            PriorDepth::from_values(Array2::from_elem((self.0, self.1), 2.0), DepthKind::Metric)
+        }
+    }
+    let picture = picture();
+    let (height, width, _) = picture.dim();
+    for sized in [Sized(2 * height, 2 * width), Sized(height / 2, width / 2), Sized(height, width + 1)] {
+        let refused =
+            AugmentationConfig::multi_crop().predict(&sized, picture.view()).unwrap_err().to_string();
+        assert!(refused.contains(&format!("{}x{}", sized.1, sized.0)), "{refused}");
+    }
+}

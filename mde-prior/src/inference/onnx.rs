@@ -334,7 +334,9 @@ impl OnnxPrior {
                     let points = points::Points::new(depth).map_err(|reason| self.error(reason))?;
                     let mut z = points.channel(channel).map_err(|reason| self.error(reason))?;
                     if self.spec.recover_shift {
-                        let found = points.camera(mask.as_ref()).map_err(|reason| self.error(reason))?;
+                        let found = points.camera(mask.as_ref()).ok_or_else(|| {
+                            self.empty("too few valid points to find their shift; check the outputs' names")
+                        })?;
                         z.mapv_inplace(|z| z + found.shift);
                         let focal = found.focal * width as f64 / frame.within(z.dim()).1 as f64;
                         intrinsics = intrinsics.or(Some(centred(focal, (height, width))));
@@ -396,6 +398,10 @@ impl OnnxPrior {
         usable.then_some(intrinsics).ok_or_else(|| {
             self.error("camera-output is no camera of positive focal length; check its name".to_owned())
         })
+    }
+
+    fn empty(&self, reason: &str) -> Error {
+        Error::Empty(format!("{}: {reason}", self.path.display()))
     }
 
     fn error(&self, reason: String) -> Error {
@@ -517,7 +523,10 @@ impl DepthPrior for OnnxPrior {
             None => PriorDepth::from_values(map, self.kind()),
             Some(mask) => PriorDepth::with_mask(map, nearest(mask.view(), (height, width)), self.kind()),
         };
-        let prior = prior.map_err(|e| self.error(e.to_string()))?;
+        let prior = prior.map_err(|e| match e {
+            Error::Empty(reason) => self.empty(&reason),
+            other => self.error(other.to_string()),
+        })?;
         let resized = |map: Array2<f32>| resize(map.view(), (height, width), Filter::Bilinear);
         let certainty = certainty.map(|Certainty { meaning, map }| Certainty { meaning, map: resized(map) });
         Ok(PriorDepth { intrinsics, certainty, ..prior })

@@ -52,7 +52,8 @@ impl Points {
     /// The shift `t` of depth for which the rays of a camera with its principal point in the middle go through the points, and the
     /// focal length `f` in pixels: with `u` the pixel's place, they minimise the sum of `|f x / (z + t) - u|^2`, `f` being closed-form
     /// (MoGe, Wang et al., 2025). A golden-section search over the logarithm of `t` less its least value.
-    pub(super) fn camera(&self, mask: Option<&Array2<bool>>) -> Result<Camera, String> {
+    /// Nothing where too few points are valid.
+    pub(super) fn camera(&self, mask: Option<&Array2<bool>>) -> Option<Camera> {
         let Self(points) = self;
         let (height, width, _) = points.dim();
         let steps = (height.div_ceil(SAMPLES), width.div_ceil(SAMPLES));
@@ -73,7 +74,7 @@ impl Points {
         let nearest = samples.iter().map(|s| s.2).fold(f64::INFINITY, f64::min);
         let spread = samples.iter().map(|s| s.2).fold(f64::NEG_INFINITY, f64::max) - nearest;
         if samples.len() < 16 || !(spread >= 0.0 && spread.is_finite()) {
-            return Err("too few valid points to find their shift; check the outputs' names".to_owned());
+            return None;
         }
         let rays = |log: f64| {
             let t = log.exp() - nearest;
@@ -102,7 +103,7 @@ impl Points {
         }
         let best = 0.5 * (low + high);
         // Places are in halves of the diagonal.
-        Ok(Camera { shift: (best.exp() - nearest) as f32, focal: 0.5 * diagonal * focal(best) })
+        Some(Camera { shift: (best.exp() - nearest) as f32, focal: 0.5 * diagonal * focal(best) })
     }
 }
 

@@ -124,7 +124,7 @@ fn has_wide_integers(bytes: &[u8]) -> bool {
     };
     let bits = find(BITS_PER_SAMPLE).and_then(|at| {
         let value = at + entry - offset;
-        let inline = 2 * number(at + 4, offset)? <= offset;
+        let inline = number(at + 4, offset)?.saturating_mul(2) <= offset;
         number(if inline { value } else { number(value, offset)? }, 2)
     });
     bits.is_some_and(|bits| bits >= 32) && find(SAMPLE_FORMAT).is_none()

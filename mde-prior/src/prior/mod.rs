@@ -222,7 +222,7 @@ impl PriorDepth {
     /// A map in which values that are not finite, and for depths those that are not positive, are missing.
     ///
     /// # Errors
-    /// [`Error::Input`] when no pixel has a value.
+    /// [`Error::Empty`] when no pixel has a value.
     pub fn from_values(map: Array2<f32>, kind: DepthKind) -> Result<Self> {
         let valid = map.mapv(|v| v.is_finite() && (v > 0.0 || !kind.is_depth()));
         Self { map, valid, kind, intrinsics: None, certainty: None }.sanitised()
@@ -231,7 +231,7 @@ impl PriorDepth {
     /// A map with a mask of the pixels that have a value, both `[height, width]`. A value that means "missing" is masked out too.
     ///
     /// # Errors
-    /// [`Error::Input`] when the shapes differ or no pixel has a value.
+    /// [`Error::Input`] when the shapes differ, [`Error::Empty`] when no pixel has a value.
     pub fn with_mask(map: Array2<f32>, valid: Array2<bool>, kind: DepthKind) -> Result<Self> {
         if map.dim() != valid.dim() {
             return Err(Error::Input(format!(
@@ -252,7 +252,7 @@ impl PriorDepth {
             }
         });
         if !self.valid.iter().any(|&v| v) {
-            return Err(Error::Input(format!(
+            return Err(Error::Empty(format!(
                 "the prior ({}, {}x{}) has no usable pixel; check the file or the kind given",
                 self.kind,
                 self.map.ncols(),

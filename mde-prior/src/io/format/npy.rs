@@ -98,9 +98,14 @@ fn shape(header: &str) -> Parsed<Vec<usize>> {
 
 /// `[height, width]` of a shape with any number of ones about it.
 fn plane(shape: &[usize]) -> Parsed<(usize, usize)> {
-    match *shape {
+    let mut sides = shape;
+    while let [1, rest @ ..] | [rest @ .., 1] = sides
+        && rest.len() >= 2
+    {
+        sides = rest;
+    }
+    match *sides {
         [height, width] => Ok((height, width)),
-        [1, ref rest @ ..] | [ref rest @ .., 1] if rest.len() >= 2 => plane(rest),
         _ => Err(format!("the array's shape is {shape:?}; a depth map is [height, width]")),
     }
 }
@@ -149,5 +154,21 @@ impl Sample {
             (b'i', _) => bits as i64 as f32,
             _ => bits as f32,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn any_number_of_ones_about_a_map_is_left_out() {
+        let mut shape = vec![1; 1_000_000];
+        shape[500_000] = 3;
+        shape[500_001] = 4;
+        assert_eq!(plane(&shape), Ok((3, 4)));
+        assert_eq!(plane(&[1, 1, 1, 4]), Ok((1, 4)));
+        assert_eq!(plane(&[5, 1]), Ok((5, 1)));
+        assert!(plane(&[2, 3, 4]).is_err() && plane(&[3]).is_err() && plane(&[]).is_err());
     }
 }

@@ -54,6 +54,10 @@ fn choose<'n>(names: &'n [String], wanted: Option<&str>) -> Parsed<&'n str> {
 }
 
 pub(super) fn encode(arrays: &[(&str, ArrayView2<'_, f32>)]) -> Parsed<Vec<u8>> {
+    let bytes = arrays.iter().fold(0, |sum: u64, (_, map)| sum.saturating_add(4 * map.len() as u64));
+    if bytes > super::MAX_FILE - (1 << 20) {
+        return Err("the archive would be over 4 GiB; give fewer arrays".to_owned());
+    }
     let unwritable = |e: ZipError| format!("the archive cannot be written ({e}); give fewer arrays");
     let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
     // A fixed date: the same arrays give the same bytes.
