@@ -20,7 +20,8 @@ use ndarray::Array2;
 /// 2. The aggregate is mapped affinely onto the prior, over the pixels \\(\mathcal X\\) where neither is missing.
 /// 3. The residuals give the prior's variance \\(\sigma_o^2\\), unless the prior has its own.
 /// 4. Each pixel becomes its posterior. Pixels without a view (\\(\tau_r = 0\\)), and those whose posterior is not a positive
-///    depth, keep \\(D_o\\) and \\(\sigma_o^2\\). The report counts the latter. Pixels that the prior misses stay missing.
+///    depth, keep \\(D_o\\) and \\(\sigma_o^2\\). The report counts the latter. Pixels that the prior misses stay missing, but with
+///    [`Fusion::NerfOnly`], which takes the views there.
 ///
 /// The square of the [common error](FusionConfig::common_error) is added to the variance.
 ///
@@ -162,6 +163,7 @@ impl Fuser for BayesFuser {
             let g = align(m, v);
             (to_f32(g.mean), to_f32(g.variance))
         });
+        let bayes = self.config.fusion == Fusion::Bayes;
         let mut report = FusionReport {
             a: used.a,
             b: used.b,
@@ -169,7 +171,7 @@ impl Fuser for BayesFuser {
             support: samples.len(),
             effective_support: fit.map_or(0.0, |fit| fit.effective_support),
             correlation: fit.map_or(0.0, |fit| fit.correlation),
-            sigma_o_clamped: prior.variance().is_none() && !samples.is_empty() && sigma_o == 0.0,
+            sigma_o_clamped: bayes && prior.variance().is_none() && !samples.is_empty() && sigma_o == 0.0,
             degenerate,
             variance_quantiles: variance_quantiles(&aggregated),
             ..FusionReport::default()
@@ -177,7 +179,7 @@ impl Fuser for BayesFuser {
         let known = aggregated.mean().into_iter().zip(aggregated.variance());
         let likelihood = known.map(|(&m, &v)| (affine.is_some() && v.is_finite()).then(|| align(m, v)));
         let depth = self.refine(prior, &spread, likelihood, &mut report)?;
-        report.collect_warnings();
+        report.collect_warnings(bayes);
         Ok(Fused { depth, aligned, aggregated, report })
     }
 }

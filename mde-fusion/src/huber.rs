@@ -20,7 +20,7 @@ pub(crate) fn huber_variance(residuals: &[Residual]) -> f64 {
     if largest <= 0.0 {
         return 0.0;
     }
-    // 1 - EXPECTED/F is increasing in s and, for equal variances, close to a line: Newton takes a few steps.
+    // EXPECTED/F - 1 is increasing in s and, for equal variances, a line up to the cut: Newton takes a few steps.
     let excess = |s: f64| {
         let (mut sum, mut slope) = (0.0, 0.0);
         for r in residuals.iter().filter(|r| r.delta != 0.0) {

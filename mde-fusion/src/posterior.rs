@@ -19,9 +19,16 @@ pub(crate) fn nerf_weight(prior_variance: f64, nerf_variance: f64) -> f64 {
 /// \\[ w = \frac{s}{s + c},\qquad D_{\mathrm{refined}} = D_o + w (\tilde D_r - D_o),\qquad
 /// \sigma_{\mathrm{refined}}^2 = \frac{s c}{s + c} = w c. \\]
 ///
-/// Where both are exact (\\(s = c = 0\\)), the result is the prior.
+/// Where both are exact (\\(s = c = 0\\)), or \\(c\\) is infinite, the result is the prior; where \\(s\\) is infinite, the likelihood.
 #[inline]
 pub fn posterior(prior: Gaussian, likelihood: Gaussian) -> Gaussian {
+    // A precision of 0 says nothing.
+    if likelihood.variance == f64::INFINITY {
+        return prior;
+    }
+    if prior.variance == f64::INFINITY {
+        return likelihood;
+    }
     let w = nerf_weight(prior.variance, likelihood.variance);
     let step = likelihood.mean - prior.mean;
     // From the nearer side, so that an exact likelihood is returned exactly too.

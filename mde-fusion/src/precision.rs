@@ -11,7 +11,7 @@ use crate::gaussian::relative_precision;
 /// that no precision overflows. Estimates of variance 0 are exact: their plain mean is the limit, with variance 0.
 pub fn precision_weighted(estimates: &[Gaussian]) -> Option<Gaussian> {
     let first = estimates.first()?;
-    let least = least_variance(estimates);
+    let least = Some(least_variance(estimates)).filter(|least| least.is_finite())?;
     let (mut tau, mut offset) = (0.0, 0.0);
     // About the first estimate: equal estimates then give exactly themselves.
     for g in estimates {

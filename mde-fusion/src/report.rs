@@ -57,13 +57,13 @@ impl Default for FusionReport {
 
 impl FusionReport {
     /// Fills [`warnings`](Self::warnings).
-    pub(crate) fn collect_warnings(&mut self) {
+    pub(crate) fn collect_warnings(&mut self, bayes: bool) {
         let share = self.effective_support / self.support as f64;
         let found = [
             self.degenerate.map(|reason| Warning::Degenerate { reason }),
             (!USUAL_SCALE.contains(&self.a)).then_some(Warning::UnusualScale { a: self.a }),
             (share < FEW_EFFECTIVE).then_some(Warning::FewEffective { share }),
-            (self.degenerate.is_none() && self.sigma_o == 0.0).then_some(Warning::PriorTakenAsExact),
+            (bayes && self.degenerate.is_none() && self.sigma_o == 0.0).then_some(Warning::PriorTakenAsExact),
             (self.reverted > 0).then_some(Warning::NotPositive { pixels: self.reverted }),
         ];
         self.warnings = found.into_iter().flatten().collect();

@@ -190,6 +190,7 @@ mod tests {
         let lost = valid - counts[2];
         assert!((valid / 4..valid * 6 / 10).contains(&lost), "{lost} of {valid}");
         assert_eq!(pixels.others, [2]);
+        assert!(pixels.probe(0, 1, 0).is_none() && pixels.probe(0, 2, 0).is_some());
         assert!((0..200).all(|index| pixels.draw(0, 0, index).0.interval.is_some()));
         // The original view keeps a pixel whose hypothesis is beyond far.
         let beyond = [at(Pose::identity(), 9.0)];

@@ -450,7 +450,7 @@ impl FieldConfig {
 
 impl SamplingConfig {
     fn validate(&self) -> Result<()> {
-        let first = self.coarse + self.band;
+        let first = self.coarse.saturating_add(self.band);
         check(
             (2..=1024).contains(&first),
             "sampling.coarse + sampling.band",
@@ -570,6 +570,14 @@ mod tests {
     #[test]
     fn the_default_decay_is_constant() {
         assert!([0.0, 0.3, 1.0].iter().all(|&p| Decay::default().factor(p) == 1.0));
+    }
+
+    #[test]
+    fn any_number_of_samples_is_checked() {
+        for (coarse, band) in [(usize::MAX, 3), (3, usize::MAX), (0, 1)] {
+            let sampling = SamplingConfig { coarse, band, ..SamplingConfig::default() };
+            assert!(sampling.validate().unwrap_err().to_string().contains("coarse"), "{coarse} {band}");
+        }
     }
 
     #[test]

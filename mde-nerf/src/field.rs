@@ -49,7 +49,7 @@ pub trait RadianceField: Send {
     /// Renders the fitted field from `pose` (world to camera).
     ///
     /// # Errors
-    /// [`Error::NotFitted`](crate::Error::NotFitted), [`Error::Interrupted`](crate::Error::Interrupted), or the
+    /// [`Error::NotFitted`](crate::Error::NotFitted), [`Error::View`](crate::Error::View) for a camera or a pose that is none, [`Error::Interrupted`](crate::Error::Interrupted), or the
     /// implementation's own as [`Error::External`](crate::Error::External).
     fn render(
         &self,
@@ -80,7 +80,7 @@ pub struct FitReport {
     pub steps: usize,
     /// Mean training loss over the last steps.
     pub loss: f64,
-    /// Peak signal-to-noise ratio of each view, dB, on a random sample of its valid pixels.
+    /// Peak signal-to-noise ratio of each view, dB, on a random sample of its valid pixels; 0 for a view without one.
     pub psnr: Vec<f64>,
     /// Number of samples along rays in all steps.
     pub samples: u64,

@@ -144,6 +144,11 @@ impl RadianceField for Nerf {
         callback: &mut dyn FieldCallback,
     ) -> Result<RenderedView> {
         let fitted = self.fitted.as_ref().ok_or(Error::NotFitted)?;
+        let refused = |reason: String| Error::View { index: 0, reason };
+        camera.validate().map_err(|error| refused(error.to_string()))?;
+        if !pose.to_homogeneous().iter().all(|x| x.is_finite()) {
+            return Err(refused("its pose is not finite".to_owned()));
+        }
         render(&fitted.network, &fitted.frustum, &self.config, camera, pose, callback)
     }
 }

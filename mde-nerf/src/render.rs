@@ -57,7 +57,7 @@ pub(crate) fn render(
         for (i, (colour, depth)) in tiles.into_iter().flatten().enumerate() {
             let at = (first + i / width, i % width);
             for (channel, c) in colour.into_iter().enumerate() {
-                image[(at.0, at.1, channel)] = c.clamp(0.0, 1.0);
+                image[(at.0, at.1, channel)] = if c.is_nan() { BACKGROUND as f32 } else { c.clamp(0.0, 1.0) };
             }
             opacity[at] = depth.opacity.clamp(0.0, 1.0);
             let finite = depth.mean.is_finite() && depth.variance.is_finite();

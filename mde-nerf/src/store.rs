@@ -136,6 +136,10 @@ pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {
     if checksum(parts.iter().copied()) != header.checksum {
         return Err(format("its checksum is wrong, the file is damaged; fit the field again".into()));
     }
+    let finite = |bytes: &&[u8]| bytes.as_chunks::<4>().0.iter().all(|b| f32::from_le_bytes(*b).is_finite());
+    if !parts.iter().all(finite) {
+        return Err(format("its parameters are not finite; fit the field again".into()));
+    }
     let mut numbers = parts
         .iter()
         .map(|bytes| bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect::<Vec<f32>>());

@@ -208,6 +208,9 @@ pub(crate) fn train(
     for (p, average) in parameters(network).into_iter().zip(&averages) {
         average.write(p);
     }
+    if parameters(network).into_iter().any(|values| values.iter().any(|value| !value.is_finite())) {
+        return Err(Error::Diverged { step: train.steps.saturating_sub(1) });
+    }
     network.density.refresh();
     if let Some(colour) = &mut network.colour {
         colour.refresh();
@@ -329,6 +332,9 @@ fn psnr(
     let tile = tile_rays(budget);
     (0..pixels.view_count())
         .map(|view| {
+            if pixels.probe(seed, view, 0).is_none() {
+                return 0.0;
+            }
             let errors: Vec<f64> = (0..PSNR_PIXELS.div_ceil(tile))
                 .into_par_iter()
                 .map_init(Marcher::default, |marcher, chunk| {
@@ -351,5 +357,6 @@ fn psnr(
 
 /// \\(-10 \log_{10}\\) of a mean squared error of colours in 0 to 1.
 fn decibels(squared_error: f64) -> f64 {
-    -10.0 * squared_error.max(1e-12).log10()
+    // NaN, of colours beyond any number, is not the best of fits.
+    if squared_error.is_nan() { 0.0 } else { -10.0 * squared_error.max(1e-12).log10() }
 }

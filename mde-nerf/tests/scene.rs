@@ -295,6 +295,14 @@ fn the_callback_receives_progress_and_cancels_both_calls() {
     field.fit(&views, &mut Silent).unwrap();
     let stopped = field.render(&camera(), &Pose::identity(), &mut |_: &FieldEvent| ControlFlow::Break(()));
     assert!(matches!(stopped, Err(Error::Interrupted)));
+    let mut wild = mlp();
+    (wild.train.steps, wild.train.learning_rate) = (1, 1e20);
+    let diverged = Nerf::new(wild, 0).unwrap().fit(&views, &mut Silent);
+    assert!(!matches!(&diverged, Ok(report) if report.psnr.iter().any(|psnr| *psnr > 60.0)), "{diverged:?}");
+    let wide = PinholeCamera { width: usize::MAX, ..camera() };
+    assert!(matches!(field.render(&wide, &Pose::identity(), &mut Silent), Err(Error::View { .. })));
+    let nowhere = Pose::translation(f64::NAN, 0.0, 0.0);
+    assert!(matches!(field.render(&camera(), &nowhere, &mut Silent), Err(Error::View { .. })));
 }
 
 #[test]

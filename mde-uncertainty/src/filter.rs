@@ -27,10 +27,16 @@ pub struct Gaussian {
 }
 
 impl Gaussian {
-    /// A Gaussian that is cut off at `cut` standard deviations, rounded up.
+    /// Largest radius of [`new`](Self::new), beyond any map.
+    pub const WIDEST: usize = 1 << 20;
+
+    /// A Gaussian that is cut off at `cut` standard deviations, rounded up, and at [`WIDEST`](Self::WIDEST) pixels.
     #[must_use]
     pub fn new(sigma: f64, cut: f64) -> Self {
-        Self { sigma, radius: if sigma > 0.0 { (cut * sigma).ceil() as usize } else { 0 } }
+        Self {
+            sigma,
+            radius: if sigma > 0.0 { ((cut * sigma).ceil() as usize).min(Self::WIDEST) } else { 0 },
+        }
     }
 
     /// Weights from \\(-r\\) to \\(r\\) with sum 1.
@@ -162,7 +168,7 @@ struct Tap {
 
 impl JointBilateral {
     /// Every pixel within two `sigma` (\\(\sigma_s\\), pixels) to each side; pixels beyond the border are left out. `colour` is
-    /// \\(\sigma_c\\), in the guide's unit.
+    /// \\(\sigma_c\\), in the guide's unit. Time grows with the square of `sigma`.
     #[must_use]
     pub fn dense(sigma: f64, colour: f64) -> Self {
         let steps = (2.0 * sigma).ceil() as isize;
@@ -176,7 +182,7 @@ impl JointBilateral {
     }
 
     /// The filtered map, `[height, width]`. `guide` has the channels of an image of the map's size. Pixels where `support` is 0 have no
-    /// weight; a pixel without any weight around it keeps its value.
+    /// weight, but must be finite too; a pixel without any weight around it keeps its value.
     ///
     /// # Errors
     /// [`Error::Size`] where support or guide have another size.

@@ -58,8 +58,8 @@ pub fn weights<T: Real>(density: &[T], extent: &[T], weights: &mut [T]) -> T {
 /// \\[ p_i = \frac{w_i}{\sum_k w_k},\qquad \mu_r = \sum_i p_i t_i,\qquad \sigma_r^2 = \sum_i p_i (t_i - \mu_r)^2 \\]
 ///
 /// The variance is Eq. 5 written about the mean, which is the same number without cancellation: \\(m_2 - \mu_r^2\\) has no digits left in
-/// `f32` at 5 m and 1 mm. `depth` is the bins' representative depth, `extent` their size in the same unit, used
-/// only with [`InBinVariance::Uniform`].
+/// `f32` at 5 m and 1 mm. `depth` is the bins' representative depth, `extent` their size in the same unit, whose
+/// values count only with [`InBinVariance::Uniform`]; all three have one entry per bin (the shortest counts) in either case.
 #[inline(always)]
 pub fn moments<T: Real>(weights: &[T], depth: &[T], extent: &[T], in_bin: InBinVariance) -> Moments<T> {
     let opacity: T = weights.iter().copied().sum();

@@ -139,6 +139,9 @@ proptest! {
         }
         // The residuals are below the stated variances, so Eq. 15 clamps.
         prop_assert!(fused.report.sigma_o_clamped && fused.report.warnings.contains(&Warning::PriorTakenAsExact));
+        // Without the prior in the result, neither matters.
+        let alone = fuse(FusionConfig { fusion: Fusion::NerfOnly, ..FusionConfig::paper() }, &prior, &[map(&same, |m, v| (k * m + c, v))]);
+        prop_assert!(!alone.report.sigma_o_clamped && !alone.report.warnings.contains(&Warning::PriorTakenAsExact));
     }
 }
 

@@ -47,3 +47,14 @@ proptest! {
         prop_assert_eq!(posterior(exact(prior), exact(views)), exact(prior));
     }
 }
+
+/// An infinite variance is a missing pixel.
+#[test]
+fn what_is_missing_says_nothing() {
+    let [known, missing] = [Gaussian::new(3.0, 0.04), Gaussian::new(0.0, f64::INFINITY)];
+    assert_eq!(posterior(known, missing), known);
+    assert_eq!(posterior(missing, known), known);
+    assert_eq!(posterior(known, Gaussian::new(5.0, f64::INFINITY)), known);
+    assert_eq!(precision_weighted(&[missing, missing]), None);
+    assert_eq!(precision_weighted(&[missing, known]), Some(known));
+}
