@@ -110,5 +110,6 @@ def demo(mde, tmp_path_factory) -> Path:
             frames.append({"file_path": f"photographs/{one['name']}", "transform_matrix": to_world.tolist()})
     camera = record["camera"]
     lens = {"fl_x": camera["fx"], "fl_y": camera["fy"], "cx": camera["cx"], "cy": camera["cy"], "w": 192, "h": 144}
+    lens["pixel_centres"] = "integers"
     (folder / "demo" / "transforms.json").write_text(json.dumps({**lens, "frames": frames}))
     return folder / "demo"

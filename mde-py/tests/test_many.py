@@ -92,6 +92,9 @@ def test_one_that_fails_ends_the_others_or_is_given_in_its_place(burst, photo, t
             found = list(refiner.refine_many(iter(images), same_scale=same_scale, fov=60, return_exceptions=True))
         assert [type(one) for one in found] == [mdenerf.Result, mdenerf.Error, mdenerf.Result]
         assert "no readable image" in str(found[1])
+    both = [tmp_path / "broken.png"] * 2
+    found = list(refiner.refine_many(both, same_scale=True, return_exceptions=True))
+    assert [type(one) for one in found] == [mdenerf.Error] * 2
     results = refiner.refine_many(images, fov=60)
     assert next(results).depth.shape == (168, 224)
     with pytest.raises(mdenerf.Error, match="broken.png"):
@@ -107,6 +110,10 @@ def test_what_has_no_scale_in_common_is_refused(burst, photo, depth, tmp_path):
         (lambda: refiner.refine_many(tmp_path / "absent"), "no such folder"),
         (lambda: refiner.refine_many(tmp_path), "holds no photograph"),
         (lambda: refiner.refine(photo, same_scale=scale, views=[photo]), "leave views and scale_from out"),
+        (lambda: refiner.same_scale(burst, intrinsics=np.eye(3), fov=60), "both given"),
+        (lambda: refiner.same_scale(burst, intrinsics=tmp_path / "no.json"), "no.json"),
+        (lambda: refiner.same_scale([tmp_path / "no.png"]), "no.png"),
+        (lambda: mdenerf.Refiner(**GREY, predictions=1, max_memory=1e-6).same_scale(burst), "max_memory"),
         (lambda: mdenerf.refine_many([photo], GREY["model"], near=-1), "near is -1"),
         (lambda: mdenerf.refine_many([photo], GREY["model"], predictions=0), "predictions"),
     ]:

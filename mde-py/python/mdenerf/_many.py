@@ -65,23 +65,27 @@ def scales_of(
 ) -> list[SameScale]:
     """The factor of each photograph; ``prepared`` gives the arguments of one."""
     prior, settings, model, threads = how
+    errors: list[Error] = []
+
+    def readable(image: ImageLike) -> dict[str, Any] | None:
+        # The error of one is raised when it is refined.
+        try:
+            return prepared(image)
+        except Error as error:
+            errors.append(error)
+            return None
+
     for first in range(0, len(images), _CHUNK):
         part = images[first : first + _CHUNK]
-        scale.add(prior, settings, [_or_none(prepared, image) for image in part], model, threads)
+        scale.add(prior, settings, [readable(image) for image in part], model, threads)
         if progress is not None:
             progress("match", first + len(part), len(images))
+    if images and len(errors) == len(images):
+        raise errors[0]
     factors, warning = scale.factors()
     if warning is not None:
         warnings.warn(warning, RefinementWarning, stacklevel=callers())
     return [SameScale(*factor) for factor in factors]
-
-
-def _or_none(prepared: Callable[[ImageLike], dict[str, Any]], image: ImageLike) -> dict[str, Any] | None:
-    """Nothing for a photograph that can't be read: its error is raised when it is refined."""
-    try:
-        return prepared(image)
-    except Error:
-        return None
 
 
 def refine_each(
@@ -95,7 +99,12 @@ def refine_each(
     factors: list[SameScale] | None = None
     if scales is not None:
         images = list(images)
-        factors = scales(images)
+        try:
+            factors = scales(images)
+        except Error:
+            # Each photograph then has its own.
+            if not return_exceptions:
+                raise
     total = len(images) if isinstance(images, Sized) else 0
     for index, image in enumerate(images):
         result: Result | Error

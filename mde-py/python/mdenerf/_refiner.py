@@ -32,7 +32,7 @@ class Refiner:
     model : path or callable, optional
         A network in an ONNX file, or a callable. The callable gets ``float32 [height, width, 3]``, sRGB in 0 to 1, and returns
         its prediction ``[height, width]`` as anything that NumPy understands, a tensor of PyTorch on any device among them. It is called
-        in the thread that called :meth:`refine`, also for crops and mirror images (with the default settings, up to some 30 times); its
+        in the thread that called :meth:`refine`, also for crops and mirror images (with the default settings up to 60 times, 30 without ``input_size``); its
         exceptions pass through. Without a model, give :meth:`refine` a ``depth``.
     kind : {"metric", "depth", "disparity"}, optional
         Meaning of the values: metres, depth in an unknown unit, or 1/depth up to scale and shift (MiDaS, Depth Anything). By default that
@@ -408,7 +408,7 @@ class Refiner:
         Raises
         ------
         Error
-            For a setting at fault, or where the refiner has no model.
+            For a setting at fault, where the refiner has no model, or where no photograph can be read.
         """
         if self._prior is None:
             raise Error("same_scale needs a model; a depth is that of one photograph")

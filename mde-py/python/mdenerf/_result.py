@@ -43,9 +43,15 @@ def in_place(folder: PathLike, force: bool, write: Callable[[Path], None]) -> Pa
             made = Path(place) / "new"
             made.mkdir()
             write(made)
-            if target.exists():
-                os.replace(target, Path(place) / "old")
-            os.replace(made, target)
+            old = Path(place) / "old"
+            try:
+                if target.exists():
+                    os.replace(target, old)
+                os.replace(made, target)
+            except BaseException:
+                if old.exists() and not target.exists():
+                    os.replace(old, target)
+                raise
     except OSError as error:
         raise Error(f"{target}: can't write ({error}); give another place") from error
     return target
@@ -133,7 +139,8 @@ class Result:
     config : str
         All settings of the run as TOML; ``refine(..., config=result.config)`` repeats it.
     components : dict of str to ndarray
-        Components of sigma by name: ``spread`` and ``disagreement`` of the predictions, ``common``, ``field``, ``scale``.
+        Components by the names of ``docs/outputs.md``, such as ``spread`` and ``disagreement`` of the predictions, ``common`` and ``field``.
+        ``gauge``, and ``scale`` without ``scale_from``, are errors of the whole map: beside sigma, not in it.
     lower, upper : ndarray or None
         With ``interval``, the ends of the interval of each pixel, in the shape and unit of the depth; 0 and infinity where missing, and
         nowhere else. The probability and its source are in ``run["error_bar"]["interval"]``.

@@ -9,7 +9,7 @@
 >>> refined.write_parquet("s3://bucket/depth")                                          # doctest: +SKIP
 
 Ray schedules the actors, restarts those that are lost and runs their batches again. The result of a photograph depends on its bytes and
-the settings only, so that a batch that runs twice gives the same rows.
+the settings only, so that a batch that runs twice gives the same rows, but for ``seconds``.
 """
 
 from __future__ import annotations
@@ -116,6 +116,12 @@ def _threads() -> int | None:
     return max(1, int(context.get_assigned_resources().get("CPU", 1)))
 
 
+def _untimed(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _untimed(part) for key, part in value.items() if not key.endswith("seconds")}
+    return [_untimed(part) for part in value] if isinstance(value, list) else value
+
+
 def _columns(result: Result | None) -> dict[str, Any]:
     if result is None:
         nothing = {"height": 0, "width": 0, "unit": "", "median_depth": np.nan, "median_sigma": np.nan, "run": ""}
@@ -123,7 +129,7 @@ def _columns(result: Result | None) -> dict[str, Any]:
     known = np.isfinite(result.sigma)
     median = [float(np.median(values[known])) if known.any() else np.nan for values in (result.depth, result.sigma)]
     # Times and memory differ from run to run.
-    record = {key: value for key, value in result.run.items() if not key.endswith("seconds")}
+    record = _untimed(result.run)
     return {
         "depth": _npy(result.depth),
         "sigma": _npy(result.sigma),

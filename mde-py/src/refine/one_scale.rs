@@ -22,14 +22,25 @@ pub(super) fn same_scale((factor, log_sigma, group, photographs): Factor) -> Sam
 
 /// The factors of so many photographs, which are added in their order.
 #[pyclass(frozen, module = "mdenerf._mdenerf")]
-pub(crate) struct OneScale(Mutex<results::OneScale>);
+pub(crate) struct OneScale {
+    scale: Mutex<results::OneScale>,
+    outcome: Mutex<Outcome>,
+}
+
+/// Whether any photograph could be prepared, else why not.
+#[derive(Default)]
+struct Outcome {
+    prepared: bool,
+    first_error: Option<PyErr>,
+}
 
 #[pymethods]
 impl OneScale {
     #[new]
     #[pyo3(signature = (photographs, settings))]
     fn new(photographs: usize, settings: &Settings) -> Self {
-        Self(Mutex::new(results::OneScale::new(photographs, &settings.config)))
+        let scale = Mutex::new(results::OneScale::new(photographs, &settings.config));
+        Self { scale, outcome: Mutex::default() }
     }
 
     /// Adds the next photographs, nothing for those that can't be read. The result is the number of matching pairs.
@@ -43,15 +54,23 @@ impl OneScale {
         model: Option<Object<'py>>,
         threads: Option<usize>,
     ) -> PyResult<usize> {
-        // What can't be prepared has its error when it is refined.
-        let inputs: Vec<_> =
-            photographs.into_iter().map(|one| one.and_then(|one| Inputs::new(one).ok())).collect();
+        // What can't be prepared has its error when it is refined; the first is kept in case that nothing can.
+        let mut errors = Vec::new();
+        let mut opened = |one: Arguments<'py>| Inputs::new(one).map_err(|error| errors.push(error)).ok();
+        let inputs: Vec<_> = photographs.into_iter().map(|one| one.and_then(&mut opened)).collect();
+        let mut outcome = self.outcome.lock().unwrap_or_else(PoisonError::into_inner);
+        let outcome = &mut *outcome;
         worker::run(py, threads, server(py, model, None), |link| {
-            let mut scale = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-            let prepared: Vec<Option<Prepared>> = inputs
+            let mut scale = self.scale.lock().unwrap_or_else(PoisonError::into_inner);
+            let tried: Vec<Option<Result<Prepared, String>>> = inputs
                 .par_iter()
-                .map(|one| prepared(&scale, link, prior, settings, one.as_ref()?).ok())
+                .map(|one| Some(prepared(&scale, link, prior, settings, one.as_ref()?)))
                 .collect();
+            let failed = tried.iter().flatten().filter_map(|one| one.as_ref().err());
+            outcome.prepared |= tried.iter().flatten().any(Result::is_ok);
+            outcome.first_error =
+                outcome.first_error.take().or_else(|| errors.into_iter().chain(failed.map(raise)).next());
+            let prepared: Vec<Option<Prepared>> = tried.into_iter().map(|one| one?.ok()).collect();
             let pairs: Vec<_> = prepared.into_iter().flat_map(|prepared| scale.add(prepared)).collect();
             let ratio = |pair| (!link.is_cancelled()).then(|| scale.ratio(pair)).flatten();
             let ratios: Vec<_> = pairs.par_iter().filter_map(ratio).collect();
@@ -62,7 +81,11 @@ impl OneScale {
 
     /// The factor of each photograph, and a warning where they are of several groups.
     fn factors(&self) -> PyResult<(Vec<Factor>, Option<String>)> {
-        let scale = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut outcome = self.outcome.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(error) = outcome.first_error.take().filter(|_| !outcome.prepared) {
+            return Err(error);
+        }
+        let scale = self.scale.lock().unwrap_or_else(PoisonError::into_inner);
         let factors = scale.factors().map_err(raise)?;
         let warning = SameScale::groups_warning(&factors, Naming::Keywords, "SameScale.group");
         let factor = |found: SameScale| (found.factor, found.log_sigma, found.group, found.photographs);
