@@ -12,8 +12,8 @@ pub(super) struct Matching {
     offsets: Vec<(isize, isize)>,
     /// The predicted pixel of each true one; `NONE` while it has none.
     mates: Vec<u32>,
-    /// Where the predicted pixels are.
-    places: Vec<(usize, usize)>,
+    /// The true pixels near each predicted one, nearest first: a search passes the same pixels many times.
+    near: Vec<Box<[u32]>>,
     /// True pixels that no further predicted pixel can free: every way from them was tried in vain.
     closed: Vec<bool>,
     /// When a true pixel was last looked at, by search.
@@ -46,7 +46,7 @@ impl Matching {
             index,
             offsets,
             mates: vec![NONE; all],
-            places: Vec::new(),
+            near: Vec::new(),
             closed: vec![false; all],
             seen: vec![NONE; all],
         }
@@ -55,8 +55,8 @@ impl Matching {
     /// Adds a predicted pixel; true if the matching grew: Kuhn's augmenting paths, breadth first. True pixels of a search in
     /// vain are closed for ever: all pixels that they can be exchanged for lie among them.
     pub(super) fn add(&mut self, place: (usize, usize)) -> bool {
-        let search = self.places.len() as u32;
-        self.places.push(place);
+        let search = self.near.len() as u32;
+        self.near.push(self.near(place));
         // Each step: a predicted pixel, and the true pixel that it would give up.
         let mut queue: Vec<(u32, u32)> = vec![(search, NONE)];
         let mut came_from: Vec<u32> = vec![NONE];
@@ -64,11 +64,8 @@ impl Matching {
         let mut head = 0;
         while head < queue.len() {
             let (predicted, _) = queue[head];
-            let (y, x) = self.places[predicted as usize];
-            for &(dy, dx) in &self.offsets {
-                let at = y.checked_add_signed(dy).zip(x.checked_add_signed(dx));
-                let Some(&truth) = at.and_then(|at| self.index.get(at)) else { continue };
-                if truth == NONE || self.closed[truth as usize] || self.seen[truth as usize] == search {
+            for &truth in &self.near[predicted as usize] {
+                if self.closed[truth as usize] || self.seen[truth as usize] == search {
                     continue;
                 }
                 self.seen[truth as usize] = search;
@@ -87,6 +84,12 @@ impl Matching {
             self.closed[truth as usize] = true;
         }
         false
+    }
+
+    fn near(&self, (y, x): (usize, usize)) -> Box<[u32]> {
+        let at = |&(dy, dx): &(isize, isize)| y.checked_add_signed(dy).zip(x.checked_add_signed(dx));
+        let truths = self.offsets.iter().filter_map(at).filter_map(|at| self.index.get(at));
+        truths.copied().filter(|&truth| truth != NONE && !self.closed[truth as usize]).collect()
     }
 
     /// True pixels.
