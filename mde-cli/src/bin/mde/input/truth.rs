@@ -113,7 +113,7 @@ impl Comparison {
         if all {
             row("boundary F1", "higher", &|s| Some(s.depth.boundary_f1));
         }
-        row("wrong order across edges, D3R", "lower", &|s| s.depth.d3r_like);
+        row("wrong order across edges, D3R", "lower", &|s| s.depth.d3r);
         if all {
             row("sharpness on edges", "higher", &|s| s.depth.sharpness_on);
             row("sharpness off edges", "lower", &|s| s.depth.sharpness_off);

@@ -191,7 +191,7 @@ function scoreTable(scores) {
     ["AbsRel ↓", (s) => s.depth["abs-rel"], -1], ["RMSE [m] ↓", (s) => s.depth.rmse, -1], ["MSE [m²] ↓", (s) => s.depth.mse, -1],
     ["within a factor 1.25 ↑", (s) => s.depth.delta?.[0], 1], ["edge F1, 0.25 m, 1 px ↑", (s) => s.depth.edges?.find((edge) => edge.threshold === 0.25 && edge.tolerance === 1)?.f1, 1],
     ["boundary F1 ↑", (s) => s.depth["boundary-f1"], 1],
-    ["wrong order across edges (D3R) ↓", (s) => s.depth["d3r-like"], -1], ["sharpness on edges ↑", (s) => s.depth["sharpness-on"], 1],
+    ["wrong order across edges (D3R) ↓", (s) => s.depth.d3r, -1], ["sharpness on edges ↑", (s) => s.depth["sharpness-on"], 1],
     ["sharpness off edges ↓", (s) => s.depth["sharpness-off"], -1], ["Spearman of sigma and error ↑", (s) => s.uncertainty?.spearman, 0],
     [`90${NBSP}% intervals hold`, (s) => s.uncertainty?.coverage?.find((c) => Math.abs(c.nominal - 0.9) < 1e-9)?.observed, 0],
     ["mean z² (1: calibrated; above 1: sigma too small)", (s) => s.uncertainty?.["mean-z2"], 0],
