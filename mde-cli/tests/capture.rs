@@ -553,13 +553,13 @@ fn poses_are_written_and_read_again() {
     let size = |path: &std::path::Path| mde_cli::mde_prior::photo::image_size(path);
     let found =
         read_transforms(&folder.path().join("out/found.json"), PixelCentres::Integers, &size).unwrap();
-    // nerfstudio's files have pixel centres at halves, as ours, and do not say so.
+    // A file of nerfstudio: pixel centres at halves, without the key.
     let file = folder.path().join("out/found.json");
     let text = std::fs::read_to_string(&file).unwrap();
-    let silent = folder.path().join("out/transforms.json");
-    std::fs::write(&silent, text.replace("pixel_centres", "some_key")).unwrap();
-    let silent = CaptureFiles::find(&silent).unwrap().read(None, &size).unwrap();
-    assert_eq!(silent.frames[0].lens.camera, found.frames[0].lens.camera);
+    let without_key = folder.path().join("out/transforms.json");
+    std::fs::write(&without_key, text.replace("pixel_centres", "some_key")).unwrap();
+    let read = CaptureFiles::find(&without_key).unwrap().read(None, &size).unwrap();
+    assert_eq!(read.frames[0].lens.camera, found.frames[0].lens.camera);
     // The black photograph fits nowhere; at this size another may not.
     let index =
         |frame: &Frame| frame.photograph.file_stem().unwrap().to_str().unwrap().parse::<usize>().unwrap();

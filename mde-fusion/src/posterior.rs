@@ -22,7 +22,7 @@ pub(crate) fn nerf_weight(prior_variance: f64, nerf_variance: f64) -> f64 {
 /// Where both are exact (\\(s = c = 0\\)), or \\(c\\) is infinite, the result is the prior; where \\(s\\) is infinite, the likelihood.
 #[inline]
 pub fn posterior(prior: Gaussian, likelihood: Gaussian) -> Gaussian {
-    // A precision of 0 says nothing.
+    // A side of precision 0 has no weight.
     if likelihood.variance == f64::INFINITY {
         return prior;
     }

@@ -49,7 +49,8 @@ pub trait RadianceField: Send {
     /// Renders the fitted field from `pose` (world to camera).
     ///
     /// # Errors
-    /// [`Error::NotFitted`](crate::Error::NotFitted), [`Error::View`](crate::Error::View) for a camera or a pose that is none, [`Error::Interrupted`](crate::Error::Interrupted), or the
+    /// [`Error::NotFitted`](crate::Error::NotFitted), [`Error::View`](crate::Error::View) for a camera or a pose that is not valid,
+    /// [`Error::Interrupted`](crate::Error::Interrupted), or the
     /// implementation's own as [`Error::External`](crate::Error::External).
     fn render(
         &self,

@@ -208,14 +208,16 @@ pub(crate) fn train(
     for (p, average) in parameters(network).into_iter().zip(&averages) {
         average.write(p);
     }
-    if parameters(network).into_iter().any(|values| values.iter().any(|value| !value.is_finite())) {
-        return Err(Error::Diverged { step: train.steps.saturating_sub(1) });
-    }
     network.density.refresh();
     if let Some(colour) = &mut network.colour {
         colour.refresh();
     }
     report.psnr = psnr(network, frustum, pixels, &config.render_budget(), seed);
+    // The last update, after which no loss is computed.
+    let mut numbers = parameters(network).into_iter().flat_map(|values| values.iter());
+    if !(numbers.all(|value| value.is_finite()) && report.psnr.iter().all(|psnr| psnr.is_finite())) {
+        return Err(Error::Diverged { step: train.steps.saturating_sub(1) });
+    }
     Ok(report)
 }
 
@@ -357,6 +359,6 @@ fn psnr(
 
 /// \\(-10 \log_{10}\\) of a mean squared error of colours in 0 to 1.
 fn decibels(squared_error: f64) -> f64 {
-    // NaN, of colours beyond any number, is not the best of fits.
-    if squared_error.is_nan() { 0.0 } else { -10.0 * squared_error.max(1e-12).log10() }
+    // NaN stays NaN.
+    -10.0 * squared_error.clamp(1e-12, f64::INFINITY).log10()
 }

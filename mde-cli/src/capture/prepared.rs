@@ -42,7 +42,7 @@ pub struct PreparedCapture<'c> {
     swept: Option<Swept>,
     /// Of the capture's points, or found by the sweeps of the reference's group.
     scale: Option<Scale>,
-    /// Whether the sweeps of the first group have been asked for it.
+    /// Whether the first group has been swept; where that finds no scale, each group has its own.
     scale_sought: bool,
     report: CaptureReport,
 }
@@ -55,6 +55,13 @@ struct Planned {
     own: Vec<usize>,
     /// Those whose sweeps are computed together.
     group: Vec<usize>,
+}
+
+impl Planned {
+    /// Whether the fit has that photograph: it is chosen, and among those that are swept.
+    fn uses(&self, score: &ViewScore) -> bool {
+        score.chosen && self.group.contains(&score.view)
+    }
 }
 
 /// The latest sweeps.
@@ -108,6 +115,7 @@ impl<'c> PreparedCapture<'c> {
             for score in &first.scores {
                 report.photographs[posed.order[score.view]].take(
                     score,
+                    first.uses(score),
                     &posed.views[score.view],
                     &posed.views[0],
                 );
@@ -181,8 +189,8 @@ impl<'c> PreparedCapture<'c> {
         };
         let Some(posed) = self.posed.as_ref() else { return Err(Error::EmptyPrior) };
         for score in &self.plan[place].scores {
-            let view = &posed.views[score.view];
-            report.photographs[posed.order[score.view]].take(score, view, &posed.views[place]);
+            let (view, used) = (&posed.views[score.view], self.plan[place].uses(score));
+            report.photographs[posed.order[score.view]].take(score, used, view, &posed.views[place]);
         }
 
         run.begin(Stage::Sweep)?;
@@ -199,9 +207,6 @@ impl<'c> PreparedCapture<'c> {
         let plan = &self.plan[place];
         let members: Vec<usize> =
             plan.own.iter().copied().filter(|view| swept.group.contains(view)).collect();
-        for score in &plan.scores {
-            report.photographs[posed.order[score.view]].used = members.contains(&score.view);
-        }
         let mut views = members.iter().map(|&view| posed.views[view].clone()).collect::<Vec<_>>();
         let order: Vec<usize> = members.iter().map(|&view| posed.order[view]).collect();
         let from = posed.covariances[place].as_ref();

@@ -210,8 +210,8 @@ impl PhotographReport {
         !self.used && self.verdict != REFERENCE && self.verdict != POSED
     }
 
-    pub(super) fn take(&mut self, score: &ViewScore, view: &PosedView, reference: &PosedView) {
-        self.used = score.chosen;
+    pub(super) fn take(&mut self, score: &ViewScore, used: bool, view: &PosedView, reference: &PosedView) {
+        self.used = used;
         self.parallax = Some(score.parallax);
         self.overlap = Some(score.overlap);
         self.sharpness = Some(score.sharpness);

@@ -50,7 +50,7 @@ proptest! {
 
 /// An infinite variance is a missing pixel.
 #[test]
-fn what_is_missing_says_nothing() {
+fn a_missing_side_has_no_weight() {
     let [known, missing] = [Gaussian::new(3.0, 0.04), Gaussian::new(0.0, f64::INFINITY)];
     assert_eq!(posterior(known, missing), known);
     assert_eq!(posterior(missing, known), known);

@@ -48,7 +48,7 @@ impl CaptureFiles {
     }
 
     /// The capture. `lens` is that of files without intrinsics; `size` is as for the readers. Pixel centres of a `transforms.json` are at
-    /// halves, as nerfstudio and instant-ngp have them, unless it says otherwise.
+    /// halves, as nerfstudio and instant-ngp have them, unless its `pixel_centres` is `integers`.
     ///
     /// # Errors
     /// Those of [`read_transforms`], [`read_colmap`] and [`read_tum`], and [`Error::Content`] where the lens is missing.

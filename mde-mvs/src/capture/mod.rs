@@ -2,7 +2,7 @@
 //!
 //! | reader | files | poses | pixel centres |
 //! | --- | --- | --- | --- |
-//! | [`read_transforms`] | nerfstudio's and instant-ngp's `transforms.json` | camera to world, y up, z backwards | as the file says, or its caller |
+//! | [`read_transforms`] | nerfstudio's and instant-ngp's `transforms.json` | camera to world, y up, z backwards | its `pixel_centres`, else the argument |
 //! | [`read_colmap`] | a COLMAP model, text or binary | world to camera | halves |
 //! | [`read_tum`] | `groundtruth.txt` and `rgb.txt` | camera to world | those of the given lens |
 //!

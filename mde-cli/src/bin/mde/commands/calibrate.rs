@@ -35,13 +35,6 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     let scales: Vec<f64> = own.filter_map(|entry| entry.scale).collect();
     let [data, prior, alignment] = setup.titles();
     let path = setup.folder().join(FILE);
-    // That of an earlier run is of other settings.
-    match std::fs::remove_file(&path) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-            return Err(error).with_context(|| path.display().to_string());
-        }
-        _ => {}
-    }
     let calibrated = !scenes.is_empty();
     if calibrated {
         let source = CalibrationSource { method: name, data, prior, alignment };
@@ -70,6 +63,9 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
                 100.0 * held.highest
             ));
         }
+    } else if path.exists() {
+        // That of an earlier run is of other scores than the new tables.
+        std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
     }
     results::finish(setup.results(PRIOR, entries, failures), setup.folder(), &mut progress)
         .inspect_err(|_| setup.discard_if_empty())?;

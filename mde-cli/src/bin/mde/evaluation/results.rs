@@ -5,7 +5,7 @@ use super::scoring::SIGMA_BY;
 use super::verdict;
 use crate::output::folder::temporary_folder;
 use crate::output::provenance::{command_line, versions, write_json};
-use crate::report;
+use crate::report::{self, FIGURES};
 use crate::run::progress::Progress;
 use crate::terminal::columns;
 use anyhow::{Context, Result, ensure};
@@ -19,8 +19,7 @@ use std::path::Path;
 /// Most methods in a figure: more lines cannot be distinguished.
 const LINES: usize = 6;
 
-/// The figures' files.
-const FIGURES: [&str; 3] = ["error-by-percentile", "sparsification", "reliability"];
+/// Formats of the figures.
 const EXTENSIONS: [&str; 2] = ["svg", "png"];
 
 /// The scores of all scenes and methods.
@@ -76,7 +75,8 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
     write_json(&place.join("summary.json"), &value)?;
     results.figures(place)?;
     // Those of an earlier evaluation, whose maps had a sigma.
-    for file in FIGURES.iter().flat_map(|name| EXTENSIONS.map(|extension| format!("{name}.{extension}"))) {
+    for file in FIGURES.iter().flat_map(|(name, _)| EXTENSIONS.map(|extension| format!("{name}.{extension}")))
+    {
         let old = folder.join(&file);
         if !place.join(&file).exists() && old.exists() {
             fs::remove_file(&old).with_context(|| format!("{}: can't remove it", old.display()))?;
@@ -143,7 +143,7 @@ impl Results {
             figure::sparsification(&self.entries, &names),
             figure::reliability(&self.entries, &names),
         ];
-        for (name, chart) in FIGURES.iter().zip(charts) {
+        for ((name, _), chart) in FIGURES.iter().zip(charts) {
             for extension in EXTENSIONS {
                 chart.write(folder.join(format!("{name}.{extension}")))?;
             }

@@ -20,7 +20,7 @@ const THUMBNAIL: usize = 200;
 /// Scenes that get thumbnails, the worst: the page stays small enough to be opened.
 const SCENES: usize = 40;
 /// The figures, in the order of the page.
-const FIGURES: [(&str, &str); 3] = [
+pub(crate) const FIGURES: [(&str, &str); 3] = [
     (
         "error-by-percentile",
         "Mean error by percentile of sigma: a rising line means that larger sigmas go with larger errors.",

@@ -8,6 +8,7 @@ mod page;
 mod photographs;
 mod run;
 
+pub(crate) use evaluation::FIGURES;
 pub(crate) use index::{Indexed, index, photographs_page};
 
 use crate::output::folder::RECORD;

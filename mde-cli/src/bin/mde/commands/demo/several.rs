@@ -56,8 +56,8 @@ pub(super) fn scene(
     })
 }
 
-/// A network as small as FastDepth. Measured on these rooms, its AbsRel is about .12 and its D3R of random pairs about .4; FastDepth has .17 and .34
-/// to .49 on captures of real rooms.
+/// A network as small as FastDepth. Measured on these rooms, its AbsRel is about .12 and its D3R of random pairs about .4; FastDepth has
+/// .17 and .34 to .49 on captures of real rooms.
 fn network(seed: u64) -> SimulatedModelConfig {
     SimulatedModelConfig {
         side: 64,
