@@ -2,8 +2,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use mde_cli::Naming;
-use mde_cli::inputs::Known;
+use mde_cli::naming::Naming;
+use mde_cli::refiner::known::Known;
 use mde_fuzz::{folder, write};
 use std::path::Path;
 

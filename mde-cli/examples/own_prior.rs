@@ -3,7 +3,10 @@
 
 use mde_cli::mde_prior::{DepthKind, DepthPrior, PriorDepth, Result};
 use mde_cli::ndarray::{Array2, ArrayView3};
-use mde_cli::{Config, Event, Preset, Stages, refine};
+use mde_cli::config::{Config, Preset};
+use mde_cli::refinement::event::Event;
+use mde_cli::refinement::stages::Stages;
+use mde_cli::refinement::refine;
 use mde_eval::scene::{Room, room};
 use std::ops::ControlFlow;
 

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Place, names};
-use mde_cli::calibration;
+use mde_cli::refiner::calibration;
 use mde_cli::mde_prior::format::{ReadOptions, read_depth};
 use ndarray::Array2;
 use serde_json::Value;

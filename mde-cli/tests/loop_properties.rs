@@ -6,7 +6,11 @@ use mde_cli::mde_nerf::{self, FieldCallback, FitReport, RadianceField, RenderedV
 use mde_cli::mde_prior::{self, DepthKind, DepthPrior, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
-use mde_cli::{Config, Event, Preset, Refinement, Stages, refine};
+use mde_cli::config::{Config, Preset};
+use mde_cli::refinement::event::Event;
+use mde_cli::reports::Refinement;
+use mde_cli::refinement::stages::Stages;
+use mde_cli::refinement::refine;
 use ndarray::{Array2, Array3, ArrayView3, Axis, Zip, s};
 use proptest::prelude::*;
 use std::ops::ControlFlow;
@@ -42,7 +46,7 @@ impl Fuser for Between {
     }
 }
 
-fn run(image: &Array3<f32>, prior: &Array2<f32>, config: &Config, fov: f64) -> mde_cli::Result<Refinement> {
+fn run(image: &Array3<f32>, prior: &Array2<f32>, config: &Config, fov: f64) -> mde_cli::error::Result<Refinement> {
     let (height, width) = prior.dim();
     let camera = PinholeCamera::from_fov(fov, width, height)?;
     let fuser = Between(BayesFuser::new(config.fusion.clone())?);

@@ -10,7 +10,12 @@ use mde_cli::mde_nerf::{self, FieldCallback, FitReport, RadianceField, RenderedV
 use mde_cli::mde_prior::{self, AugmentationConfig, DepthKind, DepthPrior, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
-use mde_cli::{Error, Event, Preset, Refinement, Stage, Stages, refine};
+use mde_cli::error::Error;
+use mde_cli::refinement::event::{Event, Stage};
+use mde_cli::config::Preset;
+use mde_cli::reports::Refinement;
+use mde_cli::refinement::stages::Stages;
+use mde_cli::refinement::refine;
 use mde_eval::scene::{Room, Scene, room};
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use ndarray::{Array2, Array3, ArrayView3};
@@ -103,7 +108,7 @@ fn with_wall(
     config: &Config,
     fuser: &HalfWay,
     stop: usize,
-) -> (mde_cli::Result<Refinement>, Vec<String>, Vec<Event>) {
+) -> (mde_cli::error::Result<Refinement>, Vec<String>, Vec<Event>) {
     let scene = scene();
     let log = Arc::new(Mutex::new(Vec::new()));
     let mut events = Vec::new();

@@ -2,10 +2,11 @@
 
 use crate::error::raise;
 use crate::worker::{Link, pool};
-use mde_cli::Naming;
-use mde_cli::inputs::{
-    BoundPrior, MapFile, NetworkFormat, Opened, PriorForm, PriorOrigin, open_network, read_options,
-};
+use mde_cli::naming::Naming;
+use mde_cli::refiner::prior::bound::BoundPrior;
+use mde_cli::refiner::prior::{MapFile, NetworkFormat, open_network, read_options};
+use mde_cli::refiner::photograph::Opened;
+use mde_cli::refiner::prior::origin::{PriorForm, PriorOrigin};
 use mde_cli::mde_prior::format::Encoding;
 use mde_cli::mde_prior::{
     DepthKind, DepthPrior, Error, InferenceMemory, OnnxPrior, PriorDepth, Result, Runtime, find_onnxruntime,
@@ -164,7 +165,7 @@ impl Linked<'_> {
         &self,
         opened: &Opened,
         warn: &mut dyn FnMut(String),
-    ) -> mde_cli::Result<BoundPrior<'_>> {
+    ) -> mde_cli::error::Result<BoundPrior<'_>> {
         let bound = BoundPrior::new(self, &self.prior.origin);
         let Source::Map(map, note) = &self.prior.source else { return Ok(bound) };
         note.clone().into_iter().for_each(&mut *warn);

@@ -1,9 +1,9 @@
 //! Settings of a run: a preset and what overrides it.
 
 use crate::error::raise;
-use mde_cli::config::Shorthands;
+use mde_cli::config::{Shorthands, Config, Preset};
 use mde_cli::mde_prior::augment::Predictions;
-use mde_cli::{Config, Naming, Preset};
+use mde_cli::naming::Naming;
 use pyo3::prelude::*;
 use std::path::Path;
 use std::str::FromStr;
@@ -93,7 +93,7 @@ impl Settings {
 
 /// The error bar of the results.
 #[pyclass(frozen, module = "mdenerf._mdenerf")]
-pub(crate) struct ErrorBar(pub(crate) mde_cli::results::ErrorBar);
+pub(crate) struct ErrorBar(pub(crate) mde_cli::refiner::error_bar::ErrorBar);
 
 #[pymethods]
 impl ErrorBar {
@@ -104,13 +104,13 @@ impl ErrorBar {
         if let Some(probability) = interval.filter(|probability| !(0.01..=0.99).contains(probability)) {
             return Err(raise(format!("interval is {probability}; give 0.01 to 0.99, such as 0.9")));
         }
-        mde_cli::results::ErrorBar::open(interval, calibration.as_deref()).map(Self).map_err(raise)
+        mde_cli::refiner::error_bar::ErrorBar::open(interval, calibration.as_deref()).map(Self).map_err(raise)
     }
 }
 
 fn read(path: &Path) -> PyResult<String> {
     std::fs::read_to_string(path)
-        .map_err(|source| raise(mde_cli::Error::Io { path: path.to_owned(), source }))
+        .map_err(|source| raise(mde_cli::error::Error::Io { path: path.to_owned(), source }))
 }
 
 fn named(name: &str) -> PyResult<Preset> {

@@ -10,7 +10,7 @@ pub use presets::Preset;
 pub use shorthands::Shorthands;
 pub use sigma::SigmaConfig;
 
-use crate::{Error, Result};
+use crate::error::{Error, Result};
 use mde_fusion::FusionConfig;
 use mde_nerf::NerfConfig;
 use mde_prior::{AugmentationConfig, DisparityRule};
@@ -135,7 +135,7 @@ impl Config {
     ///
     /// # Errors
     /// [`Error::Settings`] for text that is not TOML, an unknown key, or a value of the wrong type or out of range.
-    pub fn with_overrides(preset: crate::Preset, text: &str, origin: &str) -> Result<Self> {
+    pub fn with_overrides(preset: crate::config::Preset, text: &str, origin: &str) -> Result<Self> {
         let error = |reason: String| Error::Settings { origin: origin.to_owned(), reason: one_line(&reason) };
         let overrides: Table = text.parse().map_err(|e: toml::de::Error| error(e.to_string()))?;
         let mut table = Table::try_from(preset.config()).map_err(|e| error(e.to_string()))?;
@@ -155,7 +155,7 @@ impl Config {
     ///
     /// # Errors
     /// [`Error::Io`] where it cannot be read, else as [`Config::with_overrides`].
-    pub fn from_file(preset: crate::Preset, path: &Path) -> Result<Self> {
+    pub fn from_file(preset: crate::config::Preset, path: &Path) -> Result<Self> {
         let text =
             std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
         Self::with_overrides(preset, &text, &path.display().to_string())

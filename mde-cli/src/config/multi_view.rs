@@ -1,7 +1,7 @@
-use crate::{Error, Result};
+use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// Several photographs of one scene ([`refine_capture`](crate::capture::refine_capture)).
+/// Several photographs of one scene ([`refine_capture`](crate::several::refine_capture)).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct MultiViewConfig {

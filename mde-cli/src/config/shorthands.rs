@@ -1,8 +1,8 @@
 //! Settings that have a short form beside the configuration.
 
-use super::Config;
-use crate::error::text;
-use crate::{Error, Naming, Result};
+use crate::config::Config;
+use crate::error::{text, Error, Result};
+use crate::naming::Naming;
 use mde_prior::augment::Predictions;
 
 /// What a command line or a function's caller sets in few words; each overrides a value of the [`Config`].
@@ -45,7 +45,7 @@ impl Shorthands {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Preset;
+    use crate::config::Preset;
 
     #[test]
     fn what_is_given_replaces_a_setting_and_what_is_not_leaves_it() {

@@ -1,4 +1,4 @@
-use crate::{Error, Result};
+use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Uncertainty of the augmented depth: the variance per pixel, relative to its squared depth,

@@ -2,7 +2,7 @@
 
 use mde_cli::mde_prior::{DepthPrior, PriorDepth};
 use mde_cli::ndarray::{Array2, Array3, ArrayView3};
-use mde_cli::{Capture, Photograph};
+use mde_cli::several::{Capture, Photograph};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::{CaptureConfig, Room, World};
 use mde_eval::simulated::SimulatedPriorConfig;

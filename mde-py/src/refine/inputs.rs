@@ -5,15 +5,20 @@ use super::{Motion, Watched, pose_of};
 use crate::error::raise;
 use crate::prior::Linked;
 use crate::settings::Settings;
-use mde_cli::inputs::size::SMALLEST;
-use mde_cli::inputs::{BoundPrior, CameraSource, GivenCamera, Known, KnownCamera, Opened, Sizes};
+use mde_cli::refiner::size::SMALLEST;
+use mde_cli::refiner::prior::bound::BoundPrior;
+use mde_cli::refiner::camera::{CameraSource, GivenCamera, KnownCamera};
+use mde_cli::refiner::known::Known;
+use mde_cli::refiner::photograph::{Opened, Sizes};
 use mde_cli::mde_prior::resample::nearest;
 use mde_cli::mde_warp::Pose;
-use mde_cli::memory::{MemoryLimit, capture_bytes};
-use mde_cli::results::{SameScale, Unit};
-use mde_cli::run::Watch;
-use mde_cli::scale::KnownDepth;
-use mde_cli::{Capture, Naming, Photograph};
+use mde_cli::refiner::plan::limit::MemoryLimit;
+use mde_cli::refiner::plan::capture_bytes;
+use mde_cli::refiner::finish::{SameScale, Unit};
+use mde_cli::refiner::run::Watch;
+use mde_cli::refinement::scale::KnownDepth;
+use mde_cli::several::{Capture, Photograph};
+use mde_cli::naming::Naming;
 use ndarray::{Array2, Array3};
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
@@ -161,7 +166,7 @@ impl Inputs {
         settings: &Settings,
         prior: &'p Linked<'p>,
         watch: &mut Watched<'_>,
-    ) -> mde_cli::Result<(Vec<Placed>, BoundPrior<'p>, usize)> {
+    ) -> mde_cli::error::Result<(Vec<Placed>, BoundPrior<'p>, usize)> {
         let several = self.photographs.len() > 1;
         let mut placed = Vec::new();
         for Input { name, image, mask, known, pose } in &self.photographs {
@@ -179,7 +184,7 @@ impl Inputs {
         }
         let count = placed.len();
         let Some(Placed { name, opened: first, .. }) = placed.first_mut() else {
-            return Err(mde_cli::Error::Argument("there is no photograph; give one".to_owned()));
+            return Err(mde_cli::error::Error::Argument("there is no photograph; give one".to_owned()));
         };
         if several {
             let (photographs, threads) = (count as u64, rayon::current_num_threads() as u64);
@@ -236,7 +241,7 @@ fn check(name: &str, image: &Array3<f32>) -> PyResult<()> {
     }
 }
 
-pub(super) fn capture(placed: &[Placed]) -> mde_cli::Result<Capture> {
+pub(super) fn capture(placed: &[Placed]) -> mde_cli::error::Result<Capture> {
     let photograph = |placed: &Placed| Photograph {
         name: placed.name.clone(),
         image: placed.opened.image.clone(),

@@ -12,12 +12,16 @@ use crate::worker::{self, Link, Request};
 pub(crate) use every::{refine_all, save_all};
 pub(crate) use inputs::{Arguments, given};
 use inputs::{Inputs, capture};
-use mde_cli::inputs::{BoundPrior, Opened};
+use mde_cli::refiner::prior::bound::BoundPrior;
+use mde_cli::refiner::photograph::Opened;
 use mde_cli::mde_warp::Pose;
 use mde_cli::nalgebra::{Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion};
-use mde_cli::results::{Finish, TrainingCurve, follow};
-use mde_cli::run::{Hooks, Run, Watch};
-use mde_cli::{Capture, Event, Naming};
+use mde_cli::refiner::finish::Finish;
+use mde_cli::output::record::{TrainingCurve, follow};
+use mde_cli::refiner::run::{Hooks, Run, Watch};
+use mde_cli::several::Capture;
+use mde_cli::refinement::event::Event;
+use mde_cli::naming::Naming;
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods};
 pub(crate) use one_scale::OneScale;
 use outcome::{Outcome, Recorded};
@@ -188,7 +192,7 @@ impl Refiner<'_> {
         Run { opened, prior, capture, finish, budget, at_once, keeps_field }
     }
 
-    fn refine(&self, link: &Link, inputs: &Inputs, observed: bool) -> mde_cli::Result<Outcome> {
+    fn refine(&self, link: &Link, inputs: &Inputs, observed: bool) -> mde_cli::error::Result<Outcome> {
         let start = Instant::now();
         let mut watch = Watched::new(link, observed);
         let linked = self.prior.linked(link);

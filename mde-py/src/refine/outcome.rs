@@ -3,10 +3,12 @@
 use super::{Object, Watched};
 use mde_cli::mde_prior::{Certainty, CertaintyMeaning};
 use mde_cli::mde_warp::PinholeCamera;
-use mde_cli::results::preview::strip;
-use mde_cli::results::{About, Finished, RunRecord};
-use mde_cli::run::{Done, Run, bytes};
-use mde_cli::{Error, Preset, Result};
+use mde_cli::output::preview::strip;
+use mde_cli::output::record::{About, RunRecord};
+use mde_cli::refiner::finish::Finished;
+use mde_cli::refiner::run::{Done, Run, bytes};
+use mde_cli::error::{Error, Result};
+use mde_cli::config::Preset;
 use ndarray::{Array2, Array3};
 use numpy::IntoPyArray;
 use pyo3::prelude::*;

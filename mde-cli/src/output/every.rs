@@ -1,0 +1,174 @@
+//! Every photograph of a capture refined: what is known of each, and the files of all together.
+
+use crate::output::export::{transforms, Exported, ply};
+use crate::output::export::transforms::Exposed;
+use crate::output::record::About;
+use crate::refiner::finish::Finished;
+use crate::reports::capture::CaptureReport;
+use crate::several::cloud::{RefinedView, consistent_points};
+use crate::several::prepared::PreparedCapture;
+use crate::error::Result;
+use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::median;
+use mde_warp::{PinholeCamera, Pose};
+use nalgebra::Vector3;
+use ndarray::{Array2, ArrayView3};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The points that two photographs confirm.
+pub const CLOUD: &str = "cloud.ply";
+
+/// One of the photographs, in the record of all.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct EveryRow {
+    /// Its name.
+    pub photograph: String,
+    /// Its folder; none where it failed.
+    pub folder: Option<String>,
+    /// Why it failed, or was refined alone.
+    pub reason: Option<String>,
+    /// Share of its pixels whose depth another photograph confirms in the sweeps.
+    pub verified: Option<f32>,
+    /// Median of sigma over depth.
+    pub sigma: Option<f64>,
+    /// Of its refinement.
+    pub seconds: f64,
+    /// Unit of the poses per unit of the results, as bits; none where it was refined alone.
+    pub scale: Option<u64>,
+}
+
+impl EveryRow {
+    /// Of a photograph that is not refined yet.
+    pub fn new(photograph: &str) -> Self {
+        Self {
+            photograph: photograph.to_owned(),
+            folder: None,
+            reason: None,
+            verified: None,
+            sigma: None,
+            seconds: 0.0,
+            scale: None,
+        }
+    }
+
+    /// Takes what its result has; `index` is its place within the capture.
+    pub fn measure(&mut self, result: &Finished, index: usize) {
+        let report = result.refinement.capture.as_ref();
+        self.reason = report.and_then(|report| report.fallback.clone());
+        self.verified = report.and_then(|report| report.photographs.get(index)?.verified);
+        self.sigma = relative_sigma(&result.refinement.depth);
+        self.scale = report
+            .filter(|report| report.fallback.is_none())
+            .and_then(|report| report.scale)
+            .map(|[scale, _]| if result.unit == "capture" { 1.0 } else { scale }.to_bits());
+    }
+
+    /// Camera of a refined photograph, and its pose for depths in the results' unit: world to camera. The world is that of a capture with
+    /// poses in its own unit, else the frame of the capture's reference. None where it was refined alone.
+    pub fn placed(&self, prepared: &PreparedCapture<'_>, index: usize) -> Option<(PinholeCamera, Pose)> {
+        let scale = f64::from_bits(self.scale?);
+        let mut pose = prepared.pose(index)?;
+        pose.translation.vector /= scale;
+        let capture = prepared.capture();
+        let pose = match capture.photographs.get(capture.reference).and_then(|reference| reference.pose) {
+            Some(world) if scale.to_bits() == 1.0_f64.to_bits() => pose * world,
+            _ => pose,
+        };
+        Some((prepared.camera(index)?, pose))
+    }
+
+    /// Name and reason of a photograph that failed.
+    pub fn failure(&self) -> Option<String> {
+        let reason = self.reason.as_deref().filter(|_| self.folder.is_none())?;
+        Some(format!("{}: {reason}", self.photograph))
+    }
+}
+
+/// Median of sigma over depth.
+pub fn relative_sigma(depth: &GaussianDepth) -> Option<f64> {
+    let (sigma, mean) = (depth.sigma(), depth.mean());
+    let relative = mean.iter().zip(&sigma).filter(|(z, s)| **z > 0.0 && s.is_finite());
+    median(relative.map(|(z, s)| f64::from(s / z)))
+}
+
+/// A photograph refined by the others.
+pub struct Solid<'s> {
+    /// Its folder, beside the files of all.
+    pub folder: &'s str,
+    /// sRGB in 0 to 1, `[height, width, 3]`.
+    pub image: ArrayView3<'s, f32>,
+    /// Its camera.
+    pub camera: PinholeCamera,
+    /// World to camera, in the unit of the depth.
+    pub pose: Pose,
+    /// `[height, width]`; 0 where missing.
+    pub depth: Array2<f32>,
+    /// `[height, width]`; infinite where missing.
+    pub sigma: Array2<f32>,
+    /// Steps per unit of its depth.png.
+    pub png_scale: f64,
+}
+
+/// Writes `transforms.json` of all, and `cloud.ply` of the points that two photographs confirm; their number. `y_up`: points with y up.
+///
+/// # Errors
+/// [`Error::Prior`](crate::error::Error::Prior) for a file that can't be written, [`Error::Depth`](crate::error::Error::Depth) for maps that are none.
+pub fn write_all(folder: &Path, solids: &[Solid<'_>], unit: &str, y_up: bool) -> Result<usize> {
+    let exposed: Vec<_> = solids
+        .iter()
+        .map(|s| Exposed { folder: s.folder, camera: s.camera, pose: s.pose, png_scale: s.png_scale })
+        .collect();
+    transforms::write(&folder.join(transforms::FILE), &exposed)?;
+    let views: Vec<RefinedView<'_>> = solids
+        .iter()
+        .map(|s| RefinedView { camera: s.camera, pose: s.pose, depth: s.depth.view(), sigma: s.sigma.view() })
+        .collect();
+    let depths = solids
+        .iter()
+        .map(|s| GaussianDepth::new(s.depth.clone(), s.sigma.mapv(|sigma| sigma * sigma)))
+        .collect::<mde_uncertainty::Result<Vec<_>>>()?;
+    let mut cloud = ply::Cloud::new(y_up);
+    for point in consistent_points(&views) {
+        let solid = &solids[point.view];
+        let scene = Exported {
+            unit,
+            image: solid.image,
+            camera: &solid.camera,
+            depth: &depths[point.view],
+            prior: solid.depth.view(),
+            components: Vec::new(),
+            certainty: None,
+            y_up,
+            png_scale: solid.png_scale,
+        };
+        let [row, column] = point.pixel;
+        let normal =
+            scene.point(row, column).map_or_else(Vector3::zeros, |p| ply::normal(&scene, row, column, p));
+        let normal = solid.pose.rotation.inverse() * normal;
+        cloud.push(point.position, normal, scene.colour(row, column), point.sigma);
+    }
+    let count = cloud.len();
+    let frame = "world of transforms.json, the frame of its first camera";
+    let frame = if count == 0 { "no point is confirmed by two photographs" } else { frame };
+    mde_prior::write_atomic(&folder.join(CLOUD), &cloud.encode(frame, unit))?;
+    Ok(count)
+}
+
+/// The record of a run that refined every photograph: its `run.json`.
+#[derive(Debug, Serialize)]
+pub struct EveryRecord<'r> {
+    /// The common part.
+    #[serde(flatten)]
+    pub about: About<'r>,
+    /// Unit of the results.
+    pub unit: &'static str,
+    /// The photographs.
+    pub photographs: &'r [EveryRow],
+    /// Predictions and poses.
+    pub poses: &'r CaptureReport,
+    /// Points of the cloud.
+    pub points: usize,
+    /// Of the prior's predictions.
+    pub prior_seconds: f64,
+}

@@ -1,0 +1,90 @@
+//! Several photographs: arguments of `mde refine --views` and `mde poses`.
+
+use crate::program::args::{CameraArgs, PriorArgs, RunArgs, SizeArgs};
+use crate::program::many::Shard;
+use clap::{Args, ValueEnum};
+use crate::refiner::finish::Unit;
+use std::path::PathBuf;
+
+/// Further photographs of `mde refine`.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Several photographs")]
+pub(crate) struct SeveralArgs {
+    /// Further photographs of the same static scene, or folders of them; their poses are estimated. Or one capture with poses:
+    /// transforms.json, a COLMAP model, a TUM sequence
+    #[arg(long, value_name = "PATH", num_args = 1..)]
+    pub(crate) views: Vec<PathBuf>,
+    /// Use at most N photographs, IMAGE included: the best by parallax, overlap and sharpness; default: 8
+    #[arg(long, value_name = "N", requires = "views", value_parser = clap::value_parser!(u16).range(2..=64))]
+    pub(crate) max_views: Option<u16>,
+    /// Where the matches come from by which poses are estimated
+    #[arg(long, help_heading = "Advanced", value_enum, default_value = "sift", requires = "views")]
+    pub(crate) matches: MatchesName,
+    /// Unit of depth and sigma: the prior's, or that of the capture's poses
+    #[arg(long, help_heading = "Advanced", value_enum, default_value = "prior", requires = "views")]
+    pub(crate) unit: UnitName,
+    /// Refine every photograph: a folder for each, transforms.json, and cloud.ply of the points that two photographs confirm
+    #[arg(long, requires = "views", conflicts_with_all = ["prior_depth", "gt", "rerun"])]
+    pub(crate) all: bool,
+    /// Put many photographs of one place, such as a burst or the frames of a video, on one scale: a factor for each, by the points that
+    /// they have in common. Those that match no other keep their own scale. Poses are not needed
+    #[arg(long, conflicts_with_all = ["views", "prior_depth"])]
+    pub(crate) same_scale: bool,
+    /// Only part I of N of the photographs, by their names; mde merge joins the parts
+    #[arg(long, help_heading = "Advanced", value_name = "I/N", conflicts_with = "views")]
+    pub(crate) shard: Option<Shard>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum MatchesName {
+    /// mde's own features
+    Sift,
+    /// The program colmap on the PATH: its features and matches of all pairs
+    Colmap,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum UnitName {
+    /// The prior's unit: metres for a metric prior
+    Prior,
+    /// The unit of the poses that the capture came with
+    Capture,
+}
+
+impl From<UnitName> for Unit {
+    fn from(name: UnitName) -> Self {
+        match name {
+            UnitName::Prior => Self::Prior,
+            UnitName::Capture => Self::Capture,
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "\
+Examples:
+  mde poses photos --prior-model fastdepth_224.onnx -o photos/transforms.json
+  mde refine photos/0.jpg --views photos/transforms.json --prior-model fastdepth_224.onnx -o out/room
+
+The world is the frame of the first photograph's camera, in the unit of its prior. Photographs that do not fit are left out, with the
+reason. Photographs are resized to 1024 pixels on the longer side, or to --max-size; the intrinsics are for their full size.",
+    mut_arg("output", |output| output.value_name("FILE.json").help("File to write, as nerfstudio has it; default: transforms.json")),
+    mut_arg("force", |force| force.help("Replace the file"))
+)]
+pub(crate) struct PosesArgs {
+    /// Photographs of one static scene, or folders of them
+    #[arg(value_name = "PHOTO", required = true)]
+    pub(crate) photographs: Vec<PathBuf>,
+    /// Where the matches come from by which poses are estimated
+    #[arg(long, value_enum, default_value = "sift")]
+    pub(crate) matches: MatchesName,
+    #[command(flatten)]
+    pub(crate) prior: PriorArgs,
+    #[command(flatten)]
+    pub(crate) camera: CameraArgs,
+    #[command(flatten)]
+    pub(crate) size: SizeArgs,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+}

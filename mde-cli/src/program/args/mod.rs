@@ -1,0 +1,477 @@
+//! The command line.
+
+mod capture;
+mod evaluation;
+mod output;
+mod prior;
+mod tools;
+
+pub(crate) use capture::{MatchesName, PosesArgs, SeveralArgs, UnitName};
+pub(crate) use evaluation::{
+    AblateArgs, CalibrateArgs, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs, FaultName, ScoreArgs,
+};
+pub(crate) use output::{ExportArgs, MergeArgs, RunArgs};
+#[cfg(feature = "onnxruntime")]
+pub(crate) use prior::RuntimeName;
+pub(crate) use prior::{EncodingName, KindName, PriorArgs, PriorSource, RuntimeArgs};
+pub(crate) use tools::{CompletionsArgs, DoctorArgs, ManArgs};
+
+use clap::{Args, CommandFactory, Id, Parser, Subcommand, ValueEnum};
+use crate::config::Preset;
+use crate::refiner::plan::limit::MemoryLimit;
+use crate::refiner::error_bar::ErrorBar;
+use mde_prior::augment::Predictions;
+use std::path::{Path, PathBuf};
+
+const EXAMPLES: &str = "\
+Examples:
+  mde demo -o out/demo
+  mde refine room.jpg --prior-model fastdepth_224.onnx -o out/room
+  mde refine room.jpg --views left.jpg right.jpg --prior-model fastdepth_224.onnx -o out/room
+  mde refine room/0.jpg --views room --all --prior-model fastdepth_224.onnx -o out/rooms
+  mde poses room --prior-model fastdepth_224.onnx -o room/transforms.json
+  mde refine room.png --prior-depth depth.npy --fov 62 --preset fast -o out/room
+  mde refine room.png --prior-depth disparity.pfm --prior-kind disparity --gt truth.png -o out/room
+  mde config --preset paper > my.toml && mde refine room.jpg --prior-model dpt_large.onnx --config my.toml -o out/room
+
+Exit codes:
+  0    done
+  1    failed; one line on stderr names the cause and the remedy
+  2    wrong usage
+  3    some photographs or scenes failed; the others are written
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP or SIGQUIT); only the state from which --resume and evaluations continue is kept";
+
+/// Refine the monocular depth of a photograph, with a standard deviation per pixel
+#[derive(Debug, Parser)]
+#[command(name = "mde", version, after_help = EXAMPLES, max_term_width = 110)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// Heading of what few need.
+const RARE: &str = "Advanced";
+
+/// The command line; the help of each command ends with what few need.
+pub(crate) fn command() -> clap::Command {
+    Cli::command().mut_subcommands(|command| {
+        let rare = command.get_arguments().filter(|argument| argument.get_help_heading() == Some(RARE));
+        let rare: Vec<Id> = rare.map(|argument| argument.get_id().clone()).collect();
+        // Headings come in the order of their first arguments, and a mutated one becomes the last.
+        rare.into_iter().fold(command, |command, id| command.mut_arg(id, |argument| argument))
+    })
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Refine a procedural room with exact depth from photographs without poses; needs no input
+    Demo(DemoArgs),
+    /// Refine the monocular depth of an image
+    Refine(Box<RefineArgs>),
+    /// Join the shards of a refinement of many photographs, or of an evaluation
+    Merge(MergeArgs),
+    /// Estimate the poses of photographs and write a transforms.json
+    Poses(Box<PosesArgs>),
+    /// Write the synthetic views of an image, for inspection
+    Warp(Box<WarpArgs>),
+    /// Render a field saved by `mde refine --save-field`
+    Render(Box<RenderArgs>),
+    /// Score methods on the scenes of a data set, or the depth maps of any program
+    Eval(Box<EvalArgs>),
+    /// Run an ablation: one change of the settings per row
+    Ablate(Box<AblateArgs>),
+    /// Calibrate the error bars of mde refine on scenes with known depth
+    Calibrate(Box<CalibrateArgs>),
+    /// Print a preset as TOML
+    Config(ConfigArgs),
+    /// Time the field's fit and rendering on this machine, by stage
+    Bench(BenchArgs),
+    /// Write report.html again from the files of a folder
+    Report(ReportArgs),
+    /// Check this machine and a model
+    Doctor(DoctorArgs),
+    /// Print shell completions
+    Completions(CompletionsArgs),
+    /// Print a manual page
+    Man(ManArgs),
+}
+
+#[derive(Debug, Args)]
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default mde-demo in the working folder")),
+    after_help = "\
+Examples:
+  mde demo -o out/demo
+  mde demo -o out/demo --preset fast --size 160x120 --seed 3 --force
+
+Six photographs without poses, each with the depth of a simulated network; one of them is withheld, to be compared with what the
+field renders. Other presets refine one photograph with a simulated depth map; their training steps are scaled with the
+number of pixels (all at 640x480, at least 500), unless --config is given.
+
+Output: that of mde refine, and photographs/, from which it can be repeated:
+  mde refine out/demo/photographs/0.png --views out/demo/photographs --prior-depth out/demo/prior.npy --fov 62 -o out/again"
+)]
+pub(crate) struct DemoArgs {
+    /// Size of the room's image, pixels
+    #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = size)]
+    pub(crate) size: [usize; 2],
+    #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
+    #[command(flatten)]
+    pub(crate) settings: SettingsArgs,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+    #[command(flatten)]
+    pub(crate) error_bar: ErrorBarArgs,
+    #[command(flatten)]
+    pub(crate) export: ExportArgs,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the input's name: room-depth for room.jpg. Many photographs need one")),
+    after_help = "\
+Examples:
+  mde refine room.jpg --prior-model fastdepth_224.onnx
+  mde refine room.jpg --prior-model net.onnx --model-profile depth-anything-v2 -o out/room
+  mde refine holiday --prior-model fastdepth_224.onnx -o out/holiday
+  mde refine room.png --prior-depth depth.png --png-scale 5000 --intrinsics K.txt --intrinsics-base 1 -o out/room
+  mde refine room.png --prior-depth depth.exr --fx 520 --fy 520 --cx 319.5 --cy 239.5 --gt truth.npy -o out/room
+
+Output: depth.npy and sigma.npy (f32 [height, width], the prior's unit; missing: 0 and inf), prior.npy, depth.png
+(16 bit, millimetres), confidence.png, image.png, preview.png, config.toml (all settings), run.json (all measurements),
+report.html (all results on one page); with --gt gt.npy; with --interval lower.npy and upper.npy; with --export cloud.ply, mesh.glb,
+depth.exr, colmap/, transforms.json, sigma/. With --all one such folder for each photograph, and transforms.json, cloud.ply, run.json. With many photographs one such folder for each, with
+thumbnail.png and finished.json, and index.html, index.csv, index.json; the same command continues, and refines only what is new or changed."
+)]
+pub(crate) struct RefineArgs {
+    /// The photograph: JPEG, PNG, TIFF, BMP or WebP. Or many, each refined alone: photographs, patterns ('holiday/*.jpg'), folders, lists
+    /// (.txt, one name or pattern per line), or - for names from standard input
+    #[arg(value_name = "IMAGE")]
+    pub(crate) image: PathBuf,
+    /// More photographs, folders and lists
+    #[arg(value_name = "MORE")]
+    pub(crate) more: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) several: SeveralArgs,
+    #[command(flatten)]
+    pub(crate) prior: PriorArgs,
+    /// Depths known at some pixels, which give the result its scale: a CSV file of column, row, depth and if known its standard
+    /// deviation, in pixels of the photograph and metres, or the folder of a COLMAP model of this photograph
+    #[arg(long, help_heading = "Prior", value_name = "FILE|DIR", conflicts_with_all = ["all", "unit"])]
+    pub(crate) scale_from: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) camera: CameraArgs,
+    #[command(flatten)]
+    pub(crate) settings: SettingsArgs,
+    #[command(flatten)]
+    pub(crate) size: SizeArgs,
+    #[command(flatten)]
+    pub(crate) truth: TruthArgs,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+    /// Keep every finished iteration (with --all every finished photograph) in DIR.resume until the results are written, and resume
+    /// from it
+    #[arg(long, help_heading = "Output")]
+    pub(crate) resume: bool,
+    #[command(flatten)]
+    pub(crate) error_bar: ErrorBarArgs,
+    #[command(flatten)]
+    pub(crate) export: ExportArgs,
+    /// Also write the field of the last iteration: field.safetensors
+    #[arg(long, help_heading = "Advanced")]
+    pub(crate) save_field: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the input's name: room-views for room.jpg")),
+    after_help = "\
+Example:
+  mde warp room.jpg --prior-model fastdepth_224.onnx -o out/views
+
+Output: view_00.png (the original), view_01.png ... with mask_01.png (white: used for training) and depth_01.npy
+(0: missing), poses.json, contact.png (masked pixels in red), config.toml, run.json."
+)]
+pub(crate) struct WarpArgs {
+    /// The photograph: JPEG, PNG, TIFF, BMP or WebP
+    #[arg(value_name = "IMAGE")]
+    pub(crate) image: PathBuf,
+    #[command(flatten)]
+    pub(crate) prior: PriorArgs,
+    #[command(flatten)]
+    pub(crate) camera: CameraArgs,
+    #[command(flatten)]
+    pub(crate) size: SizeArgs,
+    #[command(flatten)]
+    pub(crate) settings: SettingsArgs,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the field's name: field-render for field.safetensors")),
+    after_help = "\
+Examples:
+  mde render --field out/room/field.safetensors --size 640x480 --fov 62 -o out/view
+  mde render --field out/room/field.safetensors --size 320x240 --fov 62 --orbit 24 -o out/orbit
+
+Output per view: colour.png, depth.npy, sigma.npy (missing: 0 and inf), depth.png; numbered with --orbit; run.json."
+)]
+pub(crate) struct RenderArgs {
+    /// The field saved by `mde refine --save-field`
+    #[arg(long, value_name = "FIELD.safetensors")]
+    pub(crate) field: PathBuf,
+    /// Size of the images, pixels
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub(crate) size: [usize; 2],
+    #[command(flatten)]
+    pub(crate) camera: CameraArgs,
+    #[command(flatten)]
+    pub(crate) path: PathArgs,
+    #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+}
+
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Path")]
+pub(crate) struct PathArgs {
+    /// Number of views on a circle about the original camera, all looking at the middle of the scene
+    #[arg(long, value_name = "N", conflicts_with = "translate", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) orbit: Option<u16>,
+    /// Radius of the circle, as a fraction of the median depth
+    #[arg(long, value_name = "X", requires = "orbit", conflicts_with = "translate", default_value_t = 0.03)]
+    pub(crate) radius: f64,
+    /// One view from a camera moved by X,Y,Z, in the prior's unit (x right, y down, z forward)
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = triple)]
+    pub(crate) translate: Option<[f64; 3]>,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  mde config --preset paper > my.toml")]
+pub(crate) struct ConfigArgs {
+    /// Preset
+    #[arg(long, value_enum, default_value = "default")]
+    pub(crate) preset: PresetName,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  mde bench
+  mde bench --field hash-8x4 --threads 2 --json
+
+Samples, matrix operations and bytes per second, beside the peak of processor and memory measured in the same run. The stages run
+on one thread; the whole step and the render run on one thread and on all.")]
+pub(crate) struct BenchArgs {
+    /// Only this field: hash-12x2, hash-8x4 (default and fast) or mlp-4x128
+    #[arg(long, value_name = "NAME")]
+    pub(crate) field: Option<String>,
+    /// Seconds per stage
+    #[arg(long, default_value_t = 0.5, value_name = "SECONDS")]
+    pub(crate) seconds: f64,
+    /// Threads of the parallel stages; all processors otherwise
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) threads: Option<u16>,
+    /// One JSON object instead of the table
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  mde report out/room
+
+The page is made from the files of mde refine, demo, eval or ablate. It needs no network.")]
+pub(crate) struct ReportArgs {
+    /// The folder of a run or an evaluation
+    #[arg(value_name = "DIR")]
+    pub(crate) folder: PathBuf,
+}
+
+// Clap accepts an argument whose required argument conflicts with another, so such conflicts are listed too.
+
+/// The pinhole camera.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Camera (without: EXIF, else 60 degrees)")]
+pub(crate) struct CameraArgs {
+    /// Intrinsics: a 3x3 matrix as text, or JSON with fx, fy, cx, cy
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["fx", "fov"])]
+    pub(crate) intrinsics: Option<PathBuf>,
+    /// Index of the first pixel in the intrinsics file (SUN RGB-D: 1)
+    #[arg(long, help_heading = "Advanced", value_name = "0|1", requires = "intrinsics", conflicts_with_all = ["fx", "fov"], default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=1))]
+    pub(crate) intrinsics_base: u8,
+    /// Horizontal focal length, pixels
+    #[arg(long, value_name = "PX", allow_negative_numbers = true, conflicts_with = "fov")]
+    pub(crate) fx: Option<f64>,
+    /// Vertical focal length, pixels; default: fx
+    #[arg(long, value_name = "PX", allow_negative_numbers = true, requires = "fx", conflicts_with_all = ["fov", "intrinsics"])]
+    pub(crate) fy: Option<f64>,
+    /// Column of the principal point, from 0; default: the middle
+    #[arg(long, value_name = "PX", allow_negative_numbers = true, requires = "fx", conflicts_with_all = ["fov", "intrinsics"])]
+    pub(crate) cx: Option<f64>,
+    /// Row of the principal point, from 0; default: the middle
+    #[arg(long, value_name = "PX", allow_negative_numbers = true, requires = "fx", conflicts_with_all = ["fov", "intrinsics"])]
+    pub(crate) cy: Option<f64>,
+    /// Horizontal field of view, degrees
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    pub(crate) fov: Option<f64>,
+}
+
+/// The working size.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Size")]
+pub(crate) struct SizeArgs {
+    /// Resize the image, its prior, camera and truth to this longer side
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..))]
+    pub(crate) max_size: Option<u32>,
+    /// Refine a larger photograph at this many million pixels. The maps of one photograph are brought back to its own size, with the
+    /// edges of the photograph; those of several photographs are not
+    #[arg(long, value_name = "MEGAPIXELS", default_value_t = 1.5, value_parser = positive)]
+    pub(crate) work_size: f64,
+    #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
+}
+
+/// The memory limit.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Size")]
+pub(crate) struct MemoryArgs {
+    /// Refuse runs whose estimated memory exceeds this; fewer predictions run at once where that suffices
+    #[arg(long, help_heading = "Advanced", value_name = "GIB", default_value_t = MemoryLimit::USUAL, value_parser = positive)]
+    pub(crate) max_memory: f64,
+}
+
+/// The settings.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Settings")]
+pub(crate) struct SettingsArgs {
+    /// Preset of the settings; default: multi-view with several photographs, default with one
+    #[arg(long, value_enum)]
+    pub(crate) preset: Option<PresetName>,
+    /// TOML file that overrides settings of the preset; `mde config` prints all
+    #[arg(long, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+    /// Seed of all random draws; default: that of the settings, 0
+    #[arg(long, help_heading = "Advanced", value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
+    pub(crate) seed: Option<u64>,
+    /// Fit no field: the model's prediction, with the configured augmentation, is the result
+    #[arg(long)]
+    pub(crate) no_nerf: bool,
+    /// Predictions of the model at most, on the photograph, its mirror image and crops: auto, or a number (1: the photograph alone)
+    #[arg(long, value_name = "N|auto")]
+    pub(crate) predictions: Option<Predictions>,
+    /// Nearest depth of the scene, for disparity of unknown scale and shift; default: that of the settings, 0.8
+    #[arg(long, value_name = "METRES", value_parser = positive)]
+    pub(crate) near: Option<f64>,
+    /// Farthest depth of the scene, likewise; default: 8
+    #[arg(long, value_name = "METRES", value_parser = positive)]
+    pub(crate) far: Option<f64>,
+    /// Only as many predictions as fit into this time, by the time of the first one; config.toml has their number
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub(crate) budget: Option<f64>,
+}
+
+/// Ground truth for the scores.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Truth")]
+pub(crate) struct TruthArgs {
+    /// Ground-truth depth of the image's size, metres (0: missing), to score prior and refined depth
+    #[arg(long, value_name = "FILE")]
+    pub(crate) gt: Option<PathBuf>,
+    /// Encoding of the truth in PNG files
+    #[arg(long, help_heading = "Advanced", value_enum, default_value = "plain", requires = "gt")]
+    pub(crate) gt_encoding: EncodingName,
+    /// True depth = value / X; 1000 for 16-bit PNG, 1 for floats
+    #[arg(long, help_heading = "Advanced", value_name = "X", requires = "gt")]
+    pub(crate) gt_scale: Option<f64>,
+}
+
+/// The requested error bar.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Error bar")]
+pub(crate) struct ErrorBarArgs {
+    /// Also write lower.npy and upper.npy, an interval meant to contain the true depth with this probability
+    #[arg(long, value_name = "P", value_parser = probability)]
+    pub(crate) interval: Option<f64>,
+    /// Calibration file of `mde calibrate`: scales sigma and intervals
+    #[arg(long, value_name = "FILE")]
+    pub(crate) calibration: Option<PathBuf>,
+}
+
+impl ErrorBarArgs {
+    /// The error bar, with its calibration read.
+    pub(crate) fn open(&self) -> crate::error::Result<ErrorBar> {
+        ErrorBar::open(self.interval, self.calibration.as_deref())
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum PresetName {
+    /// The equations as printed: an MLP trained on colours alone, two iterations
+    Paper,
+    /// At most five predictions; a depth map gets an error bar and stays as it is
+    Fast,
+    /// Predictions of crops and mirror images too, merged; for a depth map, a field supervised by it
+    Default,
+    /// Several photographs (--views): a field on their colours and on the consensus of plane sweeps
+    MultiView,
+}
+
+impl From<PresetName> for Preset {
+    fn from(name: PresetName) -> Self {
+        match name {
+            PresetName::Paper => Self::Paper,
+            PresetName::Fast => Self::Fast,
+            PresetName::Default => Self::Default,
+            PresetName::MultiView => Self::MultiView,
+        }
+    }
+}
+
+impl RefineArgs {
+    /// Everything that the command names to be refined.
+    pub(crate) fn photographs(&self) -> Vec<&Path> {
+        std::iter::once(&self.image).chain(&self.more).map(PathBuf::as_path).collect()
+    }
+}
+
+/// `WxH` as `[width, height]`.
+fn size(text: &str) -> Result<[usize; 2], String> {
+    let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    match sides {
+        Some(sides) if sides.iter().all(|side| (8..=16384).contains(side)) => Ok(sides),
+        _ => Err("give WIDTHxHEIGHT with 8 to 16384 pixels each, such as 320x240".to_owned()),
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(number) if number > 0.0 && f64::is_finite(number) => Ok(number),
+        _ => Err("give a positive number".to_owned()),
+    }
+}
+
+fn probability(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(number) if (0.01..=0.99).contains(&number) => Ok(number),
+        _ => Err("give 0.01 to 0.99, such as 0.9".to_owned()),
+    }
+}
+
+fn triple(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, z]) if [x, y, z].iter().all(|v| v.is_finite()) => Ok([x, y, z]),
+        _ => Err("give three numbers, such as 0.05,0,-0.1".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests;

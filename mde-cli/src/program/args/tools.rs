@@ -1,0 +1,55 @@
+//! Arguments of the commands about the program and the machine.
+
+use crate::program::args::{KindName, size};
+use clap::Args;
+use std::path::PathBuf;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  mde doctor
+  mde doctor --prior-model dpt_large.onnx
+  mde doctor --prior-model net.onnx --input-size 48x48 --prior-kind disparity
+
+A model is timed with every runtime that is found, and its predictions of procedural rooms are compared with the exact depth.")]
+pub(crate) struct DoctorArgs {
+    /// A monocular depth network to check
+    #[arg(long, value_name = "MODEL.onnx")]
+    pub(crate) prior_model: Option<PathBuf>,
+    /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else recognised by its folder, its graph or its name
+    #[arg(long, value_name = "NAME", requires = "prior_model")]
+    pub(crate) model_profile: Option<String>,
+    /// Size of the model's input, pixels; by default that of the profile
+    #[arg(long, value_name = "WxH", value_parser = size, requires = "prior_model")]
+    pub(crate) input_size: Option<[usize; 2]>,
+    /// Kind of the model's values; by default that of the profile
+    #[arg(long, value_enum, requires = "prior_model")]
+    pub(crate) prior_kind: Option<KindName>,
+    /// ONNX Runtime's library, timed beside tract; else ORT_DYLIB_PATH, else beside this program, else in the active Python
+    #[cfg(feature = "onnxruntime")]
+    #[arg(long, value_name = "LIBRARY", requires = "prior_model")]
+    pub(crate) onnxruntime: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  mde completions bash > ~/.local/share/bash-completion/completions/mde
+  mde completions zsh > ~/.zfunc/_mde
+  mde completions fish > ~/.config/fish/completions/mde.fish")]
+pub(crate) struct CompletionsArgs {
+    /// Shell
+    #[arg(value_enum)]
+    pub(crate) shell: clap_complete::Shell,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  mde man > mde.1
+  mde man refine | man -l -")]
+pub(crate) struct ManArgs {
+    /// Manual page of this subcommand instead of the program's
+    #[arg(value_name = "COMMAND")]
+    pub(crate) command: Option<String>,
+}

@@ -1,0 +1,211 @@
+//! The methods to compare: presets, configuration files, and baselines.
+
+use crate::program::evaluation::refiner::{FieldMemory, LoopRefiner};
+use crate::program::evaluation::scenes::depth_file;
+use anyhow::{Context, Result, bail, ensure};
+use crate::refinement::event::Event;
+use crate::config::{Config, MultiViewConfig, Preset};
+use mde_eval::baseline;
+use mde_eval::{Refined, Refiner, Task};
+use mde_prior::format::{ReadOptions, read_depth};
+use serde_json::{Value, json};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+/// The prior without refinement, the reference of the comparisons.
+pub(crate) const PRIOR: &str = "prior";
+
+/// A way of refining depth, with its settings and seed.
+#[derive(Clone)]
+pub(crate) struct Method {
+    /// Unique among the methods of a run.
+    pub(crate) name: String,
+    /// Name in the tables, the same for all seeds.
+    pub(crate) label: String,
+    pub(crate) seed: u64,
+    kind: Kind,
+}
+
+#[derive(Clone)]
+enum Kind {
+    /// A baseline of `mde-eval`, by its name there.
+    Baseline,
+    /// The loop, with a baseline in place of the field where one is named.
+    Loop(Box<Config>, Option<&'static str>),
+    /// The loop on several photographs.
+    Photographs(Box<Config>),
+    /// Depth maps of another program, `FOLDER/SCENE.npy`, and the checksum of their files.
+    Maps(PathBuf, u32),
+}
+
+/// The consensus of the plane sweeps of several photographs, without a field.
+const CONSENSUS: &str = "consensus";
+/// The preset `multi-view`, by what it adds to the consensus.
+const FIELD: &str = "field";
+
+impl Method {
+    /// Parses the name of a preset or a baseline, or the path of a TOML file that overrides `preset`.
+    pub(crate) fn parse(text: &str, preset: Preset, seed: Option<u64>) -> Result<Self> {
+        let path = Path::new(text);
+        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
+            let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+            let config = Config::from_file(preset, path)?;
+            ensure!(
+                preset == Preset::MultiView || config.multi_view == MultiViewConfig::default(),
+                "{text}: multi-view counts for several photographs only; give --preset multi-view"
+            );
+            return Ok(Self::of_preset(name.unwrap_or_default(), preset, config, seed));
+        }
+        if let Some((name, folder)) = text.split_once('=') {
+            return Self::of_maps(name, Path::new(folder));
+        }
+        if let Some(preset) = Preset::ALL.into_iter().find(|preset| preset.name() == text) {
+            return Ok(Self::of_preset(text.to_owned(), preset, preset.config(), seed));
+        }
+        if [CONSENSUS, FIELD].contains(&text) {
+            let mut config = Preset::MultiView.config();
+            if text == CONSENSUS {
+                config.refinement.iterations = 0;
+            }
+            return Ok(Self::of_preset(text.to_owned(), Preset::MultiView, config, seed));
+        }
+        baseline::named(text).with_context(|| {
+            format!("--methods {text}: neither a preset (paper, default, fast, multi-view) nor consensus, field, a .toml file or a baseline")
+        })?;
+        let (name, label) = (text.to_owned(), text.to_owned());
+        Ok(Self { name, label, seed: seed.unwrap_or(0), kind: Kind::Baseline })
+    }
+
+    /// The maps of another program.
+    fn of_maps(name: &str, folder: &Path) -> Result<Self> {
+        let named = || format!("--methods {name}={}", folder.display());
+        ensure!(!name.is_empty(), "{}: give the maps a name, as in sgbm=FOLDER", named());
+        let mut folders = vec![folder.to_owned()];
+        let mut files = Vec::new();
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(&folder).with_context(named)? {
+                let path = entry.with_context(named)?.path();
+                if path.is_dir() { folders.push(path) } else { files.push(path) }
+            }
+        }
+        files.sort();
+        let mut hasher = crc32fast::Hasher::new();
+        for path in &files {
+            hasher.update(path.strip_prefix(folder).unwrap_or(path).as_os_str().as_encoded_bytes());
+            hasher.update(&std::fs::read(path).with_context(|| path.display().to_string())?);
+        }
+        let kind = Kind::Maps(folder.to_owned(), hasher.finalize());
+        Ok(Self { name: name.to_owned(), label: name.to_owned(), seed: 0, kind })
+    }
+
+    /// The loop with settings over a preset.
+    fn of_preset(name: String, preset: Preset, config: Config, seed: Option<u64>) -> Self {
+        let method = Self::of_config(name, config, seed);
+        match (preset, method.kind) {
+            (Preset::MultiView, Kind::Loop(config, _)) => Self { kind: Kind::Photographs(config), ..method },
+            (_, kind) => Self { kind, ..method },
+        }
+    }
+
+    /// The loop with these settings.
+    pub(crate) fn of_config(name: String, config: Config, seed: Option<u64>) -> Self {
+        let (label, seed) = (name.clone(), seed.unwrap_or(config.seed));
+        Self { name, label, seed, kind: Kind::Loop(Box::new(config), None) }
+    }
+
+    /// One variant of an ablation with one seed.
+    pub(crate) fn variant(label: &str, config: Config, control: Option<&'static str>, seed: u64) -> Self {
+        let name = format!("{label}.seed{seed}");
+        Self { name, label: label.to_owned(), seed, kind: Kind::Loop(Box::new(config), control) }
+    }
+
+    /// Parses a list of methods. The prior comes first and need not be named.
+    pub(crate) fn parse_list(texts: &[String], preset: Preset, seed: Option<u64>) -> Result<Vec<Self>> {
+        let mut methods = vec![Self::parse(PRIOR, preset, seed)?];
+        for text in texts.iter().map(|text| text.trim()).filter(|text| *text != PRIOR) {
+            let method = Self::parse(text, preset, seed)?;
+            ensure!(
+                methods.iter().all(|other| other.name != method.name),
+                "--methods: {} is named twice; give each method once",
+                method.name
+            );
+            methods.push(method);
+        }
+        if texts.is_empty() {
+            bail!("--methods: no method; give one or more, such as paper,default,guided");
+        }
+        Ok(methods)
+    }
+
+    /// The settings of the loop.
+    pub(crate) fn config(&self) -> Option<&Config> {
+        match &self.kind {
+            Kind::Loop(config, _) | Kind::Photographs(config) => Some(config),
+            Kind::Baseline | Kind::Maps(..) => None,
+        }
+    }
+
+    /// Whether this is the loop and not a baseline.
+    pub(crate) fn is_loop(&self) -> bool {
+        matches!(self.kind, Kind::Loop(..) | Kind::Photographs(_))
+    }
+
+    /// The settings of the loop with the method's own seed; `None` for a baseline.
+    pub(crate) fn seeded_config(&self) -> Option<Config> {
+        match &self.kind {
+            Kind::Baseline | Kind::Maps(..) => None,
+            Kind::Loop(config, _) | Kind::Photographs(config) => {
+                Some(Config { seed: self.seed, ..(**config).clone() })
+            }
+        }
+    }
+
+    /// Everything besides the scene that the result depends on.
+    pub(crate) fn settings(&self) -> Result<Value> {
+        let what = match &self.kind {
+            Kind::Baseline => json!({ "baseline": self.label }),
+            Kind::Maps(_, checksum) => json!({ "maps": checksum }),
+            Kind::Loop(config, None) => json!({ "config": Config { seed: self.seed, ..(**config).clone() } }),
+            Kind::Photographs(config) => {
+                json!({ "config": Config { seed: self.seed, ..(**config).clone() }, "photographs": true })
+            }
+            Kind::Loop(config, Some(control)) => {
+                json!({ "config": Config { seed: self.seed, ..(**config).clone() }, "control": control })
+            }
+        };
+        Ok(json!({ "method": what, "seed": self.seed, "version": env!("CARGO_PKG_VERSION") }))
+    }
+
+    /// Refines a scene. A `Break` of the callback cancels with an error.
+    pub(crate) fn run(
+        &self,
+        scene: &str,
+        task: &Task<'_>,
+        memory: Option<&FieldMemory>,
+        callback: &(dyn Fn(&Event) -> ControlFlow<()> + Sync),
+    ) -> Result<Refined> {
+        let task = Task { seed: self.seed, ..*task };
+        match &self.kind {
+            Kind::Baseline => Ok(baseline::named(&self.label)?.refine(&task)?),
+            Kind::Maps(folder, _) => {
+                let file = depth_file(folder, scene)?;
+                let depth =
+                    read_depth(&file, &ReadOptions::default()).with_context(|| file.display().to_string())?;
+                Ok(depth.into())
+            }
+            Kind::Photographs(config) => {
+                Ok(LoopRefiner::new((**config).clone(), callback).with_photographs().refine(&task)?)
+            }
+            Kind::Loop(config, control) => {
+                let mut refiner = LoopRefiner::new((**config).clone(), callback);
+                if let Some(memory) = memory {
+                    refiner = refiner.with_memory(memory.clone());
+                }
+                if let Some(control) = control {
+                    refiner = refiner.with_control(baseline::named(control)?.into());
+                }
+                Ok(refiner.refine(&task)?)
+            }
+        }
+    }
+}

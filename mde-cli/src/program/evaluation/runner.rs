@@ -1,0 +1,339 @@
+//! Runs the methods whose results are not stored yet, and stores them. A scene that fails does not stop the others.
+
+use crate::program::evaluation::method::{Method, PRIOR};
+use crate::program::evaluation::refiner::FieldMemory;
+use crate::program::evaluation::scenes::{PriorPlan, Priors, fingerprint};
+use crate::program::evaluation::store::{Entry, Found, Record, Store};
+use crate::program::open::size::SceneLimit;
+use crate::program::interrupt;
+use crate::program::progress::Progress;
+use anyhow::{Result, bail};
+use crate::error::Error;
+use crate::refinement::event::Event;
+use mde_eval::capture::CapturedView;
+use mde_eval::data::{DataSet, Sample};
+use mde_eval::{Refined, Task, TaskView};
+use mde_prior::DisparityRule;
+use mde_warp::PinholeCamera;
+use ndarray::Array2;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+/// The scenes and methods to run.
+pub(crate) struct Plan<'p> {
+    pub(crate) data: &'p (dyn DataSet + Sync),
+    /// Indices into the data set.
+    pub(crate) scenes: &'p [usize],
+    /// The prior first.
+    pub(crate) methods: &'p [Method],
+    pub(crate) prior: &'p PriorPlan,
+    /// [`PriorPlan::describe`] of `prior`.
+    pub(crate) prior_settings: Value,
+    pub(crate) rule: DisparityRule,
+    pub(crate) store: &'p Store,
+    /// Memory limit of the scenes, and how many run at once.
+    pub(crate) limit: SceneLimit<'p>,
+    /// Whether the methods of a scene share fields of equal settings and views.
+    pub(crate) share_fields: bool,
+    /// Whether methods get the further photographs without their poses.
+    pub(crate) without_poses: bool,
+    /// Cameras of several photographs with this field of view, degrees, in place of their own.
+    pub(crate) assumed_fov: Option<f64>,
+}
+
+/// A scene with the results of the methods that did not fail.
+pub(crate) struct SceneResult<'r> {
+    pub(crate) sample: &'r Sample,
+    pub(crate) entries: Vec<(&'r Method, Entry)>,
+}
+
+/// An error of a scene or of one of its methods.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) struct Failure {
+    pub(crate) scene: String,
+    /// `None` if the scene itself could not be loaded.
+    pub(crate) method: Option<String>,
+    pub(crate) error: String,
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.method {
+            Some(method) => write!(f, "{} {method}: {}", self.scene, self.error),
+            None => write!(f, "{}: {}", self.scene, self.error),
+        }
+    }
+}
+
+/// Called by a worker for each finished scene.
+type Finish<'f, T> = dyn Fn(&SceneResult<'_>) -> Result<T> + Sync + 'f;
+
+/// Runs the plan. The results of `finish`, one per scene, are in the order of the data set.
+pub(crate) fn run<T: Send>(
+    plan: &Plan<'_>,
+    progress: &mut Progress,
+    finish: &Finish<'_, T>,
+) -> Result<(Vec<T>, Vec<Failure>)> {
+    let shared = Shared {
+        plan,
+        next: AtomicUsize::new(0),
+        tally: Mutex::new(Tally::new(plan, progress)),
+        failures: Mutex::default(),
+    };
+    let threads = (rayon::current_num_threads() / plan.limit.jobs).max(1);
+    let mut results = Vec::new();
+    let outcomes: Vec<Result<Vec<(usize, T)>>> = std::thread::scope(|scope| {
+        let work = || -> Result<Vec<(usize, T)>> {
+            // Where the system has no thread left for a pool of its own, the program's common one.
+            match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
+                Ok(pool) => pool.install(|| shared.work(finish)),
+                Err(_) => shared.work(finish),
+            }
+        };
+        let start = |_| std::thread::Builder::new().spawn_scoped(scope, work);
+        let workers: Vec<_> = (0..plan.limit.jobs).map_while(|job| start(job).ok()).collect();
+        if workers.is_empty() {
+            // The system has no thread left: this one does the work.
+            return vec![shared.work(finish)];
+        }
+        let joined = workers.into_iter().map(|worker| worker.join());
+        joined.map(|outcome| outcome.unwrap_or_else(|_| bail!("a worker thread panicked"))).collect()
+    });
+    for outcome in outcomes {
+        results.extend(outcome?);
+    }
+    if interrupt::requested() {
+        bail!(Error::Interrupted);
+    }
+    results.sort_by_key(|(index, _)| *index);
+    let mut failures = shared.failures.into_inner().unwrap_or_else(PoisonError::into_inner);
+    sort(&mut failures);
+    Ok((results.into_iter().map(|(_, result)| result).collect(), failures))
+}
+
+/// The order of failures in the results.
+pub(crate) fn sort(failures: &mut [Failure]) {
+    failures.sort_by(|a, b| (&a.scene, &a.method).cmp(&(&b.scene, &b.method)));
+}
+
+/// State shared by the workers.
+struct Shared<'s> {
+    plan: &'s Plan<'s>,
+    next: AtomicUsize,
+    tally: Mutex<Tally<'s>>,
+    failures: Mutex<Vec<Failure>>,
+}
+
+impl Shared<'_> {
+    fn work<T>(&self, finish: &Finish<'_, T>) -> Result<Vec<(usize, T)>> {
+        let priors = self.plan.prior.open()?;
+        let mut results = Vec::new();
+        while !interrupt::requested() {
+            let place = self.next.fetch_add(1, Ordering::SeqCst);
+            let Some(&index) = self.plan.scenes.get(place) else { break };
+            match self.scene(index, &priors, finish) {
+                Ok(result) => results.push((index, result)),
+                Err(_) if interrupt::requested() => break,
+                Err(error) => self.fail(index, None, &error),
+            }
+        }
+        Ok(results)
+    }
+
+    fn scene<T>(&self, index: usize, priors: &Priors<'_>, finish: &Finish<'_, T>) -> Result<T> {
+        let mut sample = self.plan.data.load(index)?;
+        if let Some(fov) = self.plan.assumed_fov {
+            assume(&mut sample, fov)?;
+        }
+        self.plan.limit.check("its image", sample.depth.dim())?;
+        if sample.assumed_camera {
+            let warning = format!("{}: no intrinsics; the camera is assumed", sample.id);
+            lock(&self.tally).progress.warn(warning);
+        }
+        let model = priors.model(&sample)?;
+        let view_priors = view_priors(&sample, &self.plan.rule)?;
+        let views: Vec<TaskView<'_>> = sample
+            .views
+            .iter()
+            .zip(&view_priors)
+            .map(|(captured, prior)| TaskView {
+                view: &captured.view,
+                posed: !self.plan.without_poses,
+                prior: prior.as_ref(),
+            })
+            .collect();
+        let memory = self.plan.share_fields.then(FieldMemory::default);
+        let own = self.plan.prior.made_from(&self.plan.prior_settings, &sample.id)?;
+        let mut entries: Vec<(&Method, Entry)> = Vec::new();
+        for method in self.plan.methods {
+            let prior = entries.first().map(|(_, prior)| &prior.refined.depth);
+            // The prior that is made here depends on the seed.
+            let seed = (sample.prior.is_none() && matches!(self.plan.prior, PriorPlan::Simulated))
+                .then_some(method.seed);
+            let made_from = json!({
+                "input": fingerprint(&sample, prior),
+                "settings": match prior {
+                    Some(_) => method.settings()?,
+                    None => json!({ "prior": own, "rule": self.plan.rule, "seed": seed }),
+                },
+            });
+            let outcome = match prior {
+                None => self.stored_or_run(&sample, method, made_from, || {
+                    Ok(priors.depth(&sample, &self.plan.rule, method.seed)?.into())
+                }),
+                Some(prior) => {
+                    let task = Task {
+                        model: model.as_deref(),
+                        views: &views,
+                        focal_assumed: self.plan.assumed_fov.is_some(),
+                        seed: method.seed,
+                        ..Task::new(sample.image.view(), &sample.camera, prior.view(), &self.plan.rule)
+                    };
+                    self.stored_or_run(&sample, method, made_from, || {
+                        method.run(&sample.id, &task, memory.as_ref(), &stop)
+                    })
+                }
+            };
+            match outcome {
+                Ok(entry) => entries.push((method, entry)),
+                Err(error) if interrupt::requested() || method.name == PRIOR => return Err(error),
+                Err(error) => self.fail(index, Some(method), &error),
+            }
+        }
+        finish(&SceneResult { sample: &sample, entries })
+    }
+
+    /// The stored result if it was computed from the same inputs; otherwise runs the method and stores its result.
+    fn stored_or_run(
+        &self,
+        sample: &Sample,
+        method: &Method,
+        made_from: Value,
+        run: impl FnOnce() -> Result<Refined>,
+    ) -> Result<Entry> {
+        match self.plan.store.find(&sample.id, &method.name, &made_from)? {
+            Found::Done(entry) => {
+                lock(&self.tally).skip(&method.name);
+                return Ok(*entry);
+            }
+            Found::Stale(change) => {
+                let warning = format!("{} {}: computed again, since {change}", sample.id, method.name);
+                lock(&self.tally).progress.warn(warning);
+            }
+            Found::Nothing => {}
+        }
+        let start = Instant::now();
+        let refined = run()?;
+        if refined.depth.dim() != sample.depth.dim() {
+            bail!("{}: its map differs in size from the image", method.name);
+        }
+        let seconds = start.elapsed().as_secs_f64();
+        let record =
+            Record { made_from, seconds, report: refined.report.clone(), checksums: BTreeMap::new() };
+        let entry = Entry { refined, record };
+        self.plan.store.keep(&sample.id, &method.name, &entry)?;
+        lock(&self.tally).done(&sample.id, &method.name, seconds);
+        Ok(entry)
+    }
+
+    fn fail(&self, index: usize, method: Option<&Method>, error: &anyhow::Error) {
+        let scene = self.plan.data.ids().get(index).cloned().unwrap_or_default();
+        let method = method.map(|method| method.name.clone());
+        let error = format!("{error:#}");
+        let mut tally = lock(&self.tally);
+        let what = method.as_deref().unwrap_or("scene");
+        tally.progress.failed(format!("{scene} {what}: failed: {error}"));
+        match &method {
+            Some(method) => tally.skip(method),
+            None => self.plan.methods.iter().for_each(|method| tally.skip(&method.name)),
+        }
+        lock(&self.failures).push(Failure { scene, method, error });
+    }
+}
+
+/// The monocular depths of the further photographs, where the data set has them.
+fn view_priors(sample: &Sample, rule: &DisparityRule) -> Result<Vec<Option<Array2<f32>>>> {
+    let depth =
+        |captured: &CapturedView| captured.prior.as_ref().map(|prior| prior.to_depth(rule)).transpose();
+    Ok(sample.views.iter().map(depth).collect::<Result<_, _>>()?)
+}
+
+/// Cameras of a field of view, the principal point in the middle.
+fn assume(sample: &mut Sample, fov: f64) -> Result<()> {
+    let assumed = |camera: &PinholeCamera| PinholeCamera::from_fov(fov, camera.width, camera.height);
+    sample.camera = assumed(&sample.camera)?;
+    for captured in &mut sample.views {
+        captured.view.camera = assumed(&captured.view.camera)?;
+    }
+    Ok(())
+}
+
+fn stop(_: &Event) -> std::ops::ControlFlow<()> {
+    interrupt::flow()
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Progress over all runs.
+struct Tally<'t> {
+    progress: &'t mut Progress,
+    jobs: usize,
+    done: usize,
+    all: usize,
+    /// By method: remaining runs, finished runs, and total seconds of the latter.
+    methods: BTreeMap<String, (usize, usize, f64)>,
+}
+
+impl<'t> Tally<'t> {
+    fn new(plan: &Plan<'_>, progress: &'t mut Progress) -> Self {
+        let scenes = plan.scenes.len();
+        let methods = plan.methods.iter().map(|method| (method.name.clone(), (scenes, 0, 0.0))).collect();
+        Self { progress, jobs: plan.limit.jobs, done: 0, all: scenes * plan.methods.len(), methods }
+    }
+
+    fn take(&mut self, method: &str) -> Option<&mut (usize, usize, f64)> {
+        let entry = self.methods.get_mut(method).filter(|(left, ..)| *left > 0)?;
+        self.done += 1;
+        entry.0 -= 1;
+        Some(entry)
+    }
+
+    /// Counts a run without work: a stored result, or a failure.
+    fn skip(&mut self, method: &str) {
+        let _ = self.take(method);
+    }
+
+    fn done(&mut self, scene: &str, method: &str, seconds: f64) {
+        if let Some((_, runs, total)) = self.take(method) {
+            *runs += 1;
+            *total += seconds;
+        }
+        let text = format!("{scene} {method}: {seconds:.1} s");
+        let value = json!({ "event": "method", "scene": scene, "method": method, "method_seconds": seconds });
+        let left = self.left();
+        self.progress.piece(self.done, self.all, &text, left, value);
+    }
+
+    /// Estimate of the remaining seconds, once every remaining method has run at least once.
+    fn left(&self) -> Option<f64> {
+        let mut seconds = 0.0;
+        for &(left, runs, total) in self.methods.values() {
+            if left > 0 {
+                seconds += left as f64 * total / if runs > 0 { runs as f64 } else { return None };
+            }
+        }
+        Some(seconds / self.jobs as f64)
+    }
+}
+
+/// Number of scenes to run at once: 1 by default, at most the number of scenes and of threads.
+pub(crate) fn jobs(requested: Option<usize>, scenes: usize) -> usize {
+    requested.unwrap_or(1).min(scenes).min(rayon::current_num_threads()).max(1)
+}

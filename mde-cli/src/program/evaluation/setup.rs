@@ -1,0 +1,185 @@
+//! The common part of `mde eval`, `mde ablate` and `mde calibrate`: opens the inputs, runs the methods, collects the scores.
+
+use crate::program::evaluation::method::Method;
+use crate::program::evaluation::results::Results;
+use crate::program::evaluation::runner;
+use crate::program::evaluation::runner::{Failure, Plan};
+use crate::program::evaluation::scenes::{PriorPlan, Source, choose};
+use crate::program::evaluation::scoring::Scoring;
+use crate::program::evaluation::store::Store;
+use crate::program::args::EvaluationArgs;
+use crate::program::open::size::SceneLimit;
+use crate::program::many::{Shard, set_of};
+use crate::program::progress::Progress;
+use anyhow::{Result, ensure};
+use crate::refiner::plan::SceneMemory;
+use mde_eval::table::Entry;
+use mde_prior::DisparityRule;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// The methods of a command and how they are scored.
+pub(crate) struct Request<'a> {
+    pub(crate) command: &'a str,
+    /// The prior first.
+    pub(crate) methods: &'a [Method],
+    /// As in [`Scoring`].
+    pub(crate) controls: bool,
+    /// As in [`Plan`].
+    pub(crate) share_fields: bool,
+    /// Only this part of the scenes.
+    pub(crate) shard: Option<Shard>,
+}
+
+/// An evaluation with its inputs opened.
+pub(crate) struct Setup<'a> {
+    args: &'a EvaluationArgs,
+    request: Request<'a>,
+    memory: SceneMemory,
+    source: Source,
+    scenes: Vec<usize>,
+    /// Number of the scenes of all shards, and what identifies their names.
+    whole: (usize, String),
+    prior: PriorPlan,
+    prior_settings: Value,
+    scoring: Scoring,
+    store: Store,
+}
+
+impl<'a> Setup<'a> {
+    /// Opens the inputs. A run that would need too much memory is refused before anything is written.
+    pub(crate) fn open(args: &'a EvaluationArgs, request: Request<'a>) -> Result<Self> {
+        let source = Source::open(&args.root, &args.data)?;
+        let mut scenes = choose(&*source.data, &args.data.scenes, args.data.limit)?;
+        let ids = source.data.ids();
+        let names: Vec<String> = scenes.iter().filter_map(|&index| ids.get(index).cloned()).collect();
+        let whole = (names.len(), set_of(&names));
+        if let Some(shard) = &request.shard {
+            ensure!(
+                !args.run.force,
+                "--force: would remove the scenes of the other shards; remove the folder first, or leave it out"
+            );
+            scenes.retain(|&index| ids.get(index).is_some_and(|name| shard.has(name)));
+        }
+        let configs: Vec<_> = request.methods.iter().map(Method::seeded_config).collect();
+        let memory = SceneMemory::new(&configs, request.share_fields);
+        let limit = limit(args, memory, &scenes);
+        if let Some([width, height]) = args.data.size {
+            limit.check("--size", (height, width))?;
+        }
+        let prior = PriorPlan::new(&args.prior, source.kind)?;
+        let prior_settings = prior.describe()?;
+        let scoring = Scoring::new(&args.score, request.controls);
+        let basis = json!({ "command": request.command, "data": source.describe() });
+        let name = args.root.clone().unwrap_or_else(|| source.kind.name().into());
+        let output = args.run.output(&name, &format!("-{}", request.command));
+        let store = match request.shard {
+            Some(_) => Store::open_shared(&output, &basis)?,
+            None => Store::open(&output, &basis, args.run.force)?,
+        };
+        Ok(Self { args, request, memory, source, scenes, whole, prior, prior_settings, scoring, store })
+    }
+
+    /// Runs and scores the methods; stored results are reused.
+    pub(crate) fn run(&self, progress: &mut Progress) -> Result<(Vec<Entry>, Vec<Failure>)> {
+        let data = &*self.source.data;
+        let plan = Plan {
+            data,
+            scenes: &self.scenes,
+            methods: self.request.methods,
+            prior: &self.prior,
+            prior_settings: self.prior_settings.clone(),
+            rule: DisparityRule::default(),
+            store: &self.store,
+            limit: limit(self.args, self.memory, &self.scenes),
+            share_fields: self.request.share_fields,
+            without_poses: self.args.data.without_poses,
+            assumed_fov: self.args.data.without_intrinsics.then_some(self.args.data.assume_fov),
+        };
+        let (entries, failures) =
+            runner::run(&plan, progress, &|scene| self.scoring.scene(scene, &self.store))?;
+        let mut entries: Vec<Entry> = entries.into_iter().flatten().collect();
+        let places: BTreeMap<&str, Option<&str>> = self
+            .scenes
+            .iter()
+            .filter_map(|&index| Some((data.ids().get(index)?.as_str(), data.place(index))))
+            .collect();
+        for entry in &mut entries {
+            // Not from the stored scores: --places may differ from that of an earlier run.
+            entry.place = places.get(entry.scene.as_str()).copied().flatten().map(str::to_owned);
+        }
+        Ok((entries, failures))
+    }
+
+    /// The results, compared with `reference`.
+    pub(crate) fn results(&self, reference: &str, entries: Vec<Entry>, failures: Vec<Failure>) -> Results {
+        Results {
+            title: format!("{} with {}", self.source.title(), self.prior.title()),
+            alignment: self.scoring.alignment_note(),
+            preface: Vec::new(),
+            reference: Some(reference.to_owned()),
+            entries,
+            failures,
+            record: json!({ "data": self.source.describe(), "root": self.args.root.as_ref().map(|root| root.display().to_string()), "prior": self.prior_settings,
+                            "score": self.scoring.config }),
+        }
+    }
+
+    /// The scenes of this part by their names, with their index in the data set.
+    pub(crate) fn scenes(&self) -> Vec<(usize, String)> {
+        let ids = self.source.data.ids();
+        self.scenes.iter().filter_map(|&index| Some((index, ids.get(index)?.clone()))).collect()
+    }
+
+    /// Number of the scenes of all shards, and what identifies their names.
+    pub(crate) fn whole(&self) -> (usize, &str) {
+        (self.whole.0, &self.whole.1)
+    }
+
+    /// Everything but the scenes that the results depend on.
+    pub(crate) fn identity(&self) -> Result<Value> {
+        let methods: Vec<Value> = self.request.methods.iter().map(Method::settings).collect::<Result<_>>()?;
+        let names: Vec<&str> = self.request.methods.iter().map(|method| &*method.name).collect();
+        let Scoring { config, own_range, shared, controls } = &self.scoring;
+        Ok(json!({
+            "data": self.source.describe(), "prior": self.prior_settings, "methods": [json!(names), json!(methods)],
+            "score": (config, own_range, shared, controls), "poses": (self.args.data.without_poses, self.args.data.without_intrinsics),
+        }))
+    }
+
+    /// The data, the prior and the alignment, in words.
+    pub(crate) fn titles(&self) -> [String; 3] {
+        [self.source.title(), self.prior.title(), self.scoring.alignment_note()]
+    }
+
+    /// Whether the prior is a model that accepts new images.
+    pub(crate) fn accepts_new_images(&self) -> bool {
+        self.prior.accepts_new_images()
+    }
+
+    /// Whether the prior's maps are in metres.
+    pub(crate) fn is_metric(&self) -> Result<bool> {
+        self.prior.is_metric()
+    }
+
+    /// Identifies the model's file, where there is one.
+    pub(crate) fn model_hash(&self) -> Result<Option<String>> {
+        self.prior.model_hash()
+    }
+
+    /// Removes the folder if it has no results.
+    pub(crate) fn discard_if_empty(&self) {
+        self.store.discard_if_empty();
+    }
+
+    /// The folder of the results.
+    pub(crate) fn folder(&self) -> &Path {
+        self.store.root()
+    }
+}
+
+fn limit<'a>(args: &'a EvaluationArgs, memory: SceneMemory, scenes: &[usize]) -> SceneLimit<'a> {
+    let jobs = runner::jobs(args.many.jobs.map(usize::from), scenes.len());
+    SceneLimit { args: &args.memory, memory, jobs }
+}

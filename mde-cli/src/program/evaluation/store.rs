@@ -1,0 +1,414 @@
+//! The folder of an evaluation: one folder per scene and method, each written atomically.
+
+use crate::program::store::lock;
+use crate::program::store::lock::Lock;
+use crate::program::provenance::write_json;
+use anyhow::{Context, Result, ensure};
+use crate::refiner::size::resized;
+use mde_eval::Refined;
+use mde_prior::format::{Format, ReadOptions, decode, write_npy};
+use mde_prior::photo::write_image;
+use ndarray::{Array2, ArrayView3};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The inputs that all results share. This file marks the folder of an evaluation.
+const BASIS: &str = "eval.json";
+const RECORD: &str = "method.json";
+const DEPTH: &str = "depth.npy";
+const SIGMA: &str = "sigma.npy";
+const SCORES: &str = "scores.json";
+/// A reduced image of the scene, for the report.
+pub(crate) const PICTURE: &str = "picture.png";
+/// Longest side of the reduced image, pixels.
+const PICTURE_SIDE: usize = 320;
+/// Prefix of unfinished files and folders.
+const TEMPORARY: &str = ".mde-";
+
+/// Most bytes of a name, with room for the prefix and the extension of a temporary file.
+const LONGEST_NAME: usize = 200;
+
+/// An evaluation on disk. No other process opens it until this is dropped, but for shards.
+#[derive(Debug)]
+pub(crate) struct Store {
+    root: PathBuf,
+    /// Whether other shards write into the folder.
+    shared: bool,
+    _lock: Option<Lock>,
+}
+
+/// A method's result for one scene, with the inputs that it was computed from.
+#[derive(Debug)]
+pub(crate) struct Entry {
+    pub(crate) refined: Refined,
+    pub(crate) record: Record,
+}
+
+/// The record beside the maps.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Record {
+    /// Everything that the maps depend on.
+    pub(crate) made_from: Value,
+    /// Wall time, seconds.
+    pub(crate) seconds: f64,
+    /// The method's report of its run.
+    pub(crate) report: Value,
+    /// CRC-32 of the files of the maps, by name.
+    #[serde(default)]
+    pub(crate) checksums: BTreeMap<String, u32>,
+}
+
+/// Outcome of [`Store::find`].
+#[derive(Debug)]
+pub(crate) enum Found {
+    Nothing,
+    /// Computed from other inputs; the text names the first difference.
+    Stale(String),
+    Done(Box<Entry>),
+}
+
+impl Store {
+    /// Opens the evaluation of `basis` in `root`, or starts it; `force` discards an earlier one.
+    pub(crate) fn open(root: &Path, basis: &Value, force: bool) -> Result<Self> {
+        Self::opened(root, basis, force, false)
+    }
+
+    /// The same for a shard, beside which others write into the folder.
+    pub(crate) fn open_shared(root: &Path, basis: &Value) -> Result<Self> {
+        Self::opened(root, basis, false, true)
+    }
+
+    fn opened(root: &Path, basis: &Value, force: bool, shared: bool) -> Result<Self> {
+        let shown = root.display();
+        let path = root.join(BASIS);
+        if root.exists() {
+            ensure!(root.is_dir(), "{shown}: exists and is not a folder; give another name to -o");
+            // A run that was killed as it started leaves no more than an unfinished file or its lock.
+            let mut empty = true;
+            for entry in fs::read_dir(root).with_context(|| shown.to_string())? {
+                let entry = entry.with_context(|| shown.to_string())?;
+                empty &= is_temporary(&entry);
+            }
+            ensure!(
+                empty || path.is_file(),
+                "{shown}: not empty and without the {BASIS} of an evaluation; give another name to -o"
+            );
+        }
+        let new = !root.exists();
+        fs::create_dir_all(root)
+            .with_context(|| format!("{shown}: can't make this folder; give another name to -o"))?;
+        let lock = if shared { None } else { Lock::take(root)? };
+        let store = Self { root: root.to_owned(), shared, _lock: lock };
+        let opened = store.start(basis, force);
+        if opened.is_err() && new && !shared {
+            store.discard_if_empty();
+        }
+        opened.map(|()| store)
+    }
+
+    fn start(&self, basis: &Value, force: bool) -> Result<()> {
+        let root = &self.root;
+        let shown = root.display();
+        let path = root.join(BASIS);
+        if path.is_file() && force {
+            fs::remove_dir_all(root.join("scenes"))
+                .or_else(|e| if e.kind() == std::io::ErrorKind::NotFound { Ok(()) } else { Err(e) })
+                .with_context(|| shown.to_string())?;
+            fs::remove_file(&path).with_context(|| path.display().to_string())?;
+        }
+        if path.is_file() {
+            let text = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+            let old: Value = serde_json::from_str(&text)
+                .with_context(|| format!("{}: broken; give --force to start over", path.display()))?;
+            if let Some(change) = difference(&old, basis) {
+                anyhow::bail!(
+                    "{shown}: contains another evaluation ({change}); give another name to -o, or --force \
+                     to start over"
+                );
+            }
+        } else {
+            write_json(&path, basis)?;
+        }
+        if !self.shared {
+            self.sweep();
+        }
+        Ok(())
+    }
+
+    /// What the evaluation in a folder was started with.
+    pub(crate) fn basis(root: &Path) -> Result<Value> {
+        let path = root.join(BASIS);
+        let shown = path.display();
+        let text =
+            fs::read_to_string(&path).with_context(|| format!("{shown}: can't be read; check the path"))?;
+        serde_json::from_str(&text).with_context(|| format!("{shown}: broken; run the shard again"))
+    }
+
+    pub(crate) fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Removes the folder if it has no results, after a run that failed before its first map.
+    pub(crate) fn discard_if_empty(&self) {
+        if self.shared {
+            return;
+        }
+        let names = || fs::read_dir(&self.root).into_iter().flatten().flatten();
+        if names().all(|entry| entry.file_name() == BASIS || entry.file_name() == lock::FILE) {
+            let _ = fs::remove_file(self.root.join(BASIS));
+            let _ = fs::remove_file(self.root.join(lock::FILE));
+            let _ = fs::remove_dir(&self.root);
+        }
+    }
+
+    /// Removes the unfinished files and folders of interrupted runs.
+    fn sweep(&self) {
+        let inside = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten();
+        let scenes = self.root.join("scenes");
+        let kept = |scene: fs::DirEntry| {
+            let methods = inside(&scene.path()).flat_map(|method| inside(&method.path()));
+            inside(&scene.path()).chain(methods).collect::<Vec<_>>()
+        };
+        let all = inside(&self.root).chain(inside(&scenes).flat_map(kept));
+        for entry in all.filter(|entry| is_temporary(entry) && entry.file_name() != lock::FILE) {
+            let path = entry.path();
+            let _ = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+        }
+    }
+
+    pub(crate) fn scene(&self, scene: &str) -> PathBuf {
+        self.root.join("scenes").join(file_name(scene))
+    }
+
+    fn folder(&self, scene: &str, method: &str) -> PathBuf {
+        self.scene(scene).join(file_name(method))
+    }
+
+    /// The stored result of a method, if it was computed from `made_from`.
+    pub(crate) fn find(&self, scene: &str, method: &str, made_from: &Value) -> Result<Found> {
+        let folder = self.folder(scene, method);
+        let path = folder.join(RECORD);
+        if !path.is_file() {
+            return Ok(Found::Nothing);
+        }
+        let text = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+        let Ok(record) = serde_json::from_str::<Record>(&text) else {
+            return Ok(Found::Stale(format!("{} is broken", path.display())));
+        };
+        if let Some(change) = difference(&record.made_from, made_from) {
+            return Ok(Found::Stale(change));
+        }
+        let map = |name: &str| -> Result<Array2<f32>, String> {
+            let path = folder.join(name);
+            let bytes = fs::read(&path).map_err(|e| format!("{} can't be read: {e}", path.display()))?;
+            if record.checksums.get(name).is_some_and(|sum| *sum != crc32fast::hash(&bytes)) {
+                return Err(format!("{} is not as it was written", path.display()));
+            }
+            // Read as plain values, since a sigma of zeros alone is valid.
+            decode(Format::Npy, &bytes, &ReadOptions::default())
+                .map_err(|e| format!("{}: {e}", path.display()))
+        };
+        let with_sigma = record.checksums.contains_key(SIGMA) || folder.join(SIGMA).is_file();
+        let maps = map(DEPTH).and_then(|depth| Ok((depth, with_sigma.then(|| map(SIGMA)).transpose()?)));
+        Ok(match maps {
+            Ok((depth, sigma)) => {
+                let refined = Refined { depth, sigma, report: record.report.clone() };
+                Found::Done(Box::new(Entry { refined, record }))
+            }
+            Err(fault) => Found::Stale(fault),
+        })
+    }
+
+    /// The stored scores of a method, if they can be read.
+    pub(crate) fn scores<T: DeserializeOwned>(&self, scene: &str, method: &str) -> Option<T> {
+        let text = fs::read_to_string(self.folder(scene, method).join(SCORES)).ok()?;
+        serde_json::from_str(&text).ok()
+    }
+
+    /// Stores a method's scores beside its maps; they are removed with the maps.
+    pub(crate) fn keep_scores(&self, scene: &str, method: &str, scores: &impl Serialize) -> Result<()> {
+        write_json(&self.folder(scene, method).join(SCORES), scores)
+    }
+
+    /// Stores a reduced image of the scene, `[height, width, 3]`, unless there is one.
+    pub(crate) fn keep_picture(&self, scene: &str, image: ArrayView3<'_, f32>) -> Result<()> {
+        let path = self.scene(scene).join(PICTURE);
+        if path.is_file() {
+            return Ok(());
+        }
+        let (height, width, _) = image.dim();
+        let scale = (PICTURE_SIDE as f64 / width.max(height) as f64).min(1.0);
+        let side = |pixels: usize| ((pixels as f64 * scale).round() as usize).max(1);
+        Ok(write_image(path, resized(image, side(width), side(height)).view())?)
+    }
+
+    /// Stores a method's result, in place of an older one.
+    pub(crate) fn keep(&self, scene: &str, method: &str, entry: &Entry) -> Result<()> {
+        let parent = self.scene(scene);
+        fs::create_dir_all(&parent)
+            .with_context(|| format!("{}: can't make this folder", parent.display()))?;
+        let temporary = crate::program::store::folder::temporary_folder(&parent)?;
+        let mut record = entry.record.clone();
+        let maps = [(DEPTH, Some(&entry.refined.depth)), (SIGMA, entry.refined.sigma.as_ref())];
+        for (name, map) in maps.iter().filter_map(|(name, map)| Some((*name, (*map)?))) {
+            let path = temporary.path().join(name);
+            write_npy(&path, map.view())?;
+            let bytes = fs::read(&path).with_context(|| path.display().to_string())?;
+            record.checksums.insert(name.to_owned(), crc32fast::hash(&bytes));
+        }
+        write_json(&temporary.path().join(RECORD), &record)?;
+        let folder = self.folder(scene, method);
+        let fault = || format!("{}: can't put the maps there", folder.display());
+        // The old result is renamed away, so that no half-deleted folder passes for a whole one.
+        let old = crate::program::store::folder::temporary_folder(&parent)?;
+        if folder.exists() {
+            fs::rename(&folder, old.path().join("old")).with_context(fault)?;
+        }
+        fs::rename(temporary.path(), &folder).with_context(fault)?;
+        let _ = temporary.keep();
+        Ok(())
+    }
+}
+
+/// The first place where two JSON values differ, as `key.key: old -> new`.
+fn difference(old: &Value, new: &Value) -> Option<String> {
+    match (old, new) {
+        (Value::Object(old), Value::Object(new)) => {
+            let keys = old.keys().chain(new.keys().filter(|key| !old.contains_key(*key)));
+            keys.into_iter().find_map(|key| {
+                let [before, after] = [old, new].map(|map| map.get(key).unwrap_or(&Value::Null));
+                let change = difference(before, after)?;
+                Some(if change.starts_with(": ") {
+                    format!("{key}{change}")
+                } else {
+                    format!("{key}.{change}")
+                })
+            })
+        }
+        (old, new) if old == new => None,
+        (old, new) => Some(format!(": {old} -> {new}")),
+    }
+}
+
+/// A file name that every file system accepts; different texts have different names.
+pub(crate) fn file_name(text: &str) -> String {
+    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
+    let mut name = String::new();
+    for (index, byte) in text.bytes().enumerate() {
+        if plain(byte) && !(index == 0 && byte == b'.') {
+            name.push(char::from(byte));
+        } else if byte == b'/' {
+            name.push('+');
+        } else {
+            name.push_str(&format!("%{byte:02x}"));
+        }
+    }
+    if name.len() > LONGEST_NAME {
+        // Ends in the checksum of the whole text.
+        name.truncate(LONGEST_NAME - 9);
+        name += &format!("~{:08x}", crc32fast::hash(text.as_bytes()));
+    }
+    name
+}
+
+fn is_temporary(entry: &fs::DirEntry) -> bool {
+    entry.file_name().to_string_lossy().starts_with(TEMPORARY)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn entry(made_from: Value) -> Entry {
+        let depth = Array2::from_elem((3, 4), 2.0);
+        let refined = Refined { sigma: Some(&depth * 0.1), ..Refined::from(depth) };
+        Entry {
+            refined,
+            record: Record {
+                made_from,
+                seconds: 1.5,
+                report: json!({ "a": 1.0 }),
+                checksums: BTreeMap::new(),
+            },
+        }
+    }
+
+    #[test]
+    fn a_stored_result_is_found_and_one_of_other_inputs_is_stale() {
+        let place = tempfile::tempdir().unwrap();
+        let store = Store::open(&place.path().join("e"), &json!({ "size": "native" }), false).unwrap();
+        let made_from = json!({ "config": { "seed": 1 } });
+        assert!(matches!(store.find("a/b", "paper", &made_from).unwrap(), Found::Nothing));
+        store.keep("a/b", "paper", &entry(made_from.clone())).unwrap();
+        let Found::Done(found) = store.find("a/b", "paper", &made_from).unwrap() else { panic!() };
+        assert_eq!(found.refined.depth, entry(Value::Null).refined.depth);
+        assert_eq!(found.refined.sigma, entry(Value::Null).refined.sigma);
+        assert_eq!((found.record.seconds, found.record.report), (1.5, json!({ "a": 1.0 })));
+        let exact = Entry {
+            refined: Refined { sigma: Some(Array2::zeros((3, 4))), ..entry(Value::Null).refined },
+            ..entry(made_from.clone())
+        };
+        store.keep("a/b", "exact", &exact).unwrap();
+        let Found::Done(found) = store.find("a/b", "exact", &made_from).unwrap() else { panic!() };
+        assert_eq!(found.refined.sigma, exact.refined.sigma);
+        let other = json!({ "config": { "seed": 2 } });
+        let Found::Stale(change) = store.find("a/b", "paper", &other).unwrap() else { panic!() };
+        assert_eq!(change, "config.seed: 1 -> 2");
+    }
+
+    #[test]
+    fn another_evaluation_is_refused_and_force_starts_over() {
+        let place = tempfile::tempdir().unwrap();
+        let root = place.path().join("e");
+        let store = Store::open(&root, &json!({ "size": "native" }), false).unwrap();
+        store.keep("a", "paper", &entry(Value::Null)).unwrap();
+        drop(store);
+        let other = json!({ "size": [640, 480] });
+        let refused = Store::open(&root, &other, false).unwrap_err().to_string();
+        assert!(refused.contains("size: \"native\" -> [640,480]"), "{refused}");
+        let store = Store::open(&root, &other, true).unwrap();
+        assert!(matches!(store.find("a", "paper", &Value::Null).unwrap(), Found::Nothing));
+        fs::write(place.path().join("x"), "").unwrap();
+        assert!(Store::open(place.path(), &other, true).is_err());
+    }
+
+    /// As after a kill at any moment: before the first file is in place, and beside finished results.
+    #[test]
+    fn unfinished_files_stop_no_run_and_are_removed() {
+        let place = tempfile::tempdir().unwrap();
+        let root = place.path().join("e");
+        fs::create_dir(&root).unwrap();
+        fs::write(root.join(".mde-AbCdEf"), "{ \"si").unwrap();
+        let basis = json!({ "size": "native" });
+        let store = Store::open(&root, &basis, false).unwrap();
+        assert!(!root.join(".mde-AbCdEf").exists());
+        store.keep("a", "paper", &entry(Value::Null)).unwrap();
+        let left =
+            ["scenes/a/paper/.mde-scores", "scenes/a/.mde-picture", ".mde-table"].map(|name| root.join(name));
+        left.iter().for_each(|path| fs::write(path, "x").unwrap());
+        fs::create_dir(root.join("scenes/a/.mde-folder")).unwrap();
+        drop(store);
+        let store = Store::open(&root, &basis, false).unwrap();
+        assert!(left.iter().all(|path| !path.exists()) && !root.join("scenes/a/.mde-folder").exists());
+        assert!(matches!(store.find("a", "paper", &Value::Null).unwrap(), Found::Done(_)));
+        // Someone else's file is not ours to remove.
+        fs::write(place.path().join("x"), "").unwrap();
+        assert!(Store::open(place.path(), &basis, false).is_err());
+    }
+
+    #[test]
+    fn every_name_has_a_file_name_of_its_own() {
+        let long = ["室".repeat(60), "室".repeat(61), "a".repeat(300), "a".repeat(301)];
+        let names = ["a/b", "a+b", "a b", ".", "..", "a%2fb", "zoom+jbf", "ä"].into_iter();
+        let names: Vec<_> = names.chain(long.iter().map(String::as_str)).map(file_name).collect();
+        assert!(names.iter().all(|name| name.len() <= LONGEST_NAME));
+        let distinct: std::collections::BTreeSet<_> = names.iter().collect();
+        assert_eq!(distinct.len(), names.len());
+        assert!(names.iter().all(|name| !name.contains('/') && !name.starts_with('.')), "{names:?}");
+    }
+}

@@ -1,0 +1,307 @@
+//! The index of many photographs: `index.json`, `index.csv` and `index.html`, or a shard's part of them.
+
+use crate::program::many::item::{Item, THUMBNAIL};
+use crate::program::many::shard::Shard;
+use crate::program::provenance::{command_line, write_json};
+use crate::output::record::versions;
+use crate::program::report::photographs_page;
+use anyhow::{Context, Result, ensure};
+use mde_eval::table::inert;
+use serde::{Deserialize, Serialize};
+use std::fs;
+use std::path::Path;
+
+pub(crate) const RECORD: &str = "index.json";
+pub(crate) const PAGE: &str = "index.html";
+pub(crate) const TABLE: &str = "index.csv";
+/// Names that no photograph's folder gets.
+pub(crate) const RESERVED: [&str; 3] = [RECORD, PAGE, TABLE];
+/// Who writes the folder.
+const PROGRAM: &str = "mde refine PHOTOS";
+
+/// One photograph.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub(crate) struct Row {
+    pub(crate) photograph: String,
+    pub(crate) folder: String,
+    /// Why it failed.
+    pub(crate) error: Option<String>,
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    /// Horizontal focal length, pixels.
+    pub(crate) fx: Option<f64>,
+    /// Where the camera comes from.
+    pub(crate) camera: String,
+    pub(crate) seconds: f64,
+    /// Unit of the depth.
+    pub(crate) unit: String,
+    /// Factor of `--same-scale`.
+    pub(crate) same_scale: Option<f64>,
+    /// Standard deviation of its logarithm.
+    pub(crate) same_scale_sigma: Option<f64>,
+    /// Photographs that share a scale have the same number.
+    pub(crate) same_scale_group: Option<usize>,
+    pub(crate) median_depth: Option<f64>,
+    /// Median of sigma / depth.
+    pub(crate) sigma: Option<f64>,
+    /// 90 % quantile of sigma / depth.
+    pub(crate) sigma_90: Option<f64>,
+    /// Pixels without depth.
+    pub(crate) missing: usize,
+    pub(crate) warnings: Vec<String>,
+    /// Among the photographs of all shards; a shard has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) position: Option<usize>,
+    /// Whether an earlier run finished it.
+    #[serde(skip)]
+    pub(crate) kept: bool,
+}
+
+impl Row {
+    pub(super) fn failed(item: &Item, reason: &str) -> Self {
+        let (photograph, folder) = (item.path.display().to_string(), item.folder.clone());
+        Self { photograph, folder, error: Some(reason.to_owned()), ..Self::default() }
+    }
+
+    pub(super) fn fault(item: &Item, fault: &str) -> Self {
+        Self::failed(item, &format!("a fault of the program, please report it: {fault}"))
+    }
+
+    pub(crate) fn status(&self) -> &'static str {
+        if self.error.is_some() { "failed" } else { "done" }
+    }
+
+    /// A few words for a line.
+    pub(super) fn outcome(&self) -> String {
+        match (&self.error, self.kept) {
+            (Some(error), _) => format!("failed: {error}"),
+            (None, true) => "finished before".to_owned(),
+            (None, false) => format!("{:.1} s", self.seconds),
+        }
+    }
+}
+
+/// The index of a folder, or of a shard of it.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Index {
+    program: String,
+    versions: std::collections::BTreeMap<String, String>,
+    command_line: String,
+    pub(crate) shard: Option<Shard>,
+    /// Photographs of all shards.
+    pub(crate) all: usize,
+    /// Identifies the names of all shards' photographs.
+    pub(crate) set: String,
+    /// Identifies the settings.
+    pub(crate) settings: String,
+    /// Whether all of its photographs have been tried.
+    pub(crate) complete: bool,
+    #[serde(rename = "photographs")]
+    pub(crate) rows: Vec<Row>,
+}
+
+/// Identifies settings.
+pub(crate) fn identity_of(settings: &str) -> String {
+    format!("{:08x}", crc32fast::hash(settings.as_bytes()))
+}
+
+/// Identifies a set of names.
+pub(crate) fn set_of(names: &[String]) -> String {
+    let mut sorted: Vec<&String> = names.iter().collect();
+    sorted.sort();
+    let mut hasher = crc32fast::Hasher::new();
+    sorted.iter().for_each(|name| {
+        hasher.update(name.as_bytes());
+        hasher.update(b"\n");
+    });
+    format!("{:08x}", hasher.finalize())
+}
+
+/// Refuses a folder with other things in it than the program's.
+pub(super) fn check_folder(folder: &Path) -> Result<()> {
+    let shown = folder.display();
+    if !folder.exists() {
+        return Ok(());
+    }
+    ensure!(folder.is_dir(), "{shown}: exists and is not a folder; give another name to -o");
+    let mut empty = true;
+    for entry in fs::read_dir(folder).with_context(|| shown.to_string())? {
+        let name = entry.with_context(|| shown.to_string())?.file_name();
+        let name = name.to_string_lossy();
+        if is_record(&name) && Index::read(&folder.join(&*name)).is_ok() {
+            return Ok(());
+        }
+        empty &= name.starts_with(".mde-");
+    }
+    ensure!(
+        empty,
+        "{shown}: holds no {RECORD} of an earlier run on many photographs; give another name to -o"
+    );
+    Ok(())
+}
+
+/// Whether a file of this name is an index, or a shard's.
+pub(super) fn is_record(name: &str) -> bool {
+    name == RECORD || (name.starts_with("shard-") && name.ends_with(".json"))
+}
+
+impl Index {
+    pub(super) fn new(shard: Option<Shard>, all: usize, set: String, settings: &str) -> Self {
+        Self {
+            program: PROGRAM.to_owned(),
+            versions: versions()
+                .into_iter()
+                .map(|(name, version)| (name.to_owned(), version.to_owned()))
+                .collect(),
+            command_line: command_line(),
+            shard,
+            all,
+            set,
+            settings: identity_of(settings),
+            complete: false,
+            rows: Vec::new(),
+        }
+    }
+
+    pub(super) fn read(path: &Path) -> Result<Self> {
+        let shown = path.display();
+        let text = fs::read_to_string(path).with_context(|| format!("{shown}: can't be read"))?;
+        let read: Self =
+            serde_json::from_str(&text).with_context(|| format!("{shown}: is no index of mde refine"))?;
+        ensure!(read.program == PROGRAM, "{shown}: is no index of mde refine");
+        Ok(read)
+    }
+
+    /// The index of all shards.
+    pub(super) fn whole(self, rows: Vec<Row>) -> Self {
+        Self { shard: None, command_line: command_line(), rows, ..self }
+    }
+
+    fn name(&self) -> String {
+        match self.shard {
+            None => RECORD.to_owned(),
+            Some(Shard { index, count }) => format!("shard-{index}-of-{count}.json"),
+        }
+    }
+
+    /// Marks the folder as the program's. An earlier index of all photographs stays; a shard's is not complete until its end.
+    pub(super) fn mark(&self, folder: &Path) -> Result<()> {
+        let path = folder.join(self.name());
+        let stays = Self::read(&path).is_ok_and(|earlier| self.shard.is_none() || !earlier.complete);
+        if stays { Ok(()) } else { write_json(&path, self) }
+    }
+
+    /// Writes the index of all photographs; for a shard no more than its rows.
+    pub(super) fn write(&mut self, folder: &Path) -> Result<()> {
+        self.complete = true;
+        self.write_so_far(folder)
+    }
+
+    /// The same for the photographs that have been tried. Each file appears whole.
+    pub(super) fn write_so_far(&self, folder: &Path) -> Result<()> {
+        if self.shard.is_none() {
+            mde_prior::write_atomic(&folder.join(TABLE), &csv(&self.rows)?)?;
+            let page = photographs_page(&self.rows, self.all, THUMBNAIL, &[TABLE, RECORD]);
+            mde_prior::write_atomic(&folder.join(PAGE), page.as_bytes())?;
+        }
+        write_json(&folder.join(self.name()), self)
+    }
+}
+
+const COLUMNS: [&str; 18] = [
+    "photograph",
+    "folder",
+    "status",
+    "error",
+    "width",
+    "height",
+    "fx",
+    "camera",
+    "seconds",
+    "unit",
+    "median_depth",
+    "sigma_over_depth_median",
+    "sigma_over_depth_90",
+    "missing_pixels",
+    "warnings",
+    "same_scale",
+    "same_scale_sigma",
+    "same_scale_group",
+];
+
+fn csv(rows: &[Row]) -> Result<Vec<u8>> {
+    let mut table = csv::Writer::from_writer(Vec::new());
+    table.write_record(COLUMNS)?;
+    let number = |value: Option<f64>| value.map(|v| format!("{v:.6}")).unwrap_or_default();
+    for row in rows {
+        table.write_record([
+            inert(&row.photograph),
+            inert(&row.folder),
+            row.status().to_owned(),
+            inert(row.error.as_deref().unwrap_or_default()),
+            row.width.to_string(),
+            row.height.to_string(),
+            number(row.fx),
+            row.camera.clone(),
+            format!("{:.3}", row.seconds),
+            row.unit.clone(),
+            number(row.median_depth),
+            number(row.sigma),
+            number(row.sigma_90),
+            row.missing.to_string(),
+            row.warnings.len().to_string(),
+            number(row.same_scale),
+            number(row.same_scale_sigma),
+            row.same_scale_group.map(|group| group.to_string()).unwrap_or_default(),
+        ])?;
+    }
+    Ok(table.into_inner()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_of_others_is_refused_and_one_of_the_programs_is_taken() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("out");
+        check_folder(&folder).unwrap();
+        fs::create_dir(&folder).unwrap();
+        fs::write(folder.join(".mde-AbCdEf"), "").unwrap();
+        check_folder(&folder).unwrap();
+        fs::write(folder.join("thesis.txt"), "years").unwrap();
+        assert!(check_folder(&folder).unwrap_err().to_string().contains("another name to -o"));
+        fs::write(folder.join(RECORD), "{}").unwrap();
+        assert!(check_folder(&folder).is_err());
+        let mut index = Index::new(None, 1, set_of(&["a".to_owned()]), "settings");
+        index.write(&folder).unwrap();
+        check_folder(&folder).unwrap();
+        assert_eq!(Index::read(&folder.join(RECORD)).unwrap(), index);
+    }
+
+    #[test]
+    fn the_table_quotes_what_needs_it() {
+        let failed = Row {
+            photograph: "a,\"b\".jpg".to_owned(),
+            error: Some("no\nphotograph".to_owned()),
+            ..Row::default()
+        };
+        let formula = Row { photograph: "=cmd.png".to_owned(), folder: "-1".to_owned(), ..Row::default() };
+        let done = Row { median_depth: Some(2.5), sigma: Some(0.125), ..Row::default() };
+        let table = String::from_utf8(csv(&[failed, done, formula]).unwrap()).unwrap();
+        let mut read = csv::Reader::from_reader(table.as_bytes());
+        let rows: Vec<csv::StringRecord> = read.records().map(Result::unwrap).collect();
+        assert_eq!((&rows[0][0], &rows[0][2], &rows[0][3]), ("a,\"b\".jpg", "failed", "no\nphotograph"));
+        assert_eq!((&rows[1][2], &rows[1][10], &rows[1][11]), ("done", "2.500000", "0.125000"));
+        assert_eq!((&rows[2][0], &rows[2][1]), ("'=cmd.png", "'-1"));
+    }
+
+    #[test]
+    fn a_set_of_names_has_no_order() {
+        let names = |names: [&str; 2]| set_of(&names.map(str::to_owned));
+        assert_eq!(names(["a", "b"]), names(["b", "a"]));
+        assert_ne!(names(["a", "b"]), names(["a", "c"]));
+    }
+}

@@ -1,0 +1,269 @@
+//! Many photographs, each refined alone into a folder of its own, side by side as far as the memory goes.
+//!
+//! A folder appears whole, by a rename, with its marker (`finished.json`) in it. A run that finds a marker of the same inputs and settings
+//! keeps the folder. The index is written from the markers' rows, every few seconds and at the end.
+
+mod allowance;
+mod index;
+mod item;
+pub(crate) mod merge;
+mod same_scale;
+pub(crate) mod shard;
+
+pub(crate) use index::{Row, set_of};
+pub(crate) use shard::Shard;
+
+use crate::program::args::RefineArgs;
+use crate::program::store::lock::Lock;
+use crate::program::evaluation::results::Partial;
+use crate::program::open::opened::{settings, use_threads};
+use crate::program::open::photographs;
+use crate::program::open::prior::NamedPrior;
+use crate::program::open::size::limit;
+use crate::program::store::folder::{check_place, remove_unfinished};
+use crate::program::many::allowance::Allowance;
+use crate::program::many::index::Index;
+use crate::program::many::item::{Common, Item, settings_of};
+use crate::program::summary::intervals;
+use crate::program::interrupt;
+use crate::program::progress::Progress;
+use anyhow::{Context, Result, bail, ensure};
+use crate::config::Preset;
+use crate::output::names::folders;
+use std::collections::BTreeMap;
+use std::fs;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Refines all photographs that the arguments name.
+pub(crate) fn run(args: &RefineArgs) -> Result<()> {
+    let mut progress = Progress::new(&args.run);
+    use_threads(&args.run)?;
+    check_arguments(args)?;
+    let Some(output) = &args.run.output else {
+        bail!("-o: give a folder for the results of several photographs")
+    };
+    let paths = photographs::all(&args.photographs())?;
+    let names = folders(paths.iter().map(|path| &**path), &index::RESERVED);
+    let set = set_of(&identities(&paths, &names));
+    let item = |(position, (path, folder))| Item { path, folder, position, same_scale: None };
+    let mut items: Vec<Item> = paths.into_iter().zip(names).enumerate().map(item).collect();
+    let whole = items.len();
+    let (preset, config) = settings(&args.settings, Preset::Default)?;
+    check_place("-o", output)?;
+    index::check_folder(output)?;
+    let prior = NamedPrior::open(&args.prior)?;
+    let common = Common {
+        args,
+        output,
+        error_bar: args.error_bar.open()?,
+        allowance: Allowance::new(limit(&args.size.memory).bytes()),
+        preset,
+        settings: settings_of(args, preset, &config, &prior)?,
+        config,
+        prior: &prior,
+    };
+
+    fs::create_dir_all(output).with_context(|| format!("{}: can't make this folder", output.display()))?;
+    let _lock = match args.several.shard {
+        None => {
+            let lock = Lock::take(output)?;
+            remove_unfinished(output);
+            lock
+        }
+        Some(_) => None,
+    };
+    let found = Index::new(args.several.shard, whole, set, &common.settings);
+    found.mark(output)?;
+    if args.several.same_scale {
+        // Of all photographs, so that a shard has the same factors.
+        let factors = same_scale::same_scale(&common, &items, &mut progress)?;
+        items.iter_mut().zip(factors).for_each(|(item, factor)| item.same_scale = Some(factor));
+    }
+    if let Some(shard) = &args.several.shard {
+        items.retain(|item| shard.has(&item.folder));
+    }
+    let (next, start) = (AtomicUsize::new(0), Instant::now());
+    let state = Mutex::new(State {
+        progress: &mut progress,
+        rows: BTreeMap::new(),
+        refined: 0,
+        index: found,
+        output,
+        due: None,
+    });
+    // One more than processors: while one is decoded or written, the others keep the processors busy.
+    let workers = (rayon::current_num_threads() + 1).min(items.len());
+    let work = || {
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(item) = items.get(index).filter(|_| !interrupt::requested()) else { break };
+            let made = catch_unwind(AssertUnwindSafe(|| common.one(item)))
+                .unwrap_or_else(|_| Row::fault(item, &crate::program::fault()));
+            let made = Row { position: args.several.shard.map(|_| item.position), ..made };
+            state.lock().unwrap_or_else(PoisonError::into_inner).add(index, made, items.len(), start);
+        }
+    };
+    on_threads(workers, &work);
+    let mut state = state.into_inner().unwrap_or_else(PoisonError::into_inner);
+    if interrupt::requested() {
+        state.save();
+        bail!(crate::error::Error::Interrupted);
+    }
+    let State { rows, index: mut found, .. } = state;
+    found.rows = rows.into_values().collect();
+    found.write(output)?;
+    warnings(&found.rows, &mut progress);
+    finish(&found, output, &intervals(&common.error_bar), start.elapsed().as_secs_f64(), &mut progress)
+}
+
+/// What identifies each photograph among all, on any machine: its folder, and its path from the folder that all are in.
+fn identities(paths: &[PathBuf], folders: &[String]) -> Vec<String> {
+    let parents = paths.iter().map(|path| path.parent().unwrap_or(Path::new("")));
+    let shared = parents.reduce(|shared, parent| {
+        shared.ancestors().find(|place| parent.starts_with(place)).unwrap_or(Path::new(""))
+    });
+    let shared = shared.unwrap_or(Path::new(""));
+    let identity = |(path, folder): (&PathBuf, &String)| {
+        let rest = path.strip_prefix(shared).unwrap_or(path);
+        format!("{folder}\0{}", rest.display())
+    };
+    paths.iter().zip(folders).map(identity).collect()
+}
+
+/// Runs `work` on so many threads of its own, and waits for all.
+fn on_threads(count: usize, work: &(impl Fn() + Sync)) {
+    std::thread::scope(|scope| {
+        let spawn = |_| std::thread::Builder::new().spawn_scoped(scope, work).is_ok();
+        // A system without threads has this one.
+        if (0..count).filter(|worker| spawn(*worker)).count() == 0 {
+            work();
+        }
+    });
+}
+
+/// Least time between two indices of a run.
+const INDEX_SECONDS: Duration = Duration::from_secs(5);
+/// The same, over the time that the last one took: with so many photographs that it takes long.
+const INDEX_SHARE: u32 = 50;
+
+struct State<'p> {
+    progress: &'p mut Progress,
+    /// By the index of the photograph.
+    rows: BTreeMap<usize, Row>,
+    /// Photographs that were not finished before.
+    refined: usize,
+    /// What a killed run leaves.
+    index: Index,
+    output: &'p Path,
+    /// When it is written next; at the first photograph.
+    due: Option<Instant>,
+}
+
+impl State<'_> {
+    fn add(&mut self, index: usize, row: Row, all: usize, start: Instant) {
+        if interrupt::requested() && row.error.is_some() {
+            return;
+        }
+        self.refined += usize::from(!row.kept);
+        let text = format!("{}: {}", row.photograph, row.outcome());
+        let value = serde_json::json!({ "event": "photograph", "photograph": row.photograph, "folder": row.folder,
+            "status": row.status(), "kept": row.kept, "error": row.error, "photograph_seconds": row.seconds });
+        self.rows.insert(index, row);
+        let done = self.rows.len();
+        let each = start.elapsed().as_secs_f64() / self.refined.max(1) as f64;
+        let left = (done < all && self.refined > 0).then(|| each * (all - done) as f64);
+        self.progress.piece(done, all, &text, left, value);
+        if done < all && self.due.is_none_or(|due| due <= Instant::now()) {
+            self.save();
+        }
+    }
+
+    /// Writes the index of the photographs so far.
+    fn save(&mut self) {
+        let start = Instant::now();
+        self.index.rows = self.rows.values().cloned().collect();
+        // What prevents it prevents the last one too, which names it.
+        let _ = self.index.write_so_far(self.output);
+        self.due = Some(Instant::now() + INDEX_SECONDS.max(INDEX_SHARE * start.elapsed()));
+    }
+}
+
+/// What a single photograph alone can have is refused.
+fn check_arguments(args: &RefineArgs) -> Result<()> {
+    let several = "one photograph at a time";
+    ensure!(args.several.views.is_empty(), "--views: refines {several}; give one, or leave --views out");
+    ensure!(
+        args.prior.source.prior_depth.is_none(),
+        "{}: more than one photograph, and --prior-depth is the map of one; give a file, not a folder or a list, or --prior-model",
+        args.photographs().iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(" ")
+    );
+    ensure!(args.truth.gt.is_none(), "--gt: is the truth of one photograph; score a folder with mde eval");
+    ensure!(args.scale_from.is_none(), "--scale-from: has the depths of one photograph; refine it alone");
+    ensure!(args.export.rerun.is_none(), "--rerun: records {several}; leave it out");
+    ensure!(
+        args.settings.budget.is_none(),
+        "--budget: depends on the clock, so that a run could not be continued; give --predictions"
+    );
+    Ok(())
+}
+
+/// Each different warning once, with the number of photographs that had it.
+fn warnings(rows: &[Row], progress: &mut Progress) {
+    let mut counted: BTreeMap<&str, usize> = BTreeMap::new();
+    for warning in rows.iter().flat_map(|row| &row.warnings) {
+        *counted.entry(warning).or_default() += 1;
+    }
+    for (warning, count) in counted {
+        progress.warn(format!("{count} of {} photographs: {warning}", rows.len()));
+    }
+}
+
+/// Tells what was made; `more` is a line before that of the folder, or empty.
+fn finish(index: &Index, output: &Path, more: &str, seconds: f64, progress: &mut Progress) -> Result<()> {
+    let rows = &index.rows;
+    let failed: Vec<&Row> = rows.iter().filter(|row| row.error.is_some()).collect();
+    let kept = rows.iter().filter(|row| row.kept).count();
+    let page = match index.shard {
+        None => format!("open {} in a browser", output.join(index::PAGE).display()),
+        Some(_) => format!("mde merge {} joins the shards", output.display()),
+    };
+    let text = format!(
+        "{} photographs: {} refined, {kept} finished before, {} failed\n{more}wrote {} in {seconds:.1} s; {page}",
+        rows.len(),
+        rows.len() - kept - failed.len(),
+        failed.len(),
+        output.display()
+    );
+    let value =
+        serde_json::json!({ "event": "done", "output": output.display().to_string(), "photographs": rows });
+    progress.result(&text, value);
+    match failed.first() {
+        None => Ok(()),
+        Some(row) => Err(Partial {
+            failed: failed.len(),
+            first: format!("{}: {}", row.photograph, row.error.as_deref().unwrap_or_default()),
+            folder: output.display().to_string(),
+        }
+        .into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn photographs_are_the_same_at_another_place_but_not_in_other_folders() {
+        let set = |paths: [&str; 2], folders: [&str; 2]| {
+            set_of(&identities(&paths.map(PathBuf::from), &folders.map(str::to_owned)))
+        };
+        let one = set(["/mnt/a/x.png", "/mnt/a/y/x.png"], ["x", "x_2"]);
+        assert_eq!(one, set(["b/x.png", "b/y/x.png"], ["x", "x_2"]));
+        assert_eq!(one, set(["y/x.png", "x.png"], ["x_2", "x"]));
+        assert_ne!(one, set(["y/x.png", "x.png"], ["x", "x_2"]));
+    }
+}

@@ -1,0 +1,78 @@
+//! `mde`: refines the monocular depth of a photograph, with a standard deviation per pixel.
+
+mod args;
+mod commands;
+#[cfg(test)]
+mod documented;
+mod evaluation;
+mod input;
+mod output;
+mod report;
+mod run;
+mod terminal;
+
+use crate::program::open::photographs;
+use crate::program::interrupt;
+use clap::FromArgMatches;
+use std::io::{self, Write};
+use std::panic::{self, AssertUnwindSafe};
+use std::process::ExitCode;
+use std::sync::{Mutex, PoisonError};
+
+/// Where the last panic began, and its message.
+static PANIC: Mutex<String> = Mutex::new(String::new());
+
+/// The exit code after a fault of the program itself.
+const FAULT: u8 = 101;
+
+fn main() -> ExitCode {
+    let matches = args::command().get_matches();
+    let cli = args::Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    // Kept, not printed: a panic within a network's runtime becomes an error that names the network.
+    panic::set_hook(Box::new(|info| *fault() = info.to_string()));
+    interrupt::install();
+    let Ok(result) = panic::catch_unwind(AssertUnwindSafe(|| commands::run(&cli.command))) else {
+        print(&format!("error: a fault of the program, please report it: {}", fault()));
+        return ExitCode::from(FAULT);
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(_) if interrupt::requested() => {
+            let resumable = match &cli.command {
+                args::Command::Eval(_) | args::Command::Ablate(_) | args::Command::Calibrate(_) => true,
+                args::Command::Refine(refine) => {
+                    refine.resume || photographs::are_many(&refine.photographs())
+                }
+                _ => false,
+            };
+            print(match resumable {
+                true => "interrupted; finished work is kept, and the same command resumes it",
+                false => "interrupted; nothing was written",
+            });
+            ExitCode::from(interrupt::EXIT_CODE)
+        }
+        Err(error) => {
+            print(&format!("{} {}", console::style("error:").for_stderr().red().bold(), message(&error)));
+            if error.is::<evaluation::results::Partial>() { ExitCode::from(3) } else { ExitCode::FAILURE }
+        }
+    }
+}
+
+fn fault() -> std::sync::MutexGuard<'static, String> {
+    PANIC.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The error and its causes, without those that its text contains already.
+fn message(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |text, cause| match text.as_str() {
+        "" => cause,
+        _ if text.contains(&cause) => text,
+        _ => format!("{text}: {cause}"),
+    })
+}
+
+/// One line on stderr.
+fn print(message: &str) {
+    let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
+    let _ = writeln!(io::stderr(), "{line}");
+}

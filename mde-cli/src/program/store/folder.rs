@@ -1,0 +1,248 @@
+//! An output folder, written atomically.
+
+use crate::program::store::lock;
+use crate::program::interrupt;
+use anyhow::{Context, Result, bail, ensure};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The file that marks the folder of an earlier run.
+pub(crate) const RECORD: &str = "run.json";
+
+/// Begins the name of what is not finished.
+const PREFIX: &str = ".mde-";
+
+/// The folder of the results.
+#[derive(Debug)]
+pub(crate) struct OutputFolder {
+    target: PathBuf,
+    force: bool,
+}
+
+impl OutputFolder {
+    /// Checks that the folder can be written at the end; creates nothing.
+    pub(crate) fn new(target: &Path, force: bool) -> Result<Self> {
+        ensure!(
+            target.file_name().is_some(),
+            "{}: not the name of a new folder; give one to -o",
+            target.display()
+        );
+        check_name("-o", target)?;
+        let folder = Self { target: target.to_owned(), force };
+        folder.check_target()?;
+        check_place("-o", parent(target))?;
+        Ok(folder)
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        &self.target
+    }
+
+    fn check_target(&self) -> Result<()> {
+        let path = self.target.display();
+        let Ok(found) = fs::symlink_metadata(&self.target) else { return Ok(()) };
+        ensure!(found.is_dir(), "{path}: exists and is not a folder; give another name to -o");
+        ensure!(self.force, "{path}: the folder exists; give another name to -o, or --force to replace it");
+        let empty = fs::read_dir(&self.target).with_context(|| path.to_string())?.next().is_none();
+        ensure!(
+            empty || self.target.join(RECORD).is_file(),
+            "{path}: not replaced, as it holds no {RECORD} of an earlier run; give another name to -o"
+        );
+        Ok(())
+    }
+
+    /// Lets `fill` write into a temporary sibling, and renames that to the folder.
+    pub(crate) fn write(&self, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+        let parent = parent(&self.target);
+        fs::create_dir_all(parent)
+            .with_context(|| format!("{}: can't make this folder", parent.display()))?;
+        let temporary = temporary_folder(parent)?;
+        let _guard = interrupt::guard(temporary.path());
+        fill(temporary.path())?;
+        let held = interrupt::hold();
+        if interrupt::requested() {
+            bail!(crate::error::Error::Interrupted);
+        }
+        self.check_target()?;
+        self.put(temporary.path())?;
+        drop(held);
+        // It has another name now.
+        let _ = temporary.keep();
+        Ok(())
+    }
+
+    fn put(&self, temporary: &Path) -> Result<()> {
+        let name = || format!("{}: can't put the results there", self.target.display());
+        if !self.target.exists() {
+            return fs::rename(temporary, &self.target).with_context(name);
+        }
+        #[cfg(target_os = "linux")]
+        {
+            use rustix::fs::{CWD, RenameFlags, renameat_with};
+            // In one step, so that a run killed here leaves the old results or the new ones. Not every file system can.
+            if renameat_with(CWD, temporary, CWD, &self.target, RenameFlags::EXCHANGE).is_ok() {
+                return fs::remove_dir_all(temporary).with_context(name);
+            }
+        }
+        let old = builder().tempdir_in(parent(&self.target)).with_context(name)?;
+        let aside = old.path().join("old");
+        fs::rename(&self.target, &aside).with_context(name)?;
+        fs::rename(temporary, &self.target)
+            .inspect_err(|_| {
+                let _ = fs::rename(&aside, &self.target);
+            })
+            .with_context(name)
+    }
+}
+
+/// Checks that the file of `flag` can be written at the end; creates nothing.
+pub(crate) fn check_new_file(flag: &str, path: &Path, force: bool) -> Result<()> {
+    let name = path.display();
+    ensure!(!path.is_dir(), "{flag} {name}: is a folder; give a file's name");
+    ensure!(
+        force || !path.exists(),
+        "{flag} {name}: the file exists; give another name, or --force to replace it"
+    );
+    check_name(flag, path)?;
+    check_place(flag, parent(path))
+}
+
+/// Most bytes of a name on the usual file systems.
+const LONGEST_NAME: usize = 255;
+
+/// Checks that a folder, or its first existing ancestor, is writable.
+pub(crate) fn check_place(flag: &str, folder: &Path) -> Result<()> {
+    for path in folder.ancestors().take_while(|path| !path.exists()) {
+        check_name(flag, path)?;
+        let link = fs::symlink_metadata(path).is_ok();
+        ensure!(!link, "{}: is a link to nothing; give another place to {flag}", path.display());
+    }
+    let ancestor = folder.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
+    ensure!(ancestor.is_dir(), "{}: is not a folder; give another place to {flag}", ancestor.display());
+    tempfile::tempfile_in(ancestor).with_context(|| {
+        format!("{}: can't write there; give another place to {flag}", ancestor.display())
+    })?;
+    Ok(())
+}
+
+/// Checks that a name fits into a folder, with the ending of what is kept beside it.
+fn check_name(flag: &str, path: &Path) -> Result<()> {
+    let length = path.file_name().map_or(0, |name| name.as_encoded_bytes().len());
+    let most = LONGEST_NAME - ".resume".len();
+    ensure!(
+        length <= most,
+        "{}: the name is too long; give one of {most} bytes at most to {flag}",
+        path.display()
+    );
+    Ok(())
+}
+
+fn parent(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// A folder within `parent` that is removed unless it is kept.
+pub(crate) fn temporary_folder(parent: &Path) -> Result<tempfile::TempDir> {
+    builder().tempdir_in(parent).with_context(|| format!("{}: can't make a folder in it", parent.display()))
+}
+
+/// Removes the folders and files that killed runs left unfinished in a folder of results that no other process writes to.
+pub(crate) fn remove_unfinished(folder: &Path) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        // The lock is this process's own.
+        if name.as_encoded_bytes().starts_with(PREFIX.as_bytes()) && name != lock::FILE {
+            let _ = match entry.file_type() {
+                Ok(kind) if kind.is_dir() => fs::remove_dir_all(entry.path()),
+                _ => fs::remove_file(entry.path()),
+            };
+        }
+    }
+}
+
+/// Temporary folders are private by default; a result should have the permissions that the user's umask gives.
+fn builder() -> tempfile::Builder<'static, 'static> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(PREFIX);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o777));
+    }
+    builder
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entries(folder: &Path) -> Vec<String> {
+        let names = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+        let mut names: Vec<_> = names.collect();
+        names.sort();
+        names
+    }
+
+    fn fill(folder: &Path) -> Result<()> {
+        Ok(fs::write(folder.join(RECORD), "{}")?)
+    }
+
+    #[test]
+    fn a_folder_appears_whole_or_not_at_all() {
+        let place = tempfile::tempdir().unwrap();
+        let target = place.path().join("a/b");
+        let folder = OutputFolder::new(&target, false).unwrap();
+        assert!(entries(place.path()).is_empty());
+        let failed = folder.write(|path| {
+            fill(path)?;
+            bail!("disk full")
+        });
+        assert!(failed.is_err() && entries(&place.path().join("a")).is_empty());
+        folder.write(fill).unwrap();
+        assert_eq!(entries(&place.path().join("a")), ["b"]);
+        assert_eq!(entries(&target), [RECORD]);
+    }
+
+    #[test]
+    fn unfinished_folders_and_files_are_swept_but_not_the_lock() {
+        let place = tempfile::tempdir().unwrap();
+        fs::create_dir(place.path().join(".mde-folder")).unwrap();
+        fs::create_dir(place.path().join("photograph")).unwrap();
+        for file in [".mde-folder/depth.npy", ".mde-file", lock::FILE, "index.csv"] {
+            fs::write(place.path().join(file), "").unwrap();
+        }
+        remove_unfinished(place.path());
+        assert_eq!(entries(place.path()), [lock::FILE, "index.csv", "photograph"]);
+    }
+
+    #[test]
+    fn only_an_earlier_run_is_replaced() {
+        let place = tempfile::tempdir().unwrap();
+        let target = place.path().join("run");
+        fs::create_dir(&target).unwrap();
+        assert!(OutputFolder::new(&target, false).is_err());
+        fs::write(target.join("thesis.txt"), "years").unwrap();
+        assert!(OutputFolder::new(&target, true).is_err());
+        fs::write(target.join(RECORD), "{}").unwrap();
+        OutputFolder::new(&target, true).unwrap().write(fill).unwrap();
+        assert_eq!(entries(&target), [RECORD]);
+        assert_eq!(entries(place.path()), ["run"]);
+        assert!(OutputFolder::new(Path::new("/"), true).is_err());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_to_nothing_is_refused_before_the_work() {
+        let place = tempfile::tempdir().unwrap();
+        let link = place.path().join("link");
+        std::os::unix::fs::symlink(place.path().join("absent"), &link).unwrap();
+        for target in [link.clone(), link.join("out"), link.join("a/b")] {
+            let refused = OutputFolder::new(&target, true).unwrap_err().to_string();
+            assert!(refused.contains("link") && refused.contains("-o"), "{refused}");
+        }
+        assert!(!place.path().join("absent").exists());
+    }
+}

@@ -1,0 +1,328 @@
+//! The loop of Section III, in the order in which a photograph passes through it:
+//!
+//! | Stage | Paper | Where |
+//! |---|---|---|
+//! | prior | III.B | [`DepthPrior`], with test-time augmentation where it is configured |
+//! | warp | III.A, Eq. 1 | [`synthesise`] |
+//! | fit | III.C | [`RadianceField::fit`] |
+//! | render | III.D, Eq. 2-6 | [`RadianceField::render`], [`reproject`](mde_warp::reproject) |
+//! | fuse | III.E, Eq. 7-17 | [`Fuser`] |
+//!
+//! [`refine`] runs it; [`Stages`] names the implementations.
+
+mod event;
+mod report;
+mod shared;
+mod stages;
+mod upsample;
+mod views;
+
+pub use crate::refinement::predict::known;
+pub use event::{Callback, Event, Stage};
+pub use report::{IterationReport, StageSeconds, WarpReport};
+pub use shared::SharedNerf;
+pub use stages::{FieldFactory, FieldRequest, Stages};
+pub use views::synthesise;
+
+use crate::reports::prediction::{AugmentationReport, Component};
+use crate::refinement::predict::{Start, start};
+use crate::reports::capture::{CaptureReport, PoseSource};
+use crate::config::{Config, IterationPrior};
+use crate::error::{LEAST, MOST, Error, Result};
+use mde_fusion::{BayesFuser, Fused, Fuser, Prior};
+use mde_nerf::RadianceField;
+use mde_prior::augment::{Limits, Progress};
+use mde_prior::{Certainty, DepthPrior};
+use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::{median, spearman};
+use mde_warp::PinholeCamera;
+use ndarray::{Array2, ArrayView2, ArrayView3};
+use std::ops::ControlFlow;
+use std::time::Instant;
+use views::median_depth;
+
+/// Result of a run.
+pub struct Refinement {
+    /// The refined depth and its variance, `[height, width]`, z in the prior's unit.
+    pub depth: GaussianDepth,
+    /// The monocular depth that it started from, `[height, width]`; 0 where missing.
+    pub prior: Array2<f32>,
+    /// Report of the prior's stage.
+    pub augmentation: AugmentationReport,
+    /// Components of the standard deviation.
+    pub components: Vec<Component>,
+    /// One report per iteration.
+    pub iterations: Vec<IterationReport>,
+    /// The field of the last iteration, if there was one.
+    pub field: Option<Box<dyn RadianceField>>,
+    /// How sure the model itself is of each pixel, where it says so and refined a single photograph. Sigma does not depend on it.
+    pub certainty: Option<Certainty>,
+    /// Report of several photographs, where there were any.
+    pub capture: Option<CaptureReport>,
+}
+
+impl Refinement {
+    /// Nothing but the prior and a single prediction.
+    pub(crate) fn of_prior(prior: Array2<f32>) -> Self {
+        let (height, width) = prior.dim();
+        Self {
+            depth: GaussianDepth::missing(height, width),
+            prior,
+            augmentation: AugmentationReport { predictions: 1, ..AugmentationReport::default() },
+            components: Vec::new(),
+            iterations: Vec::new(),
+            field: None,
+            certainty: None,
+            capture: None,
+        }
+    }
+
+    /// The same in the unit of the capture's poses instead of the prior's: depth, prior, components and variance.
+    ///
+    /// # Errors
+    /// [`Error::Capture`] where the poses have no unit of their own, or no scale between it and the prior was found.
+    pub fn in_capture_unit(self) -> Result<Self> {
+        let remedy = "give a capture with poses, or keep the unit of the prior";
+        let fault = |reason: &str| crate::several::capture(reason.to_owned(), remedy);
+        let report = self.capture.as_ref().filter(|report| report.poses != PoseSource::Estimated);
+        let Some(report) = report else {
+            return Err(fault("the poses were estimated, so the capture has no unit but the prior's"));
+        };
+        let factor = match report.scale {
+            Some([factor, _]) if factor > 0.0 && factor.is_finite() => factor as f32,
+            _ => return Err(fault("no scale between the capture's unit and the prior's was found")),
+        };
+        let depth = self.depth.map(|mean, variance| (factor * mean, factor * factor * variance));
+        let scaled = |part: Component| Component { sigma: part.sigma.mapv(|s| factor * s), ..part };
+        let refined = Self {
+            depth,
+            prior: self.prior.mapv(|z| factor * z),
+            components: self.components.into_iter().map(scaled).collect(),
+            ..self
+        };
+        Ok(refined.with_poses(Some(f64::from(factor))))
+    }
+}
+
+/// State of a run between two iterations: everything that the next one depends on besides the inputs and the settings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Checkpoint {
+    /// The monocular depth that it started from, `[height, width]`; 0 where missing.
+    pub prior: Array2<f32>,
+    /// The refined depth so far.
+    pub depth: GaussianDepth,
+    /// One report per finished iteration.
+    pub iterations: Vec<IterationReport>,
+}
+
+/// Called with the state after every iteration but the last. An error of its own is an [`Error::External`].
+pub type Keeper<'k> = dyn FnMut(&Checkpoint) -> Result<()> + 'k;
+
+/// Refines the monocular depth of `image` (`[height, width, 3]`, sRGB in 0 to 1) taken by `camera`.
+///
+/// # Errors
+/// The error of a stage, [`Error::EmptyPrior`], [`Error::Range`], [`Error::Size`], or [`Error::Interrupted`] where the
+/// callback returned `Break`.
+pub fn refine(
+    image: ArrayView3<'_, f32>,
+    camera: &PinholeCamera,
+    stages: Stages<'_>,
+    config: &Config,
+    callback: &mut Callback<'_>,
+) -> Result<Refinement> {
+    resume(image, camera, stages, config, None, &mut |_| Ok(()), callback)
+}
+
+/// [`refine`], continued from the checkpoint of an earlier run with the same inputs and settings (`from`). `keep` is called with
+/// the state after every iteration but the last. The result is bit-identical to that of an uninterrupted run.
+///
+/// # Errors
+/// As [`refine`], and any error of `keep`.
+pub fn resume(
+    image: ArrayView3<'_, f32>,
+    camera: &PinholeCamera,
+    mut stages: Stages<'_>,
+    config: &Config,
+    from: Option<Checkpoint>,
+    keep: &mut Keeper<'_>,
+    callback: &mut Callback<'_>,
+) -> Result<Refinement> {
+    config.validate()?;
+    let mut run = Run { image, camera, config, callback };
+    let Start { prior, depth: anchor, mut components, certainty, report: augmentation } =
+        run.start(stages.prior, stages.limits)?;
+    check_prior(prior.view(), image)?;
+    if !config.refinement.fits_a_field(stages.prior.accepts_new_images()) {
+        let share = augmentation.common_error.unwrap_or(config.fusion.common_error);
+        let depth = with_common_error(anchor, share)?;
+        components.push(common(&depth, share));
+        return Ok(Refinement {
+            depth,
+            prior,
+            augmentation,
+            components,
+            iterations: Vec::new(),
+            field: None,
+            certainty,
+            capture: None,
+        });
+    }
+    let bayes;
+    let fuser: &dyn Fuser = match stages.fuser {
+        Some(fuser) => fuser,
+        None => {
+            bayes = BayesFuser::new(config.fusion.clone())?;
+            &bayes
+        }
+    };
+    let (mut current, mut iterations) = match from {
+        Some(Checkpoint { depth, iterations, .. }) => (depth, iterations),
+        None => (anchor.clone(), Vec::new()),
+    };
+    loop {
+        let index = iterations.len();
+        let fusion_prior = match (index, config.refinement.prior) {
+            // A single prediction has no spread: the fusion estimates its variance.
+            (0, _) | (_, IterationPrior::Anchor) if augmentation.predictions == 1 => {
+                Prior::new(prior.clone())?
+            }
+            (0, _) | (_, IterationPrior::Anchor) => Prior::with_variance(anchor.clone())?,
+            (_, IterationPrior::Carry) => Prior::with_variance(current.clone())?,
+        };
+        let field = stages.field(config, index)?;
+        let (fused, field, report) = run.iterate(index, &current, &fusion_prior, field, fuser)?;
+        iterations.push(report);
+        if iterations.len() >= config.refinement.iterations {
+            components.push(Component { name: "field", sigma: fused.aligned.sigma() });
+            components.push(common(&fused.depth, config.fusion.common_error));
+            let (depth, field) = (fused.depth, Some(field));
+            return Ok(Refinement {
+                depth,
+                prior,
+                augmentation,
+                components,
+                iterations,
+                field,
+                certainty,
+                capture: None,
+            });
+        }
+        let progress = Checkpoint { prior: prior.clone(), depth: fused.depth, iterations };
+        keep(&progress)?;
+        Checkpoint { depth: current, iterations, .. } = progress;
+    }
+}
+
+struct Run<'r, 'c> {
+    image: ArrayView3<'r, f32>,
+    camera: &'r PinholeCamera,
+    config: &'r Config,
+    callback: &'r mut Callback<'c>,
+}
+
+impl Run<'_, '_> {
+    fn begin(&mut self, stage: Stage, iteration: usize) -> Result<Instant> {
+        let event = Event::Begin { stage, iteration, iterations: self.config.refinement.iterations };
+        match (self.callback)(&event) {
+            ControlFlow::Continue(()) => Ok(Instant::now()),
+            ControlFlow::Break(()) => Err(Error::Interrupted),
+        }
+    }
+
+    /// The prior's stage.
+    fn start(&mut self, model: &dyn DepthPrior, limits: Limits) -> Result<Start> {
+        let begin = self.begin(Stage::Prior, 0)?;
+        let (callback, iterations) = (&mut *self.callback, self.config.refinement.iterations);
+        let mut listen = |progress| match progress {
+            Progress::Predicted { done, total } => callback(&Event::Predicted { done, total }),
+            Progress::Merging => callback(&Event::Begin { stage: Stage::Merge, iteration: 0, iterations }),
+        };
+        let mut start = start(model, self.image, self.config, limits, &mut listen)?;
+        start.report.seconds = begin.elapsed().as_secs_f64();
+        Ok(start)
+    }
+
+    /// One iteration: `current` is warped to the training views, `prior` is fused with the rendered views.
+    fn iterate(
+        &mut self,
+        index: usize,
+        current: &GaussianDepth,
+        prior: &Prior,
+        mut field: Box<dyn RadianceField>,
+        fuser: &dyn Fuser,
+    ) -> Result<(Fused, Box<dyn RadianceField>, IterationReport)> {
+        let mut report = IterationReport::default();
+        let start = self.begin(Stage::Warp, index)?;
+        let (views, warp) = synthesise(self.image, self.camera, current, self.config, index)?;
+        report.warp = warp;
+        report.seconds.warp = start.elapsed().as_secs_f64();
+
+        let start = self.begin(Stage::Fit, index)?;
+        let callback = &mut *self.callback;
+        let mut listen =
+            |event: &mde_nerf::FieldEvent| callback(&Event::Field { event: *event, view: 0, views: 0 });
+        report.fit = field.fit(&views, &mut listen)?;
+        report.seconds.fit = start.elapsed().as_secs_f64();
+        drop(views);
+
+        let start = self.begin(Stage::Render, index)?;
+        let callback = &mut *self.callback;
+        let mut listen = |event: &mde_nerf::FieldEvent, view: usize, views: usize| {
+            callback(&Event::Field { event: *event, view, views })
+        };
+        let seen =
+            views::render(&*field, self.camera, median_depth(current)?, self.config, index, &mut listen)?;
+        report.seconds.render = start.elapsed().as_secs_f64();
+
+        let start = self.begin(Stage::Fuse, index)?;
+        let fused = fuser.fuse(prior, &seen)?;
+        report.seconds.fuse = start.elapsed().as_secs_f64();
+        report.fusion = fused.report.clone();
+        (report.field_prior_spearman, report.field_prior_deviation) =
+            agreement(prior.mean(), &fused.aggregated)?;
+        Ok((fused, field, report))
+    }
+}
+
+/// The depth with the variance of an error of `share` of the depth added.
+fn with_common_error(depth: GaussianDepth, share: f64) -> Result<GaussianDepth> {
+    let share = share as f32;
+    Ok(depth.map(|mean, variance| (mean, variance + (share * mean).powi(2))))
+}
+
+fn common(depth: &GaussianDepth, share: f64) -> Component {
+    let sigma = depth.mean().mapv(|z| if z > 0.0 { share as f32 * z } else { f32::INFINITY });
+    Component { name: "common", sigma }
+}
+
+pub(crate) fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>) -> Result<()> {
+    let [height, width] = [image.shape()[0], image.shape()[1]];
+    if prior.dim() != (height, width) {
+        return Err(Error::Size { prior: [prior.nrows(), prior.ncols()], image: [height, width] });
+    }
+    let known = || prior.iter().copied().filter(|&d| d > 0.0);
+    let (nearest, farthest) = (known().fold(f32::INFINITY, f32::min), known().fold(0.0, f32::max));
+    match (nearest, farthest) {
+        (_, 0.0) => Err(Error::EmptyPrior),
+        (LEAST.., ..=MOST) => Ok(()),
+        _ => Err(Error::Range { nearest, farthest }),
+    }
+}
+
+/// Spearman's correlation of the field's depth with the prior's, and the median of \\(|D_r / D_o - 1|\\), over the
+/// pixels known to both; `None` where there are none.
+fn agreement(prior: ArrayView2<'_, f32>, field: &GaussianDepth) -> Result<(Option<f64>, Option<f64>)> {
+    let (field, prior): (Vec<f64>, Vec<f64>) = field
+        .mean()
+        .iter()
+        .zip(field.variance())
+        .zip(prior)
+        .filter(|&((_, variance), prior)| variance.is_finite() && *prior > 0.0)
+        .map(|((mean, _), prior)| (f64::from(*mean), f64::from(*prior)))
+        .unzip();
+    if field.is_empty() {
+        return Ok((None, None));
+    }
+    let deviation = median(field.iter().zip(&prior).map(|(f, p)| (f / p - 1.0).abs()));
+    Ok((spearman(&field, &prior)?, deviation))
+}

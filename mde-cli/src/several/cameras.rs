@@ -1,0 +1,185 @@
+//! Poses and cameras of the photographs, refined or estimated.
+
+use crate::reports::capture::{CaptureReport, PoseSource};
+use crate::several::{Capture, view};
+use crate::error::Result;
+use crate::config::Config;
+use mde_mvs::poses::{
+    self, Agreement, PosesConfig, RefineConfig, Refined, Track, Verdict, estimate_poses_with,
+    refine_poses_with,
+};
+use mde_uncertainty::random::derived_seed;
+use mde_uncertainty::statistics::median;
+use mde_warp::{PinholeCamera, Pose, PosedView};
+use nalgebra::Matrix6;
+use ndarray::Array2;
+
+/// Features of a photograph in which those of the same scene find matches.
+const PLENTY: usize = 200;
+/// Least share of a photograph's matches that fit its pose. In small photographs more than half can be wrong (15 of 28 at 96x72);
+/// with a pose of another place nearly all are (38 of 38).
+const LEAST_AGREEING: f64 = 0.25;
+
+/// The photographs with a pose, in the frame of the capture's reference.
+#[derive(Debug)]
+pub(super) struct Posed {
+    /// That reference first.
+    pub(super) views: Vec<PosedView>,
+    /// Index of each view among the photographs.
+    pub(super) order: Vec<usize>,
+    /// Covariance of each view's pose, from the capture's reference; none where it was given and kept.
+    pub(super) covariances: Vec<Option<Matrix6<f64>>>,
+    /// Unit of the poses per unit of the prior: the prior's depth times this is in the unit of the poses.
+    pub(super) unit: f64,
+}
+
+/// The posed views, or nothing (with the reason in the report) where no photograph but the reference has a pose with parallax. The
+/// callback counts the pairs of photographs as they are matched.
+pub(super) fn posed(
+    capture: &Capture,
+    priors: &[Option<Array2<f32>>],
+    config: &Config,
+    report: &mut CaptureReport,
+    matched: &mut mde_mvs::Callback<'_>,
+) -> Result<Option<Posed>> {
+    let inputs: Vec<poses::Photograph<'_>> = capture
+        .photographs
+        .iter()
+        .zip(priors)
+        .map(|(photograph, prior)| poses::Photograph {
+            name: &photograph.name,
+            image: photograph.image.view(),
+            camera: photograph.camera,
+            focal_assumed: photograph.focal_assumed && photograph.pose.is_none(),
+            prior: prior.as_ref().map(|depth| depth.view()),
+        })
+        .collect();
+    let seed = derived_seed(config.seed, "poses", 0);
+    let reference = capture.reference;
+    let given: Option<Vec<Pose>> = capture.photographs.iter().map(|p| p.pose).collect();
+    let (cameras, poses, covariances, unit) = match given {
+        Some(given) => {
+            let world = given[reference].inverse();
+            let given: Vec<Pose> = given.iter().map(|pose| pose * world).collect();
+            let (kept, refined) = refined(&inputs, &given, reference, seed, report, matched)?;
+            report.poses = if refined.accepted { PoseSource::Refined } else { PoseSource::Given };
+            report.withheld_pixels = refined.withheld;
+            if kept.len() < 2 {
+                report.fallback = report.fallback.take().or_else(|| Some(report.verdicts(reference)));
+                return Ok(None);
+            }
+            let first = kept.iter().position(|&index| index == reference).unwrap_or_default();
+            let unit = unit(&refined.tracks, first, priors[reference].as_ref());
+            let cameras: Vec<PinholeCamera> = capture.photographs.iter().map(|p| p.camera).collect();
+            let (mut poses, mut covariances) = (vec![None; given.len()], vec![None; given.len()]);
+            for ((&index, pose), covariance) in kept.iter().zip(refined.poses).zip(refined.covariances) {
+                (poses[index], covariances[index]) = (Some(pose), covariance);
+            }
+            (cameras, poses, covariances, unit)
+        }
+        None => {
+            let settings = PosesConfig::default();
+            let matches = capture.matches.as_ref();
+            let estimated = estimate_poses_with(&inputs, reference, matches, &settings, seed, matched)?;
+            report.poses = PoseSource::Estimated;
+            report.focal_factor = Some(estimated.focal_factor);
+            for (photograph, found) in report.photographs.iter_mut().zip(&estimated.photographs) {
+                photograph.verdict = found.verdict.to_string();
+                photograph.matches = Some(found.tracks);
+            }
+            let parallax = estimated.photographs.iter().any(|p| p.verdict == Verdict::Posed);
+            if !parallax {
+                report.fallback = Some(report.verdicts(reference));
+                return Ok(None);
+            }
+            let found = estimated.photographs;
+            let covariances = found.iter().map(|p| p.covariance).collect();
+            (
+                found.iter().map(|p| p.camera).collect(),
+                found.iter().map(|p| p.pose).collect(),
+                covariances,
+                1.0,
+            )
+        }
+    };
+    let mut order = vec![reference];
+    order.extend((0..poses.len()).filter(|&index| index != reference && poses[index].is_some()));
+    let views = order
+        .iter()
+        .map(|&index| {
+            view(&capture.photographs[index], poses[index].unwrap_or_else(Pose::identity), cameras[index])
+        })
+        .collect::<Result<Vec<_>>>()?;
+    let covariances = order.iter().map(|&index| covariances[index]).collect();
+    Ok(Some(Posed { views, order, covariances, unit }))
+}
+
+/// Given poses, refined, of the photographs that belong to them by their matches: their indices, and the poses in that order. The
+/// others are left out before a second refinement.
+fn refined(
+    inputs: &[poses::Photograph<'_>],
+    given: &[Pose],
+    reference: usize,
+    seed: u64,
+    report: &mut CaptureReport,
+    matched: &mut mde_mvs::Callback<'_>,
+) -> Result<(Vec<usize>, Refined)> {
+    let settings = RefineConfig::default();
+    let few = settings.matches.min_matches;
+    let mut kept: Vec<usize> = (0..inputs.len()).collect();
+    loop {
+        let shown: Vec<poses::Photograph<'_>> = kept.iter().map(|&index| inputs[index]).collect();
+        let theirs: Vec<Pose> = kept.iter().map(|&index| given[index]).collect();
+        let first = kept.iter().position(|&index| index == reference).unwrap_or_default();
+        let refined = refine_poses_with(&shown, &theirs, first, &settings, seed, matched)?;
+        let doubts: Vec<Option<String>> = refined.agreement.iter().map(|found| doubt(found, few)).collect();
+        for ((&index, found), doubt) in kept.iter().zip(&refined.agreement).zip(&doubts) {
+            let photograph = &mut report.photographs[index];
+            photograph.matches = Some(found.agreeing);
+            if let Some(doubt) = doubt.as_ref().filter(|_| index != reference) {
+                photograph.verdict.clone_from(doubt);
+            }
+        }
+        let count = kept.len();
+        match &doubts[first] {
+            // Nothing tells which of the others could be right.
+            Some(doubt) => {
+                report.fallback = Some(format!("{}: {doubt}", report.photographs[reference].name));
+                kept = vec![reference];
+            }
+            None => {
+                let mut doubts = doubts.iter();
+                kept.retain(|_| doubts.next().is_some_and(Option::is_none));
+            }
+        }
+        if kept.len() == count || kept.len() < 2 {
+            return Ok((kept, refined));
+        }
+    }
+}
+
+/// Why a photograph does not belong to its pose, if it does not: its matches with the others do not fit, or there are none though
+/// it has features for them.
+fn doubt(found: &Agreement, few: usize) -> Option<String> {
+    let Agreement { features, matches, agreeing } = *found;
+    if matches < few {
+        return (features >= PLENTY).then(|| {
+            format!("{matches} matches with the other photographs, {few} are needed; check that it shows the same scene")
+        });
+    }
+    ((agreeing as f64) < LEAST_AGREEING * matches as f64).then(|| {
+        format!("{agreeing} of {matches} matches fit its pose; check that the pose belongs to the photograph")
+    })
+}
+
+/// The robust factor from the reference's prior to the depth of its tracks; 1 without tracks.
+fn unit(tracks: &[Track], reference: usize, prior: Option<&Array2<f32>>) -> f64 {
+    let Some(prior) = prior else { return 1.0 };
+    let logs = tracks.iter().filter_map(|track| {
+        let anchor = track.pixels.first().filter(|pixel| pixel.photograph == reference)?;
+        let [row, column] = [anchor.pixel.y.round() as usize, anchor.pixel.x.round() as usize];
+        let depth = *prior.get((row, column)).filter(|z| **z > 0.0)?;
+        (track.depth > 0.0).then(|| (track.depth / f64::from(depth)).ln())
+    });
+    median(logs).map_or(1.0, f64::exp)
+}
