@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use mde_cli::refiner::intrinsics::Intrinsics;
+use mde_cli::scene::intrinsics::Intrinsics;
 
 fuzz_target!(|text: &str| {
     match Intrinsics::parse(text) {

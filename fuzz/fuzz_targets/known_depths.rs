@@ -3,7 +3,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use mde_cli::naming::Naming;
-use mde_cli::refiner::known::Known;
+use mde_cli::scene::known::Known;
 use mde_fuzz::{folder, write};
 use std::path::Path;
 

@@ -24,31 +24,28 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod augmentation;
-pub mod calibration;
-pub mod capture;
 pub mod config;
 mod error;
-pub mod inputs;
-mod intrinsics;
-pub mod memory;
 mod naming;
-pub mod pictures16;
-pub mod pipeline;
-pub mod results;
-pub mod run;
-pub mod scale;
+pub mod output;
+pub mod prior;
+#[cfg(feature = "program")]
+pub mod program;
+pub mod refinement;
+pub mod refiner;
+pub mod reports;
+pub mod scene;
+pub mod several;
 
-pub use augmentation::{AugmentationReport, Component};
-pub use capture::{Capture, CaptureReport, Photograph, PreparedCapture, refine_capture};
 pub use config::{Config, MultiViewConfig, Preset, SigmaConfig};
 pub use error::{Error, Result};
-pub use intrinsics::Intrinsics;
 pub use naming::Naming;
-pub use pipeline::{
-    Callback, Checkpoint, Event, FieldFactory, FieldRequest, IterationReport, Refinement, SharedNerf, Stage,
-    StageSeconds, Stages, WarpReport, refine, resume,
-};
+pub use refinement::event::{Callback, Event, Stage};
+pub use refinement::refine;
+pub use refinement::shared::SharedNerf;
+pub use refinement::stages::{FieldFactory, FieldRequest, Stages};
+pub use reports::Refinement;
+pub use several::refine_several;
 pub use {mde_fusion, mde_mvs, mde_nerf, mde_prior, mde_uncertainty, mde_warp};
 pub use {nalgebra, ndarray};
 

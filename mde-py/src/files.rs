@@ -10,7 +10,7 @@ use mde_cli::refiner::depth_png::{DepthPng, METRES};
 use mde_cli::output::maps::Maps;
 use mde_cli::output::export::{Exported, Format};
 use mde_cli::output::preview::{depth_picture_within, sigma_picture_within, usual_range};
-use mde_cli::refiner::intrinsics::Intrinsics;
+use mde_cli::scene::intrinsics::Intrinsics;
 use mde_cli::error::Result;
 use ndarray::{ArrayView2, ArrayView3};
 use numpy::{IntoPyArray, PyArray3, PyReadonlyArray2, PyReadonlyArray3};

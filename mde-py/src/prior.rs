@@ -3,10 +3,10 @@
 use crate::error::raise;
 use crate::worker::{Link, pool};
 use mde_cli::naming::Naming;
-use mde_cli::refiner::prior::bound::BoundPrior;
-use mde_cli::refiner::prior::{MapFile, NetworkFormat, open_network, read_options};
-use mde_cli::refiner::photograph::Opened;
-use mde_cli::refiner::prior::origin::{PriorForm, PriorOrigin};
+use mde_cli::prior::bound::BoundPrior;
+use mde_cli::prior::files::{MapFile, NetworkFormat, open_network, read_options};
+use mde_cli::scene::photograph::Opened;
+use mde_cli::prior::origin::{PriorForm, PriorOrigin};
 use mde_cli::mde_prior::format::Encoding;
 use mde_cli::mde_prior::{
     DepthKind, DepthPrior, Error, InferenceMemory, OnnxPrior, PriorDepth, Result, Runtime, find_onnxruntime,

@@ -2,7 +2,6 @@
 
 use crate::config::Config;
 use crate::error::{text, Error, Result};
-use crate::naming::Naming;
 use mde_prior::augment::Predictions;
 
 /// What a command line or a function's caller sets in few words; each overrides a value of the [`Config`].
@@ -25,7 +24,7 @@ impl Shorthands {
     ///
     /// # Errors
     /// [`Error::Argument`] where `near` and `far` are no range.
-    pub fn apply(&self, config: &mut Config, naming: Naming) -> Result<()> {
+    pub fn apply(&self, config: &mut Config) -> Result<()> {
         config.seed = self.seed.unwrap_or(config.seed);
         if self.no_nerf {
             config.refinement.iterations = 0;
@@ -35,10 +34,7 @@ impl Shorthands {
         }
         let rule = &mut config.disparity;
         (rule.near, rule.far) = (self.near.unwrap_or(rule.near), self.far.unwrap_or(rule.far));
-        rule.validate().map_err(|error| {
-            let [near, far] = ["near", "far"].map(|name| naming.of(name));
-            Error::Argument(format!("{near}, {far}: {}", text(&error)))
-        })
+        rule.validate().map_err(|error| Error::Argument(format!("{{depth-range}}: {}", text(&error))))
     }
 }
 
@@ -51,7 +47,7 @@ mod tests {
     fn what_is_given_replaces_a_setting_and_what_is_not_leaves_it() {
         let preset = Preset::Default.config();
         let mut config = preset.clone();
-        Shorthands::default().apply(&mut config, Naming::Flags).unwrap();
+        Shorthands::default().apply(&mut config).unwrap();
         assert_eq!(config, preset);
         let given = Shorthands {
             seed: Some(7),
@@ -60,12 +56,12 @@ mod tests {
             near: Some(0.5),
             far: None,
         };
-        given.apply(&mut config, Naming::Flags).unwrap();
+        given.apply(&mut config).unwrap();
         assert_eq!((config.seed, config.refinement.iterations), (7, 0));
         assert_eq!(config.augmentation.predictions, Predictions::Most(3));
         assert_eq!((config.disparity.near, config.disparity.far), (0.5, preset.disparity.far));
         let refused = Shorthands { near: Some(9.0), far: Some(2.0), ..given };
-        let refused = refused.apply(&mut config, Naming::Keywords).unwrap_err().to_string();
-        assert!(refused.starts_with("near, far: "), "{refused}");
+        let refused = refused.apply(&mut config).unwrap_err().to_string();
+        assert!(refused.starts_with("{depth-range}: "), "{refused}");
     }
 }

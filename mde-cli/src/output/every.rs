@@ -3,10 +3,10 @@
 use crate::output::export::{transforms, Exported, ply};
 use crate::output::export::transforms::Exposed;
 use crate::output::record::About;
-use crate::refiner::finish::Finished;
+use crate::refiner::Refined;
 use crate::reports::capture::CaptureReport;
 use crate::several::cloud::{RefinedView, consistent_points};
-use crate::several::prepared::PreparedCapture;
+use crate::several::prepared::PreparedScene;
 use crate::error::Result;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
@@ -52,8 +52,9 @@ impl EveryRow {
         }
     }
 
-    /// Takes what its result has; `index` is its place within the capture.
-    pub fn measure(&mut self, result: &Finished, index: usize) {
+    /// Takes what its result has.
+    pub fn measure(&mut self, result: &Refined<'_>) {
+        let index = result.photograph;
         let report = result.refinement.capture.as_ref();
         self.reason = report.and_then(|report| report.fallback.clone());
         self.verified = report.and_then(|report| report.photographs.get(index)?.verified);
@@ -66,12 +67,12 @@ impl EveryRow {
 
     /// Camera of a refined photograph, and its pose for depths in the results' unit: world to camera. The world is that of a capture with
     /// poses in its own unit, else the frame of the capture's reference. None where it was refined alone.
-    pub fn placed(&self, prepared: &PreparedCapture<'_>, index: usize) -> Option<(PinholeCamera, Pose)> {
+    pub fn placed(&self, prepared: &PreparedScene<'_>, index: usize) -> Option<(PinholeCamera, Pose)> {
         let scale = f64::from_bits(self.scale?);
         let mut pose = prepared.pose(index)?;
         pose.translation.vector /= scale;
-        let capture = prepared.capture();
-        let pose = match capture.photographs.get(capture.reference).and_then(|reference| reference.pose) {
+        let scene = prepared.scene();
+        let pose = match scene.photographs.get(scene.reference).and_then(|reference| reference.pose) {
             Some(world) if scale.to_bits() == 1.0_f64.to_bits() => pose * world,
             _ => pose,
         };

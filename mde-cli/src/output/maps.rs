@@ -68,7 +68,7 @@ impl Maps<'_> {
         // Side by side: of a photograph of 12 megapixels they take seconds.
         files.par_iter().try_for_each(|write| write())?;
         if !self.pictures.is_empty() {
-            let path = folder.join(crate::refiner::run::PICTURES);
+            let path = folder.join(crate::refiner::finish::PICTURES);
             std::fs::create_dir_all(&path).map_err(|source| crate::error::Error::Io { path, source })?;
         }
         for (name, picture) in self.pictures {

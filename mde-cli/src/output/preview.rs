@@ -1,6 +1,6 @@
 //! Preview images: depth maps side by side with colour bars, and contact sheets of views.
 
-use crate::refiner::size::resized;
+use crate::scene::size::resized;
 use crate::output::canvas::{Canvas, Colour, colour_at, text_width};
 use colorous::{Gradient, MAGMA, VIRIDIS};
 use mde_uncertainty::statistics::quantile;

@@ -1,10 +1,10 @@
 //! `run.json`: the record of a run.
 
-use crate::refiner::finish::{Finished, SameScale};
+use crate::refiner::finish::{Refined, Scaled};
+use crate::scene::SameScale;
 use crate::refiner::error_bar::Stated;
-use crate::refiner::camera::KnownCamera;
-use crate::refiner::prior::origin::PriorOrigin;
-use crate::refiner::known::Scaled;
+use crate::scene::camera::KnownCamera;
+use crate::prior::origin::PriorOrigin;
 use crate::reports::prediction::AugmentationReport;
 use crate::reports::capture::CaptureReport;
 use crate::reports::iteration::IterationReport;
@@ -80,15 +80,13 @@ impl<'r, S: Serialize> RunRecord<'r, S> {
     /// Of a result without scores.
     pub fn new(
         about: About<'r>,
-        origin: &'r PriorOrigin,
-        result: &'r Finished,
+        result: &'r Refined<'_>,
         training: &'r [TrainingCurve],
-        prior_seconds: f64,
     ) -> Self {
         let refinement = &result.refinement;
         Self {
             about,
-            prior: origin,
+            prior: &result.origin,
             unit: result.unit,
             png_scale: result.png.scale,
             png_missing_pixels: result.png.beyond,
@@ -101,7 +99,7 @@ impl<'r, S: Serialize> RunRecord<'r, S> {
             iterations: &refinement.iterations,
             training,
             scores: None,
-            prior_seconds,
+            prior_seconds: result.prior_seconds,
             score_seconds: 0.0,
         }
     }

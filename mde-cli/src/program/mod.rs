@@ -1,14 +1,22 @@
 //! `mde`: refines the monocular depth of a photograph, with a standard deviation per pixel.
 
 mod args;
+mod checkpoint;
 mod commands;
 #[cfg(test)]
 mod documented;
 mod evaluation;
-mod input;
-mod output;
+mod interrupt;
+mod job;
+mod many;
+mod open;
+mod progress;
+mod provenance;
+mod recording;
 mod report;
-mod run;
+mod resume;
+mod store;
+mod summary;
 mod terminal;
 
 use crate::program::open::photographs;
@@ -25,7 +33,8 @@ static PANIC: Mutex<String> = Mutex::new(String::new());
 /// The exit code after a fault of the program itself.
 const FAULT: u8 = 101;
 
-fn main() -> ExitCode {
+/// Runs the program with the arguments of the process.
+pub fn main() -> ExitCode {
     let matches = args::command().get_matches();
     let cli = args::Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     // Kept, not printed: a panic within a network's runtime becomes an error that names the network.

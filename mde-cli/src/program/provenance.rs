@@ -1,7 +1,7 @@
 //! Provenance of a run: command, versions, memory.
 
 use anyhow::{Context, Result};
-use crate::refiner::camera::KnownCamera;
+use crate::scene::camera::KnownCamera;
 use crate::output::record::About;
 pub(crate) use crate::output::record::versions;
 use serde::Serialize;

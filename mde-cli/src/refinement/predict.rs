@@ -1,14 +1,14 @@
 //! The prior's stage (III.B): a single prediction, or test-time augmentation with its variance.
 
 use crate::config::{Config, SigmaConfig};
+use crate::reports::prediction::{AugmentationReport, Component};
 use crate::error::{Error, Result};
-use mde_prior::augment::{Limits, Plan, Predictions, Progress};
+use mde_prior::augment::{Limits, Predictions, Progress};
 use mde_prior::{Augmented, Certainty, DepthPrior};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::filter::{Border, Gaussian, gaussian_blur};
 use mde_uncertainty::statistics::median;
 use ndarray::{Array2, ArrayView2, ArrayView3, Zip};
-use serde::Serialize;
 use std::ops::ControlFlow;
 use std::time::Duration;
 
@@ -24,38 +24,6 @@ pub(crate) struct Start {
     /// How sure the model itself is.
     pub(crate) certainty: Option<Certainty>,
     pub(crate) report: AugmentationReport,
-}
-
-/// A part of the refined depth's standard deviation.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Component {
-    /// `spread`: of the predictions. `disagreement`: between the merged map and the prediction of the whole image. `common`: the
-    /// stated error that all predictions share. `field`: of the rays' termination over all views, in the prior's gauge. Those of several
-    /// photographs are in `docs/outputs.md`.
-    pub name: &'static str,
-    /// `[height, width]`, in the depth's unit; infinite where missing.
-    pub sigma: Array2<f32>,
-}
-
-/// Report of the prior's stage.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct AugmentationReport {
-    /// Number of inference calls.
-    pub predictions: usize,
-    /// The images that were predicted, where the model accepts any.
-    pub plan: Option<Plan>,
-    /// Why it is this plan.
-    pub reason: Option<String>,
-    /// Why the configured augmentation was skipped.
-    pub skipped: Option<&'static str>,
-    /// Median spread of the predictions, as a fraction of the depth.
-    pub median_spread: Option<f64>,
-    /// Stated error that all predictions share, as a fraction of the depth.
-    pub common_error: Option<f64>,
-    /// Median of \\(|\ln z - \ln z_o|\\): the change by the augmentation.
-    pub median_change: Option<f64>,
-    /// Wall seconds.
-    pub seconds: f64,
 }
 
 /// Runs the prior, with test-time augmentation where it is configured and the prior accepts new images.
@@ -166,6 +134,7 @@ fn variance(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mde_prior::augment::Plan;
     use mde_prior::{DepthKind, PriorDepth};
 
     #[test]

@@ -13,37 +13,12 @@
 use crate::reports::prediction::Component;
 use crate::error::{Error, Result};
 use crate::reports::Refinement;
+use crate::scene::known::KnownDepth;
 use mde_fusion::{Affine, Sample, affine_wls};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 use ndarray::Array2;
 use serde::Serialize;
-
-/// A depth that is known at a pixel.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct KnownDepth {
-    /// Column in pixels of the result, pixel centres at integers.
-    pub x: f64,
-    /// Row.
-    pub y: f64,
-    /// Depth z, positive.
-    pub depth: f64,
-    /// Its standard deviation, 0 where it is not known.
-    pub sigma: f64,
-}
-
-impl KnownDepth {
-    pub(crate) fn check(&self) -> Result<()> {
-        let Self { x, y, depth, sigma } = *self;
-        let finite = [x, y, depth, sigma].iter().all(|v| v.is_finite());
-        match finite && depth > 0.0 && sigma >= 0.0 {
-            true => Ok(()),
-            false => Err(Error::Scale(format!(
-                "the known depth {depth} +- {sigma} at ({x}, {y}) is no positive number; check its columns"
-            ))),
-        }
-    }
-}
 
 /// The map from a refinement to the known depths.
 #[derive(Debug, Clone, PartialEq, Serialize)]

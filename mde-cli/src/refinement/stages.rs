@@ -56,12 +56,14 @@ pub struct Stages<'s> {
     field: Option<Box<FieldFactory<'s>>>,
     pub(crate) fuser: Option<&'s dyn Fuser>,
     pub(crate) limits: Limits,
+    /// Factor on the prior of each of several photographs; 1 where there is none.
+    pub(crate) factors: Vec<f32>,
 }
 
 impl<'s> Stages<'s> {
     /// The depth of `prior`, a [`Nerf`] with [`Config::nerf`], and a [`BayesFuser`](mde_fusion::BayesFuser) with [`Config::fusion`].
     pub fn new(prior: &'s dyn DepthPrior) -> Self {
-        Self { prior, field: None, fuser: None, limits: Limits::default() }
+        Self { prior, field: None, fuser: None, limits: Limits::default(), factors: Vec::new() }
     }
 
     /// Another field; `factory` is called once per iteration. [`Config::nerf`] is passed to it and not used otherwise.

@@ -1,6 +1,7 @@
 //! The calibration of the program's own sigma, and what a calibration depends on.
 
 use crate::config::{SigmaConfig, Config};
+use crate::prior::hash;
 use crate::error::{Error, Result};
 use mde_prior::AugmentationConfig;
 use mde_uncertainty::calibration::{Calibration, Fingerprint};
@@ -24,24 +25,6 @@ pub fn read(path: &Path) -> Result<Calibration> {
     Ok(Calibration::parse(&text, &path.display().to_string())?)
 }
 
-/// Identifies the bytes of a model's file: their CRC-32 in hexadecimal digits.
-pub fn hash(bytes: &[u8]) -> String {
-    format!("{:08x}", crc32fast::hash(bytes))
-}
-
-/// [`hash`] of several files, as if they were one.
-///
-/// # Errors
-/// [`Error::Io`] where one cannot be read.
-pub fn hash_files<'p>(paths: impl IntoIterator<Item = &'p Path>) -> Result<String> {
-    let mut hasher = crc32fast::Hasher::new();
-    for path in paths {
-        let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
-        hasher.update(&bytes);
-    }
-    Ok(format!("{:08x}", hasher.finalize()))
-}
-
 /// What sigma depends on.
 #[derive(Serialize)]
 struct Decisive<'c> {
@@ -52,28 +35,37 @@ struct Decisive<'c> {
     common_error: f64,
     /// With a field: everything but the seed and the rule for disparities, which is the scene's.
     field: Option<Config>,
+    /// Of several photographs: the photographs and the field.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    several: Option<(&'c MultiViewConfig, Option<&'c NerfConfig>)>,
 }
 
-/// What the sigma of these settings depends on, for a prior that accepts new images or does not, and the depth model's
-/// [`hash`] where there is one.
+/// What the sigma of these settings depends on, for a prior that accepts new images or does not, of one photograph or of `several`, and
+/// the depth model's [`hash`] where there is one.
 ///
 /// # Errors
 /// [`Error::Settings`] for a configuration that can't be serialised.
-pub fn fingerprint(config: &Config, accepts_new_images: bool, model: Option<String>) -> Result<Fingerprint> {
-    let augmented = accepts_new_images && config.augmentation.is_active();
+pub fn fingerprint(
+    config: &Config,
+    accepts_new_images: bool,
+    several: bool,
+    model: Option<String>,
+) -> Result<Fingerprint> {
+    let augmented = accepts_new_images && config.augmentation.is_active() && !several;
     let Config { refinement, augmentation, sigma, .. } = config;
     let usual = Config::default();
     let decisive = Decisive {
         version: 2,
         augmentation: augmented.then_some((augmentation, sigma)),
         common_error: config.fusion.common_error,
-        field: refinement.fits_a_field(accepts_new_images).then(|| Config {
+        field: (!several && refinement.fits_a_field(accepts_new_images)).then(|| Config {
             seed: 0,
             disparity: usual.disparity,
             augmentation: usual.augmentation,
             sigma: usual.sigma,
             ..config.clone()
         }),
+        several: several.then(|| (&config.multi_view, (refinement.iterations > 0).then_some(&config.nerf))),
     };
     let text = serde_json::to_string(&decisive)
         .map_err(|e| Error::Settings { origin: "settings".into(), reason: e.to_string() })?;
@@ -94,11 +86,11 @@ mod tests {
     #[test]
     fn the_settings_that_sigma_depends_on_count() {
         let usual = Preset::Default.config();
-        let own = fingerprint(&usual, true, None).unwrap();
+        let own = fingerprint(&usual, true, false, None).unwrap();
         let same = |change: &dyn Fn(&mut Config), accepts_new_images| {
             let mut config = usual.clone();
             change(&mut config);
-            fingerprint(&config, accepts_new_images, None).unwrap() == own
+            fingerprint(&config, accepts_new_images, false, None).unwrap() == own
         };
         assert!(same(&|c| c.seed = 5, true));
         assert!(!same(&|_| (), false), "a prior that accepts no new images has another sigma");
@@ -116,9 +108,16 @@ mod tests {
     fn the_shipped_calibration_is_of_the_default_settings_with_its_model_only() {
         let shipped = shipped().unwrap();
         let mismatch =
-            |model| shipped.mismatch(&fingerprint(&Preset::Default.config(), true, model).unwrap());
+            |model| shipped.mismatch(&fingerprint(&Preset::Default.config(), true, false, model).unwrap());
         assert_eq!(mismatch(fastdepth()), None, "calibrate again: the settings changed");
         assert_eq!(mismatch(Some(hash(b"another network"))), Some(Mismatch::Model));
         assert_eq!(mismatch(None), Some(Mismatch::Model));
+    }
+
+    /// The half widths of test-time augmentation say nothing of stereo.
+    #[test]
+    fn the_shipped_calibration_is_not_of_several_photographs() {
+        let run = fingerprint(&Preset::MultiView.config(), true, true, fastdepth()).unwrap();
+        assert_eq!(shipped().unwrap().mismatch(&run), Some(Mismatch::Settings));
     }
 }

@@ -1,6 +1,7 @@
 //! The maps of a run in PNGs of 16 bits: `depth.png` and `confidence.png`.
 
 use crate::error::Result;
+use crate::prior::origin::METRES;
 use mde_prior::format::{write_confidence_png, write_depth_png};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::normal::erf;
@@ -9,8 +10,6 @@ use ndarray::{Array2, ArrayView2, Zip};
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::path::Path;
 
-/// The unit of metric depth.
-pub const METRES: &str = "m";
 /// Steps per unit: millimetres for metres.
 pub const MILLIMETRES: f64 = 1000.0;
 /// Least steps of the median depth in an unknown unit.

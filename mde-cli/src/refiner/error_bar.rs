@@ -1,9 +1,8 @@
 //! The error bar of a result: sigma by a calibration, and an interval.
 
 use crate::refiner::calibration::{fingerprint, read, shipped};
-use crate::refiner::prior::origin::{PriorForm, PriorOrigin};
+use crate::prior::origin::{PriorForm, PriorOrigin};
 use crate::config::{Config, Preset};
-use crate::naming::Naming;
 use crate::reports::Refinement;
 use crate::error::Result;
 use mde_uncertainty::GaussianDepth;
@@ -71,12 +70,19 @@ impl ErrorBar {
         Ok(Self { probability, given })
     }
 
+    /// What results depend on: the probability, and the calibration by its content.
+    pub(crate) fn identity(&self) -> Result<(Option<f64>, Option<String>)> {
+        let content = |(_, calibration): &(String, Calibration)| calibration.to_toml();
+        Ok((self.probability, self.given.as_ref().map(content).transpose()?))
+    }
+
     /// The probability of the interval, where one is requested.
     pub fn probability(&self) -> Option<f64> {
         self.probability
     }
 
-    /// Scales sigma, its parts and the reported common error, where a calibration was given, and finds the interval. `scaled`: known depths give the scale.
+    /// Scales sigma, its parts and the reported common error, where a calibration was given, and finds the interval. `several`: the
+    /// depth is that of several photographs; `scaled`: known depths give the scale.
     ///
     /// # Errors
     /// [`Error::Depth`](crate::error::Error::Depth) for a calibration without scenes, or a probability out of range.
@@ -85,10 +91,10 @@ impl ErrorBar {
         refinement: &mut Refinement,
         config: &Config,
         prior: &PriorOrigin,
+        several: bool,
         scaled: bool,
-        naming: Naming,
     ) -> Result<Stated> {
-        let run = fingerprint(config, prior.predicts(), prior.model_hash.clone())?;
+        let run = fingerprint(config, prior.predicts(), several, prior.model_hash.clone())?;
         let mut warnings = Vec::new();
         let mut factor = 1.0;
         if let Some((name, calibration)) = &self.given {
@@ -100,16 +106,12 @@ impl ErrorBar {
             };
             if let Some(other) = other {
                 let run = "calibrate with the settings and the model of this run";
-                warnings.push(format!(
-                    "{} {name}: estimated with {other} ({method}); {run}",
-                    naming.of("calibration")
-                ));
+                warnings.push(format!("{{calibration}} {name}: estimated with {other} ({method}); {run}"));
             }
             if other.is_none() && prior.form == PriorForm::Map {
                 warnings.push(format!(
-                    "{} {name}: a map from a file does not name its network; use the calibration for maps of the network that it \
+                    "{{calibration}} {name}: a map from a file does not name its network; use the calibration for maps of the network that it \
                      was estimated with ({})",
-                    naming.of("calibration"),
                     calibration.source().prior
                 ));
             }
@@ -145,18 +147,14 @@ impl ErrorBar {
                     _ => "these settings",
                 };
                 warnings.push(format!(
-                    "{}: no calibration for {of}, so the interval assumes a normal distribution; estimate one with mde calibrate",
-                    naming.of("interval")
+                    "{{interval}}: no calibration for {of}, so the interval assumes a normal distribution; calibrate to estimate one"
                 ));
                 (normal_half_width(probability)?, "normal distribution".to_owned())
             }
         };
         if self.given.is_none() && !prior.kind.is_depth() && !scaled {
             let range = "the depth range assumed for disparities has an error that sigma does not include";
-            warnings.push(format!(
-                "{}: {range}; mde calibrate --alignment none includes it",
-                naming.of("interval")
-            ));
+            warnings.push(format!("{{interval}}: {range}; calibrate with {{alignment}} none to include it"));
         }
         let interval = Some(Interval { probability, half_width, by });
         Ok(Stated { factor, interval, scale, common_by, common_assumed, warnings })

@@ -1,11 +1,11 @@
 //! One scale for the network's depth of many photographs.
 
-use crate::refiner::finish::SameScale;
-use crate::refiner::camera::KnownCamera;
-use crate::refiner::size::{shrink, within};
+use crate::scene::SameScale;
+use crate::scene::camera::KnownCamera;
+use crate::scene::size::{shrink, within};
 use crate::config::Config;
 use crate::error::Result;
-use mde_mvs::poses::{FeatureConfig, LogRatio, Photograph, PosesConfig, Prepared, common_scale};
+use mde_mvs::poses::{FeatureConfig, LogFactor, LogRatio, Photograph, PosesConfig, Prepared, common_scale};
 use mde_prior::resample::nearest;
 use mde_prior::{DepthPrior, DisparityRule};
 use mde_uncertainty::random::derived_seed;
@@ -21,6 +21,10 @@ const LONGER_SIDE: usize = 640;
 /// Features of a photograph; a ratio needs fewer than a pose.
 const FEATURES: usize = 1500;
 
+/// Error of a whole photograph's factor over that by what it has in common with others: the median of two networks on 13 captures
+/// (docs/many.md).
+const WHOLE: f64 = 2.2;
+
 /// A photograph that is compared with later ones.
 type Kept = (usize, Arc<Prepared>);
 
@@ -35,9 +39,9 @@ pub struct Pair([Kept; 2]);
 /// order, and the seed alone.
 ///
 /// ```no_run
-/// use mde_cli::results::OneScale;
+/// use mde_cli::refiner::same_scale::OneScale;
 /// use mde_cli::{Config, Result};
-/// # use mde_cli::{inputs::KnownCamera, mde_prior::DepthPrior};
+/// # use mde_cli::{scene::camera::KnownCamera, mde_prior::DepthPrior};
 /// # use ndarray::Array3;
 ///
 /// # fn all(photographs: &[(Array3<f32>, KnownCamera)], prior: &dyn DepthPrior, config: &Config) -> Result<()> {
@@ -149,6 +153,23 @@ impl OneScale {
     /// # Errors
     /// [`Error::MultiView`](crate::error::Error::MultiView) for a ratio that is not finite.
     pub fn factors(&self) -> Result<Vec<SameScale>> {
-        Ok(common_scale(self.photographs, &self.ratios)?.into_iter().map(SameScale::from).collect())
+        Ok(common_scale(self.photographs, &self.ratios)?.into_iter().map(of_group).collect())
     }
+}
+
+fn of_group(found: LogFactor) -> SameScale {
+    let LogFactor { log, sigma, component, photographs } = found;
+    SameScale { factor: log.exp(), log_sigma: WHOLE * sigma, group: component, photographs }
+}
+
+/// A warning where the factors of photographs are of several groups; `place` has the group of each.
+pub fn groups_warning(factors: &[SameScale], place: &str) -> Option<String> {
+    let alone = factors.iter().filter(|factor| factor.is_alone()).count();
+    let groups = factors.iter().map(|factor| factor.group + 1).max().unwrap_or(0) - alone;
+    (groups > 1).then(|| {
+        format!(
+            "{{same-scale}}: the photographs are {groups} groups without a match between them, each on a scale of its own; {place} has the \
+             group of each"
+        )
+    })
 }

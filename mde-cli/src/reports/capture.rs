@@ -1,4 +1,3 @@
-use crate::several::Capture;
 use crate::reports::evidence::Evidence;
 use crate::reports::novel::NovelView;
 use mde_fusion::FusionReport;
@@ -118,15 +117,13 @@ pub struct CaptureSeconds {
 }
 
 impl CaptureReport {
-    pub(super) fn new(capture: &Capture) -> Self {
-        let photographs = capture
-            .photographs
-            .iter()
+    pub(crate) fn new<'n>(names: impl Iterator<Item = &'n str>, reference: usize) -> Self {
+        let photographs = names
             .enumerate()
-            .map(|(index, photograph)| PhotographReport {
-                name: photograph.name.clone(),
-                used: index == capture.reference,
-                verdict: if index == capture.reference { REFERENCE } else { POSED }.to_owned(),
+            .map(|(index, name)| PhotographReport {
+                name: name.to_owned(),
+                used: index == reference,
+                verdict: if index == reference { REFERENCE } else { POSED }.to_owned(),
                 matches: None,
                 parallax: None,
                 overlap: None,
@@ -161,7 +158,7 @@ impl CaptureReport {
     }
 
     /// The verdicts on all photographs but the reference.
-    pub(super) fn verdicts(&self, reference: usize) -> String {
+    pub(crate) fn verdicts(&self, reference: usize) -> String {
         let others = self.photographs.iter().enumerate().filter(|(index, _)| *index != reference);
         let verdict = |(_, photograph): (usize, &PhotographReport)| {
             format!("{}: {}", photograph.name, photograph.verdict)
@@ -170,7 +167,7 @@ impl CaptureReport {
     }
 
     /// The report of predictions and poses with another photograph as the one that is refined.
-    pub(super) fn of(&self, from: usize, reference: usize) -> Self {
+    pub(crate) fn of(&self, from: usize, reference: usize) -> Self {
         let mut report = self.clone();
         for (index, photograph) in report.photographs.iter_mut().enumerate() {
             photograph.used = index == reference;
@@ -185,14 +182,14 @@ impl CaptureReport {
         report
     }
 
-    pub(super) fn take(&mut self, reconstruction: &Reconstruction, order: &[usize]) {
+    pub(crate) fn take(&mut self, reconstruction: &Reconstruction, order: &[usize]) {
         for (known, &index) in reconstruction.views.iter().zip(order) {
             self.photographs[index].verified = Some(known.verified);
         }
     }
 
     /// Cameras and poses of the photographs that were used, of `factor` units of the poses per unit of the depth.
-    pub(super) fn place(&mut self, views: &[PosedView], order: &[usize], factor: f64) {
+    pub(crate) fn place(&mut self, views: &[PosedView], order: &[usize], factor: f64) {
         for (view, &index) in views.iter().zip(order) {
             let mut pose = view.pose;
             pose.translation.vector /= factor;
@@ -210,7 +207,7 @@ impl PhotographReport {
         !self.used && self.verdict != REFERENCE && self.verdict != POSED
     }
 
-    pub(super) fn take(&mut self, score: &ViewScore, used: bool, view: &PosedView, reference: &PosedView) {
+    pub(crate) fn take(&mut self, score: &ViewScore, used: bool, view: &PosedView, reference: &PosedView) {
         self.used = used;
         self.parallax = Some(score.parallax);
         self.overlap = Some(score.overlap);

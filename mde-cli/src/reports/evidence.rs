@@ -36,7 +36,7 @@ pub struct Evidence {
 impl Evidence {
     /// Of a depth of the reference in the prior's unit; `fused` is the consensus of each view, `factor` the unit of the poses per unit of
     /// the prior.
-    pub(super) fn new(
+    pub(crate) fn new(
         views: &[PosedView],
         fused: &[&GaussianDepth],
         rendered: Option<&RenderedView>,

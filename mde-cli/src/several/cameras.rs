@@ -1,7 +1,7 @@
 //! Poses and cameras of the photographs, refined or estimated.
 
 use crate::reports::capture::{CaptureReport, PoseSource};
-use crate::several::{Capture, view};
+use crate::scene::Scene;
 use crate::error::Result;
 use crate::config::Config;
 use mde_mvs::poses::{
@@ -36,27 +36,27 @@ pub(super) struct Posed {
 /// The posed views, or nothing (with the reason in the report) where no photograph but the reference has a pose with parallax. The
 /// callback counts the pairs of photographs as they are matched.
 pub(super) fn posed(
-    capture: &Capture,
+    scene: &Scene,
     priors: &[Option<Array2<f32>>],
     config: &Config,
     report: &mut CaptureReport,
     matched: &mut mde_mvs::Callback<'_>,
 ) -> Result<Option<Posed>> {
-    let inputs: Vec<poses::Photograph<'_>> = capture
+    let inputs: Vec<poses::Photograph<'_>> = scene
         .photographs
         .iter()
         .zip(priors)
         .map(|(photograph, prior)| poses::Photograph {
             name: &photograph.name,
             image: photograph.image.view(),
-            camera: photograph.camera,
-            focal_assumed: photograph.focal_assumed && photograph.pose.is_none(),
+            camera: photograph.camera.camera,
+            focal_assumed: photograph.camera.is_assumed() && photograph.pose.is_none(),
             prior: prior.as_ref().map(|depth| depth.view()),
         })
         .collect();
     let seed = derived_seed(config.seed, "poses", 0);
-    let reference = capture.reference;
-    let given: Option<Vec<Pose>> = capture.photographs.iter().map(|p| p.pose).collect();
+    let reference = scene.reference;
+    let given: Option<Vec<Pose>> = scene.photographs.iter().map(|p| p.pose).collect();
     let (cameras, poses, covariances, unit) = match given {
         Some(given) => {
             let world = given[reference].inverse();
@@ -70,7 +70,7 @@ pub(super) fn posed(
             }
             let first = kept.iter().position(|&index| index == reference).unwrap_or_default();
             let unit = unit(&refined.tracks, first, priors[reference].as_ref());
-            let cameras: Vec<PinholeCamera> = capture.photographs.iter().map(|p| p.camera).collect();
+            let cameras: Vec<PinholeCamera> = scene.photographs.iter().map(|p| p.camera.camera).collect();
             let (mut poses, mut covariances) = (vec![None; given.len()], vec![None; given.len()]);
             for ((&index, pose), covariance) in kept.iter().zip(refined.poses).zip(refined.covariances) {
                 (poses[index], covariances[index]) = (Some(pose), covariance);
@@ -79,8 +79,7 @@ pub(super) fn posed(
         }
         None => {
             let settings = PosesConfig::default();
-            let matches = capture.matches.as_ref();
-            let estimated = estimate_poses_with(&inputs, reference, matches, &settings, seed, matched)?;
+            let estimated = estimate_poses_with(&inputs, reference, None, &settings, seed, matched)?;
             report.poses = PoseSource::Estimated;
             report.focal_factor = Some(estimated.focal_factor);
             for (photograph, found) in report.photographs.iter_mut().zip(&estimated.photographs) {
@@ -107,9 +106,9 @@ pub(super) fn posed(
     let views = order
         .iter()
         .map(|&index| {
-            view(&capture.photographs[index], poses[index].unwrap_or_else(Pose::identity), cameras[index])
+            scene.photographs[index].view(poses[index].unwrap_or_else(Pose::identity), cameras[index])
         })
-        .collect::<Result<Vec<_>>>()?;
+        .collect();
     let covariances = order.iter().map(|&index| covariances[index]).collect();
     Ok(Some(Posed { views, order, covariances, unit }))
 }

@@ -2,13 +2,13 @@
 
 use crate::several::prepared::equalised;
 use crate::error::Result;
+use crate::reports::novel::NovelView;
 use mde_mvs::consensus::Reconstruction;
 use mde_nerf::{FieldCallback, RadianceField};
 use mde_prior::resample::{Filter, nearest, resize};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PosedView, WarpConfig, forward_warp};
 use ndarray::{Array2, Array3, Axis, Zip};
-use serde::Serialize;
 
 /// Longer side of the rendering, pixels: it takes a few tenths of a second.
 const LONGEST: usize = 320;
@@ -24,27 +24,6 @@ pub(super) struct Candidate {
     pub(super) index: usize,
     /// Whether neither sweeps nor fit used it.
     pub(super) withheld: bool,
-}
-
-/// A photograph, what the field renders from its place, and how far they differ.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct NovelView {
-    /// Index among the capture's photographs.
-    pub photograph: usize,
-    /// Whether its colours and its depth took no part in sweeps and fit. Its matches took part in the pose estimation.
-    pub withheld: bool,
-    /// PSNR of the field's rendering, dB.
-    pub psnr: Option<f64>,
-    /// PSNR of the reference moved there by the gauged prior, over the same pixels, dB.
-    pub psnr_of_prior: Option<f64>,
-    /// Share of its pixels that are compared: those which the field renders and the moved reference reaches.
-    pub compared: f64,
-    /// The photograph in the reference's exposure, `[height, width, 3]`, at most 320 pixels a side.
-    #[serde(skip)]
-    pub image: Array3<f32>,
-    /// The field's rendering, of the same size; grey where the field has nothing.
-    #[serde(skip)]
-    pub rendered: Array3<f32>,
 }
 
 /// Renders a photograph by the field, and by moving the reference with the gauged prior.

@@ -1,13 +1,13 @@
 //! What the photographs of a capture share, found once, and the refinement of each.
 
-use crate::several::{cameras, novel, Capture, withheld, priors, result};
+use crate::several::{cameras, fault, novel, priors, result, withheld};
+use crate::scene::Scene;
 use crate::several::cameras::Posed;
 use crate::reports::evidence::Evidence;
 use crate::several::novel::Candidate;
 use crate::reports::capture::CaptureReport;
-use crate::several::capture as fault;
 use crate::reports::prediction::Component;
-use crate::config::{Config, Preset};
+use crate::config::Config;
 use crate::refinement::event::{Callback, Event, Stage};
 use crate::reports::Refinement;
 use crate::refinement::stages::Stages;
@@ -30,13 +30,13 @@ use std::time::Instant;
 const SHARED: f64 = 0.75;
 
 /// A capture after the stages that its photographs share: predictions of the prior, poses, and plane sweeps of those that see the
-/// same. [`PreparedCapture::refine`] fits a field for any of them, in that photograph's own frustum.
+/// same. [`PreparedScene::refine`] fits a field for any of them, in that photograph's own frustum.
 ///
 /// All results have one unit: one factor between poses and prior, that of the capture's reference.
 #[derive(Debug)]
-pub struct PreparedCapture<'c> {
-    capture: &'c Capture,
-    config: &'c Config,
+pub struct PreparedScene<'s> {
+    scene: &'s Scene,
+    config: &'s Config,
     priors: Vec<Option<Array2<f32>>>,
     /// Nothing where no further photograph has a pose.
     posed: Option<Posed>,
@@ -86,31 +86,31 @@ impl Swept {
     }
 }
 
-impl<'c> PreparedCapture<'c> {
+impl<'s> PreparedScene<'s> {
     /// Predictions and poses of all photographs, and the choice of those that are swept together. Of the stages, the prior and its limit of
     /// predictions at once are used.
     ///
     /// # Errors
     /// As [`refine_capture`](super::refine_capture).
     pub fn new(
-        capture: &'c Capture,
+        scene: &'s Scene,
         stages: &Stages<'_>,
-        config: &'c Config,
+        config: &'s Config,
         callback: &mut Callback<'_>,
     ) -> Result<Self> {
         config.validate()?;
-        capture.validate()?;
+        scene.validate()?;
         let mut run = Run { config, callback };
-        let mut report = CaptureReport::new(capture);
+        let mut report = CaptureReport::new(scene.photographs.iter().map(|one| &*one.name), scene.reference);
         let start = run.begin(Stage::Prior)?;
-        let priors = priors::predict(capture, stages, config, |done, total| {
+        let priors = priors::predict(scene, stages, config, |done, total| {
             run.notify(&Event::Predicted { done, total })
         })?;
         report.seconds.prior = start.elapsed().as_secs_f64();
 
         let start = run.begin(Stage::Poses)?;
         let mut matched = |done, total| run.notify(&Event::Part { stage: Stage::Poses, done, total });
-        let posed = cameras::posed(capture, &priors, config, &mut report, &mut matched)?;
+        let posed = cameras::posed(scene, &priors, config, &mut report, &mut matched)?;
         let plan = match &posed {
             Some(posed) => plan(posed, &priors, config, 1)?,
             None => Vec::new(),
@@ -126,16 +126,21 @@ impl<'c> PreparedCapture<'c> {
             }
         }
         let scale = match &posed {
-            Some(posed) => scale_of_points(capture, posed, &priors)?,
+            Some(posed) => scale_of_points(scene, posed, &priors)?,
             None => None,
         };
         report.seconds.poses = start.elapsed().as_secs_f64();
-        Ok(Self { capture, config, priors, posed, plan, swept: None, scale, scale_sought: false, report })
+        Ok(Self { scene, config, priors, posed, plan, swept: None, scale, scale_sought: false, report })
     }
 
     /// The photographs.
-    pub fn capture(&self) -> &'c Capture {
-        self.capture
+    pub fn scene(&self) -> &'s Scene {
+        self.scene
+    }
+
+    /// The prior's depth of a photograph, `[height, width]`; 0 where missing.
+    pub fn prior_depth(&self, photograph: usize) -> Option<&Array2<f32>> {
+        self.priors.get(photograph)?.as_ref()
     }
 
     /// Report of predictions and poses.
@@ -149,7 +154,7 @@ impl<'c> PreparedCapture<'c> {
             let place = posed.order.iter().position(|&index| index == photograph)?;
             Some(posed.views[place].camera)
         });
-        found.or_else(|| Some(self.capture.photographs.get(photograph)?.camera))
+        found.or_else(|| Some(self.scene.photographs.get(photograph)?.camera.camera))
     }
 
     /// From the frame of the capture's reference to that of a photograph, in the unit of the poses.
@@ -175,10 +180,10 @@ impl<'c> PreparedCapture<'c> {
             return Err(fault(reason, "give the index of one of them"));
         };
         let prior = prior.clone().ok_or(Error::EmptyPrior)?;
-        let mut report = self.report.of(self.capture.reference, photograph);
+        let mut report = self.report.of(self.scene.reference, photograph);
         let config = self.config;
         let mut run = Run { config, callback };
-        if photograph != self.capture.reference
+        if photograph != self.scene.reference
             && let Some(posed) = &self.posed
             && self.plan.len() < posed.views.len()
         {
@@ -232,10 +237,12 @@ impl<'c> PreparedCapture<'c> {
         let depths = priors::for_views(&views, &order, &self.priors, unit)?;
         let depths: Vec<ArrayView2<'_, f32>> = depths.iter().map(|depth| depth.view()).collect();
         report.withheld_colours =
-            guard::withheld(&views, &depths, &order, &swept.reconstruction, self.capture)?;
+            withheld::withheld(&views, &depths, &order, &swept.reconstruction, self.scene)?;
         let unusable = swept.as_first(own, result::unusable);
-        if let Some(reason) = unusable.or_else(|| guard::contradiction(&report)) {
+        if let Some(reason) = unusable.or_else(|| withheld::contradiction(&report)) {
             report.fallback = Some(reason);
+            // What the refused sweeps found is no scale.
+            report.scale = None;
             report.seconds.sweep = swept.seconds + start.elapsed().as_secs_f64();
             return self.alone(photograph, stages, report, run.callback);
         }
@@ -356,7 +363,7 @@ impl<'c> PreparedCapture<'c> {
         Ok(())
     }
 
-    /// The photograph alone, with the default preset; without a field where the settings fit none.
+    /// The photograph alone, with the same settings and without a field: there is nothing that one could add.
     fn alone(
         &self,
         photograph: usize,
@@ -364,30 +371,26 @@ impl<'c> PreparedCapture<'c> {
         report: CaptureReport,
         callback: &mut Callback<'_>,
     ) -> Result<Refinement> {
-        let config = self.config;
-        let mut alone =
-            Config { seed: config.seed, disparity: config.disparity.clone(), ..Preset::Default.config() };
-        if config.refinement.iterations == 0 {
-            alone.refinement.iterations = 0;
-        }
-        let reference = &self.capture.photographs[photograph];
-        let refined = refine(reference.image.view(), &reference.camera, stages, &alone, callback)?;
+        let mut alone = self.config.clone();
+        alone.refinement.iterations = 0;
+        let reference = &self.scene.photographs[photograph];
+        let refined = refine(reference.image.view(), &reference.camera.camera, stages, &alone, callback)?;
         Ok(Refinement { capture: Some(report), ..refined })
     }
 }
 
 /// The scale by the points that the capture's reference shows.
 fn scale_of_points(
-    capture: &Capture,
+    scene: &Scene,
     posed: &Posed,
     priors: &[Option<Array2<f32>>],
 ) -> Result<Option<Scale>> {
-    let reference = capture.reference;
-    let (Some(pose), Some(prior)) = (capture.photographs[reference].pose, &priors[reference]) else {
+    let reference = scene.reference;
+    let (Some(pose), Some(prior)) = (scene.photographs[reference].pose, &priors[reference]) else {
         return Ok(None);
     };
     // The posed views have the reference's frame for their world.
-    let points: Vec<Point3<f64>> = capture.points.iter().map(|point| pose * point).collect();
+    let points: Vec<Point3<f64>> = scene.points.iter().map(|point| pose * point).collect();
     let prior = prior.mapv(|z| (f64::from(z) * posed.unit) as f32);
     Ok(Scale::fit(&point_matches(&posed.views[0], &points, prior.view())?))
 }

@@ -1,6 +1,6 @@
 //! The prior's depth of every photograph.
 
-use crate::several::Capture;
+use crate::scene::Scene;
 use crate::config::Config;
 use crate::refinement::stages::Stages;
 use crate::error::{Error, Result};
@@ -13,16 +13,16 @@ use std::ops::ControlFlow;
 /// One prediction per photograph, `[height, width]`, 0 where missing; of the reference alone for a prior that is a map. As many run at
 /// once as the prior and the limits of the stages allow; the depths do not depend on it.
 pub(super) fn predict(
-    capture: &Capture,
+    scene: &Scene,
     stages: &Stages<'_>,
     config: &Config,
     mut progress: impl FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<Vec<Option<Array2<f32>>>> {
     let prior = stages.prior;
-    let count = capture.photographs.len();
+    let count = scene.photographs.len();
     let every = prior.accepts_new_images();
-    let wanted: Vec<usize> = (0..count).filter(|&index| every || index == capture.reference).collect();
-    let images: Vec<_> = wanted.iter().map(|&index| capture.photographs[index].image.view()).collect();
+    let wanted: Vec<usize> = (0..count).filter(|&index| every || index == scene.reference).collect();
+    let images: Vec<_> = wanted.iter().map(|&index| scene.photographs[index].image.view()).collect();
     let mut predictions = Vec::with_capacity(images.len());
     let flow = predict_each(prior, &images, stages.limits.at_once, |prediction| {
         predictions.push(prediction);
@@ -33,10 +33,11 @@ pub(super) fn predict(
     }
     let mut depths = vec![None; count];
     for ((&index, image), prediction) in wanted.iter().zip(&images).zip(predictions) {
-        let depth = prediction.to_depth(&config.disparity)?;
+        let factor = stages.factors.get(index).copied().unwrap_or(1.0);
+        let depth = prediction.to_depth(&config.disparity)?.mapv(|z| factor * z);
         match crate::refinement::check_prior(depth.view(), image.view()) {
             Ok(()) => depths[index] = Some(depth),
-            Err(error) if index == capture.reference => return Err(error),
+            Err(error) if index == scene.reference => return Err(error),
             // The reference's depth takes its place.
             Err(_) => {}
         }

@@ -1,6 +1,6 @@
 //! A check on a photograph that the depth has not used.
 
-use crate::several::Capture;
+use crate::scene::Scene;
 use crate::reports::capture::{CaptureReport, WithheldPhotograph};
 use crate::error::Result;
 use mde_mvs::consensus::{ConsensusConfig, Reconstruction};
@@ -14,14 +14,14 @@ pub(super) fn withheld(
     priors: &[ArrayView2<'_, f32>],
     order: &[usize],
     known: &Reconstruction,
-    capture: &Capture,
+    scene: &Scene,
 ) -> Result<Option<WithheldPhotograph>> {
     let centre = |view: &PosedView| view.pose.inverse().translation.vector;
     let Some((reference, others)) = views.split_first() else { return Ok(None) };
     let distances: Vec<f64> = others.iter().map(|view| (centre(view) - centre(reference)).norm()).collect();
     let Some(index) = typical(&distances).map(|index| index + 1) else { return Ok(None) };
     let error = withheld_error(views, priors, index, known.scale, &ConsensusConfig::default())?;
-    Ok(error.map(|error| WithheldPhotograph { name: capture.photographs[order[index]].name.clone(), error }))
+    Ok(error.map(|error| WithheldPhotograph { name: scene.photographs[order[index]].name.clone(), error }))
 }
 
 /// The reason for not using the photographs, where the withheld one fits the prior better.

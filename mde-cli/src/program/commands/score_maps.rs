@@ -10,7 +10,7 @@ use crate::program::open::size::check_maps;
 use crate::program::interrupt;
 use crate::program::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
-use crate::refiner::prior::read_options;
+use crate::prior::files::read_options;
 use mde_eval::data::{MapPair, MapPairs};
 use mde_eval::score::{Subject, curves, score};
 use mde_eval::table::Entry;

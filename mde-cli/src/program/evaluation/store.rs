@@ -4,7 +4,7 @@ use crate::program::store::lock;
 use crate::program::store::lock::Lock;
 use crate::program::provenance::write_json;
 use anyhow::{Context, Result, ensure};
-use crate::refiner::size::resized;
+use crate::scene::size::resized;
 use mde_eval::Refined;
 use mde_prior::format::{Format, ReadOptions, decode, write_npy};
 use mde_prior::photo::write_image;

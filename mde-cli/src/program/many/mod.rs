@@ -4,6 +4,7 @@
 //! keeps the folder. The index is written from the markers' rows, every few seconds and at the end.
 
 mod allowance;
+pub(crate) mod every;
 mod index;
 mod item;
 pub(crate) mod merge;

@@ -3,8 +3,8 @@
 use crate::program::args::CameraArgs;
 use anyhow::Result;
 use crate::naming::Naming;
-use crate::refiner::camera::GivenCamera;
-pub(crate) use crate::refiner::camera::{CameraSource, KnownCamera};
+use crate::scene::camera::GivenCamera;
+pub(crate) use crate::scene::camera::{CameraSource, KnownCamera};
 
 /// The camera of an image of that size, `[width, height]`.
 pub(crate) fn of_size(args: &CameraArgs, focal_35mm: Option<f64>, size: [usize; 2]) -> Result<KnownCamera> {

@@ -8,7 +8,7 @@ use crate::program::open::photographs::in_folder;
 use crate::program::open::size::{check_memory, sizes};
 use crate::program::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
-use crate::refiner::photograph::Opened;
+use crate::scene::photograph::Opened;
 use crate::refiner::plan::capture_bytes;
 use crate::several::{Capture, Photograph};
 use crate::config::Config;
@@ -94,7 +94,7 @@ fn posed(
             (view.image, view.camera, view.mask)
         } else {
             let mask = mde_prior::resample::nearest(view.mask.view(), (to_height, to_width));
-            let image = crate::refiner::size::shrink(&view.image, (to_height, to_width));
+            let image = crate::scene::size::shrink(&view.image, (to_height, to_width));
             (image, view.camera.resized(to_width, to_height)?, mask)
         };
         photographs.push(Photograph {

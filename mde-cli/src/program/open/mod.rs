@@ -6,5 +6,6 @@ mod colmap;
 pub(crate) mod opened;
 pub(crate) mod photographs;
 pub(crate) mod prior;
+pub(crate) mod relative;
 pub(crate) mod size;
 pub(crate) mod truth;

@@ -6,7 +6,7 @@ use crate::program::open::size::sizes;
 use crate::program::progress::Progress;
 use anyhow::{Context, Result};
 use crate::config::{Shorthands, Config, Preset};
-use crate::refiner::photograph::Opened;
+use crate::scene::photograph::Opened;
 use crate::naming::Naming;
 use mde_prior::photo::{Photo, read_image};
 use std::path::Path;

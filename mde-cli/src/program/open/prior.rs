@@ -6,10 +6,10 @@ use crate::program::args::RuntimeArgs;
 use crate::program::progress::Progress;
 use anyhow::Result;
 use crate::naming::Naming;
-use crate::refiner::prior::bound::BoundPrior;
-use crate::refiner::prior::{MapFile, read_options};
-use crate::refiner::photograph::Opened;
-use crate::refiner::prior::origin::PriorOrigin;
+use crate::prior::bound::BoundPrior;
+use crate::prior::files::{MapFile, read_options};
+use crate::scene::photograph::Opened;
+use crate::prior::origin::PriorOrigin;
 use mde_eval::trial::Trial;
 use mde_prior::{DepthKind, DepthPrior};
 use std::path::Path;
@@ -72,7 +72,7 @@ impl NamedPrior {
 
     #[cfg(feature = "onnx")]
     fn model(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
-        use crate::refiner::prior::{NetworkFormat, open_network};
+        use crate::prior::files::{NetworkFormat, open_network};
         let profile = args.model_profile.as_deref();
         let spec = NetworkFormat { profile, input_size: args.input_size, kind }.spec(path, Naming::Flags)?;
         let (prior, origin) = open_network(path, spec, &runtime(&args.runtime)?)?;

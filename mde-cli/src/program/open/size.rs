@@ -3,7 +3,7 @@
 use crate::program::args::{MemoryArgs, SizeArgs};
 use anyhow::Result;
 use crate::naming::Naming;
-use crate::refiner::photograph::Sizes;
+use crate::scene::photograph::Sizes;
 use crate::refiner::plan::limit::MemoryLimit;
 use crate::refiner::plan::SceneMemory;
 

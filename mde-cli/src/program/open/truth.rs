@@ -3,7 +3,7 @@
 use crate::program::args::TruthArgs;
 use anyhow::{Context, Result, ensure};
 use crate::reports::Refinement;
-use crate::refiner::prior::read_options;
+use crate::prior::files::read_options;
 use mde_eval::align::AlignmentRule;
 use mde_eval::score::{ScoreConfig, Scores, Subject, score};
 use mde_prior::DepthKind;

@@ -5,7 +5,7 @@ use crate::program::report::{page, photographs, read_json, read_text};
 use crate::program::store::folder::RECORD;
 use anyhow::{Context, Result, ensure};
 use crate::config::{IterationPrior, Config, Preset};
-use crate::refiner::size::resized;
+use crate::scene::size::resized;
 use mde_fusion::PriorVariance;
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;

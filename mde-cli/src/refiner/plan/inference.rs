@@ -132,7 +132,6 @@ impl<'c> PhotographMemory<'c> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::naming::Naming;
     use crate::config::Preset;
     use mde_prior::ndarray::ArrayView3;
     use mde_prior::{Error, PriorDepth};
@@ -161,7 +160,7 @@ mod tests {
         let memory = PhotographMemory::new(&config, &Large(1 << 20), at, at, 8);
         let pixels = 480 * 640;
         let at_once = |bytes: u64| {
-            let limit = MemoryLimit { gib: bytes as f64 / f64::from(1 << 30), naming: Naming::Flags };
+            let limit = MemoryLimit { gib: bytes as f64 / f64::from(1 << 30) };
             memory.predictions_at_once(&limit, "photo.png", at)
         };
         assert_eq!(at_once(memory.bytes(pixels, 8)).unwrap(), 8);

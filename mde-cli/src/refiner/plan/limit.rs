@@ -1,17 +1,20 @@
 //! The refusal of runs that need too much memory.
 
 use crate::refiner::plan::most_pixels;
-use crate::refiner::size::SMALLEST;
+use crate::scene::size::SMALLEST;
 use crate::error::{Error, Result};
-use crate::naming::Naming;
 
 /// The limit of `max-memory`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MemoryLimit {
     /// In GiB.
     pub gib: f64,
-    /// How the refusal names the argument.
-    pub naming: Naming,
+}
+
+impl Default for MemoryLimit {
+    fn default() -> Self {
+        Self { gib: Self::USUAL }
+    }
 }
 
 impl MemoryLimit {
@@ -61,9 +64,8 @@ impl MemoryLimit {
             let side = |side: usize| (side as f64 * scale) as usize;
             Some((side(height), side(width))).filter(|(height, width)| *height.min(width) >= SMALLEST)
         });
-        let argument = self.naming.of("max-memory");
         Err(Error::Argument(format!(
-            "{what}: {width}x{height} pixels {with} need about {:.1} GiB, more than {argument} {}; {}, or a larger {argument}",
+            "{what}: {width}x{height} pixels {with} need about {:.1} GiB, more than {{max-memory}} {}; {}, or a larger {{max-memory}}",
             needed as f64 / f64::from(1 << 30),
             self.gib,
             remedy(fitting)

@@ -1,14 +1,12 @@
 //! Estimates of the memory that a run needs.
 
-mod inference;
-mod limit;
+pub mod inference;
+pub mod limit;
 
 use crate::config::{Config, NovelViews, RefinementConfig};
 use mde_mvs::consensus::{ConsensusConfig, reconstruct_bytes};
 use mde_nerf::{FieldConfig, HashFieldConfig, RenderConfig};
 
-pub use inference::PhotographMemory;
-pub use limit::MemoryLimit;
 
 /// The program, its threads' tiles and what it allocates at any image size.
 const BASE: u64 = 64 << 20;
@@ -53,7 +51,7 @@ pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
 /// Estimate of the bytes that [`refine_capture`](crate::several::refine_capture) needs for that many photographs of that many pixels on that
 /// many threads. For 3, 5 and 8 photographs of 320x240 and of 640x480 on two threads it is 1.10 to 1.17 times the measured peak, with the
 /// inference of a network of 5 MB. What the fit copies takes memory that the sweeps have freed.
-pub fn capture_bytes(pixels: u64, photographs: u64, threads: u64, config: &Config) -> u64 {
+pub fn scene_bytes(pixels: u64, photographs: u64, threads: u64, config: &Config) -> u64 {
     let used = photographs.min(config.multi_view.max_views as u64);
     let held = PHOTOGRAPH.saturating_mul(photographs);
     let features = FEATURES.saturating_mul(threads.min(photographs));
@@ -243,7 +241,7 @@ mod tests {
     #[test]
     fn photographs_threads_and_pixels_take_more() {
         let config = Preset::MultiView.config();
-        let bytes = |pixels, photographs, threads| capture_bytes(pixels, photographs, threads, &config);
+        let bytes = |pixels, photographs, threads| scene_bytes(pixels, photographs, threads, &config);
         let pixels = 640 * 480;
         assert!(bytes(pixels, 5, 2) < 1 << 30 && bytes(pixels, 3, 2) < bytes(pixels, 5, 2));
         assert!(bytes(pixels, 5, 1) < bytes(pixels, 5, 2) && bytes(pixels, 5, 9) == bytes(pixels, 5, 5));

@@ -1,10 +1,9 @@
 //! The camera of a photograph: given, from its EXIF, or assumed.
 
-use crate::refiner::prior::origin::PriorOrigin;
+use crate::prior::origin::PriorOrigin;
 use crate::error::{text, Error, Result};
 use crate::reports::capture::CaptureReport;
-use crate::refiner::intrinsics::Intrinsics;
-use crate::naming::Naming;
+use crate::scene::intrinsics::Intrinsics;
 use mde_prior::DepthPrior;
 use mde_warp::PinholeCamera;
 use ndarray::ArrayView3;
@@ -98,7 +97,6 @@ impl KnownCamera {
         given: &GivenCamera,
         focal_35mm: Option<f64>,
         [width, height]: [usize; 2],
-        naming: Naming,
     ) -> Result<Self> {
         let middle = |side: usize| 0.5 * (side as f64 - 1.0);
         let (camera, source) = match (given, focal_35mm) {
@@ -121,7 +119,7 @@ impl KnownCamera {
             }
             (GivenCamera::FieldOfView(fov), _) => {
                 let camera = PinholeCamera::from_fov(*fov, width, height)
-                    .map_err(|error| Error::Argument(format!("{}: {}", naming.of("fov"), text(&error))))?;
+                    .map_err(|error| Error::Argument(format!("{{fov}}: {}", text(&error))))?;
                 (camera, CameraSource::FieldOfView(*fov))
             }
             (GivenCamera::Nothing, Some(mm)) => {
@@ -136,8 +134,7 @@ impl KnownCamera {
         for (name, focal, side) in [("fx", camera.fx, width), ("fy", camera.fy, height)] {
             if stated && !(1e-3..=1e5).contains(&(focal / side as f64)) {
                 return Err(Error::Argument(format!(
-                    "{name} is {focal:e} pixels, which is no focal length of an image of {width}x{height}; give one about the width, or {}",
-                    naming.of("fov")
+                    "{name} is {focal:e} pixels, which is no focal length of an image of {width}x{height}; give one about the width, or {{fov}}"
                 )));
             }
         }
@@ -193,12 +190,11 @@ impl KnownCamera {
     }
 
     /// A warning where the camera is assumed.
-    pub fn warning(&self, naming: Naming) -> Option<String> {
+    pub fn warning(&self) -> Option<String> {
         let CameraSource::Assumed(degrees) = self.source else { return None };
         Some(format!(
             "the camera is unknown: a horizontal field of view of {degrees} degrees is assumed, which affects the point cloud \
-             but not the depth, unless a field is fitted; give {}",
-            naming.choose("--fov, --fx or --intrinsics", "intrinsics or fov")
+             but not the depth, unless a field is fitted; give {{fov}} or {{intrinsics}}"
         ))
     }
 }

@@ -1,8 +1,10 @@
 //! Where a prior comes from.
 
-use crate::naming::Naming;
 use mde_prior::{DepthKind, ModelSpec};
 use serde::Serialize;
+
+/// The unit of metric depth.
+pub const METRES: &str = "m";
 
 /// What a prior is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,16 +57,14 @@ impl PriorOrigin {
     }
 
     /// The message about a network whose order of near and far is exchanged, with that mean correlation with known depth.
-    pub fn exchanged(&self, correlation: f64, naming: Naming) -> String {
+    pub fn swapped(&self, correlation: f64) -> String {
         let remedy = match self.kind {
-            DepthKind::AffineDisparity => {
-                naming.choose("--prior-kind metric or depth", "kind=\"metric\" or \"depth\"")
-            }
-            _ => naming.choose("--prior-kind disparity", "kind=\"disparity\""),
+            DepthKind::AffineDisparity => "metric or depth",
+            _ => "disparity",
         };
         format!(
             "{}: near and far are exchanged in rooms of known depth (mean correlation {correlation:.2}), as where a disparity is taken for a depth \
-             or the reverse; give {remedy}, or check the profile",
+             or the reverse; give {{prior-kind}} {remedy}, or check the profile",
             self.source
         )
     }

@@ -1,13 +1,13 @@
 //! A prior for one photograph.
 
-use crate::refiner::prior::origin::PriorOrigin;
-use crate::refiner::prior::Resampled;
+use crate::prior::origin::PriorOrigin;
+use crate::prior::files::Resampled;
 use crate::error::Result;
 use mde_prior::{DepthPrior, InferenceMemory, Metres, PriorDepth};
 use ndarray::{Array3, ArrayView3};
 
 /// A prior for one photograph: a map at the size of its refinement, a network with the metres that its focal length gives.
-pub struct BoundPrior<'p> {
+pub(crate) struct PhotographPrior<'p> {
     prior: &'p dyn DepthPrior,
     origin: PriorOrigin,
     /// Focal length / width, where it is known.
@@ -16,9 +16,9 @@ pub struct BoundPrior<'p> {
     resampled: Option<PriorDepth>,
 }
 
-impl<'p> BoundPrior<'p> {
+impl<'p> PhotographPrior<'p> {
     /// A prior as it is.
-    pub fn new(prior: &'p dyn DepthPrior, origin: &PriorOrigin) -> Self {
+    pub(crate) fn new(prior: &'p dyn DepthPrior, origin: &PriorOrigin) -> Self {
         Self { prior, origin: origin.clone(), focal: None, resampled: None }
     }
 
@@ -27,7 +27,7 @@ impl<'p> BoundPrior<'p> {
     ///
     /// # Errors
     /// [`Error::Prior`](crate::error::Error::Prior) where nothing of the map is left.
-    pub fn resampled(
+    pub(crate) fn resampled(
         mut self,
         from: (usize, usize),
         original: (usize, usize),
@@ -44,19 +44,19 @@ impl<'p> BoundPrior<'p> {
 
     /// The same for photographs of that focal length / width, where it is known: a network whose metres depend on it has some only then.
     #[must_use]
-    pub fn at_focal(mut self, focal: Option<f64>) -> Self {
+    pub(crate) fn at_focal(mut self, focal: Option<f64>) -> Self {
         self.origin = self.origin.at_focal(focal);
         self.focal = focal;
         self
     }
 
     /// Where the predictions come from.
-    pub fn origin(&self) -> &PriorOrigin {
+    pub(crate) fn origin(&self) -> &PriorOrigin {
         &self.origin
     }
 }
 
-impl DepthPrior for BoundPrior<'_> {
+impl DepthPrior for PhotographPrior<'_> {
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
         if let Some(map) = &self.resampled {
             return Ok(map.clone());

@@ -1,13 +1,10 @@
 //! Depths that are known at some pixels.
 
 use crate::error::{text, Error, Result};
-use crate::refinement::scale::{KnownDepth, ScaleReport};
-use crate::naming::Naming;
-use serde::Serialize;
 
-/// Known depths in pixels of the photograph's file.
+/// KnownDepths depths in pixels of the photograph's file.
 #[derive(Debug, Clone)]
-pub struct Known {
+pub struct KnownDepths {
     /// The file or folder, or `array`.
     pub source: String,
     /// Whether the unit is that of a COLMAP model, and not metres.
@@ -17,17 +14,7 @@ pub struct Known {
     size: (usize, usize),
 }
 
-/// How the result came to its unit, for the record.
-#[derive(Debug, Clone, Serialize)]
-pub struct Scaled {
-    /// The file or folder, or `array`.
-    pub from: String,
-    /// The map to the known depths.
-    #[serde(flatten)]
-    pub report: ScaleReport,
-}
-
-impl Known {
+impl KnownDepths {
     /// Depths in metres, in pixels of a photograph of `(height, width)`; `source` names them.
     ///
     /// # Errors
@@ -37,18 +24,15 @@ impl Known {
         depths: Vec<KnownDepth>,
         photograph: &str,
         size: (usize, usize),
-        naming: Naming,
     ) -> Result<Self> {
         if depths.is_empty() {
             return Err(Error::Argument(format!(
-                "{} {source}: no depth of {photograph}; give its column, row and depth, separated by commas, or a COLMAP model that has points of it",
-                naming.of("scale-from")
+                "{{scale-from}} {source}: no depth of {photograph}; give its column, row and depth, separated by commas, or a COLMAP model that has points of it"
             )));
         }
         // Before the refinement, not after it.
         depths.iter().try_for_each(KnownDepth::check).map_err(|error| {
-            let argument = naming.of("scale-from");
-            Error::Argument(format!("{argument} {source}: {}", text(&error)))
+            Error::Argument(format!("{{scale-from}} {source}: {}", text(&error)))
         })?;
         Ok(Self { source, of_model: false, depths, size })
     }
@@ -67,7 +51,7 @@ impl Known {
 
 #[cfg(feature = "files")]
 mod files {
-    use super::{Error, Known, KnownDepth, Naming, Result};
+    use super::{Error, KnownDepth, KnownDepths, Result};
     use crate::error::text;
     use mde_mvs::capture::read_colmap_depths;
     use std::path::Path;
@@ -75,20 +59,20 @@ mod files {
     /// Most rows of a file.
     const MOST: usize = 10_000_000;
 
-    impl Known {
+    impl KnownDepths {
         /// Reads the depths of `photograph`, whose file has `(height, width)` pixels, from a CSV file or a COLMAP model.
         ///
         /// # Errors
         /// [`Error::Argument`] for a file that can't be read, has other columns, or no depth of the photograph.
-        pub fn open(path: &Path, photograph: &Path, size: (usize, usize), naming: Naming) -> Result<Self> {
-            let shown = format!("{} {}", naming.of("scale-from"), path.display());
+        pub fn open(path: &Path, photograph: &Path, size: (usize, usize)) -> Result<Self> {
+            let shown = format!("{{scale-from}} {}", path.display());
             let fault = |text: String| Error::Argument(format!("{shown}: {text}"));
             let (depths, of_model) = match path.is_dir() {
                 true => (of_colmap(path, photograph, size).map_err(fault)?, true),
                 false => (of_csv(path).map_err(fault)?, false),
             };
             let source = path.display().to_string();
-            let known = Self::new(source, depths, &photograph.display().to_string(), size, naming)?;
+            let known = Self::new(source, depths, &photograph.display().to_string(), size)?;
             Ok(Self { of_model, ..known })
         }
     }
@@ -167,7 +151,7 @@ mod tests {
         let path = folder.path().join("known.csv");
         let read = |text: &str| {
             std::fs::write(&path, text).unwrap();
-            Known::open(&path, Path::new("a.jpg"), (100, 200), Naming::Flags)
+            KnownDepths::open(&path, Path::new("a.jpg"), (100, 200))
         };
         let known = read("x,y,depth\n10, 20, 1.5\n# a comment\n30,40,2.5,0.1\n").unwrap();
         let half = known.at((50, 100));
@@ -185,7 +169,7 @@ mod tests {
             let error = read(text).err().unwrap().to_string();
             assert!(error.contains("known.csv") && error.contains(part), "{text:?}: {error}");
         }
-        let missing = Known::open(&folder.path().join("no.csv"), Path::new("a.jpg"), (1, 1), Naming::Flags)
+        let missing = KnownDepths::open(&folder.path().join("no.csv"), Path::new("a.jpg"), (1, 1))
             .err()
             .unwrap();
         assert!(missing.to_string().contains("no.csv"));

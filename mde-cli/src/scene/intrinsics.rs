@@ -7,7 +7,7 @@ use serde::Deserialize;
 /// Focal lengths and principal point in pixels, and the image size where the file states it.
 ///
 /// ```
-/// use mde_cli::Intrinsics;
+/// use mde_cli::scene::intrinsics::Intrinsics;
 ///
 /// let k = Intrinsics::parse("520.5 0 277.9\n0 521 215\n0 0 1")?;
 /// let camera = k.camera(0, [561, 427])?;

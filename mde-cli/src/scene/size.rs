@@ -8,6 +8,33 @@ pub const SMALLEST: usize = 8;
 /// Longer side of a thumbnail, pixels.
 const THUMBNAIL: usize = 240;
 
+/// The sizes of results and of refinements.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sizes {
+    /// Longer side of the results, pixels.
+    pub longest: Option<usize>,
+    /// Most million pixels of a refinement.
+    pub megapixels: f64,
+}
+
+impl Default for Sizes {
+    fn default() -> Self {
+        Self { longest: None, megapixels: 1.5 }
+    }
+}
+
+impl Sizes {
+    /// `(height, width)` of the results for a photograph of that size.
+    pub fn of_results(&self, size: (usize, usize)) -> (usize, usize) {
+        within(size, self.longest)
+    }
+
+    /// `(height, width)` of the refinement for results of that size.
+    pub fn of_refinement(&self, size: (usize, usize)) -> (usize, usize) {
+        working(size, self.megapixels)
+    }
+}
+
 /// `(height, width)` with the longer side at most `longest`, the aspect kept.
 pub fn within((height, width): (usize, usize), longest: Option<usize>) -> (usize, usize) {
     let longest = longest.unwrap_or(usize::MAX);

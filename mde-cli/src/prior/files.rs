@@ -1,8 +1,6 @@
 //! Priors from files: maps, and networks with their format.
 
-use crate::refiner::prior::origin::{PriorForm, PriorOrigin};
-use crate::refiner::depth_png::METRES;
-use crate::naming::Naming;
+use crate::prior::origin::{METRES, PriorForm, PriorOrigin};
 use crate::error::Result;
 use mde_prior::format::{Encoding, PngContent, ReadOptions, png_content};
 use mde_prior::{DepthKind, FilePrior};
@@ -28,7 +26,7 @@ impl MapFile {
     ///
     /// # Errors
     /// [`Error::Prior`](crate::error::Error::Prior) for a file that can't be read.
-    pub fn open(path: &Path, kind: Option<DepthKind>, options: ReadOptions, naming: Naming) -> Result<Self> {
+    pub fn open(path: &Path, kind: Option<DepthKind>, options: ReadOptions) -> Result<Self> {
         let source = path.display().to_string();
         let (kind, stated) = match (kind, unit(path)) {
             (Some(kind), _) => (kind, None),
@@ -39,8 +37,8 @@ impl MapFile {
         let options = ReadOptions { eight_bits: kind == DepthKind::AffineDisparity, ..options };
         let prior = FilePrior::with_options(path, kind, &options).map_err(|error| match error {
             mde_prior::Error::Malformed { path: file, reason } if has_eight_bits(path, true) => {
-                let disparity = naming.choose("--prior-kind disparity", "kind=\"disparity\"");
-                let reason = format!("{reason}; a picture of disparity is read with {disparity}");
+                let reason =
+                    format!("{reason}; a picture of disparity is read with {{prior-kind}} disparity");
                 mde_prior::Error::Malformed { path: file, reason }
             }
             other => other,
@@ -51,9 +49,8 @@ impl MapFile {
             })
         };
         let unscaled = |unit| {
-            let metric = naming.choose("--prior-kind metric", "kind=\"metric\"");
             format!(
-                "{source}: its metadata have the unit \"{unit}\", so it is depth in an unknown unit; with {metric} it is metres"
+                "{source}: its metadata have the unit \"{unit}\", so it is depth in an unknown unit; with {{prior-kind}} metric it is metres"
             )
         };
         let note = stated.map(unscaled).or_else(eight_bits);
@@ -129,9 +126,9 @@ impl Resampled {
 
 #[cfg(feature = "onnx")]
 mod network {
-    use super::{Naming, Path, PriorForm, PriorOrigin, Result};
+    use super::{Path, PriorForm, PriorOrigin, Result};
     use crate::error::Error;
-    use crate::refiner::calibration::hash_files;
+    use crate::prior::hash_files;
     use mde_prior::{DepthKind, ModelSpec, OnnxPrior, RecognisedBy, Runtime, spec};
 
     /// What is given of a network's format.
@@ -159,11 +156,11 @@ mod network {
         ///
         /// # Errors
         /// [`Error::Prior`] for an unknown profile, [`Error::Argument`] for a network that is not recognised.
-        pub fn spec(&self, path: &Path, naming: Naming) -> Result<NetworkSpec> {
+        pub fn spec(&self, path: &Path) -> Result<NetworkSpec> {
             let (mut spec, by) = match self.profile {
                 Some(name) => (ModelSpec::profile(name)?, None),
                 // A missing file gets its own error when it is opened.
-                None if path.exists() => self.recognised(path, naming)?,
+                None if path.exists() => self.recognised(path)?,
                 None => (ModelSpec::new(1, 1, DepthKind::Metric), None),
             };
             let tells = matches!(by, Some(RecognisedBy::Hub | RecognisedBy::Graph));
@@ -179,18 +176,14 @@ mod network {
         }
 
         /// With size and kind given, that of a network that takes RGB/255.
-        fn recognised(&self, path: &Path, naming: Naming) -> Result<(ModelSpec, Option<RecognisedBy>)> {
+        fn recognised(&self, path: &Path) -> Result<(ModelSpec, Option<RecognisedBy>)> {
             match (OnnxPrior::recognise_by(path), self.input_size, self.kind) {
                 (Err(mde_prior::Error::UnknownProfile { .. }), Some([width, height]), Some(kind)) => {
                     Ok((ModelSpec::new(width, height, kind), None))
                 }
                 (Err(mde_prior::Error::UnknownProfile { .. }), ..) => {
-                    let [profile, format] = match naming {
-                        Naming::Flags => ["--model-profile", "--input-size WxH with --prior-kind"],
-                        Naming::Keywords => ["profile", "input_size with kind"],
-                    };
                     Err(Error::Argument(format!(
-                        "{}: a network that is not recognised by its graph, its folder or its name; give {profile} ({}), or {format}, or a \
+                        "{}: a network that is not recognised by its graph, its folder or its name; give {{model-profile}} ({}), or a \
                          file {} beside it",
                         path.display(),
                         spec::PROFILES.join(", "),
