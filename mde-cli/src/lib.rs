@@ -46,8 +46,8 @@ pub use error::{Error, Result};
 pub use intrinsics::Intrinsics;
 pub use naming::Naming;
 pub use pipeline::{
-    Callback, Checkpoint, Event, FieldFactory, FieldRequest, IterationReport, Refinement, SharedNerf, Stage,
-    StageSeconds, Stages, WarpReport, refine, resume,
+    Callback, Event, FieldFactory, FieldRequest, IterationReport, Refinement, SharedNerf, Stage,
+    StageSeconds, Stages, WarpReport, refine,
 };
 pub use {mde_fusion, mde_mvs, mde_nerf, mde_prior, mde_uncertainty, mde_warp};
 pub use {nalgebra, ndarray};

@@ -17,20 +17,16 @@ use crate::refiner::camera::KnownCamera;
 use crate::refiner::photograph::Opened;
 use crate::refiner::finish::{Finish, Finished};
 use crate::several::{Capture, refine_capture};
-use crate::refinement::{Checkpoint, resume};
-use crate::config::Config;
 use crate::refinement::event::Event;
 use crate::several::prepared::PreparedCapture;
 use crate::reports::Refinement;
 use crate::error::Result;
 use crate::refinement::shared::SharedNerf;
 use crate::refinement::stages::Stages;
-use mde_nerf::RadianceField;
+use crate::refinement::refine;
 use mde_prior::Timed;
-use mde_prior::augment::Predictions;
 use ndarray::{Array3, ArrayView3};
 use std::ops::ControlFlow;
-use std::time::Duration;
 
 /// Where events and warnings of a run go.
 pub trait Watch {
@@ -44,22 +40,6 @@ pub trait Watch {
     fn step(&mut self, _what: &str) {}
 }
 
-/// Passes on the state after an iteration.
-type Keep<'h> = dyn Fn(&Checkpoint) -> Result<()> + 'h;
-/// Puts a field around that of an iteration, which counts from 0.
-type Around<'h> = dyn Fn(usize, Box<dyn RadianceField>) -> Box<dyn RadianceField> + 'h;
-
-/// What a run does between its iterations, if anything.
-#[derive(Default)]
-pub struct Hooks<'h> {
-    /// The state of an earlier run with the same inputs and settings, from which this one continues.
-    pub from: Option<Checkpoint>,
-    /// Called with the state after every iteration but the last.
-    pub keep: Option<&'h Keep<'h>>,
-    /// Called with the field of every iteration.
-    pub field: Option<&'h Around<'h>>,
-}
-
 /// A refinement of one photograph.
 pub struct Run<'r> {
     /// The photograph, at its size.
@@ -70,8 +50,6 @@ pub struct Run<'r> {
     pub capture: Option<&'r Capture>,
     /// What the refinement becomes a result by.
     pub finish: Finish<'r>,
-    /// Time for the prior's predictions.
-    pub budget: Option<Duration>,
     /// Most of the prior's predictions at once.
     pub at_once: usize,
     /// Whether the field is wanted: a run without one has a warning.
@@ -100,8 +78,8 @@ impl<'r> Run<'r> {
     /// Refines the photograph.
     ///
     /// # Errors
-    /// Those of [`resume`], [`refine_capture`] and [`Finish::apply`].
-    pub fn refine(&self, hooks: Hooks<'_>, watch: &mut dyn Watch) -> Result<Done<'r>> {
+    /// Those of [`refine`](crate::refinement::refine), [`refine_capture`] and [`Finish::apply`].
+    pub fn refine(&self, watch: &mut dyn Watch) -> Result<Done<'r>> {
         let Self { opened, capture, finish, .. } = self;
         let naming = finish.naming;
         // Further photographs give the focal length.
@@ -112,24 +90,14 @@ impl<'r> Run<'r> {
         alone.into_iter().for_each(|warning| watch.warn(warning));
         let prior = Timed::new(self.prior);
         let mut field = None;
-        let mut stages = Stages::new(&prior).with_predictions_at_once(self.at_once);
-        if let Some(budget) = self.budget {
-            stages = stages.with_budget(budget);
-        }
-        let Hooks { from, keep, field: around } = hooks;
-        let stages = stages.with_field(|request| {
-            let fitted = Box::new(field.insert(SharedNerf::new(request.nerf()?)).clone());
-            Ok(match around {
-                Some(around) => around(request.iteration, fitted),
-                None => fitted,
-            })
-        });
-        let mut keeper = |state: &Checkpoint| keep.map_or(Ok(()), |keep| keep(state));
+        let stages = Stages::new(&prior)
+            .with_predictions_at_once(self.at_once)
+            .with_field(|request| Ok(Box::new(field.insert(SharedNerf::new(request.nerf()?)).clone())));
         let mut observe = |event: &Event| watch.event(event);
         let (image, camera, config) = (opened.image.view(), &opened.camera.camera, finish.config);
         let mut refinement = match capture {
             Some(capture) => refine_capture(capture, stages, config, &mut observe)?,
-            None => resume(image, camera, stages, config, from, &mut keeper, &mut observe)?,
+            None => refine(image, camera, stages, config, &mut observe)?,
         };
         if self.keeps_field && field.is_none() {
             watch.warn(format!(
@@ -185,17 +153,7 @@ impl<'r> Run<'r> {
         Ok(result)
     }
 
-    /// The settings with which the run is repeated: the clock of a budget chose the number of predictions.
-    pub fn repeating(&self, done: &Done<'_>) -> Config {
-        let mut config = self.finish.config.clone();
-        if self.budget.is_some() {
-            let predictions = done.result.refinement.augmentation.predictions as u32;
-            config.augmentation.predictions = Predictions::Most(predictions);
-        }
-        config
-    }
-
-    /// [`repeating`](Self::repeating) as TOML, with the number of predictions and its reason in a comment.
+    /// The settings as TOML, with the number of predictions and its reason in a comment.
     ///
     /// # Errors
     /// Those of [`Config::to_toml`].
@@ -205,7 +163,7 @@ impl<'r> Run<'r> {
             let unit = if report.predictions == 1 { "prediction" } else { "predictions" };
             format!("# {} {unit}: {reason}\n", report.predictions)
         });
-        Ok(comment.unwrap_or_default() + &self.repeating(done).to_toml()?)
+        Ok(comment.unwrap_or_default() + &self.finish.config.to_toml()?)
     }
 }
 

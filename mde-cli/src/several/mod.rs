@@ -32,7 +32,6 @@ use crate::refinement::event::Callback;
 use crate::reports::Refinement;
 use crate::refinement::stages::Stages;
 use crate::error::{Error, Result};
-use mde_mvs::poses::GivenMatches;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::Point3;
 use ndarray::{Array2, Array3};
@@ -61,8 +60,6 @@ pub struct Capture {
     pub photographs: Vec<Photograph>,
     /// Index of the photograph whose depth is refined.
     pub reference: usize,
-    /// Matches of another program, from which the poses are estimated in the place of our own features.
-    pub matches: Option<GivenMatches>,
     /// Points that the reference shows, such as COLMAP's, in the world of the poses. 16 or more give the scale between poses and prior,
     /// which the sweeps find otherwise. Not used without poses.
     pub points: Vec<Point3<f64>>,
