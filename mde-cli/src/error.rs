@@ -93,7 +93,7 @@ pub enum Error {
         /// The error of the operating system.
         source: std::io::Error,
     },
-    /// The error of a stage, a factory or a checkpoint's keeper that is not part of this workspace.
+    /// The error of a stage or a factory that is not part of this workspace.
     #[error(transparent)]
     External(Box<dyn std::error::Error + Send + Sync>),
     /// A callback returned `Break`.

@@ -533,8 +533,6 @@ fn the_program_limits_photographs_and_names_the_unit() {
 
     let unit = mde(&folder, &format!("{refine} --views images --unit capture -o no")).failure();
     assert!(message(&unit).contains("--unit prior"), "{}", message(&unit));
-    let resume = mde(&folder, &format!("{refine} --views images --resume -o no")).failure();
-    assert!(message(&resume).contains("--all"), "{}", message(&resume));
     assert!(!folder.path().join("no").exists());
 }
 
@@ -599,7 +597,7 @@ fn every_photograph_gets_a_folder_and_all_a_cloud() {
     let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures");
     std::fs::copy(fixtures.join("grey_nchw.onnx"), path("grey.onnx")).unwrap();
     let all = "refine images/1.png --views transforms.json --all --prior-model grey.onnx --model-profile fastdepth \
-               --prior-kind metric --config quick.toml --resume --unit capture -o out";
+               --prior-kind metric --config quick.toml --unit capture -o out";
     mde(&folder, all).success();
     let record = record(&folder, "out");
     let rows = record["photographs"].as_array().unwrap();
@@ -626,16 +624,37 @@ fn every_photograph_gets_a_folder_and_all_a_cloud() {
     assert!(["1", "0", "2"].iter().all(|name| page.contains(&format!("href=\"{name}/report.html\""))));
     let cloud = std::fs::read(path("out/cloud.ply")).unwrap();
     assert!(record["points"].as_u64().unwrap() > (WIDTH * HEIGHT / 10) as u64, "{}", record["points"]);
-    assert!(!path("out.resume").exists());
 
-    // What another run left is not used.
-    let kept = path("out.resume/0");
-    std::fs::create_dir_all(kept.join("results")).unwrap();
-    let again = all.replace("-o out", "-o out --force");
-    std::fs::write(kept.join("kept.json"), "{}").unwrap();
-    std::fs::write(path("out.resume/resume.json"), "{}").unwrap();
-    mde(&folder, &again).success();
-    assert!(std::fs::read(path("out/cloud.ply")).unwrap() == cloud, "the same bytes");
+    // The same command has nothing left to do; of other settings nothing is taken, nor with --force.
+    let depths =
+        || ["0", "1", "2"].map(|name| std::fs::read(path(&format!("out/{name}/depth.npy"))).unwrap());
+    let first = depths();
+    let kept = |arguments: &str| {
+        let told = message(&mde(&folder, arguments).success());
+        told.matches("finished before").count()
+    };
+    assert_eq!(kept(&all), 3);
+    assert!(depths() == first && std::fs::read(path("out/cloud.ply")).unwrap() == cloud, "the same bytes");
+    assert_eq!(kept(&format!("{all} --seed 1")), 0);
+    assert!(depths() != first);
+    assert_eq!(kept(&all), 0);
+    assert_eq!(kept(&format!("{all} --force")), 0);
+    assert!(depths() == first && std::fs::read(path("out/cloud.ply")).unwrap() == cloud, "the same bytes");
+
+    // A calibration counts by its content.
+    let calibration = include_str!("../src/calibration/default.toml");
+    let calibrated = |file: &str, more: &str| {
+        std::fs::write(path(file), format!("{calibration}{more}")).unwrap();
+        kept(&format!("{all} --calibration {file}"))
+    };
+    assert_eq!((calibrated("one.toml", ""), calibrated("same.toml", "")), (0, 3));
+    assert_eq!(calibrated("same.toml", "# other bytes\n"), 0);
+
+    // A folder of others is not written to.
+    std::fs::create_dir(path("thesis")).unwrap();
+    std::fs::write(path("thesis/chapter.txt"), "years").unwrap();
+    let refused = mde(&folder, &all.replace("-o out", "-o thesis")).failure();
+    assert!(message(&refused).contains("another name to -o"), "{}", message(&refused));
 }
 
 /// Killed after its first photograph, the same command takes that one and writes what an unbroken run writes.
@@ -648,31 +667,16 @@ fn a_killed_capture_goes_on_after_the_finished_photographs() {
     let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures");
     std::fs::copy(fixtures.join("grey_nchw.onnx"), path("grey.onnx")).unwrap();
     let all = "refine images/1.png --views transforms.json --all --prior-model grey.onnx --model-profile fastdepth \
-               --prior-kind metric --config quick.toml --interval 0.8 --resume";
+               --prior-kind metric --config quick.toml --interval 0.8";
     let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin("mde"))
         .current_dir(folder.path())
         .args(format!("{all} -q -o out").split_whitespace())
         .spawn()
         .unwrap();
-    wait_until(&mut child, || path("out.resume/1/kept.json").is_file());
+    wait_until(&mut child, || path("out/1/finished.json").is_file());
     child.kill().unwrap();
-    assert!(!child.wait().unwrap().success() && !path("out").exists());
-    // One whose kept maps are not as they were written.
-    let from = path("out.resume/1");
-    std::fs::create_dir_all(path("spoiled.resume/1/results")).unwrap();
-    std::fs::copy(path("out.resume/resume.json"), path("spoiled.resume/resume.json")).unwrap();
-    std::fs::copy(from.join("kept.json"), path("spoiled.resume/1/kept.json")).unwrap();
-    let results = || std::fs::read_dir(from.join("results")).unwrap().map(Result::unwrap);
-    for entry in results().filter(|entry| entry.file_type().unwrap().is_file()) {
-        std::fs::copy(entry.path(), path("spoiled.resume/1/results").join(entry.file_name())).unwrap();
-    }
-    write_npy(path("spoiled.resume/1/results/depth.npy"), Array2::from_elem((HEIGHT, WIDTH), 7.0).view())
-        .unwrap();
-    std::fs::write(path("spoiled.resume/1/results/sigma.npy"), "").unwrap();
-    mde(&folder, &format!("{all} -o spoiled")).success();
-    let mut again = Command::cargo_bin("mde").unwrap();
-    let again = again.current_dir(folder.path()).args(format!("{all} -o out").split_whitespace()).assert();
-    let again = again.success();
+    assert!(!child.wait().unwrap().success() && !path("out/run.json").exists());
+    let again = mde(&folder, &format!("{all} -o out")).success();
     let said = String::from_utf8_lossy(&again.get_output().stdout).into_owned();
     assert!(said.contains("lower.npy and upper.npy in each folder: 80 % interval"), "{said}");
     let told = message(&again);
@@ -680,12 +684,19 @@ fn a_killed_capture_goes_on_after_the_finished_photographs() {
         told.contains("1.png: finished before") && told.matches("finished before").count() <= 2,
         "{told}"
     );
-    assert!(!path("out.resume").exists());
+    // One whose map was cut since.
+    std::fs::write(path("out/1/sigma.npy"), "").unwrap();
+    assert_eq!(
+        message(&mde(&folder, &format!("{all} -o out")).success()).matches("finished before").count(),
+        2
+    );
     mde(&folder, &format!("{all} -o unbroken")).success();
     for name in ["1/depth.npy", "1/sigma.npy", "0/depth.npy", "2/sigma.npy", "cloud.ply", "transforms.json"] {
         let read = |run: &str| std::fs::read(path(run).join(name)).unwrap();
-        assert!(read("out") == read("unbroken") && read("spoiled") == read("unbroken"), "{name}");
+        assert!(read("out") == read("unbroken"), "{name}");
     }
+    let unfinished = std::fs::read_dir(path("out")).unwrap().map(|entry| entry.unwrap().file_name());
+    assert!(!unfinished.into_iter().any(|name| name.to_string_lossy().starts_with(".mde-")));
 }
 
 /// The demo of several photographs: better than its prior, the same with any number of threads, and refined again from its files.

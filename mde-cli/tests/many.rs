@@ -210,7 +210,6 @@ fn what_is_for_one_photograph_is_refused_in_a_line() {
         (format!("refine shots {MODEL}"), "-o: give a folder"),
         (format!("refine shots {MODEL} -o foreign"), "holds no index.json"),
         (format!("refine shots {MODEL} --views shots -o out"), "--views"),
-        (format!("refine shots {MODEL} --budget 3 -o out"), "--budget"),
         ("refine shots --prior-depth depth.npy -o out".to_owned(), "--prior-depth"),
         (format!("refine shots/00.png {MODEL} --same-scale -o out"), "--same-scale"),
         ("merge empty".to_owned(), "holds no shard"),

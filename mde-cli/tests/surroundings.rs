@@ -50,7 +50,7 @@ fn paths_need_not_be_unicode() {
     let eval = "data? --dataset plain --prior-depth pr? -q";
     for arguments in [
         "refine ph?.png --prior-depth d?.npy --gt d?.npy --fov 60 --config t?.toml --save-field --export ply,colmap -o out?",
-        "refine ph?.png --prior-depth d?.npy --fov 60 --config t?.toml --resume --log-json -o json?",
+        "refine ph?.png --prior-depth d?.npy --fov 60 --config t?.toml --log-json -o json?",
         "refine ph?.png --prior-depth d?.npy --fov 60 --no-nerf -o q?/deep?",
         "warp ph?.png --prior-depth d?.npy --fov 60 --config t?.toml --log-json -o views?",
         "render --field out?/field.safetensors --size 32x24 --fov 60 --log-json -o render?",

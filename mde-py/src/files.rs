@@ -81,17 +81,16 @@ pub(crate) struct Saved<'py> {
 
 /// Writes the files of a result into a folder, and those of the formats that are named.
 #[pyfunction]
-#[pyo3(signature = (folder, parts, export, y_up))]
+#[pyo3(signature = (folder, parts, export))]
 pub(crate) fn save_result(
     py: Python<'_>,
     folder: PathBuf,
     parts: Saved<'_>,
     export: Vec<String>,
-    y_up: bool,
 ) -> PyResult<()> {
     let formats = export.iter().map(|name| name.parse().map_err(raise)).collect::<PyResult<Vec<_>>>()?;
     let views = parts.views();
-    py.detach(|| views.write(&folder, &formats, y_up)).map_err(raise)
+    py.detach(|| views.write(&folder, &formats)).map_err(raise)
 }
 
 /// [`Saved`] without the interpreter.
@@ -135,7 +134,7 @@ impl Saved<'_> {
 }
 
 impl Views<'_> {
-    fn write(self, folder: &Path, formats: &[Format], y_up: bool) -> Result<()> {
+    fn write(self, folder: &Path, formats: &[Format]) -> Result<()> {
         let Self { unit, image, prior, .. } = self;
         let depth = GaussianDepth::new(self.depth.to_owned(), self.variance.to_owned())?;
         let png = DepthPng::new(unit, depth.mean().iter().copied());
@@ -164,7 +163,6 @@ impl Views<'_> {
             prior,
             components: self.components,
             certainty: self.certainty,
-            y_up,
             png_scale: png.scale,
         };
         formats.iter().try_for_each(|format| scene.write(*format, folder))

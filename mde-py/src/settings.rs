@@ -7,14 +7,12 @@ use mde_cli::naming::Naming;
 use pyo3::prelude::*;
 use std::path::Path;
 use std::str::FromStr;
-use std::time::Duration;
 
 /// The preset and the configuration of a run.
 #[pyclass(frozen, module = "mdenerf._mdenerf")]
 pub(crate) struct Settings {
     pub(crate) preset: Preset,
     pub(crate) config: Config,
-    pub(crate) budget: Option<Duration>,
 }
 
 /// Settings with arguments of their own.
@@ -22,8 +20,6 @@ pub(crate) struct Settings {
 #[pyo3(from_item_all)]
 pub(crate) struct Short {
     seed: Option<u64>,
-    /// Seconds.
-    budget: Option<f64>,
     no_nerf: bool,
     /// A number, or `auto`.
     predictions: Option<String>,
@@ -34,15 +30,13 @@ pub(crate) struct Short {
 
 impl Short {
     fn shorthands(&self) -> PyResult<Shorthands> {
-        let Self { seed, budget, no_nerf, predictions, near, far } = self;
+        let Self { seed, no_nerf, predictions, near, far } = self;
         if let Some(seed) = seed.filter(|seed| i64::try_from(*seed).is_err()) {
             return Err(raise(format!("seed is {seed}; give 0 to 2^63 - 1")));
         }
-        for (name, value, unit) in
-            [("budget", budget, "seconds"), ("near", near, "metres"), ("far", far, "metres")]
-        {
+        for (name, value) in [("near", near), ("far", far)] {
             if let Some(value) = value.filter(|value| !(*value > 0.0 && value.is_finite())) {
-                return Err(raise(format!("{name} is {value}; give a positive number of {unit}")));
+                return Err(raise(format!("{name} is {value}; give a positive number of metres")));
             }
         }
         let predictions = predictions.as_deref().map(Predictions::from_str).transpose();
@@ -69,7 +63,7 @@ impl Settings {
         };
         let mut config = Config::with_overrides(preset, &table, origin).map_err(raise)?;
         short.shorthands()?.apply(&mut config, Naming::Keywords).map_err(raise)?;
-        Ok(Self { preset, config, budget: short.budget.map(Duration::from_secs_f64) })
+        Ok(Self { preset, config })
     }
 
     /// A preset with the values of a TOML file over it.

@@ -95,11 +95,11 @@ def calibration(mde, tmp_path_factory):
 def test_an_interval_and_the_exports(photo_file, network, arguments, mde, tmp_path, calibration, calibrated):
     options = {"interval": 0.8, **({"calibration": calibration} if calibrated else {})}
     words = [word for name, value in options.items() for word in (f"--{name}", value)]
-    mde("refine", photo_file, *arguments, *words, "--export", ",".join(FORMATS), "--y-up", "-o", tmp_path / "out")
+    mde("refine", photo_file, *arguments, *words, "--export", ",".join(FORMATS), "-o", tmp_path / "out")
     with pytest.warns(mdenerf.RefinementWarning, match="calibration .*other" if calibrated else "interval: no calibration"):
         result = mdenerf.refine(photo_file, **network, **options)
     same(result, tmp_path / "out")
-    same_files(result.save(tmp_path / "saved", export=FORMATS, y_up=True), tmp_path / "out")
+    same_files(result.save(tmp_path / "saved", export=FORMATS), tmp_path / "out")
     assert (result.lower < result.depth).all() and (result.depth < result.upper).all()
     record = json.loads((tmp_path / "out" / "run.json").read_text())
     assert result.run["error_bar"] == record["error_bar"]
@@ -230,7 +230,7 @@ def test_every_photograph(network, arguments, mde, tmp_path, demo, posed):
     photographs = sorted((demo / "photographs").iterdir())[:4]
     views = [demo / "transforms.json"] if posed else photographs[1:]
     unit = ["--unit", "capture"] if posed else []
-    options = [*arguments, "--config", tmp_path / "quick.toml", *unit, "--export", "ply", "--y-up"]
+    options = [*arguments, "--config", tmp_path / "quick.toml", *unit, "--export", "ply"]
     mde("refine", photographs[0], "--views", *views, "--all", *options, "-o", tmp_path / "out")
     calls = []
     scene = mdenerf.refine_all(
@@ -249,7 +249,7 @@ def test_every_photograph(network, arguments, mde, tmp_path, demo, posed):
     for name, result, mine, theirs in zip(scene.names, scene, scene.run["photographs"], record["photographs"], strict=True):
         same(result, tmp_path / "out" / theirs["folder"])
         assert {key: mine[key] for key in keys} == {key: theirs[key] for key in keys} and mine["photograph"] == name
-    saved = scene.save(tmp_path / "saved", export="ply", y_up=True)
+    saved = scene.save(tmp_path / "saved", export="ply")
     same_files(saved, tmp_path / "out")
     assert json.loads((saved / "run.json").read_text())["points"] == record["points"] > 0
     assert scene.unit == record["unit"] and sum(pose is not None for pose in scene.poses) > 1

@@ -44,7 +44,7 @@ def use(photo: NDArray[np.uint8], depth: NDArray[np.float64], folder: Path) -> N
     some: list[mdenerf.Result] = scene[1:]
     written: Path = scene.save(folder / "scene", export="ply")
     del pose, some, written
-    saved: Path = result.save(folder / "out", force=True, export=["ply"], y_up=True)
+    saved: Path = result.save(folder / "out", force=True, export=["ply"])
     fit: mdenerf.AffineFit = mdenerf.affine_wls(depth, depth, sigma)
     score: float = mdenerf.metrics.abs_rel(result.depth, depth)
     del field, lower, matrix, record, saved, fit, score

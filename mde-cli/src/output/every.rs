@@ -34,8 +34,8 @@ pub struct EveryRow {
     pub sigma: Option<f64>,
     /// Of its refinement.
     pub seconds: f64,
-    /// Unit of the poses per unit of the results, as bits; none where it was refined alone.
-    pub scale: Option<u64>,
+    /// Unit of the poses per unit of the results; none where it was refined alone.
+    pub scale: Option<f64>,
 }
 
 impl EveryRow {
@@ -62,13 +62,13 @@ impl EveryRow {
         self.scale = report
             .filter(|report| report.fallback.is_none())
             .and_then(|report| report.scale)
-            .map(|[scale, _]| if result.unit == "capture" { 1.0 } else { scale }.to_bits());
+            .map(|[scale, _]| if result.unit == "capture" { 1.0 } else { scale });
     }
 
     /// Camera of a refined photograph, and its pose for depths in the results' unit: world to camera. The world is that of a capture with
     /// poses in its own unit, else the frame of the capture's reference. None where it was refined alone.
     pub fn placed(&self, prepared: &PreparedScene<'_>, index: usize) -> Option<(PinholeCamera, Pose)> {
-        let scale = f64::from_bits(self.scale?);
+        let scale = self.scale?;
         let mut pose = prepared.pose(index)?;
         pose.translation.vector /= scale;
         let scene = prepared.scene();
@@ -111,11 +111,11 @@ pub struct Solid<'s> {
     pub png_scale: f64,
 }
 
-/// Writes `transforms.json` of all, and `cloud.ply` of the points that two photographs confirm; their number. `y_up`: points with y up.
+/// Writes `transforms.json` of all, and `cloud.ply` of the points that two photographs confirm; their number.
 ///
 /// # Errors
 /// [`Error::Prior`](crate::error::Error::Prior) for a file that can't be written, [`Error::Depth`](crate::error::Error::Depth) for maps that are none.
-pub fn write_all(folder: &Path, solids: &[Solid<'_>], unit: &str, y_up: bool) -> Result<usize> {
+pub fn write_all(folder: &Path, solids: &[Solid<'_>], unit: &str) -> Result<usize> {
     let exposed: Vec<_> = solids
         .iter()
         .map(|s| Exposed { folder: s.folder, camera: s.camera, pose: s.pose, png_scale: s.png_scale })
@@ -129,7 +129,7 @@ pub fn write_all(folder: &Path, solids: &[Solid<'_>], unit: &str, y_up: bool) ->
         .iter()
         .map(|s| GaussianDepth::new(s.depth.clone(), s.sigma.mapv(|sigma| sigma * sigma)))
         .collect::<mde_uncertainty::Result<Vec<_>>>()?;
-    let mut cloud = ply::Cloud::new(y_up);
+    let mut cloud = ply::Cloud::default();
     for point in consistent_points(&views) {
         let solid = &solids[point.view];
         let scene = Exported {
@@ -140,7 +140,6 @@ pub fn write_all(folder: &Path, solids: &[Solid<'_>], unit: &str, y_up: bool) ->
             prior: solid.depth.view(),
             components: Vec::new(),
             certainty: None,
-            y_up,
             png_scale: solid.png_scale,
         };
         let [row, column] = point.pixel;

@@ -5,9 +5,7 @@ use crate::program::open::camera::KnownCamera;
 use crate::program::open::truth::{Comparison, Truth};
 use crate::program::store::folder::{OutputFolder, RECORD};
 use crate::program::provenance::{about, write_json};
-use crate::program::recording::Recording;
 use crate::program::{report, summary};
-use crate::program::checkpoint::Checkpoints;
 use crate::program::progress::Progress;
 use anyhow::{Context, Result};
 use crate::prior::bound::BoundPrior;
@@ -16,11 +14,11 @@ use crate::scene::photograph::Opened;
 use crate::refiner::depth_png::DepthPng;
 use crate::output::export::{Exported, Format};
 use crate::output::preview::strip;
-use crate::output::record::{About, RunRecord, TrainingCurve};
+use crate::output::record::{About, RunRecord};
 use crate::refiner::error_bar::ErrorBar;
 use crate::refiner::finish::{Finish, Finished, SameScale};
 use crate::output::maps::Maps;
-use crate::refiner::run::{Done, Hooks, Run, Watch};
+use crate::refiner::run::{Done, Run, Watch};
 use crate::several::Capture;
 use crate::reports::prediction::Component;
 use crate::config::{Config, Preset};
@@ -35,7 +33,7 @@ use serde_json::json;
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// A refinement with what is written of it.
 pub(crate) struct Job<'p> {
@@ -48,16 +46,10 @@ pub(crate) struct Job<'p> {
     pub(crate) config: Config,
     pub(crate) truth: Option<Truth>,
     pub(crate) save_field: bool,
-    /// Checkpoints of `--resume`.
-    pub(crate) checkpoints: Option<Checkpoints>,
     /// The requested error bar.
     pub(crate) error_bar: ErrorBar,
     /// Files for other programs.
     pub(crate) export: Vec<Format>,
-    /// Whether exported points have y up.
-    pub(crate) y_up: bool,
-    /// The recording of `--rerun`.
-    pub(crate) recording: Option<Recording>,
     /// Further photographs.
     pub(crate) capture: Option<Capture>,
     /// Unit of the results with further photographs.
@@ -68,8 +60,6 @@ pub(crate) struct Job<'p> {
     pub(crate) same_scale: Option<SameScale>,
     /// Whether the photographs are written too, as they are.
     pub(crate) keep_photographs: bool,
-    /// Time for the model's predictions.
-    pub(crate) budget: Option<Duration>,
     /// Most of the model's predictions at once.
     pub(crate) at_once: usize,
 }
@@ -129,44 +119,12 @@ impl Job<'_> {
         progress: &mut Progress,
         last: impl FnOnce(&Path, &Done<'_>, &Progress) -> Result<()>,
     ) -> Result<Scored<'_>> {
-        let from = self.checkpoints.as_ref().and_then(|kept| kept.latest(self.config.refinement.iterations));
-        if let Some(from) = &from {
-            progress.step(&format!("resumed after iteration {}", from.iterations.len()));
-            if let Some(recording) = &self.recording {
-                from.iterations.iter().for_each(|iteration| recording.fitted(iteration.fit.steps));
-            }
-        }
-        let keep = |state: &crate::refinement::Checkpoint| {
-            if let Some(recording) = &self.recording {
-                let (image, camera) = (self.opened.image.view(), &self.opened.camera);
-                let scene = self.scene(image, camera, &state.depth, &state.prior, &[]);
-                recording.depth(state.iterations.len(), &scene);
-                recording.sigma(state.iterations.len(), &state.depth);
-            }
-            match &self.checkpoints {
-                Some(checkpoints) => {
-                    checkpoints.keep(state).map_err(|e| crate::error::Error::external(crate::program::message(&e)))
-                }
-                None => Ok(()),
-            }
-        };
-        let recorded = |iteration, field| match &self.recording {
-            Some(recording) => recording.watch(iteration + 1, self.capture.is_none(), field),
-            None => field,
-        };
-        let hooks = Hooks { from, keep: Some(&keep), field: Some(&recorded) };
-        let done = self.of_capture(self.capture.as_ref()).refine(hooks, progress)?;
+        let done = self.of_capture(self.capture.as_ref()).refine(progress)?;
         let scored = self.scored(done, progress)?;
         folder.write(|path| {
             self.write(path, &self.input, &scored, progress)?;
             last(path, &scored.done, progress)
         })?;
-        if let Some(checkpoints) = &self.checkpoints {
-            checkpoints.discard();
-        }
-        if let Some(recording) = &self.recording {
-            self.record(recording, &scored.done, progress.training())?;
-        }
         Ok(scored)
     }
 
@@ -185,7 +143,6 @@ impl Job<'_> {
                 unit: self.unit.into(),
                 naming: Naming::Flags,
             },
-            budget: self.budget,
             at_once: self.at_once,
             keeps_field: self.save_field,
         }
@@ -268,33 +225,8 @@ impl Job<'_> {
             prior: prior.view(),
             components: components.iter().map(|part| (part.name, part.sigma.view())).collect(),
             certainty: None,
-            y_up: self.y_up,
             png_scale: DepthPng::new(self.unit(), depth.mean().iter().copied()).scale,
         }
-    }
-
-    /// Records the inputs, the result and the reports; the iterations were recorded during the run.
-    fn record(&self, recording: &Recording, done: &Done<'_>, training: &[TrainingCurve]) -> Result<()> {
-        let Refinement { depth, prior, iterations, .. } = &done.result.refinement;
-        let last = iterations.len().max(1);
-        let known = prior.mapv(|z| if z > 0.0 { 1.0 } else { f32::INFINITY });
-        let before = GaussianDepth::new(prior.clone(), known)?;
-        recording.inputs(
-            &self.input,
-            &self.scene(done.image, &done.camera, &before, prior, &[]),
-            &self.config.to_toml()?,
-        );
-        if iterations.is_empty() && training.is_empty() {
-            // Without a fit, prior and result would share a time on the timeline of steps.
-            recording.fitted(1);
-        }
-        if let Some((capture, report)) = self.capture.as_ref().zip(done.result.refinement.capture.as_ref()) {
-            recording.photographs(capture, report);
-        }
-        recording.depth(last, &self.scene(done.image, &done.camera, depth, prior, &[]));
-        recording.sigma(last, depth);
-        recording.reports(iterations, training);
-        recording.save()
     }
 
     fn write_maps(&self, folder: &Path, done: &Done<'_>) -> Result<()> {

@@ -50,7 +50,7 @@ pub fn main() -> ExitCode {
             let resumable = match &cli.command {
                 args::Command::Eval(_) | args::Command::Ablate(_) | args::Command::Calibrate(_) => true,
                 args::Command::Refine(refine) => {
-                    refine.resume || photographs::are_many(&refine.photographs())
+                    refine.several.all || photographs::are_many(&refine.photographs())
                 }
                 _ => false,
             };

@@ -39,19 +39,6 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 use views::median_depth;
 
-/// State of a run between two iterations: everything that the next one depends on besides the inputs and the settings.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Checkpoint {
-    /// The monocular depth that it started from, `[height, width]`; 0 where missing.
-    pub prior: Array2<f32>,
-    /// The refined depth so far.
-    pub depth: GaussianDepth,
-    /// One report per finished iteration.
-    pub iterations: Vec<IterationReport>,
-}
-
-/// Called with the state after every iteration but the last. An error of its own is an [`Error::External`].
-pub type Keeper<'k> = dyn FnMut(&Checkpoint) -> Result<()> + 'k;
 
 /// Refines the monocular depth of `image` (`[height, width, 3]`, sRGB in 0 to 1) taken by `camera`.
 ///
@@ -61,25 +48,8 @@ pub type Keeper<'k> = dyn FnMut(&Checkpoint) -> Result<()> + 'k;
 pub fn refine(
     image: ArrayView3<'_, f32>,
     camera: &PinholeCamera,
-    stages: Stages<'_>,
-    config: &Config,
-    callback: &mut Callback<'_>,
-) -> Result<Refinement> {
-    resume(image, camera, stages, config, None, &mut |_| Ok(()), callback)
-}
-
-/// [`refine`], continued from the checkpoint of an earlier run with the same inputs and settings (`from`). `keep` is called with
-/// the state after every iteration but the last. The result is bit-identical to that of an uninterrupted run.
-///
-/// # Errors
-/// As [`refine`], and any error of `keep`.
-pub fn resume(
-    image: ArrayView3<'_, f32>,
-    camera: &PinholeCamera,
     mut stages: Stages<'_>,
     config: &Config,
-    from: Option<Checkpoint>,
-    keep: &mut Keeper<'_>,
     callback: &mut Callback<'_>,
 ) -> Result<Refinement> {
     config.validate()?;
@@ -110,10 +80,7 @@ pub fn resume(
             &bayes
         }
     };
-    let (mut current, mut iterations) = match from {
-        Some(Checkpoint { depth, iterations, .. }) => (depth, iterations),
-        None => (anchor.clone(), Vec::new()),
-    };
+    let (mut current, mut iterations) = (anchor.clone(), Vec::new());
     loop {
         let index = iterations.len();
         let fusion_prior = match (index, config.refinement.prior) {
@@ -142,9 +109,7 @@ pub fn resume(
                 capture: None,
             });
         }
-        let progress = Checkpoint { prior: prior.clone(), depth: fused.depth, iterations };
-        keep(&progress)?;
-        Checkpoint { depth: current, iterations, .. } = progress;
+        current = fused.depth;
     }
 }
 

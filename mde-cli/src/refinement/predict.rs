@@ -10,7 +10,6 @@ use mde_uncertainty::filter::{Border, Gaussian, gaussian_blur};
 use mde_uncertainty::statistics::median;
 use ndarray::{Array2, ArrayView2, ArrayView3, Zip};
 use std::ops::ControlFlow;
-use std::time::Duration;
 
 /// The result of the prior's stage.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,7 +49,7 @@ pub(crate) fn start(
     let prior = augmented.prior.to_depth(&config.disparity)?;
     let depth = augmented.depth(&config.disparity)?;
     report.predictions = augmented.plan.predictions();
-    report.reason = Some(reason(&augmented, config.augmentation.predictions, limits.budget));
+    report.reason = Some(reason(&augmented, config.augmentation.predictions));
     report.plan = Some(augmented.plan.clone());
     if report.predictions == 1 {
         return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), certainty, report });
@@ -67,15 +66,14 @@ pub(crate) fn start(
 }
 
 /// What decided the plan.
-fn reason(augmented: &Augmented, wanted: Predictions, budget: Option<Duration>) -> String {
+fn reason(augmented: &Augmented, wanted: Predictions) -> String {
     let detail = match augmented.plan.ratio {
         Some(ratio) => format!("the image has {ratio:.1} times the pixels of the model's input along a side"),
         None => "the size of the model's input is unknown".to_owned(),
     };
-    let limit = match (wanted, budget) {
-        (_, Some(budget)) => format!("within {} s", budget.as_secs_f64()),
-        (Predictions::Auto, None) => "auto".to_owned(),
-        (Predictions::Most(most), None) => format!("{most} at most"),
+    let limit = match wanted {
+        Predictions::Auto => "auto".to_owned(),
+        Predictions::Most(most) => format!("{most} at most"),
     };
     let end = augmented.stopped.map_or_else(String::new, |n| {
         format!("; no smaller crops, since those of {n} x {n} moved the map by less than they differ")
@@ -143,9 +141,9 @@ mod tests {
         let plan = Plan { mirror: true, levels: vec![2], ratio: Some(2.5) };
         let spread = Array2::zeros((2, 2));
         let mut augmented = Augmented { merged: prior.clone(), prior, spread, plan, stopped: None };
-        let told = reason(&augmented, Predictions::Auto, None);
+        let told = reason(&augmented, Predictions::Auto);
         assert_eq!(told, "auto: the image has 2.5 times the pixels of the model's input along a side");
         augmented.stopped = Some(2);
-        assert!(reason(&augmented, Predictions::Auto, None).contains("those of 2 x 2 moved the map by less"));
+        assert!(reason(&augmented, Predictions::Auto).contains("those of 2 x 2 moved the map by less"));
     }
 }

@@ -5,7 +5,6 @@ use mde_nerf::{Nerf, NerfConfig, RadianceField};
 use mde_prior::DepthPrior;
 use mde_prior::augment::Limits;
 use mde_uncertainty::random::derived_seed;
-use std::time::Duration;
 
 /// Arguments of a field factory.
 #[derive(Debug, Clone, Copy)]
@@ -80,14 +79,6 @@ impl<'s> Stages<'s> {
     #[must_use]
     pub fn with_fuser(mut self, fuser: &'s dyn Fuser) -> Self {
         self.fuser = Some(fuser);
-        self
-    }
-
-    /// Cuts test-time augmentation to the predictions that fit into this time, which makes the result depend on the clock; the report has
-    /// their number.
-    #[must_use]
-    pub fn with_budget(mut self, budget: Duration) -> Self {
-        self.limits.budget = Some(budget);
         self
     }
 

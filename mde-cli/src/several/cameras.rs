@@ -79,7 +79,7 @@ pub(super) fn posed(
         }
         None => {
             let settings = PosesConfig::default();
-            let estimated = estimate_poses_with(&inputs, reference, None, &settings, seed, matched)?;
+            let estimated = estimate_poses_with(&inputs, reference, &settings, seed, matched)?;
             report.poses = PoseSource::Estimated;
             report.focal_factor = Some(estimated.focal_factor);
             for (photograph, found) in report.photographs.iter_mut().zip(&estimated.photographs) {

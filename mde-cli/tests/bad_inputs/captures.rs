@@ -84,7 +84,6 @@ pub(crate) fn captures_that_are_none() {
         refused(refine("shots"), &["torn.jpg", "give a JPEG, PNG, TIFF, BMP or WebP"]),
         refused(refine("image.png dot.png"), &["dot.png", "1x1"]),
         refused(refine("shots/b.png --unit capture"), &["no poses of their own", "--unit prior"]),
-        refused(refine("shots/b.png --resume"), &["--resume", "--all"]),
         refused(poses("nowhere a.png"), &["nowhere", "no such photograph"]),
         refused(poses("shots/a.png"), &["shots/a.png", "two or more"]),
         refused(poses("alone"), &["a.png", "two or more"]),
@@ -144,44 +143,4 @@ fn names_that_are_not_utf_8() {
     let refused = run("poses shots/a.png --prior-depth depth.npy --fov 60 -q -o found.json").failure();
     let message = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
     assert!(message.contains("not UTF-8") && message.lines().count() == 1, "{message}");
-}
-
-/// A program `colmap` that is missing, fails, writes something else than its database, or is not needed.
-#[test]
-#[cfg(unix)]
-fn matches_of_a_colmap_that_does_not_work() {
-    use std::os::unix::fs::PermissionsExt;
-    let place = crate::inputs::place();
-    let program = |name: &str, script: &str| {
-        let folder = place.path(name);
-        fs::create_dir(&folder).unwrap();
-        let file = folder.join("colmap");
-        fs::write(&file, format!("#!/bin/sh\n{script}\n")).unwrap();
-        fs::set_permissions(&file, fs::Permissions::from_mode(0o755)).unwrap();
-        folder
-    };
-    let path = std::env::var("PATH").unwrap();
-    let beside = |folder: &std::path::Path| format!("{}:{path}", folder.display());
-    let failing = beside(&program("failing", "echo started; echo no such option >&2; exit 3"));
-    // Options of version 4, and a file that is no database.
-    let other = "case $2 in --help) echo --FeatureExtraction.use_gpu --FeatureMatching.use_gpu;; esac\n\
-        while [ $# -gt 0 ]; do [ \"$1\" = --database_path ] && echo none > \"$2\"; shift; done; true";
-    let other = beside(&program("other", other));
-    let refine = "refine shots/a.png --views shots/b.png --fov 60";
-    let cases = [
-        ("poses shots/a.png shots/b.png --fov 60", "", &["no program colmap", "leave --matches out"]),
-        ("poses shots/a.png shots/b.png --fov 60", &failing, &["exit status: 3", "no such option"]),
-        (refine, &failing, &["exit status: 3", "no such option"]),
-        (refine, &other, &["--matches colmap", "not as expected"]),
-        ("refine shots/a.png --views capture.json", &failing, &["has poses", "leave it out"]),
-    ];
-    for (arguments, path, told) in cases {
-        let mut command =
-            place.mde(&format!("{arguments} --prior-depth depth.npy --matches colmap -q -o out"));
-        let refused = command.env("PATH", path).assert().code(1);
-        let message = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
-        assert!(told.iter().all(|told| message.contains(told)), "{arguments}: {message}");
-        assert_eq!(message.lines().count(), 1, "{message}");
-        assert!(!place.path("out").exists());
-    }
 }

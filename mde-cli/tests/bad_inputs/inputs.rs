@@ -409,8 +409,6 @@ fn texts(place: &Place) {
     fs::create_dir(place.path("folder.npy")).unwrap();
     fs::create_dir(place.path("empty")).unwrap();
     fs::create_dir(place.path("thesis")).unwrap();
-    fs::create_dir(place.path("kept.resume")).unwrap();
-    place.write("kept.resume/chapter.txt", "years");
     place.write("thesis/chapter.txt", "years");
     fs::create_dir(place.path("earlier")).unwrap();
     place.write("earlier/run.json", "{}");

@@ -12,7 +12,6 @@ pub(crate) fn unusable_places() {
         refused(format!("{refine} -o file/out"), &["file", "not a folder", "-o"]),
         refused(format!("{refine} -o thesis --force"), &["thesis", "run.json", "-o"]),
         refused(format!("{refine} -o .."), &["..", "-o"]),
-        refused(format!("{refine} --resume -o kept"), &["kept.resume", "move it away", "-o"]),
         refused(format!("{refine} -o {}", "n".repeat(300)), &["nnn", "too long", "-o"]),
         refused(format!("{refine} -o /"), &["/", "-o"]),
         refused("demo --size 64x48 --quiet -o empty", &["empty", "--force"]),

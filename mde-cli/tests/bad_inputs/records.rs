@@ -132,7 +132,6 @@ pub(crate) fn unusable_lists() {
         refused(of(&format!("{good} --views shots")), &["--views", "leave --views out"]),
         refused(of(&format!("{good} --gt depth.npy")), &["--gt", "mde eval"]),
         refused(of(&format!("{good} --scale-from known.csv")), &["--scale-from", "refine it alone"]),
-        refused(of(&format!("{good} --budget 3")), &["--budget", "--predictions"]),
         refused(format!("refine {good} --prior-depth depth.npy"), &["--prior-depth", "good.txt"]),
         refused("refine shots --prior-depth depth.npy", &["shots", "--prior-depth", "--prior-model"]),
     ]);

@@ -38,7 +38,6 @@ pub(crate) fn wrong_usage() {
         of("--unknown", &["--unknown"]),
         of("--predictions 0", &["--predictions", "1 or more"]),
         of("--predictions many", &["\"many\"", "auto"]),
-        of("--budget 0", &["--budget", "positive"]),
         of("--work-size 0", &["--work-size", "positive"]),
         of("--near none", &["--near", "positive"]),
         of("--far 0", &["--far", "positive"]),

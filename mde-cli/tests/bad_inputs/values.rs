@@ -8,7 +8,7 @@ pub(crate) fn unusable_values() {
     let of = |rest: &str, told: &[&'static str]| {
         misused(format!("refine image.png --prior-depth depth.npy {rest} -o out"), told)
     };
-    let positive = ["--budget", "--work-size", "--near", "--far", "--max-memory"];
+    let positive = ["--work-size", "--near", "--far", "--max-memory"];
     let mut cases = Vec::new();
     for flag in positive {
         for value in ["-1", "nan", "inf", "1e999", "", "1,5"] {

@@ -46,12 +46,8 @@ pub(crate) fn inputs(rendered: &Rendered, posed: bool) -> (Capture, Known) {
         focal_assumed: false,
         pose: posed.then_some(known.view.pose),
     });
-    let capture = Capture {
-        photographs: photographs.collect(),
-        reference: rendered.reference,
-        matches: None,
-        points: Vec::new(),
-    };
+    let capture =
+        Capture { photographs: photographs.collect(), reference: rendered.reference, points: Vec::new() };
     let known = rendered.views.iter().map(|v| (v.view.image.clone(), v.prior.clone().unwrap())).collect();
     (capture, Known(known))
 }

@@ -1,5 +1,5 @@
 use super::bundle::{Bundle, Covariance, Observed};
-use super::matching::{GivenMatches, match_features};
+use super::matching::match_features;
 use super::pair::{self, Pair};
 use super::tracks::{self, Track, TrackPixel};
 use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order};
@@ -154,7 +154,7 @@ pub struct Estimated {
 ///
 /// # Errors
 /// [`Error::Config`](crate::Error::Config) for a setting out of its range, fewer than two photographs, two of one name, a
-/// reference that is none of them or has no prior, or a photograph with a side below 16 pixels (not with given matches);
+/// reference that is none of them or has no prior, or a photograph with a side below 16 pixels;
 /// [`Error::View`](crate::Error::View) for a camera that is not of its image's or its prior's size.
 pub fn estimate_poses(
     photographs: &[Photograph],
@@ -162,33 +162,16 @@ pub fn estimate_poses(
     settings: &PosesConfig,
     seed: u64,
 ) -> Result<Estimated> {
-    estimate_poses_with(photographs, reference, None, settings, seed, &mut silent)
+    estimate_poses_with(photographs, reference, settings, seed, &mut silent)
 }
 
-/// [`estimate_poses`] from matches of another program: [`PosesConfig::features`] and [`PosesConfig::ratio`] are not used. Wrong
-/// matches are dropped as ours are.
+/// [`estimate_poses`] with a callback that counts the pairs of photographs as they are compared.
 ///
 /// # Errors
-/// As [`estimate_poses`], and [`Error::Config`](crate::Error::Config) for matches of other photographs or points than there are.
-pub fn estimate_poses_from(
-    photographs: &[Photograph],
-    reference: usize,
-    matches: &GivenMatches,
-    settings: &PosesConfig,
-    seed: u64,
-) -> Result<Estimated> {
-    estimate_poses_with(photographs, reference, Some(matches), settings, seed, &mut silent)
-}
-
-/// [`estimate_poses`], or [`estimate_poses_from`] where matches are given, with a callback that counts the pairs of photographs as
-/// they are compared.
-///
-/// # Errors
-/// Theirs, and [`Error::Interrupted`](crate::Error::Interrupted).
+/// Its errors, and [`Error::Interrupted`](crate::Error::Interrupted).
 pub fn estimate_poses_with(
     photographs: &[Photograph],
     reference: usize,
-    matches: Option<&GivenMatches>,
     settings: &PosesConfig,
     seed: u64,
     callback: &mut Callback<'_>,
@@ -200,28 +183,25 @@ pub fn estimate_poses_with(
     }
     let sorted: Vec<Photograph> = order.iter().map(|&i| photographs[i]).collect();
     let reference = order.iter().position(|&i| i == reference).unwrap_or_default();
-    let (shots, pairs) = match matches {
-        None => {
-            let shots = Shot::all(&sorted, &settings.features)?;
-            let found =
-                |i: usize, j: usize| match_features(&shots[i].features, &shots[j].features, settings.ratio);
-            let pairs = all_pairs(&shots, found, pair::relate, settings, seed, callback)?;
-            (shots, pairs)
-        }
-        Some(matches) => {
-            let (features, matches) = matches.sorted(&order)?;
-            let shots = sorted.iter().zip(features).map(|(photograph, of)| Shot::new(photograph, of));
-            let shots = shots.collect::<Result<Vec<_>>>()?;
-            let found = |i: usize, j: usize| matches.get(&[i, j]).map_or(&[][..], Vec::as_slice);
-            let pairs = all_pairs(&shots, found, pair::relate, settings, seed, callback)?;
-            (shots, pairs)
-        }
-    };
+    let shots = Shot::all(&sorted, &settings.features)?;
+    let found = |i: usize, j: usize| match_features(&shots[i].features, &shots[j].features, settings.ratio);
+    let pairs = all_pairs(&shots, found, pair::relate, settings, seed, callback)?;
+    Ok(adjusted(&sorted, reference, &shots, &pairs, settings, &order))
+}
 
+/// Poses of photographs in the order of their names by their pairs; `order` has their places in the order given.
+pub(super) fn adjusted(
+    sorted: &[Photograph],
+    reference: usize,
+    shots: &[Shot],
+    pairs: &[Pair],
+    settings: &PosesConfig,
+    order: &[usize],
+) -> Estimated {
     let mut dropped = vec![None; shots.len()];
     loop {
-        let tree = Tree::grow(shots.len(), &pairs, reference, &dropped);
-        let mut bundle = build(&shots, &pairs, &tree, reference, settings);
+        let tree = Tree::grow(shots.len(), pairs, reference, &dropped);
+        let mut bundle = build(shots, pairs, &tree, reference, settings);
         for _ in 0..ROUNDS {
             bundle.adjust(STEPS);
             bundle.drop_outliers(settings.outlier_pixels);
@@ -248,7 +228,7 @@ pub fn estimate_poses_with(
             Some((v, degrees)) => dropped[v] = Some(Dropped::Uncertain { degrees }),
             None => {
                 let found = Found { tree, dropped, bundle, noise, covariance };
-                return Ok(found.report(&sorted, &shots, &pairs, settings, &order));
+                return found.report(sorted, shots, pairs, settings, order);
             }
         }
     }

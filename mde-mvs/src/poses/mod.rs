@@ -15,8 +15,6 @@
 //! The prior gives the start, the unit, and what matches leave open: over a short baseline depth and rotation trade for each
 //! other, and without the prior the result may be off by degrees.
 //!
-//! [`estimate_poses_from`] takes the matches of another program in the place of these features; all that follows is the same.
-//!
 //! [`refine_poses`] improves given poses by the same adjustment, with the poses themselves as a prior, and keeps the result only
 //! where matches that had no part in it fit better.
 //!
@@ -39,11 +37,9 @@ mod scales;
 mod tracks;
 
 pub use depth::{depth_variance, relative_covariance};
-pub use estimate::{
-    Estimated, EstimatedPose, Verdict, estimate_poses, estimate_poses_from, estimate_poses_with,
-};
+pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses, estimate_poses_with};
 pub use features::{DESCRIPTOR_LENGTH, FeatureConfig, Features, Keypoint};
-pub use matching::{GivenMatches, Match, match_features};
+pub use matching::{Match, match_features};
 pub use refine::{Agreement, RefineConfig, Refined, refine_poses, refine_poses_with};
 pub use scales::{LogFactor, LogRatio, Prepared, common_scale};
 pub use tracks::{Track, TrackPixel};
@@ -236,9 +232,9 @@ fn in_order(photographs: &[Photograph], reference: usize) -> Result<Vec<usize>> 
 type Relate = fn([&Shot; 2], [usize; 2], &[Match], &PosesConfig, u64) -> pair::Pair;
 
 /// Every pair of photographs, some at once; `matches` gives those of two of them, and the callback counts the pairs.
-fn all_pairs<M: AsRef<[Match]>>(
+fn all_pairs(
     shots: &[Shot],
-    matches: impl Fn(usize, usize) -> M + Sync,
+    matches: impl Fn(usize, usize) -> Vec<Match> + Sync,
     relate: Relate,
     settings: &PosesConfig,
     seed: u64,
@@ -246,9 +242,8 @@ fn all_pairs<M: AsRef<[Match]>>(
 ) -> Result<Vec<pair::Pair>> {
     let pairs: Vec<(usize, usize)> =
         (0..shots.len()).flat_map(|i| (i + 1..shots.len()).map(move |j| (i, j))).collect();
-    let of_pair = |&(i, j): &(usize, usize)| {
-        relate([&shots[i], &shots[j]], [i, j], matches(i, j).as_ref(), settings, seed)
-    };
+    let of_pair =
+        |&(i, j): &(usize, usize)| relate([&shots[i], &shots[j]], [i, j], &matches(i, j), settings, seed);
     let mut found = Vec::with_capacity(pairs.len());
     // Enough for each thread that the last ones seldom wait.
     for part in pairs.chunks(8 * rayon::current_num_threads()) {

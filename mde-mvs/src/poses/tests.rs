@@ -1,4 +1,5 @@
 use super::*;
+use crate::silent;
 use crate::synthetic::{Plane, pose_at, render};
 use mde_uncertainty::random::CounterRng;
 use mde_warp::{Pose, PosedView};
@@ -79,48 +80,6 @@ fn centre(pose: &Pose) -> Vector3<f64> {
     pose.inverse().translation.vector
 }
 
-/// The matches of our own features, as another program would give them: reversed, and in another order of photographs.
-#[test]
-fn given_matches_give_the_poses_of_the_same_matches_found_here() {
-    let settings = PosesConfig::default();
-    let photographs = photographs(standard(), &["d", "b", "a", "c"]);
-    let features: Vec<Features> =
-        photographs.iter().map(|p| Features::detect(p.image, &settings.features).unwrap()).collect();
-    let points = features.iter().map(|f| f.keypoints.iter().map(|k| k.pixel).collect()).collect();
-    let mut pairs = Vec::new();
-    for first in 0..4 {
-        for second in 0..first {
-            let found = match_features(&features[second], &features[first], settings.ratio);
-            let reversed = found.iter().map(|m| Match { first: m.second, second: m.first }).collect();
-            pairs.push(([first, second], reversed));
-        }
-    }
-    let mut matches = GivenMatches { points, pairs };
-    let given = |matches: &GivenMatches| estimate_poses_from(&photographs, 1, matches, &settings, 0);
-    let (here, there) = (estimate(&photographs, 1), given(&matches).unwrap());
-    for (here, there) in here.photographs.iter().zip(&there.photographs) {
-        assert_eq!((here.verdict, there.verdict.has_pose()), (there.verdict, true));
-        let (here, there) = (here.pose.unwrap(), there.pose.unwrap());
-        // Matches come in another order, so RANSAC draws others.
-        assert!(rotation_error(&here, &there) < 0.05, "{}", rotation_error(&here, &there));
-        assert!((centre(&here) - centre(&there)).norm() < 0.01);
-    }
-
-    // A photograph without matches has no pose.
-    matches.pairs.retain(|(pair, _)| !pair.contains(&3));
-    let without = given(&matches).unwrap();
-    assert_eq!(without.photographs[3].verdict, Verdict::AnotherPlace { matches: 0, agreeing: 0 });
-    assert!(without.photographs[2].verdict.has_pose());
-
-    let refused = |matches: GivenMatches| given(&matches).unwrap_err().to_string();
-    let twice = ([0, 1], Vec::new());
-    assert!(refused(GivenMatches { pairs: vec![twice.clone(), twice], ..matches.clone() }).contains("0, 1"));
-    let wrong = ([1, 0], vec![Match { first: 0, second: 100_000 }]);
-    assert!(refused(GivenMatches { pairs: vec![wrong], ..matches.clone() }).contains("100000"));
-    matches.points.pop();
-    assert!(refused(matches).contains("photographs with points is 3"));
-}
-
 /// Matches of one small place give a pose that may be off by many degrees; all of them, shaken alike, do not.
 #[test]
 fn a_photograph_of_uncertain_rotation_has_no_pose() {
@@ -132,21 +91,24 @@ fn a_photograph_of_uncertain_rotation_has_no_pose() {
         let mut rng = CounterRng::new(5, "poses-test", index as u64, k.pixel.x.to_bits());
         k.pixel + Vector2::from_fn(|_, _| 3.0 * (rng.random::<f64>() - 0.5))
     };
-    let points: Vec<Vec<Point2<f64>>> =
-        (0..3).map(|i| features[i].keypoints.iter().map(|k| shaken(i, k)).collect()).collect();
+    let shot = |(index, of): (usize, &Features)| {
+        let keypoints = of.keypoints.iter().map(|k| Keypoint { pixel: shaken(index, k), ..*k }).collect();
+        Shot::new(&photographs[index], Features { keypoints, descriptors: of.descriptors.clone() }).unwrap()
+    };
+    let shots: Vec<Shot> = features.iter().enumerate().map(shot).collect();
     let verdict = |nearest: usize| {
-        let pairs = [[0, 1], [0, 2], [1, 2]].map(|[first, second]| {
+        let matches = |first: usize, second: usize| {
             let mut found = match_features(&features[first], &features[second], settings.ratio);
             if second == 2 {
                 let middle = Point2::new(160.0, 120.0);
-                let from_middle = |m: &Match| (points[2][m.second] - middle).norm();
+                let from_middle = |m: &Match| (shots[2].features.keypoints[m.second].pixel - middle).norm();
                 found.sort_by(|a, b| from_middle(a).total_cmp(&from_middle(b)));
                 found.truncate(nearest);
             }
-            ([first, second], found)
-        });
-        let matches = GivenMatches { points: points.clone(), pairs: pairs.to_vec() };
-        let found = estimate_poses_from(&photographs, 0, &matches, &settings, 0).unwrap();
+            found
+        };
+        let pairs = all_pairs(&shots, matches, pair::relate, &settings, 0, &mut silent).unwrap();
+        let found = estimate::adjusted(&photographs, 0, &shots, &pairs, &settings, &[0, 1, 2]);
         assert!(found.photographs[1].pose.is_some());
         (found.photographs[2].verdict, found.photographs[2].pose.is_some())
     };

@@ -40,7 +40,6 @@ use crate::{DepthPrior, DisparityRule, Error, PriorDepth, Result};
 use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Zip, s};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
-use std::time::{Duration, Instant};
 use values::Values;
 
 /// Which crops are predicted, and how the predictions are merged. The equations are in the [module's](self) documentation.
@@ -117,12 +116,9 @@ pub struct Augmented {
     pub stopped: Option<usize>,
 }
 
-/// Limits of the time and of the memory of an augmentation.
+/// Limits of the memory of an augmentation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Limits {
-    /// Time for the predictions. The first is timed, and the plan is cut to what fits; with the number of predictions of the result as
-    /// [`Predictions::Most`] the same map is made again.
-    pub budget: Option<Duration>,
     /// Most predictions at once, 1 or more; without, as many as the model allows and there are threads.
     pub at_once: Option<usize>,
 }
@@ -207,12 +203,7 @@ impl AugmentationConfig {
         let input = model.resolution(height, width);
         let mut plan = Plan::new(self.predictions, (height, width), input);
         let mut whole = Vec::with_capacity(2);
-        if let Some(budget) = limits.budget {
-            let begin = Instant::now();
-            whole.push(model.predict(image.view())?);
-            plan = plan.within(budget, begin.elapsed());
-        }
-        let mut done = whole.len();
+        let mut done = 0;
         let mut predicted = |plan: &Plan| {
             done += 1;
             progress(Progress::Predicted { done, total: plan.predictions() })
@@ -222,12 +213,11 @@ impl AugmentationConfig {
             true => model.predict(copied(image, true).view()),
             false => model.predict(image.view()),
         };
-        let rest = mirrors.get(whole.len()..).unwrap_or_default();
         let take = |prediction| {
             whole.push(prediction);
             predicted(&plan)
         };
-        if at_once.in_order(rest, predict, take)?.is_break() {
+        if at_once.in_order(mirrors, predict, take)?.is_break() {
             return Ok(None);
         }
         let mut whole = whole.into_iter();

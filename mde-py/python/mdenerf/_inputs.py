@@ -32,7 +32,7 @@ Config: TypeAlias = "PathLike | Mapping[str, Any]"
 
 
 #: Settings with arguments of their own.
-_SHORT: dict[str, Any] = {"seed": None, "budget": None, "no_nerf": False, "predictions": None, "near": None, "far": None}
+_SHORT: dict[str, Any] = {"seed": None, "no_nerf": False, "predictions": None, "near": None, "far": None}
 
 
 def native_settings(preset: str, config: Config | None, **given: Any) -> native.Settings:

@@ -49,8 +49,6 @@ class Refiner:
         ``{"augmentation": {"predictions": 5}}``.
     seed : int, optional
         Seed of all random draws; by default that of the settings, 0. The same seed gives the same bits with any number of threads.
-    budget : float, optional
-        Seconds for the model's predictions: only as many as fit, by the time of the first one.
     predictions : int or "auto", optional
         Predictions of the model at most, on the photograph, its mirror image and crops; 1 is the photograph alone. By default that of the
         settings.
@@ -100,7 +98,6 @@ class Refiner:
         preset: str | None = None,
         config: Config | None = None,
         seed: int | None = None,
-        budget: float | None = None,
         predictions: int | Literal["auto"] | None = None,
         no_nerf: bool = False,
         near: float | None = None,
@@ -122,7 +119,6 @@ class Refiner:
         self._config = config
         self._seed = seed
         self._short: dict[str, Any] = {
-            "budget": budget,
             "no_nerf": no_nerf,
             "predictions": None if predictions is None else str(predictions),
             "near": near,

@@ -208,7 +208,6 @@ class Result:
         folder: PathLike,
         *,
         export: str | Sequence[str] = (),
-        y_up: bool = False,
         force: bool = False,
         report: bool = True,
     ) -> Path:
@@ -226,8 +225,6 @@ class Result:
             Also write files for other programs, with the program's bytes: ``ply`` (``cloud.ply``, points with colour, normal and sigma), ``glb``
             (``mesh.glb``), ``exr`` (``depth.exr``), ``colmap`` (a folder with ``images`` and ``sparse/0``), ``transforms`` (``transforms.json``),
             ``sigma`` (the components of sigma).
-        y_up : bool
-            The points of ``cloud.ply`` with y up and z backward.
         force : bool
             Replace the folder of an earlier run.
         report : bool
@@ -246,13 +243,13 @@ class Result:
         formats = [export] if isinstance(export, str) else list(export)
 
         def write(made: Path) -> None:
-            self._write(made, formats, y_up)
+            self._write(made, formats)
             if report:
                 pages(made)
 
         return in_place(folder, force, write)
 
-    def _write(self, folder: Path, formats: list[str], y_up: bool) -> None:
+    def _write(self, folder: Path, formats: list[str]) -> None:
         if self._pictures:
             (folder / "views").mkdir()
         ends = (("lower", self.lower), ("upper", self.upper))
@@ -272,7 +269,7 @@ class Result:
             "unit": self.unit,
             "camera": (self.camera.fx, self.camera.fy, self.camera.cx, self.camera.cy),
         }
-        native.save_result(str(folder), parts, formats, y_up)
+        native.save_result(str(folder), parts, formats)
         if self.field is not None:
             (folder / "field.safetensors").write_bytes(self.field)
         (folder / "config.toml").write_text(self.config, encoding="utf-8", newline="\n")

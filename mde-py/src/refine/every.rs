@@ -149,13 +149,12 @@ pub(crate) struct Refined<'py> {
 
 /// Writes `transforms.json` and `cloud.ply` of all photographs. The result is the number of points.
 #[pyfunction]
-#[pyo3(signature = (folder, photographs, unit, y_up))]
+#[pyo3(signature = (folder, photographs, unit))]
 pub(crate) fn save_all(
     py: Python<'_>,
     folder: PathBuf,
     photographs: Vec<Refined<'_>>,
     unit: &str,
-    y_up: bool,
 ) -> PyResult<usize> {
     let unit = crate::files::unit(unit);
     let views = photographs.iter().map(|one| {
@@ -176,7 +175,7 @@ pub(crate) fn save_all(
                 sigma: sigma.to_owned(),
             })
         });
-        write_all(&folder, &solids.collect::<Result<Vec<_>>>()?, unit, y_up)
+        write_all(&folder, &solids.collect::<Result<Vec<_>>>()?, unit)
     };
     py.detach(write).map_err(raise)
 }

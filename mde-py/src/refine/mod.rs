@@ -18,7 +18,7 @@ use mde_cli::mde_warp::Pose;
 use mde_cli::nalgebra::{Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion};
 use mde_cli::refiner::finish::Finish;
 use mde_cli::output::record::{TrainingCurve, follow};
-use mde_cli::refiner::run::{Hooks, Run, Watch};
+use mde_cli::refiner::run::{Run, Watch};
 use mde_cli::several::Capture;
 use mde_cli::refinement::event::Event;
 use mde_cli::naming::Naming;
@@ -188,8 +188,7 @@ impl Refiner<'_> {
             unit: inputs.unit,
             naming: Naming::Keywords,
         };
-        let (budget, keeps_field) = (self.settings.budget, inputs.keep_field);
-        Run { opened, prior, capture, finish, budget, at_once, keeps_field }
+        Run { opened, prior, capture, finish, at_once, keeps_field: inputs.keep_field }
     }
 
     fn refine(&self, link: &Link, inputs: &Inputs, observed: bool) -> mde_cli::error::Result<Outcome> {
@@ -200,7 +199,7 @@ impl Refiner<'_> {
         self.prior.exchanged().into_iter().for_each(|warning| watch.warn(warning.to_owned()));
         let capture = (placed.len() > 1).then(|| capture(&placed)).transpose()?;
         let run = self.run(&placed[0].opened, &prior, capture.as_ref(), inputs, at_once);
-        let done = run.refine(Hooks::default(), &mut watch)?;
+        let done = run.refine(&mut watch)?;
         let about = Recorded {
             preset: self.settings.preset,
             input: &inputs.photographs[0].name,

@@ -94,8 +94,6 @@ pub struct Exported<'e> {
     pub components: Vec<(&'e str, ArrayView2<'e, f32>)>,
     /// How sure the network itself is.
     pub certainty: Option<(CertaintyMeaning, ArrayView2<'e, f32>)>,
-    /// Whether the points of PLY have y up.
-    pub y_up: bool,
     /// Steps per unit of depth.png.
     pub png_scale: f64,
 }
@@ -107,9 +105,7 @@ impl Exported<'_> {
     /// [`Error::Prior`] or [`Error::External`] for a file that can't be written.
     pub fn write(&self, format: Format, folder: &Path) -> Result<()> {
         match format {
-            Format::Ply => {
-                Ok(mde_prior::write_atomic(&folder.join("cloud.ply"), &ply::encode(self, self.y_up))?)
-            }
+            Format::Ply => Ok(mde_prior::write_atomic(&folder.join("cloud.ply"), &ply::encode(self))?),
             Format::Exr => Ok(mde_prior::write_atomic(&folder.join("depth.exr"), &layers::encode(self)?)?),
             Format::Colmap => {
                 let model = subfolder(folder, "colmap/sparse/0")?;
@@ -196,7 +192,6 @@ pub(crate) mod tests {
             prior: prior.view(),
             components: Vec::new(),
             certainty: None,
-            y_up: false,
             png_scale: 1000.0,
         });
     }

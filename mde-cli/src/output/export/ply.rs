@@ -3,9 +3,9 @@
 use crate::output::export::Exported;
 use nalgebra::{Point3, Vector3};
 
-pub(super) fn encode(scene: &Exported<'_>, y_up: bool) -> Vec<u8> {
+pub(super) fn encode(scene: &Exported<'_>) -> Vec<u8> {
     let (rows, columns) = scene.depth.dim();
-    let mut cloud = Cloud::new(y_up);
+    let mut cloud = Cloud::default();
     for row in 0..rows {
         for column in 0..columns {
             let Some(point) = scene.point(row, column) else { continue };
@@ -17,24 +17,17 @@ pub(super) fn encode(scene: &Exported<'_>, y_up: bool) -> Vec<u8> {
     cloud.encode("camera frame", scene.unit)
 }
 
-/// Points with normal, colour and sigma.
+/// Points with normal, colour and sigma; x right, y down, z forward.
+#[derive(Default)]
 pub struct Cloud {
     bytes: Vec<u8>,
     count: usize,
-    y_up: bool,
 }
 
 impl Cloud {
-    /// Points with x right, y down, z forward; with `y_up` they are turned to x right, y up, z backward.
-    pub fn new(y_up: bool) -> Self {
-        Self { bytes: Vec::new(), count: 0, y_up }
-    }
-
     /// Adds a point with its unit normal and the standard deviation of its depth.
     pub fn push(&mut self, point: Point3<f64>, normal: Vector3<f64>, colour: [u8; 3], sigma: f32) {
-        let side = if self.y_up { -1.0 } else { 1.0 };
-        let [point, normal] = [point.coords, normal].map(|v| [v.x, side * v.y, side * v.z]);
-        let numbers = point.iter().chain(&normal).map(|v| *v as f32);
+        let numbers = point.coords.iter().chain(&normal).map(|v| *v as f32);
         numbers.for_each(|number| self.bytes.extend(number.to_le_bytes()));
         self.bytes.extend(colour);
         self.bytes.extend(sigma.to_le_bytes());
@@ -53,10 +46,9 @@ impl Cloud {
 
     /// The file.
     pub fn encode(self, frame: &str, unit: &str) -> Vec<u8> {
-        let axes = if self.y_up { "x right, y up, z backward" } else { "x right, y down, z forward" };
         let header = format!(
             "ply\nformat binary_little_endian 1.0\n\
-             comment {frame}: {axes}; unit: {unit}; sigma is the depth's standard deviation\n\
+             comment {frame}: x right, y down, z forward; unit: {unit}; sigma is the depth's standard deviation\n\
              element vertex {}\n\
              property float x\nproperty float y\nproperty float z\n\
              property float nx\nproperty float ny\nproperty float nz\n\
@@ -94,7 +86,7 @@ mod tests {
     #[test]
     fn a_planes_points_lie_on_it_and_their_normals_face_the_camera() {
         with_plane(|scene| {
-            let bytes = encode(scene, false);
+            let bytes = encode(scene);
             let end = b"end_header\n";
             let start = bytes.windows(end.len()).position(|w| w == end).unwrap() + end.len();
             let header = std::str::from_utf8(&bytes[..start]).unwrap();
@@ -111,17 +103,6 @@ mod tests {
                 assert!((sigma - 0.1 * z).abs() < 1e-5, "{sigma} {z}");
                 let normal = Vector3::new(number(12), number(16), number(20));
                 assert!((normal - expected).norm() < 1e-4, "{normal}");
-            }
-            let turned = encode(scene, true);
-            let start_turned = turned.len() - (bytes.len() - start);
-            for (vertex, turned) in
-                bytes[start..].chunks_exact(31).zip(turned[start_turned..].chunks_exact(31))
-            {
-                for (axis, side) in [1.0, -1.0, -1.0, 1.0, -1.0, -1.0].into_iter().enumerate() {
-                    let number =
-                        |bytes: &[u8]| f32::from_le_bytes(bytes[4 * axis..4 * axis + 4].try_into().unwrap());
-                    assert_eq!(number(turned), side * number(vertex));
-                }
             }
             let first = [0, 1, 2].map(|c| scene.colour(0, 0)[c]);
             assert_eq!(bytes[start + 24..start + 27], first);

@@ -17,14 +17,11 @@ pub(crate) struct SeveralArgs {
     /// Use at most N photographs, IMAGE included: the best by parallax, overlap and sharpness; default: 8
     #[arg(long, value_name = "N", requires = "views", value_parser = clap::value_parser!(u16).range(2..=64))]
     pub(crate) max_views: Option<u16>,
-    /// Where the matches come from by which poses are estimated
-    #[arg(long, help_heading = "Advanced", value_enum, default_value = "sift", requires = "views")]
-    pub(crate) matches: MatchesName,
     /// Unit of depth and sigma: the prior's, or that of the capture's poses
     #[arg(long, help_heading = "Advanced", value_enum, default_value = "prior", requires = "views")]
     pub(crate) unit: UnitName,
     /// Refine every photograph: a folder for each, transforms.json, and cloud.ply of the points that two photographs confirm
-    #[arg(long, requires = "views", conflicts_with_all = ["prior_depth", "gt", "rerun"])]
+    #[arg(long, requires = "views", conflicts_with_all = ["prior_depth", "gt"])]
     pub(crate) all: bool,
     /// Put many photographs of one place, such as a burst or the frames of a video, on one scale: a factor for each, by the points that
     /// they have in common. Those that match no other keep their own scale. Poses are not needed
@@ -33,14 +30,6 @@ pub(crate) struct SeveralArgs {
     /// Only part I of N of the photographs, by their names; mde merge joins the parts
     #[arg(long, help_heading = "Advanced", value_name = "I/N", conflicts_with = "views")]
     pub(crate) shard: Option<Shard>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum MatchesName {
-    /// mde's own features
-    Sift,
-    /// The program colmap on the PATH: its features and matches of all pairs
-    Colmap,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -76,9 +65,6 @@ pub(crate) struct PosesArgs {
     /// Photographs of one static scene, or folders of them
     #[arg(value_name = "PHOTO", required = true)]
     pub(crate) photographs: Vec<PathBuf>,
-    /// Where the matches come from by which poses are estimated
-    #[arg(long, value_enum, default_value = "sift")]
-    pub(crate) matches: MatchesName,
     #[command(flatten)]
     pub(crate) prior: PriorArgs,
     #[command(flatten)]

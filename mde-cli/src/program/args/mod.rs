@@ -39,7 +39,7 @@ Exit codes:
   1    failed; one line on stderr names the cause and the remedy
   2    wrong usage
   3    some photographs or scenes failed; the others are written
-  130  interrupted (Ctrl-C, SIGTERM, SIGHUP or SIGQUIT); only the state from which --resume and evaluations continue is kept";
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP or SIGQUIT); only what --all, many photographs and evaluations have finished is kept";
 
 /// Refine the monocular depth of a photograph, with a standard deviation per pixel
 #[derive(Debug, Parser)]
@@ -141,8 +141,9 @@ Examples:
 Output: depth.npy and sigma.npy (f32 [height, width], the prior's unit; missing: 0 and inf), prior.npy, depth.png
 (16 bit, millimetres), confidence.png, image.png, preview.png, config.toml (all settings), run.json (all measurements),
 report.html (all results on one page); with --gt gt.npy; with --interval lower.npy and upper.npy; with --export cloud.ply, mesh.glb,
-depth.exr, colmap/, transforms.json, sigma/. With --all one such folder for each photograph, and transforms.json, cloud.ply, run.json. With many photographs one such folder for each, with
-thumbnail.png and finished.json, and index.html, index.csv, index.json; the same command continues, and refines only what is new or changed."
+depth.exr, colmap/, transforms.json, sigma/. With --all one such folder for each photograph, with finished.json, and transforms.json, cloud.ply, index.html, run.json. With many photographs one
+such folder for each, with thumbnail.png and finished.json, and index.html, index.csv, index.json. In both the same command continues, and refines
+only what is new or changed."
 )]
 pub(crate) struct RefineArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP. Or many, each refined alone: photographs, patterns ('holiday/*.jpg'), folders, lists
@@ -170,10 +171,6 @@ pub(crate) struct RefineArgs {
     pub(crate) truth: TruthArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
-    /// Keep every finished iteration (with --all every finished photograph) in DIR.resume until the results are written, and resume
-    /// from it
-    #[arg(long, help_heading = "Output")]
-    pub(crate) resume: bool,
     #[command(flatten)]
     pub(crate) error_bar: ErrorBarArgs,
     #[command(flatten)]
@@ -373,9 +370,6 @@ pub(crate) struct SettingsArgs {
     /// Farthest depth of the scene, likewise; default: 8
     #[arg(long, value_name = "METRES", value_parser = positive)]
     pub(crate) far: Option<f64>,
-    /// Only as many predictions as fit into this time, by the time of the first one; config.toml has their number
-    #[arg(long, value_name = "SECONDS", value_parser = positive)]
-    pub(crate) budget: Option<f64>,
 }
 
 /// Ground truth for the scores.

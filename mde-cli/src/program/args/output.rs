@@ -13,12 +13,6 @@ pub(crate) struct ExportArgs {
     /// Also write files for other programs, separated by commas
     #[arg(long, value_name = "FORMATS", value_delimiter = ',', value_parser = formats())]
     pub(crate) export: Vec<Format>,
-    /// Points of cloud.ply with y up, z backward (mesh.glb always has)
-    #[arg(long, help_heading = "Advanced")]
-    pub(crate) y_up: bool,
-    /// Also write a recording of the run for rerun's viewer (needs the feature rerun)
-    #[arg(long, help_heading = "Advanced", value_name = "FILE.rrd")]
-    pub(crate) rerun: Option<PathBuf>,
 }
 
 /// The formats by their names.

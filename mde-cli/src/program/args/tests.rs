@@ -31,7 +31,7 @@ fn the_help_begins_with_the_output_and_ends_with_what_is_rare() {
         assert_eq!(headings.next_back(), Some("Advanced:"), "{name}: {help}");
     }
     let rare: [(&str, &[&str]); 2] = [
-        ("refine", &["matches", "unit", "shard", "same_scale"]),
+        ("refine", &["unit", "shard", "same_scale"]),
         (
             "eval",
             &[

@@ -9,7 +9,6 @@ use crate::program::open::opened::{settings, use_threads};
 use crate::program::open::size::check_memory;
 use crate::program::open::truth::Truth;
 use crate::program::store::folder::OutputFolder;
-use crate::program::recording;
 use crate::program::job::Job;
 use crate::program::progress::Progress;
 use anyhow::Result;
@@ -24,7 +23,6 @@ use mde_eval::score::ScoreConfig;
 use mde_prior::{DepthKind, DepthPrior};
 use ndarray::{Array2, Array3};
 use std::path::Path;
-use std::time::Duration;
 
 /// The room of every demo.
 const ROOM: Room = Room::Study;
@@ -44,7 +42,6 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output(Path::new("mde"), "-demo"), args.run.force)?;
-    let recording = recording::open(&args.export, args.run.force)?;
     let (preset, mut config) = settings(&args.settings, Preset::MultiView)?;
     let [width, height] = args.size;
     check_memory(&args.memory, "--size", (height, width), |pixels| refine_bytes(pixels, &config))?;
@@ -68,13 +65,9 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
             brief: true,
         }),
         save_field: false,
-        budget: args.settings.budget.map(Duration::from_secs_f64),
         at_once: 1,
-        checkpoints: None,
         error_bar: args.error_bar.open()?,
         export: args.export.export.clone(),
-        y_up: args.export.y_up,
-        recording,
         capture: scene.capture,
         keep_photographs: true,
         unit: UnitName::Prior,

@@ -40,7 +40,7 @@ pub(crate) fn run(command: &Command) -> Result<()> {
 }
 
 /// A pose's matrix, row by row.
-fn rows(pose: &mde_warp::Pose) -> [[f64; 4]; 4] {
+pub(crate) fn rows(pose: &mde_warp::Pose) -> [[f64; 4]; 4] {
     let matrix = pose.to_homogeneous();
     std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]))
 }

@@ -5,22 +5,15 @@ use crate::program::open::prior::NamedPrior;
 use crate::program::open::size::limit;
 use crate::program::open::truth::Truth;
 use crate::program::store::folder::OutputFolder;
-use crate::output::record::versions;
-use crate::program::{recording, many};
-use crate::program::checkpoint::Checkpoints;
+use crate::program::many;
+use crate::program::many::item::settings_of;
 use crate::program::many::every;
 use crate::program::job::Job;
 use crate::program::progress::Progress;
-use anyhow::{Context, Result, ensure};
-use crate::scene::known::Known;
-use crate::scene::photograph::Opened;
-use crate::prior::origin::PriorOrigin;
-use crate::several::Capture;
-use crate::config::{Config, Preset};
+use anyhow::{Result, ensure};
+use crate::refiner::known::Known;
 use crate::naming::Naming;
-use ndarray::Array3;
-use serde_json::{Value, json};
-use std::time::Duration;
+use crate::config::Preset;
 
 pub(super) fn run(args: &RefineArgs) -> Result<()> {
     if photographs::are_many(&args.photographs()) || args.several.shard.is_some() {
@@ -32,18 +25,16 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     );
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
-    let folder = OutputFolder::new(&args.run.output(&args.image, "-depth"), args.run.force)?;
-    let recording = recording::open(&args.export, args.run.force)?;
+    let output = args.run.output(&args.image, "-depth");
+    let folder = match args.several.all {
+        true => every::check_folder(&output).map(|()| None)?,
+        false => Some(OutputFolder::new(&output, args.run.force)?),
+    };
     let usual = if args.several.views.is_empty() { Preset::Default } else { Preset::MultiView };
     let (preset, mut config) = settings(&args.settings, usual)?;
     if let Some(most) = args.several.max_views {
         config.multi_view.max_views = most.into();
     }
-    ensure!(
-        !args.resume || args.several.views.is_empty() || args.several.all,
-        "--resume: one photograph with --views has no state between its start and its end to resume from; leave --resume out, or \
-         refine them all with --all"
-    );
     let several = !args.several.views.is_empty();
     let opening = Opening { size: &args.size, camera: &args.camera, several };
     let mut opened = opening.open(&args.image, &mut progress)?;
@@ -70,13 +61,11 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         Some(path) => Some(Known::open(path, &args.image, opened.original, Naming::Flags)?),
         None => None,
     };
-    let made_from = match args.resume {
-        true => Some(made_from(args, &opened, prior.origin(), &config, capture.as_ref())?),
-        false => None,
-    };
-    let checkpoints = match &made_from {
-        Some(made_from) if !args.several.all => Some(Checkpoints::new(folder.path(), made_from.clone())?),
-        _ => None,
+    let made_from = match &capture {
+        Some(capture) if args.several.all => {
+            every::made_from(&settings_of(args, preset, &config, &named)?, args.several.unit, capture)
+        }
+        _ => String::new(),
     };
     let job = Job {
         command: "refine",
@@ -85,14 +74,10 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         preset,
         config,
         truth: Truth::open(&args.truth, opened.original, opened.of_results())?,
-        budget: args.settings.budget.map(Duration::from_secs_f64),
         at_once,
         save_field: args.save_field,
-        checkpoints,
         error_bar: args.error_bar.open()?,
         export: args.export.export.clone(),
-        y_up: args.export.y_up,
-        recording,
         capture,
         unit: args.several.unit,
         known,
@@ -100,65 +85,8 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         keep_photographs: false,
         opened,
     };
-    match args.several.all {
-        true => every::run(&job, &folder, made_from, &mut progress),
-        false => job.run(&folder, &mut progress),
+    match folder {
+        None => every::run(&job, &output, &made_from, args.run.force, &mut progress),
+        Some(folder) => job.run(&folder, &mut progress),
     }
-}
-
-/// Everything that the maps depend on.
-fn made_from(
-    args: &RefineArgs,
-    opened: &Opened,
-    origin: &PriorOrigin,
-    config: &Config,
-    capture: Option<&Capture>,
-) -> Result<Value> {
-    let checksum = |image: &Array3<f32>| {
-        let mut hasher = crc32fast::Hasher::new();
-        image.iter().for_each(|value| hasher.update(&value.to_le_bytes()));
-        hasher.finalize()
-    };
-    let photographs: Vec<Value> = capture
-        .iter()
-        .flat_map(|capture| &capture.photographs)
-        .map(|p| {
-            let pose = p.pose.as_ref().map(super::rows);
-            json!([
-                p.name,
-                checksum(&p.image),
-                p.mask.iter().filter(|m| **m).count(),
-                p.camera,
-                p.focal_assumed,
-                pose
-            ])
-        })
-        .collect();
-    // The content of the prior's files, not their place. A model's hash is in its origin.
-    let file = match &args.prior.source.prior_depth {
-        Some(path) => std::fs::read(path).with_context(|| path.display().to_string())?,
-        None => Vec::new(),
-    };
-    let mut made_from = json!({
-        "versions": versions(), "config": config.to_toml()?, "image": checksum(&opened.image), "size": opened.size(), "budget": args.settings.budget,
-        "camera": opened.camera.camera, "prior": (origin.kind, &origin.model, &origin.model_hash, &origin.runtime), "prior_file": crc32fast::hash(&file),
-        "prior_scale": args.prior.png_scale, "prior_encoding": format!("{:?}", args.prior.prior_encoding),
-    });
-    // Whole results are kept with --all, not only states of the loop.
-    if !photographs.is_empty() {
-        made_from["photographs"] = json!(photographs);
-        made_from["output"] = json!(format!(
-            "{:?}",
-            (
-                args.several.unit,
-                args.several.matches,
-                &args.error_bar,
-                &args.export.export,
-                args.export.y_up,
-                args.save_field
-            )
-        ));
-    }
-    // As text: numbers that are read again may differ in their last bit.
-    Ok(Value::String(made_from.to_string()))
 }

@@ -108,7 +108,7 @@ impl LoopRefiner<'_> {
             focal_assumed: task.focal_assumed,
             pose: view.posed.then_some(view.view.pose),
         }));
-        let capture = Capture { photographs, reference: 0, matches: None, points: Vec::new() };
+        let capture = Capture { photographs, reference: 0, points: Vec::new() };
         let priors = OfTask(task);
         let refinement = refine_capture(&capture, Stages::new(&priors), config, &mut |e| (self.callback)(e))?;
         let used = refinement.capture.as_ref().filter(|report| report.fallback.is_none());

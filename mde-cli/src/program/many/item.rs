@@ -26,7 +26,7 @@ use crate::config::{Config, Preset};
 use mde_prior::photo::{decode_image, image_size, write_rgb_png};
 use mde_uncertainty::statistics::{median, quantile};
 use ndarray::{Array3, ArrayView3, Axis, concatenate};
-use serde::de::IgnoredAny;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::fs;
@@ -64,12 +64,20 @@ pub(crate) struct Common<'c> {
 }
 
 #[derive(Serialize, Deserialize)]
-pub(crate) struct Marker {
-    /// Settings and the content of the photograph.
+pub(crate) struct Marker<R = Row> {
+    /// Settings and the content of the photographs.
     pub(crate) made_from: String,
-    pub(crate) row: Row,
+    pub(crate) row: R,
     /// Bytes of the folder's other files.
-    files: Contents<u64>,
+    files: Contents,
+}
+
+impl<R: Serialize> Marker<R> {
+    /// Marks a folder as finished, last of its files.
+    pub(crate) fn write(place: &Path, made_from: String, row: R) -> Result<()> {
+        let files = lengths(place).with_context(|| place.display().to_string())?;
+        write_json(&place.join(MARKER), &Self { made_from, row, files })
+    }
 }
 
 impl Marker {
@@ -101,7 +109,7 @@ pub(crate) fn settings_of(
         "camera": (content(&camera.intrinsics)?, camera.intrinsics_base, camera.fx, camera.fy, camera.cx, camera.cy, camera.fov),
         "prior": (origin.kind, &origin.model, &origin.model_hash, &origin.runtime),
         "error_bar": (args.error_bar.interval, content(&args.error_bar.calibration)?),
-        "output": (format!("{:?}", args.export.export), args.export.y_up, args.save_field),
+        "output": (format!("{:?}", args.export.export), args.save_field),
     });
     if args.several.same_scale {
         settings["same_scale"] = json!(true);
@@ -175,7 +183,7 @@ impl Common<'_> {
         let shown = || path.display().to_string();
         let place = self.output.join(folder);
         // First of all: a plan of the predictions takes as long as thousands of markers.
-        let marker = read_marker(&place).filter(|_| !args.run.force);
+        let marker = read_marker::<Row>(&place).filter(|_| !args.run.force);
         if let Some(marker) = marker
             && marker.made_from == self.made_from(item, &self.read(item)?)
         {
@@ -202,14 +210,10 @@ impl Common<'_> {
             preset: self.preset,
             config: self.config.clone(),
             truth: None,
-            budget: None,
             at_once,
             save_field: args.save_field,
-            checkpoints: None,
             error_bar: self.error_bar.clone(),
             export: args.export.export.clone(),
-            y_up: args.export.y_up,
-            recording: None,
             capture: None,
             unit: args.several.unit,
             known: None,
@@ -227,8 +231,7 @@ impl Common<'_> {
             write_rgb_png(path.join(THUMBNAIL), thumbnail(done)?.view())?;
             row.measure(done, progress);
             row.seconds = start.elapsed().as_secs_f64();
-            let files = lengths(path).with_context(|| path.display().to_string())?;
-            write_json(&path.join(MARKER), &Marker { made_from, row: row.clone(), files })
+            Marker::write(path, made_from, row.clone())
         })?;
         Ok(row)
     }
@@ -259,8 +262,8 @@ impl Row {
 }
 
 /// The marker of a folder whose files are there with the lengths that they were written with.
-pub(crate) fn read_marker(place: &Path) -> Option<Marker> {
-    let marker: Marker = serde_json::from_str(&fs::read_to_string(place.join(MARKER)).ok()?).ok()?;
+pub(crate) fn read_marker<R: DeserializeOwned>(place: &Path) -> Option<Marker<R>> {
+    let marker: Marker<R> = serde_json::from_str(&fs::read_to_string(place.join(MARKER)).ok()?).ok()?;
     have_lengths(place, &marker.files).then_some(marker)
 }
 

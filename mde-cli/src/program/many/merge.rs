@@ -7,7 +7,6 @@ use crate::program::many::shard::{Claim, check};
 use crate::program::args::MergeArgs;
 use crate::program::store::lock::Lock;
 use crate::program::store::folder::{OutputFolder, check_place, remove_unfinished};
-use crate::program::many::every::copy;
 use crate::program::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
 use std::fs;
@@ -105,7 +104,7 @@ fn check_finished(part: &Part) -> Result<()> {
         return Ok(());
     }
     let from = folder.join(&row.folder);
-    let Some(marker) = read_marker(&from) else {
+    let Some(marker) = read_marker::<Row>(&from) else {
         bail!("{}: is missing or not finished; run its shard again", from.display())
     };
     ensure!(
@@ -124,7 +123,7 @@ fn bring(from: &Path, to: &Path, row: &Row) -> Result<()> {
     if from == to {
         return Ok(());
     }
-    let made_from = |place: &Path| read_marker(place).map(|marker| marker.made_from);
+    let made_from = |place: &Path| read_marker::<Row>(place).map(|marker| marker.made_from);
     if to.exists() {
         let earlier = made_from(to);
         ensure!(earlier.is_some(), "{}: exists and is not finished; remove it", to.display());
@@ -134,6 +133,21 @@ fn bring(from: &Path, to: &Path, row: &Row) -> Result<()> {
     }
     let fault = || format!("{}: can't be copied to {}", from.display(), to.display());
     OutputFolder::new(to, true)?.write(|place| copy(from, place).with_context(fault))
+}
+
+/// A folder with all that is in it.
+fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
+    fs::create_dir_all(to)?;
+    for entry in fs::read_dir(from)? {
+        let entry = entry?;
+        let target = to.join(entry.file_name());
+        if entry.file_type()?.is_dir() {
+            copy(&entry.path(), &target)?;
+        } else {
+            fs::copy(entry.path(), target)?;
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

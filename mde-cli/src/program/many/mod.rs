@@ -6,7 +6,7 @@
 mod allowance;
 pub(crate) mod every;
 mod index;
-mod item;
+pub(crate) mod item;
 pub(crate) mod merge;
 mod same_scale;
 pub(crate) mod shard;
@@ -204,11 +204,6 @@ fn check_arguments(args: &RefineArgs) -> Result<()> {
     );
     ensure!(args.truth.gt.is_none(), "--gt: is the truth of one photograph; score a folder with mde eval");
     ensure!(args.scale_from.is_none(), "--scale-from: has the depths of one photograph; refine it alone");
-    ensure!(args.export.rerun.is_none(), "--rerun: records {several}; leave it out");
-    ensure!(
-        args.settings.budget.is_none(),
-        "--budget: depends on the clock, so that a run could not be continued; give --predictions"
-    );
     Ok(())
 }
 

@@ -1,7 +1,7 @@
 //! The further photographs that the command line names, with poses or without.
 
-use crate::program::args::{MatchesName, PosesArgs, RefineArgs, SizeArgs, UnitName};
-use crate::program::open::{camera, colmap};
+use crate::program::args::{PosesArgs, RefineArgs, SizeArgs, UnitName};
+use crate::program::open::camera;
 use crate::program::open::camera::{CameraSource, KnownCamera};
 use crate::program::open::opened::Opening;
 use crate::program::open::photographs::in_folder;
@@ -27,7 +27,7 @@ pub(crate) fn open(
 ) -> Result<Option<Capture>> {
     let estimated = "--unit capture: the photographs have no poses of their own, so there is no unit but the prior's; give a \
                      capture with poses, or --unit prior";
-    let mut capture = match args.several.views.as_slice() {
+    let capture = match args.several.views.as_slice() {
         [] => return Ok(None),
         [one] => match read(one, args)? {
             Some(capture) => posed(args, &capture, reference, config, progress)?,
@@ -38,10 +38,6 @@ pub(crate) fn open(
     capture.validate()?;
     let posed = capture.photographs.iter().all(|photograph| photograph.pose.is_some());
     ensure!(posed || args.several.unit == UnitName::Prior, estimated);
-    if args.several.matches == MatchesName::Colmap {
-        ensure!(!posed, "--matches colmap: the capture has poses, so none are estimated; leave it out");
-        capture.matches = Some(colmap::matches(&capture.photographs, progress)?);
-    }
     let first = &capture.photographs[capture.reference];
     if first.pose.is_some() {
         reference.image = first.image.clone();
@@ -116,7 +112,7 @@ fn posed(
     }
     let shown = capture.points.iter().filter(|point| point.frames.contains(&reference));
     let points = shown.map(|point| point.position).collect();
-    Ok(Capture { photographs, reference: 0, matches: None, points })
+    Ok(Capture { photographs, reference: 0, points })
 }
 
 /// Photographs alone.
@@ -129,7 +125,7 @@ fn unposed(args: &RefineArgs, opened: &Opened, config: &Config, progress: &mut P
         photographs.push(photograph(&path, &opening.open(&path, progress)?));
     }
     shorten(&mut photographs);
-    Ok(Capture { photographs, reference: 0, matches: None, points: Vec::new() })
+    Ok(Capture { photographs, reference: 0, points: Vec::new() })
 }
 
 /// Refuses more photographs of the reference's size than the memory limit allows.
@@ -173,11 +169,8 @@ pub(crate) fn photographs(
         first.get_or_insert(opened);
     }
     shorten(&mut photographs);
-    let mut capture = Capture { photographs, reference: 0, matches: None, points: Vec::new() };
+    let capture = Capture { photographs, reference: 0, points: Vec::new() };
     capture.validate()?;
-    if args.matches == MatchesName::Colmap {
-        capture.matches = Some(colmap::matches(&capture.photographs, progress)?);
-    }
     let first = first.context("no photograph; give two or more")?;
     Ok((capture, files, first))
 }

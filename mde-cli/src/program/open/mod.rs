@@ -2,7 +2,6 @@
 
 pub(crate) mod camera;
 pub(crate) mod capture;
-mod colmap;
 pub(crate) mod opened;
 pub(crate) mod photographs;
 pub(crate) mod prior;

@@ -125,13 +125,12 @@ pub(crate) fn check_place(flag: &str, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Checks that a name fits into a folder, with the ending of what is kept beside it.
+/// Checks that a name fits into a folder.
 fn check_name(flag: &str, path: &Path) -> Result<()> {
     let length = path.file_name().map_or(0, |name| name.as_encoded_bytes().len());
-    let most = LONGEST_NAME - ".resume".len();
     ensure!(
-        length <= most,
-        "{}: the name is too long; give one of {most} bytes at most to {flag}",
+        length <= LONGEST_NAME,
+        "{}: the name is too long; give one of {LONGEST_NAME} bytes at most to {flag}",
         path.display()
     );
     Ok(())

@@ -53,7 +53,7 @@ pub(super) fn scene(
         truth: rendered.truth,
         prior: Box::new(prior),
         kind: DepthKind::Metric,
-        capture: Some(Capture { photographs, reference: 0, matches: None, points: Vec::new() }),
+        capture: Some(Capture { photographs, reference: 0, points: Vec::new() }),
     })
 }
 
