@@ -1,20 +1,19 @@
-use crate::program::args::PosesArgs;
-use crate::program::open::capture::photographs;
-use crate::program::open::opened::use_threads;
-use crate::program::open::prior::NamedPrior;
-use crate::program::open::size::limit;
-use crate::program::store::folder::check_new_file;
+//! `mde poses`: the poses of photographs.
+
+use crate::config::Preset;
+use crate::program::args::{ErrorBarArgs, PosesArgs, SettingsArgs};
+use crate::program::open::prior;
 use crate::program::open::relative::relative;
+use crate::program::open::scene::{size, unique, unposed};
+use crate::program::open::settings::{settings, use_threads};
 use crate::program::progress::Progress;
-use anyhow::{Context, Result, ensure};
+use crate::program::store::folder::check_new_file;
+use crate::refiner::Refiner;
 use crate::reports::capture::CaptureReport;
-use crate::config::Config;
-use crate::several::prepared::PreparedCapture;
-use crate::refinement::stages::Stages;
-use mde_eval::table::{Block, Cell, Column, Document, Table};
+use anyhow::{Context, Result, ensure};
 use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
 use serde_json::json;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Longer side of the photographs, pixels, without `--max-size`: features are plenty, and matching stays fast.
 const LONGER_SIDE: u32 = 1024;
@@ -24,30 +23,35 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     use_threads(&args.run)?;
     let target = &args.run.output.clone().unwrap_or_else(|| "transforms.json".into());
     check_new_file("-o", target, args.run.force)?;
-    let config = Config::default();
-    let mut size = args.size.clone();
-    size.max_size = size.max_size.or(Some(LONGER_SIDE));
-    let (capture, files, first) = photographs(args, &size, &config, &mut progress)?;
+    let mut sizes = args.size.clone();
+    sizes.max_size = sizes.max_size.or(Some(LONGER_SIDE));
+    let usual = SettingsArgs::default();
+    let prior = prior::open(&args.prior)?;
+    let settings = settings(&usual, &sizes, &ErrorBarArgs::default(), Preset::MultiView)?;
+    let refiner = Refiner::new(&prior, settings)?;
+    let paths = unique("PHOTO", &args.photographs, |_| false)?;
+    ensure!(
+        paths.len() > 1,
+        "{}: one photograph has no parallax; give two or more, or a folder of them",
+        paths.first().unwrap_or(&PathBuf::new()).display()
+    );
     let folder = target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     // Names are checked before the work.
-    let names = files.iter().map(|(path, _)| relative(path, folder)).collect::<Result<Vec<_>>>()?;
-    let prior = NamedPrior::open(&args.prior)?;
-    let prior = prior.bind(&first, &mut progress)?;
-    let limit = limit(&size.memory);
-    let at_once = first.predictions_at_once_of(capture.photographs.len(), &prior, &limit)?;
-    let stages = Stages::new(&prior).with_predictions_at_once(at_once);
-    let prepared = PreparedCapture::new(&capture, &stages, &config, &mut |event| progress.observe(event))?;
-    let report = prepared.report();
+    let names = paths.iter().map(|path| relative(path, folder)).collect::<Result<Vec<_>>>()?;
+    let (scene, plan) = unposed(&refiner, &args.camera, "PHOTO", &paths, &mut progress)?;
+    let prepared = refiner.prepare(&scene, &plan, &mut progress)?;
+    let several = prepared.several().context("no photograph; give two or more")?;
+    let report = several.report();
     ensure!(
         report.fallback.is_none(),
         "no poses were found, so nothing was written: {}",
         report.fallback.as_deref().unwrap_or_default()
     );
     let mut frames = Vec::new();
-    for (index, (name, (_, [width, height]))) in names.into_iter().zip(&files).enumerate() {
-        let (Some(pose), Some(camera)) = (prepared.pose(index), prepared.camera(index)) else { continue };
-        let camera = camera.resized(*width, *height)?;
-        let lens = Lens { camera, distortion: Distortion::default() };
+    for (index, (name, path)) in names.into_iter().zip(&paths).enumerate() {
+        let (Some(pose), Some(camera)) = (several.pose(index), several.camera(index)) else { continue };
+        let (height, width) = size(path)?;
+        let lens = Lens { camera: camera.resized(width, height)?, distortion: Distortion::default() };
         frames.push(Frame { photograph: name.into(), lens, pose });
     }
     std::fs::create_dir_all(folder)
@@ -61,7 +65,7 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
         }
         _ => String::new(),
     };
-    let count = format!("{} of {} photographs have a pose", frames.len(), capture.photographs.len());
+    let count = format!("{} of {} photographs have a pose", frames.len(), scene.photographs.len());
     let text = format!("{focal}{count}\nwrote {} in {:.1} s", target.display(), progress.seconds());
     let value = json!({ "event": "done", "output": target.display().to_string(), "photographs": report.photographs,
         "focal_factor": report.focal_factor, "poses_seconds": report.seconds.poses });

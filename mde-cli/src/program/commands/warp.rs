@@ -1,24 +1,21 @@
-use crate::program::args::WarpArgs;
-use crate::program::open::opened::{Opening, settings, use_threads};
-use crate::program::open::prior::NamedPrior;
-use crate::program::open::size::check_memory;
-use crate::program::store::folder::{OutputFolder, RECORD};
-use crate::program::provenance::{about, write_json};
-use crate::program::progress::Progress;
-use anyhow::{Result, ensure};
-use crate::scene::photograph::Opened;
-use crate::prior::origin::PriorOrigin;
-use crate::refiner::plan::refine_bytes;
-use crate::refinement::predict::known;
-use crate::refinement::views::synthesise;
-use crate::output::record::About;
-use crate::output::preview::contact_sheet;
-use crate::naming::Naming;
+//! `mde warp`: the synthetic views of a photograph.
+
 use crate::config::Preset;
+use crate::output::preview::contact_sheet;
+use crate::output::record::About;
+use crate::prior::origin::PriorOrigin;
+use crate::program::args::{ErrorBarArgs, WarpArgs};
+use crate::program::open::settings::{settings, use_threads};
+use crate::program::open::{prior, scene};
+use crate::program::progress::Progress;
+use crate::program::provenance::{about, write_json};
+use crate::program::store::folder::{OutputFolder, RECORD};
+use crate::refiner::Refiner;
 use crate::reports::iteration::WarpReport;
-use mde_prior::DepthPrior;
+use crate::scene::Scene;
+use anyhow::Result;
 use mde_prior::format::write_npy;
-use mde_prior::photo::{write_image, write_rgb_png};
+use mde_prior::photo::{read_image, write_image, write_rgb_png};
 use mde_warp::PosedView;
 use ndarray::Array3;
 use serde::Serialize;
@@ -49,37 +46,28 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output(&args.image, "-views"), args.run.force)?;
-    let (preset, config) = settings(&args.settings, Preset::Default)?;
+    let prior = prior::open(&args.prior)?;
+    let settings = settings(&args.settings, &args.size, &ErrorBarArgs::default(), Preset::Paper)?;
+    let refiner = Refiner::new(&prior, settings)?;
+    let plan = refiner.plan(&args.image.display().to_string(), scene::size(&args.image)?, 1)?;
+    let photo = read_image(&args.image)?;
     // Views are not brought back to a larger size.
-    let opening = Opening { size: &args.size, camera: &args.camera, several: true };
-    let mut opened = opening.open(&args.image, &mut progress)?;
-    let what = args.image.display().to_string();
-    check_memory(&args.size.memory, &what, opened.size(), |pixels| refine_bytes(pixels, &config))?;
-    let (height, width) = opened.size();
-    let named = NamedPrior::open(&args.prior)?;
-    let prior = named.bind(&opened, &mut progress)?;
-    opened.take_camera_of(&prior, &named.origin)?;
-    let Opened { image, camera, .. } = opened;
-    if let Some(warning) = camera.warning(Naming::Flags) {
-        progress.warn(warning);
-    }
-    let prior = prior.at_focal(camera.focal());
-    progress.step("prior");
-    let depth = prior.predict(image.view())?.to_depth(&config.disparity)?;
-    ensure!(depth.dim() == (height, width), "the prior is not of the image's size; make both the same");
+    let scene =
+        Scene::one(scene::photograph(&refiner, &args.camera, &args.image, photo, true, &mut progress)?);
+    let prepared = refiner.prepare(&scene, &plan, &mut progress)?;
     progress.step("warp");
-    let (views, warp) = synthesise(image.view(), &camera.camera, &known(depth)?, &config, 0)?;
+    let (views, warp) = prepared.synthetic_views()?;
     folder.write(|path| {
         write_views(path, &views)?;
-        mde_prior::write_atomic(&path.join("config.toml"), config.to_toml()?.as_bytes())?;
+        mde_prior::write_atomic(&path.join("config.toml"), refiner.settings().config.to_toml()?.as_bytes())?;
         let about = About {
-            preset: Some(preset.name()),
-            seed: Some(config.seed),
+            preset: Some(refiner.settings().preset.name()),
+            seed: Some(refiner.settings().config.seed),
             warnings: progress.warnings(),
             total_seconds: progress.seconds(),
-            ..about("warp", args.image.display().to_string(), &camera)
+            ..about("warp", args.image.display().to_string(), prepared.camera())
         };
-        write_json(&path.join(RECORD), &WarpRecord { about, prior: prior.origin(), warp })
+        write_json(&path.join(RECORD), &WarpRecord { about, prior: prepared.origin(), warp })
     })?;
     let text = format!(
         "{} views, holes {:.2} % (at most {:.2} %), outside the image {:.2} %\nwrote {}",

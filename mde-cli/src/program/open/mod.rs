@@ -1,10 +1,8 @@
-//! What a command begins with: photograph, prior, camera, size and truth.
+//! From the command line to a prior, settings and scenes.
 
-pub(crate) mod camera;
-pub(crate) mod capture;
-pub(crate) mod opened;
 pub(crate) mod photographs;
 pub(crate) mod prior;
 pub(crate) mod relative;
-pub(crate) mod size;
+pub(crate) mod scene;
+pub(crate) mod settings;
 pub(crate) mod truth;

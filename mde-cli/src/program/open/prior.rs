@@ -1,121 +1,64 @@
 //! The monocular depth that the command line names.
 
-use crate::program::args::PriorArgs;
-#[cfg(feature = "onnx")]
-use crate::program::args::RuntimeArgs;
-use crate::program::progress::Progress;
-use anyhow::Result;
-use crate::naming::Naming;
-use crate::prior::bound::BoundPrior;
+use crate::prior::OpenPrior;
 use crate::prior::files::{MapFile, read_options};
-use crate::scene::photograph::Opened;
-use crate::prior::origin::PriorOrigin;
-use mde_eval::trial::Trial;
-use mde_prior::{DepthKind, DepthPrior};
+use crate::program::args::PriorArgs;
+use anyhow::Result;
+use mde_prior::DepthKind;
+use mde_prior::format::Encoding;
 use std::path::Path;
-use std::sync::OnceLock;
 
-/// A prior, and its entry in the record.
-pub(crate) struct NamedPrior {
-    pub(crate) prior: Box<dyn DepthPrior>,
-    pub(crate) origin: PriorOrigin,
-    /// `(height, width)` of a map from a file.
-    pub(crate) size: Option<(usize, usize)>,
-    /// A warning about the file.
-    pub(crate) note: Option<String>,
-    /// What was found when it was tried on rooms, once.
-    exchanged: OnceLock<Option<String>>,
-}
-
-impl NamedPrior {
-    pub(crate) fn open(args: &PriorArgs) -> Result<Self> {
-        let kind = args.prior_kind.map(DepthKind::from);
-        match (&args.source.prior_model, &args.source.prior_depth) {
-            (Some(model), _) => Self::model(model, args, kind),
-            (None, Some(file)) => Self::file(file, args, kind),
-            (None, None) => anyhow::bail!("no prior is named; give --prior-model or --prior-depth"),
-        }
-    }
-
-    /// The same for a photograph. A map of another size than the image, but of its aspect, is resampled; one of the size of the image's file
-    /// is resized with it, without a note.
-    pub(crate) fn bind(&self, opened: &Opened, progress: &mut Progress) -> Result<BoundPrior<'_>> {
-        self.note.iter().for_each(|note| progress.warn(note.clone()));
-        let bound = BoundPrior::new(&*self.prior, &self.origin);
-        let from = self.size.unwrap_or(opened.original);
-        match self.origin.model {
-            Some(_) => Ok(bound),
-            None => {
-                Ok(bound.resampled(from, opened.original, opened.size(), &mut |note| progress.warn(note))?)
-            }
-        }
-    }
-
-    /// A warning where a network's near and far come out exchanged in rooms. Only one whose kind of output neither its graph nor a model hub
-    /// tells is tried, once. Not for threads of a pool: they would take up work that waits for the result.
-    pub(crate) fn exchanged(&self) -> Option<&str> {
-        let found = self.exchanged.get_or_init(|| {
-            // What can't be predicted fails in the run too, with its own error.
-            let tried = self.origin.is_doubtful().then(|| Trial::exchanged(&*self.prior));
-            let trial = tried?.ok()??;
-            Some(self.origin.exchanged(trial.mean(), Naming::Flags))
-        });
-        found.as_deref()
-    }
-
-    fn file(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
-        let options = read_options("--png-scale", args.png_scale, args.prior_encoding.into())?;
-        let MapFile { prior, origin, note } = MapFile::open(path, kind, options, Naming::Flags)?;
-        let size = Some(prior.prior().map.dim());
-        Ok(Self { prior: Box::new(prior), origin, size, note, exchanged: OnceLock::new() })
-    }
-
-    #[cfg(feature = "onnx")]
-    fn model(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<Self> {
-        use crate::prior::files::{NetworkFormat, open_network};
-        let profile = args.model_profile.as_deref();
-        let spec = NetworkFormat { profile, input_size: args.input_size, kind }.spec(path, Naming::Flags)?;
-        let (prior, origin) = open_network(path, spec, &runtime(&args.runtime)?)?;
-        Ok(Self { prior: Box::new(prior), origin, size: None, note: None, exchanged: OnceLock::new() })
-    }
-
-    #[cfg(not(feature = "onnx"))]
-    fn model(path: &Path, _: &PriorArgs, _: Option<DepthKind>) -> Result<Self> {
-        let path = path.display();
-        anyhow::bail!(
-            "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"
-        )
+pub(crate) fn open(args: &PriorArgs) -> Result<OpenPrior<'static>> {
+    let kind = args.prior_kind.map(DepthKind::from);
+    match (&args.source.prior_model, &args.source.prior_depth) {
+        (Some(model), _) => network(model, args, kind),
+        (None, Some(file)) => map(file, kind, args.png_scale),
+        (None, None) => anyhow::bail!("no prior is named; give --prior-model or --prior-depth"),
     }
 }
 
-/// What runs the model.
+/// A depth map.
+pub(crate) fn map(path: &Path, kind: Option<DepthKind>, png_scale: Option<f64>) -> Result<OpenPrior<'static>> {
+    let options = read_options("--png-scale", png_scale, Encoding::Linear)?;
+    Ok(OpenPrior::map(MapFile::open(path, kind, options)?))
+}
+
 #[cfg(feature = "onnx")]
-pub(crate) fn runtime(args: &RuntimeArgs) -> Result<mde_prior::Runtime> {
+fn network(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<OpenPrior<'static>> {
+    use crate::prior::files::{NetworkFormat, open_network};
+    let spec = NetworkFormat { profile: args.model_profile.as_deref(), kind }.spec(path)?;
+    let (prior, origin) = open_network(path, spec, &runtime(args.runtime.as_deref())?)?;
+    Ok(OpenPrior::given(Box::new(prior), origin))
+}
+
+#[cfg(not(feature = "onnx"))]
+fn network(path: &Path, _: &PriorArgs, _: Option<DepthKind>) -> Result<OpenPrior<'static>> {
+    let path = path.display();
+    anyhow::bail!(
+        "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"
+    )
+}
+
+/// What runs a network: `tract`, `auto`, `onnxruntime` or a library's path.
+#[cfg(feature = "onnx")]
+pub(crate) fn runtime(wanted: Option<&str>) -> Result<mde_prior::Runtime> {
+    let wanted = wanted.unwrap_or("tract");
     #[cfg(feature = "onnxruntime")]
-    {
-        use crate::program::args::RuntimeName;
-        let named = args.onnxruntime.as_deref();
-        let wanted = args.runtime.unwrap_or(match named {
-            None => RuntimeName::Tract,
-            Some(_) => RuntimeName::Onnxruntime,
-        });
-        if wanted == RuntimeName::Tract {
-            anyhow::ensure!(
-                named.is_none(),
-                "--runtime tract: runs no library, but --onnxruntime names one; leave one of them out"
-            );
-            return Ok(mde_prior::Runtime::Tract);
-        }
+    if wanted != "tract" {
+        let named = (!["auto", "onnxruntime"].contains(&wanted)).then(|| Path::new(wanted));
         if let Some(library) = mde_prior::find_onnxruntime(named) {
             return Ok(mde_prior::Runtime::OnnxRuntime(library));
         }
         anyhow::ensure!(
-            wanted == RuntimeName::Auto,
-            "--runtime onnxruntime: no library of ONNX Runtime was found; install it (pip install onnxruntime), or give its path with \
-             --onnxruntime or ORT_DYLIB_PATH"
+            wanted == "auto",
+            "--runtime {wanted}: no library of ONNX Runtime was found; install it (pip install onnxruntime), or give the library's path here or as \
+             ORT_DYLIB_PATH"
         );
     }
     #[cfg(not(feature = "onnxruntime"))]
-    let _ = args;
+    anyhow::ensure!(
+        ["tract", "auto"].contains(&wanted),
+        "--runtime {wanted}: this program was built without ONNX Runtime; build it with --features onnxruntime, or give tract"
+    );
     Ok(mde_prior::Runtime::Tract)
 }

@@ -3,11 +3,10 @@
 use crate::program::args::TruthArgs;
 use anyhow::{Context, Result, ensure};
 use crate::reports::Refinement;
-use crate::prior::files::read_options;
 use mde_eval::align::AlignmentRule;
 use mde_eval::score::{ScoreConfig, Scores, Subject, score};
 use mde_prior::DepthKind;
-use mde_prior::format::{Encoding, read_depth};
+use mde_prior::format::{ReadOptions, read_depth};
 use mde_prior::resample::nearest;
 use ndarray::Array2;
 use serde::Serialize;
@@ -27,8 +26,7 @@ impl Truth {
     /// The map that `--gt` names for an image of `(height, width)`, resized, if it is given.
     pub(crate) fn open(args: &TruthArgs, size: (usize, usize), to: (usize, usize)) -> Result<Option<Self>> {
         let Some(path) = &args.gt else { return Ok(None) };
-        let options = read_options("--gt-scale", args.gt_scale, args.gt_encoding.into())?;
-        let depth = read_depth(path, &options)?;
+        let depth = read_depth(path, &ReadOptions::default())?;
         ensure!(
             depth.dim() == size,
             "{}: the truth is {}x{} but the image is {}x{} (width x height); make both the same size",
@@ -39,12 +37,7 @@ impl Truth {
             size.0
         );
         let depth = nearest(depth.view(), to);
-        let config = if options.encoding == Encoding::Sunrgbd {
-            ScoreConfig::sunrgbd()
-        } else {
-            ScoreConfig::default()
-        };
-        Ok(Some(Self { source: path.display().to_string(), depth, config, brief: false }))
+        Ok(Some(Self { source: path.display().to_string(), depth, config: ScoreConfig::default(), brief: false }))
     }
 
     /// Scores of prior and refined depth, each under its own alignment, by three rules.

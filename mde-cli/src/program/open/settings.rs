@@ -1,0 +1,99 @@
+//! Settings and threads.
+
+use crate::config::{Config, Preset, Shorthands};
+use crate::program::args::{CameraArgs, ErrorBarArgs, MemoryArgs, RunArgs, SettingsArgs, SizeArgs};
+use crate::refiner::Settings;
+use crate::refiner::error_bar::ErrorBar;
+use crate::refiner::plan::limit::MemoryLimit;
+use crate::scene::camera::{GivenCamera, KnownCamera};
+use crate::scene::size::Sizes;
+use anyhow::{Context, Result};
+use std::path::Path;
+
+/// Preset and configuration of the command line; `usual` is the preset where none is named.
+pub(crate) fn config(args: &SettingsArgs, usual: Preset) -> Result<(Preset, Config)> {
+    let preset = args.preset.map_or(usual, Preset::from);
+    let mut config = overridden(preset, &args.config)?;
+    let &SettingsArgs { seed, no_nerf, predictions, depth_range, .. } = args;
+    Shorthands { seed, no_nerf, predictions, depth_range }.apply(&mut config)?;
+    Ok((preset, config))
+}
+
+/// A preset with files and `KEY=VALUE` pairs over it, in their order.
+pub(crate) fn overridden(preset: Preset, over: &[String]) -> Result<Config> {
+    let mut config = preset.config();
+    for text in over {
+        config = match text.split_once('=') {
+            Some((key, value)) if !Path::new(text).exists() => {
+                config.with_value(key.trim(), value.trim(), &format!("--config {text}"))?
+            }
+            _ => config.with_file(Path::new(text))?,
+        };
+    }
+    Ok(config)
+}
+
+/// Everything that a refiner is set to; `usual` is the preset where none is named.
+pub(crate) fn settings(
+    args: &SettingsArgs,
+    size: &SizeArgs,
+    error_bar: &ErrorBarArgs,
+    usual: Preset,
+) -> Result<Settings> {
+    let (preset, config) = config(args, usual)?;
+    Ok(Settings {
+        config,
+        sizes: Sizes { longest: size.max_size.map(|n| n as usize), megapixels: size.work_size },
+        memory: limit(&size.memory),
+        error_bar: ErrorBar::open(error_bar.interval, error_bar.calibration.as_deref())?,
+        ..Settings::new(preset)
+    })
+}
+
+pub(crate) fn limit(args: &MemoryArgs) -> MemoryLimit {
+    MemoryLimit { gib: args.max_memory }
+}
+
+/// The camera of an image of that size, `[width, height]`.
+pub(crate) fn camera(args: &CameraArgs, focal_35mm: Option<f64>, size: [usize; 2]) -> Result<KnownCamera> {
+    let given = match (&args.intrinsics, args.fx, args.fov) {
+        (Some(path), ..) => GivenCamera::File(path.clone()),
+        (None, Some(fx), _) => GivenCamera::Intrinsics { fx, fy: args.fy, cx: args.cx, cy: args.cy },
+        (None, None, Some(fov)) => GivenCamera::FieldOfView(fov),
+        (None, None, None) => GivenCamera::Nothing,
+    };
+    Ok(KnownCamera::new(&given, focal_35mm, size)?)
+}
+
+/// Uses the number of threads of the command line, else one per processor.
+pub(crate) fn use_threads(args: &RunArgs) -> Result<()> {
+    start_threads(args.threads.map(usize::from))
+}
+
+/// Uses that number of threads, else one per processor, and fewer where the system has fewer left.
+pub(crate) fn start_threads(wanted: Option<usize>) -> Result<()> {
+    let usual = || std::thread::available_parallelism().map_or(1, usize::from);
+    let builder = match available(wanted.unwrap_or_else(usual)) {
+        0 => rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread(),
+        threads => rayon::ThreadPoolBuilder::new().num_threads(threads),
+    };
+    builder
+        .build_global()
+        .context("the threads can't be started; close other programs, or give fewer to --threads")
+}
+
+/// The number of threads that can be started at once, at most `wanted`. A pool that fails cannot be made again.
+fn available(wanted: usize) -> usize {
+    let (open, wait) = std::sync::mpsc::channel::<()>();
+    let wait = std::sync::Arc::new(std::sync::Mutex::new(wait));
+    let start = || {
+        let wait = std::sync::Arc::clone(&wait);
+        // Until the channel closes.
+        std::thread::Builder::new().spawn(move || drop(wait.lock().map(|wait| wait.recv())))
+    };
+    let started: Vec<_> = (0..wanted).map_while(|_| start().ok()).collect();
+    drop(open);
+    let count = started.len();
+    started.into_iter().for_each(|thread| drop(thread.join()));
+    count
+}
