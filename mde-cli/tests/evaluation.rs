@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{HEIGHT, Place, WIDTH, names, wait_until};
+use common::{HEIGHT, Place, WIDTH, copy, names, wait_until};
 use mde_cli::mde_prior::format::{write_npy, write_png16};
 use mde_cli::mde_prior::photo::write_image;
 use mde_eval::scene::{Room, room};
@@ -286,4 +286,51 @@ fn what_cannot_be_evaluated_is_told_in_one_line() {
         );
     }
     assert_eq!(names(&place.path("full")), ["thesis.txt"]);
+}
+
+/// Parts in one folder, then the plain command: the results of one evaluation, but for the seconds and the command line.
+#[test]
+fn shards_and_a_plain_run_are_as_one_evaluation() {
+    let place = Place::new();
+    // One method fails on every scene, as the simulated prior accepts no crops.
+    let eval = |rest: &str| {
+        let eval = "eval --dataset rooms --size 64x48 --limit 5 --methods tiny.toml,guided,zoom -q";
+        place.mde(&format!("{eval} {rest}")).assert()
+    };
+    eval("-o whole").code(3);
+    for shard in ["3/3", "1/3"] {
+        // A part may have no scene.
+        eval(&format!("--shard {shard} -o parts")).code(predicate::in_iter([0, 3]));
+        assert!(!place.path("parts/table.md").exists());
+    }
+    let refused = eval("--shard 1/3 -o parts --force").code(1);
+    refused.stderr(predicate::str::contains("other shards"));
+    eval("-o parts").code(3);
+    let scenes = names(&place.path("whole/scenes"));
+    assert_eq!(names(&place.path("parts/scenes")), scenes);
+    for scene in &scenes {
+        let map = |out: &str| fs::read(place.path(&format!("{out}/scenes/{scene}/tiny/depth.npy"))).unwrap();
+        assert!(map("parts") == map("whole"), "{scene}");
+    }
+    // From the same maps with their seconds, all files are the same.
+    fs::remove_dir_all(place.path("parts")).unwrap();
+    copy(&place.path("whole/scenes"), &place.path("parts/scenes"));
+    fs::copy(place.path("whole/eval.json"), place.path("parts/eval.json")).unwrap();
+    for shard in ["1/2", "2/2"] {
+        eval(&format!("--shard {shard} -o parts")).code(predicate::in_iter([0, 3]));
+    }
+    eval("-o parts").code(3);
+    let without_command = |out: &str| {
+        let mut summary = json(&place.path(out).join("summary.json"));
+        summary.as_object_mut().unwrap().remove("command_line");
+        summary
+    };
+    assert_eq!(without_command("parts"), without_command("whole"));
+    let mut files = names(&place.path("whole"));
+    assert_eq!(files, names(&place.path("parts")));
+    files.retain(|name| !["scenes", "summary.json", "report.html"].contains(&&**name));
+    for file in files {
+        let bytes = |out: &str| fs::read(place.path(out).join(&file)).unwrap();
+        assert!(bytes("parts") == bytes("whole"), "{file}");
+    }
 }

@@ -1,4 +1,4 @@
-//! `mde refine` on many photographs: each as a run of its own would have it, resumed after a kill, sharded and merged.
+//! `mde refine` on many photographs: each as a run of its own would have it, resumed after a kill, in shards.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used)]
 
@@ -212,7 +212,6 @@ fn what_is_for_one_photograph_is_refused_in_a_line() {
         (format!("refine shots {MODEL} --views shots -o out"), "--views"),
         ("refine shots --prior-depth depth.npy -o out".to_owned(), "--prior-depth"),
         (format!("refine shots/00.png {MODEL} --same-scale -o out"), "--same-scale"),
-        ("merge empty".to_owned(), "holds no shard"),
     ] {
         let refused = place.mde(&arguments).assert().code(1);
         let text = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
@@ -269,38 +268,33 @@ fn listed(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn shards_join_to_what_one_run_has() {
+fn shards_and_a_plain_run_are_as_one_run() {
     let place = place(6);
-    place.mde(&format!("refine shots {MODEL} -q -o whole")).assert().success();
+    // Two photographs of one name, whose folders do not depend on the order of the arguments.
+    fs::create_dir(place.path("more")).unwrap();
+    fs::copy(place.path("shots/01.png"), place.path("more/00.png")).unwrap();
+    let refine = format!("refine shots more {MODEL} -q");
+    place.mde(&format!("{refine} -o whole")).assert().success();
     let expected = all(&place.path("whole"));
-    for shard in 1..=3 {
-        for out in ["parts".to_owned(), format!("part{shard}")] {
-            place.mde(&format!("refine shots {MODEL} --shard {shard}/3 -q -o {out}")).assert().success();
+    assert_eq!(expected.len(), 7);
+    for photographs in ["more shots", "shots more"] {
+        // What a killed shard leaves.
+        fs::create_dir_all(place.path("parts/.mde-left")).unwrap();
+        let refine = refine.replace("shots more", photographs);
+        for shard in ["2/3", "1/3"] {
+            place.mde(&format!("{refine} --shard {shard} -o parts")).assert().success();
+            assert!(!place.path("parts/index.csv").exists() || photographs == "shots more");
         }
-        if shard < 3 {
-            place.mde("merge parts").assert().code(1).stderr(predicate::str::contains("are missing"));
-        }
+        let finished = |text: &str| text.matches("finished before").count();
+        let parts = all(&place.path("parts")).len();
+        assert!(parts == 7 || (1..7).contains(&parts) && photographs == "more shots", "{parts}");
+        // What is missing, and the index of all.
+        let told = stderr(&place, &format!("{} -o parts", refine.replace(" -q", "")));
+        assert_eq!(finished(&told), parts, "{told}");
     }
-    place.mde("merge parts").assert().success().stdout(predicate::str::contains("6 photographs"));
-    place.mde("merge part1 part2 part3 -o joined").assert().success();
-    // The order of the arguments, whatever that of the shards; all but the seconds is the same.
-    for folder in ["parts", "joined"] {
-        assert!(all(&place.path(folder)) == expected, "{folder}");
-        assert_eq!(rows(&place.path(folder)), rows(&place.path("whole")), "{folder}");
-        assert!(
-            place.path(&format!("{folder}/index.html")).is_file()
-                && place.path(&format!("{folder}/index.csv")).is_file()
-        );
-    }
-    // Again is the same; a torn folder is found.
-    place.mde("merge parts").assert().success();
-    fs::remove_file(place.path("parts/03/finished.json")).unwrap();
-    place.mde("merge parts").assert().code(1).stderr(predicate::str::contains("parts/03"));
-    let part =
-        (1..=3).map(|shard| place.path(&format!("part{shard}/00"))).find(|part| part.is_dir()).unwrap();
-    fs::write(part.join("depth.npy"), "").unwrap();
-    let spoiled = place.mde("merge part1 part2 part3 -o again").assert().code(1);
-    spoiled.stderr(predicate::str::contains("/00: is missing or not finished"));
+    assert!(all(&place.path("parts")) == expected);
+    assert_eq!(rows(&place.path("parts")), rows(&place.path("whole")));
+    assert_eq!(names(&place.path("parts")), names(&place.path("whole")));
 }
 
 /// A PNG with a colour profile of 256 MiB of zeros, deflated.
@@ -344,78 +338,6 @@ fn rows(folder: &Path) -> Value {
     let mut rows = index(folder)["photographs"].clone();
     rows.as_array_mut().unwrap().iter_mut().for_each(|row| row["seconds"] = 0.into());
     rows
-}
-
-#[test]
-fn shards_agree_on_names_that_collide_whatever_the_order() {
-    let place = place(3);
-    for (folder, name) in [("a", "00"), ("b", "01"), ("c", "02")] {
-        fs::create_dir(place.path(folder)).unwrap();
-        fs::copy(place.path(&format!("shots/{name}.png")), place.path(&format!("{folder}/1.png"))).unwrap();
-    }
-    let forth = "c/1.png a/1.png b/1.png";
-    place.mde(&format!("refine {forth} {MODEL} -q -o whole")).assert().success();
-    for (shard, photographs) in [("1/2", forth), ("2/2", "b/1.png c/1.png a/1.png")] {
-        place.mde(&format!("refine {photographs} {MODEL} -q --shard {shard} -o parts")).assert().success();
-    }
-    place.mde("merge parts -q").assert().success();
-    let mut named: Vec<String> = rows(&place.path("parts"))
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|row| format!("{} {}", row["photograph"].as_str().unwrap(), row["folder"].as_str().unwrap()))
-        .collect();
-    named.sort();
-    assert_eq!(named, ["a/1.png 1", "b/1.png 1_2", "c/1.png 1_3"]);
-    assert!(all(&place.path("parts")) == all(&place.path("whole")));
-    // In the order of the arguments, as one run has them.
-    for shard in 1..=2 {
-        place.mde(&format!("refine {forth} {MODEL} -q --shard {shard}/2 -o parts")).assert().success();
-    }
-    place.mde("merge parts -q").assert().success();
-    assert_eq!(rows(&place.path("parts")), rows(&place.path("whole")));
-    assert_eq!(rows(&place.path("whole"))[0]["photograph"], "c/1.png");
-    // Another photograph of the same name is not the same set.
-    fs::rename(place.path("b"), place.path("d")).unwrap();
-    place.mde(&format!("refine d/1.png c/1.png a/1.png {MODEL} -q --shard 1/2 -o parts")).assert().success();
-    place.mde("merge parts").assert().code(1).stderr(predicate::str::contains("other photographs"));
-}
-
-#[test]
-fn a_merge_brings_what_was_made_anew_and_sweeps() {
-    let place = place(4);
-    let shard = |number: u32, fov: u32| {
-        let model = MODEL.replace("60", &fov.to_string());
-        place.mde(&format!("refine shots {model} -q --shard {number}/2 -o part{number}")).assert().success();
-    };
-    let merge = || place.mde("merge part1 part2 -q -o joined");
-    shard(1, 60);
-    shard(2, 60);
-    // What a killed shard leaves.
-    for folder in ["part1/.mde-left", "joined/.mde-left"] {
-        fs::create_dir_all(place.path(folder)).unwrap();
-        fs::write(place.path(&format!("{folder}/depth.npy")), "torn").unwrap();
-    }
-    merge().assert().success();
-    assert!(!place.path("part1/.mde-left").exists() && !place.path("joined/.mde-left").exists());
-    shard(1, 40);
-    shard(2, 40);
-    merge().assert().success();
-    let of = |folder: &str, file: &str| fs::read(place.path(folder).join(file)).unwrap();
-    for name in ["00", "01", "02", "03"] {
-        let part = ["part1", "part2"].map(|part| format!("{part}/{name}"));
-        let part = part.iter().find(|part| place.path(part).exists()).unwrap();
-        for file in ["run.json", "finished.json", "depth.npy"] {
-            assert!(of(&format!("joined/{name}"), file) == of(part, file), "{name}/{file}");
-        }
-    }
-    // A photograph with the settings of another run in a shard's folder.
-    let name = index(&place.path("joined"))["photographs"][0]["folder"].as_str().unwrap().to_owned();
-    let marker = ["part1", "part2"].map(|part| place.path(&format!("{part}/{name}/finished.json")));
-    let marker = marker.iter().find(|marker| marker.exists()).unwrap();
-    let other = fs::read_to_string(marker).unwrap().replace("40.0", "50.0");
-    fs::write(marker, other).unwrap();
-    merge().assert().code(1).stderr(predicate::str::contains("other settings than its shard states"));
 }
 
 #[test]

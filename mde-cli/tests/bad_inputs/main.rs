@@ -39,7 +39,6 @@ fn there_are_more_than_seven_hundred_of_them() {
         priors::known_depths_that_give_no_scale,
         priors::depths_that_no_field_can_hold,
         priors::truths,
-        records::unusable_shards,
         records::unusable_numbers_of_shards,
         records::unusable_lists,
         records::unusable_known_depths,

@@ -1,85 +1,10 @@
-//! Files that the program itself writes, each with one fault: shards, saved fields, calibrations. And lists, known depths,
+//! Files that the program itself writes, each with one fault: saved fields, calibrations. And lists, known depths,
 //! places of scenes.
 
 use crate::common::Place;
 use crate::table::{Case, check, misused, refused};
 use serde_json::{Value, json};
 use std::fs;
-
-/// The index of a shard of photographs; `{}` stands for its own rows.
-fn shard(index: u32, rows: &Value) -> Value {
-    json!({ "program": "mde refine PHOTOS", "versions": {}, "command_line": "", "shard": { "index": index, "count": 2 },
-        "all": 2, "set": "12345678", "settings": "12345678", "complete": true, "photographs": rows })
-}
-
-#[test]
-pub(crate) fn unusable_shards() {
-    let row = |name: &str| json!([{ "photograph": format!("{name}.png"), "folder": name, "width": 64, "height": 48 }]);
-    let whole = |index: u32| shard(index, &row(if index == 1 { "a" } else { "b" }));
-    let of = |field: &str, value: Value| {
-        let mut changed = whole(2);
-        changed[field] = value;
-        changed.to_string()
-    };
-    // The text of the second of two shards.
-    let texts: Vec<(String, &[&'static str])> = vec![
-        (String::new(), &["shard-2-of-2.json", "no index"]),
-        ("{".into(), &["shard-2-of-2.json", "no index"]),
-        ("[]".into(), &["shard-2-of-2.json", "no index"]),
-        ("{}".into(), &["shard-2-of-2.json", "no index"]),
-        (of("program", json!("another")), &["shard-2-of-2.json", "no index of mde refine"]),
-        (of("shard", json!(null)), &["no shard"]),
-        (of("shard", json!("2/2")), &["shard-2-of-2.json", "no index"]),
-        (of("shard", json!({ "index": 1, "count": 2 })), &["double", "give each shard once"]),
-        (of("shard", json!({ "index": 2, "count": 3 })), &["of 3 shards", "remove the files"]),
-        (of("shard", json!({ "index": 7, "count": 2 })), &["shard-2-of-2.json", "no shard 7/2"]),
-        (of("shard", json!({ "index": 1, "count": 0 })), &["shard-2-of-2.json", "no shard 1/0"]),
-        (of("shard", json!({ "index": 2, "count": 4_000_000_000_u32 })), &["no shard 2/4000000000"]),
-        (of("all", json!(3)), &["other photographs", "give the shards of one run"]),
-        (of("all", json!(-1)), &["shard-2-of-2.json", "no index"]),
-        (of("set", json!("other")), &["other photographs"]),
-        (of("settings", json!("other")), &["other settings", "run it again"]),
-        (of("complete", json!(false)), &["not finished", "run its command again"]),
-        (of("photographs", json!([])), &["1 of 2 photographs", "run them again"]),
-        (of("photographs", row("a")), &["a.png is in two shards", "run both again"]),
-        (of("photographs", json!([{ "folder": 3 }])), &["shard-2-of-2.json", "no index"]),
-        (of("photographs", row("../thesis")), &["../thesis", "run its shard again"]),
-        (of("photographs", row("b")), &["parts/", "missing or not finished", "run its shard again"]),
-    ];
-    let place = Place::new();
-    let mut cases: Vec<Case> = texts
-        .into_iter()
-        .enumerate()
-        .map(|(index, (text, told))| {
-            let folder = place.path(&format!("parts/{index}"));
-            fs::create_dir_all(&folder).unwrap();
-            fs::write(folder.join("shard-1-of-2.json"), whole(1).to_string()).unwrap();
-            fs::write(folder.join("shard-2-of-2.json"), text).unwrap();
-            refused(format!("merge {}", folder.display()), told)
-        })
-        .collect();
-    let alone = place.path("alone");
-    fs::create_dir_all(&alone).unwrap();
-    let mut one = whole(2);
-    one["shard"]["count"] = json!(1000);
-    fs::write(alone.join("shard-2-of-1000.json"), one.to_string()).unwrap();
-    cases.push(refused(
-        format!("merge {}", alone.display()),
-        &["shards 1, 3, 4,", ", 11 and 989 more of 1000 are missing", "--shard I/1000"],
-    ));
-    let scenes = place.path("scenes");
-    fs::create_dir_all(&scenes).unwrap();
-    fs::write(scenes.join("eval-shard-1-of-2.json"), "{}").unwrap();
-    cases.extend([
-        refused(format!("merge {}", scenes.display()), &["eval-shard-1-of-2.json", "run it again"]),
-        refused("merge nowhere", &["nowhere", "check the path"]),
-        refused("merge empty", &["empty", "no shard", "--shard I/N"]),
-        refused("merge file", &["file", "check the path"]),
-        refused("merge shots thesis", &["shots", "no shard"]),
-        misused("merge -o out", &["OUT"]),
-    ]);
-    check(&cases);
-}
 
 #[test]
 pub(crate) fn unusable_numbers_of_shards() {

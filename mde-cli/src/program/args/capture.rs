@@ -27,7 +27,8 @@ pub(crate) struct SeveralArgs {
     /// they have in common. Those that match no other keep their own scale. Poses are not needed
     #[arg(long, conflicts_with_all = ["views", "prior_depth"])]
     pub(crate) same_scale: bool,
-    /// Only part I of N of the photographs, by their names; mde merge joins the parts
+    /// Only part I of N of the photographs, by their names, into a folder that all parts share; the same command without --shard does what is
+    /// missing and writes the index
     #[arg(long, help_heading = "Advanced", value_name = "I/N", conflicts_with = "views")]
     pub(crate) shard: Option<Shard>,
 }

@@ -22,7 +22,8 @@ photographs gauged and sweep; baselines chained with a plus, such as zoom+jbf.
 
 Output: report.html, table.md, summary.json, scenes.csv, figures (SVG and PNG), eval.json (what was evaluated), and every map under
 scenes/. Results are stored: the same command resumes after an interruption, further methods are added to the
-folder, and a method whose settings changed is run again. With --shard only the maps and eval-shard-I-of-N.json, for mde merge."
+folder, and a method whose settings changed is run again. With --shard only the maps of a part, which the same command
+without --shard uses."
 )]
 pub(crate) struct EvalArgs {
     #[command(flatten)]
@@ -43,7 +44,8 @@ pub(crate) struct EvalArgs {
     /// Seed of all random draws
     #[arg(long, value_name = "N", help_heading = "Methods")]
     pub(crate) seed: Option<u64>,
-    /// Only part I of N of the scenes, by their names; mde merge joins the parts
+    /// Only part I of N of the scenes, by their names, into a folder that all parts share; the same command without --shard does what is
+    /// missing and writes the tables
     #[arg(long, value_name = "I/N", help_heading = "Output")]
     pub(crate) shard: Option<Shard>,
     #[command(flatten)]

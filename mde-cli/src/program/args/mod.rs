@@ -6,11 +6,11 @@ mod output;
 mod prior;
 mod tools;
 
-pub(crate) use capture::{MatchesName, PosesArgs, SeveralArgs, UnitName};
+pub(crate) use capture::{PosesArgs, SeveralArgs, UnitName};
 pub(crate) use evaluation::{
     AblateArgs, CalibrateArgs, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs, FaultName, ScoreArgs,
 };
-pub(crate) use output::{ExportArgs, MergeArgs, RunArgs};
+pub(crate) use output::{ExportArgs, RunArgs};
 #[cfg(feature = "onnxruntime")]
 pub(crate) use prior::RuntimeName;
 pub(crate) use prior::{EncodingName, KindName, PriorArgs, PriorSource, RuntimeArgs};
@@ -68,8 +68,6 @@ pub(crate) enum Command {
     Demo(DemoArgs),
     /// Refine the monocular depth of an image
     Refine(Box<RefineArgs>),
-    /// Join the shards of a refinement of many photographs, or of an evaluation
-    Merge(MergeArgs),
     /// Estimate the poses of photographs and write a transforms.json
     Poses(Box<PosesArgs>),
     /// Write the synthetic views of an image, for inspection

@@ -56,23 +56,3 @@ impl RunArgs {
         })
     }
 }
-
-#[derive(Debug, Args)]
-#[command(
-    mut_arg("output", |output| output.help("Output folder; by default that of the shards, where all are in one")),
-    after_help = "\
-Examples:
-  mde merge out/holiday
-  mde merge out/part-1 out/part-2 -o out/holiday
-
-Shards of mde refine --shard, in one folder or in several: their index.html, index.csv and index.json as one. Shards of mde eval
---shard: the tables, figures and report of all scenes. It is an error if a shard, a photograph or a scene is missing, double, unfinished,
-or of other settings."
-)]
-pub(crate) struct MergeArgs {
-    /// Folders with shards
-    #[arg(value_name = "OUT", required = true)]
-    pub(crate) folders: Vec<PathBuf>,
-    #[command(flatten)]
-    pub(crate) run: RunArgs,
-}

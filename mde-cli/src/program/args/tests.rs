@@ -70,7 +70,6 @@ fn the_help_names_the_folder_of_each_command() {
         ("eval", "SUNRGBD-eval"),
         ("calibrate", "SUNRGBD-eval"),
         ("ablate", "SUNRGBD-ablate"),
-        ("merge", "that of the shards"),
         ("poses", "transforms.json"),
     ] {
         let command = Cli::command();

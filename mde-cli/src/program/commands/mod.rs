@@ -8,7 +8,6 @@ mod demo;
 mod doctor;
 mod eval;
 mod manual;
-mod merge;
 mod poses;
 mod refine;
 mod render;
@@ -23,7 +22,6 @@ pub(crate) fn run(command: &Command) -> Result<()> {
     match command {
         Command::Demo(args) => demo::run(args),
         Command::Refine(args) => refine::run(args),
-        Command::Merge(args) => merge::run(args),
         Command::Poses(args) => poses::run(args),
         Command::Warp(args) => warp::run(args),
         Command::Render(args) => render::run(args),

@@ -10,6 +10,5 @@ pub(crate) mod runner;
 pub(crate) mod scenes;
 pub(crate) mod scoring;
 pub(crate) mod setup;
-pub(crate) mod shards;
 pub(crate) mod store;
 pub(crate) mod verdict;

@@ -109,6 +109,29 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
     }
 }
 
+/// Tells what a shard has stored; the tables are those of the evaluation of all scenes.
+///
+/// # Errors
+/// [`Partial`] where a scene or method failed.
+pub(crate) fn finish_part(
+    [scenes, all]: [usize; 2],
+    failures: &[Failure],
+    folder: &Path,
+    progress: &mut Progress,
+) -> Result<()> {
+    let failed: String = verdict::failures(failures).into_iter().map(|line| line + "\n").collect();
+    let folder = folder.display().to_string();
+    let text = format!(
+        "{failed}{scenes} of {all} scenes\nwrote {folder}; the same command without --shard writes the tables"
+    );
+    let value = json!({ "event": "done", "output": folder, "scenes": scenes, "failures": failures });
+    progress.result(&text, value);
+    match failures.first() {
+        None => Ok(()),
+        Some(first) => Err(Partial { failed: failures.len(), first: first.to_string(), folder }.into()),
+    }
+}
+
 impl Results {
     fn tables(&self, summary: &Summary, verdict: &[String]) -> Document {
         let mut blocks = self.summary(summary, verdict).blocks;

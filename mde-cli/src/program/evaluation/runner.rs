@@ -16,7 +16,7 @@ use mde_eval::{Refined, Task, TaskView};
 use mde_prior::DisparityRule;
 use mde_warp::PinholeCamera;
 use ndarray::Array2;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -53,7 +53,7 @@ pub(crate) struct SceneResult<'r> {
 }
 
 /// An error of a scene or of one of its methods.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize)]
 pub(crate) struct Failure {
     pub(crate) scene: String,
     /// `None` if the scene itself could not be loaded.
@@ -112,13 +112,8 @@ pub(crate) fn run<T: Send>(
     }
     results.sort_by_key(|(index, _)| *index);
     let mut failures = shared.failures.into_inner().unwrap_or_else(PoisonError::into_inner);
-    sort(&mut failures);
-    Ok((results.into_iter().map(|(_, result)| result).collect(), failures))
-}
-
-/// The order of failures in the results.
-pub(crate) fn sort(failures: &mut [Failure]) {
     failures.sort_by(|a, b| (&a.scene, &a.method).cmp(&(&b.scene, &b.method)));
+    Ok((results.into_iter().map(|(_, result)| result).collect(), failures))
 }
 
 /// State shared by the workers.

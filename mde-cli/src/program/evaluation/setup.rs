@@ -9,7 +9,7 @@ use crate::program::evaluation::scoring::Scoring;
 use crate::program::evaluation::store::Store;
 use crate::program::args::EvaluationArgs;
 use crate::program::open::size::SceneLimit;
-use crate::program::many::{Shard, set_of};
+use crate::program::many::Shard;
 use crate::program::progress::Progress;
 use anyhow::{Result, ensure};
 use crate::refiner::plan::SceneMemory;
@@ -39,8 +39,8 @@ pub(crate) struct Setup<'a> {
     memory: SceneMemory,
     source: Source,
     scenes: Vec<usize>,
-    /// Number of the scenes of all shards, and what identifies their names.
-    whole: (usize, String),
+    /// Number of the scenes of all shards.
+    all: usize,
     prior: PriorPlan,
     prior_settings: Value,
     scoring: Scoring,
@@ -52,14 +52,13 @@ impl<'a> Setup<'a> {
     pub(crate) fn open(args: &'a EvaluationArgs, request: Request<'a>) -> Result<Self> {
         let source = Source::open(&args.root, &args.data)?;
         let mut scenes = choose(&*source.data, &args.data.scenes, args.data.limit)?;
-        let ids = source.data.ids();
-        let names: Vec<String> = scenes.iter().filter_map(|&index| ids.get(index).cloned()).collect();
-        let whole = (names.len(), set_of(&names));
+        let all = scenes.len();
         if let Some(shard) = &request.shard {
             ensure!(
                 !args.run.force,
                 "--force: would remove the scenes of the other shards; remove the folder first, or leave it out"
             );
+            let ids = source.data.ids();
             scenes.retain(|&index| ids.get(index).is_some_and(|name| shard.has(name)));
         }
         let configs: Vec<_> = request.methods.iter().map(Method::seeded_config).collect();
@@ -78,7 +77,7 @@ impl<'a> Setup<'a> {
             Some(_) => Store::open_shared(&output, &basis)?,
             None => Store::open(&output, &basis, args.run.force)?,
         };
-        Ok(Self { args, request, memory, source, scenes, whole, prior, prior_settings, scoring, store })
+        Ok(Self { args, request, memory, source, scenes, all, prior, prior_settings, scoring, store })
     }
 
     /// Runs and scores the methods; stored results are reused.
@@ -126,26 +125,9 @@ impl<'a> Setup<'a> {
         }
     }
 
-    /// The scenes of this part by their names, with their index in the data set.
-    pub(crate) fn scenes(&self) -> Vec<(usize, String)> {
-        let ids = self.source.data.ids();
-        self.scenes.iter().filter_map(|&index| Some((index, ids.get(index)?.clone()))).collect()
-    }
-
-    /// Number of the scenes of all shards, and what identifies their names.
-    pub(crate) fn whole(&self) -> (usize, &str) {
-        (self.whole.0, &self.whole.1)
-    }
-
-    /// Everything but the scenes that the results depend on.
-    pub(crate) fn identity(&self) -> Result<Value> {
-        let methods: Vec<Value> = self.request.methods.iter().map(Method::settings).collect::<Result<_>>()?;
-        let names: Vec<&str> = self.request.methods.iter().map(|method| &*method.name).collect();
-        let Scoring { config, own_range, shared, controls } = &self.scoring;
-        Ok(json!({
-            "data": self.source.describe(), "prior": self.prior_settings, "methods": [json!(names), json!(methods)],
-            "score": (config, own_range, shared, controls), "poses": (self.args.data.without_poses, self.args.data.without_intrinsics),
-        }))
+    /// Number of the scenes of this part, and of all shards.
+    pub(crate) fn scenes(&self) -> [usize; 2] {
+        [self.scenes.len(), self.all]
     }
 
     /// The data, the prior and the alignment, in words.

@@ -139,15 +139,6 @@ impl Store {
         Ok(())
     }
 
-    /// What the evaluation in a folder was started with.
-    pub(crate) fn basis(root: &Path) -> Result<Value> {
-        let path = root.join(BASIS);
-        let shown = path.display();
-        let text =
-            fs::read_to_string(&path).with_context(|| format!("{shown}: can't be read; check the path"))?;
-        serde_json::from_str(&text).with_context(|| format!("{shown}: broken; run the shard again"))
-    }
-
     pub(crate) fn root(&self) -> &Path {
         &self.root
     }

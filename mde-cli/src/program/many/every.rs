@@ -121,7 +121,9 @@ fn refine_all(
     for (index, photograph) in capture.photographs.iter().enumerate() {
         let place = output.join(&folders[index]);
         let counted = format!("[{}/{}] {}", index + 1, folders.len(), photograph.name);
-        let kept = read_marker::<EveryRow>(&place).filter(|kept| !force && kept.made_from == made_from);
+        let kept = read_marker::<EveryRow>(&place).filter(|kept| {
+            !force && kept.made_from == made_from && kept.row.folder.as_deref() == Some(&*folders[index])
+        });
         let row = match kept {
             Some(kept) => {
                 progress.next(&format!("{counted}: finished before"));

@@ -1,7 +1,6 @@
-//! The index of many photographs: `index.json`, `index.csv` and `index.html`, or a shard's part of them.
+//! The index of many photographs: `index.json`, `index.csv` and `index.html`.
 
 use crate::program::many::item::{Item, THUMBNAIL};
-use crate::program::many::shard::Shard;
 use crate::program::provenance::{command_line, write_json};
 use crate::output::record::versions;
 use crate::program::report::photographs_page;
@@ -50,9 +49,6 @@ pub(crate) struct Row {
     /// Pixels without depth.
     pub(crate) missing: usize,
     pub(crate) warnings: Vec<String>,
-    /// Among the photographs of all shards; a shard has it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) position: Option<usize>,
     /// Whether an earlier run finished it.
     #[serde(skip)]
     pub(crate) kept: bool,
@@ -82,40 +78,16 @@ impl Row {
     }
 }
 
-/// The index of a folder, or of a shard of it.
+/// The index of a folder.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Index {
     program: String,
     versions: std::collections::BTreeMap<String, String>,
     command_line: String,
-    pub(crate) shard: Option<Shard>,
-    /// Photographs of all shards.
-    pub(crate) all: usize,
-    /// Identifies the names of all shards' photographs.
-    pub(crate) set: String,
-    /// Identifies the settings.
-    pub(crate) settings: String,
-    /// Whether all of its photographs have been tried.
-    pub(crate) complete: bool,
+    /// Number of its photographs, of which those that have been tried are listed.
+    all: usize,
     #[serde(rename = "photographs")]
     pub(crate) rows: Vec<Row>,
-}
-
-/// Identifies settings.
-pub(crate) fn identity_of(settings: &str) -> String {
-    format!("{:08x}", crc32fast::hash(settings.as_bytes()))
-}
-
-/// Identifies a set of names.
-pub(crate) fn set_of(names: &[String]) -> String {
-    let mut sorted: Vec<&String> = names.iter().collect();
-    sorted.sort();
-    let mut hasher = crc32fast::Hasher::new();
-    sorted.iter().for_each(|name| {
-        hasher.update(name.as_bytes());
-        hasher.update(b"\n");
-    });
-    format!("{:08x}", hasher.finalize())
 }
 
 /// Refuses a folder with other things in it than the program's.
@@ -129,7 +101,7 @@ pub(super) fn check_folder(folder: &Path) -> Result<()> {
     for entry in fs::read_dir(folder).with_context(|| shown.to_string())? {
         let name = entry.with_context(|| shown.to_string())?.file_name();
         let name = name.to_string_lossy();
-        if is_record(&name) && Index::read(&folder.join(&*name)).is_ok() {
+        if name == RECORD && Index::read(&folder.join(RECORD)).is_ok() {
             return Ok(());
         }
         empty &= name.starts_with(".mde-");
@@ -141,13 +113,8 @@ pub(super) fn check_folder(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Whether a file of this name is an index, or a shard's.
-pub(super) fn is_record(name: &str) -> bool {
-    name == RECORD || (name.starts_with("shard-") && name.ends_with(".json"))
-}
-
 impl Index {
-    pub(super) fn new(shard: Option<Shard>, all: usize, set: String, settings: &str) -> Self {
+    pub(super) fn new(all: usize) -> Self {
         Self {
             program: PROGRAM.to_owned(),
             versions: versions()
@@ -155,11 +122,7 @@ impl Index {
                 .map(|(name, version)| (name.to_owned(), version.to_owned()))
                 .collect(),
             command_line: command_line(),
-            shard,
             all,
-            set,
-            settings: identity_of(settings),
-            complete: false,
             rows: Vec::new(),
         }
     }
@@ -173,39 +136,18 @@ impl Index {
         Ok(read)
     }
 
-    /// The index of all shards.
-    pub(super) fn whole(self, rows: Vec<Row>) -> Self {
-        Self { shard: None, command_line: command_line(), rows, ..self }
-    }
-
-    fn name(&self) -> String {
-        match self.shard {
-            None => RECORD.to_owned(),
-            Some(Shard { index, count }) => format!("shard-{index}-of-{count}.json"),
-        }
-    }
-
-    /// Marks the folder as the program's. An earlier index of all photographs stays; a shard's is not complete until its end.
+    /// Marks the folder as the program's. An earlier index stays.
     pub(super) fn mark(&self, folder: &Path) -> Result<()> {
-        let path = folder.join(self.name());
-        let stays = Self::read(&path).is_ok_and(|earlier| self.shard.is_none() || !earlier.complete);
-        if stays { Ok(()) } else { write_json(&path, self) }
+        let path = folder.join(RECORD);
+        if Self::read(&path).is_ok() { Ok(()) } else { write_json(&path, self) }
     }
 
-    /// Writes the index of all photographs; for a shard no more than its rows.
-    pub(super) fn write(&mut self, folder: &Path) -> Result<()> {
-        self.complete = true;
-        self.write_so_far(folder)
-    }
-
-    /// The same for the photographs that have been tried. Each file appears whole.
-    pub(super) fn write_so_far(&self, folder: &Path) -> Result<()> {
-        if self.shard.is_none() {
-            mde_prior::write_atomic(&folder.join(TABLE), &csv(&self.rows)?)?;
-            let page = photographs_page(&self.rows, self.all, THUMBNAIL, &[TABLE, RECORD]);
-            mde_prior::write_atomic(&folder.join(PAGE), page.as_bytes())?;
-        }
-        write_json(&folder.join(self.name()), self)
+    /// Writes the index of the photographs that have been tried. Each file appears whole.
+    pub(super) fn write(&self, folder: &Path) -> Result<()> {
+        mde_prior::write_atomic(&folder.join(TABLE), &csv(&self.rows)?)?;
+        let page = photographs_page(&self.rows, self.all, THUMBNAIL, &[TABLE, RECORD]);
+        mde_prior::write_atomic(&folder.join(PAGE), page.as_bytes())?;
+        write_json(&folder.join(RECORD), self)
     }
 }
 
@@ -275,7 +217,7 @@ mod tests {
         assert!(check_folder(&folder).unwrap_err().to_string().contains("another name to -o"));
         fs::write(folder.join(RECORD), "{}").unwrap();
         assert!(check_folder(&folder).is_err());
-        let mut index = Index::new(None, 1, set_of(&["a".to_owned()]), "settings");
+        let index = Index::new(1);
         index.write(&folder).unwrap();
         check_folder(&folder).unwrap();
         assert_eq!(Index::read(&folder.join(RECORD)).unwrap(), index);
@@ -296,12 +238,5 @@ mod tests {
         assert_eq!((&rows[0][0], &rows[0][2], &rows[0][3]), ("a,\"b\".jpg", "failed", "no\nphotograph"));
         assert_eq!((&rows[1][2], &rows[1][10], &rows[1][11]), ("done", "2.500000", "0.125000"));
         assert_eq!((&rows[2][0], &rows[2][1]), ("'=cmd.png", "'-1"));
-    }
-
-    #[test]
-    fn a_set_of_names_has_no_order() {
-        let names = |names: [&str; 2]| set_of(&names.map(str::to_owned));
-        assert_eq!(names(["a", "b"]), names(["b", "a"]));
-        assert_ne!(names(["a", "b"]), names(["a", "c"]));
     }
 }

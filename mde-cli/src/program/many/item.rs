@@ -1,7 +1,7 @@
 //! One of many photographs: its marker, its refinement, its row.
 
 use crate::program::many::allowance::{Allowance, Taken};
-use crate::program::many::index::{Row, identity_of};
+use crate::program::many::index::Row;
 use crate::program::args::RefineArgs;
 use crate::program::open::opened::Opening;
 use crate::program::open::prior::NamedPrior;
@@ -26,7 +26,7 @@ use crate::config::{Config, Preset};
 use mde_prior::photo::{decode_image, image_size, write_rgb_png};
 use mde_uncertainty::statistics::{median, quantile};
 use ndarray::{Array3, ArrayView3, Axis, concatenate};
-use serde::de::{DeserializeOwned, IgnoredAny};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::fs;
@@ -44,8 +44,6 @@ const HEIGHT: usize = 120;
 pub(crate) struct Item {
     pub(crate) path: PathBuf,
     pub(crate) folder: String,
-    /// Among the photographs of all shards.
-    pub(crate) position: usize,
     /// The factor of `--same-scale`.
     pub(crate) same_scale: Option<SameScale>,
 }
@@ -80,15 +78,6 @@ impl<R: Serialize> Marker<R> {
     }
 }
 
-impl Marker {
-    /// Identifies the settings that it begins with.
-    pub(crate) fn settings(&self) -> Option<String> {
-        let mut values = serde_json::Deserializer::from_str(&self.made_from).into_iter::<IgnoredAny>();
-        values.next()?.ok()?;
-        self.made_from.get(..values.byte_offset()).map(identity_of)
-    }
-}
-
 /// Everything but the photograph that the results depend on, files by their content.
 pub(crate) fn settings_of(
     args: &RefineArgs,
@@ -114,7 +103,6 @@ pub(crate) fn settings_of(
     if args.several.same_scale {
         settings["same_scale"] = json!(true);
     }
-    // As text: numbers that are read again may differ in their last bit.
     Ok(settings.to_string())
 }
 

@@ -7,11 +7,10 @@ mod allowance;
 pub(crate) mod every;
 mod index;
 pub(crate) mod item;
-pub(crate) mod merge;
 mod same_scale;
-pub(crate) mod shard;
+mod shard;
 
-pub(crate) use index::{Row, set_of};
+pub(crate) use index::Row;
 pub(crate) use shard::Shard;
 
 use crate::program::args::RefineArgs;
@@ -34,7 +33,7 @@ use crate::output::names::folders;
 use std::collections::BTreeMap;
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -49,10 +48,8 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
     };
     let paths = photographs::all(&args.photographs())?;
     let names = folders(paths.iter().map(|path| &**path), &index::RESERVED);
-    let set = set_of(&identities(&paths, &names));
-    let item = |(position, (path, folder))| Item { path, folder, position, same_scale: None };
-    let mut items: Vec<Item> = paths.into_iter().zip(names).enumerate().map(item).collect();
-    let whole = items.len();
+    let item = |(path, folder)| Item { path, folder, same_scale: None };
+    let mut items: Vec<Item> = paths.into_iter().zip(names).map(item).collect();
     let (preset, config) = settings(&args.settings, Preset::Default)?;
     check_place("-o", output)?;
     index::check_folder(output)?;
@@ -77,7 +74,7 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
         }
         Some(_) => None,
     };
-    let found = Index::new(args.several.shard, whole, set, &common.settings);
+    let found = Index::new(items.len());
     found.mark(output)?;
     if args.several.same_scale {
         // Of all photographs, so that a shard has the same factors.
@@ -93,6 +90,7 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
         rows: BTreeMap::new(),
         refined: 0,
         index: found,
+        listed: args.several.shard.is_none(),
         output,
         due: None,
     });
@@ -104,7 +102,6 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
             let Some(item) = items.get(index).filter(|_| !interrupt::requested()) else { break };
             let made = catch_unwind(AssertUnwindSafe(|| common.one(item)))
                 .unwrap_or_else(|_| Row::fault(item, &crate::program::fault()));
-            let made = Row { position: args.several.shard.map(|_| item.position), ..made };
             state.lock().unwrap_or_else(PoisonError::into_inner).add(index, made, items.len(), start);
         }
     };
@@ -114,25 +111,20 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
         state.save();
         bail!(crate::error::Error::Interrupted);
     }
-    let State { rows, index: mut found, .. } = state;
+    let State { rows, index: mut found, listed, .. } = state;
     found.rows = rows.into_values().collect();
-    found.write(output)?;
+    if listed {
+        found.write(output)?;
+    }
     warnings(&found.rows, &mut progress);
-    finish(&found, output, &intervals(&common.error_bar), start.elapsed().as_secs_f64(), &mut progress)
-}
-
-/// What identifies each photograph among all, on any machine: its folder, and its path from the folder that all are in.
-fn identities(paths: &[PathBuf], folders: &[String]) -> Vec<String> {
-    let parents = paths.iter().map(|path| path.parent().unwrap_or(Path::new("")));
-    let shared = parents.reduce(|shared, parent| {
-        shared.ancestors().find(|place| parent.starts_with(place)).unwrap_or(Path::new(""))
-    });
-    let shared = shared.unwrap_or(Path::new(""));
-    let identity = |(path, folder): (&PathBuf, &String)| {
-        let rest = path.strip_prefix(shared).unwrap_or(path);
-        format!("{folder}\0{}", rest.display())
-    };
-    paths.iter().zip(folders).map(identity).collect()
+    finish(
+        &found.rows,
+        listed,
+        output,
+        &intervals(&common.error_bar),
+        start.elapsed().as_secs_f64(),
+        &mut progress,
+    )
 }
 
 /// Runs `work` on so many threads of its own, and waits for all.
@@ -159,6 +151,8 @@ struct State<'p> {
     refined: usize,
     /// What a killed run leaves.
     index: Index,
+    /// Whether it is written: by a run on all photographs, not by a shard.
+    listed: bool,
     output: &'p Path,
     /// When it is written next; at the first photograph.
     due: Option<Instant>,
@@ -185,10 +179,13 @@ impl State<'_> {
 
     /// Writes the index of the photographs so far.
     fn save(&mut self) {
+        if !self.listed {
+            return;
+        }
         let start = Instant::now();
         self.index.rows = self.rows.values().cloned().collect();
         // What prevents it prevents the last one too, which names it.
-        let _ = self.index.write_so_far(self.output);
+        let _ = self.index.write(self.output);
         self.due = Some(Instant::now() + INDEX_SECONDS.max(INDEX_SHARE * start.elapsed()));
     }
 }
@@ -219,13 +216,19 @@ fn warnings(rows: &[Row], progress: &mut Progress) {
 }
 
 /// Tells what was made; `more` is a line before that of the folder, or empty.
-fn finish(index: &Index, output: &Path, more: &str, seconds: f64, progress: &mut Progress) -> Result<()> {
-    let rows = &index.rows;
+fn finish(
+    rows: &[Row],
+    listed: bool,
+    output: &Path,
+    more: &str,
+    seconds: f64,
+    progress: &mut Progress,
+) -> Result<()> {
     let failed: Vec<&Row> = rows.iter().filter(|row| row.error.is_some()).collect();
     let kept = rows.iter().filter(|row| row.kept).count();
-    let page = match index.shard {
-        None => format!("open {} in a browser", output.join(index::PAGE).display()),
-        Some(_) => format!("mde merge {} joins the shards", output.display()),
+    let page = match listed {
+        true => format!("open {} in a browser", output.join(index::PAGE).display()),
+        false => "the same command without --shard writes the index".to_owned(),
     };
     let text = format!(
         "{} photographs: {} refined, {kept} finished before, {} failed\n{more}wrote {} in {seconds:.1} s; {page}",
@@ -245,21 +248,5 @@ fn finish(index: &Index, output: &Path, more: &str, seconds: f64, progress: &mut
             folder: output.display().to_string(),
         }
         .into()),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn photographs_are_the_same_at_another_place_but_not_in_other_folders() {
-        let set = |paths: [&str; 2], folders: [&str; 2]| {
-            set_of(&identities(&paths.map(PathBuf::from), &folders.map(str::to_owned)))
-        };
-        let one = set(["/mnt/a/x.png", "/mnt/a/y/x.png"], ["x", "x_2"]);
-        assert_eq!(one, set(["b/x.png", "b/y/x.png"], ["x", "x_2"]));
-        assert_eq!(one, set(["y/x.png", "x.png"], ["x_2", "x"]));
-        assert_ne!(one, set(["y/x.png", "x.png"], ["x", "x_2"]));
     }
 }
