@@ -2,7 +2,7 @@
 
 use crate::reports::capture::{CaptureReport, PoseSource};
 use crate::refiner::error_bar::ErrorBar;
-use crate::refiner::finish::Finished;
+use crate::refiner::Refined;
 use mde_uncertainty::statistics::{median, quantile};
 use ndarray::ArrayView2;
 
@@ -13,8 +13,8 @@ pub(crate) fn intervals(error_bar: &ErrorBar) -> String {
 }
 
 /// Change of the depth, its sigma, the photographs that were used, and the estimates of the last fusion.
-pub(crate) fn summary(result: &Finished, of_model: bool) -> String {
-    let Finished { refinement, unit, stated, .. } = result;
+pub(crate) fn summary(result: &Refined<'_>, of_model: bool) -> String {
+    let Refined { refinement, unit, stated, .. } = result;
     let depth = refinement.depth.mean();
     let moved =
         |(new, old): (&f32, &f32)| (*new > 0.0 && *old > 0.0).then(|| f64::from((new / old - 1.0).abs()));

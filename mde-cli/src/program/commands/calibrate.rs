@@ -18,8 +18,8 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     use_threads(&args.common.run)?;
     let preset = args.preset.into();
     let methods = Method::parse_list(std::slice::from_ref(&args.method), preset, args.seed)?;
-    let Some((name, config)) = methods.last().and_then(|m| Some((m.label.clone(), m.config()?.clone())))
-    else {
+    let own = |m: &Method| Some((m.label.clone(), m.config()?.clone(), m.is_of_photographs()));
+    let Some((name, config, several)) = methods.last().and_then(own) else {
         bail!("--method {}: has no sigma of its own; give a preset or settings in a .toml file", args.method);
     };
     let request =
@@ -40,10 +40,10 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         let source = CalibrationSource { method: name, data, prior, alignment };
         let calibration = Calibration::fit(
             source,
-            fingerprint(&config, setup.accepts_new_images(), setup.model_hash()?)?,
+            fingerprint(&config, setup.accepts_new_images(), several, setup.model_hash())?,
             scenes,
         )?;
-        let calibration = match setup.is_metric()? {
+        let calibration = match setup.is_metric() {
             true => calibration.with_scales(&scales),
             false => calibration,
         };

@@ -1,15 +1,13 @@
-use crate::config::Preset;
-use crate::output::export::Format;
 use crate::program::args::RefineArgs;
 use crate::program::job::Job;
 use crate::program::many;
 use crate::program::many::every;
-use crate::program::open::settings::{settings, use_threads};
+use crate::program::open::settings::{of_refine, use_threads};
 use crate::program::open::truth::Truth;
 use crate::program::open::{photographs, prior, scene};
 use crate::program::progress::Progress;
 use crate::program::store::folder::OutputFolder;
-use crate::refiner::{Plan, Refiner, Settings};
+use crate::refiner::{Plan, Refiner};
 use crate::scene::Scene;
 use crate::scene::known::KnownDepths;
 use anyhow::{Result, ensure};
@@ -31,10 +29,10 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         false => Some(OutputFolder::new(&output, args.run.force)?),
     };
     let prior = prior::open(&args.prior)?;
-    let refiner = Refiner::new(&prior, refiner_settings(args)?)?;
+    let refiner = Refiner::new(&prior, of_refine(args)?)?;
     let (scene, plan) = scene(&refiner, args, &mut progress)?;
     let input = args.image.display().to_string();
-    let [reference] = [&scene.photographs[scene.reference]];
+    let reference = &scene.photographs[scene.reference];
     let truth = Truth::open(&args.truth, reference.original, reference.of_results())?;
     let job = Job {
         command: "refine",
@@ -47,18 +45,6 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         None => every::run(&job, &scene, &plan, &input, &output, args.run.force, &mut progress),
         Some(folder) => job.run(&scene, &plan, &input, &folder, &mut progress),
     }
-}
-
-/// What `mde refine` sets a refiner to.
-pub(crate) fn refiner_settings(args: &RefineArgs) -> Result<Settings> {
-    let usual = if args.several.views.is_empty() { Preset::Default } else { Preset::MultiView };
-    let mut settings = settings(&args.settings, &args.size, &args.error_bar, usual)?;
-    if let Some(most) = args.several.max_views {
-        settings.config.multi_view.max_views = most.into();
-    }
-    settings.unit = args.several.unit.into();
-    settings.keep_field = args.export.export.contains(&Format::Field);
-    Ok(settings)
 }
 
 fn scene(refiner: &Refiner<'_>, args: &RefineArgs, progress: &mut Progress) -> Result<(Scene, Plan)> {

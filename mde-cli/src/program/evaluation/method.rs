@@ -1,16 +1,25 @@
 //! The methods to compare: presets, configuration files, and baselines.
 
-use crate::program::evaluation::refiner::{FieldMemory, LoopRefiner};
-use crate::program::evaluation::scenes::depth_file;
-use anyhow::{Context, Result, bail, ensure};
-use crate::refinement::event::Event;
 use crate::config::{Config, MultiViewConfig, Preset};
+use crate::prior::OpenPrior;
+use crate::program::evaluation::fields::FieldMemory;
+use crate::program::evaluation::filtered::FilteredField;
+use crate::program::evaluation::scenes::depth_file;
+use crate::program::interrupt;
+use crate::refinement::event::Event;
+use crate::refinement::stages::{FieldFactory, FieldRequest};
+use crate::refiner::plan::limit::MemoryLimit;
+use crate::refiner::{Observer, Refiner as SceneRefiner, Settings, Unit};
+use crate::scene::Scene;
+use anyhow::{Context, Result, bail, ensure};
 use mde_eval::baseline;
 use mde_eval::{Refined, Refiner, Task};
+use mde_nerf::RadianceField;
 use mde_prior::format::{ReadOptions, read_depth};
 use serde_json::{Value, json};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// The prior without refinement, the reference of the comparisons.
 pub(crate) const PRIOR: &str = "prior";
@@ -49,7 +58,7 @@ impl Method {
         let path = Path::new(text);
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
             let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
-            let config = Config::from_file(preset, path)?;
+            let config = preset.config().with_file(path)?;
             ensure!(
                 preset == Preset::MultiView || config.multi_view == MultiViewConfig::default(),
                 "{text}: multi-view counts for several photographs only; give --preset multi-view"
@@ -145,6 +154,11 @@ impl Method {
         }
     }
 
+    /// Whether it refines several photographs.
+    pub(crate) fn is_of_photographs(&self) -> bool {
+        matches!(self.kind, Kind::Photographs(_))
+    }
+
     /// Whether this is the loop and not a baseline.
     pub(crate) fn is_loop(&self) -> bool {
         matches!(self.kind, Kind::Loop(..) | Kind::Photographs(_))
@@ -176,36 +190,82 @@ impl Method {
         Ok(json!({ "method": what, "seed": self.seed, "version": env!("CARGO_PKG_VERSION") }))
     }
 
-    /// Refines a scene. A `Break` of the callback cancels with an error.
-    pub(crate) fn run(
-        &self,
-        scene: &str,
-        task: &Task<'_>,
-        memory: Option<&FieldMemory>,
-        callback: &(dyn Fn(&Event) -> ControlFlow<()> + Sync),
-    ) -> Result<Refined> {
-        let task = Task { seed: self.seed, ..*task };
+    /// Refines a scene.
+    pub(crate) fn run(&self, scene: &MethodScene<'_>, fields: Option<&FieldMemory>) -> Result<Refined> {
+        let task = Task { seed: self.seed, ..scene.task };
         match &self.kind {
             Kind::Baseline => Ok(baseline::named(&self.label)?.refine(&task)?),
             Kind::Maps(folder, _) => {
-                let file = depth_file(folder, scene)?;
+                let file = depth_file(folder, scene.id)?;
                 let depth =
                     read_depth(&file, &ReadOptions::default()).with_context(|| file.display().to_string())?;
                 Ok(depth.into())
             }
-            Kind::Photographs(config) => {
-                Ok(LoopRefiner::new((**config).clone(), callback).with_photographs().refine(&task)?)
-            }
+            Kind::Photographs(config) => self.refine(config, scene, scene.photographs, None),
             Kind::Loop(config, control) => {
-                let mut refiner = LoopRefiner::new((**config).clone(), callback);
-                if let Some(memory) = memory {
-                    refiner = refiner.with_memory(memory.clone());
-                }
-                if let Some(control) = control {
-                    refiner = refiner.with_control(baseline::named(control)?.into());
-                }
-                Ok(refiner.refine(&task)?)
+                let control: Option<Arc<dyn Refiner + Send + Sync>> = match control {
+                    Some(control) => Some(baseline::named(control)?.into()),
+                    None => None,
+                };
+                let mut factory = |request: FieldRequest<'_>| -> crate::error::Result<Box<dyn RadianceField>> {
+                    Ok(match (&control, fields) {
+                        (Some(control), _) => Box::new(FilteredField::new(control.clone(), request.seed)),
+                        (None, Some(fields)) if request.iteration == 0 => {
+                            Box::new(fields.field(request.config.clone(), request.seed))
+                        }
+                        (None, _) => Box::new(request.nerf()?),
+                    })
+                };
+                self.refine(config, scene, scene.alone, Some(&mut factory))
             }
         }
     }
+
+    /// What `mde refine` makes of the photographs; of posed ones in the unit of their poses.
+    fn refine(
+        &self,
+        config: &Config,
+        scene: &MethodScene<'_>,
+        photographs: &Scene,
+        field: Option<&mut FieldFactory<'_>>,
+    ) -> Result<Refined> {
+        let config = Config { seed: self.seed, disparity: scene.task.rule.clone(), ..config.clone() };
+        let unit = if photographs.is_posed() { Unit::Capture } else { Unit::Prior };
+        let settings = Settings { config, unit, memory: scene.memory, ..Settings::new(Preset::Default) };
+        let refiner = SceneRefiner::new(scene.prior, settings)?;
+        let reference = &photographs.photographs[photographs.reference];
+        let plan = refiner.plan(scene.id, reference.original, photographs.photographs.len())?;
+        let mut prepared = refiner.prepare(photographs, &plan, &mut Interruptible)?;
+        let refined = prepared.refine(photographs.reference, field, &mut Interruptible)?;
+        let refinement = refined.refinement;
+        Ok(Refined {
+            depth: refinement.depth.mean().to_owned(),
+            sigma: Some(refinement.depth.sigma()),
+            report: json!({ "augmentation": refinement.augmentation, "iterations": refinement.iterations, "capture": refinement.capture }),
+        })
+    }
+}
+
+/// A scene as methods get it.
+pub(crate) struct MethodScene<'s> {
+    pub(crate) id: &'s str,
+    /// For baselines.
+    pub(crate) task: Task<'s>,
+    pub(crate) prior: &'s OpenPrior<'s>,
+    /// The reference alone.
+    pub(crate) alone: &'s Scene,
+    /// The reference, and the further photographs where there are some.
+    pub(crate) photographs: &'s Scene,
+    pub(crate) memory: MemoryLimit,
+}
+
+/// An observer that ends a refinement by a signal, and keeps nothing.
+pub(crate) struct Interruptible;
+
+impl Observer for Interruptible {
+    fn event(&mut self, _: &Event) -> ControlFlow<()> {
+        interrupt::flow()
+    }
+
+    fn warn(&mut self, _: String) {}
 }

@@ -2,9 +2,8 @@
 
 pub(crate) mod ablation;
 pub(crate) mod filtered;
-pub(crate) mod lock;
 pub(crate) mod method;
-pub(crate) mod refiner;
+pub(crate) mod fields;
 pub(crate) mod results;
 pub(crate) mod runner;
 pub(crate) mod scenes;

@@ -1,21 +1,27 @@
 //! Runs the methods whose results are not stored yet, and stores them. A scene that fails does not stop the others.
 
-use crate::program::evaluation::method::{Method, PRIOR};
-use crate::program::evaluation::refiner::FieldMemory;
-use crate::program::evaluation::scenes::{PriorPlan, Priors, fingerprint};
+use crate::config::{Config, Preset};
+use crate::error::Error;
+use crate::prior::OpenPrior;
+use crate::program::evaluation::fields::FieldMemory;
+use crate::program::evaluation::method::{Interruptible, Method, MethodScene, PRIOR};
+use crate::program::evaluation::scenes::{PriorPlan, fingerprint};
+use crate::program::evaluation::setup::SceneLimit;
 use crate::program::evaluation::store::{Entry, Found, Record, Store};
-use crate::program::open::size::SceneLimit;
 use crate::program::interrupt;
 use crate::program::progress::Progress;
+use crate::refiner::{Refiner, Settings};
+use crate::scene::camera::{CameraSource, KnownCamera};
+use crate::scene::size::Sizes;
+use crate::scene::{Photograph, Scene};
 use anyhow::{Result, bail};
-use crate::error::Error;
-use crate::refinement::event::Event;
 use mde_eval::capture::CapturedView;
 use mde_eval::data::{DataSet, Sample};
 use mde_eval::{Refined, Task, TaskView};
 use mde_prior::DisparityRule;
-use mde_warp::PinholeCamera;
-use ndarray::Array2;
+use mde_prior::resample::nearest;
+use mde_warp::{PinholeCamera, Pose};
+use ndarray::{Array2, Array3};
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -37,7 +43,7 @@ pub(crate) struct Plan<'p> {
     pub(crate) rule: DisparityRule,
     pub(crate) store: &'p Store,
     /// Memory limit of the scenes, and how many run at once.
-    pub(crate) limit: SceneLimit<'p>,
+    pub(crate) limit: SceneLimit,
     /// Whether the methods of a scene share fields of equal settings and views.
     pub(crate) share_fields: bool,
     /// Whether methods get the further photographs without their poses.
@@ -126,12 +132,11 @@ struct Shared<'s> {
 
 impl Shared<'_> {
     fn work<T>(&self, finish: &Finish<'_, T>) -> Result<Vec<(usize, T)>> {
-        let priors = self.plan.prior.open()?;
         let mut results = Vec::new();
         while !interrupt::requested() {
             let place = self.next.fetch_add(1, Ordering::SeqCst);
             let Some(&index) = self.plan.scenes.get(place) else { break };
-            match self.scene(index, &priors, finish) {
+            match self.scene(index, finish) {
                 Ok(result) => results.push((index, result)),
                 Err(_) if interrupt::requested() => break,
                 Err(error) => self.fail(index, None, &error),
@@ -140,7 +145,7 @@ impl Shared<'_> {
         Ok(results)
     }
 
-    fn scene<T>(&self, index: usize, priors: &Priors<'_>, finish: &Finish<'_, T>) -> Result<T> {
+    fn scene<T>(&self, index: usize, finish: &Finish<'_, T>) -> Result<T> {
         let mut sample = self.plan.data.load(index)?;
         if let Some(fov) = self.plan.assumed_fov {
             assume(&mut sample, fov)?;
@@ -150,7 +155,9 @@ impl Shared<'_> {
             let warning = format!("{}: no intrinsics; the camera is assumed", sample.id);
             lock(&self.tally).progress.warn(warning);
         }
-        let model = priors.model(&sample)?;
+        let seed = self.plan.methods.first().map_or(0, |prior| prior.seed);
+        let prior = self.plan.prior.open(&sample, seed)?;
+        let (alone, photographs) = self.scenes(&sample)?;
         let view_priors = view_priors(&sample, &self.plan.rule)?;
         let views: Vec<TaskView<'_>> = sample
             .views
@@ -166,33 +173,39 @@ impl Shared<'_> {
         let own = self.plan.prior.made_from(&self.plan.prior_settings, &sample.id)?;
         let mut entries: Vec<(&Method, Entry)> = Vec::new();
         for method in self.plan.methods {
-            let prior = entries.first().map(|(_, prior)| &prior.refined.depth);
+            let first = entries.first().map(|(_, prior)| &prior.refined.depth);
             // The prior that is made here depends on the seed.
             let seed = (sample.prior.is_none() && matches!(self.plan.prior, PriorPlan::Simulated))
                 .then_some(method.seed);
             let made_from = json!({
-                "input": fingerprint(&sample, prior),
-                "settings": match prior {
+                "input": fingerprint(&sample, first),
+                "settings": match first {
                     Some(_) => method.settings()?,
                     None => json!({ "prior": own, "rule": self.plan.rule, "seed": seed }),
                 },
             });
-            let outcome = match prior {
+            let outcome = match first {
                 None => self.stored_or_run(&sample, method, made_from, || {
-                    Ok(priors.depth(&sample, &self.plan.rule, method.seed)?.into())
+                    Ok(self.prior_depth(prior.open(), &alone)?.into())
                 }),
-                Some(prior) => {
+                Some(depth) => self.stored_or_run(&sample, method, made_from, || {
+                    let model = prior.open().prior();
                     let task = Task {
-                        model: model.as_deref(),
+                        model: model.accepts_new_images().then_some(model),
                         views: &views,
                         focal_assumed: self.plan.assumed_fov.is_some(),
-                        seed: method.seed,
-                        ..Task::new(sample.image.view(), &sample.camera, prior.view(), &self.plan.rule)
+                        ..Task::new(sample.image.view(), &sample.camera, depth.view(), &self.plan.rule)
                     };
-                    self.stored_or_run(&sample, method, made_from, || {
-                        method.run(&sample.id, &task, memory.as_ref(), &stop)
-                    })
-                }
+                    let scene = MethodScene {
+                        id: &sample.id,
+                        task,
+                        prior: prior.open(),
+                        alone: &alone,
+                        photographs: &photographs,
+                        memory: self.plan.limit.limit,
+                    };
+                    method.run(&scene, memory.as_ref())
+                }),
             };
             match outcome {
                 Ok(entry) => entries.push((method, entry)),
@@ -201,6 +214,45 @@ impl Shared<'_> {
             }
         }
         finish(&SceneResult { sample: &sample, entries })
+    }
+
+    /// The reference alone, and with the further photographs.
+    fn scenes(&self, sample: &Sample) -> Result<(Scene, Scene)> {
+        let source = match self.plan.assumed_fov {
+            Some(degrees) => CameraSource::Assumed(degrees),
+            None => CameraSource::Scene,
+        };
+        let sizes = Sizes::default();
+        let photograph = |name: String, image: &Array3<f32>, camera: &PinholeCamera, several| {
+            let camera = KnownCamera { camera: *camera, source: source.clone() };
+            Photograph::new(name, image.clone(), camera).resized(&sizes, several, &mut |_| ())
+        };
+        let reference = |several| photograph("0".to_owned(), &sample.image, &sample.camera, several);
+        let alone = Scene::one(reference(false)?);
+        if sample.views.is_empty() {
+            return Ok((alone.clone(), alone));
+        }
+        let pose = |pose| (!self.plan.without_poses).then_some(pose);
+        let mut photographs = vec![Photograph { pose: pose(Pose::identity()), ..reference(true)? }];
+        for (captured, index) in sample.views.iter().zip(1..) {
+            let view = &captured.view;
+            let mut one = photograph(index.to_string(), &view.image, &view.camera, true)?;
+            one.pose = pose(view.pose);
+            one.mask = nearest(view.mask.view(), one.size());
+            photographs.push(one);
+        }
+        Ok((alone, Scene::several(photographs, 0)?))
+    }
+
+    /// The prior's depth, of the photograph's size.
+    fn prior_depth(&self, prior: &OpenPrior<'_>, scene: &Scene) -> Result<Array2<f32>> {
+        let config = Config { disparity: self.plan.rule.clone(), ..Preset::Default.config() };
+        let settings = Settings { config, memory: self.plan.limit.limit, ..Settings::new(Preset::Default) };
+        let refiner = Refiner::new(prior, settings)?;
+        let photograph = &scene.photographs[0];
+        let plan = refiner.plan(&photograph.name, photograph.original, 1)?;
+        let depth = refiner.prepare(scene, &plan, &mut Interruptible)?.prior_depth()?;
+        Ok(depth)
     }
 
     /// The stored result if it was computed from the same inputs; otherwise runs the method and stores its result.
@@ -266,10 +318,6 @@ fn assume(sample: &mut Sample, fov: f64) -> Result<()> {
         captured.view.camera = assumed(&captured.view.camera)?;
     }
     Ok(())
-}
-
-fn stop(_: &Event) -> std::ops::ControlFlow<()> {
-    interrupt::flow()
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

@@ -1,12 +1,14 @@
 //! Scenes with the monocular depth that every method starts from.
 
-use crate::program::args::{DataArgs, EncodingName, EvalPriorArgs, FaultName, PriorArgs, PriorSource, RuntimeArgs};
-use crate::program::open::prior::NamedPrior;
+use crate::prior::OpenPrior;
+use crate::prior::origin::{PriorForm, PriorOrigin};
+use crate::program::args::{DataArgs, EvalPriorArgs, FaultName, PriorArgs, PriorSource};
+use crate::program::open::prior;
 use anyhow::{Context, Result, bail};
 use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Fallback, Options, Sample, SunDepth};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
-use mde_prior::{DepthKind, DepthPrior, DisparityRule, PriorDepth};
-use ndarray::Array2;
+use mde_prior::{DepthKind, DepthPrior, PriorDepth};
+use ndarray::{Array2, ArrayView3};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -99,34 +101,35 @@ impl Source {
 }
 
 /// Where the priors of an evaluation come from.
-#[derive(Debug)]
 pub(crate) enum PriorPlan {
-    /// A model.
-    Model(PriorArgs),
+    /// A network, open for all scenes.
+    Model(OpenPrior<'static>),
     /// A folder with one depth map per scene, named after it.
-    Folder(PathBuf, PriorArgs),
+    Folder { path: PathBuf, kind: Option<DepthKind>, png_scale: Option<f64> },
     /// The degraded truth of a procedural room.
     Simulated,
     /// A simulated model of each procedural room, for crops and mirror images too.
     SimulatedModel(SimulatedModelConfig),
 }
 
+/// The prior of a scene.
+pub(crate) enum ScenePrior<'p> {
+    Shared(&'p OpenPrior<'static>),
+    Own(Box<OpenPrior<'p>>),
+}
+
+impl<'p> ScenePrior<'p> {
+    pub(crate) fn open(&self) -> &OpenPrior<'p> {
+        match self {
+            Self::Shared(open) => open,
+            Self::Own(open) => open,
+        }
+    }
+}
+
 impl PriorPlan {
     /// The prior of the command line; for procedural rooms the default is the simulated one.
     pub(crate) fn new(args: &EvalPriorArgs, kind: DataSetKind) -> Result<Self> {
-        let source = |depth: bool| PriorSource {
-            prior_model: args.prior_model.clone(),
-            prior_depth: args.prior_depth.clone().filter(|_| depth),
-        };
-        let prior_args = |depth| PriorArgs {
-            source: source(depth),
-            model_profile: args.model_profile.clone(),
-            input_size: None,
-            prior_kind: args.prior_kind,
-            png_scale: args.png_scale,
-            prior_encoding: EncodingName::Plain,
-            runtime: RuntimeArgs::default(),
-        };
         let rooms = kind == DataSetKind::Rooms;
         let procedural = rooms || kind == DataSetKind::Captures;
         if let Some(fault) = args.simulated_model {
@@ -136,8 +139,18 @@ impl PriorPlan {
             return Ok(Self::SimulatedModel(faults(fault)));
         }
         match (&args.prior_model, &args.prior_depth) {
-            (Some(_), _) => Ok(Self::Model(prior_args(false))),
-            (None, Some(folder)) => Ok(Self::Folder(folder.clone(), prior_args(true))),
+            (Some(model), _) => {
+                let source = PriorSource { prior_model: Some(model.clone()), prior_depth: None };
+                let (model_profile, runtime) = (args.model_profile.clone(), args.runtime.clone());
+                let prior_kind = args.prior_kind;
+                let network = PriorArgs { source, model_profile, prior_kind, png_scale: None, runtime };
+                Ok(Self::Model(prior::open(&network)?))
+            }
+            (None, Some(folder)) => Ok(Self::Folder {
+                path: folder.clone(),
+                kind: args.prior_kind.map(DepthKind::from),
+                png_scale: args.png_scale,
+            }),
             (None, None) if procedural => Ok(Self::Simulated),
             (None, None) if args.simulated_prior => {
                 bail!("--simulated-prior: needs exact depth; use it with --dataset rooms or captures")
@@ -149,8 +162,8 @@ impl PriorPlan {
     /// Name for the title.
     pub(crate) fn title(&self) -> String {
         match self {
-            Self::Model(args) => args.source.prior_model.as_deref().map(file_name).unwrap_or_default(),
-            Self::Folder(path, _) => format!("the priors in {}", path.display()),
+            Self::Model(open) => file_name(Path::new(&open.origin().source)),
+            Self::Folder { path, .. } => format!("the priors in {}", path.display()),
             Self::Simulated => "simulated priors".to_owned(),
             Self::SimulatedModel(_) => "a simulated model".to_owned(),
         }
@@ -161,41 +174,38 @@ impl PriorPlan {
         matches!(self, Self::Model(_) | Self::SimulatedModel(_))
     }
 
-    /// Whether its maps are in metres, by the command line and the model.
-    pub(crate) fn is_metric(&self) -> Result<bool> {
-        Ok(match self {
-            Self::Model(args) => NamedPrior::open(args)?.origin.kind == DepthKind::Metric,
-            Self::Folder(_, args) => {
-                args.prior_kind.is_none_or(|kind| DepthKind::from(kind) == DepthKind::Metric)
-            }
+    /// Whether its maps are in metres where the cameras are known.
+    pub(crate) fn is_metric(&self) -> bool {
+        match self {
+            // The cameras of data sets are known, whatever the focal length.
+            Self::Model(open) => open.origin().at_focal(Some(1.0)).kind == DepthKind::Metric,
+            Self::Folder { kind, .. } => kind.is_none_or(|kind| kind == DepthKind::Metric),
             Self::Simulated | Self::SimulatedModel(_) => false,
-        })
+        }
     }
 
     /// Identifies the model's file, where there is one.
-    pub(crate) fn model_hash(&self) -> Result<Option<String>> {
+    pub(crate) fn model_hash(&self) -> Option<String> {
         match self {
-            Self::Model(args) => Ok(NamedPrior::open(args)?.origin.model_hash),
-            _ => Ok(None),
+            Self::Model(open) => open.origin().model_hash.clone(),
+            _ => None,
         }
     }
 
     /// Description for the record.
-    pub(crate) fn describe(&self) -> Result<Value> {
-        Ok(match self {
-            Self::Model(args) => {
-                let Some(path) = &args.source.prior_model else { bail!("no model is named") };
-                let origin = NamedPrior::open(args)?.origin;
-                json!({ "model": file_name(path), "crc32": origin.model_hash, "kind": origin.kind,
-                        "settings": origin.model })
+    pub(crate) fn describe(&self) -> Value {
+        match self {
+            Self::Model(open) => {
+                let origin = open.origin();
+                json!({ "model": self.title(), "crc32": origin.model_hash, "kind": origin.kind, "settings": origin.model,
+                        "runtime": origin.runtime })
             }
-            Self::Folder(path, args) => {
-                json!({ "folder": path.display().to_string(), "kind": args.prior_kind.map(DepthKind::from),
-                        "png_scale": args.png_scale })
+            Self::Folder { path, kind, png_scale } => {
+                json!({ "folder": path.display().to_string(), "kind": kind, "png_scale": png_scale })
             }
             Self::Simulated => json!("simulated"),
             Self::SimulatedModel(faults) => json!({ "simulated": faults }),
-        })
+        }
     }
 
     /// Everything that a scene's prior depends on besides the scene: of files the content, not the place. `described` is
@@ -204,8 +214,8 @@ impl PriorPlan {
         let mut made_from = described.clone();
         let removed = match self {
             Self::Model(_) => "model",
-            Self::Folder(folder, _) => {
-                let file = depth_file(folder, scene)?;
+            Self::Folder { path, .. } => {
+                let file = depth_file(path, scene)?;
                 let bytes = std::fs::read(&file).with_context(|| file.display().to_string())?;
                 // The extension decides how the bytes are read.
                 made_from["file"] = json!([extension(&file), crc32fast::hash(&bytes)]);
@@ -219,62 +229,48 @@ impl PriorPlan {
         Ok(made_from)
     }
 
-    /// Opens the prior, once for many scenes.
-    pub(crate) fn open(&self) -> Result<Priors<'_>> {
+    /// The prior of a scene; what is simulated here has that seed.
+    pub(crate) fn open<'p>(&'p self, sample: &'p Sample, seed: u64) -> Result<ScenePrior<'p>> {
+        let own = |prior: Box<dyn DepthPrior + 'p>, kind| {
+            let origin = PriorOrigin::new(PriorForm::Simulated, kind, "simulated");
+            ScenePrior::Own(Box::new(OpenPrior::given(prior, origin)))
+        };
         Ok(match self {
-            Self::Model(args) => Priors::Model(NamedPrior::open(args)?.prior),
-            Self::Folder(path, args) => Priors::Folder(path, args),
-            Self::Simulated => Priors::Simulated,
-            Self::SimulatedModel(faults) => Priors::SimulatedModel(faults),
-        })
-    }
-}
-
-/// Opened priors, one per worker.
-pub(crate) enum Priors<'p> {
-    Model(Box<dyn DepthPrior>),
-    Folder(&'p Path, &'p PriorArgs),
-    Simulated,
-    SimulatedModel(&'p SimulatedModelConfig),
-}
-
-impl Priors<'_> {
-    /// The model for further predictions on a scene, where there is one.
-    pub(crate) fn model(&self, sample: &Sample) -> Result<Option<Box<dyn DepthPrior + '_>>> {
-        Ok(match self {
-            Self::Model(model) => Some(Box::new(&**model)),
-            Self::SimulatedModel(faults) => Some(Box::new(simulated(sample, faults)?)),
-            Self::Folder(..) | Self::Simulated => None,
-        })
-    }
-
-    /// The monocular depth of a scene, `[height, width]`; 0 where missing.
-    pub(crate) fn depth(&self, sample: &Sample, rule: &DisparityRule, seed: u64) -> Result<Array2<f32>> {
-        let prediction = match self {
-            Self::Model(model) => model.predict(sample.image.view())?,
-            Self::Folder(folder, args) => {
-                let file = depth_file(folder, &sample.id)?;
-                let args = PriorArgs {
-                    source: PriorSource { prior_model: None, prior_depth: Some(file) },
-                    ..(*args).clone()
-                };
-                NamedPrior::open(&args)?.prior.predict(sample.image.view())?
+            Self::Model(open) => ScenePrior::Shared(open),
+            Self::Folder { path, kind, png_scale } => {
+                let file = depth_file(path, &sample.id)?;
+                ScenePrior::Own(Box::new(prior::map(&file, *kind, *png_scale)?))
             }
             Self::Simulated => match &sample.prior {
-                Some(prior) => prior.clone(),
+                Some(prior) => own(Box::new(OfSample(sample)), prior.kind),
                 None => {
                     let faults = SimulatedPriorConfig { seed, ..SimulatedPriorConfig::disparity() };
-                    SimulatedPrior::new(&sample.depth, &faults)?.predict(sample.image.view())?
+                    own(Box::new(SimulatedPrior::new(&sample.depth, &faults)?), faults.kind)
                 }
             },
-            Self::SimulatedModel(faults) => simulated(sample, faults)?.predict(sample.image.view())?,
-        };
-        Ok(prediction.to_depth(rule)?)
+            Self::SimulatedModel(faults) => {
+                let model = SimulatedModel::new(&sample.image, &sample.depth, faults.clone())?;
+                own(Box::new(model), DepthKind::AffineDisparity)
+            }
+        })
     }
 }
 
-fn simulated(sample: &Sample, faults: &SimulatedModelConfig) -> Result<SimulatedModel> {
-    Ok(SimulatedModel::new(&sample.image, &sample.depth, faults.clone())?)
+/// The monocular depths that a data set brings for its photographs.
+struct OfSample<'s>(&'s Sample);
+
+impl DepthPrior for OfSample<'_> {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        let Self(sample) = self;
+        let own = (image == sample.image).then_some(sample.prior.as_ref());
+        let known = || sample.views.iter().find(|one| one.view.image == image).map(|one| one.prior.as_ref());
+        let unknown = || mde_prior::Error::Input("no depth of this image; name a model".to_owned());
+        own.or_else(known).flatten().cloned().ok_or_else(unknown)
+    }
+
+    fn accepts_new_images(&self) -> bool {
+        !self.0.views.is_empty() && self.0.views.iter().all(|view| view.prior.is_some())
+    }
 }
 
 /// One fault, strong enough to be visible, or all of them.

@@ -8,7 +8,8 @@ use crate::program::evaluation::scenes::{PriorPlan, Source, choose};
 use crate::program::evaluation::scoring::Scoring;
 use crate::program::evaluation::store::Store;
 use crate::program::args::EvaluationArgs;
-use crate::program::open::size::SceneLimit;
+use crate::program::open::settings;
+use crate::refiner::plan::limit::MemoryLimit;
 use crate::program::many::Shard;
 use crate::program::progress::Progress;
 use anyhow::{Result, ensure};
@@ -68,7 +69,7 @@ impl<'a> Setup<'a> {
             limit.check("--size", (height, width))?;
         }
         let prior = PriorPlan::new(&args.prior, source.kind)?;
-        let prior_settings = prior.describe()?;
+        let prior_settings = prior.describe();
         let scoring = Scoring::new(&args.score, request.controls);
         let basis = json!({ "command": request.command, "data": source.describe() });
         let name = args.root.clone().unwrap_or_else(|| source.kind.name().into());
@@ -141,12 +142,12 @@ impl<'a> Setup<'a> {
     }
 
     /// Whether the prior's maps are in metres.
-    pub(crate) fn is_metric(&self) -> Result<bool> {
+    pub(crate) fn is_metric(&self) -> bool {
         self.prior.is_metric()
     }
 
     /// Identifies the model's file, where there is one.
-    pub(crate) fn model_hash(&self) -> Result<Option<String>> {
+    pub(crate) fn model_hash(&self) -> Option<String> {
         self.prior.model_hash()
     }
 
@@ -161,7 +162,31 @@ impl<'a> Setup<'a> {
     }
 }
 
-fn limit<'a>(args: &'a EvaluationArgs, memory: SceneMemory, scenes: &[usize]) -> SceneLimit<'a> {
+fn limit(args: &EvaluationArgs, memory: SceneMemory, scenes: &[usize]) -> SceneLimit {
     let jobs = runner::jobs(args.many.jobs.map(usize::from), scenes.len());
-    SceneLimit { args: &args.memory, memory, jobs }
+    SceneLimit { limit: settings::limit(&args.memory), memory, jobs }
+}
+
+/// The memory limit of an evaluation's scenes.
+pub(crate) struct SceneLimit {
+    pub(crate) limit: MemoryLimit,
+    memory: SceneMemory,
+    /// Scenes at once.
+    pub(crate) jobs: usize,
+}
+
+impl SceneLimit {
+    /// Refuses scenes of that size where those that run at once exceed the limit.
+    pub(crate) fn check(&self, what: &str, size: (usize, usize)) -> Result<()> {
+        let (with, jobs) = match self.jobs {
+            1 => ("with these methods".to_owned(), ""),
+            jobs => (format!("with these methods, {jobs} scenes at once,"), ", fewer --jobs"),
+        };
+        let bytes = |pixels| self.memory.bytes(pixels, self.jobs as u64);
+        let remedy = |fits| match fits {
+            Some((height, width)) => format!("give --size {width}x{height}, fewer views{jobs}"),
+            None => format!("give fewer methods, fewer views or a smaller field{jobs}"),
+        };
+        Ok(self.limit.check_with(what, size, &with, bytes, remedy)?)
+    }
 }

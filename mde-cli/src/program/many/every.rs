@@ -3,33 +3,29 @@
 //! A folder appears whole, by a rename, with its marker (`finished.json`) in it. A run that finds a marker of the same photographs and
 //! settings keeps the folder. The files of all photographs are written at the end.
 
-use crate::program::args::UnitName;
-use crate::program::commands::rows;
-use crate::program::store::lock::Lock;
-use crate::program::evaluation::results::Partial;
-use crate::program::store::folder::{OutputFolder, RECORD, check_place, remove_unfinished};
-use crate::program::provenance::{about, write_json};
-use crate::program::report::{Indexed, index};
-use crate::program::many::item::{MARKER, Marker, read_marker};
-use crate::program::summary::intervals;
-use crate::program::interrupt;
-use crate::program::job::Job;
-use crate::program::progress::Progress;
-use anyhow::{Context, Result, bail, ensure};
-use crate::refiner::depth_png::MILLIMETRES;
-use crate::output::record::About;
 use crate::output::every::{CLOUD, EveryRecord, EveryRow, Solid, write_all};
 use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::output::names::folders;
-use crate::several::{Capture, Photograph};
-use crate::several::prepared::PreparedCapture;
-use crate::refinement::stages::Stages;
+use crate::output::record::{About, versions};
+use crate::program::evaluation::results::Partial;
+use crate::program::interrupt;
+use crate::program::job::Job;
+use crate::program::many::item::{MARKER, Marker, read_marker};
+use crate::program::message;
+use crate::program::progress::Progress;
+use crate::program::provenance::{about, write_json};
+use crate::program::report::{Indexed, index};
+use crate::program::store::folder::{OutputFolder, RECORD, check_place, remove_unfinished};
+use crate::program::store::lock::Lock;
+use crate::program::summary::intervals;
+use crate::refiner::depth_png::MILLIMETRES;
+use crate::refiner::{Plan, Prepared};
+use crate::scene::Scene;
+use anyhow::{Context, Result, bail, ensure};
 use mde_eval::table::{Block, Cell, Column, Document, Table};
-use mde_prior::Timed;
 use mde_prior::format::{PngContent, ReadOptions, png_content, read_values};
 use mde_warp::{PinholeCamera, Pose};
-use ndarray::Array3;
-use serde_json::{Value, json};
+use serde_json::json;
 use std::fs;
 use std::path::Path;
 use std::time::Instant;
@@ -65,36 +61,20 @@ pub(crate) fn check_folder(output: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Everything that the results depend on: the settings, and the photographs by their content.
-pub(crate) fn made_from(settings: &str, unit: UnitName, capture: &Capture) -> String {
-    let checksum = |image: &Array3<f32>| {
-        let mut hasher = crc32fast::Hasher::new();
-        image.iter().for_each(|value| hasher.update(&value.to_le_bytes()));
-        hasher.finalize()
-    };
-    let one = |p: &Photograph| {
-        let pose = p.pose.as_ref().map(rows);
-        let known = p.mask.iter().filter(|m| **m).count();
-        json!([p.name, checksum(&p.image), known, p.camera, p.focal_assumed, pose])
-    };
-    let photographs: Vec<Value> = capture.photographs.iter().map(one).collect();
-    let points: Vec<[f64; 3]> = capture.points.iter().map(|point| [point.x, point.y, point.z]).collect();
-    let points = crc32fast::hash(json!(points).to_string().as_bytes());
-    format!("{settings} {}", json!([photographs, capture.reference, points, format!("{unit:?}")]))
-}
-
 /// Refines all photographs of the job's capture. Those that a run of the same `made_from` finished stay as they are, unless `force` is set.
 pub(crate) fn run(
     job: &Job<'_>,
+    scene: &Scene,
+    plan: &Plan,
+    input: &str,
     output: &Path,
-    made_from: &str,
     force: bool,
     progress: &mut Progress,
 ) -> Result<()> {
     fs::create_dir_all(output).with_context(|| format!("{}: can't make this folder", output.display()))?;
     let lock = Lock::take(output)?;
     remove_unfinished(output);
-    let refined = refine_all(job, output, made_from, force, progress);
+    let refined = refine_all(job, scene, plan, input, output, force, progress);
     drop(lock);
     if refined.is_err() {
         // Only where nothing is in it.
@@ -105,20 +85,22 @@ pub(crate) fn run(
 
 fn refine_all(
     job: &Job<'_>,
+    scene: &Scene,
+    plan: &Plan,
+    input: &str,
     output: &Path,
-    made_from: &str,
     force: bool,
     progress: &mut Progress,
 ) -> Result<()> {
-    let Some(capture) = &job.capture else { bail!("--all: give --views") };
-    let prior = Timed::new(&job.prior);
-    let stages = Stages::new(&prior).with_predictions_at_once(job.at_once);
-    let mut prepared =
-        PreparedCapture::new(capture, &stages, &job.config, &mut |event| progress.observe(event))?;
-    let photographs = capture.photographs.iter().map(|photograph| Path::new(&photograph.name));
+    let settings = job.refiner.settings();
+    let made_from = format!("{:?} {} {}", versions(), job.refiner.identity()?, scene.identity());
+    let made_from = format!("{made_from} {:?}", job.export);
+    let mut prepared = job.refiner.prepare(scene, plan, progress)?;
+    let prior_seconds = prepared.prior_seconds();
+    let photographs = scene.photographs.iter().map(|photograph| Path::new(&photograph.name));
     let folders = folders(photographs, &OF_ALL);
     let (mut rows, mut placed) = (Vec::<EveryRow>::new(), Vec::new());
-    for (index, photograph) in capture.photographs.iter().enumerate() {
+    for (index, photograph) in scene.photographs.iter().enumerate() {
         let place = output.join(&folders[index]);
         let counted = format!("[{}/{}] {}", index + 1, folders.len(), photograph.name);
         let kept = read_marker::<EveryRow>(&place).filter(|kept| {
@@ -133,10 +115,10 @@ fn refine_all(
                 // Those of an earlier run are of other maps than the photograph will have.
                 OF_ALL.iter().for_each(|name| drop(fs::remove_file(output.join(name))));
                 progress.next(&counted);
-                one(job, &mut prepared, index, &place, made_from, progress)?
+                one(job, &mut prepared, index, &photograph.name, &place, &made_from, progress)?
             }
         };
-        if let Some((camera, pose)) = row.placed(&prepared, index) {
+        if let Some((camera, pose)) = prepared.several().and_then(|several| row.placed(several, index)) {
             placed.push(Placed { photograph: index, camera, pose });
         }
         rows.push(row);
@@ -146,30 +128,31 @@ fn refine_all(
     {
         bail!("no photograph could be refined: {first}");
     }
-    let solid = |placed: &Placed| placed.read(output, &folders[placed.photograph], capture);
+    let solid = |placed: &Placed| placed.read(output, &folders[placed.photograph], scene);
     let solids = placed.iter().map(solid).collect::<Result<Vec<_>>>()?;
-    let points = write_all(output, &solids, job.unit())?;
+    let points = write_all(output, &solids, prepared.unit())?;
     mde_prior::write_atomic(&output.join(INDEX), every_page(&rows).as_bytes())?;
     let about = About {
-        preset: Some(job.preset.name()),
-        seed: Some(job.config.seed),
+        preset: Some(settings.preset.name()),
+        seed: Some(settings.config.seed),
         warnings: progress.warnings(),
         total_seconds: progress.seconds(),
-        ..about("refine --all", job.input.clone(), &job.opened.camera)
+        ..about("refine --all", input.to_owned(), prepared.camera())
     };
+    let Some(several) = prepared.several() else { bail!("--all: give --views") };
     let record = EveryRecord {
         about,
-        unit: job.unit(),
+        unit: prepared.unit(),
         photographs: &rows,
-        poses: prepared.report(),
+        poses: several.report(),
         points,
-        prior_seconds: prior.seconds(),
+        prior_seconds,
     };
     write_json(&output.join(RECORD), &record)?;
     let value = json!({ "event": "done", "output": output.display().to_string(), "photographs": rows, "points": points });
     let text = format!(
         "{points} points in {CLOUD}\n{}wrote {} in {:.1} s",
-        intervals(&job.error_bar),
+        intervals(&settings.error_bar),
         output.display(),
         progress.seconds()
     );
@@ -184,43 +167,41 @@ fn refine_all(
 }
 
 /// Refines one photograph into its folder. Only an interruption is an error; what else fails is in the row.
-fn one<'j>(
-    job: &'j Job<'_>,
-    prepared: &mut PreparedCapture<'j>,
+fn one(
+    job: &Job<'_>,
+    prepared: &mut Prepared<'_>,
     index: usize,
+    name: &str,
     place: &Path,
     made_from: &str,
     progress: &mut Progress,
 ) -> Result<EveryRow> {
     let start = Instant::now();
-    let name =
-        job.capture.as_ref().map(|capture| capture.photographs[index].name.clone()).unwrap_or_default();
-    let mut row = EveryRow::new(&name);
+    let mut row = EveryRow::new(name);
     let mut refined = || -> Result<()> {
-        let done = job.of_capture(None).refine_one(prepared, index, progress)?;
-        let scored = job.scored(done, progress)?;
-        OutputFolder::new(place, true)?.write(|path| {
-            job.write(path, &name, &scored, progress)?;
-            row.measure(&scored.done.result, index);
+        let folder = OutputFolder::new(place, true)?;
+        job.produce(prepared, index, name, &folder, progress, |path, refined, _| {
+            row.measure(refined);
             row.folder = place.file_name().map(|folder| folder.to_string_lossy().into_owned());
             row.seconds = start.elapsed().as_secs_f64();
             Marker::write(path, made_from.to_owned(), row.clone())
-        })
+        })?;
+        Ok(())
     };
     match refined() {
         Ok(()) => Ok(row),
         Err(error) if interrupt::requested() => Err(error),
         Err(error) => Ok(EveryRow {
-            reason: Some(crate::program::message(&error)),
+            reason: Some(message(&error)),
             seconds: start.elapsed().as_secs_f64(),
-            ..EveryRow::new(&name)
+            ..EveryRow::new(name)
         }),
     }
 }
 
 impl Placed {
     /// With the maps of its folder, which are not all in memory meanwhile.
-    fn read<'r>(&self, root: &Path, folder: &'r str, capture: &'r Capture) -> Result<Solid<'r>> {
+    fn read<'r>(&self, root: &Path, folder: &'r str, scene: &'r Scene) -> Result<Solid<'r>> {
         let place = root.join(folder);
         let map = |name: &str| read_values(place.join(name), &ReadOptions::default());
         let (depth, sigma) = (map("depth.npy")?, map("sigma.npy")?);
@@ -228,7 +209,7 @@ impl Placed {
             Some(PngContent::Depth { scale, .. }) => scale,
             _ => MILLIMETRES,
         };
-        let image = capture.photographs[self.photograph].image.view();
+        let image = scene.photographs[self.photograph].image.view();
         Ok(Solid { folder, image, camera: self.camera, pose: self.pose, depth, sigma, png_scale })
     }
 }

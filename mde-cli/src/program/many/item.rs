@@ -1,29 +1,23 @@
 //! One of many photographs: its marker, its refinement, its row.
 
-use crate::program::many::allowance::{Allowance, Taken};
-use crate::program::many::index::Row;
-use crate::program::args::RefineArgs;
-use crate::program::open::opened::Opening;
-use crate::program::open::prior::NamedPrior;
-use crate::program::open::size::{limit, sizes};
-use crate::program::store::contents::{Contents, have_lengths, lengths};
-use crate::program::store::folder::OutputFolder;
-use crate::output::record::versions;
-use crate::program::provenance::write_json;
-use crate::program::job::Job;
-use crate::program::progress::Progress;
-use anyhow::{Context, Result, ensure};
-use crate::scene::size::resized;
-use crate::prior::bound::BoundPrior;
-use crate::scene::photograph::Opened;
-use crate::refiner::plan::inference::PhotographMemory;
 use crate::output::every::relative_sigma;
 use crate::output::preview::{depth_picture, sigma_picture_within, usual_range};
-use crate::refiner::error_bar::ErrorBar;
-use crate::refiner::finish::SameScale;
-use crate::refiner::run::Done;
-use crate::config::{Config, Preset};
-use mde_prior::photo::{decode_image, image_size, write_rgb_png};
+use crate::output::record::versions;
+use crate::program::args::RefineArgs;
+use crate::program::job::Job;
+use crate::program::many::allowance::{Allowance, Taken};
+use crate::program::many::index::Row;
+use crate::program::message;
+use crate::program::open::scene;
+use crate::program::progress::Progress;
+use crate::program::provenance::write_json;
+use crate::program::store::contents::{Contents, have_lengths, lengths};
+use crate::program::store::folder::OutputFolder;
+use crate::refiner::{Plan, Refined, Refiner};
+use crate::scene::size::resized;
+use crate::scene::{Photograph, SameScale, Scene};
+use anyhow::{Context, Result, ensure};
+use mde_prior::photo::{decode_image, write_rgb_png};
 use mde_uncertainty::statistics::{median, quantile};
 use ndarray::{Array3, ArrayView3, Axis, concatenate};
 use serde::de::DeserializeOwned;
@@ -52,11 +46,8 @@ pub(crate) struct Item {
 pub(crate) struct Common<'c> {
     pub(crate) args: &'c RefineArgs,
     pub(crate) output: &'c Path,
-    pub(crate) prior: &'c NamedPrior,
-    pub(crate) error_bar: ErrorBar,
+    pub(crate) job: Job<'c>,
     pub(crate) allowance: Allowance,
-    pub(crate) preset: Preset,
-    pub(crate) config: Config,
     /// Everything but the photograph that the results depend on.
     pub(crate) settings: String,
 }
@@ -78,39 +69,27 @@ impl<R: Serialize> Marker<R> {
     }
 }
 
-/// Everything but the photograph that the results depend on, files by their content.
-pub(crate) fn settings_of(
-    args: &RefineArgs,
-    preset: Preset,
-    config: &Config,
-    prior: &NamedPrior,
-) -> Result<String> {
-    let content = |path: &Option<PathBuf>| -> Result<Option<u32>> {
-        let Some(path) = path else { return Ok(None) };
+/// Everything but the photographs that the results depend on, files by their content.
+pub(crate) fn settings_of(args: &RefineArgs, refiner: &Refiner<'_>) -> Result<String> {
+    let camera = &args.camera;
+    let content = |path: &PathBuf| -> Result<u32> {
         let bytes =
             fs::read(path).with_context(|| format!("{}: can't be read; check the path", path.display()))?;
-        Ok(Some(crc32fast::hash(&bytes)))
+        Ok(crc32fast::hash(&bytes))
     };
-    let (camera, origin) = (&args.camera, &prior.origin);
-    let mut settings = json!({
-        "versions": versions(), "config": config.to_toml()?, "preset": preset.name(),
-        "size": (args.size.max_size, args.size.work_size),
-        "camera": (content(&camera.intrinsics)?, camera.intrinsics_base, camera.fx, camera.fy, camera.cx, camera.cy, camera.fov),
-        "prior": (origin.kind, &origin.model, &origin.model_hash, &origin.runtime),
-        "error_bar": (args.error_bar.interval, content(&args.error_bar.calibration)?),
-        "output": (format!("{:?}", args.export.export), args.save_field),
-    });
-    if args.several.same_scale {
-        settings["same_scale"] = json!(true);
-    }
-    Ok(settings.to_string())
+    let intrinsics = camera.intrinsics.as_ref().map(content).transpose()?;
+    Ok(json!({
+        "versions": versions(), "refiner": refiner.identity()?, "output": format!("{:?}", args.export.export),
+        "camera": (intrinsics, camera.fx, camera.fy, camera.cx, camera.cy, camera.fov), "same_scale": args.several.same_scale,
+    })
+    .to_string())
 }
 
 impl Common<'_> {
     /// Refines a photograph, unless its folder is finished. What fails is in the row.
     pub(crate) fn one(&self, item: &Item) -> Row {
         let made = self.made(item, &mut Progress::silent());
-        made.unwrap_or_else(|error| Row::failed(item, &crate::program::message(&error)))
+        made.unwrap_or_else(|error| Row::failed(item, &message(&error)))
     }
 
     /// The bytes of a photograph.
@@ -119,41 +98,22 @@ impl Common<'_> {
         fs::read(&item.path).context("can't be read")
     }
 
-    /// The memory of a photograph's refinement once it is free, and its predictions at once.
-    pub(super) fn take(&self, item: &Item) -> Result<(Taken<'_>, usize)> {
-        let (args, path) = (self.args, &item.path);
+    /// The plan of a photograph, and its memory once that is free.
+    pub(super) fn take(&self, item: &Item) -> Result<(Taken<'_>, Plan)> {
         // By the header alone; what has no header fails when it is decoded.
-        let [width, height] = image_size(path).unwrap_or_default();
-        let sizes = sizes(&args.size);
-        let size = sizes.of_results((height, width));
-        let at = sizes.of_refinement(size);
-        let memory =
-            PhotographMemory::new(&self.config, &*self.prior.prior, size, at, rayon::current_num_threads());
-        let at_once =
-            memory.predictions_at_once(&limit(&args.size.memory), &path.display().to_string(), at)?;
-        let bytes = memory.bytes((at.0 * at.1) as u64, at_once as u64) - memory.shared();
-        Ok((self.allowance.take(bytes), at_once))
+        let size = scene::size(&item.path).unwrap_or_default();
+        let plan = self.job.refiner.plan(&item.path.display().to_string(), size, 1)?;
+        Ok((self.allowance.take(plan.bytes - plan.shared), plan))
     }
 
-    /// The photograph of that content at its size, and the prior for it.
-    pub(super) fn opened(
-        &self,
-        item: &Item,
-        bytes: Vec<u8>,
-        progress: &mut Progress,
-    ) -> Result<(Opened, BoundPrior<'_>)> {
+    /// The photograph of that content at its size.
+    pub(super) fn opened(&self, item: &Item, bytes: Vec<u8>, progress: &mut Progress) -> Result<Photograph> {
         let photo = decode_image(&bytes).map_err(|error| match error {
             mde_prior::Error::Input(reason) => anyhow::anyhow!(reason),
             other => other.into(),
         })?;
         drop(bytes);
-        let opening = Opening { size: &self.args.size, camera: &self.args.camera, several: false };
-        let mut opened = opening.of(photo, &item.path, progress)?;
-        let prior = self.prior.bind(&opened, progress)?;
-        self.prior.exchanged().into_iter().for_each(|warning| progress.warn(warning.to_owned()));
-        opened.take_camera_of(&prior, &self.prior.origin)?;
-        let prior = prior.at_focal(opened.camera.focal());
-        Ok((opened, prior))
+        scene::photograph(self.job.refiner, &self.args.camera, &item.path, photo, false, progress)
     }
 
     /// Everything that the results depend on, the photograph by its content.
@@ -166,58 +126,37 @@ impl Common<'_> {
     }
 
     fn made(&self, item: &Item, progress: &mut Progress) -> Result<Row> {
-        let args = self.args;
-        let Item { path, folder, same_scale, .. } = item;
-        let shown = || path.display().to_string();
+        let Item { path, folder, same_scale } = item;
+        let shown = path.display().to_string();
         let place = self.output.join(folder);
-        // First of all: a plan of the predictions takes as long as thousands of markers.
-        let marker = read_marker::<Row>(&place).filter(|_| !args.run.force);
+        // Read the marker first: it is a thousand times cheaper than planning.
+        let marker = read_marker::<Row>(&place).filter(|_| !self.args.run.force);
+        let same_scale_group = same_scale.map(|found| found.group);
         if let Some(marker) = marker
             && marker.made_from == self.made_from(item, &self.read(item)?)
         {
-            let same_scale_group = same_scale.map(|found| found.group);
-            return Ok(Row {
-                photograph: shown(),
-                folder: folder.clone(),
-                kept: true,
-                same_scale_group,
-                ..marker.row
-            });
+            let folder = folder.clone();
+            return Ok(Row { photograph: shown, folder, kept: true, same_scale_group, ..marker.row });
         }
         ensure!(path.is_file(), "no such photograph; check the path");
-        let (_taken, at_once) = self.take(item)?;
+        let (_taken, plan) = self.take(item)?;
         let start = Instant::now();
         let bytes = self.read(item)?;
         let made_from = self.made_from(item, &bytes);
-        let (opened, prior) = self.opened(item, bytes, progress)?;
-        let job = Job {
-            command: "refine",
-            input: shown(),
-            opened,
-            prior,
-            preset: self.preset,
-            config: self.config.clone(),
-            truth: None,
-            at_once,
-            save_field: args.save_field,
-            error_bar: self.error_bar.clone(),
-            export: args.export.export.clone(),
-            capture: None,
-            unit: args.several.unit,
-            known: None,
-            same_scale: *same_scale,
-            keep_photographs: false,
-        };
+        let photograph = self.opened(item, bytes, progress)?;
+        let scene = Scene { same_scale: *same_scale, ..Scene::one(photograph) };
+        let mut prepared = self.job.refiner.prepare(&scene, &plan, progress)?;
         let mut row = Row {
-            photograph: shown(),
+            photograph: shown.clone(),
             folder: folder.clone(),
-            unit: job.unit().to_owned(),
-            same_scale_group: same_scale.map(|found| found.group),
+            unit: prepared.unit().to_owned(),
+            same_scale_group,
             ..Row::default()
         };
-        job.produce(&OutputFolder::new(&place, true)?, progress, |path, done, progress| {
-            write_rgb_png(path.join(THUMBNAIL), thumbnail(done)?.view())?;
-            row.measure(done, progress);
+        let target = OutputFolder::new(&place, true)?;
+        self.job.produce(&mut prepared, 0, &shown, &target, progress, |path, refined, progress| {
+            write_rgb_png(path.join(THUMBNAIL), thumbnail(refined)?.view())?;
+            row.measure(refined, progress);
             row.seconds = start.elapsed().as_secs_f64();
             Marker::write(path, made_from, row.clone())
         })?;
@@ -226,14 +165,14 @@ impl Common<'_> {
 }
 
 impl Row {
-    fn measure(&mut self, done: &Done<'_>, progress: &Progress) {
-        let camera = &done.camera;
-        let depth = &done.result.refinement.depth;
+    fn measure(&mut self, refined: &Refined<'_>, progress: &Progress) {
+        let camera = &refined.camera;
+        let depth = &refined.refinement.depth;
         (self.width, self.height) = (camera.camera.width, camera.camera.height);
         (self.fx, self.camera) = (Some(camera.camera.fx), camera.source.name().to_owned());
         self.median_depth = median(depth.mean().iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)));
-        self.same_scale = done.result.same_scale.map(|found| found.factor);
-        self.same_scale_sigma = done.result.same_scale.map(|found| found.log_sigma);
+        self.same_scale = refined.same_scale.map(|found| found.factor);
+        self.same_scale_sigma = refined.same_scale.map(|found| found.log_sigma);
         self.sigma = relative_sigma(depth);
         let sigma = depth.sigma();
         let mut relative: Vec<f32> = depth
@@ -256,18 +195,18 @@ pub(crate) fn read_marker<R: DeserializeOwned>(place: &Path) -> Option<Marker<R>
 }
 
 /// Photograph, depth and sigma / depth side by side.
-fn thumbnail(done: &Done<'_>) -> Result<Array3<u8>> {
-    let (rows, columns, _) = done.image.dim();
+fn thumbnail(refined: &Refined<'_>) -> Result<Array3<u8>> {
+    let (rows, columns, _) = refined.image.dim();
     let width = (columns * HEIGHT / rows.max(1)).clamp(1, 4 * HEIGHT);
     let small =
         |picture: ArrayView3<'_, u8>| resized(picture.mapv(|v| f32::from(v) / 255.0).view(), width, HEIGHT);
-    let depth = &done.result.refinement.depth;
+    let depth = &refined.refinement.depth;
     let relative = ndarray::Zip::from(depth.mean())
         .and(&depth.sigma())
         .map_collect(|z, s| if *z > 0.0 { s / z } else { f32::INFINITY });
     let range = usual_range(relative.iter());
     let parts = [
-        resized(done.image, width, HEIGHT),
+        resized(refined.image, width, HEIGHT),
         small(depth_picture(depth.mean()).pixels()),
         small(sigma_picture_within(relative.view(), range).pixels()),
     ];

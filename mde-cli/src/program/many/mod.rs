@@ -13,23 +13,22 @@ mod shard;
 pub(crate) use index::Row;
 pub(crate) use shard::Shard;
 
+use crate::output::names::folders;
 use crate::program::args::RefineArgs;
-use crate::program::store::lock::Lock;
 use crate::program::evaluation::results::Partial;
-use crate::program::open::opened::{settings, use_threads};
-use crate::program::open::photographs;
-use crate::program::open::prior::NamedPrior;
-use crate::program::open::size::limit;
-use crate::program::store::folder::{check_place, remove_unfinished};
+use crate::program::interrupt;
+use crate::program::job::Job;
 use crate::program::many::allowance::Allowance;
 use crate::program::many::index::Index;
 use crate::program::many::item::{Common, Item, settings_of};
-use crate::program::summary::intervals;
-use crate::program::interrupt;
+use crate::program::open::settings::of_refine;
+use crate::program::open::{photographs, prior};
 use crate::program::progress::Progress;
+use crate::program::store::folder::{check_place, remove_unfinished};
+use crate::program::store::lock::Lock;
+use crate::program::summary::intervals;
+use crate::refiner::Refiner;
 use anyhow::{Context, Result, bail, ensure};
-use crate::config::Preset;
-use crate::output::names::folders;
 use std::collections::BTreeMap;
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -39,9 +38,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Refines all photographs that the arguments name.
-pub(crate) fn run(args: &RefineArgs) -> Result<()> {
-    let mut progress = Progress::new(&args.run);
-    use_threads(&args.run)?;
+pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     check_arguments(args)?;
     let Some(output) = &args.run.output else {
         bail!("-o: give a folder for the results of several photographs")
@@ -50,20 +47,15 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
     let names = folders(paths.iter().map(|path| &**path), &index::RESERVED);
     let item = |(path, folder)| Item { path, folder, same_scale: None };
     let mut items: Vec<Item> = paths.into_iter().zip(names).map(item).collect();
-    let (preset, config) = settings(&args.settings, Preset::Default)?;
     check_place("-o", output)?;
     index::check_folder(output)?;
-    let prior = NamedPrior::open(&args.prior)?;
-    let common = Common {
-        args,
-        output,
-        error_bar: args.error_bar.open()?,
-        allowance: Allowance::new(limit(&args.size.memory).bytes()),
-        preset,
-        settings: settings_of(args, preset, &config, &prior)?,
-        config,
-        prior: &prior,
-    };
+    let prior = prior::open(&args.prior)?;
+    let refiner = Refiner::new(&prior, of_refine(args)?)?;
+    let settings = settings_of(args, &refiner)?;
+    let export = &args.export.export;
+    let job = Job { command: "refine", refiner: &refiner, export, truth: None, keep_photographs: false };
+    let allowance = Allowance::new(refiner.settings().memory.bytes());
+    let common = Common { args, output, job, allowance, settings };
 
     fs::create_dir_all(output).with_context(|| format!("{}: can't make this folder", output.display()))?;
     let _lock = match args.several.shard {
@@ -78,7 +70,7 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
     found.mark(output)?;
     if args.several.same_scale {
         // Of all photographs, so that a shard has the same factors.
-        let factors = same_scale::same_scale(&common, &items, &mut progress)?;
+        let factors = same_scale::same_scale(&common, &items, progress)?;
         items.iter_mut().zip(factors).for_each(|(item, factor)| item.same_scale = Some(factor));
     }
     if let Some(shard) = &args.several.shard {
@@ -86,7 +78,7 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
     }
     let (next, start) = (AtomicUsize::new(0), Instant::now());
     let state = Mutex::new(State {
-        progress: &mut progress,
+        progress,
         rows: BTreeMap::new(),
         refined: 0,
         index: found,
@@ -116,14 +108,14 @@ pub(crate) fn run(args: &RefineArgs) -> Result<()> {
     if listed {
         found.write(output)?;
     }
-    warnings(&found.rows, &mut progress);
+    warnings(&found.rows, progress);
     finish(
         &found.rows,
         listed,
         output,
-        &intervals(&common.error_bar),
+        &intervals(&refiner.settings().error_bar),
         start.elapsed().as_secs_f64(),
-        &mut progress,
+        progress,
     )
 }
 

@@ -5,10 +5,10 @@
 use crate::program::many::item::{Common, Item};
 use crate::program::interrupt;
 use crate::program::progress::Progress;
+use crate::refiner::Silent;
+use crate::refiner::same_scale::{OneScale, groups_warning};
+use crate::scene::SameScale;
 use anyhow::{Result, bail};
-use crate::naming::Naming;
-use crate::refiner::same_scale::OneScale;
-use crate::refiner::finish::SameScale;
 use mde_mvs::poses::Prepared;
 use serde_json::json;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -27,7 +27,7 @@ pub(super) fn same_scale(
 ) -> Result<Vec<SameScale>> {
     progress.step(&format!("match {} photographs for one scale", items.len()));
     let start = Instant::now();
-    let mut scale = OneScale::new(items.len(), &common.config);
+    let mut scale = OneScale::new(items.len(), &common.job.refiner.settings().config);
     for (chunk, part) in items.chunks(CHUNK).enumerate() {
         // What can't be prepared has its reason in its row, when it is refined.
         let prepared = side_by_side(part.len(), |at| common.prepared(&part[at], &scale).ok())?;
@@ -45,7 +45,7 @@ pub(super) fn same_scale(
     }
     let factors = scale.factors()?;
     let place = format!("same_scale_group in {}", super::index::TABLE);
-    SameScale::groups_warning(&factors, Naming::Flags, &place)
+    groups_warning(&factors, &place)
         .into_iter()
         .for_each(|warning| progress.warn(warning));
     let shared = factors.iter().filter(|factor| !factor.is_alone()).count();
@@ -57,14 +57,14 @@ impl Common<'_> {
     /// Features of a photograph and a prediction of the network at them.
     fn prepared(&self, item: &Item, scale: &OneScale) -> Result<Prepared> {
         let (_taken, _) = self.take(item)?;
-        let (opened, prior) = self.opened(item, self.read(item)?, &mut Progress::silent())?;
-        Ok(scale.prepare(&opened.image, &opened.camera, &prior)?)
+        let photograph = self.opened(item, self.read(item)?, &mut Progress::silent())?;
+        Ok(self.job.refiner.prepare_scale(&photograph, scale, &mut Silent)?)
     }
 }
 
 /// The results of `work` for `0..count`, on as many threads as there are processors; nothing where it failed by a fault.
 ///
-/// These are not the pool's own threads: one that waits for memory would take up another's work, and wait for itself.
+/// Own threads: a pool thread that waits for memory could steal a task that waits for it (deadlock).
 fn side_by_side<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Result<Vec<Option<T>>> {
     let next = AtomicUsize::new(0);
     let made = Mutex::new((0..count).map(|_| None).collect::<Vec<Option<T>>>());

@@ -1,7 +1,10 @@
 //! Settings and threads.
 
 use crate::config::{Config, Preset, Shorthands};
-use crate::program::args::{CameraArgs, ErrorBarArgs, MemoryArgs, RunArgs, SettingsArgs, SizeArgs};
+use crate::output::export::Format;
+use crate::program::args::{
+    CameraArgs, ErrorBarArgs, MemoryArgs, RefineArgs, RunArgs, SettingsArgs, SizeArgs,
+};
 use crate::refiner::Settings;
 use crate::refiner::error_bar::ErrorBar;
 use crate::refiner::plan::limit::MemoryLimit;
@@ -48,6 +51,18 @@ pub(crate) fn settings(
         error_bar: ErrorBar::open(error_bar.interval, error_bar.calibration.as_deref())?,
         ..Settings::new(preset)
     })
+}
+
+/// What `mde refine` sets a refiner to.
+pub(crate) fn of_refine(args: &RefineArgs) -> Result<Settings> {
+    let usual = if args.several.views.is_empty() { Preset::Default } else { Preset::MultiView };
+    let mut settings = settings(&args.settings, &args.size, &args.error_bar, usual)?;
+    if let Some(most) = args.several.max_views {
+        settings.config.multi_view.max_views = most.into();
+    }
+    settings.unit = args.several.unit.into();
+    settings.keep_field = args.export.export.contains(&Format::Field);
+    Ok(settings)
 }
 
 pub(crate) fn limit(args: &MemoryArgs) -> MemoryLimit {

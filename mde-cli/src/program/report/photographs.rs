@@ -3,7 +3,7 @@
 use crate::program::report::encode::picture;
 use anyhow::Result;
 use crate::output::maps::EVIDENCE;
-use crate::refiner::run::{NOVEL, RENDERED, picture_of};
+use crate::refiner::finish::{NOVEL, RENDERED, picture_of};
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
 use ndarray::{Array2, Zip};
