@@ -160,7 +160,9 @@ impl Progress {
         if matches!(self.mode, Mode::Lines | Mode::Bars) {
             self.finish_bar();
             self.print_warnings();
-            let _ = writeln!(io::stdout().lock(), "{}\n", shown(tables, columns()));
+            if !tables.blocks.is_empty() {
+                let _ = writeln!(io::stdout().lock(), "{}\n", shown(tables, columns()));
+            }
         }
         self.result(text, value);
     }
