@@ -108,6 +108,33 @@ impl Error {
     }
 }
 
+/// Arguments that texts of the library name in braces.
+const ARGUMENTS: [&str; 17] = [
+    "alignment", "calibration", "depth-range", "fov", "interval", "intrinsics", "keep-field", "max-memory", "max-size",
+    "model-profile", "png-scale", "prior-kind", "prior-model", "same-scale", "scale-from", "views", "work-size",
+];
+
+/// A text with the arguments that it names in braces, such as `{max-memory}`, as `name` writes them.
+pub fn named(text: &str, name: impl Fn(&str) -> String) -> String {
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some((before, after)) = rest.split_once('{') {
+        out += before;
+        let argument = after.split_once('}').filter(|(inside, _)| ARGUMENTS.contains(inside));
+        match argument {
+            Some((inside, after)) => {
+                out += &name(inside);
+                rest = after;
+            }
+            None => {
+                out.push('{');
+                rest = after;
+            }
+        }
+    }
+    out + rest
+}
+
 /// An error and its causes, without those that its text contains already.
 pub(crate) fn text(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();

@@ -25,8 +25,7 @@
 //! ```
 
 pub mod config;
-mod error;
-mod naming;
+pub mod error;
 pub mod output;
 pub mod prior;
 #[cfg(feature = "program")]
@@ -39,7 +38,6 @@ pub mod several;
 
 pub use config::{Config, MultiViewConfig, Preset, SigmaConfig};
 pub use error::{Error, Result};
-pub use naming::Naming;
 pub use refinement::event::{Callback, Event, Stage};
 pub use refinement::refine;
 pub use refinement::shared::SharedNerf;

@@ -45,9 +45,11 @@ fn methods_are_compared_and_nothing_is_run_twice() {
     // The simulated prior accepts no crops: that method fails with a message, the others run.
     let run = place.mde(&command).assert().code(3);
     run.stdout(
-        predicate::str::contains("| guided |").and(predicate::str::contains("unsharp as sharp as tiny")),
+        predicate::str::contains("tables: e/table.md").and(predicate::str::contains("| guided |").not()),
     )
     .stderr(predicate::str::contains("zoom: failed").and(predicate::str::contains("name a model")));
+    let table = fs::read_to_string(place.path("e/table.md")).unwrap();
+    assert!(table.contains("| guided |") && table.contains("unsharp as sharp as tiny"), "{table}");
     let mut found = names(&place.path("e"));
     found.retain(|name| name != "scenes" && name != "table.md");
     assert_eq!(found, RESULTS);
@@ -112,7 +114,8 @@ fn a_killed_evaluation_goes_on_where_it_was() {
     place.write("tiny.toml", toml);
     // What was not finished leaves nothing behind.
     fs::create_dir_all(place.path("e/scenes/study-0/.mde-left")).unwrap();
-    place.mde(&command).assert().success().stdout(predicate::str::contains("| tiny |"));
+    place.mde(&command).assert().success();
+    assert!(fs::read_to_string(place.path("e/table.md")).unwrap().contains("| tiny |"));
     assert_eq!(written(&place, "study-0", "guided"), before);
     assert_eq!(names(&place.path("e/scenes/study-0")), ["guided", "picture.png", "prior", "tiny"]);
 }
@@ -133,7 +136,7 @@ fn a_broken_scene_is_told_and_the_rest_goes_on() {
     }
     let run = place.mde("eval data --prior-depth priors --methods jbf -o e").assert().code(3);
     run.stdout(
-        predicate::str::contains("1 scene.").and(predicate::str::contains("failed: all methods on a")),
+        predicate::str::contains("1 scene;").and(predicate::str::contains("failed: all methods on a")),
     )
     .stderr(
         predicate::str::contains("scene.json")
@@ -163,7 +166,9 @@ fn maps_of_any_program_are_scored() {
         write_npy(place.path(&format!("sigma/{name}.npy")), truth.mapv(|z| 0.05 * z).view()).unwrap();
     }
     let plain = place.mde("eval --pred pred --gt gt -o plain").assert().success();
-    plain.stdout(predicate::str::contains("| maps |").and(predicate::str::contains("Spearman").not()));
+    plain.stdout(predicate::str::contains("2 scenes; report: plain/report.html"));
+    let plain = fs::read_to_string(place.path("plain/table.md")).unwrap();
+    assert!(plain.contains("| maps |") && !plain.contains("Spearman"), "{plain}");
     place.mde("eval --pred pred --gt gt --sigma sigma -o whole").assert().success();
     let rows = fs::read_to_string(place.path("whole/scenes.csv")).unwrap();
     assert_eq!(rows.lines().count(), 3);
@@ -224,10 +229,9 @@ fn rows_of_an_ablation_share_their_field() {
     place.write("tiny.toml", toml + "fusion = 'nerf-only'\ncalibration = 'none'\n");
     let command = "ablate --dataset rooms --size 64x48 --limit 1 --seeds 2 --config tiny.toml -o e \
                    --rows min-depth,guided-for-nerf,in-bin";
-    let run = place.mde(command).assert().success();
-    run.stdout(
-        predicate::str::contains("The paper's Table II").and(predicate::str::contains("| min-depth |")),
-    );
+    place.mde(command).assert().success();
+    let table = fs::read_to_string(place.path("e/table.md")).unwrap();
+    assert!(table.contains("The paper's Table II") && table.contains("| min-depth |"), "{table}");
     let rows = fs::read_to_string(place.path("e/scenes.csv")).unwrap();
     assert_eq!(rows.lines().filter(|line| line.contains(",full,")).count(), 2);
     // What is shared is what the row would have made alone.

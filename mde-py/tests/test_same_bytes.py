@@ -20,8 +20,9 @@ FORMATS = ["ply", "glb", "exr", "colmap", "transforms", "sigma"]
 
 
 def same_files(saved, folder):
-    """Whether a saved result has the files of the program's folder, byte for byte but for the record and the report."""
-    files = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
+    """Whether a saved result has the files of the program's folder, byte for byte but for the record and the report. The program's
+    marker, by which a run continues, is its own."""
+    files = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path.name != "finished.json"}
     assert {path.relative_to(saved) for path in saved.rglob("*") if path.is_file()} == files
     for name in files:
         if name.name not in ("run.json", "report.html"):

@@ -134,11 +134,19 @@ impl Config {
     /// The preset with the values of a TOML text over it. `origin` names the text in errors.
     ///
     /// # Errors
+    /// Those of [`Config::with_text`].
+    pub fn with_overrides(preset: Preset, text: &str, origin: &str) -> Result<Self> {
+        preset.config().with_text(text, origin)
+    }
+
+    /// The same configuration with the values of a TOML text over it. `origin` names the text in errors.
+    ///
+    /// # Errors
     /// [`Error::Settings`] for text that is not TOML, an unknown key, or a value of the wrong type or out of range.
-    pub fn with_overrides(preset: crate::config::Preset, text: &str, origin: &str) -> Result<Self> {
+    pub fn with_text(&self, text: &str, origin: &str) -> Result<Self> {
         let error = |reason: String| Error::Settings { origin: origin.to_owned(), reason: one_line(&reason) };
         let overrides: Table = text.parse().map_err(|e: toml::de::Error| error(e.to_string()))?;
-        let mut table = Table::try_from(preset.config()).map_err(|e| error(e.to_string()))?;
+        let mut table = Table::try_from(self).map_err(|e| error(e.to_string()))?;
         merge(&mut table, overrides.clone());
         let config: Self =
             Value::Table(table).try_into().map_err(|e: toml::de::Error| error(e.to_string()))?;
@@ -151,14 +159,25 @@ impl Config {
         Ok(config)
     }
 
-    /// The preset with the values of a TOML file over it.
+    /// The same configuration with the values of a TOML file over it.
     ///
     /// # Errors
-    /// [`Error::Io`] where it cannot be read, else as [`Config::with_overrides`].
-    pub fn from_file(preset: crate::config::Preset, path: &Path) -> Result<Self> {
+    /// [`Error::Io`] where it cannot be read, else as [`Config::with_text`].
+    pub fn with_file(&self, path: &Path) -> Result<Self> {
         let text =
             std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
-        Self::with_overrides(preset, &text, &path.display().to_string())
+        self.with_text(&text, &path.display().to_string())
+    }
+
+    /// The same configuration with one value, such as `nerf.train.steps` and `500`; text needs no quotes.
+    ///
+    /// # Errors
+    /// As [`Config::with_text`].
+    pub fn with_value(&self, key: &str, value: &str, origin: &str) -> Result<Self> {
+        match format!("{key} = {value}") {
+            text if text.parse::<Table>().is_ok() => self.with_text(&text, origin),
+            _ => self.with_text(&format!("{key} = {}", Value::String(value.to_owned())), origin),
+        }
     }
 
     /// The whole configuration as TOML.

@@ -13,17 +13,15 @@ pub struct Shorthands {
     pub no_nerf: bool,
     /// Predictions of a model at most.
     pub predictions: Option<Predictions>,
-    /// Nearest depth of the scene, for disparity of unknown scale and shift, metres.
-    pub near: Option<f64>,
-    /// Farthest depth, likewise.
-    pub far: Option<f64>,
+    /// Nearest and farthest depth of the scene, for disparity of unknown scale and shift, metres.
+    pub depth_range: Option<[f64; 2]>,
 }
 
 impl Shorthands {
     /// Sets what is given.
     ///
     /// # Errors
-    /// [`Error::Argument`] where `near` and `far` are no range.
+    /// [`Error::Argument`] for depths that are no range.
     pub fn apply(&self, config: &mut Config) -> Result<()> {
         config.seed = self.seed.unwrap_or(config.seed);
         if self.no_nerf {
@@ -33,7 +31,7 @@ impl Shorthands {
             config.augmentation.predictions = predictions;
         }
         let rule = &mut config.disparity;
-        (rule.near, rule.far) = (self.near.unwrap_or(rule.near), self.far.unwrap_or(rule.far));
+        [rule.near, rule.far] = self.depth_range.unwrap_or([rule.near, rule.far]);
         rule.validate().map_err(|error| Error::Argument(format!("{{depth-range}}: {}", text(&error))))
     }
 }
@@ -53,14 +51,13 @@ mod tests {
             seed: Some(7),
             no_nerf: true,
             predictions: Some(Predictions::Most(3)),
-            near: Some(0.5),
-            far: None,
+            depth_range: Some([0.5, 6.0]),
         };
         given.apply(&mut config).unwrap();
         assert_eq!((config.seed, config.refinement.iterations), (7, 0));
         assert_eq!(config.augmentation.predictions, Predictions::Most(3));
-        assert_eq!((config.disparity.near, config.disparity.far), (0.5, preset.disparity.far));
-        let refused = Shorthands { near: Some(9.0), far: Some(2.0), ..given };
+        assert_eq!((config.disparity.near, config.disparity.far), (0.5, 6.0));
+        let refused = Shorthands { depth_range: Some([9.0, 2.0]), ..given };
         let refused = refused.apply(&mut config).unwrap_err().to_string();
         assert!(refused.starts_with("{depth-range}: "), "{refused}");
     }

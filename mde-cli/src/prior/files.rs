@@ -136,8 +136,6 @@ mod network {
     pub struct NetworkFormat<'f> {
         /// Name of its profile.
         pub profile: Option<&'f str>,
-        /// Width and height of its input, pixels.
-        pub input_size: Option<[usize; 2]>,
         /// Kind of its values.
         pub kind: Option<DepthKind>,
     }
@@ -157,7 +155,8 @@ mod network {
         /// # Errors
         /// [`Error::Prior`] for an unknown profile, [`Error::Argument`] for a network that is not recognised.
         pub fn spec(&self, path: &Path) -> Result<NetworkSpec> {
-            let (mut spec, by) = match self.profile {
+            let (spec, by) = match self.profile {
+                Some(file) if file.ends_with(".toml") => (read_spec(Path::new(file))?, None),
                 Some(name) => (ModelSpec::profile(name)?, None),
                 // A missing file gets its own error when it is opened.
                 None if path.exists() => self.recognised(path)?,
@@ -165,9 +164,6 @@ mod network {
             };
             let tells = matches!(by, Some(RecognisedBy::Hub | RecognisedBy::Graph));
             let told = tells.then_some(spec.output);
-            if let Some([width, height]) = self.input_size {
-                (spec.width, spec.height) = (width, height);
-            }
             let spec = match self.kind {
                 Some(kind) => spec.with_output(kind),
                 None => spec,
@@ -175,24 +171,24 @@ mod network {
             Ok(NetworkSpec { spec, told })
         }
 
-        /// With size and kind given, that of a network that takes RGB/255.
         fn recognised(&self, path: &Path) -> Result<(ModelSpec, Option<RecognisedBy>)> {
-            match (OnnxPrior::recognise_by(path), self.input_size, self.kind) {
-                (Err(mde_prior::Error::UnknownProfile { .. }), Some([width, height]), Some(kind)) => {
-                    Ok((ModelSpec::new(width, height, kind), None))
-                }
-                (Err(mde_prior::Error::UnknownProfile { .. }), ..) => {
-                    Err(Error::Argument(format!(
-                        "{}: a network that is not recognised by its graph, its folder or its name; give {{model-profile}} ({}), or a \
-                         file {} beside it",
-                        path.display(),
-                        spec::PROFILES.join(", "),
-                        path.with_extension("toml").display()
-                    )))
-                }
-                (recognised, ..) => Ok(recognised.map(|(spec, by)| (spec, Some(by)))?),
+            match OnnxPrior::recognise_by(path) {
+                Err(mde_prior::Error::UnknownProfile { .. }) => Err(Error::Argument(format!(
+                    "{}: a network that is not recognised by its graph, its folder or its name; give {{model-profile}} ({}, or a .toml file), or a \
+                     file {} beside it",
+                    path.display(),
+                    spec::PROFILES.join(", "),
+                    path.with_extension("toml").display()
+                ))),
+                recognised => Ok(recognised.map(|(spec, by)| (spec, Some(by)))?),
             }
         }
+    }
+
+    fn read_spec(path: &Path) -> Result<ModelSpec> {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+        ModelSpec::from_toml(&text).map_err(|error| Error::Argument(format!("{}: {error}", path.display())))
     }
 
     /// Opens a network of that format, on that runtime.

@@ -66,37 +66,21 @@ struct Simple {
     to: Option<String>,
 }
 
-/// The simple commands of a script: words, quotes, comments, pipes, lists and redirections to files, and no more of the shell.
+/// The simple commands of a script, with pipes, lists and redirections to files between words, and no more of the shell.
 fn commands(script: &str) -> Vec<Simple> {
-    let script = script.replace("\\\n", " ");
-    let (mut all, mut current, mut word) = (Vec::new(), Simple::default(), None::<String>);
-    let (mut quote, mut redirected, mut comment) = (None, false, false);
-    for letter in script.chars().chain(['\n']) {
-        if comment && letter != '\n' {
-            continue;
-        }
-        comment = false;
-        match (quote, letter) {
-            (Some(open), _) if letter == open => quote = None,
-            (Some(_), _) => word.get_or_insert_default().push(letter),
-            (None, '\'' | '"') => {
-                quote = Some(letter);
-                word.get_or_insert_default();
-            }
-            (None, '#') if word.is_none() => comment = true,
-            (None, ' ' | '\n' | '>' | '|' | '&' | ';') => {
-                if let Some(word) = word.take() {
-                    match std::mem::take(&mut redirected) {
-                        true => current.to = Some(word),
-                        false => current.words.push(word),
-                    }
-                }
-                redirected |= letter == '>';
-                if matches!(letter, '\n' | '|' | '&' | ';') {
-                    all.push(std::mem::take(&mut current));
+    let mut all = Vec::new();
+    for line in script.replace("\\\n", " ").lines() {
+        let words = shlex::split(line).unwrap_or_else(|| panic!("{line}: quotes that do not close"));
+        for words in words.split(|word| ["|", "&&", "&", ";"].contains(&&**word)) {
+            let mut simple = Simple::default();
+            let mut words = words.iter().cloned();
+            while let Some(word) = words.next() {
+                match &*word {
+                    ">" => simple.to = words.next(),
+                    _ => simple.words.push(word),
                 }
             }
-            (None, _) => word.get_or_insert_default().push(letter),
+            all.push(simple);
         }
     }
     all.retain(|command| !command.words.is_empty());

@@ -5,6 +5,7 @@ mod checkpoint;
 mod commands;
 #[cfg(test)]
 mod documented;
+mod error;
 mod evaluation;
 mod interrupt;
 mod job;
@@ -20,15 +21,12 @@ mod summary;
 mod terminal;
 
 use crate::program::open::photographs;
+use crate::program::error::{Partial, fault, message};
 use crate::program::interrupt;
 use clap::FromArgMatches;
 use std::io::{self, Write};
 use std::panic::{self, AssertUnwindSafe};
 use std::process::ExitCode;
-use std::sync::{Mutex, PoisonError};
-
-/// Where the last panic began, and its message.
-static PANIC: Mutex<String> = Mutex::new(String::new());
 
 /// The exit code after a fault of the program itself.
 const FAULT: u8 = 101;
@@ -62,22 +60,9 @@ pub fn main() -> ExitCode {
         }
         Err(error) => {
             print(&format!("{} {}", console::style("error:").for_stderr().red().bold(), message(&error)));
-            if error.is::<evaluation::results::Partial>() { ExitCode::from(3) } else { ExitCode::FAILURE }
+            if error.is::<Partial>() { ExitCode::from(3) } else { ExitCode::FAILURE }
         }
     }
-}
-
-fn fault() -> std::sync::MutexGuard<'static, String> {
-    PANIC.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// The error and its causes, without those that its text contains already.
-fn message(error: &anyhow::Error) -> String {
-    error.chain().map(ToString::to_string).fold(String::new(), |text, cause| match text.as_str() {
-        "" => cause,
-        _ if text.contains(&cause) => text,
-        _ => format!("{text}: {cause}"),
-    })
 }
 
 /// One line on stderr.

@@ -1,6 +1,7 @@
 //! Progress: bars on a terminal, plain lines elsewhere, JSON lines, or nothing.
 
 use crate::program::args::RunArgs;
+use crate::program::error::flags;
 use crate::program::interrupt;
 use crate::program::terminal::{columns, shown, wrapped};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -82,6 +83,7 @@ impl Progress {
     /// Keeps a warning for the record, and prints it before the result, or at once between pieces of work. A run that fails prints
     /// its error alone. One that was there before is not repeated.
     pub(crate) fn warn(&mut self, warning: String) {
+        let warning = flags(&warning);
         if self.warnings.contains(&warning) {
             return;
         }
@@ -160,7 +162,9 @@ impl Progress {
         if matches!(self.mode, Mode::Lines | Mode::Bars) {
             self.finish_bar();
             self.print_warnings();
-            let _ = writeln!(io::stdout().lock(), "{}\n", shown(tables, columns()));
+            if !tables.blocks.is_empty() {
+                let _ = writeln!(io::stdout().lock(), "{}\n", shown(tables, columns()));
+            }
         }
         self.result(text, value);
     }

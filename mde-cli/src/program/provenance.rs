@@ -37,6 +37,12 @@ pub(crate) fn about<'r>(command: &'static str, input: String, camera: &'r KnownC
     }
 }
 
+/// A pose's matrix, row by row.
+pub(crate) fn rows(pose: &mde_warp::Pose) -> [[f64; 4]; 4] {
+    let matrix = pose.to_homogeneous();
+    std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]))
+}
+
 /// Peak resident memory of the process, bytes; known on Linux only.
 pub(crate) fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;

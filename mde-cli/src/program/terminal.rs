@@ -1,7 +1,6 @@
 //! Results on a terminal of any width.
 
-use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, Width, presets};
-use mde_eval::table::{Block, Cell, Document};
+use mde_eval::table::{Block, Cell, Document, Table};
 use std::io::{self, IsTerminal};
 
 /// Width of the terminal on stdout; `usize::MAX` where stdout is no terminal.
@@ -9,7 +8,7 @@ pub(crate) fn columns() -> usize {
     if io::stdout().is_terminal() { usize::from(console::Term::stdout().size().1) } else { usize::MAX }
 }
 
-/// A document for a terminal of that width; without one, as Markdown.
+/// A document for a terminal of that width; without one, as Markdown. Tables are as wide as their cells.
 pub(crate) fn shown(document: &Document, columns: usize) -> String {
     if columns == usize::MAX {
         return document.markdown().trim_end().to_owned();
@@ -21,68 +20,28 @@ pub(crate) fn shown(document: &Document, columns: usize) -> String {
             let items = lines.iter().map(|line| wrapped(&format!("- {line}"), columns, 2));
             items.collect::<Vec<_>>().join("\n")
         }
-        Block::Table(table) => drawn(table, columns),
+        Block::Table(table) => aligned(table),
     };
     document.blocks.iter().map(block).collect::<Vec<_>>().join("\n\n")
 }
 
-/// A table in parts that fit into the width; each begins with the first column.
-fn drawn(table: &mde_eval::table::Table, columns: usize) -> String {
+/// Columns as wide as their longest cell, two spaces apart; numbers are aligned right.
+fn aligned(table: &Table) -> String {
     let head = table.columns.iter().map(|column| column.head.clone()).collect();
     let rows = table.rows.iter().map(|row| row.iter().map(Cell::plain).collect());
     let rows: Vec<Vec<String>> = std::iter::once(head).chain(rows).collect();
-    let numbers: Vec<bool> = table.columns.iter().map(|column| column.numeric).collect();
-    let widths = longest_words(&rows);
-    let (first, mut next) = (widths.first().copied().unwrap_or(0), 1);
-    let mut parts = Vec::new();
-    loop {
-        let mut used = first;
-        let fits = |&(index, width): &(usize, &usize)| {
-            used += width;
-            index == next || used <= columns
-        };
-        let end = widths.iter().enumerate().skip(next).take_while(fits).last().map_or(next, |(i, _)| i + 1);
-        let part: Vec<usize> = std::iter::once(0).chain(next..end).collect();
-        parts.push(part_of(&rows, &part, (&widths, &numbers), columns));
-        next = end;
-        if next >= widths.len() {
-            return parts.join("\n\n");
-        }
-    }
-}
-
-/// Length of the longest word of each column, with the spaces beside it.
-fn longest_words(rows: &[Vec<String>]) -> Vec<usize> {
-    let longest = |cell: &String| cell.split(' ').map(|word| word.chars().count()).max().unwrap_or(0) + 2;
-    let count = rows.iter().map(Vec::len).max().unwrap_or(0);
-    (0..count)
-        .map(|column| rows.iter().filter_map(|row| row.get(column)).map(longest).max().unwrap_or(0))
-        .collect()
-}
-
-/// Some columns of a table, none narrower than its longest word; numbers are aligned right.
-fn part_of(
-    rows: &[Vec<String>],
-    part: &[usize],
-    (widths, numbers): (&[usize], &[bool]),
-    columns: usize,
-) -> String {
-    let mut table = Table::new();
-    table.load_preset(presets::UTF8_HORIZONTAL_ONLY).set_content_arrangement(ContentArrangement::Dynamic);
-    table.set_width(u16::try_from(columns).unwrap_or(u16::MAX));
-    let mut content = rows.iter().map(|row| part.iter().map(|&i| row.get(i).cloned().unwrap_or_default()));
-    table.set_header(content.next().into_iter().flatten());
-    content.for_each(|row| {
-        table.add_row(row);
-    });
-    for (column, &index) in table.column_iter_mut().zip(part) {
-        let width = widths.get(index).map_or(0, |&width| u16::try_from(width).unwrap_or(u16::MAX));
-        column.set_constraint(ColumnConstraint::LowerBoundary(Width::Fixed(width)));
-        if numbers.get(index).is_some_and(|number| *number) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-    }
-    table.trim_fmt()
+    let length = |cell: &String| cell.chars().count();
+    let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(length).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..table.columns.len()).map(width).collect();
+    let line = |row: &Vec<String>| {
+        let cells = row.iter().zip(&widths).zip(&table.columns);
+        let padded = cells.map(|((cell, &width), column)| match column.numeric {
+            true => format!("{cell:>width$}"),
+            false => format!("{cell:width$}"),
+        });
+        padded.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+    };
+    rows.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
 /// Words with the spaces after them; a number and its unit are one.
@@ -152,20 +111,18 @@ mod tests {
     }
 
     #[test]
-    fn a_table_fits_and_a_file_gets_markdown() {
-        use mde_eval::table::{Column, Table};
+    fn a_table_is_aligned_and_a_file_gets_markdown() {
+        use mde_eval::table::Column;
         let columns = vec![Column::text("method"), Column::number("MSE, m² ↓"), Column::number("AbsRel ↓")];
         let row = |cells: [&str; 3]| cells.map(Cell::new).to_vec();
-        let rows = vec![row(["unsharp as sharp as fast", "1.91 (3.5)", "0.294"])];
+        let rows = vec![row(["fast", "1.91 (3.5)", "0.294"]), row(["unsharp as fast", "2", "0.3"])];
         let blocks = vec![Block::Text("Mean:".to_owned()), Block::Table(Table { columns, rows })];
         let document = Document { blocks };
         assert_eq!(shown(&document, usize::MAX), document.markdown().trim_end());
-        for columns in [30, 44, 80, 200] {
-            let drawn = shown(&document, columns);
-            assert!(drawn.lines().all(|line| line.chars().count() <= columns), "{columns}:\n{drawn}");
-            let has = |word: &str| drawn.contains(word);
-            assert!(["method", "unsharp", "1.91", "(3.5)", "0.294", "Mean:"].into_iter().all(has));
-            assert!(!drawn.contains("---"), "{drawn}");
-        }
+        let expected = "Mean:\n\n\
+                        method            MSE, m² ↓  AbsRel ↓\n\
+                        fast             1.91 (3.5)     0.294\n\
+                        unsharp as fast           2       0.3";
+        assert_eq!(shown(&document, 80), expected);
     }
 }

@@ -32,12 +32,7 @@ pub enum GivenCamera {
     /// Horizontal field of view, degrees.
     FieldOfView(f64),
     /// A file of intrinsics.
-    File {
-        /// The file.
-        path: PathBuf,
-        /// Index of its first pixel, 0 or 1.
-        base: u8,
-    },
+    File(PathBuf),
 }
 
 /// A camera and where it comes from.
@@ -100,7 +95,7 @@ impl KnownCamera {
     ) -> Result<Self> {
         let middle = |side: usize| 0.5 * (side as f64 - 1.0);
         let (camera, source) = match (given, focal_35mm) {
-            (GivenCamera::File { path, base }, _) => {
+            (GivenCamera::File(path), _) => {
                 let shown = path.display();
                 let read = std::fs::read_to_string(path).map_err(|error| {
                     Error::Argument(format!(
@@ -108,7 +103,7 @@ impl KnownCamera {
                     ))
                 })?;
                 let camera = Intrinsics::parse(&read)
-                    .and_then(|k| k.camera(*base, [width, height]))
+                    .and_then(|k| k.camera([width, height]))
                     .map_err(|error| Error::Argument(format!("{shown}: {}", text(&error))))?;
                 (camera, CameraSource::File(shown.to_string()))
             }

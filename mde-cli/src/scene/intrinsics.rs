@@ -10,7 +10,7 @@ use serde::Deserialize;
 /// use mde_cli::scene::intrinsics::Intrinsics;
 ///
 /// let k = Intrinsics::parse("520.5 0 277.9\n0 521 215\n0 0 1")?;
-/// let camera = k.camera(0, [561, 427])?;
+/// let camera = k.camera([561, 427])?;
 /// assert_eq!((camera.fx, camera.cy), (520.5, 215.0));
 /// # Ok::<(), mde_cli::Error>(())
 /// ```
@@ -61,19 +61,18 @@ impl Intrinsics {
         Ok(Self { fx, fy, cx, cy, width: None, height: None })
     }
 
-    /// The camera of an image of `width` by `height` pixels; the file counts pixels from `base`, 0 or 1.
+    /// The camera of an image of `width` by `height` pixels, counted from 0.
     ///
     /// # Errors
     /// [`Error::Intrinsics`] for intrinsics of another size, [`Error::Warp`] for a value out of range.
-    pub fn camera(&self, base: u8, [width, height]: [usize; 2]) -> Result<PinholeCamera> {
+    pub fn camera(&self, [width, height]: [usize; 2]) -> Result<PinholeCamera> {
         let (w, h) = (self.width.unwrap_or(width), self.height.unwrap_or(height));
         if (w, h) != (width, height) {
             return Err(fault(format!(
                 "the intrinsics are for {w}x{h} pixels but the image is {width}x{height}; scale them"
             )));
         }
-        let base = f64::from(base);
-        Ok(PinholeCamera::new(self.fx, self.fy, self.cx - base, self.cy - base, width, height)?)
+        Ok(PinholeCamera::new(self.fx, self.fy, self.cx, self.cy, width, height)?)
     }
 }
 
@@ -106,7 +105,7 @@ mod tests {
         let text =
             "{\"fx\": 500, \"fy\": 500, \"cx\": 319.5, \"cy\": 239.5, \"width\": 640, \"height\": 480}";
         let k = Intrinsics::parse(text).unwrap();
-        assert_eq!(k.camera(1, [640, 480]).unwrap().cx, 318.5);
-        assert!(k.camera(0, [320, 240]).is_err());
+        assert_eq!(k.camera([640, 480]).unwrap().cx, 319.5);
+        assert!(k.camera([320, 240]).is_err());
     }
 }

@@ -33,11 +33,14 @@ pub enum Format {
     Transforms,
     /// `sigma/`: the components of sigma (NPY).
     Sigma,
+    /// `field.safetensors`: the field of the last iteration.
+    Field,
 }
 
 impl Format {
     /// All formats.
-    pub const ALL: [Self; 6] = [Self::Ply, Self::Glb, Self::Exr, Self::Colmap, Self::Transforms, Self::Sigma];
+    pub const ALL: [Self; 7] =
+        [Self::Ply, Self::Glb, Self::Exr, Self::Colmap, Self::Transforms, Self::Sigma, Self::Field];
 
     /// Its name as an argument.
     pub fn name(self) -> &'static str {
@@ -48,6 +51,7 @@ impl Format {
             Self::Colmap => "colmap",
             Self::Transforms => "transforms",
             Self::Sigma => "sigma",
+            Self::Field => "field",
         }
     }
 
@@ -60,6 +64,7 @@ impl Format {
             Self::Colmap => "colmap/: images/ and sparse/0/",
             Self::Transforms => "transforms.json: camera, depth and sigma for nerfstudio",
             Self::Sigma => "sigma/: the components of sigma (NPY)",
+            Self::Field => "field.safetensors: the fitted field, for mde render",
         }
     }
 }
@@ -134,6 +139,8 @@ impl Exported<'_> {
                 }
                 Ok(())
             }
+            // Whoever has the field writes it.
+            Format::Field => Ok(()),
         }
     }
 

@@ -1,6 +1,6 @@
 //! The arguments of the commands that run over many scenes.
 
-use crate::program::args::{EncodingName, KindName, MemoryArgs, PresetName, RunArgs, size};
+use crate::program::args::{KindName, MemoryArgs, PresetName, RunArgs, size};
 use crate::program::many::Shard;
 use clap::{Args, ValueEnum};
 use mde_eval::align::AlignmentRule;
@@ -9,12 +9,11 @@ use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 #[command(
-    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the name of ROOT, of the data set where it has none, or of --pred: SUNRGBD-eval for SUNRGBD")),
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the name of ROOT, or of the data set where it has none: SUNRGBD-eval for SUNRGBD")),
     after_help = "\
 Examples:
   mde eval SUNRGBD --dataset sunrgbd --prior-model fastdepth_224.onnx --methods paper,default,guided -o out/eval
   mde eval --dataset rooms --simulated-prior --size 320x240 --methods default,my.toml,jbf -o out/rooms
-  mde eval --pred maps --sigma sigmas --gt truth -o out/maps
 
 Methods: the presets paper, default, fast and multi-view; consensus (plane sweeps without a field); field (multi-view);
 a TOML file that overrides --preset; the baselines prior, flip, zoom, unsharp0.5, unsharp1, unsharp2, noise, guided, jbf, wmf and fbs, and with several
@@ -34,8 +33,7 @@ pub(crate) struct EvalArgs {
         value_name = "NAMES",
         value_delimiter = ',',
         default_value = "default",
-        help_heading = "Methods",
-        conflicts_with = "pred"
+        help_heading = "Methods"
     )]
     pub(crate) methods: Vec<String>,
     /// Preset of methods in TOML files
@@ -48,8 +46,6 @@ pub(crate) struct EvalArgs {
     /// missing and writes the tables
     #[arg(long, value_name = "I/N", help_heading = "Output")]
     pub(crate) shard: Option<Shard>,
-    #[command(flatten)]
-    pub(crate) maps: MapArgs,
 }
 
 #[derive(Debug, Args)]
@@ -124,9 +120,9 @@ pub(crate) struct AblateArgs {
     /// Preset of the full model
     #[arg(long, value_enum, default_value = "paper", help_heading = "Rows")]
     pub(crate) preset: PresetName,
-    /// TOML file that overrides settings of the preset in all rows
-    #[arg(long, value_name = "FILE", help_heading = "Rows")]
-    pub(crate) config: Option<PathBuf>,
+    /// Settings over those of the preset in all rows, a TOML file or KEY=VALUE, repeatable
+    #[arg(long, value_name = "FILE|KEY=VALUE", help_heading = "Rows")]
+    pub(crate) config: Vec<String>,
 }
 
 /// The scenes.
@@ -202,58 +198,43 @@ pub(crate) struct EvalPriorArgs {
     /// Depth = value / X for files; 1000 for 16-bit PNG, 1 for floats
     #[arg(long, value_name = "X", requires = "prior_depth")]
     pub(crate) png_scale: Option<f64>,
+    /// What runs the model: tract, onnxruntime, auto, or the path of ONNX Runtime's library [default: tract]
+    #[arg(long, help_heading = "Advanced", value_name = "NAME|LIBRARY", requires = "prior_model")]
+    pub(crate) runtime: Option<String>,
 }
-
-/// Arguments without effect on existing maps.
-const MADE_HERE: [&str; 24] = [
-    "root",
-    "dataset",
-    "size",
-    "assume_fov",
-    "stride",
-    "filled_depth",
-    "places",
-    "photographs",
-    "baseline",
-    "pose_noise",
-    "gain",
-    "without_poses",
-    "without_intrinsics",
-    "prior_model",
-    "prior_depth",
-    "simulated_prior",
-    "simulated_model",
-    "prior_kind",
-    "shared_alignment",
-    "preset",
-    "methods",
-    "seed",
-    "jobs",
-    "shard",
-];
 
 /// Depth maps of other programs.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Maps of another program")]
-pub(crate) struct MapArgs {
-    /// A folder of depth maps to score (.npy, .npz, .pfm, .png, .exr)
-    #[arg(long, value_name = "DIR", requires = "gt", conflicts_with_all = MADE_HERE)]
-    pub(crate) pred: Option<PathBuf>,
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the name of PRED: maps-score for maps")),
+    after_help = "\
+Example:
+  mde score maps --gt truth --sigma sigmas -o out/maps
+
+Output: that of mde eval. Maps are .npy, .npz, .pfm, .png or .exr; those of the same name belong together."
+)]
+pub(crate) struct ScoreMapsArgs {
+    /// A folder of depth maps to score
+    #[arg(value_name = "PRED")]
+    pub(crate) pred: PathBuf,
     /// A folder with ground truth of the same names, metres; 0: missing
-    #[arg(long, value_name = "DIR", requires = "pred")]
-    pub(crate) gt: Option<PathBuf>,
+    #[arg(long, value_name = "DIR")]
+    pub(crate) gt: PathBuf,
     /// A folder with their standard deviations, in the depth's unit
-    #[arg(long, value_name = "DIR", requires = "pred")]
+    #[arg(long, value_name = "DIR")]
     pub(crate) sigma: Option<PathBuf>,
-    /// Encoding of the truth in PNG files
-    #[arg(long, help_heading = "Advanced", value_enum, default_value = "plain", requires = "gt")]
-    pub(crate) gt_encoding: EncodingName,
-    /// True depth = value / X; 1000 for 16-bit PNG, 1 for floats
-    #[arg(long, value_name = "X", requires = "gt")]
-    pub(crate) gt_scale: Option<f64>,
     /// Predicted depth = value / X; 1000 for 16-bit PNG, 1 for floats
-    #[arg(long, value_name = "X", requires = "pred")]
-    pub(crate) pred_scale: Option<f64>,
+    #[arg(long, help_heading = "Advanced", value_name = "X")]
+    pub(crate) png_scale: Option<f64>,
+    /// Scenes to score, separated by commas; default: all
+    #[arg(long, value_name = "IDS", value_delimiter = ',')]
+    pub(crate) scenes: Vec<String>,
+    #[command(flatten)]
+    pub(crate) score: ScoreArgs,
+    #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
 }
 
 /// The scores.

@@ -9,17 +9,15 @@ mod tools;
 pub(crate) use capture::{PosesArgs, SeveralArgs, UnitName};
 pub(crate) use evaluation::{
     AblateArgs, CalibrateArgs, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs, FaultName, ScoreArgs,
+    ScoreMapsArgs,
 };
 pub(crate) use output::{ExportArgs, RunArgs};
-#[cfg(feature = "onnxruntime")]
-pub(crate) use prior::RuntimeName;
-pub(crate) use prior::{EncodingName, KindName, PriorArgs, PriorSource, RuntimeArgs};
+pub(crate) use prior::{KindName, PriorArgs, PriorSource};
 pub(crate) use tools::{CompletionsArgs, DoctorArgs, ManArgs};
 
 use clap::{Args, CommandFactory, Id, Parser, Subcommand, ValueEnum};
 use crate::config::Preset;
 use crate::refiner::plan::limit::MemoryLimit;
-use crate::refiner::error_bar::ErrorBar;
 use mde_prior::augment::Predictions;
 use std::path::{Path, PathBuf};
 
@@ -72,10 +70,12 @@ pub(crate) enum Command {
     Poses(Box<PosesArgs>),
     /// Write the synthetic views of an image, for inspection
     Warp(Box<WarpArgs>),
-    /// Render a field saved by `mde refine --save-field`
+    /// Render a field saved by `mde refine --export field`
     Render(Box<RenderArgs>),
-    /// Score methods on the scenes of a data set, or the depth maps of any program
+    /// Score methods on the scenes of a data set
     Eval(Box<EvalArgs>),
+    /// Score the depth maps of any program
+    Score(Box<ScoreMapsArgs>),
     /// Run an ablation: one change of the settings per row
     Ablate(Box<AblateArgs>),
     /// Calibrate the error bars of mde refine on scenes with known depth
@@ -133,7 +133,7 @@ Examples:
   mde refine room.jpg --prior-model fastdepth_224.onnx
   mde refine room.jpg --prior-model net.onnx --model-profile depth-anything-v2 -o out/room
   mde refine holiday --prior-model fastdepth_224.onnx -o out/holiday
-  mde refine room.png --prior-depth depth.png --png-scale 5000 --intrinsics K.txt --intrinsics-base 1 -o out/room
+  mde refine room.png --prior-depth depth.png --png-scale 5000 --intrinsics K.txt -o out/room
   mde refine room.png --prior-depth depth.exr --fx 520 --fy 520 --cx 319.5 --cy 239.5 --gt truth.npy -o out/room
 
 Output: depth.npy and sigma.npy (f32 [height, width], the prior's unit; missing: 0 and inf), prior.npy, depth.png
@@ -173,9 +173,6 @@ pub(crate) struct RefineArgs {
     pub(crate) error_bar: ErrorBarArgs,
     #[command(flatten)]
     pub(crate) export: ExportArgs,
-    /// Also write the field of the last iteration: field.safetensors
-    #[arg(long, help_heading = "Advanced")]
-    pub(crate) save_field: bool,
 }
 
 #[derive(Debug, Args)]
@@ -215,7 +212,7 @@ Examples:
 Output per view: colour.png, depth.npy, sigma.npy (missing: 0 and inf), depth.png; numbered with --orbit; run.json."
 )]
 pub(crate) struct RenderArgs {
-    /// The field saved by `mde refine --save-field`
+    /// The field saved by `mde refine --export field`
     #[arg(long, value_name = "FIELD.safetensors")]
     pub(crate) field: PathBuf,
     /// Size of the images, pixels
@@ -299,9 +296,6 @@ pub(crate) struct CameraArgs {
     /// Intrinsics: a 3x3 matrix as text, or JSON with fx, fy, cx, cy
     #[arg(long, value_name = "FILE", conflicts_with_all = ["fx", "fov"])]
     pub(crate) intrinsics: Option<PathBuf>,
-    /// Index of the first pixel in the intrinsics file (SUN RGB-D: 1)
-    #[arg(long, help_heading = "Advanced", value_name = "0|1", requires = "intrinsics", conflicts_with_all = ["fx", "fov"], default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=1))]
-    pub(crate) intrinsics_base: u8,
     /// Horizontal focal length, pixels
     #[arg(long, value_name = "PX", allow_negative_numbers = true, conflicts_with = "fov")]
     pub(crate) fx: Option<f64>,
@@ -334,6 +328,13 @@ pub(crate) struct SizeArgs {
     pub(crate) memory: MemoryArgs,
 }
 
+impl SizeArgs {
+    /// No other size than that of the input.
+    pub(crate) fn of_memory(memory: MemoryArgs) -> Self {
+        Self { max_size: None, work_size: f64::INFINITY, memory }
+    }
+}
+
 /// The memory limit.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Size")]
@@ -344,15 +345,15 @@ pub(crate) struct MemoryArgs {
 }
 
 /// The settings.
-#[derive(Debug, Args)]
+#[derive(Debug, Default, Args)]
 #[command(next_help_heading = "Settings")]
 pub(crate) struct SettingsArgs {
     /// Preset of the settings; default: multi-view with several photographs, default with one
     #[arg(long, value_enum)]
     pub(crate) preset: Option<PresetName>,
-    /// TOML file that overrides settings of the preset; `mde config` prints all
-    #[arg(long, value_name = "FILE")]
-    pub(crate) config: Option<PathBuf>,
+    /// Settings over those of the preset, a TOML file or KEY=VALUE, repeatable; `mde config` prints all
+    #[arg(long, value_name = "FILE|KEY=VALUE")]
+    pub(crate) config: Vec<String>,
     /// Seed of all random draws; default: that of the settings, 0
     #[arg(long, help_heading = "Advanced", value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub(crate) seed: Option<u64>,
@@ -362,12 +363,9 @@ pub(crate) struct SettingsArgs {
     /// Predictions of the model at most, on the photograph, its mirror image and crops: auto, or a number (1: the photograph alone)
     #[arg(long, value_name = "N|auto")]
     pub(crate) predictions: Option<Predictions>,
-    /// Nearest depth of the scene, for disparity of unknown scale and shift; default: that of the settings, 0.8
-    #[arg(long, value_name = "METRES", value_parser = positive)]
-    pub(crate) near: Option<f64>,
-    /// Farthest depth of the scene, likewise; default: 8
-    #[arg(long, value_name = "METRES", value_parser = positive)]
-    pub(crate) far: Option<f64>,
+    /// Nearest and farthest depth of the scene, metres, for disparity of unknown scale and shift; default: those of the settings, 0.8,8
+    #[arg(long, help_heading = "Advanced", value_name = "NEAR,FAR", value_parser = depth_range)]
+    pub(crate) depth_range: Option<[f64; 2]>,
 }
 
 /// Ground truth for the scores.
@@ -377,16 +375,10 @@ pub(crate) struct TruthArgs {
     /// Ground-truth depth of the image's size, metres (0: missing), to score prior and refined depth
     #[arg(long, value_name = "FILE")]
     pub(crate) gt: Option<PathBuf>,
-    /// Encoding of the truth in PNG files
-    #[arg(long, help_heading = "Advanced", value_enum, default_value = "plain", requires = "gt")]
-    pub(crate) gt_encoding: EncodingName,
-    /// True depth = value / X; 1000 for 16-bit PNG, 1 for floats
-    #[arg(long, help_heading = "Advanced", value_name = "X", requires = "gt")]
-    pub(crate) gt_scale: Option<f64>,
 }
 
 /// The requested error bar.
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Error bar")]
 pub(crate) struct ErrorBarArgs {
     /// Also write lower.npy and upper.npy, an interval meant to contain the true depth with this probability
@@ -395,13 +387,6 @@ pub(crate) struct ErrorBarArgs {
     /// Calibration file of `mde calibrate`: scales sigma and intervals
     #[arg(long, value_name = "FILE")]
     pub(crate) calibration: Option<PathBuf>,
-}
-
-impl ErrorBarArgs {
-    /// The error bar, with its calibration read.
-    pub(crate) fn open(&self) -> crate::error::Result<ErrorBar> {
-        ErrorBar::open(self.interval, self.calibration.as_deref())
-    }
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -447,6 +432,14 @@ fn positive(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(number) if number > 0.0 && f64::is_finite(number) => Ok(number),
         _ => Err("give a positive number".to_owned()),
+    }
+}
+
+fn depth_range(text: &str) -> Result<[f64; 2], String> {
+    let numbers = text.split_once(',').and_then(|(near, far)| Some([near.trim().parse().ok()?, far.trim().parse().ok()?]));
+    match numbers {
+        Some([near, far]) if near > 0.0 && far > near && f64::is_finite(far) => Ok([near, far]),
+        _ => Err("give two positive numbers, the nearer first, such as 0.8,8".to_owned()),
     }
 }
 

@@ -1,9 +1,7 @@
 //! The prior: arguments of every command that reads or predicts one.
 
-use crate::program::args::size;
 use clap::{Args, ValueEnum};
 use mde_prior::DepthKind;
-use mde_prior::format::Encoding;
 use std::path::PathBuf;
 
 /// Where the monocular depth comes from.
@@ -15,51 +13,16 @@ pub(crate) struct PriorArgs {
     /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else recognised by its folder, its graph or its name
     #[arg(long, value_name = "NAME", conflicts_with = "prior_depth")]
     pub(crate) model_profile: Option<String>,
-    /// Size of the model's input, pixels; by default that of the profile
-    #[arg(long, value_name = "WxH", value_parser = size, conflicts_with = "prior_depth")]
-    pub(crate) input_size: Option<[usize; 2]>,
     /// Kind of the values; by default metric for a file whose metadata have no other unit, and that of the profile for a model
     #[arg(long, value_enum)]
     pub(crate) prior_kind: Option<KindName>,
     /// Depth = value / X for a file; for 16-bit PNG the scale in its metadata, else 1000; 1 for floats
     #[arg(long, value_name = "X", conflicts_with = "prior_model")]
     pub(crate) png_scale: Option<f64>,
-    /// Encoding of depths in PNG files
-    #[arg(
-        long,
-        help_heading = "Advanced",
-        value_enum,
-        default_value = "plain",
-        conflicts_with = "prior_model"
-    )]
-    pub(crate) prior_encoding: EncodingName,
-    #[command(flatten)]
-    pub(crate) runtime: RuntimeArgs,
-}
-
-/// What runs a model.
-#[derive(Debug, Clone, Default, Args)]
-#[command(next_help_heading = "Prior")]
-pub(crate) struct RuntimeArgs {
-    /// What runs the model; tract, unless --onnxruntime is given
-    #[cfg(feature = "onnxruntime")]
-    #[arg(long, value_enum)]
-    pub(crate) runtime: Option<RuntimeName>,
-    /// ONNX Runtime's library; else ORT_DYLIB_PATH, else beside this program, else in the active Python's package onnxruntime
-    #[cfg(feature = "onnxruntime")]
-    #[arg(long, value_name = "LIBRARY")]
-    pub(crate) onnxruntime: Option<PathBuf>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-#[cfg(feature = "onnxruntime")]
-pub(crate) enum RuntimeName {
-    /// ONNX Runtime where its library is found, else tract
-    Auto,
-    /// tract, part of this program
-    Tract,
-    /// ONNX Runtime
-    Onnxruntime,
+    /// What runs the model: tract (part of this program), onnxruntime, auto (ONNX Runtime where its library is found, else tract), or the
+    /// path of ONNX Runtime's library [default: tract]
+    #[arg(long, help_heading = "Advanced", value_name = "NAME|LIBRARY", conflicts_with = "prior_depth")]
+    pub(crate) runtime: Option<String>,
 }
 
 #[derive(Debug, Clone, Args)]
@@ -89,23 +52,6 @@ impl From<KindName> for DepthKind {
             KindName::Metric => Self::Metric,
             KindName::Depth => Self::RelativeDepth,
             KindName::Disparity => Self::AffineDisparity,
-        }
-    }
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum EncodingName {
-    /// Depth = value / scale
-    Plain,
-    /// SUN RGB-D's rotated bits, millimetres
-    Sunrgbd,
-}
-
-impl From<EncodingName> for Encoding {
-    fn from(name: EncodingName) -> Self {
-        match name {
-            EncodingName::Plain => Self::Linear,
-            EncodingName::Sunrgbd => Self::Sunrgbd,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Arguments of the commands about the program and the machine.
 
-use crate::program::args::{KindName, size};
+use crate::program::args::KindName;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use std::path::PathBuf;
 Examples:
   mde doctor
   mde doctor --prior-model dpt_large.onnx
-  mde doctor --prior-model net.onnx --input-size 48x48 --prior-kind disparity
+  mde doctor --prior-model net.onnx --model-profile net.toml --prior-kind disparity
 
 A model is timed with every runtime that is found, and its predictions of procedural rooms are compared with the exact depth.")]
 pub(crate) struct DoctorArgs {
@@ -19,16 +19,12 @@ pub(crate) struct DoctorArgs {
     /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else recognised by its folder, its graph or its name
     #[arg(long, value_name = "NAME", requires = "prior_model")]
     pub(crate) model_profile: Option<String>,
-    /// Size of the model's input, pixels; by default that of the profile
-    #[arg(long, value_name = "WxH", value_parser = size, requires = "prior_model")]
-    pub(crate) input_size: Option<[usize; 2]>,
     /// Kind of the model's values; by default that of the profile
     #[arg(long, value_enum, requires = "prior_model")]
     pub(crate) prior_kind: Option<KindName>,
     /// ONNX Runtime's library, timed beside tract; else ORT_DYLIB_PATH, else beside this program, else in the active Python
-    #[cfg(feature = "onnxruntime")]
     #[arg(long, value_name = "LIBRARY", requires = "prior_model")]
-    pub(crate) onnxruntime: Option<PathBuf>,
+    pub(crate) runtime: Option<String>,
 }
 
 #[derive(Debug, Args)]

@@ -6,7 +6,7 @@ use crate::program::evaluation::ablation::FULL;
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::results::Results;
 use crate::program::evaluation::setup::{Request, Setup};
-use crate::program::open::opened::use_threads;
+use crate::program::open::settings::{overridden, use_threads};
 use crate::program::progress::Progress;
 use anyhow::{Result, ensure};
 use crate::config::{Config, Preset};
@@ -40,10 +40,7 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
 
 fn base(args: &AblateArgs) -> Result<Config> {
     let preset = Preset::from(args.preset);
-    Ok(match &args.config {
-        Some(path) => Config::from_file(preset, path)?,
-        None => preset.config(),
-    })
+    overridden(preset, &args.config)
 }
 
 /// The prior, then every row with every seed.

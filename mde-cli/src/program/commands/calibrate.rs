@@ -4,7 +4,7 @@ use crate::program::args::CalibrateArgs;
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::results;
 use crate::program::evaluation::setup::{Request, Setup};
-use crate::program::open::opened::use_threads;
+use crate::program::open::settings::use_threads;
 use crate::program::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
 use crate::refiner::calibration::fingerprint;

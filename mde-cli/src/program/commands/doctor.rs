@@ -1,13 +1,13 @@
 //! `mde doctor`: checks of the machine and of a model.
 
-#[cfg(feature = "onnxruntime")]
-use crate::program::args::{RuntimeName, DoctorArgs, EncodingName, PriorArgs, PriorSource, RuntimeArgs};
-use crate::program::open::prior::NamedPrior;
+use crate::config::Preset;
 use crate::output::record::versions;
+use crate::prior::OpenPrior;
+use crate::program::args::{DoctorArgs, PriorArgs, PriorSource};
+use crate::program::error::message;
+use crate::program::open::prior;
 use crate::program::terminal::{columns, wrapped};
 use anyhow::{Context, Result, bail, ensure};
-use crate::naming::Naming;
-use crate::config::Preset;
 use mde_eval::scene::{Room, room};
 use mde_eval::trial::{Order, SIZE, Trial};
 use mde_prior::augment::Plan;
@@ -49,63 +49,52 @@ pub(super) fn run(args: &DoctorArgs) -> Result<()> {
 
 /// Times the model with every runtime, and compares its predictions of rooms with their depth.
 fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
-    let open = |runtime: RuntimeArgs| {
-        let args = PriorArgs {
+    let open = |runtime: &str| {
+        prior::open(&PriorArgs {
             source: PriorSource { prior_model: Some(path.to_owned()), prior_depth: None },
             model_profile: args.model_profile.clone(),
-            input_size: args.input_size,
             prior_kind: args.prior_kind,
             png_scale: None,
-            prior_encoding: EncodingName::Plain,
-            runtime,
-        };
-        NamedPrior::open(&args)
+            runtime: Some(runtime.to_owned()),
+        })
     };
-    let prior = open(RuntimeArgs::default())?;
+    let prior = open("tract")?;
     print("model", &path.display().to_string());
-    if let Some(spec) = &prior.origin.model {
+    if let Some(spec) = &prior.origin().model {
         let json = serde_json::to_string(spec).with_context(|| path.display().to_string())?;
         // Spaces, so that the line can be wrapped; it is still JSON.
         print("profile", &json.replace(",\"", ", \""));
     }
     time(&prior)?;
-    #[cfg(feature = "onnxruntime")]
-    match mde_prior::find_onnxruntime(args.onnxruntime.as_deref()) {
-        None => print(
-            "runtime",
-            "ONNX Runtime: no library found; pip install onnxruntime, or give --onnxruntime PATH",
-        ),
-        Some(library) => {
-            let runtime = RuntimeArgs { runtime: Some(RuntimeName::Onnxruntime), onnxruntime: Some(library) };
-            match open(runtime).and_then(|prior| time(&prior)) {
-                Ok(()) => {}
-                Err(error) => print("runtime", &crate::program::message(&error)),
-            }
+    if cfg!(feature = "onnxruntime") {
+        let other = args.runtime.as_deref().filter(|runtime| *runtime != "tract").unwrap_or("onnxruntime");
+        if let Err(error) = open(other).and_then(|prior| time(&prior)) {
+            print("runtime", &message(&error));
         }
     }
     verdict(path, &prior)
 }
 
 /// Seconds per prediction and of a run with the preset `default`.
-fn time(prior: &NamedPrior) -> Result<()> {
+fn time(prior: &OpenPrior<'_>) -> Result<()> {
     let scene = room(Room::Study, 0, SIZE[0], SIZE[1])?;
     // The first prediction may take longer.
-    prior.prior.predict(scene.image.view())?;
+    prior.prior().predict(scene.image.view())?;
     let start = Instant::now();
-    prior.prior.predict(scene.image.view())?;
+    prior.prior().predict(scene.image.view())?;
     let alone = start.elapsed().as_secs_f64();
-    let at_once = prior.prior.concurrency().clamp(1, rayon::current_num_threads());
+    let at_once = prior.prior().concurrency().clamp(1, rayon::current_num_threads());
     let start = Instant::now();
-    _ = predict_each(&*prior.prior, &vec![scene.image.view(); at_once], None, |_| ControlFlow::Continue(()))?;
+    _ = predict_each(prior.prior(), &vec![scene.image.view(); at_once], None, |_| ControlFlow::Continue(()))?;
     let seconds = start.elapsed().as_secs_f64();
     let usual = Preset::Default.config().augmentation.predictions;
-    let predictions = Plan::new(usual, USUAL, prior.prior.resolution(USUAL.0, USUAL.1)).predictions();
+    let predictions = Plan::new(usual, USUAL, prior.prior().resolution(USUAL.0, USUAL.1)).predictions();
     print(
         "runtime",
         &format!(
             "{}: {alone:.3} s for one prediction, {seconds:.3} s for {at_once} at once; for a photograph of {}x{} the preset default needs {predictions} \
              predictions, about {:.1} s",
-            prior.origin.runtime.as_deref().unwrap_or("-"),
+            prior.origin().runtime.as_deref().unwrap_or("-"),
             USUAL.1,
             USUAL.0,
             (predictions as f64 / at_once as f64).ceil() * seconds
@@ -115,8 +104,8 @@ fn time(prior: &NamedPrior) -> Result<()> {
 }
 
 /// Whether the model's order of depths agrees with that of procedural rooms beyond chance.
-fn verdict(path: &Path, prior: &NamedPrior) -> Result<()> {
-    let trial = Trial::new(&*prior.prior)?;
+fn verdict(path: &Path, prior: &OpenPrior<'_>) -> Result<()> {
+    let trial = Trial::new(prior.prior())?;
     for tried in &trial.rooms {
         ensure!(
             tried.missing < 0.5,
@@ -137,7 +126,7 @@ fn verdict(path: &Path, prior: &NamedPrior) -> Result<()> {
     );
     match trial.order() {
         Order::True => {}
-        Order::Exchanged => bail!(prior.origin.exchanged(trial.mean(), Naming::Flags)),
+        Order::Exchanged => bail!(prior.origin().swapped(trial.mean())),
         Order::Chance => bail!(
             "{}: its depth does not agree with the rooms' beyond chance (mean correlation {:.2}); check the profile and the weights",
             path.display(),

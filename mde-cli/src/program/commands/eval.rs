@@ -1,20 +1,16 @@
 //! `mde eval`.
 
-use crate::program::commands::score_maps;
 use crate::program::args::EvalArgs;
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::results;
 use crate::program::evaluation::setup::{Request, Setup};
-use crate::program::open::opened::use_threads;
+use crate::program::open::settings::use_threads;
 use crate::program::progress::Progress;
 use anyhow::Result;
 
 pub(super) fn run(args: &EvalArgs) -> Result<()> {
     let mut progress = Progress::new(&args.common.run);
     use_threads(&args.common.run)?;
-    if args.maps.pred.is_some() {
-        return score_maps::run(args, &mut progress);
-    }
     let methods = Method::parse_list(&args.methods, args.preset.into(), args.seed)?;
     let shard = args.shard;
     let request = Request { command: "eval", methods: &methods, controls: true, share_fields: false, shard };

@@ -12,7 +12,7 @@ mod poses;
 mod refine;
 mod render;
 mod report;
-mod score_maps;
+mod score;
 mod warp;
 
 use crate::program::args::Command;
@@ -26,6 +26,7 @@ pub(crate) fn run(command: &Command) -> Result<()> {
         Command::Warp(args) => warp::run(args),
         Command::Render(args) => render::run(args),
         Command::Eval(args) => eval::run(args),
+        Command::Score(args) => score::run(args),
         Command::Ablate(args) => ablate::run(args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Config(args) => config::run(args),
@@ -35,10 +36,4 @@ pub(crate) fn run(command: &Command) -> Result<()> {
         Command::Completions(args) => manual::completions(args),
         Command::Man(args) => manual::page(args),
     }
-}
-
-/// A pose's matrix, row by row.
-pub(crate) fn rows(pose: &mde_warp::Pose) -> [[f64; 4]; 4] {
-    let matrix = pose.to_homogeneous();
-    std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]))
 }

@@ -1,13 +1,10 @@
 use crate::program::args::{PathArgs, RenderArgs};
-use crate::program::open::camera;
-use crate::program::open::opened::use_threads;
-use crate::program::open::size::check_memory;
+use crate::program::open::settings::{camera, limit, use_threads};
 use crate::program::store::folder::{OutputFolder, RECORD};
-use crate::program::provenance::{about, write_json};
+use crate::program::provenance::{about, rows, write_json};
 use crate::program::interrupt;
 use crate::program::progress::Progress;
 use anyhow::{Context, Result, ensure};
-use crate::naming::Naming;
 use crate::refiner::plan::render_bytes;
 use crate::refiner::depth_png::DepthPng;
 use crate::output::record::About;
@@ -48,13 +45,13 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output(&args.field, "-render"), args.run.force)?;
-    let camera = camera::of_size(&args.camera, None, args.size)?;
-    if let Some(warning) = camera.warning(Naming::Flags) {
+    let camera = camera(&args.camera, None, args.size)?;
+    if let Some(warning) = camera.warning() {
         progress.warn(warning);
     }
     let [width, height] = args.size;
     let count = args.path.orbit.map_or(1, u64::from);
-    check_memory(&args.memory, "--size", (height, width), |pixels| render_bytes(pixels, count))?;
+    limit(&args.memory).check("--size", (height, width), |pixels| render_bytes(pixels, count))?;
     let shown = args.field.display();
     ensure!(args.field.exists(), "{shown}: no such file; check the path");
     ensure!(args.field.is_file(), "{shown}: give a file, not a folder");
@@ -77,7 +74,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
             write_view(path, &number, view, &png)?;
             records.push(ViewRecord {
                 colour: format!("colour{number}.png"),
-                world_to_camera: super::rows(pose),
+                world_to_camera: rows(pose),
             });
         }
         let about = About {

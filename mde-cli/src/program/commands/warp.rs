@@ -8,7 +8,7 @@ use crate::program::args::{ErrorBarArgs, WarpArgs};
 use crate::program::open::settings::{settings, use_threads};
 use crate::program::open::{prior, scene};
 use crate::program::progress::Progress;
-use crate::program::provenance::{about, write_json};
+use crate::program::provenance::{about, rows, write_json};
 use crate::program::store::folder::{OutputFolder, RECORD};
 use crate::refiner::Refiner;
 use crate::reports::iteration::WarpReport;
@@ -97,7 +97,7 @@ fn write_views(folder: &Path, views: &[PosedView]) -> Result<()> {
             write_npy(folder.join(&depth), hypothesis.mean())?;
         }
         let trainable = view.mask.iter().filter(|real| **real).count() as f64 / view.mask.len() as f64;
-        let world_to_camera = crate::program::commands::rows(&view.pose);
+        let world_to_camera = rows(&view.pose);
         records.push(ViewRecord { image, mask, depth, world_to_camera, trainable });
     }
     write_json(&folder.join("poses.json"), &records)?;

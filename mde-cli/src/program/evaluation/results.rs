@@ -2,6 +2,7 @@
 
 use crate::program::evaluation::runner::Failure;
 use crate::program::evaluation::scoring::SIGMA_BY;
+use crate::program::error::Partial;
 use crate::program::evaluation::verdict;
 use crate::program::store::folder::temporary_folder;
 use crate::program::provenance::{command_line, write_json};
@@ -9,7 +10,6 @@ use crate::output::record::versions;
 use crate::program::report;
 use crate::program::report::FIGURES;
 use crate::program::progress::Progress;
-use crate::program::terminal::columns;
 use anyhow::{Context, Result, ensure};
 use mde_eval::figure;
 use mde_eval::statistics::Bootstrap;
@@ -39,16 +39,7 @@ pub(crate) struct Results {
     pub(crate) record: Value,
 }
 
-/// Some scenes or methods failed; the results of the others are written.
-#[derive(Debug, thiserror::Error)]
-#[error("{failed} of the runs failed ({first}); the others are in {folder}")]
-pub(crate) struct Partial {
-    pub(crate) failed: usize,
-    pub(crate) first: String,
-    pub(crate) folder: String,
-}
-
-/// Writes tables and figures into `folder` and prints the tables.
+/// Writes tables and figures into `folder` and prints the verdict.
 ///
 /// # Errors
 /// [`Partial`] where a scene or method failed; the results of the others are written.
@@ -90,16 +81,10 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
             .with_context(|| format!("{}: can't put the results there", target.display()))?;
     }
     let report = report::write(folder)?;
-    let (table, report) = (folder.join("table.md"), report.display());
-    // On a terminal the tables would be hundreds of lines.
-    let (shown, text) = match columns() {
-        usize::MAX => (tables, format!("tables: {}\nreport: {report}", table.display())),
-        _ => {
-            let text = format!("{}; report: {report}; tables: {}", counted(&summary), table.display());
-            (results.brief(&verdict), text)
-        }
-    };
-    progress.tables(&shown, &text, json!({ "event": "result", "summary": value["summary"] }));
+    let table = folder.join("table.md");
+    let text = format!("{}; report: {}; tables: {}", counted(&summary), report.display(), table.display());
+    let value = json!({ "event": "result", "summary": value["summary"] });
+    progress.tables(&results.brief(&verdict), &text, value);
     match first {
         None => Ok(()),
         Some(first) => {

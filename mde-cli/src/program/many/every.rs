@@ -7,11 +7,11 @@ use crate::output::every::{CLOUD, EveryRecord, EveryRow, Solid, write_all};
 use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::output::names::folders;
 use crate::output::record::{About, versions};
-use crate::program::evaluation::results::Partial;
+use crate::program::error::Partial;
 use crate::program::interrupt;
 use crate::program::job::Job;
 use crate::program::many::item::{MARKER, Marker, read_marker};
-use crate::program::message;
+use crate::program::error::message;
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
 use crate::program::report::{Indexed, index};
@@ -25,7 +25,7 @@ use anyhow::{Context, Result, bail, ensure};
 use mde_eval::table::{Block, Cell, Column, Document, Table};
 use mde_prior::format::{PngContent, ReadOptions, png_content, read_values};
 use mde_warp::{PinholeCamera, Pose};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
 use std::time::Instant;
@@ -46,19 +46,30 @@ struct Placed {
 pub(crate) fn check_folder(output: &Path) -> Result<()> {
     check_place("-o", output)?;
     let shown = output.display();
-    if !output.exists() || output.join(RECORD).is_file() {
+    if !output.exists() || is_record(&output.join(RECORD)) {
         return Ok(());
     }
-    // A killed run leaves finished photographs and what is swept.
+    // A killed run leaves finished photographs, files of all, and what is swept.
+    let (mut finished, mut others) = (false, false);
     for entry in fs::read_dir(output).with_context(|| shown.to_string())? {
         let name = entry.with_context(|| shown.to_string())?.file_name();
-        let unfinished = name.as_encoded_bytes().starts_with(b".mde-");
-        ensure!(
-            unfinished || output.join(&name).join(MARKER).is_file(),
-            "{shown}: holds no {RECORD} of an earlier run with --all; give another name to -o"
-        );
+        match output.join(&name).join(MARKER).is_file() {
+            true => finished = true,
+            false if name.as_encoded_bytes().starts_with(b".mde-") => {}
+            false => others |= !OF_ALL.iter().any(|file| name == *file),
+        }
     }
+    ensure!(
+        !others && (finished || !OF_ALL.iter().any(|name| output.join(name).exists())),
+        "{shown}: holds no {RECORD} of an earlier run with --all; give another name to -o"
+    );
     Ok(())
+}
+
+/// Whether it is the record of a run on a capture.
+fn is_record(path: &Path) -> bool {
+    let record = fs::read(path).ok().and_then(|text| serde_json::from_slice::<Value>(&text).ok());
+    record.is_some_and(|record| record["photographs"].is_array())
 }
 
 /// Refines all photographs of the job's capture. Those that a run of the same `made_from` finished stay as they are, unless `force` is set.
@@ -262,4 +273,36 @@ fn table(rows: &[EveryRow]) -> Table {
         ]
     });
     Table { columns, rows: rows.collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_is_continued_and_one_of_others_is_refused() {
+        let place = tempfile::tempdir().unwrap();
+        let out = place.path().join("out");
+        check_folder(&out).unwrap();
+        assert!(!out.exists());
+        let write = |name: &str, text: &str| {
+            let path = out.join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        };
+        // What runs leave that were killed at their first photograph, before their files of all, and before the last of these.
+        for left in [".mde-left", "a/finished.json", CLOUD] {
+            write(left, "");
+            check_folder(&out).unwrap();
+        }
+        // The record of one photograph.
+        write(RECORD, "{}");
+        write("thesis.txt", "years");
+        assert!(check_folder(&out).unwrap_err().to_string().contains("another name to -o"));
+        write(RECORD, r#"{ "photographs": [] }"#);
+        check_folder(&out).unwrap();
+        fs::remove_dir_all(&out).unwrap();
+        write(CLOUD, "of another program");
+        assert!(check_folder(&out).is_err());
+    }
 }

@@ -7,7 +7,7 @@ use crate::program::args::RefineArgs;
 use crate::program::job::Job;
 use crate::program::many::allowance::{Allowance, Taken};
 use crate::program::many::index::Row;
-use crate::program::message;
+use crate::program::error::message;
 use crate::program::open::scene;
 use crate::program::progress::Progress;
 use crate::program::provenance::write_json;

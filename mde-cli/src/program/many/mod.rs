@@ -15,7 +15,7 @@ pub(crate) use shard::Shard;
 
 use crate::output::names::folders;
 use crate::program::args::RefineArgs;
-use crate::program::evaluation::results::Partial;
+use crate::program::error::Partial;
 use crate::program::interrupt;
 use crate::program::job::Job;
 use crate::program::many::allowance::Allowance;
@@ -93,7 +93,7 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
             let index = next.fetch_add(1, Ordering::Relaxed);
             let Some(item) = items.get(index).filter(|_| !interrupt::requested()) else { break };
             let made = catch_unwind(AssertUnwindSafe(|| common.one(item)))
-                .unwrap_or_else(|_| Row::fault(item, &crate::program::fault()));
+                .unwrap_or_else(|_| Row::fault(item, &crate::program::error::fault()));
             state.lock().unwrap_or_else(PoisonError::into_inner).add(index, made, items.len(), start);
         }
     };

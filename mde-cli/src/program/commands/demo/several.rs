@@ -1,11 +1,12 @@
 //! Several photographs without poses, with a simulated network as the prior of each.
 
-use crate::program::commands::demo::{ROOM, Scene};
-use crate::program::open::camera::{CameraSource, KnownCamera};
-use crate::program::progress::Progress;
-use anyhow::{Context, Result};
-use crate::several::{Capture, Photograph};
+use super::{Demo, ROOM};
 use crate::config::Config;
+use crate::program::progress::Progress;
+use crate::scene::camera::{CameraSource, KnownCamera};
+use crate::scene::{Photograph, Scene};
+use anyhow::Result;
+use mde_eval::capture::CapturedView;
 use mde_eval::scene::{CaptureConfig, World};
 use mde_eval::simulated::{SimulatedModelConfig, SimulatedModels};
 use mde_prior::DepthKind;
@@ -17,11 +18,11 @@ const WITHHELD: usize = 1;
 /// The first further photograph is brighter or darker by this factor.
 const GAIN: f64 = 0.2;
 
-pub(super) fn scene(
+pub(super) fn demo(
     [width, height]: [usize; 2],
     config: &mut Config,
     progress: &mut Progress,
-) -> Result<Scene> {
+) -> Result<Demo> {
     config.multi_view.max_views = config.multi_view.max_views.min(USED);
     let views = USED + WITHHELD;
     progress.step(&format!("{views} photographs of a {ROOM}, {width}x{height} pixels"));
@@ -33,27 +34,17 @@ pub(super) fn scene(
         known.view.image.mapv_inplace(|v| (v.clamp(0.0, 1.0) * 255.0).round() / 255.0);
     }
     let prior = SimulatedModels::new(&world, &rendered, &network(config.seed))?;
-    let photographs: Vec<Photograph> = rendered
-        .views
-        .into_iter()
-        .enumerate()
-        .map(|(index, known)| Photograph {
-            name: format!("{index}.png"),
-            image: known.view.image,
-            mask: known.view.mask,
-            camera: known.view.camera,
-            focal_assumed: false,
-            pose: None,
-        })
-        .collect();
-    let reference = photographs.first().context("the room has no photograph")?;
-    Ok(Scene {
-        image: reference.image.clone(),
-        camera: KnownCamera { camera: reference.camera, source: CameraSource::Scene },
-        truth: rendered.truth,
+    let truth = rendered.truth;
+    let photograph = |(index, known): (usize, CapturedView)| {
+        let camera = KnownCamera { camera: known.view.camera, source: CameraSource::Scene };
+        Photograph { mask: known.view.mask, ..Photograph::new(format!("{index}.png"), known.view.image, camera) }
+    };
+    let photographs = rendered.views.into_iter().enumerate().map(photograph).collect();
+    Ok(Demo {
+        scene: Scene::several(photographs, 0)?,
+        truth,
         prior: Box::new(prior),
         kind: DepthKind::Metric,
-        capture: Some(Capture { photographs, reference: 0, points: Vec::new() }),
     })
 }
 

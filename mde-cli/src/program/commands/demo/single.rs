@@ -1,34 +1,30 @@
 //! One photograph, with a depth map as its prior.
 
-use crate::program::commands::demo::{ROOM, Scene};
-use crate::program::open::camera::{CameraSource, KnownCamera};
-use crate::program::progress::Progress;
-use anyhow::Result;
+use super::{Demo, ROOM};
 use crate::config::Config;
+use crate::program::progress::Progress;
+use crate::scene::camera::{CameraSource, KnownCamera};
+use crate::scene::{Photograph, Scene};
+use anyhow::Result;
 use mde_eval::scene::room;
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 
-pub(super) fn scene(
+pub(super) fn demo(
     [width, height]: [usize; 2],
     own_settings: bool,
     config: &mut Config,
     progress: &mut Progress,
-) -> Result<Scene> {
+) -> Result<Demo> {
     if !own_settings {
         config.nerf.train.steps = steps(config.nerf.train.steps, width * height);
     }
     progress.step(&format!("a {ROOM} of {width}x{height} pixels"));
-    let scene = room(ROOM, config.seed, width, height)?;
+    let room = room(ROOM, config.seed, width, height)?;
     let faults = SimulatedPriorConfig { seed: config.seed, ..SimulatedPriorConfig::disparity() };
-    let prior = SimulatedPrior::new(&scene.depth, &faults)?;
-    Ok(Scene {
-        image: scene.image,
-        camera: KnownCamera { camera: scene.camera, source: CameraSource::Scene },
-        truth: scene.depth,
-        prior: Box::new(prior),
-        kind: faults.kind,
-        capture: None,
-    })
+    let prior = SimulatedPrior::new(&room.depth, &faults)?;
+    let camera = KnownCamera { camera: room.camera, source: CameraSource::Scene };
+    let scene = Scene::one(Photograph::new("0.png", room.image, camera));
+    Ok(Demo { scene, truth: room.depth, prior: Box::new(prior), kind: faults.kind })
 }
 
 /// The steps of a preset are for 640x480; smaller rooms get fewer in proportion.
