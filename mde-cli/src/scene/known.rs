@@ -2,6 +2,32 @@
 
 use crate::error::{text, Error, Result};
 
+/// A depth that is known at a pixel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KnownDepth {
+    /// Column in pixels of the result, pixel centres at integers.
+    pub x: f64,
+    /// Row.
+    pub y: f64,
+    /// Depth z, positive.
+    pub depth: f64,
+    /// Its standard deviation, 0 where it is not known.
+    pub sigma: f64,
+}
+
+impl KnownDepth {
+    pub(crate) fn check(&self) -> Result<()> {
+        let Self { x, y, depth, sigma } = *self;
+        let finite = [x, y, depth, sigma].iter().all(|v| v.is_finite());
+        match finite && depth > 0.0 && sigma >= 0.0 {
+            true => Ok(()),
+            false => Err(Error::Scale(format!(
+                "the known depth {depth} +- {sigma} at ({x}, {y}) is no positive number; check its columns"
+            ))),
+        }
+    }
+}
+
 /// KnownDepths depths in pixels of the photograph's file.
 #[derive(Debug, Clone)]
 pub struct KnownDepths {
