@@ -110,8 +110,23 @@ impl Error {
 
 /// Arguments that texts of the library name in braces.
 const ARGUMENTS: [&str; 17] = [
-    "alignment", "calibration", "depth-range", "fov", "interval", "intrinsics", "keep-field", "max-memory", "max-size",
-    "model-profile", "png-scale", "prior-kind", "prior-model", "same-scale", "scale-from", "views", "work-size",
+    "alignment",
+    "calibration",
+    "depth-range",
+    "fov",
+    "interval",
+    "intrinsics",
+    "keep-field",
+    "max-memory",
+    "max-size",
+    "model-profile",
+    "png-scale",
+    "prior-kind",
+    "prior-model",
+    "same-scale",
+    "scale-from",
+    "views",
+    "work-size",
 ];
 
 /// A text with the arguments that it names in braces, such as `{max-memory}`, as `name` writes them.

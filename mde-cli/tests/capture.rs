@@ -6,6 +6,7 @@ mod common;
 use assert_cmd::Command;
 use common::capture::{Known, inputs, rendered_at};
 use common::wait_until;
+use mde_cli::config::{Config, Preset};
 use mde_cli::mde_fusion::{Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_mvs::capture::{
     CaptureFiles, Distortion, Frame, Lens, PixelCentres, read_transforms, transforms_json,
@@ -13,15 +14,14 @@ use mde_cli::mde_mvs::capture::{
 use mde_cli::mde_prior::DisparityRule;
 use mde_cli::mde_prior::format::{ReadOptions, read_values, write_npy};
 use mde_cli::mde_prior::photo::write_image;
-use mde_cli::refiner::plan::capture_bytes;
 use mde_cli::ndarray::{Array2, Array3};
-use mde_cli::refinement::scale::KnownDepth;
-use mde_cli::several::{Capture, Photograph, refine_capture};
-use mde_cli::config::{Config, Preset};
 use mde_cli::refinement::event::Event;
-use mde_cli::several::prepared::PreparedCapture;
-use mde_cli::reports::Refinement;
+use mde_cli::refinement::scale::KnownDepth;
 use mde_cli::refinement::stages::Stages;
+use mde_cli::refiner::plan::capture_bytes;
+use mde_cli::reports::Refinement;
+use mde_cli::several::prepared::PreparedCapture;
+use mde_cli::several::{Capture, Photograph, refine_capture};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::Room;
 use mde_uncertainty::GaussianDepth;

@@ -4,8 +4,8 @@
 mod common;
 
 use common::{Place, names};
-use mde_cli::refiner::calibration;
 use mde_cli::mde_prior::format::{ReadOptions, read_depth};
+use mde_cli::refiner::calibration;
 use ndarray::Array2;
 use serde_json::Value;
 use std::fs;

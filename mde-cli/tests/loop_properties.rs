@@ -1,16 +1,16 @@
 //! Properties of the whole loop for arbitrary inputs.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+use mde_cli::config::{Config, Preset};
 use mde_cli::mde_fusion::{self, BayesFuser, Fused, Fuser, Prior};
 use mde_cli::mde_nerf::{self, FieldCallback, FitReport, RadianceField, RenderedView};
 use mde_cli::mde_prior::{self, DepthKind, DepthPrior, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
-use mde_cli::config::{Config, Preset};
 use mde_cli::refinement::event::Event;
-use mde_cli::reports::Refinement;
-use mde_cli::refinement::stages::Stages;
 use mde_cli::refinement::refine;
+use mde_cli::refinement::stages::Stages;
+use mde_cli::reports::Refinement;
 use ndarray::{Array2, Array3, ArrayView3, Axis, Zip, s};
 use proptest::prelude::*;
 use std::ops::ControlFlow;
@@ -46,7 +46,12 @@ impl Fuser for Between {
     }
 }
 
-fn run(image: &Array3<f32>, prior: &Array2<f32>, config: &Config, fov: f64) -> mde_cli::error::Result<Refinement> {
+fn run(
+    image: &Array3<f32>,
+    prior: &Array2<f32>,
+    config: &Config,
+    fov: f64,
+) -> mde_cli::error::Result<Refinement> {
     let (height, width) = prior.dim();
     let camera = PinholeCamera::from_fov(fov, width, height)?;
     let fuser = Between(BayesFuser::new(config.fusion.clone())?);

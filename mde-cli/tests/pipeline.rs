@@ -4,18 +4,18 @@
 mod common;
 
 use common::{HEIGHT, TINY, WIDTH};
+use mde_cli::config::Preset;
 use mde_cli::config::{Config, FieldUse, IterationPrior, RefinementConfig};
+use mde_cli::error::Error;
 use mde_cli::mde_fusion::{self, Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_nerf::{self, FieldCallback, FitReport, RadianceField, RenderedView};
 use mde_cli::mde_prior::{self, AugmentationConfig, DepthKind, DepthPrior, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
-use mde_cli::error::Error;
 use mde_cli::refinement::event::{Event, Stage};
-use mde_cli::config::Preset;
-use mde_cli::reports::Refinement;
-use mde_cli::refinement::stages::Stages;
 use mde_cli::refinement::refine;
+use mde_cli::refinement::stages::Stages;
+use mde_cli::reports::Refinement;
 use mde_eval::scene::{Room, Scene, room};
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use ndarray::{Array2, Array3, ArrayView3};

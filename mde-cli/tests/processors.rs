@@ -6,12 +6,12 @@ mod common;
 
 use common::TINY;
 use common::capture::{inputs, rendered_at};
-use mde_cli::mde_uncertainty::GaussianDepth;
-use mde_cli::several::{Capture, refine_capture};
 use mde_cli::config::{Config, Preset};
+use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::refinement::event::Event;
-use mde_cli::refinement::stages::Stages;
 use mde_cli::refinement::refine;
+use mde_cli::refinement::stages::Stages;
+use mde_cli::several::{Capture, refine_capture};
 use mde_eval::scene::Room;
 use std::fs;
 use std::ops::ControlFlow;

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{HEIGHT, Place, WIDTH, names};
-use mde_cli::config::{Preset, Config};
+use mde_cli::config::{Config, Preset};
 use mde_cli::mde_prior::format::{ReadOptions, read_depth, read_values, write_depth, write_npy};
 use ndarray::Array2;
 use ndarray_npy::read_npy;

@@ -4,17 +4,17 @@
 mod common;
 
 use common::{HEIGHT, Place, TINY, WIDTH, names};
-#[cfg(feature = "onnx")]
-use mde_cli::naming::Naming;
+use mde_cli::config::{Config, Preset};
 #[cfg(feature = "onnx")]
 use mde_cli::mde_prior::OnnxPrior;
 use mde_cli::mde_prior::format::{ReadOptions, read_values, write_npy};
 use mde_cli::mde_prior::photo::write_image;
 #[cfg(feature = "onnx")]
-use mde_cli::refiner::plan::limit::MemoryLimit;
+use mde_cli::naming::Naming;
 use mde_cli::refiner::plan::inference::PhotographMemory;
+#[cfg(feature = "onnx")]
+use mde_cli::refiner::plan::limit::MemoryLimit;
 use mde_cli::refiner::plan::{SceneMemory, refine_bytes};
-use mde_cli::config::{Config, Preset};
 use ndarray::{Array2, Array3};
 use serde_json::Value;
 use std::fs;

@@ -2,10 +2,10 @@
 
 use crate::error::{message, raise};
 use crate::refine::{Motion, given, motion};
-use mde_cli::naming::Naming;
-use mde_cli::scene::camera::{GivenCamera, KnownCamera};
 use mde_cli::mde_mvs::capture::{Capture, CaptureFiles, Distortion, Lens};
 use mde_cli::mde_prior::photo::{image_size, read_image};
+use mde_cli::naming::Naming;
+use mde_cli::scene::camera::{GivenCamera, KnownCamera};
 use numpy::{IntoPyArray, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};

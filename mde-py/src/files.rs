@@ -1,17 +1,17 @@
 //! Files: photographs, camera intrinsics, maps and pictures.
 
 use crate::error::raise;
+use mde_cli::error::Result;
 use mde_cli::mde_prior::CertaintyMeaning;
 use mde_cli::mde_prior::format::write_npy;
 use mde_cli::mde_prior::photo::{decode_image, encode_rgb_png, read_image, write_rgb_png};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::PinholeCamera;
-use mde_cli::refiner::depth_png::{DepthPng, METRES};
-use mde_cli::output::maps::Maps;
 use mde_cli::output::export::{Exported, Format};
+use mde_cli::output::maps::Maps;
 use mde_cli::output::preview::{depth_picture_within, sigma_picture_within, usual_range};
+use mde_cli::refiner::depth_png::{DepthPng, METRES};
 use mde_cli::scene::intrinsics::Intrinsics;
-use mde_cli::error::Result;
 use ndarray::{ArrayView2, ArrayView3};
 use numpy::{IntoPyArray, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;

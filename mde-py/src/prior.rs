@@ -2,15 +2,15 @@
 
 use crate::error::raise;
 use crate::worker::{Link, pool};
-use mde_cli::naming::Naming;
-use mde_cli::prior::bound::BoundPrior;
-use mde_cli::prior::files::{MapFile, NetworkFormat, open_network, read_options};
-use mde_cli::scene::photograph::Opened;
-use mde_cli::prior::origin::{PriorForm, PriorOrigin};
 use mde_cli::mde_prior::format::Encoding;
 use mde_cli::mde_prior::{
     DepthKind, DepthPrior, Error, InferenceMemory, OnnxPrior, PriorDepth, Result, Runtime, find_onnxruntime,
 };
+use mde_cli::naming::Naming;
+use mde_cli::prior::bound::BoundPrior;
+use mde_cli::prior::files::{MapFile, NetworkFormat, open_network, read_options};
+use mde_cli::prior::origin::{PriorForm, PriorOrigin};
+use mde_cli::scene::photograph::Opened;
 use mde_eval::trial::Trial;
 use ndarray::ArrayView3;
 use numpy::PyReadonlyArray2;

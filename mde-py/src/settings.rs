@@ -1,7 +1,7 @@
 //! Settings of a run: a preset and what overrides it.
 
 use crate::error::raise;
-use mde_cli::config::{Shorthands, Config, Preset};
+use mde_cli::config::{Config, Preset, Shorthands};
 use mde_cli::mde_prior::augment::Predictions;
 use mde_cli::naming::Naming;
 use pyo3::prelude::*;

@@ -1,7 +1,7 @@
 //! Settings that have a short form beside the configuration.
 
 use crate::config::Config;
-use crate::error::{text, Error, Result};
+use crate::error::{Error, Result, text};
 use mde_prior::augment::Predictions;
 
 /// What a command line or a function's caller sets in few words; each overrides a value of the [`Config`].

@@ -1,13 +1,13 @@
 //! Every photograph of a capture refined: what is known of each, and the files of all together.
 
-use crate::output::export::{transforms, Exported, ply};
+use crate::error::Result;
 use crate::output::export::transforms::Exposed;
+use crate::output::export::{Exported, ply, transforms};
 use crate::output::record::About;
 use crate::refiner::Refined;
 use crate::reports::capture::CaptureReport;
 use crate::several::cloud::{RefinedView, consistent_points};
 use crate::several::prepared::PreparedScene;
-use crate::error::Result;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose};

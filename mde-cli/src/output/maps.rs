@@ -1,7 +1,7 @@
 //! The files of a result.
 
-use crate::output::preview::{Preview, preview};
 use crate::error::Result;
+use crate::output::preview::{Preview, preview};
 use crate::refiner::depth_png::{DepthPng, write_confidence};
 use mde_prior::format::{write_npy, write_npz};
 use mde_prior::photo::{write_image, write_rgb_png};

@@ -1,7 +1,7 @@
 //! Preview images: depth maps side by side with colour bars, and contact sheets of views.
 
-use crate::scene::size::resized;
 use crate::output::canvas::{Canvas, Colour, colour_at, text_width};
+use crate::scene::size::resized;
 use colorous::{Gradient, MAGMA, VIRIDIS};
 use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;

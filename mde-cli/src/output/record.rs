@@ -1,13 +1,13 @@
 //! `run.json`: the record of a run.
 
-use crate::refiner::finish::{Refined, Scaled};
-use crate::scene::SameScale;
-use crate::refiner::error_bar::Stated;
-use crate::scene::camera::KnownCamera;
 use crate::prior::origin::PriorOrigin;
-use crate::reports::prediction::AugmentationReport;
+use crate::refiner::error_bar::Stated;
+use crate::refiner::finish::{Refined, Scaled};
 use crate::reports::capture::CaptureReport;
 use crate::reports::iteration::IterationReport;
+use crate::reports::prediction::AugmentationReport;
+use crate::scene::SameScale;
+use crate::scene::camera::KnownCamera;
 use mde_nerf::FieldEvent;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -78,11 +78,7 @@ pub struct RunRecord<'r, S: Serialize> {
 
 impl<'r, S: Serialize> RunRecord<'r, S> {
     /// Of a result without scores.
-    pub fn new(
-        about: About<'r>,
-        result: &'r Refined<'_>,
-        training: &'r [TrainingCurve],
-    ) -> Self {
+    pub fn new(about: About<'r>, result: &'r Refined<'_>, training: &'r [TrainingCurve]) -> Self {
         let refinement = &result.refinement;
         Self {
             about,

@@ -1,8 +1,8 @@
 //! A prior for one photograph.
 
-use crate::prior::origin::PriorOrigin;
-use crate::prior::files::Resampled;
 use crate::error::Result;
+use crate::prior::files::Resampled;
+use crate::prior::origin::PriorOrigin;
 use mde_prior::{DepthPrior, InferenceMemory, Metres, PriorDepth};
 use ndarray::{Array3, ArrayView3};
 

@@ -1,7 +1,7 @@
 //! Priors from files: maps, and networks with their format.
 
-use crate::prior::origin::{METRES, PriorForm, PriorOrigin};
 use crate::error::Result;
+use crate::prior::origin::{METRES, PriorForm, PriorOrigin};
 use mde_prior::format::{Encoding, PngContent, ReadOptions, png_content};
 use mde_prior::{DepthKind, FilePrior};
 use std::path::Path;

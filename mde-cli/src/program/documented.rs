@@ -1,12 +1,12 @@
 //! Checks of the documents: commands, options, settings, files and examples exist.
 
+use crate::config::{Config, Preset};
 use crate::program::args::Cli;
 use crate::program::args::Command as Subcommand;
 use crate::program::evaluation::ablation;
 use crate::program::evaluation::method::Method;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Command, CommandFactory, Parser};
-use crate::config::{Config, Preset};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -21,11 +21,12 @@ pub(crate) fn fault() -> MutexGuard<'static, String> {
 
 /// The error and its causes, without those that its text contains already.
 pub(crate) fn message(error: &anyhow::Error) -> String {
-    let text = error.chain().map(ToString::to_string).fold(String::new(), |text, cause| match text.as_str() {
-        "" => cause,
-        _ if text.contains(&cause) => text,
-        _ => format!("{text}: {cause}"),
-    });
+    let text =
+        error.chain().map(ToString::to_string).fold(String::new(), |text, cause| match text.as_str() {
+            "" => cause,
+            _ if text.contains(&cause) => text,
+            _ => format!("{text}: {cause}"),
+        });
     flags(&text)
 }
 

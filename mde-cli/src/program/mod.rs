@@ -1,7 +1,6 @@
 //! `mde`: refines the monocular depth of a photograph, with a standard deviation per pixel.
 
 mod args;
-mod checkpoint;
 mod commands;
 #[cfg(test)]
 mod documented;
@@ -13,16 +12,13 @@ mod many;
 mod open;
 mod progress;
 mod provenance;
-mod recording;
 mod report;
-mod resume;
 mod store;
 mod summary;
 mod terminal;
 
-use crate::program::open::photographs;
 use crate::program::error::{Partial, fault, message};
-use crate::program::interrupt;
+use crate::program::open::photographs;
 use clap::FromArgMatches;
 use std::io::{self, Write};
 use std::panic::{self, AssertUnwindSafe};

@@ -1,12 +1,12 @@
 //! Progress: bars on a terminal, plain lines elsewhere, JSON lines, or nothing.
 
+use crate::output::record::{TrainingCurve, follow};
 use crate::program::args::RunArgs;
 use crate::program::error::flags;
 use crate::program::interrupt;
 use crate::program::terminal::{columns, shown, wrapped};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use crate::output::record::{TrainingCurve, follow};
 use crate::refinement::event::{Event, Stage};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use mde_eval::table::Document;
 use mde_nerf::FieldEvent;
 use serde_json::{Value, json};

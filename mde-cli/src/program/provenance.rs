@@ -1,9 +1,8 @@
 //! Provenance of a run: command, versions, memory.
 
-use anyhow::{Context, Result};
-use crate::scene::camera::KnownCamera;
 use crate::output::record::About;
-pub(crate) use crate::output::record::versions;
+use crate::scene::camera::KnownCamera;
+use anyhow::{Context, Result};
 use serde::Serialize;
 use std::path::Path;
 

@@ -1,8 +1,8 @@
 //! Summary of a finished run.
 
-use crate::reports::capture::{CaptureReport, PoseSource};
-use crate::refiner::error_bar::ErrorBar;
 use crate::refiner::Refined;
+use crate::refiner::error_bar::ErrorBar;
+use crate::reports::capture::{CaptureReport, PoseSource};
 use mde_uncertainty::statistics::{median, quantile};
 use ndarray::ArrayView2;
 

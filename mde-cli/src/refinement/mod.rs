@@ -18,19 +18,19 @@ pub mod stages;
 mod upsample;
 pub mod views;
 
+use crate::config::{Config, IterationPrior};
+use crate::error::{Error, LEAST, MOST, Result};
 use crate::refinement::event::{Callback, Event, Stage};
+use crate::refinement::predict::{Start, start};
 use crate::refinement::stages::Stages;
 use crate::refinement::views::synthesise;
 use crate::reports::Refinement;
 use crate::reports::iteration::IterationReport;
 use crate::reports::prediction::Component;
-use crate::refinement::predict::{Start, start};
-use crate::config::{Config, IterationPrior};
-use crate::error::{LEAST, MOST, Error, Result};
 use mde_fusion::{BayesFuser, Fused, Fuser, Prior};
 use mde_nerf::RadianceField;
-use mde_prior::augment::{Limits, Progress};
 use mde_prior::DepthPrior;
+use mde_prior::augment::{Limits, Progress};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::{median, spearman};
 use mde_warp::PinholeCamera;
@@ -38,7 +38,6 @@ use ndarray::{ArrayView2, ArrayView3};
 use std::ops::ControlFlow;
 use std::time::Instant;
 use views::median_depth;
-
 
 /// Refines the monocular depth of `image` (`[height, width, 3]`, sRGB in 0 to 1) taken by `camera`.
 ///

@@ -1,8 +1,8 @@
 //! The prior's stage (III.B): a single prediction, or test-time augmentation with its variance.
 
 use crate::config::{Config, SigmaConfig};
-use crate::reports::prediction::{AugmentationReport, Component};
 use crate::error::{Error, Result};
+use crate::reports::prediction::{AugmentationReport, Component};
 use mde_prior::augment::{Limits, Predictions, Progress};
 use mde_prior::{Augmented, Certainty, DepthPrior};
 use mde_uncertainty::GaussianDepth;

@@ -10,9 +10,9 @@
 //! with \\(p\\) the weights without Huber's and \\(s^2\\) the variance of the clipped residuals over the squared share of those that are
 //! not clipped (Huber, 1981). It takes the errors of the points as independent.
 
-use crate::reports::prediction::Component;
 use crate::error::{Error, Result};
 use crate::reports::Refinement;
+use crate::reports::prediction::Component;
 use crate::scene::known::KnownDepth;
 use mde_fusion::{Affine, Sample, affine_wls};
 use mde_uncertainty::GaussianDepth;

@@ -1,5 +1,5 @@
-use crate::error::Result;
 use crate::config::Config;
+use crate::error::Result;
 use mde_fusion::Fuser;
 use mde_nerf::{Nerf, NerfConfig, RadianceField};
 use mde_prior::DepthPrior;

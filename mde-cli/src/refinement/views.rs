@@ -1,8 +1,8 @@
 //! The synthetic views (III.A) and the novel views and their reprojection (III.D).
 
-use crate::reports::iteration::WarpReport;
 use crate::config::Config;
 use crate::error::{Error, Result};
+use crate::reports::iteration::WarpReport;
 use mde_nerf::RadianceField;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::random::derived_seed;

@@ -1,8 +1,8 @@
 //! The calibration of the program's own sigma, and what a calibration depends on.
 
 use crate::config::{Config, MultiViewConfig, SigmaConfig};
-use crate::prior::hash;
 use crate::error::{Error, Result};
+use crate::prior::hash;
 use mde_nerf::NerfConfig;
 use mde_prior::AugmentationConfig;
 use mde_uncertainty::calibration::{Calibration, Fingerprint};

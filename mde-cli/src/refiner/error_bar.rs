@@ -1,10 +1,10 @@
 //! The error bar of a result: sigma by a calibration, and an interval.
 
-use crate::refiner::calibration::{fingerprint, read, shipped};
-use crate::prior::origin::{PriorForm, PriorOrigin};
 use crate::config::{Config, Preset};
-use crate::reports::Refinement;
 use crate::error::Result;
+use crate::prior::origin::{PriorForm, PriorOrigin};
+use crate::refiner::calibration::{fingerprint, read, shipped};
+use crate::reports::Refinement;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::calibration::{Calibration, Fingerprint, Mismatch};
 use mde_uncertainty::pooled::normal_half_width;

@@ -332,7 +332,8 @@ impl<'s> Prepared<'s> {
             let reason = format!("photograph {photograph} of {}", scene.photographs.len());
             return Err(Error::Capture { reason, remedy: "give the index of one of them" });
         };
-        let mut camera = if photograph == scene.reference { self.camera.clone() } else { shown.camera.clone() };
+        let mut camera =
+            if photograph == scene.reference { self.camera.clone() } else { shown.camera.clone() };
         let config = &refiner.settings.config;
         let timed = Timed::new(&*prior);
         let mut kept = None;
@@ -342,8 +343,7 @@ impl<'s> Prepared<'s> {
                 None => Ok(Box::new(kept.insert(SharedNerf::new(request.nerf()?)).clone())),
             }
         };
-        let stages =
-            Stages::new(&timed).with_predictions_at_once(self.parallel_predictions).with_field(make);
+        let stages = Stages::new(&timed).with_predictions_at_once(self.parallel_predictions).with_field(make);
         let mut observe = |event: &Event| seen.event(event);
         let mut refinement = match several {
             Some(several) => several.refine(photograph, stages, &mut observe)?,

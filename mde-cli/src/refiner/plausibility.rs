@@ -1,7 +1,7 @@
 //! Signs that a model's output is no depth of the photograph.
 
-use crate::prior::origin::PriorOrigin;
 use crate::config::Config;
+use crate::prior::origin::PriorOrigin;
 use mde_prior::DepthKind;
 use mde_uncertainty::statistics::quantile;
 use ndarray::Array2;
@@ -29,8 +29,10 @@ pub(super) fn doubts(
     let mut known: Vec<f64> = depth.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)).collect();
     let missing = 1.0 - known.len() as f64 / depth.len().max(1) as f64;
     if missing > MISSING {
-        warnings
-            .push(format!("{name}: no depth for {:.0} % of the pixels; check its profile, its kind and its weights", 100.0 * missing));
+        warnings.push(format!(
+            "{name}: no depth for {:.0} % of the pixels; check its profile, its kind and its weights",
+            100.0 * missing
+        ));
     }
     if let (Some(low), Some(high)) = (quantile(&mut known, 0.05), quantile(&mut known, 0.95)) {
         if high < RANGE * low {

@@ -1,10 +1,10 @@
 //! One scale for the network's depth of many photographs.
 
+use crate::config::Config;
+use crate::error::Result;
 use crate::scene::SameScale;
 use crate::scene::camera::KnownCamera;
 use crate::scene::size::{shrink, within};
-use crate::config::Config;
-use crate::error::Result;
 use mde_mvs::poses::{FeatureConfig, LogFactor, LogRatio, Photograph, PosesConfig, Prepared, common_scale};
 use mde_prior::resample::nearest;
 use mde_prior::{DepthPrior, DisparityRule};

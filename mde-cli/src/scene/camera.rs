@@ -1,7 +1,7 @@
 //! The camera of a photograph: given, from its EXIF, or assumed.
 
+use crate::error::{Error, Result, text};
 use crate::prior::origin::PriorOrigin;
-use crate::error::{text, Error, Result};
 use crate::reports::capture::CaptureReport;
 use crate::scene::intrinsics::Intrinsics;
 use mde_prior::DepthPrior;
@@ -88,11 +88,7 @@ impl KnownCamera {
     ///
     /// # Errors
     /// [`Error::Argument`], [`Error::Intrinsics`] or [`Error::Warp`] for what is no camera of that photograph.
-    pub fn new(
-        given: &GivenCamera,
-        focal_35mm: Option<f64>,
-        [width, height]: [usize; 2],
-    ) -> Result<Self> {
+    pub fn new(given: &GivenCamera, focal_35mm: Option<f64>, [width, height]: [usize; 2]) -> Result<Self> {
         let middle = |side: usize| 0.5 * (side as f64 - 1.0);
         let (camera, source) = match (given, focal_35mm) {
             (GivenCamera::File(path), _) => {

@@ -1,6 +1,6 @@
 //! Depths that are known at some pixels.
 
-use crate::error::{text, Error, Result};
+use crate::error::{Error, Result, text};
 
 /// A depth that is known at a pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,9 +57,10 @@ impl KnownDepths {
             )));
         }
         // Before the refinement, not after it.
-        depths.iter().try_for_each(KnownDepth::check).map_err(|error| {
-            Error::Argument(format!("{{scale-from}} {source}: {}", text(&error)))
-        })?;
+        depths
+            .iter()
+            .try_for_each(KnownDepth::check)
+            .map_err(|error| Error::Argument(format!("{{scale-from}} {source}: {}", text(&error))))?;
         Ok(Self { source, of_model: false, depths, size })
     }
 
@@ -195,9 +196,8 @@ mod tests {
             let error = read(text).err().unwrap().to_string();
             assert!(error.contains("known.csv") && error.contains(part), "{text:?}: {error}");
         }
-        let missing = KnownDepths::open(&folder.path().join("no.csv"), Path::new("a.jpg"), (1, 1))
-            .err()
-            .unwrap();
+        let missing =
+            KnownDepths::open(&folder.path().join("no.csv"), Path::new("a.jpg"), (1, 1)).err().unwrap();
         assert!(missing.to_string().contains("no.csv"));
     }
 }

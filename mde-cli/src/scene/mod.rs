@@ -123,7 +123,13 @@ pub struct Scene {
 impl Scene {
     /// One photograph.
     pub fn one(photograph: Photograph) -> Self {
-        Self { photographs: vec![photograph], reference: 0, points: Vec::new(), known: None, same_scale: None }
+        Self {
+            photographs: vec![photograph],
+            reference: 0,
+            points: Vec::new(),
+            known: None,
+            same_scale: None,
+        }
     }
 
     /// Two or more photographs.
@@ -183,7 +189,12 @@ impl Scene {
             numbers(&mut photograph.mask.iter().map(|real| f64::from(u8::from(*real))));
             let PinholeCamera { fx, fy, cx, cy, width, height } = photograph.camera.camera;
             numbers(&mut [fx, fy, cx, cy, width as f64, height as f64].into_iter());
-            numbers(&mut photograph.pose.iter().flat_map(|pose| pose.to_homogeneous().iter().copied().collect::<Vec<_>>()));
+            numbers(
+                &mut photograph
+                    .pose
+                    .iter()
+                    .flat_map(|pose| pose.to_homogeneous().iter().copied().collect::<Vec<_>>()),
+            );
         }
         numbers(&mut self.points.iter().flat_map(|point| [point.x, point.y, point.z]));
         for photograph in &self.photographs {

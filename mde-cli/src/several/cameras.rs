@@ -1,9 +1,9 @@
 //! Poses and cameras of the photographs, refined or estimated.
 
+use crate::config::Config;
+use crate::error::Result;
 use crate::reports::capture::{CaptureReport, PoseSource};
 use crate::scene::Scene;
-use crate::error::Result;
-use crate::config::Config;
 use mde_mvs::poses::{
     self, Agreement, PosesConfig, RefineConfig, Refined, Track, Verdict, estimate_poses_with,
     refine_poses_with,

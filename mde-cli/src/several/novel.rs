@@ -1,8 +1,8 @@
 //! A photograph beside what the field renders from its place.
 
-use crate::several::prepared::equalised;
 use crate::error::Result;
 use crate::reports::novel::NovelView;
+use crate::several::prepared::equalised;
 use mde_mvs::consensus::Reconstruction;
 use mde_nerf::{FieldCallback, RadianceField};
 use mde_prior::resample::{Filter, nearest, resize};

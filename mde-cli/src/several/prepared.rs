@@ -1,18 +1,18 @@
 //! What the photographs of a capture share, found once, and the refinement of each.
 
-use crate::several::{cameras, fault, novel, priors, result, withheld};
+use crate::config::Config;
+use crate::error::{Error, Result};
+use crate::refinement::event::{Callback, Event, Stage};
+use crate::refinement::refine;
+use crate::refinement::stages::Stages;
+use crate::reports::Refinement;
+use crate::reports::capture::CaptureReport;
+use crate::reports::evidence::Evidence;
+use crate::reports::prediction::Component;
 use crate::scene::Scene;
 use crate::several::cameras::Posed;
-use crate::reports::evidence::Evidence;
 use crate::several::novel::Candidate;
-use crate::reports::capture::CaptureReport;
-use crate::reports::prediction::Component;
-use crate::config::Config;
-use crate::refinement::event::{Callback, Event, Stage};
-use crate::reports::Refinement;
-use crate::refinement::stages::Stages;
-use crate::refinement::refine;
-use crate::error::{Error, Result};
+use crate::several::{cameras, fault, novel, priors, result, withheld};
 use mde_fusion::{BayesFuser, Guards};
 use mde_mvs::consensus::{ConsensusConfig, Reconstruction, ViewDepth, reconstruct_with};
 use mde_mvs::exposure::{Exposure, fit_exposure};
@@ -380,11 +380,7 @@ impl<'s> PreparedScene<'s> {
 }
 
 /// The scale by the points that the capture's reference shows.
-fn scale_of_points(
-    scene: &Scene,
-    posed: &Posed,
-    priors: &[Option<Array2<f32>>],
-) -> Result<Option<Scale>> {
+fn scale_of_points(scene: &Scene, posed: &Posed, priors: &[Option<Array2<f32>>]) -> Result<Option<Scale>> {
     let reference = scene.reference;
     let (Some(pose), Some(prior)) = (scene.photographs[reference].pose, &priors[reference]) else {
         return Ok(None);

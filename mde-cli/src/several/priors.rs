@@ -1,9 +1,9 @@
 //! The prior's depth of every photograph.
 
-use crate::scene::Scene;
 use crate::config::Config;
-use crate::refinement::stages::Stages;
 use crate::error::{Error, Result};
+use crate::refinement::stages::Stages;
+use crate::scene::Scene;
 use mde_prior::predict_each;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PosedView, WarpConfig, forward_warp};

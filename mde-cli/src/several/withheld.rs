@@ -1,8 +1,8 @@
 //! A check on a photograph that the depth has not used.
 
-use crate::scene::Scene;
-use crate::reports::capture::{CaptureReport, WithheldPhotograph};
 use crate::error::Result;
+use crate::reports::capture::{CaptureReport, WithheldPhotograph};
+use crate::scene::Scene;
 use mde_mvs::consensus::{ConsensusConfig, Reconstruction};
 use mde_mvs::withheld::{typical, withheld_error};
 use mde_warp::PosedView;

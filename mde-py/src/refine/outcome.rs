@@ -1,14 +1,14 @@
 //! What a run gives back: maps, the record, pictures.
 
 use super::{Object, Watched};
+use mde_cli::config::Preset;
+use mde_cli::error::{Error, Result};
 use mde_cli::mde_prior::{Certainty, CertaintyMeaning};
 use mde_cli::mde_warp::PinholeCamera;
 use mde_cli::output::preview::strip;
 use mde_cli::output::record::{About, RunRecord};
 use mde_cli::refiner::finish::Finished;
 use mde_cli::refiner::run::{Done, Run, bytes};
-use mde_cli::error::{Error, Result};
-use mde_cli::config::Preset;
 use ndarray::{Array2, Array3};
 use numpy::IntoPyArray;
 use pyo3::prelude::*;

@@ -44,8 +44,8 @@ pub(super) fn files(scene: &Exported<'_>) -> [(&'static str, String); 3] {
 
 #[cfg(test)]
 mod tests {
-    use crate::output::export::tests::{SIZE, with_plane};
     use super::*;
+    use crate::output::export::tests::{SIZE, with_plane};
 
     fn lines(text: &str) -> Vec<Vec<f64>> {
         let lines = text.lines().filter(|line| !line.starts_with('#'));

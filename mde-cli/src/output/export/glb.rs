@@ -1,7 +1,7 @@
 //! Binary glTF: the depth map as a mesh with the photograph as its texture, y up, torn at depth edges.
 
-use crate::output::export::Exported;
 use crate::error::Result;
+use crate::output::export::Exported;
 use mde_prior::photo::encode_rgb_png;
 use nalgebra::Point3;
 use ndarray::Array3;
@@ -170,8 +170,8 @@ fn texture(scene: &Exported<'_>) -> Array3<u8> {
 
 #[cfg(test)]
 mod tests {
-    use crate::output::export::tests::{SIZE, with_plane};
     use super::*;
+    use crate::output::export::tests::{SIZE, with_plane};
     use serde_json::Value;
 
     fn parts(bytes: &[u8]) -> (Value, &[u8]) {

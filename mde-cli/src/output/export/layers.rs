@@ -1,7 +1,7 @@
 //! OpenEXR with the refined depth as Y and Z, its sigma and the prior.
 
-use crate::output::export::Exported;
 use crate::error::{Error, Result};
+use crate::output::export::Exported;
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
     LineOrder, SmallVec, WritableImage as _,
@@ -37,8 +37,8 @@ pub(super) fn encode(scene: &Exported<'_>) -> Result<Vec<u8>> {
 
 #[cfg(test)]
 mod tests {
-    use crate::output::export::tests::with_plane;
     use super::*;
+    use crate::output::export::tests::with_plane;
     use mde_prior::format::{ReadOptions, read_values};
 
     #[test]

@@ -80,8 +80,8 @@ pub fn normal(scene: &Exported<'_>, row: usize, column: usize, point: Point3<f64
 
 #[cfg(test)]
 mod tests {
-    use crate::output::export::tests::{SIZE, with_plane};
     use super::*;
+    use crate::output::export::tests::{SIZE, with_plane};
 
     #[test]
     fn a_planes_points_lie_on_it_and_their_normals_face_the_camera() {

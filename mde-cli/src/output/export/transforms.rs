@@ -1,7 +1,7 @@
 //! `transforms.json` of photographs with their depth, as nerfstudio's data parser reads it.
 
-use crate::output::export::IMAGE;
 use crate::error::Result;
+use crate::output::export::IMAGE;
 use crate::refiner::depth_png::MILLIMETRES;
 use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json_with};
 use mde_warp::{PinholeCamera, Pose};

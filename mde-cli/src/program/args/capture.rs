@@ -2,8 +2,8 @@
 
 use crate::program::args::{CameraArgs, PriorArgs, RunArgs, SizeArgs};
 use crate::program::many::Shard;
-use clap::{Args, ValueEnum};
 use crate::refiner::finish::Unit;
+use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
 /// Further photographs of `mde refine`.

@@ -15,9 +15,9 @@ pub(crate) use output::{ExportArgs, RunArgs};
 pub(crate) use prior::{KindName, PriorArgs, PriorSource};
 pub(crate) use tools::{CompletionsArgs, DoctorArgs, ManArgs};
 
-use clap::{Args, CommandFactory, Id, Parser, Subcommand, ValueEnum};
 use crate::config::Preset;
 use crate::refiner::plan::limit::MemoryLimit;
+use clap::{Args, CommandFactory, Id, Parser, Subcommand, ValueEnum};
 use mde_prior::augment::Predictions;
 use std::path::{Path, PathBuf};
 
@@ -436,7 +436,9 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 fn depth_range(text: &str) -> Result<[f64; 2], String> {
-    let numbers = text.split_once(',').and_then(|(near, far)| Some([near.trim().parse().ok()?, far.trim().parse().ok()?]));
+    let numbers = text
+        .split_once(',')
+        .and_then(|(near, far)| Some([near.trim().parse().ok()?, far.trim().parse().ok()?]));
     match numbers {
         Some([near, far]) if near > 0.0 && far > near && f64::is_finite(far) => Ok([near, far]),
         _ => Err("give two positive numbers, the nearer first, such as 0.8,8".to_owned()),

@@ -1,8 +1,8 @@
 //! Arguments of what is written: the folder, the files for other programs, the progress.
 
+use crate::output::export::Format;
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use crate::output::export::Format;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 

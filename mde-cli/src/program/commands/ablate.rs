@@ -1,15 +1,15 @@
 //! `mde ablate`.
 
+use crate::config::{Config, Preset};
 use crate::program::args::AblateArgs;
-use crate::program::evaluation::{ablation, results};
 use crate::program::evaluation::ablation::FULL;
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::results::Results;
 use crate::program::evaluation::setup::{Request, Setup};
+use crate::program::evaluation::{ablation, results};
 use crate::program::open::settings::{overridden, use_threads};
 use crate::program::progress::Progress;
 use anyhow::{Result, ensure};
-use crate::config::{Config, Preset};
 use mde_eval::statistics::Bootstrap;
 use mde_eval::table::Summary;
 use serde_json::json;

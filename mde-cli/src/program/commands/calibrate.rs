@@ -6,8 +6,8 @@ use crate::program::evaluation::results;
 use crate::program::evaluation::setup::{Request, Setup};
 use crate::program::open::settings::use_threads;
 use crate::program::progress::Progress;
-use anyhow::{Context, Result, bail, ensure};
 use crate::refiner::calibration::fingerprint;
+use anyhow::{Context, Result, bail, ensure};
 use mde_uncertainty::calibration::{Calibration, CalibrationSource};
 
 /// The calibration file in the folder of the evaluation.

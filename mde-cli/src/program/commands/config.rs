@@ -1,6 +1,6 @@
+use crate::config::Preset;
 use crate::program::args::ConfigArgs;
 use anyhow::Result;
-use crate::config::Preset;
 use std::io::{self, ErrorKind, Write};
 
 pub(super) fn run(args: &ConfigArgs) -> Result<()> {

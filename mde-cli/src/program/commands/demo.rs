@@ -48,7 +48,8 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
     let refiner = Refiner::new(&prior, settings)?;
     let [width, height] = args.size;
     let plan = refiner.plan("--size", (height, width), scene.photographs.len())?;
-    let exact = Truth { source: "exact".to_owned(), depth: truth, config: ScoreConfig::default(), brief: true };
+    let exact =
+        Truth { source: "exact".to_owned(), depth: truth, config: ScoreConfig::default(), brief: true };
     let job = Job {
         command: "demo",
         refiner: &refiner,

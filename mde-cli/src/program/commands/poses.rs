@@ -11,6 +11,7 @@ use crate::program::store::folder::check_new_file;
 use crate::refiner::Refiner;
 use crate::reports::capture::CaptureReport;
 use anyhow::{Context, Result, ensure};
+use mde_eval::table::{Block, Cell, Column, Document, Table};
 use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
 use serde_json::json;
 use std::path::{Path, PathBuf};

@@ -1,14 +1,14 @@
-use crate::program::args::{PathArgs, RenderArgs};
-use crate::program::open::settings::{camera, limit, use_threads};
-use crate::program::store::folder::{OutputFolder, RECORD};
-use crate::program::provenance::{about, rows, write_json};
-use crate::program::interrupt;
-use crate::program::progress::Progress;
-use anyhow::{Context, Result, ensure};
-use crate::refiner::plan::render_bytes;
-use crate::refiner::depth_png::DepthPng;
-use crate::output::record::About;
 use crate::output::preview::depth_picture;
+use crate::output::record::About;
+use crate::program::args::{PathArgs, RenderArgs};
+use crate::program::interrupt;
+use crate::program::open::settings::{camera, limit, use_threads};
+use crate::program::progress::Progress;
+use crate::program::provenance::{about, rows, write_json};
+use crate::program::store::folder::{OutputFolder, RECORD};
+use crate::refiner::depth_png::DepthPng;
+use crate::refiner::plan::render_bytes;
+use anyhow::{Context, Result, ensure};
 use mde_nerf::{FieldEvent, Nerf, RadianceField, RenderedView};
 use mde_prior::format::write_npy;
 use mde_prior::photo::{write_image, write_rgb_png};
@@ -72,10 +72,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
         for (index, (view, pose)) in views.iter().zip(&poses).enumerate() {
             let number = if poses.len() == 1 { String::new() } else { format!("_{index:03}") };
             write_view(path, &number, view, &png)?;
-            records.push(ViewRecord {
-                colour: format!("colour{number}.png"),
-                world_to_camera: rows(pose),
-            });
+            records.push(ViewRecord { colour: format!("colour{number}.png"), world_to_camera: rows(pose) });
         }
         let about = About {
             warnings: progress.warnings(),

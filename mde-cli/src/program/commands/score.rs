@@ -1,17 +1,17 @@
 //! `mde score`: depth maps of any program.
 
+use crate::prior::files::read_options;
 use crate::program::args::ScoreMapsArgs;
 use crate::program::evaluation::results;
 use crate::program::evaluation::results::Results;
 use crate::program::evaluation::runner::Failure;
 use crate::program::evaluation::scoring::Scoring;
 use crate::program::evaluation::store::Store;
-use crate::program::open::settings::{limit, use_threads};
-use crate::refiner::plan::SceneMemory;
 use crate::program::interrupt;
+use crate::program::open::settings::{limit, use_threads};
 use crate::program::progress::Progress;
+use crate::refiner::plan::SceneMemory;
 use anyhow::{Context, Result, bail, ensure};
-use crate::prior::files::read_options;
 use mde_eval::data::{MapPair, MapPairs};
 use mde_eval::score::{Subject, curves, score};
 use mde_eval::table::Entry;
@@ -37,8 +37,7 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
         let known = pairs.pairs().iter().any(|pair| pair.id == *name);
         ensure!(known, "--scenes {name}: none of the {} maps in {}", pairs.pairs().len(), pred.display());
     }
-    let wanted =
-        |pair: &&MapPair| args.scenes.is_empty() || args.scenes.contains(&pair.id);
+    let wanted = |pair: &&MapPair| args.scenes.is_empty() || args.scenes.contains(&pair.id);
     let chosen: Vec<&MapPair> = pairs.pairs().iter().filter(wanted).collect();
     let store = Store::open(&args.run.output(pred, "-score"), &basis, args.run.force)?;
     let (mut entries, mut failures) = (Vec::new(), Vec::new());

@@ -1,7 +1,7 @@
 //! The rows of `mde ablate`: the paper's Table II, controls without a NeRF, and each remedy alone.
 
-use crate::program::evaluation::method::PRIOR;
 use crate::config::{Config, IterationPrior};
+use crate::program::evaluation::method::PRIOR;
 use mde_eval::table::{Block, Cell, Column, Summary, Table};
 use mde_fusion::{Aggregation, Calibration, Fusion, FusionConfig, PriorVariance, VarianceRule};
 use mde_uncertainty::termination::InBinVariance;

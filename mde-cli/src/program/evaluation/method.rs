@@ -207,15 +207,16 @@ impl Method {
                     Some(control) => Some(baseline::named(control)?.into()),
                     None => None,
                 };
-                let mut factory = |request: FieldRequest<'_>| -> crate::error::Result<Box<dyn RadianceField>> {
-                    Ok(match (&control, fields) {
-                        (Some(control), _) => Box::new(FilteredField::new(control.clone(), request.seed)),
-                        (None, Some(fields)) if request.iteration == 0 => {
-                            Box::new(fields.field(request.config.clone(), request.seed))
-                        }
-                        (None, _) => Box::new(request.nerf()?),
-                    })
-                };
+                let mut factory =
+                    |request: FieldRequest<'_>| -> crate::error::Result<Box<dyn RadianceField>> {
+                        Ok(match (&control, fields) {
+                            (Some(control), _) => Box::new(FilteredField::new(control.clone(), request.seed)),
+                            (None, Some(fields)) if request.iteration == 0 => {
+                                Box::new(fields.field(request.config.clone(), request.seed))
+                            }
+                            (None, _) => Box::new(request.nerf()?),
+                        })
+                    };
                 self.refine(config, scene, scene.alone, Some(&mut factory))
             }
         }

@@ -1,9 +1,9 @@
 //! Methods on many scenes, for `mde eval`, `mde ablate` and `mde calibrate`.
 
 pub(crate) mod ablation;
+pub(crate) mod fields;
 pub(crate) mod filtered;
 pub(crate) mod method;
-pub(crate) mod fields;
 pub(crate) mod results;
 pub(crate) mod runner;
 pub(crate) mod scenes;

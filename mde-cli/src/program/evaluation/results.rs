@@ -1,15 +1,15 @@
 //! Tables, figures and the exit code.
 
+use crate::output::record::versions;
+use crate::program::error::Partial;
 use crate::program::evaluation::runner::Failure;
 use crate::program::evaluation::scoring::SIGMA_BY;
-use crate::program::error::Partial;
 use crate::program::evaluation::verdict;
-use crate::program::store::folder::temporary_folder;
+use crate::program::progress::Progress;
 use crate::program::provenance::{command_line, write_json};
-use crate::output::record::versions;
 use crate::program::report;
 use crate::program::report::FIGURES;
-use crate::program::progress::Progress;
+use crate::program::store::folder::temporary_folder;
 use anyhow::{Context, Result, ensure};
 use mde_eval::figure;
 use mde_eval::statistics::Bootstrap;

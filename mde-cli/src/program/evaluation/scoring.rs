@@ -1,10 +1,10 @@
 //! Scores of the methods of a scene and of their controls.
 
+use crate::program::args::ScoreArgs;
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::runner::SceneResult;
 use crate::program::evaluation::store::Entry as Kept;
 use crate::program::evaluation::store::Store;
-use crate::program::args::ScoreArgs;
 use anyhow::{Context, Result};
 use mde_eval::align::Alignment;
 use mde_eval::baseline::Unsharp;

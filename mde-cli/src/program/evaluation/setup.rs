@@ -1,5 +1,6 @@
 //! The common part of `mde eval`, `mde ablate` and `mde calibrate`: opens the inputs, runs the methods, collects the scores.
 
+use crate::program::args::EvaluationArgs;
 use crate::program::evaluation::method::Method;
 use crate::program::evaluation::results::Results;
 use crate::program::evaluation::runner;
@@ -7,13 +8,12 @@ use crate::program::evaluation::runner::{Failure, Plan};
 use crate::program::evaluation::scenes::{PriorPlan, Source, choose};
 use crate::program::evaluation::scoring::Scoring;
 use crate::program::evaluation::store::Store;
-use crate::program::args::EvaluationArgs;
-use crate::program::open::settings;
-use crate::refiner::plan::limit::MemoryLimit;
 use crate::program::many::Shard;
+use crate::program::open::settings;
 use crate::program::progress::Progress;
-use anyhow::{Result, ensure};
 use crate::refiner::plan::SceneMemory;
+use crate::refiner::plan::limit::MemoryLimit;
+use anyhow::{Result, ensure};
 use mde_eval::table::Entry;
 use mde_prior::DisparityRule;
 use serde_json::{Value, json};

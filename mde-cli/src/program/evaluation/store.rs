@@ -1,10 +1,10 @@
 //! The folder of an evaluation: one folder per scene and method, each written atomically.
 
+use crate::program::provenance::write_json;
 use crate::program::store::lock;
 use crate::program::store::lock::Lock;
-use crate::program::provenance::write_json;
-use anyhow::{Context, Result, ensure};
 use crate::scene::size::resized;
+use anyhow::{Context, Result, ensure};
 use mde_eval::Refined;
 use mde_prior::format::{Format, ReadOptions, decode, write_npy};
 use mde_prior::photo::write_image;

@@ -1,8 +1,8 @@
 //! The index of many photographs: `index.json`, `index.csv` and `index.html`.
 
+use crate::output::record::versions;
 use crate::program::many::item::{Item, THUMBNAIL};
 use crate::program::provenance::{command_line, write_json};
-use crate::output::record::versions;
 use crate::program::report::photographs_page;
 use anyhow::{Context, Result, ensure};
 use mde_eval::table::inert;

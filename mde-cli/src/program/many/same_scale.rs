@@ -2,8 +2,8 @@
 //!
 //! [`OneScale`] has the order of the comparisons. Factors depend neither on the number of threads nor on which photographs are finished.
 
-use crate::program::many::item::{Common, Item};
 use crate::program::interrupt;
+use crate::program::many::item::{Common, Item};
 use crate::program::progress::Progress;
 use crate::refiner::Silent;
 use crate::refiner::same_scale::{OneScale, groups_warning};
@@ -45,9 +45,7 @@ pub(super) fn same_scale(
     }
     let factors = scale.factors()?;
     let place = format!("same_scale_group in {}", super::index::TABLE);
-    groups_warning(&factors, &place)
-        .into_iter()
-        .for_each(|warning| progress.warn(warning));
+    groups_warning(&factors, &place).into_iter().for_each(|warning| progress.warn(warning));
     let shared = factors.iter().filter(|factor| !factor.is_alone()).count();
     progress.step(&format!("{shared} of {} photographs share a scale with another", factors.len()));
     Ok(factors)

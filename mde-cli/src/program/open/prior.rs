@@ -18,7 +18,11 @@ pub(crate) fn open(args: &PriorArgs) -> Result<OpenPrior<'static>> {
 }
 
 /// A depth map.
-pub(crate) fn map(path: &Path, kind: Option<DepthKind>, png_scale: Option<f64>) -> Result<OpenPrior<'static>> {
+pub(crate) fn map(
+    path: &Path,
+    kind: Option<DepthKind>,
+    png_scale: Option<f64>,
+) -> Result<OpenPrior<'static>> {
     let options = read_options("--png-scale", png_scale, Encoding::Linear)?;
     Ok(OpenPrior::map(MapFile::open(path, kind, options)?))
 }

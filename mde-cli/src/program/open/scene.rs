@@ -14,8 +14,8 @@ use std::path::{Path, PathBuf};
 
 /// `(height, width)` of a photograph, by its header alone.
 pub(crate) fn size(path: &Path) -> Result<(usize, usize)> {
-    let [width, height] = image_size(path)?;
-    Ok((height, width))
+    // What has no header has no size, and is refused when it is decoded.
+    Ok(image_size(path).map_or((1, 1), |[width, height]| (height, width)))
 }
 
 /// A photograph at its size; one of `several`, or alone.
@@ -95,7 +95,8 @@ fn posed(
     let reference = capture.position(&args.image)?;
     let frames = &capture.frames;
     // All of a long capture would not fit into memory; its neighbours in space see the same.
-    let most = if args.several.all { frames.len() } else { 4 * refiner.settings().config.multi_view.max_views };
+    let most =
+        if args.several.all { frames.len() } else { 4 * refiner.settings().config.multi_view.max_views };
     let order = capture.nearest(reference, most);
     let plan =
         refiner.plan(&format!("--views: {} photographs", order.len()), size(&args.image)?, order.len())?;

@@ -1,8 +1,8 @@
 //! Scores against ground truth.
 
 use crate::program::args::TruthArgs;
-use anyhow::{Context, Result, ensure};
 use crate::reports::Refinement;
+use anyhow::{Context, Result, ensure};
 use mde_eval::align::AlignmentRule;
 use mde_eval::score::{ScoreConfig, Scores, Subject, score};
 use mde_prior::DepthKind;
@@ -37,7 +37,12 @@ impl Truth {
             size.0
         );
         let depth = nearest(depth.view(), to);
-        Ok(Some(Self { source: path.display().to_string(), depth, config: ScoreConfig::default(), brief: false }))
+        Ok(Some(Self {
+            source: path.display().to_string(),
+            depth,
+            config: ScoreConfig::default(),
+            brief: false,
+        }))
     }
 
     /// Scores of prior and refined depth, each under its own alignment, by three rules.

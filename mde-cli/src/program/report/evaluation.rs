@@ -1,9 +1,9 @@
 //! The page of an evaluation or an ablation.
 
+use crate::output::preview::{depth_picture_within, sigma_picture_within, usual_range};
 use crate::program::report::encode::{fitted, gradients, nearest, picture, svg};
 use crate::program::report::{page, read_json, read_text};
 use anyhow::{Context, Result};
-use crate::output::preview::{depth_picture_within, sigma_picture_within, usual_range};
 use mde_eval::table::{Better, Group, METRICS, Metric, original_name};
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;

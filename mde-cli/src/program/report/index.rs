@@ -1,7 +1,7 @@
 //! The page of a folder with a folder for each photograph: no script, and pictures from beside it.
 
-use crate::program::report::page::{STYLE, escaped};
 use crate::program::many::Row;
+use crate::program::report::page::{STYLE, escaped};
 use std::fmt::Write as _;
 
 /// A photograph of the page.

@@ -11,10 +11,10 @@ mod run;
 pub(crate) use evaluation::FIGURES;
 pub(crate) use index::{Indexed, index, photographs_page};
 
-use crate::program::store::folder::RECORD;
-use crate::program::many::every::{INDEX, every_page};
-use anyhow::{Context, Result, bail, ensure};
 use crate::output::every::EveryRow;
+use crate::program::many::every::{INDEX, every_page};
+use crate::program::store::folder::RECORD;
+use anyhow::{Context, Result, bail, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::ffi::OsStr;

@@ -1,9 +1,9 @@
 //! What the page of a run has of several photographs.
 
-use crate::program::report::encode::picture;
-use anyhow::Result;
 use crate::output::maps::EVIDENCE;
+use crate::program::report::encode::picture;
 use crate::refiner::finish::{NOVEL, RENDERED, picture_of};
+use anyhow::Result;
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
 use ndarray::{Array2, Zip};

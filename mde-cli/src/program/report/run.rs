@@ -1,11 +1,11 @@
 //! The page of one refinement.
 
+use crate::config::{Config, IterationPrior, Preset};
 use crate::program::report::encode::{WIDEST, fitted, gradients, map, nearest, picture};
 use crate::program::report::{page, photographs, read_json, read_text};
 use crate::program::store::folder::RECORD;
-use anyhow::{Context, Result, ensure};
-use crate::config::{IterationPrior, Config, Preset};
 use crate::scene::size::resized;
+use anyhow::{Context, Result, ensure};
 use mde_fusion::PriorVariance;
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;

@@ -1,7 +1,7 @@
 //! An output folder, written atomically.
 
-use crate::program::store::lock;
 use crate::program::interrupt;
+use crate::program::store::lock;
 use anyhow::{Context, Result, bail, ensure};
 use std::fs;
 use std::path::{Path, PathBuf};

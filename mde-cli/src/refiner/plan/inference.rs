@@ -1,9 +1,9 @@
 //! The memory of a network's predictions.
 
-use crate::refiner::plan::limit::MemoryLimit;
-use crate::refiner::plan::{PHOTOGRAPH, PROGRAM, refine_bytes};
 use crate::config::Config;
 use crate::error::Result;
+use crate::refiner::plan::limit::MemoryLimit;
+use crate::refiner::plan::{PHOTOGRAPH, PROGRAM, refine_bytes};
 use mde_prior::augment::Plan;
 use mde_prior::{DepthPrior, InferenceMemory};
 

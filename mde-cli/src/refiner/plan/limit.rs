@@ -1,8 +1,8 @@
 //! The refusal of runs that need too much memory.
 
+use crate::error::{Error, Result};
 use crate::refiner::plan::most_pixels;
 use crate::scene::size::SMALLEST;
-use crate::error::{Error, Result};
 
 /// The limit of `max-memory`.
 #[derive(Debug, Clone, Copy, PartialEq)]

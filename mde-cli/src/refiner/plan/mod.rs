@@ -7,7 +7,6 @@ use crate::config::{Config, NovelViews, RefinementConfig};
 use mde_mvs::consensus::{ConsensusConfig, reconstruct_bytes};
 use mde_nerf::{FieldConfig, HashFieldConfig, RenderConfig};
 
-
 /// The program, its threads' tiles and what it allocates at any image size.
 const BASE: u64 = 64 << 20;
 /// The same for an evaluation: memory that threads keep after a scene differs by 10 MiB from run to run.

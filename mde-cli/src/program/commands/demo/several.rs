@@ -37,7 +37,10 @@ pub(super) fn demo(
     let truth = rendered.truth;
     let photograph = |(index, known): (usize, CapturedView)| {
         let camera = KnownCamera { camera: known.view.camera, source: CameraSource::Scene };
-        Photograph { mask: known.view.mask, ..Photograph::new(format!("{index}.png"), known.view.image, camera) }
+        Photograph {
+            mask: known.view.mask,
+            ..Photograph::new(format!("{index}.png"), known.view.image, camera)
+        }
     };
     let photographs = rendered.views.into_iter().enumerate().map(photograph).collect();
     Ok(Demo {
