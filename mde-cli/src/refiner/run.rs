@@ -133,7 +133,7 @@ impl<'r> Run<'r> {
         };
         if self.keeps_field && field.is_none() {
             watch.warn(format!(
-                "{}: no field was fitted, so there is none; set refinement.field = \"always\" to fit one",
+                "{}: no field was fitted, so there is none; give the preset paper, or several photographs, to fit one",
                 naming.choose("--save-field", "keep_field")
             ));
         }

@@ -7,13 +7,13 @@ use crate::several::novel::Candidate;
 use crate::reports::capture::CaptureReport;
 use crate::several::capture as fault;
 use crate::reports::prediction::Component;
-use crate::config::{Config, Preset};
+use crate::config::{Config, Order, Preset};
 use crate::refinement::event::{Callback, Event, Stage};
 use crate::reports::Refinement;
 use crate::refinement::stages::Stages;
 use crate::refinement::refine;
 use crate::error::{Error, Result};
-use mde_fusion::{BayesFuser, Guards};
+use mde_fusion::BayesFuser;
 use mde_mvs::consensus::{ConsensusConfig, Reconstruction, ViewDepth, reconstruct_with};
 use mde_mvs::exposure::{Exposure, fit_exposure};
 use mde_mvs::gauge::{Scale, point_matches};
@@ -284,12 +284,12 @@ impl<'c> PreparedCapture<'c> {
             .as_first(own, |known| result::combine(known, &views, &covariances, rendered.as_ref(), unit))?;
         let factor = result::scale(&swept.reconstruction, unit)[0];
         if let Some(rendered) = &rendered {
-            let printed = match (stages.fuser, config.fusion.guards) {
+            let printed = match (stages.fuser, config.refinement.order) {
                 (Some(fuser), _) => Some(result::printed(fuser, &prior, rendered, factor)?),
-                (None, Guards::Paper) => {
+                (None, Order::Paper) => {
                     Some(result::printed(&BayesFuser::new(config.fusion.clone())?, &prior, rendered, factor)?)
                 }
-                (None, _) => None,
+                (None, Order::Poses) => None,
             };
             if let Some(fused) = printed {
                 components = vec![Component { name: "field", sigma: fused.aligned.sigma() }];
@@ -356,7 +356,7 @@ impl<'c> PreparedCapture<'c> {
         Ok(())
     }
 
-    /// The photograph alone, with the default preset; without a field where the settings fit none.
+    /// The photograph alone, with the default preset.
     fn alone(
         &self,
         photograph: usize,
@@ -365,11 +365,8 @@ impl<'c> PreparedCapture<'c> {
         callback: &mut Callback<'_>,
     ) -> Result<Refinement> {
         let config = self.config;
-        let mut alone =
+        let alone =
             Config { seed: config.seed, disparity: config.disparity.clone(), ..Preset::Default.config() };
-        if config.refinement.iterations == 0 {
-            alone.refinement.iterations = 0;
-        }
         let reference = &self.capture.photographs[photograph];
         let refined = refine(reference.image.view(), &reference.camera, stages, &alone, callback)?;
         Ok(Refinement { capture: Some(report), ..refined })
