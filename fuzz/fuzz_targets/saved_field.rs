@@ -34,7 +34,7 @@ fn mended(bytes: &[u8]) -> Option<Vec<u8>> {
     let (_, metadata) = SafeTensors::read_metadata(bytes).ok()?;
     let header = metadata.metadata().as_ref()?.get("mde-nerf")?;
     let mut header: serde_json::Value = serde_json::from_str(header).ok()?;
-    let parts: Vec<_> = ["table", "density", "colour"]
+    let parts: Vec<_> = ["table", "network"]
         .into_iter()
         .map(|name| Some((name, tensors.tensor(name).ok()?)))
         .collect::<Option<_>>()?;

@@ -91,7 +91,6 @@ fn prior(scene: &Scene) -> SimulatedPrior {
 fn config() -> Config {
     let mut config = Config::with_overrides(Preset::Paper, TINY, "tiny").unwrap();
     config.novel.count = 0;
-    config.novel.original = true;
     config
 }
 
@@ -254,11 +253,7 @@ fn without_a_field_the_augmented_map_is_the_result_and_a_map_is_not_augmented() 
         assert!(*mean > 0.0 && sigma >= 0.1 * mean);
     }
     let once = Config {
-        refinement: RefinementConfig {
-            iterations: 1,
-            field: FieldUse::WithoutAugmentation,
-            ..config.refinement.clone()
-        },
+        refinement: RefinementConfig { iterations: 1, order: Order::Poses, ..config.refinement.clone() },
         ..config.clone()
     };
     let stages = Stages::new(&model).with_field(|_| panic!("a field was made")).with_fuser(&fuser);

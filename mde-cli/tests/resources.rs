@@ -72,14 +72,17 @@ fn what_is_too_large_is_resized_with_its_prior_camera_and_truth() {
 fn too_much_memory_is_refused_before_it_is_taken() {
     let place = Place::new();
     large(&place, 640, 480);
-    place.write("many.toml", "views.count = 1000000");
-    place.write("grid.toml", "nerf.field = { log2-rows = 24, levels = 24, features = 8 }");
+    place.write("many.toml", "refinement.order = 'paper'\nviews.count = 1000000");
+    place.write(
+        "grid.toml",
+        "refinement.order = 'paper'\nnerf.field = { log2-rows = 24, levels = 24, features = 8 }",
+    );
     fs::create_dir(place.path("maps")).unwrap();
     fs::copy(place.path("large.npy"), place.path("maps/large.npy")).unwrap();
     let refine = "refine large.png --prior-depth large.npy --fov 60";
     for (arguments, told) in [
         (
-            format!("{refine} --max-memory 0.2"),
+            format!("{refine} --preset paper --max-memory 0.2"),
             &["large.png", "640x480", "--max-memory 0.2", "pixels a side"][..],
         ),
         (format!("{refine} --config many.toml"), &["GiB", "fewer views"]),
@@ -122,7 +125,7 @@ fn too_much_memory_is_refused_before_it_is_taken() {
 #[test]
 fn the_most_rays_and_samples_are_refused_by_their_estimate() {
     let place = Place::new();
-    let text = "nerf.train.rays = 65536\nnerf.sampling = { coarse = 1024, fine = 1024 }\n";
+    let text = "refinement.order = 'paper'\nnerf.train.rays = 65536\nnerf.sampling = { coarse = 1024, fine = 1024 }\n";
     place.write("rays.toml", text);
     let config = Config::with_overrides(Preset::Default, text, "rays.toml").unwrap();
     let estimate = refine_bytes((WIDTH * HEIGHT) as u64, &config);
@@ -195,13 +198,13 @@ fn the_estimate_of_a_large_fit_is_close() {
     ];
     for (name, sampling, field, rays) in cases {
         let text = format!(
-            "refinement.iterations = 1\nviews.count = 1\nnovel.count = 1\n{sampling}\n\
+            "refinement = {{ iterations = 1, order = 'paper' }}\nviews.count = 1\nnovel.count = 1\n{sampling}\n\
              [nerf.train]\nsteps = 2\nrays = {rays}\n[nerf.render]\ncoarse = 4\nfine = 4\n\
              [nerf.field]\nkind = 'hash'\n{field}\n"
         );
         near(&place, name, &text);
     }
-    let mlp = "refinement.iterations = 1\nviews.count = 1\nnovel.count = 1\n[nerf.train]\nsteps = 2\nrays = 512\n\
+    let mlp = "refinement = { iterations = 1, order = 'paper' }\nviews.count = 1\nnovel.count = 1\n[nerf.train]\nsteps = 2\nrays = 512\n\
                [nerf.render]\ncoarse = 4\nfine = 4\n[nerf.field]\nkind = 'mlp'\nlayers = 8\nwidth = 512\n";
     near(&place, "network", mlp);
 }
@@ -224,7 +227,7 @@ fn estimate_and_peak(place: &Place, name: &str, text: &str) -> (u64, Option<u64>
 }
 
 /// Rays of a step, samples of a ray in both passes, and the field.
-const GRID: [(u32, u32, &str); 30] = [
+const GRID: [(u32, u32, &str); 29] = [
     (65536, 128, "kind = 'hash'\nlevels = 8\nfeatures = 4"),
     (65536, 32, "kind = 'hash'\nlevels = 8\nfeatures = 4"),
     (65536, 128, "kind = 'hash'\nlevels = 4\nfeatures = 1"),
@@ -238,7 +241,6 @@ const GRID: [(u32, u32, &str); 30] = [
     (4096, 128, "kind = 'hash'\nlevels = 12\nfeatures = 2\nlog2-rows = 19"),
     (4096, 128, "kind = 'hash'\nlevels = 24\nfeatures = 4"),
     (4096, 128, "kind = 'hash'\nlevels = 8\nfeatures = 4\nlayers = 4\nwidth = 256"),
-    (4096, 256, "kind = 'hash'\nlevels = 8\nfeatures = 4\ngeometry = 15"),
     (1024, 2048, "kind = 'hash'\nlevels = 8\nfeatures = 4"),
     (1024, 1024, "kind = 'hash'\nlevels = 16\nfeatures = 1"),
     (512, 32, "kind = 'hash'\nlevels = 16\nfeatures = 4\nlog2-rows = 20\nfinest = 2048"),
@@ -267,7 +269,7 @@ fn the_estimates_over_a_grid_of_settings_are_close() {
     for (index, (rays, samples, field)) in GRID.into_iter().enumerate() {
         let half = samples / 2;
         let text = format!(
-            "refinement.iterations = 1\nviews.count = 1\nnovel.count = 1\n\
+            "refinement = {{ iterations = 1, order = 'paper' }}\nviews.count = 1\nnovel.count = 1\n\
              nerf.sampling = {{ coarse = {half}, band = 0, fine = {half} }}\n[nerf.train]\nsteps = 2\nrays = {rays}\n\
              [nerf.render]\ncoarse = 4\nfine = 4\n[nerf.field]\n{field}\n"
         );

@@ -33,45 +33,31 @@ mod affine;
 mod aggregate;
 mod bayes;
 mod config;
-mod effective;
 mod empirical_bayes;
 mod error;
-mod fuser;
 mod gaussian;
-mod guards;
-mod heteroscedastic;
-mod huber;
-mod nnls;
 mod posterior;
-mod precision;
 mod prior;
 #[cfg(feature = "proptest")]
 pub mod proptest;
 mod report;
 mod residual;
-mod root;
-mod spread;
 #[cfg(test)]
 mod tests;
-mod variance;
 
-pub use affine::{Affine, AffineFit, affine_wls};
-pub use aggregate::{Aggregation, aggregate};
-pub use bayes::BayesFuser;
-pub use config::{Calibration, Fusion, FusionConfig, PriorVariance};
+pub use affine::{Affine, AffineFit, Degenerate, affine_wls};
+pub use aggregate::{Aggregation, aggregate, precision_weighted};
+pub use bayes::{BayesFuser, Fused, Fuser};
+pub use config::{Calibration, Fusion, FusionConfig, PriorVariance, VarianceRule};
 pub use empirical_bayes::empirical_bayes;
 pub use error::{Error, Result};
-pub use fuser::{Fused, Fuser};
 pub use gaussian::{Gaussian, Sample};
-pub use guards::{Degenerate, Guards};
 pub use mde_uncertainty::GaussianDepth;
 pub use ndarray;
 pub use posterior::posterior;
-pub use precision::precision_weighted;
 pub use prior::Prior;
 pub use report::{FusionReport, Warning};
 pub use residual::{Residual, residuals};
-pub use variance::VarianceRule;
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

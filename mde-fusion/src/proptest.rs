@@ -1,7 +1,7 @@
 //! Strategies for property tests of code that fuses.
 
 use crate::{
-    Aggregation, Calibration, Fusion, FusionConfig, Gaussian, Guards, Prior, PriorVariance, Residual, Sample,
+    Aggregation, Calibration, Fusion, FusionConfig, Gaussian, Prior, PriorVariance, Residual, Sample,
     VarianceRule,
 };
 use mde_uncertainty::GaussianDepth;
@@ -90,43 +90,24 @@ pub fn gaussian() -> impl Strategy<Value = Gaussian> {
 
 /// Any combination of the choices in a [`FusionConfig`].
 pub fn config() -> impl Strategy<Value = FusionConfig> {
-    let variance = {
-        use VarianceRule::{Computed, ConstantMean, ConstantMedian};
-        prop::sample::select(vec![Computed, ConstantMedian, ConstantMean])
-    };
-    let aggregation = {
-        use Aggregation::{Mean, Median, MinDepth, MinDepthPrecision, MinVariance, Precision};
-        prop::sample::select(vec![Precision, MinDepth, MinDepthPrecision, MinVariance, Mean, Median])
-    };
-    let calibration = {
-        use Calibration::{Effective, None, Ols, Wls};
-        prop::sample::select(vec![Wls, None, Ols, Effective])
-    };
-    let prior_variance = {
-        use PriorVariance::{FixedMedian, FixedRelative, Heteroscedastic, Moments};
-        prop::sample::select(vec![Moments, FixedMedian, FixedRelative, Heteroscedastic])
-    };
-    let fusion = prop::sample::select(vec![Fusion::Bayes, Fusion::NerfOnly]);
-    let guards = prop::sample::select(vec![Guards::Paper, Guards::Strict]);
-    let floor = prop::sample::select(vec![0.0, 1e-3]);
-    let maps = (variance, aggregation, any::<bool>(), floor);
-    (maps, calibration, prior_variance, fusion, guards).prop_map(
-        |((variance, aggregation, spread, floor), calibration, prior_variance, fusion, guards)| {
-            FusionConfig {
-                variance,
-                variance_floor: floor,
-                aggregation,
-                spread,
-                calibration,
-                prior_variance,
-                fusion,
-                posterior_floor: floor,
-                common_error: floor,
-                guards,
-                ..FusionConfig::paper()
-            }
-        },
-    )
+    let choices = (0..2_usize, 0..3_usize, 0..2_usize, 0..3_usize, 0..2_usize);
+    (choices, any::<bool>()).prop_map(|((v, a, c, p, f), clamped)| {
+        let floor = if clamped { 1e-3 } else { 0.0 };
+        FusionConfig {
+            variance: [VarianceRule::Computed, VarianceRule::ConstantMedian][v],
+            variance_floor: floor,
+            aggregation: [Aggregation::Precision, Aggregation::Mixture, Aggregation::MinDepth][a],
+            calibration: [Calibration::Wls, Calibration::None][c],
+            prior_variance: [
+                PriorVariance::Moments,
+                PriorVariance::FixedMedian,
+                PriorVariance::FixedRelative,
+            ][p],
+            fusion: [Fusion::Bayes, Fusion::NerfOnly][f],
+            common_error: floor,
+            ..FusionConfig::paper()
+        }
+    })
 }
 
 fn prior(mean: Array2<f32>) -> Prior {

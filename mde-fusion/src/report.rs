@@ -13,7 +13,7 @@ pub struct FusionReport {
     pub a: f64,
     /// Shift of Eq. 10; 0 where the calibration was refused.
     pub b: f64,
-    /// The prior's standard deviation; the root of the mean variance over \\(\mathcal X\\) where it differs by pixel.
+    /// The prior's standard deviation; the root of the mean variance over \\(\mathcal X\\) where it has its own.
     pub sigma_o: f64,
     /// \\(|\mathcal X|\\): pixels where neither the prior nor the views are missing.
     pub support: usize,
@@ -98,9 +98,7 @@ pub enum Warning {
         share: f64,
     },
     /// The prior's variance is 0, so the result is the prior.
-    #[error(
-        "the prior's variance is estimated as 0, so the views are ignored; sigma is posterior-floor and common-error only"
-    )]
+    #[error("the prior's variance is estimated as 0, so the views are ignored; sigma is common-error only")]
     PriorTakenAsExact,
     /// Fused depths that were not positive.
     #[error("{pixels} fused depths were not positive; those pixels keep the prior's")]

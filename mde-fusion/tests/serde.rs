@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used)]
 #![cfg(feature = "serde")]
 
-use mde_fusion::{Calibration, FusionConfig, Guards, PriorVariance};
+use mde_fusion::{Calibration, FusionConfig, PriorVariance};
 use serde::Deserialize;
 use serde::de::value::{Error, MapDeserializer};
 
@@ -13,13 +13,10 @@ fn read(pairs: &[(&'static str, &'static str)]) -> Result<FusionConfig, Error> {
 #[test]
 fn missing_keys_have_the_values_of_the_paper() {
     assert_eq!(read(&[]).unwrap(), FusionConfig::paper());
-    let config =
-        read(&[("calibration", "effective"), ("prior-variance", "heteroscedastic"), ("guards", "strict")])
-            .unwrap();
-    assert_eq!(config.calibration, Calibration::Effective);
-    assert_eq!(config.prior_variance, PriorVariance::Heteroscedastic);
-    assert_eq!(config.guards, Guards::Strict);
-    assert!(!config.spread);
+    let config = read(&[("calibration", "none"), ("prior-variance", "fixed-median")]).unwrap();
+    assert_eq!(config.calibration, Calibration::None);
+    assert_eq!(config.prior_variance, PriorVariance::FixedMedian);
+    assert_eq!(config.aggregation, FusionConfig::paper().aggregation);
 }
 
 #[test]

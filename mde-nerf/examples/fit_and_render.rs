@@ -5,7 +5,7 @@ use mde_nerf::mde_uncertainty::GaussianDepth;
 use mde_nerf::mde_warp::{PinholeCamera, Pose, PosedView};
 use mde_nerf::nalgebra::{Translation3, UnitQuaternion};
 use mde_nerf::ndarray::{Array2, Array3};
-use mde_nerf::{Decay, DepthLoss, FieldConfig, HashFieldConfig, Nerf, NerfConfig, RadianceField, Silent};
+use mde_nerf::{FieldConfig, HashFieldConfig, Nerf, NerfConfig, RadianceField, Silent};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     // A slanted wall with stripes, and its depth.
@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut config =
         NerfConfig { field: FieldConfig::Hash(HashFieldConfig::default()), ..NerfConfig::default() };
     config.train.steps = 200;
-    config.train.depth_loss = DepthLoss::Wasserstein { weight: 0.2, decay: Decay::default() };
+    config.train.depth_weight = 0.2;
     let mut field = Nerf::new(config, 0)?;
     let report = field.fit(&[view], &mut Silent)?;
 

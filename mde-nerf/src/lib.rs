@@ -38,6 +38,7 @@ mod points;
 mod render;
 mod sampling;
 mod scalar;
+#[cfg(feature = "bench")]
 pub mod stages;
 #[cfg(feature = "serde")]
 mod store;
@@ -45,8 +46,8 @@ mod train;
 mod volume;
 
 pub use config::{
-    ColourLoss, Decay, DepthLoss, FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig, RenderConfig,
-    SamplingConfig, TrainConfig, VolumeConfig,
+    ColourLoss, FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig, RenderConfig, SamplingConfig,
+    TrainConfig, VolumeConfig,
 };
 pub use error::{Error, Result};
 pub use field::{FieldCallback, FieldEvent, FitReport, RadianceField, RenderedView, Silent};

@@ -110,6 +110,7 @@ impl<T: Scalar> Mlp<T> {
     }
 
     /// Multiply-adds per point of a forward pass, without padding.
+    #[cfg(feature = "bench")]
     pub(crate) fn multiply_adds(&self) -> usize {
         self.layers().map(|l| l.used[0] * l.used[1]).sum()
     }

@@ -74,19 +74,6 @@ impl Nerf {
         Ok(self)
     }
 
-    /// Number of parameters of the fitted field; 0 before the fit.
-    pub fn parameter_count(&self) -> usize {
-        self.fitted.as_ref().map_or(0, |f| f.network.parameter_count())
-    }
-
-    /// Multiply-adds of the networks per sample in the forward pass.
-    pub fn multiply_adds(&self) -> usize {
-        self.fitted.as_ref().map_or_else(
-            || Network::<f32>::new(&self.config.field, 0).multiply_adds(),
-            |f| f.network.multiply_adds(),
-        )
-    }
-
     /// Writes the fitted field to `path` (safetensors), atomically through a temporary file.
     ///
     /// # Errors

@@ -55,20 +55,9 @@ impl Stage<'_> {
     }
 }
 
-/// Fields to compare, by name: a hash grid of many narrow levels with a colour network, the hash grid of few wide levels
-/// of the presets, and the light MLP.
-pub fn fields() -> [(&'static str, FieldConfig); 3] {
-    let narrow = HashFieldConfig {
-        levels: 12,
-        features: 2,
-        log2_rows: 17,
-        layers: 1,
-        width: 64,
-        geometry: 15,
-        ..HashFieldConfig::default()
-    };
+/// Fields to compare, by name: the hash grid of the presets, and the light MLP.
+pub fn fields() -> [(&'static str, FieldConfig); 2] {
     [
-        ("hash-12x2", FieldConfig::Hash(narrow)),
         ("hash-8x4", FieldConfig::Hash(HashFieldConfig::default())),
         ("mlp-4x128", FieldConfig::Mlp(MlpFieldConfig::default())),
     ]

@@ -46,6 +46,7 @@ pub(crate) struct Rendered<T> {
 
 impl<T: Scalar> Rendered<T> {
     /// Transmittance behind the last bin.
+    #[cfg(test)]
     pub(crate) fn escaped(&self) -> T {
         self.behind.last().copied().unwrap_or(T::ONE)
     }

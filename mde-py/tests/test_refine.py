@@ -248,7 +248,7 @@ def test_an_exception_of_the_model_is_its_own(photo):
 
 def test_progress_is_reported_and_cancels(photo, depth):
     stages = []
-    config = {"nerf": {"train": {"steps": 60, "rays": 64}}}
+    config = {"refinement": {"order": "paper"}, "nerf": {"train": {"steps": 60, "rays": 64}}}
     mdenerf.refine(photo, depth=depth, config=config, progress=lambda *step: stages.append(step))
     assert ("fit", 0, 0) in stages and ("fit", 60, 60) in stages
     assert all(0 <= done <= total or total == 0 for _, done, total in stages)
@@ -279,7 +279,7 @@ def test_onnx_runtime_is_used_where_it_is_installed(photo, network):
 
 
 def test_any_number_of_threads_gives_the_same_bytes(photo, depth):
-    config = {"nerf": {"train": {"steps": 30, "rays": 64}}}
+    config = {"refinement": {"order": "paper"}, "nerf": {"train": {"steps": 30, "rays": 64}}}
     one, three = (mdenerf.refine(photo, depth=depth, config=config, threads=n) for n in (1, 3))
     assert one.depth.tobytes() == three.depth.tobytes() and one.sigma.tobytes() == three.sigma.tobytes()
     assert (one.run["threads"], three.run["threads"]) == (1, 3)
@@ -287,7 +287,7 @@ def test_any_number_of_threads_gives_the_same_bytes(photo, depth):
 
 def test_the_interpreter_is_free_meanwhile(photo, depth):
     """Another Python thread runs during a refinement, and two refinements overlap."""
-    config = {"nerf": {"train": {"steps": 150, "rays": 128}}}
+    config = {"refinement": {"order": "paper"}, "nerf": {"train": {"steps": 150, "rays": 128}}}
     spans = []
     ticks = 0
     stop = threading.Event()
@@ -332,7 +332,7 @@ def test_ctrl_c_cancels(tmp_path):
             if stage == "fit":
                 print("fit", flush=True)
         try:
-            mdenerf.refine(image, depth=np.full((96, 128), 2.0), config={"nerf": {"train": {"steps": 1000000}}}, progress=progress)
+            mdenerf.refine(image, depth=np.full((96, 128), 2.0), config={"refinement": {"order": "paper"}, "nerf": {"train": {"steps": 1000000}}}, progress=progress)
         except KeyboardInterrupt:
             print("interrupted", flush=True)
         """

@@ -50,7 +50,7 @@ def test_a_depth_map(photo, photo_file, depth, mde, tmp_path, preset):
     same(by_path, tmp_path / "out")
     record = json.loads((tmp_path / "out" / "run.json").read_text())
     assert result.run["training"] == record["training"]
-    if preset != "fast":
+    if preset == "paper":
         other = mdenerf.refine(photo, depth=depth, preset=preset, config=QUICK, seed=4)
         assert len(record["training"]) > 0 and other.run["training"] != record["training"]
 
@@ -195,13 +195,13 @@ def test_settings_with_arguments_of_their_own(photo, photo_file, network, argume
 def test_the_field_is_kept(photo, photo_file, depth, mde, tmp_path):
     native.save_npy(str(tmp_path / "depth.npy"), depth)
     (tmp_path / "quick.toml").write_text(QUICK)
-    prior = ["--prior-depth", tmp_path / "depth.npy", "--config", tmp_path / "quick.toml"]
+    prior = ["--prior-depth", tmp_path / "depth.npy", "--preset", "paper", "--config", tmp_path / "quick.toml"]
     mde("refine", photo_file, *prior, "--save-field", "-o", tmp_path / "out")
-    result = mdenerf.refine(photo_file, depth=tmp_path / "depth.npy", config=QUICK, keep_field=True)
+    result = mdenerf.refine(photo_file, depth=tmp_path / "depth.npy", preset="paper", config=QUICK, keep_field=True)
     same_files(result.save(tmp_path / "saved"), tmp_path / "out")
     assert result.field == (tmp_path / "out" / "field.safetensors").read_bytes()
     mde("render", "--field", tmp_path / "saved" / "field.safetensors", "--size", "64x48", "--fov", 60, "-o", tmp_path / "view")
-    assert mdenerf.refine(photo, depth=depth, config=QUICK).field is None
+    assert mdenerf.refine(photo, depth=depth, preset="paper", config=QUICK).field is None
     with pytest.warns(mdenerf.RefinementWarning, match="keep_field: no field was fitted"):
         assert mdenerf.refine(photo, depth=depth, preset="fast", keep_field=True).field is None
 

@@ -55,33 +55,33 @@ pub struct RefinementConfig {
     pub iterations: usize,
     /// Prior of the fusion from the second iteration on.
     pub prior: IterationPrior,
-    /// Whether a field is fitted where the prior was augmented.
-    pub field: FieldUse,
+    /// What a field is fitted to and what its depth is for.
+    pub order: Order,
 }
 
 impl Default for RefinementConfig {
     fn default() -> Self {
-        Self { iterations: 2, prior: IterationPrior::Carry, field: FieldUse::Always }
+        Self { iterations: 2, prior: IterationPrior::Carry, order: Order::Paper }
     }
 }
 
 impl RefinementConfig {
-    /// Whether a field is fitted to a prior that accepts new images or does not.
-    pub(crate) fn fits_a_field(&self, accepts_new_images: bool) -> bool {
-        self.iterations > 0 && (self.field == FieldUse::Always || !accepts_new_images)
+    /// Whether a field is fitted to a photograph alone.
+    pub(crate) fn fits_a_field(&self) -> bool {
+        self.iterations > 0 && self.order == Order::Paper
     }
 }
 
-/// Whether a field is fitted.
+/// The order of the stages after the prior.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum FieldUse {
-    /// In every run.
+pub enum Order {
+    /// As printed: a field is fitted to warps of the photograph, or to several photographs, and Eq. 7-17 fuse it with the prior.
     #[default]
-    Always,
-    /// Only where the prior accepts no new images, so that it is not augmented. Measured on photographs, a field fitted after the augmentation lowers no error and
-    /// blurs edges, since its views are warps of the same photograph.
-    WithoutAugmentation,
+    Paper,
+    /// Several photographs: their plane sweeps, then a field whose depth joins the consensus of the sweeps. A photograph alone gets no field:
+    /// measured, one that is fitted to its warps lowers no error and blurs edges.
+    Poses,
 }
 
 /// Prior of the fusion from the second iteration on. The next training views are always warped by the refined depth.
@@ -99,15 +99,13 @@ pub enum IterationPrior {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct NovelViews {
-    /// Number of fresh poses, the paper's K.
+    /// Number of fresh poses, the paper's K; 0: the original pose alone.
     pub count: usize,
-    /// Whether the original pose is rendered too.
-    pub original: bool,
 }
 
 impl Default for NovelViews {
     fn default() -> Self {
-        Self { count: 5, original: false }
+        Self { count: 5 }
     }
 }
 
@@ -213,10 +211,6 @@ impl Config {
                 remedy,
             });
         }
-        if self.novel.count == 0 && !self.novel.original {
-            let remedy = "give at least 1, or novel.original = true";
-            return Err(Error::Config { field: "novel.count", value: "0".to_owned(), remedy });
-        }
         self.augmentation.validate()?;
         self.sigma.validate()?;
         self.multi_view.validate()?;
@@ -313,8 +307,7 @@ mod tests {
             ("[nerf.train]\nsteps = \"many\"\n", "many"),
             ("[nerf.train]\nsteps = 0\n", "train.steps is 0"),
             ("[fusion]\ncalibration = \"magic\"\n", "magic"),
-            ("[nerf.train.depth-loss]\nweights = 1.0\n", "`nerf.train.depth-loss.weights`"),
-            ("[nerf.train.depth-loss]\nkind = \"none\"\nweight = 1.0\n", "`nerf.train.depth-loss.weight`"),
+            ("[nerf.sampling.volume]\nmargin = 1.0\n", "`nerf.sampling.volume.margin`"),
             ("[refinement]\niterations = 101\n", "refinement.iterations is 101"),
             ("[sigma]\nspread = -1.0\n", "sigma.spread is -1"),
             ("[augmentation]\ngain = 2.0\n", "augmentation.gain"),
@@ -345,12 +338,12 @@ mod tests {
     }
 
     #[test]
-    fn every_key_is_documented_and_there_are_at_most_65() {
+    fn every_key_is_documented_and_there_are_at_most_52() {
         let mut settings = BTreeSet::new();
         for preset in Preset::ALL {
             keys(&Table::try_from(preset.config()).unwrap(), "", &mut settings);
         }
-        assert!(settings.len() <= 65, "{} keys", settings.len());
+        assert!(settings.len() <= 52, "{} keys", settings.len());
         let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/settings.md");
         // The package alone has no documents.
         let Ok(page) = std::fs::read_to_string(page) else { return };
@@ -367,6 +360,6 @@ mod tests {
         assert_eq!((paper.nerf.train.steps, paper.nerf.train.steps_for), (2000, 0));
         assert_eq!(paper.refinement.iterations, 2);
         assert_eq!((paper.views.count, paper.novel.count), (10, 5));
-        assert!(!paper.novel.original && !paper.augmentation.is_active());
+        assert!(!paper.augmentation.is_active());
     }
 }

@@ -56,7 +56,7 @@ pub fn refine(
     let Start { prior, depth: anchor, mut components, certainty, report: augmentation } =
         run.start(stages.prior, stages.limits)?;
     check_prior(prior.view(), image)?;
-    if !config.refinement.fits_a_field(stages.prior.accepts_new_images()) {
+    if !config.refinement.fits_a_field() {
         let share = augmentation.common_error.unwrap_or(config.fusion.common_error);
         let depth = with_common_error(anchor, share)?;
         components.push(common(&depth, share));

@@ -54,7 +54,7 @@ pub(super) fn render(
 ) -> Result<Vec<GaussianDepth>> {
     let seed = derived_seed(config.seed, "novel-poses", iteration as u64);
     let mut poses = sample_poses(&config.novel_views(), scale, seed)?;
-    if config.novel.original {
+    if config.novel.count == 0 {
         poses.insert(0, Pose::identity());
     }
     let rules = config.reprojection();

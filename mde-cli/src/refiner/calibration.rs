@@ -59,7 +59,7 @@ pub fn fingerprint(
         version: 2,
         augmentation: augmented.then_some((augmentation, sigma)),
         common_error: config.fusion.common_error,
-        field: (!several && refinement.fits_a_field(accepts_new_images)).then(|| Config {
+        field: (!several && refinement.fits_a_field()).then(|| Config {
             seed: 0,
             disparity: usual.disparity,
             augmentation: usual.augmentation,
@@ -98,7 +98,7 @@ mod tests {
         // Without a field, its settings have no effect.
         assert!(same(&|c| c.refinement.iterations = 0, true));
         assert!(same(&|c| c.nerf.train.steps = 7, true));
-        assert!(!same(&|c| c.refinement.field = crate::config::FieldUse::Always, true));
+        assert!(!same(&|c| c.refinement.order = crate::config::Order::Paper, true));
         assert!(!same(&|c| c.sigma.spread = 3.0, true));
         assert!(!same(&|c| c.augmentation.gain = 0.5, true));
         assert!(!same(&|c| c.fusion.common_error = 0.1, true));

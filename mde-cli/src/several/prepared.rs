@@ -1,6 +1,6 @@
 //! What the photographs of a capture share, found once, and the refinement of each.
 
-use crate::config::Config;
+use crate::config::{Config, Order};
 use crate::error::{Error, Result};
 use crate::refinement::event::{Callback, Event, Stage};
 use crate::refinement::refine;
@@ -13,7 +13,7 @@ use crate::scene::Scene;
 use crate::several::cameras::Posed;
 use crate::several::novel::Candidate;
 use crate::several::{cameras, fault, novel, priors, result, withheld};
-use mde_fusion::{BayesFuser, Guards};
+use mde_fusion::BayesFuser;
 use mde_mvs::consensus::{ConsensusConfig, Reconstruction, ViewDepth, reconstruct_with};
 use mde_mvs::exposure::{Exposure, fit_exposure};
 use mde_mvs::gauge::{Scale, point_matches};
@@ -291,12 +291,12 @@ impl<'s> PreparedScene<'s> {
             .as_first(own, |known| result::combine(known, &views, &covariances, rendered.as_ref(), unit))?;
         let factor = result::scale(&swept.reconstruction, unit)[0];
         if let Some(rendered) = &rendered {
-            let printed = match (stages.fuser, config.fusion.guards) {
+            let printed = match (stages.fuser, config.refinement.order) {
                 (Some(fuser), _) => Some(result::printed(fuser, &prior, rendered, factor)?),
-                (None, Guards::Paper) => {
+                (None, Order::Paper) => {
                     Some(result::printed(&BayesFuser::new(config.fusion.clone())?, &prior, rendered, factor)?)
                 }
-                (None, _) => None,
+                (None, Order::Poses) => None,
             };
             if let Some(fused) = printed {
                 components = vec![Component { name: "field", sigma: fused.aligned.sigma() }];
@@ -363,7 +363,7 @@ impl<'s> PreparedScene<'s> {
         Ok(())
     }
 
-    /// The photograph alone, with the same settings and without a field: there is nothing that one could add.
+    /// The photograph alone, with the same settings.
     fn alone(
         &self,
         photograph: usize,
@@ -371,10 +371,8 @@ impl<'s> PreparedScene<'s> {
         report: CaptureReport,
         callback: &mut Callback<'_>,
     ) -> Result<Refinement> {
-        let mut alone = self.config.clone();
-        alone.refinement.iterations = 0;
         let reference = &self.scene.photographs[photograph];
-        let refined = refine(reference.image.view(), &reference.camera.camera, stages, &alone, callback)?;
+        let refined = refine(reference.image.view(), &reference.camera.camera, stages, self.config, callback)?;
         Ok(Refinement { capture: Some(report), ..refined })
     }
 }

@@ -185,7 +185,7 @@ pub(crate) fn unusable_fields() {
         (flipped, &["damaged", "fit the field again"]),
         (with("\\\"steps\\\":60", "\\\"steps\\\":61"), &["checksum of its header", "fit the field again"]),
         (with("mde-nerf", "mde-derf"), &["give a file written by"]),
-        (with("\"density\"", "\"desnity\""), &["density", "give a file written by"]),
+        (with("\"network\"", "\"netwrok\""), &["network", "give a file written by"]),
         (with("\"F32\"", "\"I32\""), &["32-bit floats"]),
         (with("\"F32\"", "\"F64\""), &["give a file written by"]),
     ];

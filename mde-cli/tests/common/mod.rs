@@ -23,6 +23,7 @@ pub(crate) const HEIGHT: usize = 48;
 pub(crate) const TINY: &str = "\
 [refinement]
 iterations = 2
+order = 'paper'
 [views]
 count = 3
 [novel]

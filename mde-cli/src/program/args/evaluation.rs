@@ -101,10 +101,9 @@ Examples:
   mde ablate --dataset rooms --size 160x120 --config quick.toml -o out/ablation
   mde ablate SUNRGBD --prior-model fastdepth_224.onnx --rows no-variance,min-depth,nerf-only --seeds 1 -o out/ablation
 
-Rows, each one change of the full model: no-variance, no-variance-mean, min-depth, min-depth-precision, min-variance, mean,
-median, no-calibration, ols, fixed-variance, kappa-0.02, -0.05, -0.1, -0.2, nerf-only (the paper's Table II and variants);
-guided-for-nerf, noise-for-nerf (a filter in place of the NeRF); original-pose, in-bin, spread, effective, anchor,
-heteroscedastic, all (remedies). Rows that differ only after the first fit share that fit.
+Rows, each one change of the full model: no-variance, min-depth, no-calibration, fixed-variance, kappa-0.02, -0.05, -0.1,
+-0.2, nerf-only (the paper's Table II and variants); guided-for-nerf, noise-for-nerf (a filter in place of the NeRF);
+original-pose, in-bin, spread, anchor (remedies). Rows that differ only after the first fit share that fit.
 
 Output: as for mde eval, with the paper's Table II at the top of table.md. The same command resumes after an interruption."
 )]

@@ -393,9 +393,9 @@ pub(crate) struct ErrorBarArgs {
 pub(crate) enum PresetName {
     /// The equations as printed: an MLP trained on colours alone, two iterations
     Paper,
-    /// At most five predictions; a depth map gets an error bar and stays as it is
+    /// As default, with at most five predictions
     Fast,
-    /// Predictions of crops and mirror images too, merged; for a depth map, a field supervised by it
+    /// Predictions of crops and mirror images too, merged; a depth map gets an error bar and stays as it is
     Default,
     /// Several photographs (--views): a field on their colours and on the consensus of plane sweeps
     MultiView,

@@ -1,9 +1,9 @@
-//! The rows of `mde ablate`: the paper's Table II, controls without a NeRF, and each remedy alone.
+//! The rows of `mde ablate`: the paper's Table II, controls without a NeRF, and remedies.
 
 use crate::config::{Config, IterationPrior};
 use crate::program::evaluation::method::PRIOR;
 use mde_eval::table::{Block, Cell, Column, Summary, Table};
-use mde_fusion::{Aggregation, Calibration, Fusion, FusionConfig, PriorVariance, VarianceRule};
+use mde_fusion::{Aggregation, Calibration, Fusion, PriorVariance, VarianceRule};
 use mde_uncertainty::termination::InBinVariance;
 
 /// The unchanged configuration, the reference of the other rows.
@@ -47,14 +47,6 @@ fn fixed(config: &mut Config, kappa: f64) {
 
 fn original_only(config: &mut Config) {
     config.novel.count = 0;
-    config.novel.original = true;
-}
-
-/// Every remedy that has a row, at once.
-fn all_remedies(config: &mut Config) {
-    config.nerf.render.in_bin = InBinVariance::Uniform;
-    config.refinement.prior = IterationPrior::Anchor;
-    config.fusion = FusionConfig::robust();
 }
 
 /// All rows, the full model first.
@@ -68,22 +60,12 @@ pub(crate) const ROWS: &[Row] = &[
             c.fusion.variance = VarianceRule::ConstantMedian;
         },
     ),
-    row("no-variance-mean", "the mean of all views' variances everywhere", |c| {
-        c.fusion.variance = VarianceRule::ConstantMean
-    }),
     printed("min-depth", "- precision-weighted fusion: the nearest surface", [0.7, 1.04, 0.309], |c| {
         c.fusion.aggregation = Aggregation::MinDepth;
     }),
-    row("min-depth-precision", "the nearest surface with the variance of Eq. 8", |c| {
-        c.fusion.aggregation = Aggregation::MinDepthPrecision;
-    }),
-    row("min-variance", "the view of least variance", |c| c.fusion.aggregation = Aggregation::MinVariance),
-    row("mean", "the mean of the views", |c| c.fusion.aggregation = Aggregation::Mean),
-    row("median", "the median of the views", |c| c.fusion.aggregation = Aggregation::Median),
     printed("no-calibration", "- affine WLS: a = 1, b = 0", [2.8, 1.06, 0.402], |c| {
         c.fusion.calibration = Calibration::None;
     }),
-    row("ols", "least squares without weights", |c| c.fusion.calibration = Calibration::Ols),
     printed(
         "fixed-variance",
         "- empirical Bayes: the median of the calibrated variances",
@@ -108,15 +90,10 @@ pub(crate) const ROWS: &[Row] = &[
     without_nerf("noise-for-nerf", "no NeRF: the prior with 1 % noise in its place", "noise"),
     row("original-pose", "rendered from the original pose alone", original_only),
     row("in-bin", "variance within the bins of a ray", |c| c.nerf.render.in_bin = InBinVariance::Uniform),
-    row("spread", "variance of the mixture of views", |c| c.fusion.spread = true),
-    row("effective", "calibration with effective variances, ridge, Huber", |c| {
-        c.fusion.calibration = Calibration::Effective;
+    row("spread", "variance of the mixture of views", |c| {
+        c.fusion.aggregation = Aggregation::Mixture;
     }),
     row("anchor", "the first prior in every iteration", |c| c.refinement.prior = IterationPrior::Anchor),
-    row("heteroscedastic", "sigma_o per pixel", |c| {
-        c.fusion.prior_variance = PriorVariance::Heteroscedastic;
-    }),
-    row("all", "in-bin, spread, effective, anchor, heteroscedastic and strict guards together", all_remedies),
 ];
 
 /// The prior without refinement, for comparison.

@@ -6,7 +6,6 @@ use crate::program::report::{page, photographs, read_json, read_text};
 use crate::program::store::folder::RECORD;
 use crate::scene::size::resized;
 use anyhow::{Context, Result, ensure};
-use mde_fusion::PriorVariance;
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
 use ndarray::Array2;
@@ -146,10 +145,6 @@ impl PriorSigma {
         };
         let sigma_o = iterations.get(index).and_then(|i| i["fusion"]["sigma_o"].as_f64()).unwrap_or_default();
         let common = record["augmentation"]["common_error"].as_f64().unwrap_or(config.fusion.common_error);
-        let mean = match config.fusion.prior_variance {
-            PriorVariance::Heteroscedastic => ", its mean over the pixels",
-            _ => "",
-        };
         let whose = match record["error_bar"]["common_assumed"].is_null() {
             true => "",
             false => ", which has FastDepth's error, assumed here (mde calibrate measures another network's)",
@@ -171,7 +166,7 @@ impl PriorSigma {
                 100.0 * common
             )
         } else {
-            format!("The prior's ± is σₒ of iteration {}{mean}{more}.", index + 1)
+            format!("The prior's ± is σₒ of iteration {}{more}.", index + 1)
         };
         Self { sigma_o, common, note }
     }

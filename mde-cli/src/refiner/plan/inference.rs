@@ -52,7 +52,7 @@ impl<'c> PhotographMemory<'c> {
         };
         Self {
             config,
-            fits_a_field: config.refinement.fits_a_field(accepts_new_images),
+            fits_a_field: config.refinement.fits_a_field(),
             inference: prior.memory(height, width).unwrap_or_default(),
             most: prior.concurrency().min(threads).min(predictions).max(1) as u64,
             full: if full == at { 0 } else { full.0 as u64 * full.1 as u64 },

@@ -70,7 +70,7 @@ fn pixel_bytes(config: &Config) -> u64 {
 
 /// Views that a field renders.
 fn rendered(config: &Config) -> u64 {
-    (config.novel.count as u64).saturating_add(u64::from(config.novel.original))
+    (config.novel.count as u64).max(1)
 }
 
 /// Upper bound of the memory of an evaluation, by the size of the scenes; measured, it is 1.1 to 2 times the real peak. The memory
@@ -183,10 +183,7 @@ fn parameters(field: &FieldConfig) -> u64 {
     };
     match field {
         FieldConfig::Mlp(f) => network(3 + 6 * f.frequencies as u64, f.layers, f.width),
-        FieldConfig::Hash(f) => {
-            let colour = if f.geometry > 0 { network(f.geometry as u64 + 1, 1, f.width) } else { 0 };
-            network((f.levels * f.features) as u64, f.layers, f.width) + colour + table(f)
-        }
+        FieldConfig::Hash(f) => network((f.levels * f.features) as u64, f.layers, f.width) + table(f),
     }
 }
 
@@ -265,7 +262,7 @@ mod tests {
         assert_eq!(memory.bytes(u64::MAX, 2), u64::MAX);
         // A fusion's settings need no field of their own; another seed does.
         let mut fused = full.clone();
-        fused.fusion.spread = !fused.fusion.spread;
+        fused.fusion.kappa *= 2.0;
         let shared = bytes(&[seed(0), Some(fused)], true);
         assert_eq!(shared, bytes(&[seed(0), seed(0)], true));
         assert!(shared < bytes(&[seed(0), seed(1)], true) && shared > bytes(&[seed(0), seed(1)], false));
