@@ -288,7 +288,7 @@ fn on_disk(room: &Rendered) -> tempfile::TempDir {
         let lens = Lens { camera: known.view.camera, distortion: Distortion::default() };
         frames.push(Frame { photograph, lens, pose: known.view.pose });
     }
-    std::fs::write(path("transforms.json"), transforms_json(&frames, folder.path())).unwrap();
+    std::fs::write(path("transforms.json"), transforms_json(&frames, folder.path(), |_| Vec::new())).unwrap();
     let prior = room.views[0].prior.as_ref().unwrap().to_depth(&DisparityRule::default()).unwrap();
     write_npy(path("prior.npy"), prior.view()).unwrap();
     std::fs::write(path("quick.toml"), "nerf.train = { steps = 50, rays = 128 }\nnerf.field.finest = 64\n")

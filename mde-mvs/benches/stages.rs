@@ -58,7 +58,12 @@ fn stages(c: &mut Criterion) {
     });
     let priors: Vec<_> = priors.iter().map(|p| p.view()).collect();
     group.bench_function("reconstruct", |b| {
-        b.iter(|| black_box(reconstruct(&views, &priors, None, &ConsensusConfig::default()).unwrap()))
+        b.iter(|| {
+            black_box(
+                reconstruct(&views, &priors, None, &ConsensusConfig::default(), &mut mde_mvs::silent)
+                    .unwrap(),
+            )
+        })
     });
 }
 

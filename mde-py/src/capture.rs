@@ -2,7 +2,7 @@
 
 use crate::error::{message, raise};
 use crate::refine::{Motion, given, motion};
-use mde_cli::mde_mvs::capture::{Capture, CaptureFiles, Distortion, Lens};
+use mde_cli::mde_mvs::capture::{CaptureFiles, Distortion, Lens, PosedCapture};
 use mde_cli::mde_prior::photo::{image_size, read_image};
 use mde_cli::naming::Naming;
 use mde_cli::scene::camera::{GivenCamera, KnownCamera};
@@ -54,7 +54,7 @@ pub(crate) fn read_capture<'py>(
     Ok(Some((views.collect(), capture.frames.len())))
 }
 
-fn capture(path: &Path, image: &Path, given: &GivenCamera) -> Result<Option<Capture>, String> {
+fn capture(path: &Path, image: &Path, given: &GivenCamera) -> Result<Option<PosedCapture>, String> {
     let Some(files) = CaptureFiles::find(path) else { return Ok(None) };
     let mut lens = None;
     if files.needs_lens() {

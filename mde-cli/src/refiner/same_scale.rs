@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::scene::SameScale;
 use crate::scene::camera::KnownCamera;
 use crate::scene::size::{shrink, within};
-use mde_mvs::poses::{FeatureConfig, LogFactor, LogRatio, Photograph, PosesConfig, Prepared, common_scale};
+use mde_mvs::poses::{FeatureConfig, LogFactor, LogRatio, PoseInput, PosesConfig, Prepared, common_scale};
 use mde_prior::resample::nearest;
 use mde_prior::{DepthPrior, DisparityRule};
 use mde_uncertainty::random::derived_seed;
@@ -102,7 +102,7 @@ impl OneScale {
         let (height, width, _) = image.dim();
         let size = within((height, width), Some(LONGER_SIDE));
         let (image, depth) = (shrink(image, size), nearest(depth.view(), size));
-        let photograph = Photograph {
+        let photograph = PoseInput {
             name: "photograph",
             image: image.view(),
             camera: camera.camera.resized(size.1, size.0)?,

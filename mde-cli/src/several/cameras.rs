@@ -5,8 +5,7 @@ use crate::error::Result;
 use crate::reports::capture::{CaptureReport, PoseSource};
 use crate::scene::Scene;
 use mde_mvs::poses::{
-    self, Agreement, PosesConfig, RefineConfig, Refined, Track, Verdict, estimate_poses_with,
-    refine_poses_with,
+    self, Agreement, PosesConfig, RefineConfig, Refined, Track, Verdict, estimate_poses, refine_poses,
 };
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
@@ -42,11 +41,11 @@ pub(super) fn posed(
     report: &mut CaptureReport,
     matched: &mut mde_mvs::Callback<'_>,
 ) -> Result<Option<Posed>> {
-    let inputs: Vec<poses::Photograph<'_>> = scene
+    let inputs: Vec<poses::PoseInput<'_>> = scene
         .photographs
         .iter()
         .zip(priors)
-        .map(|(photograph, prior)| poses::Photograph {
+        .map(|(photograph, prior)| poses::PoseInput {
             name: &photograph.name,
             image: photograph.image.view(),
             camera: photograph.camera.camera,
@@ -79,7 +78,7 @@ pub(super) fn posed(
         }
         None => {
             let settings = PosesConfig::default();
-            let estimated = estimate_poses_with(&inputs, reference, &settings, seed, matched)?;
+            let estimated = estimate_poses(&inputs, reference, &settings, seed, matched)?;
             report.poses = PoseSource::Estimated;
             report.focal_factor = Some(estimated.focal_factor);
             for (photograph, found) in report.photographs.iter_mut().zip(&estimated.photographs) {
@@ -116,7 +115,7 @@ pub(super) fn posed(
 /// Given poses, refined, of the photographs that belong to them by their matches: their indices, and the poses in that order. The
 /// others are left out before a second refinement.
 fn refined(
-    inputs: &[poses::Photograph<'_>],
+    inputs: &[poses::PoseInput<'_>],
     given: &[Pose],
     reference: usize,
     seed: u64,
@@ -127,10 +126,10 @@ fn refined(
     let few = settings.matches.min_matches;
     let mut kept: Vec<usize> = (0..inputs.len()).collect();
     loop {
-        let shown: Vec<poses::Photograph<'_>> = kept.iter().map(|&index| inputs[index]).collect();
+        let shown: Vec<poses::PoseInput<'_>> = kept.iter().map(|&index| inputs[index]).collect();
         let theirs: Vec<Pose> = kept.iter().map(|&index| given[index]).collect();
         let first = kept.iter().position(|&index| index == reference).unwrap_or_default();
-        let refined = refine_poses_with(&shown, &theirs, first, &settings, seed, matched)?;
+        let refined = refine_poses(&shown, &theirs, first, &settings, seed, matched)?;
         let doubts: Vec<Option<String>> = refined.agreement.iter().map(|found| doubt(found, few)).collect();
         for ((&index, found), doubt) in kept.iter().zip(&refined.agreement).zip(&doubts) {
             let photograph = &mut report.photographs[index];

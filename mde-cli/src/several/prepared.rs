@@ -14,10 +14,10 @@ use crate::several::cameras::Posed;
 use crate::several::novel::Candidate;
 use crate::several::{cameras, fault, novel, priors, result, withheld};
 use mde_fusion::BayesFuser;
-use mde_mvs::consensus::{ConsensusConfig, Reconstruction, ViewDepth, reconstruct_with};
+use mde_mvs::consensus::{ConsensusConfig, Reconstruction, ViewDepth, reconstruct};
 use mde_mvs::exposure::{Exposure, fit_exposure};
-use mde_mvs::gauge::{Scale, point_matches};
 use mde_mvs::poses::relative_covariance;
+use mde_mvs::scale::{Scale, point_matches};
 use mde_mvs::views::{ViewScore, ViewSelection, select_views};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
@@ -353,8 +353,7 @@ impl<'s> PreparedScene<'s> {
         let views: Vec<PosedView> = group.iter().map(|&view| posed.views[view].clone()).collect();
         let depths = priors::for_views(&views, &order, &self.priors, posed.unit)?;
         let depths: Vec<ArrayView2<'_, f32>> = depths.iter().map(|depth| depth.view()).collect();
-        let reconstruction =
-            reconstruct_with(&views, &depths, self.scale, &ConsensusConfig::default(), swept)?;
+        let reconstruction = reconstruct(&views, &depths, self.scale, &ConsensusConfig::default(), swept)?;
         if is_first {
             self.scale = self.scale.or(reconstruction.scale);
             self.scale_sought = true;

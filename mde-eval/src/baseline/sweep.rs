@@ -1,6 +1,7 @@
 use super::check;
 use crate::{Error, Refined, Refiner, Result, Task};
 use mde_mvs::consensus::{ConsensusConfig, reconstruct};
+use mde_mvs::silent;
 use mde_mvs::sweep::{Surfaces, SweepConfig, sweep};
 use mde_warp::{Pose, PosedView};
 use ndarray::{Array2, ArrayView2};
@@ -35,8 +36,7 @@ impl Refiner for PlaneSweep {
     }
 }
 
-/// The prior in the unit of the poses: one affine gauge in inverse depth, fitted to the plane sweeps of all photographs
-/// ([`mde_mvs::gauge`]). All that poses give without a depth per pixel.
+/// The prior in the unit of the poses: one factor, by the plane sweeps of all photographs ([`mde_mvs::scale`]). All that poses give without a depth per pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct GaugedPrior {
     /// Settings of the sweeps.
@@ -54,7 +54,7 @@ impl Refiner for GaugedPrior {
             });
         }
         let priors: Vec<ArrayView2<'_, f32>> = priors.iter().map(|prior| prior.view()).collect();
-        let known = reconstruct(&views, &priors, None, &self.config)
+        let known = reconstruct(&views, &priors, None, &self.config, &mut silent)
             .map_err(|error| Error::Method(error.to_string()))?;
         let reference = known.views.into_iter().next().ok_or(Error::NoViews)?;
         let sigma = reference.prior.sigma().mapv(|sigma| if sigma.is_finite() { sigma } else { 0.0 });

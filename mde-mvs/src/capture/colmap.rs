@@ -6,7 +6,7 @@ use nalgebra::{Point2, Point3};
 
 use super::tum::{lines, number};
 use super::{
-    Capture, Distortion, Error, Frame, Lens, MAX_FRAMES, Result, SparsePoint, check_photograph, content,
+    Distortion, Error, Frame, Lens, MAX_FRAMES, PosedCapture, Result, SparsePoint, check_photograph, content,
     quaternion, read_bytes, read_text, translation,
 };
 
@@ -31,7 +31,7 @@ pub fn read_colmap(
     model: &Path,
     photographs: &Path,
     size: &dyn Fn(&Path) -> Option<[usize; 2]>,
-) -> Result<Capture> {
+) -> Result<PosedCapture> {
     let (images, raw) = Raw::read(model)?;
     raw.capture(&images, photographs, size)
 }
@@ -65,15 +65,10 @@ pub fn read_colmap_depths(model: &Path, photograph: &str) -> Result<SparseDepths
     let depths = raw.points.iter().filter(|(.., track)| track.contains(&image.id)).filter_map(
         |(position, error, _)| {
             let point = pose.transform_point(&Point3::from(*position));
-            let camera = &lens.camera;
-            let pinhole = Point2::new(
-                camera.fx * point.x / point.z + camera.cx,
-                camera.fy * point.y / point.z + camera.cy,
-            );
-            let pixel = lens.photograph_pixel(pinhole)?;
+            let pixel = lens.photograph_pixel(lens.camera.project(&point)?)?;
             let inside = |x: f64, side: usize| x >= -0.5 && x <= side as f64 - 0.5;
-            let (height, width) = camera.dim();
-            let usable = point.z > 0.0 && point.z.is_finite() && error.is_finite();
+            let (height, width) = lens.camera.dim();
+            let usable = point.z.is_finite() && error.is_finite();
             (usable && inside(pixel.x, width) && inside(pixel.y, height)).then_some((pixel, point.z))
         },
     );
@@ -146,9 +141,9 @@ impl Raw {
         path: &Path,
         photographs: &Path,
         size: &dyn Fn(&Path) -> Option<[usize; 2]>,
-    ) -> Result<Capture> {
+    ) -> Result<PosedCapture> {
         self.images.sort_by(|a, b| a.name.cmp(&b.name));
-        let mut capture = Capture::default();
+        let mut capture = PosedCapture::default();
         let mut index = BTreeMap::new();
         for image in &self.images {
             let photograph = photographs.join(&image.name);
@@ -199,7 +194,9 @@ fn lens(
     let camera = PinholeCamera::new(k[0], k[1], k[2] - 0.5, k[3] - 0.5, width as usize, height as usize)
         .map_err(|e| content(path, place(), e.to_string()))?;
     let [k1, k2, p1, p2] = distortion;
-    Ok(Lens { camera, distortion: Distortion { k1, k2, k3: 0.0, p1, p2 } })
+    let lens = Lens { camera, distortion: Distortion { k1, k2, k3: 0.0, p1, p2 } };
+    lens.check().map_err(|problem| content(path, place(), problem))?;
+    Ok(lens)
 }
 
 fn unsupported(path: &Path, model: String) -> Error {

@@ -4,7 +4,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use super::{
-    Capture, Error, Frame, Lens, PixelCentres, Result, content, read_colmap, read_transforms, read_tum,
+    Error, Frame, Lens, PixelCentres, PosedCapture, Result, content, read_colmap, read_transforms, read_tum,
 };
 
 /// The files of a capture.
@@ -52,7 +52,11 @@ impl CaptureFiles {
     ///
     /// # Errors
     /// Those of [`read_transforms`], [`read_colmap`] and [`read_tum`], and [`Error::Content`] where the lens is missing.
-    pub fn read(&self, lens: Option<&Lens>, size: &dyn Fn(&Path) -> Option<[usize; 2]>) -> Result<Capture> {
+    pub fn read(
+        &self,
+        lens: Option<&Lens>,
+        size: &dyn Fn(&Path) -> Option<[usize; 2]>,
+    ) -> Result<PosedCapture> {
         match (self, lens) {
             (Self::Transforms(path), _) => read_transforms(path, PixelCentres::Halves, size),
             (Self::Colmap { model, photographs }, _) => read_colmap(model, photographs, size),
@@ -64,7 +68,7 @@ impl CaptureFiles {
     }
 }
 
-impl Capture {
+impl PosedCapture {
     /// Index of the frame of a photograph.
     ///
     /// # Errors

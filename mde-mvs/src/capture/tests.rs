@@ -28,7 +28,7 @@ fn frames() -> Vec<Frame> {
         .collect()
 }
 
-fn close(a: &Capture, b: &[Frame]) -> bool {
+fn close(a: &PosedCapture, b: &[Frame]) -> bool {
     let same = |(a, b): (&Frame, &Frame)| {
         let camera =
             (a.lens.camera.cx - b.lens.camera.cx).abs() + (a.lens.camera.cy - b.lens.camera.cy).abs();
@@ -38,14 +38,18 @@ fn close(a: &Capture, b: &[Frame]) -> bool {
     a.frames.len() == b.len() && a.frames.iter().zip(b).all(same)
 }
 
-fn transforms(text: &str) -> Result<Capture> {
+fn transforms(text: &str) -> Result<PosedCapture> {
     transforms::parse(Path::new("shots/transforms.json"), text, PixelCentres::Integers, &present)
+}
+
+fn written(frames: &[Frame]) -> String {
+    transforms_json(frames, Path::new("shots"), |_| Vec::new())
 }
 
 #[test]
 fn transforms_come_back_as_written() {
     let frames = frames();
-    let text = transforms_json(&frames, Path::new("shots"));
+    let text = written(&frames);
     let read = transforms(&text).unwrap();
     assert!(close(&read, &frames));
     assert_eq!(read.frames[0].lens, frames[0].lens);
@@ -70,8 +74,8 @@ fn opengl_axes_are_turned() {
 
 #[test]
 fn bad_transforms_are_named() {
-    let good = transforms_json(&frames(), Path::new("shots"));
-    let one = transforms_json(&frames()[..1], Path::new("shots"));
+    let good = written(&frames());
+    let one = written(&frames()[..1]);
     let message = |text: &str| transforms(text).unwrap_err().to_string();
     assert!(message(&one).contains("at least 2"));
     assert!(message("{").contains("JSON"));
@@ -99,9 +103,49 @@ fn bad_transforms_are_named() {
     }
 }
 
+/// Numbers that would otherwise overflow somewhere in the middle of a run.
+#[test]
+fn cameras_that_cannot_exist_are_refused_with_the_value_and_the_file() {
+    let good = written(&frames());
+    let angle = r#"{"camera_angle_x": 1e9, "frames": [
+        {"file_path": "a", "transform_matrix": [[1,0,0,1],[0,1,0,0],[0,0,1,5],[0,0,0,1]]},
+        {"file_path": "b", "transform_matrix": [[1,0,0,2],[0,1,0,0],[0,0,1,5],[0,0,0,1]]}]}"#;
+    let with = |from: &str, to: &str| {
+        let text = good.replace(from, to);
+        assert_ne!(text, good);
+        text
+    };
+    for (text, named) in [
+        (with("\"fl_x\": 50.0", "\"fl_x\": 1e300"), "fx is 1e300"),
+        (with("\"fl_x\": 50.0", "\"fl_x\": 1e-300"), "fx is 1e-300"),
+        (with("\"fl_y\": 51.0", "\"fl_y\": 1e300"), "fy is 1e300"),
+        (with("\"cx\": 31.5", "\"cx\": 1e300"), "cx is 1e300"),
+        (with("\"k1\": 0.1", "\"k1\": 1e300"), "k1 is 1e300"),
+        (angle.to_owned(), "frames[0].camera_angle_x: 1000000000.0"),
+    ] {
+        let message = transforms(&text).unwrap_err().to_string();
+        assert!(message.starts_with("shots/transforms.json: ") && message.contains(named), "{message}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn files_that_never_end_are_refused() {
+    let folder = std::env::temp_dir().join(format!("mde-mvs-pipe-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let pipe = folder.join("transforms.json");
+    let _ = std::fs::remove_file(&pipe);
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    for path in [pipe.as_path(), Path::new("/dev/zero")] {
+        let message = read_transforms(path, PixelCentres::Halves, &present).unwrap_err().to_string();
+        assert!(message.contains("give a regular file"), "{message}");
+    }
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
 #[test]
 fn names_with_control_characters_stay_on_one_line() {
-    let good = transforms_json(&frames(), Path::new("shots"));
+    let good = written(&frames());
     let absent = |p: &Path| (!p.to_string_lossy().contains('\n')).then_some(SIZE);
     let path = Path::new("shots/transforms.json");
     let text = good.replace("d.png", "d\\n\\u001b[31m.png");
@@ -157,7 +201,7 @@ fn colmap_files(frames: &[Frame]) -> ([String; 3], [Vec<u8>; 3]) {
     ([cameras, images, points], [camera_bytes, image_bytes, point_bytes])
 }
 
-fn from_text(text: &[String; 3]) -> Result<Capture> {
+fn from_text(text: &[String; 3]) -> Result<PosedCapture> {
     let path = Path::new("images.txt");
     let raw = colmap::Raw {
         cameras: colmap::text_cameras(path, &text[0])?,
@@ -167,7 +211,7 @@ fn from_text(text: &[String; 3]) -> Result<Capture> {
     raw.capture(path, Path::new("shots"), &present)
 }
 
-fn from_bytes(bytes: &[Vec<u8>; 3]) -> Result<Capture> {
+fn from_bytes(bytes: &[Vec<u8>; 3]) -> Result<PosedCapture> {
     let path = Path::new("images.bin");
     let raw = colmap::Raw {
         cameras: colmap::binary_cameras(path, &bytes[0])?,
@@ -319,7 +363,7 @@ proptest! {
             String::from_utf8_lossy(&bytes).into_owned()
         };
         let _ = from_text(&text.map(|t| damaged(&t)));
-        let _ = transforms(&damaged(&transforms_json(&frames(), Path::new("shots"))));
+        let _ = transforms(&damaged(&written(&frames())));
         let text = String::from_utf8_lossy(&bytes).into_owned();
         let lens = frames()[0].lens;
         let _ = tum::parse(path, &text, path, &text, &lens, &present);

@@ -3,7 +3,7 @@ use std::path::Path;
 use mde_warp::Pose;
 
 use super::{
-    Capture, Error, Frame, Lens, MAX_FRAMES, Result, check_photograph, content, quaternion, read_text,
+    Error, Frame, Lens, MAX_FRAMES, PosedCapture, Result, check_photograph, content, quaternion, read_text,
     translation,
 };
 
@@ -19,7 +19,11 @@ const MAX_GAP: f64 = 0.02;
 /// # Errors
 /// One line that names the file and the line: what is missing, not finite, of another size, a rotation that is none,
 /// fewer than two photographs with poses, or all of them taken from one place.
-pub fn read_tum(folder: &Path, lens: &Lens, size: &dyn Fn(&Path) -> Option<[usize; 2]>) -> Result<Capture> {
+pub fn read_tum(
+    folder: &Path,
+    lens: &Lens,
+    size: &dyn Fn(&Path) -> Option<[usize; 2]>,
+) -> Result<PosedCapture> {
     let (rgb, poses) = (folder.join("rgb.txt"), folder.join("groundtruth.txt"));
     parse(&rgb, &read_text(&rgb)?, &poses, &read_text(&poses)?, lens, size)
 }
@@ -44,7 +48,8 @@ pub(super) fn parse(
     truth_text: &str,
     lens: &Lens,
     size: &dyn Fn(&Path) -> Option<[usize; 2]>,
-) -> Result<Capture> {
+) -> Result<PosedCapture> {
+    lens.check().map_err(|problem| content(rgb, "intrinsics", problem))?;
     let mut poses = Vec::new();
     for (line, text) in lines(truth_text) {
         let mut words = text.split_whitespace();
@@ -56,7 +61,7 @@ pub(super) fn parse(
     }
     poses.sort_by(|a, b| a.0[0].total_cmp(&b.0[0]));
     let folder = rgb.parent().unwrap_or(Path::new(""));
-    let mut capture = Capture::default();
+    let mut capture = PosedCapture::default();
     for (line, text) in lines(rgb_text) {
         let (time, name) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
         let time = number(rgb, line, Some(time), "time")?;

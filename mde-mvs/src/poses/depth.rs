@@ -1,7 +1,7 @@
 //! What uncertain poses do to depth.
 
 use mde_warp::{Pose, PosedView};
-use nalgebra::{Matrix3, Matrix6, Point2, RowVector2, RowVector6, Vector3};
+use nalgebra::{Matrix3, Matrix6, Point2, Point3, RowVector2, RowVector6, Vector3};
 use ndarray::{Array2, ArrayView2};
 
 /// Variance of the log depth of each pixel of `views[0]` that comes from the poses of the other views; 0 where none of them shows the
@@ -59,10 +59,10 @@ fn derivative(view: &PosedView, motion: &Pose, point: &Vector3<f64>) -> Option<(
         return None;
     }
     let camera = &view.camera;
-    let (u, v) = (camera.fx * there.x / there.z + camera.cx, camera.fy * there.y / there.z + camera.cy);
+    let pixel = camera.project(&Point3::from(there))?;
     // The pixels reach half a pixel beyond their centres.
     let within = |at: f64, size: usize| at >= -0.5 && at <= size as f64 - 0.5;
-    if !(within(u, camera.width) && within(v, camera.height)) {
+    if !(within(pixel.x, camera.width) && within(pixel.y, camera.height)) {
         return None;
     }
     let across = Vector3::new(camera.fx / there.z, 0.0, -camera.fx * there.x / (there.z * there.z));

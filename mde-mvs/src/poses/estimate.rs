@@ -1,9 +1,9 @@
 use super::bundle::{Bundle, Covariance, Observed};
 use super::matching::match_features;
-use super::pair::{self, Pair};
 use super::tracks::{self, Track, TrackPixel};
-use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order};
-use crate::{Callback, Result, silent};
+use super::two_view::{Motion, Pair, relative_pose};
+use super::{FeatureImage, PoseInput, PosesConfig, all_pairs, config, in_order};
+use crate::{Callback, Result};
 use mde_uncertainty::statistics::quantile;
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Matrix6, Point2};
@@ -150,27 +150,15 @@ pub struct Estimated {
 ///
 /// The result depends on the photographs, the settings and the seed: neither on the number of threads nor on the order of the
 /// photographs. A photograph that does not fit has no pose and a [`Verdict`] with the reason; with none that fits, the reference
-/// alone has one.
+/// alone has one. The callback counts the pairs of photographs as they are compared.
 ///
 /// # Errors
 /// [`Error::Config`](crate::Error::Config) for a setting out of its range, fewer than two photographs, two of one name, a
 /// reference that is none of them or has no prior, or a photograph with a side below 16 pixels;
-/// [`Error::View`](crate::Error::View) for a camera that is not of its image's or its prior's size.
+/// [`Error::View`](crate::Error::View) for a camera that is not of its image's or its prior's size;
+/// [`Error::Interrupted`](crate::Error::Interrupted).
 pub fn estimate_poses(
-    photographs: &[Photograph],
-    reference: usize,
-    settings: &PosesConfig,
-    seed: u64,
-) -> Result<Estimated> {
-    estimate_poses_with(photographs, reference, settings, seed, &mut silent)
-}
-
-/// [`estimate_poses`] with a callback that counts the pairs of photographs as they are compared.
-///
-/// # Errors
-/// Its errors, and [`Error::Interrupted`](crate::Error::Interrupted).
-pub fn estimate_poses_with(
-    photographs: &[Photograph],
+    photographs: &[PoseInput],
     reference: usize,
     settings: &PosesConfig,
     seed: u64,
@@ -181,19 +169,19 @@ pub fn estimate_poses_with(
     if photographs[reference].prior.is_none() {
         return Err(config("prior of the reference", "missing", "give its depth"));
     }
-    let sorted: Vec<Photograph> = order.iter().map(|&i| photographs[i]).collect();
+    let sorted: Vec<PoseInput> = order.iter().map(|&i| photographs[i]).collect();
     let reference = order.iter().position(|&i| i == reference).unwrap_or_default();
-    let shots = Shot::all(&sorted, &settings.features)?;
+    let shots = FeatureImage::all(&sorted, &settings.features)?;
     let found = |i: usize, j: usize| match_features(&shots[i].features, &shots[j].features, settings.ratio);
-    let pairs = all_pairs(&shots, found, pair::relate, settings, seed, callback)?;
+    let pairs = all_pairs(&shots, found, relative_pose, settings, seed, callback)?;
     Ok(adjusted(&sorted, reference, &shots, &pairs, settings, &order))
 }
 
 /// Poses of photographs in the order of their names by their pairs; `order` has their places in the order given.
 pub(super) fn adjusted(
-    sorted: &[Photograph],
+    sorted: &[PoseInput],
     reference: usize,
-    shots: &[Shot],
+    shots: &[FeatureImage],
     pairs: &[Pair],
     settings: &PosesConfig,
     order: &[usize],
@@ -222,7 +210,8 @@ pub(super) fn adjusted(
         let noise = bundle.noise();
         // The matches count as if they were few, so the focal length's own deviation counts in full.
         bundle.focal_sigma = settings.focal_sigma;
-        let covariance = bundle.covariance(settings.alike(bundle.tracks.len()) * noise.max(LEAST_NOISE));
+        let covariance =
+            bundle.covariance(settings.shared_error_factor(bundle.tracks.len()) * noise.max(LEAST_NOISE));
         let most_uncertain = covariance.as_ref().and_then(Covariance::most_uncertain_rotation);
         match most_uncertain.filter(|(_, degrees)| *degrees > MOST_UNCERTAIN) {
             Some((v, degrees)) => dropped[v] = Some(Dropped::Uncertain { degrees }),
@@ -266,7 +255,7 @@ impl Tree {
         tree.poses[reference] = Some(Pose::identity());
         tree.rank[reference] = 0;
         for rank in 1..count {
-            let mut best: Option<(&Pair, &super::pair::Motion, Pose)> = None;
+            let mut best: Option<(&Pair, &Motion, Pose)> = None;
             for pair in pairs {
                 let Some(motion) = &pair.motion else { continue };
                 let open = [pair.first, pair.second].map(|v| tree.poses[v].is_none() && dropped[v].is_none());
@@ -292,7 +281,13 @@ impl Tree {
     }
 }
 
-fn build(shots: &[Shot], pairs: &[Pair], tree: &Tree, reference: usize, settings: &PosesConfig) -> Bundle {
+fn build(
+    shots: &[FeatureImage],
+    pairs: &[Pair],
+    tree: &Tree,
+    reference: usize,
+    settings: &PosesConfig,
+) -> Bundle {
     let used: Vec<&Pair> = pairs
         .iter()
         .filter(|p| p.motion.is_some() && tree.poses[p.first].is_some() && tree.poses[p.second].is_some())
@@ -321,10 +316,10 @@ fn build(shots: &[Shot], pairs: &[Pair], tree: &Tree, reference: usize, settings
         poses: tree.poses.iter().map(|pose| pose.unwrap_or_else(Pose::identity)).collect(),
         reference,
         log_focal: 0.0,
-        focal_sigma: settings.focal_sigma / settings.alike(count),
+        focal_sigma: settings.focal_sigma / settings.shared_error_factor(count),
         log_scales: tree.log_scales.clone(),
         keep_scale: true,
-        prior_sigmas: vec![settings.prior_sigma * settings.alike(count); shots.len()],
+        prior_sigmas: vec![settings.prior_sigma * settings.shared_error_factor(count); shots.len()],
         pose_priors: vec![None; shots.len()],
         tracks,
     }
@@ -430,8 +425,8 @@ impl Bundle {
 impl Found {
     fn report(
         self,
-        photographs: &[Photograph],
-        shots: &[Shot],
+        photographs: &[PoseInput],
+        shots: &[FeatureImage],
         pairs: &[Pair],
         settings: &PosesConfig,
         order: &[usize],
@@ -479,7 +474,13 @@ impl Found {
 }
 
 /// Why a photograph has no pose: by its best pair with one that has.
-fn refusal(view: usize, shots: &[Shot], pairs: &[Pair], tree: &Tree, settings: &PosesConfig) -> Verdict {
+fn refusal(
+    view: usize,
+    shots: &[FeatureImage],
+    pairs: &[Pair],
+    tree: &Tree,
+    settings: &PosesConfig,
+) -> Verdict {
     let need = settings.min_matches;
     let found = shots[view].features.keypoints.len();
     if found < need {

@@ -24,24 +24,20 @@
 
 mod bundle;
 mod depth;
-mod epipolar;
 mod estimate;
 mod features;
 mod matching;
-mod pair;
 mod refine;
-mod resection;
-mod roots;
-mod sampling;
-mod scales;
+mod scale;
 mod tracks;
+mod two_view;
 
 pub use depth::{depth_variance, relative_covariance};
-pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses, estimate_poses_with};
+pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses};
 pub use features::{DESCRIPTOR_LENGTH, FeatureConfig, Features, Keypoint};
 pub use matching::{Match, match_features};
-pub use refine::{Agreement, RefineConfig, Refined, refine_poses, refine_poses_with};
-pub use scales::{LogFactor, LogRatio, Prepared, common_scale};
+pub use refine::{Agreement, RefineConfig, Refined, refine_poses};
+pub use scale::{LogFactor, LogRatio, Prepared, common_scale};
 pub use tracks::{Track, TrackPixel};
 
 use crate::{Callback, Result, check_map, notify};
@@ -58,7 +54,7 @@ const LONGER_SIDE: f64 = 640.0;
 
 /// One photograph, and what is known of its camera and its depth.
 #[derive(Debug, Clone, Copy)]
-pub struct Photograph<'a> {
+pub struct PoseInput<'a> {
     /// What messages call it; no other has the same.
     pub name: &'a str,
     /// `[h, w, 3]` sRGB colours in \\( [0, 1] \\), without lens distortion.
@@ -93,7 +89,7 @@ pub struct PosesConfig {
     pub samples: usize,
     /// Standard deviation of the logarithm of the prior's depth, until the matches measure it.
     pub prior_sigma: f64,
-    /// Parts of a photograph whose errors are independent. Of many matches in each, the prior's errors are alike, and so is what a
+    /// Parts of a photograph whose errors are independent. Of many matches in each, the prior has one error, and so has what a
     /// lens or a shutter does that is not the model's: the prior's deviation per match and all covariances grow as if there were
     /// no more matches than regions.
     pub regions: f64,
@@ -155,7 +151,7 @@ impl PosesConfig {
 
 impl PosesConfig {
     /// Root of the number of matches that share an error.
-    fn alike(&self, matches: usize) -> f64 {
+    fn shared_error_factor(&self, matches: usize) -> f64 {
         (matches as f64 / self.regions).max(1.0).sqrt()
     }
 }
@@ -166,18 +162,18 @@ fn positive(field: &'static str, value: f64) -> Result<()> {
 
 /// A photograph with its features, as the stages below take it.
 #[derive(Debug)]
-struct Shot<'a> {
+struct FeatureImage<'a> {
     features: Cow<'a, Features>,
     lens: Lens,
     prior: Option<ArrayView2<'a, f32>>,
 }
 
-impl<'a> Shot<'a> {
-    fn detected(photograph: &Photograph<'a>, settings: &FeatureConfig) -> Result<Self> {
+impl<'a> FeatureImage<'a> {
+    fn detected(photograph: &PoseInput<'a>, settings: &FeatureConfig) -> Result<Self> {
         Self::new(photograph, Features::detect(photograph.image, settings)?)
     }
 
-    fn new(photograph: &Photograph<'a>, features: Features) -> Result<Self> {
+    fn new(photograph: &PoseInput<'a>, features: Features) -> Result<Self> {
         let camera = &photograph.camera;
         camera.validate()?;
         let (height, width, _) = photograph.image.dim();
@@ -195,7 +191,7 @@ impl<'a> Shot<'a> {
     }
 
     /// All photographs' features, in parallel.
-    fn all(photographs: &[Photograph<'a>], settings: &FeatureConfig) -> Result<Vec<Self>> {
+    fn all(photographs: &[PoseInput<'a>], settings: &FeatureConfig) -> Result<Vec<Self>> {
         photographs.par_iter().map(|photograph| Self::detected(photograph, settings)).collect()
     }
 
@@ -213,7 +209,7 @@ impl<'a> Shot<'a> {
 }
 
 /// Photographs in the order of their names, so that the order in which they come changes nothing; and the reference's place.
-fn in_order(photographs: &[Photograph], reference: usize) -> Result<Vec<usize>> {
+fn in_order(photographs: &[PoseInput], reference: usize) -> Result<Vec<usize>> {
     if photographs.len() < 2 {
         return Err(config("number of photographs", photographs.len(), "give at least 2"));
     }
@@ -229,21 +225,21 @@ fn in_order(photographs: &[Photograph], reference: usize) -> Result<Vec<usize>> 
 }
 
 /// A pair of photographs by their places among the shots, and its matches.
-type Relate = fn([&Shot; 2], [usize; 2], &[Match], &PosesConfig, u64) -> pair::Pair;
+type Relation = fn([&FeatureImage; 2], [usize; 2], &[Match], &PosesConfig, u64) -> two_view::Pair;
 
 /// Every pair of photographs, some at once; `matches` gives those of two of them, and the callback counts the pairs.
 fn all_pairs(
-    shots: &[Shot],
+    shots: &[FeatureImage],
     matches: impl Fn(usize, usize) -> Vec<Match> + Sync,
-    relate: Relate,
+    relation: Relation,
     settings: &PosesConfig,
     seed: u64,
     callback: &mut Callback<'_>,
-) -> Result<Vec<pair::Pair>> {
+) -> Result<Vec<two_view::Pair>> {
     let pairs: Vec<(usize, usize)> =
         (0..shots.len()).flat_map(|i| (i + 1..shots.len()).map(move |j| (i, j))).collect();
     let of_pair =
-        |&(i, j): &(usize, usize)| relate([&shots[i], &shots[j]], [i, j], &matches(i, j), settings, seed);
+        |&(i, j): &(usize, usize)| relation([&shots[i], &shots[j]], [i, j], &matches(i, j), settings, seed);
     let mut found = Vec::with_capacity(pairs.len());
     // Enough for each thread that the last ones seldom wait.
     for part in pairs.chunks(8 * rayon::current_num_threads()) {

@@ -1,7 +1,9 @@
 use super::bundle::{Bundle, Observed, PosePrior};
 use super::tracks::{self, Track};
-use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order, matching, pair, positive};
-use crate::{Callback, Error, Result, silent};
+use super::{
+    FeatureImage, PoseInput, PosesConfig, all_pairs, config, in_order, matching, positive, two_view,
+};
+use crate::{Callback, Error, Result};
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
@@ -85,27 +87,14 @@ pub struct Agreement {
 /// judged by tracks that had no part in it: every fifth of the tracks is withheld once, and distances beyond
 /// [`PosesConfig::outlier_pixels`] count as that, so that wrong matches do not decide. Of the trials and the given poses the one
 /// that moves least is kept, of those that fit the withheld tracks as well as the best within two standard errors; it is then
-/// adjusted to all tracks. With fewer than [`PosesConfig::min_matches`] tracks the given poses are kept.
+/// adjusted to all tracks. With fewer than [`PosesConfig::min_matches`] tracks the given poses are kept. The
+/// callback counts the pairs of photographs as they are matched.
 ///
 /// # Errors
 /// Those of [`estimate_poses`](super::estimate_poses) but for the prior, [`Error::Config`] for another number of poses than of
-/// photographs, and [`Error::View`] for a pose that is not finite.
+/// photographs, [`Error::View`] for a pose that is not finite, and [`Error::Interrupted`].
 pub fn refine_poses(
-    photographs: &[Photograph],
-    poses: &[Pose],
-    reference: usize,
-    settings: &RefineConfig,
-    seed: u64,
-) -> Result<Refined> {
-    refine_poses_with(photographs, poses, reference, settings, seed, &mut silent)
-}
-
-/// [`refine_poses`] with a callback that counts the pairs of photographs as they are matched.
-///
-/// # Errors
-/// As [`refine_poses`], and [`Error::Interrupted`].
-pub fn refine_poses_with(
-    photographs: &[Photograph],
+    photographs: &[PoseInput],
     poses: &[Pose],
     reference: usize,
     settings: &RefineConfig,
@@ -123,14 +112,14 @@ pub fn refine_poses_with(
     if !poses.iter().all(finite) {
         return Err(Error::View(mde_warp::Error::Pose { which: "given" }));
     }
-    let sorted: Vec<Photograph> = order.iter().map(|&i| photographs[i]).collect();
+    let sorted: Vec<PoseInput> = order.iter().map(|&i| photographs[i]).collect();
     let reference = order.iter().position(|&i| i == reference).unwrap_or_default();
     let given: Vec<Pose> = order.iter().map(|&i| poses[i]).collect();
-    let shots = Shot::all(&sorted, &settings.matches.features)?;
+    let shots = FeatureImage::all(&sorted, &settings.matches.features)?;
     let found = |i: usize, j: usize| {
         matching::match_features(&shots[i].features, &shots[j].features, settings.matches.ratio)
     };
-    let pairs = all_pairs(&shots, found, pair::epipolar, &settings.matches, seed, callback)?;
+    let pairs = all_pairs(&shots, found, two_view::verified_matches, &settings.matches, seed, callback)?;
 
     let rank: Vec<usize> = (0..shots.len()).map(|v| if v == reference { 0 } else { v + 1 }).collect();
     let groups = tracks::join(&shots, &pairs.iter().collect::<Vec<_>>(), &rank);
@@ -214,8 +203,8 @@ pub fn refine_poses_with(
         return Ok(unchanged(withheld));
     };
     let bundle = refined(*share, &bundle.tracks);
-    let noise =
-        settings.matches.alike(bundle.tracks.len()) * bundle.noise().max(super::estimate::LEAST_NOISE);
+    let noise = settings.matches.shared_error_factor(bundle.tracks.len())
+        * bundle.noise().max(super::estimate::LEAST_NOISE);
     let covariance = bundle.covariance(noise);
     let mut judged = Bundle { poses: bundle.poses.clone(), ..all };
     judged.triangulate(longest);

@@ -52,11 +52,11 @@ fn standard() -> &'static [(PosedView, Array2<f32>)] {
     SCENE.get_or_init(|| scene(&held()))
 }
 
-fn photographs<'a>(scene: &'a [(PosedView, Array2<f32>)], names: &[&'a str]) -> Vec<Photograph<'a>> {
+fn photographs<'a>(scene: &'a [(PosedView, Array2<f32>)], names: &[&'a str]) -> Vec<PoseInput<'a>> {
     scene
         .iter()
         .zip(names)
-        .map(|((view, prior), name)| Photograph {
+        .map(|((view, prior), name)| PoseInput {
             name,
             image: view.image.view(),
             camera: view.camera,
@@ -68,8 +68,8 @@ fn photographs<'a>(scene: &'a [(PosedView, Array2<f32>)], names: &[&'a str]) -> 
 
 const NAMES: [&str; 5] = ["a", "b", "c", "d", "e"];
 
-fn estimate(photographs: &[Photograph], reference: usize) -> Estimated {
-    estimate_poses(photographs, reference, &PosesConfig::default(), 0).unwrap()
+fn estimate(photographs: &[PoseInput], reference: usize) -> Estimated {
+    estimate_poses(photographs, reference, &PosesConfig::default(), 0, &mut silent).unwrap()
 }
 
 fn rotation_error(found: &Pose, truth: &Pose) -> f64 {
@@ -93,9 +93,10 @@ fn a_photograph_of_uncertain_rotation_has_no_pose() {
     };
     let shot = |(index, of): (usize, &Features)| {
         let keypoints = of.keypoints.iter().map(|k| Keypoint { pixel: shaken(index, k), ..*k }).collect();
-        Shot::new(&photographs[index], Features { keypoints, descriptors: of.descriptors.clone() }).unwrap()
+        FeatureImage::new(&photographs[index], Features { keypoints, descriptors: of.descriptors.clone() })
+            .unwrap()
     };
-    let shots: Vec<Shot> = features.iter().enumerate().map(shot).collect();
+    let shots: Vec<FeatureImage> = features.iter().enumerate().map(shot).collect();
     let verdict = |nearest: usize| {
         let matches = |first: usize, second: usize| {
             let mut found = match_features(&features[first], &features[second], settings.ratio);
@@ -107,7 +108,7 @@ fn a_photograph_of_uncertain_rotation_has_no_pose() {
             }
             found
         };
-        let pairs = all_pairs(&shots, matches, pair::relate, &settings, 0, &mut silent).unwrap();
+        let pairs = all_pairs(&shots, matches, two_view::relative_pose, &settings, 0, &mut silent).unwrap();
         let found = estimate::adjusted(&photographs, 0, &shots, &pairs, &settings, &[0, 1, 2]);
         assert!(found.photographs[1].pose.is_some());
         (found.photographs[2].verdict, found.photographs[2].pose.is_some())
@@ -161,7 +162,7 @@ fn threads_and_order_change_nothing() {
     assert_eq!(pool(4).install(|| estimate(&given, 0)), one);
 
     let order = [2, 0, 3, 1];
-    let turned: Vec<Photograph> = order.iter().map(|&i| given[i]).collect();
+    let turned: Vec<PoseInput> = order.iter().map(|&i| given[i]).collect();
     let other = estimate(&turned, 1);
     for (place, &i) in order.iter().enumerate() {
         assert_eq!(other.photographs[place], one.photographs[i]);
@@ -259,7 +260,7 @@ fn an_assumed_focal_length_is_refined() {
 #[test]
 fn given_poses_are_repaired_and_exact_ones_kept() {
     let given = photographs(standard(), &NAMES);
-    let exact = refine_poses(&given, &held(), 0, &RefineConfig::default(), 0).unwrap();
+    let exact = refine_poses(&given, &held(), 0, &RefineConfig::default(), 0, &mut silent).unwrap();
     assert_eq!((exact.accepted, &exact.poses), (false, &held()));
 
     let mut off = held();
@@ -269,7 +270,7 @@ fn given_poses_are_repaired_and_exact_ones_kept() {
         let moved = [[0.005, 0.0, 0.0], [0.0, 0.0, -0.005], [-0.003, 0.004, 0.0]][i - 1];
         *pose = pose_at(moved, turn) * *pose;
     }
-    let refined = refine_poses(&given, &off, 0, &RefineConfig::default(), 0).unwrap();
+    let refined = refine_poses(&given, &off, 0, &RefineConfig::default(), 0, &mut silent).unwrap();
     assert!(refined.accepted);
     let [before, after] = refined.withheld.unwrap();
     assert!(after < 0.5 * before, "{before} {after}");
@@ -295,29 +296,31 @@ fn given_poses_are_repaired_and_exact_ones_kept() {
 fn poses_at_one_place_are_returned_as_they_are() {
     let given = photographs(standard(), &NAMES);
     let poses = vec![Pose::identity(); 4];
-    let refined = refine_poses(&given, &poses, 0, &RefineConfig::default(), 0).unwrap();
+    let refined = refine_poses(&given, &poses, 0, &RefineConfig::default(), 0, &mut silent).unwrap();
     assert_eq!((refined.accepted, refined.withheld, refined.poses), (false, None, poses));
 }
 
 #[test]
 fn what_cannot_be_estimated_is_refused() {
     let given = photographs(standard(), &NAMES);
-    let text = |photographs: &[Photograph], reference| {
-        estimate_poses(photographs, reference, &PosesConfig::default(), 0).unwrap_err().to_string()
+    let text = |photographs: &[PoseInput], reference| {
+        estimate_poses(photographs, reference, &PosesConfig::default(), 0, &mut silent)
+            .unwrap_err()
+            .to_string()
     };
     assert!(text(&given[..1], 0).contains("number of photographs"));
     assert!(text(&given, 4).contains("reference"));
     assert!(text(&[given[0], given[0]], 0).contains("own name"));
-    let without = Photograph { prior: None, ..given[0] };
+    let without = PoseInput { prior: None, ..given[0] };
     assert!(text(&[without, given[1]], 0).contains("prior of the reference"));
     let small = PinholeCamera::from_fov(60.0, 100, 240).unwrap();
-    assert!(text(&[Photograph { camera: small, ..given[0] }, given[1]], 0).contains("shape"));
+    assert!(text(&[PoseInput { camera: small, ..given[0] }, given[1]], 0).contains("shape"));
 
     let settings = PosesConfig { min_matches: 3, ..PosesConfig::default() };
     assert!(settings.validate().unwrap_err().to_string().contains("min-matches"));
     let settings = RefineConfig { centre_sigma: 0.0, ..RefineConfig::default() };
     assert!(settings.validate().unwrap_err().to_string().contains("centre-sigma"));
-    let refine = |poses: &[Pose]| refine_poses(&given, poses, 0, &RefineConfig::default(), 0);
+    let refine = |poses: &[Pose]| refine_poses(&given, poses, 0, &RefineConfig::default(), 0, &mut silent);
     assert!(refine(&held()[..2]).unwrap_err().to_string().contains("number of poses"));
     let mut poses = held();
     poses[1].translation.vector.x = f64::NAN;

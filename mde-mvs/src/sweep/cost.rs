@@ -6,8 +6,8 @@ use ndarray::{Array2, Zip};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-use crate::geometry::Transfer;
 use crate::raster::luma;
+use mde_warp::transfer::PlaneTransfer;
 
 /// Cost 1 (no correlation, or a negative one), quantised.
 pub(crate) const WORST: f32 = 254.0;
@@ -45,7 +45,7 @@ struct Source {
     quads: Vec<u64>,
     width: usize,
     height: usize,
-    transfer: Transfer,
+    transfer: PlaneTransfer,
 }
 
 impl Source {
@@ -66,7 +66,7 @@ impl Source {
             }));
         }
         quads.push(u64::MAX);
-        Self { quads, width: w, height: h, transfer: Transfer::new(reference, view) }
+        Self { quads, width: w, height: h, transfer: PlaneTransfer::new(reference, view) }
     }
 }
 

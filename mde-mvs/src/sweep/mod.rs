@@ -1,7 +1,7 @@
 //! Plane sweep: a depth of every pixel by comparing photographs on a set of surfaces.
 //!
 //! A surface is a multiple of a centre in inverse depth: of a constant, which gives the classical planes, or of a depth
-//! map, such as the gauged prior, whose slants the windows and the smoothness then follow. A pixel on a surface is
+//! map, such as the scaled prior, whose slants the windows and the smoothness then follow. A pixel on a surface is
 //! compared with each source by zero-mean normalised cross-correlation over a box,
 //!
 //! \\[ c_s = \min\Bigl\{1,\; 1 - \frac{\operatorname{cov}(I, I_s)}{\sqrt{(\operatorname{var} I + \nu^2)(\operatorname{var} I_s + \nu^2)}}\Bigr\} , \\]
@@ -12,8 +12,14 @@
 //! posterior in that valley is the inlier probability by this sweep alone.
 
 mod aggregate;
+pub mod consensus;
+mod correction;
 mod cost;
+pub mod exposure;
 mod posterior;
+pub mod scale;
+pub mod views;
+pub mod withheld;
 
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::quantile;
@@ -22,11 +28,11 @@ use ndarray::{Array2, ArrayView2};
 use pulp::Arch;
 use rayon::prelude::*;
 
-use crate::geometry::Transfer;
 use crate::raster::luma;
 use crate::{Error, Result, check_map};
 use aggregate::{Penalties, aggregate};
 use cost::{Setup, Volume, WORST};
+use mde_warp::transfer::PlaneTransfer;
 use posterior::EstimateRow;
 
 /// Most sources that are compared with a reference.
@@ -291,7 +297,7 @@ fn number_of_surfaces(
     let (height, width) = from.camera.dim();
     let mut longest = 0.0_f64;
     for source in sources {
-        let transfer = Transfer::new(from, source);
+        let transfer = PlaneTransfer::new(from, source);
         let mut paths = Vec::new();
         for y in (0..height).step_by(STRIDE) {
             for x in (0..width).step_by(STRIDE) {

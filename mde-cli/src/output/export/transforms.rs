@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::output::export::IMAGE;
 use crate::refiner::depth_png::MILLIMETRES;
-use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json_with};
+use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
 use mde_warp::{PinholeCamera, Pose};
 use std::path::Path;
 
@@ -39,7 +39,7 @@ pub fn write(path: &Path, photographs: &[Exposed<'_>]) -> Result<()> {
             pose: photograph.pose,
         })
         .collect();
-    let text = transforms_json_with(&frames, Path::new(""), |index| {
+    let text = transforms_json(&frames, Path::new(""), |index| {
         let other = Some(photographs[index].png_scale).filter(|scale| *scale != MILLIMETRES);
         [
             ("depth_file_path", "depth.png"),

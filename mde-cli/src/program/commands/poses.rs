@@ -57,7 +57,7 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     }
     std::fs::create_dir_all(folder)
         .with_context(|| format!("{}: can't make this folder", folder.display()))?;
-    mde_prior::write_atomic(target, transforms_json(&frames, Path::new("")).as_bytes())?;
+    mde_prior::write_atomic(target, transforms_json(&frames, Path::new(""), |_| Vec::new()).as_bytes())?;
 
     let blocks = vec![Block::Table(table(report))];
     let focal = match report.focal_factor {

@@ -8,7 +8,7 @@ use crate::refiner::{Plan, Refiner, Unit};
 use crate::scene::camera::{CameraSource, KnownCamera};
 use crate::scene::{Photograph, Scene};
 use anyhow::{Context, Result, bail, ensure};
-use mde_mvs::capture::{Capture, CaptureFiles, Distortion, Lens, same_file};
+use mde_mvs::capture::{CaptureFiles, PosedCapture, Distortion, Lens, same_file};
 use mde_prior::photo::{Photo, image_size, read_image};
 use std::path::{Path, PathBuf};
 
@@ -72,7 +72,7 @@ pub(crate) fn unposed(
 }
 
 /// The capture with poses, or nothing where the path is none.
-fn capture(path: &Path, args: &RefineArgs) -> Result<Option<Capture>> {
+fn capture(path: &Path, args: &RefineArgs) -> Result<Option<PosedCapture>> {
     let Some(files) = CaptureFiles::find(path) else { return Ok(None) };
     let mut lens = None;
     if files.needs_lens() {
@@ -89,7 +89,7 @@ fn capture(path: &Path, args: &RefineArgs) -> Result<Option<Capture>> {
 fn posed(
     refiner: &Refiner<'_>,
     args: &RefineArgs,
-    capture: &Capture,
+    capture: &PosedCapture,
     progress: &mut Progress,
 ) -> Result<(Scene, Plan)> {
     let reference = capture.position(&args.image)?;

@@ -33,7 +33,6 @@ mod pfm;
 mod png;
 mod png_text;
 
-use std::io::Read as _;
 use std::path::Path;
 
 use ndarray::{Array2, ArrayView2};
@@ -41,14 +40,12 @@ use serde::{Deserialize, Serialize};
 
 pub use png::{sunrgbd_decode, sunrgbd_encode};
 
+use super::open::{self, FileKind};
 use super::write_atomic;
 use crate::{Error, Result};
 
 /// Most pixels of a map; more is a broken header.
 pub(crate) const MAX_PIXELS: usize = 1 << 27;
-
-/// Most bytes of a file that is read.
-const MAX_FILE: u64 = 1 << 32;
 
 /// Steps per metre of a PNG that has no other scale.
 const MILLIMETRES: f64 = 1000.0;
@@ -206,19 +203,13 @@ pub fn read_values(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Arra
 pub(crate) fn read_raw(path: &Path, options: &ReadOptions) -> Result<Array2<f32>> {
     options.validate()?;
     let format = Format::of(path)?;
-    let bytes = read_file(path)?;
+    let bytes = read_file(path, FileKind::DepthMap)?;
     parse(format, &bytes, options).map_err(|reason| Error::malformed(path, reason))
 }
 
-/// The whole file, refusing absurd sizes and empty files.
-pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>> {
-    let read = |e| Error::read(path, e);
-    let file = std::fs::File::open(path).map_err(read)?;
-    if file.metadata().map_err(read)?.len() > MAX_FILE {
-        return Err(Error::malformed(path, "the file is over 4 GiB; give one image or depth map"));
-    }
-    let mut bytes = Vec::new();
-    file.take(MAX_FILE).read_to_end(&mut bytes).map_err(read)?;
+/// The whole file, unless it is empty.
+pub(crate) fn read_file(path: &Path, kind: FileKind) -> Result<Vec<u8>> {
+    let bytes = open::read(path, kind).map_err(|e| Error::read(path, e))?;
     if bytes.is_empty() {
         return Err(Error::malformed(path, "the file is empty; write it again"));
     }
@@ -365,7 +356,7 @@ pub enum PngContent {
 /// [`Error::Read`]; [`Error::Malformed`] where the scale is no number.
 pub fn png_content(path: impl AsRef<Path>) -> Result<Option<PngContent>> {
     let path = path.as_ref();
-    png_text::content(&read_file(path)?).map_err(|reason| Error::malformed(path, reason))
+    png_text::content(&read_file(path, FileKind::DepthMap)?).map_err(|reason| Error::malformed(path, reason))
 }
 
 /// As [`write_png16`], with `unit` and scale in the metadata (`tEXt`: `Depth-Unit`, `Depth-Scale`, `Description`), by which
