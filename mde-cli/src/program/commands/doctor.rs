@@ -8,8 +8,8 @@ use crate::program::terminal::{columns, wrapped};
 use anyhow::{Context, Result, bail, ensure};
 use crate::naming::Naming;
 use crate::config::Preset;
+use mde_eval::order_check::{Order, OrderCheck, SIZE};
 use mde_eval::scene::{Room, room};
-use mde_eval::trial::{Order, SIZE, Trial};
 use mde_prior::augment::Plan;
 use mde_prior::predict_each;
 use std::io::{self, IsTerminal, Write};
@@ -116,7 +116,7 @@ fn time(prior: &NamedPrior) -> Result<()> {
 
 /// Whether the model's order of depths agrees with that of procedural rooms beyond chance.
 fn verdict(path: &Path, prior: &NamedPrior) -> Result<()> {
-    let trial = Trial::new(&*prior.prior)?;
+    let trial = OrderCheck::new(&*prior.prior)?;
     for tried in &trial.rooms {
         ensure!(
             tried.missing < 0.5,
@@ -137,7 +137,7 @@ fn verdict(path: &Path, prior: &NamedPrior) -> Result<()> {
     );
     match trial.order() {
         Order::True => {}
-        Order::Exchanged => bail!(prior.origin.exchanged(trial.mean(), Naming::Flags)),
+        Order::Swapped => bail!(prior.origin.exchanged(trial.mean(), Naming::Flags)),
         Order::Chance => bail!(
             "{}: its depth does not agree with the rooms' beyond chance (mean correlation {:.2}); check the profile and the weights",
             path.display(),

@@ -12,7 +12,7 @@ use crate::program::progress::Progress;
 use anyhow::{Context, Result, bail, ensure};
 use crate::refiner::prior::read_options;
 use mde_eval::data::{MapPair, MapPairs};
-use mde_eval::score::{Subject, curves, score};
+use mde_eval::score::{Subject, score};
 use mde_eval::table::Entry;
 use mde_prior::format::{Encoding, read_depth};
 use ndarray::Array2;
@@ -81,8 +81,7 @@ fn entry(pair: &MapPair, args: &EvalArgs, scoring: &Scoring) -> Result<Entry> {
     subject.sigma = sigma.as_ref().map(|sigma| sigma.view());
     let files = || format!("{} against {}", pair.prediction.display(), pair.truth.display());
     let scores = score(&subject, &scoring.config).with_context(files)?;
-    let curves = curves(&subject, &scores.alignment, &scoring.config).with_context(files)?;
-    Ok(Entry { curves, ..Entry::new(&pair.id, MAPS, scores) })
+    Ok(Entry::new(&pair.id, MAPS, scores))
 }
 
 fn read(path: &Path, flag: &str, scale: Option<f64>, encoding: Encoding) -> Result<Array2<f32>> {

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail, ensure};
 use crate::refinement::event::Event;
 use crate::config::{Config, MultiViewConfig, Preset};
 use mde_eval::baseline;
-use mde_eval::{Refined, Refiner, Task};
+use mde_eval::{Method as _, Refined, Task};
 use mde_prior::format::{ReadOptions, read_depth};
 use serde_json::{Value, json};
 use std::ops::ControlFlow;

@@ -1,4 +1,4 @@
-//! The loop as a [`Refiner`], beside the baselines of `mde-eval`.
+//! The loop as a [`mde_eval::Method`], beside the baselines of `mde-eval`.
 
 use crate::program::evaluation::filtered::FilteredField;
 use crate::several::{Capture, Photograph, refine_capture};
@@ -7,7 +7,7 @@ use crate::error::Error;
 use crate::refinement::event::Event;
 use crate::refinement::stages::Stages;
 use crate::refinement::refine;
-use mde_eval::{Refined, Refiner, Task};
+use mde_eval::{Method, Refined, Task};
 use mde_nerf::{FieldCallback, FitReport, Nerf, NerfConfig, RadianceField, RenderConfig, RenderedView};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_warp::{PinholeCamera, Pose, PosedView};
@@ -28,7 +28,7 @@ pub(crate) type SharedCallback<'o> = dyn Fn(&Event) -> ControlFlow<()> + Sync + 
 pub(crate) struct LoopRefiner<'o> {
     config: Config,
     memory: Option<FieldMemory>,
-    control: Option<Arc<dyn Refiner + Send + Sync>>,
+    control: Option<Arc<dyn Method + Send + Sync>>,
     callback: &'o SharedCallback<'o>,
     photographs: bool,
 }
@@ -55,7 +55,7 @@ impl<'o> LoopRefiner<'o> {
 
     /// Replaces the field by a filter ([`FilteredField`]): the loop without a NeRF.
     #[must_use]
-    pub(crate) fn with_control(mut self, control: Arc<dyn Refiner + Send + Sync>) -> Self {
+    pub(crate) fn with_control(mut self, control: Arc<dyn Method + Send + Sync>) -> Self {
         self.control = Some(control);
         self
     }
@@ -123,7 +123,7 @@ impl LoopRefiner<'_> {
     }
 }
 
-impl Refiner for LoopRefiner<'_> {
+impl Method for LoopRefiner<'_> {
     fn refine(&self, task: &Task<'_>) -> mde_eval::Result<Refined> {
         self.run(task).map_err(|error| match error {
             Error::Prior(error) => error.into(),

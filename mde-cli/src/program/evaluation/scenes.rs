@@ -3,7 +3,7 @@
 use crate::program::args::{DataArgs, EncodingName, EvalPriorArgs, FaultName, PriorArgs, PriorSource, RuntimeArgs};
 use crate::program::open::prior::NamedPrior;
 use anyhow::{Context, Result, bail};
-use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Fallback, Options, Sample, SunDepth};
+use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, Sample, SunDepth};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
 use mde_prior::{DepthKind, DepthPrior, DisparityRule, PriorDepth};
 use ndarray::Array2;
@@ -45,7 +45,7 @@ impl Source {
         let options = Options {
             places,
             pose_noise,
-            fallback: Fallback::FieldOfView(args.assume_fov),
+            assumed_fov: Some(args.assume_fov),
             sun_depth: if args.filled_depth { SunDepth::Filled } else { SunDepth::Sensor },
             size: args.size,
             stride: usize::from(args.stride),

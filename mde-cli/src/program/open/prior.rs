@@ -10,7 +10,7 @@ use crate::refiner::prior::bound::BoundPrior;
 use crate::refiner::prior::{MapFile, read_options};
 use crate::refiner::photograph::Opened;
 use crate::refiner::prior::origin::PriorOrigin;
-use mde_eval::trial::Trial;
+use mde_eval::order_check::OrderCheck;
 use mde_prior::{DepthKind, DepthPrior};
 use std::path::Path;
 use std::sync::OnceLock;
@@ -56,7 +56,7 @@ impl NamedPrior {
     pub(crate) fn exchanged(&self) -> Option<&str> {
         let found = self.exchanged.get_or_init(|| {
             // What can't be predicted fails in the run too, with its own error.
-            let tried = self.origin.is_doubtful().then(|| Trial::exchanged(&*self.prior));
+            let tried = self.origin.is_doubtful().then(|| OrderCheck::swapped(&*self.prior));
             let trial = tried?.ok()??;
             Some(self.origin.exchanged(trial.mean(), Naming::Flags))
         });

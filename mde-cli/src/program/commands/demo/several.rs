@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use crate::several::{Capture, Photograph};
 use crate::config::Config;
 use mde_eval::scene::{CaptureConfig, World};
-use mde_eval::simulated::{SimulatedModelConfig, SimulatedModels};
+use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig};
 use mde_prior::DepthKind;
 
 /// Photographs that are refined with.
@@ -32,7 +32,7 @@ pub(super) fn scene(
         // As in the files, from which a refinement can be repeated.
         known.view.image.mapv_inplace(|v| (v.clamp(0.0, 1.0) * 255.0).round() / 255.0);
     }
-    let prior = SimulatedModels::new(&world, &rendered, &network(config.seed))?;
+    let prior = SimulatedModel::of_capture(&world, &rendered, &network(config.seed))?;
     let photographs: Vec<Photograph> = rendered
         .views
         .into_iter()
