@@ -735,7 +735,7 @@ fn the_demo_has_photographs_without_poses() {
     let psnr = |key: &str| novel[key].as_f64().unwrap();
     assert!(psnr("psnr") > 16.0 && psnr("psnr_of_prior") > 16.0, "{novel}");
     let scores = &told["scores"]["by_alignment"]["median"];
-    let abs_rel = |which: &str| scores[which]["depth"]["abs-rel"].as_f64().unwrap();
+    let abs_rel = |which: &str| scores[which]["abs_rel"].as_f64().unwrap();
     assert!(abs_rel("refined") < 0.8 * abs_rel("prior"), "{} {}", abs_rel("refined"), abs_rel("prior"));
 
     let options = |name: &str| mde_cli::mde_prior::format::ReadOptions {

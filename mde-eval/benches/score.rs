@@ -3,7 +3,7 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use mde_eval::scene::{Room, room};
-use mde_eval::score::{ScoreConfig, Subject, curves, score};
+use mde_eval::score::{ScoreConfig, Subject, score};
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use std::hint::black_box;
 
@@ -22,10 +22,6 @@ fn scores(criterion: &mut Criterion) {
     group.sample_size(10);
     group.bench_function("depth", |b| b.iter(|| score(black_box(&depth), &config).expect("scores")));
     group.bench_function("depth and sigma", |b| b.iter(|| score(black_box(&both), &config).expect("scores")));
-    let alignment = both.fit(&config).expect("an alignment");
-    group.bench_function("curves", |b| {
-        b.iter(|| curves(black_box(&both), &alignment, &config).expect("curves"))
-    });
     group.finish();
 }
 

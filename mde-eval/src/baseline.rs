@@ -1,6 +1,6 @@
 //! Baselines: filters, a solver, and further predictions of the model.
 //!
-//! Each is a [`Refiner`], so that every table has it beside the whole pipeline. [`named`] returns the baselines of [`METHODS`],
+//! Each is a [`Method`], so that every table has it beside the whole pipeline. [`named`] returns the baselines of [`METHODS`],
 //! and chains such as `zoom+jbf`. Missing depth (0, or not finite) stays missing and is left out of averages.
 
 mod box_sums;
@@ -27,7 +27,7 @@ pub use unsharp::Unsharp;
 pub use weighted_median::WeightedMedian;
 pub use zoom::ZoomMerge;
 
-use crate::{Error, Refined, Refiner, Result, Task};
+use crate::{Error, Method, Refined, Result, Task};
 use ndarray::{Array2, ArrayView2, ArrayView3};
 
 /// Names of the baselines, each with what it does.
@@ -59,7 +59,7 @@ pub const METHODS: &[(&str, &str)] = &[
 ///
 /// # Errors
 /// [`Error::Unknown`] with the names that exist.
-pub fn named(name: &str) -> Result<Box<dyn Refiner + Send + Sync>> {
+pub fn named(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
     let mut steps = name.split('+').map(single).collect::<Result<Vec<_>>>()?;
     match steps.len() {
         1 => Ok(steps.remove(0)),
@@ -67,7 +67,7 @@ pub fn named(name: &str) -> Result<Box<dyn Refiner + Send + Sync>> {
     }
 }
 
-fn single(name: &str) -> Result<Box<dyn Refiner + Send + Sync>> {
+fn single(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
     let unknown = || Error::Unknown {
         what: "method",
         name: name.to_owned(),
@@ -100,16 +100,16 @@ fn single(name: &str) -> Result<Box<dyn Refiner + Send + Sync>> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Identity;
 
-impl Refiner for Identity {
+impl Method for Identity {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         Ok(task.prior.to_owned().into())
     }
 }
 
 /// One after the other.
-struct Chain(Vec<Box<dyn Refiner + Send + Sync>>);
+struct Chain(Vec<Box<dyn Method + Send + Sync>>);
 
-impl Refiner for Chain {
+impl Method for Chain {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         let mut refined = Refined::from(task.prior.to_owned());
         for step in &self.0 {

@@ -62,8 +62,8 @@ pub enum Error {
         /// The names that exist.
         known: String,
     },
-    /// A scene without intrinsics and no camera to fall back on.
-    #[error("scene {scene} has no {file}; name a camera for such scenes (`Fallback`)")]
+    /// A scene without intrinsics, and no field of view to assume.
+    #[error("scene {scene} has no {file}; assume a field of view for such scenes")]
     Intrinsics {
         /// The scene's identifier.
         scene: String,
@@ -122,3 +122,11 @@ pub enum Error {
 
 /// Shorthand for this crate's results.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// [`Error::Config`] for the first setting that is not sound: name, value, whether it is sound, and what to do.
+pub(crate) fn check<const N: usize>(settings: [(&'static str, f64, bool, &'static str); N]) -> Result<()> {
+    match settings.into_iter().find(|setting| !setting.2) {
+        None => Ok(()),
+        Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
+    }
+}

@@ -1,4 +1,4 @@
-//! The paper's Figure 2 and its relatives, as SVG and PNG (feature `plot`).
+//! The paper's Figure 2 and its relatives, as SVG (feature `plot`).
 //!
 //! Every curve is labelled at its end.
 
@@ -37,10 +37,10 @@ pub struct Chart {
 }
 
 impl Chart {
-    /// Writes an SVG or a PNG, by the name's extension (`.svg`, `.png`); 900 x 560 pixels.
+    /// Writes an SVG of 900 x 560 pixels.
     ///
     /// # Errors
-    /// [`Error::Empty`] without a point, [`Error::Config`] for another extension, [`Error::Method`] where it cannot be drawn or written.
+    /// [`Error::Empty`] without a point, [`Error::Method`] where it cannot be drawn or written.
     pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
         if self.lines.iter().all(|line| line.points.is_empty()) {
             return Err(Error::Empty { what: "a figure" });
@@ -164,16 +164,13 @@ mod tests {
             reliability(&entries, &names),
         ] {
             assert!(chart.lines.iter().all(|line| line.points.len() > 1), "{}", chart.title);
-            let (svg, png) = (place.path().join("a.svg"), place.path().join("a.png"));
+            let svg = place.path().join("a.svg");
             chart.write(&svg).unwrap();
-            chart.write(&png).unwrap();
             let text = std::fs::read_to_string(&svg).unwrap();
             for word in [&chart.title, &chart.x, "prior", "better"] {
                 assert!(text.contains(&word.replace('&', "&amp;")), "{word} is not in the figure");
             }
-            let picture = mde_prior::photo::read_image(&png).unwrap().pixels;
-            assert_eq!(picture.dim(), (560, 900, 3));
-            assert!(picture.iter().filter(|v| **v < 0.5).count() > 2000, "nothing is drawn");
+            assert!(text.matches("<polyline").count() >= chart.lines.len(), "{}", chart.title);
         }
     }
 
@@ -183,7 +180,6 @@ mod tests {
         assert!(matches!(empty.write("a.svg"), Err(Error::Empty { .. })));
         let line = guide("flat", vec![[0.0, 1.0], [1.0, 1.0]]);
         let chart = Chart { lines: vec![line], ..empty };
-        assert!(matches!(chart.write("a.gif"), Err(Error::Config { .. })));
         assert!(matches!(chart.write("/nowhere/a.svg"), Err(Error::Method(_))));
     }
 }

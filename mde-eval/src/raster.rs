@@ -14,9 +14,8 @@ pub(crate) use blur::blur_within;
 pub(crate) use canny::canny;
 pub(crate) use distance::Marked;
 pub(crate) use distance::distance_to;
-pub(crate) use gradient::{sobel, sobel_zero_padded};
+pub(crate) use gradient::sobel;
 pub(crate) use slic::Superpixels;
-pub(crate) use thin::Gradient;
 
 use crate::{Error, Result};
 use ndarray::{Array2, ArrayView2};

@@ -23,12 +23,7 @@ mod _mdenerf {
         decode_photo, encode_png, parse_intrinsics, picture, read_photo, save_npy, save_result, save_rgb,
     };
     #[pymodule_export]
-    use crate::metrics::{
-        align, boundary_errors, boundary_f1, boundary_matches, calibration_errors, costs_by_sigma, coverage,
-        delta, depth_metric, edge_curve, edge_f1, edge_map, ence, mean_gradient, mean_gradient_by_edges,
-        occlusion_f1, ordinal_error, reliability, score_maps, sigma_metric, soft_edge_error,
-        sparsification_curves, spearman, superpixel_order,
-    };
+    use crate::metrics::{align, costs_by_sigma, edge_curve, reliability, score_maps, sparsification_curve};
     #[pymodule_export]
     use crate::prior::Prior;
     #[pymodule_export]

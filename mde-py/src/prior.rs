@@ -11,7 +11,7 @@ use mde_cli::prior::bound::BoundPrior;
 use mde_cli::prior::files::{MapFile, NetworkFormat, open_network, read_options};
 use mde_cli::prior::origin::{PriorForm, PriorOrigin};
 use mde_cli::scene::photograph::Opened;
-use mde_eval::trial::Trial;
+use mde_eval::order_check::OrderCheck;
 use ndarray::ArrayView3;
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
@@ -140,7 +140,7 @@ impl Prior {
         let Source::Network(network) = &self.source else { return None };
         if self.exchanged.get().is_none() && self.origin.is_doubtful() {
             // Without a lock: a thread of the pool that waits would take up work that waits for it.
-            let trial = Trial::exchanged(network).ok().flatten();
+            let trial = OrderCheck::swapped(network).ok().flatten();
             let found = trial.map(|trial| self.origin.exchanged(trial.mean(), Naming::Keywords));
             // Another thread finds the same.
             let _ = self.exchanged.set(found);

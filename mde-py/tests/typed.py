@@ -46,5 +46,6 @@ def use(photo: NDArray[np.uint8], depth: NDArray[np.float64], folder: Path) -> N
     del pose, some, written
     saved: Path = result.save(folder / "out", force=True, export=["ply"])
     fit: mdenerf.AffineFit = mdenerf.affine_wls(depth, depth, sigma)
-    score: float = mdenerf.metrics.abs_rel(result.depth, depth)
-    del field, lower, matrix, record, saved, fit, score
+    score: dict[str, Any] = mdenerf.metrics.score(result.depth, depth, sigma)
+    table: NDArray[np.float64] = mdenerf.metrics.reliability(depth, sigma)
+    del field, lower, matrix, record, saved, fit, score, table

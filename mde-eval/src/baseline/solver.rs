@@ -1,6 +1,6 @@
 use super::{channels, check, known, positive};
 use crate::raster::same_shape;
-use crate::{Error, Refined, Refiner, Result, Task};
+use crate::{Error, Method, Refined, Result, Task};
 use faer::prelude::Solve;
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Col, Side};
@@ -127,7 +127,7 @@ impl FastBilateralSolver {
     }
 }
 
-impl Refiner for FastBilateralSolver {
+impl Method for FastBilateralSolver {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         check(task, &self.settings())?;
         let mut depth = self.solve(task.image, task.prior, self.confidence(task.prior).view())?;

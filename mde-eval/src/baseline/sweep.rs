@@ -1,5 +1,5 @@
 use super::check;
-use crate::{Error, Refined, Refiner, Result, Task};
+use crate::{Error, Method, Refined, Result, Task};
 use mde_mvs::consensus::{ConsensusConfig, reconstruct};
 use mde_mvs::silent;
 use mde_mvs::sweep::{Surfaces, SweepConfig, sweep};
@@ -17,7 +17,7 @@ pub struct PlaneSweep {
     pub config: SweepConfig,
 }
 
-impl Refiner for PlaneSweep {
+impl Method for PlaneSweep {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         let views = photographs(task)?;
         let distance = |view: &PosedView| view.pose.inverse().translation.vector.norm();
@@ -43,7 +43,7 @@ pub struct GaugedPrior {
     pub config: ConsensusConfig,
 }
 
-impl Refiner for GaugedPrior {
+impl Method for GaugedPrior {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         let views = photographs(task)?;
         let mut priors = vec![task.prior.to_owned()];

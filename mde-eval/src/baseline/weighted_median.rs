@@ -1,5 +1,5 @@
 use super::{channels, check, known};
-use crate::{Refined, Refiner, Result, Task};
+use crate::{Method, Refined, Result, Task};
 use ndarray::{Array2, ArrayView3};
 use rayon::prelude::*;
 
@@ -36,7 +36,7 @@ impl Default for Scratch {
     }
 }
 
-impl Refiner for WeightedMedian {
+impl Method for WeightedMedian {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         check(task, &[("sigma-colour", self.sigma_colour)])?;
         let guide = Guide::new(task.image, self.sigma_colour);

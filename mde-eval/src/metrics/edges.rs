@@ -3,7 +3,7 @@
 //! At a *fixed* threshold these reward any added gradient: an unsharp mask and white noise both raise them. The
 //! [curve](EdgeCurve) over all thresholds of the prediction is invariant to its contrast; its best point is **F1max**.
 
-use crate::raster::{Marked, dilate, distance_to, erode, same_shape, sobel, sobel_zero_padded};
+use crate::raster::{Marked, dilate, erode, same_shape, sobel};
 use crate::{Error, Result};
 use ndarray::{Array2, ArrayView2, Zip};
 
@@ -40,57 +40,6 @@ pub fn edges(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>, threshold: f6
     Ok(above(&masked_gradient(map, mask)?, threshold))
 }
 
-/// Edge F1 at a fixed threshold with a tolerance in pixels.
-///
-/// After Hu et al., "Revisiting single image depth estimation" (WACV 2019), with four repairs: the border is
-/// replicated instead of padded with zeros, [`edges`] stay a pixel away from the mask's border, \\(F = 0\\) where
-/// \\(P + R = 0\\), and an edge pixel counts as found within `tolerance` pixels by exact Euclidean distance,
-///
-/// \\[ P = \frac{|\\{x \in E_p : \mathrm{dist}(x, E_g) \le r\\}|}{|E_p|},\qquad
-///     R = \frac{|\\{x \in E_g : \mathrm{dist}(x, E_p) \le r\\}|}{|E_g|},\qquad F_1 = \frac{2PR}{P+R} \\]
-///
-/// Maps are `[height, width]` in metres, aligned; `threshold` is the gradient's, in metres with gain 8. Swapping the maps
-/// swaps \\(P\\) and \\(R\\).
-///
-/// # Errors
-/// [`Error::Shape`] where the shapes differ.
-pub fn edge_f1(
-    prediction: ArrayView2<'_, f32>,
-    truth: ArrayView2<'_, f32>,
-    mask: ArrayView2<'_, bool>,
-    threshold: f64,
-    tolerance: u32,
-) -> Result<EdgeScore> {
-    same_shape("the prediction", prediction.dim(), truth.dim())?;
-    let (predicted, true_edges) = (edges(prediction, mask, threshold)?, edges(truth, mask, threshold)?);
-    let found = |edges: &Array2<bool>, by: &Array2<bool>| {
-        let near = distance_to(by.view());
-        let hits = edges.iter().zip(&near).filter(|&(&edge, &d)| edge && d <= f64::from(tolerance)).count();
-        share(hits, count(edges))
-    };
-    Ok(EdgeScore::new(found(&predicted, &true_edges), found(&true_edges, &predicted)))
-}
-
-/// Edge F1 exactly as Hu et al. publish it: zero padding, no mask, no tolerance, pixels must coincide.
-///
-/// The frame of the image is an edge of both maps, which flatters. Nothing where the published code divides 0 by 0.
-///
-/// # Errors
-/// [`Error::Shape`] where the shapes differ.
-pub fn edge_f1_hu(
-    prediction: ArrayView2<'_, f32>,
-    truth: ArrayView2<'_, f32>,
-    threshold: f64,
-) -> Result<Option<EdgeScore>> {
-    same_shape("the prediction", prediction.dim(), truth.dim())?;
-    let [predicted, true_edges] = [prediction, truth].map(|map| above(&sobel_zero_padded(map), threshold));
-    let hits = predicted.iter().zip(&true_edges).filter(|&(&p, &g)| p && g).count();
-    if hits == 0 {
-        return Ok(None);
-    }
-    Ok(Some(EdgeScore::new(share(hits, count(&predicted)), share(hits, count(&true_edges)))))
-}
-
 /// One point of an [`EdgeCurve`]: predicted edges are the pixels with a gradient of at least `threshold`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EdgePoint {
@@ -119,7 +68,7 @@ impl EdgeCurve {
         scored.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// **F1max**: \\(\max_t F_1(t)\\), 0 where the prediction is flat. Over one image it is the BSDS "OIS", without
+    /// **F1max**: \\(\max_t F_1(t)\\), 0 where the prediction is flat. Over one image it is the "OIS" of the Berkeley benchmark, without
     /// thinning and one-to-one matching.
     pub fn f1_max(&self) -> f64 {
         self.best().map_or(0.0, |best| best.1)
@@ -136,7 +85,7 @@ impl EdgeCurve {
         area
     }
 
-    /// Precision, recall and F1 where the predicted edges are the gradients *above* `threshold`, as in [`edge_f1`].
+    /// Precision, recall and F1 where the predicted edges are the gradients *above* `threshold`.
     pub fn at(&self, threshold: f64) -> EdgeScore {
         let above = self.points.partition_point(|point| point.threshold > threshold);
         let point = above.checked_sub(1).and_then(|last| self.points.get(last));
@@ -144,8 +93,18 @@ impl EdgeCurve {
     }
 }
 
-/// The [curve](EdgeCurve) of [`edge_f1`] with the truth's threshold fixed and the prediction's swept; nothing where the truth has no
-/// edge.
+/// Edge precision and recall with a tolerance in pixels, the truth's threshold fixed and the prediction's swept; nothing where the truth
+/// has no edge.
+///
+/// After Hu et al., "Revisiting single image depth estimation" (WACV 2019), with four repairs: the border is
+/// replicated instead of padded with zeros, [`edges`] stay a pixel away from the mask's border, \\(F = 0\\) where
+/// \\(P + R = 0\\), and an edge pixel counts as found within `tolerance` pixels by exact Euclidean distance,
+///
+/// \\[ P = \frac{|\\{x \in E_p : \mathrm{dist}(x, E_g) \le r\\}|}{|E_p|},\qquad
+///     R = \frac{|\\{x \in E_g : \mathrm{dist}(x, E_p) \le r\\}|}{|E_g|},\qquad F_1 = \frac{2PR}{P+R} \\]
+///
+/// Maps are `[height, width]` in metres, aligned; `threshold` is the gradient's, in metres with gain 8. [`EdgeCurve::at`] the same
+/// threshold is the F1 at a fixed threshold.
 ///
 /// # Errors
 /// [`Error::Shape`] where the shapes differ; [`Error::Config`] for a tolerance above 64 pixels.
@@ -248,10 +207,6 @@ fn above(gradient: &Array2<f32>, threshold: f64) -> Array2<bool> {
     gradient.mapv(|g| f64::from(g) > threshold)
 }
 
-fn count(edges: &Array2<bool>) -> usize {
-    edges.iter().filter(|&&edge| edge).count()
-}
-
 fn share(part: usize, of: usize) -> f64 {
     if of == 0 { 0.0 } else { part as f64 / of as f64 }
 }
@@ -259,7 +214,12 @@ fn share(part: usize, of: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::raster::distance_to;
     use proptest::prelude::*;
+
+    fn count(edges: &Array2<bool>) -> usize {
+        edges.iter().filter(|&&edge| edge).count()
+    }
 
     fn maps() -> impl Strategy<Value = (Array2<f32>, Array2<f32>, Array2<bool>)> {
         (3..14_usize, 3..14_usize).prop_flat_map(|(h, w)| {
@@ -278,14 +238,6 @@ mod tests {
     }
 
     proptest! {
-        #[test]
-        fn swapping_the_maps_swaps_precision_and_recall((p, g, mask) in maps(), r in 0..4_u32) {
-            let forth = edge_f1(p.view(), g.view(), mask.view(), 1.0, r).unwrap();
-            let back = edge_f1(g.view(), p.view(), mask.view(), 1.0, r).unwrap();
-            prop_assert_eq!((forth.precision, forth.recall), (back.recall, back.precision));
-            prop_assert_eq!(forth.f1, back.f1);
-        }
-
         #[test]
         fn the_curve_at_a_threshold_is_the_score_there((p, g, mask) in maps(), r in 0..4_u32, t in 0.1..9.0_f64) {
             let Some(curve) = edge_curve(p.view(), g.view(), mask.view(), 1.0, r).unwrap() else { return Ok(()) };
@@ -313,22 +265,20 @@ mod tests {
 
         #[test]
         fn a_perfect_map_is_perfect_and_tolerance_only_helps((p, g, mask) in maps()) {
-            let score = |p: &Array2<f32>, r| edge_f1(p.view(), g.view(), mask.view(), 1.0, r).unwrap();
-            let any = edges(g.view(), mask.view(), 1.0).unwrap().iter().any(|&e| e);
-            prop_assert_eq!(score(&g, 0).f1, if any { 1.0 } else { 0.0 });
-            prop_assert!(score(&p, 0).precision <= score(&p, 1).precision);
-            prop_assert!(score(&p, 1).recall <= score(&p, 2).recall);
+            let score = |p: &Array2<f32>, r| {
+                edge_curve(p.view(), g.view(), mask.view(), 1.0, r).unwrap().map(|curve| curve.at(1.0))
+            };
+            let Some(perfect) = score(&g, 0) else { return Ok(()) };
+            prop_assert_eq!(perfect.f1, 1.0);
+            let [exact, near, far] = [0, 1, 2].map(|r| score(&p, r).unwrap());
+            prop_assert!(exact.precision <= near.precision && near.recall <= far.recall);
         }
     }
 
     #[test]
-    fn without_edges_there_is_no_curve_and_hu_is_undefined() {
+    fn without_edges_there_is_no_curve() {
         let flat = Array2::from_elem((6, 6), 2.0);
         let mask = Array2::from_elem((6, 6), true);
         assert!(edge_curve(flat.view(), flat.view(), mask.view(), 0.25, 1).unwrap().is_none());
-        assert_eq!(edge_f1(flat.view(), flat.view(), mask.view(), 0.25, 1).unwrap(), EdgeScore::default());
-        // Zero padding: the frame of the published variant is an edge of any map that is deep enough.
-        assert_eq!(edge_f1_hu(flat.view(), flat.view(), 0.25).unwrap().unwrap().f1, 1.0);
-        assert!(edge_f1_hu(flat.view(), flat.view(), 99.0).unwrap().is_none());
     }
 }

@@ -1,4 +1,4 @@
-use crate::{Error, Result};
+use crate::Result;
 use ndarray::{Array2, ArrayView2};
 
 /// Superpixels of a map: the segment of each pixel, and where the segments' centres are.
@@ -20,7 +20,7 @@ impl Superpixels {
     /// lightness is; `compactness` is \\(m\\). Pixels outside the mask belong to no segment.
     ///
     /// # Errors
-    /// [`Error::Shape`] where the mask differs, [`Error::Config`] for a count of 0 or a compactness that is not positive.
+    /// [`Error::Shape`](crate::Error::Shape) where the mask differs.
     pub(crate) fn slic(
         map: ArrayView2<'_, f32>,
         mask: ArrayView2<'_, bool>,
@@ -29,10 +29,6 @@ impl Superpixels {
         iterations: usize,
     ) -> Result<Self> {
         super::same_shape("the mask", mask.dim(), map.dim())?;
-        if count == 0 || !(compactness > 0.0 && compactness.is_finite()) {
-            let value = format!("{count} segments, compactness {compactness}");
-            return Err(Error::Config { field: "SLIC's settings", value, remedy: "use positive numbers" });
-        }
         let (height, width) = map.dim();
         let side = ((height * width) as f64 / count as f64).sqrt().max(1.0);
         let (rows, columns) = ((height as f64 / side).ceil() as usize, (width as f64 / side).ceil() as usize);

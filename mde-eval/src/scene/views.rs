@@ -1,6 +1,7 @@
 use super::World;
 use super::solid::Ray;
 use crate::capture::{Capture, CapturedView, POSE_NOISES, direction, disturbed};
+use crate::error::check;
 use crate::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use crate::{Error, Result};
 use mde_mvs::exposure::Exposure;
@@ -70,10 +71,8 @@ impl CaptureConfig {
             ("pose-noise", self.pose_noise, POSE_NOISES.contains(&self.pose_noise), "use 0 to 10 degrees"),
             ("gain", self.gain, (0.0..=0.9).contains(&self.gain), "use 0 to 0.9"),
         ];
-        match checks.into_iter().find(|check| !check.2) {
-            None => self.prior.validate(),
-            Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
-        }
+        check(checks)?;
+        self.prior.validate()
     }
 }
 

@@ -4,7 +4,7 @@ use crate::Result;
 use crate::align::Alignment;
 use ndarray::{ArrayView2, Zip};
 
-/// A truth made ready for many predictions: its edges, distances to them, superpixels and pairs are computed once.
+/// A truth made ready for many predictions: its edges, distances to them and superpixels are computed once.
 ///
 /// What depends on the truth depends on the pixels that count, too. A prediction that misses some of them, or that comes with
 /// another truth or mask, is scored all the same, as slowly as by [`score`](super::score). Either way the scores are those of
@@ -42,7 +42,7 @@ impl Prepared {
         config.validate()?;
         let pixels = Subject { prediction: truth, sigma: None, truth, mask }.pixels(config)?;
         let depth = Zip::from(truth).and(&pixels).map_collect(|&g, &keep| if keep { g } else { 0.0 });
-        Ok(Self { truth: Truth::new(depth, pixels, config)?, config: config.clone() })
+        Ok(Self { truth: Truth::new(depth, pixels)?, config: config.clone() })
     }
 
     /// Which pixels count and how they are scored.

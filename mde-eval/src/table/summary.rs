@@ -1,5 +1,5 @@
-use super::{Entry, METRICS, Metric};
-use crate::metrics::bsds::{BoundaryCounts, ods};
+use super::Entry;
+use crate::score::{METRICS, Metric};
 use crate::statistics::{Bootstrap, Estimate};
 use crate::{Error, Result};
 use mde_uncertainty::statistics::{average_ranks, median};
@@ -30,8 +30,6 @@ pub struct MethodSummary {
     pub method: String,
     /// By the metric's key; metrics that no scene has are left out.
     pub metrics: BTreeMap<String, Statistics>,
-    /// [F1 of the thinned edges](ods) pooled over scenes, by the truth's threshold in metres.
-    pub ods: BTreeMap<String, f64>,
 }
 
 /// One metric of one method over scenes.
@@ -91,11 +89,8 @@ impl Summary {
         }
         let mut methods: Vec<MethodSummary> = names
             .iter()
-            .map(|name| {
-                let ods = pooled(entries.iter().filter(|entry| entry.method == *name))?;
-                Ok(MethodSummary { method: (*name).to_owned(), metrics: BTreeMap::new(), ods })
-            })
-            .collect::<Result<_>>()?;
+            .map(|name| MethodSummary { method: (*name).to_owned(), metrics: BTreeMap::new() })
+            .collect();
         for metric in METRICS {
             let values = Values::of(metric, entries, &places);
             let ranks = values.ranks(metric);
@@ -120,22 +115,6 @@ impl Summary {
     }
 }
 
-fn pooled<'e>(entries: impl Iterator<Item = &'e Entry>) -> Result<BTreeMap<String, f64>> {
-    let mut counts: BTreeMap<String, Vec<&BoundaryCounts>> = BTreeMap::new();
-    for boundaries in entries.filter_map(|entry| entry.depth.as_ref()).flat_map(|depth| &depth.boundaries) {
-        if let Some(of_scene) = &boundaries.counts {
-            counts.entry(boundaries.threshold.to_string()).or_default().push(of_scene);
-        }
-    }
-    let mut pooled = BTreeMap::new();
-    for (threshold, counts) in counts {
-        if let Some(best) = ods(counts)? {
-            pooled.insert(threshold, best);
-        }
-    }
-    Ok(pooled)
-}
-
 /// One metric by method and scene.
 struct Values<'e> {
     by_method: BTreeMap<&'e str, BTreeMap<&'e str, f64>>,
@@ -147,7 +126,7 @@ impl<'e> Values<'e> {
     fn of(metric: &Metric, entries: &'e [Entry], places: &BTreeMap<&'e str, &'e str>) -> Self {
         let mut sums: BTreeMap<&str, BTreeMap<&str, (f64, f64)>> = BTreeMap::new();
         for entry in entries {
-            if let Some(value) = metric.value(entry) {
+            if let Some(value) = entry.values.get(metric.key) {
                 let sum = sums.entry(&entry.method).or_default().entry(&entry.scene).or_default();
                 *sum = (sum.0 + value, sum.1 + 1.0);
             }

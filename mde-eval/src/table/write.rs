@@ -1,5 +1,6 @@
 use super::document::{Block, Cell, Column, Document, Table};
-use super::{Better, Entry, Group, METRICS, MethodSummary, Metric, Statistics, Summary};
+use super::{Entry, Statistics, Summary};
+use crate::score::{Better, Group, METRICS, Metric};
 use crate::statistics::Estimate;
 use crate::{Error, Result};
 use std::io::Write;
@@ -20,7 +21,8 @@ pub fn csv(entries: &[Entry], to: impl Write) -> Result<()> {
         )
         .map_err(fault)?;
     for entry in entries {
-        let values = METRICS.iter().map(|m| m.value(entry).map_or_else(String::new, |v| v.to_string()));
+        let value = |metric: &Metric| entry.values.get(metric.key).map_or_else(String::new, f64::to_string);
+        let values = METRICS.iter().map(value);
         let Entry { scene, method, seed, alignment, .. } = entry;
         let place = entry.place().to_owned();
         let names = [inert(scene), inert(&place), inert(method), seed.to_string(), alignment.clone()];
@@ -60,9 +62,6 @@ pub fn document(summary: &Summary) -> Document {
             let rank = statistics.rank.map_or_else(String::new, |rank| format!(" ({rank:.1})"));
             Cell::new(number(statistics.mean, metric) + &rank)
         }));
-        if group == Group::Edges {
-            blocks.extend(pooled(summary));
-        }
         let Some(reference) = &summary.reference else { continue };
         if group == Group::Cost || !compared(summary, &metrics) {
             continue;
@@ -78,24 +77,6 @@ pub fn document(summary: &Summary) -> Document {
         }));
     }
     Document { blocks }
-}
-
-/// F1 of the thinned edges at the threshold that is best for all scenes together.
-fn pooled(summary: &Summary) -> Vec<Block> {
-    let methods: Vec<_> = summary.methods.iter().filter(|method| !method.ods.is_empty()).collect();
-    let Some(first) = methods.first() else { return Vec::new() };
-    let heads =
-        first.ods.keys().map(|threshold| Column::number(format!("thinned F1 (ODS), {threshold} m ↑")));
-    let columns = std::iter::once(Column::text("method")).chain(heads).collect();
-    let row = |method: &&MethodSummary| {
-        let cells = first.ods.keys().map(|threshold| match method.ods.get(threshold) {
-            Some(ods) => Cell::new(format!("{ods:.3}")),
-            None => dash(),
-        });
-        std::iter::once(Cell::new(&method.method)).chain(cells).collect()
-    };
-    let rows = methods.iter().map(row).collect();
-    vec![Block::Text("Pooled over scenes.".to_owned()), Block::Table(Table { columns, rows })]
 }
 
 fn rank_note(group: Group) -> &'static str {
@@ -188,7 +169,7 @@ mod tests {
         let column = header.iter().position(|name| name == "mse").unwrap();
         for (row, entry) in reader.records().map(|row| row.unwrap()).zip(&entries) {
             assert_eq!((&row[0], &row[2]), (entry.scene.as_str(), entry.method.as_str()));
-            assert_eq!(row[column].parse::<f64>().unwrap(), entry.depth.as_ref().unwrap().mse);
+            assert_eq!(row[column].parse::<f64>().unwrap(), entry.values["mse"]);
         }
     }
 

@@ -31,7 +31,7 @@ pub use error::{Error, Result};
 pub use files::{CaptureFiles, same_file};
 pub use lens::{Distortion, Lens};
 pub use transforms::{PixelCentres, read_transforms, transforms_json};
-pub use tum::read_tum;
+pub use tum::{read_tum, read_tum_list};
 
 /// Most bytes of a file that is read.
 const MAX_FILE: u64 = 1 << 30;

@@ -1,4 +1,4 @@
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use mde_warp::Pose;
 
@@ -26,6 +26,25 @@ pub fn read_tum(
 ) -> Result<PosedCapture> {
     let (rgb, poses) = (folder.join("rgb.txt"), folder.join("groundtruth.txt"));
     parse(&rgb, &read_text(&rgb)?, &poses, &read_text(&poses)?, lens, size)
+}
+
+/// Reads a list of the TUM RGB-D benchmark, `rgb.txt` or `depth.txt`: the time in seconds and the path of each file.
+///
+/// # Errors
+/// One line that names the file and the line: a time that is no finite number, a name that is missing.
+pub fn read_tum_list(path: &Path) -> Result<Vec<(f64, PathBuf)>> {
+    let (text, folder) = (read_text(path)?, path.parent().unwrap_or(Path::new("")));
+    lines(&text).map(|line| stamped(path, line).map(|(time, name)| (time, folder.join(name)))).collect()
+}
+
+/// The time and the file of a line.
+fn stamped<'t>(path: &Path, (line, text): (usize, &'t str)) -> Result<(f64, &'t str)> {
+    let (time, name) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+    let time = number(path, line, Some(time), "time")?;
+    match name.trim() {
+        "" => Err(content(path, format!("line {line}"), "the file's name is missing")),
+        name => Ok((time, name)),
+    }
 }
 
 /// Lines that are no comment, with their numbers from 1.
@@ -63,12 +82,7 @@ pub(super) fn parse(
     let folder = rgb.parent().unwrap_or(Path::new(""));
     let mut capture = PosedCapture::default();
     for (line, text) in lines(rgb_text) {
-        let (time, name) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
-        let time = number(rgb, line, Some(time), "time")?;
-        let name = name.trim();
-        if name.is_empty() {
-            return Err(content(rgb, format!("line {line}"), "the photograph's name is missing"));
-        }
+        let (time, name) = stamped(rgb, (line, text))?;
         let after = poses.partition_point(|p| p.0[0] < time);
         let near = [after.checked_sub(1), Some(after)].into_iter().flatten().filter_map(|i| poses.get(i));
         let nearest = near.min_by(|a, b| (a.0[0] - time).abs().total_cmp(&(b.0[0] - time).abs()));

@@ -19,7 +19,7 @@ Methods: the presets paper, default, fast and multi-view; consensus (plane sweep
 a TOML file that overrides --preset; the baselines prior, flip, zoom, unsharp0.5, unsharp1, unsharp2, noise, guided, jbf, wmf and fbs, and with several
 photographs gauged and sweep; baselines chained with a plus, such as zoom+jbf.
 
-Output: report.html, table.md, summary.json, scenes.csv, figures (SVG and PNG), eval.json (what was evaluated), and every map under
+Output: report.html, table.md, summary.json, scenes.csv, figures (SVG), eval.json (what was evaluated), and every map under
 scenes/. Results are stored: the same command resumes after an interruption, further methods are added to the
 folder, and a method whose settings changed is run again. With --shard only the maps of a part, which the same command
 without --shard uses."

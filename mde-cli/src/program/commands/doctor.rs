@@ -9,7 +9,6 @@ use crate::program::open::prior;
 use crate::program::terminal::{columns, wrapped};
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::scene::{Room, room};
-use mde_eval::trial::{Order, SIZE, Trial};
 use mde_prior::augment::Plan;
 use mde_prior::predict_each;
 use std::io::{self, IsTerminal, Write};
@@ -105,7 +104,7 @@ fn time(prior: &OpenPrior<'_>) -> Result<()> {
 
 /// Whether the model's order of depths agrees with that of procedural rooms beyond chance.
 fn verdict(path: &Path, prior: &OpenPrior<'_>) -> Result<()> {
-    let trial = Trial::new(prior.prior())?;
+    let trial = OrderCheck::new(prior.prior())?;
     for tried in &trial.rooms {
         ensure!(
             tried.missing < 0.5,
@@ -126,7 +125,7 @@ fn verdict(path: &Path, prior: &OpenPrior<'_>) -> Result<()> {
     );
     match trial.order() {
         Order::True => {}
-        Order::Exchanged => bail!(prior.origin().swapped(trial.mean())),
+        Order::Swapped => bail!(prior.origin().swapped(trial.mean())),
         Order::Chance => bail!(
             "{}: its depth does not agree with the rooms' beyond chance (mean correlation {:.2}); check the profile and the weights",
             path.display(),

@@ -13,7 +13,7 @@ use crate::program::progress::Progress;
 use crate::refiner::plan::SceneMemory;
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::data::{MapPair, MapPairs};
-use mde_eval::score::{Subject, curves, score};
+use mde_eval::score::{Subject, score};
 use mde_eval::table::Entry;
 use mde_prior::format::{Encoding, ReadOptions, read_depth};
 use serde_json::json;
@@ -81,6 +81,5 @@ fn entry(pair: &MapPair, args: &ScoreMapsArgs, scoring: &Scoring) -> Result<Entr
     subject.sigma = sigma.as_ref().map(|sigma| sigma.view());
     let files = || format!("{} against {}", pair.prediction.display(), pair.truth.display());
     let scores = score(&subject, &scoring.config).with_context(files)?;
-    let curves = curves(&subject, &scores.alignment, &scoring.config).with_context(files)?;
-    Ok(Entry { curves, ..Entry::new(&pair.id, MAPS, scores) })
+    Ok(Entry::new(&pair.id, MAPS, scores))
 }

@@ -1,6 +1,6 @@
 //! A filter in place of the field.
 
-use mde_eval::{Refiner, Task};
+use mde_eval::{Method, Task};
 use mde_nerf::{Error, FieldCallback, FitReport, RadianceField, RenderedView, Result};
 use mde_prior::DisparityRule;
 use mde_uncertainty::GaussianDepth;
@@ -11,18 +11,18 @@ use std::sync::Arc;
 /// Standard deviation as a fraction of the depth, typical of the termination of rays.
 const RELATIVE_SIGMA: f64 = 0.05;
 
-/// A field without a fit: the depth of the first view after a [`Refiner`] (a filter, or noise), reprojected.
+/// A field without a fit: the depth of the first view after a [`mde_eval::Method`] (a filter, or noise), reprojected.
 ///
 /// Its standard deviation is 5 % of the depth. In place of a NeRF, it shows what the same fusion gains with a plain filter.
 pub(crate) struct FilteredField {
-    refiner: Arc<dyn Refiner + Send + Sync>,
+    refiner: Arc<dyn Method + Send + Sync>,
     seed: u64,
     view: Option<(PosedView, GaussianDepth)>,
 }
 
 impl FilteredField {
     /// A field whose depth is what `refiner` makes of the first view's.
-    pub(crate) fn new(refiner: Arc<dyn Refiner + Send + Sync>, seed: u64) -> Self {
+    pub(crate) fn new(refiner: Arc<dyn Method + Send + Sync>, seed: u64) -> Self {
         Self { refiner, seed, view: None }
     }
 }

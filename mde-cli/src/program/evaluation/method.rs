@@ -9,11 +9,11 @@ use crate::program::interrupt;
 use crate::refinement::event::Event;
 use crate::refinement::stages::{FieldFactory, FieldRequest};
 use crate::refiner::plan::limit::MemoryLimit;
-use crate::refiner::{Observer, Refiner as SceneRefiner, Settings, Unit};
+use crate::refiner::{Observer, Refiner, Settings, Unit};
 use crate::scene::Scene;
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::baseline;
-use mde_eval::{Refined, Refiner, Task};
+use mde_eval::{Method as Baseline, Refined, Task};
 use mde_nerf::RadianceField;
 use mde_prior::format::{ReadOptions, read_depth};
 use serde_json::{Value, json};
@@ -203,7 +203,7 @@ impl Method {
             }
             Kind::Photographs(config) => self.refine(config, scene, scene.photographs, None),
             Kind::Loop(config, control) => {
-                let control: Option<Arc<dyn Refiner + Send + Sync>> = match control {
+                let control: Option<Arc<dyn Baseline + Send + Sync>> = match control {
                     Some(control) => Some(baseline::named(control)?.into()),
                     None => None,
                 };
@@ -233,7 +233,7 @@ impl Method {
         let config = Config { seed: self.seed, disparity: scene.task.rule.clone(), ..config.clone() };
         let unit = if photographs.is_posed() { Unit::Capture } else { Unit::Prior };
         let settings = Settings { config, unit, memory: scene.memory, ..Settings::new(Preset::Default) };
-        let refiner = SceneRefiner::new(scene.prior, settings)?;
+        let refiner = Refiner::new(scene.prior, settings)?;
         let reference = &photographs.photographs[photographs.reference];
         let plan = refiner.plan(scene.id, reference.original, photographs.photographs.len())?;
         let mut prepared = refiner.prepare(photographs, &plan, &mut Interruptible)?;

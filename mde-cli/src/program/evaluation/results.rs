@@ -21,9 +21,6 @@ use std::path::Path;
 /// Most methods in a figure: more lines cannot be distinguished.
 const LINES: usize = 6;
 
-/// Formats of the figures.
-const EXTENSIONS: [&str; 2] = ["svg", "png"];
-
 /// The scores of all scenes and methods.
 pub(crate) struct Results {
     pub(crate) title: String,
@@ -68,8 +65,7 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
     write_json(&place.join("summary.json"), &value)?;
     results.figures(place)?;
     // Those of an earlier evaluation, whose maps had a sigma.
-    for file in FIGURES.iter().flat_map(|(name, _)| EXTENSIONS.map(|extension| format!("{name}.{extension}")))
-    {
+    for file in FIGURES.iter().map(|(name, _)| format!("{name}.svg")) {
         let old = folder.join(&file);
         if !place.join(&file).exists() && old.exists() {
             fs::remove_file(&old).with_context(|| format!("{}: can't remove it", old.display()))?;
@@ -154,9 +150,7 @@ impl Results {
             figure::reliability(&self.entries, &names),
         ];
         for ((name, _), chart) in FIGURES.iter().zip(charts) {
-            for extension in EXTENSIONS {
-                chart.write(folder.join(format!("{name}.{extension}")))?;
-            }
+            chart.write(folder.join(format!("{name}.svg")))?;
         }
         Ok(())
     }

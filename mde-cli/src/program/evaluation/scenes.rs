@@ -5,7 +5,7 @@ use crate::prior::origin::{PriorForm, PriorOrigin};
 use crate::program::args::{DataArgs, EvalPriorArgs, FaultName, PriorArgs, PriorSource};
 use crate::program::open::prior;
 use anyhow::{Context, Result, bail};
-use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Fallback, Options, Sample, SunDepth};
+use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, Sample, SunDepth};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use ndarray::{Array2, ArrayView3};
@@ -47,7 +47,7 @@ impl Source {
         let options = Options {
             places,
             pose_noise,
-            fallback: Fallback::FieldOfView(args.assume_fov),
+            assumed_fov: Some(args.assume_fov),
             sun_depth: if args.filled_depth { SunDepth::Filled } else { SunDepth::Sensor },
             size: args.size,
             stride: usize::from(args.stride),

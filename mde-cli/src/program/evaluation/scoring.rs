@@ -10,9 +10,9 @@ use mde_eval::align::Alignment;
 use mde_eval::baseline::Unsharp;
 use mde_eval::baseline::sigma::TrivialSigma;
 use mde_eval::data::Sample;
-use mde_eval::score::{Prepared, ScoreConfig, Subject, curves, score_uncertainty};
-use mde_eval::table::{Entry, SharedErrors};
-use mde_eval::{Refiner, Task};
+use mde_eval::score::{Prepared, ScoreConfig, Subject, score_uncertainty};
+use mde_eval::table::Entry;
+use mde_eval::{Method as _, Task};
 use mde_prior::DisparityRule;
 use ndarray::{Array2, ArrayView2};
 use serde::{Deserialize, Serialize};
@@ -22,7 +22,7 @@ use serde_json::{Value, json};
 const EIGEN_CROP: [usize; 4] = [45, 471, 41, 601];
 
 /// Changes with the definition of a score, so that kept scores are computed again.
-const DEFINITIONS: u32 = 2;
+const DEFINITIONS: u32 = 3;
 
 /// Separates a method's name from that of a trivial sigma.
 pub(crate) const SIGMA_BY: &str = ", sigma by ";
@@ -143,7 +143,8 @@ impl<'a> Against<'a> {
 
     fn method(&self, method: &Method, kept: &Kept, controls: bool) -> Result<Vec<Entry>> {
         let (depth, sigma) = (kept.refined.depth.view(), kept.refined.sigma.as_ref());
-        let own = Entry { seconds: Some(kept.record.seconds), ..self.entry(depth, sigma, &method.label)? };
+        let mut own = self.entry(depth, sigma, &method.label)?;
+        own.set("seconds", kept.record.seconds);
         let mut entries = vec![own];
         if controls && method.is_loop() {
             entries.push(self.unsharp(depth, &method.label)?);
@@ -162,12 +163,9 @@ impl<'a> Against<'a> {
             true => self.truth.score_aligned(&subject, &self.shared)?,
             false => self.truth.score(&subject)?,
         };
-        let alignment = scores.alignment;
-        Ok(Entry {
-            curves: curves(&subject, &alignment, self.truth.config())?,
-            shared: Some(SharedErrors::of(&subject, &self.shared, self.truth.config())?),
-            ..Entry::new(&self.sample.id, name, scores)
-        })
+        let mut entry = Entry::new(&self.sample.id, name, scores);
+        entry.set_shared(&subject, &self.shared, self.truth.config())?;
+        Ok(entry)
     }
 
     /// The unsharp mask of the prior that is as sharp as `depth`.
@@ -189,9 +187,10 @@ impl<'a> Against<'a> {
         for trivial in TrivialSigma::ALL {
             let sigma = trivial.map(depth, self.sample.image.view())?;
             let subject = subject(depth, self.sample).with_sigma(sigma.view());
-            if let Some((scores, curves)) = score_uncertainty(&subject, &alignment, config)? {
+            let scores = score_uncertainty(&subject, &alignment, config)?;
+            if scores.curves.is_some() {
                 let name = format!("{}{SIGMA_BY}{}", of.method, trivial.name());
-                entries.push(Entry::of_uncertainty(of, name, scores, curves));
+                entries.push(Entry::of_uncertainty(of, name, scores));
             }
         }
         Ok(entries)

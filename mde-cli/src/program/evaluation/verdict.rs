@@ -2,7 +2,8 @@
 
 use crate::program::evaluation::runner::Failure;
 use crate::program::evaluation::scoring::SIGMA_BY;
-use mde_eval::table::{Better, Group, METRICS, MethodSummary, Metric, Statistics, Summary};
+use mde_eval::score::{Better, Group, METRICS, Metric};
+use mde_eval::table::{MethodSummary, Statistics, Summary};
 use std::collections::BTreeMap;
 
 /// Places from which on an interval is more than the range of a few numbers.

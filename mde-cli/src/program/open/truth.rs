@@ -93,35 +93,25 @@ impl Comparison {
         let Some(Pair { prior, refined }) = self.by_alignment.get(self.shown) else { return String::new() };
         let mut lines =
             vec![format!("{:40}{:>10}{:>10}", format!("{} alignment", self.shown), "prior", "refined")];
-        let mut row = |name: &str, better: &str, value: &dyn Fn(&Scores) -> Option<f64>| {
-            let cell = |scores| value(scores).map_or_else(|| "-".to_owned(), |v| format!("{v:.4}"));
-            let label = format!("{name}, {better}");
+        let rows = [
+            ("AbsRel, lower", "abs_rel", true),
+            ("RMSE, m, lower", "rmse", false),
+            ("MSE, m2, lower", "mse", true),
+            ("within a factor 1.25, higher", "delta1", false),
+            ("edge F1, 0.25 m, 1 px, higher", "f1@0.25m_r1", true),
+            ("boundary F1, higher", "boundary_f1", false),
+            ("wrong order across edges, D3R, lower", "d3r", true),
+            ("sharpness on edges, higher", "sharpness_on", false),
+            ("sharpness off edges, lower", "sharpness_off", false),
+            ("Spearman of sigma and error, higher", "spearman", false),
+            ("mean z2 (above 1: sigma too small), near 1", "mean_z2", false),
+            ("90 % intervals hold, near 0.9", "coverage_90", true),
+        ];
+        for (label, key, _) in rows.into_iter().filter(|(_, _, brief)| *brief || !self.brief) {
+            let cell =
+                |scores: &Scores| scores.get(key).map_or_else(|| "-".to_owned(), |v| format!("{v:.4}"));
             lines.push(format!("{label:40}{:>10}{:>10}", cell(prior), cell(refined)));
-        };
-        let all = !self.brief;
-        row("AbsRel", "lower", &|s| Some(s.depth.abs_rel));
-        if all {
-            row("RMSE, m", "lower", &|s| Some(s.depth.rmse));
         }
-        row("MSE, m2", "lower", &|s| Some(s.depth.mse));
-        if all {
-            row("within a factor 1.25", "higher", &|s| Some(s.depth.delta[0]));
-        }
-        row("edge F1, 0.25 m, 1 px", "higher", &|s| s.depth.edges_at(0.25, 1).map(|e| e.f1));
-        if all {
-            row("boundary F1", "higher", &|s| Some(s.depth.boundary_f1));
-        }
-        row("wrong order across edges, D3R", "lower", &|s| s.depth.d3r);
-        if all {
-            row("sharpness on edges", "higher", &|s| s.depth.sharpness_on);
-            row("sharpness off edges", "lower", &|s| s.depth.sharpness_off);
-            row("Spearman of sigma and error", "higher", &|s| s.uncertainty.as_ref()?.spearman);
-            row("mean z2 (above 1: sigma too small)", "near 1", &|s| Some(s.uncertainty.as_ref()?.mean_z2));
-        }
-        row("90 % intervals hold", "near 0.9", &|s| {
-            let coverage = &s.uncertainty.as_ref()?.coverage;
-            coverage.iter().find(|c| (c.nominal - 0.9).abs() < 1e-9).map(|c| c.observed)
-        });
         lines.join("\n")
     }
 }

@@ -4,7 +4,8 @@ use crate::output::preview::{depth_picture_within, sigma_picture_within, usual_r
 use crate::program::report::encode::{fitted, gradients, nearest, picture, svg};
 use crate::program::report::{page, read_json, read_text};
 use anyhow::{Context, Result};
-use mde_eval::table::{Better, Group, METRICS, Metric, original_name};
+use mde_eval::score::{Better, Group, METRICS, Metric};
+use mde_eval::table::original_name;
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
 use ndarray::{Array2, ArrayView2};

@@ -8,7 +8,7 @@ use crate::scene::{Photograph, Scene};
 use anyhow::Result;
 use mde_eval::capture::CapturedView;
 use mde_eval::scene::{CaptureConfig, World};
-use mde_eval::simulated::{SimulatedModelConfig, SimulatedModels};
+use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig};
 use mde_prior::DepthKind;
 
 /// Photographs that are refined with.
@@ -33,7 +33,7 @@ pub(super) fn demo(
         // As in the files, from which a refinement can be repeated.
         known.view.image.mapv_inplace(|v| (v.clamp(0.0, 1.0) * 255.0).round() / 255.0);
     }
-    let prior = SimulatedModels::new(&world, &rendered, &network(config.seed))?;
+    let prior = SimulatedModel::of_capture(&world, &rendered, &network(config.seed))?;
     let truth = rendered.truth;
     let photograph = |(index, known): (usize, CapturedView)| {
         let camera = KnownCamera { camera: known.view.camera, source: CameraSource::Scene };

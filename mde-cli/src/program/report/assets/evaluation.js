@@ -26,7 +26,7 @@ function evaluationPage(page) {
   section("Reproduce this run", null,
     all.command_line ? copyable(all.command_line, true) : null,
     make("details", {}, make("summary", {}, "Inputs, versions and settings (summary.json)"), make("pre", { tabindex: "0" }, JSON.stringify({ made_from: all.made_from, versions: all.versions, bootstrap: summary.bootstrap }, null, 2))),
-    make("p", { class: "small soft" }, "Beside this page: table.md, summary.json (every metric), scenes.csv (every scene), the figures as SVG and PNG."));
+    make("p", { class: "small soft" }, "Beside this page: table.md, summary.json (every metric), scenes.csv (every scene), the figures as SVG."));
 }
 
 /** Intervals over fewer scenes than this are not marked. */

@@ -70,7 +70,7 @@ function headline(record, maps, unit) {
   if (last?.fit.psnr.length > 0) cards.push(card(`${number(last.fit.psnr[0])} dB`, "PSNR of the photograph as the field renders it; high values do not imply good depth"));
   const pair = record.scores?.by_alignment[record.scores.shown];
   if (pair) {
-    const [before, after] = [pair.prior.depth["abs-rel"], pair.refined.depth["abs-rel"]];
+    const [before, after] = [pair.prior.abs_rel, pair.refined.abs_rel];
     cards.unshift(card(`${number(before)} → ${number(after)}`, `AbsRel against the truth: ${verdict(after / before - 1)} (${record.scores.shown} alignment)`));
   }
   return make("div", { class: "cards" }, cards);
@@ -188,21 +188,18 @@ function scoreNote(scores) {
 
 function scoreTable(scores) {
   const rows = [
-    ["AbsRel ↓", (s) => s.depth["abs-rel"], -1], ["RMSE [m] ↓", (s) => s.depth.rmse, -1], ["MSE [m²] ↓", (s) => s.depth.mse, -1],
-    ["within a factor 1.25 ↑", (s) => s.depth.delta?.[0], 1], ["edge F1, 0.25 m, 1 px ↑", (s) => s.depth.edges?.find((edge) => edge.threshold === 0.25 && edge.tolerance === 1)?.f1, 1],
-    ["boundary F1 ↑", (s) => s.depth["boundary-f1"], 1],
-    ["wrong order across edges (D3R) ↓", (s) => s.depth.d3r, -1], ["sharpness on edges ↑", (s) => s.depth["sharpness-on"], 1],
-    ["sharpness off edges ↓", (s) => s.depth["sharpness-off"], -1], ["Spearman of sigma and error ↑", (s) => s.uncertainty?.spearman, 0],
-    [`90${NBSP}% intervals hold`, (s) => s.uncertainty?.coverage?.find((c) => Math.abs(c.nominal - 0.9) < 1e-9)?.observed, 0],
-    ["mean z² (1: calibrated; above 1: sigma too small)", (s) => s.uncertainty?.["mean-z2"], 0],
+    ["AbsRel ↓", "abs_rel", -1], ["RMSE [m] ↓", "rmse", -1], ["MSE [m²] ↓", "mse", -1], ["within a factor 1.25 ↑", "delta1", 1],
+    ["edge F1, 0.25 m, 1 px ↑", "f1@0.25m_r1", 1], ["boundary F1 ↑", "boundary_f1", 1], ["wrong order across edges (D3R) ↓", "d3r", -1],
+    ["sharpness on edges ↑", "sharpness_on", 1], ["sharpness off edges ↓", "sharpness_off", -1], ["Spearman of sigma and error ↑", "spearman", 0],
+    [`90${NBSP}% intervals hold`, "coverage_90", 0], ["mean z² (1: calibrated; above 1: sigma too small)", "mean_z2", 0],
   ];
   const names = [scores.shown, ...Object.keys(scores.by_alignment).filter((name) => name !== scores.shown)];
   const heads = [
     ["", ...names.map((name) => make("th", { scope: "colgroup", colspan: "2" }, name === "none" ? "no alignment" : `${name} alignment`))],
     ["", ...names.flatMap(() => ["prior", "refined"])],
   ];
-  const body = rows.map(([label, of, better]) => [label.replace(/ (?=[↓↑]$)/, NBSP), ...names.flatMap((name) => {
-    const [before, after] = [of(scores.by_alignment[name].prior), of(scores.by_alignment[name].refined)];
+  const body = rows.map(([label, key, better]) => [label.replace(/ (?=[↓↑]$)/, NBSP), ...names.flatMap((name) => {
+    const [before, after] = [scores.by_alignment[name].prior[key], scores.by_alignment[name].refined[key]];
     const gain = better * (after - before);
     const mark = better !== 0 && Math.abs(after / before - 1) >= 0.01 ? (gain > 0 ? "good" : "bad") : null;
     return [number(before), make("td", { class: mark }, number(after))];

@@ -1,5 +1,4 @@
 //! What the baselines must do on any map, and that they are what independent implementations give.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use mde_eval::baseline::sigma::TrivialSigma;
 use mde_eval::baseline::{
@@ -11,7 +10,7 @@ use mde_eval::mde_warp::{PinholeCamera, Pose, WarpConfig, forward_warp};
 use mde_eval::metrics::sharpness::sharpness;
 use mde_eval::ndarray::{Array2, Array3, ArrayView3, Axis};
 use mde_eval::scene::{CaptureConfig, Room, World, room};
-use mde_eval::{Error, Refiner, Result, Task, TaskView};
+use mde_eval::{Error, Method, Result, Task, TaskView};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 use proptest::prelude::*;
@@ -34,7 +33,7 @@ fn run(name: &str, image: &Array3<f32>, prior: &Array2<f32>) -> Result<Array2<f3
     run_with(&*named(name)?, image, prior)
 }
 
-fn run_with(method: &dyn Refiner, image: &Array3<f32>, prior: &Array2<f32>) -> Result<Array2<f32>> {
+fn run_with(method: &dyn Method, image: &Array3<f32>, prior: &Array2<f32>) -> Result<Array2<f32>> {
     let (height, width) = prior.dim();
     let camera = PinholeCamera::from_fov(60.0, width.max(1), height.max(1))?;
     let rule = DisparityRule::default();
@@ -301,7 +300,7 @@ fn no_depth_leaves_the_range_of_its_type() {
 
 #[test]
 fn they_are_what_direct_sums_and_scipy_give() {
-    let file: Value = serde_json::from_str(include_str!("reference/baselines.json")).unwrap();
+    let file: Value = serde_json::from_str(include_str!("../reference/baselines.json")).unwrap();
     let map = |value: &Value| {
         let rows: Vec<Vec<f64>> = serde_json::from_value(value.clone()).unwrap();
         Array2::from_shape_fn((rows.len(), rows[0].len()), |(y, x)| rows[y][x] as f32)

@@ -1,6 +1,6 @@
-//! A model tried on procedural rooms: whether its order of near and far is that of their depth.
+//! A model checked on procedural rooms: whether its order of near and far is that of their depth.
 //!
-//! Nothing in a photograph tells a disparity that is taken for a depth, which exchanges near and far. The rooms' depth is known.
+//! Nothing in a photograph tells a disparity that is taken for a depth, which swaps near and far. The rooms' depth is known.
 
 use crate::Result;
 use crate::scene::{Room, room};
@@ -16,7 +16,7 @@ const CHANCE: f64 = 1.94;
 
 /// A model's depth of one room.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Tried {
+pub struct RoomCheck {
     /// The room.
     pub room: Room,
     /// Spearman's correlation of the predicted with the true depth; 0 where either is constant.
@@ -25,7 +25,7 @@ pub struct Tried {
     pub missing: f64,
 }
 
-impl Tried {
+impl RoomCheck {
     /// Predicts a room of `[width, height]`.
     ///
     /// # Errors
@@ -54,57 +54,57 @@ pub enum Order {
     /// That of the rooms, beyond chance.
     True,
     /// Its reverse, beyond chance.
-    Exchanged,
+    Swapped,
     /// Neither.
     Chance,
 }
 
 /// A model's depth of all rooms.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Trial {
+pub struct OrderCheck {
     /// One after the other.
-    pub rooms: Vec<Tried>,
+    pub rooms: Vec<RoomCheck>,
 }
 
-impl Trial {
+impl OrderCheck {
     /// Predicts all rooms.
     ///
     /// # Errors
-    /// As [`Tried::new`].
+    /// As [`RoomCheck::new`].
     pub fn new(prior: &dyn DepthPrior) -> Result<Self> {
-        let rooms = Room::ALL.into_iter().map(|kind| Tried::new(prior, kind, SIZE));
+        let rooms = Room::ALL.into_iter().map(|kind| RoomCheck::new(prior, kind, SIZE));
         Ok(Self { rooms: rooms.collect::<Result<_>>()? })
     }
 
-    /// A trial whose order is exchanged beyond chance, or nothing. A model is told by one prediction of a small room, unless that one is
-    /// exchanged: then by all rooms.
+    /// The check of a model that swaps near and far beyond chance; nothing for others. One prediction of a small room settles most models;
+    /// where its order is swapped, all rooms are predicted.
     ///
     /// # Errors
-    /// As [`Tried::new`].
-    pub fn exchanged(prior: &dyn DepthPrior) -> Result<Option<Self>> {
-        let first = Tried::new(prior, Room::ALL[0], SIZE.map(|side| side / 2))?;
+    /// As [`RoomCheck::new`].
+    pub fn swapped(prior: &dyn DepthPrior) -> Result<Option<Self>> {
+        let first = RoomCheck::new(prior, Room::ALL[0], SIZE.map(|side| side / 2))?;
         if first.correlation > -AGREES {
             return Ok(None);
         }
-        Ok(Some(Self::new(prior)?).filter(|trial| trial.order() == Order::Exchanged))
+        Ok(Some(Self::new(prior)?).filter(|check| check.order() == Order::Swapped))
     }
 
     /// Mean of the correlations.
     pub fn mean(&self) -> f64 {
-        self.rooms.iter().map(|tried| tried.correlation).sum::<f64>() / self.rooms.len() as f64
+        self.rooms.iter().map(|found| found.correlation).sum::<f64>() / self.rooms.len() as f64
     }
 
     /// Whether the correlations are of one sign beyond chance, and not too small to be of use.
     pub fn order(&self) -> Order {
         let (mean, count) = (self.mean(), self.rooms.len() as f64);
-        let squares: f64 = self.rooms.iter().map(|tried| (tried.correlation - mean).powi(2)).sum();
+        let squares: f64 = self.rooms.iter().map(|found| (found.correlation - mean).powi(2)).sum();
         let error = (squares / (count * (count - 1.0))).sqrt();
         if mean.abs() <= AGREES || mean.abs() <= CHANCE * error {
             Order::Chance
         } else if mean > 0.0 {
             Order::True
         } else {
-            Order::Exchanged
+            Order::Swapped
         }
     }
 }
@@ -118,7 +118,7 @@ mod tests {
 
     /// Depth by the row of a pixel: rooms are nearer below.
     struct ByRow {
-        exchanged: bool,
+        swapped: bool,
         predictions: AtomicUsize,
     }
 
@@ -126,20 +126,20 @@ mod tests {
         fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
             self.predictions.fetch_add(1, Ordering::Relaxed);
             let (height, width, _) = image.dim();
-            let depth = |(y, _)| 1.0 + if self.exchanged { y as f32 } else { (height - y) as f32 };
+            let depth = |(y, _)| 1.0 + if self.swapped { y as f32 } else { (height - y) as f32 };
             PriorDepth::from_values(ndarray::Array2::from_shape_fn((height, width), depth), DepthKind::Metric)
         }
     }
 
     #[test]
-    fn an_exchanged_order_is_told_and_another_costs_one_prediction() {
-        let model = |exchanged| ByRow { exchanged, predictions: AtomicUsize::new(0) };
+    fn an_swapped_order_is_told_and_another_costs_one_prediction() {
+        let model = |swapped| ByRow { swapped, predictions: AtomicUsize::new(0) };
         let (right, wrong) = (model(false), model(true));
-        assert_eq!(Trial::new(&right).unwrap().order(), Order::True);
+        assert_eq!(OrderCheck::new(&right).unwrap().order(), Order::True);
         assert_eq!(right.predictions.swap(0, Ordering::Relaxed), Room::ALL.len());
-        assert_eq!(Trial::exchanged(&right).unwrap(), None);
+        assert_eq!(OrderCheck::swapped(&right).unwrap(), None);
         assert_eq!(right.predictions.into_inner(), 1);
-        let told = Trial::exchanged(&wrong).unwrap().unwrap();
-        assert!(told.mean() < -AGREES && told == Trial::new(&wrong).unwrap(), "{told:?}");
+        let told = OrderCheck::swapped(&wrong).unwrap().unwrap();
+        assert!(told.mean() < -AGREES && told == OrderCheck::new(&wrong).unwrap(), "{told:?}");
     }
 }

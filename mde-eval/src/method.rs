@@ -3,7 +3,7 @@ use mde_prior::{DepthPrior, DisparityRule};
 use mde_warp::{PinholeCamera, PosedView};
 use ndarray::{Array2, ArrayView2, ArrayView3};
 
-/// Input of a [`Refiner`]. Never the truth.
+/// Input of a [`Method`]. Never the truth.
 #[derive(Clone, Copy)]
 pub struct Task<'a> {
     /// The photograph, `[height, width, 3]`, sRGB in 0 to 1.
@@ -77,14 +77,14 @@ impl From<Array2<f32>> for Refined {
 ///
 /// ```
 /// use mde_eval::ndarray::{Array2, Array3};
-/// use mde_eval::{Refined, Refiner, Result, Task};
+/// use mde_eval::{Refined, Method, Result, Task};
 /// use mde_eval::mde_prior::DisparityRule;
 /// use mde_eval::mde_warp::PinholeCamera;
 ///
 /// /// Moves everything a little further away.
 /// struct Further;
 ///
-/// impl Refiner for Further {
+/// impl Method for Further {
 ///     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
 ///         Ok(task.prior.mapv(|depth| 1.01 * depth).into())
 ///     }
@@ -96,7 +96,7 @@ impl From<Array2<f32>> for Refined {
 /// assert_eq!(Further.refine(&task)?.depth[[0, 0]], 2.02);
 /// # Ok::<(), mde_eval::Error>(())
 /// ```
-pub trait Refiner {
+pub trait Method {
     /// Refines the prior of `task`; the result has the photograph's size.
     ///
     /// # Errors
