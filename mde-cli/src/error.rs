@@ -1,3 +1,5 @@
+//! Errors: one line that names the value and the remedy.
+
 use std::path::PathBuf;
 
 /// Depths that the loop works with: their variances, and a thousandth of those, are floats.

@@ -176,7 +176,6 @@ impl Progress {
             Event::Field { event, view, views } => self.field(&event, view, views),
             Event::Predicted { done, total } => self.predicted(done, total),
             Event::Part { stage, done, total } => self.part(stage, done, total),
-            _ => {}
         }
         interrupt::flow()
     }

@@ -1,3 +1,5 @@
+//! Progress of the loop.
+
 use std::ops::ControlFlow;
 
 /// A stage of the loop.

@@ -1,3 +1,5 @@
+//! The implementations that the loop composes.
+
 use crate::config::Config;
 use crate::error::Result;
 use mde_fusion::Fuser;

@@ -8,7 +8,8 @@ use crate::prior::OpenPrior;
 pub(super) fn swapped<'p>(open: &'p OpenPrior<'_>) -> Option<&'p str> {
     let found = open.order.get_or_init(|| {
         // What can't be predicted fails in the run too, with its own error.
-        let tried = open.origin().is_doubtful().then(|| mde_eval::order_check::OrderCheck::swapped(open.prior()));
+        let tried =
+            open.origin().is_doubtful().then(|| mde_eval::order_check::OrderCheck::swapped(open.prior()));
         let trial = tried?.ok()??;
         Some(open.origin().swapped(trial.mean()))
     });

@@ -1,3 +1,5 @@
+//! Several photographs: poses, choice, sweeps and field.
+
 use crate::reports::evidence::Evidence;
 use crate::reports::novel::NovelView;
 use mde_fusion::FusionReport;

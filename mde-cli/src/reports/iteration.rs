@@ -1,3 +1,5 @@
+//! One iteration of the loop.
+
 use mde_fusion::FusionReport;
 use mde_nerf::FitReport;
 use mde_warp::WarpedView;

@@ -371,7 +371,8 @@ impl<'s> PreparedScene<'s> {
         callback: &mut Callback<'_>,
     ) -> Result<Refinement> {
         let reference = &self.scene.photographs[photograph];
-        let refined = refine(reference.image.view(), &reference.camera.camera, stages, self.config, callback)?;
+        let refined =
+            refine(reference.image.view(), &reference.camera.camera, stages, self.config, callback)?;
         Ok(Refinement { capture: Some(report), ..refined })
     }
 }

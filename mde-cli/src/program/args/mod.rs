@@ -6,7 +6,7 @@ mod output;
 mod prior;
 mod tools;
 
-pub(crate) use capture::{PosesArgs, SeveralArgs, UnitName};
+pub(crate) use capture::{PosesArgs, SeveralArgs};
 pub(crate) use evaluation::{
     AblateArgs, CalibrateArgs, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs, FaultName, ScoreArgs,
     ScoreMapsArgs,

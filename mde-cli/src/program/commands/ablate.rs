@@ -23,7 +23,9 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
     let setup = Setup::open(&args.common, request)?;
     let (mut entries, failures) = setup.run(&mut progress)?;
     // Rows share fields, so their seconds would mislead.
-    entries.iter_mut().for_each(|entry| entry.seconds = None);
+    for entry in &mut entries {
+        entry.values.remove("seconds");
+    }
     let preface = if entries.is_empty() {
         Vec::new()
     } else {

@@ -32,7 +32,7 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         .filter_map(|entry| Some((entry.scene.clone(), entry.curves.as_ref()?.abs_z_quantiles.clone())))
         .collect();
     let own = entries.iter().filter(|entry| entry.method == name && entry.curves.is_some());
-    let scales: Vec<f64> = own.filter_map(|entry| entry.scale).collect();
+    let scales: Vec<f64> = own.filter_map(|entry| entry.values.get("alignment_scale").copied()).collect();
     let [data, prior, alignment] = setup.titles();
     let path = setup.folder().join(FILE);
     let calibrated = !scenes.is_empty();

@@ -8,6 +8,7 @@ use crate::program::error::message;
 use crate::program::open::prior;
 use crate::program::terminal::{columns, wrapped};
 use anyhow::{Context, Result, bail, ensure};
+use mde_eval::order_check::{Order, OrderCheck, SIZE};
 use mde_eval::scene::{Room, room};
 use mde_prior::augment::Plan;
 use mde_prior::predict_each;

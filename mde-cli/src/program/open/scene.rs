@@ -8,7 +8,7 @@ use crate::refiner::{Plan, Refiner, Unit};
 use crate::scene::camera::{CameraSource, KnownCamera};
 use crate::scene::{Photograph, Scene};
 use anyhow::{Context, Result, bail, ensure};
-use mde_mvs::capture::{CaptureFiles, PosedCapture, Distortion, Lens, same_file};
+use mde_mvs::capture::{CaptureFiles, Distortion, Lens, PosedCapture, same_file};
 use mde_prior::photo::{Photo, image_size, read_image};
 use std::path::{Path, PathBuf};
 
