@@ -1,12 +1,12 @@
 //! Several photographs through the program.
 
 use crate::common::{Place, names, on_disk, rendered, wait_until};
+use mde_cli::config::{Config, Preset};
 use mde_cli::mde_mvs::capture::{CaptureFiles, Frame, PixelCentres, read_transforms};
 use mde_cli::mde_prior::format::{ReadOptions, read_values};
 use mde_cli::mde_prior::photo::{image_size, write_image};
-use mde_cli::refiner::plan::capture_bytes;
 use mde_cli::ndarray::{Array2, Array3};
-use mde_cli::config::{Config, Preset};
+use mde_cli::refiner::plan::capture_bytes;
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::Room;
 use mde_uncertainty::statistics::median;

@@ -1,14 +1,14 @@
 //! The loop as a library: settings that take no time, a procedural room with its priors, and the calls that the tests make.
 
+use mde_cli::config::{Config, Preset};
 use mde_cli::mde_prior::{DepthPrior, PriorDepth};
 use mde_cli::mde_warp::PinholeCamera;
 use mde_cli::ndarray::{Array2, Array3, ArrayView3};
-use mde_cli::several::{Capture, Photograph};
-use mde_cli::config::{Config, Preset};
 use mde_cli::refinement::event::Event;
-use mde_cli::several::prepared::PreparedCapture;
-use mde_cli::reports::Refinement;
 use mde_cli::refinement::stages::Stages;
+use mde_cli::reports::Refinement;
+use mde_cli::several::prepared::PreparedCapture;
+use mde_cli::several::{Capture, Photograph};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::{CaptureConfig, Room, World};
 use mde_eval::simulated::SimulatedPriorConfig;

@@ -1,13 +1,13 @@
 //! Properties of the whole loop for arbitrary inputs.
 
 use crate::library::{go_on, refine};
+use mde_cli::config::{Config, Preset};
 use mde_cli::mde_nerf::{self, FieldCallback, FitReport, RadianceField, RenderedView};
 use mde_cli::mde_prior::{self, DepthKind, DepthPrior, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
-use mde_cli::config::{Config, Preset};
-use mde_cli::reports::Refinement;
 use mde_cli::refinement::stages::Stages;
+use mde_cli::reports::Refinement;
 use ndarray::{Array2, Array3, ArrayView3, Axis, Zip, s};
 use proptest::prelude::*;
 
@@ -19,7 +19,12 @@ impl DepthPrior for Known {
     }
 }
 
-fn run(image: &Array3<f32>, prior: &Array2<f32>, config: &Config, fov: f64) -> mde_cli::error::Result<Refinement> {
+fn run(
+    image: &Array3<f32>,
+    prior: &Array2<f32>,
+    config: &Config,
+    fov: f64,
+) -> mde_cli::error::Result<Refinement> {
     let (height, width) = prior.dim();
     let camera = PinholeCamera::from_fov(fov, width, height)?;
     let known = Known(prior.clone());

@@ -1,8 +1,8 @@
 //! The files of a run: maps that agree with each other and with the record, in any number of threads, at any size.
 
 use crate::common::{HEIGHT, Place, REFINE, WIDTH, fixture, names, shared, tiny};
-use mde_cli::mde_prior::format::{ReadOptions, read_depth, read_values, write_depth, write_npy};
 use mde_cli::config::{Config, Preset};
+use mde_cli::mde_prior::format::{ReadOptions, read_depth, read_values, write_depth, write_npy};
 use ndarray::Array2;
 use serde_json::Value;
 

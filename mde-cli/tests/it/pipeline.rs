@@ -1,6 +1,7 @@
 //! The loop over stages that this workspace has never heard of.
 
 use crate::library::{HEIGHT, TINY, WIDTH, config, go_on, refine};
+use mde_cli::config::Preset;
 use mde_cli::config::{Config, FieldUse, IterationPrior, RefinementConfig};
 use mde_cli::error::Error;
 use mde_cli::mde_fusion::{self, Fused, Fuser, FusionReport, Prior};
@@ -9,9 +10,8 @@ use mde_cli::mde_prior::{self, AugmentationConfig, DepthKind, DepthPrior, PriorD
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
 use mde_cli::refinement::event::{Event, Stage};
-use mde_cli::config::Preset;
-use mde_cli::reports::Refinement;
 use mde_cli::refinement::stages::Stages;
+use mde_cli::reports::Refinement;
 use mde_eval::scene::{Room, Scene, room};
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use ndarray::{Array2, Array3, ArrayView3};

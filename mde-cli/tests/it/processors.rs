@@ -1,10 +1,10 @@
 //! The same bytes on processors with other vectors: the tests run themselves within qemu-user.
 
 use crate::library::{config, go_on, inputs, refine, refine_capture, rendered, tiny};
-use mde_cli::mde_uncertainty::GaussianDepth;
-use mde_cli::several::Capture;
 use mde_cli::config::Preset;
+use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::refinement::stages::Stages;
+use mde_cli::several::Capture;
 use mde_eval::scene::Room;
 use std::fs;
 use std::path::Path;

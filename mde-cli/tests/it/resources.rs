@@ -1,10 +1,10 @@
 //! Sizes, and the estimates of memory against the peaks of runs, where the system reports them.
 
 use crate::common::{HEIGHT, Place, REFINE, WIDTH, config, shared, tiny};
+use mde_cli::config::{Config, Preset};
 use mde_cli::mde_prior::format::write_npy;
 use mde_cli::mde_prior::photo::write_image;
 use mde_cli::refiner::plan::{SceneMemory, refine_bytes};
-use mde_cli::config::{Config, Preset};
 use ndarray::{Array2, Array3};
 use std::fs;
 use std::path::Path;
@@ -144,10 +144,10 @@ fn the_estimates_over_a_grid_of_settings_are_close() {
 #[cfg(feature = "onnx")]
 #[ignore = "needs the networks and photographs that MDE_SHARED names"]
 fn the_estimate_has_the_network() {
-    use mde_cli::naming::Naming;
     use mde_cli::mde_prior::OnnxPrior;
-    use mde_cli::refiner::plan::limit::MemoryLimit;
+    use mde_cli::naming::Naming;
     use mde_cli::refiner::plan::inference::PhotographMemory;
+    use mde_cli::refiner::plan::limit::MemoryLimit;
     let network = shared().join("models/fastdepth/fastdepth_224.onnx");
     let photo = shared().join("data/plain/nyu_living/color.png");
     let (place, config, size) = (Place::new(), Preset::Default.config(), (480, 640));

@@ -1,15 +1,15 @@
 //! Several photographs through the library: a procedural room with exact depth and poses.
 
 use crate::library::{Known, config, go_on, inputs, prepare, refine_capture, refine_prepared, rendered};
+use mde_cli::config::{Config, Preset};
 use mde_cli::mde_fusion::{Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_prior::DisparityRule;
 use mde_cli::ndarray::{Array2, Array3};
-use mde_cli::refinement::scale::KnownDepth;
-use mde_cli::several::{Capture, Photograph};
-use mde_cli::config::{Config, Preset};
 use mde_cli::refinement::event::Event;
-use mde_cli::reports::Refinement;
+use mde_cli::refinement::scale::KnownDepth;
 use mde_cli::refinement::stages::Stages;
+use mde_cli::reports::Refinement;
+use mde_cli::several::{Capture, Photograph};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::Room;
 use mde_uncertainty::GaussianDepth;
