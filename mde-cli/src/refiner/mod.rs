@@ -43,6 +43,8 @@ mod order_check;
 pub mod plan;
 mod plausibility;
 pub mod same_scale;
+#[cfg(test)]
+mod tests;
 
 pub use finish::{Refined, Unit};
 
