@@ -1,12 +1,9 @@
 //! Another monocular depth in the loop: a floor that runs away from the camera, refined by a short run.
 #![allow(clippy::print_stdout)]
 
-use mde_cli::config::{Config, Preset};
 use mde_cli::mde_prior::{DepthKind, DepthPrior, PriorDepth, Result};
 use mde_cli::ndarray::{Array2, ArrayView3};
-use mde_cli::refinement::event::Event;
-use mde_cli::refinement::refine;
-use mde_cli::refinement::stages::Stages;
+use mde_cli::{Config, Event, Preset, Stages, refine};
 use mde_eval::scene::{Room, room};
 use std::ops::ControlFlow;
 
