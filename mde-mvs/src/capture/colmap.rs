@@ -103,20 +103,18 @@ impl Raw {
             Self {
                 cameras: binary_cameras(&cameras, &read_bytes(&cameras)?)?,
                 images: binary_images(&images, &read_bytes(&images)?)?,
-                points: if points.exists() {
-                    binary_points(&points, &read_bytes(&points)?)?
-                } else {
-                    Vec::new()
+                points: match points.exists() {
+                    true => binary_points(&points, &read_bytes(&points)?)?,
+                    false => Vec::new(),
                 },
             }
         } else {
             Self {
                 cameras: text_cameras(&cameras, &read_text(&cameras)?)?,
                 images: text_images(&images, &read_text(&images)?)?,
-                points: if points.exists() {
-                    text_points(&points, &read_text(&points)?)?
-                } else {
-                    Vec::new()
+                points: match points.exists() {
+                    true => text_points(&points, &read_text(&points)?)?,
+                    false => Vec::new(),
                 },
             }
         };
