@@ -4,9 +4,9 @@ use super::tracks::{self, Track, TrackPixel};
 use super::two_view::{Motion, Pair, relative_pose};
 use super::{
     FOCAL_SIGMA, FeatureImage, MIN_MATCHES, OUTLIER_PIXELS, PRIOR_SIGMA, PoseInput, RATIO, REGIONS,
-    all_pairs, config, in_order, shared_error_factor,
+    all_pairs, in_order, shared_error_factor,
 };
-use crate::{Callback, Result};
+use crate::{Callback, Error, Result};
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Matrix6, Point2};
@@ -160,10 +160,10 @@ pub struct Estimated {
 /// callback counts the pairs of photographs as they are compared.
 ///
 /// # Errors
-/// [`Error::Config`](crate::Error::Config) for fewer than two photographs, a reference that is none of them or has no
+/// [`Error::Config`] for fewer than two photographs, a reference that is none of them or has no
 /// prior, or a photograph with a side below 16 pixels;
-/// [`Error::View`](crate::Error::View) for a camera that is not of its image's or its prior's size;
-/// [`Error::Interrupted`](crate::Error::Interrupted).
+/// [`Error::View`] for a camera that is not of its image's or its prior's size;
+/// [`Error::Interrupted`].
 pub fn estimate_poses(
     photographs: &[PoseInput],
     reference: usize,
@@ -172,7 +172,7 @@ pub fn estimate_poses(
 ) -> Result<Estimated> {
     let order = in_order(photographs, reference)?;
     if photographs[reference].prior.is_none() {
-        return Err(config("prior of the reference", "missing", "give its depth"));
+        return Err(Error::config("prior of the reference", "missing", "give its depth"));
     }
     let sorted: Vec<PoseInput> = order.iter().map(|&i| photographs[i]).collect();
     let shots = FeatureImage::all(&sorted)?;

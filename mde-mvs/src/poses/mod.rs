@@ -40,9 +40,8 @@ pub use refine::{Agreement, Refined, refine_poses};
 pub use scale::{LogFactor, LogRatio, Prepared, common_scale};
 pub use tracks::{Track, TrackPixel};
 
-use crate::{Callback, Result, check_map, notify};
+use crate::{Callback, Error, Result, check_map, notify};
 use bundle::Lens;
-use features::config;
 use mde_warp::PinholeCamera;
 use nalgebra::{Point2, Vector2, Vector3};
 use ndarray::{ArrayView2, ArrayView3};
@@ -145,10 +144,10 @@ impl<'a> FeatureImage<'a> {
 /// The reference, then the others in the order given.
 fn in_order(photographs: &[PoseInput], reference: usize) -> Result<Vec<usize>> {
     if photographs.len() < 2 {
-        return Err(config("number of photographs", photographs.len(), "give at least 2"));
+        return Err(Error::config("number of photographs", photographs.len(), "give at least 2"));
     }
     if reference >= photographs.len() {
-        return Err(config("reference", reference, "give the index of one of the photographs"));
+        return Err(Error::config("reference", reference, "give the index of one of the photographs"));
     }
     let others = (0..photographs.len()).filter(|&index| index != reference);
     Ok(std::iter::once(reference).chain(others).collect())

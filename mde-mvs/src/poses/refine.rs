@@ -1,8 +1,8 @@
 use super::bundle::{Bundle, Observed, PosePrior};
 use super::tracks::{self, Track};
 use super::{
-    FeatureImage, MIN_MATCHES, OUTLIER_PIXELS, PoseInput, RATIO, REGIONS, all_pairs, config, in_order,
-    matching, shared_error_factor, two_view,
+    FeatureImage, MIN_MATCHES, OUTLIER_PIXELS, PoseInput, RATIO, REGIONS, all_pairs, in_order, matching,
+    shared_error_factor, two_view,
 };
 use crate::{Callback, Error, Result};
 use mde_uncertainty::random::CounterRng;
@@ -60,10 +60,9 @@ pub struct Agreement {
 /// Improves given poses (world to camera) by matches of the photographs: the adjustment of the module's front page with inverse
 /// depths from the matches alone, the given poses as a prior, and the reference's pose kept.
 ///
-/// The deviations of the given poses are tried at a thirtieth, a tenth, a third and all of 1 degree and of 1 % of the median depth. Each trial is
-/// judged by tracks that had no part in it: every fifth of the tracks is withheld once, and distances beyond
-/// 3 pixels count as that, so that wrong matches do not decide. Of the trials and the given poses the one
-/// that moves least is kept, of those that fit the withheld tracks as well as the best within two standard errors; it is then
+/// The deviations of the given poses are tried at a thirtieth, a tenth, a third and all of 1 degree and of 1 % of the median depth.
+/// Each trial is judged by tracks that had no part in it: every fifth of the tracks is withheld once, and distances beyond 3 pixels
+/// count as that, so that wrong matches do not decide. Of the trials and the given poses the one that moves least is kept, of those that fit the withheld tracks as well as the best within two standard errors; it is then
 /// adjusted to all tracks. With fewer than [`MIN_MATCHES`](super::MIN_MATCHES) tracks the given poses are kept. The
 /// callback counts the pairs of photographs as they are matched.
 ///
@@ -79,7 +78,7 @@ pub fn refine_poses(
 ) -> Result<Refined> {
     let order = in_order(photographs, reference)?;
     if poses.len() != photographs.len() {
-        return Err(config("number of poses", poses.len(), "give one for each photograph"));
+        return Err(Error::config("number of poses", poses.len(), "give one for each photograph"));
     }
     let finite = |pose: &Pose| {
         pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.is_finite())

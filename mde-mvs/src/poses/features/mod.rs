@@ -22,10 +22,6 @@ pub const DESCRIPTOR_LENGTH: usize = descriptor::LENGTH;
 /// the photograph itself exceeds it.
 const FINEST_PIXELS: usize = 1_300_000;
 
-pub(super) fn config(field: &'static str, value: impl ToString, remedy: &'static str) -> Error {
-    Error::Config { field, value: value.to_string(), remedy }
-}
-
 /// Where a feature is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Keypoint {
@@ -60,10 +56,14 @@ impl Features {
     fn detect_within(image: ArrayView3<f32>, max_features: usize, finest_pixels: usize) -> Result<Self> {
         let (height, width, channels) = image.dim();
         if channels != 3 {
-            return Err(config("image channels", channels, "give red, green and blue"));
+            return Err(Error::config("image channels", channels, "give red, green and blue"));
         }
         if height.min(width) < 16 {
-            return Err(config("smaller side of a photograph", height.min(width), "give 16 pixels or more"));
+            return Err(Error::config(
+                "smaller side of a photograph",
+                height.min(width),
+                "give 16 pixels or more",
+            ));
         }
         let space = ScaleSpace::new(image, finest_pixels);
         let mut found = extrema::find(&space);

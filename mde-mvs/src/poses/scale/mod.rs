@@ -11,9 +11,9 @@ mod graph;
 
 use super::matching::{Match, match_features};
 use super::two_view::relative_pose;
-use super::{EPIPOLAR_PIXELS, FeatureImage, Features, MIN_MATCHES, PoseInput, RATIO, REGIONS, config};
-use crate::Result;
+use super::{EPIPOLAR_PIXELS, FeatureImage, Features, MIN_MATCHES, PoseInput, RATIO, REGIONS};
 use crate::statistics::robust_deviation;
+use crate::{Error, Result};
 use graph::Laplacian;
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
@@ -74,12 +74,12 @@ impl Prepared {
     /// Finds at most so many features; the photograph needs a prior.
     ///
     /// # Errors
-    /// [`Error::Config`](crate::Error::Config) for an image too small for features, or no prior;
-    /// [`Error::View`](crate::Error::View) for a camera that is not of the image's or the prior's size.
+    /// [`Error::Config`] for an image too small for features, or no prior;
+    /// [`Error::View`] for a camera that is not of the image's or the prior's size.
     pub fn new(photograph: &PoseInput, max_features: usize) -> Result<Self> {
         let image = FeatureImage::detected(photograph, max_features)?;
         let prior =
-            image.prior.ok_or_else(|| config("prior", "missing", "give each photograph its depth"))?;
+            image.prior.ok_or_else(|| Error::config("prior", "missing", "give each photograph its depth"))?;
         Ok(Self { prior: prior.to_owned(), lens: image.lens, features: image.features.into_owned() })
     }
 
@@ -180,21 +180,21 @@ fn depth_log_ratios(
 /// depend on the order of the ratios.
 ///
 /// # Errors
-/// [`Error::Config`](crate::Error::Config) for a ratio of a photograph that is none of `0..photographs` or of one with itself, or
+/// [`Error::Config`] for a ratio of a photograph that is none of `0..photographs` or of one with itself, or
 /// that is not finite, or whose deviation is not from 1e-100 to 1e100.
 pub fn common_scale(photographs: usize, ratios: &[LogRatio]) -> Result<Vec<LogFactor>> {
     let mut sorted = Vec::with_capacity(ratios.len());
     for ratio in ratios {
         // Their squares, and what is divided by them, are numbers.
         if !(1e-100..=1e100).contains(&ratio.sigma) {
-            return Err(config("sigma of a ratio", ratio.sigma, "give a number from 1e-100 to 1e100"));
+            return Err(Error::config("sigma of a ratio", ratio.sigma, "give a number from 1e-100 to 1e100"));
         }
         if !ratio.log.is_finite() {
-            return Err(config("ratio", ratio.log, "give finite numbers"));
+            return Err(Error::config("ratio", ratio.log, "give finite numbers"));
         }
         if ratio.first == ratio.second || ratio.first.max(ratio.second) >= photographs {
             let pair = format!("{} and {}", ratio.first, ratio.second);
-            return Err(config("pair of photographs", pair, "give the indices of two photographs"));
+            return Err(Error::config("pair of photographs", pair, "give the indices of two photographs"));
         }
         sorted.push(match ratio.first < ratio.second {
             true => *ratio,
