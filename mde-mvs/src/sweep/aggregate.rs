@@ -102,26 +102,21 @@ impl WithSimd for AlongRow<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        along_row(self);
-    }
-}
-
-#[inline(always)]
-fn along_row(row: AlongRow<'_>) {
-    let AlongRow { costs, luma, k, penalties, sums } = row;
-    let width = luma.len();
-    let (mut before, mut after) = (vec![0_u16; k + 2], vec![0_u16; k + 2]);
-    for leftwards in [false, true] {
-        before.fill(0);
-        let (mut lowest, mut previous) = (0, None);
-        for i in 0..width {
-            let x = if leftwards { width - 1 - i } else { i };
-            let large = penalties.between(luma[x], previous.unwrap_or(luma[x]));
-            let here = x * k..(x + 1) * k;
-            let pair = (penalties.small, large);
-            lowest = step(&costs[here.clone()], &before, lowest, pair, &mut after, &mut sums[here]);
-            std::mem::swap(&mut before, &mut after);
-            previous = Some(luma[x]);
+        let Self { costs, luma, k, penalties, sums } = self;
+        let width = luma.len();
+        let (mut before, mut after) = (vec![0_u16; k + 2], vec![0_u16; k + 2]);
+        for leftwards in [false, true] {
+            before.fill(0);
+            let (mut lowest, mut previous) = (0, None);
+            for i in 0..width {
+                let x = if leftwards { width - 1 - i } else { i };
+                let large = penalties.between(luma[x], previous.unwrap_or(luma[x]));
+                let here = x * k..(x + 1) * k;
+                let pair = (penalties.small, large);
+                lowest = step(&costs[here.clone()], &before, lowest, pair, &mut after, &mut sums[here]);
+                std::mem::swap(&mut before, &mut after);
+                previous = Some(luma[x]);
+            }
         }
     }
 }
@@ -200,30 +195,25 @@ impl WithSimd for PartOfRow<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        part_of_row(self);
-    }
-}
-
-#[inline(always)]
-fn part_of_row(part: PartOfRow<'_>) {
-    let PartOfRow { row, path, penalties, start, after, lowest, sums } = part;
-    let (k, d, width) = (row.k, SHIFTS.len(), row.width);
-    let slot = k + 2;
-    for (c, sums) in sums.chunks_exact_mut(k).enumerate() {
-        let x = start + c;
-        for (j, &shift) in SHIFTS.iter().enumerate() {
-            let there = x.checked_add_signed(shift).filter(|&x| x < width && !row.first);
-            let (before, low, large) = match there {
-                Some(x0) => (
-                    &path.before[(x0 * d + j) * slot..(x0 * d + j + 1) * slot],
-                    path.lowest[x0 * d + j],
-                    penalties.between(row.luma[row.y * width + x], row.luma[row.from * width + x0]),
-                ),
-                None => (path.zero, 0, penalties.large),
-            };
-            let costs = &row.costs[x * k..(x + 1) * k];
-            let after = &mut after[(c * d + j) * slot..(c * d + j + 1) * slot];
-            lowest[c * d + j] = step(costs, before, low, (penalties.small, large), after, sums);
+        let Self { row, path, penalties, start, after, lowest, sums } = self;
+        let (k, d, width) = (row.k, SHIFTS.len(), row.width);
+        let slot = k + 2;
+        for (c, sums) in sums.chunks_exact_mut(k).enumerate() {
+            let x = start + c;
+            for (j, &shift) in SHIFTS.iter().enumerate() {
+                let there = x.checked_add_signed(shift).filter(|&x| x < width && !row.first);
+                let (before, low, large) = match there {
+                    Some(x0) => (
+                        &path.before[(x0 * d + j) * slot..(x0 * d + j + 1) * slot],
+                        path.lowest[x0 * d + j],
+                        penalties.between(row.luma[row.y * width + x], row.luma[row.from * width + x0]),
+                    ),
+                    None => (path.zero, 0, penalties.large),
+                };
+                let costs = &row.costs[x * k..(x + 1) * k];
+                let after = &mut after[(c * d + j) * slot..(c * d + j + 1) * slot];
+                lowest[c * d + j] = step(costs, before, low, (penalties.small, large), after, sums);
+            }
         }
     }
 }

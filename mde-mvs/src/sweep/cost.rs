@@ -221,36 +221,31 @@ impl WithSimd for FillBlock<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        fill_block(self);
-    }
-}
-
-#[inline(always)]
-fn fill_block(block: FillBlock<'_>) {
-    let FillBlock { setup, reference, sources, scratch, top, slab } = block;
-    let (w, surfaces) = (reference.width, setup.multiples.len());
-    let pixels = slab.len() / surfaces;
-    for start in (0..surfaces).step_by(GROUP) {
-        let multiples = &setup.multiples[start..(start + GROUP).min(surfaces)];
-        for (slot, &multiple) in multiples.iter().enumerate() {
-            for (s, source) in sources.iter().enumerate() {
-                let surface = Surface { setup, reference, source, multiple };
-                correlate(&surface, scratch, s, top, pixels / w);
-            }
-            best_half(&mut scratch.costs, &mut scratch.group[slot * BLOCK * w..][..pixels]);
-        }
-        for (chunk, slab) in slab.chunks_mut(LANES * surfaces).enumerate() {
-            let mut words = [0_u64; LANES];
-            let n = slab.len() / surfaces;
-            for slot in 0..multiples.len() {
-                let costs = &scratch.group[slot * BLOCK * w + chunk * LANES..][..n];
-                for (word, &cost) in words.iter_mut().zip(costs) {
-                    *word |= u64::from(cost) << (8 * slot);
+        let Self { setup, reference, sources, scratch, top, slab } = self;
+        let (w, surfaces) = (reference.width, setup.multiples.len());
+        let pixels = slab.len() / surfaces;
+        for start in (0..surfaces).step_by(GROUP) {
+            let multiples = &setup.multiples[start..(start + GROUP).min(surfaces)];
+            for (slot, &multiple) in multiples.iter().enumerate() {
+                for (s, source) in sources.iter().enumerate() {
+                    let surface = Surface { setup, reference, source, multiple };
+                    correlate(&surface, scratch, s, top, pixels / w);
                 }
+                best_half(&mut scratch.costs, &mut scratch.group[slot * BLOCK * w..][..pixels]);
             }
-            for (costs, word) in slab.chunks_exact_mut(surfaces).zip(words) {
-                let here = &mut costs[start..start + multiples.len()];
-                here.copy_from_slice(&word.to_le_bytes()[..multiples.len()]);
+            for (chunk, slab) in slab.chunks_mut(LANES * surfaces).enumerate() {
+                let mut words = [0_u64; LANES];
+                let n = slab.len() / surfaces;
+                for slot in 0..multiples.len() {
+                    let costs = &scratch.group[slot * BLOCK * w + chunk * LANES..][..n];
+                    for (word, &cost) in words.iter_mut().zip(costs) {
+                        *word |= u64::from(cost) << (8 * slot);
+                    }
+                }
+                for (costs, word) in slab.chunks_exact_mut(surfaces).zip(words) {
+                    let here = &mut costs[start..start + multiples.len()];
+                    here.copy_from_slice(&word.to_le_bytes()[..multiples.len()]);
+                }
             }
         }
     }
