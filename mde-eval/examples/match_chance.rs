@@ -7,7 +7,7 @@
 //! the evaluation. Each capture has the same weight.
 #![allow(clippy::print_stdout)]
 
-use mde_eval::mde_mvs::consensus::{ConsensusConfig, reconstruct};
+use mde_eval::mde_mvs::consensus::reconstruct;
 use mde_eval::mde_prior::DisparityRule;
 use mde_eval::mde_uncertainty::random::CounterRng;
 use mde_eval::nalgebra::{SMatrix, SVector};
@@ -68,7 +68,7 @@ fn capture(room: Room, config: &CaptureConfig) -> Result<Vec<(Terms, bool)>, Box
         priors.push(prior.to_depth(&DisparityRule::default())?);
     }
     let maps: Vec<ArrayView2<'_, f32>> = priors.iter().map(|prior| prior.view()).collect();
-    let found = reconstruct(&views, &maps, None, &ConsensusConfig::default())?;
+    let found = reconstruct(&views, &maps, None, &mut mde_eval::mde_mvs::silent)?;
     let Some(reference) = found.views.get(capture.reference) else { return Ok(Vec::new()) };
     let (sweep, agreement) = (&reference.sweep, &reference.agreement);
     let mut samples = Vec::new();

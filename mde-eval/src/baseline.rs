@@ -81,8 +81,8 @@ fn single(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
         "guided" => Box::new(GuidedFilter::default()),
         "jbf" => Box::new(JointBilateral::default()),
         "wmf" => Box::new(WeightedMedian::default()),
-        "gauged" => Box::new(GaugedPrior::default()),
-        "sweep" => Box::new(PlaneSweep::default()),
+        "gauged" => Box::new(GaugedPrior),
+        "sweep" => Box::new(PlaneSweep),
         #[cfg(feature = "solver")]
         "fbs" => Box::new(FastBilateralSolver::default()),
         _ => {

@@ -4,9 +4,7 @@ use crate::config::Config;
 use crate::error::Result;
 use crate::reports::capture::{CaptureReport, PoseSource};
 use crate::scene::Scene;
-use mde_mvs::poses::{
-    self, Agreement, PosesConfig, RefineConfig, Refined, Track, Verdict, estimate_poses, refine_poses,
-};
+use mde_mvs::poses::{self, Agreement, MIN_MATCHES, Refined, Track, Verdict, estimate_poses, refine_poses};
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose, PosedView};
@@ -46,7 +44,6 @@ pub(super) fn posed(
         .iter()
         .zip(priors)
         .map(|(photograph, prior)| poses::PoseInput {
-            name: &photograph.name,
             image: photograph.image.view(),
             camera: photograph.camera.camera,
             focal_assumed: photograph.camera.is_assumed() && photograph.pose.is_none(),
@@ -77,8 +74,7 @@ pub(super) fn posed(
             (cameras, poses, covariances, unit)
         }
         None => {
-            let settings = PosesConfig::default();
-            let estimated = estimate_poses(&inputs, reference, &settings, seed, matched)?;
+            let estimated = estimate_poses(&inputs, reference, seed, matched)?;
             report.poses = PoseSource::Estimated;
             report.focal_factor = Some(estimated.focal_factor);
             for (photograph, found) in report.photographs.iter_mut().zip(&estimated.photographs) {
@@ -122,15 +118,14 @@ fn refined(
     report: &mut CaptureReport,
     matched: &mut mde_mvs::Callback<'_>,
 ) -> Result<(Vec<usize>, Refined)> {
-    let settings = RefineConfig::default();
-    let few = settings.matches.min_matches;
     let mut kept: Vec<usize> = (0..inputs.len()).collect();
     loop {
         let shown: Vec<poses::PoseInput<'_>> = kept.iter().map(|&index| inputs[index]).collect();
         let theirs: Vec<Pose> = kept.iter().map(|&index| given[index]).collect();
         let first = kept.iter().position(|&index| index == reference).unwrap_or_default();
-        let refined = refine_poses(&shown, &theirs, first, &settings, seed, matched)?;
-        let doubts: Vec<Option<String>> = refined.agreement.iter().map(|found| doubt(found, few)).collect();
+        let refined = refine_poses(&shown, &theirs, first, seed, matched)?;
+        let doubts: Vec<Option<String>> =
+            refined.agreement.iter().map(|found| doubt(found, MIN_MATCHES)).collect();
         for ((&index, found), doubt) in kept.iter().zip(&refined.agreement).zip(&doubts) {
             let photograph = &mut report.photographs[index];
             photograph.matches = Some(found.agreeing);

@@ -192,7 +192,7 @@ fn a_plane_sweep_finds_the_depth_that_the_poses_give() {
         .collect();
     let (prior, rule) = (Array2::ones(sample.depth.dim()), DisparityRule::default());
     let task = Task { views: &views, ..Task::new(sample.image.view(), &sample.camera, prior.view(), &rule) };
-    let swept = PlaneSweep::default().refine(&task).unwrap();
+    let swept = PlaneSweep.refine(&task).unwrap();
     let mut errors: Vec<f32> = swept
         .depth
         .iter()
