@@ -2,13 +2,10 @@
 //! depth with a variance can take its place, such as Gaussian splatting.
 #![allow(clippy::print_stdout)]
 
-use mde_cli::config::Config;
 use mde_cli::mde_nerf::{Error, FieldCallback, FitReport, RadianceField, RenderedView, Result};
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, reproject};
 use mde_cli::ndarray::{Array2, Array3};
-use mde_cli::refinement::event::Event;
-use mde_cli::refinement::refine;
-use mde_cli::refinement::stages::Stages;
+use mde_cli::{Config, Event, Stages, refine};
 use mde_eval::scene::{Room, room};
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use std::ops::ControlFlow;

@@ -1,12 +1,9 @@
 //! Another monocular depth in the loop: a floor that runs away from the camera, refined by a short run.
 #![allow(clippy::print_stdout)]
 
-use mde_cli::config::{Config, Preset};
 use mde_cli::mde_prior::{DepthKind, DepthPrior, PriorDepth, Result};
 use mde_cli::ndarray::{Array2, ArrayView3};
-use mde_cli::refinement::event::Event;
-use mde_cli::refinement::refine;
-use mde_cli::refinement::stages::Stages;
+use mde_cli::{Config, Event, Preset, Stages, refine};
 use mde_eval::scene::{Room, room};
 use std::ops::ControlFlow;
 
@@ -23,7 +20,7 @@ impl DepthPrior for Floor {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scene = room(Room::Study, 0, 160, 120)?;
-    let config = Config::with_overrides(Preset::Fast, "nerf.train.steps = 200", "example")?;
+    let config = Config::with_overrides(Preset::Paper, "nerf.train.steps = 200", "example")?;
     let stages = Stages::new(&Floor);
     let mut go_on = |_: &Event| ControlFlow::Continue(());
     let refined = refine(scene.image.view(), &scene.camera, stages, &config, &mut go_on)?;

@@ -111,7 +111,7 @@ impl Error {
 }
 
 /// Arguments that texts of the library name in braces.
-const ARGUMENTS: [&str; 17] = [
+const ARGUMENTS: [&str; 18] = [
     "alignment",
     "calibration",
     "depth-range",
@@ -127,6 +127,7 @@ const ARGUMENTS: [&str; 17] = [
     "prior-model",
     "same-scale",
     "scale-from",
+    "unit",
     "views",
     "work-size",
 ];

@@ -8,6 +8,7 @@ use crate::program::open::truth::{Comparison, Truth};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
 use crate::program::store::folder::{OutputFolder, RECORD};
+use crate::program::terminal::line_of;
 use crate::program::{report, summary};
 use crate::refinement::event::Event;
 use crate::refiner::{Observer, Plan, Prepared, Refined, Refiner};
@@ -80,9 +81,9 @@ impl Job<'_> {
         let report = folder.path().join(report::FILE);
         let text = format!(
             "{table}{gained}\nwrote {} in {:.1} s; open {} in a browser",
-            folder.path().display(),
+            line_of(folder.path()),
             progress.seconds(),
-            report.display()
+            line_of(&report)
         );
         progress.result(&text, value);
         Ok(())
@@ -125,7 +126,7 @@ impl Job<'_> {
             preset: Some(settings.preset.name()),
             seed: Some(settings.config.seed),
             warnings: progress.warnings(),
-            total_seconds: progress.seconds(),
+            total_seconds: progress.own_seconds(),
             ..about(self.command, input.to_owned(), &refined.camera)
         };
         let record = RunRecord {

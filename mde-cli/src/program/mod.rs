@@ -19,6 +19,7 @@ mod terminal;
 
 use crate::program::error::{Partial, fault, message};
 use crate::program::open::photographs;
+use crate::program::terminal::visible;
 use clap::FromArgMatches;
 use std::io::{self, Write};
 use std::panic::{self, AssertUnwindSafe};
@@ -55,7 +56,11 @@ pub fn main() -> ExitCode {
             ExitCode::from(interrupt::EXIT_CODE)
         }
         Err(error) => {
-            print(&format!("{} {}", console::style("error:").for_stderr().red().bold(), message(&error)));
+            print(&format!(
+                "{} {}",
+                console::style("error:").for_stderr().red().bold(),
+                visible(&message(&error))
+            ));
             if error.is::<Partial>() { ExitCode::from(3) } else { ExitCode::FAILURE }
         }
     }

@@ -4,7 +4,7 @@ use crate::output::record::{TrainingCurve, follow};
 use crate::program::args::RunArgs;
 use crate::program::error::flags;
 use crate::program::interrupt;
-use crate::program::terminal::{columns, shown, wrapped};
+use crate::program::terminal::{columns, shown, visible, wrapped};
 use crate::refinement::event::{Event, Stage};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use mde_eval::table::Document;
@@ -40,7 +40,11 @@ pub(crate) struct Progress {
     bar: Option<ProgressBar>,
     /// Tenths of the stage that have been printed.
     tenths: usize,
+    /// Of the whole run, and of the refinement that it is at.
     warnings: Vec<String>,
+    own_warnings: Vec<String>,
+    /// When that refinement began.
+    begun: Instant,
     /// Warnings that have been printed; the others follow before the result.
     printed: usize,
     /// Whether the run reports pieces of work, each with its warnings.
@@ -69,6 +73,8 @@ impl Progress {
             bar: None,
             tenths: 0,
             warnings: Vec::new(),
+            own_warnings: Vec::new(),
+            begun: Instant::now(),
             printed: 0,
             in_pieces: false,
             training: Vec::new(),
@@ -84,6 +90,9 @@ impl Progress {
     /// its error alone. One that was there before is not repeated.
     pub(crate) fn warn(&mut self, warning: String) {
         let warning = flags(&warning);
+        if !self.own_warnings.contains(&warning) {
+            self.own_warnings.push(warning.clone());
+        }
         if self.warnings.contains(&warning) {
             return;
         }
@@ -118,8 +127,18 @@ impl Progress {
     }
 
     /// Every warning so far.
-    pub(crate) fn warnings(&self) -> &[String] {
+    pub(crate) fn all_warnings(&self) -> &[String] {
         &self.warnings
+    }
+
+    /// The warnings of the refinement that the run is at.
+    pub(crate) fn warnings(&self) -> &[String] {
+        &self.own_warnings
+    }
+
+    /// Seconds since that refinement began.
+    pub(crate) fn own_seconds(&self) -> f64 {
+        self.begun.elapsed().as_secs_f64()
     }
 
     /// The fits so far, one per iteration.
@@ -127,9 +146,11 @@ impl Progress {
         &self.training
     }
 
-    /// Begins another refinement of the same run: its curves are its own.
+    /// Begins another refinement of the same run: its curves, warnings and seconds are its own.
     pub(crate) fn next(&mut self, what: &str) {
         self.training.clear();
+        self.own_warnings.clear();
+        self.begun = Instant::now();
         self.step(what);
     }
 
@@ -152,7 +173,7 @@ impl Progress {
             Mode::Json => self.json(value),
             // A closed pipe is no error.
             Mode::Lines | Mode::Bars => {
-                drop(writeln!(io::stdout().lock(), "{}", wrapped(text, columns(), 2)))
+                drop(writeln!(io::stdout().lock(), "{}", wrapped(&visible(text), columns(), 2)))
             }
         }
     }
@@ -163,7 +184,7 @@ impl Progress {
             self.finish_bar();
             self.print_warnings();
             if !tables.blocks.is_empty() {
-                let _ = writeln!(io::stdout().lock(), "{}\n", shown(tables, columns()));
+                let _ = writeln!(io::stdout().lock(), "{}\n", visible(&shown(tables, columns())));
             }
         }
         self.result(text, value);
@@ -335,6 +356,7 @@ impl Progress {
     }
 
     fn line(&self, text: &str) {
+        let text = &visible(text).replace('\n', "\\n");
         let text = match self.mode {
             Mode::Bars => coloured(&wrapped(text, terminal_columns(), 2)),
             _ => text.to_owned(),
@@ -398,6 +420,18 @@ fn finished(columns: usize) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn each_refinement_of_a_run_has_its_own_warnings() {
+        let mut progress = Progress::silent();
+        progress.warn("of the capture".to_owned());
+        for (name, warning) in [("a.png", "resized"), ("b.png", "resized"), ("c.png", "no pose")] {
+            progress.next(name);
+            progress.warn(warning.to_owned());
+            assert_eq!(progress.warnings(), [warning], "{name}");
+        }
+        assert_eq!(progress.all_warnings(), ["of the capture", "resized", "no pose"]);
+    }
 
     #[test]
     fn a_warning_is_kept_once() {

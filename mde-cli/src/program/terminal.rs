@@ -61,6 +61,20 @@ fn words(line: &str) -> impl Iterator<Item = &str> {
     })
 }
 
+/// A text without control characters but for the ends of its lines: names of files may hold any.
+pub(crate) fn visible(text: &str) -> String {
+    let shown = |c: char| match c.is_control() && c != '\n' {
+        true => c.escape_default().to_string(),
+        false => c.to_string(),
+    };
+    text.chars().map(shown).collect()
+}
+
+/// A path in a line.
+pub(crate) fn line_of(path: &std::path::Path) -> String {
+    visible(&path.display().to_string()).replace('\n', "\\n")
+}
+
 /// Breaks the lines that are longer than `columns` between words, and indents what follows.
 pub(crate) fn wrapped(text: &str, columns: usize, indent: usize) -> String {
     let broken = |line: &str| {

@@ -79,7 +79,11 @@ pub(super) struct Finish<'f, 's> {
 impl<'s> Finish<'_, 's> {
     /// Name of the unit of the results.
     pub(super) fn unit(&self) -> &'static str {
-        match (&self.scene.known, self.settings.unit, self.origin.kind) {
+        self.name_of(self.settings.unit)
+    }
+
+    fn name_of(&self, unit: Unit) -> &'static str {
+        match (&self.scene.known, unit, self.origin.kind) {
             (Some(known), ..) if known.of_model => "capture",
             (Some(_), ..) => METRES,
             (None, Unit::Capture, _) => "capture",
@@ -108,8 +112,13 @@ impl<'s> Finish<'_, 's> {
                 None => camera.take_estimated(report, photograph),
             }
         }
-        if *unit == Unit::Capture && refinement.capture.is_some() {
+        // Refused photographs have no unit.
+        let mut unit = *unit;
+        if unit == Unit::Capture && used {
             refinement = refinement.in_capture_unit()?;
+        } else if unit == Unit::Capture && refinement.capture.is_some() {
+            warn("{unit}: without poses that fit there is no unit but the prior's".to_owned());
+            unit = Unit::Prior;
         }
         let scaled = scene.known.is_some();
         doubts(&refinement.prior, origin, config, scaled).into_iter().for_each(&mut *warn);
@@ -124,7 +133,7 @@ impl<'s> Finish<'_, 's> {
         let stated = error_bar.apply(&mut refinement, config, origin, used, scaled)?;
         // Errors of the whole map, which sigma does not contain.
         let of_poses = refinement.capture.as_ref().and_then(|report| report.scale);
-        let gauge = of_poses.filter(|_| *unit == Unit::Prior && !scaled).map(|[_, relative]| relative);
+        let gauge = of_poses.filter(|_| unit == Unit::Prior && !scaled).map(|[_, relative]| relative);
         let scale = stated.scale.as_ref().map(|scale| scale.relative);
         for (name, relative) in [("gauge", gauge), ("scale", scale)] {
             let Some(relative) = relative.filter(|relative| relative.is_finite()) else { continue };
@@ -150,7 +159,7 @@ impl<'s> Finish<'_, 's> {
             by_known = Some(Scaled { from: known.source.clone(), report });
         }
         stated.warnings.iter().cloned().for_each(&mut *warn);
-        let unit = self.unit();
+        let unit = self.name_of(unit);
         let png = DepthPng::new(unit, refinement.depth.mean().iter().copied());
         Ok(Refined {
             scene,

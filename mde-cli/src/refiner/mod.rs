@@ -11,12 +11,10 @@
 //! The program, the evaluations and the Python package call it.
 //!
 //! ```
-//! use mde_cli::prior::OpenPrior;
 //! use mde_cli::prior::origin::{PriorForm, PriorOrigin};
-//! use mde_cli::refiner::{Refiner, Settings, Silent};
+//! use mde_cli::refiner::Silent;
 //! use mde_cli::scene::camera::{CameraSource, KnownCamera};
-//! use mde_cli::scene::{Photograph, Scene};
-//! use mde_cli::{Config, Preset};
+//! use mde_cli::{OpenPrior, Photograph, Preset, Refiner, Scene, Settings};
 //! use mde_eval::scene::{Room, room};
 //! use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 //! use mde_cli::mde_prior::DepthKind;
@@ -43,6 +41,8 @@ mod order_check;
 pub mod plan;
 mod plausibility;
 pub mod same_scale;
+#[cfg(test)]
+mod tests;
 
 pub use finish::{Refined, Unit};
 

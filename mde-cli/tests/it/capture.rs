@@ -1,6 +1,7 @@
 //! Several photographs through the program.
 
 use crate::common::{Place, names, on_disk, rendered, wait_until};
+use mde_cli::config::{Config, Preset};
 use mde_cli::mde_mvs::capture::{CaptureFiles, Frame, PixelCentres, read_transforms};
 use mde_cli::mde_prior::format::{ReadOptions, read_values};
 use mde_cli::mde_prior::photo::{image_size, write_image};

@@ -6,7 +6,7 @@ use crate::prior::OpenPrior;
 use crate::program::args::{DoctorArgs, PriorArgs, PriorSource};
 use crate::program::error::message;
 use crate::program::open::prior;
-use crate::program::terminal::{columns, wrapped};
+use crate::program::terminal::{columns, line_of, visible, wrapped};
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::order_check::{Order, OrderCheck, SIZE};
 use mde_eval::scene::{Room, room};
@@ -59,7 +59,7 @@ fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
         })
     };
     let prior = open("tract")?;
-    print("model", &path.display().to_string());
+    print("model", &line_of(path));
     if let Some(spec) = &prior.origin().model {
         let json = serde_json::to_string(spec).with_context(|| path.display().to_string())?;
         // Spaces, so that the line can be wrapped; it is still JSON.
@@ -176,5 +176,5 @@ fn memory() -> String {
 
 /// A closed pipe is no error.
 fn print(what: &str, text: &str) {
-    let _ = writeln!(io::stdout().lock(), "{}", wrapped(&format!("{what:8} {text}"), columns(), 9));
+    let _ = writeln!(io::stdout().lock(), "{}", wrapped(&visible(&format!("{what:8} {text}")), columns(), 9));
 }

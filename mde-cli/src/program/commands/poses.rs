@@ -8,6 +8,7 @@ use crate::program::open::scene::{size, unique, unposed};
 use crate::program::open::settings::{settings, use_threads};
 use crate::program::progress::Progress;
 use crate::program::store::folder::check_new_file;
+use crate::program::terminal::line_of;
 use crate::refiner::Refiner;
 use crate::reports::capture::CaptureReport;
 use anyhow::{Context, Result, ensure};
@@ -67,7 +68,7 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
         _ => String::new(),
     };
     let count = format!("{} of {} photographs have a pose", frames.len(), scene.photographs.len());
-    let text = format!("{focal}{count}\nwrote {} in {:.1} s", target.display(), progress.seconds());
+    let text = format!("{focal}{count}\nwrote {} in {:.1} s", line_of(target), progress.seconds());
     let value = json!({ "event": "done", "output": target.display().to_string(), "photographs": report.photographs,
         "focal_factor": report.focal_factor, "poses_seconds": report.seconds.poses });
     progress.tables(&Document { blocks }, &text, value);

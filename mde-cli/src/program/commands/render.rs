@@ -6,6 +6,7 @@ use crate::program::open::settings::{camera, limit, use_threads};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, rows, write_json};
 use crate::program::store::folder::{OutputFolder, RECORD};
+use crate::program::terminal::line_of;
 use crate::refiner::depth_png::DepthPng;
 use crate::refiner::plan::render_bytes;
 use anyhow::{Context, Result, ensure};
@@ -81,7 +82,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
         };
         write_json(&path.join(RECORD), &RenderRecord { about, png_scale: png.scale, views: records })
     })?;
-    let text = format!("{} views\nwrote {}", poses.len(), folder.path().display());
+    let text = format!("{} views\nwrote {}", poses.len(), line_of(folder.path()));
     progress.result(
         &text,
         json!({ "event": "done", "output": folder.path().display().to_string(), "views": poses.len() }),

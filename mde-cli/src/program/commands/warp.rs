@@ -10,6 +10,7 @@ use crate::program::open::{prior, scene};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, rows, write_json};
 use crate::program::store::folder::{OutputFolder, RECORD};
+use crate::program::terminal::line_of;
 use crate::refiner::Refiner;
 use crate::reports::iteration::WarpReport;
 use crate::scene::Scene;
@@ -75,7 +76,7 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
         100.0 * warp.mean_hole_fraction,
         100.0 * warp.max_hole_fraction,
         100.0 * warp.mean_outside_fraction,
-        folder.path().display()
+        line_of(folder.path())
     );
     progress.result(
         &text,

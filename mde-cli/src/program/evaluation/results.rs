@@ -10,6 +10,7 @@ use crate::program::provenance::{command_line, write_json};
 use crate::program::report;
 use crate::program::report::FIGURES;
 use crate::program::store::folder::temporary_folder;
+use crate::program::terminal::line_of;
 use anyhow::{Context, Result, ensure};
 use mde_eval::figure;
 use mde_eval::statistics::Bootstrap;
@@ -78,7 +79,7 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
     }
     let report = report::write(folder)?;
     let table = folder.join("table.md");
-    let text = format!("{}; report: {}; tables: {}", counted(&summary), report.display(), table.display());
+    let text = format!("{}; report: {}; tables: {}", counted(&summary), line_of(&report), line_of(&table));
     let value = json!({ "event": "result", "summary": value["summary"] });
     progress.tables(&results.brief(&verdict), &text, value);
     match first {

@@ -15,9 +15,10 @@ use crate::program::many::item::{MARKER, Marker, read_marker};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
 use crate::program::report::{Indexed, index};
-use crate::program::store::folder::{OutputFolder, RECORD, check_place, remove_unfinished};
+use crate::program::store::folder::{NewFolder, OutputFolder, RECORD, check_place, remove_unfinished};
 use crate::program::store::lock::Lock;
 use crate::program::summary::intervals;
+use crate::program::terminal::line_of;
 use crate::refiner::depth_png::MILLIMETRES;
 use crate::refiner::{Plan, Prepared};
 use crate::scene::Scene;
@@ -82,16 +83,11 @@ pub(crate) fn run(
     force: bool,
     progress: &mut Progress,
 ) -> Result<()> {
-    fs::create_dir_all(output).with_context(|| format!("{}: can't make this folder", output.display()))?;
-    let lock = Lock::take(output)?;
+    // Removed again where nothing comes into it.
+    let _made = NewFolder::make(output)?;
+    let _lock = Lock::take(output)?;
     remove_unfinished(output);
-    let refined = refine_all(job, scene, plan, input, output, force, progress);
-    drop(lock);
-    if refined.is_err() {
-        // Only where nothing is in it.
-        let _ = fs::remove_dir(output);
-    }
-    refined
+    refine_all(job, scene, plan, input, output, force, progress)
 }
 
 fn refine_all(
@@ -146,7 +142,7 @@ fn refine_all(
     let about = About {
         preset: Some(settings.preset.name()),
         seed: Some(settings.config.seed),
-        warnings: progress.warnings(),
+        warnings: progress.all_warnings(),
         total_seconds: progress.seconds(),
         ..about("refine --all", input.to_owned(), prepared.camera())
     };
@@ -164,7 +160,7 @@ fn refine_all(
     let text = format!(
         "{points} points in {CLOUD}\n{}wrote {} in {:.1} s",
         intervals(&settings.error_bar),
-        output.display(),
+        line_of(output),
         progress.seconds()
     );
     progress.tables(&Document { blocks: vec![Block::Table(table(&rows))] }, &text, value);

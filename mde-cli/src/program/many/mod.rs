@@ -24,13 +24,13 @@ use crate::program::many::item::{Common, Item, settings_of};
 use crate::program::open::settings::of_refine;
 use crate::program::open::{photographs, prior};
 use crate::program::progress::Progress;
-use crate::program::store::folder::{check_place, remove_unfinished};
+use crate::program::store::folder::{NewFolder, check_place, remove_unfinished};
 use crate::program::store::lock::Lock;
 use crate::program::summary::intervals;
+use crate::program::terminal::line_of;
 use crate::refiner::Refiner;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use std::collections::BTreeMap;
-use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -57,7 +57,8 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     let allowance = Allowance::new(refiner.settings().memory.bytes());
     let common = Common { args, output, job, allowance, settings };
 
-    fs::create_dir_all(output).with_context(|| format!("{}: can't make this folder", output.display()))?;
+    // Removed again where nothing comes into it.
+    let _made = NewFolder::make(output)?;
     let _lock = match args.several.shard {
         None => {
             let lock = Lock::take(output)?;
@@ -219,7 +220,7 @@ fn finish(
     let failed: Vec<&Row> = rows.iter().filter(|row| row.error.is_some()).collect();
     let kept = rows.iter().filter(|row| row.kept).count();
     let page = match listed {
-        true => format!("open {} in a browser", output.join(index::PAGE).display()),
+        true => format!("open {} in a browser", line_of(&output.join(index::PAGE))),
         false => "the same command without --shard writes the index".to_owned(),
     };
     let text = format!(
@@ -227,7 +228,7 @@ fn finish(
         rows.len(),
         rows.len() - kept - failed.len(),
         failed.len(),
-        output.display()
+        line_of(output)
     );
     let value =
         serde_json::json!({ "event": "done", "output": output.display().to_string(), "photographs": rows });

@@ -1,6 +1,7 @@
 //! An output folder, written atomically.
 
 use crate::program::interrupt;
+use crate::program::store::contents::lengths;
 use crate::program::store::lock;
 use anyhow::{Context, Result, bail, ensure};
 use std::fs;
@@ -43,22 +44,33 @@ impl OutputFolder {
         let Ok(found) = fs::symlink_metadata(&self.target) else { return Ok(()) };
         ensure!(found.is_dir(), "{path}: exists and is not a folder; give another name to -o");
         ensure!(self.force, "{path}: the folder exists; give another name to -o, or --force to replace it");
-        let empty = fs::read_dir(&self.target).with_context(|| path.to_string())?.next().is_none();
-        ensure!(
-            empty || self.target.join(RECORD).is_file(),
-            "{path}: not replaced, as it holds no {RECORD} of an earlier run; give another name to -o"
-        );
+        let found = files_in(&self.target).with_context(|| path.to_string())?;
+        if found.is_empty() && fs::read_dir(&self.target).with_context(|| path.to_string())?.next().is_none()
+        {
+            return Ok(());
+        }
+        let written = written(&self.target).with_context(|| {
+            format!(
+                "{path}: not replaced, as it holds no {RECORD} of an earlier run; give another name to -o"
+            )
+        })?;
+        if let Some(foreign) = found.iter().find(|name| !written.contains(name)) {
+            bail!(
+                "{path}: not replaced, as no run wrote its {foreign}; move that away, or give another name to -o"
+            );
+        }
         Ok(())
     }
 
     /// Lets `fill` write into a temporary sibling, and renames that to the folder.
     pub(crate) fn write(&self, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
         let parent = parent(&self.target);
-        fs::create_dir_all(parent)
-            .with_context(|| format!("{}: can't make this folder", parent.display()))?;
+        // Removed again where the results do not come into it.
+        let _made = NewFolder::make(parent)?;
         let temporary = temporary_folder(parent)?;
         let _guard = interrupt::guard(temporary.path());
         fill(temporary.path())?;
+        list_files(temporary.path())?;
         let held = interrupt::hold();
         if interrupt::requested() {
             bail!(crate::error::Error::Interrupted);
@@ -93,6 +105,58 @@ impl OutputFolder {
             })
             .with_context(name)
     }
+}
+
+/// A folder that is made with those above it, and removed with them where nothing came into them.
+pub(crate) struct NewFolder(Vec<PathBuf>);
+
+impl NewFolder {
+    pub(crate) fn make(folder: &Path) -> Result<Self> {
+        let absent = folder.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists());
+        let made = Self(absent.map(Path::to_owned).collect());
+        fs::create_dir_all(folder)
+            .with_context(|| format!("{}: can't make this folder", folder.display()))?;
+        Ok(made)
+    }
+}
+
+impl Drop for NewFolder {
+    fn drop(&mut self) {
+        for folder in &self.0 {
+            let _ = fs::remove_dir(folder);
+        }
+    }
+}
+
+/// The files within a folder, by their paths from it.
+fn files_in(folder: &Path) -> std::io::Result<Vec<String>> {
+    let mut files = Vec::new();
+    for file in lengths(folder)?.into_keys() {
+        files.push(file.to_string_lossy().into_owned());
+    }
+    Ok(files)
+}
+
+/// Adds the names of all files to a folder's record, so that a later run knows what is not ours.
+fn list_files(folder: &Path) -> Result<()> {
+    let record = folder.join(RECORD);
+    let Ok(text) = fs::read_to_string(&record) else { return Ok(()) };
+    let files = serde_json::to_string(&files_in(folder).with_context(|| folder.display().to_string())?)?;
+    let open = text.trim_end().strip_suffix('}').map(str::trim_end).unwrap_or_default();
+    if !open.is_empty() {
+        mde_prior::write_atomic(&record, format!("{open},\n  \"files\": {files}\n}}\n").as_bytes())?;
+    }
+    Ok(())
+}
+
+/// The files that an earlier run wrote into a folder, by its record.
+fn written(folder: &Path) -> Result<Vec<String>> {
+    #[derive(serde::Deserialize)]
+    struct Record {
+        files: Vec<String>,
+    }
+    let text = fs::read_to_string(folder.join(RECORD))?;
+    Ok(serde_json::from_str::<Record>(&text)?.files)
 }
 
 /// Checks that the file of `flag` can be written at the end; creates nothing.
@@ -186,7 +250,7 @@ mod tests {
     }
 
     fn fill(folder: &Path) -> Result<()> {
-        Ok(fs::write(folder.join(RECORD), "{}")?)
+        Ok(fs::write(folder.join(RECORD), "{\n  \"command\": \"test\"\n}\n")?)
     }
 
     #[test]
@@ -199,7 +263,7 @@ mod tests {
             fill(path)?;
             bail!("disk full")
         });
-        assert!(failed.is_err() && entries(&place.path().join("a")).is_empty());
+        assert!(failed.is_err() && entries(place.path()).is_empty());
         folder.write(fill).unwrap();
         assert_eq!(entries(&place.path().join("a")), ["b"]);
         assert_eq!(entries(&target), [RECORD]);
@@ -218,17 +282,25 @@ mod tests {
     }
 
     #[test]
-    fn only_an_earlier_run_is_replaced() {
+    fn only_what_an_earlier_run_wrote_is_replaced() {
         let place = tempfile::tempdir().unwrap();
         let target = place.path().join("run");
         fs::create_dir(&target).unwrap();
         assert!(OutputFolder::new(&target, false).is_err());
         fs::write(target.join("thesis.txt"), "years").unwrap();
-        assert!(OutputFolder::new(&target, true).is_err());
-        fs::write(target.join(RECORD), "{}").unwrap();
+        for record in ["", "hello", "{}", "{\"files\": [\"run.json\"]}"] {
+            fs::write(target.join(RECORD), record).unwrap();
+            assert!(OutputFolder::new(&target, true).is_err(), "{record}");
+        }
+        fs::remove_file(target.join("thesis.txt")).unwrap();
+        OutputFolder::new(&target, true).unwrap().write(fill).unwrap();
         OutputFolder::new(&target, true).unwrap().write(fill).unwrap();
         assert_eq!(entries(&target), [RECORD]);
         assert_eq!(entries(place.path()), ["run"]);
+        fs::create_dir(target.join("src")).unwrap();
+        fs::write(target.join("src/main.rs"), "months").unwrap();
+        let refused = OutputFolder::new(&target, true).unwrap_err().to_string();
+        assert!(refused.contains("src/main.rs"), "{refused}");
         assert!(OutputFolder::new(Path::new("/"), true).is_err());
     }
 
