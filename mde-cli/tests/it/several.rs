@@ -5,7 +5,7 @@ use mde_cli::config::Order;
 use mde_cli::mde_fusion::{Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_prior::DisparityRule;
 use mde_cli::ndarray::{Array2, Array3};
-use mde_cli::refinement::scale::KnownDepth;
+use mde_cli::scene::known::KnownDepth;
 use mde_cli::scene::{Photograph, Scene};
 use mde_cli::{Config, Event, Preset, Refinement, Stages};
 use mde_eval::capture::Capture as Rendered;
