@@ -42,7 +42,7 @@ fn odd_files_names_and_numbers_are_refused_within_seconds() {
 #[test]
 fn force_replaces_nothing_that_is_not_ours() {
     let place = Place::new();
-    place.run(&format!("{REFINE} --save-field -q -o field"));
+    place.run(&format!("{REFINE} --export field -q -o field"));
     for (index, text) in ["", "hello", "{}", "[]", "{\"program\": \"another\"}"].into_iter().enumerate() {
         for (number, command) in [
             REFINE,

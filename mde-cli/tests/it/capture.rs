@@ -6,7 +6,8 @@ use mde_cli::mde_mvs::capture::{CaptureFiles, Frame, PixelCentres, read_transfor
 use mde_cli::mde_prior::format::{ReadOptions, read_values};
 use mde_cli::mde_prior::photo::{image_size, write_image};
 use mde_cli::ndarray::{Array2, Array3};
-use mde_cli::refiner::plan::capture_bytes;
+use mde_cli::refiner::plan::scene_bytes;
+use mde_cli::{Config, Preset};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::Room;
 use mde_uncertainty::statistics::median;
@@ -88,7 +89,7 @@ fn photographs_can_be_limited_and_the_unit_be_named() {
     assert_eq!((used.count(), record["unit"].as_str()), (2, Some("capture")));
     if let Some(peak) = record["peak_memory_bytes"].as_u64() {
         let config = Config::with_overrides(Preset::MultiView, &place.text("quick.toml"), "quick").unwrap();
-        let estimate = capture_bytes((WIDTH * HEIGHT) as u64, 4, 2, &config);
+        let estimate = scene_bytes((WIDTH * HEIGHT) as u64, 4, 2, &config);
         assert!((peak..4 * peak).contains(&estimate), "estimate {estimate}, peak {peak}");
     }
     let depth = place.map("capture/depth.npy");
@@ -187,7 +188,7 @@ fn every_photograph_gets_a_folder_and_all_a_cloud() {
 
     // A calibration counts by its content.
     let calibrated = |file: &str, more: &str| {
-        place.write(file, format!("{}{more}", include_str!("../../src/calibration/default.toml")));
+        place.write(file, format!("{}{more}", include_str!("../../src/refiner/calibration/default.toml")));
         kept(&format!("--calibration {file}"))
     };
     assert_eq!((calibrated("one.toml", ""), calibrated("same.toml", "")), (0, 3));

@@ -230,7 +230,7 @@ pub(crate) fn on_disk(room: &Rendered) -> Place {
         let lens = Lens { camera: known.view.camera, distortion: Distortion::default() };
         frames.push(Frame { photograph: place.path(&name), lens, pose: known.view.pose });
     }
-    place.write("transforms.json", transforms_json(&frames, &place.path("")));
+    place.write("transforms.json", transforms_json(&frames, &place.path(""), |_| Vec::new()));
     let prior = room.views[0].prior.as_ref().unwrap().to_depth(&DisparityRule::default()).unwrap();
     write_npy(place.path("prior.npy"), prior.view()).unwrap();
     place.write("quick.toml", "nerf.train = { steps = 40, rays = 128 }\nnerf.field.finest = 64\n");

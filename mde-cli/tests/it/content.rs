@@ -110,7 +110,7 @@ fn scenes_may_have_long_names() {
     for folder in ["maps", "truth", "pr"] {
         place.take("depth.npy", &format!("{folder}/{name}.npy"));
     }
-    place.run("eval --pred maps --gt truth -q -o maps-scored");
+    place.run("score maps --gt truth -q -o maps-scored");
     place.take("image.png", &format!("data/{name}/color.png"));
     write_png16(place.path(&format!("data/{name}/depth.png")), place.scene.depth.view(), 1000.0).unwrap();
     place.write(&format!("data/{name}/scene.json"), r#"{"fx": 60, "fy": 60, "cx": 31.5, "cy": 23.5}"#);

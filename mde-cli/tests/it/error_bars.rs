@@ -41,7 +41,8 @@ fn what_was_learned_scales_sigma_and_makes_the_interval() {
 
     if cfg!(feature = "onnx") {
         place.take(fixture("grey_nchw.onnx"), "net.onnx");
-        let model = "--prior-model net.onnx --input-size 32x24 --prior-kind metric --fov 60 --export sigma";
+        place.write("net.toml", "width = 32\nheight = 24\noutput = 'metric'\n");
+        let model = "--prior-model net.onnx --fov 60 --export sigma";
         place.run(&format!("refine image.png {model} --calibration learned/calibration.toml -o out"));
         let factor = place.record("out")["error_bar"]["factor"].as_f64().unwrap();
         assert!((factor - 1.0).abs() > 0.05, "{factor}");

@@ -1,14 +1,14 @@
 //! `mde eval` and `mde ablate`.
 
-use crate::common::{HEIGHT, Place, WIDTH, copy, names, tiny, wait_until};
+use crate::common::{HEIGHT, Place, WIDTH, copy, names, tiny};
 use mde_cli::mde_prior::format::{write_npy, write_png16};
 use mde_eval::scene::{Room, room};
 use ndarray::Array2;
 use std::fs;
 use std::time::SystemTime;
 
-const RESULTS: &str = "error-by-percentile.png error-by-percentile.svg eval.json reliability.png reliability.svg \
-                       report.html scenes scenes.csv sparsification.png sparsification.svg summary.json table.md";
+const RESULTS: &str = "error-by-percentile.svg eval.json reliability.svg \
+                       report.html scenes scenes.csv sparsification.svg summary.json table.md";
 
 const ROOMS: &str = "eval --dataset rooms --size 64x48 --limit 2 -o e";
 
@@ -59,25 +59,6 @@ fn methods_are_compared_and_nothing_is_run_twice() {
 }
 
 #[test]
-fn a_killed_evaluation_goes_on_where_it_was() {
-    let place = Place::new();
-    let command = format!("{ROOMS} --methods guided,tiny.toml --jobs 1");
-    place.write("tiny.toml", tiny(&[("steps = 60", "steps = 200000")]));
-    let mut child = place.start(&command);
-    wait_until(&mut child, || place.has("e/scenes/study-0/guided/method.json"));
-    child.kill().unwrap();
-    child.wait().unwrap();
-    let before = written(&place, "study-0", "guided");
-    place.write("tiny.toml", tiny(&[]));
-    // What was not finished leaves nothing behind.
-    fs::create_dir_all(place.path("e/scenes/study-0/.mde-left")).unwrap();
-    place.run(&command);
-    assert!(place.text("e/table.md").contains("| tiny |"));
-    assert_eq!(written(&place, "study-0", "guided"), before);
-    assert_eq!(names(&place.path("e/scenes/study-0")), ["guided", "picture.png", "prior", "tiny"]);
-}
-
-#[test]
 fn a_broken_scene_is_told_and_the_rest_goes_on() {
     let place = Place::new();
     for (name, json) in [("a", "{"), ("b", "{}")] {
@@ -118,7 +99,7 @@ fn maps_of_any_program_are_scored() {
     for name in ["a", "deep/b"] {
         write_npy(place.path(&format!("sigma/{name}.npy")), truth.mapv(|z| 0.05 * z).view()).unwrap();
     }
-    let score = "eval --pred pred --gt gt";
+    let score = "score pred --gt gt";
     let [said, _] = place.told(&format!("{score} -o plain"), 0);
     assert!(said.contains("2 scenes; report: plain/report.html"), "{said}");
     let table = place.text("plain/table.md");

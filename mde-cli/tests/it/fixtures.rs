@@ -9,6 +9,7 @@ use serde_json::json;
 use std::fs;
 
 const QUICK: &str = "\
+refinement.order = 'paper'
 views.count = 2
 nerf.field = { levels = 4, log2-rows = 10, finest = 64, width = 16 }
 nerf.train = { steps = 20, rays = 64 }
@@ -21,9 +22,15 @@ pub(crate) fn place() -> Place {
     for (name, text) in [
         ("quick.toml", QUICK),
         ("broken.toml", "seed = = 1\n"),
-        ("many.toml", "views.count = 1000000\n"),
-        ("grid.toml", "nerf.field = { log2-rows = 24, levels = 24, features = 8 }\n"),
-        ("rays.toml", "nerf.train.rays = 65536\nnerf.sampling = { coarse = 1024, fine = 1024 }\n"),
+        ("many.toml", "refinement.order = 'paper'\nviews.count = 1000000\n"),
+        (
+            "grid.toml",
+            "refinement.order = 'paper'\nnerf.field = { log2-rows = 24, levels = 24, features = 8 }\n",
+        ),
+        (
+            "rays.toml",
+            "refinement.order = 'paper'\nnerf.train.rays = 65536\nnerf.sampling = { coarse = 1024, fine = 1024 }\n",
+        ),
         ("three.toml", "multi-view.max-views = 3\n"),
         ("known.csv", "x,y,depth\n3,4,2.5\n30,20,3.5\n"),
         ("known-one.csv", "3,4,2.5\n"),
@@ -39,7 +46,7 @@ pub(crate) fn place() -> Place {
         ("earlier/run.json", "{}"),
         ("notes/notes.txt", "none"),
         ("shots/torn.jpg", "no photograph"),
-        ("calibration.toml", include_str!("../../src/calibration/default.toml")),
+        ("calibration.toml", include_str!("../../src/refiner/calibration/default.toml")),
     ] {
         place.write(name, text);
     }
@@ -59,7 +66,7 @@ pub(crate) fn place() -> Place {
     maps(&place);
     data_sets(&place);
     captures(&place);
-    let fit = "refine image.png --prior-depth depth.npy --fov 60 --config tiny.toml --save-field -q -o fit";
+    let fit = "refine image.png --prior-depth depth.npy --fov 60 --config tiny.toml --export field -q -o fit";
     place.mde(fit).assert().success();
     fs::rename(place.path("fit/field.safetensors"), place.path("field.safetensors")).unwrap();
     place

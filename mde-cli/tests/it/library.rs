@@ -4,11 +4,10 @@ use mde_cli::config::{Config, Preset};
 use mde_cli::mde_prior::{DepthPrior, PriorDepth};
 use mde_cli::mde_warp::PinholeCamera;
 use mde_cli::ndarray::{Array2, Array3, ArrayView3};
-use mde_cli::refinement::event::Event;
-use mde_cli::refinement::stages::Stages;
-use mde_cli::reports::Refinement;
-use mde_cli::several::prepared::PreparedCapture;
-use mde_cli::several::{Capture, Photograph};
+use mde_cli::scene::camera::{CameraSource, KnownCamera};
+use mde_cli::scene::{Photograph, Scene};
+use mde_cli::several::prepared::PreparedScene;
+use mde_cli::{Config, Event, Preset, Refinement, Stages};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::{CaptureConfig, Room, World};
 use mde_eval::simulated::SimulatedPriorConfig;
@@ -21,6 +20,7 @@ pub(crate) const HEIGHT: usize = 48;
 pub(crate) const TINY: &str = "\
 [refinement]
 iterations = 2
+order = 'paper'
 [views]
 count = 3
 [novel]
@@ -90,19 +90,19 @@ pub(crate) fn rendered(room: Room, views: usize, [width, height]: [usize; 2]) ->
     World::new(room, 0).unwrap().capture("room", &config, width, height).unwrap()
 }
 
-pub(crate) fn inputs(rendered: &Rendered, posed: bool) -> (Capture, Known) {
+pub(crate) fn inputs(rendered: &Rendered, posed: bool) -> (Scene, Known) {
     let photographs = rendered.views.iter().enumerate().map(|(index, known)| Photograph {
-        name: format!("photograph {index}"),
-        image: known.view.image.clone(),
         mask: known.view.mask.clone(),
-        camera: known.view.camera,
-        focal_assumed: false,
         pose: posed.then_some(known.view.pose),
+        ..Photograph::new(
+            format!("photograph {index}"),
+            known.view.image.clone(),
+            KnownCamera { camera: known.view.camera, source: CameraSource::Scene },
+        )
     });
-    let capture =
-        Capture { photographs: photographs.collect(), reference: rendered.reference, points: Vec::new() };
+    let scene = Scene::several(photographs.collect(), rendered.reference).unwrap();
     let known = rendered.views.iter().map(|v| (v.view.image.clone(), v.prior.clone().unwrap())).collect();
-    (capture, Known(known))
+    (scene, Known(known))
 }
 
 /// Goes on at every event.
@@ -116,29 +116,29 @@ pub(crate) fn refine(
     stages: Stages<'_>,
     config: &Config,
     watch: &mut dyn FnMut(&Event) -> ControlFlow<()>,
-) -> mde_cli::error::Result<Refinement> {
-    mde_cli::refinement::refine(image, camera, stages, config, &mut |event: &Event| watch(event))
+) -> mde_cli::Result<Refinement> {
+    mde_cli::refine(image, camera, stages, config, &mut |event: &Event| watch(event))
 }
 
 /// Several photographs through the library.
-pub(crate) fn refine_capture(
-    capture: &Capture,
+pub(crate) fn refine_several(
+    scene: &Scene,
     stages: Stages<'_>,
     config: &Config,
     watch: &mut dyn FnMut(&Event) -> ControlFlow<()>,
-) -> mde_cli::error::Result<Refinement> {
-    mde_cli::several::refine_capture(capture, stages, config, &mut |event: &Event| watch(event))
+) -> mde_cli::Result<Refinement> {
+    mde_cli::refine_several(scene, stages, config, &mut |event: &Event| watch(event))
 }
 
 /// What the photographs share, made once.
-pub(crate) fn prepare<'a>(capture: &'a Capture, prior: &Known, config: &'a Config) -> PreparedCapture<'a> {
-    PreparedCapture::new(capture, &Stages::new(prior), config, &mut go_on).unwrap()
+pub(crate) fn prepare<'a>(scene: &'a Scene, prior: &Known, config: &'a Config) -> PreparedScene<'a> {
+    PreparedScene::new(scene, &Stages::new(prior), config, &mut go_on).unwrap()
 }
 
 pub(crate) fn refine_prepared(
-    prepared: &mut PreparedCapture<'_>,
+    prepared: &mut PreparedScene<'_>,
     index: usize,
     prior: &Known,
-) -> mde_cli::error::Result<Refinement> {
+) -> mde_cli::Result<Refinement> {
     prepared.refine(index, Stages::new(prior), &mut go_on)
 }

@@ -1,13 +1,12 @@
 //! Properties of the whole loop for arbitrary inputs.
 
 use crate::library::{go_on, refine};
-use mde_cli::config::{Config, Preset};
+use mde_cli::config::Order;
 use mde_cli::mde_nerf::{self, FieldCallback, FitReport, RadianceField, RenderedView};
 use mde_cli::mde_prior::{self, DepthKind, DepthPrior, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
-use mde_cli::refinement::stages::Stages;
-use mde_cli::reports::Refinement;
+use mde_cli::{Config, Preset, Refinement, Stages};
 use ndarray::{Array2, Array3, ArrayView3, Axis, Zip, s};
 use proptest::prelude::*;
 
@@ -19,12 +18,7 @@ impl DepthPrior for Known {
     }
 }
 
-fn run(
-    image: &Array3<f32>,
-    prior: &Array2<f32>,
-    config: &Config,
-    fov: f64,
-) -> mde_cli::error::Result<Refinement> {
+fn run(image: &Array3<f32>, prior: &Array2<f32>, config: &Config, fov: f64) -> mde_cli::Result<Refinement> {
     let (height, width) = prior.dim();
     let camera = PinholeCamera::from_fov(fov, width, height)?;
     let known = Known(prior.clone());
@@ -92,7 +86,7 @@ prop_compose! {
 
 /// A picture and a depth: smooth, noisy, constant, with steps, with holes, of any unit.
 fn any_scene() -> impl Strategy<Value = (Array3<f32>, Array2<f32>)> {
-    (8_usize..20, 8_usize..24, 0_u32..5, any::<u64>(), -3.0..3.0_f64, 0.0..0.9_f64).prop_map(
+    (8_usize..20, 8_usize..24, 0_u32..7, any::<u64>(), -3.0..3.0_f64, 0.0..1.0_f64).prop_map(
         |(height, width, kind, seed, exponent, missing)| {
             let noise = |y: usize, x: usize, c: usize| {
                 let mixed = (seed ^ ((y * 131 + x * 17 + c * 7) as u64)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
@@ -111,6 +105,9 @@ fn any_scene() -> impl Strategy<Value = (Array3<f32>, Array2<f32>)> {
                     1 => 0.1 + 10.0 * noise(y, x, 4),
                     2 if x < width / 2 => 1.0,
                     2 => 50.0,
+                    3 if (x + y) % 2 == 0 => 100.0,
+                    4 if x + y == 0 => 1e6,
+                    3 | 4 => 1.0,
                     _ => 1.0 + 0.1 * y as f32 + 0.05 * x as f32,
                 };
                 if there { depth * unit } else { 0.0 }
@@ -124,7 +121,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 32, ..ProptestConfig::default() })]
 
     #[test]
-    fn any_scene_under_any_settings((image, prior) in any_scene(), config in any_config(), fov in 5.0..150.0_f64) {
+    fn any_scene_under_any_settings((image, prior) in any_scene(), config in any_config(), fov in 1.0..179.0_f64) {
         let refinement = run(&image, &prior, &config, fov).map_err(|error| TestCaseError::fail(error.to_string()))?;
         check(&refinement);
     }
@@ -219,30 +216,6 @@ fn a_mirrored_image_gives_the_mirrored_result() {
             // Sums over the pixels run in another order.
             let off = deviation(&one, &other);
             assert!(off < 1e-4, "{preset:?}: {name} deviates by {off:e}");
-        }
-    }
-}
-
-#[test]
-fn degenerate_geometry() {
-    let image = study().0;
-    let depths: [(&str, Array2<f32>); 6] = [
-        ("a wall", Array2::from_elem((24, 32), 3.0)),
-        ("one pixel", Array2::from_shape_fn((24, 32), |at| if at == (12, 16) { 2.0 } else { 0.0 })),
-        ("one row", Array2::from_shape_fn((24, 32), |(y, _)| if y == 5 { 2.0 } else { 0.0 })),
-        ("a cliff", Array2::from_shape_fn((24, 32), |(_, x)| if x < 16 { 1e-3 } else { 1e3 })),
-        ("spikes", Array2::from_shape_fn((24, 32), |(y, x)| if (x + y) % 2 == 0 { 1.0 } else { 100.0 })),
-        ("a corner", Array2::from_shape_fn((24, 32), |(y, x)| if x + y == 0 { 1e6 } else { 1.0 })),
-    ];
-    for (name, prior) in &depths {
-        for preset in Preset::ALL {
-            for fov in [1.0, 60.0, 179.0] {
-                let config = short(preset, "");
-                match run(&image, prior, &config, fov) {
-                    Ok(refinement) => check(&refinement),
-                    Err(error) => panic!("{name}, {preset:?}, {fov} degrees: {error}"),
-                }
-            }
         }
     }
 }

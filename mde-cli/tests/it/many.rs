@@ -106,7 +106,8 @@ fn exchanged_near_and_far_are_told_where_only_the_user_or_a_name_says_what_a_net
         place.take(fixture("rows.onnx"), name);
     }
     place.write("hub/config.json", r#"{"model_type": "zoedepth"}"#);
-    let size = "--input-size 32x24";
+    place.write("size.toml", "width = 32\nheight = 24\noutput = 'metric'\n");
+    let size = "--model-profile size.toml";
     let one = |model: &str| {
         let text = place.run(&format!(
             "refine shots/00.png --predictions 1 --fov 60 --force -o one --prior-model {model}"

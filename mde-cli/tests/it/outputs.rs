@@ -1,8 +1,8 @@
 //! The files of a run: maps that agree with each other and with the record, in any number of threads, at any size.
 
-use crate::common::{HEIGHT, Place, REFINE, WIDTH, fixture, names, shared, tiny};
-use mde_cli::config::{Config, Preset};
+use crate::common::{HEIGHT, Place, REFINE, WIDTH, fixture, names, tiny};
 use mde_cli::mde_prior::format::{ReadOptions, read_depth, read_values, write_depth, write_npy};
+use mde_cli::{Config, Preset};
 use ndarray::Array2;
 use serde_json::Value;
 
@@ -193,7 +193,7 @@ fn an_unknown_camera_is_warned_of_and_json_lines_are_json() {
 #[test]
 fn a_saved_field_is_rendered() {
     let place = Place::new();
-    place.run(&format!("{REFINE} --save-field -q -o out"));
+    place.run(&format!("{REFINE} --export field -q -o out"));
     let render = |rest: &str| {
         place.run(&format!("render --field out/field.safetensors --size 32x24 --fov 60 {rest}"));
     };
@@ -240,36 +240,6 @@ fn a_printed_preset_is_a_configuration() {
         let [said, _] = place.told(arguments, 0);
         assert!(said.contains(word), "{said}");
     }
-}
-
-#[test]
-#[cfg(feature = "onnx")]
-#[ignore = "needs the networks and photographs that MDE_SHARED names"]
-fn a_real_scene_is_refined_with_a_real_model() {
-    let place = Place::new();
-    let scene = shared().join("data/SUNRGBD/kv1/img_0063");
-    place.write(
-        "short.toml",
-        "nerf.train = { steps = 20, rays = 256 }\nnerf.render = { coarse = 4, fine = 4 }\n",
-    );
-    let refine = "refine --preset fast --config short.toml --gt-encoding sunrgbd --intrinsics-base 1 -o out";
-    let run = place
-        .mde(refine)
-        .arg(scene.join("image/img_0063.jpg"))
-        .arg("--prior-model")
-        .arg(shared().join("models/fastdepth/fastdepth_224.onnx"))
-        .arg("--intrinsics")
-        .arg(scene.join("intrinsics.txt"))
-        .arg("--gt")
-        .arg(scene.join("depth/img_0063.png"))
-        .assert()
-        .success();
-    assert!(String::from_utf8_lossy(&run.get_output().stdout).contains("median alignment"));
-    let record = check_outputs(&place, "out", (427, 561));
-    assert_eq!(record["prior"]["kind"], "metric");
-    assert!((record["camera"]["cx"].as_f64().unwrap() - 276.9258).abs() < 1e-9);
-    let abs_rel = record["scores"]["by_alignment"]["median"]["prior"]["depth"]["abs-rel"].as_f64().unwrap();
-    assert!((0.02..0.2).contains(&abs_rel), "{abs_rel}");
 }
 
 #[test]

@@ -1,17 +1,13 @@
 //! The loop over stages that this workspace has never heard of.
 
 use crate::library::{HEIGHT, TINY, WIDTH, config, go_on, refine};
-use mde_cli::config::Preset;
-use mde_cli::config::{Config, FieldUse, IterationPrior, RefinementConfig};
-use mde_cli::error::Error;
+use mde_cli::config::{IterationPrior, Order, RefinementConfig};
 use mde_cli::mde_fusion::{self, Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_nerf::{self, FieldCallback, FitReport, RadianceField, RenderedView};
 use mde_cli::mde_prior::{self, AugmentationConfig, DepthKind, DepthPrior, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
-use mde_cli::refinement::event::{Event, Stage};
-use mde_cli::refinement::stages::Stages;
-use mde_cli::reports::Refinement;
+use mde_cli::{Config, Error, Event, Preset, Refinement, Stage, Stages};
 use mde_eval::scene::{Room, Scene, room};
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use ndarray::{Array2, Array3, ArrayView3};
@@ -88,7 +84,7 @@ fn with_wall(
     config: &Config,
     fuser: &HalfWay,
     stop: usize,
-) -> (mde_cli::error::Result<Refinement>, Vec<String>, Vec<Event>) {
+) -> (mde_cli::Result<Refinement>, Vec<String>, Vec<Event>) {
     let log = Arc::new(Mutex::new(Vec::new()));
     let mut events = Vec::new();
     let mut observe = |event: &Event| {
@@ -226,8 +222,7 @@ fn without_a_field_the_augmented_map_is_the_result_and_a_map_is_not_augmented() 
         let floor = 1e-6 * refined.depth.mean()[at].powi(2);
         assert!((variance - sum).abs() <= 1.01 * floor + 1e-4 * sum, "{variance} {sum} at {at:?}");
     }
-    let refinement =
-        RefinementConfig { iterations: 1, field: FieldUse::WithoutAugmentation, ..config.refinement.clone() };
+    let refinement = RefinementConfig { iterations: 1, order: Order::Poses, ..config.refinement.clone() };
     assert_eq!(run(&model, &Config { refinement, ..config.clone() }).0.depth, refined.depth);
     let (kept, calls) = run(&*PRIOR, &config);
     assert_eq!((kept.depth.mean(), calls.len()), (kept.prior.view(), 0));

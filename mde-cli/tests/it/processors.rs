@@ -1,10 +1,9 @@
 //! The same bytes on processors with other vectors: the tests run themselves within qemu-user.
 
-use crate::library::{config, go_on, inputs, refine, refine_capture, rendered, tiny};
-use mde_cli::config::Preset;
+use crate::library::{config, go_on, inputs, refine, refine_several, rendered, tiny};
 use mde_cli::mde_uncertainty::GaussianDepth;
-use mde_cli::refinement::stages::Stages;
-use mde_cli::several::Capture;
+use mde_cli::scene::Scene;
+use mde_cli::{Preset, Stages};
 use mde_eval::scene::Room;
 use std::fs;
 use std::path::Path;
@@ -19,9 +18,9 @@ const PROCESSORS: [&str; 2] = ["qemu64", "Haswell-noTSX,-pcid,-x2apic,-tsc-deadl
 fn small_runs() -> [(&'static str, GaussianDepth); 3] {
     let (capture, prior) = inputs(&rendered(Room::Study, 2, [64, 48]), true);
     let alone = |text: &str| {
-        let Capture { photographs, reference, .. } = &capture;
+        let Scene { photographs, reference, .. } = &capture;
         let photograph = &photographs[*reference];
-        let one = (photograph.image.view(), &photograph.camera);
+        let one = (photograph.image.view(), &photograph.camera.camera);
         refine(one, Stages::new(&prior), &config(Preset::Paper, text), &mut go_on).unwrap()
     };
     let short = tiny(&[("steps = 60", "steps = 4"), ("iterations = 2", "iterations = 1")]);
@@ -31,7 +30,7 @@ fn small_runs() -> [(&'static str, GaussianDepth); 3] {
     let (_, field) = short.split_once("[nerf.field]").unwrap();
     let (field, _) = field.split_once("[fusion]").unwrap();
     let config = config(Preset::MultiView, &format!("[nerf.field]{field}"));
-    let several = refine_capture(&capture, Stages::new(&prior), &config, &mut go_on).unwrap();
+    let several = refine_several(&capture, Stages::new(&prior), &config, &mut go_on).unwrap();
     assert_eq!(several.capture.as_ref().unwrap().fallback, None);
     for (name, refined) in [("hash", &hash), ("MLP", &mlp), ("several", &several)] {
         assert!(refined.field.is_some(), "{name}: no field");

@@ -1,10 +1,6 @@
 //! The reports, and the program's own help: completions, manual pages, the doctor.
 
-use crate::common::{HEIGHT, Place, REFINE, WIDTH, fixture, names, shared, tiny};
-use mde_cli::mde_prior::format::write_npy;
-use mde_cli::mde_prior::photo::write_image;
-use mde_eval::scene::{Room, room};
-use ndarray::{Array2, Array3};
+use crate::common::{HEIGHT, Place, WIDTH, fixture, names, shared};
 use serde_json::{Value, json};
 use std::fs;
 
@@ -91,26 +87,6 @@ fn an_evaluation_has_a_report_with_thumbnails() {
     assert!(place.text("e/report.html") == html);
 }
 
-/// With noise, which no compression makes small.
-#[test]
-fn the_report_of_a_large_photograph_is_below_five_megabytes() {
-    let place = Place::new();
-    let scene = room(Room::Study, 0, 160, 120).unwrap();
-    let mut state = 1_u32;
-    let image = Array3::from_shape_fn((480, 640, 3), |(y, x, c)| {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        scene.image[(y / 4, x / 4, c)] + 0.02 * ((state >> 8) as f32 / (1 << 24) as f32 - 0.5)
-    });
-    let depth =
-        Array2::from_shape_fn((480, 640), |(y, x)| scene.depth[(y / 4, x / 4)] + 1e-4 * (x + 2 * y) as f32);
-    write_image(place.path("image.png"), image.view()).unwrap();
-    write_npy(place.path("depth.npy"), depth.view()).unwrap();
-    place.write("tiny.toml", tiny(&[("steps = 60", "steps = 5"), ("= 8\n", "= 2\n")]));
-    place.run(&format!("{REFINE} --gt depth.npy -q -o out"));
-    let bytes = place.bytes("out/report.html").len();
-    assert!((1_000_000..5_000_000).contains(&bytes), "{bytes}");
-}
-
 #[test]
 fn completions_and_manual_pages_name_every_command() {
     let place = Place::new();
@@ -188,7 +164,8 @@ fn the_doctor_tries_a_model() {
     place.take(&model, "model.onnx");
     assert_eq!(said(&doctor(&place, "model.onnx", 0).0, "verdict"), Some("the model works here"));
     let small = path("models/upydnet_nyu48/model.onnx");
-    let kind = |kind: &str| format!("{small} --input-size 48x48 --prior-kind {kind}");
+    place.write("small.toml", "width = 48\nheight = 48\noutput = 'metric'\n");
+    let kind = |kind: &str| format!("{small} --model-profile small.toml --prior-kind {kind}");
     assert_eq!(said(&doctor(&place, &kind("disparity"), 0).0, "verdict"), Some("the model works here"));
     assert!(doctor(&place, &kind("metric"), 1).1.contains("give --prior-kind disparity"));
 
@@ -217,8 +194,9 @@ fn the_doctor_tells_a_wrong_profile_and_a_useless_model() {
         place.take(fixture(name), name);
     }
     place.take("grey_nchw.onnx", "net.onnx");
-    assert!(doctor(&place, "net.onnx", 1).1.contains("--input-size WxH with --prior-kind"));
-    let (lines, error) = doctor(&place, "net.onnx --input-size 48x32 --prior-kind depth", 1);
+    assert!(doctor(&place, "net.onnx", 1).1.contains("or a file net.toml beside it"));
+    place.write("net.toml", "width = 48\nheight = 32\noutput = 'metric'\n");
+    let (lines, error) = doctor(&place, "net.onnx --prior-kind depth", 1);
     let profile = said(&lines, "profile").unwrap();
     assert!(profile.contains("\"width\":48") && profile.contains("\"output\":\"depth\""), "{profile}");
     assert!(error.contains("beyond chance"), "{error}");

@@ -1,15 +1,13 @@
 //! Several photographs through the library: a procedural room with exact depth and poses.
 
-use crate::library::{Known, config, go_on, inputs, prepare, refine_capture, refine_prepared, rendered};
-use mde_cli::config::{Config, Preset};
+use crate::library::{Known, config, go_on, inputs, prepare, refine_prepared, refine_several, rendered};
+use mde_cli::config::Order;
 use mde_cli::mde_fusion::{Fused, Fuser, FusionReport, Prior};
 use mde_cli::mde_prior::DisparityRule;
 use mde_cli::ndarray::{Array2, Array3};
-use mde_cli::refinement::event::Event;
-use mde_cli::refinement::scale::KnownDepth;
-use mde_cli::refinement::stages::Stages;
-use mde_cli::reports::Refinement;
-use mde_cli::several::{Capture, Photograph};
+use mde_cli::scene::known::KnownDepth;
+use mde_cli::scene::{Photograph, Scene};
+use mde_cli::{Config, Event, Preset, Refinement, Stages};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::Room;
 use mde_uncertainty::GaussianDepth;
@@ -22,8 +20,8 @@ fn room(room: Room, views: usize) -> Rendered {
     rendered(room, views, [WIDTH, HEIGHT])
 }
 
-fn run(capture: &Capture, prior: &Known, config: &Config) -> Refinement {
-    refine_capture(capture, Stages::new(prior), config, &mut go_on).unwrap()
+fn run(capture: &Scene, prior: &Known, config: &Config) -> Refinement {
+    refine_several(capture, Stages::new(prior), config, &mut go_on).unwrap()
 }
 
 /// A fit whose depth is not judged.
@@ -154,13 +152,13 @@ fn points_of_the_capture_give_its_scale() {
     let room = room(Room::Study, 3);
     let (mut capture, prior) = inputs(&room, true);
     let config = short("refinement.iterations = 0\n");
-    let Photograph { camera, pose, .. } = capture.photographs[capture.reference];
+    let Photograph { camera, pose, .. } = capture.photographs[capture.reference].clone();
     let back = pose.unwrap().inverse();
     let points = room.truth.indexed_iter().step_by(97).filter(|(_, z)| **z > 0.0);
     capture.points = points
-        .map(|((y, x), &z)| back * camera.unproject([x as f64, y as f64].into(), f64::from(z)))
+        .map(|((y, x), &z)| back * camera.camera.unproject([x as f64, y as f64].into(), f64::from(z)))
         .collect();
-    let scale = |capture: &Capture| run(capture, &prior, &config).capture.unwrap().scale.unwrap()[0];
+    let scale = |capture: &Scene| run(capture, &prior, &config).capture.unwrap().scale.unwrap()[0];
     let exact = scale(&capture);
     let expected =
         ratio(&room.truth, &prior.0[room.reference].1.to_depth(&DisparityRule::default()).unwrap());
@@ -191,6 +189,7 @@ fn the_printed_fusion_is_there_with_several_photographs() {
     let mut config = config(Preset::MultiView, text);
     let usual = run(&capture, &prior, &config);
     assert_eq!(usual.capture.as_ref().unwrap().fusion, None);
+    config.refinement.order = Order::Paper;
     config.fusion = Preset::Paper.config().fusion;
     let printed = run(&capture, &prior, &config);
     let report = printed.capture.as_ref().unwrap().fusion.clone().unwrap();
@@ -199,7 +198,7 @@ fn the_printed_fusion_is_there_with_several_photographs() {
     assert!(printed.depth.mean().iter().zip(field).any(|(a, b)| (a / b - 1.0).abs() > 0.01));
     assert_eq!(printed.components.iter().map(|part| part.name).collect::<Vec<_>>(), ["field"]);
     let alone =
-        refine_capture(&capture, Stages::new(&prior).with_fuser(&FieldAlone), &config, &mut go_on).unwrap();
+        refine_several(&capture, Stages::new(&prior).with_fuser(&FieldAlone), &config, &mut go_on).unwrap();
     assert!(alone.depth.mean().iter().zip(field).all(|(a, b)| *a == 0.0 || (a / b - 1.0).abs() < 1e-5));
 }
 
@@ -207,15 +206,15 @@ fn the_printed_fusion_is_there_with_several_photographs() {
 fn captures_that_are_none_are_refused_by_name() {
     let (capture, prior) = inputs(&rendered(Room::Study, 3, [64, 48]), true);
     for (change, named) in [
-        (&(|c: &mut Capture| c.photographs.truncate(1)) as &dyn Fn(&mut Capture), "two or more"),
-        (&|c: &mut Capture| c.reference = 9, "reference 9"),
-        (&|c: &mut Capture| c.photographs[1].pose = None, "2 of 3 photographs have a pose"),
-        (&|c: &mut Capture| c.photographs[1].name = "photograph 0".to_owned(), "photograph 0"),
-        (&|c: &mut Capture| c.photographs[2].image = Array3::zeros((4, 4, 3)), "photograph 2"),
+        (&(|s: &mut Scene| s.photographs.truncate(1)) as &dyn Fn(&mut Scene), "two or more"),
+        (&|s: &mut Scene| s.reference = 9, "reference 9"),
+        (&|s: &mut Scene| s.photographs[1].pose = None, "2 of 3 photographs have a pose"),
+        (&|s: &mut Scene| s.photographs[1].name = "photograph 0".to_owned(), "photograph 0"),
+        (&|s: &mut Scene| s.photographs[2].image = Array3::zeros((4, 4, 3)), "photograph 2"),
     ] {
         let mut capture = capture.clone();
         change(&mut capture);
-        let refused = refine_capture(&capture, Stages::new(&prior), &short(""), &mut go_on).err().unwrap();
+        let refused = refine_several(&capture, Stages::new(&prior), &short(""), &mut go_on).err().unwrap();
         let message = refused.to_string();
         assert!(message.contains(named) && message.lines().count() == 1, "{message}");
     }
@@ -299,7 +298,7 @@ fn any_number_of_threads_gives_the_same_bytes() {
                 go_on(event)
             };
             let stages = Stages::new(&prior).with_predictions_at_once(at_once);
-            refine_capture(&capture, stages, &config, &mut watch).unwrap()
+            refine_several(&capture, stages, &config, &mut watch).unwrap()
         });
         let report = refined.capture.as_ref().unwrap();
         assert_eq!(report.fallback, None);

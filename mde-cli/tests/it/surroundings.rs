@@ -43,7 +43,7 @@ fn paths_need_not_be_unicode() {
     let net = "--prior-model net?.onnx --model-profile fastdepth --fov 60";
     let eval = "data? --dataset plain --prior-depth pr? -q";
     for arguments in [
-        "refine ph?.png --prior-depth d?.npy --gt d?.npy --fov 60 --config t?.toml --save-field --export ply,colmap -o out?",
+        "refine ph?.png --prior-depth d?.npy --gt d?.npy --fov 60 --config t?.toml --export ply,colmap,field -o out?",
         "refine ph?.png --prior-depth d?.npy --fov 60 --config t?.toml --log-json -o json?",
         "refine ph?.png --prior-depth d?.npy --fov 60 --no-nerf -o q?/deep?",
         "warp ph?.png --prior-depth d?.npy --fov 60 --config t?.toml --log-json -o views?",
@@ -55,7 +55,7 @@ fn paths_need_not_be_unicode() {
         &format!("refine shots? {net} --log-json -o many?"),
         #[cfg(feature = "onnx")]
         &format!("refine ph?.png --views shots? {net} --config t?.toml --log-json -o views-of?"),
-        "eval --pred maps? --gt gt? -q -o scores?",
+        "score maps? --gt gt? -q -o scores?",
         &format!("eval {eval} --methods guided -o e?"),
         &format!("ablate {eval} --config t?.toml --rows mean --seeds 1 -o a?"),
         &format!("calibrate {eval} --method t?.toml -o c?"),
