@@ -1,11 +1,9 @@
 //! The configuration of a run. The defaults are those of a [`Preset`]; `docs/settings.md` lists every key.
 
-mod multi_view;
 mod presets;
 mod shorthands;
 mod sigma;
 
-pub use multi_view::MultiViewConfig;
 pub use presets::Preset;
 pub use shorthands::Shorthands;
 pub use sigma::SigmaConfig;
@@ -109,6 +107,20 @@ impl Default for NovelViews {
     }
 }
 
+/// Several photographs of one scene ([`refine_several`](crate::several::refine_several)).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct MultiViewConfig {
+    /// Photographs that are used at most, the reference included; 2 to 64.
+    pub max_views: usize,
+}
+
+impl Default for MultiViewConfig {
+    fn default() -> Self {
+        Self { max_views: 8 }
+    }
+}
+
 impl Default for Config {
     /// The preset [`Preset::Paper`].
     fn default() -> Self {
@@ -202,18 +214,15 @@ impl Config {
     /// # Errors
     /// [`Error::Config`], or that of the stage, with the first value out of range.
     pub fn validate(&self) -> Result<()> {
-        let iterations = self.refinement.iterations;
-        if iterations > 100 {
-            let remedy = "give 0 (no field) to 100";
-            return Err(Error::Config {
-                field: "refinement.iterations",
-                value: iterations.to_string(),
-                remedy,
-            });
+        let counts = [
+            ("refinement.iterations", self.refinement.iterations, 0..=100, "give 0 (no field) to 100"),
+            ("multi-view.max-views", self.multi_view.max_views, 2..=64, "give 2 to 64"),
+        ];
+        if let Some((field, value, _, remedy)) = counts.into_iter().find(|c| !c.2.contains(&c.1)) {
+            return Err(Error::Config { field, value: value.to_string(), remedy });
         }
         self.augmentation.validate()?;
         self.sigma.validate()?;
-        self.multi_view.validate()?;
         self.views.validate()?;
         self.novel_views().validate()?;
         self.warp.validate()?;

@@ -60,8 +60,8 @@ impl<'c> PhotographMemory<'c> {
         }
     }
 
-    /// For `photographs` of one scene, all of the size `at`, which [`refine_capture`](crate::several::refine_capture) predicts before all else; what the
-    /// sweeps and the field take is in [`capture_bytes`](super::capture_bytes). `config` is that of a photograph alone, on which it falls back.
+    /// For `photographs` of one scene, all of the size `at`, which [`refine_several`](crate::several::refine_several) predicts before all else; what the
+    /// sweeps and the field take is in [`scene_bytes`](super::scene_bytes). `config` is that of a photograph alone, on which it falls back.
     pub fn of_several(
         config: &'c Config,
         prior: &dyn DepthPrior,
