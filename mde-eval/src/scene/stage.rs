@@ -134,7 +134,7 @@ pub(super) fn lean(about_x: f64, about_z: f64) -> Rotation3<f64> {
 
 pub(super) fn wood(light: [f64; 3], dark: [f64; 3], seed: f64) -> Material {
     let colour = |[r, g, b]: [f64; 3]| rgb(r, g, b);
-    Material::new(Texture::Wood { light: colour(light), dark: colour(dark), seed }).gloss(0.08)
+    Material::new(Texture::Wood([colour(light), colour(dark)], seed)).gloss(0.08)
 }
 
 pub(super) fn oak(seed: f64) -> Material {
@@ -146,7 +146,7 @@ pub(super) fn walnut(seed: f64) -> Material {
 }
 
 pub(super) fn cloth(colour: Colour) -> Material {
-    Material::new(Texture::Cloth { colour, thread: 0.004 })
+    Material::new(Texture::Cloth(colour, 0.004))
 }
 
 pub(super) fn metal(tone: f64) -> Material {

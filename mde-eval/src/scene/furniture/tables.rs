@@ -40,15 +40,13 @@ pub(in crate::scene) fn computer(stage: &mut Stage, stand: &Stand, seed: f64) {
     stage.block(stand, [0.0, 0.12, 0.008], [0.24, 0.17, 0.016], grey);
     stage.rod(stand, [0.0, 0.14, 0.0], [0.0, 0.14, 0.2], 0.016, grey);
     stage.block(stand, [0.0, 0.11, 0.31], [0.6, 0.03, 0.35], black);
-    let lit = Material::new(Texture::Screen { seed }).glow(0.9);
+    let lit = Material::new(Texture::Screen(seed)).glow(0.9);
     stage.block(stand, [0.0, 0.094, 0.315], [0.57, 0.004, 0.32], lit);
     stage.tilted(stand, [0.0, -0.16, 0.012], [0.42, 0.13, 0.016], lean(3.0, 0.0), black);
-    let key = Material::new(Texture::Tiles {
-        first: rgb(0.32, 0.32, 0.34),
-        second: rgb(0.28, 0.28, 0.30),
-        joint: rgb(0.06, 0.06, 0.06),
-        size: 0.019,
-    });
+    let key = Material::new(Texture::Tiles(
+        [rgb(0.32, 0.32, 0.34), rgb(0.28, 0.28, 0.30), rgb(0.06, 0.06, 0.06)],
+        0.019,
+    ));
     stage.tilted(stand, [0.0, -0.16, 0.022], [0.4, 0.115, 0.006], lean(3.0, 0.0), key);
     stage.ellipsoid(stand, [0.31, -0.15, 0.01], [0.032, 0.055, 0.022], lean(0.0, 10.0), black);
 }

@@ -18,15 +18,13 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
             front: -0.5,
             depth,
             height,
-            floor: Material::new(Texture::Tiles {
-                first: rgb(0.76, 0.72, 0.64),
-                second: rgb(0.33, 0.31, 0.30),
-                joint: rgb(0.4, 0.38, 0.35),
-                size: 0.25,
-            })
+            floor: Material::new(Texture::Tiles(
+                [rgb(0.76, 0.72, 0.64), rgb(0.33, 0.31, 0.30), rgb(0.4, 0.38, 0.35)],
+                0.25,
+            ))
             .gloss(0.2),
             walls: Material::new(Texture::Plaster(wall)),
-            back: Material::new(Texture::Bricks { brick, joint: rgb(0.72, 0.69, 0.64) }),
+            back: Material::new(Texture::Bricks([brick, rgb(0.72, 0.69, 0.64)])),
             ceiling: Material::new(Texture::Plaster(rgb(0.94, 0.94, 0.92))),
         },
     );

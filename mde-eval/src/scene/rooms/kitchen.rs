@@ -18,21 +18,11 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
             front: -0.4,
             depth,
             height,
-            floor: Material::new(Texture::Tiles {
-                first: tile,
-                second: rgb(0.42, 0.44, 0.45),
-                joint: rgb(0.3, 0.3, 0.29),
-                size: 0.33,
-            })
-            .gloss(0.15),
+            floor: Material::new(Texture::Tiles([tile, rgb(0.42, 0.44, 0.45), rgb(0.3, 0.3, 0.29)], 0.33))
+                .gloss(0.15),
             walls: Material::new(Texture::Plaster(paint)),
-            back: Material::new(Texture::Tiles {
-                first: rgb(0.88, 0.89, 0.87),
-                second,
-                joint: rgb(0.6, 0.6, 0.58),
-                size: 0.15,
-            })
-            .gloss(0.2),
+            back: Material::new(Texture::Tiles([rgb(0.88, 0.89, 0.87), second, rgb(0.6, 0.6, 0.58)], 0.15))
+                .gloss(0.2),
             ceiling: Material::new(Texture::Plaster(rgb(0.95, 0.95, 0.94))),
         },
     );
@@ -79,11 +69,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
 fn counter(s: &mut Stage, depth: f64, front: Material, grain: f64) {
     let wall = Stand::at(0.0, depth, 0.0);
     cabinet(s, &wall.then(-0.4, 0.0, 0.1), [3.6, 0.58, 0.78], [6, 1], front);
-    let stone = Material::new(Texture::Speckle {
-        ground: rgb(0.25, 0.25, 0.26),
-        fleck: rgb(0.7, 0.7, 0.68),
-        size: 0.008,
-    });
+    let stone = Material::new(Texture::Speckle([rgb(0.25, 0.25, 0.26), rgb(0.7, 0.7, 0.68)], 0.008));
     s.block(&wall, [-0.4, -0.31, 0.9], [3.64, 0.64, 0.04], stone.gloss(0.3));
     cabinet(s, &wall.then(-1.45, 0.0, 1.5), [1.4, 0.33, 0.7], [3, 1], front);
     cabinet(s, &wall.then(0.95, 0.0, 1.5), [0.9, 0.33, 0.7], [2, 1], front);
@@ -131,7 +117,7 @@ fn fridge(s: &mut Stage, stand: &Stand) {
         s.rod(stand, [-0.26, -0.4, z - 0.25], [-0.26, -0.4, z + 0.25], 0.01, metal(0.5));
     }
     for (x, z) in [(0.1, 1.5), (0.18, 1.36), (-0.02, 1.62)] {
-        let note = Material::new(Texture::Painting { seed: 10.0 * (x + z) });
+        let note = Material::new(Texture::Painting(10.0 * (x + z)));
         s.block(stand, [x, -0.367, z], [0.09, 0.003, 0.12], note);
     }
 }

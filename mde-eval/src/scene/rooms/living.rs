@@ -18,12 +18,8 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
             front: -0.4,
             depth,
             height: 2.7,
-            floor: Material::new(Texture::Planks {
-                light: rgb(0.80, 0.68, 0.52),
-                dark: rgb(0.60, 0.46, 0.32),
-                width: 0.16,
-            })
-            .gloss(0.1),
+            floor: Material::new(Texture::Planks([rgb(0.80, 0.68, 0.52), rgb(0.60, 0.46, 0.32)], 0.16))
+                .gloss(0.1),
             walls: Material::new(Texture::Plaster(wall)),
             back: Material::new(Texture::Plaster(accent)),
             ceiling: Material::new(Texture::Plaster(rgb(0.96, 0.95, 0.93))),
@@ -65,11 +61,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
         oak(grain),
         metal(0.2),
     );
-    let glaze = Material::new(Texture::Speckle {
-        ground: rgb(0.3, 0.45, 0.5),
-        fleck: rgb(0.8, 0.8, 0.7),
-        size: 0.02,
-    });
+    let glaze = Material::new(Texture::Speckle([rgb(0.3, 0.45, 0.5), rgb(0.8, 0.8, 0.7)], 0.02));
     table_lamp(s, &side.then(0.0, 0.0, 0.55), Lamp { height: 0.5, shade }, glaze.gloss(0.4));
     let wall = Stand::at(-0.5 * width, 3.1, 0.0).turned(90.0);
     window(s, &wall.then(0.0, 0.0, 1.45), [1.6, 1.5], [3, 2], 1.0);

@@ -19,15 +19,13 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
             front: -0.4,
             depth,
             height,
-            floor: Material::new(Texture::Speckle { ground, fleck: rgb(0.62, 0.63, 0.66), size: 0.012 }),
+            floor: Material::new(Texture::Speckle([ground, rgb(0.62, 0.63, 0.66)], 0.012)),
             walls: Material::new(Texture::Plaster(wall)),
             back: Material::new(Texture::Plaster(accent)),
-            ceiling: Material::new(Texture::Tiles {
-                first: rgb(0.92, 0.92, 0.91),
-                second: rgb(0.90, 0.90, 0.90),
-                joint: rgb(0.7, 0.7, 0.7),
-                size: 0.6,
-            }),
+            ceiling: Material::new(Texture::Tiles(
+                [rgb(0.92, 0.92, 0.91), rgb(0.90, 0.90, 0.90), rgb(0.7, 0.7, 0.7)],
+                0.6,
+            )),
         },
     );
     let grain = s.between(0.0, 5.0);

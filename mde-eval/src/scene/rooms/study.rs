@@ -18,14 +18,10 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
             front: -0.4,
             depth,
             height: 2.6,
-            floor: Material::new(Texture::Planks {
-                light: rgb(0.72, 0.54, 0.36),
-                dark: rgb(0.48, 0.32, 0.19),
-                width: 0.13,
-            })
-            .gloss(0.1),
+            floor: Material::new(Texture::Planks([rgb(0.72, 0.54, 0.36), rgb(0.48, 0.32, 0.19)], 0.13))
+                .gloss(0.1),
             walls: plaster,
-            back: Material::new(Texture::Stripes { first: wall, second: wall * 0.86, width: 0.09 }),
+            back: Material::new(Texture::Stripes([wall, wall * 0.86], 0.09)),
             ceiling: Material::new(Texture::Plaster(rgb(0.95, 0.95, 0.93))),
         },
     );

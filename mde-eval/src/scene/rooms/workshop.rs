@@ -16,18 +16,10 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
             front: -0.4,
             depth,
             height,
-            floor: Material::new(Texture::Speckle {
-                ground: rgb(0.56, 0.55, 0.53),
-                fleck: rgb(0.47, 0.46, 0.45),
-                size: 0.02,
-            }),
+            floor: Material::new(Texture::Speckle([rgb(0.56, 0.55, 0.53), rgb(0.47, 0.46, 0.45)], 0.02)),
             walls: Material::new(Texture::Plaster(rgb(0.80, 0.78, 0.72))),
-            back: Material::new(Texture::Bricks { brick, joint: rgb(0.72, 0.70, 0.66) }),
-            ceiling: Material::new(Texture::Planks {
-                light: rgb(0.78, 0.66, 0.5),
-                dark: rgb(0.6, 0.47, 0.33),
-                width: 0.14,
-            }),
+            back: Material::new(Texture::Bricks([brick, rgb(0.72, 0.70, 0.66)])),
+            ceiling: Material::new(Texture::Planks([rgb(0.78, 0.66, 0.5), rgb(0.6, 0.47, 0.33)], 0.14)),
         },
     );
     let grain = s.between(0.0, 5.0);
