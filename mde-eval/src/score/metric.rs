@@ -1,8 +1,9 @@
 use super::map::DepthMap;
 use super::sigma::SigmaMap;
 use crate::Result;
+use crate::metrics::calibration::{coverage, crps, ence_in_order, mean_z2, nll, rms_sigma};
 use crate::metrics::sparsification::spearman_of_bins;
-use crate::metrics::{boundary, calibration, depth, sharpness};
+use crate::metrics::{boundary, depth, sharpness};
 use ndarray::ArrayView2;
 
 /// Bins of the ENCE.
@@ -195,43 +196,25 @@ pub const METRICS: &[Metric] = &[
     more("poggi_aurg_rmse", Higher, Ranking, Sigma(|s| Ok(Some(s.poggi_rmse.aurg())))),
     more("poggi_ause_a1", Lower, Ranking, Sigma(|s| Ok(Some(s.poggi_a1.ause())))),
     more("poggi_aurg_a1", Higher, Ranking, Sigma(|s| Ok(Some(s.poggi_a1.aurg())))),
-    shown(
-        "coverage_50",
-        "cover 50 %",
-        Near(0.5),
-        Calibration,
-        Errors(|e, s| calibration::coverage(e, s, 0.5)),
-    ),
-    more("coverage_68", Near(0.68), Calibration, Errors(|e, s| calibration::coverage(e, s, 0.68))),
-    shown(
-        "coverage_90",
-        "cover 90 %",
-        Near(0.9),
-        Calibration,
-        Errors(|e, s| calibration::coverage(e, s, 0.9)),
-    ),
-    more("coverage_95", Near(0.95), Calibration, Errors(|e, s| calibration::coverage(e, s, 0.95))),
-    shown("nll", "NLL", Lower, Calibration, Errors(calibration::nll)),
-    shown("crps", "CRPS, m", Lower, Calibration, Errors(calibration::crps)),
-    shown(
-        "mean_z2",
-        "mean z² (above 1: sigma too small)",
-        Near(1.0),
-        Calibration,
-        Errors(calibration::mean_z2),
-    ),
+    shown("coverage_50", "cover 50 %", Near(0.5), Calibration, Errors(|e, s| coverage(e, s, 0.5))),
+    more("coverage_68", Near(0.68), Calibration, Errors(|e, s| coverage(e, s, 0.68))),
+    shown("coverage_90", "cover 90 %", Near(0.9), Calibration, Errors(|e, s| coverage(e, s, 0.9))),
+    more("coverage_95", Near(0.95), Calibration, Errors(|e, s| coverage(e, s, 0.95))),
+    shown("nll", "NLL", Lower, Calibration, Errors(nll)),
+    shown("crps", "CRPS, m", Lower, Calibration, Errors(crps)),
+    shown("mean_z2", "mean z² (above 1: sigma too small)", Near(1.0), Calibration, Errors(mean_z2)),
     shown(
         "ence",
         "ENCE",
         Lower,
         Calibration,
-        Sigma(|s| calibration::ence_in_order(&s.errors, &s.sigma, &s.order, ENCE_BINS).map(Some)),
+        Sigma(|s| ence_in_order(&s.errors, &s.sigma, &s.order, ENCE_BINS).map(Some)),
     ),
     more("mace", Lower, Calibration, Sigma(|s| Ok(Some(s.calibration.mean)))),
     more("rmsce", Lower, Calibration, Sigma(|s| Ok(Some(s.calibration.root_mean_square)))),
     more("miscalibration_area", Lower, Calibration, Sigma(|s| Ok(Some(s.calibration.area)))),
     more("alignment_scale", Neither, Calibration, Evaluation),
-    more("rms_sigma", Neither, Calibration, Errors(calibration::rms_sigma)),
+    more("rms_sigma", Neither, Calibration, Errors(rms_sigma)),
     shown("factor", "factor from other places", Near(1.0), Calibration, Evaluation),
     shown("calibrated_coverage_90", "then cover 90 %", Near(0.9), Calibration, Evaluation),
     more("calibrated_coverage_50", Near(0.5), Calibration, Evaluation),

@@ -70,26 +70,16 @@ pub(in crate::scene) fn plant(stage: &mut Stage, stand: &Stand, height: f64, lea
     let clay = Material::new(Texture::Speckle([pot, pot * 0.6], 0.01));
     let tall = 0.24 * height;
     stage.cone(stand, [0.0, 0.0, 0.0], [0.0, 0.0, tall], [0.11 * height + 0.02, 0.15 * height + 0.03], clay);
-    stage.rod(
-        stand,
-        [0.0, 0.0, tall],
-        [0.0, 0.0, tall + 0.004],
-        0.13 * height + 0.02,
-        Material::plain(0.2, 0.14, 0.1),
-    );
+    let (soil, radius) = (Material::plain(0.2, 0.14, 0.1), 0.13 * height + 0.02);
+    stage.rod(stand, [0.0, 0.0, tall], [0.0, 0.0, tall + 0.004], radius, soil);
     for k in 0..leaves {
         let (turn, rise) = (2.4 * k as f64 + stage.between(-0.4, 0.4), stage.between(0.45, 1.0));
         let reach = height * stage.between(0.12, 0.34) * (1.2 - 0.5 * rise);
         let (sin, cos) = turn.sin_cos();
         let green = stage.about([0.24, 0.46, 0.2], 0.09);
         let tip = [reach * cos, reach * sin, height * rise];
-        stage.rod(
-            stand,
-            [0.02 * cos, 0.02 * sin, tall],
-            tip,
-            0.0045,
-            Material::new(Texture::Plain(green * 0.6)),
-        );
+        let stem = Material::new(Texture::Plain(green * 0.6));
+        stage.rod(stand, [0.02 * cos, 0.02 * sin, tall], tip, 0.0045, stem);
         let long = height * stage.between(0.10, 0.17);
         let droop = stage.between(10.0, 60.0_f64).to_radians();
         let along = Rotation3::from_axis_angle(&Vector3::z_axis(), turn)

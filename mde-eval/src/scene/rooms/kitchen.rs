@@ -1,6 +1,6 @@
 use super::setting::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{
-    Lamp, Shell, Top, bar_stool, cabinet, chair, crockery, pendant, plant, shell, table, wall_shelf, window,
+    Lamp, Shell, Top, bar_stool, cabinet, chair, crockery, pendant, plant, table, wall_shelf, window,
 };
 use crate::scene::stage::{Stage, Stand, enamel, metal, oak, walnut};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
@@ -11,21 +11,19 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let tile = s.about([0.80, 0.80, 0.76], 0.05);
     let paint = s.about([0.86, 0.82, 0.70], 0.05);
     let second = s.about([0.78, 0.84, 0.84], 0.04);
-    shell(
-        s,
-        &Shell {
-            width,
-            front: -0.4,
-            depth,
-            height,
-            floor: Material::new(Texture::Tiles([tile, rgb(0.42, 0.44, 0.45), rgb(0.3, 0.3, 0.29)], 0.33))
-                .gloss(0.15),
-            walls: Material::new(Texture::Plaster(paint)),
-            back: Material::new(Texture::Tiles([rgb(0.88, 0.89, 0.87), second, rgb(0.6, 0.6, 0.58)], 0.15))
-                .gloss(0.2),
-            ceiling: Material::new(Texture::Plaster(rgb(0.95, 0.95, 0.94))),
-        },
-    );
+    Shell {
+        width,
+        front: -0.4,
+        depth,
+        height,
+        floor: Material::new(Texture::Tiles([tile, rgb(0.42, 0.44, 0.45), rgb(0.3, 0.3, 0.29)], 0.33))
+            .gloss(0.15),
+        walls: Material::new(Texture::Plaster(paint)),
+        back: Material::new(Texture::Tiles([rgb(0.88, 0.89, 0.87), second, rgb(0.6, 0.6, 0.58)], 0.15))
+            .gloss(0.2),
+        ceiling: Material::new(Texture::Plaster(rgb(0.95, 0.95, 0.94))),
+    }
+    .build(s);
     let grain = s.between(0.0, 5.0);
     let front = Material::new(Texture::Plain(s.about([0.34, 0.46, 0.46], 0.14))).gloss(0.15);
     counter(s, depth, front, grain);
@@ -92,13 +90,8 @@ fn counter(s: &mut Stage, depth: f64, front: Material, grain: f64) {
         let x = -1.95 + 0.22 * f64::from(k) + s.between(-0.03, 0.03);
         let long = s.between(0.2, 0.3);
         s.rod(&wall, [x, -0.035, 1.4], [x, -0.035, 1.4 - long], 0.006, oak(grain + x));
-        s.ellipsoid(
-            &wall,
-            [x, -0.035, 1.37 - long],
-            [0.028, 0.006, 0.045],
-            nalgebra::Rotation3::identity(),
-            steel,
-        );
+        let upright = nalgebra::Rotation3::identity();
+        s.ellipsoid(&wall, [x, -0.035, 1.37 - long], [0.028, 0.006, 0.045], upright, steel);
     }
     for (k, tone) in [[0.75, 0.72, 0.6], [0.6, 0.3, 0.2], [0.3, 0.4, 0.3]].into_iter().enumerate() {
         let x = 0.3 + 0.13 * k as f64;
