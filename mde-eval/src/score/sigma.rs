@@ -110,12 +110,12 @@ impl SigmaMap {
     }
 
     /// Mean sigma and mean error of 100 runs by rising sigma.
-    pub(super) fn percentiles(&self) -> Result<Vec<crate::metrics::sparsification::UncertaintyBin>> {
+    pub(super) fn bins(&self) -> Result<Vec<crate::metrics::sparsification::UncertaintyBin>> {
         bin(&self.absolute, &self.sigma, &self.order, 100)
     }
 
     pub(super) fn curves(&self) -> Result<UncertaintyCurves> {
-        let bins = self.percentiles()?;
+        let bins = self.bins()?;
         let Sparsification { removed, by_sigma, oracle, random } = self.mae.clone();
         let mut z: Vec<f64> = self.errors.iter().zip(&self.sigma).map(|(e, s)| (e / s).abs()).collect();
         z.sort_unstable_by(f64::total_cmp);

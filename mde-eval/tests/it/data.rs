@@ -300,7 +300,9 @@ fn maps_belong_together_by_name() {
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         write_npy(path, truth().view()).unwrap();
     };
-    ["pred/a", "pred/sub/b", "pred/c", "gt/a", "gt/sub/b", "gt/d", "sigma/a"].map(write);
+    for name in ["pred/a", "pred/sub/b", "pred/c", "gt/a", "gt/sub/b", "gt/d", "sigma/a"] {
+        write(name);
+    }
     let folder = |name: &str| root.path().join(name);
     let pairs = MapPairs::open(&folder("pred"), &folder("gt"), None).unwrap();
     assert_eq!(pairs.pairs().iter().map(|p| p.id.as_str()).collect::<Vec<_>>(), ["a", "sub/b"]);
