@@ -2,7 +2,7 @@ use crate::program::args::BenchArgs;
 use crate::program::provenance::peak_memory;
 use crate::program::terminal::{columns, shown};
 use anyhow::{Context, Result, ensure};
-use mde_eval::table::{Block, Cell, Column, Document, Table};
+use mde_eval::table::{Block, Document, Table};
 use mde_nerf::stages::{Stage, fields, multiply_adds, random_lines, stages};
 use mde_nerf::{FieldConfig, NerfConfig};
 use mde_uncertainty::statistics::median;
@@ -154,13 +154,12 @@ fn document(bench: &Bench) -> Document {
          {random_lines_gbytes_per_second:.0} GB/s on one thread",
         bench.threads
     );
-    let columns = ["field", "stage"].map(Column::text).into_iter();
-    let numbers = ["threads", "Msamples/s", "GFLOP/s", "peak", "GB/s"].map(Column::number);
+    let heads = ["field", "stage", "threads", "Msamples/s", "GFLOP/s", "peak", "GB/s"];
     let optional = |value: Option<f64>, unit: f64, end: &str| {
         value.map_or_else(|| "-".to_owned(), |v| format!("{:.0}{end}", v * unit))
     };
     let cells = |row: &Row| {
-        let cells = [
+        vec![
             row.field.to_owned(),
             row.stage.to_owned(),
             row.threads.to_string(),
@@ -168,11 +167,9 @@ fn document(bench: &Bench) -> Document {
             optional(row.gflops, 1.0, ""),
             optional(row.share_of_peak, 100.0, " %"),
             optional(row.gbytes_per_second, 1.0, ""),
-        ];
-        cells.into_iter().map(Cell::new).collect()
+        ]
     };
-    let table =
-        Table { columns: columns.chain(numbers).collect(), rows: bench.stages.iter().map(cells).collect() };
+    let table = Table::new(2, heads, bench.stages.iter().map(cells));
     let mut blocks = vec![Block::Text(peak), Block::Table(table)];
     if let Some(bytes) = bench.peak_memory_bytes {
         blocks.push(Block::Text(format!("peak memory: {:.0} MiB", bytes as f64 / f64::from(1 << 20))));

@@ -12,7 +12,7 @@ use crate::program::terminal::line_of;
 use crate::refiner::Refiner;
 use crate::reports::capture::CaptureReport;
 use anyhow::{Context, Result, ensure};
-use mde_eval::table::{Block, Cell, Column, Document, Table};
+use mde_eval::table::{Block, Document, Table};
 use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -77,24 +77,17 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
 
 /// One row per photograph.
 fn table(report: &CaptureReport) -> Table {
-    let columns = vec![
-        Column::text("photograph"),
-        Column::text("verdict"),
-        Column::number("rotation, degrees"),
-        Column::number("baseline / depth"),
-        Column::number("matches"),
-    ];
-    let number = |value: Option<f64>, digits: usize| {
-        Cell::new(value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}")))
-    };
+    let heads = ["photograph", "verdict", "rotation, degrees", "baseline / depth", "matches"];
+    let number =
+        |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
     let rows = report.photographs.iter().map(|photograph| {
         vec![
-            Cell::new(photograph.name.clone()),
-            Cell::new(photograph.verdict.clone()),
+            photograph.name.clone(),
+            photograph.verdict.clone(),
             number(photograph.rotation_degrees, 2),
             number(photograph.parallax, 3),
             number(photograph.matches.map(|count| count as f64), 0),
         ]
     });
-    Table { columns, rows: rows.collect() }
+    Table::new(2, heads, rows)
 }

@@ -23,7 +23,7 @@ use crate::refiner::depth_png::MILLIMETRES;
 use crate::refiner::{Plan, Prepared};
 use crate::scene::Scene;
 use anyhow::{Context, Result, bail, ensure};
-use mde_eval::table::{Block, Cell, Column, Document, Table};
+use mde_eval::table::{Block, Document, Table};
 use mde_prior::format::{PngContent, ReadOptions, png_content, read_values};
 use mde_warp::{PinholeCamera, Pose};
 use serde_json::{Value, json};
@@ -251,24 +251,18 @@ pub(crate) fn percent(share: Option<f64>) -> String {
 }
 
 fn table(rows: &[EveryRow]) -> Table {
-    let columns = vec![
-        Column::text("photograph"),
-        Column::text("result"),
-        Column::number("verified, %"),
-        Column::number("sigma / depth, %"),
-        Column::number("seconds"),
-    ];
+    let heads = ["photograph", "result", "verified, %", "sigma / depth, %", "seconds"];
     let rows = rows.iter().map(|row| {
         let result = outcome(row).unwrap_or_else(|| row.folder.clone().unwrap_or_default());
         vec![
-            Cell::new(row.photograph.clone()),
-            Cell::new(result),
-            Cell::new(percent(row.verified.map(f64::from))),
-            Cell::new(percent(row.sigma)),
-            Cell::new(format!("{:.1}", row.seconds)),
+            row.photograph.clone(),
+            result,
+            percent(row.verified.map(f64::from)),
+            percent(row.sigma),
+            format!("{:.1}", row.seconds),
         ]
     });
-    Table { columns, rows: rows.collect() }
+    Table::new(2, heads, rows)
 }
 
 #[cfg(test)]
