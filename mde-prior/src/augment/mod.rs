@@ -330,9 +330,13 @@ impl Augmented {
     /// [`prior`](Self::prior): a few sharper pixels would move quantiles of their own, and with them the whole map.
     ///
     /// # Errors
-    /// Those of [`PriorDepth::to_depth_as`].
+    /// Those of [`PriorDepth::to_depth`].
     pub fn depth(&self, rule: &DisparityRule) -> Result<Array2<f32>> {
-        self.merged.to_depth_as(&self.prior, rule)
+        if self.merged.kind.is_depth() {
+            return self.merged.to_depth(rule);
+        }
+        let ends = rule.ends(self.prior.map.view(), self.prior.valid.view())?;
+        rule.depth_between(self.merged.map.view(), self.merged.valid.view(), ends)
     }
 }
 

@@ -25,7 +25,6 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod bytes;
 mod exr;
 mod npy;
 mod npz;
@@ -227,7 +226,7 @@ pub fn decode(format: Format, bytes: &[u8], options: &ReadOptions) -> Result<Arr
     Ok(map.mapv_into(|v| if v.is_nan() { 0.0 } else { v }))
 }
 
-/// Writes a map in the format of the file's extension.
+/// Writes a map in the format of the file's extension; `f32` values bit-exact but in a PNG.
 ///
 /// # Errors
 /// [`Error::UnknownFormat`], [`Error::Write`], [`Error::Config`]; [`Error::Malformed`] when the map is empty, holds NaN,
@@ -239,7 +238,10 @@ pub fn write_depth(path: impl AsRef<Path>, map: ArrayView2<'_, f32>, options: &W
         Format::Npy => write_npy(path, map),
         Format::Npz => write_npz(path, &[("depth", map)]),
         Format::Pfm => write_pfm(path, map),
-        Format::Exr => write_exr(path, map),
+        Format::Exr => {
+            check_map(path, map)?;
+            write_atomic(path, &exr::encode(map).map_err(|reason| Error::malformed(path, reason))?)
+        }
     }
 }
 
@@ -273,16 +275,6 @@ pub fn write_pfm(path: impl AsRef<Path>, map: ArrayView2<'_, f32>) -> Result<()>
     let path = path.as_ref();
     check_map(path, map)?;
     write_atomic(path, &pfm::encode(map))
-}
-
-/// Writes `f32` values as an OpenEXR image with the one channel `Z`, bit-exact.
-///
-/// # Errors
-/// See [`write_depth`].
-pub fn write_exr(path: impl AsRef<Path>, map: ArrayView2<'_, f32>) -> Result<()> {
-    let path = path.as_ref();
-    check_map(path, map)?;
-    write_atomic(path, &exr::encode(map).map_err(|reason| Error::malformed(path, reason))?)
 }
 
 /// Writes depths as a 16-bit grey PNG, round(depth · scale), 0 = missing; the error is at most 1 / (2 scale). A positive
