@@ -11,7 +11,7 @@ pub use sigma::SigmaConfig;
 use crate::error::{Error, Result};
 use mde_fusion::FusionConfig;
 use mde_nerf::NerfConfig;
-use mde_prior::{AugmentationConfig, DisparityRule};
+use mde_prior::{AugmentationConfig, DisparityRule, FileKind, open};
 use mde_warp::{ReprojectConfig, ViewSampling, WarpConfig};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -174,8 +174,7 @@ impl Config {
     /// # Errors
     /// [`Error::Io`] where it cannot be read, else as [`Config::with_text`].
     pub fn with_file(&self, path: &Path) -> Result<Self> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+        let text = open::read_text(path, FileKind::Settings).map_err(Error::io(path))?;
         self.with_text(&text, &path.display().to_string())
     }
 

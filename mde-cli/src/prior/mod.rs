@@ -9,7 +9,7 @@ pub(crate) use bound::PhotographPrior;
 use crate::error::{Error, Result};
 use crate::prior::files::MapFile;
 use crate::prior::origin::PriorOrigin;
-use mde_prior::DepthPrior;
+use mde_prior::{DepthPrior, FileKind, open};
 use ndarray::Array3;
 use std::path::Path;
 use std::sync::OnceLock;
@@ -70,8 +70,7 @@ pub fn hash(bytes: &[u8]) -> String {
 pub fn hash_files<'p>(paths: impl IntoIterator<Item = &'p Path>) -> Result<String> {
     let mut hasher = crc32fast::Hasher::new();
     for path in paths {
-        let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
-        hasher.update(&bytes);
+        hasher.update(&open::read(path, FileKind::Weights).map_err(Error::io(path))?);
     }
     Ok(format!("{:08x}", hasher.finalize()))
 }

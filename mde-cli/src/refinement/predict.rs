@@ -3,7 +3,7 @@
 use crate::config::{Config, SigmaConfig};
 use crate::error::{Error, Result};
 use crate::reports::prediction::{AugmentationReport, Component};
-use mde_prior::augment::{Limits, Predictions, Progress};
+use mde_prior::augment::{Predictions, Progress};
 use mde_prior::{Augmented, Certainty, DepthPrior};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::filter::{Border, Gaussian, gaussian_blur};
@@ -30,7 +30,7 @@ pub(crate) fn predict(
     model: &dyn DepthPrior,
     image: ArrayView3<'_, f32>,
     config: &Config,
-    limits: Limits,
+    at_once: Option<usize>,
     progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<Start> {
     let mut report = AugmentationReport { predictions: 1, ..AugmentationReport::default() };
@@ -46,7 +46,7 @@ pub(crate) fn predict(
         return single(predicted.to_depth(&config.disparity)?, certainty, report);
     }
     let mut augmented =
-        config.augmentation.predict_with(model, image, limits, progress)?.ok_or(Error::Interrupted)?;
+        config.augmentation.predict_with(model, image, at_once, progress)?.ok_or(Error::Interrupted)?;
     let certainty = augmented.prior.certainty.take();
     let prior = augmented.prior.to_depth(&config.disparity)?;
     report.predictions = augmented.plan.predictions();

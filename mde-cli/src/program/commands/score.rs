@@ -15,7 +15,7 @@ use anyhow::{Context, Result, bail, ensure};
 use mde_eval::data::{MapPair, MapPairs};
 use mde_eval::score::{Subject, score};
 use mde_eval::table::Entry;
-use mde_prior::format::{Encoding, ReadOptions, read_depth};
+use mde_prior::format::{ReadOptions, read_depth};
 use serde_json::json;
 
 /// The name of the maps in the tables.
@@ -69,7 +69,7 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
 }
 
 fn entry(pair: &MapPair, args: &ScoreMapsArgs, scoring: &Scoring) -> Result<Entry> {
-    let scaled = read_options("--png-scale", args.png_scale, Encoding::Linear)?;
+    let scaled = read_options("--png-scale", args.png_scale)?;
     let predicted = read_depth(&pair.prediction, &scaled)?;
     let remedy = |_| "give smaller maps".to_owned();
     let bytes = |pixels| SceneMemory::new(&[], false).bytes(pixels, 1);

@@ -7,7 +7,7 @@ use crate::program::open::prior;
 use anyhow::{Context, Result, bail};
 use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, Sample, SunDepth};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
-use mde_prior::{DepthKind, DepthPrior, PriorDepth};
+use mde_prior::{DepthKind, DepthPrior, FileKind, PriorDepth, open};
 use ndarray::{Array2, ArrayView3};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -32,7 +32,8 @@ impl Source {
         };
         let places = match &args.places {
             Some(path) => {
-                let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+                let text =
+                    open::read_text(path, FileKind::Text).with_context(|| path.display().to_string())?;
                 data::parse_places(&text).with_context(|| path.display().to_string())?
             }
             None => BTreeMap::new(),
@@ -216,7 +217,8 @@ impl PriorPlan {
             Self::Model(_) => "model",
             Self::Folder { path, .. } => {
                 let file = depth_file(path, scene)?;
-                let bytes = std::fs::read(&file).with_context(|| file.display().to_string())?;
+                let bytes =
+                    open::read(&file, FileKind::DepthMap).with_context(|| file.display().to_string())?;
                 // The extension decides how the bytes are read.
                 made_from["file"] = json!([extension(&file), crc32fast::hash(&bytes)]);
                 "folder"

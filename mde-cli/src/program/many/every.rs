@@ -25,6 +25,7 @@ use crate::scene::Scene;
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::table::{Block, Document, Table};
 use mde_prior::format::{PngContent, ReadOptions, png_content, read_values};
+use mde_prior::{FileKind, open};
 use mde_warp::{PinholeCamera, Pose};
 use serde_json::{Value, json};
 use std::fs;
@@ -69,7 +70,9 @@ pub(crate) fn check_folder(output: &Path) -> Result<()> {
 
 /// Whether it is the record of a run on a capture.
 fn is_record(path: &Path) -> bool {
-    let record = fs::read(path).ok().and_then(|text| serde_json::from_slice::<Value>(&text).ok());
+    let record = open::read(path, FileKind::Settings)
+        .ok()
+        .and_then(|text| serde_json::from_slice::<Value>(&text).ok());
     record.is_some_and(|record| record["photographs"].is_array())
 }
 

@@ -6,6 +6,7 @@ use crate::program::provenance::{command_line, write_json};
 use crate::program::report::photographs_page;
 use anyhow::{Context, Result, ensure};
 use mde_eval::table::inert;
+use mde_prior::{FileKind, open};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::path::Path;
@@ -129,7 +130,8 @@ impl Index {
 
     pub(super) fn read(path: &Path) -> Result<Self> {
         let shown = path.display();
-        let text = fs::read_to_string(path).with_context(|| format!("{shown}: can't be read"))?;
+        let text =
+            open::read_text(path, FileKind::Text).with_context(|| format!("{shown}: can't be read"))?;
         let read: Self =
             serde_json::from_str(&text).with_context(|| format!("{shown}: is no index of mde refine"))?;
         ensure!(read.program == PROGRAM, "{shown}: is no index of mde refine");

@@ -1,5 +1,6 @@
 //! One of many photographs: its marker, its refinement, its row.
 
+use crate::error::Error;
 use crate::output::every::relative_sigma;
 use crate::output::preview::{depth_picture, sigma_picture_within, usual_range};
 use crate::output::record::versions;
@@ -18,12 +19,12 @@ use crate::scene::size::resized;
 use crate::scene::{Photograph, SameScale, Scene};
 use anyhow::{Context, Result, ensure};
 use mde_prior::photo::{decode_image, write_rgb_png};
+use mde_prior::{FileKind, open};
 use mde_uncertainty::statistics::{median, quantile};
 use ndarray::{Array3, ArrayView3, Axis, concatenate};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -73,8 +74,7 @@ impl<R: Serialize> Marker<R> {
 pub(crate) fn settings_of(args: &RefineArgs, refiner: &Refiner<'_>) -> Result<String> {
     let camera = &args.camera;
     let content = |path: &PathBuf| -> Result<u32> {
-        let bytes =
-            fs::read(path).with_context(|| format!("{}: can't be read; check the path", path.display()))?;
+        let bytes = open::read(path, FileKind::Settings).map_err(Error::io(path))?;
         Ok(crc32fast::hash(&bytes))
     };
     let intrinsics = camera.intrinsics.as_ref().map(content).transpose()?;
@@ -85,17 +85,17 @@ pub(crate) fn settings_of(args: &RefineArgs, refiner: &Refiner<'_>) -> Result<St
     .to_string())
 }
 
+/// The bytes of a photograph.
+pub(crate) fn content(path: &Path) -> Result<Vec<u8>> {
+    ensure!(path.exists(), "no such photograph; check the path");
+    open::read(path, FileKind::Photograph).context("can't be read; give a photograph's file")
+}
+
 impl Common<'_> {
     /// Refines a photograph, unless its folder is finished. What fails is in the row.
     pub(crate) fn one(&self, item: &Item) -> Row {
         let made = self.made(item, &mut Progress::silent());
         made.unwrap_or_else(|error| Row::failed(item, &message(&error)))
-    }
-
-    /// The bytes of a photograph.
-    pub(super) fn read(&self, item: &Item) -> Result<Vec<u8>> {
-        ensure!(item.path.is_file(), "no such photograph; check the path");
-        fs::read(&item.path).context("can't be read")
     }
 
     /// The plan of a photograph, and its memory once that is free.
@@ -133,15 +133,15 @@ impl Common<'_> {
         let marker = read_marker::<Row>(&place).filter(|_| !self.args.run.force);
         let same_scale_group = same_scale.map(|found| found.group);
         if let Some(marker) = marker
-            && marker.made_from == self.made_from(item, &self.read(item)?)
+            && marker.made_from == self.made_from(item, &content(path)?)
         {
             let folder = folder.clone();
             return Ok(Row { photograph: shown, folder, kept: true, same_scale_group, ..marker.row });
         }
-        ensure!(path.is_file(), "no such photograph; check the path");
+        ensure!(path.exists(), "no such photograph; check the path");
         let (_taken, plan) = self.take(item)?;
         let start = Instant::now();
-        let bytes = self.read(item)?;
+        let bytes = content(path)?;
         let made_from = self.made_from(item, &bytes);
         let photograph = self.opened(item, bytes, progress)?;
         let scene = Scene { same_scale: *same_scale, ..Scene::one(photograph) };
@@ -190,7 +190,8 @@ impl Row {
 
 /// The marker of a folder whose files are there with the lengths that they were written with.
 pub(crate) fn read_marker<R: DeserializeOwned>(place: &Path) -> Option<Marker<R>> {
-    let marker: Marker<R> = serde_json::from_str(&fs::read_to_string(place.join(MARKER)).ok()?).ok()?;
+    let marker: Marker<R> =
+        serde_json::from_str(&open::read_text(place.join(MARKER), FileKind::Settings).ok()?).ok()?;
     have_lengths(place, &marker.files).then_some(marker)
 }
 

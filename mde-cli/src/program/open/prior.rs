@@ -5,7 +5,6 @@ use crate::prior::files::{MapFile, read_options};
 use crate::program::args::PriorArgs;
 use anyhow::Result;
 use mde_prior::DepthKind;
-use mde_prior::format::Encoding;
 use std::path::Path;
 
 pub(crate) fn open(args: &PriorArgs) -> Result<OpenPrior<'static>> {
@@ -23,7 +22,7 @@ pub(crate) fn map(
     kind: Option<DepthKind>,
     png_scale: Option<f64>,
 ) -> Result<OpenPrior<'static>> {
-    let options = read_options("--png-scale", png_scale, Encoding::Linear)?;
+    let options = read_options("--png-scale", png_scale)?;
     Ok(OpenPrior::map(MapFile::open(path, kind, options)?))
 }
 
