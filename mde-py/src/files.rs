@@ -11,7 +11,6 @@ use std::path::PathBuf;
 
 /// A photograph `[height, width, 3]` in 0 to 1, upright, and its EXIF's focal length in millimetres of 35 mm film.
 #[pyfunction]
-#[pyo3(signature = (path))]
 pub(crate) fn read_photo(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, PyArray3<f32>>, Option<f64>)> {
     let photo = py.detach(|| read_image(&path)).map_err(raise)?;
     Ok((photo.pixels.into_pyarray(py), photo.focal_35mm))
@@ -19,7 +18,6 @@ pub(crate) fn read_photo(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, P
 
 /// As [`read_photo`], of the bytes of a file.
 #[pyfunction]
-#[pyo3(signature = (data))]
 pub(crate) fn decode_photo<'py>(
     py: Python<'py>,
     data: &[u8],
@@ -30,7 +28,6 @@ pub(crate) fn decode_photo<'py>(
 
 /// Writes a map as NPY.
 #[pyfunction]
-#[pyo3(signature = (path, map))]
 pub(crate) fn save_npy(py: Python<'_>, path: PathBuf, map: PyReadonlyArray2<'_, f32>) -> PyResult<()> {
     let map = map.as_array();
     py.detach(|| write_npy(path, map)).map_err(raise)
@@ -38,7 +35,6 @@ pub(crate) fn save_npy(py: Python<'_>, path: PathBuf, map: PyReadonlyArray2<'_, 
 
 /// Writes an image `[height, width, 3]` as PNG.
 #[pyfunction]
-#[pyo3(signature = (path, image))]
 pub(crate) fn save_rgb(py: Python<'_>, path: PathBuf, image: PyReadonlyArray3<'_, u8>) -> PyResult<()> {
     let image = image.as_array();
     py.detach(|| write_rgb_png(path, image)).map_err(raise)
@@ -46,7 +42,6 @@ pub(crate) fn save_rgb(py: Python<'_>, path: PathBuf, image: PyReadonlyArray3<'_
 
 /// The PNG of an image `[height, width, 3]`.
 #[pyfunction]
-#[pyo3(signature = (image))]
 pub(crate) fn encode_png<'py>(
     py: Python<'py>,
     image: PyReadonlyArray3<'py, u8>,
@@ -57,7 +52,6 @@ pub(crate) fn encode_png<'py>(
 
 /// A map in colours `[height, width, 3]`, from 1 % to 99 % of its known values, and these two.
 #[pyfunction]
-#[pyo3(signature = (map, colours))]
 pub(crate) fn picture<'py>(
     py: Python<'py>,
     map: PyReadonlyArray2<'py, f32>,

@@ -51,14 +51,12 @@ impl Prior {
 
     /// A callable of that name.
     #[staticmethod]
-    #[pyo3(signature = (name, kind))]
     fn callable(name: String, kind: &str) -> PyResult<Self> {
         Ok(Self(Source::Callable(PriorOrigin::new(PriorForm::Callable, named(kind)?, name))))
     }
 
     /// A depth map `[height, width]`.
     #[staticmethod]
-    #[pyo3(signature = (map, kind))]
     fn map(map: PyReadonlyArray2<'_, f32>, kind: &str) -> PyResult<Self> {
         let kind = named(kind)?;
         let map = PriorDepth::from_values(map.as_array().to_owned(), kind).map_err(raise)?;

@@ -43,7 +43,6 @@ pub(crate) struct Given {
 #[pymethods]
 impl Settings {
     #[new]
-    #[pyo3(signature = (given))]
     fn new(given: Given) -> PyResult<Self> {
         let preset = named(&given.preset)?;
         let config = preset.config();

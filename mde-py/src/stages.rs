@@ -37,7 +37,6 @@ fn gaussian(depth: ArrayView2<'_, f32>, sigma: ArrayView2<'_, f32>) -> Result<Ga
 
 /// Eq. 7-17 for a prior and reprojected views.
 #[pyfunction]
-#[pyo3(signature = (prior, prior_sigma, depths, sigmas, settings))]
 pub(crate) fn fuse<'py>(
     py: Python<'py>,
     prior: PyReadonlyArray2<'py, f32>,
@@ -72,7 +71,6 @@ pub(crate) fn fuse<'py>(
 
 /// Eq. 11-13: `(a, b, effective_support, correlation, relative_spread)`, or nothing where the line is not determined.
 #[pyfunction]
-#[pyo3(signature = (u, v, variance))]
 pub(crate) fn affine_wls(
     py: Python<'_>,
     u: PyReadonlyArray1<'_, f64>,
@@ -99,7 +97,6 @@ type Moments<'py> = (
 
 /// Eq. 2-5 for rays `[rays, bins]`.
 #[pyfunction]
-#[pyo3(signature = (density, depth, extent, uniform))]
 pub(crate) fn termination_moments<'py>(
     py: Python<'py>,
     density: PyReadonlyArray2<'py, f64>,
@@ -129,7 +126,6 @@ pub(crate) fn termination_moments<'py>(
 /// Eq. 1: an image with its depth, seen from another pose. `source` has its camera and the motion to the other, `target` that and
 /// its `(height, width)`.
 #[pyfunction]
-#[pyo3(signature = (image, depth, sigma, source, target, tear))]
 pub(crate) fn forward_warp<'py>(
     py: Python<'py>,
     image: PyReadonlyArray3<'py, f32>,

@@ -13,7 +13,7 @@ use mde_cli::scene::camera::{GivenCamera, KnownCamera};
 use mde_cli::scene::known::{KnownDepth, KnownDepths};
 use mde_cli::scene::posed::shorten;
 use mde_cli::scene::{Photograph, SameScale, Scene};
-use ndarray::{Array2, Array3};
+use ndarray::Array3;
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -101,36 +101,33 @@ pub(crate) struct Arguments<'py> {
 
 /// The inputs without the interpreter.
 pub(super) struct Inputs {
-    photographs: Vec<Input>,
+    photographs: Vec<Photograph>,
     capture: Option<Capture>,
     camera: GivenCamera,
-    known: Option<(Option<PathBuf>, Array2<f64>, PathBuf)>,
+    known: Option<KnownDepths>,
     same_scale: Option<SameScale>,
-}
-
-struct Input {
-    name: String,
-    image: Array3<f32>,
-    focal: Option<f64>,
-    pose: Option<Pose>,
 }
 
 impl Inputs {
     pub(super) fn new(arguments: Arguments<'_>) -> PyResult<Self> {
+        let Arguments { capture, .. } = arguments;
+        let camera = arguments.camera.given();
         let given = arguments.photographs.into_iter().enumerate().map(|(index, one)| {
             let image = one.image.as_array().to_owned();
             check(&one.name, &image)?;
+            let (height, width, _) = image.dim();
+            let camera = KnownCamera::new(&camera, one.focal, [width, height]).map_err(raise)?;
             let pose = one.pose.map(|rows| rigid(&format!("poses[{index}]"), &rows)).transpose()?;
-            Ok(Input { name: one.name, image, focal: one.focal, pose })
+            Ok(Photograph { pose, ..Photograph::new(one.name, image, camera) })
         });
-        let known = |scale: Scale<'_>| (scale.path, scale.rows.as_array().to_owned(), scale.photograph);
-        Ok(Self {
-            photographs: given.collect::<PyResult<_>>()?,
-            capture: arguments.capture,
-            camera: arguments.camera.given(),
-            known: arguments.scale_from.map(known),
-            same_scale: arguments.same_scale.map(same_scale_of),
-        })
+        let photographs = given.collect::<PyResult<Vec<_>>>()?;
+        let known = arguments.scale_from.map(|scale| {
+            let of_capture = capture.as_ref().and_then(|capture| image_size(&capture.image));
+            let size = of_capture.map(|[width, height]| (height, width));
+            scale.known(size.or_else(|| Some(photographs.first()?.original)).unwrap_or_default())
+        });
+        let same_scale = arguments.same_scale.map(same_scale_of);
+        Ok(Self { photographs, capture, camera, known: known.transpose().map_err(raise)?, same_scale })
     }
 
     /// Name of what is refined, for the record.
@@ -140,58 +137,65 @@ impl Inputs {
     }
 
     /// The photographs at their sizes, with what gives their scale, and the plan.
-    pub(super) fn scene(&self, refiner: &Refiner<'_>, watch: &mut Watched<'_>) -> Result<(Scene, Plan)> {
-        let (mut scene, plan) = match &self.capture {
-            Some(capture) => self.posed(capture, refiner, watch)?,
-            None => self.given(refiner, watch)?,
+    pub(super) fn scene(self, refiner: &Refiner<'_>, watch: &mut Watched<'_>) -> Result<(Scene, Plan)> {
+        let Self { photographs, capture, camera, known, same_scale } = self;
+        let (scene, plan) = match capture {
+            Some(capture) => capture.scene(&camera, refiner, watch)?,
+            None => given(photographs, refiner, watch)?,
         };
-        if let Some((path, rows, photograph)) = &self.known {
-            let first = &scene.photographs[scene.reference];
-            scene.known = Some(match path {
-                Some(path) => KnownDepths::open(path, photograph, first.original)?,
-                None => {
-                    let rows = rows.rows().into_iter().filter_map(|row| {
-                        let [x, y, depth, sigma] = row.to_vec().try_into().ok()?;
-                        Some(KnownDepth { x, y, depth, sigma })
-                    });
-                    KnownDepths::new("array".to_owned(), rows.collect(), &first.name, first.original)?
-                }
-            });
-        }
-        scene.same_scale = self.same_scale;
-        Ok((scene, plan))
+        Ok((Scene { known, same_scale, ..scene }, plan))
     }
+}
 
-    fn given(&self, refiner: &Refiner<'_>, watch: &mut Watched<'_>) -> Result<(Scene, Plan)> {
-        let count = self.photographs.len();
-        let Some(Input { name, image, .. }) = self.photographs.first() else {
-            return Err(Error::Argument("there is no photograph; give one".to_owned()));
-        };
-        let (height, width, _) = image.dim();
-        let several = count > 1;
-        let what = if several { format!("{{views}}: {count} photographs") } else { name.clone() };
-        let plan = refiner.plan(&what, (height, width), count)?;
-        let mut photographs = Vec::new();
-        for Input { name, image, focal, pose } in &self.photographs {
-            let (height, width, _) = image.dim();
-            let camera = KnownCamera::new(&self.camera, *focal, [width, height])?;
-            let photograph = Photograph { pose: *pose, ..Photograph::new(name, image.clone(), camera) };
-            let mut warn = |text: String| watch.warn(if several { format!("{name}: {text}") } else { text });
-            photographs.push(photograph.resized(&refiner.settings().sizes, several, &mut warn)?);
+impl Scale<'_> {
+    /// The known depths of a photograph of `(height, width)`.
+    fn known(self, size: (usize, usize)) -> Result<KnownDepths> {
+        let Self { path, rows, photograph } = self;
+        if let Some(path) = path {
+            return KnownDepths::open(&path, &photograph, size);
         }
-        if !several {
-            return Ok((Scene::one(photographs.remove(0)), plan));
-        }
-        shorten(&mut photographs);
-        Ok((Scene::several(photographs, 0)?, plan))
+        let rows = rows.as_array();
+        let depths = rows.rows().into_iter().filter_map(|row| {
+            let [x, y, depth, sigma] = row.to_vec().try_into().ok()?;
+            Some(KnownDepth { x, y, depth, sigma })
+        });
+        KnownDepths::new("array".to_owned(), depths.collect(), &photograph.display().to_string(), size)
     }
+}
 
-    fn posed(
+fn given(
+    photographs: Vec<Photograph>,
+    refiner: &Refiner<'_>,
+    watch: &mut Watched<'_>,
+) -> Result<(Scene, Plan)> {
+    let count = photographs.len();
+    let Some(Photograph { name, original, .. }) = photographs.first() else {
+        return Err(Error::Argument("there is no photograph; give one".to_owned()));
+    };
+    let several = count > 1;
+    let what = if several { format!("{{views}}: {count} photographs") } else { name.clone() };
+    let plan = refiner.plan(&what, *original, count)?;
+    let resized = photographs.into_iter().map(|one| {
+        let name = one.name.clone();
+        let mut warn = |text: String| watch.warn(if several { format!("{name}: {text}") } else { text });
+        one.resized(&refiner.settings().sizes, several, &mut warn)
+    });
+    let mut photographs = resized.collect::<Result<Vec<_>>>()?;
+    if !several {
+        return Ok((Scene::one(photographs.remove(0)), plan));
+    }
+    shorten(&mut photographs);
+    Ok((Scene::several(photographs, 0)?, plan))
+}
+
+impl Capture {
+    fn scene(
         &self,
-        Capture { path, image, all }: &Capture,
+        given: &GivenCamera,
         refiner: &Refiner<'_>,
         watch: &mut Watched<'_>,
     ) -> Result<(Scene, Plan)> {
+        let Self { path, image, all } = self;
         let fault =
             |error: &dyn std::fmt::Display| Error::Argument(format!("{{views}} {}: {error}", path.display()));
         let files = CaptureFiles::find(path).ok_or_else(|| fault(&"holds no capture; check the path"))?;
@@ -200,7 +204,7 @@ impl Inputs {
         })?;
         let mut lens = None;
         if files.needs_lens() {
-            let camera = KnownCamera::new(&self.camera, None, size)?.camera;
+            let camera = KnownCamera::new(given, None, size)?.camera;
             lens = Some(Lens { camera, distortion: Distortion::default() });
         }
         let capture = files.read(lens.as_ref(), &|path| image_size(path)).map_err(|error| fault(&error))?;
@@ -227,7 +231,6 @@ fn check(name: &str, image: &Array3<f32>) -> PyResult<()> {
 
 /// Whether a path holds a capture with poses.
 #[pyfunction]
-#[pyo3(signature = (path))]
 pub(crate) fn is_capture(path: PathBuf) -> bool {
     CaptureFiles::find(&path).is_some()
 }

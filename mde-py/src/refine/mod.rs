@@ -61,7 +61,7 @@ pub(crate) fn refine<'py>(
     let made = worker::run(py, threads, server(py, model, progress), |link| {
         let watch = Watched::new(link, observed);
         prior
-            .open(link, |open| run(&Refiner::new(open, settings.0.clone())?, &inputs, every, watch))
+            .open(link, |open| run(&Refiner::new(open, settings.0.clone())?, inputs, every, watch))
             .map_err(message)
     })?;
     let (mut results, mut poses) = (Vec::new(), Vec::new());
@@ -80,15 +80,16 @@ pub(crate) fn refine<'py>(
     Ok(parts.into_any())
 }
 
-fn run(refiner: &Refiner<'_>, inputs: &Inputs, every: bool, mut watch: Watched<'_>) -> Result<Made> {
+fn run(refiner: &Refiner<'_>, inputs: Inputs, every: bool, mut watch: Watched<'_>) -> Result<Made> {
     let start = Instant::now();
+    let input = inputs.name();
     let (scene, plan) = inputs.scene(refiner, &mut watch)?;
     let mut prepared = refiner.prepare(&scene, &plan, &mut watch)?;
     if every {
-        return run_every(refiner, &scene, &mut prepared, &inputs.name(), watch, start);
+        return run_every(refiner, &scene, &mut prepared, &input, watch, start);
     }
     let refined = prepared.refine(scene.reference, None, &mut watch)?;
-    let outcome = Outcome::new(refiner, refined, inputs.name(), &watch, start)?;
+    let outcome = Outcome::new(refiner, refined, input, &watch, start)?;
     Ok(Made { outcomes: vec![(outcome, None)], run: None })
 }
 

@@ -38,7 +38,6 @@ struct Outcome {
 #[pymethods]
 impl OneScale {
     #[new]
-    #[pyo3(signature = (photographs, settings))]
     fn new(photographs: usize, settings: &Settings) -> Self {
         let scale = Mutex::new(same_scale::OneScale::new(photographs, &settings.0.config));
         Self { scale, outcome: Mutex::default() }
@@ -65,8 +64,8 @@ impl OneScale {
             let mut scale = self.scale.lock().unwrap_or_else(PoisonError::into_inner);
             let tried: Vec<Option<Result<Prepared, String>>> = prior.open(link, |open| {
                 let refiner = Refiner::new(open, settings.0.clone()).map_err(message)?;
-                let one = |one: &Option<Inputs>| Some(prepared(&scale, link, &refiner, one.as_ref()?));
-                Ok::<_, String>(inputs.par_iter().map(one).collect())
+                let one = |one: Option<Inputs>| Some(prepared(&scale, link, &refiner, one?));
+                Ok::<_, String>(inputs.into_par_iter().map(one).collect())
             })?;
             let failed = tried.iter().flatten().filter_map(|one| one.as_ref().err());
             outcome.prepared |= tried.iter().flatten().any(Result::is_ok);
@@ -99,7 +98,7 @@ fn prepared(
     scale: &same_scale::OneScale,
     link: &Link,
     refiner: &Refiner<'_>,
-    inputs: &Inputs,
+    inputs: Inputs,
 ) -> Result<Prepared, String> {
     if link.is_cancelled() {
         return Err("cancelled".to_owned());

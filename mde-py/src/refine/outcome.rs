@@ -20,9 +20,7 @@ use std::time::Instant;
 
 /// The parts of a result.
 pub(super) struct Outcome {
-    maps: Vec<(&'static str, Array2<f32>)>,
-    /// Maps that a result may have.
-    more: Vec<(&'static str, Option<Array2<f32>>)>,
+    maps: Vec<(&'static str, Option<Array2<f32>>)>,
     components: Vec<(&'static str, Array2<f32>)>,
     evidence: Vec<(&'static str, Array2<f32>)>,
     image: Array3<u8>,
@@ -92,12 +90,15 @@ impl Outcome {
         let exact = image.iter().zip(&bytes).any(|(value, byte)| *value != f32::from(*byte) / 255.0);
         Ok(Self {
             maps: vec![
-                ("depth", depth),
-                ("variance", variance),
-                ("sigma", sigma),
-                ("prior", refinement.prior),
+                ("depth", Some(depth)),
+                ("variance", Some(variance)),
+                ("sigma", Some(sigma)),
+                ("prior", Some(refinement.prior)),
+                ("lower", lower),
+                ("upper", upper),
+                ("confidence", confidence),
+                ("error", error),
             ],
-            more: vec![("lower", lower), ("upper", upper), ("confidence", confidence), ("error", error)],
             components: refinement.components.into_iter().map(|part| (part.name, part.sigma)).collect(),
             evidence,
             image: bytes,
@@ -114,9 +115,6 @@ impl Outcome {
     pub(super) fn into_dict(self, py: Python<'_>) -> PyResult<Object<'_>> {
         let parts = PyDict::new(py);
         for (name, map) in self.maps {
-            parts.set_item(name, map.into_pyarray(py))?;
-        }
-        for (name, map) in self.more {
             parts.set_item(name, map.map(|map| map.into_pyarray(py)))?;
         }
         for (name, group) in [("components", self.components), ("evidence", self.evidence)] {

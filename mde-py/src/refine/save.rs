@@ -48,7 +48,6 @@ pub(crate) struct Saved<'py> {
 
 /// Writes the files of a result into a folder, and those of the formats that are named.
 #[pyfunction]
-#[pyo3(signature = (folder, parts, export))]
 pub(crate) fn save_result(
     py: Python<'_>,
     folder: PathBuf,
@@ -130,7 +129,6 @@ pub(crate) struct Placed<'py> {
 
 /// Writes `transforms.json` and `cloud.ply` of all photographs. The result is the number of points.
 #[pyfunction]
-#[pyo3(signature = (folder, photographs, unit))]
 pub(crate) fn save_all(
     py: Python<'_>,
     folder: PathBuf,
@@ -158,7 +156,6 @@ pub(crate) fn save_all(
 
 /// Gives a finished folder the name of another, which is removed: in one exchange where the file system can.
 #[pyfunction]
-#[pyo3(signature = (new, target))]
 pub(crate) fn replace_folder(py: Python<'_>, new: PathBuf, target: PathBuf) -> PyResult<()> {
     Ok(py.detach(|| exchange(&new, &target))?)
 }
