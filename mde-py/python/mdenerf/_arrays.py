@@ -91,7 +91,7 @@ def in_folder(name: str, folder: PathLike) -> list[Path]:
 
 def several(image: ImageLike, views: Views) -> list[Photograph]:
     """The photograph and the further ones of the scene."""
-    if is_path(views):
+    if isinstance(views, (str, os.PathLike)):
         paths = in_folder("views", views)
         reference = Path(image).resolve() if is_path(image) else None
         views = [path for path in paths if path.resolve() != reference]

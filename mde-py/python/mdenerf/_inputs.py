@@ -103,7 +103,7 @@ def checked(model: Callable[[Floats], Any]) -> Callable[[Floats], Floats]:
     return predict
 
 
-def photographs_of(image: ImageLike, views: Views | None, poses: ArrayLike | None, every: bool) -> dict[str, Any]:
+def scene_of(image: ImageLike, views: Views | None, poses: ArrayLike | None, every: bool) -> dict[str, Any]:
     """The photograph and the further ones, or the capture that they are of; with ``every``, all of it."""
     if is_path(views) and is_path(image) and poses is None and native.is_capture(os.fspath(views)):
         capture = {"path": os.fspath(views), "image": os.fspath(image), "all": every}

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sized
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from . import _mdenerf as native
-from ._arrays import PHOTOGRAPHS, Floats, ImageLike, PathLike, callers, in_folder, is_path
+from ._arrays import PHOTOGRAPHS, Floats, ImageLike, PathLike, callers, in_folder
 from ._mdenerf import Error
 from ._result import RefinementWarning, Result
 
@@ -43,7 +44,7 @@ class SameScale:
 
 def photographs_of(images: PathLike | Iterable[ImageLike]) -> list[ImageLike]:
     """The photographs of a folder in the order of their names, or those of an iterable."""
-    if not is_path(images):
+    if not isinstance(images, (str, os.PathLike)):
         return list(images)
     paths = in_folder("images", images)
     if not paths:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from . import _mdenerf as native
 from ._arrays import Floats, ImageLike, IntrinsicsLike, Model, PathLike, Views, callers, camera, is_path
-from ._inputs import Config, checked, known_depths, library_of, map_prior, native_settings, photographs_of
+from ._inputs import Config, checked, known_depths, library_of, map_prior, native_settings, scene_of
 from ._many import SameScale, photographs_of, refine_each, scales_of
 from ._mdenerf import Error
 from ._result import RefinementWarning, Result
@@ -240,7 +240,7 @@ class Refiner:
         if png_scale is not None and not is_path(prior_depth):
             raise Error("png_scale is of a depth in a file; give prior_depth as a path, or leave it out")
         prior = self._prior if self._prior is not None else map_prior(prior_depth, self._kind, png_scale)
-        arguments = self._arguments(photographs_of(image, views, poses, False), camera(intrinsics, fov))
+        arguments = self._arguments(scene_of(image, views, poses, False), camera(intrinsics, fov))
         arguments["scale_from"] = None if scale_from is None else known_depths(scale_from, image)
         arguments["same_scale"] = None if same_scale is None else astuple(same_scale)
         settings = self._settings(views is not None, seed, unit_of_poses=_unit(unit, arguments), keep_field=keep_field)
@@ -302,7 +302,7 @@ class Refiner:
         """
         if self._prior is None:
             raise Error("refine_all needs a prior_model; a prior_depth is that of one photograph")
-        arguments = self._arguments(photographs_of(image, views, poses, True), camera(intrinsics, fov))
+        arguments = self._arguments(scene_of(image, views, poses, True), camera(intrinsics, fov))
         settings = self._settings(True, seed, unit_of_poses=_unit(unit, arguments), keep_field=keep_field)
         scene = Scene._of(native.refine(self._prior, settings, arguments, True, self._callable(), progress))
         for warning in scene.run["warnings"]:
@@ -358,7 +358,7 @@ class Refiner:
         lens = camera(intrinsics, fov)
 
         def prepared(image: ImageLike) -> dict[str, Any]:
-            return self._arguments(photographs_of(image, None, None, False), lens)
+            return self._arguments(scene_of(image, None, None, False), lens)
 
         scale = native.OneScale(len(found), settings)
         return scales_of(scale, found, prepared, (self._prior, settings, self._callable(), self._threads), progress)
@@ -438,7 +438,7 @@ class Refiner:
             raise Error("refine_many needs a prior_model; a prior_depth is that of one photograph")
         given: dict[str, Any] = {"intrinsics": intrinsics, "fov": fov, "seed": seed}
         self._settings(False, seed)
-        found = photographs_of(images) if same_scale or is_path(images) else images
+        found = photographs_of(images) if same_scale or isinstance(images, (str, os.PathLike)) else images
 
         def scales(images: list[ImageLike]) -> list[SameScale]:
             return self.same_scale(images, **given, progress=progress)
