@@ -16,7 +16,7 @@ use std::sync::OnceLock;
 
 /// A prior that is open: a network, a map, or a caller's own.
 pub struct OpenPrior<'p> {
-    prior: Box<dyn DepthPrior + 'p>,
+    prior: Box<dyn DepthPrior + Send + 'p>,
     origin: PriorOrigin,
     /// `(height, width)` of a map from a file.
     pub(crate) size: Option<(usize, usize)>,
@@ -28,7 +28,7 @@ pub struct OpenPrior<'p> {
 
 impl<'p> OpenPrior<'p> {
     /// A caller's own prior.
-    pub fn given(prior: Box<dyn DepthPrior + 'p>, origin: PriorOrigin) -> Self {
+    pub fn given(prior: Box<dyn DepthPrior + Send + 'p>, origin: PriorOrigin) -> Self {
         Self { prior, origin, size: None, note: None, order: OnceLock::new() }
     }
 

@@ -41,6 +41,11 @@ impl FilePrior {
         Ok(Self { path: path.to_owned(), prior })
     }
 
+    /// A map in memory, which errors call `name`.
+    pub fn of_map(name: impl Into<PathBuf>, prior: PriorDepth) -> Self {
+        Self { path: name.into(), prior }
+    }
+
     /// The map in the file.
     #[must_use]
     pub fn prior(&self) -> &PriorDepth {

@@ -28,7 +28,7 @@ const ROOM: Room = Room::Study;
 struct Demo {
     scene: Scene,
     truth: Array2<f32>,
-    prior: Box<dyn DepthPrior>,
+    prior: Box<dyn DepthPrior + Send>,
     kind: DepthKind,
 }
 

@@ -233,7 +233,7 @@ impl PriorPlan {
 
     /// The prior of a scene; what is simulated here has that seed.
     pub(crate) fn open<'p>(&'p self, sample: &'p Sample, seed: u64) -> Result<ScenePrior<'p>> {
-        let own = |prior: Box<dyn DepthPrior + 'p>, kind| {
+        let own = |prior: Box<dyn DepthPrior + Send + 'p>, kind| {
             let origin = PriorOrigin::new(PriorForm::Simulated, kind, "simulated");
             ScenePrior::Own(Box::new(OpenPrior::given(prior, origin)))
         };
