@@ -1,7 +1,7 @@
 //! `mde ablate`.
 
 use crate::config::{Config, Preset};
-use crate::program::args::AblateArgs;
+use crate::program::args::{AblateArgs, CaptureArgs, PixelArgs};
 use crate::program::evaluation::ablation::FULL;
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::results::Results;
@@ -18,8 +18,15 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
     let mut progress = Progress::new(&args.common.run);
     use_threads(&args.common.run)?;
     let methods = methods(args)?;
-    let request =
-        Request { command: "ablate", methods: &methods, controls: false, share_fields: true, shard: None };
+    let request = Request {
+        command: "ablate",
+        methods: &methods,
+        controls: false,
+        share_fields: true,
+        shard: None,
+        several: CaptureArgs::default(),
+        pixels: PixelArgs::default(),
+    };
     let setup = Setup::open(&args.common, request)?;
     let (mut entries, failures) = setup.run(&mut progress)?;
     // Rows share fields, so their seconds would mislead.
@@ -48,6 +55,11 @@ fn base(args: &AblateArgs) -> Result<Config> {
 /// The prior, then every row with every seed.
 fn methods(args: &AblateArgs) -> Result<Vec<Method>> {
     let base = base(args)?;
+    ensure!(
+        base.refinement.fits_a_field(),
+        "--preset {}: fits no field to a photograph, so all rows are equal; give --preset paper",
+        Preset::from(args.preset).name()
+    );
     let known: Vec<&str> = ablation::rows(&base).map(|row| row.name).collect();
     for name in &args.rows {
         ensure!(
@@ -56,7 +68,7 @@ fn methods(args: &AblateArgs) -> Result<Vec<Method>> {
             known.join(", ")
         );
     }
-    let mut methods = vec![Method::parse(PRIOR, args.preset.into(), Some(base.seed))?];
+    let mut methods = vec![Method::parse(PRIOR, Some(base.seed))?];
     for seed in (0..u64::from(args.seeds)).map(|more| base.seed.wrapping_add(more)) {
         for row in ablation::rows(&base) {
             let wanted =

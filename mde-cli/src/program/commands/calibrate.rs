@@ -1,6 +1,6 @@
 //! `mde calibrate`.
 
-use crate::program::args::CalibrateArgs;
+use crate::program::args::{CalibrateArgs, CaptureArgs, PixelArgs};
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::results;
 use crate::program::evaluation::setup::{Request, Setup};
@@ -16,14 +16,20 @@ const FILE: &str = "calibration.toml";
 pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     let mut progress = Progress::new(&args.common.run);
     use_threads(&args.common.run)?;
-    let preset = args.preset.into();
-    let methods = Method::parse_list(std::slice::from_ref(&args.method), preset, args.seed)?;
+    let methods = Method::parse_list(std::slice::from_ref(&args.method), None)?;
     let own = |m: &Method| Some((m.label.clone(), m.config()?.clone(), m.is_of_photographs()));
     let Some((name, config, several)) = methods.last().and_then(own) else {
         bail!("--method {}: has no sigma of its own; give a preset or settings in a .toml file", args.method);
     };
-    let request =
-        Request { command: "eval", methods: &methods, controls: true, share_fields: false, shard: None };
+    let request = Request {
+        command: "eval",
+        methods: &methods,
+        controls: true,
+        share_fields: false,
+        shard: None,
+        several: CaptureArgs { grid: None, withhold: args.withhold },
+        pixels: PixelArgs::default(),
+    };
     let setup = Setup::open(&args.common, request)?;
     let (entries, failures) = setup.run(&mut progress)?;
     let scenes: Vec<_> = entries

@@ -11,9 +11,17 @@ use anyhow::Result;
 pub(super) fn run(args: &EvalArgs) -> Result<()> {
     let mut progress = Progress::new(&args.common.run);
     use_threads(&args.common.run)?;
-    let methods = Method::parse_list(&args.methods, args.preset.into(), args.seed)?;
+    let methods = Method::parse_list(&args.methods, args.seed)?;
     let shard = args.shard;
-    let request = Request { command: "eval", methods: &methods, controls: true, share_fields: false, shard };
+    let request = Request {
+        command: "eval",
+        methods: &methods,
+        controls: true,
+        share_fields: false,
+        shard,
+        several: args.several.clone(),
+        pixels: args.pixels,
+    };
     let setup = Setup::open(&args.common, request)?;
     let (entries, failures) = setup.run(&mut progress)?;
     if shard.is_some() {

@@ -376,7 +376,7 @@ impl<'t> Tally<'t> {
     }
 }
 
-/// Number of scenes to run at once: 1 by default, at most the number of scenes and of threads.
-pub(crate) fn jobs(requested: Option<usize>, scenes: usize) -> usize {
-    requested.unwrap_or(1).min(scenes).min(rayon::current_num_threads()).max(1)
+/// Number of scenes to run at once: at most the number of scenes and of threads.
+pub(crate) fn jobs(requested: usize, scenes: usize) -> usize {
+    requested.min(scenes).min(rayon::current_num_threads()).max(1)
 }

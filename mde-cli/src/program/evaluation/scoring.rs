@@ -1,6 +1,6 @@
 //! Scores of the methods of a scene and of their controls.
 
-use crate::program::args::ScoreArgs;
+use crate::program::args::{AlignmentName, CropName, PixelArgs};
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::runner::SceneResult;
 use crate::program::evaluation::store::Entry as Kept;
@@ -47,16 +47,16 @@ struct Scored {
 }
 
 impl Scoring {
-    pub(crate) fn new(args: &ScoreArgs, controls: bool) -> Self {
+    pub(crate) fn new(alignment: AlignmentName, pixels: PixelArgs, controls: bool) -> Self {
         let plain = ScoreConfig::default();
         let config = ScoreConfig {
-            min_depth: args.min_depth.unwrap_or(plain.min_depth),
-            max_depth: args.max_depth.unwrap_or(plain.max_depth),
-            crop: args.eigen_crop.then_some(EIGEN_CROP),
-            alignment: args.alignment.into(),
+            max_depth: pixels.max_depth.unwrap_or(plain.max_depth),
+            crop: pixels.crop.map(|CropName::Eigen| EIGEN_CROP),
+            alignment: alignment.into(),
             ..plain
         };
-        Self { config, own_range: args.max_depth.is_some(), shared: args.shared_alignment, controls }
+        let shared = alignment == AlignmentName::Prior;
+        Self { config, own_range: pixels.max_depth.is_some(), shared, controls }
     }
 
     /// Describes the alignment and the scored pixels, for the tables.

@@ -1,6 +1,6 @@
 //! The common part of `mde eval`, `mde ablate` and `mde calibrate`: opens the inputs, runs the methods, collects the scores.
 
-use crate::program::args::EvaluationArgs;
+use crate::program::args::{CaptureArgs, EvaluationArgs, PixelArgs};
 use crate::program::evaluation::method::Method;
 use crate::program::evaluation::results::Results;
 use crate::program::evaluation::runner;
@@ -31,6 +31,8 @@ pub(crate) struct Request<'a> {
     pub(crate) share_fields: bool,
     /// Only this part of the scenes.
     pub(crate) shard: Option<Shard>,
+    pub(crate) several: CaptureArgs,
+    pub(crate) pixels: PixelArgs,
 }
 
 /// An evaluation with its inputs opened.
@@ -51,7 +53,7 @@ pub(crate) struct Setup<'a> {
 impl<'a> Setup<'a> {
     /// Opens the inputs. A run that would need too much memory is refused before anything is written.
     pub(crate) fn open(args: &'a EvaluationArgs, request: Request<'a>) -> Result<Self> {
-        let source = Source::open(&args.root, &args.data)?;
+        let source = Source::open(args.root.as_deref(), &args.data, &request.several)?;
         let mut scenes = choose(&*source.data, &args.data.scenes, args.data.limit)?;
         let all = scenes.len();
         if let Some(shard) = &request.shard {
@@ -70,7 +72,7 @@ impl<'a> Setup<'a> {
         }
         let prior = PriorPlan::new(&args.prior, source.kind)?;
         let prior_settings = prior.describe();
-        let scoring = Scoring::new(&args.score, request.controls);
+        let scoring = Scoring::new(args.alignment.alignment, request.pixels, request.controls);
         let basis = json!({ "command": request.command, "data": source.describe() });
         let name = args.root.clone().unwrap_or_else(|| source.kind.name().into());
         let output = args.run.output(&name, &format!("-{}", request.command));
@@ -94,8 +96,8 @@ impl<'a> Setup<'a> {
             store: &self.store,
             limit: limit(self.args, self.memory, &self.scenes),
             share_fields: self.request.share_fields,
-            without_poses: self.args.data.without_poses,
-            assumed_fov: self.args.data.without_intrinsics.then_some(self.args.data.assume_fov),
+            without_poses: self.source.withheld.is_some(),
+            assumed_fov: self.source.assumed_fov(),
         };
         let (entries, failures) =
             runner::run(&plan, progress, &|scene| self.scoring.scene(scene, &self.store))?;
@@ -163,7 +165,7 @@ impl<'a> Setup<'a> {
 }
 
 fn limit(args: &EvaluationArgs, memory: SceneMemory, scenes: &[usize]) -> SceneLimit {
-    let jobs = runner::jobs(args.many.jobs.map(usize::from), scenes.len());
+    let jobs = runner::jobs(args.jobs.into(), scenes.len());
     SceneLimit { limit: settings::limit(&args.memory), memory, jobs }
 }
 

@@ -80,7 +80,7 @@ pub(crate) fn settings_of(args: &RefineArgs, refiner: &Refiner<'_>) -> Result<St
     let intrinsics = camera.intrinsics.as_ref().map(content).transpose()?;
     Ok(json!({
         "versions": versions(), "refiner": refiner.identity()?, "output": format!("{:?}", args.export.export),
-        "camera": (intrinsics, camera.fx, camera.fy, camera.cx, camera.cy, camera.fov), "same_scale": args.several.same_scale,
+        "camera": (intrinsics, camera.fx, camera.cx, camera.cy, camera.fov), "same_scale": args.several.same_scale,
     })
     .to_string())
 }
