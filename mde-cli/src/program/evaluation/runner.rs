@@ -7,7 +7,7 @@ use crate::program::evaluation::fields::FieldMemory;
 use crate::program::evaluation::method::{Interruptible, Method, MethodScene, PRIOR};
 use crate::program::evaluation::scenes::{PriorPlan, fingerprint};
 use crate::program::evaluation::setup::SceneLimit;
-use crate::program::evaluation::store::{Entry, Found, Record, Store};
+use crate::program::evaluation::store::{Found, Kept, Store};
 use crate::program::interrupt;
 use crate::program::progress::Progress;
 use crate::refiner::{Refiner, Settings};
@@ -55,7 +55,7 @@ pub(crate) struct Plan<'p> {
 /// A scene with the results of the methods that did not fail.
 pub(crate) struct SceneResult<'r> {
     pub(crate) sample: &'r Sample,
-    pub(crate) entries: Vec<(&'r Method, Entry)>,
+    pub(crate) entries: Vec<(&'r Method, Kept)>,
 }
 
 /// An error of a scene or of one of its methods.
@@ -171,7 +171,7 @@ impl Shared<'_> {
             .collect();
         let memory = self.plan.share_fields.then(FieldMemory::default);
         let own = self.plan.prior.made_from(&self.plan.prior_settings, &sample.id)?;
-        let mut entries: Vec<(&Method, Entry)> = Vec::new();
+        let mut entries: Vec<(&Method, Kept)> = Vec::new();
         for method in self.plan.methods {
             let first = entries.first().map(|(_, prior)| &prior.refined.depth);
             // The prior that is made here depends on the seed.
@@ -262,7 +262,7 @@ impl Shared<'_> {
         method: &Method,
         made_from: Value,
         run: impl FnOnce() -> Result<Refined>,
-    ) -> Result<Entry> {
+    ) -> Result<Kept> {
         match self.plan.store.find(&sample.id, &method.name, &made_from)? {
             Found::Done(entry) => {
                 lock(&self.tally).skip(&method.name);
@@ -280,9 +280,7 @@ impl Shared<'_> {
             bail!("{}: its map differs in size from the image", method.name);
         }
         let seconds = start.elapsed().as_secs_f64();
-        let record =
-            Record { made_from, seconds, report: refined.report.clone(), checksums: BTreeMap::new() };
-        let entry = Entry { refined, record };
+        let entry = Kept { refined, made_from, seconds };
         self.plan.store.keep(&sample.id, &method.name, &entry)?;
         lock(&self.tally).done(&sample.id, &method.name, seconds);
         Ok(entry)

@@ -3,8 +3,7 @@
 use crate::program::args::{AlignmentName, CropName, PixelArgs};
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::runner::SceneResult;
-use crate::program::evaluation::store::Entry as Kept;
-use crate::program::evaluation::store::Store;
+use crate::program::evaluation::store::{Kept, Store};
 use anyhow::{Context, Result};
 use mde_eval::align::Alignment;
 use mde_eval::baseline::Unsharp;
@@ -90,7 +89,7 @@ impl Scoring {
         let mut entries = Vec::new();
         for (method, kept) in &result.entries {
             let made_from = json!({
-                "maps": kept.record.made_from, "prior": prior.record.made_from, "truth": truth, "config": config,
+                "maps": kept.made_from, "prior": prior.made_from, "truth": truth, "config": config,
                 "shared": self.shared, "controls": self.controls, "version": env!("CARGO_PKG_VERSION"), "definitions": DEFINITIONS,
             });
             let id = &result.sample.id;
@@ -144,7 +143,7 @@ impl<'a> Against<'a> {
     fn method(&self, method: &Method, kept: &Kept, controls: bool) -> Result<Vec<Entry>> {
         let (depth, sigma) = (kept.refined.depth.view(), kept.refined.sigma.as_ref());
         let mut own = self.entry(depth, sigma, &method.label)?;
-        own.set("seconds", kept.record.seconds);
+        own.set("seconds", kept.seconds);
         let mut entries = vec![own];
         if controls && method.is_loop() {
             entries.push(self.unsharp(depth, &method.label)?);
