@@ -1,7 +1,7 @@
 //! `mde ablate`.
 
 use crate::config::{Config, Preset};
-use crate::program::args::{AblateArgs, CaptureArgs, PixelArgs};
+use crate::program::args::AblateArgs;
 use crate::program::evaluation::ablation::FULL;
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::results::Results;
@@ -18,15 +18,7 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
     let mut progress = Progress::new(&args.common.run);
     use_threads(&args.common.run)?;
     let methods = methods(args)?;
-    let request = Request {
-        command: "ablate",
-        methods: &methods,
-        controls: false,
-        share_fields: true,
-        shard: None,
-        several: CaptureArgs::default(),
-        pixels: PixelArgs::default(),
-    };
+    let request = Request { controls: false, share_fields: true, ..Request::new("ablate", &methods) };
     let setup = Setup::open(&args.common, request)?;
     let (mut entries, failures) = setup.run(&mut progress)?;
     // Rows share fields, so their seconds would mislead.
@@ -44,7 +36,8 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
     results.record["seeds"] = json!(args.seeds);
     results.record["preset"] = json!(Preset::from(args.preset).name());
     results.record["config"] = json!(base(args)?);
-    results::finish(results, setup.folder(), &mut progress).inspect_err(|_| setup.discard_if_empty())
+    results::finish(results, setup.store.root(), &mut progress)
+        .inspect_err(|_| setup.store.discard_if_empty())
 }
 
 fn base(args: &AblateArgs) -> Result<Config> {

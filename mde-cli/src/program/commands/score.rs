@@ -43,7 +43,7 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
     }
     let wanted = |pair: &&MapPair| args.scenes.is_empty() || args.scenes.contains(&pair.id);
     let chosen: Vec<&MapPair> = pairs.pairs().iter().filter(wanted).collect();
-    let store = Store::open(&args.run.output(pred, "-score"), &basis, args.run.force)?;
+    let store = Store::open(&args.run.output(pred, "-score"), &basis, args.run.force, false)?;
     let (mut entries, mut failures) = (Vec::new(), Vec::new());
     for (index, pair) in chosen.iter().enumerate() {
         if interrupt::requested() {

@@ -18,7 +18,6 @@ use mde_eval::table::Entry;
 use mde_prior::DisparityRule;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::path::Path;
 
 /// The methods of a command and how they are scored.
 pub(crate) struct Request<'a> {
@@ -35,19 +34,27 @@ pub(crate) struct Request<'a> {
     pub(crate) pixels: PixelArgs,
 }
 
+impl<'a> Request<'a> {
+    /// Of one photograph a scene, scored with the controls.
+    pub(crate) fn new(command: &'a str, methods: &'a [Method]) -> Self {
+        let (several, pixels) = (CaptureArgs::default(), PixelArgs::default());
+        Self { command, methods, controls: true, share_fields: false, shard: None, several, pixels }
+    }
+}
+
 /// An evaluation with its inputs opened.
 pub(crate) struct Setup<'a> {
     args: &'a EvaluationArgs,
     request: Request<'a>,
     memory: SceneMemory,
-    source: Source,
-    scenes: Vec<usize>,
+    pub(crate) source: Source,
+    pub(crate) scenes: Vec<usize>,
     /// Number of the scenes of all shards.
-    all: usize,
-    prior: PriorPlan,
+    pub(crate) all: usize,
+    pub(crate) prior: PriorPlan,
     prior_settings: Value,
-    scoring: Scoring,
-    store: Store,
+    pub(crate) scoring: Scoring,
+    pub(crate) store: Store,
 }
 
 impl<'a> Setup<'a> {
@@ -76,10 +83,7 @@ impl<'a> Setup<'a> {
         let basis = json!({ "command": request.command, "data": source.describe() });
         let name = args.root.clone().unwrap_or_else(|| source.kind.name().into());
         let output = args.run.output(&name, &format!("-{}", request.command));
-        let store = match request.shard {
-            Some(_) => Store::open_shared(&output, &basis)?,
-            None => Store::open(&output, &basis, args.run.force)?,
-        };
+        let store = Store::open(&output, &basis, args.run.force, request.shard.is_some())?;
         Ok(Self { args, request, memory, source, scenes, all, prior, prior_settings, scoring, store })
     }
 
@@ -126,41 +130,6 @@ impl<'a> Setup<'a> {
             record: json!({ "data": self.source.describe(), "root": self.args.root.as_ref().map(|root| root.display().to_string()), "prior": self.prior_settings,
                             "score": self.scoring.config }),
         }
-    }
-
-    /// Number of the scenes of this part, and of all shards.
-    pub(crate) fn scenes(&self) -> [usize; 2] {
-        [self.scenes.len(), self.all]
-    }
-
-    /// The data, the prior and the alignment, in words.
-    pub(crate) fn titles(&self) -> [String; 3] {
-        [self.source.title(), self.prior.title(), self.scoring.alignment_note()]
-    }
-
-    /// Whether the prior is a model that accepts new images.
-    pub(crate) fn accepts_new_images(&self) -> bool {
-        self.prior.accepts_new_images()
-    }
-
-    /// Whether the prior's maps are in metres.
-    pub(crate) fn is_metric(&self) -> bool {
-        self.prior.is_metric()
-    }
-
-    /// Identifies the model's file, where there is one.
-    pub(crate) fn model_hash(&self) -> Option<String> {
-        self.prior.model_hash()
-    }
-
-    /// Removes the folder if it has no results.
-    pub(crate) fn discard_if_empty(&self) {
-        self.store.discard_if_empty();
-    }
-
-    /// The folder of the results.
-    pub(crate) fn folder(&self) -> &Path {
-        self.store.root()
     }
 }
 

@@ -68,17 +68,9 @@ pub(crate) enum Found {
 }
 
 impl Store {
-    /// Opens the evaluation of `basis` in `root`, or starts it; `force` discards an earlier one.
-    pub(crate) fn open(root: &Path, basis: &Value, force: bool) -> Result<Self> {
-        Self::opened(root, basis, force, false)
-    }
-
-    /// The same for a shard, beside which others write into the folder.
-    pub(crate) fn open_shared(root: &Path, basis: &Value) -> Result<Self> {
-        Self::opened(root, basis, false, true)
-    }
-
-    fn opened(root: &Path, basis: &Value, force: bool, shared: bool) -> Result<Self> {
+    /// Opens the evaluation of `basis` in `root`, or starts it; `force` discards an earlier one. Beside a `shared` one, other shards write
+    /// into the folder.
+    pub(crate) fn open(root: &Path, basis: &Value, force: bool, shared: bool) -> Result<Self> {
         let shown = root.display();
         let path = root.join(BASIS);
         if root.exists() {
@@ -312,7 +304,7 @@ mod tests {
     #[test]
     fn a_stored_result_is_found_and_one_of_other_inputs_is_stale() {
         let place = tempfile::tempdir().unwrap();
-        let store = Store::open(&place.path().join("e"), &json!({ "size": "native" }), false).unwrap();
+        let store = Store::open(&place.path().join("e"), &json!({ "size": "native" }), false, false).unwrap();
         let made_from = json!({ "config": { "seed": 1 } });
         assert!(matches!(store.find("a/b", "paper", &made_from).unwrap(), Found::Nothing));
         store.keep("a/b", "paper", &entry(made_from.clone())).unwrap();
@@ -336,16 +328,16 @@ mod tests {
     fn another_evaluation_is_refused_and_force_starts_over() {
         let place = tempfile::tempdir().unwrap();
         let root = place.path().join("e");
-        let store = Store::open(&root, &json!({ "size": "native" }), false).unwrap();
+        let store = Store::open(&root, &json!({ "size": "native" }), false, false).unwrap();
         store.keep("a", "paper", &entry(Value::Null)).unwrap();
         drop(store);
         let other = json!({ "size": [640, 480] });
-        let refused = Store::open(&root, &other, false).unwrap_err().to_string();
+        let refused = Store::open(&root, &other, false, false).unwrap_err().to_string();
         assert!(refused.contains("size: \"native\" -> [640,480]"), "{refused}");
-        let store = Store::open(&root, &other, true).unwrap();
+        let store = Store::open(&root, &other, true, false).unwrap();
         assert!(matches!(store.find("a", "paper", &Value::Null).unwrap(), Found::Nothing));
         fs::write(place.path().join("x"), "").unwrap();
-        assert!(Store::open(place.path(), &other, true).is_err());
+        assert!(Store::open(place.path(), &other, true, false).is_err());
     }
 
     /// As after a kill at any moment: before the first file is in place, and beside finished results.
@@ -356,7 +348,7 @@ mod tests {
         fs::create_dir(&root).unwrap();
         fs::write(root.join(".mde-AbCdEf"), "{ \"si").unwrap();
         let basis = json!({ "size": "native" });
-        let store = Store::open(&root, &basis, false).unwrap();
+        let store = Store::open(&root, &basis, false, false).unwrap();
         assert!(!root.join(".mde-AbCdEf").exists());
         store.keep("a", "paper", &entry(Value::Null)).unwrap();
         let left =
@@ -364,12 +356,12 @@ mod tests {
         left.iter().for_each(|path| fs::write(path, "x").unwrap());
         fs::create_dir(root.join("scenes/a/.mde-folder")).unwrap();
         drop(store);
-        let store = Store::open(&root, &basis, false).unwrap();
+        let store = Store::open(&root, &basis, false, false).unwrap();
         assert!(left.iter().all(|path| !path.exists()) && !root.join("scenes/a/.mde-folder").exists());
         assert!(matches!(store.find("a", "paper", &Value::Null).unwrap(), Found::Done(_)));
         // Someone else's file is not ours to remove.
         fs::write(place.path().join("x"), "").unwrap();
-        assert!(Store::open(place.path(), &basis, false).is_err());
+        assert!(Store::open(place.path(), &basis, false, false).is_err());
     }
 
     #[test]
