@@ -54,11 +54,7 @@ pub fn refine(
     config.validate()?;
     let mut run = Run { image, camera, config, callback };
     let Start { prior, depth: anchor, mut components, certainty, report: augmentation } =
-<<<<<<< HEAD
-        run.predict(stages.prior, stages.limits)?;
-=======
-        run.start(stages.prior, stages.at_once)?;
->>>>>>> x-cutprior
+        run.predict(stages.prior, stages.at_once)?;
     check_prior(prior.view(), image)?;
     if !config.refinement.fits_a_field() {
         let share = augmentation.common_error.unwrap_or(config.fusion.common_error);
@@ -122,22 +118,14 @@ impl Run<'_, '_> {
     }
 
     /// The prior's stage.
-<<<<<<< HEAD
-    fn predict(&mut self, model: &dyn DepthPrior, limits: Limits) -> Result<Start> {
-=======
-    fn start(&mut self, model: &dyn DepthPrior, at_once: Option<usize>) -> Result<Start> {
->>>>>>> x-cutprior
+    fn predict(&mut self, model: &dyn DepthPrior, at_once: Option<usize>) -> Result<Start> {
         let begin = self.begin(Stage::Prior, 0)?;
         let (callback, iterations) = (&mut *self.callback, self.config.refinement.iterations);
         let mut listen = |progress| match progress {
             Progress::Predicted { done, total } => callback(&Event::Predicted { done, total }),
             Progress::Merging => callback(&Event::Begin { stage: Stage::Merge, iteration: 0, iterations }),
         };
-<<<<<<< HEAD
-        let mut start = predict(model, self.image, self.config, limits, &mut listen)?;
-=======
-        let mut start = start(model, self.image, self.config, at_once, &mut listen)?;
->>>>>>> x-cutprior
+        let mut start = predict(model, self.image, self.config, at_once, &mut listen)?;
         start.report.seconds = begin.elapsed().as_secs_f64();
         Ok(start)
     }

@@ -1,11 +1,11 @@
 //! `mde poses`: the poses of photographs.
 
 use crate::config::Preset;
-use crate::program::args::{ErrorBarArgs, PosesArgs, SettingsArgs};
+use crate::program::args::{PosesArgs, PresetArgs};
 use crate::program::open::prior;
 use crate::program::open::relative::relative;
 use crate::program::open::scene::{size, unique, unposed};
-use crate::program::open::settings::{settings, use_threads};
+use crate::program::open::settings::{longest, settings, use_threads};
 use crate::program::progress::Progress;
 use crate::program::store::folder::check_new_file;
 use crate::program::terminal::line_of;
@@ -18,18 +18,16 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 
 /// Longer side of the photographs, pixels, without `--max-size`: features are plenty, and matching stays fast.
-const LONGER_SIDE: u32 = 1024;
+const LONGER_SIDE: usize = 1024;
 
 pub(super) fn run(args: &PosesArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let target = &args.run.output.clone().unwrap_or_else(|| "transforms.json".into());
     check_new_file("-o", target, args.run.force)?;
-    let mut sizes = args.size.clone();
-    sizes.max_size = sizes.max_size.or(Some(LONGER_SIDE));
-    let usual = SettingsArgs::default();
     let prior = prior::open(&args.prior)?;
-    let settings = settings(&usual, &sizes, &ErrorBarArgs::default(), Preset::MultiView)?;
+    let mut settings = settings(&PresetArgs::default(), &args.size.memory, Preset::MultiView)?;
+    settings.sizes.longest = longest(&args.size).or(Some(LONGER_SIDE));
     let refiner = Refiner::new(&prior, settings)?;
     let paths = unique("PHOTO", &args.photographs, |_| false)?;
     ensure!(
