@@ -47,18 +47,18 @@ impl OutputFolder {
         let Ok(found) = fs::symlink_metadata(&self.target) else { return Ok(()) };
         ensure!(found.is_dir(), "{path}: exists and is not a folder; give another name to -o");
         ensure!(self.force, "{path}: the folder exists; give another name to -o, or --force to replace it");
-        let found = files_in(&self.target).with_context(|| path.to_string())?;
-        if found.is_empty() && fs::read_dir(&self.target).with_context(|| path.to_string())?.next().is_none()
-        {
+        if fs::read_dir(&self.target).with_context(|| path.to_string())?.next().is_none() {
             return Ok(());
         }
-        let written = written(&self.target).with_context(|| {
-            format!(
-                "{path}: not replaced, as it holds no {RECORD} of an earlier run; give another name to -o"
-            )
-        })?;
+        let Ok(written) = written(&self.target) else {
+            bail!("{path}: not replaced, as it holds no {RECORD} of an earlier run; give another name to -o");
+        };
+        let found = files_in(&self.target).with_context(|| path.to_string())?;
         if let Some(foreign) = found.iter().find(|name| !written.contains(name)) {
-            bail!("{path}: not replaced, as no run wrote its {}; move that away, or give another name to -o");
+            let foreign = foreign.display();
+            bail!(
+                "{path}: not replaced, as no run wrote its {foreign}; move that away, or give another name to -o"
+            );
         }
         Ok(())
     }
