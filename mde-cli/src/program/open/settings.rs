@@ -29,7 +29,7 @@ pub(crate) fn overridden(preset: Preset, over: &[String]) -> Result<Config> {
 
 /// What a refiner is set to by a preset and settings over it; `usual` is the preset where none is named.
 pub(crate) fn settings(args: &PresetArgs, memory: &MemoryArgs, usual: Preset) -> Result<Settings> {
-    let preset = args.preset.map_or(usual, Preset::from);
+    let preset = args.preset.unwrap_or(usual);
     let config = overridden(preset, &args.config)?;
     Ok(Settings { config, memory: limit(memory), ..Settings::new(preset) })
 }
@@ -56,7 +56,7 @@ pub(crate) fn of_refine(args: &RefineArgs) -> Result<Settings> {
     if let Some(most) = args.several.max_views {
         settings.config.multi_view.max_views = most.into();
     }
-    settings.unit = args.several.unit.into();
+    settings.unit = args.several.unit;
     settings.keep_field = args.export.export.contains(&Format::Field);
     Ok(settings)
 }
