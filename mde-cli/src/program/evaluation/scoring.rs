@@ -144,7 +144,7 @@ impl<'a> Against<'a> {
         let mut own = self.entry(depth, sigma, &method.label)?;
         own.set("seconds", kept.seconds);
         let mut entries = vec![own];
-        if controls && method.is_loop() {
+        if controls && method.config().is_some() {
             entries.push(self.unsharp(depth, &method.label)?);
         }
         if controls && (method.name == PRIOR || sigma.is_some()) {
