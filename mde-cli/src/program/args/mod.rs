@@ -168,10 +168,6 @@ pub(crate) struct RefineArgs {
     pub(crate) settings: SettingsArgs,
     #[command(flatten)]
     pub(crate) size: SizeArgs,
-    /// Refine a larger photograph at this many million pixels. The maps of one photograph are brought back to its own size, with its
-    /// edges; those of several are not
-    #[arg(long, help_heading = "Advanced", value_name = "MEGAPIXELS", default_value_t = Sizes::default().megapixels, value_parser = positive)]
-    pub(crate) work_size: f64,
     #[command(flatten)]
     pub(crate) truth: TruthArgs,
     #[command(flatten)]
@@ -317,13 +313,17 @@ pub(crate) struct CameraArgs {
     pub(crate) fov: Option<f64>,
 }
 
-/// The size of the results.
+/// The sizes of the results and of the refinement.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Size")]
 pub(crate) struct SizeArgs {
     /// Resize the image, its prior, camera and truth to this longer side
     #[arg(long, help_heading = "Advanced", value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..))]
     pub(crate) max_size: Option<u32>,
+    /// Refine a larger photograph at this many million pixels. The maps of one photograph are brought back to its own size, with its
+    /// edges; those of several are not
+    #[arg(long, help_heading = "Advanced", value_name = "MEGAPIXELS", default_value_t = Sizes::default().megapixels, value_parser = positive)]
+    pub(crate) work_size: f64,
     #[command(flatten)]
     pub(crate) memory: MemoryArgs,
 }

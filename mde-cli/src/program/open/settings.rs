@@ -52,7 +52,7 @@ pub(crate) fn all_settings(
 pub(crate) fn of_refine(args: &RefineArgs) -> Result<Settings> {
     let usual = if args.several.views.is_empty() { Preset::Default } else { Preset::MultiView };
     let mut settings = all_settings(&args.settings, &args.error_bar, &args.size.memory, usual)?;
-    settings.sizes = Sizes { longest: longest(&args.size), megapixels: args.work_size };
+    settings.sizes = sizes(&args.size);
     if let Some(most) = args.several.max_views {
         settings.config.multi_view.max_views = most.into();
     }
@@ -61,9 +61,8 @@ pub(crate) fn of_refine(args: &RefineArgs) -> Result<Settings> {
     Ok(settings)
 }
 
-/// The longer side of the results.
-pub(crate) fn longest(size: &SizeArgs) -> Option<usize> {
-    size.max_size.map(|pixels| pixels as usize)
+pub(crate) fn sizes(args: &SizeArgs) -> Sizes {
+    Sizes { longest: args.max_size.map(|pixels| pixels as usize), megapixels: args.work_size }
 }
 
 pub(crate) fn limit(args: &MemoryArgs) -> MemoryLimit {
