@@ -2,7 +2,6 @@
 
 use crate::error::raise;
 use crate::worker::{Link, pool};
-use mde_cli::mde_prior::format::Encoding;
 use mde_cli::mde_prior::{DepthKind, DepthPrior, FilePrior, PriorDepth, Result, Runtime, find_onnxruntime};
 use mde_cli::prior::OpenPrior;
 use mde_cli::prior::files::{MapFile, NetworkFormat, open_network, read_options};
@@ -70,7 +69,7 @@ impl Prior {
     #[pyo3(signature = (path, kind, png_scale))]
     fn file(path: PathBuf, kind: Option<&str>, png_scale: Option<f64>) -> PyResult<Self> {
         let kind = kind.map(named).transpose()?;
-        let options = read_options("png_scale", png_scale, Encoding::Linear).map_err(raise)?;
+        let options = read_options("png_scale", png_scale).map_err(raise)?;
         Ok(Self(Source::Open(OpenPrior::map(MapFile::open(&path, kind, options).map_err(raise)?))))
     }
 

@@ -108,6 +108,8 @@ pub struct Settings {
     pub unit: Unit,
     /// Whether the fitted field is a part of the result.
     pub keep_field: bool,
+    /// Whether files for other programs are made of the result, which takes memory.
+    pub exports: bool,
 }
 
 impl Settings {
@@ -121,6 +123,7 @@ impl Settings {
             error_bar: ErrorBar::default(),
             unit: Unit::Prior,
             keep_field: false,
+            exports: false,
         }
     }
 }
@@ -199,6 +202,9 @@ impl<'p> Refiner<'p> {
                 (memory, bytes(pixels))
             }
         };
+        let results = full.0 as u64 * full.1 as u64;
+        let interval = self.settings.error_bar.probability().is_some();
+        let memory = memory.with_results(results, self.settings.exports, interval);
         let parallel_predictions = memory.predictions_at_once(limit, name, at)?;
         let bytes = memory.bytes(pixels, parallel_predictions as u64).max(swept);
         Ok(Plan { bytes, shared: memory.shared(), parallel_predictions })

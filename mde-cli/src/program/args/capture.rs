@@ -1,8 +1,8 @@
 //! Several photographs: arguments of `mde refine --views` and `mde poses`.
 
 use crate::program::args::choice::{UNITS, choice};
+use crate::program::args::shard::Shard;
 use crate::program::args::{CameraArgs, PriorArgs, RunArgs, SizeArgs};
-use crate::program::many::Shard;
 use crate::refiner::finish::Unit;
 use clap::Args;
 use std::path::PathBuf;

@@ -2,8 +2,8 @@
 
 use crate::config::Preset;
 use crate::program::args::choice::{ALIGNMENTS, PRESETS, choice};
+use crate::program::args::shard::Shard;
 use crate::program::args::{MemoryArgs, NetworkArgs, RunArgs, size};
-use crate::program::many::Shard;
 use clap::{Args, ValueEnum};
 use mde_eval::align::AlignmentRule;
 use mde_eval::data::{CaptureGrid, DataSetKind, SunDepth};

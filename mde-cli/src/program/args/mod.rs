@@ -5,6 +5,7 @@ mod choice;
 mod evaluation;
 mod output;
 mod prior;
+pub(crate) mod shard;
 mod tools;
 
 pub(crate) use capture::{PosesArgs, SeveralArgs};

@@ -1,5 +1,6 @@
 //! The common part of `mde eval`, `mde ablate` and `mde calibrate`: opens the inputs, runs the methods, collects the scores.
 
+use crate::program::args::shard::Shard;
 use crate::program::args::{CaptureArgs, EvaluationArgs, PixelArgs};
 use crate::program::evaluation::method::Method;
 use crate::program::evaluation::results::Results;
@@ -8,7 +9,6 @@ use crate::program::evaluation::runner::{Failure, Plan};
 use crate::program::evaluation::scenes::{PriorPlan, Source, choose};
 use crate::program::evaluation::scoring::Scoring;
 use crate::program::evaluation::store::Store;
-use crate::program::many::Shard;
 use crate::program::open::settings;
 use crate::program::progress::Progress;
 use crate::refiner::plan::SceneMemory;

@@ -1,7 +1,9 @@
 //! The folder of an evaluation: one folder per scene and method, each written atomically.
 
 use crate::program::provenance::write_json;
+use crate::program::report::PICTURE;
 use crate::program::store::entry::Entry;
+use crate::program::store::folder::file_name;
 use crate::program::store::folder::temporary_folder;
 use crate::program::store::lock;
 use crate::program::store::lock::Lock;
@@ -23,15 +25,10 @@ const RECORD: &str = "method.json";
 const DEPTH: &str = "depth.npy";
 const SIGMA: &str = "sigma.npy";
 const SCORES: &str = "scores.json";
-/// A reduced image of the scene, for the report.
-pub(crate) const PICTURE: &str = "picture.png";
 /// Longest side of the reduced image, pixels.
 const PICTURE_SIDE: usize = 320;
 /// Prefix of unfinished files and folders.
 const TEMPORARY: &str = ".mde-";
-
-/// Most bytes of a name, with room for the prefix and the extension of a temporary file.
-const LONGEST_NAME: usize = 200;
 
 /// An evaluation on disk. No other process opens it until this is dropped, but for shards.
 #[derive(Debug)]
@@ -263,27 +260,6 @@ fn difference(old: &Value, new: &Value) -> Option<String> {
         (old, new) if old == new => None,
         (old, new) => Some(format!(": {old} -> {new}")),
     }
-}
-
-/// A file name that every file system accepts; different texts have different names.
-pub(crate) fn file_name(text: &str) -> String {
-    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
-    let mut name = String::new();
-    for (index, byte) in text.bytes().enumerate() {
-        if plain(byte) && !(index == 0 && byte == b'.') {
-            name.push(char::from(byte));
-        } else if byte == b'/' {
-            name.push('+');
-        } else {
-            name.push_str(&format!("%{byte:02x}"));
-        }
-    }
-    if name.len() > LONGEST_NAME {
-        // Ends in the checksum of the whole text.
-        name.truncate(LONGEST_NAME - 9);
-        name += &format!("~{:08x}", crc32fast::hash(text.as_bytes()));
-    }
-    name
 }
 
 fn is_temporary(entry: &fs::DirEntry) -> bool {

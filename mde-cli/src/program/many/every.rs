@@ -14,7 +14,7 @@ use crate::program::job::Job;
 use crate::program::many::item::finished;
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
-use crate::program::report::photographs_page;
+use crate::program::report::{INDEX, every_page};
 use crate::program::store::entry::Entry;
 use crate::program::store::folder::{ENTRY, NewFolder, OutputFolder, RECORD, check_place, remove_unfinished};
 use crate::program::store::lock::Lock;
@@ -33,8 +33,6 @@ use std::fs;
 use std::path::Path;
 use std::time::Instant;
 
-/// The page of all photographs.
-pub(crate) const INDEX: &str = "index.html";
 /// Files of all photographs, the record last.
 const OF_ALL: [&str; 4] = [CLOUD, TRANSFORMS, INDEX, RECORD];
 
@@ -222,11 +220,6 @@ impl Placed {
         let image = scene.photographs[self.photograph].image.view();
         Ok(Solid { folder, image, camera: self.camera, pose: self.pose, depth, sigma, png_scale })
     }
-}
-
-/// The page of all photographs.
-pub(crate) fn every_page(rows: &[PhotographRow]) -> String {
-    photographs_page(rows, rows.len(), "preview.png", &[CLOUD, TRANSFORMS, RECORD])
 }
 
 fn percent(share: Option<f64>) -> String {

@@ -7,7 +7,7 @@ use crate::output::record::versions;
 use crate::program::args::RefineArgs;
 use crate::program::error::message;
 use crate::program::job::Job;
-use crate::program::many::allowance::{Allowance, Taken};
+use crate::program::open::photographs::content;
 use crate::program::open::scene;
 use crate::program::progress::Progress;
 use crate::program::store::entry::Entry;
@@ -15,7 +15,7 @@ use crate::program::store::folder::{ENTRY, OutputFolder};
 use crate::refiner::{Plan, Refined, Refiner};
 use crate::scene::size::resized;
 use crate::scene::{Photograph, SameScale, Scene};
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use mde_prior::photo::{decode_image, write_rgb_png};
 use mde_prior::{FileKind, open};
 use ndarray::{Array3, ArrayView3, Axis, concatenate};
@@ -41,7 +41,6 @@ pub(crate) struct Common<'c> {
     pub(crate) args: &'c RefineArgs,
     pub(crate) output: &'c Path,
     pub(crate) job: Job<'c>,
-    pub(crate) allowance: Allowance,
     /// Everything but the photograph that the results depend on.
     pub(crate) settings: String,
 }
@@ -61,12 +60,6 @@ pub(crate) fn settings_of(args: &RefineArgs, refiner: &Refiner<'_>) -> Result<St
     .to_string())
 }
 
-/// The bytes of a photograph.
-pub(crate) fn content(path: &Path) -> Result<Vec<u8>> {
-    ensure!(path.exists(), "no such photograph; check the path");
-    open::read(path, FileKind::Photograph).context("can't be read; give a photograph's file")
-}
-
 impl Common<'_> {
     /// Refines a photograph, unless its folder is finished. What fails is in the row.
     pub(crate) fn one(&self, item: &Item) -> PhotographRow {
@@ -74,12 +67,25 @@ impl Common<'_> {
         made.unwrap_or_else(|error| PhotographRow::failed(&item.path.display().to_string(), &message(&error)))
     }
 
-    /// The plan of a photograph, and its memory once that is free.
-    pub(super) fn take(&self, item: &Item) -> Result<(Taken<'_>, Plan)> {
-        // By the header alone; what has no header fails when it is decoded.
+    /// The plan of a photograph, by its header alone; what has no header fails when it is decoded.
+    fn plan(&self, item: &Item) -> Result<Plan> {
         let size = scene::size(&item.path).unwrap_or_default();
-        let plan = self.job.refiner.plan(&item.path.display().to_string(), size, 1)?;
-        Ok((self.allowance.take(plan.bytes - plan.shared), plan))
+        Ok(self.job.refiner.plan(&item.path.display().to_string(), size, 1)?)
+    }
+
+    /// How many photographs run side by side, at most one more than processors: while one is decoded or written, the others keep the
+    /// processors busy. Each thread keeps the memory of its largest photograph.
+    pub(super) fn workers(&self, items: &[Item]) -> usize {
+        let mut sizes: Vec<_> = items.iter().filter_map(|item| scene::size(&item.path).ok()).collect();
+        sizes.sort_by_key(|(height, width)| std::cmp::Reverse(height * width));
+        sizes.dedup();
+        let largest = sizes.into_iter().find_map(|size| self.job.refiner.plan("", size, 1).ok());
+        let most = rayon::current_num_threads() + 1;
+        let fits = largest.map_or(most, |Plan { bytes, shared, .. }| {
+            let limit = self.job.refiner.settings().memory.bytes().saturating_sub(shared);
+            usize::try_from(limit / (bytes - shared).max(1)).unwrap_or(most)
+        });
+        fits.clamp(1, most).min(items.len())
     }
 
     /// The photograph of that content at its size.
@@ -114,7 +120,7 @@ impl Common<'_> {
             return Ok(PhotographRow { photograph: shown, kept: true, same_scale_group, ..marker.row });
         }
         ensure!(path.exists(), "no such photograph; check the path");
-        let (_taken, plan) = self.take(item)?;
+        let plan = self.plan(item)?;
         let start = Instant::now();
         let bytes = content(path)?;
         let made_from = self.made_from(item, &bytes);

@@ -3,14 +3,10 @@
 //! A folder appears whole, by a rename, with its marker (`finished.json`) in it. A run that finds a marker of the same inputs and settings
 //! keeps the folder. The index is written from the markers' rows, every few seconds and at the end.
 
-mod allowance;
 pub(crate) mod every;
 mod index;
 pub(crate) mod item;
 mod same_scale;
-mod shard;
-
-pub(crate) use shard::Shard;
 
 use crate::output::every::PhotographRow;
 use crate::output::names::folders;
@@ -18,7 +14,6 @@ use crate::program::args::RefineArgs;
 use crate::program::error::Partial;
 use crate::program::interrupt;
 use crate::program::job::Job;
-use crate::program::many::allowance::Allowance;
 use crate::program::many::index::Index;
 use crate::program::many::item::{Common, Item, settings_of};
 use crate::program::open::settings::of_refine;
@@ -54,8 +49,7 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     let settings = settings_of(args, &refiner)?;
     let export = &args.export.export;
     let job = Job { command: "refine", refiner: &refiner, export, truth: None, keep_photographs: false };
-    let allowance = Allowance::new(refiner.settings().memory.bytes());
-    let common = Common { args, output, job, allowance, settings };
+    let common = Common { args, output, job, settings };
 
     // Removed again where nothing comes into it.
     let _made = NewFolder::make(output)?;
@@ -87,8 +81,7 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
         output,
         due: None,
     });
-    // One more than processors: while one is decoded or written, the others keep the processors busy.
-    let workers = (rayon::current_num_threads() + 1).min(items.len());
+    let workers = common.workers(&items);
     let work = || {
         loop {
             let index = next.fetch_add(1, Ordering::Relaxed);

@@ -3,7 +3,8 @@
 //! [`OneScale`] has the order of the comparisons. Factors depend neither on the number of threads nor on which photographs are finished.
 
 use crate::program::interrupt;
-use crate::program::many::item::{Common, Item, content};
+use crate::program::many::item::{Common, Item};
+use crate::program::open::photographs::content;
 use crate::program::progress::Progress;
 use crate::refiner::Silent;
 use crate::refiner::same_scale::{OneScale, groups_warning};
@@ -26,16 +27,17 @@ pub(super) fn same_scale(
     progress: &mut Progress,
 ) -> Result<Vec<SameScale>> {
     progress.step(&format!("match {} photographs for one scale", items.len()));
-    let start = Instant::now();
+    let (start, workers) = (Instant::now(), common.workers(items));
     let mut scale = OneScale::new(items.len(), &common.job.refiner.settings().config);
     for (chunk, part) in items.chunks(CHUNK).enumerate() {
         // What can't be prepared has its reason in its row, when it is refined.
-        let prepared = side_by_side(part.len(), |at| common.prepared(&part[at], &scale).ok())?;
+        let prepared =
+            side_by_side(workers.min(part.len()), part.len(), |at| common.prepared(&part[at], &scale).ok())?;
         let mut pairs = Vec::new();
         for prepared in prepared {
             pairs.extend(scale.add(prepared.flatten()));
         }
-        let found = side_by_side(pairs.len(), |at| scale.ratio(&pairs[at]))?;
+        let found = side_by_side(rayon::current_num_threads(), pairs.len(), |at| scale.ratio(&pairs[at]))?;
         scale.extend(found.into_iter().flatten().flatten());
         let done = (chunk * CHUNK + part.len()).min(items.len());
         let left = start.elapsed().as_secs_f64() / done as f64 * (items.len() - done) as f64;
@@ -54,16 +56,17 @@ pub(super) fn same_scale(
 impl Common<'_> {
     /// Features of a photograph and a prediction of the network at them.
     fn prepared(&self, item: &Item, scale: &OneScale) -> Result<Prepared> {
-        let (_taken, _) = self.take(item)?;
         let photograph = self.opened(item, content(&item.path)?, &mut Progress::silent())?;
         Ok(self.job.refiner.prepare_scale(&photograph, scale, &mut Silent)?)
     }
 }
 
-/// The results of `work` for `0..count`, on as many threads as there are processors; nothing where it failed by a fault.
-///
-/// Own threads: a pool thread that waits for memory could steal a task that waits for it (deadlock).
-fn side_by_side<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Result<Vec<Option<T>>> {
+/// The results of `work` for `0..count`, on so many threads of its own; nothing where it failed by a fault.
+fn side_by_side<T: Send>(
+    threads: usize,
+    count: usize,
+    work: impl Fn(usize) -> T + Sync,
+) -> Result<Vec<Option<T>>> {
     let next = AtomicUsize::new(0);
     let made = Mutex::new((0..count).map(|_| None).collect::<Vec<Option<T>>>());
     let run = || {
@@ -76,7 +79,7 @@ fn side_by_side<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Resu
             made.lock().unwrap_or_else(PoisonError::into_inner)[index] = result;
         }
     };
-    super::on_threads(rayon::current_num_threads().min(count), &run);
+    super::on_threads(threads.min(count), &run);
     if interrupt::requested() {
         bail!(crate::error::Error::Interrupted);
     }

@@ -11,7 +11,7 @@ pub(crate) mod truth;
 mod tests {
     use super::*;
     use crate::config::Preset;
-    use crate::program::many::item::content;
+    use crate::program::open::photographs::content;
     use crate::refiner::error_bar::ErrorBar;
     use crate::scene::camera::{GivenCamera, KnownCamera};
     use crate::scene::known::KnownDepths;

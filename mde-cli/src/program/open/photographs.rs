@@ -14,6 +14,12 @@ const PHOTOGRAPHS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "web
 const STDIN: &str = "-";
 const LIST: &str = "txt";
 
+/// The bytes of a photograph.
+pub(crate) fn content(path: &Path) -> Result<Vec<u8>> {
+    ensure!(path.exists(), "no such photograph; check the path");
+    open::read(path, FileKind::Photograph).context("can't be read; give a photograph's file")
+}
+
 /// Whether the arguments name more than one photograph: several of them, a folder, a list, a pattern, standard input.
 pub(crate) fn are_many(named: &[&Path]) -> bool {
     match named {

@@ -58,6 +58,7 @@ pub(crate) fn of_refine(args: &RefineArgs) -> Result<Settings> {
     }
     settings.unit = args.several.unit;
     settings.keep_field = args.export.export.contains(&Format::Field);
+    settings.exports = !args.export.export.is_empty();
     Ok(settings)
 }
 

@@ -3,6 +3,7 @@
 use crate::output::preview::{depth_picture_within, sigma_picture_within, usual_range};
 use crate::program::report::encode::{fitted, gradients, nearest, picture, svg};
 use crate::program::report::{page, read_json, read_text};
+use crate::program::store::folder::file_name;
 use anyhow::{Context, Result};
 use mde_eval::score::{Better, Group, METRICS, Metric};
 use mde_eval::table::original_name;
@@ -14,6 +15,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
+/// A reduced image of the scene, for the report.
+pub(crate) const PICTURE: &str = "picture.png";
 /// The file that marks an evaluation.
 pub(super) const SUMMARY: &str = "summary.json";
 /// Thumbnails fit into a square of so many pixels.
@@ -148,7 +151,7 @@ fn scores(path: &Path) -> Result<(Vec<String>, BTreeMap<String, Scores>)> {
 
 /// The scene's picture and the maps of its methods that are in the tables, on one scale.
 fn thumbnails(folder: &Path, id: &str, scores: &Scores) -> Result<Value> {
-    let scene = folder.join("scenes").join(crate::program::evaluation::store::file_name(id));
+    let scene = folder.join("scenes").join(file_name(id));
     let mut maps = Vec::new();
     let mut seen = BTreeSet::new();
     for place in folders(&scene) {
@@ -183,7 +186,7 @@ fn thumbnails(folder: &Path, id: &str, scores: &Scores) -> Result<Value> {
         let depth = picture(depth_picture_within(depth.view(), depths).pixels())?;
         shown.push(json!({ "method": label, "depth": depth, "sigma": sigma }));
     }
-    let image = match read_image(scene.join(crate::program::evaluation::store::PICTURE)) {
+    let image = match read_image(scene.join(PICTURE)) {
         Ok(photo) => Some(picture(photo.pixels.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())?),
         Err(_) => None,
     };

@@ -8,11 +8,11 @@ mod page;
 mod photographs;
 mod run;
 
-pub(crate) use evaluation::FIGURES;
+pub(crate) use evaluation::{FIGURES, PICTURE};
 pub(crate) use index::photographs_page;
 
-use crate::output::every::PhotographRow;
-use crate::program::many::every::{INDEX, every_page};
+use crate::output::every::{CLOUD, PhotographRow};
+use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::program::store::folder::RECORD;
 use anyhow::{Context, Result, bail, ensure};
 use serde::Deserialize;
@@ -23,6 +23,14 @@ use std::path::{Path, PathBuf};
 
 /// The page's name in its folder.
 pub(crate) const FILE: &str = "report.html";
+
+/// The page of all photographs of a capture.
+pub(crate) const INDEX: &str = "index.html";
+
+/// The page of all photographs of a capture.
+pub(crate) fn every_page(rows: &[PhotographRow]) -> String {
+    photographs_page(rows, rows.len(), "preview.png", &[CLOUD, TRANSFORMS, RECORD])
+}
 
 /// Writes the page of a run's or an evaluation's folder into it, atomically.
 pub(crate) fn write(folder: &Path) -> Result<PathBuf> {

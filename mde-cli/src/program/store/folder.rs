@@ -166,6 +166,30 @@ pub(crate) fn check_new_file(flag: &str, path: &Path, force: bool) -> Result<()>
     check_place(flag, parent(path))
 }
 
+/// Most bytes of a name, with room for the prefix and the extension of a temporary file.
+const LONGEST_FILE_NAME: usize = 200;
+
+/// A file name that every file system accepts; different texts have different names.
+pub(crate) fn file_name(text: &str) -> String {
+    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
+    let mut name = String::new();
+    for (index, byte) in text.bytes().enumerate() {
+        if plain(byte) && !(index == 0 && byte == b'.') {
+            name.push(char::from(byte));
+        } else if byte == b'/' {
+            name.push('+');
+        } else {
+            name.push_str(&format!("%{byte:02x}"));
+        }
+    }
+    if name.len() > LONGEST_FILE_NAME {
+        // Ends in the checksum of the whole text.
+        name.truncate(LONGEST_FILE_NAME - 9);
+        name += &format!("~{:08x}", crc32fast::hash(text.as_bytes()));
+    }
+    name
+}
+
 /// Most bytes of a name on the usual file systems.
 const LONGEST_NAME: usize = 255;
 

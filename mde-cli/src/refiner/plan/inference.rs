@@ -8,9 +8,12 @@ use mde_prior::augment::Plan;
 use mde_prior::{DepthPrior, InferenceMemory};
 
 /// Bytes per pixel of the working size, for the image, the merge and the results.
-const AUGMENTED: u64 = 70;
+const AUGMENTED: u64 = 120;
 /// Bytes per pixel of a photograph that is refined at a smaller size: itself, and the maps of its own size.
-const FULL: u64 = 60;
+const FULL: u64 = 66;
+/// Bytes per pixel of the results for the files for other programs, and for the ends of an interval.
+const EXPORTS: u64 = 40;
+const INTERVAL: u64 = 8;
 /// What the allocator holds for a prediction, in tenths of its tensors and in bytes: alone, and beside others on their own threads.
 const ALONE: (u64, u64) = (14, 10 << 20);
 const BESIDE: (u64, u64) = (21, 30 << 20);
@@ -28,7 +31,7 @@ pub struct PhotographMemory<'c> {
     most: u64,
     /// Pixels of the results, where the photograph is refined at a smaller size.
     full: u64,
-    /// Bytes of the photographs of a capture.
+    /// Bytes of the photographs of a capture, and of what is written beside the maps.
     held: u64,
 }
 
@@ -74,6 +77,14 @@ impl<'c> PhotographMemory<'c> {
         let most = prior.concurrency().min(threads).min(images).max(1) as u64;
         let held = PHOTOGRAPH.saturating_mul(photographs as u64);
         Self { most: alone.most.max(most), held: held.saturating_mul(at.0 as u64 * at.1 as u64), ..alone }
+    }
+
+    /// The same with files for other programs (`exports`) and an `interval`, for results of so many pixels.
+    #[must_use]
+    pub fn with_results(mut self, pixels: u64, exports: bool, interval: bool) -> Self {
+        let each = EXPORTS * u64::from(exports) + INTERVAL * u64::from(interval);
+        self.held = self.held.saturating_add(pixels.saturating_mul(each));
+        self
     }
 
     /// Bytes at that number of pixels with so many predictions at once.

@@ -1,6 +1,4 @@
 //! What `mde eval` scores is what `mde refine` writes, byte for byte.
-#![cfg(feature = "onnx")]
-#![allow(clippy::unwrap_used)]
 
 use mde_cli::mde_prior::format::{write_npy, write_png16};
 use mde_cli::mde_prior::photo::write_image;
