@@ -1,6 +1,6 @@
 //! Errors: one line that names the value and the remedy.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Depths that the loop works with: their variances, and a thousandth of those, are floats.
 pub(crate) const LEAST: f32 = 1e-12;
@@ -108,6 +108,11 @@ impl Error {
     pub fn external(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
         Self::External(error.into())
     }
+
+    /// The error of a file.
+    pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+        |source| Self::Io { path: path.to_owned(), source }
+    }
 }
 
 /// Arguments that texts of the library name in braces.
@@ -174,6 +179,8 @@ fn io_remedy(source: &std::io::Error) -> &'static str {
         ErrorKind::PermissionDenied => "check the permissions",
         ErrorKind::IsADirectory => "give a file, not a folder",
         ErrorKind::InvalidData => "give a text file",
+        ErrorKind::InvalidInput => "give a regular file",
+        ErrorKind::FileTooLarge => "give a smaller file",
         ErrorKind::StorageFull => "free some space",
         _ => "check that the file and its folder are accessible",
     }

@@ -9,11 +9,8 @@ use std::hint::black_box;
 
 fn scores(criterion: &mut Criterion) {
     let truth = room(Room::Study, 0, 640, 480).expect("a room").depth;
-    let prior = SimulatedPrior::new(&truth, &SimulatedPriorConfig::default())
-        .expect("a prior")
-        .prediction()
-        .map
-        .clone();
+    let simulated = SimulatedPrior::new(&truth, &SimulatedPriorConfig::default()).expect("a prior");
+    let prior = &simulated.prediction().map;
     let sigma = prior.mapv(|d| 0.05 * d * d);
     let depth = Subject::new(prior.view(), truth.view());
     let both = depth.with_sigma(sigma.view());

@@ -74,15 +74,15 @@ fn single(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
         known: METHODS.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", "),
     };
     Ok(match name {
-        "prior" => Box::new(Identity),
+        "prior" => Box::new(Chain(Vec::new())),
         "flip" => Box::new(FlipAverage),
         "zoom" => Box::new(ZoomMerge::default()),
         "noise" => Box::new(WhiteNoise::default()),
         "guided" => Box::new(GuidedFilter::default()),
         "jbf" => Box::new(JointBilateral::default()),
         "wmf" => Box::new(WeightedMedian::default()),
-        "gauged" => Box::new(GaugedPrior::default()),
-        "sweep" => Box::new(PlaneSweep::default()),
+        "gauged" => Box::new(GaugedPrior),
+        "sweep" => Box::new(PlaneSweep),
         #[cfg(feature = "solver")]
         "fbs" => Box::new(FastBilateralSolver::default()),
         _ => {
@@ -96,26 +96,15 @@ fn single(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
     })
 }
 
-/// The prior as it is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Identity;
-
-impl Method for Identity {
-    fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        Ok(task.prior.to_owned().into())
-    }
-}
-
-/// One after the other.
+/// One after the other; the prior as it is without any.
 struct Chain(Vec<Box<dyn Method + Send + Sync>>);
 
 impl Method for Chain {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         let mut refined = Refined::from(task.prior.to_owned());
         for step in &self.0 {
-            let next = step.refine(&Task { prior: refined.depth.view(), ..*task })?;
             // A step without an uncertainty of its own leaves none: the depth is another.
-            refined = next;
+            refined = step.refine(&Task { prior: refined.depth.view(), ..*task })?;
         }
         Ok(refined)
     }
@@ -140,16 +129,8 @@ fn check(task: &Task<'_>, settings: &[(&'static str, f64)]) -> Result<()> {
 
 /// Checks that settings are positive and finite.
 fn positive(settings: &[(&'static str, f64)]) -> Result<()> {
-    for &(field, value) in settings {
-        if !(value > 0.0 && value.is_finite()) {
-            return Err(Error::Config {
-                field,
-                value: value.to_string(),
-                remedy: "use a positive finite number",
-            });
-        }
-    }
-    Ok(())
+    let sound = |value: f64| value > 0.0 && value.is_finite();
+    crate::error::check(settings.iter().map(|&(f, v)| (f, v, sound(v), "use a positive finite number")))
 }
 
 /// The three channels, each `[height, width]`, in standard layout.

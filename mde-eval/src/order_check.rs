@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn an_swapped_order_is_told_and_another_costs_one_prediction() {
+    fn a_swapped_order_is_told_and_another_costs_one_prediction() {
         let model = |swapped| ByRow { swapped, predictions: AtomicUsize::new(0) };
         let (right, wrong) = (model(false), model(true));
         assert_eq!(OrderCheck::new(&right).unwrap().order(), Order::True);

@@ -6,7 +6,7 @@
 //! are correlated too. Where the places of the scenes are given, whole places are drawn with replacement, all their scenes
 //! with them (the cluster bootstrap; Davison and Hinkley, "Bootstrap methods and their application", 1997, Section 3.8).
 
-use crate::error::check;
+use crate::error::{List, check, check_lists};
 use crate::{Error, Result};
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::statistics::quantile_sorted;
@@ -111,19 +111,8 @@ impl Bootstrap {
         of: impl Fn(&[f64; N]) -> Option<f64>,
     ) -> Result<Option<Estimate>> {
         self.validate()?;
-        let count = lists.first().map_or(0, |list| list.len());
-        for list in lists {
-            if list.len() != count {
-                return Err(Error::Length { what, found: list.len(), expected: count });
-            }
-            if let Some(index) = list.iter().position(|v| !v.is_finite()) {
-                return Err(Error::Value { what, index, value: list[index], expected: "finite" });
-            }
-        }
-        if count == 0 {
-            return Err(Error::Empty { what });
-        }
-        let places = by_place(what, places, count)?;
+        check_lists(what, lists.map(|list| -> List<'_> { (what, list, f64::is_finite, "finite") }))?;
+        let places = by_place(what, places, lists.first().map_or(0, |list| list.len()))?;
         let means = |drawn: &mut dyn FnMut() -> usize| {
             let (mut sums, mut scenes) = ([0.0; N], 0_usize);
             for _ in 0..places.len() {

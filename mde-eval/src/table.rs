@@ -4,7 +4,7 @@ mod document;
 mod summary;
 mod write;
 
-pub use document::{Block, Cell, Column, Document, Table};
+pub use document::{Block, Document, Table};
 pub use summary::{MethodSummary, Statistics, Summary};
 pub use write::{csv, document, inert, original_name};
 

@@ -50,21 +50,6 @@ pub struct Fused {
 ///
 /// Where the calibration is [degenerate](Degenerate), the result is \\(D_o\\) with the prior's own variance or
 /// \\((\kappa \operatorname{median} D_o)^2\\), and the report gives the reason.
-///
-/// ```
-/// use mde_fusion::{BayesFuser, Fuser, FusionConfig, GaussianDepth, Prior, ndarray::Array2};
-///
-/// // The prior is a smooth slope, the view a sharp step at twice the scale.
-/// let prior = Prior::new(Array2::from_shape_fn((8, 8), |(_, x)| 2.0 + 0.25 * x as f32))?;
-/// let step = Array2::from_shape_fn((8, 8), |(_, x)| if x < 4 { 4.75 } else { 6.75 });
-/// let view = GaussianDepth::new(step, Array2::from_elem((8, 8), 1e-4))?;
-///
-/// let fused = BayesFuser::new(FusionConfig::paper())?.fuse(&prior, &[view])?;
-/// assert!((fused.report.a - 0.5).abs() < 1e-6 && fused.report.degenerate.is_none());
-/// let (left, right) = (fused.depth.mean()[(0, 3)], fused.depth.mean()[(0, 4)]);
-/// assert!(right - left > 0.9, "the step is back: {left} {right}");
-/// # Ok::<(), mde_fusion::Error>(())
-/// ```
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct BayesFuser {
     config: FusionConfig,

@@ -26,8 +26,8 @@
 //!
 //! Depth is z in the prior's unit, variance in that unit squared. Maps are `[height, width]` and never NaN. An infinite variance
 //! (\\(\tau = 0\\)) is a missing pixel, a variance of 0 an exact depth; a prior whose error is not known has no variance at all
-//! ([`Prior::new`]). Sums are `f64`, in a fixed order. Features: `serde` for configuration and report, `proptest` for the
-//! strategies of the property tests.
+//! ([`Prior::new`]). Sums are `f64`, in a fixed order. Feature: `serde`, for configuration and
+//! report.
 
 mod affine;
 mod aggregate;
@@ -38,8 +38,6 @@ mod error;
 mod gaussian;
 mod posterior;
 mod prior;
-#[cfg(feature = "proptest")]
-pub mod proptest;
 mod report;
 mod residual;
 #[cfg(test)]

@@ -1,10 +1,5 @@
 use crate::Degenerate;
 
-/// Range of the scale without a warning.
-pub(crate) const USUAL_SCALE: std::ops::RangeInclusive<f64> = 0.5..=2.0;
-/// Effective share of the pixels below which the fit gets a warning.
-pub(crate) const FEW_EFFECTIVE: f64 = 0.1;
-
 /// What a fusion estimated. `b` and `sigma_o` are in the prior's unit.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -61,8 +56,8 @@ impl FusionReport {
         let share = self.effective_support / self.support as f64;
         let found = [
             self.degenerate.map(|reason| Warning::Degenerate { reason }),
-            (!USUAL_SCALE.contains(&self.a)).then_some(Warning::UnusualScale { a: self.a }),
-            (share < FEW_EFFECTIVE).then_some(Warning::FewEffective { share }),
+            (!(0.5..=2.0).contains(&self.a)).then_some(Warning::UnusualScale { a: self.a }),
+            (share < 0.1).then_some(Warning::FewEffective { share }),
             (bayes && self.degenerate.is_none() && self.sigma_o == 0.0).then_some(Warning::PriorTakenAsExact),
             (self.reverted > 0).then_some(Warning::NotPositive { pixels: self.reverted }),
         ];

@@ -17,7 +17,7 @@
 //! | one scale for the priors of a burst or a video | [`poses::Prepared::log_ratio`], [`poses::common_scale`] |
 //!
 //! ```
-//! use mde_mvs::consensus::{ConsensusConfig, reconstruct};
+//! use mde_mvs::consensus::reconstruct;
 //! use mde_mvs::ndarray::{Array2, Array3};
 //! use mde_mvs::silent;
 //! use mde_warp::{PinholeCamera, Pose, PosedView};
@@ -38,7 +38,7 @@
 //! // The prior has another unit, in which the depth of the wall is 5.
 //! let prior = Array2::from_elem((48, 64), 5.0_f32);
 //!
-//! let found = reconstruct(&views, &[prior.view(), prior.view()], None, &ConsensusConfig::default(), &mut silent)?;
+//! let found = reconstruct(&views, &[prior.view(), prior.view()], None, &mut silent)?;
 //! let depth = &found.views[0].fused;
 //! assert!((depth.mean()[(24, 40)] - 2.0).abs() < 0.05);
 //! # Ok::<(), Box<dyn std::error::Error>>(())

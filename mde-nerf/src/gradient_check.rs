@@ -4,9 +4,6 @@
 //! independent formula of the loss, and with central differences of the loss that is optimised. Sample positions are fixed
 //! by a seed, without importance samples: their positions would move with the parameters, and the gradient holds them fixed.
 //! The seeds keep the rays away from the kinks of the ReLU and of the losses' absolute values.
-//!
-//! Poses have no hand-derived gradient; their derivative by dual numbers is compared with central differences, so that it
-//! can serve as the reference of one.
 
 use crate::config::{
     ColourLoss, FieldConfig, HashFieldConfig, MlpFieldConfig, SamplingConfig, TrainConfig, VolumeConfig,
@@ -15,15 +12,15 @@ use crate::dual::Dual;
 use crate::frustum::{Frustum, Ray};
 use crate::loss::{LossTerms, RayLoss, Target};
 use crate::march::{Budget, March, Marcher};
-use crate::network::{Encoding, Gradients, Network, Tape};
+use crate::network::{Encoding, Gradients, Network};
 use crate::scalar::Scalar;
 use crate::train::tile_gradients;
 use crate::volume::{Bins, Rendered};
+use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::termination::InBinVariance;
-use mde_uncertainty::{GaussianDepth, Real};
 use mde_warp::{PinholeCamera, Pose, PosedView};
-use nalgebra::{Isometry3, Point2, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use ndarray::{Array2, Array3};
 use rand::RngExt;
 
@@ -49,10 +46,6 @@ fn pose() -> Pose {
         Translation3::new(0.03, -0.02, 0.01),
         UnitQuaternion::from_euler_angles(0.01, -0.02, 0.015),
     )
-}
-
-fn pixel(ray: usize) -> [f64; 2] {
-    [1.0 + ray as f64, 0.7 * ray as f64]
 }
 
 impl Case {
@@ -82,7 +75,7 @@ impl Case {
     fn rays(&self, pose: &Pose) -> Vec<March> {
         (0..RAYS)
             .map(|i| {
-                let ray = Ray::new(&camera(), pose, pixel(i)[0], pixel(i)[1]);
+                let ray = Ray::new(&camera(), pose, 1.0 + i as f64, 0.7 * i as f64);
                 March {
                     ray,
                     interval: self.frustum.interval(&ray, 0.0),
@@ -96,12 +89,21 @@ impl Case {
 
     /// The loss by the function that training uses, with its gradients.
     fn optimised<T: Scalar>(&self, network: &Network<T>, gradients: &mut Gradients<T>) -> RayLoss {
-        let (mut rays, mut marcher) = (self.rays(&pose()), Marcher::default());
-        let tile = (rays.as_mut_slice(), self.targets.as_slice());
+        self.optimised_of(&mut self.rays(&pose()), &mut Marcher::default(), network, gradients)
+    }
+
+    fn optimised_of<T: Scalar>(
+        &self,
+        rays: &mut [March],
+        marcher: &mut Marcher<T>,
+        network: &Network<T>,
+        gradients: &mut Gradients<T>,
+    ) -> RayLoss {
         let (colour_loss, depth_weight) = self.losses;
         let config = TrainConfig { colour_loss, depth_weight, ..TrainConfig::default() };
         let terms = (LossTerms::at(&config, PROGRESS), 1.0);
-        tile_gradients(network, &self.frustum, &mut marcher, tile, &self.budget, terms, gradients)
+        let tile = (rays, self.targets.as_slice());
+        tile_gradients(network, &self.frustum, marcher, tile, &self.budget, terms, gradients)
     }
 
     /// The loss as its documentation defines it, with derivatives where `T` has them.
@@ -257,100 +259,15 @@ fn small_hash() -> FieldConfig {
 }
 
 #[test]
-fn the_gradient_of_the_mlp_field_is_exact_with_every_loss() {
-    let config = FieldConfig::Mlp(MlpFieldConfig { layers: 2, width: 20, frequencies: 3 });
-    for losses in LOSSES {
-        for volume in VOLUMES {
-            Case::new(losses, volume).check(&config, 40);
-        }
-    }
-}
-
-#[test]
-fn the_gradient_of_the_hash_field_is_exact_with_every_loss() {
-    for losses in LOSSES {
-        for volume in VOLUMES {
-            Case::new(losses, volume).check(&small_hash(), 40);
-        }
-    }
-}
-
-/// The derivative of a rendered ray's colour and mean depth with respect to a left perturbation of its pose,
-/// \\(\exp(\varepsilon \xi) T\\), with samples fixed in depth.
-#[test]
-fn the_derivative_with_respect_to_the_pose_agrees_with_central_differences() {
-    let case = Case::new(LOSSES[0], VolumeConfig::Hull);
-    let mut network = Network::<f64>::new(&small_hash(), 4);
-    let mut rng = CounterRng::new(3, "gradient-check", 2, 0);
-    if let Encoding::Hash(grid) = &mut network.encoding {
-        grid.table.iter_mut().for_each(|t| *t = 2.0 * rng.random::<f64>() - 1.0);
-    }
-    let lifted = with_parameter::<Dual>(&network, &small_hash(), 0, 0, Dual::from_f64);
-    let rendered = |pose: &Pose| {
-        let (mut rays, mut marcher) = (case.rays(pose), Marcher::default());
-        marcher.forward(&network, &case.frustum, &mut rays, &case.budget);
-        (marcher.rendered, marcher.bins)
-    };
-    let quantities = |r: &Rendered<f64>| [r.colour[0], r.colour[1], r.colour[2], r.depth.mean];
-    let (_, bins) = rendered(&pose());
-    let step = 1e-6;
-    for axis in 0..6 {
-        let unit = |range: std::ops::Range<usize>| {
-            Vector3::from_fn(|i, _| f64::from(u8::from(range.contains(&axis) && range.start + i == axis)))
-        };
-        let (shift, turn) = (unit(0..3), unit(3..6));
-        let [up, down] =
-            [step, -step].map(|by| rendered(&(Isometry3::new(by * shift, by * turn) * pose())).0);
-        for ray in 0..RAYS {
-            let dual = perturbed(ray, &shift, &turn, &bins[ray], &case, &lifted);
-            let exact = [dual.colour[0], dual.colour[1], dual.colour[2], dual.depth.mean];
-            for (exact, (up, down)) in
-                exact.iter().zip(quantities(&up[ray]).into_iter().zip(quantities(&down[ray])))
-            {
-                let difference = (up - down) / (2.0 * step);
-                assert!(
-                    (exact.slope - difference).abs() < 1e-6 * (1.0 + difference.abs()),
-                    "axis {axis}, ray {ray}: dual number {:e}, central difference {difference:e}",
-                    exact.slope
-                );
+fn the_gradient_of_both_fields_is_exact_with_every_loss() {
+    let mlp = FieldConfig::Mlp(MlpFieldConfig { layers: 2, width: 20, frequencies: 3 });
+    for field in [mlp, small_hash()] {
+        for losses in LOSSES {
+            for volume in VOLUMES {
+                Case::new(losses, volume).check(&field, 40);
             }
         }
     }
-}
-
-/// Renders a ray whose pose moves by \\(\varepsilon\\) times a shift and a turn.
-fn perturbed(
-    ray: usize,
-    shift: &Vector3<f64>,
-    turn: &Vector3<f64>,
-    bins: &Bins<f64>,
-    case: &Case,
-    network: &Network<Dual>,
-) -> Rendered<Dual> {
-    let inverse = pose().inverse();
-    let d = camera().ray(Point2::new(pixel(ray)[0], pixel(ray)[1]));
-    // exp(-e xi) maps a camera point p to p - e (turn x p + shift), to first order.
-    let dual = |value: Vector3<f64>, slope: Vector3<f64>| -> [Dual; 3] {
-        std::array::from_fn(|i| Dual { value: value[i], slope: slope[i] })
-    };
-    let origin = dual(inverse.translation.vector, inverse.rotation * -shift);
-    let direction = dual(inverse.rotation * d, inverse.rotation * -turn.cross(&d));
-    let line = case.frustum.transformed(origin, direction);
-    let mut tape = Tape::default();
-    bins.depth.iter().for_each(|&z| tape.points.push(line.cube(Dual::from_f64(1.0 / z))));
-    tape.points.pad();
-    network.forward(&mut tape);
-    let lift = |v: &[f64]| v.iter().map(|&x| Dual::from_f64(x)).collect();
-    let bins = Bins {
-        depth: lift(&bins.depth),
-        extent: lift(&bins.extent),
-        path: lift(&bins.path),
-        disparity: lift(&bins.disparity),
-    };
-    let mut rendered = Rendered::default();
-    let shades = &tape.shades[..bins.depth.len()];
-    rendered.composite(&bins, shades, BACKGROUND.map(Dual::from_f64), InBinVariance::Midpoint);
-    rendered
 }
 
 /// With importance samples, the gradient holds their positions fixed, in `f32` as in the `f64` reference.
@@ -379,18 +296,14 @@ fn the_fast_gradient_agrees_with_the_reference() {
 /// A ray that misses the volume renders to the background, has opacity 0, and no gradient.
 #[test]
 fn rays_outside_the_volume_are_empty() {
-    let (colour_loss, depth_weight) = LOSSES[2];
-    let case = Case::new(LOSSES[2], VOLUMES[1]);
+    let mut case = Case::new(LOSSES[2], VOLUMES[1]);
     let network = Network::<f64>::new(&small_hash(), 4);
     let mut rays = case.rays(&Pose::rotation(Vector3::new(0.0, std::f64::consts::PI, 0.0)));
     assert!(rays.iter().all(|march| march.interval.is_none()));
     let (mut marcher, mut gradients) = (Marcher::default(), network.gradients());
-    let config = TrainConfig { colour_loss, depth_weight, ..TrainConfig::default() };
-    let terms = (LossTerms::at(&config, PROGRESS), 1.0);
     for fine in [0, 6] {
-        let budget = Budget { fine, ..case.budget };
-        let tile = (rays.as_mut_slice(), case.targets.as_slice());
-        tile_gradients(&network, &case.frustum, &mut marcher, tile, &budget, terms, &mut gradients);
+        case.budget.fine = fine;
+        case.optimised_of(&mut rays, &mut marcher, &network, &mut gradients);
         assert_eq!(marcher.evaluated(), 0);
         for rendered in &marcher.rendered {
             assert_eq!((rendered.depth.opacity, rendered.colour), (0.0, BACKGROUND));

@@ -23,7 +23,6 @@ mod dual;
 mod encoding;
 mod error;
 mod field;
-mod fitted;
 mod frustum;
 mod gemm;
 #[cfg(test)]

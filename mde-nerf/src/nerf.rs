@@ -1,7 +1,6 @@
 use crate::batch::Pixels;
 use crate::config::{NerfConfig, RenderConfig};
 use crate::field::{FieldCallback, FitReport, RadianceField, RenderedView};
-use crate::fitted::Fitted;
 use crate::frustum::Frustum;
 use crate::network::Network;
 use crate::render::render;
@@ -47,6 +46,13 @@ pub struct Nerf {
     config: NerfConfig,
     seed: u64,
     fitted: Option<Fitted>,
+}
+
+/// A fitted network and its volume.
+#[derive(Debug, Clone)]
+pub(crate) struct Fitted {
+    pub(crate) network: Network<f32>,
+    pub(crate) frustum: Frustum,
 }
 
 impl Nerf {

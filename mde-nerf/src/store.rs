@@ -1,8 +1,8 @@
 //! A fitted field as a safetensors file: the parameters as tensors, the rest as JSON in the header.
 
 use crate::config::{NerfConfig, SamplingConfig, VolumeConfig};
-use crate::fitted::Fitted;
 use crate::frustum::Frustum;
+use crate::nerf::Fitted;
 use crate::network::{Encoding, Network};
 use crate::{Error, Result};
 use safetensors::tensor::TensorView;
@@ -25,8 +25,7 @@ struct Header {
     frustum: Frustum,
     /// CRC-32 of the tensors' bytes: table, network.
     checksum: u32,
-    /// CRC-32 of the header's text with eight zeros here, hexadecimal. Missing in older files.
-    #[serde(default)]
+    /// CRC-32 of the header's text with eight zeros here, hexadecimal.
     header_checksum: String,
 }
 

@@ -7,7 +7,7 @@ use crate::frustum::Frustum;
 use crate::loss::{LossTerms, RayLoss, Target, ray_loss};
 use crate::march::{Budget, March, Marcher};
 use crate::network::{Encoding, Gradients, Network};
-use crate::optimiser::{AVERAGE, AdamStep, Average, Moments, adam};
+use crate::optimiser::{AdamStep, Average, Moments, adam};
 use crate::scalar::Scalar;
 use crate::{Error, Result};
 use mde_uncertainty::termination::InBinVariance;
@@ -161,8 +161,8 @@ pub(crate) fn train(
 ) -> Result<FitReport> {
     let train = &config.train;
     let mut trainer = Trainer::new(network, frustum, pixels, config, seed);
-    let mut averages: [Average; 2] = std::array::from_fn(|_| Average::new(AVERAGE));
-    let averaged_from = train.steps.saturating_sub(Average::span(AVERAGE));
+    let mut averages = [Average::default(), Average::default()];
+    let averaged_from = train.steps.saturating_sub(Average::span());
     let mut since_report = RayLoss::default();
     let mut report = FitReport { steps: train.steps, ..FitReport::default() };
 

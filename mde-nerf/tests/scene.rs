@@ -121,14 +121,6 @@ fn parallax_alone_teaches_the_mlp_field_colour_and_depth() {
     assert!(depth < 0.05, "median relative depth error {depth:.4}");
 }
 
-#[test]
-fn hypotheses_pull_the_field_to_themselves() {
-    let mut config = hash();
-    config.train.depth_weight = 0.2;
-    let (_, depth) = quality(config, &views(true));
-    assert!(depth < 0.01, "median relative depth error {depth:.4}");
-}
-
 /// Photographs from far apart, some of which look past the volume, with hypotheses of 4 % noise: colours sharpen them.
 #[test]
 fn photographs_from_far_apart_refine_noisy_hypotheses() {

@@ -34,7 +34,6 @@ fn curve<'py, const N: usize>(
 
 /// Nominal and observed coverage.
 #[pyfunction]
-#[pyo3(signature = (errors, sigma))]
 pub(crate) fn reliability<'py>(py: Python<'py>, errors: List<'py>, sigma: List<'py>) -> PyResult<Table<'py>> {
     curve(py, [&errors, &sigma], |errors, sigma| {
         Ok(calibration::reliability(errors, sigma)?.into_iter().map(|point| [point.0, point.1]).collect())
@@ -43,7 +42,6 @@ pub(crate) fn reliability<'py>(py: Python<'py>, errors: List<'py>, sigma: List<'
 
 /// Mean sigma and mean cost by percentile of sigma.
 #[pyfunction]
-#[pyo3(signature = (costs, sigma, bins))]
 pub(crate) fn costs_by_sigma<'py>(
     py: Python<'py>,
     costs: List<'py>,
@@ -58,7 +56,6 @@ pub(crate) fn costs_by_sigma<'py>(
 
 /// Share removed, cost of the rest by sigma and by the oracle.
 #[pyfunction]
-#[pyo3(signature = (costs, sigma, root))]
 pub(crate) fn sparsification_curve<'py>(
     py: Python<'py>,
     costs: List<'py>,
@@ -80,7 +77,6 @@ pub(crate) fn sparsification_curve<'py>(
 
 /// Threshold, precision and recall over all thresholds of the prediction.
 #[pyfunction]
-#[pyo3(signature = (prediction, truth, mask, threshold, tolerance))]
 pub(crate) fn edge_curve<'py>(
     py: Python<'py>,
     prediction: Map<'py>,
@@ -125,7 +121,6 @@ pub(crate) fn align<'py>(
 
 /// All scores as JSON; `config` is a JSON object of the fields that differ from the defaults.
 #[pyfunction]
-#[pyo3(signature = (prediction, truth, sigma, mask, config))]
 pub(crate) fn score_maps(
     py: Python<'_>,
     prediction: Map<'_>,

@@ -18,16 +18,16 @@ def progress(stage: str, done: int, total: int) -> None:
 
 
 def use(photo: NDArray[np.uint8], depth: NDArray[np.float64], folder: Path) -> None:
-    refiner = mdenerf.Refiner(network, kind="depth", preset="fast", config={"augmentation": {"predictions": 3}})
+    refiner = mdenerf.Refiner(network, prior_kind="depth", preset="fast", config={"augmentation": {"predictions": 3}})
     result: mdenerf.Result = refiner.refine(photo, seed=2, progress=progress)
     result = mdenerf.refine(folder / "photo.jpg", "network.onnx", views=[folder / "b.jpg"], intrinsics=np.eye(3))
-    result = mdenerf.refine(photo, depth=depth, fov=60.0)
+    result = mdenerf.refine(photo, prior_depth=depth, fov=60.0)
     matrix: NDArray[np.float64] = result.camera.matrix
     sigma: NDArray[np.float32] = result.sigma
     record: dict[str, Any] = result.run
     result = mdenerf.refine(photo, network, scale_from=depth, interval=0.9, calibration=folder / "c.toml", max_memory=4.0)
     lower: NDArray[np.float32] | None = result.lower
-    result = mdenerf.refine(photo, depth=folder / "d.png", png_scale=5000.0, intrinsics=np.eye(3), intrinsics_base=1, keep_field=True)
+    result = mdenerf.refine(photo, prior_depth=folder / "d.png", png_scale=5000.0, intrinsics=np.eye(3), keep_field=True)
     field: bytes | None = result.field
     scales: list[mdenerf.SameScale] = refiner.same_scale([photo, photo], fov=60.0)
     result = refiner.refine(photo, same_scale=scales[0])

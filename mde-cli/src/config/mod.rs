@@ -1,11 +1,9 @@
 //! The configuration of a run. The defaults are those of a [`Preset`]; `docs/settings.md` lists every key.
 
-mod multi_view;
 mod presets;
 mod shorthands;
 mod sigma;
 
-pub use multi_view::MultiViewConfig;
 pub use presets::Preset;
 pub use shorthands::Shorthands;
 pub use sigma::SigmaConfig;
@@ -13,7 +11,7 @@ pub use sigma::SigmaConfig;
 use crate::error::{Error, Result};
 use mde_fusion::FusionConfig;
 use mde_nerf::NerfConfig;
-use mde_prior::{AugmentationConfig, DisparityRule};
+use mde_prior::{AugmentationConfig, DisparityRule, FileKind, open};
 use mde_warp::{ReprojectConfig, ViewSampling, WarpConfig};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -109,6 +107,20 @@ impl Default for NovelViews {
     }
 }
 
+/// Several photographs of one scene ([`refine_several`](crate::several::refine_several)).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct MultiViewConfig {
+    /// Photographs that are used at most, the reference included; 2 to 64.
+    pub max_views: usize,
+}
+
+impl Default for MultiViewConfig {
+    fn default() -> Self {
+        Self { max_views: 8 }
+    }
+}
+
 impl Default for Config {
     /// The preset [`Preset::Paper`].
     fn default() -> Self {
@@ -162,8 +174,7 @@ impl Config {
     /// # Errors
     /// [`Error::Io`] where it cannot be read, else as [`Config::with_text`].
     pub fn with_file(&self, path: &Path) -> Result<Self> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+        let text = open::read_text(path, FileKind::Settings).map_err(Error::io(path))?;
         self.with_text(&text, &path.display().to_string())
     }
 
@@ -202,18 +213,18 @@ impl Config {
     /// # Errors
     /// [`Error::Config`], or that of the stage, with the first value out of range.
     pub fn validate(&self) -> Result<()> {
-        let iterations = self.refinement.iterations;
-        if iterations > 100 {
-            let remedy = "give 0 (no field) to 100";
-            return Err(Error::Config {
-                field: "refinement.iterations",
-                value: iterations.to_string(),
-                remedy,
-            });
+        let Self { refinement, sigma, multi_view, .. } = self;
+        let ranges = [
+            ("refinement.iterations", refinement.iterations as f64, 0.0..=100.0, "give 0 (no field) to 100"),
+            ("sigma.spread", sigma.spread, 0.0..=100.0, "give 0 to 100"),
+            ("sigma.disagreement", sigma.disagreement, 0.0..=100.0, "give 0 to 100"),
+            ("sigma.blur", sigma.blur, 0.0..=0.25, "give 0 to 0.25 (of the image width)"),
+            ("multi-view.max-views", multi_view.max_views as f64, 2.0..=64.0, "give 2 to 64"),
+        ];
+        if let Some((field, value, _, remedy)) = ranges.into_iter().find(|r| !r.2.contains(&r.1)) {
+            return Err(Error::Config { field, value: value.to_string(), remedy });
         }
         self.augmentation.validate()?;
-        self.sigma.validate()?;
-        self.multi_view.validate()?;
         self.views.validate()?;
         self.novel_views().validate()?;
         self.warp.validate()?;
@@ -269,7 +280,7 @@ fn one_line(message: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mde_nerf::FieldConfig;
+    use mde_nerf::{FieldConfig, HashFieldConfig};
     use std::collections::BTreeSet;
 
     #[test]
@@ -283,21 +294,13 @@ mod tests {
     }
 
     #[test]
-    fn overrides_change_what_they_name_and_nothing_else() {
-        let text = "seed = 9\n[nerf.train]\nsteps = 7\n";
+    fn overrides_change_what_they_name_and_another_kind_starts_from_its_own_defaults() {
+        let text = "seed = 9\n[nerf.train]\nsteps = 7\n[nerf.field]\nkind = \"hash\"\nlevels = 6\n";
         let config = Config::with_overrides(Preset::Paper, text, "test").unwrap();
         let mut expected = Preset::Paper.config();
-        expected.seed = 9;
-        expected.nerf.train.steps = 7;
+        (expected.seed, expected.nerf.train.steps) = (9, 7);
+        expected.nerf.field = FieldConfig::Hash(HashFieldConfig { levels: 6, ..HashFieldConfig::default() });
         assert_eq!(config, expected);
-    }
-
-    #[test]
-    fn another_kind_of_field_starts_from_its_own_defaults() {
-        let text = "[nerf.field]\nkind = \"hash\"\nlevels = 6\n";
-        let config = Config::with_overrides(Preset::Paper, text, "test").unwrap();
-        let FieldConfig::Hash(hash) = config.nerf.field else { panic!("{:?}", config.nerf.field) };
-        assert_eq!((hash.levels, hash.features), (6, 4));
     }
 
     #[test]

@@ -9,7 +9,7 @@ use crate::reports::capture::CaptureReport;
 use crate::several::cloud::{RefinedView, consistent_points};
 use crate::several::prepared::PreparedScene;
 use mde_uncertainty::GaussianDepth;
-use mde_uncertainty::statistics::median;
+use mde_uncertainty::statistics::{median, quantile};
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::Vector3;
 use ndarray::{Array2, ArrayView3};
@@ -19,37 +19,64 @@ use std::path::Path;
 /// The points that two photographs confirm.
 pub const CLOUD: &str = "cloud.ply";
 
-/// One of the photographs, in the record of all.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct EveryRow {
+/// One of many photographs, in the tables and records of all. Its [`Default`] is one that is not refined yet.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct PhotographRow {
     /// Its name.
     pub photograph: String,
     /// Its folder; none where it failed.
     pub folder: Option<String>,
-    /// Why it failed, or was refined alone.
+    /// Why it failed.
+    pub error: Option<String>,
+    /// Why the others did not refine it, which is in a folder all the same.
     pub reason: Option<String>,
-    /// Share of its pixels whose depth another photograph confirms in the sweeps.
-    pub verified: Option<f32>,
-    /// Median of sigma over depth.
-    pub sigma: Option<f64>,
+    /// Width of the results, pixels.
+    pub width: usize,
+    /// Height of the results, pixels.
+    pub height: usize,
+    /// Horizontal focal length, pixels.
+    pub fx: Option<f64>,
+    /// Where the camera comes from.
+    pub camera: String,
     /// Of its refinement.
     pub seconds: f64,
+    /// Unit of the depth.
+    pub unit: String,
+    /// Factor of `--same-scale`.
+    pub same_scale: Option<f64>,
+    /// Standard deviation of its logarithm.
+    pub same_scale_sigma: Option<f64>,
+    /// Photographs that share a scale have the same number.
+    pub same_scale_group: Option<usize>,
+    /// Median of the depth, in its unit.
+    pub median_depth: Option<f64>,
+    /// Median of sigma over depth.
+    pub sigma: Option<f64>,
+    /// 90 % quantile of sigma over depth.
+    pub sigma_90: Option<f64>,
+    /// Pixels without depth.
+    pub missing: usize,
+    /// Share of its pixels whose depth another photograph confirms in the sweeps.
+    pub verified: Option<f32>,
     /// Unit of the poses per unit of the results; none where it was refined alone.
     pub scale: Option<f64>,
+    /// Its warnings.
+    pub warnings: Vec<String>,
+    /// Whether an earlier run finished it.
+    #[serde(skip)]
+    pub kept: bool,
 }
 
-impl EveryRow {
+impl PhotographRow {
     /// Of a photograph that is not refined yet.
     pub fn new(photograph: &str) -> Self {
-        Self {
-            photograph: photograph.to_owned(),
-            folder: None,
-            reason: None,
-            verified: None,
-            sigma: None,
-            seconds: 0.0,
-            scale: None,
-        }
+        Self { photograph: photograph.to_owned(), ..Self::default() }
+    }
+
+    /// Of a photograph that failed.
+    pub fn failed(photograph: &str, error: &str) -> Self {
+        Self { error: Some(error.to_owned()), ..Self::new(photograph) }
     }
 
     /// Takes what its result has.
@@ -58,11 +85,28 @@ impl EveryRow {
         let report = result.refinement.capture.as_ref();
         self.reason = report.and_then(|report| report.fallback.clone());
         self.verified = report.and_then(|report| report.photographs.get(index)?.verified);
-        self.sigma = relative_sigma(&result.refinement.depth);
         self.scale = report
             .filter(|report| report.fallback.is_none())
             .and_then(|report| report.scale)
             .map(|[scale, _]| if result.unit == "capture" { 1.0 } else { scale });
+        let camera = &result.camera;
+        (self.width, self.height) = (camera.camera.width, camera.camera.height);
+        (self.fx, self.camera) = (Some(camera.camera.fx), camera.source.name().to_owned());
+        self.unit = result.unit.to_owned();
+        self.same_scale = result.same_scale.map(|found| found.factor);
+        self.same_scale_sigma = result.same_scale.map(|found| found.log_sigma);
+        let (mean, sigma) = (result.refinement.depth.mean(), result.refinement.depth.sigma());
+        self.median_depth = median(mean.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)));
+        let known = mean.iter().zip(&sigma).filter(|(z, s)| **z > 0.0 && s.is_finite());
+        let mut relative: Vec<f32> = known.map(|(z, s)| s / z).collect();
+        self.sigma = median(relative.iter().copied().map(f64::from));
+        self.sigma_90 = quantile(&mut relative, 0.9);
+        self.missing = sigma.iter().filter(|s| s.is_infinite()).count();
+    }
+
+    /// `failed` or `done`.
+    pub fn status(&self) -> &'static str {
+        if self.error.is_some() { "failed" } else { "done" }
     }
 
     /// Camera of a refined photograph, and its pose for depths in the results' unit: world to camera. The world is that of a capture with
@@ -79,18 +123,16 @@ impl EveryRow {
         Some((prepared.camera(index)?, pose))
     }
 
-    /// Name and reason of a photograph that failed.
-    pub fn failure(&self) -> Option<String> {
-        let reason = self.reason.as_deref().filter(|_| self.folder.is_none())?;
-        Some(format!("{}: {reason}", self.photograph))
+    /// What became of a photograph that failed or that the others did not refine.
+    pub fn failed_or_alone(&self) -> Option<String> {
+        let alone = || Some(format!("refined alone: {}", self.reason.as_ref()?));
+        self.error.as_ref().map(|error| format!("failed: {error}")).or_else(alone)
     }
-}
 
-/// Median of sigma over depth.
-pub fn relative_sigma(depth: &GaussianDepth) -> Option<f64> {
-    let (sigma, mean) = (depth.sigma(), depth.mean());
-    let relative = mean.iter().zip(&sigma).filter(|(z, s)| **z > 0.0 && s.is_finite());
-    median(relative.map(|(z, s)| f64::from(s / z)))
+    /// Name and error of a photograph that failed.
+    pub fn failure(&self) -> Option<String> {
+        Some(format!("{}: {}", self.photograph, self.error.as_deref()?))
+    }
 }
 
 /// A photograph refined by the others.
@@ -164,7 +206,7 @@ pub struct EveryRecord<'r> {
     /// Unit of the results.
     pub unit: &'static str,
     /// The photographs.
-    pub photographs: &'r [EveryRow],
+    pub photographs: &'r [PhotographRow],
     /// Predictions and poses.
     pub poses: &'r CaptureReport,
     /// Points of the cloud.

@@ -5,6 +5,8 @@ pub mod canvas;
 #[cfg(feature = "files")]
 pub mod every;
 #[cfg(feature = "files")]
+pub mod exchange;
+#[cfg(feature = "files")]
 pub mod export;
 #[cfg(feature = "files")]
 pub mod maps;

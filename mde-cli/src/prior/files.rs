@@ -2,8 +2,9 @@
 
 use crate::error::Result;
 use crate::prior::origin::{METRES, PriorForm, PriorOrigin};
-use mde_prior::format::{Encoding, PngContent, ReadOptions, png_content};
-use mde_prior::{DepthKind, FilePrior};
+use mde_prior::format::{PngContent, ReadOptions, png_content};
+use mde_prior::{DepthKind, FileKind, FilePrior, open};
+use std::io::Read as _;
 use std::path::Path;
 
 /// Two aspects that differ by no more are the same up to rounded sides.
@@ -58,12 +59,12 @@ impl MapFile {
     }
 }
 
-/// How a map is read: with the encoding of depths in PNG files, and the scale that is given as the argument `name`.
+/// How a map is read with the scale that is given as the argument `name`.
 ///
 /// # Errors
 /// [`Error::Argument`](crate::error::Error::Argument) for a scale that is none.
-pub fn read_options(name: &str, scale: Option<f64>, encoding: Encoding) -> Result<ReadOptions> {
-    let mut options = ReadOptions { encoding, ..ReadOptions::default() };
+pub fn read_options(name: &str, scale: Option<f64>) -> Result<ReadOptions> {
+    let mut options = ReadOptions::default();
     if let Some(scale) = scale {
         if !(scale > 0.0 && scale.is_finite()) {
             return Err(crate::error::Error::Argument(format!(
@@ -86,8 +87,7 @@ fn unit(path: &Path) -> Option<String> {
 /// Whether a file is a PNG of 8 bits a sample; `grey`: of one channel.
 fn has_eight_bits(path: &Path, grey: bool) -> bool {
     let mut header = [0; 26];
-    let read =
-        std::fs::File::open(path).and_then(|mut file| std::io::Read::read_exact(&mut file, &mut header));
+    let read = open::open(path, FileKind::DepthMap).and_then(|mut file| file.read_exact(&mut header));
     read.is_ok() && header.starts_with(b"\x89PNG") && header[24] == 8 && (!grey || header[25] == 0)
 }
 
@@ -129,7 +129,7 @@ mod network {
     use super::{Path, PriorForm, PriorOrigin, Result};
     use crate::error::Error;
     use crate::prior::hash_files;
-    use mde_prior::{DepthKind, ModelSpec, OnnxPrior, RecognisedBy, Runtime, spec};
+    use mde_prior::{DepthKind, FileKind, ModelSpec, OnnxPrior, RecognisedBy, Runtime, open, spec};
 
     /// What is given of a network's format.
     #[derive(Debug, Clone, Copy, Default)]
@@ -186,8 +186,7 @@ mod network {
     }
 
     fn read_spec(path: &Path) -> Result<ModelSpec> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+        let text = open::read_text(path, FileKind::Settings).map_err(Error::io(path))?;
         ModelSpec::from_toml(&text).map_err(|error| Error::Argument(format!("{}: {error}", path.display())))
     }
 

@@ -9,14 +9,14 @@ pub(crate) use bound::PhotographPrior;
 use crate::error::{Error, Result};
 use crate::prior::files::MapFile;
 use crate::prior::origin::PriorOrigin;
-use mde_prior::DepthPrior;
+use mde_prior::{DepthPrior, FileKind, open};
 use ndarray::Array3;
 use std::path::Path;
 use std::sync::OnceLock;
 
 /// A prior that is open: a network, a map, or a caller's own.
 pub struct OpenPrior<'p> {
-    prior: Box<dyn DepthPrior + 'p>,
+    prior: Box<dyn DepthPrior + Send + 'p>,
     origin: PriorOrigin,
     /// `(height, width)` of a map from a file.
     pub(crate) size: Option<(usize, usize)>,
@@ -28,7 +28,7 @@ pub struct OpenPrior<'p> {
 
 impl<'p> OpenPrior<'p> {
     /// A caller's own prior.
-    pub fn given(prior: Box<dyn DepthPrior + 'p>, origin: PriorOrigin) -> Self {
+    pub fn given(prior: Box<dyn DepthPrior + Send + 'p>, origin: PriorOrigin) -> Self {
         Self { prior, origin, size: None, note: None, order: OnceLock::new() }
     }
 
@@ -70,8 +70,7 @@ pub fn hash(bytes: &[u8]) -> String {
 pub fn hash_files<'p>(paths: impl IntoIterator<Item = &'p Path>) -> Result<String> {
     let mut hasher = crc32fast::Hasher::new();
     for path in paths {
-        let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
-        hasher.update(&bytes);
+        hasher.update(&open::read(path, FileKind::Weights).map_err(Error::io(path))?);
     }
     Ok(format!("{:08x}", hasher.finalize()))
 }

@@ -130,7 +130,7 @@ fn check(words: &[String]) -> Result<(), String> {
     match cli.command {
         Subcommand::Eval(args) => {
             for name in args.methods.iter().filter(|name| !name.ends_with(".toml")) {
-                Method::parse(name, Preset::Default, None).map_err(|error| format!("{error:#}"))?;
+                Method::parse(name, None).map_err(|error| format!("{error:#}"))?;
             }
         }
         Subcommand::Ablate(args) => {

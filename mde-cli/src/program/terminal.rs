@@ -1,6 +1,6 @@
 //! Results on a terminal of any width.
 
-use mde_eval::table::{Block, Cell, Document, Table};
+use mde_eval::table::{Block, Document, Table};
 use std::io::{self, IsTerminal};
 
 /// Width of the terminal on stdout; `usize::MAX` where stdout is no terminal.
@@ -27,17 +27,20 @@ pub(crate) fn shown(document: &Document, columns: usize) -> String {
 
 /// Columns as wide as their longest cell, two spaces apart; numbers are aligned right.
 fn aligned(table: &Table) -> String {
-    let head = table.columns.iter().map(|column| column.head.clone()).collect();
-    let rows = table.rows.iter().map(|row| row.iter().map(Cell::plain).collect());
-    let rows: Vec<Vec<String>> = std::iter::once(head).chain(rows).collect();
+    let plain = |cell: &String| match cell.strip_prefix("**") {
+        Some(strong) => strong.replacen("**", "", 1),
+        None => cell.clone(),
+    };
+    let rows = std::iter::once(&table.heads).chain(&table.rows);
+    let rows: Vec<Vec<String>> = rows.map(|row| row.iter().map(plain).collect()).collect();
     let length = |cell: &String| cell.chars().count();
     let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(length).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..table.columns.len()).map(width).collect();
+    let widths: Vec<usize> = (0..table.heads.len()).map(width).collect();
     let line = |row: &Vec<String>| {
-        let cells = row.iter().zip(&widths).zip(&table.columns);
-        let padded = cells.map(|((cell, &width), column)| match column.numeric {
-            true => format!("{cell:>width$}"),
-            false => format!("{cell:width$}"),
+        let cells = row.iter().zip(&widths).enumerate();
+        let padded = cells.map(|(column, (cell, &width))| match column < table.words {
+            true => format!("{cell:width$}"),
+            false => format!("{cell:>width$}"),
         });
         padded.collect::<Vec<_>>().join("  ").trim_end().to_owned()
     };
@@ -126,11 +129,10 @@ mod tests {
 
     #[test]
     fn a_table_is_aligned_and_a_file_gets_markdown() {
-        use mde_eval::table::Column;
-        let columns = vec![Column::text("method"), Column::number("MSE, m² ↓"), Column::number("AbsRel ↓")];
-        let row = |cells: [&str; 3]| cells.map(Cell::new).to_vec();
-        let rows = vec![row(["fast", "1.91 (3.5)", "0.294"]), row(["unsharp as fast", "2", "0.3"])];
-        let blocks = vec![Block::Text("Mean:".to_owned()), Block::Table(Table { columns, rows })];
+        let rows = [["fast", "**1.91** (3.5)", "0.294"], ["unsharp as fast", "2", "0.3"]];
+        let rows = rows.map(|row| row.map(str::to_owned).to_vec());
+        let table = Table::new(1, ["method", "MSE, m² ↓", "AbsRel ↓"], rows);
+        let blocks = vec![Block::Text("Mean:".to_owned()), Block::Table(table)];
         let document = Document { blocks };
         assert_eq!(shown(&document, usize::MAX), document.markdown().trim_end());
         let expected = "Mean:\n\n\

@@ -21,7 +21,7 @@ pub mod views;
 use crate::config::{Config, IterationPrior};
 use crate::error::{Error, LEAST, MOST, Result};
 use crate::refinement::event::{Callback, Event, Stage};
-use crate::refinement::predict::{Start, start};
+use crate::refinement::predict::{Start, predict};
 use crate::refinement::stages::Stages;
 use crate::refinement::views::synthesise;
 use crate::reports::Refinement;
@@ -30,7 +30,7 @@ use crate::reports::prediction::Component;
 use mde_fusion::{BayesFuser, Fused, Fuser, Prior};
 use mde_nerf::RadianceField;
 use mde_prior::DepthPrior;
-use mde_prior::augment::{Limits, Progress};
+use mde_prior::augment::Progress;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::{median, spearman};
 use mde_warp::PinholeCamera;
@@ -54,22 +54,13 @@ pub fn refine(
     config.validate()?;
     let mut run = Run { image, camera, config, callback };
     let Start { prior, depth: anchor, mut components, certainty, report: augmentation } =
-        run.start(stages.prior, stages.limits)?;
+        run.predict(stages.prior, stages.at_once)?;
     check_prior(prior.view(), image)?;
     if !config.refinement.fits_a_field() {
         let share = augmentation.common_error.unwrap_or(config.fusion.common_error);
-        let depth = with_common_error(anchor, share)?;
-        components.push(common(&depth, share));
-        return Ok(Refinement {
-            depth,
-            prior,
-            augmentation,
-            components,
-            iterations: Vec::new(),
-            field: None,
-            certainty,
-            capture: None,
-        });
+        let depth = anchor.map(|mean, variance| (mean, variance + (share as f32 * mean).powi(2)));
+        components.push(shared_error(&depth, share));
+        return Ok(Refinement { depth, augmentation, components, certainty, ..Refinement::of_prior(prior) });
     }
     let bayes;
     let fuser: &dyn Fuser = match stages.fuser {
@@ -95,17 +86,15 @@ pub fn refine(
         iterations.push(report);
         if iterations.len() >= config.refinement.iterations {
             components.push(Component { name: "field", sigma: fused.aligned.sigma() });
-            components.push(common(&fused.depth, config.fusion.common_error));
-            let (depth, field) = (fused.depth, Some(field));
+            components.push(shared_error(&fused.depth, config.fusion.common_error));
             return Ok(Refinement {
-                depth,
-                prior,
+                depth: fused.depth,
                 augmentation,
                 components,
                 iterations,
-                field,
+                field: Some(field),
                 certainty,
-                capture: None,
+                ..Refinement::of_prior(prior)
             });
         }
         current = fused.depth;
@@ -129,14 +118,14 @@ impl Run<'_, '_> {
     }
 
     /// The prior's stage.
-    fn start(&mut self, model: &dyn DepthPrior, limits: Limits) -> Result<Start> {
+    fn predict(&mut self, model: &dyn DepthPrior, at_once: Option<usize>) -> Result<Start> {
         let begin = self.begin(Stage::Prior, 0)?;
         let (callback, iterations) = (&mut *self.callback, self.config.refinement.iterations);
         let mut listen = |progress| match progress {
             Progress::Predicted { done, total } => callback(&Event::Predicted { done, total }),
             Progress::Merging => callback(&Event::Begin { stage: Stage::Merge, iteration: 0, iterations }),
         };
-        let mut start = start(model, self.image, self.config, limits, &mut listen)?;
+        let mut start = predict(model, self.image, self.config, at_once, &mut listen)?;
         start.report.seconds = begin.elapsed().as_secs_f64();
         Ok(start)
     }
@@ -183,13 +172,8 @@ impl Run<'_, '_> {
     }
 }
 
-/// The depth with the variance of an error of `share` of the depth added.
-fn with_common_error(depth: GaussianDepth, share: f64) -> Result<GaussianDepth> {
-    let share = share as f32;
-    Ok(depth.map(|mean, variance| (mean, variance + (share * mean).powi(2))))
-}
-
-fn common(depth: &GaussianDepth, share: f64) -> Component {
+/// The part of sigma from the error that all predictions share.
+fn shared_error(depth: &GaussianDepth, share: f64) -> Component {
     let sigma = depth.mean().mapv(|z| if z > 0.0 { share as f32 * z } else { f32::INFINITY });
     Component { name: "common", sigma }
 }

@@ -3,7 +3,7 @@
 use crate::config::{Config, SigmaConfig};
 use crate::error::{Error, Result};
 use crate::reports::prediction::{AugmentationReport, Component};
-use mde_prior::augment::{Limits, Predictions, Progress};
+use mde_prior::augment::{Predictions, Progress};
 use mde_prior::{Augmented, Certainty, DepthPrior};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::filter::{Border, Gaussian, gaussian_blur};
@@ -26,34 +26,36 @@ pub(crate) struct Start {
 }
 
 /// Runs the prior, with test-time augmentation where it is configured and the prior accepts new images.
-pub(crate) fn start(
+pub(crate) fn predict(
     model: &dyn DepthPrior,
     image: ArrayView3<'_, f32>,
     config: &Config,
-    limits: Limits,
+    at_once: Option<usize>,
     progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<Start> {
     let mut report = AugmentationReport { predictions: 1, ..AugmentationReport::default() };
+    let single = |prior: Array2<f32>, certainty, report| {
+        Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), certainty, report })
+    };
     if !(config.augmentation.is_active() && model.accepts_new_images()) {
         if config.augmentation.is_active() {
             report.skipped = Some("the prior does not accept new images");
         }
         let mut predicted = model.predict(image)?;
         let certainty = predicted.certainty.take();
-        let prior = predicted.to_depth(&config.disparity)?;
-        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), certainty, report });
+        return single(predicted.to_depth(&config.disparity)?, certainty, report);
     }
     let mut augmented =
-        config.augmentation.predict_with(model, image, limits, progress)?.ok_or(Error::Interrupted)?;
+        config.augmentation.predict_with(model, image, at_once, progress)?.ok_or(Error::Interrupted)?;
     let certainty = augmented.prior.certainty.take();
     let prior = augmented.prior.to_depth(&config.disparity)?;
-    let depth = augmented.depth(&config.disparity)?;
     report.predictions = augmented.plan.predictions();
     report.reason = Some(reason(&augmented, config.augmentation.predictions));
     report.plan = Some(augmented.plan.clone());
     if report.predictions == 1 {
-        return Ok(Start { depth: known(prior.clone())?, prior, components: Vec::new(), certainty, report });
+        return single(prior, certainty, report);
     }
+    let depth = augmented.depth(&config.disparity)?;
     let (components, variance) = variance(
         &augmented,
         prior.view(),

@@ -17,7 +17,7 @@ use crate::scene::known::KnownDepth;
 use mde_fusion::{Affine, Sample, affine_wls};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
-use ndarray::Array2;
+use ndarray::{ArrayView2, Zip};
 use serde::Serialize;
 
 /// The map from a refinement to the known depths.
@@ -81,7 +81,6 @@ impl Refinement {
     /// [`Error::Scale`] for a known depth that is not positive and finite, too few of them at a pixel with a depth (1, and 2 for
     /// disparities), or a map that turns near into far.
     pub fn scaled_to(self, known: &[KnownDepth], of_disparity: bool) -> Result<(Self, ScaleReport)> {
-        let fault = |reason: String| Error::Scale(reason);
         let (height, width) = self.depth.dim();
         let mut pairs = Vec::new();
         for point in known {
@@ -98,7 +97,7 @@ impl Refinement {
         }
         let least = if of_disparity { 2 } else { 1 };
         if pairs.len() < least {
-            return Err(fault(format!(
+            return Err(Error::Scale(format!(
                 "{} of {} known depths lie at a pixel with a depth; give {least} or more (columns: x, y, depth, from the upper left)",
                 pairs.len(),
                 known.len()
@@ -112,7 +111,7 @@ impl Refinement {
             })
             .collect();
         let line = fit(&samples, of_disparity).ok_or_else(|| {
-            fault("the known depths do not fit: nearer ones are farther in the map; check their pixels and units".to_owned())
+            Error::Scale("the known depths do not fit: nearer ones are farther in the map; check their pixels and units".to_owned())
         })?;
         let mapped = |z: f64| -> Option<(f64, f64, f64)> {
             let u = if of_disparity { 1.0 / z } else { z };
@@ -182,38 +181,26 @@ impl Refinement {
         name: &'static str,
         mapped: impl Fn(f64) -> Option<(f64, f64, f64)>,
     ) -> Result<(Self, Option<f64>)> {
-        let mut scale = Array2::from_elem(self.depth.dim(), f32::INFINITY);
-        let old = self.depth.mean().to_owned();
-        let mut slopes = Array2::zeros(old.dim());
-        ndarray::Zip::from(&mut scale).and(&mut slopes).and(&old).for_each(|scale, slope: &mut f32, &z| {
-            if let Some((_, derivative, variance)) = (z > 0.0).then(|| mapped(f64::from(z))).flatten() {
-                (*scale, *slope) = (variance.sqrt() as f32, derivative as f32);
-            }
-        });
-        let new = |z: f32| {
-            let found = (z > 0.0).then(|| mapped(f64::from(z))).flatten();
-            found.map_or(0.0, |(depth, ..)| depth as f32)
-        };
+        let at = |z: f32| (z > 0.0).then(|| mapped(f64::from(z))).flatten();
+        let new = |z: f32| at(z).map_or(0.0, |(depth, ..)| depth as f32);
+        let old = self.depth.mean();
+        let scale = old.mapv(|z| at(z).map_or(f32::INFINITY, |(.., variance)| variance.sqrt() as f32));
+        let slopes = old.mapv(|z| at(z).map_or(0.0, |(_, slope, _)| slope as f32));
         let depth = old.mapv(new);
-        let variance = ndarray::Zip::from(self.depth.variance()).and(&slopes).and(&scale).map_collect(
-            |&v, &slope, &scale| {
-                if scale.is_finite() {
-                    (slope * slope * v + scale * scale).max(f32::MIN_POSITIVE)
-                } else {
-                    f32::INFINITY
-                }
-            },
-        );
+        let of_known = |map: ArrayView2<'_, f32>, value: fn(f32, f32, f32) -> f32| {
+            Zip::from(map).and(&slopes).and(&scale).map_collect(|&map, &slope, &scale| {
+                if scale.is_finite() { value(map, slope, scale) } else { f32::INFINITY }
+            })
+        };
+        let variance = of_known(self.depth.variance(), |v, slope, scale| {
+            (slope * slope * v + scale * scale).max(f32::MIN_POSITIVE)
+        });
         let mut components: Vec<Component> = self
             .components
-            .into_iter()
+            .iter()
             .map(|part| Component {
-                sigma: ndarray::Zip::from(&part.sigma).and(&slopes).and(&scale).map_collect(
-                    |&s, &slope, &scale| {
-                        if scale.is_finite() { slope * s } else { f32::INFINITY }
-                    },
-                ),
-                ..part
+                name: part.name,
+                sigma: of_known(part.sigma.view(), |sigma, slope, _| slope * sigma),
             })
             .collect();
         let sigma =
@@ -254,7 +241,11 @@ fn robust(samples: &[(f64, f64, f64, f64)], has_shift: bool) -> Option<Line> {
             .collect();
         let affine = match has_shift {
             true => affine_wls(&weighted)?.affine,
-            false => through_origin(&weighted),
+            false => {
+                let sum = |term: fn(&Sample) -> f64| weighted.iter().map(term).sum::<f64>();
+                let (uv, uu) = (sum(|s| s.u * s.v / s.variance), sum(|s| s.u * s.u / s.variance));
+                Affine { a: uv / uu, b: 0.0 }
+            }
         };
         if !(affine.a > 0.0 && affine.a.is_finite()) {
             return None;
@@ -288,18 +279,11 @@ fn robust(samples: &[(f64, f64, f64, f64)], has_shift: bool) -> Option<Line> {
     line
 }
 
-/// The line through the origin.
-fn through_origin(samples: &[Sample]) -> Affine {
-    let (uv, uu) = samples
-        .iter()
-        .fold((0.0, 0.0), |(uv, uu), s| (uv + s.u * s.v / s.variance, uu + s.u * s.u / s.variance));
-    Affine { a: uv / uu, b: 0.0 }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use mde_uncertainty::random::CounterRng;
+    use ndarray::Array2;
     use proptest::prelude::*;
 
     fn refinement(depth: &Array2<f32>, relative: f32) -> Refinement {
@@ -402,17 +386,6 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_factor_is_refused() {
-        let depth = scene(0);
-        for (factor, log_sigma) in
-            [(0.0, 0.1), (f64::NAN, 0.1), (f64::INFINITY, 0.1), (2.0, -0.1), (2.0, f64::NAN)]
-        {
-            let refused = refinement(&depth, 0.05).scaled(factor, log_sigma).err().unwrap().to_string();
-            assert!(refused.contains("no positive number"), "{refused}");
-        }
-    }
-
-    #[test]
     fn one_point_scales_and_faults_are_named() {
         let depth = scene(0);
         let one = [KnownDepth { x: 4.0, y: 5.0, depth: 2.0 * f64::from(depth[(5, 4)]), sigma: 0.1 }];
@@ -428,6 +401,12 @@ mod tests {
         assert!(error(&one, true).contains("give 2 or more"));
         assert!(error(&[KnownDepth { depth: -1.0, ..one[0] }], false).contains("no positive number"));
         assert!(error(&[KnownDepth { x: 400.0, ..one[0] }], false).contains("0 of 1"));
+        for (factor, log_sigma) in
+            [(0.0, 0.1), (f64::NAN, 0.1), (f64::INFINITY, 0.1), (2.0, -0.1), (2.0, f64::NAN)]
+        {
+            let refused = refinement(&depth, 0.05).scaled(factor, log_sigma).err().unwrap().to_string();
+            assert!(refused.contains("no positive number"), "{refused}");
+        }
         let turned = points(&depth.mapv(|z| 1.0 / z), 5);
         assert!(error(&turned, true).contains("do not fit"));
         assert!(refinement(&depth, 0.0).scaled_to(&points(&depth, 9), true).is_ok());

@@ -5,7 +5,6 @@ use crate::error::Result;
 use mde_fusion::Fuser;
 use mde_nerf::{Nerf, NerfConfig, RadianceField};
 use mde_prior::DepthPrior;
-use mde_prior::augment::Limits;
 use mde_uncertainty::random::derived_seed;
 
 /// Arguments of a field factory.
@@ -56,7 +55,7 @@ pub struct Stages<'s> {
     pub(crate) prior: &'s dyn DepthPrior,
     field: Option<Box<FieldFactory<'s>>>,
     pub(crate) fuser: Option<&'s dyn Fuser>,
-    pub(crate) limits: Limits,
+    pub(crate) at_once: Option<usize>,
     /// Factor on the prior of each of several photographs; 1 where there is none.
     pub(crate) factors: Vec<f32>,
 }
@@ -64,7 +63,7 @@ pub struct Stages<'s> {
 impl<'s> Stages<'s> {
     /// The depth of `prior`, a [`Nerf`] with [`Config::nerf`], and a [`BayesFuser`](mde_fusion::BayesFuser) with [`Config::fusion`].
     pub fn new(prior: &'s dyn DepthPrior) -> Self {
-        Self { prior, field: None, fuser: None, limits: Limits::default(), factors: Vec::new() }
+        Self { prior, field: None, fuser: None, at_once: None, factors: Vec::new() }
     }
 
     /// Another field; `factory` is called once per iteration. [`Config::nerf`] is passed to it and not used otherwise.
@@ -88,7 +87,7 @@ impl<'s> Stages<'s> {
     /// [`PhotographMemory`](crate::refiner::plan::inference::PhotographMemory). The result does not depend on it.
     #[must_use]
     pub fn with_predictions_at_once(mut self, most: usize) -> Self {
-        self.limits.at_once = Some(most);
+        self.at_once = Some(most);
         self
     }
 

@@ -35,21 +35,25 @@ impl Refinement {
             upsampling.row(&views, y, &mut rows)
         })?;
         let row = |index: usize, y: usize| &rows[(y * count + index) * width..][..width];
-        let mut depth = Array2::zeros((height, width));
-        each_row(&mut depth, |y, depth| depth.copy_from_slice(row(0, y)));
-        let known = |index: usize, value: fn(f32) -> f32| {
-            let mut map = Array2::zeros((height, width));
-            each_row(&mut map, |y, out| {
+        // The values of a map where there is a depth.
+        let known = |index: usize, missing: f32, value: fn(f32) -> f32| {
+            let mut map = Array2::from_elem((height, width), missing);
+            let lines = map.as_slice_mut().unwrap_or_default().par_chunks_mut(width.max(1));
+            lines.enumerate().for_each(|(y, out)| {
                 for ((out, &s), &z) in out.iter_mut().zip(row(index, y)).zip(row(0, y)) {
-                    *out = if z > 0.0 { value(s) } else { f32::INFINITY };
+                    *out = if z > 0.0 { value(s) } else { missing };
                 }
             });
             map
         };
-        let variance = known(1, |s| s * s);
+        let depth = known(0, 0.0, |z| z);
+        let variance = known(1, f32::INFINITY, |s| s * s);
         let components = self.components.iter().zip(2..);
         let components = components
-            .map(|(component, index)| Component { name: component.name, sigma: known(index, |s| s) })
+            .map(|(component, index)| Component {
+                name: component.name,
+                sigma: known(index, f32::INFINITY, |s| s),
+            })
             .collect();
         let prior = match self.prior.iter().all(|&z| z > 0.0) {
             true => resize(self.prior.view(), (height, width), Filter::Bilinear),
@@ -60,13 +64,5 @@ impl Refinement {
         let certainty =
             self.certainty.map(|Certainty { meaning, map }| Certainty { meaning, map: resized(map) });
         Ok(Self { depth, prior, components, certainty, ..self })
-    }
-}
-
-/// Calls `write` with the index and the values of each row, rows side by side.
-fn each_row(map: &mut Array2<f32>, write: impl Fn(usize, &mut [f32]) + Sync) {
-    let width = map.ncols().max(1);
-    if let Some(values) = map.as_slice_mut() {
-        values.par_chunks_mut(width).enumerate().for_each(|(y, row)| write(y, row));
     }
 }

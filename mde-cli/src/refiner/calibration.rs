@@ -4,7 +4,7 @@ use crate::config::{Config, MultiViewConfig, SigmaConfig};
 use crate::error::{Error, Result};
 use crate::prior::hash;
 use mde_nerf::NerfConfig;
-use mde_prior::AugmentationConfig;
+use mde_prior::{AugmentationConfig, FileKind, open};
 use mde_uncertainty::calibration::{Calibration, Fingerprint};
 use serde::Serialize;
 use std::path::Path;
@@ -22,7 +22,7 @@ pub fn shipped() -> Result<Calibration> {
 /// # Errors
 /// [`Error::Io`] where it cannot be read, [`Error::Depth`] where it is no calibration.
 pub fn read(path: &Path) -> Result<Calibration> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+    let text = open::read_text(path, FileKind::Settings).map_err(Error::io(path))?;
     Ok(Calibration::parse(&text, &path.display().to_string())?)
 }
 

@@ -6,14 +6,14 @@ use crate::prior::OpenPrior;
 /// flag or the file name is tested, once.
 #[cfg(feature = "program")]
 pub(super) fn swapped<'p>(open: &'p OpenPrior<'_>) -> Option<&'p str> {
-    let found = open.order.get_or_init(|| {
+    if open.origin().is_doubtful() && open.order.get().is_none() {
+        // Not within `get_or_init`: a thread of rayon's pool could meanwhile take up work that waits for it.
         // What can't be predicted fails in the run too, with its own error.
-        let tried =
-            open.origin().is_doubtful().then(|| mde_eval::order_check::OrderCheck::swapped(open.prior()));
-        let trial = tried?.ok()??;
-        Some(open.origin().swapped(trial.mean()))
-    });
-    found.as_deref()
+        let trial = mde_eval::order_check::OrderCheck::swapped(open.prior()).ok().flatten();
+        // Another thread finds the same.
+        let _ = open.order.set(trial.map(|trial| open.origin().swapped(trial.mean())));
+    }
+    open.order.get()?.as_deref()
 }
 
 /// Without procedural rooms there is nothing to test with.

@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::scene::SameScale;
 use crate::scene::camera::KnownCamera;
 use crate::scene::size::{shrink, within};
-use mde_mvs::poses::{FeatureConfig, LogFactor, LogRatio, PoseInput, PosesConfig, Prepared, common_scale};
+use mde_mvs::poses::{LogFactor, LogRatio, PoseInput, Prepared, common_scale};
 use mde_prior::resample::nearest;
 use mde_prior::{DepthPrior, DisparityRule};
 use mde_uncertainty::random::derived_seed;
@@ -57,7 +57,6 @@ pub struct Pair([Kept; 2]);
 /// ```
 #[derive(Debug)]
 pub struct OneScale {
-    settings: PosesConfig,
     disparity: DisparityRule,
     seed: u64,
     photographs: usize,
@@ -72,9 +71,7 @@ pub struct OneScale {
 impl OneScale {
     /// That of so many photographs; of the settings, it depends on the seed and the conversion of disparity.
     pub fn new(photographs: usize, config: &Config) -> Self {
-        let features = FeatureConfig { max_features: FEATURES, ..FeatureConfig::default() };
         Self {
-            settings: PosesConfig { features, ..PosesConfig::default() },
             disparity: config.disparity.clone(),
             seed: derived_seed(config.seed, "same-scale", 0),
             photographs,
@@ -103,13 +100,12 @@ impl OneScale {
         let size = within((height, width), Some(LONGER_SIDE));
         let (image, depth) = (shrink(image, size), nearest(depth.view(), size));
         let photograph = PoseInput {
-            name: "photograph",
             image: image.view(),
             camera: camera.camera.resized(size.1, size.0)?,
             focal_assumed: camera.is_assumed(),
             prior: Some(depth.view()),
         };
-        Ok(Prepared::new(&photograph, &self.settings.features)?)
+        Ok(Prepared::new(&photograph, FEATURES)?)
     }
 
     /// Adds the next photograph, nothing where it could not be prepared. The result are the pairs to compare.
@@ -134,7 +130,7 @@ impl OneScale {
 
     /// The ratio of a pair's scales; nothing where the two share too little. Pairs may be compared side by side.
     pub fn ratio(&self, Pair([(first, a), (second, b)]): &Pair) -> Option<LogRatio> {
-        let ratio = Prepared::log_ratio(a, b, &self.settings, self.seed).ok().flatten();
+        let ratio = Prepared::log_ratio(a, b, self.seed);
         ratio.map(|[log, sigma]| LogRatio { first: *first, second: *second, log, sigma })
     }
 

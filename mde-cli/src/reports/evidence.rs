@@ -1,7 +1,7 @@
 //! Where the depth of each pixel comes from.
 
 use crate::error::Result;
-use mde_mvs::consensus::{ConsensusConfig, agreement};
+use mde_mvs::consensus::agreement;
 use mde_nerf::RenderedView;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
@@ -49,9 +49,8 @@ impl Evidence {
         if let Some(first) = depths.first_mut() {
             *first = &own;
         }
-        let ConsensusConfig { pixels, log_depth, .. } = ConsensusConfig::default();
         let others: Vec<usize> = (1..views.len()).collect();
-        let found = agreement(views, &depths, 0, &others, [pixels, log_depth])?;
+        let found = agreement(views, &depths, 0, &others)?;
         let origin = Array2::from_shape_fn(depth.dim(), |(row, column)| {
             let by_field = rendered.is_some_and(|rendered| rendered.depth.get(row, column).is_some());
             match depth.get(row, column) {

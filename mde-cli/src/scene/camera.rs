@@ -4,7 +4,8 @@ use crate::error::{Error, Result, text};
 use crate::prior::origin::PriorOrigin;
 use crate::reports::capture::CaptureReport;
 use crate::scene::intrinsics::Intrinsics;
-use mde_prior::DepthPrior;
+use mde_mvs::capture::{Distortion, Lens};
+use mde_prior::{DepthPrior, FileKind, open};
 use mde_warp::PinholeCamera;
 use ndarray::ArrayView3;
 use serde::Serialize;
@@ -87,17 +88,14 @@ impl KnownCamera {
     /// The camera of a photograph of that size, with the focal length of its EXIF in millimetres of 35 mm film.
     ///
     /// # Errors
-    /// [`Error::Argument`], [`Error::Intrinsics`] or [`Error::Warp`] for what is no camera of that photograph.
+    /// [`Error::Io`] for a file that can't be read; [`Error::Argument`], [`Error::Intrinsics`] or [`Error::Warp`] for what is no camera of
+    /// that photograph.
     pub fn new(given: &GivenCamera, focal_35mm: Option<f64>, [width, height]: [usize; 2]) -> Result<Self> {
         let middle = |side: usize| 0.5 * (side as f64 - 1.0);
         let (camera, source) = match (given, focal_35mm) {
             (GivenCamera::File(path), _) => {
                 let shown = path.display();
-                let read = std::fs::read_to_string(path).map_err(|error| {
-                    Error::Argument(format!(
-                        "{shown}: can't read the camera's intrinsics; check the path: {error}"
-                    ))
-                })?;
+                let read = open::read_text(path, FileKind::Settings).map_err(Error::io(path))?;
                 let camera = Intrinsics::parse(&read)
                     .and_then(|k| k.camera([width, height]))
                     .map_err(|error| Error::Argument(format!("{shown}: {}", text(&error))))?;
@@ -120,14 +118,13 @@ impl KnownCamera {
                 (PinholeCamera::from_fov(ASSUMED_FOV, width, height)?, CameraSource::Assumed(ASSUMED_FOV))
             }
         };
-        // Beyond this, rays leave at right angles to the axis, or all along it.
-        let stated = matches!(source, CameraSource::Flags | CameraSource::File(_));
-        for (name, focal, side) in [("fx", camera.fx, width), ("fy", camera.fy, height)] {
-            if stated && !(1e-3..=1e5).contains(&(focal / side as f64)) {
-                return Err(Error::Argument(format!(
-                    "{name} is {focal:e} pixels, which is no focal length of an image of {width}x{height}; give one about the width, or {{fov}}"
-                )));
+        let lens = Lens { camera, distortion: Distortion::default() };
+        match &source {
+            CameraSource::Flags => lens.check().map_err(Error::Argument)?,
+            CameraSource::File(file) => {
+                lens.check().map_err(|reason| Error::Argument(format!("{file}: {reason}")))?;
             }
+            _ => {}
         }
         Ok(Self { camera, source })
     }

@@ -81,6 +81,7 @@ mod files {
     use super::{Error, KnownDepth, KnownDepths, Result};
     use crate::error::text;
     use mde_mvs::capture::read_colmap_depths;
+    use mde_prior::{FileKind, open};
     use std::path::Path;
 
     /// Most rows of a file.
@@ -106,16 +107,15 @@ mod files {
 
     /// Rows `x,y,depth` or `x,y,depth,sigma`, with or without a head.
     fn of_csv(path: &Path) -> Result<Vec<KnownDepth>, String> {
+        let file = open::open(path, FileKind::Text).map_err(|error| {
+            format!("can't be read; give a CSV file of x, y, depth, or a COLMAP model: {error}")
+        })?;
         let mut reader = csv::ReaderBuilder::new()
             .has_headers(false)
             .trim(csv::Trim::All)
             .flexible(true)
             .comment(Some(b'#'))
-            .from_path(path)
-            .map_err(|error| {
-                let remedy = "can't be read; give a CSV file of x, y, depth, or a COLMAP model";
-                format!("{remedy}: {}", text(&error))
-            })?;
+            .from_reader(file);
         let mut depths = Vec::new();
         for (index, row) in reader.records().enumerate() {
             let row = row.map_err(|error| text(&error))?;

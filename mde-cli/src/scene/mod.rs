@@ -3,6 +3,8 @@
 pub mod camera;
 pub mod intrinsics;
 pub mod known;
+#[cfg(feature = "files")]
+pub mod posed;
 pub mod size;
 
 use crate::error::{Error, Result};

@@ -4,9 +4,7 @@ use crate::config::Config;
 use crate::error::Result;
 use crate::reports::capture::{CaptureReport, PoseSource};
 use crate::scene::Scene;
-use mde_mvs::poses::{
-    self, Agreement, PosesConfig, RefineConfig, Refined, Track, Verdict, estimate_poses, refine_poses,
-};
+use mde_mvs::poses::{self, Agreement, MIN_MATCHES, Refined, Track, Verdict, estimate_poses, refine_poses};
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose, PosedView};
@@ -56,60 +54,49 @@ pub(super) fn posed(
     let seed = derived_seed(config.seed, "poses", 0);
     let reference = scene.reference;
     let given: Option<Vec<Pose>> = scene.photographs.iter().map(|p| p.pose).collect();
-    let (cameras, poses, covariances, unit) = match given {
-        Some(given) => {
-            let world = given[reference].inverse();
-            let given: Vec<Pose> = given.iter().map(|pose| pose * world).collect();
-            let (kept, refined) = refined(&inputs, &given, reference, seed, report, matched)?;
-            report.poses = if refined.accepted { PoseSource::Refined } else { PoseSource::Given };
-            report.withheld_pixels = refined.withheld;
-            if kept.len() < 2 {
-                report.fallback = report.fallback.take().or_else(|| Some(report.verdicts(reference)));
-                return Ok(None);
-            }
-            let first = kept.iter().position(|&index| index == reference).unwrap_or_default();
-            let unit = unit(&refined.tracks, first, priors[reference].as_ref());
-            let cameras: Vec<PinholeCamera> = scene.photographs.iter().map(|p| p.camera.camera).collect();
-            let (mut poses, mut covariances) = (vec![None; given.len()], vec![None; given.len()]);
-            for ((&index, pose), covariance) in kept.iter().zip(refined.poses).zip(refined.covariances) {
-                (poses[index], covariances[index]) = (Some(pose), covariance);
-            }
-            (cameras, poses, covariances, unit)
+    // Camera, pose and its covariance of the photographs that have a pose.
+    let mut found: Vec<Option<(PinholeCamera, Pose, Option<Matrix6<f64>>)>> = vec![None; inputs.len()];
+    let mut unit = 1.0;
+    if let Some(given) = given {
+        let world = given[reference].inverse();
+        let given: Vec<Pose> = given.iter().map(|pose| pose * world).collect();
+        let (kept, refined) = refined(&inputs, &given, reference, seed, report, matched)?;
+        report.poses = if refined.accepted { PoseSource::Refined } else { PoseSource::Given };
+        report.withheld_pixels = refined.withheld;
+        if kept.len() < 2 {
+            report.fallback = report.fallback.take().or_else(|| Some(report.verdicts(reference)));
+            return Ok(None);
         }
-        None => {
-            let settings = PosesConfig::default();
-            let estimated = estimate_poses(&inputs, reference, &settings, seed, matched)?;
-            report.poses = PoseSource::Estimated;
-            report.focal_factor = Some(estimated.focal_factor);
-            for (photograph, found) in report.photographs.iter_mut().zip(&estimated.photographs) {
-                photograph.verdict = found.verdict.to_string();
-                photograph.matches = Some(found.tracks);
-            }
-            let parallax = estimated.photographs.iter().any(|p| p.verdict == Verdict::Posed);
-            if !parallax {
-                report.fallback = Some(report.verdicts(reference));
-                return Ok(None);
-            }
-            let found = estimated.photographs;
-            let covariances = found.iter().map(|p| p.covariance).collect();
-            (
-                found.iter().map(|p| p.camera).collect(),
-                found.iter().map(|p| p.pose).collect(),
-                covariances,
-                1.0,
-            )
+        let first = kept.iter().position(|&index| index == reference).unwrap_or_default();
+        unit = unit_of(&refined.tracks, first, priors[reference].as_ref());
+        for ((&index, pose), covariance) in kept.iter().zip(refined.poses).zip(refined.covariances) {
+            found[index] = Some((inputs[index].camera, pose, covariance));
         }
-    };
-    let mut order = vec![reference];
-    order.extend((0..poses.len()).filter(|&index| index != reference && poses[index].is_some()));
-    let views = order
-        .iter()
-        .map(|&index| {
-            scene.photographs[index].view(poses[index].unwrap_or_else(Pose::identity), cameras[index])
-        })
-        .collect();
-    let covariances = order.iter().map(|&index| covariances[index]).collect();
-    Ok(Some(Posed { views, order, covariances, unit }))
+    } else {
+        let estimated = estimate_poses(&inputs, reference, seed, matched)?;
+        report.poses = PoseSource::Estimated;
+        report.focal_factor = Some(estimated.focal_factor);
+        for (index, photograph) in estimated.photographs.iter().enumerate() {
+            report.photographs[index].verdict = photograph.verdict.to_string();
+            report.photographs[index].matches = Some(photograph.tracks);
+            let pose = photograph.pose.or((index == reference).then(Pose::identity));
+            found[index] = pose.map(|pose| (photograph.camera, pose, photograph.covariance));
+        }
+        if !estimated.photographs.iter().any(|photograph| photograph.verdict == Verdict::Posed) {
+            report.fallback = Some(report.verdicts(reference));
+            return Ok(None);
+        }
+    }
+    let mut posed = Posed { views: Vec::new(), order: Vec::new(), covariances: Vec::new(), unit };
+    let others = (0..found.len()).filter(|&index| index != reference);
+    for index in std::iter::once(reference).chain(others) {
+        if let Some((camera, pose, covariance)) = found[index] {
+            posed.views.push(scene.photographs[index].view(pose, camera));
+            posed.order.push(index);
+            posed.covariances.push(covariance);
+        }
+    }
+    Ok(Some(posed))
 }
 
 /// Given poses, refined, of the photographs that belong to them by their matches: their indices, and the poses in that order. The
@@ -122,32 +109,31 @@ fn refined(
     report: &mut CaptureReport,
     matched: &mut mde_mvs::Callback<'_>,
 ) -> Result<(Vec<usize>, Refined)> {
-    let settings = RefineConfig::default();
-    let few = settings.matches.min_matches;
     let mut kept: Vec<usize> = (0..inputs.len()).collect();
     loop {
         let shown: Vec<poses::PoseInput<'_>> = kept.iter().map(|&index| inputs[index]).collect();
         let theirs: Vec<Pose> = kept.iter().map(|&index| given[index]).collect();
         let first = kept.iter().position(|&index| index == reference).unwrap_or_default();
-        let refined = refine_poses(&shown, &theirs, first, &settings, seed, matched)?;
-        let doubts: Vec<Option<String>> = refined.agreement.iter().map(|found| doubt(found, few)).collect();
-        for ((&index, found), doubt) in kept.iter().zip(&refined.agreement).zip(&doubts) {
+        let refined = refine_poses(&shown, &theirs, first, seed, matched)?;
+        let mismatches: Vec<Option<String>> =
+            refined.agreement.iter().map(|found| mismatch(found, MIN_MATCHES)).collect();
+        for ((&index, found), mismatch) in kept.iter().zip(&refined.agreement).zip(&mismatches) {
             let photograph = &mut report.photographs[index];
             photograph.matches = Some(found.agreeing);
-            if let Some(doubt) = doubt.as_ref().filter(|_| index != reference) {
-                photograph.verdict.clone_from(doubt);
+            if let Some(mismatch) = mismatch.as_ref().filter(|_| index != reference) {
+                photograph.verdict.clone_from(mismatch);
             }
         }
         let count = kept.len();
-        match &doubts[first] {
+        match &mismatches[first] {
             // Nothing tells which of the others could be right.
-            Some(doubt) => {
-                report.fallback = Some(format!("{}: {doubt}", report.photographs[reference].name));
+            Some(mismatch) => {
+                report.fallback = Some(format!("{}: {mismatch}", report.photographs[reference].name));
                 kept = vec![reference];
             }
             None => {
-                let mut doubts = doubts.iter();
-                kept.retain(|_| doubts.next().is_some_and(Option::is_none));
+                let mut fits = mismatches.iter().map(Option::is_none);
+                kept.retain(|_| fits.next().unwrap_or(false));
             }
         }
         if kept.len() == count || kept.len() < 2 {
@@ -158,7 +144,7 @@ fn refined(
 
 /// Why a photograph does not belong to its pose, if it does not: its matches with the others do not fit, or there are none though
 /// it has features for them.
-fn doubt(found: &Agreement, few: usize) -> Option<String> {
+fn mismatch(found: &Agreement, few: usize) -> Option<String> {
     let Agreement { features, matches, agreeing } = *found;
     if matches < few {
         return (features >= PLENTY).then(|| {
@@ -171,7 +157,7 @@ fn doubt(found: &Agreement, few: usize) -> Option<String> {
 }
 
 /// The robust factor from the reference's prior to the depth of its tracks; 1 without tracks.
-fn unit(tracks: &[Track], reference: usize, prior: Option<&Array2<f32>>) -> f64 {
+fn unit_of(tracks: &[Track], reference: usize, prior: Option<&Array2<f32>>) -> f64 {
     let Some(prior) = prior else { return 1.0 };
     let logs = tracks.iter().filter_map(|track| {
         let anchor = track.pixels.first().filter(|pixel| pixel.photograph == reference)?;

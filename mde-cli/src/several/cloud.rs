@@ -1,7 +1,7 @@
 //! Points on which the refined depths of several photographs agree.
 
 use mde_warp::{PinholeCamera, Pose};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point2, Point3};
 use ndarray::{Array2, ArrayView2};
 
 /// A refined photograph.
@@ -50,21 +50,10 @@ pub fn consistent_points(views: &[RefinedView<'_>]) -> Vec<ConsistentPoint> {
             if !(z > 0.0 && sigma.is_finite()) {
                 continue;
             }
-            let ray = Vector3::new(
-                (column as f64 - camera.cx) / camera.fx,
-                (row as f64 - camera.cy) / camera.fy,
-                1.0,
-            );
-            let position = world * Point3::from(ray * f64::from(z));
-            let confirmed_by = |&&other: &&usize| seen(&views[other], &position, sigma / z).is_some();
-            if !others.iter().any(|other| confirmed_by(&other)) {
-                continue;
-            }
-            let earlier = others.iter().take_while(|other| **other < index);
-            let known = earlier
-                .filter_map(|&other| Some((other, seen(&views[other], &position, sigma / z)?)))
-                .any(|(other, pixel)| given[other][pixel]);
-            if !known {
+            let position = world * camera.unproject(Point2::new(column as f64, row as f64), f64::from(z));
+            let confirm = |&other: &usize| Some((other, seen(&views[other], &position, sigma / z)?));
+            let mut confirmed = others.iter().filter_map(confirm).peekable();
+            if confirmed.peek().is_some() && !confirmed.any(|(other, pixel)| given[other][pixel]) {
                 given[index][(row, column)] = true;
                 points.push(ConsistentPoint { view: index, pixel: [row, column], position, sigma });
             }
@@ -75,13 +64,8 @@ pub fn consistent_points(views: &[RefinedView<'_>]) -> Vec<ConsistentPoint> {
 
 /// The pixel where a view confirms a point of that relative deviation.
 fn seen(view: &RefinedView<'_>, position: &Point3<f64>, relative: f32) -> Option<(usize, usize)> {
-    let there = view.pose * position;
-    if there.z <= 0.0 {
-        return None;
-    }
-    let camera = &view.camera;
-    let [x, y] = [camera.fx * there.x / there.z + camera.cx, camera.fy * there.y / there.z + camera.cy]
-        .map(f64::round);
+    let (camera, there) = (&view.camera, view.pose * position);
+    let [x, y] = camera.project(&there)?.coords.map(f64::round).into();
     if !(x >= 0.0 && y >= 0.0 && x < camera.width as f64 && y < camera.height as f64) {
         return None;
     }

@@ -14,11 +14,11 @@ use crate::several::cameras::Posed;
 use crate::several::novel::Candidate;
 use crate::several::{cameras, fault, novel, priors, result, withheld};
 use mde_fusion::BayesFuser;
-use mde_mvs::consensus::{ConsensusConfig, Reconstruction, ViewDepth, reconstruct};
+use mde_mvs::consensus::{Reconstruction, ViewDepth, reconstruct};
 use mde_mvs::exposure::{Exposure, fit_exposure};
 use mde_mvs::poses::relative_covariance;
 use mde_mvs::scale::{Scale, point_matches};
-use mde_mvs::views::{ViewScore, ViewSelection, select_views};
+use mde_mvs::views::{MIN_OVERLAP, ViewScore, select_views};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::{Matrix6, Point3};
@@ -353,7 +353,7 @@ impl<'s> PreparedScene<'s> {
         let views: Vec<PosedView> = group.iter().map(|&view| posed.views[view].clone()).collect();
         let depths = priors::for_views(&views, &order, &self.priors, posed.unit)?;
         let depths: Vec<ArrayView2<'_, f32>> = depths.iter().map(|depth| depth.view()).collect();
-        let reconstruction = reconstruct(&views, &depths, self.scale, &ConsensusConfig::default(), swept)?;
+        let reconstruction = reconstruct(&views, &depths, self.scale, swept)?;
         if is_first {
             self.scale = self.scale.or(reconstruction.scale);
             self.scale_sought = true;
@@ -391,8 +391,7 @@ fn scale_of_points(scene: &Scene, posed: &Posed, priors: &[Option<Array2<f32>>])
 
 /// The best of the photographs that are not swept; else the least needed of the chosen, which the fit has then.
 fn candidate(plan: &Planned, posed: &Posed, swept: &[usize]) -> Option<Candidate> {
-    let least = ViewSelection::default().min_overlap;
-    let overlaps = |score: &&ViewScore| score.overlap >= least && score.score > 0.0;
+    let overlaps = |score: &&ViewScore| score.overlap >= MIN_OVERLAP && score.score > 0.0;
     let is_swept = |score: &&ViewScore| swept.contains(&score.view);
     let spare = plan.scores.iter().filter(|score| !is_swept(score)).find(overlaps);
     let score = spare.or_else(|| plan.scores.iter().rfind(|score| score.chosen && is_swept(score)))?;
@@ -411,15 +410,14 @@ fn plan(
     config: &Config,
     count: usize,
 ) -> Result<Vec<Planned>> {
-    let mut selection = ViewSelection::default();
-    selection.max_views = config.multi_view.max_views.saturating_sub(1);
+    let max_views = config.multi_view.max_views.saturating_sub(1);
     let mut plan = Vec::new();
     for (place, &index) in posed.order.iter().enumerate().take(count) {
         let mut own = vec![place];
         let mut scores = Vec::new();
         if let Some(prior) = &priors[index] {
             let depth = prior.mapv(|z| (f64::from(z) * posed.unit) as f32);
-            scores = select_views(&posed.views, place, depth.view(), &selection)?;
+            scores = select_views(&posed.views, place, depth.view(), max_views)?;
             let mut chosen: Vec<usize> = scores.iter().filter(|s| s.chosen).map(|s| s.view).collect();
             chosen.sort_unstable();
             own.extend(chosen);
@@ -467,7 +465,7 @@ pub(super) fn equalised(
     known: &ViewDepth,
 ) -> Result<(Exposure, Array3<f32>)> {
     let verified = Zip::from(known.fused.mean())
-        .and(&known.support)
+        .and(&known.agreement.agree)
         .map_collect(|&z, &support| if support > 0 { z } else { 0.0 });
     let exposure = fit_exposure(reference, view, verified.view())?.exposure;
     let image = exposure.apply_to(&view.image).mapv(|value| value.clamp(0.0, 1.0));

@@ -24,7 +24,7 @@ pub(super) fn predict(
     let wanted: Vec<usize> = (0..count).filter(|&index| every || index == scene.reference).collect();
     let images: Vec<_> = wanted.iter().map(|&index| scene.photographs[index].image.view()).collect();
     let mut predictions = Vec::with_capacity(images.len());
-    let flow = predict_each(prior, &images, stages.limits.at_once, |prediction| {
+    let flow = predict_each(prior, &images, stages.at_once, |prediction| {
         predictions.push(prediction);
         progress(predictions.len(), images.len())
     })?;

@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::reports::capture::{CaptureReport, WithheldPhotograph};
 use crate::scene::Scene;
-use mde_mvs::consensus::{ConsensusConfig, Reconstruction};
+use mde_mvs::consensus::Reconstruction;
 use mde_mvs::withheld::{typical, withheld_error};
 use mde_warp::PosedView;
 use ndarray::ArrayView2;
@@ -20,7 +20,7 @@ pub(super) fn withheld(
     let Some((reference, others)) = views.split_first() else { return Ok(None) };
     let distances: Vec<f64> = others.iter().map(|view| (centre(view) - centre(reference)).norm()).collect();
     let Some(index) = typical(&distances).map(|index| index + 1) else { return Ok(None) };
-    let error = withheld_error(views, priors, index, known.scale, &ConsensusConfig::default())?;
+    let error = withheld_error(views, priors, index, known.scale)?;
     Ok(error.map(|error| WithheldPhotograph { name: scene.photographs[order[index]].name.clone(), error }))
 }
 

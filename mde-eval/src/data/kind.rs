@@ -150,41 +150,29 @@ pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result
     let fault = |value: &str, remedy| {
         Err(Error::Config { field: "the data set's folder", value: value.to_owned(), remedy })
     };
-    let sequences = |found: Sequences| -> Box<dyn DataSet> {
-        Box::new(found.with_stride(options.stride).with_assumed_fov(options.assumed_fov))
-    };
+    let Options { seed, stride, assumed_fov: fov, .. } = *options;
+    let [width, height] = options.size.unwrap_or([640, 480]);
+    let sequences = |found: Sequences| Box::new(found.with_stride(stride).with_assumed_fov(fov));
     let data: Box<dyn DataSet> = match (kind, root) {
-        (DataSetKind::Rooms, None) => {
-            let [width, height] = options.size.unwrap_or([640, 480]);
-            return placed(Box::new(Rooms::new(options.seed, width, height)), options);
-        }
-        (DataSetKind::Captures, None) => {
-            let [width, height] = options.size.unwrap_or([640, 480]);
-            let captures = Captures::new(&options.captures, options.seed, width, height)?;
-            return placed(Box::new(captures), options);
-        }
+        (DataSetKind::Rooms, None) => Box::new(Rooms::new(seed, width, height)),
+        (DataSetKind::Captures, None) => Box::new(Captures::new(&options.captures, seed, width, height)?),
         (DataSetKind::Rooms | DataSetKind::Captures, Some(root)) => {
             return fault(&root.display().to_string(), "leave it out: rooms are rendered, not read");
         }
         (_, None) => return fault("missing", "name it"),
         (DataSetKind::SunRgbd, Some(root)) => {
-            Box::new(SunRgbd::open(root)?.with_depth(options.sun_depth).with_assumed_fov(options.assumed_fov))
+            Box::new(SunRgbd::open(root)?.with_depth(options.sun_depth).with_assumed_fov(fov))
         }
         (DataSetKind::Posed, Some(root)) => Box::new(Posed::open(root)?.with_pose_noise(options.pose_noise)?),
         (DataSetKind::Nyu, Some(root)) => Box::new(Sequences::nyu(root)?),
         (DataSetKind::Tum, Some(root)) => sequences(Sequences::tum(root)?),
         (DataSetKind::Redwood, Some(root)) => sequences(Sequences::redwood(root)?),
-        (DataSetKind::Plain, Some(root)) => {
-            Box::new(PlainFolders::open(root)?.with_assumed_fov(options.assumed_fov))
-        }
+        (DataSetKind::Plain, Some(root)) => Box::new(PlainFolders::open(root)?.with_assumed_fov(fov)),
     };
     let data: Box<dyn DataSet> = match options.size {
-        Some([width, height]) => Box::new(Resized::new(data, width, height)?),
-        None => data,
+        // Rooms are made in the size.
+        Some(_) if root.is_some() => Box::new(Resized::new(data, width, height)?),
+        _ => data,
     };
-    placed(data, options)
-}
-
-fn placed(data: Box<dyn DataSet>, options: &Options) -> Result<Box<dyn DataSet>> {
     Ok(if options.places.is_empty() { data } else { Box::new(Placed::new(data, &options.places)?) })
 }

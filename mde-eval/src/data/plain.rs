@@ -69,20 +69,18 @@ impl DataSet for PlainFolders {
     fn load(&self, index: usize) -> Result<Sample> {
         let (scene, id) = self.scenes.get(index)?;
         let path = scene.join(Self::FILE);
-        let description = describe(&path)?;
-        let image = read_image(only_file(
-            scene,
-            Some("color"),
-            &["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"],
-        )?)?
-        .pixels;
+        let fault = |reason| Error::Layout { path: path.clone(), reason };
+        let description = PlainScene::parse(&read_text(&path)?).map_err(fault)?;
+        let endings = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
+        let image = read_image(only_file(scene, Some("color"), &endings)?)?.pixels;
         let depth_path = only_file(scene, Some("depth"), &["png", "npy", "npz", "pfm", "exr"])?;
-        let depth = read_depth(&depth_path, &options(description.depth_units_per_metre))?;
+        let options = description.depth_units_per_metre.map_or_else(ReadOptions::default, |scale| {
+            ReadOptions { png_scale: Some(scale), float_scale: scale, ..ReadOptions::default() }
+        });
+        let depth = read_depth(&depth_path, &options)?;
         let (height, width, _) = image.dim();
         same_size(&depth_path, depth.dim(), (height, width))?;
-        let known = description
-            .camera(width, height)
-            .map_err(|reason| Error::Layout { path: path.clone(), reason })?;
+        let known = description.camera(width, height).map_err(fault)?;
         let camera = match known {
             Some(camera) => camera,
             None => assumed(self.assumed_fov, id, "fx, fy, cx, cy in scene.json", width, height)?,
@@ -92,17 +90,6 @@ impl DataSet for PlainFolders {
             trusted_depth: description.max_depth.unwrap_or(10.0),
             ..Sample::new(id, image, depth, camera)
         })
-    }
-}
-
-fn describe(path: &Path) -> Result<PlainScene> {
-    PlainScene::parse(&read_text(path)?).map_err(|reason| Error::Layout { path: path.to_owned(), reason })
-}
-
-fn options(units_per_metre: Option<f64>) -> ReadOptions {
-    match units_per_metre {
-        Some(scale) => ReadOptions { png_scale: Some(scale), float_scale: scale, ..ReadOptions::default() },
-        None => ReadOptions::default(),
     }
 }
 

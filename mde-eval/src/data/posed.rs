@@ -24,7 +24,6 @@ use std::path::{Path, PathBuf};
 /// | `reference` | index into `frames` of the photograph that is refined; 0 without it |
 /// | `extra_views` | indices of the further photographs; all others without it |
 /// | `set` | name of the place; the folder of the scene's folder without it |
-/// | `licence` | licence of the photographs |
 /// | `max_depth` | largest reliable depth, metres; without it 10 where the median true depth is below 5, else 80 |
 ///
 /// Lens distortion is removed from the photographs, bilinearly, and from the truth, by the nearest pixel. Only the depth of the
@@ -43,7 +42,6 @@ struct Description {
     reference: usize,
     extra_views: Option<Vec<usize>>,
     set: Option<String>,
-    licence: Option<String>,
     max_depth: Option<f64>,
 }
 
@@ -104,7 +102,6 @@ impl Posed {
     /// As [`DataSet::load`]; [`Error::Capture`] for a `transforms.json` or photographs that cannot be used.
     pub fn capture(&self, index: usize) -> Result<Capture> {
         let (scene, id) = self.scenes.get(index)?;
-        let place = self.place(index).unwrap_or(id).to_owned();
         let description = describe(scene)?;
         let path = scene.join(Self::TRANSFORMS);
         let fault = |reason: String| Error::Layout { path: path.clone(), reason };
@@ -157,8 +154,8 @@ impl Posed {
             mde_uncertainty::statistics::median(truth.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)));
         let usual = if middle.is_some_and(|z| z < 5.0) { 10.0 } else { 80.0 };
         let trusted_depth = description.max_depth.unwrap_or(usual);
-        let (id, licence) = (id.to_owned(), description.licence);
-        let mut capture = Capture { id, place, licence, reference: 0, views, truth, trusted_depth }.rebased();
+        let id = id.to_owned();
+        let mut capture = Capture { id, reference: 0, views, truth, trusted_depth }.rebased();
         let seed = derived_seed(0, &capture.id, 0);
         for (index, captured) in capture.views.iter_mut().enumerate().skip(1) {
             captured.view.pose = disturbed(&captured.view.pose, self.pose_noise, seed, index);

@@ -56,7 +56,7 @@ fn drawn<B: DrawingBackend>(
         .y_desc(&chart.y)
         .draw()?;
     for line in &chart.lines {
-        let style = colour(line).stroke_width(if line.thin { 1 } else { 2 });
+        let style = colour(line).stroke_width(if line.colour.is_none() { 1 } else { 2 });
         context.draw_series(LineSeries::new(line.points.iter().map(|p| (p[0], p[1])), style))?;
     }
     let ends = chart.lines.iter().filter_map(|line| Some((line, line.points.last()?)));

@@ -3,6 +3,7 @@
 //! At a *fixed* threshold these reward any added gradient: an unsharp mask and white noise both raise them. The
 //! [curve](EdgeCurve) over all thresholds of the prediction is invariant to its contrast; its best point is **F1max**.
 
+use crate::error::check;
 use crate::raster::{Marked, dilate, erode, same_shape, sobel};
 use crate::{Error, Result};
 use ndarray::{Array2, ArrayView2, Zip};
@@ -37,7 +38,7 @@ pub(super) fn harmonic(precision: f64, recall: f64) -> f64 {
 /// # Errors
 /// [`Error::Shape`] where map and mask differ.
 pub fn edges(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>, threshold: f64) -> Result<Array2<bool>> {
-    Ok(above(&masked_gradient(map, mask)?, threshold))
+    Ok(masked_gradient(map, mask)?.mapv(|g| f64::from(g) > threshold))
 }
 
 /// One point of an [`EdgeCurve`]: predicted edges are the pixels with a gradient of at least `threshold`.
@@ -62,16 +63,10 @@ pub struct EdgeCurve {
 }
 
 impl EdgeCurve {
-    /// The point of the best \\(F_1\\), with it; nothing where the prediction is flat.
-    pub fn best(&self) -> Option<(EdgePoint, f64)> {
-        let scored = self.points.iter().map(|&point| (point, harmonic(point.precision, point.recall)));
-        scored.max_by(|a, b| a.1.total_cmp(&b.1))
-    }
-
     /// **F1max**: \\(\max_t F_1(t)\\), 0 where the prediction is flat. Over one image it is the "OIS" of the Berkeley benchmark, without
     /// thinning and one-to-one matching.
     pub fn f1_max(&self) -> f64 {
-        self.best().map_or(0.0, |best| best.1)
+        self.points.iter().map(|point| harmonic(point.precision, point.recall)).fold(0.0, f64::max)
     }
 
     /// Area under the curve as average precision: \\(\sum_k (R_k - R_{k-1}) P_k\\).
@@ -129,21 +124,14 @@ pub(crate) struct EdgeSweep {
 }
 
 impl EdgeSweep {
-    const MAX_TOLERANCE: u32 = 64;
-
     pub(crate) fn new(
         prediction: ArrayView2<'_, f32>,
         mask: ArrayView2<'_, bool>,
         tolerances: &[u32],
     ) -> Result<Self> {
-        if let Some(tolerance) = tolerances.iter().find(|&&r| r > Self::MAX_TOLERANCE) {
-            let value = tolerance.to_string();
-            return Err(Error::Config {
-                field: "the edge tolerance",
-                value,
-                remedy: "use at most 64 pixels",
-            });
-        }
+        let settings =
+            tolerances.iter().map(|&r| ("the edge tolerance", r.into(), r <= 64, "use at most 64 pixels"));
+        check(settings)?;
         let gradient = masked_gradient(prediction, mask)?;
         // Positive floats are in order as their bits are; with the index beside them, they sort as one word.
         let key = |(&g, at): (&f32, u32)| u64::from(!g.to_bits()) << 32 | u64::from(at);
@@ -157,12 +145,9 @@ impl EdgeSweep {
     pub(crate) fn curve(&self, true_edges: &Marked, tolerance: u32) -> Result<Option<EdgeCurve>> {
         same_shape("the edge map", true_edges.pixels.dim(), self.gradient.dim())?;
         let Some((_, dilated)) = self.dilated.iter().find(|(r, _)| *r == tolerance) else {
-            let value = tolerance.to_string();
-            return Err(Error::Config {
-                field: "the edge tolerance",
-                value,
-                remedy: "use one of those prepared",
-            });
+            let (field, value, remedy) =
+                ("the edge tolerance", tolerance.to_string(), "use one of those prepared");
+            return Err(Error::Config { field, value, remedy });
         };
         let total = true_edges.count;
         if total == 0 {
@@ -201,10 +186,6 @@ fn masked_gradient(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Resu
     // Also drops what is not a number, should the masked-out part of the map hold one.
     Zip::from(&mut gradient).and(&erode(mask)).for_each(|g, &keep| *g = if keep { g.max(0.0) } else { 0.0 });
     Ok(gradient)
-}
-
-fn above(gradient: &Array2<f32>, threshold: f64) -> Array2<bool> {
-    gradient.mapv(|g| f64::from(g) > threshold)
 }
 
 fn share(part: usize, of: usize) -> f64 {

@@ -19,8 +19,7 @@ use ndarray::{ArrayView2, Zip};
 /// [`Error::Shape`] where map and mask differ, [`Error::Empty`] where no pixel is left, [`Error::Value`] where the median
 /// is not positive.
 pub fn sharpness(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Result<f64> {
-    let all = split(map, mask, None)?;
-    all.0.ok_or(Error::Empty { what: "the sharpness" })
+    split(map, mask, None)?.0.ok_or(Error::Empty { what: "the sharpness" })
 }
 
 /// [`sharpness`] near true edges and away from them.
@@ -69,12 +68,8 @@ fn split(
     same_shape("the prediction", map.dim(), mask.dim())?;
     let middle = median(gather(map, mask)).ok_or(Error::Empty { what: "the sharpness" })?;
     if !(middle > 0.0 && middle.is_finite()) {
-        return Err(Error::Value {
-            what: "the median depth",
-            index: 0,
-            value: middle,
-            expected: "positive and finite",
-        });
+        let (what, expected) = ("the median depth", "positive and finite");
+        return Err(Error::Value { what, index: 0, value: middle, expected });
     }
     let everywhere = erode(mask);
     let mut sums = [(0.0, 0_usize); 2];

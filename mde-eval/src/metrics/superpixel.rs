@@ -100,14 +100,8 @@ mod tests {
         assert_eq!(other.d3r, Some(1.0));
         assert!(other.ord.is_some_and(|o| o > 0.3 && o < 0.7), "{other:?}");
         let flat = Array2::from_elem((60, 80), 3.0);
-        assert_eq!(
-            SuperpixelPairs::new(flat.view(), mask.view())
-                .unwrap()
-                .compare(truth.view(), flat.view())
-                .unwrap()
-                .d3r,
-            None
-        );
+        let of_flat = SuperpixelPairs::new(flat.view(), mask.view()).unwrap();
+        assert_eq!(of_flat.compare(truth.view(), flat.view()).unwrap().d3r, None);
     }
 
     #[test]

@@ -1,8 +1,9 @@
 use super::map::DepthMap;
 use super::sigma::SigmaMap;
 use crate::Result;
+use crate::metrics::calibration::{coverage, crps, ence_in_order, mean_z2, nll, rms_sigma};
 use crate::metrics::sparsification::spearman_of_bins;
-use crate::metrics::{boundary, calibration, depth, sharpness};
+use crate::metrics::{boundary, depth, sharpness};
 use ndarray::ArrayView2;
 
 /// Bins of the ENCE.
@@ -142,13 +143,13 @@ pub const METRICS: &[Metric] = &[
     more("average_precision@0.25m_r1", Higher, Edges, Shared(|m| m.edges(0.25, 1, |e| e.average_precision))),
     more("average_precision@0.5m_r1", Higher, Edges, Shared(|m| m.edges(0.5, 1, |e| e.average_precision))),
     shown("boundary_f1", "boundary F1", Higher, Edges, Maps(boundary::boundary_f1)),
-    more("dbe_accuracy", Lower, Edges, Shared(|m| Ok(m.boundaries.map(|errors| errors.accuracy)))),
+    more("dbe_accuracy", Lower, Edges, Shared(|m| Ok(m.boundaries.map(|e| e.accuracy)))),
     shown(
         "dbe_completeness",
         "DBE completeness, px",
         Lower,
         Edges,
-        Shared(|m| Ok(m.boundaries.map(|errors| errors.completeness))),
+        Shared(|m| Ok(m.boundaries.map(|e| e.completeness))),
     ),
     shown("d3r", "D3R", Lower, Edges, Shared(|m| Ok(m.order.d3r))),
     more("ord", Lower, Edges, Shared(|m| Ok(m.order.ord))),
@@ -171,13 +172,7 @@ pub const METRICS: &[Metric] = &[
     more("f1@1m_r0", Neither, Gradient, Shared(|m| m.edges(1.0, 0, |e| Some(e.f1)))),
     more("f1@1m_r2", Neither, Gradient, Shared(|m| m.edges(1.0, 2, |e| Some(e.f1)))),
     shown("spearman", "Spearman", Higher, Ranking, Sigma(|s| Ok(s.spearman))),
-    shown(
-        "spearman_binned",
-        "Spearman, 100 bins",
-        Higher,
-        Ranking,
-        Sigma(|s| spearman_of_bins(&s.percentiles()?)),
-    ),
+    shown("spearman_binned", "Spearman, 100 bins", Higher, Ranking, Sigma(|s| spearman_of_bins(&s.bins()?))),
     shown("ause_mae", "AUSE, MAE", Lower, Ranking, Sigma(|s| Ok(Some(s.mae.ause())))),
     shown("ause_rmse", "AUSE, RMSE", Lower, Ranking, Sigma(|s| Ok(Some(s.rmse.ause())))),
     shown(
@@ -195,43 +190,25 @@ pub const METRICS: &[Metric] = &[
     more("poggi_aurg_rmse", Higher, Ranking, Sigma(|s| Ok(Some(s.poggi_rmse.aurg())))),
     more("poggi_ause_a1", Lower, Ranking, Sigma(|s| Ok(Some(s.poggi_a1.ause())))),
     more("poggi_aurg_a1", Higher, Ranking, Sigma(|s| Ok(Some(s.poggi_a1.aurg())))),
-    shown(
-        "coverage_50",
-        "cover 50 %",
-        Near(0.5),
-        Calibration,
-        Errors(|e, s| calibration::coverage(e, s, 0.5)),
-    ),
-    more("coverage_68", Near(0.68), Calibration, Errors(|e, s| calibration::coverage(e, s, 0.68))),
-    shown(
-        "coverage_90",
-        "cover 90 %",
-        Near(0.9),
-        Calibration,
-        Errors(|e, s| calibration::coverage(e, s, 0.9)),
-    ),
-    more("coverage_95", Near(0.95), Calibration, Errors(|e, s| calibration::coverage(e, s, 0.95))),
-    shown("nll", "NLL", Lower, Calibration, Errors(calibration::nll)),
-    shown("crps", "CRPS, m", Lower, Calibration, Errors(calibration::crps)),
-    shown(
-        "mean_z2",
-        "mean z² (above 1: sigma too small)",
-        Near(1.0),
-        Calibration,
-        Errors(calibration::mean_z2),
-    ),
+    shown("coverage_50", "cover 50 %", Near(0.5), Calibration, Errors(|e, s| coverage(e, s, 0.5))),
+    more("coverage_68", Near(0.68), Calibration, Errors(|e, s| coverage(e, s, 0.68))),
+    shown("coverage_90", "cover 90 %", Near(0.9), Calibration, Errors(|e, s| coverage(e, s, 0.9))),
+    more("coverage_95", Near(0.95), Calibration, Errors(|e, s| coverage(e, s, 0.95))),
+    shown("nll", "NLL", Lower, Calibration, Errors(nll)),
+    shown("crps", "CRPS, m", Lower, Calibration, Errors(crps)),
+    shown("mean_z2", "mean z² (above 1: sigma too small)", Near(1.0), Calibration, Errors(mean_z2)),
     shown(
         "ence",
         "ENCE",
         Lower,
         Calibration,
-        Sigma(|s| calibration::ence_in_order(&s.errors, &s.sigma, &s.order, ENCE_BINS).map(Some)),
+        Sigma(|s| ence_in_order(&s.errors, &s.sigma, &s.order, ENCE_BINS).map(Some)),
     ),
     more("mace", Lower, Calibration, Sigma(|s| Ok(Some(s.calibration.mean)))),
     more("rmsce", Lower, Calibration, Sigma(|s| Ok(Some(s.calibration.root_mean_square)))),
     more("miscalibration_area", Lower, Calibration, Sigma(|s| Ok(Some(s.calibration.area)))),
     more("alignment_scale", Neither, Calibration, Evaluation),
-    more("rms_sigma", Neither, Calibration, Errors(calibration::rms_sigma)),
+    more("rms_sigma", Neither, Calibration, Errors(rms_sigma)),
     shown("factor", "factor from other places", Near(1.0), Calibration, Evaluation),
     shown("calibrated_coverage_90", "then cover 90 %", Near(0.9), Calibration, Evaluation),
     more("calibrated_coverage_50", Near(0.5), Calibration, Evaluation),

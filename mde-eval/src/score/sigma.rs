@@ -81,12 +81,8 @@ impl SigmaMap {
         let absolute: Vec<f64> = errors.iter().map(|e| e.abs()).collect();
         let squared: Vec<f64> = errors.iter().map(|e| e * e).collect();
         let relative: Vec<f64> = absolute.iter().zip(truth).map(|(e, g)| e / g).collect();
-        let relative_sigma: Vec<f64> = sigma
-            .iter()
-            .zip(&errors)
-            .zip(truth)
-            .map(|((s, e), g)| s / (g + e).max(f64::MIN_POSITIVE))
-            .collect();
+        let over_depth = |((s, e), g): ((&f64, &f64), &f64)| s / (g + e).max(f64::MIN_POSITIVE);
+        let relative_sigma: Vec<f64> = sigma.iter().zip(&errors).zip(truth).map(over_depth).collect();
         let by_relative_sigma = Order::new(&relative_sigma)?;
         let outlier = |(e, g): (&f64, &f64)| f64::from(u8::from((g + e).max(*g) >= 1.25 * (g + e).min(*g)));
         let outliers: Vec<f64> = errors.iter().zip(truth).map(outlier).collect();
@@ -114,12 +110,12 @@ impl SigmaMap {
     }
 
     /// Mean sigma and mean error of 100 runs by rising sigma.
-    pub(super) fn percentiles(&self) -> Result<Vec<crate::metrics::sparsification::UncertaintyBin>> {
+    pub(super) fn bins(&self) -> Result<Vec<crate::metrics::sparsification::UncertaintyBin>> {
         bin(&self.absolute, &self.sigma, &self.order, 100)
     }
 
     pub(super) fn curves(&self) -> Result<UncertaintyCurves> {
-        let bins = self.percentiles()?;
+        let bins = self.bins()?;
         let Sparsification { removed, by_sigma, oracle, random } = self.mae.clone();
         let mut z: Vec<f64> = self.errors.iter().zip(&self.sigma).map(|(e, s)| (e / s).abs()).collect();
         z.sort_unstable_by(f64::total_cmp);

@@ -67,30 +67,23 @@ impl Summary {
         if entries.is_empty() {
             return Err(Error::Empty { what: "a summary" });
         }
-        let mut names: Vec<&str> = Vec::new();
+        let mut methods: Vec<MethodSummary> = Vec::new();
         let mut seen = BTreeSet::new();
         let mut places: BTreeMap<&str, &str> = BTreeMap::new();
         for entry in entries {
-            if !names.contains(&entry.method.as_str()) {
-                names.push(&entry.method);
+            if methods.iter().all(|known| known.method != entry.method) {
+                methods.push(MethodSummary { method: entry.method.clone(), metrics: BTreeMap::new() });
             }
             if *places.entry(&entry.scene).or_insert(entry.place()) != entry.place() {
                 let value = format!("{} for {}", entry.place(), entry.scene);
                 return Err(Error::Config { field: "place", value, remedy: "give each scene one place" });
             }
             if !seen.insert((&entry.method, &entry.scene, entry.seed)) {
-                let value = format!("{} on {}", entry.method, entry.scene);
-                return Err(Error::Config {
-                    field: "an entry",
-                    value: value + ", twice",
-                    remedy: "give each scene, method and seed once",
-                });
+                let value = format!("{} on {}, twice", entry.method, entry.scene);
+                let remedy = "give each scene, method and seed once";
+                return Err(Error::Config { field: "an entry", value, remedy });
             }
         }
-        let mut methods: Vec<MethodSummary> = names
-            .iter()
-            .map(|name| MethodSummary { method: (*name).to_owned(), metrics: BTreeMap::new() })
-            .collect();
         for metric in METRICS {
             let values = Values::of(metric, entries, &places);
             let ranks = values.ranks(metric);

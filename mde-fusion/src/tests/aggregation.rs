@@ -1,24 +1,16 @@
 //! Theorems of Eq. 7-8 and of its alternative.
-use super::common::difference;
+use super::common::{difference, gaussian};
 use crate::aggregate::mixture_variance;
-use crate::proptest::gaussian;
 use crate::{Aggregation, Error, Gaussian, GaussianDepth, aggregate, precision_weighted};
-use ::proptest::collection::vec;
-use ::proptest::prelude::*;
 use approx::assert_relative_eq;
 use mde_uncertainty::proptest::gaussian_depth_of;
 use ndarray::array;
+use proptest::collection::vec;
+use proptest::prelude::*;
 
 const RULES: [Aggregation; 3] = [Aggregation::Precision, Aggregation::Mixture, Aggregation::MinDepth];
 
 proptest! {
-    #[test]
-    fn precision_adds(estimates in vec(gaussian(), 1..8)) {
-        let sum: f64 = estimates.iter().map(|g| g.precision()).sum();
-        let all = precision_weighted(&estimates).unwrap();
-        assert_relative_eq!(all.precision(), sum, max_relative = 1e-12);
-    }
-
     #[test]
     fn aggregating_in_two_steps_is_aggregating_at_once(estimates in vec(gaussian(), 2..8), cut in 1..7_usize) {
         let (one, two) = estimates.split_at(cut.min(estimates.len() - 1));

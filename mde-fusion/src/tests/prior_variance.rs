@@ -1,10 +1,8 @@
 //! Theorems of Eq. 15.
-use super::common::Random;
-use crate::empirical_bayes::prior_variance_moments;
-use crate::proptest::residuals;
+use super::common::{Random, residuals};
 use crate::{Residual, empirical_bayes};
-use ::proptest::prelude::*;
 use approx::assert_relative_eq;
+use proptest::prelude::*;
 
 proptest! {
     #[test]
@@ -36,7 +34,6 @@ fn unbiased_on_gaussian_samples() {
                 Residual { delta: (truth + variance).sqrt() * random.normal(), variance }
             };
             let residuals: Vec<_> = (0..pixels).map(residual).collect();
-            assert_eq!(empirical_bayes(&residuals), prior_variance_moments(&residuals));
             empirical_bayes(&residuals)
         })
         .collect();
@@ -44,20 +41,6 @@ fn unbiased_on_gaussian_samples() {
     let spread = estimates.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / f64::from(samples - 1);
     let error = (spread / f64::from(samples)).sqrt();
     assert!(error < 0.002 && (mean - truth).abs() < 4.0 * error, "{mean} +- {error}");
-}
-
-/// The documented limit: a tenth of the pixels states four times its true, large variance, and the estimate is 0.
-#[test]
-fn overstated_variances_mislead_the_moments() {
-    let mut random = Random(3);
-    let truth: f64 = 0.0225;
-    let residuals: Vec<_> = (0..20_000)
-        .map(|i| {
-            let (actual, stated): (f64, f64) = if i % 10 == 0 { (0.25, 1.0) } else { (0.01, 0.01) };
-            Residual { delta: (truth + actual).sqrt() * random.normal(), variance: stated }
-        })
-        .collect();
-    assert_eq!(empirical_bayes(&residuals), 0.0);
 }
 
 #[test]

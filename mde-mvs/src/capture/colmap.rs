@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Point2, Point3};
 
-use super::tum::{lines, number};
+use super::tum::{lines, number, numbers};
 use super::{
     Distortion, Error, Frame, Lens, MAX_FRAMES, PosedCapture, Result, SparsePoint, check_photograph, content,
     quaternion, read_bytes, read_text, translation,
@@ -103,20 +103,18 @@ impl Raw {
             Self {
                 cameras: binary_cameras(&cameras, &read_bytes(&cameras)?)?,
                 images: binary_images(&images, &read_bytes(&images)?)?,
-                points: if points.exists() {
-                    binary_points(&points, &read_bytes(&points)?)?
-                } else {
-                    Vec::new()
+                points: match points.exists() {
+                    true => binary_points(&points, &read_bytes(&points)?)?,
+                    false => Vec::new(),
                 },
             }
         } else {
             Self {
                 cameras: text_cameras(&cameras, &read_text(&cameras)?)?,
                 images: text_images(&images, &read_text(&images)?)?,
-                points: if points.exists() {
-                    text_points(&points, &read_text(&points)?)?
-                } else {
-                    Vec::new()
+                points: match points.exists() {
+                    true => text_points(&points, &read_text(&points)?)?,
+                    false => Vec::new(),
                 },
             }
         };
@@ -236,17 +234,14 @@ pub(crate) fn text_images(path: &Path, text: &str) -> Result<Vec<Image>> {
         }
         let mut words = text.split_whitespace();
         let id = integer(path, line, words.next(), "the image's number")?;
-        let mut row = [0.0; 7];
-        for (value, what) in row.iter_mut().zip(["qw", "qx", "qy", "qz", "tx", "ty", "tz"]) {
-            *value = number(path, line, words.next(), what)?;
-        }
+        let quaternion = numbers(path, line, &mut words, ["qw", "qx", "qy", "qz"])?;
+        let translation = numbers(path, line, &mut words, ["tx", "ty", "tz"])?;
         let camera = integer(path, line, words.next(), "the camera's number")?;
         let name = words.collect::<Vec<_>>().join(" ");
         if name.is_empty() {
             return Err(content(path, format!("line {line}"), "the photograph's name is missing"));
         }
-        let [qw, qx, qy, qz, tx, ty, tz] = row;
-        images.push(Image { id, quaternion: [qw, qx, qy, qz], translation: [tx, ty, tz], camera, name });
+        images.push(Image { id, quaternion, translation, camera, name });
         if images.len() > MAX_FRAMES {
             return Err(content(path, format!("line {line}"), format!("more than {MAX_FRAMES} photographs")));
         }
@@ -261,10 +256,7 @@ pub(crate) fn text_points(path: &Path, text: &str) -> Result<Vec<Point>> {
     for (line, text) in lines(text) {
         let mut words = text.split_whitespace();
         words.next();
-        let mut position = [0.0; 3];
-        for (value, what) in position.iter_mut().zip(["x", "y", "z"]) {
-            *value = number(path, line, words.next(), what)?;
-        }
+        let position = numbers(path, line, &mut words, ["x", "y", "z"])?;
         let mut words = words.skip(3);
         let error = number(path, line, words.next(), "error")?;
         let mut track = Vec::new();

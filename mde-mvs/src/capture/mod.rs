@@ -182,9 +182,6 @@ fn check_photograph(
     if found == expected {
         return Ok(());
     }
-    let ([w, h], [cw, ch]) = (found, expected);
-    let problem = format!(
-        "the photograph is {w}x{h} pixels but its camera {cw}x{ch}; give the photograph that the camera was calibrated for"
-    );
+    let problem = Error::Size { found, expected }.to_string();
     Err(content(path, photograph.display().to_string(), problem))
 }

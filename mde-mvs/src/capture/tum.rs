@@ -1,4 +1,5 @@
 use std::path::{Path, PathBuf};
+use std::str::SplitWhitespace;
 
 use mde_warp::Pose;
 
@@ -60,6 +61,20 @@ pub(super) fn number(path: &Path, line: usize, word: Option<&str>, what: &str) -
     value.ok_or_else(|| content(path, place(), format!("{what} is {word}; a finite number is needed")))
 }
 
+/// The next words as numbers, by their names.
+pub(super) fn numbers<const N: usize>(
+    path: &Path,
+    line: usize,
+    words: &mut SplitWhitespace<'_>,
+    names: [&str; N],
+) -> Result<[f64; N]> {
+    let mut values = [0.0; N];
+    for (value, what) in values.iter_mut().zip(names) {
+        *value = number(path, line, words.next(), what)?;
+    }
+    Ok(values)
+}
+
 pub(super) fn parse(
     rgb: &Path,
     rgb_text: &str,
@@ -72,21 +87,18 @@ pub(super) fn parse(
     let mut poses = Vec::new();
     for (line, text) in lines(truth_text) {
         let mut words = text.split_whitespace();
-        let mut row = [0.0; 8];
-        for (value, what) in row.iter_mut().zip(["time", "tx", "ty", "tz", "qx", "qy", "qz", "qw"]) {
-            *value = number(truth, line, words.next(), what)?;
-        }
-        poses.push((row, line));
+        let names = ["time", "tx", "ty", "tz", "qx", "qy", "qz", "qw"];
+        poses.push(numbers(truth, line, &mut words, names)?);
     }
-    poses.sort_by(|a, b| a.0[0].total_cmp(&b.0[0]));
+    poses.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let folder = rgb.parent().unwrap_or(Path::new(""));
     let mut capture = PosedCapture::default();
     for (line, text) in lines(rgb_text) {
         let (time, name) = stamped(rgb, (line, text))?;
-        let after = poses.partition_point(|p| p.0[0] < time);
+        let after = poses.partition_point(|p| p[0] < time);
         let near = [after.checked_sub(1), Some(after)].into_iter().flatten().filter_map(|i| poses.get(i));
-        let nearest = near.min_by(|a, b| (a.0[0] - time).abs().total_cmp(&(b.0[0] - time).abs()));
-        let Some((row, _)) = nearest.filter(|p| (p.0[0] - time).abs() <= MAX_GAP) else { continue };
+        let nearest = near.min_by(|a, b| (a[0] - time).abs().total_cmp(&(b[0] - time).abs()));
+        let Some(row) = nearest.filter(|p| (p[0] - time).abs() <= MAX_GAP) else { continue };
         let photograph = folder.join(name);
         check_photograph(rgb, &photograph, lens, size)?;
         let wrong =

@@ -120,16 +120,14 @@ mod tests {
     fn moved(views: &[PosedView], by: &[Vector6<f64>], z: f64, (y, x): (usize, usize)) -> f64 {
         let ray = views[0].camera.ray(Point2::new(x as f64, y as f64));
         let project = |view: &PosedView, pose: &Pose, log: f64| {
-            let p = pose.rotation * (ray * log.exp()) + pose.translation.vector;
-            [view.camera.fx * p.x / p.z, view.camera.fy * p.y / p.z]
+            view.camera.project(&(pose * Point3::from(ray * log.exp()))).unwrap()
         };
         let cost = |log: f64| -> f64 {
             let pairs = views[1..].iter().zip(by);
             pairs
                 .map(|(view, by)| {
-                    let seen = project(view, &view.pose, z.ln());
                     let now = project(view, &perturbed(&view.pose, by), log);
-                    (seen[0] - now[0]).powi(2) + (seen[1] - now[1]).powi(2)
+                    (project(view, &view.pose, z.ln()) - now).norm_squared()
                 })
                 .sum()
         };
@@ -140,6 +138,7 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
         /// One direction of one view's pose at a time: the variance is the square of the depth's move.
         #[test]
         fn the_variance_is_that_of_the_depth_of_least_squares(

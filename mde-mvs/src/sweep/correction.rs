@@ -37,20 +37,10 @@ impl Guide {
             (luma[a] - luma[b]).abs() / edges[0] + (log_depth[a] - log_depth[b]).abs() / edges[1]
         };
         let shape = luma.dim();
-        Self {
-            across: Array2::from_shape_fn(
-                shape,
-                |(y, x)| {
-                    if x > 0 { difference((y, x), (y, x - 1)) } else { 0.0 }
-                },
-            ),
-            down: Array2::from_shape_fn(
-                shape,
-                |(y, x)| {
-                    if y > 0 { difference((y, x), (y - 1, x)) } else { 0.0 }
-                },
-            ),
-        }
+        // At the left and upper rim a pixel is compared with itself.
+        let across = Array2::from_shape_fn(shape, |(y, x)| difference((y, x), (y, x.saturating_sub(1))));
+        let down = Array2::from_shape_fn(shape, |(y, x)| difference((y, x), (y.saturating_sub(1), x)));
+        Self { across, down }
     }
 
     /// What the recursive filter of `width` pixels keeps of the neighbour, across and down, for each of its passes.

@@ -8,7 +8,7 @@
 //! Both sides carry noise, so the line is the one of least *orthogonal* distance (Deming), which does not flatten \\( g \\)
 //! as ordinary regression does; wrong pairs are held down by Huber weights at 1.345 robust deviations.
 
-use mde_uncertainty::statistics::quantile;
+use mde_uncertainty::statistics::median;
 use mde_warp::PosedView;
 use ndarray::{Array3, ArrayView2};
 
@@ -144,10 +144,7 @@ struct Line {
 }
 
 fn robust_line(points: &[[f64; 2]]) -> Line {
-    let middle = |axis: usize| {
-        let mut values: Vec<f64> = points.iter().map(|p| p[axis]).collect();
-        quantile(&mut values, 0.5).unwrap_or_default()
-    };
+    let middle = |axis: usize| median(points.iter().map(|p| p[axis])).unwrap_or_default();
     let mut line = Line { gain: 1.0, bias: middle(1) - middle(0), deviation: 0.0 };
     for _ in 0..ROUNDS {
         let norm = (1.0 + line.gain * line.gain).sqrt();

@@ -9,7 +9,7 @@
 //! the image, \\( \sum_c g_c^2 / h^2 \\) with \\( g_c = \sum_{i \in c} w_i r_i \\) and \\( h = \sum_i w_i \\), each patch counted once.
 
 use mde_uncertainty::GaussianDepth;
-use mde_uncertainty::statistics::quantile;
+use mde_uncertainty::statistics::median;
 use mde_warp::PosedView;
 use nalgebra::Point3;
 use ndarray::{Array2, ArrayView2};
@@ -100,7 +100,7 @@ impl Scale {
         if rows.len() < MIN_MATCHES {
             return None;
         }
-        let mut log_scale = quantile(&mut rows.iter().map(|row| row.0).collect::<Vec<_>>(), 0.5)?;
+        let mut log_scale = median(rows.iter().map(|row| row.0))?;
         let (mut variance, mut spread) = (0.0, 0.0);
         for _ in 0..ROUNDS {
             spread = robust_deviation(rows.iter().map(|row| row.0 - log_scale))?.max(1e-4);

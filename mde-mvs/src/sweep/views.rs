@@ -11,49 +11,11 @@ use mde_warp::transfer::PlaneTransfer;
 /// Pixels between two samples of the overlap, along each axis.
 const STRIDE: usize = 4;
 
-/// Settings of [`select_views`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default, rename_all = "kebab-case"))]
-#[non_exhaustive]
-pub struct ViewSelection {
-    /// Most further photographs to keep; 7.
-    pub max_views: usize,
-    /// Best ratio of baseline to depth, .1: less triangulates badly, more is hard to match. The score of a parallax is a
-    /// Gaussian of its logarithm, lower by a factor \\( e^{-1/2} \\) at \\( e \\) times more or less.
-    pub best_parallax: f64,
-    /// Least share of the reference's pixels that project into a view, .2; a view with less is not used.
-    pub min_overlap: f64,
-}
-
-impl Default for ViewSelection {
-    fn default() -> Self {
-        Self { max_views: 7, best_parallax: 0.1, min_overlap: 0.2 }
-    }
-}
-
-impl ViewSelection {
-    /// Checks the settings.
-    ///
-    /// # Errors
-    /// [`Error::Config`] that names the first field at fault.
-    pub fn validate(&self) -> Result<()> {
-        if self.max_views == 0 {
-            return Err(Error::config("max-views", 0, "give at least 1"));
-        }
-        if !(self.best_parallax > 0.0 && self.best_parallax.is_finite()) {
-            return Err(Error::config(
-                "best-parallax",
-                self.best_parallax,
-                "give a positive ratio, like 0.1",
-            ));
-        }
-        if !(0.0..=1.0).contains(&self.min_overlap) {
-            return Err(Error::config("min-overlap", self.min_overlap, "give a share between 0 and 1"));
-        }
-        Ok(())
-    }
-}
+/// Best ratio of baseline to depth: less triangulates badly, more is hard to match. The score of a parallax is a Gaussian of its
+/// logarithm, lower by a factor \\( e^{-1/2} \\) at \\( e \\) times more or less.
+const BEST_PARALLAX: f64 = 0.1;
+/// Least share of the reference's pixels that project into a view; a view with less is not used.
+pub const MIN_OVERLAP: f64 = 0.2;
 
 /// One further photograph measured against the reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,24 +33,22 @@ pub struct ViewScore {
     pub sharpness: f64,
     /// Overlap times the square root of sharpness times the score of the parallax, 0 to 1.
     pub score: f64,
-    /// Whether it is among the best [`max_views`](ViewSelection::max_views).
+    /// Whether it is among the best `max_views` that overlap by [`MIN_OVERLAP`] at least.
     pub chosen: bool,
 }
 
 /// Scores every other view against `views[reference]` of known depth (0 where unknown, in the unit of the poses). The scores
-/// come best first; equal ones in the order of the views.
+/// come best first, equal ones in the order of the views; the first `max_views` of them that may be used are chosen.
 ///
 /// # Errors
 /// [`Error::Reference`] for an index outside the views, [`Error::View`] for a view that [`PosedView::validate`] refuses or a depth map of
-/// another size, and what
-/// [`ViewSelection::validate`] refuses.
+/// another size.
 pub fn select_views(
     views: &[PosedView],
     reference: usize,
     depth: ArrayView2<'_, f32>,
-    config: &ViewSelection,
+    max_views: usize,
 ) -> Result<Vec<ViewScore>> {
-    config.validate()?;
     let from = views.get(reference).ok_or(Error::Reference { reference, views: views.len() })?;
     views.iter().try_for_each(PosedView::validate)?;
     check_map("depth", depth.dim(), &from.camera)?;
@@ -100,13 +60,13 @@ pub fn select_views(
             let (overlap, seen_depth) = overlap(from, &views[view], depth);
             let parallax = seen_depth.map_or(0.0, |z| baseline(from, &views[view]) / z);
             let sharpness = energies[view] / sharpest;
-            let score = overlap * sharpness.sqrt() * parallax_score(parallax / config.best_parallax);
+            let score = overlap * sharpness.sqrt() * parallax_score(parallax / BEST_PARALLAX);
             ViewScore { view, parallax, overlap, sharpness, score, chosen: false }
         })
         .collect();
     scores.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.view.cmp(&b.view)));
-    let usable = |s: &&mut ViewScore| s.overlap >= config.min_overlap && s.score > 0.0;
-    scores.iter_mut().filter(usable).take(config.max_views).for_each(|s| s.chosen = true);
+    let usable = |s: &&mut ViewScore| s.overlap >= MIN_OVERLAP && s.score > 0.0;
+    scores.iter_mut().filter(usable).take(max_views).for_each(|s| s.chosen = true);
     Ok(scores)
 }
 
@@ -162,8 +122,7 @@ mod tests {
     fn a_useful_baseline_is_preferred_to_none_and_to_too_much() {
         let centres = [[0.0; 3], [0.005, 0.0, 0.0], [0.2, 0.0, 0.0], [1.0, 0.0, 0.0], [30.0, 0.0, 0.0]];
         let (mut views, depths) = scene(&[Plane::slanted(2.0, 0.0, 0.0)], (48, 64), &centres);
-        let config = ViewSelection { max_views: 2, ..ViewSelection::default() };
-        let scores = select_views(&views, 0, depths[0].view(), &config).unwrap();
+        let scores = select_views(&views, 0, depths[0].view(), 2).unwrap();
         assert_eq!(scores.iter().map(|s| s.view).collect::<Vec<_>>(), [2, 3, 1, 4]);
         assert_eq!(scores.iter().map(|s| s.chosen).collect::<Vec<_>>(), [true, true, false, false]);
         assert!((scores[0].parallax - 0.1).abs() < 1e-6 && scores[3].overlap == 0.0);
@@ -171,7 +130,7 @@ mod tests {
         let sharp = scores[0];
         let mean = views[2].image.mean().unwrap();
         views[2].image.mapv_inplace(|x| mean + 0.3 * (x - mean));
-        let blurred = select_views(&views, 0, depths[0].view(), &config).unwrap();
+        let blurred = select_views(&views, 0, depths[0].view(), 2).unwrap();
         let of = blurred.iter().find(|s| s.view == 2).unwrap();
         assert!((of.sharpness / sharp.sharpness - 0.09).abs() < 0.01 && of.score < sharp.score);
     }
@@ -180,17 +139,14 @@ mod tests {
     fn what_cannot_be_measured_is_named() {
         let (mut views, depths) =
             scene(&[Plane::slanted(2.0, 0.0, 0.0)], (8, 8), &[[0.0; 3], [0.1, 0.0, 0.0]]);
-        let bad = select_views(&views, 2, depths[0].view(), &ViewSelection::default());
+        let bad = select_views(&views, 2, depths[0].view(), 7);
         assert_eq!(bad, Err(Error::Reference { reference: 2, views: 2 }));
         let map = Array2::zeros((8, 9));
-        assert!(matches!(
-            select_views(&views, 0, map.view(), &ViewSelection::default()),
-            Err(Error::View(_))
-        ));
+        assert!(matches!(select_views(&views, 0, map.view(), 7), Err(Error::View(_))));
         // Each stage that takes views checks them: their fields are public.
         views[1].mask = Array2::from_elem((3, 4), true);
         let depth = depths[0].view();
-        let chosen = select_views(&views, 0, depth, &ViewSelection::default());
+        let chosen = select_views(&views, 0, depth, 7);
         assert!(matches!(chosen, Err(Error::View(_))));
         assert!(matches!(
             crate::sweep::exposure::fit_exposure(&views[0], &views[1], depth),

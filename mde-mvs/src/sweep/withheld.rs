@@ -9,7 +9,7 @@ use mde_warp::PosedView;
 use ndarray::{Array2, ArrayView2};
 
 use crate::raster::{small_map, small_view};
-use crate::sweep::consensus::{ConsensusConfig, reconstruct};
+use crate::sweep::consensus::reconstruct;
 use crate::sweep::exposure::{fit_exposure, sample};
 use crate::sweep::scale::Scale;
 use crate::{Error, Result, check_map, silent};
@@ -61,7 +61,6 @@ pub fn withheld_error(
     priors: &[ArrayView2<'_, f32>],
     withheld: usize,
     scale: Option<Scale>,
-    config: &ConsensusConfig,
 ) -> Result<Option<WithheldError>> {
     if withheld == 0 || withheld >= views.len() {
         return Err(Error::Reference { reference: withheld, views: views.len() });
@@ -80,7 +79,7 @@ pub fn withheld_error(
     let target = small.remove(withheld);
     maps.remove(withheld);
     let maps: Vec<ArrayView2<'_, f32>> = maps.iter().map(|map| map.view()).collect();
-    let known = reconstruct(&small, &maps, scale, config, &mut silent)?;
+    let known = reconstruct(&small, &maps, scale, &mut silent)?;
     let (Some(reference), Some(own)) = (small.first(), known.views.first()) else { return Ok(None) };
     let found = differences(reference, &target, own.fused.mean())?;
     let Some(prior) = maps.first() else { return Ok(None) };
@@ -152,31 +151,17 @@ pub fn typical(parallax: &[f64]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synthetic::{Plane, scene};
+    use crate::synthetic::room;
     use mde_warp::Pose;
-
-    const CENTRES: [[f64; 3]; 4] = [[0.0; 3], [0.25, 0.0, 0.0], [-0.2, 0.1, 0.0], [0.0, -0.2, 0.1]];
-
-    fn room() -> (Vec<PosedView>, Vec<Array2<f32>>) {
-        let planes = [Plane::slanted(2.0, 0.5, 0.1), Plane::slanted(2.1, -0.6, 0.0)];
-        let (views, depths) = scene(&planes, (72, 96), &CENTRES);
-        let priors = depths.iter().map(|d| {
-            Array2::from_shape_fn(d.dim(), |(y, x)| {
-                d[(y, x)] * (1.0 + 0.2 * ((x + y / 2) as f32 / 15.0).sin())
-            })
-        });
-        let priors = priors.collect();
-        (views, priors)
-    }
 
     fn error(views: &[PosedView], priors: &[Array2<f32>], withheld: usize) -> WithheldError {
         let maps: Vec<_> = priors.iter().map(|p| p.view()).collect();
-        withheld_error(views, &maps, withheld, None, &ConsensusConfig::default()).unwrap().unwrap()
+        withheld_error(views, &maps, withheld, None).unwrap().unwrap()
     }
 
     #[test]
     fn true_poses_explain_the_withheld_photograph_better_than_the_prior() {
-        let (views, priors) = room();
+        let (views, _, priors) = room(1.0);
         for withheld in 1..4 {
             let error = error(&views, &priors, withheld);
             assert!(!error.is_worse() && error.found < 0.7 * error.prior, "{error:?}");
@@ -186,9 +171,7 @@ mod tests {
     /// Exact priors, and poses of the photographs that were used that do not belong to them.
     #[test]
     fn wrong_poses_are_noticed() {
-        let (mut views, _) = room();
-        let planes = [Plane::slanted(2.0, 0.5, 0.1), Plane::slanted(2.1, -0.6, 0.0)];
-        let (_, depths) = scene(&planes, (72, 96), &CENTRES);
+        let (mut views, depths, _) = room(1.0);
         for (view, sign) in views[2..].iter_mut().zip([1.0, -1.0]) {
             view.pose = Pose::translation(0.04 * sign, -0.05, 0.02) * view.pose;
         }
@@ -198,12 +181,11 @@ mod tests {
 
     #[test]
     fn two_photographs_withhold_none() {
-        let (views, priors) = room();
+        let (views, _, priors) = room(1.0);
         let maps: Vec<_> = priors[..2].iter().map(|p| p.view()).collect();
-        let config = ConsensusConfig::default();
-        assert_eq!(withheld_error(&views[..2], &maps, 1, None, &config), Ok(None));
+        assert_eq!(withheld_error(&views[..2], &maps, 1, None), Ok(None));
         let outside = Err(Error::Reference { reference: 0, views: 2 });
-        assert_eq!(withheld_error(&views[..2], &maps, 0, None, &config), outside);
+        assert_eq!(withheld_error(&views[..2], &maps, 0, None), outside);
     }
 
     #[test]

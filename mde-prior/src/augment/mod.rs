@@ -116,13 +116,6 @@ pub struct Augmented {
     pub stopped: Option<usize>,
 }
 
-/// Limits of the memory of an augmentation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Limits {
-    /// Most predictions at once, 1 or more; without, as many as the model allows and there are threads.
-    pub at_once: Option<usize>,
-}
-
 /// Progress of the augmentation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {
@@ -179,14 +172,14 @@ impl AugmentationConfig {
     /// [`Error::Config`], the model's own errors, or [`Error::Input`] for a prediction of another size or kind.
     pub fn predict(&self, model: &dyn DepthPrior, image: ArrayView3<'_, f32>) -> Result<Augmented> {
         let never = &mut |_| ControlFlow::Continue(());
-        match self.predict_with(model, image, Limits::default(), never)? {
+        match self.predict_with(model, image, None, never)? {
             Some(augmented) => Ok(augmented),
             None => Err(Error::Input("the augmentation was cancelled; run it again".to_owned())),
         }
     }
 
-    /// [`predict`](Self::predict) within limits and with a progress callback. `Break` cancels, and the result is `None`. The results do not
-    /// depend on how many predictions run at once.
+    /// [`predict`](Self::predict) with at most `at_once` predictions at once, 1 or more, and a progress callback. `Break` cancels, and the
+    /// result is `None`. The results do not depend on `at_once`.
     ///
     /// # Errors
     /// As [`predict`](Self::predict).
@@ -194,12 +187,12 @@ impl AugmentationConfig {
         &self,
         model: &dyn DepthPrior,
         image: ArrayView3<'_, f32>,
-        limits: Limits,
+        at_once: Option<usize>,
         progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
     ) -> Result<Option<Augmented>> {
         self.validate()?;
         let (height, width, _) = image.dim();
-        let at_once = AtOnce::new(model.concurrency(), limits.at_once);
+        let at_once = AtOnce::new(model.concurrency(), at_once);
         let input = model.resolution(height, width);
         let mut plan = Plan::new(self.predictions, (height, width), input);
         let mut whole = Vec::with_capacity(2);
@@ -337,9 +330,13 @@ impl Augmented {
     /// [`prior`](Self::prior): a few sharper pixels would move quantiles of their own, and with them the whole map.
     ///
     /// # Errors
-    /// Those of [`PriorDepth::to_depth_as`].
+    /// Those of [`PriorDepth::to_depth`].
     pub fn depth(&self, rule: &DisparityRule) -> Result<Array2<f32>> {
-        self.merged.to_depth_as(&self.prior, rule)
+        if self.merged.kind.is_depth() {
+            return self.merged.to_depth(rule);
+        }
+        let ends = rule.ends(self.prior.map.view(), self.prior.valid.view())?;
+        rule.depth_between(self.merged.map.view(), self.merged.valid.view(), ends)
     }
 }
 

@@ -84,14 +84,6 @@ proptest! {
     }
 
     #[test]
-    #[allow(clippy::manual_rotate)] // the formula as it was published
-    fn sun_rotation_is_a_bijection(raw: u16) {
-        prop_assert_eq!(format::sunrgbd_encode(format::sunrgbd_decode(raw)), raw);
-        prop_assert_eq!(format::sunrgbd_decode(format::sunrgbd_encode(raw)), raw);
-        prop_assert_eq!(format::sunrgbd_decode(raw), (raw >> 3) | (raw << 13));
-    }
-
-    #[test]
     fn numpy_agrees_on_npy(map in maps(-1e6_f32..1e6)) {
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("m.npy");
@@ -157,20 +149,23 @@ fn errors_name_the_file_and_the_remedy() {
         path
     };
     assert!(error(&folder.path().join("absent.npy")).contains("check the path"));
-    assert!(error(&at("empty.pfm", b"")).contains("empty"));
-    assert!(error(&at("x.jpg", b"x")).contains("unknown depth format"));
-    assert!(error(&at("text.exr", b"hello")).contains("not in OpenEXR"));
-    assert!(error(&at("colour.pfm", b"PF\n1 1\n-1\n")).contains("three channels"));
-    assert!(error(&at("short.pfm", b"Pf\n4 4\n-1\n1234")).contains("truncated"));
-    assert!(error(&at("nan.pfm", b"Pf\n1 1\n-1\n\x00\x00\xc0\x7f")).contains("NaN at row 0, column 0"));
-    assert!(error(&at("text.npz", b"hello")).contains("not in NPZ"));
-
+    let complex =
+        b"\x93NUMPY\x01\x00\x3a\x00{'descr': '<c8', 'fortran_order': False, 'shape': (1, 1)} \n........";
+    for (name, bytes, what) in [
+        ("empty.pfm", &b""[..], "empty"),
+        ("x.jpg", b"x", "unknown depth format"),
+        ("text.exr", b"hello", "not in OpenEXR"),
+        ("colour.pfm", b"PF\n1 1\n-1\n", "three channels"),
+        ("short.pfm", b"Pf\n4 4\n-1\n1234", "truncated"),
+        ("nan.pfm", b"Pf\n1 1\n-1\n\x00\x00\xc0\x7f", "NaN at row 0, column 0"),
+        ("text.npz", b"hello", "not in NPZ"),
+        ("complex.npy", complex, "c8"),
+    ] {
+        assert!(error(&at(name, bytes)).contains(what), "{name}");
+    }
     let flat = folder.path().join("flat.npy");
     ndarray_npy::write_npy(&flat, &Array1::<f32>::zeros(4)).unwrap();
     assert!(error(&flat).contains("[4]"));
-    let complex =
-        b"\x93NUMPY\x01\x00\x3a\x00{'descr': '<c8', 'fortran_order': False, 'shape': (1, 1)} \n........";
-    assert!(error(&at("complex.npy", complex)).contains("c8"));
 
     let eight = folder.path().join("eight.png");
     photo::write_rgb_png(&eight, mde_prior::ndarray::Array3::zeros((2, 2, 3)).view()).unwrap();
@@ -199,9 +194,13 @@ fn absurd_headers_take_no_memory() {
 }
 
 #[test]
-fn big_endian_pfm_is_read_bottom_up() {
-    let file = [&b"Pf\n1 2\n1.0\n"[..], &2.0_f32.to_be_bytes(), &1.0_f32.to_be_bytes()].concat();
-    assert_eq!(format::decode(Format::Pfm, &file, &ReadOptions::default()).unwrap(), array![[1.0], [2.0]]);
+fn a_pfm_is_read_bottom_up_in_both_byte_orders_and_with_windows_line_ends() {
+    let big = [&b"Pf\n1 2\n1.0\n"[..], &2.0_f32.to_be_bytes(), &1.0_f32.to_be_bytes()].concat();
+    let windows = [&b"Pf\r\n1 2\r\n-1.0\r\n"[..], &2.0_f32.to_le_bytes(), &1.0_f32.to_le_bytes()].concat();
+    for file in [big, windows] {
+        let map = format::decode(Format::Pfm, &file, &ReadOptions::default()).unwrap();
+        assert_eq!(map, array![[1.0], [2.0]]);
+    }
 }
 
 #[test]
@@ -255,28 +254,6 @@ fn a_file_prior_has_the_image_size_or_says_both() {
     assert!(matches!(error, Error::SizeMismatch { .. }));
     let message = error.to_string();
     assert!(message.contains("3x1") && message.contains("5x4"), "{message}");
-}
-
-#[test]
-#[ignore = "needs the networks and photographs that MDE_SHARED names"]
-fn sun_rgbd_depth_is_in_metres() {
-    let shared = std::env::var_os("MDE_SHARED").unwrap();
-    let root = Path::new(&shared).join("data/SUNRGBD/kv1/img_0063");
-    let depth = format::read_depth(root.join("depth/img_0063.png"), &ReadOptions::sunrgbd()).unwrap();
-    let image = photo::read_image(root.join("image/img_0063.jpg")).unwrap();
-    assert_eq!(depth.dim(), (427, 561));
-    assert_eq!(image.pixels.dim(), (427, 561, 3));
-    let mut known: Vec<f32> = depth.iter().copied().filter(|&z| z > 0.0).collect();
-    known.sort_by(f32::total_cmp);
-    let (low, high) = (known[known.len() / 20], known[known.len() * 19 / 20]);
-    assert!(low > 0.4 && high < 8.0, "a Kinect measures 0.4 to 8 m, not {low} to {high}");
-}
-
-#[test]
-fn a_pfm_header_may_have_windows_line_ends() {
-    let bytes = [b"Pf\r\n1 1\r\n-1.0\r\n".as_slice(), &2.5_f32.to_le_bytes()].concat();
-    let map = format::decode(format::Format::Pfm, &bytes, &format::ReadOptions::default()).unwrap();
-    assert_eq!(map[(0, 0)], 2.5);
 }
 
 #[test]

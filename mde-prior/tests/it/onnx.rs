@@ -247,12 +247,6 @@ fn no_byte_depends_on_the_number_of_threads() {
     }
 }
 
-#[test]
-fn a_prior_can_be_shared_between_threads() {
-    fn shared<T: Send + Sync>() {}
-    shared::<OnnxPrior>();
-}
-
 /// A field of a message of protobuf: bytes.
 fn field(number: u8, bytes: &[u8]) -> Vec<u8> {
     [vec![number << 3 | 2], varint(bytes.len()), bytes.to_vec()].concat()

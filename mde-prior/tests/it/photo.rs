@@ -2,7 +2,6 @@
 
 use crate::fixture;
 use std::io::Cursor;
-use std::path::Path;
 
 use image::{DynamicImage, ImageFormat};
 use mde_prior::ndarray::{Array3, array};
@@ -49,8 +48,9 @@ proptest! {
         let pixels = Array3::from_shape_vec((3, 5, 3), values)?;
         write_rgb_png(&path, pixels.view())?;
         let read = read_image(&path)?.pixels;
+        let before = encode_rgb_png(pixels.view())?;
+        prop_assert_eq!(&std::fs::read(&path)?, &before);
         prop_assert_eq!(read.mapv(|v| (v * 255.0).round() as u8), pixels);
-        let before = std::fs::read(&path)?;
         write_image(&path, read.view())?;
         prop_assert_eq!(std::fs::read(&path)?, before);
     }
@@ -124,16 +124,9 @@ fn whole_jpegs_have_the_pixels_of_image_and_cut_ones_are_refused() {
 #[cfg(unix)]
 #[test]
 fn a_photograph_is_a_regular_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let pipe = folder.path().join("pipe.jpg");
-    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-    for (path, what) in [
-        (pipe.as_path(), "pipe.jpg: can't read: it is a named pipe; give a regular file"),
-        (Path::new("/dev/zero"), "/dev/zero: can't read: it is a device; give a regular file"),
-    ] {
-        assert!(read_image(path).unwrap_err().to_string().ends_with(what));
-        assert_eq!(image_size(path), None);
-    }
+    let refused = read_image("/dev/zero").unwrap_err().to_string();
+    assert_eq!(refused, "/dev/zero: can't read: it is a device; give a regular file");
+    assert_eq!(image_size("/dev/zero"), None);
 }
 
 #[test]
@@ -145,7 +138,8 @@ fn errors_name_the_file() {
         let message = read_image(&path).unwrap_err().to_string();
         assert!(message.contains("a.jpg") && message.contains(what) && !message.contains('\n'), "{message}");
     }
-    assert!(write_rgb_png(&path, Array3::zeros((2, 2, 4)).view()).is_err());
+    let refused = write_rgb_png(&path, Array3::zeros((2, 2, 4)).view()).unwrap_err().to_string();
+    assert!(refused.contains("[2, 2, 4]"), "{refused}");
     assert!(write_image(&path, Array3::from_elem((2, 2, 3), f32::NAN).view()).is_err());
 }
 
@@ -160,18 +154,4 @@ fn a_bomb_is_refused_before_it_is_unpacked() {
         message.contains("60000x60000") || message.contains("limit") || message.contains("Memory"),
         "{message}"
     );
-}
-
-#[test]
-fn the_bytes_of_a_picture_are_those_of_its_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.png");
-    let pixels = Array3::from_shape_fn((3, 5, 3), |(y, x, c)| (40 * y + 10 * x + c) as u8);
-    write_rgb_png(&path, pixels.view()).unwrap();
-    let bytes = encode_rgb_png(pixels.view()).unwrap();
-    assert_eq!(std::fs::read(&path).unwrap(), bytes);
-    let read = decode_image(&bytes).unwrap().pixels.mapv(|v| (v * 255.0).round() as u8);
-    assert_eq!(read, pixels);
-    let grey = Array3::<u8>::zeros((3, 5, 1));
-    assert!(encode_rgb_png(grey.view()).unwrap_err().to_string().contains("[3, 5, 1]"));
 }

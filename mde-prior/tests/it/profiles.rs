@@ -2,8 +2,6 @@
 
 use crate::{assert_close, fixture, grey};
 use mde_prior::ndarray::{Array2, Array3};
-use mde_prior::resample::Filter;
-use mde_prior::spec::Aspect;
 use mde_prior::spec::PROFILES;
 use mde_prior::{CertaintyMeaning, DepthKind, DepthPrior, Error, Metres, ModelSpec, OnnxPrior};
 #[cfg(feature = "onnxruntime")]
@@ -135,49 +133,6 @@ fn depth_pros_inverse_depth_becomes_metres_by_its_field_of_view() {
     let spec = OnnxPrior::recognise(fixture("depth_pro_inverse.onnx")).unwrap();
     assert_eq!(spec.clone().with_output(DepthKind::AffineDisparity).fov_output, None);
     assert!(ModelSpec { output: DepthKind::AffineDisparity, ..spec }.validate().is_err());
-}
-
-/// The constants of each profile: mean, deviation, width, height, multiple, meaning, aspect, filters in and out.
-#[test]
-fn the_constants_of_every_profile_are_these() {
-    use Aspect::{KeepLowerBound, KeepMinimal, KeepUpperBound, Pad, Squash};
-    use DepthKind::{AffineDisparity, Metric, RelativeDepth};
-    use Filter::{Bicubic, Bilinear, BilinearAlignCorners, BilinearAntialias};
-    let plain = ([0.0; 3], [1.0; 3]);
-    let imagenet = ([0.485, 0.456, 0.406], [0.229, 0.224, 0.225]);
-    let half = ([0.5; 3], [0.5; 3]);
-    let bytes = ([0.0; 3], [1.0 / 255.0; 3]);
-    type Row =
-        (&'static str, ([f32; 3], [f32; 3]), [usize; 3], DepthKind, Aspect, [Filter; 2], [Option<f32>; 2]);
-    let none = [None, None];
-    #[rustfmt::skip]
-    let rows: [Row; 16] = [
-        ("fastdepth", plain, [224, 224, 1], Metric, Squash, [Bilinear, Bilinear], [Some(0.1), None]),
-        ("midas-v2.1-small", imagenet, [256, 256, 32], AffineDisparity, KeepUpperBound, [Bicubic, Bicubic], none),
-        ("dpt-large", half, [384, 384, 32], AffineDisparity, KeepMinimal, [Bicubic, Bicubic], none),
-        ("dpt-hybrid", half, [384, 384, 32], AffineDisparity, KeepMinimal, [Bicubic, Bicubic], none),
-        ("depth-anything-v2", imagenet, [518, 518, 14], AffineDisparity, KeepLowerBound, [Bicubic, BilinearAlignCorners], none),
-        ("depth-anything-v2-metric-indoor", imagenet, [518, 518, 14], Metric, KeepLowerBound, [Bicubic, BilinearAlignCorners], none),
-        ("depth-anything-v2-metric-outdoor", imagenet, [518, 518, 14], Metric, KeepLowerBound, [Bicubic, BilinearAlignCorners], none),
-        ("depth-anything-3-mono", imagenet, [504, 504, 14], RelativeDepth, KeepUpperBound, [Bicubic, Bilinear], none),
-        ("depth-anything-3-metric", imagenet, [504, 504, 14], Metric, KeepUpperBound, [Bicubic, Bilinear], [None, Some(300.0)]),
-        ("zoedepth", half, [512, 384, 32], Metric, KeepLowerBound, [Bilinear, Bilinear], none),
-        ("depth-pro", half, [1536, 1536, 1], Metric, Squash, [Bilinear, Bilinear], none),
-        ("unidepth-v2", imagenet, [630, 462, 1], Metric, Squash, [Bilinear, Bilinear], none),
-        ("moge-2", plain, [728, 728, 14], Metric, KeepUpperBound, [BilinearAntialias, Bilinear], none),
-        ("metric3d-v2", bytes, [1064, 616, 1], Metric, Pad, [Bilinear, Bilinear], [None, Some(1000.0)]),
-        ("lite-mono", plain, [640, 192, 1], AffineDisparity, Squash, [Bilinear, Bilinear], none),
-        ("pydnet", plain, [640, 192, 1], AffineDisparity, Squash, [Bilinear, Bilinear], none),
-    ];
-    assert_eq!(rows.map(|row| row.0), PROFILES);
-    for (name, values, [width, height, multiple], output, aspect, [input, back], [floor, focal]) in rows {
-        let spec = ModelSpec::profile(name).unwrap();
-        assert_eq!((spec.mean, spec.std), values, "{name}");
-        assert_eq!((spec.width, spec.height, spec.multiple_of), (width, height, multiple), "{name}");
-        assert_eq!((spec.output, spec.aspect), (output, aspect), "{name}");
-        assert_eq!((spec.input_filter, spec.output_filter), (input, back), "{name}");
-        assert_eq!((spec.output_floor, spec.canonical_focal), (floor, focal), "{name}");
-    }
 }
 
 #[test]

@@ -23,12 +23,10 @@ pub(crate) struct SeveralArgs {
     /// Refine every photograph: a folder for each, transforms.json, and cloud.ply of the points that two photographs confirm
     #[arg(long, requires = "views", conflicts_with_all = ["prior_depth", "gt"])]
     pub(crate) all: bool,
-    /// Put many photographs of one place, such as a burst or the frames of a video, on one scale: a factor for each, by the points that
-    /// they have in common. Those that match no other keep their own scale. Poses are not needed
-    #[arg(long, conflicts_with_all = ["views", "prior_depth"])]
+    /// Bring the photographs of a burst or video to one scale; they need overlap, not poses
+    #[arg(long, help_heading = "Advanced", conflicts_with_all = ["views", "prior_depth"])]
     pub(crate) same_scale: bool,
-    /// Only part I of N of the photographs, by their names, into a folder that all parts share; the same command without --shard does what is
-    /// missing and writes the index
+    /// Only part I of N of the photographs, into a folder that all parts share; the same command without --shard writes the index
     #[arg(long, help_heading = "Advanced", value_name = "I/N", conflicts_with = "views")]
     pub(crate) shard: Option<Shard>,
 }

@@ -1,11 +1,12 @@
 //! The arguments of the commands that run over many scenes.
 
-use crate::program::args::{KindName, MemoryArgs, PresetName, RunArgs, size};
+use crate::program::args::{MemoryArgs, NetworkArgs, PresetName, RunArgs, size};
 use crate::program::many::Shard;
 use clap::{Args, ValueEnum};
 use mde_eval::align::AlignmentRule;
-use mde_eval::data::DataSetKind;
+use mde_eval::data::{CaptureGrid, DataSetKind, SunDepth};
 use std::path::PathBuf;
+use std::str::FromStr;
 
 #[derive(Debug, Args)]
 #[command(
@@ -13,11 +14,13 @@ use std::path::PathBuf;
     after_help = "\
 Examples:
   mde eval SUNRGBD --dataset sunrgbd --prior-model fastdepth_224.onnx --methods paper,default,guided -o out/eval
-  mde eval --dataset rooms --simulated-prior --size 320x240 --methods default,my.toml,jbf -o out/rooms
+  mde eval --dataset rooms --simulated prior --size 320x240 --methods default,my.toml,jbf -o out/rooms
+  mde eval --dataset captures --grid 'views=3,5;pose-noise=0,.3' --methods consensus,multi-view:my.toml -o out/captures
 
 Methods: the presets paper, default, fast and multi-view; consensus (plane sweeps without a field); field (multi-view);
-a TOML file that overrides --preset; the baselines prior, flip, zoom, unsharp0.5, unsharp1, unsharp2, noise, guided, jbf, wmf and fbs, and with several
-photographs gauged and sweep; baselines chained with a plus, such as zoom+jbf.
+a TOML file over default, or over another preset as in multi-view:my.toml; the baselines prior, flip, zoom, unsharp0.5, unsharp1,
+unsharp2, noise, guided, jbf, wmf and fbs, and with several photographs gauged and sweep; baselines chained with a plus, such as
+zoom+jbf; and the maps of another program, NAME=FOLDER.
 
 Output: report.html, table.md, summary.json, scenes.csv, figures (SVG), eval.json (what was evaluated), and every map under
 scenes/. Results are stored: the same command resumes after an interruption, further methods are added to the
@@ -27,6 +30,10 @@ without --shard uses."
 pub(crate) struct EvalArgs {
     #[command(flatten)]
     pub(crate) common: EvaluationArgs,
+    #[command(flatten)]
+    pub(crate) several: CaptureArgs,
+    #[command(flatten)]
+    pub(crate) pixels: PixelArgs,
     /// Methods to compare with the prior, separated by commas
     #[arg(
         long,
@@ -36,14 +43,10 @@ pub(crate) struct EvalArgs {
         help_heading = "Methods"
     )]
     pub(crate) methods: Vec<String>,
-    /// Preset of methods in TOML files
-    #[arg(long, value_enum, default_value = "default", help_heading = "Methods")]
-    pub(crate) preset: PresetName,
     /// Seed of all random draws
     #[arg(long, value_name = "N", help_heading = "Methods")]
     pub(crate) seed: Option<u64>,
-    /// Only part I of N of the scenes, by their names, into a folder that all parts share; the same command without --shard does what is
-    /// missing and writes the tables
+    /// Only part I of N of the scenes, into a folder that all parts share; the same command without --shard writes the tables
     #[arg(long, value_name = "I/N", help_heading = "Output")]
     pub(crate) shard: Option<Shard>,
 }
@@ -62,35 +65,11 @@ eval. The stored results of an evaluation in the same folder are reused."
 pub(crate) struct CalibrateArgs {
     #[command(flatten)]
     pub(crate) common: EvaluationArgs,
-    /// Method to calibrate: a preset, or a TOML file that overrides --preset
+    #[command(flatten)]
+    pub(crate) withhold: WithholdArgs,
+    /// Method to calibrate: a preset, a TOML file over default, or over another preset as in multi-view:my.toml
     #[arg(long, value_name = "NAME", default_value = "default", help_heading = "Method")]
     pub(crate) method: String,
-    /// Preset of methods in TOML files
-    #[arg(long, value_enum, default_value = "default", help_heading = "Method")]
-    pub(crate) preset: PresetName,
-    /// Seed of all random draws
-    #[arg(long, value_name = "N", help_heading = "Method")]
-    pub(crate) seed: Option<u64>,
-}
-
-/// Arguments of all evaluations.
-#[derive(Debug, Args)]
-pub(crate) struct EvaluationArgs {
-    /// Folder of the data set; none for rooms and captures
-    #[arg(value_name = "ROOT")]
-    pub(crate) root: Option<PathBuf>,
-    #[command(flatten)]
-    pub(crate) data: DataArgs,
-    #[command(flatten)]
-    pub(crate) prior: EvalPriorArgs,
-    #[command(flatten)]
-    pub(crate) score: ScoreArgs,
-    #[command(flatten)]
-    pub(crate) memory: MemoryArgs,
-    #[command(flatten)]
-    pub(crate) many: ManyArgs,
-    #[command(flatten)]
-    pub(crate) run: RunArgs,
 }
 
 #[derive(Debug, Args)]
@@ -124,13 +103,35 @@ pub(crate) struct AblateArgs {
     pub(crate) config: Vec<String>,
 }
 
+/// Arguments of all evaluations.
+#[derive(Debug, Args)]
+pub(crate) struct EvaluationArgs {
+    /// Folder of the data set; none for rooms and captures
+    #[arg(value_name = "ROOT")]
+    pub(crate) root: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) data: DataArgs,
+    #[command(flatten)]
+    pub(crate) prior: EvalPriorArgs,
+    #[command(flatten)]
+    pub(crate) alignment: AlignmentArgs,
+    #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
+    /// Scenes that run at once and share the threads
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256), help_heading = "Output")]
+    pub(crate) jobs: u16,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+}
+
 /// The scenes.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data")]
 pub(crate) struct DataArgs {
-    /// Layout of the data set: sunrgbd, nyu, tum, redwood, plain, rooms, captures or posed; default: detected from the folder
-    #[arg(long, value_name = "NAME", value_parser = data_set)]
-    pub(crate) dataset: Option<DataSetKind>,
+    /// Layout of the data set: sunrgbd, sunrgbd-filled (truth with its holes filled, not measured there), nyu, tum, redwood, plain, rooms,
+    /// captures or posed; default: detected from the folder
+    #[arg(long, value_name = "NAME")]
+    pub(crate) dataset: Option<Layout>,
     /// Resize images and truth (640x480 in the paper); default: their own size
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub(crate) size: Option<[usize; 2]>,
@@ -140,30 +141,9 @@ pub(crate) struct DataArgs {
     /// Use every Nth image of a sequence
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) stride: u16,
-    /// SUN RGB-D: use the hole-filled depth_bfx as truth (its filled pixels are not measured)
-    #[arg(long, help_heading = "Advanced")]
-    pub(crate) filled_depth: bool,
-    /// File with the place of each scene, one line SCENE PLACE per scene; intervals resample places
+    /// File with a line SCENE PLACE per scene; intervals resample places
     #[arg(long, value_name = "FILE")]
     pub(crate) places: Option<PathBuf>,
-    /// Captures: number of photographs per room, with the reference; each value of a list is a scene
-    #[arg(long, help_heading = "Advanced", value_name = "N", value_delimiter = ',', default_value = "5")]
-    pub(crate) photographs: Vec<usize>,
-    /// Captures: distance of the further photographs from the reference / median depth
-    #[arg(long, help_heading = "Advanced", value_name = "X", value_delimiter = ',', default_value = "0.1")]
-    pub(crate) baseline: Vec<f64>,
-    /// Captures and posed: rotation error of the given poses, degrees (20 mm of translation per degree); posed takes one value
-    #[arg(long, help_heading = "Advanced", value_name = "DEG", value_delimiter = ',', default_value = "0")]
-    pub(crate) pose_noise: Vec<f64>,
-    /// Captures: gain of one further photograph, +X or -X by seed
-    #[arg(long, help_heading = "Advanced", value_name = "X", value_delimiter = ',', default_value = "0")]
-    pub(crate) gain: Vec<f64>,
-    /// Withhold the poses of the further photographs from the methods
-    #[arg(long, help_heading = "Advanced")]
-    pub(crate) without_poses: bool,
-    /// Withhold the cameras too: their field of view is assumed, and estimated with the poses
-    #[arg(long, help_heading = "Advanced", requires = "without_poses")]
-    pub(crate) without_intrinsics: bool,
     /// Scenes to run, separated by commas; default: all
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,
@@ -172,34 +152,100 @@ pub(crate) struct DataArgs {
     pub(crate) limit: Option<u32>,
 }
 
+/// A data set's layout and which of its truths is used.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Layout {
+    pub(crate) kind: DataSetKind,
+    pub(crate) depth: SunDepth,
+}
+
+impl FromStr for Layout {
+    type Err = mde_eval::Error;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        Ok(match name {
+            "sunrgbd-filled" => Self { kind: DataSetKind::SunRgbd, depth: SunDepth::Filled },
+            name => Self { kind: name.parse()?, depth: SunDepth::Sensor },
+        })
+    }
+}
+
+/// Scenes of several photographs.
+#[derive(Debug, Clone, Default, Args)]
+pub(crate) struct CaptureArgs {
+    /// Conditions of captures, every combination a scene: views (with the reference), baseline (over median depth), pose-noise (degrees,
+    /// and 20 mm each), gain (of one photograph). For posed one pose-noise
+    #[arg(long, help_heading = "Advanced", value_name = "KEY=LIST;...")]
+    pub(crate) grid: Option<Grid>,
+    #[command(flatten)]
+    pub(crate) withhold: WithholdArgs,
+}
+
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub(crate) struct WithholdArgs {
+    /// What methods are not given of several photographs
+    #[arg(long, help_heading = "Advanced", value_enum, value_name = "WHAT")]
+    pub(crate) withhold: Option<Withheld>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Withheld {
+    /// Their poses
+    Poses,
+    /// Poses and cameras, whose field of view is then --assume-fov
+    Cameras,
+}
+
+/// `views=3,5;pose-noise=0,.3`: the conditions of captures.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Grid(pub(crate) CaptureGrid);
+
+impl FromStr for Grid {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        fn list<T: FromStr>(key: &str, values: &str) -> Result<Vec<T>, String> {
+            let values = values.split(',').map(|value| value.trim().parse());
+            values.collect::<Result<_, _>>().map_err(|_| format!("{key}: give numbers, such as views=3,5"))
+        }
+        let mut grid = CaptureGrid::default();
+        for part in text.split(';').filter(|part| !part.trim().is_empty()) {
+            let (key, values) = part.split_once('=').unwrap_or((part, ""));
+            match key.trim() {
+                "views" => grid.views = list(key, values)?,
+                "baseline" => grid.baselines = list(key, values)?,
+                "pose-noise" => grid.pose_noises = list(key, values)?,
+                "gain" => grid.gains = list(key, values)?,
+                other => return Err(format!("{other}: give views, baseline, pose-noise or gain")),
+            }
+        }
+        Ok(Self(grid))
+    }
+}
+
 /// The priors.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Prior")]
 pub(crate) struct EvalPriorArgs {
     /// A monocular depth network
-    #[arg(long, value_name = "MODEL.onnx", conflicts_with_all = ["prior_depth", "simulated_prior", "simulated_model"])]
+    #[arg(long, value_name = "MODEL.onnx", conflicts_with_all = ["prior_depth", "simulated"])]
     pub(crate) prior_model: Option<PathBuf>,
     /// A folder with one depth map per scene: SCENE.npy (or .npz, .pfm, .png, .exr)
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["simulated_prior", "simulated_model"])]
+    #[arg(long, value_name = "DIR", conflicts_with = "simulated")]
     pub(crate) prior_depth: Option<PathBuf>,
-    /// A degraded exact depth: blurred, distorted, as disparity without scale (rooms and captures only)
-    #[arg(long)]
-    pub(crate) simulated_prior: bool,
-    /// A simulated model of the room with this fault, for augmentation (rooms only)
-    #[arg(long, value_name = "FAULT", value_enum, conflicts_with = "simulated_prior")]
-    pub(crate) simulated_model: Option<FaultName>,
-    /// Input and output format of the model; default: MODEL.toml beside MODEL.onnx, else by its name
-    #[arg(long, value_name = "NAME", requires = "prior_model")]
-    pub(crate) model_profile: Option<String>,
-    /// Kind of the values; by default metric for files, and that of the profile for a model
-    #[arg(long, value_enum)]
-    pub(crate) prior_kind: Option<KindName>,
-    /// Depth = value / X for files; 1000 for 16-bit PNG, 1 for floats
-    #[arg(long, value_name = "X", requires = "prior_depth")]
-    pub(crate) png_scale: Option<f64>,
-    /// What runs the model: tract, onnxruntime, auto, or the path of ONNX Runtime's library [default: tract]
-    #[arg(long, help_heading = "Advanced", value_name = "NAME|LIBRARY", requires = "prior_model")]
-    pub(crate) runtime: Option<String>,
+    /// A prior made of the exact depth of rooms and captures
+    #[arg(long, value_enum, value_name = "WHAT")]
+    pub(crate) simulated: Option<Simulated>,
+    #[command(flatten)]
+    pub(crate) network: NetworkArgs,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Simulated {
+    /// A depth map: blurred, distorted, as disparity without scale
+    Prior,
+    /// A network with the faults of a small one, which predicts crops too (rooms only)
+    Model,
 }
 
 /// Depth maps of other programs.
@@ -229,44 +275,42 @@ pub(crate) struct ScoreMapsArgs {
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,
     #[command(flatten)]
-    pub(crate) score: ScoreArgs,
+    pub(crate) alignment: AlignmentArgs,
+    #[command(flatten)]
+    pub(crate) pixels: PixelArgs,
     #[command(flatten)]
     pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
 }
 
-/// The scores.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Scores")]
-pub(crate) struct ScoreArgs {
+pub(crate) struct AlignmentArgs {
     /// Alignment of a map to the truth
     #[arg(long, value_enum, default_value = "median")]
     pub(crate) alignment: AlignmentName,
-    /// Use the prior's alignment for every method
-    #[arg(long)]
-    pub(crate) shared_alignment: bool,
-    /// Ignore true depths below, metres
-    #[arg(long, value_name = "M")]
-    pub(crate) min_depth: Option<f64>,
+}
+
+/// The pixels that are scored.
+#[derive(Debug, Clone, Copy, Default, Args)]
+#[command(next_help_heading = "Scores")]
+pub(crate) struct PixelArgs {
     /// Ignore true depths beyond, metres; default: that of the data set
     #[arg(long, value_name = "M")]
     pub(crate) max_depth: Option<f64>,
-    /// Score only Eigen's crop of NYU's 640x480
-    #[arg(long, help_heading = "Advanced")]
-    pub(crate) eigen_crop: bool,
+    /// Score only a part of the image
+    #[arg(long, help_heading = "Advanced", value_enum, value_name = "NAME")]
+    pub(crate) crop: Option<CropName>,
 }
 
-/// Parallelism.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Output")]
-pub(crate) struct ManyArgs {
-    /// Number of scenes that run at once and share the threads; default: 1
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
-    pub(crate) jobs: Option<u16>,
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum CropName {
+    /// That of Eigen et al., of NYU's 640x480
+    Eigen,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum AlignmentName {
     /// By the ratio of the medians of truth and map
     Median,
@@ -278,12 +322,14 @@ pub(crate) enum AlignmentName {
     LsDisparity,
     /// None: for metric depth
     None,
+    /// The prior's, by medians, for every method
+    Prior,
 }
 
 impl From<AlignmentName> for AlignmentRule {
     fn from(name: AlignmentName) -> Self {
         match name {
-            AlignmentName::Median => Self::Median,
+            AlignmentName::Median | AlignmentName::Prior => Self::Median,
             AlignmentName::MedianRatio => Self::MedianRatio,
             AlignmentName::LsDepth => Self::LeastSquaresDepth,
             AlignmentName::LsDisparity => Self::LeastSquaresDisparity,
@@ -292,30 +338,9 @@ impl From<AlignmentName> for AlignmentRule {
     }
 }
 
-/// Faults of a simulated model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum FaultName {
-    /// Predictions of low resolution, with soft edges
-    Resolution,
-    /// Predictions of low resolution that lose what is narrower than two of their pixels
-    Thin,
-    /// Every prediction loses what is narrower than a hundredth of the image
-    Missed,
-    /// All predictions share a low-frequency error
-    Shared,
-    /// Each prediction has a low-frequency error of its own
-    Own,
-    /// All of these
-    All,
-}
-
 fn field_of_view(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(degrees) if 0.0 < degrees && degrees < 180.0 => Ok(degrees),
         _ => Err("give degrees above 0 and below 180, such as 60".to_owned()),
     }
-}
-
-fn data_set(name: &str) -> Result<DataSetKind, String> {
-    name.parse().map_err(|error: mde_eval::Error| error.to_string())
 }

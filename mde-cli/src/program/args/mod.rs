@@ -8,15 +8,16 @@ mod tools;
 
 pub(crate) use capture::{PosesArgs, SeveralArgs};
 pub(crate) use evaluation::{
-    AblateArgs, CalibrateArgs, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs, FaultName, ScoreArgs,
-    ScoreMapsArgs,
+    AblateArgs, AlignmentName, CalibrateArgs, CaptureArgs, CropName, DataArgs, EvalArgs, EvalPriorArgs,
+    EvaluationArgs, Grid, Layout, PixelArgs, ScoreMapsArgs, Simulated, Withheld,
 };
 pub(crate) use output::{ExportArgs, RunArgs};
-pub(crate) use prior::{KindName, PriorArgs, PriorSource};
+pub(crate) use prior::{KindName, NetworkArgs, PriorArgs};
 pub(crate) use tools::{CompletionsArgs, DoctorArgs, ManArgs};
 
 use crate::config::Preset;
 use crate::refiner::plan::limit::MemoryLimit;
+use crate::scene::size::Sizes;
 use clap::{Args, CommandFactory, Id, Parser, Subcommand, ValueEnum};
 use mde_prior::augment::Predictions;
 use std::path::{Path, PathBuf};
@@ -134,7 +135,7 @@ Examples:
   mde refine room.jpg --prior-model net.onnx --model-profile depth-anything-v2 -o out/room
   mde refine holiday --prior-model fastdepth_224.onnx -o out/holiday
   mde refine room.png --prior-depth depth.png --png-scale 5000 --intrinsics K.txt -o out/room
-  mde refine room.png --prior-depth depth.exr --fx 520 --fy 520 --cx 319.5 --cy 239.5 --gt truth.npy -o out/room
+  mde refine room.png --prior-depth depth.exr --fx 520,521 --cx 319.5 --cy 239.5 --gt truth.npy -o out/room
 
 Output: depth.npy and sigma.npy (f32 [height, width], the prior's unit; missing: 0 and inf), prior.npy, depth.png
 (16 bit, millimetres), confidence.png, image.png, preview.png, config.toml (all settings), run.json (all measurements),
@@ -165,6 +166,10 @@ pub(crate) struct RefineArgs {
     pub(crate) settings: SettingsArgs,
     #[command(flatten)]
     pub(crate) size: SizeArgs,
+    /// Refine a larger photograph at this many million pixels. The maps of one photograph are brought back to its own size, with its
+    /// edges; those of several are not
+    #[arg(long, help_heading = "Advanced", value_name = "MEGAPIXELS", default_value_t = Sizes::default().megapixels, value_parser = positive)]
+    pub(crate) work_size: f64,
     #[command(flatten)]
     pub(crate) truth: TruthArgs,
     #[command(flatten)]
@@ -196,7 +201,7 @@ pub(crate) struct WarpArgs {
     #[command(flatten)]
     pub(crate) size: SizeArgs,
     #[command(flatten)]
-    pub(crate) settings: SettingsArgs,
+    pub(crate) settings: PresetArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
 }
@@ -296,12 +301,9 @@ pub(crate) struct CameraArgs {
     /// Intrinsics: a 3x3 matrix as text, or JSON with fx, fy, cx, cy
     #[arg(long, value_name = "FILE", conflicts_with_all = ["fx", "fov"])]
     pub(crate) intrinsics: Option<PathBuf>,
-    /// Horizontal focal length, pixels
-    #[arg(long, value_name = "PX", allow_negative_numbers = true, conflicts_with = "fov")]
-    pub(crate) fx: Option<f64>,
-    /// Vertical focal length, pixels; default: fx
-    #[arg(long, value_name = "PX", allow_negative_numbers = true, requires = "fx", conflicts_with_all = ["fov", "intrinsics"])]
-    pub(crate) fy: Option<f64>,
+    /// Focal length, pixels, horizontal and vertical
+    #[arg(long, value_name = "PX[,PX]", allow_hyphen_values = true, value_parser = focal, conflicts_with = "fov")]
+    pub(crate) fx: Option<(f64, Option<f64>)>,
     /// Column of the principal point, from 0; default: the middle
     #[arg(long, value_name = "PX", allow_negative_numbers = true, requires = "fx", conflicts_with_all = ["fov", "intrinsics"])]
     pub(crate) cx: Option<f64>,
@@ -313,26 +315,15 @@ pub(crate) struct CameraArgs {
     pub(crate) fov: Option<f64>,
 }
 
-/// The working size.
+/// The size of the results.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Size")]
 pub(crate) struct SizeArgs {
     /// Resize the image, its prior, camera and truth to this longer side
-    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..))]
+    #[arg(long, help_heading = "Advanced", value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..))]
     pub(crate) max_size: Option<u32>,
-    /// Refine a larger photograph at this many million pixels. The maps of one photograph are brought back to its own size, with the
-    /// edges of the photograph; those of several photographs are not
-    #[arg(long, value_name = "MEGAPIXELS", default_value_t = 1.5, value_parser = positive)]
-    pub(crate) work_size: f64,
     #[command(flatten)]
     pub(crate) memory: MemoryArgs,
-}
-
-impl SizeArgs {
-    /// No other size than that of the input.
-    pub(crate) fn of_memory(memory: MemoryArgs) -> Self {
-        Self { max_size: None, work_size: f64::INFINITY, memory }
-    }
 }
 
 /// The memory limit.
@@ -344,23 +335,31 @@ pub(crate) struct MemoryArgs {
     pub(crate) max_memory: f64,
 }
 
-/// The settings.
+/// A preset with settings over it.
 #[derive(Debug, Default, Args)]
 #[command(next_help_heading = "Settings")]
-pub(crate) struct SettingsArgs {
+pub(crate) struct PresetArgs {
     /// Preset of the settings; default: multi-view with several photographs, default with one
     #[arg(long, value_enum)]
     pub(crate) preset: Option<PresetName>,
     /// Settings over those of the preset, a TOML file or KEY=VALUE, repeatable; `mde config` prints all
     #[arg(long, value_name = "FILE|KEY=VALUE")]
     pub(crate) config: Vec<String>,
+}
+
+/// The settings.
+#[derive(Debug, Default, Args)]
+#[command(next_help_heading = "Settings")]
+pub(crate) struct SettingsArgs {
+    #[command(flatten)]
+    pub(crate) preset: PresetArgs,
     /// Seed of all random draws; default: that of the settings, 0
     #[arg(long, help_heading = "Advanced", value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub(crate) seed: Option<u64>,
-    /// Fit no field: the model's prediction, with the configured augmentation, is the result
+    /// Fit no field
     #[arg(long)]
     pub(crate) no_nerf: bool,
-    /// Predictions of the model at most, on the photograph, its mirror image and crops: auto, or a number (1: the photograph alone)
+    /// Network predictions per photograph (whole, mirrored, crops): auto or a number; 1: the whole image alone
     #[arg(long, value_name = "N|auto")]
     pub(crate) predictions: Option<Predictions>,
     /// Nearest and farthest depth of the scene, metres, for disparity of unknown scale and shift; default: those of the settings, 0.8,8
@@ -433,6 +432,14 @@ fn positive(text: &str) -> Result<f64, String> {
         Ok(number) if number > 0.0 && f64::is_finite(number) => Ok(number),
         _ => Err("give a positive number".to_owned()),
     }
+}
+
+/// `FX` or `FX,FY`.
+fn focal(text: &str) -> Result<(f64, Option<f64>), String> {
+    let (fx, fy) = text.split_once(',').map_or((text, None), |(fx, fy)| (fx, Some(fy)));
+    let number =
+        |text: &str| text.trim().parse().map_err(|_| "give pixels, such as 520 or 520,521".to_owned());
+    Ok((number(fx)?, fy.map(number).transpose()?))
 }
 
 fn depth_range(text: &str) -> Result<[f64; 2], String> {

@@ -10,17 +10,25 @@ use std::path::PathBuf;
 pub(crate) struct PriorArgs {
     #[command(flatten)]
     pub(crate) source: PriorSource,
-    /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else recognised by its folder, its graph or its name
-    #[arg(long, value_name = "NAME", conflicts_with = "prior_depth")]
+    #[command(flatten)]
+    pub(crate) network: NetworkArgs,
+}
+
+/// How the values of a network or a map are read.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Prior")]
+pub(crate) struct NetworkArgs {
+    /// Format of the network: a profile's name or a .toml; default: MODEL.toml beside MODEL.onnx, else by its folder, graph or name
+    #[arg(long, help_heading = "Advanced", value_name = "NAME|FILE", conflicts_with = "prior_depth")]
     pub(crate) model_profile: Option<String>,
-    /// Kind of the values; by default metric for a file whose metadata have no other unit, and that of the profile for a model
+    /// Kind of the values; by default that of the profile, and metric for a map whose metadata name no other unit
     #[arg(long, value_enum)]
     pub(crate) prior_kind: Option<KindName>,
-    /// Depth = value / X for a file; for 16-bit PNG the scale in its metadata, else 1000; 1 for floats
-    #[arg(long, value_name = "X", conflicts_with = "prior_model")]
+    /// Depth = value / X for a map; default: the scale in its metadata, else 1000 for 16-bit PNG and 1 for floats
+    #[arg(long, help_heading = "Advanced", value_name = "X", conflicts_with = "prior_model")]
     pub(crate) png_scale: Option<f64>,
-    /// What runs the model: tract (part of this program), onnxruntime, auto (ONNX Runtime where its library is found, else tract), or the
-    /// path of ONNX Runtime's library [default: tract]
+    /// What runs the network: tract (part of this program), onnxruntime, auto (ONNX Runtime if found, else tract), or the path of ONNX
+    /// Runtime's library [default: tract]
     #[arg(long, help_heading = "Advanced", value_name = "NAME|LIBRARY", conflicts_with = "prior_depth")]
     pub(crate) runtime: Option<String>,
 }

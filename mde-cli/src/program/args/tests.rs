@@ -30,33 +30,40 @@ fn the_help_begins_with_the_output_and_ends_with_what_is_rare() {
             help[..at("Examples:")].lines().filter(|line| !line.starts_with(' ') && line.ends_with(':'));
         assert_eq!(headings.next_back(), Some("Advanced:"), "{name}: {help}");
     }
-    let rare: [(&str, &[&str]); 2] = [
-        ("refine", &["unit", "shard", "same_scale"]),
-        (
-            "eval",
-            &[
-                "filled_depth",
-                "photographs",
-                "baseline",
-                "pose_noise",
-                "gain",
-                "without_poses",
-                "without_intrinsics",
-                "eigen_crop",
-                "gt_encoding",
-                "methods",
-            ],
-        ),
-    ];
-    for (name, flags) in rare {
+    for (name, flags) in [
+        ("refine", &["unit", "shard", "same_scale", "work_size", "seed"][..]),
+        ("eval", &["grid", "withhold", "crop", "runtime"]),
+    ] {
         let command = Cli::command();
         let command = command.find_subcommand(name).unwrap();
         for flag in flags {
             let argument = command.get_arguments().find(|argument| argument.get_id() == flag).unwrap();
-            let usual = ["same_scale", "methods"].contains(flag);
-            assert_eq!(argument.get_help_heading() == Some("Advanced"), !usual, "{name} {flag}");
+            assert_eq!(argument.get_help_heading(), Some("Advanced"), "{name} {flag}");
         }
     }
+}
+
+#[test]
+fn a_command_has_few_flags() {
+    let command = Cli::command();
+    let most = [("refine", 36), ("eval", 29), ("ablate", 27), ("calibrate", 24), ("warp", 21), ("poses", 20)];
+    for (name, most) in most {
+        let arguments = command.find_subcommand(name).unwrap().get_arguments();
+        let flags: Vec<_> = arguments.filter_map(clap::Arg::get_long).collect();
+        assert!(flags.len() <= most, "{name} has {}: {flags:?}", flags.len());
+    }
+}
+
+#[test]
+fn a_grid_is_conditions_with_values() {
+    let Grid(grid) = "views=3,5; pose-noise=0,.3".parse().unwrap();
+    assert_eq!((grid.views, grid.pose_noises, grid.gains), (vec![3, 5], vec![0.0, 0.3], vec![0.0]));
+    for wrong in ["views", "views=two", "views=2.5", "depth=1", "gain=", "baseline=.1;.2"] {
+        assert!(wrong.parse::<Grid>().is_err(), "{wrong}");
+    }
+    assert_eq!(focal("520"), Ok((520.0, None)));
+    assert_eq!(focal("520, 521"), Ok((520.0, Some(521.0))));
+    assert!(focal("520,").is_err());
 }
 
 /// Where the results go by default is told for each command as it is.

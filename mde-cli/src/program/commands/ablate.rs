@@ -18,8 +18,7 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
     let mut progress = Progress::new(&args.common.run);
     use_threads(&args.common.run)?;
     let methods = methods(args)?;
-    let request =
-        Request { command: "ablate", methods: &methods, controls: false, share_fields: true, shard: None };
+    let request = Request { controls: false, share_fields: true, ..Request::new("ablate", &methods) };
     let setup = Setup::open(&args.common, request)?;
     let (mut entries, failures) = setup.run(&mut progress)?;
     // Rows share fields, so their seconds would mislead.
@@ -37,7 +36,8 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
     results.record["seeds"] = json!(args.seeds);
     results.record["preset"] = json!(Preset::from(args.preset).name());
     results.record["config"] = json!(base(args)?);
-    results::finish(results, setup.folder(), &mut progress).inspect_err(|_| setup.discard_if_empty())
+    results::finish(results, setup.store.root(), &mut progress)
+        .inspect_err(|_| setup.store.discard_if_empty())
 }
 
 fn base(args: &AblateArgs) -> Result<Config> {
@@ -48,6 +48,11 @@ fn base(args: &AblateArgs) -> Result<Config> {
 /// The prior, then every row with every seed.
 fn methods(args: &AblateArgs) -> Result<Vec<Method>> {
     let base = base(args)?;
+    ensure!(
+        base.refinement.fits_a_field(),
+        "--preset {}: fits no field to a photograph, so all rows are equal; give --preset paper",
+        Preset::from(args.preset).name()
+    );
     let known: Vec<&str> = ablation::rows(&base).map(|row| row.name).collect();
     for name in &args.rows {
         ensure!(
@@ -56,7 +61,7 @@ fn methods(args: &AblateArgs) -> Result<Vec<Method>> {
             known.join(", ")
         );
     }
-    let mut methods = vec![Method::parse(PRIOR, args.preset.into(), Some(base.seed))?];
+    let mut methods = vec![Method::parse(PRIOR, Some(base.seed))?];
     for seed in (0..u64::from(args.seeds)).map(|more| base.seed.wrapping_add(more)) {
         for row in ablation::rows(&base) {
             let wanted =

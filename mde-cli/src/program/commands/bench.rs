@@ -1,8 +1,6 @@
 use crate::program::args::BenchArgs;
 use crate::program::provenance::peak_memory;
-use crate::program::terminal::{columns, shown};
 use anyhow::{Context, Result, ensure};
-use mde_eval::table::{Block, Cell, Column, Document, Table};
 use mde_nerf::stages::{Stage, fields, multiply_adds, random_lines, stages};
 use mde_nerf::{FieldConfig, NerfConfig};
 use mde_uncertainty::statistics::median;
@@ -80,9 +78,9 @@ pub(super) fn run(args: &BenchArgs) -> Result<()> {
     }
     let bench = Bench { threads: all, ceilings, stages: rows, peak_memory_bytes: peak_memory() };
     let text = match args.json {
-        true => serde_json::to_string_pretty(&bench)?,
-        false => shown(&document(&bench), columns()),
-    } + "\n";
+        true => serde_json::to_string_pretty(&bench)? + "\n",
+        false => lines(&bench),
+    };
     match io::stdout().lock().write_all(text.as_bytes()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error.into()),
         _ => Ok(()),
@@ -147,35 +145,30 @@ fn median_seconds(seconds: f64, mut call: impl FnMut()) -> f64 {
     median(times).unwrap_or(f64::NAN)
 }
 
-fn document(bench: &Bench) -> Document {
+fn lines(bench: &Bench) -> String {
     let Ceilings { gflops_one_thread, gflops_all_threads, random_lines_gbytes_per_second } = bench.ceilings;
-    let peak = format!(
+    let mut text = format!(
         "peak: {gflops_one_thread:.0} GFLOP/s on one thread, {gflops_all_threads:.0} on {}; random lines of 8 MiB: \
-         {random_lines_gbytes_per_second:.0} GB/s on one thread",
-        bench.threads
+         {random_lines_gbytes_per_second:.0} GB/s on one thread\n\n\
+         {:12} {:24} {:>7} {:>10} {:>7} {:>6} {:>6}\n",
+        bench.threads, "field", "stage", "threads", "Msamples/s", "GFLOP/s", "peak", "GB/s"
     );
-    let columns = ["field", "stage"].map(Column::text).into_iter();
-    let numbers = ["threads", "Msamples/s", "GFLOP/s", "peak", "GB/s"].map(Column::number);
-    let optional = |value: Option<f64>, unit: f64, end: &str| {
-        value.map_or_else(|| "-".to_owned(), |v| format!("{:.0}{end}", v * unit))
-    };
-    let cells = |row: &Row| {
-        let cells = [
-            row.field.to_owned(),
-            row.stage.to_owned(),
-            row.threads.to_string(),
-            format!("{:.2}", row.samples_per_second * 1e-6),
-            optional(row.gflops, 1.0, ""),
-            optional(row.share_of_peak, 100.0, " %"),
-            optional(row.gbytes_per_second, 1.0, ""),
-        ];
-        cells.into_iter().map(Cell::new).collect()
-    };
-    let table =
-        Table { columns: columns.chain(numbers).collect(), rows: bench.stages.iter().map(cells).collect() };
-    let mut blocks = vec![Block::Text(peak), Block::Table(table)];
-    if let Some(bytes) = bench.peak_memory_bytes {
-        blocks.push(Block::Text(format!("peak memory: {:.0} MiB", bytes as f64 / f64::from(1 << 20))));
+    let optional =
+        |value: Option<f64>, end: &str| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.0}{end}"));
+    for row in &bench.stages {
+        let peak = optional(row.share_of_peak.map(|share| 100.0 * share), " %");
+        text += &format!(
+            "{:12} {:24} {:>7} {:>10.2} {:>7} {peak:>6} {:>6}\n",
+            row.field,
+            row.stage,
+            row.threads,
+            row.samples_per_second * 1e-6,
+            optional(row.gflops, ""),
+            optional(row.gbytes_per_second, "")
+        );
     }
-    Document { blocks }
+    if let Some(bytes) = bench.peak_memory_bytes {
+        text += &format!("\npeak memory: {:.0} MiB\n", bytes as f64 / f64::from(1 << 20));
+    }
+    text
 }

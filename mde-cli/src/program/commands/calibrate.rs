@@ -1,6 +1,6 @@
 //! `mde calibrate`.
 
-use crate::program::args::CalibrateArgs;
+use crate::program::args::{CalibrateArgs, CaptureArgs};
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::results;
 use crate::program::evaluation::setup::{Request, Setup};
@@ -16,14 +16,15 @@ const FILE: &str = "calibration.toml";
 pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     let mut progress = Progress::new(&args.common.run);
     use_threads(&args.common.run)?;
-    let preset = args.preset.into();
-    let methods = Method::parse_list(std::slice::from_ref(&args.method), preset, args.seed)?;
+    let methods = Method::parse_list(std::slice::from_ref(&args.method), None)?;
     let own = |m: &Method| Some((m.label.clone(), m.config()?.clone(), m.is_of_photographs()));
     let Some((name, config, several)) = methods.last().and_then(own) else {
         bail!("--method {}: has no sigma of its own; give a preset or settings in a .toml file", args.method);
     };
-    let request =
-        Request { command: "eval", methods: &methods, controls: true, share_fields: false, shard: None };
+    let request = Request {
+        several: CaptureArgs { grid: None, withhold: args.withhold },
+        ..Request::new("eval", &methods)
+    };
     let setup = Setup::open(&args.common, request)?;
     let (entries, failures) = setup.run(&mut progress)?;
     let scenes: Vec<_> = entries
@@ -33,17 +34,18 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         .collect();
     let own = entries.iter().filter(|entry| entry.method == name && entry.curves.is_some());
     let scales: Vec<f64> = own.filter_map(|entry| entry.values.get("alignment_scale").copied()).collect();
-    let [data, prior, alignment] = setup.titles();
-    let path = setup.folder().join(FILE);
+    let (data, prior, alignment) =
+        (setup.source.title(), setup.prior.title(), setup.scoring.alignment_note());
+    let path = setup.store.root().join(FILE);
     let calibrated = !scenes.is_empty();
     if calibrated {
         let source = CalibrationSource { method: name, data, prior, alignment };
         let calibration = Calibration::fit(
             source,
-            fingerprint(&config, setup.accepts_new_images(), several, setup.model_hash())?,
+            fingerprint(&config, setup.prior.accepts_new_images(), several, setup.prior.model_hash())?,
             scenes,
         )?;
-        let calibration = match setup.is_metric() {
+        let calibration = match setup.prior.is_metric() {
             true => calibration.with_scales(&scales),
             false => calibration,
         };
@@ -67,8 +69,8 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         // That of an earlier run is of other scores than the new tables.
         std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
     }
-    results::finish(setup.results(PRIOR, entries, failures), setup.folder(), &mut progress)
-        .inspect_err(|_| setup.discard_if_empty())?;
+    results::finish(setup.results(PRIOR, entries, failures), setup.store.root(), &mut progress)
+        .inspect_err(|_| setup.store.discard_if_empty())?;
     ensure!(calibrated, "no scene has a sigma, so there is nothing to calibrate");
     Ok(())
 }

@@ -6,9 +6,9 @@ mod single;
 use crate::config::Preset;
 use crate::prior::OpenPrior;
 use crate::prior::origin::{PriorForm, PriorOrigin};
-use crate::program::args::{DemoArgs, SizeArgs};
+use crate::program::args::DemoArgs;
 use crate::program::job::Job;
-use crate::program::open::settings::{settings, use_threads};
+use crate::program::open::settings::{all_settings, use_threads};
 use crate::program::open::truth::Truth;
 use crate::program::progress::Progress;
 use crate::program::store::folder::OutputFolder;
@@ -28,7 +28,7 @@ const ROOM: Room = Room::Study;
 struct Demo {
     scene: Scene,
     truth: Array2<f32>,
-    prior: Box<dyn DepthPrior>,
+    prior: Box<dyn DepthPrior + Send>,
     kind: DepthKind,
 }
 
@@ -53,9 +53,9 @@ pub(super) fn run(args: &DemoArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output(Path::new("mde"), "-demo"), args.run.force)?;
-    let size = SizeArgs::of_memory(args.memory.clone());
-    let mut settings = settings(&args.settings, &size, &args.error_bar, Preset::MultiView)?;
-    let own_settings = !args.settings.config.is_empty();
+    let mut settings = all_settings(&args.settings, &args.error_bar, &args.memory, Preset::MultiView)?;
+    settings.sizes.megapixels = f64::INFINITY;
+    let own_settings = !args.settings.preset.config.is_empty();
     let Demo { scene, truth, prior, kind } = match settings.preset {
         Preset::MultiView => several::demo(
             fitting(&settings, args.size, several::VIEWS)?,

@@ -3,7 +3,7 @@
 use crate::config::Preset;
 use crate::output::record::versions;
 use crate::prior::OpenPrior;
-use crate::program::args::{DoctorArgs, PriorArgs, PriorSource};
+use crate::program::args::{DoctorArgs, NetworkArgs};
 use crate::program::error::message;
 use crate::program::open::prior;
 use crate::program::terminal::{columns, line_of, visible, wrapped};
@@ -50,13 +50,9 @@ pub(super) fn run(args: &DoctorArgs) -> Result<()> {
 /// Times the model with every runtime, and compares its predictions of rooms with their depth.
 fn model(path: &Path, args: &DoctorArgs) -> Result<()> {
     let open = |runtime: &str| {
-        prior::open(&PriorArgs {
-            source: PriorSource { prior_model: Some(path.to_owned()), prior_depth: None },
-            model_profile: args.model_profile.clone(),
-            prior_kind: args.prior_kind,
-            png_scale: None,
-            runtime: Some(runtime.to_owned()),
-        })
+        let (model_profile, runtime) = (args.model_profile.clone(), Some(runtime.to_owned()));
+        let format = NetworkArgs { model_profile, prior_kind: args.prior_kind, png_scale: None, runtime };
+        prior::network(path, &format)
     };
     let prior = open("tract")?;
     print("model", &line_of(path));

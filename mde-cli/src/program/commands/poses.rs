@@ -1,35 +1,33 @@
 //! `mde poses`: the poses of photographs.
 
 use crate::config::Preset;
-use crate::program::args::{ErrorBarArgs, PosesArgs, SettingsArgs};
+use crate::program::args::{PosesArgs, PresetArgs};
 use crate::program::open::prior;
 use crate::program::open::relative::relative;
 use crate::program::open::scene::{size, unique, unposed};
-use crate::program::open::settings::{settings, use_threads};
+use crate::program::open::settings::{longest, settings, use_threads};
 use crate::program::progress::Progress;
 use crate::program::store::folder::check_new_file;
 use crate::program::terminal::line_of;
 use crate::refiner::Refiner;
 use crate::reports::capture::CaptureReport;
 use anyhow::{Context, Result, ensure};
-use mde_eval::table::{Block, Cell, Column, Document, Table};
+use mde_eval::table::{Block, Document, Table};
 use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
 /// Longer side of the photographs, pixels, without `--max-size`: features are plenty, and matching stays fast.
-const LONGER_SIDE: u32 = 1024;
+const LONGER_SIDE: usize = 1024;
 
 pub(super) fn run(args: &PosesArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let target = &args.run.output.clone().unwrap_or_else(|| "transforms.json".into());
     check_new_file("-o", target, args.run.force)?;
-    let mut sizes = args.size.clone();
-    sizes.max_size = sizes.max_size.or(Some(LONGER_SIDE));
-    let usual = SettingsArgs::default();
     let prior = prior::open(&args.prior)?;
-    let settings = settings(&usual, &sizes, &ErrorBarArgs::default(), Preset::MultiView)?;
+    let mut settings = settings(&PresetArgs::default(), &args.size.memory, Preset::MultiView)?;
+    settings.sizes.longest = longest(&args.size).or(Some(LONGER_SIDE));
     let refiner = Refiner::new(&prior, settings)?;
     let paths = unique("PHOTO", &args.photographs, |_| false)?;
     ensure!(
@@ -77,24 +75,17 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
 
 /// One row per photograph.
 fn table(report: &CaptureReport) -> Table {
-    let columns = vec![
-        Column::text("photograph"),
-        Column::text("verdict"),
-        Column::number("rotation, degrees"),
-        Column::number("baseline / depth"),
-        Column::number("matches"),
-    ];
-    let number = |value: Option<f64>, digits: usize| {
-        Cell::new(value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}")))
-    };
+    let heads = ["photograph", "verdict", "rotation, degrees", "baseline / depth", "matches"];
+    let number =
+        |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
     let rows = report.photographs.iter().map(|photograph| {
         vec![
-            Cell::new(photograph.name.clone()),
-            Cell::new(photograph.verdict.clone()),
+            photograph.name.clone(),
+            photograph.verdict.clone(),
             number(photograph.rotation_degrees, 2),
             number(photograph.parallax, 3),
             number(photograph.matches.map(|count| count as f64), 0),
         ]
     });
-    Table { columns, rows: rows.collect() }
+    Table::new(2, heads, rows)
 }

@@ -1,7 +1,7 @@
 //! `mde score`: depth maps of any program.
 
 use crate::prior::files::read_options;
-use crate::program::args::ScoreMapsArgs;
+use crate::program::args::{AlignmentName, ScoreMapsArgs};
 use crate::program::evaluation::results;
 use crate::program::evaluation::results::Results;
 use crate::program::evaluation::runner::Failure;
@@ -15,7 +15,7 @@ use anyhow::{Context, Result, bail, ensure};
 use mde_eval::data::{MapPair, MapPairs};
 use mde_eval::score::{Subject, score};
 use mde_eval::table::Entry;
-use mde_prior::format::{Encoding, ReadOptions, read_depth};
+use mde_prior::format::{ReadOptions, read_depth};
 use serde_json::json;
 
 /// The name of the maps in the tables.
@@ -29,7 +29,11 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
     for id in pairs.unmatched() {
         progress.warn(format!("{id}: no truth of that name in {}; not scored", gt.display()));
     }
-    let scoring = Scoring::new(&args.score, false);
+    ensure!(
+        args.alignment.alignment != AlignmentName::Prior,
+        "--alignment prior: mde score has no prior; give another alignment"
+    );
+    let scoring = Scoring::new(args.alignment.alignment, args.pixels, false);
     let [pred_name, gt_name] = [pred, gt].map(|folder| folder.display().to_string());
     let sigma_name = args.sigma.as_ref().map(|folder| folder.display().to_string());
     let basis = json!({ "command": "score", "pred": pred_name, "gt": gt_name, "sigma": sigma_name });
@@ -39,7 +43,7 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
     }
     let wanted = |pair: &&MapPair| args.scenes.is_empty() || args.scenes.contains(&pair.id);
     let chosen: Vec<&MapPair> = pairs.pairs().iter().filter(wanted).collect();
-    let store = Store::open(&args.run.output(pred, "-score"), &basis, args.run.force)?;
+    let store = Store::open(&args.run.output(pred, "-score"), &basis, args.run.force, false)?;
     let (mut entries, mut failures) = (Vec::new(), Vec::new());
     for (index, pair) in chosen.iter().enumerate() {
         if interrupt::requested() {
@@ -69,7 +73,7 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
 }
 
 fn entry(pair: &MapPair, args: &ScoreMapsArgs, scoring: &Scoring) -> Result<Entry> {
-    let scaled = read_options("--png-scale", args.png_scale, Encoding::Linear)?;
+    let scaled = read_options("--png-scale", args.png_scale)?;
     let predicted = read_depth(&pair.prediction, &scaled)?;
     let remedy = |_| "give smaller maps".to_owned();
     let bytes = |pixels| SceneMemory::new(&[], false).bytes(pixels, 1);

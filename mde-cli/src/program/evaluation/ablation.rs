@@ -2,7 +2,7 @@
 
 use crate::config::{Config, IterationPrior};
 use crate::program::evaluation::method::PRIOR;
-use mde_eval::table::{Block, Cell, Column, Summary, Table};
+use mde_eval::table::{Block, Summary, Table};
 use mde_fusion::{Aggregation, Calibration, Fusion, PriorVariance, VarianceRule};
 use mde_uncertainty::termination::InBinVariance;
 
@@ -117,8 +117,7 @@ pub(crate) fn table(to_full: &Summary, to_prior: &Summary) -> Vec<Block> {
         "Change of MSE against the full model and sharpness against the prior are ratios of means over scenes \
          [95 % of resampled {sample}]; F1 is at 0.25 m and 1 px."
     );
-    let numbers = ["dMSE", "dMSE, paper", "sharpness", "paper", "F1", "paper"].map(Column::number);
-    let columns = [Column::text("row"), Column::text("what")].into_iter().chain(numbers).collect();
+    let heads = ["row", "what", "dMSE", "dMSE, paper", "sharpness", "paper", "F1", "paper"];
     let mut rows = Vec::new();
     for row in std::iter::once(&THE_PRIOR).chain(ROWS) {
         let Some(f1) = to_full.get(row.name, "f1@0.25m_r1") else { continue };
@@ -133,7 +132,7 @@ pub(crate) fn table(to_full: &Summary, to_prior: &Summary) -> Vec<Block> {
             sharp.map_or_else(String::new, |r| format!("{:.2} [{:.2}, {:.2}]", r.value, r.low, r.high));
         let paper =
             |index: usize, text: fn(f64) -> String| row.paper.map_or_else(String::new, |p| text(p[index]));
-        let cells = [
+        rows.push(vec![
             row.name.to_owned(),
             row.what.to_owned(),
             mse,
@@ -142,11 +141,10 @@ pub(crate) fn table(to_full: &Summary, to_prior: &Summary) -> Vec<Block> {
             paper(1, |v| format!("{v:.2}")),
             format!("{:.3}", f1.mean),
             paper(2, |v| format!("{v:.3}")),
-        ];
-        rows.push(cells.into_iter().map(Cell::new).collect());
+        ]);
     }
     let heading = Block::Heading(2, "The paper's Table II".to_owned());
-    vec![heading, Block::Text(note), Block::Table(Table { columns, rows })]
+    vec![heading, Block::Text(note), Block::Table(Table::new(2, heads, rows))]
 }
 
 #[cfg(test)]

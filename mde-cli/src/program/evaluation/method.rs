@@ -53,22 +53,26 @@ const CONSENSUS: &str = "consensus";
 const FIELD: &str = "field";
 
 impl Method {
-    /// Parses the name of a preset or a baseline, or the path of a TOML file that overrides `preset`.
-    pub(crate) fn parse(text: &str, preset: Preset, seed: Option<u64>) -> Result<Self> {
-        let path = Path::new(text);
-        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
+    /// Parses the name of a preset or a baseline, or the path of a TOML file over `default` or the preset before a colon.
+    pub(crate) fn parse(text: &str, seed: Option<u64>) -> Result<Self> {
+        let named = |name: &str| Preset::ALL.into_iter().find(|preset| preset.name() == name);
+        if Path::new(text).extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
+            let over = text.split_once(':').and_then(|(name, path)| Some((named(name)?, path)));
+            let (preset, path) = over.unwrap_or((Preset::Default, text));
+            let path = Path::new(path);
             let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
             let config = preset.config().with_file(path)?;
             ensure!(
                 preset == Preset::MultiView || config.multi_view == MultiViewConfig::default(),
-                "{text}: multi-view counts for several photographs only; give --preset multi-view"
+                "{text}: multi-view counts for several photographs only; give multi-view:{}",
+                path.display()
             );
             return Ok(Self::of_preset(name.unwrap_or_default(), preset, config, seed));
         }
         if let Some((name, folder)) = text.split_once('=') {
             return Self::of_maps(name, Path::new(folder));
         }
-        if let Some(preset) = Preset::ALL.into_iter().find(|preset| preset.name() == text) {
+        if let Some(preset) = named(text) {
             return Ok(Self::of_preset(text.to_owned(), preset, preset.config(), seed));
         }
         if [CONSENSUS, FIELD].contains(&text) {
@@ -129,10 +133,10 @@ impl Method {
     }
 
     /// Parses a list of methods. The prior comes first and need not be named.
-    pub(crate) fn parse_list(texts: &[String], preset: Preset, seed: Option<u64>) -> Result<Vec<Self>> {
-        let mut methods = vec![Self::parse(PRIOR, preset, seed)?];
+    pub(crate) fn parse_list(texts: &[String], seed: Option<u64>) -> Result<Vec<Self>> {
+        let mut methods = vec![Self::parse(PRIOR, seed)?];
         for text in texts.iter().map(|text| text.trim()).filter(|text| *text != PRIOR) {
-            let method = Self::parse(text, preset, seed)?;
+            let method = Self::parse(text, seed)?;
             ensure!(
                 methods.iter().all(|other| other.name != method.name),
                 "--methods: {} is named twice; give each method once",

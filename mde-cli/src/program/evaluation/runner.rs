@@ -7,7 +7,7 @@ use crate::program::evaluation::fields::FieldMemory;
 use crate::program::evaluation::method::{Interruptible, Method, MethodScene, PRIOR};
 use crate::program::evaluation::scenes::{PriorPlan, fingerprint};
 use crate::program::evaluation::setup::SceneLimit;
-use crate::program::evaluation::store::{Entry, Found, Record, Store};
+use crate::program::evaluation::store::{Found, Kept, Store};
 use crate::program::interrupt;
 use crate::program::progress::Progress;
 use crate::refiner::{Refiner, Settings};
@@ -24,7 +24,6 @@ use mde_warp::{PinholeCamera, Pose};
 use ndarray::{Array2, Array3};
 use serde::Serialize;
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -55,7 +54,7 @@ pub(crate) struct Plan<'p> {
 /// A scene with the results of the methods that did not fail.
 pub(crate) struct SceneResult<'r> {
     pub(crate) sample: &'r Sample,
-    pub(crate) entries: Vec<(&'r Method, Entry)>,
+    pub(crate) entries: Vec<(&'r Method, Kept)>,
 }
 
 /// An error of a scene or of one of its methods.
@@ -171,7 +170,7 @@ impl Shared<'_> {
             .collect();
         let memory = self.plan.share_fields.then(FieldMemory::default);
         let own = self.plan.prior.made_from(&self.plan.prior_settings, &sample.id)?;
-        let mut entries: Vec<(&Method, Entry)> = Vec::new();
+        let mut entries: Vec<(&Method, Kept)> = Vec::new();
         for method in self.plan.methods {
             let first = entries.first().map(|(_, prior)| &prior.refined.depth);
             // The prior that is made here depends on the seed.
@@ -262,10 +261,10 @@ impl Shared<'_> {
         method: &Method,
         made_from: Value,
         run: impl FnOnce() -> Result<Refined>,
-    ) -> Result<Entry> {
+    ) -> Result<Kept> {
         match self.plan.store.find(&sample.id, &method.name, &made_from)? {
             Found::Done(entry) => {
-                lock(&self.tally).skip(&method.name);
+                lock(&self.tally).done += 1;
                 return Ok(*entry);
             }
             Found::Stale(change) => {
@@ -280,9 +279,7 @@ impl Shared<'_> {
             bail!("{}: its map differs in size from the image", method.name);
         }
         let seconds = start.elapsed().as_secs_f64();
-        let record =
-            Record { made_from, seconds, report: refined.report.clone(), checksums: BTreeMap::new() };
-        let entry = Entry { refined, record };
+        let entry = Kept { refined, made_from, seconds };
         self.plan.store.keep(&sample.id, &method.name, &entry)?;
         lock(&self.tally).done(&sample.id, &method.name, seconds);
         Ok(entry)
@@ -295,10 +292,7 @@ impl Shared<'_> {
         let mut tally = lock(&self.tally);
         let what = method.as_deref().unwrap_or("scene");
         tally.progress.failed(format!("{scene} {what}: failed: {error}"));
-        match &method {
-            Some(method) => tally.skip(method),
-            None => self.plan.methods.iter().for_each(|method| tally.skip(&method.name)),
-        }
+        tally.done += if method.is_some() { 1 } else { self.plan.methods.len() };
         lock(&self.failures).push(Failure { scene, method, error });
     }
 }
@@ -330,53 +324,28 @@ struct Tally<'t> {
     jobs: usize,
     done: usize,
     all: usize,
-    /// By method: remaining runs, finished runs, and total seconds of the latter.
-    methods: BTreeMap<String, (usize, usize, f64)>,
+    /// Runs that were made now, and their seconds.
+    made: (usize, f64),
 }
 
 impl<'t> Tally<'t> {
     fn new(plan: &Plan<'_>, progress: &'t mut Progress) -> Self {
-        let scenes = plan.scenes.len();
-        let methods = plan.methods.iter().map(|method| (method.name.clone(), (scenes, 0, 0.0))).collect();
-        Self { progress, jobs: plan.limit.jobs, done: 0, all: scenes * plan.methods.len(), methods }
-    }
-
-    fn take(&mut self, method: &str) -> Option<&mut (usize, usize, f64)> {
-        let entry = self.methods.get_mut(method).filter(|(left, ..)| *left > 0)?;
-        self.done += 1;
-        entry.0 -= 1;
-        Some(entry)
-    }
-
-    /// Counts a run without work: a stored result, or a failure.
-    fn skip(&mut self, method: &str) {
-        let _ = self.take(method);
+        let all = plan.scenes.len() * plan.methods.len();
+        Self { progress, jobs: plan.limit.jobs, done: 0, all, made: (0, 0.0) }
     }
 
     fn done(&mut self, scene: &str, method: &str, seconds: f64) {
-        if let Some((_, runs, total)) = self.take(method) {
-            *runs += 1;
-            *total += seconds;
-        }
+        self.done += 1;
+        self.made = (self.made.0 + 1, self.made.1 + seconds);
         let text = format!("{scene} {method}: {seconds:.1} s");
         let value = json!({ "event": "method", "scene": scene, "method": method, "method_seconds": seconds });
-        let left = self.left();
-        self.progress.piece(self.done, self.all, &text, left, value);
-    }
-
-    /// Estimate of the remaining seconds, once every remaining method has run at least once.
-    fn left(&self) -> Option<f64> {
-        let mut seconds = 0.0;
-        for &(left, runs, total) in self.methods.values() {
-            if left > 0 {
-                seconds += left as f64 * total / if runs > 0 { runs as f64 } else { return None };
-            }
-        }
-        Some(seconds / self.jobs as f64)
+        let each = self.made.1 / self.made.0 as f64;
+        let left = each * self.all.saturating_sub(self.done) as f64 / self.jobs as f64;
+        self.progress.piece(self.done, self.all, &text, Some(left), value);
     }
 }
 
-/// Number of scenes to run at once: 1 by default, at most the number of scenes and of threads.
-pub(crate) fn jobs(requested: Option<usize>, scenes: usize) -> usize {
-    requested.unwrap_or(1).min(scenes).min(rayon::current_num_threads()).max(1)
+/// Number of scenes to run at once: at most the number of scenes and of threads.
+pub(crate) fn jobs(requested: usize, scenes: usize) -> usize {
+    requested.min(scenes).min(rayon::current_num_threads()).max(1)
 }

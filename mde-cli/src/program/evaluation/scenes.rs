@@ -2,15 +2,18 @@
 
 use crate::prior::OpenPrior;
 use crate::prior::origin::{PriorForm, PriorOrigin};
-use crate::program::args::{DataArgs, EvalPriorArgs, FaultName, PriorArgs, PriorSource};
+use crate::program::args::{
+    CaptureArgs, DataArgs, EvalPriorArgs, Grid, Layout, NetworkArgs, Simulated, Withheld,
+};
 use crate::program::open::prior;
 use anyhow::{Context, Result, bail};
 use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, Sample, SunDepth};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
-use mde_prior::{DepthKind, DepthPrior, PriorDepth};
+use mde_prior::{DepthKind, DepthPrior, FileKind, PriorDepth, open};
 use ndarray::{Array2, ArrayView3};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// A data set with the options that it was opened with.
@@ -18,50 +21,52 @@ pub(crate) struct Source {
     pub(crate) data: Box<dyn DataSet>,
     pub(crate) kind: DataSetKind,
     options: Options,
-    without_poses: bool,
-    /// The assumed field of view, degrees, where the cameras are withheld.
-    assumed_fov: Option<f64>,
+    pub(crate) withheld: Option<Withheld>,
 }
 
 impl Source {
-    pub(crate) fn open(root: &Option<PathBuf>, args: &DataArgs) -> Result<Self> {
-        let kind = match (args.dataset, root) {
-            (Some(kind), _) => kind,
-            (None, Some(root)) => DataSetKind::guess(root)?,
+    pub(crate) fn open(root: Option<&Path>, args: &DataArgs, several: &CaptureArgs) -> Result<Self> {
+        let Layout { kind, depth } = match (args.dataset, root) {
+            (Some(layout), _) => layout,
+            (None, Some(root)) => Layout { kind: DataSetKind::guess(root)?, depth: SunDepth::Sensor },
             (None, None) => bail!("name a data set's folder, or give --dataset rooms"),
         };
         let places = match &args.places {
             Some(path) => {
-                let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+                let text =
+                    open::read_text(path, FileKind::Text).with_context(|| path.display().to_string())?;
                 data::parse_places(&text).with_context(|| path.display().to_string())?
             }
             None => BTreeMap::new(),
         };
-        let pose_noise = match args.pose_noise[..] {
-            [degrees] => degrees,
-            _ if kind == DataSetKind::Captures => 0.0,
-            _ => {
-                bail!("--pose-noise: several values make procedural captures; give one with --dataset {kind}")
+        let captures = several.grid.clone().map_or_else(CaptureGrid::default, |Grid(grid)| grid);
+        let pose_noise = match captures.pose_noises[..] {
+            _ if kind == DataSetKind::Captures || several.grid.is_none() => 0.0,
+            [degrees]
+                if kind == DataSetKind::Posed
+                    && captures == (CaptureGrid { pose_noises: vec![degrees], ..CaptureGrid::default() }) =>
+            {
+                degrees
             }
+            _ => bail!("--grid: is for --dataset captures; with --dataset posed give one pose-noise"),
         };
         let options = Options {
             places,
             pose_noise,
             assumed_fov: Some(args.assume_fov),
-            sun_depth: if args.filled_depth { SunDepth::Filled } else { SunDepth::Sensor },
+            sun_depth: depth,
             size: args.size,
             stride: usize::from(args.stride),
-            captures: CaptureGrid {
-                views: args.photographs.clone(),
-                baselines: args.baseline.clone(),
-                pose_noises: args.pose_noise.clone(),
-                gains: args.gain.clone(),
-            },
+            captures,
             ..Options::default()
         };
-        let data = data::open(kind, root.as_deref(), &options)?;
-        let assumed_fov = args.without_intrinsics.then_some(args.assume_fov);
-        Ok(Self { data, kind, options, without_poses: args.without_poses, assumed_fov })
+        let data = data::open(kind, root, &options)?;
+        Ok(Self { data, kind, options, withheld: several.withhold.withhold })
+    }
+
+    /// The field of view that replaces the cameras, degrees, where these are withheld.
+    pub(crate) fn assumed_fov(&self) -> Option<f64> {
+        self.options.assumed_fov.filter(|_| self.withheld == Some(Withheld::Cameras))
     }
 
     /// The options that determine images and truth of the scenes; not the folder, which may be moved.
@@ -73,13 +78,13 @@ impl Source {
             value["captures"] =
                 json!({ "views": views, "baselines": baselines, "pose_noises": pose_noises, "gains": gains });
         }
-        if self.kind == DataSetKind::Posed && self.options.pose_noise > 0.0 {
+        if self.options.pose_noise > 0.0 {
             value["pose_noise"] = json!(self.options.pose_noise);
         }
-        if self.without_poses {
+        if self.withheld.is_some() {
             value["poses"] = json!("withheld");
         }
-        if let Some(fov) = self.assumed_fov {
+        if let Some(fov) = self.assumed_fov() {
             value["assumed_fov"] = json!(fov);
         }
         value
@@ -88,13 +93,11 @@ impl Source {
     pub(crate) fn title(&self) -> String {
         let size = self.options.size.map_or_else(String::new, |[w, h]| format!(" at {w}x{h}"));
         let noise = self.options.pose_noise;
-        let poses = match (self.without_poses, self.assumed_fov) {
+        let poses = match (self.withheld, self.assumed_fov()) {
             (_, Some(fov)) => format!(", poses and cameras withheld, {fov} degrees assumed"),
-            (true, None) => ", poses withheld".to_owned(),
-            (false, None) if self.kind == DataSetKind::Posed && noise > 0.0 => {
-                format!(", poses off by {noise} degrees")
-            }
-            (false, None) => String::new(),
+            (Some(_), None) => ", poses withheld".to_owned(),
+            (None, None) if noise > 0.0 => format!(", poses off by {noise} degrees"),
+            (None, None) => String::new(),
         };
         format!("{}{size}{poses}", self.kind)
     }
@@ -105,10 +108,10 @@ pub(crate) enum PriorPlan {
     /// A network, open for all scenes.
     Model(OpenPrior<'static>),
     /// A folder with one depth map per scene, named after it.
-    Folder { path: PathBuf, kind: Option<DepthKind>, png_scale: Option<f64> },
+    Folder(PathBuf, NetworkArgs),
     /// The degraded truth of a procedural room.
     Simulated,
-    /// A simulated model of each procedural room, for crops and mirror images too.
+    /// A simulated network of each procedural room, for crops and mirror images too.
     SimulatedModel(SimulatedModelConfig),
 }
 
@@ -131,39 +134,31 @@ impl PriorPlan {
     /// The prior of the command line; for procedural rooms the default is the simulated one.
     pub(crate) fn new(args: &EvalPriorArgs, kind: DataSetKind) -> Result<Self> {
         let rooms = kind == DataSetKind::Rooms;
-        let procedural = rooms || kind == DataSetKind::Captures;
-        if let Some(fault) = args.simulated_model {
-            if !rooms {
-                bail!("--simulated-model: needs exact depth; use it with --dataset rooms");
+        let exact = rooms || kind == DataSetKind::Captures;
+        Ok(match (&args.prior_model, &args.prior_depth, args.simulated) {
+            (Some(model), ..) => Self::Model(prior::network(model, &args.network)?),
+            (None, Some(folder), _) => Self::Folder(folder.clone(), args.network.clone()),
+            (None, None, Some(Simulated::Model)) if rooms => {
+                Self::SimulatedModel(SimulatedModelConfig::default())
             }
-            return Ok(Self::SimulatedModel(faults(fault)));
-        }
-        match (&args.prior_model, &args.prior_depth) {
-            (Some(model), _) => {
-                let source = PriorSource { prior_model: Some(model.clone()), prior_depth: None };
-                let (model_profile, runtime) = (args.model_profile.clone(), args.runtime.clone());
-                let prior_kind = args.prior_kind;
-                let network = PriorArgs { source, model_profile, prior_kind, png_scale: None, runtime };
-                Ok(Self::Model(prior::open(&network)?))
+            (None, None, Some(Simulated::Model)) => {
+                bail!("--simulated model: needs a room's exact depth; use it with --dataset rooms")
             }
-            (None, Some(folder)) => Ok(Self::Folder {
-                path: folder.clone(),
-                kind: args.prior_kind.map(DepthKind::from),
-                png_scale: args.png_scale,
-            }),
-            (None, None) if procedural => Ok(Self::Simulated),
-            (None, None) if args.simulated_prior => {
-                bail!("--simulated-prior: needs exact depth; use it with --dataset rooms or captures")
+            (None, None, _) if exact => Self::Simulated,
+            (None, None, Some(Simulated::Prior)) => {
+                bail!("--simulated prior: needs exact depth; use it with --dataset rooms or captures")
             }
-            (None, None) => bail!("no prior is named; give --prior-model MODEL.onnx or --prior-depth FOLDER"),
-        }
+            (None, None, None) => {
+                bail!("no prior is named; give --prior-model MODEL.onnx or --prior-depth FOLDER")
+            }
+        })
     }
 
     /// Name for the title.
     pub(crate) fn title(&self) -> String {
         match self {
             Self::Model(open) => file_name(Path::new(&open.origin().source)),
-            Self::Folder { path, .. } => format!("the priors in {}", path.display()),
+            Self::Folder(path, _) => format!("the priors in {}", path.display()),
             Self::Simulated => "simulated priors".to_owned(),
             Self::SimulatedModel(_) => "a simulated model".to_owned(),
         }
@@ -179,7 +174,9 @@ impl PriorPlan {
         match self {
             // The cameras of data sets are known, whatever the focal length.
             Self::Model(open) => open.origin().at_focal(Some(1.0)).kind == DepthKind::Metric,
-            Self::Folder { kind, .. } => kind.is_none_or(|kind| kind == DepthKind::Metric),
+            Self::Folder(_, args) => {
+                args.prior_kind.is_none_or(|kind| DepthKind::from(kind) == DepthKind::Metric)
+            }
             Self::Simulated | Self::SimulatedModel(_) => false,
         }
     }
@@ -200,7 +197,8 @@ impl PriorPlan {
                 json!({ "model": self.title(), "crc32": origin.model_hash, "kind": origin.kind, "settings": origin.model,
                         "runtime": origin.runtime })
             }
-            Self::Folder { path, kind, png_scale } => {
+            Self::Folder(path, NetworkArgs { prior_kind, png_scale, .. }) => {
+                let kind = prior_kind.map(DepthKind::from);
                 json!({ "folder": path.display().to_string(), "kind": kind, "png_scale": png_scale })
             }
             Self::Simulated => json!("simulated"),
@@ -214,11 +212,13 @@ impl PriorPlan {
         let mut made_from = described.clone();
         let removed = match self {
             Self::Model(_) => "model",
-            Self::Folder { path, .. } => {
+            Self::Folder(path, _) => {
                 let file = depth_file(path, scene)?;
-                let bytes = std::fs::read(&file).with_context(|| file.display().to_string())?;
+                let bytes =
+                    open::read(&file, FileKind::DepthMap).with_context(|| file.display().to_string())?;
                 // The extension decides how the bytes are read.
-                made_from["file"] = json!([extension(&file), crc32fast::hash(&bytes)]);
+                made_from["file"] =
+                    json!([file.extension().map(OsStr::to_string_lossy), crc32fast::hash(&bytes)]);
                 "folder"
             }
             Self::Simulated | Self::SimulatedModel(_) => return Ok(made_from),
@@ -231,15 +231,15 @@ impl PriorPlan {
 
     /// The prior of a scene; what is simulated here has that seed.
     pub(crate) fn open<'p>(&'p self, sample: &'p Sample, seed: u64) -> Result<ScenePrior<'p>> {
-        let own = |prior: Box<dyn DepthPrior + 'p>, kind| {
+        let own = |prior: Box<dyn DepthPrior + Send + 'p>, kind| {
             let origin = PriorOrigin::new(PriorForm::Simulated, kind, "simulated");
             ScenePrior::Own(Box::new(OpenPrior::given(prior, origin)))
         };
         Ok(match self {
             Self::Model(open) => ScenePrior::Shared(open),
-            Self::Folder { path, kind, png_scale } => {
+            Self::Folder(path, args) => {
                 let file = depth_file(path, &sample.id)?;
-                ScenePrior::Own(Box::new(prior::map(&file, *kind, *png_scale)?))
+                ScenePrior::Own(Box::new(prior::map(&file, args)?))
             }
             Self::Simulated => match &sample.prior {
                 Some(prior) => own(Box::new(OfSample(sample)), prior.kind),
@@ -273,21 +273,6 @@ impl DepthPrior for OfSample<'_> {
     }
 }
 
-/// One fault, strong enough to be visible, or all of them.
-fn faults(name: FaultName) -> SimulatedModelConfig {
-    let all = SimulatedModelConfig::default();
-    let small = SimulatedModelConfig::small(all.side);
-    let fine = SimulatedModelConfig::small(4096);
-    match name {
-        FaultName::Resolution => small,
-        FaultName::Thin => SimulatedModelConfig { lost_cells: all.lost_cells, ..small },
-        FaultName::Missed => SimulatedModelConfig { lost_width: all.lost_width, ..fine },
-        FaultName::Shared => SimulatedModelConfig { shared_error: all.shared_error, ..fine },
-        FaultName::Own => SimulatedModelConfig { own_error: all.own_error, ..fine },
-        FaultName::All => all,
-    }
-}
-
 /// The file `FOLDER/ID` with the extension of a depth map.
 pub(super) fn depth_file(folder: &Path, id: &str) -> Result<PathBuf> {
     const EXTENSIONS: [&str; 5] = ["npy", "npz", "pfm", "png", "exr"];
@@ -295,10 +280,6 @@ pub(super) fn depth_file(folder: &Path, id: &str) -> Result<PathBuf> {
     found.with_context(|| {
         format!("{}: no depth map {id}.npy (or .npz, .pfm, .png, .exr) for this scene", folder.display())
     })
-}
-
-fn extension(path: &Path) -> String {
-    path.extension().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 fn file_name(path: &Path) -> String {

@@ -1,10 +1,9 @@
 //! Scores of the methods of a scene and of their controls.
 
-use crate::program::args::ScoreArgs;
+use crate::program::args::{AlignmentName, CropName, PixelArgs};
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::runner::SceneResult;
-use crate::program::evaluation::store::Entry as Kept;
-use crate::program::evaluation::store::Store;
+use crate::program::evaluation::store::{Kept, Store};
 use anyhow::{Context, Result};
 use mde_eval::align::Alignment;
 use mde_eval::baseline::Unsharp;
@@ -47,16 +46,16 @@ struct Scored {
 }
 
 impl Scoring {
-    pub(crate) fn new(args: &ScoreArgs, controls: bool) -> Self {
+    pub(crate) fn new(alignment: AlignmentName, pixels: PixelArgs, controls: bool) -> Self {
         let plain = ScoreConfig::default();
         let config = ScoreConfig {
-            min_depth: args.min_depth.unwrap_or(plain.min_depth),
-            max_depth: args.max_depth.unwrap_or(plain.max_depth),
-            crop: args.eigen_crop.then_some(EIGEN_CROP),
-            alignment: args.alignment.into(),
+            max_depth: pixels.max_depth.unwrap_or(plain.max_depth),
+            crop: pixels.crop.map(|CropName::Eigen| EIGEN_CROP),
+            alignment: alignment.into(),
             ..plain
         };
-        Self { config, own_range: args.max_depth.is_some(), shared: args.shared_alignment, controls }
+        let shared = alignment == AlignmentName::Prior;
+        Self { config, own_range: pixels.max_depth.is_some(), shared, controls }
     }
 
     /// Describes the alignment and the scored pixels, for the tables.
@@ -90,7 +89,7 @@ impl Scoring {
         let mut entries = Vec::new();
         for (method, kept) in &result.entries {
             let made_from = json!({
-                "maps": kept.record.made_from, "prior": prior.record.made_from, "truth": truth, "config": config,
+                "maps": kept.made_from, "prior": prior.made_from, "truth": truth, "config": config,
                 "shared": self.shared, "controls": self.controls, "version": env!("CARGO_PKG_VERSION"), "definitions": DEFINITIONS,
             });
             let id = &result.sample.id;
@@ -144,7 +143,7 @@ impl<'a> Against<'a> {
     fn method(&self, method: &Method, kept: &Kept, controls: bool) -> Result<Vec<Entry>> {
         let (depth, sigma) = (kept.refined.depth.view(), kept.refined.sigma.as_ref());
         let mut own = self.entry(depth, sigma, &method.label)?;
-        own.set("seconds", kept.record.seconds);
+        own.set("seconds", kept.seconds);
         let mut entries = vec![own];
         if controls && method.is_loop() {
             entries.push(self.unsharp(depth, &method.label)?);

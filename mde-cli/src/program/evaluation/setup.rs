@@ -1,6 +1,6 @@
 //! The common part of `mde eval`, `mde ablate` and `mde calibrate`: opens the inputs, runs the methods, collects the scores.
 
-use crate::program::args::EvaluationArgs;
+use crate::program::args::{CaptureArgs, EvaluationArgs, PixelArgs};
 use crate::program::evaluation::method::Method;
 use crate::program::evaluation::results::Results;
 use crate::program::evaluation::runner;
@@ -18,7 +18,6 @@ use mde_eval::table::Entry;
 use mde_prior::DisparityRule;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::path::Path;
 
 /// The methods of a command and how they are scored.
 pub(crate) struct Request<'a> {
@@ -31,6 +30,16 @@ pub(crate) struct Request<'a> {
     pub(crate) share_fields: bool,
     /// Only this part of the scenes.
     pub(crate) shard: Option<Shard>,
+    pub(crate) several: CaptureArgs,
+    pub(crate) pixels: PixelArgs,
+}
+
+impl<'a> Request<'a> {
+    /// Of one photograph a scene, scored with the controls.
+    pub(crate) fn new(command: &'a str, methods: &'a [Method]) -> Self {
+        let (several, pixels) = (CaptureArgs::default(), PixelArgs::default());
+        Self { command, methods, controls: true, share_fields: false, shard: None, several, pixels }
+    }
 }
 
 /// An evaluation with its inputs opened.
@@ -38,20 +47,20 @@ pub(crate) struct Setup<'a> {
     args: &'a EvaluationArgs,
     request: Request<'a>,
     memory: SceneMemory,
-    source: Source,
-    scenes: Vec<usize>,
+    pub(crate) source: Source,
+    pub(crate) scenes: Vec<usize>,
     /// Number of the scenes of all shards.
-    all: usize,
-    prior: PriorPlan,
+    pub(crate) all: usize,
+    pub(crate) prior: PriorPlan,
     prior_settings: Value,
-    scoring: Scoring,
-    store: Store,
+    pub(crate) scoring: Scoring,
+    pub(crate) store: Store,
 }
 
 impl<'a> Setup<'a> {
     /// Opens the inputs. A run that would need too much memory is refused before anything is written.
     pub(crate) fn open(args: &'a EvaluationArgs, request: Request<'a>) -> Result<Self> {
-        let source = Source::open(&args.root, &args.data)?;
+        let source = Source::open(args.root.as_deref(), &args.data, &request.several)?;
         let mut scenes = choose(&*source.data, &args.data.scenes, args.data.limit)?;
         let all = scenes.len();
         if let Some(shard) = &request.shard {
@@ -70,14 +79,11 @@ impl<'a> Setup<'a> {
         }
         let prior = PriorPlan::new(&args.prior, source.kind)?;
         let prior_settings = prior.describe();
-        let scoring = Scoring::new(&args.score, request.controls);
+        let scoring = Scoring::new(args.alignment.alignment, request.pixels, request.controls);
         let basis = json!({ "command": request.command, "data": source.describe() });
         let name = args.root.clone().unwrap_or_else(|| source.kind.name().into());
         let output = args.run.output(&name, &format!("-{}", request.command));
-        let store = match request.shard {
-            Some(_) => Store::open_shared(&output, &basis)?,
-            None => Store::open(&output, &basis, args.run.force)?,
-        };
+        let store = Store::open(&output, &basis, args.run.force, request.shard.is_some())?;
         Ok(Self { args, request, memory, source, scenes, all, prior, prior_settings, scoring, store })
     }
 
@@ -94,8 +100,8 @@ impl<'a> Setup<'a> {
             store: &self.store,
             limit: limit(self.args, self.memory, &self.scenes),
             share_fields: self.request.share_fields,
-            without_poses: self.args.data.without_poses,
-            assumed_fov: self.args.data.without_intrinsics.then_some(self.args.data.assume_fov),
+            without_poses: self.source.withheld.is_some(),
+            assumed_fov: self.source.assumed_fov(),
         };
         let (entries, failures) =
             runner::run(&plan, progress, &|scene| self.scoring.scene(scene, &self.store))?;
@@ -125,45 +131,10 @@ impl<'a> Setup<'a> {
                             "score": self.scoring.config }),
         }
     }
-
-    /// Number of the scenes of this part, and of all shards.
-    pub(crate) fn scenes(&self) -> [usize; 2] {
-        [self.scenes.len(), self.all]
-    }
-
-    /// The data, the prior and the alignment, in words.
-    pub(crate) fn titles(&self) -> [String; 3] {
-        [self.source.title(), self.prior.title(), self.scoring.alignment_note()]
-    }
-
-    /// Whether the prior is a model that accepts new images.
-    pub(crate) fn accepts_new_images(&self) -> bool {
-        self.prior.accepts_new_images()
-    }
-
-    /// Whether the prior's maps are in metres.
-    pub(crate) fn is_metric(&self) -> bool {
-        self.prior.is_metric()
-    }
-
-    /// Identifies the model's file, where there is one.
-    pub(crate) fn model_hash(&self) -> Option<String> {
-        self.prior.model_hash()
-    }
-
-    /// Removes the folder if it has no results.
-    pub(crate) fn discard_if_empty(&self) {
-        self.store.discard_if_empty();
-    }
-
-    /// The folder of the results.
-    pub(crate) fn folder(&self) -> &Path {
-        self.store.root()
-    }
 }
 
 fn limit(args: &EvaluationArgs, memory: SceneMemory, scenes: &[usize]) -> SceneLimit {
-    let jobs = runner::jobs(args.many.jobs.map(usize::from), scenes.len());
+    let jobs = runner::jobs(args.jobs.into(), scenes.len());
     SceneLimit { limit: settings::limit(&args.memory), memory, jobs }
 }
 

@@ -1,6 +1,8 @@
 //! The folder of an evaluation: one folder per scene and method, each written atomically.
 
 use crate::program::provenance::write_json;
+use crate::program::store::entry::Entry;
+use crate::program::store::folder::temporary_folder;
 use crate::program::store::lock;
 use crate::program::store::lock::Lock;
 use crate::scene::size::resized;
@@ -12,7 +14,6 @@ use ndarray::{Array2, ArrayView3};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -41,25 +42,20 @@ pub(crate) struct Store {
     _lock: Option<Lock>,
 }
 
-/// A method's result for one scene, with the inputs that it was computed from.
+/// A method's result for one scene, with the record of what it was computed from.
 #[derive(Debug)]
-pub(crate) struct Entry {
+pub(crate) struct Kept {
     pub(crate) refined: Refined,
-    pub(crate) record: Record,
-}
-
-/// The record beside the maps.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Record {
-    /// Everything that the maps depend on.
     pub(crate) made_from: Value,
     /// Wall time, seconds.
     pub(crate) seconds: f64,
-    /// The method's report of its run.
-    pub(crate) report: Value,
-    /// CRC-32 of the files of the maps, by name.
-    #[serde(default)]
-    pub(crate) checksums: BTreeMap<String, u32>,
+}
+
+/// The row beside the maps.
+#[derive(Debug, Serialize, Deserialize)]
+struct Row {
+    seconds: f64,
+    report: Value,
 }
 
 /// Outcome of [`Store::find`].
@@ -68,21 +64,13 @@ pub(crate) enum Found {
     Nothing,
     /// Computed from other inputs; the text names the first difference.
     Stale(String),
-    Done(Box<Entry>),
+    Done(Box<Kept>),
 }
 
 impl Store {
-    /// Opens the evaluation of `basis` in `root`, or starts it; `force` discards an earlier one.
-    pub(crate) fn open(root: &Path, basis: &Value, force: bool) -> Result<Self> {
-        Self::opened(root, basis, force, false)
-    }
-
-    /// The same for a shard, beside which others write into the folder.
-    pub(crate) fn open_shared(root: &Path, basis: &Value) -> Result<Self> {
-        Self::opened(root, basis, false, true)
-    }
-
-    fn opened(root: &Path, basis: &Value, force: bool, shared: bool) -> Result<Self> {
+    /// Opens the evaluation of `basis` in `root`, or starts it; `force` discards an earlier one. Beside a `shared` one, other shards write
+    /// into the folder.
+    pub(crate) fn open(root: &Path, basis: &Value, force: bool, shared: bool) -> Result<Self> {
         let shown = root.display();
         let path = root.join(BASIS);
         if root.exists() {
@@ -186,29 +174,23 @@ impl Store {
         if !path.is_file() {
             return Ok(Found::Nothing);
         }
-        let text = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
-        let Ok(record) = serde_json::from_str::<Record>(&text) else {
+        let Some(entry) = Entry::<Row>::read(&folder, RECORD) else {
             return Ok(Found::Stale(format!("{} is broken", path.display())));
         };
-        if let Some(change) = difference(&record.made_from, made_from) {
+        if let Some(change) = difference(&entry.made_from, made_from) {
             return Ok(Found::Stale(change));
         }
         let map = |name: &str| -> Result<Array2<f32>, String> {
-            let path = folder.join(name);
-            let bytes = fs::read(&path).map_err(|e| format!("{} can't be read: {e}", path.display()))?;
-            if record.checksums.get(name).is_some_and(|sum| *sum != crc32fast::hash(&bytes)) {
-                return Err(format!("{} is not as it was written", path.display()));
-            }
             // Read as plain values, since a sigma of zeros alone is valid.
-            decode(Format::Npy, &bytes, &ReadOptions::default())
-                .map_err(|e| format!("{}: {e}", path.display()))
+            decode(Format::Npy, &entry.file(&folder, name)?, &ReadOptions::default())
+                .map_err(|e| format!("{}: {e}", folder.join(name).display()))
         };
-        let with_sigma = record.checksums.contains_key(SIGMA) || folder.join(SIGMA).is_file();
+        let with_sigma = entry.files.contains_key(Path::new(SIGMA));
         let maps = map(DEPTH).and_then(|depth| Ok((depth, with_sigma.then(|| map(SIGMA)).transpose()?)));
         Ok(match maps {
             Ok((depth, sigma)) => {
-                let refined = Refined { depth, sigma, report: record.report.clone() };
-                Found::Done(Box::new(Entry { refined, record }))
+                let Entry { made_from, row: Row { seconds, report }, .. } = entry;
+                Found::Done(Box::new(Kept { refined: Refined { depth, sigma, report }, made_from, seconds }))
             }
             Err(fault) => Found::Stale(fault),
         })
@@ -238,24 +220,22 @@ impl Store {
     }
 
     /// Stores a method's result, in place of an older one.
-    pub(crate) fn keep(&self, scene: &str, method: &str, entry: &Entry) -> Result<()> {
+    pub(crate) fn keep(&self, scene: &str, method: &str, kept: &Kept) -> Result<()> {
         let parent = self.scene(scene);
         fs::create_dir_all(&parent)
             .with_context(|| format!("{}: can't make this folder", parent.display()))?;
-        let temporary = crate::program::store::folder::temporary_folder(&parent)?;
-        let mut record = entry.record.clone();
-        let maps = [(DEPTH, Some(&entry.refined.depth)), (SIGMA, entry.refined.sigma.as_ref())];
-        for (name, map) in maps.iter().filter_map(|(name, map)| Some((*name, (*map)?))) {
-            let path = temporary.path().join(name);
-            write_npy(&path, map.view())?;
-            let bytes = fs::read(&path).with_context(|| path.display().to_string())?;
-            record.checksums.insert(name.to_owned(), crc32fast::hash(&bytes));
+        let temporary = temporary_folder(&parent)?;
+        let Refined { depth, sigma, report } = &kept.refined;
+        write_npy(temporary.path().join(DEPTH), depth.view())?;
+        if let Some(sigma) = sigma {
+            write_npy(temporary.path().join(SIGMA), sigma.view())?;
         }
-        write_json(&temporary.path().join(RECORD), &record)?;
+        let row = Row { seconds: kept.seconds, report: report.clone() };
+        Entry::write(temporary.path(), RECORD, kept.made_from.clone(), row)?;
         let folder = self.folder(scene, method);
         let fault = || format!("{}: can't put the maps there", folder.display());
         // The old result is renamed away, so that no half-deleted folder passes for a whole one.
-        let old = crate::program::store::folder::temporary_folder(&parent)?;
+        let old = temporary_folder(&parent)?;
         if folder.exists() {
             fs::rename(&folder, old.path().join("old")).with_context(fault)?;
         }
@@ -315,32 +295,24 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    fn entry(made_from: Value) -> Entry {
+    fn entry(made_from: Value) -> Kept {
         let depth = Array2::from_elem((3, 4), 2.0);
-        let refined = Refined { sigma: Some(&depth * 0.1), ..Refined::from(depth) };
-        Entry {
-            refined,
-            record: Record {
-                made_from,
-                seconds: 1.5,
-                report: json!({ "a": 1.0 }),
-                checksums: BTreeMap::new(),
-            },
-        }
+        let refined = Refined { sigma: Some(&depth * 0.1), depth, report: json!({ "a": 1.0 }) };
+        Kept { refined, made_from, seconds: 1.5 }
     }
 
     #[test]
     fn a_stored_result_is_found_and_one_of_other_inputs_is_stale() {
         let place = tempfile::tempdir().unwrap();
-        let store = Store::open(&place.path().join("e"), &json!({ "size": "native" }), false).unwrap();
+        let store = Store::open(&place.path().join("e"), &json!({ "size": "native" }), false, false).unwrap();
         let made_from = json!({ "config": { "seed": 1 } });
         assert!(matches!(store.find("a/b", "paper", &made_from).unwrap(), Found::Nothing));
         store.keep("a/b", "paper", &entry(made_from.clone())).unwrap();
         let Found::Done(found) = store.find("a/b", "paper", &made_from).unwrap() else { panic!() };
         assert_eq!(found.refined.depth, entry(Value::Null).refined.depth);
         assert_eq!(found.refined.sigma, entry(Value::Null).refined.sigma);
-        assert_eq!((found.record.seconds, found.record.report), (1.5, json!({ "a": 1.0 })));
-        let exact = Entry {
+        assert_eq!((found.seconds, found.refined.report), (1.5, json!({ "a": 1.0 })));
+        let exact = Kept {
             refined: Refined { sigma: Some(Array2::zeros((3, 4))), ..entry(Value::Null).refined },
             ..entry(made_from.clone())
         };
@@ -356,16 +328,16 @@ mod tests {
     fn another_evaluation_is_refused_and_force_starts_over() {
         let place = tempfile::tempdir().unwrap();
         let root = place.path().join("e");
-        let store = Store::open(&root, &json!({ "size": "native" }), false).unwrap();
+        let store = Store::open(&root, &json!({ "size": "native" }), false, false).unwrap();
         store.keep("a", "paper", &entry(Value::Null)).unwrap();
         drop(store);
         let other = json!({ "size": [640, 480] });
-        let refused = Store::open(&root, &other, false).unwrap_err().to_string();
+        let refused = Store::open(&root, &other, false, false).unwrap_err().to_string();
         assert!(refused.contains("size: \"native\" -> [640,480]"), "{refused}");
-        let store = Store::open(&root, &other, true).unwrap();
+        let store = Store::open(&root, &other, true, false).unwrap();
         assert!(matches!(store.find("a", "paper", &Value::Null).unwrap(), Found::Nothing));
         fs::write(place.path().join("x"), "").unwrap();
-        assert!(Store::open(place.path(), &other, true).is_err());
+        assert!(Store::open(place.path(), &other, true, false).is_err());
     }
 
     /// As after a kill at any moment: before the first file is in place, and beside finished results.
@@ -376,7 +348,7 @@ mod tests {
         fs::create_dir(&root).unwrap();
         fs::write(root.join(".mde-AbCdEf"), "{ \"si").unwrap();
         let basis = json!({ "size": "native" });
-        let store = Store::open(&root, &basis, false).unwrap();
+        let store = Store::open(&root, &basis, false, false).unwrap();
         assert!(!root.join(".mde-AbCdEf").exists());
         store.keep("a", "paper", &entry(Value::Null)).unwrap();
         let left =
@@ -384,12 +356,12 @@ mod tests {
         left.iter().for_each(|path| fs::write(path, "x").unwrap());
         fs::create_dir(root.join("scenes/a/.mde-folder")).unwrap();
         drop(store);
-        let store = Store::open(&root, &basis, false).unwrap();
+        let store = Store::open(&root, &basis, false, false).unwrap();
         assert!(left.iter().all(|path| !path.exists()) && !root.join("scenes/a/.mde-folder").exists());
         assert!(matches!(store.find("a", "paper", &Value::Null).unwrap(), Found::Done(_)));
         // Someone else's file is not ours to remove.
         fs::write(place.path().join("x"), "").unwrap();
-        assert!(Store::open(place.path(), &basis, false).is_err());
+        assert!(Store::open(place.path(), &basis, false, false).is_err());
     }
 
     #[test]

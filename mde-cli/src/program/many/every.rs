@@ -3,7 +3,7 @@
 //! A folder appears whole, by a rename, with its marker (`finished.json`) in it. A run that finds a marker of the same photographs and
 //! settings keeps the folder. The files of all photographs are written at the end.
 
-use crate::output::every::{CLOUD, EveryRecord, EveryRow, Solid, write_all};
+use crate::output::every::{CLOUD, EveryRecord, PhotographRow, Solid, write_all};
 use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::output::names::folders;
 use crate::output::record::{About, versions};
@@ -11,10 +11,11 @@ use crate::program::error::Partial;
 use crate::program::error::message;
 use crate::program::interrupt;
 use crate::program::job::Job;
-use crate::program::many::item::{MARKER, Marker, read_marker};
+use crate::program::many::item::{MARKER, finished};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
-use crate::program::report::{Indexed, index};
+use crate::program::report::photographs_page;
+use crate::program::store::entry::Entry;
 use crate::program::store::folder::{NewFolder, OutputFolder, RECORD, check_place, remove_unfinished};
 use crate::program::store::lock::Lock;
 use crate::program::summary::intervals;
@@ -23,8 +24,9 @@ use crate::refiner::depth_png::MILLIMETRES;
 use crate::refiner::{Plan, Prepared};
 use crate::scene::Scene;
 use anyhow::{Context, Result, bail, ensure};
-use mde_eval::table::{Block, Cell, Column, Document, Table};
+use mde_eval::table::{Block, Document, Table};
 use mde_prior::format::{PngContent, ReadOptions, png_content, read_values};
+use mde_prior::{FileKind, open};
 use mde_warp::{PinholeCamera, Pose};
 use serde_json::{Value, json};
 use std::fs;
@@ -69,7 +71,9 @@ pub(crate) fn check_folder(output: &Path) -> Result<()> {
 
 /// Whether it is the record of a run on a capture.
 fn is_record(path: &Path) -> bool {
-    let record = fs::read(path).ok().and_then(|text| serde_json::from_slice::<Value>(&text).ok());
+    let record = open::read(path, FileKind::Settings)
+        .ok()
+        .and_then(|text| serde_json::from_slice::<Value>(&text).ok());
     record.is_some_and(|record| record["photographs"].is_array())
 }
 
@@ -106,11 +110,11 @@ fn refine_all(
     let prior_seconds = prepared.prior_seconds();
     let photographs = scene.photographs.iter().map(|photograph| Path::new(&photograph.name));
     let folders = folders(photographs, &OF_ALL);
-    let (mut rows, mut placed) = (Vec::<EveryRow>::new(), Vec::new());
+    let (mut rows, mut placed) = (Vec::<PhotographRow>::new(), Vec::new());
     for (index, photograph) in scene.photographs.iter().enumerate() {
         let place = output.join(&folders[index]);
         let counted = format!("[{}/{}] {}", index + 1, folders.len(), photograph.name);
-        let kept = read_marker::<EveryRow>(&place).filter(|kept| {
+        let kept = finished(&place).filter(|kept| {
             !force && kept.made_from == made_from && kept.row.folder.as_deref() == Some(&*folders[index])
         });
         let row = match kept {
@@ -130,7 +134,7 @@ fn refine_all(
         }
         rows.push(row);
     }
-    if let Some(first) = rows.iter().find_map(EveryRow::failure)
+    if let Some(first) = rows.iter().find_map(PhotographRow::failure)
         && rows.iter().all(|row| row.folder.is_none())
     {
         bail!("no photograph could be refined: {first}");
@@ -164,7 +168,7 @@ fn refine_all(
         progress.seconds()
     );
     progress.tables(&Document { blocks: vec![Block::Table(table(&rows))] }, &text, value);
-    match rows.iter().find_map(EveryRow::failure) {
+    match rows.iter().find_map(PhotographRow::failure) {
         None => Ok(()),
         Some(first) => {
             let failed = rows.iter().filter(|row| row.folder.is_none()).count();
@@ -182,26 +186,25 @@ fn one(
     place: &Path,
     made_from: &str,
     progress: &mut Progress,
-) -> Result<EveryRow> {
+) -> Result<PhotographRow> {
     let start = Instant::now();
-    let mut row = EveryRow::new(name);
+    let mut row = PhotographRow::new(name);
     let mut refined = || -> Result<()> {
         let folder = OutputFolder::new(place, true)?;
         job.produce(prepared, index, name, &folder, progress, |path, refined, _| {
             row.measure(refined);
             row.folder = place.file_name().map(|folder| folder.to_string_lossy().into_owned());
             row.seconds = start.elapsed().as_secs_f64();
-            Marker::write(path, made_from.to_owned(), row.clone())
+            Entry::write(path, MARKER, made_from.into(), row.clone()).map(drop)
         })?;
         Ok(())
     };
     match refined() {
         Ok(()) => Ok(row),
         Err(error) if interrupt::requested() => Err(error),
-        Err(error) => Ok(EveryRow {
-            reason: Some(message(&error)),
+        Err(error) => Ok(PhotographRow {
             seconds: start.elapsed().as_secs_f64(),
-            ..EveryRow::new(name)
+            ..PhotographRow::failed(name, &message(&error))
         }),
     }
 }
@@ -222,53 +225,30 @@ impl Placed {
 }
 
 /// The page of all photographs.
-pub(crate) fn every_page(rows: &[EveryRow]) -> String {
-    let shown: Vec<Indexed<'_>> = rows.iter().map(indexed).collect();
-    index(&format!("{} photographs", rows.len()), &shown, &[CLOUD, TRANSFORMS, RECORD])
+pub(crate) fn every_page(rows: &[PhotographRow]) -> String {
+    photographs_page(rows, rows.len(), "preview.png", &[CLOUD, TRANSFORMS, RECORD])
 }
 
-/// What the page has of a photograph.
-fn indexed(row: &EveryRow) -> Indexed<'_> {
-    let measured = || {
-        let verified = percent(row.verified.map(f64::from));
-        format!("verified {verified} %, median of sigma / depth {} %", percent(row.sigma))
-    };
-    let text = outcome(row).unwrap_or_else(measured);
-    Indexed { photograph: &row.photograph, folder: row.folder.as_deref(), text }
-}
-
-/// What became of a photograph that the others did not refine.
-fn outcome(row: &EveryRow) -> Option<String> {
-    match (&row.folder, &row.reason) {
-        (None, reason) => Some(format!("failed: {}", reason.as_deref().unwrap_or("no reason"))),
-        (Some(_), Some(reason)) => Some(format!("refined alone: {reason}")),
-        (Some(_), None) => None,
-    }
-}
-
-pub(crate) fn percent(share: Option<f64>) -> String {
+fn percent(share: Option<f64>) -> String {
     share.map_or_else(|| "-".to_owned(), |s| format!("{:.1}", 100.0 * s))
 }
 
-fn table(rows: &[EveryRow]) -> Table {
-    let columns = vec![
-        Column::text("photograph"),
-        Column::text("result"),
-        Column::number("verified, %"),
-        Column::number("sigma / depth, %"),
-        Column::number("seconds"),
-    ];
+fn table(rows: &[PhotographRow]) -> Table {
+    let heads = ["photograph", "result", "verified, %", "sigma / depth, %", "seconds"];
     let rows = rows.iter().map(|row| {
-        let result = outcome(row).unwrap_or_else(|| row.folder.clone().unwrap_or_default());
+        let result = match (row.failed_or_alone(), &row.folder) {
+            (None, folder) => folder.clone().unwrap_or_default(),
+            (Some(text), _) => text,
+        };
         vec![
-            Cell::new(row.photograph.clone()),
-            Cell::new(result),
-            Cell::new(percent(row.verified.map(f64::from))),
-            Cell::new(percent(row.sigma)),
-            Cell::new(format!("{:.1}", row.seconds)),
+            row.photograph.clone(),
+            result,
+            percent(row.verified.map(f64::from)),
+            percent(row.sigma),
+            format!("{:.1}", row.seconds),
         ]
     });
-    Table { columns, rows: rows.collect() }
+    Table::new(2, heads, rows)
 }
 
 #[cfg(test)]

@@ -1,11 +1,13 @@
 //! The index of many photographs: `index.json`, `index.csv` and `index.html`.
 
+use crate::output::every::PhotographRow;
 use crate::output::record::versions;
-use crate::program::many::item::{Item, THUMBNAIL};
+use crate::program::many::item::THUMBNAIL;
 use crate::program::provenance::{command_line, write_json};
 use crate::program::report::photographs_page;
 use anyhow::{Context, Result, ensure};
 use mde_eval::table::inert;
+use mde_prior::{FileKind, open};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::path::Path;
@@ -18,66 +20,6 @@ pub(crate) const RESERVED: [&str; 3] = [RECORD, PAGE, TABLE];
 /// Who writes the folder.
 const PROGRAM: &str = "mde refine PHOTOS";
 
-/// One photograph.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub(crate) struct Row {
-    pub(crate) photograph: String,
-    pub(crate) folder: String,
-    /// Why it failed.
-    pub(crate) error: Option<String>,
-    pub(crate) width: usize,
-    pub(crate) height: usize,
-    /// Horizontal focal length, pixels.
-    pub(crate) fx: Option<f64>,
-    /// Where the camera comes from.
-    pub(crate) camera: String,
-    pub(crate) seconds: f64,
-    /// Unit of the depth.
-    pub(crate) unit: String,
-    /// Factor of `--same-scale`.
-    pub(crate) same_scale: Option<f64>,
-    /// Standard deviation of its logarithm.
-    pub(crate) same_scale_sigma: Option<f64>,
-    /// Photographs that share a scale have the same number.
-    pub(crate) same_scale_group: Option<usize>,
-    pub(crate) median_depth: Option<f64>,
-    /// Median of sigma / depth.
-    pub(crate) sigma: Option<f64>,
-    /// 90 % quantile of sigma / depth.
-    pub(crate) sigma_90: Option<f64>,
-    /// Pixels without depth.
-    pub(crate) missing: usize,
-    pub(crate) warnings: Vec<String>,
-    /// Whether an earlier run finished it.
-    #[serde(skip)]
-    pub(crate) kept: bool,
-}
-
-impl Row {
-    pub(super) fn failed(item: &Item, reason: &str) -> Self {
-        let (photograph, folder) = (item.path.display().to_string(), item.folder.clone());
-        Self { photograph, folder, error: Some(reason.to_owned()), ..Self::default() }
-    }
-
-    pub(super) fn fault(item: &Item, fault: &str) -> Self {
-        Self::failed(item, &format!("a fault of the program, please report it: {fault}"))
-    }
-
-    pub(crate) fn status(&self) -> &'static str {
-        if self.error.is_some() { "failed" } else { "done" }
-    }
-
-    /// A few words for a line.
-    pub(super) fn outcome(&self) -> String {
-        match (&self.error, self.kept) {
-            (Some(error), _) => format!("failed: {error}"),
-            (None, true) => "finished before".to_owned(),
-            (None, false) => format!("{:.1} s", self.seconds),
-        }
-    }
-}
-
 /// The index of a folder.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Index {
@@ -87,7 +29,7 @@ pub(crate) struct Index {
     /// Number of its photographs, of which those that have been tried are listed.
     all: usize,
     #[serde(rename = "photographs")]
-    pub(crate) rows: Vec<Row>,
+    pub(crate) rows: Vec<PhotographRow>,
 }
 
 /// Refuses a folder with other things in it than the program's.
@@ -129,7 +71,8 @@ impl Index {
 
     pub(super) fn read(path: &Path) -> Result<Self> {
         let shown = path.display();
-        let text = fs::read_to_string(path).with_context(|| format!("{shown}: can't be read"))?;
+        let text =
+            open::read_text(path, FileKind::Text).with_context(|| format!("{shown}: can't be read"))?;
         let read: Self =
             serde_json::from_str(&text).with_context(|| format!("{shown}: is no index of mde refine"))?;
         ensure!(read.program == PROGRAM, "{shown}: is no index of mde refine");
@@ -172,14 +115,14 @@ const COLUMNS: [&str; 18] = [
     "same_scale_group",
 ];
 
-fn csv(rows: &[Row]) -> Result<Vec<u8>> {
+fn csv(rows: &[PhotographRow]) -> Result<Vec<u8>> {
     let mut table = csv::Writer::from_writer(Vec::new());
     table.write_record(COLUMNS)?;
     let number = |value: Option<f64>| value.map(|v| format!("{v:.6}")).unwrap_or_default();
     for row in rows {
         table.write_record([
             inert(&row.photograph),
-            inert(&row.folder),
+            inert(row.folder.as_deref().unwrap_or_default()),
             row.status().to_owned(),
             inert(row.error.as_deref().unwrap_or_default()),
             row.width.to_string(),
@@ -225,13 +168,9 @@ mod tests {
 
     #[test]
     fn the_table_quotes_what_needs_it() {
-        let failed = Row {
-            photograph: "a,\"b\".jpg".to_owned(),
-            error: Some("no\nphotograph".to_owned()),
-            ..Row::default()
-        };
-        let formula = Row { photograph: "=cmd.png".to_owned(), folder: "-1".to_owned(), ..Row::default() };
-        let done = Row { median_depth: Some(2.5), sigma: Some(0.125), ..Row::default() };
+        let failed = PhotographRow::failed("a,\"b\".jpg", "no\nphotograph");
+        let formula = PhotographRow { folder: Some("-1".to_owned()), ..PhotographRow::new("=cmd.png") };
+        let done = PhotographRow { median_depth: Some(2.5), sigma: Some(0.125), ..PhotographRow::default() };
         let table = String::from_utf8(csv(&[failed, done, formula]).unwrap()).unwrap();
         let mut read = csv::Reader::from_reader(table.as_bytes());
         let rows: Vec<csv::StringRecord> = read.records().map(Result::unwrap).collect();

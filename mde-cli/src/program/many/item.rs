@@ -1,29 +1,23 @@
 //! One of many photographs: its marker, its refinement, its row.
 
-use crate::output::every::relative_sigma;
+use crate::output::every::PhotographRow;
 use crate::output::preview::{depth_picture, sigma_picture_within, usual_range};
 use crate::output::record::versions;
 use crate::program::args::RefineArgs;
 use crate::program::error::message;
 use crate::program::job::Job;
 use crate::program::many::allowance::{Allowance, Taken};
-use crate::program::many::index::Row;
 use crate::program::open::scene;
 use crate::program::progress::Progress;
-use crate::program::provenance::write_json;
-use crate::program::store::contents::{Contents, have_lengths, lengths};
+use crate::program::store::entry::Entry;
 use crate::program::store::folder::OutputFolder;
 use crate::refiner::{Plan, Refined, Refiner};
 use crate::scene::size::resized;
 use crate::scene::{Photograph, SameScale, Scene};
 use anyhow::{Context, Result, ensure};
 use mde_prior::photo::{decode_image, write_rgb_png};
-use mde_uncertainty::statistics::{median, quantile};
 use ndarray::{Array3, ArrayView3, Axis, concatenate};
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
 use serde_json::json;
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -52,50 +46,32 @@ pub(crate) struct Common<'c> {
     pub(crate) settings: String,
 }
 
-#[derive(Serialize, Deserialize)]
-pub(crate) struct Marker<R = Row> {
-    /// Settings and the content of the photographs.
-    pub(crate) made_from: String,
-    pub(crate) row: R,
-    /// Bytes of the folder's other files.
-    files: Contents,
-}
-
-impl<R: Serialize> Marker<R> {
-    /// Marks a folder as finished, last of its files.
-    pub(crate) fn write(place: &Path, made_from: String, row: R) -> Result<()> {
-        let files = lengths(place).with_context(|| place.display().to_string())?;
-        write_json(&place.join(MARKER), &Self { made_from, row, files })
-    }
-}
-
 /// Everything but the photographs that the results depend on, files by their content.
 pub(crate) fn settings_of(args: &RefineArgs, refiner: &Refiner<'_>) -> Result<String> {
     let camera = &args.camera;
     let content = |path: &PathBuf| -> Result<u32> {
-        let bytes =
-            fs::read(path).with_context(|| format!("{}: can't be read; check the path", path.display()))?;
+        let bytes = open::read(path, FileKind::Settings).map_err(Error::io(path))?;
         Ok(crc32fast::hash(&bytes))
     };
     let intrinsics = camera.intrinsics.as_ref().map(content).transpose()?;
     Ok(json!({
         "versions": versions(), "refiner": refiner.identity()?, "output": format!("{:?}", args.export.export),
-        "camera": (intrinsics, camera.fx, camera.fy, camera.cx, camera.cy, camera.fov), "same_scale": args.several.same_scale,
+        "camera": (intrinsics, camera.fx, camera.cx, camera.cy, camera.fov), "same_scale": args.several.same_scale,
     })
     .to_string())
 }
 
+/// The bytes of a photograph.
+pub(crate) fn content(path: &Path) -> Result<Vec<u8>> {
+    ensure!(path.exists(), "no such photograph; check the path");
+    open::read(path, FileKind::Photograph).context("can't be read; give a photograph's file")
+}
+
 impl Common<'_> {
     /// Refines a photograph, unless its folder is finished. What fails is in the row.
-    pub(crate) fn one(&self, item: &Item) -> Row {
+    pub(crate) fn one(&self, item: &Item) -> PhotographRow {
         let made = self.made(item, &mut Progress::silent());
-        made.unwrap_or_else(|error| Row::failed(item, &message(&error)))
-    }
-
-    /// The bytes of a photograph.
-    pub(super) fn read(&self, item: &Item) -> Result<Vec<u8>> {
-        ensure!(item.path.is_file(), "no such photograph; check the path");
-        fs::read(&item.path).context("can't be read")
+        made.unwrap_or_else(|error| PhotographRow::failed(&item.path.display().to_string(), &message(&error)))
     }
 
     /// The plan of a photograph, and its memory once that is free.
@@ -125,73 +101,47 @@ impl Common<'_> {
         }
     }
 
-    fn made(&self, item: &Item, progress: &mut Progress) -> Result<Row> {
+    fn made(&self, item: &Item, progress: &mut Progress) -> Result<PhotographRow> {
         let Item { path, folder, same_scale } = item;
         let shown = path.display().to_string();
         let place = self.output.join(folder);
         // Read the marker first: it is a thousand times cheaper than planning.
-        let marker = read_marker::<Row>(&place).filter(|_| !self.args.run.force);
+        let marker = finished(&place).filter(|_| !self.args.run.force);
         let same_scale_group = same_scale.map(|found| found.group);
         if let Some(marker) = marker
-            && marker.made_from == self.made_from(item, &self.read(item)?)
+            && marker.made_from == self.made_from(item, &content(path)?)
         {
-            let folder = folder.clone();
-            return Ok(Row { photograph: shown, folder, kept: true, same_scale_group, ..marker.row });
+            return Ok(PhotographRow { photograph: shown, kept: true, same_scale_group, ..marker.row });
         }
-        ensure!(path.is_file(), "no such photograph; check the path");
+        ensure!(path.exists(), "no such photograph; check the path");
         let (_taken, plan) = self.take(item)?;
         let start = Instant::now();
-        let bytes = self.read(item)?;
+        let bytes = content(path)?;
         let made_from = self.made_from(item, &bytes);
         let photograph = self.opened(item, bytes, progress)?;
         let scene = Scene { same_scale: *same_scale, ..Scene::one(photograph) };
         let mut prepared = self.job.refiner.prepare(&scene, &plan, progress)?;
-        let mut row = Row {
+        let mut row = PhotographRow {
             photograph: shown.clone(),
-            folder: folder.clone(),
-            unit: prepared.unit().to_owned(),
+            folder: Some(folder.clone()),
             same_scale_group,
-            ..Row::default()
+            ..PhotographRow::default()
         };
         let target = OutputFolder::new(&place, true)?;
         self.job.produce(&mut prepared, 0, &shown, &target, progress, |path, refined, progress| {
             write_rgb_png(path.join(THUMBNAIL), thumbnail(refined)?.view())?;
-            row.measure(refined, progress);
+            row.measure(refined);
+            row.warnings = progress.warnings().to_vec();
             row.seconds = start.elapsed().as_secs_f64();
-            Marker::write(path, made_from, row.clone())
+            Entry::write(path, MARKER, made_from.into(), row.clone()).map(drop)
         })?;
         Ok(row)
     }
 }
 
-impl Row {
-    fn measure(&mut self, refined: &Refined<'_>, progress: &Progress) {
-        let camera = &refined.camera;
-        let depth = &refined.refinement.depth;
-        (self.width, self.height) = (camera.camera.width, camera.camera.height);
-        (self.fx, self.camera) = (Some(camera.camera.fx), camera.source.name().to_owned());
-        self.median_depth = median(depth.mean().iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)));
-        self.same_scale = refined.same_scale.map(|found| found.factor);
-        self.same_scale_sigma = refined.same_scale.map(|found| found.log_sigma);
-        self.sigma = relative_sigma(depth);
-        let sigma = depth.sigma();
-        let mut relative: Vec<f32> = depth
-            .mean()
-            .iter()
-            .zip(&sigma)
-            .filter(|(z, s)| **z > 0.0 && s.is_finite())
-            .map(|(z, s)| s / z)
-            .collect();
-        self.sigma_90 = quantile(&mut relative, 0.9);
-        self.missing = sigma.iter().filter(|s| s.is_infinite()).count();
-        self.warnings = progress.warnings().to_vec();
-    }
-}
-
-/// The marker of a folder whose files are there with the lengths that they were written with.
-pub(crate) fn read_marker<R: DeserializeOwned>(place: &Path) -> Option<Marker<R>> {
-    let marker: Marker<R> = serde_json::from_str(&fs::read_to_string(place.join(MARKER)).ok()?).ok()?;
-    have_lengths(place, &marker.files).then_some(marker)
+/// The entry of a finished folder whose files have the lengths that they were written with.
+pub(crate) fn finished(place: &Path) -> Option<Entry<PhotographRow>> {
+    Entry::read(place, MARKER).filter(|entry| entry.has_lengths(place))
 }
 
 /// Photograph, depth and sigma / depth side by side.

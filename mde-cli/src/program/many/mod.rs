@@ -10,9 +10,9 @@ pub(crate) mod item;
 mod same_scale;
 mod shard;
 
-pub(crate) use index::Row;
 pub(crate) use shard::Shard;
 
+use crate::output::every::PhotographRow;
 use crate::output::names::folders;
 use crate::program::args::RefineArgs;
 use crate::program::error::Partial;
@@ -93,8 +93,7 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
         loop {
             let index = next.fetch_add(1, Ordering::Relaxed);
             let Some(item) = items.get(index).filter(|_| !interrupt::requested()) else { break };
-            let made = catch_unwind(AssertUnwindSafe(|| common.one(item)))
-                .unwrap_or_else(|_| Row::fault(item, &crate::program::error::fault()));
+            let made = catch_unwind(AssertUnwindSafe(|| common.one(item))).unwrap_or_else(|_| faulty(item));
             state.lock().unwrap_or_else(PoisonError::into_inner).add(index, made, items.len(), start);
         }
     };
@@ -120,6 +119,21 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     )
 }
 
+/// The row of a photograph at which the program failed.
+fn faulty(item: &Item) -> PhotographRow {
+    let error = format!("a fault of the program, please report it: {}", crate::program::error::fault());
+    PhotographRow::failed(&item.path.display().to_string(), &error)
+}
+
+/// A few words on a photograph, for a line.
+fn outcome(row: &PhotographRow) -> String {
+    match &row.error {
+        Some(error) => format!("failed: {error}"),
+        None if row.kept => "finished before".to_owned(),
+        None => format!("{:.1} s", row.seconds),
+    }
+}
+
 /// Runs `work` on so many threads of its own, and waits for all.
 fn on_threads(count: usize, work: &(impl Fn() + Sync)) {
     std::thread::scope(|scope| {
@@ -139,7 +153,7 @@ const INDEX_SHARE: u32 = 50;
 struct State<'p> {
     progress: &'p mut Progress,
     /// By the index of the photograph.
-    rows: BTreeMap<usize, Row>,
+    rows: BTreeMap<usize, PhotographRow>,
     /// Photographs that were not finished before.
     refined: usize,
     /// What a killed run leaves.
@@ -152,12 +166,12 @@ struct State<'p> {
 }
 
 impl State<'_> {
-    fn add(&mut self, index: usize, row: Row, all: usize, start: Instant) {
+    fn add(&mut self, index: usize, row: PhotographRow, all: usize, start: Instant) {
         if interrupt::requested() && row.error.is_some() {
             return;
         }
         self.refined += usize::from(!row.kept);
-        let text = format!("{}: {}", row.photograph, row.outcome());
+        let text = format!("{}: {}", row.photograph, outcome(&row));
         let value = serde_json::json!({ "event": "photograph", "photograph": row.photograph, "folder": row.folder,
             "status": row.status(), "kept": row.kept, "error": row.error, "photograph_seconds": row.seconds });
         self.rows.insert(index, row);
@@ -198,7 +212,7 @@ fn check_arguments(args: &RefineArgs) -> Result<()> {
 }
 
 /// Each different warning once, with the number of photographs that had it.
-fn warnings(rows: &[Row], progress: &mut Progress) {
+fn warnings(rows: &[PhotographRow], progress: &mut Progress) {
     let mut counted: BTreeMap<&str, usize> = BTreeMap::new();
     for warning in rows.iter().flat_map(|row| &row.warnings) {
         *counted.entry(warning).or_default() += 1;
@@ -210,14 +224,14 @@ fn warnings(rows: &[Row], progress: &mut Progress) {
 
 /// Tells what was made; `more` is a line before that of the folder, or empty.
 fn finish(
-    rows: &[Row],
+    rows: &[PhotographRow],
     listed: bool,
     output: &Path,
     more: &str,
     seconds: f64,
     progress: &mut Progress,
 ) -> Result<()> {
-    let failed: Vec<&Row> = rows.iter().filter(|row| row.error.is_some()).collect();
+    let failed: Vec<&PhotographRow> = rows.iter().filter(|row| row.error.is_some()).collect();
     let kept = rows.iter().filter(|row| row.kept).count();
     let page = match listed {
         true => format!("open {} in a browser", line_of(&output.join(index::PAGE))),
@@ -237,7 +251,7 @@ fn finish(
         None => Ok(()),
         Some(row) => Err(Partial {
             failed: failed.len(),
-            first: format!("{}: {}", row.photograph, row.error.as_deref().unwrap_or_default()),
+            first: row.failure().unwrap_or_default(),
             folder: output.display().to_string(),
         }
         .into()),

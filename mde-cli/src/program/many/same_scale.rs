@@ -3,7 +3,7 @@
 //! [`OneScale`] has the order of the comparisons. Factors depend neither on the number of threads nor on which photographs are finished.
 
 use crate::program::interrupt;
-use crate::program::many::item::{Common, Item};
+use crate::program::many::item::{Common, Item, content};
 use crate::program::progress::Progress;
 use crate::refiner::Silent;
 use crate::refiner::same_scale::{OneScale, groups_warning};
@@ -55,7 +55,7 @@ impl Common<'_> {
     /// Features of a photograph and a prediction of the network at them.
     fn prepared(&self, item: &Item, scale: &OneScale) -> Result<Prepared> {
         let (_taken, _) = self.take(item)?;
-        let photograph = self.opened(item, self.read(item)?, &mut Progress::silent())?;
+        let photograph = self.opened(item, content(&item.path)?, &mut Progress::silent())?;
         Ok(self.job.refiner.prepare_scale(&photograph, scale, &mut Silent)?)
     }
 }

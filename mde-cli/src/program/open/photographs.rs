@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use glob::{MatchOptions, glob_with};
+use mde_prior::{FileKind, open};
 use std::collections::HashSet;
 use std::ffi::OsStr;
 use std::io::Read as _;
@@ -47,8 +48,8 @@ pub(crate) fn all(named: &[&Path]) -> Result<Vec<PathBuf>> {
             }
             () if is_list(name) => {
                 let fault =
-                    || format!("{}: the list can't be read as UTF-8 text; check the path", name.display());
-                let text = std::fs::read_to_string(name).with_context(fault)?;
+                    || format!("{}: the list can't be read; give a text file of paths", name.display());
+                let text = open::read_text(name, FileKind::Text).with_context(fault)?;
                 listed(&name.display().to_string(), &text, name.parent().unwrap_or(Path::new(".")))?
             }
             () if name.is_dir() => {

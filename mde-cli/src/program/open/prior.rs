@@ -2,41 +2,36 @@
 
 use crate::prior::OpenPrior;
 use crate::prior::files::{MapFile, read_options};
-use crate::program::args::PriorArgs;
+use crate::program::args::{NetworkArgs, PriorArgs};
 use anyhow::Result;
 use mde_prior::DepthKind;
-use mde_prior::format::Encoding;
 use std::path::Path;
 
 pub(crate) fn open(args: &PriorArgs) -> Result<OpenPrior<'static>> {
-    let kind = args.prior_kind.map(DepthKind::from);
     match (&args.source.prior_model, &args.source.prior_depth) {
-        (Some(model), _) => network(model, args, kind),
-        (None, Some(file)) => map(file, kind, args.png_scale),
+        (Some(model), _) => network(model, &args.network),
+        (None, Some(file)) => map(file, &args.network),
         (None, None) => anyhow::bail!("no prior is named; give --prior-model or --prior-depth"),
     }
 }
 
 /// A depth map.
-pub(crate) fn map(
-    path: &Path,
-    kind: Option<DepthKind>,
-    png_scale: Option<f64>,
-) -> Result<OpenPrior<'static>> {
-    let options = read_options("--png-scale", png_scale, Encoding::Linear)?;
-    Ok(OpenPrior::map(MapFile::open(path, kind, options)?))
+pub(crate) fn map(path: &Path, args: &NetworkArgs) -> Result<OpenPrior<'static>> {
+    let options = read_options("--png-scale", args.png_scale)?;
+    Ok(OpenPrior::map(MapFile::open(path, args.prior_kind.map(DepthKind::from), options)?))
 }
 
 #[cfg(feature = "onnx")]
-fn network(path: &Path, args: &PriorArgs, kind: Option<DepthKind>) -> Result<OpenPrior<'static>> {
+pub(crate) fn network(path: &Path, args: &NetworkArgs) -> Result<OpenPrior<'static>> {
     use crate::prior::files::{NetworkFormat, open_network};
+    let kind = args.prior_kind.map(DepthKind::from);
     let spec = NetworkFormat { profile: args.model_profile.as_deref(), kind }.spec(path)?;
     let (prior, origin) = open_network(path, spec, &runtime(args.runtime.as_deref())?)?;
     Ok(OpenPrior::given(Box::new(prior), origin))
 }
 
 #[cfg(not(feature = "onnx"))]
-fn network(path: &Path, _: &PriorArgs, _: Option<DepthKind>) -> Result<OpenPrior<'static>> {
+pub(crate) fn network(path: &Path, _: &NetworkArgs) -> Result<OpenPrior<'static>> {
     let path = path.display();
     anyhow::bail!(
         "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"

@@ -5,7 +5,7 @@ use crate::program::open::photographs::in_folder;
 use crate::program::open::settings::camera;
 use crate::program::progress::Progress;
 use crate::refiner::{Plan, Refiner, Unit};
-use crate::scene::camera::{CameraSource, KnownCamera};
+use crate::scene::posed::shorten;
 use crate::scene::{Photograph, Scene};
 use anyhow::{Context, Result, bail, ensure};
 use mde_mvs::capture::{CaptureFiles, Distortion, Lens, PosedCapture, same_file};
@@ -100,43 +100,9 @@ fn posed(
     let order = capture.nearest(reference, most);
     let plan =
         refiner.plan(&format!("--views: {} photographs", order.len()), size(&args.image)?, order.len())?;
-    let source = CameraSource::File(args.several.views[0].display().to_string());
-    let mut photographs = Vec::new();
-    for &index in &order {
-        let frame = &frames[index];
-        let name = frame.photograph.display().to_string();
-        let pixels = read_image(&frame.photograph)?.pixels;
-        let view = frame.view(pixels.view()).with_context(|| name.clone())?;
-        let camera = KnownCamera { camera: view.camera, source: source.clone() };
-        let mut photograph = Photograph::new(name, view.image, camera);
-        (photograph.mask, photograph.pose) = (view.mask, Some(view.pose));
-        let mut warn = |warning| progress.warn(warning);
-        photographs.push(photograph.resized(&refiner.settings().sizes, true, &mut warn)?);
-    }
-    shorten(&mut photographs);
-    if order.len() < frames.len() {
-        progress.warn(format!(
-            "--views: the {} nearest of {} photographs are considered",
-            order.len(),
-            frames.len()
-        ));
-    }
-    let shown = capture.points.iter().filter(|point| point.frames.contains(&reference));
-    let points = shown.map(|point| point.position).collect();
-    Ok((Scene { points, ..Scene::several(photographs, 0)? }, plan))
-}
-
-/// File names instead of paths where they are unique.
-fn shorten(photographs: &mut [Photograph]) {
-    let short = |name: &str| {
-        Path::new(name).file_name().map_or_else(|| name.to_owned(), |n| n.to_string_lossy().into_owned())
-    };
-    let names: Vec<String> = photographs.iter().map(|p| short(&p.name)).collect();
-    for (photograph, name) in photographs.iter_mut().zip(&names) {
-        if names.iter().filter(|other| *other == name).count() == 1 {
-            photograph.name.clone_from(name);
-        }
-    }
+    let mut warn = |warning| progress.warn(warning);
+    let sizes = &refiner.settings().sizes;
+    Ok((Scene::posed(capture, &order, &args.several.views[0], sizes, &mut warn)?, plan))
 }
 
 /// The photographs of files and folders but for the reference, each once, folders in the order of their names.

@@ -3,7 +3,7 @@
 use crate::config::{Config, Preset, Shorthands};
 use crate::output::export::Format;
 use crate::program::args::{
-    CameraArgs, ErrorBarArgs, MemoryArgs, RefineArgs, RunArgs, SettingsArgs, SizeArgs,
+    CameraArgs, ErrorBarArgs, MemoryArgs, PresetArgs, RefineArgs, RunArgs, SettingsArgs, SizeArgs,
 };
 use crate::refiner::Settings;
 use crate::refiner::error_bar::ErrorBar;
@@ -12,15 +12,6 @@ use crate::scene::camera::{GivenCamera, KnownCamera};
 use crate::scene::size::Sizes;
 use anyhow::{Context, Result};
 use std::path::Path;
-
-/// Preset and configuration of the command line; `usual` is the preset where none is named.
-pub(crate) fn config(args: &SettingsArgs, usual: Preset) -> Result<(Preset, Config)> {
-    let preset = args.preset.map_or(usual, Preset::from);
-    let mut config = overridden(preset, &args.config)?;
-    let &SettingsArgs { seed, no_nerf, predictions, depth_range, .. } = args;
-    Shorthands { seed, no_nerf, predictions, depth_range }.apply(&mut config)?;
-    Ok((preset, config))
-}
 
 /// A preset with files and `KEY=VALUE` pairs over it, in their order.
 pub(crate) fn overridden(preset: Preset, over: &[String]) -> Result<Config> {
@@ -36,33 +27,43 @@ pub(crate) fn overridden(preset: Preset, over: &[String]) -> Result<Config> {
     Ok(config)
 }
 
-/// Everything that a refiner is set to; `usual` is the preset where none is named.
-pub(crate) fn settings(
+/// What a refiner is set to by a preset and settings over it; `usual` is the preset where none is named.
+pub(crate) fn settings(args: &PresetArgs, memory: &MemoryArgs, usual: Preset) -> Result<Settings> {
+    let preset = args.preset.map_or(usual, Preset::from);
+    let config = overridden(preset, &args.config)?;
+    Ok(Settings { config, memory: limit(memory), ..Settings::new(preset) })
+}
+
+/// The same with flags for single settings and the error bar.
+pub(crate) fn all_settings(
     args: &SettingsArgs,
-    size: &SizeArgs,
     error_bar: &ErrorBarArgs,
+    memory: &MemoryArgs,
     usual: Preset,
 ) -> Result<Settings> {
-    let (preset, config) = config(args, usual)?;
-    Ok(Settings {
-        config,
-        sizes: Sizes { longest: size.max_size.map(|n| n as usize), megapixels: size.work_size },
-        memory: limit(&size.memory),
-        error_bar: ErrorBar::open(error_bar.interval, error_bar.calibration.as_deref())?,
-        ..Settings::new(preset)
-    })
+    let mut settings = settings(&args.preset, memory, usual)?;
+    let &SettingsArgs { seed, no_nerf, predictions, depth_range, .. } = args;
+    Shorthands { seed, no_nerf, predictions, depth_range }.apply(&mut settings.config)?;
+    settings.error_bar = ErrorBar::open(error_bar.interval, error_bar.calibration.as_deref())?;
+    Ok(settings)
 }
 
 /// What `mde refine` sets a refiner to.
 pub(crate) fn of_refine(args: &RefineArgs) -> Result<Settings> {
     let usual = if args.several.views.is_empty() { Preset::Default } else { Preset::MultiView };
-    let mut settings = settings(&args.settings, &args.size, &args.error_bar, usual)?;
+    let mut settings = all_settings(&args.settings, &args.error_bar, &args.size.memory, usual)?;
+    settings.sizes = Sizes { longest: longest(&args.size), megapixels: args.work_size };
     if let Some(most) = args.several.max_views {
         settings.config.multi_view.max_views = most.into();
     }
     settings.unit = args.several.unit.into();
     settings.keep_field = args.export.export.contains(&Format::Field);
     Ok(settings)
+}
+
+/// The longer side of the results.
+pub(crate) fn longest(size: &SizeArgs) -> Option<usize> {
+    size.max_size.map(|pixels| pixels as usize)
 }
 
 pub(crate) fn limit(args: &MemoryArgs) -> MemoryLimit {
@@ -73,7 +74,7 @@ pub(crate) fn limit(args: &MemoryArgs) -> MemoryLimit {
 pub(crate) fn camera(args: &CameraArgs, focal_35mm: Option<f64>, size: [usize; 2]) -> Result<KnownCamera> {
     let given = match (&args.intrinsics, args.fx, args.fov) {
         (Some(path), ..) => GivenCamera::File(path.clone()),
-        (None, Some(fx), _) => GivenCamera::Intrinsics { fx, fy: args.fy, cx: args.cx, cy: args.cy },
+        (None, Some((fx, fy)), _) => GivenCamera::Intrinsics { fx, fy, cx: args.cx, cy: args.cy },
         (None, None, Some(fov)) => GivenCamera::FieldOfView(fov),
         (None, None, None) => GivenCamera::Nothing,
     };

@@ -9,9 +9,9 @@ mod photographs;
 mod run;
 
 pub(crate) use evaluation::FIGURES;
-pub(crate) use index::{Indexed, index, photographs_page};
+pub(crate) use index::photographs_page;
 
-use crate::output::every::EveryRow;
+use crate::output::every::PhotographRow;
 use crate::program::many::every::{INDEX, every_page};
 use crate::program::store::folder::RECORD;
 use anyhow::{Context, Result, bail, ensure};
@@ -48,11 +48,11 @@ pub(crate) fn write(folder: &Path) -> Result<PathBuf> {
 /// What the record of a run has that refined every photograph of a capture.
 #[derive(Deserialize)]
 struct Every {
-    photographs: Option<Vec<EveryRow>>,
+    photographs: Option<Vec<PhotographRow>>,
 }
 
 /// Writes the page of every photograph, and that of all.
-fn every(folder: &Path, rows: &[EveryRow]) -> Result<PathBuf> {
+fn every(folder: &Path, rows: &[PhotographRow]) -> Result<PathBuf> {
     for name in rows.iter().filter_map(|row| row.folder.as_deref()) {
         ensure!(
             Path::new(name).file_name() == Some(OsStr::new(name)),

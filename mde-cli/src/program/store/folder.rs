@@ -1,5 +1,6 @@
 //! An output folder, written atomically.
 
+use crate::output::exchange::exchange;
 use crate::program::interrupt;
 use crate::program::store::contents::lengths;
 use crate::program::store::lock;
@@ -76,34 +77,12 @@ impl OutputFolder {
             bail!(crate::error::Error::Interrupted);
         }
         self.check_target()?;
-        self.put(temporary.path())?;
+        exchange(temporary.path(), &self.target)
+            .with_context(|| format!("{}: can't put the results there", self.target.display()))?;
         drop(held);
         // It has another name now.
         let _ = temporary.keep();
         Ok(())
-    }
-
-    fn put(&self, temporary: &Path) -> Result<()> {
-        let name = || format!("{}: can't put the results there", self.target.display());
-        if !self.target.exists() {
-            return fs::rename(temporary, &self.target).with_context(name);
-        }
-        #[cfg(target_os = "linux")]
-        {
-            use rustix::fs::{CWD, RenameFlags, renameat_with};
-            // In one step, so that a run killed here leaves the old results or the new ones. Not every file system can.
-            if renameat_with(CWD, temporary, CWD, &self.target, RenameFlags::EXCHANGE).is_ok() {
-                return fs::remove_dir_all(temporary).with_context(name);
-            }
-        }
-        let old = builder().tempdir_in(parent(&self.target)).with_context(name)?;
-        let aside = old.path().join("old");
-        fs::rename(&self.target, &aside).with_context(name)?;
-        fs::rename(temporary, &self.target)
-            .inspect_err(|_| {
-                let _ = fs::rename(&aside, &self.target);
-            })
-            .with_context(name)
     }
 }
 

@@ -60,8 +60,8 @@ impl<'c> PhotographMemory<'c> {
         }
     }
 
-    /// For `photographs` of one scene, all of the size `at`, which [`refine_capture`](crate::several::refine_capture) predicts before all else; what the
-    /// sweeps and the field take is in [`capture_bytes`](super::capture_bytes). `config` is that of a photograph alone, on which it falls back.
+    /// For `photographs` of one scene, all of the size `at`, which [`refine_several`](crate::several::refine_several) predicts before all else; what the
+    /// sweeps and the field take is in [`scene_bytes`](super::scene_bytes). `config` is that of a photograph alone, on which it falls back.
     pub fn of_several(
         config: &'c Config,
         prior: &dyn DepthPrior,
@@ -133,6 +133,7 @@ impl<'c> PhotographMemory<'c> {
 mod tests {
     use super::*;
     use crate::config::Preset;
+    use mde_prior::augment::Predictions;
     use mde_prior::ndarray::ArrayView3;
     use mde_prior::{Error, PriorDepth};
 
@@ -172,27 +173,23 @@ mod tests {
     }
 
     #[test]
-    fn photographs_of_a_capture_are_counted_and_may_run_at_once() {
+    fn a_plan_or_the_photographs_bound_what_runs_at_once_and_sizes_add_up() {
         let mut config = Preset::Default.config();
-        config.augmentation.predictions = mde_prior::augment::Predictions::Most(1);
-        let at = (480, 640);
-        let of =
+        config.augmentation.predictions = Predictions::Most(1);
+        let (at, large) = ((480, 640), (3000, 4000));
+        let several =
             |photographs, threads| PhotographMemory::of_several(&config, &Large(0), at, photographs, threads);
-        let alone = PhotographMemory::new(&config, &Large(0), at, at, 8);
-        assert_eq!([alone.most, of(5, 8).most, of(5, 2).most, of(0, 2).most], [1, 5, 2, 1]);
-        assert_eq!(of(5, 2).bytes(9, 2) - alone.bytes(9, 2), 5 * PHOTOGRAPH * 480 * 640);
-        assert_eq!(of(usize::MAX, 2).bytes(u64::MAX, u64::MAX), u64::MAX);
-    }
+        let one = PhotographMemory::new(&config, &Large(0), at, at, 8);
+        assert_eq!([one, several(5, 8), several(5, 2), several(0, 2)].map(|m| m.most), [1, 5, 2, 1]);
+        assert_eq!(several(5, 2).bytes(9, 2) - one.bytes(9, 2), 5 * PHOTOGRAPH * 480 * 640);
+        assert_eq!(several(usize::MAX, 2).bytes(u64::MAX, u64::MAX), u64::MAX);
 
-    #[test]
-    fn a_plan_bounds_what_runs_at_once_and_sizes_add_up() {
-        let mut config = Preset::Default.config();
-        config.augmentation.predictions = mde_prior::augment::Predictions::Most(2);
-        let (small, large) = ((480, 640), (3000, 4000));
-        let of = |model, full| PhotographMemory::new(&config, &Large(model), full, small, 8);
-        assert_eq!(of(0, small).most, 2);
-        assert_eq!(of(5, small).bytes(9, 1) - of(0, small).bytes(9, 1), 5);
-        assert_eq!(of(0, large).bytes(9, 1) - of(0, small).bytes(9, 1), FULL * 12_000_000);
-        assert_eq!(of(u64::MAX, small).bytes(u64::MAX, u64::MAX), u64::MAX);
+        let mut config = config.clone();
+        config.augmentation.predictions = Predictions::Most(2);
+        let of = |model, full| PhotographMemory::new(&config, &Large(model), full, at, 8);
+        assert_eq!(of(0, at).most, 2);
+        assert_eq!(of(5, at).bytes(9, 1) - of(0, at).bytes(9, 1), 5);
+        assert_eq!(of(0, large).bytes(9, 1) - of(0, at).bytes(9, 1), FULL * 12_000_000);
+        assert_eq!(of(u64::MAX, at).bytes(u64::MAX, u64::MAX), u64::MAX);
     }
 }

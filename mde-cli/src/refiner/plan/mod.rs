@@ -4,7 +4,7 @@ pub mod inference;
 pub mod limit;
 
 use crate::config::{Config, NovelViews, RefinementConfig};
-use mde_mvs::consensus::{ConsensusConfig, reconstruct_bytes};
+use mde_mvs::consensus::reconstruct_bytes;
 use mde_nerf::{FieldConfig, HashFieldConfig, RenderConfig};
 
 /// The program, its threads' tiles and what it allocates at any image size.
@@ -47,14 +47,14 @@ pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
     PROGRAM.saturating_add(pixels.saturating_mul(pixel_bytes(config))).saturating_add(field_bytes(config))
 }
 
-/// Estimate of the bytes that [`refine_capture`](crate::several::refine_capture) needs for that many photographs of that many pixels on that
+/// Estimate of the bytes that [`refine_several`](crate::several::refine_several) needs for that many photographs of that many pixels on that
 /// many threads. For 3, 5 and 8 photographs of 320x240 and of 640x480 on two threads it is 1.10 to 1.17 times the measured peak, with the
 /// inference of a network of 5 MB. What the fit copies takes memory that the sweeps have freed.
 pub fn scene_bytes(pixels: u64, photographs: u64, threads: u64, config: &Config) -> u64 {
     let used = photographs.min(config.multi_view.max_views as u64);
     let held = PHOTOGRAPH.saturating_mul(photographs);
     let features = FEATURES.saturating_mul(threads.min(photographs));
-    let sweeps = reconstruct_bytes(pixels, used, &ConsensusConfig::default());
+    let sweeps = reconstruct_bytes(pixels, used);
     let stage = match config.refinement.iterations {
         0 => sweeps,
         _ => sweeps.max(field_bytes(config)),

@@ -11,9 +11,9 @@ mod graph;
 
 use super::matching::{Match, match_features};
 use super::two_view::relative_pose;
-use super::{FeatureConfig, FeatureImage, Features, PoseInput, PosesConfig, config};
-use crate::Result;
+use super::{EPIPOLAR_PIXELS, FeatureImage, Features, MIN_MATCHES, PoseInput, RATIO, REGIONS};
 use crate::statistics::robust_deviation;
+use crate::{Error, Result};
 use graph::Laplacian;
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
@@ -71,15 +71,15 @@ pub struct LogFactor {
 }
 
 impl Prepared {
-    /// Finds the features; the photograph needs a prior. Its name has no meaning here.
+    /// Finds at most so many features; the photograph needs a prior.
     ///
     /// # Errors
-    /// [`Error::Config`](crate::Error::Config) for a setting out of its range, an image too small for features, or no prior;
-    /// [`Error::View`](crate::Error::View) for a camera that is not of the image's or the prior's size.
-    pub fn new(photograph: &PoseInput, settings: &FeatureConfig) -> Result<Self> {
-        let image = FeatureImage::detected(photograph, settings)?;
+    /// [`Error::Config`] for an image too small for features, or no prior;
+    /// [`Error::View`] for a camera that is not of the image's or the prior's size.
+    pub fn new(photograph: &PoseInput, max_features: usize) -> Result<Self> {
+        let image = FeatureImage::detected(photograph, max_features)?;
         let prior =
-            image.prior.ok_or_else(|| config("prior", "missing", "give each photograph its depth"))?;
+            image.prior.ok_or_else(|| Error::config("prior", "missing", "give each photograph its depth"))?;
         Ok(Self { prior: prior.to_owned(), lens: image.lens, features: image.features.into_owned() })
     }
 
@@ -97,51 +97,42 @@ impl Prepared {
     }
 
     /// The logarithm of the factor of `second` over that of `first`, and its standard deviation; nothing where fewer than
-    /// [`PosesConfig::min_matches`] agree on a motion.
+    /// [`MIN_MATCHES`] agree on a motion.
     ///
     /// Matches and the priors give the motion, as in [`estimate_poses`](super::estimate_poses); a tripod or a camera turned on the
     /// spot is no exception. Pixels of each photograph are lifted by its prior and moved into the other one, where the depth is
     /// compared with the other prior. The result is the median over both directions, so what is hidden in either does not matter.
-    /// Its deviation is the robust spread over the root of the number of [`PosesConfig::regions`] in the overlap, in each of
-    /// which the priors share an error. It depends on the photographs, settings and seed alone.
-    ///
-    /// # Errors
-    /// [`Error::Config`](crate::Error::Config) for a setting out of its range.
-    pub fn log_ratio(
-        first: &Self,
-        second: &Self,
-        settings: &PosesConfig,
-        seed: u64,
-    ) -> Result<Option<[f64; 2]>> {
-        settings.validate()?;
+    /// Its deviation is the robust spread over the root of the number of regions in the overlap, 30 in a whole photograph, in each of
+    /// which the priors share an error. It depends on the photographs and the seed alone.
+    pub fn log_ratio(first: &Self, second: &Self, seed: u64) -> Option<[f64; 2]> {
         let (a, b) = (first.feature_image(), second.feature_image());
-        let found = match_features(&a.features, &b.features, settings.ratio);
-        let (pose, log_scales, log_focal) = match is_static(&a, &b, &found, settings) {
+        let found = match_features(&a.features, &b.features, RATIO);
+        let (pose, log_scales, log_focal) = match is_static(&a, &b, &found) {
             true => (Pose::identity(), [0.0; 2], 0.0),
-            false => match relative_pose([&a, &b], [0, 1], &found, settings, seed).motion {
-                Some(motion) => (motion.pose, motion.log_scales, motion.log_focal),
-                None => return Ok(None),
-            },
+            false => {
+                let motion = relative_pose([&a, &b], [0, 1], &found, seed).motion?;
+                (motion.pose, motion.log_scales, motion.log_focal)
+            }
         };
         let (mut ratios, forth) = depth_log_ratios([&a, &b], &pose, log_scales[0], log_focal);
         let (others, back) = depth_log_ratios([&b, &a], &pose.inverse(), log_scales[1], log_focal);
         ratios.extend(others.into_iter().map(|ratio| -ratio));
-        let regions = (settings.regions * 0.5 * (forth + back)).max(1.0);
-        let Some(log) = median(ratios.iter().copied()) else { return Ok(None) };
+        let regions = (REGIONS * 0.5 * (forth + back)).max(1.0);
+        let log = median(ratios.iter().copied())?;
         let spread = robust_deviation(ratios.into_iter().map(|ratio| ratio - log)).unwrap_or(0.0);
-        Ok(Some([log, (OF_MEDIAN * spread / regions.sqrt()).max(LEAST_SIGMA)]))
+        Some([log, (OF_MEDIAN * spread / regions.sqrt()).max(LEAST_SIGMA)])
     }
 }
 
 /// True if three quarters of the matches moved less than the threshold: the fundamental matrix is degenerate.
-fn is_static(a: &FeatureImage, b: &FeatureImage, matches: &[Match], settings: &PosesConfig) -> bool {
+fn is_static(a: &FeatureImage, b: &FeatureImage, matches: &[Match]) -> bool {
     if a.prior.map(|prior| prior.dim()) != b.prior.map(|prior| prior.dim()) {
         return false;
     }
     let moved = |m: &Match| a.features.keypoints[m.first].pixel - b.features.keypoints[m.second].pixel;
-    let limit = settings.epipolar_pixels * a.lens.noise;
+    let limit = EPIPOLAR_PIXELS * a.lens.noise;
     let kept = matches.iter().filter(|m| moved(m).norm() < limit).count();
-    kept >= settings.min_matches && 4 * kept >= 3 * matches.len()
+    kept >= MIN_MATCHES && 4 * kept >= 3 * matches.len()
 }
 
 /// Log ratio of `from`'s depth, moved into `to`, to `to`'s prior, per sampled pixel; and the overlap, as a share of the samples.
@@ -189,21 +180,21 @@ fn depth_log_ratios(
 /// depend on the order of the ratios.
 ///
 /// # Errors
-/// [`Error::Config`](crate::Error::Config) for a ratio of a photograph that is none of `0..photographs` or of one with itself, or
+/// [`Error::Config`] for a ratio of a photograph that is none of `0..photographs` or of one with itself, or
 /// that is not finite, or whose deviation is not from 1e-100 to 1e100.
 pub fn common_scale(photographs: usize, ratios: &[LogRatio]) -> Result<Vec<LogFactor>> {
     let mut sorted = Vec::with_capacity(ratios.len());
     for ratio in ratios {
         // Their squares, and what is divided by them, are numbers.
         if !(1e-100..=1e100).contains(&ratio.sigma) {
-            return Err(config("sigma of a ratio", ratio.sigma, "give a number from 1e-100 to 1e100"));
+            return Err(Error::config("sigma of a ratio", ratio.sigma, "give a number from 1e-100 to 1e100"));
         }
         if !ratio.log.is_finite() {
-            return Err(config("ratio", ratio.log, "give finite numbers"));
+            return Err(Error::config("ratio", ratio.log, "give finite numbers"));
         }
         if ratio.first == ratio.second || ratio.first.max(ratio.second) >= photographs {
             let pair = format!("{} and {}", ratio.first, ratio.second);
-            return Err(config("pair of photographs", pair, "give the indices of two photographs"));
+            return Err(Error::config("pair of photographs", pair, "give the indices of two photographs"));
         }
         sorted.push(match ratio.first < ratio.second {
             true => *ratio,

@@ -173,14 +173,9 @@ fn photograph(pose: Pose) -> (Array3<f32>, Array2<f32>) {
 }
 
 fn prepared(image: &Array3<f32>, prior: &Array2<f32>) -> Prepared {
-    let photograph = PoseInput {
-        name: "",
-        image: image.view(),
-        camera: camera(),
-        focal_assumed: false,
-        prior: Some(prior.view()),
-    };
-    Prepared::new(&photograph, &FeatureConfig::default()).unwrap()
+    let photograph =
+        PoseInput { image: image.view(), camera: camera(), focal_assumed: false, prior: Some(prior.view()) };
+    Prepared::new(&photograph, super::super::MAX_FEATURES).unwrap()
 }
 
 /// The wave of 10 % of a prior of that factor.
@@ -216,10 +211,7 @@ fn factors_of_rendered_photographs_are_found() {
     let mut found = Vec::new();
     for first in 0..shots.len() {
         for second in first + 1..shots.len() {
-            let settings = PosesConfig::default();
-            if let Some([log, sigma]) =
-                Prepared::log_ratio(&shots[first], &shots[second], &settings, 7).unwrap()
-            {
+            if let Some([log, sigma]) = Prepared::log_ratio(&shots[first], &shots[second], 7) {
                 found.push(ratio(first, second, log, sigma));
                 if second < 5 {
                     let error = log - (truth[second] - truth[first]);
@@ -243,7 +235,7 @@ fn factors_of_rendered_photographs_are_found() {
 fn the_same_photograph_twice_has_the_ratio_of_its_priors() {
     let (image, depth) = photograph(Pose::identity());
     let (a, b) = (prepared(&image, &depth), prepared(&image, &(&depth * 1.25)));
-    let [log, sigma] = Prepared::log_ratio(&a, &b, &PosesConfig::default(), 0).unwrap().unwrap();
+    let [log, sigma] = Prepared::log_ratio(&a, &b, 0).unwrap();
     assert!((log + 1.25_f64.ln()).abs() < 1e-6 && sigma == LEAST_SIGMA, "{log} {sigma}");
 }
 
@@ -254,12 +246,11 @@ fn threads_change_no_ratio_and_a_photograph_needs_a_prior() {
     let (a, b) = (prepared(&image, &depth), prepared(&other, &there));
     let of = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| Prepared::log_ratio(&a, &b, &PosesConfig::default(), 3).unwrap())
+        pool.install(|| Prepared::log_ratio(&a, &b, 3))
     };
     assert!(of(1).is_some());
     assert_eq!(of(1), of(4));
-    let without =
-        PoseInput { name: "", image: image.view(), camera: camera(), focal_assumed: false, prior: None };
-    let refused = Prepared::new(&without, &FeatureConfig::default()).unwrap_err().to_string();
+    let without = PoseInput { image: image.view(), camera: camera(), focal_assumed: false, prior: None };
+    let refused = Prepared::new(&without, super::super::MAX_FEATURES).unwrap_err().to_string();
     assert!(refused.contains("prior"), "{refused}");
 }

@@ -1,7 +1,7 @@
 //! The fundamental matrix of two photographs, which no focal length is needed for.
 
 use super::msac::{Ransac, msac, score};
-use super::roots::cubic;
+use super::roots::real_roots;
 use nalgebra::{DMatrix, Matrix3, Point2, SMatrix, SVector, Vector3};
 
 /// Steps of the local optimisation of a new best model.
@@ -98,7 +98,7 @@ fn seven_points(pairs: [PixelPair; SAMPLE]) -> Vec<Matrix3<f64>> {
     let square = 0.5 * (d1 + m1) - d0;
     let odd = 0.5 * (d1 - m1);
     let cube = (d2 - d0 - 4.0 * square - 2.0 * odd) / 6.0;
-    cubic([d0, odd - cube, square, cube]).into_iter().map(|x| h + (g - h) * x).collect()
+    real_roots([d0, odd - cube, square, cube]).into_iter().map(|x| h + (g - h) * x).collect()
 }
 
 /// Two vectors that span the null space of a 7 x 9 matrix of full rank: Gaussian elimination with full pivoting.

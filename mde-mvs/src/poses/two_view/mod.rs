@@ -7,9 +7,12 @@ mod roots;
 
 use super::bundle::{Bundle, Lens, Observed};
 use super::matching::Match;
-use super::{FeatureImage, PosesConfig};
+use super::{
+    EPIPOLAR_PIXELS, FOCAL_SIGMA, FeatureImage, MIN_MATCHES, OUTLIER_PIXELS, PRIOR_SIGMA, RESECTION_PIXELS,
+    SAMPLES, shared_error_factor,
+};
 use fundamental::{PixelPair, filter};
-use mde_uncertainty::statistics::quantile;
+use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
 use msac::{Ransac, msac};
 use nalgebra::{Point3, Vector3};
@@ -47,19 +50,19 @@ pub(super) fn verified_matches(
     [a, b]: [&FeatureImage; 2],
     [first, second]: [usize; 2],
     found: &[Match],
-    config: &PosesConfig,
     seed: u64,
 ) -> Pair {
-    let pixels: Vec<PixelPair> = found
-        .iter()
-        .map(|m| (a.features.keypoints[m.first].pixel, b.features.keypoints[m.second].pixel))
-        .collect();
+    let pixels = pixels([a, b], found.iter().map(|m| [m.first, m.second]));
     let noise = a.lens.noise.max(b.lens.noise);
-    let ransac =
-        Ransac { iterations: config.samples, seed, purpose: "epipolar", stream: stream(first, second) };
-    let kept = filter(&pixels, config.epipolar_pixels * noise, &ransac).unwrap_or_default();
+    let ransac = Ransac { iterations: SAMPLES, seed, purpose: "epipolar", stream: stream(first, second) };
+    let kept = filter(&pixels, EPIPOLAR_PIXELS * noise, &ransac).unwrap_or_default();
     let agreeing = kept.iter().map(|&i| [found[i].first, found[i].second]).collect();
     Pair { first, second, matches: found.len(), agreeing, motion: None }
+}
+
+/// Pixels of pairs of features.
+fn pixels([a, b]: [&FeatureImage; 2], pairs: impl Iterator<Item = [usize; 2]>) -> Vec<PixelPair> {
+    pairs.map(|[i, j]| (a.features.keypoints[i].pixel, b.features.keypoints[j].pixel)).collect()
 }
 
 fn stream(first: usize, second: usize) -> u64 {
@@ -71,22 +74,17 @@ pub(super) fn relative_pose(
     [a, b]: [&FeatureImage; 2],
     [first, second]: [usize; 2],
     found: &[Match],
-    config: &PosesConfig,
     seed: u64,
 ) -> Pair {
-    let mut pair = verified_matches([a, b], [first, second], found, config, seed);
-    if pair.agreeing.len() < config.min_matches {
+    let mut pair = verified_matches([a, b], [first, second], found, seed);
+    if pair.agreeing.len() < MIN_MATCHES {
         return pair;
     }
-    let pixels: Vec<PixelPair> = pair
-        .agreeing
-        .iter()
-        .map(|[i, j]| (a.features.keypoints[*i].pixel, b.features.keypoints[*j].pixel))
-        .collect();
+    let pixels = pixels([a, b], pair.agreeing.iter().copied());
     let stream = stream(first, second);
     let swapped: Vec<PixelPair> = pixels.iter().map(|(p, q)| (*q, *p)).collect();
-    let forward = from_prior(a, b, &pixels, config, seed, stream << 1);
-    let backward = from_prior(b, a, &swapped, config, seed, stream << 1 | 1).map(|(mut motion, fits)| {
+    let forward = from_prior(a, b, &pixels, seed, stream << 1);
+    let backward = from_prior(b, a, &swapped, seed, stream << 1 | 1).map(|(mut motion, fits)| {
         motion.pose = motion.pose.inverse();
         motion.log_scales.swap(0, 1);
         (motion, fits)
@@ -110,7 +108,6 @@ fn from_prior(
     a: &FeatureImage,
     b: &FeatureImage,
     pixels: &[PixelPair],
-    config: &PosesConfig,
     seed: u64,
     stream: u64,
 ) -> Option<(Motion, Vec<bool>)> {
@@ -120,11 +117,11 @@ fn from_prior(
         .zip(&depths)
         .filter_map(|((p, q), depth)| Some((Point3::from(a.ray(p) * depth.as_ref()?.exp()), b.ray(q))))
         .collect();
-    let ransac = Ransac { iterations: config.samples, seed, purpose: "resection", stream };
-    let start = resect(&lifted, &b.lens, config.resection_pixels, &ransac)?;
+    let ransac = Ransac { iterations: SAMPLES, seed, purpose: "resection", stream };
+    let start = resect(&lifted, &b.lens, RESECTION_PIXELS, &ransac)?;
 
     let starts = [start, Pose::identity()];
-    let motions = starts.into_iter().filter_map(|start| adjusted(a, b, pixels, &depths, config, start));
+    let motions = starts.into_iter().filter_map(|start| adjusted(a, b, pixels, &depths, start));
     motions.reduce(|best, next| if next.0.cost < best.0.cost { next } else { best })
 }
 
@@ -134,11 +131,9 @@ fn adjusted(
     b: &FeatureImage,
     pixels: &[PixelPair],
     depths: &[Option<f64>],
-    config: &PosesConfig,
     start: Pose,
 ) -> Option<(Motion, Vec<bool>)> {
-    let mut known: Vec<f64> = depths.iter().flatten().copied().collect();
-    let middle = quantile(&mut known, 0.5)?;
+    let middle = median(depths.iter().flatten().copied())?;
     let tracks = pixels
         .iter()
         .zip(depths)
@@ -153,26 +148,24 @@ fn adjusted(
     let mut bundle = Bundle {
         lenses: vec![a.lens, b.lens],
         poses: vec![Pose::identity(), start],
-        reference: 0,
         log_focal: 0.0,
-        focal_sigma: config.focal_sigma / config.shared_error_factor(pixels.len()),
+        focal_sigma: FOCAL_SIGMA / shared_error_factor(pixels.len()),
         log_scales: vec![0.0; 2],
         keep_scale: true,
-        prior_sigmas: vec![config.prior_sigma * config.shared_error_factor(pixels.len()); 2],
+        prior_sigmas: vec![PRIOR_SIGMA * shared_error_factor(pixels.len()); 2],
         pose_priors: vec![None; 2],
         tracks,
     };
     bundle.adjust(STEPS);
 
     let fits: Vec<bool> =
-        bundle.tracks.iter().map(|t| bundle.fits(t, 1, &t.views[0].1, config.outlier_pixels)).collect();
-    if fits.iter().filter(|fit| **fit).count() < config.min_matches {
+        bundle.tracks.iter().map(|t| bundle.fits(t, 1, &t.views[0].1, OUTLIER_PIXELS)).collect();
+    if fits.iter().filter(|fit| **fit).count() < MIN_MATCHES {
         return None;
     }
     let ratio = |of: &dyn Fn(&Observed) -> Option<f64>| {
         let fitting = bundle.tracks.iter().zip(&fits).filter(|(_, fit)| **fit);
-        let mut ratios: Vec<f64> = fitting.filter_map(|(t, _)| of(t)).collect();
-        quantile(&mut ratios, 0.5)
+        median(fitting.filter_map(|(t, _)| of(t)))
     };
     let here = ratio(&|t| Some(-t.inverse_depth.ln() - t.prior?))?;
     let there = ratio(&|t| {

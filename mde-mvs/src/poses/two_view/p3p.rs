@@ -1,6 +1,6 @@
 //! A camera's pose from points of known position.
 
-use super::roots::quartic;
+use super::roots::real_roots;
 use mde_warp::Pose;
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
@@ -34,7 +34,7 @@ pub(super) fn p3p(points: [Point3<f64>; 3], rays: [Vector3<f64>; 3]) -> Vec<Pose
         (d - 1.0).powi(2) - 4.0 * cb2 * ca * ca,
     ];
     let mut ratios: Vec<[f64; 2]> = Vec::new();
-    for v in quartic(coefficients) {
+    for v in real_roots(coefficients) {
         let below = 2.0 * (cg - v * ca);
         let u = ((d - 1.0) * v * v - 2.0 * d * cb * v + 1.0 + d) / below;
         // Where that is 0 / 0, two poses share v: the law of the first two points has both.

@@ -7,14 +7,8 @@ const POLISH: usize = 3;
 /// An imaginary part below this share of the root's size is rounding.
 const IMAGINARY: f64 = 1e-6;
 
-/// Real roots of \\( a_3 x^3 + a_2 x^2 + a_1 x + a_0 \\), coefficients from the constant up; a degree lower where the leading
-/// coefficient is zero.
-pub(super) fn cubic(a: [f64; 4]) -> Vec<f64> {
-    real(&complex_roots(&a), &a)
-}
-
-/// Real roots of \\( a_4 x^4 + \dots + a_0 \\), coefficients from the constant up.
-pub(super) fn quartic(a: [f64; 5]) -> Vec<f64> {
+/// Real roots of \\( a_n x^n + \dots + a_0 \\), coefficients from the constant up; a degree lower where the leading coefficient is zero.
+pub(super) fn real_roots<const N: usize>(a: [f64; N]) -> Vec<f64> {
     real(&complex_roots(&a), &a)
 }
 
@@ -85,9 +79,9 @@ mod tests {
 
     #[test]
     fn lower_degrees_and_none() {
-        assert!((cubic([-6.0, 2.0, 0.0, 0.0])[0] - 3.0).abs() < 1e-12);
-        assert!(cubic([1.0, 0.0, 1.0, 0.0]).is_empty());
-        assert!(cubic([0.0; 4]).is_empty() && quartic([f64::NAN; 5]).is_empty());
+        assert!((real_roots([-6.0, 2.0, 0.0, 0.0])[0] - 3.0).abs() < 1e-12);
+        assert!(real_roots([1.0, 0.0, 1.0, 0.0]).is_empty());
+        assert!(real_roots([0.0; 4]).is_empty() && real_roots([f64::NAN; 5]).is_empty());
     }
 
     proptest! {
@@ -104,7 +98,7 @@ mod tests {
                 }
                 a = next;
             }
-            let mut found = quartic([a[0], a[1], a[2], a[3], a[4]]);
+            let mut found = real_roots([a[0], a[1], a[2], a[3], a[4]]);
             found.sort_by(f64::total_cmp);
             prop_assert_eq!(found.len(), 4);
             for (f, r) in found.iter().zip(roots) {
@@ -116,9 +110,9 @@ mod tests {
         #[test]
         fn complex_pairs_are_left_out(b in -3.0..3.0_f64, c in 0.2..4.0_f64, root in -4.0..4.0_f64) {
             let square = [b * b / 4.0 + c, b, 1.0];
-            prop_assert!(quartic([square[0], square[1], square[2], 0.0, 0.0]).is_empty());
+            prop_assert!(real_roots([square[0], square[1], square[2], 0.0, 0.0]).is_empty());
             let times = [-root * square[0], square[0] - root * square[1], square[1] - root, 1.0];
-            let found = cubic(times);
+            let found = real_roots(times);
             prop_assert_eq!(found.len(), 1);
             prop_assert!((found[0] - root).abs() < 1e-7);
         }

@@ -8,6 +8,11 @@ use rayon::prelude::*;
 use crate::{Error, Result, check_map};
 use mde_warp::transfer::PlaneTransfer;
 
+/// Distance in pixels, there and back, within which two photographs agree.
+const PIXELS: f64 = 1.0;
+/// Difference of log depth within which they agree.
+const LOG_DEPTH: f32 = 0.1;
+
 /// Number of other views that agree with each pixel's depth, and that see past it; at most 255.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -20,7 +25,7 @@ pub struct Agreement {
     pub visible: Array2<u8>,
 }
 
-/// Compares the depth of `views[reference]` with those of `others`: there and back within `pixels` and `log_depth`.
+/// Compares the depth of `views[reference]` with those of `others`: there and back within 1 pixel and .1 in log depth.
 ///
 /// A view with a nearer surface counts as neither, since it may hide the point.
 ///
@@ -31,7 +36,6 @@ pub fn agreement(
     depths: &[&GaussianDepth],
     reference: usize,
     others: &[usize],
-    [pixels, log_depth]: [f32; 2],
 ) -> Result<Agreement> {
     let missing = |i: usize| Error::Reference { reference: i, views: views.len().min(depths.len()) };
     let of = |i: usize| -> Result<(&PosedView, &GaussianDepth)> {
@@ -64,7 +68,7 @@ pub fn agreement(
                 let distance = back
                     .at(seen.x, seen.y, 1.0 / f64::from(z_there))
                     .map_or(f64::INFINITY, |b| (b.x - x as f64).hypot(b.y - *y as f64));
-                if distance <= f64::from(pixels) && difference.abs() <= f64::from(log_depth) {
+                if distance <= PIXELS && difference.abs() <= f64::from(LOG_DEPTH) {
                     agree[x] = agree[x].saturating_add(1);
                 } else if difference > 0.0 {
                     against[x] = against[x].saturating_add(1);
@@ -88,7 +92,7 @@ mod tests {
         let mut maps: Vec<GaussianDepth> = depths.iter().map(exact).collect();
         let count = |maps: &[GaussianDepth]| {
             let maps: Vec<&GaussianDepth> = maps.iter().collect();
-            agreement(&views, &maps, 0, &[0, 1, 2, 3], [1.0, 0.1]).unwrap()
+            agreement(&views, &maps, 0, &[0, 1, 2, 3]).unwrap()
         };
         let before = count(&maps);
         let middle = (36, 48);
@@ -109,7 +113,7 @@ mod tests {
         let views = vec![views[0].clone(); 300];
         let maps = vec![&exact; 300];
         let others: Vec<usize> = (0..300).collect();
-        let found = agreement(&views, &maps, 0, &others, [1.0, 0.1]).unwrap();
+        let found = agreement(&views, &maps, 0, &others).unwrap();
         assert_eq!((found.agree[(36, 48)], found.visible[(36, 48)]), (255, 255));
     }
 }

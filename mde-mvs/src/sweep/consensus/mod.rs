@@ -21,7 +21,7 @@ use inflation::inflation;
 
 use crate::raster::{enlarge, small_map, small_view};
 use crate::sweep::scale::{Match, PATCHES, Scale};
-use crate::sweep::{Surfaces, Sweep, SweepConfig, sweep, working_bytes};
+use crate::sweep::{Surfaces, Sweep, sweep, working_bytes};
 use crate::{Callback, Error, Result, check_map, notify};
 
 /// Longer side of the photographs on which the scale and the smooth corrections are found.
@@ -29,50 +29,10 @@ const SMALL: usize = 160;
 /// Factor by which a prior of unknown scale may be wrong.
 const UNKNOWN: f64 = 32.0;
 
-/// Settings of [`reconstruct`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default, rename_all = "kebab-case"))]
-#[non_exhaustive]
-pub struct ConsensusConfig {
-    /// The sweeps.
-    pub sweep: SweepConfig,
-    /// The factor about the scaled prior that the first sweeps cover; 3.
-    pub wide: f64,
-    /// The factor about the corrected prior that the last sweeps cover; 1.5.
-    pub narrow: f64,
-    /// Distance in pixels, there and back, within which two photographs agree; 1.
-    pub pixels: f32,
-    /// Difference of log depth within which they agree; .1.
-    pub log_depth: f32,
-}
-
-impl Default for ConsensusConfig {
-    fn default() -> Self {
-        Self { sweep: SweepConfig::default(), wide: 3.0, narrow: 1.5, pixels: 1.0, log_depth: 0.1 }
-    }
-}
-
-impl ConsensusConfig {
-    /// Checks the settings.
-    ///
-    /// # Errors
-    /// [`Error::Config`] that names the first field at fault.
-    pub fn validate(&self) -> Result<()> {
-        self.sweep.validate()?;
-        for (field, value) in [("wide", self.wide), ("narrow", self.narrow)] {
-            if !(value > 1.0 && value.is_finite()) {
-                return Err(Error::config(field, value, "give a factor above 1"));
-            }
-        }
-        for (field, value) in [("pixels", self.pixels), ("log-depth", self.log_depth)] {
-            if !(value > 0.0 && value.is_finite()) {
-                return Err(Error::config(field, value, "give a positive number"));
-            }
-        }
-        Ok(())
-    }
-}
+/// The factor about the scaled prior that the first sweeps cover.
+const WIDE: f64 = 3.0;
+/// The factor about the corrected prior that the last sweeps cover.
+const NARROW: f64 = 1.5;
 
 /// Depth of one photograph from all of them.
 #[derive(Debug, Clone, PartialEq)]
@@ -80,18 +40,12 @@ impl ConsensusConfig {
 pub struct ViewDepth {
     /// The prior in the unit of the poses, with its variance.
     pub prior: GaussianDepth,
-    /// The scaled prior after the smooth correction by the first sweeps: the centre of the last.
-    pub centre: Array2<f32>,
     /// Its own sweep.
     pub sweep: Sweep,
     /// The consensus, the sweep fused with the prior: depth and variance in the unit of the poses.
     pub fused: GaussianDepth,
-    /// Number of other photographs whose sweeps agree.
-    pub support: Array2<u8>,
     /// Counts over all other photographs.
     pub agreement: Agreement,
-    /// Probability that the sweep's match is right, 0 to 1.
-    pub inlier: Array2<f32>,
     /// Share of the pixels on which at least one other photograph agrees.
     pub verified: f32,
     /// Share of the variance of `fused`, but for the inflation, that is photometric ambiguity: the variance of the softmin of the sweep's
@@ -113,10 +67,10 @@ pub struct Reconstruction {
 
 /// Bytes that [`reconstruct`] takes, its result included, beside its inputs: the working memory of one sweep, and the maps of all
 /// photographs.
-pub fn reconstruct_bytes(pixels: u64, views: u64, config: &ConsensusConfig) -> u64 {
+pub fn reconstruct_bytes(pixels: u64, views: u64) -> u64 {
     // Of each photograph four means with variances, six maps of numbers, four of counts.
     let maps = 4 * 8 + 6 * 4 + 4;
-    let working = working_bytes(pixels, views.saturating_sub(1), &config.sweep);
+    let working = working_bytes(pixels, views.saturating_sub(1));
     working.saturating_add(pixels.saturating_mul(views).saturating_mul(maps))
 }
 
@@ -134,10 +88,8 @@ pub fn reconstruct(
     views: &[PosedView],
     priors: &[ArrayView2<'_, f32>],
     scale: Option<Scale>,
-    config: &ConsensusConfig,
     callback: &mut Callback<'_>,
 ) -> Result<Reconstruction> {
-    config.validate()?;
     if views.len() < 2 || priors.len() != views.len() {
         return Err(Error::TooFewViews { views: views.len().min(priors.len()) });
     }
@@ -152,7 +104,7 @@ pub fn reconstruct(
 
     let scale = match scale {
         Some(known) => Some(known),
-        None => common_scale(&small, &small_priors, config)?,
+        None => common_scale(&small, &small_priors)?,
     };
     let factor = scale.map_or(0.0, |s| s.log_scale).exp() as f32;
 
@@ -161,8 +113,8 @@ pub fn reconstruct(
     let wide = everyone
         .par_iter()
         .map(|&i| {
-            let surfaces = Surfaces::Around { depth: scaled[i].view(), factor: config.wide };
-            sweep(&small, i, &everyone, surfaces, &config.sweep)
+            let surfaces = Surfaces::Around { depth: scaled[i].view(), factor: WIDE };
+            sweep(&small, i, &everyone, surfaces)
         })
         .collect::<Result<Vec<_>>>()?;
     let depths: Vec<&GaussianDepth> = wide.iter().map(|s| &s.depth).collect();
@@ -171,21 +123,20 @@ pub fn reconstruct(
         .par_iter()
         .map(|&i| {
             let mut known: Vec<f64> = scaled[i].iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)).collect();
-            let near = quantile(&mut known, 0.01).unwrap_or(1.0) / config.wide;
-            sweep(&small, i, &everyone, Surfaces::Planes { near, far: f64::INFINITY }, &config.sweep)
+            let near = quantile(&mut known, 0.01).unwrap_or(1.0) / WIDE;
+            sweep(&small, i, &everyone, Surfaces::Planes { near, far: f64::INFINITY })
         })
         .collect::<Result<Vec<_>>>()?;
     let whole_depths: Vec<&GaussianDepth> = whole.iter().map(|s| &s.depth).collect();
     let common = scale.unwrap_or(Scale { log_scale: 0.0, variance: 1.0, spread: 0.3, matches: 0 });
     let corrected = |&i: &usize| -> Result<_> {
-        let agreement = agreement(&small, &depths, i, &everyone, [config.pixels, config.log_depth])?;
+        let agreement = agreement(&small, &depths, i, &everyone)?;
         let chance = chances(&wide[i], &agreement);
-        let agreement =
-            self::agreement(&small, &whole_depths, i, &everyone, [config.pixels, config.log_depth])?;
+        let agreement = self::agreement(&small, &whole_depths, i, &everyone)?;
         let whole_chance = chances(&whole[i], &agreement);
         let (best, chance) = better(&wide[i], &chance, &whole[i], &whole_chance)?;
         let prior = common.apply(small_priors[i].view())?;
-        let fused = fuse(&small[i], &prior, &best, &chance, config.wide)?;
+        let fused = fuse(&small[i], &prior, &best, &chance, WIDE)?;
         // The correction is smooth, so it may be enlarged; the prior keeps its own details.
         let ratio = Zip::from(&fused.corrected).and(prior.mean()).map_collect(|&c, &p| {
             let r = (c / p).ln();
@@ -204,32 +155,31 @@ pub fn reconstruct(
     let fine = everyone
         .iter()
         .map(|&i| {
-            let surfaces = Surfaces::Around { depth: centres[i].view(), factor: config.narrow };
-            let swept = sweep(views, i, &everyone, surfaces, &config.sweep)?;
+            let surfaces = Surfaces::Around { depth: centres[i].view(), factor: NARROW };
+            let swept = sweep(views, i, &everyone, surfaces)?;
             notify(callback, i + 1, views.len())?;
             Ok(swept)
         })
         .collect::<Result<Vec<_>>>()?;
     let depths: Vec<&GaussianDepth> = fine.iter().map(|s| &s.depth).collect();
-    let corrected = centres.iter().zip(&scaled).map(|(centre, prior)| {
-        let variance = Zip::from(centre)
+    let corrected = centres.into_iter().zip(&scaled).map(|(centre, prior)| {
+        let variance = Zip::from(&centre)
             .and(prior.mean())
             .and(prior.variance())
             .map_collect(|&z, &p, &v| if p > 0.0 { v * (z / p).powi(2) } else { v });
-        Ok(GaussianDepth::new(centre.clone(), variance)?)
+        Ok(GaussianDepth::new(centre, variance)?)
     });
     let corrected = corrected.collect::<Result<Vec<_>>>()?;
     let corrected_depths: Vec<&GaussianDepth> = corrected.iter().collect();
-    let within = [config.pixels, config.log_depth];
     let mut fused = everyone
         .par_iter()
         .map(|&i| {
-            let agreement = agreement(views, &depths, i, &everyone, within)?;
+            let agreement = agreement(views, &depths, i, &everyone)?;
             let chance = chances(&fine[i], &agreement);
-            let visible = self::agreement(views, &corrected_depths, i, &everyone, within)?.visible;
+            let visible = self::agreement(views, &corrected_depths, i, &everyone)?.visible;
             let seen =
                 Zip::from(&visible).and(fine[i].depth.mean()).map_collect(|&count, &z| count > 0 && z > 0.0);
-            let map = fuse(&views[i], &corrected[i], &fine[i], &chance, config.narrow)?;
+            let map = fuse(&views[i], &corrected[i], &fine[i], &chance, NARROW)?;
             let map = map.without_unseen(&seen, &corrected[i])?;
             let confirmed = agreement.agree.iter().filter(|a| **a > 0).count();
             let verified = confirmed as f32 / agreement.agree.len() as f32;
@@ -243,15 +193,12 @@ pub fn reconstruct(
     let views = fused
         .into_iter()
         .zip(scaled)
-        .zip(fine.into_iter().zip(centres))
-        .map(|((f, prior), (sweep, centre))| ViewDepth {
-            centre,
+        .zip(fine)
+        .map(|((f, prior), sweep)| ViewDepth {
             prior,
             sweep,
             fused: f.0.depth,
-            support: f.1.agree.clone(),
             agreement: f.1,
-            inlier: f.0.inlier,
             verified: f.2,
             ambiguity: f.0.ambiguity,
         })
@@ -260,23 +207,19 @@ pub fn reconstruct(
 }
 
 /// One factor for all priors, from sweeps over every scale.
-fn common_scale(
-    views: &[PosedView],
-    priors: &[Array2<f32>],
-    config: &ConsensusConfig,
-) -> Result<Option<Scale>> {
+fn common_scale(views: &[PosedView], priors: &[Array2<f32>]) -> Result<Option<Scale>> {
     let everyone: Vec<usize> = (0..views.len()).collect();
     let sweeps = everyone
         .par_iter()
         .map(|&i| {
             let surfaces = Surfaces::Ladder { depth: priors[i].view(), factor: UNKNOWN };
-            sweep(views, i, &everyone, surfaces, &config.sweep)
+            sweep(views, i, &everyone, surfaces)
         })
         .collect::<Result<Vec<_>>>()?;
     let depths: Vec<&GaussianDepth> = sweeps.iter().map(|s| &s.depth).collect();
     let mut matches = Vec::new();
     for i in 0..views.len() {
-        let agreement = agreement(views, &depths, i, &everyone, [config.pixels, config.log_depth])?;
+        let agreement = agreement(views, &depths, i, &everyone)?;
         matches.extend(matches_of(&priors[i], &sweeps[i], &chances(&sweeps[i], &agreement), i));
     }
     Ok(Scale::fit(&matches))
@@ -313,7 +256,7 @@ mod tests {
     fn the_scale_is_found_and_the_prior_corrected() {
         let (views, depths, priors) = room(0.13);
         let maps: Vec<_> = priors.iter().map(|p| p.view()).collect();
-        let found = reconstruct(&views, &maps, None, &ConsensusConfig::default(), &mut silent).unwrap();
+        let found = reconstruct(&views, &maps, None, &mut silent).unwrap();
         let scale = found.scale.unwrap().log_scale.exp();
         assert!((scale * 0.13 - 1.0).abs() < 0.15, "scale {scale}");
         for (view, truth) in found.views.iter().zip(&depths) {
@@ -322,8 +265,7 @@ mod tests {
             assert!(view.verified > 0.5);
         }
         // The same unit given from outside saves the search and changes little.
-        let known =
-            reconstruct(&views, &maps, found.scale, &ConsensusConfig::default(), &mut silent).unwrap();
+        let known = reconstruct(&views, &maps, found.scale, &mut silent).unwrap();
         assert!(error(known.views[0].fused.mean(), &depths[0]) < 0.04);
     }
 
@@ -339,7 +281,7 @@ mod tests {
             });
         }
         let maps: Vec<_> = priors.iter().map(|p| p.view()).collect();
-        let found = reconstruct(&views, &maps, None, &ConsensusConfig::default(), &mut silent).unwrap();
+        let found = reconstruct(&views, &maps, None, &mut silent).unwrap();
         let view = &found.views[0];
         // Sweeps of noise about one prior agree by chance.
         assert!(view.verified < 0.35, "{}", view.verified);
@@ -351,8 +293,7 @@ mod tests {
     #[test]
     fn too_few_views_are_named() {
         let (views, _, priors) = room(1.0);
-        let found =
-            reconstruct(&views[..1], &[priors[0].view()], None, &ConsensusConfig::default(), &mut silent);
+        let found = reconstruct(&views[..1], &[priors[0].view()], None, &mut silent);
         assert_eq!(found, Err(Error::TooFewViews { views: 1 }));
     }
 }
