@@ -34,6 +34,8 @@ mod outputs;
 mod report;
 #[cfg(feature = "program")]
 mod resources;
+#[cfg(all(feature = "program", feature = "onnx"))]
+mod same_bytes;
 #[cfg(all(feature = "program", target_os = "linux"))]
 mod surroundings;
 #[cfg(feature = "program")]

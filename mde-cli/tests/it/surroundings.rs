@@ -57,7 +57,7 @@ fn paths_need_not_be_unicode() {
         &format!("refine ph?.png --views shots? {net} --config t?.toml --log-json -o views-of?"),
         "score maps? --gt gt? -q -o scores?",
         &format!("eval {eval} --methods guided -o e?"),
-        &format!("ablate {eval} --config t?.toml --rows mean --seeds 1 -o a?"),
+        &format!("ablate {eval} --config t?.toml --rows min-depth --seeds 1 -o a?"),
         &format!("calibrate {eval} --method t?.toml -o c?"),
         "demo --preset fast --size 32x24 --config t?.toml -q -o demo?",
     ] {
