@@ -127,7 +127,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 pub(crate) type List<'l> = (&'static str, &'l [f64], fn(f64) -> bool, &'static str);
 
 /// Values that are positive and finite.
-pub(crate) const fn positive(what: &'static str, values: &[f64]) -> List<'_> {
+pub(crate) const fn positive<'l>(what: &'static str, values: &'l [f64]) -> List<'l> {
     (what, values, |v| v > 0.0 && v.is_finite(), "positive and finite")
 }
 

@@ -13,11 +13,11 @@ pub use prepared::Prepared;
 pub use sigma::UncertaintyCurves;
 
 use crate::align::{Alignment, AlignmentRule};
-use crate::raster::same_shape;
+use crate::raster::{Map, Mask, same_shape};
 use crate::{Error, Result};
 use map::DepthMap;
 use metric::Of;
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, Zip};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::{Deserialize, Serialize};
 use sigma::SigmaMap;
@@ -28,32 +28,32 @@ use truth::Truth;
 #[derive(Debug, Clone, Copy)]
 pub struct Subject<'a> {
     /// Predicted depth `[height, width]`, any unit; not positive or not finite means missing.
-    pub prediction: ArrayView2<'a, f32>,
+    pub prediction: Map<'a>,
     /// Predicted standard deviation of the depth `[height, width]`, in the prediction's unit. A pixel where it is not
     /// positive and finite has no uncertainty and is left out of those scores.
-    pub sigma: Option<ArrayView2<'a, f32>>,
+    pub sigma: Option<Map<'a>>,
     /// True depth `[height, width]` in metres; not positive or not finite means missing.
-    pub truth: ArrayView2<'a, f32>,
+    pub truth: Map<'a>,
     /// Pixels that may count `[height, width]`; all without it.
-    pub mask: Option<ArrayView2<'a, bool>>,
+    pub mask: Option<Mask<'a>>,
 }
 
 impl<'a> Subject<'a> {
     /// A prediction and its truth, all pixels.
-    pub fn new(prediction: ArrayView2<'a, f32>, truth: ArrayView2<'a, f32>) -> Self {
+    pub fn new(prediction: Map<'a>, truth: Map<'a>) -> Self {
         Self { prediction, sigma: None, truth, mask: None }
     }
 
     /// With the prediction's standard deviation.
     #[must_use]
-    pub fn with_sigma(mut self, sigma: ArrayView2<'a, f32>) -> Self {
+    pub fn with_sigma(mut self, sigma: Map<'a>) -> Self {
         self.sigma = Some(sigma);
         self
     }
 
     /// With a mask of the pixels that may count.
     #[must_use]
-    pub fn with_mask(mut self, mask: ArrayView2<'a, bool>) -> Self {
+    pub fn with_mask(mut self, mask: Mask<'a>) -> Self {
         self.mask = Some(mask);
         self
     }

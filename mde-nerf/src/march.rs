@@ -130,6 +130,7 @@ impl<T: Scalar> Marcher<T> {
     }
 
     /// Points of the first pass.
+    #[cfg(feature = "bench")]
     pub(crate) fn points(&self) -> &Points<T> {
         &self.passes[0].points
     }

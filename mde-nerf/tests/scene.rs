@@ -164,7 +164,8 @@ fn photographs_from_far_apart_refine_noisy_hypotheses() {
     assert!(away.opacity.iter().all(|&a| a == 0.0) && away.depth.support().iter().all(|known| !known));
 }
 
-/// Two hypotheses 20 % apart, whose mixture has a standard deviation of about 10 %, with a weight that colours do not outweigh.
+/// Two hypotheses 20 % apart with 2 % each: their mixture has a standard deviation of 10.2 %. The weight is one at which colours hardly
+/// matter: the median is then 10.1 %.
 #[test]
 fn the_termination_becomes_the_distribution_of_the_hypotheses() {
     let mut views = views(true);
@@ -182,7 +183,7 @@ fn the_termination_becomes_the_distribution_of_the_hypotheses() {
         seen.depth.sigma().iter().zip(seen.depth.mean()).map(|(sigma, mean)| sigma / mean).collect();
     relative.sort_by(f32::total_cmp);
     let median = relative[relative.len() / 2];
-    assert!((0.06..0.16).contains(&median), "{median}");
+    assert!((0.09..0.115).contains(&median), "{median}");
 }
 
 #[test]

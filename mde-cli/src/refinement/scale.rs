@@ -103,24 +103,22 @@ impl Refinement {
                 known.len()
             )));
         }
+        // A depth or its disparity, and what divides the variance of the one to give that of the other.
+        let unit = |z: f64| if of_disparity { 1.0 / z } else { z };
+        let divisor = |z: f64| if of_disparity { z.powi(4) } else { 1.0 };
         let samples: Vec<_> = pairs
             .iter()
-            .map(|&(z, variance, v, of_v)| match of_disparity {
-                true => (1.0 / z, variance / z.powi(4), 1.0 / v, of_v / v.powi(4)),
-                false => (z, variance, v, of_v),
-            })
+            .map(|&(z, of_z, v, of_v)| (unit(z), of_z / divisor(z), unit(v), of_v / divisor(v)))
             .collect();
         let line = fit(&samples, of_disparity).ok_or_else(|| {
             Error::Scale("the known depths do not fit: nearer ones are farther in the map; check their pixels and units".to_owned())
         })?;
         let mapped = |z: f64| -> Option<(f64, f64, f64)> {
-            let u = if of_disparity { 1.0 / z } else { z };
+            let u = unit(z);
             let v = line.affine.a * u + line.affine.b;
             // Depth, its derivative, and the map's variance.
-            let (depth, slope, variance) = match of_disparity {
-                true => (1.0 / v, line.affine.a * (u / v).powi(2), line.variance(u) / v.powi(4)),
-                false => (v, line.affine.a, line.variance(u)),
-            };
+            let (depth, variance) = (unit(v), line.variance(u) / divisor(v));
+            let slope = if of_disparity { line.affine.a * (u / v).powi(2) } else { line.affine.a };
             let usable = v > 0.0 && depth.is_finite() && (depth as f32) > 0.0;
             usable.then_some((depth, slope, variance))
         };

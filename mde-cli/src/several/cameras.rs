@@ -44,7 +44,6 @@ pub(super) fn posed(
         .iter()
         .zip(priors)
         .map(|(photograph, prior)| poses::PoseInput {
-            name: &photograph.name,
             image: photograph.image.view(),
             camera: photograph.camera.camera,
             focal_assumed: photograph.camera.is_assumed() && photograph.pose.is_none(),

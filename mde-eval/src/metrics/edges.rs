@@ -4,9 +4,9 @@
 //! [curve](EdgeCurve) over all thresholds of the prediction is invariant to its contrast; its best point is **F1max**.
 
 use crate::error::check;
-use crate::raster::{Marked, dilate, erode, same_shape, sobel};
+use crate::raster::{Map, Marked, Mask, dilate, erode, same_shape, sobel};
 use crate::{Error, Result};
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, Zip};
 
 /// Precision, recall and F1 of one edge map against another.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -37,7 +37,7 @@ pub(super) fn harmonic(precision: f64, recall: f64) -> f64 {
 ///
 /// # Errors
 /// [`Error::Shape`] where map and mask differ.
-pub fn edges(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>, threshold: f64) -> Result<Array2<bool>> {
+pub fn edges(map: Map<'_>, mask: Mask<'_>, threshold: f64) -> Result<Array2<bool>> {
     Ok(masked_gradient(map, mask)?.mapv(|g| f64::from(g) > threshold))
 }
 
@@ -104,9 +104,9 @@ impl EdgeCurve {
 /// # Errors
 /// [`Error::Shape`] where the shapes differ; [`Error::Config`] for a tolerance above 64 pixels.
 pub fn edge_curve(
-    prediction: ArrayView2<'_, f32>,
-    truth: ArrayView2<'_, f32>,
-    mask: ArrayView2<'_, bool>,
+    prediction: Map<'_>,
+    truth: Map<'_>,
+    mask: Mask<'_>,
     threshold: f64,
     tolerance: u32,
 ) -> Result<Option<EdgeCurve>> {
@@ -124,11 +124,7 @@ pub(crate) struct EdgeSweep {
 }
 
 impl EdgeSweep {
-    pub(crate) fn new(
-        prediction: ArrayView2<'_, f32>,
-        mask: ArrayView2<'_, bool>,
-        tolerances: &[u32],
-    ) -> Result<Self> {
+    pub(crate) fn new(prediction: Map<'_>, mask: Mask<'_>, tolerances: &[u32]) -> Result<Self> {
         let settings =
             tolerances.iter().map(|&r| ("the edge tolerance", r.into(), r <= 64, "use at most 64 pixels"));
         check(settings)?;
@@ -180,7 +176,7 @@ impl EdgeSweep {
 }
 
 /// Sobel gradient where the whole window lies in the mask, 0 elsewhere.
-fn masked_gradient(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Result<Array2<f32>> {
+fn masked_gradient(map: Map<'_>, mask: Mask<'_>) -> Result<Array2<f32>> {
     same_shape("the mask", mask.dim(), map.dim())?;
     let mut gradient = sobel(map);
     // Also drops what is not a number, should the masked-out part of the map hold one.

@@ -27,10 +27,10 @@ pub mod sharpness;
 pub mod sparsification;
 pub mod superpixel;
 
-use ndarray::ArrayView2;
+use crate::raster::{Map, Mask};
 
 /// Smallest and largest value within the mask, finite ones alone; nothing where there is none.
-fn depth_range(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Option<(f32, f32)> {
+fn depth_range(map: Map<'_>, mask: Mask<'_>) -> Option<(f32, f32)> {
     let values = map.into_iter().zip(mask).filter(|(v, keep)| **keep && v.is_finite()).map(|(v, _)| *v);
     values.fold(None, |range, v| match range {
         None => Some((v, v)),

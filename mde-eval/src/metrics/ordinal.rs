@@ -1,8 +1,7 @@
 //! Does the prediction keep the order in depth of pairs of pixels?
 
-use crate::raster::same_shape;
+use crate::raster::{Map, same_shape};
 use crate::{Error, Result};
-use ndarray::ArrayView2;
 
 /// A pixel's row and column.
 pub type Pixel = (usize, usize);
@@ -18,14 +17,14 @@ pub type Pixel = (usize, usize);
 /// # Errors
 /// [`Error::Shape`] where the maps differ; [`Error::Value`] for a pair off the map, or a depth that is not positive and finite.
 pub fn ordinal_error(
-    prediction: ArrayView2<'_, f32>,
-    truth: ArrayView2<'_, f32>,
+    prediction: Map<'_>,
+    truth: Map<'_>,
     pairs: &[(Pixel, Pixel)],
     min_ratio: f64,
     tie_ratio: f64,
 ) -> Result<Option<f64>> {
     same_shape("the prediction", prediction.dim(), truth.dim())?;
-    let read = |what, map: ArrayView2<'_, f32>, at: Pixel, index| {
+    let read = |what, map: Map<'_>, at: Pixel, index| {
         let depth = map.get(at).map_or(f64::NAN, |&d| f64::from(d));
         let sound = depth > 0.0 && depth.is_finite();
         let fault = Error::Value { what, index, value: depth, expected: "on the map, positive and finite" };

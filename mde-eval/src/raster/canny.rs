@@ -1,7 +1,8 @@
 use super::thin::Gradient;
 use super::{blur, same_shape};
 use crate::Result;
-use ndarray::{Array2, ArrayView2};
+use crate::raster::{Map, Mask};
+use ndarray::Array2;
 
 /// Canny's edge detector (1986), as scikit-image has it, with a mask: `[height, width]` in, edge pixels out.
 ///
@@ -12,13 +13,7 @@ use ndarray::{Array2, ArrayView2};
 ///
 /// # Errors
 /// [`Error::Shape`](crate::Error::Shape) where the mask differs.
-pub(crate) fn canny(
-    map: ArrayView2<'_, f32>,
-    mask: ArrayView2<'_, bool>,
-    sigma: f64,
-    low: f64,
-    high: f64,
-) -> Result<Array2<bool>> {
+pub(crate) fn canny(map: Map<'_>, mask: Mask<'_>, sigma: f64, low: f64, high: f64) -> Result<Array2<bool>> {
     same_shape("the mask", mask.dim(), map.dim())?;
     let weights = mask.mapv(|keep| f64::from(u8::from(keep)));
     let mut values = map.mapv(f64::from);

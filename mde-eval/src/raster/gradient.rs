@@ -1,4 +1,5 @@
-use ndarray::{Array2, ArrayView2};
+use crate::raster::Map;
+use ndarray::Array2;
 
 /// Sobel gradient magnitude of a map `[height, width]`, un-normalised (gain 8), with the border replicated:
 ///
@@ -6,7 +7,7 @@ use ndarray::{Array2, ArrayView2};
 ///     K = \begin{bmatrix} 1 & 0 & -1 \\\\ 2 & 0 & -2 \\\\ 1 & 0 & -1 \end{bmatrix} \\]
 ///
 /// Divide by 8 for depth per pixel. The operator reads all eight neighbours: read it on an [eroded](super::erode) mask.
-pub(crate) fn sobel(map: ArrayView2<'_, f32>) -> Array2<f32> {
+pub(crate) fn sobel(map: Map<'_>) -> Array2<f32> {
     let (height, width) = map.dim();
     let mut out = Array2::zeros((height, width));
     for y in 0..height {

@@ -1,5 +1,6 @@
 use crate::Result;
-use ndarray::{Array2, ArrayView2};
+use crate::raster::{Map, Mask};
+use ndarray::Array2;
 
 /// Superpixels of a map: the segment of each pixel, and where the segments' centres are.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,8 +23,8 @@ impl Superpixels {
     /// # Errors
     /// [`Error::Shape`](crate::Error::Shape) where the mask differs.
     pub(crate) fn slic(
-        map: ArrayView2<'_, f32>,
-        mask: ArrayView2<'_, bool>,
+        map: Map<'_>,
+        mask: Mask<'_>,
         count: usize,
         compactness: f64,
         iterations: usize,
@@ -121,7 +122,7 @@ impl Around {
 }
 
 /// Mean value, row and column of each segment.
-fn means(map: ArrayView2<'_, f32>, labels: &Array2<Option<u32>>, count: usize) -> Vec<Option<[f32; 3]>> {
+fn means(map: Map<'_>, labels: &Array2<Option<u32>>, count: usize) -> Vec<Option<[f32; 3]>> {
     let mut sums = vec![[0.0_f64; 4]; count];
     for ((y, x), label) in labels.indexed_iter() {
         if let Some(sum) = label.and_then(|label| sums.get_mut(label as usize)) {

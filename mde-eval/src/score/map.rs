@@ -4,8 +4,7 @@ use crate::metrics::dbe::{BoundaryErrors, boundaries, errors_against};
 use crate::metrics::edges::EdgeSweep;
 use crate::metrics::sharpness::{EdgeSplit, sharpness_by_distance};
 use crate::metrics::superpixel::OrderErrors;
-use crate::raster::gather;
-use ndarray::ArrayView2;
+use crate::raster::{Map, gather};
 
 /// Thresholds of the edge scores, metres of Sobel gradient (gain 8).
 pub(super) const EDGE_THRESHOLDS: [f64; 3] = [0.25, 0.5, 1.0];
@@ -19,7 +18,7 @@ const BAND: f64 = 3.0;
 /// An aligned depth map beside its truth, with what several metrics share.
 pub(super) struct DepthMap<'a> {
     /// `[height, width]`, as `truth`.
-    pub(super) map: ArrayView2<'a, f32>,
+    pub(super) map: Map<'a>,
     pub(super) truth: &'a Truth,
     /// The pixels that count.
     pub(super) predicted: Vec<f64>,
@@ -44,7 +43,7 @@ pub(super) struct EdgeScores {
 }
 
 impl<'a> DepthMap<'a> {
-    pub(super) fn new(map: ArrayView2<'a, f32>, truth: &'a Truth) -> Result<Self> {
+    pub(super) fn new(map: Map<'a>, truth: &'a Truth) -> Result<Self> {
         let mask = truth.pixels.view();
         let (edges, (sharpness, (boundaries, order))) = rayon::join(
             || edge_scores(map, truth),
@@ -72,7 +71,7 @@ impl<'a> DepthMap<'a> {
     }
 }
 
-fn edge_scores(map: ArrayView2<'_, f32>, truth: &Truth) -> Result<Vec<EdgeScores>> {
+fn edge_scores(map: Map<'_>, truth: &Truth) -> Result<Vec<EdgeScores>> {
     let sweep = EdgeSweep::new(map, truth.pixels.view(), &EDGE_TOLERANCES)?;
     let mut scores = Vec::new();
     for (threshold, true_edges) in EDGE_THRESHOLDS.into_iter().zip(&truth.edges) {

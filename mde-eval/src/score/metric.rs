@@ -4,7 +4,7 @@ use crate::Result;
 use crate::metrics::calibration::{coverage, crps, ence_in_order, mean_z2, nll, rms_sigma};
 use crate::metrics::sparsification::spearman_of_bins;
 use crate::metrics::{boundary, depth, sharpness};
-use ndarray::ArrayView2;
+use crate::raster::{Map, Mask};
 
 /// Bins of the ENCE.
 const ENCE_BINS: usize = 20;
@@ -91,7 +91,7 @@ pub(super) enum Of {
     /// Aligned and true depths, as lists.
     Depths(fn(&[f64], &[f64]) -> Result<f64>),
     /// The aligned map, the truth and the pixels that count.
-    Maps(fn(ArrayView2<'_, f32>, ArrayView2<'_, f32>, ArrayView2<'_, bool>) -> Result<f64>),
+    Maps(fn(Map<'_>, Map<'_>, Mask<'_>) -> Result<f64>),
     /// What several metrics of the aligned map share; nothing where the metric is not defined, as in a scene without edges.
     Shared(fn(&DepthMap<'_>) -> Result<Option<f64>>),
     /// Errors and their sigmas, as lists.

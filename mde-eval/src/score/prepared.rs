@@ -2,7 +2,8 @@ use super::truth::Truth;
 use super::{Aligned, ScoreConfig, Scores, Subject, own_alignment, score_with};
 use crate::Result;
 use crate::align::Alignment;
-use ndarray::{ArrayView2, Zip};
+use crate::raster::{Map, Mask};
+use ndarray::Zip;
 
 /// A truth made ready for many predictions: its edges, distances to them and superpixels are computed once.
 ///
@@ -34,11 +35,7 @@ impl Prepared {
     ///
     /// # Errors
     /// As [`score`](super::score) of the truth itself.
-    pub fn new(
-        truth: ArrayView2<'_, f32>,
-        mask: Option<ArrayView2<'_, bool>>,
-        config: &ScoreConfig,
-    ) -> Result<Self> {
+    pub fn new(truth: Map<'_>, mask: Option<Mask<'_>>, config: &ScoreConfig) -> Result<Self> {
         config.validate()?;
         let pixels = Subject { prediction: truth, sigma: None, truth, mask }.pixels(config)?;
         let depth = Zip::from(truth).and(&pixels).map_collect(|&g, &keep| if keep { g } else { 0.0 });

@@ -2,8 +2,9 @@ use crate::Result;
 use crate::align::Alignment;
 use crate::metrics::calibration::{CalibrationErrors, calibration_errors};
 use crate::metrics::sparsification::{Costs, Reduction, Sparsification, bin};
+use crate::raster::Map;
 use mde_uncertainty::statistics::{Order, pearson, quantile_sorted};
-use ndarray::{Array2, ArrayView2};
+use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 
 /// Curves of the uncertainty of one map, for figures and for factors of sigma fitted on other maps.
@@ -52,9 +53,9 @@ impl SigmaMap {
     /// Of a prediction and its sigma, with the aligned prediction, the truth and the pixels that count; nothing where no pixel has
     /// an uncertainty.
     pub(super) fn new(
-        prediction: ArrayView2<'_, f32>,
-        sigma: ArrayView2<'_, f32>,
-        (aligned, truth, pixels): (ArrayView2<'_, f32>, ArrayView2<'_, f32>, &Array2<bool>),
+        prediction: Map<'_>,
+        sigma: Map<'_>,
+        (aligned, truth, pixels): (Map<'_>, Map<'_>, &Array2<bool>),
         alignment: &Alignment,
     ) -> Result<Option<Self>> {
         let (mut errors, mut sigmas, mut truths) = (Vec::new(), Vec::new(), Vec::new());

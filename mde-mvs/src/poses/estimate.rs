@@ -147,7 +147,7 @@ pub struct Estimated {
     pub tracks: Vec<Track>,
     /// Factor on the assumed focal lengths; 1 where none was assumed.
     pub focal_factor: f64,
-    /// Standard deviation of its logarithm; 0 where none was assumed. Where the photographs do not determine it, it stays near that of the settings.
+    /// Standard deviation of its logarithm; 0 where none was assumed. Where the photographs do not determine it, it stays near .2.
     pub focal_log_sigma: f64,
     /// Standard deviation of a match, in pixels of a photograph of 640 on the longer side.
     pub noise: f64,

@@ -48,7 +48,7 @@ use ndarray::{ArrayView2, ArrayView3};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
-/// Longer side of the photographs for which settings in pixels are meant.
+/// Longer side of the photographs whose pixels all limits are in; they grow with a photograph.
 const LONGER_SIDE: f64 = 640.0;
 
 /// One photograph, and what is known of its camera and its depth.
@@ -66,7 +66,7 @@ pub struct PoseInput<'a> {
 
 /// A match's distance over the second best at most (Lowe, 2004).
 const RATIO: f64 = 0.8;
-/// Largest distance from the epipolar geometry, pixels of a photograph of [`LONGER_SIDE`], as all below.
+/// Largest distance from the epipolar geometry, pixels of a photograph of [`LONGER_SIDE`], as all that follow.
 const EPIPOLAR_PIXELS: f64 = 1.5;
 /// Largest distance of a point lifted by the prior from where it was seen, pixels.
 const RESECTION_PIXELS: f64 = 12.0;

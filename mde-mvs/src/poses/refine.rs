@@ -12,7 +12,7 @@ use nalgebra::{Matrix6, Point2, Vector2};
 use rand::RngExt;
 use rayon::prelude::*;
 
-/// Shares of the settings' deviations of a given pose that are tried, the most trust first.
+/// Shares of the largest deviations of a given pose that are tried, the most trust first.
 const TRUST: [f64; 4] = [1.0 / 30.0, 0.1, 0.3, 1.0];
 /// Parts of the tracks, each of which is withheld once.
 const FOLDS: usize = 5;

@@ -1,9 +1,10 @@
 //! Several photographs: arguments of `mde refine --views` and `mde poses`.
 
+use crate::program::args::choice::{UNITS, choice};
 use crate::program::args::{CameraArgs, PriorArgs, RunArgs, SizeArgs};
 use crate::program::many::Shard;
 use crate::refiner::finish::Unit;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use std::path::PathBuf;
 
 /// Further photographs of `mde refine`.
@@ -18,8 +19,8 @@ pub(crate) struct SeveralArgs {
     #[arg(long, value_name = "N", requires = "views", value_parser = clap::value_parser!(u16).range(2..=64))]
     pub(crate) max_views: Option<u16>,
     /// Unit of depth and sigma: the prior's, or that of the capture's poses
-    #[arg(long, help_heading = "Advanced", value_enum, default_value = "prior", requires = "views")]
-    pub(crate) unit: UnitName,
+    #[arg(long, help_heading = "Advanced", value_name = "UNIT", value_parser = choice(UNITS), default_value = "prior", requires = "views")]
+    pub(crate) unit: Unit,
     /// Refine every photograph: a folder for each, transforms.json, and cloud.ply of the points that two photographs confirm
     #[arg(long, requires = "views", conflicts_with_all = ["prior_depth", "gt"])]
     pub(crate) all: bool,
@@ -29,23 +30,6 @@ pub(crate) struct SeveralArgs {
     /// Only part I of N of the photographs, into a folder that all parts share; the same command without --shard writes the index
     #[arg(long, help_heading = "Advanced", value_name = "I/N", conflicts_with = "views")]
     pub(crate) shard: Option<Shard>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum UnitName {
-    /// The prior's unit: metres for a metric prior
-    Prior,
-    /// The unit of the poses that the capture came with
-    Capture,
-}
-
-impl From<UnitName> for Unit {
-    fn from(name: UnitName) -> Self {
-        match name {
-            UnitName::Prior => Self::Prior,
-            UnitName::Capture => Self::Capture,
-        }
-    }
 }
 
 #[derive(Debug, Args)]

@@ -1,6 +1,8 @@
 //! The arguments of the commands that run over many scenes.
 
-use crate::program::args::{MemoryArgs, NetworkArgs, PresetName, RunArgs, size};
+use crate::config::Preset;
+use crate::program::args::choice::{ALIGNMENTS, PRESETS, choice};
+use crate::program::args::{MemoryArgs, NetworkArgs, RunArgs, size};
 use crate::program::many::Shard;
 use clap::{Args, ValueEnum};
 use mde_eval::align::AlignmentRule;
@@ -96,8 +98,8 @@ pub(crate) struct AblateArgs {
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=100), help_heading = "Rows")]
     pub(crate) seeds: u16,
     /// Preset of the full model
-    #[arg(long, value_enum, default_value = "paper", help_heading = "Rows")]
-    pub(crate) preset: PresetName,
+    #[arg(long, value_name = "NAME", value_parser = choice(PRESETS), default_value = "paper", help_heading = "Rows")]
+    pub(crate) preset: Preset,
     /// Settings over those of the preset in all rows, a TOML file or KEY=VALUE, repeatable
     #[arg(long, value_name = "FILE|KEY=VALUE", help_heading = "Rows")]
     pub(crate) config: Vec<String>,
@@ -288,8 +290,8 @@ pub(crate) struct ScoreMapsArgs {
 #[command(next_help_heading = "Scores")]
 pub(crate) struct AlignmentArgs {
     /// Alignment of a map to the truth
-    #[arg(long, value_enum, default_value = "median")]
-    pub(crate) alignment: AlignmentName,
+    #[arg(long, value_name = "RULE", value_parser = choice(ALIGNMENTS), default_value = "median")]
+    pub(crate) alignment: (AlignmentRule, bool),
 }
 
 /// The pixels that are scored.
@@ -308,34 +310,6 @@ pub(crate) struct PixelArgs {
 pub(crate) enum CropName {
     /// That of Eigen et al., of NYU's 640x480
     Eigen,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum AlignmentName {
-    /// By the ratio of the medians of truth and map
-    Median,
-    /// By the median of the pixels' ratios
-    MedianRatio,
-    /// Least squares, scale and shift, in depth
-    LsDepth,
-    /// Least squares, scale and shift, in disparity
-    LsDisparity,
-    /// None: for metric depth
-    None,
-    /// The prior's, by medians, for every method
-    Prior,
-}
-
-impl From<AlignmentName> for AlignmentRule {
-    fn from(name: AlignmentName) -> Self {
-        match name {
-            AlignmentName::Median | AlignmentName::Prior => Self::Median,
-            AlignmentName::MedianRatio => Self::MedianRatio,
-            AlignmentName::LsDepth => Self::LeastSquaresDepth,
-            AlignmentName::LsDisparity => Self::LeastSquaresDisparity,
-            AlignmentName::None => Self::None,
-        }
-    }
 }
 
 fn field_of_view(text: &str) -> Result<f64, String> {

@@ -1,6 +1,7 @@
 //! The command line.
 
 mod capture;
+mod choice;
 mod evaluation;
 mod output;
 mod prior;
@@ -8,17 +9,18 @@ mod tools;
 
 pub(crate) use capture::{PosesArgs, SeveralArgs};
 pub(crate) use evaluation::{
-    AblateArgs, AlignmentName, CalibrateArgs, CaptureArgs, CropName, DataArgs, EvalArgs, EvalPriorArgs,
-    EvaluationArgs, Grid, Layout, PixelArgs, ScoreMapsArgs, Simulated, Withheld,
+    AblateArgs, CalibrateArgs, CaptureArgs, CropName, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs,
+    Grid, Layout, PixelArgs, ScoreMapsArgs, Simulated, Withheld,
 };
 pub(crate) use output::{ExportArgs, RunArgs};
-pub(crate) use prior::{KindName, NetworkArgs, PriorArgs};
+pub(crate) use prior::{NetworkArgs, PriorArgs};
 pub(crate) use tools::{CompletionsArgs, DoctorArgs, ManArgs};
 
 use crate::config::Preset;
+use crate::program::args::choice::{PRESETS, choice};
 use crate::refiner::plan::limit::MemoryLimit;
 use crate::scene::size::Sizes;
-use clap::{Args, CommandFactory, Id, Parser, Subcommand, ValueEnum};
+use clap::{Args, CommandFactory, Id, Parser, Subcommand};
 use mde_prior::augment::Predictions;
 use std::path::{Path, PathBuf};
 
@@ -166,10 +168,6 @@ pub(crate) struct RefineArgs {
     pub(crate) settings: SettingsArgs,
     #[command(flatten)]
     pub(crate) size: SizeArgs,
-    /// Refine a larger photograph at this many million pixels. The maps of one photograph are brought back to its own size, with its
-    /// edges; those of several are not
-    #[arg(long, help_heading = "Advanced", value_name = "MEGAPIXELS", default_value_t = Sizes::default().megapixels, value_parser = positive)]
-    pub(crate) work_size: f64,
     #[command(flatten)]
     pub(crate) truth: TruthArgs,
     #[command(flatten)]
@@ -253,8 +251,8 @@ Example:
   mde config --preset paper > my.toml")]
 pub(crate) struct ConfigArgs {
     /// Preset
-    #[arg(long, value_enum, default_value = "default")]
-    pub(crate) preset: PresetName,
+    #[arg(long, value_name = "NAME", value_parser = choice(PRESETS), default_value = "default")]
+    pub(crate) preset: Preset,
 }
 
 #[derive(Debug, Args)]
@@ -315,13 +313,17 @@ pub(crate) struct CameraArgs {
     pub(crate) fov: Option<f64>,
 }
 
-/// The size of the results.
+/// The sizes of the results and of the refinement.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Size")]
 pub(crate) struct SizeArgs {
     /// Resize the image, its prior, camera and truth to this longer side
     #[arg(long, help_heading = "Advanced", value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..))]
     pub(crate) max_size: Option<u32>,
+    /// Refine a larger photograph at this many million pixels. The maps of one photograph are brought back to its own size, with its
+    /// edges; those of several are not
+    #[arg(long, help_heading = "Advanced", value_name = "MEGAPIXELS", default_value_t = Sizes::default().megapixels, value_parser = positive)]
+    pub(crate) work_size: f64,
     #[command(flatten)]
     pub(crate) memory: MemoryArgs,
 }
@@ -340,8 +342,8 @@ pub(crate) struct MemoryArgs {
 #[command(next_help_heading = "Settings")]
 pub(crate) struct PresetArgs {
     /// Preset of the settings; default: multi-view with several photographs, default with one
-    #[arg(long, value_enum)]
-    pub(crate) preset: Option<PresetName>,
+    #[arg(long, value_name = "NAME", value_parser = choice(PRESETS))]
+    pub(crate) preset: Option<Preset>,
     /// Settings over those of the preset, a TOML file or KEY=VALUE, repeatable; `mde config` prints all
     #[arg(long, value_name = "FILE|KEY=VALUE")]
     pub(crate) config: Vec<String>,
@@ -386,29 +388,6 @@ pub(crate) struct ErrorBarArgs {
     /// Calibration file of `mde calibrate`: scales sigma and intervals
     #[arg(long, value_name = "FILE")]
     pub(crate) calibration: Option<PathBuf>,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(crate) enum PresetName {
-    /// The equations as printed: an MLP trained on colours alone, two iterations
-    Paper,
-    /// As default, with at most five predictions
-    Fast,
-    /// Predictions of crops and mirror images too, merged; a depth map gets an error bar and stays as it is
-    Default,
-    /// Several photographs (--views): a field on their colours and on the consensus of plane sweeps
-    MultiView,
-}
-
-impl From<PresetName> for Preset {
-    fn from(name: PresetName) -> Self {
-        match name {
-            PresetName::Paper => Self::Paper,
-            PresetName::Fast => Self::Fast,
-            PresetName::Default => Self::Default,
-            PresetName::MultiView => Self::MultiView,
-        }
-    }
 }
 
 impl RefineArgs {

@@ -1,6 +1,7 @@
 //! The prior: arguments of every command that reads or predicts one.
 
-use clap::{Args, ValueEnum};
+use crate::program::args::choice::{KINDS, choice};
+use clap::Args;
 use mde_prior::DepthKind;
 use std::path::PathBuf;
 
@@ -22,8 +23,8 @@ pub(crate) struct NetworkArgs {
     #[arg(long, help_heading = "Advanced", value_name = "NAME|FILE", conflicts_with = "prior_depth")]
     pub(crate) model_profile: Option<String>,
     /// Kind of the values; by default that of the profile, and metric for a map whose metadata name no other unit
-    #[arg(long, value_enum)]
-    pub(crate) prior_kind: Option<KindName>,
+    #[arg(long, value_name = "KIND", value_parser = choice(KINDS))]
+    pub(crate) prior_kind: Option<DepthKind>,
     /// Depth = value / X for a map; default: the scale in its metadata, else 1000 for 16-bit PNG and 1 for floats
     #[arg(long, help_heading = "Advanced", value_name = "X", conflicts_with = "prior_model")]
     pub(crate) png_scale: Option<f64>,
@@ -42,24 +43,4 @@ pub(crate) struct PriorSource {
     /// A depth map of the image's size: .npy, .npz, .png (16 bit), .pfm, .exr
     #[arg(long, value_name = "FILE", help_heading = "Prior")]
     pub(crate) prior_depth: Option<PathBuf>,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(crate) enum KindName {
-    /// Depth in metres
-    Metric,
-    /// Depth in an unknown unit
-    Depth,
-    /// 1/depth up to a scale and a shift (MiDaS, DPT, Depth Anything)
-    Disparity,
-}
-
-impl From<KindName> for DepthKind {
-    fn from(name: KindName) -> Self {
-        match name {
-            KindName::Metric => Self::Metric,
-            KindName::Depth => Self::RelativeDepth,
-            KindName::Disparity => Self::AffineDisparity,
-        }
-    }
 }

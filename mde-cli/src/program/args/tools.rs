@@ -1,7 +1,8 @@
 //! Arguments of the commands about the program and the machine.
 
-use crate::program::args::KindName;
+use crate::program::args::choice::{KINDS, choice};
 use clap::Args;
+use mde_prior::DepthKind;
 use std::path::PathBuf;
 
 #[derive(Debug, Args)]
@@ -20,8 +21,8 @@ pub(crate) struct DoctorArgs {
     #[arg(long, value_name = "NAME", requires = "prior_model")]
     pub(crate) model_profile: Option<String>,
     /// Kind of the model's values; by default that of the profile
-    #[arg(long, value_enum, requires = "prior_model")]
-    pub(crate) prior_kind: Option<KindName>,
+    #[arg(long, value_name = "KIND", value_parser = choice(KINDS), requires = "prior_model")]
+    pub(crate) prior_kind: Option<DepthKind>,
     /// ONNX Runtime's library, timed beside tract; else ORT_DYLIB_PATH, else beside this program, else in the active Python
     #[arg(long, value_name = "LIBRARY", requires = "prior_model")]
     pub(crate) runtime: Option<String>,

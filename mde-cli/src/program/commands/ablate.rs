@@ -1,6 +1,6 @@
 //! `mde ablate`.
 
-use crate::config::{Config, Preset};
+use crate::config::Config;
 use crate::program::args::AblateArgs;
 use crate::program::evaluation::ablation::FULL;
 use crate::program::evaluation::method::{Method, PRIOR};
@@ -34,15 +34,14 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
     let results = setup.results(FULL, entries, failures);
     let mut results = Results { title: format!("Ablation: {}", results.title), preface, ..results };
     results.record["seeds"] = json!(args.seeds);
-    results.record["preset"] = json!(Preset::from(args.preset).name());
+    results.record["preset"] = json!(args.preset.name());
     results.record["config"] = json!(base(args)?);
     results::finish(results, setup.store.root(), &mut progress)
         .inspect_err(|_| setup.store.discard_if_empty())
 }
 
 fn base(args: &AblateArgs) -> Result<Config> {
-    let preset = Preset::from(args.preset);
-    overridden(preset, &args.config)
+    overridden(args.preset, &args.config)
 }
 
 /// The prior, then every row with every seed.
@@ -51,7 +50,7 @@ fn methods(args: &AblateArgs) -> Result<Vec<Method>> {
     ensure!(
         base.refinement.fits_a_field(),
         "--preset {}: fits no field to a photograph, so all rows are equal; give --preset paper",
-        Preset::from(args.preset).name()
+        args.preset.name()
     );
     let known: Vec<&str> = ablation::rows(&base).map(|row| row.name).collect();
     for name in &args.rows {

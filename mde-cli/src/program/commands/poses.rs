@@ -5,7 +5,7 @@ use crate::program::args::{PosesArgs, PresetArgs};
 use crate::program::open::prior;
 use crate::program::open::relative::relative;
 use crate::program::open::scene::{size, unique, unposed};
-use crate::program::open::settings::{longest, settings, use_threads};
+use crate::program::open::settings::{settings, sizes, use_threads};
 use crate::program::progress::Progress;
 use crate::program::store::folder::check_new_file;
 use crate::program::terminal::line_of;
@@ -27,7 +27,8 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     check_new_file("-o", target, args.run.force)?;
     let prior = prior::open(&args.prior)?;
     let mut settings = settings(&PresetArgs::default(), &args.size.memory, Preset::MultiView)?;
-    settings.sizes.longest = longest(&args.size).or(Some(LONGER_SIDE));
+    settings.sizes = sizes(&args.size);
+    settings.sizes.longest = settings.sizes.longest.or(Some(LONGER_SIDE));
     let refiner = Refiner::new(&prior, settings)?;
     let paths = unique("PHOTO", &args.photographs, |_| false)?;
     ensure!(

@@ -1,7 +1,7 @@
 //! `mde score`: depth maps of any program.
 
 use crate::prior::files::read_options;
-use crate::program::args::{AlignmentName, ScoreMapsArgs};
+use crate::program::args::ScoreMapsArgs;
 use crate::program::evaluation::results;
 use crate::program::evaluation::results::Results;
 use crate::program::evaluation::runner::Failure;
@@ -29,10 +29,7 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
     for id in pairs.unmatched() {
         progress.warn(format!("{id}: no truth of that name in {}; not scored", gt.display()));
     }
-    ensure!(
-        args.alignment.alignment != AlignmentName::Prior,
-        "--alignment prior: mde score has no prior; give another alignment"
-    );
+    ensure!(!args.alignment.alignment.1, "--alignment prior: mde score has no prior; give another alignment");
     let scoring = Scoring::new(args.alignment.alignment, args.pixels, false);
     let [pred_name, gt_name] = [pred, gt].map(|folder| folder.display().to_string());
     let sigma_name = args.sigma.as_ref().map(|folder| folder.display().to_string());

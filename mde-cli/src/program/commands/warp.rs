@@ -5,7 +5,7 @@ use crate::output::preview::contact_sheet;
 use crate::output::record::About;
 use crate::prior::origin::PriorOrigin;
 use crate::program::args::WarpArgs;
-use crate::program::open::settings::{longest, settings, use_threads};
+use crate::program::open::settings::{settings, sizes, use_threads};
 use crate::program::open::{prior, scene};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, rows, write_json};
@@ -49,7 +49,7 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
     let folder = OutputFolder::new(&args.run.output(&args.image, "-views"), args.run.force)?;
     let prior = prior::open(&args.prior)?;
     let mut settings = settings(&args.settings, &args.size.memory, Preset::Paper)?;
-    settings.sizes.longest = longest(&args.size);
+    settings.sizes = sizes(&args.size);
     let refiner = Refiner::new(&prior, settings)?;
     let plan = refiner.plan(&args.image.display().to_string(), scene::size(&args.image)?, 1)?;
     let photo = read_image(&args.image)?;

@@ -39,10 +39,8 @@ pub(crate) struct Method {
 enum Kind {
     /// A baseline of `mde-eval`, by its name there.
     Baseline,
-    /// The loop, with a baseline in place of the field where one is named.
-    Loop(Box<Config>, Option<&'static str>),
-    /// The loop on several photographs.
-    Photographs(Box<Config>),
+    /// What `mde refine` does, of one photograph or of `several`, with a baseline in place of the field where one is named.
+    Loop { config: Box<Config>, several: bool, control: Option<&'static str> },
     /// Depth maps of another program, `FOLDER/SCENE.npy`, and the checksum of their files.
     Maps(PathBuf, u32),
 }
@@ -113,23 +111,15 @@ impl Method {
 
     /// The loop with settings over a preset.
     fn of_preset(name: String, preset: Preset, config: Config, seed: Option<u64>) -> Self {
-        let method = Self::of_config(name, config, seed);
-        match (preset, method.kind) {
-            (Preset::MultiView, Kind::Loop(config, _)) => Self { kind: Kind::Photographs(config), ..method },
-            (_, kind) => Self { kind, ..method },
-        }
-    }
-
-    /// The loop with these settings.
-    pub(crate) fn of_config(name: String, config: Config, seed: Option<u64>) -> Self {
         let (label, seed) = (name.clone(), seed.unwrap_or(config.seed));
-        Self { name, label, seed, kind: Kind::Loop(Box::new(config), None) }
+        let (config, several) = (Box::new(Config { seed, ..config }), preset == Preset::MultiView);
+        Self { name, label, seed, kind: Kind::Loop { config, several, control: None } }
     }
 
     /// One variant of an ablation with one seed.
     pub(crate) fn variant(label: &str, config: Config, control: Option<&'static str>, seed: u64) -> Self {
-        let name = format!("{label}.seed{seed}");
-        Self { name, label: label.to_owned(), seed, kind: Kind::Loop(Box::new(config), control) }
+        let (name, config) = (format!("{label}.seed{seed}"), Box::new(Config { seed, ..config }));
+        Self { name, label: label.to_owned(), seed, kind: Kind::Loop { config, several: false, control } }
     }
 
     /// Parses a list of methods. The prior comes first and need not be named.
@@ -150,48 +140,29 @@ impl Method {
         Ok(methods)
     }
 
-    /// The settings of the loop.
+    /// The settings of the loop with the method's own seed; `None` for a baseline.
     pub(crate) fn config(&self) -> Option<&Config> {
         match &self.kind {
-            Kind::Loop(config, _) | Kind::Photographs(config) => Some(config),
+            Kind::Loop { config, .. } => Some(config),
             Kind::Baseline | Kind::Maps(..) => None,
         }
     }
 
     /// Whether it refines several photographs.
     pub(crate) fn is_of_photographs(&self) -> bool {
-        matches!(self.kind, Kind::Photographs(_))
-    }
-
-    /// Whether this is the loop and not a baseline.
-    pub(crate) fn is_loop(&self) -> bool {
-        matches!(self.kind, Kind::Loop(..) | Kind::Photographs(_))
-    }
-
-    /// The settings of the loop with the method's own seed; `None` for a baseline.
-    pub(crate) fn seeded_config(&self) -> Option<Config> {
-        match &self.kind {
-            Kind::Baseline | Kind::Maps(..) => None,
-            Kind::Loop(config, _) | Kind::Photographs(config) => {
-                Some(Config { seed: self.seed, ..(**config).clone() })
-            }
-        }
+        matches!(self.kind, Kind::Loop { several: true, .. })
     }
 
     /// Everything besides the scene that the result depends on.
-    pub(crate) fn settings(&self) -> Result<Value> {
+    pub(crate) fn settings(&self) -> Value {
         let what = match &self.kind {
             Kind::Baseline => json!({ "baseline": self.label }),
             Kind::Maps(_, checksum) => json!({ "maps": checksum }),
-            Kind::Loop(config, None) => json!({ "config": Config { seed: self.seed, ..(**config).clone() } }),
-            Kind::Photographs(config) => {
-                json!({ "config": Config { seed: self.seed, ..(**config).clone() }, "photographs": true })
-            }
-            Kind::Loop(config, Some(control)) => {
-                json!({ "config": Config { seed: self.seed, ..(**config).clone() }, "control": control })
+            Kind::Loop { config, several, control } => {
+                json!({ "config": config, "photographs": several, "control": control })
             }
         };
-        Ok(json!({ "method": what, "seed": self.seed, "version": env!("CARGO_PKG_VERSION") }))
+        json!({ "method": what, "seed": self.seed, "version": env!("CARGO_PKG_VERSION") })
     }
 
     /// Refines a scene.
@@ -205,8 +176,8 @@ impl Method {
                     read_depth(&file, &ReadOptions::default()).with_context(|| file.display().to_string())?;
                 Ok(depth.into())
             }
-            Kind::Photographs(config) => self.refine(config, scene, scene.photographs, None),
-            Kind::Loop(config, control) => {
+            Kind::Loop { config, several: true, .. } => refine(config, scene, scene.photographs, None),
+            Kind::Loop { config, control, .. } => {
                 let control: Option<Arc<dyn Baseline + Send + Sync>> = match control {
                     Some(control) => Some(baseline::named(control)?.into()),
                     None => None,
@@ -221,34 +192,33 @@ impl Method {
                             (None, _) => Box::new(request.nerf()?),
                         })
                     };
-                self.refine(config, scene, scene.alone, Some(&mut factory))
+                refine(config, scene, scene.alone, Some(&mut factory))
             }
         }
     }
+}
 
-    /// What `mde refine` makes of the photographs; of posed ones in the unit of their poses.
-    fn refine(
-        &self,
-        config: &Config,
-        scene: &MethodScene<'_>,
-        photographs: &Scene,
-        field: Option<&mut FieldFactory<'_>>,
-    ) -> Result<Refined> {
-        let config = Config { seed: self.seed, disparity: scene.task.rule.clone(), ..config.clone() };
-        let unit = if photographs.is_posed() { Unit::Capture } else { Unit::Prior };
-        let settings = Settings { config, unit, memory: scene.memory, ..Settings::new(Preset::Default) };
-        let refiner = Refiner::new(scene.prior, settings)?;
-        let reference = &photographs.photographs[photographs.reference];
-        let plan = refiner.plan(scene.id, reference.original, photographs.photographs.len())?;
-        let mut prepared = refiner.prepare(photographs, &plan, &mut Interruptible)?;
-        let refined = prepared.refine(photographs.reference, field, &mut Interruptible)?;
-        let refinement = refined.refinement;
-        Ok(Refined {
-            depth: refinement.depth.mean().to_owned(),
-            sigma: Some(refinement.depth.sigma()),
-            report: json!({ "augmentation": refinement.augmentation, "iterations": refinement.iterations, "capture": refinement.capture }),
-        })
-    }
+/// What `mde refine` makes of the photographs; of posed ones in the unit of their poses.
+fn refine(
+    config: &Config,
+    scene: &MethodScene<'_>,
+    photographs: &Scene,
+    field: Option<&mut FieldFactory<'_>>,
+) -> Result<Refined> {
+    let config = Config { disparity: scene.task.rule.clone(), ..config.clone() };
+    let unit = if photographs.is_posed() { Unit::Capture } else { Unit::Prior };
+    let settings = Settings { config, unit, memory: scene.memory, ..Settings::new(Preset::Default) };
+    let refiner = Refiner::new(scene.prior, settings)?;
+    let reference = &photographs.photographs[photographs.reference];
+    let plan = refiner.plan(scene.id, reference.original, photographs.photographs.len())?;
+    let mut prepared = refiner.prepare(photographs, &plan, &mut Interruptible)?;
+    let refined = prepared.refine(photographs.reference, field, &mut Interruptible)?;
+    let refinement = refined.refinement;
+    Ok(Refined {
+        depth: refinement.depth.mean().to_owned(),
+        sigma: Some(refinement.depth.sigma()),
+        report: json!({ "augmentation": refinement.augmentation, "iterations": refinement.iterations, "capture": refinement.capture }),
+    })
 }
 
 /// A scene as methods get it.

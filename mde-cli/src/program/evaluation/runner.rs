@@ -179,7 +179,7 @@ impl Shared<'_> {
             let made_from = json!({
                 "input": fingerprint(&sample, first),
                 "settings": match first {
-                    Some(_) => method.settings()?,
+                    Some(_) => method.settings(),
                     None => json!({ "prior": own, "rule": self.plan.rule, "seed": seed }),
                 },
             });

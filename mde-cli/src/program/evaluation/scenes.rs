@@ -174,9 +174,7 @@ impl PriorPlan {
         match self {
             // The cameras of data sets are known, whatever the focal length.
             Self::Model(open) => open.origin().at_focal(Some(1.0)).kind == DepthKind::Metric,
-            Self::Folder(_, args) => {
-                args.prior_kind.is_none_or(|kind| DepthKind::from(kind) == DepthKind::Metric)
-            }
+            Self::Folder(_, args) => args.prior_kind.is_none_or(|kind| kind == DepthKind::Metric),
             Self::Simulated | Self::SimulatedModel(_) => false,
         }
     }
@@ -198,8 +196,7 @@ impl PriorPlan {
                         "runtime": origin.runtime })
             }
             Self::Folder(path, NetworkArgs { prior_kind, png_scale, .. }) => {
-                let kind = prior_kind.map(DepthKind::from);
-                json!({ "folder": path.display().to_string(), "kind": kind, "png_scale": png_scale })
+                json!({ "folder": path.display().to_string(), "kind": prior_kind, "png_scale": png_scale })
             }
             Self::Simulated => json!("simulated"),
             Self::SimulatedModel(faults) => json!({ "simulated": faults }),

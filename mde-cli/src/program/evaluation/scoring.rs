@@ -1,11 +1,11 @@
 //! Scores of the methods of a scene and of their controls.
 
-use crate::program::args::{AlignmentName, CropName, PixelArgs};
+use crate::program::args::{CropName, PixelArgs};
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::runner::SceneResult;
 use crate::program::evaluation::store::{Kept, Store};
 use anyhow::{Context, Result};
-use mde_eval::align::Alignment;
+use mde_eval::align::{Alignment, AlignmentRule};
 use mde_eval::baseline::Unsharp;
 use mde_eval::baseline::sigma::TrivialSigma;
 use mde_eval::data::Sample;
@@ -46,15 +46,14 @@ struct Scored {
 }
 
 impl Scoring {
-    pub(crate) fn new(alignment: AlignmentName, pixels: PixelArgs, controls: bool) -> Self {
+    pub(crate) fn new((alignment, shared): (AlignmentRule, bool), pixels: PixelArgs, controls: bool) -> Self {
         let plain = ScoreConfig::default();
         let config = ScoreConfig {
             max_depth: pixels.max_depth.unwrap_or(plain.max_depth),
             crop: pixels.crop.map(|CropName::Eigen| EIGEN_CROP),
-            alignment: alignment.into(),
+            alignment,
             ..plain
         };
-        let shared = alignment == AlignmentName::Prior;
         Self { config, own_range: pixels.max_depth.is_some(), shared, controls }
     }
 
@@ -145,7 +144,7 @@ impl<'a> Against<'a> {
         let mut own = self.entry(depth, sigma, &method.label)?;
         own.set("seconds", kept.seconds);
         let mut entries = vec![own];
-        if controls && method.is_loop() {
+        if controls && method.config().is_some() {
             entries.push(self.unsharp(depth, &method.label)?);
         }
         if controls && (method.name == PRIOR || sigma.is_some()) {

@@ -71,7 +71,7 @@ impl<'a> Setup<'a> {
             let ids = source.data.ids();
             scenes.retain(|&index| ids.get(index).is_some_and(|name| shard.has(name)));
         }
-        let configs: Vec<_> = request.methods.iter().map(Method::seeded_config).collect();
+        let configs: Vec<_> = request.methods.iter().map(|method| method.config().cloned()).collect();
         let memory = SceneMemory::new(&configs, request.share_fields);
         let limit = limit(args, memory, &scenes);
         if let Some([width, height]) = args.data.size {

@@ -11,12 +11,12 @@ use crate::program::error::Partial;
 use crate::program::error::message;
 use crate::program::interrupt;
 use crate::program::job::Job;
-use crate::program::many::item::{MARKER, finished};
+use crate::program::many::item::finished;
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
 use crate::program::report::photographs_page;
 use crate::program::store::entry::Entry;
-use crate::program::store::folder::{NewFolder, OutputFolder, RECORD, check_place, remove_unfinished};
+use crate::program::store::folder::{ENTRY, NewFolder, OutputFolder, RECORD, check_place, remove_unfinished};
 use crate::program::store::lock::Lock;
 use crate::program::summary::intervals;
 use crate::program::terminal::line_of;
@@ -56,7 +56,7 @@ pub(crate) fn check_folder(output: &Path) -> Result<()> {
     let (mut finished, mut others) = (false, false);
     for entry in fs::read_dir(output).with_context(|| shown.to_string())? {
         let name = entry.with_context(|| shown.to_string())?.file_name();
-        match output.join(&name).join(MARKER).is_file() {
+        match output.join(&name).join(ENTRY).is_file() {
             true => finished = true,
             false if name.as_encoded_bytes().starts_with(b".mde-") => {}
             false => others |= !OF_ALL.iter().any(|file| name == *file),
@@ -195,7 +195,7 @@ fn one(
             row.measure(refined);
             row.folder = place.file_name().map(|folder| folder.to_string_lossy().into_owned());
             row.seconds = start.elapsed().as_secs_f64();
-            Entry::write(path, MARKER, made_from.into(), row.clone()).map(drop)
+            Entry::write(path, ENTRY, made_from.into(), row.clone()).map(drop)
         })?;
         Ok(())
     };

@@ -1,5 +1,6 @@
 //! One of many photographs: its marker, its refinement, its row.
 
+use crate::error::Error;
 use crate::output::every::PhotographRow;
 use crate::output::preview::{depth_picture, sigma_picture_within, usual_range};
 use crate::output::record::versions;
@@ -10,19 +11,18 @@ use crate::program::many::allowance::{Allowance, Taken};
 use crate::program::open::scene;
 use crate::program::progress::Progress;
 use crate::program::store::entry::Entry;
-use crate::program::store::folder::OutputFolder;
+use crate::program::store::folder::{ENTRY, OutputFolder};
 use crate::refiner::{Plan, Refined, Refiner};
 use crate::scene::size::resized;
 use crate::scene::{Photograph, SameScale, Scene};
 use anyhow::{Context, Result, ensure};
 use mde_prior::photo::{decode_image, write_rgb_png};
+use mde_prior::{FileKind, open};
 use ndarray::{Array3, ArrayView3, Axis, concatenate};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// The file of a finished folder, written last.
-pub(crate) const MARKER: &str = "finished.json";
 /// Photograph, depth and sigma, small.
 pub(crate) const THUMBNAIL: &str = "thumbnail.png";
 /// Height of a thumbnail, pixels.
@@ -133,7 +133,7 @@ impl Common<'_> {
             row.measure(refined);
             row.warnings = progress.warnings().to_vec();
             row.seconds = start.elapsed().as_secs_f64();
-            Entry::write(path, MARKER, made_from.into(), row.clone()).map(drop)
+            Entry::write(path, ENTRY, made_from.into(), row.clone()).map(drop)
         })?;
         Ok(row)
     }
@@ -141,7 +141,7 @@ impl Common<'_> {
 
 /// The entry of a finished folder whose files have the lengths that they were written with.
 pub(crate) fn finished(place: &Path) -> Option<Entry<PhotographRow>> {
-    Entry::read(place, MARKER).filter(|entry| entry.has_lengths(place))
+    Entry::read(place, ENTRY).filter(|entry| entry.has_lengths(place))
 }
 
 /// Photograph, depth and sigma / depth side by side.

@@ -4,7 +4,6 @@ use crate::prior::OpenPrior;
 use crate::prior::files::{MapFile, read_options};
 use crate::program::args::{NetworkArgs, PriorArgs};
 use anyhow::Result;
-use mde_prior::DepthKind;
 use std::path::Path;
 
 pub(crate) fn open(args: &PriorArgs) -> Result<OpenPrior<'static>> {
@@ -18,14 +17,13 @@ pub(crate) fn open(args: &PriorArgs) -> Result<OpenPrior<'static>> {
 /// A depth map.
 pub(crate) fn map(path: &Path, args: &NetworkArgs) -> Result<OpenPrior<'static>> {
     let options = read_options("--png-scale", args.png_scale)?;
-    Ok(OpenPrior::map(MapFile::open(path, args.prior_kind.map(DepthKind::from), options)?))
+    Ok(OpenPrior::map(MapFile::open(path, args.prior_kind, options)?))
 }
 
 #[cfg(feature = "onnx")]
 pub(crate) fn network(path: &Path, args: &NetworkArgs) -> Result<OpenPrior<'static>> {
     use crate::prior::files::{NetworkFormat, open_network};
-    let kind = args.prior_kind.map(DepthKind::from);
-    let spec = NetworkFormat { profile: args.model_profile.as_deref(), kind }.spec(path)?;
+    let spec = NetworkFormat { profile: args.model_profile.as_deref(), kind: args.prior_kind }.spec(path)?;
     let (prior, origin) = open_network(path, spec, &runtime(args.runtime.as_deref())?)?;
     Ok(OpenPrior::given(Box::new(prior), origin))
 }

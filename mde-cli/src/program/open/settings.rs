@@ -29,7 +29,7 @@ pub(crate) fn overridden(preset: Preset, over: &[String]) -> Result<Config> {
 
 /// What a refiner is set to by a preset and settings over it; `usual` is the preset where none is named.
 pub(crate) fn settings(args: &PresetArgs, memory: &MemoryArgs, usual: Preset) -> Result<Settings> {
-    let preset = args.preset.map_or(usual, Preset::from);
+    let preset = args.preset.unwrap_or(usual);
     let config = overridden(preset, &args.config)?;
     Ok(Settings { config, memory: limit(memory), ..Settings::new(preset) })
 }
@@ -52,18 +52,17 @@ pub(crate) fn all_settings(
 pub(crate) fn of_refine(args: &RefineArgs) -> Result<Settings> {
     let usual = if args.several.views.is_empty() { Preset::Default } else { Preset::MultiView };
     let mut settings = all_settings(&args.settings, &args.error_bar, &args.size.memory, usual)?;
-    settings.sizes = Sizes { longest: longest(&args.size), megapixels: args.work_size };
+    settings.sizes = sizes(&args.size);
     if let Some(most) = args.several.max_views {
         settings.config.multi_view.max_views = most.into();
     }
-    settings.unit = args.several.unit.into();
+    settings.unit = args.several.unit;
     settings.keep_field = args.export.export.contains(&Format::Field);
     Ok(settings)
 }
 
-/// The longer side of the results.
-pub(crate) fn longest(size: &SizeArgs) -> Option<usize> {
-    size.max_size.map(|pixels| pixels as usize)
+pub(crate) fn sizes(args: &SizeArgs) -> Sizes {
+    Sizes { longest: args.max_size.map(|pixels| pixels as usize), megapixels: args.work_size }
 }
 
 pub(crate) fn limit(args: &MemoryArgs) -> MemoryLimit {

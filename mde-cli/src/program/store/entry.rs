@@ -1,6 +1,7 @@
 //! Finished work, known again by what it was made from.
 
 use crate::program::provenance::write_json;
+use crate::program::store::folder::files_in;
 use anyhow::{Context, Result};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -35,19 +36,11 @@ impl Content {
 impl<R: Serialize> Entry<R> {
     /// Records a folder with the files that are in it, in the file `name`.
     pub(crate) fn write(folder: &Path, name: &str, made_from: Value, row: R) -> Result<Self> {
-        let (mut files, mut folders) = (BTreeMap::new(), vec![PathBuf::new()]);
-        while let Some(inside) = folders.pop() {
-            let shown = || folder.join(&inside).display().to_string();
-            for found in fs::read_dir(folder.join(&inside)).with_context(shown)? {
-                let path = inside.join(found.with_context(shown)?.file_name());
-                let full = folder.join(&path);
-                if full.is_dir() {
-                    folders.push(path);
-                } else {
-                    let bytes = fs::read(&full).with_context(|| full.display().to_string())?;
-                    files.insert(path, Content::of(&bytes));
-                }
-            }
+        let mut files = BTreeMap::new();
+        for path in files_in(folder).with_context(|| folder.display().to_string())? {
+            let full = folder.join(&path);
+            let bytes = fs::read(&full).with_context(|| full.display().to_string())?;
+            files.insert(path, Content::of(&bytes));
         }
         let entry = Self { made_from, row, files };
         write_json(&folder.join(name), &entry)?;

@@ -2,14 +2,16 @@
 
 use crate::output::exchange::exchange;
 use crate::program::interrupt;
-use crate::program::store::contents::lengths;
 use crate::program::store::lock;
 use anyhow::{Context, Result, bail, ensure};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The file that marks the folder of an earlier run.
 pub(crate) const RECORD: &str = "run.json";
+/// The file that marks one of many finished folders, written last.
+pub(crate) const ENTRY: &str = "finished.json";
 
 /// Begins the name of what is not finished.
 const PREFIX: &str = ".mde-";
@@ -45,17 +47,15 @@ impl OutputFolder {
         let Ok(found) = fs::symlink_metadata(&self.target) else { return Ok(()) };
         ensure!(found.is_dir(), "{path}: exists and is not a folder; give another name to -o");
         ensure!(self.force, "{path}: the folder exists; give another name to -o, or --force to replace it");
-        let found = files_in(&self.target).with_context(|| path.to_string())?;
-        if found.is_empty() && fs::read_dir(&self.target).with_context(|| path.to_string())?.next().is_none()
-        {
+        if fs::read_dir(&self.target).with_context(|| path.to_string())?.next().is_none() {
             return Ok(());
         }
-        let written = written(&self.target).with_context(|| {
-            format!(
-                "{path}: not replaced, as it holds no {RECORD} of an earlier run; give another name to -o"
-            )
-        })?;
+        let Ok(written) = written(&self.target) else {
+            bail!("{path}: not replaced, as it holds no {RECORD} of an earlier run; give another name to -o");
+        };
+        let found = files_in(&self.target).with_context(|| path.to_string())?;
         if let Some(foreign) = found.iter().find(|name| !written.contains(name)) {
+            let foreign = foreign.display();
             bail!(
                 "{path}: not replaced, as no run wrote its {foreign}; move that away, or give another name to -o"
             );
@@ -108,34 +108,50 @@ impl Drop for NewFolder {
 }
 
 /// The files within a folder, by their paths from it.
-fn files_in(folder: &Path) -> std::io::Result<Vec<String>> {
-    let mut files = Vec::new();
-    for file in lengths(folder)?.into_keys() {
-        files.push(file.to_string_lossy().into_owned());
+pub(crate) fn files_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let (mut files, mut folders) = (Vec::new(), vec![PathBuf::new()]);
+    while let Some(inside) = folders.pop() {
+        for found in fs::read_dir(folder.join(&inside))? {
+            let found = found?;
+            let path = inside.join(found.file_name());
+            if found.file_type()?.is_dir() { folders.push(path) } else { files.push(path) }
+        }
     }
+    files.sort();
     Ok(files)
 }
 
-/// Adds the names of all files to a folder's record, so that a later run knows what is not ours.
+/// Adds the names of all files to a folder's record, so that a later run knows what is not ours. An entry has them already.
 fn list_files(folder: &Path) -> Result<()> {
     let record = folder.join(RECORD);
-    let Ok(text) = fs::read_to_string(&record) else { return Ok(()) };
-    let files = serde_json::to_string(&files_in(folder).with_context(|| folder.display().to_string())?)?;
+    if folder.join(ENTRY).exists() || !record.exists() {
+        return Ok(());
+    }
+    let text = fs::read_to_string(&record)?;
+    let files = files_in(folder).with_context(|| folder.display().to_string())?;
     let open = text.trim_end().strip_suffix('}').map(str::trim_end).unwrap_or_default();
     if !open.is_empty() {
-        mde_prior::write_atomic(&record, format!("{open},\n  \"files\": {files}\n}}\n").as_bytes())?;
+        let text = format!("{open},\n  \"files\": {}\n}}\n", serde_json::to_string(&files)?);
+        mde_prior::write_atomic(&record, text.as_bytes())?;
     }
     Ok(())
 }
 
-/// The files that an earlier run wrote into a folder, by its record.
-fn written(folder: &Path) -> Result<Vec<String>> {
+/// The files that an earlier run wrote into a folder, by its record or its entry.
+fn written(folder: &Path) -> Result<Vec<PathBuf>> {
     #[derive(serde::Deserialize)]
     struct Record {
-        files: Vec<String>,
+        files: Vec<PathBuf>,
     }
-    let text = fs::read_to_string(folder.join(RECORD))?;
-    Ok(serde_json::from_str::<Record>(&text)?.files)
+    #[derive(serde::Deserialize)]
+    struct Entry {
+        files: BTreeMap<PathBuf, serde::de::IgnoredAny>,
+    }
+    if let Ok(text) = fs::read_to_string(folder.join(ENTRY)) {
+        let files = serde_json::from_str::<Entry>(&text)?.files.into_keys();
+        return Ok(files.chain([PathBuf::from(ENTRY)]).collect());
+    }
+    Ok(serde_json::from_str::<Record>(&fs::read_to_string(folder.join(RECORD))?)?.files)
 }
 
 /// Checks that the file of `flag` can be written at the end; creates nothing.
