@@ -1,7 +1,6 @@
 //! Several photographs through the program.
 
 use crate::common::{Place, names, on_disk, rendered, wait_until};
-use mde_cli::config::{Config, Preset};
 use mde_cli::mde_mvs::capture::{CaptureFiles, Frame, PixelCentres, read_transforms};
 use mde_cli::mde_prior::format::{ReadOptions, read_values};
 use mde_cli::mde_prior::photo::{image_size, write_image};
@@ -265,20 +264,4 @@ fn the_demo_has_photographs_without_poses() {
     assert!(found["fallback"].is_null() && found["photographs"].as_array().unwrap().len() == 6, "{found}");
     // Fewer than the most that may be used: none is left out.
     assert_eq!(found["novel"]["withheld"], false);
-}
-
-/// Names are bytes on Linux: they are shown as well as possible, and only a file of JSON can't have them.
-#[test]
-#[cfg(target_os = "linux")]
-fn names_that_are_not_utf_8() {
-    use std::os::unix::ffi::OsStrExt;
-    let place = Place::new();
-    let odd = place.path(".").join(std::ffi::OsStr::from_bytes(b"b\xff.png"));
-    fs::copy(place.path("image.png"), &odd).unwrap();
-    place.take("image.png", "a.png");
-    let run = |arguments: &str| place.mde(arguments).arg(&odd).assert();
-    run("refine a.png --prior-depth depth.npy --fov 60 --no-nerf -q -o out --views").success();
-    let refused = run("poses a.png --prior-depth depth.npy --fov 60 -q -o found.json").failure();
-    let message = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
-    assert!(message.contains("not UTF-8") && message.lines().count() == 1, "{message}");
 }

@@ -56,7 +56,7 @@ fn weights_beside_the_model_count_as_the_model() {
     let rooms = "--dataset rooms --size 64x48 --prior-model external.onnx";
     for command in [
         format!("eval {rooms} --limit 1 --methods prior -o e"),
-        format!("ablate {rooms} --limit 1 --rows mean --seeds 1 --config short.toml -o a"),
+        format!("ablate {rooms} --limit 1 --rows min-depth --seeds 1 --config short.toml -o a"),
         format!("calibrate {rooms} --limit 3 --method short.toml -o c"),
     ] {
         place.take(fixture("external.bin"), "external.bin");

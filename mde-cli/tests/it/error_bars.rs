@@ -3,7 +3,7 @@
 use crate::common::{Place, REFINE, fixture, names};
 use mde_cli::refiner::calibration;
 
-const LEARN: &str = "calibrate --dataset rooms --size 64x48 --limit 3 --simulated-model all -o learned";
+const LEARN: &str = "calibrate --dataset rooms --size 64x48 --limit 3 --simulated model -o learned";
 
 /// And so the parts of sigma, whose root sum of squares it stays.
 #[test]
@@ -58,7 +58,7 @@ fn what_was_learned_scales_sigma_and_makes_the_interval() {
 #[test]
 fn a_calibration_for_a_map_from_a_file_warns_that_its_network_is_unknown() {
     let place = Place::new();
-    place.run(&LEARN.replace("--simulated-model all", "--method tiny.toml -q"));
+    place.run(&LEARN.replace("--simulated model", "--method tiny.toml -q"));
     let told = place.run(&format!("{REFINE} --calibration learned/calibration.toml -o out"));
     assert!(told.contains("does not name its network") && !told.contains("other settings"), "{told}");
 }

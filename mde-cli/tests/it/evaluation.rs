@@ -20,7 +20,7 @@ fn written(place: &Place, scene: &str, method: &str) -> SystemTime {
 #[test]
 fn methods_are_compared_and_nothing_is_run_twice() {
     let place = Place::new();
-    let command = format!("{ROOMS} --methods tiny.toml,guided,unsharp1,zoom --preset default");
+    let command = format!("{ROOMS} --methods tiny.toml,guided,unsharp1,zoom");
     // The simulated prior accepts no crops: that method fails with a message, the others run.
     let [said, told] = place.told(&command, 3);
     assert!(said.contains("tables: e/table.md") && !said.contains("| guided |"), "{said}");

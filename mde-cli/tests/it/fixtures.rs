@@ -9,7 +9,6 @@ use serde_json::json;
 use std::fs;
 
 const QUICK: &str = "\
-refinement.order = 'paper'
 views.count = 2
 nerf.field = { levels = 4, log2-rows = 10, finest = 64, width = 16 }
 nerf.train = { steps = 20, rays = 64 }

@@ -1,6 +1,5 @@
 //! The loop as a library: settings that take no time, a procedural room with its priors, and the calls that the tests make.
 
-use mde_cli::config::{Config, Preset};
 use mde_cli::mde_prior::{DepthPrior, PriorDepth};
 use mde_cli::mde_warp::PinholeCamera;
 use mde_cli::ndarray::{Array2, Array3, ArrayView3};

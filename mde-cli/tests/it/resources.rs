@@ -1,7 +1,6 @@
 //! Sizes, and the estimates of memory against the peaks of runs, where the system reports them.
 
 use crate::common::{HEIGHT, Place, REFINE, WIDTH, config, shared, tiny};
-use mde_cli::config::{Config, Preset};
 use mde_cli::mde_prior::format::write_npy;
 use mde_cli::mde_prior::photo::write_image;
 use mde_cli::refiner::plan::{SceneMemory, refine_bytes};

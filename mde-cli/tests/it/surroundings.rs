@@ -57,7 +57,7 @@ fn paths_need_not_be_unicode() {
         &format!("refine ph?.png --views shots? {net} --config t?.toml --log-json -o views-of?"),
         "score maps? --gt gt? -q -o scores?",
         &format!("eval {eval} --methods guided -o e?"),
-        &format!("ablate {eval} --config t?.toml --rows mean --seeds 1 -o a?"),
+        &format!("ablate {eval} --config t?.toml --rows min-depth --seeds 1 -o a?"),
         &format!("calibrate {eval} --method t?.toml -o c?"),
         "demo --preset fast --size 32x24 --config t?.toml -q -o demo?",
     ] {
@@ -65,6 +65,11 @@ fn paths_need_not_be_unicode() {
         let expected = if arguments.contains("--method t?") { 2 } else { 0 };
         place.mde("").args(arguments.split_whitespace().map(odd)).assert().code(expected);
     }
+    // Only a file of JSON can't have such names.
+    let poses = "poses image.png shots?/a?.png --prior-depth depth.npy --fov 60 -q -o found.json";
+    let refused = place.mde("").args(poses.split_whitespace().map(odd)).assert().code(1);
+    let told = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
+    assert!(told.contains("not UTF-8") && told.lines().count() == 1, "{told}");
     let mut left = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().file_name());
     assert!(!left.any(|name| name.as_bytes().starts_with(b".mde-")));
     assert!(folder.join(odd("out?")).join("report.html").is_file());

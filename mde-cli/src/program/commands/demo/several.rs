@@ -15,6 +15,7 @@ use mde_prior::DepthKind;
 const USED: usize = 5;
 /// One more, which only the report shows beside what the field renders.
 const WITHHELD: usize = 1;
+pub(super) const VIEWS: usize = USED + WITHHELD;
 /// The first further photograph is brighter or darker by this factor.
 const GAIN: f64 = 0.2;
 
@@ -24,10 +25,9 @@ pub(super) fn demo(
     progress: &mut Progress,
 ) -> Result<Demo> {
     config.multi_view.max_views = config.multi_view.max_views.min(USED);
-    let views = USED + WITHHELD;
-    progress.step(&format!("{views} photographs of a {ROOM}, {width}x{height} pixels"));
+    progress.step(&format!("{VIEWS} photographs of a {ROOM}, {width}x{height} pixels"));
     let world = World::new(ROOM, config.seed)?;
-    let taken = CaptureConfig { views, gain: GAIN, seed: config.seed, ..CaptureConfig::default() };
+    let taken = CaptureConfig { views: VIEWS, gain: GAIN, seed: config.seed, ..CaptureConfig::default() };
     let mut rendered = world.capture(ROOM.name(), &taken, width, height)?;
     for known in &mut rendered.views {
         // As in the files, from which a refinement can be repeated.
