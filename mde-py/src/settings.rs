@@ -81,6 +81,7 @@ impl Settings {
             memory: MemoryLimit { gib: given.max_memory },
             error_bar: ErrorBar::open(given.interval, given.calibration.as_deref()).map_err(raise)?,
             unit: if given.unit_of_poses { Unit::Capture } else { Unit::Prior },
+            exports: false,
             keep_field: given.keep_field,
         }))
     }

@@ -14,7 +14,7 @@ pub(crate) use inputs::{Arguments, Camera, is_capture, rigid};
 use mde_cli::error::{Error, Result};
 use mde_cli::mde_nerf::FieldEvent;
 use mde_cli::mde_warp::Pose;
-use mde_cli::output::every::{EveryRecord, EveryRow};
+use mde_cli::output::every::{EveryRecord, PhotographRow};
 use mde_cli::output::names::folders;
 use mde_cli::output::record::{TrainingCurve, follow};
 use mde_cli::refinement::event::Event;
@@ -112,7 +112,7 @@ fn run_every(
             Error::Interrupted => Error::Interrupted,
             error => Error::Argument(format!("{name}: {}", message(error))),
         })?;
-        let mut row = EveryRow::new(name);
+        let mut row = PhotographRow::new(name);
         row.measure(&refined);
         let outcome = Outcome::new(refiner, refined, name.to_owned(), &own, begin)?;
         (row.folder, row.seconds) = (Some(folder.clone()), begin.elapsed().as_secs_f64());
