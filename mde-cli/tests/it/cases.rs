@@ -253,8 +253,11 @@ fn with_field(header: &str, change: &str) -> String {
     let (pointer, to) = change.split_once(' ').unwrap();
     let mut inner: Value = serde_json::from_str(record.as_str().unwrap()).unwrap();
     *inner.pointer_mut(pointer).unwrap() = serde_json::from_str(to).unwrap();
-    inner.as_object_mut().unwrap().remove("header_checksum");
-    *record = json!(inner.to_string());
+    // Of the text with zeros in its place.
+    inner["header_checksum"] = json!("00000000");
+    let text = inner.to_string();
+    let checksum = format!("header_checksum\":\"{:08x}", crc32fast::hash(text.as_bytes()));
+    *record = json!(text.replace("header_checksum\":\"00000000", &checksum));
     outer.to_string()
 }
 

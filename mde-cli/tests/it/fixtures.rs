@@ -28,7 +28,7 @@ pub(crate) fn place() -> Place {
         ),
         (
             "rays.toml",
-            "refinement.order = 'paper'\nnerf.train.rays = 65536\nnerf.sampling = { coarse = 1024, fine = 1024 }\n",
+            "refinement.order = 'paper'\nnerf.train.rays = 65536\nnerf.sampling = { coarse = 1024, band = 0, fine = 1024 }\n",
         ),
         ("three.toml", "multi-view.max-views = 3\n"),
         ("known.csv", "x,y,depth\n3,4,2.5\n30,20,3.5\n"),
