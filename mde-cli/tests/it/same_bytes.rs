@@ -1,7 +1,6 @@
 //! What `mde eval` scores is what `mde refine` writes, byte for byte.
 
 use crate::common::{Place, fixture};
-use mde_cli::mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
 use mde_cli::mde_prior::format::{write_npy, write_png16};
 use mde_cli::mde_prior::photo::write_image;
 use mde_cli::mde_warp::Pose;
@@ -48,19 +47,24 @@ fn one_photograph() {
 #[test]
 fn several_photographs_with_poses() {
     let (place, sample) = place();
-    let lens = Lens { camera: sample.camera, distortion: Distortion::default() };
     let further = sample.views.iter().map(|captured| (&captured.view.image, captured.view.pose));
     let mut frames = Vec::new();
     for (image, pose) in std::iter::once((&sample.image, Pose::identity())).chain(further) {
-        let photograph = place.path(&format!("data/room/{}.png", frames.len()));
-        write_image(&photograph, image.view()).unwrap();
-        frames.push(Frame { photograph, lens, pose });
+        let name = format!("{}.png", frames.len());
+        write_image(place.path(&format!("data/room/{name}")), image.view()).unwrap();
+        // Camera to world, with OpenGL's axes.
+        let matrix = pose.inverse().to_homogeneous();
+        let row = |y: usize| [matrix[(y, 0)], -matrix[(y, 1)], -matrix[(y, 2)], matrix[(y, 3)]];
+        let mut frame = json!({ "file_path": name, "transform_matrix": [row(0), row(1), row(2), row(3)] });
+        if frames.is_empty() {
+            frame["depth_file_path"] = json!("truth.png");
+        }
+        frames.push(frame);
     }
-    let truth = |index: usize| match index {
-        0 => vec![("depth_file_path", "truth.png".to_owned())],
-        _ => Vec::new(),
-    };
-    place.write("data/room/transforms.json", transforms_json(&frames, &place.path("data/room"), truth));
+    let camera = sample.camera;
+    let capture = json!({ "pixel_centres": "integers", "w": camera.width, "h": camera.height, "fl_x": camera.fx,
+        "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy, "frames": frames });
+    place.write("data/room/transforms.json", capture.to_string());
     write_png16(place.path("data/room/truth.png"), sample.depth.view(), 1000.0).unwrap();
     let short = "[nerf.train]\nsteps = 30\nrays = 128\nwarm-up = 4\n[nerf.sampling]\ncoarse = 8\nfine = 8\n";
     place.write("short.toml", short);

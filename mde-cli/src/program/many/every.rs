@@ -16,7 +16,9 @@ use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
 use crate::program::report::{INDEX, every_page};
 use crate::program::store::entry::Entry;
-use crate::program::store::folder::{ENTRY, NewFolder, OutputFolder, RECORD, check_place, remove_unfinished};
+use crate::program::store::folder::{
+    ENTRY, NewFolder, OutputFolder, RECORD, check_place, list_files, remove_unfinished,
+};
 use crate::program::store::lock::Lock;
 use crate::program::summary::intervals;
 use crate::program::terminal::line_of;
@@ -193,6 +195,7 @@ fn one(
             row.measure(refined);
             row.folder = place.file_name().map(|folder| folder.to_string_lossy().into_owned());
             row.seconds = start.elapsed().as_secs_f64();
+            list_files(path)?;
             Entry::write(path, ENTRY, made_from.into(), row.clone()).map(drop)
         })?;
         Ok(())

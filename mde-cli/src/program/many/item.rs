@@ -11,7 +11,7 @@ use crate::program::open::photographs::content;
 use crate::program::open::scene;
 use crate::program::progress::Progress;
 use crate::program::store::entry::Entry;
-use crate::program::store::folder::{ENTRY, OutputFolder};
+use crate::program::store::folder::{ENTRY, OutputFolder, list_files};
 use crate::refiner::{Plan, Refined, Refiner};
 use crate::scene::size::resized;
 use crate::scene::{Photograph, SameScale, Scene};
@@ -139,6 +139,7 @@ impl Common<'_> {
             row.measure(refined);
             row.warnings = progress.warnings().to_vec();
             row.seconds = start.elapsed().as_secs_f64();
+            list_files(path)?;
             Entry::write(path, ENTRY, made_from.into(), row.clone()).map(drop)
         })?;
         Ok(row)

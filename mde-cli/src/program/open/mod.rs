@@ -11,6 +11,7 @@ pub(crate) mod truth;
 mod tests {
     use super::*;
     use crate::config::Preset;
+    use crate::program::args::NetworkArgs;
     use crate::program::open::photographs::content;
     use crate::refiner::error_bar::ErrorBar;
     use crate::scene::camera::{GivenCamera, KnownCamera};
@@ -39,7 +40,7 @@ mod tests {
         let known = KnownDepths::open(&path("p.csv"), Path::new("a.jpg"), (48, 64));
         refused(known.unwrap_err().into());
         for map in ["p.npy", "p.png"] {
-            refused(prior::map(&path(map), None, None).err().unwrap());
+            refused(prior::map(&path(map), &NetworkArgs::default()).err().unwrap());
         }
         refused(photographs::all(&[&path("p.txt")]).unwrap_err());
         refused(mde_prior::photo::read_image(path("p.png")).unwrap_err().into());

@@ -4,7 +4,6 @@ use crate::output::exchange::exchange;
 use crate::program::interrupt;
 use crate::program::store::lock;
 use anyhow::{Context, Result, bail, ensure};
-use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -121,10 +120,10 @@ pub(crate) fn files_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Adds the names of all files to a folder's record, so that a later run knows what is not ours. An entry has them already.
-fn list_files(folder: &Path) -> Result<()> {
+/// Adds the names of all files to a folder's record, once, so that a later run knows what is not ours.
+pub(crate) fn list_files(folder: &Path) -> Result<()> {
     let record = folder.join(RECORD);
-    if folder.join(ENTRY).exists() || !record.exists() {
+    if !record.exists() || written(folder).is_ok() {
         return Ok(());
     }
     let text = fs::read_to_string(&record)?;
@@ -137,21 +136,15 @@ fn list_files(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The files that an earlier run wrote into a folder, by its record or its entry.
+/// The files that an earlier run wrote into a folder, by its record; its entry comes after them.
 fn written(folder: &Path) -> Result<Vec<PathBuf>> {
     #[derive(serde::Deserialize)]
     struct Record {
         files: Vec<PathBuf>,
     }
-    #[derive(serde::Deserialize)]
-    struct Entry {
-        files: BTreeMap<PathBuf, serde::de::IgnoredAny>,
-    }
-    if let Ok(text) = fs::read_to_string(folder.join(ENTRY)) {
-        let files = serde_json::from_str::<Entry>(&text)?.files.into_keys();
-        return Ok(files.chain([PathBuf::from(ENTRY)]).collect());
-    }
-    Ok(serde_json::from_str::<Record>(&fs::read_to_string(folder.join(RECORD))?)?.files)
+    let mut files = serde_json::from_str::<Record>(&fs::read_to_string(folder.join(RECORD))?)?.files;
+    files.push(ENTRY.into());
+    Ok(files)
 }
 
 /// Checks that the file of `flag` can be written at the end; creates nothing.
@@ -334,5 +327,16 @@ mod tests {
             assert!(refused.contains("link") && refused.contains("-o"), "{refused}");
         }
         assert!(!place.path().join("absent").exists());
+    }
+
+    #[test]
+    fn every_name_has_a_file_name_of_its_own() {
+        let long = ["室".repeat(60), "室".repeat(61), "a".repeat(300), "a".repeat(301)];
+        let names = ["a/b", "a+b", "a b", ".", "..", "a%2fb", "zoom+jbf", "ä"].into_iter();
+        let names: Vec<_> = names.chain(long.iter().map(String::as_str)).map(file_name).collect();
+        assert!(names.iter().all(|name| name.len() <= LONGEST_FILE_NAME));
+        let distinct: std::collections::BTreeSet<_> = names.iter().collect();
+        assert_eq!(distinct.len(), names.len());
+        assert!(names.iter().all(|name| !name.contains('/') && !name.starts_with('.')), "{names:?}");
     }
 }
