@@ -7,7 +7,7 @@
 //! | step | function |
 //! | --- | --- |
 //! | selection of photographs by parallax, overlap and sharpness | [`views::select_views`] |
-//! | scale of the priors | [`scale::Scale`] |
+//! | scale and gauge of the priors | [`scale::Scale`], [`scale::Gauge`] |
 //! | depth of one photograph by comparison with others | [`sweep::sweep`] |
 //! | number of photographs that confirm a depth | [`consensus::agreement`] |
 //! | all of the above, sweep and prior fused | [`consensus::reconstruct`] |

@@ -32,7 +32,8 @@ impl Method for PlaneSweep {
     }
 }
 
-/// The prior in the unit of the poses: one factor, by the plane sweeps of all photographs ([`mde_mvs::scale`]). All that poses give without a depth per pixel.
+/// The prior in the unit of the poses: its affine gauge in log depth, fitted to the plane sweeps of all photographs
+/// ([`mde_mvs::scale::Gauge`]). All that poses give without a depth per pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct GaugedPrior;
 

@@ -82,7 +82,8 @@ impl PosedCapture {
         })
     }
 
-    /// Indices of the reference, then of the frames whose centres are the nearest to its own; at most `most`, and at least two.
+    /// Indices of the reference, then of the frames whose centres are the nearest to its own, in the order of the capture; at most
+    /// `most`, and at least two.
     #[must_use]
     pub fn nearest(&self, reference: usize, most: usize) -> Vec<usize> {
         let centre = |frame: &Frame| frame.pose.inverse().translation.vector;
@@ -94,6 +95,7 @@ impl PosedCapture {
             a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
         });
         order.truncate(most.max(2));
+        order[1..].sort_unstable();
         order
     }
 }

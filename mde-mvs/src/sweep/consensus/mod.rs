@@ -1,7 +1,7 @@
 //! Depth of every photograph from all of them, without a field.
 //!
-//! [`reconstruct`] runs the whole stage: scale, sweeps of every photograph, their agreement, and the fusion with the scaled
-//! prior.
+//! [`reconstruct`] runs the whole stage: scale, gauge, sweeps of every photograph, their agreement, and the fusion with the
+//! gauged prior.
 
 mod agreement;
 mod chance;
@@ -20,11 +20,11 @@ use fuse::fuse;
 use inflation::inflation;
 
 use crate::raster::{enlarge, small_map, small_view};
-use crate::sweep::scale::{Match, PATCHES, Scale};
+use crate::sweep::scale::{Gauge, Match, PATCHES, Scale};
 use crate::sweep::{Surfaces, Sweep, sweep, working_bytes};
 use crate::{Callback, Error, Result, check_map, notify};
 
-/// Longer side of the photographs on which the scale and the smooth corrections are found.
+/// Longer side of the photographs on which scale, gauge and the smooth corrections are found.
 const SMALL: usize = 160;
 /// Factor by which a prior of unknown scale may be wrong.
 const UNKNOWN: f64 = 32.0;
@@ -38,7 +38,7 @@ const NARROW: f64 = 1.5;
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct ViewDepth {
-    /// The prior in the unit of the poses, with its variance.
+    /// The gauged prior: in the unit of the poses, with its variance.
     pub prior: GaussianDepth,
     /// Its own sweep.
     pub sweep: Sweep,
@@ -108,7 +108,7 @@ pub fn reconstruct(
     };
     let factor = scale.map_or(0.0, |s| s.log_scale).exp() as f32;
 
-    // Smooth correction of each prior, from sweeps around the scaled prior.
+    // Gauge and smooth correction of each prior, from sweeps around the scaled prior.
     let scaled: Vec<Array2<f32>> = small_priors.iter().map(|p| p.mapv(|z| factor * z)).collect();
     let wide = everyone
         .par_iter()
@@ -135,7 +135,10 @@ pub fn reconstruct(
         let agreement = self::agreement(&small, &whole_depths, i, &everyone)?;
         let whole_chance = chances(&whole[i], &agreement);
         let (best, chance) = better(&wide[i], &chance, &whole[i], &whole_chance)?;
-        let prior = common.apply(small_priors[i].view())?;
+        // A network's unknown shift of disparity bends the depth; one factor cannot follow it.
+        let matches = matches_of(&small_priors[i], &best, &chance, i);
+        let gauge = Gauge::fit(&matches).unwrap_or_else(|| Gauge::from_scale(&common));
+        let prior = gauge.apply(small_priors[i].view())?;
         let fused = fuse(&small[i], &prior, &best, &chance, WIDE)?;
         // The correction is smooth, so it may be enlarged; the prior keeps its own details.
         let ratio = Zip::from(&fused.corrected).and(prior.mean()).map_collect(|&c, &p| {
@@ -144,7 +147,7 @@ pub fn reconstruct(
         });
         let (h, w) = views[i].camera.dim();
         let ratio = enlarge(&ratio, h, w);
-        let full = common.apply(priors[i])?;
+        let full = gauge.apply(priors[i])?;
         let centre = Zip::from(&ratio).and(full.mean()).map_collect(|&r, &p| p * r.exp());
         Ok((full, centre))
     };
