@@ -110,13 +110,12 @@ fn names_reach_the_terminal_without_control_characters() {
 fn a_failed_run_leaves_no_empty_folder() {
     let place = Place::new();
     let before = place.entries();
-    for limit in ["-f 8", "-n 4"] {
-        for command in [REFINE, "eval --dataset rooms --size 64x48 --limit 1 --methods guided"] {
-            let mde = env!("CARGO_BIN_EXE_mde");
-            let script = format!("trap '' XFSZ; ulimit {limit}; exec {mde} {command} -q -o new/deep/out");
-            let run = Command::new("sh").current_dir(place.path(".")).args(["-c", &script]).output().unwrap();
-            assert!(matches!(run.status.code(), Some(1 | 3)), "{limit}: {run:?}");
-            assert_eq!(place.entries(), before, "{limit}: {command}");
-        }
+    let eval = "eval --dataset rooms --size 64x48 --limit 1 --methods guided";
+    for (limit, command) in [("-f 8", REFINE), ("-n 4", REFINE), ("-f 8", eval)] {
+        let mde = env!("CARGO_BIN_EXE_mde");
+        let script = format!("trap '' XFSZ; ulimit {limit}; exec {mde} {command} -q -o new/deep/out");
+        let run = Command::new("sh").current_dir(place.path(".")).args(["-c", &script]).output().unwrap();
+        assert!(matches!(run.status.code(), Some(1 | 3)), "{limit}: {run:?}");
+        assert_eq!(place.entries(), before, "{limit}: {command}");
     }
 }

@@ -19,7 +19,8 @@ fn data(html: &str) -> Value {
 fn a_run_has_a_report_that_can_be_made_again() {
     let place = Place::new();
     place.take("image.png", "a 'b.png");
-    let refine = "refine --preset paper --prior-depth depth.npy --fov 60 --config tiny.toml --gt depth.npy -o out";
+    let refine =
+        "refine --preset paper --prior-depth depth.npy --fov 60 --config tiny.toml --gt depth.npy -o out";
     let run = place.mde(refine).arg("a 'b.png").assert().success();
     assert!(String::from_utf8_lossy(&run.get_output().stdout).contains("open out/report.html"));
     let html = place.text("out/report.html");

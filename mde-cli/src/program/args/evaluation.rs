@@ -7,6 +7,7 @@ use crate::program::args::{MemoryArgs, NetworkArgs, RunArgs, size};
 use clap::{Args, ValueEnum};
 use mde_eval::align::AlignmentRule;
 use mde_eval::data::{CaptureGrid, DataSetKind, SunDepth};
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -102,7 +103,7 @@ pub(crate) struct AblateArgs {
     pub(crate) preset: Preset,
     /// Settings over those of the preset in all rows, a TOML file or KEY=VALUE, repeatable
     #[arg(long, value_name = "FILE|KEY=VALUE", help_heading = "Rows")]
-    pub(crate) config: Vec<String>,
+    pub(crate) config: Vec<OsString>,
 }
 
 /// Arguments of all evaluations.

@@ -23,6 +23,7 @@ use crate::refiner::plan::limit::MemoryLimit;
 use crate::scene::size::Sizes;
 use clap::{Args, CommandFactory, Id, Parser, Subcommand};
 use mde_prior::augment::Predictions;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "\
@@ -347,7 +348,7 @@ pub(crate) struct PresetArgs {
     pub(crate) preset: Option<Preset>,
     /// Settings over those of the preset, a TOML file or KEY=VALUE, repeatable; `mde config` prints all
     #[arg(long, value_name = "FILE|KEY=VALUE")]
-    pub(crate) config: Vec<String>,
+    pub(crate) config: Vec<OsString>,
 }
 
 /// The settings.

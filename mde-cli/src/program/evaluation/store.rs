@@ -3,10 +3,8 @@
 use crate::program::provenance::write_json;
 use crate::program::report::PICTURE;
 use crate::program::store::entry::Entry;
-use crate::program::store::folder::file_name;
-use crate::program::store::folder::temporary_folder;
-use crate::program::store::lock;
-use crate::program::store::lock::Lock;
+use crate::program::store::folder::{NewFolder, file_name, temporary_folder};
+use crate::program::store::lock::{self, Lock};
 use crate::scene::size::resized;
 use anyhow::{Context, Result, ensure};
 use mde_eval::Refined;
@@ -36,7 +34,9 @@ pub(crate) struct Store {
     root: PathBuf,
     /// Whether other shards write into the folder.
     shared: bool,
+    // Dropped in this order: the folder can go once the lock is gone.
     _lock: Option<Lock>,
+    _made: NewFolder,
 }
 
 /// A method's result for one scene, with the record of what it was computed from.
@@ -84,10 +84,9 @@ impl Store {
             );
         }
         let new = !root.exists();
-        fs::create_dir_all(root)
-            .with_context(|| format!("{shown}: can't make this folder; give another name to -o"))?;
+        let made = NewFolder::make(root)?;
         let lock = if shared { None } else { Lock::take(root)? };
-        let store = Self { root: root.to_owned(), shared, _lock: lock };
+        let store = Self { root: root.to_owned(), shared, _lock: lock, _made: made };
         let opened = store.start(basis, force);
         if opened.is_err() && new && !shared {
             store.discard_if_empty();
@@ -133,11 +132,14 @@ impl Store {
         if self.shared {
             return;
         }
-        let names = || fs::read_dir(&self.root).into_iter().flatten().flatten();
-        if names().all(|entry| entry.file_name() == BASIS || entry.file_name() == lock::FILE) {
+        let scenes = self.root.join("scenes");
+        for scene in fs::read_dir(&scenes).into_iter().flatten().flatten() {
+            let _ = fs::remove_dir(scene.path());
+        }
+        let _ = fs::remove_dir(scenes);
+        let mut names = fs::read_dir(&self.root).into_iter().flatten().flatten();
+        if names.all(|entry| entry.file_name() == BASIS || entry.file_name() == lock::FILE) {
             let _ = fs::remove_file(self.root.join(BASIS));
-            let _ = fs::remove_file(self.root.join(lock::FILE));
-            let _ = fs::remove_dir(&self.root);
         }
     }
 

@@ -32,7 +32,7 @@ mod tests {
             assert!(shown.contains("it is a named pipe") && shown.contains("give a "), "{shown}");
             shown
         };
-        let settings = refused(settings::overridden(Preset::Default, &[text("p.toml")]).unwrap_err());
+        let settings = refused(settings::overridden(Preset::Default, &[text("p.toml").into()]).unwrap_err());
         assert!(settings.contains("p.toml") && settings.contains("give a regular file"), "{settings}");
         refused(ErrorBar::open(None, Some(&path("p.toml"))).unwrap_err().into());
         let camera = GivenCamera::File(path("p"));

@@ -11,17 +11,19 @@ use crate::refiner::plan::limit::MemoryLimit;
 use crate::scene::camera::{GivenCamera, KnownCamera};
 use crate::scene::size::Sizes;
 use anyhow::{Context, Result};
+use std::ffi::OsString;
 use std::path::Path;
 
 /// A preset with files and `KEY=VALUE` pairs over it, in their order.
-pub(crate) fn overridden(preset: Preset, over: &[String]) -> Result<Config> {
+pub(crate) fn overridden(preset: Preset, over: &[OsString]) -> Result<Config> {
     let mut config = preset.config();
-    for text in over {
-        config = match text.split_once('=') {
-            Some((key, value)) if !Path::new(text).exists() => {
-                config.with_value(key.trim(), value.trim(), &format!("--config {text}"))?
+    for one in over {
+        let path = Path::new(one);
+        config = match one.to_str().and_then(|text| text.split_once('=')) {
+            Some((key, value)) if !path.exists() => {
+                config.with_value(key.trim(), value.trim(), &format!("--config {}", path.display()))?
             }
-            _ => config.with_file(Path::new(text))?,
+            _ => config.with_file(path)?,
         };
     }
     Ok(config)

@@ -38,7 +38,9 @@ const FILES: [(&str, &str); 20] = [
 ];
 
 pub(super) fn page(folder: &Path) -> Result<String> {
-    let record: Value = read_json(&folder.join(RECORD))?;
+    let mut record: Value = read_json(&folder.join(RECORD))?;
+    // The report lists them itself; the record gets the names after it.
+    record.as_object_mut().and_then(|fields| fields.remove("files"));
     ensure!(
         record["iterations"].is_array(),
         "{}: is the record of mde {}, which has no report; give the folder of mde refine, demo or eval",
@@ -91,7 +93,8 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         .map(|(name, what)| {
             let path = folder.join(name);
             let bytes = fs::metadata(&path).ok().filter(|m| m.is_file()).map(|m| m.len());
-            let bytes = bytes.filter(|_| *name != super::FILE);
+            // The record is longer once the report is there.
+            let bytes = bytes.filter(|_| ![super::FILE, RECORD].contains(name));
             json!({ "name": name, "what": what, "bytes": bytes, "folder": path.is_dir() })
         })
         .collect();

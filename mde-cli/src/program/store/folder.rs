@@ -86,14 +86,16 @@ impl OutputFolder {
 }
 
 /// A folder that is made with those above it, and removed with them where nothing came into them.
+#[derive(Debug)]
 pub(crate) struct NewFolder(Vec<PathBuf>);
 
 impl NewFolder {
     pub(crate) fn make(folder: &Path) -> Result<Self> {
         let absent = folder.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists());
         let made = Self(absent.map(Path::to_owned).collect());
-        fs::create_dir_all(folder)
-            .with_context(|| format!("{}: can't make this folder", folder.display()))?;
+        fs::create_dir_all(folder).with_context(|| {
+            format!("{}: can't make this folder; give another name to -o", folder.display())
+        })?;
         Ok(made)
     }
 }
