@@ -125,7 +125,7 @@ impl Job<'_> {
         let about = About {
             preset: Some(settings.preset.name()),
             seed: Some(settings.config.seed),
-            warnings: progress.warnings(),
+            warnings: progress.own_warnings(),
             total_seconds: progress.own_seconds(),
             ..about(self.command, input.to_owned(), &refined.camera)
         };

@@ -132,7 +132,7 @@ impl Progress {
     }
 
     /// The warnings of the refinement that the run is at.
-    pub(crate) fn warnings(&self) -> &[String] {
+    pub(crate) fn own_warnings(&self) -> &[String] {
         &self.own_warnings
     }
 
@@ -428,7 +428,7 @@ mod tests {
         for (name, warning) in [("a.png", "resized"), ("b.png", "resized"), ("c.png", "no pose")] {
             progress.next(name);
             progress.warn(warning.to_owned());
-            assert_eq!(progress.warnings(), [warning], "{name}");
+            assert_eq!(progress.own_warnings(), [warning], "{name}");
         }
         assert_eq!(progress.all_warnings(), ["of the capture", "resized", "no pose"]);
     }
@@ -439,7 +439,7 @@ mod tests {
         for text in ["resized", "the camera is unknown", "resized"] {
             progress.warn(text.to_owned());
         }
-        assert_eq!(progress.warnings(), ["resized", "the camera is unknown"]);
+        assert_eq!(progress.own_warnings(), ["resized", "the camera is unknown"]);
     }
 
     #[test]

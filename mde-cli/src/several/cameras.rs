@@ -30,6 +30,9 @@ pub(super) struct Posed {
     pub(super) unit: f64,
 }
 
+/// Camera, pose and its covariance of a photograph that has a pose.
+type Placed = (PinholeCamera, Pose, Option<Matrix6<f64>>);
+
 /// The posed views, or nothing (with the reason in the report) where no photograph but the reference has a pose with parallax. The
 /// callback counts the pairs of photographs as they are matched.
 pub(super) fn posed(
@@ -53,8 +56,7 @@ pub(super) fn posed(
     let seed = derived_seed(config.seed, "poses", 0);
     let reference = scene.reference;
     let given: Option<Vec<Pose>> = scene.photographs.iter().map(|p| p.pose).collect();
-    // Camera, pose and its covariance of the photographs that have a pose.
-    let mut found: Vec<Option<(PinholeCamera, Pose, Option<Matrix6<f64>>)>> = vec![None; inputs.len()];
+    let mut found: Vec<Option<Placed>> = vec![None; inputs.len()];
     let mut unit = 1.0;
     if let Some(given) = given {
         let world = given[reference].inverse();

@@ -38,13 +38,15 @@ pub struct Sequences {
     assumed_fov: Option<f64>,
 }
 
+/// The camera of a pair whose image has that width and height, and whether its field of view is assumed.
+type CameraOf = fn(&Pair, [usize; 2], Option<f64>) -> Result<(PinholeCamera, bool)>;
+
 /// What the frames of a data set have in common.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sensor {
     pub(super) units_per_metre: f64,
     pub(super) trusted_depth: f64,
-    /// The camera of a pair whose image has that width and height, and whether its field of view is assumed.
-    pub(super) camera: fn(&Pair, [usize; 2], Option<f64>) -> Result<(PinholeCamera, bool)>,
+    pub(super) camera: CameraOf,
 }
 
 impl Sequences {

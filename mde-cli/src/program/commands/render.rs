@@ -76,7 +76,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
             records.push(ViewRecord { colour: format!("colour{number}.png"), world_to_camera: rows(pose) });
         }
         let about = About {
-            warnings: progress.warnings(),
+            warnings: progress.own_warnings(),
             total_seconds: progress.seconds(),
             ..about("render", args.field.display().to_string(), &camera)
         };

@@ -65,7 +65,7 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
         let about = About {
             preset: Some(refiner.settings().preset.name()),
             seed: Some(refiner.settings().config.seed),
-            warnings: progress.warnings(),
+            warnings: progress.own_warnings(),
             total_seconds: progress.seconds(),
             ..about("warp", args.image.display().to_string(), prepared.camera())
         };

@@ -55,7 +55,7 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
     let value = json!({
         "verdict": verdict,
         "title": results.title, "alignment": results.alignment, "command_line": command_line(), "made_from": results.record, "versions": versions(),
-        "failures": results.failures, "warnings": progress.warnings(), "summary": summary,
+        "failures": results.failures, "warnings": progress.own_warnings(), "summary": summary,
     });
     let temporary = temporary_folder(folder)?;
     let place = temporary.path();

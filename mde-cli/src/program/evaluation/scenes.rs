@@ -106,7 +106,7 @@ impl Source {
 /// Where the priors of an evaluation come from.
 pub(crate) enum PriorPlan {
     /// A network, open for all scenes.
-    Model(OpenPrior<'static>),
+    Model(Box<OpenPrior<'static>>),
     /// A folder with one depth map per scene, named after it.
     Folder(PathBuf, NetworkArgs),
     /// The degraded truth of a procedural room.
@@ -136,7 +136,7 @@ impl PriorPlan {
         let rooms = kind == DataSetKind::Rooms;
         let exact = rooms || kind == DataSetKind::Captures;
         Ok(match (&args.prior_model, &args.prior_depth, args.simulated) {
-            (Some(model), ..) => Self::Model(prior::network(model, &args.network)?),
+            (Some(model), ..) => Self::Model(Box::new(prior::network(model, &args.network)?)),
             (None, Some(folder), _) => Self::Folder(folder.clone(), args.network.clone()),
             (None, None, Some(Simulated::Model)) if rooms => {
                 Self::SimulatedModel(SimulatedModelConfig::default())

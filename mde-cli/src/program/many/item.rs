@@ -137,7 +137,7 @@ impl Common<'_> {
         self.job.produce(&mut prepared, 0, &shown, &target, progress, |path, refined, progress| {
             write_rgb_png(path.join(THUMBNAIL), thumbnail(refined)?.view())?;
             row.measure(refined);
-            row.warnings = progress.warnings().to_vec();
+            row.warnings = progress.own_warnings().to_vec();
             row.seconds = start.elapsed().as_secs_f64();
             list_files(path)?;
             Entry::write(path, ENTRY, made_from.into(), row.clone()).map(drop)
