@@ -37,7 +37,7 @@ impl Transfer {
     /// From one camera with its pose to another.
     ///
     /// # Errors
-    /// [`Error::Camera`] or [`Error::Pose`] for the first camera or pose at fault.
+    /// [`Error::Camera`](crate::Error::Camera) or [`Error::Pose`](crate::Error::Pose) for the first camera or pose at fault.
     pub fn new(source: (&PinholeCamera, &Pose), target: (&PinholeCamera, &Pose)) -> Result<Self> {
         source.0.validate()?;
         target.0.validate()?;

@@ -91,7 +91,7 @@ impl<'s> PreparedScene<'s> {
     /// predictions at once are used.
     ///
     /// # Errors
-    /// As [`refine_capture`](super::refine_capture).
+    /// As [`refine_several`](super::refine_several).
     pub fn new(
         scene: &'s Scene,
         stages: &Stages<'_>,
@@ -164,11 +164,11 @@ impl<'s> PreparedScene<'s> {
         Some(posed.views[place].pose)
     }
 
-    /// Refines one photograph, as [`refine_capture`](super::refine_capture) does the reference. The result does not depend on which
+    /// Refines one photograph, as [`refine_several`](super::refine_several) does the reference. The result does not depend on which
     /// photographs were refined before.
     ///
     /// # Errors
-    /// As [`refine_capture`](super::refine_capture), and [`Error::Capture`] for an index that is none of the photographs.
+    /// As [`refine_several`](super::refine_several), and [`Error::Capture`] for an index that is none of the photographs.
     pub fn refine(
         &mut self,
         photograph: usize,

@@ -87,7 +87,7 @@ struct Fit {
 /// at its pixel. Points behind the camera or off the image are left out.
 ///
 /// # Errors
-/// [`Error::View`] for a view that [`PosedView::validate`] refuses, or a prior of another size than its camera.
+/// [`Error::View`](crate::Error::View) for a view that [`PosedView::validate`] refuses, or a prior of another size than its camera.
 pub fn point_matches(
     view: &PosedView,
     points: &[Point3<f64>],
@@ -224,7 +224,7 @@ impl Gauge {
     /// A prior in the unit of the poses, with the variance of the gauge and of the matches about it.
     ///
     /// # Errors
-    /// [`Error::Depth`] never, for depths that are positive or missing (0).
+    /// [`Error::Depth`](crate::Error::Depth) never, for depths that are positive or missing (0).
     pub fn apply(&self, prior: ArrayView2<'_, f32>) -> Result<GaussianDepth> {
         let both = prior.mapv(|z| {
             if !(z > 0.0 && z.is_finite()) {

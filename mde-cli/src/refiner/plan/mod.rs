@@ -42,7 +42,7 @@ const SHARED_VIEW: u64 = 24;
 
 /// Upper bound of the bytes that [`refine`](crate::refinement::refine) needs for an image of that many pixels; measured, it is 1 to 1.25 times
 /// the real peak for the fields of small images, and up to twice for large images. The memory of the prior's own inference is not
-/// included; [`PhotographMemory`] has it.
+/// included; [`inference::PhotographMemory`] has it.
 pub fn refine_bytes(pixels: u64, config: &Config) -> u64 {
     PROGRAM.saturating_add(pixels.saturating_mul(pixel_bytes(config))).saturating_add(field_bytes(config))
 }
