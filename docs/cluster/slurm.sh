@@ -1,7 +1,7 @@
 #!/bin/bash
 # Refines a folder of photographs as an array job. From a shared file system:
 #   sbatch --array=1-4 slurm.sh PHOTOS MODEL.onnx OUT
-#   mde merge OUT
+#   mde refine PHOTOS --prior-model MODEL.onnx -o OUT     # what is missing, and the index
 #SBATCH --job-name=mde
 #SBATCH --requeue
 #SBATCH --cpus-per-task=1

@@ -1,7 +1,7 @@
 #!/bin/bash
 # Scores a model on the scenes of a data set as an array job; all but the first argument are those of mde eval. From a shared file system:
 #   sbatch --array=1-4 slurm_eval.sh OUT SUNRGBD --dataset sunrgbd --prior-model MODEL.onnx
-#   mde merge OUT
+#   mde eval SUNRGBD --dataset sunrgbd --prior-model MODEL.onnx -o OUT     # what is missing, and the tables
 #SBATCH --job-name=mde-eval
 #SBATCH --requeue
 #SBATCH --cpus-per-task=1

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use mde_cli::{Config, Preset};
+use mde_cli::config::{Config, Preset};
 
 fuzz_target!(|text: &str| {
     for preset in Preset::ALL {

@@ -2,15 +2,14 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use mde_cli::Naming;
-use mde_cli::inputs::Known;
+use mde_cli::scene::known::KnownDepths;
 use mde_fuzz::{folder, write};
 use std::path::Path;
 
 fuzz_target!(|data: &[u8]| {
     let folder = folder();
     write(&folder, "known.csv", data);
-    match Known::open(&folder.join("known.csv"), Path::new("a.jpg"), (6, 8), Naming::Flags) {
+    match KnownDepths::open(&folder.join("known.csv"), Path::new("a.jpg"), (6, 8)) {
         Ok(known) => {
             let depths = known.at((6, 8));
             assert!(!depths.is_empty());

@@ -28,24 +28,28 @@ fn load(bytes: &[u8]) {
     }
 }
 
-/// The same tensors with the checksum that they should have.
+/// The same tensors with the checksums that they and the header should have.
 fn mended(bytes: &[u8]) -> Option<Vec<u8>> {
     let tensors = SafeTensors::deserialize(bytes).ok()?;
     let (_, metadata) = SafeTensors::read_metadata(bytes).ok()?;
     let header = metadata.metadata().as_ref()?.get("mde-nerf")?;
     let mut header: serde_json::Value = serde_json::from_str(header).ok()?;
-    let parts: Vec<_> = ["table", "density", "colour"]
+    let parts: Vec<_> = ["table", "network"]
         .into_iter()
         .map(|name| Some((name, tensors.tensor(name).ok()?)))
         .collect::<Option<_>>()?;
     let mut hasher = crc32fast::Hasher::new();
     parts.iter().for_each(|(_, tensor)| hasher.update(tensor.data()));
     *header.get_mut("checksum")? = hasher.finalize().into();
+    *header.get_mut("header_checksum")? = "00000000".into();
+    let blank = header.to_string();
+    let own = format!("\"header_checksum\":\"{:08x}\"", crc32fast::hash(blank.as_bytes()));
+    let header = blank.replace("\"header_checksum\":\"00000000\"", &own);
     let views = parts
         .iter()
         .map(|(name, t)| Some((*name, TensorView::new(Dtype::F32, vec![t.data().len() / 4], t.data()).ok()?)))
         .collect::<Option<Vec<_>>>()?;
-    safetensors::serialize(views, Some(HashMap::from([("mde-nerf".to_owned(), header.to_string())]))).ok()
+    safetensors::serialize(views, Some(HashMap::from([("mde-nerf".to_owned(), header)]))).ok()
 }
 
 fuzz_target!(|data: &[u8]| {

@@ -1,6 +1,6 @@
 //! What the targets of the capture readers share: a folder for their files, and the checks of what they read.
 
-use mde_mvs::capture::{Capture, Error};
+use mde_mvs::capture::{Error, PosedCapture};
 use mde_mvs::nalgebra::Point2;
 use std::path::{Path, PathBuf};
 
@@ -27,7 +27,7 @@ pub fn size(photograph: &Path) -> Option<[usize; 2]> {
 }
 
 /// A capture that was read is usable, and an error is one line.
-pub fn check(read: Result<Capture, Error>) {
+pub fn check(read: Result<PosedCapture, Error>) {
     let capture = match read {
         Ok(capture) => capture,
         Err(error) => {

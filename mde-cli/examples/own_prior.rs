@@ -20,7 +20,7 @@ impl DepthPrior for Floor {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scene = room(Room::Study, 0, 160, 120)?;
-    let config = Config::with_overrides(Preset::Fast, "nerf.train.steps = 200", "example")?;
+    let config = Config::with_overrides(Preset::Paper, "nerf.train.steps = 200", "example")?;
     let stages = Stages::new(&Floor);
     let mut go_on = |_: &Event| ControlFlow::Continue(());
     let refined = refine(scene.image.view(), &scene.camera, stages, &config, &mut go_on)?;

@@ -1,4 +1,6 @@
-use std::path::PathBuf;
+//! Errors: one line that names the value and the remedy.
+
+use std::path::{Path, PathBuf};
 
 /// Depths that the loop works with: their variances, and a thousandth of those, are floats.
 pub(crate) const LEAST: f32 = 1e-12;
@@ -93,7 +95,7 @@ pub enum Error {
         /// The error of the operating system.
         source: std::io::Error,
     },
-    /// The error of a stage, a factory or a checkpoint's keeper that is not part of this workspace.
+    /// The error of a stage or a factory that is not part of this workspace.
     #[error(transparent)]
     External(Box<dyn std::error::Error + Send + Sync>),
     /// A callback returned `Break`.
@@ -106,6 +108,54 @@ impl Error {
     pub fn external(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
         Self::External(error.into())
     }
+
+    /// The error of a file.
+    pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+        |source| Self::Io { path: path.to_owned(), source }
+    }
+}
+
+/// Arguments that texts of the library name in braces.
+const ARGUMENTS: [&str; 18] = [
+    "alignment",
+    "calibration",
+    "depth-range",
+    "fov",
+    "interval",
+    "intrinsics",
+    "keep-field",
+    "max-memory",
+    "max-size",
+    "model-profile",
+    "png-scale",
+    "prior-kind",
+    "prior-model",
+    "same-scale",
+    "scale-from",
+    "unit",
+    "views",
+    "work-size",
+];
+
+/// A text with the arguments that it names in braces, such as `{max-memory}`, as `name` writes them.
+pub fn named(text: &str, name: impl Fn(&str) -> String) -> String {
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some((before, after)) = rest.split_once('{') {
+        out += before;
+        let argument = after.split_once('}').filter(|(inside, _)| ARGUMENTS.contains(inside));
+        match argument {
+            Some((inside, after)) => {
+                out += &name(inside);
+                rest = after;
+            }
+            None => {
+                out.push('{');
+                rest = after;
+            }
+        }
+    }
+    out + rest
 }
 
 /// An error and its causes, without those that its text contains already.
@@ -129,6 +179,8 @@ fn io_remedy(source: &std::io::Error) -> &'static str {
         ErrorKind::PermissionDenied => "check the permissions",
         ErrorKind::IsADirectory => "give a file, not a folder",
         ErrorKind::InvalidData => "give a text file",
+        ErrorKind::InvalidInput => "give a regular file",
+        ErrorKind::FileTooLarge => "give a smaller file",
         ErrorKind::StorageFull => "free some space",
         _ => "check that the file and its folder are accessible",
     }

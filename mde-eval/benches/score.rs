@@ -3,17 +3,14 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use mde_eval::scene::{Room, room};
-use mde_eval::score::{ScoreConfig, Subject, curves, score};
+use mde_eval::score::{ScoreConfig, Subject, score};
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use std::hint::black_box;
 
 fn scores(criterion: &mut Criterion) {
     let truth = room(Room::Study, 0, 640, 480).expect("a room").depth;
-    let prior = SimulatedPrior::new(&truth, &SimulatedPriorConfig::default())
-        .expect("a prior")
-        .prediction()
-        .map
-        .clone();
+    let simulated = SimulatedPrior::new(&truth, &SimulatedPriorConfig::default()).expect("a prior");
+    let prior = &simulated.prediction().map;
     let sigma = prior.mapv(|d| 0.05 * d * d);
     let depth = Subject::new(prior.view(), truth.view());
     let both = depth.with_sigma(sigma.view());
@@ -22,10 +19,6 @@ fn scores(criterion: &mut Criterion) {
     group.sample_size(10);
     group.bench_function("depth", |b| b.iter(|| score(black_box(&depth), &config).expect("scores")));
     group.bench_function("depth and sigma", |b| b.iter(|| score(black_box(&both), &config).expect("scores")));
-    let alignment = both.fit(&config).expect("an alignment");
-    group.bench_function("curves", |b| {
-        b.iter(|| curves(black_box(&both), &alignment, &config).expect("curves"))
-    });
     group.finish();
 }
 

@@ -7,11 +7,12 @@
 //! the evaluation. Each capture has the same weight.
 #![allow(clippy::print_stdout)]
 
-use mde_eval::mde_mvs::consensus::{ConsensusConfig, reconstruct};
+use mde_eval::mde_mvs::consensus::reconstruct;
+use mde_eval::mde_mvs::silent;
 use mde_eval::mde_prior::DisparityRule;
 use mde_eval::mde_uncertainty::random::CounterRng;
 use mde_eval::nalgebra::{SMatrix, SVector};
-use mde_eval::ndarray::{Array2, Array3, ArrayView2};
+use mde_eval::ndarray::{Array2, ArrayView2};
 use mde_eval::scene::{CaptureConfig, Room, World};
 use rand_distr::{Distribution, Normal};
 
@@ -61,20 +62,20 @@ fn capture(room: Room, config: &CaptureConfig) -> Result<Vec<(Terms, bool)>, Box
     for (index, captured) in capture.views.iter().enumerate() {
         let mut rng = CounterRng::new(config.seed, "photograph-noise", 0, index as u64);
         let mut view = captured.view.clone();
-        let image: Array3<f32> = view.image.mapv(|c| (c + noise.sample(&mut rng)).clamp(0.0, 1.0));
-        view.image = image;
+        view.image.mapv_inplace(|c| (c + noise.sample(&mut rng)).clamp(0.0, 1.0));
         views.push(view);
         let prior = captured.prior.as_ref().ok_or("a photograph without a prior")?;
         priors.push(prior.to_depth(&DisparityRule::default())?);
     }
     let maps: Vec<ArrayView2<'_, f32>> = priors.iter().map(|prior| prior.view()).collect();
-    let found = reconstruct(&views, &maps, None, &ConsensusConfig::default())?;
+    let found = reconstruct(&views, &maps, None, &mut silent)?;
     let Some(reference) = found.views.get(capture.reference) else { return Ok(Vec::new()) };
     let (sweep, agreement) = (&reference.sweep, &reference.agreement);
     let mut samples = Vec::new();
-    for ((y, x), &truth) in capture.truth.indexed_iter().step_by(STEP) {
-        let at = (y, x);
-        let (Some((z, _)), mass) = (sweep.depth.get(y, x), f64::from(sweep.inlier[at])) else { continue };
+    for (at, &truth) in capture.truth.indexed_iter().step_by(STEP) {
+        let (Some((z, _)), mass) = (sweep.depth.get(at.0, at.1), f64::from(sweep.inlier[at])) else {
+            continue;
+        };
         // A match at the end of the surfaces is none.
         if mass == 0.0 || truth <= 0.0 || z <= 0.0 {
             continue;

@@ -11,11 +11,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (prediction, truth, sigma) = match paths.as_slice() {
         [prediction, truth] => (prediction, truth, None),
         [prediction, truth, sigma] => (prediction, truth, Some(sigma)),
-        _ => {
-            return Err(
-                "give a predicted and a true map (.npy, .npz, .pfm, .png, .exr), then sigma if any".into()
-            );
-        }
+        _ => Err("give a predicted and a true map (.npy, .npz, .pfm, .png, .exr), then sigma if any")?,
     };
     let read = |path: &String| read_depth(path, &ReadOptions::default());
     let (prediction, truth) = (read(prediction)?, read(truth)?);

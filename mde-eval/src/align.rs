@@ -5,6 +5,7 @@
 //! per map (*own*), or fit the baseline's and apply it to every method (*shared*), so that a difference is not the
 //! alignment's.
 
+use crate::error::{check_lists, positive};
 use crate::{Error, Result};
 use mde_uncertainty::statistics::median;
 use ndarray::{Array2, ArrayView2};
@@ -49,7 +50,10 @@ impl AlignmentRule {
     /// [`Error::Length`], [`Error::Empty`] without pixels, [`Error::Value`] for a depth that is not positive and
     /// finite.
     pub fn fit(self, prediction: &[f64], truth: &[f64]) -> Result<Alignment> {
-        check(prediction, truth)?;
+        check_lists(
+            "an alignment",
+            [positive("the true depth", truth), positive("the predicted depth", prediction)],
+        )?;
         let empty = || Error::Empty { what: "an alignment" };
         Ok(match self {
             Self::None => Alignment::IDENTITY,
@@ -166,18 +170,6 @@ fn least_squares(
     let spread = xx > n * (1e-12 * x_mean).powi(2);
     let scale = xy / xx;
     (spread && scale.is_finite()).then_some((scale, y_mean - scale * x_mean))
-}
-
-fn check(prediction: &[f64], truth: &[f64]) -> Result<()> {
-    if prediction.len() != truth.len() {
-        return Err(Error::Length { what: "the prediction", found: prediction.len(), expected: truth.len() });
-    }
-    for (what, depths) in [("the predicted depth", prediction), ("the true depth", truth)] {
-        if let Some(index) = depths.iter().position(|d| !(*d > 0.0 && d.is_finite())) {
-            return Err(Error::Value { what, index, value: depths[index], expected: "positive and finite" });
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]

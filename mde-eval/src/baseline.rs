@@ -1,6 +1,6 @@
 //! Baselines: filters, a solver, and further predictions of the model.
 //!
-//! Each is a [`Refiner`], so that every table has it beside the whole pipeline. [`named`] returns the baselines of [`METHODS`],
+//! Each is a [`Method`], so that every table has it beside the whole pipeline. [`named`] returns the baselines of [`METHODS`],
 //! and chains such as `zoom+jbf`. Missing depth (0, or not finite) stays missing and is left out of averages.
 
 mod box_sums;
@@ -27,7 +27,7 @@ pub use unsharp::Unsharp;
 pub use weighted_median::WeightedMedian;
 pub use zoom::ZoomMerge;
 
-use crate::{Error, Refined, Refiner, Result, Task};
+use crate::{Error, Method, Refined, Result, Task};
 use ndarray::{Array2, ArrayView2, ArrayView3};
 
 /// Names of the baselines, each with what it does.
@@ -59,7 +59,7 @@ pub const METHODS: &[(&str, &str)] = &[
 ///
 /// # Errors
 /// [`Error::Unknown`] with the names that exist.
-pub fn named(name: &str) -> Result<Box<dyn Refiner + Send + Sync>> {
+pub fn named(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
     let mut steps = name.split('+').map(single).collect::<Result<Vec<_>>>()?;
     match steps.len() {
         1 => Ok(steps.remove(0)),
@@ -67,22 +67,22 @@ pub fn named(name: &str) -> Result<Box<dyn Refiner + Send + Sync>> {
     }
 }
 
-fn single(name: &str) -> Result<Box<dyn Refiner + Send + Sync>> {
+fn single(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
     let unknown = || Error::Unknown {
         what: "method",
         name: name.to_owned(),
         known: METHODS.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", "),
     };
     Ok(match name {
-        "prior" => Box::new(Identity),
+        "prior" => Box::new(Chain(Vec::new())),
         "flip" => Box::new(FlipAverage),
         "zoom" => Box::new(ZoomMerge::default()),
         "noise" => Box::new(WhiteNoise::default()),
         "guided" => Box::new(GuidedFilter::default()),
         "jbf" => Box::new(JointBilateral::default()),
         "wmf" => Box::new(WeightedMedian::default()),
-        "gauged" => Box::new(GaugedPrior::default()),
-        "sweep" => Box::new(PlaneSweep::default()),
+        "gauged" => Box::new(GaugedPrior),
+        "sweep" => Box::new(PlaneSweep),
         #[cfg(feature = "solver")]
         "fbs" => Box::new(FastBilateralSolver::default()),
         _ => {
@@ -96,26 +96,15 @@ fn single(name: &str) -> Result<Box<dyn Refiner + Send + Sync>> {
     })
 }
 
-/// The prior as it is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Identity;
+/// One after the other; the prior as it is without any.
+struct Chain(Vec<Box<dyn Method + Send + Sync>>);
 
-impl Refiner for Identity {
-    fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        Ok(task.prior.to_owned().into())
-    }
-}
-
-/// One after the other.
-struct Chain(Vec<Box<dyn Refiner + Send + Sync>>);
-
-impl Refiner for Chain {
+impl Method for Chain {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         let mut refined = Refined::from(task.prior.to_owned());
         for step in &self.0 {
-            let next = step.refine(&Task { prior: refined.depth.view(), ..*task })?;
             // A step without an uncertainty of its own leaves none: the depth is another.
-            refined = next;
+            refined = step.refine(&Task { prior: refined.depth.view(), ..*task })?;
         }
         Ok(refined)
     }
@@ -140,16 +129,8 @@ fn check(task: &Task<'_>, settings: &[(&'static str, f64)]) -> Result<()> {
 
 /// Checks that settings are positive and finite.
 fn positive(settings: &[(&'static str, f64)]) -> Result<()> {
-    for &(field, value) in settings {
-        if !(value > 0.0 && value.is_finite()) {
-            return Err(Error::Config {
-                field,
-                value: value.to_string(),
-                remedy: "use a positive finite number",
-            });
-        }
-    }
-    Ok(())
+    let sound = |value: f64| value > 0.0 && value.is_finite();
+    crate::error::check(settings.iter().map(|&(f, v)| (f, v, sound(v), "use a positive finite number")))
 }
 
 /// The three channels, each `[height, width]`, in standard layout.

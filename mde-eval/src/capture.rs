@@ -22,10 +22,6 @@ const METRES_PER_DEGREE: f64 = 0.02;
 pub struct Capture {
     /// Identifier within its data set.
     pub id: String,
-    /// Name of the place that it shows.
-    pub place: String,
-    /// Licence of the photographs, where the data set states one.
-    pub licence: Option<String>,
     /// Index of the reference in `views`.
     pub reference: usize,
     /// The photographs.

@@ -18,15 +18,13 @@ mod tum;
 pub use captures::{CaptureGrid, Captures};
 pub use kind::{DataSetKind, Options, open};
 pub use maps::{MapPair, MapPairs};
-pub use nyu::Nyu;
+pub use pairs::Sequences;
 pub use places::{Placed, parse_places};
 pub use plain::{PlainFolders, PlainScene};
 pub use posed::Posed;
-pub use redwood::Redwood;
 pub use resized::Resized;
 pub use rooms::Rooms;
 pub use sunrgbd::{SunDepth, SunRgbd};
-pub use tum::Tum;
 
 use crate::capture::{Capture, CapturedView};
 use crate::{Error, Result};
@@ -99,7 +97,7 @@ pub struct Sample {
     pub depth: Array2<f32>,
     /// The camera, pixel centres at integers from 0.
     pub camera: PinholeCamera,
-    /// Whether the camera is the caller's [`Fallback`], because the scene has none: worth a warning.
+    /// Whether the camera has the caller's field of view, because the scene has none: worth a warning.
     pub assumed_camera: bool,
     /// Largest depth at which the truth is reliable, metres.
     pub trusted_depth: f64,
@@ -144,36 +142,16 @@ impl Sample {
     }
 }
 
-/// The camera of scenes that come without one.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Fallback {
-    /// None: such a scene is [`Error::Intrinsics`].
-    #[default]
-    Refuse,
-    /// Square pixels and this horizontal field of view, in degrees.
-    FieldOfView(f64),
-    /// These, in pixels from 0.
-    Intrinsics {
-        /// Horizontal focal length.
-        fx: f64,
-        /// Vertical focal length.
-        fy: f64,
-        /// Column of the principal point.
-        cx: f64,
-        /// Row of the principal point.
-        cy: f64,
-    },
-}
-
-impl Fallback {
-    /// The camera for a scene whose `file` holds none.
-    fn camera(self, scene: &str, file: &'static str, width: usize, height: usize) -> Result<PinholeCamera> {
-        match self {
-            Self::Refuse => Err(Error::Intrinsics { scene: scene.into(), file }),
-            Self::FieldOfView(degrees) => Ok(PinholeCamera::from_fov(degrees, width, height)?),
-            Self::Intrinsics { fx, fy, cx, cy } => Ok(PinholeCamera::new(fx, fy, cx, cy, width, height)?),
-        }
-    }
+/// The camera of a scene whose `file` holds none: square pixels and the assumed horizontal field of view in degrees, if any.
+fn assumed(
+    fov: Option<f64>,
+    scene: &str,
+    file: &'static str,
+    width: usize,
+    height: usize,
+) -> Result<PinholeCamera> {
+    let fov = fov.ok_or_else(|| Error::Intrinsics { scene: scene.into(), file })?;
+    Ok(PinholeCamera::from_fov(fov, width, height)?)
 }
 
 fn out_of_range(index: usize, count: usize) -> Error {

@@ -62,8 +62,8 @@ pub enum Error {
         /// The names that exist.
         known: String,
     },
-    /// A scene without intrinsics and no camera to fall back on.
-    #[error("scene {scene} has no {file}; name a camera for such scenes (`Fallback`)")]
+    /// A scene without intrinsics, and no field of view to assume.
+    #[error("scene {scene} has no {file}; assume a field of view for such scenes")]
     Intrinsics {
         /// The scene's identifier.
         scene: String,
@@ -122,3 +122,35 @@ pub enum Error {
 
 /// Shorthand for this crate's results.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// A name, its values, whether a value is sound, and what it must be.
+pub(crate) type List<'l> = (&'static str, &'l [f64], fn(f64) -> bool, &'static str);
+
+/// Values that are positive and finite.
+pub(crate) const fn positive<'l>(what: &'static str, values: &'l [f64]) -> List<'l> {
+    (what, values, |v| v > 0.0 && v.is_finite(), "positive and finite")
+}
+
+/// Checks that lists are as long as the first and hold sound values, and that `empty` has at least one.
+pub(crate) fn check_lists<const N: usize>(empty: &'static str, lists: [List<'_>; N]) -> Result<()> {
+    let expected = lists.first().map_or(0, |list| list.1.len());
+    for (what, values, sound, needed) in lists {
+        if values.len() != expected {
+            return Err(Error::Length { what, found: values.len(), expected });
+        }
+        if let Some(index) = values.iter().position(|value| !sound(*value)) {
+            return Err(Error::Value { what, index, value: values[index], expected: needed });
+        }
+    }
+    if expected == 0 { Err(Error::Empty { what: empty }) } else { Ok(()) }
+}
+
+/// [`Error::Config`] for the first setting that is not sound: name, value, whether it is sound, and what to do.
+pub(crate) fn check(
+    settings: impl IntoIterator<Item = (&'static str, f64, bool, &'static str)>,
+) -> Result<()> {
+    match settings.into_iter().find(|setting| !setting.2) {
+        None => Ok(()),
+        Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
+    }
+}

@@ -11,11 +11,11 @@
 //!
 //! | feature | adds |
 //! | --- | --- |
-//! | `baseline` | [`Refiner`], filters and further predictions of the model, trivial sigmas |
+//! | `baseline` | [`Method`], filters and further predictions of the model, trivial sigmas |
 //! | `solver` | the fast bilateral solver (faer) |
-//! | `scenes` | procedural rooms, simulated priors and models, the trial of a model on the rooms |
+//! | `scenes` | procedural rooms, simulated priors and models, the check of a model's order of near and far |
 //! | `data` | data sets; includes `scenes` |
-//! | `plot` | figures as SVG and PNG |
+//! | `plot` | figures as SVG |
 //!
 //! ```
 //! use mde_eval::scene::{Room, room};
@@ -28,8 +28,8 @@
 //!
 //! let subject = Subject::new(prior.prediction().map.view(), scene.depth.view()).with_sigma(sigma.view());
 //! let scores = score(&subject, &ScoreConfig::default())?;
-//! assert!(scores.depth.abs_rel > 0.0 && scores.depth.abs_rel < 0.2);
-//! assert!(scores.uncertainty.is_some_and(|u| u.mae.ause > 0.0));
+//! assert!(scores.get("abs_rel").is_some_and(|error| error > 0.0 && error < 0.2));
+//! assert!(scores.get("ause_mae").is_some_and(|area| area > 0.0));
 //! # Ok::<(), mde_eval::Error>(())
 //! ```
 
@@ -43,10 +43,12 @@ pub mod data;
 mod error;
 #[cfg(feature = "plot")]
 pub mod figure;
-pub mod metrics;
-mod raster;
 #[cfg(feature = "baseline")]
-mod refiner;
+mod method;
+pub mod metrics;
+#[cfg(feature = "scenes")]
+pub mod order_check;
+mod raster;
 #[cfg(feature = "scenes")]
 pub mod scene;
 pub mod score;
@@ -54,8 +56,6 @@ pub mod score;
 pub mod simulated;
 pub mod statistics;
 pub mod table;
-#[cfg(feature = "scenes")]
-pub mod trial;
 
 pub use error::{Error, Result};
 #[cfg(feature = "scenes")]
@@ -65,11 +65,11 @@ pub use mde_prior;
 pub use mde_uncertainty;
 #[cfg(feature = "prior")]
 pub use mde_warp;
+#[cfg(feature = "baseline")]
+pub use method::{Method, Refined, Task, TaskView};
 #[cfg(feature = "prior")]
 pub use nalgebra;
 pub use ndarray;
-#[cfg(feature = "baseline")]
-pub use refiner::{Refined, Refiner, Task, TaskView};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

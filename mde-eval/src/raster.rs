@@ -14,18 +14,22 @@ pub(crate) use blur::blur_within;
 pub(crate) use canny::canny;
 pub(crate) use distance::Marked;
 pub(crate) use distance::distance_to;
-pub(crate) use gradient::{sobel, sobel_zero_padded};
+pub(crate) use gradient::sobel;
 pub(crate) use slic::Superpixels;
-pub(crate) use thin::Gradient;
 
 use crate::{Error, Result};
 use ndarray::{Array2, ArrayView2};
+
+/// A map of depths or the like, `[height, width]`.
+pub(crate) type Map<'a> = ArrayView2<'a, f32>;
+/// Marked pixels, `[height, width]`.
+pub(crate) type Mask<'a> = ArrayView2<'a, bool>;
 
 /// Pixels of `mask` whose eight neighbours belong to it too, `[height, width]`.
 ///
 /// What lies outside the image counts as part of the mask, as replicate padding has it. A 3 x 3 operator that is read
 /// only here never reads a masked-out value.
-pub(crate) fn erode(mask: ArrayView2<'_, bool>) -> Array2<bool> {
+pub(crate) fn erode(mask: Mask<'_>) -> Array2<bool> {
     let (height, width) = mask.dim();
     let rows = Array2::from_shape_fn((height, width), |(y, x)| {
         mask[(y, x)] && (x == 0 || mask[(y, x - 1)]) && (x + 1 == width || mask[(y, x + 1)])
@@ -36,7 +40,7 @@ pub(crate) fn erode(mask: ArrayView2<'_, bool>) -> Array2<bool> {
 }
 
 /// The largest value within `radius` pixels (Euclidean) of each pixel, `[height, width]`.
-pub(crate) fn dilate(map: ArrayView2<'_, f32>, radius: u32) -> Array2<f32> {
+pub(crate) fn dilate(map: Map<'_>, radius: u32) -> Array2<f32> {
     let mut out = map.to_owned();
     let reach = i64::from(radius);
     for dy in -reach..=reach {
@@ -50,7 +54,7 @@ pub(crate) fn dilate(map: ArrayView2<'_, f32>, radius: u32) -> Array2<f32> {
 }
 
 /// `out[y][x] = max(out[y][x], map[y + dy][x + dx])` where both exist.
-fn max_with_shifted(out: &mut Array2<f32>, map: ArrayView2<'_, f32>, dy: isize, dx: isize) {
+fn max_with_shifted(out: &mut Array2<f32>, map: Map<'_>, dy: isize, dx: isize) {
     let (height, width) = map.dim();
     let (tall, wide) = (dy.unsigned_abs(), dx.unsigned_abs());
     if tall >= height || wide >= width {
@@ -73,7 +77,7 @@ pub(crate) fn same_shape(what: &'static str, map: (usize, usize), truth: (usize,
 }
 
 /// The values of `map` where `mask` is true, row by row.
-pub(crate) fn gather(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Vec<f64> {
+pub(crate) fn gather(map: Map<'_>, mask: Mask<'_>) -> Vec<f64> {
     map.iter().zip(mask).filter(|&(_, &keep)| keep).map(|(&value, _)| f64::from(value)).collect()
 }
 

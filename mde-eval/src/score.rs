@@ -1,53 +1,59 @@
 //! All metrics of one map against the truth, as serialisable values.
 
 mod config;
-mod depth;
+mod map;
+mod metric;
 mod prepared;
+mod sigma;
 mod truth;
-mod uncertainty;
 
 pub use config::ScoreConfig;
-pub use depth::{BoundaryScores, DepthScores, EdgeScores};
+pub use metric::{Better, Group, METRICS, Metric};
 pub use prepared::Prepared;
-pub use uncertainty::{AreaScores, CoverageScore, UncertaintyCurves, UncertaintyScores};
+pub use sigma::UncertaintyCurves;
 
 use crate::align::{Alignment, AlignmentRule};
-use crate::raster::same_shape;
+use crate::raster::{Map, Mask, same_shape};
 use crate::{Error, Result};
-use ndarray::{Array2, ArrayView2, Zip};
+use map::DepthMap;
+use metric::Of;
+use ndarray::{Array2, Zip};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::{Deserialize, Serialize};
+use sigma::SigmaMap;
+use std::collections::BTreeMap;
 use truth::Truth;
 
 /// A prediction with or without its uncertainty, the truth, and the pixels that count.
 #[derive(Debug, Clone, Copy)]
 pub struct Subject<'a> {
     /// Predicted depth `[height, width]`, any unit; not positive or not finite means missing.
-    pub prediction: ArrayView2<'a, f32>,
+    pub prediction: Map<'a>,
     /// Predicted standard deviation of the depth `[height, width]`, in the prediction's unit. A pixel where it is not
     /// positive and finite has no uncertainty and is left out of those scores.
-    pub sigma: Option<ArrayView2<'a, f32>>,
+    pub sigma: Option<Map<'a>>,
     /// True depth `[height, width]` in metres; not positive or not finite means missing.
-    pub truth: ArrayView2<'a, f32>,
+    pub truth: Map<'a>,
     /// Pixels that may count `[height, width]`; all without it.
-    pub mask: Option<ArrayView2<'a, bool>>,
+    pub mask: Option<Mask<'a>>,
 }
 
 impl<'a> Subject<'a> {
     /// A prediction and its truth, all pixels.
-    pub fn new(prediction: ArrayView2<'a, f32>, truth: ArrayView2<'a, f32>) -> Self {
+    pub fn new(prediction: Map<'a>, truth: Map<'a>) -> Self {
         Self { prediction, sigma: None, truth, mask: None }
     }
 
     /// With the prediction's standard deviation.
     #[must_use]
-    pub fn with_sigma(mut self, sigma: ArrayView2<'a, f32>) -> Self {
+    pub fn with_sigma(mut self, sigma: Map<'a>) -> Self {
         self.sigma = Some(sigma);
         self
     }
 
     /// With a mask of the pixels that may count.
     #[must_use]
-    pub fn with_mask(mut self, mask: ArrayView2<'a, bool>) -> Self {
+    pub fn with_mask(mut self, mask: Mask<'a>) -> Self {
         self.mask = Some(mask);
         self
     }
@@ -101,10 +107,19 @@ pub struct Scores {
     pub alignment: Alignment,
     /// Pixels scored.
     pub pixels: usize,
-    /// Scores of the depth.
-    pub depth: DepthScores,
-    /// Scores of the uncertainty, where there is one.
-    pub uncertainty: Option<UncertaintyScores>,
+    /// By the key of one of [`METRICS`]; what is not defined (edges of a scene without edges) or not finite is left out.
+    #[serde(flatten)]
+    pub values: BTreeMap<String, f64>,
+    /// Curves of the uncertainty, where there is one.
+    #[serde(skip)]
+    pub curves: Option<UncertaintyCurves>,
+}
+
+impl Scores {
+    /// The value of the metric of that key.
+    pub fn get(&self, key: &str) -> Option<f64> {
+        self.values.get(key).copied()
+    }
 }
 
 /// Aligns a prediction by the rule of `config` (its own alignment) and scores it.
@@ -116,7 +131,8 @@ pub struct Scores {
 /// let truth = Array2::from_shape_fn((48, 64), |(_, x)| if x < 32 { 1.0 } else { 2.0 + 0.01 * x as f32 });
 /// let prediction = &truth * 0.5; // right up to scale
 /// let scores = score(&Subject::new(prediction.view(), truth.view()), &ScoreConfig::default())?;
-/// assert!(scores.depth.rmse < 1e-6 && scores.depth.boundary_f1 > 0.0);
+/// assert!(scores.get("rmse").is_some_and(|rmse| rmse < 1e-6));
+/// assert!(scores.get("boundary_f1").is_some_and(|f1| f1 > 0.0));
 /// # Ok::<(), mde_eval::Error>(())
 /// ```
 ///
@@ -154,24 +170,17 @@ fn score_with(
     let aligned = Aligned::new(subject, alignment, config)?;
     let (depth, uncertainty) = rayon::join(
         || match known.filter(|truth| truth.is_of(&aligned)) {
-            Some(truth) => depth::scores(aligned.depth.view(), truth, config),
-            None => {
-                let truth = Truth::new(aligned.truth.clone(), aligned.pixels.clone(), config)?;
-                depth::scores(aligned.depth.view(), &truth, config)
-            }
+            Some(truth) => depth_values(&aligned, truth),
+            None => depth_values(&aligned, &Truth::new(aligned.truth.clone(), aligned.pixels.clone())?),
         },
-        || {
-            aligned
-                .lists(subject, alignment)
-                .map_or(Ok(None), |lists| uncertainty::scores(&lists?, config).map(Some))
-        },
+        || aligned.uncertainty(subject, alignment),
     );
-    let count = aligned.pixels.iter().filter(|&&keep| keep).count();
-    Ok(Scores { rule: None, alignment: *alignment, pixels: count, depth: depth?, uncertainty: uncertainty? })
+    let (mut values, (of_sigma, curves)) = (depth?, uncertainty?);
+    values.extend(of_sigma);
+    Ok(aligned.scores(alignment, values, curves))
 }
 
-/// Scores of the uncertainty alone, with its curves: for another sigma of a depth that is scored already. Nothing where no
-/// pixel has an uncertainty.
+/// Scores of the uncertainty alone, for another sigma of a depth that is scored already. No value where no pixel has an uncertainty.
 ///
 /// # Errors
 /// As [`score`].
@@ -179,24 +188,31 @@ pub fn score_uncertainty(
     subject: &Subject<'_>,
     alignment: &Alignment,
     config: &ScoreConfig,
-) -> Result<Option<(UncertaintyScores, UncertaintyCurves)>> {
+) -> Result<Scores> {
     let aligned = Aligned::new(subject, alignment, config)?;
-    let Some(lists) = aligned.lists(subject, alignment).transpose()? else { return Ok(None) };
-    Ok(Some((uncertainty::scores(&lists, config)?, uncertainty::curves(&lists)?)))
+    let (values, curves) = aligned.uncertainty(subject, alignment)?;
+    Ok(aligned.scores(alignment, values, curves))
 }
 
-/// Curves of the uncertainty, nothing where no pixel has one.
-///
-/// # Errors
-/// As [`score`].
-pub fn curves(
-    subject: &Subject<'_>,
-    alignment: &Alignment,
-    config: &ScoreConfig,
-) -> Result<Option<UncertaintyCurves>> {
-    let aligned = Aligned::new(subject, alignment, config)?;
-    let lists = aligned.lists(subject, alignment).transpose()?;
-    lists.map(|lists| uncertainty::curves(&lists)).transpose()
+type Values = BTreeMap<String, f64>;
+
+fn depth_values(aligned: &Aligned, truth: &Truth) -> Result<Values> {
+    let found = DepthMap::new(aligned.depth.view(), truth)?;
+    values(|of| match of {
+        Of::Depths(metric) => metric(&found.predicted, &found.true_depths).map(Some),
+        Of::Maps(metric) => metric(found.map, truth.depth.view(), truth.pixels.view()).map(Some),
+        Of::Shared(metric) => metric(&found),
+        Of::Errors(_) | Of::Sigma(_) | Of::Evaluation => Ok(None),
+    })
+}
+
+/// The values of all metrics that have a finite one.
+fn values(of: impl Fn(Of) -> Result<Option<f64>> + Sync) -> Result<Values> {
+    let value = |metric: &Metric| match of(metric.of) {
+        Ok(value) => value.filter(|value| value.is_finite()).map(|value| Ok((metric.key.to_owned(), value))),
+        Err(error) => Some(Err(error)),
+    };
+    METRICS.into_par_iter().filter_map(value).collect()
 }
 
 /// Both maps, 0 where a pixel does not count.
@@ -219,9 +235,27 @@ impl Aligned {
         Ok(Self { depth, truth, pixels })
     }
 
-    /// The pixels with an uncertainty; nothing where there is none.
-    fn lists(&self, subject: &Subject<'_>, alignment: &Alignment) -> Option<Result<uncertainty::Lists>> {
+    /// Values and curves of the uncertainty; nothing where there is none.
+    fn uncertainty(
+        &self,
+        subject: &Subject<'_>,
+        alignment: &Alignment,
+    ) -> Result<(Values, Option<UncertaintyCurves>)> {
+        let Some(sigma) = subject.sigma else { return Ok(Default::default()) };
         let maps = (self.depth.view(), self.truth.view(), &self.pixels);
-        uncertainty::gather(subject.prediction, subject.sigma?, maps, alignment).transpose()
+        let Some(found) = SigmaMap::new(subject.prediction, sigma, maps, alignment)? else {
+            return Ok(Default::default());
+        };
+        let values = values(|of| match of {
+            Of::Errors(metric) => metric(&found.errors, &found.sigma).map(Some),
+            Of::Sigma(metric) => metric(&found),
+            Of::Depths(_) | Of::Maps(_) | Of::Shared(_) | Of::Evaluation => Ok(None),
+        })?;
+        Ok((values, Some(found.curves()?)))
+    }
+
+    fn scores(&self, alignment: &Alignment, values: Values, curves: Option<UncertaintyCurves>) -> Scores {
+        let pixels = self.pixels.iter().filter(|&&keep| keep).count();
+        Scores { rule: None, alignment: *alignment, pixels, values, curves }
     }
 }

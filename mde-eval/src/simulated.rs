@@ -2,10 +2,11 @@
 
 mod model;
 
-pub use model::{SimulatedModel, SimulatedModelConfig, SimulatedModels};
+pub use model::{SimulatedModel, SimulatedModelConfig};
 
+use crate::Result;
+use crate::error::check;
 use crate::raster::blur_within;
-use crate::{Error, Result};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_uncertainty::random::CounterRng;
 use ndarray::{Array2, ArrayView3, Axis};
@@ -61,27 +62,26 @@ impl SimulatedPriorConfig {
     /// Checks the fields.
     ///
     /// # Errors
-    /// [`Error::Config`] names the field and what it must be.
+    /// [`Error::Config`](crate::Error::Config) names the field and what it must be.
     pub fn validate(&self) -> Result<()> {
         let share = |value: f64| (0.0..=0.25).contains(&value);
         let checks = [
             ("lost-width", self.lost_width, share(self.lost_width), "use 0 to 0.25 of the width"),
             ("blur", self.blur, share(self.blur), "use 0 to 0.25 of the width"),
             ("error", self.error, (0.0..=1.0).contains(&self.error), "use 0 to 1"),
-            (
-                "wavelength",
-                self.wavelength,
-                self.wavelength >= 0.01 && self.wavelength.is_finite(),
-                "use a finite number from 0.01",
-            ),
+            ("wavelength", self.wavelength, is_wavelength(self.wavelength), WAVELENGTH),
             ("scale", self.scale, self.scale > 0.0 && self.scale.is_finite(), "use a positive finite number"),
             ("shift", self.shift, self.shift.is_finite(), "use a finite number"),
         ];
-        match checks.into_iter().find(|check| !check.2) {
-            None => Ok(()),
-            Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
-        }
+        check(checks)
     }
+}
+
+/// What a wavelength must be, as a share of the width.
+const WAVELENGTH: &str = "use a finite number from 0.01";
+
+fn is_wavelength(value: f64) -> bool {
+    value >= 0.01 && value.is_finite()
 }
 
 /// A prior for one image whose true depth \\(z\\) is known: thin things lost, edges soft, bent at low frequencies.
@@ -112,7 +112,7 @@ impl SimulatedPrior {
     /// Spoils a true depth map `[height, width]`. Missing pixels (not positive or not finite) stay missing.
     ///
     /// # Errors
-    /// [`Error::Config`]; [`Error::Prior`] for a map without any depth.
+    /// [`Error::Config`](crate::Error::Config); [`Error::Prior`](crate::Error::Prior) for a map without any depth.
     pub fn new(truth: &Array2<f32>, config: &SimulatedPriorConfig) -> Result<Self> {
         config.validate()?;
         let valid = truth.mapv(|z| z > 0.0 && z.is_finite());
@@ -230,6 +230,7 @@ fn waves(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Error;
     use ndarray::Array3;
 
     /// A wall at 3 m with a pole, three pixels wide, and a cupboard in front.

@@ -6,6 +6,7 @@
 //! are correlated too. Where the places of the scenes are given, whole places are drawn with replacement, all their scenes
 //! with them (the cluster bootstrap; Davison and Hinkley, "Bootstrap methods and their application", 1997, Section 3.8).
 
+use crate::error::{List, check, check_lists};
 use crate::{Error, Result};
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::statistics::quantile_sorted;
@@ -55,14 +56,11 @@ impl Bootstrap {
     /// # Errors
     /// [`Error::Config`] for the first field at fault.
     pub fn validate(&self) -> Result<()> {
-        let fault = |field, value: String, remedy| Err(Error::Config { field, value, remedy });
-        if self.draws == 0 {
-            return fault("draws", "0".to_owned(), "use at least 1");
-        }
-        if !(self.level > 0.0 && self.level < 1.0) {
-            return fault("level", self.level.to_string(), "use a probability between 0 and 1");
-        }
-        Ok(())
+        let level = self.level > 0.0 && self.level < 1.0;
+        check([
+            ("draws", self.draws as f64, self.draws > 0, "use at least 1"),
+            ("level", self.level, level, "use a probability between 0 and 1"),
+        ])
     }
 
     /// The mean \\(\frac1n \sum_s x_s\\) over scenes. `places` has a label for the place of each scene; without it, each
@@ -113,19 +111,8 @@ impl Bootstrap {
         of: impl Fn(&[f64; N]) -> Option<f64>,
     ) -> Result<Option<Estimate>> {
         self.validate()?;
-        let count = lists.first().map_or(0, |list| list.len());
-        for list in lists {
-            if list.len() != count {
-                return Err(Error::Length { what, found: list.len(), expected: count });
-            }
-            if let Some(index) = list.iter().position(|v| !v.is_finite()) {
-                return Err(Error::Value { what, index, value: list[index], expected: "finite" });
-            }
-        }
-        if count == 0 {
-            return Err(Error::Empty { what });
-        }
-        let places = by_place(what, places, count)?;
+        check_lists(what, lists.map(|list| -> List<'_> { (what, list, f64::is_finite, "finite") }))?;
+        let places = by_place(what, places, lists.first().map_or(0, |list| list.len()))?;
         let means = |drawn: &mut dyn FnMut() -> usize| {
             let (mut sums, mut scenes) = ([0.0; N], 0_usize);
             for _ in 0..places.len() {

@@ -19,7 +19,7 @@ impl Fuser for FixedSigma {
         // Without views the aggregate has no size of its own.
         let aggregated = match views {
             [] => GaussianDepth::missing(height, width),
-            views => aggregate(views, Aggregation::Precision, false)?,
+            views => aggregate(views, Aggregation::Precision)?,
         };
         let mut mean = prior.mean().to_owned();
         let mut variance = mean.mapv(|_| f32::INFINITY);

@@ -63,11 +63,6 @@ pub fn affine_wls(samples: &[Sample]) -> Option<AffineFit> {
     Line::new(samples.iter().map(|s| (relative_precision(least, s.variance), s.u, s.v)))?.fit()
 }
 
-/// The same line with every sample weighing the same: Eq. 13 with \\(p = 1\\).
-pub(crate) fn affine_ols(samples: &[Sample]) -> Option<AffineFit> {
-    Line::new(samples.iter().map(|s| (1.0, s.u, s.v)))?.fit()
-}
-
 /// The diagnostics of [`affine_wls`] for a given map.
 pub(crate) fn diagnose(samples: &[Sample], affine: Affine) -> Option<AffineFit> {
     let least = least_variance(samples);
@@ -81,19 +76,19 @@ fn least_variance(samples: &[Sample]) -> f64 {
 
 /// Centred weighted sums of pairs \\((u, v)\\).
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Line {
-    pub(crate) sum_p: f64,
+struct Line {
+    sum_p: f64,
     sum_pp: f64,
-    pub(crate) mean_u: f64,
-    pub(crate) mean_v: f64,
-    pub(crate) suu: f64,
-    pub(crate) suv: f64,
+    mean_u: f64,
+    mean_v: f64,
+    suu: f64,
+    suv: f64,
     svv: f64,
 }
 
 impl Line {
     /// Sums of `(p, u, v)`; `None` without positive weight.
-    pub(crate) fn new(points: impl Iterator<Item = (f64, f64, f64)> + Clone) -> Option<Self> {
+    fn new(points: impl Iterator<Item = (f64, f64, f64)> + Clone) -> Option<Self> {
         // About the first point, so that the sums of a constant are exactly constant.
         let (_, u0, v0) = points.clone().find(|(p, ..)| *p > 0.0)?;
         let (mut sum_p, mut sum_pp, mut mean_u, mut mean_v) = (0.0, 0.0, 0.0, 0.0);
@@ -120,7 +115,7 @@ impl Line {
         (a.is_finite() && b.is_finite()).then(|| self.describe(Affine { a, b }))
     }
 
-    pub(crate) fn describe(&self, affine: Affine) -> AffineFit {
+    fn describe(&self, affine: Affine) -> AffineFit {
         let correlation = self.suv / (self.suu.sqrt() * self.svv.sqrt());
         let total = self.suu + self.sum_p * self.mean_u * self.mean_u;
         AffineFit {
@@ -130,4 +125,52 @@ impl Line {
             relative_spread: if total > 0.0 { self.suu / total } else { 0.0 },
         }
     }
+}
+
+/// Relative spread at the resolution of an `f32`: the depth is constant to within its precision.
+const CONSTANT: f64 = f32::EPSILON as f64 * f32::EPSILON as f64;
+
+/// Why the fit to `samples` is refused as a calibration. A fit of `None` is not determined.
+pub(crate) fn degenerate(samples: &[Sample], fit: Option<&AffineFit>) -> Option<Degenerate> {
+    match fit {
+        _ if samples.len() < 2 => Some(Degenerate::Support { found: samples.len() }),
+        None => Some(Degenerate::Singular { relative_spread: 0.0 }),
+        Some(fit) if fit.relative_spread <= CONSTANT => {
+            Some(Degenerate::Singular { relative_spread: fit.relative_spread })
+        }
+        Some(AffineFit { affine: Affine { a, .. }, .. }) => {
+            (!(*a > 0.0 && a.is_finite())).then_some(Degenerate::Scale { a: *a })
+        }
+    }
+}
+
+/// Why a calibration was refused.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(tag = "reason", rename_all = "kebab-case")
+)]
+#[non_exhaustive]
+pub enum Degenerate {
+    /// Too few pixels where both the prior and a view have a depth.
+    #[error("only {found} pixels have both a prior depth and a view; 2 are needed")]
+    Support {
+        /// Number of pixels.
+        found: usize,
+    },
+    /// The views' depth is constant to within its precision.
+    #[error(
+        "the views' depth is constant (relative spread {relative_spread:e}), so the scale is undetermined"
+    )]
+    Singular {
+        /// \\(\sum p(u-\bar u)^2 / \sum p u^2\\).
+        relative_spread: f64,
+    },
+    /// A scale that is not positive.
+    #[error("the scale {a} from the views to the prior is not positive")]
+    Scale {
+        /// The fitted scale.
+        a: f64,
+    },
 }

@@ -1,6 +1,5 @@
-use crate::gaussian::to_f32;
-use crate::precision::mixture_variance;
-use crate::{Error, Gaussian, Result, precision_weighted};
+use crate::gaussian::{relative_precision, to_f32};
+use crate::{Error, Gaussian, Result};
 use mde_uncertainty::GaussianDepth;
 use ndarray::Array2;
 
@@ -11,31 +10,17 @@ pub enum Aggregation {
     /// Eq. 7-8: weighted by precision.
     #[default]
     Precision,
+    /// The mean of Eq. 7 with the variance of the mixture of the views, in place of Eq. 8, which assumes independent views.
+    Mixture,
     /// The nearest surface, with its view's variance (the smaller one of equally near views).
     MinDepth,
-    /// The nearest surface, with the variance \\(1/\tau_r\\) of Eq. 8 over all views. It differs from
-    /// [`Precision`](Self::Precision) in the mean alone, and from [`MinDepth`](Self::MinDepth) in the variance alone.
-    MinDepthPrecision,
-    /// The view of least variance (the nearer one of equally certain views).
-    MinVariance,
-    /// The plain mean \\(\tfrac1K\sum_j\mu_j\\), variance \\(\tfrac1{K^2}\sum_j\sigma_j^2\\).
-    Mean,
-    /// The middle view and its variance; of an even number, the two middle views' [`Mean`](Self::Mean).
-    Median,
 }
 
 /// Aggregates the depth of many views per pixel: Eq. 7-8, or another [`Aggregation`].
 ///
 /// All maps are `[height, width]`, reprojected into one camera. A view that is missing at a pixel does not count
 /// there, and a pixel that every view misses stays missing (\\(\tau_r = 0\\)). The order of the views does not
-/// matter. With `spread` the variance is that of the mixture of the views instead of that of independent estimates, with
-/// \\(\tau_j = 1/(\sigma_r^2)^{(j)}\\)
-///
-/// \\[ \sigma^2_{\mathrm{mix}} = \sum_j \frac{\tau_j}{\tau_r} \Bigl((\sigma_r^2)^{(j)} +
-/// \bigl(\mu_r^{(j)} - \mu_r^{\mathrm{agg}}\bigr)^2\Bigr) \\]
-///
-/// for [`Aggregation::Precision`], and the same with equal weights for the mean and the median. It does not change the rules
-/// that take the depth of one view.
+/// matter.
 ///
 /// Without views the map is empty, `[0, 0]`.
 ///
@@ -47,13 +32,13 @@ pub enum Aggregation {
 ///
 /// let near = GaussianDepth::new(array![[2.0, 5.0]], array![[0.1, f32::INFINITY]])?;
 /// let far = GaussianDepth::new(array![[3.0, 5.0]], array![[0.3, f32::INFINITY]])?;
-/// let both = aggregate(&[near, far], Aggregation::Precision, false)?;
+/// let both = aggregate(&[near, far], Aggregation::Precision)?;
 /// let (mean, variance) = both.get(0, 0).ok_or("known by both")?;
 /// assert!((mean - 2.25).abs() < 1e-6 && (variance - 0.075).abs() < 1e-7);
 /// assert!(both.is_missing(0, 1));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub fn aggregate(views: &[GaussianDepth], rule: Aggregation, spread: bool) -> Result<GaussianDepth> {
+pub fn aggregate(views: &[GaussianDepth], rule: Aggregation) -> Result<GaussianDepth> {
     let (height, width) = views.first().map_or((0, 0), GaussianDepth::dim);
     check_shapes(views, (height, width))?;
     let mut pixels: Vec<_> = views.iter().map(|view| view.mean().into_iter().zip(view.variance())).collect();
@@ -64,7 +49,7 @@ pub fn aggregate(views: &[GaussianDepth], rule: Aggregation, spread: bool) -> Re
         let known = pixels.iter_mut().filter_map(Iterator::next).filter(|(_, v)| v.is_finite());
         estimates.clear();
         estimates.extend(known.map(|(&m, &v)| Gaussian::new(f64::from(m), f64::from(v))));
-        if let Some(g) = combine(&mut estimates, rule, spread) {
+        if let Some(g) = combine(&estimates, rule) {
             (*mean, *variance) = (to_f32(g.mean), to_f32(g.variance));
         }
     }
@@ -78,43 +63,64 @@ pub(crate) fn check_shapes(views: &[GaussianDepth], expected: (usize, usize)) ->
     }
 }
 
-fn combine(estimates: &mut [Gaussian], rule: Aggregation, spread: bool) -> Option<Gaussian> {
-    let by_depth =
-        |a: &Gaussian, b: &Gaussian| a.mean.total_cmp(&b.mean).then(a.variance.total_cmp(&b.variance));
-    let by_variance =
-        |a: &Gaussian, b: &Gaussian| a.variance.total_cmp(&b.variance).then(a.mean.total_cmp(&b.mean));
-    let mut result = match rule {
+fn combine(estimates: &[Gaussian], rule: Aggregation) -> Option<Gaussian> {
+    match rule {
         Aggregation::Precision => precision_weighted(estimates),
-        Aggregation::MinDepth => estimates.iter().copied().min_by(by_depth),
-        Aggregation::MinDepthPrecision => {
-            let nearest = estimates.iter().copied().min_by(by_depth);
-            nearest.zip(precision_weighted(estimates)).map(|(g, all)| Gaussian::new(g.mean, all.variance))
+        Aggregation::Mixture => {
+            let Gaussian { mean, .. } = precision_weighted(estimates)?;
+            Some(Gaussian::new(mean, mixture_variance(estimates, mean)))
         }
-        Aggregation::MinVariance => estimates.iter().copied().min_by(by_variance),
-        Aggregation::Mean => plain_mean(estimates),
-        Aggregation::Median => {
-            estimates.sort_unstable_by(by_depth);
-            let middle = estimates.len().saturating_sub(1) / 2..estimates.len() / 2 + 1;
-            estimates.get(middle).and_then(plain_mean)
-        }
-    }?;
-    if spread {
-        match rule {
-            Aggregation::Precision => result.variance = mixture_variance(estimates, result.mean),
-            Aggregation::Mean | Aggregation::Median => {
-                let second = estimates.iter().map(|g| g.variance + (g.mean - result.mean).powi(2));
-                result.variance = second.sum::<f64>() / estimates.len() as f64;
-            }
-            Aggregation::MinDepth | Aggregation::MinDepthPrecision | Aggregation::MinVariance => {}
-        }
+        Aggregation::MinDepth => estimates
+            .iter()
+            .copied()
+            .min_by(|a, b| a.mean.total_cmp(&b.mean).then(a.variance.total_cmp(&b.variance))),
     }
-    Some(result)
 }
 
-fn plain_mean(estimates: &[Gaussian]) -> Option<Gaussian> {
+/// Precision-weighted mean of independent estimates (Eq. 7-8).
+///
+/// \\[ \tau_r = \sum_{j\in\mathcal V} \frac{1}{(\sigma_r^2)^{(j)}},\qquad
+/// \mu_r^{\mathrm{agg}} = \frac{1}{\tau_r} \sum_{j\in\mathcal V} \frac{\mu_r^{(j)}}{(\sigma_r^2)^{(j)}},\qquad
+/// (\sigma_r^2)^{\mathrm{agg}} = \frac{1}{\tau_r} \\]
+///
+/// `None` where there is no estimate, that is \\(\tau_r = 0\\). The weights are taken relative to the largest, so
+/// that no precision overflows. Estimates of variance 0 are exact: their plain mean is the limit, with variance 0.
+pub fn precision_weighted(estimates: &[Gaussian]) -> Option<Gaussian> {
     let first = estimates.first()?;
-    let count = estimates.len() as f64;
-    let offset: f64 = estimates.iter().map(|g| g.mean - first.mean).sum();
-    let variance: f64 = estimates.iter().map(|g| g.variance).sum();
-    Some(Gaussian::new(first.mean + offset / count, variance / (count * count)))
+    let least = Some(least_variance(estimates)).filter(|least| least.is_finite())?;
+    let (mut tau, mut offset) = (0.0, 0.0);
+    // About the first estimate: equal estimates then give exactly themselves.
+    for g in estimates {
+        let weight = relative_precision(least, g.variance);
+        tau += weight;
+        offset += weight * (g.mean - first.mean);
+    }
+    Some(Gaussian::new(first.mean + offset / tau, least / tau))
+}
+
+/// Variance of the mixture of the views with the weights of Eq. 7, which does not assume that their errors are
+/// independent.
+///
+/// \\[ \sigma^2_{\mathrm{mix}} = \frac{|\mathcal V|}{\tau_r} + \sum_j \frac{\tau_j}{\tau_r}
+/// \bigl(\mu_r^{(j)} - \mu_r^{\mathrm{agg}}\bigr)^2,\qquad \tau_j = 1/(\sigma_r^2)^{(j)} \\]
+///
+/// The first term is \\(\sum_j \tfrac{\tau_j}{\tau_r} (\sigma_r^2)^{(j)}\\), so this is the law of total variance.
+/// Eq. 8 divides the variance by the number of views. Renders of one field share their error, so that Eq. 8 is too small by up
+/// to that number.
+///
+/// `mean` is \\(\mu_r^{\mathrm{agg}}\\). 0 without estimates.
+pub(crate) fn mixture_variance(estimates: &[Gaussian], mean: f64) -> f64 {
+    let least = least_variance(estimates);
+    let (mut tau, mut second) = (0.0, 0.0);
+    for g in estimates {
+        let weight = relative_precision(least, g.variance);
+        tau += weight;
+        // weight * variance is `least` for every estimate of variance > 0, and 0 where one is exact.
+        second += least + weight * (g.mean - mean).powi(2);
+    }
+    if tau > 0.0 { second / tau } else { 0.0 }
+}
+
+fn least_variance(estimates: &[Gaussian]) -> f64 {
+    estimates.iter().map(|g| g.variance).fold(f64::INFINITY, f64::min)
 }

@@ -1,18 +1,41 @@
-use crate::affine::{affine_ols, diagnose};
+use crate::affine::{degenerate, diagnose};
 use crate::aggregate::check_shapes;
-use crate::effective::{ROUNDS, affine_effective};
 use crate::gaussian::to_f32;
-use crate::guards::Bounds;
 use crate::posterior::nerf_weight;
-use crate::spread::Spread;
-use crate::variance::{variance_floor, with_variance};
 use crate::{
-    Affine, AffineFit, Calibration, Degenerate, Fused, Fuser, Fusion, FusionConfig, FusionReport, Gaussian,
-    Prior, Result, Sample, affine_wls, aggregate, posterior, residuals,
+    Affine, AffineFit, Calibration, Degenerate, Fusion, FusionConfig, FusionReport, Gaussian, Prior,
+    PriorVariance, Residual, Result, Sample, VarianceRule, affine_wls, aggregate, empirical_bayes, posterior,
+    residuals,
 };
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::{median, quantile};
 use ndarray::Array2;
+
+/// Combines a prior depth map with the depth of rendered views.
+///
+/// `examples/own_fuser.rs` is another implementation.
+pub trait Fuser {
+    /// Fuses a prior `[height, width]` with views that were reprojected into its camera, all `[height, width]`
+    /// z-depth in about the prior's unit. Without views the result is the prior.
+    ///
+    /// # Errors
+    /// [`Error::Shape`](crate::Error::Shape) for a view of another size than the prior. An implementation returns an error of its
+    /// own as [`Error::External`](crate::Error::External).
+    fn fuse(&self, prior: &Prior, views: &[GaussianDepth]) -> Result<Fused>;
+}
+
+/// The result of a fusion. Every map is `[height, width]`, depth in the prior's unit, variance in that unit squared.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fused {
+    /// Refined depth and its variance (Eq. 16-17); positive wherever it is not missing.
+    pub depth: GaussianDepth,
+    /// The aggregated views (Eq. 7-8), in their own scale and shift.
+    pub aggregated: GaussianDepth,
+    /// The same in the scale and shift of the prior (Eq. 10): \\(a\mu + b\\), \\(a^2\sigma^2\\).
+    pub aligned: GaussianDepth,
+    /// The estimated scalars and warnings.
+    pub report: FusionReport,
+}
 
 /// The paper's fusion (Eq. 7-17), with every choice in a [`FusionConfig`].
 ///
@@ -25,23 +48,8 @@ use ndarray::Array2;
 ///
 /// The square of the [common error](FusionConfig::common_error) is added to the variance.
 ///
-/// Where the calibration is [degenerate](crate::Guards), the result is \\(D_o\\) with the prior's own variance or
+/// Where the calibration is [degenerate](Degenerate), the result is \\(D_o\\) with the prior's own variance or
 /// \\((\kappa \operatorname{median} D_o)^2\\), and the report gives the reason.
-///
-/// ```
-/// use mde_fusion::{BayesFuser, Fuser, FusionConfig, GaussianDepth, Prior, ndarray::Array2};
-///
-/// // The prior is a smooth slope, the view a sharp step at twice the scale.
-/// let prior = Prior::new(Array2::from_shape_fn((8, 8), |(_, x)| 2.0 + 0.25 * x as f32))?;
-/// let step = Array2::from_shape_fn((8, 8), |(_, x)| if x < 4 { 4.75 } else { 6.75 });
-/// let view = GaussianDepth::new(step, Array2::from_elem((8, 8), 1e-4))?;
-///
-/// let fused = BayesFuser::new(FusionConfig::paper())?.fuse(&prior, &[view])?;
-/// assert!((fused.report.a - 0.5).abs() < 1e-6 && fused.report.degenerate.is_none());
-/// let (left, right) = (fused.depth.mean()[(0, 3)], fused.depth.mean()[(0, 4)]);
-/// assert!(right - left > 0.9, "the step is back: {left} {right}");
-/// # Ok::<(), mde_fusion::Error>(())
-/// ```
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct BayesFuser {
     config: FusionConfig,
@@ -68,34 +76,30 @@ impl BayesFuser {
             return Ok(GaussianDepth::missing(height, width));
         }
         let floor = variance_floor(views, config.variance_floor);
-        aggregate(&with_variance(views, config.variance, floor), config.aggregation, config.spread)
+        aggregate(&with_variance(views, config.variance, floor), config.aggregation)
     }
 
-    fn calibrate(&self, samples: &[Sample], pixels: usize) -> Calibrated {
-        let refused = |reason| Calibrated {
-            fit: diagnose(samples, Affine::IDENTITY),
-            affine: None,
-            degenerate: Some(reason),
-        };
-        let bounds = self.config.guards.bounds();
-        if let Some(reason) = bounds.check_support(samples.len(), pixels) {
-            return refused(reason);
+    fn calibrate(&self, samples: &[Sample]) -> Calibrated {
+        let unfitted =
+            |affine, degenerate| Calibrated { fit: diagnose(samples, Affine::IDENTITY), affine, degenerate };
+        if self.config.calibration == Calibration::None && samples.len() > 1 {
+            return unfitted(Some(Affine::IDENTITY), None);
         }
-        let (fit, bounds) = match self.config.calibration {
-            Calibration::None => {
-                let fit = diagnose(samples, Affine::IDENTITY);
-                return Calibrated { fit, affine: Some(Affine::IDENTITY), degenerate: None };
-            }
-            Calibration::Wls => (affine_wls(samples), bounds),
-            Calibration::Ols => (affine_ols(samples), bounds),
-            // The ridge determines the map even where the depth is constant.
-            Calibration::Effective => {
-                (affine_effective(samples, ROUNDS), Bounds { singular: -1.0, ..bounds })
-            }
-        };
-        match bounds.check_fit(fit.as_ref()) {
-            Some(reason) => refused(reason),
+        let fit = affine_wls(samples);
+        match degenerate(samples, fit.as_ref()) {
+            Some(reason) => unfitted(None, Some(reason)),
             None => Calibrated { fit, affine: fit.map(|fit| fit.affine), degenerate: None },
+        }
+    }
+
+    /// \\(\sigma_o^2\\) of a prior without a variance, from the residuals over \\(\mathcal X\\), which are `None` without a calibration.
+    fn estimate(&self, prior: &Prior, residuals: Option<&[Residual]>) -> f64 {
+        let relative = || (self.config.kappa * prior_median(prior)).powi(2);
+        let Some(residuals) = residuals.filter(|r| !r.is_empty()) else { return relative() };
+        match self.config.prior_variance {
+            PriorVariance::Moments => empirical_bayes(residuals),
+            PriorVariance::FixedMedian => median(residuals.iter().map(|r| to_f32(r.variance))).unwrap_or(0.0),
+            PriorVariance::FixedRelative => relative(),
         }
     }
 
@@ -116,16 +120,15 @@ impl BayesFuser {
     fn refine(
         &self,
         prior: &Prior,
-        spread: &Spread,
+        prior_variance: &Array2<f64>,
         likelihood: impl Iterator<Item = Option<Gaussian>>,
         report: &mut FusionReport,
     ) -> Result<GaussianDepth> {
-        let floor = (self.config.posterior_floor * prior_median(prior)).powi(2);
         let mut mean = Array2::zeros(prior.dim());
         let mut variance = Array2::from_elem(prior.dim(), f32::INFINITY);
-        let input = prior.mean().into_iter().zip(spread.values()).zip(likelihood);
+        let input = prior.mean().into_iter().zip(prior_variance).zip(likelihood);
         let mut weights = 0.0;
-        for (((&depth, s), likelihood), output) in input.zip(mean.iter_mut().zip(&mut variance)) {
+        for (((&depth, &s), likelihood), output) in input.zip(mean.iter_mut().zip(&mut variance)) {
             let own = (depth > 0.0).then(|| Gaussian::new(f64::from(depth), s));
             let Some((fused, weight)) = self.combine(own, likelihood) else { continue };
             let mut fused = (to_f32(fused.mean) > 0.0 && fused.variance.is_finite()).then_some(fused);
@@ -139,7 +142,7 @@ impl BayesFuser {
             }
             if let Some(g) = fused {
                 let common = (self.config.common_error * g.mean).powi(2);
-                (*output.0, *output.1) = (to_f32(g.mean), to_f32(g.variance.max(floor) + common));
+                (*output.0, *output.1) = (to_f32(g.mean), to_f32(g.variance + common));
             }
         }
         report.nerf_weight = weights / report.support.max(1) as f64;
@@ -152,11 +155,14 @@ impl Fuser for BayesFuser {
         check_shapes(views, prior.dim())?;
         let aggregated = self.aggregate(views, prior.dim())?;
         let (samples, inside) = overlap(&aggregated, prior);
-        let Calibrated { fit, affine, degenerate } = self.calibrate(&samples, inside.len());
+        let Calibrated { fit, affine, degenerate } = self.calibrate(&samples);
 
         let deltas = affine.map(|affine| residuals(&samples, affine));
-        let spread = Spread::find(prior, deltas.as_deref(), &inside, &self.config);
-        let sigma_o = spread.rms(&inside);
+        let prior_variance = match prior.variance() {
+            Some(own) => own.mapv(f64::from),
+            None => Array2::from_elem(prior.dim(), self.estimate(prior, deltas.as_deref())),
+        };
+        let sigma_o = rms(&prior_variance, &inside);
         let used = affine.unwrap_or_default();
         let align = |m: f32, v: f32| used.apply(Gaussian::new(f64::from(m), f64::from(v)));
         let aligned = aggregated.clone().map(|m, v| {
@@ -178,7 +184,7 @@ impl Fuser for BayesFuser {
         };
         let known = aggregated.mean().into_iter().zip(aggregated.variance());
         let likelihood = known.map(|(&m, &v)| (affine.is_some() && v.is_finite()).then(|| align(m, v)));
-        let depth = self.refine(prior, &spread, likelihood, &mut report)?;
+        let depth = self.refine(prior, &prior_variance, likelihood, &mut report)?;
         report.collect_warnings(bayes);
         Ok(Fused { depth, aligned, aggregated, report })
     }
@@ -207,11 +213,46 @@ fn overlap(aggregated: &GaussianDepth, prior: &Prior) -> (Vec<Sample>, Vec<bool>
     (samples, inside)
 }
 
-pub(crate) fn prior_median(prior: &Prior) -> f64 {
+/// Square root of the mean over \\(\mathcal X\\), or over all finite values where it is empty.
+fn rms(variance: &Array2<f64>, inside: &[bool]) -> f64 {
+    let all = !inside.contains(&true);
+    let chosen = variance.iter().zip(inside).filter(|(v, inside)| v.is_finite() && (all || **inside));
+    let (sum, count) = chosen.fold((0.0, 0.0), |(sum, count), (v, _)| (sum + v, count + 1.0));
+    if count > 0.0 { (sum / count).sqrt() } else { 0.0 }
+}
+
+fn prior_median(prior: &Prior) -> f64 {
     median(prior.mean().iter().copied().filter(|&d| d > 0.0)).unwrap_or(0.0)
 }
 
 fn variance_quantiles(map: &GaussianDepth) -> [f64; 5] {
     let mut values: Vec<f32> = map.variance().iter().copied().filter(|v| v.is_finite()).collect();
     [0.05, 0.25, 0.5, 0.75, 0.95].map(|q| quantile(&mut values, q).unwrap_or(0.0))
+}
+
+/// Lower bound of the views' variance: \\((\epsilon \cdot \operatorname{median} |\mu|)^2\\).
+///
+/// A surface inside one bin of a ray has a computed variance of 0, and would take all the weight of Eq. 7 and Eq. 11.
+/// The floor is relative to the median depth of the views, so that it follows the unit. `relative` is
+/// \\(\epsilon\\). Never less than the smallest normal `f32`, so that a precision stays finite.
+fn variance_floor(views: &[GaussianDepth], relative: f64) -> f64 {
+    let depths = views.iter().flat_map(known).map(|(mean, _)| mean.abs());
+    let floor = (relative * median(depths).unwrap_or(0.0)).powi(2);
+    floor.clamp(f64::from(f32::MIN_POSITIVE), f64::from(f32::MAX))
+}
+
+/// The views with variances by `rule`, none of them below `floor`.
+fn with_variance(views: &[GaussianDepth], rule: VarianceRule, floor: f64) -> Vec<GaussianDepth> {
+    let constant = match rule {
+        VarianceRule::Computed => None,
+        VarianceRule::ConstantMedian => median(views.iter().flat_map(known).map(|(_, variance)| variance)),
+    };
+    let floor = floor as f32;
+    let constant = constant.map(|c| c as f32);
+    let adjust = |view: &GaussianDepth| view.clone().map(|m, v| (m, constant.unwrap_or(v).max(floor)));
+    views.iter().map(adjust).collect()
+}
+
+fn known(view: &GaussianDepth) -> impl Iterator<Item = (f32, f32)> {
+    view.mean().into_iter().zip(view.variance()).filter(|(_, v)| v.is_finite()).map(|(&m, &v)| (m, v))
 }

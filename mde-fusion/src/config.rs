@@ -1,4 +1,4 @@
-use crate::{Aggregation, Error, Guards, Result, VarianceRule};
+use crate::{Aggregation, Error, Result};
 
 /// The choices of the fusion. The default is [`paper`](Self::paper).
 #[derive(Debug, Clone, PartialEq)]
@@ -15,8 +15,6 @@ pub struct FusionConfig {
     pub variance_floor: f64,
     /// Rule that turns the views of a pixel into one (Eq. 7-8).
     pub aggregation: Aggregation,
-    /// Whether the aggregated variance is that of the mixture of the views, in place of Eq. 8, which assumes independent views.
-    pub spread: bool,
     /// Fit of the affine map from the views' depth to the prior's (Eq. 10-13).
     pub calibration: Calibration,
     /// Estimate of \\(\sigma_o^2\\) (Eq. 15). Not used for a prior that has a variance.
@@ -26,15 +24,10 @@ pub struct FusionConfig {
     pub kappa: f64,
     /// Rule that combines the prior and the views (Eq. 16-17).
     pub fusion: Fusion,
-    /// Lower bound of the result's standard deviation, as a fraction of the prior's median depth. 0 is Eq. 17 as printed, which
-    /// gives 0 wherever Eq. 15 does.
-    pub posterior_floor: f64,
     /// Standard deviation, as a fraction of the depth, of the error that the prior and the views share. Its square is added to
     /// the result's variance. Views warped by the prior share its error, and no residual shows it: this value is stated, not
     /// estimated. It is added once per fusion: use 0 where the result is the prior of another fusion. 0 is Eq. 17 as printed.
     pub common_error: f64,
-    /// When a calibration is refused as degenerate.
-    pub guards: Guards,
 }
 
 impl Default for FusionConfig {
@@ -50,27 +43,11 @@ impl FusionConfig {
             variance: VarianceRule::Computed,
             variance_floor: 1e-3,
             aggregation: Aggregation::Precision,
-            spread: false,
             calibration: Calibration::Wls,
             prior_variance: PriorVariance::Moments,
             kappa: 0.1,
             fusion: Fusion::Bayes,
-            posterior_floor: 0.0,
             common_error: 0.0,
-            guards: Guards::Paper,
-        }
-    }
-
-    /// Mixture variance, effective-variance calibration, a heteroscedastic prior variance, strict guards, and a lower bound of
-    /// 0.1 % of the median depth for the result's standard deviation.
-    pub fn robust() -> Self {
-        Self {
-            spread: true,
-            calibration: Calibration::Effective,
-            prior_variance: PriorVariance::Heteroscedastic,
-            posterior_floor: 1e-3,
-            guards: Guards::Strict,
-            ..Self::paper()
         }
     }
 
@@ -85,11 +62,9 @@ impl FusionConfig {
         };
         let unit = 0.0..1.0;
         let fraction = "give a fraction from 0 to below 1";
-        for (field, value) in [
-            ("fusion.variance-floor", self.variance_floor),
-            ("fusion.posterior-floor", self.posterior_floor),
-            ("fusion.common-error", self.common_error),
-        ] {
+        for (field, value) in
+            [("fusion.variance-floor", self.variance_floor), ("fusion.common-error", self.common_error)]
+        {
             check(field, value, unit.contains(&value), fraction)?;
         }
         let kappa = self.kappa;
@@ -110,7 +85,17 @@ macro_rules! choice {
         pub enum $name { $($(#[$variant_doc])* $variant),+ }
     };
 }
-pub(crate) use choice;
+
+choice! {
+    /// Variance of the views.
+    VarianceRule {
+        /// Their own.
+        #[default]
+        Computed,
+        /// One constant: the median of the variances of all views at all pixels that are not missing.
+        ConstantMedian,
+    }
+}
 
 choice! {
     /// Fit of the affine map of Eq. 10.
@@ -120,20 +105,6 @@ choice! {
         Wls,
         /// None: \\(a = 1\\), \\(b = 0\\).
         None,
-        /// Least squares without weights: Eq. 13 with \\(p = 1\\).
-        Ols,
-        /// Iterated weighted least squares with effective variances, a ridge and Huber's weights. With
-        /// \\(t = \sigma_o^2 + a^2 (\sigma_r^2)^{\mathrm{agg}}\\), the variance of a residual by Eq. 14,
-        ///
-        /// \\[ \min_{a,b} \sum_{x\in\mathcal X} \frac{h(x)}{t(x)} \bigl(a u(x) + b - v(x)\bigr)^2 +
-        /// \frac{(a-1)^2}{\sigma_a^2} + \frac{b^2}{\sigma_b^2},\qquad
-        /// h = \min\left(1, \frac{k \sqrt t}{|\delta|}\right), \\]
-        ///
-        /// with \\(k = 1.345\\), \\(\sigma_a = 0.05\\) and \\(\sigma_b\\) 5 % of the median prior depth. \\(t\\) and \\(h\\) are those of
-        /// the previous map, and \\(\sigma_o^2\\) is Huber's proposal 2, in at most ten rounds from the identity. Eq. 11 weighs by the
-        /// views' variance alone, so that a few pixels of tiny variance determine the map. Noise in \\(u\\) attenuates the scale
-        /// here too; only the ridge counteracts it.
-        Effective,
     }
 }
 
@@ -147,9 +118,6 @@ choice! {
         FixedMedian,
         /// \\((\kappa \operatorname{median} D_o)^2\\).
         FixedRelative,
-        /// A variance per pixel, \\(\sigma_o^2(x) = c_0 + c_1 |\nabla D_o(x)|^2 + c_2 D_o(x)^4\\) with \\(c \ge 0\\): a constant, an error of
-        /// localisation, and a constant error of disparity. \\(c\\) is the non-negative least-squares fit of the summand of Eq. 15.
-        Heteroscedastic,
     }
 }
 

@@ -26,52 +26,36 @@
 //!
 //! Depth is z in the prior's unit, variance in that unit squared. Maps are `[height, width]` and never NaN. An infinite variance
 //! (\\(\tau = 0\\)) is a missing pixel, a variance of 0 an exact depth; a prior whose error is not known has no variance at all
-//! ([`Prior::new`]). Sums are `f64`, in a fixed order. Features: `serde` for configuration and report, `proptest` for the
-//! strategies of the property tests.
+//! ([`Prior::new`]). Sums are `f64`, in a fixed order. Feature: `serde`, for configuration and
+//! report.
 
 mod affine;
 mod aggregate;
 mod bayes;
 mod config;
-mod effective;
 mod empirical_bayes;
 mod error;
-mod fuser;
 mod gaussian;
-mod guards;
-mod heteroscedastic;
-mod huber;
-mod nnls;
 mod posterior;
-mod precision;
 mod prior;
-#[cfg(feature = "proptest")]
-pub mod proptest;
 mod report;
 mod residual;
-mod root;
-mod spread;
 #[cfg(test)]
 mod tests;
-mod variance;
 
-pub use affine::{Affine, AffineFit, affine_wls};
-pub use aggregate::{Aggregation, aggregate};
-pub use bayes::BayesFuser;
-pub use config::{Calibration, Fusion, FusionConfig, PriorVariance};
+pub use affine::{Affine, AffineFit, Degenerate, affine_wls};
+pub use aggregate::{Aggregation, aggregate, precision_weighted};
+pub use bayes::{BayesFuser, Fused, Fuser};
+pub use config::{Calibration, Fusion, FusionConfig, PriorVariance, VarianceRule};
 pub use empirical_bayes::empirical_bayes;
 pub use error::{Error, Result};
-pub use fuser::{Fused, Fuser};
 pub use gaussian::{Gaussian, Sample};
-pub use guards::{Degenerate, Guards};
 pub use mde_uncertainty::GaussianDepth;
 pub use ndarray;
 pub use posterior::posterior;
-pub use precision::precision_weighted;
 pub use prior::Prior;
 pub use report::{FusionReport, Warning};
 pub use residual::{Residual, residuals};
-pub use variance::VarianceRule;
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -1,10 +1,5 @@
 use crate::Degenerate;
 
-/// Range of the scale without a warning.
-pub(crate) const USUAL_SCALE: std::ops::RangeInclusive<f64> = 0.5..=2.0;
-/// Effective share of the pixels below which the fit gets a warning.
-pub(crate) const FEW_EFFECTIVE: f64 = 0.1;
-
 /// What a fusion estimated. `b` and `sigma_o` are in the prior's unit.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -13,7 +8,7 @@ pub struct FusionReport {
     pub a: f64,
     /// Shift of Eq. 10; 0 where the calibration was refused.
     pub b: f64,
-    /// The prior's standard deviation; the root of the mean variance over \\(\mathcal X\\) where it differs by pixel.
+    /// The prior's standard deviation; the root of the mean variance over \\(\mathcal X\\) where it has its own.
     pub sigma_o: f64,
     /// \\(|\mathcal X|\\): pixels where neither the prior nor the views are missing.
     pub support: usize,
@@ -61,8 +56,8 @@ impl FusionReport {
         let share = self.effective_support / self.support as f64;
         let found = [
             self.degenerate.map(|reason| Warning::Degenerate { reason }),
-            (!USUAL_SCALE.contains(&self.a)).then_some(Warning::UnusualScale { a: self.a }),
-            (share < FEW_EFFECTIVE).then_some(Warning::FewEffective { share }),
+            (!(0.5..=2.0).contains(&self.a)).then_some(Warning::UnusualScale { a: self.a }),
+            (share < 0.1).then_some(Warning::FewEffective { share }),
             (bayes && self.degenerate.is_none() && self.sigma_o == 0.0).then_some(Warning::PriorTakenAsExact),
             (self.reverted > 0).then_some(Warning::NotPositive { pixels: self.reverted }),
         ];
@@ -98,9 +93,7 @@ pub enum Warning {
         share: f64,
     },
     /// The prior's variance is 0, so the result is the prior.
-    #[error(
-        "the prior's variance is estimated as 0, so the views are ignored; sigma is posterior-floor and common-error only"
-    )]
+    #[error("the prior's variance is estimated as 0, so the views are ignored; sigma is common-error only")]
     PriorTakenAsExact,
     /// Fused depths that were not positive.
     #[error("{pixels} fused depths were not positive; those pixels keep the prior's")]

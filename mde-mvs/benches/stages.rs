@@ -4,9 +4,9 @@
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use mde_mvs::consensus::{ConsensusConfig, agreement, reconstruct};
+use mde_mvs::consensus::{agreement, reconstruct};
 use mde_mvs::ndarray::{Array2, Array3};
-use mde_mvs::sweep::{Surfaces, SweepConfig, sweep};
+use mde_mvs::sweep::{Surfaces, sweep};
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use std::hint::black_box;
 
@@ -41,24 +41,21 @@ fn stages(c: &mut Criterion) {
         depths.iter().map(|d| Array2::from_shape_fn(SIZE, |(y, x)| 3.0 * bend(x + y) * d[(y, x)])).collect();
     let all = [0, 1, 2, 3, 4];
     let around = Surfaces::Around { depth: depths[0].view(), factor: 1.5 };
-    let config = SweepConfig::default();
-    let found = sweep(&views, 0, &all, around, &config).unwrap();
+    let found = sweep(&views, 0, &all, around).unwrap();
 
     let mut group = c.benchmark_group("five photographs of 640 x 480");
     group.sample_size(10);
     let comparisons = (SIZE.0 * SIZE.1 * found.surfaces * 4) as u64;
     group.throughput(Throughput::Elements(comparisons));
-    group.bench_function("one sweep", |b| {
-        b.iter(|| black_box(sweep(&views, 0, &all, around, &config).unwrap()))
-    });
+    group.bench_function("one sweep", |b| b.iter(|| black_box(sweep(&views, 0, &all, around).unwrap())));
     group.throughput(Throughput::Elements((SIZE.0 * SIZE.1) as u64));
     let maps = vec![&found.depth; views.len()];
     group.bench_function("agreement of one", |b| {
-        b.iter(|| black_box(agreement(&views, &maps, 0, &all, [1.0, 0.1]).unwrap()))
+        b.iter(|| black_box(agreement(&views, &maps, 0, &all).unwrap()))
     });
     let priors: Vec<_> = priors.iter().map(|p| p.view()).collect();
     group.bench_function("reconstruct", |b| {
-        b.iter(|| black_box(reconstruct(&views, &priors, None, &ConsensusConfig::default()).unwrap()))
+        b.iter(|| black_box(reconstruct(&views, &priors, None, &mut mde_mvs::silent).unwrap()))
     });
 }
 

@@ -7,7 +7,7 @@
 //! | step | function |
 //! | --- | --- |
 //! | selection of photographs by parallax, overlap and sharpness | [`views::select_views`] |
-//! | scale and gauge of the priors | [`gauge::Scale`], [`gauge::Gauge`] |
+//! | scale and gauge of the priors | [`scale::Scale`], [`scale::Gauge`] |
 //! | depth of one photograph by comparison with others | [`sweep::sweep`] |
 //! | number of photographs that confirm a depth | [`consensus::agreement`] |
 //! | all of the above, sweep and prior fused | [`consensus::reconstruct`] |
@@ -17,8 +17,9 @@
 //! | one scale for the priors of a burst or a video | [`poses::Prepared::log_ratio`], [`poses::common_scale`] |
 //!
 //! ```
-//! use mde_mvs::consensus::{ConsensusConfig, reconstruct};
+//! use mde_mvs::consensus::reconstruct;
 //! use mde_mvs::ndarray::{Array2, Array3};
+//! use mde_mvs::silent;
 //! use mde_warp::{PinholeCamera, Pose, PosedView};
 //!
 //! let camera = PinholeCamera::from_fov(60.0, 64, 48)?;
@@ -37,7 +38,7 @@
 //! // The prior has another unit, in which the depth of the wall is 5.
 //! let prior = Array2::from_elem((48, 64), 5.0_f32);
 //!
-//! let found = reconstruct(&views, &[prior.view(), prior.view()], None, &ConsensusConfig::default())?;
+//! let found = reconstruct(&views, &[prior.view(), prior.view()], None, &mut silent)?;
 //! let depth = &found.views[0].fused;
 //! assert!((depth.mean()[(24, 40)] - 2.0).abs() < 0.05);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -49,22 +50,16 @@
 
 #[cfg(feature = "capture")]
 pub mod capture;
-pub mod consensus;
-mod correction;
 mod error;
-pub mod exposure;
-pub mod gauge;
-mod geometry;
 pub mod poses;
 mod raster;
 mod statistics;
 pub mod sweep;
 #[cfg(test)]
 mod synthetic;
-pub mod views;
-pub mod withheld;
 
 pub use error::{Error, Result};
+pub use sweep::{consensus, exposure, scale, views, withheld};
 pub use {nalgebra, ndarray};
 
 use mde_warp::PinholeCamera;
@@ -73,8 +68,8 @@ use std::ops::ControlFlow;
 /// Progress callback: the pieces of work that are done, and their number. `Break` ends the work with [`Error::Interrupted`].
 pub type Callback<'c> = dyn FnMut(usize, usize) -> ControlFlow<()> + 'c;
 
-/// The callback of a function that has none.
-fn silent(_: usize, _: usize) -> ControlFlow<()> {
+/// A callback that reports to nobody.
+pub fn silent(_: usize, _: usize) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 

@@ -1,4 +1,4 @@
-//! The stages of both fields beside the machine's peak: `cargo bench -p mde-nerf`.
+//! The stages of both fields beside the machine's peak: `cargo bench -p mde-nerf --features bench`.
 //!
 //! Throughput is in samples per second (elements), floating-point operations per second for the peak, bytes per second for
 //! memory. `mde bench` prints the same as one table.

@@ -7,32 +7,7 @@ use std::ops::ControlFlow;
 /// A scene model that is fitted to posed views and renders colour and depth with variance.
 ///
 /// The refinement loop uses nothing else, so that a Gaussian splat or a field on a GPU can replace [`Nerf`](crate::Nerf).
-///
-/// ```
-/// use mde_nerf::{FitReport, FieldCallback, RadianceField, RenderedView, Result};
-/// use mde_uncertainty::GaussianDepth;
-/// use mde_warp::{PinholeCamera, Pose, PosedView};
-/// use ndarray::{Array2, Array3};
-///
-/// /// A grey wall at a known distance.
-/// struct Wall(f32);
-///
-/// impl RadianceField for Wall {
-///     fn fit(&mut self, _: &[PosedView], _: &mut dyn FieldCallback) -> Result<FitReport> {
-///         Ok(FitReport::default())
-///     }
-///     fn render(&self, camera: &PinholeCamera, _: &Pose, _: &mut dyn FieldCallback) -> Result<RenderedView> {
-///         let size = (camera.height, camera.width);
-///         Ok(RenderedView {
-///             image: Array3::from_elem((size.0, size.1, 3), 0.5),
-///             depth: GaussianDepth::new(Array2::from_elem(size, self.0), Array2::from_elem(size, 1e-4))?,
-///             opacity: Array2::ones(size),
-///             in_bin: None,
-///         })
-///     }
-/// }
-/// let mut field: Box<dyn RadianceField> = Box::new(Wall(2.0));
-/// ```
+/// `examples/own_field.rs` is another implementation.
 pub trait RadianceField: Send {
     /// Fits the field to `views`.
     ///

@@ -215,33 +215,15 @@ impl Frustum {
 
     /// A ray in cube coordinates.
     pub(crate) fn cube_ray<T: Scalar>(&self, ray: &Ray) -> CubeRay<T> {
-        let CubeRay { constant, slope, denominator, nearest } =
-            self.transformed::<f64>(ray.origin.coords.into(), ray.direction.into());
-        CubeRay {
-            constant: constant.map(T::from_f64),
-            slope: slope.map(T::from_f64),
-            denominator: denominator.map(T::from_f64),
-            nearest: T::from_f64(nearest),
-        }
-    }
-
-    /// The ray through `origin` of direction `direction` (world) in cube coordinates.
-    pub(crate) fn transformed<T: Real>(&self, origin: [T; 3], direction: [T; 3]) -> CubeRay<T> {
-        let n = T::from_f64;
-        let turned = |v: [T; 3]| -> [T; 3] {
-            std::array::from_fn(|r| (0..3).map(|c| n(self.rotation[r][c]) * v[c]).sum())
-        };
-        let origin = turned(origin);
-        let o: [T; 3] = std::array::from_fn(|r| origin[r] + n(self.translation[r]));
-        let d = turned(direction);
+        let (o, d) = self.in_original(ray);
         // u = scale x/z + offset; s = (1/z - 1/far) / (1/near - 1/far), over the common denominator g = z / depth.
         let range = 1.0 / (1.0 / self.near - 1.0 / self.far);
-        let image = |p: [T; 3], axis: usize| n(self.scale[axis]) * p[axis] + n(self.offset[axis]) * p[2];
+        let image = |p: [f64; 3], axis: usize| self.scale[axis] * p[axis] + self.offset[axis] * p[2];
         CubeRay {
-            constant: [image(d, 0), image(d, 1), n(-range / self.far) * d[2]],
-            slope: [image(o, 0), image(o, 1), n(range) * (T::ONE - o[2] / n(self.far))],
-            denominator: [d[2], o[2]],
-            nearest: n(0.1 * self.near),
+            constant: [image(d, 0), image(d, 1), -range / self.far * d[2]].map(T::from_f64),
+            slope: [image(o, 0), image(o, 1), range * (1.0 - o[2] / self.far)].map(T::from_f64),
+            denominator: [d[2], o[2]].map(T::from_f64),
+            nearest: T::from_f64(0.1 * self.near),
         }
     }
 }

@@ -23,7 +23,6 @@ mod dual;
 mod encoding;
 mod error;
 mod field;
-mod fitted;
 mod frustum;
 mod gemm;
 #[cfg(test)]
@@ -38,6 +37,7 @@ mod points;
 mod render;
 mod sampling;
 mod scalar;
+#[cfg(feature = "bench")]
 pub mod stages;
 #[cfg(feature = "serde")]
 mod store;
@@ -45,8 +45,8 @@ mod train;
 mod volume;
 
 pub use config::{
-    ColourLoss, Decay, DepthLoss, FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig, RenderConfig,
-    SamplingConfig, TrainConfig, VolumeConfig,
+    ColourLoss, FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig, RenderConfig, SamplingConfig,
+    TrainConfig, VolumeConfig,
 };
 pub use error::{Error, Result};
 pub use field::{FieldCallback, FieldEvent, FitReport, RadianceField, RenderedView, Silent};

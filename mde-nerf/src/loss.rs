@@ -1,6 +1,6 @@
 //! The losses of a ray and their gradients with respect to its colour and its termination weights.
 
-use crate::config::{ColourLoss, DepthLoss, TrainConfig};
+use crate::config::{ColourLoss, TrainConfig};
 use crate::frustum::Interval;
 use crate::scalar::Scalar;
 use crate::volume::{Bins, Rendered};
@@ -20,31 +20,45 @@ pub(crate) struct RayLoss {
     pub(crate) total: f64,
 }
 
+/// \\(\delta\\) of [`ColourLoss::Charbonnier`], colours in 0 to 1.
+const DELTA: f64 = 0.1;
+/// Weight of [`ColourLoss::Charbonnier`] at the last step.
+const FINAL_WEIGHT: f64 = 6.0;
+/// Lower bound of the standard deviation of a hypothesis, as a fraction of its depth: those of variance 0 are exact, and the
+/// termination cannot be.
+const RELATIVE_SIGMA: f64 = 0.005;
+/// Fractions of the steps between which the weight of the hypotheses falls, and what is left of it.
+const FADE: [f64; 2] = [0.2, 0.8];
+const LEFT: f64 = 0.02;
+
 /// The losses with their weights at a step.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LossTerms {
     colour: ColourLoss,
     /// Weight of a [`ColourLoss::Charbonnier`].
     colour_weight: f64,
-    depth: DepthLoss,
-    /// The decay's factor of the depth loss.
-    fade: f64,
+    depth_weight: f64,
 }
 
 impl LossTerms {
     /// The terms at `progress` (0 at the first step, 1 at the last).
     pub(crate) fn at(config: &TrainConfig, progress: f64) -> Self {
-        let colour_weight = match config.colour_loss {
-            ColourLoss::Squared => 1.0,
-            ColourLoss::Charbonnier { final_weight, .. } => 1.0 + (final_weight - 1.0) * progress,
-        };
-        let fade = match config.depth_loss {
-            DepthLoss::None => 0.0,
-            DepthLoss::Wasserstein { decay, .. } | DepthLoss::Distribution { decay, .. } => {
-                decay.factor(progress)
-            }
-        };
-        Self { colour: config.colour_loss, colour_weight, depth: config.depth_loss, fade }
+        Self {
+            colour: config.colour_loss,
+            colour_weight: 1.0 + (FINAL_WEIGHT - 1.0) * progress,
+            depth_weight: fade(progress) * config.depth_weight,
+        }
+    }
+}
+
+fn fade(progress: f64) -> f64 {
+    let [start, end] = FADE;
+    if progress <= start {
+        1.0
+    } else if progress >= end {
+        LEFT
+    } else {
+        1.0 + (LEFT - 1.0) * (progress - start) / (end - start)
     }
 }
 
@@ -65,8 +79,8 @@ pub(crate) fn ray_loss<T: Scalar>(
         squared_error += error * error / 3.0;
         match terms.colour {
             ColourLoss::Squared => T::from_f64(2.0 / 3.0 * error / rays),
-            ColourLoss::Charbonnier { delta, .. } => {
-                let root = (1.0 + (error / delta).powi(2)).sqrt();
+            ColourLoss::Charbonnier => {
+                let root = (1.0 + (error / DELTA).powi(2)).sqrt();
                 // Without the cancellation of root - 1.
                 colour_loss += terms.colour_weight * 2.0 / 3.0 * error * error / (1.0 + root);
                 T::from_f64(terms.colour_weight * 2.0 / 3.0 * error / root / rays)
@@ -74,19 +88,9 @@ pub(crate) fn ray_loss<T: Scalar>(
         }
     });
     let mut total = if terms.colour == ColourLoss::Squared { squared_error } else { colour_loss };
-    match terms.depth {
-        _ if terms.fade <= 0.0 || target.depths.is_empty() => {}
-        DepthLoss::None => {}
-        DepthLoss::Distribution { weight, relative_sigma, .. } => {
-            let mixture = Mixture::new(&target.depths, relative_sigma, interval);
-            total += mixture.distance(terms.fade * weight, rendered, bins, rays, h);
-        }
-        DepthLoss::Wasserstein { weight, .. } => {
-            let share = terms.fade / target.depths.len() as f64;
-            for &(depth, _) in &target.depths {
-                total += wasserstein(depth, share * weight, rendered, bins, interval, rays, h);
-            }
-        }
+    if terms.depth_weight > 0.0 && !target.depths.is_empty() {
+        let mixture = Mixture::new(&target.depths, interval);
+        total += mixture.distance(terms.depth_weight, rendered, bins, rays, h);
     }
     (RayLoss { squared_error, total }, d_colour)
 }
@@ -102,10 +106,10 @@ impl Mixture {
     /// Lower bound of a scale, narrower than any bin: hypotheses of tiny variance are steps.
     const NARROWEST: f64 = 1e-6;
 
-    fn new(depths: &[(f64, f64)], relative_sigma: f64, interval: &Interval) -> Self {
+    fn new(depths: &[(f64, f64)], interval: &Interval) -> Self {
         let logistic = |&(depth, variance): &(f64, f64)| {
             let z = depth.clamp(interval.near, interval.far);
-            let sigma = variance.sqrt().max(relative_sigma * depth);
+            let sigma = variance.sqrt().max(RELATIVE_SIGMA * depth);
             // The standard deviation of the logistic distribution of scale 1 is pi / sqrt 3.
             let scale = interval.disparity_slope(z) * sigma * 3.0_f64.sqrt() / std::f64::consts::PI;
             (interval.disparity(z), scale.max(Self::NARROWEST))
@@ -152,26 +156,14 @@ impl Mixture {
     }
 }
 
-/// The escaping share counts as ending at far.
-fn wasserstein<T: Scalar>(
-    depth: f64,
-    weight: f64,
-    rendered: &Rendered<T>,
-    bins: &Bins<T>,
-    interval: &Interval,
-    rays: f64,
-    h: &mut [T],
-) -> f64 {
-    let target = interval.disparity(depth.clamp(interval.near, interval.far));
-    let mut loss = rendered.escaped().to_f64() * target;
-    let scale = T::from_f64(weight / rays);
-    let narrow = T::from_f64(target);
-    let mut sum = T::ZERO;
-    for ((h, &disparity), &w) in h.iter_mut().zip(&bins.disparity).zip(&rendered.weights) {
-        let distance = (disparity - narrow).abs();
-        sum += w * distance;
-        *h += scale * (distance - narrow);
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_weight_of_the_hypotheses_falls_linearly_between_a_fifth_and_four_fifths() {
+        for (progress, weight) in [(0.0, 1.0), (0.2, 1.0), (0.5, 0.51), (0.8, 0.02), (1.0, 0.02)] {
+            assert!((fade(progress) - weight).abs() < 1e-12, "{progress}: {}", fade(progress));
+        }
     }
-    loss += sum.to_f64();
-    weight * loss
 }

@@ -9,6 +9,9 @@ use crate::volume::{Bins, Rendered, Shade};
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::termination::InBinVariance;
 
+/// Half width of the band about a known depth, as a fraction of the depth.
+const BAND_WIDTH: f64 = 0.12;
+
 /// Samples per ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Budget {
@@ -16,8 +19,6 @@ pub(crate) struct Budget {
     pub(crate) coarse: usize,
     /// In the band around a known depth.
     pub(crate) band: usize,
-    /// Half width of the band, as a fraction of the depth.
-    pub(crate) band_width: f64,
     /// Importance samples, drawn from the weights of the others.
     pub(crate) fine: usize,
     pub(crate) in_bin: InBinVariance,
@@ -129,6 +130,7 @@ impl<T: Scalar> Marcher<T> {
     }
 
     /// Points of the first pass.
+    #[cfg(feature = "bench")]
     pub(crate) fn points(&self) -> &Points<T> {
         &self.passes[0].points
     }
@@ -152,7 +154,7 @@ impl<T: Scalar> Marcher<T> {
         match march.guess {
             Some(depth) if budget.band > 0 => {
                 let at = |z: f64| interval.fraction_at(z);
-                let band = (at(depth * (1.0 - budget.band_width)), at(depth * (1.0 + budget.band_width)));
+                let band = (at(depth * (1.0 - BAND_WIDTH)), at(depth * (1.0 + BAND_WIDTH)));
                 // The merged list is sorted; its sources do not matter yet.
                 traced.positions.clear();
                 stratified(budget.coarse, 0.0, 1.0, rng.as_mut(), &mut traced.positions);

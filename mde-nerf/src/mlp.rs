@@ -110,6 +110,7 @@ impl<T: Scalar> Mlp<T> {
     }
 
     /// Multiply-adds per point of a forward pass, without padding.
+    #[cfg(feature = "bench")]
     pub(crate) fn multiply_adds(&self) -> usize {
         self.layers().map(|l| l.used[0] * l.used[1]).sum()
     }
@@ -198,99 +199,4 @@ fn mask<T: Scalar>(gradient: &mut [T], activation: &[T]) {
             }
         },
     );
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Noise in the used columns, `[points, padded]`.
-    fn rows(purpose: &str, points: usize, used: usize) -> Vec<f64> {
-        let mut rows = noise(purpose, points * padded(used));
-        rows.chunks_exact_mut(padded(used)).for_each(|row| row[used..].fill(0.0));
-        rows
-    }
-
-    fn noise(purpose: &str, n: usize) -> Vec<f64> {
-        let mut rng = CounterRng::new(5, purpose, 0, 0);
-        (0..n).map(|_| 2.0 * rng.random::<f64>() - 1.0).collect()
-    }
-
-    /// Every parameter and every input against central differences, in `f64`. The loss is a fixed linear form of the
-    /// outputs; a kink of the ReLU inside the step would show as a large error, so the seed avoids one.
-    #[test]
-    fn gradients_agree_with_central_differences() {
-        let widths = [5, 7, 20, 3];
-        let mut mlp = Mlp::<f64>::new(&widths, 3, "test");
-        for (p, n) in mlp.parameters.iter_mut().zip(noise("bias", 1 << 14)) {
-            *p += if *p == 0.0 { 0.0 } else { 0.1 * n };
-        }
-        mlp.refresh();
-        let points = 3;
-        let input = rows("input", points, widths[0]);
-        let form = rows("form", points, widths[3]);
-        let loss = |mlp: &Mlp<f64>, input: &[f64]| -> f64 {
-            let mut tape = MlpTape::default();
-            mlp.forward(input, &mut tape);
-            tape.output().iter().zip(&form).map(|(y, f)| y * f).sum()
-        };
-        let mut tape = MlpTape::default();
-        mlp.forward(&input, &mut tape);
-        let mut gradient = vec![0.0; mlp.parameters.len()];
-        tape.d_output().copy_from_slice(&form);
-        let d_input = mlp.backward(&input, &mut tape, &mut gradient, true).to_vec();
-
-        let h = 1e-6;
-        for (i, by_hand) in gradient.iter().enumerate() {
-            let mut nudged = mlp.clone();
-            nudged.parameters[i] += h;
-            let up = loss(&nudged, &input);
-            nudged.parameters[i] -= 2.0 * h;
-            let slope = (up - loss(&nudged, &input)) / (2.0 * h);
-            assert!((slope - by_hand).abs() < 1e-7 * (1.0 + slope.abs()), "parameter {i}: {slope} {by_hand}");
-        }
-        for i in 0..input.len() {
-            let mut nudged = input.clone();
-            nudged[i] += h;
-            let up = loss(&mlp, &nudged);
-            nudged[i] -= 2.0 * h;
-            let slope = (up - loss(&mlp, &nudged)) / (2.0 * h);
-            assert!(
-                (slope - d_input[i]).abs() < 1e-7 * (1.0 + slope.abs()),
-                "input {i}: {slope} {}",
-                d_input[i]
-            );
-        }
-    }
-
-    #[test]
-    fn the_fast_pass_agrees_with_the_reference() {
-        let widths = [24, 64, 64, 4];
-        let exact = Mlp::<f64>::new(&widths, 9, "test");
-        let fast = Mlp::<f32>::new(&widths, 9, "test");
-        let points = 37;
-        let input = rows("input", points, widths[0]);
-        let form = rows("form", points, widths[3]);
-        let narrow = |v: &[f64]| v.iter().map(|&x| x as f32).collect::<Vec<_>>();
-
-        let mut tape = MlpTape::default();
-        exact.forward(&input, &mut tape);
-        let mut gradient = vec![0.0; exact.parameters.len()];
-        tape.d_output().copy_from_slice(&form);
-        exact.backward(&input, &mut tape, &mut gradient, false);
-
-        let mut fast_tape = MlpTape::default();
-        let narrow_input = narrow(&input);
-        fast.forward(&narrow_input, &mut fast_tape);
-        let mut fast_gradient = vec![0.0; fast.parameters.len()];
-        fast_tape.d_output().copy_from_slice(&narrow(&form));
-        fast.backward(&narrow_input, &mut fast_tape, &mut fast_gradient, false);
-
-        for (f, e) in fast_tape.output().iter().zip(tape.output()) {
-            assert!((f64::from(*f) - e).abs() < 1e-5);
-        }
-        for (f, e) in fast_gradient.iter().zip(&gradient) {
-            assert!((f64::from(*f) - e).abs() < 1e-4 * (1.0 + e.abs()), "{f} {e}");
-        }
-    }
 }

@@ -1,7 +1,6 @@
 use crate::batch::Pixels;
 use crate::config::{NerfConfig, RenderConfig};
 use crate::field::{FieldCallback, FitReport, RadianceField, RenderedView};
-use crate::fitted::Fitted;
 use crate::frustum::Frustum;
 use crate::network::Network;
 use crate::render::render;
@@ -49,6 +48,13 @@ pub struct Nerf {
     fitted: Option<Fitted>,
 }
 
+/// A fitted network and its volume.
+#[derive(Debug, Clone)]
+pub(crate) struct Fitted {
+    pub(crate) network: Network<f32>,
+    pub(crate) frustum: Frustum,
+}
+
 impl Nerf {
     /// An unfitted field; all random numbers of its fit derive from `seed`.
     ///
@@ -72,19 +78,6 @@ impl Nerf {
         self.config.render = render;
         self.config.validate()?;
         Ok(self)
-    }
-
-    /// Number of parameters of the fitted field; 0 before the fit.
-    pub fn parameter_count(&self) -> usize {
-        self.fitted.as_ref().map_or(0, |f| f.network.parameter_count())
-    }
-
-    /// Multiply-adds of the networks per sample in the forward pass.
-    pub fn multiply_adds(&self) -> usize {
-        self.fitted.as_ref().map_or_else(
-            || Network::<f32>::new(&self.config.field, 0).multiply_adds(),
-            |f| f.network.multiply_adds(),
-        )
     }
 
     /// Writes the fitted field to `path` (safetensors), atomically through a temporary file.

@@ -12,7 +12,7 @@ const EPSILON: f64 = 1e-15;
 /// Learning rate at the last step, as a fraction of the configured one.
 const FINAL_RATE: f64 = 0.1;
 /// Decay per step of the moving average of the parameters.
-pub(crate) const AVERAGE: f64 = 0.95;
+const AVERAGE: f64 = 0.95;
 
 /// Adam's rate and bias corrections at one step.
 #[derive(Debug, Clone, Copy)]
@@ -106,35 +106,28 @@ fn adam_rows<const F: usize>(
 /// An exponential moving average of the parameters.
 ///
 /// It starts only [`Average::span`] steps before the end: the weight of earlier steps is below 1e-4.
-#[derive(Debug)]
-pub(crate) struct Average {
-    decay: f32,
-    mean: Vec<f32>,
-}
+#[derive(Debug, Default)]
+pub(crate) struct Average(Vec<f32>);
 
 impl Average {
-    pub(crate) fn new(decay: f64) -> Self {
-        Self { decay: decay as f32, mean: Vec::new() }
-    }
-
     /// Steps after which a weight has decayed to 1e-4.
-    pub(crate) fn span(decay: f64) -> usize {
-        if decay > 0.0 { (1e-4_f64.ln() / decay.ln()).ceil() as usize } else { 0 }
+    pub(crate) fn span() -> usize {
+        (1e-4_f64.ln() / AVERAGE.ln()).ceil() as usize
     }
 
     pub(crate) fn add(&mut self, parameters: &[f32]) {
-        if self.mean.is_empty() {
-            self.mean.extend_from_slice(parameters);
+        if self.0.is_empty() {
+            self.0.extend_from_slice(parameters);
             return;
         }
-        for (mean, p) in self.mean.iter_mut().zip(parameters) {
-            *mean += (1.0 - self.decay) * (p - *mean);
+        for (mean, p) in self.0.iter_mut().zip(parameters) {
+            *mean += (1.0 - AVERAGE as f32) * (p - *mean);
         }
     }
 
     /// Replaces the parameters by the average, where there is one.
     pub(crate) fn write(&self, parameters: &mut [f32]) {
-        for (p, mean) in parameters.iter_mut().zip(&self.mean) {
+        for (p, mean) in parameters.iter_mut().zip(&self.0) {
             *p = *mean;
         }
     }
@@ -185,15 +178,13 @@ mod tests {
 
     #[test]
     fn the_late_average_equals_the_full_one() {
-        let decay = 0.95;
         let steps = 300;
-        let at = |step: usize| ((step * 7919) % 13) as f32;
-        let mut full = Average::new(decay);
-        let mut late = Average::new(decay);
+        let (mut full, mut late) = (Average::default(), Average::default());
         for step in 0..steps {
-            full.add(&[at(step)]);
-            if step + Average::span(decay) >= steps {
-                late.add(&[at(step)]);
+            let value = ((step * 7919) % 13) as f32;
+            full.add(&[value]);
+            if step + Average::span() >= steps {
+                late.add(&[value]);
             }
         }
         let (mut a, mut b) = ([0.0], [0.0]);

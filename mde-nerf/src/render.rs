@@ -17,6 +17,8 @@ use rayon::prelude::*;
 const ROWS: usize = 16;
 /// Background of rendered views.
 const BACKGROUND: f64 = 0.5;
+/// Opacity below which the depth is missing.
+const MIN_OPACITY: f32 = 0.5;
 
 /// Colour, and the moments of the depth.
 type Pixel = ([f32; 3], Moments<f32>);
@@ -61,7 +63,7 @@ pub(crate) fn render(
             }
             opacity[at] = depth.opacity.clamp(0.0, 1.0);
             let finite = depth.mean.is_finite() && depth.variance.is_finite();
-            if depth.opacity >= config.render.min_opacity && finite {
+            if depth.opacity >= MIN_OPACITY && finite {
                 mean[at] = depth.mean;
                 variance[at] = depth.variance.max(0.0);
                 in_bin[at] = depth.in_bin;

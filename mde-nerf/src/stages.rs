@@ -55,20 +55,9 @@ impl Stage<'_> {
     }
 }
 
-/// Fields to compare, by name: a hash grid of many narrow levels with a colour network, the hash grid of few wide levels
-/// of the presets, and the light MLP.
-pub fn fields() -> [(&'static str, FieldConfig); 3] {
-    let narrow = HashFieldConfig {
-        levels: 12,
-        features: 2,
-        log2_rows: 17,
-        layers: 1,
-        width: 64,
-        geometry: 15,
-        ..HashFieldConfig::default()
-    };
+/// Fields to compare, by name: the hash grid of the presets, and the light MLP.
+pub fn fields() -> [(&'static str, FieldConfig); 2] {
     [
-        ("hash-12x2", FieldConfig::Hash(narrow)),
         ("hash-8x4", FieldConfig::Hash(HashFieldConfig::default())),
         ("mlp-4x128", FieldConfig::Mlp(MlpFieldConfig::default())),
     ]
@@ -143,6 +132,7 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage<'_>)) -> Result<(
             clear(&mut gradients);
         },
     ));
+    let every = (batch * (budget.coarse + budget.band + budget.fine)) as u64;
     if let Encoding::Hash(grid) = &network.encoding {
         let layout = &grid.layout;
         let d_features = vec![1e-3; tape.points.len() * layout.features()];
@@ -155,13 +145,12 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage<'_>)) -> Result<(
         let mut values = grid.table.clone();
         let Moments { mut first, mut second } = grid.moments();
         let step = AdamStep::new(&config.train, WARM_UP);
-        let every = batch as u64 * (budget.coarse + budget.band + budget.fine) as u64;
         visit(stage("optimiser", every, 0, moved(layout), || {
             gradient.fill(1e-3);
             adam(&mut values, [&mut first, &mut second], &mut gradient, layout.features(), step);
         }));
     }
-    let every = (batch * (budget.coarse + budget.band + budget.fine)) as u64;
+    let optimised = if let Encoding::Hash(grid) = &network.encoding { moved(&grid.layout) } else { 0 };
     let mut trained = network.clone();
     let mut trainer = Trainer::new(&mut trained, &frustum, &pixels, config, 0);
     visit(Stage {
@@ -169,7 +158,7 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage<'_>)) -> Result<(
         parallel: true,
         samples: every,
         flops: 3 * forward * every,
-        bytes: 3 * gathered(&network) * every + optimised(&network),
+        bytes: 3 * gathered(&network) * every + optimised,
         run: Box::new(|| {
             trainer.gradients();
             trainer.update();
@@ -201,17 +190,10 @@ fn stage<'a>(name: &'static str, samples: u64, flops: u64, bytes: u64, run: impl
 fn gathered(network: &Network<f32>) -> u64 {
     match &network.encoding {
         Encoding::Frequency(_) => 0,
-        Encoding::Hash(grid) => bytes_of_corners(&grid.layout),
+        Encoding::Hash(grid) => {
+            (grid.layout.level_count() * 8 * grid.layout.features() * size_of::<f32>()) as u64
+        }
     }
-}
-
-fn bytes_of_corners(layout: &HashLayout) -> u64 {
-    (layout.level_count() * 8 * layout.features() * size_of::<f32>()) as u64
-}
-
-/// Bytes read and written by the optimiser of the table.
-fn optimised(network: &Network<f32>) -> u64 {
-    if let Encoding::Hash(grid) = &network.encoding { moved(&grid.layout) } else { 0 }
 }
 
 /// Parameters, gradients and first moments, and one second moment a row, all read and written.

@@ -1,8 +1,8 @@
 //! A fitted field as a safetensors file: the parameters as tensors, the rest as JSON in the header.
 
-use crate::config::NerfConfig;
-use crate::fitted::Fitted;
+use crate::config::{NerfConfig, SamplingConfig, VolumeConfig};
 use crate::frustum::Frustum;
+use crate::nerf::Fitted;
 use crate::network::{Encoding, Network};
 use crate::{Error, Result};
 use safetensors::tensor::TensorView;
@@ -13,20 +13,47 @@ use std::io::Write;
 use std::path::Path;
 
 /// Incremented whenever the meaning of the tensors or of the header changes.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 const HEADER: &str = "mde-nerf";
 
 #[derive(Serialize, Deserialize)]
 struct Header {
     version: u32,
     config: NerfConfig,
+    hidden: Hidden,
     seed: u64,
     frustum: Frustum,
-    /// CRC-32 of the tensors' bytes: table, density, colour.
+    /// CRC-32 of the tensors' bytes: table, network.
     checksum: u32,
-    /// CRC-32 of the header's text with eight zeros here, hexadecimal. Missing in older files.
-    #[serde(default)]
+    /// CRC-32 of the header's text with eight zeros here, hexadecimal.
     header_checksum: String,
+}
+
+/// The settings of [`SamplingConfig`](crate::SamplingConfig) that a configuration file has not.
+#[derive(Serialize, Deserialize)]
+struct Hidden {
+    margin: Option<f64>,
+    near: Option<f64>,
+    far: Option<f64>,
+}
+
+impl Hidden {
+    fn of(config: &NerfConfig) -> Self {
+        let SamplingConfig { volume, near, far, .. } = config.sampling;
+        let margin = match volume {
+            VolumeConfig::Hull => None,
+            VolumeConfig::Reference { margin } => Some(margin),
+        };
+        Self { margin, near, far }
+    }
+
+    fn restore(self, config: &mut NerfConfig) {
+        let sampling = &mut config.sampling;
+        (sampling.near, sampling.far) = (self.near, self.far);
+        if let (VolumeConfig::Reference { margin }, Some(stored)) = (&mut sampling.volume, self.margin) {
+            *margin = stored;
+        }
+    }
 }
 
 /// The field of the header's own checksum, as text.
@@ -64,13 +91,13 @@ pub(crate) fn encode(config: &NerfConfig, seed: u64, fitted: &Fitted) -> std::io
         Encoding::Hash(grid) => grid.table.as_slice(),
         Encoding::Frequency(_) => &[],
     };
-    let colour = fitted.network.colour.as_ref().map_or(&[][..], |c| &c.parameters);
-    let parts = [("table", table), ("density", &fitted.network.density.parameters), ("colour", colour)];
+    let parts = [("table", table), ("network", &fitted.network.mlp.parameters)];
     let bytes: Vec<(&str, Vec<u8>)> =
         parts.iter().map(|(name, p)| (*name, p.iter().flat_map(|x| x.to_le_bytes()).collect())).collect();
     let header = Header {
         version: VERSION,
         config: config.clone(),
+        hidden: Hidden::of(config),
         seed,
         frustum: fitted.frustum.clone(),
         checksum: checksum(bytes.iter().map(|(_, b)| b.as_slice())),
@@ -119,14 +146,15 @@ pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {
             "the checksum of its header is wrong, the file is damaged; fit the field again".into(),
         ));
     }
-    let header: Header = serde_json::from_str(header).map_err(|e| format(foreign(e)))?;
+    let mut header: Header = serde_json::from_str(header).map_err(|e| format(foreign(e)))?;
+    header.hidden.restore(&mut header.config);
     header.config.validate().map_err(|e| format(e.to_string()))?;
     if let Some(fault) = header.frustum.fault() {
         return Err(format(format!("{fault}; fit the field again")));
     }
     let tensors = SafeTensors::deserialize(&file).map_err(|e| format(foreign(e)))?;
     let mut parts = Vec::new();
-    for name in ["table", "density", "colour"] {
+    for name in ["table", "network"] {
         let tensor = tensors.tensor(name).map_err(|e| format(foreign(e)))?;
         if tensor.dtype() != Dtype::F32 {
             return Err(format(format!("its tensor {name:?} is not of 32-bit floats")));
@@ -144,7 +172,7 @@ pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {
         .iter()
         .map(|bytes| bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect::<Vec<f32>>());
     let mut next = || numbers.next().unwrap_or_default();
-    let network = Network::from_parameters(&header.config.field, next(), next(), next())
+    let network = Network::from_parameters(&header.config.field, next(), next())
         .ok_or_else(|| format("its tensors do not fit its configuration".into()))?;
     Ok((header.config, header.seed, Fitted { network, frustum: header.frustum }))
 }

@@ -7,7 +7,7 @@ use crate::frustum::Frustum;
 use crate::loss::{LossTerms, RayLoss, Target, ray_loss};
 use crate::march::{Budget, March, Marcher};
 use crate::network::{Encoding, Gradients, Network};
-use crate::optimiser::{AVERAGE, AdamStep, Average, Moments, adam};
+use crate::optimiser::{AdamStep, Average, Moments, adam};
 use crate::scalar::Scalar;
 use crate::{Error, Result};
 use mde_uncertainty::termination::InBinVariance;
@@ -59,24 +59,12 @@ pub(crate) fn tile_gradients<T: Scalar>(
 impl NerfConfig {
     pub(crate) fn training_budget(&self) -> Budget {
         let s = &self.sampling;
-        Budget {
-            coarse: s.coarse,
-            band: s.band,
-            band_width: s.band_width,
-            fine: s.fine,
-            in_bin: InBinVariance::Midpoint,
-        }
+        Budget { coarse: s.coarse, band: s.band, fine: s.fine, in_bin: InBinVariance::Midpoint }
     }
 
     pub(crate) fn render_budget(&self) -> Budget {
         let r = &self.render;
-        Budget {
-            coarse: r.coarse,
-            band: 0,
-            band_width: self.sampling.band_width,
-            fine: r.fine,
-            in_bin: r.in_bin,
-        }
+        Budget { coarse: r.coarse, band: 0, fine: r.fine, in_bin: r.in_bin }
     }
 }
 
@@ -88,8 +76,7 @@ pub(crate) fn tile_rays(budget: &Budget) -> usize {
 /// Adam's state of a network.
 struct Optimiser {
     table: Moments,
-    density: Moments,
-    colour: Moments,
+    mlp: Moments,
     /// Zeroed scratch buffers for a level's gradient, one per thread at a time: few enough to stay in the cache.
     scratch: Mutex<Vec<Vec<f32>>>,
 }
@@ -128,8 +115,7 @@ impl<'a> Trainer<'a> {
                 Encoding::Hash(grid) => grid.moments(),
                 Encoding::Frequency(_) => Moments::default(),
             },
-            density: Moments::new(network.density.parameters.len(), 1),
-            colour: Moments::new(network.colour.as_ref().map_or(0, |c| c.parameters.len()), 1),
+            mlp: Moments::new(network.mlp.parameters.len(), 1),
             scratch: Mutex::default(),
         };
         let budget = config.training_budget();
@@ -175,8 +161,8 @@ pub(crate) fn train(
 ) -> Result<FitReport> {
     let train = &config.train;
     let mut trainer = Trainer::new(network, frustum, pixels, config, seed);
-    let mut averages: [Average; 3] = std::array::from_fn(|_| Average::new(AVERAGE));
-    let averaged_from = train.steps.saturating_sub(Average::span(AVERAGE));
+    let mut averages = [Average::default(), Average::default()];
+    let averaged_from = train.steps.saturating_sub(Average::span());
     let mut since_report = RayLoss::default();
     let mut report = FitReport { steps: train.steps, ..FitReport::default() };
 
@@ -189,8 +175,7 @@ pub(crate) fn train(
         since_report.squared_error += sum.squared_error / train.rays as f64;
         since_report.total += sum.total / train.rays as f64;
         if step >= averaged_from {
-            let [table, density, colour] = &mut averages;
-            parameters(trainer.network).into_iter().zip([table, density, colour]).for_each(|(p, a)| a.add(p));
+            parameters(trainer.network).into_iter().zip(&mut averages).for_each(|(p, a)| a.add(p));
         }
         let done = step + 1;
         if done % REPORT_EVERY == 0 || done == train.steps {
@@ -208,10 +193,7 @@ pub(crate) fn train(
     for (p, average) in parameters(network).into_iter().zip(&averages) {
         average.write(p);
     }
-    network.density.refresh();
-    if let Some(colour) = &mut network.colour {
-        colour.refresh();
-    }
+    network.mlp.refresh();
     report.psnr = psnr(network, frustum, pixels, &config.render_budget(), seed);
     // The last update, after which no loss is computed.
     let mut numbers = parameters(network).into_iter().flat_map(|values| values.iter());
@@ -278,29 +260,18 @@ impl Optimiser {
                 lock(scratch).push(buffer);
             });
         }
-        let networks = [Some(&mut network.density), network.colour.as_mut()];
-        for (which, (mlp, state)) in
-            networks.into_iter().zip([&mut self.density, &mut self.colour]).enumerate()
-        {
-            let Some(mlp) = mlp else { continue };
-            let part = |g: &mut Gradients<f32>| {
-                std::mem::take(if which == 0 { &mut g.density } else { &mut g.colour })
-            };
-            let mut sum = part(&mut groups[0].gradients);
-            for group in &mut groups[1..] {
-                let other =
-                    if which == 0 { &mut group.gradients.density } else { &mut group.gradients.colour };
-                for (sum, g) in sum.iter_mut().zip(other) {
-                    *sum += *g;
-                    *g = 0.0;
-                }
+        let mut sum = std::mem::take(&mut groups[0].gradients.mlp);
+        for group in &mut groups[1..] {
+            for (sum, g) in sum.iter_mut().zip(&mut group.gradients.mlp) {
+                *sum += *g;
+                *g = 0.0;
             }
-            adam(&mut mlp.parameters, [&mut state.first, &mut state.second], &mut sum, 1, step);
-            // Zeroed by the step.
-            *if which == 0 { &mut groups[0].gradients.density } else { &mut groups[0].gradients.colour } =
-                sum;
-            mlp.refresh();
         }
+        let Moments { first, second } = &mut self.mlp;
+        adam(&mut network.mlp.parameters, [first, second], &mut sum, 1, step);
+        // Zeroed by the step.
+        groups[0].gradients.mlp = sum;
+        network.mlp.refresh();
         for group in groups {
             group.gradients.features.iter_mut().for_each(Vec::clear);
             group.gradients.points.clear();
@@ -313,14 +284,13 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The parameters: table, density network, colour network; empty where there is none.
-fn parameters(network: &mut Network<f32>) -> [&mut [f32]; 3] {
+/// The parameters: table, empty where there is none, and network.
+fn parameters(network: &mut Network<f32>) -> [&mut [f32]; 2] {
     let table = match &mut network.encoding {
         Encoding::Hash(grid) => grid.table.as_mut_slice(),
         Encoding::Frequency(_) => &mut [],
     };
-    let colour = network.colour.as_mut().map_or(&mut [][..], |c| c.parameters.as_mut_slice());
-    [table, network.density.parameters.as_mut_slice(), colour]
+    [table, network.mlp.parameters.as_mut_slice()]
 }
 
 /// PSNR of each view on a random sample of its valid pixels.

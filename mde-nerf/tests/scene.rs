@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 use mde_nerf::{
-    Decay, DepthLoss, Error, FieldConfig, FieldEvent, HashFieldConfig, MlpFieldConfig, Nerf, NerfConfig,
-    RadianceField, Silent,
+    Error, FieldConfig, FieldEvent, HashFieldConfig, MlpFieldConfig, Nerf, NerfConfig, RadianceField, Silent,
+    VolumeConfig,
 };
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::random::CounterRng;
@@ -121,19 +121,6 @@ fn parallax_alone_teaches_the_mlp_field_colour_and_depth() {
     assert!(depth < 0.05, "median relative depth error {depth:.4}");
 }
 
-#[test]
-fn depth_losses_pull_the_field_to_the_hypotheses() {
-    for loss in [
-        DepthLoss::Wasserstein { weight: 0.2, decay: Decay::default() },
-        DepthLoss::Distribution { weight: 0.2, relative_sigma: 0.01, decay: Decay::default() },
-    ] {
-        let mut config = hash();
-        config.train.depth_loss = loss;
-        let (_, depth) = quality(config, &views(true));
-        assert!(depth < 0.01, "{loss:?}: median relative depth error {depth:.4}");
-    }
-}
-
 /// Photographs from far apart, some of which look past the volume, with hypotheses of 4 % noise: colours sharpen them.
 #[test]
 fn photographs_from_far_apart_refine_noisy_hypotheses() {
@@ -177,34 +164,26 @@ fn photographs_from_far_apart_refine_noisy_hypotheses() {
     assert!(away.opacity.iter().all(|&a| a == 0.0) && away.depth.support().iter().all(|known| !known));
 }
 
-/// Two hypotheses 20 % apart: their mixture has a standard deviation of about 10 %, the distance to single depths none.
+/// Two hypotheses 20 % apart with 2 % each: their mixture has a standard deviation of 10.2 %. The weight is one at which colours hardly
+/// matter: the median is then 10.1 %.
 #[test]
 fn the_termination_becomes_the_distribution_of_the_hypotheses() {
-    let relative_sigma = |loss| {
-        let mut views = views(true);
-        for view in &mut views {
-            let exact = view.hypotheses[0].clone();
-            let moved = |by: f32| exact.clone().map(|z, _| (by * z, (0.02 * z).powi(2)));
-            view.hypotheses = vec![moved(0.9), moved(1.1)];
-        }
-        let mut config = hash();
-        config.train.depth_loss = loss;
-        let mut field = Nerf::new(config, 1).unwrap();
-        field.fit(&views, &mut Silent).unwrap();
-        let seen = field.render(&views[0].camera, &views[0].pose, &mut Silent).unwrap();
-        let mut relative: Vec<f32> =
-            seen.depth.sigma().iter().zip(seen.depth.mean()).map(|(sigma, mean)| sigma / mean).collect();
-        relative.sort_by(f32::total_cmp);
-        relative[relative.len() / 2]
-    };
-    let mixture = relative_sigma(DepthLoss::Distribution {
-        weight: 0.5,
-        relative_sigma: 0.02,
-        decay: Decay::default(),
-    });
-    assert!((0.06..0.16).contains(&mixture), "{mixture}");
-    let median = relative_sigma(DepthLoss::Wasserstein { weight: 0.5, decay: Decay::default() });
-    assert!(median < 0.7 * mixture, "{median} against {mixture}");
+    let mut views = views(true);
+    for view in &mut views {
+        let exact = view.hypotheses[0].clone();
+        let moved = |by: f32| exact.clone().map(|z, _| (by * z, (0.02 * z).powi(2)));
+        view.hypotheses = vec![moved(0.9), moved(1.1)];
+    }
+    let mut config = hash();
+    config.train.depth_weight = 25.0;
+    let mut field = Nerf::new(config, 1).unwrap();
+    field.fit(&views, &mut Silent).unwrap();
+    let seen = field.render(&views[0].camera, &views[0].pose, &mut Silent).unwrap();
+    let mut relative: Vec<f32> =
+        seen.depth.sigma().iter().zip(seen.depth.mean()).map(|(sigma, mean)| sigma / mean).collect();
+    relative.sort_by(f32::total_cmp);
+    let median = relative[relative.len() / 2];
+    assert!((0.09..0.115).contains(&median), "{median}");
 }
 
 #[test]
@@ -235,11 +214,7 @@ fn a_saved_field_renders_the_same_bits_and_a_damaged_one_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("field.safetensors");
     let views = views(true);
-    for field in [
-        hash().field,
-        FieldConfig::Hash(HashFieldConfig { geometry: 15, log2_rows: 10, ..Default::default() }),
-        mlp().field,
-    ] {
+    for field in [hash().field, mlp().field] {
         let mut config = hash();
         config.field = field;
         config.train.steps = 10;
@@ -264,6 +239,28 @@ fn a_saved_field_renders_the_same_bits_and_a_damaged_one_is_refused() {
         }
         std::fs::remove_file(&path).unwrap();
     }
+}
+
+/// The settings that no configuration file has are in the file of a field: fitted again, it is the same field.
+#[test]
+#[cfg(feature = "serde")]
+fn a_loaded_field_has_its_margin_and_range() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("field.safetensors");
+    let views = views(true);
+    let mut config = NerfConfig::photographs(WIDTH);
+    (config.train.steps, config.train.rays) = (10, 64);
+    config.sampling.volume = VolumeConfig::Reference { margin: 0.2 };
+    (config.sampling.near, config.sampling.far) = (Some(1.1), Some(5.0));
+    let mut field = Nerf::new(config, 3).unwrap();
+    field.fit(&views, &mut Silent).unwrap();
+    field.save(&path).unwrap();
+    let mut again = Nerf::load(&path).unwrap();
+    let render = |f: &Nerf| f.render(&views[2].camera, &views[2].pose, &mut Silent).unwrap();
+    assert_eq!(render(&again), render(&field));
+    assert_eq!(again.config(), field.config());
+    again.fit(&views, &mut Silent).unwrap();
+    assert_eq!(render(&again), render(&field));
 }
 
 #[test]

@@ -12,6 +12,7 @@
 //! | the root, [`spec`] | the trait, predictions of one image or [of several side by side](predict_each), the disparity rule, descriptions of models | |
 //! | [`augment`] | test-time augmentation | |
 //! | [`resample`] | resizing of maps | |
+//! | [`open`] | regular files of a bounded size | |
 //! | `format`, `photo` | depth-map files and photographs | `io` (default) |
 //! | `OnnxPrior` | networks in ONNX files, run by tract | `onnx` |
 //! | `Runtime`, `find_onnxruntime` | ONNX Runtime in the place of tract | `onnxruntime` |
@@ -51,6 +52,7 @@ pub use error::{Error, Result};
 pub use inference::find_library as find_onnxruntime;
 #[cfg(feature = "onnx")]
 pub use inference::{OnnxPrior, RecognisedBy, Runtime};
+pub use io::open::{self, FileKind};
 pub use io::resample;
 #[cfg(feature = "io")]
 pub use io::{format, photo, write_atomic};

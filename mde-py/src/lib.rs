@@ -1,6 +1,5 @@
 //! The native module of the Python package `mdenerf`, which documents and types what it holds.
 
-mod capture;
 mod error;
 mod files;
 mod metrics;
@@ -15,26 +14,17 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _mdenerf {
     #[pymodule_export]
-    use crate::capture::read_capture;
-    #[pymodule_export]
     use crate::error::Error;
     #[pymodule_export]
-    use crate::files::{
-        decode_photo, encode_png, parse_intrinsics, picture, read_photo, save_npy, save_result, save_rgb,
-    };
+    use crate::files::{decode_photo, encode_png, picture, read_photo, save_npy, save_rgb};
     #[pymodule_export]
-    use crate::metrics::{
-        align, boundary_errors, boundary_f1, boundary_matches, calibration_errors, costs_by_sigma, coverage,
-        delta, depth_metric, edge_curve, edge_f1, edge_map, ence, mean_gradient, mean_gradient_by_edges,
-        occlusion_f1, ordinal_error, reliability, score_maps, sigma_metric, soft_edge_error,
-        sparsification_curves, spearman, superpixel_order,
-    };
+    use crate::metrics::{align, costs_by_sigma, edge_curve, reliability, score_maps, sparsification_curve};
     #[pymodule_export]
     use crate::prior::Prior;
     #[pymodule_export]
-    use crate::refine::{OneScale, refine, refine_all, rigid_motion, save_all};
+    use crate::refine::{OneScale, is_capture, refine, replace_folder, save_all, save_result};
     #[pymodule_export]
-    use crate::settings::{ErrorBar, Settings};
+    use crate::settings::Settings;
     #[pymodule_export]
     use crate::stages::{affine_wls, forward_warp, fuse, termination_moments};
 }

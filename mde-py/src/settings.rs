@@ -1,116 +1,90 @@
 //! Settings of a run: a preset and what overrides it.
 
 use crate::error::raise;
-use mde_cli::config::Shorthands;
+use mde_cli::config::{Preset, Shorthands};
 use mde_cli::mde_prior::augment::Predictions;
-use mde_cli::{Config, Naming, Preset};
+use mde_cli::refiner::error_bar::ErrorBar;
+use mde_cli::refiner::plan::limit::MemoryLimit;
+use mde_cli::refiner::{self, Unit};
+use mde_cli::scene::size::{SMALLEST, Sizes};
 use pyo3::prelude::*;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
-use std::time::Duration;
 
-/// The preset and the configuration of a run.
+/// Everything that a refiner is set to.
 #[pyclass(frozen, module = "mdenerf._mdenerf")]
-pub(crate) struct Settings {
-    pub(crate) preset: Preset,
-    pub(crate) config: Config,
-    pub(crate) budget: Option<Duration>,
-}
+pub(crate) struct Settings(pub(crate) refiner::Settings);
 
-/// Settings with arguments of their own.
+/// Settings by the names of their arguments.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(crate) struct Short {
+pub(crate) struct Given {
+    preset: String,
+    /// By its form: `toml`, `json`, or `file`, whose path it is.
+    config: String,
+    form: String,
     seed: Option<u64>,
-    /// Seconds.
-    budget: Option<f64>,
     no_nerf: bool,
     /// A number, or `auto`.
     predictions: Option<String>,
-    /// Metres.
-    near: Option<f64>,
-    far: Option<f64>,
-}
-
-impl Short {
-    fn shorthands(&self) -> PyResult<Shorthands> {
-        let Self { seed, budget, no_nerf, predictions, near, far } = self;
-        if let Some(seed) = seed.filter(|seed| i64::try_from(*seed).is_err()) {
-            return Err(raise(format!("seed is {seed}; give 0 to 2^63 - 1")));
-        }
-        for (name, value, unit) in
-            [("budget", budget, "seconds"), ("near", near, "metres"), ("far", far, "metres")]
-        {
-            if let Some(value) = value.filter(|value| !(*value > 0.0 && value.is_finite())) {
-                return Err(raise(format!("{name} is {value}; give a positive number of {unit}")));
-            }
-        }
-        let predictions = predictions.as_deref().map(Predictions::from_str).transpose();
-        let predictions = predictions.map_err(|text| raise(format!("predictions: {text}")))?;
-        Ok(Shorthands { seed: *seed, no_nerf: *no_nerf, predictions, near: *near, far: *far })
-    }
+    /// Nearest and farthest depth, metres.
+    depth_range: Option<[f64; 2]>,
+    max_size: Option<usize>,
+    /// Million pixels.
+    work_size: f64,
+    /// GiB.
+    max_memory: f64,
+    interval: Option<f64>,
+    calibration: Option<PathBuf>,
+    unit_of_poses: bool,
+    keep_field: bool,
 }
 
 #[pymethods]
 impl Settings {
-    /// `overrides` is TOML or, with `json`, a JSON object of tables; `origin` names it in errors. `short` has the settings with arguments
-    /// of their own.
     #[new]
-    #[pyo3(signature = (preset, overrides, json, origin, short))]
-    fn new(preset: &str, overrides: &str, json: bool, origin: &str, short: Short) -> PyResult<Self> {
-        let preset = named(preset)?;
-        let table = match json {
-            true => {
-                let value: toml::Table = serde_json::from_str(overrides)
-                    .map_err(|e| raise(format!("{origin}: {e}; give numbers, texts, lists and tables")))?;
-                toml::to_string(&value).map_err(|e| raise(format!("{origin}: {e}")))?
+    fn new(given: Given) -> PyResult<Self> {
+        let preset = named(&given.preset)?;
+        let config = preset.config();
+        let text = given.config;
+        let config = match &*given.form {
+            "file" => config.with_file(Path::new(&text)),
+            "json" => {
+                let table: toml::Table = serde_json::from_str(&text)
+                    .map_err(|e| raise(format!("config: {e}; give numbers, texts, lists and tables")))?;
+                config.with_text(&table.to_string(), "config")
             }
-            false => overrides.to_owned(),
+            _ => config.with_text(&text, "config"),
         };
-        let mut config = Config::with_overrides(preset, &table, origin).map_err(raise)?;
-        short.shorthands()?.apply(&mut config, Naming::Keywords).map_err(raise)?;
-        Ok(Self { preset, config, budget: short.budget.map(Duration::from_secs_f64) })
-    }
-
-    /// A preset with the values of a TOML file over it.
-    #[staticmethod]
-    #[pyo3(signature = (preset, path, short))]
-    fn from_file(preset: &str, path: std::path::PathBuf, short: Short) -> PyResult<Self> {
-        Self::new(preset, &read(&path)?, false, &path.display().to_string(), short)
-    }
-
-    /// Most photographs that are used with the first.
-    #[getter]
-    fn max_views(&self) -> usize {
-        self.config.multi_view.max_views
-    }
-
-    /// All settings as TOML.
-    fn to_toml(&self) -> PyResult<String> {
-        self.config.to_toml().map_err(raise)
-    }
-}
-
-/// The error bar of the results.
-#[pyclass(frozen, module = "mdenerf._mdenerf")]
-pub(crate) struct ErrorBar(pub(crate) mde_cli::results::ErrorBar);
-
-#[pymethods]
-impl ErrorBar {
-    /// The probability of the interval, and the file of a calibration.
-    #[new]
-    #[pyo3(signature = (interval, calibration))]
-    fn new(interval: Option<f64>, calibration: Option<std::path::PathBuf>) -> PyResult<Self> {
-        if let Some(probability) = interval.filter(|probability| !(0.01..=0.99).contains(probability)) {
+        let mut config = config.map_err(raise)?;
+        let predictions = given.predictions.as_deref().map(Predictions::from_str).transpose();
+        let predictions = predictions.map_err(|text| raise(format!("predictions: {text}")))?;
+        let Given { seed, no_nerf, depth_range, .. } = given;
+        Shorthands { seed, no_nerf, predictions, depth_range }.apply(&mut config).map_err(raise)?;
+        for (name, value, unit) in
+            [("work_size", given.work_size, "million pixels"), ("max_memory", given.max_memory, "GiB")]
+        {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(raise(format!("{name} is {value}; give a positive number of {unit}")));
+            }
+        }
+        if given.max_size.is_some_and(|side| side < SMALLEST) {
+            return Err(raise(format!("max_size is too small; give {SMALLEST} pixels or more")));
+        }
+        if let Some(probability) = given.interval.filter(|probability| !(0.01..=0.99).contains(probability)) {
             return Err(raise(format!("interval is {probability}; give 0.01 to 0.99, such as 0.9")));
         }
-        mde_cli::results::ErrorBar::open(interval, calibration.as_deref()).map(Self).map_err(raise)
+        Ok(Self(refiner::Settings {
+            preset,
+            config,
+            sizes: Sizes { longest: given.max_size, megapixels: given.work_size },
+            memory: MemoryLimit { gib: given.max_memory },
+            error_bar: ErrorBar::open(given.interval, given.calibration.as_deref()).map_err(raise)?,
+            unit: if given.unit_of_poses { Unit::Capture } else { Unit::Prior },
+            exports: false,
+            keep_field: given.keep_field,
+        }))
     }
-}
-
-fn read(path: &Path) -> PyResult<String> {
-    std::fs::read_to_string(path)
-        .map_err(|source| raise(mde_cli::Error::Io { path: path.to_owned(), source }))
 }
 
 fn named(name: &str) -> PyResult<Preset> {

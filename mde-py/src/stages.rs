@@ -1,12 +1,12 @@
 //! The stages alone.
 
 use crate::error::raise;
-use crate::refine::rigid;
+use crate::refine::{Camera, rigid};
 use crate::settings::Settings;
 use mde_cli::mde_fusion::{self, BayesFuser, Fuser, Prior, Sample};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_uncertainty::termination::{self, InBinVariance, weights};
-use mde_cli::mde_warp::{self, PinholeCamera, Pose, WarpConfig};
+use mde_cli::mde_warp::{self, Pose, WarpConfig};
 use ndarray::{Array1, Array2, ArrayView2, Zip};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
@@ -37,7 +37,6 @@ fn gaussian(depth: ArrayView2<'_, f32>, sigma: ArrayView2<'_, f32>) -> Result<Ga
 
 /// Eq. 7-17 for a prior and reprojected views.
 #[pyfunction]
-#[pyo3(signature = (prior, prior_sigma, depths, sigmas, settings))]
 pub(crate) fn fuse<'py>(
     py: Python<'py>,
     prior: PyReadonlyArray2<'py, f32>,
@@ -58,7 +57,7 @@ pub(crate) fn fuse<'py>(
     let views = depths.iter().zip(&sigmas).map(|(depth, sigma)| gaussian(depth.as_array(), sigma.as_array()));
     let views = views.collect::<Result<Vec<_>, _>>().map_err(raise)?;
     let fused = py
-        .detach(|| BayesFuser::new(settings.config.fusion.clone())?.fuse(&prior, &views))
+        .detach(|| BayesFuser::new(settings.0.config.fusion.clone())?.fuse(&prior, &views))
         .map_err(|e: mde_fusion::Error| raise(e))?;
     let parts = PyDict::new(py);
     let maps = [("", &fused.depth), ("aggregated_", &fused.aggregated), ("aligned_", &fused.aligned)];
@@ -72,7 +71,6 @@ pub(crate) fn fuse<'py>(
 
 /// Eq. 11-13: `(a, b, effective_support, correlation, relative_spread)`, or nothing where the line is not determined.
 #[pyfunction]
-#[pyo3(signature = (u, v, variance))]
 pub(crate) fn affine_wls(
     py: Python<'_>,
     u: PyReadonlyArray1<'_, f64>,
@@ -99,7 +97,6 @@ type Moments<'py> = (
 
 /// Eq. 2-5 for rays `[rays, bins]`.
 #[pyfunction]
-#[pyo3(signature = (density, depth, extent, uniform))]
 pub(crate) fn termination_moments<'py>(
     py: Python<'py>,
     density: PyReadonlyArray2<'py, f64>,
@@ -126,26 +123,22 @@ pub(crate) fn termination_moments<'py>(
     (opacity.into_pyarray(py), mean.into_pyarray(py), variance.into_pyarray(py), all.into_pyarray(py))
 }
 
-/// Eq. 1: an image with its depth, seen from another pose. `source` has its intrinsics and the motion to the other.
+/// Eq. 1: an image with its depth, seen from another pose. `source` has its camera and the motion to the other, `target` that and
+/// its `(height, width)`.
 #[pyfunction]
-#[pyo3(signature = (image, depth, sigma, source, target, tear))]
 pub(crate) fn forward_warp<'py>(
     py: Python<'py>,
     image: PyReadonlyArray3<'py, f32>,
     depth: PyReadonlyArray2<'py, f32>,
     sigma: PyReadonlyArray2<'py, f32>,
-    source: ([f64; 4], [[f64; 4]; 4]),
-    target: Option<([f64; 4], usize, usize)>,
+    source: (Camera, [[f64; 4]; 4]),
+    target: Option<(Camera, (usize, usize))>,
     tear: f64,
 ) -> PyResult<Object<'py>> {
-    let camera = |[fx, fy, cx, cy]: [f64; 4], height, width| {
-        PinholeCamera::new(fx, fy, cx, cy, width, height).map_err(raise)
-    };
-    let (height, width) = depth.as_array().dim();
-    let (intrinsics, pose) = source;
-    let source = camera(intrinsics, height, width)?;
+    let (camera, pose) = source;
+    let source = camera.of(depth.as_array().dim())?.camera;
     let target = match target {
-        Some((intrinsics, height, width)) => camera(intrinsics, height, width)?,
+        Some((camera, size)) => camera.of(size)?.camera,
         None => source,
     };
     let pose = rigid("pose", &pose)?;

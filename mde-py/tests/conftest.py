@@ -17,15 +17,23 @@ NETWORK = Path(__file__).parents[2] / "mde-prior" / "tests" / "fixtures" / "mida
 
 
 @pytest.fixture(scope="session")
-def network() -> dict:
-    """Arguments of a network in an ONNX file."""
-    return {"model": str(NETWORK), "kind": "disparity", "input_size": (32, 32), "runtime": "tract"}
+def profile(tmp_path_factory) -> Path:
+    """The file of the network's input and output."""
+    path = tmp_path_factory.mktemp("profile") / "midas.toml"
+    path.write_text("width = 32\nheight = 32\noutput = 'disparity'\n")
+    return path
 
 
 @pytest.fixture(scope="session")
-def arguments() -> list:
+def network(profile) -> dict:
+    """Arguments of a network in an ONNX file."""
+    return {"prior_model": str(NETWORK), "model_profile": profile, "runtime": "tract"}
+
+
+@pytest.fixture(scope="session")
+def arguments(profile) -> list:
     """The same for the program."""
-    return ["--prior-model", str(NETWORK), "--prior-kind", "disparity", "--input-size", "32x32"]
+    return ["--prior-model", str(NETWORK), "--model-profile", profile]
 
 
 def scene(height: int = 48, width: int = 64, shift: float = 0.0) -> tuple:

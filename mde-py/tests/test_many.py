@@ -13,8 +13,8 @@ from conftest import NETWORK
 from test_same_bytes import same, same_files
 
 #: Depth by the brightness, so that exposures give depths of different scales.
-GREY = {"model": str(NETWORK.with_name("grey_nchw.onnx")), "profile": "fastdepth", "runtime": "tract"}
-PROGRAM = ["--prior-model", GREY["model"], "--model-profile", GREY["profile"], "--predictions", 1, "--fov", 60]
+GREY = {"prior_model": str(NETWORK.with_name("grey_nchw.onnx")), "model_profile": "fastdepth", "runtime": "tract"}
+PROGRAM = ["--prior-model", GREY["prior_model"], "--model-profile", GREY["model_profile"], "--predictions", 1, "--fov", 60]
 
 
 @pytest.fixture(scope="module")
@@ -69,10 +69,10 @@ def test_a_callable_has_a_scale_too(burst):
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", mdenerf.RefinementWarning)
-        refiner = mdenerf.Refiner(network, kind="depth", predictions=1, threads=1)
+        refiner = mdenerf.Refiner(network, prior_kind="depth", predictions=1, threads=1)
         scales = refiner.same_scale(burst, fov=60)
         assert scales[0].factor < scales[1].factor < scales[2].factor
-        once = [scale.factor for scale in mdenerf.Refiner(network, kind="depth", predictions=1).same_scale(burst, fov=60)]
+        once = [scale.factor for scale in mdenerf.Refiner(network, prior_kind="depth", predictions=1).same_scale(burst, fov=60)]
     assert once == [scale.factor for scale in scales]
 
     def broken(rgb):
@@ -105,8 +105,8 @@ def test_what_has_no_scale_in_common_is_refused(burst, photo, depth, tmp_path):
     refiner = mdenerf.Refiner(**GREY, predictions=1)
     scale = mdenerf.SameScale(1.0, 0.1, 0, 2)
     for call, word in [
-        (lambda: mdenerf.Refiner().same_scale(burst), "needs a model"),
-        (lambda: mdenerf.Refiner().refine_many([photo]), "needs a model"),
+        (lambda: mdenerf.Refiner().same_scale(burst), "needs a prior_model"),
+        (lambda: mdenerf.Refiner().refine_many([photo]), "needs a prior_model"),
         (lambda: refiner.refine_many(tmp_path / "absent"), "no such folder"),
         (lambda: refiner.refine_many(tmp_path), "holds no photograph"),
         (lambda: refiner.refine(photo, same_scale=scale, views=[photo]), "leave views and scale_from out"),
@@ -114,8 +114,8 @@ def test_what_has_no_scale_in_common_is_refused(burst, photo, depth, tmp_path):
         (lambda: refiner.same_scale(burst, intrinsics=tmp_path / "no.json"), "no.json"),
         (lambda: refiner.same_scale([tmp_path / "no.png"]), "no.png"),
         (lambda: mdenerf.Refiner(**GREY, predictions=1, max_memory=1e-6).same_scale(burst), "max_memory"),
-        (lambda: mdenerf.refine_many([photo], GREY["model"], near=-1), "near is -1"),
-        (lambda: mdenerf.refine_many([photo], GREY["model"], predictions=0), "predictions"),
+        (lambda: mdenerf.refine_many([photo], GREY["prior_model"], depth_range=(-1, 2)), "depth_range: "),
+        (lambda: mdenerf.refine_many([photo], GREY["prior_model"], predictions=0), "predictions"),
     ]:
         with pytest.raises(mdenerf.Error, match=word):
             call()

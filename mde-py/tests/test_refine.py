@@ -40,15 +40,6 @@ def test_a_callable_is_a_model(photo, depth):
     assert one.run["augmentation"]["predictions"] == 1
 
 
-def test_the_input_size_of_a_callable_decides_on_crops(photo):
-    def model(rgb):
-        return 2.0 + rgb[..., 0]
-
-    whole = mdenerf.refine(photo, model, input_size=photo.shape[:2])
-    small = mdenerf.refine(photo, model, input_size=(12, 16))
-    assert whole.run["augmentation"]["predictions"] < small.run["augmentation"]["predictions"]
-
-
 class Tensor:
     """As PyTorch has it: on a device, with a gradient, with a batch."""
 
@@ -91,7 +82,7 @@ def test_a_tensor_of_pytorch_is_a_prediction(photo):
 def test_a_session_of_another_framework_is_a_model(photo, network):
     """The same network in a callable and as a file."""
     runtime = pytest.importorskip("onnxruntime")
-    session = runtime.InferenceSession(network["model"], providers=["CPUExecutionProvider"])
+    session = runtime.InferenceSession(network["prior_model"], providers=["CPUExecutionProvider"])
     (entry,) = session.get_inputs()
 
     def model(rgb):
@@ -100,8 +91,8 @@ def test_a_session_of_another_framework_is_a_model(photo, network):
         return session.run(None, {entry.name: np.ascontiguousarray(pixels, dtype=np.float32)})[0]
 
     small = photo[:32, :32].copy()
-    settings = {**FAST, "kind": "disparity", "input_size": (32, 32), "config": {"augmentation": {"predictions": 1}}}
-    result = mdenerf.refine(small, model, **settings)
+    settings = {**FAST, "config": {"augmentation": {"predictions": 1}}}
+    result = mdenerf.refine(small, model, prior_kind="disparity", **settings)
     file = mdenerf.refine(small, **{**network, **settings})
     np.testing.assert_allclose(result.depth, file.depth, rtol=1e-3)
 
@@ -110,26 +101,28 @@ def test_a_session_of_another_framework_is_a_model(photo, network):
     "image", [lambda a: a, lambda a: a.astype(np.float32) / 255, lambda a: a.astype(np.float64) / 255, lambda a: np.uint16(a) * 257]
 )
 def test_the_kinds_of_images(photo, depth, image):
-    expected = mdenerf.refine(photo, depth=depth, **FAST)
-    result = mdenerf.refine(image(photo), depth=depth, **FAST)
+    expected = mdenerf.refine(photo, prior_depth=depth, **FAST)
+    result = mdenerf.refine(image(photo), prior_depth=depth, **FAST)
     np.testing.assert_array_equal(result.image, photo)
     np.testing.assert_allclose(result.depth, expected.depth, rtol=1e-6)
 
 
-def test_exchanged_near_and_far_are_told(photo, network):
-    rows = {**network, "model": str(Path(network["model"]).with_name("rows.onnx")), "input_size": (24, 32), "fov": 60}
-    told = [
-        any("near and far are exchanged" in warning and "kind=\"disparity\"" in warning for warning in result.run["warnings"])
-        for result in (mdenerf.refine(photo, **{**rows, **FAST, "kind": kind}) for kind in ("disparity", "depth"))
-    ]
+def test_exchanged_near_and_far_are_told(photo, network, tmp_path):
+    rows = {**network, "prior_model": str(Path(network["prior_model"]).with_name("rows.onnx")), "fov": 60}
+    told = []
+    for kind in ("disparity", "depth"):
+        profile = tmp_path / f"{kind}.toml"
+        profile.write_text(f"width = 32\nheight = 24\noutput = '{kind}'\n")
+        found = mdenerf.refine(photo, **{**rows, **FAST, "model_profile": profile}).run["warnings"]
+        told.append(any("near and far are exchanged" in text and "prior_kind disparity" in text for text in found))
     assert told == [False, True]
 
 
 def test_the_bytes_of_a_file_are_an_image(photo_file, photo, depth):
-    result = mdenerf.refine(photo_file.read_bytes(), depth=depth, **FAST)
-    assert result.depth.tobytes() == mdenerf.refine(photo, depth=depth, **FAST).depth.tobytes()
+    result = mdenerf.refine(photo_file.read_bytes(), prior_depth=depth, **FAST)
+    assert result.depth.tobytes() == mdenerf.refine(photo, prior_depth=depth, **FAST).depth.tobytes()
     with pytest.raises(mdenerf.Error, match="image: no readable image"):
-        mdenerf.refine(b"nothing", depth=depth)
+        mdenerf.refine(b"nothing", prior_depth=depth)
 
 
 def test_an_image_of_pillow(photo, depth):
@@ -138,7 +131,7 @@ def test_an_image_of_pillow(photo, depth):
     tags = image.getexif()
     tags[0x0112] = 6  # Turn by 90 degrees.
     tags.get_ifd(0x8769)[0xA405] = 26
-    result = mdenerf.refine(image, depth=np.rot90(depth, 3).copy(), **FAST)
+    result = mdenerf.refine(image, prior_depth=np.rot90(depth, 3).copy(), **FAST)
     np.testing.assert_array_equal(result.image, np.rot90(photo, 3))
     assert result.run["camera"]["source"] == {"exif": 26.0}
 
@@ -148,65 +141,66 @@ def test_the_camera(photo, depth, tmp_path):
     (tmp_path / "k.txt").write_text("60 0 31\n0 61 24\n0 0 1\n")
     named = dict(fx=60, fy=61, cx=31, cy=24)
     for given in (matrix, np.array(matrix), named, tmp_path / "k.txt"):
-        camera = mdenerf.refine(photo, depth=depth, intrinsics=given, **FAST).camera
+        camera = mdenerf.refine(photo, prior_depth=depth, intrinsics=given, **FAST).camera
         np.testing.assert_array_equal(camera.matrix, matrix)
-    result = mdenerf.refine(photo, depth=depth, fov=90, **FAST)
+    result = mdenerf.refine(photo, prior_depth=depth, fov=90, **FAST)
     assert abs(result.camera.fx - 32) < 1e-9
     points = result.camera.points(result.depth)
     row, column = 10, 50
     expected = (column - result.camera.cx) / result.camera.fx * result.depth[row, column]
     np.testing.assert_allclose(points[row, column], [expected, points[row, column, 1], result.depth[row, column]], rtol=1e-6)
     with pytest.warns(mdenerf.RefinementWarning, match="field of view of 60 degrees is assumed"):
-        mdenerf.refine(photo, depth=depth, **FAST)
+        mdenerf.refine(photo, prior_depth=depth, **FAST)
 
 
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        ({"model": "missing.onnx"}, "missing.onnx"),
-        ({"model": 3}, "model is of int; give the path"),
-        ({}, "give a model or a depth"),
-        ({"depth": np.ones((3, 4, 5))}, "give [height, width]"),
-        ({"depth": np.ones((10, 10))}, "the prior is 10x10 but the image is 64x48"),
-        ({"depth": np.zeros((48, 64))}, "no usable pixel"),
-        ({"depth": "missing.npy"}, "missing.npy"),
-        ({"depth": 1, "preset": "fastest"}, "paper, default, fast, multi-view"),
-        ({"depth": 1, "config": {"nerf": {"train": {"step": 3}}}}, "step"),
-        ({"depth": 1, "config": {"nerf": {"train": {"steps": 0}}}}, "train.steps is 0"),
-        ({"depth": 1, "config": "nerf = "}, "config: "),
-        ({"depth": 1, "config": "missing.toml"}, "missing.toml"),
-        ({"depth": 1, "seed": -1}, "seed is -1"),
-        ({"depth": 1, "kind": "metres"}, "metric, depth or disparity"),
-        ({"depth": 1, "runtime": "tensorrt", "model": None}, None),
-        ({"depth": 1, "intrinsics": np.eye(4)}, "intrinsics has the shape [4, 4]"),
-        ({"depth": 1, "intrinsics": [[60, 1, 3], [0, 60, 3], [0, 0, 1]]}, "pinhole"),
-        ({"depth": 1, "intrinsics": {"fx": 60}}, "intrinsics has no fy"),
-        ({"depth": 1, "intrinsics": "missing.txt"}, "missing.txt"),
-        ({"depth": 1, "fov": 200}, "200"),
-        ({"depth": 1, "work_size": 0}, "work_size"),
-        ({"depth": 1, "max_memory": 0}, "max_memory is 0; give a positive number of GiB"),
-        ({"depth": 1, "max_memory": 0.01}, "more than max_memory 0.01"),
-        ({"depth": 1, "interval": 1.5}, "interval is 1.5; give 0.01 to 0.99"),
-        ({"depth": 1, "calibration": "missing.toml"}, "missing.toml"),
-        ({"depth": 1, "scale_from": np.ones((3, 2))}, "scale_from has the shape [3, 2]"),
-        ({"depth": 1, "scale_from": np.ones((0, 3))}, "scale_from array: no depth of image"),
-        ({"depth": 1, "scale_from": [[3, 4, -1.0]]}, "scale_from array: the known depth -1"),
-        ({"depth": 1, "scale_from": "missing.csv"}, "scale_from missing.csv: can't be read"),
-        ({"depth": 1, "scale_from": np.ones((3, 3)), "unit": "poses"}, "scale_from gives the unit"),
-        ({"depth": 1, "intrinsics": np.diag([1e-9, 60, 1])}, "fx is 1e-9 pixels"),
-        ({"depth": 1, "views": ["a.png"]}, "give a model to use views"),
-        ({"model": lambda rgb: rgb}, "model: the depth has the shape [48, 64, 3]"),
-        ({"model": lambda rgb: rgb[:5, :6, 0] + 1}, "model: the depth is 6x5 but the image is 64x48"),
-        ({"model": lambda rgb: rgb[..., 0] * np.nan}, "no usable pixel"),
-        ({"model": lambda rgb: "depth"}, "model: the depth is of <U5"),
-        ({"model": lambda rgb: rgb, "views": []}, "no further photograph"),
-        ({"model": lambda rgb: rgb, "views": "missing"}, "no such folder"),
-        ({"model": lambda rgb: rgb, "unit": "poses"}, "unit is 'poses'"),
+        ({"prior_model": "missing.onnx"}, "missing.onnx"),
+        ({"prior_model": 3}, "prior_model is of int; give the path"),
+        ({}, "give a prior_model or a prior_depth"),
+        ({"prior_depth": np.ones((3, 4, 5))}, "give [height, width]"),
+        ({"prior_depth": np.ones((10, 10))}, "the prior is 10x10 but the image is 64x48"),
+        ({"prior_depth": np.zeros((48, 64))}, "no usable pixel"),
+        ({"prior_depth": "missing.npy"}, "missing.npy"),
+        ({"prior_depth": 1, "preset": "fastest"}, "paper, default, fast, multi-view"),
+        ({"prior_depth": 1, "config": {"nerf": {"train": {"step": 3}}}}, "step"),
+        ({"prior_depth": 1, "config": {"nerf": {"train": {"steps": 0}}}}, "train.steps is 0"),
+        ({"prior_depth": 1, "config": "nerf = "}, "config: "),
+        ({"prior_depth": 1, "config": "missing.toml"}, "missing.toml"),
+        ({"prior_depth": 1, "seed": -1}, "seed is -1"),
+        ({"prior_depth": 1, "prior_kind": "metres"}, "metric, depth or disparity"),
+        ({"prior_depth": 1, "runtime": "tensorrt", "prior_model": None}, None),
+        ({"prior_depth": 1, "intrinsics": np.eye(4)}, "intrinsics has the shape [4, 4]"),
+        ({"prior_depth": 1, "intrinsics": [[60, 1, 3], [0, 60, 3], [0, 0, 1]]}, "pinhole"),
+        ({"prior_depth": 1, "intrinsics": {"fx": 60}}, "intrinsics has no fy"),
+        ({"prior_depth": 1, "intrinsics": "missing.txt"}, "missing.txt"),
+        ({"prior_depth": 1, "fov": 200}, "fov: "),
+        ({"prior_depth": 1, "depth_range": (9.0, 2.0)}, "depth_range: "),
+        ({"prior_depth": 1, "work_size": 0}, "work_size"),
+        ({"prior_depth": 1, "max_memory": 0}, "max_memory is 0; give a positive number of GiB"),
+        ({"prior_depth": 1, "max_memory": 0.01}, "more than max_memory 0.01"),
+        ({"prior_depth": 1, "interval": 1.5}, "interval is 1.5; give 0.01 to 0.99"),
+        ({"prior_depth": 1, "calibration": "missing.toml"}, "missing.toml"),
+        ({"prior_depth": 1, "scale_from": np.ones((3, 2))}, "scale_from has the shape [3, 2]"),
+        ({"prior_depth": 1, "scale_from": np.ones((0, 3))}, "scale_from array: no depth of image"),
+        ({"prior_depth": 1, "scale_from": [[3, 4, -1.0]]}, "scale_from array: the known depth -1"),
+        ({"prior_depth": 1, "scale_from": "missing.csv"}, "scale_from missing.csv: can't be read"),
+        ({"prior_depth": 1, "scale_from": np.ones((3, 3)), "unit": "poses"}, "scale_from gives the unit"),
+        ({"prior_depth": 1, "intrinsics": np.diag([1e-9, 60, 1])}, "fx is 1e-9 pixels"),
+        ({"prior_depth": 1, "views": ["a.png"]}, "give a prior_model to use views"),
+        ({"prior_model": lambda rgb: rgb}, "prior_model: the depth has the shape [48, 64, 3]"),
+        ({"prior_model": lambda rgb: rgb[:5, :6, 0] + 1}, "prior_model: the depth is 6x5 but the image is 64x48"),
+        ({"prior_model": lambda rgb: rgb[..., 0] * np.nan}, "no usable pixel"),
+        ({"prior_model": lambda rgb: "depth"}, "prior_model: the depth is of <U5"),
+        ({"prior_model": lambda rgb: rgb, "views": []}, "no further photograph"),
+        ({"prior_model": lambda rgb: rgb, "views": "missing"}, "no such folder"),
+        ({"prior_model": lambda rgb: rgb, "unit": "poses"}, "unit is 'poses'"),
     ],
 )
 def test_a_fault_is_one_line(photo, depth, arguments, named):
-    if isinstance(arguments.get("depth"), int):
-        arguments = {**arguments, "depth": depth}
+    if isinstance(arguments.get("prior_depth"), int):
+        arguments = {**arguments, "prior_depth": depth}
     if named is None:
         mdenerf.refine(photo, **{**FAST, **arguments})
         return
@@ -231,7 +225,7 @@ def test_a_fault_is_one_line(photo, depth, arguments, named):
 )
 def test_an_image_at_fault_is_named(depth, image, named):
     with pytest.raises(mdenerf.Error) as raised:
-        mdenerf.refine(image, depth=depth)
+        mdenerf.refine(image, prior_depth=depth)
     assert named in str(raised.value)
 
 
@@ -248,8 +242,8 @@ def test_an_exception_of_the_model_is_its_own(photo):
 
 def test_progress_is_reported_and_cancels(photo, depth):
     stages = []
-    config = {"nerf": {"train": {"steps": 60, "rays": 64}}}
-    mdenerf.refine(photo, depth=depth, config=config, progress=lambda *step: stages.append(step))
+    config = {"refinement": {"order": "paper"}, "nerf": {"train": {"steps": 60, "rays": 64}}}
+    mdenerf.refine(photo, prior_depth=depth, config=config, progress=lambda *step: stages.append(step))
     assert ("fit", 0, 0) in stages and ("fit", 60, 60) in stages
     assert all(0 <= done <= total or total == 0 for _, done, total in stages)
 
@@ -258,7 +252,7 @@ def test_progress_is_reported_and_cancels(photo, depth):
             raise StopIteration("enough")
 
     with pytest.raises(StopIteration, match="enough"):
-        mdenerf.refine(photo, depth=depth, config=config, progress=stop)
+        mdenerf.refine(photo, prior_depth=depth, config=config, progress=stop)
 
 
 def test_a_refiner_keeps_the_network_and_survives_pickling(photo, network):
@@ -279,15 +273,15 @@ def test_onnx_runtime_is_used_where_it_is_installed(photo, network):
 
 
 def test_any_number_of_threads_gives_the_same_bytes(photo, depth):
-    config = {"nerf": {"train": {"steps": 30, "rays": 64}}}
-    one, three = (mdenerf.refine(photo, depth=depth, config=config, threads=n) for n in (1, 3))
+    config = {"refinement": {"order": "paper"}, "nerf": {"train": {"steps": 30, "rays": 64}}}
+    one, three = (mdenerf.refine(photo, prior_depth=depth, config=config, threads=n) for n in (1, 3))
     assert one.depth.tobytes() == three.depth.tobytes() and one.sigma.tobytes() == three.sigma.tobytes()
     assert (one.run["threads"], three.run["threads"]) == (1, 3)
 
 
 def test_the_interpreter_is_free_meanwhile(photo, depth):
     """Another Python thread runs during a refinement, and two refinements overlap."""
-    config = {"nerf": {"train": {"steps": 150, "rays": 128}}}
+    config = {"refinement": {"order": "paper"}, "nerf": {"train": {"steps": 150, "rays": 128}}}
     spans = []
     ticks = 0
     stop = threading.Event()
@@ -300,7 +294,7 @@ def test_the_interpreter_is_free_meanwhile(photo, depth):
 
     def refine():
         start = time.monotonic()
-        mdenerf.refine(photo, depth=depth, config=config, threads=1)
+        mdenerf.refine(photo, prior_depth=depth, config=config, threads=1)
         spans.append((start, time.monotonic()))
 
     threads = [threading.Thread(target=refine) for _ in range(2)]
@@ -332,7 +326,7 @@ def test_ctrl_c_cancels(tmp_path):
             if stage == "fit":
                 print("fit", flush=True)
         try:
-            mdenerf.refine(image, depth=np.full((96, 128), 2.0), config={"nerf": {"train": {"steps": 1000000}}}, progress=progress)
+            mdenerf.refine(image, prior_depth=np.full((96, 128), 2.0), config={"refinement": {"order": "paper"}, "nerf": {"train": {"steps": 1000000}}}, progress=progress)
         except KeyboardInterrupt:
             print("interrupted", flush=True)
         """
@@ -352,12 +346,12 @@ def test_ctrl_c_cancels(tmp_path):
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_a_forked_process_refines_too(photo, depth):
     """Its parent's threads are not in it."""
-    expected = mdenerf.refine(photo, depth=depth, **FAST)
+    expected = mdenerf.refine(photo, prior_depth=depth, **FAST)
     read, write = os.pipe()
     child = os.fork()
     if child == 0:
         try:
-            os.write(write, mdenerf.refine(photo, depth=depth, **FAST).depth.tobytes()[:64])
+            os.write(write, mdenerf.refine(photo, prior_depth=depth, **FAST).depth.tobytes()[:64])
         finally:
             os._exit(0)
     os.close(write)
@@ -367,13 +361,13 @@ def test_a_forked_process_refines_too(photo, depth):
 
 def test_a_map_from_a_file_is_known_by_its_metadata(photo, photo_file, depth, mde, tmp_path):
     """Its unit, and that its bits are few."""
-    result = mdenerf.refine(photo, depth=depth, kind="depth", **FAST)
+    result = mdenerf.refine(photo, prior_depth=depth, prior_kind="depth", **FAST)
     saved = result.save(tmp_path / "out", report=False)
-    with pytest.warns(mdenerf.RefinementWarning, match='have the unit "unscaled".*kind="metric"'):
-        again = mdenerf.refine(photo, depth=saved / "depth.png", **FAST)
+    with pytest.warns(mdenerf.RefinementWarning, match='have the unit "unscaled".*prior_kind metric'):
+        again = mdenerf.refine(photo, prior_depth=saved / "depth.png", **FAST)
     assert again.unit == "unscaled"
-    assert mdenerf.refine(photo, depth=saved / "depth.png", kind="metric", **FAST).unit == "m"
+    assert mdenerf.refine(photo, prior_depth=saved / "depth.png", prior_kind="metric", **FAST).unit == "m"
     pillow = pytest.importorskip("PIL.Image")
     pillow.fromarray(np.uint8(np.clip(500 / depth, 0, 255))).save(tmp_path / "few.png")
     with pytest.warns(mdenerf.RefinementWarning, match="8 bits hold 256 levels"):
-        mdenerf.refine(photo, depth=tmp_path / "few.png", kind="disparity", **FAST)
+        mdenerf.refine(photo, prior_depth=tmp_path / "few.png", prior_kind="disparity", **FAST)

@@ -1,6 +1,7 @@
 """The package gives the program's bytes."""
 
 import json
+import time
 
 import numpy as np
 import pytest
@@ -20,8 +21,9 @@ FORMATS = ["ply", "glb", "exr", "colmap", "transforms", "sigma"]
 
 
 def same_files(saved, folder):
-    """Whether a saved result has the files of the program's folder, byte for byte but for the record and the report."""
-    files = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
+    """Whether a saved result has the files of the program's folder, byte for byte but for the record and the report. The program's
+    marker, by which a run continues, is its own."""
+    files = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path.name != "finished.json"}
     assert {path.relative_to(saved) for path in saved.rglob("*") if path.is_file()} == files
     for name in files:
         if name.name not in ("run.json", "report.html"):
@@ -43,14 +45,14 @@ def test_a_depth_map(photo, photo_file, depth, mde, tmp_path, preset):
     (tmp_path / "quick.toml").write_text(QUICK)
     settings = ["--preset", preset, "--config", tmp_path / "quick.toml", "--seed", 3]
     mde("refine", photo_file, "--prior-depth", tmp_path / "depth.npy", *settings, "-o", tmp_path / "out")
-    result = mdenerf.refine(photo, depth=depth, preset=preset, config=QUICK, seed=3)
+    result = mdenerf.refine(photo, prior_depth=depth, preset=preset, config=QUICK, seed=3)
     same(result, tmp_path / "out")
-    by_path = mdenerf.refine(str(photo_file), depth=tmp_path / "depth.npy", preset=preset, config=tmp_path / "quick.toml", seed=3)
+    by_path = mdenerf.refine(str(photo_file), prior_depth=tmp_path / "depth.npy", preset=preset, config=tmp_path / "quick.toml", seed=3)
     same(by_path, tmp_path / "out")
     record = json.loads((tmp_path / "out" / "run.json").read_text())
     assert result.run["training"] == record["training"]
-    if preset != "fast":
-        other = mdenerf.refine(photo, depth=depth, preset=preset, config=QUICK, seed=4)
+    if preset == "paper":
+        other = mdenerf.refine(photo, prior_depth=depth, preset=preset, config=QUICK, seed=4)
         assert len(record["training"]) > 0 and other.run["training"] != record["training"]
 
 
@@ -60,10 +62,9 @@ def test_a_network(photo, photo_file, network, arguments, mde, tmp_path):
     same(result, tmp_path / "out")
     record = json.loads((tmp_path / "out" / "run.json").read_text())
     assert result.run["augmentation"]["predictions"] == record["augmentation"]["predictions"] > 1
-    assert result.run["prior"] == {**record["prior"], "source": network["model"]}
+    assert result.run["prior"] == {**record["prior"], "source": network["prior_model"]}
     assert result.config == (tmp_path / "out" / "config.toml").read_text()
-    prior = native.Prior.network(network["model"], (None, (32, 32), "disparity"), "tract", None, None)
-    assert prior.runtime == "tract" and prior.kind == "disparity"
+    assert mdenerf.Refiner(**network).runtime == "tract"
 
 
 def test_a_larger_photograph(depth, network, arguments, mde, tmp_path):
@@ -95,11 +96,11 @@ def calibration(mde, tmp_path_factory):
 def test_an_interval_and_the_exports(photo_file, network, arguments, mde, tmp_path, calibration, calibrated):
     options = {"interval": 0.8, **({"calibration": calibration} if calibrated else {})}
     words = [word for name, value in options.items() for word in (f"--{name}", value)]
-    mde("refine", photo_file, *arguments, *words, "--export", ",".join(FORMATS), "--y-up", "-o", tmp_path / "out")
+    mde("refine", photo_file, *arguments, *words, "--export", ",".join(FORMATS), "-o", tmp_path / "out")
     with pytest.warns(mdenerf.RefinementWarning, match="calibration .*other" if calibrated else "interval: no calibration"):
         result = mdenerf.refine(photo_file, **network, **options)
     same(result, tmp_path / "out")
-    same_files(result.save(tmp_path / "saved", export=FORMATS, y_up=True), tmp_path / "out")
+    same_files(result.save(tmp_path / "saved", export=FORMATS), tmp_path / "out")
     assert (result.lower < result.depth).all() and (result.depth < result.upper).all()
     record = json.loads((tmp_path / "out" / "run.json").read_text())
     assert result.run["error_bar"] == record["error_bar"]
@@ -133,7 +134,7 @@ def test_a_colmap_model_gives_the_scale(photo_file, depth, mde, tmp_path):
     model, image = tmp_path / "first" / "colmap", tmp_path / "image.png"
     image.write_bytes(photo_file.read_bytes())
     mde("refine", image, *prior, "--scale-from", model, "-o", tmp_path / "out")
-    result = mdenerf.refine(image, depth=tmp_path / "depth.npy", preset="fast", scale_from=model)
+    result = mdenerf.refine(image, prior_depth=tmp_path / "depth.npy", preset="fast", scale_from=model)
     same_files(result.save(tmp_path / "saved"), tmp_path / "out")
     assert result.unit == "capture"
 
@@ -142,50 +143,37 @@ def test_a_depth_of_another_size(photo, photo_file, mde, tmp_path):
     depth = np.linspace(1.0, 3.0, 96 * 128, dtype=np.float32).reshape(96, 128)
     native.save_npy(str(tmp_path / "depth.npy"), depth)
     mde("refine", photo_file, "--prior-depth", tmp_path / "depth.npy", "--preset", "fast", "-o", tmp_path / "out")
-    result = mdenerf.refine(photo, depth=depth, preset="fast")
+    result = mdenerf.refine(photo, prior_depth=depth, preset="fast")
     same(result, tmp_path / "out")
     assert any("resized from 128x96 to 64x48" in text for text in result.run["warnings"])
 
 
-@pytest.mark.parametrize("encoding", ["plain", "sunrgbd"])
-def test_a_depth_in_a_png(photo_file, depth, mde, tmp_path, encoding):
-    """With a scale and an encoding that its metadata do not have."""
-    values = np.uint16(2000 * depth)
-    if encoding == "sunrgbd":
-        values = (values << 3) | (values >> 13)
-    Image.fromarray(values).save(tmp_path / "depth.png")
-    given = ["--prior-depth", tmp_path / "depth.png", "--prior-encoding", encoding, "--preset", "fast"]
-    options = {"depth": tmp_path / "depth.png", "depth_encoding": encoding, "preset": "fast"}
-    if encoding == "plain":
-        given += ["--png-scale", 2000]
-        options["png_scale"] = 2000
+def test_a_depth_in_a_png(photo_file, depth, mde, tmp_path):
+    """With a scale that its metadata do not have."""
+    Image.fromarray(np.uint16(2000 * depth)).save(tmp_path / "depth.png")
+    given = ["--prior-depth", tmp_path / "depth.png", "--png-scale", 2000, "--preset", "fast"]
     mde("refine", photo_file, *given, "-o", tmp_path / "out")
-    result = mdenerf.refine(photo_file, **options)
+    result = mdenerf.refine(photo_file, prior_depth=tmp_path / "depth.png", png_scale=2000, preset="fast")
     same(result, tmp_path / "out")
-    median = np.median(depth) * (1 if encoding == "plain" else 2)
-    assert abs(np.median(result.depth) / median - 1) < 0.1
+    assert abs(np.median(result.depth) / np.median(depth) - 1) < 0.1
 
 
-def test_intrinsics_from_one(photo_file, network, arguments, mde, tmp_path):
+def test_intrinsics(photo_file, network, arguments, mde, tmp_path):
     (tmp_path / "K.txt").write_text("70 0 33\n0 71 25.5\n0 0 1\n")
-    based = ["--intrinsics", tmp_path / "K.txt", "--intrinsics-base", 1]
-    mde("refine", photo_file, *arguments, *based, "--export", "ply", "-o", tmp_path / "out")
+    mde("refine", photo_file, *arguments, "--intrinsics", tmp_path / "K.txt", "--export", "ply", "-o", tmp_path / "out")
     matrix = np.array([[70, 0, 33], [0, 71, 25.5], [0, 0, 1]])
-    for intrinsics in (tmp_path / "K.txt", matrix, {"fx": 70, "fy": 71, "cx": 33, "cy": 25.5}):
-        result = mdenerf.refine(photo_file, **network, intrinsics=intrinsics, intrinsics_base=1)
-        assert (result.camera.cx, result.camera.cy) == (32, 24.5)
-    by_file = mdenerf.refine(photo_file, **network, intrinsics=tmp_path / "K.txt", intrinsics_base=1)
+    for intrinsics in (matrix, {"fx": 70, "fy": 71, "cx": 33, "cy": 25.5}):
+        result = mdenerf.refine(photo_file, **network, intrinsics=intrinsics)
+        assert (result.camera.fy, result.camera.cx, result.camera.cy) == (71, 33, 25.5)
+    by_file = mdenerf.refine(photo_file, **network, intrinsics=tmp_path / "K.txt")
     same_files(by_file.save(tmp_path / "saved", export="ply"), tmp_path / "out")
     assert by_file.run["camera"] == json.loads((tmp_path / "out" / "run.json").read_text())["camera"]
-    for wrong in ({"intrinsics": matrix, "intrinsics_base": 2}, {"intrinsics_base": 1}):
-        with pytest.raises(mdenerf.Error, match="intrinsics_base"):
-            mdenerf.refine(photo_file, **network, **wrong)
 
 
 def test_settings_with_arguments_of_their_own(photo, photo_file, network, arguments, mde, tmp_path):
-    given = ["--predictions", 2, "--near", 0.5, "--far", 20, "--no-nerf"]
+    given = ["--predictions", 2, "--depth-range", "0.5,20", "--no-nerf"]
     mde("refine", photo_file, *arguments, *given, "-o", tmp_path / "out")
-    result = mdenerf.refine(photo, **network, predictions=2, near=0.5, far=20, no_nerf=True)
+    result = mdenerf.refine(photo, **network, predictions=2, depth_range=(0.5, 20), no_nerf=True)
     same(result, tmp_path / "out")
     assert result.config == (tmp_path / "out" / "config.toml").read_text()
     assert mdenerf.refine(photo, **network, predictions="auto").run["augmentation"]["predictions"] > 2
@@ -194,15 +182,15 @@ def test_settings_with_arguments_of_their_own(photo, photo_file, network, argume
 def test_the_field_is_kept(photo, photo_file, depth, mde, tmp_path):
     native.save_npy(str(tmp_path / "depth.npy"), depth)
     (tmp_path / "quick.toml").write_text(QUICK)
-    prior = ["--prior-depth", tmp_path / "depth.npy", "--config", tmp_path / "quick.toml"]
-    mde("refine", photo_file, *prior, "--save-field", "-o", tmp_path / "out")
-    result = mdenerf.refine(photo_file, depth=tmp_path / "depth.npy", config=QUICK, keep_field=True)
+    prior = ["--prior-depth", tmp_path / "depth.npy", "--preset", "paper", "--config", tmp_path / "quick.toml"]
+    mde("refine", photo_file, *prior, "--export", "field", "-o", tmp_path / "out")
+    result = mdenerf.refine(photo_file, prior_depth=tmp_path / "depth.npy", preset="paper", config=QUICK, keep_field=True)
     same_files(result.save(tmp_path / "saved"), tmp_path / "out")
     assert result.field == (tmp_path / "out" / "field.safetensors").read_bytes()
     mde("render", "--field", tmp_path / "saved" / "field.safetensors", "--size", "64x48", "--fov", 60, "-o", tmp_path / "view")
-    assert mdenerf.refine(photo, depth=depth, config=QUICK).field is None
+    assert mdenerf.refine(photo, prior_depth=depth, preset="paper", config=QUICK).field is None
     with pytest.warns(mdenerf.RefinementWarning, match="keep_field: no field was fitted"):
-        assert mdenerf.refine(photo, depth=depth, preset="fast", keep_field=True).field is None
+        assert mdenerf.refine(photo, prior_depth=depth, preset="fast", keep_field=True).field is None
 
 
 @pytest.mark.parametrize("posed", [False, True])
@@ -230,7 +218,7 @@ def test_every_photograph(network, arguments, mde, tmp_path, demo, posed):
     photographs = sorted((demo / "photographs").iterdir())[:4]
     views = [demo / "transforms.json"] if posed else photographs[1:]
     unit = ["--unit", "capture"] if posed else []
-    options = [*arguments, "--config", tmp_path / "quick.toml", *unit, "--export", "ply", "--y-up"]
+    options = [*arguments, "--config", tmp_path / "quick.toml", *unit, "--export", "ply"]
     mde("refine", photographs[0], "--views", *views, "--all", *options, "-o", tmp_path / "out")
     calls = []
     scene = mdenerf.refine_all(
@@ -249,7 +237,7 @@ def test_every_photograph(network, arguments, mde, tmp_path, demo, posed):
     for name, result, mine, theirs in zip(scene.names, scene, scene.run["photographs"], record["photographs"], strict=True):
         same(result, tmp_path / "out" / theirs["folder"])
         assert {key: mine[key] for key in keys} == {key: theirs[key] for key in keys} and mine["photograph"] == name
-    saved = scene.save(tmp_path / "saved", export="ply", y_up=True)
+    saved = scene.save(tmp_path / "saved", export="ply")
     same_files(saved, tmp_path / "out")
     assert json.loads((saved / "run.json").read_text())["points"] == record["points"] > 0
     assert scene.unit == record["unit"] and sum(pose is not None for pose in scene.poses) > 1
@@ -262,6 +250,25 @@ def test_every_photograph(network, arguments, mde, tmp_path, demo, posed):
     assert not (plain / "index.html").exists() and (plain / "cloud.ply").is_file()
     with pytest.raises(mdenerf.Error, match="the folder exists"):
         scene.save(saved)
+
+
+def test_every_record_is_of_its_photograph(demo):
+    """Its own camera, warnings and seconds, whatever came before it."""
+    images = [Image.open(path).convert("RGB") for path in sorted((demo / "photographs").iterdir())[:3]]
+    images[1].getexif()[0xA405] = 30
+    # Of another scene.
+    noise = np.random.default_rng(1).integers(0, 255, (18, 24, 3), dtype=np.uint8)
+    images.insert(1, Image.fromarray(np.kron(noise, np.ones((8, 8, 1), np.uint8))))
+    quick = {"nerf": {"train": {"steps": 20, "rays": 64}, "field": {"finest": 64}}}
+    begun = time.monotonic()
+    scene = mdenerf.refine_all(images[0], lambda rgb: 2 + rgb[..., 0], views=images[1:], config=quick, predictions=1)
+    seconds = time.monotonic() - begun
+    assert [one.run["camera"]["source"] == {"exif": 30.0} for one in scene] == [False, False, True, False]
+    alone = [row["reason"] is not None for row in scene.run["photographs"]]
+    assert alone == [False, True, False, False]
+    told = [any("only the reference photograph" in text for text in one.run["warnings"]) for one in scene]
+    assert told == alone and any("only the reference photograph" in text for text in scene.run["warnings"])
+    assert sum(one.run["total_seconds"] for one in scene) < seconds
 
 
 @pytest.mark.parametrize(

@@ -18,16 +18,16 @@ def progress(stage: str, done: int, total: int) -> None:
 
 
 def use(photo: NDArray[np.uint8], depth: NDArray[np.float64], folder: Path) -> None:
-    refiner = mdenerf.Refiner(network, kind="depth", preset="fast", config={"augmentation": {"predictions": 3}})
+    refiner = mdenerf.Refiner(network, prior_kind="depth", preset="fast", config={"augmentation": {"predictions": 3}})
     result: mdenerf.Result = refiner.refine(photo, seed=2, progress=progress)
     result = mdenerf.refine(folder / "photo.jpg", "network.onnx", views=[folder / "b.jpg"], intrinsics=np.eye(3))
-    result = mdenerf.refine(photo, depth=depth, fov=60.0)
+    result = mdenerf.refine(photo, prior_depth=depth, fov=60.0)
     matrix: NDArray[np.float64] = result.camera.matrix
     sigma: NDArray[np.float32] = result.sigma
     record: dict[str, Any] = result.run
     result = mdenerf.refine(photo, network, scale_from=depth, interval=0.9, calibration=folder / "c.toml", max_memory=4.0)
     lower: NDArray[np.float32] | None = result.lower
-    result = mdenerf.refine(photo, depth=folder / "d.png", png_scale=5000.0, intrinsics=np.eye(3), intrinsics_base=1, keep_field=True)
+    result = mdenerf.refine(photo, prior_depth=folder / "d.png", png_scale=5000.0, intrinsics=np.eye(3), keep_field=True)
     field: bytes | None = result.field
     scales: list[mdenerf.SameScale] = refiner.same_scale([photo, photo], fov=60.0)
     result = refiner.refine(photo, same_scale=scales[0])
@@ -44,7 +44,8 @@ def use(photo: NDArray[np.uint8], depth: NDArray[np.float64], folder: Path) -> N
     some: list[mdenerf.Result] = scene[1:]
     written: Path = scene.save(folder / "scene", export="ply")
     del pose, some, written
-    saved: Path = result.save(folder / "out", force=True, export=["ply"], y_up=True)
+    saved: Path = result.save(folder / "out", force=True, export=["ply"])
     fit: mdenerf.AffineFit = mdenerf.affine_wls(depth, depth, sigma)
-    score: float = mdenerf.metrics.abs_rel(result.depth, depth)
-    del field, lower, matrix, record, saved, fit, score
+    score: dict[str, Any] = mdenerf.metrics.score(result.depth, depth, sigma)
+    table: NDArray[np.float64] = mdenerf.metrics.reliability(depth, sigma)
+    del field, lower, matrix, record, saved, fit, score, table

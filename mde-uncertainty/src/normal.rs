@@ -131,11 +131,6 @@ mod tests {
         assert!(
             [-0.1, 1.1, f64::NAN].iter().all(|p| quantile(*p).is_nan() && central_half_width(*p).is_nan())
         );
-        for (p, z) in
-            [(0.95, 1.959_963_984_540_054), (0.9, 1.644_853_626_951_472_2), (0.5, 0.674_489_750_196_081_7)]
-        {
-            assert!((central_half_width(p) - z).abs() < 1e-14);
-        }
         assert_eq!((central_half_width(0.0), central_half_width(1.0)), (0.0, f64::INFINITY));
     }
 

@@ -47,7 +47,7 @@ impl PooledIntervals {
             return Err(fault("the list of |e| / sigma", format!("unusable for scene {scene}"), remedy));
         }
         let steps = Self::STEPS as f64;
-        let half_width = |step: usize| pooled_quantile(scenes.iter(), step as f64 / steps);
+        let half_width = |step: usize| pooled_quantile(scenes, step as f64 / steps);
         Self::from_half_widths((0..Self::STEPS).map(half_width).collect())
     }
 
@@ -117,28 +117,10 @@ pub fn held_out(scenes: &[Vec<f64>], p: f64) -> Result<Option<Vec<f64>>> {
     (0..scenes.len()).map(covered).collect::<Result<_>>().map(Some)
 }
 
-/// For each scene, the factor on its sigmas that all *other* scenes give: \\(q_p / \Phi^{-1}(\tfrac{1 + p}{2})\\) with \\(q_p\\) their
-/// pooled quantile, so that the normal interval of probability `p` covers a share `p` of them.
-///
-/// `None` for fewer than two scenes, a scene of fewer than two quantiles, or `p` outside of \\((0, 1)\\).
-pub fn leave_one_out_factors(scenes: &[Vec<f64>], p: f64) -> Option<Vec<f64>> {
-    let usable = scenes.len() > 1 && scenes.iter().all(|q| q.len() > 1) && p > 0.0 && p < 1.0;
-    if !usable {
-        return None;
-    }
-    let normal = central_half_width(p);
-    let factor = |left_out: usize| {
-        let others = scenes.iter().enumerate().filter(move |(scene, _)| *scene != left_out).map(|(_, q)| q);
-        pooled_quantile(others, p) / normal
-    };
-    Some((0..scenes.len()).map(factor).collect())
-}
-
 /// Where the mean of the scenes' distribution functions reaches `p`, by bisection.
-fn pooled_quantile<'q>(scenes: impl Iterator<Item = &'q Vec<f64>> + Clone, p: f64) -> f64 {
-    let count = scenes.clone().count() as f64;
-    let covered = |z: f64| scenes.clone().map(|q| share_below(q, z)).sum::<f64>() / count;
-    let mut high = scenes.clone().filter_map(|q| q.last()).copied().fold(0.0, f64::max);
+fn pooled_quantile(scenes: &[Vec<f64>], p: f64) -> f64 {
+    let covered = |z: f64| scenes.iter().map(|q| share_below(q, z)).sum::<f64>() / scenes.len() as f64;
+    let mut high = scenes.iter().filter_map(|q| q.last()).copied().fold(0.0, f64::max);
     let mut low = 0.0;
     for _ in 0..100 {
         let middle = 0.5 * (low + high);
@@ -206,7 +188,6 @@ mod tests {
         let table = PooledIntervals::from_half_widths(vec![1.0; 100]).unwrap();
         assert!([0.0, 1.0, -0.5, f64::NAN].iter().all(|p| table.half_width(*p).is_err()));
         assert_eq!(held_out(&[normal(1.0)], 0.9).unwrap(), None);
-        assert!(leave_one_out_factors(&[vec![0.0, 1.0]], 0.9).is_none());
     }
 
     proptest! {
@@ -219,27 +200,16 @@ mod tests {
             // Between hundredths the table is a chord.
             prop_assert!((mean - p).abs() < 0.011, "{mean} for {p}");
         }
+    }
 
-        #[test]
-        fn factors_cover_the_other_scenes(lists in vec(vec(0.01..5.0_f64, 101), 2..6), p in 0.3..0.95_f64) {
-            let scenes: Vec<Vec<f64>> =
-                lists.into_iter().map(|mut q| { q.sort_by(f64::total_cmp); q }).collect();
-            let factors = leave_one_out_factors(&scenes, p).unwrap();
-            for (left_out, factor) in factors.iter().enumerate() {
-                let others: Vec<_> = scenes.iter().enumerate().filter(|(s, _)| *s != left_out).collect();
-                let covered: f64 = others.iter().map(|(_, q)| share_below(q, factor * central_half_width(p))).sum();
-                prop_assert!((covered / others.len() as f64 - p).abs() < 1e-6);
-            }
-        }
-
-        #[test]
-        fn held_out_coverage_is_that_of_the_others_factor(by in vec(0.2..5.0_f64, 2..8)) {
-            let scenes: Vec<_> = by.iter().map(|by| normal(*by)).collect();
-            let covered = held_out(&scenes, 0.9).unwrap().unwrap();
-            let factors = leave_one_out_factors(&scenes, 0.9).unwrap();
-            for ((scene, factor), covered) in scenes.iter().zip(factors).zip(covered) {
-                prop_assert!((share_below(scene, factor * central_half_width(0.9)) - covered).abs() < 1e-9);
-            }
+    /// The interval of one scene is that of the other, whose errors are half or twice as large.
+    #[test]
+    fn held_out_coverage_is_that_by_the_other_scenes() {
+        let covered = held_out(&[normal(1.0), normal(2.0)], 0.5).unwrap().unwrap();
+        let z = central_half_width(0.5);
+        for (covered, reach) in covered.into_iter().zip([2.0 * z, 0.5 * z]) {
+            let expected = 1.0 - 2.0 * crate::normal::distribution(-reach);
+            assert!((covered - expected).abs() < 0.005, "{covered} {expected}");
         }
     }
 }

@@ -217,11 +217,8 @@ mod tests {
 
     #[test]
     fn the_nearest_rank_is_a_value_of_the_list() {
-        let sorted = [1.0_f32, 2.0, 4.0];
-        assert_eq!(
-            [0.0, 0.24, 0.26, 0.9].map(|p| nearest_rank_sorted(&sorted, p)),
-            [Some(1.0), Some(1.0), Some(2.0), Some(4.0)]
-        );
+        let at = |p| nearest_rank_sorted(&[1.0_f32, 2.0, 4.0], p);
+        assert_eq!([0.0, 0.24, 0.26, 0.9].map(at), [1.0, 1.0, 2.0, 4.0].map(Some));
         assert_eq!(nearest_rank_sorted::<f32>(&[], 0.5), None);
     }
 

@@ -50,6 +50,7 @@ pub mod proptest;
 mod raster;
 mod reproject;
 mod sampling;
+pub mod transfer;
 mod view;
 mod warp;
 mod zbuffer;

@@ -5,8 +5,8 @@
 //! its surface's own slope, so that two surfaces meet half-way between their pixels, and a structure one pixel thin is one
 //! pixel wide.
 
-use crate::pose::{Projected, Transfer};
 use crate::raster::{Corner, Sample, snap, triangle};
+use crate::transfer::{Projected, Transfer};
 use mde_uncertainty::GaussianDepth;
 
 /// Offsets (column, row) of a cell's corners. `k ^ 1` is the neighbour of corner `k` in the row, `k ^ 2` in the column.

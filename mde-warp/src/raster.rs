@@ -1,6 +1,6 @@
 //! Triangles onto pixel centres, with perspective-correct interpolation.
 
-use crate::pose::Projected;
+use crate::transfer::Projected;
 
 /// A barycentric weight below this is zero. A pixel centre that a vertex hits but for rounding then gets exactly that
 /// vertex, and two triangles that share an edge leave no gap between them.

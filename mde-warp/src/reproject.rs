@@ -1,6 +1,6 @@
 use crate::error::in_range;
 use crate::mesh::Mesh;
-use crate::pose::Transfer;
+use crate::transfer::Transfer;
 use crate::view::check_map;
 use crate::zbuffer::{Hit, front};
 use crate::{PinholeCamera, Pose, Result};

@@ -1,7 +1,7 @@
 use crate::error::in_range;
 use crate::holes::{self, Hole};
 use crate::mesh::Mesh;
-use crate::pose::Transfer;
+use crate::transfer::Transfer;
 use crate::view::{check_image, check_map};
 use crate::zbuffer::{Hit, front};
 use crate::{PinholeCamera, Pose, PosedView, Result};

@@ -1,19 +1,17 @@
 //! The configuration of a run. The defaults are those of a [`Preset`]; `docs/settings.md` lists every key.
 
-mod multi_view;
 mod presets;
 mod shorthands;
 mod sigma;
 
-pub use multi_view::MultiViewConfig;
 pub use presets::Preset;
 pub use shorthands::Shorthands;
 pub use sigma::SigmaConfig;
 
-use crate::{Error, Result};
+use crate::error::{Error, Result};
 use mde_fusion::FusionConfig;
 use mde_nerf::NerfConfig;
-use mde_prior::{AugmentationConfig, DisparityRule};
+use mde_prior::{AugmentationConfig, DisparityRule, FileKind, open};
 use mde_warp::{ReprojectConfig, ViewSampling, WarpConfig};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -55,33 +53,33 @@ pub struct RefinementConfig {
     pub iterations: usize,
     /// Prior of the fusion from the second iteration on.
     pub prior: IterationPrior,
-    /// Whether a field is fitted where the prior was augmented.
-    pub field: FieldUse,
+    /// What a field is fitted to and what its depth is for.
+    pub order: Order,
 }
 
 impl Default for RefinementConfig {
     fn default() -> Self {
-        Self { iterations: 2, prior: IterationPrior::Carry, field: FieldUse::Always }
+        Self { iterations: 2, prior: IterationPrior::Carry, order: Order::Paper }
     }
 }
 
 impl RefinementConfig {
-    /// Whether a field is fitted to a prior that accepts new images or does not.
-    pub(crate) fn fits_a_field(&self, accepts_new_images: bool) -> bool {
-        self.iterations > 0 && (self.field == FieldUse::Always || !accepts_new_images)
+    /// Whether a field is fitted to a photograph alone.
+    pub(crate) fn fits_a_field(&self) -> bool {
+        self.iterations > 0 && self.order == Order::Paper
     }
 }
 
-/// Whether a field is fitted.
+/// The order of the stages after the prior.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum FieldUse {
-    /// In every run.
+pub enum Order {
+    /// As printed: a field is fitted to warps of the photograph, or to several photographs, and Eq. 7-17 fuse it with the prior.
     #[default]
-    Always,
-    /// Only where the prior accepts no new images, so that it is not augmented. Measured on photographs, a field fitted after the augmentation lowers no error and
-    /// blurs edges, since its views are warps of the same photograph.
-    WithoutAugmentation,
+    Paper,
+    /// Several photographs: their plane sweeps, then a field whose depth joins the consensus of the sweeps. A photograph alone gets no field:
+    /// measured, one that is fitted to its warps lowers no error and blurs edges.
+    Poses,
 }
 
 /// Prior of the fusion from the second iteration on. The next training views are always warped by the refined depth.
@@ -99,15 +97,27 @@ pub enum IterationPrior {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct NovelViews {
-    /// Number of fresh poses, the paper's K.
+    /// Number of fresh poses, the paper's K; 0: the original pose alone.
     pub count: usize,
-    /// Whether the original pose is rendered too.
-    pub original: bool,
 }
 
 impl Default for NovelViews {
     fn default() -> Self {
-        Self { count: 5, original: false }
+        Self { count: 5 }
+    }
+}
+
+/// Several photographs of one scene ([`refine_several`](crate::several::refine_several)).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct MultiViewConfig {
+    /// Photographs that are used at most, the reference included; 2 to 64.
+    pub max_views: usize,
+}
+
+impl Default for MultiViewConfig {
+    fn default() -> Self {
+        Self { max_views: 8 }
     }
 }
 
@@ -134,11 +144,19 @@ impl Config {
     /// The preset with the values of a TOML text over it. `origin` names the text in errors.
     ///
     /// # Errors
+    /// Those of [`Config::with_text`].
+    pub fn with_overrides(preset: Preset, text: &str, origin: &str) -> Result<Self> {
+        preset.config().with_text(text, origin)
+    }
+
+    /// The same configuration with the values of a TOML text over it. `origin` names the text in errors.
+    ///
+    /// # Errors
     /// [`Error::Settings`] for text that is not TOML, an unknown key, or a value of the wrong type or out of range.
-    pub fn with_overrides(preset: crate::Preset, text: &str, origin: &str) -> Result<Self> {
+    pub fn with_text(&self, text: &str, origin: &str) -> Result<Self> {
         let error = |reason: String| Error::Settings { origin: origin.to_owned(), reason: one_line(&reason) };
         let overrides: Table = text.parse().map_err(|e: toml::de::Error| error(e.to_string()))?;
-        let mut table = Table::try_from(preset.config()).map_err(|e| error(e.to_string()))?;
+        let mut table = Table::try_from(self).map_err(|e| error(e.to_string()))?;
         merge(&mut table, overrides.clone());
         let config: Self =
             Value::Table(table).try_into().map_err(|e: toml::de::Error| error(e.to_string()))?;
@@ -151,14 +169,24 @@ impl Config {
         Ok(config)
     }
 
-    /// The preset with the values of a TOML file over it.
+    /// The same configuration with the values of a TOML file over it.
     ///
     /// # Errors
-    /// [`Error::Io`] where it cannot be read, else as [`Config::with_overrides`].
-    pub fn from_file(preset: crate::Preset, path: &Path) -> Result<Self> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
-        Self::with_overrides(preset, &text, &path.display().to_string())
+    /// [`Error::Io`] where it cannot be read, else as [`Config::with_text`].
+    pub fn with_file(&self, path: &Path) -> Result<Self> {
+        let text = open::read_text(path, FileKind::Settings).map_err(Error::io(path))?;
+        self.with_text(&text, &path.display().to_string())
+    }
+
+    /// The same configuration with one value, such as `nerf.train.steps` and `500`; text needs no quotes.
+    ///
+    /// # Errors
+    /// As [`Config::with_text`].
+    pub fn with_value(&self, key: &str, value: &str, origin: &str) -> Result<Self> {
+        match format!("{key} = {value}") {
+            text if text.parse::<Table>().is_ok() => self.with_text(&text, origin),
+            _ => self.with_text(&format!("{key} = {}", Value::String(value.to_owned())), origin),
+        }
     }
 
     /// The whole configuration as TOML.
@@ -185,22 +213,18 @@ impl Config {
     /// # Errors
     /// [`Error::Config`], or that of the stage, with the first value out of range.
     pub fn validate(&self) -> Result<()> {
-        let iterations = self.refinement.iterations;
-        if iterations > 100 {
-            let remedy = "give 0 (no field) to 100";
-            return Err(Error::Config {
-                field: "refinement.iterations",
-                value: iterations.to_string(),
-                remedy,
-            });
-        }
-        if self.novel.count == 0 && !self.novel.original {
-            let remedy = "give at least 1, or novel.original = true";
-            return Err(Error::Config { field: "novel.count", value: "0".to_owned(), remedy });
+        let Self { refinement, sigma, multi_view, .. } = self;
+        let ranges = [
+            ("refinement.iterations", refinement.iterations as f64, 0.0..=100.0, "give 0 (no field) to 100"),
+            ("sigma.spread", sigma.spread, 0.0..=100.0, "give 0 to 100"),
+            ("sigma.disagreement", sigma.disagreement, 0.0..=100.0, "give 0 to 100"),
+            ("sigma.blur", sigma.blur, 0.0..=0.25, "give 0 to 0.25 (of the image width)"),
+            ("multi-view.max-views", multi_view.max_views as f64, 2.0..=64.0, "give 2 to 64"),
+        ];
+        if let Some((field, value, _, remedy)) = ranges.into_iter().find(|r| !r.2.contains(&r.1)) {
+            return Err(Error::Config { field, value: value.to_string(), remedy });
         }
         self.augmentation.validate()?;
-        self.sigma.validate()?;
-        self.multi_view.validate()?;
         self.views.validate()?;
         self.novel_views().validate()?;
         self.warp.validate()?;
@@ -256,7 +280,7 @@ fn one_line(message: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mde_nerf::FieldConfig;
+    use mde_nerf::{FieldConfig, HashFieldConfig};
     use std::collections::BTreeSet;
 
     #[test]
@@ -270,21 +294,13 @@ mod tests {
     }
 
     #[test]
-    fn overrides_change_what_they_name_and_nothing_else() {
-        let text = "seed = 9\n[nerf.train]\nsteps = 7\n";
+    fn overrides_change_what_they_name_and_another_kind_starts_from_its_own_defaults() {
+        let text = "seed = 9\n[nerf.train]\nsteps = 7\n[nerf.field]\nkind = \"hash\"\nlevels = 6\n";
         let config = Config::with_overrides(Preset::Paper, text, "test").unwrap();
         let mut expected = Preset::Paper.config();
-        expected.seed = 9;
-        expected.nerf.train.steps = 7;
+        (expected.seed, expected.nerf.train.steps) = (9, 7);
+        expected.nerf.field = FieldConfig::Hash(HashFieldConfig { levels: 6, ..HashFieldConfig::default() });
         assert_eq!(config, expected);
-    }
-
-    #[test]
-    fn another_kind_of_field_starts_from_its_own_defaults() {
-        let text = "[nerf.field]\nkind = \"hash\"\nlevels = 6\n";
-        let config = Config::with_overrides(Preset::Paper, text, "test").unwrap();
-        let FieldConfig::Hash(hash) = config.nerf.field else { panic!("{:?}", config.nerf.field) };
-        assert_eq!((hash.levels, hash.features), (6, 4));
     }
 
     #[test]
@@ -294,8 +310,7 @@ mod tests {
             ("[nerf.train]\nsteps = \"many\"\n", "many"),
             ("[nerf.train]\nsteps = 0\n", "train.steps is 0"),
             ("[fusion]\ncalibration = \"magic\"\n", "magic"),
-            ("[nerf.train.depth-loss]\nweights = 1.0\n", "`nerf.train.depth-loss.weights`"),
-            ("[nerf.train.depth-loss]\nkind = \"none\"\nweight = 1.0\n", "`nerf.train.depth-loss.weight`"),
+            ("[nerf.sampling.volume]\nmargin = 1.0\n", "`nerf.sampling.volume.margin`"),
             ("[refinement]\niterations = 101\n", "refinement.iterations is 101"),
             ("[sigma]\nspread = -1.0\n", "sigma.spread is -1"),
             ("[augmentation]\ngain = 2.0\n", "augmentation.gain"),
@@ -326,12 +341,12 @@ mod tests {
     }
 
     #[test]
-    fn every_key_is_documented_and_there_are_at_most_65() {
+    fn every_key_is_documented_and_there_are_at_most_52() {
         let mut settings = BTreeSet::new();
         for preset in Preset::ALL {
             keys(&Table::try_from(preset.config()).unwrap(), "", &mut settings);
         }
-        assert!(settings.len() <= 65, "{} keys", settings.len());
+        assert!(settings.len() <= 52, "{} keys", settings.len());
         let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/settings.md");
         // The package alone has no documents.
         let Ok(page) = std::fs::read_to_string(page) else { return };
@@ -348,6 +363,6 @@ mod tests {
         assert_eq!((paper.nerf.train.steps, paper.nerf.train.steps_for), (2000, 0));
         assert_eq!(paper.refinement.iterations, 2);
         assert_eq!((paper.views.count, paper.novel.count), (10, 5));
-        assert!(!paper.novel.original && !paper.augmentation.is_active());
+        assert!(!paper.augmentation.is_active());
     }
 }

@@ -1,8 +1,7 @@
 //! Settings that have a short form beside the configuration.
 
-use super::Config;
-use crate::error::text;
-use crate::{Error, Naming, Result};
+use crate::config::Config;
+use crate::error::{Error, Result, text};
 use mde_prior::augment::Predictions;
 
 /// What a command line or a function's caller sets in few words; each overrides a value of the [`Config`].
@@ -14,18 +13,16 @@ pub struct Shorthands {
     pub no_nerf: bool,
     /// Predictions of a model at most.
     pub predictions: Option<Predictions>,
-    /// Nearest depth of the scene, for disparity of unknown scale and shift, metres.
-    pub near: Option<f64>,
-    /// Farthest depth, likewise.
-    pub far: Option<f64>,
+    /// Nearest and farthest depth of the scene, for disparity of unknown scale and shift, metres.
+    pub depth_range: Option<[f64; 2]>,
 }
 
 impl Shorthands {
     /// Sets what is given.
     ///
     /// # Errors
-    /// [`Error::Argument`] where `near` and `far` are no range.
-    pub fn apply(&self, config: &mut Config, naming: Naming) -> Result<()> {
+    /// [`Error::Argument`] for depths that are no range.
+    pub fn apply(&self, config: &mut Config) -> Result<()> {
         config.seed = self.seed.unwrap_or(config.seed);
         if self.no_nerf {
             config.refinement.iterations = 0;
@@ -34,38 +31,34 @@ impl Shorthands {
             config.augmentation.predictions = predictions;
         }
         let rule = &mut config.disparity;
-        (rule.near, rule.far) = (self.near.unwrap_or(rule.near), self.far.unwrap_or(rule.far));
-        rule.validate().map_err(|error| {
-            let [near, far] = ["near", "far"].map(|name| naming.of(name));
-            Error::Argument(format!("{near}, {far}: {}", text(&error)))
-        })
+        [rule.near, rule.far] = self.depth_range.unwrap_or([rule.near, rule.far]);
+        rule.validate().map_err(|error| Error::Argument(format!("{{depth-range}}: {}", text(&error))))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Preset;
+    use crate::config::Preset;
 
     #[test]
     fn what_is_given_replaces_a_setting_and_what_is_not_leaves_it() {
         let preset = Preset::Default.config();
         let mut config = preset.clone();
-        Shorthands::default().apply(&mut config, Naming::Flags).unwrap();
+        Shorthands::default().apply(&mut config).unwrap();
         assert_eq!(config, preset);
         let given = Shorthands {
             seed: Some(7),
             no_nerf: true,
             predictions: Some(Predictions::Most(3)),
-            near: Some(0.5),
-            far: None,
+            depth_range: Some([0.5, 6.0]),
         };
-        given.apply(&mut config, Naming::Flags).unwrap();
+        given.apply(&mut config).unwrap();
         assert_eq!((config.seed, config.refinement.iterations), (7, 0));
         assert_eq!(config.augmentation.predictions, Predictions::Most(3));
-        assert_eq!((config.disparity.near, config.disparity.far), (0.5, preset.disparity.far));
-        let refused = Shorthands { near: Some(9.0), far: Some(2.0), ..given };
-        let refused = refused.apply(&mut config, Naming::Keywords).unwrap_err().to_string();
-        assert!(refused.starts_with("near, far: "), "{refused}");
+        assert_eq!((config.disparity.near, config.disparity.far), (0.5, 6.0));
+        let refused = Shorthands { depth_range: Some([9.0, 2.0]), ..given };
+        let refused = refused.apply(&mut config).unwrap_err().to_string();
+        assert!(refused.starts_with("{depth-range}: "), "{refused}");
     }
 }

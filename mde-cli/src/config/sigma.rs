@@ -1,4 +1,3 @@
-use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Uncertainty of the augmented depth: the variance per pixel, relative to its squared depth,
@@ -15,28 +14,12 @@ pub struct SigmaConfig {
     pub spread: f64,
     /// \\(k_d\\), 0 to 100: factor of the change by the augmentation.
     pub disagreement: f64,
-    /// Standard deviation of the blur, as a fraction of the image width.
+    /// Standard deviation of the blur, as a fraction of the image width, 0 to 0.25.
     pub blur: f64,
 }
 
 impl Default for SigmaConfig {
     fn default() -> Self {
         Self { spread: 1.2, disagreement: 0.6, blur: 0.025 }
-    }
-}
-
-impl SigmaConfig {
-    pub(crate) fn validate(&self) -> Result<()> {
-        let fields = [
-            ("sigma.spread", self.spread, 100.0, "give 0 to 100"),
-            ("sigma.disagreement", self.disagreement, 100.0, "give 0 to 100"),
-            ("sigma.blur", self.blur, 0.25, "give 0 to 0.25 (of the image width)"),
-        ];
-        for (field, value, most, remedy) in fields {
-            if !(0.0..=most).contains(&value) {
-                return Err(Error::Config { field, value: value.to_string(), remedy });
-            }
-        }
-        Ok(())
     }
 }

@@ -1,5 +1,5 @@
 use super::{check, known};
-use crate::{Refined, Refiner, Result, Task};
+use crate::{Method, Refined, Result, Task};
 use mde_prior::augment::flip_average;
 use mde_prior::{DepthKind, PriorDepth};
 use ndarray::s;
@@ -8,7 +8,7 @@ use ndarray::s;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FlipAverage;
 
-impl Refiner for FlipAverage {
+impl Method for FlipAverage {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         check(task, &[])?;
         let mirrored = task.predict(task.image.slice(s![.., ..;-1, ..]))?;

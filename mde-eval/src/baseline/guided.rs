@@ -1,6 +1,6 @@
 use super::box_sums::box_sums;
 use super::{channels, check, known, weights};
-use crate::{Refined, Refiner, Result, Task};
+use crate::{Method, Refined, Result, Task};
 use nalgebra::{Matrix3, Vector3};
 use ndarray::{Array2, Zip};
 
@@ -23,7 +23,7 @@ impl Default for GuidedFilter {
     }
 }
 
-impl Refiner for GuidedFilter {
+impl Method for GuidedFilter {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         check(task, &[("epsilon", self.epsilon)])?;
         let weights = weights(task.prior);

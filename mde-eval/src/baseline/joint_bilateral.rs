@@ -1,5 +1,5 @@
 use super::{channels, check, known};
-use crate::{Refined, Refiner, Result, Task};
+use crate::{Method, Refined, Result, Task};
 use ndarray::Array2;
 use rayon::prelude::*;
 
@@ -22,7 +22,7 @@ impl Default for JointBilateral {
     }
 }
 
-impl Refiner for JointBilateral {
+impl Method for JointBilateral {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         check(task, &[("sigma-space", self.sigma_space), ("sigma-colour", self.sigma_colour)])?;
         let depth = task.prior.mapv(|d| if known(d) { d } else { 0.0 });

@@ -1,5 +1,5 @@
 use super::{check, known};
-use crate::{Refined, Refiner, Result, Task};
+use crate::{Method, Refined, Result, Task};
 use mde_uncertainty::random::CounterRng;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -17,7 +17,7 @@ impl Default for WhiteNoise {
     }
 }
 
-impl Refiner for WhiteNoise {
+impl Method for WhiteNoise {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         check(task, &[("relative", self.relative)])?;
         let mut depth = task.prior.to_owned();

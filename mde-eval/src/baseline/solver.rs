@@ -1,6 +1,6 @@
 use super::{channels, check, known, positive};
 use crate::raster::same_shape;
-use crate::{Error, Refined, Refiner, Result, Task};
+use crate::{Error, Method, Refined, Result, Task};
 use faer::prelude::Solve;
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Col, Side};
@@ -90,19 +90,13 @@ impl FastBilateralSolver {
         let sound = |c: f32, t: f32| c == 0.0 || c > 0.0 && c.is_finite() && t.is_finite();
         if let Some(index) = confidence.iter().zip(target).position(|(&c, &t)| !sound(c, t)) {
             let value = confidence.iter().nth(index).map_or(f64::NAN, |c| f64::from(*c));
-            return Err(Error::Value {
-                what: "the confidence",
-                index,
-                value,
-                expected: "at least 0, with a finite target",
-            });
+            let (what, expected) = ("the confidence", "at least 0, with a finite target");
+            return Err(Error::Value { what, index, value, expected });
         }
         let grid = Grid::new(image, [self.sigma_spatial, self.sigma_luma, self.sigma_chroma]);
         let weights = confidence.iter().map(|c| f64::from(*c));
-        let weighted = confidence
-            .iter()
-            .zip(target)
-            .map(|(&c, &t)| if c > 0.0 { f64::from(c) * f64::from(t) } else { 0.0 });
+        let product = |(&c, &t): (&f32, &f32)| if c > 0.0 { f64::from(c) * f64::from(t) } else { 0.0 };
+        let weighted = confidence.iter().zip(target).map(product);
         let (diagonal, right) = (grid.splat(weights), grid.splat(weighted));
         if grid.size == 0 || diagonal.iter().all(|d| *d <= 0.0) {
             return Ok(Array2::zeros((height, width)));
@@ -127,7 +121,7 @@ impl FastBilateralSolver {
     }
 }
 
-impl Refiner for FastBilateralSolver {
+impl Method for FastBilateralSolver {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         check(task, &self.settings())?;
         let mut depth = self.solve(task.image, task.prior, self.confidence(task.prior).view())?;

@@ -1,7 +1,7 @@
 use super::{check, known, weights};
 use crate::metrics::sharpness::sharpness;
 use crate::raster::{blur, same_shape};
-use crate::{Error, Refined, Refiner, Result, Task};
+use crate::{Error, Method, Refined, Result, Task};
 use ndarray::{Array2, ArrayView2, Zip};
 
 /// Unsharp mask in log depth: \\(\ln d + a (\ln d - G_\sigma * \ln d)\\).
@@ -68,7 +68,7 @@ fn sharpened(prior: ArrayView2<'_, f32>, detail: &Array2<f64>, amount: f64) -> A
     })
 }
 
-impl Refiner for Unsharp {
+impl Method for Unsharp {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         check(task, &[("sigma", self.sigma)])?;
         if !self.amount.is_finite() {

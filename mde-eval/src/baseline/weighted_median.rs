@@ -1,5 +1,5 @@
 use super::{channels, check, known};
-use crate::{Refined, Refiner, Result, Task};
+use crate::{Method, Refined, Result, Task};
 use ndarray::{Array2, ArrayView3};
 use rayon::prelude::*;
 
@@ -24,19 +24,7 @@ impl Default for WeightedMedian {
 
 const BINS: usize = 256;
 
-/// Weight and weighted depth by bin.
-struct Scratch {
-    weights: Vec<f32>,
-    bins: Vec<[f32; 2]>,
-}
-
-impl Default for Scratch {
-    fn default() -> Self {
-        Self { weights: Vec::new(), bins: vec![[0.0; 2]; BINS] }
-    }
-}
-
-impl Refiner for WeightedMedian {
+impl Method for WeightedMedian {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         check(task, &[("sigma-colour", self.sigma_colour)])?;
         let guide = Guide::new(task.image, self.sigma_colour);
@@ -46,12 +34,12 @@ impl Refiner for WeightedMedian {
         let gain = if high > low { BINS as f32 / (high - low) } else { 0.0 };
         let bin =
             depth.mapv(|d| if d > 0.0 { (((d.ln() - low) * gain) as usize).min(BINS - 1) as u8 } else { 0 });
-        let filtered = by_pixel(depth.dim(), |y, x, scratch: &mut Scratch| {
+        // Bins hold weight and weighted depth.
+        let filter = |y: usize, x: usize, weights: &mut Vec<f32>, bins: &mut [[f32; 2]]| {
             let here = depth[(y, x)];
             if here <= 0.0 {
                 return 0.0;
             }
-            let Scratch { weights, bins } = scratch;
             bins.fill([0.0; 2]);
             for (row, columns) in guide.window(y, x, self.radius) {
                 guide.weights((y, x), row, columns.clone(), weights);
@@ -75,26 +63,17 @@ impl Refiner for WeightedMedian {
                 b[0] > 0.0 && below >= half
             });
             middle.map_or(here, |[weight, sum]| sum / weight)
-        });
+        };
+        let mut filtered = Array2::zeros(depth.dim());
+        if let Some(values) = filtered.as_slice_mut() {
+            values.par_chunks_mut(depth.ncols().max(1)).enumerate().for_each(|(y, row)| {
+                let (mut weights, mut bins) = (Vec::new(), vec![[0.0; 2]; BINS]);
+                let pixels = row.iter_mut().enumerate();
+                pixels.for_each(|(x, value)| *value = filter(y, x, &mut weights, &mut bins));
+            });
+        }
         Ok(filtered.into())
     }
-}
-
-/// A map made pixel by pixel, rows in parallel; each row has a scratch list.
-fn by_pixel<S: Default>(
-    (height, width): (usize, usize),
-    of: impl Fn(usize, usize, &mut S) -> f32 + Sync,
-) -> Array2<f32> {
-    let mut out = Array2::zeros((height, width));
-    if width > 0
-        && let Some(values) = out.as_slice_mut()
-    {
-        values.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
-            let mut scratch = S::default();
-            row.iter_mut().enumerate().for_each(|(x, value)| *value = of(y, x, &mut scratch));
-        });
-    }
-    out
 }
 
 /// Nearness in colour.

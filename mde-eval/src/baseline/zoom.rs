@@ -1,6 +1,6 @@
 use super::{check, known};
 use crate::raster::blur;
-use crate::{Refined, Refiner, Result, Task};
+use crate::{Method, Refined, Result, Task};
 use ndarray::{Array2, ArrayView2, Zip, s};
 
 /// Runs the model on zoomed crops and merges their detail, after the double estimation of Miangoleh et al. (CVPR 2021), by
@@ -33,7 +33,7 @@ impl ZoomMerge {
     }
 }
 
-impl Refiner for ZoomMerge {
+impl Method for ZoomMerge {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
         check(task, &[])?;
         // Missing depth takes part as the median, and is missing again in the end.

@@ -39,19 +39,6 @@ impl Default for CaptureGrid {
     }
 }
 
-impl CaptureGrid {
-    /// The full grid: 2, 3, 5, 8 photographs; baselines of .02, .05, .1, .2 of the median depth; poses exact or off by .1, .3,
-    /// 1 degree; one exposure or one photograph off by 20 %.
-    pub fn full() -> Self {
-        Self {
-            views: vec![2, 3, 5, 8],
-            baselines: vec![0.02, 0.05, 0.1, 0.2],
-            pose_noises: vec![0.0, 0.1, 0.3, 1.0],
-            gains: vec![0.0, 0.2],
-        }
-    }
-}
-
 impl Captures {
     /// The rooms with a seed under the conditions of a grid, in photographs of `width` by `height` pixels.
     ///

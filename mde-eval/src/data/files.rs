@@ -1,4 +1,5 @@
 use crate::{Error, Result};
+use serde::de::DeserializeOwned;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -53,6 +54,59 @@ pub(super) fn files_with(folder: &Path, extensions: &[&str]) -> Result<Vec<PathB
         !hidden && extensions.contains(&extension.as_str()) && path.is_file()
     };
     Ok(entries(folder)?.into_iter().filter(fits).collect())
+}
+
+/// Folders of scenes with their identifiers.
+#[derive(Debug, Clone)]
+pub(super) struct Scenes {
+    pub(super) folders: Vec<PathBuf>,
+    pub(super) ids: Vec<String>,
+}
+
+impl Scenes {
+    /// Those at or below `root`, which holds no `what` without any.
+    pub(super) fn find(root: &Path, is_scene: impl Fn(&Path) -> bool + Copy, what: &str) -> Result<Self> {
+        let folders = find_scenes(root, is_scene)?;
+        if folders.is_empty() {
+            return Err(Error::Layout { path: root.to_owned(), reason: format!("holds no {what}") });
+        }
+        Ok(Self { ids: folders.iter().map(|scene| id(root, scene)).collect(), folders })
+    }
+
+    pub(super) fn get(&self, index: usize) -> Result<(&Path, &str)> {
+        match (self.folders.get(index), self.ids.get(index)) {
+            (Some(folder), Some(id)) => Ok((folder, id)),
+            _ => Err(super::out_of_range(index, self.ids.len())),
+        }
+    }
+}
+
+/// The text of a file.
+pub(super) fn read_text(path: &Path) -> Result<String> {
+    fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })
+}
+
+/// The value of a JSON file.
+pub(super) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
+    let fault = |fault| Error::Layout { path: path.to_owned(), reason: format!("is not valid: {fault}") };
+    serde_json::from_str(&read_text(path)?).map_err(fault)
+}
+
+/// The one file of a folder with one of the extensions and, where it is given, that stem.
+pub(super) fn only_file(folder: &Path, stem: Option<&str>, extensions: &[&str]) -> Result<PathBuf> {
+    let fault = |reason: String| Error::Layout { path: folder.to_owned(), reason };
+    if !folder.is_dir() {
+        return Err(fault("the scene has no such folder".into()));
+    }
+    let fits = |path: &PathBuf| stem.is_none_or(|stem| path.file_stem().is_some_and(|own| own == stem));
+    let files: Vec<_> = files_with(folder, extensions)?.into_iter().filter(fits).collect();
+    match files.as_slice() {
+        [file] => Ok(file.clone()),
+        _ => {
+            let (count, endings, stem) = (files.len(), extensions.join(", ."), stem.unwrap_or("*"));
+            Err(fault(format!("holds {count} files named {stem} (.{endings}) where one is needed")))
+        }
+    }
 }
 
 /// A scene's identifier: its path below the root with `/`, or the root's own name.

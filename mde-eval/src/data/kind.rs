@@ -1,8 +1,8 @@
 use super::files::find_scenes;
 use super::pairs::{in_one_folder, side_by_side};
 use super::{
-    CaptureGrid, Captures, DataSet, Fallback, Nyu, Placed, PlainFolders, Posed, Redwood, Resized, Rooms,
-    SunDepth, SunRgbd, Tum,
+    CaptureGrid, Captures, DataSet, Placed, PlainFolders, Posed, Resized, Rooms, Sequences, SunDepth,
+    SunRgbd, tum,
 };
 use crate::{Error, Result};
 use std::collections::BTreeMap;
@@ -15,11 +15,11 @@ use std::str::FromStr;
 pub enum DataSetKind {
     /// [`SunRgbd`].
     SunRgbd,
-    /// [`Nyu`].
+    /// [`Sequences::nyu`].
     Nyu,
-    /// [`Tum`].
+    /// [`Sequences::tum`].
     Tum,
-    /// [`Redwood`].
+    /// [`Sequences::redwood`].
     Redwood,
     /// [`PlainFolders`].
     Plain,
@@ -70,7 +70,7 @@ impl DataSetKind {
         if has(|folder| folder.join("scene.json").is_file())? {
             return Ok(Self::Plain);
         }
-        if has(|folder| folder.join("rgb.txt").is_file() && folder.join("depth.txt").is_file())? {
+        if has(tum::is_sequence)? {
             return Ok(Self::Tum);
         }
         if has(|folder| SunRgbd::is_scene(folder) && folder.join("intrinsics.txt").is_file())? {
@@ -109,13 +109,13 @@ impl FromStr for DataSetKind {
 /// How a data set is opened by [`open`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// The camera of scenes without one.
-    pub fallback: Fallback,
+    /// Horizontal field of view of scenes without a camera, degrees; they are refused without it.
+    pub assumed_fov: Option<f64>,
     /// The truth of SUN RGB-D.
     pub sun_depth: SunDepth,
     /// Width and height to resize to; their own without. Rooms are made in this size, 640 x 480 without.
     pub size: Option<[usize; 2]>,
-    /// Every so many images of a sequence ([`Tum`], [`Redwood`]).
+    /// Every so many images of a sequence ([`Sequences`]).
     pub stride: usize,
     /// Seed of the [`Rooms`] and [`Captures`].
     pub seed: u64,
@@ -130,7 +130,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            fallback: Fallback::Refuse,
+            assumed_fov: None,
             sun_depth: SunDepth::Sensor,
             size: None,
             stride: 1,
@@ -150,42 +150,29 @@ pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result
     let fault = |value: &str, remedy| {
         Err(Error::Config { field: "the data set's folder", value: value.to_owned(), remedy })
     };
+    let Options { seed, stride, assumed_fov: fov, .. } = *options;
+    let [width, height] = options.size.unwrap_or([640, 480]);
+    let sequences = |found: Sequences| Box::new(found.with_stride(stride).with_assumed_fov(fov));
     let data: Box<dyn DataSet> = match (kind, root) {
-        (DataSetKind::Rooms, None) => {
-            let [width, height] = options.size.unwrap_or([640, 480]);
-            return placed(Box::new(Rooms::new(options.seed, width, height)), options);
-        }
-        (DataSetKind::Captures, None) => {
-            let [width, height] = options.size.unwrap_or([640, 480]);
-            let captures = Captures::new(&options.captures, options.seed, width, height)?;
-            return placed(Box::new(captures), options);
-        }
+        (DataSetKind::Rooms, None) => Box::new(Rooms::new(seed, width, height)),
+        (DataSetKind::Captures, None) => Box::new(Captures::new(&options.captures, seed, width, height)?),
         (DataSetKind::Rooms | DataSetKind::Captures, Some(root)) => {
             return fault(&root.display().to_string(), "leave it out: rooms are rendered, not read");
         }
         (_, None) => return fault("missing", "name it"),
         (DataSetKind::SunRgbd, Some(root)) => {
-            Box::new(SunRgbd::open(root)?.with_depth(options.sun_depth).with_fallback(options.fallback))
+            Box::new(SunRgbd::open(root)?.with_depth(options.sun_depth).with_assumed_fov(fov))
         }
         (DataSetKind::Posed, Some(root)) => Box::new(Posed::open(root)?.with_pose_noise(options.pose_noise)?),
-        (DataSetKind::Nyu, Some(root)) => Box::new(Nyu::open(root)?),
-        (DataSetKind::Tum, Some(root)) => {
-            Box::new(Tum::open(root)?.with_stride(options.stride).with_fallback(options.fallback))
-        }
-        (DataSetKind::Redwood, Some(root)) => {
-            Box::new(Redwood::open(root)?.with_stride(options.stride).with_fallback(options.fallback))
-        }
-        (DataSetKind::Plain, Some(root)) => {
-            Box::new(PlainFolders::open(root)?.with_fallback(options.fallback))
-        }
+        (DataSetKind::Nyu, Some(root)) => Box::new(Sequences::nyu(root)?),
+        (DataSetKind::Tum, Some(root)) => sequences(Sequences::tum(root)?),
+        (DataSetKind::Redwood, Some(root)) => sequences(Sequences::redwood(root)?),
+        (DataSetKind::Plain, Some(root)) => Box::new(PlainFolders::open(root)?.with_assumed_fov(fov)),
     };
     let data: Box<dyn DataSet> = match options.size {
-        Some([width, height]) => Box::new(Resized::new(data, width, height)?),
-        None => data,
+        // Rooms are made in the size.
+        Some(_) if root.is_some() => Box::new(Resized::new(data, width, height)?),
+        _ => data,
     };
-    placed(data, options)
-}
-
-fn placed(data: Box<dyn DataSet>, options: &Options) -> Result<Box<dyn DataSet>> {
     Ok(if options.places.is_empty() { data } else { Box::new(Placed::new(data, &options.places)?) })
 }

@@ -1,10 +1,9 @@
 use super::files::{entries, files_with, id, same_size};
-use super::{Sample, out_of_range};
+use super::{DataSet, Sample, out_of_range};
 use crate::{Error, Result};
 use mde_prior::format::{ReadOptions, read_depth};
 use mde_prior::photo::read_image;
 use mde_warp::PinholeCamera;
-use ndarray::{Array2, Array3};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -21,76 +20,95 @@ pub(super) struct Pair {
     pub(super) sequence: PathBuf,
 }
 
-/// Image and depth map of a pair, and the image's width and height.
-pub(super) type Read = (Array3<f32>, Array2<f32>, [usize; 2]);
-
 impl Pair {
     pub(super) fn id(&self, root: &Path) -> String {
         let stem = self.image.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         if self.sequence == root { stem } else { format!("{}/{stem}", id(root, &self.sequence)) }
     }
-
-    /// Reads both; the depth map holds `units_per_metre` units a metre.
-    pub(super) fn read(&self, units_per_metre: f64) -> Result<Read> {
-        let image = read_image(&self.image)?.pixels;
-        let options = ReadOptions { png_scale: Some(units_per_metre), ..ReadOptions::default() };
-        let depth = read_depth(&self.depth, &options)?;
-        let (height, width, _) = image.dim();
-        same_size(&self.depth, depth.dim(), (height, width))?;
-        Ok((image, depth, [width, height]))
-    }
 }
 
-/// Pairs with their identifiers: what the data sets of sequences have in common.
+/// Frames of recordings: pairs of an image and a 16-bit depth PNG, of NYU Depth v2, TUM RGB-D or Redwood.
 #[derive(Debug, Clone)]
-pub(super) struct Paired {
-    pub(super) pairs: Vec<Pair>,
-    pub(super) ids: Vec<String>,
+pub struct Sequences {
+    pairs: Vec<Pair>,
+    ids: Vec<String>,
     /// The place of each pair.
     places: Vec<String>,
+    sensor: Sensor,
+    assumed_fov: Option<f64>,
 }
 
-impl Paired {
-    /// `recorded` is whether a pair is a frame of a recording, whose frames show one place.
-    pub(super) fn new(root: &Path, pairs: Vec<Pair>, recorded: impl Fn(&Pair) -> bool) -> Self {
+/// The camera of a pair whose image has that width and height, and whether its field of view is assumed.
+type CameraOf = fn(&Pair, [usize; 2], Option<f64>) -> Result<(PinholeCamera, bool)>;
+
+/// What the frames of a data set have in common.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sensor {
+    pub(super) units_per_metre: f64,
+    pub(super) trusted_depth: f64,
+    pub(super) camera: CameraOf,
+}
+
+impl Sequences {
+    /// `recorded` is whether a pair is a frame of a recording, whose frames show one place; without a pair the root holds none of
+    /// `what`.
+    pub(super) fn new(
+        root: &Path,
+        pairs: Vec<Pair>,
+        sensor: Sensor,
+        recorded: impl Fn(&Pair) -> bool,
+        what: &str,
+    ) -> Result<Self> {
+        if pairs.is_empty() {
+            return Err(Error::Layout { path: root.to_owned(), reason: format!("holds no {what}") });
+        }
         let ids: Vec<String> = pairs.iter().map(|pair| pair.id(root)).collect();
         let place = |(pair, own): (&Pair, &String)| match recorded(pair) {
             true => id(root, &pair.sequence),
             false => own.clone(),
         };
-        Self { places: pairs.iter().zip(&ids).map(place).collect(), pairs, ids }
+        let places = pairs.iter().zip(&ids).map(place).collect();
+        Ok(Self { places, pairs, ids, sensor, assumed_fov: None })
     }
 
-    pub(super) fn place(&self, index: usize) -> Option<&str> {
-        self.places.get(index).map(String::as_str)
-    }
-
-    /// Every `stride`-th pair, from the first.
-    pub(super) fn step(&mut self, stride: usize) {
+    /// Only every `stride`-th image: neighbours in a video show the same.
+    #[must_use]
+    pub fn with_stride(mut self, stride: usize) -> Self {
         let stride = stride.max(1);
         self.pairs = self.pairs.drain(..).step_by(stride).collect();
         self.ids = self.ids.drain(..).step_by(stride).collect();
         self.places = self.places.drain(..).step_by(stride).collect();
+        self
     }
 
-    pub(super) fn get(&self, index: usize) -> Result<(&Pair, &String)> {
-        match (self.pairs.get(index), self.ids.get(index)) {
-            (Some(pair), Some(id)) => Ok((pair, id)),
-            _ => Err(out_of_range(index, self.pairs.len())),
-        }
+    /// With square pixels and this horizontal field of view, degrees, where the camera is not known.
+    #[must_use]
+    pub fn with_assumed_fov(mut self, degrees: impl Into<Option<f64>>) -> Self {
+        self.assumed_fov = degrees.into();
+        self
+    }
+}
+
+impl DataSet for Sequences {
+    fn ids(&self) -> &[String] {
+        &self.ids
     }
 
-    /// A sample whose camera depends on the image's width and height alone.
-    pub(super) fn load(
-        &self,
-        index: usize,
-        units_per_metre: f64,
-        trusted_depth: f64,
-        camera: impl Fn(&Pair, [usize; 2]) -> Result<(PinholeCamera, bool)>,
-    ) -> Result<Sample> {
-        let (pair, id) = self.get(index)?;
-        let (image, depth, size) = pair.read(units_per_metre)?;
-        let (camera, assumed_camera) = camera(pair, size)?;
+    fn place(&self, index: usize) -> Option<&str> {
+        self.places.get(index).map(String::as_str)
+    }
+
+    fn load(&self, index: usize) -> Result<Sample> {
+        let (Some(pair), Some(id)) = (self.pairs.get(index), self.ids.get(index)) else {
+            return Err(out_of_range(index, self.pairs.len()));
+        };
+        let Sensor { units_per_metre, trusted_depth, camera } = self.sensor;
+        let image = read_image(&pair.image)?.pixels;
+        let options = ReadOptions { png_scale: Some(units_per_metre), ..ReadOptions::default() };
+        let depth = read_depth(&pair.depth, &options)?;
+        let (height, width, _) = image.dim();
+        same_size(&pair.depth, depth.dim(), (height, width))?;
+        let (camera, assumed_camera) = camera(pair, [width, height], self.assumed_fov)?;
         Ok(Sample { assumed_camera, trusted_depth, ..Sample::new(id, image, depth, camera) })
     }
 }

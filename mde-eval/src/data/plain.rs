@@ -1,12 +1,11 @@
-use super::files::{files_with, find_scenes, id, same_size};
-use super::{DataSet, Fallback, Sample, out_of_range};
+use super::files::{Scenes, only_file, read_text, same_size};
+use super::{DataSet, Sample, assumed};
 use crate::{Error, Result};
 use mde_prior::format::{ReadOptions, read_depth};
 use mde_prior::photo::read_image;
 use mde_warp::PinholeCamera;
 use serde::Deserialize;
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Scenes of your own: any folder below the root that has a `scene.json`.
 ///
@@ -20,9 +19,8 @@ use std::path::{Path, PathBuf};
 /// | `max_depth` | depths beyond it, in metres, are not used; 10 without it |
 #[derive(Debug, Clone)]
 pub struct PlainFolders {
-    scenes: Vec<PathBuf>,
-    ids: Vec<String>,
-    fallback: Fallback,
+    scenes: Scenes,
+    assumed_fov: Option<f64>,
 }
 
 /// Content of a `scene.json`; see [`PlainFolders`] for its fields.
@@ -50,66 +48,48 @@ impl PlainFolders {
     /// # Errors
     /// [`Error::Io`] for a folder that cannot be read, [`Error::Layout`] where there is no scene.
     pub fn open(root: impl AsRef<Path>) -> Result<Self> {
-        let root = root.as_ref();
-        let scenes = find_scenes(root, |folder| folder.join(Self::FILE).is_file())?;
-        if scenes.is_empty() {
-            let reason =
-                "holds no folder with a `scene.json`; write one beside `color.png` and `depth.png`".into();
-            return Err(Error::Layout { path: root.to_owned(), reason });
-        }
-        let ids = scenes.iter().map(|scene| id(root, scene)).collect();
-        Ok(Self { scenes, ids, fallback: Fallback::Refuse })
+        let what = "folder with a `scene.json`; write one beside `color.png` and `depth.png`";
+        let scenes = Scenes::find(root.as_ref(), |folder| folder.join(Self::FILE).is_file(), what)?;
+        Ok(Self { scenes, assumed_fov: None })
     }
 
-    /// With a camera for scenes that have none.
+    /// With square pixels and this horizontal field of view, degrees, where the camera is not known.
     #[must_use]
-    pub fn with_fallback(mut self, fallback: Fallback) -> Self {
-        self.fallback = fallback;
+    pub fn with_assumed_fov(mut self, degrees: impl Into<Option<f64>>) -> Self {
+        self.assumed_fov = degrees.into();
         self
     }
 }
 
 impl DataSet for PlainFolders {
     fn ids(&self) -> &[String] {
-        &self.ids
+        &self.scenes.ids
     }
 
     fn load(&self, index: usize) -> Result<Sample> {
-        let (Some(scene), Some(id)) = (self.scenes.get(index), self.ids.get(index)) else {
-            return Err(out_of_range(index, self.scenes.len()));
-        };
+        let (scene, id) = self.scenes.get(index)?;
         let path = scene.join(Self::FILE);
-        let description = describe(&path)?;
-        let image =
-            read_image(named(scene, "color", &["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"])?)?.pixels;
-        let depth_path = named(scene, "depth", &["png", "npy", "npz", "pfm", "exr"])?;
-        let depth = read_depth(&depth_path, &options(description.depth_units_per_metre))?;
+        let fault = |reason| Error::Layout { path: path.clone(), reason };
+        let description = PlainScene::parse(&read_text(&path)?).map_err(fault)?;
+        let endings = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
+        let image = read_image(only_file(scene, Some("color"), &endings)?)?.pixels;
+        let depth_path = only_file(scene, Some("depth"), &["png", "npy", "npz", "pfm", "exr"])?;
+        let options = description.depth_units_per_metre.map_or_else(ReadOptions::default, |scale| {
+            ReadOptions { png_scale: Some(scale), float_scale: scale, ..ReadOptions::default() }
+        });
+        let depth = read_depth(&depth_path, &options)?;
         let (height, width, _) = image.dim();
         same_size(&depth_path, depth.dim(), (height, width))?;
-        let known = description
-            .camera(width, height)
-            .map_err(|reason| Error::Layout { path: path.clone(), reason })?;
+        let known = description.camera(width, height).map_err(fault)?;
         let camera = match known {
             Some(camera) => camera,
-            None => self.fallback.camera(id, "fx, fy, cx, cy in scene.json", width, height)?,
+            None => assumed(self.assumed_fov, id, "fx, fy, cx, cy in scene.json", width, height)?,
         };
         Ok(Sample {
             assumed_camera: known.is_none(),
             trusted_depth: description.max_depth.unwrap_or(10.0),
             ..Sample::new(id, image, depth, camera)
         })
-    }
-}
-
-fn describe(path: &Path) -> Result<PlainScene> {
-    let text = fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
-    PlainScene::parse(&text).map_err(|reason| Error::Layout { path: path.to_owned(), reason })
-}
-
-fn options(units_per_metre: Option<f64>) -> ReadOptions {
-    match units_per_metre {
-        Some(scale) => ReadOptions { png_scale: Some(scale), float_scale: scale, ..ReadOptions::default() },
-        None => ReadOptions::default(),
     }
 }
 
@@ -142,23 +122,6 @@ impl PlainScene {
             }
             (None, None, None, None) => Ok(None),
             _ => Err("names some of fx, fy, cx, cy; name all four or none".into()),
-        }
-    }
-}
-
-/// The one file of that stem.
-fn named(scene: &Path, stem: &str, extensions: &[&str]) -> Result<PathBuf> {
-    let of_stem = |path: &PathBuf| path.file_stem().is_some_and(|s| s == stem);
-    let files: Vec<_> = files_with(scene, extensions)?.into_iter().filter(of_stem).collect();
-    match files.as_slice() {
-        [file] => Ok(file.clone()),
-        _ => {
-            let reason = format!(
-                "holds {} files named {stem}.* (.{}) where one is needed",
-                files.len(),
-                extensions.join(", .")
-            );
-            Err(Error::Layout { path: scene.to_owned(), reason })
         }
     }
 }

@@ -1,5 +1,5 @@
-use super::files::{find_scenes, id};
-use super::{DataSet, Sample, out_of_range};
+use super::files::{Scenes, read_json, same_size};
+use super::{DataSet, Sample};
 use crate::capture::{Capture, CapturedView, POSE_NOISES, disturbed};
 use crate::{Error, Result};
 use mde_mvs::capture::{Lens, PixelCentres, read_transforms};
@@ -11,7 +11,6 @@ use ndarray::{Array2, Array3, ArrayView2};
 use serde::Deserialize;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Photographs of scenes with poses, and the true depth of one of them: `SET/SCENE/` with a `transforms.json` and a `scene.json`.
@@ -25,15 +24,13 @@ use std::path::{Path, PathBuf};
 /// | `reference` | index into `frames` of the photograph that is refined; 0 without it |
 /// | `extra_views` | indices of the further photographs; all others without it |
 /// | `set` | name of the place; the folder of the scene's folder without it |
-/// | `licence` | licence of the photographs |
 /// | `max_depth` | largest reliable depth, metres; without it 10 where the median true depth is below 5, else 80 |
 ///
 /// Lens distortion is removed from the photographs, bilinearly, and from the truth, by the nearest pixel. Only the depth of the
 /// reference is read, whatever other depths lie there.
 #[derive(Debug, Clone)]
 pub struct Posed {
-    scenes: Vec<PathBuf>,
-    ids: Vec<String>,
+    scenes: Scenes,
     places: Vec<String>,
     pose_noise: f64,
 }
@@ -45,7 +42,6 @@ struct Description {
     reference: usize,
     extra_views: Option<Vec<usize>>,
     set: Option<String>,
-    licence: Option<String>,
     max_depth: Option<f64>,
 }
 
@@ -71,20 +67,16 @@ impl Posed {
     /// [`Error::Io`] for a folder or a `scene.json` that cannot be read, [`Error::Layout`] where there is no scene or a
     /// `scene.json` is not valid.
     pub fn open(root: impl AsRef<Path>) -> Result<Self> {
-        let root = root.as_ref();
-        let scenes = find_scenes(root, Self::is_scene)?;
-        if scenes.is_empty() {
-            let reason = "holds no folder with a `transforms.json` and a `scene.json`; name the data set's folder or one below it";
-            return Err(Error::Layout { path: root.to_owned(), reason: reason.into() });
-        }
-        let ids = scenes.iter().map(|scene| id(root, scene)).collect();
-        let place = |scene: &PathBuf| {
+        let what =
+            "folder with a `transforms.json` and a `scene.json`; name the data set's folder or one below it";
+        let scenes = Scenes::find(root.as_ref(), Self::is_scene, what)?;
+        let place = |(scene, id): (&PathBuf, &String)| {
             let parent =
                 || scene.parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
-            Ok(describe(scene)?.set.or_else(parent).unwrap_or_else(|| id(root, scene)))
+            Ok(describe(scene)?.set.or_else(parent).unwrap_or_else(|| id.clone()))
         };
-        let places = scenes.iter().map(place).collect::<Result<_>>()?;
-        Ok(Self { scenes, ids, places, pose_noise: 0.0 })
+        let places = scenes.folders.iter().zip(&scenes.ids).map(place).collect::<Result<_>>()?;
+        Ok(Self { scenes, places, pose_noise: 0.0 })
     }
 
     /// Gives the poses of the further photographs an error: `degrees` of rotation about a random axis, and 20 mm per degree of
@@ -109,11 +101,7 @@ impl Posed {
     /// # Errors
     /// As [`DataSet::load`]; [`Error::Capture`] for a `transforms.json` or photographs that cannot be used.
     pub fn capture(&self, index: usize) -> Result<Capture> {
-        let (Some(scene), Some(id), Some(place)) =
-            (self.scenes.get(index), self.ids.get(index), self.places.get(index))
-        else {
-            return Err(out_of_range(index, self.scenes.len()));
-        };
+        let (scene, id) = self.scenes.get(index)?;
         let description = describe(scene)?;
         let path = scene.join(Self::TRANSFORMS);
         let fault = |reason: String| Error::Layout { path: path.clone(), reason };
@@ -129,8 +117,7 @@ impl Posed {
         };
         let read = read_transforms(&path, PixelCentres::Integers, &size)?;
         let photographs = photographs.into_inner();
-        let depths: Depths =
-            serde_json::from_str(&text(&path)?).map_err(|e| fault(format!("is not valid: {e}")))?;
+        let depths: Depths = read_json(&path)?;
         let frames = read.frames.len();
         let reference = description.reference;
         let further = match description.extra_views {
@@ -161,14 +148,14 @@ impl Posed {
         let options = ReadOptions { png_scale: Some(units), ..ReadOptions::default() };
         let depth_path = scene.join(file);
         let depth = read_depth(&depth_path, &options)?;
-        super::files::same_size(&depth_path, depth.dim(), lens.camera.dim())?;
+        same_size(&depth_path, depth.dim(), lens.camera.dim())?;
         let truth = undistorted(depth.view(), &lens);
         let middle =
             mde_uncertainty::statistics::median(truth.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)));
         let usual = if middle.is_some_and(|z| z < 5.0) { 10.0 } else { 80.0 };
         let trusted_depth = description.max_depth.unwrap_or(usual);
-        let (id, place, licence) = (id.clone(), place.clone(), description.licence);
-        let mut capture = Capture { id, place, licence, reference: 0, views, truth, trusted_depth }.rebased();
+        let id = id.to_owned();
+        let mut capture = Capture { id, reference: 0, views, truth, trusted_depth }.rebased();
         let seed = derived_seed(0, &capture.id, 0);
         for (index, captured) in capture.views.iter_mut().enumerate().skip(1) {
             captured.view.pose = disturbed(&captured.view.pose, self.pose_noise, seed, index);
@@ -177,17 +164,14 @@ impl Posed {
     }
 }
 
-fn text(path: &Path) -> Result<String> {
-    fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })
-}
-
 fn describe(scene: &Path) -> Result<Description> {
     let path = scene.join(Posed::DESCRIPTION);
-    let fault = |reason: String| Error::Layout { path: path.clone(), reason };
-    let description: Description =
-        serde_json::from_str(&text(&path)?).map_err(|e| fault(format!("is not valid: {e}")))?;
+    let description: Description = read_json(&path)?;
     match description.max_depth.filter(|z| !(*z > 0.0 && z.is_finite())) {
-        Some(z) => Err(fault(format!("max_depth is {z}; use a positive finite number of metres"))),
+        Some(z) => {
+            let reason = format!("max_depth is {z}; use a positive finite number of metres");
+            Err(Error::Layout { path, reason })
+        }
         None => Ok(description),
     }
 }
@@ -210,7 +194,7 @@ fn undistorted(depth: ArrayView2<'_, f32>, lens: &Lens) -> Array2<f32> {
 
 impl DataSet for Posed {
     fn ids(&self) -> &[String] {
-        &self.ids
+        &self.scenes.ids
     }
 
     fn place(&self, index: usize) -> Option<&str> {

@@ -1,12 +1,12 @@
-use super::files::{files_with, find_scenes, id, same_size};
-use super::{DataSet, Fallback, Sample, out_of_range};
+use super::files::{Scenes, only_file, read_text, same_size};
+use super::{DataSet, Sample, assumed};
 use crate::{Error, Result};
 use mde_prior::format::{ReadOptions, read_depth};
 use mde_prior::photo::read_image;
 use mde_warp::PinholeCamera;
+use ndarray::Array2;
 use serde::{Deserialize, Serialize};
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Which of SUN RGB-D's depth maps is the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -31,25 +31,24 @@ impl SunDepth {
 /// SUN RGB-D (Song et al., CVPR 2015) in its published layout: any folder below the root that has both `image/` and
 /// `depth/` is a scene.
 ///
-/// Depth files are 16-bit PNGs with rotated bits ([`mde_prior::format::Encoding::Sunrgbd`]), trusted up to 8 m.
+/// Depth files are 16-bit PNGs of millimetres whose bits are rotated left by three, trusted up to 8 m.
 /// `intrinsics.txt` holds the 3 x 3 matrix with pixels counted from 1, so 1 is taken from the principal point. A scene
-/// without that file is [`Error::Intrinsics`] unless a [`Fallback`] is named. The place is known for the frames of SUN3D alone
+/// without that file is [`Error::Intrinsics`] unless a field of view is assumed. The place is known for the frames of SUN3D alone
 /// (`sun3ddata/BUILDING/RECORDING/`); many others show the same rooms too, which [`Placed`](super::Placed) can name.
 ///
 /// ```no_run
-/// use mde_eval::data::{DataSet, Fallback, SunRgbd};
+/// use mde_eval::data::{DataSet, SunRgbd};
 ///
-/// let data = SunRgbd::open("SUNRGBD")?.with_fallback(Fallback::FieldOfView(57.0));
+/// let data = SunRgbd::open("SUNRGBD")?.with_assumed_fov(57.0);
 /// let first = data.load(0)?;
 /// println!("{} {:?}", first.id, first.camera);
 /// # Ok::<(), mde_eval::Error>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct SunRgbd {
-    scenes: Vec<PathBuf>,
-    ids: Vec<String>,
+    scenes: Scenes,
     depth: SunDepth,
-    fallback: Fallback,
+    assumed_fov: Option<f64>,
 }
 
 impl SunRgbd {
@@ -60,15 +59,9 @@ impl SunRgbd {
     /// # Errors
     /// [`Error::Io`] for a folder that cannot be read, [`Error::Layout`] where there is no scene.
     pub fn open(root: impl AsRef<Path>) -> Result<Self> {
-        let root = root.as_ref();
-        let scenes = find_scenes(root, Self::is_scene)?;
-        if scenes.is_empty() {
-            let reason =
-                "holds no folder with `image/` and `depth/`; name SUN RGB-D's folder or one below it".into();
-            return Err(Error::Layout { path: root.to_owned(), reason });
-        }
-        let ids = scenes.iter().map(|scene| id(root, scene)).collect();
-        Ok(Self { scenes, ids, depth: SunDepth::Sensor, fallback: Fallback::Refuse })
+        let what = "folder with `image/` and `depth/`; name SUN RGB-D's folder or one below it";
+        let scenes = Scenes::find(root.as_ref(), Self::is_scene, what)?;
+        Ok(Self { scenes, depth: SunDepth::Sensor, assumed_fov: None })
     }
 
     pub(super) fn is_scene(folder: &Path) -> bool {
@@ -82,39 +75,37 @@ impl SunRgbd {
         self
     }
 
-    /// With a camera for scenes that have none.
+    /// With square pixels and this horizontal field of view, degrees, where the camera is not known.
     #[must_use]
-    pub fn with_fallback(mut self, fallback: Fallback) -> Self {
-        self.fallback = fallback;
+    pub fn with_assumed_fov(mut self, degrees: impl Into<Option<f64>>) -> Self {
+        self.assumed_fov = degrees.into();
         self
     }
 }
 
 impl DataSet for SunRgbd {
     fn ids(&self) -> &[String] {
-        &self.ids
+        &self.scenes.ids
     }
 
     fn place(&self, index: usize) -> Option<&str> {
-        let id = self.ids.get(index)?;
+        let id = self.scenes.ids.get(index)?;
         // The frames of SUN3D lie in a folder per recording; the other sensors' images have no record of the place.
         let recording = id.split('/').any(|part| part == "sun3ddata").then(|| id.rsplit_once('/')).flatten();
         Some(recording.map_or(id, |(folder, _)| folder))
     }
 
     fn load(&self, index: usize) -> Result<Sample> {
-        let (Some(scene), Some(id)) = (self.scenes.get(index), self.ids.get(index)) else {
-            return Err(out_of_range(index, self.scenes.len()));
-        };
-        let image = read_image(only_file(&scene.join("image"), &["jpg", "jpeg", "png"])?)?.pixels;
-        let depth_path = only_file(&scene.join(self.depth.folder()), &["png"])?;
-        let depth = read_depth(&depth_path, &ReadOptions::sunrgbd())?;
+        let (scene, id) = self.scenes.get(index)?;
+        let image = read_image(only_file(&scene.join("image"), None, &["jpg", "jpeg", "png"])?)?.pixels;
+        let depth_path = only_file(&scene.join(self.depth.folder()), None, &["png"])?;
+        let depth = read_sensor(&depth_path)?;
         let (height, width, _) = image.dim();
         same_size(&depth_path, depth.dim(), (height, width))?;
         let file = scene.join(Self::FILE);
         let assumed_camera = !file.is_file();
         let camera = if assumed_camera {
-            self.fallback.camera(id, Self::FILE, width, height)?
+            assumed(self.assumed_fov, id, Self::FILE, width, height)?
         } else {
             read_intrinsics(&file, width, height)?
         };
@@ -122,24 +113,16 @@ impl DataSet for SunRgbd {
     }
 }
 
-fn only_file(folder: &Path, extensions: &[&str]) -> Result<PathBuf> {
-    if !folder.is_dir() {
-        return Err(Error::Layout { path: folder.to_owned(), reason: "the scene has no such folder".into() });
-    }
-    let files = files_with(folder, extensions)?;
-    match files.as_slice() {
-        [file] => Ok(file.clone()),
-        _ => {
-            let reason =
-                format!("holds {} files (.{}) where one is needed", files.len(), extensions.join(", ."));
-            Err(Error::Layout { path: folder.to_owned(), reason })
-        }
-    }
+/// Depth in metres, `[height, width]`, of a PNG with rotated bits.
+fn read_sensor(path: &Path) -> Result<Array2<f32>> {
+    // A scale of 1 leaves each sample as it is, within the integers that a float holds.
+    let raw = read_depth(path, &ReadOptions { png_scale: Some(1.0), ..ReadOptions::default() })?;
+    Ok(raw.mapv(|sample| (f64::from((sample as u16).rotate_right(3)) / 1000.0) as f32))
 }
 
 /// Nine numbers, row by row: `fx 0 cx 0 fy cy 0 0 1`, with pixels counted from 1.
 fn read_intrinsics(path: &Path, width: usize, height: usize) -> Result<PinholeCamera> {
-    let text = fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+    let text = read_text(path)?;
     let numbers: Option<Vec<f64>> = text.split_whitespace().map(|word| word.parse().ok()).collect();
     match numbers.as_deref() {
         Some(&[fx, _, cx, _, fy, cy, _, _, _]) => {

@@ -1,13 +1,9 @@
 use super::{Chart, Curve};
 use crate::{Error, Result};
-use mde_prior::photo::write_rgb_png;
-use ndarray::Array3;
 use plotters::coord::Shift;
 use plotters::prelude::*;
-use plotters::style::register_font;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::path::Path;
-use std::sync::Once;
 
 const SIZE: (u32, u32) = (900, 560);
 /// Room for the names at the lines' ends, pixels.
@@ -28,30 +24,7 @@ const COLOURS: [RGBColor; 6] = [
 const GUIDE: RGBColor = RGBColor(130, 130, 130);
 
 pub(super) fn write(chart: &Chart, path: &Path) -> Result<()> {
-    static FONTS: Once = Once::new();
-    FONTS.call_once(|| {
-        // A font that is there on every machine. The only way to fail is a broken file, which the tests would see.
-        let _ = register_font(FONT, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT);
-    });
-    match path.extension().and_then(|e| e.to_str()) {
-        Some("svg") => draw(chart, path, SVGBackend::new(path, SIZE).into_drawing_area()),
-        Some("png") => {
-            let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
-            let mut pixels = Array3::<u8>::zeros((height, width, 3));
-            if let Some(bytes) = pixels.as_slice_mut() {
-                draw(chart, path, BitMapBackend::with_buffer(bytes, SIZE).into_drawing_area())?;
-            }
-            Ok(write_rgb_png(path, pixels.view())?)
-        }
-        other => Err(Error::Config {
-            field: "the figure's extension",
-            value: other.unwrap_or("missing").to_owned(),
-            remedy: "use svg or png",
-        }),
-    }
-}
-
-fn draw<B: DrawingBackend>(chart: &Chart, path: &Path, area: DrawingArea<B, Shift>) -> Result<()> {
+    let area = SVGBackend::new(path, SIZE).into_drawing_area();
     drawn(chart, &area)
         .and_then(|()| area.present())
         .map_err(|fault| Error::Method(format!("{}: the figure can't be written: {fault}", path.display())))
@@ -83,7 +56,7 @@ fn drawn<B: DrawingBackend>(
         .y_desc(&chart.y)
         .draw()?;
     for line in &chart.lines {
-        let style = colour(line).stroke_width(if line.thin { 1 } else { 2 });
+        let style = colour(line).stroke_width(if line.colour.is_none() { 1 } else { 2 });
         context.draw_series(LineSeries::new(line.points.iter().map(|p| (p[0], p[1])), style))?;
     }
     let ends = chart.lines.iter().filter_map(|line| Some((line, line.points.last()?)));

@@ -1,8 +1,8 @@
 //! Scale-invariant boundary F1.
 
-use crate::raster::same_shape;
+use crate::raster::{Map, Mask, same_shape};
 use crate::{Error, Result};
-use ndarray::{ArrayView2, s};
+use ndarray::s;
 
 /// Smallest depth that is inverted, as in the published code.
 const MIN_DEPTH: f32 = 1e-6;
@@ -24,11 +24,7 @@ const RATIOS: usize = 10;
 ///
 /// # Errors
 /// [`Error::Shape`] where the shapes differ, [`Error::Empty`] for an empty mask.
-pub fn boundary_f1(
-    prediction: ArrayView2<'_, f32>,
-    truth: ArrayView2<'_, f32>,
-    mask: ArrayView2<'_, bool>,
-) -> Result<f64> {
+pub fn boundary_f1(prediction: Map<'_>, truth: Map<'_>, mask: Mask<'_>) -> Result<f64> {
     same_shape("the prediction", prediction.dim(), truth.dim())?;
     same_shape("the mask", mask.dim(), truth.dim())?;
     if !mask.iter().any(|&keep| keep) {
@@ -69,9 +65,9 @@ impl Counts {
 
 /// Both signs of one axis: the left (upper) pixel in front, and the right (lower) one.
 fn count_pairs(
-    prediction: ArrayView2<'_, f32>,
-    truth: ArrayView2<'_, f32>,
-    mask: ArrayView2<'_, bool>,
+    prediction: Map<'_>,
+    truth: Map<'_>,
+    mask: Mask<'_>,
     vertical: bool,
     thresholds: &[f64; RATIOS],
 ) -> [Counts; 2] {

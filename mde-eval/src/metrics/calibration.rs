@@ -2,11 +2,12 @@
 //! error \\(e_i\\) is prediction minus truth, in the same unit; \\(z_i = e_i / s_i\\).
 //!
 //! # Errors
-//! All functions here: [`Error::Length`] where the lists differ, [`Error::Empty`] without pixels, [`Error::Value`] for an error
-//! that is not finite or a sigma that is not positive and finite.
+//! All functions here: [`Error::Length`](crate::Error::Length) where the lists differ, [`Error::Empty`](crate::Error::Empty) without
+//! pixels, [`Error::Value`](crate::Error::Value) for an error that is not finite or a sigma that is not positive and finite.
 
 use super::rank::expected;
-use crate::{Error, Result};
+use crate::Result;
+use crate::error::{self, check_lists, positive};
 use mde_uncertainty::normal::{FRAC_1_SQRT_PI, density, erf};
 use mde_uncertainty::statistics::Order;
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
@@ -114,13 +115,7 @@ pub fn ence(errors: &[f64], sigma: &[f64], bins: usize) -> Result<f64> {
 }
 
 pub(crate) fn ence_in_order(errors: &[f64], sigma: &[f64], order: &Order, bins: usize) -> Result<f64> {
-    if bins == 0 {
-        return Err(Error::Config {
-            field: "the number of ENCE bins",
-            value: "0".into(),
-            remedy: "use at least 1",
-        });
-    }
+    error::check([("the number of ENCE bins", bins as f64, bins > 0, "use at least 1")])?;
     let square = |values: &[f64]| values.iter().map(|v| v * v).collect::<Vec<_>>();
     let (squares, variances) = (square(errors), square(sigma));
     let (squares, variances) = (expected(order, &squares), expected(order, &variances));
@@ -145,26 +140,16 @@ fn mean(errors: &[f64], sigma: &[f64], term: impl Fn(f64, f64) -> f64) -> Result
 }
 
 fn check(errors: &[f64], sigma: &[f64]) -> Result<()> {
-    if errors.len() != sigma.len() {
-        return Err(Error::Length { what: "sigma", found: sigma.len(), expected: errors.len() });
-    }
-    if errors.is_empty() {
-        return Err(Error::Empty { what: "the calibration" });
-    }
-    if let Some(index) = errors.iter().position(|e| !e.is_finite()) {
-        return Err(Error::Value { what: "the error", index, value: errors[index], expected: "finite" });
-    }
-    match sigma.iter().position(|s| !(*s > 0.0 && s.is_finite())) {
-        None => Ok(()),
-        Some(index) => {
-            Err(Error::Value { what: "sigma", index, value: sigma[index], expected: "positive and finite" })
-        }
-    }
+    check_lists(
+        "the calibration",
+        [("the error", errors, f64::is_finite, "finite"), positive("sigma", sigma)],
+    )
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Error;
     use mde_uncertainty::random::CounterRng;
     use proptest::prelude::*;
     use rand_distr::{Distribution, StandardNormal};

@@ -2,8 +2,8 @@
 
 use super::depth_range;
 use crate::Result;
-use crate::raster::{Marked, canny, distance_to, same_shape};
-use ndarray::{Array2, ArrayView2};
+use crate::raster::{Map, Marked, Mask, canny, distance_to, same_shape};
+use ndarray::Array2;
 
 /// How far predicted depth boundaries lie from the true ones, and the other way round, in pixels; 0 is best.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,7 +22,7 @@ pub const LIMIT: f64 = 10.0;
 ///
 /// # Errors
 /// [`Error::Shape`](crate::Error::Shape) where the mask differs.
-pub fn boundaries(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Result<Array2<bool>> {
+pub fn boundaries(map: Map<'_>, mask: Mask<'_>) -> Result<Array2<bool>> {
     same_shape("the mask", mask.dim(), map.dim())?;
     let Some((low, high)) = depth_range(map, mask).filter(|(low, high)| high > low) else {
         return Ok(Array2::from_elem(map.dim(), false));
@@ -43,19 +43,13 @@ pub fn boundaries(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Resul
 ///
 /// # Errors
 /// [`Error::Shape`](crate::Error::Shape) where the shapes differ.
-pub fn boundary_errors(
-    predicted: ArrayView2<'_, bool>,
-    truth: ArrayView2<'_, bool>,
-) -> Result<Option<BoundaryErrors>> {
+pub fn boundary_errors(predicted: Mask<'_>, truth: Mask<'_>) -> Result<Option<BoundaryErrors>> {
     same_shape("the predicted boundary map", predicted.dim(), truth.dim())?;
     errors_against(predicted, &Marked::new(truth.to_owned()))
 }
 
 /// [`boundary_errors`] with the distance to the true boundaries.
-pub(crate) fn errors_against(
-    predicted: ArrayView2<'_, bool>,
-    truth: &Marked,
-) -> Result<Option<BoundaryErrors>> {
+pub(crate) fn errors_against(predicted: Mask<'_>, truth: &Marked) -> Result<Option<BoundaryErrors>> {
     same_shape("the predicted boundary map", predicted.dim(), truth.pixels.dim())?;
     if truth.count == 0 {
         return Ok(None);
@@ -64,7 +58,7 @@ pub(crate) fn errors_against(
         return Ok(Some(BoundaryErrors { accuracy: LIMIT, completeness: LIMIT }));
     }
     let to_predicted = distance_to(predicted);
-    let of = |edges: ArrayView2<'_, bool>, distance: &Array2<f64>| -> Vec<f64> {
+    let of = |edges: Mask<'_>, distance: &Array2<f64>| -> Vec<f64> {
         edges.iter().zip(distance).filter(|&(&edge, _)| edge).map(|(_, &d)| d).collect()
     };
     let (forth, back) = (of(predicted, &truth.distance), of(truth.pixels.view(), &to_predicted));

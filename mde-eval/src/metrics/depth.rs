@@ -5,10 +5,11 @@
 //! that the evaluation code of ZoeDepth and PatchFusion gives them.
 //!
 //! # Errors
-//! All of them: [`Error::Length`] where the lists differ, [`Error::Empty`] without pixels, [`Error::Value`] for a depth that
-//! is not positive and finite.
+//! All of them: [`Error::Length`](crate::Error::Length) where the lists differ, [`Error::Empty`](crate::Error::Empty) without pixels,
+//! [`Error::Value`](crate::Error::Value) for a depth that is not positive and finite.
 
-use crate::{Error, Result};
+use crate::Result;
+use crate::error::{check_lists, positive};
 
 /// Mean squared error, in the unit squared: \\(\frac1n \sum_i (p_i - g_i)^2\\).
 pub fn mse(prediction: &[f64], truth: &[f64]) -> Result<f64> {
@@ -63,27 +64,18 @@ pub fn delta(prediction: &[f64], truth: &[f64], k: i32) -> Result<f64> {
 }
 
 fn mean(prediction: &[f64], truth: &[f64], term: impl Fn(f64, f64) -> f64) -> Result<f64> {
-    if prediction.len() != truth.len() {
-        return Err(Error::Length { what: "the prediction", found: prediction.len(), expected: truth.len() });
-    }
-    if truth.is_empty() {
-        return Err(Error::Empty { what: "a depth error" });
-    }
-    let mut sum = 0.0;
-    for (index, (&p, &g)) in prediction.iter().zip(truth).enumerate() {
-        for (what, value) in [("the predicted depth", p), ("the true depth", g)] {
-            if !(value > 0.0 && value.is_finite()) {
-                return Err(Error::Value { what, index, value, expected: "positive and finite" });
-            }
-        }
-        sum += term(p, g);
-    }
+    check_lists(
+        "a depth error",
+        [positive("the true depth", truth), positive("the predicted depth", prediction)],
+    )?;
+    let sum = prediction.iter().zip(truth).fold(0.0, |sum, (&p, &g)| sum + term(p, g));
     Ok(sum / truth.len() as f64)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Error;
 
     #[test]
     fn faults_are_named() {

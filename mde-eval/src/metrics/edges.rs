@@ -3,9 +3,10 @@
 //! At a *fixed* threshold these reward any added gradient: an unsharp mask and white noise both raise them. The
 //! [curve](EdgeCurve) over all thresholds of the prediction is invariant to its contrast; its best point is **F1max**.
 
-use crate::raster::{Marked, dilate, distance_to, erode, same_shape, sobel, sobel_zero_padded};
+use crate::error::check;
+use crate::raster::{Map, Marked, Mask, dilate, erode, same_shape, sobel};
 use crate::{Error, Result};
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, Zip};
 
 /// Precision, recall and F1 of one edge map against another.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -36,59 +37,8 @@ pub(super) fn harmonic(precision: f64, recall: f64) -> f64 {
 ///
 /// # Errors
 /// [`Error::Shape`] where map and mask differ.
-pub fn edges(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>, threshold: f64) -> Result<Array2<bool>> {
-    Ok(above(&masked_gradient(map, mask)?, threshold))
-}
-
-/// Edge F1 at a fixed threshold with a tolerance in pixels.
-///
-/// After Hu et al., "Revisiting single image depth estimation" (WACV 2019), with four repairs: the border is
-/// replicated instead of padded with zeros, [`edges`] stay a pixel away from the mask's border, \\(F = 0\\) where
-/// \\(P + R = 0\\), and an edge pixel counts as found within `tolerance` pixels by exact Euclidean distance,
-///
-/// \\[ P = \frac{|\\{x \in E_p : \mathrm{dist}(x, E_g) \le r\\}|}{|E_p|},\qquad
-///     R = \frac{|\\{x \in E_g : \mathrm{dist}(x, E_p) \le r\\}|}{|E_g|},\qquad F_1 = \frac{2PR}{P+R} \\]
-///
-/// Maps are `[height, width]` in metres, aligned; `threshold` is the gradient's, in metres with gain 8. Swapping the maps
-/// swaps \\(P\\) and \\(R\\).
-///
-/// # Errors
-/// [`Error::Shape`] where the shapes differ.
-pub fn edge_f1(
-    prediction: ArrayView2<'_, f32>,
-    truth: ArrayView2<'_, f32>,
-    mask: ArrayView2<'_, bool>,
-    threshold: f64,
-    tolerance: u32,
-) -> Result<EdgeScore> {
-    same_shape("the prediction", prediction.dim(), truth.dim())?;
-    let (predicted, true_edges) = (edges(prediction, mask, threshold)?, edges(truth, mask, threshold)?);
-    let found = |edges: &Array2<bool>, by: &Array2<bool>| {
-        let near = distance_to(by.view());
-        let hits = edges.iter().zip(&near).filter(|&(&edge, &d)| edge && d <= f64::from(tolerance)).count();
-        share(hits, count(edges))
-    };
-    Ok(EdgeScore::new(found(&predicted, &true_edges), found(&true_edges, &predicted)))
-}
-
-/// Edge F1 exactly as Hu et al. publish it: zero padding, no mask, no tolerance, pixels must coincide.
-///
-/// The frame of the image is an edge of both maps, which flatters. Nothing where the published code divides 0 by 0.
-///
-/// # Errors
-/// [`Error::Shape`] where the shapes differ.
-pub fn edge_f1_hu(
-    prediction: ArrayView2<'_, f32>,
-    truth: ArrayView2<'_, f32>,
-    threshold: f64,
-) -> Result<Option<EdgeScore>> {
-    same_shape("the prediction", prediction.dim(), truth.dim())?;
-    let [predicted, true_edges] = [prediction, truth].map(|map| above(&sobel_zero_padded(map), threshold));
-    let hits = predicted.iter().zip(&true_edges).filter(|&(&p, &g)| p && g).count();
-    if hits == 0 {
-        return Ok(None);
-    }
-    Ok(Some(EdgeScore::new(share(hits, count(&predicted)), share(hits, count(&true_edges)))))
+pub fn edges(map: Map<'_>, mask: Mask<'_>, threshold: f64) -> Result<Array2<bool>> {
+    Ok(masked_gradient(map, mask)?.mapv(|g| f64::from(g) > threshold))
 }
 
 /// One point of an [`EdgeCurve`]: predicted edges are the pixels with a gradient of at least `threshold`.
@@ -113,16 +63,10 @@ pub struct EdgeCurve {
 }
 
 impl EdgeCurve {
-    /// The point of the best \\(F_1\\), with it; nothing where the prediction is flat.
-    pub fn best(&self) -> Option<(EdgePoint, f64)> {
-        let scored = self.points.iter().map(|&point| (point, harmonic(point.precision, point.recall)));
-        scored.max_by(|a, b| a.1.total_cmp(&b.1))
-    }
-
-    /// **F1max**: \\(\max_t F_1(t)\\), 0 where the prediction is flat. Over one image it is the BSDS "OIS", without
+    /// **F1max**: \\(\max_t F_1(t)\\), 0 where the prediction is flat. Over one image it is the "OIS" of the Berkeley benchmark, without
     /// thinning and one-to-one matching.
     pub fn f1_max(&self) -> f64 {
-        self.best().map_or(0.0, |best| best.1)
+        self.points.iter().map(|point| harmonic(point.precision, point.recall)).fold(0.0, f64::max)
     }
 
     /// Area under the curve as average precision: \\(\sum_k (R_k - R_{k-1}) P_k\\).
@@ -136,7 +80,7 @@ impl EdgeCurve {
         area
     }
 
-    /// Precision, recall and F1 where the predicted edges are the gradients *above* `threshold`, as in [`edge_f1`].
+    /// Precision, recall and F1 where the predicted edges are the gradients *above* `threshold`.
     pub fn at(&self, threshold: f64) -> EdgeScore {
         let above = self.points.partition_point(|point| point.threshold > threshold);
         let point = above.checked_sub(1).and_then(|last| self.points.get(last));
@@ -144,15 +88,25 @@ impl EdgeCurve {
     }
 }
 
-/// The [curve](EdgeCurve) of [`edge_f1`] with the truth's threshold fixed and the prediction's swept; nothing where the truth has no
-/// edge.
+/// Edge precision and recall with a tolerance in pixels, the truth's threshold fixed and the prediction's swept; nothing where the truth
+/// has no edge.
+///
+/// After Hu et al., "Revisiting single image depth estimation" (WACV 2019), with four repairs: the border is
+/// replicated instead of padded with zeros, [`edges`] stay a pixel away from the mask's border, \\(F = 0\\) where
+/// \\(P + R = 0\\), and an edge pixel counts as found within `tolerance` pixels by exact Euclidean distance,
+///
+/// \\[ P = \frac{|\\{x \in E_p : \mathrm{dist}(x, E_g) \le r\\}|}{|E_p|},\qquad
+///     R = \frac{|\\{x \in E_g : \mathrm{dist}(x, E_p) \le r\\}|}{|E_g|},\qquad F_1 = \frac{2PR}{P+R} \\]
+///
+/// Maps are `[height, width]` in metres, aligned; `threshold` is the gradient's, in metres with gain 8. [`EdgeCurve::at`] the same
+/// threshold is the F1 at a fixed threshold.
 ///
 /// # Errors
 /// [`Error::Shape`] where the shapes differ; [`Error::Config`] for a tolerance above 64 pixels.
 pub fn edge_curve(
-    prediction: ArrayView2<'_, f32>,
-    truth: ArrayView2<'_, f32>,
-    mask: ArrayView2<'_, bool>,
+    prediction: Map<'_>,
+    truth: Map<'_>,
+    mask: Mask<'_>,
     threshold: f64,
     tolerance: u32,
 ) -> Result<Option<EdgeCurve>> {
@@ -170,21 +124,10 @@ pub(crate) struct EdgeSweep {
 }
 
 impl EdgeSweep {
-    const MAX_TOLERANCE: u32 = 64;
-
-    pub(crate) fn new(
-        prediction: ArrayView2<'_, f32>,
-        mask: ArrayView2<'_, bool>,
-        tolerances: &[u32],
-    ) -> Result<Self> {
-        if let Some(tolerance) = tolerances.iter().find(|&&r| r > Self::MAX_TOLERANCE) {
-            let value = tolerance.to_string();
-            return Err(Error::Config {
-                field: "the edge tolerance",
-                value,
-                remedy: "use at most 64 pixels",
-            });
-        }
+    pub(crate) fn new(prediction: Map<'_>, mask: Mask<'_>, tolerances: &[u32]) -> Result<Self> {
+        let settings =
+            tolerances.iter().map(|&r| ("the edge tolerance", r.into(), r <= 64, "use at most 64 pixels"));
+        check(settings)?;
         let gradient = masked_gradient(prediction, mask)?;
         // Positive floats are in order as their bits are; with the index beside them, they sort as one word.
         let key = |(&g, at): (&f32, u32)| u64::from(!g.to_bits()) << 32 | u64::from(at);
@@ -198,12 +141,9 @@ impl EdgeSweep {
     pub(crate) fn curve(&self, true_edges: &Marked, tolerance: u32) -> Result<Option<EdgeCurve>> {
         same_shape("the edge map", true_edges.pixels.dim(), self.gradient.dim())?;
         let Some((_, dilated)) = self.dilated.iter().find(|(r, _)| *r == tolerance) else {
-            let value = tolerance.to_string();
-            return Err(Error::Config {
-                field: "the edge tolerance",
-                value,
-                remedy: "use one of those prepared",
-            });
+            let (field, value, remedy) =
+                ("the edge tolerance", tolerance.to_string(), "use one of those prepared");
+            return Err(Error::Config { field, value, remedy });
         };
         let total = true_edges.count;
         if total == 0 {
@@ -236,20 +176,12 @@ impl EdgeSweep {
 }
 
 /// Sobel gradient where the whole window lies in the mask, 0 elsewhere.
-fn masked_gradient(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Result<Array2<f32>> {
+fn masked_gradient(map: Map<'_>, mask: Mask<'_>) -> Result<Array2<f32>> {
     same_shape("the mask", mask.dim(), map.dim())?;
     let mut gradient = sobel(map);
     // Also drops what is not a number, should the masked-out part of the map hold one.
     Zip::from(&mut gradient).and(&erode(mask)).for_each(|g, &keep| *g = if keep { g.max(0.0) } else { 0.0 });
     Ok(gradient)
-}
-
-fn above(gradient: &Array2<f32>, threshold: f64) -> Array2<bool> {
-    gradient.mapv(|g| f64::from(g) > threshold)
-}
-
-fn count(edges: &Array2<bool>) -> usize {
-    edges.iter().filter(|&&edge| edge).count()
 }
 
 fn share(part: usize, of: usize) -> f64 {
@@ -259,7 +191,12 @@ fn share(part: usize, of: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::raster::distance_to;
     use proptest::prelude::*;
+
+    fn count(edges: &Array2<bool>) -> usize {
+        edges.iter().filter(|&&edge| edge).count()
+    }
 
     fn maps() -> impl Strategy<Value = (Array2<f32>, Array2<f32>, Array2<bool>)> {
         (3..14_usize, 3..14_usize).prop_flat_map(|(h, w)| {
@@ -278,14 +215,6 @@ mod tests {
     }
 
     proptest! {
-        #[test]
-        fn swapping_the_maps_swaps_precision_and_recall((p, g, mask) in maps(), r in 0..4_u32) {
-            let forth = edge_f1(p.view(), g.view(), mask.view(), 1.0, r).unwrap();
-            let back = edge_f1(g.view(), p.view(), mask.view(), 1.0, r).unwrap();
-            prop_assert_eq!((forth.precision, forth.recall), (back.recall, back.precision));
-            prop_assert_eq!(forth.f1, back.f1);
-        }
-
         #[test]
         fn the_curve_at_a_threshold_is_the_score_there((p, g, mask) in maps(), r in 0..4_u32, t in 0.1..9.0_f64) {
             let Some(curve) = edge_curve(p.view(), g.view(), mask.view(), 1.0, r).unwrap() else { return Ok(()) };
@@ -313,22 +242,20 @@ mod tests {
 
         #[test]
         fn a_perfect_map_is_perfect_and_tolerance_only_helps((p, g, mask) in maps()) {
-            let score = |p: &Array2<f32>, r| edge_f1(p.view(), g.view(), mask.view(), 1.0, r).unwrap();
-            let any = edges(g.view(), mask.view(), 1.0).unwrap().iter().any(|&e| e);
-            prop_assert_eq!(score(&g, 0).f1, if any { 1.0 } else { 0.0 });
-            prop_assert!(score(&p, 0).precision <= score(&p, 1).precision);
-            prop_assert!(score(&p, 1).recall <= score(&p, 2).recall);
+            let score = |p: &Array2<f32>, r| {
+                edge_curve(p.view(), g.view(), mask.view(), 1.0, r).unwrap().map(|curve| curve.at(1.0))
+            };
+            let Some(perfect) = score(&g, 0) else { return Ok(()) };
+            prop_assert_eq!(perfect.f1, 1.0);
+            let [exact, near, far] = [0, 1, 2].map(|r| score(&p, r).unwrap());
+            prop_assert!(exact.precision <= near.precision && near.recall <= far.recall);
         }
     }
 
     #[test]
-    fn without_edges_there_is_no_curve_and_hu_is_undefined() {
+    fn without_edges_there_is_no_curve() {
         let flat = Array2::from_elem((6, 6), 2.0);
         let mask = Array2::from_elem((6, 6), true);
         assert!(edge_curve(flat.view(), flat.view(), mask.view(), 0.25, 1).unwrap().is_none());
-        assert_eq!(edge_f1(flat.view(), flat.view(), mask.view(), 0.25, 1).unwrap(), EdgeScore::default());
-        // Zero padding: the frame of the published variant is an edge of any map that is deep enough.
-        assert_eq!(edge_f1_hu(flat.view(), flat.view(), 0.25).unwrap().unwrap().f1, 1.0);
-        assert!(edge_f1_hu(flat.view(), flat.view(), 99.0).unwrap().is_none());
     }
 }

@@ -5,12 +5,9 @@
 //! | [`depth`] | two lists of depths | MSE, RMSE, AbsRel, SqRel, log10, RMSE log, SILog, iRMSE, \\(\delta_k\\) |
 //! | [`sharpness`] | maps and a mask | mean gradient, over all pixels, near true edges and away from them |
 //! | [`edges`] | maps and a mask | edge F1 at a fixed threshold, F1max and average precision over all thresholds |
-//! | [`bsds`] | maps and a mask | thinned edges matched one to one: ODS, OIS, average precision |
 //! | [`boundary`] | maps and a mask | scale-invariant boundary F1 (Depth Pro) |
-//! | [`occlusion`] | maps and a mask | boundary F1 at radii of 1 to 3 pixels (MoGe) |
 //! | [`dbe`] | edge maps | depth boundary errors: accuracy and completeness (iBims-1) |
-//! | [`soft_edge`] | maps and a mask | soft edge error (SEE) |
-//! | [`ordinal`] | maps and a mask | order of random pairs: across discontinuities (D3R-like) and anywhere |
+//! | [`ordinal`] | maps and a mask | share of given pairs in another order than the truth's |
 //! | [`superpixel`] | maps and a mask | order of superpixels: D3R, ORD |
 //! | [`rank`] | two lists | average ranks, Spearman's correlation |
 //! | [`sparsification`] | costs and sigmas | AUSE and AURG, both published definitions; errors by uncertainty percentile |
@@ -20,23 +17,20 @@
 //! ([`align`](crate::align)). An error is *prediction minus truth*. Ties are averaged, never broken by index.
 
 pub mod boundary;
-pub mod bsds;
 pub mod calibration;
 pub mod dbe;
 pub mod depth;
 pub mod edges;
-pub mod occlusion;
 pub mod ordinal;
 pub mod rank;
 pub mod sharpness;
-pub mod soft_edge;
 pub mod sparsification;
 pub mod superpixel;
 
-use ndarray::ArrayView2;
+use crate::raster::{Map, Mask};
 
 /// Smallest and largest value within the mask, finite ones alone; nothing where there is none.
-fn depth_range(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Option<(f32, f32)> {
+fn depth_range(map: Map<'_>, mask: Mask<'_>) -> Option<(f32, f32)> {
     let values = map.into_iter().zip(mask).filter(|(v, keep)| **keep && v.is_finite()).map(|(v, _)| *v);
     values.fold(None, |range, v| match range {
         None => Some((v, v)),

@@ -3,7 +3,7 @@
 //! Steepness is no quality: noise and unsharp masking raise it. It is informative only beside its split into pixels near
 //! the true edges, where it should rise, and pixels away from them, where it should not.
 
-use crate::raster::{distance_to, erode, gather, same_shape, sobel};
+use crate::raster::{Map, Mask, distance_to, erode, gather, same_shape, sobel};
 use crate::{Error, Result};
 use mde_uncertainty::statistics::median;
 use ndarray::{ArrayView2, Zip};
@@ -18,9 +18,8 @@ use ndarray::{ArrayView2, Zip};
 /// # Errors
 /// [`Error::Shape`] where map and mask differ, [`Error::Empty`] where no pixel is left, [`Error::Value`] where the median
 /// is not positive.
-pub fn sharpness(map: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Result<f64> {
-    let all = split(map, mask, None)?;
-    all.0.ok_or(Error::Empty { what: "the sharpness" })
+pub fn sharpness(map: Map<'_>, mask: Mask<'_>) -> Result<f64> {
+    split(map, mask, None)?.0.ok_or(Error::Empty { what: "the sharpness" })
 }
 
 /// [`sharpness`] near true edges and away from them.
@@ -38,20 +37,15 @@ pub struct EdgeSplit {
 ///
 /// # Errors
 /// As [`sharpness`].
-pub fn sharpness_by_edges(
-    map: ArrayView2<'_, f32>,
-    mask: ArrayView2<'_, bool>,
-    edges: ArrayView2<'_, bool>,
-    band: f64,
-) -> Result<EdgeSplit> {
+pub fn sharpness_by_edges(map: Map<'_>, mask: Mask<'_>, edges: Mask<'_>, band: f64) -> Result<EdgeSplit> {
     same_shape("the edge map", edges.dim(), mask.dim())?;
     sharpness_by_distance(map, mask, distance_to(edges).view(), band)
 }
 
 /// [`sharpness_by_edges`] with the distance to them.
 pub(crate) fn sharpness_by_distance(
-    map: ArrayView2<'_, f32>,
-    mask: ArrayView2<'_, bool>,
+    map: Map<'_>,
+    mask: Mask<'_>,
     to_edges: ArrayView2<'_, f64>,
     band: f64,
 ) -> Result<EdgeSplit> {
@@ -61,20 +55,12 @@ pub(crate) fn sharpness_by_distance(
     Ok(EdgeSplit { on, off })
 }
 
-fn split(
-    map: ArrayView2<'_, f32>,
-    mask: ArrayView2<'_, bool>,
-    near: Option<ArrayView2<'_, bool>>,
-) -> Result<(Option<f64>, Option<f64>)> {
+fn split(map: Map<'_>, mask: Mask<'_>, near: Option<Mask<'_>>) -> Result<(Option<f64>, Option<f64>)> {
     same_shape("the prediction", map.dim(), mask.dim())?;
     let middle = median(gather(map, mask)).ok_or(Error::Empty { what: "the sharpness" })?;
     if !(middle > 0.0 && middle.is_finite()) {
-        return Err(Error::Value {
-            what: "the median depth",
-            index: 0,
-            value: middle,
-            expected: "positive and finite",
-        });
+        let (what, expected) = ("the median depth", "positive and finite");
+        return Err(Error::Value { what, index: 0, value: middle, expected });
     }
     let everywhere = erode(mask);
     let mut sums = [(0.0, 0_usize); 2];

@@ -7,7 +7,8 @@
 //! constant sigma therefore gives the random curve and not an accident of the pixels' order.
 
 use super::rank::{expected, spearman};
-use crate::{Error, Result};
+use crate::Result;
+use crate::error::{self, List, check_lists};
 use mde_uncertainty::statistics::Order;
 
 /// How the kept costs become one number.
@@ -61,7 +62,8 @@ impl Sparsification {
 /// have one entry per pixel; costs are not negative.
 ///
 /// # Errors
-/// [`Error::Length`] where the lists differ, [`Error::Empty`] without pixels, [`Error::Value`] for a NaN or a negative cost.
+/// [`Error::Length`](crate::Error::Length) where the lists differ, [`Error::Empty`](crate::Error::Empty) without pixels,
+/// [`Error::Value`](crate::Error::Value) for a NaN or a negative cost.
 pub fn sparsify(costs: &[f64], sigma: &[f64], reduction: Reduction) -> Result<Sparsification> {
     let order = Order::new(sigma)?;
     Costs::new(costs, sigma, &order)?.normalised(reduction)
@@ -156,16 +158,14 @@ pub struct UncertaintyBin {
 /// that straddle a cut are averaged.
 ///
 /// # Errors
-/// As [`sparsify`]; [`Error::Config`] for 0 bins.
+/// As [`sparsify`]; [`Error::Config`](crate::Error::Config) for 0 bins.
 pub fn costs_by_uncertainty(costs: &[f64], sigma: &[f64], bins: usize) -> Result<Vec<UncertaintyBin>> {
     check(costs, sigma)?;
     bin(costs, sigma, &Order::new(sigma)?, bins)
 }
 
 pub(crate) fn bin(costs: &[f64], sigma: &[f64], order: &Order, bins: usize) -> Result<Vec<UncertaintyBin>> {
-    if bins == 0 {
-        return Err(Error::Config { field: "bins", value: "0".into(), remedy: "use at least 1" });
-    }
+    error::check([("bins", bins as f64, bins > 0, "use at least 1")])?;
     let (n, bins) = (costs.len(), bins.min(costs.len()));
     let (sigma, costs) = (expected(order, sigma), expected(order, costs));
     // About the first value: the mean of equal values is that value, and bins of ties are ties.
@@ -191,21 +191,9 @@ pub fn spearman_of_bins(bins: &[UncertaintyBin]) -> Result<Option<f64>> {
 }
 
 fn check(costs: &[f64], sigma: &[f64]) -> Result<()> {
-    if costs.len() != sigma.len() {
-        return Err(Error::Length { what: "the list of costs", found: costs.len(), expected: sigma.len() });
-    }
-    if costs.is_empty() {
-        return Err(Error::Empty { what: "the sparsification" });
-    }
-    match costs.iter().position(|c| !(*c >= 0.0 && c.is_finite())) {
-        None => Ok(()),
-        Some(index) => Err(Error::Value {
-            what: "the cost",
-            index,
-            value: costs[index],
-            expected: "finite and at least 0",
-        }),
-    }
+    let any: List<'_> = ("sigma", sigma, |_| true, "a number");
+    let costs: List<'_> = ("the cost", costs, |c| c >= 0.0 && c.is_finite(), "finite and at least 0");
+    check_lists("the sparsification", [any, costs])
 }
 
 /// Sums of the first 0, 1, 2, ... values.
@@ -225,6 +213,7 @@ fn trapezoid(x: &[f64], y: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Error;
     use proptest::prelude::*;
 
     fn both(costs: &[f64], sigma: &[f64], reduction: Reduction) -> [Sparsification; 2] {
@@ -294,10 +283,8 @@ mod tests {
     fn faults_are_named() {
         assert!(matches!(sparsify(&[1.0], &[], Reduction::Mean), Err(Error::Length { .. })));
         assert!(matches!(sparsify(&[], &[], Reduction::Mean), Err(Error::Empty { .. })));
-        assert!(matches!(
-            sparsify(&[1.0, -1.0], &[1.0, 2.0], Reduction::Mean),
-            Err(Error::Value { index: 1, .. })
-        ));
+        let negative = sparsify(&[1.0, -1.0], &[1.0, 2.0], Reduction::Mean);
+        assert!(matches!(negative, Err(Error::Value { index: 1, .. })));
         assert!(matches!(costs_by_uncertainty(&[1.0], &[1.0], 0), Err(Error::Config { .. })));
     }
 

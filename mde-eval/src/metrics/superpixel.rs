@@ -3,9 +3,8 @@
 use super::depth_range;
 use super::ordinal::{Pixel, ordinal_error};
 use crate::Result;
-use crate::raster::{Superpixels, same_shape};
+use crate::raster::{Map, Mask, Superpixels, same_shape};
 use mde_uncertainty::random::CounterRng;
-use ndarray::ArrayView2;
 use rand::RngExt;
 
 /// Superpixels of the published code.
@@ -39,7 +38,7 @@ impl SuperpixelPairs {
     ///
     /// # Errors
     /// [`Error::Shape`](crate::Error::Shape) where the mask differs.
-    pub fn new(truth: ArrayView2<'_, f32>, mask: ArrayView2<'_, bool>) -> Result<Self> {
+    pub fn new(truth: Map<'_>, mask: Mask<'_>) -> Result<Self> {
         same_shape("the mask", mask.dim(), truth.dim())?;
         let disparity = truth.mapv(|g| if g > 0.0 { g.recip() } else { 0.0 });
         let (low, high) = depth_range(disparity.view(), mask).unwrap_or((0.0, 1.0));
@@ -70,11 +69,7 @@ impl SuperpixelPairs {
     ///
     /// # Errors
     /// As [`ordinal_error`]: both maps need a depth at every centre.
-    pub fn compare(
-        &self,
-        prediction: ArrayView2<'_, f32>,
-        truth: ArrayView2<'_, f32>,
-    ) -> Result<OrderErrors> {
+    pub fn compare(&self, prediction: Map<'_>, truth: Map<'_>) -> Result<OrderErrors> {
         Ok(OrderErrors {
             d3r: ordinal_error(prediction, truth, &self.neighbours, 1.1, 1.01)?,
             ord: ordinal_error(prediction, truth, &self.random, 1.0, 1.03)?,
@@ -100,14 +95,8 @@ mod tests {
         assert_eq!(other.d3r, Some(1.0));
         assert!(other.ord.is_some_and(|o| o > 0.3 && o < 0.7), "{other:?}");
         let flat = Array2::from_elem((60, 80), 3.0);
-        assert_eq!(
-            SuperpixelPairs::new(flat.view(), mask.view())
-                .unwrap()
-                .compare(truth.view(), flat.view())
-                .unwrap()
-                .d3r,
-            None
-        );
+        let of_flat = SuperpixelPairs::new(flat.view(), mask.view()).unwrap();
+        assert_eq!(of_flat.compare(truth.view(), flat.view()).unwrap().d3r, None);
     }
 
     #[test]

@@ -1,11 +1,12 @@
-use ndarray::{Array2, ArrayView1, ArrayView2, ArrayViewMut1};
+use crate::raster::Mask;
+use ndarray::{Array2, ArrayView1, ArrayViewMut1};
 
 /// Euclidean distance in pixels from each pixel to the nearest true one, `[height, width]`, exact; infinite where
 /// nothing is true.
 ///
 /// Felzenszwalb and Huttenlocher, "Distance transforms of sampled functions" (Theory of Computing, 2012): the lower
 /// envelope of parabolas, one dimension after the other, linear in the number of pixels.
-pub(crate) fn distance_to(features: ArrayView2<'_, bool>) -> Array2<f64> {
+pub(crate) fn distance_to(features: Mask<'_>) -> Array2<f64> {
     let mut squared = features.mapv(|set| if set { 0.0 } else { f64::INFINITY });
     let mut envelope = Envelope::default();
     for column in squared.columns_mut() {

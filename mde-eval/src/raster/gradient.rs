@@ -1,4 +1,5 @@
-use ndarray::{Array2, ArrayView2};
+use crate::raster::Map;
+use ndarray::Array2;
 
 /// Sobel gradient magnitude of a map `[height, width]`, un-normalised (gain 8), with the border replicated:
 ///
@@ -6,29 +7,14 @@ use ndarray::{Array2, ArrayView2};
 ///     K = \begin{bmatrix} 1 & 0 & -1 \\\\ 2 & 0 & -2 \\\\ 1 & 0 & -1 \end{bmatrix} \\]
 ///
 /// Divide by 8 for depth per pixel. The operator reads all eight neighbours: read it on an [eroded](super::erode) mask.
-pub(crate) fn sobel(map: ArrayView2<'_, f32>) -> Array2<f32> {
-    let (height, width) = map.dim();
-    sobel_by(map, |y, x| {
-        map[(y.clamp(0, height as isize - 1) as usize, x.clamp(0, width as isize - 1) as usize)]
-    })
-}
-
-/// [`sobel`] with zeros outside the map, as Hu et al. have it: the frame of a positive map becomes an edge.
-pub(crate) fn sobel_zero_padded(map: ArrayView2<'_, f32>) -> Array2<f32> {
-    sobel_by(map, |y, x| {
-        if y < 0 || x < 0 { 0.0 } else { map.get((y as usize, x as usize)).copied().unwrap_or(0.0) }
-    })
-}
-
-fn sobel_by(map: ArrayView2<'_, f32>, outside: impl Fn(isize, isize) -> f32) -> Array2<f32> {
+pub(crate) fn sobel(map: Map<'_>) -> Array2<f32> {
     let (height, width) = map.dim();
     let mut out = Array2::zeros((height, width));
     for y in 0..height {
         for x in 0..width {
-            let inside = y > 0 && x > 0 && y + 1 < height && x + 1 < width;
             let at = |dy: isize, dx: isize| {
-                let (row, column) = (y as isize + dy, x as isize + dx);
-                f64::from(if inside { map[(row as usize, column as usize)] } else { outside(row, column) })
+                let row = (y as isize + dy).clamp(0, height as isize - 1) as usize;
+                f64::from(map[(row, (x as isize + dx).clamp(0, width as isize - 1) as usize)])
             };
             let horizontal = (at(-1, -1) - at(-1, 1)) + 2.0 * (at(0, -1) - at(0, 1)) + (at(1, -1) - at(1, 1));
             let vertical = (at(-1, -1) - at(1, -1)) + 2.0 * (at(-1, 0) - at(1, 0)) + (at(-1, 1) - at(1, 1));
@@ -49,15 +35,6 @@ mod tests {
         assert_eq!(gradient[(2, 3)], 4.0);
         assert_eq!(gradient[(0, 3)], 4.0);
         assert_eq!(gradient[(2, 0)], 2.0);
-    }
-
-    #[test]
-    fn zero_padding_makes_the_frame_an_edge() {
-        let flat = Array2::from_elem((4, 4), 1.0);
-        assert_eq!(sobel(flat.view()), Array2::<f32>::zeros((4, 4)));
-        let padded = sobel_zero_padded(flat.view());
-        assert_eq!(padded[(1, 1)], 0.0);
-        assert_eq!(padded[(1, 0)], 4.0);
     }
 
     #[test]

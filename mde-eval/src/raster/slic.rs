@@ -1,5 +1,6 @@
-use crate::{Error, Result};
-use ndarray::{Array2, ArrayView2};
+use crate::Result;
+use crate::raster::{Map, Mask};
+use ndarray::Array2;
 
 /// Superpixels of a map: the segment of each pixel, and where the segments' centres are.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,19 +21,15 @@ impl Superpixels {
     /// lightness is; `compactness` is \\(m\\). Pixels outside the mask belong to no segment.
     ///
     /// # Errors
-    /// [`Error::Shape`] where the mask differs, [`Error::Config`] for a count of 0 or a compactness that is not positive.
+    /// [`Error::Shape`](crate::Error::Shape) where the mask differs.
     pub(crate) fn slic(
-        map: ArrayView2<'_, f32>,
-        mask: ArrayView2<'_, bool>,
+        map: Map<'_>,
+        mask: Mask<'_>,
         count: usize,
         compactness: f64,
         iterations: usize,
     ) -> Result<Self> {
         super::same_shape("the mask", mask.dim(), map.dim())?;
-        if count == 0 || !(compactness > 0.0 && compactness.is_finite()) {
-            let value = format!("{count} segments, compactness {compactness}");
-            return Err(Error::Config { field: "SLIC's settings", value, remedy: "use positive numbers" });
-        }
         let (height, width) = map.dim();
         let side = ((height * width) as f64 / count as f64).sqrt().max(1.0);
         let (rows, columns) = ((height as f64 / side).ceil() as usize, (width as f64 / side).ceil() as usize);
@@ -125,7 +122,7 @@ impl Around {
 }
 
 /// Mean value, row and column of each segment.
-fn means(map: ArrayView2<'_, f32>, labels: &Array2<Option<u32>>, count: usize) -> Vec<Option<[f32; 3]>> {
+fn means(map: Map<'_>, labels: &Array2<Option<u32>>, count: usize) -> Vec<Option<[f32; 3]>> {
     let mut sums = vec![[0.0_f64; 4]; count];
     for ((y, x), label) in labels.indexed_iter() {
         if let Some(sum) = label.and_then(|label| sums.get_mut(label as usize)) {

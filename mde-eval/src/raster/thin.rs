@@ -1,5 +1,6 @@
 use super::erode;
-use ndarray::{Array2, ArrayView2};
+use crate::raster::Mask;
+use ndarray::Array2;
 
 /// The two parts of a Sobel gradient (gain 8, border replicated) and its magnitude, each `[height, width]`.
 pub(crate) struct Gradient {
@@ -40,7 +41,7 @@ impl Gradient {
     /// the two neighbours that the gradient passes between), 0 elsewhere: non-maximum suppression (Canny, 1986).
     ///
     /// Only within `mask`, eroded, and off the image's border.
-    pub(crate) fn thin(&self, mask: ArrayView2<'_, bool>, low: f64) -> Array2<f64> {
+    pub(crate) fn thin(&self, mask: Mask<'_>, low: f64) -> Array2<f64> {
         let mask = erode(mask);
         let (height, width) = self.magnitude.dim();
         let mut out = Array2::zeros((height, width));

@@ -7,6 +7,10 @@ use mde_uncertainty::random::CounterRng;
 use nalgebra::{Matrix3, Rotation3};
 use rand::RngExt;
 
+/// Lengths along x, y and z, or a colour.
+type Triple = [f64; 3];
+type Turn = Rotation3<f64>;
+
 /// The frame of a piece of furniture: where it stands and how far it is turned about the vertical.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stand {
@@ -30,7 +34,7 @@ impl Stand {
         Self { origin: self.to_room(Vector::new(x, y, z)), yaw: self.yaw }
     }
 
-    fn rotation(&self) -> Rotation3<f64> {
+    fn rotation(&self) -> Turn {
         Rotation3::from_axis_angle(&Vector::z_axis(), self.yaw)
     }
 
@@ -54,52 +58,38 @@ impl Stage {
     }
 
     /// A colour around the given one.
-    pub(super) fn about(&mut self, colour: [f64; 3], spread: f64) -> Colour {
+    pub(super) fn about(&mut self, colour: Triple, spread: f64) -> Colour {
         let [r, g, b] = colour.map(|c| (c + self.between(-spread, spread)).clamp(0.02, 0.98));
         rgb(r, g, b)
     }
 
     /// A box by its centre and full size, in the stand's frame.
-    pub(super) fn block(&mut self, stand: &Stand, centre: [f64; 3], size: [f64; 3], material: Material) {
+    pub(super) fn block(&mut self, stand: &Stand, centre: Triple, size: Triple, material: Material) {
         self.tilted(stand, centre, size, Rotation3::identity(), material);
     }
 
     /// A box turned about its own centre.
-    pub(super) fn tilted(
-        &mut self,
-        stand: &Stand,
-        centre: [f64; 3],
-        size: [f64; 3],
-        turn: Rotation3<f64>,
-        material: Material,
-    ) {
+    pub(super) fn tilted(&mut self, stand: &Stand, at: Triple, size: Triple, turn: Turn, material: Material) {
         let shape = Shape::Block(0.5 * Vector::from(size));
-        self.push(stand, centre, turn, shape, material);
+        self.push(stand, at, turn, shape, material);
     }
 
     pub(super) fn ellipsoid(
         &mut self,
         stand: &Stand,
-        centre: [f64; 3],
-        radii: [f64; 3],
-        turn: Rotation3<f64>,
+        at: Triple,
+        radii: Triple,
+        turn: Turn,
         material: Material,
     ) {
-        self.push(stand, centre, turn, Shape::Ellipsoid(radii.into()), material);
+        self.push(stand, at, turn, Shape::Ellipsoid(radii.into()), material);
     }
 
-    pub(super) fn ball(&mut self, stand: &Stand, centre: [f64; 3], radius: f64, material: Material) {
+    pub(super) fn ball(&mut self, stand: &Stand, centre: Triple, radius: f64, material: Material) {
         self.ellipsoid(stand, centre, [radius; 3], Rotation3::identity(), material);
     }
 
-    pub(super) fn rod(
-        &mut self,
-        stand: &Stand,
-        from: [f64; 3],
-        to: [f64; 3],
-        radius: f64,
-        material: Material,
-    ) {
+    pub(super) fn rod(&mut self, stand: &Stand, from: Triple, to: Triple, radius: f64, material: Material) {
         self.cone(stand, from, to, [radius, radius], material);
     }
 
@@ -107,8 +97,8 @@ impl Stage {
     pub(super) fn cone(
         &mut self,
         stand: &Stand,
-        from: [f64; 3],
-        to: [f64; 3],
+        from: Triple,
+        to: Triple,
         radii: [f64; 2],
         material: Material,
     ) {
@@ -120,21 +110,21 @@ impl Stage {
         self.push(stand, from, turn, shape, material);
     }
 
-    fn push(&mut self, stand: &Stand, at: [f64; 3], turn: Rotation3<f64>, shape: Shape, material: Material) {
+    fn push(&mut self, stand: &Stand, at: Triple, turn: Turn, shape: Shape, material: Material) {
         let to_local: Matrix3<f64> = (stand.rotation() * turn).inverse().into_inner();
         self.bodies.push(Body { shape, origin: stand.to_room(at.into()), to_local, material });
     }
 }
 
 /// A turn about the stand's x axis (leaning back is positive), then about z, in degrees.
-pub(super) fn lean(about_x: f64, about_z: f64) -> Rotation3<f64> {
+pub(super) fn lean(about_x: f64, about_z: f64) -> Turn {
     Rotation3::from_axis_angle(&Vector::z_axis(), about_z.to_radians())
         * Rotation3::from_axis_angle(&Vector::x_axis(), about_x.to_radians())
 }
 
-pub(super) fn wood(light: [f64; 3], dark: [f64; 3], seed: f64) -> Material {
-    let colour = |[r, g, b]: [f64; 3]| rgb(r, g, b);
-    Material::new(Texture::Wood { light: colour(light), dark: colour(dark), seed }).gloss(0.08)
+pub(super) fn wood(light: Triple, dark: Triple, seed: f64) -> Material {
+    let colour = |[r, g, b]: Triple| rgb(r, g, b);
+    Material::new(Texture::Wood([colour(light), colour(dark)], seed)).gloss(0.08)
 }
 
 pub(super) fn oak(seed: f64) -> Material {
@@ -146,7 +136,7 @@ pub(super) fn walnut(seed: f64) -> Material {
 }
 
 pub(super) fn cloth(colour: Colour) -> Material {
-    Material::new(Texture::Cloth { colour, thread: 0.004 })
+    Material::new(Texture::Cloth(colour, 0.004))
 }
 
 pub(super) fn metal(tone: f64) -> Material {

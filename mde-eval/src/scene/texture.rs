@@ -27,71 +27,30 @@ pub(super) enum Texture {
     Plain(Colour),
     /// Slightly uneven paint.
     Plaster(Colour),
-    /// Grain along the longest side.
-    Wood {
-        light: Colour,
-        dark: Colour,
-        seed: f64,
-    },
-    /// Floor boards along y.
-    Planks {
-        light: Colour,
-        dark: Colour,
-        width: f64,
-    },
-    /// Squares of two colours with joints.
-    Tiles {
-        first: Colour,
-        second: Colour,
-        joint: Colour,
-        size: f64,
-    },
-    /// Running bond.
-    Bricks {
-        brick: Colour,
-        joint: Colour,
-    },
-    /// Woven or tufted cloth.
-    Cloth {
-        colour: Colour,
-        thread: f64,
-    },
-    /// Stripes across the first coordinate of a face.
-    Stripes {
-        first: Colour,
-        second: Colour,
-        width: f64,
-    },
-    /// A rug with a border and diamonds.
-    Rug {
-        ground: Colour,
-        figure: Colour,
-        border: Colour,
-    },
-    /// Flecks of two colours.
-    Speckle {
-        ground: Colour,
-        fleck: Colour,
-        size: f64,
-    },
-    /// An abstract picture.
-    Painting {
-        seed: f64,
-    },
-    /// Sky over hills and trees, as seen through a window.
-    Outdoors {
-        seed: f64,
-    },
-    /// A lit screen with windows and lines of text.
-    Screen {
-        seed: f64,
-    },
-    /// A book's spine: two bands and a title.
-    Spine {
-        cloth: Colour,
-        band: Colour,
-        seed: f64,
-    },
+    /// Light and dark grain along the longest side, and a seed.
+    Wood([Colour; 2], f64),
+    /// Light and dark floor boards along y, and their width.
+    Planks([Colour; 2], f64),
+    /// Squares of two colours, their joints, and their size.
+    Tiles([Colour; 3], f64),
+    /// Running bond of bricks, and their joints.
+    Bricks([Colour; 2]),
+    /// Woven or tufted cloth, and the width of its thread.
+    Cloth(Colour, f64),
+    /// Stripes of two colours across the first coordinate of a face, and their width.
+    Stripes([Colour; 2], f64),
+    /// A rug: ground, diamonds, border.
+    Rug([Colour; 3]),
+    /// A ground with flecks, and their size.
+    Speckle([Colour; 2], f64),
+    /// An abstract picture by a seed.
+    Painting(f64),
+    /// Sky over hills and trees, as seen through a window, by a seed.
+    Outdoors(f64),
+    /// A lit screen with windows and lines of text, by a seed.
+    Screen(f64),
+    /// A book's spine: cloth, two bands and a title, by a seed.
+    Spine([Colour; 2], f64),
 }
 
 impl Material {
@@ -129,28 +88,28 @@ impl Texture {
             Self::Plaster(colour) => {
                 colour * (0.93 + 0.1 * fractal(point * 3.0) + 0.04 * value(point * 90.0))
             }
-            Self::Wood { light, dark, seed } => light.lerp(&dark, grain(along_grain(shape, point), seed)),
-            Self::Planks { light, dark, width } => planks(light, dark, width, u, v),
-            Self::Tiles { first, second, joint, size } => tiles(first, second, joint, size, u, v),
-            Self::Bricks { brick, joint } => bricks(brick, joint, u, v),
-            Self::Cloth { colour, thread } => {
+            Self::Wood([light, dark], seed) => light.lerp(&dark, grain(along_grain(shape, point), seed)),
+            Self::Planks([light, dark], width) => planks(light, dark, width, u, v),
+            Self::Tiles([first, second, joint], size) => tiles(first, second, joint, size, u, v),
+            Self::Bricks([brick, joint]) => bricks(brick, joint, u, v),
+            Self::Cloth(colour, thread) => {
                 let weave = 0.5 + 0.25 * ((u / thread).sin() + (v / thread).sin());
                 colour * (0.72 + 0.25 * weave + 0.3 * (fractal(point * 25.0) - 0.4))
             }
-            Self::Stripes { first, second, width } => {
+            Self::Stripes([first, second], width) => {
                 let base = if (u / width).rem_euclid(2.0) < 1.0 { first } else { second };
                 base * (0.94 + 0.1 * fractal(point * 6.0))
             }
-            Self::Rug { ground, figure, border } => rug(shape, ground, figure, border, u, v),
-            Self::Speckle { ground, fleck, size } => {
+            Self::Rug([ground, figure, border]) => rug(shape, ground, figure, border, u, v),
+            Self::Speckle([ground, fleck], size) => {
                 let spots = value(point / size);
                 ground.lerp(&fleck, ((spots - 0.55) * 6.0).clamp(0.0, 1.0))
                     * (0.9 + 0.2 * fractal(point * 4.0))
             }
-            Self::Painting { seed } => painting(point, seed),
-            Self::Outdoors { seed } => outdoors(u, v, seed),
-            Self::Screen { seed } => screen(u, v, seed),
-            Self::Spine { cloth, band, seed } => spine(shape, cloth, band, seed, point),
+            Self::Painting(seed) => painting(point, seed),
+            Self::Outdoors(seed) => outdoors(u, v, seed),
+            Self::Screen(seed) => screen(u, v, seed),
+            Self::Spine([cloth, band], seed) => spine(shape, cloth, band, seed, point),
         }
     }
 }

@@ -1,6 +1,7 @@
 use super::World;
 use super::solid::Ray;
 use crate::capture::{Capture, CapturedView, POSE_NOISES, direction, disturbed};
+use crate::error::check;
 use crate::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use crate::{Error, Result};
 use mde_mvs::exposure::Exposure;
@@ -59,21 +60,15 @@ impl CaptureConfig {
     /// # Errors
     /// [`Error::Config`] for the first field at fault.
     pub fn validate(&self) -> Result<()> {
+        let baseline = self.baseline > 0.0 && self.baseline <= 1.0;
         let checks = [
             ("views", self.views as f64, (2..=32).contains(&self.views), "use 2 to 32 photographs"),
-            (
-                "baseline",
-                self.baseline,
-                self.baseline > 0.0 && self.baseline <= 1.0,
-                "use a number in (0, 1]",
-            ),
+            ("baseline", self.baseline, baseline, "use a number in (0, 1]"),
             ("pose-noise", self.pose_noise, POSE_NOISES.contains(&self.pose_noise), "use 0 to 10 degrees"),
             ("gain", self.gain, (0.0..=0.9).contains(&self.gain), "use 0 to 0.9"),
         ];
-        match checks.into_iter().find(|check| !check.2) {
-            None => self.prior.validate(),
-            Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
-        }
+        check(checks)?;
+        self.prior.validate()
     }
 }
 
@@ -125,9 +120,8 @@ impl World {
                 true_exposure: Some(Exposure { gain: [gain; 3], bias: [0.0; 3] }),
             });
         }
-        let (id, place) = (id.to_owned(), id.to_owned());
-        let trusted_depth = f64::INFINITY;
-        Ok(Capture { id, place, licence: None, reference: 0, views, truth: reference.depth, trusted_depth })
+        let (id, trusted_depth) = (id.to_owned(), f64::INFINITY);
+        Ok(Capture { id, reference: 0, views, truth: reference.depth, trusted_depth })
     }
 
     /// Poses of the further photographs, world to camera.

@@ -2,9 +2,10 @@ use super::truth::Truth;
 use super::{Aligned, ScoreConfig, Scores, Subject, own_alignment, score_with};
 use crate::Result;
 use crate::align::Alignment;
-use ndarray::{ArrayView2, Zip};
+use crate::raster::{Map, Mask};
+use ndarray::Zip;
 
-/// A truth made ready for many predictions: its edges, distances to them, superpixels and pairs are computed once.
+/// A truth made ready for many predictions: its edges, distances to them and superpixels are computed once.
 ///
 /// What depends on the truth depends on the pixels that count, too. A prediction that misses some of them, or that comes with
 /// another truth or mask, is scored all the same, as slowly as by [`score`](super::score). Either way the scores are those of
@@ -34,15 +35,11 @@ impl Prepared {
     ///
     /// # Errors
     /// As [`score`](super::score) of the truth itself.
-    pub fn new(
-        truth: ArrayView2<'_, f32>,
-        mask: Option<ArrayView2<'_, bool>>,
-        config: &ScoreConfig,
-    ) -> Result<Self> {
+    pub fn new(truth: Map<'_>, mask: Option<Mask<'_>>, config: &ScoreConfig) -> Result<Self> {
         config.validate()?;
         let pixels = Subject { prediction: truth, sigma: None, truth, mask }.pixels(config)?;
         let depth = Zip::from(truth).and(&pixels).map_collect(|&g, &keep| if keep { g } else { 0.0 });
-        Ok(Self { truth: Truth::new(depth, pixels, config)?, config: config.clone() })
+        Ok(Self { truth: Truth::new(depth, pixels)?, config: config.clone() })
     }
 
     /// Which pixels count and how they are scored.

@@ -1,5 +1,6 @@
-use super::{close, waves};
+use super::{WAVELENGTH, close, is_wavelength, waves};
 use crate::capture::Capture;
+use crate::error::check;
 use crate::scene::World;
 use crate::{Error, Result};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
@@ -60,25 +61,17 @@ impl SimulatedModelConfig {
             ("lost-width", self.lost_width, (0.0..=0.25).contains(&self.lost_width), "use 0 to 0.25"),
             ("shared-error", self.shared_error, error(self.shared_error), "use 0 to 1"),
             ("own-error", self.own_error, error(self.own_error), "use 0 to 1"),
-            (
-                "wavelength",
-                self.wavelength,
-                self.wavelength >= 0.01 && self.wavelength.is_finite(),
-                "use a finite number from 0.01",
-            ),
+            ("wavelength", self.wavelength, is_wavelength(self.wavelength), WAVELENGTH),
         ];
-        match checks.into_iter().find(|check| !check.2) {
-            None => Ok(()),
-            Some((field, value, _, remedy)) => Err(Error::Config { field, value: value.to_string(), remedy }),
-        }
+        check(checks)
     }
 }
 
-/// A model of one photograph whose true depth is known, for its crops and mirror images.
+/// A model of photographs whose true depths are known, for their crops and mirror images.
 ///
-/// It finds the crop in the photograph and predicts the true depth as a network of [`side`](SimulatedModelConfig::side) pixels
+/// It finds the crop in a photograph and predicts the true depth as a network of [`side`](SimulatedModelConfig::side) pixels
 /// would see it: the harmonic mean over each cell, linear between cells, thin things lost, bent by waves of its own and by waves
-/// that all predictions share. Which of these faults remain shows what test-time augmentation can remove.
+/// that all predictions of the photograph share. Which of these faults remain shows what test-time augmentation can remove.
 ///
 /// ```
 /// use mde_eval::ndarray::s;
@@ -93,7 +86,11 @@ impl SimulatedModelConfig {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
-pub struct SimulatedModel {
+pub struct SimulatedModel(Vec<Known>);
+
+/// A photograph and its disparity with the faults that all predictions share.
+#[derive(Debug, Clone, PartialEq)]
+struct Known {
     image: Array3<f32>,
     disparity: Array2<f64>,
     config: SimulatedModelConfig,
@@ -105,6 +102,27 @@ impl SimulatedModel {
     /// # Errors
     /// [`Error::Config`]; [`Error::Shape`] for maps of two sizes; [`Error::Value`] for a depth that is missing.
     pub fn new(image: &Array3<f32>, depth: &Array2<f32>, config: SimulatedModelConfig) -> Result<Self> {
+        Ok(Self(vec![Known::new(image, depth, config)?]))
+    }
+
+    /// A model of the photographs of a capture of this room. They share the faults but not the errors, as predictions of one
+    /// network do: each has a seed of its own derived from that of `config`.
+    ///
+    /// # Errors
+    /// As [`SimulatedModel::new`].
+    pub fn of_capture(world: &World, capture: &Capture, config: &SimulatedModelConfig) -> Result<Self> {
+        let models = capture.views.iter().zip(0..).map(|(known, index)| {
+            let pose = known.true_pose.unwrap_or(known.view.pose);
+            let depth = world.depth(&known.view.camera, &pose);
+            let seed = derived_seed(config.seed, "simulated-models", index);
+            Known::new(&known.view.image, &depth, SimulatedModelConfig { seed, ..config.clone() })
+        });
+        Ok(Self(models.collect::<Result<_>>()?))
+    }
+}
+
+impl Known {
+    fn new(image: &Array3<f32>, depth: &Array2<f32>, config: SimulatedModelConfig) -> Result<Self> {
         config.validate()?;
         let (height, width, _) = image.dim();
         if depth.dim() != (height, width) {
@@ -166,76 +184,26 @@ impl SimulatedModel {
 
 impl DepthPrior for SimulatedModel {
     /// # Errors
-    /// [`mde_prior::Error::Input`] for an image that is neither a part of the photograph nor the mirror image of one.
+    /// [`mde_prior::Error::Input`] for an image that is neither a part of a photograph nor the mirror image of one.
     fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-        let Some((y, x, mirrored)) = self.find(image) else {
+        // One that has the image whole, then one that has it as a crop.
+        let whole =
+            self.0.iter().find(|known| known.image.view() == image).map(|known| (known, (0, 0, false)));
+        let crop = || self.0.iter().find_map(|known| Some((known, known.find(image)?)));
+        let Some((known, (y, x, mirrored))) = whole.or_else(crop) else {
             return Err(mde_prior::Error::Input(
-                "the simulated model has one photograph; give its crops and their mirror images".to_owned(),
+                "the simulated model has not seen the photograph; give its own, crops and mirror images of them".to_owned(),
             ));
         };
         let (height, width, _) = image.dim();
         let place = [y, x, height, width, usize::from(mirrored)];
         let call =
             place.iter().fold(0, |hash: u64, &part| hash.wrapping_mul(0x1_0001).wrapping_add(part as u64));
-        let mut seen = self.seen(self.disparity.slice(s![y..y + height, x..x + width]), call);
+        let mut seen = known.seen(known.disparity.slice(s![y..y + height, x..x + width]), call);
         if mirrored {
             seen.invert_axis(ndarray::Axis(1));
         }
         PriorDepth::from_values(seen.mapv(|d| d.recip() as f32), DepthKind::Metric)
-    }
-
-    fn accepts_new_images(&self) -> bool {
-        true
-    }
-}
-
-/// One [`SimulatedModel`] per photograph of a capture: it predicts each of them, their crops and mirror images.
-///
-/// Photographs of one scene share the faults but not the errors, as predictions of one network do.
-///
-/// ```
-/// use mde_eval::scene::{CaptureConfig, Room, World};
-/// use mde_eval::simulated::{SimulatedModelConfig, SimulatedModels};
-/// use mde_prior::DepthPrior;
-///
-/// let world = World::new(Room::Study, 0)?;
-/// let capture = world.capture("study", &CaptureConfig { views: 2, ..CaptureConfig::default() }, 64, 48)?;
-/// let models = SimulatedModels::new(&world, &capture, &SimulatedModelConfig::default())?;
-/// for photograph in &capture.views {
-///     assert_eq!(models.predict(photograph.view.image.view())?.map.dim(), (48, 64));
-/// }
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
-#[derive(Debug, Clone, PartialEq)]
-pub struct SimulatedModels(Vec<SimulatedModel>);
-
-impl SimulatedModels {
-    /// Models of the photographs of a capture of this room, each with a seed of its own derived from that of `config`.
-    ///
-    /// # Errors
-    /// As [`SimulatedModel::new`].
-    pub fn new(world: &World, capture: &Capture, config: &SimulatedModelConfig) -> Result<Self> {
-        let models = capture.views.iter().zip(0..).map(|(known, index)| {
-            let pose = known.true_pose.unwrap_or(known.view.pose);
-            let depth = world.depth(&known.view.camera, &pose);
-            let seed = derived_seed(config.seed, "simulated-models", index);
-            SimulatedModel::new(&known.view.image, &depth, SimulatedModelConfig { seed, ..config.clone() })
-        });
-        Ok(Self(models.collect::<Result<_>>()?))
-    }
-}
-
-impl DepthPrior for SimulatedModels {
-    /// # Errors
-    /// As [`SimulatedModel`], for an image that is a part of no photograph.
-    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-        // One that has the image whole, then one that has it as a crop.
-        let whole = self.0.iter().find(|model| model.image.view() == image);
-        let model = whole.or_else(|| self.0.iter().find(|model| model.find(image).is_some()));
-        match model.or(self.0.first()) {
-            Some(model) => model.predict(image),
-            None => Err(mde_prior::Error::Input("the simulated model has no photograph".to_owned())),
-        }
     }
 
     fn accepts_new_images(&self) -> bool {
@@ -272,7 +240,7 @@ fn grown(small: ArrayView2<'_, f64>, (height, width): (usize, usize)) -> Array2<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Room, room};
+    use crate::scene::{CaptureConfig, Room, room};
 
     fn model(config: SimulatedModelConfig) -> (SimulatedModel, Array3<f32>, Array2<f32>) {
         let scene = room(Room::Study, 1, 80, 60).unwrap();
@@ -326,6 +294,22 @@ mod tests {
         assert!((size - 0.05).abs() < 0.01 && apart < 1e-5, "{size} {apart}");
         let [size, apart] = faults(0.0, 0.05);
         assert!((size - 0.05).abs() < 0.01 && apart > 0.03, "{size} {apart}");
+    }
+
+    #[test]
+    fn of_a_capture_it_knows_every_photograph() {
+        let world = World::new(Room::Study, 0).unwrap();
+        let config = CaptureConfig { views: 2, ..CaptureConfig::default() };
+        let capture = world.capture("study", &config, 64, 48).unwrap();
+        let models =
+            SimulatedModel::of_capture(&world, &capture, &SimulatedModelConfig::small(4096)).unwrap();
+        for photograph in &capture.views {
+            let image = &photograph.view.image;
+            let depth = world.depth(&photograph.view.camera, &photograph.view.pose);
+            assert!(error(&models.predict(image.view()).unwrap(), depth.view()) < 1e-6);
+            let crop = models.predict(image.slice(s![8..40, 12..50, ..])).unwrap();
+            assert!(error(&crop, depth.slice(s![8..40, 12..50])) < 1e-6);
+        }
     }
 
     #[test]

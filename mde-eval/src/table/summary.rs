@@ -1,5 +1,5 @@
-use super::{Entry, METRICS, Metric};
-use crate::metrics::bsds::{BoundaryCounts, ods};
+use super::Entry;
+use crate::score::{METRICS, Metric};
 use crate::statistics::{Bootstrap, Estimate};
 use crate::{Error, Result};
 use mde_uncertainty::statistics::{average_ranks, median};
@@ -30,8 +30,6 @@ pub struct MethodSummary {
     pub method: String,
     /// By the metric's key; metrics that no scene has are left out.
     pub metrics: BTreeMap<String, Statistics>,
-    /// [F1 of the thinned edges](ods) pooled over scenes, by the truth's threshold in metres.
-    pub ods: BTreeMap<String, f64>,
 }
 
 /// One metric of one method over scenes.
@@ -69,33 +67,23 @@ impl Summary {
         if entries.is_empty() {
             return Err(Error::Empty { what: "a summary" });
         }
-        let mut names: Vec<&str> = Vec::new();
+        let mut methods: Vec<MethodSummary> = Vec::new();
         let mut seen = BTreeSet::new();
         let mut places: BTreeMap<&str, &str> = BTreeMap::new();
         for entry in entries {
-            if !names.contains(&entry.method.as_str()) {
-                names.push(&entry.method);
+            if methods.iter().all(|known| known.method != entry.method) {
+                methods.push(MethodSummary { method: entry.method.clone(), metrics: BTreeMap::new() });
             }
             if *places.entry(&entry.scene).or_insert(entry.place()) != entry.place() {
                 let value = format!("{} for {}", entry.place(), entry.scene);
                 return Err(Error::Config { field: "place", value, remedy: "give each scene one place" });
             }
             if !seen.insert((&entry.method, &entry.scene, entry.seed)) {
-                let value = format!("{} on {}", entry.method, entry.scene);
-                return Err(Error::Config {
-                    field: "an entry",
-                    value: value + ", twice",
-                    remedy: "give each scene, method and seed once",
-                });
+                let value = format!("{} on {}, twice", entry.method, entry.scene);
+                let remedy = "give each scene, method and seed once";
+                return Err(Error::Config { field: "an entry", value, remedy });
             }
         }
-        let mut methods: Vec<MethodSummary> = names
-            .iter()
-            .map(|name| {
-                let ods = pooled(entries.iter().filter(|entry| entry.method == *name))?;
-                Ok(MethodSummary { method: (*name).to_owned(), metrics: BTreeMap::new(), ods })
-            })
-            .collect::<Result<_>>()?;
         for metric in METRICS {
             let values = Values::of(metric, entries, &places);
             let ranks = values.ranks(metric);
@@ -120,22 +108,6 @@ impl Summary {
     }
 }
 
-fn pooled<'e>(entries: impl Iterator<Item = &'e Entry>) -> Result<BTreeMap<String, f64>> {
-    let mut counts: BTreeMap<String, Vec<&BoundaryCounts>> = BTreeMap::new();
-    for boundaries in entries.filter_map(|entry| entry.depth.as_ref()).flat_map(|depth| &depth.boundaries) {
-        if let Some(of_scene) = &boundaries.counts {
-            counts.entry(boundaries.threshold.to_string()).or_default().push(of_scene);
-        }
-    }
-    let mut pooled = BTreeMap::new();
-    for (threshold, counts) in counts {
-        if let Some(best) = ods(counts)? {
-            pooled.insert(threshold, best);
-        }
-    }
-    Ok(pooled)
-}
-
 /// One metric by method and scene.
 struct Values<'e> {
     by_method: BTreeMap<&'e str, BTreeMap<&'e str, f64>>,
@@ -147,7 +119,7 @@ impl<'e> Values<'e> {
     fn of(metric: &Metric, entries: &'e [Entry], places: &BTreeMap<&'e str, &'e str>) -> Self {
         let mut sums: BTreeMap<&str, BTreeMap<&str, (f64, f64)>> = BTreeMap::new();
         for entry in entries {
-            if let Some(value) = metric.value(entry) {
+            if let Some(value) = entry.values.get(metric.key) {
                 let sum = sums.entry(&entry.method).or_default().entry(&entry.scene).or_default();
                 *sum = (sum.0 + value, sum.1 + 1.0);
             }

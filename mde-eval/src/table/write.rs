@@ -1,5 +1,6 @@
-use super::document::{Block, Cell, Column, Document, Table};
-use super::{Better, Entry, Group, METRICS, MethodSummary, Metric, Statistics, Summary};
+use super::document::{Block, Document, Table};
+use super::{Entry, Statistics, Summary};
+use crate::score::{Better, Group, METRICS, Metric};
 use crate::statistics::Estimate;
 use crate::{Error, Result};
 use std::io::Write;
@@ -20,7 +21,8 @@ pub fn csv(entries: &[Entry], to: impl Write) -> Result<()> {
         )
         .map_err(fault)?;
     for entry in entries {
-        let values = METRICS.iter().map(|m| m.value(entry).map_or_else(String::new, |v| v.to_string()));
+        let value = |metric: &Metric| entry.values.get(metric.key).map_or_else(String::new, f64::to_string);
+        let values = METRICS.iter().map(value);
         let Entry { scene, method, seed, alignment, .. } = entry;
         let place = entry.place().to_owned();
         let names = [inert(scene), inert(&place), inert(method), seed.to_string(), alignment.clone()];
@@ -55,16 +57,19 @@ pub fn document(summary: &Summary) -> Document {
             continue;
         }
         blocks.push(Block::Heading(2, group.title().to_owned()));
-        blocks.push(Block::Text(format!("Mean over scenes{}.", rank_note(group))));
+        let rank =
+            if matches!(group, Group::Gradient | Group::Cost) { "" } else { " (mean rank, 1 is best)" };
+        blocks.push(Block::Text(format!("Mean over scenes{rank}.")));
         blocks.push(table(summary, &metrics, |metric, statistics| {
             let rank = statistics.rank.map_or_else(String::new, |rank| format!(" ({rank:.1})"));
-            Cell::new(number(statistics.mean, metric) + &rank)
+            let mean = statistics.mean;
+            format!("{mean:.*}{rank}", decimals(mean.abs(), metric))
         }));
-        if group == Group::Edges {
-            blocks.extend(pooled(summary));
-        }
         let Some(reference) = &summary.reference else { continue };
-        if group == Group::Cost || !compared(summary, &metrics) {
+        let of = |m: &&Metric| {
+            summary.methods.iter().filter_map(|s| s.metrics.get(m.key)).any(|s| s.difference.is_some())
+        };
+        if group == Group::Cost || !metrics.iter().any(of) {
             continue;
         }
         let level = 100.0 * summary.bootstrap.level;
@@ -74,71 +79,40 @@ pub fn document(summary: &Summary) -> Document {
              and there are {ENOUGH} {sample} or more."
         )));
         blocks.push(table(summary, &metrics, |metric, s| {
-            s.difference.map_or_else(dash, |d| interval(&d, metric, s.places >= ENOUGH))
+            s.difference.map_or_else(|| DASH.to_owned(), |d| interval(&d, metric, s.places >= ENOUGH))
         }));
     }
     Document { blocks }
 }
 
-/// F1 of the thinned edges at the threshold that is best for all scenes together.
-fn pooled(summary: &Summary) -> Vec<Block> {
-    let methods: Vec<_> = summary.methods.iter().filter(|method| !method.ods.is_empty()).collect();
-    let Some(first) = methods.first() else { return Vec::new() };
-    let heads =
-        first.ods.keys().map(|threshold| Column::number(format!("thinned F1 (ODS), {threshold} m ↑")));
-    let columns = std::iter::once(Column::text("method")).chain(heads).collect();
-    let row = |method: &&MethodSummary| {
-        let cells = first.ods.keys().map(|threshold| match method.ods.get(threshold) {
-            Some(ods) => Cell::new(format!("{ods:.3}")),
-            None => dash(),
-        });
-        std::iter::once(Cell::new(&method.method)).chain(cells).collect()
-    };
-    let rows = methods.iter().map(row).collect();
-    vec![Block::Text("Pooled over scenes.".to_owned()), Block::Table(Table { columns, rows })]
-}
-
-fn rank_note(group: Group) -> &'static str {
-    match group {
-        Group::Gradient | Group::Cost => "",
-        _ => " (mean rank, 1 is best)",
-    }
-}
-
-fn compared(summary: &Summary, metrics: &[&Metric]) -> bool {
-    let statistics =
-        summary.methods.iter().flat_map(|method| metrics.iter().map(|m| method.metrics.get(m.key)));
-    statistics.flatten().any(|s| s.difference.is_some())
-}
-
 /// Methods down, metrics across; methods without any of them are left out.
-fn table(summary: &Summary, metrics: &[&Metric], cell: impl Fn(&Metric, &Statistics) -> Cell) -> Block {
+fn table(summary: &Summary, metrics: &[&Metric], cell: impl Fn(&Metric, &Statistics) -> String) -> Block {
     let arrow = |metric: &Metric| match metric.better {
         Better::Lower => " ↓".to_owned(),
         Better::Higher => " ↑".to_owned(),
         Better::Near(target) => format!(" → {target}"),
         Better::Neither => String::new(),
     };
-    let heads = metrics.iter().map(|m| Column::number(format!("{}{}", m.label, arrow(m))));
-    let columns = std::iter::once(Column::text("method")).chain(heads).collect();
+    let heads = metrics.iter().map(|m| format!("{}{}", m.label, arrow(m)));
+    let heads = std::iter::once("method".to_owned()).chain(heads);
     let mut rows = Vec::new();
     for method in &summary.methods {
-        let cells = || metrics.iter().map(|m| method.metrics.get(m.key).map_or_else(dash, |s| cell(m, s)));
-        if cells().any(|cell| cell != dash()) {
-            rows.push(std::iter::once(Cell::new(&method.method)).chain(cells()).collect());
+        let found = |m: &&Metric| method.metrics.get(m.key).map_or_else(|| DASH.to_owned(), |s| cell(m, s));
+        let cells: Vec<String> = metrics.iter().map(found).collect();
+        if cells.iter().any(|cell| cell != DASH) {
+            rows.push(std::iter::once(method.method.clone()).chain(cells).collect());
         }
     }
-    Block::Table(Table { columns, rows })
+    Block::Table(Table::new(1, heads, rows))
 }
 
-fn dash() -> Cell {
-    Cell::new("–")
-}
+/// No value.
+const DASH: &str = "–";
 
 /// Places from which on an interval is more than the range of a few numbers.
 const ENOUGH: usize = 6;
 
-fn interval(estimate: &Estimate, metric: &Metric, enough: bool) -> Cell {
+fn interval(estimate: &Estimate, metric: &Metric, enough: bool) -> String {
     let Estimate { value, low, high } = *estimate;
     // All three to the digits of the largest: they are read together.
     let digits = decimals(value.abs().max(low.abs()).max(high.abs()), metric);
@@ -147,17 +121,8 @@ fn interval(estimate: &Estimate, metric: &Metric, enough: bool) -> Cell {
         // A sign that no digit bears out.
         if text.chars().any(|c| ('1'..='9').contains(&c)) { text } else { format!("{:.digits$}", 0.0) }
     });
-    let rest = format!(" [{low}, {high}]");
-    if enough && estimate.excludes(0.0) {
-        Cell { strong: value, text: rest }
-    } else {
-        Cell::new(value + &rest)
-    }
-}
-
-fn number(value: f64, metric: &Metric) -> String {
-    let digits = decimals(value.abs(), metric);
-    format!("{value:.digits$}")
+    let strong = if enough && estimate.excludes(0.0) { "**" } else { "" };
+    format!("{strong}{value}{strong} [{low}, {high}]")
 }
 
 /// Decimals for three significant digits, four at most.
@@ -178,32 +143,22 @@ mod tests {
     use crate::statistics::Bootstrap;
 
     #[test]
-    fn the_file_has_every_metric_of_every_entry() {
-        let entries = entries();
+    fn the_file_has_every_metric_of_every_entry_and_no_name_is_a_formula() {
+        let mut entries = entries();
+        let names = ["=cmd|' /C calc'!A0", "+1", "-1", "@a", "'=1", "study"];
+        entries.iter_mut().zip(names).for_each(|(entry, name)| entry.scene = name.to_owned());
         let mut bytes = Vec::new();
         csv(&entries, &mut bytes).unwrap();
         let mut reader = ::csv::Reader::from_reader(bytes.as_slice());
         let header = reader.headers().unwrap().clone();
         assert_eq!(header.len(), METRICS.len() + 5);
         let column = header.iter().position(|name| name == "mse").unwrap();
-        for (row, entry) in reader.records().map(|row| row.unwrap()).zip(&entries) {
-            assert_eq!((&row[0], &row[2]), (entry.scene.as_str(), entry.method.as_str()));
-            assert_eq!(row[column].parse::<f64>().unwrap(), entry.depth.as_ref().unwrap().mse);
-        }
-    }
-
-    #[test]
-    fn a_name_is_no_formula() {
-        let mut entries = entries();
-        entries.truncate(1);
-        for name in ["=cmd|' /C calc'!A0", "+1", "-1", "@a", "'=1", "study"] {
-            entries[0].scene = name.to_owned();
-            let mut bytes = Vec::new();
-            csv(&entries, &mut bytes).unwrap();
-            let mut reader = ::csv::Reader::from_reader(bytes.as_slice());
-            let row = reader.records().next().unwrap().unwrap();
+        let rows: Vec<_> = reader.records().map(|row| row.unwrap()).collect();
+        assert_eq!(rows.len(), names.len());
+        for (row, entry) in rows.iter().zip(&entries) {
             assert!(!row[0].starts_with(['=', '+', '-', '@']), "{}", &row[0]);
-            assert_eq!(original_name(&row[0]), name);
+            assert_eq!((original_name(&row[0]), &row[2]), (entry.scene.as_str(), entry.method.as_str()));
+            assert_eq!(row[column].parse::<f64>().unwrap(), entry.values["mse"]);
         }
     }
 
@@ -219,7 +174,7 @@ mod tests {
         assert!(tables.len() > 8, "{}", tables.len());
         for table in &tables {
             assert!(!table.rows.is_empty());
-            assert!(table.rows.iter().all(|row| row.len() == table.columns.len()), "{table:?}");
+            assert!(table.rows.iter().all(|row| row.len() == table.heads.len()), "{table:?}");
         }
         let text = document.markdown();
         assert!(text.contains("## Depth") && text.contains("Difference to prior") && !text.contains("NaN"));

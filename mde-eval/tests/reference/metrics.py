@@ -7,7 +7,7 @@ Run: python metrics.py (in this folder)
 import json
 
 import numpy as np
-from scipy import integrate, ndimage, sparse, stats
+from scipy import integrate, ndimage, stats
 from skimage.feature import canny
 from sklearn import metrics as sk
 
@@ -63,13 +63,13 @@ filled = np.where(mask, truth, 0.0)
 predicted = np.where(mask, aligned, 0.0)
 
 
-def gradient(m, mode):
-    return np.hypot(ndimage.sobel(m, 0, mode=mode), ndimage.sobel(m, 1, mode=mode))
+def gradient(m):
+    return np.hypot(*(ndimage.sobel(m, axis, mode="nearest") for axis in (0, 1)))
 
 
 inside = ndimage.binary_erosion(mask, np.ones((3, 3)), border_value=1)
-gp = np.where(inside, gradient(predicted, "nearest"), 0)
-gg = np.where(inside, gradient(filled, "nearest"), 0)
+gp = np.where(inside, gradient(predicted), 0)
+gg = np.where(inside, gradient(filled), 0)
 
 
 def distance(edges):
@@ -92,9 +92,6 @@ for threshold in (0.25, 0.5, 1.0):
         fixed = [float(v) for v in f1(gp > threshold, eg, r)]
         best = float(max(q[2] for q in sweep))
         out["edges"].append({"threshold": threshold, "tolerance": r, "fixed": fixed, "max": best, "area": area})
-hu = [gradient(m, "constant") > 0.25 for m in (predicted, filled)]
-out["hu"] = sk.f1_score(hu[1].ravel(), hu[0].ravel())
-
 slope = gp[inside] / 8 / np.median(p)
 near = (distance(gg > 0.5) <= 3)[inside]
 out["sharpness"] = [float(slope.mean()), float(slope[near].mean()), float(slope[~near].mean())]
@@ -139,80 +136,6 @@ dg, dp = distance(eg), distance(ep)
 near_enough = dg[ep] < 10
 out["dbe"] = [dg[ep][near_enough].mean(), (np.minimum(dg[ep], 10).sum() + np.minimum(dp[eg], 10).sum()) / (ep.sum() + eg.sum())]
 
-
-# Thinned edges: no smaller than the gradient interpolated on either side; then the largest one-to-one matching.
-def thin(m):
-    down, right = (ndimage.sobel(m, axis, mode="nearest") for axis in (0, 1))
-    size = np.hypot(down, right)
-    keep = np.zeros(m.shape, bool)
-    for v in range(1, H - 1):
-        for u in range(1, W - 1):
-            if not inside[v, u] or size[v, u] == 0:
-                continue
-            # Where the gradient's direction leaves the 3 x 3 square, between a straight and a diagonal neighbour.
-            step = np.array([down[v, u], right[v, u]]) / max(abs(down[v, u]), abs(right[v, u]))
-            sides = [ndimage.map_coordinates(size, [[v + t * step[0]], [u + t * step[1]]], order=1)[0] for t in (1, -1)]
-            keep[v, u] = max(sides) <= size[v, u] * (1 + 1e-12)
-    return np.where(keep, size, 0)
-
-
-tp, tg = thin(predicted), thin(filled)
-
-def matched(selected, edges):
-    a, b = np.argwhere(selected), np.argwhere(edges)
-    if not len(a) or not len(b):
-        return 0
-    close = ((a[:, None] - b[None]) ** 2).sum(2) <= (0.0075 * np.hypot(H, W)) ** 2
-    return int((sparse.csgraph.maximum_bipartite_matching(sparse.csr_matrix(close), perm_type="column") >= 0).sum())
-
-
-out["matched"] = []
-for threshold in (0.25, 0.5):
-    real = tg >= threshold
-    sweep = [(matched(tp >= t, real), int((tp >= t).sum())) for t in np.unique(tp[tp > 0])[::-1]]
-    scores = [2 * n / (k + real.sum()) for n, k in sweep]
-    recalls = np.array([0] + [n / real.sum() for n, _ in sweep])
-    area = float(np.sum(np.diff(recalls) * [n / k for n, k in sweep]))
-    # At fixed thresholds, a factor 2^(1/4) apart, to be pooled over images.
-    predicted_at, matched_at = zip(*[(int((tp >= t).sum()), matched(tp >= t, real)) for t in 0.02 * 2.0 ** (np.arange(33) / 4)])
-    counts = {"predicted": predicted_at, "matched": matched_at}
-    out["matched"].append({"truth": int(real.sum()), "best": float(max(scores)), "area": area, **counts})
-
-
-# Both as two images of one data set.
-truths, hits, found = (np.array([c[k] for c in out["matched"]]) for k in ("truth", "matched", "predicted"))
-f1s = 2 * hits / (found + truths[:, None])
-own = f1s.argmax(1)
-recalls = np.append(hits.sum(0) / truths.sum(), 0)
-out["pooled"] = [
-    float((2 * hits.sum(0) / (found.sum(0) + truths.sum())).max()),
-    float(2 * hits[[0, 1], own].sum() / (found[[0, 1], own].sum() + truths.sum())),
-    float(np.sum((recalls[:-1] - recalls[1:]) * hits.sum(0) / np.maximum(found.sum(0), 1))),
-]
-
-
-# MoGe: windows about the pixels that are far enough from the border.
-def occlusion_f1(r):
-    win = lambda m: np.lib.stride_tricks.sliding_window_view(m, (2 * r + 1, 2 * r + 1))
-    dy, dx = np.mgrid[-r : r + 1, -r : r + 1]
-    both = win(mask) & mask[r:-r, r:-r, None, None] & (dy**2 + dx**2 <= r**2)
-    rel = lambda m: win(m) / np.where(mask, m, 1)[r:-r, r:-r, None, None]
-    rp, rg = rel(predicted), rel(filled)
-    total, ts = 0.0, np.linspace(0.05, 0.25, 10)
-    for t in ts:
-        bp, bg = (rp > 1 + t) & both, (rg > 1 + t) & both
-        hits = (bp & bg).sum()
-        total += t * 2 * hits / max(bp.sum() + bg.sum(), 1)
-    return float(total / ts.sum())
-
-
-out["occlusion-f1"] = [occlusion_f1(r) for r in (1, 2, 3)]
-
-shifts = [(v, u) for v in (-1, 0, 1) for u in (-1, 0, 1)]
-padded = np.pad(np.where(mask, truth, np.nan), 1, constant_values=np.nan)
-errors = [np.abs(padded[1 + v : 1 + v + H, 1 + u : 1 + u + W] - aligned) for v, u in shifts]
-band = mask & (distance(gg > 0.5) <= 10)
-out["see"] = float(np.nanmin(np.array(errors)[:, band], axis=0).mean())
 
 flat = np.flatnonzero(mask.ravel())
 pairs = rng.choice(flat, (60, 2))

@@ -1,9 +1,9 @@
 //! Theorems of Eq. 16-17.
+use super::common::gaussian;
 use crate::posterior::nerf_weight;
-use crate::proptest::gaussian;
 use crate::{Gaussian, posterior, precision_weighted};
-use ::proptest::prelude::*;
 use approx::assert_relative_eq;
+use proptest::prelude::*;
 
 fn assert_close(a: Gaussian, b: Gaussian, max_relative: f64) {
     assert_relative_eq!(a.mean, b.mean, max_relative = max_relative);

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Point2, Point3};
 
-use super::tum::{lines, number};
+use super::tum::{lines, number, numbers};
 use super::{
-    Capture, Distortion, Error, Frame, Lens, MAX_FRAMES, Result, SparsePoint, check_photograph, content,
+    Distortion, Error, Frame, Lens, MAX_FRAMES, PosedCapture, Result, SparsePoint, check_photograph, content,
     quaternion, read_bytes, read_text, translation,
 };
 
@@ -31,7 +31,7 @@ pub fn read_colmap(
     model: &Path,
     photographs: &Path,
     size: &dyn Fn(&Path) -> Option<[usize; 2]>,
-) -> Result<Capture> {
+) -> Result<PosedCapture> {
     let (images, raw) = Raw::read(model)?;
     raw.capture(&images, photographs, size)
 }
@@ -65,15 +65,10 @@ pub fn read_colmap_depths(model: &Path, photograph: &str) -> Result<SparseDepths
     let depths = raw.points.iter().filter(|(.., track)| track.contains(&image.id)).filter_map(
         |(position, error, _)| {
             let point = pose.transform_point(&Point3::from(*position));
-            let camera = &lens.camera;
-            let pinhole = Point2::new(
-                camera.fx * point.x / point.z + camera.cx,
-                camera.fy * point.y / point.z + camera.cy,
-            );
-            let pixel = lens.photograph_pixel(pinhole)?;
+            let pixel = lens.photograph_pixel(lens.camera.project(&point)?)?;
             let inside = |x: f64, side: usize| x >= -0.5 && x <= side as f64 - 0.5;
-            let (height, width) = camera.dim();
-            let usable = point.z > 0.0 && point.z.is_finite() && error.is_finite();
+            let (height, width) = lens.camera.dim();
+            let usable = point.z.is_finite() && error.is_finite();
             (usable && inside(pixel.x, width) && inside(pixel.y, height)).then_some((pixel, point.z))
         },
     );
@@ -108,20 +103,18 @@ impl Raw {
             Self {
                 cameras: binary_cameras(&cameras, &read_bytes(&cameras)?)?,
                 images: binary_images(&images, &read_bytes(&images)?)?,
-                points: if points.exists() {
-                    binary_points(&points, &read_bytes(&points)?)?
-                } else {
-                    Vec::new()
+                points: match points.exists() {
+                    true => binary_points(&points, &read_bytes(&points)?)?,
+                    false => Vec::new(),
                 },
             }
         } else {
             Self {
                 cameras: text_cameras(&cameras, &read_text(&cameras)?)?,
                 images: text_images(&images, &read_text(&images)?)?,
-                points: if points.exists() {
-                    text_points(&points, &read_text(&points)?)?
-                } else {
-                    Vec::new()
+                points: match points.exists() {
+                    true => text_points(&points, &read_text(&points)?)?,
+                    false => Vec::new(),
                 },
             }
         };
@@ -146,9 +139,9 @@ impl Raw {
         path: &Path,
         photographs: &Path,
         size: &dyn Fn(&Path) -> Option<[usize; 2]>,
-    ) -> Result<Capture> {
+    ) -> Result<PosedCapture> {
         self.images.sort_by(|a, b| a.name.cmp(&b.name));
-        let mut capture = Capture::default();
+        let mut capture = PosedCapture::default();
         let mut index = BTreeMap::new();
         for image in &self.images {
             let photograph = photographs.join(&image.name);
@@ -199,7 +192,9 @@ fn lens(
     let camera = PinholeCamera::new(k[0], k[1], k[2] - 0.5, k[3] - 0.5, width as usize, height as usize)
         .map_err(|e| content(path, place(), e.to_string()))?;
     let [k1, k2, p1, p2] = distortion;
-    Ok(Lens { camera, distortion: Distortion { k1, k2, k3: 0.0, p1, p2 } })
+    let lens = Lens { camera, distortion: Distortion { k1, k2, k3: 0.0, p1, p2 } };
+    lens.check().map_err(|problem| content(path, place(), problem))?;
+    Ok(lens)
 }
 
 fn unsupported(path: &Path, model: String) -> Error {
@@ -239,17 +234,14 @@ pub(crate) fn text_images(path: &Path, text: &str) -> Result<Vec<Image>> {
         }
         let mut words = text.split_whitespace();
         let id = integer(path, line, words.next(), "the image's number")?;
-        let mut row = [0.0; 7];
-        for (value, what) in row.iter_mut().zip(["qw", "qx", "qy", "qz", "tx", "ty", "tz"]) {
-            *value = number(path, line, words.next(), what)?;
-        }
+        let quaternion = numbers(path, line, &mut words, ["qw", "qx", "qy", "qz"])?;
+        let translation = numbers(path, line, &mut words, ["tx", "ty", "tz"])?;
         let camera = integer(path, line, words.next(), "the camera's number")?;
         let name = words.collect::<Vec<_>>().join(" ");
         if name.is_empty() {
             return Err(content(path, format!("line {line}"), "the photograph's name is missing"));
         }
-        let [qw, qx, qy, qz, tx, ty, tz] = row;
-        images.push(Image { id, quaternion: [qw, qx, qy, qz], translation: [tx, ty, tz], camera, name });
+        images.push(Image { id, quaternion, translation, camera, name });
         if images.len() > MAX_FRAMES {
             return Err(content(path, format!("line {line}"), format!("more than {MAX_FRAMES} photographs")));
         }
@@ -264,10 +256,7 @@ pub(crate) fn text_points(path: &Path, text: &str) -> Result<Vec<Point>> {
     for (line, text) in lines(text) {
         let mut words = text.split_whitespace();
         words.next();
-        let mut position = [0.0; 3];
-        for (value, what) in position.iter_mut().zip(["x", "y", "z"]) {
-            *value = number(path, line, words.next(), what)?;
-        }
+        let position = numbers(path, line, &mut words, ["x", "y", "z"])?;
         let mut words = words.skip(3);
         let error = number(path, line, words.next(), "error")?;
         let mut track = Vec::new();

@@ -4,7 +4,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use super::{
-    Capture, Error, Frame, Lens, PixelCentres, Result, content, read_colmap, read_transforms, read_tum,
+    Error, Frame, Lens, PixelCentres, PosedCapture, Result, content, read_colmap, read_transforms, read_tum,
 };
 
 /// The files of a capture.
@@ -52,7 +52,11 @@ impl CaptureFiles {
     ///
     /// # Errors
     /// Those of [`read_transforms`], [`read_colmap`] and [`read_tum`], and [`Error::Content`] where the lens is missing.
-    pub fn read(&self, lens: Option<&Lens>, size: &dyn Fn(&Path) -> Option<[usize; 2]>) -> Result<Capture> {
+    pub fn read(
+        &self,
+        lens: Option<&Lens>,
+        size: &dyn Fn(&Path) -> Option<[usize; 2]>,
+    ) -> Result<PosedCapture> {
         match (self, lens) {
             (Self::Transforms(path), _) => read_transforms(path, PixelCentres::Halves, size),
             (Self::Colmap { model, photographs }, _) => read_colmap(model, photographs, size),
@@ -64,7 +68,7 @@ impl CaptureFiles {
     }
 }
 
-impl Capture {
+impl PosedCapture {
     /// Index of the frame of a photograph.
     ///
     /// # Errors
@@ -78,7 +82,8 @@ impl Capture {
         })
     }
 
-    /// Indices of the reference, then of the frames whose centres are the nearest to its own; at most `most`, and at least two.
+    /// Indices of the reference, then of the frames whose centres are the nearest to its own, in the order of the capture; at most
+    /// `most`, and at least two.
     #[must_use]
     pub fn nearest(&self, reference: usize, most: usize) -> Vec<usize> {
         let centre = |frame: &Frame| frame.pose.inverse().translation.vector;
@@ -90,6 +95,7 @@ impl Capture {
             a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
         });
         order.truncate(most.max(2));
+        order[1..].sort_unstable();
         order
     }
 }

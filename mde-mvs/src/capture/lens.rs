@@ -57,7 +57,45 @@ impl Distortion {
     }
 }
 
+/// Focal lengths over the longer side of the image that a camera can have; fields of view of 179 degrees to a minute of arc.
+const FOCAL: [f64; 2] = [0.005, 2000.0];
+/// Farthest principal point from the image, in longer sides.
+const FARTHEST_CENTRE: f64 = 10.0;
+/// Largest coefficient of distortion.
+const MOST_DISTORTION: f64 = 1e6;
+
 impl Lens {
+    /// Whether such a camera can exist.
+    ///
+    /// # Errors
+    /// The first implausible number, with what is expected.
+    pub fn check(&self) -> Result<(), String> {
+        let (c, d) = (&self.camera, &self.distortion);
+        let side = c.width.max(c.height) as f64;
+        let [least, most] = FOCAL.map(|share| share * side);
+        for (name, value) in [("fx", c.fx), ("fy", c.fy)] {
+            if !(least..=most).contains(&value) {
+                return Err(format!(
+                    "{name} is {value:?}; a focal length is {least:?} to {most:?} pixels here"
+                ));
+            }
+        }
+        let far = FARTHEST_CENTRE * side;
+        for (name, value) in [("cx", c.cx), ("cy", c.cy)] {
+            if !(-far..=far).contains(&value) {
+                return Err(format!("{name} is {value:?}; a principal point is at most {far:?} pixels away"));
+            }
+        }
+        for (name, value) in [("k1", d.k1), ("k2", d.k2), ("k3", d.k3), ("p1", d.p1), ("p2", d.p2)] {
+            if !(-MOST_DISTORTION..=MOST_DISTORTION).contains(&value) {
+                return Err(format!(
+                    "{name} is {value:?}; a coefficient of distortion is at most {MOST_DISTORTION:?}"
+                ));
+            }
+        }
+        Ok(())
+    }
+
     /// The pixel of the photograph (x: column, y: row) at which the pinhole camera's pixel appears.
     pub fn photograph_pixel(&self, pixel: Point2<f64>) -> Option<Point2<f64>> {
         let ray: Vector3<f64> = self.camera.ray(pixel);

@@ -19,7 +19,7 @@ mod tests;
 mod transforms;
 mod tum;
 
-use std::io::Read as _;
+use std::io::{self, ErrorKind, Read as _};
 use std::path::{Path, PathBuf};
 
 use mde_warp::{Pose, PosedView};
@@ -30,8 +30,8 @@ pub use colmap::{SparseDepths, read_colmap, read_colmap_depths};
 pub use error::{Error, Result};
 pub use files::{CaptureFiles, same_file};
 pub use lens::{Distortion, Lens};
-pub use transforms::{PixelCentres, read_transforms, transforms_json, transforms_json_with};
-pub use tum::read_tum;
+pub use transforms::{PixelCentres, read_transforms, transforms_json};
+pub use tum::{read_tum, read_tum_list};
 
 /// Most bytes of a file that is read.
 const MAX_FILE: u64 = 1 << 30;
@@ -78,14 +78,14 @@ pub struct SparsePoint {
 /// Photographs of one scene with cameras and poses.
 #[derive(Debug, Clone, PartialEq, Default)]
 #[non_exhaustive]
-pub struct Capture {
+pub struct PosedCapture {
     /// The photographs, in the order of the file.
     pub frames: Vec<Frame>,
     /// Points of the scene; empty where the format has none.
     pub points: Vec<SparsePoint>,
 }
 
-impl Capture {
+impl PosedCapture {
     fn checked(self, path: &Path) -> Result<Self> {
         if self.frames.len() < 2 {
             return Err(Error::TooFew { path: path.to_owned(), found: self.frames.len() });
@@ -100,9 +100,17 @@ impl Capture {
     }
 }
 
-/// The text or the bytes of a file, of at most 1 GiB.
+/// The bytes of a regular file of at most 1 GiB. A named pipe or a device is not opened, which could block or never end.
 fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     let fail = |source| Error::Read { path: path.to_owned(), source };
+    let found = std::fs::metadata(path).map_err(fail)?;
+    if found.is_dir() {
+        return Err(fail(io::Error::new(ErrorKind::IsADirectory, "it is a folder; give a file")));
+    }
+    if !found.is_file() {
+        let what = "it is a named pipe, a socket or a device; give a regular file";
+        return Err(fail(io::Error::new(ErrorKind::InvalidInput, what)));
+    }
     let file = std::fs::File::open(path).map_err(fail)?;
     let mut bytes = Vec::new();
     file.take(MAX_FILE + 1).read_to_end(&mut bytes).map_err(fail)?;
@@ -174,9 +182,6 @@ fn check_photograph(
     if found == expected {
         return Ok(());
     }
-    let ([w, h], [cw, ch]) = (found, expected);
-    let problem = format!(
-        "the photograph is {w}x{h} pixels but its camera {cw}x{ch}; give the photograph that the camera was calibrated for"
-    );
+    let problem = Error::Size { found, expected }.to_string();
     Err(content(path, photograph.display().to_string(), problem))
 }

@@ -1,4 +1,4 @@
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Isometry3, Point2, Vector3};
@@ -9,8 +9,14 @@ use super::*;
 
 const SIZE: [usize; 2] = [64, 48];
 
-fn present(_: &Path) -> Option<[usize; 2]> {
-    Some(SIZE)
+fn present(path: &Path) -> Option<[usize; 2]> {
+    (!path.to_string_lossy().contains("gone")).then_some(SIZE)
+}
+
+fn folder(name: &str) -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("mde-mvs-{name}-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
 }
 
 fn frames() -> Vec<Frame> {
@@ -28,7 +34,7 @@ fn frames() -> Vec<Frame> {
         .collect()
 }
 
-fn close(a: &Capture, b: &[Frame]) -> bool {
+fn close(a: &PosedCapture, b: &[Frame]) -> bool {
     let same = |(a, b): (&Frame, &Frame)| {
         let camera =
             (a.lens.camera.cx - b.lens.camera.cx).abs() + (a.lens.camera.cy - b.lens.camera.cy).abs();
@@ -38,14 +44,18 @@ fn close(a: &Capture, b: &[Frame]) -> bool {
     a.frames.len() == b.len() && a.frames.iter().zip(b).all(same)
 }
 
-fn transforms(text: &str) -> Result<Capture> {
+fn transforms(text: &str) -> Result<PosedCapture> {
     transforms::parse(Path::new("shots/transforms.json"), text, PixelCentres::Integers, &present)
+}
+
+fn written(frames: &[Frame]) -> String {
+    transforms_json(frames, Path::new("shots"), |_| Vec::new())
 }
 
 #[test]
 fn transforms_come_back_as_written() {
     let frames = frames();
-    let text = transforms_json(&frames, Path::new("shots"));
+    let text = written(&frames);
     let read = transforms(&text).unwrap();
     assert!(close(&read, &frames));
     assert_eq!(read.frames[0].lens, frames[0].lens);
@@ -68,61 +78,66 @@ fn opengl_axes_are_turned() {
     assert!((camera.fx - 32.0 / 0.5_f64.tan()).abs() < 1e-12 && camera.fy == camera.fx && camera.cx == 31.5);
 }
 
+/// Each text is refused in one line that names the file and the fault: numbers that would overflow somewhere in the middle of a run too.
 #[test]
 fn bad_transforms_are_named() {
-    let good = transforms_json(&frames(), Path::new("shots"));
-    let one = transforms_json(&frames()[..1], Path::new("shots"));
-    let message = |text: &str| transforms(text).unwrap_err().to_string();
-    assert!(message(&one).contains("at least 2"));
-    assert!(message("{").contains("JSON"));
-    assert!(message("{}").contains("frames: missing"));
-    assert!(message(&good.replace("\"fl_x\": 50.0", "\"fl_x\": 0.0")).contains("fx"));
-    assert!(message(&good.replace("\"fl_x\": 50.0", "\"fl_x\": null")).contains("frames[0].fl_x"));
-    assert!(message(&good.replace("OPENCV", "OPENCV_FISHEYE")).contains("OPENCV_FISHEYE is not supported"));
-    assert!(message(&good.replace("\"w\": 64", "\"w\": 65")).contains("64x48 pixels but its camera 65x48"));
-    assert!(message(&good.replace("\"w\": 64", "\"w\": 1e300")).contains("65536"));
-    let absent = |p: &Path| (!p.ends_with("d.png")).then_some(SIZE);
-    let path = Path::new("shots/transforms.json");
-    let error = transforms::parse(path, &good, PixelCentres::Integers, &absent).unwrap_err();
-    assert!(error.to_string().contains("d.png is missing"), "{error}");
-    let flat = r#"{"fl_x": 50, "frames": [
-        {"file_path": "a.png", "transform_matrix": [[0,0,0,1],[0,0,0,0],[0,0,0,5],[0,0,0,1]]}]}"#;
-    assert!(message(flat).contains("a.png: its rotation is singular"));
-    let mirrored = flat.replace("[0,0,0,1],[0,0,0,0],[0,0,0,5]", "[-1,0,0,1],[0,1,0,0],[0,0,1,5]");
-    assert!(message(&mirrored).contains("reflection"));
-    let still = r#"{"fl_x": 50, "frames": [
-        {"file_path": "a.png", "transform_matrix": [[1,0,0,1],[0,1,0,0],[0,0,1,5]]},
-        {"file_path": "b.png", "transform_matrix": [[1,0,0,1],[0,1,0,0],[0,0,1,5]]}]}"#;
-    assert!(message(still).contains("parallax"));
-    for text in [one.as_str(), "{", flat, still] {
-        assert!(!message(text).contains('\n'));
+    let good = written(&frames());
+    let with = |from: &str, to: &str| {
+        let text = good.replace(from, to);
+        assert_ne!(text, good);
+        text
+    };
+    let two = |camera: &str, a: &str, b: &str| {
+        let frame = |name: &str, rows: &str| {
+            format!(r#"{{"file_path": "{name}.png", "transform_matrix": [{rows}, [0,0,0,1]]}}"#)
+        };
+        format!(r#"{{{camera}, "frames": [{}, {}]}}"#, frame("a", a), frame("b", b))
+    };
+    let (focal, still) = (r#""fl_x": 50"#, "[1,0,0,1],[0,1,0,0],[0,0,1,5]");
+    let far = "[0.6,-0.8,0,1.7e308],[0.8,0.6,0,1.7e308],[0,0,1,0]";
+    for (text, named) in [
+        (written(&frames()[..1]), "at least 2"),
+        ("{".to_owned(), "JSON"),
+        ("{}".to_owned(), "frames: missing"),
+        (with("\"fl_x\": 50.0", "\"fl_x\": 0.0"), "fx"),
+        (with("\"fl_x\": 50.0", "\"fl_x\": null"), "frames[0].fl_x"),
+        (with("\"fl_x\": 50.0", "\"fl_x\": 1e300"), "fx is 1e300"),
+        (with("\"fl_x\": 50.0", "\"fl_x\": 1e-300"), "fx is 1e-300"),
+        (with("\"fl_y\": 51.0", "\"fl_y\": 1e300"), "fy is 1e300"),
+        (with("\"cx\": 31.5", "\"cx\": 1e300"), "cx is 1e300"),
+        (with("\"k1\": 0.1", "\"k1\": 1e300"), "k1 is 1e300"),
+        (with("OPENCV", "OPENCV_FISHEYE"), "OPENCV_FISHEYE is not supported"),
+        (with("OPENCV", "OPEN\\rCV"), r"OPEN\rCV is not supported"),
+        (with("\"w\": 64", "\"w\": 65"), "64x48 pixels but its camera 65x48"),
+        (with("\"w\": 64", "\"w\": 1e300"), "65536"),
+        (with("d.png", "gone\\n\\u001b[31m.png"), r"gone\n\u{1b}[31m.png is missing"),
+        (two(r#""camera_angle_x": 1e9"#, still, still), "frames[0].camera_angle_x: 1000000000.0"),
+        (two(focal, still, still), "parallax"),
+        (two(focal, "[0,0,0,1],[0,0,0,0],[0,0,0,5]", still), "a.png: its rotation is singular"),
+        (two(focal, "[-1,0,0,1],[0,1,0,0],[0,0,1,5]", still), "reflection"),
+        // The camera's centre is a sum of three products: each translation is finite, but the centre would not be.
+        (two(focal, still, far), "translation is not finite or above 1e12"),
+    ] {
+        let message = transforms(&text).unwrap_err().to_string();
+        assert!(message.starts_with("shots/transforms.json: ") && message.contains(named), "{message}");
+        assert!(!message.contains(char::is_control), "{message:?}");
     }
-}
-
-#[test]
-fn names_with_control_characters_stay_on_one_line() {
-    let good = transforms_json(&frames(), Path::new("shots"));
-    let absent = |p: &Path| (!p.to_string_lossy().contains('\n')).then_some(SIZE);
-    let path = Path::new("shots/transforms.json");
-    let text = good.replace("d.png", "d\\n\\u001b[31m.png");
-    let error = transforms::parse(path, &text, PixelCentres::Integers, &absent).unwrap_err().to_string();
-    assert!(
-        error.contains(r"d\n\u{1b}[31m.png is missing") && !error.contains(char::is_control),
-        "{error:?}"
-    );
-    let model = transforms(&good.replace("OPENCV", "OPEN\\rCV")).unwrap_err().to_string();
-    assert!(model.contains(r"OPEN\rCV is not supported"), "{model:?}");
-}
-
-/// The camera's centre is a sum of three products: each translation is finite, but the centre would not be.
-#[test]
-fn positions_whose_products_overflow_are_refused() {
-    let text = r#"{"fl_x": 50, "frames": [
-        {"file_path": "a", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]},
-        {"file_path": "b", "transform_matrix": [[0.6,-0.8,0,1.7e308],[0.8,0.6,0,1.7e308],[0,0,1,0]]}]}"#;
-    assert!(transforms(text).unwrap_err().to_string().contains("translation is not finite or above 1e12"));
-    let near = transforms(&text.replace("1.7e308", "1e12")).unwrap();
+    let near = transforms(&two(focal, still, &far.replace("1.7e308", "1e12"))).unwrap();
     assert!(near.frames[1].pose.to_homogeneous().iter().all(|x| x.is_finite()));
+}
+
+#[cfg(unix)]
+#[test]
+fn files_that_never_end_are_refused() {
+    let folder = folder("pipe");
+    let pipe = folder.join("transforms.json");
+    let _ = std::fs::remove_file(&pipe);
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    for path in [pipe.as_path(), Path::new("/dev/zero")] {
+        let message = read_transforms(path, PixelCentres::Halves, &present).unwrap_err().to_string();
+        assert!(message.contains("give a regular file"), "{message}");
+    }
+    std::fs::remove_dir_all(folder).unwrap();
 }
 
 /// A model of the frames without distortion, as text and as bytes.
@@ -132,7 +147,7 @@ fn colmap_files(frames: &[Frame]) -> ([String; 3], [Vec<u8>; 3]) {
     let numbers: Vec<String> = p.iter().map(|x| format!("{x}")).collect();
     let cameras = format!("# comment\n7 OPENCV 64 48 {}\n", numbers.join(" "));
     let (mut images, mut points) = (String::new(), String::from("3 0.5 1.5 2.5 1 2 3 0.75 1 0 2 1\n"));
-    points.push_str("4 nan 0 0 1 2 3 0.75\n".replace("nan", "1").as_str());
+    points.push_str("4 1 0 0 1 2 3 0.75\n");
     let word = |v: u64| v.to_le_bytes().to_vec();
     let small = |v: u32| v.to_le_bytes().to_vec();
     let floats = |v: &[f64]| v.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
@@ -157,7 +172,7 @@ fn colmap_files(frames: &[Frame]) -> ([String; 3], [Vec<u8>; 3]) {
     ([cameras, images, points], [camera_bytes, image_bytes, point_bytes])
 }
 
-fn from_text(text: &[String; 3]) -> Result<Capture> {
+fn from_text(text: &[String; 3]) -> Result<PosedCapture> {
     let path = Path::new("images.txt");
     let raw = colmap::Raw {
         cameras: colmap::text_cameras(path, &text[0])?,
@@ -167,7 +182,7 @@ fn from_text(text: &[String; 3]) -> Result<Capture> {
     raw.capture(path, Path::new("shots"), &present)
 }
 
-fn from_bytes(bytes: &[Vec<u8>; 3]) -> Result<Capture> {
+fn from_bytes(bytes: &[Vec<u8>; 3]) -> Result<PosedCapture> {
     let path = Path::new("images.bin");
     let raw = colmap::Raw {
         cameras: colmap::binary_cameras(path, &bytes[0])?,
@@ -203,8 +218,7 @@ fn colmap_models_are_read_as_text_and_as_bytes() {
 #[test]
 fn a_model_on_disk_is_found_in_either_form() {
     let (text, bytes) = colmap_files(&frames());
-    let folder = std::env::temp_dir().join(format!("mde-mvs-colmap-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
+    let folder = folder("colmap");
     let names = ["cameras", "images", "points3D"];
     for (name, text) in names.iter().zip(&text) {
         std::fs::write(folder.join(format!("{name}.txt")), text).unwrap();
@@ -221,8 +235,7 @@ fn a_model_on_disk_is_found_in_either_form() {
 
 #[test]
 fn a_photograph_s_sparse_depths_are_those_of_its_points() {
-    let folder = std::env::temp_dir().join(format!("mde-mvs-depths-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
+    let folder = folder("depths");
     let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
     write("cameras.txt", "7 PINHOLE 64 48 50 50 32 24\n");
     // A metre before the world's origin; the second image is of the same name in another folder.
@@ -245,38 +258,34 @@ fn a_photograph_s_sparse_depths_are_those_of_its_points() {
 
 #[test]
 fn bad_models_are_named() {
-    let path = Path::new("cameras.txt");
-    let message = |text: &str| colmap::text_cameras(path, text).unwrap_err().to_string();
-    assert!(message("1 FOV 64 48 1 2 3 4 5").contains("camera model FOV is not supported"));
-    assert!(message("1 PINHOLE 64 48 1 2 3").contains("line 1: parameter 4 of PINHOLE is missing"));
-    assert!(message("1 PINHOLE 64 48 1 2 nan 3").contains("nan; a finite number"));
+    let cameras = |text: &str| colmap::text_cameras(Path::new("c"), text).map(drop);
     let (text, bytes) = colmap_files(&frames());
-    let mut cut = bytes.clone();
-    cut[1].truncate(100);
-    assert!(from_bytes(&cut).unwrap_err().to_string().contains("byte"));
-    let mut many = bytes.clone();
-    many[2][..8].copy_from_slice(&u64::MAX.to_le_bytes());
-    assert!(from_bytes(&many).unwrap_err().to_string().contains("do not fit"));
-    let mut fisheye = bytes;
-    fisheye[0][12] = 5;
-    assert!(from_bytes(&fisheye).unwrap_err().to_string().contains("OPENCV_FISHEYE"));
-    let mut other = text;
-    other[1] = other[1].replace(" 7 ", " 8 ");
-    assert!(from_text(&other).unwrap_err().to_string().contains("camera 8"));
+    let damaged = |damage: fn(&mut [Vec<u8>; 3])| {
+        let mut bytes = bytes.clone();
+        damage(&mut bytes);
+        from_bytes(&bytes).map(drop)
+    };
+    let [models, images, points] = text;
+    let other = from_text(&[models, images.replace(" 7 ", " 8 "), points]).map(drop);
+    for (found, named) in [
+        (cameras("1 FOV 64 48 1 2 3 4 5"), "camera model FOV is not supported"),
+        (cameras("1 PINHOLE 64 48 1 2 3"), "line 1: parameter 4 of PINHOLE is missing"),
+        (cameras("1 PINHOLE 64 48 1 2 nan 3"), "nan; a finite number"),
+        (damaged(|files| files[1].truncate(100)), "byte"),
+        (damaged(|files| files[2][..8].fill(u8::MAX)), "do not fit"),
+        (damaged(|files| files[0][12] = 5), "OPENCV_FISHEYE"),
+        (other, "camera 8"),
+    ] {
+        let message = found.unwrap_err().to_string();
+        assert!(message.contains(named), "{message}");
+    }
 }
 
 #[test]
 fn a_trajectory_is_joined_to_its_photographs() {
     let lens = frames()[0].lens;
     let read = |rgb: &str, truth: &str| {
-        tum::parse(
-            Path::new("shots/rgb.txt"),
-            rgb,
-            Path::new("shots/groundtruth.txt"),
-            truth,
-            &lens,
-            &present,
-        )
+        tum::parse(Path::new("shots/rgb.txt"), rgb, Path::new("truth.txt"), truth, &lens, &present)
     };
     let rgb = "# time file\n1.000 rgb/a.png\n1.100 rgb/b.png\n9.0 rgb/late.png\n";
     let truth = "1.105 1 2 3 0 0 0 1\n0.995 0 0 0 0 0 0.70710678 0.70710678\n";
@@ -319,7 +328,7 @@ proptest! {
             String::from_utf8_lossy(&bytes).into_owned()
         };
         let _ = from_text(&text.map(|t| damaged(&t)));
-        let _ = transforms(&damaged(&transforms_json(&frames(), Path::new("shots"))));
+        let _ = transforms(&damaged(&written(&frames())));
         let text = String::from_utf8_lossy(&bytes).into_owned();
         let lens = frames()[0].lens;
         let _ = tum::parse(path, &text, path, &text, &lens, &present);

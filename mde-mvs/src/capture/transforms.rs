@@ -1,3 +1,4 @@
+use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 
 use mde_warp::{PinholeCamera, Pose};
@@ -5,7 +6,7 @@ use nalgebra::Matrix3;
 use serde_json::{Map, Value, json};
 
 use super::{
-    Capture, Distortion, Error, Frame, Lens, MAX_FRAMES, Result, check_photograph, content, read_text,
+    Distortion, Error, Frame, Lens, MAX_FRAMES, PosedCapture, Result, check_photograph, content, read_text,
     rotation, translation,
 };
 
@@ -42,7 +43,7 @@ pub fn read_transforms(
     path: &Path,
     centres: PixelCentres,
     size: &dyn Fn(&Path) -> Option<[usize; 2]>,
-) -> Result<Capture> {
+) -> Result<PosedCapture> {
     parse(path, &read_text(path)?, centres, size)
 }
 
@@ -51,7 +52,7 @@ pub(super) fn parse(
     text: &str,
     centres: PixelCentres,
     size: &dyn Fn(&Path) -> Option<[usize; 2]>,
-) -> Result<Capture> {
+) -> Result<PosedCapture> {
     let root: Value = serde_json::from_str(text).map_err(|e| content(path, "JSON", e.to_string()))?;
     let shared = root.as_object().ok_or_else(|| content(path, "JSON", "not an object"))?;
     let frames = shared.get("frames").and_then(Value::as_array);
@@ -66,7 +67,7 @@ pub(super) fn parse(
         Some(_) => return Err(content(path, "pixel_centres", "must be \"integers\" or \"halves\"")),
     };
     let folder = path.parent().unwrap_or(Path::new(""));
-    let mut capture = Capture::default();
+    let mut capture = PosedCapture::default();
     for (i, frame) in frames.iter().enumerate() {
         let place = format!("frames[{i}]");
         let own = frame.as_object().ok_or_else(|| content(path, &place, "not an object"))?;
@@ -150,7 +151,12 @@ impl Fields<'_> {
         };
         let (width, height) = (pixels("w", found[0])?, pixels("h", found[1])?);
         let by_angle = |key: &str, n: usize| -> Result<Option<f64>> {
-            Ok(self.number(key)?.map(|a| 0.5 * n as f64 / (0.5 * a).tan()))
+            let Some(angle) = self.number(key)? else { return Ok(None) };
+            if angle > 0.0 && angle < PI {
+                return Ok(Some(0.5 * n as f64 / (0.5 * angle).tan()));
+            }
+            let problem = format!("{angle:?} is no field of view; give radians above 0 and below {PI:.4}");
+            Err(content(self.path, format!("{}.{key}", self.place), problem))
         };
         let missing = || content(self.path, self.place, "no focal length; give fl_x or camera_angle_x");
         let fx = match self.number("fl_x")? {
@@ -169,7 +175,9 @@ impl Fields<'_> {
             .map_err(|e| content(self.path, self.place, e.to_string()))?;
         let k = |key: &str| Ok::<f64, Error>(self.number(key)?.unwrap_or(0.0));
         let distortion = Distortion { k1: k("k1")?, k2: k("k2")?, k3: k("k3")?, p1: k("p1")?, p2: k("p2")? };
-        Ok(Lens { camera, distortion })
+        let lens = Lens { camera, distortion };
+        lens.check().map_err(|problem| content(self.path, self.place, problem))?;
+        Ok(lens)
     }
 
     fn pose(&self, photograph: &str) -> Result<Pose> {
@@ -200,7 +208,7 @@ impl Fields<'_> {
 }
 
 /// The text of a `transforms.json` of `frames`, with intrinsics for each; photographs are named relative to `folder`
-/// where they lie below it. Principal points have pixel centres at halves, as in nerfstudio; `pixel_centres` has that convention.
+/// where they lie below it; `more` gives further text fields of each frame by its index, `depth_file_path` for example. Principal points have pixel centres at halves, as in nerfstudio; `pixel_centres` has that convention.
 ///
 /// ```
 /// use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
@@ -208,16 +216,11 @@ impl Fields<'_> {
 ///
 /// let lens = Lens { camera: PinholeCamera::from_fov(60.0, 640, 480)?, distortion: Distortion::default() };
 /// let frame = Frame { photograph: "shots/a.jpg".into(), lens, pose: Pose::identity() };
-/// let text = transforms_json(&[frame], "shots".as_ref());
+/// let text = transforms_json(&[frame], "shots".as_ref(), |_| Vec::new());
 /// assert!(text.contains("\"file_path\": \"a.jpg\""));
 /// # Ok::<(), mde_warp::Error>(())
 /// ```
-pub fn transforms_json(frames: &[Frame], folder: &Path) -> String {
-    transforms_json_with(frames, folder, |_| Vec::new())
-}
-
-/// The same with further text fields of each frame, by its index: `depth_file_path`, for example.
-pub fn transforms_json_with(
+pub fn transforms_json(
     frames: &[Frame],
     folder: &Path,
     more: impl Fn(usize) -> Vec<(&'static str, String)>,

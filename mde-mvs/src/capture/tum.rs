@@ -1,9 +1,10 @@
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::str::SplitWhitespace;
 
 use mde_warp::Pose;
 
 use super::{
-    Capture, Error, Frame, Lens, MAX_FRAMES, Result, check_photograph, content, quaternion, read_text,
+    Error, Frame, Lens, MAX_FRAMES, PosedCapture, Result, check_photograph, content, quaternion, read_text,
     translation,
 };
 
@@ -19,9 +20,32 @@ const MAX_GAP: f64 = 0.02;
 /// # Errors
 /// One line that names the file and the line: what is missing, not finite, of another size, a rotation that is none,
 /// fewer than two photographs with poses, or all of them taken from one place.
-pub fn read_tum(folder: &Path, lens: &Lens, size: &dyn Fn(&Path) -> Option<[usize; 2]>) -> Result<Capture> {
+pub fn read_tum(
+    folder: &Path,
+    lens: &Lens,
+    size: &dyn Fn(&Path) -> Option<[usize; 2]>,
+) -> Result<PosedCapture> {
     let (rgb, poses) = (folder.join("rgb.txt"), folder.join("groundtruth.txt"));
     parse(&rgb, &read_text(&rgb)?, &poses, &read_text(&poses)?, lens, size)
+}
+
+/// Reads a list of the TUM RGB-D benchmark, `rgb.txt` or `depth.txt`: the time in seconds and the path of each file.
+///
+/// # Errors
+/// One line that names the file and the line: a time that is no finite number, a name that is missing.
+pub fn read_tum_list(path: &Path) -> Result<Vec<(f64, PathBuf)>> {
+    let (text, folder) = (read_text(path)?, path.parent().unwrap_or(Path::new("")));
+    lines(&text).map(|line| stamped(path, line).map(|(time, name)| (time, folder.join(name)))).collect()
+}
+
+/// The time and the file of a line.
+fn stamped<'t>(path: &Path, (line, text): (usize, &'t str)) -> Result<(f64, &'t str)> {
+    let (time, name) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+    let time = number(path, line, Some(time), "time")?;
+    match name.trim() {
+        "" => Err(content(path, format!("line {line}"), "the file's name is missing")),
+        name => Ok((time, name)),
+    }
 }
 
 /// Lines that are no comment, with their numbers from 1.
@@ -37,6 +61,20 @@ pub(super) fn number(path: &Path, line: usize, word: Option<&str>, what: &str) -
     value.ok_or_else(|| content(path, place(), format!("{what} is {word}; a finite number is needed")))
 }
 
+/// The next words as numbers, by their names.
+pub(super) fn numbers<const N: usize>(
+    path: &Path,
+    line: usize,
+    words: &mut SplitWhitespace<'_>,
+    names: [&str; N],
+) -> Result<[f64; N]> {
+    let mut values = [0.0; N];
+    for (value, what) in values.iter_mut().zip(names) {
+        *value = number(path, line, words.next(), what)?;
+    }
+    Ok(values)
+}
+
 pub(super) fn parse(
     rgb: &Path,
     rgb_text: &str,
@@ -44,30 +82,23 @@ pub(super) fn parse(
     truth_text: &str,
     lens: &Lens,
     size: &dyn Fn(&Path) -> Option<[usize; 2]>,
-) -> Result<Capture> {
+) -> Result<PosedCapture> {
+    lens.check().map_err(|problem| content(rgb, "intrinsics", problem))?;
     let mut poses = Vec::new();
     for (line, text) in lines(truth_text) {
         let mut words = text.split_whitespace();
-        let mut row = [0.0; 8];
-        for (value, what) in row.iter_mut().zip(["time", "tx", "ty", "tz", "qx", "qy", "qz", "qw"]) {
-            *value = number(truth, line, words.next(), what)?;
-        }
-        poses.push((row, line));
+        let names = ["time", "tx", "ty", "tz", "qx", "qy", "qz", "qw"];
+        poses.push(numbers(truth, line, &mut words, names)?);
     }
-    poses.sort_by(|a, b| a.0[0].total_cmp(&b.0[0]));
+    poses.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let folder = rgb.parent().unwrap_or(Path::new(""));
-    let mut capture = Capture::default();
+    let mut capture = PosedCapture::default();
     for (line, text) in lines(rgb_text) {
-        let (time, name) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
-        let time = number(rgb, line, Some(time), "time")?;
-        let name = name.trim();
-        if name.is_empty() {
-            return Err(content(rgb, format!("line {line}"), "the photograph's name is missing"));
-        }
-        let after = poses.partition_point(|p| p.0[0] < time);
+        let (time, name) = stamped(rgb, (line, text))?;
+        let after = poses.partition_point(|p| p[0] < time);
         let near = [after.checked_sub(1), Some(after)].into_iter().flatten().filter_map(|i| poses.get(i));
-        let nearest = near.min_by(|a, b| (a.0[0] - time).abs().total_cmp(&(b.0[0] - time).abs()));
-        let Some((row, _)) = nearest.filter(|p| (p.0[0] - time).abs() <= MAX_GAP) else { continue };
+        let nearest = near.min_by(|a, b| (a[0] - time).abs().total_cmp(&(b[0] - time).abs()));
+        let Some(row) = nearest.filter(|p| (p[0] - time).abs() <= MAX_GAP) else { continue };
         let photograph = folder.join(name);
         check_photograph(rgb, &photograph, lens, size)?;
         let wrong =

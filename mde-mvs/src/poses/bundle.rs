@@ -75,9 +75,8 @@ pub(super) struct PosePrior {
 #[derive(Debug, Clone)]
 pub(super) struct Bundle {
     pub(super) lenses: Vec<Lens>,
+    /// The first, the reference's, is kept.
     pub(super) poses: Vec<Pose>,
-    /// The photograph whose pose is kept.
-    pub(super) reference: usize,
     /// Logarithm of the common factor of the assumed focal lengths.
     pub(super) log_focal: f64,
     /// Standard deviation of that logarithm.
@@ -143,13 +142,6 @@ pub(super) struct Covariance {
     pub(super) log_depths: Vec<f64>,
     /// Variance of the logarithm of the common factor of the focal lengths.
     pub(super) log_focal: Option<f64>,
-}
-
-/// How a run of [`Bundle::adjust`] went.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Run {
-    /// The cost at the start and after every step that was kept.
-    pub(super) costs: Vec<f64>,
 }
 
 /// Huber's loss of a squared residual, and the weight of its square: quadratic to 1, linear beyond.
@@ -312,9 +304,8 @@ impl Bundle {
             has_prior[track.anchor] |= track.prior.is_some();
             track.views.iter().for_each(|(view, _)| used[*view] = true);
         }
-        let poses = (0..count).map(|v| take(v != self.reference && used[v], 6)).collect();
-        let scales =
-            (0..count).map(|v| take(has_prior[v] && !(self.keep_scale && v == self.reference), 1)).collect();
+        let poses = (0..count).map(|v| take(v != 0 && used[v], 6)).collect();
+        let scales = (0..count).map(|v| take(has_prior[v] && !(self.keep_scale && v == 0), 1)).collect();
         let focal = take(self.lenses.iter().any(|lens| lens.assumed), 1);
         Layout { poses, scales, focal, size }
     }
@@ -391,8 +382,9 @@ impl Bundle {
         Normal { matrix, vector, depths }
     }
 
-    /// Levenberg and Marquardt's steps until one gains less than 1e-9 of the cost. No step that raises the cost is kept.
-    pub(super) fn adjust(&mut self, steps: usize) -> Run {
+    /// Levenberg and Marquardt's steps until one gains less than 1e-9 of the cost. No step that raises the cost is kept;
+    /// the costs at the start and after every step that was kept come back.
+    pub(super) fn adjust(&mut self, steps: usize) -> Vec<f64> {
         let layout = self.layout();
         let mut cost = self.cost();
         let mut costs = vec![cost];
@@ -418,7 +410,7 @@ impl Bundle {
                 }
             }
         }
-        Run { costs }
+        costs
     }
 
     fn moved(&self, layout: &Layout, common: &DVector<f64>, depths: &[f64]) -> Self {
@@ -451,7 +443,7 @@ impl Bundle {
         }
         self.tracks.iter_mut().for_each(|track| track.inverse_depth *= (-by).exp());
         for (v, scale) in self.log_scales.iter_mut().enumerate() {
-            *scale += if self.keep_scale && v == self.reference { 0.0 } else { by };
+            *scale += if self.keep_scale && v == 0 { 0.0 } else { by };
         }
     }
 

@@ -1,7 +1,7 @@
 //! What uncertain poses do to depth.
 
 use mde_warp::{Pose, PosedView};
-use nalgebra::{Matrix3, Matrix6, Point2, RowVector2, RowVector6, Vector3};
+use nalgebra::{Matrix3, Matrix6, Point2, Point3, RowVector2, RowVector6, Vector3};
 use ndarray::{Array2, ArrayView2};
 
 /// Variance of the log depth of each pixel of `views[0]` that comes from the poses of the other views; 0 where none of them shows the
@@ -59,10 +59,10 @@ fn derivative(view: &PosedView, motion: &Pose, point: &Vector3<f64>) -> Option<(
         return None;
     }
     let camera = &view.camera;
-    let (u, v) = (camera.fx * there.x / there.z + camera.cx, camera.fy * there.y / there.z + camera.cy);
+    let pixel = camera.project(&Point3::from(there))?;
     // The pixels reach half a pixel beyond their centres.
     let within = |at: f64, size: usize| at >= -0.5 && at <= size as f64 - 0.5;
-    if !(within(u, camera.width) && within(v, camera.height)) {
+    if !(within(pixel.x, camera.width) && within(pixel.y, camera.height)) {
         return None;
     }
     let across = Vector3::new(camera.fx / there.z, 0.0, -camera.fx * there.x / (there.z * there.z));
@@ -120,16 +120,14 @@ mod tests {
     fn moved(views: &[PosedView], by: &[Vector6<f64>], z: f64, (y, x): (usize, usize)) -> f64 {
         let ray = views[0].camera.ray(Point2::new(x as f64, y as f64));
         let project = |view: &PosedView, pose: &Pose, log: f64| {
-            let p = pose.rotation * (ray * log.exp()) + pose.translation.vector;
-            [view.camera.fx * p.x / p.z, view.camera.fy * p.y / p.z]
+            view.camera.project(&(pose * Point3::from(ray * log.exp()))).unwrap()
         };
         let cost = |log: f64| -> f64 {
             let pairs = views[1..].iter().zip(by);
             pairs
                 .map(|(view, by)| {
-                    let seen = project(view, &view.pose, z.ln());
                     let now = project(view, &perturbed(&view.pose, by), log);
-                    (seen[0] - now[0]).powi(2) + (seen[1] - now[1]).powi(2)
+                    (project(view, &view.pose, z.ln()) - now).norm_squared()
                 })
                 .sum()
         };
@@ -140,6 +138,7 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
         /// One direction of one view's pose at a time: the variance is the square of the depth's move.
         #[test]
         fn the_variance_is_that_of_the_depth_of_least_squares(

@@ -1,10 +1,13 @@
 use super::bundle::{Bundle, Covariance, Observed};
-use super::matching::{GivenMatches, match_features};
-use super::pair::{self, Pair};
+use super::matching::match_features;
 use super::tracks::{self, Track, TrackPixel};
-use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order};
-use crate::{Callback, Result, silent};
-use mde_uncertainty::statistics::quantile;
+use super::two_view::{Motion, Pair, relative_pose};
+use super::{
+    FOCAL_SIGMA, FeatureImage, MIN_MATCHES, OUTLIER_PIXELS, PRIOR_SIGMA, PoseInput, RATIO, REGIONS,
+    all_pairs, in_order, shared_error_factor,
+};
+use crate::{Callback, Error, Result};
+use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Matrix6, Point2};
 use std::fmt;
@@ -18,6 +21,9 @@ const ROUNDS: usize = 3;
 /// A photograph whose rotation is less certain than this, in degrees, has no pose. Of 448 photographs two had more, 4.7 and 5.3, and were
 /// off by 29 and 48 degrees; the others have at most 1.2.
 const MOST_UNCERTAIN: f64 = 3.0;
+
+/// Least median parallax of a photograph that determines depth, pixels.
+const MIN_PARALLAX_PIXELS: f64 = 2.0;
 
 /// No covariance is of matches better than this, in units of noise.
 pub(super) const LEAST_NOISE: f64 = 1e-3;
@@ -127,7 +133,8 @@ pub struct EstimatedPose {
     pub parallax: f64,
     /// Depth in the unit of the poses over the depth of this photograph's prior.
     pub prior_scale: Option<f64>,
-    /// Covariance of the pose's left perturbation, translation before rotation in radians; see [`PosesConfig::regions`].
+    /// Covariance of the pose's left perturbation, translation before rotation in radians, as of 30 independent
+    /// matches at most, since lens and shutter have errors that neighbours share.
     pub covariance: Option<Matrix6<f64>>,
 }
 
@@ -140,7 +147,7 @@ pub struct Estimated {
     pub tracks: Vec<Track>,
     /// Factor on the assumed focal lengths; 1 where none was assumed.
     pub focal_factor: f64,
-    /// Standard deviation of its logarithm; 0 where none was assumed. Where the photographs do not determine it, it stays near that of the settings.
+    /// Standard deviation of its logarithm; 0 where none was assumed. Where the photographs do not determine it, it stays near .2.
     pub focal_log_sigma: f64,
     /// Standard deviation of a match, in pixels of a photograph of 640 on the longer side.
     pub noise: f64,
@@ -148,91 +155,54 @@ pub struct Estimated {
 
 /// Poses of photographs without any; the module's front page has the method.
 ///
-/// The result depends on the photographs, the settings and the seed: neither on the number of threads nor on the order of the
-/// photographs. A photograph that does not fit has no pose and a [`Verdict`] with the reason; with none that fits, the reference
-/// alone has one.
+/// The result depends on the photographs, the order of those after the reference, and the seed, not on the number of threads. A
+/// photograph that does not fit has no pose and a [`Verdict`] with the reason; with none that fits, the reference alone has one. The
+/// callback counts the pairs of photographs as they are compared.
 ///
 /// # Errors
-/// [`Error::Config`](crate::Error::Config) for a setting out of its range, fewer than two photographs, two of one name, a
-/// reference that is none of them or has no prior, or a photograph with a side below 16 pixels (not with given matches);
-/// [`Error::View`](crate::Error::View) for a camera that is not of its image's or its prior's size.
+/// [`Error::Config`] for fewer than two photographs, a reference that is none of them or has no
+/// prior, or a photograph with a side below 16 pixels;
+/// [`Error::View`] for a camera that is not of its image's or its prior's size;
+/// [`Error::Interrupted`].
 pub fn estimate_poses(
-    photographs: &[Photograph],
+    photographs: &[PoseInput],
     reference: usize,
-    settings: &PosesConfig,
-    seed: u64,
-) -> Result<Estimated> {
-    estimate_poses_with(photographs, reference, None, settings, seed, &mut silent)
-}
-
-/// [`estimate_poses`] from matches of another program: [`PosesConfig::features`] and [`PosesConfig::ratio`] are not used. Wrong
-/// matches are dropped as ours are.
-///
-/// # Errors
-/// As [`estimate_poses`], and [`Error::Config`](crate::Error::Config) for matches of other photographs or points than there are.
-pub fn estimate_poses_from(
-    photographs: &[Photograph],
-    reference: usize,
-    matches: &GivenMatches,
-    settings: &PosesConfig,
-    seed: u64,
-) -> Result<Estimated> {
-    estimate_poses_with(photographs, reference, Some(matches), settings, seed, &mut silent)
-}
-
-/// [`estimate_poses`], or [`estimate_poses_from`] where matches are given, with a callback that counts the pairs of photographs as
-/// they are compared.
-///
-/// # Errors
-/// Theirs, and [`Error::Interrupted`](crate::Error::Interrupted).
-pub fn estimate_poses_with(
-    photographs: &[Photograph],
-    reference: usize,
-    matches: Option<&GivenMatches>,
-    settings: &PosesConfig,
     seed: u64,
     callback: &mut Callback<'_>,
 ) -> Result<Estimated> {
-    settings.validate()?;
     let order = in_order(photographs, reference)?;
     if photographs[reference].prior.is_none() {
-        return Err(config("prior of the reference", "missing", "give its depth"));
+        return Err(Error::config("prior of the reference", "missing", "give its depth"));
     }
-    let sorted: Vec<Photograph> = order.iter().map(|&i| photographs[i]).collect();
-    let reference = order.iter().position(|&i| i == reference).unwrap_or_default();
-    let (shots, pairs) = match matches {
-        None => {
-            let shots = Shot::all(&sorted, &settings.features)?;
-            let found =
-                |i: usize, j: usize| match_features(&shots[i].features, &shots[j].features, settings.ratio);
-            let pairs = all_pairs(&shots, found, pair::relate, settings, seed, callback)?;
-            (shots, pairs)
-        }
-        Some(matches) => {
-            let (features, matches) = matches.sorted(&order)?;
-            let shots = sorted.iter().zip(features).map(|(photograph, of)| Shot::new(photograph, of));
-            let shots = shots.collect::<Result<Vec<_>>>()?;
-            let found = |i: usize, j: usize| matches.get(&[i, j]).map_or(&[][..], Vec::as_slice);
-            let pairs = all_pairs(&shots, found, pair::relate, settings, seed, callback)?;
-            (shots, pairs)
-        }
-    };
+    let sorted: Vec<PoseInput> = order.iter().map(|&i| photographs[i]).collect();
+    let shots = FeatureImage::all(&sorted)?;
+    let found = |i: usize, j: usize| match_features(&shots[i].features, &shots[j].features, RATIO);
+    let pairs = all_pairs(&shots, found, relative_pose, seed, callback)?;
+    Ok(adjusted(&sorted, &shots, &pairs, &order))
+}
 
+/// Poses of photographs, the reference first, by their pairs; `order` has their places in the order given.
+pub(super) fn adjusted(
+    sorted: &[PoseInput],
+    shots: &[FeatureImage],
+    pairs: &[Pair],
+    order: &[usize],
+) -> Estimated {
     let mut dropped = vec![None; shots.len()];
     loop {
-        let tree = Tree::grow(shots.len(), &pairs, reference, &dropped);
-        let mut bundle = build(&shots, &pairs, &tree, reference, settings);
+        let tree = Tree::grow(shots.len(), pairs, &dropped);
+        let mut bundle = build(shots, pairs, &tree);
         for _ in 0..ROUNDS {
             bundle.adjust(STEPS);
-            bundle.drop_outliers(settings.outlier_pixels);
-            bundle.measure_priors(settings.regions);
+            bundle.drop_outliers(OUTLIER_PIXELS);
+            bundle.measure_priors(REGIONS);
         }
         bundle.adjust(STEPS);
-        bundle.drop_outliers(settings.outlier_pixels);
+        bundle.drop_outliers(OUTLIER_PIXELS);
         let counts = bundle.counts();
         // The weakest goes first: without it, others may fit better.
-        let weakest = (0..shots.len())
-            .filter(|&v| v != reference && tree.poses[v].is_some() && counts[v] < settings.min_matches)
+        let weakest = (1..shots.len())
+            .filter(|&v| tree.poses[v].is_some() && counts[v] < MIN_MATCHES)
             .min_by_key(|&v| counts[v]);
         if let Some(v) = weakest {
             dropped[v] = Some(Dropped::TooFewTracks);
@@ -241,14 +211,14 @@ pub fn estimate_poses_with(
         bundle.rescale_to_prior();
         let noise = bundle.noise();
         // The matches count as if they were few, so the focal length's own deviation counts in full.
-        bundle.focal_sigma = settings.focal_sigma;
-        let covariance = bundle.covariance(settings.alike(bundle.tracks.len()) * noise.max(LEAST_NOISE));
+        bundle.focal_sigma = FOCAL_SIGMA;
+        let covariance = bundle.covariance(shared_error_factor(bundle.tracks.len()) * noise.max(LEAST_NOISE));
         let most_uncertain = covariance.as_ref().and_then(Covariance::most_uncertain_rotation);
         match most_uncertain.filter(|(_, degrees)| *degrees > MOST_UNCERTAIN) {
             Some((v, degrees)) => dropped[v] = Some(Dropped::Uncertain { degrees }),
             None => {
                 let found = Found { tree, dropped, bundle, noise, covariance };
-                return Ok(found.report(&sorted, &shots, &pairs, settings, &order));
+                return found.report(sorted, shots, pairs, order);
             }
         }
     }
@@ -280,13 +250,13 @@ struct Tree {
 
 impl Tree {
     /// The spanning tree of most agreeing matches (Prim, 1957).
-    fn grow(count: usize, pairs: &[Pair], reference: usize, dropped: &[Option<Dropped>]) -> Self {
+    fn grow(count: usize, pairs: &[Pair], dropped: &[Option<Dropped>]) -> Self {
         let mut tree =
             Self { poses: vec![None; count], log_scales: vec![0.0; count], rank: vec![usize::MAX; count] };
-        tree.poses[reference] = Some(Pose::identity());
-        tree.rank[reference] = 0;
+        tree.poses[0] = Some(Pose::identity());
+        tree.rank[0] = 0;
         for rank in 1..count {
-            let mut best: Option<(&Pair, &super::pair::Motion, Pose)> = None;
+            let mut best: Option<(&Pair, &Motion, Pose)> = None;
             for pair in pairs {
                 let Some(motion) = &pair.motion else { continue };
                 let open = [pair.first, pair.second].map(|v| tree.poses[v].is_none() && dropped[v].is_none());
@@ -312,7 +282,7 @@ impl Tree {
     }
 }
 
-fn build(shots: &[Shot], pairs: &[Pair], tree: &Tree, reference: usize, settings: &PosesConfig) -> Bundle {
+fn build(shots: &[FeatureImage], pairs: &[Pair], tree: &Tree) -> Bundle {
     let used: Vec<&Pair> = pairs
         .iter()
         .filter(|p| p.motion.is_some() && tree.poses[p.first].is_some() && tree.poses[p.second].is_some())
@@ -321,9 +291,8 @@ fn build(shots: &[Shot], pairs: &[Pair], tree: &Tree, reference: usize, settings
     let middles: Vec<f64> = shots
         .iter()
         .map(|shot| {
-            let mut depths: Vec<f64> =
-                shot.features.keypoints.iter().filter_map(|k| shot.log_prior(&k.pixel)).collect();
-            quantile(&mut depths, 0.5).unwrap_or(0.0)
+            let depths = shot.features.keypoints.iter().filter_map(|k| shot.log_prior(&k.pixel));
+            median(depths).unwrap_or(0.0)
         })
         .collect();
     let tracks = tracks
@@ -339,12 +308,11 @@ fn build(shots: &[Shot], pairs: &[Pair], tree: &Tree, reference: usize, settings
     Bundle {
         lenses: shots.iter().map(|shot| shot.lens).collect(),
         poses: tree.poses.iter().map(|pose| pose.unwrap_or_else(Pose::identity)).collect(),
-        reference,
         log_focal: 0.0,
-        focal_sigma: settings.focal_sigma / settings.alike(count),
+        focal_sigma: FOCAL_SIGMA / shared_error_factor(count),
         log_scales: tree.log_scales.clone(),
         keep_scale: true,
-        prior_sigmas: vec![settings.prior_sigma * settings.alike(count); shots.len()],
+        prior_sigmas: vec![PRIOR_SIGMA * shared_error_factor(count); shots.len()],
         pose_priors: vec![None; shots.len()],
         tracks,
     }
@@ -379,10 +347,9 @@ impl Bundle {
 
     /// Brings all to the unit in which the reference's prior is right on the whole.
     fn rescale_to_prior(&mut self) {
-        let anchored = self.tracks.iter().filter(|track| track.anchor == self.reference);
-        let mut ratios: Vec<f64> =
-            anchored.filter_map(|track| Some(-track.inverse_depth.ln() - track.prior?)).collect();
-        if let Some(shift) = quantile(&mut ratios, 0.5) {
+        let anchored = self.tracks.iter().filter(|track| track.anchor == 0);
+        let ratios = anchored.filter_map(|track| Some(-track.inverse_depth.ln() - track.prior?));
+        if let Some(shift) = median(ratios) {
             self.rescale(-shift);
         }
     }
@@ -432,32 +399,22 @@ impl Bundle {
 
     /// Median over a photograph's tracks of the parallax to another photograph, in units of the noise.
     pub(super) fn median_parallax(&self, photograph: usize) -> f64 {
-        let mut all: Vec<f64> = self
-            .tracks
-            .iter()
-            .flat_map(|track| {
-                track
-                    .views
-                    .iter()
-                    .filter(move |(v, _)| track.anchor == photograph || *v == photograph)
-                    .filter_map(move |(v, _)| Some(self.parallax(track, *v)? / self.lenses[*v].noise))
-            })
-            .collect();
-        quantile(&mut all, 0.5).unwrap_or(0.0)
+        let mine = self.tracks.iter().flat_map(|track| track.views.iter().map(move |(v, _)| (track, *v)));
+        let mine = mine.filter(|(track, v)| track.anchor == photograph || *v == photograph);
+        let all = mine.filter_map(|(track, v)| Some(self.parallax(track, v)? / self.lenses[v].noise));
+        median(all).unwrap_or(0.0)
     }
 }
 
 impl Found {
     fn report(
         self,
-        photographs: &[Photograph],
-        shots: &[Shot],
+        photographs: &[PoseInput],
+        shots: &[FeatureImage],
         pairs: &[Pair],
-        settings: &PosesConfig,
         order: &[usize],
     ) -> Estimated {
         let Self { tree, dropped, bundle, noise, covariance } = self;
-        let reference = bundle.reference;
         let counts = bundle.counts();
         let focal_factor = bundle.log_focal.exp();
         let mut found: Vec<(usize, EstimatedPose)> = (0..shots.len())
@@ -466,14 +423,14 @@ impl Found {
                 let camera = &photographs[v].camera;
                 let factor = if photographs[v].focal_assumed { focal_factor } else { 1.0 };
                 let posed = tree.poses[v].is_some();
-                let verdict = if v == reference {
+                let verdict = if v == 0 {
                     Verdict::Reference
                 } else if let Some(Dropped::Uncertain { degrees }) = dropped[v] {
                     Verdict::Uncertain { degrees, most: MOST_UNCERTAIN }
                 } else if !posed {
-                    refusal(v, shots, pairs, &tree, settings)
-                } else if parallax < settings.min_parallax_pixels {
-                    Verdict::NoParallax { pixels: parallax, need: settings.min_parallax_pixels }
+                    refusal(v, shots, pairs, &tree)
+                } else if parallax < MIN_PARALLAX_PIXELS {
+                    Verdict::NoParallax { pixels: parallax, need: MIN_PARALLAX_PIXELS }
                 } else {
                     Verdict::Posed
                 };
@@ -491,7 +448,7 @@ impl Found {
             .collect();
         found.sort_by_key(|(place, _)| *place);
         let mut tracks = bundle.report_tracks(covariance.as_ref(), order);
-        tracks.sort_by_key(|track| track.pixels[0].photograph != order[reference]);
+        tracks.sort_by_key(|track| track.pixels[0].photograph != order[0]);
         let photographs = found.into_iter().map(|(_, found)| found).collect();
         let focal_log_sigma = covariance.and_then(|c| c.log_focal).map_or(0.0, f64::sqrt);
         Estimated { photographs, tracks, focal_factor, focal_log_sigma, noise }
@@ -499,8 +456,8 @@ impl Found {
 }
 
 /// Why a photograph has no pose: by its best pair with one that has.
-fn refusal(view: usize, shots: &[Shot], pairs: &[Pair], tree: &Tree, settings: &PosesConfig) -> Verdict {
-    let need = settings.min_matches;
+fn refusal(view: usize, shots: &[FeatureImage], pairs: &[Pair], tree: &Tree) -> Verdict {
+    let need = MIN_MATCHES;
     let found = shots[view].features.keypoints.len();
     if found < need {
         return Verdict::TooFewFeatures { found, need };

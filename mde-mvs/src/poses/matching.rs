@@ -1,11 +1,8 @@
 //! Pairs of features of two photographs that look alike.
 
-use super::features::{DESCRIPTOR_LENGTH, Features, Keypoint, config};
-use crate::Result;
-use nalgebra::Point2;
-use ndarray::{Array2, s};
+use super::features::Features;
+use ndarray::s;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// Rows of the table of similarities that a task fills.
 const ROWS: usize = 128;
@@ -17,59 +14,6 @@ pub struct Match {
     pub first: usize,
     /// Index into the second photograph's features.
     pub second: usize,
-}
-
-/// Matches by the places of two photographs, the earlier first.
-type OfPairs = BTreeMap<[usize; 2], Vec<Match>>;
-
-/// Matches that another program found.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct GivenMatches {
-    /// Points of each photograph, in the order of the photographs: column and row, pixel centres at integers.
-    pub points: Vec<Vec<Point2<f64>>>,
-    /// Indices of two different photographs, each two once, and the matches of the first one's points with the second one's.
-    pub pairs: Vec<([usize; 2], Vec<Match>)>,
-}
-
-impl GivenMatches {
-    /// Points of each photograph as features without descriptors, and the matches of each two photographs, the earlier first. `order`
-    /// gives the index here of each photograph there.
-    pub(super) fn sorted(&self, order: &[usize]) -> Result<(Vec<Features>, OfPairs)> {
-        if self.points.len() != order.len() {
-            let remedy = "give the points of each photograph";
-            return Err(config("photographs with points", self.points.len(), remedy));
-        }
-        let mut place = vec![0; order.len()];
-        order.iter().enumerate().for_each(|(there, &here)| place[here] = there);
-        let mut pairs = BTreeMap::new();
-        for ([first, second], matches) in &self.pairs {
-            let remedy = "give two indices of different photographs, each two once";
-            let named = || format!("{first}, {second}");
-            let (Some(&a), Some(&b)) = (place.get(*first), place.get(*second)) else {
-                return Err(config("pair of photographs", named(), remedy));
-            };
-            let counts = [self.points[*first].len(), self.points[*second].len()];
-            if let Some(m) = matches.iter().find(|m| m.first >= counts[0] || m.second >= counts[1]) {
-                let remedy = "give indices of the photographs' points";
-                return Err(config("match", format!("{}, {}", m.first, m.second), remedy));
-            }
-            let forward = |m: &Match| if a < b { *m } else { Match { first: m.second, second: m.first } };
-            let sorted = matches.iter().map(forward).collect();
-            if a == b || pairs.insert([a.min(b), a.max(b)], sorted).is_some() {
-                return Err(config("pair of photographs", named(), remedy));
-            }
-        }
-        let features = order.iter().map(|&index| {
-            let points = &self.points[index];
-            if let Some(point) = points.iter().find(|p| !(p.x.is_finite() && p.y.is_finite())) {
-                return Err(config("point of a photograph", point, "give finite columns and rows"));
-            }
-            let keypoint = |&pixel| Keypoint { pixel, scale: 1.0, angle: 0.0, response: 0.0 };
-            let descriptors = Array2::zeros((0, DESCRIPTOR_LENGTH));
-            Ok(Features { keypoints: points.iter().map(keypoint).collect(), descriptors })
-        });
-        Ok((features.collect::<Result<_>>()?, pairs))
-    }
 }
 
 /// The nearest of the others and the squared distances to it and to the second nearest.

@@ -15,8 +15,6 @@
 //! The prior gives the start, the unit, and what matches leave open: over a short baseline depth and rotation trade for each
 //! other, and without the prior the result may be off by degrees.
 //!
-//! [`estimate_poses_from`] takes the matches of another program in the place of these features; all that follows is the same.
-//!
 //! [`refine_poses`] improves given poses by the same adjustment, with the poses themselves as a prior, and keeps the result only
 //! where matches that had no part in it fit better.
 //!
@@ -26,45 +24,36 @@
 
 mod bundle;
 mod depth;
-mod epipolar;
 mod estimate;
 mod features;
 mod matching;
-mod pair;
 mod refine;
-mod resection;
-mod roots;
-mod sampling;
-mod scales;
+mod scale;
 mod tracks;
+mod two_view;
 
 pub use depth::{depth_variance, relative_covariance};
-pub use estimate::{
-    Estimated, EstimatedPose, Verdict, estimate_poses, estimate_poses_from, estimate_poses_with,
-};
-pub use features::{DESCRIPTOR_LENGTH, FeatureConfig, Features, Keypoint};
-pub use matching::{GivenMatches, Match, match_features};
-pub use refine::{Agreement, RefineConfig, Refined, refine_poses, refine_poses_with};
-pub use scales::{LogFactor, LogRatio, Prepared, common_scale};
+pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses};
+pub use features::{DESCRIPTOR_LENGTH, Features, Keypoint};
+pub use matching::{Match, match_features};
+pub use refine::{Agreement, Refined, refine_poses};
+pub use scale::{LogFactor, LogRatio, Prepared, common_scale};
 pub use tracks::{Track, TrackPixel};
 
-use crate::{Callback, Result, check_map, notify};
+use crate::{Callback, Error, Result, check_map, notify};
 use bundle::Lens;
-use features::config;
 use mde_warp::PinholeCamera;
 use nalgebra::{Point2, Vector2, Vector3};
 use ndarray::{ArrayView2, ArrayView3};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
-/// Longer side of the photographs for which settings in pixels are meant.
+/// Longer side of the photographs whose pixels all limits are in; they grow with a photograph.
 const LONGER_SIDE: f64 = 640.0;
 
 /// One photograph, and what is known of its camera and its depth.
 #[derive(Debug, Clone, Copy)]
-pub struct Photograph<'a> {
-    /// What messages call it; no other has the same.
-    pub name: &'a str,
+pub struct PoseInput<'a> {
     /// `[h, w, 3]` sRGB colours in \\( [0, 1] \\), without lens distortion.
     pub image: ArrayView3<'a, f32>,
     /// Its intrinsic parameters.
@@ -75,113 +64,49 @@ pub struct Photograph<'a> {
     pub prior: Option<ArrayView2<'a, f32>>,
 }
 
-/// Settings of [`estimate_poses`]. Those in pixels are meant for photographs of 640 pixels on the longer side, and grow with
-/// it.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields, rename_all = "kebab-case"))]
-pub struct PosesConfig {
-    /// The detector's settings.
-    pub features: FeatureConfig,
-    /// A match's distance over the second best at most. In (0, 1].
-    pub ratio: f64,
-    /// Largest distance from the epipolar geometry, pixels.
-    pub epipolar_pixels: f64,
-    /// Largest distance of a point lifted by the prior from where it was seen, pixels.
-    pub resection_pixels: f64,
-    /// Largest residual of a match after the adjustment, pixels.
-    pub outlier_pixels: f64,
-    /// Matches that a photograph needs. At least 8.
-    pub min_matches: usize,
-    /// Samples of a RANSAC at most.
-    pub samples: usize,
-    /// Standard deviation of the logarithm of the prior's depth, until the matches measure it.
-    pub prior_sigma: f64,
-    /// Parts of a photograph whose errors are independent. Of many matches in each, the prior's errors are alike, and so is what a
-    /// lens or a shutter does that is not the model's: the prior's deviation per match and all covariances grow as if there were
-    /// no more matches than regions.
-    pub regions: f64,
-    /// Standard deviation of the logarithm of an assumed focal length. In the adjustment, where all matches count, it is divided by
-    /// the root of the number that share an error.
-    pub focal_sigma: f64,
-    /// Least median parallax of a photograph that determines depth, pixels.
-    pub min_parallax_pixels: f64,
-}
+/// A match's distance over the second best at most (Lowe, 2004).
+const RATIO: f64 = 0.8;
+/// Largest distance from the epipolar geometry, pixels of a photograph of [`LONGER_SIDE`], as all that follow.
+const EPIPOLAR_PIXELS: f64 = 1.5;
+/// Largest distance of a point lifted by the prior from where it was seen, pixels.
+const RESECTION_PIXELS: f64 = 12.0;
+/// Largest residual of a match after the adjustment, pixels.
+const OUTLIER_PIXELS: f64 = 3.0;
+/// Samples of a RANSAC at most.
+const SAMPLES: usize = 2000;
+/// Standard deviation of the logarithm of the prior's depth, until the matches measure it.
+const PRIOR_SIGMA: f64 = 0.25;
+/// Independent regions of a photograph. In each the prior has one error, and so has what a lens or a shutter does that is not the
+/// model's: beyond this number matches add nothing, and sigmas grow by the root of matches over regions.
+const REGIONS: f64 = 30.0;
+/// Standard deviation of the logarithm of an assumed focal length. In the adjustment, where all matches count, it is divided by the
+/// root of the number that share an error.
+const FOCAL_SIGMA: f64 = 0.2;
 
-impl Default for PosesConfig {
-    fn default() -> Self {
-        Self {
-            features: FeatureConfig::default(),
-            ratio: 0.8,
-            epipolar_pixels: 1.5,
-            resection_pixels: 12.0,
-            outlier_pixels: 3.0,
-            min_matches: 20,
-            samples: 2000,
-            prior_sigma: 0.25,
-            regions: 30.0,
-            focal_sigma: 0.2,
-            min_parallax_pixels: 2.0,
-        }
-    }
-}
+/// Matches that a photograph needs.
+pub const MIN_MATCHES: usize = 20;
+/// Features of a photograph at most in [`estimate_poses`] and [`refine_poses`].
+pub const MAX_FEATURES: usize = 3000;
 
-impl PosesConfig {
-    /// # Errors
-    /// [`Error::Config`](crate::Error::Config) with the first field out of its range.
-    pub fn validate(&self) -> Result<()> {
-        self.features.validate()?;
-        if !(self.ratio > 0.0 && self.ratio <= 1.0) {
-            return Err(config("ratio", self.ratio, "give a number above 0, at most 1"));
-        }
-        for (field, value) in [
-            ("epipolar-pixels", self.epipolar_pixels),
-            ("resection-pixels", self.resection_pixels),
-            ("outlier-pixels", self.outlier_pixels),
-            ("prior-sigma", self.prior_sigma),
-            ("regions", self.regions),
-            ("focal-sigma", self.focal_sigma),
-        ] {
-            positive(field, value)?;
-        }
-        if !(self.min_parallax_pixels >= 0.0 && self.min_parallax_pixels.is_finite()) {
-            return Err(config("min-parallax-pixels", self.min_parallax_pixels, "give 0 or more"));
-        }
-        if self.min_matches < 8 {
-            return Err(config("min-matches", self.min_matches, "give at least 8"));
-        }
-        if self.samples == 0 {
-            return Err(config("samples", self.samples, "give at least 1"));
-        }
-        Ok(())
-    }
-}
-
-impl PosesConfig {
-    /// Root of the number of matches that share an error.
-    fn alike(&self, matches: usize) -> f64 {
-        (matches as f64 / self.regions).max(1.0).sqrt()
-    }
-}
-
-fn positive(field: &'static str, value: f64) -> Result<()> {
-    if value > 0.0 && value.is_finite() { Ok(()) } else { Err(config(field, value, "give a number above 0")) }
+/// Root of the number of matches that share an error.
+fn shared_error_factor(matches: usize) -> f64 {
+    (matches as f64 / REGIONS).max(1.0).sqrt()
 }
 
 /// A photograph with its features, as the stages below take it.
 #[derive(Debug)]
-struct Shot<'a> {
+struct FeatureImage<'a> {
     features: Cow<'a, Features>,
     lens: Lens,
     prior: Option<ArrayView2<'a, f32>>,
 }
 
-impl<'a> Shot<'a> {
-    fn detected(photograph: &Photograph<'a>, settings: &FeatureConfig) -> Result<Self> {
-        Self::new(photograph, Features::detect(photograph.image, settings)?)
+impl<'a> FeatureImage<'a> {
+    fn detected(photograph: &PoseInput<'a>, max_features: usize) -> Result<Self> {
+        Self::new(photograph, Features::detect(photograph.image, max_features)?)
     }
 
-    fn new(photograph: &Photograph<'a>, features: Features) -> Result<Self> {
+    fn new(photograph: &PoseInput<'a>, features: Features) -> Result<Self> {
         let camera = &photograph.camera;
         camera.validate()?;
         let (height, width, _) = photograph.image.dim();
@@ -199,8 +124,8 @@ impl<'a> Shot<'a> {
     }
 
     /// All photographs' features, in parallel.
-    fn all(photographs: &[Photograph<'a>], settings: &FeatureConfig) -> Result<Vec<Self>> {
-        photographs.par_iter().map(|photograph| Self::detected(photograph, settings)).collect()
+    fn all(photographs: &[PoseInput<'a>]) -> Result<Vec<Self>> {
+        photographs.par_iter().map(|photograph| Self::detected(photograph, MAX_FEATURES)).collect()
     }
 
     fn ray(&self, pixel: &Point2<f64>) -> Vector3<f64> {
@@ -216,39 +141,32 @@ impl<'a> Shot<'a> {
     }
 }
 
-/// Photographs in the order of their names, so that the order in which they come changes nothing; and the reference's place.
-fn in_order(photographs: &[Photograph], reference: usize) -> Result<Vec<usize>> {
+/// The reference, then the others in the order given.
+fn in_order(photographs: &[PoseInput], reference: usize) -> Result<Vec<usize>> {
     if photographs.len() < 2 {
-        return Err(config("number of photographs", photographs.len(), "give at least 2"));
+        return Err(Error::config("number of photographs", photographs.len(), "give at least 2"));
     }
     if reference >= photographs.len() {
-        return Err(config("reference", reference, "give the index of one of the photographs"));
+        return Err(Error::config("reference", reference, "give the index of one of the photographs"));
     }
-    let mut order: Vec<usize> = (0..photographs.len()).collect();
-    order.sort_by_key(|&i| photographs[i].name);
-    if let Some(pair) = order.windows(2).find(|pair| photographs[pair[0]].name == photographs[pair[1]].name) {
-        return Err(config("name of a photograph", photographs[pair[0]].name, "give each its own name"));
-    }
-    Ok(order)
+    let others = (0..photographs.len()).filter(|&index| index != reference);
+    Ok(std::iter::once(reference).chain(others).collect())
 }
 
 /// A pair of photographs by their places among the shots, and its matches.
-type Relate = fn([&Shot; 2], [usize; 2], &[Match], &PosesConfig, u64) -> pair::Pair;
+type Relation = fn([&FeatureImage; 2], [usize; 2], &[Match], u64) -> two_view::Pair;
 
 /// Every pair of photographs, some at once; `matches` gives those of two of them, and the callback counts the pairs.
-fn all_pairs<M: AsRef<[Match]>>(
-    shots: &[Shot],
-    matches: impl Fn(usize, usize) -> M + Sync,
-    relate: Relate,
-    settings: &PosesConfig,
+fn all_pairs(
+    shots: &[FeatureImage],
+    matches: impl Fn(usize, usize) -> Vec<Match> + Sync,
+    relation: Relation,
     seed: u64,
     callback: &mut Callback<'_>,
-) -> Result<Vec<pair::Pair>> {
+) -> Result<Vec<two_view::Pair>> {
     let pairs: Vec<(usize, usize)> =
         (0..shots.len()).flat_map(|i| (i + 1..shots.len()).map(move |j| (i, j))).collect();
-    let of_pair = |&(i, j): &(usize, usize)| {
-        relate([&shots[i], &shots[j]], [i, j], matches(i, j).as_ref(), settings, seed)
-    };
+    let of_pair = |&(i, j): &(usize, usize)| relation([&shots[i], &shots[j]], [i, j], &matches(i, j), seed);
     let mut found = Vec::with_capacity(pairs.len());
     // Enough for each thread that the last ones seldom wait.
     for part in pairs.chunks(8 * rayon::current_num_threads()) {

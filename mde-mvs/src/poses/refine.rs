@@ -1,7 +1,10 @@
 use super::bundle::{Bundle, Observed, PosePrior};
 use super::tracks::{self, Track};
-use super::{Photograph, PosesConfig, Shot, all_pairs, config, in_order, matching, pair, positive};
-use crate::{Callback, Error, Result, silent};
+use super::{
+    FeatureImage, MIN_MATCHES, OUTLIER_PIXELS, PoseInput, RATIO, REGIONS, all_pairs, in_order, matching,
+    shared_error_factor, two_view,
+};
+use crate::{Callback, Error, Result};
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
@@ -9,7 +12,7 @@ use nalgebra::{Matrix6, Point2, Vector2};
 use rand::RngExt;
 use rayon::prelude::*;
 
-/// Shares of the settings' deviations of a given pose that are tried, the most trust first.
+/// Shares of the largest deviations of a given pose that are tried, the most trust first.
 const TRUST: [f64; 4] = [1.0 / 30.0, 0.1, 0.3, 1.0];
 /// Parts of the tracks, each of which is withheld once.
 const FOLDS: usize = 5;
@@ -20,34 +23,10 @@ const DEPTHS: usize = 48;
 /// Steps that improve the best of them.
 const DEPTH_STEPS: usize = 8;
 
-/// Settings of [`refine_poses`].
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields, rename_all = "kebab-case"))]
-pub struct RefineConfig {
-    /// Settings of the matches.
-    pub matches: PosesConfig,
-    /// Largest standard deviation of a given pose's rotation about each axis, degrees.
-    pub rotation_sigma_degrees: f64,
-    /// Largest standard deviation of a given camera's place along each axis, as a share of the median depth.
-    pub centre_sigma: f64,
-}
-
-impl Default for RefineConfig {
-    fn default() -> Self {
-        Self { matches: PosesConfig::default(), rotation_sigma_degrees: 1.0, centre_sigma: 0.01 }
-    }
-}
-
-impl RefineConfig {
-    /// # Errors
-    /// [`Error::Config`] with the first field out of its range.
-    pub fn validate(&self) -> Result<()> {
-        self.matches.validate()?;
-        positive("rotation-sigma-degrees", self.rotation_sigma_degrees)?;
-        positive("centre-sigma", self.centre_sigma)
-    }
-}
+/// Largest standard deviation of a given pose's rotation about each axis, degrees.
+const ROTATION_SIGMA_DEGREES: f64 = 1.0;
+/// Largest standard deviation of a given camera's place along each axis, as a share of the median depth.
+const CENTRE_SIGMA: f64 = 0.01;
 
 /// Given poses after refinement.
 #[derive(Debug, Clone, PartialEq)]
@@ -74,48 +53,32 @@ pub struct Agreement {
     pub features: usize,
     /// Matches with other photographs that fit some motion.
     pub matches: usize,
-    /// Of these, those that fit the poses to [`PosesConfig::outlier_pixels`].
+    /// Of these, those that fit the poses to 3 pixels.
     pub agreeing: usize,
 }
 
 /// Improves given poses (world to camera) by matches of the photographs: the adjustment of the module's front page with inverse
 /// depths from the matches alone, the given poses as a prior, and the reference's pose kept.
 ///
-/// The deviations of the given poses are tried at a thirtieth, a tenth, a third and all of those in the settings. Each trial is
-/// judged by tracks that had no part in it: every fifth of the tracks is withheld once, and distances beyond
-/// [`PosesConfig::outlier_pixels`] count as that, so that wrong matches do not decide. Of the trials and the given poses the one
-/// that moves least is kept, of those that fit the withheld tracks as well as the best within two standard errors; it is then
-/// adjusted to all tracks. With fewer than [`PosesConfig::min_matches`] tracks the given poses are kept.
+/// The deviations of the given poses are tried at a thirtieth, a tenth, a third and all of 1 degree and of 1 % of the median depth.
+/// Each trial is judged by tracks that had no part in it: every fifth of the tracks is withheld once, and distances beyond 3 pixels
+/// count as that, so that wrong matches do not decide. Of the trials and the given poses the one that moves least is kept, of those that fit the withheld tracks as well as the best within two standard errors; it is then
+/// adjusted to all tracks. With fewer than [`MIN_MATCHES`](super::MIN_MATCHES) tracks the given poses are kept. The
+/// callback counts the pairs of photographs as they are matched.
 ///
 /// # Errors
 /// Those of [`estimate_poses`](super::estimate_poses) but for the prior, [`Error::Config`] for another number of poses than of
-/// photographs, and [`Error::View`] for a pose that is not finite.
+/// photographs, [`Error::View`] for a pose that is not finite, and [`Error::Interrupted`].
 pub fn refine_poses(
-    photographs: &[Photograph],
+    photographs: &[PoseInput],
     poses: &[Pose],
     reference: usize,
-    settings: &RefineConfig,
-    seed: u64,
-) -> Result<Refined> {
-    refine_poses_with(photographs, poses, reference, settings, seed, &mut silent)
-}
-
-/// [`refine_poses`] with a callback that counts the pairs of photographs as they are matched.
-///
-/// # Errors
-/// As [`refine_poses`], and [`Error::Interrupted`].
-pub fn refine_poses_with(
-    photographs: &[Photograph],
-    poses: &[Pose],
-    reference: usize,
-    settings: &RefineConfig,
     seed: u64,
     callback: &mut Callback<'_>,
 ) -> Result<Refined> {
-    settings.validate()?;
     let order = in_order(photographs, reference)?;
     if poses.len() != photographs.len() {
-        return Err(config("number of poses", poses.len(), "give one for each photograph"));
+        return Err(Error::config("number of poses", poses.len(), "give one for each photograph"));
     }
     let finite = |pose: &Pose| {
         pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.is_finite())
@@ -123,21 +86,17 @@ pub fn refine_poses_with(
     if !poses.iter().all(finite) {
         return Err(Error::View(mde_warp::Error::Pose { which: "given" }));
     }
-    let sorted: Vec<Photograph> = order.iter().map(|&i| photographs[i]).collect();
-    let reference = order.iter().position(|&i| i == reference).unwrap_or_default();
+    let sorted: Vec<PoseInput> = order.iter().map(|&i| photographs[i]).collect();
     let given: Vec<Pose> = order.iter().map(|&i| poses[i]).collect();
-    let shots = Shot::all(&sorted, &settings.matches.features)?;
-    let found = |i: usize, j: usize| {
-        matching::match_features(&shots[i].features, &shots[j].features, settings.matches.ratio)
-    };
-    let pairs = all_pairs(&shots, found, pair::epipolar, &settings.matches, seed, callback)?;
+    let shots = FeatureImage::all(&sorted)?;
+    let found = |i: usize, j: usize| matching::match_features(&shots[i].features, &shots[j].features, RATIO);
+    let pairs = all_pairs(&shots, found, two_view::verified_matches, seed, callback)?;
 
-    let rank: Vec<usize> = (0..shots.len()).map(|v| if v == reference { 0 } else { v + 1 }).collect();
+    let rank: Vec<usize> = (0..shots.len()).collect();
     let groups = tracks::join(&shots, &pairs.iter().collect::<Vec<_>>(), &rank);
     let mut bundle = Bundle {
         lenses: shots.iter().map(|shot| super::bundle::Lens { assumed: false, ..shot.lens }).collect(),
         poses: given.clone(),
-        reference,
         log_focal: 0.0,
         focal_sigma: 1.0,
         log_scales: vec![0.0; shots.len()],
@@ -148,35 +107,34 @@ pub fn refine_poses_with(
     };
     let longest = longest_baseline(&given);
     bundle.triangulate(longest);
-    let cut = settings.matches.outlier_pixels;
+    let cut = OUTLIER_PIXELS;
     let all = bundle.clone();
     let features: Vec<usize> = shots.iter().map(|shot| shot.features.keypoints.len()).collect();
-    let unchanged = |withheld| {
-        let mut agreement = vec![Agreement::default(); poses.len()];
-        order.iter().zip(all.agreement(&features, cut)).for_each(|(&place, found)| agreement[place] = found);
-        Refined {
-            poses: poses.to_vec(),
-            accepted: false,
-            withheld,
-            covariances: vec![None; poses.len()],
-            tracks: all.report_tracks(None, &order),
-            agreement,
-        }
+    // The poses as given, until others are better.
+    let mut result = Refined {
+        poses: poses.to_vec(),
+        accepted: false,
+        withheld: None,
+        covariances: vec![None; poses.len()],
+        tracks: all.report_tracks(None, &order),
+        agreement: vec![Agreement::default(); poses.len()],
     };
+    let agreement = all.agreement(&features, cut);
+    order.iter().zip(agreement).for_each(|(&place, found)| result.agreement[place] = found);
 
     let depths = bundle.tracks.iter().map(|track| track.inverse_depth.recip());
     let Some(depth) = median(depths).filter(|_| longest > 0.0) else {
-        return Ok(unchanged(None));
+        return Ok(result);
     };
     for (v, prior) in bundle.pose_priors.iter_mut().enumerate() {
-        *prior = (v != reference).then(|| PosePrior {
+        *prior = (v != 0).then(|| PosePrior {
             pose: given[v],
-            rotation_sigma: settings.rotation_sigma_degrees.to_radians(),
-            centre_sigma: settings.centre_sigma * depth,
+            rotation_sigma: ROTATION_SIGMA_DEGREES.to_radians(),
+            centre_sigma: CENTRE_SIGMA * depth,
         });
     }
-    if bundle.tracks.len() < settings.matches.min_matches {
-        return Ok(unchanged(None));
+    if bundle.tracks.len() < MIN_MATCHES {
+        return Ok(result);
     }
     let folds = folds(&bundle, seed);
     let refined = |share: f64, tracks: &[Observed]| {
@@ -206,34 +164,27 @@ pub fn refine_poses_with(
         })
         .collect();
     let errors: Vec<Vec<f64>> = judged.chunks(FOLDS).map(<[Vec<f64>]>::concat).collect();
-    let Some(chosen) = least_moved(&errors, settings.matches.regions) else {
-        return Ok(unchanged(None));
+    let Some(chosen) = least_moved(&errors, REGIONS) else {
+        return Ok(result);
     };
-    let withheld = Some([0, chosen].map(|i| median(errors[i].iter().copied()).unwrap_or(0.0)));
+    result.withheld = Some([0, chosen].map(|i| median(errors[i].iter().copied()).unwrap_or(0.0)));
     let Some(share) = chosen.checked_sub(1).and_then(|i| TRUST.get(i)) else {
-        return Ok(unchanged(withheld));
+        return Ok(result);
     };
     let bundle = refined(*share, &bundle.tracks);
-    let noise =
-        settings.matches.alike(bundle.tracks.len()) * bundle.noise().max(super::estimate::LEAST_NOISE);
+    let noise = shared_error_factor(bundle.tracks.len()) * bundle.noise().max(super::estimate::LEAST_NOISE);
     let covariance = bundle.covariance(noise);
     let mut judged = Bundle { poses: bundle.poses.clone(), ..all };
     judged.triangulate(longest);
     let agreement = judged.agreement(&features, cut);
-    let mut refined = Refined {
-        poses: poses.to_vec(),
-        accepted: true,
-        withheld,
-        covariances: vec![None; poses.len()],
-        tracks: bundle.report_tracks(covariance.as_ref(), &order),
-        agreement: vec![Agreement::default(); poses.len()],
-    };
+    result.accepted = true;
+    result.tracks = bundle.report_tracks(covariance.as_ref(), &order);
     for (v, &place) in order.iter().enumerate() {
-        refined.poses[place] = bundle.poses[v];
-        refined.covariances[place] = covariance.as_ref().and_then(|c| c.poses[v]);
-        refined.agreement[place] = agreement[v];
+        result.poses[place] = bundle.poses[v];
+        result.covariances[place] = covariance.as_ref().and_then(|c| c.poses[v]);
+        result.agreement[place] = agreement[v];
     }
-    Ok(refined)
+    Ok(result)
 }
 
 /// Tracks that an adjustment has, and those that judge it.

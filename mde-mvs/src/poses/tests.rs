@@ -1,6 +1,8 @@
 use super::*;
+use crate::silent;
 use crate::synthetic::{Plane, pose_at, render};
 use mde_uncertainty::random::CounterRng;
+use mde_uncertainty::statistics::median;
 use mde_warp::{Pose, PosedView};
 use ndarray::{Array2, Array3};
 use rand::RngExt;
@@ -51,12 +53,10 @@ fn standard() -> &'static [(PosedView, Array2<f32>)] {
     SCENE.get_or_init(|| scene(&held()))
 }
 
-fn photographs<'a>(scene: &'a [(PosedView, Array2<f32>)], names: &[&'a str]) -> Vec<Photograph<'a>> {
+fn photographs(scene: &[(PosedView, Array2<f32>)]) -> Vec<PoseInput<'_>> {
     scene
         .iter()
-        .zip(names)
-        .map(|((view, prior), name)| Photograph {
-            name,
+        .map(|(view, prior)| PoseInput {
             image: view.image.view(),
             camera: view.camera,
             focal_assumed: false,
@@ -65,10 +65,17 @@ fn photographs<'a>(scene: &'a [(PosedView, Array2<f32>)], names: &[&'a str]) -> 
         .collect()
 }
 
-const NAMES: [&str; 5] = ["a", "b", "c", "d", "e"];
+fn estimate(photographs: &[PoseInput], reference: usize) -> Estimated {
+    estimate_poses(photographs, reference, 0, &mut silent).unwrap()
+}
 
-fn estimate(photographs: &[Photograph], reference: usize) -> Estimated {
-    estimate_poses(photographs, reference, &PosesConfig::default(), 0).unwrap()
+/// Depths of the tracks anchored in the reference over the true ones.
+fn ratios(tracks: &[Track]) -> impl Iterator<Item = f64> {
+    let depth = render(&planes(), camera(), Pose::identity(), PERIOD).1;
+    tracks.iter().filter(|track| track.pixels[0].photograph == 0).map(move |track| {
+        let p = track.pixels[0].pixel;
+        track.depth / f64::from(depth[(p.y.round() as usize, p.x.round() as usize)])
+    })
 }
 
 fn rotation_error(found: &Pose, truth: &Pose) -> f64 {
@@ -79,74 +86,35 @@ fn centre(pose: &Pose) -> Vector3<f64> {
     pose.inverse().translation.vector
 }
 
-/// The matches of our own features, as another program would give them: reversed, and in another order of photographs.
-#[test]
-fn given_matches_give_the_poses_of_the_same_matches_found_here() {
-    let settings = PosesConfig::default();
-    let photographs = photographs(standard(), &["d", "b", "a", "c"]);
-    let features: Vec<Features> =
-        photographs.iter().map(|p| Features::detect(p.image, &settings.features).unwrap()).collect();
-    let points = features.iter().map(|f| f.keypoints.iter().map(|k| k.pixel).collect()).collect();
-    let mut pairs = Vec::new();
-    for first in 0..4 {
-        for second in 0..first {
-            let found = match_features(&features[second], &features[first], settings.ratio);
-            let reversed = found.iter().map(|m| Match { first: m.second, second: m.first }).collect();
-            pairs.push(([first, second], reversed));
-        }
-    }
-    let mut matches = GivenMatches { points, pairs };
-    let given = |matches: &GivenMatches| estimate_poses_from(&photographs, 1, matches, &settings, 0);
-    let (here, there) = (estimate(&photographs, 1), given(&matches).unwrap());
-    for (here, there) in here.photographs.iter().zip(&there.photographs) {
-        assert_eq!((here.verdict, there.verdict.has_pose()), (there.verdict, true));
-        let (here, there) = (here.pose.unwrap(), there.pose.unwrap());
-        // Matches come in another order, so RANSAC draws others.
-        assert!(rotation_error(&here, &there) < 0.05, "{}", rotation_error(&here, &there));
-        assert!((centre(&here) - centre(&there)).norm() < 0.01);
-    }
-
-    // A photograph without matches has no pose.
-    matches.pairs.retain(|(pair, _)| !pair.contains(&3));
-    let without = given(&matches).unwrap();
-    assert_eq!(without.photographs[3].verdict, Verdict::AnotherPlace { matches: 0, agreeing: 0 });
-    assert!(without.photographs[2].verdict.has_pose());
-
-    let refused = |matches: GivenMatches| given(&matches).unwrap_err().to_string();
-    let twice = ([0, 1], Vec::new());
-    assert!(refused(GivenMatches { pairs: vec![twice.clone(), twice], ..matches.clone() }).contains("0, 1"));
-    let wrong = ([1, 0], vec![Match { first: 0, second: 100_000 }]);
-    assert!(refused(GivenMatches { pairs: vec![wrong], ..matches.clone() }).contains("100000"));
-    matches.points.pop();
-    assert!(refused(matches).contains("photographs with points is 3"));
-}
-
 /// Matches of one small place give a pose that may be off by many degrees; all of them, shaken alike, do not.
 #[test]
 fn a_photograph_of_uncertain_rotation_has_no_pose() {
-    let settings = PosesConfig::default();
-    let photographs = photographs(standard(), &["a", "b", "c"]);
+    let photographs = photographs(&standard()[..3]);
     let features: Vec<Features> =
-        photographs.iter().map(|p| Features::detect(p.image, &settings.features).unwrap()).collect();
+        photographs.iter().map(|p| Features::detect(p.image, MAX_FEATURES).unwrap()).collect();
     let shaken = |index: usize, k: &Keypoint| {
         let mut rng = CounterRng::new(5, "poses-test", index as u64, k.pixel.x.to_bits());
         k.pixel + Vector2::from_fn(|_, _| 3.0 * (rng.random::<f64>() - 0.5))
     };
-    let points: Vec<Vec<Point2<f64>>> =
-        (0..3).map(|i| features[i].keypoints.iter().map(|k| shaken(i, k)).collect()).collect();
+    let shot = |(index, of): (usize, &Features)| {
+        let keypoints = of.keypoints.iter().map(|k| Keypoint { pixel: shaken(index, k), ..*k }).collect();
+        FeatureImage::new(&photographs[index], Features { keypoints, descriptors: of.descriptors.clone() })
+            .unwrap()
+    };
+    let shots: Vec<FeatureImage> = features.iter().enumerate().map(shot).collect();
     let verdict = |nearest: usize| {
-        let pairs = [[0, 1], [0, 2], [1, 2]].map(|[first, second]| {
-            let mut found = match_features(&features[first], &features[second], settings.ratio);
+        let matches = |first: usize, second: usize| {
+            let mut found = match_features(&features[first], &features[second], RATIO);
             if second == 2 {
                 let middle = Point2::new(160.0, 120.0);
-                let from_middle = |m: &Match| (points[2][m.second] - middle).norm();
+                let from_middle = |m: &Match| (shots[2].features.keypoints[m.second].pixel - middle).norm();
                 found.sort_by(|a, b| from_middle(a).total_cmp(&from_middle(b)));
                 found.truncate(nearest);
             }
-            ([first, second], found)
-        });
-        let matches = GivenMatches { points: points.clone(), pairs: pairs.to_vec() };
-        let found = estimate_poses_from(&photographs, 0, &matches, &settings, 0).unwrap();
+            found
+        };
+        let pairs = all_pairs(&shots, matches, two_view::relative_pose, 0, &mut silent).unwrap();
+        let found = estimate::adjusted(&photographs, &shots, &pairs, &[0, 1, 2]);
         assert!(found.photographs[1].pose.is_some());
         (found.photographs[2].verdict, found.photographs[2].pose.is_some())
     };
@@ -157,7 +125,7 @@ fn a_photograph_of_uncertain_rotation_has_no_pose() {
 
 #[test]
 fn poses_of_rendered_photographs_are_found_in_the_unit_of_the_prior() {
-    let found = estimate(&photographs(standard(), &NAMES), 0);
+    let found = estimate(&photographs(standard()), 0);
     assert_eq!(found.photographs[0].verdict, Verdict::Reference);
     assert_eq!(found.photographs[0].pose, Some(Pose::identity()));
     for (photograph, truth) in found.photographs.iter().zip(held()).skip(1) {
@@ -174,47 +142,37 @@ fn poses_of_rendered_photographs_are_found_in_the_unit_of_the_prior() {
     assert!(found.noise > 0.05 && found.noise < 1.0, "{}", found.noise);
 
     // Depths of the tracks in the reference are .8 of the truth there.
-    let depth = render(&planes(), camera(), Pose::identity(), PERIOD).1;
-    let mut ratios: Vec<f64> = found
-        .tracks
-        .iter()
-        .filter(|track| track.pixels[0].photograph == 0)
-        .map(|track| {
-            let p = track.pixels[0].pixel;
-            track.depth / f64::from(depth[(p.y.round() as usize, p.x.round() as usize)])
-        })
-        .collect();
+    let mut ratios: Vec<f64> = ratios(&found.tracks).collect();
     ratios.sort_by(f64::total_cmp);
     let [low, middle, high] = [0.1, 0.5, 0.9].map(|q| ratios[(q * ratios.len() as f64) as usize]);
     assert!(ratios.len() > 300 && (middle - 0.8).abs() < 0.03, "{} {middle}", ratios.len());
     assert!(high / low < 1.06, "{low} {high}");
 }
 
-/// The result is bit for bit the same with one thread and with four, and whatever the order of the photographs.
+/// The result is bit for bit the same with one thread and with four, and wherever the reference comes among the photographs.
 #[test]
-fn threads_and_order_change_nothing() {
-    let given = photographs(standard(), &NAMES);
+fn threads_and_the_place_of_the_reference_change_nothing() {
+    let given = photographs(standard());
     let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let one = pool(1).install(|| estimate(&given, 0));
     assert_eq!(pool(4).install(|| estimate(&given, 0)), one);
 
-    let order = [2, 0, 3, 1];
-    let turned: Vec<Photograph> = order.iter().map(|&i| given[i]).collect();
-    let other = estimate(&turned, 1);
+    let order = [1, 2, 0, 3];
+    let turned = order.map(|i| given[i]);
+    let other = estimate(&turned, 2);
     for (place, &i) in order.iter().enumerate() {
         assert_eq!(other.photographs[place], one.photographs[i]);
     }
-    assert_eq!(other.tracks.len(), one.tracks.len());
-}
+    assert_eq!((other.tracks.len(), other.noise), (one.tracks.len(), one.noise));
 
-/// Half of the light and an offset on one photograph change little.
-#[test]
-fn exposure_changes_little() {
-    let mut scene = standard().to_vec();
-    scene[1].0.image.mapv_inplace(|v| 0.5 * v + 0.03);
-    let found = estimate(&photographs(&scene, &NAMES), 0);
-    let truth = held()[1];
-    assert!(rotation_error(&found.photographs[1].pose.unwrap(), &truth) < 0.15);
+    let refine = |photographs: &[PoseInput], poses: &[Pose], reference| {
+        refine_poses(photographs, poses, reference, 0, &mut silent).unwrap()
+    };
+    let mut off = held();
+    off[1] = pose_at([0.005, 0.0, 0.0], [0.005, 0.0, 0.0]) * off[1];
+    let (one, other) = (refine(&given, &off, 0), refine(&turned, &order.map(|i| off[i]), 2));
+    assert!(one.accepted);
+    assert_eq!(order.map(|i| one.poses[i]).as_slice(), other.poses);
 }
 
 /// Turned on the spot, in another place, and blank: each has its verdict, and the others their poses.
@@ -228,7 +186,7 @@ fn what_does_not_fit_is_named() {
     scene[3].0 =
         render(&[Plane::slanted(53.0, 0.2, -0.3)], camera(), pose_at([0.0, 0.0, 50.0], [0.0; 3]), PERIOD).0;
     scene[4].0.image = Array3::from_elem((240, 320, 3), 0.4);
-    let found = estimate(&photographs(&scene, &NAMES), 0);
+    let found = estimate(&photographs(&scene), 0);
     let verdict = |i: usize| found.photographs[i].verdict;
     assert_eq!(verdict(1), Verdict::Posed);
     assert!(matches!(verdict(2), Verdict::NoParallax { pixels, .. } if pixels < 2.0), "{}", verdict(2));
@@ -256,7 +214,7 @@ fn a_photograph_is_attached_through_another() {
             (view, depth * (1.0 + 0.3 * i as f32))
         })
         .collect();
-    let found = estimate(&photographs(&scene, &NAMES), 0);
+    let found = estimate(&photographs(&scene), 0);
     assert!(
         !found
             .tracks
@@ -279,7 +237,7 @@ fn an_assumed_focal_length_is_refined() {
         pose_at([0.1, -0.5, -0.1], [0.2, 0.05, 0.3]),
     ];
     let scene = scene(&poses);
-    let mut assumed = photographs(&scene, &NAMES);
+    let mut assumed = photographs(&scene);
     for photograph in &mut assumed {
         photograph.camera.fx *= 1.15;
         photograph.camera.fy *= 1.15;
@@ -293,12 +251,16 @@ fn an_assumed_focal_length_is_refined() {
     }
 }
 
-/// Given poses that are .3 degrees and 5 mm off are repaired; exact ones stay as they are.
+/// Given poses that are .3 degrees and 5 mm off are repaired; exact ones stay as they are, and so do those without a baseline.
 #[test]
 fn given_poses_are_repaired_and_exact_ones_kept() {
-    let given = photographs(standard(), &NAMES);
-    let exact = refine_poses(&given, &held(), 0, &RefineConfig::default(), 0).unwrap();
+    let given = photographs(standard());
+    let exact = refine_poses(&given, &held(), 0, 0, &mut silent).unwrap();
     assert_eq!((exact.accepted, &exact.poses), (false, &held()));
+
+    let still = vec![Pose::identity(); 4];
+    let kept = refine_poses(&given, &still, 0, 0, &mut silent).unwrap();
+    assert_eq!((kept.accepted, kept.withheld, kept.poses), (false, None, still));
 
     let mut off = held();
     for (i, pose) in off.iter_mut().enumerate().skip(1) {
@@ -307,7 +269,7 @@ fn given_poses_are_repaired_and_exact_ones_kept() {
         let moved = [[0.005, 0.0, 0.0], [0.0, 0.0, -0.005], [-0.003, 0.004, 0.0]][i - 1];
         *pose = pose_at(moved, turn) * *pose;
     }
-    let refined = refine_poses(&given, &off, 0, &RefineConfig::default(), 0).unwrap();
+    let refined = refine_poses(&given, &off, 0, 0, &mut silent).unwrap();
     assert!(refined.accepted);
     let [before, after] = refined.withheld.unwrap();
     assert!(after < 0.5 * before, "{before} {after}");
@@ -317,45 +279,24 @@ fn given_poses_are_repaired_and_exact_ones_kept() {
         assert!(error < 0.1, "{error}");
         assert!((centre(&refined.poses[i]) - centre(truth)).norm() < 0.006);
     }
-    let depth = render(&planes(), camera(), Pose::identity(), PERIOD).1;
-    let anchored = refined.tracks.iter().filter(|track| track.pixels[0].photograph == 0);
-    let errors = anchored.map(|track| {
-        let p = track.pixels[0].pixel;
-        (track.depth / f64::from(depth[(p.y.round() as usize, p.x.round() as usize)]) - 1.0).abs()
-    });
-    let mut errors: Vec<f64> = errors.collect();
-    errors.sort_by(f64::total_cmp);
-    assert!(errors[errors.len() / 2] < 0.02, "{}", errors[errors.len() / 2]);
-}
-
-/// Without a baseline there is nothing to refine by.
-#[test]
-fn poses_at_one_place_are_returned_as_they_are() {
-    let given = photographs(standard(), &NAMES);
-    let poses = vec![Pose::identity(); 4];
-    let refined = refine_poses(&given, &poses, 0, &RefineConfig::default(), 0).unwrap();
-    assert_eq!((refined.accepted, refined.withheld, refined.poses), (false, None, poses));
+    let error = median(ratios(&refined.tracks).map(|ratio| (ratio - 1.0).abs())).unwrap();
+    assert!(error < 0.02, "{error}");
 }
 
 #[test]
 fn what_cannot_be_estimated_is_refused() {
-    let given = photographs(standard(), &NAMES);
-    let text = |photographs: &[Photograph], reference| {
-        estimate_poses(photographs, reference, &PosesConfig::default(), 0).unwrap_err().to_string()
+    let given = photographs(standard());
+    let text = |photographs: &[PoseInput], reference| {
+        estimate_poses(photographs, reference, 0, &mut silent).unwrap_err().to_string()
     };
     assert!(text(&given[..1], 0).contains("number of photographs"));
     assert!(text(&given, 4).contains("reference"));
-    assert!(text(&[given[0], given[0]], 0).contains("own name"));
-    let without = Photograph { prior: None, ..given[0] };
+    let without = PoseInput { prior: None, ..given[0] };
     assert!(text(&[without, given[1]], 0).contains("prior of the reference"));
     let small = PinholeCamera::from_fov(60.0, 100, 240).unwrap();
-    assert!(text(&[Photograph { camera: small, ..given[0] }, given[1]], 0).contains("shape"));
+    assert!(text(&[PoseInput { camera: small, ..given[0] }, given[1]], 0).contains("shape"));
 
-    let settings = PosesConfig { min_matches: 3, ..PosesConfig::default() };
-    assert!(settings.validate().unwrap_err().to_string().contains("min-matches"));
-    let settings = RefineConfig { centre_sigma: 0.0, ..RefineConfig::default() };
-    assert!(settings.validate().unwrap_err().to_string().contains("centre-sigma"));
-    let refine = |poses: &[Pose]| refine_poses(&given, poses, 0, &RefineConfig::default(), 0);
+    let refine = |poses: &[Pose]| refine_poses(&given, poses, 0, 0, &mut silent);
     assert!(refine(&held()[..2]).unwrap_err().to_string().contains("number of poses"));
     let mut poses = held();
     poses[1].translation.vector.x = f64::NAN;

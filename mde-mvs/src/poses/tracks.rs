@@ -1,7 +1,7 @@
 //! Features of several photographs that are one point of the scene.
 
-use super::Shot;
-use super::pair::Pair;
+use super::FeatureImage;
+use super::two_view::Pair;
 use nalgebra::Point2;
 use std::collections::BTreeMap;
 
@@ -35,7 +35,11 @@ pub struct Track {
 /// Joins matches that share features. A track that has two places in one photograph is dropped: some match of it is wrong.
 ///
 /// Each is a list of `(shot, pixel)`, by the rank of the shots; the first is the anchor.
-pub(super) fn join(shots: &[Shot], pairs: &[&Pair], rank: &[usize]) -> Vec<Vec<(usize, Point2<f64>)>> {
+pub(super) fn join(
+    shots: &[FeatureImage],
+    pairs: &[&Pair],
+    rank: &[usize],
+) -> Vec<Vec<(usize, Point2<f64>)>> {
     let starts: Vec<usize> = shots
         .iter()
         .scan(0, |sum, shot| {

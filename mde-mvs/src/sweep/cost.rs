@@ -6,9 +6,15 @@ use ndarray::{Array2, Zip};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-use crate::geometry::Transfer;
 use crate::raster::luma;
+use mde_warp::transfer::PlaneTransfer;
 
+/// Half the side of the correlation window, pixels.
+pub(crate) const RADIUS: usize = 3;
+/// Its side.
+const WINDOW: usize = 2 * RADIUS + 1;
+/// Standard deviation of a grey value's noise, in sRGB units.
+pub(crate) const NOISE: f32 = 2.0 / 255.0;
 /// Cost 1 (no correlation, or a negative one), quantised.
 pub(crate) const WORST: f32 = 254.0;
 /// Cost of a source that does not have the pixel, and placeholder in the volume where none has it, until it is filled.
@@ -45,7 +51,7 @@ struct Source {
     quads: Vec<u64>,
     width: usize,
     height: usize,
-    transfer: Transfer,
+    transfer: PlaneTransfer,
 }
 
 impl Source {
@@ -66,7 +72,7 @@ impl Source {
             }));
         }
         quads.push(u64::MAX);
-        Self { quads, width: w, height: h, transfer: Transfer::new(reference, view) }
+        Self { quads, width: w, height: h, transfer: PlaneTransfer::new(reference, view) }
     }
 }
 
@@ -74,8 +80,7 @@ impl Source {
 struct Reference {
     width: usize,
     height: usize,
-    radius: usize,
-    /// Luma padded by `radius` zeros to both sides of every row; zero where masked.
+    /// Luma padded by [`RADIUS`] zeros to both sides of every row; zero where masked.
     padded: Vec<f32>,
     /// 1 where the mask holds.
     mask: Vec<f32>,
@@ -85,19 +90,18 @@ struct Reference {
     sum: Vec<f32>,
     /// 1 / (number x standard deviation).
     scale: Vec<f32>,
-    noise: f32,
 }
 
 impl Reference {
-    fn new(view: &PosedView, radius: usize, noise: f32) -> Self {
+    fn new(view: &PosedView) -> Self {
         let (h, w) = view.camera.dim();
         let luma = luma(view.image.view());
-        let stride = w + 2 * radius;
+        let stride = w + 2 * RADIUS;
         let mut padded = vec![0.0; h * stride];
         let mut mask = vec![0.0; h * w];
         for ((y, x), &value) in luma.indexed_iter() {
             if view.mask[(y, x)] {
-                padded[y * stride + radius + x] = value;
+                padded[y * stride + RADIUS + x] = value;
                 mask[y * w + x] = 1.0;
             }
         }
@@ -105,9 +109,9 @@ impl Reference {
         for y in 0..h {
             for x in 0..w {
                 let (mut n, mut s, mut ss) = (0.0_f64, 0.0_f64, 0.0_f64);
-                for v in y.saturating_sub(radius)..(y + radius + 1).min(h) {
-                    for u in x.saturating_sub(radius)..(x + radius + 1).min(w) {
-                        let value = f64::from(padded[v * stride + radius + u]);
+                for v in y.saturating_sub(RADIUS)..(y + RADIUS + 1).min(h) {
+                    for u in x.saturating_sub(RADIUS)..(x + RADIUS + 1).min(w) {
+                        let value = f64::from(padded[v * stride + RADIUS + u]);
                         n += f64::from(mask[v * w + u]);
                         s += value;
                         ss += value * value;
@@ -116,11 +120,11 @@ impl Reference {
                 let i = y * w + x;
                 count[i] = n.max(1.0) as f32;
                 sum[i] = s as f32;
-                let noise = f64::from(noise);
+                let noise = f64::from(NOISE);
                 scale[i] = (n * ss - s * s + n * n * noise * noise).max(1e-12).sqrt().recip() as f32;
             }
         }
-        Self { width: w, height: h, radius, padded, mask, count, sum, scale, noise }
+        Self { width: w, height: h, padded, mask, count, sum, scale }
     }
 }
 
@@ -141,14 +145,14 @@ struct Scratch {
 
 impl Scratch {
     fn new(reference: &Reference, sources: usize) -> Self {
-        let (w, r) = (reference.width, reference.radius);
+        let w = reference.width;
         Self {
             fraction_x: vec![0.0; w],
             fraction_y: vec![0.0; w],
             index: vec![0; w],
             quads: vec![0; w],
-            warped: vec![0.0; w + 2 * r],
-            sums: std::array::from_fn(|_| vec![0.0; (2 * r + 1) * w]),
+            warped: vec![0.0; w + 2 * RADIUS],
+            sums: std::array::from_fn(|_| vec![0.0; WINDOW * w]),
             costs: vec![vec![0; BLOCK * w]; sources],
             group: vec![0; GROUP * BLOCK * w],
         }
@@ -162,13 +166,11 @@ pub(crate) struct Setup<'a> {
     /// Inverse depth of every pixel, row after row; a surface is a multiple of it.
     pub(crate) centre: &'a [f32],
     pub(crate) multiples: &'a [f32],
-    pub(crate) radius: usize,
-    pub(crate) noise: f32,
 }
 
 impl Volume {
     pub(crate) fn new(setup: &Setup<'_>) -> Self {
-        let reference = Reference::new(setup.reference, setup.radius, setup.noise);
+        let reference = Reference::new(setup.reference);
         let sources: Vec<Source> =
             setup.sources.iter().map(|view| Source::new(setup.reference, view)).collect();
         let (w, h, surfaces) = (reference.width, reference.height, setup.multiples.len());
@@ -219,42 +221,31 @@ impl WithSimd for FillBlock<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        fill_block(self);
-    }
-}
-
-#[inline(always)]
-fn fill_block(block: FillBlock<'_>) {
-    let FillBlock { setup, reference, sources, scratch, top, slab } = block;
-    let (w, surfaces) = (reference.width, setup.multiples.len());
-    let pixels = slab.len() / surfaces;
-    for start in (0..surfaces).step_by(GROUP) {
-        let multiples = &setup.multiples[start..(start + GROUP).min(surfaces)];
-        for (slot, &multiple) in multiples.iter().enumerate() {
-            for (s, source) in sources.iter().enumerate() {
-                let surface = Surface { setup, reference, source, multiple };
-                match reference.radius {
-                    1 => correlate::<3>(&surface, scratch, s, top, pixels / w),
-                    2 => correlate::<5>(&surface, scratch, s, top, pixels / w),
-                    3 => correlate::<7>(&surface, scratch, s, top, pixels / w),
-                    4 => correlate::<9>(&surface, scratch, s, top, pixels / w),
-                    _ => correlate::<11>(&surface, scratch, s, top, pixels / w),
+        let Self { setup, reference, sources, scratch, top, slab } = self;
+        let (w, surfaces) = (reference.width, setup.multiples.len());
+        let pixels = slab.len() / surfaces;
+        for start in (0..surfaces).step_by(GROUP) {
+            let multiples = &setup.multiples[start..(start + GROUP).min(surfaces)];
+            for (slot, &multiple) in multiples.iter().enumerate() {
+                for (s, source) in sources.iter().enumerate() {
+                    let surface = Surface { setup, reference, source, multiple };
+                    correlate(&surface, scratch, s, top, pixels / w);
                 }
+                best_half(&mut scratch.costs, &mut scratch.group[slot * BLOCK * w..][..pixels]);
             }
-            best_half(&mut scratch.costs, &mut scratch.group[slot * BLOCK * w..][..pixels]);
-        }
-        for (chunk, slab) in slab.chunks_mut(LANES * surfaces).enumerate() {
-            let mut words = [0_u64; LANES];
-            let n = slab.len() / surfaces;
-            for slot in 0..multiples.len() {
-                let costs = &scratch.group[slot * BLOCK * w + chunk * LANES..][..n];
-                for (word, &cost) in words.iter_mut().zip(costs) {
-                    *word |= u64::from(cost) << (8 * slot);
+            for (chunk, slab) in slab.chunks_mut(LANES * surfaces).enumerate() {
+                let mut words = [0_u64; LANES];
+                let n = slab.len() / surfaces;
+                for slot in 0..multiples.len() {
+                    let costs = &scratch.group[slot * BLOCK * w + chunk * LANES..][..n];
+                    for (word, &cost) in words.iter_mut().zip(costs) {
+                        *word |= u64::from(cost) << (8 * slot);
+                    }
                 }
-            }
-            for (costs, word) in slab.chunks_exact_mut(surfaces).zip(words) {
-                let here = &mut costs[start..start + multiples.len()];
-                here.copy_from_slice(&word.to_le_bytes()[..multiples.len()]);
+                for (costs, word) in slab.chunks_exact_mut(surfaces).zip(words) {
+                    let here = &mut costs[start..start + multiples.len()];
+                    here.copy_from_slice(&word.to_le_bytes()[..multiples.len()]);
+                }
             }
         }
     }
@@ -271,16 +262,9 @@ struct Surface<'a> {
 /// Costs of the rows of a block: line by line, its margin too, the source is warped onto the surface and summed over
 /// horizontal windows; as many lines as the window is high are kept, and summed.
 #[inline(always)]
-fn correlate<const WINDOW: usize>(
-    surface: &Surface<'_>,
-    scratch: &mut Scratch,
-    source: usize,
-    top: usize,
-    rows: usize,
-) {
+fn correlate(surface: &Surface<'_>, scratch: &mut Scratch, source: usize, top: usize, rows: usize) {
     let Surface { setup, reference, source: view, multiple } = *surface;
-    let (w, r) = (reference.width, WINDOW / 2);
-    let squared = reference.noise * reference.noise;
+    let (w, r) = (reference.width, RADIUS);
     let Scratch { fraction_x, fraction_y, index, quads, warped, sums: [s1, s2, s3], costs, .. } = scratch;
     for line in 0..rows + 2 * r {
         let slot = line % WINDOW;
@@ -295,18 +279,17 @@ fn correlate<const WINDOW: usize>(
             interpolate(quads, fraction_x, fraction_y, mask, &mut warped[r..r + w]);
             let stride = w + 2 * r;
             let luma = &reference.padded[y * stride..(y + 1) * stride];
-            horizontal::<WINDOW>(warped, luma, l1, l2, l3);
+            horizontal(warped, luma, l1, l2, l3);
         } else {
             [l1, l2, l3].into_iter().for_each(|sums| sums.fill(0.0));
         }
         if let Some(row) = line.checked_sub(2 * r) {
             let here = (top + row) * w..(top + row + 1) * w;
-            correlation_row::<WINDOW>(
+            correlation_row(
                 [s1, s2, s3],
                 &reference.count[here.clone()],
                 &reference.sum[here.clone()],
                 &reference.scale[here],
-                squared,
                 &mut costs[source][row * w..(row + 1) * w],
             );
         }
@@ -377,13 +360,7 @@ fn interpolate(quads: &[u64], fraction_x: &[f32], fraction_y: &[f32], mask: &[f3
 }
 
 #[inline(always)]
-fn horizontal<const WINDOW: usize>(
-    warped: &[f32],
-    luma: &[f32],
-    s1: &mut [f32],
-    s2: &mut [f32],
-    s3: &mut [f32],
-) {
+fn horizontal(warped: &[f32], luma: &[f32], s1: &mut [f32], s2: &mut [f32], s3: &mut [f32]) {
     let n = s1.len();
     let a: [&[f32]; WINDOW] = std::array::from_fn(|j| &warped[j..j + n]);
     let b: [&[f32]; WINDOW] = std::array::from_fn(|j| &luma[j..j + n]);
@@ -404,14 +381,7 @@ fn horizontal<const WINDOW: usize>(
 
 /// One row of quantised costs; `out` is an argument of its own: as such it overlaps nothing, and the loop vectorises.
 #[inline(always)]
-fn correlation_row<const WINDOW: usize>(
-    [s1, s2, s3]: [&[f32]; 3],
-    count: &[f32],
-    sum: &[f32],
-    scale: &[f32],
-    squared: f32,
-    out: &mut [u8],
-) {
+fn correlation_row([s1, s2, s3]: [&[f32]; 3], count: &[f32], sum: &[f32], scale: &[f32], out: &mut [u8]) {
     let w = out.len();
     let lines = |s| -> [&[f32]; WINDOW] {
         let s: &[f32] = s;
@@ -428,7 +398,7 @@ fn correlation_row<const WINDOW: usize>(
         }
         let n = count[x];
         let covariance = n * s3 - s1 * sum[x];
-        let variance = n * s2 - s1 * s1 + n * n * squared;
+        let variance = n * s2 - s1 * s1 + n * n * (NOISE * NOISE);
         // Not `max`, which would turn NaN into the bound.
         let variance = if variance < LEAST { LEAST } else { variance };
         let cost = 1.0 - covariance * scale[x] * inverse_root(variance);

@@ -1,7 +1,7 @@
 //! Plane sweep: a depth of every pixel by comparing photographs on a set of surfaces.
 //!
 //! A surface is a multiple of a centre in inverse depth: of a constant, which gives the classical planes, or of a depth
-//! map, such as the gauged prior, whose slants the windows and the smoothness then follow. A pixel on a surface is
+//! map, such as the scaled prior, whose slants the windows and the smoothness then follow. A pixel on a surface is
 //! compared with each source by zero-mean normalised cross-correlation over a box,
 //!
 //! \\[ c_s = \min\Bigl\{1,\; 1 - \frac{\operatorname{cov}(I, I_s)}{\sqrt{(\operatorname{var} I + \nu^2)(\operatorname{var} I_s + \nu^2)}}\Bigr\} , \\]
@@ -12,21 +12,27 @@
 //! posterior in that valley is the inlier probability by this sweep alone.
 
 mod aggregate;
+pub mod consensus;
+mod correction;
 mod cost;
+pub mod exposure;
 mod posterior;
+pub mod scale;
+pub mod views;
+pub mod withheld;
 
 use mde_uncertainty::GaussianDepth;
-use mde_uncertainty::statistics::quantile;
+use mde_uncertainty::statistics::{median, quantile};
 use mde_warp::PosedView;
 use ndarray::{Array2, ArrayView2};
 use pulp::Arch;
 use rayon::prelude::*;
 
-use crate::geometry::Transfer;
 use crate::raster::luma;
 use crate::{Error, Result, check_map};
 use aggregate::{Penalties, aggregate};
 use cost::{Setup, Volume, WORST};
+use mde_warp::transfer::PlaneTransfer;
 use posterior::EstimateRow;
 
 /// Most sources that are compared with a reference.
@@ -34,77 +40,18 @@ const MAX_SOURCES: usize = 32;
 /// Pixels between two samples when the number of surfaces is chosen, along each axis.
 const STRIDE: usize = 8;
 
-/// Settings of [`sweep`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default, rename_all = "kebab-case"))]
-#[non_exhaustive]
-pub struct SweepConfig {
-    /// Most surfaces; 128. Fewer are taken where that many would lie nearer than [`step`](Self::step).
-    pub surfaces: usize,
-    /// Pixels between neighbouring surfaces in the source of most parallax, .25.
-    pub step: f64,
-    /// Half the side of the correlation window, 1 to 5 pixels; 3 makes it 7 x 7.
-    pub radius: usize,
-    /// Standard deviation of a grey value's noise, in sRGB units; 2 / 255.
-    pub noise: f32,
-    /// Penalty for a change by one surface between neighbours, in units of cost.
-    pub small_penalty: f32,
-    /// Penalty for a larger change, in units of cost, divided by 1 + difference of luma / [`edge`](Self::edge).
-    pub large_penalty: f32,
-    /// Difference of luma that halves the large penalty.
-    pub edge: f32,
-    /// Whether costs are aggregated along the diagonals too: 8 directions instead of 4.
-    pub diagonals: bool,
-    /// Temperature of the posterior, in units of cost.
-    pub temperature: f32,
-}
-
-impl Default for SweepConfig {
-    fn default() -> Self {
-        Self {
-            surfaces: 128,
-            step: 0.25,
-            radius: 3,
-            noise: 2.0 / 255.0,
-            small_penalty: 0.04,
-            large_penalty: 0.4,
-            edge: 0.05,
-            diagonals: true,
-            temperature: 0.5,
-        }
-    }
-}
-
-impl SweepConfig {
-    /// Checks the settings.
-    ///
-    /// # Errors
-    /// [`Error::Config`] that names the first field at fault.
-    pub fn validate(&self) -> Result<()> {
-        if !(4..=1024).contains(&self.surfaces) {
-            return Err(Error::config("surfaces", self.surfaces, "give 4 to 1024"));
-        }
-        if !(1..=5).contains(&self.radius) {
-            return Err(Error::config("radius", self.radius, "give 1 to 5 pixels"));
-        }
-        if !(self.step > 0.0 && self.step.is_finite()) {
-            return Err(Error::config("step", self.step, "give a positive number of pixels"));
-        }
-        let positive = [("noise", self.noise), ("edge", self.edge), ("temperature", self.temperature)];
-        for (field, value) in positive {
-            if !(value > 0.0 && value.is_finite()) {
-                return Err(Error::config(field, value, "give a positive number"));
-            }
-        }
-        for (field, value) in [("small-penalty", self.small_penalty), ("large-penalty", self.large_penalty)] {
-            if !(0.0..=8.0).contains(&value) {
-                return Err(Error::config(field, value, "give 0 to 8"));
-            }
-        }
-        Ok(())
-    }
-}
+/// Most surfaces. Fewer are taken where that many would lie nearer than [`STEP`].
+const SURFACES: usize = 128;
+/// Pixels between neighbouring surfaces in the source of most parallax.
+const STEP: f64 = 0.25;
+/// Penalty for a change by one surface between neighbours, in units of cost.
+const SMALL_PENALTY: f32 = 0.04;
+/// Penalty for a larger change, in units of cost, divided by 1 + difference of luma / [`EDGE`].
+const LARGE_PENALTY: f32 = 0.4;
+/// Difference of luma that halves the large penalty.
+const EDGE: f32 = 0.05;
+/// Temperature of the posterior, in units of cost.
+const TEMPERATURE: f32 = 0.5;
 
 /// The surfaces of a sweep.
 #[derive(Debug, Clone, Copy)]
@@ -152,16 +99,14 @@ pub struct Sweep {
 ///
 /// # Errors
 /// [`Error::Reference`] for an index outside the views, [`Error::TooFewViews`] without sources, [`Error::Config`] for a
-/// setting or a range of depths out of order, [`Error::View`] for a view that [`PosedView::validate`] refuses or a depth map of another
+/// range of depths out of order, [`Error::View`] for a view that [`PosedView::validate`] refuses or a depth map of another
 /// size.
 pub fn sweep(
     views: &[PosedView],
     reference: usize,
     sources: &[usize],
     surfaces: Surfaces<'_>,
-    config: &SweepConfig,
 ) -> Result<Sweep> {
-    config.validate()?;
     let view = |i: usize| -> Result<&PosedView> {
         let view = views.get(i).ok_or(Error::Reference { reference: i, views: views.len() })?;
         view.validate()?;
@@ -175,7 +120,7 @@ pub fn sweep(
     }
     let (height, width) = from.camera.dim();
     let (centre, [low, high], logarithmic) = centre(from, surfaces)?;
-    let number = number_of_surfaces(from, &sources, &centre, [low, high], config);
+    let number = number_of_surfaces(from, &sources, &centre, [low, high]);
     let multiples: Vec<f32> = (0..number)
         .map(|k| {
             let share = k as f64 / (number - 1) as f64;
@@ -183,30 +128,19 @@ pub fn sweep(
             if logarithmic { (low * (high / low).powf(share)) as f32 } else { even as f32 }
         })
         .collect();
-    let setup = Setup {
-        reference: from,
-        sources: &sources,
-        centre: &centre,
-        multiples: &multiples,
-        radius: config.radius,
-        noise: config.noise,
-    };
+    let setup = Setup { reference: from, sources: &sources, centre: &centre, multiples: &multiples };
     let volume = Volume::new(&setup);
     let grey = luma(from.image.view());
     let grey: Vec<f32> = grey.iter().copied().collect();
     let units = |cost: f32| (cost * WORST).round() as u16;
-    let penalties = Penalties {
-        small: units(config.small_penalty),
-        large: units(config.large_penalty),
-        edge: config.edge,
-    };
-    let sums = aggregate(&volume, &grey, width, &penalties, config.diagonals);
+    let penalties = Penalties { small: units(SMALL_PENALTY), large: units(LARGE_PENALTY), edge: EDGE };
+    let sums = aggregate(&volume, &grey, width, &penalties);
     let mut found = vec![None; width * height];
     let arch = Arch::new();
     found.par_chunks_mut(width).zip(sums.par_chunks(width * number)).for_each_init(
         || vec![0.0; number],
         |weights, (found, costs)| {
-            let temperature = config.temperature * WORST;
+            let temperature = TEMPERATURE * WORST;
             arch.dispatch(EstimateRow { costs, surfaces: number, temperature, weights, found });
         },
     );
@@ -241,8 +175,8 @@ pub fn sweep(
 
 /// Bytes that [`sweep`] takes beside its inputs and its result for a photograph of that many pixels: costs and their sums on all
 /// surfaces, and the samples of the sources.
-pub fn working_bytes(pixels: u64, sources: u64, config: &SweepConfig) -> u64 {
-    let volume = (size_of::<u8>() + size_of::<u16>()) as u64 * config.surfaces as u64;
+pub fn working_bytes(pixels: u64, sources: u64) -> u64 {
+    let volume = (size_of::<u8>() + size_of::<u16>()) as u64 * SURFACES as u64;
     let sources = sources.min(MAX_SOURCES as u64).saturating_mul(size_of::<[f32; 4]>() as u64);
     // Luma, its windows and the centre of the reference; what is read from the sums.
     let reference = 12 * size_of::<f32>() as u64;
@@ -270,8 +204,7 @@ fn centre(from: &PosedView, surfaces: Surfaces<'_>) -> Result<(Vec<f32>, [f64; 2
                 return Err(Error::config("factor", factor, "give a number above 1"));
             }
             let good = |z: f32| z > 0.0 && z.is_finite();
-            let mut known: Vec<f64> = depth.iter().filter(|z| good(**z)).map(|&z| f64::from(z)).collect();
-            let middle = quantile(&mut known, 0.5)
+            let middle = median(depth.iter().filter(|z| good(**z)).map(|&z| f64::from(z)))
                 .ok_or_else(|| Error::config("depth", "nowhere positive", "give a depth map with values"))?;
             let inverse = |&z: &f32| if good(z) { z.recip() } else { middle.recip() as f32 };
             let logarithmic = matches!(surfaces, Surfaces::Ladder { .. });
@@ -286,12 +219,11 @@ fn number_of_surfaces(
     sources: &[&PosedView],
     centre: &[f32],
     [low, high]: [f64; 2],
-    config: &SweepConfig,
 ) -> usize {
     let (height, width) = from.camera.dim();
     let mut longest = 0.0_f64;
     for source in sources {
-        let transfer = Transfer::new(from, source);
+        let transfer = PlaneTransfer::new(from, source);
         let mut paths = Vec::new();
         for y in (0..height).step_by(STRIDE) {
             for x in (0..width).step_by(STRIDE) {
@@ -304,12 +236,8 @@ fn number_of_surfaces(
         }
         longest = longest.max(quantile(&mut paths, 0.75).unwrap_or(f64::INFINITY));
     }
-    let wanted = (longest / config.step).ceil() + 1.0;
-    if wanted < config.surfaces as f64 {
-        (wanted as usize).max(16.min(config.surfaces))
-    } else {
-        config.surfaces
-    }
+    let wanted = (longest / STEP).ceil() + 1.0;
+    if wanted < SURFACES as f64 { (wanted as usize).max(16) } else { SURFACES }
 }
 
 #[cfg(test)]
@@ -343,7 +271,7 @@ mod tests {
             let prior = depths[0].mapv(|z| wrong * z);
             let around = Surfaces::Around { depth: prior.view(), factor: 1.6 };
             for surfaces in [planes, around] {
-                let found = sweep(&views, 0, &[1, 2, 3], surfaces, &SweepConfig::default()).unwrap();
+                let found = sweep(&views, 0, &[1, 2, 3], surfaces).unwrap();
                 let errors = errors(&found, &depths[0], 10);
                 // Half a pixel is 6 % of the depth here.
                 prop_assert!(errors[errors.len() / 2] < 0.02, "median {}", errors[errors.len() / 2]);
@@ -358,7 +286,7 @@ mod tests {
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let around = Surfaces::Around { depth: depths[0].view(), factor: 2.0 };
-            pool.install(|| sweep(&views, 0, &[1, 2, 3], around, &SweepConfig::default()).unwrap())
+            pool.install(|| sweep(&views, 0, &[1, 2, 3], around).unwrap())
         };
         assert_eq!(run(1), run(3));
     }
@@ -369,7 +297,7 @@ mod tests {
         let (mut views, depths) = scene(&[Plane::slanted(2.0, 0.2, 0.0)], (60, 80), &CENTRES);
         views[3].image.invert_axis(ndarray::Axis(1));
         let planes = Surfaces::Planes { near: 1.0, far: 6.0 };
-        let found = sweep(&views, 0, &[1, 2, 3], planes, &SweepConfig::default()).unwrap();
+        let found = sweep(&views, 0, &[1, 2, 3], planes).unwrap();
         let errors = errors(&found, &depths[0], 10);
         assert!(errors[errors.len() / 2] < 0.01);
     }
@@ -377,11 +305,10 @@ mod tests {
     #[test]
     fn exposure_changes_nothing() {
         let (mut views, _) = scene(&[Plane::slanted(2.0, 0.2, 0.0)], (60, 80), &CENTRES);
-        let config = SweepConfig { noise: 1e-4, ..SweepConfig::default() };
         let planes = Surfaces::Planes { near: 1.0, far: 6.0 };
-        let before = sweep(&views, 0, &[1, 2], planes, &config).unwrap();
+        let before = sweep(&views, 0, &[1, 2], planes).unwrap();
         views[1].image.mapv_inplace(|x| 0.7 * x + 0.1);
-        let after = sweep(&views, 0, &[1, 2], planes, &config).unwrap();
+        let after = sweep(&views, 0, &[1, 2], planes).unwrap();
         let (before, after) = (before.depth.mean(), after.depth.mean());
         let moved = before.iter().zip(after).filter(|(a, b)| ((*a - *b) / *a).abs() > 0.01);
         assert!(moved.count() < 60 * 80 / 100);
@@ -390,25 +317,16 @@ mod tests {
     #[test]
     fn what_cannot_be_swept_is_named() {
         let (views, depths) = scene(&[Plane::slanted(2.0, 0.0, 0.0)], (8, 8), &CENTRES[..2]);
-        let config = SweepConfig::default();
         let planes = Surfaces::Planes { near: 2.0, far: 1.0 };
-        assert!(matches!(sweep(&views, 0, &[1], planes, &config), Err(Error::Config { field: "far", .. })));
+        assert!(matches!(sweep(&views, 0, &[1], planes), Err(Error::Config { field: "far", .. })));
         let planes = Surfaces::Planes { near: 1.0, far: 2.0 };
-        assert!(matches!(sweep(&views, 0, &[0], planes, &config), Err(Error::TooFewViews { .. })));
-        assert!(matches!(sweep(&views, 0, &[9], planes, &config), Err(Error::Reference { .. })));
+        assert!(matches!(sweep(&views, 0, &[0], planes), Err(Error::TooFewViews { .. })));
+        assert!(matches!(sweep(&views, 0, &[9], planes), Err(Error::Reference { .. })));
         let around = Surfaces::Around { depth: depths[0].view(), factor: 1.0 };
-        assert!(matches!(
-            sweep(&views, 0, &[1], around, &config),
-            Err(Error::Config { field: "factor", .. })
-        ));
-        let config = SweepConfig { radius: 9, ..config };
-        assert!(matches!(
-            sweep(&views, 0, &[1], planes, &config),
-            Err(Error::Config { field: "radius", .. })
-        ));
+        assert!(matches!(sweep(&views, 0, &[1], around), Err(Error::Config { field: "factor", .. })));
         let mut views = views;
         views[1].mask = Array2::from_elem((3, 4), true);
-        assert!(matches!(sweep(&views, 0, &[1], planes, &SweepConfig::default()), Err(Error::View(_))));
+        assert!(matches!(sweep(&views, 0, &[1], planes), Err(Error::View(_))));
     }
 
     /// A plane beyond a thousand times the nearest depth, which has next to no parallax.

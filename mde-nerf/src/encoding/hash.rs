@@ -310,34 +310,6 @@ mod tests {
             grid.forward(&padded(&[point]), &mut features, 1);
             prop_assert!((features[0] - linear(point)).abs() < 1e-12);
         }
-
-        /// The scatter is the transpose of the gather: <gather(t), d> = <t, scatter(d)>.
-        #[test]
-        fn scatter_is_the_transpose_of_gather(points in proptest::collection::vec(cube(), 1..20), seed: u64) {
-            let layout = layout();
-            let mut grid = HashGrid::<f64>::new(layout.clone(), seed);
-            grid.table.iter_mut().for_each(|t| *t *= 1e4);
-            let stride = 16;
-            let list = padded(&points);
-            let mut features = vec![0.0; list.len() * stride];
-            grid.forward(&list, &mut features, stride);
-            let mut rng = CounterRng::new(seed, "d", 0, 0);
-            let d: Vec<f64> = (0..list.len() * layout.width()).map(|_| rng.random()).collect();
-            let forward: f64 = (0..list.len())
-                .flat_map(|p| (0..layout.width()).map(move |f| (p, f)))
-                .map(|(p, f)| features[p * stride + f] * d[p * layout.width() + f])
-                .sum();
-            let mut gradient = vec![0.0; layout.table_len()];
-            for (level, rows) in layout.split_levels(&mut gradient).into_iter().enumerate() {
-                let of_level: Vec<f64> = d
-                    .chunks_exact(layout.width())
-                    .flat_map(|row| row[level * 2..level * 2 + 2].to_vec())
-                    .collect();
-                layout.scatter(level, &list, &of_level, rows);
-            }
-            let backward: f64 = gradient.iter().zip(&grid.table).map(|(g, t)| g * t).sum();
-            prop_assert!((forward - backward).abs() < 1e-9 * (1.0 + forward.abs()));
-        }
     }
 
     /// Cells that share a corner share its row, hashed or not: the field is continuous.

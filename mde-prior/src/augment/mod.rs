@@ -40,7 +40,6 @@ use crate::{DepthPrior, DisparityRule, Error, PriorDepth, Result};
 use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Zip, s};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
-use std::time::{Duration, Instant};
 use values::Values;
 
 /// Which crops are predicted, and how the predictions are merged. The equations are in the [module's](self) documentation.
@@ -117,16 +116,6 @@ pub struct Augmented {
     pub stopped: Option<usize>,
 }
 
-/// Limits of the time and of the memory of an augmentation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Limits {
-    /// Time for the predictions. The first is timed, and the plan is cut to what fits; with the number of predictions of the result as
-    /// [`Predictions::Most`] the same map is made again.
-    pub budget: Option<Duration>,
-    /// Most predictions at once, 1 or more; without, as many as the model allows and there are threads.
-    pub at_once: Option<usize>,
-}
-
 /// Progress of the augmentation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {
@@ -183,14 +172,14 @@ impl AugmentationConfig {
     /// [`Error::Config`], the model's own errors, or [`Error::Input`] for a prediction of another size or kind.
     pub fn predict(&self, model: &dyn DepthPrior, image: ArrayView3<'_, f32>) -> Result<Augmented> {
         let never = &mut |_| ControlFlow::Continue(());
-        match self.predict_with(model, image, Limits::default(), never)? {
+        match self.predict_with(model, image, None, never)? {
             Some(augmented) => Ok(augmented),
             None => Err(Error::Input("the augmentation was cancelled; run it again".to_owned())),
         }
     }
 
-    /// [`predict`](Self::predict) within limits and with a progress callback. `Break` cancels, and the result is `None`. The results do not
-    /// depend on how many predictions run at once.
+    /// [`predict`](Self::predict) with at most `at_once` predictions at once, 1 or more, and a progress callback. `Break` cancels, and the
+    /// result is `None`. The results do not depend on `at_once`.
     ///
     /// # Errors
     /// As [`predict`](Self::predict).
@@ -198,21 +187,16 @@ impl AugmentationConfig {
         &self,
         model: &dyn DepthPrior,
         image: ArrayView3<'_, f32>,
-        limits: Limits,
+        at_once: Option<usize>,
         progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
     ) -> Result<Option<Augmented>> {
         self.validate()?;
         let (height, width, _) = image.dim();
-        let at_once = AtOnce::new(model.concurrency(), limits.at_once);
+        let at_once = AtOnce::new(model.concurrency(), at_once);
         let input = model.resolution(height, width);
         let mut plan = Plan::new(self.predictions, (height, width), input);
         let mut whole = Vec::with_capacity(2);
-        if let Some(budget) = limits.budget {
-            let begin = Instant::now();
-            whole.push(model.predict(image.view())?);
-            plan = plan.within(budget, begin.elapsed());
-        }
-        let mut done = whole.len();
+        let mut done = 0;
         let mut predicted = |plan: &Plan| {
             done += 1;
             progress(Progress::Predicted { done, total: plan.predictions() })
@@ -222,12 +206,11 @@ impl AugmentationConfig {
             true => model.predict(copied(image, true).view()),
             false => model.predict(image.view()),
         };
-        let rest = mirrors.get(whole.len()..).unwrap_or_default();
         let take = |prediction| {
             whole.push(prediction);
             predicted(&plan)
         };
-        if at_once.in_order(rest, predict, take)?.is_break() {
+        if at_once.in_order(mirrors, predict, take)?.is_break() {
             return Ok(None);
         }
         let mut whole = whole.into_iter();
@@ -347,9 +330,13 @@ impl Augmented {
     /// [`prior`](Self::prior): a few sharper pixels would move quantiles of their own, and with them the whole map.
     ///
     /// # Errors
-    /// Those of [`PriorDepth::to_depth_as`].
+    /// Those of [`PriorDepth::to_depth`].
     pub fn depth(&self, rule: &DisparityRule) -> Result<Array2<f32>> {
-        self.merged.to_depth_as(&self.prior, rule)
+        if self.merged.kind.is_depth() {
+            return self.merged.to_depth(rule);
+        }
+        let ends = rule.ends(self.prior.map.view(), self.prior.valid.view())?;
+        rule.depth_between(self.merged.map.view(), self.merged.valid.view(), ends)
     }
 }
 

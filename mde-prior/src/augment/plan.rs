@@ -1,5 +1,4 @@
 use serde::{Deserialize, Serialize};
-use std::time::Duration;
 
 /// Number of predictions of the augmentation: `"auto"`, or an upper bound.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -104,14 +103,6 @@ impl Plan {
         Self { mirror: true, levels, ratio: known }.at_most(most)
     }
 
-    /// The plan cut to what fits into `budget` where each prediction takes as long as the first, alone on all threads. Side by side they
-    /// take less.
-    #[must_use]
-    pub fn within(&self, budget: Duration, first: Duration) -> Self {
-        let rest = budget.saturating_sub(first).as_secs_f64() / first.as_secs_f64().max(1e-9);
-        self.at_most((rest as usize).saturating_add(1))
-    }
-
     /// The plan without its last levels, or without mirror images, so that it has at most `predictions`.
     #[must_use]
     pub fn at_most(&self, predictions: usize) -> Self {
@@ -156,17 +147,6 @@ mod tests {
         assert_eq!(Plan::new(Predictions::Auto, (480, 640), None).levels, [2, 3, 4]);
         let steps = [1, 2, 4, 5, 10, 14, 27, 28, 59, 60, 120].map(|most| predictions(most, (960, 960), 96));
         assert_eq!(steps, [1, 2, 2, 5, 10, 14, 14, 28, 30, 60, 110]);
-    }
-
-    #[test]
-    fn a_budget_cuts_the_plan() {
-        let plan = Plan::new(Predictions::Auto, (480, 640), Some((224, 224)));
-        let seconds = Duration::from_secs;
-        assert_eq!(plan.within(seconds(100), seconds(1)), plan);
-        assert_eq!(plan.within(Duration::MAX, seconds(1) / 2), plan);
-        assert_eq!(plan.within(seconds(6), seconds(1)).predictions(), 5);
-        assert_eq!(plan.within(seconds(12), seconds(1)).predictions(), 10);
-        assert_eq!(plan.within(seconds(1), seconds(2)).predictions(), 1);
     }
 
     proptest! {

@@ -1,26 +1,36 @@
 use super::*;
 use crate::DepthKind;
+use crate::resample::{Filter, resize};
 use ndarray::{Array3, Axis};
 use proptest::prelude::*;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
-/// Takes the red channel for depth, seen through a small input: the mean over blocks of a grid.
-struct Coarse {
-    cells: usize,
-    kind: DepthKind,
+/// A model by its prediction, so many at once.
+struct Model<F>(F, usize);
+
+impl<F: Fn(ArrayView3<'_, f32>) -> Result<PriorDepth> + Sync> DepthPrior for Model<F> {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
+        (self.0)(image)
+    }
+
+    fn concurrency(&self) -> usize {
+        self.1
+    }
 }
 
-impl DepthPrior for Coarse {
-    fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-        let red = image.index_axis(Axis(2), 0);
-        let small = crate::resample::resize(
-            red,
-            (self.cells, self.cells),
-            crate::resample::Filter::BilinearAntialias,
-        );
-        let map = crate::resample::resize(small.view(), red.dim(), crate::resample::Filter::Bilinear);
-        PriorDepth::from_values(map, self.kind)
-    }
+fn model<F: Fn(ArrayView3<'_, f32>) -> Result<PriorDepth> + Sync>(predict: F) -> Model<F> {
+    Model(predict, 1)
+}
+
+/// Takes the red channel for depth, seen through a small input: the mean over blocks of a grid.
+fn seen(image: ArrayView3<'_, f32>, cells: usize) -> Array2<f32> {
+    let red = image.index_axis(Axis(2), 0);
+    let small = resize(red, (cells, cells), Filter::BilinearAntialias);
+    resize(small.view(), red.dim(), Filter::Bilinear)
+}
+
+fn coarse(kind: DepthKind) -> impl DepthPrior {
+    model(move |image| PriorDepth::from_values(seen(image, 14), kind))
 }
 
 /// A slanted floor with a box before it.
@@ -39,8 +49,8 @@ fn error(map: &Array2<f32>, picture: &Array3<f32>) -> f64 {
 #[test]
 fn crops_add_the_detail_that_the_whole_image_lost() {
     let picture = picture();
-    let model = Coarse { cells: 14, kind: DepthKind::Metric };
-    let augmented = AugmentationConfig::multi_crop().predict(&model, picture.view()).unwrap();
+    let augmented =
+        AugmentationConfig::multi_crop().predict(&coarse(DepthKind::Metric), picture.view()).unwrap();
     let (before, after) = (error(&augmented.prior.map, &picture), error(&augmented.merged.map, &picture));
     assert!(after < 0.7 * before, "{before} {after}");
     assert_eq!(augmented.plan, Plan::new(Predictions::Auto, (60, 80), None));
@@ -54,16 +64,12 @@ fn crops_add_the_detail_that_the_whole_image_lost() {
 fn a_disparity_gains_too_whatever_its_gauge() {
     let picture = picture();
     let config = AugmentationConfig::multi_crop();
-    struct Affine(Coarse, f32, f32);
-    impl DepthPrior for Affine {
-        fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-            let map = self.0.predict(image)?.map;
-            PriorDepth::from_values(map.mapv(|d| self.1 * d + self.2), DepthKind::AffineDisparity)
-        }
-    }
-    let coarse = || Coarse { cells: 14, kind: DepthKind::AffineDisparity };
-    let plain = config.predict(&Affine(coarse(), 1.0, 0.0), picture.view()).unwrap();
-    let other = config.predict(&Affine(coarse(), 700.0, -90.0), picture.view()).unwrap();
+    let [plain, other] = [(1.0, 0.0), (700.0, -90.0)].map(|(scale, shift)| {
+        let affine = model(|image| {
+            PriorDepth::from_values(seen(image, 14).mapv(|d| scale * d + shift), DepthKind::AffineDisparity)
+        });
+        config.predict(&affine, picture.view()).unwrap()
+    });
     for (a, b) in plain.merged.map.iter().zip(&other.merged.map) {
         assert!((a - (b + 90.0) / 700.0).abs() < 1e-3, "{a} {b}");
     }
@@ -77,7 +83,7 @@ fn a_disparity_gains_too_whatever_its_gauge() {
 
 #[test]
 fn a_few_sharper_disparities_leave_the_depth_of_the_others_alone() {
-    let model = Coarse { cells: 14, kind: DepthKind::AffineDisparity };
+    let model = coarse(DepthKind::AffineDisparity);
     let mut augmented = AugmentationConfig::default().predict(&model, picture().view()).unwrap();
     let rule = DisparityRule::default();
     let before = augmented.prior.to_depth(&rule).unwrap();
@@ -93,71 +99,35 @@ fn a_few_sharper_disparities_leave_the_depth_of_the_others_alone() {
 
 #[test]
 fn without_augmentation_the_single_prediction_is_the_result() {
-    let model = Coarse { cells: 14, kind: DepthKind::Metric };
+    let model = coarse(DepthKind::Metric);
     let augmented = AugmentationConfig::default().predict(&model, picture().view()).unwrap();
     assert_eq!((augmented.merged, augmented.plan.predictions()), (augmented.prior, 1));
 }
 
 #[test]
 fn a_cancelled_augmentation_has_no_result() {
-    let model = Coarse { cells: 14, kind: DepthKind::Metric };
+    let model = coarse(DepthKind::Metric);
     let mut calls = 0;
     let mut stop = |progress| {
         let Progress::Predicted { done, .. } = progress else { panic!("nothing is merged") };
         calls = done;
         if done > 5 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    assert_eq!(
-        AugmentationConfig::multi_crop()
-            .predict_with(&model, picture().view(), Limits::default(), &mut stop)
-            .unwrap(),
-        None
-    );
-    assert_eq!(calls, 6);
-}
-
-/// Several predictions at once give the same bytes, and a budget the bytes of its number of predictions.
-#[test]
-fn neither_concurrency_nor_a_budget_changes_a_byte() {
-    struct AtOnce(Coarse, usize);
-    impl DepthPrior for AtOnce {
-        fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-            std::thread::sleep(Duration::from_millis(2));
-            self.0.predict(image)
-        }
-        fn concurrency(&self) -> usize {
-            self.1
-        }
-    }
-    let model = |at_once| AtOnce(Coarse { cells: 14, kind: DepthKind::Metric }, at_once);
-    let picture = picture();
     let config = AugmentationConfig::multi_crop();
-    let alone = config.predict(&model(1), picture.view()).unwrap();
-    assert_eq!(config.predict(&model(7), picture.view()).unwrap(), alone);
-    let mut go_on = |_| ControlFlow::Continue(());
-    let limits = Limits { budget: Some(Duration::from_millis(12)), at_once: None };
-    let short = config.predict_with(&model(1), picture.view(), limits, &mut go_on).unwrap().unwrap();
-    assert!(short.plan.predictions() < alone.plan.predictions());
-    let predictions = Predictions::Most(short.plan.predictions() as u32);
-    let again = AugmentationConfig { predictions, ..config };
-    assert_eq!(again.predict(&model(3), picture.view()).unwrap(), short);
+    assert_eq!(config.predict_with(&model, picture().view(), None, &mut stop).unwrap(), None);
+    assert_eq!(calls, 6);
 }
 
 /// An image and its mirror image alone have a spread too.
 #[test]
 fn two_predictions_that_differ_have_a_spread() {
-    struct Tilted;
-    impl DepthPrior for Tilted {
-        fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-            let (height, width, _) = image.dim();
-            PriorDepth::from_values(
-                Array2::from_shape_fn((height, width), |(_, x)| 1.0 + 0.01 * x as f32),
-                DepthKind::Metric,
-            )
-        }
-    }
+    let tilted = model(|image| {
+        let (height, width, _) = image.dim();
+        let map = Array2::from_shape_fn((height, width), |(_, x)| 1.0 + 0.01 * x as f32);
+        PriorDepth::from_values(map, DepthKind::Metric)
+    });
     let config = AugmentationConfig { predictions: Predictions::Most(2), ..AugmentationConfig::default() };
-    let augmented = config.predict(&Tilted, picture().view()).unwrap();
+    let augmented = config.predict(&tilted, picture().view()).unwrap();
     let (a, b) = (1.0_f32, 1.79_f32);
     assert!((augmented.merged.map[(7, 0)] - 0.5 * (a + b)).abs() < 1e-5);
     assert!(
@@ -186,15 +156,9 @@ proptest! {
             0.05 + (mix >> 7) as u16 as f32 / 65536.0
         };
         let picture = Array3::from_shape_fn((height, width, 3), |(y, x, c)| noise(y, x, c));
-        struct Scaled(Coarse, f32);
-        impl DepthPrior for Scaled {
-            fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-                PriorDepth::from_values(self.0.predict(image)?.map.mapv(|d| self.1 * d), DepthKind::Metric)
-            }
-        }
-        let of = |unit| {
-            let model = Scaled(Coarse { cells: 7, kind: DepthKind::Metric }, unit);
-            AugmentationConfig::multi_crop().predict(&model, picture.view()).unwrap().merged.map
+        let of = |unit: f32| {
+            let scaled = model(move |image| PriorDepth::from_values(seen(image, 7).mapv(|d| unit * d), DepthKind::Metric));
+            AugmentationConfig::multi_crop().predict(&scaled, picture.view()).unwrap().merged.map
         };
         let (plain, scaled) = (of(1.0), of(unit));
         for (a, b) in plain.iter().zip(&scaled) {
@@ -204,95 +168,53 @@ proptest! {
     }
 }
 
-/// A limit bounds how many predictions run at once, and no byte depends on it.
+/// No byte depends on how many predictions run at once.
 #[test]
-fn no_more_predictions_run_at_once_than_the_limit() {
-    struct Counted {
-        model: Coarse,
-        begun: AtomicUsize,
-        running: AtomicUsize,
-        most: AtomicUsize,
-        wait_until: Option<Instant>,
-    }
-    impl DepthPrior for Counted {
-        fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-            let first = self.begun.fetch_add(1, Ordering::SeqCst) == 0;
-            let running = self.running.fetch_add(1, Ordering::SeqCst) + 1;
-            self.most.fetch_max(running, Ordering::SeqCst);
-            std::thread::sleep(Duration::from_millis(2));
-            // Where two may run, one waits for another, however late the machine starts it. The whole image comes first and alone.
-            let alone = || !first && self.most.load(Ordering::SeqCst) < 2;
-            while self.wait_until.is_some_and(|end| Instant::now() < end) && alone() {
-                std::thread::yield_now();
-            }
-            let prediction = self.model.predict(image);
-            self.running.fetch_sub(1, Ordering::SeqCst);
-            prediction
-        }
-        fn concurrency(&self) -> usize {
-            usize::MAX
-        }
-    }
-    let picture = picture();
+fn concurrency_changes_no_byte() {
+    let predict = |image: ArrayView3<'_, f32>| {
+        std::thread::sleep(Duration::from_millis(2));
+        PriorDepth::from_values(seen(image, 14), DepthKind::Metric)
+    };
+    let (picture, config) = (picture(), AugmentationConfig::multi_crop());
     let threads = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
     let run = |at_once: Option<usize>| {
-        let model = Counted {
-            model: Coarse { cells: 14, kind: DepthKind::Metric },
-            begun: AtomicUsize::new(0),
-            running: AtomicUsize::new(0),
-            most: AtomicUsize::new(0),
-            wait_until: at_once.is_none().then(|| Instant::now() + Duration::from_secs(60)),
-        };
-        let limits = Limits { budget: None, at_once };
         let mut go_on = |_| ControlFlow::Continue(());
-        let config = AugmentationConfig::multi_crop();
-        let made = threads.install(|| config.predict_with(&model, picture.view(), limits, &mut go_on));
-        (made.unwrap().unwrap(), model.most.into_inner())
+        let model = Model(predict, usize::MAX);
+        threads.install(|| config.predict_with(&model, picture.view(), at_once, &mut go_on)).unwrap().unwrap()
     };
-    let (free, most) = run(None);
-    assert!((2..=4).contains(&most), "{most}");
+    let free = run(None);
     for at_once in [0, 1, 2] {
-        let (limited, most) = run(Some(at_once));
-        assert!(most <= at_once.max(1), "{at_once}: {most}");
-        assert_eq!(limited, free);
+        assert_eq!(run(Some(at_once)), free);
     }
 }
 
 /// A crop that is all sky, where the model has no depth, leaves the other crops their detail.
 #[test]
 fn a_crop_without_a_usable_pixel_is_left_out() {
-    struct Sky;
-    impl DepthPrior for Sky {
-        fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-            let red = image.index_axis(Axis(2), 0).to_owned();
-            let valid = red.mapv(|v| v < 0.95);
-            PriorDepth::with_mask(red, valid, DepthKind::Metric)
-        }
-    }
+    let sky = model(|image| {
+        let red = image.index_axis(Axis(2), 0).to_owned();
+        let valid = red.mapv(|v| v < 0.95);
+        PriorDepth::with_mask(red, valid, DepthKind::Metric)
+    });
     let mut picture = picture();
     let half = picture.dim().0 * 3 / 5;
     picture.slice_mut(s![..half, .., ..]).fill(1.0);
     picture.slice_mut(s![half.., .., ..]).mapv_inplace(|v| 0.3 + 0.5 * v.clamp(0.0, 1.0));
     let config = AugmentationConfig { predictions: Predictions::Most(30), ..AugmentationConfig::default() };
-    let merged = config.predict(&Sky, picture.view()).unwrap().merged;
+    let merged = config.predict(&sky, picture.view()).unwrap().merged;
     assert!(merged.valid.indexed_iter().all(|((y, _), valid)| *valid == (y >= half)));
     picture.fill(1.0);
-    assert!(matches!(config.predict(&Sky, picture.view()), Err(Error::Empty(_))));
+    assert!(matches!(config.predict(&sky, picture.view()), Err(Error::Empty(_))));
 }
 
 #[test]
 fn a_prediction_of_another_size_is_refused() {
-    struct Sized(usize, usize);
-    impl DepthPrior for Sized {
-        fn predict(&self, _: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-            PriorDepth::from_values(Array2::from_elem((self.0, self.1), 2.0), DepthKind::Metric)
-        }
-    }
     let picture = picture();
     let (height, width, _) = picture.dim();
-    for sized in [Sized(2 * height, 2 * width), Sized(height / 2, width / 2), Sized(height, width + 1)] {
+    for size in [(2 * height, 2 * width), (height / 2, width / 2), (height, width + 1)] {
+        let sized = model(|_| PriorDepth::from_values(Array2::from_elem(size, 2.0), DepthKind::Metric));
         let refused =
             AugmentationConfig::multi_crop().predict(&sized, picture.view()).unwrap_err().to_string();
-        assert!(refused.contains(&format!("{}x{}", sized.1, sized.0)), "{refused}");
+        assert!(refused.contains(&format!("{}x{}", size.1, size.0)), "{refused}");
     }
 }

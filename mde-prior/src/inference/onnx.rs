@@ -7,12 +7,12 @@ use super::graph::{Graph, Output, Request, fixed_size, image_input};
 use super::onnxruntime::OnnxRuntimeGraph;
 use super::outline::Outline;
 use super::points;
-use super::runtime::{call, model_error};
+use super::runtime::{call, external_files, model_error};
 use super::tract::TractGraph;
 use crate::prior::{Certainty, CertaintyMeaning, IMAGENET};
 use crate::resample::{Filter, nearest, resize, resize_channels};
 use crate::spec::{Aspect, Channels, Layout, ModelSpec};
-use crate::{DepthKind, DepthPrior, Error, InferenceMemory, PriorDepth, Result};
+use crate::{DepthKind, DepthPrior, Error, FileKind, InferenceMemory, PriorDepth, Result, open};
 
 /// The largest input of a kept aspect: more than any monocular model is made for.
 const MAX_INPUT_PIXELS: usize = 1 << 24;
@@ -130,22 +130,18 @@ impl OnnxPrior {
     pub fn open_with(path: impl AsRef<Path>, spec: &ModelSpec, runtime: &Runtime) -> Result<Self> {
         let path = path.as_ref();
         spec.validate()?;
-        let length = std::fs::metadata(path).map_err(|e| Error::read(path, e))?.len();
-        if length == 0 {
+        let found = open::check(path, FileKind::Network).map_err(|e| Error::read(path, e))?;
+        if found.len() == 0 {
             return Err(model_error(path, "the file is empty; copy the model again"));
         }
         call(path, || {
             let fault = |reason: String| model_error(path, reason);
-            let (graph, external): (Box<dyn Graph>, _) = match runtime {
-                Runtime::Tract => {
-                    let (graph, external) = TractGraph::open(path, spec.tokens).map_err(fault)?;
-                    (Box::new(graph), external)
-                }
+            let external = external_files(path)?;
+            let graph: Box<dyn Graph> = match runtime {
+                Runtime::Tract => Box::new(TractGraph::open(path, spec.tokens).map_err(fault)?),
                 #[cfg(feature = "onnxruntime")]
                 Runtime::OnnxRuntime(library) => {
-                    let (graph, external) =
-                        OnnxRuntimeGraph::open(path, library, spec.tokens).map_err(fault)?;
-                    (Box::new(graph), external)
+                    Box::new(OnnxRuntimeGraph::open(path, library, spec.tokens).map_err(fault)?)
                 }
             };
             if graph.outputs().is_empty() {
@@ -203,8 +199,7 @@ impl OnnxPrior {
             return Ok((spec, RecognisedBy::Hub));
         }
         // A file that is no graph gets its error when it is opened.
-        let read = || Outline::read(path).map_err(|reason| model_error(path, reason));
-        let outline = call(path, read).unwrap_or_default();
+        let outline = call(path, || Outline::read(path)).unwrap_or_default();
         let (spec, by) = match outline.profile() {
             Some(name) => (ModelSpec::profile(name)?, RecognisedBy::Graph),
             None => (ModelSpec::guess(path)?, RecognisedBy::Name),

@@ -1,7 +1,6 @@
 //! Networks run by ONNX Runtime, a library that is loaded when it is asked for.
 
 use super::graph::{Graph, Output, Port, Request, image_input};
-use super::runtime::external_files;
 use crate::InferenceMemory;
 use ort::environment::Environment;
 use ort::session::{Session, SessionInputValue};
@@ -26,13 +25,9 @@ pub(super) struct OnnxRuntimeGraph {
 }
 
 impl OnnxRuntimeGraph {
-    /// The graph in the file `path` with `tokens` for its inputs other than the image, and the files of its weights outside of it. `library` is
-    /// `libonnxruntime.so`, `.dylib` or `.dll`; a process loads one: the first.
-    pub(super) fn open(
-        path: &Path,
-        library: &Path,
-        tokens: Option<u32>,
-    ) -> Result<(Self, Vec<PathBuf>), String> {
+    /// The graph in the file `path` with `tokens` for its inputs other than the image. `library` is `libonnxruntime.so`, `.dylib` or
+    /// `.dll`; a process loads one: the first.
+    pub(super) fn open(path: &Path, library: &Path, tokens: Option<u32>) -> Result<Self, String> {
         let failed =
             |e: ort::Error| format!("ONNX Runtime cannot run the model ({}); export it again", line(&e));
         let mut kept = ENVIRONMENT.lock().unwrap_or_else(PoisonError::into_inner);
@@ -53,8 +48,7 @@ impl OnnxRuntimeGraph {
             .map_err(failed)?;
         let ports = |outlets: &[Outlet]| outlets.iter().map(port).collect();
         let (inputs, outputs) = (ports(session.inputs()), ports(session.outputs()));
-        let external = external_files(path)?;
-        Ok((Self { session: Mutex::new(session), inputs, outputs, tokens }, external))
+        Ok(Self { session: Mutex::new(session), inputs, outputs, tokens })
     }
 }
 

@@ -1,6 +1,7 @@
 //! What a graph shows of its network before it is loaded.
 
-use super::runtime::proto;
+use super::runtime::{model_error, proto};
+use crate::Result;
 use crate::prior::{FIELDS_OF_VIEW, INVERSE_DEPTHS};
 use std::path::Path;
 use tract_onnx::pb::tensor_shape_proto::dimension::Value;
@@ -32,8 +33,9 @@ struct Layers {
 
 impl Outline {
     /// Of the graph in a file.
-    pub(super) fn read(path: &Path) -> Result<Self, String> {
-        let graph = proto(path)?.graph.ok_or("the file has no graph; copy it again")?;
+    pub(super) fn read(path: &Path) -> Result<Self> {
+        let graph = proto(path)?.graph;
+        let graph = graph.ok_or_else(|| model_error(path, "the file has no graph; copy it again"))?;
         // Older exports name their weights among the inputs.
         let is_weight = |port: &&ValueInfoProto| graph.initializer.iter().any(|w| w.name == port.name);
         let inputs: Vec<_> = graph.input.iter().filter(|port| !is_weight(port)).collect();

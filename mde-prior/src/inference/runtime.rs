@@ -9,7 +9,7 @@ use tract_onnx::pb::{GraphProto, ModelProto, TensorProto};
 use tract_onnx::prelude::*;
 use tract_onnx::tract_hir::internal::DimLike as _;
 
-use crate::{Error, Result};
+use crate::{Error, FileKind, Result, open};
 
 /// Bytes of the largest tensor that a network may compute.
 const MAX_TENSOR: usize = 1 << 32;
@@ -64,30 +64,33 @@ pub(super) fn check_tensors(model: &TypedModel) -> Result<(), String> {
     Ok(())
 }
 
-/// Loads a network, and the files of its weights outside the ONNX file, sorted.
-pub(super) fn load(path: &Path) -> TractResult<(InferenceModel, Vec<PathBuf>)> {
-    let onnx = tract_onnx::onnx().with_ignore_output_shapes(true);
-    let files = named_files(&onnx.proto_model_for_path(path)?, path);
-    Ok((onnx.model_for_path(path)?, files))
+/// Loads a network.
+pub(super) fn load(path: &Path) -> TractResult<InferenceModel> {
+    tract_onnx::onnx().with_ignore_output_shapes(true).model_for_path(path)
 }
 
 /// The graph in a file, without the weights that are elsewhere.
-pub(super) fn proto(path: &Path) -> Result<ModelProto, String> {
+pub(super) fn proto(path: &Path) -> Result<ModelProto> {
+    open::check(path, FileKind::Network).map_err(|e| Error::read(path, e))?;
     let proto = tract_onnx::onnx().proto_model_for_path(path);
-    proto.map_err(|e| format!("the file is no ONNX model ({}); copy it again", one_line(&e)))
+    proto.map_err(|e| {
+        model_error(path, format!("the ONNX model cannot be run ({}); copy it again", one_line(&e)))
+    })
 }
 
 /// The files of a network's weights outside the ONNX file, sorted.
-#[cfg(feature = "onnxruntime")]
-pub(super) fn external_files(path: &Path) -> Result<Vec<PathBuf>, String> {
-    Ok(named_files(&proto(path)?, path))
-}
-
-fn named_files(proto: &ModelProto, path: &Path) -> Vec<PathBuf> {
+///
+/// # Errors
+/// [`Error::Read`] for one that is not a regular file.
+pub(super) fn external_files(path: &Path) -> Result<Vec<PathBuf>> {
     let mut names = BTreeSet::new();
-    proto.graph.iter().for_each(|graph| external(graph, &mut names));
+    proto(path)?.graph.iter().for_each(|graph| external(graph, &mut names));
     let folder = path.parent().unwrap_or(Path::new(""));
-    names.iter().map(|name| folder.join(name)).collect()
+    let files: Vec<PathBuf> = names.iter().map(|name| folder.join(name)).collect();
+    for file in &files {
+        open::check(file, FileKind::Weights).map_err(|e| Error::read(file, e))?;
+    }
+    Ok(files)
 }
 
 /// Locations of the tensors that a graph keeps in other files.

@@ -7,7 +7,7 @@ use pulp::{Arch, Simd, WithSimd};
 use std::cell::Cell;
 use std::hint::black_box;
 use std::panic::resume_unwind;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use tract_linalg::multithread::{Executor, multithread_tract_scope};
 use tract_onnx::prelude::*;
@@ -33,11 +33,11 @@ pub(super) struct TractGraph {
 type PlanKey = ([usize; 4], Vec<usize>);
 
 impl TractGraph {
-    /// The graph with `tokens` for its inputs other than the image, and the files of its weights outside the ONNX file.
-    pub(super) fn open(path: &Path, tokens: Option<u32>) -> Result<(Self, Vec<PathBuf>), String> {
+    /// The graph with `tokens` for its inputs other than the image.
+    pub(super) fn open(path: &Path, tokens: Option<u32>) -> Result<Self, String> {
         let cannot =
             |e: TractError| format!("the ONNX model cannot be run ({}); export it again", one_line(&e));
-        let (mut model, external) = load(path).map_err(cannot)?;
+        let mut model = load(path).map_err(cannot)?;
         let ports = |outlets: &[OutletId]| outlets.iter().map(|outlet| port(&model, *outlet)).collect();
         let inputs: Vec<Port> = ports(model.input_outlets().map_err(cannot)?);
         let outputs = ports(model.output_outlets().map_err(cannot)?);
@@ -45,7 +45,7 @@ impl TractGraph {
             let image = image_input(&inputs, Some(tokens))?;
             constant(&mut model, image, &inputs, tokens).map_err(cannot)?;
         }
-        Ok((Self { model, inputs, outputs, plans: Mutex::default() }, external))
+        Ok(Self { model, inputs, outputs, plans: Mutex::default() })
     }
 
     fn plan(&self, shape: [usize; 4], outputs: &[usize]) -> Result<(Plan, u64), String> {

@@ -1,13 +1,12 @@
-//! Depth-map files, photographs, atomic writes, and resampling, which needs no feature.
+//! Files: how they are opened, depth maps, photographs, atomic writes. Opening and resampling need no feature.
 
 #[cfg(feature = "io")]
 mod atomic;
 #[cfg(feature = "io")]
 pub mod format;
 #[cfg(feature = "io")]
-mod jpeg;
-#[cfg(feature = "io")]
 mod limits;
+pub mod open;
 #[cfg(feature = "io")]
 pub mod photo;
 pub mod resample;

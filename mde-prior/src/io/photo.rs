@@ -1,18 +1,30 @@
 //! Photographs: reading with the EXIF orientation and focal length, writing of PNG.
 
-use std::io::{BufRead, Cursor, Seek};
+use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::path::Path;
 
 use image::metadata::Orientation;
 use image::{
-    DynamicImage, ExtendedColorType, ImageDecoder as _, ImageEncoder as _, ImageFormat, ImageReader, Limits,
+    DynamicImage, ExtendedColorType, GrayImage, ImageDecoder as _, ImageEncoder as _, ImageFormat,
+    ImageReader, Limits, RgbImage,
 };
 use ndarray::{Array3, ArrayView3};
+use zune_jpeg::JpegDecoder;
+use zune_jpeg::errors::DecodeErrors;
+use zune_jpeg::zune_core::bytestream::ZCursor;
+use zune_jpeg::zune_core::colorspace::ColorSpace;
+use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::format::{MAX_PIXELS, read_file};
 use super::limits::{MAX_METADATA, check_image_size, png_size};
-use super::{jpeg, write_atomic};
+use super::open::{self, FileKind};
+use super::write_atomic;
 use crate::{Error, Result};
+
+/// How a JPEG begins, and the second bytes of two of its markers.
+const JPEG: [u8; 2] = [0xff, 0xd8];
+const END_OF_IMAGE: u8 = 0xd9;
+const START_OF_SCAN: u8 = 0xda;
 
 /// Tags of a TIFF.
 const BITS_PER_SAMPLE: usize = 258;
@@ -35,12 +47,13 @@ pub struct Photo {
 /// [`Error::Read`]; [`Error::Malformed`] when the file is no such image, broken, or too large.
 pub fn read_image(path: impl AsRef<Path>) -> Result<Photo> {
     let path = path.as_ref();
-    decode(&read_file(path)?).map_err(|reason| Error::malformed(path, reason))
+    decode(&read_file(path, FileKind::Photograph)?).map_err(|reason| Error::malformed(path, reason))
 }
 
 /// Width and height of an image file, upright, from its header alone; nothing where it is missing, no image, or too large to be read.
 pub fn image_size(path: impl AsRef<Path>) -> Option<[usize; 2]> {
-    let reader = ImageReader::open(path).ok()?.with_guessed_format().ok()?;
+    let file = BufReader::new(open::open(path, FileKind::Photograph).ok()?);
+    let reader = ImageReader::new(file).with_guessed_format().ok()?;
     let mut decoder = with_limits(reader).into_decoder().ok()?;
     let (width, height) = decoder.dimensions();
     check_image_size(width, height).ok()?;
@@ -64,8 +77,7 @@ pub fn decode_image(bytes: &[u8]) -> Result<Photo> {
 }
 
 fn decode(bytes: &[u8]) -> Result<Photo, String> {
-    let broken =
-        |e: image::ImageError| format!("no readable image ({e}); give a JPEG, PNG, TIFF, BMP or WebP");
+    let broken = |e: image::ImageError| unreadable(&e);
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
     if let Some([width, height]) = png_size(bytes) {
         check_image_size(width, height)?;
@@ -74,21 +86,44 @@ fn decode(bytes: &[u8]) -> Result<Photo, String> {
     let (width, height) = decoder.dimensions();
     check_image_size(width, height)?;
     let orientation = decoder.orientation().map_err(broken)?;
-    let refused =
-        |what: &str| Err(format!("no readable image ({what}); give a JPEG, PNG, TIFF, BMP or WebP"));
-    if bytes.starts_with(&[0xff, 0xd8]) {
-        match jpeg::check(bytes) {
-            Ok(()) => {}
-            Err(jpeg::Fault::Truncated) => return refused("the JPEG is truncated"),
-            Err(jpeg::Fault::Damaged) => return refused("the data of the JPEG is damaged"),
-        }
-    }
     if has_wide_integers(bytes) {
         return Err("the TIFF holds 32-bit integers; convert it to 8 or 16 bits".to_owned());
     }
-    let mut image = DynamicImage::from_decoder(decoder).map_err(broken)?;
+    let mut image = match bytes.starts_with(&JPEG) {
+        true => whole_jpeg(bytes)?,
+        false => DynamicImage::from_decoder(decoder).map_err(broken)?,
+    };
     image.apply_orientation(orientation);
     Ok(Photo { pixels: to_array(image)?, focal_35mm: focal_35mm(bytes) })
+}
+
+fn unreadable(reason: &dyn std::fmt::Display) -> String {
+    format!("no readable image ({reason}); give a JPEG, PNG, TIFF, BMP or WebP")
+}
+
+/// A JPEG whose data reach its end. `image` decodes with the same library, but fills what is missing with grey.
+fn whole_jpeg(bytes: &[u8]) -> Result<DynamicImage, String> {
+    // The last rows of blocks can miss their end without an error of the decoder.
+    let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xff, marker]);
+    if last(END_OF_IMAGE) < last(START_OF_SCAN) {
+        return Err(unreadable(&"the JPEG is truncated"));
+    }
+    let options = DecoderOptions::default().set_strict_mode(true);
+    let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
+    let broken = |e: DecodeErrors| unreadable(&format!("the JPEG is truncated or damaged: {e}"));
+    decoder.decode_headers().map_err(broken)?;
+    let grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
+    if grey {
+        decoder.set_options(options.jpeg_set_out_colorspace(ColorSpace::Luma));
+    }
+    let pixels = decoder.decode().map_err(broken)?;
+    let [width, height] =
+        decoder.dimensions().map_or([0; 2], |(width, height)| [width as u32, height as u32]);
+    let image = match grey {
+        true => GrayImage::from_raw(width, height, pixels).map(DynamicImage::from),
+        false => RgbImage::from_raw(width, height, pixels).map(DynamicImage::from),
+    };
+    image.ok_or_else(|| unreadable(&"the JPEG has neither one channel nor three"))
 }
 
 /// The reader with the memory that its decoder may take.

@@ -30,18 +30,20 @@ impl FilePrior {
         Self::with_options(path, kind, &options)
     }
 
-    /// As [`open`](Self::open), with all reading options: encoding, the array of an NPZ, the channel of an EXR.
+    /// As [`open`](Self::open), with all reading options: scales, the array of an NPZ, the channel of an EXR.
     ///
     /// # Errors
     /// Those of [`format::read_depth`].
     pub fn with_options(path: impl AsRef<Path>, kind: DepthKind, options: &ReadOptions) -> Result<Self> {
         let path = path.as_ref();
-        let mut map = format::read_raw(path, options)?;
-        if options.encoding == format::Encoding::Sunrgbd {
-            map.mapv_inplace(|v| if v > 0.0 { v } else { f32::NAN });
-        }
+        let map = format::read_raw(path, options)?;
         let prior = PriorDepth::from_values(map, kind).map_err(|e| Error::malformed(path, e.to_string()))?;
         Ok(Self { path: path.to_owned(), prior })
+    }
+
+    /// A map in memory, which errors call `name`.
+    pub fn of_map(name: impl Into<PathBuf>, prior: PriorDepth) -> Self {
+        Self { path: name.into(), prior }
     }
 
     /// The map in the file.

@@ -3,7 +3,7 @@
 use super::profiles::HALF;
 use super::spec::{Aspect, ModelSpec};
 use crate::resample::Filter;
-use crate::{DepthKind, Error, Result};
+use crate::{DepthKind, Error, FileKind, Result, open};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -109,7 +109,7 @@ fn described(usual: ModelSpec, preprocessor: Option<&Preprocessor>) -> ModelSpec
 }
 
 fn read<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<Option<T>> {
-    match std::fs::read_to_string(path) {
+    match open::read_text(path, FileKind::Settings) {
         Ok(text) => serde_json::from_str(&text).map(Some).map_err(|e| {
             let around = "correct it, or describe the network by a profile or a TOML file beside it";
             Error::malformed(path, format!("{e}; {around}"))

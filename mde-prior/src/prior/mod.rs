@@ -282,23 +282,4 @@ impl PriorDepth {
     pub fn resized(&self, size: (usize, usize)) -> Result<Self> {
         Self::with_mask(nearest(self.map.view(), size), nearest(self.valid.view(), size), self.kind)
     }
-
-    /// As [`to_depth`](Self::to_depth), with the quantiles of `reference`, a map of the same scale and shift.
-    ///
-    /// # Errors
-    /// As [`to_depth`](Self::to_depth); [`Error::Input`] for maps of two kinds.
-    pub fn to_depth_as(&self, reference: &Self, rule: &DisparityRule) -> Result<Array2<f32>> {
-        if self.kind != reference.kind {
-            let reason = format!(
-                "a map of kind {} cannot take the range of one of kind {}; give both one kind",
-                self.kind, reference.kind
-            );
-            return Err(Error::Input(reason));
-        }
-        if self.kind.is_depth() {
-            return self.to_depth(rule);
-        }
-        let ends = rule.ends(reference.map.view(), reference.valid.view())?;
-        rule.depth_between(self.map.view(), self.valid.view(), ends)
-    }
 }

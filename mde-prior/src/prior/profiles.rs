@@ -1,8 +1,11 @@
 //! Published models.
 
 use super::spec::{Aspect, ModelSpec};
+use crate::DepthKind::{self, AffineDisparity, Metric, RelativeDepth};
 use crate::resample::Filter;
-use crate::{DepthKind, Error, Result};
+use crate::{Error, Result};
+use Aspect::{KeepLowerBound, KeepMinimal, KeepUpperBound, Pad, Squash};
+use Filter::{Bicubic, Bilinear, BilinearAlignCorners, BilinearAntialias};
 use std::path::Path;
 
 /// Names of the profiles of [`ModelSpec::profile`].
@@ -25,6 +28,31 @@ pub const PROFILES: [&str; 16] = [
     "pydnet",
 ];
 
+/// Letters and digits that a file's name has, and the profile; the first row that fits.
+const NAMES: [(&[&str], &str); 20] = [
+    (&["fastdepth"], "fastdepth"),
+    (&["midas", "small"], "midas-v2.1-small"),
+    (&["midas", "v21s"], "midas-v2.1-small"),
+    (&["dptlarge"], "dpt-large"),
+    (&["dpthybrid"], "dpt-hybrid"),
+    // Metres either way, but the ranges of rooms and streets differ.
+    (&["depthanythingv2", "metric", "outdoor"], "depth-anything-v2-metric-outdoor"),
+    (&["depthanythingv2", "metric", "vkitti"], "depth-anything-v2-metric-outdoor"),
+    (&["depthanythingv2", "metric"], "depth-anything-v2-metric-indoor"),
+    (&["depthanythingv2"], "depth-anything-v2"),
+    (&["depthanything3", "metric"], "depth-anything-3-metric"),
+    (&["da3", "metric"], "depth-anything-3-metric"),
+    (&["depthanything3", "mono"], "depth-anything-3-mono"),
+    (&["da3", "mono"], "depth-anything-3-mono"),
+    (&["zoedepth"], "zoedepth"),
+    (&["depthpro"], "depth-pro"),
+    (&["unidepthv2"], "unidepth-v2"),
+    (&["moge2"], "moge-2"),
+    (&["metric3d"], "metric3d-v2"),
+    (&["litemono"], "lite-mono"),
+    (&["pydnet"], "pydnet"),
+];
+
 /// Mean and standard deviation of the colours of ImageNet.
 pub(crate) const IMAGENET: ([f32; 3], [f32; 3]) = ([0.485, 0.456, 0.406], [0.229, 0.224, 0.225]);
 /// What processors of Transformers take where a file names none.
@@ -36,6 +64,35 @@ pub(crate) const FIELDS_OF_VIEW: [&str; 2] = ["field_of_view", "fov_deg"];
 /// Names of the inverse depth beside it.
 #[cfg(feature = "onnx")]
 pub(crate) const INVERSE_DEPTHS: [&str; 2] = ["predicted_depth", "canonical_inverse_depth"];
+
+/// No change of colours.
+const PLAIN: Colours = ([0.0; 3], [1.0; 3]);
+/// Colours up to 255, of which the network subtracts mean and standard deviation itself.
+const BYTES: Colours = ([0.0; 3], [1.0 / 255.0; 3]);
+
+type Colours = ([f32; 3], [f32; 3]);
+/// Name; mean and standard deviation; width, height, multiple; meaning, aspect; filters in and out; floor and canonical focal length.
+type Row = (&'static str, Colours, [usize; 3], DepthKind, Aspect, [Filter; 2], [Option<f32>; 2]);
+
+#[rustfmt::skip]
+const ROWS: [Row; 16] = [
+    ("fastdepth", PLAIN, [224, 224, 1], Metric, Squash, [Bilinear, Bilinear], [Some(0.1), None]),
+    ("midas-v2.1-small", IMAGENET, [256, 256, 32], AffineDisparity, KeepUpperBound, [Bicubic, Bicubic], [None, None]),
+    ("dpt-large", HALF, [384, 384, 32], AffineDisparity, KeepMinimal, [Bicubic, Bicubic], [None, None]),
+    ("dpt-hybrid", HALF, [384, 384, 32], AffineDisparity, KeepMinimal, [Bicubic, Bicubic], [None, None]),
+    ("depth-anything-v2", IMAGENET, [518, 518, 14], AffineDisparity, KeepLowerBound, [Bicubic, BilinearAlignCorners], [None, None]),
+    ("depth-anything-v2-metric-indoor", IMAGENET, [518, 518, 14], Metric, KeepLowerBound, [Bicubic, BilinearAlignCorners], [None, None]),
+    ("depth-anything-v2-metric-outdoor", IMAGENET, [518, 518, 14], Metric, KeepLowerBound, [Bicubic, BilinearAlignCorners], [None, None]),
+    ("depth-anything-3-mono", IMAGENET, [504, 504, 14], RelativeDepth, KeepUpperBound, [Bicubic, Bilinear], [None, None]),
+    ("depth-anything-3-metric", IMAGENET, [504, 504, 14], Metric, KeepUpperBound, [Bicubic, Bilinear], [None, Some(300.0)]),
+    ("zoedepth", HALF, [512, 384, 32], Metric, KeepLowerBound, [Bilinear, Bilinear], [None, None]),
+    ("depth-pro", HALF, [1536, 1536, 1], Metric, Squash, [Bilinear, Bilinear], [None, None]),
+    ("unidepth-v2", IMAGENET, [630, 462, 1], Metric, Squash, [Bilinear, Bilinear], [None, None]),
+    ("moge-2", PLAIN, [728, 728, 14], Metric, KeepUpperBound, [BilinearAntialias, Bilinear], [None, None]),
+    ("metric3d-v2", BYTES, [1064, 616, 1], Metric, Pad, [Bilinear, Bilinear], [None, Some(1000.0)]),
+    ("lite-mono", PLAIN, [640, 192, 1], AffineDisparity, Squash, [Bilinear, Bilinear], [None, None]),
+    ("pydnet", PLAIN, [640, 192, 1], AffineDisparity, Squash, [Bilinear, Bilinear], [None, None]),
+];
 
 impl ModelSpec {
     /// The format of a published model, from its authors' own preprocessing.
@@ -59,79 +116,50 @@ impl ModelSpec {
     /// # Errors
     /// [`Error::UnknownProfile`] with the known names.
     pub fn profile(name: &str) -> Result<Self> {
-        let kept = |side, aspect, multiple_of, (mean, std), output| Self {
+        let row = ROWS.into_iter().find(|row| row.0 == name);
+        let (
+            _,
+            (mean, std),
+            [width, height, multiple_of],
+            output,
             aspect,
-            multiple_of,
-            input_filter: Filter::Bicubic,
+            filters,
+            [output_floor, canonical_focal],
+        ) = row.ok_or_else(|| Error::UnknownProfile { name: name.to_owned() })?;
+        let [input_filter, output_filter] = filters;
+        let spec = Self {
             mean,
             std,
-            ..Self::new(side, side, output)
+            multiple_of,
+            aspect,
+            input_filter,
+            output_filter,
+            output_floor,
+            canonical_focal,
+            ..Self::new(width, height, output)
         };
-        let disparity = DepthKind::AffineDisparity;
-        let anything = |output| Self {
-            output_filter: Filter::BilinearAlignCorners,
-            ..kept(518, Aspect::KeepLowerBound, 14, IMAGENET, output)
-        };
-        let squashed =
-            |width, height, (mean, std), output| Self { mean, std, ..Self::new(width, height, output) };
-        match name {
-            "fastdepth" => Ok(Self { output_floor: Some(0.1), ..Self::new(224, 224, DepthKind::Metric) }),
-            "midas-v2.1-small" => Ok(Self {
-                output_filter: Filter::Bicubic,
-                ..kept(256, Aspect::KeepUpperBound, 32, IMAGENET, disparity)
-            }),
-            "dpt-large" | "dpt-hybrid" => Ok(Self {
-                output_filter: Filter::Bicubic,
-                ..kept(384, Aspect::KeepMinimal, 32, HALF, disparity)
-            }),
-            "depth-anything-v2" => Ok(anything(disparity)),
-            "depth-anything-v2-metric-indoor" | "depth-anything-v2-metric-outdoor" => {
-                Ok(anything(DepthKind::Metric))
-            }
-            "depth-anything-3-mono" => {
-                Ok(kept(504, Aspect::KeepUpperBound, 14, IMAGENET, DepthKind::RelativeDepth))
-            }
-            "depth-anything-3-metric" => Ok(Self {
-                canonical_focal: Some(300.0),
-                ..kept(504, Aspect::KeepUpperBound, 14, IMAGENET, DepthKind::Metric)
-            }),
-            "zoedepth" => Ok(Self {
-                width: 512,
-                input_filter: Filter::Bilinear,
-                ..kept(384, Aspect::KeepLowerBound, 32, HALF, DepthKind::Metric)
-            }),
-            "depth-pro" => Ok(Self {
-                camera_output: Some("focallength_px".to_owned()),
-                ..squashed(1536, 1536, HALF, DepthKind::Metric)
-            }),
-            "unidepth-v2" => Ok(Self {
-                output_name: Some("pts_3d".to_owned()),
+        let named = |name: &str| Some(name.to_owned());
+        Ok(match name {
+            "depth-pro" => Self { camera_output: named("focallength_px"), ..spec },
+            "unidepth-v2" => Self {
+                output_name: named("pts_3d"),
                 output_channel: Some(2),
-                camera_output: Some("intrinsics".to_owned()),
+                camera_output: named("intrinsics"),
                 // Its name misleads: the loss fits it to the error (unidepth/ops/losses/confidence.py).
-                error_output: Some("confidence".to_owned()),
-                ..squashed(630, 462, IMAGENET, DepthKind::Metric)
-            }),
-            "moge-2" => Ok(Self {
-                input_filter: Filter::BilinearAntialias,
-                output_name: Some("points".to_owned()),
+                error_output: named("confidence"),
+                ..spec
+            },
+            "moge-2" => Self {
+                output_name: named("points"),
                 output_channel: Some(2),
-                scale_output: Some("metric_scale".to_owned()),
-                mask_output: Some("mask".to_owned()),
+                scale_output: named("metric_scale"),
+                mask_output: named("mask"),
                 recover_shift: true,
                 tokens: Some(1800),
-                ..kept(728, Aspect::KeepUpperBound, 14, ([0.0; 3], [1.0; 3]), DepthKind::Metric)
-            }),
-            // Its export subtracts mean and standard deviation itself, of values up to 255.
-            "metric3d-v2" => Ok(Self {
-                height: 616,
-                input_filter: Filter::Bilinear,
-                canonical_focal: Some(1000.0),
-                ..kept(1064, Aspect::Pad, 1, ([0.0; 3], [1.0 / 255.0; 3]), DepthKind::Metric)
-            }),
-            "lite-mono" | "pydnet" => Ok(Self::new(640, 192, disparity)),
-            _ => Err(Error::UnknownProfile { name: name.to_owned() }),
-        }
+                ..spec
+            },
+            _ => spec,
+        })
     }
 
     /// The specification for a graph with those outputs, where a network has exports of several kinds.
@@ -168,45 +196,11 @@ impl ModelSpec {
     pub fn guess(model: impl AsRef<Path>) -> Result<Self> {
         let file = model.as_ref().file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         let plain: String = file.chars().filter(char::is_ascii_alphanumeric).collect();
-        let has = |part: &str| plain.contains(part);
-        let name = if has("fastdepth") {
-            "fastdepth"
-        } else if has("midas") && (has("small") || has("v21s")) {
-            "midas-v2.1-small"
-        } else if has("dptlarge") {
-            "dpt-large"
-        } else if has("dpthybrid") {
-            "dpt-hybrid"
-        } else if has("depthanythingv2") && has("metric") {
-            // Metres either way, but the ranges of rooms and streets differ.
-            if has("outdoor") || has("vkitti") {
-                "depth-anything-v2-metric-outdoor"
-            } else {
-                "depth-anything-v2-metric-indoor"
-            }
-        } else if has("depthanythingv2") {
-            "depth-anything-v2"
-        } else if (has("depthanything3") || has("da3")) && has("metric") {
-            "depth-anything-3-metric"
-        } else if (has("depthanything3") || has("da3")) && has("mono") {
-            "depth-anything-3-mono"
-        } else if has("zoedepth") {
-            "zoedepth"
-        } else if has("depthpro") {
-            "depth-pro"
-        } else if has("unidepthv2") {
-            "unidepth-v2"
-        } else if has("moge2") {
-            "moge-2"
-        } else if has("metric3d") {
-            "metric3d-v2"
-        } else if has("litemono") {
-            "lite-mono"
-        } else if has("pydnet") && !has("upydnet") {
-            "pydnet"
-        } else {
-            return Err(Error::UnknownProfile { name: file });
-        };
-        Self::profile(name)
+        let has = |part: &&str| plain.contains(part);
+        let of = NAMES.iter().find(|(parts, _)| parts.iter().all(has));
+        match of.filter(|(_, name)| *name != "pydnet" || !has(&"upydnet")) {
+            Some((_, name)) => Self::profile(name),
+            None => Err(Error::UnknownProfile { name: file }),
+        }
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::resample::Filter;
-use crate::{DepthKind, Error, Result};
+use crate::{DepthKind, Error, FileKind, Result, open};
 
 pub use super::profiles::PROFILES;
 
@@ -214,7 +214,7 @@ impl ModelSpec {
     /// [`Error::Read`], or [`Error::Malformed`] that names the TOML file.
     pub fn beside(model: impl AsRef<Path>) -> Result<Option<Self>> {
         let path = model.as_ref().with_extension("toml");
-        match std::fs::read_to_string(&path) {
+        match open::read_text(&path, FileKind::Settings) {
             Ok(text) => Self::from_toml(&text).map(Some).map_err(|e| Error::malformed(&path, e.to_string())),
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
             Err(e) => Err(Error::read(&path, e)),

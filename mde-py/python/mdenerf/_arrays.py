@@ -6,7 +6,7 @@ import inspect
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,13 +34,13 @@ _FOCAL_35MM = 0xA405
 _EXIF = 0x8769
 
 
-def is_path(value: object) -> bool:
+def is_path(value: object) -> TypeGuard[PathLike]:
     return isinstance(value, (str, os.PathLike))
 
 
 def photograph(image: ImageLike, name: str) -> Photograph:
     """A photograph with its name: that of its file, else ``name``."""
-    if isinstance(image, (str, os.PathLike)):
+    if is_path(image):
         path = os.fspath(image)
         pixels, focal = native.read_photo(path)
         return path, pixels, focal
@@ -81,43 +81,35 @@ def _pillow(image: Any) -> tuple[NDArray[Any], float | None]:
 PHOTOGRAPHS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 
 
+def in_folder(name: str, folder: PathLike) -> list[Path]:
+    """The photographs of a folder in the order of their names; ``name`` is that of the argument."""
+    place = Path(folder)
+    if not place.is_dir():
+        raise Error(f"{name} {place}: no such folder; give a folder of photographs, or a list of them")
+    return sorted(path for path in place.iterdir() if path.suffix.lower() in PHOTOGRAPHS and path.is_file())
+
+
 def several(image: ImageLike, views: Views) -> list[Photograph]:
-    """The photograph and the further ones of the scene, with names that differ."""
+    """The photograph and the further ones of the scene."""
     if isinstance(views, (str, os.PathLike)):
-        folder = Path(views)
-        if not folder.is_dir():
-            raise Error(f"views {folder}: no such folder; give a folder of photographs, or a list of them")
-        paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in PHOTOGRAPHS and path.is_file())
-        reference = Path(image).resolve() if isinstance(image, (str, os.PathLike)) else None
+        paths = in_folder("views", views)
+        reference = Path(image).resolve() if is_path(image) else None
         views = [path for path in paths if path.resolve() != reference]
     if not views:
         raise Error("views: no further photograph is there; give one or more, or leave views out")
-    found = [photograph(image, "image")]
-    found += [photograph(view, f"views[{index}]") for index, view in enumerate(views)]
-    names = short_names([name for name, _, _ in found])
-    return [(name, pixels, focal) for name, (_, pixels, focal) in zip(names, found, strict=True)]
+    return [photograph(image, "image"), *(photograph(view, f"views[{index}]") for index, view in enumerate(views))]
 
 
-def short_names(names: list[str]) -> list[str]:
-    """File names instead of paths where they are unique."""
-    short = [Path(name).name for name in names]
-    return [brief if short.count(brief) == 1 else name for name, brief in zip(names, short, strict=True)]
-
-
-def intrinsics(given: IntrinsicsLike | None, height: int, width: int) -> list[float] | None:
-    """fx, fy, cx, cy in pixels."""
-    if given is None:
-        return None
+def camera(given: IntrinsicsLike | None, fov: float | None) -> dict[str, Any]:
+    """The camera of photographs: a file, fx, fy, cx, cy in pixels, or a horizontal field of view."""
+    if given is not None and fov is not None:
+        raise Error("intrinsics and fov are both given; give one of them")
     if isinstance(given, (str, os.PathLike)):
-        path = Path(given)
-        try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise Error(f"{path}: can't read the camera's intrinsics ({error}); check the path") from error
-        try:
-            return native.parse_intrinsics(text, height, width)
-        except Error as error:
-            raise Error(f"{path}: {error}") from None
+        return {"file": os.fspath(given), "intrinsics": None, "fov": None}
+    return {"file": None, "intrinsics": None if given is None else _intrinsics(given), "fov": fov}
+
+
+def _intrinsics(given: ArrayLike | Mapping[str, float]) -> list[float]:
     if isinstance(given, Mapping):
         missing = [key for key in ("fx", "fy", "cx", "cy") if key not in given]
         if missing:

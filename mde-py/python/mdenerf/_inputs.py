@@ -13,45 +13,46 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mdenerf as native
-from ._arrays import (
-    Floats,
-    ImageLike,
-    IntrinsicsLike,
-    PathLike,
-    Views,
-    depth_map,
-    intrinsics as known_intrinsics,
-    numpy,
-    photograph,
-    several,
-    short_names,
-)
+from ._arrays import Floats, ImageLike, PathLike, Views, depth_map, is_path, numpy, photograph, several
 from ._mdenerf import Error
 
 Config: TypeAlias = "PathLike | Mapping[str, Any]"
 
 
-#: Settings with arguments of their own.
-_SHORT: dict[str, Any] = {"seed": None, "budget": None, "no_nerf": False, "predictions": None, "near": None, "far": None}
+#: Settings beside the preset and the configuration.
+_USUAL: dict[str, Any] = {
+    "seed": None,
+    "no_nerf": False,
+    "predictions": None,
+    "depth_range": None,
+    "max_size": None,
+    "work_size": 1.5,
+    "max_memory": 8.0,
+    "interval": None,
+    "calibration": None,
+    "unit_of_poses": False,
+    "keep_field": False,
+}
 
 
 def native_settings(preset: str, config: Config | None, **given: Any) -> native.Settings:
-    short = {**_SHORT, **given}
-    seed = short["seed"]
+    seed = given.get("seed")
     if seed is not None and not 0 <= seed < 2**63:
         raise Error(f"seed is {seed}; give 0 to 2^63 - 1")
+    text, form = _config(config)
+    return native.Settings({**_USUAL, **given, "preset": preset, "config": text, "form": form})
+
+
+def _config(config: Config | None) -> tuple[str, str]:
     if config is None:
-        return native.Settings(preset, "", False, "config", short)
+        return "", "toml"
     if isinstance(config, Mapping):
         try:
-            text = json.dumps(config)
+            return json.dumps(config), "json"
         except (TypeError, ValueError) as error:
             raise Error(f"config: {error}; give numbers, texts, lists and dictionaries") from None
-        return native.Settings(preset, text, True, "config", short)
     text = os.fspath(config)
-    if isinstance(config, str) and ("=" in text or "\n" in text):
-        return native.Settings(preset, text, False, "config", short)
-    return native.Settings.from_file(preset, text, short)
+    return text, "toml" if isinstance(config, str) and ("=" in text or "\n" in text) else "file"
 
 
 def library_of(runtime: str) -> str | None:
@@ -68,36 +69,33 @@ def library_of(runtime: str) -> str | None:
     return None
 
 
-def map_prior(
-    depth: PathLike | ArrayLike | None, kind: str | None, png_scale: float | None, encoding: str
-) -> native.Prior:
-    if isinstance(depth, (str, os.PathLike)):
-        return native.Prior.file(os.fspath(depth), kind, png_scale, encoding)
-    return native.Prior.map(depth_map(depth, "depth"), kind or "metric")
+def map_prior(depth: PathLike | ArrayLike | None, kind: str | None, png_scale: float | None) -> native.Prior:
+    if is_path(depth):
+        return native.Prior.file(os.fspath(depth), kind, png_scale)
+    return native.Prior.map(depth_map(depth, "prior_depth"), kind or "metric")
 
 
 def known_depths(given: PathLike | ArrayLike, image: ImageLike) -> dict[str, Any]:
     """Known depths as a path, or as rows of column, row, depth, sigma."""
-    photograph = os.fspath(image) if isinstance(image, (str, os.PathLike)) else "image"
-    rows = np.zeros((0, 4))
-    if isinstance(given, (str, os.PathLike)):
-        return {"path": os.fspath(given), "rows": rows, "photograph": photograph}
+    name = os.fspath(image) if is_path(image) else "image"
+    if is_path(given):
+        return {"path": os.fspath(given), "rows": np.zeros((0, 4)), "photograph": name}
     known = numpy(given)
     if known.dtype.kind not in "fiu" or known.ndim != 2 or known.shape[1] not in (3, 4):
         raise Error(f"scale_from has the shape {list(known.shape)}; give [n, 3] or [n, 4]: column, row, depth, and sigma if known")
     rows = np.zeros((len(known), 4))
     rows[:, : known.shape[1]] = known
-    return {"path": None, "rows": rows, "photograph": photograph}
+    return {"path": None, "rows": rows, "photograph": name}
 
 
 def checked(model: Callable[[Floats], Any]) -> Callable[[Floats], Floats]:
     """The callable with its prediction as a map of the image's size."""
 
     def predict(image: Floats) -> Floats:
-        depth = depth_map(model(image), "model")
+        depth = depth_map(model(image), "prior_model")
         if depth.shape != image.shape[:2]:
             raise Error(
-                f"model: the depth is {depth.shape[1]}x{depth.shape[0]} but the image is {image.shape[1]}x{image.shape[0]} (width x "
+                f"prior_model: the depth is {depth.shape[1]}x{depth.shape[0]} but the image is {image.shape[1]}x{image.shape[0]} (width x "
                 "height); resize the prediction to the image"
             )
         return depth
@@ -105,77 +103,20 @@ def checked(model: Callable[[Floats], Any]) -> Callable[[Floats], Floats]:
     return predict
 
 
-class CameraOf:
-    """The camera of photographs as the caller gave it."""
-
-    def __init__(self, intrinsics: IntrinsicsLike | None, base: int, fov: float | None) -> None:
-        if base not in (0, 1):
-            raise Error(f"intrinsics_base is {base}; give 0 or 1, the index of the first pixel")
-        if base and intrinsics is None:
-            raise Error("intrinsics_base is given but no intrinsics; give them too")
-        self._given = intrinsics
-        self._base = base
-        self.fov = fov
-        #: The file that the intrinsics are from.
-        self.file = os.fspath(intrinsics) if isinstance(intrinsics, (str, os.PathLike)) else None
-
-    @property
-    def is_given(self) -> bool:
-        """Whether there are intrinsics."""
-        return self._given is not None
-
-    def of(self, height: int, width: int) -> list[float] | None:
-        """fx, fy, cx, cy of a photograph of that size, pixels from 0."""
-        found = known_intrinsics(self._given, height, width)
-        return found and [*found[:2], found[2] - self._base, found[3] - self._base]
-
-
-def photographs_and_camera(
-    image: ImageLike,
-    camera: CameraOf,
-    views: Views | None,
-    poses: ArrayLike | None,
-    most: int | None,
-) -> tuple[list[dict[str, Any]], str | None, bool]:
-    """The photograph and the further ones (of a capture, at most so many), the file that their cameras are from, and whether it is one."""
-    if isinstance(views, (str, os.PathLike)) and poses is None:
-        captured = _capture(image, camera, os.fspath(views), most)
-        if captured is not None:
-            return captured, os.fspath(views), True
+def scene_of(image: ImageLike, views: Views | None, poses: ArrayLike | None, every: bool) -> dict[str, Any]:
+    """The photograph and the further ones, or the capture that they are of; with ``every``, all of it."""
+    if is_path(views) and is_path(image) and poses is None and native.is_capture(os.fspath(views)):
+        capture = {"path": os.fspath(views), "image": os.fspath(image), "all": every}
+        return {"photographs": [], "capture": capture}
     found = [photograph(image, "image")] if views is None else several(image, views)
-    motions: list[list[float] | None] = [None] * len(found)
+    motions: list[Any] = [None] * len(found)
     if poses is not None:
         array = np.asarray(poses, dtype=np.float64)
         if array.shape != (len(found), 4, 4):
             raise Error(f"poses has the shape {list(array.shape)}; give {[len(found), 4, 4]}, that of the image first")
-        motions = [native.rigid_motion(f"poses[{index}]", matrix.tolist()) for index, matrix in enumerate(array)]
+        motions = array.tolist()
     described = [
-        {
-            "name": name,
-            "image": pixels,
-            "focal": focal,
-            "intrinsics": camera.of(*pixels.shape[:2]),
-            "mask": None,
-            "pose": pose,
-        }
+        {"name": name, "image": pixels, "focal": focal, "pose": pose}
         for (name, pixels, focal), pose in zip(found, motions, strict=True)
     ]
-    return described, camera.file, False
-
-
-def _capture(image: ImageLike, camera: CameraOf, path: str, most: int | None) -> list[dict[str, Any]] | None:
-    """The photographs of a capture with poses; None where the path holds none."""
-    if not isinstance(image, (str, os.PathLike)):
-        return None
-    known = None
-    if camera.is_given:
-        height, width = photograph(image, "image")[1].shape[:2]
-        known = camera.of(height, width)
-    found = native.read_capture(path, os.fspath(image), known, camera.fov, most)
-    if found is None:
-        return None
-    names = short_names([name for name, *_ in found[0]])
-    return [
-        {"name": name, "image": pixels, "focal": None, "intrinsics": lens, "mask": mask, "pose": pose}
-        for name, (_, pixels, mask, lens, pose) in zip(names, found[0], strict=True)
-    ]
+    return {"photographs": described, "capture": None}

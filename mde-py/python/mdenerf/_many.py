@@ -6,11 +6,10 @@ import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sized
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import _mdenerf as native
-from ._arrays import PHOTOGRAPHS, Floats, ImageLike, PathLike, callers
+from ._arrays import PHOTOGRAPHS, Floats, ImageLike, PathLike, callers, in_folder
 from ._mdenerf import Error
 from ._result import RefinementWarning, Result
 
@@ -47,12 +46,9 @@ def photographs_of(images: PathLike | Iterable[ImageLike]) -> list[ImageLike]:
     """The photographs of a folder in the order of their names, or those of an iterable."""
     if not isinstance(images, (str, os.PathLike)):
         return list(images)
-    folder = Path(images)
-    if not folder.is_dir():
-        raise Error(f"images {folder}: no such folder; give a folder of photographs, or a list of them")
-    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in PHOTOGRAPHS and path.is_file())
+    paths = in_folder("images", images)
     if not paths:
-        raise Error(f"images {folder}: the folder holds no photograph ({', '.join(PHOTOGRAPHS)}); folders within it are not searched")
+        raise Error(f"images {images}: the folder holds no photograph ({', '.join(PHOTOGRAPHS)}); folders within it are not searched")
     return list(paths)
 
 

@@ -17,18 +17,15 @@ from ._scene import Scene
 
 def refine(
     image: ImageLike,
-    model: Model | None = None,
+    prior_model: Model | None = None,
     *,
-    depth: PathLike | ArrayLike | None = None,
+    prior_depth: PathLike | ArrayLike | None = None,
     png_scale: float | None = None,
-    depth_encoding: str = "plain",
-    kind: str | None = None,
-    profile: str | None = None,
-    input_size: tuple[int, int] | None = None,
+    prior_kind: str | None = None,
+    model_profile: PathLike | None = None,
     preset: str | None = None,
     config: Config | None = None,
     intrinsics: IntrinsicsLike | None = None,
-    intrinsics_base: int = 0,
     fov: float | None = None,
     views: Views | None = None,
     poses: ArrayLike | None = None,
@@ -38,11 +35,9 @@ def refine(
     interval: float | None = None,
     calibration: PathLike | None = None,
     seed: int | None = None,
-    budget: float | None = None,
     predictions: int | Literal["auto"] | None = None,
     no_nerf: bool = False,
-    near: float | None = None,
-    far: float | None = None,
+    depth_range: tuple[float, float] | None = None,
     runtime: str = "auto",
     onnxruntime: PathLike | None = None,
     max_size: int | None = None,
@@ -54,7 +49,7 @@ def refine(
     """Refines the depth of a photograph: a model's, or a depth map.
 
     The parameters are those of :class:`Refiner`, which keeps the model for several photographs, and of :meth:`Refiner.refine`. Give
-    ``model`` or ``depth``.
+    ``prior_model`` or ``prior_depth``.
 
     Returns
     -------
@@ -70,23 +65,20 @@ def refine(
     Examples
     --------
     >>> mdenerf.refine("photo.jpg", "network.onnx")                              # doctest: +SKIP
-    >>> mdenerf.refine("photo.jpg", depth="depth.npy", fov=65)                   # doctest: +SKIP
+    >>> mdenerf.refine("photo.jpg", prior_depth="depth.npy", fov=65)             # doctest: +SKIP
     >>> mdenerf.refine("photo.jpg", "network.onnx", interval=0.9).lower          # doctest: +SKIP
     >>> mdenerf.refine("a.jpg", "network.onnx", views=["b.jpg", "c.jpg"])        # doctest: +SKIP
     """
     refiner = Refiner(
-        model,
-        kind=kind,
-        profile=profile,
-        input_size=input_size,
+        prior_model,
+        prior_kind=prior_kind,
+        model_profile=model_profile,
         preset=preset,
         config=config,
         seed=seed,
-        budget=budget,
         predictions=predictions,
         no_nerf=no_nerf,
-        near=near,
-        far=far,
+        depth_range=depth_range,
         runtime=runtime,
         onnxruntime=onnxruntime,
         max_size=max_size,
@@ -98,11 +90,9 @@ def refine(
     )
     return refiner.refine(
         image,
-        depth=depth,
+        prior_depth=prior_depth,
         png_scale=png_scale,
-        depth_encoding=depth_encoding,
         intrinsics=intrinsics,
-        intrinsics_base=intrinsics_base,
         fov=fov,
         views=views,
         poses=poses,
@@ -115,11 +105,10 @@ def refine(
 
 def refine_all(
     image: ImageLike,
-    model: Model,
+    prior_model: Model,
     *,
     views: Views,
     intrinsics: IntrinsicsLike | None = None,
-    intrinsics_base: int = 0,
     fov: float | None = None,
     poses: ArrayLike | None = None,
     unit: str = "prior",
@@ -148,11 +137,10 @@ def refine_all(
     >>> scene = mdenerf.refine_all("a.jpg", "network.onnx", views=["b.jpg", "c.jpg"])      # doctest: +SKIP
     >>> scene.save("out/room")                                                             # doctest: +SKIP
     """
-    return Refiner(model, **settings).refine_all(
+    return Refiner(prior_model, **settings).refine_all(
         image,
         views=views,
         intrinsics=intrinsics,
-        intrinsics_base=intrinsics_base,
         fov=fov,
         poses=poses,
         unit=unit,
@@ -164,11 +152,10 @@ def refine_all(
 @overload
 def refine_many(
     images: PathLike | Iterable[ImageLike],
-    model: Model,
+    prior_model: Model,
     *,
     same_scale: bool = ...,
     intrinsics: IntrinsicsLike | None = ...,
-    intrinsics_base: int = ...,
     fov: float | None = ...,
     return_exceptions: Literal[False] = ...,
     progress: Progress | None = ...,
@@ -179,11 +166,10 @@ def refine_many(
 @overload
 def refine_many(
     images: PathLike | Iterable[ImageLike],
-    model: Model,
+    prior_model: Model,
     *,
     same_scale: bool = ...,
     intrinsics: IntrinsicsLike | None = ...,
-    intrinsics_base: int = ...,
     fov: float | None = ...,
     return_exceptions: bool,
     progress: Progress | None = ...,
@@ -193,11 +179,10 @@ def refine_many(
 
 def refine_many(
     images: PathLike | Iterable[ImageLike],
-    model: Model,
+    prior_model: Model,
     *,
     same_scale: bool = False,
     intrinsics: IntrinsicsLike | None = None,
-    intrinsics_base: int = 0,
     fov: float | None = None,
     return_exceptions: bool = False,
     progress: Progress | None = None,
@@ -220,11 +205,10 @@ def refine_many(
     --------
     >>> results = list(mdenerf.refine_many("burst", "network.onnx", same_scale=True))     # doctest: +SKIP
     """
-    return Refiner(model, **settings).refine_many(
+    return Refiner(prior_model, **settings).refine_many(
         images,
         same_scale=same_scale,
         intrinsics=intrinsics,
-        intrinsics_base=intrinsics_base,
         fov=fov,
         return_exceptions=return_exceptions,
         progress=progress,

@@ -11,8 +11,8 @@ from typing import Any, Literal, TypeAlias, overload
 from numpy.typing import ArrayLike
 
 from . import _mdenerf as native
-from ._arrays import Floats, ImageLike, IntrinsicsLike, Model, PathLike, Views, callers
-from ._inputs import CameraOf, Config, checked, known_depths, library_of, map_prior, native_settings, photographs_and_camera
+from ._arrays import Floats, ImageLike, IntrinsicsLike, Model, PathLike, Views, callers, camera, is_path
+from ._inputs import Config, checked, known_depths, library_of, map_prior, native_settings, scene_of
 from ._many import SameScale, photographs_of, refine_each, scales_of
 from ._mdenerf import Error
 from ._result import RefinementWarning, Result
@@ -29,19 +29,17 @@ class Refiner:
 
     Parameters
     ----------
-    model : path or callable, optional
+    prior_model : path or callable, optional
         A network in an ONNX file, or a callable. The callable gets ``float32 [height, width, 3]``, sRGB in 0 to 1, and returns
         its prediction ``[height, width]`` as anything that NumPy understands, a tensor of PyTorch on any device among them. It is called
-        in the thread that called :meth:`refine`, also for crops and mirror images (with the default settings up to 60 times, 30 without ``input_size``); its
-        exceptions pass through. Without a model, give :meth:`refine` a ``depth``.
-    kind : {"metric", "depth", "disparity"}, optional
+        in the thread that called :meth:`refine`, also for crops and mirror images (with the default settings up to 30 times); its exceptions
+        pass through. Without a model, give :meth:`refine` a ``prior_depth``.
+    prior_kind : {"metric", "depth", "disparity"}, optional
         Meaning of the values: metres, depth in an unknown unit, or 1/depth up to scale and shift (MiDaS, Depth Anything). By default that
         of the ONNX file's profile, and ``metric`` otherwise.
-    profile : str, optional
-        Name of the ONNX file's profile (``mde refine --help`` lists them); by default it is recognised.
-    input_size : (int, int), optional
-        Height and width of the network's input, pixels: for an ONNX file by default its profile's. For a callable it decides how many crops
-        are worth their time; without it the size is taken for unknown.
+    model_profile : str or path, optional
+        Name of the ONNX file's profile (``mde refine --help`` lists them), or a ``.toml`` file with its input and output; by default it is
+        recognised.
     preset : {"paper", "default", "fast", "multi-view"}, optional
         By default ``default`` for one photograph, ``multi-view`` for several.
     config : path, str or dict, optional
@@ -49,14 +47,12 @@ class Refiner:
         ``{"augmentation": {"predictions": 5}}``.
     seed : int, optional
         Seed of all random draws; by default that of the settings, 0. The same seed gives the same bits with any number of threads.
-    budget : float, optional
-        Seconds for the model's predictions: only as many as fit, by the time of the first one.
     predictions : int or "auto", optional
         Predictions of the model at most, on the photograph, its mirror image and crops; 1 is the photograph alone. By default that of the
         settings.
     no_nerf : bool
         Fit no field: the model's prediction, with the configured augmentation, is the result.
-    near, far : float, optional
+    depth_range : (float, float), optional
         Nearest and farthest depth of the scene, metres, for disparity of unknown scale and shift; by default those of the settings, 0.8 and 8.
     runtime : {"auto", "tract", "onnxruntime"}
         What runs an ONNX file. ``auto`` takes ONNX Runtime where the package ``onnxruntime`` is installed, else tract, which is part of this
@@ -92,19 +88,16 @@ class Refiner:
 
     def __init__(
         self,
-        model: Model | None = None,
+        prior_model: Model | None = None,
         *,
-        kind: str | None = None,
-        profile: str | None = None,
-        input_size: tuple[int, int] | None = None,
+        prior_kind: str | None = None,
+        model_profile: PathLike | None = None,
         preset: str | None = None,
         config: Config | None = None,
         seed: int | None = None,
-        budget: float | None = None,
         predictions: int | Literal["auto"] | None = None,
         no_nerf: bool = False,
-        near: float | None = None,
-        far: float | None = None,
+        depth_range: tuple[float, float] | None = None,
         runtime: str = "auto",
         onnxruntime: PathLike | None = None,
         max_size: int | None = None,
@@ -114,61 +107,52 @@ class Refiner:
         calibration: PathLike | None = None,
         threads: int | None = None,
     ) -> None:
-        self._model = model
-        self._kind = kind
-        self._profile = profile
-        self._input_size = input_size
+        self._model = prior_model
+        self._kind = prior_kind
+        self._profile = model_profile
         self._preset = preset
         self._config = config
-        self._seed = seed
-        self._short: dict[str, Any] = {
-            "budget": budget,
+        self._given: dict[str, Any] = {
+            "seed": seed,
             "no_nerf": no_nerf,
             "predictions": None if predictions is None else str(predictions),
-            "near": near,
-            "far": far,
+            "depth_range": depth_range,
+            "max_size": max_size,
+            "work_size": work_size,
+            "max_memory": max_memory,
+            "interval": interval,
+            "calibration": None if calibration is None else os.fspath(calibration),
         }
         self._runtime = runtime
         self._library = onnxruntime
-        self._max_size = max_size
-        self._work_size = work_size
-        self._max_memory = max_memory
-        self._interval = interval
-        self._calibration = calibration
         self._threads = threads
         self._settings(False, None)
-        self._error_bar = self._open_error_bar()
         self._prior = self._open()
-
-    def _open_error_bar(self) -> native.ErrorBar:
-        calibration = None if self._calibration is None else os.fspath(self._calibration)
-        return native.ErrorBar(self._interval, calibration)
 
     def _open(self) -> native.Prior | None:
         model = self._model
         if model is None:
             return None
-        if isinstance(model, (str, os.PathLike)):
+        if is_path(model):
             library = library_of(self._runtime) if self._library is None else os.fspath(self._library)
-            form = (self._profile, self._input_size, self._kind)
-            return native.Prior.network(os.fspath(model), form, self._runtime, library, self._threads)
+            profile = None if self._profile is None else os.fspath(self._profile)
+            return native.Prior.network(os.fspath(model), profile, self._kind, self._runtime, library, self._threads)
         if not callable(model):
-            raise Error(f"model is of {type(model).__name__}; give the path of an ONNX file, or a callable")
+            raise Error(f"prior_model is of {type(model).__name__}; give the path of an ONNX file, or a callable")
         name = getattr(model, "__qualname__", type(model).__name__)
-        return native.Prior.callable(name, self._kind or "metric", self._input_size)
+        return native.Prior.callable(name, self._kind or "metric")
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name not in ("_prior", "_error_bar")}
+        return {name: value for name, value in self.__dict__.items() if name != "_prior"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._error_bar = self._open_error_bar()
         self._prior = self._open()
 
-    def _settings(self, many: bool, seed: int | None) -> native.Settings:
+    def _settings(self, many: bool, seed: int | None, **given: Any) -> native.Settings:
         preset = self._preset or ("multi-view" if many else "default")
-        seed = self._seed if seed is None else seed
-        return native_settings(preset, self._config, seed=seed, **self._short)
+        own = {} if seed is None else {"seed": seed}
+        return native_settings(preset, self._config, **{**self._given, **own, **given})
 
     @property
     def runtime(self) -> str | None:
@@ -179,11 +163,9 @@ class Refiner:
         self,
         image: ImageLike,
         *,
-        depth: PathLike | ArrayLike | None = None,
+        prior_depth: PathLike | ArrayLike | None = None,
         png_scale: float | None = None,
-        depth_encoding: str = "plain",
         intrinsics: IntrinsicsLike | None = None,
-        intrinsics_base: int = 0,
         fov: float | None = None,
         views: Views | None = None,
         poses: ArrayLike | None = None,
@@ -203,18 +185,14 @@ class Refiner:
         image : path, bytes, ndarray or PIL.Image.Image
             The photograph: a file, its bytes, ``uint8`` or ``uint16`` or floats in 0 to 1 of ``[height, width, 3]``, sRGB, or an image of Pillow. Files
             and Pillow's images are turned upright, and their EXIF has the focal length.
-        depth : path or ndarray, optional
+        prior_depth : path or ndarray, optional
             In the place of a model, a depth map of the image, ``[height, width]``; 0 where missing. Or a file of it: NPY, NPZ, PNG of 16 bits,
             PFM, EXR.
         png_scale : float, optional
             Depth = value / ``png_scale`` for a file; by default the scale in the metadata of a PNG, else 1000 for 16 bits and 1 for floats.
-        depth_encoding : {"plain", "sunrgbd"}
-            Encoding of depths in PNG files: as they are, or with the rotated bits of SUN RGB-D.
         intrinsics : ndarray, dict or path, optional
             The camera of the photograph as given, pixels: a matrix ``[3, 3]``, ``fx``, ``fy``, ``cx``, ``cy`` by name, or a file with either. By
             default from EXIF, else a horizontal field of view of 60 degrees.
-        intrinsics_base : {0, 1}
-            Index of the first pixel in the intrinsics: 1 in the files of SUN RGB-D and of MATLAB.
         fov : float, optional
             Instead of intrinsics, the horizontal field of view, degrees.
         views : sequence of images, or path, optional
@@ -249,26 +227,25 @@ class Refiner:
         KeyboardInterrupt
             After Ctrl-C.
         """
-        if (depth is None) == (self._prior is None):
-            raise Error("give a model or a depth, and not both: the depth that is refined")
-        if depth is not None and views is not None:
-            raise Error("depth is that of one photograph; give a model to use views")
+        if (prior_depth is None) == (self._prior is None):
+            raise Error("give a prior_model or a prior_depth, and not both: the depth that is refined")
+        if prior_depth is not None and views is not None:
+            raise Error("prior_depth is that of one photograph; give a prior_model to use views")
         if poses is not None and views is None:
             raise Error("poses are given but no views; give the further photographs too")
         if scale_from is not None and unit != "prior":
             raise Error("scale_from gives the unit of the result; leave unit out")
         if same_scale is not None and (views is not None or scale_from is not None):
             raise Error("same_scale is for photographs that are refined alone; leave views and scale_from out")
-        prior = self._prior if self._prior is not None else map_prior(depth, self._kind, png_scale, depth_encoding)
-        if not isinstance(depth, (str, os.PathLike)) and (png_scale is not None or depth_encoding != "plain"):
-            raise Error("png_scale and depth_encoding are of a depth in a file; give depth as a path, or leave them out")
-        settings = self._settings(views is not None, seed)
-        camera = CameraOf(intrinsics, intrinsics_base, fov)
-        arguments = self._scene(image, camera, views, poses, unit, 4 * settings.max_views)
+        if png_scale is not None and not is_path(prior_depth):
+            raise Error("png_scale is of a depth in a file; give prior_depth as a path, or leave it out")
+        prior = self._prior if self._prior is not None else map_prior(prior_depth, self._kind, png_scale)
+        arguments = self._arguments(scene_of(image, views, poses, False), camera(intrinsics, fov))
         arguments["scale_from"] = None if scale_from is None else known_depths(scale_from, image)
         arguments["same_scale"] = None if same_scale is None else astuple(same_scale)
-        arguments["keep_field"] = keep_field
-        result = Result._of(native.refine(prior, settings, self._error_bar, arguments, self._callable(), progress))
+        settings = self._settings(views is not None, seed, unit_of_poses=_unit(unit, arguments), keep_field=keep_field)
+        made = native.refine(prior, settings, arguments, False, self._callable(), progress)
+        result = Result._of(made["results"][0])
         for warning in result.run["warnings"]:
             warnings.warn(warning, RefinementWarning, stacklevel=callers())
         return result
@@ -281,7 +258,6 @@ class Refiner:
         *,
         views: Views,
         intrinsics: IntrinsicsLike | None = None,
-        intrinsics_base: int = 0,
         fov: float | None = None,
         poses: ArrayLike | None = None,
         unit: str = "prior",
@@ -297,7 +273,7 @@ class Refiner:
 
         Parameters
         ----------
-        image, views, intrinsics, intrinsics_base, fov, poses, unit
+        image, views, intrinsics, fov, poses, unit
             As in :meth:`refine`. ``image`` gives the frame of the poses and the scale of all. All photographs of a capture are refined.
         keep_field : bool
             Keep the fitted field of each photograph: ``Result.field``.
@@ -325,50 +301,16 @@ class Refiner:
         >>> scene.save("out/room")                                             # doctest: +SKIP
         """
         if self._prior is None:
-            raise Error("refine_all needs a model; a depth is that of one photograph")
-        settings = self._settings(True, seed)
-        camera = CameraOf(intrinsics, intrinsics_base, fov)
-        arguments = self._scene(image, camera, views, poses, unit, None)
-        arguments["keep_field"] = keep_field
-        made = native.refine_all(self._prior, settings, self._error_bar, arguments, self._callable(), progress)
-        scene = Scene._of(made)
+            raise Error("refine_all needs a prior_model; a prior_depth is that of one photograph")
+        arguments = self._arguments(scene_of(image, views, poses, True), camera(intrinsics, fov))
+        settings = self._settings(True, seed, unit_of_poses=_unit(unit, arguments), keep_field=keep_field)
+        scene = Scene._of(native.refine(self._prior, settings, arguments, True, self._callable(), progress))
         for warning in scene.run["warnings"]:
             warnings.warn(warning, RefinementWarning, stacklevel=callers())
         return scene
 
-    def _scene(
-        self,
-        image: ImageLike,
-        camera: CameraOf,
-        views: Views | None,
-        poses: ArrayLike | None,
-        unit: str,
-        most: int | None,
-    ) -> dict[str, Any]:
-        """The arguments of the photograph and of further ones, at most so many of a capture."""
-        if unit not in ("prior", "poses"):
-            raise Error(f"unit is {unit!r}; give prior or poses")
-        photographs, file, captured = photographs_and_camera(image, camera, views, poses, most)
-        if unit == "poses" and any(one["pose"] is None for one in photographs):
-            raise Error("unit is 'poses', but the photographs have none; give poses or a capture with them, or unit='prior'")
-        arguments = self._arguments(photographs, None if captured else camera.fov, file)
-        arguments["unit_of_poses"] = unit == "poses"
-        return arguments
-
-    def _arguments(self, photographs: list[dict[str, Any]], fov: float | None, file: str | None) -> dict[str, Any]:
-        return {
-            "photographs": photographs,
-            "fov": fov,
-            "camera_file": file,
-            "unit_of_poses": False,
-            "scale_from": None,
-            "same_scale": None,
-            "keep_field": False,
-            "max_size": self._max_size,
-            "work_size": self._work_size,
-            "max_memory": self._max_memory,
-            "threads": self._threads,
-        }
+    def _arguments(self, photographs: dict[str, Any], camera: dict[str, Any]) -> dict[str, Any]:
+        return {**photographs, "camera": camera, "scale_from": None, "same_scale": None, "threads": self._threads}
 
     def _callable(self) -> Callable[[Floats], Floats] | None:
         return checked(self._model) if callable(self._model) else None
@@ -378,7 +320,6 @@ class Refiner:
         images: PathLike | Iterable[ImageLike],
         *,
         intrinsics: IntrinsicsLike | None = None,
-        intrinsics_base: int = 0,
         fov: float | None = None,
         seed: int | None = None,
         progress: Progress | None = None,
@@ -392,7 +333,7 @@ class Refiner:
         ----------
         images : sequence of images, or path
             The photographs of a burst or the frames of a video in their order, or a folder of them, in the order of names.
-        intrinsics, intrinsics_base, fov
+        intrinsics, fov
             The camera of all, as in :meth:`refine`.
         seed : int, optional
             Instead of the refiner's.
@@ -411,14 +352,13 @@ class Refiner:
             For a setting at fault, where the refiner has no model, or where no photograph can be read.
         """
         if self._prior is None:
-            raise Error("same_scale needs a model; a depth is that of one photograph")
+            raise Error("same_scale needs a prior_model; a prior_depth is that of one photograph")
         found = photographs_of(images)
         settings = self._settings(False, seed)
-        camera = CameraOf(intrinsics, intrinsics_base, fov)
+        lens = camera(intrinsics, fov)
 
         def prepared(image: ImageLike) -> dict[str, Any]:
-            photographs, file, _ = photographs_and_camera(image, camera, None, None, None)
-            return self._arguments(photographs, fov, file)
+            return self._arguments(scene_of(image, None, None, False), lens)
 
         scale = native.OneScale(len(found), settings)
         return scales_of(scale, found, prepared, (self._prior, settings, self._callable(), self._threads), progress)
@@ -430,7 +370,6 @@ class Refiner:
         *,
         same_scale: bool = ...,
         intrinsics: IntrinsicsLike | None = ...,
-        intrinsics_base: int = ...,
         fov: float | None = ...,
         seed: int | None = ...,
         return_exceptions: Literal[False] = ...,
@@ -444,7 +383,6 @@ class Refiner:
         *,
         same_scale: bool = ...,
         intrinsics: IntrinsicsLike | None = ...,
-        intrinsics_base: int = ...,
         fov: float | None = ...,
         seed: int | None = ...,
         return_exceptions: bool,
@@ -457,7 +395,6 @@ class Refiner:
         *,
         same_scale: bool = False,
         intrinsics: IntrinsicsLike | None = None,
-        intrinsics_base: int = 0,
         fov: float | None = None,
         seed: int | None = None,
         return_exceptions: bool = False,
@@ -474,7 +411,7 @@ class Refiner:
             The photographs, or a folder of them, in the order of names.
         same_scale : bool
             First bring all to one scale, as :meth:`same_scale` does.
-        intrinsics, intrinsics_base, fov, seed
+        intrinsics, fov, seed
             Those of all, as in :meth:`refine`.
         return_exceptions : bool
             For a photograph that fails, give its :class:`Error` in the place of a result, and go on.
@@ -498,15 +435,24 @@ class Refiner:
         ...     result.save(f"out/{path.stem}")
         """
         if self._prior is None:
-            raise Error("refine_many needs a model; a depth is that of one photograph")
-        camera: dict[str, Any] = {"intrinsics": intrinsics, "intrinsics_base": intrinsics_base, "fov": fov, "seed": seed}
+            raise Error("refine_many needs a prior_model; a prior_depth is that of one photograph")
+        given: dict[str, Any] = {"intrinsics": intrinsics, "fov": fov, "seed": seed}
         self._settings(False, seed)
         found = photographs_of(images) if same_scale or isinstance(images, (str, os.PathLike)) else images
 
         def scales(images: list[ImageLike]) -> list[SameScale]:
-            return self.same_scale(images, **camera, progress=progress)
+            return self.same_scale(images, **given, progress=progress)
 
         def one(image: ImageLike, factor: SameScale | None) -> Result:
-            return self.refine(image, **camera, same_scale=factor)
+            return self.refine(image, **given, same_scale=factor)
 
         return refine_each(found, scales if same_scale else None, one, return_exceptions, progress)
+
+
+def _unit(unit: str, arguments: dict[str, Any]) -> bool:
+    """Whether the results are in the unit of the poses."""
+    if unit not in ("prior", "poses"):
+        raise Error(f"unit is {unit!r}; give prior or poses")
+    if unit == "poses" and any(one["pose"] is None for one in arguments["photographs"]):
+        raise Error("unit is 'poses', but the photographs have none; give poses or a capture with them, or unit='prior'")
+    return unit == "poses"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import html
 import json
-import os
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
@@ -35,7 +34,7 @@ def in_place(folder: PathLike, force: bool, write: Callable[[Path], None]) -> Pa
             raise Error(f"{target}: exists and is not a folder; give another name")
         if not force:
             raise Error(f"{target}: the folder exists; give another name, or force=True to replace it")
-        if any(target.iterdir()) and not (target / _RECORD).is_file():
+        if any(target.iterdir()) and not _is_record(target / _RECORD):
             raise Error(f"{target}: not replaced, as it holds no {_RECORD} of an earlier run; give another name")
     try:
         target.absolute().parent.mkdir(parents=True, exist_ok=True)
@@ -43,18 +42,18 @@ def in_place(folder: PathLike, force: bool, write: Callable[[Path], None]) -> Pa
             made = Path(place) / "new"
             made.mkdir()
             write(made)
-            old = Path(place) / "old"
-            try:
-                if target.exists():
-                    os.replace(target, old)
-                os.replace(made, target)
-            except BaseException:
-                if old.exists() and not target.exists():
-                    os.replace(old, target)
-                raise
+            native.replace_folder(str(made), str(target))
     except OSError as error:
         raise Error(f"{target}: can't write ({error}); give another place") from error
     return target
+
+
+def _is_record(path: Path) -> bool:
+    try:
+        record = json.loads(path.read_bytes()) if path.is_file() else None
+    except (OSError, ValueError):
+        return False
+    return isinstance(record, dict) and "command" in record
 
 
 def write_record(folder: Path, run: dict[str, Any]) -> None:
@@ -208,7 +207,6 @@ class Result:
         folder: PathLike,
         *,
         export: str | Sequence[str] = (),
-        y_up: bool = False,
         force: bool = False,
         report: bool = True,
     ) -> Path:
@@ -226,8 +224,6 @@ class Result:
             Also write files for other programs, with the program's bytes: ``ply`` (``cloud.ply``, points with colour, normal and sigma), ``glb``
             (``mesh.glb``), ``exr`` (``depth.exr``), ``colmap`` (a folder with ``images`` and ``sparse/0``), ``transforms`` (``transforms.json``),
             ``sigma`` (the components of sigma).
-        y_up : bool
-            The points of ``cloud.ply`` with y up and z backward.
         force : bool
             Replace the folder of an earlier run.
         report : bool
@@ -246,13 +242,13 @@ class Result:
         formats = [export] if isinstance(export, str) else list(export)
 
         def write(made: Path) -> None:
-            self._write(made, formats, y_up)
+            self._write(made, formats)
             if report:
                 pages(made)
 
         return in_place(folder, force, write)
 
-    def _write(self, folder: Path, formats: list[str], y_up: bool) -> None:
+    def _write(self, folder: Path, formats: list[str]) -> None:
         if self._pictures:
             (folder / "views").mkdir()
         ends = (("lower", self.lower), ("upper", self.upper))
@@ -272,7 +268,7 @@ class Result:
             "unit": self.unit,
             "camera": (self.camera.fx, self.camera.fy, self.camera.cx, self.camera.cy),
         }
-        native.save_result(str(folder), parts, formats, y_up)
+        native.save_result(str(folder), parts, formats)
         if self.field is not None:
             (folder / "field.safetensors").write_bytes(self.field)
         (folder / "config.toml").write_text(self.config, encoding="utf-8", newline="\n")

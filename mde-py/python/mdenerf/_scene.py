@@ -79,7 +79,6 @@ class Scene(Sequence[Result]):
         folder: PathLike,
         *,
         export: str | Sequence[str] = (),
-        y_up: bool = False,
         force: bool = False,
         report: bool = True,
     ) -> Path:
@@ -94,8 +93,6 @@ class Scene(Sequence[Result]):
             The new folder.
         export : sequence of str
             Also write files for other programs into the folder of each photograph, as in :meth:`Result.save`.
-        y_up : bool
-            The points of ``cloud.ply`` with y up and z backward.
         force : bool
             Replace the folder of an earlier run.
         report : bool
@@ -117,7 +114,7 @@ class Scene(Sequence[Result]):
         def write(made: Path) -> None:
             for name, result in zip(names, self.results, strict=True):
                 (made / name).mkdir()
-                result._write(made / name, formats, y_up)
+                result._write(made / name, formats)
             parts = [
                 {
                     "folder": name,
@@ -130,7 +127,7 @@ class Scene(Sequence[Result]):
                 for name, result, motion in zip(names, self.results, self._motions, strict=True)
                 if motion is not None
             ]
-            points = native.save_all(str(made), parts, self.unit, y_up)
+            points = native.save_all(str(made), parts, self.unit)
             write_record(made, {**self.run, "points": points})
             if report:
                 pages(made)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mdenerf as native
-from ._arrays import Doubles, Floats, IntrinsicsLike, Mask, _unit, depth_map, intrinsics as known_intrinsics, same_map
+from ._arrays import Doubles, Floats, IntrinsicsLike, Mask, _unit, camera, depth_map, same_map
 from ._inputs import Config, native_settings
 from ._mdenerf import Error
 
@@ -264,12 +264,12 @@ def forward_warp(
     other = None
     if target is not None:
         given, (height, width) = target
-        other = (known_intrinsics(given, height, width), height, width)
+        other = (camera(given, None), (height, width))
     parts = native.forward_warp(
         _unit(colours, "image"),
         z,
         same_map(sigma, z.shape, "sigma"),
-        (known_intrinsics(intrinsics, *z.shape), motion.tolist()),
+        (camera(intrinsics, None), motion.tolist()),
         other,
         tear,
     )

@@ -3,7 +3,7 @@
 >>> import ray, mdenerf.ray                                                             # doctest: +SKIP
 >>> photographs = ray.data.read_binary_files("s3://bucket/photos", include_paths=True)  # doctest: +SKIP
 >>> refined = photographs.map_batches(                                                  # doctest: +SKIP
-...     mdenerf.ray.Refine, fn_constructor_kwargs={"model": "network.onnx"}, batch_size=4, num_cpus=4,
+...     mdenerf.ray.Refine, fn_constructor_kwargs={"prior_model": "network.onnx"}, batch_size=4, num_cpus=4,
 ...     compute=ray.data.ActorPoolStrategy(min_size=1, max_size=1000),
 ... )
 >>> refined.write_parquet("s3://bucket/depth")                                          # doctest: +SKIP
@@ -56,15 +56,15 @@ class Refine:
 
     Parameters
     ----------
-    model, **settings
+    prior_model, **settings
         Those of :class:`mdenerf.Refiner`. The number of threads is by default that of the actor's CPUs.
     fov : float, optional
         Horizontal field of view of all photographs, degrees.
     """
 
-    def __init__(self, model: Any = None, *, fov: float | None = None, **settings: Any) -> None:
+    def __init__(self, prior_model: Any = None, *, fov: float | None = None, **settings: Any) -> None:
         settings.setdefault("threads", _threads())
-        self._refiner = Refiner(model, **settings)
+        self._refiner = Refiner(prior_model, **settings)
         self._ends = settings.get("interval") is not None
         self._fov = fov
 

@@ -1,39 +1,75 @@
-//! The inputs of a refinement, as the caller gives them and at the size at which they are refined.
+//! The inputs of a refinement, as the caller gives them, and the scene that they are.
 
-use super::one_scale::{Factor, same_scale};
-use super::{Motion, Watched, pose_of};
+use super::Watched;
+use super::one_scale::{Factor, same_scale_of};
 use crate::error::raise;
-use crate::prior::Linked;
-use crate::settings::Settings;
-use mde_cli::inputs::size::SMALLEST;
-use mde_cli::inputs::{BoundPrior, CameraSource, GivenCamera, Known, KnownCamera, Opened, Sizes};
-use mde_cli::mde_prior::resample::nearest;
+use mde_cli::error::{Error, Result};
+use mde_cli::mde_mvs::capture::{CaptureFiles, Distortion, Lens};
+use mde_cli::mde_prior::photo::image_size;
 use mde_cli::mde_warp::Pose;
-use mde_cli::memory::{MemoryLimit, capture_bytes};
-use mde_cli::results::{SameScale, Unit};
-use mde_cli::run::Watch;
-use mde_cli::scale::KnownDepth;
-use mde_cli::{Capture, Naming, Photograph};
-use ndarray::{Array2, Array3};
+use mde_cli::nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion};
+use mde_cli::refiner::{Observer as _, Plan, Refiner};
+use mde_cli::scene::camera::{GivenCamera, KnownCamera};
+use mde_cli::scene::known::{KnownDepth, KnownDepths};
+use mde_cli::scene::posed::shorten;
+use mde_cli::scene::{Photograph, SameScale, Scene};
+use ndarray::Array3;
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use std::path::PathBuf;
 
+/// What is given of a camera.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Camera {
+    /// A file of intrinsics.
+    file: Option<PathBuf>,
+    /// fx, fy, cx, cy in pixels.
+    intrinsics: Option<[f64; 4]>,
+    /// Horizontal field of view, degrees.
+    fov: Option<f64>,
+}
+
+impl Camera {
+    fn given(self) -> GivenCamera {
+        match (self.file, self.intrinsics, self.fov) {
+            (Some(path), ..) => GivenCamera::File(path),
+            (None, Some([fx, fy, cx, cy]), _) => {
+                GivenCamera::Intrinsics { fx, fy: Some(fy), cx: Some(cx), cy: Some(cy) }
+            }
+            (None, None, Some(fov)) => GivenCamera::FieldOfView(fov),
+            (None, None, None) => GivenCamera::Nothing,
+        }
+    }
+
+    /// The camera of an image of `(height, width)` without EXIF.
+    pub(crate) fn of(self, (height, width): (usize, usize)) -> PyResult<KnownCamera> {
+        KnownCamera::new(&self.given(), None, [width, height]).map_err(raise)
+    }
+}
+
 /// A photograph as the caller gave it.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(super) struct Given<'py> {
+struct Given<'py> {
     name: String,
     /// sRGB in 0 to 1, `[height, width, 3]`.
     image: PyReadonlyArray3<'py, f32>,
     /// Focal length of its EXIF in millimetres of 35 mm film.
     focal: Option<f64>,
-    /// fx, fy, cx, cy in pixels.
-    intrinsics: Option<[f64; 4]>,
-    /// Where the image has content; everywhere without it.
-    mask: Option<PyReadonlyArray2<'py, bool>>,
     /// World to camera.
-    pose: Option<Motion>,
+    pose: Option<[[f64; 4]; 4]>,
+}
+
+/// A capture with poses, in the files of another program.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct Capture {
+    path: PathBuf,
+    /// Its photograph that is refined.
+    image: PathBuf,
+    /// Whether all of its photographs are used, and not only the nearest.
+    all: bool,
 }
 
 /// Depths that give the scale.
@@ -48,209 +84,167 @@ struct Scale<'py> {
     photograph: PathBuf,
 }
 
-/// Arguments of [`refine`](super::refine).
+/// The inputs of a refinement.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Arguments<'py> {
     /// The first is refined.
     photographs: Vec<Given<'py>>,
-    /// Horizontal field of view of those without intrinsics, degrees.
-    fov: Option<f64>,
-    /// The file that the intrinsics are from.
-    camera_file: Option<String>,
-    /// Whether the results are in the unit of the poses.
-    unit_of_poses: bool,
+    /// In the place of these.
+    capture: Option<Capture>,
+    camera: Camera,
     scale_from: Option<Scale<'py>>,
     /// The factor to one scale with other photographs.
     same_scale: Option<Factor>,
-    /// Whether the fitted field is a part of the result.
-    keep_field: bool,
-    max_size: Option<usize>,
-    /// Million pixels.
-    work_size: f64,
-    /// GiB.
-    max_memory: f64,
     pub(super) threads: Option<usize>,
 }
 
-/// A photograph, its camera and its place.
-pub(super) struct Input {
-    pub(super) name: String,
-    image: Array3<f32>,
-    mask: Option<Array2<bool>>,
-    known: KnownCamera,
-    pose: Option<Pose>,
-}
-
+/// The inputs without the interpreter.
 pub(super) struct Inputs {
-    pub(super) photographs: Vec<Input>,
-    pub(super) unit: Unit,
-    pub(super) scale: Option<Known>,
-    pub(super) same_scale: Option<SameScale>,
-    pub(super) keep_field: bool,
-    sizes: Sizes,
-    limit: MemoryLimit,
-}
-
-/// A photograph at the size at which it is refined, with the others' view of it.
-pub(super) struct Placed {
-    name: String,
-    pub(super) opened: Opened,
-    mask: Array2<bool>,
-    pose: Option<Pose>,
-}
-
-/// The camera of a photograph with these arguments.
-pub(crate) fn given(intrinsics: Option<[f64; 4]>, fov: Option<f64>) -> GivenCamera {
-    match (intrinsics, fov) {
-        (Some([fx, fy, cx, cy]), _) => {
-            GivenCamera::Intrinsics { fx, fy: Some(fy), cx: Some(cx), cy: Some(cy) }
-        }
-        (None, Some(fov)) => GivenCamera::FieldOfView(fov),
-        (None, None) => GivenCamera::Nothing,
-    }
+    photographs: Vec<Photograph>,
+    capture: Option<Capture>,
+    camera: GivenCamera,
+    known: Option<KnownDepths>,
+    same_scale: Option<SameScale>,
 }
 
 impl Inputs {
     pub(super) fn new(arguments: Arguments<'_>) -> PyResult<Self> {
-        for (name, value, unit) in [
-            ("work_size", arguments.work_size, "million pixels"),
-            ("max_memory", arguments.max_memory, "GiB"),
-        ] {
-            if !(value > 0.0 && value.is_finite()) {
-                return Err(raise(format!("{name} is {value}; give a positive number of {unit}")));
-            }
-        }
-        if arguments.max_size.is_some_and(|side| side < SMALLEST) {
-            return Err(raise(format!("max_size is too small; give {SMALLEST} pixels or more")));
-        }
-        let photographs = arguments.photographs.iter().map(|one| {
-            let name = one.name.clone();
+        let Arguments { capture, .. } = arguments;
+        let camera = arguments.camera.given();
+        let given = arguments.photographs.into_iter().enumerate().map(|(index, one)| {
             let image = one.image.as_array().to_owned();
-            check(&name, &image)?;
-            if one.intrinsics.is_some() && arguments.fov.is_some() {
-                return Err(raise("intrinsics and fov are both given; give one of them"));
-            }
+            check(&one.name, &image)?;
             let (height, width, _) = image.dim();
-            let camera = given(one.intrinsics, arguments.fov);
-            let mut known =
-                KnownCamera::new(&camera, one.focal, [width, height], Naming::Keywords).map_err(raise)?;
-            if let Some(file) = &arguments.camera_file {
-                known.source = CameraSource::File(file.clone());
-            }
-            let mask = one.mask.as_ref().map(|mask| mask.as_array().to_owned());
-            let pose = one.pose.map(pose_of);
-            Ok(Input { name, image, mask, known, pose })
+            let camera = KnownCamera::new(&camera, one.focal, [width, height]).map_err(raise)?;
+            let pose = one.pose.map(|rows| rigid(&format!("poses[{index}]"), &rows)).transpose()?;
+            Ok(Photograph { pose, ..Photograph::new(one.name, image, camera) })
         });
-        let photographs = photographs.collect::<PyResult<Vec<_>>>()?;
-        let scale = match (&arguments.scale_from, photographs.first()) {
-            (Some(scale), Some(first)) => Some(scale.open(first)?),
-            _ => None,
-        };
-        let unit = if arguments.unit_of_poses { Unit::Capture } else { Unit::Prior };
-        let limit = MemoryLimit { gib: arguments.max_memory, naming: Naming::Keywords };
-        let same_scale = arguments.same_scale.map(same_scale);
-        let sizes = Sizes { longest: arguments.max_size, megapixels: arguments.work_size };
-        let keep_field = arguments.keep_field;
-        Ok(Self { photographs, unit, scale, same_scale, keep_field, sizes, limit })
+        let photographs = given.collect::<PyResult<Vec<_>>>()?;
+        let known = arguments.scale_from.map(|scale| {
+            let of_capture = capture.as_ref().and_then(|capture| image_size(&capture.image));
+            let size = of_capture.map(|[width, height]| (height, width));
+            scale.known(size.or_else(|| Some(photographs.first()?.original)).unwrap_or_default())
+        });
+        let same_scale = arguments.same_scale.map(same_scale_of);
+        Ok(Self { photographs, capture, camera, known: known.transpose().map_err(raise)?, same_scale })
     }
 
-    /// The photographs at their sizes, the prior for the first with the camera that it gives, and its predictions at once.
-    pub(super) fn open<'p>(
-        &self,
-        settings: &Settings,
-        prior: &'p Linked<'p>,
-        watch: &mut Watched<'_>,
-    ) -> mde_cli::Result<(Vec<Placed>, BoundPrior<'p>, usize)> {
-        let several = self.photographs.len() > 1;
-        let mut placed = Vec::new();
-        for Input { name, image, mask, known, pose } in &self.photographs {
-            let mut warn = |warning: String| {
-                watch.warn(if several { format!("{name}: {warning}") } else { warning });
-            };
-            let opened = Opened::new(image.clone(), known.clone());
-            let opened = opened.resized(name, &self.sizes, several, Naming::Keywords, &mut warn)?;
-            let mask = match mask {
-                Some(mask) if mask.dim() == opened.size() => mask.clone(),
-                Some(mask) => nearest(mask.view(), opened.size()),
-                None => Array2::from_elem(opened.size(), true),
-            };
-            placed.push(Placed { name: name.clone(), opened, mask, pose: *pose });
-        }
-        let count = placed.len();
-        let Some(Placed { name, opened: first, .. }) = placed.first_mut() else {
-            return Err(mde_cli::Error::Argument("there is no photograph; give one".to_owned()));
+    /// Name of what is refined, for the record.
+    pub(super) fn name(&self) -> String {
+        let of_capture = self.capture.as_ref().map(|capture| capture.image.display().to_string());
+        of_capture.or_else(|| Some(self.photographs.first()?.name.clone())).unwrap_or_default()
+    }
+
+    /// The photographs at their sizes, with what gives their scale, and the plan.
+    pub(super) fn scene(self, refiner: &Refiner<'_>, watch: &mut Watched<'_>) -> Result<(Scene, Plan)> {
+        let Self { photographs, capture, camera, known, same_scale } = self;
+        let (scene, plan) = match capture {
+            Some(capture) => capture.scene(&camera, refiner, watch)?,
+            None => given(photographs, refiner, watch)?,
         };
-        if several {
-            let (photographs, threads) = (count as u64, rayon::current_num_threads() as u64);
-            let bytes = |pixels| capture_bytes(pixels, photographs, threads, &settings.config);
-            self.limit.check(&format!("views: {count} photographs"), first.size(), bytes)?;
-        }
-        let bound = prior.bind(first, &mut |warning| watch.warn(warning))?;
-        let at_once = match several {
-            true => first.predictions_at_once_of(count, &bound, &self.limit)?,
-            false => first.predictions_at_once(name, &settings.config, &bound, &self.limit)?,
-        };
-        // Further photographs give the focal length.
-        if !several {
-            let origin = bound.origin().clone();
-            first.take_camera_of(&bound, &origin)?;
-        }
-        let bound = bound.at_focal(first.camera.focal());
-        Ok((placed, bound, at_once))
+        Ok((Scene { known, same_scale, ..scene }, plan))
     }
 }
 
 impl Scale<'_> {
-    /// The known depths of a photograph.
-    fn open(&self, first: &Input) -> PyResult<Known> {
-        let (height, width, _) = first.image.dim();
-        let size = (height, width);
-        if let Some(path) = &self.path {
-            return Known::open(path, &self.photograph, size, Naming::Keywords).map_err(raise);
+    /// The known depths of a photograph of `(height, width)`.
+    fn known(self, size: (usize, usize)) -> Result<KnownDepths> {
+        let Self { path, rows, photograph } = self;
+        if let Some(path) = path {
+            return KnownDepths::open(&path, &photograph, size);
         }
-        let rows = self.rows.as_array();
+        let rows = rows.as_array();
         let depths = rows.rows().into_iter().filter_map(|row| {
             let [x, y, depth, sigma] = row.to_vec().try_into().ok()?;
             Some(KnownDepth { x, y, depth, sigma })
         });
-        let naming = Naming::Keywords;
-        Known::new("array".to_owned(), depths.collect(), &first.name, size, naming).map_err(raise)
+        KnownDepths::new("array".to_owned(), depths.collect(), &photograph.display().to_string(), size)
+    }
+}
+
+fn given(
+    photographs: Vec<Photograph>,
+    refiner: &Refiner<'_>,
+    watch: &mut Watched<'_>,
+) -> Result<(Scene, Plan)> {
+    let count = photographs.len();
+    let Some(Photograph { name, original, .. }) = photographs.first() else {
+        return Err(Error::Argument("there is no photograph; give one".to_owned()));
+    };
+    let several = count > 1;
+    let what = if several { format!("{{views}}: {count} photographs") } else { name.clone() };
+    let plan = refiner.plan(&what, *original, count)?;
+    let resized = photographs.into_iter().map(|one| {
+        let name = one.name.clone();
+        let mut warn = |text: String| watch.warn(if several { format!("{name}: {text}") } else { text });
+        one.resized(&refiner.settings().sizes, several, &mut warn)
+    });
+    let mut photographs = resized.collect::<Result<Vec<_>>>()?;
+    if !several {
+        return Ok((Scene::one(photographs.remove(0)), plan));
+    }
+    shorten(&mut photographs);
+    Ok((Scene::several(photographs, 0)?, plan))
+}
+
+impl Capture {
+    fn scene(
+        &self,
+        given: &GivenCamera,
+        refiner: &Refiner<'_>,
+        watch: &mut Watched<'_>,
+    ) -> Result<(Scene, Plan)> {
+        let Self { path, image, all } = self;
+        let fault =
+            |error: &dyn std::fmt::Display| Error::Argument(format!("{{views}} {}: {error}", path.display()));
+        let files = CaptureFiles::find(path).ok_or_else(|| fault(&"holds no capture; check the path"))?;
+        let size = image_size(image).ok_or_else(|| {
+            Error::Argument(format!("{}: no readable image; check the path", image.display()))
+        })?;
+        let mut lens = None;
+        if files.needs_lens() {
+            let camera = KnownCamera::new(given, None, size)?.camera;
+            lens = Some(Lens { camera, distortion: Distortion::default() });
+        }
+        let capture = files.read(lens.as_ref(), &|path| image_size(path)).map_err(|error| fault(&error))?;
+        let reference = capture.position(image).map_err(|error| fault(&error))?;
+        let settings = refiner.settings();
+        // All of a long capture would not fit into memory; its neighbours in space see the same.
+        let most = if *all { capture.frames.len() } else { 4 * settings.config.multi_view.max_views };
+        let order = capture.nearest(reference, most);
+        let [width, height] = size;
+        let plan =
+            refiner.plan(&format!("{{views}}: {} photographs", order.len()), (height, width), order.len())?;
+        let mut warn = |warning| watch.warn(warning);
+        Ok((Scene::posed(&capture, &order, path, &settings.sizes, &mut warn)?, plan))
     }
 }
 
 /// Refuses an image that is none.
 fn check(name: &str, image: &Array3<f32>) -> PyResult<()> {
-    let (height, width, channels) = image.dim();
-    if channels != 3 {
-        return Err(raise(format!("{name}: the image has {channels} channels; give [height, width, 3]")));
-    }
-    if height.min(width) < SMALLEST {
-        return Err(raise(format!(
-            "{name}: the image is {width}x{height}; give one of {SMALLEST}x{SMALLEST} pixels or more"
-        )));
-    }
     match image.iter().find(|value| !(0.0..=1.0).contains(*value)) {
         Some(value) => Err(raise(format!("{name}: the image holds {value}; give 0 to 1, or bytes (uint8)"))),
         None => Ok(()),
     }
 }
 
-pub(super) fn capture(placed: &[Placed]) -> mde_cli::Result<Capture> {
-    let photograph = |placed: &Placed| Photograph {
-        name: placed.name.clone(),
-        image: placed.opened.image.clone(),
-        mask: placed.mask.clone(),
-        camera: placed.opened.camera.camera,
-        focal_assumed: placed.opened.camera.is_assumed() && placed.pose.is_none(),
-        pose: placed.pose,
-    };
-    let capture = Capture {
-        photographs: placed.iter().map(photograph).collect(),
-        reference: 0,
-        matches: None,
-        points: Vec::new(),
-    };
-    capture.validate()?;
-    Ok(capture)
+/// Whether a path holds a capture with poses.
+#[pyfunction]
+pub(crate) fn is_capture(path: PathBuf) -> bool {
+    CaptureFiles::find(&path).is_some()
+}
+
+/// The rigid motion of a 4x4 matrix; `name` is that of the argument.
+pub(crate) fn rigid(name: &str, rows: &[[f64; 4]; 4]) -> PyResult<Pose> {
+    let rotation = Matrix3::from_fn(|row, column| rows[row][column]);
+    let off = (rotation * rotation.transpose() - Matrix3::identity()).norm();
+    let last = rows[3] == [0.0, 0.0, 0.0, 1.0];
+    if !last || off > 1e-3 || rotation.determinant() < 0.0 || rows.iter().flatten().any(|v| !v.is_finite()) {
+        return Err(raise(format!(
+            "{name}: no rigid motion; give a rotation, a translation and the last row 0, 0, 0, 1"
+        )));
+    }
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&rotation));
+    Ok(Pose::from_parts(Translation3::new(rows[0][3], rows[1][3], rows[2][3]), rotation))
 }

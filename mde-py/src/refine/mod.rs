@@ -1,56 +1,141 @@
 //! The refinement: one photograph, or several of one scene.
 
-mod every;
 mod inputs;
 mod one_scale;
 mod outcome;
+mod save;
 
-use crate::error::{message, raise};
+use crate::error::{keywords, message, raise};
 use crate::prior::Prior;
-use crate::settings::{ErrorBar, Settings};
+use crate::settings::Settings;
 use crate::worker::{self, Link, Request};
-pub(crate) use every::{refine_all, save_all};
-pub(crate) use inputs::{Arguments, given};
-use inputs::{Inputs, capture};
-use mde_cli::inputs::{BoundPrior, Opened};
+use inputs::Inputs;
+pub(crate) use inputs::{Arguments, Camera, is_capture, rigid};
+use mde_cli::error::{Error, Result};
+use mde_cli::mde_nerf::FieldEvent;
 use mde_cli::mde_warp::Pose;
-use mde_cli::nalgebra::{Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion};
-use mde_cli::results::{Finish, TrainingCurve, follow};
-use mde_cli::run::{Hooks, Run, Watch};
-use mde_cli::{Capture, Event, Naming};
+use mde_cli::output::every::{EveryRecord, PhotographRow};
+use mde_cli::output::names::folders;
+use mde_cli::output::record::{TrainingCurve, follow};
+use mde_cli::refinement::event::Event;
+use mde_cli::refiner::{Observer, Prepared, Refiner};
+use mde_cli::scene::Scene;
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods};
 pub(crate) use one_scale::OneScale;
-use outcome::{Outcome, Recorded};
+use outcome::{Outcome, about};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
+pub(crate) use save::{replace_folder, save_all, save_result};
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::time::Instant;
 
-/// A rotation as quaternion w, x, y, z, then a translation: a matrix would lose bits.
-pub(crate) type Motion = [f64; 7];
+/// Names that no folder of a photograph gets.
+const RESERVED: [&str; 4] = ["cloud.ply", "transforms.json", "run.json", "index.html"];
 
 /// Any Python object.
 type Object<'py> = pyo3::Bound<'py, PyAny>;
 
-/// Refines the depth of the first photograph. The result is a dictionary of its parts.
+/// Results, each with the pose of a photograph that others refined.
+struct Made {
+    outcomes: Vec<(Outcome, Option<Pose>)>,
+    /// The record of every photograph.
+    run: Option<String>,
+}
+
+/// Refines the depth of the first photograph, or of `every` one: a dictionary of `results`, `poses` and the record `run` of all.
 #[pyfunction]
-#[pyo3(signature = (prior, settings, error_bar, arguments, model, progress))]
+#[pyo3(signature = (prior, settings, arguments, every, model, progress))]
 pub(crate) fn refine<'py>(
     py: Python<'py>,
     prior: &Prior,
     settings: &Settings,
-    error_bar: &ErrorBar,
     arguments: Arguments<'py>,
+    every: bool,
     model: Option<Object<'py>>,
     progress: Option<Object<'py>>,
 ) -> PyResult<Object<'py>> {
     let threads = arguments.threads;
     let inputs = Inputs::new(arguments)?;
     let observed = progress.is_some();
-    let refiner = Refiner { prior, settings, error_bar };
-    let serve = server(py, model, progress);
-    let outcome =
-        worker::run(py, threads, serve, |link| refiner.refine(link, &inputs, observed).map_err(message))?;
-    outcome.into_dict(py)
+    let made = worker::run(py, threads, server(py, model, progress), |link| {
+        let watch = Watched::new(link, observed);
+        prior
+            .open(link, |open| run(&Refiner::new(open, settings.0.clone())?, inputs, every, watch))
+            .map_err(message)
+    })?;
+    let (mut results, mut poses) = (Vec::new(), Vec::new());
+    for (outcome, pose) in made.outcomes {
+        results.push(outcome.into_dict(py)?);
+        poses.push(pose.map(|pose| {
+            let (rows, q, t) = (pose.to_homogeneous(), pose.rotation, pose.translation);
+            let rows: [[f64; 4]; 4] = std::array::from_fn(|row| std::array::from_fn(|c| rows[(row, c)]));
+            ([q.w, q.i, q.j, q.k, t.x, t.y, t.z], rows)
+        }));
+    }
+    let parts = PyDict::new(py);
+    parts.set_item("results", results)?;
+    parts.set_item("poses", poses)?;
+    parts.set_item("run", made.run)?;
+    Ok(parts.into_any())
+}
+
+fn run(refiner: &Refiner<'_>, inputs: Inputs, every: bool, mut watch: Watched<'_>) -> Result<Made> {
+    let start = Instant::now();
+    let input = inputs.name();
+    let (scene, plan) = inputs.scene(refiner, &mut watch)?;
+    let mut prepared = refiner.prepare(&scene, &plan, &mut watch)?;
+    if every {
+        return run_every(refiner, &scene, &mut prepared, &input, watch, start);
+    }
+    let refined = prepared.refine(scene.reference, None, &mut watch)?;
+    let outcome = Outcome::new(refiner, refined, input, &watch, start)?;
+    Ok(Made { outcomes: vec![(outcome, None)], run: None })
+}
+
+fn run_every(
+    refiner: &Refiner<'_>,
+    scene: &Scene,
+    prepared: &mut Prepared<'_>,
+    input: &str,
+    mut watch: Watched<'_>,
+    start: Instant,
+) -> Result<Made> {
+    let prior_seconds = prepared.prior_seconds();
+    let names = scene.photographs.iter().map(|photograph| &*photograph.name);
+    let folders = folders(names.clone().map(Path::new), &RESERVED);
+    let (mut outcomes, mut rows) = (Vec::new(), Vec::new());
+    for (index, (name, folder)) in names.zip(&folders).enumerate() {
+        // Its record has what it warns of itself, and its own seconds.
+        let (mut own, begin) = (Watched::new(watch.link, watch.observed), Instant::now());
+        let refined = prepared.refine(index, None, &mut own).map_err(|error| match error {
+            Error::Interrupted => Error::Interrupted,
+            error => Error::Argument(format!("{name}: {}", message(error))),
+        })?;
+        let mut row = PhotographRow::new(name);
+        row.measure(&refined);
+        let outcome = Outcome::new(refiner, refined, name.to_owned(), &own, begin)?;
+        (row.folder, row.seconds) = (Some(folder.clone()), begin.elapsed().as_secs_f64());
+        let placed = prepared.several().and_then(|several| row.placed(several, index));
+        outcomes.push((outcome, placed.map(|(_, pose)| pose)));
+        rows.push(row);
+        own.warnings.into_iter().for_each(|warning| watch.warn(warning));
+        if watch.observed {
+            watch.link.send(Request::Progress("photograph", index + 1, folders.len()));
+        }
+    }
+    let Some(several) = prepared.several() else {
+        return Err(Error::Argument("one photograph is no scene; give {views}".to_owned()));
+    };
+    let record = EveryRecord {
+        about: about("refine --all", refiner, input.to_owned(), prepared.camera(), &watch, start),
+        unit: prepared.unit(),
+        photographs: &rows,
+        poses: several.report(),
+        points: 0,
+        prior_seconds,
+    };
+    Ok(Made { outcomes, run: Some(outcome::json(&record)?) })
 }
 
 /// Runs the callables of a run.
@@ -75,41 +160,7 @@ fn server<'py>(
     }
 }
 
-/// The numbers of a pose.
-pub(crate) fn motion(pose: &Pose) -> Motion {
-    let (q, t) = (pose.rotation, pose.translation);
-    [q.w, q.i, q.j, q.k, t.x, t.y, t.z]
-}
-
-/// The pose of such numbers.
-fn pose_of([w, i, j, k, x, y, z]: Motion) -> Pose {
-    let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
-    Pose::from_parts(Translation3::new(x, y, z), rotation)
-}
-
-/// The numbers of a 4x4 matrix; `name` is that of the argument.
-#[pyfunction]
-#[pyo3(signature = (name, rows))]
-pub(crate) fn rigid_motion(name: &str, rows: [[f64; 4]; 4]) -> PyResult<Motion> {
-    Ok(motion(&rigid(name, &rows)?))
-}
-
-/// The rigid motion of a 4x4 matrix.
-pub(crate) fn rigid(name: &str, rows: &[[f64; 4]; 4]) -> PyResult<Pose> {
-    let fault = || {
-        raise(format!("{name}: no rigid motion; give a rotation, a translation and the last row 0, 0, 0, 1"))
-    };
-    let rotation = Matrix3::from_fn(|row, column| rows[row][column]);
-    let off = (rotation * rotation.transpose() - Matrix3::identity()).norm();
-    let last = rows[3] == [0.0, 0.0, 0.0, 1.0];
-    if !last || off > 1e-3 || rotation.determinant() < 0.0 || rows.iter().flatten().any(|v| !v.is_finite()) {
-        return Err(fault());
-    }
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&rotation));
-    Ok(Pose::from_parts(Translation3::new(rows[0][3], rows[1][3], rows[2][3]), rotation))
-}
-
-/// The state of a run beside its inputs.
+/// What is seen of a run.
 struct Watched<'l> {
     link: &'l Link,
     observed: bool,
@@ -124,7 +175,7 @@ impl<'l> Watched<'l> {
     }
 }
 
-impl Watch for Watched<'_> {
+impl Observer for Watched<'_> {
     fn event(&mut self, event: &Event) -> ControlFlow<()> {
         let seen = match event {
             Event::Begin { stage, iteration, .. } => {
@@ -136,10 +187,8 @@ impl Watch for Watched<'_> {
             Event::Field { event, view, views } => {
                 follow(&mut self.training, self.iteration, event);
                 match *event {
-                    mde_cli::mde_nerf::FieldEvent::Fit { step, steps, .. } => Some(("fit", step, steps)),
-                    mde_cli::mde_nerf::FieldEvent::Render { row, rows } => {
-                        Some(("render", view * rows + row, views * rows))
-                    }
+                    FieldEvent::Fit { step, steps, .. } => Some(("fit", step, steps)),
+                    FieldEvent::Render { row, rows } => Some(("render", view * rows + row, views * rows)),
                     _ => None,
                 }
             }
@@ -155,54 +204,9 @@ impl Watch for Watched<'_> {
     }
 
     fn warn(&mut self, warning: String) {
-        self.warnings.push(warning);
-    }
-}
-
-/// What a refiner keeps between runs.
-struct Refiner<'r> {
-    prior: &'r Prior,
-    settings: &'r Settings,
-    error_bar: &'r ErrorBar,
-}
-
-impl Refiner<'_> {
-    fn run<'r>(
-        &'r self,
-        opened: &'r Opened,
-        prior: &'r BoundPrior<'r>,
-        capture: Option<&'r Capture>,
-        inputs: &'r Inputs,
-        at_once: usize,
-    ) -> Run<'r> {
-        let finish = Finish {
-            config: &self.settings.config,
-            origin: prior.origin(),
-            error_bar: &self.error_bar.0,
-            known: inputs.scale.as_ref(),
-            same_scale: inputs.same_scale,
-            unit: inputs.unit,
-            naming: Naming::Keywords,
-        };
-        let (budget, keeps_field) = (self.settings.budget, inputs.keep_field);
-        Run { opened, prior, capture, finish, budget, at_once, keeps_field }
-    }
-
-    fn refine(&self, link: &Link, inputs: &Inputs, observed: bool) -> mde_cli::Result<Outcome> {
-        let start = Instant::now();
-        let mut watch = Watched::new(link, observed);
-        let linked = self.prior.linked(link);
-        let (placed, prior, at_once) = inputs.open(self.settings, &linked, &mut watch)?;
-        self.prior.exchanged().into_iter().for_each(|warning| watch.warn(warning.to_owned()));
-        let capture = (placed.len() > 1).then(|| capture(&placed)).transpose()?;
-        let run = self.run(&placed[0].opened, &prior, capture.as_ref(), inputs, at_once);
-        let done = run.refine(Hooks::default(), &mut watch)?;
-        let about = Recorded {
-            preset: self.settings.preset,
-            input: &inputs.photographs[0].name,
-            watch: &watch,
-            seconds: start.elapsed().as_secs_f64(),
-        };
-        Outcome::new(&run, done, &about)
+        let warning = keywords(&warning);
+        if !self.warnings.contains(&warning) {
+            self.warnings.push(warning);
+        }
     }
 }

@@ -2,13 +2,14 @@
 
 use super::inputs::{Arguments, Inputs};
 use super::{Object, Watched, server};
-use crate::error::{message, raise};
+use crate::error::{keywords, message, raise};
 use crate::prior::Prior;
 use crate::settings::Settings;
 use crate::worker::{self, Link};
-use mde_cli::Naming;
 use mde_cli::mde_mvs::poses::Prepared;
-use mde_cli::results::{self, SameScale};
+use mde_cli::refiner::Refiner;
+use mde_cli::refiner::same_scale::{self, groups_warning};
+use mde_cli::scene::SameScale;
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
@@ -16,14 +17,14 @@ use std::sync::{Mutex, PoisonError};
 /// Factor, standard deviation of its logarithm, group, photographs in the group.
 pub(super) type Factor = (f64, f64, usize, usize);
 
-pub(super) fn same_scale((factor, log_sigma, group, photographs): Factor) -> SameScale {
+pub(super) fn same_scale_of((factor, log_sigma, group, photographs): Factor) -> SameScale {
     SameScale { factor, log_sigma, group, photographs }
 }
 
 /// The factors of so many photographs, which are added in their order.
 #[pyclass(frozen, module = "mdenerf._mdenerf")]
 pub(crate) struct OneScale {
-    scale: Mutex<results::OneScale>,
+    scale: Mutex<same_scale::OneScale>,
     outcome: Mutex<Outcome>,
 }
 
@@ -37,9 +38,8 @@ struct Outcome {
 #[pymethods]
 impl OneScale {
     #[new]
-    #[pyo3(signature = (photographs, settings))]
     fn new(photographs: usize, settings: &Settings) -> Self {
-        let scale = Mutex::new(results::OneScale::new(photographs, &settings.config));
+        let scale = Mutex::new(same_scale::OneScale::new(photographs, &settings.0.config));
         Self { scale, outcome: Mutex::default() }
     }
 
@@ -62,10 +62,11 @@ impl OneScale {
         let outcome = &mut *outcome;
         worker::run(py, threads, server(py, model, None), |link| {
             let mut scale = self.scale.lock().unwrap_or_else(PoisonError::into_inner);
-            let tried: Vec<Option<Result<Prepared, String>>> = inputs
-                .par_iter()
-                .map(|one| Some(prepared(&scale, link, prior, settings, one.as_ref()?)))
-                .collect();
+            let tried: Vec<Option<Result<Prepared, String>>> = prior.open(link, |open| {
+                let refiner = Refiner::new(open, settings.0.clone()).map_err(message)?;
+                let one = |one: Option<Inputs>| Some(prepared(&scale, link, &refiner, one?));
+                Ok::<_, String>(inputs.into_par_iter().map(one).collect())
+            })?;
             let failed = tried.iter().flatten().filter_map(|one| one.as_ref().err());
             outcome.prepared |= tried.iter().flatten().any(Result::is_ok);
             outcome.first_error =
@@ -87,25 +88,22 @@ impl OneScale {
         }
         let scale = self.scale.lock().unwrap_or_else(PoisonError::into_inner);
         let factors = scale.factors().map_err(raise)?;
-        let warning = SameScale::groups_warning(&factors, Naming::Keywords, "SameScale.group");
+        let warning = groups_warning(&factors, "SameScale.group").map(|text| keywords(&text));
         let factor = |found: SameScale| (found.factor, found.log_sigma, found.group, found.photographs);
         Ok((factors.into_iter().map(factor).collect(), warning))
     }
 }
 
 fn prepared(
-    scale: &results::OneScale,
+    scale: &same_scale::OneScale,
     link: &Link,
-    prior: &Prior,
-    settings: &Settings,
-    inputs: &Inputs,
+    refiner: &Refiner<'_>,
+    inputs: Inputs,
 ) -> Result<Prepared, String> {
     if link.is_cancelled() {
         return Err("cancelled".to_owned());
     }
-    let linked = prior.linked(link);
-    let (placed, bound, _) =
-        inputs.open(settings, &linked, &mut Watched::new(link, false)).map_err(message)?;
-    let first = &placed[0].opened;
-    scale.prepare(&first.image, &first.camera, &bound).map_err(message)
+    let mut watch = Watched::new(link, false);
+    let (scene, _) = inputs.scene(refiner, &mut watch).map_err(message)?;
+    refiner.prepare_scale(&scene.photographs[scene.reference], scale, &mut watch).map_err(message)
 }

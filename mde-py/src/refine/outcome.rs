@@ -1,23 +1,26 @@
 //! What a run gives back: maps, the record, pictures.
 
 use super::{Object, Watched};
+use crate::error::keywords;
+use mde_cli::error::{Error, Result};
 use mde_cli::mde_prior::{Certainty, CertaintyMeaning};
 use mde_cli::mde_warp::PinholeCamera;
-use mde_cli::results::preview::strip;
-use mde_cli::results::{About, Finished, RunRecord};
-use mde_cli::run::{Done, Run, bytes};
-use mde_cli::{Error, Preset, Result};
+use mde_cli::output::preview::strip;
+use mde_cli::output::record::{About, RunRecord};
+use mde_cli::refiner::finish::bytes;
+use mde_cli::refiner::{Refined, Refiner};
+use mde_cli::scene::camera::KnownCamera;
 use ndarray::{Array2, Array3};
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict, PyList};
+use pyo3::types::{PyBytes, PyDict};
+use serde::Serialize;
 use std::collections::BTreeMap;
+use std::time::Instant;
 
 /// The parts of a result.
 pub(super) struct Outcome {
-    maps: Vec<(&'static str, Array2<f32>)>,
-    /// Maps that a result may have.
-    more: Vec<(&'static str, Option<Array2<f32>>)>,
+    maps: Vec<(&'static str, Option<Array2<f32>>)>,
     components: Vec<(&'static str, Array2<f32>)>,
     evidence: Vec<(&'static str, Array2<f32>)>,
     image: Array3<u8>,
@@ -32,34 +35,47 @@ pub(super) struct Outcome {
     field: Option<Vec<u8>>,
 }
 
-/// What the record has beside the result.
-pub(super) struct Recorded<'r> {
-    pub(super) preset: Preset,
-    pub(super) input: &'r str,
-    pub(super) watch: &'r Watched<'r>,
-    /// Of the run.
-    pub(super) seconds: f64,
+/// The common part of a record, of a run since `start`.
+pub(super) fn about<'r>(
+    command: &'static str,
+    refiner: &Refiner<'_>,
+    input: String,
+    camera: &'r KnownCamera,
+    watch: &'r Watched<'_>,
+    start: Instant,
+) -> About<'r> {
+    let settings = refiner.settings();
+    About {
+        versions: BTreeMap::from([(env!("CARGO_PKG_NAME"), env!("CARGO_PKG_VERSION"))]),
+        preset: Some(settings.preset.name()),
+        seed: Some(settings.config.seed),
+        warnings: &watch.warnings,
+        total_seconds: start.elapsed().as_secs_f64(),
+        ..About::new(command, input, camera)
+    }
+}
+
+/// A record as JSON.
+pub(super) fn json(record: &impl Serialize) -> Result<String> {
+    Ok(keywords(&serde_json::to_string(record).map_err(Error::external)?))
 }
 
 impl Outcome {
-    pub(super) fn new(run: &Run<'_>, done: Done<'_>, recorded: &Recorded<'_>) -> Result<Self> {
-        let about = About {
-            versions: BTreeMap::from([(env!("CARGO_PKG_NAME"), env!("CARGO_PKG_VERSION"))]),
-            preset: Some(recorded.preset.name()),
-            seed: Some(run.finish.config.seed),
-            warnings: &recorded.watch.warnings,
-            total_seconds: recorded.seconds,
-            ..About::new("refine", recorded.input.to_owned(), &done.camera)
-        };
-        let (origin, training) = (run.finish.origin, &recorded.watch.training);
-        let record = RunRecord::<()>::new(about, origin, &done.result, training, done.prior_seconds);
-        let record = serde_json::to_string(&record).map_err(Error::external)?;
-        let config = run.settings(&done)?;
-        let (pictures, image) = (done.pictures(), done.image);
-        let strip = strip(&done.shown(), image.dim().1);
-        let field =
-            done.field.filter(|_| run.keeps_field).map(|field| field.lock().to_bytes()).transpose()?;
-        let Finished { refinement, stated, .. } = done.result;
+    /// Of the refinement of `input` since `start`.
+    pub(super) fn new(
+        refiner: &Refiner<'_>,
+        refined: Refined<'_>,
+        input: String,
+        watch: &Watched<'_>,
+        start: Instant,
+    ) -> Result<Self> {
+        let settings = refiner.settings();
+        let about = about("refine", refiner, input, &refined.camera, watch, start);
+        let run = json(&RunRecord::<()>::new(about, &refined, &watch.training))?;
+        let config = refined.config_toml(&settings.config)?;
+        let (pictures, shown) = (refined.pictures(), refined.shown());
+        let Refined { refinement, stated, image, camera, field, .. } = refined;
+        let field = field.filter(|_| settings.keep_field).map(|field| field.lock().to_bytes()).transpose()?;
         let evidence = refinement.capture.as_ref().and_then(|capture| capture.evidence.as_ref());
         let evidence = evidence.iter().flat_map(|evidence| evidence.arrays()).collect();
         let interval = stated.interval.map(|interval| interval.bounds(&refinement.depth));
@@ -74,33 +90,31 @@ impl Outcome {
         let exact = image.iter().zip(&bytes).any(|(value, byte)| *value != f32::from(*byte) / 255.0);
         Ok(Self {
             maps: vec![
-                ("depth", depth),
-                ("variance", variance),
-                ("sigma", sigma),
-                ("prior", refinement.prior),
+                ("depth", Some(depth)),
+                ("variance", Some(variance)),
+                ("sigma", Some(sigma)),
+                ("prior", Some(refinement.prior)),
+                ("lower", lower),
+                ("upper", upper),
+                ("confidence", confidence),
+                ("error", error),
             ],
-            more: vec![("lower", lower), ("upper", upper), ("confidence", confidence), ("error", error)],
             components: refinement.components.into_iter().map(|part| (part.name, part.sigma)).collect(),
             evidence,
             image: bytes,
             exact: exact.then(|| image.to_owned()),
-            camera: done.camera.camera,
-            run: record,
+            camera: camera.camera,
+            run,
             config,
             pictures,
-            strip,
+            strip: strip(&shown, image.dim().1),
             field,
         })
     }
-}
 
-impl Outcome {
     pub(super) fn into_dict(self, py: Python<'_>) -> PyResult<Object<'_>> {
         let parts = PyDict::new(py);
         for (name, map) in self.maps {
-            parts.set_item(name, map.into_pyarray(py))?;
-        }
-        for (name, map) in self.more {
             parts.set_item(name, map.map(|map| map.into_pyarray(py)))?;
         }
         for (name, group) in [("components", self.components), ("evidence", self.evidence)] {
@@ -121,8 +135,8 @@ impl Outcome {
             pictures.set_item(name, picture.into_pyarray(py))?;
         }
         parts.set_item("pictures", pictures)?;
-        let strip = self.strip.into_iter().map(|picture| picture.into_pyarray(py));
-        parts.set_item("strip", PyList::new(py, strip.collect::<Vec<_>>())?)?;
+        let strip: Vec<_> = self.strip.into_iter().map(|picture| picture.into_pyarray(py)).collect();
+        parts.set_item("strip", strip)?;
         parts.set_item("field", self.field.map(|field| PyBytes::new(py, &field)))?;
         Ok(parts.into_any())
     }

@@ -9,7 +9,7 @@ pub(in crate::scene) fn picture(stage: &mut Stage, stand: &Stand, size: [f64; 2]
     let seed = stage.between(0.0, 10.0);
     let mat = Material::plain(0.93, 0.92, 0.88);
     stage.block(stand, [0.0, -0.008, 0.0], [width, 0.012, height], mat);
-    let image = Material::new(Texture::Painting { seed });
+    let image = Material::new(Texture::Painting(seed));
     stage.block(stand, [0.0, -0.014, 0.0], [0.76 * width, 0.004, 0.76 * height], image);
     for side in [-1.0, 1.0] {
         stage.block(stand, [side * 0.5 * width, -0.014, 0.0], [0.026, 0.028, height + 0.026], frame);
@@ -28,7 +28,7 @@ pub(in crate::scene) fn window(
     let [width, height] = size;
     let seed = stage.between(0.0, 10.0);
     let white = enamel(0.93, 0.93, 0.91);
-    let view = Material::new(Texture::Outdoors { seed }).glow(brightness);
+    let view = Material::new(Texture::Outdoors(seed)).glow(brightness);
     stage.block(stand, [0.0, -0.004, 0.0], [width, 0.008, height], view);
     for side in [-1.0, 1.0] {
         stage.block(stand, [side * 0.5 * width, -0.02, 0.0], [0.06, 0.06, height + 0.06], white);
@@ -67,42 +67,31 @@ pub(in crate::scene) fn curtain(
 /// A pot plant: stems with leaves that turn outwards.
 pub(in crate::scene) fn plant(stage: &mut Stage, stand: &Stand, height: f64, leaves: usize) {
     let pot = stage.about([0.72, 0.44, 0.32], 0.12);
-    let clay = Material::new(Texture::Speckle { ground: pot, fleck: pot * 0.6, size: 0.01 });
+    let clay = Material::new(Texture::Speckle([pot, pot * 0.6], 0.01));
     let tall = 0.24 * height;
     stage.cone(stand, [0.0, 0.0, 0.0], [0.0, 0.0, tall], [0.11 * height + 0.02, 0.15 * height + 0.03], clay);
-    stage.rod(
-        stand,
-        [0.0, 0.0, tall],
-        [0.0, 0.0, tall + 0.004],
-        0.13 * height + 0.02,
-        Material::plain(0.2, 0.14, 0.1),
-    );
+    let (soil, radius) = (Material::plain(0.2, 0.14, 0.1), 0.13 * height + 0.02);
+    stage.rod(stand, [0.0, 0.0, tall], [0.0, 0.0, tall + 0.004], radius, soil);
     for k in 0..leaves {
         let (turn, rise) = (2.4 * k as f64 + stage.between(-0.4, 0.4), stage.between(0.45, 1.0));
         let reach = height * stage.between(0.12, 0.34) * (1.2 - 0.5 * rise);
         let (sin, cos) = turn.sin_cos();
         let green = stage.about([0.24, 0.46, 0.2], 0.09);
         let tip = [reach * cos, reach * sin, height * rise];
-        stage.rod(
-            stand,
-            [0.02 * cos, 0.02 * sin, tall],
-            tip,
-            0.0045,
-            Material::new(Texture::Plain(green * 0.6)),
-        );
+        let stem = Material::new(Texture::Plain(green * 0.6));
+        stage.rod(stand, [0.02 * cos, 0.02 * sin, tall], tip, 0.0045, stem);
         let long = height * stage.between(0.10, 0.17);
         let droop = stage.between(10.0, 60.0_f64).to_radians();
         let along = Rotation3::from_axis_angle(&Vector3::z_axis(), turn)
             * Rotation3::from_axis_angle(&Vector3::y_axis(), droop);
-        let leaf =
-            Material::new(Texture::Stripes { first: green, second: green * 0.75, width: 0.012 }).gloss(0.1);
+        let leaf = Material::new(Texture::Stripes([green, green * 0.75], 0.012)).gloss(0.1);
         stage.ellipsoid(stand, tip, [long, 0.42 * long, 0.004], along, leaf);
     }
 }
 
 pub(in crate::scene) fn rug(stage: &mut Stage, stand: &Stand, size: [f64; 2], colours: [Colour; 3]) {
     let [ground, figure, border] = colours;
-    let pile = Material::new(Texture::Rug { ground, figure, border });
+    let pile = Material::new(Texture::Rug([ground, figure, border]));
     stage.block(stand, [0.0, 0.0, 0.005], [size[0], size[1], 0.01], pile);
 }
 

@@ -87,7 +87,7 @@ pub(in crate::scene) fn sofa(stage: &mut Stage, stand: &Stand, width: f64, seats
     }
     for (side, colour) in [(-1.0, [0.82, 0.55, 0.22]), (1.0, [0.20, 0.38, 0.45])] {
         let (turn, tone) = (stage.between(-22.0, 22.0), stage.about(colour, 0.1));
-        let pillow = Material::new(Texture::Stripes { first: tone, second: tone * 0.55, width: 0.05 });
+        let pillow = Material::new(Texture::Stripes([tone, tone * 0.55], 0.05));
         let x = side * (0.5 * room - 0.26);
         stage.ellipsoid(stand, [x, 0.05, 0.6], [0.23, 0.09, 0.21], lean(-24.0, turn), pillow);
     }

@@ -15,37 +15,31 @@ pub(in crate::scene) struct Shell {
 
 const THICKNESS: f64 = 0.1;
 
-pub(in crate::scene) fn shell(stage: &mut Stage, room: &Shell) {
-    let (length, middle) = (room.depth - room.front, 0.5 * (room.depth + room.front));
-    let (wide, long) = (room.width + 2.0 * THICKNESS, length + 2.0 * THICKNESS);
-    let (half, outer) = (0.5 * THICKNESS, 0.5 * (room.width + THICKNESS));
-    let origin = Stand::at(0.0, 0.0, 0.0);
-    stage.block(&origin, [0.0, middle, -half], [wide, long, THICKNESS], room.floor.shadowless());
-    stage.block(
-        &origin,
-        [0.0, middle, room.height + half],
-        [wide, long, THICKNESS],
-        room.ceiling.shadowless(),
-    );
-    for (x, y, size, material) in [
-        (-outer, middle, [THICKNESS, long], room.walls),
-        (outer, middle, [THICKNESS, long], room.walls),
-        (0.0, room.front - half, [wide, THICKNESS], room.walls),
-        (0.0, room.depth + half, [wide, THICKNESS], room.back),
-    ] {
-        stage.block(
-            &origin,
-            [x, y, 0.5 * room.height],
-            [size[0], size[1], room.height],
-            material.shadowless(),
-        );
+impl Shell {
+    pub(in crate::scene) fn build(self, stage: &mut Stage) {
+        let (length, middle) = (self.depth - self.front, 0.5 * (self.depth + self.front));
+        let (wide, long) = (self.width + 2.0 * THICKNESS, length + 2.0 * THICKNESS);
+        let (half, outer) = (0.5 * THICKNESS, 0.5 * (self.width + THICKNESS));
+        let origin = Stand::at(0.0, 0.0, 0.0);
+        stage.block(&origin, [0.0, middle, -half], [wide, long, THICKNESS], self.floor.shadowless());
+        let ceiling = self.ceiling.shadowless();
+        stage.block(&origin, [0.0, middle, self.height + half], [wide, long, THICKNESS], ceiling);
+        for (x, y, size, material) in [
+            (-outer, middle, [THICKNESS, long], self.walls),
+            (outer, middle, [THICKNESS, long], self.walls),
+            (0.0, self.front - half, [wide, THICKNESS], self.walls),
+            (0.0, self.depth + half, [wide, THICKNESS], self.back),
+        ] {
+            let size = [size[0], size[1], self.height];
+            stage.block(&origin, [x, y, 0.5 * self.height], size, material.shadowless());
+        }
+        let skirting = enamel(0.88, 0.87, 0.84);
+        for side in [-1.0, 1.0] {
+            let x = side * (0.5 * self.width - 0.008);
+            stage.block(&origin, [x, middle, 0.045], [0.016, length, 0.09], skirting);
+        }
+        stage.block(&origin, [0.0, self.depth - 0.008, 0.045], [self.width, 0.016, 0.09], skirting);
     }
-    let skirting = enamel(0.88, 0.87, 0.84);
-    for side in [-1.0, 1.0] {
-        let x = side * (0.5 * room.width - 0.008);
-        stage.block(&origin, [x, middle, 0.045], [0.016, length, 0.09], skirting);
-    }
-    stage.block(&origin, [0.0, room.depth - 0.008, 0.045], [room.width, 0.016, 0.09], skirting);
 }
 
 /// A panelled door with its frame and handle; the wall is the plane y = 0 of the stand.

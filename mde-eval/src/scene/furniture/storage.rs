@@ -22,16 +22,11 @@ pub(in crate::scene) fn book_row(stage: &mut Stage, stand: &Stand, length: f64, 
         let pick = (stage.between(0.0, CLOTHS.len() as f64) as usize).min(CLOTHS.len() - 1);
         let (cloth, seed) = (stage.about(CLOTHS[pick], 0.06), stage.between(0.0, 1.0));
         let band = if pick >= 5 { rgb(0.2, 0.15, 0.1) } else { rgb(0.85, 0.75, 0.5) };
-        let cover = Material::new(Texture::Spine { cloth, band, seed });
+        let cover = Material::new(Texture::Spine([cloth, band], seed));
         let tilt = if seed > 0.93 { 6.0 } else { 0.0 };
         let turn = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::y_axis(), f64::to_radians(tilt));
-        stage.tilted(
-            stand,
-            [x + 0.5 * thick, 0.5 * deep, 0.5 * high],
-            [thick - 0.0015, deep, high],
-            turn,
-            cover,
-        );
+        let centre = [x + 0.5 * thick, 0.5 * deep, 0.5 * high];
+        stage.tilted(stand, centre, [thick - 0.0015, deep, high], turn, cover);
         x += thick + if tilt > 0.0 { 0.03 } else { 0.0 };
     }
 }
@@ -72,7 +67,7 @@ pub(in crate::scene) fn bookcase(
 
 fn ornament(stage: &mut Stage, stand: &Stand, height: f64) {
     let tone = stage.about([0.5, 0.55, 0.55], 0.35);
-    let glaze = Material::new(Texture::Speckle { ground: tone, fleck: tone * 0.4, size: 0.006 }).gloss(0.3);
+    let glaze = Material::new(Texture::Speckle([tone, tone * 0.4], 0.006)).gloss(0.3);
     if stage.between(0.0, 1.0) < 0.5 {
         let r = 0.28 * height;
         stage.ball(stand, [0.0, 0.0, r], r.min(0.06), glaze);
@@ -111,12 +106,8 @@ pub(in crate::scene) fn cabinet(
 ) {
     let [width, depth, height] = size;
     let [columns, rows] = fronts;
-    stage.block(
-        stand,
-        [0.0, -0.5 * depth, 0.5 * height],
-        [width, depth - 0.02, height],
-        enamel(0.2, 0.19, 0.18),
-    );
+    let body = enamel(0.2, 0.19, 0.18);
+    stage.block(stand, [0.0, -0.5 * depth, 0.5 * height], [width, depth - 0.02, height], body);
     let (wide, tall) = (width / columns as f64, height / rows as f64);
     let handle = metal(0.6);
     for column in 0..columns {

@@ -1,7 +1,6 @@
 use super::setting::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{
-    Lamp, Shell, Top, bed, cabinet, chair, curtain, pendant, picture, plant, rug, shell, table, table_lamp,
-    window,
+    Lamp, Shell, Top, bed, cabinet, chair, curtain, pendant, picture, plant, rug, table, table_lamp, window,
 };
 use crate::scene::stage::{Stage, Stand, enamel, metal, oak, walnut};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
@@ -11,39 +10,29 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let (width, depth, height) = (4.6, 4.7, 2.6);
     let paper = s.about([0.72, 0.70, 0.76], 0.06);
     let paint = s.about([0.84, 0.81, 0.78], 0.04);
-    shell(
-        s,
-        &Shell {
-            width,
-            front: -0.4,
-            depth,
-            height,
-            floor: Material::new(Texture::Planks {
-                light: rgb(0.62, 0.46, 0.32),
-                dark: rgb(0.40, 0.27, 0.17),
-                width: 0.11,
-            })
+    Shell {
+        width,
+        front: -0.4,
+        depth,
+        height,
+        floor: Material::new(Texture::Planks([rgb(0.62, 0.46, 0.32), rgb(0.40, 0.27, 0.17)], 0.11))
             .gloss(0.08),
-            walls: Material::new(Texture::Plaster(paint)),
-            back: Material::new(Texture::Stripes { first: paper, second: paper * 0.82, width: 0.14 }),
-            ceiling: Material::new(Texture::Plaster(rgb(0.96, 0.95, 0.94))),
-        },
-    );
+        walls: Material::new(Texture::Plaster(paint)),
+        back: Material::new(Texture::Stripes([paper, paper * 0.82], 0.14)),
+        ceiling: Material::new(Texture::Plaster(rgb(0.96, 0.95, 0.94))),
+    }
+    .build(s);
     let grain = s.between(0.0, 5.0);
     let x = s.between(-0.35, -0.05);
     let (first, second) = (s.about([0.30, 0.40, 0.52], 0.12), s.about([0.80, 0.76, 0.68], 0.05));
-    let cover = Material::new(Texture::Tiles { first, second, joint: second * 0.7, size: 0.12 });
+    let cover = Material::new(Texture::Tiles([first, second, second * 0.7], 0.12));
     bed(s, &Stand::at(x, depth - 1.1, 0.0), 1.5, metal(0.16), cover);
     let shade = Material::plain(0.98, 0.90, 0.74).glow(0.9);
     for side in [-1.0, 1.0] {
         let stand = Stand::at(x + side * 1.05, depth - 0.3, 0.0);
         let top = Top { width: 0.42, depth: 0.38, height: 0.52, thickness: 0.018, leg: 0.01 };
         table(s, &stand, &top, walnut(grain), walnut(grain + 1.0));
-        let foot = Material::new(Texture::Speckle {
-            ground: rgb(0.75, 0.6, 0.5),
-            fleck: rgb(0.4, 0.3, 0.3),
-            size: 0.015,
-        });
+        let foot = Material::new(Texture::Speckle([rgb(0.75, 0.6, 0.5), rgb(0.4, 0.3, 0.3)], 0.015));
         table_lamp(s, &stand.then(0.0, 0.03, 0.52), Lamp { height: 0.46, shade }, foot.gloss(0.3));
     }
     picture(s, &Stand::at(x, depth, 1.75), [0.95, 0.6], walnut(grain));
@@ -90,15 +79,10 @@ fn clothes_rail(s: &mut Stage, stand: &Stand) {
     for k in 0..5 {
         let x = -0.4 + 0.13 * f64::from(k) + s.between(-0.02, 0.02);
         let tone = s.about([0.45, 0.42, 0.46], 0.25);
-        let fabric = Material::new(Texture::Cloth { colour: tone, thread: 0.006 });
+        let fabric = Material::new(Texture::Cloth(tone, 0.006));
         let long = s.between(0.55, 0.85);
         s.rod(stand, [x, 0.0, top], [x, 0.0, top - 0.08], 0.003, steel);
-        s.ellipsoid(
-            stand,
-            [x, 0.0, top - 0.1 - 0.5 * long],
-            [0.03, 0.22, 0.5 * long],
-            nalgebra::Rotation3::identity(),
-            fabric,
-        );
+        let (centre, radii) = ([x, 0.0, top - 0.1 - 0.5 * long], [0.03, 0.22, 0.5 * long]);
+        s.ellipsoid(stand, centre, radii, nalgebra::Rotation3::identity(), fabric);
     }
 }

@@ -1,7 +1,7 @@
 use super::setting::{Setting, WARM, eye, light};
 use crate::scene::furniture::{
-    Lamp, Shell, Top, bench, coat_stand, door, pendant, picture, plant, radiator, rug, shell, table,
-    table_lamp, window,
+    Lamp, Shell, Top, bench, coat_stand, door, pendant, picture, plant, radiator, rug, table, table_lamp,
+    window,
 };
 use crate::scene::stage::{Stage, Stand, enamel, metal, oak, walnut};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
@@ -10,26 +10,19 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let s = &mut stage;
     let (width, depth, height) = (2.3, 7.4, 2.6);
     let wall = s.about([0.80, 0.76, 0.66], 0.06);
+    let tiles = [rgb(0.76, 0.72, 0.64), rgb(0.33, 0.31, 0.30), rgb(0.4, 0.38, 0.35)];
     let brick = s.about([0.60, 0.32, 0.24], 0.06);
-    shell(
-        s,
-        &Shell {
-            width,
-            front: -0.5,
-            depth,
-            height,
-            floor: Material::new(Texture::Tiles {
-                first: rgb(0.76, 0.72, 0.64),
-                second: rgb(0.33, 0.31, 0.30),
-                joint: rgb(0.4, 0.38, 0.35),
-                size: 0.25,
-            })
-            .gloss(0.2),
-            walls: Material::new(Texture::Plaster(wall)),
-            back: Material::new(Texture::Bricks { brick, joint: rgb(0.72, 0.69, 0.64) }),
-            ceiling: Material::new(Texture::Plaster(rgb(0.94, 0.94, 0.92))),
-        },
-    );
+    Shell {
+        width,
+        front: -0.5,
+        depth,
+        height,
+        floor: Material::new(Texture::Tiles(tiles, 0.25)).gloss(0.2),
+        walls: Material::new(Texture::Plaster(wall)),
+        back: Material::new(Texture::Bricks([brick, rgb(0.72, 0.69, 0.64)])),
+        ceiling: Material::new(Texture::Plaster(rgb(0.94, 0.94, 0.92))),
+    }
+    .build(s);
     let grain = s.between(0.0, 5.0);
     let half = 0.5 * width;
     let paint = Material::new(Texture::Plain(s.about([0.42, 0.50, 0.52], 0.12))).gloss(0.15);
@@ -53,13 +46,8 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     picture(s, &Stand::at(half, 4.75, 1.6).turned(-90.0), [0.7, 0.5], enamel(0.12, 0.12, 0.12));
     // A console on thin legs at the far end, with a lamp.
     let console = Stand::at(-half + 0.24, 6.35, 0.0).turned(90.0);
-    table(
-        s,
-        &console,
-        &Top { width: 0.9, depth: 0.32, height: 0.8, thickness: 0.018, leg: 0.009 },
-        oak(grain),
-        metal(0.15),
-    );
+    let top = Top { width: 0.9, depth: 0.32, height: 0.8, thickness: 0.018, leg: 0.009 };
+    table(s, &console, &top, oak(grain), metal(0.15));
     let shade = Material::plain(0.98, 0.88, 0.68).glow(1.0);
     table_lamp(s, &console.then(-0.1, 0.0, 0.8), Lamp { height: 0.45, shade }, enamel(0.2, 0.3, 0.4));
     umbrellas(s, &Stand::at(-half + 0.17, 2.5, 0.0));

@@ -1,6 +1,6 @@
 use super::setting::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{
-    Lamp, Shell, Top, bar_stool, cabinet, chair, crockery, pendant, plant, shell, table, wall_shelf, window,
+    Lamp, Shell, Top, bar_stool, cabinet, chair, crockery, pendant, plant, table, wall_shelf, window,
 };
 use crate::scene::stage::{Stage, Stand, enamel, metal, oak, walnut};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
@@ -11,31 +11,19 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let tile = s.about([0.80, 0.80, 0.76], 0.05);
     let paint = s.about([0.86, 0.82, 0.70], 0.05);
     let second = s.about([0.78, 0.84, 0.84], 0.04);
-    shell(
-        s,
-        &Shell {
-            width,
-            front: -0.4,
-            depth,
-            height,
-            floor: Material::new(Texture::Tiles {
-                first: tile,
-                second: rgb(0.42, 0.44, 0.45),
-                joint: rgb(0.3, 0.3, 0.29),
-                size: 0.33,
-            })
+    Shell {
+        width,
+        front: -0.4,
+        depth,
+        height,
+        floor: Material::new(Texture::Tiles([tile, rgb(0.42, 0.44, 0.45), rgb(0.3, 0.3, 0.29)], 0.33))
             .gloss(0.15),
-            walls: Material::new(Texture::Plaster(paint)),
-            back: Material::new(Texture::Tiles {
-                first: rgb(0.88, 0.89, 0.87),
-                second,
-                joint: rgb(0.6, 0.6, 0.58),
-                size: 0.15,
-            })
+        walls: Material::new(Texture::Plaster(paint)),
+        back: Material::new(Texture::Tiles([rgb(0.88, 0.89, 0.87), second, rgb(0.6, 0.6, 0.58)], 0.15))
             .gloss(0.2),
-            ceiling: Material::new(Texture::Plaster(rgb(0.95, 0.95, 0.94))),
-        },
-    );
+        ceiling: Material::new(Texture::Plaster(rgb(0.95, 0.95, 0.94))),
+    }
+    .build(s);
     let grain = s.between(0.0, 5.0);
     let front = Material::new(Texture::Plain(s.about([0.34, 0.46, 0.46], 0.14))).gloss(0.15);
     counter(s, depth, front, grain);
@@ -79,11 +67,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
 fn counter(s: &mut Stage, depth: f64, front: Material, grain: f64) {
     let wall = Stand::at(0.0, depth, 0.0);
     cabinet(s, &wall.then(-0.4, 0.0, 0.1), [3.6, 0.58, 0.78], [6, 1], front);
-    let stone = Material::new(Texture::Speckle {
-        ground: rgb(0.25, 0.25, 0.26),
-        fleck: rgb(0.7, 0.7, 0.68),
-        size: 0.008,
-    });
+    let stone = Material::new(Texture::Speckle([rgb(0.25, 0.25, 0.26), rgb(0.7, 0.7, 0.68)], 0.008));
     s.block(&wall, [-0.4, -0.31, 0.9], [3.64, 0.64, 0.04], stone.gloss(0.3));
     cabinet(s, &wall.then(-1.45, 0.0, 1.5), [1.4, 0.33, 0.7], [3, 1], front);
     cabinet(s, &wall.then(0.95, 0.0, 1.5), [0.9, 0.33, 0.7], [2, 1], front);
@@ -106,13 +90,8 @@ fn counter(s: &mut Stage, depth: f64, front: Material, grain: f64) {
         let x = -1.95 + 0.22 * f64::from(k) + s.between(-0.03, 0.03);
         let long = s.between(0.2, 0.3);
         s.rod(&wall, [x, -0.035, 1.4], [x, -0.035, 1.4 - long], 0.006, oak(grain + x));
-        s.ellipsoid(
-            &wall,
-            [x, -0.035, 1.37 - long],
-            [0.028, 0.006, 0.045],
-            nalgebra::Rotation3::identity(),
-            steel,
-        );
+        let upright = nalgebra::Rotation3::identity();
+        s.ellipsoid(&wall, [x, -0.035, 1.37 - long], [0.028, 0.006, 0.045], upright, steel);
     }
     for (k, tone) in [[0.75, 0.72, 0.6], [0.6, 0.3, 0.2], [0.3, 0.4, 0.3]].into_iter().enumerate() {
         let x = 0.3 + 0.13 * k as f64;
@@ -131,7 +110,7 @@ fn fridge(s: &mut Stage, stand: &Stand) {
         s.rod(stand, [-0.26, -0.4, z - 0.25], [-0.26, -0.4, z + 0.25], 0.01, metal(0.5));
     }
     for (x, z) in [(0.1, 1.5), (0.18, 1.36), (-0.02, 1.62)] {
-        let note = Material::new(Texture::Painting { seed: 10.0 * (x + z) });
+        let note = Material::new(Texture::Painting(10.0 * (x + z)));
         s.block(stand, [x, -0.367, z], [0.09, 0.003, 0.12], note);
     }
 }

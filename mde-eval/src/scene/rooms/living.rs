@@ -1,7 +1,7 @@
 use super::setting::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{
-    Lamp, Shell, Top, bookcase, chair, crockery, curtain, floor_lamp, picture, plant, rug, shell, sofa,
-    table, table_lamp, window,
+    Lamp, Shell, Top, bookcase, chair, crockery, curtain, floor_lamp, picture, plant, rug, sofa, table,
+    table_lamp, window,
 };
 use crate::scene::stage::{Stage, Stand, enamel, metal, oak, walnut};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
@@ -11,24 +11,18 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let (width, depth) = (5.4, 5.0);
     let wall = s.about([0.82, 0.78, 0.70], 0.05);
     let accent = s.about([0.50, 0.56, 0.55], 0.07);
-    shell(
-        s,
-        &Shell {
-            width,
-            front: -0.4,
-            depth,
-            height: 2.7,
-            floor: Material::new(Texture::Planks {
-                light: rgb(0.80, 0.68, 0.52),
-                dark: rgb(0.60, 0.46, 0.32),
-                width: 0.16,
-            })
+    Shell {
+        width,
+        front: -0.4,
+        depth,
+        height: 2.7,
+        floor: Material::new(Texture::Planks([rgb(0.80, 0.68, 0.52), rgb(0.60, 0.46, 0.32)], 0.16))
             .gloss(0.1),
-            walls: Material::new(Texture::Plaster(wall)),
-            back: Material::new(Texture::Plaster(accent)),
-            ceiling: Material::new(Texture::Plaster(rgb(0.96, 0.95, 0.93))),
-        },
-    );
+        walls: Material::new(Texture::Plaster(wall)),
+        back: Material::new(Texture::Plaster(accent)),
+        ceiling: Material::new(Texture::Plaster(rgb(0.96, 0.95, 0.93))),
+    }
+    .build(s);
     let grain = s.between(0.0, 5.0);
     let colour = s.about([0.36, 0.40, 0.44], 0.12);
     let x = s.between(-0.45, -0.2);
@@ -48,28 +42,13 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     floor_lamp(s, &Stand::at(pole, depth - 0.6, 0.0), Lamp { height: 1.7, shade });
     let turn = s.between(35.0, 60.0);
     chair(s, &Stand::at(1.32, 2.35, 0.0).turned(-turn), oak(grain), 6);
-    bookcase(
-        s,
-        &Stand::at(0.5 * width - 0.16, 3.6, 0.0).turned(-90.0),
-        [1.4, 1.7],
-        4,
-        oak(grain + 2.0),
-        false,
-    );
+    let shelves = Stand::at(0.5 * width - 0.16, 3.6, 0.0).turned(-90.0);
+    bookcase(s, &shelves, [1.4, 1.7], 4, oak(grain + 2.0), false);
     // A side table with a lamp at the left end of the sofa.
     let side = Stand::at(x - 1.42, depth - 0.5, 0.0);
-    table(
-        s,
-        &side,
-        &Top { width: 0.45, depth: 0.45, height: 0.55, thickness: 0.018, leg: 0.01 },
-        oak(grain),
-        metal(0.2),
-    );
-    let glaze = Material::new(Texture::Speckle {
-        ground: rgb(0.3, 0.45, 0.5),
-        fleck: rgb(0.8, 0.8, 0.7),
-        size: 0.02,
-    });
+    let top = Top { width: 0.45, depth: 0.45, height: 0.55, thickness: 0.018, leg: 0.01 };
+    table(s, &side, &top, oak(grain), metal(0.2));
+    let glaze = Material::new(Texture::Speckle([rgb(0.3, 0.45, 0.5), rgb(0.8, 0.8, 0.7)], 0.02));
     table_lamp(s, &side.then(0.0, 0.0, 0.55), Lamp { height: 0.5, shade }, glaze.gloss(0.4));
     let wall = Stand::at(-0.5 * width, 3.1, 0.0).turned(90.0);
     window(s, &wall.then(0.0, 0.0, 1.45), [1.6, 1.5], [3, 2], 1.0);

@@ -1,7 +1,7 @@
 use super::setting::{DAY, Setting, eye, light};
 use crate::scene::furniture::{
-    Shell, Top, bookcase, cabinet, computer, crockery, desk_lamp, office_chair, plant, shell, table,
-    wall_shelf, window,
+    Shell, Top, bookcase, cabinet, computer, crockery, desk_lamp, office_chair, plant, table, wall_shelf,
+    window,
 };
 use crate::scene::stage::{Stage, Stand, enamel, lean, metal, oak};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
@@ -11,25 +11,19 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let (width, depth, height) = (5.0, 4.8, 2.7);
     let wall = s.about([0.82, 0.83, 0.84], 0.04);
     let ground = s.about([0.36, 0.40, 0.46], 0.08);
+    let panels = [rgb(0.92, 0.92, 0.91), rgb(0.90, 0.90, 0.90), rgb(0.7, 0.7, 0.7)];
     let accent = s.about([0.72, 0.76, 0.80], 0.05);
-    shell(
-        s,
-        &Shell {
-            width,
-            front: -0.4,
-            depth,
-            height,
-            floor: Material::new(Texture::Speckle { ground, fleck: rgb(0.62, 0.63, 0.66), size: 0.012 }),
-            walls: Material::new(Texture::Plaster(wall)),
-            back: Material::new(Texture::Plaster(accent)),
-            ceiling: Material::new(Texture::Tiles {
-                first: rgb(0.92, 0.92, 0.91),
-                second: rgb(0.90, 0.90, 0.90),
-                joint: rgb(0.7, 0.7, 0.7),
-                size: 0.6,
-            }),
-        },
-    );
+    Shell {
+        width,
+        front: -0.4,
+        depth,
+        height,
+        floor: Material::new(Texture::Speckle([ground, rgb(0.62, 0.63, 0.66)], 0.012)),
+        walls: Material::new(Texture::Plaster(wall)),
+        back: Material::new(Texture::Plaster(accent)),
+        ceiling: Material::new(Texture::Tiles(panels, 0.6)),
+    }
+    .build(s);
     let grain = s.between(0.0, 5.0);
     let (steel, board) = (metal(0.35), oak(grain));
     let top = Top { width: 1.5, depth: 0.75, height: 0.73, thickness: 0.025, leg: 0.02 };

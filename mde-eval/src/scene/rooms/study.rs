@@ -1,6 +1,6 @@
 use super::setting::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{
-    Lamp, Shell, Top, bookcase, chair, computer, desk_lamp, floor_lamp, picture, plant, rug, shell, table,
+    Lamp, Shell, Top, bookcase, chair, computer, desk_lamp, floor_lamp, picture, plant, rug, table,
     wall_shelf, window,
 };
 use crate::scene::stage::{Stage, Stand, oak, walnut};
@@ -11,24 +11,18 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let (width, depth) = (4.2, 4.4);
     let wall = s.about([0.74, 0.76, 0.70], 0.06);
     let plaster = Material::new(Texture::Plaster(wall));
-    shell(
-        s,
-        &Shell {
-            width,
-            front: -0.4,
-            depth,
-            height: 2.6,
-            floor: Material::new(Texture::Planks {
-                light: rgb(0.72, 0.54, 0.36),
-                dark: rgb(0.48, 0.32, 0.19),
-                width: 0.13,
-            })
+    Shell {
+        width,
+        front: -0.4,
+        depth,
+        height: 2.6,
+        floor: Material::new(Texture::Planks([rgb(0.72, 0.54, 0.36), rgb(0.48, 0.32, 0.19)], 0.13))
             .gloss(0.1),
-            walls: plaster,
-            back: Material::new(Texture::Stripes { first: wall, second: wall * 0.86, width: 0.09 }),
-            ceiling: Material::new(Texture::Plaster(rgb(0.95, 0.95, 0.93))),
-        },
-    );
+        walls: plaster,
+        back: Material::new(Texture::Stripes([wall, wall * 0.86], 0.09)),
+        ceiling: Material::new(Texture::Plaster(rgb(0.95, 0.95, 0.93))),
+    }
+    .build(s);
     let grain = s.between(0.0, 5.0);
     let shift = s.between(-0.15, 0.15);
     // The desk by the back wall, with its chair pulled out.
@@ -47,14 +41,8 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let shade = Material::plain(0.98, 0.90, 0.72).glow(0.9);
     let lamp = Stand::at(-0.92 + s.between(-0.08, 0.08), depth - 0.75, 0.0);
     floor_lamp(s, &lamp, Lamp { height: 1.62, shade });
-    bookcase(
-        s,
-        &Stand::at(-0.5 * width + 0.17, 2.7, 0.0).turned(90.0),
-        [1.25, 2.05],
-        5,
-        oak(grain + 1.0),
-        true,
-    );
+    let shelves = Stand::at(-0.5 * width + 0.17, 2.7, 0.0).turned(90.0);
+    bookcase(s, &shelves, [1.25, 2.05], 5, oak(grain + 1.0), true);
     for (x, z, wide) in [(0.25, 1.42, 1.2), (0.45, 1.86, 0.9)] {
         wall_shelf(s, &Stand::at(x + shift, depth, z), wide, walnut(grain + x));
     }

@@ -1,7 +1,5 @@
 use super::setting::{DAY, Setting, WARM, eye, light};
-use crate::scene::furniture::{
-    Lamp, Shell, Top, bar_stool, cabinet, desk_lamp, pendant, shell, table, window,
-};
+use crate::scene::furniture::{Lamp, Shell, Top, bar_stool, cabinet, desk_lamp, pendant, table, window};
 use crate::scene::stage::{Stage, Stand, enamel, lean, metal, oak, wood};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
 
@@ -9,37 +7,22 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let s = &mut stage;
     let (width, depth, height) = (4.8, 4.9, 2.9);
     let brick = s.about([0.68, 0.58, 0.50], 0.03);
-    shell(
-        s,
-        &Shell {
-            width,
-            front: -0.4,
-            depth,
-            height,
-            floor: Material::new(Texture::Speckle {
-                ground: rgb(0.56, 0.55, 0.53),
-                fleck: rgb(0.47, 0.46, 0.45),
-                size: 0.02,
-            }),
-            walls: Material::new(Texture::Plaster(rgb(0.80, 0.78, 0.72))),
-            back: Material::new(Texture::Bricks { brick, joint: rgb(0.72, 0.70, 0.66) }),
-            ceiling: Material::new(Texture::Planks {
-                light: rgb(0.78, 0.66, 0.5),
-                dark: rgb(0.6, 0.47, 0.33),
-                width: 0.14,
-            }),
-        },
-    );
+    Shell {
+        width,
+        front: -0.4,
+        depth,
+        height,
+        floor: Material::new(Texture::Speckle([rgb(0.56, 0.55, 0.53), rgb(0.47, 0.46, 0.45)], 0.02)),
+        walls: Material::new(Texture::Plaster(rgb(0.80, 0.78, 0.72))),
+        back: Material::new(Texture::Bricks([brick, rgb(0.72, 0.70, 0.66)])),
+        ceiling: Material::new(Texture::Planks([rgb(0.78, 0.66, 0.5), rgb(0.6, 0.47, 0.33)], 0.14)),
+    }
+    .build(s);
     let grain = s.between(0.0, 5.0);
     let beech = wood([0.80, 0.64, 0.46], [0.62, 0.45, 0.28], grain);
     let bench = Stand::at(-0.5 + s.between(-0.15, 0.15), depth - 0.4, 0.0);
-    table(
-        s,
-        &bench,
-        &Top { width: 2.2, depth: 0.7, height: 0.9, thickness: 0.06, leg: 0.04 },
-        beech,
-        oak(grain + 1.0),
-    );
+    let top = Top { width: 2.2, depth: 0.7, height: 0.9, thickness: 0.06, leg: 0.04 };
+    table(s, &bench, &top, beech, oak(grain + 1.0));
     s.block(&bench, [0.0, 0.0, 0.22], [2.0, 0.55, 0.03], beech);
     vice(s, &bench.then(-0.75, -0.3, 0.9));
     desk_lamp(s, &bench.then(0.85, 0.12, 0.9));
@@ -77,12 +60,8 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
 
 /// A board with hammers, saws and screwdrivers on the wall y = 0, centred on the stand.
 fn pegboard(s: &mut Stage, stand: &Stand, handle: Material) {
-    s.block(
-        stand,
-        [0.0, -0.01, 0.0],
-        [2.0, 0.02, 0.85],
-        Material::new(Texture::Plaster(rgb(0.47, 0.56, 0.52))),
-    );
+    let board = Material::new(Texture::Plaster(rgb(0.47, 0.56, 0.52)));
+    s.block(stand, [0.0, -0.01, 0.0], [2.0, 0.02, 0.85], board);
     for k in 0..4 {
         let (x, long) = (-0.85 + 0.2 * f64::from(k), 0.24 + 0.03 * f64::from(k));
         s.rod(stand, [x, -0.05, 0.25 - long], [x, -0.05, 0.25], 0.012, handle);
@@ -91,13 +70,8 @@ fn pegboard(s: &mut Stage, stand: &Stand, handle: Material) {
     for k in 0..7 {
         let x = 0.02 + 0.075 * f64::from(k);
         let tone = s.about([0.75, 0.4, 0.12], 0.2);
-        s.rod(
-            stand,
-            [x, -0.05, 0.18],
-            [x, -0.05, 0.29],
-            0.013,
-            Material::new(Texture::Plain(tone)).gloss(0.3),
-        );
+        let grip = Material::new(Texture::Plain(tone)).gloss(0.3);
+        s.rod(stand, [x, -0.05, 0.18], [x, -0.05, 0.29], 0.013, grip);
         s.rod(stand, [x, -0.05, 0.02 - 0.012 * f64::from(k)], [x, -0.05, 0.18], 0.0035, metal(0.65));
     }
     for (x, z) in [(-0.6, -0.24), (0.2, -0.22)] {

@@ -1,11 +1,10 @@
-"""Reference values of reference.rs, by NumPy and SciPy and no formula of the crate's own.
+"""Reference values of reference.rs, by NumPy and no formula of the crate's own.
 
-    python fusion.py > fusion.csv        (numpy >= 2, scipy >= 1.14)
+    python fusion.py > fusion.csv        (numpy >= 2)
 
 Each line: name, then the values in row-major order; "inf" marks a missing pixel's variance.
 """
 import numpy as np
-from scipy import integrate, optimize, stats
 
 rng = np.random.default_rng(20)
 H, W, K = 9, 11, 4
@@ -45,7 +44,6 @@ X = np.isfinite(var) & (prior > 0)
 u, v, c = agg[X], prior[X].astype(float), var[X]
 a, b = np.polyfit(u, v, 1, w=1 / np.sqrt(c))  # polyfit's w multiplies the residual
 emit("wls", [a, b])
-emit("ols", np.polyfit(u, v, 1))
 p = 1 / c
 cov = np.cov(u, v, aweights=p)
 emit("diagnostics", [X.sum(), p.sum() ** 2 / (p**2).sum(), cov[0, 1] / np.sqrt(cov[0, 0] * cov[1, 1])])
@@ -54,10 +52,6 @@ delta, c = v - (a * u + b), a**2 * c
 emit("delta", delta)
 moments = max(0, np.mean(delta**2 - c))
 emit("moments", moments)
-k = 1.345
-beta = integrate.quad(lambda z: min(z * z, k * k) * stats.norm.pdf(z), -12, 12, points=[-k, k], epsabs=1e-13)[0]
-huber = lambda s: np.mean(np.minimum(delta**2 / (s + c), k * k)) - beta
-emit("huber", optimize.brentq(huber, 0, 10, xtol=1e-15, rtol=1e-14))
 
 # Eq. 16-17 as printed; the prior where no view reaches, nothing where the prior is missing.
 aligned, spread = a * agg + b, a**2 * var
@@ -70,17 +64,3 @@ emit("refined-variance", np.where(prior > 0, posterior, np.inf))
 emit("sigma-o", np.sqrt(moments))
 emit("nerf-weight", np.mean(w1[X] / (w0 + w1[X])))
 emit("quantiles", np.quantile(var[np.isfinite(var)], [0.05, 0.25, 0.5, 0.75, 0.95]))
-
-# Non-negative least squares on random problems, several with active constraints.
-for i in range(12):
-    A, y = rng.normal(size=(8, 3)) * [1, 10, 0.01], rng.normal(size=8) + 0.3
-    emit(f"nnls-{i}", [*(A.T @ A).ravel(), *(A.T @ y), *optimize.nnls(A, y)[0]])
-
-# The effective-variance fit: one round, its weights from the identity, its minimum by a general optimiser.
-delta0, c0 = v - u, var[X]
-s0 = max(0.0, optimize.brentq(lambda s: np.mean(np.minimum(delta0**2 / (s + c0), k * k)) - beta, 0, 10, rtol=1e-14))
-t = s0 + c0
-h = np.minimum(1, k * np.sqrt(t) / np.abs(delta0))
-sa, sb = 0.05, 0.05 * np.median(v)
-rows = np.stack([np.r_[u * np.sqrt(h / t), 1 / sa, 0], np.r_[np.sqrt(h / t), 0, 1 / sb]], 1)
-emit("effective-1", np.linalg.lstsq(rows, np.r_[v * np.sqrt(h / t), 1 / sa, 0], rcond=None)[0])

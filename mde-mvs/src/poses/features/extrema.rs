@@ -1,6 +1,5 @@
 //! Extrema of differences of Gaussians, and the directions of the gradient about them.
 
-use super::FeatureConfig;
 use super::scale_space::{FIRST_SIGMA, LAYERS, Octave, Plane, ScaleSpace};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -14,6 +13,11 @@ const STEPS: usize = 5;
 const DIRECTIONS: usize = 36;
 /// A further direction needs this share of the strongest.
 const PEAK: f32 = 0.8;
+
+/// Least contrast of an extremum, as OpenCV's `contrastThreshold`, of colours in \\( [0, 1] \\).
+const CONTRAST: f64 = 0.02;
+/// Largest ratio of the principal curvatures; edges exceed it.
+const EDGE: f64 = 10.0;
 
 /// A keypoint in the pixels of its octave.
 #[derive(Debug, Clone, Copy)]
@@ -29,7 +33,7 @@ pub(super) struct Extremum {
 }
 
 /// All extrema with each of their directions, in the order of the scan.
-pub(super) fn find(space: &ScaleSpace, settings: &FeatureConfig) -> Vec<Extremum> {
+pub(super) fn find(space: &ScaleSpace) -> Vec<Extremum> {
     let mut all = Vec::new();
     for (index, octave) in space.octaves.iter().enumerate() {
         let (width, height) = (octave.differences[0].width, octave.differences[0].height);
@@ -41,9 +45,9 @@ pub(super) fn find(space: &ScaleSpace, settings: &FeatureConfig) -> Vec<Extremum
         let mut found: Vec<Extremum> = rows
             .par_iter()
             .flat_map_iter(|&(layer, y)| {
-                candidates(octave, layer, y, settings)
+                candidates(octave, layer, y)
                     .into_iter()
-                    .filter_map(move |x| refine(octave, index, layer, x, y, settings))
+                    .filter_map(move |x| refine(octave, index, layer, x, y))
             })
             .collect();
         // Neighbouring starts can end at one extremum.
@@ -56,8 +60,8 @@ pub(super) fn find(space: &ScaleSpace, settings: &FeatureConfig) -> Vec<Extremum
 }
 
 /// Columns of a row that are above or below all of their 26 neighbours.
-fn candidates(octave: &Octave, layer: usize, y: usize, settings: &FeatureConfig) -> Vec<usize> {
-    let threshold = (0.5 * settings.contrast / LAYERS as f64) as f32;
+fn candidates(octave: &Octave, layer: usize, y: usize) -> Vec<usize> {
+    let threshold = (0.5 * CONTRAST / LAYERS as f64) as f32;
     let middle = octave.differences[layer].row(y);
     let neighbours: [&[f32]; 9] =
         std::array::from_fn(|i| octave.differences[layer + i / 3 - 1].row(y + i % 3 - 1));
@@ -76,14 +80,7 @@ fn candidates(octave: &Octave, layer: usize, y: usize, settings: &FeatureConfig)
 }
 
 /// The extremum of the quadratic through the neighbours; nothing where it is too weak or an edge.
-fn refine(
-    octave: &Octave,
-    index: usize,
-    mut layer: usize,
-    mut x: usize,
-    mut y: usize,
-    settings: &FeatureConfig,
-) -> Option<Extremum> {
+fn refine(octave: &Octave, index: usize, mut layer: usize, mut x: usize, mut y: usize) -> Option<Extremum> {
     let (width, height) = (octave.differences[0].width, octave.differences[0].height);
     for step in 0.. {
         let [below, here, above] =
@@ -108,10 +105,9 @@ fn refine(
         if offset.iter().all(|o| o.abs() < 0.5) {
             let response = (value + 0.5 * gradient.dot(&offset)).abs();
             let (trace, determinant) = (xx + yy, xx * yy - xy * xy);
-            let edge = settings.edge;
-            let keep = response * LAYERS as f64 >= settings.contrast
+            let keep = response * LAYERS as f64 >= CONTRAST
                 && determinant > 0.0
-                && trace * trace * edge < (edge + 1.0).powi(2) * determinant;
+                && trace * trace * EDGE < (EDGE + 1.0).powi(2) * determinant;
             let sigma = FIRST_SIGMA * 2f64.powf((layer as f64 + offset.z) / LAYERS as f64);
             return keep.then_some(Extremum {
                 octave: index,

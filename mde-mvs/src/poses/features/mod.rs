@@ -18,51 +18,9 @@ use scale_space::ScaleSpace;
 /// Length of a descriptor: 4 x 4 cells of 8 directions.
 pub const DESCRIPTOR_LENGTH: usize = descriptor::LENGTH;
 
-/// Settings of the detector.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields, rename_all = "kebab-case"))]
-pub struct FeatureConfig {
-    /// Most features of a photograph; the strongest are kept. At least 1.
-    pub max_features: usize,
-    /// Least contrast of an extremum, as OpenCV's `contrastThreshold`, of colours in \\( [0, 1] \\). In [0, 1].
-    pub contrast: f64,
-    /// Largest ratio of the principal curvatures; edges exceed it. Above 1.
-    pub edge: f64,
-    /// Pixels of the finest level at most. A photograph is enlarged twice where that stays below it, as Lowe does, and reduced
-    /// where the photograph itself exceeds it. At least 1024.
-    pub finest_pixels: usize,
-}
-
-impl Default for FeatureConfig {
-    fn default() -> Self {
-        Self { max_features: 3000, contrast: 0.02, edge: 10.0, finest_pixels: 1_300_000 }
-    }
-}
-
-impl FeatureConfig {
-    /// # Errors
-    /// [`Error::Config`] with the first field out of its range.
-    pub fn validate(&self) -> Result<()> {
-        if self.max_features == 0 {
-            return Err(config("max-features", self.max_features, "give at least 1"));
-        }
-        if !(0.0..=1.0).contains(&self.contrast) {
-            return Err(config("contrast", self.contrast, "give a number from 0 to 1"));
-        }
-        if !(self.edge > 1.0 && self.edge.is_finite()) {
-            return Err(config("edge", self.edge, "give a number above 1"));
-        }
-        if self.finest_pixels < 1024 {
-            return Err(config("finest-pixels", self.finest_pixels, "give at least 1024"));
-        }
-        Ok(())
-    }
-}
-
-pub(super) fn config(field: &'static str, value: impl ToString, remedy: &'static str) -> Error {
-    Error::Config { field, value: value.to_string(), remedy }
-}
+/// Pixels of the finest level at most. A photograph is enlarged twice where that stays below it, as Lowe does, and reduced where
+/// the photograph itself exceeds it.
+const FINEST_PIXELS: usize = 1_300_000;
 
 /// Where a feature is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -87,25 +45,31 @@ pub struct Features {
 }
 
 impl Features {
-    /// The features of an `[h, w, 3]` image of sRGB colours in \\( [0, 1] \\).
+    /// The `max_features` strongest features of an `[h, w, 3]` image of sRGB colours in \\( [0, 1] \\).
     ///
     /// # Errors
-    /// [`Error::Config`] for a setting out of its range, and for an image with another number of channels than 3 or a side below
-    /// 16 pixels.
-    pub fn detect(image: ArrayView3<f32>, settings: &FeatureConfig) -> Result<Self> {
-        settings.validate()?;
+    /// [`Error::Config`] for an image with another number of channels than 3 or a side below 16 pixels.
+    pub fn detect(image: ArrayView3<f32>, max_features: usize) -> Result<Self> {
+        Self::detect_within(image, max_features, FINEST_PIXELS)
+    }
+
+    fn detect_within(image: ArrayView3<f32>, max_features: usize, finest_pixels: usize) -> Result<Self> {
         let (height, width, channels) = image.dim();
         if channels != 3 {
-            return Err(config("image channels", channels, "give red, green and blue"));
+            return Err(Error::config("image channels", channels, "give red, green and blue"));
         }
         if height.min(width) < 16 {
-            return Err(config("smaller side of a photograph", height.min(width), "give 16 pixels or more"));
+            return Err(Error::config(
+                "smaller side of a photograph",
+                height.min(width),
+                "give 16 pixels or more",
+            ));
         }
-        let space = ScaleSpace::new(image, settings.finest_pixels);
-        let mut found = extrema::find(&space, settings);
+        let space = ScaleSpace::new(image, finest_pixels);
+        let mut found = extrema::find(&space);
         // Equal responses keep the order of the scan, so the choice is the same every time.
         found.sort_by(|a, b| b.response.total_cmp(&a.response));
-        found.truncate(settings.max_features);
+        found.truncate(max_features);
 
         let described: Vec<_> =
             found.par_iter().map(|extremum| descriptor::describe(&space, extremum)).collect();

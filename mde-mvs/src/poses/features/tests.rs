@@ -33,7 +33,7 @@ fn gray(values: &Array2<f64>) -> Array3<f32> {
 }
 
 fn detect(values: &Array2<f64>) -> Features {
-    Features::detect(gray(values).view(), &FeatureConfig::default()).unwrap()
+    Features::detect(gray(values).view(), 3000).unwrap()
 }
 
 fn turn_between(a: f64, b: f64) -> f64 {
@@ -106,8 +106,7 @@ fn features_follow_a_similarity() {
 fn reduction_keeps_the_places_of_features() {
     let image = blobs(400, 300, 2.0, 0.0);
     let full = detect(&image);
-    let settings = FeatureConfig { finest_pixels: 40_000, ..FeatureConfig::default() };
-    let reduced = Features::detect(gray(&image).view(), &settings).unwrap();
+    let reduced = Features::detect_within(gray(&image).view(), 3000, 40_000).unwrap();
     let pairs = super::super::matching::match_features(&full, &reduced, 0.8);
     let mut shifts: Vec<_> =
         pairs.iter().map(|p| full.keypoints[p.first].pixel - reduced.keypoints[p.second].pixel).collect();
@@ -120,19 +119,17 @@ fn reduction_keeps_the_places_of_features() {
 
 #[test]
 fn the_strongest_are_kept() {
-    let image = gray(&blobs(200, 150, 1.0, 0.0));
-    let all = Features::detect(image.view(), &FeatureConfig::default()).unwrap();
-    let settings = FeatureConfig { max_features: 20, ..FeatureConfig::default() };
-    let few = Features::detect(image.view(), &settings).unwrap();
+    let image = blobs(200, 150, 1.0, 0.0);
+    let all = detect(&image);
+    let few = Features::detect(gray(&image).view(), 20).unwrap();
     assert_eq!(few.keypoints, all.keypoints[..20]);
     assert!(all.keypoints.windows(2).all(|pair| pair[0].response >= pair[1].response));
 }
 
 #[test]
 fn what_cannot_be_read_is_refused() {
-    let of = |shape| Features::detect(Array3::zeros(shape).view(), &FeatureConfig::default());
+    let of = |shape| Features::detect(Array3::zeros(shape).view(), 3000);
     assert!(of((20, 20, 1)).unwrap_err().to_string().contains("channels"));
     assert!(of((20, 8, 3)).unwrap_err().to_string().contains("16 pixels"));
     assert_eq!(of((20, 20, 3)).unwrap().keypoints.len(), 0);
-    assert!(FeatureConfig { edge: 1.0, ..FeatureConfig::default() }.validate().is_err());
 }

@@ -2,7 +2,7 @@
 //!
 //! | extension | read | written |
 //! | --- | --- | --- |
-//! | `.png` | 16-bit grey, value / scale; or SUN RGB-D's rotated bits | 16-bit grey, value · scale, 0 = missing; unit and scale as text |
+//! | `.png` | 16-bit grey, value / scale | 16-bit grey, value · scale, 0 = missing; unit and scale as text |
 //! | `.npy` | f2, f4, f8, u1 to u4, i2 to i8, both byte orders, C and Fortran order | f4, version 1.0 |
 //! | `.npz` | stored or deflated; a named array, or the only one | f4, stored, array `depth` |
 //! | `.pfm` | grey (`Pf`), both byte orders | grey, little-endian |
@@ -25,7 +25,6 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod bytes;
 mod exr;
 mod npy;
 mod npz;
@@ -33,22 +32,17 @@ mod pfm;
 mod png;
 mod png_text;
 
-use std::io::Read as _;
 use std::path::Path;
 
 use ndarray::{Array2, ArrayView2};
 use serde::{Deserialize, Serialize};
 
-pub use png::{sunrgbd_decode, sunrgbd_encode};
-
+use super::open::{self, FileKind};
 use super::write_atomic;
 use crate::{Error, Result};
 
 /// Most pixels of a map; more is a broken header.
 pub(crate) const MAX_PIXELS: usize = 1 << 27;
-
-/// Most bytes of a file that is read.
-const MAX_FILE: u64 = 1 << 32;
 
 /// Steps per metre of a PNG that has no other scale.
 const MILLIMETRES: f64 = 1000.0;
@@ -96,18 +90,6 @@ impl Format {
     }
 }
 
-/// Encoding of a depth in the 16 bits of a PNG sample.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum Encoding {
-    /// depth = value / scale.
-    #[default]
-    Linear,
-    /// SUN RGB-D: millimetres = (value >> 3) | (value << 13), then metres; 0 = missing.
-    Sunrgbd,
-}
-
 /// Options for reading a depth file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
@@ -117,8 +99,6 @@ pub struct ReadOptions {
     pub png_scale: Option<f64>,
     /// Depth = value / `float_scale` for floating-point samples; 1.
     pub float_scale: f64,
-    /// Encoding of a depth in a PNG sample.
-    pub encoding: Encoding,
     /// Whether a grey PNG of 8 bits is read too, as its 256 levels: a picture of disparity, at most.
     pub eight_bits: bool,
     /// The array of an NPZ; without it the only one, or the one named `depth`.
@@ -129,24 +109,11 @@ pub struct ReadOptions {
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self {
-            png_scale: None,
-            float_scale: 1.0,
-            encoding: Encoding::Linear,
-            eight_bits: false,
-            npz_array: None,
-            exr_channel: None,
-        }
+        Self { png_scale: None, float_scale: 1.0, eight_bits: false, npz_array: None, exr_channel: None }
     }
 }
 
 impl ReadOptions {
-    /// Options for SUN RGB-D's depth files.
-    #[must_use]
-    pub fn sunrgbd() -> Self {
-        Self { encoding: Encoding::Sunrgbd, ..Self::default() }
-    }
-
     /// Checks the scales.
     ///
     /// # Errors
@@ -206,19 +173,13 @@ pub fn read_values(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Arra
 pub(crate) fn read_raw(path: &Path, options: &ReadOptions) -> Result<Array2<f32>> {
     options.validate()?;
     let format = Format::of(path)?;
-    let bytes = read_file(path)?;
+    let bytes = read_file(path, FileKind::DepthMap)?;
     parse(format, &bytes, options).map_err(|reason| Error::malformed(path, reason))
 }
 
-/// The whole file, refusing absurd sizes and empty files.
-pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>> {
-    let read = |e| Error::read(path, e);
-    let file = std::fs::File::open(path).map_err(read)?;
-    if file.metadata().map_err(read)?.len() > MAX_FILE {
-        return Err(Error::malformed(path, "the file is over 4 GiB; give one image or depth map"));
-    }
-    let mut bytes = Vec::new();
-    file.take(MAX_FILE).read_to_end(&mut bytes).map_err(read)?;
+/// The whole file, unless it is empty.
+pub(crate) fn read_file(path: &Path, kind: FileKind) -> Result<Vec<u8>> {
+    let bytes = open::read(path, kind).map_err(|e| Error::read(path, e))?;
     if bytes.is_empty() {
         return Err(Error::malformed(path, "the file is empty; write it again"));
     }
@@ -226,12 +187,6 @@ pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>> {
 }
 
 fn parse(format: Format, bytes: &[u8], options: &ReadOptions) -> Parsed<Array2<f32>> {
-    if options.encoding == Encoding::Sunrgbd && format != Format::Png {
-        return Err(
-            "the SUN RGB-D encoding applies to PNG files only; read this file with the linear encoding"
-                .to_owned(),
-        );
-    }
     let stated = match format {
         Format::Png => match png_text::content(bytes)? {
             Some(PngContent::Depth { scale, .. }) => Some(scale),
@@ -245,18 +200,15 @@ fn parse(format: Format, bytes: &[u8], options: &ReadOptions) -> Parsed<Array2<f
         _ => None,
     };
     let Samples { mut map, integer } = match format {
-        Format::Png => {
-            Samples { map: png::parse(bytes, options.encoding, options.eight_bits)?, integer: true }
-        }
+        Format::Png => Samples { map: png::parse(bytes, options.eight_bits)?, integer: true },
         Format::Npy => npy::parse(bytes)?,
         Format::Npz => npz::parse(bytes, options.npz_array.as_deref())?,
         Format::Pfm => Samples { map: pfm::parse(bytes)?, integer: false },
         Format::Exr => Samples { map: exr::parse(bytes, options.exr_channel.as_deref())?, integer: false },
     };
-    let scale = match (options.encoding, integer) {
-        (Encoding::Sunrgbd, _) => 1000.0,
-        (Encoding::Linear, true) => options.png_scale.or(stated).unwrap_or(MILLIMETRES),
-        (Encoding::Linear, false) => options.float_scale,
+    let scale = match integer {
+        true => options.png_scale.or(stated).unwrap_or(MILLIMETRES),
+        false => options.float_scale,
     };
     if scale != 1.0 {
         map.mapv_inplace(|v| (f64::from(v) / scale) as f32);
@@ -274,7 +226,7 @@ pub fn decode(format: Format, bytes: &[u8], options: &ReadOptions) -> Result<Arr
     Ok(map.mapv_into(|v| if v.is_nan() { 0.0 } else { v }))
 }
 
-/// Writes a map in the format of the file's extension.
+/// Writes a map in the format of the file's extension; `f32` values bit-exact but in a PNG.
 ///
 /// # Errors
 /// [`Error::UnknownFormat`], [`Error::Write`], [`Error::Config`]; [`Error::Malformed`] when the map is empty, holds NaN,
@@ -286,7 +238,10 @@ pub fn write_depth(path: impl AsRef<Path>, map: ArrayView2<'_, f32>, options: &W
         Format::Npy => write_npy(path, map),
         Format::Npz => write_npz(path, &[("depth", map)]),
         Format::Pfm => write_pfm(path, map),
-        Format::Exr => write_exr(path, map),
+        Format::Exr => {
+            check_map(path, map)?;
+            write_atomic(path, &exr::encode(map).map_err(|reason| Error::malformed(path, reason))?)
+        }
     }
 }
 
@@ -322,16 +277,6 @@ pub fn write_pfm(path: impl AsRef<Path>, map: ArrayView2<'_, f32>) -> Result<()>
     write_atomic(path, &pfm::encode(map))
 }
 
-/// Writes `f32` values as an OpenEXR image with the one channel `Z`, bit-exact.
-///
-/// # Errors
-/// See [`write_depth`].
-pub fn write_exr(path: impl AsRef<Path>, map: ArrayView2<'_, f32>) -> Result<()> {
-    let path = path.as_ref();
-    check_map(path, map)?;
-    write_atomic(path, &exr::encode(map).map_err(|reason| Error::malformed(path, reason))?)
-}
-
 /// Writes depths as a 16-bit grey PNG, round(depth · scale), 0 = missing; the error is at most 1 / (2 scale). A positive
 /// depth below half a step becomes 1, so that it does not turn into a missing pixel.
 ///
@@ -365,7 +310,7 @@ pub enum PngContent {
 /// [`Error::Read`]; [`Error::Malformed`] where the scale is no number.
 pub fn png_content(path: impl AsRef<Path>) -> Result<Option<PngContent>> {
     let path = path.as_ref();
-    png_text::content(&read_file(path)?).map_err(|reason| Error::malformed(path, reason))
+    png_text::content(&read_file(path, FileKind::DepthMap)?).map_err(|reason| Error::malformed(path, reason))
 }
 
 /// As [`write_png16`], with `unit` and scale in the metadata (`tEXt`: `Depth-Unit`, `Depth-Scale`, `Description`), by which

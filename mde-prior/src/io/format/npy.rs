@@ -5,7 +5,6 @@
 
 use ndarray::{Array2, ArrayView2, ShapeBuilder as _};
 
-use super::bytes::{u16_at, u32_at};
 use super::{Parsed, Samples, check_size};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
@@ -66,8 +65,8 @@ fn no_key(key: &str) -> String {
 
 fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
     let (start, length) = match bytes.get(6)? {
-        1 => (10_usize, u16_at(bytes, 8)?),
-        2 | 3 => (12, u32_at(bytes, 8)?),
+        1 => (10_usize, usize::from(u16::from_le_bytes(*bytes.get(8..)?.first_chunk()?))),
+        2 | 3 => (12, usize::try_from(u32::from_le_bytes(*bytes.get(8..)?.first_chunk()?)).ok()?),
         _ => return None,
     };
     let end = start.checked_add(length)?;

@@ -7,7 +7,7 @@ use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 
-use super::{MAX_PIXELS, Parsed, Samples, npy};
+use super::{FileKind, MAX_PIXELS, Parsed, Samples, npy};
 
 /// No sample has more than 8 bytes; 64 KiB are plenty for the header.
 const MAX_MEMBER: u64 = 8 * MAX_PIXELS as u64 + (1 << 16);
@@ -55,7 +55,7 @@ fn choose<'n>(names: &'n [String], wanted: Option<&str>) -> Parsed<&'n str> {
 
 pub(super) fn encode(arrays: &[(&str, ArrayView2<'_, f32>)]) -> Parsed<Vec<u8>> {
     let bytes = arrays.iter().fold(0, |sum: u64, (_, map)| sum.saturating_add(4 * map.len() as u64));
-    if bytes > super::MAX_FILE - (1 << 20) {
+    if bytes > FileKind::DepthMap.limit() - (1 << 20) {
         return Err("the archive would be over 4 GiB; give fewer arrays".to_owned());
     }
     let unwritable = |e: ZipError| format!("the archive cannot be written ({e}); give fewer arrays");

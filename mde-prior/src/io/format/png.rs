@@ -6,21 +6,9 @@ use image::{ExtendedColorType, ImageDecoder as _, ImageEncoder as _};
 use ndarray::{Array2, ArrayView2};
 
 use super::super::limits::{MAX_METADATA, check_image_size, png_size};
-use super::{Encoding, Parsed, check_size};
+use super::{Parsed, check_size};
 
-/// Millimetres of a SUN RGB-D sample, \\( (r \gg 3) \mathbin{|} (r \ll 13) \\): a rotation of the 16 bits; 0 = missing.
-#[must_use]
-pub fn sunrgbd_decode(raw: u16) -> u16 {
-    raw.rotate_right(3)
-}
-
-/// The SUN RGB-D sample of a depth in millimetres, the inverse of [`sunrgbd_decode`].
-#[must_use]
-pub fn sunrgbd_encode(millimetres: u16) -> u16 {
-    millimetres.rotate_left(3)
-}
-
-pub(super) fn parse(bytes: &[u8], encoding: Encoding, eight_bits: bool) -> Parsed<Array2<f32>> {
+pub(super) fn parse(bytes: &[u8], eight_bits: bool) -> Parsed<Array2<f32>> {
     let broken = |e: image::ImageError| format!("the PNG cannot be read ({e}); write the file again");
     if let Some([width, height]) = png_size(bytes) {
         check_image_size(width, height)?;
@@ -30,7 +18,7 @@ pub(super) fn parse(bytes: &[u8], encoding: Encoding, eight_bits: bool) -> Parse
     limits.max_alloc = Some(MAX_METADATA);
     let decoder = image::codecs::png::PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(broken)?;
     let color = decoder.original_color_type();
-    let eight = eight_bits && encoding == Encoding::Linear && color == ExtendedColorType::L8;
+    let eight = eight_bits && color == ExtendedColorType::L8;
     if color != ExtendedColorType::L16 && !eight {
         return Err(format!(
             "the PNG's samples are {color:?}; write depth as 16-bit greyscale (an 8-bit or colour PNG shows depth, it does not hold it)"
@@ -43,13 +31,7 @@ pub(super) fn parse(bytes: &[u8], encoding: Encoding, eight_bits: bool) -> Parse
         let values = data.into_iter().map(f32::from);
         return Array2::from_shape_vec((height, width), values.collect()).map_err(|e| e.to_string());
     }
-    let values = data.as_chunks().0.iter().map(|raw| {
-        let raw = u16::from_ne_bytes(*raw);
-        f32::from(match encoding {
-            Encoding::Linear => raw,
-            Encoding::Sunrgbd => sunrgbd_decode(raw),
-        })
-    });
+    let values = data.as_chunks().0.iter().map(|raw| f32::from(u16::from_ne_bytes(*raw)));
     Array2::from_shape_vec((height, width), values.collect()).map_err(|e| e.to_string())
 }
 

@@ -1,0 +1,216 @@
+//! Every photograph of a capture refined: what is known of each, and the files of all together.
+
+use crate::error::Result;
+use crate::output::export::transforms::Exposed;
+use crate::output::export::{Exported, ply, transforms};
+use crate::output::record::About;
+use crate::refiner::Refined;
+use crate::reports::capture::CaptureReport;
+use crate::several::cloud::{RefinedView, consistent_points};
+use crate::several::prepared::PreparedScene;
+use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::{median, quantile};
+use mde_warp::{PinholeCamera, Pose};
+use nalgebra::Vector3;
+use ndarray::{Array2, ArrayView3};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The points that two photographs confirm.
+pub const CLOUD: &str = "cloud.ply";
+
+/// One of many photographs, in the tables and records of all. Its [`Default`] is one that is not refined yet.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct PhotographRow {
+    /// Its name.
+    pub photograph: String,
+    /// Its folder; none where it failed.
+    pub folder: Option<String>,
+    /// Why it failed.
+    pub error: Option<String>,
+    /// Why the others did not refine it, which is in a folder all the same.
+    pub reason: Option<String>,
+    /// Width of the results, pixels.
+    pub width: usize,
+    /// Height of the results, pixels.
+    pub height: usize,
+    /// Horizontal focal length, pixels.
+    pub fx: Option<f64>,
+    /// Where the camera comes from.
+    pub camera: String,
+    /// Of its refinement.
+    pub seconds: f64,
+    /// Unit of the depth.
+    pub unit: String,
+    /// Factor of `--same-scale`.
+    pub same_scale: Option<f64>,
+    /// Standard deviation of its logarithm.
+    pub same_scale_sigma: Option<f64>,
+    /// Photographs that share a scale have the same number.
+    pub same_scale_group: Option<usize>,
+    /// Median of the depth, in its unit.
+    pub median_depth: Option<f64>,
+    /// Median of sigma over depth.
+    pub sigma: Option<f64>,
+    /// 90 % quantile of sigma over depth.
+    pub sigma_90: Option<f64>,
+    /// Pixels without depth.
+    pub missing: usize,
+    /// Share of its pixels whose depth another photograph confirms in the sweeps.
+    pub verified: Option<f32>,
+    /// Unit of the poses per unit of the results; none where it was refined alone.
+    pub scale: Option<f64>,
+    /// Its warnings.
+    pub warnings: Vec<String>,
+    /// Whether an earlier run finished it.
+    #[serde(skip)]
+    pub kept: bool,
+}
+
+impl PhotographRow {
+    /// Of a photograph that is not refined yet.
+    pub fn new(photograph: &str) -> Self {
+        Self { photograph: photograph.to_owned(), ..Self::default() }
+    }
+
+    /// Of a photograph that failed.
+    pub fn failed(photograph: &str, error: &str) -> Self {
+        Self { error: Some(error.to_owned()), ..Self::new(photograph) }
+    }
+
+    /// Takes what its result has.
+    pub fn measure(&mut self, result: &Refined<'_>) {
+        let index = result.photograph;
+        let report = result.refinement.capture.as_ref();
+        self.reason = report.and_then(|report| report.fallback.clone());
+        self.verified = report.and_then(|report| report.photographs.get(index)?.verified);
+        self.scale = report
+            .filter(|report| report.fallback.is_none())
+            .and_then(|report| report.scale)
+            .map(|[scale, _]| if result.unit == "capture" { 1.0 } else { scale });
+        let camera = &result.camera;
+        (self.width, self.height) = (camera.camera.width, camera.camera.height);
+        (self.fx, self.camera) = (Some(camera.camera.fx), camera.source.name().to_owned());
+        self.unit = result.unit.to_owned();
+        self.same_scale = result.same_scale.map(|found| found.factor);
+        self.same_scale_sigma = result.same_scale.map(|found| found.log_sigma);
+        let (mean, sigma) = (result.refinement.depth.mean(), result.refinement.depth.sigma());
+        self.median_depth = median(mean.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)));
+        let known = mean.iter().zip(&sigma).filter(|(z, s)| **z > 0.0 && s.is_finite());
+        let mut relative: Vec<f32> = known.map(|(z, s)| s / z).collect();
+        self.sigma = median(relative.iter().copied().map(f64::from));
+        self.sigma_90 = quantile(&mut relative, 0.9);
+        self.missing = sigma.iter().filter(|s| s.is_infinite()).count();
+    }
+
+    /// `failed` or `done`.
+    pub fn status(&self) -> &'static str {
+        if self.error.is_some() { "failed" } else { "done" }
+    }
+
+    /// Camera of a refined photograph, and its pose for depths in the results' unit: world to camera. The world is that of a capture with
+    /// poses in its own unit, else the frame of the capture's reference. None where it was refined alone.
+    pub fn placed(&self, prepared: &PreparedScene<'_>, index: usize) -> Option<(PinholeCamera, Pose)> {
+        let scale = self.scale?;
+        let mut pose = prepared.pose(index)?;
+        pose.translation.vector /= scale;
+        let scene = prepared.scene();
+        let pose = match scene.photographs.get(scene.reference).and_then(|reference| reference.pose) {
+            Some(world) if scale.to_bits() == 1.0_f64.to_bits() => pose * world,
+            _ => pose,
+        };
+        Some((prepared.camera(index)?, pose))
+    }
+
+    /// What became of a photograph that failed or that the others did not refine.
+    pub fn failed_or_alone(&self) -> Option<String> {
+        let alone = || Some(format!("refined alone: {}", self.reason.as_ref()?));
+        self.error.as_ref().map(|error| format!("failed: {error}")).or_else(alone)
+    }
+
+    /// Name and error of a photograph that failed.
+    pub fn failure(&self) -> Option<String> {
+        Some(format!("{}: {}", self.photograph, self.error.as_deref()?))
+    }
+}
+
+/// A photograph refined by the others.
+pub struct Solid<'s> {
+    /// Its folder, beside the files of all.
+    pub folder: &'s str,
+    /// sRGB in 0 to 1, `[height, width, 3]`.
+    pub image: ArrayView3<'s, f32>,
+    /// Its camera.
+    pub camera: PinholeCamera,
+    /// World to camera, in the unit of the depth.
+    pub pose: Pose,
+    /// `[height, width]`; 0 where missing.
+    pub depth: Array2<f32>,
+    /// `[height, width]`; infinite where missing.
+    pub sigma: Array2<f32>,
+    /// Steps per unit of its depth.png.
+    pub png_scale: f64,
+}
+
+/// Writes `transforms.json` of all, and `cloud.ply` of the points that two photographs confirm; their number.
+///
+/// # Errors
+/// [`Error::Prior`](crate::error::Error::Prior) for a file that can't be written, [`Error::Depth`](crate::error::Error::Depth) for maps that are none.
+pub fn write_all(folder: &Path, solids: &[Solid<'_>], unit: &str) -> Result<usize> {
+    let exposed: Vec<_> = solids
+        .iter()
+        .map(|s| Exposed { folder: s.folder, camera: s.camera, pose: s.pose, png_scale: s.png_scale })
+        .collect();
+    transforms::write(&folder.join(transforms::FILE), &exposed)?;
+    let views: Vec<RefinedView<'_>> = solids
+        .iter()
+        .map(|s| RefinedView { camera: s.camera, pose: s.pose, depth: s.depth.view(), sigma: s.sigma.view() })
+        .collect();
+    let depths = solids
+        .iter()
+        .map(|s| GaussianDepth::new(s.depth.clone(), s.sigma.mapv(|sigma| sigma * sigma)))
+        .collect::<mde_uncertainty::Result<Vec<_>>>()?;
+    let mut cloud = ply::Cloud::default();
+    for point in consistent_points(&views) {
+        let solid = &solids[point.view];
+        let scene = Exported {
+            unit,
+            image: solid.image,
+            camera: &solid.camera,
+            depth: &depths[point.view],
+            prior: solid.depth.view(),
+            components: Vec::new(),
+            certainty: None,
+            png_scale: solid.png_scale,
+        };
+        let [row, column] = point.pixel;
+        let normal =
+            scene.point(row, column).map_or_else(Vector3::zeros, |p| ply::normal(&scene, row, column, p));
+        let normal = solid.pose.rotation.inverse() * normal;
+        cloud.push(point.position, normal, scene.colour(row, column), point.sigma);
+    }
+    let count = cloud.len();
+    let frame = "world of transforms.json, the frame of its first camera";
+    let frame = if count == 0 { "no point is confirmed by two photographs" } else { frame };
+    mde_prior::write_atomic(&folder.join(CLOUD), &cloud.encode(frame, unit))?;
+    Ok(count)
+}
+
+/// The record of a run that refined every photograph: its `run.json`.
+#[derive(Debug, Serialize)]
+pub struct EveryRecord<'r> {
+    /// The common part.
+    #[serde(flatten)]
+    pub about: About<'r>,
+    /// Unit of the results.
+    pub unit: &'static str,
+    /// The photographs.
+    pub photographs: &'r [PhotographRow],
+    /// Predictions and poses.
+    pub poses: &'r CaptureReport,
+    /// Points of the cloud.
+    pub points: usize,
+    /// Of the prior's predictions.
+    pub prior_seconds: f64,
+}

@@ -1,0 +1,224 @@
+//! Binary glTF: the depth map as a mesh with the photograph as its texture, y up, torn at depth edges.
+
+use crate::error::Result;
+use crate::output::export::Exported;
+use mde_prior::photo::encode_rgb_png;
+use nalgebra::Point3;
+use ndarray::Array3;
+use serde_json::json;
+
+/// About so many vertices: a larger map is thinned, the texture is not.
+const VERTICES: usize = 1_000_000;
+/// Triangles are torn where the disparities of their corners differ by more than this share, as the warp's.
+const TEAR: f64 = 0.05;
+/// Bytes of position, texture coordinate and sigma.
+const STRIDE: usize = 24;
+
+const MAGIC: &[u8; 4] = b"glTF";
+const FLOAT: u32 = 5126;
+const UNSIGNED_INT: u32 = 5125;
+const ARRAY_BUFFER: u32 = 34962;
+const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+
+/// Vertices and triangles.
+#[derive(Default)]
+struct Mesh {
+    vertices: Vec<[f32; 6]>,
+    triangles: Vec<[u32; 3]>,
+}
+
+pub(super) fn encode(scene: &Exported<'_>) -> Result<Vec<u8>> {
+    file(scene, &mesh(scene, TEAR))
+}
+
+fn file(scene: &Exported<'_>, Mesh { vertices, triangles }: &Mesh) -> Result<Vec<u8>> {
+    let mut data: Vec<u8> = vertices.iter().flatten().flat_map(|number| number.to_le_bytes()).collect();
+    let indices = data.len();
+    data.extend(triangles.iter().flatten().flat_map(|index| index.to_le_bytes()));
+    let image = data.len();
+    data.extend(encode_rgb_png(texture(scene).view())?);
+    let picture = data.len() - image;
+    data.resize(data.len().next_multiple_of(4), 0);
+    let range = |wanted: fn(f32, f32) -> f32, start: f32| -> Vec<f32> {
+        let of = |axis: usize| vertices.iter().map(|vertex| vertex[axis]).fold(start, wanted);
+        vec![of(0), of(1), of(2)]
+    };
+    let mut root = json!({
+        "asset": { "version": "2.0", "generator": "mde", "extras": { "unit": scene.unit } },
+        "extensionsUsed": ["KHR_materials_unlit"],
+        "scene": 0,
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "name": "depth", "mesh": 0 }],
+        "buffers": [{ "byteLength": data.len() }],
+        "bufferViews": [
+            { "buffer": 0, "byteOffset": 0, "byteLength": indices, "byteStride": STRIDE, "target": ARRAY_BUFFER },
+            { "buffer": 0, "byteOffset": indices, "byteLength": image - indices, "target": ELEMENT_ARRAY_BUFFER },
+            { "buffer": 0, "byteOffset": image, "byteLength": picture },
+        ],
+        "images": [{ "bufferView": 2, "mimeType": "image/png" }],
+        "samplers": [{ "magFilter": 9729, "minFilter": 9729, "wrapS": 33071, "wrapT": 33071 }],
+        "textures": [{ "source": 0, "sampler": 0 }],
+        "materials": [{
+            "name": "photograph",
+            "doubleSided": true,
+            "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 }, "metallicFactor": 0.0, "roughnessFactor": 1.0 },
+            "extensions": { "KHR_materials_unlit": {} },
+        }],
+        "accessors": [
+            { "bufferView": 0, "byteOffset": 0, "componentType": FLOAT, "count": vertices.len(), "type": "VEC3",
+              "min": range(f32::min, f32::INFINITY), "max": range(f32::max, f32::NEG_INFINITY) },
+            { "bufferView": 0, "byteOffset": 12, "componentType": FLOAT, "count": vertices.len(), "type": "VEC2" },
+            { "bufferView": 0, "byteOffset": 20, "componentType": FLOAT, "count": vertices.len(), "type": "SCALAR" },
+            { "bufferView": 1, "componentType": UNSIGNED_INT, "count": 3 * triangles.len(), "type": "SCALAR" },
+        ],
+        "meshes": [{ "name": "depth", "primitives": [{
+            "attributes": { "POSITION": 0, "TEXCOORD_0": 1, "_SIGMA": 2 }, "indices": 3, "material": 0,
+        }] }],
+    });
+    if triangles.is_empty() {
+        // An accessor holds at least one element: without a surface there is no mesh.
+        for key in [
+            "nodes",
+            "meshes",
+            "accessors",
+            "bufferViews",
+            "images",
+            "textures",
+            "samplers",
+            "materials",
+            "buffers",
+            "extensionsUsed",
+        ] {
+            root.as_object_mut().map(|root| root.remove(key));
+        }
+        root["scenes"] = json!([{}]);
+        data.clear();
+    }
+    let mut text = root.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    Ok(container(&text, &data))
+}
+
+/// Header, JSON and data.
+fn container(text: &[u8], data: &[u8]) -> Vec<u8> {
+    let parts: &[(&[u8; 4], &[u8])] = match data {
+        [] => &[(b"JSON", text)],
+        _ => &[(b"JSON", text), (b"BIN\0", data)],
+    };
+    let length: usize = 12 + parts.iter().map(|(_, part)| 8 + part.len()).sum::<usize>();
+    let mut bytes = MAGIC.to_vec();
+    bytes.extend(2_u32.to_le_bytes());
+    bytes.extend((length as u32).to_le_bytes());
+    for (kind, part) in parts {
+        bytes.extend((part.len() as u32).to_le_bytes());
+        bytes.extend(*kind);
+        bytes.extend(*part);
+    }
+    bytes
+}
+
+fn mesh(scene: &Exported<'_>, tear: f64) -> Mesh {
+    let (rows, columns) = scene.depth.dim();
+    let step = ((rows * columns) as f64 / VERTICES as f64).sqrt().ceil().max(1.0) as usize;
+    let (tall, wide) = (rows.div_ceil(step), columns.div_ceil(step));
+    // Pixel centres are at integers, the texture's at halves.
+    let place = |index: usize, side: usize| (((index * step) as f64 + 0.5) / side as f64) as f32;
+    let point = |v: usize, u: usize| scene.point(v * step, u * step);
+    let mut mesh = Mesh::default();
+    let mut index = vec![None; tall * wide];
+    for v in 0..tall.saturating_sub(1) {
+        for u in 0..wide.saturating_sub(1) {
+            // Counterclockwise as seen from the camera, which is the front.
+            for corners in [[(v, u), (v + 1, u), (v, u + 1)], [(v, u + 1), (v + 1, u), (v + 1, u + 1)]] {
+                let points = corners.map(|(v, u)| point(v, u));
+                let [Some(a), Some(b), Some(c)] = points else { continue };
+                if torn([a.z, b.z, c.z], tear * step as f64) {
+                    continue;
+                }
+                let mut triangle = [0; 3];
+                for ((corner, (v, u)), point) in triangle.iter_mut().zip(corners).zip([a, b, c]) {
+                    *corner = *index[v * wide + u].get_or_insert_with(|| {
+                        let sigma = scene.depth.variance()[(v * step, u * step)].sqrt();
+                        let [x, y, z] = y_up(point).map(|number| number as f32);
+                        mesh.vertices.push([x, y, z, place(u, columns), place(v, rows), sigma]);
+                        mesh.vertices.len() as u32 - 1
+                    });
+                }
+                mesh.triangles.push(triangle);
+            }
+        }
+    }
+    mesh
+}
+
+/// Whether the disparities differ by more than that share of the largest.
+fn torn(depths: [f64; 3], share: f64) -> bool {
+    let [near, far] =
+        [depths.iter().copied().fold(f64::INFINITY, f64::min), depths.iter().copied().fold(0.0, f64::max)];
+    1.0 - near / far > share
+}
+
+/// x right, y up, z backward: the camera looks along -z.
+pub(super) fn y_up(point: Point3<f64>) -> [f64; 3] {
+    [point.x, -point.y, -point.z]
+}
+
+fn texture(scene: &Exported<'_>) -> Array3<u8> {
+    let (rows, columns) = scene.depth.dim();
+    Array3::from_shape_fn((rows, columns, 3), |(row, column, c)| scene.colour(row, column)[c])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::export::tests::{SIZE, with_plane};
+    use serde_json::Value;
+
+    fn parts(bytes: &[u8]) -> (Value, &[u8]) {
+        let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+        assert_eq!((&bytes[..4], number(4), number(8)), (&MAGIC[..], 2, bytes.len()));
+        let json = number(12);
+        let root = serde_json::from_slice(&bytes[20..20 + json]).unwrap();
+        (root, bytes.get(28 + json..).unwrap_or_default())
+    }
+
+    #[test]
+    fn a_plane_with_a_hole_is_one_surface_without_the_triangles_at_the_hole() {
+        with_plane(|scene| {
+            // The plane is so slanted that the usual limit tears a column of it.
+            let bytes = file(scene, &mesh(scene, 2.0 * TEAR)).unwrap();
+            let (root, data) = parts(&bytes);
+            let vertices = root["accessors"][0]["count"].as_u64().unwrap() as usize;
+            let triangles = root["accessors"][3]["count"].as_u64().unwrap() as usize / 3;
+            // A corner inside of the map has six triangles.
+            assert_eq!(vertices, SIZE.0 * SIZE.1 - 1);
+            assert_eq!(triangles, 2 * (SIZE.0 - 1) * (SIZE.1 - 1) - 6);
+            assert!(mesh(scene, TEAR).triangles.len() < triangles);
+            let float = |at: usize| f32::from_le_bytes(data[at..at + 4].try_into().unwrap());
+            for vertex in 0..vertices {
+                let at = vertex * STRIDE;
+                let [x, z, sigma] = [float(at), float(at + 8), float(at + 20)];
+                assert!(
+                    (-z - 2.0 - 0.5 * x).abs() < 1e-5 && (sigma + 0.1 * z).abs() < 1e-5,
+                    "{x} {z} {sigma}"
+                );
+            }
+            let indices = root["bufferViews"][1]["byteOffset"].as_u64().unwrap() as usize;
+            for triangle in 0..triangles {
+                let corner = |k: usize| {
+                    let at = indices + 12 * triangle + 4 * k;
+                    let at = u32::from_le_bytes(data[at..at + 4].try_into().unwrap()) as usize * STRIDE;
+                    nalgebra::Vector3::new(float(at), float(at + 4), float(at + 8))
+                };
+                let [a, b, c] = [0, 1, 2].map(corner);
+                // The front faces the camera at the origin.
+                assert!((b - a).cross(&(c - a)).dot(&a) < 0.0, "{a} {b} {c}");
+            }
+        });
+    }
+
+    #[test]
+    fn a_step_in_depth_is_a_gap() {
+        assert!(!torn([2.0, 2.05, 2.0], TEAR) && torn([2.0, 2.2, 2.0], TEAR));
+    }
+}

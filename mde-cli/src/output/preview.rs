@@ -1,0 +1,300 @@
+//! Preview images: depth maps side by side with colour bars, and contact sheets of views.
+
+use crate::output::canvas::{Canvas, Colour, colour_at, text_width};
+use crate::scene::size::resized;
+use colorous::{Gradient, MAGMA, VIRIDIS};
+use mde_uncertainty::statistics::quantile;
+use mde_warp::PosedView;
+use ndarray::{Array3, ArrayView2, ArrayView3, Zip};
+use std::sync::LazyLock;
+
+const BACKGROUND: Colour = [255; 3];
+const INK: Colour = [20; 3];
+const MISSING: Colour = [128; 3];
+const MARGIN: usize = 8;
+/// Height of a colour bar, pixels.
+const BAR: usize = 14;
+/// Panels are not wider than this, and not narrower than the other.
+const WIDEST: usize = 640;
+const NARROWEST: usize = 240;
+/// Width of a picture on a contact sheet.
+const THUMBNAIL: usize = 240;
+const COLUMNS: usize = 4;
+
+/// Colours of a gradient at even steps: its curve takes longer than all else of a picture.
+struct Palette([Colour; STEPS]);
+
+/// More than a channel has.
+const STEPS: usize = 1024;
+
+static DEPTHS: LazyLock<Palette> = LazyLock::new(|| Palette::new(VIRIDIS));
+static SIGMAS: LazyLock<Palette> = LazyLock::new(|| Palette::new(MAGMA));
+
+impl Palette {
+    fn new(gradient: Gradient) -> Self {
+        let at = |step| gradient.eval_continuous(step as f64 / (STEPS - 1) as f64).as_array();
+        Self(std::array::from_fn(at))
+    }
+
+    /// The colour at a share in 0 to 1.
+    fn at(&self, share: f64) -> Colour {
+        self.0[((share * (STEPS - 1) as f64 + 0.5) as usize).min(STEPS - 1)]
+    }
+}
+
+/// The maps of a preview, `[height, width]`; values that are not positive and finite are missing.
+pub struct Preview<'p> {
+    /// The photograph, sRGB in 0 to 1, `[height, width, 3]`.
+    pub image: ArrayView3<'p, f32>,
+    /// The monocular depth.
+    pub prior: ArrayView2<'p, f32>,
+    /// The result.
+    pub refined: ArrayView2<'p, f32>,
+    /// Its standard deviation.
+    pub sigma: ArrayView2<'p, f32>,
+    /// Name of the depths' unit.
+    pub unit: &'p str,
+    /// The [`strip`] of several photographs; empty for one.
+    pub strip: &'p [Array3<f32>],
+    /// Ground truth in the unit of the depths; shown beside several photographs.
+    pub truth: Option<ArrayView2<'p, f32>>,
+}
+
+/// Image, prior, refined and sigma side by side; with several photographs these are above, and the truth, where it is known, takes the
+/// place of the image. All depths share one scale, from 1 % to 99 % of the pixels of prior and refined.
+pub fn preview(show: &Preview<'_>) -> Canvas {
+    let (rows, columns, _) = show.image.dim();
+    let [width, whole] = widths(columns);
+    let height = (rows * width).div_ceil(columns.max(1)).clamp(1, 4 * WIDEST);
+    let text = text_height(width);
+    let first = 2 * MARGIN + text;
+    let above = show.strip.first().map_or(0, |picture| first + picture.dim().0 + MARGIN);
+    let title = above + MARGIN;
+    let top = title + MARGIN + text;
+    let panel = [width, height];
+    let bottom = top + height + 3 * MARGIN + BAR + text;
+    let mut canvas = Canvas::new(whole, bottom, BACKGROUND);
+    let mut left = MARGIN;
+    for picture in show.strip {
+        let (tall, wide, _) = picture.dim();
+        canvas.paint([left, first], [wide, tall], |x, y| colour_at(picture, x, y));
+        left += wide + MARGIN;
+    }
+    if !show.strip.is_empty() {
+        canvas.text("photographs, the first is refined", [MARGIN, MARGIN], text, INK);
+    }
+
+    let depths = usual_range(show.prior.iter().chain(show.refined));
+    let sigmas = usual_range(show.sigma.iter());
+    let depth = |name: &str, map| (format!("{name} [{}]", show.unit), map, &*DEPTHS, depths);
+    let mut maps = vec![depth("prior", show.prior), depth("refined", show.refined)];
+    match show.truth.filter(|_| !show.strip.is_empty()) {
+        Some(truth) => maps.push(depth("truth", truth)),
+        None => {
+            canvas.text("image", [MARGIN, title], text, INK);
+            let small = resized(show.image, width, height);
+            canvas.paint([MARGIN, top], panel, |x, y| colour_at(&small, x, y));
+        }
+    }
+    maps.push((format!("sigma [{}]", show.unit), show.sigma, &*SIGMAS, sigmas));
+    let first = 4 - maps.len();
+    for (index, (name, map, palette, range)) in maps.iter().enumerate() {
+        let left = MARGIN + (index + first) * (width + MARGIN);
+        canvas.text(name, [left, title], text, INK);
+        canvas.paint([left, top], panel, |x, y| {
+            shade(map[(y * rows / height, x * columns / width)], palette, *range)
+        });
+        colour_bar(&mut canvas, [left, top + height + MARGIN], width, palette, *range, text);
+    }
+    canvas
+}
+
+/// Height of the text beside panels of that width.
+fn text_height(width: usize) -> usize {
+    width / 28 + 8
+}
+
+/// Width of a panel and of the preview of an image with that many columns.
+fn widths(columns: usize) -> [usize; 2] {
+    let width = columns.clamp(NARROWEST, WIDEST);
+    [width, 4 * width + 5 * MARGIN]
+}
+
+/// Photographs `[height, width, 3]` at one height, to stand in a row above the [`preview`] of an image with that many columns. Empty
+/// for fewer than two.
+pub fn strip(photographs: &[ArrayView3<'_, f32>], columns: usize) -> Vec<Array3<f32>> {
+    let shapes = photographs.iter().map(|p| p.dim().1 as f64 / p.dim().0.max(1) as f64);
+    let all: f64 = shapes.sum();
+    if photographs.len() < 2 || all <= 0.0 {
+        return Vec::new();
+    }
+    let [_, whole] = widths(columns);
+    let inner = whole.saturating_sub(MARGIN * (photographs.len() + 1));
+    let height = ((inner as f64 / all) as usize).clamp(1, THUMBNAIL);
+    let small = |photograph: &ArrayView3<'_, f32>| {
+        let (rows, columns, _) = photograph.dim();
+        resized(*photograph, (columns * height / rows.max(1)).max(1), height)
+    };
+    photographs.iter().map(small).collect()
+}
+
+/// A depth map as a colour picture, `[height, width, 3]` bytes.
+pub fn depth_picture(depth: ArrayView2<'_, f32>) -> Canvas {
+    depth_picture_within(depth, usual_range(depth.iter()))
+}
+
+/// The same with the colours from one depth to another.
+pub fn depth_picture_within(depth: ArrayView2<'_, f32>, range: [f64; 2]) -> Canvas {
+    picture(depth, &DEPTHS, range)
+}
+
+/// A map of sigma as a colour picture.
+pub fn sigma_picture_within(sigma: ArrayView2<'_, f32>, range: [f64; 2]) -> Canvas {
+    picture(sigma, &SIGMAS, range)
+}
+
+fn picture(map: ArrayView2<'_, f32>, palette: &Palette, range: [f64; 2]) -> Canvas {
+    let mut canvas = Canvas::new(map.ncols(), map.nrows(), MISSING);
+    canvas.paint([0, 0], [map.ncols(), map.nrows()], |x, y| shade(map[(y, x)], palette, range));
+    canvas
+}
+
+/// All views on one sheet, masked pixels in red.
+pub fn contact_sheet(views: &[PosedView]) -> Canvas {
+    let shapes = views.iter().map(|view| view.camera.height as f64 / view.camera.width as f64);
+    let height = ((THUMBNAIL as f64 * shapes.fold(0.0, f64::max)).ceil() as usize).clamp(1, 4 * THUMBNAIL);
+    let text = text_height(THUMBNAIL);
+    let cell = [THUMBNAIL + MARGIN, height + text + 2 * MARGIN];
+    let (columns, rows) = (views.len().clamp(1, COLUMNS), views.len().div_ceil(COLUMNS));
+    let mut canvas = Canvas::new(columns * cell[0] + MARGIN, rows * cell[1] + MARGIN, BACKGROUND);
+    for (index, view) in views.iter().enumerate() {
+        let [left, top] = [MARGIN + index % COLUMNS * cell[0], MARGIN + index / COLUMNS * cell[1]];
+        let title = if index == 0 { "original".to_owned() } else { format!("view {index:02}") };
+        canvas.text(&title, [left, top], text, INK);
+        let small = resized(masked(view).view(), THUMBNAIL, height);
+        canvas.paint([left, top + text + MARGIN / 2], [THUMBNAIL, height], |x, y| colour_at(&small, x, y));
+    }
+    canvas
+}
+
+fn masked(view: &PosedView) -> Array3<f32> {
+    let mut image = view.image.clone();
+    Zip::from(image.lanes_mut(ndarray::Axis(2))).and(&view.mask).for_each(|mut colour, &real| {
+        if !real {
+            colour.iter_mut().zip([1.0, 0.0, 0.0]).for_each(|(c, red)| *c = 0.4 * *c + 0.6 * red);
+        }
+    });
+    image
+}
+
+/// A colour bar with three labels below it.
+fn colour_bar(
+    canvas: &mut Canvas,
+    [left, top]: [usize; 2],
+    width: usize,
+    palette: &Palette,
+    [low, high]: [f64; 2],
+    text: usize,
+) {
+    let steps = width.max(2) - 1;
+    canvas.paint([left, top], [width, BAR], |x, _| palette.at(x as f64 / steps as f64));
+    for (share, value) in [(0.0, low), (0.5, 0.5 * (low + high)), (1.0, high)] {
+        let label = number(value, high - low);
+        let start = share * (width as f64 - text_width(&label, text) as f64).max(0.0);
+        canvas.text(&label, [left + start as usize, top + BAR + MARGIN / 2], text, INK);
+    }
+}
+
+/// With the digits that the range needs.
+fn number(value: f64, range: f64) -> String {
+    let digits = if range > 0.0 { (2.0 - range.log10().floor()).clamp(0.0, 6.0) as usize } else { 3 };
+    format!("{value:.digits$}")
+}
+
+fn shade(value: f32, palette: &Palette, [low, high]: [f64; 2]) -> Colour {
+    if !known(value) {
+        return MISSING;
+    }
+    let share = if high > low { (f64::from(value) - low) / (high - low) } else { 0.5 };
+    palette.at(share.clamp(0.0, 1.0))
+}
+
+fn known(value: f32) -> bool {
+    value.is_finite() && value > 0.0
+}
+
+/// 1 % and 99 % of the known values.
+pub fn usual_range<'v>(values: impl Iterator<Item = &'v f32>) -> [f64; 2] {
+    let mut values: Vec<f32> = values.copied().filter(|&v| known(v)).collect();
+    [0.01, 0.99].map(|p| quantile(&mut values, p).unwrap_or(0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array2;
+
+    fn colours(canvas: &Canvas, at: (usize, usize)) -> Colour {
+        [0, 1, 2].map(|c| canvas.pixels()[(at.0, at.1, c)])
+    }
+
+    #[test]
+    fn equal_depths_look_equal_in_both_panels_and_missing_ones_grey() {
+        let image = Array3::from_elem((30, 300, 3), 0.5);
+        let mut prior = Array2::from_shape_fn((30, 300), |(_, x)| 1.0 + x as f32 / 100.0);
+        prior[(10, 20)] = 0.0;
+        let sigma = Array2::from_elem((30, 300), f32::INFINITY);
+        let show = Preview {
+            image: image.view(),
+            prior: prior.view(),
+            refined: prior.view(),
+            sigma: sigma.view(),
+            unit: "m",
+            strip: &[],
+            truth: None,
+        };
+        let canvas = preview(&show);
+        let (top, left) = (2 * MARGIN + text_height(300), |panel: usize| MARGIN + panel * (300 + MARGIN));
+        for (y, x) in [(3, 2), (20, 150), (29, 299)] {
+            assert_eq!(colours(&canvas, (top + y, left(1) + x)), colours(&canvas, (top + y, left(2) + x)));
+            assert_ne!(colours(&canvas, (top + y, left(1) + x)), MISSING);
+            assert_eq!(colours(&canvas, (top + y, left(3) + x)), MISSING);
+        }
+        assert_eq!(colours(&canvas, (top + 10, left(1) + 20)), MISSING);
+        assert_eq!(colours(&canvas, (top + 10, left(0) + 20)), [128; 3]);
+    }
+
+    #[test]
+    fn several_photographs_are_shown_above_with_the_truth_for_the_image() {
+        let image = Array3::from_elem((30, 300, 3), 0.5);
+        let other = Array3::from_elem((30, 300, 3), 1.0);
+        let depth = Array2::from_shape_fn((30, 300), |(_, x)| 1.0 + x as f32 / 100.0);
+        let show = |photographs: &[ArrayView3<'_, f32>]| {
+            let truth = Some(depth.view());
+            let [prior, refined, sigma] = [depth.view(), depth.view(), depth.view()];
+            let strip = strip(photographs, 300);
+            preview(&Preview { image: image.view(), prior, refined, sigma, unit: "m", strip: &strip, truth })
+        };
+        let (one, two) = (show(&[]), show(&[image.view(), other.view()]));
+        let added = two.pixels().dim().0 - one.pixels().dim().0;
+        assert!(added > 30 && one.pixels().dim().1 == two.pixels().dim().1, "{added}");
+        let (top, middle) = (2 * MARGIN + text_height(300), two.pixels().dim().1 / 2);
+        assert_eq!(colours(&two, (top + 5, middle - 60)), [128; 3]);
+        assert_eq!(colours(&two, (top + 5, middle + 60)), [255; 3]);
+        // The prior takes the image's place, and the truth is between refined and sigma.
+        let row = added + top + 10;
+        let panel = |index: usize| colours(&two, (row, MARGIN + index * (300 + MARGIN) + 100));
+        assert_eq!((panel(0), panel(1)), (panel(1), panel(2)));
+        assert_ne!(panel(2), panel(3));
+    }
+
+    #[test]
+    fn a_range_leaves_out_the_extremes_and_the_missing() {
+        let mut values: Vec<f32> = (1..=1000).map(|v| v as f32).collect();
+        values.extend([0.0, f32::INFINITY, -3.0]);
+        let [low, high] = usual_range(values.iter());
+        assert!((low - 10.99).abs() < 1e-9 && (high - 990.01).abs() < 1e-9, "{low} {high}");
+        assert_eq!(usual_range([].iter()), [0.0, 0.0]);
+        assert_eq!((number(1.23456, 4.0), number(0.0123, 0.02)), ("1.23".to_owned(), "0.0123".to_owned()));
+    }
+}

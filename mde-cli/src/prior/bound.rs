@@ -1,0 +1,86 @@
+//! A prior for one photograph.
+
+use crate::error::Result;
+use crate::prior::files::Resampled;
+use crate::prior::origin::PriorOrigin;
+use mde_prior::{DepthPrior, InferenceMemory, Metres, PriorDepth};
+use ndarray::{Array3, ArrayView3};
+
+/// A prior for one photograph: a map at the size of its refinement, a network with the metres that its focal length gives.
+pub(crate) struct PhotographPrior<'p> {
+    prior: &'p dyn DepthPrior,
+    origin: PriorOrigin,
+    /// Focal length / width, where it is known.
+    focal: Option<f64>,
+    /// A map at another size.
+    resampled: Option<PriorDepth>,
+}
+
+impl<'p> PhotographPrior<'p> {
+    /// A prior as it is.
+    pub(crate) fn new(prior: &'p dyn DepthPrior, origin: &PriorOrigin) -> Self {
+        Self { prior, origin: origin.clone(), focal: None, resampled: None }
+    }
+
+    /// The same with a map of the size `from`, which is resampled for a photograph of `original` pixels that is refined at `to`, all
+    /// `(height, width)`: where it has the photograph's aspect. A warning of it goes to `warn`.
+    ///
+    /// # Errors
+    /// [`Error::Prior`](crate::error::Error::Prior) where nothing of the map is left.
+    pub(crate) fn resampled(
+        mut self,
+        from: (usize, usize),
+        original: (usize, usize),
+        to: (usize, usize),
+        warn: &mut dyn FnMut(String),
+    ) -> Result<Self> {
+        let Some(found) = Resampled::find(&self.origin.source, from, original, to) else { return Ok(self) };
+        found.warning.into_iter().for_each(warn);
+        // A map depends on the size alone.
+        let blank = Array3::zeros((from.0, from.1, 3));
+        self.resampled = Some(self.prior.predict(blank.view())?.resized(to)?);
+        Ok(self)
+    }
+
+    /// The same for photographs of that focal length / width, where it is known: a network whose metres depend on it has some only then.
+    #[must_use]
+    pub(crate) fn at_focal(mut self, focal: Option<f64>) -> Self {
+        self.origin = self.origin.at_focal(focal);
+        self.focal = focal;
+        self
+    }
+
+    /// Where the predictions come from.
+    pub(crate) fn origin(&self) -> &PriorOrigin {
+        &self.origin
+    }
+}
+
+impl DepthPrior for PhotographPrior<'_> {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        if let Some(map) = &self.resampled {
+            return Ok(map.clone());
+        }
+        let known = self.origin.model.as_ref().zip(self.focal);
+        match known.and_then(|(spec, focal)| Metres::new(self.prior, spec, focal)) {
+            Some(metres) => metres.predict(image),
+            None => self.prior.predict(image),
+        }
+    }
+
+    fn accepts_new_images(&self) -> bool {
+        self.prior.accepts_new_images()
+    }
+
+    fn resolution(&self, height: usize, width: usize) -> Option<(usize, usize)> {
+        self.prior.resolution(height, width)
+    }
+
+    fn concurrency(&self) -> usize {
+        self.prior.concurrency()
+    }
+
+    fn memory(&self, height: usize, width: usize) -> Option<InferenceMemory> {
+        self.prior.memory(height, width)
+    }
+}

@@ -1,0 +1,76 @@
+//! The monocular depth that a refinement begins with.
+
+mod bound;
+pub mod files;
+pub mod origin;
+
+pub(crate) use bound::PhotographPrior;
+
+use crate::error::{Error, Result};
+use crate::prior::files::MapFile;
+use crate::prior::origin::PriorOrigin;
+use mde_prior::{DepthPrior, FileKind, open};
+use ndarray::Array3;
+use std::path::Path;
+use std::sync::OnceLock;
+
+/// A prior that is open: a network, a map, or a caller's own.
+pub struct OpenPrior<'p> {
+    prior: Box<dyn DepthPrior + Send + 'p>,
+    origin: PriorOrigin,
+    /// `(height, width)` of a map from a file.
+    pub(crate) size: Option<(usize, usize)>,
+    /// A warning about the file.
+    pub(crate) note: Option<String>,
+    /// The warning about near and far, once the network was tried on rooms.
+    pub(crate) order: OnceLock<Option<String>>,
+}
+
+impl<'p> OpenPrior<'p> {
+    /// A caller's own prior.
+    pub fn given(prior: Box<dyn DepthPrior + Send + 'p>, origin: PriorOrigin) -> Self {
+        Self { prior, origin, size: None, note: None, order: OnceLock::new() }
+    }
+
+    /// A map from a file.
+    pub fn map(map: MapFile) -> Self {
+        let MapFile { prior, origin, note } = map;
+        let size = Some(prior.prior().map.dim());
+        Self { size, note, ..Self::given(Box::new(prior), origin) }
+    }
+
+    /// The prior.
+    pub fn prior(&self) -> &(dyn DepthPrior + 'p) {
+        &*self.prior
+    }
+
+    /// Identifies the values of a map.
+    pub(crate) fn content(&self) -> Option<String> {
+        let (height, width) = self.size?;
+        let map = self.prior.predict(Array3::zeros((height, width, 3)).view()).ok()?.map;
+        let values: Vec<u8> = map.iter().flat_map(|value| value.to_le_bytes()).collect();
+        Some(hash(&values))
+    }
+
+    /// Where it comes from.
+    pub fn origin(&self) -> &PriorOrigin {
+        &self.origin
+    }
+}
+
+/// Identifies the bytes of a model's file: their CRC-32 in hexadecimal digits.
+pub fn hash(bytes: &[u8]) -> String {
+    format!("{:08x}", crc32fast::hash(bytes))
+}
+
+/// [`hash`] of several files, as if they were one.
+///
+/// # Errors
+/// [`Error::Io`] where one cannot be read.
+pub fn hash_files<'p>(paths: impl IntoIterator<Item = &'p Path>) -> Result<String> {
+    let mut hasher = crc32fast::Hasher::new();
+    for path in paths {
+        hasher.update(&open::read(path, FileKind::Weights).map_err(Error::io(path))?);
+    }
+    Ok(format!("{:08x}", hasher.finalize()))
+}

@@ -1,0 +1,321 @@
+//! The arguments of the commands that run over many scenes.
+
+use crate::config::Preset;
+use crate::program::args::choice::{ALIGNMENTS, PRESETS, choice};
+use crate::program::args::shard::Shard;
+use crate::program::args::{MemoryArgs, NetworkArgs, RunArgs, size};
+use clap::{Args, ValueEnum};
+use mde_eval::align::AlignmentRule;
+use mde_eval::data::{CaptureGrid, DataSetKind, SunDepth};
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+#[derive(Debug, Args)]
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the name of ROOT, or of the data set where it has none: SUNRGBD-eval for SUNRGBD")),
+    after_help = "\
+Examples:
+  mde eval SUNRGBD --dataset sunrgbd --prior-model fastdepth_224.onnx --methods paper,default,guided -o out/eval
+  mde eval --dataset rooms --simulated prior --size 320x240 --methods default,my.toml,jbf -o out/rooms
+  mde eval --dataset captures --grid 'views=3,5;pose-noise=0,.3' --methods consensus,multi-view:my.toml -o out/captures
+
+Methods: the presets paper, default, fast and multi-view; consensus (plane sweeps without a field); field (multi-view);
+a TOML file over default, or over another preset as in multi-view:my.toml; the baselines prior, flip, zoom, unsharp0.5, unsharp1,
+unsharp2, noise, guided, jbf, wmf and fbs, and with several photographs gauged and sweep; baselines chained with a plus, such as
+zoom+jbf; and the maps of another program, NAME=FOLDER.
+
+Output: report.html, table.md, summary.json, scenes.csv, figures (SVG), eval.json (what was evaluated), and every map under
+scenes/. Results are stored: the same command resumes after an interruption, further methods are added to the
+folder, and a method whose settings changed is run again. With --shard only the maps of a part, which the same command
+without --shard uses."
+)]
+pub(crate) struct EvalArgs {
+    #[command(flatten)]
+    pub(crate) common: EvaluationArgs,
+    #[command(flatten)]
+    pub(crate) several: CaptureArgs,
+    #[command(flatten)]
+    pub(crate) pixels: PixelArgs,
+    /// Methods to compare with the prior, separated by commas
+    #[arg(
+        long,
+        value_name = "NAMES",
+        value_delimiter = ',',
+        default_value = "default",
+        help_heading = "Methods"
+    )]
+    pub(crate) methods: Vec<String>,
+    /// Seed of all random draws
+    #[arg(long, value_name = "N", help_heading = "Methods")]
+    pub(crate) seed: Option<u64>,
+    /// Only part I of N of the scenes, into a folder that all parts share; the same command without --shard writes the tables
+    #[arg(long, value_name = "I/N", help_heading = "Output")]
+    pub(crate) shard: Option<Shard>,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the name of ROOT, or of the data set where it has none: SUNRGBD-eval for SUNRGBD, as of mde eval")),
+    after_help = "\
+Examples:
+  mde calibrate SUNRGBD --dataset sunrgbd --prior-model fastdepth_224.onnx -o out/calibration
+  mde refine room.jpg --prior-model fastdepth_224.onnx --calibration out/calibration/calibration.toml --interval 0.9 -o out/room
+
+Output: calibration.toml (half widths of intervals in sigmas, and their coverage of held-out scenes), and the output of mde
+eval. The stored results of an evaluation in the same folder are reused."
+)]
+pub(crate) struct CalibrateArgs {
+    #[command(flatten)]
+    pub(crate) common: EvaluationArgs,
+    #[command(flatten)]
+    pub(crate) withhold: WithholdArgs,
+    /// Method to calibrate: a preset, a TOML file over default, or over another preset as in multi-view:my.toml
+    #[arg(long, value_name = "NAME", default_value = "default", help_heading = "Method")]
+    pub(crate) method: String,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the name of ROOT, or of the data set where it has none: SUNRGBD-ablate for SUNRGBD")),
+    after_help = "\
+Examples:
+  mde ablate --dataset rooms --size 160x120 --config quick.toml -o out/ablation
+  mde ablate SUNRGBD --prior-model fastdepth_224.onnx --rows no-variance,min-depth,nerf-only --seeds 1 -o out/ablation
+
+Rows, each one change of the full model: no-variance, min-depth, no-calibration, fixed-variance, kappa-0.02, -0.05, -0.1,
+-0.2, nerf-only (the paper's Table II and variants); guided-for-nerf, noise-for-nerf (a filter in place of the NeRF);
+original-pose, in-bin, spread, anchor (remedies). Rows that differ only after the first fit share that fit.
+
+Output: as for mde eval, with the paper's Table II at the top of table.md. The same command resumes after an interruption."
+)]
+pub(crate) struct AblateArgs {
+    #[command(flatten)]
+    pub(crate) common: EvaluationArgs,
+    /// Rows to run beside the full model, separated by commas; default: all
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', help_heading = "Rows")]
+    pub(crate) rows: Vec<String>,
+    /// Number of seeds to average
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=100), help_heading = "Rows")]
+    pub(crate) seeds: u16,
+    /// Preset of the full model
+    #[arg(long, value_name = "NAME", value_parser = choice(PRESETS), default_value = "paper", help_heading = "Rows")]
+    pub(crate) preset: Preset,
+    /// Settings over those of the preset in all rows, a TOML file or KEY=VALUE, repeatable
+    #[arg(long, value_name = "FILE|KEY=VALUE", help_heading = "Rows")]
+    pub(crate) config: Vec<OsString>,
+}
+
+/// Arguments of all evaluations.
+#[derive(Debug, Args)]
+pub(crate) struct EvaluationArgs {
+    /// Folder of the data set; none for rooms and captures
+    #[arg(value_name = "ROOT")]
+    pub(crate) root: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) data: DataArgs,
+    #[command(flatten)]
+    pub(crate) prior: EvalPriorArgs,
+    #[command(flatten)]
+    pub(crate) alignment: AlignmentArgs,
+    #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
+    /// Scenes that run at once and share the threads
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256), help_heading = "Output")]
+    pub(crate) jobs: u16,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+}
+
+/// The scenes.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Data")]
+pub(crate) struct DataArgs {
+    /// Layout of the data set: sunrgbd, sunrgbd-filled (truth with its holes filled, not measured there), nyu, tum, redwood, plain, rooms,
+    /// captures or posed; default: detected from the folder
+    #[arg(long, value_name = "NAME")]
+    pub(crate) dataset: Option<Layout>,
+    /// Resize images and truth (640x480 in the paper); default: their own size
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub(crate) size: Option<[usize; 2]>,
+    /// Horizontal field of view of scenes without intrinsics, degrees (with a warning)
+    #[arg(long, value_name = "DEG", default_value_t = 60.0, value_parser = field_of_view)]
+    pub(crate) assume_fov: f64,
+    /// Use every Nth image of a sequence
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) stride: u16,
+    /// File with a line SCENE PLACE per scene; intervals resample places
+    #[arg(long, value_name = "FILE")]
+    pub(crate) places: Option<PathBuf>,
+    /// Scenes to run, separated by commas; default: all
+    #[arg(long, value_name = "IDS", value_delimiter = ',')]
+    pub(crate) scenes: Vec<String>,
+    /// Run at most N scenes
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) limit: Option<u32>,
+}
+
+/// A data set's layout and which of its truths is used.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Layout {
+    pub(crate) kind: DataSetKind,
+    pub(crate) depth: SunDepth,
+}
+
+impl FromStr for Layout {
+    type Err = mde_eval::Error;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        Ok(match name {
+            "sunrgbd-filled" => Self { kind: DataSetKind::SunRgbd, depth: SunDepth::Filled },
+            name => Self { kind: name.parse()?, depth: SunDepth::Sensor },
+        })
+    }
+}
+
+/// Scenes of several photographs.
+#[derive(Debug, Clone, Default, Args)]
+pub(crate) struct CaptureArgs {
+    /// Conditions of captures, every combination a scene: views (with the reference), baseline (over median depth), pose-noise (degrees,
+    /// and 20 mm each), gain (of one photograph). For posed one pose-noise
+    #[arg(long, help_heading = "Advanced", value_name = "KEY=LIST;...")]
+    pub(crate) grid: Option<Grid>,
+    #[command(flatten)]
+    pub(crate) withhold: WithholdArgs,
+}
+
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub(crate) struct WithholdArgs {
+    /// What methods are not given of several photographs
+    #[arg(long, help_heading = "Advanced", value_enum, value_name = "WHAT")]
+    pub(crate) withhold: Option<Withheld>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Withheld {
+    /// Their poses
+    Poses,
+    /// Poses and cameras, whose field of view is then --assume-fov
+    Cameras,
+}
+
+/// `views=3,5;pose-noise=0,.3`: the conditions of captures.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Grid(pub(crate) CaptureGrid);
+
+impl FromStr for Grid {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        fn list<T: FromStr>(key: &str, values: &str) -> Result<Vec<T>, String> {
+            let values = values.split(',').map(|value| value.trim().parse());
+            values.collect::<Result<_, _>>().map_err(|_| format!("{key}: give numbers, such as views=3,5"))
+        }
+        let mut grid = CaptureGrid::default();
+        for part in text.split(';').filter(|part| !part.trim().is_empty()) {
+            let (key, values) = part.split_once('=').unwrap_or((part, ""));
+            match key.trim() {
+                "views" => grid.views = list(key, values)?,
+                "baseline" => grid.baselines = list(key, values)?,
+                "pose-noise" => grid.pose_noises = list(key, values)?,
+                "gain" => grid.gains = list(key, values)?,
+                other => return Err(format!("{other}: give views, baseline, pose-noise or gain")),
+            }
+        }
+        Ok(Self(grid))
+    }
+}
+
+/// The priors.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Prior")]
+pub(crate) struct EvalPriorArgs {
+    /// A monocular depth network
+    #[arg(long, value_name = "MODEL.onnx", conflicts_with_all = ["prior_depth", "simulated"])]
+    pub(crate) prior_model: Option<PathBuf>,
+    /// A folder with one depth map per scene: SCENE.npy (or .npz, .pfm, .png, .exr)
+    #[arg(long, value_name = "DIR", conflicts_with = "simulated")]
+    pub(crate) prior_depth: Option<PathBuf>,
+    /// A prior made of the exact depth of rooms and captures
+    #[arg(long, value_enum, value_name = "WHAT")]
+    pub(crate) simulated: Option<Simulated>,
+    #[command(flatten)]
+    pub(crate) network: NetworkArgs,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Simulated {
+    /// A depth map: blurred, distorted, as disparity without scale
+    Prior,
+    /// A network with the faults of a small one, which predicts crops too (rooms only)
+    Model,
+}
+
+/// Depth maps of other programs.
+#[derive(Debug, Args)]
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the name of PRED: maps-score for maps")),
+    after_help = "\
+Example:
+  mde score maps --gt truth --sigma sigmas -o out/maps
+
+Output: that of mde eval. Maps are .npy, .npz, .pfm, .png or .exr; those of the same name belong together."
+)]
+pub(crate) struct ScoreMapsArgs {
+    /// A folder of depth maps to score
+    #[arg(value_name = "PRED")]
+    pub(crate) pred: PathBuf,
+    /// A folder with ground truth of the same names, metres; 0: missing
+    #[arg(long, value_name = "DIR")]
+    pub(crate) gt: PathBuf,
+    /// A folder with their standard deviations, in the depth's unit
+    #[arg(long, value_name = "DIR")]
+    pub(crate) sigma: Option<PathBuf>,
+    /// Predicted depth = value / X; 1000 for 16-bit PNG, 1 for floats
+    #[arg(long, help_heading = "Advanced", value_name = "X")]
+    pub(crate) png_scale: Option<f64>,
+    /// Scenes to score, separated by commas; default: all
+    #[arg(long, value_name = "IDS", value_delimiter = ',')]
+    pub(crate) scenes: Vec<String>,
+    #[command(flatten)]
+    pub(crate) alignment: AlignmentArgs,
+    #[command(flatten)]
+    pub(crate) pixels: PixelArgs,
+    #[command(flatten)]
+    pub(crate) memory: MemoryArgs,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+}
+
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Scores")]
+pub(crate) struct AlignmentArgs {
+    /// Alignment of a map to the truth
+    #[arg(long, value_name = "RULE", value_parser = choice(ALIGNMENTS), default_value = "median")]
+    pub(crate) alignment: (AlignmentRule, bool),
+}
+
+/// The pixels that are scored.
+#[derive(Debug, Clone, Copy, Default, Args)]
+#[command(next_help_heading = "Scores")]
+pub(crate) struct PixelArgs {
+    /// Ignore true depths beyond, metres; default: that of the data set
+    #[arg(long, value_name = "M")]
+    pub(crate) max_depth: Option<f64>,
+    /// Score only a part of the image
+    #[arg(long, help_heading = "Advanced", value_enum, value_name = "NAME")]
+    pub(crate) crop: Option<CropName>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum CropName {
+    /// That of Eigen et al., of NYU's 640x480
+    Eigen,
+}
+
+fn field_of_view(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(degrees) if 0.0 < degrees && degrees < 180.0 => Ok(degrees),
+        _ => Err("give degrees above 0 and below 180, such as 60".to_owned()),
+    }
+}

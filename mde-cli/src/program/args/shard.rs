@@ -1,0 +1,57 @@
+//! A part of many photographs or scenes, by their names alone.
+
+use std::str::FromStr;
+
+/// Part `index` of `count`, from 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Shard {
+    index: u32,
+    count: u32,
+}
+
+impl Shard {
+    /// The most parts that a run can have.
+    const MOST: u32 = 1_000_000;
+
+    fn new(index: u32, count: u32) -> Option<Self> {
+        ((1..=count).contains(&index) && count <= Self::MOST).then_some(Self { index, count })
+    }
+
+    /// Whether the item of this name belongs to it: the CRC-32 of the name modulo the number of shards.
+    pub(crate) fn has(&self, name: &str) -> bool {
+        crc32fast::hash(name.as_bytes()) % self.count == self.index - 1
+    }
+}
+
+impl FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let shard = text.split_once('/').and_then(|(i, n)| Self::new(i.parse().ok()?, n.parse().ok()?));
+        shard.ok_or_else(|| "give I/N with I from 1 to N, such as 2/8".to_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_name_is_in_one_shard() {
+        let shards: Vec<Shard> = (1..=4).map(|index| Shard { index, count: 4 }).collect();
+        let counts: Vec<usize> = shards
+            .iter()
+            .map(|shard| (0..1000).filter(|number| shard.has(&format!("IMG_{number:04}"))).count())
+            .collect();
+        assert_eq!(counts.iter().sum::<usize>(), 1000);
+        assert!(counts.iter().all(|count| (150..350).contains(count)), "{counts:?}");
+    }
+
+    #[test]
+    fn a_shard_is_i_of_n() {
+        assert_eq!("2/8".parse(), Ok(Shard { index: 2, count: 8 }));
+        for wrong in ["0/8", "9/8", "2", "a/b", "1/0", "-1/3"] {
+            assert!(wrong.parse::<Shard>().unwrap_err().contains("2/8"), "{wrong}");
+        }
+    }
+}

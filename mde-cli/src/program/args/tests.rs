@@ -1,0 +1,99 @@
+use super::*;
+
+#[test]
+fn the_command_line_is_consistent() {
+    Cli::command().debug_assert();
+}
+
+#[test]
+fn an_output_without_a_name_is_called_after_its_input() {
+    let name = |arguments: &str, input: &str| {
+        let cli = Cli::try_parse_from(arguments.split_whitespace()).unwrap();
+        let Command::Refine(refine) = cli.command else { panic!() };
+        refine.run.output(Path::new(input), "-depth")
+    };
+    let refine = "mde refine a/room.v2.jpg --prior-depth d.npy";
+    assert_eq!(name(refine, "a/room.v2.jpg"), Path::new("room.v2-depth"));
+    assert_eq!(name(&format!("{refine} -o out/x"), "a/room.v2.jpg"), Path::new("out/x"));
+}
+
+/// What everyone needs comes first, what few need last.
+#[test]
+fn the_help_begins_with_the_output_and_ends_with_what_is_rare() {
+    for name in ["refine", "demo", "eval"] {
+        let mut command = command();
+        let help = command.find_subcommand_mut(name).unwrap().render_long_help().to_string();
+        let at = |text: &str| help.find(text).unwrap_or_else(|| panic!("{name}: no {text}"));
+        assert!(at("--output") < at("--force") && at("--output") < at("--threads"), "{name}: {help}");
+        assert!(at("Advanced:") < at("--threads"), "{name}: {help}");
+        let mut headings =
+            help[..at("Examples:")].lines().filter(|line| !line.starts_with(' ') && line.ends_with(':'));
+        assert_eq!(headings.next_back(), Some("Advanced:"), "{name}: {help}");
+    }
+    for (name, flags) in [
+        ("refine", &["unit", "shard", "same_scale", "work_size", "seed"][..]),
+        ("eval", &["grid", "withhold", "crop", "runtime"]),
+    ] {
+        let command = Cli::command();
+        let command = command.find_subcommand(name).unwrap();
+        for flag in flags {
+            let argument = command.get_arguments().find(|argument| argument.get_id() == flag).unwrap();
+            assert_eq!(argument.get_help_heading(), Some("Advanced"), "{name} {flag}");
+        }
+    }
+}
+
+#[test]
+fn a_command_has_few_flags() {
+    let command = Cli::command();
+    let most = [("refine", 36), ("eval", 29), ("ablate", 27), ("calibrate", 24), ("warp", 21), ("poses", 20)];
+    for (name, most) in most {
+        let arguments = command.find_subcommand(name).unwrap().get_arguments();
+        let flags: Vec<_> = arguments.filter_map(clap::Arg::get_long).collect();
+        assert!(flags.len() <= most, "{name} has {}: {flags:?}", flags.len());
+    }
+}
+
+#[test]
+fn a_grid_is_conditions_with_values() {
+    let Grid(grid) = "views=3,5; pose-noise=0,.3".parse().unwrap();
+    assert_eq!((grid.views, grid.pose_noises, grid.gains), (vec![3, 5], vec![0.0, 0.3], vec![0.0]));
+    for wrong in ["views", "views=two", "views=2.5", "depth=1", "gain=", "baseline=.1;.2"] {
+        assert!(wrong.parse::<Grid>().is_err(), "{wrong}");
+    }
+    assert_eq!(focal("520"), Ok((520.0, None)));
+    assert_eq!(focal("520, 521"), Ok((520.0, Some(521.0))));
+    assert!(focal("520,").is_err());
+}
+
+/// Where the results go by default is told for each command as it is.
+#[test]
+fn the_help_names_the_folder_of_each_command() {
+    for (name, folder) in [
+        ("refine", "room-depth"),
+        ("warp", "room-views"),
+        ("render", "field-render"),
+        ("demo", "mde-demo"),
+        ("eval", "SUNRGBD-eval"),
+        ("calibrate", "SUNRGBD-eval"),
+        ("ablate", "SUNRGBD-ablate"),
+        ("poses", "transforms.json"),
+    ] {
+        let command = Cli::command();
+        let command = command.find_subcommand(name).unwrap();
+        let output = command.get_arguments().find(|argument| argument.get_id() == "output").unwrap();
+        let help = output.get_help().unwrap().to_string();
+        assert!(
+            help.contains(folder) && (name == "refine" || !help.contains("room-depth")),
+            "{name}: {help}"
+        );
+    }
+}
+
+#[test]
+fn sizes_and_triples() {
+    assert_eq!(size("320x240"), Ok([320, 240]));
+    assert!(["320", "0x9", "axb", "99999x99"].iter().all(|text| size(text).is_err()));
+    assert_eq!(triple("-1, 0,2.5"), Ok([-1.0, 0.0, 2.5]));
+    assert!(["1,2", "1,2,inf", "a,b,c"].iter().all(|text| triple(text).is_err()));
+}

@@ -1,0 +1,74 @@
+//! `mde ablate`.
+
+use crate::config::Config;
+use crate::program::args::AblateArgs;
+use crate::program::evaluation::ablation::FULL;
+use crate::program::evaluation::method::{Method, PRIOR};
+use crate::program::evaluation::results::Results;
+use crate::program::evaluation::setup::{Request, Setup};
+use crate::program::evaluation::{ablation, results};
+use crate::program::open::settings::{overridden, use_threads};
+use crate::program::progress::Progress;
+use anyhow::{Result, ensure};
+use mde_eval::statistics::Bootstrap;
+use mde_eval::table::Summary;
+use serde_json::json;
+
+pub(super) fn run(args: &AblateArgs) -> Result<()> {
+    let mut progress = Progress::new(&args.common.run);
+    use_threads(&args.common.run)?;
+    let methods = methods(args)?;
+    let request = Request { controls: false, share_fields: true, ..Request::new("ablate", &methods) };
+    let setup = Setup::open(&args.common, request)?;
+    let (mut entries, failures) = setup.run(&mut progress)?;
+    // Rows share fields, so their seconds would mislead.
+    for entry in &mut entries {
+        entry.values.remove("seconds");
+    }
+    let preface = if entries.is_empty() {
+        Vec::new()
+    } else {
+        let compared = |with| Summary::new(&entries, Some(with), &Bootstrap::default());
+        ablation::table(&compared(FULL)?, &compared(PRIOR)?)
+    };
+    let results = setup.results(FULL, entries, failures);
+    let mut results = Results { title: format!("Ablation: {}", results.title), preface, ..results };
+    results.record["seeds"] = json!(args.seeds);
+    results.record["preset"] = json!(args.preset.name());
+    results.record["config"] = json!(base(args)?);
+    results::finish(results, setup.store.root(), &mut progress)
+        .inspect_err(|_| setup.store.discard_if_empty())
+}
+
+fn base(args: &AblateArgs) -> Result<Config> {
+    overridden(args.preset, &args.config)
+}
+
+/// The prior, then every row with every seed.
+fn methods(args: &AblateArgs) -> Result<Vec<Method>> {
+    let base = base(args)?;
+    ensure!(
+        base.refinement.fits_a_field(),
+        "--preset {}: fits no field to a photograph, so all rows are equal; give --preset paper",
+        args.preset.name()
+    );
+    let known: Vec<&str> = ablation::rows(&base).map(|row| row.name).collect();
+    for name in &args.rows {
+        ensure!(
+            known.contains(&name.as_str()),
+            "--rows {name}: no such row; use some of {}",
+            known.join(", ")
+        );
+    }
+    let mut methods = vec![Method::parse(PRIOR, Some(base.seed))?];
+    for seed in (0..u64::from(args.seeds)).map(|more| base.seed.wrapping_add(more)) {
+        for row in ablation::rows(&base) {
+            let wanted =
+                args.rows.is_empty() || row.name == FULL || args.rows.iter().any(|name| name == row.name);
+            if wanted {
+                methods.push(Method::variant(row.name, row.config(&base), row.control, seed));
+            }
+        }
+    }
+    Ok(methods)
+}

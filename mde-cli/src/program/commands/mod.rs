@@ -1,0 +1,39 @@
+//! The subcommands.
+
+mod ablate;
+mod bench;
+mod calibrate;
+mod config;
+mod demo;
+mod doctor;
+mod eval;
+mod manual;
+mod poses;
+mod refine;
+mod render;
+mod report;
+mod score;
+mod warp;
+
+use crate::program::args::Command;
+use anyhow::Result;
+
+pub(crate) fn run(command: &Command) -> Result<()> {
+    match command {
+        Command::Demo(args) => demo::run(args),
+        Command::Refine(args) => refine::run(args),
+        Command::Poses(args) => poses::run(args),
+        Command::Warp(args) => warp::run(args),
+        Command::Render(args) => render::run(args),
+        Command::Eval(args) => eval::run(args),
+        Command::Score(args) => score::run(args),
+        Command::Ablate(args) => ablate::run(args),
+        Command::Calibrate(args) => calibrate::run(args),
+        Command::Config(args) => config::run(args),
+        Command::Bench(args) => bench::run(args),
+        Command::Report(args) => report::run(args),
+        Command::Doctor(args) => doctor::run(args),
+        Command::Completions(args) => manual::completions(args),
+        Command::Man(args) => manual::page(args),
+    }
+}

@@ -1,0 +1,92 @@
+//! `mde poses`: the poses of photographs.
+
+use crate::config::Preset;
+use crate::program::args::{PosesArgs, PresetArgs};
+use crate::program::open::prior;
+use crate::program::open::relative::relative;
+use crate::program::open::scene::{size, unique, unposed};
+use crate::program::open::settings::{settings, sizes, use_threads};
+use crate::program::progress::Progress;
+use crate::program::store::folder::check_new_file;
+use crate::program::terminal::line_of;
+use crate::refiner::Refiner;
+use crate::reports::capture::CaptureReport;
+use anyhow::{Context, Result, ensure};
+use mde_eval::table::{Block, Document, Table};
+use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+/// Longer side of the photographs, pixels, without `--max-size`: features are plenty, and matching stays fast.
+const LONGER_SIDE: usize = 1024;
+
+pub(super) fn run(args: &PosesArgs) -> Result<()> {
+    let mut progress = Progress::new(&args.run);
+    use_threads(&args.run)?;
+    let target = &args.run.output.clone().unwrap_or_else(|| "transforms.json".into());
+    check_new_file("-o", target, args.run.force)?;
+    let prior = prior::open(&args.prior)?;
+    let mut settings = settings(&PresetArgs::default(), &args.size.memory, Preset::MultiView)?;
+    settings.sizes = sizes(&args.size);
+    settings.sizes.longest = settings.sizes.longest.or(Some(LONGER_SIDE));
+    let refiner = Refiner::new(&prior, settings)?;
+    let paths = unique("PHOTO", &args.photographs, |_| false)?;
+    ensure!(
+        paths.len() > 1,
+        "{}: one photograph has no parallax; give two or more, or a folder of them",
+        paths.first().unwrap_or(&PathBuf::new()).display()
+    );
+    let folder = target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    // Names are checked before the work.
+    let names = paths.iter().map(|path| relative(path, folder)).collect::<Result<Vec<_>>>()?;
+    let (scene, plan) = unposed(&refiner, &args.camera, "PHOTO", &paths, &mut progress)?;
+    let prepared = refiner.prepare(&scene, &plan, &mut progress)?;
+    let several = prepared.several().context("no photograph; give two or more")?;
+    let report = several.report();
+    ensure!(
+        report.fallback.is_none(),
+        "no poses were found, so nothing was written: {}",
+        report.fallback.as_deref().unwrap_or_default()
+    );
+    let mut frames = Vec::new();
+    for (index, (name, path)) in names.into_iter().zip(&paths).enumerate() {
+        let (Some(pose), Some(camera)) = (several.pose(index), several.camera(index)) else { continue };
+        let (height, width) = size(path)?;
+        let lens = Lens { camera: camera.resized(width, height)?, distortion: Distortion::default() };
+        frames.push(Frame { photograph: name.into(), lens, pose });
+    }
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("{}: can't make this folder", folder.display()))?;
+    mde_prior::write_atomic(target, transforms_json(&frames, Path::new(""), |_| Vec::new()).as_bytes())?;
+
+    let blocks = vec![Block::Table(table(report))];
+    let focal = match report.focal_factor {
+        Some(factor) if (factor - 1.0).abs() > 1e-9 => {
+            format!("focal length: {factor:.3} of the assumed one\n")
+        }
+        _ => String::new(),
+    };
+    let count = format!("{} of {} photographs have a pose", frames.len(), scene.photographs.len());
+    let text = format!("{focal}{count}\nwrote {} in {:.1} s", line_of(target), progress.seconds());
+    let value = json!({ "event": "done", "output": target.display().to_string(), "photographs": report.photographs,
+        "focal_factor": report.focal_factor, "poses_seconds": report.seconds.poses });
+    progress.tables(&Document { blocks }, &text, value);
+    Ok(())
+}
+
+/// One row per photograph.
+fn table(report: &CaptureReport) -> Table {
+    let heads = ["photograph", "verdict", "rotation, degrees", "baseline / depth", "matches"];
+    let number =
+        |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
+    let rows = report.photographs.iter().map(|photograph| {
+        vec![
+            photograph.name.clone(),
+            photograph.verdict.clone(),
+            number(photograph.rotation_degrees, 2),
+            number(photograph.parallax, 3),
+            number(photograph.matches.map(|count| count as f64), 0),
+        ]
+    });
+    Table::new(2, heads, rows)
+}

@@ -1,0 +1,65 @@
+use crate::program::args::RefineArgs;
+use crate::program::job::Job;
+use crate::program::many;
+use crate::program::many::every;
+use crate::program::open::settings::{of_refine, use_threads};
+use crate::program::open::truth::Truth;
+use crate::program::open::{photographs, prior, scene};
+use crate::program::progress::Progress;
+use crate::program::store::folder::OutputFolder;
+use crate::refiner::{Plan, Refiner};
+use crate::scene::Scene;
+use crate::scene::known::KnownDepths;
+use anyhow::{Result, ensure};
+use mde_prior::photo::read_image;
+
+pub(super) fn run(args: &RefineArgs) -> Result<()> {
+    let mut progress = Progress::new(&args.run);
+    use_threads(&args.run)?;
+    if photographs::are_many(&args.photographs()) || args.several.shard.is_some() {
+        return many::run(args, &mut progress);
+    }
+    ensure!(
+        !args.several.same_scale,
+        "--same-scale: one photograph has no scale in common with another; give several, or a folder, or leave it out"
+    );
+    let output = args.run.output(&args.image, "-depth");
+    let folder = match args.several.all {
+        true => every::check_folder(&output).map(|()| None)?,
+        false => Some(OutputFolder::new(&output, args.run.force)?),
+    };
+    let prior = prior::open(&args.prior)?;
+    let refiner = Refiner::new(&prior, of_refine(args)?)?;
+    let (scene, plan) = scene(&refiner, args, &mut progress)?;
+    let input = args.image.display().to_string();
+    let reference = &scene.photographs[scene.reference];
+    let truth = Truth::open(&args.truth, reference.original, reference.of_results())?;
+    let job = Job {
+        command: "refine",
+        refiner: &refiner,
+        export: &args.export.export,
+        truth,
+        keep_photographs: false,
+    };
+    match folder {
+        None => every::run(&job, &scene, &plan, &input, &output, args.run.force, &mut progress),
+        Some(folder) => job.run(&scene, &plan, &input, &folder, &mut progress),
+    }
+}
+
+fn scene(refiner: &Refiner<'_>, args: &RefineArgs, progress: &mut Progress) -> Result<(Scene, Plan)> {
+    let (mut scene, plan) = match args.several.views.is_empty() {
+        false => scene::several(refiner, args, progress)?,
+        true => {
+            let plan = refiner.plan(&args.image.display().to_string(), scene::size(&args.image)?, 1)?;
+            let photo = read_image(&args.image)?;
+            let photograph = scene::photograph(refiner, &args.camera, &args.image, photo, false, progress)?;
+            (Scene::one(photograph), plan)
+        }
+    };
+    if let Some(path) = &args.scale_from {
+        let original = scene.photographs[scene.reference].original;
+        scene.known = Some(KnownDepths::open(path, &args.image, original)?);
+    }
+    Ok((scene, plan))
+}

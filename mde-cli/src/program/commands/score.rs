@@ -1,0 +1,86 @@
+//! `mde score`: depth maps of any program.
+
+use crate::prior::files::read_options;
+use crate::program::args::ScoreMapsArgs;
+use crate::program::evaluation::results;
+use crate::program::evaluation::results::Results;
+use crate::program::evaluation::runner::Failure;
+use crate::program::evaluation::scoring::Scoring;
+use crate::program::evaluation::store::Store;
+use crate::program::interrupt;
+use crate::program::open::settings::{limit, use_threads};
+use crate::program::progress::Progress;
+use crate::refiner::plan::SceneMemory;
+use anyhow::{Context, Result, bail, ensure};
+use mde_eval::data::{MapPair, MapPairs};
+use mde_eval::score::{Subject, score};
+use mde_eval::table::Entry;
+use mde_prior::format::{ReadOptions, read_depth};
+use serde_json::json;
+
+/// The name of the maps in the tables.
+const MAPS: &str = "maps";
+
+pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
+    let mut progress = Progress::new(&args.run);
+    use_threads(&args.run)?;
+    let (pred, gt) = (&args.pred, &args.gt);
+    let pairs = MapPairs::open(pred, gt, args.sigma.as_deref())?;
+    for id in pairs.unmatched() {
+        progress.warn(format!("{id}: no truth of that name in {}; not scored", gt.display()));
+    }
+    ensure!(!args.alignment.alignment.1, "--alignment prior: mde score has no prior; give another alignment");
+    let scoring = Scoring::new(args.alignment.alignment, args.pixels, false);
+    let [pred_name, gt_name] = [pred, gt].map(|folder| folder.display().to_string());
+    let sigma_name = args.sigma.as_ref().map(|folder| folder.display().to_string());
+    let basis = json!({ "command": "score", "pred": pred_name, "gt": gt_name, "sigma": sigma_name });
+    for name in &args.scenes {
+        let known = pairs.pairs().iter().any(|pair| pair.id == *name);
+        ensure!(known, "--scenes {name}: none of the {} maps in {}", pairs.pairs().len(), pred.display());
+    }
+    let wanted = |pair: &&MapPair| args.scenes.is_empty() || args.scenes.contains(&pair.id);
+    let chosen: Vec<&MapPair> = pairs.pairs().iter().filter(wanted).collect();
+    let store = Store::open(&args.run.output(pred, "-score"), &basis, args.run.force, false)?;
+    let (mut entries, mut failures) = (Vec::new(), Vec::new());
+    for (index, pair) in chosen.iter().enumerate() {
+        if interrupt::requested() {
+            bail!(crate::error::Error::Interrupted);
+        }
+        match entry(pair, args, &scoring) {
+            Ok(entry) => entries.push(entry),
+            Err(error) => {
+                let error = format!("{error:#}");
+                progress.failed(format!("{}: failed: {error}", pair.id));
+                failures.push(Failure { scene: pair.id.clone(), method: None, error });
+            }
+        }
+        let value = json!({ "event": "scene", "scene": pair.id });
+        progress.piece(index + 1, chosen.len(), &pair.id, None, value);
+    }
+    let results = Results {
+        title: format!("{} against {}", pred.display(), gt.display()),
+        alignment: scoring.alignment_note(),
+        preface: Vec::new(),
+        reference: None,
+        entries,
+        failures,
+        record: json!({ "pred": pred_name, "gt": gt_name, "sigma": sigma_name, "score": scoring.config }),
+    };
+    results::finish(results, store.root(), &mut progress).inspect_err(|_| store.discard_if_empty())
+}
+
+fn entry(pair: &MapPair, args: &ScoreMapsArgs, scoring: &Scoring) -> Result<Entry> {
+    let scaled = read_options("--png-scale", args.png_scale)?;
+    let predicted = read_depth(&pair.prediction, &scaled)?;
+    let remedy = |_| "give smaller maps".to_owned();
+    let bytes = |pixels| SceneMemory::new(&[], false).bytes(pixels, 1);
+    let what = pair.prediction.display().to_string();
+    limit(&args.memory).check_with(&what, predicted.dim(), "to be scored", bytes, remedy)?;
+    let truth = read_depth(&pair.truth, &ReadOptions::default())?;
+    let sigma = pair.sigma.as_ref().map(|path| read_depth(path, &scaled)).transpose()?;
+    let mut subject = Subject::new(predicted.view(), truth.view());
+    subject.sigma = sigma.as_ref().map(|sigma| sigma.view());
+    let files = || format!("{} against {}", pair.prediction.display(), pair.truth.display());
+    let scores = score(&subject, &scoring.config).with_context(files)?;
+    Ok(Entry::new(&pair.id, MAPS, scores))
+}

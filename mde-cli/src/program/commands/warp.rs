@@ -1,0 +1,107 @@
+//! `mde warp`: the synthetic views of a photograph.
+
+use crate::config::Preset;
+use crate::output::preview::contact_sheet;
+use crate::output::record::About;
+use crate::prior::origin::PriorOrigin;
+use crate::program::args::WarpArgs;
+use crate::program::open::settings::{settings, sizes, use_threads};
+use crate::program::open::{prior, scene};
+use crate::program::progress::Progress;
+use crate::program::provenance::{about, rows, write_json};
+use crate::program::store::folder::{OutputFolder, RECORD};
+use crate::program::terminal::line_of;
+use crate::refiner::Refiner;
+use crate::reports::iteration::WarpReport;
+use crate::scene::Scene;
+use anyhow::Result;
+use mde_prior::format::write_npy;
+use mde_prior::photo::{read_image, write_image, write_rgb_png};
+use mde_warp::PosedView;
+use ndarray::Array3;
+use serde::Serialize;
+use serde_json::json;
+use std::path::Path;
+
+#[derive(Serialize)]
+struct WarpRecord<'r> {
+    #[serde(flatten)]
+    about: About<'r>,
+    prior: &'r PriorOrigin,
+    warp: WarpReport,
+}
+
+/// One view in `poses.json`.
+#[derive(Serialize)]
+struct ViewRecord {
+    image: String,
+    mask: String,
+    depth: String,
+    /// Row by row.
+    world_to_camera: [[f64; 4]; 4],
+    /// Share of the pixels that may be trained on.
+    trainable: f64,
+}
+
+pub(super) fn run(args: &WarpArgs) -> Result<()> {
+    let mut progress = Progress::new(&args.run);
+    use_threads(&args.run)?;
+    let folder = OutputFolder::new(&args.run.output(&args.image, "-views"), args.run.force)?;
+    let prior = prior::open(&args.prior)?;
+    let mut settings = settings(&args.settings, &args.size.memory, Preset::Paper)?;
+    settings.sizes = sizes(&args.size);
+    let refiner = Refiner::new(&prior, settings)?;
+    let plan = refiner.plan(&args.image.display().to_string(), scene::size(&args.image)?, 1)?;
+    let photo = read_image(&args.image)?;
+    // Views are not brought back to a larger size.
+    let scene =
+        Scene::one(scene::photograph(&refiner, &args.camera, &args.image, photo, true, &mut progress)?);
+    let prepared = refiner.prepare(&scene, &plan, &mut progress)?;
+    progress.step("warp");
+    let (views, warp) = prepared.synthetic_views()?;
+    folder.write(|path| {
+        write_views(path, &views)?;
+        mde_prior::write_atomic(&path.join("config.toml"), refiner.settings().config.to_toml()?.as_bytes())?;
+        let about = About {
+            preset: Some(refiner.settings().preset.name()),
+            seed: Some(refiner.settings().config.seed),
+            warnings: progress.own_warnings(),
+            total_seconds: progress.seconds(),
+            ..about("warp", args.image.display().to_string(), prepared.camera())
+        };
+        write_json(&path.join(RECORD), &WarpRecord { about, prior: prepared.origin(), warp })
+    })?;
+    let text = format!(
+        "{} views, holes {:.2} % (at most {:.2} %), outside the image {:.2} %\nwrote {}",
+        warp.views,
+        100.0 * warp.mean_hole_fraction,
+        100.0 * warp.max_hole_fraction,
+        100.0 * warp.mean_outside_fraction,
+        line_of(folder.path())
+    );
+    progress.result(
+        &text,
+        json!({ "event": "done", "output": folder.path().display().to_string(), "warp": warp }),
+    );
+    Ok(())
+}
+
+fn write_views(folder: &Path, views: &[PosedView]) -> Result<()> {
+    let mut records = Vec::new();
+    for (index, view) in views.iter().enumerate() {
+        let (image, mask, depth) =
+            (format!("view_{index:02}.png"), format!("mask_{index:02}.png"), format!("depth_{index:02}.npy"));
+        write_image(folder.join(&image), view.image.view())?;
+        let (height, width) = view.mask.dim();
+        let white = Array3::from_shape_fn((height, width, 3), |(y, x, _)| 255 * u8::from(view.mask[(y, x)]));
+        write_rgb_png(folder.join(&mask), white.view())?;
+        if let Some(hypothesis) = view.hypotheses.first() {
+            write_npy(folder.join(&depth), hypothesis.mean())?;
+        }
+        let trainable = view.mask.iter().filter(|real| **real).count() as f64 / view.mask.len() as f64;
+        let world_to_camera = rows(&view.pose);
+        records.push(ViewRecord { image, mask, depth, world_to_camera, trainable });
+    }
+    write_json(&folder.join("poses.json"), &records)?;
+    Ok(write_rgb_png(folder.join("contact.png"), contact_sheet(views).pixels())?)
+}

@@ -1,0 +1,39 @@
+//! Errors as the user sees them: one line, with arguments as flags.
+
+use crate::error::named;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Where the last panic began, and its message.
+static PANIC: Mutex<String> = Mutex::new(String::new());
+
+/// Some photographs, scenes or methods failed; the results of the others are written.
+#[derive(Debug, thiserror::Error)]
+#[error("{failed} of the runs failed ({first}); the others are in {folder}")]
+pub(crate) struct Partial {
+    pub(crate) failed: usize,
+    pub(crate) first: String,
+    pub(crate) folder: String,
+}
+
+pub(crate) fn fault() -> MutexGuard<'static, String> {
+    PANIC.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The error and its causes, without those that its text contains already.
+pub(crate) fn message(error: &anyhow::Error) -> String {
+    let text =
+        error.chain().map(ToString::to_string).fold(String::new(), |text, cause| match text.as_str() {
+            "" => cause,
+            _ if text.contains(&cause) => text,
+            _ => format!("{text}: {cause}"),
+        });
+    flags(&text)
+}
+
+/// A text of the library with the arguments that it names in braces as flags.
+pub(crate) fn flags(text: &str) -> String {
+    named(text, |argument| match argument {
+        "keep-field" => "--export field".to_owned(),
+        argument => format!("--{argument}"),
+    })
+}

@@ -1,0 +1,13 @@
+//! Methods on many scenes, for `mde eval`, `mde ablate` and `mde calibrate`.
+
+pub(crate) mod ablation;
+pub(crate) mod fields;
+pub(crate) mod filtered;
+pub(crate) mod method;
+pub(crate) mod results;
+pub(crate) mod runner;
+pub(crate) mod scenes;
+pub(crate) mod scoring;
+pub(crate) mod setup;
+pub(crate) mod store;
+pub(crate) mod verdict;

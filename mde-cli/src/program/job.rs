@@ -1,0 +1,190 @@
+//! One refinement: its steps, and the files of its folder.
+
+use crate::output::export::{Exported, Format};
+use crate::output::maps::Maps;
+use crate::output::preview::strip;
+use crate::output::record::{About, RunRecord};
+use crate::program::open::truth::{Comparison, Truth};
+use crate::program::progress::Progress;
+use crate::program::provenance::{about, write_json};
+use crate::program::store::folder::{OutputFolder, RECORD};
+use crate::program::terminal::line_of;
+use crate::program::{report, summary};
+use crate::refinement::event::Event;
+use crate::refiner::{Observer, Plan, Prepared, Refined, Refiner};
+use crate::reports::Refinement;
+use crate::scene::Scene;
+use anyhow::{Context, Result};
+use mde_prior::DepthKind;
+use mde_prior::photo::write_image;
+use serde_json::json;
+use std::fs;
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::time::Instant;
+
+/// A refinement with what is written of it.
+pub(crate) struct Job<'p> {
+    pub(crate) command: &'static str,
+    pub(crate) refiner: &'p Refiner<'p>,
+    /// Files for other programs.
+    pub(crate) export: &'p [Format],
+    pub(crate) truth: Option<Truth>,
+    /// Whether the photographs are written too, as they are.
+    pub(crate) keep_photographs: bool,
+}
+
+/// A refinement with its scores.
+pub(crate) struct Scored<'s> {
+    pub(crate) refined: Refined<'s>,
+    scores: Option<Comparison>,
+    score_seconds: f64,
+}
+
+impl Observer for Progress {
+    fn event(&mut self, event: &Event) -> ControlFlow<()> {
+        self.observe(event)
+    }
+
+    fn warn(&mut self, warning: String) {
+        Self::warn(self, warning);
+    }
+}
+
+impl Job<'_> {
+    /// Refines the scene's reference, scores, writes and prints.
+    pub(crate) fn run(
+        &self,
+        scene: &Scene,
+        plan: &Plan,
+        input: &str,
+        folder: &OutputFolder,
+        progress: &mut Progress,
+    ) -> Result<()> {
+        let mut prepared = self.refiner.prepare(scene, plan, progress)?;
+        let Scored { refined, scores, .. } =
+            self.produce(&mut prepared, scene.reference, input, folder, progress, |_, _, _| Ok(()))?;
+        let table = scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
+        let value =
+            json!({ "event": "done", "output": folder.path().display().to_string(), "scores": scores });
+        // A network's metres have a scale of their own.
+        let unscaled = refined.origin.model.is_some() && scene.known.is_none() && !scene.is_several();
+        let mut gained = summary::summary(&refined, unscaled);
+        if let Some(interval) = &refined.stated.interval {
+            gained += &format!(
+                "\nlower.npy and upper.npy: {:.0} % interval, the depth -+ {:.2} sigma, by {}",
+                100.0 * interval.probability,
+                interval.half_width,
+                interval.by
+            );
+        }
+        let report = folder.path().join(report::FILE);
+        let text = format!(
+            "{table}{gained}\nwrote {} in {:.1} s; open {} in a browser",
+            line_of(folder.path()),
+            progress.seconds(),
+            line_of(&report)
+        );
+        progress.result(&text, value);
+        Ok(())
+    }
+
+    /// Refines a photograph, scores and writes; `last` adds files to the folder before it gets its name.
+    pub(crate) fn produce<'s>(
+        &self,
+        prepared: &mut Prepared<'s>,
+        photograph: usize,
+        input: &str,
+        folder: &OutputFolder,
+        progress: &mut Progress,
+        last: impl FnOnce(&Path, &Refined<'s>, &Progress) -> Result<()>,
+    ) -> Result<Scored<'s>> {
+        let refined = prepared.refine(photograph, None, progress)?;
+        let start = Instant::now();
+        let mut scores = None;
+        if let Some(truth) = &self.truth {
+            progress.step("score");
+            scores = Some(truth.compare(&refined.refinement, refined.origin.kind)?);
+        }
+        let scored = Scored { refined, scores, score_seconds: start.elapsed().as_secs_f64() };
+        folder.write(|path| {
+            self.write(path, input, &scored, progress)?;
+            last(path, &scored.refined, progress)
+        })?;
+        Ok(scored)
+    }
+
+    /// All files of the refinement of `input`.
+    fn write(&self, path: &Path, input: &str, scored: &Scored<'_>, progress: &Progress) -> Result<()> {
+        let Scored { refined, scores, score_seconds } = scored;
+        let settings = self.refiner.settings();
+        self.write_maps(path, refined)?;
+        if let Some(field) = refined.field.as_ref().filter(|_| settings.keep_field) {
+            field.lock().save(path.join("field.safetensors"))?;
+        }
+        let about = About {
+            preset: Some(settings.preset.name()),
+            seed: Some(settings.config.seed),
+            warnings: progress.own_warnings(),
+            total_seconds: progress.own_seconds(),
+            ..about(self.command, input.to_owned(), &refined.camera)
+        };
+        let record = RunRecord {
+            scores: scores.as_ref(),
+            score_seconds: *score_seconds,
+            ..RunRecord::new(about, refined, progress.training())
+        };
+        write_json(&path.join(RECORD), &record)?;
+        let Refinement { depth, prior, components, certainty, .. } = &refined.refinement;
+        let exported = Exported {
+            unit: refined.unit,
+            image: refined.image,
+            camera: &refined.camera.camera,
+            depth,
+            prior: prior.view(),
+            components: components.iter().map(|part| (part.name, part.sigma.view())).collect(),
+            certainty: certainty.as_ref().map(|own| (own.meaning, own.map.view())),
+            png_scale: refined.png.scale,
+        };
+        self.export.iter().try_for_each(|format| exported.write(*format, path))?;
+        report::write(path)?;
+        Ok(())
+    }
+
+    fn write_maps(&self, folder: &Path, refined: &Refined<'_>) -> Result<()> {
+        let Refined { refinement, png, stated, scene, .. } = refined;
+        let sigma = refinement.depth.sigma();
+        let bounds = stated.interval.as_ref().map(|interval| interval.bounds(&refinement.depth));
+        let mut more = Vec::new();
+        if let Some([lower, upper]) = &bounds {
+            more.extend([("lower", lower.view()), ("upper", upper.view())]);
+        }
+        more.extend(self.truth.as_ref().map(|truth| ("gt", truth.depth.view())));
+        let evidence = refinement.capture.as_ref().and_then(|capture| capture.evidence.as_ref());
+        let evidence: Vec<_> = evidence.iter().flat_map(|evidence| evidence.arrays()).collect();
+        let metric = refined.origin.kind == DepthKind::Metric;
+        Maps {
+            depth: &refinement.depth,
+            sigma: sigma.view(),
+            prior: refinement.prior.view(),
+            more: &more,
+            evidence: &evidence.iter().map(|(name, map)| (*name, map.view())).collect::<Vec<_>>(),
+            image: refined.image,
+            pictures: &refined.pictures(),
+            strip: &strip(&refined.shown(), refined.image.dim().1),
+            truth: self.truth.as_ref().filter(|_| metric).map(|truth| truth.depth.view()),
+            png,
+        }
+        .write(folder)?;
+        let config = refined.config_toml(&self.refiner.settings().config)?;
+        mde_prior::write_atomic(&folder.join("config.toml"), config.as_bytes())?;
+        if self.keep_photographs && scene.is_several() {
+            let path = folder.join("photographs");
+            fs::create_dir_all(&path).with_context(|| path.display().to_string())?;
+            for photograph in &scene.photographs {
+                write_image(path.join(&photograph.name), photograph.image.view())?;
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,73 @@
+//! `mde`: refines the monocular depth of a photograph, with a standard deviation per pixel.
+
+mod args;
+mod commands;
+#[cfg(test)]
+mod documented;
+mod error;
+mod evaluation;
+mod interrupt;
+mod job;
+mod many;
+mod open;
+mod progress;
+mod provenance;
+mod report;
+mod store;
+mod summary;
+mod terminal;
+
+use crate::program::error::{Partial, fault, message};
+use crate::program::open::photographs;
+use crate::program::terminal::visible;
+use clap::FromArgMatches;
+use std::io::{self, Write};
+use std::panic::{self, AssertUnwindSafe};
+use std::process::ExitCode;
+
+/// The exit code after a fault of the program itself.
+const FAULT: u8 = 101;
+
+/// Runs the program with the arguments of the process.
+pub fn main() -> ExitCode {
+    let matches = args::command().get_matches();
+    let cli = args::Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    // Kept, not printed: a panic within a network's runtime becomes an error that names the network.
+    panic::set_hook(Box::new(|info| *fault() = info.to_string()));
+    interrupt::install();
+    let Ok(result) = panic::catch_unwind(AssertUnwindSafe(|| commands::run(&cli.command))) else {
+        print(&format!("error: a fault of the program, please report it: {}", fault()));
+        return ExitCode::from(FAULT);
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(_) if interrupt::requested() => {
+            let resumable = match &cli.command {
+                args::Command::Eval(_) | args::Command::Ablate(_) | args::Command::Calibrate(_) => true,
+                args::Command::Refine(refine) => {
+                    refine.several.all || photographs::are_many(&refine.photographs())
+                }
+                _ => false,
+            };
+            print(match resumable {
+                true => "interrupted; finished work is kept, and the same command resumes it",
+                false => "interrupted; nothing was written",
+            });
+            ExitCode::from(interrupt::EXIT_CODE)
+        }
+        Err(error) => {
+            print(&format!(
+                "{} {}",
+                console::style("error:").for_stderr().red().bold(),
+                visible(&message(&error))
+            ));
+            if error.is::<Partial>() { ExitCode::from(3) } else { ExitCode::FAILURE }
+        }
+    }
+}
+
+/// One line on stderr.
+fn print(message: &str) {
+    let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
+    let _ = writeln!(io::stderr(), "{line}");
+}

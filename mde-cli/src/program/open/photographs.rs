@@ -1,0 +1,204 @@
+//! The photographs of a command that takes many: files, folders, lists of names.
+
+use anyhow::{Context, Result, bail, ensure};
+use glob::{MatchOptions, glob_with};
+use mde_prior::{FileKind, open};
+use std::collections::HashSet;
+use std::ffi::OsStr;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+/// Extensions of photographs within a folder.
+const PHOTOGRAPHS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
+/// Standard input.
+const STDIN: &str = "-";
+const LIST: &str = "txt";
+
+/// The bytes of a photograph.
+pub(crate) fn content(path: &Path) -> Result<Vec<u8>> {
+    ensure!(path.exists(), "no such photograph; check the path");
+    open::read(path, FileKind::Photograph).context("can't be read; give a photograph's file")
+}
+
+/// Whether the arguments name more than one photograph: several of them, a folder, a list, a pattern, standard input.
+pub(crate) fn are_many(named: &[&Path]) -> bool {
+    match named {
+        [one] => *one == Path::new(STDIN) || is_list(one) || one.is_dir() || is_pattern(one),
+        _ => true,
+    }
+}
+
+/// All photographs in the order of the arguments, each file once; those of folders and patterns in the order of their names. A named file
+/// that is missing is among them.
+pub(crate) fn all(named: &[&Path]) -> Result<Vec<PathBuf>> {
+    let (mut paths, mut seen) = (Vec::new(), HashSet::new());
+    for name in named {
+        let found = match () {
+            () if *name == Path::new(STDIN) => {
+                let mut text = String::new();
+                std::io::stdin()
+                    .read_to_string(&mut text)
+                    .context("-: standard input can't be read as UTF-8 text")?;
+                listed("standard input", &text, Path::new("."))?
+            }
+            // Not every shell has put the names in its place.
+            () if is_pattern(name) => {
+                let found = of_pattern(name);
+                ensure!(
+                    !found.is_empty(),
+                    "{}: no photograph ({}) has such a name; check the path",
+                    name.display(),
+                    PHOTOGRAPHS.join(", ")
+                );
+                found
+            }
+            () if is_list(name) => {
+                let fault =
+                    || format!("{}: the list can't be read; give a text file of paths", name.display());
+                let text = open::read_text(name, FileKind::Text).with_context(fault)?;
+                listed(&name.display().to_string(), &text, name.parent().unwrap_or(Path::new(".")))?
+            }
+            () if name.is_dir() => {
+                let found = in_folder("PHOTO", name)?;
+                ensure!(
+                    !found.is_empty(),
+                    "{}: the folder holds no photograph ({}); folders within it are not searched",
+                    name.display(),
+                    PHOTOGRAPHS.join(", ")
+                );
+                found
+            }
+            () => vec![name.to_path_buf()],
+        };
+        for path in found {
+            if seen.insert(path.canonicalize().unwrap_or_else(|_| path.clone())) {
+                paths.push(path);
+            }
+        }
+    }
+    Ok(paths)
+}
+
+fn is_list(path: &Path) -> bool {
+    path.extension().and_then(OsStr::to_str).is_some_and(|e| e.eq_ignore_ascii_case(LIST)) && !path.is_dir()
+}
+
+/// The photographs whose names match, in their order; a name that begins with a dot only where the pattern's does.
+fn of_pattern(pattern: &Path) -> Vec<PathBuf> {
+    let options = MatchOptions {
+        case_sensitive: !cfg!(windows),
+        require_literal_separator: true,
+        require_literal_leading_dot: true,
+    };
+    let found = pattern.to_str().and_then(|text| glob_with(text, options).ok());
+    found.into_iter().flatten().flatten().filter(|path| is_photograph(path)).collect()
+}
+
+/// One name or pattern per line, from the working folder, else from `folder`; empty lines and those that begin with # are skipped.
+fn listed(list: &str, text: &str, folder: &Path) -> Result<Vec<PathBuf>> {
+    let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
+    let place = |line: &str| {
+        let (here, beside) = (PathBuf::from(line), folder.join(line));
+        if here.exists() {
+            return vec![here];
+        }
+        if beside.exists() {
+            return vec![beside];
+        }
+        let found = [&here, &beside].map(|pattern| of_pattern(pattern));
+        found.into_iter().find(|found| !found.is_empty()).unwrap_or_else(|| vec![here])
+    };
+    let paths: Vec<PathBuf> = lines.flat_map(place).collect();
+    match paths.iter().any(|path| path.is_file()) {
+        true => Ok(paths),
+        false if paths.is_empty() => bail!("{list}: names no photograph; give one path per line"),
+        false => bail!("{list}: none of its {} lines names a file; give one path per line", paths.len()),
+    }
+}
+
+/// The photographs in a folder, in the order of their names; `flag` named it.
+pub(crate) fn in_folder(flag: &str, folder: &Path) -> Result<Vec<PathBuf>> {
+    let fault = || format!("{flag} {}: the folder can't be read; check the path", folder.display());
+    let mut paths = Vec::new();
+    for entry in std::fs::read_dir(folder).with_context(fault)? {
+        let path = entry.with_context(fault)?.path();
+        if is_photograph(&path) {
+            paths.push(path);
+        }
+    }
+    paths.sort();
+    Ok(paths)
+}
+
+/// Whether it is a file with the extension of a photograph.
+fn is_photograph(path: &Path) -> bool {
+    let extension = path.extension().and_then(OsStr::to_str);
+    extension.is_some_and(|e| PHOTOGRAPHS.contains(&e.to_ascii_lowercase().as_str())) && path.is_file()
+}
+
+/// Whether it has wildcards (`*`, `?`, `[abc]`) and is no path itself.
+fn is_pattern(path: &Path) -> bool {
+    path.to_str().is_some_and(|text| text.contains(['*', '?', '['])) && !path.exists()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pattern_that_no_shell_expanded_names_photographs() {
+        let place = tempfile::tempdir().unwrap();
+        let at = |name: &str| place.path().join(name);
+        std::fs::create_dir_all(at("shots/b")).unwrap();
+        std::fs::create_dir(at("shots/a")).unwrap();
+        for name in ["shots/b/2.png", "shots/a/1.png", "shots/a/.hidden.png", "shots/notes.txt", "[x].png"] {
+            std::fs::write(at(name), "").unwrap();
+        }
+        let both = [at("shots/a/1.png"), at("shots/b/2.png")];
+        let pattern = at("shots/?/*.png");
+        assert!(are_many(&[&pattern]));
+        assert_eq!(all(&[&pattern]).unwrap(), both);
+        // A file of that name is itself.
+        assert!(!are_many(&[&at("[x].png")]));
+        std::fs::write(at("list.txt"), "shots/*/*\n[x].png\n").unwrap();
+        let expected = [both[0].clone(), both[1].clone(), at("[x].png")];
+        assert_eq!(all(&[&at("list.txt")]).unwrap(), expected);
+        let refused = all(&[&at("shots/*")]).unwrap_err().to_string();
+        assert!(refused.contains("no photograph") && refused.contains("shots/*"), "{refused}");
+    }
+
+    #[test]
+    fn files_folders_and_lists_give_each_photograph_once() {
+        let place = tempfile::tempdir().unwrap();
+        let at = |name: &str| place.path().join(name);
+        std::fs::create_dir(at("shots")).unwrap();
+        for name in ["b.png", "shots/2.JPG", "shots/1.png", "shots/notes.txt"] {
+            std::fs::write(at(name), "").unwrap();
+        }
+        std::fs::write(at("list.txt"), "# two\n\nshots/1.png\n  absent.png \n").unwrap();
+        let (file, folder, list) = (at("b.png"), at("shots"), at("list.txt"));
+        let found = all(&[&file, &folder, &list, &file]).unwrap();
+        // A name that is missing stays: it becomes a row of its own.
+        assert_eq!(found, [at("b.png"), at("shots/1.png"), at("shots/2.JPG"), PathBuf::from("absent.png")]);
+        assert!(
+            are_many(&[&folder]) && are_many(&[&list]) && are_many(&[&file, &file]) && !are_many(&[&file])
+        );
+    }
+
+    #[test]
+    fn what_holds_no_photograph_is_refused_in_a_line() {
+        let place = tempfile::tempdir().unwrap();
+        let empty = place.path().join("empty");
+        std::fs::create_dir(&empty).unwrap();
+        let prose = place.path().join("prose.txt");
+        std::fs::write(&prose, "It was a dark\nand stormy night.\n").unwrap();
+        let blank = place.path().join("blank.txt");
+        std::fs::write(&blank, "\n# nothing\n").unwrap();
+        for (path, word) in
+            [(&empty, "holds no photograph"), (&prose, "none of its 2 lines"), (&blank, "one path per line")]
+        {
+            let refused = all(&[path]).unwrap_err().to_string();
+            assert!(refused.contains(word), "{refused}");
+        }
+    }
+}

@@ -1,0 +1,61 @@
+//! The monocular depth that the command line names.
+
+use crate::prior::OpenPrior;
+use crate::prior::files::{MapFile, read_options};
+use crate::program::args::{NetworkArgs, PriorArgs};
+use anyhow::Result;
+use std::path::Path;
+
+pub(crate) fn open(args: &PriorArgs) -> Result<OpenPrior<'static>> {
+    match (&args.source.prior_model, &args.source.prior_depth) {
+        (Some(model), _) => network(model, &args.network),
+        (None, Some(file)) => map(file, &args.network),
+        (None, None) => anyhow::bail!("no prior is named; give --prior-model or --prior-depth"),
+    }
+}
+
+/// A depth map.
+pub(crate) fn map(path: &Path, args: &NetworkArgs) -> Result<OpenPrior<'static>> {
+    let options = read_options("--png-scale", args.png_scale)?;
+    Ok(OpenPrior::map(MapFile::open(path, args.prior_kind, options)?))
+}
+
+#[cfg(feature = "onnx")]
+pub(crate) fn network(path: &Path, args: &NetworkArgs) -> Result<OpenPrior<'static>> {
+    use crate::prior::files::{NetworkFormat, open_network};
+    let spec = NetworkFormat { profile: args.model_profile.as_deref(), kind: args.prior_kind }.spec(path)?;
+    let (prior, origin) = open_network(path, spec, &runtime(args.runtime.as_deref())?)?;
+    Ok(OpenPrior::given(Box::new(prior), origin))
+}
+
+#[cfg(not(feature = "onnx"))]
+pub(crate) fn network(path: &Path, _: &NetworkArgs) -> Result<OpenPrior<'static>> {
+    let path = path.display();
+    anyhow::bail!(
+        "{path}: this program was built without ONNX; build it with --features onnx, or use --prior-depth"
+    )
+}
+
+/// What runs a network: `tract`, `auto`, `onnxruntime` or a library's path.
+#[cfg(feature = "onnx")]
+pub(crate) fn runtime(wanted: Option<&str>) -> Result<mde_prior::Runtime> {
+    let wanted = wanted.unwrap_or("tract");
+    #[cfg(feature = "onnxruntime")]
+    if wanted != "tract" {
+        let named = (!["auto", "onnxruntime"].contains(&wanted)).then(|| Path::new(wanted));
+        if let Some(library) = mde_prior::find_onnxruntime(named) {
+            return Ok(mde_prior::Runtime::OnnxRuntime(library));
+        }
+        anyhow::ensure!(
+            wanted == "auto",
+            "--runtime {wanted}: no library of ONNX Runtime was found; install it (pip install onnxruntime), or give the library's path here or as \
+             ORT_DYLIB_PATH"
+        );
+    }
+    #[cfg(not(feature = "onnxruntime"))]
+    anyhow::ensure!(
+        ["tract", "auto"].contains(&wanted),
+        "--runtime {wanted}: this program was built without ONNX Runtime; build it with --features onnxruntime, or give tract"
+    );
+    Ok(mde_prior::Runtime::Tract)
+}

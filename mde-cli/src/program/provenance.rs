@@ -1,0 +1,61 @@
+//! Provenance of a run: command, versions, memory.
+
+use crate::output::record::About;
+use crate::scene::camera::KnownCamera;
+use anyhow::{Context, Result};
+use serde::Serialize;
+use std::path::Path;
+
+/// Writes a record as JSON.
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
+    let text = serde_json::to_string_pretty(value).with_context(|| path.display().to_string())?;
+    Ok(mde_prior::write_atomic(path, (text + "\n").as_bytes())?)
+}
+
+/// The command line, quoted for a shell where needed.
+pub(crate) fn command_line() -> String {
+    let arguments = std::env::args_os().skip(1).map(|argument| quoted(&argument.to_string_lossy()));
+    std::iter::once("mde".to_owned()).chain(arguments).collect::<Vec<_>>().join(" ")
+}
+
+fn quoted(argument: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./,=:+@%^".contains(c);
+    if !argument.is_empty() && argument.chars().all(plain) {
+        argument.to_owned()
+    } else {
+        format!("'{}'", argument.replace('\'', r"'\''"))
+    }
+}
+
+/// The common part of the record of a command.
+pub(crate) fn about<'r>(command: &'static str, input: String, camera: &'r KnownCamera) -> About<'r> {
+    About {
+        command_line: Some(command_line()),
+        peak_memory_bytes: peak_memory(),
+        ..About::new(command, input, camera)
+    }
+}
+
+/// A pose's matrix, row by row.
+pub(crate) fn rows(pose: &mde_warp::Pose) -> [[f64; 4]; 4] {
+    let matrix = pose.to_homogeneous();
+    std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]))
+}
+
+/// Peak resident memory of the process, bytes; known on Linux only.
+pub(crate) fn peak_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    Some(1024 * line.split_whitespace().next()?.parse::<u64>().ok()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_line_can_be_given_to_a_shell_again() {
+        let arguments = ["refine", "a b.png", "--fov=60", "it's", "", "$HOME", "ü.jpg"];
+        assert_eq!(arguments.map(quoted).join(" "), r"refine 'a b.png' --fov=60 'it'\''s' '' '$HOME' ü.jpg");
+    }
+}

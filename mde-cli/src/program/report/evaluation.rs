@@ -1,0 +1,250 @@
+//! The page of an evaluation or an ablation.
+
+use crate::output::preview::{depth_picture_within, sigma_picture_within, usual_range};
+use crate::program::report::encode::{fitted, gradients, nearest, picture, svg};
+use crate::program::report::{page, read_json, read_text};
+use crate::program::store::folder::file_name;
+use anyhow::{Context, Result};
+use mde_eval::score::{Better, Group, METRICS, Metric};
+use mde_eval::table::original_name;
+use mde_prior::format::{ReadOptions, read_values};
+use mde_prior::photo::read_image;
+use ndarray::{Array2, ArrayView2};
+use serde_json::{Map, Value, json};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::Path;
+
+/// A reduced image of the scene, for the report.
+pub(crate) const PICTURE: &str = "picture.png";
+/// The file that marks an evaluation.
+pub(super) const SUMMARY: &str = "summary.json";
+/// Thumbnails fit into a square of so many pixels.
+const THUMBNAIL: usize = 200;
+/// Scenes that get thumbnails, the worst: the page stays small enough to be opened.
+const SCENES: usize = 40;
+/// The figures, in the order of the page.
+pub(crate) const FIGURES: [(&str, &str); 3] = [
+    (
+        "error-by-percentile",
+        "Mean error by percentile of sigma: a rising line means that larger sigmas go with larger errors.",
+    ),
+    (
+        "sparsification",
+        "Error of the remaining pixels when those of largest sigma are removed; lower is better.",
+    ),
+    (
+        "reliability",
+        "Share of pixels whose true depth lies within the stated interval; a calibrated sigma is on the diagonal.",
+    ),
+];
+
+/// The row of `scenes.csv` of a scene, by method.
+type Scores = BTreeMap<String, Map<String, Value>>;
+
+pub(super) fn page(folder: &Path) -> Result<String> {
+    let summary: Value = read_json(&folder.join(SUMMARY))?;
+    let (order, scores) = scores(&folder.join("scenes.csv"))?;
+    let judged = judged(&summary);
+    let worst = worst(&order, &scores, judged.as_ref());
+    let mut scenes = Vec::new();
+    for id in &order {
+        let of_scene = scores.get(id).cloned().unwrap_or_default();
+        let shown = worst.contains(&**id);
+        let thumbnails = if shown { thumbnails(folder, id, &of_scene)? } else { Value::Null };
+        scenes.push(json!({ "id": id, "scores": of_scene, "thumbnails": thumbnails }));
+    }
+    let mut figures = Vec::new();
+    for (name, what) in FIGURES {
+        let path = folder.join(format!("{name}.svg"));
+        if path.is_file() {
+            figures.push(json!({ "name": name, "what": what, "image": svg(&read_text(&path)?) }));
+        }
+    }
+    let title = summary["title"].as_str().unwrap_or("Evaluation").to_owned();
+    let data = json!({
+        "kind": "evaluation",
+        "title": title,
+        "summary": summary,
+        "metrics": METRICS.iter().map(metric).collect::<Vec<_>>(),
+        "groups": Group::ALL.map(Group::title),
+        "figures": figures,
+        "gradients": gradients(),
+        "scenes": scenes,
+        "thumbnails_of": SCENES,
+        "judged": judged.map(|(method, metric)| json!({ "method": method, "metric": metric.key })),
+    });
+    Ok(page::page(&title, &data))
+}
+
+/// The method and the metric by which a scene is bad: the first method after the prior with scores of its depth, where there is one,
+/// and its AbsRel, else its first metric.
+fn judged(summary: &Value) -> Option<(String, &'static Metric)> {
+    let methods = summary["summary"]["methods"].as_array()?;
+    let has_depth = |method: &&Value| method["metrics"].get("abs_rel").is_some();
+    let found = methods.iter().filter(has_depth).find(|method| method["method"] != "prior");
+    let found = found.or_else(|| methods.iter().find(has_depth)).or_else(|| methods.first())?;
+    let known = || METRICS.iter().filter(|metric| found["metrics"].get(metric.key).is_some());
+    let metric = known().find(|metric| metric.key.starts_with("abs")).or_else(|| known().next())?;
+    Some((found["method"].as_str()?.to_owned(), metric))
+}
+
+/// At most [`SCENES`] scenes, the worst first; those without a score last.
+fn worst<'s>(
+    order: &'s [String],
+    scores: &BTreeMap<String, Scores>,
+    judged: Option<&(String, &'static Metric)>,
+) -> BTreeSet<&'s str> {
+    let badness = |scene: &str| -> Option<f64> {
+        let (method, metric) = judged?;
+        let value = scores.get(scene)?.get(method)?.get(metric.key)?.as_f64()?;
+        Some(if matches!(metric.better, Better::Higher) { -value } else { value })
+    };
+    let mut sorted: Vec<(f64, &str)> =
+        order.iter().map(|scene| (badness(scene).unwrap_or(f64::NEG_INFINITY), &**scene)).collect();
+    sorted.sort_by(|a, b| b.0.total_cmp(&a.0));
+    sorted.into_iter().take(SCENES).map(|(_, scene)| scene).collect()
+}
+
+fn metric(metric: &Metric) -> Value {
+    let (better, target) = match metric.better {
+        Better::Lower => ("lower", None),
+        Better::Higher => ("higher", None),
+        Better::Near(target) => ("near", Some(target)),
+        Better::Neither => ("neither", None),
+    };
+    json!({ "key": metric.key, "label": metric.label, "better": better, "target": target,
+            "group": metric.group.title(), "shown": metric.shown })
+}
+
+/// Scenes in the file's order, and their scores: means over seeds.
+fn scores(path: &Path) -> Result<(Vec<String>, BTreeMap<String, Scores>)> {
+    let name = || path.display().to_string();
+    let text = read_text(path)?;
+    let mut reader = csv::Reader::from_reader(text.as_bytes());
+    let header = reader.headers().with_context(name)?.clone();
+    let mut order: Vec<String> = Vec::new();
+    // By scene, method and metric: the sum over seeds, and how many there are.
+    let mut sums: BTreeMap<[String; 3], (f64, u32)> = BTreeMap::new();
+    for row in reader.records() {
+        let row = row.with_context(name)?;
+        let cell = |key: &str| header.iter().position(|h| h == key).and_then(|i| row.get(i));
+        let name = |key: &str| original_name(cell(key).unwrap_or_default());
+        let (scene, method) = (name("scene"), name("method"));
+        if !order.iter().any(|known| known == scene) {
+            order.push(scene.to_owned());
+        }
+        for metric in METRICS.iter().filter(|metric| metric.shown) {
+            if let Some(value) = cell(metric.key).and_then(|text| text.parse::<f64>().ok()) {
+                let sum = sums.entry([scene, method, metric.key].map(str::to_owned)).or_default();
+                *sum = (sum.0 + value, sum.1 + 1);
+            }
+        }
+    }
+    let mut means: BTreeMap<String, Scores> = BTreeMap::new();
+    for ([scene, method, key], (sum, seeds)) in sums {
+        let of_method = means.entry(scene).or_default().entry(method).or_default();
+        of_method.insert(key, json!(sum / f64::from(seeds)));
+    }
+    Ok((order, means))
+}
+
+/// The scene's picture and the maps of its methods that are in the tables, on one scale.
+fn thumbnails(folder: &Path, id: &str, scores: &Scores) -> Result<Value> {
+    let scene = folder.join("scenes").join(file_name(id));
+    let mut maps = Vec::new();
+    let mut seen = BTreeSet::new();
+    for place in folders(&scene) {
+        // The maps' name in the tables is written in their scores.
+        let Ok(scored) = read_json::<Value>(&place.join("scores.json")) else { continue };
+        let label = scored["entries"][0]["method"].as_str().unwrap_or_default().to_owned();
+        if !scores.contains_key(&label) || !seen.insert(label.clone()) {
+            continue;
+        }
+        let depth = place.join("depth.npy");
+        if depth.is_file() {
+            let depth = small(&read_values(&depth, &ReadOptions::default())?);
+            let sigma = place.join("sigma.npy");
+            let sigma = match sigma.is_file() {
+                true => Some(small(&read_values(&sigma, &ReadOptions::default())?)),
+                false => None,
+            };
+            maps.push((label, depth, sigma));
+        }
+    }
+    // The prior first: its colour range is used for all.
+    maps.sort_by_key(|(label, ..)| (label != "prior", label.clone()));
+    let Some((_, first, _)) = maps.first() else { return Ok(Value::Null) };
+    let depths = usual_range(first.iter());
+    let sigmas = usual_range(maps.iter().filter_map(|(_, _, sigma)| sigma.as_ref()).flatten());
+    let mut shown = Vec::new();
+    for (label, depth, sigma) in &maps {
+        let sigma = match sigma {
+            Some(sigma) => Some(picture(sigma_picture_within(sigma.view(), sigmas).pixels())?),
+            None => None,
+        };
+        let depth = picture(depth_picture_within(depth.view(), depths).pixels())?;
+        shown.push(json!({ "method": label, "depth": depth, "sigma": sigma }));
+    }
+    let image = match read_image(scene.join(PICTURE)) {
+        Ok(photo) => Some(picture(photo.pixels.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())?),
+        Err(_) => None,
+    };
+    Ok(json!({ "image": image, "maps": shown, "depths": depths, "sigmas": sigmas }))
+}
+
+fn small(map: &Array2<f32>) -> Array2<f32> {
+    nearest(ArrayView2::from(map), fitted(map.dim(), THUMBNAIL))
+}
+
+/// The folders in a folder, sorted; none where it is missing.
+fn folders(folder: &Path) -> Vec<std::path::PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut folders: Vec<_> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
+    folders.sort();
+    folders
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_worst_scenes_get_the_thumbnails() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("scenes.csv");
+        let rows = |i: usize| format!("s{i},fast,0,median,{i}\ns{i},prior,0,median,{}\n", 100 - i);
+        let text: String = (0..SCENES + 5).map(rows).collect();
+        fs::write(&path, format!("scene,method,seed,alignment,abs_rel\n{text}none,prior,0,median,1\n"))
+            .unwrap();
+        let (order, scores) = scores(&path).unwrap();
+        // A trivial sigma of the prior has no depth of its own; a control comes after the methods.
+        let method = |name: &str, key: &str| json!({ "method": name, "metrics": { key: {} } });
+        let summary = |methods: &[Value]| json!({ "summary": { "methods": methods } });
+        let [prior, constant] = [method("prior", "abs_rel"), method("prior, sigma by constant", "ause_mae")];
+        let judged_of =
+            |methods: &[Value]| judged(&summary(methods)).map(|(name, metric)| (name, metric.key));
+        let fast = method("fast", "abs_rel");
+        let judged_by = |name: &str| Some((name.to_owned(), "abs_rel"));
+        assert_eq!(judged_of(&[prior.clone(), constant.clone()]), judged_by("prior"));
+        assert_eq!(judged_of(&[prior.clone(), constant.clone(), fast.clone()]), judged_by("fast"));
+        assert_eq!(judged_of(std::slice::from_ref(&constant)).unwrap().1, "ause_mae");
+        let judged = judged(&summary(&[prior, constant, fast])).unwrap();
+        let worst = worst(&order, &scores, Some(&judged));
+        assert_eq!(worst.len(), SCENES);
+        assert!(worst.contains("s5") && worst.contains("s44") && !worst.contains("s4"), "{worst:?}");
+    }
+
+    #[test]
+    fn seeds_are_averaged_and_empty_cells_stay_empty() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("scenes.csv");
+        let text = "scene,method,seed,alignment,mse,abs_rel\nb,fast,0,median,1.0,\nb,fast,1,median,3.0,\na,prior,0,median,5,0.25\n";
+        fs::write(&path, text).unwrap();
+        let (order, scores) = scores(&path).unwrap();
+        assert_eq!(order, ["b", "a"]);
+        assert_eq!(scores["b"]["fast"]["mse"], 2.0);
+        let key = METRICS.iter().find(|m| m.key.contains("abs")).unwrap().key;
+        assert!(!scores["b"]["fast"].contains_key(key));
+    }
+}

@@ -1,0 +1,85 @@
+//! `report.html`: one self-contained page that shows a finished folder. It is made from the files of the folder, so it can
+//! be made again at any time.
+
+mod encode;
+mod evaluation;
+mod index;
+mod page;
+mod photographs;
+mod run;
+
+pub(crate) use evaluation::{FIGURES, PICTURE};
+pub(crate) use index::photographs_page;
+
+use crate::output::every::{CLOUD, PhotographRow};
+use crate::output::export::transforms::FILE as TRANSFORMS;
+use crate::program::store::folder::RECORD;
+use anyhow::{Context, Result, bail, ensure};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The page's name in its folder.
+pub(crate) const FILE: &str = "report.html";
+
+/// The page of all photographs of a capture.
+pub(crate) const INDEX: &str = "index.html";
+
+/// The page of all photographs of a capture.
+pub(crate) fn every_page(rows: &[PhotographRow]) -> String {
+    photographs_page(rows, rows.len(), "preview.png", &[CLOUD, TRANSFORMS, RECORD])
+}
+
+/// Writes the page of a run's or an evaluation's folder into it, atomically.
+pub(crate) fn write(folder: &Path) -> Result<PathBuf> {
+    let html = if folder.join(evaluation::SUMMARY).is_file() {
+        evaluation::page(folder)?
+    } else if folder.join(RECORD).is_file() {
+        match read_json::<Every>(&folder.join(RECORD))?.photographs {
+            Some(rows) => return every(folder, &rows),
+            None => run::page(folder)?,
+        }
+    } else {
+        bail!(
+            "{}: holds neither {RECORD} nor {}; give a folder that mde refine, demo, eval or ablate wrote",
+            folder.display(),
+            evaluation::SUMMARY
+        )
+    };
+    let path = folder.join(FILE);
+    mde_prior::write_atomic(&path, html.as_bytes())?;
+    Ok(path)
+}
+
+/// What the record of a run has that refined every photograph of a capture.
+#[derive(Deserialize)]
+struct Every {
+    photographs: Option<Vec<PhotographRow>>,
+}
+
+/// Writes the page of every photograph, and that of all.
+fn every(folder: &Path, rows: &[PhotographRow]) -> Result<PathBuf> {
+    for name in rows.iter().filter_map(|row| row.folder.as_deref()) {
+        ensure!(
+            Path::new(name).file_name() == Some(OsStr::new(name)),
+            "{}: {name} is no name of a folder beside it; run the command again",
+            folder.join(RECORD).display()
+        );
+        write(&folder.join(name))?;
+    }
+    let path = folder.join(INDEX);
+    mde_prior::write_atomic(&path, every_page(rows).as_bytes())?;
+    Ok(path)
+}
+
+fn read_text(path: &Path) -> Result<String> {
+    fs::read_to_string(path)
+        .with_context(|| format!("{}: can't be read; the report needs it", path.display()))
+}
+
+fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
+    serde_json::from_str(&read_text(path)?)
+        .with_context(|| format!("{}: broken; run the command again", path.display()))
+}

@@ -1,0 +1,344 @@
+//! An output folder, written atomically.
+
+use crate::output::exchange::exchange;
+use crate::program::interrupt;
+use crate::program::store::lock;
+use anyhow::{Context, Result, bail, ensure};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The file that marks the folder of an earlier run.
+pub(crate) const RECORD: &str = "run.json";
+/// The file that marks one of many finished folders, written last.
+pub(crate) const ENTRY: &str = "finished.json";
+
+/// Begins the name of what is not finished.
+const PREFIX: &str = ".mde-";
+
+/// The folder of the results.
+#[derive(Debug)]
+pub(crate) struct OutputFolder {
+    target: PathBuf,
+    force: bool,
+}
+
+impl OutputFolder {
+    /// Checks that the folder can be written at the end; creates nothing.
+    pub(crate) fn new(target: &Path, force: bool) -> Result<Self> {
+        ensure!(
+            target.file_name().is_some(),
+            "{}: not the name of a new folder; give one to -o",
+            target.display()
+        );
+        check_name("-o", target)?;
+        let folder = Self { target: target.to_owned(), force };
+        folder.check_target()?;
+        check_place("-o", parent(target))?;
+        Ok(folder)
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        &self.target
+    }
+
+    fn check_target(&self) -> Result<()> {
+        let path = self.target.display();
+        let Ok(found) = fs::symlink_metadata(&self.target) else { return Ok(()) };
+        ensure!(found.is_dir(), "{path}: exists and is not a folder; give another name to -o");
+        ensure!(self.force, "{path}: the folder exists; give another name to -o, or --force to replace it");
+        if fs::read_dir(&self.target).with_context(|| path.to_string())?.next().is_none() {
+            return Ok(());
+        }
+        let Ok(written) = written(&self.target) else {
+            bail!("{path}: not replaced, as it holds no {RECORD} of an earlier run; give another name to -o");
+        };
+        let found = files_in(&self.target).with_context(|| path.to_string())?;
+        if let Some(foreign) = found.iter().find(|name| !written.contains(name)) {
+            let foreign = foreign.display();
+            bail!(
+                "{path}: not replaced, as no run wrote its {foreign}; move that away, or give another name to -o"
+            );
+        }
+        Ok(())
+    }
+
+    /// Lets `fill` write into a temporary sibling, and renames that to the folder.
+    pub(crate) fn write(&self, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+        let parent = parent(&self.target);
+        // Removed again where the results do not come into it.
+        let _made = NewFolder::make(parent)?;
+        let temporary = temporary_folder(parent)?;
+        let _guard = interrupt::guard(temporary.path());
+        fill(temporary.path())?;
+        list_files(temporary.path())?;
+        let held = interrupt::hold();
+        if interrupt::requested() {
+            bail!(crate::error::Error::Interrupted);
+        }
+        self.check_target()?;
+        exchange(temporary.path(), &self.target)
+            .with_context(|| format!("{}: can't put the results there", self.target.display()))?;
+        drop(held);
+        // It has another name now.
+        let _ = temporary.keep();
+        Ok(())
+    }
+}
+
+/// A folder that is made with those above it, and removed with them where nothing came into them.
+#[derive(Debug)]
+pub(crate) struct NewFolder(Vec<PathBuf>);
+
+impl NewFolder {
+    pub(crate) fn make(folder: &Path) -> Result<Self> {
+        let absent = folder.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists());
+        let made = Self(absent.map(Path::to_owned).collect());
+        fs::create_dir_all(folder).with_context(|| {
+            format!("{}: can't make this folder; give another name to -o", folder.display())
+        })?;
+        Ok(made)
+    }
+}
+
+impl Drop for NewFolder {
+    fn drop(&mut self) {
+        for folder in &self.0 {
+            let _ = fs::remove_dir(folder);
+        }
+    }
+}
+
+/// The files within a folder, by their paths from it.
+pub(crate) fn files_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let (mut files, mut folders) = (Vec::new(), vec![PathBuf::new()]);
+    while let Some(inside) = folders.pop() {
+        for found in fs::read_dir(folder.join(&inside))? {
+            let found = found?;
+            let path = inside.join(found.file_name());
+            if found.file_type()?.is_dir() { folders.push(path) } else { files.push(path) }
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+/// Adds the names of all files to a folder's record, once, so that a later run knows what is not ours.
+pub(crate) fn list_files(folder: &Path) -> Result<()> {
+    let record = folder.join(RECORD);
+    if !record.exists() || written(folder).is_ok() {
+        return Ok(());
+    }
+    let text = fs::read_to_string(&record)?;
+    let files = files_in(folder).with_context(|| folder.display().to_string())?;
+    let open = text.trim_end().strip_suffix('}').map(str::trim_end).unwrap_or_default();
+    if !open.is_empty() {
+        let text = format!("{open},\n  \"files\": {}\n}}\n", serde_json::to_string(&files)?);
+        mde_prior::write_atomic(&record, text.as_bytes())?;
+    }
+    Ok(())
+}
+
+/// The files that an earlier run wrote into a folder, by its record; its entry comes after them.
+fn written(folder: &Path) -> Result<Vec<PathBuf>> {
+    #[derive(serde::Deserialize)]
+    struct Record {
+        files: Vec<PathBuf>,
+    }
+    let mut files = serde_json::from_str::<Record>(&fs::read_to_string(folder.join(RECORD))?)?.files;
+    files.push(ENTRY.into());
+    Ok(files)
+}
+
+/// Checks that the file of `flag` can be written at the end; creates nothing.
+pub(crate) fn check_new_file(flag: &str, path: &Path, force: bool) -> Result<()> {
+    let name = path.display();
+    ensure!(!path.is_dir(), "{flag} {name}: is a folder; give a file's name");
+    ensure!(
+        force || !path.exists(),
+        "{flag} {name}: the file exists; give another name, or --force to replace it"
+    );
+    check_name(flag, path)?;
+    check_place(flag, parent(path))
+}
+
+/// Most bytes of a name, with room for the prefix and the extension of a temporary file.
+const LONGEST_FILE_NAME: usize = 200;
+
+/// A file name that every file system accepts; different texts have different names.
+pub(crate) fn file_name(text: &str) -> String {
+    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
+    let mut name = String::new();
+    for (index, byte) in text.bytes().enumerate() {
+        if plain(byte) && !(index == 0 && byte == b'.') {
+            name.push(char::from(byte));
+        } else if byte == b'/' {
+            name.push('+');
+        } else {
+            name.push_str(&format!("%{byte:02x}"));
+        }
+    }
+    if name.len() > LONGEST_FILE_NAME {
+        // Ends in the checksum of the whole text.
+        name.truncate(LONGEST_FILE_NAME - 9);
+        name += &format!("~{:08x}", crc32fast::hash(text.as_bytes()));
+    }
+    name
+}
+
+/// Most bytes of a name on the usual file systems.
+const LONGEST_NAME: usize = 255;
+
+/// Checks that a folder, or its first existing ancestor, is writable.
+pub(crate) fn check_place(flag: &str, folder: &Path) -> Result<()> {
+    for path in folder.ancestors().take_while(|path| !path.exists()) {
+        check_name(flag, path)?;
+        let link = fs::symlink_metadata(path).is_ok();
+        ensure!(!link, "{}: is a link to nothing; give another place to {flag}", path.display());
+    }
+    let ancestor = folder.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
+    ensure!(ancestor.is_dir(), "{}: is not a folder; give another place to {flag}", ancestor.display());
+    tempfile::tempfile_in(ancestor).with_context(|| {
+        format!("{}: can't write there; give another place to {flag}", ancestor.display())
+    })?;
+    Ok(())
+}
+
+/// Checks that a name fits into a folder.
+fn check_name(flag: &str, path: &Path) -> Result<()> {
+    let length = path.file_name().map_or(0, |name| name.as_encoded_bytes().len());
+    ensure!(
+        length <= LONGEST_NAME,
+        "{}: the name is too long; give one of {LONGEST_NAME} bytes at most to {flag}",
+        path.display()
+    );
+    Ok(())
+}
+
+fn parent(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// A folder within `parent` that is removed unless it is kept.
+pub(crate) fn temporary_folder(parent: &Path) -> Result<tempfile::TempDir> {
+    builder().tempdir_in(parent).with_context(|| format!("{}: can't make a folder in it", parent.display()))
+}
+
+/// Removes the folders and files that killed runs left unfinished in a folder of results that no other process writes to.
+pub(crate) fn remove_unfinished(folder: &Path) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        // The lock is this process's own.
+        if name.as_encoded_bytes().starts_with(PREFIX.as_bytes()) && name != lock::FILE {
+            let _ = match entry.file_type() {
+                Ok(kind) if kind.is_dir() => fs::remove_dir_all(entry.path()),
+                _ => fs::remove_file(entry.path()),
+            };
+        }
+    }
+}
+
+/// Temporary folders are private by default; a result should have the permissions that the user's umask gives.
+fn builder() -> tempfile::Builder<'static, 'static> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(PREFIX);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o777));
+    }
+    builder
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entries(folder: &Path) -> Vec<String> {
+        let names = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+        let mut names: Vec<_> = names.collect();
+        names.sort();
+        names
+    }
+
+    fn fill(folder: &Path) -> Result<()> {
+        Ok(fs::write(folder.join(RECORD), "{\n  \"command\": \"test\"\n}\n")?)
+    }
+
+    #[test]
+    fn a_folder_appears_whole_or_not_at_all() {
+        let place = tempfile::tempdir().unwrap();
+        let target = place.path().join("a/b");
+        let folder = OutputFolder::new(&target, false).unwrap();
+        assert!(entries(place.path()).is_empty());
+        let failed = folder.write(|path| {
+            fill(path)?;
+            bail!("disk full")
+        });
+        assert!(failed.is_err() && entries(place.path()).is_empty());
+        folder.write(fill).unwrap();
+        assert_eq!(entries(&place.path().join("a")), ["b"]);
+        assert_eq!(entries(&target), [RECORD]);
+    }
+
+    #[test]
+    fn unfinished_folders_and_files_are_swept_but_not_the_lock() {
+        let place = tempfile::tempdir().unwrap();
+        fs::create_dir(place.path().join(".mde-folder")).unwrap();
+        fs::create_dir(place.path().join("photograph")).unwrap();
+        for file in [".mde-folder/depth.npy", ".mde-file", lock::FILE, "index.csv"] {
+            fs::write(place.path().join(file), "").unwrap();
+        }
+        remove_unfinished(place.path());
+        assert_eq!(entries(place.path()), [lock::FILE, "index.csv", "photograph"]);
+    }
+
+    #[test]
+    fn only_what_an_earlier_run_wrote_is_replaced() {
+        let place = tempfile::tempdir().unwrap();
+        let target = place.path().join("run");
+        fs::create_dir(&target).unwrap();
+        assert!(OutputFolder::new(&target, false).is_err());
+        fs::write(target.join("thesis.txt"), "years").unwrap();
+        for record in ["", "hello", "{}", "{\"files\": [\"run.json\"]}"] {
+            fs::write(target.join(RECORD), record).unwrap();
+            assert!(OutputFolder::new(&target, true).is_err(), "{record}");
+        }
+        fs::remove_file(target.join("thesis.txt")).unwrap();
+        OutputFolder::new(&target, true).unwrap().write(fill).unwrap();
+        OutputFolder::new(&target, true).unwrap().write(fill).unwrap();
+        assert_eq!(entries(&target), [RECORD]);
+        assert_eq!(entries(place.path()), ["run"]);
+        fs::create_dir(target.join("src")).unwrap();
+        fs::write(target.join("src/main.rs"), "months").unwrap();
+        let refused = OutputFolder::new(&target, true).unwrap_err().to_string();
+        assert!(refused.contains("src/main.rs"), "{refused}");
+        assert!(OutputFolder::new(Path::new("/"), true).is_err());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_to_nothing_is_refused_before_the_work() {
+        let place = tempfile::tempdir().unwrap();
+        let link = place.path().join("link");
+        std::os::unix::fs::symlink(place.path().join("absent"), &link).unwrap();
+        for target in [link.clone(), link.join("out"), link.join("a/b")] {
+            let refused = OutputFolder::new(&target, true).unwrap_err().to_string();
+            assert!(refused.contains("link") && refused.contains("-o"), "{refused}");
+        }
+        assert!(!place.path().join("absent").exists());
+    }
+
+    #[test]
+    fn every_name_has_a_file_name_of_its_own() {
+        let long = ["室".repeat(60), "室".repeat(61), "a".repeat(300), "a".repeat(301)];
+        let names = ["a/b", "a+b", "a b", ".", "..", "a%2fb", "zoom+jbf", "ä"].into_iter();
+        let names: Vec<_> = names.chain(long.iter().map(String::as_str)).map(file_name).collect();
+        assert!(names.iter().all(|name| name.len() <= LONGEST_FILE_NAME));
+        let distinct: std::collections::BTreeSet<_> = names.iter().collect();
+        assert_eq!(distinct.len(), names.len());
+        assert!(names.iter().all(|name| !name.contains('/') && !name.starts_with('.')), "{names:?}");
+    }
+}

@@ -1,0 +1,211 @@
+//! The loop of Section III, in the order in which a photograph passes through it:
+//!
+//! | Stage | Paper | Where |
+//! |---|---|---|
+//! | prior | III.B | [`DepthPrior`], with test-time augmentation where it is configured |
+//! | warp | III.A, Eq. 1 | [`synthesise`] |
+//! | fit | III.C | [`RadianceField::fit`] |
+//! | render | III.D, Eq. 2-6 | [`RadianceField::render`], [`reproject`](mde_warp::reproject) |
+//! | fuse | III.E, Eq. 7-17 | [`Fuser`] |
+//!
+//! [`refine`] runs it; [`Stages`] names the implementations.
+
+pub mod event;
+pub mod predict;
+pub mod scale;
+pub mod shared;
+pub mod stages;
+mod upsample;
+pub mod views;
+
+use crate::config::{Config, IterationPrior};
+use crate::error::{Error, LEAST, MOST, Result};
+use crate::refinement::event::{Callback, Event, Stage};
+use crate::refinement::predict::{Start, predict};
+use crate::refinement::stages::Stages;
+use crate::refinement::views::synthesise;
+use crate::reports::Refinement;
+use crate::reports::iteration::IterationReport;
+use crate::reports::prediction::Component;
+use mde_fusion::{BayesFuser, Fused, Fuser, Prior};
+use mde_nerf::RadianceField;
+use mde_prior::DepthPrior;
+use mde_prior::augment::Progress;
+use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::{median, spearman};
+use mde_warp::PinholeCamera;
+use ndarray::{ArrayView2, ArrayView3};
+use std::ops::ControlFlow;
+use std::time::Instant;
+use views::median_depth;
+
+/// Refines the monocular depth of `image` (`[height, width, 3]`, sRGB in 0 to 1) taken by `camera`.
+///
+/// # Errors
+/// The error of a stage, [`Error::EmptyPrior`], [`Error::Range`], [`Error::Size`], or [`Error::Interrupted`] where the
+/// callback returned `Break`.
+pub fn refine(
+    image: ArrayView3<'_, f32>,
+    camera: &PinholeCamera,
+    mut stages: Stages<'_>,
+    config: &Config,
+    callback: &mut Callback<'_>,
+) -> Result<Refinement> {
+    config.validate()?;
+    let mut run = Run { image, camera, config, callback };
+    let Start { prior, depth: anchor, mut components, certainty, report: augmentation } =
+        run.predict(stages.prior, stages.at_once)?;
+    check_prior(prior.view(), image)?;
+    if !config.refinement.fits_a_field() {
+        let share = augmentation.common_error.unwrap_or(config.fusion.common_error);
+        let depth = anchor.map(|mean, variance| (mean, variance + (share as f32 * mean).powi(2)));
+        components.push(shared_error(&depth, share));
+        return Ok(Refinement { depth, augmentation, components, certainty, ..Refinement::of_prior(prior) });
+    }
+    let bayes;
+    let fuser: &dyn Fuser = match stages.fuser {
+        Some(fuser) => fuser,
+        None => {
+            bayes = BayesFuser::new(config.fusion.clone())?;
+            &bayes
+        }
+    };
+    let (mut current, mut iterations) = (anchor.clone(), Vec::new());
+    loop {
+        let index = iterations.len();
+        let fusion_prior = match (index, config.refinement.prior) {
+            // A single prediction has no spread: the fusion estimates its variance.
+            (0, _) | (_, IterationPrior::Anchor) if augmentation.predictions == 1 => {
+                Prior::new(prior.clone())?
+            }
+            (0, _) | (_, IterationPrior::Anchor) => Prior::with_variance(anchor.clone())?,
+            (_, IterationPrior::Carry) => Prior::with_variance(current.clone())?,
+        };
+        let field = stages.field(config, index)?;
+        let (fused, field, report) = run.iterate(index, &current, &fusion_prior, field, fuser)?;
+        iterations.push(report);
+        if iterations.len() >= config.refinement.iterations {
+            components.push(Component { name: "field", sigma: fused.aligned.sigma() });
+            components.push(shared_error(&fused.depth, config.fusion.common_error));
+            return Ok(Refinement {
+                depth: fused.depth,
+                augmentation,
+                components,
+                iterations,
+                field: Some(field),
+                certainty,
+                ..Refinement::of_prior(prior)
+            });
+        }
+        current = fused.depth;
+    }
+}
+
+struct Run<'r, 'c> {
+    image: ArrayView3<'r, f32>,
+    camera: &'r PinholeCamera,
+    config: &'r Config,
+    callback: &'r mut Callback<'c>,
+}
+
+impl Run<'_, '_> {
+    fn begin(&mut self, stage: Stage, iteration: usize) -> Result<Instant> {
+        let event = Event::Begin { stage, iteration, iterations: self.config.refinement.iterations };
+        match (self.callback)(&event) {
+            ControlFlow::Continue(()) => Ok(Instant::now()),
+            ControlFlow::Break(()) => Err(Error::Interrupted),
+        }
+    }
+
+    /// The prior's stage.
+    fn predict(&mut self, model: &dyn DepthPrior, at_once: Option<usize>) -> Result<Start> {
+        let begin = self.begin(Stage::Prior, 0)?;
+        let (callback, iterations) = (&mut *self.callback, self.config.refinement.iterations);
+        let mut listen = |progress| match progress {
+            Progress::Predicted { done, total } => callback(&Event::Predicted { done, total }),
+            Progress::Merging => callback(&Event::Begin { stage: Stage::Merge, iteration: 0, iterations }),
+        };
+        let mut start = predict(model, self.image, self.config, at_once, &mut listen)?;
+        start.report.seconds = begin.elapsed().as_secs_f64();
+        Ok(start)
+    }
+
+    /// One iteration: `current` is warped to the training views, `prior` is fused with the rendered views.
+    fn iterate(
+        &mut self,
+        index: usize,
+        current: &GaussianDepth,
+        prior: &Prior,
+        mut field: Box<dyn RadianceField>,
+        fuser: &dyn Fuser,
+    ) -> Result<(Fused, Box<dyn RadianceField>, IterationReport)> {
+        let mut report = IterationReport::default();
+        let start = self.begin(Stage::Warp, index)?;
+        let (views, warp) = synthesise(self.image, self.camera, current, self.config, index)?;
+        report.warp = warp;
+        report.seconds.warp = start.elapsed().as_secs_f64();
+
+        let start = self.begin(Stage::Fit, index)?;
+        let callback = &mut *self.callback;
+        let mut listen =
+            |event: &mde_nerf::FieldEvent| callback(&Event::Field { event: *event, view: 0, views: 0 });
+        report.fit = field.fit(&views, &mut listen)?;
+        report.seconds.fit = start.elapsed().as_secs_f64();
+        drop(views);
+
+        let start = self.begin(Stage::Render, index)?;
+        let callback = &mut *self.callback;
+        let mut listen = |event: &mde_nerf::FieldEvent, view: usize, views: usize| {
+            callback(&Event::Field { event: *event, view, views })
+        };
+        let seen =
+            views::render(&*field, self.camera, median_depth(current)?, self.config, index, &mut listen)?;
+        report.seconds.render = start.elapsed().as_secs_f64();
+
+        let start = self.begin(Stage::Fuse, index)?;
+        let fused = fuser.fuse(prior, &seen)?;
+        report.seconds.fuse = start.elapsed().as_secs_f64();
+        report.fusion = fused.report.clone();
+        (report.field_prior_spearman, report.field_prior_deviation) =
+            agreement(prior.mean(), &fused.aggregated)?;
+        Ok((fused, field, report))
+    }
+}
+
+/// The part of sigma from the error that all predictions share.
+fn shared_error(depth: &GaussianDepth, share: f64) -> Component {
+    let sigma = depth.mean().mapv(|z| if z > 0.0 { share as f32 * z } else { f32::INFINITY });
+    Component { name: "common", sigma }
+}
+
+pub(crate) fn check_prior(prior: ArrayView2<'_, f32>, image: ArrayView3<'_, f32>) -> Result<()> {
+    let [height, width] = [image.shape()[0], image.shape()[1]];
+    if prior.dim() != (height, width) {
+        return Err(Error::Size { prior: [prior.nrows(), prior.ncols()], image: [height, width] });
+    }
+    let known = || prior.iter().copied().filter(|&d| d > 0.0);
+    let (nearest, farthest) = (known().fold(f32::INFINITY, f32::min), known().fold(0.0, f32::max));
+    match (nearest, farthest) {
+        (_, 0.0) => Err(Error::EmptyPrior),
+        (LEAST.., ..=MOST) => Ok(()),
+        _ => Err(Error::Range { nearest, farthest }),
+    }
+}
+
+/// Spearman's correlation of the field's depth with the prior's, and the median of \\(|D_r / D_o - 1|\\), over the
+/// pixels known to both; `None` where there are none.
+fn agreement(prior: ArrayView2<'_, f32>, field: &GaussianDepth) -> Result<(Option<f64>, Option<f64>)> {
+    let (field, prior): (Vec<f64>, Vec<f64>) = field
+        .mean()
+        .iter()
+        .zip(field.variance())
+        .zip(prior)
+        .filter(|&((_, variance), prior)| variance.is_finite() && *prior > 0.0)
+        .map(|((mean, _), prior)| (f64::from(*mean), f64::from(*prior)))
+        .unzip();
+    if field.is_empty() {
+        return Ok((None, None));
+    }
+    let deviation = median(field.iter().zip(&prior).map(|(f, p)| (f / p - 1.0).abs()));
+    Ok((spearman(&field, &prior)?, deviation))
+}

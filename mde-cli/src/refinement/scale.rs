@@ -1,0 +1,412 @@
+//! Scale from known depths: Eq. 10-13 with the known depths in the place of the prior.
+//!
+//! With \\(u\\) the refined depth at the known pixels and \\(v\\) the known depths, \\(v \approx a u + b\\). For a map from disparities of
+//! unknown scale and shift both are disparities, \\(u = 1/D\\): there the affine map is exact, \\(1/z = a d + b\\). Weights are
+//! \\(1/(a^2 \sigma_u^2 + \sigma_v^2)\\) times Huber's weights, which are below 1 for what does not fit. A shift below twice its own standard deviation
+//! is left out for depths. The covariance of \\(a\\) and \\(b\\) becomes a part of sigma,
+//!
+//! \\[ \mathrm{Var}(a u + b) = s^2\\Bigl(\frac{1}{\sum p} + \frac{(u - \bar u)^2}{\sum p (u - \bar u)^2}\\Bigr), \\]
+//!
+//! with \\(p\\) the weights without Huber's and \\(s^2\\) the variance of the clipped residuals over the squared share of those that are
+//! not clipped (Huber, 1981). It takes the errors of the points as independent.
+
+use crate::error::{Error, Result};
+use crate::reports::Refinement;
+use crate::reports::prediction::Component;
+use crate::scene::known::KnownDepth;
+use mde_fusion::{Affine, Sample, affine_wls};
+use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::median;
+use ndarray::{ArrayView2, Zip};
+use serde::Serialize;
+
+/// The map from a refinement to the known depths.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ScaleReport {
+    /// Whether the map is one of disparities, \\(1/z = a/D + b\\), and not of depths, \\(z = a D + b\\).
+    pub of_disparity: bool,
+    /// \\(a\\).
+    pub a: f64,
+    /// \\(b\\), in the unit of the known depths, or its inverse.
+    pub b: f64,
+    /// Known depths at a pixel with a depth.
+    pub points: usize,
+    /// Those that weigh less than half, as they do not fit.
+    pub outliers: usize,
+    /// Median of \\(|D'/v - 1|\\) after the map.
+    pub median_error: Option<f64>,
+    /// Median standard deviation of the map, as a fraction of the depth.
+    pub sigma: Option<f64>,
+}
+
+/// Huber's cut in standard deviations: 95 % efficient for normal errors.
+const CUT: f64 = 1.345;
+/// Rounds of reweighting.
+const ROUNDS: usize = 20;
+/// Weight of a point that does not fit at all.
+const LEAST_WEIGHT: f64 = 1e-6;
+/// Standard deviation of a normal distribution over its median absolute deviation.
+const NORMAL: f64 = 1.4826;
+
+/// Components of sigma: the errors of the map to known depths, and of the factor to a scale in common.
+const SCALE: &str = "scale";
+const SAME_SCALE: &str = "same-scale";
+
+/// A line with its covariance.
+struct Line {
+    affine: Affine,
+    /// \\(\sum p\\), \\(\bar u\\) and \\(\sum p (u - \bar u)^2\\) with weights in inverse variances.
+    precision: f64,
+    mean: f64,
+    spread: f64,
+    has_shift: bool,
+    outliers: usize,
+}
+
+impl Line {
+    fn variance(&self, u: f64) -> f64 {
+        match self.has_shift {
+            true => 1.0 / self.precision + (u - self.mean).powi(2) / self.spread,
+            // A line through the origin: sum p u^2 = spread + precision mean^2.
+            false => u * u / (self.spread + self.precision * self.mean * self.mean),
+        }
+    }
+}
+
+impl Refinement {
+    /// The refinement in the unit of known depths: depth, prior, sigma and its components, with the error of the map as a component
+    /// `scale`. With `of_disparity`, for a prior that gave disparities, scale and shift are those of the disparity.
+    ///
+    /// # Errors
+    /// [`Error::Scale`] for a known depth that is not positive and finite, too few of them at a pixel with a depth (1, and 2 for
+    /// disparities), or a map that turns near into far.
+    pub fn scaled_to(self, known: &[KnownDepth], of_disparity: bool) -> Result<(Self, ScaleReport)> {
+        let (height, width) = self.depth.dim();
+        let mut pairs = Vec::new();
+        for point in known {
+            point.check()?;
+            let (x, y) = (point.x.round(), point.y.round());
+            if x < 0.0 || y < 0.0 || x >= width as f64 || y >= height as f64 {
+                continue;
+            }
+            let at = (y as usize, x as usize);
+            let (z, variance) = (f64::from(self.depth.mean()[at]), f64::from(self.depth.variance()[at]));
+            if z > 0.0 && variance.is_finite() {
+                pairs.push((z, variance, point.depth, point.sigma * point.sigma));
+            }
+        }
+        let least = if of_disparity { 2 } else { 1 };
+        if pairs.len() < least {
+            return Err(Error::Scale(format!(
+                "{} of {} known depths lie at a pixel with a depth; give {least} or more (columns: x, y, depth, from the upper left)",
+                pairs.len(),
+                known.len()
+            )));
+        }
+        // A depth or its disparity, and what divides the variance of the one to give that of the other.
+        let unit = |z: f64| if of_disparity { 1.0 / z } else { z };
+        let divisor = |z: f64| if of_disparity { z.powi(4) } else { 1.0 };
+        let samples: Vec<_> = pairs
+            .iter()
+            .map(|&(z, of_z, v, of_v)| (unit(z), of_z / divisor(z), unit(v), of_v / divisor(v)))
+            .collect();
+        let line = fit(&samples, of_disparity).ok_or_else(|| {
+            Error::Scale("the known depths do not fit: nearer ones are farther in the map; check their pixels and units".to_owned())
+        })?;
+        let mapped = |z: f64| -> Option<(f64, f64, f64)> {
+            let u = unit(z);
+            let v = line.affine.a * u + line.affine.b;
+            // Depth, its derivative, and the map's variance.
+            let (depth, variance) = (unit(v), line.variance(u) / divisor(v));
+            let slope = if of_disparity { line.affine.a * (u / v).powi(2) } else { line.affine.a };
+            let usable = v > 0.0 && depth.is_finite() && (depth as f32) > 0.0;
+            usable.then_some((depth, slope, variance))
+        };
+        let errors =
+            pairs.iter().filter_map(|&(z, _, v, _)| mapped(z).map(|(new, ..)| (new / v - 1.0).abs()));
+        let median_error = median(errors);
+        let (refined, sigma) = self.mapped(SCALE, mapped)?;
+        let Affine { a, b } = line.affine;
+        let factor = if of_disparity { a.recip() } else { a };
+        let refined = refined.with_poses((b == 0.0).then_some(factor));
+        let report = ScaleReport {
+            of_disparity,
+            a,
+            b,
+            points: pairs.len(),
+            outliers: line.outliers,
+            median_error,
+            sigma,
+        };
+        Ok((refined, report))
+    }
+
+    /// The refinement times a factor whose logarithm has the standard deviation `log_sigma`: depth, prior, sigma and its components.
+    /// The factor's error, `log_sigma` times the depth, becomes a part of sigma and of the component `same-scale`.
+    ///
+    /// # Errors
+    /// [`Error::Scale`] for a factor that is not positive and finite, or a deviation that is negative or not finite.
+    pub fn scaled(self, factor: f64, log_sigma: f64) -> Result<Self> {
+        let usable = factor > 0.0 && factor.is_finite() && log_sigma >= 0.0 && log_sigma.is_finite();
+        if !usable {
+            return Err(Error::Scale(format!(
+                "the factor {factor} +- {log_sigma} (of its logarithm) is no positive number; give one with the deviation of its logarithm"
+            )));
+        }
+        let mapped = |z: f64| {
+            let depth = factor * z;
+            let usable = depth.is_finite() && (depth as f32) > 0.0;
+            usable.then_some((depth, factor, (log_sigma * depth).powi(2)))
+        };
+        Ok(self.mapped(SAME_SCALE, mapped)?.0.with_poses(Some(factor)))
+    }
+
+    /// The photographs' poses in the unit of the depth, which was multiplied by `factor`. None where it was bent: no poses fit it then.
+    pub(crate) fn with_poses(mut self, factor: Option<f64>) -> Self {
+        for photograph in self.capture.iter_mut().flat_map(|capture| &mut capture.photographs) {
+            photograph.pose = photograph.pose.zip(factor).map(|(mut rows, factor)| {
+                rows.iter_mut().take(3).for_each(|row| row[3] *= factor);
+                rows
+            });
+        }
+        self
+    }
+
+    /// Each depth by a map that gives the new one, the map's derivative, and its variance, which becomes a part of sigma and of the
+    /// component of that name; and that part's median, as a fraction of the depth.
+    fn mapped(
+        self,
+        name: &'static str,
+        mapped: impl Fn(f64) -> Option<(f64, f64, f64)>,
+    ) -> Result<(Self, Option<f64>)> {
+        let at = |z: f32| (z > 0.0).then(|| mapped(f64::from(z))).flatten();
+        let new = |z: f32| at(z).map_or(0.0, |(depth, ..)| depth as f32);
+        let old = self.depth.mean();
+        let scale = old.mapv(|z| at(z).map_or(f32::INFINITY, |(.., variance)| variance.sqrt() as f32));
+        let slopes = old.mapv(|z| at(z).map_or(0.0, |(_, slope, _)| slope as f32));
+        let depth = old.mapv(new);
+        let of_known = |map: ArrayView2<'_, f32>, value: fn(f32, f32, f32) -> f32| {
+            Zip::from(map).and(&slopes).and(&scale).map_collect(|&map, &slope, &scale| {
+                if scale.is_finite() { value(map, slope, scale) } else { f32::INFINITY }
+            })
+        };
+        let variance = of_known(self.depth.variance(), |v, slope, scale| {
+            (slope * slope * v + scale * scale).max(f32::MIN_POSITIVE)
+        });
+        let mut components: Vec<Component> = self
+            .components
+            .iter()
+            .map(|part| Component {
+                name: part.name,
+                sigma: of_known(part.sigma.view(), |sigma, slope, _| slope * sigma),
+            })
+            .collect();
+        let sigma =
+            median(scale.iter().zip(&depth).filter(|(_, z)| **z > 0.0).map(|(s, z)| f64::from(s / z)));
+        match components.iter_mut().find(|part| part.name == name) {
+            Some(part) => part.sigma.zip_mut_with(&scale, |all, own| *all = all.hypot(*own)),
+            None => components.push(Component { name, sigma: scale }),
+        }
+        let depth = GaussianDepth::new(depth, variance)?;
+        Ok((Self { depth, components, prior: self.prior.mapv(new), ..self }, sigma))
+    }
+}
+
+/// The robust line through `(u, its variance, v, its variance)`; `None` where it is not determined or falls.
+fn fit(samples: &[(f64, f64, f64, f64)], needs_shift: bool) -> Option<Line> {
+    if needs_shift {
+        return robust(samples, true);
+    }
+    let with_shift = (samples.len() > 2).then(|| robust(samples, true)).flatten();
+    // A shift within its own error: the scale alone is the better fit.
+    let matters = |line: &Line| line.affine.b.abs() >= 2.0 * line.variance(0.0).sqrt();
+    with_shift.filter(matters).or_else(|| robust(samples, false))
+}
+
+/// Least squares, reweighted by Huber's weights.
+fn robust(samples: &[(f64, f64, f64, f64)], has_shift: bool) -> Option<Line> {
+    let free = if has_shift { 2 } else { 1 };
+    let mut slope = median(samples.iter().map(|s| s.2 / s.0)).filter(|r| r.is_finite() && *r > 0.0)?;
+    let mut weights = vec![1.0; samples.len()];
+    let mut line = None;
+    for _ in 0..ROUNDS {
+        // Exact values on both sides weigh the same.
+        let own = |s: &(f64, f64, f64, f64)| (slope * slope * s.1 + s.3).max((1e-6 * s.2).powi(2));
+        let weighted: Vec<Sample> = samples
+            .iter()
+            .zip(&weights)
+            .map(|(s, weight)| Sample { u: s.0, variance: own(s) / weight, v: s.2 })
+            .collect();
+        let affine = match has_shift {
+            true => affine_wls(&weighted)?.affine,
+            false => {
+                let sum = |term: fn(&Sample) -> f64| weighted.iter().map(term).sum::<f64>();
+                let (uv, uu) = (sum(|s| s.u * s.v / s.variance), sum(|s| s.u * s.u / s.variance));
+                Affine { a: uv / uu, b: 0.0 }
+            }
+        };
+        if !(affine.a > 0.0 && affine.a.is_finite()) {
+            return None;
+        }
+        let z = |s: &(f64, f64, f64, f64)| (affine.a * s.0 + affine.b - s.2).abs() / own(s).sqrt();
+        // As many points as unknowns leave no residual: their own variances stand.
+        let count = samples.len() as f64;
+        let scale = match samples.len() > free {
+            true => NORMAL * median(samples.iter().map(z))? * (count / (count - free as f64)).sqrt(),
+            false => 1.0,
+        };
+        // Where residual and scale are 0 the point fits.
+        let cut = (CUT * scale).max(f64::MIN_POSITIVE);
+        weights =
+            samples.iter().map(|s| (cut / z(s).max(f64::MIN_POSITIVE)).clamp(LEAST_WEIGHT, 1.0)).collect();
+        // Huber's covariance: the clipped residuals' variance over the squared share that is not clipped.
+        let clipped: f64 = samples.iter().map(|s| z(s).min(cut).powi(2)).sum();
+        let within = samples.iter().filter(|s| z(s) <= cut).count() as f64 / count;
+        let factor = match samples.len() > free {
+            true => (clipped / (count - free as f64) / (within * within)).max(1e-24),
+            false => 1.0,
+        };
+        let precision = |s: &(f64, f64, f64, f64)| 1.0 / (own(s) * factor);
+        let total: f64 = samples.iter().map(precision).sum();
+        let mean = samples.iter().map(|s| precision(s) * s.0).sum::<f64>() / total;
+        let spread = samples.iter().map(|s| precision(s) * (s.0 - mean).powi(2)).sum();
+        let outliers = weights.iter().filter(|w| **w < 0.5).count();
+        line = Some(Line { affine, precision: total, mean, spread, has_shift, outliers });
+        slope = affine.a;
+    }
+    line
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mde_uncertainty::random::CounterRng;
+    use ndarray::Array2;
+    use proptest::prelude::*;
+
+    fn refinement(depth: &Array2<f32>, relative: f32) -> Refinement {
+        let variance = depth.mapv(|z| (relative * z).powi(2));
+        let depth = GaussianDepth::new(depth.clone(), variance).unwrap();
+        let sigma = depth.sigma();
+        let components = vec![Component { name: "spread", sigma }];
+        Refinement {
+            prior: depth.mean().to_owned(),
+            depth,
+            components,
+            ..Refinement::of_prior(Array2::zeros((0, 0)))
+        }
+    }
+
+    fn scene(seed: u64) -> Array2<f32> {
+        Array2::from_shape_fn((24, 32), |(y, x)| {
+            1.0 + 0.1 * x as f32 + 0.05 * y as f32 + 0.3 * ((seed as f32 + x as f32) * 0.7).sin()
+        })
+    }
+
+    fn points(truth: &Array2<f32>, every: usize) -> Vec<KnownDepth> {
+        let chosen = truth.indexed_iter().step_by(every);
+        chosen
+            .map(|((y, x), &z)| KnownDepth { x: x as f64, y: y as f64, depth: f64::from(z), sigma: 0.0 })
+            .collect()
+    }
+
+    proptest! {
+        /// Known depths that are an exact map of the result bring it to them, to the error of `f32`; a tenth of wrong ones does not matter.
+        #[test]
+        fn an_exact_map_is_found(a in 0.2..5.0_f64, b in 0.0..0.4_f64, of_disparity: bool, wrong: bool, seed in 0..50_u64) {
+            let depth = scene(seed);
+            let map = |z: f32| match of_disparity {
+                true => 1.0 / (a / f64::from(z) + b),
+                false => a * f64::from(z) + b,
+            } as f32;
+            let truth = depth.mapv(map);
+            let mut known = points(&truth, 7);
+            if wrong {
+                known.iter_mut().step_by(10).for_each(|p| p.depth *= 3.0);
+            }
+            let (scaled, report) = refinement(&depth, 0.05).scaled_to(&known, of_disparity).unwrap();
+            let worst = scaled.depth.mean().iter().zip(&truth).map(|(a, b)| (a / b - 1.0).abs()).fold(0.0, f32::max);
+            prop_assert!(worst < if wrong { 0.01 } else { 1e-3 }, "{worst} {report:?}");
+            prop_assert_eq!(scaled.components.last().unwrap().name, "scale");
+            prop_assert_eq!(report.points, known.len());
+        }
+    }
+
+    #[test]
+    fn the_map_s_error_covers_the_truth() {
+        // Noise of 10 % on 12 known depths: the error of the mean is about 3 %.
+        let depth = scene(3);
+        let (mut within, mut ratio) = (0, Vec::new());
+        for seed in 0..200_u64 {
+            // A sum of four uniform numbers, of standard deviation 1.
+            let noise = |i: usize| {
+                let mut random = CounterRng::new(5, "known depths", seed, i as u64);
+                (0..4).map(|_| random.random::<f64>() - 0.5).sum::<f64>() * 3.0_f64.sqrt()
+            };
+            let mut known = points(&depth.mapv(|z| 2.0 * z), 64);
+            known.iter_mut().enumerate().for_each(|(i, p)| p.depth *= 1.0 + 0.1 * noise(i));
+            let (scaled, _) = refinement(&depth, 0.1).scaled_to(&known, false).unwrap();
+            let sigma = scaled.components.last().unwrap().sigma[(12, 16)];
+            let error = scaled.depth.mean()[(12, 16)] - 2.0 * depth[(12, 16)];
+            within += u32::from(error.abs() < 1.645 * sigma);
+            ratio.push(f64::from(sigma / scaled.depth.mean()[(12, 16)]));
+        }
+        assert!((150..=196).contains(&within), "{within} of 200");
+        assert!((0.015..0.06).contains(&median(ratio.iter().copied()).unwrap()));
+    }
+
+    proptest! {
+        /// Depth, prior, sigma and components times the factor; its error adds to sigma, and to the component that is there.
+        #[test]
+        fn a_factor_scales_everything(factor in 0.1..10.0_f64, log_sigma in 0.0..0.3_f64, seed in 0..20_u64) {
+            let mut depth = scene(seed);
+            depth[(3, 4)] = 0.0;
+            let before = refinement(&depth, 0.05);
+            let (old, old_sigma) = (before.depth.mean().to_owned(), before.depth.sigma());
+            let once = before.scaled(factor, log_sigma).unwrap();
+            let near = |a: f32, b: f64| (f64::from(a) - b).abs() <= 1e-5 * b.abs();
+            for (at, z) in old.indexed_iter().map(|(at, z)| (at, f64::from(*z))) {
+                let sigma = once.depth.sigma()[at];
+                if z == 0.0 {
+                    prop_assert!(once.depth.mean()[at] == 0.0 && sigma.is_infinite());
+                    continue;
+                }
+                prop_assert!(near(once.depth.mean()[at], factor * z) && near(once.prior[at], factor * z));
+                prop_assert!(near(once.components[0].sigma[at], factor * f64::from(old_sigma[at])));
+                prop_assert!(near(once.components[1].sigma[at], log_sigma * factor * z));
+                prop_assert!(near(sigma, (factor * f64::from(old_sigma[at])).hypot(log_sigma * factor * z)));
+            }
+            let twice = once.scaled(1.0 / factor, log_sigma).unwrap();
+            prop_assert_eq!(twice.components.iter().map(|part| part.name).collect::<Vec<_>>(), ["spread", "same-scale"]);
+            let expected = 2.0_f64.sqrt() * log_sigma * f64::from(old[(9, 9)]);
+            prop_assert!(near(twice.components[1].sigma[(9, 9)], expected));
+        }
+    }
+
+    #[test]
+    fn one_point_scales_and_faults_are_named() {
+        let depth = scene(0);
+        let one = [KnownDepth { x: 4.0, y: 5.0, depth: 2.0 * f64::from(depth[(5, 4)]), sigma: 0.1 }];
+        let (scaled, report) = refinement(&depth, 0.0).scaled_to(&one, false).unwrap();
+        assert!((report.a - 2.0).abs() < 1e-6 && report.b == 0.0, "{report:?}");
+        // The point's own error is the scale's.
+        let share = 0.1 / (2.0 * depth[(5, 4)]);
+        let found = scaled.components.last().unwrap().sigma[(20, 30)] / scaled.depth.mean()[(20, 30)];
+        assert!((found / share - 1.0).abs() < 1e-3, "{found} {share}");
+        let error = |known: &[KnownDepth], of_disparity| {
+            refinement(&depth, 0.05).scaled_to(known, of_disparity).err().unwrap().to_string()
+        };
+        assert!(error(&one, true).contains("give 2 or more"));
+        assert!(error(&[KnownDepth { depth: -1.0, ..one[0] }], false).contains("no positive number"));
+        assert!(error(&[KnownDepth { x: 400.0, ..one[0] }], false).contains("0 of 1"));
+        for (factor, log_sigma) in
+            [(0.0, 0.1), (f64::NAN, 0.1), (f64::INFINITY, 0.1), (2.0, -0.1), (2.0, f64::NAN)]
+        {
+            let refused = refinement(&depth, 0.05).scaled(factor, log_sigma).err().unwrap().to_string();
+            assert!(refused.contains("no positive number"), "{refused}");
+        }
+        let turned = points(&depth.mapv(|z| 1.0 / z), 5);
+        assert!(error(&turned, true).contains("do not fit"));
+        assert!(refinement(&depth, 0.0).scaled_to(&points(&depth, 9), true).is_ok());
+    }
+}

@@ -1,0 +1,68 @@
+use crate::error::{Error, Result};
+use crate::reports::Refinement;
+use crate::reports::prediction::Component;
+use mde_prior::Certainty;
+use mde_prior::resample::{Filter, nearest, resize};
+use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::filter::JointUpsampling;
+use ndarray::{Array2, ArrayView3, Axis};
+use rayon::prelude::*;
+
+/// Standard deviation of the upsampling in colour (0 to 1).
+const COLOUR: f64 = 0.1;
+
+impl Refinement {
+    /// The result for a larger version of its image: depth, sigma and its components are upsampled with the edges of the larger image,
+    /// the prior is interpolated. `small` is the image that was refined, `large` the other, both `[height, width, 3]`.
+    ///
+    /// # Errors
+    /// [`Error::Depth`] where `small` has another size than the depth, or `large` is empty.
+    pub fn upsampled(self, small: ArrayView3<'_, f32>, large: ArrayView3<'_, f32>) -> Result<Self> {
+        let (height, width, _) = large.dim();
+        let channels = |image: ArrayView3<'_, f32>| -> Vec<Array2<f32>> {
+            image.axis_iter(Axis(2)).map(|channel| channel.to_owned()).collect()
+        };
+        let (small, large) = (channels(small), channels(large));
+        let upsampling = JointUpsampling::new(&small, &large, COLOUR)?;
+        let mut maps = vec![self.depth.mean().to_owned(), self.depth.sigma()];
+        maps.extend(self.components.iter().map(|component| component.sigma.clone()));
+        let count = maps.len();
+        let views: Vec<_> = maps.iter().map(|map| map.view()).collect();
+        // The rows of all maps one after the other, so that each thread writes rows of its own.
+        let mut rows = vec![0.0_f32; height * count * width];
+        rows.par_chunks_mut((count * width).max(1)).enumerate().try_for_each(|(y, rows)| {
+            let mut rows: Vec<&mut [f32]> = rows.chunks_mut(width.max(1)).collect();
+            upsampling.row(&views, y, &mut rows)
+        })?;
+        let row = |index: usize, y: usize| &rows[(y * count + index) * width..][..width];
+        // The values of a map where there is a depth.
+        let known = |index: usize, missing: f32, value: fn(f32) -> f32| {
+            let mut map = Array2::from_elem((height, width), missing);
+            let lines = map.as_slice_mut().unwrap_or_default().par_chunks_mut(width.max(1));
+            lines.enumerate().for_each(|(y, out)| {
+                for ((out, &s), &z) in out.iter_mut().zip(row(index, y)).zip(row(0, y)) {
+                    *out = if z > 0.0 { value(s) } else { missing };
+                }
+            });
+            map
+        };
+        let depth = known(0, 0.0, |z| z);
+        let variance = known(1, f32::INFINITY, |s| s * s);
+        let components = self.components.iter().zip(2..);
+        let components = components
+            .map(|(component, index)| Component {
+                name: component.name,
+                sigma: known(index, f32::INFINITY, |s| s),
+            })
+            .collect();
+        let prior = match self.prior.iter().all(|&z| z > 0.0) {
+            true => resize(self.prior.view(), (height, width), Filter::Bilinear),
+            false => nearest(self.prior.view(), (height, width)),
+        };
+        let depth = GaussianDepth::new(depth, variance).map_err(Error::from)?;
+        let resized = |map: Array2<f32>| resize(map.view(), (height, width), Filter::Bilinear);
+        let certainty =
+            self.certainty.map(|Certainty { meaning, map }| Certainty { meaning, map: resized(map) });
+        Ok(Self { depth, prior, components, certainty, ..self })
+    }
+}

@@ -1,0 +1,427 @@
+//! The way of every refinement: a [`Refiner`] takes a [`Scene`] through plan, prepare and refine.
+//!
+//! | Step | What | Where |
+//! |---|---|---|
+//! | plan | memory, and predictions side by side, from sizes alone | [`Refiner::plan`] |
+//! | scene | each photograph at its size, with its camera | [`Refiner::photograph`] |
+//! | prepare | the network's camera and metres; of several photographs predictions and poses | [`Refiner::prepare`] |
+//! | refine | the loop, or the sweeps and the field of several photographs | [`Prepared::refine`] |
+//! | finish | unit, scale by known depths, error bar | [`Refined`] |
+//!
+//! The program, the evaluations and the Python package call it.
+//!
+//! ```
+//! use mde_cli::prior::origin::{PriorForm, PriorOrigin};
+//! use mde_cli::refiner::Silent;
+//! use mde_cli::scene::camera::{CameraSource, KnownCamera};
+//! use mde_cli::{OpenPrior, Photograph, Preset, Refiner, Scene, Settings};
+//! use mde_eval::scene::{Room, room};
+//! use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
+//! use mde_cli::mde_prior::DepthKind;
+//!
+//! let room = room(Room::Study, 0, 64, 48)?;
+//! let simulated = SimulatedPrior::new(&room.depth, &SimulatedPriorConfig::default())?;
+//! let origin = PriorOrigin::new(PriorForm::Simulated, DepthKind::Metric, "simulated");
+//! let prior = OpenPrior::given(Box::new(simulated), origin);
+//! let refiner = Refiner::new(&prior, Settings::new(Preset::Default))?;
+//!
+//! let camera = KnownCamera { camera: room.camera, source: CameraSource::Scene };
+//! let scene = Scene::one(Photograph::new("room", room.image, camera));
+//! let plan = refiner.plan("room", (48, 64), 1)?;
+//! let refined = refiner.prepare(&scene, &plan, &mut Silent)?.refine(0, None, &mut Silent)?;
+//! assert_eq!(refined.refinement.depth.dim(), (48, 64));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+pub mod calibration;
+pub mod depth_png;
+pub mod error_bar;
+pub mod finish;
+mod order_check;
+pub mod plan;
+mod plausibility;
+pub mod same_scale;
+#[cfg(test)]
+mod tests;
+
+pub use finish::{Refined, Unit};
+
+use crate::config::{Config, Preset};
+use crate::error::{Error, Result};
+use crate::prior::origin::PriorOrigin;
+use crate::prior::{OpenPrior, PhotographPrior};
+use crate::refinement::event::Event;
+use crate::refinement::predict::known;
+use crate::refinement::refine;
+use crate::refinement::shared::SharedNerf;
+use crate::refinement::stages::{FieldFactory, FieldRequest, Stages};
+use crate::refinement::views::synthesise;
+use crate::refiner::error_bar::ErrorBar;
+use crate::refiner::plan::inference::PhotographMemory;
+use crate::refiner::plan::limit::MemoryLimit;
+use crate::refiner::plan::scene_bytes;
+use crate::reports::iteration::WarpReport;
+use crate::scene::camera::KnownCamera;
+use crate::scene::size::Sizes;
+use crate::scene::{Photograph, Scene};
+use crate::several::prepared::PreparedScene;
+use mde_nerf::RadianceField;
+use mde_prior::{DepthPrior, Timed};
+use mde_warp::PosedView;
+use ndarray::{Array2, Array3};
+use std::ops::ControlFlow;
+
+/// Where events and warnings of a refinement go.
+pub trait Observer {
+    /// Progress; `Break` ends the refinement with [`Error::Interrupted`].
+    fn event(&mut self, event: &Event) -> ControlFlow<()>;
+
+    /// What the record of the run warns of. Arguments are named in braces, such as `{max-memory}`.
+    fn warn(&mut self, warning: String);
+}
+
+/// An observer of nothing.
+pub struct Silent;
+
+impl Observer for Silent {
+    fn event(&mut self, _: &Event) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+
+    fn warn(&mut self, _: String) {}
+}
+
+/// What a refiner does.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Where the configuration begins.
+    pub preset: Preset,
+    /// The configuration.
+    pub config: Config,
+    /// Sizes of results and refinements.
+    pub sizes: Sizes,
+    /// Refinements that need more memory are refused.
+    pub memory: MemoryLimit,
+    /// The requested error bar.
+    pub error_bar: ErrorBar,
+    /// Unit of the results of several photographs.
+    pub unit: Unit,
+    /// Whether the fitted field is a part of the result.
+    pub keep_field: bool,
+    /// Whether files for other programs are made of the result, which takes memory.
+    pub exports: bool,
+}
+
+impl Settings {
+    /// Those of a preset, everything else as usual.
+    pub fn new(preset: Preset) -> Self {
+        Self {
+            preset,
+            config: preset.config(),
+            sizes: Sizes::default(),
+            memory: MemoryLimit::default(),
+            error_bar: ErrorBar::default(),
+            unit: Unit::Prior,
+            keep_field: false,
+            exports: false,
+        }
+    }
+}
+
+/// Memory of a scene's refinement, and the predictions side by side for which it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Plan {
+    /// Estimate of the peak, bytes.
+    pub bytes: u64,
+    /// The part of it that scenes side by side share: the network.
+    pub shared: u64,
+    /// Predictions of the network that run side by side. The result does not depend on it.
+    pub parallel_predictions: usize,
+}
+
+/// A prior with settings; refines any number of scenes.
+pub struct Refiner<'p> {
+    prior: &'p OpenPrior<'p>,
+    settings: Settings,
+}
+
+impl<'p> Refiner<'p> {
+    /// Checks the settings.
+    ///
+    /// # Errors
+    /// Those of [`Config::validate`].
+    pub fn new(prior: &'p OpenPrior<'p>, settings: Settings) -> Result<Self> {
+        settings.config.validate()?;
+        Ok(Self { prior, settings })
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Where the prior comes from.
+    pub fn origin(&self) -> &PriorOrigin {
+        self.prior.origin()
+    }
+
+    /// Everything but the photographs and the camera that the results depend on, files by their content.
+    ///
+    /// # Errors
+    /// Those of [`Config::to_toml`].
+    pub fn identity(&self) -> Result<String> {
+        let Settings { preset, config, sizes, error_bar, unit, keep_field, .. } = &self.settings;
+        let origin = self.prior.origin();
+        let prior = (origin.kind, &origin.model, &origin.model_hash, &origin.runtime);
+        let identity = (
+            (config.to_toml()?, preset.name(), (sizes.longest, sizes.megapixels)),
+            (prior, self.prior.content()),
+            (error_bar.identity()?, format!("{unit:?}"), keep_field),
+        );
+        serde_json::to_string(&identity).map_err(Error::external)
+    }
+
+    /// Memory of a scene of so many photographs of `(height, width)`, as given; `name` is for the refusal. No pixel is needed.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where it exceeds the memory limit.
+    pub fn plan(&self, name: &str, original: (usize, usize), photographs: usize) -> Result<Plan> {
+        let Settings { config, sizes, memory: limit, .. } = &self.settings;
+        let (prior, threads) = (self.prior.prior(), rayon::current_num_threads());
+        let full = sizes.of_results(original);
+        let at = sizes.of_refinement(full);
+        let pixels = at.0 as u64 * at.1 as u64;
+        let mut alone = config.clone();
+        alone.refinement.iterations = 0;
+        let (memory, swept) = match photographs {
+            0 | 1 => (PhotographMemory::new(config, prior, full, at, threads), 0),
+            _ => {
+                let bytes = |pixels| scene_bytes(pixels, photographs as u64, threads as u64, config);
+                limit.check(name, at, bytes)?;
+                let memory = PhotographMemory::of_several(&alone, prior, at, photographs, threads);
+                (memory, bytes(pixels))
+            }
+        };
+        let results = full.0 as u64 * full.1 as u64;
+        let interval = self.settings.error_bar.probability().is_some();
+        let memory = memory.with_results(results, self.settings.exports, interval);
+        let parallel_predictions = memory.predictions_at_once(limit, name, at)?;
+        let bytes = memory.bytes(pixels, parallel_predictions as u64).max(swept);
+        Ok(Plan { bytes, shared: memory.shared(), parallel_predictions })
+    }
+
+    /// A photograph `[height, width, 3]`, sRGB in 0 to 1, at its size; one of `several`, or alone.
+    ///
+    /// # Errors
+    /// Those of [`Photograph::resized`].
+    pub fn photograph(
+        &self,
+        name: &str,
+        image: Array3<f32>,
+        camera: KnownCamera,
+        several: bool,
+        seen: &mut dyn Observer,
+    ) -> Result<Photograph> {
+        let photograph = Photograph::new(name, image, camera);
+        photograph.resized(&self.settings.sizes, several, &mut |warning| seen.warn(warning))
+    }
+
+    /// The prior for a photograph: a map is resampled, a network's metres follow the focal length. Its camera is the network's own where the
+    /// network estimates one and none is known.
+    fn bind(&self, photograph: &Photograph, several: bool, seen: &mut dyn Observer) -> Result<Bound<'_>> {
+        self.prior.note.iter().for_each(|note| seen.warn(note.clone()));
+        let (open, origin) = (self.prior, self.prior.origin());
+        let mut prior = PhotographPrior::new(open.prior(), origin);
+        if origin.model.is_none() {
+            let from = open.size.unwrap_or(photograph.original);
+            let mut warn = |warning| seen.warn(warning);
+            prior = prior.resampled(from, photograph.original, photograph.size(), &mut warn)?;
+        }
+        order_check::swapped(open).into_iter().for_each(|warning| seen.warn(warning.to_owned()));
+        let mut camera = photograph.camera.clone();
+        // Further photographs give the focal length.
+        if !several {
+            camera = camera.by_network(&prior, origin, photograph.image.view())?.unwrap_or(camera);
+            camera.warning().into_iter().for_each(|warning| seen.warn(warning));
+        }
+        Ok(Bound { prior: prior.at_focal(camera.focal()), camera })
+    }
+
+    /// Features and depth of a photograph, by which others are brought to its scale.
+    ///
+    /// # Errors
+    /// Those of [`Refiner::prepare`], and of [`OneScale::prepare`](same_scale::OneScale::prepare).
+    pub fn prepare_scale(
+        &self,
+        photograph: &Photograph,
+        scale: &same_scale::OneScale,
+        seen: &mut dyn Observer,
+    ) -> Result<mde_mvs::poses::Prepared> {
+        let Bound { prior, camera } = self.bind(photograph, false, seen)?;
+        scale.prepare(&photograph.image, &camera, &prior)
+    }
+
+    /// What the photographs of a scene share: the prior at their focal length; of several also predictions, poses and the choice of those
+    /// that are swept together.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a scene without its reference, the error of the prior, and those of [`PreparedScene::new`].
+    pub fn prepare<'s>(
+        &'s self,
+        scene: &'s Scene,
+        plan: &Plan,
+        seen: &mut dyn Observer,
+    ) -> Result<Prepared<'s>> {
+        let Some(first) = scene.photographs.get(scene.reference) else {
+            return Err(Error::Argument("there is no photograph; give one".to_owned()));
+        };
+        let Bound { prior, camera } = self.bind(first, scene.is_several(), seen)?;
+        if scene.same_scale.is_some_and(|found| found.is_alone()) {
+            seen.warn("{same-scale}: matches no other photograph, and keeps its own scale".to_owned());
+        }
+        let (mut several, mut prior_seconds) = (None, 0.0);
+        if scene.is_several() {
+            let timed = Timed::new(&prior);
+            let mut stages = Stages::new(&timed).with_predictions_at_once(plan.parallel_predictions);
+            stages.factors = metres_factors(prior.origin(), scene, &camera);
+            let config = &self.settings.config;
+            several = Some(PreparedScene::new(scene, &stages, config, &mut |event| seen.event(event))?);
+            prior_seconds = timed.seconds();
+        }
+        let parallel_predictions = plan.parallel_predictions;
+        Ok(Prepared { refiner: self, scene, prior, camera, several, parallel_predictions, prior_seconds })
+    }
+}
+
+/// What brings metres at the focal length of `camera` to those of each photograph; nothing for a network whose metres do not depend on it.
+fn metres_factors(origin: &PriorOrigin, scene: &Scene, camera: &KnownCamera) -> Vec<f32> {
+    let canonical = origin.model.as_ref().and_then(|spec| spec.canonical_focal);
+    let (Some(_), Some(own)) = (canonical, camera.focal()) else { return Vec::new() };
+    let factor = |one: &Photograph| one.camera.focal().map_or(1.0, |focal| (focal / own) as f32);
+    scene.photographs.iter().map(factor).collect()
+}
+
+/// A prior for a photograph with its camera.
+struct Bound<'p> {
+    prior: PhotographPrior<'p>,
+    camera: KnownCamera,
+}
+
+/// A scene after what its photographs share.
+pub struct Prepared<'s> {
+    refiner: &'s Refiner<'s>,
+    scene: &'s Scene,
+    prior: PhotographPrior<'s>,
+    /// Of the reference.
+    camera: KnownCamera,
+    several: Option<PreparedScene<'s>>,
+    parallel_predictions: usize,
+    /// Of predictions that no result has yet.
+    prior_seconds: f64,
+}
+
+impl<'s> Prepared<'s> {
+    /// Refines a photograph: the reference of one, any of several. `field` makes the field in the place of [`Config::nerf`]'s.
+    ///
+    /// # Errors
+    /// The error of a stage, [`Error::Interrupted`] where the observer returned `Break`, [`Error::Argument`] and [`Error::Scale`] for known
+    /// depths that give no scale.
+    pub fn refine(
+        &mut self,
+        photograph: usize,
+        mut field: Option<&mut FieldFactory<'_>>,
+        seen: &mut dyn Observer,
+    ) -> Result<Refined<'s>> {
+        let Self { refiner, scene, prior, several, .. } = self;
+        let (refiner, scene) = (*refiner, *scene);
+        let Some(shown) = scene.photographs.get(photograph) else {
+            let reason = format!("photograph {photograph} of {}", scene.photographs.len());
+            return Err(Error::Capture { reason, remedy: "give the index of one of them" });
+        };
+        let mut camera =
+            if photograph == scene.reference { self.camera.clone() } else { shown.camera.clone() };
+        let config = &refiner.settings.config;
+        let timed = Timed::new(&*prior);
+        let mut kept = None;
+        let make = |request: FieldRequest<'_>| -> Result<Box<dyn RadianceField>> {
+            match &mut field {
+                Some(factory) => factory(request),
+                None => Ok(Box::new(kept.insert(SharedNerf::new(request.nerf()?)).clone())),
+            }
+        };
+        let stages = Stages::new(&timed).with_predictions_at_once(self.parallel_predictions).with_field(make);
+        let mut observe = |event: &Event| seen.event(event);
+        let mut refinement = match several {
+            Some(several) => several.refine(photograph, stages, &mut observe)?,
+            None => refine(shown.image.view(), &camera.camera, stages, config, &mut observe)?,
+        };
+        if refiner.settings.keep_field && kept.is_none() {
+            seen.warn(
+                "{keep-field}: no field was fitted, so there is none; several photographs and the preset paper fit one"
+                    .to_owned(),
+            );
+        }
+        let mut image = shown.image.view();
+        if let Some(full) = &shown.full {
+            refinement = refinement.upsampled(image, full.image.view())?;
+            let (height, width, _) = full.image.dim();
+            (image, camera) = (full.image.view(), camera.resized((height, width))?);
+        }
+        let prior_seconds = std::mem::take(&mut self.prior_seconds) + timed.seconds();
+        let finish = finish::Finish { settings: &refiner.settings, origin: self.prior.origin(), scene };
+        let refined = finish.apply(refinement, photograph, image, camera, &mut |text| seen.warn(text))?;
+        refined.png.warning().into_iter().for_each(|warning| seen.warn(warning));
+        Ok(Refined { field: kept, prior_seconds, ..refined })
+    }
+
+    /// The prior's depth of the reference, `[height, width]` of its refinement; 0 where missing.
+    ///
+    /// # Errors
+    /// The error of the prior, and [`Error::Prior`] for disparities without a depth.
+    pub fn prior_depth(&self) -> Result<Array2<f32>> {
+        let reference = self.scene.reference;
+        if let Some(depth) = self.several.as_ref().and_then(|several| several.prior_depth(reference)) {
+            return Ok(depth.clone());
+        }
+        let image = self.scene.photographs[reference].image.view();
+        Ok(self.prior.predict(image)?.to_depth(&self.refiner.settings.config.disparity)?)
+    }
+
+    /// The camera of the reference.
+    pub fn camera(&self) -> &KnownCamera {
+        &self.camera
+    }
+
+    /// Poses and verdicts of several photographs.
+    pub fn several(&self) -> Option<&PreparedScene<'s>> {
+        self.several.as_ref()
+    }
+
+    /// Where the prior comes from, with the metres that the focal length gives.
+    pub fn origin(&self) -> &PriorOrigin {
+        self.prior.origin()
+    }
+
+    /// Unit of the results: `m`, `capture` or `unscaled`.
+    pub fn unit(&self) -> &'static str {
+        finish::Finish { settings: &self.refiner.settings, origin: self.prior.origin(), scene: self.scene }
+            .unit()
+    }
+
+    /// Seconds of predictions that no result has yet.
+    pub fn prior_seconds(&self) -> f64 {
+        self.prior_seconds
+    }
+
+    /// The synthetic views of the reference (Section III.A, Eq. 1), the photograph itself first.
+    ///
+    /// # Errors
+    /// The error of the prior or of a warp.
+    pub fn synthetic_views(&self) -> Result<(Vec<PosedView>, WarpReport)> {
+        let photograph = &self.scene.photographs[self.scene.reference];
+        let depth = self.prior_depth()?;
+        crate::refinement::check_prior(depth.view(), photograph.image.view())?;
+        let config = &self.refiner.settings.config;
+        synthesise(photograph.image.view(), &self.camera.camera, &known(depth)?, config, 0)
+    }
+}

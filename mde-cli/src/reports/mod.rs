@@ -1,0 +1,10 @@
+//! What the steps found, as plain data: the records and pages of a run are made of it.
+
+pub mod capture;
+pub mod evidence;
+pub mod iteration;
+pub mod novel;
+pub mod prediction;
+mod refinement;
+
+pub use refinement::Refinement;

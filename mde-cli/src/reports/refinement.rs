@@ -1,0 +1,73 @@
+//! The maps of a refinement and what its steps found.
+
+use crate::error::{Error, Result};
+use crate::reports::capture::{CaptureReport, PoseSource};
+use crate::reports::iteration::IterationReport;
+use crate::reports::prediction::{AugmentationReport, Component};
+use mde_nerf::RadianceField;
+use mde_prior::Certainty;
+use mde_uncertainty::GaussianDepth;
+use ndarray::Array2;
+
+/// Result of a run.
+pub struct Refinement {
+    /// The refined depth and its variance, `[height, width]`, z in the prior's unit.
+    pub depth: GaussianDepth,
+    /// The monocular depth that it started from, `[height, width]`; 0 where missing.
+    pub prior: Array2<f32>,
+    /// Report of the prior's stage.
+    pub augmentation: AugmentationReport,
+    /// Components of the standard deviation.
+    pub components: Vec<Component>,
+    /// One report per iteration.
+    pub iterations: Vec<IterationReport>,
+    /// The field of the last iteration, if there was one.
+    pub field: Option<Box<dyn RadianceField>>,
+    /// How sure the model itself is of each pixel, where it says so and refined a single photograph. Sigma does not depend on it.
+    pub certainty: Option<Certainty>,
+    /// Report of several photographs, where there were any.
+    pub capture: Option<CaptureReport>,
+}
+
+impl Refinement {
+    /// Nothing but the prior and a single prediction.
+    pub(crate) fn of_prior(prior: Array2<f32>) -> Self {
+        let (height, width) = prior.dim();
+        Self {
+            depth: GaussianDepth::missing(height, width),
+            prior,
+            augmentation: AugmentationReport { predictions: 1, ..AugmentationReport::default() },
+            components: Vec::new(),
+            iterations: Vec::new(),
+            field: None,
+            certainty: None,
+            capture: None,
+        }
+    }
+
+    /// The same in the unit of the capture's poses instead of the prior's: depth, prior, components and variance.
+    ///
+    /// # Errors
+    /// [`Error::Capture`] where the poses have no unit of their own, or no scale between it and the prior was found.
+    pub fn in_capture_unit(self) -> Result<Self> {
+        let remedy = "give a capture with poses, or keep the unit of the prior";
+        let fault = |reason: &str| Error::Capture { reason: reason.to_owned(), remedy };
+        let report = self.capture.as_ref().filter(|report| report.poses != PoseSource::Estimated);
+        let Some(report) = report else {
+            return Err(fault("the poses were estimated, so the capture has no unit but the prior's"));
+        };
+        let factor = match report.scale {
+            Some([factor, _]) if factor > 0.0 && factor.is_finite() => factor as f32,
+            _ => return Err(fault("no scale between the capture's unit and the prior's was found")),
+        };
+        let depth = self.depth.map(|mean, variance| (factor * mean, factor * factor * variance));
+        let scaled = |part: Component| Component { sigma: part.sigma.mapv(|s| factor * s), ..part };
+        let refined = Self {
+            depth,
+            prior: self.prior.mapv(|z| factor * z),
+            components: self.components.into_iter().map(scaled).collect(),
+            ..self
+        };
+        Ok(refined.with_poses(Some(f64::from(factor))))
+    }
+}

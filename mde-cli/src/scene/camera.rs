@@ -1,0 +1,188 @@
+//! The camera of a photograph: given, from its EXIF, or assumed.
+
+use crate::error::{Error, Result, text};
+use crate::prior::origin::PriorOrigin;
+use crate::reports::capture::CaptureReport;
+use crate::scene::intrinsics::Intrinsics;
+use mde_mvs::capture::{Distortion, Lens};
+use mde_prior::{DepthPrior, FileKind, open};
+use mde_warp::PinholeCamera;
+use ndarray::ArrayView3;
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Assumed horizontal field of view, degrees: between a phone's main camera (65 to 75) and a longer lens.
+const ASSUMED_FOV: f64 = 60.0;
+
+/// What is given of a camera, for the size of the photograph's file.
+#[derive(Debug, Clone, PartialEq)]
+pub enum GivenCamera {
+    /// Nothing.
+    Nothing,
+    /// Focal lengths and principal point, pixels.
+    Intrinsics {
+        /// Horizontal focal length.
+        fx: f64,
+        /// Vertical focal length, by default the horizontal one.
+        fy: Option<f64>,
+        /// Column of the principal point, by default the middle.
+        cx: Option<f64>,
+        /// Row of the principal point, by default the middle.
+        cy: Option<f64>,
+    },
+    /// Horizontal field of view, degrees.
+    FieldOfView(f64),
+    /// A file of intrinsics.
+    File(PathBuf),
+}
+
+/// A camera and where it comes from.
+#[derive(Debug, Clone, Serialize)]
+pub struct KnownCamera {
+    /// The camera.
+    #[serde(flatten)]
+    pub camera: PinholeCamera,
+    /// Where it comes from.
+    pub source: CameraSource,
+}
+
+/// Where a camera comes from.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CameraSource {
+    /// Focal lengths as arguments.
+    Flags,
+    /// A field of view, degrees.
+    FieldOfView(f64),
+    /// A file of intrinsics or of a capture.
+    File(String),
+    /// The photograph's EXIF, 35 mm focal length in millimetres.
+    Exif(f64),
+    /// The depth network's own estimate.
+    Network,
+    /// Assumed, degrees.
+    Assumed(f64),
+    /// An assumed focal length, estimated with the poses of several photographs.
+    Estimated,
+    /// The procedural scene's own.
+    Scene,
+}
+
+impl CameraSource {
+    /// A word for a table.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Flags => "flags",
+            Self::FieldOfView(_) => "field-of-view",
+            Self::File(_) => "file",
+            Self::Exif(_) => "exif",
+            Self::Network => "network",
+            Self::Assumed(_) => "assumed",
+            Self::Estimated => "estimated",
+            Self::Scene => "scene",
+        }
+    }
+}
+
+impl KnownCamera {
+    /// The camera of a photograph of that size, with the focal length of its EXIF in millimetres of 35 mm film.
+    ///
+    /// # Errors
+    /// [`Error::Io`] for a file that can't be read; [`Error::Argument`], [`Error::Intrinsics`] or [`Error::Warp`] for what is no camera of
+    /// that photograph.
+    pub fn new(given: &GivenCamera, focal_35mm: Option<f64>, [width, height]: [usize; 2]) -> Result<Self> {
+        let middle = |side: usize| 0.5 * (side as f64 - 1.0);
+        let (camera, source) = match (given, focal_35mm) {
+            (GivenCamera::File(path), _) => {
+                let shown = path.display();
+                let read = open::read_text(path, FileKind::Settings).map_err(Error::io(path))?;
+                let camera = Intrinsics::parse(&read)
+                    .and_then(|k| k.camera([width, height]))
+                    .map_err(|error| Error::Argument(format!("{shown}: {}", text(&error))))?;
+                (camera, CameraSource::File(shown.to_string()))
+            }
+            (GivenCamera::Intrinsics { fx, fy, cx, cy }, _) => {
+                let (cx, cy) = (cx.unwrap_or(middle(width)), cy.unwrap_or(middle(height)));
+                let camera = PinholeCamera::new(*fx, fy.unwrap_or(*fx), cx, cy, width, height)?;
+                (camera, CameraSource::Flags)
+            }
+            (GivenCamera::FieldOfView(fov), _) => {
+                let camera = PinholeCamera::from_fov(*fov, width, height)
+                    .map_err(|error| Error::Argument(format!("{{fov}}: {}", text(&error))))?;
+                (camera, CameraSource::FieldOfView(*fov))
+            }
+            (GivenCamera::Nothing, Some(mm)) => {
+                (PinholeCamera::from_focal_35mm(mm, width, height)?, CameraSource::Exif(mm))
+            }
+            (GivenCamera::Nothing, None) => {
+                (PinholeCamera::from_fov(ASSUMED_FOV, width, height)?, CameraSource::Assumed(ASSUMED_FOV))
+            }
+        };
+        let lens = Lens { camera, distortion: Distortion::default() };
+        match &source {
+            CameraSource::Flags => lens.check().map_err(Error::Argument)?,
+            CameraSource::File(file) => {
+                lens.check().map_err(|reason| Error::Argument(format!("{file}: {reason}")))?;
+            }
+            _ => {}
+        }
+        Ok(Self { camera, source })
+    }
+
+    /// The same for the photograph resized to `(height, width)`.
+    ///
+    /// # Errors
+    /// [`Error::Warp`] for a size of 0.
+    pub fn resized(&self, (height, width): (usize, usize)) -> Result<Self> {
+        Ok(Self { camera: self.camera.resized(width, height)?, source: self.source.clone() })
+    }
+
+    /// Whether it is assumed.
+    pub fn is_assumed(&self) -> bool {
+        matches!(self.source, CameraSource::Assumed(_))
+    }
+
+    /// Focal length / width, where it is not assumed.
+    pub fn focal(&self) -> Option<f64> {
+        (!self.is_assumed()).then(|| self.camera.fx / self.camera.width as f64)
+    }
+
+    /// In the place of an assumed camera, that which a network estimates for an image `[height, width, 3]`, where it estimates one. It takes
+    /// a prediction.
+    ///
+    /// # Errors
+    /// [`Error::Prior`] where the network fails, [`Error::Argument`] for what is no camera.
+    pub fn by_network(
+        &self,
+        prior: &dyn DepthPrior,
+        origin: &PriorOrigin,
+        image: ArrayView3<'_, f32>,
+    ) -> Result<Option<Self>> {
+        if !(self.is_assumed() && origin.has_camera()) {
+            return Ok(None);
+        }
+        let Some([fx, fy, cx, cy]) = prior.predict(image)?.intrinsics else { return Ok(None) };
+        let (height, width, _) = image.dim();
+        let camera = PinholeCamera::new(fx, fy, cx, cy, width, height).map_err(|error| {
+            Error::Argument(format!("{}: its own camera: {}", origin.source, text(&error)))
+        })?;
+        Ok(Some(Self { camera, source: CameraSource::Network }))
+    }
+
+    /// Takes the camera that was estimated for a photograph of a capture, if one was.
+    pub(crate) fn take_estimated(&mut self, report: &CaptureReport, photograph: usize) {
+        let estimated = report.photographs.get(photograph).and_then(|found| found.camera);
+        if let Some(camera) = estimated.filter(|camera| *camera != self.camera) {
+            *self = Self { camera, source: CameraSource::Estimated };
+        }
+    }
+
+    /// A warning where the camera is assumed.
+    pub fn warning(&self) -> Option<String> {
+        let CameraSource::Assumed(degrees) = self.source else { return None };
+        Some(format!(
+            "the camera is unknown: a horizontal field of view of {degrees} degrees is assumed, which affects the point cloud \
+             but not the depth, unless a field is fitted; give {{fov}} or {{intrinsics}}"
+        ))
+    }
+}

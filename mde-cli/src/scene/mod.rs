@@ -1,0 +1,236 @@
+//! Photographs of one static scene, each at the size at which it is refined, with its camera.
+
+pub mod camera;
+pub mod intrinsics;
+pub mod known;
+#[cfg(feature = "files")]
+pub mod posed;
+pub mod size;
+
+use crate::error::{Error, Result};
+use crate::scene::camera::KnownCamera;
+use crate::scene::known::KnownDepths;
+use crate::scene::size::{SMALLEST, Sizes, shrink};
+use mde_prior::resample::nearest;
+use mde_warp::{PinholeCamera, Pose, PosedView};
+use nalgebra::Point3;
+use ndarray::{Array2, Array3};
+use serde::Serialize;
+
+/// A photograph at the size at which it is refined.
+#[derive(Debug, Clone)]
+pub struct Photograph {
+    /// Its name in reports and messages; unique within a scene.
+    pub name: String,
+    /// sRGB in 0 to 1, `[height, width, 3]`, without lens distortion.
+    pub image: Array3<f32>,
+    /// False where the image has no content, `[height, width]`.
+    pub mask: Array2<bool>,
+    /// The camera at this size. An assumed focal length is estimated where there are several photographs without poses.
+    pub camera: KnownCamera,
+    /// World to camera; none where it is to be estimated.
+    pub pose: Option<Pose>,
+    /// `(height, width)` as given.
+    pub original: (usize, usize),
+    /// The photograph at the size of the results, where it is refined at a smaller one.
+    pub full: Option<Full>,
+}
+
+/// A photograph at the size of its results.
+#[derive(Debug, Clone)]
+pub struct Full {
+    /// sRGB in 0 to 1, `[height, width, 3]`.
+    pub image: Array3<f32>,
+    /// The camera at this size.
+    pub camera: KnownCamera,
+}
+
+impl Photograph {
+    /// A photograph of that camera, as it is.
+    pub fn new(name: impl Into<String>, image: Array3<f32>, camera: KnownCamera) -> Self {
+        let (height, width, _) = image.dim();
+        let mask = Array2::from_elem((height, width), true);
+        Self { name: name.into(), image, mask, camera, pose: None, original: (height, width), full: None }
+    }
+
+    /// Resizes it. One of `several` photographs has its results at the size of the refinement. Other sizes are reported to `warn`.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a size that is too small, [`Error::Warp`] for a camera that can't be resized.
+    pub fn resized(mut self, sizes: &Sizes, several: bool, warn: &mut dyn FnMut(String)) -> Result<Self> {
+        let size = sizes.of_results(self.original);
+        let at = sizes.of_refinement(size);
+        let (height, width) = size;
+        if size != self.original {
+            self.image = shrink(&self.image, size);
+            let (from_height, from_width) = self.original;
+            warn(format!(
+                "resized from {from_width}x{from_height} to {width}x{height} pixels; {{max-size}} sets this"
+            ));
+        }
+        if width.min(height) < SMALLEST {
+            return Err(Error::Argument(format!(
+                "{}: the image is {width}x{height}; give one of {SMALLEST}x{SMALLEST} pixels or more",
+                self.name
+            )));
+        }
+        if at != size {
+            let (rows, columns) = at;
+            warn(format!("{width}x{height} pixels: refined at {columns}x{rows}; {{work-size}} sets this"));
+            let small = shrink(&self.image, at);
+            let image = std::mem::replace(&mut self.image, small);
+            self.full = if several { None } else { Some(Full { image, camera: self.camera.resized(size)? }) };
+        }
+        self.camera = self.camera.resized(at)?;
+        if self.mask.dim() != at {
+            self.mask = nearest(self.mask.view(), at);
+        }
+        Ok(self)
+    }
+
+    /// `(height, width)` of the refinement.
+    pub fn size(&self) -> (usize, usize) {
+        let (height, width, _) = self.image.dim();
+        (height, width)
+    }
+
+    /// `(height, width)` of the results.
+    pub fn of_results(&self) -> (usize, usize) {
+        let (height, width, _) = self.full.as_ref().map_or(&self.image, |full| &full.image).dim();
+        (height, width)
+    }
+
+    /// The photograph with that pose and camera, without a depth hypothesis.
+    pub(crate) fn view(&self, pose: Pose, camera: PinholeCamera) -> PosedView {
+        PosedView { image: self.image.clone(), camera, pose, mask: self.mask.clone(), hypotheses: Vec::new() }
+    }
+}
+
+/// Photographs of one static scene.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    /// One, or several: all with a pose or all without.
+    pub photographs: Vec<Photograph>,
+    /// Index of the photograph that is refined.
+    pub reference: usize,
+    /// Points that the reference shows, such as COLMAP's, in the world of the poses. 16 or more give the scale between poses and prior,
+    /// which the sweeps find otherwise. Not used without poses.
+    pub points: Vec<Point3<f64>>,
+    /// Depths that give the result its scale.
+    pub known: Option<KnownDepths>,
+    /// The scale that the photograph shares with others.
+    pub same_scale: Option<SameScale>,
+}
+
+impl Scene {
+    /// One photograph.
+    pub fn one(photograph: Photograph) -> Self {
+        Self {
+            photographs: vec![photograph],
+            reference: 0,
+            points: Vec::new(),
+            known: None,
+            same_scale: None,
+        }
+    }
+
+    /// Two or more photographs.
+    ///
+    /// # Errors
+    /// [`Error::Capture`] with the photograph at fault and the remedy.
+    pub fn several(photographs: Vec<Photograph>, reference: usize) -> Result<Self> {
+        let scene = Self { photographs, reference, points: Vec::new(), known: None, same_scale: None };
+        scene.validate()?;
+        Ok(scene)
+    }
+
+    /// Whether there is more than one photograph.
+    pub fn is_several(&self) -> bool {
+        self.photographs.len() > 1
+    }
+
+    /// Whether the photographs came with poses.
+    pub fn is_posed(&self) -> bool {
+        self.is_several() && self.photographs.iter().all(|photograph| photograph.pose.is_some())
+    }
+
+    /// Checks several photographs: their number, the reference, names, sizes, cameras and poses.
+    pub(crate) fn validate(&self) -> Result<()> {
+        let fault = |reason: String, remedy: &'static str| Err(Error::Capture { reason, remedy });
+        let count = self.photographs.len();
+        if count < 2 || self.reference >= count {
+            let reason = format!("{count} photographs, reference {}", self.reference);
+            return fault(reason, "give two or more, and a reference among them");
+        }
+        let posed = self.photographs.iter().filter(|photograph| photograph.pose.is_some()).count();
+        if posed != 0 && posed != count {
+            let reason = format!("{posed} of {count} photographs have a pose");
+            return fault(reason, "give poses for all of them or for none");
+        }
+        for (index, photograph) in self.photographs.iter().enumerate() {
+            let name = &photograph.name;
+            if self.photographs[..index].iter().any(|other| other.name == *name) {
+                return fault(format!("two photographs are named {name}"), "rename one");
+            }
+            let pose = photograph.pose.unwrap_or_else(Pose::identity);
+            if let Err(error) = photograph.view(pose, photograph.camera.camera).validate() {
+                return fault(format!("{name}: {error}"), "check the photograph and its camera");
+            }
+        }
+        Ok(())
+    }
+
+    /// Identifies the content of the photographs, their cameras, poses and points: their CRC-32 in hexadecimal digits.
+    pub fn identity(&self) -> String {
+        let mut hasher = crc32fast::Hasher::new();
+        let mut numbers = |values: &mut dyn Iterator<Item = f64>| {
+            values.for_each(|value| hasher.update(&value.to_le_bytes()));
+        };
+        for photograph in &self.photographs {
+            numbers(&mut photograph.image.iter().map(|value| f64::from(*value)));
+            numbers(&mut photograph.mask.iter().map(|real| f64::from(u8::from(*real))));
+            let PinholeCamera { fx, fy, cx, cy, width, height } = photograph.camera.camera;
+            numbers(&mut [fx, fy, cx, cy, width as f64, height as f64].into_iter());
+            numbers(
+                &mut photograph
+                    .pose
+                    .iter()
+                    .flat_map(|pose| pose.to_homogeneous().iter().copied().collect::<Vec<_>>()),
+            );
+        }
+        numbers(&mut self.points.iter().flat_map(|point| [point.x, point.y, point.z]));
+        for photograph in &self.photographs {
+            hasher.update(photograph.name.as_bytes());
+            hasher.update(&[0, u8::from(photograph.camera.is_assumed())]);
+        }
+        hasher.update(&self.reference.to_le_bytes());
+        format!("{:08x}", hasher.finalize())
+    }
+}
+
+/// The factor that brings a photograph's depth to the scale of others; in the record, that of the refined map.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SameScale {
+    /// The factor.
+    pub factor: f64,
+    /// Standard deviation of its logarithm, relative to the mean over the group.
+    pub log_sigma: f64,
+    /// Number of the photographs that share a scale, from 0; not in the record, as it changes with other photographs.
+    #[serde(skip)]
+    pub group: usize,
+    /// Photographs in the group.
+    pub photographs: usize,
+}
+
+impl SameScale {
+    /// What a photograph's results depend on.
+    pub fn key(&self) -> String {
+        // Bits, as texts of numbers may differ.
+        format!("{:016x} {:016x} {}", self.factor.to_bits(), self.log_sigma.to_bits(), self.photographs)
+    }
+
+    /// Whether no other photograph has this scale.
+    pub fn is_alone(&self) -> bool {
+        self.photographs < 2
+    }
+}

@@ -1,0 +1,170 @@
+//! Poses and cameras of the photographs, refined or estimated.
+
+use crate::config::Config;
+use crate::error::Result;
+use crate::reports::capture::{CaptureReport, PoseSource};
+use crate::scene::Scene;
+use mde_mvs::poses::{self, Agreement, MIN_MATCHES, Refined, Track, Verdict, estimate_poses, refine_poses};
+use mde_uncertainty::random::derived_seed;
+use mde_uncertainty::statistics::median;
+use mde_warp::{PinholeCamera, Pose, PosedView};
+use nalgebra::Matrix6;
+use ndarray::Array2;
+
+/// Features of a photograph in which those of the same scene find matches.
+const PLENTY: usize = 200;
+/// Least share of a photograph's matches that fit its pose. In small photographs more than half can be wrong (15 of 28 at 96x72);
+/// with a pose of another place nearly all are (38 of 38).
+const LEAST_AGREEING: f64 = 0.25;
+
+/// The photographs with a pose, in the frame of the capture's reference.
+#[derive(Debug)]
+pub(super) struct Posed {
+    /// That reference first.
+    pub(super) views: Vec<PosedView>,
+    /// Index of each view among the photographs.
+    pub(super) order: Vec<usize>,
+    /// Covariance of each view's pose, from the capture's reference; none where it was given and kept.
+    pub(super) covariances: Vec<Option<Matrix6<f64>>>,
+    /// Unit of the poses per unit of the prior: the prior's depth times this is in the unit of the poses.
+    pub(super) unit: f64,
+}
+
+/// Camera, pose and its covariance of a photograph that has a pose.
+type Placed = (PinholeCamera, Pose, Option<Matrix6<f64>>);
+
+/// The posed views, or nothing (with the reason in the report) where no photograph but the reference has a pose with parallax. The
+/// callback counts the pairs of photographs as they are matched.
+pub(super) fn posed(
+    scene: &Scene,
+    priors: &[Option<Array2<f32>>],
+    config: &Config,
+    report: &mut CaptureReport,
+    matched: &mut mde_mvs::Callback<'_>,
+) -> Result<Option<Posed>> {
+    let inputs: Vec<poses::PoseInput<'_>> = scene
+        .photographs
+        .iter()
+        .zip(priors)
+        .map(|(photograph, prior)| poses::PoseInput {
+            image: photograph.image.view(),
+            camera: photograph.camera.camera,
+            focal_assumed: photograph.camera.is_assumed() && photograph.pose.is_none(),
+            prior: prior.as_ref().map(|depth| depth.view()),
+        })
+        .collect();
+    let seed = derived_seed(config.seed, "poses", 0);
+    let reference = scene.reference;
+    let given: Option<Vec<Pose>> = scene.photographs.iter().map(|p| p.pose).collect();
+    let mut found: Vec<Option<Placed>> = vec![None; inputs.len()];
+    let mut unit = 1.0;
+    if let Some(given) = given {
+        let world = given[reference].inverse();
+        let given: Vec<Pose> = given.iter().map(|pose| pose * world).collect();
+        let (kept, refined) = refined(&inputs, &given, reference, seed, report, matched)?;
+        report.poses = if refined.accepted { PoseSource::Refined } else { PoseSource::Given };
+        report.withheld_pixels = refined.withheld;
+        if kept.len() < 2 {
+            report.fallback = report.fallback.take().or_else(|| Some(report.verdicts(reference)));
+            return Ok(None);
+        }
+        let first = kept.iter().position(|&index| index == reference).unwrap_or_default();
+        unit = unit_of(&refined.tracks, first, priors[reference].as_ref());
+        for ((&index, pose), covariance) in kept.iter().zip(refined.poses).zip(refined.covariances) {
+            found[index] = Some((inputs[index].camera, pose, covariance));
+        }
+    } else {
+        let estimated = estimate_poses(&inputs, reference, seed, matched)?;
+        report.poses = PoseSource::Estimated;
+        report.focal_factor = Some(estimated.focal_factor);
+        for (index, photograph) in estimated.photographs.iter().enumerate() {
+            report.photographs[index].verdict = photograph.verdict.to_string();
+            report.photographs[index].matches = Some(photograph.tracks);
+            let pose = photograph.pose.or((index == reference).then(Pose::identity));
+            found[index] = pose.map(|pose| (photograph.camera, pose, photograph.covariance));
+        }
+        if !estimated.photographs.iter().any(|photograph| photograph.verdict == Verdict::Posed) {
+            report.fallback = Some(report.verdicts(reference));
+            return Ok(None);
+        }
+    }
+    let mut posed = Posed { views: Vec::new(), order: Vec::new(), covariances: Vec::new(), unit };
+    let others = (0..found.len()).filter(|&index| index != reference);
+    for index in std::iter::once(reference).chain(others) {
+        if let Some((camera, pose, covariance)) = found[index] {
+            posed.views.push(scene.photographs[index].view(pose, camera));
+            posed.order.push(index);
+            posed.covariances.push(covariance);
+        }
+    }
+    Ok(Some(posed))
+}
+
+/// Given poses, refined, of the photographs that belong to them by their matches: their indices, and the poses in that order. The
+/// others are left out before a second refinement.
+fn refined(
+    inputs: &[poses::PoseInput<'_>],
+    given: &[Pose],
+    reference: usize,
+    seed: u64,
+    report: &mut CaptureReport,
+    matched: &mut mde_mvs::Callback<'_>,
+) -> Result<(Vec<usize>, Refined)> {
+    let mut kept: Vec<usize> = (0..inputs.len()).collect();
+    loop {
+        let shown: Vec<poses::PoseInput<'_>> = kept.iter().map(|&index| inputs[index]).collect();
+        let theirs: Vec<Pose> = kept.iter().map(|&index| given[index]).collect();
+        let first = kept.iter().position(|&index| index == reference).unwrap_or_default();
+        let refined = refine_poses(&shown, &theirs, first, seed, matched)?;
+        let mismatches: Vec<Option<String>> =
+            refined.agreement.iter().map(|found| mismatch(found, MIN_MATCHES)).collect();
+        for ((&index, found), mismatch) in kept.iter().zip(&refined.agreement).zip(&mismatches) {
+            let photograph = &mut report.photographs[index];
+            photograph.matches = Some(found.agreeing);
+            if let Some(mismatch) = mismatch.as_ref().filter(|_| index != reference) {
+                photograph.verdict.clone_from(mismatch);
+            }
+        }
+        let count = kept.len();
+        match &mismatches[first] {
+            // Nothing tells which of the others could be right.
+            Some(mismatch) => {
+                report.fallback = Some(format!("{}: {mismatch}", report.photographs[reference].name));
+                kept = vec![reference];
+            }
+            None => {
+                let mut fits = mismatches.iter().map(Option::is_none);
+                kept.retain(|_| fits.next().unwrap_or(false));
+            }
+        }
+        if kept.len() == count || kept.len() < 2 {
+            return Ok((kept, refined));
+        }
+    }
+}
+
+/// Why a photograph does not belong to its pose, if it does not: its matches with the others do not fit, or there are none though
+/// it has features for them.
+fn mismatch(found: &Agreement, few: usize) -> Option<String> {
+    let Agreement { features, matches, agreeing } = *found;
+    if matches < few {
+        return (features >= PLENTY).then(|| {
+            format!("{matches} matches with the other photographs, {few} are needed; check that it shows the same scene")
+        });
+    }
+    ((agreeing as f64) < LEAST_AGREEING * matches as f64).then(|| {
+        format!("{agreeing} of {matches} matches fit its pose; check that the pose belongs to the photograph")
+    })
+}
+
+/// The robust factor from the reference's prior to the depth of its tracks; 1 without tracks.
+fn unit_of(tracks: &[Track], reference: usize, prior: Option<&Array2<f32>>) -> f64 {
+    let Some(prior) = prior else { return 1.0 };
+    let logs = tracks.iter().filter_map(|track| {
+        let anchor = track.pixels.first().filter(|pixel| pixel.photograph == reference)?;
+        let [row, column] = [anchor.pixel.y.round() as usize, anchor.pixel.x.round() as usize];
+        let depth = *prior.get((row, column)).filter(|z| **z > 0.0)?;
+        (track.depth > 0.0).then(|| (track.depth / f64::from(depth)).ln())
+    });
+    median(logs).map_or(1.0, f64::exp)
+}

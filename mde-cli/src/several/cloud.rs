@@ -1,0 +1,113 @@
+//! Points on which the refined depths of several photographs agree.
+
+use mde_warp::{PinholeCamera, Pose};
+use nalgebra::{Point2, Point3};
+use ndarray::{Array2, ArrayView2};
+
+/// A refined photograph.
+#[derive(Debug, Clone, Copy)]
+pub struct RefinedView<'v> {
+    /// Its camera.
+    pub camera: PinholeCamera,
+    /// World to camera, in the unit of the depth.
+    pub pose: Pose,
+    /// z-depth, `[height, width]` of the camera; 0 where missing.
+    pub depth: ArrayView2<'v, f32>,
+    /// Its standard deviation; infinite where missing.
+    pub sigma: ArrayView2<'v, f32>,
+}
+
+/// A pixel's point that another photograph confirms.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ConsistentPoint {
+    /// Index of the photograph.
+    pub view: usize,
+    /// Its pixel, `[row, column]`.
+    pub pixel: [usize; 2],
+    /// The point in the world.
+    pub position: Point3<f64>,
+    /// Standard deviation of the depth in that photograph.
+    pub sigma: f32,
+}
+
+/// The points that a second photograph confirms: with the point at depth \\( z' \\) before it, and \\( D \\), \\( \sigma \\) its own
+/// at the nearest pixel, \\( |z' - D| \le \sigma + \sigma' \\), where \\( \sigma' \\) is the point's in the proportion of the
+/// depths. A surface that an earlier photograph gave already is left out.
+///
+/// Maps of another size than their camera have no points.
+pub fn consistent_points(views: &[RefinedView<'_>]) -> Vec<ConsistentPoint> {
+    let mut given: Vec<Array2<bool>> =
+        views.iter().map(|view| Array2::from_elem(view.camera.dim(), false)).collect();
+    let mut points = Vec::new();
+    let sized = |view: &RefinedView<'_>| {
+        view.depth.dim() == view.camera.dim() && view.sigma.dim() == view.camera.dim()
+    };
+    for (index, view) in views.iter().enumerate().filter(|(_, view)| sized(view)) {
+        let (camera, world) = (&view.camera, view.pose.inverse());
+        let others: Vec<usize> = (0..views.len()).filter(|&i| i != index && sized(&views[i])).collect();
+        for ((row, column), &z) in view.depth.indexed_iter() {
+            let sigma = view.sigma[(row, column)];
+            if !(z > 0.0 && sigma.is_finite()) {
+                continue;
+            }
+            let position = world * camera.unproject(Point2::new(column as f64, row as f64), f64::from(z));
+            let confirm = |&other: &usize| Some((other, seen(&views[other], &position, sigma / z)?));
+            let mut confirmed = others.iter().filter_map(confirm).peekable();
+            if confirmed.peek().is_some() && !confirmed.any(|(other, pixel)| given[other][pixel]) {
+                given[index][(row, column)] = true;
+                points.push(ConsistentPoint { view: index, pixel: [row, column], position, sigma });
+            }
+        }
+    }
+    points
+}
+
+/// The pixel where a view confirms a point of that relative deviation.
+fn seen(view: &RefinedView<'_>, position: &Point3<f64>, relative: f32) -> Option<(usize, usize)> {
+    let (camera, there) = (&view.camera, view.pose * position);
+    let [x, y] = camera.project(&there)?.coords.map(f64::round).into();
+    if !(x >= 0.0 && y >= 0.0 && x < camera.width as f64 && y < camera.height as f64) {
+        return None;
+    }
+    let pixel = (y as usize, x as usize);
+    let (depth, sigma) = (f64::from(view.depth[pixel]), f64::from(view.sigma[pixel]));
+    let agree = (there.z - depth).abs() <= sigma + f64::from(relative) * there.z;
+    (depth > 0.0 && sigma.is_finite() && agree).then_some(pixel)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: (usize, usize) = (12, 16);
+
+    fn view<'v>(shift: f64, depth: &'v Array2<f32>, sigma: &'v Array2<f32>) -> RefinedView<'v> {
+        let camera = PinholeCamera::from_fov(60.0, SIZE.1, SIZE.0).unwrap();
+        RefinedView {
+            camera,
+            pose: Pose::translation(-shift, 0.0, 0.0),
+            depth: depth.view(),
+            sigma: sigma.view(),
+        }
+    }
+
+    #[test]
+    fn only_what_two_photographs_show_is_kept_and_each_surface_once() {
+        let (mut depth, sigma) = (Array2::from_elem(SIZE, 2.0_f32), Array2::from_elem(SIZE, 0.05_f32));
+        let wall = depth.clone();
+        depth[(5, 8)] = 1.5;
+        let camera = PinholeCamera::from_fov(60.0, SIZE.1, SIZE.0).unwrap();
+        // Three pixels to the right.
+        let shift = 3.0 * 2.0 / camera.fx;
+        let points = consistent_points(&[view(0.0, &depth, &sigma), view(shift, &wall, &sigma)]);
+        // What the second does not see, and the pixel that it contradicts.
+        assert_eq!(points.len(), SIZE.0 * (SIZE.1 - 3) - 1);
+        assert!(points.iter().all(|p| p.view == 0 && p.pixel != [5, 8] && p.pixel[1] >= 3));
+        assert!(points.iter().all(|p| (p.position.z - 2.0).abs() < 1e-6));
+        // With a sigma that allows for the difference it is confirmed.
+        let vague = Array2::from_elem(SIZE, 0.3_f32);
+        let more = consistent_points(&[view(0.0, &depth, &vague), view(shift, &wall, &vague)]);
+        assert!(more.iter().any(|p| p.pixel == [5, 8]));
+        assert!(consistent_points(&[view(0.0, &wall, &sigma)]).is_empty());
+    }
+}

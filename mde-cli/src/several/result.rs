@@ -1,0 +1,126 @@
+//! The reference's depth in the prior's unit, with its standard deviation.
+
+use crate::error::Result;
+use crate::reports::prediction::Component;
+use mde_fusion::{Fused, Fuser, Prior};
+use mde_mvs::consensus::{Reconstruction, ViewDepth};
+use mde_mvs::poses::depth_variance;
+use mde_nerf::RenderedView;
+use mde_uncertainty::GaussianDepth;
+use mde_warp::PosedView;
+use nalgebra::Matrix6;
+use ndarray::{Array2, Zip};
+
+/// Factor of the standard deviation of the fused depth, which the field has in part already.
+const CONSENSUS: f32 = 0.5;
+/// Standard deviation of a match, pixels of disparity. What neither the field nor the sweeps state: exposure, the raster, the lens.
+const MATCH: f64 = 0.5;
+/// What sigma is made of.
+const COMPONENTS: [&str; 7] =
+    ["termination", "in-bin", "ambiguity", "prior", "view-disagreement", "parallax", "poses"];
+/// Least share of the reference's pixels that another photograph confirms.
+const LEAST_VERIFIED: f32 = 0.03;
+
+/// Why the photographs carry no depth, if they do not.
+pub(super) fn unusable(reconstruction: &Reconstruction) -> Option<String> {
+    let Some(reference) = reconstruction.views.first() else { return Some("no photograph is left".into()) };
+    (reference.verified < LEAST_VERIFIED).then(|| {
+        format!(
+            "other photographs confirm the depth of {:.1} % of the pixels, {:.0} % are needed; take sharper photographs, or from further aside",
+            100.0 * reference.verified,
+            100.0 * LEAST_VERIFIED
+        )
+    })
+}
+
+/// Unit of the poses per unit of the prior, and the standard deviation of its logarithm.
+pub(super) fn scale(reconstruction: &Reconstruction, unit: f64) -> [f64; 2] {
+    reconstruction.scale.map_or([unit, f64::INFINITY], |s| [unit * s.log_scale.exp(), s.variance.sqrt()])
+}
+
+/// The field's depth, the consensus where the field has none, in the prior's unit.
+///
+/// Relative variances add: that of the ray's termination, a quarter of the consensus', half a pixel of disparity over the root mean
+/// square of the baselines \\( b \\), \\( (0.5\, z / (f_x b))^2 \\), and that of the poses ([`depth_variance`]). The components
+/// split the first two: the ray's into what lies within its bins and the rest, the consensus' into the ambiguity of the costs, the
+/// prior with the doubt of the match, and the inflation by which the photographs disagree.
+pub(super) fn combine(
+    reconstruction: &Reconstruction,
+    views: &[PosedView],
+    covariances: &[Option<Matrix6<f64>>],
+    rendered: Option<&RenderedView>,
+    unit: f64,
+) -> Result<(GaussianDepth, Vec<Component>)> {
+    let Some(ViewDepth { fused: consensus, ambiguity, .. }) = reconstruction.views.first() else {
+        return Ok((GaussianDepth::missing(0, 0), Vec::new()));
+    };
+    let factor = scale(reconstruction, unit)[0] as f32;
+    let (mut mean, mut variance) = (consensus.mean().to_owned(), consensus.variance().to_owned());
+    let per_depth = disparity(views) as f32;
+    let of_poses = depth_variance(views, covariances, consensus.mean());
+    let disagreement = 1.0 - reconstruction.inflation.recip();
+    let within = rendered.and_then(|r| r.in_bin.as_ref());
+    let mut parts = COMPONENTS.map(|_| Array2::from_elem(mean.dim(), f32::INFINITY));
+    for (at, mean) in mean.indexed_iter_mut() {
+        let relative = |map: &GaussianDepth| map.get(at.0, at.1).map(|(z, v)| (z, v.sqrt() / z));
+        let field = rendered.and_then(|r| relative(&r.depth)).filter(|(z, _)| *z > 0.0);
+        let stated = relative(consensus).filter(|(z, _)| *z > 0.0);
+        let z = match (field, stated) {
+            (Some((z, _)), _) | (None, Some((z, _))) => z,
+            (None, None) => {
+                (*mean, variance[at]) = (0.0, f32::INFINITY);
+                continue;
+            }
+        };
+        let depth = z / factor;
+        let ray = field.map_or(0.0, |f| f.1 * f.1);
+        let in_bin = within.and_then(|w| w.get(at)).map_or(0.0, |v| (v / (z * z)).max(0.0).min(ray));
+        let fused = (CONSENSUS * stated.map_or(0.0, |s| s.1)).powi(2);
+        let apart = disagreement * fused;
+        let ambiguous = ambiguity[at] * (fused - apart);
+        let shares = [
+            ray - in_bin,
+            in_bin,
+            ambiguous,
+            (fused - apart - ambiguous).max(0.0),
+            apart,
+            (per_depth * z).powi(2),
+            of_poses[at],
+        ];
+        for (part, share) in parts.iter_mut().zip(shares) {
+            part[at] = share.sqrt() * depth;
+        }
+        *mean = depth;
+        let share = ray + fused + (per_depth * z).powi(2) + of_poses[at];
+        variance[at] = (share * depth * depth).max(f32::MIN_POSITIVE);
+    }
+    let components =
+        COMPONENTS.into_iter().zip(parts).map(|(name, sigma)| Component { name, sigma }).collect();
+    Zip::from(&mut variance).and(&mut mean).for_each(|v, z| {
+        if !(v.is_finite() && z.is_finite()) {
+            (*v, *z) = (f32::INFINITY, 0.0);
+        }
+    });
+    Ok((GaussianDepth::new(mean, variance)?, components))
+}
+
+/// The fusion of the prior with the field in the order of the paper, the field brought into the prior's unit by `factor` first.
+pub(super) fn printed(
+    fuser: &dyn Fuser,
+    prior: &Array2<f32>,
+    rendered: &RenderedView,
+    factor: f64,
+) -> Result<Fused> {
+    let factor = factor as f32;
+    let seen = rendered.depth.clone().map(|mean, variance| (mean / factor, variance / (factor * factor)));
+    Ok(fuser.fuse(&Prior::new(prior.clone())?, &[seen])?)
+}
+
+/// Relative standard deviation per unit of depth of a match that is [`MATCH`] pixels off, over the root mean square baseline.
+fn disparity(views: &[PosedView]) -> f64 {
+    let Some((reference, others)) = views.split_first() else { return 0.0 };
+    let centre = |view: &PosedView| view.pose.inverse().translation.vector;
+    let squares: f64 = others.iter().map(|view| (centre(view) - centre(reference)).norm_squared()).sum();
+    let baseline = (squares / others.len().max(1) as f64).sqrt();
+    if baseline > 0.0 { MATCH / (reference.camera.fx * baseline) } else { 0.0 }
+}

@@ -1,0 +1,267 @@
+//! Several photographs through the program.
+
+use crate::common::{Place, names, on_disk, rendered, wait_until};
+use mde_cli::mde_mvs::capture::{CaptureFiles, Frame, PixelCentres, read_transforms};
+use mde_cli::mde_prior::format::{ReadOptions, read_values};
+use mde_cli::mde_prior::photo::{image_size, write_image};
+use mde_cli::ndarray::{Array2, Array3};
+use mde_cli::refiner::plan::scene_bytes;
+use mde_cli::{Config, Preset};
+use mde_eval::capture::Capture as Rendered;
+use mde_eval::scene::Room;
+use mde_uncertainty::statistics::median;
+use std::fs;
+use std::path::Path;
+use std::sync::LazyLock;
+
+const WIDTH: usize = 128;
+const HEIGHT: usize = 96;
+
+// At this size matches are few; this room has enough.
+static KITCHEN: LazyLock<Rendered> = LazyLock::new(|| rendered(Room::Kitchen, 3, [WIDTH, HEIGHT]));
+static STUDY: LazyLock<Rendered> = LazyLock::new(|| rendered(Room::Study, 4, [WIDTH, HEIGHT]));
+
+const REFINE: &str = "refine images/0.png --prior-depth prior.npy --config quick.toml -q";
+
+fn fov(room: &Rendered) -> f64 {
+    2.0 * (0.5 * WIDTH as f64 / room.views[0].view.camera.fx).atan().to_degrees()
+}
+
+/// Of a folder of photographs, with the poses of a file and without: the maps and their record.
+#[test]
+fn photographs_with_poses_and_without_are_refined() {
+    let place = on_disk(&KITCHEN);
+    place.run(&format!("{REFINE} --views transforms.json -o posed"));
+    let posed = place.record("posed");
+    assert_eq!(
+        (posed["preset"].as_str(), posed["capture"]["photographs"].as_array().unwrap().len()),
+        (Some("multi-view"), 3)
+    );
+    assert_ne!(posed["capture"]["poses"], "estimated");
+    assert!(posed["capture"]["fallback"].is_null(), "{}", posed["capture"]);
+    assert!(place.has("posed/report.html") && place.has("posed/sigma.npy"));
+    place.run(&format!("{REFINE} --views images --fov {} -o found", fov(&KITCHEN)));
+    let found = place.record("found");
+    assert_eq!(found["capture"]["poses"], "estimated");
+    assert!(found["capture"]["fallback"].is_null(), "{}", found["capture"]);
+    fs::remove_file(place.path("images/2.png")).unwrap();
+    place.refused(&format!("{REFINE} --views transforms.json -o out"), &["2.png"]);
+}
+
+/// With noise, which no compression makes small; enlarged, as rooms take seconds to render at such a size.
+#[test]
+fn the_report_of_several_large_photographs_is_below_five_megabytes() {
+    let mut room = rendered(Room::Study, 3, [160, 120]);
+    for (index, known) in room.views.iter_mut().enumerate() {
+        let mut state = index as u32 + 1;
+        let small = &known.view.image;
+        known.view.image = Array3::from_shape_fn((480, 640, 3), |(y, x, c)| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            small[(y / 4, x / 4, c)] + 0.04 * ((state >> 8) as f32 / (1 << 24) as f32 - 0.5)
+        });
+        known.view.camera = known.view.camera.resized(640, 480).unwrap();
+        let prior = known.prior.as_mut().unwrap();
+        prior.map = Array2::from_shape_fn((480, 640), |(y, x)| prior.map[(y / 4, x / 4)]);
+        prior.valid = Array2::from_elem((480, 640), true);
+    }
+    let place = on_disk(&room);
+    let quick =
+        "nerf = { train = { steps = 5, rays = 128 }, render = { coarse = 4, fine = 4 }, field.finest = 64 }";
+    place.write("quick.toml", quick);
+    place.run(&format!("{REFINE} --views transforms.json -o out"));
+    assert!(place.record("out")["capture"]["fallback"].is_null());
+    let bytes = place.bytes("out/report.html").len();
+    assert!((2_000_000..5_000_000).contains(&bytes), "{bytes}");
+}
+
+#[test]
+fn photographs_can_be_limited_and_the_unit_be_named() {
+    let place = on_disk(&STUDY);
+    let views = format!("{REFINE} --views transforms.json --max-views 2 --export sigma");
+    place.run(&format!("{views} --unit capture -o capture"));
+    let record = place.record("capture");
+    // The factor to the prior counts in the prior's unit only.
+    place.run(&format!("{views} -o metres"));
+    assert!(place.has("capture/sigma/ambiguity.npy") && !place.has("capture/sigma/gauge.npy"));
+    assert!(place.has("metres/sigma/gauge.npy"));
+    let used = record["capture"]["photographs"].as_array().unwrap().iter().filter(|p| p["used"] == true);
+    assert_eq!((used.count(), record["unit"].as_str()), (2, Some("capture")));
+    if let Some(peak) = record["peak_memory_bytes"].as_u64() {
+        let config = Config::with_overrides(Preset::MultiView, &place.text("quick.toml"), "quick").unwrap();
+        let estimate = scene_bytes((WIDTH * HEIGHT) as u64, 4, 2, &config);
+        assert!((peak..4 * peak).contains(&estimate), "estimate {estimate}, peak {peak}");
+    }
+    let depth = place.map("capture/depth.npy");
+    let ratios = depth.iter().zip(&STUDY.truth).filter(|(_, t)| **t > 0.0).map(|(d, t)| f64::from(d / t));
+    let ratio = median(ratios).unwrap();
+    assert!(ratio.ln().abs() < 0.15, "{ratio}");
+    place.refused(
+        &format!("{REFINE} --views transforms.json --max-memory 0.01 -o out"),
+        &["--max-memory 0.01"],
+    );
+    place.refused(&format!("{REFINE} --views images --unit capture -o out"), &["--unit prior"]);
+}
+
+/// What `mde poses` writes is a capture that `mde refine` reads, with the poses and the focal length that it found.
+#[test]
+fn poses_are_written_and_read_again() {
+    let place = on_disk(&KITCHEN);
+    write_image(place.path("black.png"), Array3::zeros((HEIGHT, WIDTH, 3)).view()).unwrap();
+    fs::create_dir(place.path("found")).unwrap();
+    let prior = format!("--prior-depth prior.npy --fov {} -q", fov(&KITCHEN));
+    let poses = format!("poses images/0.png images black.png {prior} -o found/found.json");
+    place.run(&poses);
+    place.refused(&poses, &["--force"]);
+    place.run(&format!("{poses} --force"));
+    let size = |path: &Path| image_size(path);
+    let file = place.path("found/found.json");
+    let found = read_transforms(&file, PixelCentres::Integers, &size).unwrap();
+    // A file of nerfstudio: pixel centres at halves, without the key.
+    place.write("found/transforms.json", place.text("found/found.json").replace("pixel_centres", "some_key"));
+    let read = CaptureFiles::find(&place.path("found/transforms.json")).unwrap().read(None, &size).unwrap();
+    assert_eq!(read.frames[0].lens.camera, found.frames[0].lens.camera);
+    // The black photograph fits nowhere; at this size another may not.
+    let index =
+        |frame: &Frame| frame.photograph.file_stem().unwrap().to_str().unwrap().parse::<usize>().unwrap();
+    assert!((2..=3).contains(&found.frames.len()) && index(&found.frames[0]) == 0);
+    let frame = KITCHEN.views[0].view.pose.inverse();
+    for frame_found in &found.frames {
+        let known = &KITCHEN.views[index(frame_found)];
+        let turned = (known.view.pose * frame).rotation.angle_to(&frame_found.pose.rotation).to_degrees();
+        assert!(turned < 3.0, "{turned}");
+        assert!((frame_found.lens.camera.fx / known.view.camera.fx - 1.0).abs() < 1e-9);
+    }
+    place.run(&format!("{REFINE} --views found/found.json -o refined"));
+    let capture = place.record("refined")["capture"].clone();
+    assert!(capture["poses"] != "estimated" && capture["fallback"].is_null(), "{capture}");
+    place.refused(&format!("poses images/0.png black.png {prior} -o no.json"), &["black.png", "features"]);
+    place.refused(&format!("poses images/0.png {prior} -o no.json"), &["two or more"]);
+    assert!(!place.has("no.json"));
+}
+
+const ALL: &str = "refine images/1.png --views transforms.json --all --prior-model grey.onnx --model-profile fastdepth \
+                   --prior-kind metric --config quick.toml -q";
+
+fn finished(told: &str) -> usize {
+    told.matches("finished before").count()
+}
+
+/// All photographs with a network of brightness: what is written fits together, and a finished photograph is not refined again.
+#[test]
+#[cfg(feature = "onnx")]
+fn every_photograph_gets_a_folder_and_all_a_cloud() {
+    let room = rendered(Room::Study, 3, [WIDTH, HEIGHT]);
+    let place = on_disk(&room);
+    let all = format!("{ALL} --unit capture -o out");
+    place.run(&all);
+    let record = place.record("out");
+    let rows = record["photographs"].as_array().unwrap();
+    assert_eq!(rows.len(), 3);
+    let size = |path: &Path| image_size(path);
+    let transforms =
+        read_transforms(&place.path("out/transforms.json"), PixelCentres::Integers, &size).unwrap();
+    let whole = place.json("out/transforms.json");
+    let page = place.text("out/index.html");
+    for (index, name) in ["1", "0", "2"].iter().enumerate() {
+        assert_eq!(rows[index]["folder"], *name);
+        for file in ["depth.npy", "sigma.npy", "run.json", "report.html", "image.png"] {
+            assert!(place.has(&format!("out/{name}/{file}")), "{name}/{file}");
+        }
+        assert_eq!(whole["frames"][index]["depth_file_path"], format!("{name}/depth.png"));
+        assert!(
+            place.path("out").join(whole["frames"][index]["sigma_file_path"].as_str().unwrap()).is_file()
+        );
+        // In the world of the capture, in its unit; the reference's pose is as given.
+        let known = &room.views[name.parse::<usize>().unwrap()].view.pose;
+        let apart = (transforms.frames[index].pose * known.inverse()).translation.vector.norm();
+        assert!(apart < if index == 0 { 1e-9 } else { 0.02 }, "{apart}");
+        assert!(page.contains(&format!("href=\"{name}/report.html\"")));
+    }
+    assert!(record["points"].as_u64().unwrap() > (WIDTH * HEIGHT / 10) as u64, "{}", record["points"]);
+
+    // The same command has nothing left to do.
+    let made = || ["0/depth.npy", "1/depth.npy", "cloud.ply"].map(|name| place.bytes(&format!("out/{name}")));
+    let first = made();
+    let kept = |more: &str| finished(&place.run(&format!("{} {more}", all.replace(" -q", ""))));
+    assert!(kept("") == 3 && made() == first);
+
+    // A calibration counts by its content.
+    let calibrated = |file: &str, more: &str| {
+        place.write(file, format!("{}{more}", include_str!("../../src/refiner/calibration/default.toml")));
+        kept(&format!("--calibration {file}"))
+    };
+    assert_eq!((calibrated("one.toml", ""), calibrated("same.toml", "")), (0, 3));
+    assert_eq!(calibrated("same.toml", "# a comment\n"), 3);
+    assert!(kept("--force") == 0 && made() == first);
+
+    // A folder of others is not written to.
+    place.write("thesis/chapter.txt", "years");
+    let [_, told] = place.told(&all.replace("-o out", "-o thesis"), 1);
+    assert!(told.contains("another name to -o"), "{told}");
+}
+
+/// Killed after its first photograph, the same command takes that one and writes what an unbroken run writes.
+#[test]
+#[cfg(feature = "onnx")]
+fn a_killed_capture_goes_on_after_the_finished_photographs() {
+    let place = on_disk(&rendered(Room::Study, 3, [WIDTH, HEIGHT]));
+    let all = format!("{ALL} --interval 0.8").replace(" -q", "");
+    let mut child = place.start(&format!("{all} -o out"));
+    wait_until(&mut child, || place.has("out/1/finished.json"));
+    child.kill().unwrap();
+    assert!(!child.wait().unwrap().success() && !place.has("out/run.json"));
+    let [said, told] = place.told(&format!("{all} -o out"), 0);
+    assert!(said.contains("lower.npy and upper.npy in each folder: 80 % interval"), "{said}");
+    assert!(told.contains("1.png: finished before") && finished(&told) <= 2, "{told}");
+    // One whose map was cut since.
+    place.write("out/1/sigma.npy", "");
+    assert_eq!(finished(&place.run(&format!("{all} -o out"))), 2);
+    place.run(&format!("{all} -o unbroken"));
+    for name in ["1/depth.npy", "1/sigma.npy", "0/depth.npy", "2/sigma.npy", "cloud.ply", "transforms.json"] {
+        assert!(place.bytes(&format!("out/{name}")) == place.bytes(&format!("unbroken/{name}")), "{name}");
+    }
+    assert!(!names(&place.path("out")).iter().any(|name| name.starts_with(".mde-")));
+}
+
+/// The demo of several photographs: better than its prior, the same with any number of threads, and refined again from its files.
+#[test]
+fn the_demo_has_photographs_without_poses() {
+    let place = Place::new();
+    place.write("quick.toml", "nerf.train = { steps = 120, rays = 256 }\nnerf.field.finest = 128\n");
+    let demo = "demo --size 160x120 --config quick.toml";
+    let [said, _] = place.told(&format!("{demo} -o demo"), 0);
+    assert!(said.contains("AbsRel") && said.contains("90 % intervals hold"), "{said}");
+    place.run(&format!("{demo} --threads 1 -q -o again"));
+    for name in ["depth.npy", "sigma.npy", "prior.npy", "views/rendered.png", "evidence.npz"] {
+        assert!(place.bytes(&format!("demo/{name}")) == place.bytes(&format!("again/{name}")), "{name}");
+    }
+    let told = place.record("demo");
+    let capture = &told["capture"];
+    assert!(capture["poses"] == "estimated" && capture["fallback"].is_null(), "{capture}");
+    let used: Vec<bool> =
+        capture["photographs"].as_array().unwrap().iter().map(|one| one["used"].as_bool().unwrap()).collect();
+    assert_eq!((used.len(), used.iter().filter(|used| **used).count()), (6, 5), "{capture}");
+    let novel = &capture["novel"];
+    assert!(novel["withheld"] == true && !used[novel["photograph"].as_u64().unwrap() as usize], "{novel}");
+    assert!(["psnr", "psnr_of_prior"].iter().all(|key| novel[*key].as_f64().unwrap() > 16.0), "{novel}");
+    let scores = &told["scores"]["by_alignment"]["median"];
+    let abs_rel = |which: &str| scores[which]["abs_rel"].as_f64().unwrap();
+    assert!(abs_rel("refined") < 0.8 * abs_rel("prior"), "{} {}", abs_rel("refined"), abs_rel("prior"));
+
+    let map = |name: &str| {
+        let options = ReadOptions { npz_array: Some(name.to_owned()), ..ReadOptions::default() };
+        read_values(place.path("demo/evidence.npz"), &options).unwrap()
+    };
+    let (seen, confirmed) = (map("seen"), map("confirmed"));
+    assert!(seen.iter().zip(&confirmed).all(|(seen, confirmed)| confirmed <= seen && *seen <= 4.0));
+    let known = map("origin").iter().filter(|origin| **origin > 0.0).count();
+    let share = confirmed.iter().filter(|count| **count > 0.0).count() as f64 / known as f64;
+    assert!((share - capture["confirmed"].as_f64().unwrap()).abs() < 1e-9 && share > 0.2, "{share}");
+
+    let again = "--views demo/photographs --prior-depth demo/prior.npy --fov 62 --config quick.toml -q";
+    place.run(&format!("refine demo/photographs/0.png {again} -o from-files"));
+    let found = place.record("from-files")["capture"].clone();
+    assert!(found["fallback"].is_null() && found["photographs"].as_array().unwrap().len() == 6, "{found}");
+    // Fewer than the most that may be used: none is left out.
+    assert_eq!(found["novel"]["withheld"], false);
+}

@@ -1,0 +1,394 @@
+//! Cases as text: what a command line is refused with, in one line and without a file written; and odd inputs that work.
+//!
+//! `= CODE [@NEEDS] [[FILE]] COMMAND` begins a table, and each line after it is a case: `INPUT => WORD ; WORD`. The input takes the
+//! place of `{}` in the command or comes after it; `{a|b}` stands for two cases. With `[name.ext]` the input is the content of a file
+//! that `{}` names; with `[folder/]` it is `FILE: CONTENT` in a copy of that folder, which `{}` names, and `{file}` the file. Escapes
+//! are those of Rust. Content that begins with `~` is made from that of the fixture of the same name: see [`edited`].
+//! `@leaves`: files may stay. The message has every word, and the name of a case's file.
+
+use crate::common::{Place, copy, names};
+use crate::fixtures;
+use mde_cli::mde_prior::format::{ReadOptions, read_values};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, SystemTime};
+use std::{fs, thread};
+
+macro_rules! texts {
+    ($($name:literal)*) => { [$(($name, include_str!(concat!("cases/", $name, ".txt")))),*] };
+}
+
+struct Case {
+    at: String,
+    arguments: Vec<String>,
+    code: i32,
+    told: Vec<String>,
+    leaves: bool,
+}
+
+/// The cases of a text, whose files are written.
+fn parse(name: &str, text: &str, place: &Place) -> Vec<Case> {
+    let (mut cases, mut table) = (Vec::new(), None);
+    for (index, line) in
+        text.lines().enumerate().filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
+    {
+        if let Some(header) = line.strip_prefix("= ") {
+            table = Some(header);
+            continue;
+        }
+        let (code, mut command) = table.unwrap().split_once(' ').unwrap_or((table.unwrap(), ""));
+        let (mut here, mut leaves, mut file) = (true, false, None);
+        while let Some((mark, rest)) =
+            command.strip_prefix('@').map(|rest| rest.split_once(' ').unwrap_or((rest, "")))
+        {
+            match mark {
+                "leaves" => leaves = true,
+                "onnx" => here &= cfg!(feature = "onnx"),
+                "no-onnx" => here &= !cfg!(feature = "onnx"),
+                "onnxruntime" => here &= cfg!(feature = "onnxruntime"),
+                "linux" => here &= cfg!(target_os = "linux"),
+                _ => panic!("@{mark}"),
+            }
+            command = rest;
+        }
+        if let Some((spec, rest)) = command.strip_prefix('[').and_then(|rest| rest.split_once("] ")) {
+            (file, command) = (Some(spec), rest);
+        }
+        let (input, told) = line.split_once(" =>").unwrap_or((line, ""));
+        let mut told: Vec<String> =
+            told.trim().split(" ; ").filter(|word| !word.is_empty()).map(str::to_owned).collect();
+        let number = format!("{name}-{}", index + 1);
+        let command = match file {
+            Some(spec) if here => {
+                let (path, word, file) = written(place, spec, input, &number);
+                let inside = input
+                    .split_once(": ")
+                    .filter(|(name, _)| command.contains("{file}") && !name.contains('\\'));
+                told.extend(word.or_else(|| Some(inside?.0.to_owned())));
+                command.replace("{file}", &file).replace("{}", &path)
+            }
+            None if command.contains("{}") => command.replace("{}", input),
+            _ => format!("{command} {input}"),
+        };
+        for arguments in expanded(&command).into_iter().filter(|_| here) {
+            let arguments =
+                arguments.split_whitespace().map(|one| String::from_utf8(unescaped(one)).unwrap()).collect();
+            cases.push(Case {
+                at: number.clone(),
+                arguments,
+                code: code.parse().unwrap(),
+                told: told.clone(),
+                leaves,
+            });
+        }
+    }
+    cases
+}
+
+/// The name for `{}` and `{file}` of what is written, and what the message must contain of it.
+fn written(place: &Place, spec: &str, input: &str, number: &str) -> (String, Option<String>, String) {
+    if let Some(folder) = spec.strip_suffix('/') {
+        let (inside, content) = input.split_once(": ").unwrap_or((input.trim_end_matches(':'), ""));
+        let inside = String::from_utf8(unescaped(inside)).unwrap();
+        let target = format!("{folder}-{number}");
+        if place.path(folder).is_dir() {
+            copy(&place.path(folder), &place.path(&target));
+        }
+        let file = place.path(&target).join(&inside);
+        fs::create_dir_all(file.parent().unwrap()).unwrap();
+        match edited(place, &format!("{folder}/{inside}"), content) {
+            Some(bytes) => fs::write(&file, bytes).unwrap(),
+            None => fs::remove_file(&file).unwrap(),
+        }
+        (target.clone(), None, format!("{target}/{inside}"))
+    } else {
+        let (stem, extension) = spec.split_once('.').unwrap();
+        let file = format!("{stem}-{number}.{extension}");
+        place.write(&file, edited(place, spec, input).unwrap());
+        (file.clone(), Some(file.clone()), file)
+    }
+}
+
+/// Each `{a|b}` replaced by `a` and by `b`.
+fn expanded(text: &str) -> Vec<String> {
+    let group = text.find('{').and_then(|start| Some((start, start + text[start..].find('}')?)));
+    let Some((start, end)) = group else { return vec![text.to_owned()] };
+    let each = text[start + 1..end].split('|');
+    each.flat_map(|one| expanded(&format!("{}{one}{}", &text[..start], &text[end + 1..]))).collect()
+}
+
+fn unescaped(text: &str) -> Vec<u8> {
+    let (mut bytes, mut rest) = (Vec::new(), text);
+    while let Some((before, after)) = rest.split_once('\\') {
+        bytes.extend(before.as_bytes());
+        let mut used = 1;
+        match after.as_bytes()[0] {
+            b'n' => bytes.push(b'\n'),
+            b'r' => bytes.push(b'\r'),
+            b't' => bytes.push(b'\t'),
+            b'0' => bytes.push(0),
+            b'x' => {
+                bytes.push(u8::from_str_radix(&after[1..3], 16).unwrap());
+                used = 3;
+            }
+            other => bytes.push(other),
+        }
+        rest = &after[used..];
+    }
+    bytes.extend(rest.as_bytes());
+    bytes
+}
+
+/// The content of a case's file; nothing: there is none.
+///
+/// `~A ~B` changes that of the fixture `path`: `of FILE` takes another; `cut N`, `cut -N`, `cut N%` keep the first bytes; `put AT VALUE`
+/// overwrites, with an escaped text or `u32:3`, `u64:3`, `f64:nan`; `xor AT`; `add TEXT`, `pad N` with zeros; `sub A -> B` and `drop LINE` in a text;
+/// `json POINTER VALUE` and `field POINTER VALUE` in JSON and in the record of a saved field; `header A -> B` in its header;
+/// `npy HEADER` before the values of a map; `png AT VALUE` in a PNG's header; `repeat N TEXT`; `none`.
+fn edited(place: &Place, path: &str, text: &str) -> Option<Vec<u8>> {
+    let Some(edits) = text.strip_prefix('~') else { return Some(unescaped(text)) };
+    let mut bytes = fs::read(place.path(path)).unwrap_or_default();
+    for edit in edits.split(" ~") {
+        let (what, rest) = edit.split_once(' ').unwrap_or((edit, ""));
+        let at = |text: &str| match (text.strip_prefix('-'), text.strip_suffix('%')) {
+            (Some(back), _) => bytes.len() - back.parse::<usize>().unwrap(),
+            (_, Some(share)) => bytes.len() * share.parse::<usize>().unwrap() / 100,
+            _ => text.parse().unwrap(),
+        };
+        match what {
+            "none" => return None,
+            "of" => bytes = fs::read(place.path(rest)).unwrap(),
+            "cut" => {
+                let length = at(rest);
+                bytes.truncate(length);
+            }
+            "put" | "png" => {
+                let (start, value) = rest.split_once(' ').unwrap();
+                let (start, value) = (at(start), typed(value));
+                bytes[start..start + value.len()].copy_from_slice(&value);
+                if what == "png" {
+                    let checksum = crc32fast::hash(&bytes[12..29]).to_be_bytes();
+                    bytes[29..33].copy_from_slice(&checksum);
+                }
+            }
+            "xor" => {
+                let at = at(rest);
+                bytes[at] ^= 0x55;
+            }
+            "pad" => bytes.resize(rest.parse().unwrap(), 0),
+            "add" => bytes.extend(unescaped(rest)),
+            "repeat" => {
+                let (count, text) = rest.split_once(' ').unwrap();
+                bytes = unescaped(text).repeat(count.parse().unwrap());
+            }
+            "sub" | "drop" | "json" => {
+                let text = String::from_utf8(bytes).unwrap();
+                bytes = match what {
+                    "sub" => replaced(&text, rest, 1),
+                    "drop" => {
+                        text.lines().filter(|line| !line.starts_with(rest)).collect::<Vec<_>>().join("\n")
+                    }
+                    _ => pointed(&text, rest),
+                }
+                .into_bytes();
+            }
+            "npy" => bytes = fixtures::npy(rest, &fixtures::values()),
+            "header" | "field" => {
+                let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+                let (header, tensors) = bytes[8..].split_at(length);
+                let header = std::str::from_utf8(header).unwrap();
+                let header = if what == "header" {
+                    replaced(header, rest, usize::MAX)
+                } else {
+                    with_field(header, rest)
+                };
+                bytes = [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), tensors].concat();
+            }
+            _ => panic!("~{what}"),
+        }
+    }
+    Some(bytes)
+}
+
+fn typed(text: &str) -> Vec<u8> {
+    match text.split_once(':') {
+        Some(("u32", value)) => value.parse::<u32>().unwrap().to_le_bytes().to_vec(),
+        Some(("be32", value)) => value.parse::<u32>().unwrap().to_be_bytes().to_vec(),
+        Some(("u64", value)) => value.parse::<u64>().unwrap().to_le_bytes().to_vec(),
+        Some(("f64", value)) => value.parse::<f64>().unwrap().to_le_bytes().to_vec(),
+        _ => unescaped(text),
+    }
+}
+
+fn replaced(text: &str, change: &str, times: usize) -> String {
+    let (from, to) = change.split_once(" ->").unwrap();
+    assert!(text.contains(from), "{from} is not in {text}");
+    text.replacen(from, to.strip_prefix(' ').unwrap_or(to), times)
+}
+
+/// JSON with the value at a pointer replaced by a text, or removed.
+fn pointed(text: &str, change: &str) -> String {
+    const MARK: &str = "the changed value";
+    let (pointer, to) = change.split_once(' ').unwrap_or((change, ""));
+    let mut value: Value = serde_json::from_str(text).unwrap();
+    let (parent, key) = pointer.rsplit_once('/').unwrap();
+    match value.pointer_mut(parent).unwrap() {
+        Value::Object(fields) if to.is_empty() => drop(fields.remove(key).unwrap()),
+        Value::Object(fields) => drop(fields.insert(key.to_owned(), json!(MARK))),
+        Value::Array(entries) if to.is_empty() => drop(entries.remove(key.parse().unwrap())),
+        Value::Array(entries) => entries[key.parse::<usize>().unwrap()] = json!(MARK),
+        _ => panic!("{pointer}"),
+    }
+    value.to_string().replace(&format!("\"{MARK}\""), to)
+}
+
+/// The header of a saved field with a value of its record, and no checksum, as in older files.
+fn with_field(header: &str, change: &str) -> String {
+    let mut outer: Value = serde_json::from_str(header).unwrap();
+    let record = &mut outer["__metadata__"]["mde-nerf"];
+    let (pointer, to) = change.split_once(' ').unwrap();
+    let mut inner: Value = serde_json::from_str(record.as_str().unwrap()).unwrap();
+    *inner.pointer_mut(pointer).unwrap() = serde_json::from_str(to).unwrap();
+    // Of the text with zeros in its place.
+    inner["header_checksum"] = json!("00000000");
+    let text = inner.to_string();
+    let checksum = format!("header_checksum\":\"{:08x}", crc32fast::hash(text.as_bytes()));
+    *record = json!(text.replace("header_checksum\":\"00000000", &checksum));
+    outer.to_string()
+}
+
+/// Runs the cases side by side and fails with all that went wrong; the number of those that are refused.
+pub(crate) fn check(place: &Place, texts: &[(&str, &str)], seconds: u64) -> usize {
+    let wanted = std::env::var("MDE_CASES").unwrap_or_default();
+    let cases: Vec<Case> = texts
+        .iter()
+        .flat_map(|(name, text)| parse(name, text, place))
+        .filter(|case| case.at.contains(&wanted))
+        .collect();
+    let before = contents(&place.path("."));
+    let (next, faults) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    thread::scope(|scope| {
+        for _ in 0..thread::available_parallelism().map_or(2, usize::from) {
+            scope.spawn(|| {
+                while let Some(case) = cases.get(next.fetch_add(1, Ordering::SeqCst)) {
+                    if let Err(fault) = run(case, place, seconds) {
+                        faults.lock().unwrap().push(format!(
+                            "{}: {:?}\n    {fault}",
+                            case.at,
+                            case.arguments.join(" ")
+                        ));
+                    }
+                }
+            });
+        }
+    });
+    let faults = faults.into_inner().unwrap();
+    assert!(faults.is_empty(), "{} of {}:\n{}", faults.len(), cases.len(), faults.join("\n"));
+    assert!(contents(&place.path(".")) == before, "the inputs are not what they were");
+    if wanted.is_empty() { cases.iter().filter(|case| case.code != 0).count() } else { usize::MAX }
+}
+
+fn run(case: &Case, place: &Place, seconds: u64) -> Result<(), String> {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut command = if cfg!(unix) {
+        // An input without an end takes no more than this.
+        let mut command = Command::new("sh");
+        command.args(["-c", "ulimit -v 16777216; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_mde")]);
+        command
+    } else {
+        Command::new(env!("CARGO_BIN_EXE_mde"))
+    };
+    command.current_dir(place.path(".")).args(&case.arguments);
+    if case.code != 2 && !case.arguments.iter().any(|one| one == "-o" || one == "config") {
+        command.arg("--quiet").arg("-o").arg(&out);
+    }
+    let (code, stdout, stderr) = finish(command, seconds)?;
+    let message = stderr.trim_end();
+    expect(code == Some(case.code), || format!("exit code {code:?}: {message}"))?;
+    for part in case.told.iter().filter(|_| case.code != 0) {
+        expect(message.contains(part), || format!("no {part:?} in: {message}"))?;
+    }
+    let raw = |text: &str| text.chars().any(|c| c.is_control() && c != '\n');
+    expect(!raw(&stdout) && !raw(&stderr), || format!("raw control characters: {stdout:?} {stderr:?}"))?;
+    match case.code {
+        0 => return complete(&out),
+        // What did not fail is written.
+        3 => return expect(out.join("summary.json").is_file(), || "wrote no summary".into()),
+        1 => {
+            expect(message.starts_with("error: "), || message.to_owned())?;
+            expect(message.lines().count() == 1, || format!("more than a line: {message}"))?;
+            expect(message.len() <= 700, || format!("too long to read: {message}"))?;
+            expect(stdout.is_empty(), || format!("on stdout: {stdout}"))?;
+            expect(!case.told.is_empty(), || "says nothing that is checked".into())?;
+        }
+        _ => {}
+    }
+    expect(case.leaves || names(folder.path()).is_empty(), || format!("left {:?}", names(folder.path())))
+}
+
+/// Ends in time, with its exit code, stdout and stderr.
+fn finish(mut command: Command, seconds: u64) -> Result<(Option<i32>, String, String), String> {
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let child = command.spawn().map_err(|e| e.to_string())?;
+    let (sender, receiver) = std::sync::mpsc::channel();
+    let id = child.id();
+    thread::spawn(move || sender.send(child.wait_with_output()));
+    let Ok(output) = receiver.recv_timeout(Duration::from_secs(seconds)) else {
+        let _ = Command::new("kill").args(["-KILL", &id.to_string()]).status();
+        return Err(format!("did not end within {seconds} s"));
+    };
+    let output = output.map_err(|e| e.to_string())?;
+    let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
+    Ok((output.status.code(), text(output.stdout), text(output.stderr)))
+}
+
+fn expect(ok: bool, fault: impl FnOnce() -> String) -> Result<(), String> {
+    if ok { Ok(()) } else { Err(fault()) }
+}
+
+/// A refinement's maps are there, of one size, and hold nothing that is no depth.
+fn complete(out: &Path) -> Result<(), String> {
+    if !out.join("depth.npy").is_file() {
+        let recorded = out.join("run.json").is_file() || out.join("summary.json").is_file();
+        return expect(recorded, || "wrote no record".into());
+    }
+    let map = |name: &str| {
+        read_values(out.join(name), &ReadOptions::default()).map_err(|error| format!("{name}: {error}"))
+    };
+    let (depth, sigma) = (map("depth.npy")?, map("sigma.npy")?);
+    expect(depth.dim() == sigma.dim(), || "maps of two sizes".into())?;
+    for (d, s) in depth.iter().zip(&sigma) {
+        let known = d.is_finite() && *d > 0.0 && *s > 0.0 && s.is_finite();
+        expect(known || (*d == 0.0 && *s == f32::INFINITY), || format!("depth {d}, sigma {s}"))?;
+    }
+    expect(depth.iter().any(|d| *d > 0.0), || "no depth at all".into())?;
+    expect(!names(out).iter().any(|name| name.starts_with('.')), || format!("left {:?}", names(out)))
+}
+
+/// Everything below a folder with its length and the time of its last change.
+fn contents(folder: &Path) -> BTreeMap<PathBuf, (u64, SystemTime)> {
+    let mut found = BTreeMap::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let metadata = fs::symlink_metadata(&path).unwrap();
+        if metadata.is_dir() {
+            found.extend(contents(&path));
+        }
+        found
+            .insert(path, (if metadata.is_dir() { 0 } else { metadata.len() }, metadata.modified().unwrap()));
+    }
+    found
+}
+
+/// As many as docs/reliability.md states. `MDE_CASES=maps-12` runs those whose place contains that.
+#[test]
+fn more_than_seven_hundred_inputs_are_refused_and_odd_ones_work() {
+    let texts = texts!["usage" "photographs" "maps" "cameras" "captures" "settings" "records" "networks" "evaluations" "places" "memory"];
+    let refused = check(&fixtures::place(), &texts, 100);
+    assert!(refused > 700, "{refused}");
+}

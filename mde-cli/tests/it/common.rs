@@ -1,0 +1,239 @@
+//! A small picture with its depth, where the program can read it, and what the tests ask of runs and results.
+
+pub(crate) use crate::library::*;
+
+use assert_cmd::Command;
+use mde_cli::mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
+use mde_cli::mde_prior::DisparityRule;
+use mde_cli::mde_prior::format::{ReadOptions, read_values, write_npy};
+use mde_cli::mde_prior::photo::write_image;
+use mde_cli::ndarray::Array2;
+use mde_eval::capture::Capture as Rendered;
+use mde_eval::scene::{Room, Scene, room};
+use serde_json::Value;
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+use std::sync::LazyLock;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// A refinement of `image.png` by these settings.
+pub(crate) const REFINE: &str = "refine image.png --prior-depth depth.npy --fov 60 --config tiny.toml";
+
+/// A folder with `image.png`, `depth.npy` and `tiny.toml`.
+pub(crate) struct Place {
+    folder: TempDir,
+    pub(crate) scene: Scene,
+}
+
+impl Place {
+    pub(crate) fn new() -> Self {
+        static SCENE: LazyLock<Scene> = LazyLock::new(|| room(Room::Study, 0, WIDTH, HEIGHT).unwrap());
+        let place = Self { folder: tempfile::tempdir().unwrap(), scene: SCENE.clone() };
+        write_image(place.path("image.png"), place.scene.image.view()).unwrap();
+        write_npy(place.path("depth.npy"), place.scene.depth.view()).unwrap();
+        place.write("tiny.toml", TINY);
+        place
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// The folders above it are made.
+    pub(crate) fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
+        fs::create_dir_all(self.path(name).parent().unwrap()).unwrap();
+        fs::write(self.path(name), bytes).unwrap();
+    }
+
+    pub(crate) fn bytes(&self, name: &str) -> Vec<u8> {
+        fs::read(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    pub(crate) fn text(&self, name: &str) -> String {
+        String::from_utf8(self.bytes(name)).unwrap()
+    }
+
+    pub(crate) fn json(&self, name: &str) -> Value {
+        serde_json::from_slice(&self.bytes(name)).unwrap()
+    }
+
+    /// The record of a run.
+    pub(crate) fn record(&self, folder: &str) -> Value {
+        self.json(&format!("{folder}/run.json"))
+    }
+
+    pub(crate) fn map(&self, name: &str) -> Array2<f32> {
+        read_values(self.path(name), &ReadOptions::default()).unwrap()
+    }
+
+    /// Copies a file or a graph of the fixtures.
+    pub(crate) fn take(&self, from: impl AsRef<Path>, to: &str) {
+        self.write(to, fs::read(self.folder.path().join(from)).unwrap());
+    }
+
+    pub(crate) fn has(&self, name: &str) -> bool {
+        self.path(name).exists()
+    }
+
+    /// Names in the folder, sorted.
+    pub(crate) fn entries(&self) -> Vec<String> {
+        names(self.folder.path())
+    }
+
+    /// The program with this folder as its working directory.
+    pub(crate) fn mde(&self, arguments: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mde"));
+        command.current_dir(self.folder.path()).args(arguments.split_whitespace());
+        command
+    }
+
+    /// What it prints to stdout and stderr, with an exit code.
+    pub(crate) fn told(&self, arguments: &str, code: i32) -> [String; 2] {
+        let run = self.mde(arguments).assert().code(code);
+        let output = run.get_output();
+        [&output.stdout, &output.stderr].map(|bytes| String::from_utf8(bytes.clone()).unwrap())
+    }
+
+    /// A run that succeeds, and its stderr.
+    pub(crate) fn run(&self, arguments: &str) -> String {
+        let [_, stderr] = self.told(arguments, 0);
+        stderr
+    }
+
+    /// A run that ends with one line with these words, and makes no `out`.
+    pub(crate) fn refused(&self, arguments: &str, words: &[&str]) -> String {
+        let [_, stderr] = self.told(arguments, 1);
+        assert_eq!(stderr.lines().count(), 1, "{arguments}: {stderr}");
+        assert!(words.iter().all(|word| stderr.contains(word)), "{arguments}: {stderr}");
+        assert!(!self.has("out"), "{arguments}");
+        stderr
+    }
+
+    /// As a process of its own; what it prints is lost.
+    pub(crate) fn start(&self, arguments: &str) -> Child {
+        std::process::Command::new(env!("CARGO_BIN_EXE_mde"))
+            .current_dir(self.path("."))
+            .args(arguments.split_whitespace())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap()
+    }
+}
+
+/// A graph of `mde-prior`'s tests.
+pub(crate) fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../mde-prior/tests/fixtures").join(name)
+}
+
+/// Waits until a run has come to what `ready` finds. No test fails because the machine is busy: the limit is for runs that hang.
+pub(crate) fn wait_until(child: &mut Child, ready: impl Fn() -> bool) {
+    let begin = Instant::now();
+    while !ready() {
+        assert!(child.try_wait().unwrap().is_none(), "the run ended before");
+        assert!(begin.elapsed() < Duration::from_secs(600), "the run hangs");
+        sleep(Duration::from_millis(1));
+    }
+}
+
+/// The lines of progress that a whole run prints, by which others are killed at the same point of their work, however busy the
+/// machine is.
+pub(crate) struct Course {
+    lines: usize,
+    /// The mean time between two lines.
+    between: Duration,
+}
+
+impl Course {
+    /// Of the command, which is run.
+    pub(crate) fn of(place: &Place, arguments: &str) -> Self {
+        let begin = Instant::now();
+        let lines = place.run(&format!("{arguments} --log-json")).lines().count();
+        assert!(lines > 3, "{lines} lines");
+        Self { lines, between: begin.elapsed() / lines as u32 }
+    }
+
+    /// Kills at one of the moments, spread over a whole run but not at equal steps; whether the run had not ended yet.
+    pub(crate) fn kill(
+        &self,
+        place: &Place,
+        arguments: &str,
+        moment: u32,
+        moments: u32,
+        signal: &str,
+    ) -> bool {
+        let jitter = (f64::from(moment) * 0.618_034).fract();
+        let at = (f64::from(moment) + jitter) / f64::from(moments) * self.lines as f64;
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_mde"))
+            .current_dir(place.path("."))
+            .args(arguments.split_whitespace())
+            .arg("--log-json")
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        lines.by_ref().take(at as usize).for_each(drop);
+        sleep(self.between.mul_f64(at.fract()));
+        send(&child, signal);
+        lines.for_each(drop);
+        !child.wait().unwrap().success()
+    }
+}
+
+/// Sends a signal; the process may have ended.
+pub(crate) fn send(child: &Child, signal: &str) {
+    let id = child.id().to_string();
+    let _ = std::process::Command::new("kill").args(["-s", signal, &id]).stderr(Stdio::null()).status();
+}
+
+/// Names in a folder, sorted.
+pub(crate) fn names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).unwrap();
+    let mut names: Vec<_> = entries.map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+/// The folder of real networks and photographs, for tests that are ignored without it.
+pub(crate) fn shared() -> PathBuf {
+    let folder = std::env::var_os("MDE_SHARED");
+    folder.expect("MDE_SHARED names the folder with the networks and photographs").into()
+}
+
+/// Copies a folder with what is in it.
+pub(crate) fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        let target = to.join(entry.file_name());
+        if entry.file_type().unwrap().is_dir() {
+            copy(&entry.path(), &target);
+        } else {
+            fs::copy(entry.path(), target).unwrap();
+        }
+    }
+}
+
+/// Those photographs on disk: `images/0.png` ..., `transforms.json`, `prior.npy` of the first, `quick.toml`; and `grey.onnx`.
+pub(crate) fn on_disk(room: &Rendered) -> Place {
+    let place = Place::new();
+    let mut frames = Vec::new();
+    for (index, known) in room.views.iter().enumerate() {
+        let name = format!("images/{index}.png");
+        place.write(&name, "");
+        write_image(place.path(&name), known.view.image.view()).unwrap();
+        let lens = Lens { camera: known.view.camera, distortion: Distortion::default() };
+        frames.push(Frame { photograph: place.path(&name), lens, pose: known.view.pose });
+    }
+    place.write("transforms.json", transforms_json(&frames, &place.path(""), |_| Vec::new()));
+    let prior = room.views[0].prior.as_ref().unwrap().to_depth(&DisparityRule::default()).unwrap();
+    write_npy(place.path("prior.npy"), prior.view()).unwrap();
+    place.write("quick.toml", "nerf.train = { steps = 40, rays = 128 }\nnerf.field.finest = 64\n");
+    place.take(fixture("grey_nchw.onnx"), "grey.onnx");
+    place
+}

@@ -1,0 +1,220 @@
+//! `mde eval` and `mde ablate`.
+
+use crate::common::{HEIGHT, Place, WIDTH, copy, names, tiny};
+use mde_cli::mde_prior::format::{write_npy, write_png16};
+use mde_eval::scene::{Room, room};
+use ndarray::Array2;
+use std::fs;
+use std::time::SystemTime;
+
+const RESULTS: &str = "error-by-percentile.svg eval.json reliability.svg \
+                       report.html scenes scenes.csv sparsification.svg summary.json table.md";
+
+const ROOMS: &str = "eval --dataset rooms --size 64x48 --limit 2 -o e";
+
+/// When the maps of a method were written.
+fn written(place: &Place, scene: &str, method: &str) -> SystemTime {
+    fs::metadata(place.path(&format!("e/scenes/{scene}/{method}/depth.npy"))).unwrap().modified().unwrap()
+}
+
+#[test]
+fn methods_are_compared_and_nothing_is_run_twice() {
+    let place = Place::new();
+    let command = format!("{ROOMS} --methods tiny.toml,guided,unsharp1,zoom");
+    // The simulated prior accepts no crops: that method fails with a message, the others run.
+    let [said, told] = place.told(&command, 3);
+    assert!(said.contains("tables: e/table.md") && !said.contains("| guided |"), "{said}");
+    let table = place.text("e/table.md");
+    assert!(table.contains("| guided |") && table.contains("unsharp as sharp as tiny"), "{table}");
+    assert!(told.contains("zoom: failed") && told.contains("name a model"), "{told}");
+    assert_eq!(names(&place.path("e")).join(" "), RESULTS);
+    let summary = place.json("e/summary.json");
+    let failures = summary["failures"].as_array().unwrap().len();
+    assert_eq!((summary["summary"]["scenes"].as_u64(), failures), (Some(2), 2));
+    let methods = summary["summary"]["methods"].as_array().unwrap();
+    let of = |name: &str| methods.iter().find(|method| method["method"] == name).unwrap();
+    assert!(of("guided")["metrics"]["mse"]["difference"]["value"].as_f64().unwrap().is_finite());
+    assert!(of("prior")["metrics"]["mse"]["difference"].is_null());
+    assert!(of("tiny")["metrics"]["coverage_90"]["mean"].as_f64().is_some());
+    assert!(of("tiny, sigma by depth")["metrics"]["mse"].is_null());
+    let rows = place.text("e/scenes.csv");
+    assert_eq!(rows.lines().filter(|line| line.contains(",guided,")).count(), 2);
+
+    let before = written(&place, "study-0", "tiny");
+    let told = place.run(&command.replace(",zoom", ",wmf"));
+    assert!(told.contains("study-0 wmf:") && !told.contains("tiny:"), "{told}");
+    assert_eq!(written(&place, "study-0", "tiny"), before);
+    place.write("tiny.toml", tiny(&[("steps = 60", "steps = 61")]));
+    let told = place.run(&command.replace(",zoom", ""));
+    let why = "study-0 tiny: computed again, since settings.method.config.nerf.train.steps: 60 -> 61";
+    assert!(told.contains(why), "{told}");
+    assert_ne!(written(&place, "study-0", "tiny"), before);
+
+    // The simulated prior is of the seed.
+    let prior = || place.bytes("e/scenes/study-0/prior/depth.npy");
+    let of_seed_0 = prior();
+    place.run(&format!("{ROOMS} --methods guided --seed 7"));
+    assert_ne!(prior(), of_seed_0);
+    place.refused(&command.replace("64x48", "32x24"), &["data.size: [64,48] -> [32,24]", "--force"]);
+}
+
+#[test]
+fn a_broken_scene_is_told_and_the_rest_goes_on() {
+    let place = Place::new();
+    for (name, json) in [("a", "{"), ("b", "{}")] {
+        place.take("image.png", &format!("data/{name}/color.png"));
+        place.take("depth.npy", &format!("data/{name}/depth.npy"));
+        place.write(&format!("data/{name}/scene.json"), json);
+        place.write(&format!("priors/{name}.npy"), "");
+        let prior = place.scene.depth.mapv(|z| 0.5 * z + 0.3);
+        write_npy(place.path(&format!("priors/{name}.npy")), prior.view()).unwrap();
+    }
+    let eval = "eval data --prior-depth priors --methods jbf";
+    let [said, told] = place.told(&format!("{eval} -o e"), 3);
+    assert!(said.contains("1 scene;") && said.contains("failed: all methods on a"), "{said}");
+    assert!(
+        told.contains("scene.json") && told.contains("b: no intrinsics; the camera is assumed"),
+        "{told}"
+    );
+    place.write("data/a/scene.json", "{}");
+    place.run(&format!("{eval} -o e"));
+    fs::remove_file(place.path("priors/b.npy")).unwrap();
+    let [_, told] = place.told(&format!("{eval} -o other --scenes b"), 1);
+    assert!(told.contains("no depth map b.npy"), "{told}");
+}
+
+#[test]
+fn maps_of_any_program_are_scored() {
+    let place = Place::new();
+    let truth = &place.scene.depth;
+    for folder in ["pred/deep", "gt/deep", "sigma/deep"] {
+        fs::create_dir_all(place.path(folder)).unwrap();
+    }
+    let prediction =
+        Array2::from_shape_fn(truth.dim(), |(y, x)| truth[(y, x)] * (1.0 + 0.1 * ((x / 8) % 2) as f32));
+    write_npy(place.path("pred/a.npy"), prediction.view()).unwrap();
+    write_png16(place.path("pred/deep/b.png"), prediction.view(), 2000.0).unwrap();
+    write_png16(place.path("gt/a.png"), truth.view(), 1000.0).unwrap();
+    write_npy(place.path("gt/deep/b.npy"), truth.view()).unwrap();
+    for name in ["a", "deep/b"] {
+        write_npy(place.path(&format!("sigma/{name}.npy")), truth.mapv(|z| 0.05 * z).view()).unwrap();
+    }
+    let score = "score pred --gt gt";
+    let [said, _] = place.told(&format!("{score} -o plain"), 0);
+    assert!(said.contains("2 scenes; report: plain/report.html"), "{said}");
+    let table = place.text("plain/table.md");
+    assert!(table.contains("| maps |") && !table.contains("Spearman"), "{table}");
+    place.run(&format!("{score} --sigma sigma -o whole"));
+    let text = place.text("whole/scenes.csv");
+    let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
+    let column = rows[0].iter().position(|name| *name == "mse").unwrap();
+    let values: Vec<f64> = rows[1..].iter().map(|row| row[column].parse().unwrap()).collect();
+    // The same map in two formats: PNG keeps half a millimetre.
+    assert!(values.len() == 2 && (values[0] / values[1] - 1.0).abs() < 0.02 && values[0] > 0.0, "{values:?}");
+    assert!(place.has("whole/reliability.svg") && !place.has("plain/reliability.svg"));
+    // Without a sigma no figure of one stays.
+    place.run(&format!("{score} -o whole --force"));
+    assert!(!place.has("whole/reliability.svg") && !place.has("whole/reliability.png"));
+    assert!(!place.text("whole/report.html").contains("sparsification"));
+    write_npy(place.path("pred/c.npy"), prediction.view()).unwrap();
+    assert!(place.run(&format!("{score} -o extra")).contains("c: no truth of that name"));
+    write_npy(place.path("gt/c.npy"), Array2::<f32>::ones((3, 4)).view()).unwrap();
+    let [_, told] = place.told(&format!("{score} -o wrong"), 3);
+    assert!(told.contains("c.npy") && told.contains("[3, 4]"), "{told}");
+}
+
+/// Beside our own methods; other maps in the folder are scored again.
+#[test]
+fn maps_of_another_program_are_a_method() {
+    let place = Place::new();
+    fs::create_dir(place.path("theirs")).unwrap();
+    let exact = room(Room::Study, 0, WIDTH, HEIGHT).unwrap().depth;
+    let command = "eval --dataset rooms --size 64x48 --limit 1 -o e --methods theirs=theirs";
+    let error = |bend: f32| {
+        let map = Array2::from_shape_fn(exact.dim(), |(y, x)| exact[(y, x)] * (1.0 + bend * x as f32 / 64.0));
+        write_npy(place.path("theirs/study-0.npy"), map.view()).unwrap();
+        place.run(command);
+        let methods = place.json("e/summary.json")["summary"]["methods"].as_array().unwrap().clone();
+        let own = methods.iter().find(|method| method["method"] == "theirs").unwrap();
+        own["metrics"]["abs_rel"]["mean"].as_f64().unwrap()
+    };
+    let (exact, bent) = (error(0.0), error(0.3));
+    assert!(exact < 1e-6 && (0.02..0.2).contains(&bent), "{exact} {bent}");
+    fs::remove_file(place.path("theirs/study-0.npy")).unwrap();
+    let [_, told] = place.told(command, 3);
+    assert!(told.contains("no depth map study-0.npy"), "{told}");
+    place.refused(&command.replace("=theirs", "=nowhere"), &["nowhere"]);
+}
+
+#[test]
+fn rows_of_an_ablation_share_their_field() {
+    let place = Place::new();
+    // The field's own depth: nothing reverts to the prior.
+    place.write("tiny.toml", tiny(&[]) + "fusion = 'nerf-only'\ncalibration = 'none'\n");
+    let rows = "min-depth,guided-for-nerf,in-bin";
+    let command = format!(
+        "ablate --dataset rooms --size 64x48 --limit 1 --seeds 2 --config tiny.toml -o e --rows {rows}"
+    );
+    place.run(&command);
+    let table = place.text("e/table.md");
+    assert!(table.contains("The paper's Table II") && table.contains("| min-depth |"), "{table}");
+    assert_eq!(place.text("e/scenes.csv").lines().filter(|line| line.contains(",full,")).count(), 2);
+    // What is shared is what the row would have made alone.
+    let depth = |name: &str| place.bytes(&format!("e/scenes/study-0/{name}/depth.npy"));
+    for row in ["min-depth", "in-bin"] {
+        place.run(&command.replace(rows, row).replace("-o e", "-o alone --force"));
+        let alone = place.bytes(&format!("alone/scenes/study-0/{row}.seed1/depth.npy"));
+        assert!(depth(&format!("{row}.seed1")) == alone, "{row}");
+    }
+    assert_ne!(depth("full.seed0"), depth("full.seed1"));
+    assert_ne!(depth("full.seed0"), depth("guided-for-nerf.seed0"));
+}
+
+/// Parts in one folder, then the plain command: the results of one evaluation, but for the seconds and the command line.
+#[test]
+fn shards_and_a_plain_run_are_as_one_evaluation() {
+    let place = Place::new();
+    // One method fails on every scene, as the simulated prior accepts no crops.
+    let eval = |rest: &str| {
+        let eval = "eval --dataset rooms --size 64x48 --limit 5 --methods tiny.toml,guided,zoom -q";
+        place.mde(&format!("{eval} {rest}")).assert()
+    };
+    // A part may have no scene.
+    let shard = |number: &str| {
+        let part = eval(&format!("--shard {number} -o parts"));
+        assert!(matches!(part.get_output().status.code(), Some(0 | 3)), "{part}");
+    };
+    eval("-o whole").code(3);
+    shard("3/3");
+    shard("1/3");
+    assert!(!place.has("parts/table.md"));
+    let refused = eval("--shard 1/3 -o parts --force").code(1);
+    assert!(String::from_utf8_lossy(&refused.get_output().stderr).contains("other shards"), "{refused}");
+    eval("-o parts").code(3);
+    let scenes = names(&place.path("whole/scenes"));
+    assert_eq!(names(&place.path("parts/scenes")), scenes);
+    for scene in &scenes {
+        let map = |out: &str| place.bytes(&format!("{out}/scenes/{scene}/tiny/depth.npy"));
+        assert!(map("parts") == map("whole"), "{scene}");
+    }
+    // From the same maps with their seconds, all files are the same.
+    fs::remove_dir_all(place.path("parts")).unwrap();
+    copy(&place.path("whole/scenes"), &place.path("parts/scenes"));
+    place.take("whole/eval.json", "parts/eval.json");
+    shard("1/2");
+    shard("2/2");
+    eval("-o parts").code(3);
+    let without_command = |out: &str| {
+        let mut summary = place.json(&format!("{out}/summary.json"));
+        summary.as_object_mut().unwrap().remove("command_line");
+        summary
+    };
+    assert_eq!(without_command("parts"), without_command("whole"));
+    let files = names(&place.path("whole"));
+    assert_eq!(files, names(&place.path("parts")));
+    for file in
+        files.iter().filter(|name| !["scenes", "summary.json", "report.html"].contains(&name.as_str()))
+    {
+        assert!(place.bytes(&format!("parts/{file}")) == place.bytes(&format!("whole/{file}")), "{file}");
+    }
+}

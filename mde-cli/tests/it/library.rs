@@ -1,0 +1,143 @@
+//! The loop as a library: settings that take no time, a procedural room with its priors, and the calls that the tests make.
+
+use mde_cli::mde_prior::{DepthPrior, PriorDepth};
+use mde_cli::mde_warp::PinholeCamera;
+use mde_cli::ndarray::{Array2, Array3, ArrayView3};
+use mde_cli::scene::camera::{CameraSource, KnownCamera};
+use mde_cli::scene::{Photograph, Scene};
+use mde_cli::several::prepared::PreparedScene;
+use mde_cli::{Config, Event, Preset, Refinement, Stages};
+use mde_eval::capture::Capture as Rendered;
+use mde_eval::scene::{CaptureConfig, Room, World};
+use mde_eval::simulated::SimulatedPriorConfig;
+use std::ops::ControlFlow;
+
+pub(crate) const WIDTH: usize = 64;
+pub(crate) const HEIGHT: usize = 48;
+
+/// Two short iterations. An estimated variance of the prior would be 0 here and leave the prior, whatever the field.
+pub(crate) const TINY: &str = "\
+[refinement]
+iterations = 2
+order = 'paper'
+[views]
+count = 3
+[novel]
+count = 2
+[nerf.field]
+kind = 'hash'
+levels = 4
+log2-rows = 10
+finest = 64
+width = 16
+[nerf.train]
+steps = 60
+rays = 128
+warm-up = 4
+learning-rate = 1e-2
+[nerf.sampling]
+coarse = 8
+fine = 8
+[nerf.render]
+coarse = 8
+fine = 8
+[fusion]
+prior-variance = 'fixed-relative'
+";
+
+/// The settings with others in their place.
+pub(crate) fn tiny(changes: &[(&str, &str)]) -> String {
+    changes.iter().fold(TINY.to_owned(), |text, (from, to)| {
+        assert!(text.contains(from), "{from}");
+        text.replace(from, to)
+    })
+}
+
+/// A preset with settings in TOML over it.
+pub(crate) fn config(preset: Preset, text: &str) -> Config {
+    Config::with_overrides(preset, text, "test").unwrap()
+}
+
+/// The simulated prior of each photograph.
+pub(crate) struct Known(pub(crate) Vec<(Array3<f32>, PriorDepth)>);
+
+impl DepthPrior for Known {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_cli::mde_prior::Result<PriorDepth> {
+        match self.0.iter().find(|(known, _)| known.view() == image) {
+            Some((_, depth)) => Ok(depth.clone()),
+            // A crop.
+            None => {
+                let (height, width, _) = image.dim();
+                PriorDepth::from_values(Array2::from_elem((height, width), 3.0), self.0[0].1.kind)
+            }
+        }
+    }
+
+    fn accepts_new_images(&self) -> bool {
+        true
+    }
+
+    fn concurrency(&self) -> usize {
+        usize::MAX
+    }
+}
+
+/// Photographs of a procedural room with exact depth and poses, and a simulated prior of each.
+pub(crate) fn rendered(room: Room, views: usize, [width, height]: [usize; 2]) -> Rendered {
+    let config =
+        CaptureConfig { views, prior: SimulatedPriorConfig::disparity(), ..CaptureConfig::default() };
+    World::new(room, 0).unwrap().capture("room", &config, width, height).unwrap()
+}
+
+pub(crate) fn inputs(rendered: &Rendered, posed: bool) -> (Scene, Known) {
+    let photographs = rendered.views.iter().enumerate().map(|(index, known)| Photograph {
+        mask: known.view.mask.clone(),
+        pose: posed.then_some(known.view.pose),
+        ..Photograph::new(
+            format!("photograph {index}"),
+            known.view.image.clone(),
+            KnownCamera { camera: known.view.camera, source: CameraSource::Scene },
+        )
+    });
+    let scene = Scene::several(photographs.collect(), rendered.reference).unwrap();
+    let known = rendered.views.iter().map(|v| (v.view.image.clone(), v.prior.clone().unwrap())).collect();
+    (scene, Known(known))
+}
+
+/// Goes on at every event.
+pub(crate) fn go_on(_: &Event) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+/// One photograph through the library.
+pub(crate) fn refine(
+    (image, camera): (ArrayView3<'_, f32>, &PinholeCamera),
+    stages: Stages<'_>,
+    config: &Config,
+    watch: &mut dyn FnMut(&Event) -> ControlFlow<()>,
+) -> mde_cli::Result<Refinement> {
+    mde_cli::refine(image, camera, stages, config, &mut |event: &Event| watch(event))
+}
+
+/// Several photographs through the library.
+pub(crate) fn refine_several(
+    scene: &Scene,
+    stages: Stages<'_>,
+    config: &Config,
+    watch: &mut dyn FnMut(&Event) -> ControlFlow<()>,
+) -> mde_cli::Result<Refinement> {
+    mde_cli::refine_several(scene, stages, config, &mut |event: &Event| watch(event))
+}
+
+/// What the photographs share, made once.
+pub(crate) fn prepare<'a>(scene: &'a Scene, prior: &Known, config: &'a Config) -> PreparedScene<'a> {
+    PreparedScene::new(scene, &Stages::new(prior), config, &mut go_on).unwrap()
+}
+
+pub(crate) fn refine_prepared(
+    prepared: &mut PreparedScene<'_>,
+    index: usize,
+    prior: &Known,
+) -> mde_cli::Result<Refinement> {
+    prepared.refine(index, Stages::new(prior), &mut go_on)
+}

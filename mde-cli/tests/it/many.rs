@@ -1,0 +1,372 @@
+//! `mde refine` on many photographs: each as a run of its own would have it, resumed after a kill, in shards.
+
+use crate::common::{Course, Place, fixture, names};
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+use mde_cli::mde_prior::format::write_depth_png;
+use mde_cli::mde_prior::photo::write_image;
+use mde_eval::scene::{Room, room};
+use ndarray::{ArrayView3, s};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::Write;
+
+const MAPS: [&str; 6] = ["depth.npy", "sigma.npy", "prior.npy", "depth.png", "confidence.png", "preview.png"];
+const MOMENTS: u32 = 8;
+const MODEL: &str = "--prior-model grey.onnx --model-profile fastdepth --fov 60";
+
+/// `shots/` with photographs of rooms, and `grey.onnx`: depth by the brightness.
+fn place(count: usize) -> Place {
+    let place = Place::new();
+    fs::create_dir(place.path("shots")).unwrap();
+    for seed in 0..count {
+        let scene = room(Room::ALL[seed % Room::ALL.len()], seed as u64, 64, 48).unwrap();
+        write_image(place.path(&format!("shots/{seed:02}.png")), scene.image.view()).unwrap();
+    }
+    place.take(fixture("grey_nchw.onnx"), "grey.onnx");
+    place
+}
+
+fn maps(place: &Place, folder: &str) -> [Vec<u8>; 6] {
+    MAPS.map(|name| place.bytes(&format!("{folder}/{name}")))
+}
+
+/// The maps of each finished photograph.
+fn all(place: &Place, out: &str) -> BTreeMap<String, [Vec<u8>; 6]> {
+    let folders = names(&place.path(out)).into_iter();
+    let folders = folders.filter(|name| !name.starts_with('.') && place.path(out).join(name).is_dir());
+    folders.map(|name| (name.clone(), maps(place, &format!("{out}/{name}")))).collect()
+}
+
+/// The rows of an index without the seconds.
+fn rows(place: &Place, out: &str) -> Vec<Value> {
+    let mut rows = place.json(&format!("{out}/index.json"))["photographs"].as_array().unwrap().clone();
+    rows.iter_mut().for_each(|row| row["seconds"] = 0.into());
+    rows
+}
+
+fn finished(told: &str) -> usize {
+    told.matches("finished before").count()
+}
+
+#[test]
+fn each_photograph_is_as_a_run_of_its_own_has_it() {
+    let place = place(4);
+    let refine = format!("refine shots {MODEL} -o out");
+    place.run(&refine);
+    let found = all(&place, "out");
+    assert_eq!(found.keys().collect::<Vec<_>>(), ["00", "01", "02", "03"]);
+    let page = place.text("out/index.html");
+    for (name, maps_of) in &found {
+        place.run(&format!("refine shots/{name}.png {MODEL} -q -o one{name}"));
+        assert!(maps(&place, &format!("one{name}")) == *maps_of, "{name}");
+        assert_eq!(
+            place.text(&format!("out/{name}/config.toml")),
+            place.text(&format!("one{name}/config.toml"))
+        );
+        assert!(page.contains(&format!("href=\"{name}/report.html\"")));
+        assert!(page.contains(&format!("src=\"{name}/thumbnail.png\"")));
+        assert!(place.has(&format!("out/{name}/thumbnail.png")));
+    }
+    let table = place.text("out/index.csv");
+    assert_eq!((table.lines().count(), table.matches(",done,").count()), (5, 4));
+    let row = &rows(&place, "out")[0];
+    assert_eq!((row["width"].as_u64(), row["camera"].as_str()), (Some(64), Some("field-of-view")));
+    assert!(row["sigma"].as_f64().unwrap() > 0.0 && row["median_depth"].as_f64().unwrap() > 0.0);
+    let [said, _] = place.told(&format!("refine shots {MODEL} --interval 0.8 -o intervals"), 0);
+    assert!(said.contains("lower.npy and upper.npy in each folder: 80 % interval\nwrote "), "{said}");
+    assert!(place.has("intervals/03/upper.npy"));
+
+    // Emptied, cut or removed maps are made again.
+    place.write("out/00/depth.npy", "");
+    let cut = place.bytes("out/01/sigma.npy");
+    place.write("out/01/sigma.npy", &cut[..cut.len() / 2]);
+    fs::remove_file(place.path("out/02/depth.npy")).unwrap();
+    let [said, _] = place.told(&refine, 0);
+    assert!(said.contains("3 refined, 1 finished before") && all(&place, "out") == found, "{said}");
+
+    // Again: nothing to do. One changed, one more, one gone, other settings: as much as that.
+    assert_eq!(finished(&place.run(&refine)), 4);
+    place.take("shots/03.png", "shots/01.png");
+    fs::rename(place.path("shots/02.png"), place.path("shots/09.png")).unwrap();
+    assert_eq!(finished(&place.run(&refine)), 2);
+    let again = all(&place, "out");
+    assert!(again["01"] == found["03"] && again["09"] == found["02"] && again["00"] == found["00"]);
+    assert_eq!(rows(&place, "out").len(), 4);
+    assert_eq!(finished(&place.run(&format!("{refine} --seed 5"))), 0);
+}
+
+/// A graph whose values are larger below, as the disparity of rooms is: taken for a depth, near and far are exchanged.
+#[test]
+fn exchanged_near_and_far_are_told_where_only_the_user_or_a_name_says_what_a_network_gives() {
+    const TOLD: &str = "near and far are exchanged";
+    let place = place(2);
+    for name in ["net.onnx", "zoedepth.onnx", "hub/model.onnx", "dpt_large.onnx"] {
+        place.take(fixture("rows.onnx"), name);
+    }
+    place.write("hub/config.json", r#"{"model_type": "zoedepth"}"#);
+    place.write("size.toml", "width = 32\nheight = 24\noutput = 'metric'\n");
+    let size = "--model-profile size.toml";
+    let one = |model: &str| {
+        let text = place.run(&format!(
+            "refine shots/00.png --predictions 1 --fov 60 --force -o one --prior-model {model}"
+        ));
+        assert_eq!(place.text("one/run.json").contains(TOLD), text.contains(TOLD), "{text}");
+        let lines: Vec<_> = text.lines().filter(|line| line.contains(TOLD)).collect();
+        assert!(
+            lines.is_empty() || lines.len() == 1 && lines[0].contains("give --prior-kind disparity"),
+            "{text}"
+        );
+        (lines.len(), place.bytes("one/depth.npy"))
+    };
+    for (model, warned) in [
+        (&*format!("net.onnx {size} --prior-kind disparity"), 0),
+        ("dpt_large.onnx", 0),
+        (&*format!("net.onnx {size} --prior-kind depth"), 1),
+        ("hub/model.onnx --prior-kind depth", 1),
+    ] {
+        assert_eq!(one(model).0, warned, "{model}");
+    }
+    // What the files of a hub tell is not tried, and gives the same depth.
+    let (guessed, told) = (one("zoedepth.onnx"), one("hub/model.onnx"));
+    assert!(guessed.0 == 1 && told.0 == 0 && guessed.1 == told.1);
+    let many = "refine shots --predictions 1 --fov 60 -o out --prior-kind metric --prior-model net.onnx";
+    let text = place.run(&format!("{many} {size}"));
+    let lines: Vec<_> = text.lines().filter(|line| line.contains(TOLD)).collect();
+    assert!(lines.len() == 1 && lines[0].contains("2 of 2 photographs: net.onnx: near"), "{text}");
+    // `mde doctor` fails for the same reason.
+    let doctor = format!("doctor --prior-model net.onnx {size} --prior-kind");
+    place.run(&format!("{doctor} disparity"));
+    let [_, told] = place.told(&format!("{doctor} depth"), 1);
+    assert!(told.contains(TOLD) && told.contains("give --prior-kind disparity"), "{told}");
+}
+
+#[test]
+fn what_fails_is_a_row_and_the_others_are_refined() {
+    let place = place(2);
+    place.take("shots/00.png", "other/00.PNG");
+    place.take("shots/00.png", "odd , name?.png");
+    place.write("shots/broken.jpg", "no picture");
+    place.write("shots/notes.txt", "not a photograph");
+    place.write("list.txt", "# more\nodd , name?.png\nabsent.png\n");
+    // Names twice, names that collide, a list.
+    let run = format!("refine shots shots/01.png other list.txt {MODEL} -o out");
+    let [said, told] = place.told(&run, 3);
+    assert!(told.contains("2 of the runs failed"), "{told}");
+    assert!(said.contains("6 photographs: 4 refined, 0 finished before, 2 failed"), "{said}");
+    let rows = rows(&place, "out");
+    let failed: Vec<(&str, &str)> =
+        rows.iter().filter_map(|row| Some((row["photograph"].as_str()?, row["error"].as_str()?))).collect();
+    assert_eq!(failed.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["shots/broken.jpg", "absent.png"]);
+    assert!(failed[0].1.contains("no readable image"), "{failed:?}");
+    assert!(failed[1].1.contains("no such photograph"), "{failed:?}");
+    assert_eq!(all(&place, "out").keys().collect::<Vec<_>>(), ["00", "00_2", "01", "odd___name_"]);
+    // Mended, it is refined; the others are kept.
+    place.take("shots/01.png", "shots/broken.jpg");
+    place.take("shots/01.png", "absent.png");
+    let [said, _] = place.told(&run, 0);
+    assert!(said.contains("2 refined, 4 finished before"), "{said}");
+    let mut piped = place.mde(&format!("refine - {MODEL} -o piped"));
+    let piped = piped.write_stdin("shots/00.png\n\nshots/01.png\n").assert().success();
+    let said = String::from_utf8_lossy(&piped.get_output().stdout).into_owned();
+    assert!(said.contains("2 photographs: 2 refined"), "{said}");
+}
+
+#[test]
+fn a_run_killed_at_any_moment_continues_to_the_same_bytes() {
+    const COUNT: usize = 4;
+    let place = place(COUNT);
+    let refine = |out: &str| format!("refine shots {MODEL} -o {out}");
+    let course = Course::of(&place, &refine("whole"));
+    let expected = all(&place, "whole");
+    let (mut killed, mut kept, mut indexed) = (0, 0, 0);
+    for moment in 0..MOMENTS {
+        let out = format!("out{moment}");
+        let signal = if moment.is_multiple_of(3) { "TERM" } else { "KILL" };
+        killed += u32::from(course.kill(&place, &refine(&out), moment, MOMENTS, signal));
+        if place.has(&out) {
+            // What has its name is whole.
+            let left = all(&place, &out);
+            kept += left.len();
+            for (name, maps) in &left {
+                assert!(*maps == expected[name], "moment {moment}: {name}");
+            }
+            // The index names no photograph that is not finished; of a run that could end by itself, all that are.
+            let listed = listed(&place, &out);
+            assert!(listed.iter().all(|name| left.contains_key(name)), "moment {moment}: {listed:?}");
+            indexed += listed.len();
+            if signal == "TERM" {
+                assert_eq!(listed.len(), left.len(), "moment {moment}");
+            }
+        }
+        place.run(&refine(&out));
+        assert!(all(&place, &out) == expected, "moment {moment}: other bytes than an unbroken run's");
+        assert_eq!(names(&place.path(&out)), names(&place.path("whole")), "moment {moment}");
+    }
+    assert!(killed >= MOMENTS / 4 && kept >= 2, "{killed} killed, {kept} kept");
+    assert!(indexed > 0 && indexed < COUNT * MOMENTS as usize, "{indexed} rows");
+}
+
+/// The folders of the photographs in `index.csv`, if there is one.
+fn listed(place: &Place, out: &str) -> Vec<String> {
+    let Ok(table) = fs::read_to_string(place.path(out).join("index.csv")) else { return Vec::new() };
+    let page = fs::read_to_string(place.path(out).join("index.html")).unwrap_or_default();
+    // Written after the table: never more, and whole.
+    assert!(page.is_empty() || page.ends_with("</html>\n"), "{page}");
+    table.lines().skip(1).map(|row| row.split(',').nth(1).unwrap().to_owned()).collect()
+}
+
+#[test]
+fn shards_and_a_plain_run_are_as_one_run() {
+    let place = place(6);
+    // Two photographs of one name, whose folders do not depend on the order of the arguments.
+    place.take("shots/01.png", "more/00.png");
+    let refine = |photographs: &str, more: &str| format!("refine {photographs} {MODEL} {more}");
+    place.run(&refine("shots more", "-q -o whole"));
+    let expected = all(&place, "whole");
+    assert_eq!(expected.len(), 7);
+    for photographs in ["more shots", "shots more"] {
+        // What a killed shard leaves.
+        fs::create_dir_all(place.path("parts/.mde-left")).unwrap();
+        for shard in ["2/3", "1/3"] {
+            place.run(&refine(photographs, &format!("-q --shard {shard} -o parts")));
+            assert!(!place.has("parts/index.csv") || photographs == "shots more");
+        }
+        let parts = all(&place, "parts").len();
+        assert!(parts == 7 || (1..7).contains(&parts) && photographs == "more shots", "{parts}");
+        // What is missing, and the index of all.
+        assert_eq!(finished(&place.run(&refine(photographs, "-o parts"))), parts);
+    }
+    assert!(all(&place, "parts") == expected);
+    assert_eq!(rows(&place, "parts"), rows(&place, "whole"));
+    assert_eq!(names(&place.path("parts")), names(&place.path("whole")));
+}
+
+/// A PNG with a colour profile of 256 MiB of zeros, deflated.
+fn with_large_profile(png: &[u8]) -> Vec<u8> {
+    let mut deflated = ZlibEncoder::new(b"iCCPzeros\0\0".to_vec(), Compression::new(6));
+    let zeros = vec![0; 1 << 20];
+    (0..256).for_each(|_| deflated.write_all(&zeros).unwrap());
+    let chunk = deflated.finish().unwrap();
+    let length = (chunk.len() as u32 - 4).to_be_bytes();
+    // After the signature and the header.
+    let (header, rest) = png.split_at(33);
+    [header, &length, &chunk, &crc32fast::hash(&chunk).to_be_bytes(), rest].concat()
+}
+
+#[test]
+fn compressed_metadata_take_little_memory() {
+    let place = place(1);
+    write_depth_png(place.path("truth.png"), place.scene.depth.view(), "m", 1000.0).unwrap();
+    for name in ["shots/00.png", "truth.png"] {
+        place.write(name, with_large_profile(&place.bytes(name)));
+    }
+    let map = "--prior-depth truth.png --gt truth.png --no-nerf --fov 60 -o one";
+    for (run, folder) in
+        [(format!("refine shots {MODEL} -o many"), "many/00"), (format!("refine image.png {map}"), "one")]
+    {
+        place.run(&run);
+        let Some(peak) = place.record(folder)["peak_memory_bytes"].as_u64() else { continue };
+        assert!(peak < 240 << 20, "{run}: {peak} bytes");
+    }
+}
+
+#[test]
+fn a_pattern_names_photographs_where_no_shell_expands_it() {
+    let place = place(3);
+    place.write("shots/notes.txt", "not a photograph");
+    place.take("shots/00.png", "=cmd.png");
+    place.write("list.txt", "shots/0[12].png\n*.png\n");
+    let log = place.run(&format!("refine shots/*0.png list.txt {MODEL} --log-json -o many"));
+    let rows = rows(&place, "many");
+    let named: Vec<&str> = rows.iter().map(|row| row["photograph"].as_str().unwrap()).collect();
+    assert_eq!(named, ["shots/00.png", "shots/01.png", "shots/02.png", "=cmd.png", "image.png"]);
+    // A spreadsheet runs no name.
+    let table = place.text("many/index.csv");
+    assert!(table.contains("\n'=cmd.png,_cmd,"), "{table}");
+
+    // Each photograph but the last has the time that is left.
+    let events = log.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    let events: Vec<Value> = events.filter(|event| event["event"] == "photograph").collect();
+    assert_eq!(events.len(), 5);
+    for (done, event) in events.iter().enumerate() {
+        assert_eq!((&event["done"], &event["all"]), (&(done + 1).into(), &5.into()));
+        let left = event["seconds_left"].as_f64();
+        // The mean time of those that are done, for each of the others.
+        let most = event["seconds"].as_f64().unwrap() * (4 - done) as f64 / (done + 1) as f64;
+        let fits = left.is_some_and(|seconds| seconds > 0.0 && seconds <= most + 1e-3);
+        assert!(if done < 4 { fits } else { left.is_none() }, "{event}");
+    }
+    place.refused(&format!("refine shots {MODEL}"), &["-o: give a folder"]);
+    place.refused(&format!("refine shots/0.* {MODEL} -o out"), &["shots/0.*: no photograph (jpg"]);
+}
+
+/// `burst/`: a room at four exposures, which the network takes for four depths, one of them cropped; and another room.
+fn burst() -> Place {
+    let place = place(0);
+    fs::create_dir(place.path("burst")).unwrap();
+    let write = |name: &str, image: ArrayView3<'_, f32>| {
+        write_image(place.path(&format!("burst/{name}.png")), image).unwrap();
+    };
+    let scene = room(Room::ALL[0], 3, 224, 168).unwrap();
+    for (name, gain) in [("a", 1.0), ("b", 0.8), ("c", 0.64)] {
+        write(name, (&scene.image * gain).view());
+    }
+    write("d", (&scene.image.slice(s![14..154, 12..212, ..]) * 0.9).view());
+    write("e", room(Room::ALL[1], 8, 224, 168).unwrap().image.view());
+    place
+}
+
+#[test]
+fn the_same_scale_is_found_recorded_and_resumed() {
+    let place = burst();
+    let refine = |more: &str, out: &str| format!("refine burst {MODEL} --predictions 1 {more} -o {out}");
+    place.run(&refine("", "plain"));
+    let same = refine("--same-scale", "out");
+    let text = place.run(&same);
+    assert!(text.contains("1 of 5 photographs: --same-scale: matches no other photograph"), "{text}");
+
+    // The photographs of one room get the factors of their exposures, with a mean of 1. Cropped, with the same field of view, a room is
+    // nearer.
+    let rows = rows(&place, "out");
+    let factor = |i: usize| rows[i]["same_scale"].as_f64().unwrap();
+    for (i, gain) in [(1, 0.8), (2, 0.64), (3, 0.9 * 224.0 / 200.0)] {
+        let error = factor(i) / factor(0) * gain;
+        assert!((error - 1.0).abs() < 0.04, "{i}: {error}");
+    }
+    assert!(((0..4).map(|i| factor(i).ln()).sum::<f64>()).abs() < 1e-9);
+    let groups: Vec<u64> = rows.iter().map(|row| row["same_scale_group"].as_u64().unwrap()).collect();
+    assert_eq!((groups, factor(4)), (vec![0, 0, 0, 0, 1], 1.0));
+    let table = place.text("out/index.csv");
+    assert!(table.lines().next().unwrap().ends_with(",same_scale,same_scale_sigma,same_scale_group"));
+
+    // The maps are those without the flag, times the factor.
+    for (i, name) in ["a", "b", "c", "d", "e"].iter().enumerate() {
+        let map = |out: &str| place.map(&format!("{out}/{name}/depth.npy"));
+        for (scaled, plain) in map("out").iter().zip(&map("plain")) {
+            assert!((f64::from(*scaled) - factor(i) * f64::from(*plain)).abs() <= 1e-5 * f64::from(*scaled));
+        }
+        let found = place.record(&format!("out/{name}"))["same_scale"].clone();
+        assert!((found["factor"].as_f64().unwrap() / factor(i) - 1.0).abs() < 1e-12);
+        assert_eq!(found["photographs"].as_u64(), Some(if i < 4 { 4 } else { 1 }));
+        assert_eq!(found["log_sigma"].as_f64().unwrap() > 0.0, i < 4);
+    }
+
+    // One thread, shards, and a run that is continued have the same bytes.
+    let expected = all(&place, "out");
+    place.run(&refine("--same-scale --threads 1 -q", "one"));
+    assert!(all(&place, "one") == expected);
+    for shard in ["1/2", "2/2"] {
+        place.run(&refine(&format!("--same-scale -q --shard {shard}"), "parts"));
+    }
+    assert!(all(&place, "parts") == expected);
+    fs::remove_file(place.path("out/b/finished.json")).unwrap();
+    let [said, _] = place.told(&same, 0);
+    assert!(said.contains("1 refined, 4 finished before") && all(&place, "out") == expected, "{said}");
+
+    // One that can't be read is a row; without another the factors are others, and only they are refined again.
+    place.write("burst/c.png", "no picture");
+    let [said, _] = place.told(&same, 3);
+    assert!(said.contains("3 refined, 1 finished before, 1 failed"), "{said}");
+}

@@ -1,0 +1,84 @@
+//! The same bytes on processors with other vectors: the tests run themselves within qemu-user.
+
+use crate::library::{config, go_on, inputs, refine, refine_several, rendered, tiny};
+use mde_cli::mde_uncertainty::GaussianDepth;
+use mde_cli::scene::Scene;
+use mde_cli::{Preset, Stages};
+use mde_eval::scene::Room;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+/// Where [`bytes_of_small_runs`] writes them.
+const BYTES: &str = "MDE_BYTES";
+/// SSE2, and AVX2 with FMA but without what qemu would warn of. It does not emulate AVX-512.
+const PROCESSORS: [&str; 2] = ["qemu64", "Haswell-noTSX,-pcid,-x2apic,-tsc-deadline,-invpcid"];
+
+/// One photograph with each kind of field, and several.
+fn small_runs() -> [(&'static str, GaussianDepth); 3] {
+    let (capture, prior) = inputs(&rendered(Room::Study, 2, [64, 48]), true);
+    let alone = |text: &str| {
+        let Scene { photographs, reference, .. } = &capture;
+        let photograph = &photographs[*reference];
+        let one = (photograph.image.view(), &photograph.camera.camera);
+        refine(one, Stages::new(&prior), &config(Preset::Paper, text), &mut go_on).unwrap()
+    };
+    let short = tiny(&[("steps = 60", "steps = 4"), ("iterations = 2", "iterations = 1")]);
+    let hash = alone(&short);
+    let grids = "kind = 'hash'\nlevels = 4\nlog2-rows = 10\nfinest = 64";
+    let mlp = alone(&short.replace(grids, "kind = 'mlp'\nlayers = 2"));
+    let (_, field) = short.split_once("[nerf.field]").unwrap();
+    let (field, _) = field.split_once("[fusion]").unwrap();
+    let config = config(Preset::MultiView, &format!("[nerf.field]{field}"));
+    let several = refine_several(&capture, Stages::new(&prior), &config, &mut go_on).unwrap();
+    assert_eq!(several.capture.as_ref().unwrap().fallback, None);
+    for (name, refined) in [("hash", &hash), ("MLP", &mlp), ("several", &several)] {
+        assert!(refined.field.is_some(), "{name}: no field");
+        assert!(refined.prior != refined.depth.mean(), "{name}: the field has no part in it");
+    }
+    [("hash", hash.depth), ("MLP", mlp.depth), ("several photographs", several.depth)]
+}
+
+#[test]
+#[ignore = "a part of the other test, which runs it within qemu"]
+fn bytes_of_small_runs() {
+    let Some(path) = std::env::var_os(BYTES) else { return };
+    let runs = small_runs().map(|(name, depth)| {
+        let bits = |map: ndarray::ArrayView2<'_, f32>| map.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        (name, bits(depth.mean()), bits(depth.variance()))
+    });
+    fs::write(path, serde_json::to_vec(&runs).unwrap()).unwrap();
+}
+
+#[test]
+#[ignore = "needs qemu-x86_64 (Debian: qemu-user), and takes minutes"]
+fn the_vectors_of_a_processor_change_no_byte() {
+    let this = std::env::current_exe().unwrap();
+    let bytes = |start: &[&str], name: &str| {
+        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+        let mut command = Command::new(start.first().map_or(this.as_os_str(), |program| program.as_ref()));
+        if let [_, rest @ ..] = start {
+            command.args(rest).arg(&this);
+        }
+        let own = concat!(module_path!(), "::bytes_of_small_runs");
+        let (_, own) = own.split_once("::").unwrap();
+        let status = command
+            .args(["--exact", own, "--ignored", "--test-threads", "1"])
+            .env(BYTES, &path)
+            .status()
+            .unwrap();
+        assert!(status.success(), "{name}");
+        serde_json::from_slice::<Vec<(String, Vec<u32>, Vec<u32>)>>(&fs::read(path).unwrap()).unwrap()
+    };
+    let here = bytes(&[], "here");
+    std::thread::scope(|scope| {
+        for processor in PROCESSORS {
+            let (bytes, here) = (&bytes, &here);
+            scope.spawn(move || {
+                for (a, b) in here.iter().zip(bytes(&["qemu-x86_64", "-cpu", processor], processor)) {
+                    assert!(*a == b, "{processor}: {}", a.0);
+                }
+            });
+        }
+    });
+}

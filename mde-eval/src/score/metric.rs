@@ -1,0 +1,231 @@
+use super::map::DepthMap;
+use super::sigma::SigmaMap;
+use crate::Result;
+use crate::metrics::calibration::{coverage, crps, ence_in_order, mean_z2, nll, rms_sigma};
+use crate::metrics::sparsification::spearman_of_bins;
+use crate::metrics::{boundary, depth, sharpness};
+use crate::raster::{Map, Mask};
+
+/// Bins of the ENCE.
+const ENCE_BINS: usize = 20;
+
+/// Direction of a metric.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Better {
+    /// Small values.
+    Lower,
+    /// Large values.
+    Higher,
+    /// Values near this one.
+    Near(f64),
+    /// Neither: it describes a method without ranking it.
+    Neither,
+}
+
+impl Better {
+    /// A number that ranks values, small for good ones; `None` for [`Better::Neither`].
+    pub(crate) fn badness(self, value: f64) -> Option<f64> {
+        match self {
+            Self::Lower => Some(value),
+            Self::Higher => Some(-value),
+            Self::Near(target) => Some((value - target).abs()),
+            Self::Neither => None,
+        }
+    }
+}
+
+/// Which table a metric stands in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Group {
+    /// Errors of the depth.
+    Depth,
+    /// Edges and order, invariant to contrast.
+    Edges,
+    /// Raised by any added gradient: an unsharp mask, or noise.
+    Gradient,
+    /// Correlation of sigma with the errors.
+    Ranking,
+    /// Size of sigma against the errors.
+    Calibration,
+    /// Seconds.
+    Cost,
+}
+
+impl Group {
+    /// All groups, in the order of the tables.
+    pub const ALL: [Self; 6] =
+        [Self::Depth, Self::Edges, Self::Gradient, Self::Ranking, Self::Calibration, Self::Cost];
+
+    /// The heading of its table.
+    pub const fn title(self) -> &'static str {
+        match self {
+            Self::Depth => "Depth",
+            Self::Edges => "Edges, invariant to contrast",
+            Self::Gradient => "Gradient: raised by any unsharp mask or noise, so no evidence of quality",
+            Self::Ranking => "Uncertainty: correlation with the errors",
+            Self::Calibration => "Uncertainty: calibration",
+            Self::Cost => "Cost",
+        }
+    }
+}
+
+/// One number per scene and method, where it is defined.
+#[derive(Debug, Clone, Copy)]
+pub struct Metric {
+    /// The column's name in files, with threshold and tolerance where there are any.
+    pub key: &'static str,
+    /// The column's head in tables, with its unit.
+    pub label: &'static str,
+    /// Its direction.
+    pub better: Better,
+    /// The table it stands in.
+    pub group: Group,
+    /// Whether the tables show it; files have every metric.
+    pub shown: bool,
+    pub(super) of: Of,
+}
+
+/// What a metric is computed from.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Of {
+    /// Aligned and true depths, as lists.
+    Depths(fn(&[f64], &[f64]) -> Result<f64>),
+    /// The aligned map, the truth and the pixels that count.
+    Maps(fn(Map<'_>, Map<'_>, Mask<'_>) -> Result<f64>),
+    /// What several metrics of the aligned map share; nothing where the metric is not defined, as in a scene without edges.
+    Shared(fn(&DepthMap<'_>) -> Result<Option<f64>>),
+    /// Errors and their sigmas, as lists.
+    Errors(fn(&[f64], &[f64]) -> Result<f64>),
+    /// What several metrics of sigma share.
+    Sigma(fn(&SigmaMap) -> Result<Option<f64>>),
+    /// Not one map alone: [`Entry`](crate::table::Entry) is given it.
+    Evaluation,
+}
+
+impl Metric {
+    /// The metric of that key.
+    pub fn named(key: &str) -> Option<&'static Self> {
+        METRICS.iter().find(|metric| metric.key == key)
+    }
+}
+
+const fn shown(key: &'static str, label: &'static str, better: Better, group: Group, of: Of) -> Metric {
+    Metric { key, label, better, group, shown: true, of }
+}
+
+/// Of files alone.
+const fn more(key: &'static str, better: Better, group: Group, of: Of) -> Metric {
+    Metric { key, label: key, better, group, shown: false, of }
+}
+
+use Better::{Higher, Lower, Near, Neither};
+use Group::{Calibration, Cost, Depth, Edges, Gradient, Ranking};
+use Of::{Depths, Errors, Evaluation, Maps, Shared, Sigma};
+
+/// Every metric of the tables and files, in the order of their columns.
+pub const METRICS: &[Metric] = &[
+    shown("mse", "MSE, m²", Lower, Depth, Depths(depth::mse)),
+    shown("rmse", "RMSE, m", Lower, Depth, Depths(depth::rmse)),
+    shown("abs_rel", "AbsRel", Lower, Depth, Depths(depth::abs_rel)),
+    shown("log10", "log10", Lower, Depth, Depths(depth::log10)),
+    shown("silog", "SILog, %", Lower, Depth, Depths(depth::silog)),
+    shown("delta1", "within 1.25", Higher, Depth, Depths(|p, g| depth::delta(p, g, 1))),
+    shown("mse_shared", "MSE under the prior's scale, m²", Lower, Depth, Evaluation),
+    more("abs_rel_shared", Lower, Depth, Evaluation),
+    more("sq_rel", Lower, Depth, Depths(depth::sq_rel)),
+    more("rmse_log", Lower, Depth, Depths(depth::rmse_log)),
+    more("irmse", Lower, Depth, Depths(depth::irmse)),
+    more("delta2", Higher, Depth, Depths(|p, g| depth::delta(p, g, 2))),
+    more("delta3", Higher, Depth, Depths(|p, g| depth::delta(p, g, 3))),
+    shown("f1_max@0.25m_r1", "F1max, 0.25 m", Higher, Edges, Shared(|m| m.edges(0.25, 1, |e| e.f1_max))),
+    shown("f1_max@0.5m_r1", "F1max, 0.5 m", Higher, Edges, Shared(|m| m.edges(0.5, 1, |e| e.f1_max))),
+    more("f1_max@1m_r1", Higher, Edges, Shared(|m| m.edges(1.0, 1, |e| e.f1_max))),
+    more("average_precision@0.25m_r1", Higher, Edges, Shared(|m| m.edges(0.25, 1, |e| e.average_precision))),
+    more("average_precision@0.5m_r1", Higher, Edges, Shared(|m| m.edges(0.5, 1, |e| e.average_precision))),
+    shown("boundary_f1", "boundary F1", Higher, Edges, Maps(boundary::boundary_f1)),
+    more("dbe_accuracy", Lower, Edges, Shared(|m| Ok(m.boundaries.map(|e| e.accuracy)))),
+    shown(
+        "dbe_completeness",
+        "DBE completeness, px",
+        Lower,
+        Edges,
+        Shared(|m| Ok(m.boundaries.map(|e| e.completeness))),
+    ),
+    shown("d3r", "D3R", Lower, Edges, Shared(|m| Ok(m.order.d3r))),
+    more("ord", Lower, Edges, Shared(|m| Ok(m.order.ord))),
+    shown("sharpness_on", "sharp on edges", Neither, Gradient, Shared(|m| Ok(m.sharpness.on))),
+    shown("sharpness_off", "sharp off edges", Neither, Gradient, Shared(|m| Ok(m.sharpness.off))),
+    shown(
+        "sharpness",
+        "sharpness",
+        Neither,
+        Gradient,
+        Shared(|m| Ok(sharpness::sharpness(m.map, m.truth.pixels.view()).ok())),
+    ),
+    shown("f1@0.25m_r1", "F1, 0.25 m", Neither, Gradient, Shared(|m| m.edges(0.25, 1, |e| Some(e.f1)))),
+    shown("f1@0.5m_r1", "F1, 0.5 m", Neither, Gradient, Shared(|m| m.edges(0.5, 1, |e| Some(e.f1)))),
+    more("f1@1m_r1", Neither, Gradient, Shared(|m| m.edges(1.0, 1, |e| Some(e.f1)))),
+    more("f1@0.25m_r0", Neither, Gradient, Shared(|m| m.edges(0.25, 0, |e| Some(e.f1)))),
+    more("f1@0.25m_r2", Neither, Gradient, Shared(|m| m.edges(0.25, 2, |e| Some(e.f1)))),
+    more("f1@0.5m_r0", Neither, Gradient, Shared(|m| m.edges(0.5, 0, |e| Some(e.f1)))),
+    more("f1@0.5m_r2", Neither, Gradient, Shared(|m| m.edges(0.5, 2, |e| Some(e.f1)))),
+    more("f1@1m_r0", Neither, Gradient, Shared(|m| m.edges(1.0, 0, |e| Some(e.f1)))),
+    more("f1@1m_r2", Neither, Gradient, Shared(|m| m.edges(1.0, 2, |e| Some(e.f1)))),
+    shown("spearman", "Spearman", Higher, Ranking, Sigma(|s| Ok(s.spearman))),
+    shown("spearman_binned", "Spearman, 100 bins", Higher, Ranking, Sigma(|s| spearman_of_bins(&s.bins()?))),
+    shown("ause_mae", "AUSE, MAE", Lower, Ranking, Sigma(|s| Ok(Some(s.mae.ause())))),
+    shown("ause_rmse", "AUSE, RMSE", Lower, Ranking, Sigma(|s| Ok(Some(s.rmse.ause())))),
+    shown(
+        "spearman_relative",
+        "Spearman, σ/D and AbsRel",
+        Higher,
+        Ranking,
+        Sigma(|s| Ok(s.spearman_relative)),
+    ),
+    shown("ause_relative", "AUSE, σ/D and AbsRel", Lower, Ranking, Sigma(|s| Ok(Some(s.relative.ause())))),
+    shown("aurg_relative", "AURG, σ/D and AbsRel", Higher, Ranking, Sigma(|s| Ok(Some(s.relative.aurg())))),
+    more("poggi_ause_abs_rel", Lower, Ranking, Sigma(|s| Ok(Some(s.poggi_abs_rel.ause())))),
+    shown("poggi_aurg_abs_rel", "AURG, AbsRel", Higher, Ranking, Sigma(|s| Ok(Some(s.poggi_abs_rel.aurg())))),
+    more("poggi_ause_rmse", Lower, Ranking, Sigma(|s| Ok(Some(s.poggi_rmse.ause())))),
+    more("poggi_aurg_rmse", Higher, Ranking, Sigma(|s| Ok(Some(s.poggi_rmse.aurg())))),
+    more("poggi_ause_a1", Lower, Ranking, Sigma(|s| Ok(Some(s.poggi_a1.ause())))),
+    more("poggi_aurg_a1", Higher, Ranking, Sigma(|s| Ok(Some(s.poggi_a1.aurg())))),
+    shown("coverage_50", "cover 50 %", Near(0.5), Calibration, Errors(|e, s| coverage(e, s, 0.5))),
+    more("coverage_68", Near(0.68), Calibration, Errors(|e, s| coverage(e, s, 0.68))),
+    shown("coverage_90", "cover 90 %", Near(0.9), Calibration, Errors(|e, s| coverage(e, s, 0.9))),
+    more("coverage_95", Near(0.95), Calibration, Errors(|e, s| coverage(e, s, 0.95))),
+    shown("nll", "NLL", Lower, Calibration, Errors(nll)),
+    shown("crps", "CRPS, m", Lower, Calibration, Errors(crps)),
+    shown("mean_z2", "mean z² (above 1: sigma too small)", Near(1.0), Calibration, Errors(mean_z2)),
+    shown(
+        "ence",
+        "ENCE",
+        Lower,
+        Calibration,
+        Sigma(|s| ence_in_order(&s.errors, &s.sigma, &s.order, ENCE_BINS).map(Some)),
+    ),
+    more("mace", Lower, Calibration, Sigma(|s| Ok(Some(s.calibration.mean)))),
+    more("rmsce", Lower, Calibration, Sigma(|s| Ok(Some(s.calibration.root_mean_square)))),
+    more("miscalibration_area", Lower, Calibration, Sigma(|s| Ok(Some(s.calibration.area)))),
+    more("alignment_scale", Neither, Calibration, Evaluation),
+    more("rms_sigma", Neither, Calibration, Errors(rms_sigma)),
+    shown("factor", "factor from other places", Near(1.0), Calibration, Evaluation),
+    shown("calibrated_coverage_90", "then cover 90 %", Near(0.9), Calibration, Evaluation),
+    more("calibrated_coverage_50", Near(0.5), Calibration, Evaluation),
+    shown("calibrated_nll", "then NLL", Lower, Calibration, Evaluation),
+    shown("seconds", "seconds", Neither, Cost, Evaluation),
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_key_is_its_own_and_is_found() {
+        for metric in METRICS {
+            assert_eq!(METRICS.iter().filter(|other| other.key == metric.key).count(), 1, "{}", metric.key);
+            assert_eq!(Metric::named(metric.key).unwrap().label, metric.label);
+        }
+        assert!(Metric::named("mes").is_none());
+    }
+}

@@ -1,0 +1,133 @@
+use crate::Result;
+use crate::align::Alignment;
+use crate::metrics::calibration::{CalibrationErrors, calibration_errors};
+use crate::metrics::sparsification::{Costs, Reduction, Sparsification, bin};
+use crate::raster::Map;
+use mde_uncertainty::statistics::{Order, pearson, quantile_sorted};
+use ndarray::Array2;
+use serde::{Deserialize, Serialize};
+
+/// Curves of the uncertainty of one map, for figures and for factors of sigma fitted on other maps.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct UncertaintyCurves {
+    /// Mean \\(|e|\\) by percentile of sigma, m: 100 bins, or as many as there are pixels.
+    pub error_by_percentile: Vec<f64>,
+    /// Mean sigma of the same bins, m.
+    pub sigma_by_percentile: Vec<f64>,
+    /// Share of pixels removed: 0, 0.01, ..., 0.99.
+    pub removed: Vec<f64>,
+    /// Mean \\(|e|\\) of the rest when the most uncertain go, over the [joint maximum](crate::metrics::sparsification::sparsify).
+    pub by_sigma: Vec<f64>,
+    /// The same when the worst go.
+    pub oracle: Vec<f64>,
+    /// The same of all pixels.
+    pub random: f64,
+    /// Quantiles of \\(|z| = |e| / \sigma\\) at 0, 0.01, ..., 1.
+    pub abs_z_quantiles: Vec<f64>,
+}
+
+/// The pixels with an uncertainty by rising sigma, with what several metrics share.
+pub(super) struct SigmaMap {
+    /// Aligned prediction minus truth.
+    pub(super) errors: Vec<f64>,
+    pub(super) sigma: Vec<f64>,
+    absolute: Vec<f64>,
+    /// Of sigma.
+    pub(super) order: Order,
+    pub(super) spearman: Option<f64>,
+    /// Of sigma over depth and the relative error: without the share that comes from both growing with depth.
+    pub(super) spearman_relative: Option<f64>,
+    pub(super) mae: Sparsification,
+    pub(super) rmse: Sparsification,
+    /// By relative error in order of sigma over depth: a sigma proportional to depth is at chance.
+    pub(super) relative: Sparsification,
+    pub(super) poggi_abs_rel: Sparsification,
+    pub(super) poggi_rmse: Sparsification,
+    /// By the share of outliers (beyond a factor 1.25).
+    pub(super) poggi_a1: Sparsification,
+    pub(super) calibration: CalibrationErrors,
+}
+
+impl SigmaMap {
+    /// Of a prediction and its sigma, with the aligned prediction, the truth and the pixels that count; nothing where no pixel has
+    /// an uncertainty.
+    pub(super) fn new(
+        prediction: Map<'_>,
+        sigma: Map<'_>,
+        (aligned, truth, pixels): (Map<'_>, Map<'_>, &Array2<bool>),
+        alignment: &Alignment,
+    ) -> Result<Option<Self>> {
+        let (mut errors, mut sigmas, mut truths) = (Vec::new(), Vec::new(), Vec::new());
+        let values = prediction.into_iter().zip(sigma).zip(aligned).zip(truth).zip(pixels);
+        for ((((&p, &sigma), &aligned), &truth), &keep) in values {
+            let scaled = alignment.sigma(f64::from(p), f64::from(sigma));
+            if keep && sigma > 0.0 && scaled > 0.0 && scaled.is_finite() {
+                errors.push(f64::from(aligned) - f64::from(truth));
+                sigmas.push(scaled);
+                truths.push(f64::from(truth));
+            }
+        }
+        if errors.is_empty() {
+            return Ok(None);
+        }
+        // Sorted lists: what follows the order of sigma runs along memory.
+        let order = Order::new(&sigmas)?;
+        let [errors, sigma, truth] = [&errors, &sigmas, &truths].map(|values| order.apply(values));
+        Self::of_sorted(errors, sigma, &truth).map(Some)
+    }
+
+    fn of_sorted(errors: Vec<f64>, sigma: Vec<f64>, truth: &[f64]) -> Result<Self> {
+        let order = Order::of_sorted(&sigma);
+        let absolute: Vec<f64> = errors.iter().map(|e| e.abs()).collect();
+        let squared: Vec<f64> = errors.iter().map(|e| e * e).collect();
+        let relative: Vec<f64> = absolute.iter().zip(truth).map(|(e, g)| e / g).collect();
+        let over_depth = |((s, e), g): ((&f64, &f64), &f64)| s / (g + e).max(f64::MIN_POSITIVE);
+        let relative_sigma: Vec<f64> = sigma.iter().zip(&errors).zip(truth).map(over_depth).collect();
+        let by_relative_sigma = Order::new(&relative_sigma)?;
+        let outlier = |(e, g): (&f64, &f64)| f64::from(u8::from((g + e).max(*g) >= 1.25 * (g + e).min(*g)));
+        let outliers: Vec<f64> = errors.iter().zip(truth).map(outlier).collect();
+        let by_error = Order::new(&absolute)?;
+        let sorted = by_error.apply(&absolute);
+        let sorted_squares: Vec<f64> = sorted.iter().map(|e| e * e).collect();
+        let by_square = Costs::with_sorted(&squared, &sigma, &order, &sorted_squares)?;
+        let costs = |values: &[f64]| Costs::new(values, &sigma, &order);
+        Ok(Self {
+            spearman: pearson(&order.ranks(), &by_error.ranks()),
+            spearman_relative: pearson(&by_relative_sigma.ranks(), &Order::new(&relative)?.ranks()),
+            mae: Costs::with_sorted(&absolute, &sigma, &order, &sorted)?.normalised(Reduction::Mean)?,
+            rmse: by_square.normalised(Reduction::RootMean)?,
+            relative: Costs::new(&relative, &relative_sigma, &by_relative_sigma)?
+                .normalised(Reduction::Mean)?,
+            poggi_abs_rel: costs(&relative)?.poggi(Reduction::Mean)?,
+            poggi_rmse: by_square.poggi(Reduction::RootMean)?,
+            poggi_a1: costs(&outliers)?.poggi(Reduction::Mean)?,
+            calibration: calibration_errors(&errors, &sigma)?,
+            errors,
+            sigma,
+            absolute,
+            order,
+        })
+    }
+
+    /// Mean sigma and mean error of 100 runs by rising sigma.
+    pub(super) fn bins(&self) -> Result<Vec<crate::metrics::sparsification::UncertaintyBin>> {
+        bin(&self.absolute, &self.sigma, &self.order, 100)
+    }
+
+    pub(super) fn curves(&self) -> Result<UncertaintyCurves> {
+        let bins = self.bins()?;
+        let Sparsification { removed, by_sigma, oracle, random } = self.mae.clone();
+        let mut z: Vec<f64> = self.errors.iter().zip(&self.sigma).map(|(e, s)| (e / s).abs()).collect();
+        z.sort_unstable_by(f64::total_cmp);
+        Ok(UncertaintyCurves {
+            error_by_percentile: bins.iter().map(|bin| bin.cost).collect(),
+            sigma_by_percentile: bins.iter().map(|bin| bin.sigma).collect(),
+            removed,
+            by_sigma,
+            oracle,
+            random,
+            abs_z_quantiles: (0..=100).filter_map(|k| quantile_sorted(&z, f64::from(k) / 100.0)).collect(),
+        })
+    }
+}

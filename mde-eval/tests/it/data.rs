@@ -1,0 +1,440 @@
+//! Data sets in folders made here, and the real ones where they lie beside the project.
+
+use mde_eval::capture::CapturedView;
+use mde_eval::data::{
+    CaptureGrid, Captures, DataSet, DataSetKind, MapPairs, Options, PlainFolders, Posed, Resized, Rooms,
+    Sequences, SunDepth, SunRgbd, open, parse_places,
+};
+use mde_eval::mde_prior::format::{write_npy, write_png16};
+use mde_eval::mde_prior::photo::write_image;
+use mde_eval::ndarray::{Array2, Array3};
+use mde_eval::{Error, Result};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+fn truth() -> Array2<f32> {
+    Array2::from_shape_fn((6, 8), |(y, x)| if x == 0 { 0.0 } else { 1.0 + 0.125 * (x + y) as f32 })
+}
+
+/// The message of an error.
+fn told<T>(result: Result<T>) -> String {
+    result.err().unwrap().to_string()
+}
+
+fn sun_scene(root: &Path, name: &str, intrinsics: Option<&str>) -> PathBuf {
+    let scene = root.join(name);
+    for folder in ["image", "depth"] {
+        fs::create_dir_all(scene.join(folder)).unwrap();
+    }
+    write_image(scene.join("image/a.png"), Array3::from_elem((6, 8, 3), 0.5).view()).unwrap();
+    let path = scene.join("depth/a.png");
+    write_sun(&path, &truth());
+    if let Some(text) = intrinsics {
+        fs::write(scene.join("intrinsics.txt"), text).unwrap();
+    }
+    scene
+}
+
+/// A depth PNG with SUN RGB-D's rotated bits.
+fn write_sun(path: &Path, depth: &Array2<f32>) {
+    // The linear writer with a scale of 1 stores each value as it is.
+    let raw = depth.mapv(|z| f32::from(((z * 1000.0).round() as u16).rotate_left(3)));
+    write_png16(path, raw.view(), 1.0).unwrap();
+}
+
+const MATRIX: &str = "500 0 4.5\n0 501 3.5\n0 0 1\n";
+
+#[test]
+fn sun_scenes_of_all_sensors_are_found_and_read() {
+    let root = tempfile::tempdir().unwrap();
+    let lobby = "xtion/sun3ddata/inn/lobby";
+    let scenes = [
+        "kv1/NYUdata/NYU0001",
+        "kv2/000002",
+        "realsense/lg/0003",
+        &format!("{lobby}/01"),
+        &format!("{lobby}/02"),
+    ];
+    for scene in scenes {
+        sun_scene(root.path(), scene, Some(MATRIX));
+    }
+    let data = SunRgbd::open(root.path()).unwrap();
+    assert_eq!(data.ids(), scenes);
+    assert_eq!(DataSetKind::guess(root.path()).unwrap(), DataSetKind::SunRgbd);
+    for index in 0..scenes.len() {
+        let sample = data.load(index).unwrap();
+        assert_eq!((sample.depth, sample.image.dim()), (truth(), (6, 8, 3)));
+        let camera = sample.camera;
+        assert_eq!([camera.fx, camera.fy, camera.cx, camera.cy], [500.0, 501.0, 3.5, 2.5]);
+        assert!(!sample.assumed_camera && sample.trusted_depth == 8.0);
+    }
+    assert!(matches!(data.load(5), Err(Error::Scene { index: 5, count: 5 })));
+    // The place is a recording's; a list names others.
+    let places = [data.place(1), data.place(3), data.place(4), data.place(5)];
+    assert_eq!(places, [Some("kv2/000002"), Some(lobby), Some(lobby), None]);
+    let places = parse_places("# who was where\nkv2/000002  shop 1\n\n").unwrap();
+    let options = Options { places, size: Some([4, 3]), ..Options::default() };
+    let placed = open(DataSetKind::SunRgbd, Some(root.path()), &options).unwrap();
+    assert_eq!([placed.place(1), placed.place(3)], [Some("shop 1"), Some(lobby)]);
+    for broken in ["alone", "a b\na c"] {
+        assert!(matches!(parse_places(broken), Err(Error::Config { .. })), "{broken}");
+    }
+    let unknown = Options { places: parse_places("kv3/1 here").unwrap(), ..Options::default() };
+    let refused = told(open(DataSetKind::SunRgbd, Some(root.path()), &unknown));
+    assert!(refused.contains("kv3/1") && refused.contains("kv2/000002"), "{refused}");
+    // No filled depth was made.
+    assert!(matches!(data.with_depth(SunDepth::Filled).load(0), Err(Error::Layout { .. })));
+}
+
+#[test]
+fn broken_sun_scenes_are_named_and_missing_intrinsics_can_be_overridden() {
+    let root = tempfile::tempdir().unwrap();
+    assert!(matches!(SunRgbd::open(root.path()), Err(Error::Layout { .. })));
+    assert!(matches!(SunRgbd::open(root.path().join("none")), Err(Error::Io { .. })));
+    let scene = sun_scene(root.path(), "a", None);
+    let data = SunRgbd::open(root.path()).unwrap();
+    let Err(Error::Intrinsics { scene: id, file: "intrinsics.txt" }) = data.load(0) else { panic!() };
+    assert_eq!(id, "a");
+    let sample = data.clone().with_assumed_fov(60.0).load(0).unwrap();
+    assert!(sample.assumed_camera && sample.camera.width == 8 && sample.camera.cx == 3.5);
+    assert!(matches!(data.clone().with_assumed_fov(0.0).load(0), Err(Error::Camera(_))));
+    fs::write(scene.join("intrinsics.txt"), "1 2 3").unwrap();
+    assert!(told(data.load(0)).contains("intrinsics.txt"));
+    write_sun(&scene.join("depth/a.png"), &Array2::ones((5, 8)));
+    assert!(told(data.load(0)).contains("8x5"));
+    write_sun(&scene.join("depth/b.png"), &truth());
+    assert!(told(data.load(0)).contains("2 files"));
+}
+
+#[test]
+fn plain_folders_are_found_and_read() {
+    let root = tempfile::tempdir().unwrap();
+    let folder = root.path().join("mine");
+    fs::create_dir_all(&folder).unwrap();
+    write_image(folder.join("color.png"), Array3::from_elem((6, 8, 3), 0.25).view()).unwrap();
+    write_npy(folder.join("depth.npy"), truth().mapv(|z| z * 100.0).view()).unwrap();
+    let describe = |text: &str| fs::write(folder.join("scene.json"), text).unwrap();
+    describe(
+        r#"{"depth_units_per_metre": 100, "fx": 10, "fy": 11, "cx": 3, "cy": 2, "max_depth": 4.5, "source": "me"}"#,
+    );
+    let data = PlainFolders::open(root.path()).unwrap();
+    let sample = data.load(0).unwrap();
+    assert_eq!((sample.id.as_str(), sample.trusted_depth, sample.camera.fy), ("mine", 4.5, 11.0));
+    assert!(sample.depth.iter().zip(&truth()).all(|(a, b)| (a - b).abs() < 1e-6));
+
+    describe(r#"{"depth_units_per_metre": 100}"#);
+    assert!(matches!(data.load(0), Err(Error::Intrinsics { .. })));
+    assert!(data.clone().with_assumed_fov(50.0).load(0).unwrap().assumed_camera);
+    for broken in [r#"{"fx": 3}"#, "{", r#"{"max_depth": -1}"#, r#"{"depth_units_per_metre": 0}"#] {
+        describe(broken);
+        assert!(data.load(0).is_err(), "{broken}");
+    }
+    assert!(matches!(PlainFolders::open(root.path().join("mine/none")), Err(Error::Io { .. })));
+}
+
+#[test]
+fn captures_are_a_data_set_of_every_combination() {
+    let grid = CaptureGrid {
+        views: vec![2, 3, 5, 8],
+        baselines: vec![0.02, 0.2],
+        pose_noises: vec![0.0, 0.1, 1.0],
+        gains: vec![0.0, 0.2],
+    };
+    let all = Captures::new(&grid, 0, 16, 12).unwrap();
+    assert_eq!(all.len(), 7 * 4 * 2 * 3 * 2);
+    let unique: std::collections::BTreeSet<_> = all.ids().iter().collect();
+    assert_eq!(unique.len(), all.len());
+    let places: std::collections::BTreeSet<_> = (0..all.len()).filter_map(|index| all.place(index)).collect();
+    assert_eq!(places.len(), 7);
+
+    let grid = CaptureGrid { views: vec![3], pose_noises: vec![0.0, 1.0], ..CaptureGrid::default() };
+    let few = Captures::new(&grid, 3, 24, 18).unwrap();
+    let (exact, noisy) = (few.load(0).unwrap(), few.load(1).unwrap());
+    assert_eq!((few.len(), exact.views.len(), exact.depth.dim()), (14, 2, (18, 24)));
+    assert_eq!((&exact.image, &exact.depth, &exact.prior), (&noisy.image, &noisy.depth, &noisy.prior));
+    let rooms = Rooms::new(3, 24, 18);
+    let room = rooms.load(0).unwrap();
+    assert_eq!((room.id.as_str(), room.image), ("study-3", exact.image));
+    assert!(rooms.len() == 7 && rooms.load(7).is_err());
+    assert_ne!(exact.views[0].view.pose, noisy.views[0].view.pose);
+
+    let small = Resized::new(few, 12, 9).unwrap().load(0).unwrap();
+    for captured in &small.views {
+        assert_eq!((captured.view.image.dim(), captured.view.mask.dim()), ((9, 12, 3), (9, 12)));
+        assert_eq!(captured.prior.as_ref().unwrap().map.dim(), (9, 12));
+        assert_eq!(captured.view.camera, small.camera);
+        captured.view.validate().unwrap();
+    }
+    let bad = CaptureGrid { gains: vec![2.0], ..CaptureGrid::default() };
+    assert!(matches!(Captures::new(&bad, 0, 16, 12), Err(Error::Config { field: "gain", .. })));
+}
+
+/// An image and a depth map in millimetres (or another unit) under names below `root`.
+fn pair(root: &Path, image: &str, depth: &str, size: (usize, usize), units: f32) {
+    for path in [image, depth] {
+        fs::create_dir_all(root.join(path).parent().unwrap()).unwrap();
+    }
+    write_image(root.join(image), Array3::from_elem((size.0, size.1, 3), 0.5).view()).unwrap();
+    let map =
+        Array2::from_shape_fn(size, |(y, x)| if x == 0 { 0.0 } else { (1.0 + (y % 4) as f32 * 0.5) * units });
+    write_png16(root.join(depth), map.view(), 1.0).unwrap();
+}
+
+#[test]
+fn nyu_pairs_are_found_in_both_layouts() {
+    let root = tempfile::tempdir().unwrap();
+    pair(root.path(), "kitchen/rgb_00045.png", "kitchen/sync_depth_00045.png", (48, 64), 1000.0);
+    pair(root.path(), "kitchen/rgb_00046.png", "kitchen/sync_depth_00047.png", (48, 64), 1000.0);
+    pair(root.path(), "labelled/rgb/0001.png", "labelled/depth/1.png", (480, 640), 1000.0);
+    let data = Sequences::nyu(root.path()).unwrap();
+    assert_eq!(data.ids(), ["kitchen/rgb_00045", "labelled/0001"]);
+    let small = data.load(0).unwrap();
+    assert_eq!((small.depth[(1, 3)], small.depth[(1, 0)], small.trusted_depth), (1.5, 0.0, 10.0));
+    let camera = data.load(1).unwrap().camera;
+    assert!(
+        (camera.fx - 518.8579).abs() < 1e-3 && (camera.cx - 324.5824).abs() < 1e-3 && !small.assumed_camera
+    );
+    assert!((small.camera.fx - camera.fx / 10.0).abs() < 1e-9);
+    assert_eq!(DataSetKind::guess(&root.path().join("kitchen")).unwrap(), DataSetKind::Nyu);
+    let places = [data.place(0), data.place(1)];
+    assert_eq!(places, [Some("kitchen"), Some("labelled/0001")]);
+    assert!(told(DataSetKind::guess(&root.path().join("labelled"))).contains("redwood"));
+    pair(root.path(), "odd/rgb/1.png", "odd/depth/1.png", (40, 64), 1000.0);
+    assert!(told(Sequences::nyu(root.path().join("odd")).unwrap().load(0)).contains("64x40"));
+    assert!(told(Sequences::nyu(root.path().join("nyu_depth_v2_labeled.mat"))).contains("export"));
+    assert!(matches!(Sequences::nyu(root.path().join("kitchen/none")), Err(Error::Io { .. })));
+}
+
+#[test]
+fn tum_frames_belong_to_the_nearest_in_time() {
+    let root = tempfile::tempdir().unwrap();
+    let folder = root.path().join("rgbd_dataset_freiburg2_desk");
+    for k in 0..3 {
+        pair(&folder, &format!("rgb/{k}.png"), &format!("depth/{k}.png"), (48, 64), 5000.0);
+    }
+    let lists = |rgb: &str, depth: &str| {
+        fs::write(folder.join("rgb.txt"), format!("# timestamp filename\n{rgb}")).unwrap();
+        fs::write(folder.join("depth.txt"), depth).unwrap();
+    };
+    // The second depth is nearer to the second picture; the third picture is too far from any.
+    lists(
+        "1.000 rgb/0.png\n1.020 rgb/1.png\n1.500 rgb/2.png\n",
+        "1.005 depth/0.png\n1.018 depth/1.png\n1.55 depth/2.png\n",
+    );
+    let data = Sequences::tum(root.path()).unwrap();
+    assert_eq!(data.ids(), ["rgbd_dataset_freiburg2_desk/0", "rgbd_dataset_freiburg2_desk/1"]);
+    let sample = data.load(1).unwrap();
+    assert_eq!((sample.depth[(1, 3)], sample.trusted_depth, sample.assumed_camera), (1.5, 5.0, false));
+    assert!((sample.camera.fx - 52.09).abs() < 1e-9);
+    assert_eq!(data.with_stride(2).len(), 1);
+    assert_eq!(DataSetKind::guess(root.path()).unwrap(), DataSetKind::Tum);
+    let other = root.path().join("mine");
+    fs::rename(&folder, &other).unwrap();
+    let data = Sequences::tum(&other).unwrap();
+    assert!(matches!(data.load(0), Err(Error::Intrinsics { .. })));
+    assert!(data.with_assumed_fov(60.0).load(0).unwrap().assumed_camera);
+    fs::write(other.join("depth.txt"), "soon depth/0.png").unwrap();
+    assert!(told(Sequences::tum(&other)).contains("line 1"));
+}
+
+#[test]
+fn redwood_scans_take_the_camera_beside_them() {
+    let root = tempfile::tempdir().unwrap();
+    for k in 1..4 {
+        let (image, depth) = (format!("image/000{k}-00033.png"), format!("depth/000{k}-00012.png"));
+        pair(root.path(), &image, &depth, (6, 8), 1000.0);
+    }
+    let data = Sequences::redwood(root.path()).unwrap();
+    assert_eq!((data.len(), data.clone().with_stride(2).len()), (3, 2));
+    assert!(matches!(data.load(0), Err(Error::Intrinsics { .. })));
+    let write = |text: &str| fs::write(root.path().join("camera_intrinsic.json"), text).unwrap();
+    write(r#"{"width": 16, "height": 12, "intrinsic_matrix": [20, 0, 0, 0, 22, 0, 7.5, 5.5, 1]}"#);
+    let sample = data.load(0).unwrap();
+    let camera = sample.camera;
+    assert_eq!([camera.fx, camera.fy, camera.cx, camera.cy], [10.0, 11.0, 3.5, 2.5]);
+    assert_eq!((sample.id.as_str(), sample.trusted_depth), ("0001-00033", 4.0));
+    write(r#"{"width": 16}"#);
+    assert!(matches!(data.load(0), Err(Error::Layout { .. })));
+}
+
+#[test]
+fn resizing_mixes_no_depths_and_moves_the_camera() {
+    let root = tempfile::tempdir().unwrap();
+    sun_scene(root.path(), "a", Some(MATRIX));
+    let plain = SunRgbd::open(root.path()).unwrap();
+    let original = plain.load(0).unwrap();
+    for (width, height) in [(16, 12), (4, 3), (5, 7), (8, 6), (1, 1)] {
+        let sample = Resized::new(plain.clone(), width, height).unwrap().load(0).unwrap();
+        assert_eq!((sample.depth.dim(), sample.image.dim()), ((height, width), (height, width, 3)));
+        assert!(sample.depth.iter().all(|z| original.depth.iter().any(|o| o == z)));
+        let scale = width as f64 / 8.0;
+        assert!((sample.camera.fx - 500.0 * scale).abs() < 1e-9);
+        assert!((sample.camera.cx - ((3.5 + 0.5) * scale - 0.5)).abs() < 1e-9);
+    }
+    assert!(Resized::new(plain, 0, 3).is_err());
+}
+
+#[test]
+fn data_sets_have_names_and_open_by_them() {
+    for kind in DataSetKind::ALL {
+        assert_eq!(kind.name().parse::<DataSetKind>().unwrap(), kind);
+    }
+    assert!(told("kitti".parse::<DataSetKind>()).contains("sunrgbd"));
+    let root = tempfile::tempdir().unwrap();
+    assert!(told(DataSetKind::guess(root.path())).contains("scene.json"));
+    sun_scene(root.path(), "a", Some(MATRIX));
+    let small = Options { size: Some([4, 3]), ..Options::default() };
+    for (kind, root) in [(DataSetKind::Rooms, None), (DataSetKind::SunRgbd, Some(root.path()))] {
+        assert_eq!(open(kind, root, &small).unwrap().load(0).unwrap().depth.dim(), (3, 4));
+        // Rooms have no folder, files have one.
+        let other = if root.is_none() { Some(Path::new("a")) } else { None };
+        assert!(matches!(open(kind, other, &small), Err(Error::Config { .. })));
+    }
+}
+
+#[test]
+fn maps_belong_together_by_name() {
+    let root = tempfile::tempdir().unwrap();
+    let write = |name: &str| {
+        let path = root.path().join(name).with_extension("npy");
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        write_npy(path, truth().view()).unwrap();
+    };
+    for name in ["pred/a", "pred/sub/b", "pred/c", "gt/a", "gt/sub/b", "gt/d", "sigma/a"] {
+        write(name);
+    }
+    let folder = |name: &str| root.path().join(name);
+    let pairs = MapPairs::open(&folder("pred"), &folder("gt"), None).unwrap();
+    assert_eq!(pairs.pairs().iter().map(|p| p.id.as_str()).collect::<Vec<_>>(), ["a", "sub/b"]);
+    assert_eq!(pairs.unmatched(), ["c"]);
+    let with_sigma = || MapPairs::open(&folder("pred"), &folder("gt"), Some(&folder("sigma")));
+    assert!(told(with_sigma()).contains("sub/b"));
+    write("sigma/sub/b");
+    assert!(with_sigma().unwrap().pairs().iter().all(|pair| pair.sigma.is_some()));
+    fs::copy(folder("pred/a.npy"), folder("pred/a.pfm")).unwrap();
+    assert!(told(MapPairs::open(&folder("pred"), &folder("gt"), None)).contains("a.npy"));
+    assert!(MapPairs::open(&folder("gt/sub"), &folder("sigma"), None).is_err());
+    assert!(matches!(MapPairs::open(&folder("none"), &folder("gt"), None), Err(Error::Io { .. })));
+}
+
+/// A camera-to-world matrix with OpenGL axes: `x` metres to the right.
+fn opengl(x: f64) -> serde_json::Value {
+    serde_json::json!([[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+}
+
+#[test]
+fn posed_captures_have_the_truth_of_their_reference_alone() {
+    let root = tempfile::tempdir().unwrap();
+    let scene = root.path().join("kitchen/a");
+    fs::create_dir_all(scene.join("images")).unwrap();
+    let mut transforms = serde_json::json!({
+        "camera_model": "OPENCV", "fl_x": 8.0, "fl_y": 8.0, "cx": 3.5, "cy": 2.5, "w": 8, "h": 6,
+        "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0, "depth_units_per_metre": 1000, "frames": [],
+    });
+    for index in 0..3 {
+        let name = format!("images/{index}.png");
+        write_image(scene.join(&name), Array3::from_elem((6, 8, 3), 0.25 * index as f32).view()).unwrap();
+        // No depth file but the reference's is there.
+        transforms["frames"].as_array_mut().unwrap().push(serde_json::json!({
+            "file_path": name, "depth_file_path": format!("depth/{index}.png"),
+            "transform_matrix": opengl(0.1 * f64::from(index)),
+        }));
+    }
+    fs::create_dir_all(scene.join("depth")).unwrap();
+    let depth = truth().mapv(|z| (1000.0 * z).round());
+    write_png16(scene.join("depth/1.png"), depth.view(), 1.0).unwrap();
+    let write = |transforms: &serde_json::Value, description: &str| {
+        fs::write(scene.join("transforms.json"), transforms.to_string()).unwrap();
+        fs::write(scene.join("scene.json"), description).unwrap();
+    };
+    write(&transforms, r#"{"reference": 1, "extra_views": [2, 0], "licence": "CC0", "summary": {}}"#);
+    let data = Posed::open(root.path()).unwrap();
+    assert_eq!((data.ids(), data.place(0)), (["kitchen/a".to_owned()].as_slice(), Some("kitchen")));
+    assert_eq!(DataSetKind::guess(root.path()).unwrap(), DataSetKind::Posed);
+    let capture = data.capture(0).unwrap();
+    assert_eq!((capture.trusted_depth, &capture.truth), (10.0, &truth()));
+    // The world is the reference's camera, with y down and z forward; photographs come in the order of scene.json.
+    let centres: Vec<f64> = capture.views.iter().map(|v| v.view.pose.inverse().translation.x).collect();
+    assert!(centres.iter().zip([0.0, 0.1, -0.1]).all(|(a, b)| (a - b).abs() < 1e-12), "{centres:?}");
+    let sample = data.load(0).unwrap();
+    let shades: Vec<f32> = sample.views.iter().map(|v| v.view.image[[0, 0, 0]]).collect();
+    assert!(
+        (shades[0] - 0.5).abs() < 0.01 && shades[1] == 0.0 && (sample.image[[0, 0, 0]] - 0.25).abs() < 0.01
+    );
+    assert_eq!((sample.camera.fx, sample.depth), (8.0, truth()));
+
+    // Errors of the poses: the stated angle and 20 mm per degree for each further photograph, the same each time.
+    let noisy = || Posed::open(root.path()).unwrap().with_pose_noise(0.5);
+    let off = noisy().unwrap().capture(0).unwrap();
+    assert_eq!(off, noisy().unwrap().capture(0).unwrap());
+    assert_eq!(off.views[0], capture.views[0]);
+    let errors: Vec<_> = [1, 2].map(|v| off.views[v].view.pose * capture.views[v].view.pose.inverse()).into();
+    for (error, v) in errors.iter().zip([1, 2]) {
+        let centre = |views: &[CapturedView]| views[v].view.pose.inverse().translation.vector;
+        assert!((error.rotation.angle().to_degrees() - 0.5).abs() < 1e-9);
+        assert!(((centre(&off.views) - centre(&capture.views)).norm() - 0.01).abs() < 1e-9);
+    }
+    assert_ne!(errors[0], errors[1]);
+    assert!(Posed::open(root.path()).unwrap().with_pose_noise(f64::NAN).is_err());
+
+    // With distortion, photograph and truth are resampled alike: towards the border further out.
+    transforms["k1"] = 0.5.into();
+    write(&transforms, r#"{"reference": 1, "max_depth": 3}"#);
+    let bent = data.capture(0).unwrap();
+    assert_eq!((bent.trusted_depth, bent.views.len()), (3.0, 3));
+    assert!(bent.truth.iter().all(|z| *z == 0.0 || truth().iter().any(|t| t == z)));
+    assert_eq!(bent.truth[[2, 4]], truth()[[2, 4]]);
+    assert_eq!(bent.truth[[0, 7]], 0.0);
+    assert!(!bent.views[0].view.mask[[0, 7]] && bent.views[0].view.mask[[2, 4]]);
+
+    for (description, word) in [
+        (r#"{"reference": 5}"#, "frame 5"),
+        (r#"{"reference": 0}"#, "depth/0.png"),
+        (r#"{"max_depth": -1}"#, "max_depth"),
+        ("{", "scene.json"),
+    ] {
+        write(&transforms, description);
+        assert!(told(data.load(0)).contains(word), "{description}");
+    }
+    fs::remove_file(scene.join("images/2.png")).unwrap();
+    write(&transforms, "{}");
+    assert!(told(data.load(0)).contains("2.png"));
+    assert!(matches!(Posed::open(root.path().join("kitchen/a/images")), Err(Error::Layout { .. })));
+}
+
+/// `MDE_SHARED=FOLDER cargo test -p mde-eval --test it -- --ignored`, with FOLDER/data/SUNRGBD and FOLDER/data/plain.
+#[test]
+#[ignore = "reads the folder that MDE_SHARED names"]
+fn the_real_data_loads() {
+    let shared = std::env::var_os("MDE_SHARED").expect("MDE_SHARED names the folder of the shared data");
+    let root = Path::new(&shared).join("data");
+    let sun = SunRgbd::open(root.join("SUNRGBD")).unwrap().with_assumed_fov(57.0);
+    let plain = PlainFolders::open(root.join("plain")).unwrap();
+    let posed = Posed::open(root.join("posed")).unwrap();
+    let places: std::collections::BTreeSet<_> =
+        (0..posed.len()).filter_map(|index| posed.place(index)).collect();
+    assert_eq!((posed.len(), places.len()), (13, 5));
+    for index in 0..posed.len() {
+        let capture = posed.capture(index).unwrap();
+        let [low, high] = capture.baselines().unwrap();
+        assert!(capture.views.len() >= 5 && low > 0.01 && high < 0.5, "{}: {low} {high}", capture.id);
+        let covered = capture.truth.iter().filter(|z| **z > 0.0).count() as f64 / capture.truth.len() as f64;
+        assert!(covered > 0.5, "{}: {covered}", capture.id);
+        for captured in &capture.views {
+            assert_eq!(captured.view.camera.dim(), capture.truth.dim());
+        }
+    }
+    assert!(sun.ids().contains(&"kv2/0000144".to_owned()));
+    for data in [&sun as &dyn DataSet, &plain] {
+        for index in 0..data.len() {
+            let sample = data.load(index).unwrap();
+            let known: Vec<f32> = sample.depth.iter().copied().filter(|&z| z > 0.0).collect();
+            let share = known.len() as f64 / sample.depth.len() as f64;
+            let median = mde_eval::mde_uncertainty::statistics::median(known).unwrap();
+            // A wrong decoding is off by a factor of eight.
+            assert!(share > 0.3 && (0.8..8.0).contains(&median), "{}: {share} {median}", sample.id);
+            assert_eq!(sample.camera.dim(), sample.depth.dim());
+            assert_eq!(sample.assumed_camera, sample.id.starts_with("unknown_sensor"));
+        }
+    }
+}

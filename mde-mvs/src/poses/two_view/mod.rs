@@ -1,0 +1,199 @@
+//! The motion between two photographs, from their matches and the prior's depth in either.
+
+mod fundamental;
+mod msac;
+mod p3p;
+mod roots;
+
+use super::bundle::{Bundle, Lens, Observed};
+use super::matching::Match;
+use super::{
+    EPIPOLAR_PIXELS, FOCAL_SIGMA, FeatureImage, MIN_MATCHES, OUTLIER_PIXELS, PRIOR_SIGMA, RESECTION_PIXELS,
+    SAMPLES, shared_error_factor,
+};
+use fundamental::{PixelPair, filter};
+use mde_uncertainty::statistics::median;
+use mde_warp::Pose;
+use msac::{Ransac, msac};
+use nalgebra::{Point3, Vector3};
+use p3p::p3p;
+
+/// Steps of the adjustment of one pair.
+const STEPS: usize = 30;
+
+/// What two photographs have in common, `first` before `second` in the order of the photographs.
+#[derive(Debug, Clone)]
+pub(super) struct Pair {
+    pub(super) first: usize,
+    pub(super) second: usize,
+    /// Mutual matches before any geometry.
+    pub(super) matches: usize,
+    /// Features of both that obey one epipolar geometry, and then, where a motion was found, that motion.
+    pub(super) agreeing: Vec<[usize; 2]>,
+    pub(super) motion: Option<Motion>,
+}
+
+/// The second photograph's pose in the first one's frame, in some unit.
+#[derive(Debug, Clone)]
+pub(super) struct Motion {
+    pub(super) pose: Pose,
+    /// Logarithm of that unit's depths over each photograph's prior.
+    pub(super) log_scales: [f64; 2],
+    /// Logarithm of the common factor of the assumed focal lengths.
+    pub(super) log_focal: f64,
+    /// Cost of the adjustment over its matches.
+    cost: f64,
+}
+
+/// Those of the matches of two photographs of these places that obey one epipolar geometry.
+pub(super) fn verified_matches(
+    [a, b]: [&FeatureImage; 2],
+    [first, second]: [usize; 2],
+    found: &[Match],
+    seed: u64,
+) -> Pair {
+    let pixels = pixels([a, b], found.iter().map(|m| [m.first, m.second]));
+    let noise = a.lens.noise.max(b.lens.noise);
+    let ransac = Ransac { iterations: SAMPLES, seed, purpose: "epipolar", stream: stream(first, second) };
+    let kept = filter(&pixels, EPIPOLAR_PIXELS * noise, &ransac).unwrap_or_default();
+    let agreeing = kept.iter().map(|&i| [found[i].first, found[i].second]).collect();
+    Pair { first, second, matches: found.len(), agreeing, motion: None }
+}
+
+/// Pixels of pairs of features.
+fn pixels([a, b]: [&FeatureImage; 2], pairs: impl Iterator<Item = [usize; 2]>) -> Vec<PixelPair> {
+    pairs.map(|[i, j]| (a.features.keypoints[i].pixel, b.features.keypoints[j].pixel)).collect()
+}
+
+fn stream(first: usize, second: usize) -> u64 {
+    (first as u64) << 15 | second as u64
+}
+
+/// The same, and the motion from the prior's depth in the first and in the second photograph, of which the better is kept.
+pub(super) fn relative_pose(
+    [a, b]: [&FeatureImage; 2],
+    [first, second]: [usize; 2],
+    found: &[Match],
+    seed: u64,
+) -> Pair {
+    let mut pair = verified_matches([a, b], [first, second], found, seed);
+    if pair.agreeing.len() < MIN_MATCHES {
+        return pair;
+    }
+    let pixels = pixels([a, b], pair.agreeing.iter().copied());
+    let stream = stream(first, second);
+    let swapped: Vec<PixelPair> = pixels.iter().map(|(p, q)| (*q, *p)).collect();
+    let forward = from_prior(a, b, &pixels, seed, stream << 1);
+    let backward = from_prior(b, a, &swapped, seed, stream << 1 | 1).map(|(mut motion, fits)| {
+        motion.pose = motion.pose.inverse();
+        motion.log_scales.swap(0, 1);
+        (motion, fits)
+    });
+    let best = match (forward, backward) {
+        (Some(f), Some(b)) => Some(if b.0.cost < f.0.cost { b } else { f }),
+        (f, b) => f.or(b),
+    };
+    if let Some((motion, fits)) = best {
+        pair.agreeing =
+            pair.agreeing.iter().zip(fits).filter(|(_, fit)| *fit).map(|(pair, _)| *pair).collect();
+        pair.motion = Some(motion);
+    }
+    pair
+}
+
+/// Pose of `b` in the frame of `a` and which pairs fit it: `a`'s pixels lifted by its prior, a pose by RANSAC over three
+/// points, and the adjustment of pose and depths. The adjustment also starts from no motion, since three points of a poor prior
+/// can lead it to a wrong minimum; the start of lower cost is kept.
+fn from_prior(
+    a: &FeatureImage,
+    b: &FeatureImage,
+    pixels: &[PixelPair],
+    seed: u64,
+    stream: u64,
+) -> Option<(Motion, Vec<bool>)> {
+    let depths: Vec<Option<f64>> = pixels.iter().map(|(p, _)| a.log_prior(p)).collect();
+    let lifted: Vec<(Point3<f64>, Vector3<f64>)> = pixels
+        .iter()
+        .zip(&depths)
+        .filter_map(|((p, q), depth)| Some((Point3::from(a.ray(p) * depth.as_ref()?.exp()), b.ray(q))))
+        .collect();
+    let ransac = Ransac { iterations: SAMPLES, seed, purpose: "resection", stream };
+    let start = resect(&lifted, &b.lens, RESECTION_PIXELS, &ransac)?;
+
+    let starts = [start, Pose::identity()];
+    let motions = starts.into_iter().filter_map(|start| adjusted(a, b, pixels, &depths, start));
+    motions.reduce(|best, next| if next.0.cost < best.0.cost { next } else { best })
+}
+
+/// The adjustment of pose and depths from that pose.
+fn adjusted(
+    a: &FeatureImage,
+    b: &FeatureImage,
+    pixels: &[PixelPair],
+    depths: &[Option<f64>],
+    start: Pose,
+) -> Option<(Motion, Vec<bool>)> {
+    let middle = median(depths.iter().flatten().copied())?;
+    let tracks = pixels
+        .iter()
+        .zip(depths)
+        .map(|((p, q), &prior)| Observed {
+            anchor: 0,
+            pixel: *p,
+            inverse_depth: (-prior.unwrap_or(middle)).exp(),
+            prior,
+            views: vec![(1, *q)],
+        })
+        .collect();
+    let mut bundle = Bundle {
+        lenses: vec![a.lens, b.lens],
+        poses: vec![Pose::identity(), start],
+        log_focal: 0.0,
+        focal_sigma: FOCAL_SIGMA / shared_error_factor(pixels.len()),
+        log_scales: vec![0.0; 2],
+        keep_scale: true,
+        prior_sigmas: vec![PRIOR_SIGMA * shared_error_factor(pixels.len()); 2],
+        pose_priors: vec![None; 2],
+        tracks,
+    };
+    bundle.adjust(STEPS);
+
+    let fits: Vec<bool> =
+        bundle.tracks.iter().map(|t| bundle.fits(t, 1, &t.views[0].1, OUTLIER_PIXELS)).collect();
+    if fits.iter().filter(|fit| **fit).count() < MIN_MATCHES {
+        return None;
+    }
+    let ratio = |of: &dyn Fn(&Observed) -> Option<f64>| {
+        let fitting = bundle.tracks.iter().zip(&fits).filter(|(_, fit)| **fit);
+        median(fitting.filter_map(|(t, _)| of(t)))
+    };
+    let here = ratio(&|t| Some(-t.inverse_depth.ln() - t.prior?))?;
+    let there = ratio(&|t| {
+        let point = bundle.poses[1] * Point3::from(a.ray(&t.pixel) / t.inverse_depth);
+        (point.z > 0.0).then(|| Some(point.z.ln() - b.log_prior(&t.views[0].1)?)).flatten()
+    })
+    .unwrap_or(here);
+    let motion = Motion {
+        pose: bundle.poses[1],
+        log_scales: [here, there],
+        log_focal: bundle.log_focal,
+        cost: bundle.cost(),
+    };
+    Some((motion, fits))
+}
+
+/// The pose of which most points fall within `pixels` of where they were seen, counted as MSAC does.
+fn resect(points: &[(Point3<f64>, Vector3<f64>)], lens: &Lens, pixels: f64, ransac: &Ransac) -> Option<Pose> {
+    if points.len() < 4 {
+        return None;
+    }
+    // Rays have z = 1, so a squared distance between them is in squared focal lengths.
+    let limit = (pixels * lens.noise / lens.focal.mean()).powi(2);
+    let distance = |pose: &Pose, i: usize| {
+        let (point, ray) = &points[i];
+        let there = pose * point;
+        if there.z <= 0.0 { f64::INFINITY } else { (there.coords.xy() / there.z - ray.xy()).norm_squared() }
+    };
+    let models = |chosen: [usize; 3]| p3p(chosen.map(|i| points[i].0), chosen.map(|i| points[i].1));
+    msac(points.len(), limit, ransac, models, distance, |pose, score| (pose, score))
+}

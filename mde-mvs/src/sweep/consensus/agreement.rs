@@ -1,0 +1,119 @@
+//! Which depths other photographs confirm.
+
+use mde_uncertainty::GaussianDepth;
+use mde_warp::PosedView;
+use ndarray::Array2;
+use rayon::prelude::*;
+
+use crate::{Error, Result, check_map};
+use mde_warp::transfer::PlaneTransfer;
+
+/// Distance in pixels, there and back, within which two photographs agree.
+const PIXELS: f64 = 1.0;
+/// Difference of log depth within which they agree.
+const LOG_DEPTH: f32 = 0.1;
+
+/// Number of other views that agree with each pixel's depth, and that see past it; at most 255.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Agreement {
+    /// Views whose depth, carried back, lands on the pixel.
+    pub agree: Array2<u8>,
+    /// Views that see something behind the point, where it would hide it.
+    pub against: Array2<u8>,
+    /// Views on whose image the point lands, where their depth is known.
+    pub visible: Array2<u8>,
+}
+
+/// Compares the depth of `views[reference]` with those of `others`: there and back within 1 pixel and .1 in log depth.
+///
+/// A view with a nearer surface counts as neither, since it may hide the point.
+///
+/// # Errors
+/// [`Error::Reference`] for an index outside the views, [`Error::View`] for a map of another size.
+pub fn agreement(
+    views: &[PosedView],
+    depths: &[&GaussianDepth],
+    reference: usize,
+    others: &[usize],
+) -> Result<Agreement> {
+    let missing = |i: usize| Error::Reference { reference: i, views: views.len().min(depths.len()) };
+    let of = |i: usize| -> Result<(&PosedView, &GaussianDepth)> {
+        Ok((views.get(i).ok_or(missing(i))?, *depths.get(i).ok_or(missing(i))?))
+    };
+    let (from, depth) = of(reference)?;
+    check_map("depth", depth.dim(), &from.camera)?;
+    let mut agree: Array2<u8> = Array2::zeros(depth.dim());
+    let mut against: Array2<u8> = Array2::zeros(depth.dim());
+    let mut visible: Array2<u8> = Array2::zeros(depth.dim());
+    for &other in others.iter().filter(|&&i| i != reference) {
+        let (to, there) = of(other)?;
+        check_map("depth", there.dim(), &to.camera)?;
+        let (forth, back) = (PlaneTransfer::new(from, to), PlaneTransfer::new(to, from));
+        let mut rows: Vec<_> = agree
+            .outer_iter_mut()
+            .zip(against.outer_iter_mut())
+            .zip(visible.outer_iter_mut())
+            .enumerate()
+            .collect();
+        rows.par_iter_mut().for_each(|(y, ((agree, against), visible))| {
+            for x in 0..agree.len() {
+                let Some((z, _)) = depth.get(*y, x).filter(|(z, _)| *z > 0.0) else { continue };
+                let Some(seen) = forth.at(x as f64, *y as f64, 1.0 / f64::from(z)) else { continue };
+                let Some((v, u)) = forth.nearest(&seen) else { continue };
+                let Some((z_there, _)) = there.get(v, u).filter(|(z, _)| *z > 0.0) else { continue };
+                visible[x] = visible[x].saturating_add(1);
+                let expected = f64::from(z) * seen.ratio;
+                let difference = (f64::from(z_there) / expected).ln();
+                let distance = back
+                    .at(seen.x, seen.y, 1.0 / f64::from(z_there))
+                    .map_or(f64::INFINITY, |b| (b.x - x as f64).hypot(b.y - *y as f64));
+                if distance <= PIXELS && difference.abs() <= f64::from(LOG_DEPTH) {
+                    agree[x] = agree[x].saturating_add(1);
+                } else if difference > 0.0 {
+                    against[x] = against[x].saturating_add(1);
+                }
+            }
+        });
+    }
+    Ok(Agreement { agree, against, visible })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::room;
+
+    #[test]
+    fn agreement_is_counted_there_and_back() {
+        let (views, depths, _) = room(1.0);
+        let exact =
+            |d: &Array2<f32>| GaussianDepth::new(d.clone(), Array2::from_elem(d.dim(), 1e-4)).unwrap();
+        let mut maps: Vec<GaussianDepth> = depths.iter().map(exact).collect();
+        let count = |maps: &[GaussianDepth]| {
+            let maps: Vec<&GaussianDepth> = maps.iter().collect();
+            agreement(&views, &maps, 0, &[0, 1, 2, 3]).unwrap()
+        };
+        let before = count(&maps);
+        let middle = (36, 48);
+        assert_eq!((before.agree[middle], before.against[middle], before.visible[middle]), (3, 0, 3));
+        // Too near: all others see past it. Too far: it may be hidden from them.
+        maps[0] = exact(&depths[0].mapv(|z| 0.7 * z));
+        let near = count(&maps);
+        assert_eq!((near.agree[middle], near.against[middle]), (0, 3));
+        maps[0] = exact(&depths[0].mapv(|z| 1.4 * z));
+        let far = count(&maps);
+        assert_eq!((far.agree[middle], far.against[middle]), (0, 0));
+    }
+
+    #[test]
+    fn hundreds_of_views_are_counted_to_255() {
+        let (views, depths, _) = room(1.0);
+        let exact = GaussianDepth::new(depths[0].clone(), Array2::from_elem(depths[0].dim(), 1e-4)).unwrap();
+        let views = vec![views[0].clone(); 300];
+        let maps = vec![&exact; 300];
+        let others: Vec<usize> = (0..300).collect();
+        let found = agreement(&views, &maps, 0, &others).unwrap();
+        assert_eq!((found.agree[(36, 48)], found.visible[(36, 48)]), (255, 255));
+    }
+}

@@ -1,0 +1,131 @@
+//! A sweep and the scaled prior as one map.
+
+use mde_uncertainty::GaussianDepth;
+use mde_warp::PosedView;
+use ndarray::{Array2, Zip};
+
+use super::chance::TRUSTED;
+use crate::Result;
+use crate::raster::luma;
+use crate::statistics::robust_deviation;
+use crate::sweep::Sweep;
+use crate::sweep::correction::{Guide, correct};
+
+/// The differences of luma and of log depth at which a correction stops.
+const EDGES: [f32; 2] = [0.1, 0.1];
+
+/// The sweep of a photograph and its scaled prior as one map: the prior's smooth error is corrected by the sweep, then
+/// both are fused by precision, the sweep being right with a probability only.
+pub(super) struct Fused {
+    pub(super) depth: GaussianDepth,
+    /// Probability that the sweep is right.
+    pub(super) inlier: Array2<f32>,
+    /// The prior after the correction.
+    pub(super) corrected: Array2<f32>,
+    /// Share of the variance that the sweep's own is.
+    pub(super) ambiguity: Array2<f32>,
+}
+
+impl Fused {
+    /// Leaves the corrected prior where no other photograph contains the point, with the variance of the prior at least: the correction
+    /// is extrapolated there.
+    pub(super) fn without_unseen(mut self, seen: &Array2<bool>, prior: &GaussianDepth) -> Result<Self> {
+        let (mut mean, mut variance) = self.depth.into_parts();
+        for (at, _) in seen.indexed_iter().filter(|(_, seen)| !**seen) {
+            let Some((z, v)) = prior.get(at.0, at.1).filter(|(z, _)| *z > 0.0) else { continue };
+            let corrected = self.corrected[at];
+            let least = v * (corrected / z).powi(2);
+            variance[at] = (variance[at] * (corrected / mean[at]).powi(2)).max(least);
+            mean[at] = corrected;
+            (self.inlier[at], self.ambiguity[at]) = (0.0, 0.0);
+        }
+        self.depth = GaussianDepth::new(mean, variance)?;
+        Ok(self)
+    }
+}
+
+pub(super) fn fuse(
+    view: &PosedView,
+    prior: &GaussianDepth,
+    sweep: &Sweep,
+    chance: &Array2<f32>,
+    factor: f64,
+) -> Result<Fused> {
+    let shape = prior.dim();
+    let log_prior = prior.mean().mapv(|z| if z > 0.0 { z.ln() } else { f32::NAN });
+    let residual = Zip::from(&log_prior).and(sweep.depth.mean()).map_collect(|&p, &z| {
+        let r = if z > 0.0 { z.ln() - p } else { 0.0 };
+        if r.is_finite() { r } else { 0.0 }
+    });
+    let known =
+        |y: usize, x: usize| sweep.depth.get(y, x).filter(|(z, _)| *z > 0.0 && log_prior[(y, x)].is_finite());
+    let trusted = |c: f32| if c > TRUSTED { c } else { 0.0 };
+    let weight = Array2::from_shape_fn(shape, |(y, x)| known(y, x).map_or(0.0, |_| trusted(chance[(y, x)])));
+    let spread =
+        robust_deviation(residual.iter().zip(&weight).filter(|(_, w)| **w > 0.0).map(|(r, _)| f64::from(*r)));
+    let spread = spread.unwrap_or(0.2).clamp(0.02, 1.0) as f32;
+    let filled = log_prior.mapv(|p| if p.is_finite() { p } else { 0.0 });
+    let guide = Guide::new(luma(view.image.view()).view(), filled.view(), EDGES);
+    let field = correct(&residual, &weight, &guide, spread);
+    // A wrong match lies anywhere among the surfaces.
+    let anywhere = 1.0 / (2.0 * factor.ln()) as f32;
+    let (mut mean, mut variance) = (Array2::zeros(shape), Array2::from_elem(shape, f32::INFINITY));
+    let mut inlier = Array2::zeros(shape);
+    let mut corrected = Array2::zeros(shape);
+    let mut ambiguity = Array2::zeros(shape);
+    for (at, &p) in log_prior.indexed_iter() {
+        if !p.is_finite() {
+            if let Some((z, v)) = sweep.depth.get(at.0, at.1) {
+                (mean[at], variance[at], inlier[at], ambiguity[at]) = (z, v, chance[at], 1.0);
+            }
+            continue;
+        }
+        let (u, s) = (field.mean[at], field.variance[at]);
+        let (mut m, mut v) = (u, s);
+        if let Some((z, var)) = known(at.0, at.1) {
+            let (r, var) = (residual[at], var / (z * z));
+            let total = s + var;
+            let density = (-0.5 * (r - u).powi(2) / total).exp() / (std::f32::consts::TAU * total).sqrt();
+            let good = chance[at] * density;
+            let probability = good / (good + (1.0 - chance[at]) * anywhere).max(1e-20);
+            let gain = s / total;
+            let (m1, v1) = (u + gain * (r - u), gain * var);
+            m = probability * m1 + (1.0 - probability) * u;
+            v = probability * (v1 + (m1 - m).powi(2)) + (1.0 - probability) * (s + (u - m).powi(2));
+            inlier[at] = probability;
+            // Of the fused variance (1 - gain)^2 s + gain^2 var.
+            ambiguity[at] = if v > 0.0 { (probability * gain * gain * var / v).min(1.0) } else { 0.0 };
+        }
+        let z = (p + m).exp();
+        (mean[at], variance[at]) = (z, z * z * v);
+        corrected[at] = (p + u).exp();
+    }
+    Ok(Fused { depth: GaussianDepth::new(mean, variance)?, inlier, corrected, ambiguity })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::room;
+
+    /// Equal matches on the right give the correction on the left a small variance; where nothing is visible it has to be the prior's.
+    #[test]
+    fn beyond_the_other_photographs_the_prior_stays_uncertain() {
+        let view = room(1.0).0.swap_remove(0);
+        let shape = view.camera.dim();
+        let prior = GaussianDepth::new(Array2::ones(shape), Array2::from_elem(shape, 0.01)).unwrap();
+        let depth =
+            GaussianDepth::new(Array2::from_elem(shape, 1.2), Array2::from_elem(shape, 1e-6)).unwrap();
+        let sweep = Sweep { depth, inlier: Array2::ones(shape), cost: Array2::zeros(shape), surfaces: 8 };
+        let seen = Array2::from_shape_fn(shape, |(_, x)| x >= 8);
+        let chance = seen.mapv(|seen| if seen { 0.95 } else { 0.0 });
+        let fused = fuse(&view, &prior, &sweep, &chance, 1.5).unwrap();
+        let relative = |fused: &Fused, x: usize| fused.depth.get(30, x).map(|(z, v)| v.sqrt() / z).unwrap();
+        assert!(relative(&fused, 4) < 0.08, "{}: the test has no effect", relative(&fused, 4));
+        let inside = fused.depth.get(30, 60);
+        let found = fused.without_unseen(&seen, &prior).unwrap();
+        assert!((relative(&found, 4) - 0.1).abs() < 1e-4, "{}", relative(&found, 4));
+        assert!((found.depth.mean()[(30, 4)] - found.corrected[(30, 4)]).abs() < 1e-6);
+        assert_eq!(found.depth.get(30, 60), inside);
+    }
+}

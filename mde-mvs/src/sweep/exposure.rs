@@ -1,0 +1,250 @@
+//! Gain and bias per channel between two photographs of the same place.
+//!
+//! Cameras that choose their own exposure and white balance render one surface in two colours. Pixels that a depth map
+//! joins give pairs of colours \\( (x, y) \\), and per channel
+//!
+//! \\[ y \approx g\, x + b . \\]
+//!
+//! Both sides carry noise, so the line is the one of least *orthogonal* distance (Deming), which does not flatten \\( g \\)
+//! as ordinary regression does; wrong pairs are held down by Huber weights at 1.345 robust deviations.
+
+use mde_uncertainty::statistics::median;
+use mde_warp::PosedView;
+use ndarray::{Array3, ArrayView2};
+
+use crate::raster::bilinear;
+use crate::statistics::robust_deviation;
+use crate::{Result, check_map};
+use mde_warp::transfer::PlaneTransfer;
+
+/// Fewer pairs than this fit no line.
+const MIN_PAIRS: usize = 64;
+/// Colours this near to 0 or 1 may be clipped.
+const CLIPPED: f64 = 0.02;
+/// Rounds of reweighting.
+const ROUNDS: usize = 12;
+/// Huber's constant: 95 % efficiency for Gaussian residuals.
+const HUBER: f64 = 1.345;
+/// A channel whose pairs correlate less than this gets an offset only.
+const MIN_CORRELATION: f64 = 0.5;
+
+/// Colours of one photograph as another would have taken them, per channel: `gain * x + bias`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, rename_all = "kebab-case"))]
+pub struct Exposure {
+    /// Factor of each of red, green, blue; positive.
+    pub gain: [f32; 3],
+    /// Offset of each, in units of sRGB in [0, 1].
+    pub bias: [f32; 3],
+}
+
+impl Default for Exposure {
+    fn default() -> Self {
+        Self { gain: [1.0; 3], bias: [0.0; 3] }
+    }
+}
+
+impl Exposure {
+    /// One colour.
+    pub fn apply(&self, colour: [f32; 3]) -> [f32; 3] {
+        std::array::from_fn(|c| self.gain[c] * colour[c] + self.bias[c])
+    }
+
+    /// Every colour of an image `[height, width, 3]`; values may leave [0, 1].
+    pub fn apply_to(&self, image: &Array3<f32>) -> Array3<f32> {
+        let mut image = image.clone();
+        for mut pixel in image.rows_mut() {
+            for (c, value) in pixel.iter_mut().enumerate().take(3) {
+                *value = self.gain[c] * *value + self.bias[c];
+            }
+        }
+        image
+    }
+
+    /// The way back.
+    #[must_use]
+    pub fn inverse(&self) -> Self {
+        Self { gain: self.gain.map(f32::recip), bias: std::array::from_fn(|c| -self.bias[c] / self.gain[c]) }
+    }
+}
+
+/// An [`Exposure`] and what it rests on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+#[non_exhaustive]
+pub struct ExposureFit {
+    /// The view's colours in the reference's exposure; the identity where there are too few pairs.
+    pub exposure: Exposure,
+    /// Pairs of pixels that were used.
+    pub pairs: usize,
+    /// Robust standard deviation of what is left, mean over channels, in sRGB units.
+    pub residual: f32,
+}
+
+/// Fits the exposure of `view` to `reference` through the reference's depth.
+///
+/// `depth` is z in the unit of the poses, 0 where it is not verified: give only pixels that other photographs confirm.
+/// With fewer than 64 pairs the result is the identity.
+///
+/// # Errors
+/// [`Error::View`](crate::Error::View) for a view that [`PosedView::validate`] refuses, or a depth map of another size than the reference.
+pub fn fit_exposure(
+    reference: &PosedView,
+    view: &PosedView,
+    depth: ArrayView2<'_, f32>,
+) -> Result<ExposureFit> {
+    reference.validate()?;
+    view.validate()?;
+    check_map("depth", depth.dim(), &reference.camera)?;
+    let transfer = PlaneTransfer::new(reference, view);
+    let mut pairs: Vec<([f32; 3], [f32; 3])> = Vec::new();
+    for ((row, column), &z) in depth.indexed_iter() {
+        if !(z > 0.0 && z.is_finite() && reference.mask[(row, column)]) {
+            continue;
+        }
+        let Some(seen) = transfer.at(column as f64, row as f64, 1.0 / f64::from(z)) else { continue };
+        let colour = |c: usize| reference.image[(row, column, c)];
+        if let Some(there) = sample(view, seen.x, seen.y) {
+            pairs.push((there, std::array::from_fn(colour)));
+        }
+    }
+    Ok(fit_pairs(&pairs))
+}
+
+/// Fits the exposure that takes the first colour of each pair to the second. With fewer than 64 pairs the
+/// result is the identity.
+pub fn fit_pairs(pairs: &[([f32; 3], [f32; 3])]) -> ExposureFit {
+    let mut exposure = Exposure::default();
+    let (mut used, mut residual) = (0, 0.0);
+    for c in 0..3 {
+        let usable = |x: f64| (CLIPPED..=1.0 - CLIPPED).contains(&x);
+        let channel: Vec<[f64; 2]> = pairs
+            .iter()
+            .map(|(x, y)| [f64::from(x[c]), f64::from(y[c])])
+            .filter(|[x, y]| usable(*x) && usable(*y))
+            .collect();
+        used = used.max(channel.len());
+        if channel.len() < MIN_PAIRS {
+            continue;
+        }
+        let line = robust_line(&channel);
+        exposure.gain[c] = line.gain as f32;
+        exposure.bias[c] = line.bias as f32;
+        residual += line.deviation / 3.0;
+    }
+    ExposureFit { exposure, pairs: used, residual: residual as f32 }
+}
+
+struct Line {
+    gain: f64,
+    bias: f64,
+    deviation: f64,
+}
+
+fn robust_line(points: &[[f64; 2]]) -> Line {
+    let middle = |axis: usize| median(points.iter().map(|p| p[axis])).unwrap_or_default();
+    let mut line = Line { gain: 1.0, bias: middle(1) - middle(0), deviation: 0.0 };
+    for _ in 0..ROUNDS {
+        let norm = (1.0 + line.gain * line.gain).sqrt();
+        let residual = |[x, y]: &[f64; 2]| (y - line.gain * x - line.bias) / norm;
+        line.deviation = robust_deviation(points.iter().map(residual)).unwrap_or_default().max(1e-6);
+        let weight = |p: &[f64; 2]| (HUBER * line.deviation / residual(p).abs().max(1e-12)).min(1.0);
+        let mut sums = [0.0; 6];
+        for p in points {
+            let (w, [x, y]) = (weight(p), *p);
+            for (sum, term) in sums.iter_mut().zip([w, w * x, w * y, w * x * x, w * x * y, w * y * y]) {
+                *sum += term;
+            }
+        }
+        let (mx, my) = (sums[1] / sums[0], sums[2] / sums[0]);
+        let (xx, xy, yy) =
+            (sums[3] / sums[0] - mx * mx, sums[4] / sums[0] - mx * my, sums[5] / sums[0] - my * my);
+        let correlated = xy > MIN_CORRELATION * (xx * yy).max(0.0).sqrt() && xy > 0.0;
+        line.gain = if correlated {
+            let d = yy - xx;
+            (d + d.hypot(2.0 * xy)) / (2.0 * xy)
+        } else {
+            1.0
+        };
+        line.bias = my - line.gain * mx;
+    }
+    line
+}
+
+/// Bilinear colour, where all four pixels are on the mask.
+pub(crate) fn sample(view: &PosedView, x: f64, y: f64) -> Option<[f32; 3]> {
+    let (h, w) = view.camera.dim();
+    if !(x >= 0.0 && y >= 0.0 && x <= (w - 1) as f64 && y <= (h - 1) as f64) {
+        return None;
+    }
+    let (x0, y0) = (x as usize, y as usize);
+    let (x1, y1) = ((x0 + 1).min(w - 1), (y0 + 1).min(h - 1));
+    if ![(y0, x0), (y0, x1), (y1, x0), (y1, x1)].iter().all(|&p| view.mask[p]) {
+        return None;
+    }
+    Some(bilinear(view.image.view(), x, y))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::{Plane, scene};
+    use proptest::prelude::*;
+
+    /// A cheap hash to [0, 1).
+    fn unit(i: u32, salt: u32) -> f32 {
+        let mut x = i.wrapping_mul(0x9E37_79B9) ^ salt.wrapping_mul(0x85EB_CA6B);
+        x ^= x >> 15;
+        x = x.wrapping_mul(0x2C1B_3C6D);
+        x ^= x >> 12;
+        (x >> 8) as f32 / (1 << 24) as f32
+    }
+
+    proptest! {
+        /// A quarter of wrong pairs and noise on both sides move neither gain nor bias far.
+        #[test]
+        fn a_line_is_found_through_wrong_pairs(gain in 0.75..1.3_f32, bias in -0.05..0.05_f32, salt in 0..1000_u32) {
+            let pairs: Vec<_> = (0..2000_u32).map(|i| {
+                let x = 0.1 + 0.6 * unit(i, salt);
+                let noise = |k: u32| 0.01 * (unit(i, salt + k) - 0.5);
+                let y = if i % 4 == 0 { unit(i, salt + 7) } else { gain * x + bias + noise(1) };
+                ([x + noise(2); 3], [y; 3])
+            }).collect();
+            let fit = fit_pairs(&pairs);
+            for c in 0..3 {
+                prop_assert!((fit.exposure.gain[c] - gain).abs() < 0.05, "{:?}", fit);
+                prop_assert!((fit.exposure.apply([0.4; 3])[c] - (gain * 0.4 + bias)).abs() < 0.02, "{:?}", fit);
+            }
+        }
+
+        #[test]
+        fn the_inverse_undoes(g in 0.3..3.0_f32, b in -0.3..0.3_f32, x in 0.0..1.0_f32) {
+            let exposure = Exposure { gain: [g; 3], bias: [b; 3] };
+            let back = exposure.inverse().apply(exposure.apply([x; 3]));
+            prop_assert!((back[0] - x).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn few_pairs_are_the_identity() {
+        let fit = fit_pairs(&[([0.2; 3], [0.4; 3]); 63]);
+        assert_eq!(fit.exposure, Exposure::default());
+    }
+
+    /// Another exposure of the same plane comes back through the depth map.
+    #[test]
+    fn the_exposure_of_a_view_is_found_through_depth() {
+        let plane = [Plane::slanted(2.0, 0.3, 0.1)];
+        let (mut views, depths) = scene(&plane, (48, 64), &[[0.0; 3], [0.2, 0.0, 0.0]]);
+        let taken = Exposure { gain: [0.8, 0.9, 0.7], bias: [0.02, 0.0, 0.05] };
+        views[1].image = taken.apply_to(&views[1].image);
+        let fit = fit_exposure(&views[0], &views[1], depths[0].view()).unwrap();
+        let there = taken.inverse();
+        for c in 0..3 {
+            assert!((fit.exposure.gain[c] / there.gain[c] - 1.0).abs() < 0.05, "{fit:?}, {there:?}");
+        }
+        assert!(fit.pairs > 1000 && fit.residual < 0.02, "{fit:?}");
+    }
+}

@@ -1,0 +1,157 @@
+//! Selection of further photographs by parallax, overlap and sharpness against the reference.
+
+use mde_uncertainty::statistics::quantile;
+use mde_warp::PosedView;
+use ndarray::{Array2, ArrayView2};
+
+use crate::raster::luma;
+use crate::{Error, Result, check_map};
+use mde_warp::transfer::PlaneTransfer;
+
+/// Pixels between two samples of the overlap, along each axis.
+const STRIDE: usize = 4;
+
+/// Best ratio of baseline to depth: less triangulates badly, more is hard to match. The score of a parallax is a Gaussian of its
+/// logarithm, lower by a factor \\( e^{-1/2} \\) at \\( e \\) times more or less.
+const BEST_PARALLAX: f64 = 0.1;
+/// Least share of the reference's pixels that project into a view; a view with less is not used.
+pub const MIN_OVERLAP: f64 = 0.2;
+
+/// One further photograph measured against the reference.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+#[non_exhaustive]
+pub struct ViewScore {
+    /// Its index among the views.
+    pub view: usize,
+    /// Distance of the optical centres over the median depth of the pixels that both see.
+    pub parallax: f64,
+    /// Share of the reference's pixels of known depth that project into the view's mask, 0 to 1.
+    pub overlap: f64,
+    /// Mean squared gradient of its luma over that of the sharpest photograph, 0 to 1.
+    pub sharpness: f64,
+    /// Overlap times the square root of sharpness times the score of the parallax, 0 to 1.
+    pub score: f64,
+    /// Whether it is among the best `max_views` that overlap by [`MIN_OVERLAP`] at least.
+    pub chosen: bool,
+}
+
+/// Scores every other view against `views[reference]` of known depth (0 where unknown, in the unit of the poses). The scores
+/// come best first, equal ones in the order of the views; the first `max_views` of them that may be used are chosen.
+///
+/// # Errors
+/// [`Error::Reference`] for an index outside the views, [`Error::View`] for a view that [`PosedView::validate`] refuses or a depth map of
+/// another size.
+pub fn select_views(
+    views: &[PosedView],
+    reference: usize,
+    depth: ArrayView2<'_, f32>,
+    max_views: usize,
+) -> Result<Vec<ViewScore>> {
+    let from = views.get(reference).ok_or(Error::Reference { reference, views: views.len() })?;
+    views.iter().try_for_each(PosedView::validate)?;
+    check_map("depth", depth.dim(), &from.camera)?;
+    let energies: Vec<f64> = views.iter().map(|v| gradient_energy(&luma(v.image.view()))).collect();
+    let sharpest = energies.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+    let mut scores: Vec<ViewScore> = (0..views.len())
+        .filter(|&i| i != reference)
+        .map(|view| {
+            let (overlap, seen_depth) = overlap(from, &views[view], depth);
+            let parallax = seen_depth.map_or(0.0, |z| baseline(from, &views[view]) / z);
+            let sharpness = energies[view] / sharpest;
+            let score = overlap * sharpness.sqrt() * parallax_score(parallax / BEST_PARALLAX);
+            ViewScore { view, parallax, overlap, sharpness, score, chosen: false }
+        })
+        .collect();
+    scores.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.view.cmp(&b.view)));
+    let usable = |s: &&mut ViewScore| s.overlap >= MIN_OVERLAP && s.score > 0.0;
+    scores.iter_mut().filter(usable).take(max_views).for_each(|s| s.chosen = true);
+    Ok(scores)
+}
+
+/// Distance between two optical centres.
+fn baseline(a: &PosedView, b: &PosedView) -> f64 {
+    let centre = |view: &PosedView| view.pose.inverse().translation.vector;
+    (centre(a) - centre(b)).norm()
+}
+
+fn parallax_score(ratio: f64) -> f64 {
+    if ratio > 0.0 { (-0.5 * ratio.ln().powi(2)).exp() } else { 0.0 }
+}
+
+/// Share of the reference's pixels that land on the view, and their median depth.
+fn overlap(from: &PosedView, to: &PosedView, depth: ArrayView2<'_, f32>) -> (f64, Option<f64>) {
+    let transfer = PlaneTransfer::new(from, to);
+    let (mut known, mut inside) = (0_usize, Vec::new());
+    for (row, line) in depth.outer_iter().enumerate().step_by(STRIDE) {
+        for (column, &z) in line.iter().enumerate().step_by(STRIDE) {
+            if !(z > 0.0 && z.is_finite() && from.mask[(row, column)]) {
+                continue;
+            }
+            known += 1;
+            let seen = transfer.at(column as f64, row as f64, 1.0 / f64::from(z));
+            if seen.and_then(|s| transfer.nearest(&s)).is_some_and(|p| to.mask[p]) {
+                inside.push(f64::from(z));
+            }
+        }
+    }
+    (inside.len() as f64 / known.max(1) as f64, quantile(&mut inside, 0.5))
+}
+
+/// Mean squared central difference.
+fn gradient_energy(luma: &Array2<f32>) -> f64 {
+    let (h, w) = luma.dim();
+    let mut sum = 0.0;
+    for y in 1..h.saturating_sub(1) {
+        for x in 1..w.saturating_sub(1) {
+            let gx = 0.5 * f64::from(luma[(y, x + 1)] - luma[(y, x - 1)]);
+            let gy = 0.5 * f64::from(luma[(y + 1, x)] - luma[(y - 1, x)]);
+            sum += gx * gx + gy * gy;
+        }
+    }
+    sum / (h.saturating_sub(2) * w.saturating_sub(2)).max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::{Plane, scene};
+
+    #[test]
+    fn a_useful_baseline_is_preferred_to_none_and_to_too_much() {
+        let centres = [[0.0; 3], [0.005, 0.0, 0.0], [0.2, 0.0, 0.0], [1.0, 0.0, 0.0], [30.0, 0.0, 0.0]];
+        let (mut views, depths) = scene(&[Plane::slanted(2.0, 0.0, 0.0)], (48, 64), &centres);
+        let scores = select_views(&views, 0, depths[0].view(), 2).unwrap();
+        assert_eq!(scores.iter().map(|s| s.view).collect::<Vec<_>>(), [2, 3, 1, 4]);
+        assert_eq!(scores.iter().map(|s| s.chosen).collect::<Vec<_>>(), [true, true, false, false]);
+        assert!((scores[0].parallax - 0.1).abs() < 1e-6 && scores[3].overlap == 0.0);
+        // The same view out of focus has a lower score.
+        let sharp = scores[0];
+        let mean = views[2].image.mean().unwrap();
+        views[2].image.mapv_inplace(|x| mean + 0.3 * (x - mean));
+        let blurred = select_views(&views, 0, depths[0].view(), 2).unwrap();
+        let of = blurred.iter().find(|s| s.view == 2).unwrap();
+        assert!((of.sharpness / sharp.sharpness - 0.09).abs() < 0.01 && of.score < sharp.score);
+    }
+
+    #[test]
+    fn what_cannot_be_measured_is_named() {
+        let (mut views, depths) =
+            scene(&[Plane::slanted(2.0, 0.0, 0.0)], (8, 8), &[[0.0; 3], [0.1, 0.0, 0.0]]);
+        let bad = select_views(&views, 2, depths[0].view(), 7);
+        assert_eq!(bad, Err(Error::Reference { reference: 2, views: 2 }));
+        let map = Array2::zeros((8, 9));
+        assert!(matches!(select_views(&views, 0, map.view(), 7), Err(Error::View(_))));
+        // Each stage that takes views checks them: their fields are public.
+        views[1].mask = Array2::from_elem((3, 4), true);
+        let depth = depths[0].view();
+        let chosen = select_views(&views, 0, depth, 7);
+        assert!(matches!(chosen, Err(Error::View(_))));
+        assert!(matches!(
+            crate::sweep::exposure::fit_exposure(&views[0], &views[1], depth),
+            Err(Error::View(_))
+        ));
+        assert!(matches!(crate::sweep::scale::point_matches(&views[1], &[], depth), Err(Error::View(_))));
+    }
+}

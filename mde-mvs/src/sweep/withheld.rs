@@ -1,0 +1,196 @@
+//! Whether depth from several photographs explains one that it has not used.
+//!
+//! [`withheld_error`] carries the colours of the withheld photograph into the reference through a depth map, once through the
+//! reconstruction of the other photographs and once through the scaled prior. Wrong poses, a moved scene or a failed match show
+//! there: the photograph then fits the reconstruction worse than the prior.
+
+use mde_uncertainty::statistics::median;
+use mde_warp::PosedView;
+use ndarray::{Array2, ArrayView2};
+
+use crate::raster::{small_map, small_view};
+use crate::sweep::consensus::reconstruct;
+use crate::sweep::exposure::{fit_exposure, sample};
+use crate::sweep::scale::Scale;
+use crate::{Error, Result, check_map, silent};
+use mde_warp::transfer::PlaneTransfer;
+
+/// Longer side of the photographs that are compared.
+const SMALL: usize = 160;
+/// Side of a block of pixels, which counts as one measurement: errors of neighbours are correlated.
+const BLOCK: usize = 10;
+/// Differences of colour are cut here: those of occluded pixels do not depend on depth.
+const CUT: f32 = 0.1;
+/// Factors of the prior that are tried about the common one, in units of [`STEP`] in log depth.
+const SCALES: [f64; 7] = [-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0];
+const STEP: f64 = 0.1;
+/// Fewer blocks than this decide nothing.
+const MIN_BLOCKS: usize = 8;
+
+/// Colour differences of a withheld photograph, mean of the pixels that both depths carry into it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+#[non_exhaustive]
+pub struct WithheldError {
+    /// Through the scaled prior, or the prior times the common factor times 0.74 to 1.35, whichever fits best: mean absolute difference of sRGB in \[0, 1\], cut at .1.
+    pub prior: f64,
+    /// Through the reconstruction of the other photographs.
+    pub found: f64,
+    /// Standard error of `found - prior`, over blocks of 10 x 10 pixels.
+    pub deviation: f64,
+}
+
+impl WithheldError {
+    /// Whether the reconstruction explains the photograph worse than the prior, by more than two standard errors.
+    pub fn is_worse(&self) -> bool {
+        self.found - self.prior > 2.0 * self.deviation
+    }
+}
+
+/// Error of `views[withheld]` in `views[0]`, at 160 pixels on the longer side, through the depth of the other photographs and
+/// through the scaled prior.
+///
+/// `priors` and `scale` are those of [`reconstruct`]. Nothing where fewer than two other photographs are left, or where both depths carry too
+/// few pixels into the photograph.
+///
+/// # Errors
+/// [`Error::Reference`] for an index that is 0 or outside the views, and those of [`reconstruct`].
+pub fn withheld_error(
+    views: &[PosedView],
+    priors: &[ArrayView2<'_, f32>],
+    withheld: usize,
+    scale: Option<Scale>,
+) -> Result<Option<WithheldError>> {
+    if withheld == 0 || withheld >= views.len() {
+        return Err(Error::Reference { reference: withheld, views: views.len() });
+    }
+    if views.len() < 3 || priors.len() != views.len() {
+        return Ok(None);
+    }
+    let mut small = Vec::new();
+    let mut maps = Vec::new();
+    for (view, prior) in views.iter().zip(priors) {
+        check_map("prior", prior.dim(), &view.camera)?;
+        let view = small_view(view, SMALL)?;
+        maps.push(small_map(prior, view.camera.dim()));
+        small.push(view);
+    }
+    let target = small.remove(withheld);
+    maps.remove(withheld);
+    let maps: Vec<ArrayView2<'_, f32>> = maps.iter().map(|map| map.view()).collect();
+    let known = reconstruct(&small, &maps, scale, &mut silent)?;
+    let (Some(reference), Some(own)) = (small.first(), known.views.first()) else { return Ok(None) };
+    let found = differences(reference, &target, own.fused.mean())?;
+    let Some(prior) = maps.first() else { return Ok(None) };
+    let factor = known.scale.map_or(1.0, |scale| scale.log_scale.exp());
+    let mut best = compare(&differences(reference, &target, own.prior.mean())?, &found);
+    // The scale may itself rest on wrong matches, so the prior may choose its factor.
+    for step in SCALES {
+        let scaled = prior.mapv(|z| (f64::from(z) * factor * (STEP * step).exp()) as f32);
+        let next = compare(&differences(reference, &target, scaled.view())?, &found);
+        if let Some(next) = next {
+            best =
+                Some(best.filter(|best| best.found - best.prior >= next.found - next.prior).unwrap_or(next));
+        }
+    }
+    Ok(best)
+}
+
+/// Absolute difference of colour per pixel of the reference, NaN where the photograph does not show it.
+fn differences(reference: &PosedView, target: &PosedView, depth: ArrayView2<'_, f32>) -> Result<Array2<f32>> {
+    let exposure = fit_exposure(reference, target, depth)?.exposure;
+    let transfer = PlaneTransfer::new(reference, target);
+    Ok(Array2::from_shape_fn(depth.dim(), |(y, x)| {
+        let z = depth[(y, x)];
+        if !(z > 0.0 && z.is_finite() && reference.mask[(y, x)]) {
+            return f32::NAN;
+        }
+        let there = transfer
+            .at(x as f64, y as f64, 1.0 / f64::from(z))
+            .and_then(|seen| sample(target, seen.x, seen.y))
+            .map(|colour| exposure.apply(colour));
+        there.map_or(f32::NAN, |colour| {
+            let channel = |c: usize| (colour[c] - reference.image[(y, x, c)]).abs().min(CUT);
+            (channel(0) + channel(1) + channel(2)) / 3.0
+        })
+    }))
+}
+
+fn compare(prior: &Array2<f32>, found: &Array2<f32>) -> Option<WithheldError> {
+    let mut blocks: Vec<[f64; 3]> = Vec::new();
+    for (prior, found) in
+        prior.exact_chunks((BLOCK, BLOCK)).into_iter().zip(found.exact_chunks((BLOCK, BLOCK)))
+    {
+        let mut sums = [0.0; 3];
+        for (p, f) in prior.iter().zip(found).filter(|(p, f)| p.is_finite() && f.is_finite()) {
+            for (sum, value) in sums.iter_mut().zip([f64::from(*p), f64::from(*f), 1.0]) {
+                *sum += value;
+            }
+        }
+        if 2.0 * sums[2] >= (BLOCK * BLOCK) as f64 {
+            blocks.push([sums[0] / sums[2], sums[1] / sums[2], (sums[1] - sums[0]) / sums[2]]);
+        }
+    }
+    if blocks.len() < MIN_BLOCKS {
+        return None;
+    }
+    let count = blocks.len() as f64;
+    let mean = |i: usize| blocks.iter().map(|b| b[i]).sum::<f64>() / count;
+    let difference = mean(2);
+    let variance = blocks.iter().map(|b| (b[2] - difference).powi(2)).sum::<f64>() / (count - 1.0);
+    Some(WithheldError { prior: mean(0), found: mean(1), deviation: (variance / count).sqrt() })
+}
+
+/// The view to withhold among `parallax`: the one of median parallax, so neither the easiest nor the hardest.
+pub fn typical(parallax: &[f64]) -> Option<usize> {
+    let middle = median(parallax.iter().copied())?;
+    (0..parallax.len()).min_by(|&i, &j| (parallax[i] - middle).abs().total_cmp(&(parallax[j] - middle).abs()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::room;
+    use mde_warp::Pose;
+
+    fn error(views: &[PosedView], priors: &[Array2<f32>], withheld: usize) -> WithheldError {
+        let maps: Vec<_> = priors.iter().map(|p| p.view()).collect();
+        withheld_error(views, &maps, withheld, None).unwrap().unwrap()
+    }
+
+    #[test]
+    fn true_poses_explain_the_withheld_photograph_better_than_the_prior() {
+        let (views, _, priors) = room(1.0);
+        for withheld in 1..4 {
+            let error = error(&views, &priors, withheld);
+            assert!(!error.is_worse() && error.found < 0.7 * error.prior, "{error:?}");
+        }
+    }
+
+    /// Exact priors, and poses of the photographs that were used that do not belong to them.
+    #[test]
+    fn wrong_poses_are_noticed() {
+        let (mut views, depths, _) = room(1.0);
+        for (view, sign) in views[2..].iter_mut().zip([1.0, -1.0]) {
+            view.pose = Pose::translation(0.04 * sign, -0.05, 0.02) * view.pose;
+        }
+        let error = error(&views, &depths, 1);
+        assert!(error.is_worse() && error.found > 1.5 * error.prior, "{error:?}");
+    }
+
+    #[test]
+    fn two_photographs_withhold_none() {
+        let (views, _, priors) = room(1.0);
+        let maps: Vec<_> = priors[..2].iter().map(|p| p.view()).collect();
+        assert_eq!(withheld_error(&views[..2], &maps, 1, None), Ok(None));
+        let outside = Err(Error::Reference { reference: 0, views: 2 });
+        assert_eq!(withheld_error(&views[..2], &maps, 0, None), outside);
+    }
+
+    #[test]
+    fn the_typical_photograph_has_the_median_parallax() {
+        assert_eq!(typical(&[0.1, 0.5, 0.2]), Some(2));
+        assert_eq!(typical(&[]), None);
+    }
+}

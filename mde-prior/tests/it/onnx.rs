@@ -1,0 +1,314 @@
+//! Networks: FastDepth against its test vector, conventions against ONNX Runtime, models that are no depth models.
+
+use crate::{assert_close, fixture, grey};
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use mde_prior::format::{ReadOptions, read_values};
+use mde_prior::ndarray::Array3;
+use mde_prior::resample::Filter;
+use mde_prior::spec::{Aspect, Channels, Layout};
+use mde_prior::{DepthKind, DepthPrior, DisparityRule, ModelSpec, OnnxPrior, PriorDepth, predict_each};
+
+/// The image of tests/reference/make_models.py.
+fn pattern(height: usize, width: usize) -> Array3<f32> {
+    Array3::from_shape_fn((height, width, 3), |(y, x, c)| ((7 * y + 3 * x + 5 * c) % 32) as f32 / 31.0)
+}
+
+#[test]
+#[ignore = "needs the networks and photographs that MDE_SHARED names"]
+fn fastdepth_reproduces_its_test_vector() {
+    let shared = std::env::var_os("MDE_SHARED").unwrap();
+    let folder = Path::new(&shared).join("models/fastdepth");
+    let model = folder.join("fastdepth_224.onnx");
+    let image: Array3<u8> = ndarray_npy::read_npy(folder.join("testvec_input_rgb_u8.npy")).unwrap();
+    let image = image.mapv(|v| f32::from(v) / 255.0);
+    let expected = read_values(folder.join("testvec_output_depth_f32.npy"), &ReadOptions::default()).unwrap();
+    let prior = OnnxPrior::open_guessed(&model).unwrap();
+    assert_close(&prior.predict_native(image.view()).unwrap(), &expected, 1e-4);
+
+    let depth = prior.predict(image.view()).unwrap();
+    assert_eq!((depth.map.dim(), depth.kind), ((224, 224), DepthKind::Metric));
+    assert!(depth.valid.iter().all(|&v| v));
+}
+
+#[test]
+fn midas_like_models_agree_with_onnx_runtime() {
+    let mut spec = ModelSpec::new(32, 32, DepthKind::AffineDisparity);
+    let small = OnnxPrior::open(fixture("midas_small.onnx"), &spec).unwrap();
+    let expected = read_values(fixture("midas_small.npy"), &ReadOptions::default()).unwrap();
+    assert_close(&small.predict_native(pattern(32, 32).view()).unwrap(), &expected, 1e-5);
+    assert!(expected.iter().any(|&d| d < 0.0), "the fixture is to show that disparity may be negative");
+
+    spec.aspect = Aspect::KeepMinimal;
+    spec.multiple_of = 32;
+    (spec.width, spec.height) = (96, 64);
+    let dynamic = OnnxPrior::open(fixture("midas_dynamic.onnx"), &spec).unwrap();
+    let expected = read_values(fixture("midas_dynamic.npy"), &ReadOptions::default()).unwrap();
+    // Another size in between, so that the plan is built again, twice.
+    for _ in 0..2 {
+        assert_close(&dynamic.predict_native(pattern(64, 96).view()).unwrap(), &expected, 1e-5);
+        assert_eq!(
+            dynamic.predict_native(pattern(100, 60).view()).unwrap().dim(),
+            dynamic.input_size(100, 60)
+        );
+    }
+    let prior = dynamic.predict(pattern(50, 70).view()).unwrap();
+    assert_eq!((prior.map.dim(), prior.kind), ((50, 70), DepthKind::AffineDisparity));
+    let depth = prior.to_depth(&DisparityRule::default()).unwrap();
+    assert!(depth.iter().all(|z| (0.8 - 1e-5..=8.0 + 1e-5).contains(z)));
+}
+
+#[test]
+fn a_fixed_input_size_wins_over_the_specification() {
+    let spec = ModelSpec::profile("depth-anything-v2").unwrap();
+    let prior = OnnxPrior::open(fixture("midas_small.onnx"), &spec).unwrap();
+    assert_eq!(prior.input_size(480, 640), (32, 32));
+    assert_eq!(prior.predict(pattern(40, 60).view()).unwrap().map.dim(), (40, 60));
+}
+
+#[test]
+fn layout_order_and_normalisation_are_as_stated() {
+    let image = pattern(8, 12);
+    let mut spec = ModelSpec::new(12, 8, DepthKind::RelativeDepth);
+    let nchw = OnnxPrior::open(fixture("grey_nchw.onnx"), &spec).unwrap();
+    assert_close(&nchw.predict_native(image.view()).unwrap(), &grey(&image, [0.299, 0.587, 0.114]), 1e-6);
+
+    spec.layout = Layout::Nhwc;
+    spec.channels = Channels::Bgr;
+    let nhwc = OnnxPrior::open(fixture("grey_nhwc.onnx"), &spec).unwrap();
+    assert_close(&nhwc.predict_native(image.view()).unwrap(), &grey(&image, [0.114, 0.587, 0.299]), 1e-6);
+
+    // The mean and std stay with their colours whatever the order.
+    spec.mean = [0.1, 0.2, 0.3];
+    spec.std = [0.5, 0.25, 2.0];
+    let normalised = OnnxPrior::open(fixture("grey_nhwc.onnx"), &spec).unwrap();
+    let mut expected = image.clone();
+    expected.indexed_iter_mut().for_each(|((_, _, c), v)| *v = (*v - spec.mean[c]) / spec.std[c]);
+    assert_close(
+        &normalised.predict_native(image.view()).unwrap(),
+        &grey(&expected, [0.114, 0.587, 0.299]),
+        1e-5,
+    );
+}
+
+/// A network of single pixels predicts the same with and without padding, wherever that lies.
+#[test]
+fn padding_keeps_the_aspect_and_is_cut_off() {
+    for (height, width, sides) in [(16, 16, (8, 8)), (4, 16, (3, 12)), (10, 14, (8, 11))] {
+        let image = pattern(height, width);
+        let mut spec = ModelSpec::new(12, 8, DepthKind::Metric);
+        spec.aspect = Aspect::Pad;
+        let padded = OnnxPrior::open(fixture("grey_nchw.onnx"), &spec).unwrap();
+        assert_eq!(padded.input_size(height, width), sides);
+        let spec = ModelSpec::new(sides.1, sides.0, DepthKind::Metric);
+        let squashed = OnnxPrior::open(fixture("grey_nchw.onnx"), &spec).unwrap();
+        let [with, without] = [&padded, &squashed].map(|prior| prior.predict(image.view()).unwrap().map);
+        assert_close(&with, &without, 1e-6);
+    }
+}
+
+#[test]
+fn the_floor_holds_after_bicubic_overshoot() {
+    let mut spec = ModelSpec::new(12, 8, DepthKind::Metric);
+    spec.output_floor = Some(0.4);
+    spec.output_filter = Filter::Bicubic;
+    let prior = OnnxPrior::open(fixture("grey_nchw.onnx"), &spec).unwrap();
+    let depth = prior.predict(pattern(37, 51).view()).unwrap();
+    assert!(depth.map.iter().all(|&z| z >= 0.4));
+}
+
+#[test]
+fn wrong_models_are_one_line_errors() {
+    let open = |name: &str| OnnxPrior::open(fixture(name), &ModelSpec::new(8, 8, DepthKind::Metric));
+    let check = |message: String, name: &str, what: &str| {
+        assert!(message.contains(name) && message.contains(what) && !message.contains('\n'), "{message}");
+    };
+    for (name, what) in [
+        ("midas_small.npy", "ONNX model cannot be run"),
+        ("one_channel.onnx", "1 channels"),
+        ("vector.onnx", "1 axes"),
+        ("absent.onnx", "path"),
+    ] {
+        check(open(name).unwrap_err().to_string(), name, what);
+    }
+    for (name, what) in
+        [("three_channels.onnx", "[1, 3, 8, 8]"), ("scores.onnx", "[1, 3]"), ("not_finite.onnx", "NaN")]
+    {
+        check(open(name).unwrap().predict(pattern(8, 8).view()).unwrap_err().to_string(), name, what);
+    }
+    let mut spec = ModelSpec::new(8, 8, DepthKind::Metric);
+    spec.output_name = Some("disparity".into());
+    check(
+        OnnxPrior::open(fixture("vector.onnx"), &spec).unwrap_err().to_string(),
+        "vector.onnx",
+        "output-name",
+    );
+    check(
+        OnnxPrior::open_guessed(fixture("vector.onnx")).unwrap_err().to_string(),
+        "vector.onnx",
+        "fastdepth",
+    );
+    let grey = open("grey_nchw.onnx").unwrap();
+    assert!(grey.predict(Array3::zeros((8, 8, 1)).view()).is_err());
+    assert!(grey.predict(Array3::from_elem((8, 8, 3), f32::NAN).view()).is_err());
+}
+
+/// Some of these panic in the runtime.
+#[test]
+fn networks_that_nothing_can_run_are_errors_with_the_name_of_the_file() {
+    let names = ["stride_0", "axis_99", "step_0", "divided_by_0", "huge", "enlarged", "groups", "split"]
+        .map(|name| format!("{name}.onnx"));
+    let mut panics = 0;
+    for name in names {
+        let opened = OnnxPrior::open(fixture(&name), &ModelSpec::new(16, 16, DepthKind::Metric));
+        let message = opened.and_then(|prior| prior.predict(pattern(16, 16).view())).unwrap_err().to_string();
+        assert!(message.contains(&name) && message.contains("; ") && !message.contains('\n'), "{message}");
+        panics += u32::from(message.contains("the runtime cannot run this model"));
+    }
+    assert!(panics >= 2, "{panics}");
+}
+
+#[cfg(unix)]
+#[test]
+fn networks_and_what_is_beside_them_are_regular_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = folder.path().join("external.onnx");
+    let spec = ModelSpec::new(8, 8, DepthKind::Metric);
+    let pipe = |name: &str| {
+        let made = std::process::Command::new("mkfifo").arg(folder.path().join(name)).status().unwrap();
+        assert!(made.success());
+    };
+    let refused = |message: String, name: &str| {
+        assert!(
+            message.contains(name) && message.contains("it is a named pipe; give a regular file"),
+            "{message}"
+        );
+    };
+    std::fs::copy(fixture("external.onnx"), &model).unwrap();
+    pipe("external.bin");
+    refused(OnnxPrior::open(&model, &spec).unwrap_err().to_string(), "external.bin");
+    pipe("config.json");
+    refused(OnnxPrior::recognise(&model).unwrap_err().to_string(), "config.json");
+    pipe("external.toml");
+    refused(OnnxPrior::recognise(&model).unwrap_err().to_string(), "external.toml");
+    pipe("pipe.onnx");
+    refused(OnnxPrior::open(folder.path().join("pipe.onnx"), &spec).unwrap_err().to_string(), "pipe.onnx");
+}
+
+#[test]
+fn weights_in_another_file_are_named() {
+    let prior = OnnxPrior::open(fixture("external.onnx"), &ModelSpec::new(8, 8, DepthKind::Metric)).unwrap();
+    let files: Vec<_> = prior.files().collect();
+    assert_eq!(files, [fixture("external.onnx"), fixture("external.bin")]);
+    let inside =
+        OnnxPrior::open(fixture("grey_nchw.onnx"), &ModelSpec::new(8, 8, DepthKind::Metric)).unwrap();
+    assert_eq!(inside.files().count(), 1);
+}
+
+/// A larger input has larger tensors, and the weights count twice.
+#[test]
+fn the_memory_follows_the_input_and_the_file() {
+    let path = fixture("midas_dynamic.onnx");
+    let spec = ModelSpec::new(32, 32, DepthKind::AffineDisparity);
+    let memory = |side| {
+        let spec = ModelSpec { width: side, height: side, ..spec.clone() };
+        OnnxPrior::open(&path, &spec).unwrap().memory(480, 640).unwrap()
+    };
+    let (small, large) = (memory(32), memory(64));
+    assert_eq!(small.model, 2 * std::fs::metadata(&path).unwrap().len());
+    assert_eq!(large.model, small.model);
+    let input = 4 * 3 * 32 * 32;
+    assert!((input..20 * input).contains(&small.prediction), "{small:?}");
+    assert!((3 * small.prediction..=5 * small.prediction).contains(&large.prediction), "{small:?} {large:?}");
+}
+
+/// Idle threads help a prediction, alone or beside others.
+#[test]
+fn no_byte_depends_on_the_number_of_threads() {
+    let mut spec = ModelSpec::new(384, 256, DepthKind::AffineDisparity);
+    (spec.aspect, spec.multiple_of) = (Aspect::KeepMinimal, 32);
+    let prior = OnnxPrior::open(fixture("midas_dynamic.onnx"), &spec).unwrap();
+    let images = [pattern(256, 384), 1.0 - pattern(256, 384), 0.5 * pattern(256, 384)];
+    let views = images.each_ref().map(|image| image.view());
+    let predicted = |threads: usize, at_once: Option<usize>| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let mut maps = Vec::new();
+        let take = |prediction: PriorDepth| {
+            maps.push(prediction.map);
+            ControlFlow::Continue(())
+        };
+        _ = pool.install(|| predict_each(&prior, &views, at_once, take)).unwrap();
+        maps
+    };
+    let expected = predicted(1, None);
+    for (threads, at_once) in [(2, None), (4, None), (4, Some(1)), (4, Some(2))] {
+        assert!(predicted(threads, at_once) == expected, "{threads} threads, {at_once:?} at once");
+    }
+}
+
+/// A field of a message of protobuf: bytes.
+fn field(number: u8, bytes: &[u8]) -> Vec<u8> {
+    [vec![number << 3 | 2], varint(bytes.len()), bytes.to_vec()].concat()
+}
+
+/// The same: a whole number.
+fn whole(number: u8, value: usize) -> Vec<u8> {
+    [vec![number << 3], varint(value)].concat()
+}
+
+fn varint(mut value: usize) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    while value > 127 {
+        bytes.push((value & 127) as u8 | 128);
+        value >>= 7;
+    }
+    bytes.push(value as u8);
+    bytes
+}
+
+/// An ONNX file of convolutions of 3 x 3, of 3, 48, 48 and 1 channels, on images of that side.
+fn convolutions(side: usize) -> Vec<u8> {
+    let port = |name: &str, channels: usize| {
+        let sides = [1, channels, side, side].map(|side| field(1, &whole(1, side))).concat();
+        let tensor = [whole(1, 1), field(2, &sides)].concat();
+        [field(1, name.as_bytes()), field(2, &field(1, &tensor))].concat()
+    };
+    let pads = [field(1, b"pads"), [whole(8, 1), whole(8, 1), whole(8, 1), whole(8, 1)].concat()].concat();
+    let pads = field(5, &[pads, vec![0xa0, 0x01, 7]].concat());
+    let mut graph = field(2, b"convolutions");
+    for (layer, [from, to]) in [[3, 48], [48, 48], [48, 48], [48, 1]].into_iter().enumerate() {
+        let names = [format!("c{layer}"), format!("w{layer}"), format!("c{}", layer + 1)];
+        let [input, weights, output] = names.each_ref().map(String::as_bytes);
+        let node =
+            [field(1, input), field(1, weights), field(2, output), field(4, b"Conv"), pads.clone()].concat();
+        let values: Vec<u8> =
+            (0..from * to * 9).flat_map(|i| ((i % 7) as f32 / (27 * from) as f32).to_le_bytes()).collect();
+        let sides = [to, from, 3, 3].map(|side| whole(1, side)).concat();
+        let tensor = [sides, whole(2, 1), field(8, weights), field(9, &values)].concat();
+        graph.extend([field(1, &node), field(5, &tensor)].concat());
+    }
+    graph.extend([field(11, &port("c0", 3)), field(12, &port("c4", 1))].concat());
+    [whole(1, 8), field(7, &graph), field(8, &whole(2, 13))].concat()
+}
+
+/// A thread that waits for its part of a matrix product takes up whatever the pool has to do, another prediction too.
+#[test]
+fn predictions_meet_on_the_threads_of_one_pool() {
+    let place = tempfile::tempdir().unwrap();
+    let path = place.path().join("convolutions.onnx");
+    std::fs::write(&path, convolutions(96)).unwrap();
+    let model = OnnxPrior::open(&path, &ModelSpec::new(96, 96, DepthKind::AffineDisparity)).unwrap();
+    let image = pattern(32, 32);
+    let alone = model.predict(image.view()).unwrap();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    std::thread::scope(|scope| {
+        for _ in 0..6 {
+            scope.spawn(|| {
+                for _ in 0..25 {
+                    assert_eq!(pool.install(|| model.predict(image.view())).unwrap(), alone);
+                }
+            });
+        }
+    });
+}

@@ -1,0 +1,157 @@
+//! Photographs.
+
+use crate::fixture;
+use std::io::Cursor;
+
+use image::{DynamicImage, ImageFormat};
+use mde_prior::ndarray::{Array3, array};
+use mde_prior::photo::{decode_image, encode_rgb_png, image_size, read_image, write_image, write_rgb_png};
+use proptest::prelude::*;
+
+fn encode(image: &DynamicImage, format: ImageFormat) -> Vec<u8> {
+    let mut bytes = Cursor::new(Vec::new());
+    image.write_to(&mut bytes, format).unwrap();
+    bytes.into_inner()
+}
+
+/// A JPEG with an EXIF segment: orientation, and the 35 mm focal length in the EXIF directory.
+fn jpeg_with_exif(image: &DynamicImage, orientation: u16, focal: u16) -> Vec<u8> {
+    let jpeg = encode(image, ImageFormat::Jpeg);
+    let entry = |tag: u16, kind: u16, value: u16| {
+        [&tag.to_be_bytes()[..], &kind.to_be_bytes(), &1_u32.to_be_bytes(), &value.to_be_bytes(), &[0, 0]]
+            .concat()
+    };
+    let mut tiff = b"MM\0\x2a\0\0\0\x08\0\x02".to_vec();
+    tiff.extend(entry(0x0112, 3, orientation));
+    tiff.extend(
+        [&0x8769_u16.to_be_bytes()[..], &4_u16.to_be_bytes(), &1_u32.to_be_bytes(), &38_u32.to_be_bytes()]
+            .concat(),
+    );
+    tiff.extend([0; 4]);
+    tiff.extend([0, 1]);
+    tiff.extend(entry(0xa405, 3, focal));
+    tiff.extend([0; 4]);
+    let mut file = jpeg[..2].to_vec();
+    file.extend([0xff, 0xe1]);
+    file.extend((tiff.len() as u16 + 8).to_be_bytes());
+    file.extend(b"Exif\0\0");
+    file.extend(tiff);
+    file.extend(&jpeg[2..]);
+    file
+}
+
+proptest! {
+    #[test]
+    fn eight_bits_round_trip(values in proptest::collection::vec(any::<u8>(), 3 * 3 * 5)) {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("a.png");
+        let pixels = Array3::from_shape_vec((3, 5, 3), values)?;
+        write_rgb_png(&path, pixels.view())?;
+        let read = read_image(&path)?.pixels;
+        let before = encode_rgb_png(pixels.view())?;
+        prop_assert_eq!(&std::fs::read(&path)?, &before);
+        prop_assert_eq!(read.mapv(|v| (v * 255.0).round() as u8), pixels);
+        write_image(&path, read.view())?;
+        prop_assert_eq!(std::fs::read(&path)?, before);
+    }
+
+    #[test]
+    fn truncated_photographs_never_panic(cut: prop::sample::Index) {
+        let image = DynamicImage::ImageRgb8(image::RgbImage::from_fn(16, 9, |x, y| image::Rgb([x as u8, y as u8, 3])));
+        for bytes in [jpeg_with_exif(&image, 6, 28), encode(&image, ImageFormat::Tiff), encode(&image, ImageFormat::WebP)] {
+            let _ = decode_image(&bytes[..cut.index(bytes.len())]);
+        }
+    }
+}
+
+#[test]
+fn every_kind_of_pixel_becomes_three_channels_in_the_unit_interval() {
+    let expected = array![[[0.2_f32, 0.2, 0.2], [1.0, 1.0, 1.0]]];
+    let grey8 = DynamicImage::ImageLuma8(image::ImageBuffer::from_raw(2, 1, vec![51, 255]).unwrap());
+    let images = [
+        (grey8.clone(), ImageFormat::Png),
+        (DynamicImage::ImageLuma16(grey8.to_luma16()), ImageFormat::Png),
+        (
+            DynamicImage::ImageLumaA8(image::ImageBuffer::from_raw(2, 1, vec![51, 9, 255, 0]).unwrap()),
+            ImageFormat::Png,
+        ),
+        (DynamicImage::ImageRgba16(grey8.to_rgba16()), ImageFormat::Png),
+        (DynamicImage::ImageRgb16(grey8.to_rgb16()), ImageFormat::Tiff),
+        (DynamicImage::ImageRgb8(grey8.to_rgb8()), ImageFormat::Bmp),
+        (DynamicImage::ImageRgb8(grey8.to_rgb8()), ImageFormat::WebP),
+    ];
+    for (image, format) in images {
+        let photo = decode_image(&encode(&image, format)).unwrap();
+        assert_eq!(photo.pixels.dim(), (1, 2, 3));
+        for (a, b) in photo.pixels.iter().zip(&expected) {
+            assert!((a - b).abs() < 1e-4, "{format:?} {:?}: {a} instead of {b}", image.color());
+        }
+        assert_eq!(photo.focal_35mm, None);
+    }
+}
+
+#[test]
+fn exif_turns_the_picture_and_gives_the_focal_length() {
+    // Bright on the left; orientation 6 means "turn clockwise to look at it", so the left goes to the top.
+    let image = DynamicImage::ImageRgb8(image::RgbImage::from_fn(32, 16, |x, _| {
+        image::Rgb([if x < 16 { 250 } else { 5 }; 3])
+    }));
+    let photo = decode_image(&jpeg_with_exif(&image, 6, 28)).unwrap();
+    assert_eq!(photo.pixels.dim(), (32, 16, 3));
+    assert!(photo.pixels[[2, 8, 0]] > 0.9 && photo.pixels[[29, 8, 0]] < 0.1);
+    assert_eq!(photo.focal_35mm, Some(28.0));
+    assert_eq!(decode_image(&jpeg_with_exif(&image, 1, 0)).unwrap().focal_35mm, None);
+}
+
+/// JPEGs of the same picture: baseline, with other sampling, with restart markers, progressive, grey, of four channels.
+#[test]
+fn whole_jpegs_have_the_pixels_of_image_and_cut_ones_are_refused() {
+    let files = std::fs::read_dir(fixture("jpeg")).unwrap();
+    let files: Vec<_> = files.map(|file| std::fs::read(file.unwrap().path()).unwrap()).collect();
+    assert_eq!(files.len(), 8);
+    for bytes in files {
+        let expected = image::load_from_memory(&bytes).unwrap().into_rgb32f().into_raw();
+        assert_eq!(decode_image(&bytes).unwrap().pixels.into_raw_vec_and_offset().0, expected);
+        let begin = bytes.windows(2).position(|pair| pair == [0xff, 0xda]).unwrap() + 20;
+        for share in [0.05, 0.3, 0.6, 0.9, 0.97] {
+            let cut = begin + ((bytes.len() - begin) as f64 * share) as usize;
+            let message = decode_image(&bytes[..cut]).unwrap_err().to_string();
+            assert!(message.contains("truncated"), "cut at {share}: {message}");
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_photograph_is_a_regular_file() {
+    let refused = read_image("/dev/zero").unwrap_err().to_string();
+    assert_eq!(refused, "/dev/zero: can't read: it is a device; give a regular file");
+    assert_eq!(image_size("/dev/zero"), None);
+}
+
+#[test]
+fn errors_name_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.jpg");
+    for (bytes, what) in [(&b""[..], "empty"), (b"hello", "JPEG, PNG")] {
+        std::fs::write(&path, bytes).unwrap();
+        let message = read_image(&path).unwrap_err().to_string();
+        assert!(message.contains("a.jpg") && message.contains(what) && !message.contains('\n'), "{message}");
+    }
+    let refused = write_rgb_png(&path, Array3::zeros((2, 2, 4)).view()).unwrap_err().to_string();
+    assert!(refused.contains("[2, 2, 4]"), "{refused}");
+    assert!(write_image(&path, Array3::from_elem((2, 2, 3), f32::NAN).view()).is_err());
+}
+
+#[test]
+fn a_bomb_is_refused_before_it_is_unpacked() {
+    // A BMP header that promises 60000 x 60000 pixels.
+    let mut bytes = encode(&DynamicImage::new_rgb8(2, 2), ImageFormat::Bmp);
+    bytes[18..22].copy_from_slice(&60_000_u32.to_le_bytes());
+    bytes[22..26].copy_from_slice(&60_000_u32.to_le_bytes());
+    let message = decode_image(&bytes).unwrap_err().to_string();
+    assert!(
+        message.contains("60000x60000") || message.contains("limit") || message.contains("Memory"),
+        "{message}"
+    );
+}

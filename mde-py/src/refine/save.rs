@@ -1,0 +1,161 @@
+//! The files of results.
+
+use crate::error::raise;
+use mde_cli::error::Result;
+use mde_cli::mde_prior::CertaintyMeaning;
+use mde_cli::mde_uncertainty::GaussianDepth;
+use mde_cli::mde_warp::{PinholeCamera, Pose};
+use mde_cli::nalgebra::{Quaternion, Translation3, UnitQuaternion};
+use mde_cli::output::every::{Solid, write_all};
+use mde_cli::output::exchange::exchange;
+use mde_cli::output::export::{Exported, Format};
+use mde_cli::output::maps::Maps;
+use mde_cli::prior::origin::METRES;
+use mde_cli::refiner::depth_png::DepthPng;
+use ndarray::ArrayView2;
+use numpy::{PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+use std::path::PathBuf;
+
+/// A map by its name.
+type Named<'py> = (String, PyReadonlyArray2<'py, f32>);
+
+/// The parts of a result that its folder has.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Saved<'py> {
+    depth: PyReadonlyArray2<'py, f32>,
+    variance: PyReadonlyArray2<'py, f32>,
+    sigma: PyReadonlyArray2<'py, f32>,
+    prior: PyReadonlyArray2<'py, f32>,
+    /// Further maps of files of their names: `lower`, `upper`.
+    more: Vec<Named<'py>>,
+    /// Components of sigma by their names.
+    components: Vec<Named<'py>>,
+    confidence: Option<PyReadonlyArray2<'py, f32>>,
+    error: Option<PyReadonlyArray2<'py, f32>>,
+    evidence: Vec<Named<'py>>,
+    /// sRGB in 0 to 1, `[height, width, 3]`.
+    image: PyReadonlyArray3<'py, f32>,
+    /// Pictures by the names of their files.
+    pictures: Vec<(String, PyReadonlyArray3<'py, u8>)>,
+    /// The photographs above the preview.
+    strip: Vec<PyReadonlyArray3<'py, f32>>,
+    unit: String,
+    /// fx, fy, cx, cy.
+    camera: [f64; 4],
+}
+
+/// Writes the files of a result into a folder, and those of the formats that are named.
+#[pyfunction]
+pub(crate) fn save_result(
+    py: Python<'_>,
+    folder: PathBuf,
+    parts: Saved<'_>,
+    export: Vec<String>,
+) -> PyResult<()> {
+    let formats = export.iter().map(|name| name.parse().map_err(raise));
+    let formats = formats.collect::<PyResult<Vec<Format>>>()?;
+    let unit = unit(&parts.unit);
+    let depth = GaussianDepth::new(parts.depth.as_array().to_owned(), parts.variance.as_array().to_owned())
+        .map_err(raise)?;
+    let png = DepthPng::new(unit, depth.mean().iter().copied());
+    let pictures: Vec<_> =
+        parts.pictures.iter().map(|(name, one)| (name.clone(), one.as_array().to_owned())).collect();
+    let strip: Vec<_> = parts.strip.iter().map(|one| one.as_array().to_owned()).collect();
+    let (more, evidence) = (named(&parts.more), named(&parts.evidence));
+    let (image, prior) = (parts.image.as_array(), parts.prior.as_array());
+    let maps = Maps {
+        depth: &depth,
+        sigma: parts.sigma.as_array(),
+        prior,
+        more: &more,
+        evidence: &evidence,
+        image,
+        pictures: &pictures,
+        strip: &strip,
+        truth: None,
+        png: &png,
+    };
+    let [fx, fy, cx, cy] = parts.camera;
+    let (height, width) = depth.dim();
+    let camera = PinholeCamera::new(fx, fy, cx, cy, width, height).map_err(raise)?;
+    let confidence = parts.confidence.as_ref().map(|map| (CertaintyMeaning::Confidence, map.as_array()));
+    let error = parts.error.as_ref().map(|map| (CertaintyMeaning::Error, map.as_array()));
+    let exported = Exported {
+        unit,
+        image,
+        camera: &camera,
+        depth: &depth,
+        prior,
+        components: named(&parts.components),
+        certainty: confidence.or(error),
+        png_scale: png.scale,
+    };
+    let write = || -> Result<()> {
+        maps.write(&folder)?;
+        formats.iter().try_for_each(|format| exported.write(*format, &folder))
+    };
+    py.detach(write).map_err(raise)
+}
+
+/// The unit of a result by its name.
+fn unit(name: &str) -> &'static str {
+    match name {
+        METRES => METRES,
+        "capture" => "capture",
+        _ => "unscaled",
+    }
+}
+
+fn named<'m>(maps: &'m [Named<'_>]) -> Vec<(&'m str, ArrayView2<'m, f32>)> {
+    maps.iter().map(|(name, map)| (name.as_str(), map.as_array())).collect()
+}
+
+/// A photograph that the others refined.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Placed<'py> {
+    folder: String,
+    /// sRGB in 0 to 1, `[height, width, 3]`.
+    image: PyReadonlyArray3<'py, f32>,
+    /// fx, fy, cx, cy, width, height.
+    camera: (f64, f64, f64, f64, usize, usize),
+    /// World to camera: a quaternion w, x, y, z, then a translation. A matrix would lose bits.
+    pose: [f64; 7],
+    depth: PyReadonlyArray2<'py, f32>,
+    sigma: PyReadonlyArray2<'py, f32>,
+}
+
+/// Writes `transforms.json` and `cloud.ply` of all photographs. The result is the number of points.
+#[pyfunction]
+pub(crate) fn save_all(
+    py: Python<'_>,
+    folder: PathBuf,
+    photographs: Vec<Placed<'_>>,
+    unit: &str,
+) -> PyResult<usize> {
+    let unit = self::unit(unit);
+    let solids = photographs.iter().map(|one| {
+        let ((fx, fy, cx, cy, width, height), [w, i, j, k, x, y, z]) = (one.camera, one.pose);
+        let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
+        let (depth, sigma) = (one.depth.as_array(), one.sigma.as_array());
+        Ok(Solid {
+            folder: &one.folder,
+            image: one.image.as_array(),
+            camera: PinholeCamera::new(fx, fy, cx, cy, width, height)?,
+            pose: Pose::from_parts(Translation3::new(x, y, z), rotation),
+            png_scale: DepthPng::new(unit, depth.iter().copied()).scale,
+            depth: depth.to_owned(),
+            sigma: sigma.to_owned(),
+        })
+    });
+    let solids = solids.collect::<Result<Vec<_>>>().map_err(raise)?;
+    py.detach(|| write_all(&folder, &solids, unit)).map_err(raise)
+}
+
+/// Gives a finished folder the name of another, which is removed: in one exchange where the file system can.
+#[pyfunction]
+pub(crate) fn replace_folder(py: Python<'_>, new: PathBuf, target: PathBuf) -> PyResult<()> {
+    Ok(py.detach(|| exchange(&new, &target))?)
+}

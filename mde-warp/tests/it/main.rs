@@ -1,0 +1,11 @@
+//! Theorems of cameras, warps and reprojection.
+#![allow(clippy::unwrap_used)]
+
+mod camera;
+mod reproject;
+mod sampling;
+#[cfg(feature = "serde")]
+mod settings;
+mod support;
+mod transfer;
+mod warp;

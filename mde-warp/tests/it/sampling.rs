@@ -1,0 +1,83 @@
+//! The documented properties of `sample_poses`.
+
+use mde_warp::nalgebra::Point3;
+use mde_warp::{PinholeCamera, ViewSampling, sample_poses};
+use proptest::prelude::*;
+
+fn sampling() -> impl Strategy<Value = ViewSampling> {
+    (0..40_usize, 0.001..0.1_f64, 0.0..10.0_f64, 0.0..=0.5_f64).prop_map(
+        |(count, translation, rotation_degrees, rotation_only)| ViewSampling {
+            count,
+            translation,
+            rotation_degrees,
+            rotation_only,
+        },
+    )
+}
+
+proptest! {
+    #[test]
+    fn poses_keep_their_bounds(sampling in sampling(), depth in 0.1..50.0_f64, seed: u64) {
+        let poses = sample_poses(&sampling, depth, seed).unwrap();
+        prop_assert_eq!(poses.len(), sampling.count);
+        let mut moving = 0;
+        for pose in &poses {
+            let centre = pose.inverse().translation.vector;
+            let sideways = centre.xy().norm();
+            prop_assert!(sideways <= sampling.translation * depth * (1.0 + 1e-12));
+            prop_assert!(centre.z.abs() <= 1e-12 * depth);
+            prop_assert!(pose.rotation.angle() <= sampling.rotation_degrees.to_radians() + 1e-7);
+            // The innermost point of the spiral has radius T sqrt(1 / 2n).
+            moving += usize::from(sideways > 0.5 * sampling.translation * depth / (sampling.count as f64).sqrt());
+        }
+        prop_assert!(2 * moving >= sampling.count, "{moving} of {}", sampling.count);
+    }
+
+    #[test]
+    fn the_seed_decides_everything(seed: u64, depth in 0.1..50.0_f64) {
+        let sampling = ViewSampling::default();
+        let poses = sample_poses(&sampling, depth, seed).unwrap();
+        prop_assert_eq!(&poses, &sample_poses(&sampling, depth, seed).unwrap());
+        prop_assert_ne!(&poses, &sample_poses(&sampling, depth, seed.wrapping_add(1)).unwrap());
+    }
+
+    /// Twice the depth is twice the motion and the same parallax.
+    #[test]
+    fn translation_scales_with_the_scene(sampling in sampling(), depth in 0.1..50.0_f64, seed: u64) {
+        let once = sample_poses(&sampling, depth, seed).unwrap();
+        let twice = sample_poses(&sampling, 2.0 * depth, seed).unwrap();
+        for (a, b) in once.iter().zip(&twice) {
+            prop_assert_eq!(a.rotation, b.rotation);
+            prop_assert!((a.translation.vector * 2.0 - b.translation.vector).norm() <= 1e-12 * depth);
+        }
+    }
+
+    /// The middle of the image moves by f (tan Theta + T) at most, but for second-order terms.
+    #[test]
+    fn the_middle_stays_in_view(seed: u64) {
+        let sampling = ViewSampling::default();
+        let camera = PinholeCamera::from_fov(60.0, 640, 480).unwrap();
+        let bound = camera.fx * (sampling.rotation_degrees.to_radians().tan() + sampling.translation) * 1.01;
+        for pose in sample_poses(&sampling, 3.0, seed).unwrap() {
+            let pixel = camera.project(&(pose * Point3::new(0.0, 0.0, 3.0))).unwrap();
+            let moved = (pixel.x - camera.cx).hypot(pixel.y - camera.cy);
+            prop_assert!(moved <= bound, "{moved} > {bound}");
+        }
+    }
+
+    /// No two of n cameras on the disc crowd: the even share of area of each is pi T^2 / n.
+    #[test]
+    fn the_disc_is_filled_evenly(seed: u64, count in 2..60_usize) {
+        let sampling = ViewSampling { count, rotation_only: 0.0, ..ViewSampling::default() };
+        let centres: Vec<_> = sample_poses(&sampling, 1.0, seed).unwrap().iter()
+            .map(|pose| pose.inverse().translation.vector.xy() / sampling.translation).collect();
+        let apart = 1.0 / (count as f64).sqrt();
+        for (i, a) in centres.iter().enumerate() {
+            for b in &centres[..i] {
+                prop_assert!((a - b).norm() > apart, "{} {}", (a - b).norm(), apart);
+            }
+        }
+        let mean = centres.iter().sum::<mde_warp::nalgebra::Vector2<f64>>() / count as f64;
+        prop_assert!(mean.norm() < 0.5 * apart, "mean {}", mean.norm());
+    }
+}
