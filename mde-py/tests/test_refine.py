@@ -86,8 +86,7 @@ def test_a_session_of_another_framework_is_a_model(photo, network):
     (entry,) = session.get_inputs()
 
     def model(rgb):
-        mean, deviation = np.float32([0.485, 0.456, 0.406]), np.float32([0.229, 0.224, 0.225])
-        pixels = ((rgb - mean) / deviation).transpose(2, 0, 1)[None]
+        pixels = rgb.transpose(2, 0, 1)[None]
         return session.run(None, {entry.name: np.ascontiguousarray(pixels, dtype=np.float32)})[0]
 
     small = photo[:32, :32].copy()
@@ -187,7 +186,7 @@ def test_the_camera(photo, depth, tmp_path):
         ({"prior_depth": 1, "scale_from": [[3, 4, -1.0]]}, "scale_from array: the known depth -1"),
         ({"prior_depth": 1, "scale_from": "missing.csv"}, "scale_from missing.csv: can't be read"),
         ({"prior_depth": 1, "scale_from": np.ones((3, 3)), "unit": "poses"}, "scale_from gives the unit"),
-        ({"prior_depth": 1, "intrinsics": np.diag([1e-9, 60, 1])}, "fx is 1e-9 pixels"),
+        ({"prior_depth": 1, "intrinsics": np.diag([1e-9, 60, 1])}, "fx is 1e-9; a focal length is"),
         ({"prior_depth": 1, "views": ["a.png"]}, "give a prior_model to use views"),
         ({"prior_model": lambda rgb: rgb}, "prior_model: the depth has the shape [48, 64, 3]"),
         ({"prior_model": lambda rgb: rgb[:5, :6, 0] + 1}, "prior_model: the depth is 6x5 but the image is 64x48"),

@@ -21,12 +21,12 @@ FORMATS = ["ply", "glb", "exr", "colmap", "transforms", "sigma"]
 
 
 def same_files(saved, folder):
-    """Whether a saved result has the files of the program's folder, byte for byte but for the record and the report. The program's
+    """Whether a saved result has the files of the program's folder, byte for byte but for the record and the pages. The program's
     marker, by which a run continues, is its own."""
     files = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path.name != "finished.json"}
     assert {path.relative_to(saved) for path in saved.rglob("*") if path.is_file()} == files
     for name in files:
-        if name.name not in ("run.json", "report.html"):
+        if name.name not in ("run.json", "report.html", "index.html"):
             assert (saved / name).read_bytes() == (folder / name).read_bytes(), name
 
 
@@ -88,7 +88,7 @@ def test_a_larger_photograph(depth, network, arguments, mde, tmp_path):
 def calibration(mde, tmp_path_factory):
     """Of other settings than those of the tests, of which both warn."""
     folder = tmp_path_factory.mktemp("calibration") / "learned"
-    mde("calibrate", "--dataset", "rooms", "--size", "64x48", "--limit", 3, "--simulated-model", "all", "-o", folder)
+    mde("calibrate", "--dataset", "rooms", "--size", "64x48", "--limit", 3, "--simulated", "model", "-o", folder)
     return folder / "calibration.toml"
 
 
@@ -265,7 +265,7 @@ def test_every_record_is_of_its_photograph(demo):
     seconds = time.monotonic() - begun
     assert [one.run["camera"]["source"] == {"exif": 30.0} for one in scene] == [False, False, True, False]
     alone = [row["reason"] is not None for row in scene.run["photographs"]]
-    assert alone == [False, True, False, False]
+    assert alone[1] and not all(alone)
     told = [any("only the reference photograph" in text for text in one.run["warnings"]) for one in scene]
     assert told == alone and any("only the reference photograph" in text for text in scene.run["warnings"])
     assert sum(one.run["total_seconds"] for one in scene) < seconds
