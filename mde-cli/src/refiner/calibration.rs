@@ -115,7 +115,7 @@ mod tests {
         assert_eq!(mismatch(None), Some(Mismatch::Model));
     }
 
-    /// The half widths of test-time augmentation say nothing of stereo.
+    /// Half widths calibrated on test-time augmentation do not hold for stereo.
     #[test]
     fn the_shipped_calibration_is_not_of_several_photographs() {
         let run = fingerprint(&Preset::MultiView.config(), true, true, fastdepth()).unwrap();

@@ -6,7 +6,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use mde_eval::align::AlignmentRule;
 use mde_prior::DepthKind;
 
-/// Values with their names and what the help says of them.
+/// Values with their names and help texts.
 type Choices<T> = &'static [(T, &'static str, &'static str)];
 
 pub(super) const PRESETS: Choices<Preset> = &[

@@ -91,18 +91,6 @@ pub(crate) fn run(
     let _made = NewFolder::make(output)?;
     let _lock = Lock::take(output)?;
     remove_unfinished(output);
-    refine_all(job, scene, plan, input, output, force, progress)
-}
-
-fn refine_all(
-    job: &Job<'_>,
-    scene: &Scene,
-    plan: &Plan,
-    input: &str,
-    output: &Path,
-    force: bool,
-    progress: &mut Progress,
-) -> Result<()> {
     let settings = job.refiner.settings();
     let made_from = format!("{:?} {} {}", versions(), job.refiner.identity()?, scene.identity());
     let made_from = format!("{made_from} {:?}", job.export);

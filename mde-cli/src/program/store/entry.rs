@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 pub(crate) struct Entry<R> {
     /// Everything that the files depend on.
     pub(crate) made_from: Value,
-    /// What tables say of the work.
+    /// The row for the tables.
     pub(crate) row: R,
     /// The other files, by their paths in the folder.
     pub(crate) files: BTreeMap<PathBuf, Content>,
@@ -64,7 +64,7 @@ impl<R> Entry<R> {
         })
     }
 
-    /// The bytes of a file that is as it was written; else a text that says what is wrong.
+    /// The bytes of a file with the recorded length and checksum; otherwise the reason of the refusal.
     pub(crate) fn file(&self, folder: &Path, name: &str) -> Result<Vec<u8>, String> {
         let path = folder.join(name);
         let bytes = fs::read(&path).map_err(|error| format!("{} can't be read: {error}", path.display()))?;

@@ -122,7 +122,7 @@ pub(crate) fn files_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Adds the names of all files to a folder's record, once, so that a later run knows what is not ours.
+/// Adds the names of all files to a folder's record, once. `--force` removes no others.
 pub(crate) fn list_files(folder: &Path) -> Result<()> {
     let record = folder.join(RECORD);
     if !record.exists() || written(folder).is_ok() {
