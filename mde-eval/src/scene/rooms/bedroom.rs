@@ -10,18 +10,12 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let (width, depth, height) = (4.6, 4.7, 2.6);
     let paper = s.about([0.72, 0.70, 0.76], 0.06);
     let paint = s.about([0.84, 0.81, 0.78], 0.04);
-    Shell {
-        width,
-        front: -0.4,
-        depth,
-        height,
-        floor: Material::new(Texture::Planks([rgb(0.62, 0.46, 0.32), rgb(0.40, 0.27, 0.17)], 0.11))
-            .gloss(0.08),
-        walls: Material::new(Texture::Plaster(paint)),
-        back: Material::new(Texture::Stripes([paper, paper * 0.82], 0.14)),
-        ceiling: Material::new(Texture::Plaster(rgb(0.96, 0.95, 0.94))),
-    }
-    .build(s);
+    let floor =
+        Material::new(Texture::Planks([rgb(0.62, 0.46, 0.32), rgb(0.40, 0.27, 0.17)], 0.11)).gloss(0.08);
+    let walls = Material::new(Texture::Plaster(paint));
+    let back = Material::new(Texture::Stripes([paper, paper * 0.82], 0.14));
+    let ceiling = Material::new(Texture::Plaster(rgb(0.96, 0.95, 0.94)));
+    Shell { width, front: -0.4, depth, height, floor, walls, back, ceiling }.build(s);
     let grain = s.between(0.0, 5.0);
     let x = s.between(-0.35, -0.05);
     let (first, second) = (s.about([0.30, 0.40, 0.52], 0.12), s.about([0.80, 0.76, 0.68], 0.05));
@@ -53,18 +47,13 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     plant(s, &Stand::at(1.85, depth - 0.42, 0.0), 0.8, 20);
     pendant(s, &Stand::at(0.25, 2.5, 0.0), height, Lamp { height: 2.12, shade });
     let eye = eye(s, [0.2, -0.1, 1.42], 2.0, 12.0);
-    Setting {
-        lights: vec![
-            light([x - 1.05, depth - 0.3, 0.9], 0.08, 0.22, WARM),
-            light([0.25, 2.5, 1.95], 0.15, 1.1, WARM),
-            light([2.05, 3.4, 1.6], 0.3, 1.7, DAY),
-            light([-0.2, 0.4, 2.4], 0.3, 0.8, WARM),
-        ],
-        ambient: Colour::new(0.33, 0.33, 0.35),
-        stage,
-        eye,
-        field_of_view: 63.0,
-    }
+    let lights = vec![
+        light([x - 1.05, depth - 0.3, 0.9], 0.08, 0.22, WARM),
+        light([0.25, 2.5, 1.95], 0.15, 1.1, WARM),
+        light([2.05, 3.4, 1.6], 0.3, 1.7, DAY),
+        light([-0.2, 0.4, 2.4], 0.3, 0.8, WARM),
+    ];
+    Setting { lights, ambient: Colour::new(0.33, 0.33, 0.35), stage, eye, field_of_view: 63.0 }
 }
 
 /// A rail on two thin uprights with clothes on hangers.

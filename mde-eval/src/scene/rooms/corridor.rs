@@ -12,17 +12,11 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let wall = s.about([0.80, 0.76, 0.66], 0.06);
     let tiles = [rgb(0.76, 0.72, 0.64), rgb(0.33, 0.31, 0.30), rgb(0.4, 0.38, 0.35)];
     let brick = s.about([0.60, 0.32, 0.24], 0.06);
-    Shell {
-        width,
-        front: -0.5,
-        depth,
-        height,
-        floor: Material::new(Texture::Tiles(tiles, 0.25)).gloss(0.2),
-        walls: Material::new(Texture::Plaster(wall)),
-        back: Material::new(Texture::Bricks([brick, rgb(0.72, 0.69, 0.64)])),
-        ceiling: Material::new(Texture::Plaster(rgb(0.94, 0.94, 0.92))),
-    }
-    .build(s);
+    let floor = Material::new(Texture::Tiles(tiles, 0.25)).gloss(0.2);
+    let walls = Material::new(Texture::Plaster(wall));
+    let back = Material::new(Texture::Bricks([brick, rgb(0.72, 0.69, 0.64)]));
+    let ceiling = Material::new(Texture::Plaster(rgb(0.94, 0.94, 0.92)));
+    Shell { width, front: -0.5, depth, height, floor, walls, back, ceiling }.build(s);
     let grain = s.between(0.0, 5.0);
     let half = 0.5 * width;
     let paint = Material::new(Texture::Plain(s.about([0.42, 0.50, 0.52], 0.12))).gloss(0.15);
@@ -58,17 +52,12 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
         pendant(s, &Stand::at(0.0, y, 0.0), height, lamp);
     }
     let eye = eye(s, [0.05, 0.0, 1.45], 0.5, 8.0);
-    Setting {
-        lights: vec![
-            light([0.0, 2.7, 2.1], 0.15, 1.0, WARM),
-            light([0.0, 5.2, 2.1], 0.15, 1.0, WARM),
-            light([0.0, 0.2, 2.4], 0.2, 0.7, WARM),
-        ],
-        ambient: Colour::new(0.24, 0.25, 0.27),
-        stage,
-        eye,
-        field_of_view: 62.0,
-    }
+    let lights = vec![
+        light([0.0, 2.7, 2.1], 0.15, 1.0, WARM),
+        light([0.0, 5.2, 2.1], 0.15, 1.0, WARM),
+        light([0.0, 0.2, 2.4], 0.2, 0.7, WARM),
+    ];
+    Setting { lights, ambient: Colour::new(0.24, 0.25, 0.27), stage, eye, field_of_view: 62.0 }
 }
 
 fn umbrellas(s: &mut Stage, stand: &Stand) {

@@ -11,19 +11,13 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let tile = s.about([0.80, 0.80, 0.76], 0.05);
     let paint = s.about([0.86, 0.82, 0.70], 0.05);
     let second = s.about([0.78, 0.84, 0.84], 0.04);
-    Shell {
-        width,
-        front: -0.4,
-        depth,
-        height,
-        floor: Material::new(Texture::Tiles([tile, rgb(0.42, 0.44, 0.45), rgb(0.3, 0.3, 0.29)], 0.33))
-            .gloss(0.15),
-        walls: Material::new(Texture::Plaster(paint)),
-        back: Material::new(Texture::Tiles([rgb(0.88, 0.89, 0.87), second, rgb(0.6, 0.6, 0.58)], 0.15))
-            .gloss(0.2),
-        ceiling: Material::new(Texture::Plaster(rgb(0.95, 0.95, 0.94))),
-    }
-    .build(s);
+    let floor =
+        Material::new(Texture::Tiles([tile, rgb(0.42, 0.44, 0.45), rgb(0.3, 0.3, 0.29)], 0.33)).gloss(0.15);
+    let walls = Material::new(Texture::Plaster(paint));
+    let back =
+        Material::new(Texture::Tiles([rgb(0.88, 0.89, 0.87), second, rgb(0.6, 0.6, 0.58)], 0.15)).gloss(0.2);
+    let ceiling = Material::new(Texture::Plaster(rgb(0.95, 0.95, 0.94)));
+    Shell { width, front: -0.4, depth, height, floor, walls, back, ceiling }.build(s);
     let grain = s.between(0.0, 5.0);
     let front = Material::new(Texture::Plain(s.about([0.34, 0.46, 0.46], 0.14))).gloss(0.15);
     counter(s, depth, front, grain);
@@ -50,17 +44,12 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     plant(s, &side.then(0.2, -0.1, 0.94), 0.34, 14);
     wall_shelf(s, &Stand::at(0.5 * width, 2.7, 1.55).turned(-90.0), 1.0, oak(grain));
     let eye = eye(s, [0.05, -0.05, 1.45], 1.0, 14.0);
-    Setting {
-        lights: vec![
-            light([-0.4, 2.65, 1.42], 0.1, 0.5, WARM),
-            light([0.3, 1.8, 2.45], 0.3, 1.7, WARM),
-            light([-1.95, 2.7, 1.6], 0.3, 1.8, DAY),
-        ],
-        ambient: Colour::new(0.36, 0.37, 0.38),
-        stage,
-        eye,
-        field_of_view: 64.0,
-    }
+    let lights = vec![
+        light([-0.4, 2.65, 1.42], 0.1, 0.5, WARM),
+        light([0.3, 1.8, 2.45], 0.3, 1.7, WARM),
+        light([-1.95, 2.7, 1.6], 0.3, 1.8, DAY),
+    ];
+    Setting { lights, ambient: Colour::new(0.36, 0.37, 0.38), stage, eye, field_of_view: 64.0 }
 }
 
 /// Floor and wall cupboards along the back wall, worktop, tap, hood, a rail with utensils.

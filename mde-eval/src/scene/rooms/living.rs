@@ -11,18 +11,12 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let (width, depth) = (5.4, 5.0);
     let wall = s.about([0.82, 0.78, 0.70], 0.05);
     let accent = s.about([0.50, 0.56, 0.55], 0.07);
-    Shell {
-        width,
-        front: -0.4,
-        depth,
-        height: 2.7,
-        floor: Material::new(Texture::Planks([rgb(0.80, 0.68, 0.52), rgb(0.60, 0.46, 0.32)], 0.16))
-            .gloss(0.1),
-        walls: Material::new(Texture::Plaster(wall)),
-        back: Material::new(Texture::Plaster(accent)),
-        ceiling: Material::new(Texture::Plaster(rgb(0.96, 0.95, 0.93))),
-    }
-    .build(s);
+    let floor =
+        Material::new(Texture::Planks([rgb(0.80, 0.68, 0.52), rgb(0.60, 0.46, 0.32)], 0.16)).gloss(0.1);
+    let walls = Material::new(Texture::Plaster(wall));
+    let back = Material::new(Texture::Plaster(accent));
+    let ceiling = Material::new(Texture::Plaster(rgb(0.96, 0.95, 0.93)));
+    Shell { width, front: -0.4, depth, height: 2.7, floor, walls, back, ceiling }.build(s);
     let grain = s.between(0.0, 5.0);
     let colour = s.about([0.36, 0.40, 0.44], 0.12);
     let x = s.between(-0.45, -0.2);
@@ -59,15 +53,10 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let tall = s.between(1.15, 1.4);
     plant(s, &Stand::at(2.15, depth - 0.5, 0.0), tall, 30);
     let eye = eye(s, [0.25, -0.1, 1.32], 3.0, 10.0);
-    Setting {
-        lights: vec![
-            light([pole, depth - 0.6, 1.58], 0.12, 0.7, WARM),
-            light([-2.4, 3.1, 1.7], 0.3, 2.6, DAY),
-            light([0.6, 1.4, 2.6], 0.3, 1.6, WARM),
-        ],
-        ambient: Colour::new(0.34, 0.35, 0.37),
-        stage,
-        eye,
-        field_of_view: 64.0,
-    }
+    let lights = vec![
+        light([pole, depth - 0.6, 1.58], 0.12, 0.7, WARM),
+        light([-2.4, 3.1, 1.7], 0.3, 2.6, DAY),
+        light([0.6, 1.4, 2.6], 0.3, 1.6, WARM),
+    ];
+    Setting { lights, ambient: Colour::new(0.34, 0.35, 0.37), stage, eye, field_of_view: 64.0 }
 }

@@ -13,17 +13,11 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let ground = s.about([0.36, 0.40, 0.46], 0.08);
     let panels = [rgb(0.92, 0.92, 0.91), rgb(0.90, 0.90, 0.90), rgb(0.7, 0.7, 0.7)];
     let accent = s.about([0.72, 0.76, 0.80], 0.05);
-    Shell {
-        width,
-        front: -0.4,
-        depth,
-        height,
-        floor: Material::new(Texture::Speckle([ground, rgb(0.62, 0.63, 0.66)], 0.012)),
-        walls: Material::new(Texture::Plaster(wall)),
-        back: Material::new(Texture::Plaster(accent)),
-        ceiling: Material::new(Texture::Tiles(panels, 0.6)),
-    }
-    .build(s);
+    let floor = Material::new(Texture::Speckle([ground, rgb(0.62, 0.63, 0.66)], 0.012));
+    let walls = Material::new(Texture::Plaster(wall));
+    let back = Material::new(Texture::Plaster(accent));
+    let ceiling = Material::new(Texture::Tiles(panels, 0.6));
+    Shell { width, front: -0.4, depth, height, floor, walls, back, ceiling }.build(s);
     let grain = s.between(0.0, 5.0);
     let (steel, board) = (metal(0.35), oak(grain));
     let top = Top { width: 1.5, depth: 0.75, height: 0.73, thickness: 0.025, leg: 0.02 };
@@ -52,17 +46,12 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     blinds(s, &wall, 1.46, 0.72);
     bin(s, &Stand::at(1.62, depth - 0.7, 0.0));
     let eye = eye(s, [0.0, -0.1, 1.42], 0.0, 11.0);
-    Setting {
-        lights: vec![
-            light([-0.8, 2.4, 2.62], 0.3, 1.7, [0.95, 0.98, 1.0]),
-            light([1.0, 3.2, 2.62], 0.3, 1.4, [0.95, 0.98, 1.0]),
-            light([2.2, 3.75, 1.6], 0.3, 1.4, DAY),
-        ],
-        ambient: Colour::new(0.36, 0.38, 0.40),
-        stage,
-        eye,
-        field_of_view: 65.0,
-    }
+    let lights = vec![
+        light([-0.8, 2.4, 2.62], 0.3, 1.7, [0.95, 0.98, 1.0]),
+        light([1.0, 3.2, 2.62], 0.3, 1.4, [0.95, 0.98, 1.0]),
+        light([2.2, 3.75, 1.6], 0.3, 1.4, DAY),
+    ];
+    Setting { lights, ambient: Colour::new(0.36, 0.38, 0.40), stage, eye, field_of_view: 65.0 }
 }
 
 fn whiteboard(s: &mut Stage, stand: &Stand) {

@@ -11,18 +11,11 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let (width, depth) = (4.2, 4.4);
     let wall = s.about([0.74, 0.76, 0.70], 0.06);
     let plaster = Material::new(Texture::Plaster(wall));
-    Shell {
-        width,
-        front: -0.4,
-        depth,
-        height: 2.6,
-        floor: Material::new(Texture::Planks([rgb(0.72, 0.54, 0.36), rgb(0.48, 0.32, 0.19)], 0.13))
-            .gloss(0.1),
-        walls: plaster,
-        back: Material::new(Texture::Stripes([wall, wall * 0.86], 0.09)),
-        ceiling: Material::new(Texture::Plaster(rgb(0.95, 0.95, 0.93))),
-    }
-    .build(s);
+    let floor =
+        Material::new(Texture::Planks([rgb(0.72, 0.54, 0.36), rgb(0.48, 0.32, 0.19)], 0.13)).gloss(0.1);
+    let back = Material::new(Texture::Stripes([wall, wall * 0.86], 0.09));
+    let ceiling = Material::new(Texture::Plaster(rgb(0.95, 0.95, 0.93)));
+    Shell { width, front: -0.4, depth, height: 2.6, floor, walls: plaster, back, ceiling }.build(s);
     let grain = s.between(0.0, 5.0);
     let shift = s.between(-0.15, 0.15);
     // The desk by the back wall, with its chair pulled out.
@@ -53,15 +46,10 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let colours = [s.about([0.55, 0.22, 0.2], 0.08), rgb(0.84, 0.74, 0.55), s.about([0.2, 0.25, 0.36], 0.05)];
     rug(s, &Stand::at(-0.1, 2.35, 0.0), [1.9, 1.3], colours);
     let eye = eye(s, [-0.15, 0.05, 1.38], -2.0, 14.0);
-    Setting {
-        lights: vec![
-            light([-0.92, depth - 0.75, 1.5], 0.1, 0.55, WARM),
-            light([0.1, 1.6, 2.5], 0.25, 1.5, WARM),
-            light([1.9, 2.9, 1.6], 0.3, 1.5, DAY),
-        ],
-        ambient: Colour::new(0.33, 0.34, 0.36),
-        stage,
-        eye,
-        field_of_view: 62.0,
-    }
+    let lights = vec![
+        light([-0.92, depth - 0.75, 1.5], 0.1, 0.55, WARM),
+        light([0.1, 1.6, 2.5], 0.25, 1.5, WARM),
+        light([1.9, 2.9, 1.6], 0.3, 1.5, DAY),
+    ];
+    Setting { lights, ambient: Colour::new(0.33, 0.34, 0.36), stage, eye, field_of_view: 62.0 }
 }

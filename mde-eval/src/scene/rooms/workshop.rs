@@ -7,17 +7,11 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let s = &mut stage;
     let (width, depth, height) = (4.8, 4.9, 2.9);
     let brick = s.about([0.68, 0.58, 0.50], 0.03);
-    Shell {
-        width,
-        front: -0.4,
-        depth,
-        height,
-        floor: Material::new(Texture::Speckle([rgb(0.56, 0.55, 0.53), rgb(0.47, 0.46, 0.45)], 0.02)),
-        walls: Material::new(Texture::Plaster(rgb(0.80, 0.78, 0.72))),
-        back: Material::new(Texture::Bricks([brick, rgb(0.72, 0.70, 0.66)])),
-        ceiling: Material::new(Texture::Planks([rgb(0.78, 0.66, 0.5), rgb(0.6, 0.47, 0.33)], 0.14)),
-    }
-    .build(s);
+    let floor = Material::new(Texture::Speckle([rgb(0.56, 0.55, 0.53), rgb(0.47, 0.46, 0.45)], 0.02));
+    let walls = Material::new(Texture::Plaster(rgb(0.80, 0.78, 0.72)));
+    let back = Material::new(Texture::Bricks([brick, rgb(0.72, 0.70, 0.66)]));
+    let ceiling = Material::new(Texture::Planks([rgb(0.78, 0.66, 0.5), rgb(0.6, 0.47, 0.33)], 0.14));
+    Shell { width, front: -0.4, depth, height, floor, walls, back, ceiling }.build(s);
     let grain = s.between(0.0, 5.0);
     let beech = wood([0.80, 0.64, 0.46], [0.62, 0.45, 0.28], grain);
     let bench = Stand::at(-0.5 + s.between(-0.15, 0.15), depth - 0.4, 0.0);
@@ -45,17 +39,12 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let shade = Material::plain(0.75, 0.77, 0.7).glow(0.8);
     pendant(s, &Stand::at(0.1, 2.9, 0.0), height, Lamp { height: 2.0, shade });
     let eye = eye(s, [0.1, -0.1, 1.5], -1.0, 12.0);
-    Setting {
-        lights: vec![
-            light([0.1, 2.9, 1.92], 0.12, 1.5, WARM),
-            light([0.4, 1.2, 2.75], 0.3, 1.6, [1.0, 0.95, 0.88]),
-            light([-2.2, 1.9, 1.7], 0.3, 1.4, DAY),
-        ],
-        ambient: Colour::new(0.34, 0.34, 0.33),
-        stage,
-        eye,
-        field_of_view: 66.0,
-    }
+    let lights = vec![
+        light([0.1, 2.9, 1.92], 0.12, 1.5, WARM),
+        light([0.4, 1.2, 2.75], 0.3, 1.6, [1.0, 0.95, 0.88]),
+        light([-2.2, 1.9, 1.7], 0.3, 1.4, DAY),
+    ];
+    Setting { lights, ambient: Colour::new(0.34, 0.34, 0.33), stage, eye, field_of_view: 66.0 }
 }
 
 /// A board with hammers, saws and screwdrivers on the wall y = 0, centred on the stand.
