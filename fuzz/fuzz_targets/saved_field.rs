@@ -4,22 +4,15 @@
 use libfuzzer_sys::fuzz_target;
 use mde_cli::mde_nerf::{Nerf, RadianceField};
 use mde_cli::mde_warp::{PinholeCamera, Pose};
+use mde_fuzz::{folder, write};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::collections::HashMap;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
-
-/// In memory where there is such a place.
-fn place() -> PathBuf {
-    let memory = PathBuf::from("/dev/shm");
-    let folder = if memory.is_dir() { memory } else { std::env::temp_dir() };
-    folder.join(format!("mde-fuzz-{}.safetensors", std::process::id()))
-}
 
 fn load(bytes: &[u8]) {
-    let path = place();
-    std::fs::write(&path, bytes).expect("the file is writable");
-    if let Ok(field) = Nerf::load(&path) {
+    let folder = folder();
+    write(&folder, "field.safetensors", bytes);
+    if let Ok(field) = Nerf::load(folder.join("field.safetensors")) {
         let camera = PinholeCamera::from_fov(60.0, 4, 3).expect("a camera");
         let mut go_on = |_: &mde_cli::mde_nerf::FieldEvent| ControlFlow::Continue(());
         if let Ok(view) = field.render(&camera, &Pose::identity(), &mut go_on) {

@@ -13,12 +13,6 @@ impl Gaussian {
     pub const fn new(mean: f64, variance: f64) -> Self {
         Self { mean, variance }
     }
-
-    /// \\(1/\sigma^2\\); infinite where the variance is 0.
-    #[inline]
-    pub fn precision(self) -> f64 {
-        self.variance.recip()
-    }
 }
 
 /// A pair of values for an affine fit from \\(u\\) to \\(v\\). In Eq. 11, of a pixel of \\(\mathcal X\\), where neither the aggregate nor the

@@ -1,7 +1,7 @@
 //! Helpers and strategies shared by the tests.
 use crate::{
-    Aggregation, Calibration, Fusion, FusionConfig, Gaussian, GaussianDepth, Prior, PriorVariance, Residual,
-    Sample, VarianceRule,
+    Aggregation, Calibration, Fusion, FusionConfig, Gaussian, GaussianDepth, Prior, PriorVariance, Sample,
+    VarianceRule,
 };
 use mde_uncertainty::proptest::gaussian_depth_of;
 use ndarray::Array2;
@@ -114,13 +114,6 @@ pub(crate) fn samples(size: std::ops::Range<usize>) -> impl Strategy<Value = Vec
         }
         samples
     })
-}
-
-/// Residuals in -1 to 1 with variances in 1e-6 to 1.
-pub(crate) fn residuals(size: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Residual>> {
-    let residual = (-1.0..1.0_f64, -6.0..0.0_f64)
-        .prop_map(|(delta, log_variance)| Residual { delta, variance: 10_f64.powf(log_variance) });
-    vec(residual, size)
 }
 
 /// A Gaussian with a mean in 0.5 to 10 and a variance in 1e-6 to 1.
