@@ -77,21 +77,21 @@ fn single(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
         "prior" => Box::new(Chain(Vec::new())),
         "flip" => Box::new(FlipAverage),
         "zoom" => Box::new(ZoomMerge::default()),
-        "noise" => Box::new(WhiteNoise::default()),
-        "guided" => Box::new(GuidedFilter::default()),
-        "jbf" => Box::new(JointBilateral::default()),
-        "wmf" => Box::new(WeightedMedian::default()),
+        "noise" => Box::new(WhiteNoise),
+        "guided" => Box::new(GuidedFilter),
+        "jbf" => Box::new(JointBilateral),
+        "wmf" => Box::new(WeightedMedian),
         "gauged" => Box::new(GaugedPrior),
         "sweep" => Box::new(PlaneSweep),
         #[cfg(feature = "solver")]
-        "fbs" => Box::new(FastBilateralSolver::default()),
+        "fbs" => Box::new(FastBilateralSolver),
         _ => {
             if let Some(predictions) = name.strip_prefix("zoom").and_then(|number| number.parse().ok()) {
                 return Ok(Box::new(ZoomMerge::with_predictions(predictions)));
             }
             let amount = name.strip_prefix("unsharp").and_then(|amount| amount.parse::<f64>().ok());
             let amount = amount.filter(|a| a.is_finite()).ok_or_else(unknown)?;
-            Box::new(Unsharp { amount, ..Unsharp::default() })
+            Box::new(Unsharp { amount })
         }
     })
 }
@@ -120,17 +120,10 @@ fn weights(depth: ArrayView2<'_, f32>) -> Array2<f64> {
     depth.mapv(|d| f64::from(u8::from(known(d))))
 }
 
-/// Checks that the image has the size of the depth and that settings are positive and finite.
-fn check(task: &Task<'_>, settings: &[(&'static str, f64)]) -> Result<()> {
+/// Checks that the image has the size of the depth.
+fn check(task: &Task<'_>) -> Result<()> {
     let (height, width, _) = task.image.dim();
-    crate::raster::same_shape("the prior", task.prior.dim(), (height, width))?;
-    positive(settings)
-}
-
-/// Checks that settings are positive and finite.
-fn positive(settings: &[(&'static str, f64)]) -> Result<()> {
-    let sound = |value: f64| value > 0.0 && value.is_finite();
-    crate::error::check(settings.iter().map(|&(f, v)| (f, v, sound(v), "use a positive finite number")))
+    crate::raster::same_shape("the prior", task.prior.dim(), (height, width))
 }
 
 /// The three channels, each `[height, width]`, in standard layout.

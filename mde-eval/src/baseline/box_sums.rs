@@ -21,7 +21,7 @@ fn sums(mut line: ArrayViewMut1<'_, f64>, radius: usize, running: &mut Vec<f64>)
     }));
     let n = line.len();
     for (x, out) in line.iter_mut().enumerate() {
-        *out = running[x.saturating_add(radius).saturating_add(1).min(n)] - running[x.saturating_sub(radius)];
+        *out = running[(x + radius + 1).min(n)] - running[x.saturating_sub(radius)];
     }
 }
 

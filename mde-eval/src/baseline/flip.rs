@@ -10,7 +10,7 @@ pub struct FlipAverage;
 
 impl Method for FlipAverage {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        check(task, &[])?;
+        check(task)?;
         let mirrored = task.predict(task.image.slice(s![.., ..;-1, ..]))?;
         crate::raster::same_shape("the model's depth of the mirror image", mirrored.dim(), task.prior.dim())?;
         let depths = |map| PriorDepth::from_values(map, DepthKind::Metric);

@@ -9,30 +9,24 @@ use ndarray::{Array2, Zip};
 /// \\[ d \approx a^\top I + b,\qquad a = (\Sigma_I + \epsilon \mathbf 1)^{-1} \operatorname{cov}(I, d),\qquad b = \bar d - a^\top \bar I, \\]
 ///
 /// and each pixel takes the mean of \\(a\\) and \\(b\\) over the windows that hold it. Linear in the pixels whatever the radius.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GuidedFilter {
-    /// Half the window's side without its middle, pixels.
-    pub radius: usize,
-    /// \\(\epsilon\\), in squared colour (0 to 1).
-    pub epsilon: f64,
-}
+#[derive(Debug, Clone, Copy)]
+pub struct GuidedFilter;
 
-impl Default for GuidedFilter {
-    fn default() -> Self {
-        Self { radius: 12, epsilon: 1e-3 }
-    }
-}
+/// Half the window's side without its middle, pixels.
+const RADIUS: usize = 12;
+/// \\(\epsilon\\), in squared colour (0 to 1).
+const EPSILON: f64 = 1e-3;
 
 impl Method for GuidedFilter {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        check(task, &[("epsilon", self.epsilon)])?;
+        check(task)?;
         let weights = weights(task.prior);
         let depth = task.prior.mapv(|d| if known(d) { f64::from(d) } else { 0.0 });
         let colour = channels(task.image).map(|plane| plane.mapv(f64::from));
-        let count = box_sums(weights.clone(), self.radius);
+        let count = box_sums(weights.clone(), RADIUS);
         // Means over the known pixels of each window.
         let mean = |map: Array2<f64>| {
-            let mut sums = box_sums(map * &weights, self.radius);
+            let mut sums = box_sums(map * &weights, RADIUS);
             Zip::from(&mut sums).and(&count).for_each(|sum, n| *sum = if *n > 0.0 { *sum / n } else { 0.0 });
             sums
         };
@@ -46,7 +40,7 @@ impl Method for GuidedFilter {
         let mut lines: [Array2<f64>; 4] = std::array::from_fn(|_| Array2::zeros(depth.dim()));
         for at in ndarray::indices(depth.dim()) {
             let colour = Vector3::from_fn(|i, _| mean_colour[i][at]);
-            let mut matrix = Matrix3::from_diagonal_element(self.epsilon);
+            let mut matrix = Matrix3::from_diagonal_element(EPSILON);
             for (k, &(i, j)) in PAIRS.iter().enumerate() {
                 let covariance = squares[k][at] - colour[i] * colour[j];
                 matrix[(i, j)] += covariance;

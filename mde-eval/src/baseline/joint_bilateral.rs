@@ -8,27 +8,21 @@ use rayon::prelude::*;
 /// \\[ w(x, y) = \exp\left(-\frac{\\|x - y\\|^2}{2\sigma_s^2} - \frac{\\|I_x - I_y\\|^2}{2\sigma_r^2}\right), \\]
 ///
 /// over a square of two \\(\sigma_s\\) to each side.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct JointBilateral {
-    /// \\(\sigma_s\\), pixels.
-    pub sigma_space: f64,
-    /// \\(\sigma_r\\), in colour (0 to 1).
-    pub sigma_colour: f64,
-}
+#[derive(Debug, Clone, Copy)]
+pub struct JointBilateral;
 
-impl Default for JointBilateral {
-    fn default() -> Self {
-        Self { sigma_space: 8.0, sigma_colour: 0.1 }
-    }
-}
+/// \\(\sigma_s\\), pixels.
+const SIGMA_SPACE: f64 = 8.0;
+/// \\(\sigma_r\\), in colour (0 to 1).
+const SIGMA_COLOUR: f64 = 0.1;
 
 impl Method for JointBilateral {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        check(task, &[("sigma-space", self.sigma_space), ("sigma-colour", self.sigma_colour)])?;
+        check(task)?;
         let depth = task.prior.mapv(|d| if known(d) { d } else { 0.0 });
         let support = depth.mapv(|d| if d > 0.0 { 1.0 } else { 0.0 });
         let guide = channels(task.image);
-        let filter = mde_uncertainty::filter::JointBilateral::dense(self.sigma_space, self.sigma_colour);
+        let filter = mde_uncertainty::filter::JointBilateral::dense(SIGMA_SPACE, SIGMA_COLOUR);
         let rows = filter.rows(depth.view(), Some(support.view()), &guide)?;
         let width = depth.ncols().max(1);
         let mut filtered = Array2::zeros(depth.dim());

@@ -5,27 +5,21 @@ use rand_distr::{Distribution, StandardNormal};
 
 /// Multiplies each depth by \\(1 + s\\,n\\), \\(n\\) standard normal and independent: a control that makes every depth worse and the
 /// sharpness better.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WhiteNoise {
-    /// \\(s\\).
-    pub relative: f64,
-}
+#[derive(Debug, Clone, Copy)]
+pub struct WhiteNoise;
 
-impl Default for WhiteNoise {
-    fn default() -> Self {
-        Self { relative: 0.01 }
-    }
-}
+/// \\(s\\).
+const RELATIVE: f64 = 0.01;
 
 impl Method for WhiteNoise {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        check(task, &[("relative", self.relative)])?;
+        check(task)?;
         let mut depth = task.prior.to_owned();
         for (index, d) in depth.iter_mut().enumerate() {
             let normal: f64 =
                 StandardNormal.sample(&mut CounterRng::new(task.seed, "white-noise", 0, index as u64));
             // Never through the camera, however far out the draw.
-            let gain = (1.0 + self.relative * normal).max(1e-3);
+            let gain = (1.0 + RELATIVE * normal).max(1e-3);
             *d = if known(*d) { (f64::from(*d) * gain) as f32 } else { 0.0 };
         }
         Ok(depth.into())

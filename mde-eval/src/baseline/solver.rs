@@ -1,4 +1,4 @@
-use super::{channels, check, known, positive};
+use super::{channels, check, known};
 use crate::raster::same_shape;
 use crate::{Error, Method, Refined, Result, Task};
 use faer::prelude::Solve;
@@ -15,36 +15,25 @@ use std::collections::HashMap;
 /// with \\(\hat W\\) the bistochastic bilateral affinity of place and colour (YUV, 0 to 255). It is solved for the vertices of a
 /// bilateral grid, \\((\lambda (D_m - D_n \bar B D_n) + \operatorname{diag}(S c))\\, y = S (c\\, t)\\), by a sparse Cholesky factorisation
 /// where the published code takes 25 steps of conjugate gradients.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FastBilateralSolver {
-    /// Side of a cell of the grid, pixels.
-    pub sigma_spatial: f64,
-    /// Its height in Y.
-    pub sigma_luma: f64,
-    /// Its height in U and V.
-    pub sigma_chroma: f64,
-    /// \\(\lambda\\).
-    pub lambda: f64,
-    /// Gradient of the log depth, per pixel, at which the prior's confidence has fallen to half: monocular depth is
-    /// wrong where it is steep ([`Self::confidence`]).
-    pub steep: f64,
-}
+#[derive(Debug, Clone, Copy)]
+pub struct FastBilateralSolver;
 
-impl Default for FastBilateralSolver {
-    fn default() -> Self {
-        Self { sigma_spatial: 8.0, sigma_luma: 4.0, sigma_chroma: 4.0, lambda: 128.0, steep: 0.02 }
-    }
-}
-
+/// Sides of a cell of the grid: down and along the image in pixels, Y, U and V.
+const SIDES: [f64; 5] = [8.0, 8.0, 4.0, 4.0, 4.0];
+/// \\(\lambda\\).
+const LAMBDA: f64 = 128.0;
+/// Gradient of the log depth, per pixel, at which the prior's confidence has fallen to half: monocular depth is wrong where
+/// it is steep.
+const STEEP: f64 = 0.02;
 /// Added to the confidence of every vertex, so that those that no confidence reaches have a solution: 0.
 const LEAST: f64 = 1e-9;
 /// Rounds of the bistochastisation, as published.
 const ROUNDS: usize = 10;
 
 impl FastBilateralSolver {
-    /// \\(1 / (1 + (|\nabla \ln D| / s)^2)\\) with `steep` as \\(s\\) and differences of neighbours per pixel, those that are known,
+    /// \\(1 / (1 + (|\nabla \ln D| / s)^2)\\) with \\(s = 0.02\\) and differences of neighbours per pixel, those that are known,
     /// `[height, width]`; 0 where the depth is missing.
-    pub fn confidence(&self, depth: ArrayView2<'_, f32>) -> Array2<f32> {
+    pub fn confidence(depth: ArrayView2<'_, f32>) -> Array2<f32> {
         let log = |at: (usize, usize)| depth.get(at).filter(|d| known(**d)).map(|d| f64::from(*d).ln());
         Array2::from_shape_fn(depth.dim(), |(y, x)| {
             let Some(here) = log((y, x)) else { return 0.0 };
@@ -56,35 +45,22 @@ impl FastBilateralSolver {
             // Off the map, `wrapping_sub` is no pixel either.
             let down = slope(log((y.wrapping_sub(1), x)), log((y + 1, x)));
             let right = slope(log((y, x.wrapping_sub(1))), log((y, x + 1)));
-            (1.0 + (down * down + right * right) / self.steep.powi(2)).recip() as f32
+            (1.0 + (down * down + right * right) / STEEP.powi(2)).recip() as f32
         })
-    }
-
-    /// What must be positive.
-    fn settings(&self) -> [(&'static str, f64); 5] {
-        [
-            ("sigma-spatial", self.sigma_spatial),
-            ("sigma-luma", self.sigma_luma),
-            ("sigma-chroma", self.sigma_chroma),
-            ("lambda", self.lambda),
-            ("steep", self.steep),
-        ]
     }
 
     /// Solves for a target with any confidence that is not negative, all `[height, width]`; a pixel without confidence takes what the
     /// image says of its neighbours, 0 where nothing does.
     ///
     /// # Errors
-    /// [`Error::Shape`] where the maps differ, [`Error::Config`] for settings, [`Error::Value`] for a target (where its confidence is not 0) or
+    /// [`Error::Shape`] where the maps differ, [`Error::Value`] for a target (where its confidence is not 0) or
     /// confidence that is not finite, [`Error::Method`] where the system cannot be factorised.
     pub fn solve(
-        &self,
         image: ArrayView3<'_, f32>,
         target: ArrayView2<'_, f32>,
         confidence: ArrayView2<'_, f32>,
     ) -> Result<Array2<f32>> {
         let (height, width, _) = image.dim();
-        positive(&self.settings())?;
         same_shape("the target", target.dim(), (height, width))?;
         same_shape("the confidence", confidence.dim(), (height, width))?;
         let sound = |c: f32, t: f32| c == 0.0 || c > 0.0 && c.is_finite() && t.is_finite();
@@ -93,7 +69,7 @@ impl FastBilateralSolver {
             let (what, expected) = ("the confidence", "at least 0, with a finite target");
             return Err(Error::Value { what, index, value, expected });
         }
-        let grid = Grid::new(image, [self.sigma_spatial, self.sigma_luma, self.sigma_chroma]);
+        let grid = Grid::new(image);
         let weights = confidence.iter().map(|c| f64::from(*c));
         let product = |(&c, &t): (&f32, &f32)| if c > 0.0 { f64::from(c) * f64::from(t) } else { 0.0 };
         let weighted = confidence.iter().zip(target).map(product);
@@ -104,10 +80,10 @@ impl FastBilateralSolver {
         let (m, n) = grid.bistochastic();
         let mut entries = Vec::new();
         for (row, neighbours) in grid.neighbours.iter().enumerate() {
-            let own = self.lambda * (m[row] - n[row] * Grid::CENTRE * n[row]) + diagonal[row] + LEAST;
+            let own = LAMBDA * (m[row] - n[row] * Grid::CENTRE * n[row]) + diagonal[row] + LEAST;
             entries.push(Triplet::new(row, row, own));
             for &column in neighbours.iter().filter(|column| (**column as usize) < row) {
-                entries.push(Triplet::new(row, column as usize, -self.lambda * n[row] * n[column as usize]));
+                entries.push(Triplet::new(row, column as usize, -LAMBDA * n[row] * n[column as usize]));
             }
         }
         let fault = |what: String| Error::Method(format!("the bilateral solver's system {what}"));
@@ -123,8 +99,8 @@ impl FastBilateralSolver {
 
 impl Method for FastBilateralSolver {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        check(task, &self.settings())?;
-        let mut depth = self.solve(task.image, task.prior, self.confidence(task.prior).view())?;
+        check(task)?;
+        let mut depth = Self::solve(task.image, task.prior, Self::confidence(task.prior).view())?;
         depth.zip_mut_with(&task.prior, |d, &prior| {
             *d = match known(prior) {
                 true if known(*d) => *d,
@@ -149,7 +125,7 @@ impl Grid {
     /// Weight of a vertex itself in the blur: 2 for each axis, 1 for each neighbour.
     const CENTRE: f64 = 10.0;
 
-    fn new(image: ArrayView3<'_, f32>, [spatial, luma, chroma]: [f64; 3]) -> Self {
+    fn new(image: ArrayView3<'_, f32>) -> Self {
         let (height, width, _) = image.dim();
         let planes = channels(image);
         let mut index: HashMap<[i32; 5], u32> = HashMap::new();
@@ -160,9 +136,8 @@ impl Grid {
             // BT.601, full range, as JPEG has it.
             let luminance = 0.299 * r + 0.587 * g + 0.114 * b;
             let (u, v) = (128.0 + 0.564 * (b - luminance), 128.0 + 0.713 * (r - luminance));
-            let sides = [spatial, spatial, luma, chroma, chroma];
             let place = [y as f64, x as f64, luminance, u, v];
-            let cell = std::array::from_fn(|axis| (place[axis] / sides[axis]).floor() as i32);
+            let cell = std::array::from_fn(|axis| (place[axis] / SIDES[axis]).floor() as i32);
             let next = cells.len() as u32;
             let id = *index.entry(cell).or_insert(next);
             if id == next {

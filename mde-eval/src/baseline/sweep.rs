@@ -58,7 +58,7 @@ impl Method for GaugedPrior {
 
 /// The photograph and the further ones of a task with poses.
 fn photographs(task: &Task<'_>) -> Result<Vec<PosedView>> {
-    check(task, &[])?;
+    check(task)?;
     if task.views.is_empty() || task.views.iter().any(|view| !view.posed) {
         return Err(Error::NoViews);
     }

@@ -12,15 +12,10 @@ use ndarray::{Array2, ArrayView2, Zip};
 pub struct Unsharp {
     /// \\(a\\): how much of the detail is added; negative amounts blur.
     pub amount: f64,
-    /// \\(\sigma\\), pixels.
-    pub sigma: f64,
 }
 
-impl Default for Unsharp {
-    fn default() -> Self {
-        Self { amount: 1.0, sigma: 8.0 }
-    }
-}
+/// \\(\sigma\\), pixels.
+const SIGMA: f64 = 8.0;
 
 impl Unsharp {
     /// The mask that makes `prior` as sharp ([mean gradient over median depth](sharpness)) as `other` is, both
@@ -34,7 +29,7 @@ impl Unsharp {
         same_shape("the other map", other.dim(), prior.dim())?;
         let both = Zip::from(prior).and(other).map_collect(|&p, &q| known(p) && known(q));
         let target = sharpness(other, both.view())?;
-        let detail = Self::default().detail(prior);
+        let detail = detail(prior);
         let (mut low, mut high) = (-1.0, 50.0);
         for _ in 0..24 {
             let amount = 0.5 * (low + high);
@@ -44,20 +39,20 @@ impl Unsharp {
                 high = amount;
             }
         }
-        Ok(Self { amount: 0.5 * (low + high), ..Self::default() })
+        Ok(Self { amount: 0.5 * (low + high) })
     }
+}
 
-    /// \\(\ln d - G_\sigma * \ln d\\), 0 where missing.
-    fn detail(&self, prior: ArrayView2<'_, f32>) -> Array2<f64> {
-        let logs = prior.mapv(|d| if known(d) { f64::from(d).ln() } else { 0.0 });
-        let weights = weights(prior);
-        let share = blur(weights.clone(), self.sigma);
-        let mut detail = blur(logs.clone(), self.sigma);
-        Zip::from(&mut detail).and(&logs).and(&share).and(&weights).for_each(|mean, log, share, weight| {
-            *mean = if *weight > 0.0 { log - *mean / share } else { 0.0 };
-        });
-        detail
-    }
+/// \\(\ln d - G_\sigma * \ln d\\), 0 where missing.
+fn detail(prior: ArrayView2<'_, f32>) -> Array2<f64> {
+    let logs = prior.mapv(|d| if known(d) { f64::from(d).ln() } else { 0.0 });
+    let weights = weights(prior);
+    let share = blur(weights.clone(), SIGMA);
+    let mut detail = blur(logs.clone(), SIGMA);
+    Zip::from(&mut detail).and(&logs).and(&share).and(&weights).for_each(|mean, log, share, weight| {
+        *mean = if *weight > 0.0 { log - *mean / share } else { 0.0 };
+    });
+    detail
 }
 
 fn sharpened(prior: ArrayView2<'_, f32>, detail: &Array2<f64>, amount: f64) -> Array2<f32> {
@@ -70,11 +65,11 @@ fn sharpened(prior: ArrayView2<'_, f32>, detail: &Array2<f64>, amount: f64) -> A
 
 impl Method for Unsharp {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        check(task, &[("sigma", self.sigma)])?;
+        check(task)?;
         if !self.amount.is_finite() {
             let value = self.amount.to_string();
             return Err(Error::Config { field: "amount", value, remedy: "use a finite number" });
         }
-        Ok(sharpened(task.prior, &self.detail(task.prior), self.amount).into())
+        Ok(sharpened(task.prior, &detail(task.prior), self.amount).into())
     }
 }

@@ -8,26 +8,19 @@ use rayon::prelude::*;
 ///
 /// The median is found among 256 bins of log depth between the nearest and farthest; the result is the weighted mean of
 /// the depths in its bin, so it is off by less than a bin and a constant depth is kept exactly.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WeightedMedian {
-    /// Half the window's side without its middle, pixels.
-    pub radius: usize,
-    /// \\(\sigma_r\\), in colour (0 to 1).
-    pub sigma_colour: f64,
-}
+#[derive(Debug, Clone, Copy)]
+pub struct WeightedMedian;
 
-impl Default for WeightedMedian {
-    fn default() -> Self {
-        Self { radius: 15, sigma_colour: 0.1 }
-    }
-}
-
+/// Half the window's side without its middle, pixels.
+const RADIUS: usize = 15;
+/// \\(\sigma_r\\), in colour (0 to 1).
+const SIGMA_COLOUR: f64 = 0.1;
 const BINS: usize = 256;
 
 impl Method for WeightedMedian {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        check(task, &[("sigma-colour", self.sigma_colour)])?;
-        let guide = Guide::new(task.image, self.sigma_colour);
+        check(task)?;
+        let guide = Guide::new(task.image);
         let depth = task.prior.mapv(|d| if known(d) { d } else { 0.0 });
         let logs = || depth.iter().filter(|d| **d > 0.0).map(|d| d.ln());
         let (low, high) = logs().fold((f32::MAX, f32::MIN), |(low, high), l| (low.min(l), high.max(l)));
@@ -41,7 +34,7 @@ impl Method for WeightedMedian {
                 return 0.0;
             }
             bins.fill([0.0; 2]);
-            for (row, columns) in guide.window(y, x, self.radius) {
+            for (row, columns) in guide.window(y, x) {
                 guide.weights((y, x), row, columns.clone(), weights);
                 let (line, places) = (depth.row(row), bin.row(row));
                 let (Some(line), Some(places)) = (line.as_slice(), places.as_slice()) else { continue };
@@ -87,22 +80,15 @@ impl Guide {
     /// \\(e^{-u}\\) as \\((1 - u/n)^n\\), \\(n = 2^{10}\\), which has no branch: off by less than \\(u^2/n\\) of itself.
     const SQUARINGS: u32 = 10;
 
-    fn new(image: ArrayView3<'_, f32>, sigma: f64) -> Self {
-        let scale = 0.5 / (sigma * sigma) / f64::from(1_u32 << Self::SQUARINGS);
+    fn new(image: ArrayView3<'_, f32>) -> Self {
+        let scale = 0.5 / (SIGMA_COLOUR * SIGMA_COLOUR) / f64::from(1_u32 << Self::SQUARINGS);
         Self { planes: channels(image), scale: scale as f32 }
     }
 
-    /// Rows and columns within `radius` of a pixel.
-    fn window(
-        &self,
-        y: usize,
-        x: usize,
-        radius: usize,
-    ) -> impl Iterator<Item = (usize, std::ops::Range<usize>)> {
+    /// Rows and columns within [`RADIUS`] of a pixel.
+    fn window(&self, y: usize, x: usize) -> impl Iterator<Item = (usize, std::ops::Range<usize>)> {
         let (height, width) = self.planes[0].dim();
-        let range = |at: usize, side: usize| {
-            at.saturating_sub(radius)..at.saturating_add(radius).saturating_add(1).min(side)
-        };
+        let range = |at: usize, side: usize| at.saturating_sub(RADIUS)..(at + RADIUS + 1).min(side);
         let columns = range(x, width);
         range(y, height).map(move |row| (row, columns.clone()))
     }

@@ -35,7 +35,7 @@ impl ZoomMerge {
 
 impl Method for ZoomMerge {
     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        check(task, &[])?;
+        check(task)?;
         // Missing depth takes part as the median, and is missing again in the end.
         let all: Vec<f64> = task.prior.iter().filter(|d| known(**d)).map(|d| f64::from(*d)).collect();
         let Some(middle) = mde_uncertainty::statistics::median(all) else {
