@@ -69,7 +69,7 @@ fn capture(room: Room, config: &CaptureConfig) -> Result<Vec<(Terms, bool)>, Box
     }
     let maps: Vec<ArrayView2<'_, f32>> = priors.iter().map(|prior| prior.view()).collect();
     let found = reconstruct(&views, &maps, None, &mut silent)?;
-    let Some(reference) = found.views.get(capture.reference) else { return Ok(Vec::new()) };
+    let Some(reference) = found.views.first() else { return Ok(Vec::new()) };
     let (sweep, agreement) = (&reference.sweep, &reference.agreement);
     let mut samples = Vec::new();
     for (at, &truth) in capture.truth.indexed_iter().step_by(STEP) {

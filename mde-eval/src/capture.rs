@@ -1,6 +1,5 @@
 //! Captures: several photographs of one scene, with poses and the true depth of one of them.
 
-use mde_mvs::exposure::Exposure;
 use mde_prior::PriorDepth;
 use mde_uncertainty::random::CounterRng;
 use mde_warp::{Pose, PosedView};
@@ -22,9 +21,7 @@ const METRES_PER_DEGREE: f64 = 0.02;
 pub struct Capture {
     /// Identifier within its data set.
     pub id: String,
-    /// Index of the reference in `views`.
-    pub reference: usize,
-    /// The photographs.
+    /// The photographs, the reference first.
     pub views: Vec<CapturedView>,
     /// True z-depth of the reference, `[height, width]`, 0 = missing. Never an input of a method.
     pub truth: Array2<f32>,
@@ -41,25 +38,13 @@ pub struct CapturedView {
     pub prior: Option<PriorDepth>,
     /// Its true pose, world to camera, where it is known. Never an input of a method.
     pub true_pose: Option<Pose>,
-    /// Its true exposure, \\(\text{photograph} = g\,\text{scene} + b\\) with the reference's \\(g = 1, b = 0\\), where it is known.
-    /// Never an input of a method.
-    pub true_exposure: Option<Exposure>,
 }
 
 impl Capture {
-    /// The reference and the further photographs, in order; `None` where the index of the reference is out of range.
-    pub fn split(mut self) -> Option<(CapturedView, Vec<CapturedView>)> {
-        if self.reference >= self.views.len() {
-            return None;
-        }
-        let reference = self.views.remove(self.reference);
-        Some((reference, self.views))
-    }
-
     /// Moves the world into the frame of the reference's camera.
     #[must_use]
     pub fn rebased(mut self) -> Self {
-        let Some(reference) = self.views.get(self.reference) else { return self };
+        let Some(reference) = self.views.first() else { return self };
         let (given, exact) = (reference.view.pose.inverse(), reference.true_pose.map(|pose| pose.inverse()));
         for view in &mut self.views {
             view.view.pose *= given;
@@ -74,9 +59,8 @@ impl Capture {
         let known = self.truth.iter().filter(|z| **z > 0.0 && z.is_finite()).map(|z| f64::from(*z));
         let median = mde_uncertainty::statistics::median(known)?;
         let centre = |view: &CapturedView| view.view.pose.inverse().translation.vector;
-        let reference = centre(self.views.get(self.reference)?);
-        let further = self.views.iter().enumerate().filter(|(index, _)| *index != self.reference);
-        let distances = further.map(|(_, view)| (centre(view) - reference).norm() / median);
+        let (reference, further) = self.views.split_first()?;
+        let distances = further.iter().map(|view| (centre(view) - centre(reference)).norm() / median);
         distances.fold(None, |range: Option<[f64; 2]>, d| {
             Some(range.map_or([d, d], |[low, high]| [low.min(d), high.max(d)]))
         })

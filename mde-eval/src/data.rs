@@ -125,20 +125,19 @@ impl Sample {
     /// The reference of a capture with its truth, and the further photographs.
     ///
     /// # Errors
-    /// [`Error::Scene`] where the index of the reference is out of range, [`Error::Shape`] where the truth has another size than the
+    /// [`Error::Scene`] without photographs, [`Error::Shape`] where the truth has another size than the
     /// reference.
     pub fn of_capture(capture: Capture) -> Result<Self> {
-        let capture = capture.rebased();
-        let (index, count) = (capture.reference, capture.views.len());
-        let (id, depth, trusted_depth) = (capture.id.clone(), capture.truth.clone(), capture.trusted_depth);
-        let Some((reference, views)) = capture.split() else { return Err(out_of_range(index, count)) };
+        let Capture { id, views, truth: depth, trusted_depth } = capture.rebased();
+        let mut views = views.into_iter();
+        let Some(reference) = views.next() else { return Err(out_of_range(0, 0)) };
         let PosedView { image, camera, .. } = reference.view;
         let expected = [camera.height, camera.width];
         if depth.dim() != camera.dim() {
             return Err(Error::Shape { what: "the true depth", found: depth.dim().into(), expected });
         }
         let prior = reference.prior;
-        Ok(Self { trusted_depth, views, prior, ..Self::new(id, image, depth, camera) })
+        Ok(Self { trusted_depth, views: views.collect(), prior, ..Self::new(id, image, depth, camera) })
     }
 }
 

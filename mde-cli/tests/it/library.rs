@@ -9,7 +9,6 @@ use mde_cli::several::prepared::PreparedScene;
 use mde_cli::{Config, Event, Preset, Refinement, Stages};
 use mde_eval::capture::Capture as Rendered;
 use mde_eval::scene::{CaptureConfig, Room, World};
-use mde_eval::simulated::SimulatedPriorConfig;
 use std::ops::ControlFlow;
 
 pub(crate) const WIDTH: usize = 64;
@@ -84,8 +83,7 @@ impl DepthPrior for Known {
 
 /// Photographs of a procedural room with exact depth and poses, and a simulated prior of each.
 pub(crate) fn rendered(room: Room, views: usize, [width, height]: [usize; 2]) -> Rendered {
-    let config =
-        CaptureConfig { views, prior: SimulatedPriorConfig::disparity(), ..CaptureConfig::default() };
+    let config = CaptureConfig { views, ..CaptureConfig::default() };
     World::new(room, 0).unwrap().capture("room", &config, width, height).unwrap()
 }
 
@@ -99,7 +97,7 @@ pub(crate) fn inputs(rendered: &Rendered, posed: bool) -> (Scene, Known) {
             KnownCamera { camera: known.view.camera, source: CameraSource::Scene },
         )
     });
-    let scene = Scene::several(photographs.collect(), rendered.reference).unwrap();
+    let scene = Scene::several(photographs.collect(), 0).unwrap();
     let known = rendered.views.iter().map(|v| (v.view.image.clone(), v.prior.clone().unwrap())).collect();
     (scene, Known(known))
 }

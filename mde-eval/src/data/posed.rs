@@ -4,13 +4,11 @@ use crate::capture::{Capture, CapturedView, POSE_NOISES, disturbed};
 use crate::{Error, Result};
 use mde_mvs::capture::{Lens, PixelCentres, read_transforms};
 use mde_prior::format::{ReadOptions, read_depth};
-use mde_prior::photo::read_image;
+use mde_prior::photo::{image_size, read_image};
 use mde_uncertainty::random::derived_seed;
 use nalgebra::Point2;
-use ndarray::{Array2, Array3, ArrayView2};
+use ndarray::{Array2, ArrayView2};
 use serde::Deserialize;
-use std::cell::RefCell;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Photographs of scenes with poses, and the true depth of one of them: `SET/SCENE/` with a `transforms.json` and a `scene.json`.
@@ -105,18 +103,8 @@ impl Posed {
         let description = describe(scene)?;
         let path = scene.join(Self::TRANSFORMS);
         let fault = |reason: String| Error::Layout { path: path.clone(), reason };
-        let photographs: RefCell<BTreeMap<PathBuf, Array3<f32>>> = RefCell::default();
-        let size = |photograph: &Path| {
-            if let Some(pixels) = photographs.borrow().get(photograph) {
-                return Some([pixels.dim().1, pixels.dim().0]);
-            }
-            let pixels = read_image(photograph).ok()?.pixels;
-            let size = [pixels.dim().1, pixels.dim().0];
-            photographs.borrow_mut().insert(photograph.to_owned(), pixels);
-            Some(size)
-        };
-        let read = read_transforms(&path, PixelCentres::Integers, &size)?;
-        let photographs = photographs.into_inner();
+        let read =
+            read_transforms(&path, PixelCentres::Integers, &|photograph: &Path| image_size(photograph))?;
         let depths: Depths = read_json(&path)?;
         let frames = read.frames.len();
         let reference = description.reference;
@@ -131,11 +119,8 @@ impl Posed {
             let frame = read.frames.get(index).ok_or_else(|| {
                 fault(format!("has {frames} frames, but scene.json names frame {index}, counted from 0"))
             })?;
-            let view = match photographs.get(&frame.photograph) {
-                Some(pixels) => frame.view(pixels.view())?,
-                None => frame.view(read_image(&frame.photograph)?.pixels.view())?,
-            };
-            views.push(CapturedView { view, prior: None, true_pose: None, true_exposure: None });
+            let view = frame.view(read_image(&frame.photograph)?.pixels.view())?;
+            views.push(CapturedView { view, prior: None, true_pose: None });
         }
         let lens = read.frames[reference].lens;
         let file = depths.frames.get(reference).and_then(|frame| frame.depth_file_path.as_ref());
@@ -155,7 +140,7 @@ impl Posed {
         let usual = if middle.is_some_and(|z| z < 5.0) { 10.0 } else { 80.0 };
         let trusted_depth = description.max_depth.unwrap_or(usual);
         let id = id.to_owned();
-        let mut capture = Capture { id, reference: 0, views, truth, trusted_depth }.rebased();
+        let mut capture = Capture { id, views, truth, trusted_depth }.rebased();
         let seed = derived_seed(0, &capture.id, 0);
         for (index, captured) in capture.views.iter_mut().enumerate().skip(1) {
             captured.view.pose = disturbed(&captured.view.pose, self.pose_noise, seed, index);

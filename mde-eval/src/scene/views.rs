@@ -4,7 +4,6 @@ use crate::capture::{Capture, CapturedView, POSE_NOISES, direction, disturbed};
 use crate::error::check;
 use crate::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use crate::{Error, Result};
-use mde_mvs::exposure::Exposure;
 use mde_uncertainty::random::{CounterRng, derived_seed};
 use mde_uncertainty::statistics::median;
 use mde_warp::{Pose, PosedView};
@@ -27,23 +26,14 @@ pub struct CaptureConfig {
     pub pose_noise: f64,
     /// Gain of the first further photograph: its colours are multiplied by 1 + gain for even seeds, by 1 - gain for odd ones.
     pub gain: f64,
-    /// Faults of the prior of each photograph; each has a seed of its own.
-    pub prior: SimulatedPriorConfig,
-    /// Seed of the places of the cameras, of the errors, and of the priors.
+    /// Seed of the places of the cameras, of the errors, and of the priors, which differ in their faults.
     pub seed: u64,
 }
 
 impl Default for CaptureConfig {
     /// Five photographs at a tenth of the median depth, exact poses, one exposure, disparity priors.
     fn default() -> Self {
-        Self {
-            views: 5,
-            baseline: 0.1,
-            pose_noise: 0.0,
-            gain: 0.0,
-            prior: SimulatedPriorConfig::disparity(),
-            seed: 0,
-        }
+        Self { views: 5, baseline: 0.1, pose_noise: 0.0, gain: 0.0, seed: 0 }
     }
 }
 
@@ -67,8 +57,7 @@ impl CaptureConfig {
             ("pose-noise", self.pose_noise, POSE_NOISES.contains(&self.pose_noise), "use 0 to 10 degrees"),
             ("gain", self.gain, (0.0..=0.9).contains(&self.gain), "use 0 to 0.9"),
         ];
-        check(checks)?;
-        self.prior.validate()
+        check(checks)
     }
 }
 
@@ -111,17 +100,16 @@ impl World {
             let given =
                 if index == 0 { pose } else { disturbed(&pose, config.pose_noise, config.seed, index) };
             let seed = derived_seed(config.seed, "capture-prior", index as u64);
-            let faults = SimulatedPriorConfig { seed, ..config.prior.clone() };
+            let faults = SimulatedPriorConfig { seed, ..SimulatedPriorConfig::disparity() };
             let mask = Array2::from_elem(camera.dim(), true);
             views.push(CapturedView {
                 view: PosedView::new(image, camera, given, mask, Vec::new())?,
                 prior: Some(SimulatedPrior::new(&scene.depth, &faults)?.prediction().clone()),
                 true_pose: Some(pose),
-                true_exposure: Some(Exposure { gain: [gain; 3], bias: [0.0; 3] }),
             });
         }
         let (id, trusted_depth) = (id.to_owned(), f64::INFINITY);
-        Ok(Capture { id, reference: 0, views, truth: reference.depth, trusted_depth })
+        Ok(Capture { id, views, truth: reference.depth, trusted_depth })
     }
 
     /// Poses of the further photographs, world to camera.

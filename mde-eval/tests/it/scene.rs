@@ -96,7 +96,6 @@ fn conditions_change_what_they_name_and_nothing_else() {
         let (before, after) = (capture(&even), capture(&CaptureConfig { gain: 0.2, ..even }));
         for (index, (before, after)) in before.views.iter().zip(&after.views).enumerate() {
             let gain = if index == 1 { gain } else { 1.0 };
-            assert_eq!(after.true_exposure.unwrap().gain, [gain; 3]);
             let expected = before.view.image.mapv(|c| (gain * c).min(1.0));
             assert!(expected.iter().zip(&after.view.image).all(|(a, b)| (a - b).abs() < 1e-6));
         }
