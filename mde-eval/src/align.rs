@@ -65,12 +65,15 @@ impl AlignmentRule {
                 let ratios = truth.iter().zip(prediction).map(|(g, p)| g / p);
                 Alignment::scale(median(ratios).ok_or_else(empty)?)
             }
-            Self::LeastSquaresDepth => match least_squares(prediction.iter().copied(), truth.iter().copied())
-            {
-                Some((scale, shift)) => Alignment::Depth { scale, shift },
-                None => Alignment::IDENTITY,
-            },
-            Self::LeastSquaresDisparity => fit_disparity(prediction.iter().map(|p| p.recip()), truth),
+            Self::LeastSquaresDepth => least_squares(prediction, truth)
+                .map_or(Alignment::IDENTITY, |(scale, shift)| Alignment::Depth { scale, shift }),
+            Self::LeastSquaresDisparity => {
+                let inverse = |depths: &'_ [f64]| depths.iter().map(|z| z.recip()).collect::<Vec<_>>();
+                let floor = truth.iter().copied().fold(0.0, f64::max).recip();
+                let (scale, shift) =
+                    least_squares(&inverse(prediction), &inverse(truth)).unwrap_or((1.0, 0.0));
+                Alignment::Disparity { scale, shift, floor: if floor.is_finite() { floor } else { 0.0 } }
+            }
         })
     }
 }
@@ -138,31 +141,15 @@ impl Alignment {
     }
 }
 
-/// Fits [`Alignment::Disparity`] to a prediction that is a disparity already, affine-ambiguous as MiDaS gives it.
-///
-/// \\[ (s, t) = \arg\min \sum_i (s\\,q_i + t - 1/g_i)^2,\qquad c = 1 / \max_i g_i \\]
-///
-/// The result reads depths, that is \\(p = 1/q\\). A prediction that cannot fix the parameters gives \\(s = 1, t = 0\\).
-fn fit_disparity(disparity: impl Iterator<Item = f64> + Clone, truth: &[f64]) -> Alignment {
-    let floor = truth.iter().copied().fold(0.0, f64::max).recip();
-    let (scale, shift) = least_squares(disparity, truth.iter().map(|g| g.recip())).unwrap_or((1.0, 0.0));
-    Alignment::Disparity { scale, shift, floor: if floor.is_finite() { floor } else { 0.0 } }
-}
-
 /// \\((s, t) = \arg\min \sum_i (s x_i + t - y_i)^2\\) about the means; nothing where all \\(x_i\\) are equal.
 ///
 /// The same minimum as the normal equations of MiDaS's `compute_scale_and_shift`, without their cancellation.
-fn least_squares(
-    x: impl Iterator<Item = f64> + Clone,
-    y: impl Iterator<Item = f64> + Clone,
-) -> Option<(f64, f64)> {
-    let (mut n, mut x_sum, mut y_sum) = (0.0, 0.0, 0.0);
-    for (x, y) in x.clone().zip(y.clone()) {
-        (n, x_sum, y_sum) = (n + 1.0, x_sum + x, y_sum + y);
-    }
-    let (x_mean, y_mean) = (x_sum / n, y_sum / n);
+fn least_squares(x: &[f64], y: &[f64]) -> Option<(f64, f64)> {
+    let n = x.len() as f64;
+    let mean = |values: &[f64]| values.iter().fold(0.0, |sum, value| sum + value) / n;
+    let (x_mean, y_mean) = (mean(x), mean(y));
     let (mut xx, mut xy) = (0.0, 0.0);
-    for (x, y) in x.zip(y) {
+    for (x, y) in x.iter().zip(y) {
         xx += (x - x_mean).powi(2);
         xy += (x - x_mean) * (y - y_mean);
     }
@@ -208,16 +195,6 @@ mod tests {
                     assert_relative_eq!(fitted.depth(p), g, max_relative = 1e-6);
                 }
             }
-        }
-
-        #[test]
-        fn least_squares_has_no_gradient_at_its_minimum(truth in depths(), wave in 0.1..3.0_f64) {
-            let prediction: Vec<f64> = truth.iter().enumerate().map(|(i, g)| g + (wave * i as f64).sin().abs()).collect();
-            let Alignment::Depth { scale, shift } = AFFINE[0].fit(&prediction, &truth).unwrap() else { panic!() };
-            let residual = |(p, g): (&f64, &f64)| scale * p + shift - g;
-            let by_shift: f64 = prediction.iter().zip(&truth).map(residual).sum();
-            let by_scale: f64 = prediction.iter().zip(&truth).map(|pair| residual(pair) * pair.0).sum();
-            prop_assert!(by_shift.abs() < 1e-9 && by_scale.abs() < 1e-8, "{} {}", by_shift, by_scale);
         }
     }
 

@@ -6,7 +6,6 @@ mod canny;
 mod distance;
 mod gradient;
 mod slic;
-mod thin;
 
 pub(crate) use blur::blur;
 #[cfg(feature = "scenes")]

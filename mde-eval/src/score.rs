@@ -139,16 +139,12 @@ impl Scores {
 /// # Errors
 /// [`Error::Shape`], [`Error::Empty`] and [`Error::Config`]; see [`Subject::pixels`] and [`ScoreConfig::validate`].
 pub fn score(subject: &Subject<'_>, config: &ScoreConfig) -> Result<Scores> {
-    own_alignment(subject, config, |alignment| score_aligned(subject, alignment, config))
+    score_own(subject, config, None)
 }
 
-/// Fits the rule of `config` and names it in the scores.
-fn own_alignment(
-    subject: &Subject<'_>,
-    config: &ScoreConfig,
-    scored: impl FnOnce(&Alignment) -> Result<Scores>,
-) -> Result<Scores> {
-    let scores = scored(&subject.fit(config)?)?;
+/// Under the alignment that the rule of `config` fits.
+fn score_own(subject: &Subject<'_>, config: &ScoreConfig, known: Option<&Truth>) -> Result<Scores> {
+    let scores = score_with(subject, &subject.fit(config)?, config, known)?;
     Ok(Scores { rule: Some(config.alignment), ..scores })
 }
 
@@ -200,7 +196,6 @@ fn depth_values(aligned: &Aligned, truth: &Truth) -> Result<Values> {
     let found = DepthMap::new(aligned.depth.view(), truth)?;
     values(|of| match of {
         Of::Depths(metric) => metric(&found.predicted, &found.true_depths).map(Some),
-        Of::Maps(metric) => metric(found.map, truth.depth.view(), truth.pixels.view()).map(Some),
         Of::Shared(metric) => metric(&found),
         Of::Errors(_) | Of::Sigma(_) | Of::Evaluation => Ok(None),
     })
@@ -249,7 +244,7 @@ impl Aligned {
         let values = values(|of| match of {
             Of::Errors(metric) => metric(&found.errors, &found.sigma).map(Some),
             Of::Sigma(metric) => metric(&found),
-            Of::Depths(_) | Of::Maps(_) | Of::Shared(_) | Of::Evaluation => Ok(None),
+            Of::Depths(_) | Of::Shared(_) | Of::Evaluation => Ok(None),
         })?;
         Ok((values, Some(found.curves()?)))
     }

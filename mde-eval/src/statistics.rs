@@ -219,18 +219,6 @@ mod tests {
         assert!(mean.excludes(0.3) && !mean.excludes(0.5));
     }
 
-    #[test]
-    fn the_interval_covers_as_often_as_it_says() {
-        let mut inside = 0;
-        for trial in 0..400 {
-            let mut rng = CounterRng::new(9, "coverage", trial, 0);
-            let values: Vec<f64> = (0..40).map(|_| rng.random_range(0.0..1.0)).collect();
-            inside += u32::from(!QUICK.mean(&values, None).unwrap().excludes(0.5));
-        }
-        // Four standard errors about 90 %.
-        assert!((336..=384).contains(&inside), "{inside}");
-    }
-
     /// Three scenes to a place that are alike up to little noise: resampling scenes would cover about 60 %.
     #[test]
     fn resampling_places_covers_where_scenes_of_a_place_are_alike() {

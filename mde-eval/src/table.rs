@@ -73,7 +73,7 @@ impl Entry {
         };
     }
 
-    /// Adds the errors of the map under another map's alignment: a difference of these is not the alignment's.
+    /// Adds the squared error of the map under another map's alignment: a difference of it is not the alignment's.
     ///
     /// # Errors
     /// As [`score_aligned`](crate::score::score_aligned).
@@ -89,7 +89,6 @@ impl Entry {
         let p: Vec<f64> = gather(subject.prediction, pixels.view()).into_iter().map(clip).collect();
         let g = gather(subject.truth, pixels.view());
         self.set("mse_shared", depth::mse(&p, &g)?);
-        self.set("abs_rel_shared", depth::abs_rel(&p, &g)?);
         Ok(())
     }
 
@@ -134,13 +133,8 @@ pub fn calibrate(entries: &mut [Entry]) {
             if !(factor > 0.0 && nll.is_finite()) {
                 continue;
             }
-            let covered = |p| share_below(&curves.abs_z_quantiles, factor * central_half_width(p));
-            let found = [
-                ("factor", factor),
-                ("calibrated_coverage_90", covered(0.9)),
-                ("calibrated_coverage_50", covered(0.5)),
-                ("calibrated_nll", nll),
-            ];
+            let covered = share_below(&curves.abs_z_quantiles, factor * central_half_width(0.9));
+            let found = [("factor", factor), ("calibrated_coverage_90", covered), ("calibrated_nll", nll)];
             found.into_iter().for_each(|(key, value)| entries[index].set(key, value));
         }
     }

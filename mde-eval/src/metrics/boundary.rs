@@ -2,7 +2,6 @@
 
 use crate::raster::{Map, Mask, same_shape};
 use crate::{Error, Result};
-use ndarray::s;
 
 /// Smallest depth that is inverted, as in the published code.
 const MIN_DEPTH: f32 = 1e-6;
@@ -31,12 +30,11 @@ pub fn boundary_f1(prediction: Map<'_>, truth: Map<'_>, mask: Mask<'_>) -> Resul
         return Err(Error::Empty { what: "the boundary F1" });
     }
     let thresholds = ratios();
-    let counts = [false, true].map(|vertical| count_pairs(prediction, truth, mask, vertical, &thresholds));
+    let counts = count_pairs(prediction, truth, mask, &thresholds);
     let total: f64 = thresholds.iter().sum();
     let score = |k: usize| {
-        let directions = || counts.iter().flatten();
-        let recall = 0.25 * directions().map(|c| ratio(c.hits[k], c.truth[k])).sum::<f64>();
-        let precision = 0.25 * directions().map(|c| ratio(c.hits[k], c.prediction[k])).sum::<f64>();
+        let recall = 0.25 * counts.iter().map(|c| ratio(c.hits[k], c.truth[k])).sum::<f64>();
+        let precision = 0.25 * counts.iter().map(|c| ratio(c.hits[k], c.prediction[k])).sum::<f64>();
         super::edges::harmonic(precision, recall)
     };
     Ok(thresholds.iter().enumerate().map(|(k, t)| t / total * score(k)).sum())
@@ -63,28 +61,23 @@ impl Counts {
     }
 }
 
-/// Both signs of one axis: the left (upper) pixel in front, and the right (lower) one.
+/// Along the rows and the columns, each with the second pixel behind and in front.
 fn count_pairs(
     prediction: Map<'_>,
     truth: Map<'_>,
     mask: Mask<'_>,
-    vertical: bool,
     thresholds: &[f64; RATIOS],
-) -> [Counts; 2] {
-    let (here, there) = if vertical { (s![..-1, ..], s![1.., ..]) } else { (s![.., ..-1], s![.., 1..]) };
-    let mut counts = [Counts::default(); 2];
-    let (height, width) = truth.dim();
-    if height < 2 && vertical || width < 2 && !vertical {
-        return counts;
-    }
-    let first = prediction.slice(here).into_iter().zip(truth.slice(here)).zip(mask.slice(here));
-    let second = prediction.slice(there).into_iter().zip(truth.slice(there)).zip(mask.slice(there));
-    for (((&p, &g), &keep), ((&q, &h), &also)) in first.zip(second) {
-        if keep && also {
-            let (near, far) = (steps(q, p, thresholds), steps(h, g, thresholds));
-            counts[0].add(near, far);
-            let (near, far) = (steps(p, q, thresholds), steps(g, h, thresholds));
-            counts[1].add(near, far);
+) -> [Counts; 4] {
+    let mut counts = [Counts::default(); 4];
+    for (y, x) in ndarray::indices(truth.dim()) {
+        let at = (y, x);
+        for (axis, next) in [(y, x + 1), (y + 1, x)].into_iter().enumerate() {
+            if mask[at] && mask.get(next).is_some_and(|keep| *keep) {
+                for (sign, (behind, front)) in [(next, at), (at, next)].into_iter().enumerate() {
+                    let steps = |map: Map<'_>| steps(map[behind], map[front], thresholds);
+                    counts[2 * axis + sign].add(steps(prediction), steps(truth));
+                }
+            }
         }
     }
     counts

@@ -3,9 +3,9 @@
 //! At a *fixed* threshold these reward any added gradient: an unsharp mask and white noise both raise them. The
 //! [curve](EdgeCurve) over all thresholds of the prediction is invariant to its contrast; its best point is **F1max**.
 
+use crate::Result;
 use crate::error::check;
 use crate::raster::{Map, Marked, Mask, dilate, erode, same_shape, sobel};
-use crate::{Error, Result};
 use ndarray::{Array2, Zip};
 
 /// Precision, recall and F1 of one edge map against another.
@@ -36,7 +36,7 @@ pub(super) fn harmonic(precision: f64, recall: f64) -> f64 {
 /// A threshold of 0.25 m is thus a slope of 0.031 m per pixel.
 ///
 /// # Errors
-/// [`Error::Shape`] where map and mask differ.
+/// [`Error::Shape`](crate::Error::Shape) where map and mask differ.
 pub fn edges(map: Map<'_>, mask: Mask<'_>, threshold: f64) -> Result<Array2<bool>> {
     Ok(masked_gradient(map, mask)?.mapv(|g| f64::from(g) > threshold))
 }
@@ -69,17 +69,6 @@ impl EdgeCurve {
         self.points.iter().map(|point| harmonic(point.precision, point.recall)).fold(0.0, f64::max)
     }
 
-    /// Area under the curve as average precision: \\(\sum_k (R_k - R_{k-1}) P_k\\).
-    pub fn average_precision(&self) -> f64 {
-        let mut area = 0.0;
-        let mut recall = 0.0;
-        for point in &self.points {
-            area += (point.recall - recall) * point.precision;
-            recall = point.recall;
-        }
-        area
-    }
-
     /// Precision, recall and F1 where the predicted edges are the gradients *above* `threshold`.
     pub fn at(&self, threshold: f64) -> EdgeScore {
         let above = self.points.partition_point(|point| point.threshold > threshold);
@@ -102,7 +91,7 @@ impl EdgeCurve {
 /// threshold is the F1 at a fixed threshold.
 ///
 /// # Errors
-/// [`Error::Shape`] where the shapes differ; [`Error::Config`] for a tolerance above 64 pixels.
+/// [`Error::Shape`](crate::Error::Shape) where the shapes differ; [`Error::Config`](crate::Error::Config) for a tolerance above 64 pixels.
 pub fn edge_curve(
     prediction: Map<'_>,
     truth: Map<'_>,
@@ -112,50 +101,43 @@ pub fn edge_curve(
 ) -> Result<Option<EdgeCurve>> {
     same_shape("the prediction", prediction.dim(), truth.dim())?;
     let true_edges = Marked::new(edges(truth, mask, threshold)?);
-    EdgeSweep::new(prediction, mask, &[tolerance])?.curve(&true_edges, tolerance)
+    EdgeSweep::new(prediction, mask, tolerance)?.curve(&true_edges)
 }
 
-/// What the curves of one prediction share: its gradients in order, and dilated by each tolerance.
+/// What the curves of one prediction share: its gradients in order, and dilated by the tolerance.
 pub(crate) struct EdgeSweep {
     gradient: Array2<f32>,
     /// Pixels by falling gradient, flat ones left out.
     order: Vec<u32>,
-    dilated: Vec<(u32, Array2<f32>)>,
+    tolerance: u32,
+    dilated: Array2<f32>,
 }
 
 impl EdgeSweep {
-    pub(crate) fn new(prediction: Map<'_>, mask: Mask<'_>, tolerances: &[u32]) -> Result<Self> {
-        let settings =
-            tolerances.iter().map(|&r| ("the edge tolerance", r.into(), r <= 64, "use at most 64 pixels"));
-        check(settings)?;
+    pub(crate) fn new(prediction: Map<'_>, mask: Mask<'_>, tolerance: u32) -> Result<Self> {
+        check([("the edge tolerance", tolerance.into(), tolerance <= 64, "use at most 64 pixels")])?;
         let gradient = masked_gradient(prediction, mask)?;
         // Positive floats are in order as their bits are; with the index beside them, they sort as one word.
         let key = |(&g, at): (&f32, u32)| u64::from(!g.to_bits()) << 32 | u64::from(at);
         let mut keyed: Vec<u64> = gradient.iter().zip(0..).filter(|(g, _)| **g > 0.0).map(key).collect();
         keyed.sort_unstable();
-        let dilated = tolerances.iter().map(|&r| (r, dilate(gradient.view(), r))).collect();
-        Ok(Self { order: keyed.into_iter().map(|key| key as u32).collect(), gradient, dilated })
+        let order = keyed.into_iter().map(|key| key as u32).collect();
+        Ok(Self { order, dilated: dilate(gradient.view(), tolerance), gradient, tolerance })
     }
 
-    /// `tolerance` must be one of those given to [`EdgeSweep::new`].
-    pub(crate) fn curve(&self, true_edges: &Marked, tolerance: u32) -> Result<Option<EdgeCurve>> {
+    pub(crate) fn curve(&self, true_edges: &Marked) -> Result<Option<EdgeCurve>> {
         same_shape("the edge map", true_edges.pixels.dim(), self.gradient.dim())?;
-        let Some((_, dilated)) = self.dilated.iter().find(|(r, _)| *r == tolerance) else {
-            let (field, value, remedy) =
-                ("the edge tolerance", tolerance.to_string(), "use one of those prepared");
-            return Err(Error::Config { field, value, remedy });
-        };
         let total = true_edges.count;
         if total == 0 {
             return Ok(None);
         }
         // A true edge is found once the threshold falls to the steepest predicted gradient within the tolerance.
-        let steepest = true_edges.pixels.iter().zip(dilated);
+        let steepest = true_edges.pixels.iter().zip(&self.dilated);
         let mut found_at: Vec<f32> =
             steepest.filter(|&(&edge, &g)| edge && g > 0.0).map(|(_, &g)| g).collect();
         found_at.sort_unstable_by(|a, b| b.total_cmp(a));
         let gradient: Vec<f32> = self.gradient.iter().copied().collect();
-        let near: Vec<bool> = true_edges.distance.iter().map(|d| *d <= f64::from(tolerance)).collect();
+        let near: Vec<bool> = true_edges.distance.iter().map(|d| *d <= f64::from(self.tolerance)).collect();
         let mut points = Vec::new();
         let (mut predicted, mut hits, mut found) = (0, 0, 0);
         for tied in self.order.chunk_by(|&a, &b| gradient[a as usize] == gradient[b as usize]) {

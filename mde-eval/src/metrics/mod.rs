@@ -4,11 +4,10 @@
 //! | --- | --- | --- |
 //! | [`depth`] | two lists of depths | MSE, RMSE, AbsRel, SqRel, log10, RMSE log, SILog, iRMSE, \\(\delta_k\\) |
 //! | [`sharpness`] | maps and a mask | mean gradient, over all pixels, near true edges and away from them |
-//! | [`edges`] | maps and a mask | edge F1 at a fixed threshold, F1max and average precision over all thresholds |
+//! | [`edges`] | maps and a mask | edge F1 at a fixed threshold, F1max over all thresholds |
 //! | [`boundary`] | maps and a mask | scale-invariant boundary F1 (Depth Pro) |
 //! | [`dbe`] | edge maps | depth boundary errors: accuracy and completeness (iBims-1) |
-//! | [`ordinal`] | maps and a mask | share of given pairs in another order than the truth's |
-//! | [`superpixel`] | maps and a mask | order of superpixels: D3R, ORD |
+//! | [`superpixel`] | maps and a mask | order of neighbouring superpixels: D3R |
 //! | [`rank`] | two lists | average ranks, Spearman's correlation |
 //! | [`sparsification`] | costs and sigmas | AUSE and AURG, both published definitions; errors by uncertainty percentile |
 //! | [`calibration`] | errors and sigmas | NLL, CRPS, coverage, calibration error, ENCE, mean \\(z^2\\) |
@@ -21,7 +20,6 @@ pub mod calibration;
 pub mod dbe;
 pub mod depth;
 pub mod edges;
-pub mod ordinal;
 pub mod rank;
 pub mod sharpness;
 pub mod sparsification;

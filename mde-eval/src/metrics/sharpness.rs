@@ -6,7 +6,7 @@
 use crate::raster::{Map, Mask, distance_to, erode, gather, same_shape, sobel};
 use crate::{Error, Result};
 use mde_uncertainty::statistics::median;
-use ndarray::{ArrayView2, Zip};
+use ndarray::{Array2, ArrayView2, Zip};
 
 /// Mean gradient of the map over its median depth, per pixel:
 ///
@@ -19,7 +19,9 @@ use ndarray::{ArrayView2, Zip};
 /// [`Error::Shape`] where map and mask differ, [`Error::Empty`] where no pixel is left, [`Error::Value`] where the median
 /// is not positive.
 pub fn sharpness(map: Map<'_>, mask: Mask<'_>) -> Result<f64> {
-    split(map, mask, None)?.0.ok_or(Error::Empty { what: "the sharpness" })
+    split(map, mask, Array2::from_elem(mask.dim(), true).view())?
+        .0
+        .ok_or(Error::Empty { what: "the sharpness" })
 }
 
 /// [`sharpness`] near true edges and away from them.
@@ -51,11 +53,11 @@ pub(crate) fn sharpness_by_distance(
 ) -> Result<EdgeSplit> {
     same_shape("the edge map", to_edges.dim(), mask.dim())?;
     let near = to_edges.mapv(|d| d <= band);
-    let (on, off) = split(map, mask, Some(near.view()))?;
+    let (on, off) = split(map, mask, near.view())?;
     Ok(EdgeSplit { on, off })
 }
 
-fn split(map: Map<'_>, mask: Mask<'_>, near: Option<Mask<'_>>) -> Result<(Option<f64>, Option<f64>)> {
+fn split(map: Map<'_>, mask: Mask<'_>, near: Mask<'_>) -> Result<(Option<f64>, Option<f64>)> {
     same_shape("the prediction", map.dim(), mask.dim())?;
     let middle = median(gather(map, mask)).ok_or(Error::Empty { what: "the sharpness" })?;
     if !(middle > 0.0 && middle.is_finite()) {
@@ -65,19 +67,13 @@ fn split(map: Map<'_>, mask: Mask<'_>, near: Option<Mask<'_>>) -> Result<(Option
     let everywhere = erode(mask);
     let mut sums = [(0.0, 0_usize); 2];
     let gradient = sobel(map);
-    let mut add = |slope: f32, keep: bool, near: bool| {
+    Zip::from(&gradient).and(&everywhere).and(near).for_each(|&slope, &keep, &near| {
         if keep {
             let (sum, count) = &mut sums[usize::from(!near)];
             *sum += f64::from(slope);
             *count += 1;
         }
-    };
-    match near {
-        Some(near) => {
-            Zip::from(&gradient).and(&everywhere).and(near).for_each(|&g, &keep, &near| add(g, keep, near))
-        }
-        None => Zip::from(&gradient).and(&everywhere).for_each(|&g, &keep| add(g, keep, true)),
-    }
+    });
     let mean = |(sum, count): (f64, usize)| (count > 0).then(|| sum / count as f64 / (8.0 * middle));
     Ok((mean(sums[0]), mean(sums[1])))
 }
@@ -86,7 +82,6 @@ fn split(map: Map<'_>, mask: Mask<'_>, near: Option<Mask<'_>>) -> Result<(Option
 mod tests {
     use super::*;
     use approx::assert_relative_eq;
-    use ndarray::Array2;
 
     #[test]
     fn a_ramp_has_its_slope_over_its_median() {

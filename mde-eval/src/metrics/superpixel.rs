@@ -1,40 +1,34 @@
-//! The order in depth of superpixels: the D3R and ORD of "Boosting monocular depth".
+//! The order in depth of superpixels: the D3R of "Boosting monocular depth".
 
 use super::depth_range;
-use super::ordinal::{Pixel, ordinal_error};
 use crate::Result;
 use crate::raster::{Map, Mask, Superpixels, same_shape};
-use mde_uncertainty::random::CounterRng;
-use rand::RngExt;
+use std::cmp::Ordering;
 
 /// Superpixels of the published code.
-pub const SEGMENTS: usize = 5000;
+const SEGMENTS: usize = 5000;
 const COMPACTNESS: f64 = 20.0;
 const ITERATIONS: usize = 5;
-/// Random partners of each superpixel for [`OrderErrors::ord`].
-const PARTNERS: usize = 3;
+/// Neighbours count whose true depths differ by more than this factor.
+const MIN_RATIO: f64 = 1.1;
+/// Depths whose ratio is at most this are a tie.
+const TIE_RATIO: f64 = 1.01;
 
-/// Disagreement on the order in depth of superpixel centres.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OrderErrors {
-    /// Depth discontinuity disagreement ratio: share of neighbouring centres whose true depths differ by more than 10 % and whose
-    /// order is not the truth's (ties within 1 %); nothing where there are none.
-    pub d3r: Option<f64>,
-    /// Ordinal error: share of random pairs of centres whose order is not the truth's (ties within 3 %).
-    pub ord: Option<f64>,
-}
+/// A pixel's row and column.
+type Pixel = (usize, usize);
 
-/// Pairs of superpixel centres of the truth, to be compared with many predictions.
+/// Neighbouring superpixel centres across the truth's depth discontinuities, to be compared with many predictions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SuperpixelPairs {
-    neighbours: Vec<(Pixel, Pixel)>,
-    random: Vec<(Pixel, Pixel)>,
+    shape: (usize, usize),
+    /// With the order of their true depths.
+    pairs: Vec<(Pixel, Pixel, Ordering)>,
 }
 
 impl SuperpixelPairs {
     /// The pairs of a truth `[height, width]` after Miangoleh et al. (CVPR 2021): superpixels (SLIC) of its
-    /// disparity (5000, compactness 20; disparity scaled to 0 to 100 over the mask), pairs of those that touch, and for each
-    /// three random others (the same for every seed and method). Centres outside the mask are left out.
+    /// disparity (5000, compactness 20; disparity scaled to 0 to 100 over the mask), and pairs of those that touch and whose true
+    /// depths differ by more than 10 %. Centres outside the mask or without depth are left out.
     ///
     /// # Errors
     /// [`Error::Shape`](crate::Error::Shape) where the mask differs.
@@ -47,33 +41,42 @@ impl SuperpixelPairs {
         let found = Superpixels::slic(scaled.view(), mask, SEGMENTS, COMPACTNESS, ITERATIONS)?;
         let centre = |segment: u32| {
             let place = found.centres.get(segment as usize).copied().flatten()?;
-            mask.get(place).copied().unwrap_or(false).then_some(place)
+            (mask[place] && truth[place] > 0.0).then_some(place)
         };
-        let both = |(a, b): (u32, u32)| Some((centre(a)?, centre(b)?));
-        let neighbours = found.neighbours().into_iter().filter_map(both).collect();
-        let places: Vec<Pixel> = (0..found.centres.len() as u32).filter_map(centre).collect();
-        let mut rng = CounterRng::new(0, "superpixel-pairs", 0, 0);
-        let mut random = Vec::new();
-        for &place in &places {
-            for _ in 0..PARTNERS {
-                let other = places[rng.random_range(0..places.len())];
-                if other != place {
-                    random.push((place, other));
-                }
-            }
-        }
-        Ok(Self { neighbours, random })
+        let pair = |(a, b): (u32, u32)| {
+            let (a, b) = (centre(a)?, centre(b)?);
+            let [first, second] = [a, b].map(|at| f64::from(truth[at]));
+            let apart = first.max(second) > MIN_RATIO * first.min(second);
+            apart.then(|| (a, b, order(truth, a, b)))
+        };
+        let pairs = found.neighbours().into_iter().filter_map(pair).collect();
+        Ok(Self { shape: truth.dim(), pairs })
     }
 
-    /// How often `prediction` has another order than the truth.
+    /// Depth discontinuity disagreement ratio: share of the pairs whose order in the prediction (ties within 1 %) is not that in the
+    /// truth; nothing where there are none. Blind to a scale of either side.
+    ///
+    /// \\[ \frac{1}{|Q|} \sum_{(a,b) \in Q} \mathbb 1\\{\operatorname{ord}(p_a, p_b) \ne \operatorname{ord}(g_a, g_b)\\},\qquad
+    ///     \operatorname{ord}(u, v) = \begin{cases} +1 & u / v > 1.01 \\\\ -1 & v / u > 1.01 \\\\ 0 & \text{otherwise} \end{cases} \\]
     ///
     /// # Errors
-    /// As [`ordinal_error`]: both maps need a depth at every centre.
-    pub fn compare(&self, prediction: Map<'_>, truth: Map<'_>) -> Result<OrderErrors> {
-        Ok(OrderErrors {
-            d3r: ordinal_error(prediction, truth, &self.neighbours, 1.1, 1.01)?,
-            ord: ordinal_error(prediction, truth, &self.random, 1.0, 1.03)?,
-        })
+    /// [`Error::Shape`](crate::Error::Shape) where the prediction has another shape than the truth.
+    pub fn d3r(&self, prediction: Map<'_>) -> Result<Option<f64>> {
+        same_shape("the prediction", prediction.dim(), self.shape)?;
+        let wrong = self.pairs.iter().filter(|(a, b, truth)| order(prediction, *a, *b) != *truth).count();
+        Ok((!self.pairs.is_empty()).then(|| wrong as f64 / self.pairs.len() as f64))
+    }
+}
+
+/// The order of two depths of a map.
+fn order(map: Map<'_>, a: Pixel, b: Pixel) -> Ordering {
+    let (a, b) = (f64::from(map[a]), f64::from(map[b]));
+    if a > TIE_RATIO * b {
+        Ordering::Greater
+    } else if b > TIE_RATIO * a {
+        Ordering::Less
+    } else {
+        Ordering::Equal
     }
 }
 
@@ -88,15 +91,14 @@ mod tests {
             Array2::from_shape_fn((60, 80), |(y, x)| if (x / 20 + y / 20) % 2 == 0 { 1.0 } else { 2.0 });
         let mask = Array2::from_elem((60, 80), true);
         let pairs = SuperpixelPairs::new(truth.view(), mask.view()).unwrap();
-        let own = pairs.compare(truth.view(), truth.view()).unwrap();
-        assert_eq!((own.d3r, own.ord), (Some(0.0), Some(0.0)));
-        let inverse = truth.mapv(|g| 1.0 / g);
-        let other = pairs.compare(inverse.view(), truth.view()).unwrap();
-        assert_eq!(other.d3r, Some(1.0));
-        assert!(other.ord.is_some_and(|o| o > 0.3 && o < 0.7), "{other:?}");
+        assert_eq!(pairs.d3r(truth.view()).unwrap(), Some(0.0));
+        assert_eq!(pairs.d3r(truth.mapv(f32::recip).view()).unwrap(), Some(1.0));
         let flat = Array2::from_elem((60, 80), 3.0);
+        // Ties are another order.
+        assert_eq!(pairs.d3r(flat.view()).unwrap(), Some(1.0));
         let of_flat = SuperpixelPairs::new(flat.view(), mask.view()).unwrap();
-        assert_eq!(of_flat.compare(truth.view(), flat.view()).unwrap().d3r, None);
+        assert_eq!(of_flat.d3r(truth.view()).unwrap(), None);
+        assert!(pairs.d3r(Array2::ones((3, 3)).view()).is_err());
     }
 
     #[test]
@@ -104,9 +106,10 @@ mod tests {
         for size in [(1, 1), (3, 2), (0, 4)] {
             let (map, mask) = (Array2::ones(size), Array2::from_elem(size, true));
             let pairs = SuperpixelPairs::new(map.view(), mask.view()).unwrap();
-            assert_eq!(pairs.compare(map.view(), map.view()).unwrap().d3r, None);
+            assert_eq!(pairs.d3r(map.view()).unwrap(), None);
         }
         let none = Array2::from_elem((9, 9), false);
-        assert!(SuperpixelPairs::new(Array2::zeros((9, 9)).view(), none.view()).unwrap().random.is_empty());
+        let pairs = SuperpixelPairs::new(Array2::zeros((9, 9)).view(), none.view()).unwrap();
+        assert_eq!(pairs.d3r(Array2::ones((9, 9)).view()).unwrap(), None);
     }
 }

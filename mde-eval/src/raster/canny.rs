@@ -1,4 +1,4 @@
-use super::thin::Gradient;
+use super::gradient::Gradient;
 use super::{blur, same_shape};
 use crate::Result;
 use crate::raster::{Map, Mask};

@@ -40,14 +40,18 @@ impl Superpixels {
         let weight = ((compactness / side).powi(2)) as f32;
         let mut means = means(map, &labels, rows * columns);
         for _ in 0..iterations {
-            for (y, mut line) in labels.rows_mut().into_iter().enumerate() {
-                let row = (y as f64 / side) as usize;
-                let mut around = Around::default();
-                for (x, label) in line.iter_mut().enumerate() {
-                    let column = (x as f64 / side) as usize;
-                    around.move_to(row, column, rows, columns, &means);
-                    if let Some(label) = label {
-                        *label = around.nearest(map[(y, x)], y as f32, x as f32, weight).unwrap_or(*label);
+            for ((y, x), label) in labels.indexed_iter_mut() {
+                let Some(label) = label else { continue };
+                let (row, column) = ((y as f64 / side) as usize, (x as f64 / side) as usize);
+                let mut best = f32::INFINITY;
+                for r in row.saturating_sub(1)..(row + 2).min(rows) {
+                    for c in column.saturating_sub(1)..(column + 2).min(columns) {
+                        let Some([v, my, mx]) = means[r * columns + c] else { continue };
+                        let (dy, dx) = (y as f32 - my, x as f32 - mx);
+                        let distance = (map[(y, x)] - v).powi(2) + weight * (dy * dy + dx * dx);
+                        if distance < best {
+                            (best, *label) = (distance, (r * columns + c) as u32);
+                        }
                     }
                 }
             }
@@ -76,48 +80,6 @@ impl Superpixels {
         pairs.sort_unstable();
         pairs.dedup();
         pairs
-    }
-}
-
-/// The nine segments about a cell of the grid, of those that have pixels.
-#[derive(Default)]
-struct Around {
-    cell: Option<usize>,
-    found: Vec<(u32, [f32; 3])>,
-}
-
-impl Around {
-    fn move_to(
-        &mut self,
-        row: usize,
-        column: usize,
-        rows: usize,
-        columns: usize,
-        means: &[Option<[f32; 3]>],
-    ) {
-        if self.cell == Some(column) {
-            return;
-        }
-        self.cell = Some(column);
-        self.found.clear();
-        for r in row.saturating_sub(1)..(row + 2).min(rows) {
-            for c in column.saturating_sub(1)..(column + 2).min(columns) {
-                let segment = r * columns + c;
-                self.found.extend(means[segment].map(|mean| (segment as u32, mean)));
-            }
-        }
-    }
-
-    fn nearest(&self, value: f32, y: f32, x: f32, weight: f32) -> Option<u32> {
-        let (mut nearest, mut best) = (None, f32::INFINITY);
-        for &(segment, [v, my, mx]) in &self.found {
-            let (dy, dx) = (y - my, x - mx);
-            let distance = (value - v).powi(2) + weight * (dy * dy + dx * dx);
-            if distance < best {
-                (best, nearest) = (distance, Some(segment));
-            }
-        }
-        nearest
     }
 }
 

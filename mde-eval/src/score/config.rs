@@ -25,12 +25,6 @@ impl Default for ScoreConfig {
 }
 
 impl ScoreConfig {
-    /// For sensors that are reliable up to 8 m (SUN RGB-D).
-    #[must_use]
-    pub fn sunrgbd() -> Self {
-        Self { max_depth: 8.0, ..Self::default() }
-    }
-
     /// Checks the fields.
     ///
     /// # Errors

@@ -2,9 +2,8 @@ use super::map::DepthMap;
 use super::sigma::SigmaMap;
 use crate::Result;
 use crate::metrics::calibration::{coverage, crps, ence_in_order, mean_z2, nll, rms_sigma};
+use crate::metrics::depth;
 use crate::metrics::sparsification::spearman_of_bins;
-use crate::metrics::{boundary, depth, sharpness};
-use crate::raster::{Map, Mask};
 
 /// Bins of the ENCE.
 const ENCE_BINS: usize = 20;
@@ -90,8 +89,6 @@ pub struct Metric {
 pub(super) enum Of {
     /// Aligned and true depths, as lists.
     Depths(fn(&[f64], &[f64]) -> Result<f64>),
-    /// The aligned map, the truth and the pixels that count.
-    Maps(fn(Map<'_>, Map<'_>, Mask<'_>) -> Result<f64>),
     /// What several metrics of the aligned map share; nothing where the metric is not defined, as in a scene without edges.
     Shared(fn(&DepthMap<'_>) -> Result<Option<f64>>),
     /// Errors and their sigmas, as lists.
@@ -120,7 +117,7 @@ const fn more(key: &'static str, better: Better, group: Group, of: Of) -> Metric
 
 use Better::{Higher, Lower, Near, Neither};
 use Group::{Calibration, Cost, Depth, Edges, Gradient, Ranking};
-use Of::{Depths, Errors, Evaluation, Maps, Shared, Sigma};
+use Of::{Depths, Errors, Evaluation, Shared, Sigma};
 
 /// Every metric of the tables and files, in the order of their columns.
 pub const METRICS: &[Metric] = &[
@@ -131,18 +128,14 @@ pub const METRICS: &[Metric] = &[
     shown("silog", "SILog, %", Lower, Depth, Depths(depth::silog)),
     shown("delta1", "within 1.25", Higher, Depth, Depths(|p, g| depth::delta(p, g, 1))),
     shown("mse_shared", "MSE under the prior's scale, m²", Lower, Depth, Evaluation),
-    more("abs_rel_shared", Lower, Depth, Evaluation),
     more("sq_rel", Lower, Depth, Depths(depth::sq_rel)),
     more("rmse_log", Lower, Depth, Depths(depth::rmse_log)),
     more("irmse", Lower, Depth, Depths(depth::irmse)),
     more("delta2", Higher, Depth, Depths(|p, g| depth::delta(p, g, 2))),
     more("delta3", Higher, Depth, Depths(|p, g| depth::delta(p, g, 3))),
-    shown("f1_max@0.25m_r1", "F1max, 0.25 m", Higher, Edges, Shared(|m| m.edges(0.25, 1, |e| e.f1_max))),
-    shown("f1_max@0.5m_r1", "F1max, 0.5 m", Higher, Edges, Shared(|m| m.edges(0.5, 1, |e| e.f1_max))),
-    more("f1_max@1m_r1", Higher, Edges, Shared(|m| m.edges(1.0, 1, |e| e.f1_max))),
-    more("average_precision@0.25m_r1", Higher, Edges, Shared(|m| m.edges(0.25, 1, |e| e.average_precision))),
-    more("average_precision@0.5m_r1", Higher, Edges, Shared(|m| m.edges(0.5, 1, |e| e.average_precision))),
-    shown("boundary_f1", "boundary F1", Higher, Edges, Maps(boundary::boundary_f1)),
+    shown("f1_max@0.25m_r1", "F1max, 0.25 m", Higher, Edges, Shared(|m| Ok(m.edges[0].f1_max))),
+    shown("f1_max@0.5m_r1", "F1max, 0.5 m", Higher, Edges, Shared(|m| Ok(m.edges[1].f1_max))),
+    shown("boundary_f1", "boundary F1", Higher, Edges, Shared(|m| m.boundary_f1().map(Some))),
     more("dbe_accuracy", Lower, Edges, Shared(|m| Ok(m.boundaries.map(|e| e.accuracy)))),
     shown(
         "dbe_completeness",
@@ -151,26 +144,12 @@ pub const METRICS: &[Metric] = &[
         Edges,
         Shared(|m| Ok(m.boundaries.map(|e| e.completeness))),
     ),
-    shown("d3r", "D3R", Lower, Edges, Shared(|m| Ok(m.order.d3r))),
-    more("ord", Lower, Edges, Shared(|m| Ok(m.order.ord))),
-    shown("sharpness_on", "sharp on edges", Neither, Gradient, Shared(|m| Ok(m.sharpness.on))),
-    shown("sharpness_off", "sharp off edges", Neither, Gradient, Shared(|m| Ok(m.sharpness.off))),
-    shown(
-        "sharpness",
-        "sharpness",
-        Neither,
-        Gradient,
-        Shared(|m| Ok(sharpness::sharpness(m.map, m.truth.pixels.view()).ok())),
-    ),
-    shown("f1@0.25m_r1", "F1, 0.25 m", Neither, Gradient, Shared(|m| m.edges(0.25, 1, |e| Some(e.f1)))),
-    shown("f1@0.5m_r1", "F1, 0.5 m", Neither, Gradient, Shared(|m| m.edges(0.5, 1, |e| Some(e.f1)))),
-    more("f1@1m_r1", Neither, Gradient, Shared(|m| m.edges(1.0, 1, |e| Some(e.f1)))),
-    more("f1@0.25m_r0", Neither, Gradient, Shared(|m| m.edges(0.25, 0, |e| Some(e.f1)))),
-    more("f1@0.25m_r2", Neither, Gradient, Shared(|m| m.edges(0.25, 2, |e| Some(e.f1)))),
-    more("f1@0.5m_r0", Neither, Gradient, Shared(|m| m.edges(0.5, 0, |e| Some(e.f1)))),
-    more("f1@0.5m_r2", Neither, Gradient, Shared(|m| m.edges(0.5, 2, |e| Some(e.f1)))),
-    more("f1@1m_r0", Neither, Gradient, Shared(|m| m.edges(1.0, 0, |e| Some(e.f1)))),
-    more("f1@1m_r2", Neither, Gradient, Shared(|m| m.edges(1.0, 2, |e| Some(e.f1)))),
+    shown("d3r", "D3R", Lower, Edges, Shared(|m| Ok(m.d3r))),
+    shown("sharpness_on", "sharp on edges", Neither, Gradient, Shared(|m| Ok(m.split.on))),
+    shown("sharpness_off", "sharp off edges", Neither, Gradient, Shared(|m| Ok(m.split.off))),
+    shown("sharpness", "sharpness", Neither, Gradient, Shared(|m| Ok(m.sharpness().ok()))),
+    shown("f1@0.25m_r1", "F1, 0.25 m", Neither, Gradient, Shared(|m| Ok(Some(m.edges[0].f1)))),
+    shown("f1@0.5m_r1", "F1, 0.5 m", Neither, Gradient, Shared(|m| Ok(Some(m.edges[1].f1)))),
     shown("spearman", "Spearman", Higher, Ranking, Sigma(|s| Ok(s.spearman))),
     shown("spearman_binned", "Spearman, 100 bins", Higher, Ranking, Sigma(|s| spearman_of_bins(&s.bins()?))),
     shown("ause_mae", "AUSE, MAE", Lower, Ranking, Sigma(|s| Ok(Some(s.mae.ause())))),
@@ -186,10 +165,6 @@ pub const METRICS: &[Metric] = &[
     shown("aurg_relative", "AURG, σ/D and AbsRel", Higher, Ranking, Sigma(|s| Ok(Some(s.relative.aurg())))),
     more("poggi_ause_abs_rel", Lower, Ranking, Sigma(|s| Ok(Some(s.poggi_abs_rel.ause())))),
     shown("poggi_aurg_abs_rel", "AURG, AbsRel", Higher, Ranking, Sigma(|s| Ok(Some(s.poggi_abs_rel.aurg())))),
-    more("poggi_ause_rmse", Lower, Ranking, Sigma(|s| Ok(Some(s.poggi_rmse.ause())))),
-    more("poggi_aurg_rmse", Higher, Ranking, Sigma(|s| Ok(Some(s.poggi_rmse.aurg())))),
-    more("poggi_ause_a1", Lower, Ranking, Sigma(|s| Ok(Some(s.poggi_a1.ause())))),
-    more("poggi_aurg_a1", Higher, Ranking, Sigma(|s| Ok(Some(s.poggi_a1.aurg())))),
     shown("coverage_50", "cover 50 %", Near(0.5), Calibration, Errors(|e, s| coverage(e, s, 0.5))),
     more("coverage_68", Near(0.68), Calibration, Errors(|e, s| coverage(e, s, 0.68))),
     shown("coverage_90", "cover 90 %", Near(0.9), Calibration, Errors(|e, s| coverage(e, s, 0.9))),
@@ -211,7 +186,6 @@ pub const METRICS: &[Metric] = &[
     more("rms_sigma", Neither, Calibration, Errors(rms_sigma)),
     shown("factor", "factor from other places", Near(1.0), Calibration, Evaluation),
     shown("calibrated_coverage_90", "then cover 90 %", Near(0.9), Calibration, Evaluation),
-    more("calibrated_coverage_50", Near(0.5), Calibration, Evaluation),
     shown("calibrated_nll", "then NLL", Lower, Calibration, Evaluation),
     shown("seconds", "seconds", Neither, Cost, Evaluation),
 ];

@@ -1,5 +1,5 @@
 use super::truth::Truth;
-use super::{Aligned, ScoreConfig, Scores, Subject, own_alignment, score_with};
+use super::{Aligned, ScoreConfig, Scores, Subject, score_own, score_with};
 use crate::Result;
 use crate::align::Alignment;
 use crate::raster::{Map, Mask};
@@ -52,7 +52,7 @@ impl Prepared {
     /// # Errors
     /// As [`score`](super::score).
     pub fn score(&self, subject: &Subject<'_>) -> Result<Scores> {
-        own_alignment(subject, &self.config, |alignment| self.score_aligned(subject, alignment))
+        score_own(subject, &self.config, Some(&self.truth))
     }
 
     /// As [`score_aligned`](super::score_aligned).

@@ -13,8 +13,6 @@ use serde::{Deserialize, Serialize};
 pub struct UncertaintyCurves {
     /// Mean \\(|e|\\) by percentile of sigma, m: 100 bins, or as many as there are pixels.
     pub error_by_percentile: Vec<f64>,
-    /// Mean sigma of the same bins, m.
-    pub sigma_by_percentile: Vec<f64>,
     /// Share of pixels removed: 0, 0.01, ..., 0.99.
     pub removed: Vec<f64>,
     /// Mean \\(|e|\\) of the rest when the most uncertain go, over the [joint maximum](crate::metrics::sparsification::sparsify).
@@ -43,9 +41,6 @@ pub(super) struct SigmaMap {
     /// By relative error in order of sigma over depth: a sigma proportional to depth is at chance.
     pub(super) relative: Sparsification,
     pub(super) poggi_abs_rel: Sparsification,
-    pub(super) poggi_rmse: Sparsification,
-    /// By the share of outliers (beyond a factor 1.25).
-    pub(super) poggi_a1: Sparsification,
     pub(super) calibration: CalibrationErrors,
 }
 
@@ -85,23 +80,18 @@ impl SigmaMap {
         let over_depth = |((s, e), g): ((&f64, &f64), &f64)| s / (g + e).max(f64::MIN_POSITIVE);
         let relative_sigma: Vec<f64> = sigma.iter().zip(&errors).zip(truth).map(over_depth).collect();
         let by_relative_sigma = Order::new(&relative_sigma)?;
-        let outlier = |(e, g): (&f64, &f64)| f64::from(u8::from((g + e).max(*g) >= 1.25 * (g + e).min(*g)));
-        let outliers: Vec<f64> = errors.iter().zip(truth).map(outlier).collect();
         let by_error = Order::new(&absolute)?;
         let sorted = by_error.apply(&absolute);
         let sorted_squares: Vec<f64> = sorted.iter().map(|e| e * e).collect();
-        let by_square = Costs::with_sorted(&squared, &sigma, &order, &sorted_squares)?;
-        let costs = |values: &[f64]| Costs::new(values, &sigma, &order);
         Ok(Self {
             spearman: pearson(&order.ranks(), &by_error.ranks()),
             spearman_relative: pearson(&by_relative_sigma.ranks(), &Order::new(&relative)?.ranks()),
             mae: Costs::with_sorted(&absolute, &sigma, &order, &sorted)?.normalised(Reduction::Mean)?,
-            rmse: by_square.normalised(Reduction::RootMean)?,
+            rmse: Costs::with_sorted(&squared, &sigma, &order, &sorted_squares)?
+                .normalised(Reduction::RootMean)?,
             relative: Costs::new(&relative, &relative_sigma, &by_relative_sigma)?
                 .normalised(Reduction::Mean)?,
-            poggi_abs_rel: costs(&relative)?.poggi(Reduction::Mean)?,
-            poggi_rmse: by_square.poggi(Reduction::RootMean)?,
-            poggi_a1: costs(&outliers)?.poggi(Reduction::Mean)?,
+            poggi_abs_rel: Costs::new(&relative, &sigma, &order)?.poggi(Reduction::Mean)?,
             calibration: calibration_errors(&errors, &sigma)?,
             errors,
             sigma,
@@ -122,7 +112,6 @@ impl SigmaMap {
         z.sort_unstable_by(f64::total_cmp);
         Ok(UncertaintyCurves {
             error_by_percentile: bins.iter().map(|bin| bin.cost).collect(),
-            sigma_by_percentile: bins.iter().map(|bin| bin.sigma).collect(),
             removed,
             by_sigma,
             oracle,

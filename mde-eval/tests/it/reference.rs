@@ -5,7 +5,7 @@ use mde_eval::align::{Alignment, AlignmentRule};
 use mde_eval::metrics::edges::{edge_curve, edges};
 use mde_eval::metrics::sparsification::{Reduction, sparsify, sparsify_poggi};
 use mde_eval::metrics::superpixel::SuperpixelPairs;
-use mde_eval::metrics::{boundary, calibration, dbe, depth, ordinal, rank, sharpness};
+use mde_eval::metrics::{boundary, calibration, dbe, depth, rank, sharpness};
 use mde_eval::ndarray::Array2;
 use mde_eval::score::{ScoreConfig, Subject, score};
 use serde_json::Value;
@@ -126,13 +126,11 @@ fn edge_scores() {
             near(found, expected);
         }
         near(curve.f1_max(), case["max"].as_f64().unwrap());
-        // Gradients that differ in the last bit of an f32 are one point here and two there.
-        assert_relative_eq!(curve.average_precision(), case["area"].as_f64().unwrap(), max_relative = 1e-6);
     }
 }
 
 #[test]
-fn sharpness_boundary_and_order() {
+fn sharpness_and_boundary() {
     let r = Reference::read();
     let (p, g, m) = (r.aligned.view(), r.truth.view(), r.mask.view());
     let band = edges(g, m, 0.5).unwrap();
@@ -143,11 +141,6 @@ fn sharpness_boundary_and_order() {
         assert_relative_eq!(found, expected, max_relative = 1e-6);
     }
     near(boundary::boundary_f1(p, g, m).unwrap(), r.value("boundary-f1"));
-    let width = r.truth.ncols();
-    let pairs: Vec<[usize; 2]> = serde_json::from_value(r.expected["pairs"].clone()).unwrap();
-    let at = |k: usize| (k / width, k % width);
-    let pairs: Vec<_> = pairs.into_iter().map(|[a, b]| (at(a), at(b))).collect();
-    near(ordinal::ordinal_error(p, g, &pairs, 1.1, 1.01).unwrap().unwrap(), r.value("ordinal"));
 }
 
 #[test]
@@ -170,8 +163,8 @@ fn boundaries_and_their_distances() {
 fn order_of_superpixels() {
     let r = Reference::read();
     let pairs = SuperpixelPairs::new(r.truth.view(), r.mask.view()).unwrap();
-    near(pairs.compare(r.sigma.view(), r.truth.view()).unwrap().d3r.unwrap(), r.value("d3r"));
-    assert_eq!(pairs.compare(r.aligned.view(), r.truth.view()).unwrap().d3r, Some(0.0));
+    near(pairs.d3r(r.sigma.view()).unwrap().unwrap(), r.value("d3r"));
+    assert_eq!(pairs.d3r(r.aligned.view()).unwrap(), Some(0.0));
 }
 
 #[test]
@@ -217,8 +210,8 @@ fn calibration_scores() {
     for (level, expected) in [0.5, 0.68, 0.9, 0.95].into_iter().zip(r.values("coverage")) {
         near(calibration::coverage(&e, &s, level).unwrap(), expected);
     }
-    near(calibration::mace(&e, &s).unwrap(), r.value("mace"));
     let errors = calibration::calibration_errors(&e, &s).unwrap();
+    near(errors.mean, r.value("mace"));
     near(errors.root_mean_square, r.value("rmsce"));
     assert_relative_eq!(errors.area, r.value("miscalibration-area"), max_relative = 1e-6);
     near(calibration::ence(&e, &s, 20).unwrap(), r.value("ence"));
@@ -242,9 +235,9 @@ fn the_scores_agree() {
     near(value("dbe_completeness"), r.values("dbe")[1]);
     assert_eq!(value("d3r"), 0.0);
     for case in r.expected["edges"].as_array().unwrap() {
-        let (threshold, tolerance) = (case["threshold"].as_f64().unwrap(), &case["tolerance"]);
-        near(value(&format!("f1@{threshold}m_r{tolerance}")), numbers(&case["fixed"])[2]);
-        if tolerance == 1 {
+        let threshold = case["threshold"].as_f64().unwrap();
+        if case["tolerance"] == 1 && threshold < 1.0 {
+            near(value(&format!("f1@{threshold}m_r1")), numbers(&case["fixed"])[2]);
             near(value(&format!("f1_max@{threshold}m_r1")), case["max"].as_f64().unwrap());
         }
     }

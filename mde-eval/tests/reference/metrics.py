@@ -87,11 +87,9 @@ for threshold in (0.25, 0.5, 1.0):
     for r in (0, 1, 2):
         eg = gg > threshold
         sweep = [f1(gp >= t, eg, r) for t in np.unique(gp[gp > 0])[::-1]]
-        recalls = np.array([0.0] + [q[1] for q in sweep])
-        area = float(np.sum(np.diff(recalls) * [q[0] for q in sweep]))
         fixed = [float(v) for v in f1(gp > threshold, eg, r)]
         best = float(max(q[2] for q in sweep))
-        out["edges"].append({"threshold": threshold, "tolerance": r, "fixed": fixed, "max": best, "area": area})
+        out["edges"].append({"threshold": threshold, "tolerance": r, "fixed": fixed, "max": best})
 slope = gp[inside] / 8 / np.median(p)
 near = (distance(gg > 0.5) <= 3)[inside]
 out["sharpness"] = [float(slope.mean()), float(slope[near].mean()), float(slope[~near].mean())]
@@ -137,14 +135,7 @@ near_enough = dg[ep] < 10
 out["dbe"] = [dg[ep][near_enough].mean(), (np.minimum(dg[ep], 10).sum() + np.minimum(dp[eg], 10).sum()) / (ep.sum() + eg.sum())]
 
 
-flat = np.flatnonzero(mask.ravel())
-pairs = rng.choice(flat, (60, 2))
 order = lambda a, b, t: np.sign(a - b) * (np.maximum(a / b, b / a) > t)
-ga, gb, pa, pb = (m.ravel()[pairs[:, k]] for m in (truth, aligned) for k in (0, 1))
-keep = np.maximum(ga / gb, gb / ga) > 1.1
-out["pairs"] = pairs.tolist()
-out["ordinal"] = float(np.mean((order(ga, gb, 1.01) != order(pa, pb, 1.01))[keep]))
-
 # So few pixels that each is a superpixel of its own: all neighbours over an edge of a pixel.
 grid = np.arange(H * W).reshape(H, W)
 near = np.concatenate([np.stack([grid[:-1], grid[1:]], -1).reshape(-1, 2), np.stack([grid[:, :-1], grid[:, 1:]], -1).reshape(-1, 2)])
