@@ -31,8 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut samples: Vec<(Terms, bool, f64)> = Vec::new();
     for (room, seed) in Room::ALL.into_iter().flat_map(|room| (1..=seeds).map(move |seed| (room, seed))) {
         for (views, baseline, pose_noise, gain) in CONDITIONS {
-            let config =
-                CaptureConfig { views, baseline, pose_noise, gain, seed, ..CaptureConfig::default() };
+            let config = CaptureConfig { views, baseline, pose_noise, gain, seed };
             match capture(room, &config) {
                 Ok(found) => {
                     let right = found.iter().filter(|(_, right)| *right).count();

@@ -68,7 +68,7 @@ impl AlignmentRule {
             Self::LeastSquaresDepth => least_squares(prediction, truth)
                 .map_or(Alignment::IDENTITY, |(scale, shift)| Alignment::Depth { scale, shift }),
             Self::LeastSquaresDisparity => {
-                let inverse = |depths: &'_ [f64]| depths.iter().map(|z| z.recip()).collect::<Vec<_>>();
+                let inverse = |depths: &[f64]| depths.iter().map(|z| z.recip()).collect::<Vec<_>>();
                 let floor = truth.iter().copied().fold(0.0, f64::max).recip();
                 let (scale, shift) =
                     least_squares(&inverse(prediction), &inverse(truth)).unwrap_or((1.0, 0.0));
@@ -146,7 +146,7 @@ impl Alignment {
 /// The same minimum as the normal equations of MiDaS's `compute_scale_and_shift`, without their cancellation.
 fn least_squares(x: &[f64], y: &[f64]) -> Option<(f64, f64)> {
     let n = x.len() as f64;
-    let mean = |values: &[f64]| values.iter().fold(0.0, |sum, value| sum + value) / n;
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / n;
     let (x_mean, y_mean) = (mean(x), mean(y));
     let (mut xx, mut xy) = (0.0, 0.0);
     for (x, y) in x.iter().zip(y) {

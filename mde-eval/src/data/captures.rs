@@ -49,8 +49,7 @@ impl Captures {
         for room in Room::ALL {
             for (&views, &baseline) in product(&grid.views, &grid.baselines) {
                 for (&pose_noise, &gain) in product(&grid.pose_noises, &grid.gains) {
-                    let config =
-                        CaptureConfig { views, baseline, pose_noise, gain, seed, ..CaptureConfig::default() };
+                    let config = CaptureConfig { views, baseline, pose_noise, gain, seed };
                     config.validate()?;
                     places.push(format!("{room}-{seed}"));
                     ids.push(format!("{room}-{seed}/{views}-views-b{baseline}-noise{pose_noise}-gain{gain}"));

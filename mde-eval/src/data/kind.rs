@@ -1,8 +1,6 @@
 use super::files::find_scenes;
-use super::pairs::{in_one_folder, side_by_side};
 use super::{
-    CaptureGrid, Captures, DataSet, Placed, PlainFolders, Posed, Resized, Rooms, Sequences, SunDepth,
-    SunRgbd, tum,
+    CaptureGrid, Captures, DataSet, Nyu, Placed, PlainFolders, Posed, Resized, Rooms, SunDepth, SunRgbd,
 };
 use crate::{Error, Result};
 use std::collections::BTreeMap;
@@ -15,12 +13,8 @@ use std::str::FromStr;
 pub enum DataSetKind {
     /// [`SunRgbd`].
     SunRgbd,
-    /// [`Sequences::nyu`].
+    /// [`Nyu`].
     Nyu,
-    /// [`Sequences::tum`].
-    Tum,
-    /// [`Sequences::redwood`].
-    Redwood,
     /// [`PlainFolders`].
     Plain,
     /// [`Rooms`].
@@ -33,24 +27,14 @@ pub enum DataSetKind {
 
 impl DataSetKind {
     /// All of them.
-    pub const ALL: [Self; 8] = [
-        Self::SunRgbd,
-        Self::Nyu,
-        Self::Tum,
-        Self::Redwood,
-        Self::Plain,
-        Self::Rooms,
-        Self::Captures,
-        Self::Posed,
-    ];
+    pub const ALL: [Self; 6] =
+        [Self::SunRgbd, Self::Nyu, Self::Plain, Self::Rooms, Self::Captures, Self::Posed];
 
-    /// Its name: `sunrgbd`, `nyu`, `tum`, `redwood`, `plain`, `rooms`, `captures` or `posed`.
+    /// Its name: `sunrgbd`, `nyu`, `plain`, `rooms`, `captures` or `posed`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::SunRgbd => "sunrgbd",
             Self::Nyu => "nyu",
-            Self::Tum => "tum",
-            Self::Redwood => "redwood",
             Self::Plain => "plain",
             Self::Rooms => "rooms",
             Self::Captures => "captures",
@@ -70,17 +54,14 @@ impl DataSetKind {
         if has(|folder| folder.join("scene.json").is_file())? {
             return Ok(Self::Plain);
         }
-        if has(tum::is_sequence)? {
-            return Ok(Self::Tum);
-        }
         if has(|folder| SunRgbd::is_scene(folder) && folder.join("intrinsics.txt").is_file())? {
             return Ok(Self::SunRgbd);
         }
-        if has(in_one_folder)? {
+        if has(Nyu::is_recording)? {
             return Ok(Self::Nyu);
         }
-        let reason = if has(side_by_side)? {
-            "could be one of several data sets; name it (`sunrgbd`, `nyu` or `redwood`)"
+        let reason = if has(Nyu::is_side_by_side)? {
+            "could be one of several data sets; name it (`sunrgbd` or `nyu`)"
         } else {
             "has the layout of no known data set; write a `scene.json` beside `color.png` and `depth.png`"
         };
@@ -115,8 +96,6 @@ pub struct Options {
     pub sun_depth: SunDepth,
     /// Width and height to resize to; their own without. Rooms are made in this size, 640 x 480 without.
     pub size: Option<[usize; 2]>,
-    /// Every so many images of a sequence ([`Sequences`]).
-    pub stride: usize,
     /// Seed of the [`Rooms`] and [`Captures`].
     pub seed: u64,
     /// The conditions of [`Captures`].
@@ -133,7 +112,6 @@ impl Default for Options {
             assumed_fov: None,
             sun_depth: SunDepth::Sensor,
             size: None,
-            stride: 1,
             seed: 0,
             captures: CaptureGrid::default(),
             pose_noise: 0.0,
@@ -150,9 +128,8 @@ pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result
     let fault = |value: &str, remedy| {
         Err(Error::Config { field: "the data set's folder", value: value.to_owned(), remedy })
     };
-    let Options { seed, stride, assumed_fov: fov, .. } = *options;
+    let Options { seed, assumed_fov: fov, .. } = *options;
     let [width, height] = options.size.unwrap_or([640, 480]);
-    let sequences = |found: Sequences| Box::new(found.with_stride(stride).with_assumed_fov(fov));
     let data: Box<dyn DataSet> = match (kind, root) {
         (DataSetKind::Rooms, None) => Box::new(Rooms::new(seed, width, height)),
         (DataSetKind::Captures, None) => Box::new(Captures::new(&options.captures, seed, width, height)?),
@@ -164,9 +141,7 @@ pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result
             Box::new(SunRgbd::open(root)?.with_depth(options.sun_depth).with_assumed_fov(fov))
         }
         (DataSetKind::Posed, Some(root)) => Box::new(Posed::open(root)?.with_pose_noise(options.pose_noise)?),
-        (DataSetKind::Nyu, Some(root)) => Box::new(Sequences::nyu(root)?),
-        (DataSetKind::Tum, Some(root)) => sequences(Sequences::tum(root)?),
-        (DataSetKind::Redwood, Some(root)) => sequences(Sequences::redwood(root)?),
+        (DataSetKind::Nyu, Some(root)) => Box::new(Nyu::open(root)?),
         (DataSetKind::Plain, Some(root)) => Box::new(PlainFolders::open(root)?.with_assumed_fov(fov)),
     };
     let data: Box<dyn DataSet> = match options.size {

@@ -1,52 +1,158 @@
-use super::files::find_scenes;
-use super::pairs::{
-    Pair, Sensor, Sequences, in_one_folder, pairs_in_one_folder, pairs_side_by_side, side_by_side,
-};
+use super::files::{entries, files_with, find_scenes, id, same_size};
+use super::{DataSet, Sample, out_of_range};
 use crate::{Error, Result};
+use mde_prior::format::{ReadOptions, read_depth};
+use mde_prior::photo::read_image;
 use mde_warp::PinholeCamera;
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
-impl Sequences {
-    /// NYU Depth v2 (Silberman et al., ECCV 2012) as files at or below a folder: pairs of an image and a PNG in millimetres, 0 =
-    /// missing.
-    ///
-    /// Two layouts are found: `rgb/00001.png` beside `depth/00001.png` (any file names whose first numbers agree), and
-    /// `rgb_00045.jpg` with `sync_depth_00045.png` in one folder, as the training sets of BTS and its successors have it. The
-    /// published `nyu_depth_v2_labeled.mat` must be exported first. Depth is trusted up to 10 m; the camera is the published one of
-    /// the colour sensor, scaled to the images' size.
+const IMAGES: [&str; 3] = ["jpg", "jpeg", "png"];
+/// How folders of colour images are called.
+const COLOUR: [&str; 5] = ["rgb", "color", "colour", "image", "images"];
+
+/// NYU Depth v2 (Silberman et al., ECCV 2012) as files at or below a folder: pairs of an image and a PNG in millimetres, 0 =
+/// missing.
+///
+/// Two layouts are found: `rgb/00001.png` beside `depth/00001.png` (any file names whose first numbers agree), and
+/// `rgb_00045.jpg` with `sync_depth_00045.png` in one folder, as the training sets of BTS and its successors have it: a recording,
+/// whose frames show one place. The published `nyu_depth_v2_labeled.mat` must be exported first. Depth is trusted up to 10 m; the
+/// camera is the published one of the colour sensor, scaled to the images' size.
+#[derive(Debug, Clone)]
+pub struct Nyu {
+    pairs: Vec<Pair>,
+    ids: Vec<String>,
+    /// The place of each pair.
+    places: Vec<String>,
+}
+
+/// An image and its depth map, as files.
+#[derive(Debug, Clone)]
+struct Pair {
+    image: PathBuf,
+    depth: PathBuf,
+    /// The folder that both belong to.
+    folder: PathBuf,
+}
+
+impl Nyu {
+    /// Finds the pairs.
     ///
     /// # Errors
     /// [`Error::Io`] for a folder that cannot be read, [`Error::Layout`] where there is no pair.
-    pub fn nyu(root: impl AsRef<Path>) -> Result<Self> {
+    pub fn open(root: impl AsRef<Path>) -> Result<Self> {
         let root = root.as_ref();
+        let fault = |reason: &str| Error::Layout { path: root.to_owned(), reason: reason.to_owned() };
         if root.extension().is_some_and(|e| e == "mat") {
-            let reason =
-                "is MATLAB's format, which is not read; export it as rgb/N.png and depth/N.png (16 bit, mm)"
-                    .into();
-            return Err(Error::Layout { path: root.to_owned(), reason });
+            return Err(fault(
+                "is MATLAB's format, which is not read; export it as rgb/N.png and depth/N.png (16 bit, mm)",
+            ));
         }
         let mut pairs = Vec::new();
-        for folder in find_scenes(root, |folder| side_by_side(folder) || in_one_folder(folder))? {
-            let side = side_by_side(&folder);
-            pairs.extend(if side { pairs_side_by_side(&folder)? } else { pairs_in_one_folder(&folder)? });
+        for folder in find_scenes(root, |folder| Self::is_side_by_side(folder) || Self::is_recording(folder))?
+        {
+            pairs.extend(pairs_of(&folder)?);
         }
+        if pairs.is_empty() {
+            return Err(fault(
+                "holds no rgb/N.png beside depth/N.png and no rgb_N.jpg with sync_depth_N.png",
+            ));
+        }
+        let name = |pair: &Pair| {
+            let stem = pair.image.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            if pair.folder == root { stem } else { format!("{}/{stem}", id(root, &pair.folder)) }
+        };
+        let ids: Vec<String> = pairs.iter().map(name).collect();
         // The labelled images are of many places; the files of a recording lie in one folder.
-        let recorded = |pair: &Pair| pair.image.parent() == Some(&pair.sequence);
-        let sensor = Sensor { units_per_metre: 1000.0, trusted_depth: 10.0, camera };
-        let what = "rgb/N.png beside depth/N.png and no rgb_N.jpg with sync_depth_N.png";
-        Self::new(root, pairs, sensor, recorded, what)
+        let place = |(pair, own): (&Pair, &String)| match pair.image.parent() == Some(&pair.folder) {
+            true => id(root, &pair.folder),
+            false => own.clone(),
+        };
+        let places = pairs.iter().zip(&ids).map(place).collect();
+        Ok(Self { pairs, ids, places })
+    }
+
+    /// Whether a folder holds a folder of images beside one of depth maps.
+    pub(super) fn is_side_by_side(folder: &Path) -> bool {
+        colour_folder(folder).is_some() && folder.join("depth").is_dir()
+    }
+
+    /// Whether a folder holds depth maps of a recording.
+    pub(super) fn is_recording(folder: &Path) -> bool {
+        entries(folder).is_ok_and(|paths| paths.iter().any(|path| starts_with(path, "sync_depth_")))
     }
 }
 
-fn camera(pair: &Pair, [width, height]: [usize; 2], _: Option<f64>) -> Result<(PinholeCamera, bool)> {
-    if width * 480 != height * 640 {
-        let reason = format!(
-            "is {width}x{height}, but the published camera is that of 640x480; use a plain folder with a scene.json"
-        );
-        return Err(Error::Layout { path: pair.image.clone(), reason });
+impl DataSet for Nyu {
+    fn ids(&self) -> &[String] {
+        &self.ids
     }
-    // The published principal point counts pixels from 1.
-    let published =
-        PinholeCamera::new(518.857_901, 519.469_611, 325.582_449 - 1.0, 253.736_166 - 1.0, 640, 480)?;
-    Ok((published.resized(width, height)?, false))
+
+    fn place(&self, index: usize) -> Option<&str> {
+        self.places.get(index).map(String::as_str)
+    }
+
+    fn load(&self, index: usize) -> Result<Sample> {
+        let (Some(pair), Some(id)) = (self.pairs.get(index), self.ids.get(index)) else {
+            return Err(out_of_range(index, self.pairs.len()));
+        };
+        let image = read_image(&pair.image)?.pixels;
+        let options = ReadOptions { png_scale: Some(1000.0), ..ReadOptions::default() };
+        let depth = read_depth(&pair.depth, &options)?;
+        let (height, width, _) = image.dim();
+        same_size(&pair.depth, depth.dim(), (height, width))?;
+        if width * 480 != height * 640 {
+            let reason = format!(
+                "is {width}x{height}, but the published camera is that of 640x480; use a plain folder with a scene.json"
+            );
+            return Err(Error::Layout { path: pair.image.clone(), reason });
+        }
+        // The published principal point counts pixels from 1.
+        let published =
+            PinholeCamera::new(518.857_901, 519.469_611, 325.582_449 - 1.0, 253.736_166 - 1.0, 640, 480)?;
+        let camera = published.resized(width, height)?;
+        Ok(Sample { trusted_depth: 10.0, ..Sample::new(id, image, depth, camera) })
+    }
+}
+
+fn colour_folder(folder: &Path) -> Option<PathBuf> {
+    COLOUR.iter().map(|name| folder.join(name)).find(|path| path.is_dir())
+}
+
+fn starts_with(path: &Path, prefix: &str) -> bool {
+    path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(prefix))
+}
+
+/// The pairs of a folder, by the first number in the files' names. Pictures without a depth map, and the other way round, are left
+/// out.
+fn pairs_of(folder: &Path) -> Result<Vec<Pair>> {
+    let (images, depths): (Vec<PathBuf>, Vec<PathBuf>) =
+        match colour_folder(folder).filter(|_| Nyu::is_side_by_side(folder)) {
+            Some(colour) => (files_with(&colour, &IMAGES)?, files_with(&folder.join("depth"), &["png"])?),
+            None => {
+                let files = files_with(folder, &IMAGES)?;
+                let named = |prefix| files.iter().filter(|path| starts_with(path, prefix)).cloned().collect();
+                (named("rgb_"), named("sync_depth_"))
+            }
+        };
+    let mut depth_of = BTreeMap::new();
+    for path in depths {
+        let Some(number) = number(&path) else { continue };
+        if let Some(other) = depth_of.insert(number, path.clone()) {
+            let reason = format!("has the same number as {}; name each frame's depth once", other.display());
+            return Err(Error::Layout { path, reason });
+        }
+    }
+    let pair = |image: PathBuf| {
+        let depth = depth_of.get(&number(&image)?)?.clone();
+        Some(Pair { image, depth, folder: folder.to_owned() })
+    };
+    Ok(images.into_iter().filter_map(pair).collect())
+}
+
+/// The first run of digits in a file's name.
+fn number(path: &Path) -> Option<u64> {
+    let name = path.file_stem()?.to_string_lossy().into_owned();
+    let digits = name.chars().skip_while(|c| !c.is_ascii_digit()).take_while(char::is_ascii_digit);
+    digits.collect::<String>().parse().ok()
 }

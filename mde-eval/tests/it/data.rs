@@ -2,8 +2,8 @@
 
 use mde_eval::capture::CapturedView;
 use mde_eval::data::{
-    CaptureGrid, Captures, DataSet, DataSetKind, MapPairs, Options, PlainFolders, Posed, Resized, Rooms,
-    Sequences, SunDepth, SunRgbd, open, parse_places,
+    CaptureGrid, Captures, DataSet, DataSetKind, MapPairs, Nyu, Options, PlainFolders, Posed, Resized, Rooms,
+    SunDepth, SunRgbd, open, parse_places,
 };
 use mde_eval::mde_prior::format::{write_npy, write_png16};
 use mde_eval::mde_prior::photo::write_image;
@@ -169,24 +169,24 @@ fn captures_are_a_data_set_of_every_combination() {
     assert!(matches!(Captures::new(&bad, 0, 16, 12), Err(Error::Config { field: "gain", .. })));
 }
 
-/// An image and a depth map in millimetres (or another unit) under names below `root`.
-fn pair(root: &Path, image: &str, depth: &str, size: (usize, usize), units: f32) {
+/// An image and a depth map in millimetres under names below `root`.
+fn pair(root: &Path, image: &str, depth: &str, size: (usize, usize)) {
     for path in [image, depth] {
         fs::create_dir_all(root.join(path).parent().unwrap()).unwrap();
     }
     write_image(root.join(image), Array3::from_elem((size.0, size.1, 3), 0.5).view()).unwrap();
     let map =
-        Array2::from_shape_fn(size, |(y, x)| if x == 0 { 0.0 } else { (1.0 + (y % 4) as f32 * 0.5) * units });
+        Array2::from_shape_fn(size, |(y, x)| if x == 0 { 0.0 } else { 1000.0 + (y % 4) as f32 * 500.0 });
     write_png16(root.join(depth), map.view(), 1.0).unwrap();
 }
 
 #[test]
 fn nyu_pairs_are_found_in_both_layouts() {
     let root = tempfile::tempdir().unwrap();
-    pair(root.path(), "kitchen/rgb_00045.png", "kitchen/sync_depth_00045.png", (48, 64), 1000.0);
-    pair(root.path(), "kitchen/rgb_00046.png", "kitchen/sync_depth_00047.png", (48, 64), 1000.0);
-    pair(root.path(), "labelled/rgb/0001.png", "labelled/depth/1.png", (480, 640), 1000.0);
-    let data = Sequences::nyu(root.path()).unwrap();
+    pair(root.path(), "kitchen/rgb_00045.png", "kitchen/sync_depth_00045.png", (48, 64));
+    pair(root.path(), "kitchen/rgb_00046.png", "kitchen/sync_depth_00047.png", (48, 64));
+    pair(root.path(), "labelled/rgb/0001.png", "labelled/depth/1.png", (480, 640));
+    let data = Nyu::open(root.path()).unwrap();
     assert_eq!(data.ids(), ["kitchen/rgb_00045", "labelled/0001"]);
     let small = data.load(0).unwrap();
     assert_eq!((small.depth[(1, 3)], small.depth[(1, 0)], small.trusted_depth), (1.5, 0.0, 10.0));
@@ -198,63 +198,11 @@ fn nyu_pairs_are_found_in_both_layouts() {
     assert_eq!(DataSetKind::guess(&root.path().join("kitchen")).unwrap(), DataSetKind::Nyu);
     let places = [data.place(0), data.place(1)];
     assert_eq!(places, [Some("kitchen"), Some("labelled/0001")]);
-    assert!(told(DataSetKind::guess(&root.path().join("labelled"))).contains("redwood"));
-    pair(root.path(), "odd/rgb/1.png", "odd/depth/1.png", (40, 64), 1000.0);
-    assert!(told(Sequences::nyu(root.path().join("odd")).unwrap().load(0)).contains("64x40"));
-    assert!(told(Sequences::nyu(root.path().join("nyu_depth_v2_labeled.mat"))).contains("export"));
-    assert!(matches!(Sequences::nyu(root.path().join("kitchen/none")), Err(Error::Io { .. })));
-}
-
-#[test]
-fn tum_frames_belong_to_the_nearest_in_time() {
-    let root = tempfile::tempdir().unwrap();
-    let folder = root.path().join("rgbd_dataset_freiburg2_desk");
-    for k in 0..3 {
-        pair(&folder, &format!("rgb/{k}.png"), &format!("depth/{k}.png"), (48, 64), 5000.0);
-    }
-    let lists = |rgb: &str, depth: &str| {
-        fs::write(folder.join("rgb.txt"), format!("# timestamp filename\n{rgb}")).unwrap();
-        fs::write(folder.join("depth.txt"), depth).unwrap();
-    };
-    // The second depth is nearer to the second picture; the third picture is too far from any.
-    lists(
-        "1.000 rgb/0.png\n1.020 rgb/1.png\n1.500 rgb/2.png\n",
-        "1.005 depth/0.png\n1.018 depth/1.png\n1.55 depth/2.png\n",
-    );
-    let data = Sequences::tum(root.path()).unwrap();
-    assert_eq!(data.ids(), ["rgbd_dataset_freiburg2_desk/0", "rgbd_dataset_freiburg2_desk/1"]);
-    let sample = data.load(1).unwrap();
-    assert_eq!((sample.depth[(1, 3)], sample.trusted_depth, sample.assumed_camera), (1.5, 5.0, false));
-    assert!((sample.camera.fx - 52.09).abs() < 1e-9);
-    assert_eq!(data.with_stride(2).len(), 1);
-    assert_eq!(DataSetKind::guess(root.path()).unwrap(), DataSetKind::Tum);
-    let other = root.path().join("mine");
-    fs::rename(&folder, &other).unwrap();
-    let data = Sequences::tum(&other).unwrap();
-    assert!(matches!(data.load(0), Err(Error::Intrinsics { .. })));
-    assert!(data.with_assumed_fov(60.0).load(0).unwrap().assumed_camera);
-    fs::write(other.join("depth.txt"), "soon depth/0.png").unwrap();
-    assert!(told(Sequences::tum(&other)).contains("line 1"));
-}
-
-#[test]
-fn redwood_scans_take_the_camera_beside_them() {
-    let root = tempfile::tempdir().unwrap();
-    for k in 1..4 {
-        let (image, depth) = (format!("image/000{k}-00033.png"), format!("depth/000{k}-00012.png"));
-        pair(root.path(), &image, &depth, (6, 8), 1000.0);
-    }
-    let data = Sequences::redwood(root.path()).unwrap();
-    assert_eq!((data.len(), data.clone().with_stride(2).len()), (3, 2));
-    assert!(matches!(data.load(0), Err(Error::Intrinsics { .. })));
-    let write = |text: &str| fs::write(root.path().join("camera_intrinsic.json"), text).unwrap();
-    write(r#"{"width": 16, "height": 12, "intrinsic_matrix": [20, 0, 0, 0, 22, 0, 7.5, 5.5, 1]}"#);
-    let sample = data.load(0).unwrap();
-    let camera = sample.camera;
-    assert_eq!([camera.fx, camera.fy, camera.cx, camera.cy], [10.0, 11.0, 3.5, 2.5]);
-    assert_eq!((sample.id.as_str(), sample.trusted_depth), ("0001-00033", 4.0));
-    write(r#"{"width": 16}"#);
-    assert!(matches!(data.load(0), Err(Error::Layout { .. })));
+    assert!(told(DataSetKind::guess(&root.path().join("labelled"))).contains("nyu"));
+    pair(root.path(), "odd/rgb/1.png", "odd/depth/1.png", (40, 64));
+    assert!(told(Nyu::open(root.path().join("odd")).unwrap().load(0)).contains("64x40"));
+    assert!(told(Nyu::open(root.path().join("nyu_depth_v2_labeled.mat"))).contains("export"));
+    assert!(matches!(Nyu::open(root.path().join("kitchen/none")), Err(Error::Io { .. })));
 }
 
 #[test]

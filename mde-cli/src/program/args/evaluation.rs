@@ -131,8 +131,8 @@ pub(crate) struct EvaluationArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data")]
 pub(crate) struct DataArgs {
-    /// Layout of the data set: sunrgbd, sunrgbd-filled (truth with its holes filled, not measured there), nyu, tum, redwood, plain, rooms,
-    /// captures or posed; default: detected from the folder
+    /// Layout of the data set: sunrgbd, sunrgbd-filled (truth with its holes filled, not measured there), nyu, plain, rooms, captures or
+    /// posed; default: detected from the folder
     #[arg(long, value_name = "NAME")]
     pub(crate) dataset: Option<Layout>,
     /// Resize images and truth (640x480 in the paper); default: their own size
@@ -141,9 +141,6 @@ pub(crate) struct DataArgs {
     /// Horizontal field of view of scenes without intrinsics, degrees (with a warning)
     #[arg(long, value_name = "DEG", default_value_t = 60.0, value_parser = field_of_view)]
     pub(crate) assume_fov: f64,
-    /// Use every Nth image of a sequence
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
-    pub(crate) stride: u16,
     /// File with a line SCENE PLACE per scene; intervals resample places
     #[arg(long, value_name = "FILE")]
     pub(crate) places: Option<PathBuf>,

@@ -56,7 +56,6 @@ impl Source {
             assumed_fov: Some(args.assume_fov),
             sun_depth: depth,
             size: args.size,
-            stride: usize::from(args.stride),
             captures,
             ..Options::default()
         };
@@ -72,7 +71,7 @@ impl Source {
     /// The options that determine images and truth of the scenes; not the folder, which may be moved.
     pub(crate) fn describe(&self) -> Value {
         let mut value = json!({ "dataset": self.kind.name(), "size": self.options.size,
-                                "depth": self.options.sun_depth, "stride": self.options.stride });
+                                "depth": self.options.sun_depth });
         if self.kind == DataSetKind::Captures {
             let CaptureGrid { views, baselines, pose_noises, gains } = &self.options.captures;
             value["captures"] =
