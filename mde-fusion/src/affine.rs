@@ -10,12 +10,6 @@ pub struct Affine {
     pub b: f64,
 }
 
-impl Default for Affine {
-    fn default() -> Self {
-        Self::IDENTITY
-    }
-}
-
 impl Affine {
     /// \\(a = 1\\), \\(b = 0\\).
     pub const IDENTITY: Self = Self { a: 1.0, b: 0.0 };

@@ -163,7 +163,7 @@ impl Fuser for BayesFuser {
             None => Array2::from_elem(prior.dim(), self.estimate(prior, deltas.as_deref())),
         };
         let sigma_o = rms(&prior_variance, &inside);
-        let used = affine.unwrap_or_default();
+        let used = affine.unwrap_or(Affine::IDENTITY);
         let align = |m: f32, v: f32| used.apply(Gaussian::new(f64::from(m), f64::from(v)));
         let aligned = aggregated.clone().map(|m, v| {
             let g = align(m, v);

@@ -2,14 +2,6 @@
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The two maps of a [`GaussianDepth`](crate::GaussianDepth) differ in shape.
-    #[error("mean is {mean:?} but variance is {variance:?} ([height, width]); both must agree")]
-    Shape {
-        /// Shape of the mean, `[height, width]`.
-        mean: [usize; 2],
-        /// Shape of the variance, `[height, width]`.
-        variance: [usize; 2],
-    },
     /// A map that must have the size of another.
     #[error("{what} is {found:?} but the map {expected:?} ([height, width]); give both one size")]
     Size {

@@ -18,12 +18,11 @@ impl GaussianDepth {
     /// Pixels of infinite variance are missing; their mean becomes 0, whatever its value.
     ///
     /// # Errors
-    /// [`Error::Shape`] where the shapes differ, [`Error::Variance`] for a NaN or negative variance, [`Error::Mean`]
+    /// [`Error::Size`] where the shapes differ, [`Error::Variance`] for a NaN or negative variance, [`Error::Mean`]
     /// for a mean that is not finite at a pixel that is not missing.
     pub fn new(mut mean: Array2<f32>, variance: Array2<f32>) -> Result<Self> {
-        let shape = |a: &Array2<f32>| [a.nrows(), a.ncols()];
         if mean.dim() != variance.dim() {
-            return Err(Error::Shape { mean: shape(&mean), variance: shape(&variance) });
+            return Err(Error::Size { what: "the variance", found: variance.dim(), expected: mean.dim() });
         }
         for (((row, column), m), &v) in mean.indexed_iter_mut().zip(variance.iter()) {
             if v.is_nan() || v < 0.0 {
@@ -113,7 +112,7 @@ mod tests {
         let negative = GaussianDepth::new(array![[1.0], [2.0]], array![[0.1], [-0.5]]);
         assert_eq!(negative, Err(Error::Variance { row: 1, column: 0, value: -0.5 }));
         let shape = GaussianDepth::new(Array2::zeros((2, 3)), Array2::zeros((3, 2)));
-        assert_eq!(shape, Err(Error::Shape { mean: [2, 3], variance: [3, 2] }));
+        assert_eq!(shape, Err(Error::Size { what: "the variance", found: (3, 2), expected: (2, 3) }));
     }
 
     #[test]
