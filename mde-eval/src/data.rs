@@ -21,7 +21,7 @@ pub use plain::{PlainFolders, PlainScene};
 pub use posed::Posed;
 pub use resized::Resized;
 pub use rooms::Rooms;
-pub use sunrgbd::{SunDepth, SunRgbd};
+pub use sunrgbd::SunRgbd;
 
 use crate::capture::{Capture, CapturedView};
 use crate::{Error, Result};

@@ -7,29 +7,26 @@ use std::path::{Path, PathBuf};
 const MAX_DEPTH: usize = 12;
 
 /// Folders at or below `root` that `is_scene`, by path; a scene is not searched for others within it.
-pub(super) fn find_scenes(root: &Path, is_scene: impl Fn(&Path) -> bool + Copy) -> Result<Vec<PathBuf>> {
+pub(super) fn find_scenes(root: &Path, is_scene: impl Fn(&Path) -> bool) -> Result<Vec<PathBuf>> {
     let mut found = Vec::new();
-    search(root, 0, is_scene, &mut found)?;
+    walk(root, |folder| {
+        let scene = is_scene(folder);
+        if scene {
+            found.push(folder.to_owned());
+        }
+        Ok(!scene)
+    })?;
     found.sort();
     Ok(found)
 }
 
-fn search(
-    folder: &Path,
-    depth: usize,
-    is_scene: impl Fn(&Path) -> bool + Copy,
-    found: &mut Vec<PathBuf>,
-) -> Result<()> {
-    if is_scene(folder) {
-        found.push(folder.to_owned());
-        return Ok(());
-    }
-    if depth >= MAX_DEPTH {
-        return Ok(());
-    }
-    for path in entries(folder)? {
-        if path.is_dir() {
-            search(&path, depth + 1, is_scene, found)?;
+/// Calls `visit` with `root` and the folders below it; it returns whether to search within.
+pub(super) fn walk(root: &Path, mut visit: impl FnMut(&Path) -> Result<bool>) -> Result<()> {
+    let mut left = vec![(root.to_owned(), 0)];
+    while let Some((folder, depth)) = left.pop() {
+        if visit(&folder)? && depth < MAX_DEPTH {
+            let below = entries(&folder)?.into_iter().filter(|path| path.is_dir());
+            left.extend(below.map(|path| (path, depth + 1)));
         }
     }
     Ok(())
@@ -50,10 +47,14 @@ pub(super) fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
 pub(super) fn files_with(folder: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>> {
     let fits = |path: &PathBuf| {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-        let hidden = path.file_name().and_then(|n| n.to_str()).is_none_or(|n| n.starts_with('.'));
-        !hidden && extensions.contains(&extension.as_str()) && path.is_file()
+        !is_hidden(path) && extensions.contains(&extension.as_str()) && path.is_file()
     };
     Ok(entries(folder)?.into_iter().filter(fits).collect())
+}
+
+/// Whether a name begins with a dot, or is no text.
+pub(super) fn is_hidden(path: &Path) -> bool {
+    path.file_name().and_then(|name| name.to_str()).is_none_or(|name| name.starts_with('.'))
 }
 
 /// Folders of scenes with their identifiers.
@@ -65,7 +66,7 @@ pub(super) struct Scenes {
 
 impl Scenes {
     /// Those at or below `root`, which holds no `what` without any.
-    pub(super) fn find(root: &Path, is_scene: impl Fn(&Path) -> bool + Copy, what: &str) -> Result<Self> {
+    pub(super) fn find(root: &Path, is_scene: impl Fn(&Path) -> bool, what: &str) -> Result<Self> {
         let folders = find_scenes(root, is_scene)?;
         if folders.is_empty() {
             return Err(Error::Layout { path: root.to_owned(), reason: format!("holds no {what}") });

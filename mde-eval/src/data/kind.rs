@@ -1,7 +1,5 @@
 use super::files::find_scenes;
-use super::{
-    CaptureGrid, Captures, DataSet, Nyu, Placed, PlainFolders, Posed, Resized, Rooms, SunDepth, SunRgbd,
-};
+use super::{CaptureGrid, Captures, DataSet, Nyu, Placed, PlainFolders, Posed, Resized, Rooms, SunRgbd};
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -88,12 +86,10 @@ impl FromStr for DataSetKind {
 }
 
 /// How a data set is opened by [`open`].
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Options {
     /// Horizontal field of view of scenes without a camera, degrees; they are refused without it.
     pub assumed_fov: Option<f64>,
-    /// The truth of SUN RGB-D.
-    pub sun_depth: SunDepth,
     /// Width and height to resize to; their own without. Rooms are made in this size, 640 x 480 without.
     pub size: Option<[usize; 2]>,
     /// Seed of the [`Rooms`] and [`Captures`].
@@ -104,20 +100,6 @@ pub struct Options {
     pub pose_noise: f64,
     /// Places by scene ([`Placed`]), for data sets that do not name them.
     pub places: BTreeMap<String, String>,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            assumed_fov: None,
-            sun_depth: SunDepth::Sensor,
-            size: None,
-            seed: 0,
-            captures: CaptureGrid::default(),
-            pose_noise: 0.0,
-            places: BTreeMap::new(),
-        }
-    }
 }
 
 /// Opens a data set by its name.
@@ -137,9 +119,7 @@ pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result
             return fault(&root.display().to_string(), "leave it out: rooms are rendered, not read");
         }
         (_, None) => return fault("missing", "name it"),
-        (DataSetKind::SunRgbd, Some(root)) => {
-            Box::new(SunRgbd::open(root)?.with_depth(options.sun_depth).with_assumed_fov(fov))
-        }
+        (DataSetKind::SunRgbd, Some(root)) => Box::new(SunRgbd::open(root)?.with_assumed_fov(fov)),
         (DataSetKind::Posed, Some(root)) => Box::new(Posed::open(root)?.with_pose_noise(options.pose_noise)?),
         (DataSetKind::Nyu, Some(root)) => Box::new(Nyu::open(root)?),
         (DataSetKind::Plain, Some(root)) => Box::new(PlainFolders::open(root)?.with_assumed_fov(fov)),

@@ -1,10 +1,9 @@
-use super::files::{entries, id};
+use super::files::{files_with, id, is_hidden, walk};
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 const EXTENSIONS: [&str; 5] = ["npy", "npz", "pfm", "png", "exr"];
-const MAX_DEPTH: usize = 12;
 
 /// A predicted depth map, its truth, and its standard deviation if there is one.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -73,31 +72,21 @@ impl MapPairs {
 /// Every map at or below a folder by its path without extension.
 fn maps(root: &Path) -> Result<BTreeMap<String, PathBuf>> {
     let mut found = BTreeMap::new();
-    search(root, root, 0, &mut found)?;
+    walk(root, |folder| {
+        if folder != root && is_hidden(folder) {
+            return Ok(false);
+        }
+        for path in files_with(folder, &EXTENSIONS)? {
+            if let Some(other) = found.insert(id(root, &path.with_extension("")), path.clone()) {
+                let reason = format!("is there as {} too; keep one of them", other.display());
+                return Err(Error::Layout { path, reason });
+            }
+        }
+        Ok(true)
+    })?;
     if found.is_empty() {
         let reason = format!("no depth map (.{})", EXTENSIONS.join(", ."));
         return Err(Error::Layout { path: root.to_owned(), reason });
     }
     Ok(found)
-}
-
-fn search(root: &Path, folder: &Path, depth: usize, found: &mut BTreeMap<String, PathBuf>) -> Result<()> {
-    for path in entries(folder)? {
-        let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
-        let extension =
-            path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-        if hidden {
-            continue;
-        }
-        if path.is_dir() && depth < MAX_DEPTH {
-            search(root, &path, depth + 1, found)?;
-        } else if path.is_file() && EXTENSIONS.contains(&extension.as_str()) {
-            let name = id(root, &path.with_extension(""));
-            if let Some(other) = found.insert(name, path.clone()) {
-                let reason = format!("is there as {} too; keep one of them", other.display());
-                return Err(Error::Layout { path, reason });
-            }
-        }
-    }
-    Ok(())
 }

@@ -5,33 +5,12 @@ use mde_prior::format::{ReadOptions, read_depth};
 use mde_prior::photo::read_image;
 use mde_warp::PinholeCamera;
 use ndarray::Array2;
-use serde::{Deserialize, Serialize};
 use std::path::Path;
-
-/// Which of SUN RGB-D's depth maps is the truth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum SunDepth {
-    /// `depth/`: the measurements of the sensor.
-    #[default]
-    Sensor,
-    /// `depth_bfx/`: the same with its holes filled, often wrongly.
-    Filled,
-}
-
-impl SunDepth {
-    const fn folder(self) -> &'static str {
-        match self {
-            Self::Sensor => "depth",
-            Self::Filled => "depth_bfx",
-        }
-    }
-}
 
 /// SUN RGB-D (Song et al., CVPR 2015) in its published layout: any folder below the root that has both `image/` and
 /// `depth/` is a scene.
 ///
-/// Depth files are 16-bit PNGs of millimetres whose bits are rotated left by three, trusted up to 8 m.
+/// Depth files, the measurements of the sensor in `depth/`, are 16-bit PNGs of millimetres whose bits are rotated left by three, trusted up to 8 m.
 /// `intrinsics.txt` holds the 3 x 3 matrix with pixels counted from 1, so 1 is taken from the principal point. A scene
 /// without that file is [`Error::Intrinsics`] unless a field of view is assumed. The place is known for the frames of SUN3D alone
 /// (`sun3ddata/BUILDING/RECORDING/`); many others show the same rooms too, which [`Placed`](super::Placed) can name.
@@ -47,7 +26,6 @@ impl SunDepth {
 #[derive(Debug, Clone)]
 pub struct SunRgbd {
     scenes: Scenes,
-    depth: SunDepth,
     assumed_fov: Option<f64>,
 }
 
@@ -61,18 +39,11 @@ impl SunRgbd {
     pub fn open(root: impl AsRef<Path>) -> Result<Self> {
         let what = "folder with `image/` and `depth/`; name SUN RGB-D's folder or one below it";
         let scenes = Scenes::find(root.as_ref(), Self::is_scene, what)?;
-        Ok(Self { scenes, depth: SunDepth::Sensor, assumed_fov: None })
+        Ok(Self { scenes, assumed_fov: None })
     }
 
     pub(super) fn is_scene(folder: &Path) -> bool {
         folder.join("image").is_dir() && folder.join("depth").is_dir()
-    }
-
-    /// With another depth map as the truth.
-    #[must_use]
-    pub fn with_depth(mut self, depth: SunDepth) -> Self {
-        self.depth = depth;
-        self
     }
 
     /// With square pixels and this horizontal field of view, degrees, where the camera is not known.
@@ -98,7 +69,7 @@ impl DataSet for SunRgbd {
     fn load(&self, index: usize) -> Result<Sample> {
         let (scene, id) = self.scenes.get(index)?;
         let image = read_image(only_file(&scene.join("image"), None, &["jpg", "jpeg", "png"])?)?.pixels;
-        let depth_path = only_file(&scene.join(self.depth.folder()), None, &["png"])?;
+        let depth_path = only_file(&scene.join("depth"), None, &["png"])?;
         let depth = read_sensor(&depth_path)?;
         let (height, width, _) = image.dim();
         same_size(&depth_path, depth.dim(), (height, width))?;

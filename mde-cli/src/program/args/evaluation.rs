@@ -6,7 +6,7 @@ use crate::program::args::shard::Shard;
 use crate::program::args::{MemoryArgs, NetworkArgs, RunArgs, size};
 use clap::{Args, ValueEnum};
 use mde_eval::align::AlignmentRule;
-use mde_eval::data::{CaptureGrid, DataSetKind, SunDepth};
+use mde_eval::data::{CaptureGrid, DataSetKind};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -131,10 +131,9 @@ pub(crate) struct EvaluationArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data")]
 pub(crate) struct DataArgs {
-    /// Layout of the data set: sunrgbd, sunrgbd-filled (truth with its holes filled, not measured there), nyu, plain, rooms, captures or
-    /// posed; default: detected from the folder
+    /// Layout of the data set: sunrgbd, nyu, plain, rooms, captures or posed; default: detected from the folder
     #[arg(long, value_name = "NAME")]
-    pub(crate) dataset: Option<Layout>,
+    pub(crate) dataset: Option<DataSetKind>,
     /// Resize images and truth (640x480 in the paper); default: their own size
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub(crate) size: Option<[usize; 2]>,
@@ -150,24 +149,6 @@ pub(crate) struct DataArgs {
     /// Run at most N scenes
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) limit: Option<u32>,
-}
-
-/// A data set's layout and which of its truths is used.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Layout {
-    pub(crate) kind: DataSetKind,
-    pub(crate) depth: SunDepth,
-}
-
-impl FromStr for Layout {
-    type Err = mde_eval::Error;
-
-    fn from_str(name: &str) -> Result<Self, Self::Err> {
-        Ok(match name {
-            "sunrgbd-filled" => Self { kind: DataSetKind::SunRgbd, depth: SunDepth::Filled },
-            name => Self { kind: name.parse()?, depth: SunDepth::Sensor },
-        })
-    }
 }
 
 /// Scenes of several photographs.

@@ -11,7 +11,7 @@ mod tools;
 pub(crate) use capture::{PosesArgs, SeveralArgs};
 pub(crate) use evaluation::{
     AblateArgs, CalibrateArgs, CaptureArgs, CropName, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs,
-    Grid, Layout, PixelArgs, ScoreMapsArgs, Simulated, Withheld,
+    Grid, PixelArgs, ScoreMapsArgs, Simulated, Withheld,
 };
 pub(crate) use output::{ExportArgs, RunArgs};
 pub(crate) use prior::{NetworkArgs, PriorArgs};

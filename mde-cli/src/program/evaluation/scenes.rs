@@ -2,12 +2,10 @@
 
 use crate::prior::OpenPrior;
 use crate::prior::origin::{PriorForm, PriorOrigin};
-use crate::program::args::{
-    CaptureArgs, DataArgs, EvalPriorArgs, Grid, Layout, NetworkArgs, Simulated, Withheld,
-};
+use crate::program::args::{CaptureArgs, DataArgs, EvalPriorArgs, Grid, NetworkArgs, Simulated, Withheld};
 use crate::program::open::prior;
 use anyhow::{Context, Result, bail};
-use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, Sample, SunDepth};
+use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, Sample};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
 use mde_prior::{DepthKind, DepthPrior, FileKind, PriorDepth, open};
 use ndarray::{Array2, ArrayView3};
@@ -26,9 +24,9 @@ pub(crate) struct Source {
 
 impl Source {
     pub(crate) fn open(root: Option<&Path>, args: &DataArgs, several: &CaptureArgs) -> Result<Self> {
-        let Layout { kind, depth } = match (args.dataset, root) {
-            (Some(layout), _) => layout,
-            (None, Some(root)) => Layout { kind: DataSetKind::guess(root)?, depth: SunDepth::Sensor },
+        let kind = match (args.dataset, root) {
+            (Some(kind), _) => kind,
+            (None, Some(root)) => DataSetKind::guess(root)?,
             (None, None) => bail!("name a data set's folder, or give --dataset rooms"),
         };
         let places = match &args.places {
@@ -54,7 +52,6 @@ impl Source {
             places,
             pose_noise,
             assumed_fov: Some(args.assume_fov),
-            sun_depth: depth,
             size: args.size,
             captures,
             ..Options::default()
@@ -70,8 +67,7 @@ impl Source {
 
     /// The options that determine images and truth of the scenes; not the folder, which may be moved.
     pub(crate) fn describe(&self) -> Value {
-        let mut value = json!({ "dataset": self.kind.name(), "size": self.options.size,
-                                "depth": self.options.sun_depth });
+        let mut value = json!({ "dataset": self.kind.name(), "size": self.options.size });
         if self.kind == DataSetKind::Captures {
             let CaptureGrid { views, baselines, pose_noises, gains } = &self.options.captures;
             value["captures"] =
