@@ -5,7 +5,6 @@ mod map;
 mod metric;
 mod prepared;
 mod sigma;
-mod truth;
 
 pub use config::ScoreConfig;
 pub use metric::{Better, Group, METRICS, Metric};
@@ -18,11 +17,11 @@ use crate::{Error, Result};
 use map::DepthMap;
 use metric::Of;
 use ndarray::{Array2, Zip};
+use prepared::Truth;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::{Deserialize, Serialize};
 use sigma::SigmaMap;
 use std::collections::BTreeMap;
-use truth::Truth;
 
 /// A prediction with or without its uncertainty, the truth, and the pixels that count.
 #[derive(Debug, Clone, Copy)]

@@ -49,24 +49,14 @@ pub fn rms_sigma(errors: &[f64], sigma: &[f64]) -> Result<f64> {
 /// Nominal and observed coverage of central intervals at 0, 1/99, ..., 1 (the reliability curve).
 pub fn reliability(errors: &[f64], sigma: &[f64]) -> Result<Vec<(f64, f64)>> {
     const STEPS: usize = 99;
-    let mut counts = [0_usize; STEPS + 1];
-    let n = mean(errors, sigma, |_, _| 1.0).map(|_| errors.len() as f64)?;
-    for (&e, &s) in errors.iter().zip(sigma) {
-        let inside = central_probability(e, s);
-        // The first nominal level that holds this pixel, guarded against the rounding of the product.
-        let guess = (inside * STEPS as f64) as usize;
-        let first = (guess.saturating_sub(1)..=STEPS).find(|&k| inside <= k as f64 / STEPS as f64);
-        counts[first.unwrap_or(STEPS)] += 1;
-    }
-    let mut within = 0;
-    Ok(counts
-        .iter()
-        .enumerate()
-        .map(|(k, count)| {
-            within += count;
-            (k as f64 / STEPS as f64, within as f64 / n)
-        })
-        .collect())
+    check(errors, sigma)?;
+    let mut inside: Vec<f64> = errors.iter().zip(sigma).map(|(&e, &s)| central_probability(e, s)).collect();
+    inside.sort_unstable_by(f64::total_cmp);
+    let point = |k: usize| {
+        let nominal = k as f64 / STEPS as f64;
+        (nominal, inside.partition_point(|p| *p <= nominal) as f64 / inside.len() as f64)
+    };
+    Ok((0..=STEPS).map(point).collect())
 }
 
 /// Distances of observed from nominal coverage over the [reliability] curve.

@@ -1,4 +1,4 @@
-use super::truth::Truth;
+use super::prepared::Truth;
 use crate::Result;
 use crate::metrics::boundary::boundary_f1;
 use crate::metrics::dbe::{BoundaryErrors, boundaries, errors_against};

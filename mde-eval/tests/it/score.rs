@@ -163,22 +163,6 @@ fn a_sigma_proportional_to_depth_is_at_chance_where_errors_are_relative() {
 }
 
 #[test]
-fn the_oracle_has_no_area_under_the_curve() {
-    let truth = study();
-    let prediction = prior(&truth);
-    let alignment = scored(&prediction, &truth, AlignmentRule::Median).alignment;
-    let Alignment::Depth { scale, .. } = alignment else { panic!() };
-    let mut oracle = truth.clone();
-    oracle.zip_mut_with(&prediction, |g, &p| {
-        *g = (f64::from((f64::from(p) * scale) as f32) - f64::from(*g)).abs().max(1e-7) as f32;
-    });
-    let subject = Subject::new(prediction.view(), truth.view()).with_sigma(oracle.view());
-    let scores = score_aligned(&subject, &alignment, &ScoreConfig::default()).unwrap().values;
-    assert!(scores["ause_mae"].abs() < 1e-6 && scores["ause_rmse"].abs() < 1e-6, "{scores:?}");
-    assert!(scores["spearman"] > 1.0 - 1e-6);
-}
-
-#[test]
 fn shared_and_own_alignment_differ_as_they_should() {
     let truth = study();
     let (baseline, other) = (truth.mapv(|z| 0.5 * z), truth.mapv(|z| 0.55 * z));
