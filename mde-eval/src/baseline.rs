@@ -30,25 +30,23 @@ pub use zoom::ZoomMerge;
 use crate::{Error, Method, Refined, Result, Task};
 use ndarray::{Array2, ArrayView2, ArrayView3};
 
-/// Names of the baselines, each with what it does.
-pub const METHODS: &[(&str, &str)] = &[
-    ("prior", "the monocular depth as it is"),
-    ("flip", "mean of the prior and the model's depth of the mirror image"),
-    (
-        "zoom",
-        "the model on 2x2, then 3x3 zoomed crops, with their detail merged (zoom30: as many grids as 30 predictions allow)",
-    ),
-    ("unsharp0.5", "unsharp mask in log depth, with half the detail added (any number after the name)"),
-    ("unsharp1", "the same with all of it"),
-    ("unsharp2", "the same with twice as much"),
-    ("noise", "1 % white noise"),
-    ("guided", "guided filter of the depth, with the image as guide"),
-    ("jbf", "joint bilateral filter"),
-    ("wmf", "weighted median filter"),
+/// Names of the baselines. Others are `zoom30`, as many grids of [`ZoomMerge`] as 30 predictions allow, and `unsharp1.5`, with any
+/// number after the name.
+pub const METHODS: &[&str] = &[
+    "prior",
+    "flip",
+    "zoom",
+    "unsharp0.5",
+    "unsharp1",
+    "unsharp2",
+    "noise",
+    "guided",
+    "jbf",
+    "wmf",
     #[cfg(feature = "solver")]
-    ("fbs", "fast bilateral solver with a confidence"),
-    ("gauged", "the prior in the gauge of the poses of several photographs"),
-    ("sweep", "plane sweep of several photographs with poses, without prior or field"),
+    "fbs",
+    "gauged",
+    "sweep",
 ];
 
 /// A baseline by its name; several joined by `+` run one after the other, each on the depth of the one before.
@@ -68,11 +66,7 @@ pub fn named(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
 }
 
 fn single(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
-    let unknown = || Error::Unknown {
-        what: "method",
-        name: name.to_owned(),
-        known: METHODS.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", "),
-    };
+    let unknown = || Error::Unknown { what: "method", name: name.to_owned(), known: METHODS.join(", ") };
     Ok(match name {
         "prior" => Box::new(Chain(Vec::new())),
         "flip" => Box::new(FlipAverage),

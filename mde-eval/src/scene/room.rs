@@ -1,11 +1,7 @@
-use crate::{Error, Result};
-use serde::{Deserialize, Serialize};
 use std::fmt;
-use std::str::FromStr;
 
 /// The rooms there are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Room {
     /// A desk with a chair, a lamp on a thin pole, bookcase and wall shelves.
     Study,
@@ -52,17 +48,5 @@ impl Room {
 impl fmt::Display for Room {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
-    }
-}
-
-impl FromStr for Room {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Self> {
-        Self::ALL.into_iter().find(|room| room.name() == name).ok_or_else(|| Error::Unknown {
-            what: "room",
-            name: name.into(),
-            known: Self::ALL.map(Self::name).join(", "),
-        })
     }
 }

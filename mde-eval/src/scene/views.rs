@@ -10,12 +10,10 @@ use mde_warp::{Pose, PosedView};
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use ndarray::Array2;
 use rand::RngExt;
-use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
 /// How a room is photographed several times.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+#[derive(Debug, Clone, PartialEq)]
 pub struct CaptureConfig {
     /// Number of photographs, with the reference.
     pub views: usize,

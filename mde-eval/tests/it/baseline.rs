@@ -42,7 +42,7 @@ fn run_with(method: &dyn Method, image: &Array3<f32>, prior: &Array2<f32>) -> Re
 fn filters() -> impl Iterator<Item = &'static str> {
     METHODS
         .iter()
-        .map(|(name, _)| *name)
+        .copied()
         .filter(|name| !["prior", "noise", "flip", "zoom", "gauged", "sweep"].contains(name))
 }
 
@@ -63,7 +63,7 @@ proptest! {
 
     #[test]
     fn missing_stays_missing_and_every_depth_is_one((image, prior) in picture()) {
-        let alone = METHODS.iter().map(|(name, _)| *name).filter(|name| !["gauged", "sweep"].contains(name));
+        let alone = METHODS.iter().copied().filter(|name| !["gauged", "sweep"].contains(name));
         for name in alone.chain(["zoom+jbf", "unsharp-0.5"]) {
             let refined = run(name, &image, &prior).unwrap();
             for (before, after) in prior.iter().zip(&refined) {
