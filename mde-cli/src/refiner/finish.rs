@@ -12,7 +12,7 @@ use crate::refiner::plausibility::doubts;
 use crate::reports::Refinement;
 use crate::reports::prediction::Component;
 use crate::scene::camera::KnownCamera;
-use crate::scene::size::thumbnail;
+use crate::scene::size::{byte, thumbnail};
 use crate::scene::{SameScale, Scene};
 use mde_prior::DepthKind;
 use mde_uncertainty::statistics::median;
@@ -205,13 +205,13 @@ impl<'s> Refined<'s> {
     /// renders.
     pub fn pictures(&self) -> Vec<(String, Array3<u8>)> {
         let Some(report) = &self.refinement.capture else { return Vec::new() };
-        let small = |image: &Array3<f32>| bytes(thumbnail(image.view()).view());
+        let small = |image: &Array3<f32>| thumbnail(image.view()).mapv(byte);
         let photographs = self.scene.photographs.iter().enumerate();
         let mut pictures: Vec<_> =
             photographs.map(|(index, one)| (picture_of(index), small(&one.image))).collect();
         if let Some(novel) = &report.novel {
-            pictures.push((NOVEL.to_owned(), bytes(novel.image.view())));
-            pictures.push((RENDERED.to_owned(), bytes(novel.rendered.view())));
+            pictures.push((NOVEL.to_owned(), novel.image.mapv(byte)));
+            pictures.push((RENDERED.to_owned(), novel.rendered.mapv(byte)));
         }
         pictures
     }
@@ -227,9 +227,4 @@ pub const RENDERED: &str = "views/rendered.png";
 /// The small picture of a photograph.
 pub fn picture_of(index: usize) -> String {
     format!("{PICTURES}/{index:02}.png")
-}
-
-/// sRGB in 0 to 1 as bytes.
-pub fn bytes(image: ArrayView3<'_, f32>) -> Array3<u8> {
-    image.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8)
 }

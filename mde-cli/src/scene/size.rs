@@ -94,6 +94,11 @@ pub fn resized(image: ArrayView3<'_, f32>, width: usize, height: usize) -> Array
     small
 }
 
+/// A colour in 0 to 1 as a byte.
+pub fn byte(value: f32) -> u8 {
+    (value.clamp(0.0, 1.0) * 255.0).round() as u8
+}
+
 /// A small version of a photograph `[height, width, 3]`, at most 240 pixels a side.
 pub fn thumbnail(image: ArrayView3<'_, f32>) -> Array3<f32> {
     let (height, width, _) = image.dim();

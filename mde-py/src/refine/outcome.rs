@@ -7,9 +7,9 @@ use mde_cli::mde_prior::{Certainty, CertaintyMeaning};
 use mde_cli::mde_warp::PinholeCamera;
 use mde_cli::output::preview::strip;
 use mde_cli::output::record::{About, RunRecord};
-use mde_cli::refiner::finish::bytes;
 use mde_cli::refiner::{Refined, Refiner};
 use mde_cli::scene::camera::KnownCamera;
+use mde_cli::scene::size::byte;
 use ndarray::{Array2, Array3};
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
@@ -86,7 +86,7 @@ impl Outcome {
         };
         let sigma = refinement.depth.sigma();
         let (depth, variance) = refinement.depth.into_parts();
-        let bytes = bytes(image);
+        let bytes = image.mapv(byte);
         let exact = image.iter().zip(&bytes).any(|(value, byte)| *value != f32::from(*byte) / 255.0);
         Ok(Self {
             maps: vec![

@@ -1,3 +1,4 @@
+use crate::output::folder::RECORD;
 use crate::output::preview::depth_picture;
 use crate::output::record::About;
 use crate::program::args::{PathArgs, RenderArgs};
@@ -5,7 +6,7 @@ use crate::program::interrupt;
 use crate::program::open::settings::{camera, limit, use_threads};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, rows, write_json};
-use crate::program::store::folder::{OutputFolder, RECORD};
+use crate::program::store::folder::OutputFolder;
 use crate::program::terminal::line_of;
 use crate::refiner::depth_png::DepthPng;
 use crate::refiner::plan::render_bytes;
@@ -95,7 +96,7 @@ fn write_view(folder: &Path, number: &str, view: &RenderedView, png: &DepthPng) 
     write_npy(folder.join(format!("depth{number}.npy")), view.depth.mean())?;
     write_npy(folder.join(format!("sigma{number}.npy")), view.depth.sigma().view())?;
     png.write(&folder.join(format!("depth{number}.png")), view.depth.mean())?;
-    Ok(write_rgb_png(folder.join(format!("preview{number}.png")), depth_picture(view.depth.mean()).pixels())?)
+    Ok(write_rgb_png(folder.join(format!("preview{number}.png")), depth_picture(view.depth.mean()).view())?)
 }
 
 /// Where the camera stands, world to camera.

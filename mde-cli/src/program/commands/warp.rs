@@ -1,6 +1,7 @@
 //! `mde warp`: the synthetic views of a photograph.
 
 use crate::config::Preset;
+use crate::output::folder::RECORD;
 use crate::output::preview::contact_sheet;
 use crate::output::record::About;
 use crate::prior::origin::PriorOrigin;
@@ -9,7 +10,7 @@ use crate::program::open::settings::{settings, sizes, use_threads};
 use crate::program::open::{prior, scene};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, rows, write_json};
-use crate::program::store::folder::{OutputFolder, RECORD};
+use crate::program::store::folder::OutputFolder;
 use crate::program::terminal::line_of;
 use crate::refiner::Refiner;
 use crate::reports::iteration::WarpReport;
@@ -103,5 +104,5 @@ fn write_views(folder: &Path, views: &[PosedView]) -> Result<()> {
         records.push(ViewRecord { image, mask, depth, world_to_camera, trainable });
     }
     write_json(&folder.join("poses.json"), &records)?;
-    Ok(write_rgb_png(folder.join("contact.png"), contact_sheet(views).pixels())?)
+    Ok(write_rgb_png(folder.join("contact.png"), contact_sheet(views).view())?)
 }

@@ -2,6 +2,7 @@
 
 use crate::error::Error;
 use crate::output::every::PhotographRow;
+use crate::output::folder::list_files;
 use crate::output::preview::{depth_picture, sigma_picture_within, usual_range};
 use crate::output::record::versions;
 use crate::program::args::RefineArgs;
@@ -11,7 +12,7 @@ use crate::program::open::photographs::content;
 use crate::program::open::scene;
 use crate::program::progress::Progress;
 use crate::program::store::entry::Entry;
-use crate::program::store::folder::{ENTRY, OutputFolder, list_files};
+use crate::program::store::folder::{ENTRY, OutputFolder};
 use crate::refiner::{Plan, Refined, Refiner};
 use crate::scene::size::resized;
 use crate::scene::{Photograph, SameScale, Scene};
@@ -164,8 +165,8 @@ fn thumbnail(refined: &Refined<'_>) -> Result<Array3<u8>> {
     let range = usual_range(relative.iter());
     let parts = [
         resized(refined.image, width, HEIGHT),
-        small(depth_picture(depth.mean()).pixels()),
-        small(sigma_picture_within(relative.view(), range).pixels()),
+        small(depth_picture(depth.mean()).view()),
+        small(sigma_picture_within(relative.view(), range).view()),
     ];
     let strip = concatenate(Axis(1), &parts.each_ref().map(|part| part.view()))?;
     Ok(strip.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8))
