@@ -1,6 +1,6 @@
 //! Errors: one line that names the value and the remedy.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Depths that the loop works with: their variances, and a thousandth of those, are floats.
 pub(crate) const LEAST: f32 = 1e-12;
@@ -78,23 +78,9 @@ pub enum Error {
         /// The fault and the remedy.
         reason: String,
     },
-    /// Known depths that give no scale.
-    #[error("{0}")]
-    Scale(String),
-    /// An argument of a run at fault, or a file that it names.
+    /// An argument of a run at fault, or what a file that it names holds: known depths, intrinsics.
     #[error("{0}")]
     Argument(String),
-    /// Camera intrinsics of another layout or size.
-    #[error("{0}")]
-    Intrinsics(String),
-    /// A file that could not be read or written.
-    #[error("{}: {source}; {}", path.display(), io_remedy(source))]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// The error of the operating system.
-        source: std::io::Error,
-    },
     /// The error of a stage or a factory that is not part of this workspace.
     #[error(transparent)]
     External(Box<dyn std::error::Error + Send + Sync>),
@@ -109,9 +95,9 @@ impl Error {
         Self::External(error.into())
     }
 
-    /// The error of a file.
-    pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
-        |source| Self::Io { path: path.to_owned(), source }
+    /// A file that can't be read.
+    pub(crate) fn read(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+        |source| Self::Prior(mde_prior::Error::Read { path: path.to_owned(), source })
     }
 }
 
@@ -170,20 +156,6 @@ pub(crate) fn text(error: &dyn std::error::Error) -> String {
         cause = error.source();
     }
     text
-}
-
-fn io_remedy(source: &std::io::Error) -> &'static str {
-    use std::io::ErrorKind;
-    match source.kind() {
-        ErrorKind::NotFound => "check the path",
-        ErrorKind::PermissionDenied => "check the permissions",
-        ErrorKind::IsADirectory => "give a file, not a folder",
-        ErrorKind::InvalidData => "give a text file",
-        ErrorKind::InvalidInput => "give a regular file",
-        ErrorKind::FileTooLarge => "give a smaller file",
-        ErrorKind::StorageFull => "free some space",
-        _ => "check that the file and its folder are accessible",
-    }
 }
 
 impl From<mde_nerf::Error> for Error {

@@ -172,9 +172,9 @@ impl Config {
     /// The same configuration with the values of a TOML file over it.
     ///
     /// # Errors
-    /// [`Error::Io`] where it cannot be read, else as [`Config::with_text`].
+    /// [`Error::Prior`] where it cannot be read, else as [`Config::with_text`].
     pub fn with_file(&self, path: &Path) -> Result<Self> {
-        let text = open::read_text(path, FileKind::Settings).map_err(Error::io(path))?;
+        let text = open::read_text(path, FileKind::Settings).map_err(Error::read(path))?;
         self.with_text(&text, &path.display().to_string())
     }
 

@@ -186,14 +186,14 @@ mod network {
     }
 
     fn read_spec(path: &Path) -> Result<ModelSpec> {
-        let text = open::read_text(path, FileKind::Settings).map_err(Error::io(path))?;
+        let text = open::read_text(path, FileKind::Settings).map_err(Error::read(path))?;
         ModelSpec::from_toml(&text).map_err(|error| Error::Argument(format!("{}: {error}", path.display())))
     }
 
     /// Opens a network of that format, on that runtime.
     ///
     /// # Errors
-    /// [`Error::Prior`] for a network that can't be opened, [`Error::Io`] for files that can't be read.
+    /// [`Error::Prior`] for a network that can't be opened, [`Error::Prior`] for files that can't be read.
     pub fn open_network(
         path: &Path,
         network: NetworkSpec,

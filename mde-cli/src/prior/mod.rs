@@ -66,11 +66,11 @@ pub fn hash(bytes: &[u8]) -> String {
 /// [`hash`] of several files, as if they were one.
 ///
 /// # Errors
-/// [`Error::Io`] where one cannot be read.
+/// [`Error::Prior`] where one cannot be read.
 pub fn hash_files<'p>(paths: impl IntoIterator<Item = &'p Path>) -> Result<String> {
     let mut hasher = crc32fast::Hasher::new();
     for path in paths {
-        hasher.update(&open::read(path, FileKind::Weights).map_err(Error::io(path))?);
+        hasher.update(&open::read(path, FileKind::Weights).map_err(Error::read(path))?);
     }
     Ok(format!("{:08x}", hasher.finalize()))
 }

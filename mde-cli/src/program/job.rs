@@ -128,14 +128,13 @@ impl Job<'_> {
         }
         more.extend(self.truth.as_ref().map(|truth| ("gt", truth.depth.view())));
         let evidence = capture.as_ref().and_then(|capture| capture.evidence.as_ref());
-        let evidence: Vec<_> = evidence.iter().flat_map(|evidence| evidence.arrays()).collect();
         let metric = refined.origin.kind == DepthKind::Metric;
         let camera = refined.camera.camera;
         let files = ResultFiles {
             more,
             components: components.iter().map(|part| (part.name, part.sigma.view())).collect(),
             certainty: certainty.as_ref().map(|own| (own.meaning, own.map.view())),
-            evidence: evidence.iter().map(|(name, map)| (*name, map.view())).collect(),
+            evidence: evidence.iter().flat_map(|evidence| evidence.arrays()).collect(),
             pictures: refined.pictures(),
             strip: strip(&refined.shown(), refined.image.dim().1),
             truth: self.truth.as_ref().filter(|_| metric).map(|truth| truth.depth.view()),

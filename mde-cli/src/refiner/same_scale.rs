@@ -97,7 +97,7 @@ impl OneScale {
     ) -> Result<Prepared> {
         let depth = prior.predict(image.view())?.to_depth(&self.disparity)?;
         let (height, width, _) = image.dim();
-        let size = within((height, width), Some(LONGER_SIDE));
+        let size = within((height, width), LONGER_SIDE);
         let (image, depth) = (shrink(image, size), nearest(depth.view(), size));
         let photograph = PoseInput {
             image: image.view(),

@@ -35,7 +35,7 @@ impl Intrinsics {
     /// optionally `width` and `height`; other keys are ignored.
     ///
     /// # Errors
-    /// [`Error::Intrinsics`] for text of another layout.
+    /// [`Error::Argument`] for text of another layout.
     pub fn parse(text: &str) -> Result<Self> {
         if text.trim_start().starts_with('{') {
             return serde_json::from_str(text)
@@ -64,7 +64,7 @@ impl Intrinsics {
     /// The camera of an image of `width` by `height` pixels, counted from 0.
     ///
     /// # Errors
-    /// [`Error::Intrinsics`] for intrinsics of another size, [`Error::Warp`] for a value out of range.
+    /// [`Error::Argument`] for intrinsics of another size, [`Error::Warp`] for a value out of range.
     pub fn camera(&self, [width, height]: [usize; 2]) -> Result<PinholeCamera> {
         let (w, h) = (self.width.unwrap_or(width), self.height.unwrap_or(height));
         if (w, h) != (width, height) {
@@ -77,7 +77,7 @@ impl Intrinsics {
 }
 
 fn fault(reason: String) -> Error {
-    Error::Intrinsics(reason)
+    Error::Argument(reason)
 }
 
 #[cfg(test)]

@@ -21,7 +21,7 @@ impl KnownDepth {
         let finite = [x, y, depth, sigma].iter().all(|v| v.is_finite());
         match finite && depth > 0.0 && sigma >= 0.0 {
             true => Ok(()),
-            false => Err(Error::Scale(format!(
+            false => Err(Error::Argument(format!(
                 "the known depth {depth} +- {sigma} at ({x}, {y}) is no positive number; check its columns"
             ))),
         }

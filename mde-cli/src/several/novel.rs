@@ -2,13 +2,14 @@
 
 use crate::error::Result;
 use crate::reports::novel::NovelView;
+use crate::scene::size::shrink;
 use crate::several::prepared::equalised;
 use mde_mvs::consensus::Reconstruction;
 use mde_nerf::{FieldCallback, RadianceField};
-use mde_prior::resample::{Filter, nearest, resize};
+use mde_prior::resample::nearest;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PosedView, WarpConfig, forward_warp};
-use ndarray::{Array2, Array3, Axis, Zip};
+use ndarray::{Array2, Array3, Zip};
 
 /// Longer side of the rendering, pixels: it takes a few tenths of a second.
 const LONGEST: usize = 320;
@@ -48,14 +49,14 @@ pub(super) fn compare(
     };
     let ([height, width], [rows, columns]) = (size(view), size(reference));
     let camera = view.camera.resized(width, height)?;
-    let image = shrunk(&image, [height, width]);
+    let image = shrink(&image, (height, width));
     let mask = nearest(view.mask.view(), (height, width));
     let rendered = field.render(&camera, &view.pose, callback)?;
 
     let z = nearest(known.prior.mean(), (rows, columns));
     let variance = z.mapv(|z| if z > 0.0 { 1.0 } else { f32::INFINITY });
     let moved = forward_warp(
-        shrunk(&reference.image, [rows, columns]).view(),
+        shrink(&reference.image, (rows, columns)).view(),
         &GaussianDepth::new(z, variance)?,
         &reference.camera.resized(columns, rows)?,
         &reference.pose,
@@ -79,14 +80,6 @@ pub(super) fn compare(
         rendered: rendered.image,
         image,
     }))
-}
-
-fn shrunk(image: &Array3<f32>, [height, width]: [usize; 2]) -> Array3<f32> {
-    let mut small = Array3::zeros((height, width, 3));
-    for (mut to, from) in small.axis_iter_mut(Axis(2)).zip(image.axis_iter(Axis(2))) {
-        to.assign(&resize(from, (height, width), Filter::BilinearAntialias));
-    }
-    small
 }
 
 /// Peak signal-to-noise ratio over the pixels of a mask, at most 99 dB.

@@ -12,7 +12,7 @@ use crate::reports::prediction::Component;
 use crate::scene::Scene;
 use crate::several::cameras::Posed;
 use crate::several::novel::Candidate;
-use crate::several::{cameras, fault, novel, priors, result, withheld};
+use crate::several::{cameras, novel, priors, result, withheld};
 use mde_fusion::BayesFuser;
 use mde_mvs::consensus::{Reconstruction, ViewDepth, reconstruct};
 use mde_mvs::exposure::{Exposure, fit_exposure};
@@ -177,7 +177,7 @@ impl<'s> PreparedScene<'s> {
     ) -> Result<Refinement> {
         let Some(prior) = self.priors.get(photograph) else {
             let reason = format!("photograph {photograph} of {}", self.priors.len());
-            return Err(fault(reason, "give the index of one of them"));
+            return Err(Error::Capture { reason, remedy: "give the index of one of them" });
         };
         let prior = prior.clone().ok_or(Error::EmptyPrior)?;
         let mut report = self.report.of(self.scene.reference, photograph);

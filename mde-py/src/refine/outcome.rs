@@ -77,7 +77,8 @@ impl Outcome {
         let Refined { refinement, stated, image, camera, field, .. } = refined;
         let field = field.filter(|_| settings.keep_field).map(|field| field.lock().to_bytes()).transpose()?;
         let evidence = refinement.capture.as_ref().and_then(|capture| capture.evidence.as_ref());
-        let evidence = evidence.iter().flat_map(|evidence| evidence.arrays()).collect();
+        let evidence = evidence.iter().flat_map(|evidence| evidence.arrays());
+        let evidence = evidence.map(|(name, map)| (name, map.to_owned())).collect();
         let interval = stated.interval.map(|interval| interval.bounds(&refinement.depth));
         let [lower, upper] = interval.map_or([None, None], |ends| ends.map(Some));
         let [confidence, error] = match refinement.certainty {

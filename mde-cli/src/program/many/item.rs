@@ -50,7 +50,7 @@ pub(crate) struct Common<'c> {
 pub(crate) fn settings_of(args: &RefineArgs, refiner: &Refiner<'_>) -> Result<String> {
     let camera = &args.camera;
     let content = |path: &PathBuf| -> Result<u32> {
-        let bytes = open::read(path, FileKind::Settings).map_err(Error::io(path))?;
+        let bytes = open::read(path, FileKind::Settings).map_err(Error::read(path))?;
         Ok(crc32fast::hash(&bytes))
     };
     let intrinsics = camera.intrinsics.as_ref().map(content).transpose()?;

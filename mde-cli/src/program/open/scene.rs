@@ -29,7 +29,8 @@ pub(crate) fn photograph(
 ) -> Result<Photograph> {
     let (height, width, _) = photo.pixels.dim();
     let camera = camera(args, photo.focal_35mm, [width, height])?;
-    Ok(refiner.photograph(&path.display().to_string(), photo.pixels, camera, several, progress)?)
+    let photograph = Photograph::new(path.display().to_string(), photo.pixels, camera);
+    Ok(photograph.resized(&refiner.settings().sizes, several, &mut |warning| progress.warn(warning))?)
 }
 
 /// The photographs of IMAGE and `--views`, IMAGE first, and their plan.
