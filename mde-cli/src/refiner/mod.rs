@@ -351,8 +351,9 @@ impl<'s> Prepared<'s> {
             (image, camera) = (full.image.view(), camera.resized((height, width))?);
         }
         let prior_seconds = std::mem::take(&mut self.prior_seconds) + timed.seconds();
-        let finish = finish::Finish { settings: &refiner.settings, origin: self.prior.origin(), scene };
-        let refined = finish.apply(refinement, photograph, image, camera, &mut |text| seen.warn(text))?;
+        let given = (&refiner.settings, self.prior.origin(), scene);
+        let refined =
+            finish::finish(given, refinement, photograph, (image, camera), &mut |text| seen.warn(text))?;
         refined.png.warning().into_iter().for_each(|warning| seen.warn(warning));
         Ok(Refined { field: kept, prior_seconds, ..refined })
     }
@@ -387,8 +388,7 @@ impl<'s> Prepared<'s> {
 
     /// Unit of the results: `m`, `capture` or `unscaled`.
     pub fn unit(&self) -> &'static str {
-        finish::Finish { settings: &self.refiner.settings, origin: self.prior.origin(), scene: self.scene }
-            .unit()
+        finish::unit_name(self.refiner.settings.unit, self.scene, self.prior.origin())
     }
 
     /// Seconds of predictions that no result has yet.

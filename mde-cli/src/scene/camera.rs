@@ -3,7 +3,7 @@
 use crate::error::{Error, Result, text};
 use crate::prior::origin::PriorOrigin;
 use crate::reports::capture::CaptureReport;
-use crate::scene::intrinsics::Intrinsics;
+use crate::scene::intrinsics;
 use mde_mvs::capture::{Distortion, Lens};
 use mde_prior::{DepthPrior, FileKind, open};
 use mde_warp::PinholeCamera;
@@ -96,8 +96,7 @@ impl KnownCamera {
             (GivenCamera::File(path), _) => {
                 let shown = path.display();
                 let read = open::read_text(path, FileKind::Settings).map_err(Error::read(path))?;
-                let camera = Intrinsics::parse(&read)
-                    .and_then(|k| k.camera([width, height]))
+                let camera = intrinsics::parse(&read, [width, height])
                     .map_err(|error| Error::Argument(format!("{shown}: {}", text(&error))))?;
                 (camera, CameraSource::File(shown.to_string()))
             }
