@@ -125,37 +125,19 @@ const ARGUMENTS: [&str; 18] = [
 
 /// A text with the arguments that it names in braces, such as `{max-memory}`, as `name` writes them.
 pub fn named(text: &str, name: impl Fn(&str) -> String) -> String {
-    let mut out = String::with_capacity(text.len());
-    let mut rest = text;
-    while let Some((before, after)) = rest.split_once('{') {
-        out += before;
-        let argument = after.split_once('}').filter(|(inside, _)| ARGUMENTS.contains(inside));
-        match argument {
-            Some((inside, after)) => {
-                out += &name(inside);
-                rest = after;
-            }
-            None => {
-                out.push('{');
-                rest = after;
-            }
-        }
-    }
-    out + rest
+    ARGUMENTS.iter().fold(text.to_owned(), |text, argument| match format!("{{{argument}}}") {
+        braced if text.contains(&braced) => text.replace(&braced, &name(argument)),
+        _ => text,
+    })
 }
 
 /// An error and its causes, without those that its text contains already.
 pub(crate) fn text(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        let more = error.to_string();
-        if !text.contains(&more) {
-            text = format!("{text}: {more}");
-        }
-        cause = error.source();
-    }
-    text
+    let causes = std::iter::successors(error.source(), |error| error.source()).map(ToString::to_string);
+    causes.fold(
+        error.to_string(),
+        |text, cause| if text.contains(&cause) { text } else { format!("{text}: {cause}") },
+    )
 }
 
 impl From<mde_nerf::Error> for Error {

@@ -2,13 +2,12 @@
 
 use crate::output::export::Format;
 use crate::output::files::ResultFiles;
-use crate::output::folder::RECORD;
 use crate::output::preview::strip;
 use crate::output::record::{About, RunRecord};
 use crate::program::open::truth::{Comparison, Truth};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
-use crate::program::store::folder::OutputFolder;
+use crate::program::store::folder::{OutputFolder, RECORD};
 use crate::program::terminal::line_of;
 use crate::program::{report, summary};
 use crate::refinement::event::Event;

@@ -34,6 +34,8 @@
 //! ```
 
 pub mod calibration;
+#[cfg(feature = "files")]
+pub mod capture;
 pub mod depth_png;
 pub mod error_bar;
 pub mod finish;

@@ -80,29 +80,9 @@ mod tests {
         ] {
             assert_eq!(parse(text, [561, 427]).unwrap(), camera, "{text}");
         }
-        for text in ["", "1 2 3", "520 3 277 0 520 215 0 0 1", "a b c", "{\"fx\": 520}"] {
-            assert!(parse(text, [561, 427]).is_err(), "{text}");
-        }
         let text =
             "{\"fx\": 500, \"fy\": 500, \"cx\": 319.5, \"cy\": 239.5, \"width\": 640, \"height\": 480}";
         assert_eq!(parse(text, [640, 480]).unwrap().cx, 319.5);
         assert!(parse(text, [320, 240]).is_err());
-    }
-
-    #[test]
-    fn a_file_of_no_possible_camera_is_refused() {
-        use crate::scene::camera::{GivenCamera, KnownCamera};
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("k.txt");
-        for (matrix, word) in [
-            ("1e300 0 320 0 500 240 0 0 1", "fx is 1e300"),
-            ("500 0 320 0 1e-300 240 0 0 1", "fy is 1e-300"),
-            ("500 0 1e300 0 500 240 0 0 1", "cx is 1e300"),
-        ] {
-            std::fs::write(&path, matrix).unwrap();
-            let camera = KnownCamera::new(&GivenCamera::File(path.clone()), None, [640, 480]);
-            let refused = camera.unwrap_err().to_string();
-            assert!(refused.contains("k.txt") && refused.contains(word), "{refused}");
-        }
     }
 }

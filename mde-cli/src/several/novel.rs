@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::reports::novel::NovelView;
 use crate::scene::size::shrink;
 use crate::several::prepared::equalised;
-use mde_mvs::consensus::Reconstruction;
+use mde_mvs::consensus::ViewDepth;
 use mde_nerf::{FieldCallback, RadianceField};
 use mde_prior::resample::nearest;
 use mde_uncertainty::GaussianDepth;
@@ -27,15 +27,14 @@ pub(super) struct Candidate {
     pub(super) withheld: bool,
 }
 
-/// Renders a photograph by the field, and by moving the reference with the gauged prior.
+/// Renders a photograph by the field, and by moving the reference with the gauged prior of what is `known` of its depth.
 pub(super) fn compare(
     candidate: &Candidate,
     reference: &PosedView,
-    reconstruction: &Reconstruction,
+    known: &ViewDepth,
     field: &dyn RadianceField,
     callback: &mut dyn FieldCallback,
-) -> Result<Option<NovelView>> {
-    let Some(known) = reconstruction.views.first() else { return Ok(None) };
+) -> Result<NovelView> {
     let view = &candidate.view;
     let image = match candidate.withheld {
         true => equalised(reference, view, known)?.1,
@@ -71,7 +70,7 @@ pub(super) fn compare(
         .for_each(|both, &opacity, &reached| *both &= reached && opacity >= OPAQUE);
     let compared = both.iter().filter(|both| **both).count() as f64 / both.len().max(1) as f64;
     let psnr = |other: &Array3<f32>| (compared >= LEAST).then(|| psnr(&image, other, &both));
-    Ok(Some(NovelView {
+    Ok(NovelView {
         photograph: candidate.index,
         withheld: candidate.withheld,
         psnr: psnr(&rendered.image),
@@ -79,7 +78,7 @@ pub(super) fn compare(
         compared,
         rendered: rendered.image,
         image,
-    }))
+    })
 }
 
 /// Peak signal-to-noise ratio over the pixels of a mask, at most 99 dB.

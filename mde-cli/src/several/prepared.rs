@@ -2,7 +2,7 @@
 
 use crate::config::{Config, Order};
 use crate::error::{Error, Result};
-use crate::refinement::event::{Callback, Event, Stage};
+use crate::refinement::event::{Callback, Event, Stage, begin};
 use crate::refinement::refine;
 use crate::refinement::stages::Stages;
 use crate::reports::Refinement;
@@ -23,7 +23,6 @@ use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::{Matrix6, Point3};
 use ndarray::{Array2, Array3, ArrayView2, Zip};
-use std::ops::ControlFlow;
 use std::time::Instant;
 
 /// Least share of a photograph's own choice among those swept together for it to need no sweeps of its own.
@@ -76,16 +75,6 @@ struct Swept {
     seconds: f64,
 }
 
-impl Swept {
-    /// What `stage` makes of the sweeps with those of one photograph first, as of the photograph that is refined.
-    fn as_first<T>(&mut self, own: usize, stage: impl FnOnce(&Reconstruction) -> T) -> T {
-        self.reconstruction.views.swap(0, own);
-        let made = stage(&self.reconstruction);
-        self.reconstruction.views.swap(0, own);
-        made
-    }
-}
-
 impl<'s> PreparedScene<'s> {
     /// Predictions and poses of all photographs, and the choice of those that are swept together. Of the stages, the prior and its limit of
     /// predictions at once are used.
@@ -100,16 +89,16 @@ impl<'s> PreparedScene<'s> {
     ) -> Result<Self> {
         config.validate()?;
         scene.validate()?;
-        let mut run = Run { config, callback };
+        let iterations = config.refinement.iterations.min(1);
         let mut report = CaptureReport::new(scene.photographs.iter().map(|one| &*one.name), scene.reference);
-        let start = run.begin(Stage::Prior)?;
+        let start = begin(callback, Stage::Prior, 0, iterations)?;
         let priors = priors::predict(scene, stages, config, |done, total| {
-            run.notify(&Event::Predicted { done, total })
+            callback(&Event::Predicted { done, total })
         })?;
         report.seconds.prior = start.elapsed().as_secs_f64();
 
-        let start = run.begin(Stage::Poses)?;
-        let mut matched = |done, total| run.notify(&Event::Part { stage: Stage::Poses, done, total });
+        let start = begin(callback, Stage::Poses, 0, iterations)?;
+        let mut matched = |done, total| callback(&Event::Part { stage: Stage::Poses, done, total });
         let posed = cameras::posed(scene, &priors, config, &mut report, &mut matched)?;
         let plan = match &posed {
             Some(posed) => plan(posed, &priors, config, 1)?,
@@ -182,7 +171,7 @@ impl<'s> PreparedScene<'s> {
         let prior = prior.clone().ok_or(Error::EmptyPrior)?;
         let mut report = self.report.of(self.scene.reference, photograph);
         let config = self.config;
-        let mut run = Run { config, callback };
+        let iterations = config.refinement.iterations.min(1);
         if photograph != self.scene.reference
             && let Some(posed) = &self.posed
             && self.plan.len() < posed.views.len()
@@ -193,7 +182,7 @@ impl<'s> PreparedScene<'s> {
             Ok(place) => place,
             Err(reason) => {
                 report.fallback = Some(reason);
-                return self.alone(photograph, stages, report, run.callback);
+                return self.alone(photograph, stages, report, callback);
             }
         };
         let Some(posed) = self.posed.as_ref() else { return Err(Error::EmptyPrior) };
@@ -202,16 +191,18 @@ impl<'s> PreparedScene<'s> {
             report.photographs[posed.order[score.view]].take(score, used, view, &posed.views[place]);
         }
 
-        run.begin(Stage::Sweep)?;
-        self.sweep(place, &mut |done, total| run.notify(&Event::Part { stage: Stage::Sweep, done, total }))?;
-        let (Some(posed), Some(swept)) = (&self.posed, &mut self.swept) else {
+        begin(callback, Stage::Sweep, 0, iterations)?;
+        self.sweep(place, &mut |done, total| callback(&Event::Part { stage: Stage::Sweep, done, total }))?;
+        let (Some(posed), Some(swept)) = (&self.posed, &self.swept) else {
             return Err(Error::EmptyPrior);
         };
         let start = Instant::now();
         let group: Vec<usize> = swept.group.iter().map(|&view| posed.order[view]).collect();
         report.take(&swept.reconstruction, &group);
         let unit = posed.unit;
-        let own = swept.group.iter().position(|&view| view == place).unwrap_or(0);
+        let known = |view: usize| swept.group.iter().position(|&swept| swept == view);
+        let known = |view: usize| &swept.reconstruction.views[known(view).unwrap_or(0)];
+        let own = known(place);
         report.scale = Some(result::scale(&swept.reconstruction, unit));
         let plan = &self.plan[place];
         let members: Vec<usize> =
@@ -238,36 +229,34 @@ impl<'s> PreparedScene<'s> {
         let depths: Vec<ArrayView2<'_, f32>> = depths.iter().map(|depth| depth.view()).collect();
         report.withheld_colours =
             withheld::withheld(&views, &depths, &order, &swept.reconstruction, self.scene)?;
-        let unusable = swept.as_first(own, result::unusable);
-        if let Some(reason) = unusable.or_else(|| withheld::contradiction(&report)) {
+        if let Some(reason) = result::unusable(own).or_else(|| withheld::contradiction(&report)) {
             report.fallback = Some(reason);
             // What the refused sweeps found is no scale.
             report.scale = None;
             report.seconds.sweep = swept.seconds + start.elapsed().as_secs_f64();
-            return self.alone(photograph, stages, report, run.callback);
+            return self.alone(photograph, stages, report, callback);
         }
-        swept.as_first(own, |known| equalise(&mut views, known, &order, &mut report))?;
-        for (view, member) in views.iter_mut().zip(&members) {
-            let at = swept.group.iter().position(|swept| swept == member).unwrap_or(0);
-            view.hypotheses = vec![swept.reconstruction.views[at].fused.clone()];
+        equalise(&mut views, own, &order, &mut report)?;
+        for (view, &member) in views.iter_mut().zip(&members) {
+            view.hypotheses = vec![known(member).fused.clone()];
         }
         report.seconds.sweep = swept.seconds + start.elapsed().as_secs_f64();
 
         let (mut rendered, mut field) = (None, None);
         if config.refinement.iterations > 0 {
-            let start = run.begin(Stage::Fit)?;
+            let start = begin(callback, Stage::Fit, 0, iterations)?;
             let mut fitted = stages.field(config, 0)?;
             report.fit = Some(fitted.fit(&views, &mut |event: &mde_nerf::FieldEvent| {
-                run.notify(&Event::Field { event: *event, view: 0, views: 0 })
+                callback(&Event::Field { event: *event, view: 0, views: 0 })
             })?);
             report.seconds.fit = start.elapsed().as_secs_f64();
 
-            let start = run.begin(Stage::Render)?;
+            let start = begin(callback, Stage::Render, 0, iterations)?;
             rendered = Some(fitted.render(
                 &views[0].camera,
                 &views[0].pose,
                 &mut |event: &mde_nerf::FieldEvent| {
-                    run.notify(&Event::Field { event: *event, view: 0, views: 1 })
+                    callback(&Event::Field { event: *event, view: 0, views: 1 })
                 },
             )?);
             report.seconds.render = start.elapsed().as_secs_f64();
@@ -278,18 +267,17 @@ impl<'s> PreparedScene<'s> {
                     candidate.view = at.map_or_else(|| candidate.view.clone(), |at| views[at].clone());
                 }
                 let mut notify = |event: &mde_nerf::FieldEvent| {
-                    run.notify(&Event::Field { event: *event, view: 1, views: 2 })
+                    callback(&Event::Field { event: *event, view: 1, views: 2 })
                 };
-                report.novel = swept.as_first(own, |known| {
-                    novel::compare(candidate, &views[0], known, &*fitted, &mut notify)
-                })?;
+                report.novel = Some(novel::compare(candidate, &views[0], own, &*fitted, &mut notify)?);
             }
             field = Some(fitted);
         }
-        run.begin(Stage::Fuse)?;
-        let (mut depth, mut components) = swept
-            .as_first(own, |known| result::combine(known, &views, &covariances, rendered.as_ref(), unit))?;
+        begin(callback, Stage::Fuse, 0, iterations)?;
         let factor = result::scale(&swept.reconstruction, unit)[0];
+        let inflation = swept.reconstruction.inflation;
+        let (mut depth, mut components) =
+            result::combine(own, inflation, &views, &covariances, rendered.as_ref(), factor)?;
         if let Some(rendered) = &rendered {
             let printed = match (stages.fuser, config.refinement.order) {
                 (Some(fuser), _) => Some(result::printed(fuser, &prior, rendered, factor)?),
@@ -305,8 +293,7 @@ impl<'s> PreparedScene<'s> {
             }
         }
         report.place(&views, &order, factor);
-        let known = members.iter().filter_map(|member| swept.group.iter().position(|view| view == member));
-        let fused: Vec<&GaussianDepth> = known.map(|at| &swept.reconstruction.views[at].fused).collect();
+        let fused: Vec<&GaussianDepth> = members.iter().map(|&member| &known(member).fused).collect();
         let evidence = Evidence::new(&views, &fused, rendered.as_ref(), &depth, factor)?;
         report.confirmed = Some(evidence.confirmed_share());
         report.evidence = Some(evidence);
@@ -443,13 +430,11 @@ fn plan(
 /// The photographs in the exposure of the first, fitted where other photographs confirm its depth.
 fn equalise(
     views: &mut [PosedView],
-    reconstruction: &Reconstruction,
+    known: &ViewDepth,
     order: &[usize],
     report: &mut CaptureReport,
 ) -> Result<()> {
-    let Some(((reference, others), known)) = views.split_first_mut().zip(reconstruction.views.first()) else {
-        return Ok(());
-    };
+    let Some((reference, others)) = views.split_first_mut() else { return Ok(()) };
     for (view, &index) in others.iter_mut().zip(order.iter().skip(1)) {
         let (exposure, image) = equalised(reference, view, known)?;
         view.image = image;
@@ -470,23 +455,4 @@ pub(super) fn equalised(
     let exposure = fit_exposure(reference, view, verified.view())?.exposure;
     let image = exposure.apply_to(&view.image).mapv(|value| value.clamp(0.0, 1.0));
     Ok((exposure, image))
-}
-
-struct Run<'r, 'c> {
-    config: &'r Config,
-    callback: &'r mut Callback<'c>,
-}
-
-impl Run<'_, '_> {
-    fn notify(&mut self, event: &Event) -> ControlFlow<()> {
-        (self.callback)(event)
-    }
-
-    fn begin(&mut self, stage: Stage) -> Result<Instant> {
-        let iterations = self.config.refinement.iterations.min(1);
-        match self.notify(&Event::Begin { stage, iteration: 0, iterations }) {
-            ControlFlow::Continue(()) => Ok(Instant::now()),
-            ControlFlow::Break(()) => Err(Error::Interrupted),
-        }
-    }
 }

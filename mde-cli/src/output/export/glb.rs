@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::scene::size::byte;
 use crate::several::cloud::RefinedView;
 use mde_prior::photo::encode_rgb_png;
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// About so many vertices: a larger map is thinned, the texture is not.
 const VERTICES: usize = 1_000_000;
@@ -31,6 +31,11 @@ pub(crate) fn encode(view: &RefinedView<'_>, unit: &str) -> Result<Vec<u8>> {
 }
 
 fn file(view: &RefinedView<'_>, unit: &str, Mesh { vertices, triangles }: &Mesh) -> Result<Vec<u8>> {
+    let asset = json!({ "version": "2.0", "generator": "mde", "extras": { "unit": unit } });
+    if triangles.is_empty() {
+        // An accessor holds at least one element: without a surface there is no mesh.
+        return Ok(container(&json!({ "asset": asset, "scene": 0, "scenes": [{}] }), &[]));
+    }
     let mut data: Vec<u8> = vertices.iter().flatten().flat_map(|number| number.to_le_bytes()).collect();
     let indices = data.len();
     data.extend(triangles.iter().flatten().flat_map(|index| index.to_le_bytes()));
@@ -42,8 +47,8 @@ fn file(view: &RefinedView<'_>, unit: &str, Mesh { vertices, triangles }: &Mesh)
         let of = |axis: usize| vertices.iter().map(|vertex| vertex[axis]).fold(start, wanted);
         vec![of(0), of(1), of(2)]
     };
-    let mut root = json!({
-        "asset": { "version": "2.0", "generator": "mde", "extras": { "unit": unit } },
+    let root = json!({
+        "asset": asset,
         "extensionsUsed": ["KHR_materials_unlit"],
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
@@ -74,35 +79,16 @@ fn file(view: &RefinedView<'_>, unit: &str, Mesh { vertices, triangles }: &Mesh)
             "attributes": { "POSITION": 0, "TEXCOORD_0": 1, "_SIGMA": 2 }, "indices": 3, "material": 0,
         }] }],
     });
-    if triangles.is_empty() {
-        // An accessor holds at least one element: without a surface there is no mesh.
-        for key in [
-            "nodes",
-            "meshes",
-            "accessors",
-            "bufferViews",
-            "images",
-            "textures",
-            "samplers",
-            "materials",
-            "buffers",
-            "extensionsUsed",
-        ] {
-            root.as_object_mut().map(|root| root.remove(key));
-        }
-        root["scenes"] = json!([{}]);
-        data.clear();
-    }
-    let mut text = root.to_string().into_bytes();
-    text.resize(text.len().next_multiple_of(4), b' ');
-    Ok(container(&text, &data))
+    Ok(container(&root, &data))
 }
 
 /// Header, JSON and data.
-fn container(text: &[u8], data: &[u8]) -> Vec<u8> {
+fn container(root: &Value, data: &[u8]) -> Vec<u8> {
+    let mut text = root.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
     let parts: &[(&[u8; 4], &[u8])] = match data {
-        [] => &[(b"JSON", text)],
-        _ => &[(b"JSON", text), (b"BIN\0", data)],
+        [] => &[(b"JSON", &text)],
+        _ => &[(b"JSON", &text), (b"BIN\0", data)],
     };
     let length: usize = 12 + parts.iter().map(|(_, part)| 8 + part.len()).sum::<usize>();
     let mut bytes = MAGIC.to_vec();
@@ -162,7 +148,6 @@ fn torn(depths: [f64; 3], share: f64) -> bool {
 mod tests {
     use super::*;
     use crate::output::export::tests::{SIZE, with_plane};
-    use serde_json::Value;
 
     fn parts(bytes: &[u8]) -> (Value, &[u8]) {
         let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;

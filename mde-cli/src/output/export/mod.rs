@@ -30,44 +30,23 @@ pub enum Format {
     Field,
 }
 
-impl Format {
-    /// All formats.
-    pub const ALL: [Self; 7] =
-        [Self::Ply, Self::Glb, Self::Exr, Self::Colmap, Self::Transforms, Self::Sigma, Self::Field];
-
-    /// Its name as an argument.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ply => "ply",
-            Self::Glb => "glb",
-            Self::Exr => "exr",
-            Self::Colmap => "colmap",
-            Self::Transforms => "transforms",
-            Self::Sigma => "sigma",
-            Self::Field => "field",
-        }
-    }
-
-    /// Its files and what is in them.
-    pub fn about(self) -> &'static str {
-        match self {
-            Self::Ply => "cloud.ply: points with colour, normal and sigma (binary)",
-            Self::Glb => "mesh.glb: textured mesh, torn at depth edges, y up",
-            Self::Exr => "depth.exr: channels Y and Z (refined), sigma and prior",
-            Self::Colmap => "colmap/: images/ and sparse/0/",
-            Self::Transforms => "transforms.json: camera, depth and sigma for nerfstudio",
-            Self::Sigma => "sigma/: the components of sigma (NPY)",
-            Self::Field => "field.safetensors: the fitted field, for mde render",
-        }
-    }
-}
+/// Each format with its name as an argument, and its files and what is in them.
+pub const FORMATS: [(Format, &str, &str); 7] = [
+    (Format::Ply, "ply", "cloud.ply: points with colour, normal and sigma (binary)"),
+    (Format::Glb, "glb", "mesh.glb: textured mesh, torn at depth edges, y up"),
+    (Format::Exr, "exr", "depth.exr: channels Y and Z (refined), sigma and prior"),
+    (Format::Colmap, "colmap", "colmap/: images/ and sparse/0/"),
+    (Format::Transforms, "transforms", "transforms.json: camera, depth and sigma for nerfstudio"),
+    (Format::Sigma, "sigma", "sigma/: the components of sigma (NPY)"),
+    (Format::Field, "field", "field.safetensors: the fitted field, for mde render"),
+];
 
 impl FromStr for Format {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        Self::ALL.into_iter().find(|format| format.name() == name).ok_or_else(|| {
-            let names = Self::ALL.map(Self::name).join(", ");
+        FORMATS.into_iter().find(|format| format.1 == name).map(|format| format.0).ok_or_else(|| {
+            let names = FORMATS.map(|format| format.1).join(", ");
             Error::Argument(format!("export: {name:?} is no format; give some of {names}"))
         })
     }

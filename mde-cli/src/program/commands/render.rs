@@ -1,4 +1,3 @@
-use crate::output::folder::RECORD;
 use crate::output::preview::depth_picture;
 use crate::output::record::About;
 use crate::program::args::{PathArgs, RenderArgs};
@@ -6,7 +5,7 @@ use crate::program::interrupt;
 use crate::program::open::settings::{camera, limit, use_threads};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, rows, write_json};
-use crate::program::store::folder::OutputFolder;
+use crate::program::store::folder::{OutputFolder, RECORD};
 use crate::program::terminal::line_of;
 use crate::refiner::depth_png::DepthPng;
 use crate::refiner::plan::render_bytes;

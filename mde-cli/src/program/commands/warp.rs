@@ -1,7 +1,6 @@
 //! `mde warp`: the synthetic views of a photograph.
 
 use crate::config::Preset;
-use crate::output::folder::RECORD;
 use crate::output::preview::contact_sheet;
 use crate::output::record::About;
 use crate::prior::origin::PriorOrigin;
@@ -10,7 +9,7 @@ use crate::program::open::settings::{settings, sizes, use_threads};
 use crate::program::open::{prior, scene};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, rows, write_json};
-use crate::program::store::folder::OutputFolder;
+use crate::program::store::folder::{OutputFolder, RECORD};
 use crate::program::terminal::line_of;
 use crate::refiner::Refiner;
 use crate::reports::iteration::WarpReport;

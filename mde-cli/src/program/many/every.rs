@@ -5,7 +5,6 @@
 
 use crate::output::every::{CLOUD, EveryRecord, PhotographRow, write_all};
 use crate::output::export::transforms::FILE as TRANSFORMS;
-use crate::output::folder::{RECORD, list_files};
 use crate::output::names::folders;
 use crate::output::record::{About, versions};
 use crate::program::error::Partial;
@@ -17,7 +16,9 @@ use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
 use crate::program::report::{INDEX, every_page};
 use crate::program::store::entry::Entry;
-use crate::program::store::folder::{ENTRY, NewFolder, OutputFolder, check_place, remove_unfinished};
+use crate::program::store::folder::{
+    ENTRY, NewFolder, OutputFolder, RECORD, check_place, list_files, remove_unfinished,
+};
 use crate::program::store::lock::Lock;
 use crate::program::summary::intervals;
 use crate::program::terminal::line_of;

@@ -2,7 +2,6 @@
 
 use crate::error::Error;
 use crate::output::every::PhotographRow;
-use crate::output::folder::list_files;
 use crate::output::preview::{depth_picture, sigma_picture_within, usual_range};
 use crate::output::record::versions;
 use crate::program::args::RefineArgs;
@@ -12,7 +11,7 @@ use crate::program::open::photographs::content;
 use crate::program::open::scene;
 use crate::program::progress::Progress;
 use crate::program::store::entry::Entry;
-use crate::program::store::folder::{ENTRY, OutputFolder};
+use crate::program::store::folder::{ENTRY, OutputFolder, list_files};
 use crate::refiner::{Plan, Refined, Refiner};
 use crate::scene::size::resized;
 use crate::scene::{Photograph, SameScale, Scene};

@@ -13,7 +13,7 @@ pub(crate) use index::photographs_page;
 
 use crate::output::every::{CLOUD, PhotographRow};
 use crate::output::export::transforms::FILE as TRANSFORMS;
-use crate::output::folder::RECORD;
+use crate::program::store::folder::RECORD;
 use anyhow::{Context, Result, bail, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;

@@ -1,9 +1,9 @@
 //! The page of one refinement.
 
 use crate::config::{Config, IterationPrior, Preset};
-use crate::output::folder::RECORD;
 use crate::program::report::encode::{WIDEST, fitted, gradients, map, nearest, picture};
 use crate::program::report::{page, photographs, read_json, read_text};
+use crate::program::store::folder::RECORD;
 use crate::scene::size::resized;
 use anyhow::{Context, Result, ensure};
 use mde_prior::format::{ReadOptions, read_values};

@@ -1,7 +1,7 @@
 //! Finished work, known again by what it was made from.
 
-use crate::output::folder::files_in;
 use crate::program::provenance::write_json;
+use crate::program::store::folder::files_in;
 use anyhow::{Context, Result};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};

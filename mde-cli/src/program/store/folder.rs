@@ -1,6 +1,7 @@
 //! An output folder, written atomically.
 
-use crate::output::folder::{RECORD, exchange, files_in, list_files, listed_files};
+pub(crate) use crate::output::folder::{RECORD, files_in, list_files};
+use crate::output::folder::{exchange, listed_files};
 use crate::program::interrupt;
 use crate::program::store::lock;
 use anyhow::{Context, Result, bail, ensure};
