@@ -80,21 +80,3 @@ pub fn exchange(new: &Path, target: &Path) -> Result<()> {
     })?;
     fs::remove_dir_all(aside)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_folder_takes_the_place_of_another() {
-        let place = tempfile::tempdir().unwrap();
-        let [new, target] = ["new", "target"].map(|name| place.path().join(name));
-        for content in ["first", "second"] {
-            fs::create_dir(&new).unwrap();
-            fs::write(new.join("file"), content).unwrap();
-            exchange(&new, &target).unwrap();
-            assert_eq!(fs::read_to_string(target.join("file")).unwrap(), content);
-            assert_eq!(fs::read_dir(place.path()).unwrap().count(), 1);
-        }
-    }
-}

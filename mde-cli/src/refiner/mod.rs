@@ -193,14 +193,12 @@ impl<'p> Refiner<'p> {
         let full = sizes.of_results(original);
         let at = sizes.of_refinement(full);
         let pixels = at.0 as u64 * at.1 as u64;
-        let mut alone = config.clone();
-        alone.refinement.iterations = 0;
         let (memory, swept) = match photographs {
             0 | 1 => (PhotographMemory::new(config, prior, full, at, threads), 0),
             _ => {
                 let bytes = |pixels| scene_bytes(pixels, photographs as u64, threads as u64, config);
                 limit.check(name, at, bytes)?;
-                let memory = PhotographMemory::of_several(&alone, prior, at, photographs, threads);
+                let memory = PhotographMemory::of_several(config, prior, at, photographs, threads);
                 (memory, bytes(pixels))
             }
         };

@@ -61,9 +61,12 @@ struct Planned {
 }
 
 impl Planned {
-    /// Whether the fit has that photograph: it is chosen, and among those that are swept.
-    fn uses(&self, score: &ViewScore) -> bool {
-        score.chosen && self.group.contains(&score.view)
+    /// Reports the scores of the others for the photograph at `place`. The fit has those that are chosen, and among those that are swept.
+    fn report(&self, posed: &Posed, place: usize, report: &mut CaptureReport) {
+        for score in &self.scores {
+            let (view, used) = (&posed.views[score.view], score.chosen && self.group.contains(&score.view));
+            report.photographs[posed.order[score.view]].take(score, used, view, &posed.views[place]);
+        }
     }
 }
 
@@ -100,24 +103,12 @@ impl<'s> PreparedScene<'s> {
         let start = begin(callback, Stage::Poses, 0, iterations)?;
         let mut matched = |done, total| callback(&Event::Part { stage: Stage::Poses, done, total });
         let posed = cameras::posed(scene, &priors, config, &mut report, &mut matched)?;
-        let plan = match &posed {
-            Some(posed) => plan(posed, &priors, config, 1)?,
-            None => Vec::new(),
-        };
-        if let (Some(posed), Some(first)) = (&posed, plan.first()) {
-            for score in &first.scores {
-                report.photographs[posed.order[score.view]].take(
-                    score,
-                    first.uses(score),
-                    &posed.views[score.view],
-                    &posed.views[0],
-                );
-            }
+        let (mut plan, mut scale) = (Vec::new(), None);
+        if let Some(posed) = &posed {
+            plan = self::plan(posed, &priors, config, 1)?;
+            plan.iter().for_each(|first| first.report(posed, 0, &mut report));
+            scale = scale_of_points(scene, posed, &priors)?;
         }
-        let scale = match &posed {
-            Some(posed) => scale_of_points(scene, posed, &priors)?,
-            None => None,
-        };
         report.seconds.poses = start.elapsed().as_secs_f64();
         Ok(Self { scene, config, priors, posed, plan, swept: None, scale, scale_sought: false, report })
     }
@@ -139,18 +130,19 @@ impl<'s> PreparedScene<'s> {
 
     /// The camera of a photograph, with the estimated focal length where that was assumed; none for an index that is none of them.
     pub fn camera(&self, photograph: usize) -> Option<PinholeCamera> {
-        let found = self.posed.as_ref().and_then(|posed| {
-            let place = posed.order.iter().position(|&index| index == photograph)?;
-            Some(posed.views[place].camera)
-        });
-        found.or_else(|| Some(self.scene.photographs.get(photograph)?.camera.camera))
+        let own = || Some(self.scene.photographs.get(photograph)?.camera.camera);
+        self.view(photograph).map(|view| view.camera).or_else(own)
     }
 
     /// From the frame of the capture's reference to that of a photograph, in the unit of the poses.
     pub fn pose(&self, photograph: usize) -> Option<Pose> {
+        self.view(photograph).map(|view| view.pose)
+    }
+
+    fn view(&self, photograph: usize) -> Option<&PosedView> {
         let posed = self.posed.as_ref()?;
         let place = posed.order.iter().position(|&index| index == photograph)?;
-        Some(posed.views[place].pose)
+        posed.views.get(place)
     }
 
     /// Refines one photograph, as [`refine_several`](super::refine_several) does the reference. The result does not depend on which
@@ -186,10 +178,7 @@ impl<'s> PreparedScene<'s> {
             }
         };
         let Some(posed) = self.posed.as_ref() else { return Err(Error::EmptyPrior) };
-        for score in &self.plan[place].scores {
-            let (view, used) = (&posed.views[score.view], self.plan[place].uses(score));
-            report.photographs[posed.order[score.view]].take(score, used, view, &posed.views[place]);
-        }
+        self.plan[place].report(posed, place, &mut report);
 
         begin(callback, Stage::Sweep, 0, iterations)?;
         self.sweep(place, &mut |done, total| callback(&Event::Part { stage: Stage::Sweep, done, total }))?;
