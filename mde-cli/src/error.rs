@@ -1,6 +1,6 @@
 //! Errors: one line that names the value and the remedy.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Depths that the loop works with: their variances, and a thousandth of those, are floats.
 pub(crate) const LEAST: f32 = 1e-12;
@@ -78,23 +78,9 @@ pub enum Error {
         /// The fault and the remedy.
         reason: String,
     },
-    /// Known depths that give no scale.
-    #[error("{0}")]
-    Scale(String),
-    /// An argument of a run at fault, or a file that it names.
+    /// An argument of a run at fault, or what a file that it names holds: known depths, intrinsics.
     #[error("{0}")]
     Argument(String),
-    /// Camera intrinsics of another layout or size.
-    #[error("{0}")]
-    Intrinsics(String),
-    /// A file that could not be read or written.
-    #[error("{}: {source}; {}", path.display(), io_remedy(source))]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// The error of the operating system.
-        source: std::io::Error,
-    },
     /// The error of a stage or a factory that is not part of this workspace.
     #[error(transparent)]
     External(Box<dyn std::error::Error + Send + Sync>),
@@ -109,9 +95,9 @@ impl Error {
         Self::External(error.into())
     }
 
-    /// The error of a file.
-    pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
-        |source| Self::Io { path: path.to_owned(), source }
+    /// A file that can't be read.
+    pub(crate) fn read(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+        |source| Self::Prior(mde_prior::Error::Read { path: path.to_owned(), source })
     }
 }
 
@@ -139,51 +125,19 @@ const ARGUMENTS: [&str; 18] = [
 
 /// A text with the arguments that it names in braces, such as `{max-memory}`, as `name` writes them.
 pub fn named(text: &str, name: impl Fn(&str) -> String) -> String {
-    let mut out = String::with_capacity(text.len());
-    let mut rest = text;
-    while let Some((before, after)) = rest.split_once('{') {
-        out += before;
-        let argument = after.split_once('}').filter(|(inside, _)| ARGUMENTS.contains(inside));
-        match argument {
-            Some((inside, after)) => {
-                out += &name(inside);
-                rest = after;
-            }
-            None => {
-                out.push('{');
-                rest = after;
-            }
-        }
-    }
-    out + rest
+    ARGUMENTS.iter().fold(text.to_owned(), |text, argument| match format!("{{{argument}}}") {
+        braced if text.contains(&braced) => text.replace(&braced, &name(argument)),
+        _ => text,
+    })
 }
 
 /// An error and its causes, without those that its text contains already.
 pub(crate) fn text(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        let more = error.to_string();
-        if !text.contains(&more) {
-            text = format!("{text}: {more}");
-        }
-        cause = error.source();
-    }
-    text
-}
-
-fn io_remedy(source: &std::io::Error) -> &'static str {
-    use std::io::ErrorKind;
-    match source.kind() {
-        ErrorKind::NotFound => "check the path",
-        ErrorKind::PermissionDenied => "check the permissions",
-        ErrorKind::IsADirectory => "give a file, not a folder",
-        ErrorKind::InvalidData => "give a text file",
-        ErrorKind::InvalidInput => "give a regular file",
-        ErrorKind::FileTooLarge => "give a smaller file",
-        ErrorKind::StorageFull => "free some space",
-        _ => "check that the file and its folder are accessible",
-    }
+    let causes = std::iter::successors(error.source(), |error| error.source()).map(ToString::to_string);
+    causes.fold(
+        error.to_string(),
+        |text, cause| if text.contains(&cause) { text } else { format!("{text}: {cause}") },
+    )
 }
 
 impl From<mde_nerf::Error> for Error {

@@ -112,6 +112,7 @@ fn io_remedy(source: &std::io::Error) -> &'static str {
         ErrorKind::NotFound => "check the path",
         ErrorKind::PermissionDenied => "check the permissions",
         ErrorKind::IsADirectory => "give a file, not a folder",
+        ErrorKind::InvalidData => "give a text file",
         ErrorKind::InvalidInput => "give a regular file",
         ErrorKind::FileTooLarge => "give a smaller file",
         ErrorKind::StorageFull => "free some space",

@@ -65,7 +65,7 @@ pub(crate) fn picture<'py>(
     };
     let (pixels, range) = py.detach(|| {
         let range = usual_range(map.iter());
-        (draw(map, range).pixels().to_owned(), range)
+        (draw(map, range), range)
     });
     Ok((pixels.into_pyarray(py), range))
 }

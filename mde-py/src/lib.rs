@@ -22,7 +22,7 @@ mod _mdenerf {
     #[pymodule_export]
     use crate::prior::Prior;
     #[pymodule_export]
-    use crate::refine::{OneScale, is_capture, refine, replace_folder, save_all, save_result};
+    use crate::refine::{OneScale, is_capture, list_files, refine, replace_folder, save_all, save_result};
     #[pymodule_export]
     use crate::settings::Settings;
     #[pymodule_export]

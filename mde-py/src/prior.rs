@@ -4,7 +4,7 @@ use crate::error::raise;
 use crate::worker::{Link, pool};
 use mde_cli::mde_prior::{DepthKind, DepthPrior, FilePrior, PriorDepth, Result, Runtime, find_onnxruntime};
 use mde_cli::prior::OpenPrior;
-use mde_cli::prior::files::{MapFile, NetworkFormat, open_network, read_options};
+use mde_cli::prior::files::read_options;
 use mde_cli::prior::origin::{PriorForm, PriorOrigin};
 use ndarray::ArrayView3;
 use numpy::PyReadonlyArray2;
@@ -39,13 +39,11 @@ impl Prior {
         library: Option<PathBuf>,
         threads: Option<usize>,
     ) -> PyResult<Self> {
-        let spec =
-            NetworkFormat { profile, kind: kind.map(named).transpose()? }.spec(&path).map_err(raise)?;
+        let kind = kind.map(named).transpose()?;
         let runtime = self::runtime(runtime, library)?;
         let pool = pool(threads)?;
-        let opened = py.detach(|| pool.install(|| open_network(&path, spec, &runtime)));
-        let (network, origin) = opened.map_err(raise)?;
-        Ok(Self(Source::Open(OpenPrior::given(Box::new(network), origin))))
+        let open = || OpenPrior::network(&path, profile, kind, &runtime);
+        Ok(Self(Source::Open(py.detach(|| pool.install(open)).map_err(raise)?)))
     }
 
     /// A callable of that name.
@@ -61,7 +59,7 @@ impl Prior {
         let map = PriorDepth::from_values(map.as_array().to_owned(), kind).map_err(raise)?;
         let prior = FilePrior::of_map(MAP, map);
         let origin = PriorOrigin::new(PriorForm::Map, kind, MAP);
-        Ok(Self(Source::Open(OpenPrior::map(MapFile { prior, origin, note: None }))))
+        Ok(Self(Source::Open(OpenPrior::map(prior, origin))))
     }
 
     /// A depth map in a file; depth = value / `png_scale`.
@@ -70,7 +68,7 @@ impl Prior {
     fn file(path: PathBuf, kind: Option<&str>, png_scale: Option<f64>) -> PyResult<Self> {
         let kind = kind.map(named).transpose()?;
         let options = read_options("png_scale", png_scale).map_err(raise)?;
-        Ok(Self(Source::Open(OpenPrior::map(MapFile::open(&path, kind, options).map_err(raise)?))))
+        Ok(Self(Source::Open(OpenPrior::map_file(&path, kind, options).map_err(raise)?)))
     }
 
     /// What runs the network; none for a callable or a map.

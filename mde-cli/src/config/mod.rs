@@ -17,8 +17,8 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use toml::{Table, Value};
 
-/// All settings of a run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// All settings of a run; the default is the preset [`Preset::Paper`].
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct Config {
     /// Seed of all random draws.
@@ -121,25 +121,6 @@ impl Default for MultiViewConfig {
     }
 }
 
-impl Default for Config {
-    /// The preset [`Preset::Paper`].
-    fn default() -> Self {
-        Self {
-            seed: 0,
-            refinement: RefinementConfig::default(),
-            augmentation: AugmentationConfig::default(),
-            sigma: SigmaConfig::default(),
-            views: ViewSampling::default(),
-            warp: WarpConfig::default(),
-            nerf: NerfConfig::default(),
-            novel: NovelViews::default(),
-            fusion: FusionConfig::default(),
-            multi_view: MultiViewConfig::default(),
-            disparity: DisparityRule::default(),
-        }
-    }
-}
-
 impl Config {
     /// The preset with the values of a TOML text over it. `origin` names the text in errors.
     ///
@@ -172,9 +153,9 @@ impl Config {
     /// The same configuration with the values of a TOML file over it.
     ///
     /// # Errors
-    /// [`Error::Io`] where it cannot be read, else as [`Config::with_text`].
+    /// [`Error::Prior`] where it cannot be read, else as [`Config::with_text`].
     pub fn with_file(&self, path: &Path) -> Result<Self> {
-        let text = open::read_text(path, FileKind::Settings).map_err(Error::io(path))?;
+        let text = open::read_text(path, FileKind::Settings).map_err(Error::read(path))?;
         self.with_text(&text, &path.display().to_string())
     }
 
@@ -301,25 +282,6 @@ mod tests {
         (expected.seed, expected.nerf.train.steps) = (9, 7);
         expected.nerf.field = FieldConfig::Hash(HashFieldConfig { levels: 6, ..HashFieldConfig::default() });
         assert_eq!(config, expected);
-    }
-
-    #[test]
-    fn a_wrong_key_or_value_is_named_in_one_line() {
-        for (text, named) in [
-            ("[nerf.train]\nstep = 7\n", "step"),
-            ("[nerf.train]\nsteps = \"many\"\n", "many"),
-            ("[nerf.train]\nsteps = 0\n", "train.steps is 0"),
-            ("[fusion]\ncalibration = \"magic\"\n", "magic"),
-            ("[nerf.sampling.volume]\nmargin = 1.0\n", "`nerf.sampling.volume.margin`"),
-            ("[refinement]\niterations = 101\n", "refinement.iterations is 101"),
-            ("[sigma]\nspread = -1.0\n", "sigma.spread is -1"),
-            ("[augmentation]\ngain = 2.0\n", "augmentation.gain"),
-            ("seed = = 3", "seed"),
-        ] {
-            let message = Config::with_overrides(Preset::Fast, text, "my.toml").unwrap_err().to_string();
-            assert!(message.starts_with("my.toml: ") && message.contains(named), "{message}");
-            assert_eq!(message.lines().count(), 1, "{message}");
-        }
     }
 
     /// The keys of a table, with their sections; of a list of tables, those of its elements.

@@ -40,25 +40,27 @@ impl Preset {
     pub fn config(self) -> Config {
         match self {
             Self::Paper => Config::default(),
-            Self::Default | Self::MultiView => Config {
-                refinement: RefinementConfig {
-                    iterations: 1,
-                    prior: IterationPrior::Anchor,
-                    order: Order::Poses,
-                },
-                augmentation: AugmentationConfig::multi_crop(),
-                nerf: photographs(),
-                fusion: FusionConfig { common_error: COMMON_ERROR, ..FusionConfig::paper() },
-                ..Config::default()
-            },
-            Self::Fast => Config {
-                refinement: RefinementConfig { iterations: 0, ..Self::Default.config().refinement },
-                augmentation: AugmentationConfig {
-                    predictions: Predictions::Most(5),
-                    ..AugmentationConfig::multi_crop()
-                },
-                ..Self::Default.config()
-            },
+            Self::Default | Self::MultiView => {
+                let mut nerf = NerfConfig::photographs(640);
+                nerf.train.steps_for = 640 * 480;
+                Config {
+                    refinement: RefinementConfig {
+                        iterations: 1,
+                        prior: IterationPrior::Anchor,
+                        order: Order::Poses,
+                    },
+                    augmentation: AugmentationConfig::multi_crop(),
+                    nerf,
+                    fusion: FusionConfig { common_error: COMMON_ERROR, ..FusionConfig::paper() },
+                    ..Config::default()
+                }
+            }
+            Self::Fast => {
+                let mut config = Self::Default.config();
+                config.refinement.iterations = 0;
+                config.augmentation.predictions = Predictions::Most(5);
+                config
+            }
         }
     }
 }
@@ -66,10 +68,3 @@ impl Preset {
 /// All predictions of a photograph share an error, which no residual shows, as a fraction of the depth. The figure was fitted: with
 /// it, the 90 % intervals hold 90 % of the pixels of 18 photographs.
 const COMMON_ERROR: f64 = 0.12;
-
-/// A field of several photographs.
-fn photographs() -> NerfConfig {
-    let mut nerf = NerfConfig::photographs(640);
-    nerf.train.steps_for = 640 * 480;
-    nerf
-}

@@ -1,34 +1,41 @@
 //! A raster image with rectangles, text and images.
 
-use ab_glyph::{Font, FontRef, Glyph, ScaleFont};
-use ndarray::{Array3, ArrayView3};
+use crate::scene::size::byte;
+use ab_glyph::{Font, FontRef, ScaleFont};
+use ndarray::Array3;
 use std::sync::LazyLock;
 
 /// Red, green, blue.
-pub type Colour = [u8; 3];
+pub(super) type Colour = [u8; 3];
 
 /// The font of the figures too. No test passes without it, so that it is there.
 static FONT: LazyLock<Option<FontRef<'static>>> =
     LazyLock::new(|| FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).ok());
 
 /// An RGB image, `[height, width, 3]`. Drawing outside of it is clipped.
-pub struct Canvas {
+pub(super) struct Canvas {
     pixels: Array3<u8>,
 }
 
 impl Canvas {
     /// One colour all over.
-    pub fn new(width: usize, height: usize, background: Colour) -> Self {
+    pub(super) fn new(width: usize, height: usize, background: Colour) -> Self {
         Self { pixels: Array3::from_shape_fn((height, width, 3), |(_, _, c)| background[c]) }
     }
 
     /// `[height, width, 3]`.
-    pub fn pixels(&self) -> ArrayView3<'_, u8> {
-        self.pixels.view()
+    pub(super) fn into_pixels(self) -> Array3<u8> {
+        self.pixels
+    }
+
+    /// Draws an image, sRGB in 0 to 1 `[height, width, 3]`, with its top left corner there.
+    pub(super) fn image(&mut self, at: [usize; 2], image: &Array3<f32>) {
+        let (height, width, _) = image.dim();
+        self.paint(at, [width, height], |x, y| [0, 1, 2].map(|c| byte(image[(y, x, c)])));
     }
 
     /// Draws `colour(column, row)` over a rectangle.
-    pub fn paint(
+    pub(super) fn paint(
         &mut self,
         [left, top]: [usize; 2],
         [width, height]: [usize; 2],
@@ -52,13 +59,16 @@ impl Canvas {
     }
 
     /// Writes a line of text of that [height](text_width) with its top left corner at `(left, top)`.
-    pub fn text(&mut self, text: &str, [left, top]: [usize; 2], height: usize, colour: Colour) {
+    pub(super) fn text(&mut self, text: &str, [left, top]: [usize; 2], height: usize, colour: Colour) {
         let Some(font) = &*FONT else { return };
-        let base = font.as_scaled(height as f32).ascent();
-        for (glyph, at) in placed(font, text, height) {
-            let Some(outline) = font.outline_glyph(glyph) else { continue };
+        let scaled = font.as_scaled(height as f32);
+        let mut next = 0.0;
+        for character in text.chars() {
+            let (id, at) = (font.glyph_id(character), next);
+            next += scaled.h_advance(id);
+            let Some(outline) = font.outline_glyph(id.with_scale(height as f32)) else { continue };
             let bounds = outline.px_bounds();
-            let (x0, y0) = (left as f32 + at + bounds.min.x, top as f32 + base + bounds.min.y);
+            let (x0, y0) = (left as f32 + at + bounds.min.x, top as f32 + scaled.ascent() + bounds.min.y);
             outline.draw(|x, y, share| {
                 let (x, y) = (x0.round() + x as f32, y0.round() + y as f32);
                 if x >= 0.0 && y >= 0.0 {
@@ -69,29 +79,11 @@ impl Canvas {
     }
 }
 
-/// The glyphs of a line, each with its distance from the line's left end.
-fn placed(font: &FontRef<'static>, text: &str, height: usize) -> Vec<(Glyph, f32)> {
-    let scaled = font.as_scaled(height as f32);
-    let mut at = 0.0;
-    let place = |character: char| {
-        let id = font.glyph_id(character);
-        let begin = at;
-        at += scaled.h_advance(id);
-        (id.with_scale(height as f32), begin)
-    };
-    text.chars().map(place).collect()
-}
-
 /// Width of a line of text, pixels. Its height is from the top of the highest letters to the bottom of the lowest.
-pub fn text_width(text: &str, height: usize) -> usize {
+pub(super) fn text_width(text: &str, height: usize) -> usize {
     let Some(font) = &*FONT else { return 0 };
     let scaled = font.as_scaled(height as f32);
     text.chars().map(|c| scaled.h_advance(font.glyph_id(c))).sum::<f32>().ceil() as usize
-}
-
-/// sRGB in 0 to 1 as bytes.
-pub fn colour_at(image: &Array3<f32>, x: usize, y: usize) -> Colour {
-    [0, 1, 2].map(|c| (image[(y, x, c)].clamp(0.0, 1.0) * 255.0).round() as u8)
 }
 
 #[cfg(test)]
@@ -103,7 +95,7 @@ mod tests {
         let mut canvas = Canvas::new(60, 40, [0; 3]);
         canvas.text("H", [4, 2], 24, [255; 3]);
         let width = text_width("H", 24);
-        let dark = |x: usize, y: usize| canvas.pixels()[(y, x, 0)] == 0;
+        let dark = |x: usize, y: usize| canvas.pixels[(y, x, 0)] == 0;
         assert!(
             (0..40)
                 .all(|y| (0..60).all(|x| dark(x, y) || (4..4 + width).contains(&x) && (2..26).contains(&y)))

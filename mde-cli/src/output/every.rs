@@ -1,18 +1,15 @@
 //! Every photograph of a capture refined: what is known of each, and the files of all together.
 
 use crate::error::Result;
-use crate::output::export::transforms::Exposed;
-use crate::output::export::{Exported, ply, transforms};
+use crate::output::export::{ply, transforms};
 use crate::output::record::About;
 use crate::refiner::Refined;
 use crate::reports::capture::CaptureReport;
 use crate::several::cloud::{RefinedView, consistent_points};
 use crate::several::prepared::PreparedScene;
-use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::{median, quantile};
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::Vector3;
-use ndarray::{Array2, ArrayView3};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -135,64 +132,24 @@ impl PhotographRow {
     }
 }
 
-/// A photograph refined by the others.
-pub struct Solid<'s> {
-    /// Its folder, beside the files of all.
-    pub folder: &'s str,
-    /// sRGB in 0 to 1, `[height, width, 3]`.
-    pub image: ArrayView3<'s, f32>,
-    /// Its camera.
-    pub camera: PinholeCamera,
-    /// World to camera, in the unit of the depth.
-    pub pose: Pose,
-    /// `[height, width]`; 0 where missing.
-    pub depth: Array2<f32>,
-    /// `[height, width]`; infinite where missing.
-    pub sigma: Array2<f32>,
-    /// Steps per unit of its depth.png.
-    pub png_scale: f64,
-}
-
 /// Writes `transforms.json` of all, and `cloud.ply` of the points that two photographs confirm; their number.
 ///
 /// # Errors
-/// [`Error::Prior`](crate::error::Error::Prior) for a file that can't be written, [`Error::Depth`](crate::error::Error::Depth) for maps that are none.
-pub fn write_all(folder: &Path, solids: &[Solid<'_>], unit: &str) -> Result<usize> {
-    let exposed: Vec<_> = solids
-        .iter()
-        .map(|s| Exposed { folder: s.folder, camera: s.camera, pose: s.pose, png_scale: s.png_scale })
-        .collect();
-    transforms::write(&folder.join(transforms::FILE), &exposed)?;
-    let views: Vec<RefinedView<'_>> = solids
-        .iter()
-        .map(|s| RefinedView { camera: s.camera, pose: s.pose, depth: s.depth.view(), sigma: s.sigma.view() })
-        .collect();
-    let depths = solids
-        .iter()
-        .map(|s| GaussianDepth::new(s.depth.clone(), s.sigma.mapv(|sigma| sigma * sigma)))
-        .collect::<mde_uncertainty::Result<Vec<_>>>()?;
+/// [`Error::Prior`](crate::error::Error::Prior) for a file that can't be written.
+pub fn write_all(folder: &Path, views: &[RefinedView<'_>], unit: &str) -> Result<usize> {
+    transforms::write(&folder.join(transforms::FILE), views)?;
     let mut cloud = ply::Cloud::default();
-    for point in consistent_points(&views) {
-        let solid = &solids[point.view];
-        let scene = Exported {
-            unit,
-            image: solid.image,
-            camera: &solid.camera,
-            depth: &depths[point.view],
-            prior: solid.depth.view(),
-            components: Vec::new(),
-            certainty: None,
-            png_scale: solid.png_scale,
-        };
-        let [row, column] = point.pixel;
-        let normal =
-            scene.point(row, column).map_or_else(Vector3::zeros, |p| ply::normal(&scene, row, column, p));
-        let normal = solid.pose.rotation.inverse() * normal;
-        cloud.push(point.position, normal, scene.colour(row, column), point.sigma);
+    for found in consistent_points(views) {
+        let (view, [row, column]) = (&views[found.view], found.pixel);
+        let normal = view.point(row, column).map_or_else(Vector3::zeros, |p| view.normal(row, column, p));
+        let normal = view.pose.rotation.inverse() * normal;
+        cloud.push(found.position, normal, view.colour(row, column), found.sigma);
     }
     let count = cloud.len();
-    let frame = "world of transforms.json, the frame of its first camera";
-    let frame = if count == 0 { "no point is confirmed by two photographs" } else { frame };
+    let frame = match count {
+        0 => "no point is confirmed by two photographs",
+        _ => "world of transforms.json, the frame of its first camera",
+    };
     mde_prior::write_atomic(&folder.join(CLOUD), &cloud.encode(frame, unit))?;
     Ok(count)
 }

@@ -1,15 +1,15 @@
 //! The files of a result.
 
 #[cfg(feature = "files")]
-pub mod canvas;
+mod canvas;
 #[cfg(feature = "files")]
 pub mod every;
 #[cfg(feature = "files")]
-pub mod exchange;
-#[cfg(feature = "files")]
 pub mod export;
 #[cfg(feature = "files")]
-pub mod maps;
+pub mod files;
+#[cfg(feature = "files")]
+pub mod folder;
 #[cfg(feature = "files")]
 pub mod names;
 #[cfg(feature = "files")]

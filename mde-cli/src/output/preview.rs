@@ -1,6 +1,7 @@
 //! Preview images: depth maps side by side with colour bars, and contact sheets of views.
 
-use crate::output::canvas::{Canvas, Colour, colour_at, text_width};
+use crate::output::canvas::{Canvas, Colour, text_width};
+use crate::output::files::ResultFiles;
 use crate::scene::size::resized;
 use colorous::{Gradient, MAGMA, VIRIDIS};
 use mde_uncertainty::statistics::quantile;
@@ -42,28 +43,11 @@ impl Palette {
     }
 }
 
-/// The maps of a preview, `[height, width]`; values that are not positive and finite are missing.
-pub struct Preview<'p> {
-    /// The photograph, sRGB in 0 to 1, `[height, width, 3]`.
-    pub image: ArrayView3<'p, f32>,
-    /// The monocular depth.
-    pub prior: ArrayView2<'p, f32>,
-    /// The result.
-    pub refined: ArrayView2<'p, f32>,
-    /// Its standard deviation.
-    pub sigma: ArrayView2<'p, f32>,
-    /// Name of the depths' unit.
-    pub unit: &'p str,
-    /// The [`strip`] of several photographs; empty for one.
-    pub strip: &'p [Array3<f32>],
-    /// Ground truth in the unit of the depths; shown beside several photographs.
-    pub truth: Option<ArrayView2<'p, f32>>,
-}
-
 /// Image, prior, refined and sigma side by side; with several photographs these are above, and the truth, where it is known, takes the
 /// place of the image. All depths share one scale, from 1 % to 99 % of the pixels of prior and refined.
-pub fn preview(show: &Preview<'_>) -> Canvas {
+pub fn preview(show: &ResultFiles<'_>) -> Array3<u8> {
     let (rows, columns, _) = show.image.dim();
+    let (refined, unit) = (show.depth.mean(), show.png.unit);
     let [width, whole] = widths(columns);
     let height = (rows * width).div_ceil(columns.max(1)).clamp(1, 4 * WIDEST);
     let text = text_height(width);
@@ -75,28 +59,26 @@ pub fn preview(show: &Preview<'_>) -> Canvas {
     let bottom = top + height + 3 * MARGIN + BAR + text;
     let mut canvas = Canvas::new(whole, bottom, BACKGROUND);
     let mut left = MARGIN;
-    for picture in show.strip {
-        let (tall, wide, _) = picture.dim();
-        canvas.paint([left, first], [wide, tall], |x, y| colour_at(picture, x, y));
-        left += wide + MARGIN;
+    for picture in &show.strip {
+        canvas.image([left, first], picture);
+        left += picture.dim().1 + MARGIN;
     }
     if !show.strip.is_empty() {
         canvas.text("photographs, the first is refined", [MARGIN, MARGIN], text, INK);
     }
 
-    let depths = usual_range(show.prior.iter().chain(show.refined));
+    let depths = usual_range(show.prior.iter().chain(refined));
     let sigmas = usual_range(show.sigma.iter());
-    let depth = |name: &str, map| (format!("{name} [{}]", show.unit), map, &*DEPTHS, depths);
-    let mut maps = vec![depth("prior", show.prior), depth("refined", show.refined)];
+    let depth = |name: &str, map| (format!("{name} [{unit}]"), map, &*DEPTHS, depths);
+    let mut maps = vec![depth("prior", show.prior), depth("refined", refined)];
     match show.truth.filter(|_| !show.strip.is_empty()) {
         Some(truth) => maps.push(depth("truth", truth)),
         None => {
             canvas.text("image", [MARGIN, title], text, INK);
-            let small = resized(show.image, width, height);
-            canvas.paint([MARGIN, top], panel, |x, y| colour_at(&small, x, y));
+            canvas.image([MARGIN, top], &resized(show.image, width, height));
         }
     }
-    maps.push((format!("sigma [{}]", show.unit), show.sigma, &*SIGMAS, sigmas));
+    maps.push((format!("sigma [{unit}]"), show.sigma, &*SIGMAS, sigmas));
     let first = 4 - maps.len();
     for (index, (name, map, palette, range)) in maps.iter().enumerate() {
         let left = MARGIN + (index + first) * (width + MARGIN);
@@ -106,7 +88,7 @@ pub fn preview(show: &Preview<'_>) -> Canvas {
         });
         colour_bar(&mut canvas, [left, top + height + MARGIN], width, palette, *range, text);
     }
-    canvas
+    canvas.into_pixels()
 }
 
 /// Height of the text beside panels of that width.
@@ -139,28 +121,28 @@ pub fn strip(photographs: &[ArrayView3<'_, f32>], columns: usize) -> Vec<Array3<
 }
 
 /// A depth map as a colour picture, `[height, width, 3]` bytes.
-pub fn depth_picture(depth: ArrayView2<'_, f32>) -> Canvas {
+pub fn depth_picture(depth: ArrayView2<'_, f32>) -> Array3<u8> {
     depth_picture_within(depth, usual_range(depth.iter()))
 }
 
 /// The same with the colours from one depth to another.
-pub fn depth_picture_within(depth: ArrayView2<'_, f32>, range: [f64; 2]) -> Canvas {
+pub fn depth_picture_within(depth: ArrayView2<'_, f32>, range: [f64; 2]) -> Array3<u8> {
     picture(depth, &DEPTHS, range)
 }
 
 /// A map of sigma as a colour picture.
-pub fn sigma_picture_within(sigma: ArrayView2<'_, f32>, range: [f64; 2]) -> Canvas {
+pub fn sigma_picture_within(sigma: ArrayView2<'_, f32>, range: [f64; 2]) -> Array3<u8> {
     picture(sigma, &SIGMAS, range)
 }
 
-fn picture(map: ArrayView2<'_, f32>, palette: &Palette, range: [f64; 2]) -> Canvas {
+fn picture(map: ArrayView2<'_, f32>, palette: &Palette, range: [f64; 2]) -> Array3<u8> {
     let mut canvas = Canvas::new(map.ncols(), map.nrows(), MISSING);
     canvas.paint([0, 0], [map.ncols(), map.nrows()], |x, y| shade(map[(y, x)], palette, range));
-    canvas
+    canvas.into_pixels()
 }
 
 /// All views on one sheet, masked pixels in red.
-pub fn contact_sheet(views: &[PosedView]) -> Canvas {
+pub fn contact_sheet(views: &[PosedView]) -> Array3<u8> {
     let shapes = views.iter().map(|view| view.camera.height as f64 / view.camera.width as f64);
     let height = ((THUMBNAIL as f64 * shapes.fold(0.0, f64::max)).ceil() as usize).clamp(1, 4 * THUMBNAIL);
     let text = text_height(THUMBNAIL);
@@ -171,10 +153,9 @@ pub fn contact_sheet(views: &[PosedView]) -> Canvas {
         let [left, top] = [MARGIN + index % COLUMNS * cell[0], MARGIN + index / COLUMNS * cell[1]];
         let title = if index == 0 { "original".to_owned() } else { format!("view {index:02}") };
         canvas.text(&title, [left, top], text, INK);
-        let small = resized(masked(view).view(), THUMBNAIL, height);
-        canvas.paint([left, top + text + MARGIN / 2], [THUMBNAIL, height], |x, y| colour_at(&small, x, y));
+        canvas.image([left, top + text + MARGIN / 2], &resized(masked(view).view(), THUMBNAIL, height));
     }
-    canvas
+    canvas.into_pixels()
 }
 
 fn masked(view: &PosedView) -> Array3<f32> {
@@ -232,28 +213,34 @@ pub fn usual_range<'v>(values: impl Iterator<Item = &'v f32>) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::refiner::depth_png::DepthPng;
+    use mde_uncertainty::GaussianDepth;
+    use mde_warp::PinholeCamera;
     use ndarray::Array2;
 
-    fn colours(canvas: &Canvas, at: (usize, usize)) -> Colour {
-        [0, 1, 2].map(|c| canvas.pixels()[(at.0, at.1, c)])
+    fn colours(picture: &Array3<u8>, at: (usize, usize)) -> Colour {
+        [0, 1, 2].map(|c| picture[(at.0, at.1, c)])
+    }
+
+    /// A preview of 30 x 300 pixels with the depth as its own prior.
+    fn shown(depth: &Array2<f32>, sigma: f32, photographs: &[f32]) -> Array3<u8> {
+        let images: Vec<_> = photographs.iter().map(|&grey| Array3::from_elem((30, 300, 3), grey)).collect();
+        let views: Vec<_> = images.iter().map(|image| image.view()).collect();
+        let refined = GaussianDepth::new(depth.clone(), depth.mapv(|_| 1.0)).unwrap();
+        let camera = PinholeCamera::from_fov(60.0, 300, 30).unwrap();
+        let (sigma, png) = (Array2::from_elem((30, 300), sigma), DepthPng::new("m", depth.iter().copied()));
+        preview(&ResultFiles {
+            strip: strip(&views, 300),
+            truth: Some(depth.view()),
+            ..ResultFiles::new(&refined, sigma.view(), depth.view(), views[0], camera, png)
+        })
     }
 
     #[test]
     fn equal_depths_look_equal_in_both_panels_and_missing_ones_grey() {
-        let image = Array3::from_elem((30, 300, 3), 0.5);
-        let mut prior = Array2::from_shape_fn((30, 300), |(_, x)| 1.0 + x as f32 / 100.0);
-        prior[(10, 20)] = 0.0;
-        let sigma = Array2::from_elem((30, 300), f32::INFINITY);
-        let show = Preview {
-            image: image.view(),
-            prior: prior.view(),
-            refined: prior.view(),
-            sigma: sigma.view(),
-            unit: "m",
-            strip: &[],
-            truth: None,
-        };
-        let canvas = preview(&show);
+        let mut depth = Array2::from_shape_fn((30, 300), |(_, x)| 1.0 + x as f32 / 100.0);
+        depth[(10, 20)] = 0.0;
+        let canvas = shown(&depth, f32::INFINITY, &[0.5]);
         let (top, left) = (2 * MARGIN + text_height(300), |panel: usize| MARGIN + panel * (300 + MARGIN));
         for (y, x) in [(3, 2), (20, 150), (29, 299)] {
             assert_eq!(colours(&canvas, (top + y, left(1) + x)), colours(&canvas, (top + y, left(2) + x)));
@@ -266,19 +253,11 @@ mod tests {
 
     #[test]
     fn several_photographs_are_shown_above_with_the_truth_for_the_image() {
-        let image = Array3::from_elem((30, 300, 3), 0.5);
-        let other = Array3::from_elem((30, 300, 3), 1.0);
         let depth = Array2::from_shape_fn((30, 300), |(_, x)| 1.0 + x as f32 / 100.0);
-        let show = |photographs: &[ArrayView3<'_, f32>]| {
-            let truth = Some(depth.view());
-            let [prior, refined, sigma] = [depth.view(), depth.view(), depth.view()];
-            let strip = strip(photographs, 300);
-            preview(&Preview { image: image.view(), prior, refined, sigma, unit: "m", strip: &strip, truth })
-        };
-        let (one, two) = (show(&[]), show(&[image.view(), other.view()]));
-        let added = two.pixels().dim().0 - one.pixels().dim().0;
-        assert!(added > 30 && one.pixels().dim().1 == two.pixels().dim().1, "{added}");
-        let (top, middle) = (2 * MARGIN + text_height(300), two.pixels().dim().1 / 2);
+        let [one, two] = [&[0.5][..], &[0.5, 1.0]].map(|photographs| shown(&depth, 0.1, photographs));
+        let added = two.dim().0 - one.dim().0;
+        assert!(added > 30 && one.dim().1 == two.dim().1, "{added}");
+        let (top, middle) = (2 * MARGIN + text_height(300), two.dim().1 / 2);
         assert_eq!(colours(&two, (top + 5, middle - 60)), [128; 3]);
         assert_eq!(colours(&two, (top + 5, middle + 60)), [255; 3]);
         // The prior takes the image's place, and the truth is between refined and sigma.

@@ -1,10 +1,12 @@
 //! A prior for one photograph.
 
 use crate::error::Result;
-use crate::prior::files::Resampled;
 use crate::prior::origin::PriorOrigin;
 use mde_prior::{DepthPrior, InferenceMemory, Metres, PriorDepth};
 use ndarray::{Array3, ArrayView3};
+
+/// Two aspects that differ by no more are the same up to rounded sides.
+const SAME_ASPECT: f64 = 0.02;
 
 /// A prior for one photograph: a map at the size of its refinement, a network with the metres that its focal length gives.
 pub(crate) struct PhotographPrior<'p> {
@@ -34,8 +36,16 @@ impl<'p> PhotographPrior<'p> {
         to: (usize, usize),
         warn: &mut dyn FnMut(String),
     ) -> Result<Self> {
-        let Some(found) = Resampled::find(&self.origin.source, from, original, to) else { return Ok(self) };
-        found.warning.into_iter().for_each(warn);
+        let aspect = |(height, width): (usize, usize)| width as f64 / height as f64;
+        if from == to || (aspect(from) / aspect(original) - 1.0).abs() > SAME_ASPECT {
+            return Ok(self);
+        }
+        if from != original {
+            let ((h, w), (height, width), source) = (from, to, &self.origin.source);
+            warn(format!(
+                "{source}: resized from {w}x{h} to {width}x{height} pixels, each the nearest one; make the prior at the image's size for its edges"
+            ));
+        }
         // A map depends on the size alone.
         let blank = Array3::zeros((from.0, from.1, 3));
         self.resampled = Some(self.prior.predict(blank.view())?.resized(to)?);

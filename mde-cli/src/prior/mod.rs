@@ -7,9 +7,8 @@ pub mod origin;
 pub(crate) use bound::PhotographPrior;
 
 use crate::error::{Error, Result};
-use crate::prior::files::MapFile;
 use crate::prior::origin::PriorOrigin;
-use mde_prior::{DepthPrior, FileKind, open};
+use mde_prior::{DepthPrior, FileKind, FilePrior, open};
 use ndarray::Array3;
 use std::path::Path;
 use std::sync::OnceLock;
@@ -18,7 +17,7 @@ use std::sync::OnceLock;
 pub struct OpenPrior<'p> {
     prior: Box<dyn DepthPrior + Send + 'p>,
     origin: PriorOrigin,
-    /// `(height, width)` of a map from a file.
+    /// `(height, width)` of a map.
     pub(crate) size: Option<(usize, usize)>,
     /// A warning about the file.
     pub(crate) note: Option<String>,
@@ -32,11 +31,10 @@ impl<'p> OpenPrior<'p> {
         Self { prior, origin, size: None, note: None, order: OnceLock::new() }
     }
 
-    /// A map from a file.
-    pub fn map(map: MapFile) -> Self {
-        let MapFile { prior, origin, note } = map;
+    /// A map.
+    pub fn map(prior: FilePrior, origin: PriorOrigin) -> Self {
         let size = Some(prior.prior().map.dim());
-        Self { size, note, ..Self::given(Box::new(prior), origin) }
+        Self { size, ..Self::given(Box::new(prior), origin) }
     }
 
     /// The prior.
@@ -66,11 +64,11 @@ pub fn hash(bytes: &[u8]) -> String {
 /// [`hash`] of several files, as if they were one.
 ///
 /// # Errors
-/// [`Error::Io`] where one cannot be read.
+/// [`Error::Prior`] where one cannot be read.
 pub fn hash_files<'p>(paths: impl IntoIterator<Item = &'p Path>) -> Result<String> {
     let mut hasher = crc32fast::Hasher::new();
     for path in paths {
-        hasher.update(&open::read(path, FileKind::Weights).map_err(Error::io(path))?);
+        hasher.update(&open::read(path, FileKind::Weights).map_err(Error::read(path))?);
     }
     Ok(format!("{:08x}", hasher.finalize()))
 }

@@ -1,6 +1,6 @@
 //! Errors as the user sees them: one line, with arguments as flags.
 
-use crate::error::named;
+use crate::error::{named, text};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Where the last panic began, and its message.
@@ -21,13 +21,7 @@ pub(crate) fn fault() -> MutexGuard<'static, String> {
 
 /// The error and its causes, without those that its text contains already.
 pub(crate) fn message(error: &anyhow::Error) -> String {
-    let text =
-        error.chain().map(ToString::to_string).fold(String::new(), |text, cause| match text.as_str() {
-            "" => cause,
-            _ if text.contains(&cause) => text,
-            _ => format!("{text}: {cause}"),
-        });
-    flags(&text)
+    flags(&text(error.as_ref()))
 }
 
 /// A text of the library with the arguments that it names in braces as flags.

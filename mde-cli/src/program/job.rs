@@ -1,7 +1,7 @@
 //! One refinement: its steps, and the files of its folder.
 
-use crate::output::export::{Exported, Format};
-use crate::output::maps::Maps;
+use crate::output::export::Format;
+use crate::output::files::ResultFiles;
 use crate::output::preview::strip;
 use crate::output::record::{About, RunRecord};
 use crate::program::open::truth::{Comparison, Truth};
@@ -118,7 +118,37 @@ impl Job<'_> {
     fn write(&self, path: &Path, input: &str, scored: &Scored<'_>, progress: &Progress) -> Result<()> {
         let Scored { refined, scores, score_seconds } = scored;
         let settings = self.refiner.settings();
-        self.write_maps(path, refined)?;
+        let Refinement { depth, prior, components, certainty, capture, .. } = &refined.refinement;
+        let sigma = depth.sigma();
+        let bounds = refined.stated.interval.as_ref().map(|interval| interval.bounds(depth));
+        let mut more = Vec::new();
+        if let Some([lower, upper]) = &bounds {
+            more.extend([("lower", lower.view()), ("upper", upper.view())]);
+        }
+        more.extend(self.truth.as_ref().map(|truth| ("gt", truth.depth.view())));
+        let evidence = capture.as_ref().and_then(|capture| capture.evidence.as_ref());
+        let metric = refined.origin.kind == DepthKind::Metric;
+        let camera = refined.camera.camera;
+        let files = ResultFiles {
+            more,
+            components: components.iter().map(|part| (part.name, part.sigma.view())).collect(),
+            certainty: certainty.as_ref().map(|own| (own.meaning, own.map.view())),
+            evidence: evidence.iter().flat_map(|evidence| evidence.arrays()).collect(),
+            pictures: refined.pictures(),
+            strip: strip(&refined.shown(), refined.image.dim().1),
+            truth: self.truth.as_ref().filter(|_| metric).map(|truth| truth.depth.view()),
+            ..ResultFiles::new(depth, sigma.view(), prior.view(), refined.image, camera, refined.png)
+        };
+        files.write(path)?;
+        let config = refined.config_toml(&settings.config)?;
+        mde_prior::write_atomic(&path.join("config.toml"), config.as_bytes())?;
+        if self.keep_photographs && refined.scene.is_several() {
+            let place = path.join("photographs");
+            fs::create_dir_all(&place).with_context(|| place.display().to_string())?;
+            for photograph in &refined.scene.photographs {
+                write_image(place.join(&photograph.name), photograph.image.view())?;
+            }
+        }
         if let Some(field) = refined.field.as_ref().filter(|_| settings.keep_field) {
             field.lock().save(path.join("field.safetensors"))?;
         }
@@ -135,56 +165,8 @@ impl Job<'_> {
             ..RunRecord::new(about, refined, progress.training())
         };
         write_json(&path.join(RECORD), &record)?;
-        let Refinement { depth, prior, components, certainty, .. } = &refined.refinement;
-        let exported = Exported {
-            unit: refined.unit,
-            image: refined.image,
-            camera: &refined.camera.camera,
-            depth,
-            prior: prior.view(),
-            components: components.iter().map(|part| (part.name, part.sigma.view())).collect(),
-            certainty: certainty.as_ref().map(|own| (own.meaning, own.map.view())),
-            png_scale: refined.png.scale,
-        };
-        self.export.iter().try_for_each(|format| exported.write(*format, path))?;
+        self.export.iter().try_for_each(|format| files.export(*format, path))?;
         report::write(path)?;
-        Ok(())
-    }
-
-    fn write_maps(&self, folder: &Path, refined: &Refined<'_>) -> Result<()> {
-        let Refined { refinement, png, stated, scene, .. } = refined;
-        let sigma = refinement.depth.sigma();
-        let bounds = stated.interval.as_ref().map(|interval| interval.bounds(&refinement.depth));
-        let mut more = Vec::new();
-        if let Some([lower, upper]) = &bounds {
-            more.extend([("lower", lower.view()), ("upper", upper.view())]);
-        }
-        more.extend(self.truth.as_ref().map(|truth| ("gt", truth.depth.view())));
-        let evidence = refinement.capture.as_ref().and_then(|capture| capture.evidence.as_ref());
-        let evidence: Vec<_> = evidence.iter().flat_map(|evidence| evidence.arrays()).collect();
-        let metric = refined.origin.kind == DepthKind::Metric;
-        Maps {
-            depth: &refinement.depth,
-            sigma: sigma.view(),
-            prior: refinement.prior.view(),
-            more: &more,
-            evidence: &evidence.iter().map(|(name, map)| (*name, map.view())).collect::<Vec<_>>(),
-            image: refined.image,
-            pictures: &refined.pictures(),
-            strip: &strip(&refined.shown(), refined.image.dim().1),
-            truth: self.truth.as_ref().filter(|_| metric).map(|truth| truth.depth.view()),
-            png,
-        }
-        .write(folder)?;
-        let config = refined.config_toml(&self.refiner.settings().config)?;
-        mde_prior::write_atomic(&folder.join("config.toml"), config.as_bytes())?;
-        if self.keep_photographs && scene.is_several() {
-            let path = folder.join("photographs");
-            fs::create_dir_all(&path).with_context(|| path.display().to_string())?;
-            for photograph in &scene.photographs {
-                write_image(path.join(&photograph.name), photograph.image.view())?;
-            }
-        }
         Ok(())
     }
 }

@@ -1,6 +1,8 @@
 //! Progress of the loop.
 
+use crate::error::{Error, Result};
 use std::ops::ControlFlow;
+use std::time::Instant;
 
 /// A stage of the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -82,3 +84,16 @@ pub enum Event {
 
 /// Progress callback; `Break` cancels the run ([`Error::Interrupted`](crate::error::Error::Interrupted)).
 pub type Callback<'c> = dyn FnMut(&Event) -> ControlFlow<()> + 'c;
+
+/// Begins a stage of an iteration; the result is its start.
+pub(crate) fn begin(
+    callback: &mut Callback<'_>,
+    stage: Stage,
+    iteration: usize,
+    iterations: usize,
+) -> Result<Instant> {
+    match callback(&Event::Begin { stage, iteration, iterations }) {
+        ControlFlow::Continue(()) => Ok(Instant::now()),
+        ControlFlow::Break(()) => Err(Error::Interrupted),
+    }
+}

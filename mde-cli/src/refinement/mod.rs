@@ -35,7 +35,6 @@ use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::{median, spearman};
 use mde_warp::PinholeCamera;
 use ndarray::{ArrayView2, ArrayView3};
-use std::ops::ControlFlow;
 use std::time::Instant;
 use views::median_depth;
 
@@ -110,11 +109,7 @@ struct Run<'r, 'c> {
 
 impl Run<'_, '_> {
     fn begin(&mut self, stage: Stage, iteration: usize) -> Result<Instant> {
-        let event = Event::Begin { stage, iteration, iterations: self.config.refinement.iterations };
-        match (self.callback)(&event) {
-            ControlFlow::Continue(()) => Ok(Instant::now()),
-            ControlFlow::Break(()) => Err(Error::Interrupted),
-        }
+        event::begin(self.callback, stage, iteration, self.config.refinement.iterations)
     }
 
     /// The prior's stage.

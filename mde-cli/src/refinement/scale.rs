@@ -78,7 +78,7 @@ impl Refinement {
     /// `scale`. With `of_disparity`, for a prior that gave disparities, scale and shift are those of the disparity.
     ///
     /// # Errors
-    /// [`Error::Scale`] for a known depth that is not positive and finite, too few of them at a pixel with a depth (1, and 2 for
+    /// [`Error::Argument`] for a known depth that is not positive and finite, too few of them at a pixel with a depth (1, and 2 for
     /// disparities), or a map that turns near into far.
     pub fn scaled_to(self, known: &[KnownDepth], of_disparity: bool) -> Result<(Self, ScaleReport)> {
         let (height, width) = self.depth.dim();
@@ -97,7 +97,7 @@ impl Refinement {
         }
         let least = if of_disparity { 2 } else { 1 };
         if pairs.len() < least {
-            return Err(Error::Scale(format!(
+            return Err(Error::Argument(format!(
                 "{} of {} known depths lie at a pixel with a depth; give {least} or more (columns: x, y, depth, from the upper left)",
                 pairs.len(),
                 known.len()
@@ -111,7 +111,7 @@ impl Refinement {
             .map(|&(z, of_z, v, of_v)| (unit(z), of_z / divisor(z), unit(v), of_v / divisor(v)))
             .collect();
         let line = fit(&samples, of_disparity).ok_or_else(|| {
-            Error::Scale("the known depths do not fit: nearer ones are farther in the map; check their pixels and units".to_owned())
+            Error::Argument("the known depths do not fit: nearer ones are farther in the map; check their pixels and units".to_owned())
         })?;
         let mapped = |z: f64| -> Option<(f64, f64, f64)> {
             let u = unit(z);
@@ -145,11 +145,11 @@ impl Refinement {
     /// The factor's error, `log_sigma` times the depth, becomes a part of sigma and of the component `same-scale`.
     ///
     /// # Errors
-    /// [`Error::Scale`] for a factor that is not positive and finite, or a deviation that is negative or not finite.
+    /// [`Error::Argument`] for a factor that is not positive and finite, or a deviation that is negative or not finite.
     pub fn scaled(self, factor: f64, log_sigma: f64) -> Result<Self> {
         let usable = factor > 0.0 && factor.is_finite() && log_sigma >= 0.0 && log_sigma.is_finite();
         if !usable {
-            return Err(Error::Scale(format!(
+            return Err(Error::Argument(format!(
                 "the factor {factor} +- {log_sigma} (of its logarithm) is no positive number; give one with the deviation of its logarithm"
             )));
         }

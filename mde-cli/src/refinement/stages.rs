@@ -19,15 +19,7 @@ pub struct FieldRequest<'c> {
     pub config: &'c NerfConfig,
 }
 
-impl<'c> FieldRequest<'c> {
-    pub(crate) fn new(config: &'c Config, iteration: usize) -> Self {
-        let seed = match iteration {
-            0 => config.seed,
-            later => derived_seed(config.seed, "field", later as u64),
-        };
-        Self { iteration, seed, config: &config.nerf }
-    }
-
+impl FieldRequest<'_> {
     /// The field of the settings, not fitted.
     ///
     /// # Errors
@@ -93,7 +85,11 @@ impl<'s> Stages<'s> {
 
     /// The field of an iteration.
     pub(crate) fn field(&mut self, config: &Config, iteration: usize) -> Result<Box<dyn RadianceField>> {
-        let request = FieldRequest::new(config, iteration);
+        let seed = match iteration {
+            0 => config.seed,
+            later => derived_seed(config.seed, "field", later as u64),
+        };
+        let request = FieldRequest { iteration, seed, config: &config.nerf };
         match &mut self.field {
             Some(factory) => factory(request),
             None => Ok(Box::new(request.nerf()?)),

@@ -20,9 +20,9 @@ pub fn shipped() -> Result<Calibration> {
 /// Reads a calibration's file.
 ///
 /// # Errors
-/// [`Error::Io`] where it cannot be read, [`Error::Depth`] where it is no calibration.
+/// [`Error::Prior`] where it cannot be read, [`Error::Depth`] where it is no calibration.
 pub fn read(path: &Path) -> Result<Calibration> {
-    let text = open::read_text(path, FileKind::Settings).map_err(Error::io(path))?;
+    let text = open::read_text(path, FileKind::Settings).map_err(Error::read(path))?;
     Ok(Calibration::parse(&text, &path.display().to_string())?)
 }
 

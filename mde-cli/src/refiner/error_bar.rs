@@ -136,9 +136,8 @@ impl ErrorBar {
             Some(ScaleError { relative: calibration.scale_error()?, by: by.clone() })
         };
         let scale = fitting.as_ref().filter(|_| !scaled).and_then(of_scale);
-        let Some(probability) = self.probability else {
-            return Ok(Stated { factor, interval: None, scale, common_by, common_assumed, warnings });
-        };
+        let mut stated = Stated { factor, interval: None, scale, common_by, common_assumed, warnings };
+        let Some(probability) = self.probability else { return Ok(stated) };
         let (half_width, by) = match fitting {
             Some((by, calibration)) => (calibration.intervals()?.half_width(probability)? / factor, by),
             None => {
@@ -146,7 +145,7 @@ impl ErrorBar {
                     Some(Mismatch::Model) => "this depth model",
                     _ => "these settings",
                 };
-                warnings.push(format!(
+                stated.warnings.push(format!(
                     "{{interval}}: no calibration for {of}, so the interval assumes a normal distribution; calibrate to estimate one"
                 ));
                 (normal_half_width(probability)?, "normal distribution".to_owned())
@@ -154,10 +153,12 @@ impl ErrorBar {
         };
         if self.given.is_none() && !prior.kind.is_depth() && !scaled {
             let range = "the depth range assumed for disparities has an error that sigma does not include";
-            warnings.push(format!("{{interval}}: {range}; calibrate with {{alignment}} none to include it"));
+            stated
+                .warnings
+                .push(format!("{{interval}}: {range}; calibrate with {{alignment}} none to include it"));
         }
-        let interval = Some(Interval { probability, half_width, by });
-        Ok(Stated { factor, interval, scale, common_by, common_assumed, warnings })
+        stated.interval = Some(Interval { probability, half_width, by });
+        Ok(stated)
     }
 
     /// The calibration of the interval with a name for it: the given one, else the program's own where it fits this run.

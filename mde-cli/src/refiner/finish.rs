@@ -12,7 +12,7 @@ use crate::refiner::plausibility::doubts;
 use crate::reports::Refinement;
 use crate::reports::prediction::Component;
 use crate::scene::camera::KnownCamera;
-use crate::scene::size::thumbnail;
+use crate::scene::size::{byte, thumbnail};
 use crate::scene::{SameScale, Scene};
 use mde_prior::DepthKind;
 use mde_uncertainty::statistics::median;
@@ -69,114 +69,100 @@ pub struct Refined<'s> {
     pub prior_seconds: f64,
 }
 
-/// Turns a refinement into the result.
-pub(super) struct Finish<'f, 's> {
-    pub(super) settings: &'f Settings,
-    pub(super) origin: &'f PriorOrigin,
-    pub(super) scene: &'s Scene,
+/// Name of the unit of results in the unit of the prior or of the capture.
+pub(super) fn unit_name(unit: Unit, scene: &Scene, origin: &PriorOrigin) -> &'static str {
+    match (&scene.known, unit, origin.kind) {
+        (Some(known), ..) if known.of_model => "capture",
+        (Some(_), ..) => METRES,
+        (None, Unit::Capture, _) => "capture",
+        (None, Unit::Prior, DepthKind::Metric) => METRES,
+        (None, Unit::Prior, _) => "unscaled",
+    }
 }
 
-impl<'s> Finish<'_, 's> {
-    /// Name of the unit of the results.
-    pub(super) fn unit(&self) -> &'static str {
-        self.name_of(self.settings.unit)
-    }
-
-    fn name_of(&self, unit: Unit) -> &'static str {
-        match (&self.scene.known, unit, self.origin.kind) {
-            (Some(known), ..) if known.of_model => "capture",
-            (Some(_), ..) => METRES,
-            (None, Unit::Capture, _) => "capture",
-            (None, Unit::Prior, DepthKind::Metric) => METRES,
-            (None, Unit::Prior, _) => "unscaled",
-        }
-    }
-
-    /// The result. The camera becomes the one that was estimated with the poses. The warning of [`DepthPng`] is left to the caller.
-    pub(super) fn apply(
-        &self,
-        mut refinement: Refinement,
-        photograph: usize,
-        image: ArrayView3<'s, f32>,
-        mut camera: KnownCamera,
-        warn: &mut dyn FnMut(String),
-    ) -> Result<Refined<'s>> {
-        let Self { settings, origin, scene } = *self;
-        let Settings { config, error_bar, unit, .. } = settings;
-        let used = refinement.capture.as_ref().is_some_and(|report| report.fallback.is_none());
-        if let Some(report) = &refinement.capture {
-            match &report.fallback {
-                Some(reason) => {
-                    warn(format!("{{views}}: {reason}; only the reference photograph was used"));
-                }
-                None => camera.take_estimated(report, photograph),
+/// Turns the refinement of a photograph with its camera into the result. The camera becomes the one that was estimated with the poses. The
+/// warning of [`DepthPng`] is left to the caller.
+pub(super) fn finish<'s>(
+    (settings, origin, scene): (&Settings, &PriorOrigin, &'s Scene),
+    mut refinement: Refinement,
+    photograph: usize,
+    (image, mut camera): (ArrayView3<'s, f32>, KnownCamera),
+    warn: &mut dyn FnMut(String),
+) -> Result<Refined<'s>> {
+    let Settings { config, error_bar, unit, .. } = settings;
+    let used = refinement.capture.as_ref().is_some_and(|report| report.fallback.is_none());
+    if let Some(report) = &refinement.capture {
+        match &report.fallback {
+            Some(reason) => {
+                warn(format!("{{views}}: {reason}; only the reference photograph was used"));
             }
+            None => camera.take_estimated(report, photograph),
         }
-        // Refused photographs have no unit.
-        let mut unit = *unit;
-        if unit == Unit::Capture && used {
-            refinement = refinement.in_capture_unit()?;
-        } else if unit == Unit::Capture && refinement.capture.is_some() {
-            warn("{unit}: without poses that fit there is no unit but the prior's".to_owned());
-            unit = Unit::Prior;
-        }
-        let scaled = scene.known.is_some();
-        doubts(&refinement.prior, origin, config, scaled).into_iter().for_each(&mut *warn);
-        if let Some(reason) = refinement.augmentation.skipped {
-            warn(format!("no test-time augmentation: {reason}; give {{prior-model}} to use it"));
-        }
-        for (index, iteration) in refinement.iterations.iter().enumerate() {
-            for warning in &iteration.fusion.warnings {
-                warn(format!("iteration {}: {warning}", index + 1));
-            }
-        }
-        let stated = error_bar.apply(&mut refinement, config, origin, used, scaled)?;
-        // Errors of the whole map, which sigma does not contain.
-        let of_poses = refinement.capture.as_ref().and_then(|report| report.scale);
-        let gauge = of_poses.filter(|_| unit == Unit::Prior && !scaled).map(|[_, relative]| relative);
-        let scale = stated.scale.as_ref().map(|scale| scale.relative);
-        for (name, relative) in [("gauge", gauge), ("scale", scale)] {
-            let Some(relative) = relative.filter(|relative| relative.is_finite()) else { continue };
-            let of = |z: &f32| if *z > 0.0 { relative as f32 * z } else { f32::INFINITY };
-            let sigma = refinement.depth.mean().map(of);
-            refinement.components.push(Component { name, sigma });
-        }
-        let mut same_scale = scene.same_scale;
-        if let Some(found) = same_scale.as_mut().filter(|found| !found.is_alone()) {
-            // The factor is that of the plain prediction; the merged one differs by another.
-            let both = refinement.prior.iter().zip(refinement.depth.mean());
-            let both = both.filter(|(prior, z)| **prior > 0.0 && **z > 0.0);
-            found.factor *= median(both.map(|(prior, z)| f64::from(*prior) / f64::from(*z))).unwrap_or(1.0);
-            refinement = refinement.scaled(found.factor, found.log_sigma)?;
-        }
-        let mut by_known = None;
-        if let Some(known) = &scene.known {
-            let at = known.at(refinement.depth.dim());
-            let (refined, report) = refinement.scaled_to(&at, !origin.kind.is_depth()).map_err(|error| {
-                Error::Argument(format!("{{scale-from}} {}: {}", known.source, text(&error)))
-            })?;
-            refinement = refined;
-            by_known = Some(Scaled { from: known.source.clone(), report });
-        }
-        stated.warnings.iter().cloned().for_each(&mut *warn);
-        let unit = self.name_of(unit);
-        let png = DepthPng::new(unit, refinement.depth.mean().iter().copied());
-        Ok(Refined {
-            scene,
-            photograph,
-            image,
-            camera,
-            refinement,
-            unit,
-            stated,
-            scaled: by_known,
-            same_scale,
-            png,
-            origin: origin.clone(),
-            field: None,
-            prior_seconds: 0.0,
-        })
     }
+    // Refused photographs have no unit.
+    let mut unit = *unit;
+    if unit == Unit::Capture && used {
+        refinement = refinement.in_capture_unit()?;
+    } else if unit == Unit::Capture && refinement.capture.is_some() {
+        warn("{unit}: without poses that fit there is no unit but the prior's".to_owned());
+        unit = Unit::Prior;
+    }
+    let scaled = scene.known.is_some();
+    doubts(&refinement.prior, origin, config, scaled).into_iter().for_each(&mut *warn);
+    if let Some(reason) = refinement.augmentation.skipped {
+        warn(format!("no test-time augmentation: {reason}; give {{prior-model}} to use it"));
+    }
+    for (index, iteration) in refinement.iterations.iter().enumerate() {
+        for warning in &iteration.fusion.warnings {
+            warn(format!("iteration {}: {warning}", index + 1));
+        }
+    }
+    let stated = error_bar.apply(&mut refinement, config, origin, used, scaled)?;
+    // Errors of the whole map, which sigma does not contain.
+    let of_poses = refinement.capture.as_ref().and_then(|report| report.scale);
+    let gauge = of_poses.filter(|_| unit == Unit::Prior && !scaled).map(|[_, relative]| relative);
+    let scale = stated.scale.as_ref().map(|scale| scale.relative);
+    for (name, relative) in [("gauge", gauge), ("scale", scale)] {
+        let Some(relative) = relative.filter(|relative| relative.is_finite()) else { continue };
+        let of = |z: &f32| if *z > 0.0 { relative as f32 * z } else { f32::INFINITY };
+        let sigma = refinement.depth.mean().map(of);
+        refinement.components.push(Component { name, sigma });
+    }
+    let mut same_scale = scene.same_scale;
+    if let Some(found) = same_scale.as_mut().filter(|found| !found.is_alone()) {
+        // The factor is that of the plain prediction; the merged one differs by another.
+        let both = refinement.prior.iter().zip(refinement.depth.mean());
+        let both = both.filter(|(prior, z)| **prior > 0.0 && **z > 0.0);
+        found.factor *= median(both.map(|(prior, z)| f64::from(*prior) / f64::from(*z))).unwrap_or(1.0);
+        refinement = refinement.scaled(found.factor, found.log_sigma)?;
+    }
+    let mut by_known = None;
+    if let Some(known) = &scene.known {
+        let at = known.at(refinement.depth.dim());
+        let (refined, report) = refinement
+            .scaled_to(&at, !origin.kind.is_depth())
+            .map_err(|error| Error::Argument(format!("{{scale-from}} {}: {}", known.source, text(&error))))?;
+        refinement = refined;
+        by_known = Some(Scaled { from: known.source.clone(), report });
+    }
+    stated.warnings.iter().cloned().for_each(&mut *warn);
+    let unit = unit_name(unit, scene, origin);
+    let png = DepthPng::new(unit, refinement.depth.mean().iter().copied());
+    Ok(Refined {
+        scene,
+        photograph,
+        image,
+        camera,
+        refinement,
+        unit,
+        stated,
+        scaled: by_known,
+        same_scale,
+        png,
+        origin: origin.clone(),
+        field: None,
+        prior_seconds: 0.0,
+    })
 }
 
 impl<'s> Refined<'s> {
@@ -205,13 +191,13 @@ impl<'s> Refined<'s> {
     /// renders.
     pub fn pictures(&self) -> Vec<(String, Array3<u8>)> {
         let Some(report) = &self.refinement.capture else { return Vec::new() };
-        let small = |image: &Array3<f32>| bytes(thumbnail(image.view()).view());
+        let small = |image: &Array3<f32>| thumbnail(image.view()).mapv(byte);
         let photographs = self.scene.photographs.iter().enumerate();
         let mut pictures: Vec<_> =
             photographs.map(|(index, one)| (picture_of(index), small(&one.image))).collect();
         if let Some(novel) = &report.novel {
-            pictures.push((NOVEL.to_owned(), bytes(novel.image.view())));
-            pictures.push((RENDERED.to_owned(), bytes(novel.rendered.view())));
+            pictures.push((NOVEL.to_owned(), novel.image.mapv(byte)));
+            pictures.push((RENDERED.to_owned(), novel.rendered.mapv(byte)));
         }
         pictures
     }
@@ -227,9 +213,4 @@ pub const RENDERED: &str = "views/rendered.png";
 /// The small picture of a photograph.
 pub fn picture_of(index: usize) -> String {
     format!("{PICTURES}/{index:02}.png")
-}
-
-/// sRGB in 0 to 1 as bytes.
-pub fn bytes(image: ArrayView3<'_, f32>) -> Array3<u8> {
-    image.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8)
 }

@@ -3,7 +3,7 @@
 //! | Step | What | Where |
 //! |---|---|---|
 //! | plan | memory, and predictions side by side, from sizes alone | [`Refiner::plan`] |
-//! | scene | each photograph at its size, with its camera | [`Refiner::photograph`] |
+//! | scene | each photograph at its size, with its camera | [`Photograph::resized`] |
 //! | prepare | the network's camera and metres; of several photographs predictions and poses | [`Refiner::prepare`] |
 //! | refine | the loop, or the sweeps and the field of several photographs | [`Prepared::refine`] |
 //! | finish | unit, scale by known depths, error bar | [`Refined`] |
@@ -34,6 +34,8 @@
 //! ```
 
 pub mod calibration;
+#[cfg(feature = "files")]
+pub mod capture;
 pub mod depth_png;
 pub mod error_bar;
 pub mod finish;
@@ -68,7 +70,7 @@ use crate::several::prepared::PreparedScene;
 use mde_nerf::RadianceField;
 use mde_prior::{DepthPrior, Timed};
 use mde_warp::PosedView;
-use ndarray::{Array2, Array3};
+use ndarray::Array2;
 use std::ops::ControlFlow;
 
 /// Where events and warnings of a refinement go.
@@ -191,14 +193,12 @@ impl<'p> Refiner<'p> {
         let full = sizes.of_results(original);
         let at = sizes.of_refinement(full);
         let pixels = at.0 as u64 * at.1 as u64;
-        let mut alone = config.clone();
-        alone.refinement.iterations = 0;
         let (memory, swept) = match photographs {
             0 | 1 => (PhotographMemory::new(config, prior, full, at, threads), 0),
             _ => {
                 let bytes = |pixels| scene_bytes(pixels, photographs as u64, threads as u64, config);
                 limit.check(name, at, bytes)?;
-                let memory = PhotographMemory::of_several(&alone, prior, at, photographs, threads);
+                let memory = PhotographMemory::of_several(config, prior, at, photographs, threads);
                 (memory, bytes(pixels))
             }
         };
@@ -210,25 +210,14 @@ impl<'p> Refiner<'p> {
         Ok(Plan { bytes, shared: memory.shared(), parallel_predictions })
     }
 
-    /// A photograph `[height, width, 3]`, sRGB in 0 to 1, at its size; one of `several`, or alone.
-    ///
-    /// # Errors
-    /// Those of [`Photograph::resized`].
-    pub fn photograph(
-        &self,
-        name: &str,
-        image: Array3<f32>,
-        camera: KnownCamera,
-        several: bool,
-        seen: &mut dyn Observer,
-    ) -> Result<Photograph> {
-        let photograph = Photograph::new(name, image, camera);
-        photograph.resized(&self.settings.sizes, several, &mut |warning| seen.warn(warning))
-    }
-
     /// The prior for a photograph: a map is resampled, a network's metres follow the focal length. Its camera is the network's own where the
     /// network estimates one and none is known.
-    fn bind(&self, photograph: &Photograph, several: bool, seen: &mut dyn Observer) -> Result<Bound<'_>> {
+    fn bind(
+        &self,
+        photograph: &Photograph,
+        several: bool,
+        seen: &mut dyn Observer,
+    ) -> Result<(PhotographPrior<'_>, KnownCamera)> {
         self.prior.note.iter().for_each(|note| seen.warn(note.clone()));
         let (open, origin) = (self.prior, self.prior.origin());
         let mut prior = PhotographPrior::new(open.prior(), origin);
@@ -244,7 +233,7 @@ impl<'p> Refiner<'p> {
             camera = camera.by_network(&prior, origin, photograph.image.view())?.unwrap_or(camera);
             camera.warning().into_iter().for_each(|warning| seen.warn(warning));
         }
-        Ok(Bound { prior: prior.at_focal(camera.focal()), camera })
+        Ok((prior.at_focal(camera.focal()), camera))
     }
 
     /// Features and depth of a photograph, by which others are brought to its scale.
@@ -257,7 +246,7 @@ impl<'p> Refiner<'p> {
         scale: &same_scale::OneScale,
         seen: &mut dyn Observer,
     ) -> Result<mde_mvs::poses::Prepared> {
-        let Bound { prior, camera } = self.bind(photograph, false, seen)?;
+        let (prior, camera) = self.bind(photograph, false, seen)?;
         scale.prepare(&photograph.image, &camera, &prior)
     }
 
@@ -275,7 +264,7 @@ impl<'p> Refiner<'p> {
         let Some(first) = scene.photographs.get(scene.reference) else {
             return Err(Error::Argument("there is no photograph; give one".to_owned()));
         };
-        let Bound { prior, camera } = self.bind(first, scene.is_several(), seen)?;
+        let (prior, camera) = self.bind(first, scene.is_several(), seen)?;
         if scene.same_scale.is_some_and(|found| found.is_alone()) {
             seen.warn("{same-scale}: matches no other photograph, and keeps its own scale".to_owned());
         }
@@ -301,12 +290,6 @@ fn metres_factors(origin: &PriorOrigin, scene: &Scene, camera: &KnownCamera) -> 
     scene.photographs.iter().map(factor).collect()
 }
 
-/// A prior for a photograph with its camera.
-struct Bound<'p> {
-    prior: PhotographPrior<'p>,
-    camera: KnownCamera,
-}
-
 /// A scene after what its photographs share.
 pub struct Prepared<'s> {
     refiner: &'s Refiner<'s>,
@@ -324,7 +307,7 @@ impl<'s> Prepared<'s> {
     /// Refines a photograph: the reference of one, any of several. `field` makes the field in the place of [`Config::nerf`]'s.
     ///
     /// # Errors
-    /// The error of a stage, [`Error::Interrupted`] where the observer returned `Break`, [`Error::Argument`] and [`Error::Scale`] for known
+    /// The error of a stage, [`Error::Interrupted`] where the observer returned `Break`, [`Error::Argument`] for known
     /// depths that give no scale.
     pub fn refine(
         &mut self,
@@ -368,8 +351,9 @@ impl<'s> Prepared<'s> {
             (image, camera) = (full.image.view(), camera.resized((height, width))?);
         }
         let prior_seconds = std::mem::take(&mut self.prior_seconds) + timed.seconds();
-        let finish = finish::Finish { settings: &refiner.settings, origin: self.prior.origin(), scene };
-        let refined = finish.apply(refinement, photograph, image, camera, &mut |text| seen.warn(text))?;
+        let given = (&refiner.settings, self.prior.origin(), scene);
+        let refined =
+            finish::finish(given, refinement, photograph, (image, camera), &mut |text| seen.warn(text))?;
         refined.png.warning().into_iter().for_each(|warning| seen.warn(warning));
         Ok(Refined { field: kept, prior_seconds, ..refined })
     }
@@ -404,8 +388,7 @@ impl<'s> Prepared<'s> {
 
     /// Unit of the results: `m`, `capture` or `unscaled`.
     pub fn unit(&self) -> &'static str {
-        finish::Finish { settings: &self.refiner.settings, origin: self.prior.origin(), scene: self.scene }
-            .unit()
+        finish::unit_name(self.refiner.settings.unit, self.scene, self.prior.origin())
     }
 
     /// Seconds of predictions that no result has yet.

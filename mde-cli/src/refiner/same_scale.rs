@@ -97,7 +97,7 @@ impl OneScale {
     ) -> Result<Prepared> {
         let depth = prior.predict(image.view())?.to_depth(&self.disparity)?;
         let (height, width, _) = image.dim();
-        let size = within((height, width), Some(LONGER_SIDE));
+        let size = within((height, width), LONGER_SIDE);
         let (image, depth) = (shrink(image, size), nearest(depth.view(), size));
         let photograph = PoseInput {
             image: image.view(),
@@ -149,13 +149,14 @@ impl OneScale {
     /// # Errors
     /// [`Error::MultiView`](crate::error::Error::MultiView) for a ratio that is not finite.
     pub fn factors(&self) -> Result<Vec<SameScale>> {
+        let of_group = |found: LogFactor| SameScale {
+            factor: found.log.exp(),
+            log_sigma: WHOLE * found.sigma,
+            group: found.component,
+            photographs: found.photographs,
+        };
         Ok(common_scale(self.photographs, &self.ratios)?.into_iter().map(of_group).collect())
     }
-}
-
-fn of_group(found: LogFactor) -> SameScale {
-    let LogFactor { log, sigma, component, photographs } = found;
-    SameScale { factor: log.exp(), log_sigma: WHOLE * sigma, group: component, photographs }
 }
 
 /// A warning where the factors of photographs are of several groups; `place` has the group of each.

@@ -16,7 +16,7 @@ const REFERENCE: &str = "the reference";
 const POSED: &str = "has a pose";
 
 /// Report of a run with several photographs.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct CaptureReport {
     /// One per photograph, in the capture's order.
     pub photographs: Vec<PhotographReport>,
@@ -61,7 +61,7 @@ pub struct WithheldPhotograph {
 }
 
 /// Report of one photograph.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct PhotographReport {
     /// Its name.
     pub name: String,
@@ -92,10 +92,11 @@ pub struct PhotographReport {
 }
 
 /// Origin of the poses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PoseSource {
     /// As given; the refinement did not explain withheld matches better.
+    #[default]
     Given,
     /// Given, then refined on matches.
     Refined,
@@ -120,38 +121,13 @@ pub struct CaptureSeconds {
 
 impl CaptureReport {
     pub(crate) fn new<'n>(names: impl Iterator<Item = &'n str>, reference: usize) -> Self {
-        let photographs = names
-            .enumerate()
-            .map(|(index, name)| PhotographReport {
-                name: name.to_owned(),
-                used: index == reference,
-                verdict: if index == reference { REFERENCE } else { POSED }.to_owned(),
-                matches: None,
-                parallax: None,
-                overlap: None,
-                sharpness: None,
-                rotation_degrees: None,
-                exposure: None,
-                verified: None,
-                pose: None,
-                camera: None,
-            })
-            .collect();
-        Self {
-            photographs,
-            poses: PoseSource::Given,
-            withheld_pixels: None,
-            withheld_colours: None,
-            focal_factor: None,
-            scale: None,
-            fit: None,
-            fusion: None,
-            confirmed: None,
-            evidence: None,
-            novel: None,
-            fallback: None,
-            seconds: CaptureSeconds::default(),
-        }
+        let photograph = |(index, name): (usize, &str)| PhotographReport {
+            name: name.to_owned(),
+            used: index == reference,
+            verdict: if index == reference { REFERENCE } else { POSED }.to_owned(),
+            ..PhotographReport::default()
+        };
+        Self { photographs: names.enumerate().map(photograph).collect(), ..Self::default() }
     }
 
     /// Number of photographs that were used, the reference included.

@@ -5,32 +5,18 @@ use mde_mvs::consensus::agreement;
 use mde_nerf::RenderedView;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
-use ndarray::Array2;
-use serde::Serialize;
-
-/// Origin of the depth of a pixel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Origin {
-    /// No depth.
-    Missing,
-    /// The gauged prior; no other photograph sees the point.
-    Prior,
-    /// The sweep fused with the prior.
-    Consensus,
-    /// The field.
-    Field,
-}
+use ndarray::{Array2, ArrayView2};
 
 /// Where the depth of each pixel of the reference comes from, and how many photographs support it; all `[height, width]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Evidence {
-    /// Origin of the depth.
-    pub origin: Array2<Origin>,
+    /// Origin of the depth: 0 where there is none, 1 the gauged prior where no other photograph sees the point, 2 the sweep fused with the
+    /// prior, 3 the field.
+    pub origin: Array2<f32>,
     /// Number of other photographs in which the pixel's point lies.
-    pub seen: Array2<u8>,
+    pub seen: Array2<f32>,
     /// Number of other photographs whose own depth agrees, there and back, within a pixel and 10 % of the depth.
-    pub confirmed: Array2<u8>,
+    pub confirmed: Array2<f32>,
 }
 
 impl Evidence {
@@ -54,33 +40,23 @@ impl Evidence {
         let origin = Array2::from_shape_fn(depth.dim(), |(row, column)| {
             let by_field = rendered.is_some_and(|rendered| rendered.depth.get(row, column).is_some());
             match depth.get(row, column) {
-                None => Origin::Missing,
-                Some(_) if by_field => Origin::Field,
-                Some(_) if found.visible[(row, column)] > 0 => Origin::Consensus,
-                Some(_) => Origin::Prior,
+                None => 0.0,
+                Some(_) if by_field => 3.0,
+                Some(_) if found.visible[(row, column)] > 0 => 2.0,
+                Some(_) => 1.0,
             }
         });
-        Ok(Self { origin, seen: found.visible, confirmed: found.agree })
+        Ok(Self { origin, seen: found.visible.mapv(f32::from), confirmed: found.agree.mapv(f32::from) })
     }
 
-    /// The three maps as floats, by their names; `origin` is 0 for none, 1 for the prior, 2 for the consensus, 3 for the field.
-    pub fn arrays(&self) -> [(&'static str, Array2<f32>); 3] {
-        let origin = self.origin.mapv(|origin| match origin {
-            Origin::Missing => 0.0,
-            Origin::Prior => 1.0,
-            Origin::Consensus => 2.0,
-            Origin::Field => 3.0,
-        });
-        [
-            ("origin", origin),
-            ("seen", self.seen.mapv(f32::from)),
-            ("confirmed", self.confirmed.mapv(f32::from)),
-        ]
+    /// The three maps by their names.
+    pub fn arrays(&self) -> [(&'static str, ArrayView2<'_, f32>); 3] {
+        [("origin", self.origin.view()), ("seen", self.seen.view()), ("confirmed", self.confirmed.view())]
     }
 
     /// Share of the pixels with a depth that at least one other photograph confirms.
     pub fn confirmed_share(&self) -> f64 {
-        let known = self.origin.iter().filter(|origin| **origin != Origin::Missing).count();
-        self.confirmed.iter().filter(|count| **count > 0).count() as f64 / known.max(1) as f64
+        let known = self.origin.iter().filter(|origin| **origin > 0.0).count();
+        self.confirmed.iter().filter(|count| **count > 0.0).count() as f64 / known.max(1) as f64
     }
 }

@@ -3,15 +3,14 @@
 use mde_fusion::FusionReport;
 use mde_nerf::FitReport;
 use mde_warp::WarpedView;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// Report of one iteration of the loop.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct IterationReport {
     /// Report of the synthetic views.
     pub warp: WarpReport,
     /// Report of the field's fit; its first PSNR is that of the original view.
-    #[serde(with = "Fit")]
     pub fit: FitReport,
     /// Estimates of the fusion.
     pub fusion: FusionReport,
@@ -23,18 +22,8 @@ pub struct IterationReport {
     pub seconds: StageSeconds,
 }
 
-/// [`FitReport`] as it is deserialised.
-#[derive(Serialize, Deserialize)]
-#[serde(remote = "FitReport")]
-struct Fit {
-    steps: usize,
-    loss: f64,
-    psnr: Vec<f64>,
-    samples: u64,
-}
-
 /// Coverage of the synthetic views.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct WarpReport {
     /// Number of views.
     pub views: usize,
@@ -58,7 +47,7 @@ impl WarpReport {
 }
 
 /// Wall seconds by stage.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct StageSeconds {
     /// Making the synthetic views.
     pub warp: f64,

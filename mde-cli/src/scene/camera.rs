@@ -3,7 +3,7 @@
 use crate::error::{Error, Result, text};
 use crate::prior::origin::PriorOrigin;
 use crate::reports::capture::CaptureReport;
-use crate::scene::intrinsics::Intrinsics;
+use crate::scene::intrinsics;
 use mde_mvs::capture::{Distortion, Lens};
 use mde_prior::{DepthPrior, FileKind, open};
 use mde_warp::PinholeCamera;
@@ -88,16 +88,15 @@ impl KnownCamera {
     /// The camera of a photograph of that size, with the focal length of its EXIF in millimetres of 35 mm film.
     ///
     /// # Errors
-    /// [`Error::Io`] for a file that can't be read; [`Error::Argument`], [`Error::Intrinsics`] or [`Error::Warp`] for what is no camera of
+    /// [`Error::Prior`] for a file that can't be read; [`Error::Argument`] or [`Error::Warp`] for what is no camera of
     /// that photograph.
     pub fn new(given: &GivenCamera, focal_35mm: Option<f64>, [width, height]: [usize; 2]) -> Result<Self> {
         let middle = |side: usize| 0.5 * (side as f64 - 1.0);
         let (camera, source) = match (given, focal_35mm) {
             (GivenCamera::File(path), _) => {
                 let shown = path.display();
-                let read = open::read_text(path, FileKind::Settings).map_err(Error::io(path))?;
-                let camera = Intrinsics::parse(&read)
-                    .and_then(|k| k.camera([width, height]))
+                let read = open::read_text(path, FileKind::Settings).map_err(Error::read(path))?;
+                let camera = intrinsics::parse(&read, [width, height])
                     .map_err(|error| Error::Argument(format!("{shown}: {}", text(&error))))?;
                 (camera, CameraSource::File(shown.to_string()))
             }

@@ -3,8 +3,6 @@
 pub mod camera;
 pub mod intrinsics;
 pub mod known;
-#[cfg(feature = "files")]
-pub mod posed;
 pub mod size;
 
 use crate::error::{Error, Result};
@@ -107,7 +105,7 @@ impl Photograph {
 }
 
 /// Photographs of one static scene.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Scene {
     /// One, or several: all with a pose or all without.
     pub photographs: Vec<Photograph>,
@@ -125,13 +123,7 @@ pub struct Scene {
 impl Scene {
     /// One photograph.
     pub fn one(photograph: Photograph) -> Self {
-        Self {
-            photographs: vec![photograph],
-            reference: 0,
-            points: Vec::new(),
-            known: None,
-            same_scale: None,
-        }
+        Self { photographs: vec![photograph], ..Self::default() }
     }
 
     /// Two or more photographs.
@@ -139,7 +131,7 @@ impl Scene {
     /// # Errors
     /// [`Error::Capture`] with the photograph at fault and the remedy.
     pub fn several(photographs: Vec<Photograph>, reference: usize) -> Result<Self> {
-        let scene = Self { photographs, reference, points: Vec::new(), known: None, same_scale: None };
+        let scene = Self { photographs, reference, ..Self::default() };
         scene.validate()?;
         Ok(scene)
     }

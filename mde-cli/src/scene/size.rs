@@ -26,35 +26,28 @@ impl Default for Sizes {
 impl Sizes {
     /// `(height, width)` of the results for a photograph of that size.
     pub fn of_results(&self, size: (usize, usize)) -> (usize, usize) {
-        within(size, self.longest)
+        within(size, self.longest.unwrap_or(usize::MAX))
     }
 
     /// `(height, width)` of the refinement for results of that size.
-    pub fn of_refinement(&self, size: (usize, usize)) -> (usize, usize) {
-        working(size, self.megapixels)
+    pub fn of_refinement(&self, (height, width): (usize, usize)) -> (usize, usize) {
+        let (most, pixels) = (1e6 * self.megapixels, (height * width) as f64);
+        if pixels <= most {
+            return (height, width);
+        }
+        let side = |side: usize| ((side as f64 * (most / pixels).sqrt()).round() as usize).max(1);
+        (side(height), side(width))
     }
 }
 
 /// `(height, width)` with the longer side at most `longest`, the aspect kept.
-pub fn within((height, width): (usize, usize), longest: Option<usize>) -> (usize, usize) {
-    let longest = longest.unwrap_or(usize::MAX);
+pub(crate) fn within((height, width): (usize, usize), longest: usize) -> (usize, usize) {
     let longer = height.max(width);
     if longer <= longest {
         return (height, width);
     }
     let scaled = |side: usize| ((2 * side * longest + longer) / (2 * longer)).max(1);
     (scaled(height), scaled(width))
-}
-
-/// `(height, width)` with at most that many million pixels, the aspect kept.
-pub fn working((height, width): (usize, usize), megapixels: f64) -> (usize, usize) {
-    let most = 1e6 * megapixels;
-    let pixels = (height * width) as f64;
-    if pixels <= most {
-        return (height, width);
-    }
-    let side = |side: usize| ((side as f64 * (most / pixels).sqrt()).round() as usize).max(1);
-    (side(height), side(width))
 }
 
 /// The image `[height, width, 3]` at that size.
@@ -94,6 +87,11 @@ pub fn resized(image: ArrayView3<'_, f32>, width: usize, height: usize) -> Array
     small
 }
 
+/// A colour in 0 to 1 as a byte.
+pub fn byte(value: f32) -> u8 {
+    (value.clamp(0.0, 1.0) * 255.0).round() as u8
+}
+
 /// A small version of a photograph `[height, width, 3]`, at most 240 pixels a side.
 pub fn thumbnail(image: ArrayView3<'_, f32>) -> Array3<f32> {
     let (height, width, _) = image.dim();
@@ -108,10 +106,9 @@ mod tests {
 
     #[test]
     fn the_longer_side_is_bounded_and_the_aspect_kept() {
-        assert_eq!(within((3648, 5472), Some(1600)), (1067, 1600));
-        assert_eq!(within((480, 640), Some(640)), (480, 640));
-        assert_eq!(within((480, 640), None), (480, 640));
-        assert_eq!(within((16000, 20), Some(100)), (100, 1));
+        assert_eq!(within((3648, 5472), 1600), (1067, 1600));
+        assert_eq!(within((480, 640), 640), (480, 640));
+        assert_eq!(within((16000, 20), 100), (100, 1));
     }
 
     #[test]

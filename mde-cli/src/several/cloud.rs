@@ -1,12 +1,17 @@
 //! Points on which the refined depths of several photographs agree.
 
+use crate::scene::size::byte;
 use mde_warp::{PinholeCamera, Pose};
-use nalgebra::{Point2, Point3};
-use ndarray::{Array2, ArrayView2};
+use nalgebra::{Point2, Point3, Vector3};
+use ndarray::{Array2, ArrayView2, ArrayView3};
 
-/// A refined photograph.
+/// A refined photograph with its pose.
 #[derive(Debug, Clone, Copy)]
 pub struct RefinedView<'v> {
+    /// The folder of its files, from that of the files of all; empty where they are the same.
+    pub folder: &'v str,
+    /// sRGB in 0 to 1, `[height, width, 3]`.
+    pub image: ArrayView3<'v, f32>,
     /// Its camera.
     pub camera: PinholeCamera,
     /// World to camera, in the unit of the depth.
@@ -15,6 +20,40 @@ pub struct RefinedView<'v> {
     pub depth: ArrayView2<'v, f32>,
     /// Its standard deviation; infinite where missing.
     pub sigma: ArrayView2<'v, f32>,
+    /// Steps per unit of its `depth.png`.
+    pub png_scale: f64,
+}
+
+impl RefinedView<'_> {
+    /// The point of a pixel in the frame of the camera, where its depth is known.
+    pub fn point(&self, row: usize, column: usize) -> Option<Point3<f64>> {
+        let z = *self.depth.get((row, column))?;
+        let known = z > 0.0 && self.sigma[(row, column)].is_finite();
+        known.then(|| self.camera.unproject(Point2::new(column as f64, row as f64), f64::from(z)))
+    }
+
+    /// The colour of a pixel.
+    pub fn colour(&self, row: usize, column: usize) -> [u8; 3] {
+        [0, 1, 2].map(|channel| byte(self.image[(row, column, channel)]))
+    }
+
+    /// Unit normal of the surface at the `point` of a pixel, towards the camera; 0 where no neighbour is known.
+    pub fn normal(&self, row: usize, column: usize, point: Point3<f64>) -> Vector3<f64> {
+        let at = |row: Option<usize>, column: Option<usize>| self.point(row?, column?);
+        let (row, column) = (Some(row), Some(column));
+        let along = |before: Option<Point3<f64>>, after: Option<Point3<f64>>| {
+            let steps = [before.map(|p| point - p), after.map(|p| p - point)];
+            // The neighbour nearer in depth lies on the same surface.
+            steps.into_iter().flatten().min_by(|a, b| a.z.abs().total_cmp(&b.z.abs()))
+        };
+        let less = |index: Option<usize>| index?.checked_sub(1);
+        let more = |index: Option<usize>| Some(index? + 1);
+        let right = along(at(row, less(column)), at(row, more(column)));
+        let down = along(at(less(row), column), at(more(row), column));
+        let (Some(right), Some(down)) = (right, down) else { return Vector3::zeros() };
+        let normal = down.cross(&right).try_normalize(0.0).unwrap_or_default();
+        if normal.dot(&point.coords) > 0.0 { -normal } else { normal }
+    }
 }
 
 /// A pixel's point that another photograph confirms.
@@ -43,14 +82,11 @@ pub fn consistent_points(views: &[RefinedView<'_>]) -> Vec<ConsistentPoint> {
         view.depth.dim() == view.camera.dim() && view.sigma.dim() == view.camera.dim()
     };
     for (index, view) in views.iter().enumerate().filter(|(_, view)| sized(view)) {
-        let (camera, world) = (&view.camera, view.pose.inverse());
+        let world = view.pose.inverse();
         let others: Vec<usize> = (0..views.len()).filter(|&i| i != index && sized(&views[i])).collect();
         for ((row, column), &z) in view.depth.indexed_iter() {
-            let sigma = view.sigma[(row, column)];
-            if !(z > 0.0 && sigma.is_finite()) {
-                continue;
-            }
-            let position = world * camera.unproject(Point2::new(column as f64, row as f64), f64::from(z));
+            let Some(point) = view.point(row, column) else { continue };
+            let (sigma, position) = (view.sigma[(row, column)], world * point);
             let confirm = |&other: &usize| Some((other, seen(&views[other], &position, sigma / z)?));
             let mut confirmed = others.iter().filter_map(confirm).peekable();
             if confirmed.peek().is_some() && !confirmed.any(|(other, pixel)| given[other][pixel]) {
@@ -82,12 +118,14 @@ mod tests {
     const SIZE: (usize, usize) = (12, 16);
 
     fn view<'v>(shift: f64, depth: &'v Array2<f32>, sigma: &'v Array2<f32>) -> RefinedView<'v> {
-        let camera = PinholeCamera::from_fov(60.0, SIZE.1, SIZE.0).unwrap();
         RefinedView {
-            camera,
+            folder: "",
+            image: ArrayView3::from_shape((0, 0, 3), &[]).unwrap(),
+            camera: PinholeCamera::from_fov(60.0, SIZE.1, SIZE.0).unwrap(),
             pose: Pose::translation(-shift, 0.0, 0.0),
             depth: depth.view(),
             sigma: sigma.view(),
+            png_scale: 1000.0,
         }
     }
 

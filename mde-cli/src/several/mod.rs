@@ -20,7 +20,7 @@ mod result;
 mod withheld;
 
 use crate::config::Config;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::refinement::event::Callback;
 use crate::refinement::stages::Stages;
 use crate::reports::Refinement;
@@ -43,8 +43,4 @@ pub fn refine_several(
     callback: &mut Callback<'_>,
 ) -> Result<Refinement> {
     PreparedScene::new(scene, &stages, config, callback)?.refine(scene.reference, stages, callback)
-}
-
-fn fault(reason: String, remedy: &'static str) -> Error {
-    Error::Capture { reason, remedy }
 }

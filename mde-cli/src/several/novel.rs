@@ -2,13 +2,14 @@
 
 use crate::error::Result;
 use crate::reports::novel::NovelView;
+use crate::scene::size::shrink;
 use crate::several::prepared::equalised;
-use mde_mvs::consensus::Reconstruction;
+use mde_mvs::consensus::ViewDepth;
 use mde_nerf::{FieldCallback, RadianceField};
-use mde_prior::resample::{Filter, nearest, resize};
+use mde_prior::resample::nearest;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PosedView, WarpConfig, forward_warp};
-use ndarray::{Array2, Array3, Axis, Zip};
+use ndarray::{Array2, Array3, Zip};
 
 /// Longer side of the rendering, pixels: it takes a few tenths of a second.
 const LONGEST: usize = 320;
@@ -26,15 +27,14 @@ pub(super) struct Candidate {
     pub(super) withheld: bool,
 }
 
-/// Renders a photograph by the field, and by moving the reference with the gauged prior.
+/// Renders a photograph by the field, and by moving the reference with the gauged prior of what is `known` of its depth.
 pub(super) fn compare(
     candidate: &Candidate,
     reference: &PosedView,
-    reconstruction: &Reconstruction,
+    known: &ViewDepth,
     field: &dyn RadianceField,
     callback: &mut dyn FieldCallback,
-) -> Result<Option<NovelView>> {
-    let Some(known) = reconstruction.views.first() else { return Ok(None) };
+) -> Result<NovelView> {
     let view = &candidate.view;
     let image = match candidate.withheld {
         true => equalised(reference, view, known)?.1,
@@ -48,14 +48,14 @@ pub(super) fn compare(
     };
     let ([height, width], [rows, columns]) = (size(view), size(reference));
     let camera = view.camera.resized(width, height)?;
-    let image = shrunk(&image, [height, width]);
+    let image = shrink(&image, (height, width));
     let mask = nearest(view.mask.view(), (height, width));
     let rendered = field.render(&camera, &view.pose, callback)?;
 
     let z = nearest(known.prior.mean(), (rows, columns));
     let variance = z.mapv(|z| if z > 0.0 { 1.0 } else { f32::INFINITY });
     let moved = forward_warp(
-        shrunk(&reference.image, [rows, columns]).view(),
+        shrink(&reference.image, (rows, columns)).view(),
         &GaussianDepth::new(z, variance)?,
         &reference.camera.resized(columns, rows)?,
         &reference.pose,
@@ -70,7 +70,7 @@ pub(super) fn compare(
         .for_each(|both, &opacity, &reached| *both &= reached && opacity >= OPAQUE);
     let compared = both.iter().filter(|both| **both).count() as f64 / both.len().max(1) as f64;
     let psnr = |other: &Array3<f32>| (compared >= LEAST).then(|| psnr(&image, other, &both));
-    Ok(Some(NovelView {
+    Ok(NovelView {
         photograph: candidate.index,
         withheld: candidate.withheld,
         psnr: psnr(&rendered.image),
@@ -78,15 +78,7 @@ pub(super) fn compare(
         compared,
         rendered: rendered.image,
         image,
-    }))
-}
-
-fn shrunk(image: &Array3<f32>, [height, width]: [usize; 2]) -> Array3<f32> {
-    let mut small = Array3::zeros((height, width, 3));
-    for (mut to, from) in small.axis_iter_mut(Axis(2)).zip(image.axis_iter(Axis(2))) {
-        to.assign(&resize(from, (height, width), Filter::BilinearAntialias));
-    }
-    small
+    })
 }
 
 /// Peak signal-to-noise ratio over the pixels of a mask, at most 99 dB.

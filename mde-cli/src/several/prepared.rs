@@ -2,7 +2,7 @@
 
 use crate::config::{Config, Order};
 use crate::error::{Error, Result};
-use crate::refinement::event::{Callback, Event, Stage};
+use crate::refinement::event::{Callback, Event, Stage, begin};
 use crate::refinement::refine;
 use crate::refinement::stages::Stages;
 use crate::reports::Refinement;
@@ -12,7 +12,7 @@ use crate::reports::prediction::Component;
 use crate::scene::Scene;
 use crate::several::cameras::Posed;
 use crate::several::novel::Candidate;
-use crate::several::{cameras, fault, novel, priors, result, withheld};
+use crate::several::{cameras, novel, priors, result, withheld};
 use mde_fusion::BayesFuser;
 use mde_mvs::consensus::{Reconstruction, ViewDepth, reconstruct};
 use mde_mvs::exposure::{Exposure, fit_exposure};
@@ -23,7 +23,6 @@ use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::{Matrix6, Point3};
 use ndarray::{Array2, Array3, ArrayView2, Zip};
-use std::ops::ControlFlow;
 use std::time::Instant;
 
 /// Least share of a photograph's own choice among those swept together for it to need no sweeps of its own.
@@ -62,9 +61,12 @@ struct Planned {
 }
 
 impl Planned {
-    /// Whether the fit has that photograph: it is chosen, and among those that are swept.
-    fn uses(&self, score: &ViewScore) -> bool {
-        score.chosen && self.group.contains(&score.view)
+    /// Reports the scores of the others for the photograph at `place`. The fit has those that are chosen, and among those that are swept.
+    fn report(&self, posed: &Posed, place: usize, report: &mut CaptureReport) {
+        for score in &self.scores {
+            let (view, used) = (&posed.views[score.view], score.chosen && self.group.contains(&score.view));
+            report.photographs[posed.order[score.view]].take(score, used, view, &posed.views[place]);
+        }
     }
 }
 
@@ -74,16 +76,6 @@ struct Swept {
     group: Vec<usize>,
     reconstruction: Reconstruction,
     seconds: f64,
-}
-
-impl Swept {
-    /// What `stage` makes of the sweeps with those of one photograph first, as of the photograph that is refined.
-    fn as_first<T>(&mut self, own: usize, stage: impl FnOnce(&Reconstruction) -> T) -> T {
-        self.reconstruction.views.swap(0, own);
-        let made = stage(&self.reconstruction);
-        self.reconstruction.views.swap(0, own);
-        made
-    }
 }
 
 impl<'s> PreparedScene<'s> {
@@ -100,35 +92,23 @@ impl<'s> PreparedScene<'s> {
     ) -> Result<Self> {
         config.validate()?;
         scene.validate()?;
-        let mut run = Run { config, callback };
+        let iterations = config.refinement.iterations.min(1);
         let mut report = CaptureReport::new(scene.photographs.iter().map(|one| &*one.name), scene.reference);
-        let start = run.begin(Stage::Prior)?;
+        let start = begin(callback, Stage::Prior, 0, iterations)?;
         let priors = priors::predict(scene, stages, config, |done, total| {
-            run.notify(&Event::Predicted { done, total })
+            callback(&Event::Predicted { done, total })
         })?;
         report.seconds.prior = start.elapsed().as_secs_f64();
 
-        let start = run.begin(Stage::Poses)?;
-        let mut matched = |done, total| run.notify(&Event::Part { stage: Stage::Poses, done, total });
+        let start = begin(callback, Stage::Poses, 0, iterations)?;
+        let mut matched = |done, total| callback(&Event::Part { stage: Stage::Poses, done, total });
         let posed = cameras::posed(scene, &priors, config, &mut report, &mut matched)?;
-        let plan = match &posed {
-            Some(posed) => plan(posed, &priors, config, 1)?,
-            None => Vec::new(),
-        };
-        if let (Some(posed), Some(first)) = (&posed, plan.first()) {
-            for score in &first.scores {
-                report.photographs[posed.order[score.view]].take(
-                    score,
-                    first.uses(score),
-                    &posed.views[score.view],
-                    &posed.views[0],
-                );
-            }
+        let (mut plan, mut scale) = (Vec::new(), None);
+        if let Some(posed) = &posed {
+            plan = self::plan(posed, &priors, config, 1)?;
+            plan.iter().for_each(|first| first.report(posed, 0, &mut report));
+            scale = scale_of_points(scene, posed, &priors)?;
         }
-        let scale = match &posed {
-            Some(posed) => scale_of_points(scene, posed, &priors)?,
-            None => None,
-        };
         report.seconds.poses = start.elapsed().as_secs_f64();
         Ok(Self { scene, config, priors, posed, plan, swept: None, scale, scale_sought: false, report })
     }
@@ -150,18 +130,19 @@ impl<'s> PreparedScene<'s> {
 
     /// The camera of a photograph, with the estimated focal length where that was assumed; none for an index that is none of them.
     pub fn camera(&self, photograph: usize) -> Option<PinholeCamera> {
-        let found = self.posed.as_ref().and_then(|posed| {
-            let place = posed.order.iter().position(|&index| index == photograph)?;
-            Some(posed.views[place].camera)
-        });
-        found.or_else(|| Some(self.scene.photographs.get(photograph)?.camera.camera))
+        let own = || Some(self.scene.photographs.get(photograph)?.camera.camera);
+        self.view(photograph).map(|view| view.camera).or_else(own)
     }
 
     /// From the frame of the capture's reference to that of a photograph, in the unit of the poses.
     pub fn pose(&self, photograph: usize) -> Option<Pose> {
+        self.view(photograph).map(|view| view.pose)
+    }
+
+    fn view(&self, photograph: usize) -> Option<&PosedView> {
         let posed = self.posed.as_ref()?;
         let place = posed.order.iter().position(|&index| index == photograph)?;
-        Some(posed.views[place].pose)
+        posed.views.get(place)
     }
 
     /// Refines one photograph, as [`refine_several`](super::refine_several) does the reference. The result does not depend on which
@@ -177,12 +158,12 @@ impl<'s> PreparedScene<'s> {
     ) -> Result<Refinement> {
         let Some(prior) = self.priors.get(photograph) else {
             let reason = format!("photograph {photograph} of {}", self.priors.len());
-            return Err(fault(reason, "give the index of one of them"));
+            return Err(Error::Capture { reason, remedy: "give the index of one of them" });
         };
         let prior = prior.clone().ok_or(Error::EmptyPrior)?;
         let mut report = self.report.of(self.scene.reference, photograph);
         let config = self.config;
-        let mut run = Run { config, callback };
+        let iterations = config.refinement.iterations.min(1);
         if photograph != self.scene.reference
             && let Some(posed) = &self.posed
             && self.plan.len() < posed.views.len()
@@ -193,25 +174,24 @@ impl<'s> PreparedScene<'s> {
             Ok(place) => place,
             Err(reason) => {
                 report.fallback = Some(reason);
-                return self.alone(photograph, stages, report, run.callback);
+                return self.alone(photograph, stages, report, callback);
             }
         };
         let Some(posed) = self.posed.as_ref() else { return Err(Error::EmptyPrior) };
-        for score in &self.plan[place].scores {
-            let (view, used) = (&posed.views[score.view], self.plan[place].uses(score));
-            report.photographs[posed.order[score.view]].take(score, used, view, &posed.views[place]);
-        }
+        self.plan[place].report(posed, place, &mut report);
 
-        run.begin(Stage::Sweep)?;
-        self.sweep(place, &mut |done, total| run.notify(&Event::Part { stage: Stage::Sweep, done, total }))?;
-        let (Some(posed), Some(swept)) = (&self.posed, &mut self.swept) else {
+        begin(callback, Stage::Sweep, 0, iterations)?;
+        self.sweep(place, &mut |done, total| callback(&Event::Part { stage: Stage::Sweep, done, total }))?;
+        let (Some(posed), Some(swept)) = (&self.posed, &self.swept) else {
             return Err(Error::EmptyPrior);
         };
         let start = Instant::now();
         let group: Vec<usize> = swept.group.iter().map(|&view| posed.order[view]).collect();
         report.take(&swept.reconstruction, &group);
         let unit = posed.unit;
-        let own = swept.group.iter().position(|&view| view == place).unwrap_or(0);
+        let known = |view: usize| swept.group.iter().position(|&swept| swept == view);
+        let known = |view: usize| &swept.reconstruction.views[known(view).unwrap_or(0)];
+        let own = known(place);
         report.scale = Some(result::scale(&swept.reconstruction, unit));
         let plan = &self.plan[place];
         let members: Vec<usize> =
@@ -238,36 +218,34 @@ impl<'s> PreparedScene<'s> {
         let depths: Vec<ArrayView2<'_, f32>> = depths.iter().map(|depth| depth.view()).collect();
         report.withheld_colours =
             withheld::withheld(&views, &depths, &order, &swept.reconstruction, self.scene)?;
-        let unusable = swept.as_first(own, result::unusable);
-        if let Some(reason) = unusable.or_else(|| withheld::contradiction(&report)) {
+        if let Some(reason) = result::unusable(own).or_else(|| withheld::contradiction(&report)) {
             report.fallback = Some(reason);
             // What the refused sweeps found is no scale.
             report.scale = None;
             report.seconds.sweep = swept.seconds + start.elapsed().as_secs_f64();
-            return self.alone(photograph, stages, report, run.callback);
+            return self.alone(photograph, stages, report, callback);
         }
-        swept.as_first(own, |known| equalise(&mut views, known, &order, &mut report))?;
-        for (view, member) in views.iter_mut().zip(&members) {
-            let at = swept.group.iter().position(|swept| swept == member).unwrap_or(0);
-            view.hypotheses = vec![swept.reconstruction.views[at].fused.clone()];
+        equalise(&mut views, own, &order, &mut report)?;
+        for (view, &member) in views.iter_mut().zip(&members) {
+            view.hypotheses = vec![known(member).fused.clone()];
         }
         report.seconds.sweep = swept.seconds + start.elapsed().as_secs_f64();
 
         let (mut rendered, mut field) = (None, None);
         if config.refinement.iterations > 0 {
-            let start = run.begin(Stage::Fit)?;
+            let start = begin(callback, Stage::Fit, 0, iterations)?;
             let mut fitted = stages.field(config, 0)?;
             report.fit = Some(fitted.fit(&views, &mut |event: &mde_nerf::FieldEvent| {
-                run.notify(&Event::Field { event: *event, view: 0, views: 0 })
+                callback(&Event::Field { event: *event, view: 0, views: 0 })
             })?);
             report.seconds.fit = start.elapsed().as_secs_f64();
 
-            let start = run.begin(Stage::Render)?;
+            let start = begin(callback, Stage::Render, 0, iterations)?;
             rendered = Some(fitted.render(
                 &views[0].camera,
                 &views[0].pose,
                 &mut |event: &mde_nerf::FieldEvent| {
-                    run.notify(&Event::Field { event: *event, view: 0, views: 1 })
+                    callback(&Event::Field { event: *event, view: 0, views: 1 })
                 },
             )?);
             report.seconds.render = start.elapsed().as_secs_f64();
@@ -278,18 +256,17 @@ impl<'s> PreparedScene<'s> {
                     candidate.view = at.map_or_else(|| candidate.view.clone(), |at| views[at].clone());
                 }
                 let mut notify = |event: &mde_nerf::FieldEvent| {
-                    run.notify(&Event::Field { event: *event, view: 1, views: 2 })
+                    callback(&Event::Field { event: *event, view: 1, views: 2 })
                 };
-                report.novel = swept.as_first(own, |known| {
-                    novel::compare(candidate, &views[0], known, &*fitted, &mut notify)
-                })?;
+                report.novel = Some(novel::compare(candidate, &views[0], own, &*fitted, &mut notify)?);
             }
             field = Some(fitted);
         }
-        run.begin(Stage::Fuse)?;
-        let (mut depth, mut components) = swept
-            .as_first(own, |known| result::combine(known, &views, &covariances, rendered.as_ref(), unit))?;
+        begin(callback, Stage::Fuse, 0, iterations)?;
         let factor = result::scale(&swept.reconstruction, unit)[0];
+        let inflation = swept.reconstruction.inflation;
+        let (mut depth, mut components) =
+            result::combine(own, inflation, &views, &covariances, rendered.as_ref(), factor)?;
         if let Some(rendered) = &rendered {
             let printed = match (stages.fuser, config.refinement.order) {
                 (Some(fuser), _) => Some(result::printed(fuser, &prior, rendered, factor)?),
@@ -305,8 +282,7 @@ impl<'s> PreparedScene<'s> {
             }
         }
         report.place(&views, &order, factor);
-        let known = members.iter().filter_map(|member| swept.group.iter().position(|view| view == member));
-        let fused: Vec<&GaussianDepth> = known.map(|at| &swept.reconstruction.views[at].fused).collect();
+        let fused: Vec<&GaussianDepth> = members.iter().map(|&member| &known(member).fused).collect();
         let evidence = Evidence::new(&views, &fused, rendered.as_ref(), &depth, factor)?;
         report.confirmed = Some(evidence.confirmed_share());
         report.evidence = Some(evidence);
@@ -443,13 +419,11 @@ fn plan(
 /// The photographs in the exposure of the first, fitted where other photographs confirm its depth.
 fn equalise(
     views: &mut [PosedView],
-    reconstruction: &Reconstruction,
+    known: &ViewDepth,
     order: &[usize],
     report: &mut CaptureReport,
 ) -> Result<()> {
-    let Some(((reference, others), known)) = views.split_first_mut().zip(reconstruction.views.first()) else {
-        return Ok(());
-    };
+    let Some((reference, others)) = views.split_first_mut() else { return Ok(()) };
     for (view, &index) in others.iter_mut().zip(order.iter().skip(1)) {
         let (exposure, image) = equalised(reference, view, known)?;
         view.image = image;
@@ -470,23 +444,4 @@ pub(super) fn equalised(
     let exposure = fit_exposure(reference, view, verified.view())?.exposure;
     let image = exposure.apply_to(&view.image).mapv(|value| value.clamp(0.0, 1.0));
     Ok((exposure, image))
-}
-
-struct Run<'r, 'c> {
-    config: &'r Config,
-    callback: &'r mut Callback<'c>,
-}
-
-impl Run<'_, '_> {
-    fn notify(&mut self, event: &Event) -> ControlFlow<()> {
-        (self.callback)(event)
-    }
-
-    fn begin(&mut self, stage: Stage) -> Result<Instant> {
-        let iterations = self.config.refinement.iterations.min(1);
-        match self.notify(&Event::Begin { stage, iteration: 0, iterations }) {
-            ControlFlow::Continue(()) => Ok(Instant::now()),
-            ControlFlow::Break(()) => Err(Error::Interrupted),
-        }
-    }
 }

@@ -22,8 +22,7 @@ const COMPONENTS: [&str; 7] =
 const LEAST_VERIFIED: f32 = 0.03;
 
 /// Why the photographs carry no depth, if they do not.
-pub(super) fn unusable(reconstruction: &Reconstruction) -> Option<String> {
-    let Some(reference) = reconstruction.views.first() else { return Some("no photograph is left".into()) };
+pub(super) fn unusable(reference: &ViewDepth) -> Option<String> {
     (reference.verified < LEAST_VERIFIED).then(|| {
         format!(
             "other photographs confirm the depth of {:.1} % of the pixels, {:.0} % are needed; take sharper photographs, or from further aside",
@@ -38,27 +37,25 @@ pub(super) fn scale(reconstruction: &Reconstruction, unit: f64) -> [f64; 2] {
     reconstruction.scale.map_or([unit, f64::INFINITY], |s| [unit * s.log_scale.exp(), s.variance.sqrt()])
 }
 
-/// The field's depth, the consensus where the field has none, in the prior's unit.
+/// The field's depth, the consensus where the field has none, in the prior's unit: `factor` is the unit of the poses per unit of it.
 ///
 /// Relative variances add: that of the ray's termination, a quarter of the consensus', half a pixel of disparity over the root mean
 /// square of the baselines \\( b \\), \\( (0.5\, z / (f_x b))^2 \\), and that of the poses ([`depth_variance`]). The components
 /// split the first two: the ray's into what lies within its bins and the rest, the consensus' into the ambiguity of the costs, the
 /// prior with the doubt of the match, and the inflation by which the photographs disagree.
 pub(super) fn combine(
-    reconstruction: &Reconstruction,
+    ViewDepth { fused: consensus, ambiguity, .. }: &ViewDepth,
+    inflation: f32,
     views: &[PosedView],
     covariances: &[Option<Matrix6<f64>>],
     rendered: Option<&RenderedView>,
-    unit: f64,
+    factor: f64,
 ) -> Result<(GaussianDepth, Vec<Component>)> {
-    let Some(ViewDepth { fused: consensus, ambiguity, .. }) = reconstruction.views.first() else {
-        return Ok((GaussianDepth::missing(0, 0), Vec::new()));
-    };
-    let factor = scale(reconstruction, unit)[0] as f32;
+    let factor = factor as f32;
     let (mut mean, mut variance) = (consensus.mean().to_owned(), consensus.variance().to_owned());
     let per_depth = disparity(views) as f32;
     let of_poses = depth_variance(views, covariances, consensus.mean());
-    let disagreement = 1.0 - reconstruction.inflation.recip();
+    let disagreement = 1.0 - inflation.recip();
     let within = rendered.and_then(|r| r.in_bin.as_ref());
     let mut parts = COMPONENTS.map(|_| Array2::from_elem(mean.dim(), f32::INFINITY));
     for (at, mean) in mean.indexed_iter_mut() {

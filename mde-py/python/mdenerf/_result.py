@@ -245,6 +245,7 @@ class Result:
             self._write(made, formats)
             if report:
                 pages(made)
+            native.list_files(str(made))
 
         return in_place(folder, force, write)
 

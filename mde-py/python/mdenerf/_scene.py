@@ -131,6 +131,8 @@ class Scene(Sequence[Result]):
             write_record(made, {**self.run, "points": points})
             if report:
                 pages(made)
+            for name in names:
+                native.list_files(str(made / name))
 
         return in_place(folder, force, write)
 

@@ -4,14 +4,14 @@ use super::Watched;
 use super::one_scale::{Factor, same_scale_of};
 use crate::error::raise;
 use mde_cli::error::{Error, Result};
-use mde_cli::mde_mvs::capture::{CaptureFiles, Distortion, Lens};
+use mde_cli::mde_mvs::capture::CaptureFiles;
 use mde_cli::mde_prior::photo::image_size;
 use mde_cli::mde_warp::Pose;
 use mde_cli::nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion};
+use mde_cli::refiner::capture::shorten;
 use mde_cli::refiner::{Observer as _, Plan, Refiner};
 use mde_cli::scene::camera::{GivenCamera, KnownCamera};
 use mde_cli::scene::known::{KnownDepth, KnownDepths};
-use mde_cli::scene::posed::shorten;
 use mde_cli::scene::{Photograph, SameScale, Scene};
 use ndarray::Array3;
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
@@ -140,7 +140,13 @@ impl Inputs {
     pub(super) fn scene(self, refiner: &Refiner<'_>, watch: &mut Watched<'_>) -> Result<(Scene, Plan)> {
         let Self { photographs, capture, camera, known, same_scale } = self;
         let (scene, plan) = match capture {
-            Some(capture) => capture.scene(&camera, refiner, watch)?,
+            Some(Capture { path, image, all }) => {
+                let shown = path.display();
+                let files = CaptureFiles::find(&path).ok_or_else(|| {
+                    Error::Argument(format!("{{views}} {shown}: holds no capture; check the path"))
+                })?;
+                refiner.capture((&files, &path), &image, all, &camera, watch)?
+            }
             None => given(photographs, refiner, watch)?,
         };
         Ok((Scene { known, same_scale, ..scene }, plan))
@@ -186,39 +192,6 @@ fn given(
     }
     shorten(&mut photographs);
     Ok((Scene::several(photographs, 0)?, plan))
-}
-
-impl Capture {
-    fn scene(
-        &self,
-        given: &GivenCamera,
-        refiner: &Refiner<'_>,
-        watch: &mut Watched<'_>,
-    ) -> Result<(Scene, Plan)> {
-        let Self { path, image, all } = self;
-        let fault =
-            |error: &dyn std::fmt::Display| Error::Argument(format!("{{views}} {}: {error}", path.display()));
-        let files = CaptureFiles::find(path).ok_or_else(|| fault(&"holds no capture; check the path"))?;
-        let size = image_size(image).ok_or_else(|| {
-            Error::Argument(format!("{}: no readable image; check the path", image.display()))
-        })?;
-        let mut lens = None;
-        if files.needs_lens() {
-            let camera = KnownCamera::new(given, None, size)?.camera;
-            lens = Some(Lens { camera, distortion: Distortion::default() });
-        }
-        let capture = files.read(lens.as_ref(), &|path| image_size(path)).map_err(|error| fault(&error))?;
-        let reference = capture.position(image).map_err(|error| fault(&error))?;
-        let settings = refiner.settings();
-        // All of a long capture would not fit into memory; its neighbours in space see the same.
-        let most = if *all { capture.frames.len() } else { 4 * settings.config.multi_view.max_views };
-        let order = capture.nearest(reference, most);
-        let [width, height] = size;
-        let plan =
-            refiner.plan(&format!("{{views}}: {} photographs", order.len()), (height, width), order.len())?;
-        let mut warn = |warning| watch.warn(warning);
-        Ok((Scene::posed(&capture, &order, path, &settings.sizes, &mut warn)?, plan))
-    }
 }
 
 /// Refuses an image that is none.

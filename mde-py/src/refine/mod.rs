@@ -25,7 +25,7 @@ pub(crate) use one_scale::OneScale;
 use outcome::{Outcome, about};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-pub(crate) use save::{replace_folder, save_all, save_result};
+pub(crate) use save::{list_files, replace_folder, save_all, save_result};
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;

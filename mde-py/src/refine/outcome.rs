@@ -7,9 +7,9 @@ use mde_cli::mde_prior::{Certainty, CertaintyMeaning};
 use mde_cli::mde_warp::PinholeCamera;
 use mde_cli::output::preview::strip;
 use mde_cli::output::record::{About, RunRecord};
-use mde_cli::refiner::finish::bytes;
 use mde_cli::refiner::{Refined, Refiner};
 use mde_cli::scene::camera::KnownCamera;
+use mde_cli::scene::size::byte;
 use ndarray::{Array2, Array3};
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
@@ -77,7 +77,8 @@ impl Outcome {
         let Refined { refinement, stated, image, camera, field, .. } = refined;
         let field = field.filter(|_| settings.keep_field).map(|field| field.lock().to_bytes()).transpose()?;
         let evidence = refinement.capture.as_ref().and_then(|capture| capture.evidence.as_ref());
-        let evidence = evidence.iter().flat_map(|evidence| evidence.arrays()).collect();
+        let evidence = evidence.iter().flat_map(|evidence| evidence.arrays());
+        let evidence = evidence.map(|(name, map)| (name, map.to_owned())).collect();
         let interval = stated.interval.map(|interval| interval.bounds(&refinement.depth));
         let [lower, upper] = interval.map_or([None, None], |ends| ends.map(Some));
         let [confidence, error] = match refinement.certainty {
@@ -86,7 +87,7 @@ impl Outcome {
         };
         let sigma = refinement.depth.sigma();
         let (depth, variance) = refinement.depth.into_parts();
-        let bytes = bytes(image);
+        let bytes = image.mapv(byte);
         let exact = image.iter().zip(&bytes).any(|(value, byte)| *value != f32::from(*byte) / 255.0);
         Ok(Self {
             maps: vec![

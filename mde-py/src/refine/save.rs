@@ -6,13 +6,13 @@ use mde_cli::mde_prior::CertaintyMeaning;
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose};
 use mde_cli::nalgebra::{Quaternion, Translation3, UnitQuaternion};
-use mde_cli::output::every::{Solid, write_all};
-use mde_cli::output::exchange::exchange;
-use mde_cli::output::export::{Exported, Format};
-use mde_cli::output::maps::Maps;
+use mde_cli::output::every::write_all;
+use mde_cli::output::export::Format;
+use mde_cli::output::files::{self, ResultFiles};
+use mde_cli::output::folder;
 use mde_cli::prior::origin::METRES;
 use mde_cli::refiner::depth_png::DepthPng;
-use ndarray::ArrayView2;
+use mde_cli::several::cloud::RefinedView;
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -60,41 +60,29 @@ pub(crate) fn save_result(
     let depth = GaussianDepth::new(parts.depth.as_array().to_owned(), parts.variance.as_array().to_owned())
         .map_err(raise)?;
     let png = DepthPng::new(unit, depth.mean().iter().copied());
-    let pictures: Vec<_> =
-        parts.pictures.iter().map(|(name, one)| (name.clone(), one.as_array().to_owned())).collect();
-    let strip: Vec<_> = parts.strip.iter().map(|one| one.as_array().to_owned()).collect();
-    let (more, evidence) = (named(&parts.more), named(&parts.evidence));
-    let (image, prior) = (parts.image.as_array(), parts.prior.as_array());
-    let maps = Maps {
-        depth: &depth,
-        sigma: parts.sigma.as_array(),
-        prior,
-        more: &more,
-        evidence: &evidence,
-        image,
-        pictures: &pictures,
-        strip: &strip,
-        truth: None,
-        png: &png,
-    };
     let [fx, fy, cx, cy] = parts.camera;
     let (height, width) = depth.dim();
     let camera = PinholeCamera::new(fx, fy, cx, cy, width, height).map_err(raise)?;
-    let confidence = parts.confidence.as_ref().map(|map| (CertaintyMeaning::Confidence, map.as_array()));
-    let error = parts.error.as_ref().map(|map| (CertaintyMeaning::Error, map.as_array()));
-    let exported = Exported {
-        unit,
-        image,
-        camera: &camera,
-        depth: &depth,
-        prior,
+    let [confidence, error] =
+        [(CertaintyMeaning::Confidence, &parts.confidence), (CertaintyMeaning::Error, &parts.error)]
+            .map(|(meaning, map)| map.as_ref().map(|map| (meaning, map.as_array())));
+    let (sigma, prior, image) = (parts.sigma.as_array(), parts.prior.as_array(), parts.image.as_array());
+    let files = ResultFiles {
+        more: named(&parts.more),
         components: named(&parts.components),
         certainty: confidence.or(error),
-        png_scale: png.scale,
+        evidence: named(&parts.evidence),
+        pictures: parts
+            .pictures
+            .iter()
+            .map(|(name, one)| (name.clone(), one.as_array().to_owned()))
+            .collect(),
+        strip: parts.strip.iter().map(|one| one.as_array().to_owned()).collect(),
+        ..ResultFiles::new(&depth, sigma, prior, image, camera, png)
     };
     let write = || -> Result<()> {
-        maps.write(&folder)?;
-        formats.iter().try_for_each(|format| exported.write(*format, &folder))
+        files.write(&folder)?;
+        formats.iter().try_for_each(|format| files.export(*format, &folder))
     };
     py.detach(write).map_err(raise)
 }
@@ -108,7 +96,7 @@ fn unit(name: &str) -> &'static str {
     }
 }
 
-fn named<'m>(maps: &'m [Named<'_>]) -> Vec<(&'m str, ArrayView2<'m, f32>)> {
+fn named<'m>(maps: &'m [Named<'_>]) -> Vec<files::Named<'m>> {
     maps.iter().map(|(name, map)| (name.as_str(), map.as_array())).collect()
 }
 
@@ -136,26 +124,32 @@ pub(crate) fn save_all(
     unit: &str,
 ) -> PyResult<usize> {
     let unit = self::unit(unit);
-    let solids = photographs.iter().map(|one| {
+    let views = photographs.iter().map(|one| {
         let ((fx, fy, cx, cy, width, height), [w, i, j, k, x, y, z]) = (one.camera, one.pose);
         let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
-        let (depth, sigma) = (one.depth.as_array(), one.sigma.as_array());
-        Ok(Solid {
+        let depth = one.depth.as_array();
+        Ok(RefinedView {
             folder: &one.folder,
             image: one.image.as_array(),
             camera: PinholeCamera::new(fx, fy, cx, cy, width, height)?,
             pose: Pose::from_parts(Translation3::new(x, y, z), rotation),
+            depth,
+            sigma: one.sigma.as_array(),
             png_scale: DepthPng::new(unit, depth.iter().copied()).scale,
-            depth: depth.to_owned(),
-            sigma: sigma.to_owned(),
         })
     });
-    let solids = solids.collect::<Result<Vec<_>>>().map_err(raise)?;
-    py.detach(|| write_all(&folder, &solids, unit)).map_err(raise)
+    let views = views.collect::<Result<Vec<_>>>().map_err(raise)?;
+    py.detach(|| write_all(&folder, &views, unit)).map_err(raise)
 }
 
 /// Gives a finished folder the name of another, which is removed: in one exchange where the file system can.
 #[pyfunction]
 pub(crate) fn replace_folder(py: Python<'_>, new: PathBuf, target: PathBuf) -> PyResult<()> {
-    Ok(py.detach(|| exchange(&new, &target))?)
+    Ok(py.detach(|| folder::exchange(&new, &target))?)
+}
+
+/// Adds the names of a folder's files to its record, by which `mde refine --force` knows that it may replace it.
+#[pyfunction]
+pub(crate) fn list_files(py: Python<'_>, folder: PathBuf) -> PyResult<()> {
+    Ok(py.detach(|| folder::list_files(&folder))?)
 }

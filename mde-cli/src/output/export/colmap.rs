@@ -1,6 +1,6 @@
 //! COLMAP's text model of one camera, one picture and a thinned cloud.
 
-use crate::output::export::Exported;
+use crate::several::cloud::RefinedView;
 use std::fmt::Write as _;
 
 /// About so many points are written: enough to align or to start splats from.
@@ -9,7 +9,7 @@ const POINTS: usize = 20_000;
 const HALF: f64 = 0.5;
 
 /// Names and texts of `cameras.txt`, `images.txt` and `points3D.txt`.
-pub(super) fn files(scene: &Exported<'_>) -> [(&'static str, String); 3] {
+pub(crate) fn files(scene: &RefinedView<'_>) -> [(&'static str, String); 3] {
     let camera = scene.camera;
     let cameras = format!(
         "# CAMERA_ID, MODEL, WIDTH, HEIGHT, fx, fy, cx, cy\n1 PINHOLE {} {} {} {} {} {}\n",

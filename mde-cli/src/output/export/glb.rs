@@ -1,11 +1,10 @@
 //! Binary glTF: the depth map as a mesh with the photograph as its texture, y up, torn at depth edges.
 
 use crate::error::Result;
-use crate::output::export::Exported;
+use crate::scene::size::byte;
+use crate::several::cloud::RefinedView;
 use mde_prior::photo::encode_rgb_png;
-use nalgebra::Point3;
-use ndarray::Array3;
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// About so many vertices: a larger map is thinned, the texture is not.
 const VERTICES: usize = 1_000_000;
@@ -27,24 +26,29 @@ struct Mesh {
     triangles: Vec<[u32; 3]>,
 }
 
-pub(super) fn encode(scene: &Exported<'_>) -> Result<Vec<u8>> {
-    file(scene, &mesh(scene, TEAR))
+pub(crate) fn encode(view: &RefinedView<'_>, unit: &str) -> Result<Vec<u8>> {
+    file(view, unit, &mesh(view, TEAR))
 }
 
-fn file(scene: &Exported<'_>, Mesh { vertices, triangles }: &Mesh) -> Result<Vec<u8>> {
+fn file(view: &RefinedView<'_>, unit: &str, Mesh { vertices, triangles }: &Mesh) -> Result<Vec<u8>> {
+    let asset = json!({ "version": "2.0", "generator": "mde", "extras": { "unit": unit } });
+    if triangles.is_empty() {
+        // An accessor holds at least one element: without a surface there is no mesh.
+        return Ok(container(&json!({ "asset": asset, "scene": 0, "scenes": [{}] }), &[]));
+    }
     let mut data: Vec<u8> = vertices.iter().flatten().flat_map(|number| number.to_le_bytes()).collect();
     let indices = data.len();
     data.extend(triangles.iter().flatten().flat_map(|index| index.to_le_bytes()));
     let image = data.len();
-    data.extend(encode_rgb_png(texture(scene).view())?);
+    data.extend(encode_rgb_png(view.image.mapv(byte).view())?);
     let picture = data.len() - image;
     data.resize(data.len().next_multiple_of(4), 0);
     let range = |wanted: fn(f32, f32) -> f32, start: f32| -> Vec<f32> {
         let of = |axis: usize| vertices.iter().map(|vertex| vertex[axis]).fold(start, wanted);
         vec![of(0), of(1), of(2)]
     };
-    let mut root = json!({
-        "asset": { "version": "2.0", "generator": "mde", "extras": { "unit": scene.unit } },
+    let root = json!({
+        "asset": asset,
         "extensionsUsed": ["KHR_materials_unlit"],
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
@@ -75,35 +79,16 @@ fn file(scene: &Exported<'_>, Mesh { vertices, triangles }: &Mesh) -> Result<Vec
             "attributes": { "POSITION": 0, "TEXCOORD_0": 1, "_SIGMA": 2 }, "indices": 3, "material": 0,
         }] }],
     });
-    if triangles.is_empty() {
-        // An accessor holds at least one element: without a surface there is no mesh.
-        for key in [
-            "nodes",
-            "meshes",
-            "accessors",
-            "bufferViews",
-            "images",
-            "textures",
-            "samplers",
-            "materials",
-            "buffers",
-            "extensionsUsed",
-        ] {
-            root.as_object_mut().map(|root| root.remove(key));
-        }
-        root["scenes"] = json!([{}]);
-        data.clear();
-    }
-    let mut text = root.to_string().into_bytes();
-    text.resize(text.len().next_multiple_of(4), b' ');
-    Ok(container(&text, &data))
+    Ok(container(&root, &data))
 }
 
 /// Header, JSON and data.
-fn container(text: &[u8], data: &[u8]) -> Vec<u8> {
+fn container(root: &Value, data: &[u8]) -> Vec<u8> {
+    let mut text = root.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
     let parts: &[(&[u8; 4], &[u8])] = match data {
-        [] => &[(b"JSON", text)],
-        _ => &[(b"JSON", text), (b"BIN\0", data)],
+        [] => &[(b"JSON", &text)],
+        _ => &[(b"JSON", &text), (b"BIN\0", data)],
     };
     let length: usize = 12 + parts.iter().map(|(_, part)| 8 + part.len()).sum::<usize>();
     let mut bytes = MAGIC.to_vec();
@@ -117,13 +102,13 @@ fn container(text: &[u8], data: &[u8]) -> Vec<u8> {
     bytes
 }
 
-fn mesh(scene: &Exported<'_>, tear: f64) -> Mesh {
-    let (rows, columns) = scene.depth.dim();
+fn mesh(view: &RefinedView<'_>, tear: f64) -> Mesh {
+    let (rows, columns) = view.depth.dim();
     let step = ((rows * columns) as f64 / VERTICES as f64).sqrt().ceil().max(1.0) as usize;
     let (tall, wide) = (rows.div_ceil(step), columns.div_ceil(step));
     // Pixel centres are at integers, the texture's at halves.
     let place = |index: usize, side: usize| (((index * step) as f64 + 0.5) / side as f64) as f32;
-    let point = |v: usize, u: usize| scene.point(v * step, u * step);
+    let point = |v: usize, u: usize| view.point(v * step, u * step);
     let mut mesh = Mesh::default();
     let mut index = vec![None; tall * wide];
     for v in 0..tall.saturating_sub(1) {
@@ -138,8 +123,9 @@ fn mesh(scene: &Exported<'_>, tear: f64) -> Mesh {
                 let mut triangle = [0; 3];
                 for ((corner, (v, u)), point) in triangle.iter_mut().zip(corners).zip([a, b, c]) {
                     *corner = *index[v * wide + u].get_or_insert_with(|| {
-                        let sigma = scene.depth.variance()[(v * step, u * step)].sqrt();
-                        let [x, y, z] = y_up(point).map(|number| number as f32);
+                        let sigma = view.sigma[(v * step, u * step)];
+                        // x right, y up, z backward: the camera looks along -z.
+                        let [x, y, z] = [point.x, -point.y, -point.z].map(|number| number as f32);
                         mesh.vertices.push([x, y, z, place(u, columns), place(v, rows), sigma]);
                         mesh.vertices.len() as u32 - 1
                     });
@@ -158,21 +144,10 @@ fn torn(depths: [f64; 3], share: f64) -> bool {
     1.0 - near / far > share
 }
 
-/// x right, y up, z backward: the camera looks along -z.
-pub(super) fn y_up(point: Point3<f64>) -> [f64; 3] {
-    [point.x, -point.y, -point.z]
-}
-
-fn texture(scene: &Exported<'_>) -> Array3<u8> {
-    let (rows, columns) = scene.depth.dim();
-    Array3::from_shape_fn((rows, columns, 3), |(row, column, c)| scene.colour(row, column)[c])
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::output::export::tests::{SIZE, with_plane};
-    use serde_json::Value;
 
     fn parts(bytes: &[u8]) -> (Value, &[u8]) {
         let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
@@ -186,7 +161,7 @@ mod tests {
     fn a_plane_with_a_hole_is_one_surface_without_the_triangles_at_the_hole() {
         with_plane(|scene| {
             // The plane is so slanted that the usual limit tears a column of it.
-            let bytes = file(scene, &mesh(scene, 2.0 * TEAR)).unwrap();
+            let bytes = file(scene, "m", &mesh(scene, 2.0 * TEAR)).unwrap();
             let (root, data) = parts(&bytes);
             let vertices = root["accessors"][0]["count"].as_u64().unwrap() as usize;
             let triangles = root["accessors"][3]["count"].as_u64().unwrap() as usize / 3;

@@ -1,32 +1,27 @@
 //! Binary PLY: points with colour, normal and sigma.
 
-use crate::output::export::Exported;
+use crate::several::cloud::RefinedView;
 use nalgebra::{Point3, Vector3};
 
-pub(super) fn encode(scene: &Exported<'_>) -> Vec<u8> {
-    let (rows, columns) = scene.depth.dim();
+pub(crate) fn encode(view: &RefinedView<'_>, unit: &str) -> Vec<u8> {
     let mut cloud = Cloud::default();
-    for row in 0..rows {
-        for column in 0..columns {
-            let Some(point) = scene.point(row, column) else { continue };
-            let normal = normal(scene, row, column, point);
-            let sigma = scene.depth.variance()[(row, column)].sqrt();
-            cloud.push(point, normal, scene.colour(row, column), sigma);
-        }
+    for ((row, column), &sigma) in view.sigma.indexed_iter() {
+        let Some(point) = view.point(row, column) else { continue };
+        cloud.push(point, view.normal(row, column, point), view.colour(row, column), sigma);
     }
-    cloud.encode("camera frame", scene.unit)
+    cloud.encode("camera frame", unit)
 }
 
 /// Points with normal, colour and sigma; x right, y down, z forward.
 #[derive(Default)]
-pub struct Cloud {
+pub(crate) struct Cloud {
     bytes: Vec<u8>,
     count: usize,
 }
 
 impl Cloud {
     /// Adds a point with its unit normal and the standard deviation of its depth.
-    pub fn push(&mut self, point: Point3<f64>, normal: Vector3<f64>, colour: [u8; 3], sigma: f32) {
+    pub(crate) fn push(&mut self, point: Point3<f64>, normal: Vector3<f64>, colour: [u8; 3], sigma: f32) {
         let numbers = point.coords.iter().chain(&normal).map(|v| *v as f32);
         numbers.for_each(|number| self.bytes.extend(number.to_le_bytes()));
         self.bytes.extend(colour);
@@ -35,17 +30,12 @@ impl Cloud {
     }
 
     /// Number of points.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.count
     }
 
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.count == 0
-    }
-
     /// The file.
-    pub fn encode(self, frame: &str, unit: &str) -> Vec<u8> {
+    pub(crate) fn encode(self, frame: &str, unit: &str) -> Vec<u8> {
         let header = format!(
             "ply\nformat binary_little_endian 1.0\n\
              comment {frame}: x right, y down, z forward; unit: {unit}; sigma is the depth's standard deviation\n\
@@ -60,24 +50,6 @@ impl Cloud {
     }
 }
 
-/// The surface's unit normal, towards the camera; 0 where no neighbour is known.
-pub fn normal(scene: &Exported<'_>, row: usize, column: usize, point: Point3<f64>) -> Vector3<f64> {
-    let at = |row: Option<usize>, column: Option<usize>| scene.point(row?, column?);
-    let (row, column) = (Some(row), Some(column));
-    let along = |before: Option<Point3<f64>>, after: Option<Point3<f64>>| {
-        let steps = [before.map(|p| point - p), after.map(|p| p - point)];
-        // The neighbour nearer in depth lies on the same surface.
-        steps.into_iter().flatten().min_by(|a, b| a.z.abs().total_cmp(&b.z.abs()))
-    };
-    let less = |index: Option<usize>| index?.checked_sub(1);
-    let more = |index: Option<usize>| Some(index? + 1);
-    let right = along(at(row, less(column)), at(row, more(column)));
-    let down = along(at(less(row), column), at(more(row), column));
-    let (Some(right), Some(down)) = (right, down) else { return Vector3::zeros() };
-    let normal = down.cross(&right).try_normalize(0.0).unwrap_or_default();
-    if normal.dot(&point.coords) > 0.0 { -normal } else { normal }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -86,7 +58,7 @@ mod tests {
     #[test]
     fn a_planes_points_lie_on_it_and_their_normals_face_the_camera() {
         with_plane(|scene| {
-            let bytes = encode(scene);
+            let bytes = encode(scene, "m");
             let end = b"end_header\n";
             let start = bytes.windows(end.len()).position(|w| w == end).unwrap() + end.len();
             let header = std::str::from_utf8(&bytes[..start]).unwrap();

@@ -3,30 +3,18 @@
 use crate::error::Result;
 use crate::output::export::IMAGE;
 use crate::refiner::depth_png::MILLIMETRES;
+use crate::several::cloud::RefinedView;
 use mde_mvs::capture::{Distortion, Frame, Lens, transforms_json};
-use mde_warp::{PinholeCamera, Pose};
 use std::path::Path;
 
 /// Name of the file.
 pub const FILE: &str = "transforms.json";
 
-/// A photograph and the folder with its results.
-pub struct Exposed<'e> {
-    /// Beside the file; empty where that is in the same folder.
-    pub folder: &'e str,
-    /// The camera of its maps.
-    pub camera: PinholeCamera,
-    /// World to camera, in the unit of the depth.
-    pub pose: Pose,
-    /// Steps per unit of its depth.png.
-    pub png_scale: f64,
-}
-
 /// Cameras, poses, depths, sigmas and confidences. Depth is the PNG: nerfstudio takes thousandths of the poses' unit, in NumPy files too.
 ///
 /// # Errors
 /// [`Error::Prior`](crate::error::Error::Prior) where the file can't be written.
-pub fn write(path: &Path, photographs: &[Exposed<'_>]) -> Result<()> {
+pub(crate) fn write(path: &Path, photographs: &[RefinedView<'_>]) -> Result<()> {
     let file = |folder: &str, name: &str| match folder {
         "" => name.to_owned(),
         _ => format!("{folder}/{name}"),

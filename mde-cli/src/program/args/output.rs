@@ -1,6 +1,6 @@
 //! Arguments of what is written: the folder, the files for other programs, the progress.
 
-use crate::output::export::Format;
+use crate::output::export::{FORMATS, Format};
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use std::ffi::OsStr;
@@ -17,7 +17,7 @@ pub(crate) struct ExportArgs {
 
 /// The formats by their names.
 fn formats() -> impl TypedValueParser<Value = Format> {
-    let values = Format::ALL.map(|format| PossibleValue::new(format.name()).help(format.about()));
+    let values = FORMATS.map(|(_, name, about)| PossibleValue::new(name).help(about));
     PossibleValuesParser::new(values).try_map(|name| name.parse::<Format>())
 }
 

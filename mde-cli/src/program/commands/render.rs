@@ -95,7 +95,7 @@ fn write_view(folder: &Path, number: &str, view: &RenderedView, png: &DepthPng) 
     write_npy(folder.join(format!("depth{number}.npy")), view.depth.mean())?;
     write_npy(folder.join(format!("sigma{number}.npy")), view.depth.sigma().view())?;
     png.write(&folder.join(format!("depth{number}.png")), view.depth.mean())?;
-    Ok(write_rgb_png(folder.join(format!("preview{number}.png")), depth_picture(view.depth.mean()).pixels())?)
+    Ok(write_rgb_png(folder.join(format!("preview{number}.png")), depth_picture(view.depth.mean()).view())?)
 }
 
 /// Where the camera stands, world to camera.

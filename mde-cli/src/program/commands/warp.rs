@@ -103,5 +103,5 @@ fn write_views(folder: &Path, views: &[PosedView]) -> Result<()> {
         records.push(ViewRecord { image, mask, depth, world_to_camera, trainable });
     }
     write_json(&folder.join("poses.json"), &records)?;
-    Ok(write_rgb_png(folder.join("contact.png"), contact_sheet(views).pixels())?)
+    Ok(write_rgb_png(folder.join("contact.png"), contact_sheet(views).view())?)
 }

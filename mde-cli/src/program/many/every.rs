@@ -3,7 +3,7 @@
 //! A folder appears whole, by a rename, with its marker (`finished.json`) in it. A run that finds a marker of the same photographs and
 //! settings keeps the folder. The files of all photographs are written at the end.
 
-use crate::output::every::{CLOUD, EveryRecord, PhotographRow, Solid, write_all};
+use crate::output::every::{CLOUD, EveryRecord, PhotographRow, write_all};
 use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::output::names::folders;
 use crate::output::record::{About, versions};
@@ -25,11 +25,13 @@ use crate::program::terminal::line_of;
 use crate::refiner::depth_png::MILLIMETRES;
 use crate::refiner::{Plan, Prepared};
 use crate::scene::Scene;
+use crate::several::cloud::RefinedView;
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::table::{Block, Document, Table};
 use mde_prior::format::{PngContent, ReadOptions, png_content, read_values};
 use mde_prior::{FileKind, open};
 use mde_warp::{PinholeCamera, Pose};
+use ndarray::Array2;
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
@@ -127,9 +129,18 @@ pub(crate) fn run(
     {
         bail!("no photograph could be refined: {first}");
     }
-    let solid = |placed: &Placed| placed.read(output, &folders[placed.photograph], scene);
-    let solids = placed.iter().map(solid).collect::<Result<Vec<_>>>()?;
-    let points = write_all(output, &solids, prepared.unit())?;
+    let maps = placed.iter().map(|placed| Maps::read(&output.join(&folders[placed.photograph])));
+    let maps = maps.collect::<Result<Vec<_>>>()?;
+    let views = placed.iter().zip(&maps).map(|(placed, maps)| RefinedView {
+        folder: &folders[placed.photograph],
+        image: scene.photographs[placed.photograph].image.view(),
+        camera: placed.camera,
+        pose: placed.pose,
+        depth: maps.depth.view(),
+        sigma: maps.sigma.view(),
+        png_scale: maps.png_scale,
+    });
+    let points = write_all(output, &views.collect::<Vec<_>>(), prepared.unit())?;
     mde_prior::write_atomic(&output.join(INDEX), every_page(&rows).as_bytes())?;
     let about = About {
         preset: Some(settings.preset.name()),
@@ -198,18 +209,21 @@ fn one(
     }
 }
 
-impl Placed {
-    /// With the maps of its folder, which are not all in memory meanwhile.
-    fn read<'r>(&self, root: &Path, folder: &'r str, scene: &'r Scene) -> Result<Solid<'r>> {
-        let place = root.join(folder);
-        let map = |name: &str| read_values(place.join(name), &ReadOptions::default());
-        let (depth, sigma) = (map("depth.npy")?, map("sigma.npy")?);
-        let png_scale = match png_content(place.join("depth.png"))? {
+/// The maps in a photograph's folder, which are not all in memory before.
+struct Maps {
+    depth: Array2<f32>,
+    sigma: Array2<f32>,
+    png_scale: f64,
+}
+
+impl Maps {
+    fn read(folder: &Path) -> Result<Self> {
+        let map = |name: &str| read_values(folder.join(name), &ReadOptions::default());
+        let png_scale = match png_content(folder.join("depth.png"))? {
             Some(PngContent::Depth { scale, .. }) => scale,
             _ => MILLIMETRES,
         };
-        let image = scene.photographs[self.photograph].image.view();
-        Ok(Solid { folder, image, camera: self.camera, pose: self.pose, depth, sigma, png_scale })
+        Ok(Self { depth: map("depth.npy")?, sigma: map("sigma.npy")?, png_scale })
     }
 }
 

@@ -49,7 +49,7 @@ pub(crate) struct Common<'c> {
 pub(crate) fn settings_of(args: &RefineArgs, refiner: &Refiner<'_>) -> Result<String> {
     let camera = &args.camera;
     let content = |path: &PathBuf| -> Result<u32> {
-        let bytes = open::read(path, FileKind::Settings).map_err(Error::io(path))?;
+        let bytes = open::read(path, FileKind::Settings).map_err(Error::read(path))?;
         Ok(crc32fast::hash(&bytes))
     };
     let intrinsics = camera.intrinsics.as_ref().map(content).transpose()?;
@@ -164,8 +164,8 @@ fn thumbnail(refined: &Refined<'_>) -> Result<Array3<u8>> {
     let range = usual_range(relative.iter());
     let parts = [
         resized(refined.image, width, HEIGHT),
-        small(depth_picture(depth.mean()).pixels()),
-        small(sigma_picture_within(relative.view(), range).pixels()),
+        small(depth_picture(depth.mean()).view()),
+        small(sigma_picture_within(relative.view(), range).view()),
     ];
     let strip = concatenate(Axis(1), &parts.each_ref().map(|part| part.view()))?;
     Ok(strip.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8))

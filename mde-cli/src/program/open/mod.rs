@@ -11,6 +11,8 @@ pub(crate) mod truth;
 mod tests {
     use super::*;
     use crate::config::Preset;
+    #[cfg(feature = "onnx")]
+    use crate::prior::OpenPrior;
     use crate::program::args::NetworkArgs;
     use crate::program::open::photographs::content;
     use crate::refiner::error_bar::ErrorBar;
@@ -49,8 +51,8 @@ mod tests {
         #[cfg(feature = "onnx")]
         {
             let profile = text("p.toml");
-            let format = crate::prior::files::NetworkFormat { profile: Some(&profile), kind: None };
-            refused(format.spec(&path("p")).unwrap_err().into());
+            let network = OpenPrior::network(&path("p"), Some(&profile), None, &mde_prior::Runtime::Tract);
+            refused(network.err().unwrap().into());
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The monocular depth that the command line names.
 
 use crate::prior::OpenPrior;
-use crate::prior::files::{MapFile, read_options};
+use crate::prior::files::read_options;
 use crate::program::args::{NetworkArgs, PriorArgs};
 use anyhow::Result;
 use std::path::Path;
@@ -17,15 +17,13 @@ pub(crate) fn open(args: &PriorArgs) -> Result<OpenPrior<'static>> {
 /// A depth map.
 pub(crate) fn map(path: &Path, args: &NetworkArgs) -> Result<OpenPrior<'static>> {
     let options = read_options("--png-scale", args.png_scale)?;
-    Ok(OpenPrior::map(MapFile::open(path, args.prior_kind, options)?))
+    Ok(OpenPrior::map_file(path, args.prior_kind, options)?)
 }
 
 #[cfg(feature = "onnx")]
 pub(crate) fn network(path: &Path, args: &NetworkArgs) -> Result<OpenPrior<'static>> {
-    use crate::prior::files::{NetworkFormat, open_network};
-    let spec = NetworkFormat { profile: args.model_profile.as_deref(), kind: args.prior_kind }.spec(path)?;
-    let (prior, origin) = open_network(path, spec, &runtime(args.runtime.as_deref())?)?;
-    Ok(OpenPrior::given(Box::new(prior), origin))
+    let runtime = runtime(args.runtime.as_deref())?;
+    Ok(OpenPrior::network(path, args.model_profile.as_deref(), args.prior_kind, &runtime)?)
 }
 
 #[cfg(not(feature = "onnx"))]

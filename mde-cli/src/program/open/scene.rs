@@ -2,13 +2,13 @@
 
 use crate::program::args::{CameraArgs, RefineArgs};
 use crate::program::open::photographs::in_folder;
-use crate::program::open::settings::camera;
+use crate::program::open::settings::{camera, given_camera};
 use crate::program::progress::Progress;
+use crate::refiner::capture::shorten;
 use crate::refiner::{Plan, Refiner, Unit};
-use crate::scene::posed::shorten;
 use crate::scene::{Photograph, Scene};
 use anyhow::{Context, Result, bail, ensure};
-use mde_mvs::capture::{CaptureFiles, Distortion, Lens, PosedCapture, same_file};
+use mde_mvs::capture::{CaptureFiles, same_file};
 use mde_prior::photo::{Photo, image_size, read_image};
 use std::path::{Path, PathBuf};
 
@@ -29,7 +29,8 @@ pub(crate) fn photograph(
 ) -> Result<Photograph> {
     let (height, width, _) = photo.pixels.dim();
     let camera = camera(args, photo.focal_35mm, [width, height])?;
-    Ok(refiner.photograph(&path.display().to_string(), photo.pixels, camera, several, progress)?)
+    let photograph = Photograph::new(path.display().to_string(), photo.pixels, camera);
+    Ok(photograph.resized(&refiner.settings().sizes, several, &mut |warning| progress.warn(warning))?)
 }
 
 /// The photographs of IMAGE and `--views`, IMAGE first, and their plan.
@@ -39,9 +40,10 @@ pub(crate) fn several(
     progress: &mut Progress,
 ) -> Result<(Scene, Plan)> {
     if let [one] = args.several.views.as_slice()
-        && let Some(capture) = capture(one, args)?
+        && let Some(files) = CaptureFiles::find(one)
     {
-        return posed(refiner, args, &capture, progress);
+        let camera = given_camera(&args.camera);
+        return Ok(refiner.capture((&files, one), &args.image, args.several.all, &camera, progress)?);
     }
     ensure!(
         refiner.settings().unit == Unit::Prior,
@@ -69,40 +71,6 @@ pub(crate) fn unposed(
     }
     shorten(&mut photographs);
     Ok((Scene::several(photographs, 0)?, plan))
-}
-
-/// The capture with poses, or nothing where the path is none.
-fn capture(path: &Path, args: &RefineArgs) -> Result<Option<PosedCapture>> {
-    let Some(files) = CaptureFiles::find(path) else { return Ok(None) };
-    let mut lens = None;
-    if files.needs_lens() {
-        let first = image_size(&args.image)
-            .with_context(|| format!("{}: no readable image; check the path", args.image.display()))?;
-        let camera = camera(&args.camera, None, first)?.camera;
-        lens = Some(Lens { camera, distortion: Distortion::default() });
-    }
-    let capture = files.read(lens.as_ref(), &|path| image_size(path));
-    Ok(Some(capture.with_context(|| format!("--views {}", path.display()))?))
-}
-
-/// Photographs with the poses, cameras and lenses of a capture.
-fn posed(
-    refiner: &Refiner<'_>,
-    args: &RefineArgs,
-    capture: &PosedCapture,
-    progress: &mut Progress,
-) -> Result<(Scene, Plan)> {
-    let reference = capture.position(&args.image)?;
-    let frames = &capture.frames;
-    // All of a long capture would not fit into memory; its neighbours in space see the same.
-    let most =
-        if args.several.all { frames.len() } else { 4 * refiner.settings().config.multi_view.max_views };
-    let order = capture.nearest(reference, most);
-    let plan =
-        refiner.plan(&format!("--views: {} photographs", order.len()), size(&args.image)?, order.len())?;
-    let mut warn = |warning| progress.warn(warning);
-    let sizes = &refiner.settings().sizes;
-    Ok((Scene::posed(capture, &order, &args.several.views[0], sizes, &mut warn)?, plan))
 }
 
 /// The photographs of files and folders but for the reference, each once, folders in the order of their names.

@@ -74,13 +74,17 @@ pub(crate) fn limit(args: &MemoryArgs) -> MemoryLimit {
 
 /// The camera of an image of that size, `[width, height]`.
 pub(crate) fn camera(args: &CameraArgs, focal_35mm: Option<f64>, size: [usize; 2]) -> Result<KnownCamera> {
-    let given = match (&args.intrinsics, args.fx, args.fov) {
+    Ok(KnownCamera::new(&given_camera(args), focal_35mm, size)?)
+}
+
+/// What is given of a camera.
+pub(crate) fn given_camera(args: &CameraArgs) -> GivenCamera {
+    match (&args.intrinsics, args.fx, args.fov) {
         (Some(path), ..) => GivenCamera::File(path.clone()),
         (None, Some((fx, fy)), _) => GivenCamera::Intrinsics { fx, fy, cx: args.cx, cy: args.cy },
         (None, None, Some(fov)) => GivenCamera::FieldOfView(fov),
         (None, None, None) => GivenCamera::Nothing,
-    };
-    Ok(KnownCamera::new(&given, focal_35mm, size)?)
+    }
 }
 
 /// Uses the number of threads of the command line, else one per processor.

@@ -180,10 +180,10 @@ fn thumbnails(folder: &Path, id: &str, scores: &Scores) -> Result<Value> {
     let mut shown = Vec::new();
     for (label, depth, sigma) in &maps {
         let sigma = match sigma {
-            Some(sigma) => Some(picture(sigma_picture_within(sigma.view(), sigmas).pixels())?),
+            Some(sigma) => Some(picture(sigma_picture_within(sigma.view(), sigmas).view())?),
             None => None,
         };
-        let depth = picture(depth_picture_within(depth.view(), depths).pixels())?;
+        let depth = picture(depth_picture_within(depth.view(), depths).view())?;
         shown.push(json!({ "method": label, "depth": depth, "sigma": sigma }));
     }
     let image = match read_image(scene.join(PICTURE)) {

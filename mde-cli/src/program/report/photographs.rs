@@ -1,6 +1,6 @@
 //! What the page of a run has of several photographs.
 
-use crate::output::maps::EVIDENCE;
+use crate::output::files::EVIDENCE;
 use crate::program::report::encode::picture;
 use crate::refiner::finish::{NOVEL, RENDERED, picture_of};
 use anyhow::Result;

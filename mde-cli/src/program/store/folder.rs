@@ -1,14 +1,13 @@
 //! An output folder, written atomically.
 
-use crate::output::exchange::exchange;
+pub(crate) use crate::output::folder::{RECORD, files_in, list_files};
+use crate::output::folder::{exchange, listed_files};
 use crate::program::interrupt;
 use crate::program::store::lock;
 use anyhow::{Context, Result, bail, ensure};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The file that marks the folder of an earlier run.
-pub(crate) const RECORD: &str = "run.json";
 /// The file that marks one of many finished folders, written last.
 pub(crate) const ENTRY: &str = "finished.json";
 
@@ -49,11 +48,13 @@ impl OutputFolder {
         if fs::read_dir(&self.target).with_context(|| path.to_string())?.next().is_none() {
             return Ok(());
         }
-        let Ok(written) = written(&self.target) else {
+        let Ok(written) = listed_files(&self.target) else {
             bail!("{path}: not replaced, as it holds no {RECORD} of an earlier run; give another name to -o");
         };
         let found = files_in(&self.target).with_context(|| path.to_string())?;
-        if let Some(foreign) = found.iter().find(|name| !written.contains(name)) {
+        // The entry comes after the list.
+        let ours = |name: &&PathBuf| written.contains(name) || name.as_path() == Path::new(ENTRY);
+        if let Some(foreign) = found.iter().find(|name| !ours(name)) {
             let foreign = foreign.display();
             bail!(
                 "{path}: not replaced, as no run wrote its {foreign}; move that away, or give another name to -o"
@@ -106,47 +107,6 @@ impl Drop for NewFolder {
             let _ = fs::remove_dir(folder);
         }
     }
-}
-
-/// The files within a folder, by their paths from it.
-pub(crate) fn files_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
-    let (mut files, mut folders) = (Vec::new(), vec![PathBuf::new()]);
-    while let Some(inside) = folders.pop() {
-        for found in fs::read_dir(folder.join(&inside))? {
-            let found = found?;
-            let path = inside.join(found.file_name());
-            if found.file_type()?.is_dir() { folders.push(path) } else { files.push(path) }
-        }
-    }
-    files.sort();
-    Ok(files)
-}
-
-/// Adds the names of all files to a folder's record, once. `--force` removes no others.
-pub(crate) fn list_files(folder: &Path) -> Result<()> {
-    let record = folder.join(RECORD);
-    if !record.exists() || written(folder).is_ok() {
-        return Ok(());
-    }
-    let text = fs::read_to_string(&record)?;
-    let files = files_in(folder).with_context(|| folder.display().to_string())?;
-    let open = text.trim_end().strip_suffix('}').map(str::trim_end).unwrap_or_default();
-    if !open.is_empty() {
-        let text = format!("{open},\n  \"files\": {}\n}}\n", serde_json::to_string(&files)?);
-        mde_prior::write_atomic(&record, text.as_bytes())?;
-    }
-    Ok(())
-}
-
-/// The files that an earlier run wrote into a folder, by its record; its entry comes after them.
-fn written(folder: &Path) -> Result<Vec<PathBuf>> {
-    #[derive(serde::Deserialize)]
-    struct Record {
-        files: Vec<PathBuf>,
-    }
-    let mut files = serde_json::from_str::<Record>(&fs::read_to_string(folder.join(RECORD))?)?.files;
-    files.push(ENTRY.into());
-    Ok(files)
 }
 
 /// Checks that the file of `flag` can be written at the end; creates nothing.

@@ -64,7 +64,7 @@ impl<'c> PhotographMemory<'c> {
     }
 
     /// For `photographs` of one scene, all of the size `at`, which [`refine_several`](crate::several::refine_several) predicts before all else; what the
-    /// sweeps and the field take is in [`scene_bytes`](super::scene_bytes). `config` is that of a photograph alone, on which it falls back.
+    /// sweeps and the field take is in [`scene_bytes`](super::scene_bytes).
     pub fn of_several(
         config: &'c Config,
         prior: &dyn DepthPrior,
@@ -76,7 +76,8 @@ impl<'c> PhotographMemory<'c> {
         let images = if prior.accepts_new_images() { photographs } else { 1 };
         let most = prior.concurrency().min(threads).min(images).max(1) as u64;
         let held = PHOTOGRAPH.saturating_mul(photographs as u64);
-        Self { most: alone.most.max(most), held: held.saturating_mul(at.0 as u64 * at.1 as u64), ..alone }
+        let held = held.saturating_mul(at.0 as u64 * at.1 as u64);
+        Self { fits_a_field: false, most: alone.most.max(most), held, ..alone }
     }
 
     /// The same with files for other programs (`exports`) and an `interval`, for results of so many pixels.

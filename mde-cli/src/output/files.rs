@@ -1,0 +1,158 @@
+//! The files of a result.
+
+use crate::error::Result;
+use crate::output::export::{self, Format, colmap, glb, layers, ply, subfolder, transforms};
+use crate::output::preview::preview;
+use crate::refiner::depth_png::{DepthPng, write_confidence};
+use crate::refiner::finish::PICTURES;
+use crate::several::cloud::RefinedView;
+use mde_prior::CertaintyMeaning;
+use mde_prior::format::{write_npy, write_npz};
+use mde_prior::photo::{write_image, write_rgb_png};
+use mde_prior::write_atomic;
+use mde_uncertainty::GaussianDepth;
+use mde_warp::{PinholeCamera, Pose};
+use ndarray::{Array3, ArrayView2, ArrayView3};
+use rayon::prelude::*;
+use std::path::Path;
+
+/// `[height, width]` arrays `origin` (0 none, 1 prior, 2 consensus, 3 field), `seen` and `confirmed` (numbers of photographs).
+pub const EVIDENCE: &str = "evidence.npz";
+
+/// A map by its name, `[height, width]`.
+pub type Named<'r> = (&'r str, ArrayView2<'r, f32>);
+
+/// What the files of a result are made of; maps are `[height, width]`.
+pub struct ResultFiles<'r> {
+    /// The refined depth.
+    pub depth: &'r GaussianDepth,
+    /// Its standard deviation.
+    pub sigma: ArrayView2<'r, f32>,
+    /// The monocular depth; 0 where missing.
+    pub prior: ArrayView2<'r, f32>,
+    /// The photograph, sRGB in 0 to 1, `[height, width, 3]`.
+    pub image: ArrayView3<'r, f32>,
+    /// The camera of the maps.
+    pub camera: PinholeCamera,
+    /// Unit and scale of `depth.png`.
+    pub png: DepthPng,
+    /// Further maps by the names of their files: `lower` and `upper`, `gt`.
+    pub more: Vec<Named<'r>>,
+    /// The components of sigma.
+    pub components: Vec<Named<'r>>,
+    /// How sure the network itself is.
+    pub certainty: Option<(CertaintyMeaning, ArrayView2<'r, f32>)>,
+    /// The arrays of [`EVIDENCE`], of several photographs.
+    pub evidence: Vec<Named<'r>>,
+    /// Of several photographs, by the names of their files.
+    pub pictures: Vec<(String, Array3<u8>)>,
+    /// The [`strip`](super::preview::strip) of the preview; empty for one photograph.
+    pub strip: Vec<Array3<f32>>,
+    /// The truth of the preview; shown beside several photographs.
+    pub truth: Option<ArrayView2<'r, f32>>,
+}
+
+impl<'r> ResultFiles<'r> {
+    /// Of one photograph, without what only some results have.
+    pub fn new(
+        depth: &'r GaussianDepth,
+        sigma: ArrayView2<'r, f32>,
+        prior: ArrayView2<'r, f32>,
+        image: ArrayView3<'r, f32>,
+        camera: PinholeCamera,
+        png: DepthPng,
+    ) -> Self {
+        Self {
+            depth,
+            sigma,
+            prior,
+            image,
+            camera,
+            png,
+            more: Vec::new(),
+            components: Vec::new(),
+            certainty: None,
+            evidence: Vec::new(),
+            pictures: Vec::new(),
+            strip: Vec::new(),
+            truth: None,
+        }
+    }
+
+    /// Writes what every folder of a result has, and the folder of the pictures.
+    ///
+    /// # Errors
+    /// [`Error::Prior`](crate::error::Error::Prior) for a file or folder that can't be written.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        let Self { depth, sigma, prior, image, .. } = *self;
+        let mut maps = vec![("depth", depth.mean()), ("sigma", sigma), ("prior", prior)];
+        maps.extend(&self.more);
+        let mut files: Vec<Box<dyn Fn() -> Result<()> + Sync + Send + '_>> = vec![
+            Box::new(|| Ok(write_rgb_png(folder.join("preview.png"), preview(self).view())?)),
+            Box::new(|| Ok(write_image(folder.join(export::IMAGE), image)?)),
+            Box::new(|| self.png.write(&folder.join("depth.png"), depth.mean())),
+            Box::new(|| write_confidence(&folder.join("confidence.png"), depth)),
+        ];
+        for (name, map) in maps {
+            files.push(Box::new(move || Ok(write_npy(folder.join(format!("{name}.npy")), map)?)));
+        }
+        // Side by side: of a photograph of 12 megapixels they take seconds.
+        files.par_iter().try_for_each(|write| write())?;
+        if !self.pictures.is_empty() {
+            subfolder(folder, PICTURES)?;
+        }
+        for (name, picture) in &self.pictures {
+            write_rgb_png(folder.join(name), picture.view())?;
+        }
+        if !self.evidence.is_empty() {
+            write_npz(folder.join(EVIDENCE), &self.evidence)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the files of a format for other programs; their world is the frame of the camera.
+    ///
+    /// # Errors
+    /// [`Error::Prior`](crate::error::Error::Prior) or [`Error::External`](crate::error::Error::External) for a file that can't be written.
+    pub fn export(&self, format: Format, folder: &Path) -> Result<()> {
+        let (view, unit) = (self.view(), self.png.unit);
+        match format {
+            Format::Ply => write_atomic(&folder.join("cloud.ply"), &ply::encode(&view, unit))?,
+            Format::Exr => write_atomic(&folder.join("depth.exr"), &layers::encode(&view, self.prior)?)?,
+            Format::Colmap => {
+                let model = subfolder(folder, "colmap/sparse/0")?;
+                for (name, text) in colmap::files(&view) {
+                    write_atomic(&model.join(name), text.as_bytes())?;
+                }
+                write_image(subfolder(folder, "colmap/images")?.join(export::IMAGE), self.image)?;
+            }
+            Format::Glb => write_atomic(&folder.join("mesh.glb"), &glb::encode(&view, unit)?)?,
+            Format::Transforms => transforms::write(&folder.join(transforms::FILE), &[view])?,
+            Format::Sigma => {
+                let parts = subfolder(folder, "sigma")?;
+                for (name, sigma) in &self.components {
+                    write_npy(parts.join(format!("{name}.npy")), *sigma)?;
+                }
+                if let Some((meaning, map)) = self.certainty {
+                    write_npy(parts.join(format!("network-{}.npy", meaning.name())), map)?;
+                }
+            }
+            // Whoever has the field writes it.
+            Format::Field => {}
+        }
+        Ok(())
+    }
+
+    /// The photograph in the frame of its camera.
+    pub(super) fn view(&self) -> RefinedView<'_> {
+        RefinedView {
+            folder: "",
+            image: self.image,
+            camera: self.camera,
+            pose: Pose::identity(),
+            depth: self.depth.mean(),
+            sigma: self.sigma,
+            png_scale: self.png.scale,
+        }
+    }
+}

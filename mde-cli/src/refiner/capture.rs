@@ -1,0 +1,82 @@
+//! Scenes of photographs with poses, in the files of other programs.
+
+use crate::error::{Error, Result, text};
+use crate::refiner::{Observer, Plan, Refiner};
+use crate::scene::camera::{CameraSource, GivenCamera, KnownCamera};
+use crate::scene::{Photograph, Scene};
+use mde_mvs::capture::{CaptureFiles, Distortion, Lens};
+use mde_prior::photo::{image_size, read_image};
+use std::path::Path;
+
+impl Refiner<'_> {
+    /// The scene of a capture with its poses, cameras and lenses, and its plan: of `image`, the reference, and its nearest neighbours, or
+    /// `all`. `files` are those of `path`; `given` is the camera for files that have none.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for files that are no capture of the image or need too much memory, and for a photograph that does not fit its
+    /// camera; [`Error::Prior`] for one that can't be read; those of [`Photograph::resized`] and [`Scene::several`].
+    pub fn capture(
+        &self,
+        (files, path): (&CaptureFiles, &Path),
+        image: &Path,
+        all: bool,
+        given: &GivenCamera,
+        seen: &mut dyn Observer,
+    ) -> Result<(Scene, Plan)> {
+        let source = path.display().to_string();
+        let fault =
+            |error: mde_mvs::capture::Error| Error::Argument(format!("{{views}} {source}: {}", text(&error)));
+        let size = image_size(image);
+        let mut lens = None;
+        if files.needs_lens() {
+            let size = size.ok_or_else(|| {
+                Error::Argument(format!("{}: no readable image; check the path", image.display()))
+            })?;
+            let camera = KnownCamera::new(given, None, size)?.camera;
+            lens = Some(Lens { camera, distortion: Distortion::default() });
+        }
+        let capture = files.read(lens.as_ref(), &|path| image_size(path)).map_err(fault)?;
+        let reference = capture.position(image).map_err(fault)?;
+        // All of a long capture would not fit into memory; its neighbours in space see the same.
+        let count = capture.frames.len();
+        let most = if all { count } else { 4 * self.settings.config.multi_view.max_views };
+        let order = capture.nearest(reference, most);
+        let nearest = order.len();
+        // What has no header is refused when it is decoded.
+        let [width, height] = size.unwrap_or([1, 1]);
+        let plan = self.plan(&format!("{{views}}: {nearest} photographs"), (height, width), nearest)?;
+        let mut photographs = Vec::new();
+        for &index in &order {
+            let frame = &capture.frames[index];
+            let name = frame.photograph.display().to_string();
+            let pixels = read_image(&frame.photograph)?.pixels;
+            let view = frame
+                .view(pixels.view())
+                .map_err(|error| Error::Argument(format!("{name}: {}", text(&error))))?;
+            let camera = KnownCamera { camera: view.camera, source: CameraSource::File(source.clone()) };
+            let mut photograph = Photograph::new(name, view.image, camera);
+            (photograph.mask, photograph.pose) = (view.mask, Some(view.pose));
+            photographs.push(photograph.resized(&self.settings.sizes, true, &mut |text| seen.warn(text))?);
+        }
+        shorten(&mut photographs);
+        if nearest < count {
+            seen.warn(format!("{{views}}: the {nearest} nearest of {count} photographs are considered"));
+        }
+        let shown = capture.points.iter().filter(|point| point.frames.contains(&reference));
+        let points = shown.map(|point| point.position).collect();
+        Ok((Scene { points, ..Scene::several(photographs, 0)? }, plan))
+    }
+}
+
+/// File names instead of paths where they are unique.
+pub fn shorten(photographs: &mut [Photograph]) {
+    let short = |name: &str| {
+        Path::new(name).file_name().map_or_else(|| name.to_owned(), |n| n.to_string_lossy().into_owned())
+    };
+    let names: Vec<String> = photographs.iter().map(|p| short(&p.name)).collect();
+    for (photograph, name) in photographs.iter_mut().zip(&names) {
+        if names.iter().filter(|other| *other == name).count() == 1 {
+            photograph.name.clone_from(name);
+        }
+    }
+}
