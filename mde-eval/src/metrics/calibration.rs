@@ -150,46 +150,7 @@ fn check(errors: &[f64], sigma: &[f64]) -> Result<()> {
 mod tests {
     use super::*;
     use crate::Error;
-    use mde_uncertainty::random::CounterRng;
     use proptest::prelude::*;
-    use rand_distr::{Distribution, StandardNormal};
-
-    fn gaussian(n: u64) -> (Vec<f64>, Vec<f64>) {
-        let draw = |i: u64| -> (f64, f64) {
-            let sigma = 0.1 + (i % 97) as f64 / 50.0;
-            let z: f64 = StandardNormal.sample(&mut CounterRng::new(5, "calibration-test", 0, i));
-            (sigma * z, sigma)
-        };
-        (0..n).map(draw).unzip()
-    }
-
-    /// Four standard errors of a binomial share.
-    #[test]
-    fn a_gaussian_sample_is_calibrated() {
-        let n = 40_000;
-        let (errors, sigma) = gaussian(n);
-        for level in [0.5, 0.68, 0.9, 0.95] {
-            let spread = (level * (1.0 - level) / n as f64).sqrt();
-            let observed = coverage(&errors, &sigma, level).unwrap();
-            assert!((observed - level).abs() < 4.0 * spread, "{observed} at {level}");
-        }
-        assert!((mean_z2(&errors, &sigma).unwrap() - 1.0).abs() < 4.0 * (2.0 / n as f64).sqrt());
-        assert!(mace(&errors, &sigma).unwrap() < 0.01);
-        assert!(ence(&errors, &sigma, 20).unwrap() < 0.05);
-    }
-
-    #[test]
-    fn the_true_sigma_scores_best() {
-        let (errors, sigma) = gaussian(20_000);
-        let scaled = |factor: f64| sigma.iter().map(|s| factor * s).collect::<Vec<_>>();
-        for factor in [0.6, 1.6] {
-            let wrong = scaled(factor);
-            assert!(nll(&errors, &wrong).unwrap() > nll(&errors, &sigma).unwrap());
-            assert!(crps(&errors, &wrong).unwrap() > crps(&errors, &sigma).unwrap());
-            assert!(ence(&errors, &wrong, 20).unwrap() > ence(&errors, &sigma, 20).unwrap());
-            assert!(mace(&errors, &wrong).unwrap() > mace(&errors, &sigma).unwrap());
-        }
-    }
 
     proptest! {
         #[test]
