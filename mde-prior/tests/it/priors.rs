@@ -184,6 +184,17 @@ fn missing_stays_missing_and_garbage_is_missing() {
 }
 
 #[test]
+fn the_shares_of_a_rule_are_checked() {
+    let base = DisparityRule::default;
+    for (rule, field) in [
+        (DisparityRule { low: -0.1, ..base() }, "disparity.low is"),
+        (DisparityRule { high: 0.001, ..base() }, "disparity.high is"),
+    ] {
+        assert!(rule.validate().unwrap_err().to_string().starts_with(field));
+    }
+}
+
+#[test]
 fn bicubic_is_opencv_and_antialias_is_pillow() {
     // Values from tests/reference/resample.py.
     // cv2.resize(np.float32([[0, 0, 1, 0]]), (8, 1), interpolation=cv2.INTER_CUBIC)

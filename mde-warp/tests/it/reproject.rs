@@ -4,13 +4,11 @@ use crate::support::{gaussian, pixel, plane, two_planes};
 use approx::assert_relative_eq;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::proptest::gaussian_depth_of;
-use mde_uncertainty::random::CounterRng;
-use mde_warp::nalgebra::{Point2, UnitQuaternion, Vector3};
+use mde_warp::nalgebra::Point2;
 use mde_warp::ndarray::{Array2, Array3};
 use mde_warp::proptest::{pinhole, pinhole_of, pose};
 use mde_warp::{Error, PinholeCamera, Pose, ReprojectConfig, WarpConfig, forward_warp, reproject};
 use proptest::prelude::*;
-use rand_distr::{Distribution, Normal};
 
 fn to(depth: &GaussianDepth, camera: &PinholeCamera, target: &Pose) -> GaussianDepth {
     reproject(depth, camera, &Pose::identity(), camera, target, &ReprojectConfig::default()).unwrap()
@@ -171,59 +169,6 @@ proptest! {
         let view = forward_warp(image.view(), &depth, &camera, &source, &other, &target, &warp).unwrap();
         prop_assert!(view.view.validate().is_ok());
     }
-
-    /// A surface seen at another scale is the same surface at that scale, variance and all.
-    #[test]
-    fn units_do_not_matter(
-        (camera, depth) in pinhole(10).prop_flat_map(|c| (Just(c), gaussian_depth_of(c.height, c.width))),
-        target in pose(0.3, 10.0),
-    ) {
-        let config = ReprojectConfig::default();
-        // A power of two, so that rounding scales too.
-        let scaled = depth.clone().map(|m, v| (4.0 * m, 16.0 * v));
-        let mut further = target;
-        further.translation.vector *= 4.0;
-        let origin = Pose::identity();
-        let once = reproject(&depth, &camera, &origin, &camera, &target, &config).unwrap();
-        let other = reproject(&scaled, &camera, &origin, &camera, &further, &config).unwrap();
-        prop_assert_eq!(once.map(|m, v| (4.0 * m, 16.0 * v)), other);
-    }
-}
-
-/// The Gaussian of one pixel, drawn, moved and measured.
-#[test]
-fn the_variance_is_that_of_samples_along_the_ray() {
-    let camera = PinholeCamera::from_fov(90.0, 33, 25).unwrap();
-    let turn = UnitQuaternion::from_euler_angles(0.2, -0.35, 0.1);
-    let target = Pose::from_parts(Vector3::new(0.3, -0.1, 0.4).into(), turn);
-    let depth = gaussian(Array2::from_elem((25, 33), 3.0), 0.09);
-    let there = to(&depth, &camera, &target);
-    for ((row, column), mean, variance) in known(&there).step_by(37) {
-        let (from, z) = source_of(&camera, &target, pixel(row, column), mean);
-        let normal = Normal::new(z, 0.3).unwrap();
-        let mut rng = CounterRng::new(1, "monte-carlo", row as u64, column as u64);
-        let n = 40_000;
-        let drawn: Vec<f64> =
-            (0..n).map(|_| (target * camera.unproject(from, normal.sample(&mut rng))).z).collect();
-        let average = drawn.iter().sum::<f64>() / f64::from(n);
-        let spread = drawn.iter().map(|d| (d - average).powi(2)).sum::<f64>() / f64::from(n);
-        // Standard errors: 0.3 / 200 of the mean, 0.7 % of the variance.
-        assert_relative_eq!(mean, average, epsilon = 0.0075);
-        assert_relative_eq!(variance, spread, max_relative = 0.035);
-    }
-}
-
-#[test]
-fn missing_stays_missing() {
-    let camera = PinholeCamera::from_fov(60.0, 7, 5).unwrap();
-    let nothing = GaussianDepth::missing(5, 7);
-    assert_eq!(to(&nothing, &camera, &Pose::translation(0.1, 0.2, 0.3)), nothing);
-    let away = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI);
-    let away = Pose::from_parts(Vector3::zeros().into(), away);
-    assert_eq!(to(&gaussian(Array2::ones((5, 7)), 0.1), &camera, &away), nothing);
-    let point = PinholeCamera::from_fov(60.0, 1, 1).unwrap();
-    let one = gaussian(Array2::ones((1, 1)), 0.5);
-    assert_eq!(to(&one, &point, &Pose::identity()), one);
 }
 
 #[test]
