@@ -166,13 +166,4 @@ mod tests {
             assert!(text.matches("<polyline").count() >= chart.lines.len(), "{}", chart.title);
         }
     }
-
-    #[test]
-    fn faults_are_named() {
-        let empty = Chart { title: String::new(), x: String::new(), y: String::new(), lines: vec![] };
-        assert!(matches!(empty.write("a.svg"), Err(Error::Empty { .. })));
-        let line = guide("flat", vec![[0.0, 1.0], [1.0, 1.0]]);
-        let chart = Chart { lines: vec![line], ..empty };
-        assert!(matches!(chart.write("/nowhere/a.svg"), Err(Error::Method(_))));
-    }
 }

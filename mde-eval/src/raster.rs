@@ -79,34 +79,3 @@ pub(crate) fn same_shape(what: &'static str, map: (usize, usize), truth: (usize,
 pub(crate) fn gather(map: Map<'_>, mask: Mask<'_>) -> Vec<f64> {
     map.iter().zip(mask).filter(|&(_, &keep)| keep).map(|(&value, _)| f64::from(value)).collect()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use ndarray::array;
-
-    #[test]
-    fn erosion_leaves_the_frame_and_opens_holes() {
-        let mut mask = Array2::from_elem((5, 6), true);
-        assert_eq!(erode(mask.view()), mask);
-        mask[(0, 3)] = false;
-        let eroded = erode(mask.view());
-        for ((y, x), &kept) in eroded.indexed_iter() {
-            assert_eq!(kept, !(y <= 1 && x.abs_diff(3) <= 1), "{y} {x}");
-        }
-    }
-
-    #[test]
-    fn dilation_is_a_disc() {
-        let mut map = Array2::zeros((7, 7));
-        map[(3, 3)] = 2.0;
-        let reached = |radius| dilate(map.view(), radius).iter().filter(|&&v| v == 2.0).count();
-        assert_eq!([reached(0), reached(1), reached(2), reached(9)], [1, 5, 13, 49]);
-    }
-
-    #[test]
-    fn gathering_keeps_the_order() {
-        let mask = array![[true, false], [false, true]];
-        assert_eq!(gather(array![[1.0, 2.0], [3.0, 4.0]].view(), mask.view()), [1.0, 4.0]);
-    }
-}

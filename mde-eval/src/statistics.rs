@@ -188,17 +188,9 @@ mod tests {
             prop_assert!(forth.low <= forth.high);
         }
 
-        #[test]
-        fn a_place_for_each_scene_is_no_place_at_all(scenes in scenes(), offset in 0..9_usize) {
-            let (x, r): (Vec<f64>, Vec<f64>) = scenes.into_iter().unzip();
-            let labels: Vec<usize> = (0..x.len()).map(|scene| offset + 2 * scene).collect();
-            prop_assert_eq!(QUICK.mean(&x, Some(&labels)).unwrap(), QUICK.mean(&x, None).unwrap());
-            prop_assert_eq!(QUICK.ratio(&x, &r, Some(&labels)).unwrap(), QUICK.ratio(&x, &r, None).unwrap());
-        }
-
         /// Copies of a scene in its own place bring no evidence.
         #[test]
-        fn copies_within_a_place_leave_the_interval(scenes in scenes(), copies in 2..5_usize) {
+        fn copies_within_a_place_leave_the_interval(scenes in scenes(), copies in 1..5_usize) {
             let values: Vec<f64> = scenes.iter().map(|scene| scene.0).collect();
             let repeated: Vec<f64> = values.iter().flat_map(|v| std::iter::repeat_n(*v, copies)).collect();
             let labels: Vec<usize> = (0..repeated.len()).map(|scene| scene / copies).collect();
@@ -209,21 +201,11 @@ mod tests {
         }
     }
 
-    #[test]
-    fn the_interval_of_a_mean_is_as_wide_as_theory_says() {
-        let values: Vec<f64> = (0..50).map(|i| f64::from(i % 2)).collect();
-        let mean = Bootstrap::default().mean(&values, None).unwrap();
-        let half = 1.96 * 0.5 / 50_f64.sqrt();
-        assert_eq!(mean.value, 0.5);
-        assert!((mean.high - 0.5 - half).abs() < 0.015 && (0.5 - mean.low - half).abs() < 0.015, "{mean:?}");
-        assert!(mean.excludes(0.3) && !mean.excludes(0.5));
-    }
-
     /// Three scenes to a place that are alike up to little noise: resampling scenes would cover about 60 %.
     #[test]
-    fn resampling_places_covers_where_scenes_of_a_place_are_alike() {
+    fn the_interval_covers_as_often_as_it_says_where_scenes_of_a_place_are_alike_too() {
         let labels: Vec<usize> = (0..90).map(|scene| scene % 30).collect();
-        let (mut of_places, mut of_scenes) = (0, 0);
+        let (mut of_places, mut of_scenes, mut alone) = (0, 0, 0);
         for trial in 0..400 {
             let mut rng = CounterRng::new(9, "places", trial, 0);
             let places: Vec<f64> = (0..30).map(|_| rng.random_range(0.0..1.0)).collect();
@@ -231,9 +213,10 @@ mod tests {
                 labels.iter().map(|place| places[*place] + rng.random_range(-0.05..0.05)).collect();
             of_places += u32::from(!QUICK.mean(&values, Some(&labels)).unwrap().excludes(0.5));
             of_scenes += u32::from(!QUICK.mean(&values, None).unwrap().excludes(0.5));
+            alone += u32::from(!QUICK.mean(&places, None).unwrap().excludes(0.5));
         }
         // Four standard errors about 89 %, which the percentile bootstrap has with 30 places.
-        assert!((331..=384).contains(&of_places), "{of_places}");
+        assert!((331..=384).contains(&of_places) && (331..=384).contains(&alone), "{of_places} {alone}");
         assert!(of_scenes < 300, "{of_scenes}");
     }
 

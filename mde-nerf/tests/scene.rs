@@ -106,19 +106,14 @@ fn quality(config: NerfConfig, views: &[PosedView]) -> (f64, f64) {
 }
 
 #[test]
-fn parallax_alone_teaches_the_hash_field_colour_and_depth() {
-    let mut config = hash();
-    config.train.steps = 400;
-    let (psnr, depth) = quality(config, &views(false));
-    assert!(psnr > 30.0, "PSNR {psnr:.1} dB");
-    assert!(depth < 0.05, "median relative depth error {depth:.4}");
-}
-
-#[test]
-fn parallax_alone_teaches_the_mlp_field_colour_and_depth() {
-    let (psnr, depth) = quality(mlp(), &views(false));
-    assert!(psnr > 28.0, "PSNR {psnr:.1} dB");
-    assert!(depth < 0.05, "median relative depth error {depth:.4}");
+fn parallax_alone_teaches_colour_and_depth() {
+    let (views, mut hash) = (views(false), hash());
+    hash.train.steps = 400;
+    for (config, least) in [(hash, 30.0), (mlp(), 28.0)] {
+        let (psnr, depth) = quality(config, &views);
+        assert!(psnr > least, "PSNR {psnr:.1} dB");
+        assert!(depth < 0.05, "median relative depth error {depth:.4}");
+    }
 }
 
 /// Photographs from far apart, some of which look past the volume, with hypotheses of 4 % noise: colours sharpen them.
@@ -186,81 +181,29 @@ fn the_termination_becomes_the_distribution_of_the_hypotheses() {
     assert!((0.09..0.115).contains(&median), "{median}");
 }
 
-#[test]
-fn the_same_seed_gives_the_same_bits_with_any_number_of_threads() {
-    let mut config = hash();
-    config.train.steps = 30;
-    let views = views(true);
-    let run = |threads: usize, config: &NerfConfig| {
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
-            let mut field = Nerf::new(config.clone(), 7).unwrap();
-            let report = field.fit(&views, &mut Silent).unwrap();
-            (report, field.render(&views[1].camera, &views[1].pose, &mut Silent).unwrap())
-        })
-    };
-    for field in
-        [config.field.clone(), FieldConfig::Mlp(MlpFieldConfig { layers: 2, width: 32, frequencies: 4 })]
-    {
-        config.field = field;
-        let one = run(1, &config);
-        assert_eq!(one, run(2, &config));
-        assert_eq!(one, run(5, &config));
-    }
-}
-
+/// It has its settings, those that no configuration file has among them: fitted again, it is the same field.
 #[test]
 #[cfg(feature = "serde")]
-fn a_saved_field_renders_the_same_bits_and_a_damaged_one_is_refused() {
+fn a_saved_field_renders_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("field.safetensors");
     let views = views(true);
-    for field in [hash().field, mlp().field] {
-        let mut config = hash();
-        config.field = field;
-        config.train.steps = 10;
+    let mut photographs = NerfConfig::photographs(WIDTH);
+    photographs.sampling.volume = VolumeConfig::Reference { margin: 0.2 };
+    (photographs.sampling.near, photographs.sampling.far) = (Some(1.1), Some(5.0));
+    for mut config in [hash(), mlp(), photographs] {
+        (config.train.steps, config.train.rays) = (10, 64);
         let mut field = Nerf::new(config, 3).unwrap();
         assert!(matches!(field.save(&path), Err(Error::NotFitted)));
         field.fit(&views, &mut Silent).unwrap();
         field.save(&path).unwrap();
-        let again = Nerf::load(&path).unwrap();
+        let mut again = Nerf::load(&path).unwrap();
         assert_eq!(again.config(), field.config());
         let render = |f: &Nerf| f.render(&views[2].camera, &views[2].pose, &mut Silent).unwrap();
-        assert_eq!(render(&field), render(&again));
-
-        let mut bytes = std::fs::read(&path).unwrap();
-        let last = bytes.len() - 5;
-        bytes[last] ^= 1;
-        std::fs::write(&path, &bytes).unwrap();
-        let message = Nerf::load(&path).unwrap_err().to_string();
-        assert!(message.contains("field.safetensors") && message.contains("checksum"), "{message}");
-        for cut in [0, 1, 7, 100, bytes.len() / 2] {
-            std::fs::write(&path, &bytes[..cut]).unwrap();
-            assert!(matches!(Nerf::load(&path), Err(Error::Format { .. })));
-        }
-        std::fs::remove_file(&path).unwrap();
+        assert_eq!(render(&again), render(&field));
+        again.fit(&views, &mut Silent).unwrap();
+        assert_eq!(render(&again), render(&field));
     }
-}
-
-/// The settings that no configuration file has are in the file of a field: fitted again, it is the same field.
-#[test]
-#[cfg(feature = "serde")]
-fn a_loaded_field_has_its_margin_and_range() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("field.safetensors");
-    let views = views(true);
-    let mut config = NerfConfig::photographs(WIDTH);
-    (config.train.steps, config.train.rays) = (10, 64);
-    config.sampling.volume = VolumeConfig::Reference { margin: 0.2 };
-    (config.sampling.near, config.sampling.far) = (Some(1.1), Some(5.0));
-    let mut field = Nerf::new(config, 3).unwrap();
-    field.fit(&views, &mut Silent).unwrap();
-    field.save(&path).unwrap();
-    let mut again = Nerf::load(&path).unwrap();
-    let render = |f: &Nerf| f.render(&views[2].camera, &views[2].pose, &mut Silent).unwrap();
-    assert_eq!(render(&again), render(&field));
-    assert_eq!(again.config(), field.config());
-    again.fit(&views, &mut Silent).unwrap();
-    assert_eq!(render(&again), render(&field));
 }
 
 #[test]
@@ -313,8 +256,4 @@ fn bad_views_and_configurations_are_named() {
     let mut torn = view(Pose::identity(), true);
     torn.image = Array3::zeros((2, 2, 3));
     assert!(matches!(field.fit(&[torn], &mut Silent), Err(Error::View { index: 0, .. })));
-    let mut config = hash();
-    config.train.rays = 3;
-    let message = Nerf::new(config, 0).unwrap_err().to_string();
-    assert_eq!(message, "train.rays is 3; give 16 to 65536 rays");
 }

@@ -107,19 +107,3 @@ fn small_rotation(degrees: f64, seed: u64, index: u64) -> UnitQuaternion<f64> {
     let angle = degrees.to_radians() * rng.random::<f64>();
     UnitQuaternion::from_axis_angle(&Unit::new_normalize(Vector3::from(axis)), angle)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn settings_out_of_range_are_named() {
-        let bad = ViewSampling { translation: -0.1, ..ViewSampling::default() };
-        let error = sample_poses(&bad, 1.0, 0).unwrap_err();
-        assert!(matches!(error, Error::Config { field: "translation", .. }), "{error}");
-        for depth in [0.0, f64::NAN, f64::INFINITY] {
-            let error = sample_poses(&ViewSampling::default(), depth, 0);
-            assert!(matches!(error, Err(Error::Config { field: "median depth", .. })));
-        }
-    }
-}

@@ -4,15 +4,17 @@
 //! place of `{}` in the command or comes after it; `{a|b}` stands for two cases. With `[name.ext]` the input is the content of a file
 //! that `{}` names; with `[folder/]` it is `FILE: CONTENT` in a copy of that folder, which `{}` names, and `{file}` the file. Escapes
 //! are those of Rust. Content that begins with `~` is made from that of the fixture of the same name: see [`edited`].
-//! `@leaves`: files may stay. The message has every word, and the name of a case's file.
+//! `@leaves`: files may stay; `@prints`: it prints and writes nothing. The message has every word but `!WORD`, and the name of a
+//! case's file; of a command that works, what it prints has them.
 
 use crate::common::{Place, copy, names};
 use crate::fixtures;
+use assert_cmd::Command;
+use glob::glob;
 use mde_cli::mde_prior::format::{ReadOptions, read_values};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, SystemTime};
@@ -28,6 +30,7 @@ struct Case {
     code: i32,
     told: Vec<String>,
     leaves: bool,
+    prints: bool,
 }
 
 /// The cases of a text, whose files are written.
@@ -41,12 +44,13 @@ fn parse(name: &str, text: &str, place: &Place) -> Vec<Case> {
             continue;
         }
         let (code, mut command) = table.unwrap().split_once(' ').unwrap_or((table.unwrap(), ""));
-        let (mut here, mut leaves, mut file) = (true, false, None);
+        let (mut here, mut leaves, mut prints, mut file) = (true, false, false, None);
         while let Some((mark, rest)) =
             command.strip_prefix('@').map(|rest| rest.split_once(' ').unwrap_or((rest, "")))
         {
             match mark {
                 "leaves" => leaves = true,
+                "prints" => prints = true,
                 "onnx" => here &= cfg!(feature = "onnx"),
                 "no-onnx" => here &= !cfg!(feature = "onnx"),
                 "onnxruntime" => here &= cfg!(feature = "onnxruntime"),
@@ -68,7 +72,7 @@ fn parse(name: &str, text: &str, place: &Place) -> Vec<Case> {
                 let inside = input
                     .split_once(": ")
                     .filter(|(name, _)| command.contains("{file}") && !name.contains('\\'));
-                told.extend(word.or_else(|| Some(inside?.0.to_owned())));
+                told.extend(word.or_else(|| Some(inside?.0.to_owned())).filter(|_| code != "0"));
                 command.replace("{file}", &file).replace("{}", &path)
             }
             None if command.contains("{}") => command.replace("{}", input),
@@ -83,6 +87,7 @@ fn parse(name: &str, text: &str, place: &Place) -> Vec<Case> {
                 code: code.parse().unwrap(),
                 told: told.clone(),
                 leaves,
+                prints,
             });
         }
     }
@@ -92,8 +97,8 @@ fn parse(name: &str, text: &str, place: &Place) -> Vec<Case> {
 /// The name for `{}` and `{file}` of what is written, and what the message must contain of it.
 fn written(place: &Place, spec: &str, input: &str, number: &str) -> (String, Option<String>, String) {
     if let Some(folder) = spec.strip_suffix('/') {
-        let (inside, content) = input.split_once(": ").unwrap_or((input.trim_end_matches(':'), ""));
-        let inside = String::from_utf8(unescaped(inside)).unwrap();
+        let (name, content) = input.split_once(": ").unwrap_or((input.trim_end_matches(':'), ""));
+        let inside = String::from_utf8(unescaped(name)).unwrap();
         let target = format!("{folder}-{number}");
         if place.path(folder).is_dir() {
             copy(&place.path(folder), &place.path(&target));
@@ -104,7 +109,7 @@ fn written(place: &Place, spec: &str, input: &str, number: &str) -> (String, Opt
             Some(bytes) => fs::write(&file, bytes).unwrap(),
             None => fs::remove_file(&file).unwrap(),
         }
-        (target.clone(), None, format!("{target}/{inside}"))
+        (target.clone(), None, format!("{target}/{name}"))
     } else {
         let (stem, extension) = spec.split_once('.').unwrap();
         let file = format!("{stem}-{number}.{extension}");
@@ -146,9 +151,8 @@ fn unescaped(text: &str) -> Vec<u8> {
 /// The content of a case's file; nothing: there is none.
 ///
 /// `~A ~B` changes that of the fixture `path`: `of FILE` takes another; `cut N`, `cut -N`, `cut N%` keep the first bytes; `put AT VALUE`
-/// overwrites, with an escaped text or `u32:3`, `u64:3`, `f64:nan`; `xor AT`; `add TEXT`, `pad N` with zeros; `sub A -> B` and `drop LINE` in a text;
-/// `json POINTER VALUE` and `field POINTER VALUE` in JSON and in the record of a saved field; `header A -> B` in its header;
-/// `npy HEADER` before the values of a map; `png AT VALUE` in a PNG's header; `repeat N TEXT`; `none`.
+/// overwrites, with an escaped text or `u32:3`, `u64:3`, `f64:nan`; `xor AT`; `add TEXT`, `pad N` with zeros; `sub A -> B`; `drop LINE` of
+/// a text; `json POINTER VALUE` and `field POINTER VALUE` in JSON and in the record of a saved field; `npy HEADER` before the values of a map; `png AT VALUE` in a PNG's header; `repeat N TEXT`; `none`.
 fn edited(place: &Place, path: &str, text: &str) -> Option<Vec<u8>> {
     let Some(edits) = text.strip_prefix('~') else { return Some(unescaped(text)) };
     let mut bytes = fs::read(place.path(path)).unwrap_or_default();
@@ -185,27 +189,19 @@ fn edited(place: &Place, path: &str, text: &str) -> Option<Vec<u8>> {
                 let (count, text) = rest.split_once(' ').unwrap();
                 bytes = unescaped(text).repeat(count.parse().unwrap());
             }
-            "sub" | "drop" | "json" => {
+            "sub" => bytes = replaced(&bytes, rest),
+            "drop" | "json" => {
                 let text = String::from_utf8(bytes).unwrap();
-                bytes = match what {
-                    "sub" => replaced(&text, rest, 1),
-                    "drop" => {
-                        text.lines().filter(|line| !line.starts_with(rest)).collect::<Vec<_>>().join("\n")
-                    }
-                    _ => pointed(&text, rest),
-                }
-                .into_bytes();
+                let kept = text.lines().filter(|line| !line.starts_with(rest));
+                let changed =
+                    if what == "drop" { kept.collect::<Vec<_>>().join("\n") } else { pointed(&text, rest) };
+                bytes = changed.into_bytes();
             }
             "npy" => bytes = fixtures::npy(rest, &fixtures::values()),
-            "header" | "field" => {
+            "field" => {
                 let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
                 let (header, tensors) = bytes[8..].split_at(length);
-                let header = std::str::from_utf8(header).unwrap();
-                let header = if what == "header" {
-                    replaced(header, rest, usize::MAX)
-                } else {
-                    with_field(header, rest)
-                };
+                let header = with_field(std::str::from_utf8(header).unwrap(), rest);
                 bytes = [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), tensors].concat();
             }
             _ => panic!("~{what}"),
@@ -224,10 +220,12 @@ fn typed(text: &str) -> Vec<u8> {
     }
 }
 
-fn replaced(text: &str, change: &str, times: usize) -> String {
+/// The first of a text replaced by another.
+fn replaced(bytes: &[u8], change: &str) -> Vec<u8> {
     let (from, to) = change.split_once(" ->").unwrap();
-    assert!(text.contains(from), "{from} is not in {text}");
-    text.replacen(from, to.strip_prefix(' ').unwrap_or(to), times)
+    let at = bytes.windows(from.len()).position(|part| part == from.as_bytes());
+    let (before, rest) = bytes.split_at(at.unwrap_or_else(|| panic!("{from} is not there")));
+    [before, to.strip_prefix(' ').unwrap_or(to).as_bytes(), &rest[from.len()..]].concat()
 }
 
 /// JSON with the value at a pointer replaced by a text, or removed.
@@ -304,18 +302,30 @@ fn run(case: &Case, place: &Place, seconds: u64) -> Result<(), String> {
         Command::new(env!("CARGO_BIN_EXE_mde"))
     };
     command.current_dir(place.path(".")).args(&case.arguments);
-    if case.code != 2 && !case.arguments.iter().any(|one| one == "-o" || one == "config") {
-        command.arg("--quiet").arg("-o").arg(&out);
+    if case.code != 2 && !case.prints && !case.arguments.iter().any(|one| one == "-o") {
+        command.arg("-o").arg(&out);
+        // Warnings are among the words.
+        if case.code != 0 || case.told.is_empty() {
+            command.arg("--quiet");
+        }
     }
-    let (code, stdout, stderr) = finish(command, seconds)?;
+    let output = command.timeout(Duration::from_secs(seconds)).output().map_err(|e| e.to_string())?;
+    let [stdout, stderr] = [&output.stdout, &output.stderr].map(|bytes| String::from_utf8_lossy(bytes));
+    let code = output.status.code();
     let message = stderr.trim_end();
     expect(code == Some(case.code), || format!("exit code {code:?}: {message}"))?;
-    for part in case.told.iter().filter(|_| case.code != 0) {
-        expect(message.contains(part), || format!("no {part:?} in: {message}"))?;
+    let printed =
+        if case.prints || case.code == 0 { [&*stdout, message].concat() } else { message.to_owned() };
+    for part in &case.told {
+        let (wanted, part) = part.strip_prefix('!').map_or((true, part.as_str()), |part| (false, part));
+        expect(printed.contains(part) == wanted, || {
+            format!("{part:?} is not as it should be in: {printed}")
+        })?;
     }
     let raw = |text: &str| text.chars().any(|c| c.is_control() && c != '\n');
     expect(!raw(&stdout) && !raw(&stderr), || format!("raw control characters: {stdout:?} {stderr:?}"))?;
     match case.code {
+        0 if case.prints => {}
         0 => return complete(&out),
         // What did not fail is written.
         3 => return expect(out.join("summary.json").is_file(), || "wrote no summary".into()),
@@ -323,28 +333,12 @@ fn run(case: &Case, place: &Place, seconds: u64) -> Result<(), String> {
             expect(message.starts_with("error: "), || message.to_owned())?;
             expect(message.lines().count() == 1, || format!("more than a line: {message}"))?;
             expect(message.len() <= 700, || format!("too long to read: {message}"))?;
-            expect(stdout.is_empty(), || format!("on stdout: {stdout}"))?;
+            expect(stdout.is_empty() || case.prints, || format!("on stdout: {stdout}"))?;
             expect(!case.told.is_empty(), || "says nothing that is checked".into())?;
         }
         _ => {}
     }
     expect(case.leaves || names(folder.path()).is_empty(), || format!("left {:?}", names(folder.path())))
-}
-
-/// Ends in time, with its exit code, stdout and stderr.
-fn finish(mut command: Command, seconds: u64) -> Result<(Option<i32>, String, String), String> {
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    let child = command.spawn().map_err(|e| e.to_string())?;
-    let (sender, receiver) = std::sync::mpsc::channel();
-    let id = child.id();
-    thread::spawn(move || sender.send(child.wait_with_output()));
-    let Ok(output) = receiver.recv_timeout(Duration::from_secs(seconds)) else {
-        let _ = Command::new("kill").args(["-KILL", &id.to_string()]).status();
-        return Err(format!("did not end within {seconds} s"));
-    };
-    let output = output.map_err(|e| e.to_string())?;
-    let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
-    Ok((output.status.code(), text(output.stdout), text(output.stderr)))
 }
 
 fn expect(ok: bool, fault: impl FnOnce() -> String) -> Result<(), String> {
@@ -372,17 +366,12 @@ fn complete(out: &Path) -> Result<(), String> {
 
 /// Everything below a folder with its length and the time of its last change.
 fn contents(folder: &Path) -> BTreeMap<PathBuf, (u64, SystemTime)> {
-    let mut found = BTreeMap::new();
-    for entry in fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
+    let all = glob(&format!("{}/**/*", folder.display())).unwrap().map(Result::unwrap);
+    let known = all.map(|path| {
         let metadata = fs::symlink_metadata(&path).unwrap();
-        if metadata.is_dir() {
-            found.extend(contents(&path));
-        }
-        found
-            .insert(path, (if metadata.is_dir() { 0 } else { metadata.len() }, metadata.modified().unwrap()));
-    }
-    found
+        (path, (if metadata.is_dir() { 0 } else { metadata.len() }, metadata.modified().unwrap()))
+    });
+    known.collect()
 }
 
 /// As many as docs/reliability.md states. `MDE_CASES=maps-12` runs those whose place contains that.

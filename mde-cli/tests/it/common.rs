@@ -191,6 +191,14 @@ pub(crate) fn send(child: &Child, signal: &str) {
     let _ = std::process::Command::new("kill").args(["-s", signal, &id]).stderr(Stdio::null()).status();
 }
 
+/// The calibration that is built in; the same with a comment; and with another value.
+pub(crate) fn calibrations() -> [String; 3] {
+    let usual = include_str!("../../src/refiner/calibration/default.toml");
+    let changed = usual.replace("0.007735", "0.007736");
+    assert_ne!(usual, changed);
+    [usual.to_owned(), format!("{usual}# a comment\n"), changed]
+}
+
 /// Names in a folder, sorted.
 pub(crate) fn names(folder: &Path) -> Vec<String> {
     let entries = fs::read_dir(folder).unwrap();

@@ -1,6 +1,6 @@
 //! Calibrations and intervals.
 
-use crate::common::{Place, REFINE, fixture, names};
+use crate::common::{Place, REFINE, fixture, names, tiny};
 use mde_cli::refiner::calibration;
 
 const LEARN: &str = "calibrate --dataset rooms --size 64x48 --limit 3 --simulated model -o learned";
@@ -58,6 +58,7 @@ fn what_was_learned_scales_sigma_and_makes_the_interval() {
 #[test]
 fn a_calibration_for_a_map_from_a_file_warns_that_its_network_is_unknown() {
     let place = Place::new();
+    place.write("tiny.toml", tiny(&[("steps = 60", "steps = 5")]));
     place.run(&LEARN.replace("--simulated model", "--method tiny.toml -q"));
     let told = place.run(&format!("{REFINE} --calibration learned/calibration.toml -o out"));
     assert!(told.contains("does not name its network") && !told.contains("other settings"), "{told}");
@@ -73,8 +74,4 @@ fn an_interval_without_a_calibration_is_normal_and_says_so() {
     assert!((half_width - 0.674_489_75).abs() < 1e-6 && place.has("out/lower.npy"));
     assert_eq!(names(&place.path("out/sigma")), ["common.npy", "field.npy"]);
     assert_eq!(place.map("out/sigma/field.npy").dim(), place.map("out/depth.npy").dim());
-    for (kind, warned) in [("disparity", true), ("metric", false)] {
-        let told = place.run(&format!("{REFINE} --prior-kind {kind} --interval 0.9 -o {kind}"));
-        assert_eq!(told.contains("depth range assumed for disparities"), warned, "{told}");
-    }
 }

@@ -45,6 +45,9 @@ pub(crate) fn place() -> Place {
         ("earlier/run.json", "{}"),
         ("notes/notes.txt", "none"),
         ("shots/torn.jpg", "no photograph"),
+        ("rows/net.toml", "width = 32\nheight = 24\noutput = 'metric'\n"),
+        ("rows/grey.toml", "width = 48\nheight = 32\noutput = 'metric'\n"),
+        ("rows/hub/config.json", r#"{"model_type": "zoedepth"}"#),
         ("calibration.toml", include_str!("../../src/refiner/calibration/default.toml")),
     ] {
         place.write(name, text);
@@ -61,6 +64,10 @@ pub(crate) fn place() -> Place {
             );
         }
     }
+    for name in ["net", "zoedepth", "hub/model", "dpt_large"] {
+        place.take("nets/rows.onnx", &format!("rows/{name}.onnx"));
+    }
+    place.take("nets/grey_nchw.onnx", "rows/grey.onnx");
     pictures(&place);
     maps(&place);
     data_sets(&place);

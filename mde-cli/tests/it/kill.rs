@@ -1,6 +1,7 @@
 //! Whenever a run is killed, its output is the old one or the new one; an evaluation continues to the same bytes.
 
 use crate::common::{Course, Place, REFINE, copy, names, send, tiny};
+use glob::glob;
 use mde_cli::mde_prior::format::{ReadOptions, read_values};
 use std::collections::BTreeMap;
 use std::fs;
@@ -82,12 +83,8 @@ fn an_interrupted_run_leaves_no_unfinished_files() {
 /// All maps of an evaluation; each entry that is there is whole.
 fn entries(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
-    let visible = |folder: &Path| -> Vec<PathBuf> {
-        let inside = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-        inside.filter(|path| !path.file_name().unwrap().to_string_lossy().starts_with('.')).collect()
-    };
     // A scene's folder holds its picture too.
-    let entries = visible(&root.join("scenes")).into_iter().flat_map(|scene| visible(&scene));
+    let entries = glob(&format!("{}/scenes/[!.]*/[!.]*", root.display())).unwrap().map(Result::unwrap);
     for entry in entries.filter(|path| path.is_dir()) {
         let record = fs::read_to_string(entry.join("method.json")).unwrap();
         serde_json::from_str::<serde_json::Value>(&record).unwrap();

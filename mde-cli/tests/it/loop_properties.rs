@@ -1,8 +1,7 @@
 //! Properties of the whole loop for arbitrary inputs.
 
-use crate::library::{go_on, refine};
-use mde_cli::config::Order;
-use mde_cli::mde_nerf::{self, FieldCallback, FitReport, RadianceField, RenderedView};
+use crate::library::{config, go_on, refine};
+use mde_cli::mde_nerf::{self, FieldCallback, FieldConfig, FitReport, RadianceField, RenderedView};
 use mde_cli::mde_prior::{self, DepthKind, DepthPrior, PriorDepth};
 use mde_cli::mde_uncertainty::GaussianDepth;
 use mde_cli::mde_warp::{PinholeCamera, Pose, PosedView};
@@ -37,23 +36,19 @@ fn check(refinement: &Refinement) {
     assert!(depth.mean().iter().any(|d| *d > 0.0));
 }
 
-/// A preset made short.
+/// A preset made short, with settings over that.
 fn short(preset: Preset, more: &str) -> Config {
-    let text = format!(
-        "[nerf.train]\nsteps = 12\nrays = 32\nwarm-up = 2\n[nerf.render]\ncoarse = 4\nfine = 4\n\
-         [nerf.sampling]\ncoarse = 4\nband = 2\nfine = 2\n{more}"
-    );
-    let mut config = Config::with_overrides(preset, &text, "short").unwrap();
-    config.refinement.order = Order::Paper;
-    config.views.count = 2;
-    config.novel.count = config.novel.count.min(2);
-    if let mde_cli::mde_nerf::FieldConfig::Hash(field) = &mut config.nerf.field {
-        (field.levels, field.log2_rows, field.finest, field.width) = (3, 8, 32, 16);
+    let text = "refinement.order = 'paper'\nviews.count = 2\nnovel.count = 2\n\
+        nerf.train = { steps = 12, rays = 32, warm-up = 2 }\n\
+        nerf.sampling = { coarse = 4, band = 2, fine = 2 }\nnerf.render = { coarse = 4, fine = 4 }\n";
+    let mut config = config(preset, text);
+    match &mut config.nerf.field {
+        FieldConfig::Hash(field) => {
+            (field.levels, field.log2_rows, field.finest, field.width) = (3, 8, 32, 16)
+        }
+        FieldConfig::Mlp(field) => (field.layers, field.width) = (2, 16),
     }
-    if let mde_cli::mde_nerf::FieldConfig::Mlp(field) = &mut config.nerf.field {
-        (field.layers, field.width) = (2, 16);
-    }
-    config
+    config.with_text(more, "more").unwrap()
 }
 
 prop_compose! {
@@ -63,24 +58,17 @@ prop_compose! {
         variance in prop::sample::select(&["moments", "fixed-median", "fixed-relative"][..]),
         fusion in prop::sample::select(&["bayes", "nerf-only"][..]),
         carry in prop::sample::select(&["carry", "anchor"][..]),
-        counts in (0_usize..4, 0_usize..3, 1_usize..3),
+        (views, novel, iterations) in (0_usize..4, 0_usize..3, 1_usize..3),
         translation in 0.0..0.5_f64,
         degrees in 0.0..30.0_f64,
         seed in 0_u64..1000,
     ) -> Config {
-        let mut config = short(preset, "");
-        let names = [("calibration", calibration), ("prior-variance", variance), ("fusion", fusion)];
-        let text = names.map(|(key, value)| format!("fusion.{key} = '{value}'\n")).concat();
-        let named = Config::with_overrides(preset, &format!("{text}refinement.prior = '{carry}'\nrefinement.order = 'paper'"), "names").unwrap();
-        (config.fusion, config.refinement) = (named.fusion, named.refinement);
-        let (views, novel, iterations) = counts;
-        config.views.count = views;
-        config.novel.count = novel;
-        config.refinement.iterations = iterations;
-        config.views.translation = translation;
-        config.views.rotation_degrees = degrees;
-        config.seed = seed;
-        config
+        short(preset, &format!(
+            "seed = {seed}\nnovel.count = {novel}\n\
+             refinement = {{ prior = '{carry}', iterations = {iterations} }}\n\
+             views = {{ count = {views}, translation = {translation:?}, rotation-degrees = {degrees:?} }}\n\
+             fusion = {{ calibration = '{calibration}', prior-variance = '{variance}', fusion = '{fusion}' }}\n"
+        ))
     }
 }
 

@@ -1,6 +1,6 @@
 //! `mde refine` on many photographs: each as a run of its own would have it, resumed after a kill, in shards.
 
-use crate::common::{Course, Place, fixture, names};
+use crate::common::{Course, Place, calibrations, fixture, names};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use mde_cli::mde_prior::format::write_depth_png;
@@ -95,51 +95,24 @@ fn each_photograph_is_as_a_run_of_its_own_has_it() {
     assert!(again["01"] == found["03"] && again["09"] == found["02"] && again["00"] == found["00"]);
     assert_eq!(rows(&place, "out").len(), 4);
     assert_eq!(finished(&place.run(&format!("{refine} --seed 5"))), 0);
+    // A calibration counts by its values.
+    let kept = calibrations().map(|text| {
+        place.write("c.toml", text);
+        finished(&place.run(&format!("{refine} --seed 5 --calibration c.toml")))
+    });
+    assert_eq!(kept, [0, 4, 0]);
 }
 
-/// A graph whose values are larger below, as the disparity of rooms is: taken for a depth, near and far are exchanged.
+/// Once for all of them: of one photograph see the cases of networks.
 #[test]
-fn exchanged_near_and_far_are_told_where_only_the_user_or_a_name_says_what_a_network_gives() {
-    const TOLD: &str = "near and far are exchanged";
+fn exchanged_near_and_far_are_told_once() {
     let place = place(2);
-    for name in ["net.onnx", "zoedepth.onnx", "hub/model.onnx", "dpt_large.onnx"] {
-        place.take(fixture("rows.onnx"), name);
-    }
-    place.write("hub/config.json", r#"{"model_type": "zoedepth"}"#);
-    place.write("size.toml", "width = 32\nheight = 24\noutput = 'metric'\n");
-    let size = "--model-profile size.toml";
-    let one = |model: &str| {
-        let text = place.run(&format!(
-            "refine shots/00.png --predictions 1 --fov 60 --force -o one --prior-model {model}"
-        ));
-        assert_eq!(place.text("one/run.json").contains(TOLD), text.contains(TOLD), "{text}");
-        let lines: Vec<_> = text.lines().filter(|line| line.contains(TOLD)).collect();
-        assert!(
-            lines.is_empty() || lines.len() == 1 && lines[0].contains("give --prior-kind disparity"),
-            "{text}"
-        );
-        (lines.len(), place.bytes("one/depth.npy"))
-    };
-    for (model, warned) in [
-        (&*format!("net.onnx {size} --prior-kind disparity"), 0),
-        ("dpt_large.onnx", 0),
-        (&*format!("net.onnx {size} --prior-kind depth"), 1),
-        ("hub/model.onnx --prior-kind depth", 1),
-    ] {
-        assert_eq!(one(model).0, warned, "{model}");
-    }
-    // What the files of a hub tell is not tried, and gives the same depth.
-    let (guessed, told) = (one("zoedepth.onnx"), one("hub/model.onnx"));
-    assert!(guessed.0 == 1 && told.0 == 0 && guessed.1 == told.1);
-    let many = "refine shots --predictions 1 --fov 60 -o out --prior-kind metric --prior-model net.onnx";
-    let text = place.run(&format!("{many} {size}"));
-    let lines: Vec<_> = text.lines().filter(|line| line.contains(TOLD)).collect();
-    assert!(lines.len() == 1 && lines[0].contains("2 of 2 photographs: net.onnx: near"), "{text}");
-    // `mde doctor` fails for the same reason.
-    let doctor = format!("doctor --prior-model net.onnx {size} --prior-kind");
-    place.run(&format!("{doctor} disparity"));
-    let [_, told] = place.told(&format!("{doctor} depth"), 1);
-    assert!(told.contains(TOLD) && told.contains("give --prior-kind disparity"), "{told}");
+    place.take(fixture("rows.onnx"), "net.onnx");
+    place.write("net.toml", "width = 32\nheight = 24\noutput = 'metric'\n");
+    let told =
+        place.run("refine shots --predictions 1 --fov 60 -o out --prior-kind metric --prior-model net.onnx");
+    let lines: Vec<_> = told.lines().filter(|line| line.contains("near and far are exchanged")).collect();
+    assert!(lines.len() == 1 && lines[0].contains("2 of 2 photographs: net.onnx: near"), "{told}");
 }
 
 #[test]
@@ -353,12 +326,10 @@ fn the_same_scale_is_found_recorded_and_resumed() {
         assert_eq!(found["log_sigma"].as_f64().unwrap() > 0.0, i < 4);
     }
 
-    // One thread, shards, and a run that is continued have the same bytes.
+    // Shards on one thread, and a run that is continued, have the same bytes.
     let expected = all(&place, "out");
-    place.run(&refine("--same-scale --threads 1 -q", "one"));
-    assert!(all(&place, "one") == expected);
     for shard in ["1/2", "2/2"] {
-        place.run(&refine(&format!("--same-scale -q --shard {shard}"), "parts"));
+        place.run(&refine(&format!("--same-scale --threads 1 -q --shard {shard}"), "parts"));
     }
     assert!(all(&place, "parts") == expected);
     fs::remove_file(place.path("out/b/finished.json")).unwrap();

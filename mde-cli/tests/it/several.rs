@@ -72,16 +72,10 @@ fn parallax_halves_the_typical_error_of_the_prior() {
     }
 
     // The capture's unit is that of its poses.
-    let in_prior = refined.depth.clone();
     let refined = refined.in_capture_unit().unwrap();
-    let factor = refined.capture.as_ref().unwrap().scale.unwrap()[0];
     // Poses of a rendered room are exact and in metres, as is its truth.
     let metres = ratio(&refined.depth.mean().to_owned(), &room.truth);
     assert!((metres.ln()).abs() < 0.05, "{metres}");
-    let pixel = (HEIGHT / 2, WIDTH / 2);
-    let relative = |map: &GaussianDepth| map.variance()[pixel].sqrt() / map.mean()[pixel];
-    assert!((relative(&refined.depth) / relative(&in_prior) - 1.0).abs() < 1e-4);
-    assert!((f64::from(refined.depth.mean()[pixel] / in_prior.mean()[pixel]) / factor - 1.0).abs() < 1e-5);
     // Poses stay in the unit of the depth; one that is shifted too has none.
     let placed = |r: &Refinement| r.capture.as_ref().unwrap().photographs[1].pose.map(|rows| rows[0][3]);
     let before = placed(&refined).unwrap();
@@ -95,27 +89,6 @@ fn parallax_halves_the_typical_error_of_the_prior() {
         .collect();
     let (refined, _) = refined.scaled_to(&known, false).unwrap();
     assert_eq!(placed(&refined), None);
-}
-
-#[test]
-fn photographs_of_another_place_leave_the_reference_alone() {
-    let (mut capture, mut prior) = inputs(&room(Room::Study, 2), false);
-    let (other, others) = inputs(&room(Room::Kitchen, 2), false);
-    capture.photographs[1] = Photograph { name: "elsewhere".to_owned(), ..other.photographs[1].clone() };
-    prior.0.extend(others.0);
-    let refined = run(&capture, &prior, &short(""));
-    let report = refined.capture.unwrap();
-    let reason = report.fallback.clone().unwrap();
-    assert!(reason.contains("elsewhere") && report.used() == 1, "{reason}");
-    assert!(refined.field.is_none() && refined.augmentation.predictions > 1, "the default preset");
-}
-
-/// Where photographs are small, half of their matches may be wrong, and their poses right.
-#[test]
-fn small_photographs_keep_their_poses() {
-    let (capture, prior) = inputs(&rendered(Room::Study, 3, [96, 72]), true);
-    let report = run(&capture, &prior, &short("")).capture.unwrap();
-    assert_eq!((report.fallback.as_deref(), report.used()), (None, 3), "{:?}", report.photographs);
 }
 
 /// Poses and photographs of another place do not belong together: neither with one such photograph among others, nor with all.

@@ -116,20 +116,23 @@ fn a_prediction_can_be_interrupted() {
     assert!(!place.entries().iter().any(|name| name.starts_with(".mde-") || name == "out"));
 }
 
-/// A limit on the size of files stands for a full disk: the same writes fail, and no one's disk is filled.
+/// A limit on the size of files stands for a full disk: the same writes fail, and no one's disk is filled. Nor is an empty folder left,
+/// there or with 4 open files.
 #[test]
 fn a_disk_that_takes_no_more_leaves_the_old_output() {
     let place = Place::new();
-    let limited = |arguments: &str| {
-        let script = format!("trap '' XFSZ; ulimit -f 8; exec {} {arguments}", env!("CARGO_BIN_EXE_mde"));
+    let limited = |limit: &str, arguments: &str| {
+        let script = format!("trap '' XFSZ; ulimit {limit}; exec {} {arguments}", env!("CARGO_BIN_EXE_mde"));
         let run = Command::new("sh").current_dir(place.path(".")).args(["-c", &script]).output().unwrap();
         let told = String::from_utf8(run.stderr).unwrap();
-        assert!(told.contains("can't write"), "{arguments}: {told}");
+        assert!(limit == "-n 4" || told.contains("can't write"), "{arguments}: {told}");
         (run.status.code(), told.lines().count())
     };
     let before = place.entries();
-    assert_eq!(limited(&format!("{REFINE} -q -o out")), (Some(1), 1));
-    assert_eq!(place.entries(), before);
+    for limit in ["-f 8", "-n 4"] {
+        assert_eq!(limited(limit, &format!("{REFINE} -q -o new/deep/out")).0, Some(1), "{limit}");
+        assert_eq!(place.entries(), before, "{limit}");
+    }
     place.run(&format!("{REFINE} -q -o out"));
     let all = || {
         names(&place.path("out"))
@@ -138,10 +141,10 @@ fn a_disk_that_takes_no_more_leaves_the_old_output() {
             .collect::<Vec<_>>()
     };
     let old = all();
-    assert_eq!(limited(&format!("{REFINE} -q --seed 3 --force -o out")), (Some(1), 1));
+    assert_eq!(limited("-f 8", &format!("{REFINE} -q --seed 3 --force -o out")), (Some(1), 1));
     assert!(all() == old && place.entries().len() == before.len() + 1);
     let eval = "eval --dataset rooms --size 64x48 --limit 1 --methods guided -q -o e";
-    assert!(matches!(limited(eval).0, Some(1 | 3)));
+    assert!(matches!(limited("-f 8", eval).0, Some(1 | 3)) && !place.has("e"));
     place.run(eval);
 
     let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();

@@ -96,31 +96,3 @@ fn ratios() -> [f64; RATIOS] {
 fn ratio(hits: u64, of: u64) -> f64 {
     hits as f64 / of.max(1) as f64
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use ndarray::{Array2, array};
-
-    #[test]
-    fn a_step_seen_and_a_step_missed() {
-        let truth = array![[1.0, 1.0, 2.0, 2.0], [1.0, 1.0, 2.0, 2.0]];
-        let mask = Array2::from_elem((2, 4), true);
-        // One direction of four has boundaries, so a perfect map scores 1/4 there and 0 in the others.
-        let perfect = boundary_f1(truth.view(), truth.view(), mask.view()).unwrap();
-        assert!((perfect - 0.25).abs() < 1e-12, "{perfect}");
-        let flat = Array2::from_elem((2, 4), 1.5);
-        assert_eq!(boundary_f1(flat.view(), truth.view(), mask.view()).unwrap(), 0.0);
-        // The other side in front is another direction, not a hit.
-        let reversed = truth.mapv(|d| 3.0 - d);
-        assert_eq!(boundary_f1(reversed.view(), truth.view(), mask.view()).unwrap(), 0.0);
-    }
-
-    #[test]
-    fn masked_pairs_do_not_count_and_thin_maps_are_fine() {
-        let truth = array![[1.0, 2.0, 2.0]];
-        let mask = array![[false, true, true]];
-        assert_eq!(boundary_f1(truth.view(), truth.view(), mask.view()).unwrap(), 0.0);
-        assert!(boundary_f1(truth.view(), truth.view(), array![[false; 3]].view()).is_err());
-    }
-}

@@ -273,13 +273,6 @@ mod tests {
     }
 
     #[test]
-    fn bins_of_a_constant_sigma_have_no_rank() {
-        let costs: Vec<f64> = (0..1009).map(|i| f64::from(i % 97) * 0.013).collect();
-        let bins = costs_by_uncertainty(&costs, &vec![0.1; costs.len()], 100).unwrap();
-        assert_eq!(spearman_of_bins(&bins).unwrap(), None);
-    }
-
-    #[test]
     fn faults_are_named() {
         assert!(matches!(sparsify(&[1.0], &[], Reduction::Mean), Err(Error::Length { .. })));
         assert!(matches!(sparsify(&[], &[], Reduction::Mean), Err(Error::Empty { .. })));

@@ -44,37 +44,3 @@ fn hysteresis(strength: &Array2<f64>, high: f64) -> Array2<bool> {
     }
     edges
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_step_is_one_thin_line_and_a_mask_makes_none() {
-        let map = Array2::from_shape_fn((30, 40), |(_, x)| if x < 20 { 0.0 } else { 1.0 });
-        let mask = Array2::from_elem((30, 40), true);
-        let edges = canny(map.view(), mask.view(), 2_f64.sqrt(), 0.15, 0.3).unwrap();
-        for row in edges.rows().into_iter().skip(1).take(28) {
-            let at: Vec<usize> = row.iter().enumerate().filter(|(_, e)| **e).map(|(x, _)| x).collect();
-            // Both pixels of the step are as steep, but for rounding.
-            assert!(!at.is_empty() && at.iter().all(|x| (19..=20).contains(x)), "{at:?}");
-        }
-        // The same step, but nothing is known right of it.
-        let half = Array2::from_shape_fn((30, 40), |(_, x)| x < 20);
-        assert!(!canny(map.view(), half.view(), 2_f64.sqrt(), 0.15, 0.3).unwrap().iter().any(|e| *e));
-    }
-
-    #[test]
-    fn weak_edges_need_a_strong_one() {
-        let ramp = |height: f32| Array2::from_shape_fn((20, 40), |(_, x)| if x < 20 { 0.0 } else { height });
-        let mask = Array2::from_elem((20, 40), true);
-        let found = |height, high| {
-            canny(ramp(height).view(), mask.view(), 1.5, 0.1, high).unwrap().iter().any(|e| *e)
-        };
-        assert!(found(0.2, 0.3) && !found(0.2, 0.6));
-        for (height, width) in [(1, 1), (1, 9), (0, 5), (2, 2)] {
-            let (map, mask) = (Array2::ones((height, width)), Array2::from_elem((height, width), true));
-            assert_eq!(canny(map.view(), mask.view(), 1.0, 0.1, 0.2).unwrap().dim(), (height, width));
-        }
-    }
-}

@@ -101,9 +101,4 @@ mod tests {
             prop_assert_eq!(distance_to(features.view()), brute_force(&features));
         }
     }
-
-    #[test]
-    fn without_features_it_is_infinite() {
-        assert!(distance_to(Array2::from_elem((3, 4), false).view()).iter().all(|d| d.is_infinite()));
-    }
 }

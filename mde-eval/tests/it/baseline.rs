@@ -7,7 +7,9 @@ use mde_eval::mde_prior::{DepthKind, DepthPrior, DisparityRule, PriorDepth};
 use mde_eval::mde_warp::{PinholeCamera, Pose, WarpConfig, forward_warp};
 use mde_eval::metrics::sharpness::sharpness;
 use mde_eval::ndarray::{Array2, Array3, ArrayView3, Axis};
-use mde_eval::scene::{CaptureConfig, Room, World, room};
+use mde_eval::scene::{CaptureConfig, Room, Scene, World, room};
+use mde_eval::score::{ScoreConfig, Subject, score};
+use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
 use mde_eval::{Error, Method, Result, Task, TaskView};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
@@ -121,19 +123,6 @@ proptest! {
 }
 
 #[test]
-fn filters_keep_a_step_that_the_picture_has() {
-    let step = |x: usize, near: f32, far: f32| if x < 24 { near } else { far };
-    let image = Array3::from_shape_fn((32, 48, 3), |(_, x, _)| step(x, 0.1, 0.9));
-    // The depth's step is a ramp of eight pixels.
-    let prior = Array2::from_shape_fn((32, 48), |(_, x)| 1.0 + ((x as f32 - 19.5) / 8.0).clamp(0.0, 1.0));
-    for name in ["guided", "jbf", "wmf", "fbs"] {
-        let refined = run(name, &image, &prior).unwrap();
-        let jump = refined[(16, 24)] - refined[(16, 23)];
-        assert!(jump > 3.0 * (prior[(16, 24)] - prior[(16, 23)]), "{name}: {jump}");
-    }
-}
-
-#[test]
 fn noise_is_as_large_as_it_says_and_repeats() {
     let (image, prior) = (Array3::zeros((80, 100, 3)), Array2::from_elem((80, 100), 2.0));
     let noisy = run("noise", &image, &prior).unwrap();
@@ -153,6 +142,26 @@ fn the_matching_mask_is_as_sharp() {
     let sharpened = run(&format!("unsharp{}", matching.amount), &image, &soft).unwrap();
     assert!((of(&sharpened) / of(&truth.depth) - 1.0).abs() < 1e-3);
     assert!(Unsharp::matching(soft.view(), soft.view()).unwrap().amount.abs() < 1e-3);
+}
+
+/// The reason why sharpness and F1 at a fixed threshold prove nothing: on a prior as soft as real ones, unsharp masking lifts both
+/// by a fifth or more. F1max gives it credit only for what it brings back, some hundredths.
+#[test]
+fn unsharp_masking_raises_sharpness_and_fixed_f1_but_hardly_f1_max() {
+    for kind in [Room::Study, Room::LivingRoom] {
+        let Scene { image, depth: truth, .. } = room(kind, 0, 320, 240).unwrap();
+        let soft = SimulatedPriorConfig { blur: 0.018, ..SimulatedPriorConfig::default() };
+        let prior = SimulatedPrior::new(&truth, &soft).unwrap().prediction().map.clone();
+        let sharpened = run_with(&Unsharp { amount: 1.0, sigma: 4.0 }, &image, &prior).unwrap();
+        let scored = |depth: &Array2<f32>| {
+            score(&Subject::new(depth.view(), truth.view()), &ScoreConfig::default()).unwrap()
+        };
+        let (before, after) = (scored(&prior), scored(&sharpened));
+        let gain = |key: &str| after.get(key).unwrap() / before.get(key).unwrap() - 1.0;
+        assert!(gain("sharpness") > 0.05);
+        let (fixed, best) = (gain("f1@0.5m_r1"), gain("f1_max@0.5m_r1"));
+        assert!(fixed > 0.2 && best < 0.08 && fixed > 2.5 * best.abs(), "{kind}: {fixed} {best}");
+    }
 }
 
 #[test]

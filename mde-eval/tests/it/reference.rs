@@ -2,10 +2,9 @@
 
 use approx::assert_relative_eq;
 use mde_eval::align::{Alignment, AlignmentRule};
-use mde_eval::metrics::edges::{edge_curve, edges};
-use mde_eval::metrics::sparsification::{Reduction, sparsify, sparsify_poggi};
+use mde_eval::metrics::edges::edge_curve;
 use mde_eval::metrics::superpixel::SuperpixelPairs;
-use mde_eval::metrics::{boundary, calibration, dbe, depth, rank, sharpness};
+use mde_eval::metrics::{calibration, dbe, depth, rank};
 use mde_eval::ndarray::Array2;
 use mde_eval::score::{ScoreConfig, Subject, score};
 use serde_json::Value;
@@ -46,14 +45,6 @@ impl Reference {
     fn values(&self, name: &str) -> Vec<f64> {
         numbers(&self.expected[name])
     }
-
-    fn errors(&self) -> Vec<f64> {
-        self.list(&self.aligned).iter().zip(self.list(&self.truth)).map(|(p, g)| p - g).collect()
-    }
-
-    fn scaled_sigma(&self) -> Vec<f64> {
-        self.list(&self.sigma).iter().map(|s| s * self.value("median")).collect()
-    }
 }
 
 fn numbers(value: &Value) -> Vec<f64> {
@@ -89,29 +80,6 @@ fn alignments() {
 }
 
 #[test]
-fn depth_errors() {
-    let r = Reference::read();
-    let (p, g) = (r.list(&r.aligned), r.list(&r.truth));
-    type Metric = fn(&[f64], &[f64]) -> mde_eval::Result<f64>;
-    let metrics: [(&str, Metric); 8] = [
-        ("mse", depth::mse),
-        ("rmse", depth::rmse),
-        ("abs-rel", depth::abs_rel),
-        ("sq-rel", depth::sq_rel),
-        ("rmse-log", depth::rmse_log),
-        ("log10", depth::log10),
-        ("silog", depth::silog),
-        ("irmse", depth::irmse),
-    ];
-    for (name, metric) in metrics {
-        near(metric(&p, &g).unwrap(), r.value(name));
-    }
-    for (k, expected) in (1..).zip(r.values("delta")) {
-        near(depth::delta(&p, &g, k).unwrap(), expected);
-    }
-}
-
-#[test]
 fn edge_scores() {
     let r = Reference::read();
     let (p, g, m) = (r.aligned.view(), r.truth.view(), r.mask.view());
@@ -129,99 +97,9 @@ fn edge_scores() {
     }
 }
 
+/// Everything of a map and its sigma, under the key that tables and files have.
 #[test]
-fn sharpness_and_boundary() {
-    let r = Reference::read();
-    let (p, g, m) = (r.aligned.view(), r.truth.view(), r.mask.view());
-    let band = edges(g, m, 0.5).unwrap();
-    let split = sharpness::sharpness_by_edges(p, m, band.view(), 3.0).unwrap();
-    let found = [sharpness::sharpness(p, m).unwrap(), split.on.unwrap(), split.off.unwrap()];
-    for (found, expected) in found.into_iter().zip(r.values("sharpness")) {
-        // Gradients are kept in 32 bits.
-        assert_relative_eq!(found, expected, max_relative = 1e-6);
-    }
-    near(boundary::boundary_f1(p, g, m).unwrap(), r.value("boundary-f1"));
-}
-
-#[test]
-fn boundaries_and_their_distances() {
-    let r = Reference::read();
-    let (p, g, m) = (r.aligned.view(), r.truth.view(), r.mask.view());
-    let found = [p, g].map(|map| dbe::boundaries(map, m).unwrap());
-    let canny: Vec<Vec<usize>> = serde_json::from_value(r.expected["canny"].clone()).unwrap();
-    for (found, expected) in found.iter().zip(canny) {
-        let at = found.iter().enumerate().filter(|(_, e)| **e).map(|(k, _)| k).collect::<Vec<_>>();
-        assert_eq!(at, expected);
-    }
-    let errors = dbe::boundary_errors(found[0].view(), found[1].view()).unwrap().unwrap();
-    near(errors.accuracy, r.values("dbe")[0]);
-    near(errors.completeness, r.values("dbe")[1]);
-}
-
-/// The map is so small that every pixel is a superpixel.
-#[test]
-fn order_of_superpixels() {
-    let r = Reference::read();
-    let pairs = SuperpixelPairs::new(r.truth.view(), r.mask.view()).unwrap();
-    near(pairs.d3r(r.sigma.view()).unwrap().unwrap(), r.value("d3r"));
-    assert_eq!(pairs.d3r(r.aligned.view()).unwrap(), Some(0.0));
-}
-
-#[test]
-fn ranks_and_sparsification() {
-    let r = Reference::read();
-    let (sigma, errors, truth) = (r.scaled_sigma(), r.errors(), r.list(&r.truth));
-    let absolute: Vec<f64> = errors.iter().map(|e| e.abs()).collect();
-    let squared: Vec<f64> = errors.iter().map(|e| e * e).collect();
-    let relative: Vec<f64> = absolute.iter().zip(&truth).map(|(e, g)| e / g).collect();
-    near(rank::spearman(&sigma, &absolute).unwrap().unwrap(), r.value("spearman"));
-    let rough: Vec<f64> = sigma.iter().map(|s| (s * 100.0).round_ties_even() / 100.0).collect();
-    near(rank::spearman(&rough, &absolute).unwrap().unwrap(), r.value("spearman-ties"));
-    let ranks = rank::average_ranks(&rough).unwrap();
-    near(ranks.iter().enumerate().map(|(k, rank)| k as f64 * rank).sum(), r.value("ranks-ties"));
-    near(sparsify(&absolute, &sigma, Reduction::Mean).unwrap().ause(), r.value("rays-mae"));
-    near(sparsify(&squared, &sigma, Reduction::RootMean).unwrap().ause(), r.value("rays-rmse"));
-    for (costs, reduction, name) in
-        [(&relative, Reduction::Mean, "poggi-abs-rel"), (&squared, Reduction::RootMean, "poggi-rmse")]
-    {
-        let curves = sparsify_poggi(costs, &sigma, reduction).unwrap();
-        near(curves.ause(), r.values(name)[0]);
-        near(curves.aurg(), r.values(name)[1]);
-    }
-    let prediction = r.list(&r.aligned);
-    let outlier = |(p, g): (&f64, &f64)| f64::from(u8::from((p / g).max(g / p) >= 1.25));
-    let outliers: Vec<f64> = prediction.iter().zip(&truth).map(outlier).collect();
-    let curves = sparsify_poggi(&outliers, &sigma, Reduction::Mean).unwrap();
-    near(curves.aurg(), r.value("poggi-a1-aurg"));
-    near(curves.ause(), r.value("poggi-a1-ause"));
-}
-
-#[test]
-fn calibration_scores() {
-    let r = Reference::read();
-    let (e, s) = (r.errors(), r.scaled_sigma());
-    near(calibration::nll(&e, &s).unwrap(), r.value("nll"));
-    // Quadrature on the other side.
-    assert_relative_eq!(
-        calibration::crps(&e[..40], &s[..40]).unwrap(),
-        r.value("crps-first"),
-        max_relative = 1e-6
-    );
-    for (level, expected) in [0.5, 0.68, 0.9, 0.95].into_iter().zip(r.values("coverage")) {
-        near(calibration::coverage(&e, &s, level).unwrap(), expected);
-    }
-    let errors = calibration::calibration_errors(&e, &s).unwrap();
-    near(errors.mean, r.value("mace"));
-    near(errors.root_mean_square, r.value("rmsce"));
-    assert_relative_eq!(errors.area, r.value("miscalibration-area"), max_relative = 1e-6);
-    near(calibration::ence(&e, &s, 20).unwrap(), r.value("ence"));
-    near(calibration::mean_z2(&e, &s).unwrap(), r.value("mean-z2"));
-    near(calibration::rms_sigma(&e, &s).unwrap(), r.value("rms-sigma"));
-}
-
-/// The scores are made of the same functions.
-#[test]
-fn the_scores_agree() {
+fn scores() {
     let r = Reference::read();
     let subject = Subject::new(r.prediction.view(), r.truth.view()).with_sigma(r.sigma.view());
     let scores = score(&subject, &ScoreConfig::default()).unwrap();
@@ -229,11 +107,16 @@ fn the_scores_agree() {
     near(scale, r.value("median"));
     assert_eq!(scores.pixels, r.mask.iter().filter(|&&m| m).count());
     let value = |key: &str| scores.get(key).unwrap_or_else(|| panic!("no {key}"));
-    near(value("abs_rel"), r.value("abs-rel"));
-    near(value("delta2"), r.values("delta")[1]);
-    near(value("boundary_f1"), r.value("boundary-f1"));
-    near(value("dbe_completeness"), r.values("dbe")[1]);
-    assert_eq!(value("d3r"), 0.0);
+    for key in ["mse", "rmse", "abs_rel", "sq_rel", "rmse_log", "log10", "silog", "irmse", "boundary_f1"] {
+        near(value(key), r.value(&key.replace('_', "-")));
+    }
+    for (keys, name) in [
+        (&["delta1", "delta2", "delta3"][..], "delta"),
+        (&["dbe_accuracy", "dbe_completeness"], "dbe"),
+        (&["coverage_50", "coverage_68", "coverage_90", "coverage_95"], "coverage"),
+    ] {
+        keys.iter().zip(r.values(name)).for_each(|(key, expected)| near(value(key), expected));
+    }
     for case in r.expected["edges"].as_array().unwrap() {
         let threshold = case["threshold"].as_f64().unwrap();
         if case["tolerance"] == 1 && threshold < 1.0 {
@@ -241,16 +124,57 @@ fn the_scores_agree() {
             near(value(&format!("f1_max@{threshold}m_r1")), case["max"].as_f64().unwrap());
         }
     }
-    // Sigmas are kept in 32 bits on the way, which may swap no ranks here but moves the last digits.
-    for (key, name) in [
-        ("nll", "nll"),
-        ("spearman", "spearman"),
-        ("ause_mae", "rays-mae"),
-        ("ence", "ence"),
-        ("mean_z2", "mean-z2"),
-        ("rmsce", "rmsce"),
-    ] {
-        assert_relative_eq!(value(key), r.value(name), max_relative = 1e-6);
+    // Gradients, and sigmas on the way, are kept in 32 bits, which moves the last digits.
+    let close = |key: &str, expected: f64| {
+        assert_relative_eq!(value(key), expected, max_relative = 1e-6);
+    };
+    for key in ["spearman", "nll", "mace", "rmsce", "miscalibration_area", "ence", "mean_z2", "rms_sigma"] {
+        close(key, r.value(&key.replace('_', "-")));
     }
-    assert_relative_eq!(value("poggi_aurg_abs_rel"), r.values("poggi-abs-rel")[1], max_relative = 1e-6);
+    for (key, name) in [
+        ("ause_mae", "rays-mae"),
+        ("ause_rmse", "rays-rmse"),
+        ("poggi_ause_a1", "poggi-a1-ause"),
+        ("poggi_aurg_a1", "poggi-a1-aurg"),
+    ] {
+        close(key, r.value(name));
+    }
+    for (keys, name) in [
+        (&["sharpness", "sharpness_on", "sharpness_off"][..], "sharpness"),
+        (&["poggi_ause_abs_rel", "poggi_aurg_abs_rel"], "poggi-abs-rel"),
+        (&["poggi_ause_rmse", "poggi_aurg_rmse"], "poggi-rmse"),
+    ] {
+        keys.iter().zip(r.values(name)).for_each(|(key, expected)| close(key, expected));
+    }
+}
+
+/// What no score has by itself. The map is so small that every pixel is a superpixel.
+#[test]
+fn boundaries_order_and_ties() {
+    let r = Reference::read();
+    let (p, g, m) = (r.aligned.view(), r.truth.view(), r.mask.view());
+    let canny: Vec<Vec<usize>> = serde_json::from_value(r.expected["canny"].clone()).unwrap();
+    for (map, expected) in [p, g].into_iter().zip(canny) {
+        let found = dbe::boundaries(map, m).unwrap();
+        let at = found.iter().enumerate().filter(|(_, e)| **e).map(|(k, _)| k).collect::<Vec<_>>();
+        assert_eq!(at, expected);
+    }
+    let pairs: Vec<[usize; 2]> = serde_json::from_value(r.expected["pairs"].clone()).unwrap();
+    let at = |k: usize| (k / r.truth.ncols(), k % r.truth.ncols());
+    let pairs: Vec<_> = pairs.into_iter().map(|[a, b]| (at(a), at(b))).collect();
+    near(ordinal::ordinal_error(p, g, &pairs, 1.1, 1.01).unwrap().unwrap(), r.value("ordinal"));
+    let pairs = SuperpixelPairs::new(g, m).unwrap();
+    near(pairs.compare(r.sigma.view(), g).unwrap().d3r.unwrap(), r.value("d3r"));
+    assert_eq!(pairs.compare(p, g).unwrap().d3r, Some(0.0));
+
+    let sigma: Vec<f64> = r.list(&r.sigma).iter().map(|s| s * r.value("median")).collect();
+    let errors: Vec<f64> = r.list(&r.aligned).iter().zip(r.list(&r.truth)).map(|(p, g)| p - g).collect();
+    // Quadrature on the other side.
+    let crps = calibration::crps(&errors[..40], &sigma[..40]).unwrap();
+    assert_relative_eq!(crps, r.value("crps-first"), max_relative = 1e-6);
+    let absolute: Vec<f64> = errors.iter().map(|e| e.abs()).collect();
+    let rough: Vec<f64> = sigma.iter().map(|s| (s * 100.0).round_ties_even() / 100.0).collect();
+    near(rank::spearman(&rough, &absolute).unwrap().unwrap(), r.value("spearman-ties"));
+    let ranks = rank::average_ranks(&rough).unwrap();
+    near(ranks.iter().enumerate().map(|(k, rank)| k as f64 * rank).sum(), r.value("ranks-ties"));
 }

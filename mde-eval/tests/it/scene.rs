@@ -122,14 +122,4 @@ fn every_room_has_space_for_eight_cameras() {
             }
         }
     }
-    let world = World::new(Room::Corridor, 0).unwrap();
-    for bad in [
-        CaptureConfig { views: 1, ..CaptureConfig::default() },
-        CaptureConfig { baseline: 0.0, ..CaptureConfig::default() },
-        CaptureConfig { baseline: 1.0, ..CaptureConfig::default() },
-        CaptureConfig { pose_noise: f64::NAN, ..CaptureConfig::default() },
-        CaptureConfig { gain: 1.0, ..CaptureConfig::default() },
-    ] {
-        assert!(matches!(world.capture("c", &bad, 16, 12), Err(Error::Config { .. })), "{bad:?}");
-    }
 }

@@ -61,53 +61,6 @@ fn a_perfect_prediction_scores_perfectly_under_every_rule() {
 }
 
 #[test]
-fn a_global_scale_disappears_in_the_alignment() {
-    let truth = study();
-    let prediction = prior(&truth);
-    for rule in &RULES[1..] {
-        let own = scored(&prediction, &truth, *rule);
-        // A power of two: nothing is rounded.
-        let scaled = scored(&prediction.mapv(|p| p * 0.125), &truth, *rule);
-        for (key, slack) in [("mse", 1e-6), ("abs_rel", 1e-6), ("boundary_f1", 1e-6), ("f1@0.25m_r1", 1e-3)] {
-            let (a, b) = (own.get(key).unwrap(), scaled.get(key).unwrap());
-            assert!((a - b).abs() <= slack * a.abs(), "{rule}: {key} {a} {b}");
-        }
-    }
-}
-
-/// The reason why sharpness and F1 at a fixed threshold prove nothing: on a prior as soft as real ones, unsharp masking lifts both
-/// by a fifth or more. F1max gives it credit only for what it brings back, some hundredths.
-#[test]
-fn unsharp_masking_raises_sharpness_and_fixed_f1_but_hardly_f1_max() {
-    for kind in [Room::Study, Room::LivingRoom] {
-        let truth = room(kind, 0, 320, 240).unwrap().depth;
-        let soft = SimulatedPriorConfig { blur: 0.018, ..SimulatedPriorConfig::default() };
-        let prior = SimulatedPrior::new(&truth, &soft).unwrap().prediction().map.clone();
-        let sharpened = unsharp(&prior, 6);
-        let [before, after] = [&prior, &sharpened].map(|p| scored(p, &truth, AlignmentRule::Median));
-        let gain = |key: &str| after.get(key).unwrap() / before.get(key).unwrap() - 1.0;
-        assert!(gain("sharpness") > 0.05);
-        let (fixed, best) = (gain("f1@0.5m_r1"), gain("f1_max@0.5m_r1"));
-        assert!(fixed > 0.2 && best < 0.08 && fixed > 2.5 * best.abs(), "{kind}: {fixed} {best}");
-    }
-}
-
-/// Adds to log depth what a square mean takes away from it.
-fn unsharp(map: &Array2<f32>, radius: isize) -> Array2<f32> {
-    let (height, width) = map.dim();
-    let at = |y: isize, x: isize| {
-        map[(y.clamp(0, height as isize - 1) as usize, x.clamp(0, width as isize - 1) as usize)].ln()
-    };
-    let area = ((2 * radius + 1) * (2 * radius + 1)) as f32;
-    Array2::from_shape_fn((height, width), |(y, x)| {
-        let (y, x) = (y as isize, x as isize);
-        let around = (-radius..=radius).flat_map(|v| (-radius..=radius).map(move |u| (v, u)));
-        let mean = around.map(|(v, u)| at(y + v, x + u)).sum::<f32>() / area;
-        (2.0 * at(y, x) - mean).exp()
-    })
-}
-
-#[test]
 fn the_true_sigma_is_calibrated_and_points_at_the_errors() {
     let truth = study();
     let sigma = Array2::from_shape_fn(truth.dim(), |(y, x)| 0.01 + 0.002 * ((x * 7 + y * 13) % 40) as f32);
@@ -224,43 +177,6 @@ fn missing_pixels_masks_and_crops_do_not_count() {
     let subject = Subject::new(prediction.view(), holes.view()).with_mask(mask.view());
     let config = ScoreConfig { crop: Some([5, 25, 30, 70]), ..ScoreConfig::default() };
     assert_eq!(score(&subject, &config).unwrap().pixels, 19 * 40);
-}
-
-#[test]
-fn faults_are_named() {
-    let truth = study();
-    let small = Array2::ones((3, 3));
-    let wrong = |subject: &Subject<'_>, config: &ScoreConfig| score(subject, config).unwrap_err();
-    let plain = ScoreConfig::default();
-    assert!(matches!(wrong(&Subject::new(small.view(), truth.view()), &plain), Error::Shape { .. }));
-    let subject = Subject::new(truth.view(), truth.view());
-    assert!(matches!(wrong(&subject.with_sigma(small.view()), &plain), Error::Shape { what: "sigma", .. }));
-    let deep = ScoreConfig { min_depth: 50.0, max_depth: 60.0, ..ScoreConfig::default() };
-    assert!(matches!(wrong(&subject, &deep), Error::Empty { .. }));
-    for config in [
-        ScoreConfig { max_depth: f64::NAN, ..plain.clone() },
-        ScoreConfig { crop: Some([3, 3, 0, 9]), ..plain },
-    ] {
-        assert!(matches!(wrong(&subject, &config), Error::Config { .. }));
-    }
-}
-
-#[test]
-fn scores_and_settings_survive_json() {
-    let truth = study();
-    let sigma = truth.mapv(|z| 0.1 * z);
-    let prediction = prior(&truth);
-    let config = ScoreConfig::default();
-    let scores =
-        score(&Subject::new(prediction.view(), truth.view()).with_sigma(sigma.view()), &config).unwrap();
-    let text = serde_json::to_string(&scores).unwrap();
-    assert!(text.contains("\"f1@0.25m_r1\":") && text.contains("\"rule\":\"median\""));
-    let back: Scores = serde_json::from_str(&text).unwrap();
-    assert!(back.values.keys().eq(scores.values.keys()) && back.values.len() > 40);
-    assert!((back.values["mse"] - scores.values["mse"]).abs() < 1e-12);
-    let settings = serde_json::to_string(&config).unwrap();
-    assert_eq!(serde_json::from_str::<ScoreConfig>(&settings).unwrap(), config);
-    assert!(serde_json::from_str::<ScoreConfig>(r#"{"max-dept": 3}"#).is_err());
 }
 
 proptest! {

@@ -3,23 +3,18 @@ use crate::DepthKind;
 use crate::resample::{Filter, resize};
 use ndarray::{Array3, Axis};
 use proptest::prelude::*;
-use std::time::Duration;
 
-/// A model by its prediction, so many at once.
-struct Model<F>(F, usize);
+/// A model by its prediction.
+struct Model<F>(F);
 
 impl<F: Fn(ArrayView3<'_, f32>) -> Result<PriorDepth> + Sync> DepthPrior for Model<F> {
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
         (self.0)(image)
     }
-
-    fn concurrency(&self) -> usize {
-        self.1
-    }
 }
 
 fn model<F: Fn(ArrayView3<'_, f32>) -> Result<PriorDepth> + Sync>(predict: F) -> Model<F> {
-    Model(predict, 1)
+    Model(predict)
 }
 
 /// Takes the red channel for depth, seen through a small input: the mean over blocks of a grid.
@@ -138,12 +133,6 @@ fn two_predictions_that_differ_have_a_spread() {
     assert_eq!(augmented.spread[(7, 39)] < 0.01, augmented.spread[(7, 0)] > 0.1);
 }
 
-#[test]
-fn a_value_out_of_range_is_named() {
-    let wrong = AugmentationConfig { gain: f64::NAN, ..AugmentationConfig::multi_crop() };
-    assert!(wrong.validate().unwrap_err().to_string().contains("augmentation.gain is NaN"));
-}
-
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
@@ -165,26 +154,6 @@ proptest! {
             prop_assert!(a.is_finite() && *a > 0.0);
             prop_assert!((a.ln() + unit.ln() - b.ln()).abs() < 0.01, "{} {}", a, b);
         }
-    }
-}
-
-/// No byte depends on how many predictions run at once.
-#[test]
-fn concurrency_changes_no_byte() {
-    let predict = |image: ArrayView3<'_, f32>| {
-        std::thread::sleep(Duration::from_millis(2));
-        PriorDepth::from_values(seen(image, 14), DepthKind::Metric)
-    };
-    let (picture, config) = (picture(), AugmentationConfig::multi_crop());
-    let threads = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
-    let run = |at_once: Option<usize>| {
-        let mut go_on = |_| ControlFlow::Continue(());
-        let model = Model(predict, usize::MAX);
-        threads.install(|| config.predict_with(&model, picture.view(), at_once, &mut go_on)).unwrap().unwrap()
-    };
-    let free = run(None);
-    for at_once in [0, 1, 2] {
-        assert_eq!(run(Some(at_once)), free);
     }
 }
 

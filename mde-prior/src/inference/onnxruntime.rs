@@ -181,13 +181,4 @@ mod tests {
         assert_eq!(library_in(folder.path()), Some(library));
         assert_eq!(find_library(Some(Path::new("mine.so"))), Some(PathBuf::from("mine.so")));
     }
-
-    #[test]
-    fn another_file_is_no_library() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("libonnxruntime.so");
-        std::fs::write(&file, "no library").unwrap();
-        let error = OnnxRuntimeGraph::open(Path::new("net.onnx"), &file, None).map(|_| ()).unwrap_err();
-        assert!(error.contains("libonnxruntime.so") && error.contains("give the path"), "{error}");
-    }
 }

@@ -140,25 +140,4 @@ mod tests {
         assert_eq!(read(folder.path(), FileKind::Text).unwrap_err().kind(), ErrorKind::IsADirectory);
         assert_eq!(check(folder.path().join("b"), FileKind::Text).unwrap_err().kind(), ErrorKind::NotFound);
     }
-
-    #[cfg(unix)]
-    #[test]
-    fn what_never_ends_is_refused_before_it_is_opened() {
-        let folder = tempfile::tempdir().unwrap();
-        let pipe = folder.path().join("pipe");
-        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-        let socket = folder.path().join("socket");
-        let _listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
-        let link = folder.path().join("link");
-        std::os::unix::fs::symlink(&pipe, &link).unwrap();
-        for (path, what) in [
-            (pipe.as_path(), "it is a named pipe"),
-            (&link, "it is a named pipe"),
-            (&socket, "it is a socket"),
-            (Path::new("/dev/zero"), "it is a device"),
-        ] {
-            let error = read(path, FileKind::Photograph).unwrap_err();
-            assert_eq!((error.kind(), error.to_string().as_str()), (ErrorKind::InvalidInput, what));
-        }
-    }
 }

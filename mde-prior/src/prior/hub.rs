@@ -140,18 +140,6 @@ mod tests {
         );
         let spec = ModelSpec::of_hub(&model).unwrap().unwrap();
         assert_eq!((spec.output, spec.width, spec.multiple_of), (DepthKind::Metric, 518, 14));
-        write(
-            folder,
-            "preprocessor_config.json",
-            r#"{"size": {"height": 384, "width": 512}, "keep_aspect_ratio": true, "ensure_multiple_of": 32, "resample": 2,
-                "image_mean": [0.5, 0.5, 0.5], "image_std": [0.5, 0.5, 0.5], "do_normalize": true}"#,
-        );
-        let spec = ModelSpec::of_hub(&model).unwrap().unwrap();
-        assert_eq!(
-            (spec.height, spec.width, spec.multiple_of, spec.aspect),
-            (384, 512, 32, Aspect::KeepMinimal)
-        );
-        assert_eq!((spec.mean, spec.input_filter), ([0.5; 3], Filter::Bilinear));
         write(folder, "config.json", r#"{"model_type": "depth_anything"}"#);
         assert_eq!(ModelSpec::of_hub(&model).unwrap().unwrap().output, DepthKind::AffineDisparity);
         write(folder, "config.json", r#"{"model_type": "bert"}"#);

@@ -4,8 +4,6 @@
 mod camera;
 mod reproject;
 mod sampling;
-#[cfg(feature = "serde")]
-mod settings;
 mod support;
 mod transfer;
 mod warp;

@@ -4,7 +4,7 @@ use crate::support::{gaussian, pixel, plane, two_planes};
 use approx::assert_relative_eq;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::proptest::gaussian_depth_of;
-use mde_warp::nalgebra::{Point2, UnitQuaternion, Vector3};
+use mde_warp::nalgebra::Point2;
 use mde_warp::ndarray::{Array2, Array3};
 use mde_warp::proptest::{pinhole, pinhole_of, pose};
 use mde_warp::{Error, PinholeCamera, Pose, ReprojectConfig, WarpConfig, forward_warp, reproject};
@@ -169,36 +169,6 @@ proptest! {
         let view = forward_warp(image.view(), &depth, &camera, &source, &other, &target, &warp).unwrap();
         prop_assert!(view.view.validate().is_ok());
     }
-
-    /// A surface seen at another scale is the same surface at that scale, variance and all.
-    #[test]
-    fn units_do_not_matter(
-        (camera, depth) in pinhole(10).prop_flat_map(|c| (Just(c), gaussian_depth_of(c.height, c.width))),
-        target in pose(0.3, 10.0),
-    ) {
-        let config = ReprojectConfig::default();
-        // A power of two, so that rounding scales too.
-        let scaled = depth.clone().map(|m, v| (4.0 * m, 16.0 * v));
-        let mut further = target;
-        further.translation.vector *= 4.0;
-        let origin = Pose::identity();
-        let once = reproject(&depth, &camera, &origin, &camera, &target, &config).unwrap();
-        let other = reproject(&scaled, &camera, &origin, &camera, &further, &config).unwrap();
-        prop_assert_eq!(once.map(|m, v| (4.0 * m, 16.0 * v)), other);
-    }
-}
-
-#[test]
-fn missing_stays_missing() {
-    let camera = PinholeCamera::from_fov(60.0, 7, 5).unwrap();
-    let nothing = GaussianDepth::missing(5, 7);
-    assert_eq!(to(&nothing, &camera, &Pose::translation(0.1, 0.2, 0.3)), nothing);
-    let away = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI);
-    let away = Pose::from_parts(Vector3::zeros().into(), away);
-    assert_eq!(to(&gaussian(Array2::ones((5, 7)), 0.1), &camera, &away), nothing);
-    let point = PinholeCamera::from_fov(60.0, 1, 1).unwrap();
-    let one = gaussian(Array2::ones((1, 1)), 0.5);
-    assert_eq!(to(&one, &point, &Pose::identity()), one);
 }
 
 #[test]

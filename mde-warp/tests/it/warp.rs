@@ -4,7 +4,7 @@ use crate::support::{BLUE, RED, TwoPlanes, gaussian, image_of, pixel, plane, two
 use approx::assert_relative_eq;
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::proptest::gaussian_depth_of;
-use mde_warp::nalgebra::{Point2, UnitQuaternion, Vector3};
+use mde_warp::nalgebra::Point2;
 use mde_warp::ndarray::{Array2, Array3, s};
 use mde_warp::proptest::{pinhole, pinhole_of, pose};
 use mde_warp::{Error, PinholeCamera, Pose, WarpConfig, WarpedView, forward_warp};
@@ -82,24 +82,27 @@ proptest! {
         }
     }
 
+    /// The target has a camera of its own.
     #[test]
-    fn planes_stay_planes(camera in pinhole_of(24, 20), plane in plane(), target in pose(0.1, 5.0)) {
-        let depth = gaussian(plane.map(&camera), 0.01);
-        let warped = warp(&Array3::zeros((20, 24, 3)), &depth, &camera, &target);
-        prop_assert!(warped.view.mask.iter().filter(|&&m| m).count() > 100);
+    fn planes_stay_planes(camera in pinhole_of(24, 20), other in pinhole_of(21, 15), plane in plane(), target in pose(0.1, 5.0)) {
+        let (depth, image) = (gaussian(plane.map(&camera), 0.01), Array3::zeros((20, 24, 3)));
+        let config = WarpConfig::default();
+        let warped = forward_warp(image.view(), &depth, &camera, &Pose::identity(), &other, &target, &config).unwrap();
+        prop_assert_eq!(warped.depth.dim(), (15, 21));
+        prop_assert!(warped.view.mask.iter().any(|&covered| covered));
         // The whole plane was seen, so an empty pixel looks past the source. Its depth is that of an end of its gap, by which
         // it may be misjudged.
         let misjudged = warped.depth.indexed_iter().filter(|&(at, &z)| {
             let seen = |end: (usize, usize)| {
-                let point = camera.unproject(pixel(at.0, at.1), f64::from(warped.depth[end]));
+                let point = other.unproject(pixel(at.0, at.1), f64::from(warped.depth[end]));
                 let inside = |p: Point2<f64>| (-0.5..23.5).contains(&p.x) && (-0.5..19.5).contains(&p.y);
                 camera.project(&(target.inverse() * point)).is_some_and(inside)
             };
             z == 0.0 && ends(&warped.depth, at).into_iter().any(seen)
         });
-        prop_assert!((warped.hole_fraction * 480.0).round() as usize <= misjudged.count());
+        prop_assert!((warped.hole_fraction * 315.0).round() as usize <= misjudged.count());
         for ((row, column), &z) in warped.depth.indexed_iter().filter(|(_, z)| **z > 0.0) {
-            let expected = plane.depth_from(&camera, &target, pixel(row, column));
+            let expected = plane.depth_from(&other, &target, pixel(row, column));
             assert_relative_eq!(f64::from(z), expected, max_relative = 1e-6);
         }
     }
@@ -172,42 +175,6 @@ proptest! {
         // Bilinear interpolation stays within the colours that there are.
         prop_assert!(warped.view.image.iter().all(|c| (0.0..=1.0).contains(c)));
     }
-
-    /// A target of another size shows the same plane.
-    #[test]
-    fn the_target_may_have_its_own_camera(
-        camera in pinhole_of(24, 20),
-        other in pinhole_of(15, 9),
-        plane in plane(),
-        target in pose(0.05, 3.0),
-    ) {
-        let (depth, image) = (gaussian(plane.map(&camera), 0.01), Array3::zeros((20, 24, 3)));
-        let config = WarpConfig::default();
-        let warped = forward_warp(image.view(), &depth, &camera, &Pose::identity(), &other, &target, &config).unwrap();
-        prop_assert_eq!(warped.depth.dim(), (9, 15));
-        for ((row, column), &z) in warped.depth.indexed_iter().filter(|(_, z)| **z > 0.0) {
-            let expected = plane.depth_from(&other, &target, pixel(row, column));
-            assert_relative_eq!(f64::from(z), expected, max_relative = 1e-6);
-        }
-    }
-}
-
-#[test]
-fn a_camera_that_looks_away_sees_nothing() {
-    let camera = PinholeCamera::from_fov(60.0, 9, 7).unwrap();
-    let away = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI);
-    let away = Pose::from_parts(Vector3::zeros().into(), away);
-    let warped = warp(&Array3::ones((7, 9, 3)), &gaussian(Array2::ones((7, 9)), 0.1), &camera, &away);
-    assert_eq!((warped.hole_fraction, warped.outside_fraction), (0.0, 1.0));
-    assert!(warped.view.mask.iter().all(|&m| !m));
-}
-
-#[test]
-fn without_any_depth_all_is_a_hole() {
-    let camera = PinholeCamera::from_fov(60.0, 9, 7).unwrap();
-    let warped = warp(&Array3::ones((7, 9, 3)), &GaussianDepth::missing(7, 9), &camera, &Pose::identity());
-    assert_eq!((warped.hole_fraction, warped.outside_fraction), (1.0, 0.0));
-    assert_eq!(warped.view.image, Array3::<f32>::zeros((7, 9, 3)));
 }
 
 /// With nothing torn, the gap between two surfaces is a ramp: the tear threshold is what keeps them apart.
