@@ -25,7 +25,7 @@ impl RadianceField for Surface {
         // A standard deviation of 1 % of the depth.
         let depth = depth.clone().map(|mean, _| (mean, (0.01 * mean).powi(2)));
         let seen = reproject(&depth, &view.camera, &view.pose, camera, pose, &ReprojectConfig::default())
-            .map_err(Error::external)?;
+            .map_err(|error| Error::External(error.into()))?;
         let size = (camera.height, camera.width);
         Ok(RenderedView {
             image: Array3::from_elem((size.0, size.1, 3), 0.5),

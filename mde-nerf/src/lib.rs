@@ -10,16 +10,14 @@
 //! # Gradients
 //!
 //! There is no automatic differentiation in a fit: the adjoints of encoding, network, compositing and losses are derived by
-//! hand, for `f32` with vector kernels and for `f64` with plain loops. The tests check the `f64` adjoints against dual
-//! numbers (forward-mode derivatives of the same generic code, exact to rounding) and against central differences, and the
-//! `f32` ones against the `f64` ones. Gradients exist for the parameters only; poses and positions are constants of a fit.
+//! hand, for `f32` with vector kernels and for `f64` with plain loops. The tests check the `f64` adjoints against central
+//! differences, and the `f32` ones against the `f64` ones. Gradients exist for the parameters only; poses and positions are
+//! constants of a fit.
 //!
 //! See [`Nerf`] for an example.
 
 mod batch;
 mod config;
-#[cfg(test)]
-mod dual;
 mod encoding;
 mod error;
 mod field;
@@ -39,7 +37,6 @@ mod sampling;
 mod scalar;
 #[cfg(feature = "bench")]
 pub mod stages;
-#[cfg(feature = "serde")]
 mod store;
 mod train;
 mod volume;
