@@ -36,7 +36,7 @@ impl MapFile {
         };
         // Only as disparity: its scale is unknown anyway, and 256 levels of depth in metres would be none.
         let options = ReadOptions { eight_bits: kind == DepthKind::AffineDisparity, ..options };
-        let prior = FilePrior::with_options(path, kind, &options).map_err(|error| match error {
+        let prior = FilePrior::open(path, kind, &options).map_err(|error| match error {
             mde_prior::Error::Malformed { path: file, reason } if has_eight_bits(path, true) => {
                 let reason =
                     format!("{reason}; a picture of disparity is read with {{prior-kind}} disparity");
@@ -172,7 +172,7 @@ mod network {
         }
 
         fn recognised(&self, path: &Path) -> Result<(ModelSpec, Option<RecognisedBy>)> {
-            match OnnxPrior::recognise_by(path) {
+            match OnnxPrior::recognise(path) {
                 Err(mde_prior::Error::UnknownProfile { .. }) => Err(Error::Argument(format!(
                     "{}: a network that is not recognised by its graph, its folder or its name; give {{model-profile}} ({}, or a .toml file), or a \
                      file {} beside it",

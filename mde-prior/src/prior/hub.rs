@@ -1,9 +1,9 @@
 //! The files that model hubs keep beside a network: `config.json` and `preprocessor_config.json` of Transformers.
 
 use super::profiles::HALF;
-use super::spec::{Aspect, ModelSpec};
+use super::spec::{Aspect, ModelSpec, text_of};
 use crate::resample::Filter;
-use crate::{DepthKind, Error, FileKind, Result, open};
+use crate::{DepthKind, Error, Result};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -11,29 +11,21 @@ use std::path::{Path, PathBuf};
 #[derive(Deserialize)]
 struct Model {
     /// Without one, the file is of another program.
-    #[serde(default)]
     model_type: Option<String>,
-    #[serde(default)]
     depth_estimation_type: Option<String>,
 }
 
 /// `preprocessor_config.json`.
 #[derive(Deserialize)]
 struct Preprocessor {
-    #[serde(default)]
     size: Option<Size>,
     #[serde(default)]
     keep_aspect_ratio: bool,
-    #[serde(default)]
     ensure_multiple_of: Option<usize>,
-    #[serde(default)]
     do_normalize: Option<bool>,
-    #[serde(default)]
     image_mean: Option<[f32; 3]>,
-    #[serde(default)]
     image_std: Option<[f32; 3]>,
     /// Pillow's number of the filter.
-    #[serde(default)]
     resample: Option<u8>,
 }
 
@@ -109,14 +101,11 @@ fn described(usual: ModelSpec, preprocessor: Option<&Preprocessor>) -> ModelSpec
 }
 
 fn read<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<Option<T>> {
-    match open::read_text(path, FileKind::Settings) {
-        Ok(text) => serde_json::from_str(&text).map(Some).map_err(|e| {
-            let around = "correct it, or describe the network by a profile or a TOML file beside it";
-            Error::malformed(path, format!("{e}; {around}"))
-        }),
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
-        Err(e) => Err(Error::read(path, e)),
-    }
+    let Some(text) = text_of(path)? else { return Ok(None) };
+    serde_json::from_str(&text).map(Some).map_err(|e| {
+        let around = "correct it, or describe the network by a profile or a TOML file beside it";
+        Error::malformed(path, format!("{e}; {around}"))
+    })
 }
 
 #[cfg(test)]
@@ -140,20 +129,6 @@ mod tests {
         );
         let spec = ModelSpec::of_hub(&model).unwrap().unwrap();
         assert_eq!((spec.output, spec.width, spec.multiple_of), (DepthKind::Metric, 518, 14));
-        write(
-            folder,
-            "preprocessor_config.json",
-            r#"{"size": {"height": 384, "width": 512}, "keep_aspect_ratio": true, "ensure_multiple_of": 32, "resample": 2,
-                "image_mean": [0.5, 0.5, 0.5], "image_std": [0.5, 0.5, 0.5], "do_normalize": true}"#,
-        );
-        let spec = ModelSpec::of_hub(&model).unwrap().unwrap();
-        assert_eq!(
-            (spec.height, spec.width, spec.multiple_of, spec.aspect),
-            (384, 512, 32, Aspect::KeepMinimal)
-        );
-        assert_eq!((spec.mean, spec.input_filter), ([0.5; 3], Filter::Bilinear));
-        write(folder, "config.json", r#"{"model_type": "depth_anything"}"#);
-        assert_eq!(ModelSpec::of_hub(&model).unwrap().unwrap().output, DepthKind::AffineDisparity);
         write(folder, "config.json", r#"{"model_type": "bert"}"#);
         assert_eq!(ModelSpec::of_hub(&model).unwrap(), None);
         write(folder, "config.json", "{");
@@ -203,6 +178,7 @@ mod tests {
         let zoe = zoe.unwrap().unwrap();
         // No mean in the file: 0.5, as the processor takes.
         assert_eq!((zoe.width, zoe.height, zoe.multiple_of, zoe.mean), (512, 384, 32, [0.5; 3]));
+        assert_eq!((zoe.aspect, zoe.input_filter), (Aspect::KeepMinimal, Filter::Bilinear));
         let pro = of(
             r#"{"architectures": ["DepthProForDepthEstimation"], "model_type": "depth_pro", "use_fov_model": true}"#,
             r#"{"do_normalize": true, "do_rescale": true, "do_resize": true, "image_mean": [0.5, 0.5, 0.5],

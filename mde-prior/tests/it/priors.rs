@@ -236,15 +236,15 @@ fn the_readmes_specification_is_one() {
 fn specifications_come_from_toml_or_the_name() {
     let folder = tempfile::tempdir().unwrap();
     let model = folder.path().join("midas_v21_small_256.onnx");
-    assert_eq!(ModelSpec::of(&model).unwrap(), ModelSpec::profile("midas-v2.1-small").unwrap());
+    assert_eq!(ModelSpec::guess(&model).unwrap(), ModelSpec::profile("midas-v2.1-small").unwrap());
     std::fs::write(model.with_extension("toml"), "output = 'depth'\nlayout = 'nhwc'\n").unwrap();
-    let spec = ModelSpec::of(&model).unwrap();
+    let spec = ModelSpec::beside(&model).unwrap().unwrap();
     assert_eq!((spec.output, spec.width), (DepthKind::RelativeDepth, 224));
     for wrong in
         ["", "output = 'depht'", "output = 'metric'\nwidht = 3", "output = 'disparity'\noutput-floor = 1.0"]
     {
         std::fs::write(model.with_extension("toml"), wrong).unwrap();
-        let message = ModelSpec::of(&model).unwrap_err().to_string();
+        let message = ModelSpec::beside(&model).unwrap_err().to_string();
         assert!(message.contains("small_256.toml") && !message.contains('\n'), "{message}");
     }
     for (file, name) in [
@@ -286,22 +286,5 @@ fn a_flip_average_of_disparity_does_not_depend_on_scale_and_shift() {
     let alone = Drifting(1.0.into()).predict(image.view()).unwrap();
     for (a, b) in averaged.map.iter().zip(&alone.map) {
         assert!((a - b).abs() < 1e-5, "{a} {b}");
-    }
-}
-
-#[test]
-fn two_maps_of_one_gauge_can_be_compared_and_ends_that_are_no_range_are_refused() {
-    let rule = DisparityRule { near: 1.0, far: 4.0, low: 0.0, high: 1.0 };
-    let valid = Array2::from_elem((1, 3), true);
-    let (first, sharper) = (ndarray::array![[-3.0_f32, 0.0, 3.0]], ndarray::array![[-9.0_f32, 0.0, 3.0]]);
-    let ends = rule.ends(first.view(), valid.view()).unwrap();
-    assert_eq!(ends, (-3.0, 3.0));
-    assert_eq!(
-        rule.depth_between(sharper.view(), valid.view(), ends).unwrap(),
-        rule.depth(first.view(), valid.view()).unwrap()
-    );
-    for ends in [(1.0, 0.0), (f64::NAN, 1.0), (0.0, f64::INFINITY)] {
-        let refused = rule.depth_between(first.view(), valid.view(), ends).unwrap_err().to_string();
-        assert!(refused.contains("no range"), "{refused}");
     }
 }
