@@ -178,7 +178,7 @@ mod tests {
         let sampling = SamplingConfig {
             near: Some(1.0),
             far: Some(4.0),
-            volume: VolumeConfig::Reference { margin: 0.0 },
+            volume: VolumeConfig::Reference,
             ..SamplingConfig::default()
         };
         let frustum = Frustum::of_views(&views, &sampling).unwrap();
@@ -186,7 +186,7 @@ mod tests {
         let valid = views[0].mask.iter().filter(|valid| **valid).count();
         let counts: Vec<usize> = pixels.trainable.iter().map(Vec::len).collect();
         assert_eq!((counts[0], counts[1], counts[3], counts[4]), (valid, 0, 0, 0));
-        // At depth 2 and 60 degrees the image is 2.3 wide: a step of 1 aside loses 43 % of the columns.
+        // At depth 2 and 60 degrees the image is 2.3 wide: a step of 1 aside loses 43 % of the columns, less the margin.
         let lost = valid - counts[2];
         assert!((valid / 4..valid * 6 / 10).contains(&lost), "{lost} of {valid}");
         assert_eq!(pixels.others, [2]);

@@ -1,16 +1,13 @@
 use crate::{Error, Result};
 use mde_uncertainty::termination::InBinVariance;
+use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
 const MAX_STEPS: usize = 1_000_000;
 
 /// Configuration of a field: network, sampling, training and rendering.
-#[derive(Debug, Clone, Default, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default, rename_all = "kebab-case")
-)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct NerfConfig {
     /// The network.
     pub field: FieldConfig,
@@ -23,12 +20,8 @@ pub struct NerfConfig {
 }
 
 /// Architecture of the network.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(tag = "kind", rename_all = "kebab-case")
-)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum FieldConfig {
     /// A light MLP on a frequency encoding, as in the paper.
     Mlp(MlpFieldConfig),
@@ -43,12 +36,8 @@ impl Default for FieldConfig {
 }
 
 /// An MLP on a frequency encoding.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default, rename_all = "kebab-case")
-)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct MlpFieldConfig {
     /// Number of hidden layers.
     pub layers: usize,
@@ -65,12 +54,8 @@ impl Default for MlpFieldConfig {
 }
 
 /// A multiresolution hash grid with a small MLP.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default, rename_all = "kebab-case")
-)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct HashFieldConfig {
     /// Number of grids.
     pub levels: usize,
@@ -95,33 +80,22 @@ impl Default for HashFieldConfig {
 }
 
 /// The modelled volume. What lies outside is empty.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum VolumeConfig {
     /// The frustum of view 0 between near and far, wide enough for the frusta of all views. Every ray is sampled between
     /// near and far of its own camera. For views close to view 0, such as warps.
     #[default]
     Hull,
-    /// The frustum of view 0 between near and far with a margin. Rays are clipped to it; valid pixels of the other views
-    /// count only where their ray meets it and their hypothesis, if there is one, lies inside. For photographs.
-    Reference {
-        /// Margin on each side, as a fraction of the image's width and height; 0.06, and no part of a configuration file.
-        #[cfg_attr(feature = "serde", serde(skip, default = "margin"))]
-        margin: f64,
-    },
+    /// The frustum of view 0 between near and far with a margin on each side of 6 % of the image's width and height. Rays are clipped to
+    /// it; valid pixels of the other views count only where their ray meets it and their hypothesis, if there is one, lies inside. For
+    /// photographs.
+    Reference,
 }
 
 /// Sample positions along rays, uniform in disparity 1/z.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default, rename_all = "kebab-case")
-)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct SamplingConfig {
     /// Stratified samples over the whole range of a training ray.
     pub coarse: usize,
@@ -132,10 +106,10 @@ pub struct SamplingConfig {
     /// The modelled volume.
     pub volume: VolumeConfig,
     /// Nearest depth. Default: the 0.5 % quantile of the hypotheses of view 0 times 0.8 (`hull`) or 0.75 (`reference`). No part of a configuration file.
-    #[cfg_attr(feature = "serde", serde(skip))]
+    #[serde(skip)]
     pub near: Option<f64>,
     /// Farthest depth. Default: the 99.5 % quantile of the hypotheses of view 0 times 1.25 (`hull`) or 1.3 (`reference`). No part of a configuration file.
-    #[cfg_attr(feature = "serde", serde(skip))]
+    #[serde(skip)]
     pub far: Option<f64>,
 }
 
@@ -145,17 +119,9 @@ impl Default for SamplingConfig {
     }
 }
 
-/// Margin of [`VolumeConfig::Reference`] in a configuration file and for photographs.
-const MARGIN: f64 = 0.06;
-
-#[cfg(feature = "serde")]
-fn margin() -> f64 {
-    MARGIN
-}
-
 /// The loss of a ray's colour error \\(e = C - \hat C\\), a mean over the channels.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum ColourLoss {
     /// \\(e^2\\).
     #[default]
@@ -167,12 +133,8 @@ pub enum ColourLoss {
 }
 
 /// Optimisation and losses.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default, rename_all = "kebab-case")
-)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct TrainConfig {
     /// Optimisation steps.
     pub steps: usize,
@@ -212,12 +174,8 @@ impl Default for TrainConfig {
 }
 
 /// Rendering.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(deny_unknown_fields, default, rename_all = "kebab-case")
-)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct RenderConfig {
     /// Samples over the whole range of a ray.
     pub coarse: usize,
@@ -247,7 +205,7 @@ impl NerfConfig {
                 coarse: 8,
                 band: 8,
                 fine: 8,
-                volume: VolumeConfig::Reference { margin: MARGIN },
+                volume: VolumeConfig::Reference,
                 ..SamplingConfig::default()
             },
             train: TrainConfig {
@@ -308,9 +266,6 @@ impl NerfConfig {
             ("render.coarse", n(render.coarse), 2.0..=1024.0, samples),
             ("render.fine", n(render.fine), 0.0..=1024.0, "give at most 1024 samples"),
         ]);
-        if let VolumeConfig::Reference { margin } = sampling.volume {
-            ranges.push(("sampling.volume.margin", margin, 0.0..=1.0, "give a fraction from 0 to 1"));
-        }
         if let Some(near) = sampling.near {
             ranges.push(("sampling.near", near, POSITIVE, "give a positive depth"));
         }

@@ -40,7 +40,7 @@ pub enum Error {
     /// The callback returned [`ControlFlow::Break`](std::ops::ControlFlow::Break).
     #[error("interrupted")]
     Interrupted,
-    /// A file that cannot be read or written.
+    /// A file that cannot be read.
     #[error("{path}: {source}")]
     Io {
         /// The file.
@@ -59,22 +59,9 @@ pub enum Error {
     /// A map that is not a valid Gaussian depth.
     #[error(transparent)]
     Depth(#[from] mde_uncertainty::Error),
-    /// An error of a [`RadianceField`](crate::RadianceField) of another crate; see [`Error::external`].
+    /// An error of a [`RadianceField`](crate::RadianceField) of another crate.
     #[error(transparent)]
     External(Box<dyn std::error::Error + Send + Sync>),
-}
-
-impl Error {
-    /// Wraps an error of a field of another crate, to be returned from [`RadianceField`](crate::RadianceField)'s methods.
-    ///
-    /// ```
-    /// # use mde_nerf::Error;
-    /// let error = Error::external("the GPU is out of memory");
-    /// assert_eq!(error.to_string(), "the GPU is out of memory");
-    /// ```
-    pub fn external(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
-        Self::External(error.into())
-    }
 }
 
 /// Shorthand for this crate's results.

@@ -2,12 +2,13 @@ use crate::Result;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use ndarray::{Array2, Array3};
+use serde::Serialize;
 use std::ops::ControlFlow;
 
 /// A scene model that is fitted to posed views and renders colour and depth with variance.
 ///
 /// The refinement loop uses nothing else, so that a Gaussian splat or a field on a GPU can replace [`Nerf`](crate::Nerf).
-/// `examples/own_field.rs` is another implementation.
+/// `mde-cli/examples/own_field.rs` of the workspace is another implementation.
 pub trait RadianceField: Send {
     /// Fits the field to `views`.
     ///
@@ -49,8 +50,7 @@ pub struct RenderedView {
 }
 
 /// Summary of a fit.
-#[derive(Debug, Clone, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct FitReport {
     /// Optimisation steps taken.
     pub steps: usize,

@@ -185,7 +185,8 @@ impl Case {
             Encoding::Frequency(_) => Vec::new(),
             Encoding::Hash(grid) => {
                 let mut table = vec![0.0; grid.table.len()];
-                for (level, rows) in grid.layout.split_levels(&mut table).into_iter().enumerate() {
+                let rows = grid.layout.split(&mut table, grid.layout.features());
+                for (level, rows) in rows.into_iter().enumerate() {
                     grid.layout.scatter(level, &gradients.points, &gradients.features[level], rows);
                 }
                 table
@@ -244,7 +245,7 @@ fn with_parameter<T: Scalar>(
 const LOSSES: [Losses; 3] =
     [(ColourLoss::Squared, 0.0), (ColourLoss::Squared, 0.2), (ColourLoss::Charbonnier, 0.2)];
 
-const VOLUMES: [VolumeConfig; 2] = [VolumeConfig::Hull, VolumeConfig::Reference { margin: 0.02 }];
+const VOLUMES: [VolumeConfig; 2] = [VolumeConfig::Hull, VolumeConfig::Reference];
 
 fn small_hash() -> FieldConfig {
     FieldConfig::Hash(HashFieldConfig {

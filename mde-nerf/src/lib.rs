@@ -39,7 +39,6 @@ mod sampling;
 mod scalar;
 #[cfg(feature = "bench")]
 pub mod stages;
-#[cfg(feature = "serde")]
 mod store;
 mod train;
 mod volume;

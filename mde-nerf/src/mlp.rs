@@ -64,18 +64,6 @@ impl<T: Scalar> Mlp<T> {
         mlp
     }
 
-    #[cfg(feature = "serde")]
-    /// An MLP of `widths` with the given parameters, or `None` where their number is wrong.
-    pub(crate) fn from_parameters(widths: &[usize], parameters: Vec<T>) -> Option<Self> {
-        let mut mlp = Self { parameters: Vec::new(), ..Self::new(widths, 0, "") };
-        let expected = mlp.layers().last().map_or(0, |l| l.start + (l.k + 1) * l.m);
-        mlp.parameters = parameters;
-        (mlp.parameters.len() == expected).then(|| {
-            mlp.refresh();
-            mlp
-        })
-    }
-
     fn layers(&self) -> impl DoubleEndedIterator<Item = Layer> + ExactSizeIterator + use<T> {
         let mut start = 0;
         let layers: Vec<_> = self

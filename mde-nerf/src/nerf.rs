@@ -4,12 +4,10 @@ use crate::field::{FieldCallback, FitReport, RadianceField, RenderedView};
 use crate::frustum::Frustum;
 use crate::network::Network;
 use crate::render::render;
-#[cfg(feature = "serde")]
 use crate::store;
 use crate::train::train;
 use crate::{Error, Result};
 use mde_warp::{PinholeCamera, Pose, PosedView};
-#[cfg(feature = "serde")]
 use std::path::Path;
 
 /// A neural radiance field: a small network on the frustum of view 0, without view direction (a view-dependent colour
@@ -80,32 +78,18 @@ impl Nerf {
         Ok(self)
     }
 
-    /// Writes the fitted field to `path` (safetensors), atomically through a temporary file.
+    /// The fitted field as a safetensors file, which [`Nerf::load`] reads.
     ///
     /// # Errors
-    /// [`Error::NotFitted`], or [`Error::Io`] with the path.
-    #[cfg(feature = "serde")]
-    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
-        let fitted = self.fitted.as_ref().ok_or(Error::NotFitted)?;
-        store::save(path.as_ref(), &self.config, self.seed, fitted)
-    }
-
-    /// The bytes of the file that [`Nerf::save`] writes.
-    ///
-    /// # Errors
-    /// [`Error::NotFitted`], or [`Error::Io`] where they can't be made.
-    #[cfg(feature = "serde")]
+    /// [`Error::NotFitted`].
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
-        let fitted = self.fitted.as_ref().ok_or(Error::NotFitted)?;
-        let fault = |source| Error::Io { path: "field".into(), source };
-        store::encode(&self.config, self.seed, fitted).map_err(fault)
+        store::encode(&self.config, self.seed, self.fitted.as_ref().ok_or(Error::NotFitted)?)
     }
 
-    /// Reads a field written by [`Nerf::save`].
+    /// Reads a file with the bytes of [`Nerf::to_bytes`].
     ///
     /// # Errors
     /// [`Error::Io`], or [`Error::Format`] for another format, another version or a wrong checksum.
-    #[cfg(feature = "serde")]
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let (config, seed, fitted) = store::load(path.as_ref())?;
         Ok(Self { config, seed, fitted: Some(fitted) })

@@ -32,6 +32,14 @@ pub(crate) struct Gradients<T> {
     pub(crate) points: Points<T>,
 }
 
+impl<T: Scalar> Gradients<T> {
+    /// Forgets what was gathered of the table; the network's gradient stays.
+    pub(crate) fn clear(&mut self) {
+        self.features.iter_mut().for_each(Vec::clear);
+        self.points.clear();
+    }
+}
+
 /// Intermediate values of a forward pass over a tile, for the backward pass.
 #[derive(Debug, Default)]
 pub(crate) struct Tape<T> {
@@ -49,23 +57,25 @@ impl<T: Scalar> Network<T> {
     pub(crate) fn new(config: &FieldConfig, seed: u64) -> Self {
         let encoding = match config {
             FieldConfig::Mlp(c) => Encoding::Frequency(Frequency { frequencies: c.frequencies }),
-            FieldConfig::Hash(_) => Encoding::Hash(HashGrid::new(hash_layout(config), seed)),
+            FieldConfig::Hash(c) => Encoding::Hash(HashGrid::new(HashLayout::new(c), seed)),
         };
         Self { encoding, mlp: Mlp::new(&widths(config), seed, "density-network") }
     }
 
-    #[cfg(feature = "serde")]
     /// A network of this configuration with the given parameters, or `None` where a length is wrong.
     pub(crate) fn from_parameters(config: &FieldConfig, table: Vec<T>, mlp: Vec<T>) -> Option<Self> {
         let encoding = match config {
             FieldConfig::Mlp(c) => Encoding::Frequency(Frequency { frequencies: c.frequencies }),
-            FieldConfig::Hash(_) => {
-                let layout = hash_layout(config);
-                (layout.table_len() == table.len()).then_some(())?;
-                Encoding::Hash(HashGrid { layout, table })
+            FieldConfig::Hash(c) => {
+                let layout = HashLayout::new(c);
+                (layout.table_len() == table.len()).then_some(Encoding::Hash(HashGrid { layout, table }))?
             }
         };
-        Some(Self { encoding, mlp: Mlp::from_parameters(&widths(config), mlp)? })
+        let mut network = Self { encoding, mlp: Mlp::new(&widths(config), 0, "") };
+        (network.mlp.parameters.len() == mlp.len()).then_some(())?;
+        network.mlp.parameters = mlp;
+        network.mlp.refresh();
+        Some(network)
     }
 
     /// Zeroed gradient buffers.
@@ -78,12 +88,6 @@ impl<T: Scalar> Network<T> {
             },
             points: Points::default(),
         }
-    }
-
-    /// Multiply-adds of the network per point in the forward pass.
-    #[cfg(feature = "bench")]
-    pub(crate) fn multiply_adds(&self) -> usize {
-        self.mlp.multiply_adds()
     }
 
     /// `tape.shades` of `tape.points`.
@@ -152,13 +156,6 @@ fn widths(config: &FieldConfig) -> Vec<usize> {
         FieldConfig::Hash(c) => (c.levels * c.features, c.width, c.layers),
     };
     [vec![input], vec![width; layers], vec![4]].concat()
-}
-
-fn hash_layout(config: &FieldConfig) -> HashLayout {
-    match config {
-        FieldConfig::Hash(c) => HashLayout::new(c.levels, c.features, c.log2_rows, c.coarsest, c.finest),
-        FieldConfig::Mlp(_) => HashLayout::new(0, 1, 0, 1, 1),
-    }
 }
 
 #[inline(always)]

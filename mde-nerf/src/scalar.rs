@@ -5,23 +5,33 @@ use mde_uncertainty::Real;
 /// dual number whose derivatives are exact.
 pub(crate) trait Scalar: Real {
     /// `y = x w`, then the epilogue.
-    fn matmul(x: &[Self], w: &[Self], y: &mut [Self], shape: Shape, epilogue: Epilogue<'_, Self>);
+    fn matmul(x: &[Self], w: &[Self], y: &mut [Self], shape: Shape, epilogue: Epilogue<'_, Self>) {
+        gemm::matmul_plain(x, w, y, shape, epilogue);
+    }
     /// `dw += x^T dy`.
-    fn outer(x: &[Self], dy: &[Self], dw: &mut [Self], shape: Shape);
+    fn outer(x: &[Self], dy: &[Self], dw: &mut [Self], shape: Shape) {
+        gemm::outer_plain(x, dy, dw, shape);
+    }
     /// \\(e^x\\), to about 2 units in the last place; saturates instead of overflowing.
-    fn fast_exp(self) -> Self;
+    fn fast_exp(self) -> Self {
+        self.exp()
+    }
     /// \\(\sin \pi x\\), for numbers below 2^20.
     fn sin_pi(self) -> Self;
     /// \\(\cos \pi x\\), for numbers below 2^20.
     fn cos_pi(self) -> Self;
-    /// `self * a + b`, rounded once.
-    fn mul_add(self, a: Self, b: Self) -> Self;
+    /// `self * a + b`, rounded once for `f32`.
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        self * a + b
+    }
     /// Truncation towards zero, for non-negative numbers below 2^31.
     fn to_index(self) -> u32;
     /// An index as a scalar.
     fn from_index(index: u32) -> Self;
     /// Runs `op`, compiled for the processor's widest vectors for `f32`.
-    fn vectorized<R>(op: impl FnOnce() -> R) -> R;
+    fn vectorized<R>(op: impl FnOnce() -> R) -> R {
+        op()
+    }
 
     /// \\(1 / (1 + e^{-x})\\).
     #[inline(always)]
@@ -102,18 +112,6 @@ impl Scalar for f32 {
 }
 
 impl Scalar for f64 {
-    fn matmul(x: &[f64], w: &[f64], y: &mut [f64], shape: Shape, epilogue: Epilogue<'_, f64>) {
-        gemm::matmul_plain(x, w, y, shape, epilogue);
-    }
-
-    fn outer(x: &[f64], dy: &[f64], dw: &mut [f64], shape: Shape) {
-        gemm::outer_plain(x, dy, dw, shape);
-    }
-
-    fn fast_exp(self) -> f64 {
-        self.exp()
-    }
-
     fn sin_pi(self) -> f64 {
         (self % 2.0 * std::f64::consts::PI).sin()
     }
@@ -122,20 +120,12 @@ impl Scalar for f64 {
         (self % 2.0 * std::f64::consts::PI).cos()
     }
 
-    fn mul_add(self, a: f64, b: f64) -> f64 {
-        self * a + b
-    }
-
     fn to_index(self) -> u32 {
         self as u32
     }
 
     fn from_index(index: u32) -> f64 {
         f64::from(index)
-    }
-
-    fn vectorized<R>(op: impl FnOnce() -> R) -> R {
-        op()
     }
 }
 

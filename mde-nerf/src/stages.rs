@@ -2,12 +2,11 @@
 
 use crate::batch::Pixels;
 use crate::config::{FieldConfig, HashFieldConfig, MlpFieldConfig, NerfConfig};
-use crate::encoding::HashLayout;
 use crate::field::Silent;
 use crate::frustum::Frustum;
 use crate::loss::LossTerms;
 use crate::march::Marcher;
-use crate::network::{Encoding, Gradients, Network, Tape};
+use crate::network::{Encoding, Network, Tape};
 use crate::optimiser::{AdamStep, Moments, adam};
 use crate::render::render;
 use crate::train::{Trainer, tile_gradients, tile_rays};
@@ -25,7 +24,8 @@ const SIZE: (usize, usize) = (480, 640);
 const RENDERED_ROWS: usize = 48;
 
 /// A stage of a fit.
-pub struct Stage<'a> {
+#[derive(Debug, Clone, Copy)]
+pub struct Stage {
     /// Name of the stage.
     pub name: &'static str,
     /// Whether it uses all of rayon's threads.
@@ -36,23 +36,6 @@ pub struct Stage<'a> {
     pub flops: u64,
     /// Lower bound of the bytes of tables and moments read and written per call; 0 where there are none.
     pub bytes: u64,
-    run: Box<dyn FnMut() + 'a>,
-}
-
-impl std::fmt::Debug for Stage<'_> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Stage")
-            .field("name", &self.name)
-            .field("samples", &self.samples)
-            .finish_non_exhaustive()
-    }
-}
-
-impl Stage<'_> {
-    /// Runs the stage once.
-    pub fn run(&mut self) {
-        (self.run)();
-    }
 }
 
 /// Fields to compare, by name: the hash grid of the presets, and the light MLP.
@@ -63,11 +46,12 @@ pub fn fields() -> [(&'static str, FieldConfig); 2] {
     ]
 }
 
-/// Calls `visit` with every stage of a field, on a synthetic 640 x 480 view of a curved wall behind a box.
+/// Calls `visit` with every stage of a field and a function that runs it once, on a synthetic 640 x 480 view of a curved wall behind
+/// a box.
 ///
 /// # Errors
 /// [`Error::Config`] where a value is out of range, [`Error::Diverged`] where the warm-up diverges.
-pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage<'_>)) -> Result<()> {
+pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage, &mut dyn FnMut())) -> Result<()> {
     config.validate()?;
     let views = [view()?];
     let frustum = Frustum::of_views(&views, &config.sampling)?;
@@ -81,6 +65,7 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage<'_>)) -> Result<(
         trainer.update();
     }
     drop(trainer);
+    let stage = |name, samples, flops, bytes| Stage { name, parallel: false, samples, flops, bytes };
 
     // One tile of the batch.
     let budget = config.training_budget();
@@ -92,98 +77,70 @@ pub fn stages(config: &NerfConfig, visit: &mut dyn FnMut(Stage<'_>)) -> Result<(
     let mut marcher = Marcher::default();
     marcher.forward(&network, &frustum, &mut rays, &budget);
     let points = marcher.evaluated() as u64;
-    let forward = 2 * network.multiply_adds() as u64;
+    let forward = 2 * network.mlp.multiply_adds() as u64;
+    let gathered = gathered(&network);
 
     let mut tape = Tape::default();
     tape.points.extend(marcher.points());
     let in_tape = tape.points.len() as u64;
-    visit(stage("encoding", in_tape, 0, gathered(&network) * in_tape, || network.encode(&mut tape)));
-    visit(stage("network forward", in_tape, forward * in_tape, 0, || network.evaluate(&mut tape)));
+    visit(stage("encoding", in_tape, 0, gathered * in_tape), &mut || network.encode(&mut tape));
+    visit(stage("network forward", in_tape, forward * in_tape, 0), &mut || network.evaluate(&mut tape));
     let mut gradients = network.gradients();
     tape.d_shades = vec![[1e-3; 4]; tape.points.len()];
-    visit(stage("network forward and backward", in_tape, 3 * forward * in_tape, 0, || {
+    visit(stage("network forward and backward", in_tape, 3 * forward * in_tape, 0), &mut || {
         network.evaluate(&mut tape);
         network.backward(&mut tape, &mut gradients);
-        clear(&mut gradients);
-    }));
-    visit(stage("sampling and compositing", points, 0, 0, || {
+        gradients.clear();
+    });
+    visit(stage("sampling and compositing", points, 0, 0), &mut || {
         rays.clone_from_slice(&fresh);
         // The shades of the last pass are kept.
         marcher.forward_with(&|_| {}, &frustum, &mut rays, &budget);
-    }));
-    let mut marcher = Marcher::default();
-    visit(stage(
-        "one tile, forward and backward",
-        points,
-        3 * forward * points,
-        gathered(&network) * points,
-        || {
-            rays.clone_from_slice(&fresh);
-            let tile = (rays.as_mut_slice(), targets.as_slice());
-            tile_gradients(
-                &network,
-                &frustum,
-                &mut marcher,
-                tile,
-                &budget,
-                (terms, batch as f64),
-                &mut gradients,
-            );
-            clear(&mut gradients);
-        },
-    ));
+    });
+    let tile = stage("one tile, forward and backward", points, 3 * forward * points, gathered * points);
+    visit(tile, &mut || {
+        rays.clone_from_slice(&fresh);
+        let tile = (rays.as_mut_slice(), targets.as_slice());
+        let terms = (terms, batch as f64);
+        tile_gradients(&network, &frustum, &mut marcher, tile, &budget, terms, &mut gradients);
+        gradients.clear();
+    });
     let every = (batch * (budget.coarse + budget.band + budget.fine)) as u64;
+    let mut moved = 0;
     if let Encoding::Hash(grid) = &network.encoding {
         let layout = &grid.layout;
         let d_features = vec![1e-3; tape.points.len() * layout.features()];
         let mut gradient = vec![0.0; grid.table.len()];
-        visit(stage("scatter", in_tape, 0, 2 * gathered(&network) * in_tape, || {
-            for (level, rows) in layout.split_levels(&mut gradient).into_iter().enumerate() {
+        visit(stage("scatter", in_tape, 0, 2 * gathered * in_tape), &mut || {
+            for (level, rows) in layout.split(&mut gradient, layout.features()).into_iter().enumerate() {
                 layout.scatter(level, &tape.points, &d_features, rows);
             }
-        }));
+        });
         let mut values = grid.table.clone();
         let Moments { mut first, mut second } = grid.moments();
         let step = AdamStep::new(&config.train, WARM_UP);
-        visit(stage("optimiser", every, 0, moved(layout), || {
+        // Parameters, gradients and first moments, and one second moment a row, all read and written.
+        moved = 8 * (3 * first.len() + second.len()) as u64;
+        visit(stage("optimiser", every, 0, moved), &mut || {
             gradient.fill(1e-3);
             adam(&mut values, [&mut first, &mut second], &mut gradient, layout.features(), step);
-        }));
+        });
     }
-    let optimised = if let Encoding::Hash(grid) = &network.encoding { moved(&grid.layout) } else { 0 };
     let mut trained = network.clone();
     let mut trainer = Trainer::new(&mut trained, &frustum, &pixels, config, 0);
-    visit(Stage {
-        name: "training step",
-        parallel: true,
-        samples: every,
-        flops: 3 * forward * every,
-        bytes: 3 * gathered(&network) * every + optimised,
-        run: Box::new(|| {
-            trainer.gradients();
-            trainer.update();
-        }),
+    let step = stage("training step", every, 3 * forward * every, 3 * gathered * every + moved);
+    visit(Stage { parallel: true, ..step }, &mut || {
+        trainer.gradients();
+        trainer.update();
     });
-    let mut camera = views[0].camera;
-    camera.height = RENDERED_ROWS;
+    let camera = PinholeCamera { height: RENDERED_ROWS, ..views[0].camera };
     let every = (camera.width * camera.height * (config.render.coarse + config.render.fine)) as u64;
-    visit(Stage {
-        name: "render",
-        parallel: true,
-        samples: every,
-        flops: forward * every,
-        bytes: gathered(&network) * every,
-        run: Box::new(|| {
-            // The callback never breaks, and the camera is valid.
-            let _ = render(&network, &frustum, config, &camera, &Pose::identity(), &mut Silent);
-        }),
+    let rows = stage("render", every, forward * every, gathered * every);
+    visit(Stage { parallel: true, ..rows }, &mut || {
+        // The callback never breaks, and the camera is valid.
+        let _ = render(&network, &frustum, config, &camera, &Pose::identity(), &mut Silent);
     });
     Ok(())
-}
-
-/// A single-threaded stage.
-fn stage<'a>(name: &'static str, samples: u64, flops: u64, bytes: u64, run: impl FnMut() + 'a) -> Stage<'a> {
-    Stage { name, parallel: false, samples, flops, bytes, run: Box::new(run) }
 }
 
 /// Bytes of table rows read per sample.
@@ -196,21 +153,10 @@ fn gathered(network: &Network<f32>) -> u64 {
     }
 }
 
-/// Parameters, gradients and first moments, and one second moment a row, all read and written.
-fn moved(layout: &HashLayout) -> u64 {
-    let parameters = layout.table_len() as u64;
-    8 * (3 * parameters + parameters / layout.features() as u64)
-}
-
-fn clear(gradients: &mut Gradients<f32>) {
-    gradients.features.iter_mut().for_each(Vec::clear);
-    gradients.points.clear();
-}
-
 fn view() -> Result<PosedView> {
     let (height, width) = SIZE;
-    let fault = |error: String| Error::View { index: 0, reason: error };
-    let camera = PinholeCamera::from_fov(60.0, width, height).map_err(|e| fault(e.to_string()))?;
+    let fault = |error: mde_warp::Error| Error::External(Box::new(error));
+    let camera = PinholeCamera::from_fov(60.0, width, height).map_err(fault)?;
     let image = Array3::from_shape_fn((height, width, 3), |(y, x, c)| {
         0.5 + 0.3 * (0.11 * x as f32 + 0.07 * y as f32 + c as f32).sin() + 0.2 * (0.5 * x as f32).sin()
     });
@@ -220,7 +166,7 @@ fn view() -> Result<PosedView> {
     });
     let hypothesis = GaussianDepth::new(depth, Array2::zeros(SIZE))?;
     let mask = Array2::from_elem(SIZE, true);
-    PosedView::new(image, camera, Pose::identity(), mask, vec![hypothesis]).map_err(|e| fault(e.to_string()))
+    PosedView::new(image, camera, Pose::identity(), mask, vec![hypothesis]).map_err(fault)
 }
 
 /// Independent vector multiply-adds at the processor's peak, `rounds` times, on one thread; returns their floating-point

@@ -1,6 +1,6 @@
 //! A fitted field as a safetensors file: the parameters as tensors, the rest as JSON in the header.
 
-use crate::config::{NerfConfig, SamplingConfig, VolumeConfig};
+use crate::config::NerfConfig;
 use crate::frustum::Frustum;
 use crate::nerf::Fitted;
 use crate::network::{Encoding, Network};
@@ -9,7 +9,6 @@ use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
-use std::io::Write;
 use std::path::Path;
 
 /// Incremented whenever the meaning of the tensors or of the header changes.
@@ -20,40 +19,15 @@ const HEADER: &str = "mde-nerf";
 struct Header {
     version: u32,
     config: NerfConfig,
-    hidden: Hidden,
+    /// Of [`SamplingConfig`](crate::SamplingConfig), in which a configuration file has not got them.
+    near: Option<f64>,
+    far: Option<f64>,
     seed: u64,
     frustum: Frustum,
     /// CRC-32 of the tensors' bytes: table, network.
     checksum: u32,
     /// CRC-32 of the header's text with eight zeros here, hexadecimal.
     header_checksum: String,
-}
-
-/// The settings of [`SamplingConfig`](crate::SamplingConfig) that a configuration file has not.
-#[derive(Serialize, Deserialize)]
-struct Hidden {
-    margin: Option<f64>,
-    near: Option<f64>,
-    far: Option<f64>,
-}
-
-impl Hidden {
-    fn of(config: &NerfConfig) -> Self {
-        let SamplingConfig { volume, near, far, .. } = config.sampling;
-        let margin = match volume {
-            VolumeConfig::Hull => None,
-            VolumeConfig::Reference { margin } => Some(margin),
-        };
-        Self { margin, near, far }
-    }
-
-    fn restore(self, config: &mut NerfConfig) {
-        let sampling = &mut config.sampling;
-        (sampling.near, sampling.far) = (self.near, self.far);
-        if let (VolumeConfig::Reference { margin }, Some(stored)) = (&mut sampling.volume, self.margin) {
-            *margin = stored;
-        }
-    }
 }
 
 /// The field of the header's own checksum, as text.
@@ -74,59 +48,35 @@ struct Version {
     version: u32,
 }
 
-pub(crate) fn save(path: &Path, config: &NerfConfig, seed: u64, fitted: &Fitted) -> Result<()> {
-    let io = |source: std::io::Error| Error::Io { path: path.to_owned(), source };
-    let file = encode(config, seed, fitted).map_err(io)?;
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut temporary = builder().tempfile_in(folder).map_err(io)?;
-    temporary.write_all(&file).map_err(io)?;
-    temporary.as_file().sync_all().map_err(io)?;
-    temporary.persist(path).map_err(|e| io(e.error))?;
-    Ok(())
-}
-
 /// The bytes of the file.
-pub(crate) fn encode(config: &NerfConfig, seed: u64, fitted: &Fitted) -> std::io::Result<Vec<u8>> {
+pub(crate) fn encode(config: &NerfConfig, seed: u64, fitted: &Fitted) -> Result<Vec<u8>> {
     let table = match &fitted.network.encoding {
         Encoding::Hash(grid) => grid.table.as_slice(),
         Encoding::Frequency(_) => &[],
     };
-    let parts = [("table", table), ("network", &fitted.network.mlp.parameters)];
-    let bytes: Vec<(&str, Vec<u8>)> =
-        parts.iter().map(|(name, p)| (*name, p.iter().flat_map(|x| x.to_le_bytes()).collect())).collect();
+    let bytes = |numbers: &[f32]| numbers.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let [table, network] = [bytes(table), bytes(&fitted.network.mlp.parameters)];
     let header = Header {
         version: VERSION,
         config: config.clone(),
-        hidden: Hidden::of(config),
+        near: config.sampling.near,
+        far: config.sampling.far,
         seed,
         frustum: fitted.frustum.clone(),
-        checksum: checksum(bytes.iter().map(|(_, b)| b.as_slice())),
+        checksum: crc32fast::hash(&[table.as_slice(), &network].concat()),
         header_checksum: ZEROS.to_owned(),
     };
-    let mut header = serde_json::to_string(&header)?;
+    let mut header = serde_json::to_string(&header).map_err(external)?;
     if let Some((zeros, own)) = own_checksum(&header) {
         header = header.replace(&format!("{OWN}{zeros}"), &format!("{OWN}{own}"));
     }
-    let mut tensors = Vec::new();
-    for (name, bytes) in &bytes {
-        let view =
-            TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes).map_err(std::io::Error::other)?;
-        tensors.push((*name, view));
-    }
-    safetensors::serialize(tensors, Some(HashMap::from([(HEADER.to_owned(), header)])))
-        .map_err(std::io::Error::other)
+    let tensor = |bytes| TensorView::new(Dtype::F32, vec![<[u8]>::len(bytes) / 4], bytes).map_err(external);
+    let tensors = [("table", tensor(&table)?), ("network", tensor(&network)?)];
+    safetensors::serialize(tensors, Some(HashMap::from([(HEADER.to_owned(), header)]))).map_err(external)
 }
 
-/// The prefix marks what a killed run leaves. Temporary files are private by default; the result gets the permissions of the user's umask.
-fn builder() -> tempfile::Builder<'static, 'static> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".mde-");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    builder
+fn external(error: impl std::error::Error + Send + Sync + 'static) -> Error {
+    Error::External(Box::new(error))
 }
 
 pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {
@@ -147,32 +97,27 @@ pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {
         ));
     }
     let mut header: Header = serde_json::from_str(header).map_err(|e| format(foreign(e)))?;
-    header.hidden.restore(&mut header.config);
+    (header.config.sampling.near, header.config.sampling.far) = (header.near, header.far);
     header.config.validate().map_err(|e| format(e.to_string()))?;
     if let Some(fault) = header.frustum.fault() {
         return Err(format(format!("{fault}; fit the field again")));
     }
     let tensors = SafeTensors::deserialize(&file).map_err(|e| format(foreign(e)))?;
-    let mut parts = Vec::new();
-    for name in ["table", "network"] {
-        let tensor = tensors.tensor(name).map_err(|e| format(foreign(e)))?;
-        if tensor.dtype() != Dtype::F32 {
-            return Err(format(format!("its tensor {name:?} is not of 32-bit floats")));
-        }
-        parts.push(tensor.data());
-    }
-    if checksum(parts.iter().copied()) != header.checksum {
+    let data = |name: &str| match tensors.tensor(name) {
+        Ok(tensor) if tensor.dtype() == Dtype::F32 => Ok(tensor.data()),
+        Ok(_) => Err(format(format!("its tensor {name:?} is not of 32-bit floats"))),
+        Err(e) => Err(format(foreign(e))),
+    };
+    let parts = [data("table")?, data("network")?];
+    if crc32fast::hash(&parts.concat()) != header.checksum {
         return Err(format("its checksum is wrong, the file is damaged; fit the field again".into()));
     }
-    let finite = |bytes: &&[u8]| bytes.as_chunks::<4>().0.iter().all(|b| f32::from_le_bytes(*b).is_finite());
-    if !parts.iter().all(finite) {
+    let numbers = |bytes: &[u8]| bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+    let [table, network]: [Vec<f32>; 2] = parts.map(numbers);
+    if !table.iter().chain(&network).all(|x| x.is_finite()) {
         return Err(format("its parameters are not finite; fit the field again".into()));
     }
-    let mut numbers = parts
-        .iter()
-        .map(|bytes| bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect::<Vec<f32>>());
-    let mut next = || numbers.next().unwrap_or_default();
-    let network = Network::from_parameters(&header.config.field, next(), next())
+    let network = Network::from_parameters(&header.config.field, table, network)
         .ok_or_else(|| format("its tensors do not fit its configuration".into()))?;
     Ok((header.config, header.seed, Fitted { network, frustum: header.frustum }))
 }
@@ -180,10 +125,4 @@ pub(crate) fn load(path: &Path) -> Result<(NerfConfig, u64, Fitted)> {
 /// The fault of a file that is cut, or of another program.
 fn foreign(fault: impl std::fmt::Display) -> String {
     format!("{fault}; give a file written by mde-nerf")
-}
-
-fn checksum<'b>(parts: impl Iterator<Item = &'b [u8]>) -> u32 {
-    let mut hasher = crc32fast::Hasher::new();
-    parts.for_each(|part| hasher.update(part));
-    hasher.finalize()
 }

@@ -245,8 +245,9 @@ impl Optimiser {
         if let Encoding::Hash(grid) = &mut network.encoding {
             let layout = grid.layout.clone();
             let Moments { first, second } = &mut self.table;
-            let (first, second) = (layout.split_levels(first), layout.split_rows(second));
-            let levels = layout.split_levels(&mut grid.table).into_par_iter().zip(first).zip(second);
+            let (first, second) = (layout.split(first, layout.features()), layout.split(second, 1));
+            let tables = layout.split(&mut grid.table, layout.features());
+            let levels = tables.into_par_iter().zip(first).zip(second);
             let groups: &[Group<f32>] = groups;
             let scratch = &self.scratch;
             levels.enumerate().for_each(|(level, ((table, first), second))| {
@@ -273,8 +274,7 @@ impl Optimiser {
         groups[0].gradients.mlp = sum;
         network.mlp.refresh();
         for group in groups {
-            group.gradients.features.iter_mut().for_each(Vec::clear);
-            group.gradients.points.clear();
+            group.gradients.clear();
         }
     }
 }

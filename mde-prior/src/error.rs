@@ -23,7 +23,8 @@ pub enum Error {
         /// The system's error.
         source: std::io::Error,
     },
-    /// A file is empty, truncated, of a wrong type, or without any usable value.
+    /// A file is empty, truncated, of a wrong type, or without any usable value; a model cannot be loaded, fails, or its output is no
+    /// depth map.
     #[error("{}: {reason}", path.display())]
     Malformed {
         /// The file.
@@ -71,14 +72,6 @@ pub enum Error {
     UnknownProfile {
         /// The name given, or the model's file name.
         name: String,
-    },
-    /// A model cannot be loaded, fails, or its output is no depth map.
-    #[error("{}: {reason}", path.display())]
-    Model {
-        /// The model's file.
-        path: PathBuf,
-        /// The reason and the remedy.
-        reason: String,
     },
     /// The error of a prior outside this crate.
     #[error(transparent)]

@@ -27,7 +27,7 @@ let folder = tempfile::tempdir()?;
 let path = folder.path().join("disparity.npy");
 format::write_npy(&path, array![[-1.0_f32, 0.0, 1.0], [2.0, 3.0, 4.0]].view())?;
 
-let prior = FilePrior::open(&path, DepthKind::AffineDisparity, None)?;
+let prior = FilePrior::open(&path, DepthKind::AffineDisparity, &Default::default())?;
 let image = Array3::<f32>::zeros((2, 3, 3));
 let depth = prior.predict(image.view())?.to_depth(&DisparityRule::default())?;
 assert!(depth.iter().all(|z| (0.8..=8.0).contains(z)));
@@ -61,8 +61,7 @@ pub use ndarray;
 pub use prior::FilePrior;
 pub use prior::spec::{self, ModelSpec};
 pub use prior::{
-    Certainty, CertaintyMeaning, DepthKind, DepthPrior, DisparityRule, InferenceMemory, Metres, PriorDepth,
-    Timed,
+    Certainty, CertaintyMeaning, DepthKind, DepthPrior, DisparityRule, InferenceMemory, PriorDepth,
 };
 
 #[cfg(all(doctest, feature = "io"))]

@@ -2,7 +2,7 @@
 
 use crate::error::raise;
 use mde_cli::mde_prior::format::write_npy;
-use mde_cli::mde_prior::photo::{decode_image, encode_rgb_png, read_image, write_rgb_png};
+use mde_cli::mde_prior::photo::{decode_image, encode_rgb_png, read_image};
 use mde_cli::output::preview::{depth_picture_within, sigma_picture_within, usual_range};
 use numpy::{IntoPyArray, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
@@ -31,13 +31,6 @@ pub(crate) fn decode_photo<'py>(
 pub(crate) fn save_npy(py: Python<'_>, path: PathBuf, map: PyReadonlyArray2<'_, f32>) -> PyResult<()> {
     let map = map.as_array();
     py.detach(|| write_npy(path, map)).map_err(raise)
-}
-
-/// Writes an image `[height, width, 3]` as PNG.
-#[pyfunction]
-pub(crate) fn save_rgb(py: Python<'_>, path: PathBuf, image: PyReadonlyArray3<'_, u8>) -> PyResult<()> {
-    let image = image.as_array();
-    py.detach(|| write_rgb_png(path, image)).map_err(raise)
 }
 
 /// The PNG of an image `[height, width, 3]`.

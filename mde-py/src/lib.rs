@@ -16,7 +16,7 @@ mod _mdenerf {
     #[pymodule_export]
     use crate::error::Error;
     #[pymodule_export]
-    use crate::files::{decode_photo, encode_png, picture, read_photo, save_npy, save_rgb};
+    use crate::files::{decode_photo, encode_png, picture, read_photo, save_npy};
     #[pymodule_export]
     use crate::metrics::{align, costs_by_sigma, edge_curve, reliability, score_maps, sparsification_curve};
     #[pymodule_export]

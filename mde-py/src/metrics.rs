@@ -25,17 +25,17 @@ fn free<T: Send, E: Display + Send>(
 /// A curve of two lists, one row a point.
 fn curve<'py, const N: usize>(
     py: Python<'py>,
-    lists: [&List<'_>; 2],
+    lists: [List<'_>; 2],
     work: impl FnOnce(&[f64], &[f64]) -> mde_eval::Result<Vec<[f64; N]>> + Send,
 ) -> PyResult<Table<'py>> {
-    let [a, b] = lists.map(|list| list.as_array());
-    Ok(Array2::from(free(py, || work(&a.to_vec(), &b.to_vec()))?).into_pyarray(py))
+    let [a, b] = lists.map(|list| list.as_array().to_vec());
+    Ok(Array2::from(free(py, || work(&a, &b))?).into_pyarray(py))
 }
 
 /// Nominal and observed coverage.
 #[pyfunction]
 pub(crate) fn reliability<'py>(py: Python<'py>, errors: List<'py>, sigma: List<'py>) -> PyResult<Table<'py>> {
-    curve(py, [&errors, &sigma], |errors, sigma| {
+    curve(py, [errors, sigma], |errors, sigma| {
         Ok(calibration::reliability(errors, sigma)?.into_iter().map(|point| [point.0, point.1]).collect())
     })
 }
@@ -48,7 +48,7 @@ pub(crate) fn costs_by_sigma<'py>(
     sigma: List<'py>,
     bins: usize,
 ) -> PyResult<Table<'py>> {
-    curve(py, [&costs, &sigma], |costs, sigma| {
+    curve(py, [costs, sigma], |costs, sigma| {
         let found = sparsification::costs_by_uncertainty(costs, sigma, bins)?;
         Ok(found.iter().map(|bin| [bin.sigma, bin.cost]).collect())
     })
@@ -63,15 +63,10 @@ pub(crate) fn sparsification_curve<'py>(
     root: bool,
 ) -> PyResult<Table<'py>> {
     use sparsification::Reduction::{Mean, RootMean};
-    curve(py, [&costs, &sigma], |costs, sigma| {
+    curve(py, [costs, sigma], |costs, sigma| {
         let found = sparsification::sparsify(costs, sigma, if root { RootMean } else { Mean })?;
-        let rest = found.by_sigma.iter().zip(&found.oracle);
-        Ok(found
-            .removed
-            .iter()
-            .zip(rest)
-            .map(|(removed, (sigma, oracle))| [*removed, *sigma, *oracle])
-            .collect())
+        let rows = found.removed.iter().zip(&found.by_sigma).zip(&found.oracle);
+        Ok(rows.map(|((removed, sigma), oracle)| [*removed, *sigma, *oracle]).collect())
     })
 }
 
@@ -103,7 +98,11 @@ pub(crate) fn align<'py>(
     rule: &str,
     mask: Option<Mask<'py>>,
 ) -> PyResult<(Bound<'py, PyArray2<f32>>, String)> {
-    let rule: AlignmentRule = serde_json::from_value(rule.into()).map_err(|_| alignment(rule))?;
+    let rule: AlignmentRule = serde_json::from_value(rule.into()).map_err(|_| {
+        raise(format!(
+            "alignment is {rule:?}; give none, median, median-ratio, least-squares-depth or least-squares-disparity"
+        ))
+    })?;
     let config = ScoreConfig { alignment: rule, max_depth: f64::MAX, ..ScoreConfig::default() };
     let prediction = prediction.as_array();
     let mut subject = Subject::new(prediction, truth.as_array());
@@ -139,10 +138,4 @@ pub(crate) fn score_maps(
     }
     let scores = free(py, || score::score(&subject, &config))?;
     serde_json::to_string(&scores).map_err(raise)
-}
-
-fn alignment(rule: &str) -> PyErr {
-    raise(format!(
-        "alignment is {rule:?}; give none, median, median-ratio, least-squares-depth or least-squares-disparity"
-    ))
 }

@@ -14,24 +14,16 @@ use pyo3::types::PyDict;
 
 type Object<'py> = Bound<'py, PyAny>;
 
-/// Depth with a standard deviation, infinite where missing.
+/// Depth with a standard deviation of the same shape, infinite where missing.
 fn gaussian(depth: ArrayView2<'_, f32>, sigma: ArrayView2<'_, f32>) -> Result<GaussianDepth, String> {
-    if depth.dim() != sigma.dim() {
-        return Err(format!(
-            "the depth is {:?} but its sigma {:?}; give both one shape",
-            depth.shape(),
-            sigma.shape()
-        ));
-    }
     if let Some(value) = sigma.iter().find(|value| **value < 0.0 || value.is_nan()) {
         return Err(format!("sigma holds {value}; give 0 or more, and infinity where missing"));
     }
+    let known = |z: f32, s: f32| s.is_finite() && z > 0.0;
+    let variance =
+        Zip::from(depth).and(sigma).map_collect(|&z, &s| if known(z, s) { s * s } else { f32::INFINITY });
     // A missing depth needs no value of its own.
-    let mean =
-        Zip::from(depth).and(sigma).map_collect(|&z, &s| if s.is_finite() && z > 0.0 { z } else { 0.0 });
-    let variance = Zip::from(depth)
-        .and(sigma)
-        .map_collect(|&z, &s| if s.is_finite() && z > 0.0 { s * s } else { f32::INFINITY });
+    let mean = Zip::from(depth).and(sigma).map_collect(|&z, &s| if known(z, s) { z } else { 0.0 });
     GaussianDepth::new(mean, variance).map_err(|e| e.to_string())
 }
 

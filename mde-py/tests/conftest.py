@@ -59,7 +59,7 @@ def depth() -> np.ndarray:
 @pytest.fixture(scope="session")
 def photo_file(photo, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("photo") / "photo.png"
-    native.save_rgb(str(path), photo)
+    path.write_bytes(native.encode_png(photo))
     return path
 
 

@@ -26,7 +26,8 @@ def burst(tmp_path_factory):
     fine = np.random.default_rng(6).random(coarse.shape)
     for name, texture, gain in [("a", coarse, 1.0), ("b", coarse, 0.8), ("c", coarse, 0.64), ("d", other, 1.0)]:
         grey = gain * (60 + 140 * texture + 40 * fine)
-        native.save_rgb(str(folder / f"{name}.png"), np.uint8(np.repeat(np.clip(grey, 0, 255)[..., None], 3, axis=2)))
+        pixels = np.uint8(np.repeat(np.clip(grey, 0, 255)[..., None], 3, axis=2))
+        (folder / f"{name}.png").write_bytes(native.encode_png(pixels))
     return folder
 
 

@@ -29,7 +29,7 @@ def folder(tmp_path_factory) -> Path:
     place = tmp_path_factory.mktemp("photographs")
     for index in range(PHOTOGRAPHS):
         pixels = np.random.default_rng(index).integers(0, 255, (40 + index, 48, 3), dtype=np.uint8)
-        native.save_rgb(str(place / f"{index:02}.png"), pixels)
+        (place / f"{index:02}.png").write_bytes(native.encode_png(pixels))
     (place / "broken.png").write_bytes(b"no photograph")
     return place
 

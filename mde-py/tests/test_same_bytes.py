@@ -74,7 +74,7 @@ def test_a_network(photo, photo_file, network, arguments, mde, tmp_path):
 def test_a_larger_photograph(depth, network, arguments, mde, tmp_path):
     """Refined at a smaller size, and brought back."""
     image = np.random.default_rng(0).integers(0, 255, (60, 90, 3), dtype=np.uint8)
-    native.save_rgb(str(tmp_path / "large.png"), image)
+    (tmp_path / "large.png").write_bytes(native.encode_png(image))
     mde("refine", tmp_path / "large.png", *arguments, "--work-size", 0.002, "--fov", 70, "-o", tmp_path / "out")
     result = mdenerf.refine(image, **network, work_size=0.002, fov=70)
     same(result, tmp_path / "out")

@@ -2,8 +2,10 @@
 
 use crate::error::Result;
 use crate::prior::origin::PriorOrigin;
-use mde_prior::{DepthPrior, InferenceMemory, Metres, PriorDepth};
+use mde_prior::{DepthPrior, InferenceMemory, PriorDepth};
 use ndarray::{Array3, ArrayView3};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
 
 /// Two aspects that differ by no more are the same up to rounded sides.
 const SAME_ASPECT: f64 = 0.02;
@@ -16,12 +18,14 @@ pub(crate) struct PhotographPrior<'p> {
     focal: Option<f64>,
     /// A map at another size.
     resampled: Option<PriorDepth>,
+    /// Time of the predictions so far; those side by side count each.
+    nanoseconds: AtomicU64,
 }
 
 impl<'p> PhotographPrior<'p> {
     /// A prior as it is.
     pub(crate) fn new(prior: &'p dyn DepthPrior, origin: &PriorOrigin) -> Self {
-        Self { prior, origin: origin.clone(), focal: None, resampled: None }
+        Self { prior, origin: origin.clone(), focal: None, resampled: None, nanoseconds: AtomicU64::new(0) }
     }
 
     /// The same with a map of the size `from`, which is resampled for a photograph of `original` pixels that is refined at `to`, all
@@ -53,11 +57,23 @@ impl<'p> PhotographPrior<'p> {
     }
 
     /// The same for photographs of that focal length / width, where it is known: a network whose metres depend on it has some only then.
+    /// The time of its predictions begins anew.
     #[must_use]
     pub(crate) fn at_focal(mut self, focal: Option<f64>) -> Self {
         self.origin = self.origin.at_focal(focal);
         self.focal = focal;
+        self.nanoseconds = AtomicU64::new(0);
         self
+    }
+
+    /// Seconds of the predictions since they were taken last.
+    pub(crate) fn seconds(&self) -> f64 {
+        self.nanoseconds.load(Ordering::Relaxed) as f64 * 1e-9
+    }
+
+    /// These seconds, which begin anew.
+    pub(crate) fn take_seconds(&self) -> f64 {
+        self.nanoseconds.swap(0, Ordering::Relaxed) as f64 * 1e-9
     }
 
     /// Where the predictions come from.
@@ -71,10 +87,16 @@ impl DepthPrior for PhotographPrior<'_> {
         if let Some(map) = &self.resampled {
             return Ok(map.clone());
         }
-        let known = self.origin.model.as_ref().zip(self.focal);
-        match known.and_then(|(spec, focal)| Metres::new(self.prior, spec, focal)) {
-            Some(metres) => metres.predict(image),
-            None => self.prior.predict(image),
+        let (height, width, _) = image.dim();
+        let start = Instant::now();
+        let prediction = self.prior.predict(image);
+        let elapsed = u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        self.nanoseconds.fetch_add(elapsed, Ordering::Relaxed);
+        match (&self.origin.model, self.focal) {
+            (Some(spec), Some(focal)) => {
+                Ok(spec.in_metres(prediction?, focal, self.prior.resolution(height, width)))
+            }
+            _ => prediction,
         }
     }
 

@@ -23,7 +23,7 @@ impl OpenPrior<'_> {
         };
         // Only as disparity: its scale is unknown anyway, and 256 levels of depth in metres would be none.
         let options = ReadOptions { eight_bits: kind == DepthKind::AffineDisparity, ..options };
-        let prior = FilePrior::with_options(path, kind, &options).map_err(|error| match error {
+        let prior = FilePrior::open(path, kind, &options).map_err(|error| match error {
             mde_prior::Error::Malformed { path: file, reason } if has_eight_bits(path, true) => {
                 let reason =
                     format!("{reason}; a picture of disparity is read with {{prior-kind}} disparity");
@@ -117,7 +117,7 @@ fn has_eight_bits(path: &Path, grey: bool) -> bool {
 
 #[cfg(feature = "onnx")]
 fn recognised(path: &Path) -> Result<(mde_prior::ModelSpec, Option<mde_prior::RecognisedBy>)> {
-    match mde_prior::OnnxPrior::recognise_by(path) {
+    match mde_prior::OnnxPrior::recognise(path) {
         Err(mde_prior::Error::UnknownProfile { .. }) => Err(Error::Argument(format!(
             "{}: a network that is not recognised by its graph, its folder or its name; give {{model-profile}} ({}, or a .toml file), or a \
              file {} beside it",

@@ -150,7 +150,7 @@ impl Job<'_> {
             }
         }
         if let Some(field) = refined.field.as_ref().filter(|_| settings.keep_field) {
-            field.lock().save(path.join("field.safetensors"))?;
+            mde_prior::write_atomic(&path.join("field.safetensors"), &field.lock().to_bytes()?)?;
         }
         let about = About {
             preset: Some(settings.preset.name()),

@@ -68,7 +68,7 @@ use crate::scene::size::Sizes;
 use crate::scene::{Photograph, Scene};
 use crate::several::prepared::PreparedScene;
 use mde_nerf::RadianceField;
-use mde_prior::{DepthPrior, Timed};
+use mde_prior::DepthPrior;
 use mde_warp::PosedView;
 use ndarray::Array2;
 use std::ops::ControlFlow;
@@ -268,17 +268,15 @@ impl<'p> Refiner<'p> {
         if scene.same_scale.is_some_and(|found| found.is_alone()) {
             seen.warn("{same-scale}: matches no other photograph, and keeps its own scale".to_owned());
         }
-        let (mut several, mut prior_seconds) = (None, 0.0);
+        let mut several = None;
         if scene.is_several() {
-            let timed = Timed::new(&prior);
-            let mut stages = Stages::new(&timed).with_predictions_at_once(plan.parallel_predictions);
+            let mut stages = Stages::new(&prior).with_predictions_at_once(plan.parallel_predictions);
             stages.factors = metres_factors(prior.origin(), scene, &camera);
             let config = &self.settings.config;
             several = Some(PreparedScene::new(scene, &stages, config, &mut |event| seen.event(event))?);
-            prior_seconds = timed.seconds();
         }
         let parallel_predictions = plan.parallel_predictions;
-        Ok(Prepared { refiner: self, scene, prior, camera, several, parallel_predictions, prior_seconds })
+        Ok(Prepared { refiner: self, scene, prior, camera, several, parallel_predictions })
     }
 }
 
@@ -299,8 +297,6 @@ pub struct Prepared<'s> {
     camera: KnownCamera,
     several: Option<PreparedScene<'s>>,
     parallel_predictions: usize,
-    /// Of predictions that no result has yet.
-    prior_seconds: f64,
 }
 
 impl<'s> Prepared<'s> {
@@ -324,7 +320,6 @@ impl<'s> Prepared<'s> {
         let mut camera =
             if photograph == scene.reference { self.camera.clone() } else { shown.camera.clone() };
         let config = &refiner.settings.config;
-        let timed = Timed::new(&*prior);
         let mut kept = None;
         let make = |request: FieldRequest<'_>| -> Result<Box<dyn RadianceField>> {
             match &mut field {
@@ -332,7 +327,8 @@ impl<'s> Prepared<'s> {
                 None => Ok(Box::new(kept.insert(SharedNerf::new(request.nerf()?)).clone())),
             }
         };
-        let stages = Stages::new(&timed).with_predictions_at_once(self.parallel_predictions).with_field(make);
+        let stages =
+            Stages::new(&*prior).with_predictions_at_once(self.parallel_predictions).with_field(make);
         let mut observe = |event: &Event| seen.event(event);
         let mut refinement = match several {
             Some(several) => several.refine(photograph, stages, &mut observe)?,
@@ -350,7 +346,7 @@ impl<'s> Prepared<'s> {
             let (height, width, _) = full.image.dim();
             (image, camera) = (full.image.view(), camera.resized((height, width))?);
         }
-        let prior_seconds = std::mem::take(&mut self.prior_seconds) + timed.seconds();
+        let prior_seconds = self.prior.take_seconds();
         let given = (&refiner.settings, self.prior.origin(), scene);
         let refined =
             finish::finish(given, refinement, photograph, (image, camera), &mut |text| seen.warn(text))?;
@@ -393,7 +389,7 @@ impl<'s> Prepared<'s> {
 
     /// Seconds of predictions that no result has yet.
     pub fn prior_seconds(&self) -> f64 {
-        self.prior_seconds
+        self.prior.seconds()
     }
 
     /// The synthetic views of the reference (Section III.A, Eq. 1), the photograph itself first.

@@ -195,7 +195,7 @@ fn maps(place: &Place) {
         write_npy(place.path(name), map.view()).unwrap();
     }
     for name in ["depth.pfm", "depth.exr", "depth.npz"] {
-        write_depth(place.path(name), depth.view(), &Default::default()).unwrap();
+        write_depth(place.path(name), depth.view()).unwrap();
     }
     write_png16(place.path("depth.png"), depth.view(), 5000.0).unwrap();
     write_npz(place.path("two.npz"), &[("near", depth.view()), ("far", depth.view())]).unwrap();

@@ -110,7 +110,7 @@ fn a_depth_png_is_read_back_in_its_unit() {
 fn a_refinement_does_not_depend_on_threads_or_on_the_prior_format() {
     let place = Place::new();
     for name in ["depth.pfm", "depth.exr", "depth.npz"] {
-        write_depth(place.path(name), place.scene.depth.view(), &Default::default()).unwrap();
+        write_depth(place.path(name), place.scene.depth.view()).unwrap();
     }
     place.take(fixture("grey_nchw.onnx"), "grey.onnx");
     // Rows that no number of threads divides.

@@ -120,7 +120,7 @@ fn the_estimate_has_the_network() {
     let network = shared().join("models/fastdepth/fastdepth_224.onnx");
     let photo = shared().join("data/plain/nyu_living/color.png");
     let (place, config, size) = (Place::new(), Preset::Default.config(), (480, 640));
-    let prior = OnnxPrior::open_guessed(&network).unwrap();
+    let prior = OnnxPrior::open(&network, &OnnxPrior::recognise(&network).unwrap().0).unwrap();
     for (threads, gib) in [(1, 8.0), (2, 8.0), (4, 8.0), (4, 0.17)] {
         let memory = PhotographMemory::new(&config, &prior, size, size, threads);
         let limit = MemoryLimit { gib };

@@ -1,3 +1,4 @@
+use crate::config::HashFieldConfig;
 use crate::optimiser::Moments;
 use crate::points::{BLOCK, Points};
 use crate::scalar::Scalar;
@@ -44,9 +45,10 @@ pub(crate) struct HashGrid<T> {
 }
 
 impl HashLayout {
-    /// `levels` grids from `coarsest` to `finest` cells a side in geometric steps. A grid of more than `2^log2_rows`
-    /// corners hashes its columns to as many starts.
-    pub(crate) fn new(levels: usize, features: usize, log2_rows: u32, coarsest: u32, finest: u32) -> Self {
+    /// Grids from `coarsest` to `finest` cells a side in geometric steps. A grid of more than `2^log2_rows` corners hashes its
+    /// columns to as many starts.
+    pub(crate) fn new(config: &HashFieldConfig) -> Self {
+        let HashFieldConfig { levels, features, log2_rows, coarsest, finest, .. } = *config;
         let growth = if levels > 1 {
             (f64::from(finest) / f64::from(coarsest)).powf(1.0 / (levels - 1) as f64)
         } else {
@@ -89,17 +91,8 @@ impl HashLayout {
         self.levels.iter().map(|l| l.rows * self.features).sum()
     }
 
-    /// Mutable slices per level of a vector with the layout of the table.
-    pub(crate) fn split_levels<'t, T>(&self, table: &'t mut [T]) -> Vec<&'t mut [T]> {
-        self.split(table, self.features)
-    }
-
-    /// Mutable slices per level of a vector with one entry per row.
-    pub(crate) fn split_rows<'t, T>(&self, rows: &'t mut [T]) -> Vec<&'t mut [T]> {
-        self.split(rows, 1)
-    }
-
-    fn split<'t, T>(&self, mut all: &'t mut [T], width: usize) -> Vec<&'t mut [T]> {
+    /// Mutable slices per level of a vector with `width` entries per row of the table.
+    pub(crate) fn split<'t, T>(&self, mut all: &'t mut [T], width: usize) -> Vec<&'t mut [T]> {
         self.levels
             .iter()
             .map(|level| {
@@ -270,7 +263,15 @@ mod tests {
     use proptest::prelude::*;
 
     fn layout() -> HashLayout {
-        HashLayout::new(4, 2, 9, 4, 32)
+        let config = HashFieldConfig {
+            levels: 4,
+            features: 2,
+            log2_rows: 9,
+            coarsest: 4,
+            finest: 32,
+            ..Default::default()
+        };
+        HashLayout::new(&config)
     }
 
     fn padded(points: &[[f64; 3]]) -> Points<f64> {
@@ -296,10 +297,11 @@ mod tests {
             }
         }
 
-    /// Dense levels have one row per corner: a table filled with a linear function is interpolated exactly.
+        /// Dense levels have one row per corner: a table filled with a linear function is interpolated exactly.
         #[test]
         fn a_dense_level_reproduces_linear_functions(point in cube(), slope in [-1.0..1.0_f64, -1.0..1.0_f64, -1.0..1.0_f64]) {
-            let layout = HashLayout::new(1, 1, 12, 8, 8);
+            let config = HashFieldConfig { levels: 1, features: 1, coarsest: 8, finest: 8, ..Default::default() };
+            let layout = HashLayout::new(&config);
             let linear = |p: [f64; 3]| p.iter().zip(slope).map(|(p, s)| p * s).sum::<f64>();
             let n = 9;
             let table = (0..n * n * n)
@@ -337,7 +339,7 @@ mod tests {
 
     #[test]
     fn levels_run_from_coarsest_to_finest() {
-        let layout = HashLayout::new(8, 4, 16, 16, 640);
+        let layout = HashLayout::new(&HashFieldConfig::default());
         assert_eq!(layout.levels.first().map(|l| (l.cells, l.dense)), Some((16, true)));
         assert_eq!(layout.levels.last().map(|l| (l.cells, l.dense)), Some((640, false)));
         assert_eq!(layout.width(), 32);

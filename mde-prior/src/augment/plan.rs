@@ -104,8 +104,7 @@ impl Plan {
     }
 
     /// The plan without its last levels, or without mirror images, so that it has at most `predictions`.
-    #[must_use]
-    pub fn at_most(&self, predictions: usize) -> Self {
+    fn at_most(&self, predictions: usize) -> Self {
         let plan =
             |mirror, levels| Self { mirror, levels: self.levels[..levels].to_vec(), ratio: self.ratio };
         let all = (0..=self.levels.len()).flat_map(|n| [plan(false, n), plan(true, n)]);

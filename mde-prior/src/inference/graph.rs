@@ -20,24 +20,14 @@ pub(super) struct Output {
     pub(super) values: Vec<f32>,
 }
 
-/// What a graph computes: outputs of an image.
-pub(super) struct Request<'r> {
-    /// Shape of the image.
-    pub(super) shape: [usize; 4],
-    /// The image in that order.
-    pub(super) values: Vec<f32>,
-    /// Indices of the outputs.
-    pub(super) outputs: &'r [usize],
-}
-
 /// A network that a runtime has loaded. Inputs other than the image are whole numbers, which are given when it is opened.
 pub(super) trait Graph: Send + Sync {
     fn inputs(&self) -> &[Port];
 
     fn outputs(&self) -> &[Port];
 
-    /// The outputs in the order of the request. An error is one line without the file's name.
-    fn run(&self, request: Request<'_>) -> Result<Vec<Output>, String>;
+    /// The `outputs`, by their indices, of an image of that shape. An error is one line without the file's name.
+    fn run(&self, shape: [usize; 4], values: Vec<f32>, outputs: &[usize]) -> Result<Vec<Output>, String>;
 
     /// Memory for an image of that shape and those outputs; of the network itself, what comes beside its weights.
     fn memory(&self, shape: [usize; 4], outputs: &[usize]) -> Result<InferenceMemory, String>;

@@ -1,16 +1,16 @@
 use std::path::{Path, PathBuf};
 
-use ndarray::{Array2, ArrayView3, s};
+use ndarray::{Array2, ArrayView3, Axis, s, stack};
 
-use super::graph::{Graph, Output, Request, fixed_size, image_input};
+use super::graph::{Graph, Output, fixed_size, image_input};
 #[cfg(feature = "onnxruntime")]
 use super::onnxruntime::OnnxRuntimeGraph;
 use super::outline::Outline;
 use super::points;
-use super::runtime::{call, external_files, model_error};
+use super::runtime::{call, external_files};
 use super::tract::TractGraph;
 use crate::prior::{Certainty, CertaintyMeaning, IMAGENET};
-use crate::resample::{Filter, nearest, resize, resize_channels};
+use crate::resample::{Filter, nearest, resize};
 use crate::spec::{Aspect, Channels, Layout, ModelSpec};
 use crate::{DepthKind, DepthPrior, Error, FileKind, InferenceMemory, PriorDepth, Result, open};
 
@@ -60,10 +60,11 @@ pub enum RecognisedBy {
 /// A network in an ONNX file, run on the CPU.
 ///
 /// ```no_run
-/// use mde_prior::{DepthPrior, ModelSpec, OnnxPrior, photo};
+/// use mde_prior::{DepthPrior, OnnxPrior, photo};
 ///
 /// let model = "dpt_hybrid_384.onnx";
-/// let prior = OnnxPrior::open(model, &ModelSpec::of(model)?)?;
+/// let (spec, _) = OnnxPrior::recognise(model)?;
+/// let prior = OnnxPrior::open(model, &spec)?;
 /// let depth = prior.predict(photo::read_image("room.jpg")?.pixels.view())?;
 /// # Ok::<(), mde_prior::Error>(())
 /// ```
@@ -91,18 +92,6 @@ struct Native {
     inverse: Option<f32>,
 }
 
-impl Native {
-    /// The depth of a value of the map.
-    fn depth(&self) -> impl Fn(f32) -> f32 + use<> {
-        let inverse = self.inverse;
-        move |value| match inverse {
-            None => value,
-            // Bounds of Depth Pro's authors.
-            Some(factor) => 1.0 / (factor * value).clamp(1e-4, 1e4),
-        }
-    }
-}
-
 impl std::fmt::Debug for OnnxPrior {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("OnnxPrior")
@@ -117,7 +106,7 @@ impl OnnxPrior {
     /// Loads a model for [`Runtime::Tract`] and checks that its input is one image of three channels.
     ///
     /// # Errors
-    /// [`Error::Read`] when there is no such file, [`Error::Model`] when it is no model for images, [`Error::Config`]
+    /// [`Error::Read`] when there is no such file, [`Error::Malformed`] when it is no model for images, [`Error::Config`]
     /// when the specification is out of range.
     pub fn open(path: impl AsRef<Path>, spec: &ModelSpec) -> Result<Self> {
         Self::open_with(path, spec, &Runtime::Tract)
@@ -126,16 +115,16 @@ impl OnnxPrior {
     /// As [`open`](Self::open), for any runtime.
     ///
     /// # Errors
-    /// As [`open`](Self::open), and [`Error::Model`] where the runtime's library can't be loaded.
+    /// As [`open`](Self::open), and [`Error::Malformed`] where the runtime's library can't be loaded.
     pub fn open_with(path: impl AsRef<Path>, spec: &ModelSpec, runtime: &Runtime) -> Result<Self> {
         let path = path.as_ref();
         spec.validate()?;
         let found = open::check(path, FileKind::Network).map_err(|e| Error::read(path, e))?;
         if found.len() == 0 {
-            return Err(model_error(path, "the file is empty; copy the model again"));
+            return Err(Error::malformed(path, "the file is empty; copy the model again"));
         }
         call(path, || {
-            let fault = |reason: String| model_error(path, reason);
+            let fault = |reason: String| Error::malformed(path, reason);
             let external = external_files(path)?;
             let graph: Box<dyn Graph> = match runtime {
                 Runtime::Tract => Box::new(TractGraph::open(path, spec.tokens).map_err(fault)?),
@@ -158,16 +147,8 @@ impl OnnxPrior {
             };
             let depth = spec.output_name.as_ref().map_or(Ok(0), |name| index("output-name", name))?;
             let mut outputs = vec![depth];
-            let named = [
-                ("scale-output", &spec.scale_output),
-                ("mask-output", &spec.mask_output),
-                ("camera-output", &spec.camera_output),
-                ("fov-output", &spec.fov_output),
-                ("confidence-output", &spec.confidence_output),
-                ("error-output", &spec.error_output),
-            ];
-            for (key, name) in named {
-                outputs.extend(name.iter().map(|name| index(key, name)).collect::<Result<Vec<_>>>()?);
+            for (key, name) in spec.further_outputs() {
+                outputs.extend(name.map(|name| index(key, name)).transpose()?);
             }
             let image = image_input(graph.inputs(), spec.tokens).map_err(fault)?;
             let fixed = fixed_size(&graph.inputs()[image], spec.layout).map_err(fault)?;
@@ -176,21 +157,13 @@ impl OnnxPrior {
         })
     }
 
-    /// The specification of a model: a TOML file beside it, else the files of a model hub, else the profile of a graph that cannot be
-    /// mistaken by the names of its outputs (MoGe-2, UniDepth V2, Depth Pro, Metric3D v2) or by its layers (FastDepth), else the profile that
-    /// matches its name.
+    /// The specification of a model, and what it is recognised by: a TOML file beside it, else the files of a model hub, else the profile
+    /// of a graph that cannot be mistaken by the names of its outputs (MoGe-2, UniDepth V2, Depth Pro, Metric3D v2) or by its layers
+    /// (FastDepth), else the profile that matches its name.
     ///
     /// # Errors
-    /// Those of [`ModelSpec::of`].
-    pub fn recognise(path: impl AsRef<Path>) -> Result<ModelSpec> {
-        Self::recognise_by(path).map(|(spec, _)| spec)
-    }
-
-    /// As [`recognise`](Self::recognise), with what it was recognised by.
-    ///
-    /// # Errors
-    /// Those of [`ModelSpec::of`].
-    pub fn recognise_by(path: impl AsRef<Path>) -> Result<(ModelSpec, RecognisedBy)> {
+    /// Those of [`ModelSpec::beside`], [`ModelSpec::of_hub`] and [`ModelSpec::guess`].
+    pub fn recognise(path: impl AsRef<Path>) -> Result<(ModelSpec, RecognisedBy)> {
         let path = path.as_ref();
         if let Some(spec) = ModelSpec::beside(path)? {
             return Ok((spec, RecognisedBy::Toml));
@@ -210,22 +183,13 @@ impl OnnxPrior {
         Ok((spec.for_outputs(&outline.outputs), by))
     }
 
-    /// Loads a model with the specification that is [recognised](Self::recognise).
-    ///
-    /// # Errors
-    /// Those of [`recognise`](Self::recognise) and [`open`](Self::open).
-    pub fn open_guessed(path: impl AsRef<Path>) -> Result<Self> {
-        let spec = Self::recognise(&path)?;
-        Self::open(path, &spec)
-    }
-
     /// The files with the network's weights: the ONNX file, then those that it names.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         std::iter::once(&self.path).chain(&self.external).map(PathBuf::as_path)
     }
 
     /// The meaning of its predictions: with a [canonical focal length](ModelSpec::canonical_focal) they have no unit;
-    /// [`Metres`](crate::Metres) gives them one for photographs of a known focal length.
+    /// [`ModelSpec::in_metres`] gives them one for photographs of a known focal length.
     #[must_use]
     pub fn kind(&self) -> DepthKind {
         if self.spec.canonical_focal.is_some() { DepthKind::RelativeDepth } else { self.spec.output }
@@ -267,25 +231,9 @@ impl OnnxPrior {
         Frame { input, image }
     }
 
-    /// The network's depth or disparity at its own size, `[height, width]`, before floor and resizing; 0 where a mask excludes it.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for an image that is not `[height, width, 3]` or not finite; [`Error::Model`] when the model
-    /// fails or its output is no map of finite values.
-    pub fn predict_native(&self, image: ArrayView3<'_, f32>) -> Result<Array2<f32>> {
-        let native = self.native(image)?;
-        let depth = native.depth();
-        let Native { map, mask, .. } = native;
-        let mut map = map.mapv_into(depth);
-        if let Some(mask) = mask {
-            map.zip_mut_with(&mask, |value, &valid| *value = if valid { *value } else { 0.0 });
-        }
-        Ok(map)
-    }
-
     fn native(&self, image: ArrayView3<'_, f32>) -> Result<Native> {
         let (height, width, channels) = image.dim();
-        if height == 0 || width == 0 || channels != 3 || !all_finite(image) {
+        if height == 0 || width == 0 || channels != 3 || !image.fold(true, |all, v| all & v.is_finite()) {
             return Err(Error::Input(format!(
                 "an image of shape {:?} cannot be predicted; give finite [height, width, 3]",
                 image.dim()
@@ -301,19 +249,16 @@ impl OnnxPrior {
         }
         call(&self.path, || {
             let (values, shape) = (self.values(image, &frame), input_shape(self.spec.layout, size));
-            let request = Request { shape, values, outputs: &self.outputs };
-            let mut outputs = self.graph.run(request).map_err(|reason| self.error(reason))?.into_iter();
-            let missing = || self.error("an output is missing; export the model again".to_owned());
-            let depth = outputs.next().ok_or_else(missing)?;
-            let mut named =
-                |name: &Option<String>| name.as_ref().map(|_| outputs.next().ok_or_else(missing)).transpose();
-            let (scale, mask) = (named(&self.spec.scale_output)?, named(&self.spec.mask_output)?);
-            let (camera, fov) = (named(&self.spec.camera_output)?, named(&self.spec.fov_output)?);
-            let confidence = named(&self.spec.confidence_output)?;
-            let certainty = match confidence {
-                Some(values) => Some((CertaintyMeaning::Confidence, values)),
-                None => named(&self.spec.error_output)?.map(|values| (CertaintyMeaning::Error, values)),
-            };
+            let outputs =
+                self.graph.run(shape, values, &self.outputs).map_err(|reason| self.error(reason))?;
+            let mut outputs = outputs.into_iter();
+            let depth = outputs
+                .next()
+                .ok_or_else(|| self.error("an output is missing; export the model again".to_owned()))?;
+            let [scale, mask, camera, fov, confidence, error] =
+                self.spec.further_outputs().map(|(_, name)| name.and_then(|_| outputs.next()));
+            let confidence = confidence.map(|values| (CertaintyMeaning::Confidence, values));
+            let certainty = confidence.or(error.map(|values| (CertaintyMeaning::Error, values)));
             let focal = fov.map(|fov| self.focal(&fov, &frame)).transpose()?;
             let inverse = focal.map(|focal| frame.input.1 as f32 / focal);
             let camera = camera.or(focal.map(|focal| Output { shape: vec![1], values: vec![focal] }));
@@ -400,31 +345,27 @@ impl OnnxPrior {
     }
 
     fn error(&self, reason: String) -> Error {
-        model_error(&self.path, reason)
+        Error::malformed(&self.path, reason)
     }
 
     /// The image at the input's size, normalised and in the input's order of axes and channels.
     fn values(&self, image: ArrayView3<'_, f32>, frame: &Frame) -> Vec<f32> {
-        let colours = resize_channels(image, frame.image, self.spec.input_filter);
-        let normalised = |(c, plane): (usize, Array2<f32>)| {
+        let plane = |c: usize| {
             let (mean, std) = (self.spec.mean[c], self.spec.std[c]);
-            frame.padded(plane, IMAGENET.0[c]).mapv_into(|v| (v - mean) / std)
+            let colours = resize(image.index_axis(Axis(2), c), frame.image, self.spec.input_filter);
+            frame.padded(colours, IMAGENET.0[c]).mapv_into(|v| (v - mean) / std)
         };
-        let mut planes: Vec<Array2<f32>> = colours.into_iter().enumerate().map(normalised).collect();
+        let mut planes = [0, 1, 2].map(plane);
         if self.spec.channels == Channels::Bgr {
             planes.reverse();
         }
-        let mut values = Vec::with_capacity(planes.iter().map(Array2::len).sum());
-        match (self.spec.layout, planes.as_slice()) {
-            (Layout::Nhwc, [a, b, c]) => {
-                a.iter().zip(b).zip(c).for_each(|((a, b), c)| values.extend([*a, *b, *c]));
-            }
-            _ => planes.iter().for_each(|plane| match plane.as_slice() {
-                Some(plane) => values.extend_from_slice(plane),
-                None => values.extend(plane),
-            }),
-        }
-        values
+        let channels = match self.spec.layout {
+            Layout::Nchw => Axis(0),
+            Layout::Nhwc => Axis(2),
+        };
+        // Planes of one size.
+        let input = stack(channels, &planes.each_ref().map(|plane| plane.view())).unwrap_or_default();
+        input.into_iter().collect()
     }
 
     /// An output as a map of the image, without padding.
@@ -500,9 +441,12 @@ impl Frame {
 
 impl DepthPrior for OnnxPrior {
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-        let native = self.native(image.view())?;
-        let depth = native.depth();
-        let Native { map: mut native, mask, intrinsics, certainty, inverse } = native;
+        let Native { map: mut native, mask, intrinsics, certainty, inverse } = self.native(image.view())?;
+        let depth = |value: f32| match inverse {
+            None => value,
+            // Bounds of Depth Pro's authors.
+            Some(factor) => 1.0 / (factor * value).clamp(1e-4, 1e4),
+        };
         let floor = self.spec.output_floor;
         // Before resizing, so that 0 does not spread to its neighbours; and after it, since bicubic overshoots.
         if let Some(floor) = floor.filter(|_| inverse.is_none()) {
@@ -548,14 +492,6 @@ impl DepthPrior for OnnxPrior {
         let weights: u64 = lengths.map(|file| file.len()).sum();
         Some(InferenceMemory { model: model.saturating_add(COPIES.saturating_mul(weights)), prediction })
     }
-}
-
-/// Row by row to its end, which takes a fraction of the time of a search.
-fn all_finite(image: ArrayView3<'_, f32>) -> bool {
-    image.outer_iter().all(|row| match row.as_slice() {
-        Some(row) => row.iter().fold(true, |all, v| all & v.is_finite()),
-        None => row.iter().all(|v| v.is_finite()),
-    })
 }
 
 /// A camera of square pixels with its principal point in the middle of an image of `(height, width)`.

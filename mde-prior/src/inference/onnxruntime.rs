@@ -1,6 +1,6 @@
 //! Networks run by ONNX Runtime, a library that is loaded when it is asked for.
 
-use super::graph::{Graph, Output, Port, Request, image_input};
+use super::graph::{Graph, Output, Port, image_input};
 use crate::InferenceMemory;
 use ort::environment::Environment;
 use ort::session::{Session, SessionInputValue};
@@ -61,8 +61,7 @@ impl Graph for OnnxRuntimeGraph {
         &self.outputs
     }
 
-    fn run(&self, request: Request<'_>) -> Result<Vec<Output>, String> {
-        let Request { shape, values, outputs: wanted } = request;
+    fn run(&self, shape: [usize; 4], values: Vec<f32>, wanted: &[usize]) -> Result<Vec<Output>, String> {
         let failed =
             |e: ort::Error| format!("the model fails at {shape:?} ({}); check its input size", line(&e));
         let missing = || "the model has no such output; export it again".to_owned();

@@ -1,8 +1,8 @@
 //! What a graph shows of its network before it is loaded.
 
-use super::runtime::{model_error, proto};
-use crate::Result;
+use super::runtime::proto;
 use crate::prior::{FIELDS_OF_VIEW, INVERSE_DEPTHS};
+use crate::{Error, Result};
 use std::path::Path;
 use tract_onnx::pb::tensor_shape_proto::dimension::Value;
 use tract_onnx::pb::type_proto::Value as Type;
@@ -35,7 +35,7 @@ impl Outline {
     /// Of the graph in a file.
     pub(super) fn read(path: &Path) -> Result<Self> {
         let graph = proto(path)?.graph;
-        let graph = graph.ok_or_else(|| model_error(path, "the file has no graph; copy it again"))?;
+        let graph = graph.ok_or_else(|| Error::malformed(path, "the file has no graph; copy it again"))?;
         // Older exports name their weights among the inputs.
         let is_weight = |port: &&ValueInfoProto| graph.initializer.iter().any(|w| w.name == port.name);
         let inputs: Vec<_> = graph.input.iter().filter(|port| !is_weight(port)).collect();

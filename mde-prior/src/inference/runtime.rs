@@ -14,16 +14,12 @@ use crate::{Error, FileKind, Result, open};
 /// Bytes of the largest tensor that a network may compute.
 const MAX_TENSOR: usize = 1 << 32;
 
-pub(super) fn model_error(path: &Path, reason: impl Into<String>) -> Error {
-    Error::Model { path: path.to_owned(), reason: reason.into() }
-}
-
 /// Calls the runtime; its panic becomes an error that names the file.
 pub(super) fn call<T>(path: &Path, work: impl FnOnce() -> Result<T>) -> Result<T> {
     // What is shared is written whole, so it is valid after a panic.
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
         let text = shortened(&message(&*panic));
-        Err(model_error(path, format!("the runtime cannot run this model ({text}); export it again")))
+        Err(Error::malformed(path, format!("the runtime cannot run this model ({text}); export it again")))
     })
 }
 
@@ -74,7 +70,7 @@ pub(super) fn proto(path: &Path) -> Result<ModelProto> {
     open::check(path, FileKind::Network).map_err(|e| Error::read(path, e))?;
     let proto = tract_onnx::onnx().proto_model_for_path(path);
     proto.map_err(|e| {
-        model_error(path, format!("the ONNX model cannot be run ({}); copy it again", one_line(&e)))
+        Error::malformed(path, format!("the ONNX model cannot be run ({}); copy it again", one_line(&e)))
     })
 }
 

@@ -1,6 +1,6 @@
 //! Networks run by tract, which is part of the program.
 
-use super::graph::{Graph, Output, Port, Request, image_input};
+use super::graph::{Graph, Output, Port, image_input};
 use super::runtime::{check_tensors, load, one_line};
 use crate::InferenceMemory;
 use pulp::{Arch, Simd, WithSimd};
@@ -91,8 +91,7 @@ impl Graph for TractGraph {
         &self.outputs
     }
 
-    fn run(&self, request: Request<'_>) -> Result<Vec<Output>, String> {
-        let Request { shape, values, outputs } = request;
+    fn run(&self, shape: [usize; 4], values: Vec<f32>, outputs: &[usize]) -> Result<Vec<Output>, String> {
         let (plan, _) = self.plan(shape, outputs)?;
         let compute = || {
             let input = Tensor::from_shape(&shape, &values).map_err(|e| one_line(&e))?;

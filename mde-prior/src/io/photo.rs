@@ -3,6 +3,7 @@
 use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::path::Path;
 
+use exif::{Context, Exif, In, Tag};
 use image::metadata::Orientation;
 use image::{
     DynamicImage, ExtendedColorType, GrayImage, ImageDecoder as _, ImageEncoder as _, ImageFormat,
@@ -26,9 +27,8 @@ const JPEG: [u8; 2] = [0xff, 0xd8];
 const END_OF_IMAGE: u8 = 0xd9;
 const START_OF_SCAN: u8 = 0xda;
 
-/// Tags of a TIFF.
-const BITS_PER_SAMPLE: usize = 258;
-const SAMPLE_FORMAT: usize = 339;
+/// A tag of a TIFF.
+const SAMPLE_FORMAT: Tag = Tag(Context::Tiff, 339);
 
 /// A photograph, upright.
 #[derive(Debug, Clone, PartialEq)]
@@ -82,11 +82,12 @@ fn decode(bytes: &[u8]) -> Result<Photo, String> {
     if let Some([width, height]) = png_size(bytes) {
         check_image_size(width, height)?;
     }
+    let format = reader.format();
     let mut decoder = with_limits(reader).into_decoder().map_err(broken)?;
     let (width, height) = decoder.dimensions();
     check_image_size(width, height)?;
     let orientation = decoder.orientation().map_err(broken)?;
-    if has_wide_integers(bytes) {
+    if format == Some(ImageFormat::Tiff) && has_wide_integers(bytes) {
         return Err("the TIFF holds 32-bit integers; convert it to 8 or 16 bits".to_owned());
     }
     let mut image = match bytes.starts_with(&JPEG) {
@@ -139,30 +140,15 @@ fn with_limits<R: BufRead + Seek>(mut reader: ImageReader<R>) -> ImageReader<R> 
 /// Whether a TIFF's samples are integers of 32 bits or more without a stated format, whose bits the decoder takes for those of
 /// floating-point numbers.
 fn has_wide_integers(bytes: &[u8]) -> bool {
-    let number = |at: usize, length: usize| -> Option<usize> {
-        let part = bytes.get(at..at.checked_add(length)?)?;
-        let digit = |sum: usize, byte: &u8| sum << 8 | usize::from(*byte);
-        Some(if bytes[0] == b'I' { part.iter().rev().fold(0, digit) } else { part.iter().fold(0, digit) })
-    };
-    // Lengths of an offset, of the number of entries, and of an entry.
-    let (offset, count, entry) = match bytes.get(..4) {
-        Some(b"II*\0" | b"MM\0*") => (4, 2, 12),
-        Some(b"II+\0" | b"MM\0+") => (8, 8, 20),
-        _ => return false,
-    };
-    // A big TIFF has the size of its offsets first.
-    let Some(start) = number(offset, offset) else { return false };
-    let entries = number(start, count).unwrap_or(0).min(1 << 16);
-    let find = |tag: usize| {
-        let at = |index: usize| start.checked_add(count)?.checked_add(index * entry);
-        (0..entries).filter_map(at).find(|&at| number(at, 2) == Some(tag))
-    };
-    let bits = find(BITS_PER_SAMPLE).and_then(|at| {
-        let value = at + entry - offset;
-        let inline = number(at + 4, offset)?.saturating_mul(2) <= offset;
-        number(if inline { value } else { number(value, offset)? }, 2)
-    });
-    bits.is_some_and(|bits| bits >= 32) && find(SAMPLE_FORMAT).is_none()
+    tags(bytes).is_some_and(|tags| {
+        let bits = tags.get_field(Tag::BitsPerSample, In::PRIMARY).and_then(|field| field.value.get_uint(0));
+        bits.is_some_and(|bits| bits >= 32) && tags.get_field(SAMPLE_FORMAT, In::PRIMARY).is_none()
+    })
+}
+
+/// The EXIF of a photograph, which of a TIFF has its own tags too.
+fn tags(bytes: &[u8]) -> Option<Exif> {
+    exif::Reader::new().read_from_container(&mut Cursor::new(bytes)).ok()
 }
 
 fn to_array(image: DynamicImage) -> Result<Array3<f32>, String> {
@@ -178,9 +164,8 @@ fn to_array(image: DynamicImage) -> Result<Array3<f32>, String> {
 
 /// A value of 0 means "unknown" (EXIF 2.3, tag 0xA405).
 fn focal_35mm(bytes: &[u8]) -> Option<f64> {
-    let exif = exif::Reader::new().read_from_container(&mut Cursor::new(bytes)).ok()?;
-    let field = exif.get_field(exif::Tag::FocalLengthIn35mmFilm, exif::In::PRIMARY)?;
-    field.value.get_uint(0).filter(|&mm| mm > 0).map(f64::from)
+    let millimetres = tags(bytes)?.get_field(Tag::FocalLengthIn35mmFilm, In::PRIMARY)?.value.get_uint(0);
+    millimetres.filter(|&mm| mm > 0).map(f64::from)
 }
 
 /// Writes `[height, width, 3]` sRGB bytes as a PNG.
@@ -189,7 +174,7 @@ fn focal_35mm(bytes: &[u8]) -> Option<f64> {
 /// [`Error::Write`]; [`Error::Malformed`] when the shape is not `[height, width, 3]` with 1 pixel at least.
 pub fn write_rgb_png(path: impl AsRef<Path>, pixels: ArrayView3<'_, u8>) -> Result<()> {
     let path = path.as_ref();
-    let bytes = encode(pixels).map_err(|reason| Error::malformed(path, reason))?;
+    let bytes = encode_rgb_png(pixels).map_err(|error| Error::malformed(path, error.to_string()))?;
     write_atomic(path, &bytes)
 }
 
@@ -198,23 +183,19 @@ pub fn write_rgb_png(path: impl AsRef<Path>, pixels: ArrayView3<'_, u8>) -> Resu
 /// # Errors
 /// [`Error::Input`] when the shape is not `[height, width, 3]` with 1 pixel at least.
 pub fn encode_rgb_png(pixels: ArrayView3<'_, u8>) -> Result<Vec<u8>> {
-    encode(pixels).map_err(Error::Input)
-}
-
-fn encode(pixels: ArrayView3<'_, u8>) -> Result<Vec<u8>, String> {
     let (height, width, channels) = pixels.dim();
     let side = |n: usize| u32::try_from(n).ok().filter(|&n| n > 0);
     let (Some(width), Some(height), 3) = (side(width), side(height), channels) else {
-        return Err(format!(
+        return Err(Error::Input(format!(
             "an image of shape {:?} cannot be written; give [height, width, 3]",
             pixels.shape()
-        ));
+        )));
     };
     let data: Vec<u8> = pixels.iter().copied().collect();
     let mut bytes = Vec::new();
     image::codecs::png::PngEncoder::new(&mut bytes)
         .write_image(&data, width, height, ExtendedColorType::Rgb8)
-        .map_err(|e| e.to_string())?;
+        .map_err(|e| Error::Input(e.to_string()))?;
     Ok(bytes)
 }
 

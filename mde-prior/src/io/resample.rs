@@ -1,18 +1,17 @@
 //! Resizing of float planes, as in the networks' own preprocessing.
 
 use ndarray::{Array2, ArrayView1, ArrayView2};
-#[cfg(feature = "onnx")]
-use ndarray::{ArrayView3, Axis};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
 /// An interpolation kernel. Pixel centres are at half-integers of the area: the half-pixel convention of OpenCV and of
 /// PyTorch with `align_corners = false`, borders repeated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Filter {
     /// Two taps an axis.
+    #[default]
     Bilinear,
     /// Two taps an axis, corner pixels on corner pixels (PyTorch's `align_corners = true`).
     BilinearAlignCorners,
@@ -50,37 +49,6 @@ pub fn resize(map: ArrayView2<'_, f32>, size: (usize, usize), filter: Filter) ->
         out.iter_mut().zip(&columns).for_each(|(out, taps)| *out = taps.mean(&from));
     }
     tall(&narrow, &rows, size.1)
-}
-
-/// The channels of an image `[height, width, 3]`, each resized as by [`resize`].
-#[cfg(feature = "onnx")]
-pub(crate) fn resize_channels(
-    image: ArrayView3<'_, f32>,
-    size: (usize, usize),
-    filter: Filter,
-) -> [Array2<f32>; 3] {
-    let (height, width, channels) = image.dim();
-    let empty = image.is_empty() || size.0 == 0 || size.1 == 0;
-    if (height, width) == size || empty || channels != 3 {
-        return [0, 1, 2].map(|c| match c < channels {
-            true => resize(image.index_axis(Axis(2), c), size, filter),
-            false => Array2::zeros(size),
-        });
-    }
-    let columns = taps(width, size.1, filter);
-    let rows = taps(height, size.0, filter);
-    let mut narrow = [0, 1, 2].map(|_| vec![0.0_f32; height * size.1]);
-    for row in used(&rows) {
-        let image = image.index_axis(Axis(0), row);
-        let pixels: Cow<'_, [f32]> =
-            image.to_slice().map_or_else(|| Cow::Owned(image.iter().copied().collect()), Cow::Borrowed);
-        let pixels = pixels.as_chunks::<3>().0;
-        let [a, b, c] = narrow.each_mut().map(|plane| &mut plane[row * size.1..(row + 1) * size.1]);
-        for (((a, b), c), taps) in a.iter_mut().zip(b).zip(c).zip(&columns) {
-            [*a, *b, *c] = taps.mean_colour(pixels);
-        }
-    }
-    narrow.map(|narrow| tall(&narrow, &rows, size.1))
 }
 
 /// The rows of the input that the new rows are made of.
@@ -144,16 +112,6 @@ impl Taps {
             // The usual case.
             ([a, b], [v, w, ..]) => v * a + w * b,
             (weights, from) => from.iter().zip(weights).map(|(v, w)| v * w).sum(),
-        }
-    }
-
-    /// The same of pixels of three channels.
-    #[cfg(feature = "onnx")]
-    fn mean_colour(&self, line: &[[f32; 3]]) -> [f32; 3] {
-        let from = &line[self.first..];
-        match (&self.weights[..], from) {
-            ([a, b], [v, w, ..]) => [v[0] * a + w[0] * b, v[1] * a + w[1] * b, v[2] * a + w[2] * b],
-            (weights, from) => [0, 1, 2].map(|c| from.iter().zip(weights).map(|(v, w)| v[c] * w).sum()),
         }
     }
 }

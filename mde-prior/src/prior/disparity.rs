@@ -80,10 +80,11 @@ impl DisparityRule {
     }
 
     /// The disparities of `far` and `near`.
-    ///
-    /// # Errors
-    /// Those of [`depth`](Self::depth).
-    pub fn ends(&self, disparity: ArrayView2<'_, f32>, valid: ArrayView2<'_, bool>) -> Result<(f64, f64)> {
+    pub(crate) fn ends(
+        &self,
+        disparity: ArrayView2<'_, f32>,
+        valid: ArrayView2<'_, bool>,
+    ) -> Result<(f64, f64)> {
         self.check(disparity, valid)?;
         let mut values: Vec<f32> =
             disparity.iter().zip(&valid).filter(|(d, v)| **v && d.is_finite()).map(|(d, _)| *d).collect();
@@ -95,21 +96,13 @@ impl DisparityRule {
 
     /// As [`depth`](Self::depth), with the [`ends`](Self::ends) of another map of the same scale and shift, so that the depths of
     /// both agree.
-    ///
-    /// # Errors
-    /// Those of [`depth`](Self::depth), but for the valid pixel; [`Error::Input`] for ends that are no range.
-    pub fn depth_between(
+    pub(crate) fn depth_between(
         &self,
         disparity: ArrayView2<'_, f32>,
         valid: ArrayView2<'_, bool>,
         (lo, hi): (f64, f64),
     ) -> Result<Array2<f32>> {
         self.check(disparity, valid)?;
-        if !(lo.is_finite() && hi.is_finite() && lo <= hi) {
-            return Err(Error::Input(format!(
-                "{lo} to {hi} is no range of disparities; give a smaller and a larger one"
-            )));
-        }
         let a = 1.0 / self.near - 1.0 / self.far;
         let b = 1.0 / self.far;
         let constant = is_constant(lo, hi);

@@ -15,26 +15,11 @@ pub struct FilePrior {
 }
 
 impl FilePrior {
-    /// Reads a map whose values are of `kind`. With a `scale`, depth = value / scale whatever the format; without one,
-    /// integer samples (16-bit PNG) have the scale in the PNG's metadata, else they are thousandths; floating-point samples are not
-    /// scaled.
+    /// Reads a map whose values are of `kind`.
     ///
     /// # Errors
     /// Those of [`format::read_depth`].
-    pub fn open(path: impl AsRef<Path>, kind: DepthKind, scale: Option<f64>) -> Result<Self> {
-        let mut options = ReadOptions::default();
-        if let Some(scale) = scale {
-            options.png_scale = Some(scale);
-            options.float_scale = scale;
-        }
-        Self::with_options(path, kind, &options)
-    }
-
-    /// As [`open`](Self::open), with all reading options: scales, the array of an NPZ, the channel of an EXR.
-    ///
-    /// # Errors
-    /// Those of [`format::read_depth`].
-    pub fn with_options(path: impl AsRef<Path>, kind: DepthKind, options: &ReadOptions) -> Result<Self> {
+    pub fn open(path: impl AsRef<Path>, kind: DepthKind, options: &ReadOptions) -> Result<Self> {
         let path = path.as_ref();
         let map = format::read_raw(path, options)?;
         let prior = PriorDepth::from_values(map, kind).map_err(|e| Error::malformed(path, e.to_string()))?;

@@ -1,9 +1,9 @@
 //! The files that model hubs keep beside a network: `config.json` and `preprocessor_config.json` of Transformers.
 
 use super::profiles::HALF;
-use super::spec::{Aspect, ModelSpec};
+use super::spec::{Aspect, ModelSpec, text_of};
 use crate::resample::Filter;
-use crate::{DepthKind, Error, FileKind, Result, open};
+use crate::{DepthKind, Error, Result};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -11,29 +11,21 @@ use std::path::{Path, PathBuf};
 #[derive(Deserialize)]
 struct Model {
     /// Without one, the file is of another program.
-    #[serde(default)]
     model_type: Option<String>,
-    #[serde(default)]
     depth_estimation_type: Option<String>,
 }
 
 /// `preprocessor_config.json`.
 #[derive(Deserialize)]
 struct Preprocessor {
-    #[serde(default)]
     size: Option<Size>,
     #[serde(default)]
     keep_aspect_ratio: bool,
-    #[serde(default)]
     ensure_multiple_of: Option<usize>,
-    #[serde(default)]
     do_normalize: Option<bool>,
-    #[serde(default)]
     image_mean: Option<[f32; 3]>,
-    #[serde(default)]
     image_std: Option<[f32; 3]>,
     /// Pillow's number of the filter.
-    #[serde(default)]
     resample: Option<u8>,
 }
 
@@ -109,14 +101,11 @@ fn described(usual: ModelSpec, preprocessor: Option<&Preprocessor>) -> ModelSpec
 }
 
 fn read<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<Option<T>> {
-    match open::read_text(path, FileKind::Settings) {
-        Ok(text) => serde_json::from_str(&text).map(Some).map_err(|e| {
-            let around = "correct it, or describe the network by a profile or a TOML file beside it";
-            Error::malformed(path, format!("{e}; {around}"))
-        }),
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
-        Err(e) => Err(Error::read(path, e)),
-    }
+    let Some(text) = text_of(path)? else { return Ok(None) };
+    serde_json::from_str(&text).map(Some).map_err(|e| {
+        let around = "correct it, or describe the network by a profile or a TOML file beside it";
+        Error::malformed(path, format!("{e}; {around}"))
+    })
 }
 
 #[cfg(test)]
@@ -191,6 +180,7 @@ mod tests {
         let zoe = zoe.unwrap().unwrap();
         // No mean in the file: 0.5, as the processor takes.
         assert_eq!((zoe.width, zoe.height, zoe.multiple_of, zoe.mean), (512, 384, 32, [0.5; 3]));
+        assert_eq!((zoe.aspect, zoe.input_filter), (Aspect::KeepMinimal, Filter::Bilinear));
         let pro = of(
             r#"{"architectures": ["DepthProForDepthEstimation"], "model_type": "depth_pro", "use_fov_model": true}"#,
             r#"{"do_normalize": true, "do_rescale": true, "do_resize": true, "image_mean": [0.5, 0.5, 0.5],

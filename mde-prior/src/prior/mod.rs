@@ -1,6 +1,5 @@
 //! The prior's interface, its predictions, and the description of a model.
 
-mod adapters;
 mod disparity;
 #[cfg(feature = "io")]
 mod file;
@@ -14,7 +13,6 @@ use serde::{Deserialize, Serialize};
 use crate::resample::nearest;
 use crate::{Error, Result};
 
-pub use adapters::{Metres, Timed};
 pub use disparity::DisparityRule;
 #[cfg(feature = "io")]
 pub use file::FilePrior;
@@ -86,44 +84,6 @@ pub struct InferenceMemory {
     pub prediction: u64,
 }
 
-/// The methods of [`DepthPrior`] other than `predict`, those of another prior.
-macro_rules! forward {
-    (|$this:ident| $prior:expr) => {
-        fn accepts_new_images(&$this) -> bool {
-            $prior.accepts_new_images()
-        }
-
-        fn resolution(&$this, height: usize, width: usize) -> Option<(usize, usize)> {
-            $prior.resolution(height, width)
-        }
-
-        fn concurrency(&$this) -> usize {
-            $prior.concurrency()
-        }
-
-        fn memory(&$this, height: usize, width: usize) -> Option<$crate::InferenceMemory> {
-            $prior.memory(height, width)
-        }
-    };
-}
-use forward;
-
-impl<P: DepthPrior + ?Sized> DepthPrior for &P {
-    fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-        (**self).predict(image)
-    }
-
-    forward!(|self| (**self));
-}
-
-impl<P: DepthPrior + ?Sized> DepthPrior for Box<P> {
-    fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-        (**self).predict(image)
-    }
-
-    forward!(|self| (**self));
-}
-
 /// The meaning of a prediction's values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[non_exhaustive]
@@ -149,11 +109,7 @@ impl DepthKind {
 
 impl std::fmt::Display for DepthKind {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Metric => "metric",
-            Self::RelativeDepth => "depth",
-            Self::AffineDisparity => "disparity",
-        })
+        self.serialize(f)
     }
 }
 
@@ -161,16 +117,12 @@ impl std::str::FromStr for DepthKind {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        match name {
-            "metric" => Ok(Self::Metric),
-            "depth" => Ok(Self::RelativeDepth),
-            "disparity" => Ok(Self::AffineDisparity),
-            _ => Err(Error::Config {
-                field: "kind",
-                value: format!("{name:?}"),
-                remedy: "give metric, depth or disparity",
-            }),
-        }
+        let kinds = [Self::Metric, Self::RelativeDepth, Self::AffineDisparity];
+        kinds.into_iter().find(|kind| kind.to_string() == name).ok_or_else(|| Error::Config {
+            field: "kind",
+            value: format!("{name:?}"),
+            remedy: "give metric, depth or disparity",
+        })
     }
 }
 

@@ -9,24 +9,15 @@ use Filter::{Bicubic, Bilinear, BilinearAlignCorners, BilinearAntialias};
 use std::path::Path;
 
 /// Names of the profiles of [`ModelSpec::profile`].
-pub const PROFILES: [&str; 16] = [
-    "fastdepth",
-    "midas-v2.1-small",
-    "dpt-large",
-    "dpt-hybrid",
-    "depth-anything-v2",
-    "depth-anything-v2-metric-indoor",
-    "depth-anything-v2-metric-outdoor",
-    "depth-anything-3-mono",
-    "depth-anything-3-metric",
-    "zoedepth",
-    "depth-pro",
-    "unidepth-v2",
-    "moge-2",
-    "metric3d-v2",
-    "lite-mono",
-    "pydnet",
-];
+pub const PROFILES: [&str; ROWS.len()] = {
+    let mut names = [""; ROWS.len()];
+    let mut row = 0;
+    while row < names.len() {
+        names[row] = ROWS[row].0;
+        row += 1;
+    }
+    names
+};
 
 /// Letters and digits that a file's name has, and the profile; the first row that fits.
 const NAMES: [(&[&str], &str); 20] = [

@@ -5,16 +5,17 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::resample::Filter;
-use crate::{DepthKind, Error, FileKind, Result, open};
+use crate::{DepthKind, Error, FileKind, PriorDepth, Result, open};
 
 pub use super::profiles::PROFILES;
 
 /// How an image is brought to the model's input size.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Aspect {
     /// To exactly `width` x `height`.
+    #[default]
     Squash,
     /// Aspect kept, both sides multiples of `multiple-of`, neither below `width` x `height` (Depth Anything).
     KeepLowerBound,
@@ -28,20 +29,22 @@ pub enum Aspect {
 }
 
 /// Order of the input's axes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layout {
     /// `[1, 3, height, width]`.
+    #[default]
     Nchw,
     /// `[1, height, width, 3]`.
     Nhwc,
 }
 
 /// Order of the colour channels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Channels {
     /// Red first.
+    #[default]
     Rgb,
     /// Blue first.
     Bgr,
@@ -68,13 +71,13 @@ pub struct ModelSpec {
     #[serde(default = "side")]
     pub height: usize,
     /// How the image is brought to the input size. A model with a fixed input size takes that size in any case, squashed unless padded.
-    #[serde(default = "squash")]
+    #[serde(default)]
     pub aspect: Aspect,
     /// Both input sides are multiples of this when the aspect is kept.
     #[serde(default = "one")]
     pub multiple_of: usize,
     /// Filter from image to input.
-    #[serde(default = "bilinear")]
+    #[serde(default)]
     pub input_filter: Filter,
     /// Subtracted from each channel (red, green, blue) of values in `[0, 1]`.
     #[serde(default)]
@@ -83,10 +86,10 @@ pub struct ModelSpec {
     #[serde(default = "ones")]
     pub std: [f32; 3],
     /// Order of the input's axes.
-    #[serde(default = "nchw")]
+    #[serde(default)]
     pub layout: Layout,
     /// Order of the colour channels.
-    #[serde(default = "rgb")]
+    #[serde(default)]
     pub channels: Channels,
     /// The meaning of the output.
     pub output: DepthKind,
@@ -129,7 +132,7 @@ pub struct ModelSpec {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub output_floor: Option<f32>,
     /// Filter from output to image.
-    #[serde(default = "bilinear")]
+    #[serde(default)]
     pub output_filter: Filter,
 }
 
@@ -141,18 +144,6 @@ fn one() -> usize {
 }
 fn ones() -> [f32; 3] {
     [1.0; 3]
-}
-fn squash() -> Aspect {
-    Aspect::Squash
-}
-fn bilinear() -> Filter {
-    Filter::Bilinear
-}
-fn nchw() -> Layout {
-    Layout::Nchw
-}
-fn rgb() -> Channels {
-    Channels::Rgb
 }
 
 impl ModelSpec {
@@ -214,27 +205,8 @@ impl ModelSpec {
     /// [`Error::Read`], or [`Error::Malformed`] that names the TOML file.
     pub fn beside(model: impl AsRef<Path>) -> Result<Option<Self>> {
         let path = model.as_ref().with_extension("toml");
-        match open::read_text(&path, FileKind::Settings) {
-            Ok(text) => Self::from_toml(&text).map(Some).map_err(|e| Error::malformed(&path, e.to_string())),
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
-            Err(e) => Err(Error::read(&path, e)),
-        }
-    }
-
-    /// The specification beside the model ([`beside`](Self::beside)), else that of a model hub's files
-    /// ([`of_hub`](Self::of_hub)), else the profile that matches its name ([`guess`](Self::guess)). `OnnxPrior::recognise` looks
-    /// at the graph before the name.
-    ///
-    /// # Errors
-    /// Those of the three.
-    pub fn of(model: impl AsRef<Path>) -> Result<Self> {
-        if let Some(spec) = Self::beside(&model)? {
-            return Ok(spec);
-        }
-        match Self::of_hub(&model)? {
-            Some(spec) => Ok(spec),
-            None => Self::guess(model),
-        }
+        let Some(text) = text_of(&path)? else { return Ok(None) };
+        Self::from_toml(&text).map(Some).map_err(|e| Error::malformed(&path, e.to_string()))
     }
 
     /// Checks the values.
@@ -280,13 +252,31 @@ impl ModelSpec {
         Ok(())
     }
 
-    /// The factor from the output to metres for an image and an input of `(height, width)`, where the model has a
-    /// [canonical focal length](Self::canonical_focal) and `focal` is that of the image over its width. The mean of both axes, as
-    /// the input's pixels need not be square.
-    pub(crate) fn metres(&self, focal: f64, image: (usize, usize), input: (usize, usize)) -> Option<f32> {
+    /// The keys and names of the outputs beside the depth.
+    #[cfg(feature = "onnx")]
+    pub(crate) fn further_outputs(&self) -> [(&'static str, Option<&String>); 6] {
+        [
+            ("scale-output", self.scale_output.as_ref()),
+            ("mask-output", self.mask_output.as_ref()),
+            ("camera-output", self.camera_output.as_ref()),
+            ("fov-output", self.fov_output.as_ref()),
+            ("confidence-output", self.confidence_output.as_ref()),
+            ("error-output", self.error_output.as_ref()),
+        ]
+    }
+
+    /// A prediction in metres, where the model has a [canonical focal length](Self::canonical_focal) \\(f_c\\): times \\(f / f_c\\) for
+    /// photographs of the focal length `focal` / their width, which the model takes at `input` (by default as they are). The mean of
+    /// both axes, as the input's pixels need not be square.
+    #[must_use]
+    pub fn in_metres(&self, prediction: PriorDepth, focal: f64, input: Option<(usize, usize)>) -> PriorDepth {
+        let Some(canonical) = self.canonical_focal else { return prediction };
+        let image = prediction.map.dim();
+        let input = input.unwrap_or(image);
         let aspect = image.1 as f64 / image.0.max(1) as f64;
         let at_input = focal * (input.1 as f64 * aspect * input.0 as f64).sqrt();
-        self.canonical_focal.map(|canonical| (at_input / f64::from(canonical)) as f32)
+        let factor = (at_input / f64::from(canonical)) as f32;
+        PriorDepth { map: prediction.map.mapv_into(|z| factor * z), kind: self.output, ..prediction }
     }
 
     /// `(height, width)` of the input for an image of that size; with [`Aspect::Pad`] that of the image within the input.
@@ -317,6 +307,14 @@ impl ModelSpec {
             fitted.max(step) as usize
         };
         (side(height, self.height), side(width, self.width))
+    }
+}
+
+/// The text of a file of settings, if there is one.
+pub(super) fn text_of(path: &Path) -> Result<Option<String>> {
+    match open::read_text(path, FileKind::Settings) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        text => text.map(Some).map_err(|e| Error::read(path, e)),
     }
 }
 

@@ -32,3 +32,10 @@ fn assert_close(a: &Array2<f32>, b: &Array2<f32>, tolerance: f32) {
     let worst = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(worst <= tolerance, "they differ by {worst}");
 }
+
+/// The network of a fixture with the specification that is recognised.
+#[cfg(feature = "onnx")]
+fn recognised(name: &str) -> mde_prior::OnnxPrior {
+    let (spec, _) = mde_prior::OnnxPrior::recognise(fixture(name)).unwrap();
+    mde_prior::OnnxPrior::open(fixture(name), &spec).unwrap()
+}

@@ -1,9 +1,9 @@
 //! Published networks: graphs with their inputs and outputs, made by tests/reference/make_models.py.
 
-use crate::{assert_close, fixture, grey};
+use crate::{assert_close, fixture, grey, recognised};
 use mde_prior::ndarray::{Array2, Array3};
 use mde_prior::spec::PROFILES;
-use mde_prior::{CertaintyMeaning, DepthKind, DepthPrior, Error, Metres, ModelSpec, OnnxPrior};
+use mde_prior::{CertaintyMeaning, DepthKind, DepthPrior, Error, ModelSpec, OnnxPrior, RecognisedBy};
 #[cfg(feature = "onnxruntime")]
 use std::path::Path;
 
@@ -45,7 +45,7 @@ fn every_profile_of_one_output_normalises_as_it_says() {
 
 #[test]
 fn moge_gives_metres_with_its_shift_scale_and_mask() {
-    let prior = OnnxPrior::open_guessed(fixture("moge2.onnx")).unwrap();
+    let prior = recognised("moge2.onnx");
     let (image, prediction) = (image(), prior.predict(image().view()).unwrap());
     let grey = grey(&image, GREY);
     assert_eq!((prediction.kind, prior.spec().tokens), (DepthKind::Metric, Some(1800)));
@@ -57,8 +57,7 @@ fn moge_gives_metres_with_its_shift_scale_and_mask() {
 #[test]
 fn unidepth_and_depth_pro_give_metres() {
     let image = image();
-    let [unidepth, older] =
-        ["unidepth.onnx", "unidepth_k.onnx"].map(|name| OnnxPrior::open_guessed(fixture(name)).unwrap());
+    let [unidepth, older] = ["unidepth.onnx", "unidepth_k.onnx"].map(recognised);
     let spec = unidepth.spec().clone();
     let normalised = |c: usize, v: f32| (v - spec.mean[c]) / spec.std[c];
     let expected = Array2::from_shape_fn((28, 42), |(y, x)| {
@@ -68,7 +67,7 @@ fn unidepth_and_depth_pro_give_metres() {
     assert_eq!(found.valid, expected.mapv(|z| z > 0.0));
     assert_close(&found.map, &expected.mapv(|z| z.max(0.0)), 2e-3);
     assert_eq!(older.predict(image.view()).unwrap(), found);
-    let pro = OnnxPrior::open_guessed(fixture("depth_pro_like.onnx")).unwrap();
+    let pro = recognised("depth_pro_like.onnx");
     assert_eq!(pro.spec(), &ModelSpec::profile("depth-pro").unwrap());
     assert_close(
         &pro.predict(image.view()).unwrap().map,
@@ -81,7 +80,7 @@ fn unidepth_and_depth_pro_give_metres() {
 fn a_networks_own_camera_and_error_come_with_its_prediction() {
     // Twice the size of the input, so pixels twice as fine.
     let image = Array3::from_shape_fn((56, 84, 3), |(y, x, _)| 0.2 + 0.005 * (x + y) as f32);
-    let predict = |name: &str| OnnxPrior::open_guessed(fixture(name)).unwrap().predict(image.view()).unwrap();
+    let predict = |name: &str| recognised(name).predict(image.view()).unwrap();
     for name in ["unidepth.onnx", "unidepth_k.onnx"] {
         let found = predict(name);
         assert_eq!(found.intrinsics, Some([60.0, 62.0, 39.5, 29.5]), "{name}");
@@ -117,7 +116,7 @@ fn depth_pros_inverse_depth_becomes_metres_by_its_field_of_view() {
     let focal = 42.0 / f64::from(width_over_focal);
     for name in ["depth_pro_inverse.onnx", "depth_pro_apple.onnx"] {
         let named = OnnxPrior::open(fixture(name), &ModelSpec::profile("depth-pro").unwrap()).unwrap();
-        let prior = OnnxPrior::open_guessed(fixture(name)).unwrap();
+        let prior = recognised(name);
         assert_eq!((named.spec(), named.kind()), (prior.spec(), DepthKind::Metric));
         let found = prior.predict(image.view()).unwrap();
         assert_eq!(found, named.predict(image.view()).unwrap());
@@ -125,23 +124,22 @@ fn depth_pros_inverse_depth_becomes_metres_by_its_field_of_view() {
         // Where the graph's inverse depth is 0 or less, 10 km as by its authors.
         let near = |(a, b): (&f32, &f32)| (a / b - 1.0).abs() < 2e-3;
         assert!(found.map.iter().zip(&expected).all(near) && expected.iter().any(|z| *z > 9e3), "{name}");
-        assert_eq!(prior.predict_native(image.view()).unwrap(), found.map);
         let [fx, fy, cx, cy] = found.intrinsics.unwrap();
         assert!((fx / focal - 1.0).abs() < 1e-5 && fx == fy && (cx, cy) == (20.5, 13.5), "{fx} {focal}");
     }
     // As a disparity, the network's own values.
-    let spec = OnnxPrior::recognise(fixture("depth_pro_inverse.onnx")).unwrap();
+    let spec = recognised("depth_pro_inverse.onnx").spec().clone();
     assert_eq!(spec.clone().with_output(DepthKind::AffineDisparity).fov_output, None);
     assert!(ModelSpec { output: DepthKind::AffineDisparity, ..spec }.validate().is_err());
 }
 
 #[test]
 fn metres_for_a_stated_focal_length_follow_the_cameras() {
-    let prior = OnnxPrior::open_guessed(fixture("metric3d.onnx")).unwrap();
+    let prior = recognised("metric3d.onnx");
     let even = Array3::from_elem((60, 80, 3), 0.5);
     let without = prior.predict(even.view()).unwrap();
     assert_eq!((prior.kind(), without.kind), (DepthKind::RelativeDepth, DepthKind::RelativeDepth));
-    let with = Metres::new(&prior, prior.spec(), 1.25).unwrap().predict(even.view()).unwrap();
+    let with = prior.spec().in_metres(without.clone(), 1.25, prior.resolution(60, 80));
     assert_eq!(with.kind, DepthKind::Metric);
     // Padded at its sides: 821 of 1064 pixels. 1.25 of that width, over 1000 pixels.
     assert_eq!(prior.input_size(60, 80), (616, 821));
@@ -159,24 +157,26 @@ fn a_file_of_any_name_is_recognised_by_its_graph_or_its_folder() {
         ("unidepth", "unidepth-v2"),
         ("depth_pro_like", "depth-pro"),
         ("fastdepth_like", "fastdepth"),
+        ("metric3d", "metric3d-v2"),
     ];
     for (graph, profile) in known {
         std::fs::copy(fixture(&format!("{graph}.onnx")), &model).unwrap();
-        assert_eq!(OnnxPrior::recognise(&model).unwrap(), ModelSpec::profile(profile).unwrap());
+        let expected = (ModelSpec::profile(profile).unwrap(), RecognisedBy::Graph);
+        assert_eq!(OnnxPrior::recognise(&model).unwrap(), expected);
     }
     // A small network of fixed size, but of other layers.
     std::fs::copy(fixture("midas_small.onnx"), &model).unwrap();
     assert!(matches!(OnnxPrior::recognise(&model), Err(Error::UnknownProfile { .. })));
-    std::fs::copy(fixture("metric3d.onnx"), &model).unwrap();
-    assert_eq!(OnnxPrior::recognise(&model).unwrap().canonical_focal, Some(1000.0));
     std::fs::copy(fixture("predicted_depth.onnx"), &model).unwrap();
     assert!(matches!(OnnxPrior::recognise(&model), Err(Error::UnknownProfile { .. })));
     std::fs::write(folder.path().join("config.json"), r#"{"model_type": "depth_anything"}"#).unwrap();
-    assert_eq!(OnnxPrior::recognise(&model).unwrap(), ModelSpec::profile("depth-anything-v2").unwrap());
+    let expected = (ModelSpec::profile("depth-anything-v2").unwrap(), RecognisedBy::Hub);
+    assert_eq!(OnnxPrior::recognise(&model).unwrap(), expected);
     let named = folder.path().join("da3_mono_large.onnx");
     std::fs::copy(fixture("predicted_depth.onnx"), &named).unwrap();
     std::fs::remove_file(folder.path().join("config.json")).unwrap();
-    assert_eq!(OnnxPrior::recognise(&named).unwrap(), ModelSpec::profile("depth-anything-3-mono").unwrap());
+    let expected = (ModelSpec::profile("depth-anything-3-mono").unwrap(), RecognisedBy::Name);
+    assert_eq!(OnnxPrior::recognise(&named).unwrap(), expected);
 }
 
 #[test]

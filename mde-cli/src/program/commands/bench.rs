@@ -68,9 +68,9 @@ pub(super) fn run(args: &BenchArgs) -> Result<()> {
         for threads in counts {
             let peak = if threads == 1 { ceilings.gflops_one_thread } else { ceilings.gflops_all_threads };
             pool(threads)?.install(|| {
-                stages(&config, &mut |mut stage| {
+                stages(&config, &mut |stage, run| {
                     if stage.parallel || threads == 1 {
-                        rows.push(row(name, &mut stage, threads, peak, args.seconds));
+                        rows.push(row(name, stage, threads, peak, median_seconds(args.seconds, run)));
                     }
                 })
             })?;
@@ -115,8 +115,8 @@ fn ceilings(seconds: f64, threads: usize) -> Result<Ceilings> {
     })
 }
 
-fn row(field: &'static str, stage: &mut Stage<'_>, threads: usize, peak: f64, seconds: f64) -> Row {
-    let once = median_seconds(seconds, || stage.run());
+/// `once` is the time of a call in seconds.
+fn row(field: &'static str, stage: Stage, threads: usize, peak: f64, once: f64) -> Row {
     let rate = |count: u64| (count > 0).then(|| count as f64 / once * 1e-9);
     Row {
         field,

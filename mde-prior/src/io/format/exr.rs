@@ -8,7 +8,7 @@ use exr::prelude::{
 };
 use ndarray::{Array2, ArrayView2};
 
-use super::{MAX_PIXELS, Parsed, check_size};
+use super::{MAX_PIXELS, Parsed, check_size, choose};
 
 /// Names of a depth channel, first that of the OpenEXR convention.
 const CHANNELS: [&str; 4] = ["z", "depth", "y", "r"];
@@ -26,21 +26,19 @@ pub(super) fn parse(bytes: &[u8], wanted: Option<&str>) -> Parsed<Array2<f32>> {
         .non_parallel()
         .from_buffered(Cursor::new(bytes))
         .map_err(|e| format!("the OpenEXR file cannot be read ({e}); write it again"))?;
-    let channels =
-        || image.layer_data.iter().flat_map(|layer| layer.channel_data.list.iter().map(move |c| (layer, c)));
-    let names: Vec<String> = image
-        .layer_data
-        .iter()
-        .flat_map(|layer| {
-            let prefix = layer.attributes.layer_name.as_ref().map(|n| format!("{n}.")).unwrap_or_default();
-            layer.channel_data.list.iter().map(move |c| format!("{prefix}{}", c.name))
-        })
-        .collect();
-    let index = choose(&names, wanted)?;
-    let (layer, channel) = channels().nth(index).ok_or("the file has no channel; write it again")?;
-    let (width, height) = (layer.size.width(), layer.size.height());
+    let mut channels = Vec::new();
+    for layer in &image.layer_data {
+        let prefix = layer.attributes.layer_name.as_ref().map(|n| format!("{n}.")).unwrap_or_default();
+        let list = layer.channel_data.list.iter();
+        channels.extend(list.map(|channel| (format!("{prefix}{}", channel.name), layer.size, channel)));
+    }
+    let names: Vec<&str> = channels.iter().map(|(name, ..)| name.as_str()).collect();
+    let last = |name: &str| name.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
+    let usual = CHANNELS.iter().find_map(|usual| names.iter().position(|name| last(name) == *usual));
+    let (name, size, channel) = &channels[choose("channel", &names, wanted, usual, "Z")?];
+    let (width, height) = (size.width(), size.height());
     if channel.sampling.x() != 1 || channel.sampling.y() != 1 {
-        return Err(format!("channel {:?} is subsampled; write it at full size", names[index]));
+        return Err(format!("channel {name:?} is subsampled; write it at full size"));
     }
     check_size(width, height)?;
     let values = channel.sample_data.values_as_f32().collect();
@@ -60,19 +58,6 @@ fn check_header(bytes: &[u8]) -> Parsed<()> {
         return Err(format!("truncated: its header needs {total} bytes of samples; write the file again"));
     }
     Ok(())
-}
-
-fn choose(names: &[String], wanted: Option<&str>) -> Parsed<usize> {
-    let last = |name: &str| name.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
-    let found = match (wanted, names) {
-        (Some(wanted), _) => names.iter().position(|n| n == wanted),
-        (None, [_]) => Some(0),
-        (None, _) => CHANNELS.iter().find_map(|c| names.iter().position(|n| last(n) == *c)),
-    };
-    found.ok_or_else(|| match wanted {
-        Some(wanted) => format!("no channel {wanted:?}; name one of {names:?}"),
-        None => format!("several channels, {names:?}; save the one with the depth under the name \"Z\""),
-    })
 }
 
 pub(super) fn encode(map: ArrayView2<'_, f32>) -> Parsed<Vec<u8>> {

@@ -12,14 +12,14 @@
 //! Sizes in headers are checked against the file before memory is allocated.
 //!
 //! ```
-//! use mde_prior::format::{self, ReadOptions, WriteOptions};
+//! use mde_prior::format::{self, ReadOptions};
 //! use mde_prior::ndarray::array;
 //!
 //! let folder = tempfile::tempdir()?;
 //! let depth = array![[0.0_f32, 1.25], [2.5, 3.0]];
 //! for name in ["depth.npy", "depth.npz", "depth.pfm", "depth.exr", "depth.png"] {
 //!     let path = folder.path().join(name);
-//!     format::write_depth(&path, depth.view(), &WriteOptions::default())?;
+//!     format::write_depth(&path, depth.view())?;
 //!     assert_eq!(format::read_depth(&path, &ReadOptions::default())?, depth);
 //! }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -35,7 +35,6 @@ mod png_text;
 use std::path::Path;
 
 use ndarray::{Array2, ArrayView2};
-use serde::{Deserialize, Serialize};
 
 use super::open::{self, FileKind};
 use super::write_atomic;
@@ -91,8 +90,7 @@ impl Format {
 }
 
 /// Options for reading a depth file.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ReadOptions {
     /// Depth = value / `png_scale` for integer samples (PNG; NPY and NPZ of integers); without it the scale in the PNG's metadata, else
     /// 1000, millimetres.
@@ -121,20 +119,6 @@ impl ReadOptions {
     pub fn validate(&self) -> Result<()> {
         check_scale("png-scale", self.png_scale.unwrap_or(MILLIMETRES))?;
         check_scale("float-scale", self.float_scale)
-    }
-}
-
-/// Options for writing a depth file.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
-pub struct WriteOptions {
-    /// PNG value = depth · `png_scale`; 1000, millimetres up to 65.535 m.
-    pub png_scale: f64,
-}
-
-impl Default for WriteOptions {
-    fn default() -> Self {
-        Self { png_scale: MILLIMETRES }
     }
 }
 
@@ -187,17 +171,12 @@ pub(crate) fn read_file(path: &Path, kind: FileKind) -> Result<Vec<u8>> {
 }
 
 fn parse(format: Format, bytes: &[u8], options: &ReadOptions) -> Parsed<Array2<f32>> {
-    let stated = match format {
-        Format::Png => match png_text::content(bytes)? {
-            Some(PngContent::Depth { scale, .. }) => Some(scale),
-            Some(PngContent::Confidence) => {
-                return Err(
-                    "the PNG holds a confidence, not a depth; give the depth map beside it".to_owned()
-                );
-            }
-            None => None,
-        },
-        _ => None,
+    let stated = match png_text::content(bytes)? {
+        Some(PngContent::Depth { scale, .. }) => Some(scale),
+        Some(PngContent::Confidence) => {
+            return Err("the PNG holds a confidence, not a depth; give the depth map beside it".to_owned());
+        }
+        None => None,
     };
     let Samples { mut map, integer } = match format {
         Format::Png => Samples { map: png::parse(bytes, options.eight_bits)?, integer: true },
@@ -226,23 +205,26 @@ pub fn decode(format: Format, bytes: &[u8], options: &ReadOptions) -> Result<Arr
     Ok(map.mapv_into(|v| if v.is_nan() { 0.0 } else { v }))
 }
 
-/// Writes a map in the format of the file's extension; `f32` values bit-exact but in a PNG.
+/// Writes a map in the format of the file's extension; `f32` values bit-exact, but in a PNG, which has thousandths.
 ///
 /// # Errors
-/// [`Error::UnknownFormat`], [`Error::Write`], [`Error::Config`]; [`Error::Malformed`] when the map is empty, holds NaN,
-/// or does not fit into 16 bits at that scale.
-pub fn write_depth(path: impl AsRef<Path>, map: ArrayView2<'_, f32>, options: &WriteOptions) -> Result<()> {
+/// [`Error::UnknownFormat`], [`Error::Write`]; [`Error::Malformed`] when the map is empty, holds NaN, or does not fit into 16 bits.
+pub fn write_depth(path: impl AsRef<Path>, map: ArrayView2<'_, f32>) -> Result<()> {
     let path = path.as_ref();
-    match Format::of(path)? {
-        Format::Png => write_png16(path, map, options.png_scale),
-        Format::Npy => write_npy(path, map),
-        Format::Npz => write_npz(path, &[("depth", map)]),
-        Format::Pfm => write_pfm(path, map),
-        Format::Exr => {
-            check_map(path, map)?;
-            write_atomic(path, &exr::encode(map).map_err(|reason| Error::malformed(path, reason))?)
-        }
-    }
+    let format = Format::of(path)?;
+    check_map(path, map)?;
+    let bytes = match format {
+        Format::Png => png::encode(map, MILLIMETRES),
+        Format::Npy => Ok(npy::encode(map)),
+        Format::Npz => npz::encode(&[("depth", map)]),
+        Format::Pfm => Ok(pfm::encode(map)),
+        Format::Exr => exr::encode(map),
+    };
+    write(path, bytes)
+}
+
+fn write(path: &Path, bytes: Parsed<Vec<u8>>) -> Result<()> {
+    write_atomic(path, &bytes.map_err(|reason| Error::malformed(path, reason))?)
 }
 
 /// Writes `f32` values as NPY 1.0, bit-exact.
@@ -252,7 +234,7 @@ pub fn write_depth(path: impl AsRef<Path>, map: ArrayView2<'_, f32>, options: &W
 pub fn write_npy(path: impl AsRef<Path>, map: ArrayView2<'_, f32>) -> Result<()> {
     let path = path.as_ref();
     check_map(path, map)?;
-    write_atomic(path, &npy::encode(map))
+    write(path, Ok(npy::encode(map)))
 }
 
 /// Writes named `f32` arrays as an uncompressed NPZ, bit-exact.
@@ -261,32 +243,21 @@ pub fn write_npy(path: impl AsRef<Path>, map: ArrayView2<'_, f32>) -> Result<()>
 /// See [`write_depth`]; also [`Error::Malformed`] for an archive over 4 GiB or names that are empty or repeat.
 pub fn write_npz(path: impl AsRef<Path>, arrays: &[(&str, ArrayView2<'_, f32>)]) -> Result<()> {
     let path = path.as_ref();
-    for (_, map) in arrays {
-        check_map(path, *map)?;
-    }
-    write_atomic(path, &npz::encode(arrays).map_err(|reason| Error::malformed(path, reason))?)
-}
-
-/// Writes `f32` values as a grey little-endian PFM, bit-exact.
-///
-/// # Errors
-/// See [`write_depth`].
-pub fn write_pfm(path: impl AsRef<Path>, map: ArrayView2<'_, f32>) -> Result<()> {
-    let path = path.as_ref();
-    check_map(path, map)?;
-    write_atomic(path, &pfm::encode(map))
+    arrays.iter().try_for_each(|(_, map)| check_map(path, *map))?;
+    write(path, npz::encode(arrays))
 }
 
 /// Writes depths as a 16-bit grey PNG, round(depth · scale), 0 = missing; the error is at most 1 / (2 scale). A positive
 /// depth below half a step becomes 1, so that it does not turn into a missing pixel.
 ///
 /// # Errors
-/// See [`write_depth`]; [`Error::Malformed`] names the first value that is negative or too large.
+/// See [`write_depth`]; [`Error::Config`] for a scale that is none. [`Error::Malformed`] names the first value that is negative or too
+/// large.
 pub fn write_png16(path: impl AsRef<Path>, map: ArrayView2<'_, f32>, scale: f64) -> Result<()> {
     let path = path.as_ref();
     check_scale("png-scale", scale)?;
     check_map(path, map)?;
-    write_atomic(path, &png::encode(map, scale).map_err(|reason| Error::malformed(path, reason))?)
+    write(path, png::encode(map, scale))
 }
 
 /// What the values of a PNG are, by its metadata.
@@ -332,10 +303,10 @@ pub fn write_depth_png(
     let fits = |depth: f32| (f64::from(depth) * scale).round() <= f64::from(u16::MAX);
     let near = map.mapv(|depth| if fits(depth) { depth } else { 0.0 });
     let beyond = map.iter().filter(|depth| depth.is_finite() && !fits(**depth)).count();
-    let png = png::encode(near.view(), scale).map_err(|reason| Error::malformed(path, reason))?;
     let description = format!("depth along the optical axis in {unit} = value / {scale}; 0: missing");
-    let texts = png_text::with_texts(&png, &png_text::of_depth(unit, &scale.to_string(), &description));
-    write_atomic(path, &texts)?;
+    let scale_text = scale.to_string();
+    let texts = [("Description", &*description), (png_text::UNIT, unit), (png_text::SCALE, &scale_text)];
+    write(path, png::encode(near.view(), scale).map(|png| png_text::with_texts(&png, &texts)))?;
     Ok(beyond)
 }
 
@@ -353,17 +324,16 @@ pub fn write_confidence_png(path: impl AsRef<Path>, map: ArrayView2<'_, f32>, fo
         return Err(Error::malformed(path, reason));
     }
     let png = png::encode_values(map, |value| (f64::from(value) * f64::from(u16::MAX)).round() as u16);
-    let png = png.map_err(|reason| Error::malformed(path, reason))?;
     let description = format!("confidence = {formula} = value / 65535; 0: no depth, 1: surest");
-    write_atomic(path, &png_text::with_texts(&png, &png_text::of_confidence(formula, &description)))
+    let texts = [("Description", &*description), (png_text::CONFIDENCE, formula)];
+    write(path, png.map(|png| png_text::with_texts(&png, &texts)))
 }
 
 fn check_text(text: &str) -> Result<()> {
-    let printable = text.bytes().all(|byte| (0x20..0x7f).contains(&byte));
-    if printable {
-        return Ok(());
+    match text.bytes().all(|byte| (0x20..0x7f).contains(&byte)) {
+        true => Ok(()),
+        false => Err(Error::Input(format!("{text:?} can't stand in a PNG's metadata; give printable ASCII"))),
     }
-    Err(Error::Input(format!("{text:?} can't stand in a PNG's metadata; give printable ASCII")))
 }
 
 /// Row and column of the first NaN.
@@ -401,5 +371,25 @@ fn check_size(width: usize, height: usize) -> Parsed<usize> {
         _ => Err(format!(
             "the header has {width}x{height} pixels, which is not supported; write the file again"
         )),
+    }
+}
+
+/// Index of the array or channel that is wanted, else of the only one, else of the `usual` one, which would have the name `depth`.
+fn choose(
+    what: &str,
+    names: &[&str],
+    wanted: Option<&str>,
+    usual: Option<usize>,
+    depth: &str,
+) -> Parsed<usize> {
+    match (wanted, names) {
+        (Some(wanted), _) => names
+            .iter()
+            .position(|name| *name == wanted)
+            .ok_or_else(|| format!("no {what} {wanted:?}; name one of {names:?}")),
+        (None, [_]) => Ok(0),
+        (None, _) => usual.ok_or_else(|| {
+            format!("several {what}s, {names:?}; save the one with the depth under the name {depth:?}")
+        }),
     }
 }

@@ -7,7 +7,7 @@ use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 
-use super::{FileKind, MAX_PIXELS, Parsed, Samples, npy};
+use super::{FileKind, MAX_PIXELS, Parsed, Samples, choose, npy};
 
 /// No sample has more than 8 bytes; 64 KiB are plenty for the header.
 const MAX_MEMBER: u64 = 8 * MAX_PIXELS as u64 + (1 << 16);
@@ -16,11 +16,13 @@ pub(super) fn parse(bytes: &[u8], wanted: Option<&str>) -> Parsed<Samples> {
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|e| {
         format!("the file is not in NPZ format, or truncated ({e}); write it with numpy.savez")
     })?;
-    let names: Vec<String> = archive.file_names().map(str::to_owned).collect();
-    let name = choose(&names, wanted)?;
-    let what = |reason: String| format!("array {:?}: {reason}", array_name(name));
+    let files: Vec<String> = archive.file_names().map(str::to_owned).collect();
+    let names: Vec<&str> = files.iter().map(|file| file.strip_suffix(".npy").unwrap_or(file)).collect();
+    let usual = names.iter().position(|name| *name == "depth");
+    let index = choose("array", &names, wanted, usual, "depth")?;
+    let what = |reason: String| format!("array {:?}: {reason}", names[index]);
     let unreadable = |e: ZipError| what(format!("{e}; write the file again with numpy.savez"));
-    let member = archive.by_name(name).map_err(unreadable)?;
+    let member = archive.by_name(&files[index]).map_err(unreadable)?;
     let size = member.size();
     if size > MAX_MEMBER {
         return Err(what(format!("{size} bytes are too many for a depth map; write the file again")));
@@ -29,28 +31,6 @@ pub(super) fn parse(bytes: &[u8], wanted: Option<&str>) -> Parsed<Samples> {
     // The stated size may be wrong, so the output is bounded too. The checksum is checked at the end.
     member.take(MAX_MEMBER + 1).read_to_end(&mut data).map_err(|e| unreadable(e.into()))?;
     npy::parse(&data).map_err(what)
-}
-
-fn array_name(file: &str) -> &str {
-    file.strip_suffix(".npy").unwrap_or(file)
-}
-
-fn choose<'n>(names: &'n [String], wanted: Option<&str>) -> Parsed<&'n str> {
-    let find = |wanted: &str| names.iter().find(|name| array_name(name) == wanted);
-    let found = match (wanted, names) {
-        (Some(wanted), _) => find(wanted),
-        (None, [only]) => Some(only),
-        (None, _) => find("depth"),
-    };
-    found.map(String::as_str).ok_or_else(|| {
-        let names: Vec<&str> = names.iter().map(|name| array_name(name)).collect();
-        match wanted {
-            Some(wanted) => format!("no array {wanted:?}; name one of {names:?}"),
-            None => {
-                format!("several arrays, {names:?}; save the one with the depth under the name \"depth\"")
-            }
-        }
-    })
 }
 
 pub(super) fn encode(arrays: &[(&str, ArrayView2<'_, f32>)]) -> Parsed<Vec<u8>> {

@@ -27,12 +27,11 @@ pub(super) fn parse(bytes: &[u8], eight_bits: bool) -> Parsed<Array2<f32>> {
     let (width, height) = (decoder.dimensions().0 as usize, decoder.dimensions().1 as usize);
     let mut data = vec![0_u8; if eight { 1 } else { 2 } * check_size(width, height)?];
     decoder.read_image(&mut data).map_err(broken)?;
-    if eight {
-        let values = data.into_iter().map(f32::from);
-        return Array2::from_shape_vec((height, width), values.collect()).map_err(|e| e.to_string());
-    }
-    let values = data.as_chunks().0.iter().map(|raw| f32::from(u16::from_ne_bytes(*raw)));
-    Array2::from_shape_vec((height, width), values.collect()).map_err(|e| e.to_string())
+    let values = match eight {
+        true => data.into_iter().map(f32::from).collect(),
+        false => data.as_chunks().0.iter().map(|raw| f32::from(u16::from_ne_bytes(*raw))).collect(),
+    };
+    Array2::from_shape_vec((height, width), values).map_err(|e| e.to_string())
 }
 
 pub(super) fn encode(map: ArrayView2<'_, f32>, scale: f64) -> Parsed<Vec<u8>> {

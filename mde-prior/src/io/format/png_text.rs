@@ -8,9 +8,9 @@ const HEADER: usize = 33;
 /// Length, type and checksum of a chunk.
 const AROUND: usize = 12;
 
-const UNIT: &str = "Depth-Unit";
-const SCALE: &str = "Depth-Scale";
-const CONFIDENCE: &str = "Confidence";
+pub(super) const UNIT: &str = "Depth-Unit";
+pub(super) const SCALE: &str = "Depth-Scale";
+pub(super) const CONFIDENCE: &str = "Confidence";
 
 /// A PNG with texts behind its header; keywords and texts are ASCII.
 pub(super) fn with_texts(png: &[u8], texts: &[(&str, &str)]) -> Vec<u8> {
@@ -24,16 +24,6 @@ pub(super) fn with_texts(png: &[u8], texts: &[(&str, &str)]) -> Vec<u8> {
     }
     bytes.extend(rest);
     bytes
-}
-
-/// The texts of a depth map.
-pub(super) fn of_depth<'t>(unit: &'t str, scale: &'t str, description: &'t str) -> [(&'t str, &'t str); 3] {
-    [("Description", description), (UNIT, unit), (SCALE, scale)]
-}
-
-/// The texts of a confidence map.
-pub(super) fn of_confidence<'t>(formula: &'t str, description: &'t str) -> [(&'t str, &'t str); 2] {
-    [("Description", description), (CONFIDENCE, formula)]
 }
 
 /// What the values are, by the texts before the pixels; `None` without such texts.
