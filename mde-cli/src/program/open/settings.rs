@@ -3,7 +3,7 @@
 use crate::config::{Config, Preset, Shorthands};
 use crate::output::export::Format;
 use crate::program::args::{
-    CameraArgs, ErrorBarArgs, MemoryArgs, PresetArgs, RefineArgs, RunArgs, SettingsArgs, SizeArgs,
+    CameraArgs, ErrorBarArgs, MemoryArgs, PresetArgs, RefineArgs, SettingsArgs, SizeArgs,
 };
 use crate::refiner::Settings;
 use crate::refiner::error_bar::ErrorBar;
@@ -81,11 +81,6 @@ pub(crate) fn camera(args: &CameraArgs, focal_35mm: Option<f64>, size: [usize; 2
         (None, None, None) => GivenCamera::Nothing,
     };
     Ok(KnownCamera::new(&given, focal_35mm, size)?)
-}
-
-/// Uses the number of threads of the command line, else one per processor.
-pub(crate) fn use_threads(args: &RunArgs) -> Result<()> {
-    start_threads(args.threads.map(usize::from))
 }
 
 /// Uses that number of threads, else one per processor, and fewer where the system has fewer left.
