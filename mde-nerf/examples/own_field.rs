@@ -21,7 +21,7 @@ impl RadianceField for Surface {
         let view = self.view.as_ref().ok_or(Error::NotFitted)?;
         let depth = view.hypotheses.first().ok_or(Error::NoRange)?;
         let depth = reproject(depth, &view.camera, &view.pose, camera, pose, &ReprojectConfig::default())
-            .map_err(Error::external)?;
+            .map_err(|error| Error::External(error.into()))?;
         let opacity = depth.support().mapv(|known| f32::from(u8::from(known)));
         let image = Array3::from_elem((camera.height, camera.width, 3), 0.5);
         Ok(RenderedView { image, depth, opacity, in_bin: None })

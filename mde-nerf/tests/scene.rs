@@ -4,7 +4,6 @@
 
 use mde_nerf::{
     Error, FieldConfig, FieldEvent, HashFieldConfig, MlpFieldConfig, Nerf, NerfConfig, RadianceField, Silent,
-    VolumeConfig,
 };
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::random::CounterRng;
@@ -65,28 +64,21 @@ fn views(hypotheses: bool) -> Vec<PosedView> {
     views
 }
 
-fn hash() -> NerfConfig {
-    let mut config = NerfConfig {
-        field: FieldConfig::Hash(HashFieldConfig { log2_rows: 14, finest: 96, ..HashFieldConfig::default() }),
-        ..NerfConfig::default()
-    };
-    config.train.steps = 150;
-    config.train.rays = 512;
-    config.train.learning_rate = 1e-2;
-    config.train.warm_up = 20;
+/// A configuration of a field that is fitted in seconds.
+fn quick(field: FieldConfig, steps: usize, learning_rate: f64) -> NerfConfig {
+    let mut config = NerfConfig { field, ..NerfConfig::default() };
+    (config.train.steps, config.train.rays, config.train.warm_up) = (steps, 512, 20);
+    config.train.learning_rate = learning_rate;
     config
 }
 
+fn hash() -> NerfConfig {
+    let field = HashFieldConfig { log2_rows: 14, finest: 96, ..HashFieldConfig::default() };
+    quick(FieldConfig::Hash(field), 150, 1e-2)
+}
+
 fn mlp() -> NerfConfig {
-    let mut config = NerfConfig {
-        field: FieldConfig::Mlp(MlpFieldConfig { layers: 3, width: 64, frequencies: 5 }),
-        ..NerfConfig::default()
-    };
-    config.train.steps = 500;
-    config.train.rays = 512;
-    config.train.learning_rate = 5e-3;
-    config.train.warm_up = 20;
-    config
+    quick(FieldConfig::Mlp(MlpFieldConfig { layers: 3, width: 64, frequencies: 5 }), 500, 5e-3)
 }
 
 /// Fits, renders the original pose and returns PSNR in dB and the median relative depth error.
@@ -106,11 +98,11 @@ fn quality(config: NerfConfig, views: &[PosedView]) -> (f64, f64) {
 }
 
 #[test]
-fn parallax_alone_teaches_colour_and_depth() {
-    let (views, mut hash) = (views(false), hash());
+fn parallax_alone_teaches_a_field_colour_and_depth() {
+    let mut hash = hash();
     hash.train.steps = 400;
     for (config, least) in [(hash, 30.0), (mlp(), 28.0)] {
-        let (psnr, depth) = quality(config, &views);
+        let (psnr, depth) = quality(config, &views(false));
         assert!(psnr > least, "PSNR {psnr:.1} dB");
         assert!(depth < 0.05, "median relative depth error {depth:.4}");
     }
@@ -181,28 +173,60 @@ fn the_termination_becomes_the_distribution_of_the_hypotheses() {
     assert!((0.09..0.115).contains(&median), "{median}");
 }
 
-/// It has its settings, those that no configuration file has among them: fitted again, it is the same field.
 #[test]
-#[cfg(feature = "serde")]
-fn a_saved_field_renders_the_same_bits() {
+fn the_same_seed_gives_the_same_bits_with_any_number_of_threads() {
+    let mut config = hash();
+    config.train.steps = 30;
+    let views = views(true);
+    let run = |threads: usize, config: &NerfConfig| {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
+            let mut field = Nerf::new(config.clone(), 7).unwrap();
+            let report = field.fit(&views, &mut Silent).unwrap();
+            (report, field.render(&views[1].camera, &views[1].pose, &mut Silent).unwrap())
+        })
+    };
+    for field in
+        [config.field.clone(), FieldConfig::Mlp(MlpFieldConfig { layers: 2, width: 32, frequencies: 4 })]
+    {
+        config.field = field;
+        let one = run(1, &config);
+        assert_eq!(one, run(2, &config));
+        assert_eq!(one, run(5, &config));
+    }
+}
+
+/// Fitted again, a loaded field is the same field: it has the settings that no configuration file has, too.
+#[test]
+fn a_saved_field_is_the_same_and_a_damaged_one_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("field.safetensors");
     let views = views(true);
     let mut photographs = NerfConfig::photographs(WIDTH);
-    photographs.sampling.volume = VolumeConfig::Reference { margin: 0.2 };
+    photographs.train.rays = 64;
     (photographs.sampling.near, photographs.sampling.far) = (Some(1.1), Some(5.0));
-    for mut config in [hash(), mlp(), photographs] {
-        (config.train.steps, config.train.rays) = (10, 64);
+    for mut config in [photographs, mlp()] {
+        config.train.steps = 10;
         let mut field = Nerf::new(config, 3).unwrap();
-        assert!(matches!(field.save(&path), Err(Error::NotFitted)));
+        assert!(matches!(field.to_bytes(), Err(Error::NotFitted)));
         field.fit(&views, &mut Silent).unwrap();
-        field.save(&path).unwrap();
+        let mut bytes = field.to_bytes().unwrap();
+        std::fs::write(&path, &bytes).unwrap();
         let mut again = Nerf::load(&path).unwrap();
         assert_eq!(again.config(), field.config());
         let render = |f: &Nerf| f.render(&views[2].camera, &views[2].pose, &mut Silent).unwrap();
         assert_eq!(render(&again), render(&field));
         again.fit(&views, &mut Silent).unwrap();
         assert_eq!(render(&again), render(&field));
+
+        let last = bytes.len() - 5;
+        bytes[last] ^= 1;
+        std::fs::write(&path, &bytes).unwrap();
+        let message = Nerf::load(&path).unwrap_err().to_string();
+        assert!(message.contains("field.safetensors") && message.contains("checksum"), "{message}");
+        for cut in [0, 1, 7, 100, bytes.len() / 2] {
+            std::fs::write(&path, &bytes[..cut]).unwrap();
+            assert!(matches!(Nerf::load(&path), Err(Error::Format { .. })));
+        }
     }
 }
 
@@ -256,4 +280,8 @@ fn bad_views_and_configurations_are_named() {
     let mut torn = view(Pose::identity(), true);
     torn.image = Array3::zeros((2, 2, 3));
     assert!(matches!(field.fit(&[torn], &mut Silent), Err(Error::View { index: 0, .. })));
+    let mut config = hash();
+    config.train.rays = 3;
+    let message = Nerf::new(config, 0).unwrap_err().to_string();
+    assert_eq!(message, "train.rays is 3; give 16 to 65536 rays");
 }

@@ -1,6 +1,8 @@
 //! Errors as the user sees them: one line, with arguments as flags.
 
 use crate::error::{named, text};
+use anyhow::Result;
+use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Where the last panic began, and its message.
@@ -10,9 +12,15 @@ static PANIC: Mutex<String> = Mutex::new(String::new());
 #[derive(Debug, thiserror::Error)]
 #[error("{failed} of the runs failed ({first}); the others are in {folder}")]
 pub(crate) struct Partial {
-    pub(crate) failed: usize,
-    pub(crate) first: String,
-    pub(crate) folder: String,
+    failed: usize,
+    first: String,
+    folder: String,
+}
+
+/// The error of a run in whose `folder` some results are missing; none where nothing failed.
+pub(crate) fn partial(failed: usize, first: Option<String>, folder: &Path) -> Result<()> {
+    let folder = folder.display().to_string();
+    first.map_or(Ok(()), |first| Err(Partial { failed, first, folder }.into()))
 }
 
 pub(crate) fn fault() -> MutexGuard<'static, String> {

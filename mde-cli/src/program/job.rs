@@ -3,15 +3,14 @@
 use crate::output::export::Format;
 use crate::output::files::ResultFiles;
 use crate::output::preview::strip;
-use crate::output::record::{About, RunRecord};
+use crate::output::record::RunRecord;
 use crate::program::open::truth::{Comparison, Truth};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
 use crate::program::store::folder::{OutputFolder, RECORD};
 use crate::program::terminal::line_of;
 use crate::program::{report, summary};
-use crate::refinement::event::Event;
-use crate::refiner::{Observer, Plan, Prepared, Refined, Refiner};
+use crate::refiner::{Plan, Prepared, Refined, Refiner};
 use crate::reports::Refinement;
 use crate::scene::Scene;
 use anyhow::{Context, Result};
@@ -19,7 +18,6 @@ use mde_prior::DepthKind;
 use mde_prior::photo::write_image;
 use serde_json::json;
 use std::fs;
-use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
 
@@ -34,23 +32,6 @@ pub(crate) struct Job<'p> {
     pub(crate) keep_photographs: bool,
 }
 
-/// A refinement with its scores.
-pub(crate) struct Scored<'s> {
-    pub(crate) refined: Refined<'s>,
-    scores: Option<Comparison>,
-    score_seconds: f64,
-}
-
-impl Observer for Progress {
-    fn event(&mut self, event: &Event) -> ControlFlow<()> {
-        self.observe(event)
-    }
-
-    fn warn(&mut self, warning: String) {
-        Self::warn(self, warning);
-    }
-}
-
 impl Job<'_> {
     /// Refines the scene's reference, scores, writes and prints.
     pub(crate) fn run(
@@ -62,7 +43,7 @@ impl Job<'_> {
         progress: &mut Progress,
     ) -> Result<()> {
         let mut prepared = self.refiner.prepare(scene, plan, progress)?;
-        let Scored { refined, scores, .. } =
+        let (refined, scores) =
             self.produce(&mut prepared, scene.reference, input, folder, progress, |_, _, _| Ok(()))?;
         let table = scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
         let value =
@@ -98,7 +79,7 @@ impl Job<'_> {
         folder: &OutputFolder,
         progress: &mut Progress,
         last: impl FnOnce(&Path, &Refined<'s>, &Progress) -> Result<()>,
-    ) -> Result<Scored<'s>> {
+    ) -> Result<(Refined<'s>, Option<Comparison>)> {
         let refined = prepared.refine(photograph, None, progress)?;
         let start = Instant::now();
         let mut scores = None;
@@ -106,17 +87,25 @@ impl Job<'_> {
             progress.step("score");
             scores = Some(truth.compare(&refined.refinement, refined.origin.kind)?);
         }
-        let scored = Scored { refined, scores, score_seconds: start.elapsed().as_secs_f64() };
+        let score_seconds = start.elapsed().as_secs_f64();
         folder.write(|path| {
-            self.write(path, input, &scored, progress)?;
-            last(path, &scored.refined, progress)
+            self.write_files(path, &refined)?;
+            let (camera, settings) = (&refined.camera, self.refiner.settings());
+            let about = about(self.command, input.to_owned(), camera, Some(settings), progress);
+            let record = RunRecord {
+                scores: scores.as_ref(),
+                score_seconds,
+                ..RunRecord::new(about, &refined, progress.training())
+            };
+            write_json(&path.join(RECORD), &record)?;
+            report::write(path)?;
+            last(path, &refined, progress)
         })?;
-        Ok(scored)
+        Ok((refined, scores))
     }
 
-    /// All files of the refinement of `input`.
-    fn write(&self, path: &Path, input: &str, scored: &Scored<'_>, progress: &Progress) -> Result<()> {
-        let Scored { refined, scores, score_seconds } = scored;
+    /// All files of the refinement but its record and its page.
+    fn write_files(&self, path: &Path, refined: &Refined<'_>) -> Result<()> {
         let settings = self.refiner.settings();
         let Refinement { depth, prior, components, certainty, capture, .. } = &refined.refinement;
         let sigma = depth.sigma();
@@ -152,21 +141,6 @@ impl Job<'_> {
         if let Some(field) = refined.field.as_ref().filter(|_| settings.keep_field) {
             mde_prior::write_atomic(&path.join("field.safetensors"), &field.lock().to_bytes()?)?;
         }
-        let about = About {
-            preset: Some(settings.preset.name()),
-            seed: Some(settings.config.seed),
-            warnings: progress.own_warnings(),
-            total_seconds: progress.own_seconds(),
-            ..about(self.command, input.to_owned(), &refined.camera)
-        };
-        let record = RunRecord {
-            scores: scores.as_ref(),
-            score_seconds: *score_seconds,
-            ..RunRecord::new(about, refined, progress.training())
-        };
-        write_json(&path.join(RECORD), &record)?;
-        self.export.iter().try_for_each(|format| files.export(*format, path))?;
-        report::write(path)?;
-        Ok(())
+        Ok(self.export.iter().try_for_each(|format| files.export(*format, path))?)
     }
 }

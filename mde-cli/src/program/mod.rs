@@ -16,7 +16,9 @@ mod report;
 mod store;
 mod summary;
 mod terminal;
+mod workers;
 
+use crate::program::args::Command;
 use crate::program::error::{Partial, fault, message};
 use crate::program::open::photographs;
 use crate::program::terminal::visible;
@@ -27,6 +29,7 @@ use std::process::ExitCode;
 
 /// The exit code after a fault of the program itself.
 const FAULT: u8 = 101;
+const KEPT: &str = "interrupted; finished work is kept, and the same command resumes it";
 
 /// Runs the program with the arguments of the process.
 pub fn main() -> ExitCode {
@@ -42,16 +45,10 @@ pub fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(_) if interrupt::requested() => {
-            let resumable = match &cli.command {
-                args::Command::Eval(_) | args::Command::Ablate(_) | args::Command::Calibrate(_) => true,
-                args::Command::Refine(refine) => {
-                    refine.several.all || photographs::are_many(&refine.photographs())
-                }
-                _ => false,
-            };
-            print(match resumable {
-                true => "interrupted; finished work is kept, and the same command resumes it",
-                false => "interrupted; nothing was written",
+            print(match &cli.command {
+                Command::Eval(_) | Command::Ablate(_) | Command::Calibrate(_) => KEPT,
+                Command::Refine(one) if one.several.all || photographs::are_many(&one.photographs()) => KEPT,
+                _ => "interrupted; nothing was written",
             });
             ExitCode::from(interrupt::EXIT_CODE)
         }

@@ -4,8 +4,11 @@ use crate::output::record::{TrainingCurve, follow};
 use crate::program::args::RunArgs;
 use crate::program::error::flags;
 use crate::program::interrupt;
+use crate::program::open::settings::start_threads;
 use crate::program::terminal::{columns, shown, visible, wrapped};
 use crate::refinement::event::{Event, Stage};
+use crate::refiner::Observer;
+use anyhow::Result;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use mde_eval::table::Document;
 use mde_nerf::FieldEvent;
@@ -34,7 +37,6 @@ enum Mode {
 pub(crate) struct Progress {
     mode: Mode,
     start: Instant,
-    stage: Stage,
     /// Current iteration, from 1, and their number.
     iteration: [usize; 2],
     bar: Option<ProgressBar>,
@@ -53,28 +55,30 @@ pub(crate) struct Progress {
 }
 
 impl Progress {
-    pub(crate) fn new(args: &RunArgs) -> Self {
+    /// Begins a run: starts its threads.
+    pub(crate) fn start(args: &RunArgs) -> Result<Self> {
+        start_threads(args.threads.map(usize::from))?;
         let mode = match (args.quiet, args.log_json) {
             (true, _) => Mode::Quiet,
             (_, true) => Mode::Json,
             _ if io::stderr().is_terminal() => Mode::Bars,
             _ => Mode::Lines,
         };
-        Self { mode, ..Self::silent() }
+        Ok(Self { mode, ..Self::silent() })
     }
 
     /// One that prints nothing and keeps its warnings.
     pub(crate) fn silent() -> Self {
+        let now = Instant::now();
         Self {
             mode: Mode::Quiet,
-            start: Instant::now(),
-            stage: Stage::Prior,
+            start: now,
             iteration: [1, 1],
             bar: None,
             tenths: 0,
             warnings: Vec::new(),
             own_warnings: Vec::new(),
-            begun: Instant::now(),
+            begun: now,
             printed: 0,
             in_pieces: false,
             training: Vec::new(),
@@ -84,25 +88,6 @@ impl Progress {
     /// Seconds since the program began.
     pub(crate) fn seconds(&self) -> f64 {
         self.start.elapsed().as_secs_f64()
-    }
-
-    /// Keeps a warning for the record, and prints it before the result, or at once between pieces of work. A run that fails prints
-    /// its error alone. One that was there before is not repeated.
-    pub(crate) fn warn(&mut self, warning: String) {
-        let warning = flags(&warning);
-        if !self.own_warnings.contains(&warning) {
-            self.own_warnings.push(warning.clone());
-        }
-        if self.warnings.contains(&warning) {
-            return;
-        }
-        if self.mode == Mode::Json {
-            self.json(json!({ "event": "warning", "message": warning }));
-        }
-        self.warnings.push(warning);
-        if self.in_pieces {
-            self.print_warnings();
-        }
     }
 
     /// As a warning, for a failure that the results list too: a terminal leaves it to them.
@@ -118,10 +103,8 @@ impl Progress {
 
     fn print_warnings(&mut self) {
         if matches!(self.mode, Mode::Lines | Mode::Bars) {
-            self.warnings
-                .iter()
-                .skip(self.printed)
-                .for_each(|warning| self.line(&format!("{WARNING} {warning}")));
+            let new = self.warnings.iter().skip(self.printed);
+            new.for_each(|warning| self.line(&format!("{WARNING} {warning}")));
         }
         self.printed = self.warnings.len();
     }
@@ -190,20 +173,9 @@ impl Progress {
         self.result(text, value);
     }
 
-    /// The callback of the loop.
-    pub(crate) fn observe(&mut self, event: &Event) -> ControlFlow<()> {
-        match *event {
-            Event::Begin { stage, iteration, iterations } => self.begin(stage, [iteration + 1, iterations]),
-            Event::Field { event, view, views } => self.field(&event, view, views),
-            Event::Predicted { done, total } => self.predicted(done, total),
-            Event::Part { stage, done, total } => self.part(stage, done, total),
-        }
-        interrupt::flow()
-    }
-
     fn begin(&mut self, stage: Stage, iteration: [usize; 2]) {
         self.finish_bar();
-        (self.stage, self.iteration, self.tenths) = (stage, iteration, 0);
+        (self.iteration, self.tenths) = (iteration, 0);
         let [index, all] = iteration;
         match self.mode {
             Mode::Quiet => {}
@@ -245,40 +217,7 @@ impl Progress {
         bar
     }
 
-    /// A field's own event; `view` of `views` is being rendered.
-    pub(crate) fn field(&mut self, event: &FieldEvent, view: usize, views: usize) {
-        match *event {
-            FieldEvent::Fit { step, steps, loss, psnr } => {
-                follow(&mut self.training, self.iteration[0] - 1, event);
-                let text = format!("steps, loss {loss:.4}, PSNR {psnr:.1} dB");
-                let value =
-                    json!({ "event": "fit", "step": step, "steps": steps, "loss": loss, "psnr": psnr });
-                self.advance(Stage::Fit, step, steps, &text, value);
-            }
-            FieldEvent::Render { row, rows } => {
-                let text = format!("rows, view {}/{views}", view + 1);
-                let value =
-                    json!({ "event": "render", "row": row, "rows": rows, "view": view + 1, "views": views });
-                self.advance(Stage::Render, view * rows + row, views * rows, &text, value);
-            }
-            _ => {}
-        }
-    }
-
-    /// The model finished a prediction.
-    fn predicted(&mut self, done: usize, total: usize) {
-        let value = json!({ "event": "predicted", "done": done, "total": total });
-        self.advance(Stage::Prior, done, total, "predictions of the model", value);
-    }
-
-    /// Pairs of photographs that are matched, or photographs that are swept.
-    fn part(&mut self, stage: Stage, done: usize, total: usize) {
-        let what = if stage == Stage::Poses { "pairs of photographs" } else { "photographs" };
-        let value = json!({ "event": stage.name(), "done": done, "total": total });
-        self.advance(stage, done, total, what, value);
-    }
-
-    fn advance(&mut self, stage: Stage, done: usize, all: usize, text: &str, mut value: Value) {
+    fn advance(&mut self, stage: Stage, [done, all]: [usize; 2], text: &str, mut value: Value) {
         match self.mode {
             Mode::Quiet => {}
             Mode::Json => {
@@ -345,7 +284,7 @@ impl Progress {
         } else if self.in_pieces {
             bar.set_prefix(String::new());
         } else {
-            bar.set_style(style(finished(terminal_columns())));
+            bar.set_style(style(FINISHED));
         }
         bar.abandon();
     }
@@ -365,6 +304,57 @@ impl Progress {
         match &self.bar {
             Some(bar) => bar.suspend(write),
             None => write(),
+        }
+    }
+}
+
+impl Observer for Progress {
+    fn event(&mut self, event: &Event) -> ControlFlow<()> {
+        match *event {
+            Event::Begin { stage, iteration, iterations } => self.begin(stage, [iteration + 1, iterations]),
+            Event::Field { event: ref fit @ FieldEvent::Fit { step, steps, loss, psnr }, .. } => {
+                follow(&mut self.training, self.iteration[0] - 1, fit);
+                let text = format!("steps, loss {loss:.4}, PSNR {psnr:.1} dB");
+                let value =
+                    json!({ "event": "fit", "step": step, "steps": steps, "loss": loss, "psnr": psnr });
+                self.advance(Stage::Fit, [step, steps], &text, value);
+            }
+            Event::Field { event: FieldEvent::Render { row, rows }, view, views } => {
+                let text = format!("rows, view {}/{views}", view + 1);
+                let value =
+                    json!({ "event": "render", "row": row, "rows": rows, "view": view + 1, "views": views });
+                self.advance(Stage::Render, [view * rows + row, views * rows], &text, value);
+            }
+            Event::Field { .. } => {}
+            Event::Predicted { done, total } => {
+                let value = json!({ "event": "predicted", "done": done, "total": total });
+                self.advance(Stage::Prior, [done, total], "predictions of the model", value);
+            }
+            Event::Part { stage, done, total } => {
+                let what = if stage == Stage::Poses { "pairs of photographs" } else { "photographs" };
+                let value = json!({ "event": stage.name(), "done": done, "total": total });
+                self.advance(stage, [done, total], what, value);
+            }
+        }
+        interrupt::flow()
+    }
+
+    /// Keeps a warning for the record, and prints it before the result, or at once between pieces of work. A run that fails prints
+    /// its error alone. One that was there before is not repeated.
+    fn warn(&mut self, warning: String) {
+        let warning = flags(&warning);
+        if !self.own_warnings.contains(&warning) {
+            self.own_warnings.push(warning.clone());
+        }
+        if self.warnings.contains(&warning) {
+            return;
+        }
+        if self.mode == Mode::Json {
+            self.json(json!({ "event": "warning", "message": warning }));
+        }
+        self.warnings.push(warning);
+        if self.in_pieces {
+            self.print_warnings();
         }
     }
 }
@@ -399,23 +389,16 @@ fn terminal_columns() -> usize {
 /// Template of pieces of work: the prefix is the remaining time, the message the last piece, cut to the line.
 const PIECES: &str = "{bar:20.cyan/dim} {pos}/{len} [{elapsed}{prefix}] {wide_msg}";
 
-/// Template for a line of that width.
+/// Template of a stage; only a wide terminal has the place for its message.
 fn template(columns: usize) -> &'static str {
     match columns {
         110.. => "{prefix} {bar:30.cyan/dim} {pos}/{len} {msg} [{elapsed}, {eta} left]",
-        70.. => "{prefix} {wide_bar:.cyan/dim} {pos}/{len} [{elapsed}, {eta} left]",
-        _ => "{prefix} {wide_bar:.cyan/dim} {percent} %",
+        _ => "{prefix} {wide_bar:.cyan/dim} {pos}/{len} [{elapsed}, {eta} left]",
     }
 }
 
-/// The same for a stage that has ended.
-fn finished(columns: usize) -> &'static str {
-    match columns {
-        110.. => "{prefix} {bar:30.cyan/dim} {pos}/{len} [{elapsed}]",
-        70.. => "{prefix} {wide_bar:.cyan/dim} {pos}/{len} [{elapsed}]",
-        _ => "{prefix} {wide_bar:.cyan/dim} {percent} %",
-    }
-}
+/// Template of a stage that has ended.
+const FINISHED: &str = "{prefix} {wide_bar:.cyan/dim} {pos}/{len} [{elapsed}]";
 
 #[cfg(test)]
 mod tests {
@@ -434,22 +417,10 @@ mod tests {
     }
 
     #[test]
-    fn a_warning_is_kept_once() {
-        let mut progress = Progress::silent();
-        for text in ["resized", "the camera is unknown", "resized"] {
-            progress.warn(text.to_owned());
+    fn the_templates_are_valid() {
+        for text in [template(80), template(110), FINISHED, PIECES] {
+            assert!(ProgressStyle::with_template(text).is_ok(), "{text}");
         }
-        assert_eq!(progress.own_warnings(), ["resized", "the camera is unknown"]);
-    }
-
-    #[test]
-    fn the_template_of_every_width_is_valid() {
-        for columns in [0, 20, 69, 70, 109, 110, 500] {
-            assert!(ProgressStyle::with_template(template(columns)).is_ok(), "{columns}");
-            assert!(ProgressStyle::with_template(finished(columns)).is_ok(), "{columns}");
-        }
-        assert!(ProgressStyle::with_template(PIECES).is_ok());
-        assert!(template(40).len() < template(80).len() && template(80).len() < template(200).len());
     }
 
     #[test]

@@ -1,6 +1,8 @@
 //! Provenance of a run: command, versions, memory.
 
 use crate::output::record::About;
+use crate::program::progress::Progress;
+use crate::refiner::Settings;
 use crate::scene::camera::KnownCamera;
 use anyhow::{Context, Result};
 use serde::Serialize;
@@ -27,10 +29,20 @@ fn quoted(argument: &str) -> String {
     }
 }
 
-/// The common part of the record of a command.
-pub(crate) fn about<'r>(command: &'static str, input: String, camera: &'r KnownCamera) -> About<'r> {
+/// The common part of the record of a command, with the warnings and seconds of the refinement that it is at.
+pub(crate) fn about<'r>(
+    command: &'static str,
+    input: String,
+    camera: &'r KnownCamera,
+    settings: Option<&Settings>,
+    progress: &'r Progress,
+) -> About<'r> {
     About {
         command_line: Some(command_line()),
+        preset: settings.map(|settings| settings.preset.name()),
+        seed: settings.map(|settings| settings.config.seed),
+        warnings: progress.own_warnings(),
+        total_seconds: progress.own_seconds(),
         peak_memory_bytes: peak_memory(),
         ..About::new(command, input, camera)
     }

@@ -4,7 +4,6 @@ use crate::refiner::Refined;
 use crate::refiner::error_bar::ErrorBar;
 use crate::reports::capture::{CaptureReport, PoseSource};
 use mde_uncertainty::statistics::{median, quantile};
-use ndarray::ArrayView2;
 
 /// What `--interval` adds to each folder of several photographs, as a line; nothing without it.
 pub(crate) fn intervals(error_bar: &ErrorBar) -> String {
@@ -35,36 +34,28 @@ pub(crate) fn summary(result: &Refined<'_>, of_model: bool) -> String {
         unit => format!(" {unit}"),
     };
     let same = refinement.iterations.is_empty() && moves.iter().all(|change| *change == 0.0);
+    let typical = percent(median(moves.iter().copied()));
+    let most = percent(quantile(&mut moves, 0.9));
     let change = match (same, refinement.augmentation.predictions > 1) {
         (true, false) => {
             "as it came: no field was fitted, and the prior is one map without others to compare it with"
-                .to_owned()
         }
-        _ => format!(
-            "typical change {}; 90 % of pixels changed by less than {}",
-            percent(median(moves.iter().copied())),
-            percent(quantile(&mut moves, 0.9))
-        ),
+        _ => &format!("typical change {typical}; 90 % of pixels changed by less than {most}"),
     };
-    let least = least_sure(depth, sigma.view())
-        .map_or_else(String::new, |(place, share)| format!("; least sure {place}: {}", percent(Some(share))));
     let assumed = stated.common_assumed.map_or_else(String::new, |share| {
         let measure = "assumed here: mde calibrate measures this network's";
         format!("; in it {:.0} % of the depth is FastDepth's error, {measure}", 100.0 * share)
     });
     let scale = match (&stated.scale, of_model) {
         (Some(scale), _) => {
-            format!(
-                "; the scale of the whole map: {} beside sigma ({})",
-                percent(Some(scale.relative)),
-                scale.by
-            )
+            let share = percent(Some(scale.relative));
+            format!("; the scale of the whole map: {share} beside sigma ({})", scale.by)
         }
         (None, true) => "; the scale of the whole map is not in it".to_owned(),
         (None, false) => String::new(),
     };
     let mut lines = vec![format!(
-        "depth: {change}\nsigma: median {}{unit}, {} of the depth{assumed}{least}{scale}",
+        "depth: {change}\nsigma: median {}{unit}, {} of the depth{assumed}{scale}",
         median(known).map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
         percent(median(relative)),
     )];
@@ -81,34 +72,6 @@ pub(crate) fn summary(result: &Refined<'_>, of_model: bool) -> String {
         ));
     }
     lines.join("\n")
-}
-
-/// The ninth of the image whose median of sigma over depth is the largest, and that median; nothing where all are alike.
-fn least_sure(depth: ArrayView2<'_, f32>, sigma: ArrayView2<'_, f32>) -> Option<(&'static str, f64)> {
-    const PLACES: [&str; 9] = [
-        "at the upper left",
-        "at the top",
-        "at the upper right",
-        "at the left",
-        "in the middle",
-        "at the right",
-        "at the lower left",
-        "at the bottom",
-        "at the lower right",
-    ];
-    let (height, width) = depth.dim();
-    let mut shares: [Vec<f64>; 9] = Default::default();
-    for ((row, column), &z) in depth.indexed_iter() {
-        let s = sigma[(row, column)];
-        if z > 0.0 && s.is_finite() {
-            shares[3 * (3 * row / height) + 3 * column / width].push(f64::from(s / z));
-        }
-    }
-    let medians = shares.into_iter().zip(PLACES).filter_map(|(shares, place)| Some((place, median(shares)?)));
-    let medians: Vec<_> = medians.collect();
-    let most = medians.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let least = medians.iter().map(|(_, share)| *share).fold(f64::INFINITY, f64::min);
-    (most.1 > 1.1 * least).then_some(most)
 }
 
 /// The photographs that were used, and how the field renders one of them.
@@ -140,22 +103,4 @@ fn photographs(report: &CaptureReport) -> Option<String> {
         line += &format!("\nPSNR of {name}, {kind}: field {psnr:.1} dB, moved by the prior {prior:.1} dB");
     }
     Some(line)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use ndarray::Array2;
-
-    #[test]
-    fn the_least_sure_part_is_named() {
-        let depth = Array2::from_elem((9, 12), 2.0);
-        let mut sigma = Array2::from_elem((9, 12), 0.1);
-        assert_eq!(least_sure(depth.view(), sigma.view()), None);
-        sigma.slice_mut(ndarray::s![6.., 8..]).fill(0.5);
-        let (place, share) = least_sure(depth.view(), sigma.view()).unwrap();
-        assert_eq!((place, share), ("at the lower right", 0.25));
-        sigma.fill(f32::INFINITY);
-        assert_eq!(least_sure(depth.view(), sigma.view()), None);
-    }
 }

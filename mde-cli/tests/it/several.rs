@@ -133,8 +133,7 @@ fn points_of_the_capture_give_its_scale() {
         .collect();
     let scale = |capture: &Scene| run(capture, &prior, &config).capture.unwrap().scale.unwrap()[0];
     let exact = scale(&capture);
-    let expected =
-        ratio(&room.truth, &prior.0[0].1.to_depth(&DisparityRule::default()).unwrap());
+    let expected = ratio(&room.truth, &prior.0[0].1.to_depth(&DisparityRule::default()).unwrap());
     assert!((exact / expected).ln().abs() < 0.1, "{exact}, {expected}");
     // In a world of twice the size, seen from the same place, the scale is that of the points.
     let centre = back.translation.vector;

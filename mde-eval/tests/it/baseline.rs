@@ -152,7 +152,7 @@ fn unsharp_masking_raises_sharpness_and_fixed_f1_but_hardly_f1_max() {
         let Scene { image, depth: truth, .. } = room(kind, 0, 320, 240).unwrap();
         let soft = SimulatedPriorConfig { blur: 0.018, ..SimulatedPriorConfig::default() };
         let prior = SimulatedPrior::new(&truth, &soft).unwrap().prediction().map.clone();
-        let sharpened = run_with(&Unsharp { amount: 1.0, sigma: 4.0 }, &image, &prior).unwrap();
+        let sharpened = run_with(&Unsharp { amount: 1.0 }, &image, &prior).unwrap();
         let scored = |depth: &Array2<f32>| {
             score(&Subject::new(depth.view(), truth.view()), &ScoreConfig::default()).unwrap()
         };

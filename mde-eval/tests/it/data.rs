@@ -1,8 +1,8 @@
 //! Data sets in folders made here, and the real ones where they lie beside the project.
 
 use mde_eval::data::{
-    CaptureGrid, Captures, DataSet, DataSetKind, Options, PlainFolders, Posed, Resized, Rooms, SunRgbd, open,
-    parse_places,
+    CaptureGrid, Captures, DataSet, DataSetKind, Nyu, Options, PlainFolders, Posed, Resized, Rooms, SunRgbd,
+    open, parse_places,
 };
 use mde_eval::mde_prior::format::{write_npy, write_png16};
 use mde_eval::mde_prior::photo::write_image;

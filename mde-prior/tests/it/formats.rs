@@ -1,11 +1,10 @@
 //! Round trips, and files that are not what they claim.
 
-use mde_prior::format::{self, Format, ReadOptions, WriteOptions};
+use mde_prior::format::{self, Format, ReadOptions};
 use mde_prior::ndarray::{Array2, array};
-use mde_prior::photo;
+use mde_prior::{DepthKind, DepthPrior, Error, FilePrior, photo};
 use proptest::prelude::*;
 use proptest::sample::Index;
-use std::sync::LazyLock;
 
 fn bits(map: &Array2<f32>) -> Array2<u32> {
     map.mapv(f32::to_bits)
@@ -24,20 +23,20 @@ fn numbers() -> impl Strategy<Value = f32> + Clone {
 }
 
 /// A valid file of each format.
-static SAMPLES: LazyLock<Vec<(Format, Vec<u8>)>> = LazyLock::new(|| {
+fn samples() -> Vec<(Format, Vec<u8>)> {
     let folder = tempfile::tempdir().unwrap();
     let map = Array2::from_shape_fn((5, 7), |(y, x)| 0.5 + y as f32 + 0.25 * x as f32);
     let mut files: Vec<_> = ["a.png", "a.npy", "a.npz", "a.pfm", "a.exr"]
         .into_iter()
         .map(|name| {
             let path = folder.path().join(name);
-            format::write_depth(&path, map.view(), &WriteOptions::default()).unwrap();
+            format::write_depth(&path, map.view()).unwrap();
             (Format::of(&path).unwrap(), std::fs::read(&path).unwrap())
         })
         .collect();
     files.push((Format::Npz, deflated(&map)));
     files
-});
+}
 
 /// What another implementation compresses.
 fn deflated(map: &Array2<f32>) -> Vec<u8> {
@@ -54,12 +53,10 @@ proptest! {
         let folder = tempfile::tempdir()?;
         for name in ["m.npy", "m.npz", "m.pfm", "m.exr"] {
             let path = folder.path().join(name);
-            format::write_depth(&path, map.view(), &WriteOptions::default())?;
+            format::write_depth(&path, map.view())?;
             let read = format::read_values(&path, &ReadOptions::default())?;
             prop_assert_eq!(bits(&read), bits(&map), "{}", name);
         }
-        let read = format::decode(Format::Npz, &deflated(&map), &ReadOptions::default())?;
-        prop_assert_eq!(bits(&read), bits(&map));
     }
 
     #[test]
@@ -95,16 +92,27 @@ proptest! {
     }
 
     #[test]
+    fn deflated_npz_of_any_content_is_read(h in 1_usize..60, w in 1_usize..60, levels in 1_u32..5000, seed: u32) {
+        let mut state = seed;
+        let map = Array2::from_shape_fn((h, w), |_| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            ((state >> 8) % levels) as f32
+        });
+        let read = format::decode(Format::Npz, &deflated(&map), &ReadOptions::default())?;
+        prop_assert_eq!(read, map);
+    }
+
+    #[test]
     fn parsers_never_panic_on_noise(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
-        for (format, _) in &*SAMPLES {
-            prop_assert!(format::decode(*format, &bytes, &ReadOptions::default()).is_err());
+        for (format, _) in samples() {
+            prop_assert!(format::decode(format, &bytes, &ReadOptions::default()).is_err());
         }
         let _ = photo::decode_image(&bytes);
     }
 
     #[test]
     fn truncated_files_are_errors(cut: Index) {
-        for (format, bytes) in SAMPLES.clone() {
+        for (format, bytes) in samples() {
             let cut = cut.index(bytes.len());
             let parsed = format::decode(format, &bytes[..cut], &ReadOptions::default());
             // The last 12 bytes of a PNG hold no pixels.
@@ -114,7 +122,7 @@ proptest! {
 
     #[test]
     fn damaged_files_never_panic(at: Index, value: u8, more: Index, other: u8) {
-        for (format, mut bytes) in SAMPLES.clone() {
+        for (format, mut bytes) in samples() {
             let (first, second) = (at.index(bytes.len()), more.index(bytes.len()));
             bytes[first] = value;
             bytes[second] = other;
@@ -124,10 +132,11 @@ proptest! {
     }
 }
 
-/// Of the data window, blown up in place.
 #[test]
-fn an_exr_of_an_absurd_size_takes_no_memory() {
-    let (_, mut exr) = SAMPLES.clone().into_iter().find(|(f, _)| *f == Format::Exr).unwrap();
+fn absurd_headers_take_no_memory() {
+    assert!(format::decode(Format::Pfm, b"Pf\n10000 10000\n-1\n", &ReadOptions::default()).is_err());
+    // The data window of an EXR, blown up in place.
+    let (_, mut exr) = samples().into_iter().find(|(f, _)| *f == Format::Exr).unwrap();
     for name in [&b"dataWindow\0box2i\0"[..], b"displayWindow\0box2i\0"] {
         let at = exr.windows(name.len()).position(|w| w == name).unwrap() + name.len() + 4 + 8;
         exr[at..at + 8].copy_from_slice(&[0xff, 0xff, 0, 0, 0xff, 0xff, 0, 0]);
@@ -143,11 +152,15 @@ fn a_pfm_is_read_bottom_up_in_both_byte_orders_and_with_windows_line_ends() {
         let map = format::decode(Format::Pfm, &file, &ReadOptions::default()).unwrap();
         assert_eq!(map, array![[1.0], [2.0]]);
     }
+}
+
+#[test]
+fn the_first_nan_is_named_where_values_are_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("nan.pfm");
     std::fs::write(&path, b"Pf\n1 1\n-1\n\x00\x00\xc0\x7f").unwrap();
-    let refused = format::read_values(&path, &ReadOptions::default()).unwrap_err().to_string();
-    assert!(refused.contains("NaN at row 0, column 0"), "{refused}");
+    let message = format::read_values(&path, &ReadOptions::default()).unwrap_err().to_string();
+    assert!(message.contains("nan.pfm: NaN at row 0, column 0"), "{message}");
 }
 
 #[test]
@@ -180,6 +193,28 @@ fn nothing_is_left_behind_by_a_failed_write() {
     assert!(format::write_npy(folder.path().join("absent/m.npy"), array![[1.0]].view()).is_err());
     assert_eq!(std::fs::read(&path).unwrap(), before);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn a_file_prior_has_the_image_size_or_says_both() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("d.npy");
+    format::write_npy(&path, array![[0.0_f32, -1.0, 2000.0]].view()).unwrap();
+    let image = mde_prior::ndarray::Array3::zeros((1, 3, 3));
+
+    let thousandths = ReadOptions { float_scale: 1000.0, ..ReadOptions::default() };
+    let depth =
+        FilePrior::open(&path, DepthKind::Metric, &thousandths).unwrap().predict(image.view()).unwrap();
+    assert_eq!(depth.map, array![[0.0, 0.0, 2.0]]);
+    assert_eq!(depth.valid, array![[false, false, true]]);
+    let prior = FilePrior::open(&path, DepthKind::AffineDisparity, &ReadOptions::default()).unwrap();
+    assert!(prior.prior().valid.iter().all(|&v| v));
+
+    let other = mde_prior::ndarray::Array3::zeros((4, 5, 3));
+    let error = prior.predict(other.view()).unwrap_err();
+    assert!(matches!(error, Error::SizeMismatch { .. }));
+    let message = error.to_string();
+    assert!(message.contains("3x1") && message.contains("5x4"), "{message}");
 }
 
 #[test]

@@ -24,11 +24,10 @@ fn fastdepth_reproduces_its_test_vector() {
     let image: Array3<u8> = ndarray_npy::read_npy(folder.join("testvec_input_rgb_u8.npy")).unwrap();
     let image = image.mapv(|v| f32::from(v) / 255.0);
     let expected = read_values(folder.join("testvec_output_depth_f32.npy"), &ReadOptions::default()).unwrap();
-    let prior = OnnxPrior::open_guessed(&model).unwrap();
-    assert_close(&prior.predict_native(image.view()).unwrap(), &expected, 1e-4);
-
+    let prior = OnnxPrior::open(&model, &OnnxPrior::recognise(&model).unwrap().0).unwrap();
     let depth = prior.predict(image.view()).unwrap();
-    assert_eq!((depth.map.dim(), depth.kind), ((224, 224), DepthKind::Metric));
+    assert_close(&depth.map, &expected, 1e-4);
+    assert_eq!(depth.kind, DepthKind::Metric);
     assert!(depth.valid.iter().all(|&v| v));
 }
 
@@ -37,7 +36,7 @@ fn midas_like_models_agree_with_onnx_runtime() {
     let mut spec = ModelSpec::new(32, 32, DepthKind::AffineDisparity);
     let small = OnnxPrior::open(fixture("midas_small.onnx"), &spec).unwrap();
     let expected = read_values(fixture("midas_small.npy"), &ReadOptions::default()).unwrap();
-    assert_close(&small.predict_native(pattern(32, 32).view()).unwrap(), &expected, 1e-5);
+    assert_close(&small.predict(pattern(32, 32).view()).unwrap().map, &expected, 1e-5);
     assert!(expected.iter().any(|&d| d < 0.0), "the fixture is to show that disparity may be negative");
 
     spec.aspect = Aspect::KeepMinimal;
@@ -47,11 +46,8 @@ fn midas_like_models_agree_with_onnx_runtime() {
     let expected = read_values(fixture("midas_dynamic.npy"), &ReadOptions::default()).unwrap();
     // Another size in between, so that the plan is built again, twice.
     for _ in 0..2 {
-        assert_close(&dynamic.predict_native(pattern(64, 96).view()).unwrap(), &expected, 1e-5);
-        assert_eq!(
-            dynamic.predict_native(pattern(100, 60).view()).unwrap().dim(),
-            dynamic.input_size(100, 60)
-        );
+        assert_close(&dynamic.predict(pattern(64, 96).view()).unwrap().map, &expected, 1e-5);
+        dynamic.predict(pattern(100, 60).view()).unwrap();
     }
     let prior = dynamic.predict(pattern(50, 70).view()).unwrap();
     assert_eq!((prior.map.dim(), prior.kind), ((50, 70), DepthKind::AffineDisparity));
@@ -70,14 +66,14 @@ fn a_fixed_input_size_wins_over_the_specification() {
 #[test]
 fn layout_order_and_normalisation_are_as_stated() {
     let image = pattern(8, 12);
-    let mut spec = ModelSpec::new(12, 8, DepthKind::RelativeDepth);
+    let mut spec = ModelSpec::new(12, 8, DepthKind::AffineDisparity);
     let nchw = OnnxPrior::open(fixture("grey_nchw.onnx"), &spec).unwrap();
-    assert_close(&nchw.predict_native(image.view()).unwrap(), &grey(&image, [0.299, 0.587, 0.114]), 1e-6);
+    assert_close(&nchw.predict(image.view()).unwrap().map, &grey(&image, [0.299, 0.587, 0.114]), 1e-6);
 
     spec.layout = Layout::Nhwc;
     spec.channels = Channels::Bgr;
     let nhwc = OnnxPrior::open(fixture("grey_nhwc.onnx"), &spec).unwrap();
-    assert_close(&nhwc.predict_native(image.view()).unwrap(), &grey(&image, [0.114, 0.587, 0.299]), 1e-6);
+    assert_close(&nhwc.predict(image.view()).unwrap().map, &grey(&image, [0.114, 0.587, 0.299]), 1e-6);
 
     // The mean and std stay with their colours whatever the order.
     spec.mean = [0.1, 0.2, 0.3];
@@ -86,7 +82,7 @@ fn layout_order_and_normalisation_are_as_stated() {
     let mut expected = image.clone();
     expected.indexed_iter_mut().for_each(|((_, _, c), v)| *v = (*v - spec.mean[c]) / spec.std[c]);
     assert_close(
-        &normalised.predict_native(image.view()).unwrap(),
+        &normalised.predict(image.view()).unwrap().map,
         &grey(&expected, [0.114, 0.587, 0.299]),
         1e-5,
     );
@@ -116,6 +112,39 @@ fn the_floor_holds_after_bicubic_overshoot() {
     let prior = OnnxPrior::open(fixture("grey_nchw.onnx"), &spec).unwrap();
     let depth = prior.predict(pattern(37, 51).view()).unwrap();
     assert!(depth.map.iter().all(|&z| z >= 0.4));
+}
+
+#[test]
+fn an_image_of_one_channel_or_with_nan_is_refused() {
+    let spec = ModelSpec::new(8, 8, DepthKind::Metric);
+    let grey = OnnxPrior::open(fixture("grey_nchw.onnx"), &spec).unwrap();
+    assert!(grey.predict(Array3::zeros((8, 8, 1)).view()).is_err());
+    assert!(grey.predict(Array3::from_elem((8, 8, 3), f32::NAN).view()).is_err());
+}
+
+/// Some of these panic in the runtime.
+#[test]
+fn networks_that_nothing_can_run_are_errors_with_the_name_of_the_file() {
+    let names = ["stride_0", "axis_99", "step_0", "divided_by_0", "huge", "enlarged", "groups", "split"]
+        .map(|name| format!("{name}.onnx"));
+    let mut panics = 0;
+    for name in names {
+        let opened = OnnxPrior::open(fixture(&name), &ModelSpec::new(16, 16, DepthKind::Metric));
+        let message = opened.and_then(|prior| prior.predict(pattern(16, 16).view())).unwrap_err().to_string();
+        assert!(message.contains(&name) && message.contains("; ") && !message.contains('\n'), "{message}");
+        panics += u32::from(message.contains("the runtime cannot run this model"));
+    }
+    assert!(panics >= 2, "{panics}");
+}
+
+#[test]
+fn weights_in_another_file_are_named() {
+    let prior = OnnxPrior::open(fixture("external.onnx"), &ModelSpec::new(8, 8, DepthKind::Metric)).unwrap();
+    let files: Vec<_> = prior.files().collect();
+    assert_eq!(files, [fixture("external.onnx"), fixture("external.bin")]);
+    let inside =
+        OnnxPrior::open(fixture("grey_nchw.onnx"), &ModelSpec::new(8, 8, DepthKind::Metric)).unwrap();
+    assert_eq!(inside.files().count(), 1);
 }
 
 /// A larger input has larger tensors, and the weights count twice.

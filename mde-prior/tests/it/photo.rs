@@ -5,7 +5,7 @@ use std::io::Cursor;
 
 use image::{DynamicImage, ImageFormat};
 use mde_prior::ndarray::{Array3, array};
-use mde_prior::photo::{decode_image, encode_rgb_png, read_image, write_image, write_rgb_png};
+use mde_prior::photo::{decode_image, encode_rgb_png, image_size, read_image, write_image, write_rgb_png};
 use proptest::prelude::*;
 
 fn encode(image: &DynamicImage, format: ImageFormat) -> Vec<u8> {
@@ -53,6 +53,14 @@ proptest! {
         prop_assert_eq!(read.mapv(|v| (v * 255.0).round() as u8), pixels);
         write_image(&path, read.view())?;
         prop_assert_eq!(std::fs::read(&path)?, before);
+    }
+
+    #[test]
+    fn truncated_photographs_never_panic(cut: prop::sample::Index) {
+        let image = DynamicImage::ImageRgb8(image::RgbImage::from_fn(16, 9, |x, y| image::Rgb([x as u8, y as u8, 3])));
+        for bytes in [jpeg_with_exif(&image, 6, 28), encode(&image, ImageFormat::Tiff), encode(&image, ImageFormat::WebP)] {
+            let _ = decode_image(&bytes[..cut.index(bytes.len())]);
+        }
     }
 }
 
@@ -116,8 +124,22 @@ fn whole_jpegs_have_the_pixels_of_image_and_cut_ones_are_refused() {
 #[test]
 fn what_is_no_picture_is_not_written() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.jpg");
+    let path = folder.path().join("a.png");
     let refused = write_rgb_png(&path, Array3::zeros((2, 2, 4)).view()).unwrap_err().to_string();
     assert!(refused.contains("[2, 2, 4]"), "{refused}");
     assert!(write_image(&path, Array3::from_elem((2, 2, 3), f32::NAN).view()).is_err());
+    assert_eq!(image_size(&path), None);
+}
+
+#[test]
+fn a_bomb_is_refused_before_it_is_unpacked() {
+    // A BMP header that promises 60000 x 60000 pixels.
+    let mut bytes = encode(&DynamicImage::new_rgb8(2, 2), ImageFormat::Bmp);
+    bytes[18..22].copy_from_slice(&60_000_u32.to_le_bytes());
+    bytes[22..26].copy_from_slice(&60_000_u32.to_le_bytes());
+    let message = decode_image(&bytes).unwrap_err().to_string();
+    assert!(
+        message.contains("60000x60000") || message.contains("limit") || message.contains("Memory"),
+        "{message}"
+    );
 }

@@ -137,13 +137,16 @@ graph = helper.make_graph(nodes, "slow", [helper.make_tensor_value_info("image",
                           [helper.make_tensor_value_info(names[-1], TensorProto.FLOAT, [1, 1, "h", "w"])], [BOX])
 onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), FOLDER / "slow.onnx")
 
-# Of 3, 48, 48, 48 and 1 channels, so that their matrix products are shared out among threads.
-channels, constants, nodes = [3, 48, 48, 48, 1], [], []
-for layer, (source, target) in enumerate(zip(channels, channels[1:])):
-    constants.append(constant(f"s{layer}", np.array([target, source, 3, 3], np.int64)))
-    nodes.append(helper.make_node("ConstantOfShape", [f"s{layer}"], [f"w{layer}"], value=constant("value", np.array([0.01], np.float32))))
+# Four convolutions of 3x3, of 3, 48, 48 and 1 channels: matrix products that tract shares out between threads.
+nodes, constants = [], []
+for layer, (inputs, outputs) in enumerate([(3, 48), (48, 48), (48, 48), (48, 1)]):
+    constants.append(integers(f"sides{layer}", outputs, inputs, 3, 3))
+    value = numpy_helper.from_array(np.array([1 / (9 * inputs)], np.float32))
+    nodes.append(helper.make_node("ConstantOfShape", [f"sides{layer}"], [f"w{layer}"], value=value))
     nodes.append(helper.make_node("Conv", [f"c{layer}", f"w{layer}"], [f"c{layer + 1}"], pads=[1] * 4))
-save("convolutions", nodes, [("c0", [1, 3, 96, 96])], [("c4", [1, 1, 96, 96])], constants)
+graph = helper.make_graph(nodes, "convolutions", [helper.make_tensor_value_info("c0", TensorProto.FLOAT, [1, 3, 96, 96])],
+                          [helper.make_tensor_value_info("c4", TensorProto.FLOAT, [1, 1, 96, 96])], constants)
+onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), FOLDER / "convolutions.onnx")
 
 broken("groups", [helper.make_node("Conv", ["image", "k"], ["depth"], group=7)], [KERNEL])
 broken("split", [helper.make_node("Split", ["image", "parts"], ["depth", "rest"], axis=1)], [integers("parts", 5, -2)])

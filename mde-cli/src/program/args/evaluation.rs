@@ -3,7 +3,7 @@
 use crate::config::Preset;
 use crate::program::args::choice::{ALIGNMENTS, PRESETS, choice};
 use crate::program::args::shard::Shard;
-use crate::program::args::{MemoryArgs, NetworkArgs, RunArgs, size};
+use crate::program::args::{MemoryArgs, NetworkArgs, RunArgs, field_of_view, size};
 use clap::{Args, ValueEnum};
 use mde_eval::align::AlignmentRule;
 use mde_eval::data::{CaptureGrid, DataSetKind};
@@ -289,11 +289,4 @@ pub(crate) struct PixelArgs {
 pub(crate) enum CropName {
     /// That of Eigen et al., of NYU's 640x480
     Eigen,
-}
-
-fn field_of_view(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(degrees) if 0.0 < degrees && degrees < 180.0 => Ok(degrees),
-        _ => Err("give degrees above 0 and below 180, such as 60".to_owned()),
-    }
 }

@@ -408,9 +408,15 @@ fn size(text: &str) -> Result<[usize; 2], String> {
     }
 }
 
+/// Finite numbers, separated by commas.
+fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+    let numbers = text.split(',').map(|part| part.trim().parse().ok()).collect::<Option<Vec<f64>>>()?;
+    numbers.try_into().ok().filter(|numbers: &[f64; N]| numbers.iter().all(|number| number.is_finite()))
+}
+
 fn positive(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(number) if number > 0.0 && f64::is_finite(number) => Ok(number),
+    match numbers(text) {
+        Some([number]) if number > 0.0 => Ok(number),
         _ => Err("give a positive number".to_owned()),
     }
 }
@@ -424,28 +430,28 @@ fn focal(text: &str) -> Result<(f64, Option<f64>), String> {
 }
 
 fn depth_range(text: &str) -> Result<[f64; 2], String> {
-    let numbers = text
-        .split_once(',')
-        .and_then(|(near, far)| Some([near.trim().parse().ok()?, far.trim().parse().ok()?]));
-    match numbers {
-        Some([near, far]) if near > 0.0 && far > near && f64::is_finite(far) => Ok([near, far]),
+    match numbers(text) {
+        Some([near, far]) if near > 0.0 && far > near => Ok([near, far]),
         _ => Err("give two positive numbers, the nearer first, such as 0.8,8".to_owned()),
     }
 }
 
 fn probability(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(number) if (0.01..=0.99).contains(&number) => Ok(number),
+    match numbers(text) {
+        Some([number]) if (0.01..=0.99).contains(&number) => Ok(number),
         _ => Err("give 0.01 to 0.99, such as 0.9".to_owned()),
     }
 }
 
-fn triple(text: &str) -> Result<[f64; 3], String> {
-    let numbers: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
-    match numbers.as_deref() {
-        Some(&[x, y, z]) if [x, y, z].iter().all(|v| v.is_finite()) => Ok([x, y, z]),
-        _ => Err("give three numbers, such as 0.05,0,-0.1".to_owned()),
+fn field_of_view(text: &str) -> Result<f64, String> {
+    match numbers(text) {
+        Some([degrees]) if 0.0 < degrees && degrees < 180.0 => Ok(degrees),
+        _ => Err("give degrees above 0 and below 180, such as 60".to_owned()),
     }
+}
+
+fn triple(text: &str) -> Result<[f64; 3], String> {
+    numbers(text).ok_or_else(|| "give three numbers, such as 0.05,0,-0.1".to_owned())
 }
 
 #[cfg(test)]

@@ -5,18 +5,6 @@ fn the_command_line_is_consistent() {
     Cli::command().debug_assert();
 }
 
-#[test]
-fn an_output_without_a_name_is_called_after_its_input() {
-    let name = |arguments: &str, input: &str| {
-        let cli = Cli::try_parse_from(arguments.split_whitespace()).unwrap();
-        let Command::Refine(refine) = cli.command else { panic!() };
-        refine.run.output(Path::new(input), "-depth")
-    };
-    let refine = "mde refine a/room.v2.jpg --prior-depth d.npy";
-    assert_eq!(name(refine, "a/room.v2.jpg"), Path::new("room.v2-depth"));
-    assert_eq!(name(&format!("{refine} -o out/x"), "a/room.v2.jpg"), Path::new("out/x"));
-}
-
 /// What everyone needs comes first, what few need last.
 #[test]
 fn the_help_begins_with_the_output_and_ends_with_what_is_rare() {

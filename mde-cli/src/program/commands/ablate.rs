@@ -5,9 +5,9 @@ use crate::program::args::AblateArgs;
 use crate::program::evaluation::ablation::FULL;
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::results::Results;
-use crate::program::evaluation::setup::{Request, Setup};
+use crate::program::evaluation::runner::{Evaluation, Request};
 use crate::program::evaluation::{ablation, results};
-use crate::program::open::settings::{overridden, use_threads};
+use crate::program::open::settings::overridden;
 use crate::program::progress::Progress;
 use anyhow::{Result, ensure};
 use mde_eval::statistics::Bootstrap;
@@ -15,12 +15,11 @@ use mde_eval::table::Summary;
 use serde_json::json;
 
 pub(super) fn run(args: &AblateArgs) -> Result<()> {
-    let mut progress = Progress::new(&args.common.run);
-    use_threads(&args.common.run)?;
+    let mut progress = Progress::start(&args.common.run)?;
     let methods = methods(args)?;
-    let request = Request { controls: false, share_fields: true, ..Request::new("ablate", &methods) };
-    let setup = Setup::open(&args.common, request)?;
-    let (mut entries, failures) = setup.run(&mut progress)?;
+    let request = Request { share_fields: true, ..Request::new("ablate", &methods) };
+    let evaluation = Evaluation::open(&args.common, request)?;
+    let (mut entries, failures) = evaluation.run(&mut progress)?;
     // Rows share fields, so their seconds would mislead.
     for entry in &mut entries {
         entry.values.remove("seconds");
@@ -31,13 +30,12 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
         let compared = |with| Summary::new(&entries, Some(with), &Bootstrap::default());
         ablation::table(&compared(FULL)?, &compared(PRIOR)?)
     };
-    let results = setup.results(FULL, entries, failures);
+    let results = evaluation.results(FULL, entries, failures);
     let mut results = Results { title: format!("Ablation: {}", results.title), preface, ..results };
     results.record["seeds"] = json!(args.seeds);
     results.record["preset"] = json!(args.preset.name());
     results.record["config"] = json!(base(args)?);
-    results::finish(results, setup.store.root(), &mut progress)
-        .inspect_err(|_| setup.store.discard_if_empty())
+    results::finish(results, &evaluation.store, &mut progress)
 }
 
 fn base(args: &AblateArgs) -> Result<Config> {

@@ -1,12 +1,13 @@
 use crate::program::args::BenchArgs;
 use crate::program::provenance::peak_memory;
+use crate::program::terminal::{aligned, print};
 use anyhow::{Context, Result, ensure};
+use mde_eval::table::Table;
 use mde_nerf::stages::{Stage, fields, multiply_adds, random_lines, stages};
 use mde_nerf::{FieldConfig, NerfConfig};
 use mde_uncertainty::statistics::median;
 use serde::Serialize;
 use std::hint::black_box;
-use std::io::{self, ErrorKind, Write};
 use std::time::{Duration, Instant};
 
 /// Multiply-adds per measurement of the peak, about 0.1 ms.
@@ -81,10 +82,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<()> {
         true => serde_json::to_string_pretty(&bench)? + "\n",
         false => lines(&bench),
     };
-    match io::stdout().lock().write_all(text.as_bytes()) {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error.into()),
-        _ => Ok(()),
-    }
+    print(text.as_bytes())
 }
 
 fn pool(threads: usize) -> Result<rayon::ThreadPool> {
@@ -147,28 +145,25 @@ fn median_seconds(seconds: f64, mut call: impl FnMut()) -> f64 {
 
 fn lines(bench: &Bench) -> String {
     let Ceilings { gflops_one_thread, gflops_all_threads, random_lines_gbytes_per_second } = bench.ceilings;
-    let mut text = format!(
+    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.0}"));
+    let rows = bench.stages.iter().map(|row| {
+        vec![
+            row.field.to_owned(),
+            row.stage.to_owned(),
+            row.threads.to_string(),
+            format!("{:.2}", row.samples_per_second * 1e-6),
+            number(row.gflops),
+            number(row.share_of_peak.map(|share| 100.0 * share)),
+            number(row.gbytes_per_second),
+        ]
+    });
+    let heads = ["field", "stage", "threads", "Msamples/s", "GFLOP/s", "of peak, %", "GB/s"];
+    let memory = bench.peak_memory_bytes.map(|bytes| bytes as f64 / f64::from(1 << 20));
+    format!(
         "peak: {gflops_one_thread:.0} GFLOP/s on one thread, {gflops_all_threads:.0} on {}; random lines of 8 MiB: \
-         {random_lines_gbytes_per_second:.0} GB/s on one thread\n\n\
-         {:12} {:24} {:>7} {:>10} {:>7} {:>6} {:>6}\n",
-        bench.threads, "field", "stage", "threads", "Msamples/s", "GFLOP/s", "peak", "GB/s"
-    );
-    let optional =
-        |value: Option<f64>, end: &str| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.0}{end}"));
-    for row in &bench.stages {
-        let peak = optional(row.share_of_peak.map(|share| 100.0 * share), " %");
-        text += &format!(
-            "{:12} {:24} {:>7} {:>10.2} {:>7} {peak:>6} {:>6}\n",
-            row.field,
-            row.stage,
-            row.threads,
-            row.samples_per_second * 1e-6,
-            optional(row.gflops, ""),
-            optional(row.gbytes_per_second, "")
-        );
-    }
-    if let Some(bytes) = bench.peak_memory_bytes {
-        text += &format!("\npeak memory: {:.0} MiB\n", bytes as f64 / f64::from(1 << 20));
-    }
-    text
+         {random_lines_gbytes_per_second:.0} GB/s on one thread\n\n{}\n\npeak memory: {} MiB\n",
+        bench.threads,
+        aligned(&Table::new(2, heads, rows)),
+        number(memory)
+    )
 }

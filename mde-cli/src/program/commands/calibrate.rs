@@ -3,8 +3,7 @@
 use crate::program::args::{CalibrateArgs, CaptureArgs};
 use crate::program::evaluation::method::{Method, PRIOR};
 use crate::program::evaluation::results;
-use crate::program::evaluation::setup::{Request, Setup};
-use crate::program::open::settings::use_threads;
+use crate::program::evaluation::runner::{Evaluation, Request};
 use crate::program::progress::Progress;
 use crate::refiner::calibration::fingerprint;
 use anyhow::{Context, Result, bail, ensure};
@@ -14,8 +13,7 @@ use mde_uncertainty::calibration::{Calibration, CalibrationSource};
 const FILE: &str = "calibration.toml";
 
 pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
-    let mut progress = Progress::new(&args.common.run);
-    use_threads(&args.common.run)?;
+    let mut progress = Progress::start(&args.common.run)?;
     let methods = Method::parse_list(std::slice::from_ref(&args.method), None)?;
     let own = |m: &Method| Some((m.label.clone(), m.config()?.clone(), m.is_of_photographs()));
     let Some((name, config, several)) = methods.last().and_then(own) else {
@@ -25,8 +23,8 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         several: CaptureArgs { grid: None, withhold: args.withhold },
         ..Request::new("eval", &methods)
     };
-    let setup = Setup::open(&args.common, request)?;
-    let (entries, failures) = setup.run(&mut progress)?;
+    let evaluation = Evaluation::open(&args.common, request)?;
+    let (entries, failures) = evaluation.run(&mut progress)?;
     let scenes: Vec<_> = entries
         .iter()
         .filter(|entry| entry.method == name)
@@ -35,17 +33,22 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     let own = entries.iter().filter(|entry| entry.method == name && entry.curves.is_some());
     let scales: Vec<f64> = own.filter_map(|entry| entry.values.get("alignment_scale").copied()).collect();
     let (data, prior, alignment) =
-        (setup.source.title(), setup.prior.title(), setup.scoring.alignment_note());
-    let path = setup.store.root().join(FILE);
+        (evaluation.source.title(), evaluation.prior.title(), evaluation.scoring.alignment_note());
+    let path = evaluation.store.root().join(FILE);
     let calibrated = !scenes.is_empty();
     if calibrated {
         let source = CalibrationSource { method: name, data, prior, alignment };
         let calibration = Calibration::fit(
             source,
-            fingerprint(&config, setup.prior.accepts_new_images(), several, setup.prior.model_hash())?,
+            fingerprint(
+                &config,
+                evaluation.prior.accepts_new_images(),
+                several,
+                evaluation.prior.model_hash(),
+            )?,
             scenes,
         )?;
-        let calibration = match setup.prior.is_metric() {
+        let calibration = match evaluation.prior.is_metric() {
             true => calibration.with_scales(&scales),
             false => calibration,
         };
@@ -69,8 +72,7 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
         // That of an earlier run is of other scores than the new tables.
         std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
     }
-    results::finish(setup.results(PRIOR, entries, failures), setup.store.root(), &mut progress)
-        .inspect_err(|_| setup.store.discard_if_empty())?;
+    results::finish(evaluation.results(PRIOR, entries, failures), &evaluation.store, &mut progress)?;
     ensure!(calibrated, "no scene has a sigma, so there is nothing to calibrate");
     Ok(())
 }

@@ -21,30 +21,25 @@ use std::time::Instant;
 const USUAL: (usize, usize) = (480, 640);
 
 pub(super) fn run(args: &DoctorArgs) -> Result<()> {
-    print("program", &versions().iter().map(|(n, v)| format!("{n} {v}")).collect::<Vec<_>>().join(", "));
-    print(
-        "models",
-        if cfg!(feature = "onnx") { "ONNX files" } else { "none: built without the feature onnx" },
-    );
-    print("machine", &format!("{} {}", std::env::consts::OS, std::env::consts::ARCH));
+    let crates: Vec<String> = versions().iter().map(|(name, version)| format!("{name} {version}")).collect();
+    let models = if cfg!(feature = "onnx") { "ONNX files" } else { "none: built without the feature onnx" };
     let cores = std::thread::available_parallelism().map_or_else(|e| e.to_string(), |n| n.to_string());
-    print("threads", &format!("{} used, {cores} available", rayon::current_num_threads()));
-    print("vectors", &vectors());
-    print("memory", &memory());
-    let terminal = |is: bool| if is { "terminal" } else { "no terminal" };
-    print(
-        "output",
-        &format!(
-            "stdout: {}, stderr: {}{}",
-            terminal(io::stdout().is_terminal()),
-            terminal(io::stderr().is_terminal()),
-            if std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty()) { ", NO_COLOR" } else { "" }
-        ),
-    );
-    match &args.prior_model {
-        Some(path) => model(path, args),
-        None => Ok(()),
+    let [stdout, stderr] = [io::stdout().is_terminal(), io::stderr().is_terminal()]
+        .map(|is| if is { "terminal" } else { "no terminal" });
+    let plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+    let plain = if plain { ", NO_COLOR" } else { "" };
+    for (what, text) in [
+        ("program", crates.join(", ")),
+        ("models", models.to_owned()),
+        ("machine", format!("{} {}", std::env::consts::OS, std::env::consts::ARCH)),
+        ("threads", format!("{} used, {cores} available", rayon::current_num_threads())),
+        ("vectors", vectors()),
+        ("memory", memory()),
+        ("output", format!("stdout: {stdout}, stderr: {stderr}{plain}")),
+    ] {
+        print(what, &text);
     }
+    args.prior_model.as_ref().map_or(Ok(()), |path| model(path, args))
 }
 
 /// Times the model with every runtime, and compares its predictions of rooms with their depth.
@@ -112,13 +107,10 @@ fn verdict(path: &Path, prior: &OpenPrior<'_>) -> Result<()> {
         );
     }
     let each = trial.rooms.iter().map(|tried| format!("{:.2}", tried.correlation)).collect::<Vec<_>>();
+    let (count, each) = (each.len(), each.join(", "));
     print(
         "trial",
-        &format!(
-            "Spearman's correlation with the true depth of {} procedural rooms: {}",
-            each.len(),
-            each.join(", ")
-        ),
+        &format!("Spearman's correlation with the true depth of {count} procedural rooms: {each}"),
     );
     match trial.order() {
         Order::True => {}
@@ -136,23 +128,15 @@ fn verdict(path: &Path, prior: &OpenPrior<'_>) -> Result<()> {
 /// The vector instructions that the kernels choose from at run time.
 fn vectors() -> String {
     #[cfg(target_arch = "x86_64")]
-    {
-        let found = [
-            ("AVX-512", is_x86_feature_detected!("avx512f")),
-            ("AVX2", is_x86_feature_detected!("avx2")),
-            ("FMA", is_x86_feature_detected!("fma")),
-        ];
-        let names: Vec<_> = found.iter().filter(|(_, there)| *there).map(|(name, _)| *name).collect();
-        if names.is_empty() { "SSE2 only: slow".to_owned() } else { names.join(", ") }
-    }
-    #[cfg(target_arch = "aarch64")]
-    {
-        "NEON".to_owned()
-    }
-    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-    {
-        "none in use: slow".to_owned()
-    }
+    let found = [
+        ("AVX-512", is_x86_feature_detected!("avx512f")),
+        ("AVX2", is_x86_feature_detected!("avx2")),
+        ("FMA", is_x86_feature_detected!("fma")),
+    ];
+    #[cfg(not(target_arch = "x86_64"))]
+    let found = [("NEON", cfg!(target_arch = "aarch64"))];
+    let names: Vec<_> = found.iter().filter(|(_, there)| *there).map(|(name, _)| *name).collect();
+    if names.is_empty() { "the least of this architecture: slow".to_owned() } else { names.join(", ") }
 }
 
 /// Known on Linux only.

@@ -1,9 +1,9 @@
 //! `mde completions` and `mde man`.
 
 use crate::program::args::{CompletionsArgs, ManArgs, command};
+use crate::program::terminal::print;
 use anyhow::{Context, Result};
 use clap_mangen::Man;
-use std::io::{self, Write};
 
 pub(super) fn completions(args: &CompletionsArgs) -> Result<()> {
     let mut text = Vec::new();
@@ -30,12 +30,4 @@ pub(super) fn page(args: &ManArgs) -> Result<()> {
     let source = concat!("mde ", env!("CARGO_PKG_VERSION"));
     Man::new(page).source(source).render(&mut text).context("the manual page can't be made")?;
     print(&text)
-}
-
-/// Writes to stdout; a closed pipe is no error.
-fn print(text: &[u8]) -> Result<()> {
-    match io::stdout().lock().write_all(text) {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error).context("stdout"),
-        _ => Ok(()),
-    }
 }

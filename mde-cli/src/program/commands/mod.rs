@@ -3,7 +3,6 @@
 mod ablate;
 mod bench;
 mod calibrate;
-mod config;
 mod demo;
 mod doctor;
 mod eval;
@@ -11,11 +10,12 @@ mod manual;
 mod poses;
 mod refine;
 mod render;
-mod report;
 mod score;
 mod warp;
 
 use crate::program::args::Command;
+use crate::program::report;
+use crate::program::terminal::{line_of, print};
 use anyhow::Result;
 
 pub(crate) fn run(command: &Command) -> Result<()> {
@@ -29,9 +29,11 @@ pub(crate) fn run(command: &Command) -> Result<()> {
         Command::Score(args) => score::run(args),
         Command::Ablate(args) => ablate::run(args),
         Command::Calibrate(args) => calibrate::run(args),
-        Command::Config(args) => config::run(args),
+        Command::Config(args) => print(args.preset.config().to_toml()?.as_bytes()),
         Command::Bench(args) => bench::run(args),
-        Command::Report(args) => report::run(args),
+        Command::Report(args) => {
+            print(format!("wrote {}\n", line_of(&report::write(&args.folder)?)).as_bytes())
+        }
         Command::Doctor(args) => doctor::run(args),
         Command::Completions(args) => manual::completions(args),
         Command::Man(args) => manual::page(args),

@@ -2,7 +2,7 @@ use crate::program::args::RefineArgs;
 use crate::program::job::Job;
 use crate::program::many;
 use crate::program::many::every;
-use crate::program::open::settings::{of_refine, use_threads};
+use crate::program::open::settings::of_refine;
 use crate::program::open::truth::Truth;
 use crate::program::open::{photographs, prior, scene};
 use crate::program::progress::Progress;
@@ -11,11 +11,9 @@ use crate::refiner::{Plan, Refiner};
 use crate::scene::Scene;
 use crate::scene::known::KnownDepths;
 use anyhow::{Result, ensure};
-use mde_prior::photo::read_image;
 
 pub(super) fn run(args: &RefineArgs) -> Result<()> {
-    let mut progress = Progress::new(&args.run);
-    use_threads(&args.run)?;
+    let mut progress = Progress::start(&args.run)?;
     if photographs::are_many(&args.photographs()) || args.several.shard.is_some() {
         return many::run(args, &mut progress);
     }
@@ -50,12 +48,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
 fn scene(refiner: &Refiner<'_>, args: &RefineArgs, progress: &mut Progress) -> Result<(Scene, Plan)> {
     let (mut scene, plan) = match args.several.views.is_empty() {
         false => scene::several(refiner, args, progress)?,
-        true => {
-            let plan = refiner.plan(&args.image.display().to_string(), scene::size(&args.image)?, 1)?;
-            let photo = read_image(&args.image)?;
-            let photograph = scene::photograph(refiner, &args.camera, &args.image, photo, false, progress)?;
-            (Scene::one(photograph), plan)
-        }
+        true => scene::one(refiner, &args.camera, &args.image, false, progress)?,
     };
     if let Some(path) = &args.scale_from {
         let original = scene.photographs[scene.reference].original;

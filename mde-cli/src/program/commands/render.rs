@@ -2,11 +2,13 @@ use crate::output::preview::depth_picture;
 use crate::output::record::About;
 use crate::program::args::{PathArgs, RenderArgs};
 use crate::program::interrupt;
-use crate::program::open::settings::{camera, limit, use_threads};
+use crate::program::open::settings::{camera, limit};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, rows, write_json};
 use crate::program::store::folder::{OutputFolder, RECORD};
 use crate::program::terminal::line_of;
+use crate::refinement::event::Event;
+use crate::refiner::Observer;
 use crate::refiner::depth_png::DepthPng;
 use crate::refiner::plan::render_bytes;
 use anyhow::{Context, Result, ensure};
@@ -43,8 +45,7 @@ struct ViewRecord {
 }
 
 pub(super) fn run(args: &RenderArgs) -> Result<()> {
-    let mut progress = Progress::new(&args.run);
-    use_threads(&args.run)?;
+    let mut progress = Progress::start(&args.run)?;
     let folder = OutputFolder::new(&args.run.output(&args.field, "-render"), args.run.force)?;
     let camera = camera(&args.camera, None, args.size)?;
     if let Some(warning) = camera.warning() {
@@ -61,8 +62,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
     let mut views = Vec::new();
     for (index, pose) in poses.iter().enumerate() {
         let mut listen = |event: &FieldEvent| {
-            progress.field(event, index, poses.len());
-            interrupt::flow()
+            progress.event(&Event::Field { event: *event, view: index, views: poses.len() })
         };
         views.push(field.render(&camera.camera, pose, &mut listen)?);
     }
@@ -75,11 +75,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
             write_view(path, &number, view, &png)?;
             records.push(ViewRecord { colour: format!("colour{number}.png"), world_to_camera: rows(pose) });
         }
-        let about = About {
-            warnings: progress.own_warnings(),
-            total_seconds: progress.seconds(),
-            ..about("render", args.field.display().to_string(), &camera)
-        };
+        let about = about("render", args.field.display().to_string(), &camera, None, &progress);
         write_json(&path.join(RECORD), &RenderRecord { about, png_scale: png.scale, views: records })
     })?;
     let text = format!("{} views\nwrote {}", poses.len(), line_of(folder.path()));

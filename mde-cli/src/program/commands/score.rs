@@ -8,8 +8,9 @@ use crate::program::evaluation::runner::Failure;
 use crate::program::evaluation::scoring::Scoring;
 use crate::program::evaluation::store::Store;
 use crate::program::interrupt;
-use crate::program::open::settings::{limit, use_threads};
+use crate::program::open::settings::limit;
 use crate::program::progress::Progress;
+use crate::refiner::Observer;
 use crate::refiner::plan::SceneMemory;
 use anyhow::{Context, Result, bail, ensure};
 use mde_eval::data::{MapPair, MapPairs};
@@ -22,8 +23,7 @@ use serde_json::json;
 const MAPS: &str = "maps";
 
 pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
-    let mut progress = Progress::new(&args.run);
-    use_threads(&args.run)?;
+    let mut progress = Progress::start(&args.run)?;
     let (pred, gt) = (&args.pred, &args.gt);
     let pairs = MapPairs::open(pred, gt, args.sigma.as_deref())?;
     for id in pairs.unmatched() {
@@ -66,7 +66,7 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
         failures,
         record: json!({ "pred": pred_name, "gt": gt_name, "sigma": sigma_name, "score": scoring.config }),
     };
-    results::finish(results, store.root(), &mut progress).inspect_err(|_| store.discard_if_empty())
+    results::finish(results, &store, &mut progress)
 }
 
 fn entry(pair: &MapPair, args: &ScoreMapsArgs, scoring: &Scoring) -> Result<Entry> {

@@ -5,7 +5,7 @@ use crate::output::preview::contact_sheet;
 use crate::output::record::About;
 use crate::prior::origin::PriorOrigin;
 use crate::program::args::WarpArgs;
-use crate::program::open::settings::{settings, sizes, use_threads};
+use crate::program::open::settings::{settings, sizes};
 use crate::program::open::{prior, scene};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, rows, write_json};
@@ -13,10 +13,9 @@ use crate::program::store::folder::{OutputFolder, RECORD};
 use crate::program::terminal::line_of;
 use crate::refiner::Refiner;
 use crate::reports::iteration::WarpReport;
-use crate::scene::Scene;
 use anyhow::Result;
 use mde_prior::format::write_npy;
-use mde_prior::photo::{read_image, write_image, write_rgb_png};
+use mde_prior::photo::{write_image, write_rgb_png};
 use mde_warp::PosedView;
 use ndarray::Array3;
 use serde::Serialize;
@@ -44,31 +43,22 @@ struct ViewRecord {
 }
 
 pub(super) fn run(args: &WarpArgs) -> Result<()> {
-    let mut progress = Progress::new(&args.run);
-    use_threads(&args.run)?;
+    let mut progress = Progress::start(&args.run)?;
     let folder = OutputFolder::new(&args.run.output(&args.image, "-views"), args.run.force)?;
     let prior = prior::open(&args.prior)?;
     let mut settings = settings(&args.settings, &args.size.memory, Preset::Paper)?;
     settings.sizes = sizes(&args.size);
     let refiner = Refiner::new(&prior, settings)?;
-    let plan = refiner.plan(&args.image.display().to_string(), scene::size(&args.image)?, 1)?;
-    let photo = read_image(&args.image)?;
     // Views are not brought back to a larger size.
-    let scene =
-        Scene::one(scene::photograph(&refiner, &args.camera, &args.image, photo, true, &mut progress)?);
+    let (scene, plan) = scene::one(&refiner, &args.camera, &args.image, true, &mut progress)?;
     let prepared = refiner.prepare(&scene, &plan, &mut progress)?;
     progress.step("warp");
     let (views, warp) = prepared.synthetic_views()?;
     folder.write(|path| {
         write_views(path, &views)?;
         mde_prior::write_atomic(&path.join("config.toml"), refiner.settings().config.to_toml()?.as_bytes())?;
-        let about = About {
-            preset: Some(refiner.settings().preset.name()),
-            seed: Some(refiner.settings().config.seed),
-            warnings: progress.own_warnings(),
-            total_seconds: progress.seconds(),
-            ..about("warp", args.image.display().to_string(), prepared.camera())
-        };
+        let input = args.image.display().to_string();
+        let about = about("warp", input, prepared.camera(), Some(refiner.settings()), &progress);
         write_json(&path.join(RECORD), &WarpRecord { about, prior: prepared.origin(), warp })
     })?;
     let text = format!(

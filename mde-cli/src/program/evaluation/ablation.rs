@@ -90,9 +90,7 @@ pub(crate) const ROWS: &[Row] = &[
     without_nerf("noise-for-nerf", "no NeRF: the prior with 1 % noise in its place", "noise"),
     row("original-pose", "rendered from the original pose alone", original_only),
     row("in-bin", "variance within the bins of a ray", |c| c.nerf.render.in_bin = InBinVariance::Uniform),
-    row("spread", "variance of the mixture of views", |c| {
-        c.fusion.aggregation = Aggregation::Mixture;
-    }),
+    row("spread", "variance of the mixture of views", |c| c.fusion.aggregation = Aggregation::Mixture),
     row("anchor", "the first prior in every iteration", |c| c.refinement.prior = IterationPrior::Anchor),
 ];
 

@@ -1,11 +1,18 @@
-//! Fields that the methods of a scene share.
+//! Fields of an evaluation: one that the methods of a scene share, and a filter in the place of one.
 
-use mde_nerf::{FieldCallback, FitReport, Nerf, NerfConfig, RadianceField, RenderConfig, RenderedView};
-use mde_warp::{PinholeCamera, Pose, PosedView};
+use crate::program::workers::lock;
+use mde_eval::{Method, Task};
+use mde_nerf::{
+    Error, FieldCallback, FitReport, Nerf, NerfConfig, RadianceField, RenderConfig, RenderedView, Result,
+};
+use mde_prior::DisparityRule;
+use mde_uncertainty::GaussianDepth;
+use mde_warp::{PinholeCamera, Pose, PosedView, ReprojectConfig, reproject};
+use ndarray::Array3;
 use std::collections::HashMap;
 use std::collections::hash_map::{DefaultHasher, Entry};
 use std::hash::{Hash, Hasher};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 /// Fitted fields and their renderings, by settings, seed and views. Clones share one memory.
 #[derive(Clone, Default)]
@@ -34,7 +41,7 @@ pub(crate) struct Remembered {
 }
 
 impl RadianceField for Remembered {
-    fn fit(&mut self, views: &[PosedView], callback: &mut dyn FieldCallback) -> mde_nerf::Result<FitReport> {
+    fn fit(&mut self, views: &[PosedView], callback: &mut dyn FieldCallback) -> Result<FitReport> {
         let key = fit_key(&self.config, self.seed, views);
         let known = lock(&self.memory.0).get(&key).cloned();
         let fitted = match known {
@@ -57,8 +64,8 @@ impl RadianceField for Remembered {
         camera: &PinholeCamera,
         pose: &Pose,
         callback: &mut dyn FieldCallback,
-    ) -> mde_nerf::Result<RenderedView> {
-        let Some(fitted) = &self.fitted else { return Err(mde_nerf::Error::NotFitted) };
+    ) -> Result<RenderedView> {
+        let Some(fitted) = &self.fitted else { return Err(Error::NotFitted) };
         match lock(&fitted.renders).entry(view_key(camera, pose, &self.config)) {
             Entry::Occupied(known) => Ok(known.get().clone()),
             Entry::Vacant(place) => {
@@ -67,10 +74,6 @@ impl RadianceField for Remembered {
             }
         }
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn fit_key(config: &NerfConfig, seed: u64, views: &[PosedView]) -> u64 {
@@ -101,4 +104,55 @@ fn hash_view(camera: &PinholeCamera, pose: &Pose, hasher: &mut DefaultHasher) {
     [camera.fx, camera.fy, camera.cx, camera.cy].map(f64::to_bits).hash(hasher);
     [camera.width, camera.height].hash(hasher);
     pose.to_homogeneous().iter().for_each(|v| v.to_bits().hash(hasher));
+}
+
+/// Standard deviation as a fraction of the depth, typical of the termination of rays.
+const RELATIVE_SIGMA: f64 = 0.05;
+
+/// A field without a fit: the depth of the first view after a [`mde_eval::Method`] (a filter, or noise), reprojected.
+///
+/// Its standard deviation is 5 % of the depth. In place of a NeRF, it shows what the same fusion gains with a plain filter.
+pub(crate) struct FilteredField {
+    refiner: Arc<dyn Method + Send + Sync>,
+    seed: u64,
+    view: Option<(PosedView, GaussianDepth)>,
+}
+
+impl FilteredField {
+    /// A field whose depth is what `refiner` makes of the first view's.
+    pub(crate) fn new(refiner: Arc<dyn Method + Send + Sync>, seed: u64) -> Self {
+        Self { refiner, seed, view: None }
+    }
+}
+
+fn fault(error: &dyn std::fmt::Display) -> Error {
+    Error::View { index: 0, reason: error.to_string() }
+}
+
+impl RadianceField for FilteredField {
+    fn fit(&mut self, views: &[PosedView], _: &mut dyn FieldCallback) -> Result<FitReport> {
+        let view = views.first().ok_or(Error::NoPixels)?;
+        let depth = view.hypotheses.first().ok_or(Error::NoRange)?;
+        let known = depth.support();
+        let mut prior = depth.mean().to_owned();
+        prior.zip_mut_with(&known, |d, known| *d = if *known { *d } else { 0.0 });
+        let rule = DisparityRule::default();
+        let task =
+            Task { seed: self.seed, ..Task::new(view.image.view(), &view.camera, prior.view(), &rule) };
+        let refined = self.refiner.refine(&task).map_err(|e| fault(&e))?.depth;
+        let variance = refined
+            .mapv(|d| if d > 0.0 { (RELATIVE_SIGMA * f64::from(d)).powi(2) as f32 } else { f32::INFINITY });
+        let depth = GaussianDepth::new(refined, variance).map_err(|e| fault(&e))?;
+        self.view = Some((view.clone(), depth));
+        Ok(FitReport::default())
+    }
+
+    fn render(&self, camera: &PinholeCamera, pose: &Pose, _: &mut dyn FieldCallback) -> Result<RenderedView> {
+        let (view, depth) = self.view.as_ref().ok_or(Error::NotFitted)?;
+        let depth = reproject(depth, &view.camera, &view.pose, camera, pose, &ReprojectConfig::default())
+            .map_err(|e| fault(&e))?;
+        let opacity = depth.support().mapv(|known| f32::from(u8::from(known)));
+        let image = Array3::zeros((camera.height, camera.width, 3));
+        Ok(RenderedView { image, depth, opacity, in_bin: None })
+    }
 }

@@ -2,10 +2,10 @@
 
 use crate::config::{Config, MultiViewConfig, Preset};
 use crate::prior::OpenPrior;
-use crate::program::evaluation::fields::FieldMemory;
-use crate::program::evaluation::filtered::FilteredField;
+use crate::program::evaluation::fields::{FieldMemory, FilteredField};
 use crate::program::evaluation::scenes::depth_file;
 use crate::program::interrupt;
+use crate::program::store::folder::files_in;
 use crate::refinement::event::Event;
 use crate::refinement::stages::{FieldFactory, FieldRequest};
 use crate::refiner::plan::limit::MemoryLimit;
@@ -53,7 +53,10 @@ const FIELD: &str = "field";
 impl Method {
     /// Parses the name of a preset or a baseline, or the path of a TOML file over `default` or the preset before a colon.
     pub(crate) fn parse(text: &str, seed: Option<u64>) -> Result<Self> {
-        let named = |name: &str| Preset::ALL.into_iter().find(|preset| preset.name() == name);
+        let named = |name: &str| match name {
+            FIELD => Some(Preset::MultiView),
+            _ => Preset::ALL.into_iter().find(|preset| preset.name() == name),
+        };
         if Path::new(text).extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
             let over = text.split_once(':').and_then(|(name, path)| Some((named(name)?, path)));
             let (preset, path) = over.unwrap_or((Preset::Default, text));
@@ -73,11 +76,9 @@ impl Method {
         if let Some(preset) = named(text) {
             return Ok(Self::of_preset(text.to_owned(), preset, preset.config(), seed));
         }
-        if [CONSENSUS, FIELD].contains(&text) {
+        if text == CONSENSUS {
             let mut config = Preset::MultiView.config();
-            if text == CONSENSUS {
-                config.refinement.iterations = 0;
-            }
+            config.refinement.iterations = 0;
             return Ok(Self::of_preset(text.to_owned(), Preset::MultiView, config, seed));
         }
         baseline::named(text).with_context(|| {
@@ -91,19 +92,11 @@ impl Method {
     fn of_maps(name: &str, folder: &Path) -> Result<Self> {
         let named = || format!("--methods {name}={}", folder.display());
         ensure!(!name.is_empty(), "{}: give the maps a name, as in sgbm=FOLDER", named());
-        let mut folders = vec![folder.to_owned()];
-        let mut files = Vec::new();
-        while let Some(folder) = folders.pop() {
-            for entry in std::fs::read_dir(&folder).with_context(named)? {
-                let path = entry.with_context(named)?.path();
-                if path.is_dir() { folders.push(path) } else { files.push(path) }
-            }
-        }
-        files.sort();
         let mut hasher = crc32fast::Hasher::new();
-        for path in &files {
-            hasher.update(path.strip_prefix(folder).unwrap_or(path).as_os_str().as_encoded_bytes());
-            hasher.update(&std::fs::read(path).with_context(|| path.display().to_string())?);
+        for name in files_in(folder).with_context(named)? {
+            let path = folder.join(&name);
+            hasher.update(name.as_os_str().as_encoded_bytes());
+            hasher.update(&std::fs::read(&path).with_context(|| path.display().to_string())?);
         }
         let kind = Kind::Maps(folder.to_owned(), hasher.finalize());
         Ok(Self { name: name.to_owned(), label: name.to_owned(), seed: 0, kind })

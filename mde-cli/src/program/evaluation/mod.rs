@@ -2,12 +2,10 @@
 
 pub(crate) mod ablation;
 pub(crate) mod fields;
-pub(crate) mod filtered;
 pub(crate) mod method;
 pub(crate) mod results;
 pub(crate) mod runner;
 pub(crate) mod scenes;
 pub(crate) mod scoring;
-pub(crate) mod setup;
 pub(crate) mod store;
 pub(crate) mod verdict;

@@ -1,9 +1,10 @@
 //! Tables, figures and the exit code.
 
 use crate::output::record::versions;
-use crate::program::error::Partial;
+use crate::program::error::partial;
 use crate::program::evaluation::runner::Failure;
 use crate::program::evaluation::scoring::SIGMA_BY;
+use crate::program::evaluation::store::Store;
 use crate::program::evaluation::verdict;
 use crate::program::progress::Progress;
 use crate::program::provenance::{command_line, write_json};
@@ -41,7 +42,11 @@ pub(crate) struct Results {
 ///
 /// # Errors
 /// [`Partial`] where a scene or method failed; the results of the others are written.
-pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progress) -> Result<()> {
+pub(crate) fn finish(results: Results, store: &Store, progress: &mut Progress) -> Result<()> {
+    written(results, store.root(), progress).inspect_err(|_| store.discard_if_empty())
+}
+
+fn written(mut results: Results, folder: &Path, progress: &mut Progress) -> Result<()> {
     let first = results.failures.first().map(ToString::to_string);
     ensure!(
         !results.entries.is_empty(),
@@ -61,8 +66,8 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
     let place = temporary.path();
     let mut scenes = Vec::new();
     csv(&results.entries, &mut scenes)?;
-    write(&place.join("scenes.csv"), &scenes)?;
-    write(&place.join("table.md"), tables.markdown().as_bytes())?;
+    mde_prior::write_atomic(&place.join("scenes.csv"), &scenes)?;
+    mde_prior::write_atomic(&place.join("table.md"), tables.markdown().as_bytes())?;
     write_json(&place.join("summary.json"), &value)?;
     results.figures(place)?;
     // Those of an earlier evaluation, whose maps had a sigma.
@@ -82,13 +87,7 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
     let text = format!("{}; report: {}; tables: {}", counted(&summary), line_of(&report), line_of(&table));
     let value = json!({ "event": "result", "summary": value["summary"] });
     progress.tables(&results.brief(&verdict), &text, value);
-    match first {
-        None => Ok(()),
-        Some(first) => {
-            let (failed, folder) = (results.failures.len(), folder.display().to_string());
-            Err(Partial { failed, first, folder }.into())
-        }
-    }
+    partial(results.failures.len(), first, folder)
 }
 
 /// Tells what a shard has stored; the tables are those of the evaluation of all scenes.
@@ -98,36 +97,27 @@ pub(crate) fn finish(mut results: Results, folder: &Path, progress: &mut Progres
 pub(crate) fn finish_part(
     [scenes, all]: [usize; 2],
     failures: &[Failure],
-    folder: &Path,
+    root: &Path,
     progress: &mut Progress,
 ) -> Result<()> {
     let failed: String = verdict::failures(failures).into_iter().map(|line| line + "\n").collect();
-    let folder = folder.display().to_string();
+    let folder = root.display().to_string();
     let text = format!(
         "{failed}{scenes} of {all} scenes\nwrote {folder}; the same command without --shard writes the tables"
     );
     let value = json!({ "event": "done", "output": folder, "scenes": scenes, "failures": failures });
     progress.result(&text, value);
-    match failures.first() {
-        None => Ok(()),
-        Some(first) => Err(Partial { failed: failures.len(), first: first.to_string(), folder }.into()),
-    }
+    partial(failures.len(), failures.first().map(ToString::to_string), root)
 }
 
 impl Results {
     fn tables(&self, summary: &Summary, verdict: &[String]) -> Document {
-        let mut blocks = self.summary(summary, verdict).blocks;
-        blocks.extend(self.preface.iter().cloned());
-        blocks.extend(document(summary).blocks);
-        Document { blocks }
-    }
-
-    /// The title, the verdict, and what failed.
-    fn summary(&self, summary: &Summary, verdict: &[String]) -> Document {
         let sample = counted(summary);
         let mut blocks =
             vec![Block::Heading(1, self.title.clone()), Block::Text(format!("{sample}. {}", self.alignment))];
         blocks.extend(self.brief(verdict).blocks);
+        blocks.extend(self.preface.iter().cloned());
+        blocks.extend(document(summary).blocks);
         Document { blocks }
     }
 
@@ -164,8 +154,4 @@ fn counted(summary: &Summary) -> String {
         true => format!("{} of {}", counted(summary.scenes, "scene"), counted(summary.places, "place")),
         false => counted(summary.scenes, "scene"),
     }
-}
-
-fn write(path: &Path, bytes: &[u8]) -> Result<()> {
-    Ok(mde_prior::write_atomic(path, bytes)?)
 }

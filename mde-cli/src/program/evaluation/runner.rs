@@ -1,64 +1,83 @@
-//! Runs the methods whose results are not stored yet, and stores them. A scene that fails does not stop the others.
+//! An evaluation: opens the inputs, runs the methods whose results are not stored yet, and scores them. A scene that fails does not stop
+//! the others.
 
 use crate::config::{Config, Preset};
-use crate::error::Error;
 use crate::prior::OpenPrior;
+use crate::program::args::shard::Shard;
+use crate::program::args::{CaptureArgs, EvaluationArgs, PixelArgs};
 use crate::program::evaluation::fields::FieldMemory;
 use crate::program::evaluation::method::{Interruptible, Method, MethodScene, PRIOR};
-use crate::program::evaluation::scenes::{PriorPlan, fingerprint};
-use crate::program::evaluation::setup::SceneLimit;
-use crate::program::evaluation::store::{Found, Kept, Store};
+use crate::program::evaluation::results::Results;
+use crate::program::evaluation::scenes::{PriorPlan, Source, choose, fingerprint};
+use crate::program::evaluation::scoring::Scoring;
+use crate::program::evaluation::store::{Kept, Store};
 use crate::program::interrupt;
+use crate::program::open::settings;
 use crate::program::progress::Progress;
-use crate::refiner::{Refiner, Settings};
+use crate::program::workers::{caught, lock, side_by_side};
+use crate::refiner::plan::SceneMemory;
+use crate::refiner::plan::limit::MemoryLimit;
+use crate::refiner::{Observer, Refiner, Settings};
 use crate::scene::camera::{CameraSource, KnownCamera};
 use crate::scene::size::Sizes;
 use crate::scene::{Photograph, Scene};
-use anyhow::{Result, bail};
+use anyhow::{Result, ensure};
 use mde_eval::capture::CapturedView;
-use mde_eval::data::{DataSet, Sample};
+use mde_eval::data::Sample;
+use mde_eval::table::Entry;
 use mde_eval::{Refined, Task, TaskView};
 use mde_prior::DisparityRule;
 use mde_prior::resample::nearest;
 use mde_warp::{PinholeCamera, Pose};
 use ndarray::{Array2, Array3};
+use rayon::ThreadPoolBuilder;
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::fmt;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 use std::time::Instant;
 
-/// The scenes and methods to run.
-pub(crate) struct Plan<'p> {
-    pub(crate) data: &'p (dyn DataSet + Sync),
-    /// Indices into the data set.
-    pub(crate) scenes: &'p [usize],
+/// The methods of a command and how they are scored.
+pub(crate) struct Request<'a> {
+    pub(crate) command: &'a str,
     /// The prior first.
-    pub(crate) methods: &'p [Method],
-    pub(crate) prior: &'p PriorPlan,
-    /// [`PriorPlan::describe`] of `prior`.
-    pub(crate) prior_settings: Value,
-    pub(crate) rule: DisparityRule,
-    pub(crate) store: &'p Store,
-    /// Memory limit of the scenes, and how many run at once.
-    pub(crate) limit: SceneLimit,
-    /// Whether the methods of a scene share fields of equal settings and views.
+    pub(crate) methods: &'a [Method],
+    /// Whether the methods of a scene share fields of equal settings and views, and are scored without controls.
     pub(crate) share_fields: bool,
-    /// Whether methods get the further photographs without their poses.
-    pub(crate) without_poses: bool,
-    /// Cameras of several photographs with this field of view, degrees, in place of their own.
-    pub(crate) assumed_fov: Option<f64>,
+    /// Only this part of the scenes.
+    pub(crate) shard: Option<Shard>,
+    pub(crate) several: CaptureArgs,
+    pub(crate) pixels: PixelArgs,
 }
 
-/// A scene with the results of the methods that did not fail.
-pub(crate) struct SceneResult<'r> {
-    pub(crate) sample: &'r Sample,
-    pub(crate) entries: Vec<(&'r Method, Kept)>,
+impl<'a> Request<'a> {
+    /// Of one photograph a scene, scored with the controls.
+    pub(crate) fn new(command: &'a str, methods: &'a [Method]) -> Self {
+        let (several, pixels) = (CaptureArgs::default(), PixelArgs::default());
+        Self { command, methods, share_fields: false, shard: None, several, pixels }
+    }
+}
+
+/// An evaluation with its inputs opened.
+pub(crate) struct Evaluation<'a> {
+    args: &'a EvaluationArgs,
+    request: Request<'a>,
+    limit: SceneLimit,
+    pub(crate) source: Source,
+    /// Indices into the data set.
+    pub(crate) scenes: Vec<usize>,
+    /// Number of the scenes of all shards.
+    pub(crate) all: usize,
+    pub(crate) prior: PriorPlan,
+    /// [`PriorPlan::describe`] of `prior`.
+    prior_settings: Value,
+    rule: DisparityRule,
+    pub(crate) scoring: Scoring,
+    pub(crate) store: Store,
 }
 
 /// An error of a scene or of one of its methods.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 pub(crate) struct Failure {
     pub(crate) scene: String,
     /// `None` if the scene itself could not be loaded.
@@ -68,132 +87,127 @@ pub(crate) struct Failure {
 
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.method {
-            Some(method) => write!(f, "{} {method}: {}", self.scene, self.error),
-            None => write!(f, "{}: {}", self.scene, self.error),
-        }
+        let method = self.method.as_ref().map_or_else(String::new, |method| format!(" {method}"));
+        write!(f, "{}{method}: {}", self.scene, self.error)
     }
 }
 
-/// Called by a worker for each finished scene.
-type Finish<'f, T> = dyn Fn(&SceneResult<'_>) -> Result<T> + Sync + 'f;
+impl<'a> Evaluation<'a> {
+    /// Opens the inputs. A run that would need too much memory is refused before anything is written.
+    pub(crate) fn open(args: &'a EvaluationArgs, request: Request<'a>) -> Result<Self> {
+        let source = Source::open(args.root.as_deref(), &args.data, &request.several)?;
+        let mut scenes = choose(&*source.data, &args.data.scenes, args.data.limit)?;
+        let all = scenes.len();
+        if let Some(shard) = &request.shard {
+            ensure!(
+                !args.run.force,
+                "--force: would remove the scenes of the other shards; remove the folder first, or leave it out"
+            );
+            let ids = source.data.ids();
+            scenes.retain(|&index| ids.get(index).is_some_and(|name| shard.has(name)));
+        }
+        let configs: Vec<_> = request.methods.iter().map(|method| method.config().cloned()).collect();
+        let jobs = usize::from(args.jobs).min(scenes.len()).min(rayon::current_num_threads()).max(1);
+        let memory = SceneMemory::new(&configs, request.share_fields);
+        let limit = SceneLimit { limit: settings::limit(&args.memory), memory, jobs };
+        if let Some([width, height]) = args.data.size {
+            limit.check("--size", (height, width))?;
+        }
+        let prior = PriorPlan::new(&args.prior, source.kind)?;
+        let prior_settings = prior.describe();
+        let scoring = Scoring::new(args.alignment.alignment, request.pixels, !request.share_fields);
+        let basis = json!({ "command": request.command, "data": source.describe() });
+        let name = args.root.clone().unwrap_or_else(|| source.kind.name().into());
+        let output = args.run.output(&name, &format!("-{}", request.command));
+        let store = Store::open(&output, &basis, args.run.force, request.shard.is_some())?;
+        let rule = DisparityRule::default();
+        Ok(Self { args, request, limit, source, scenes, all, prior, prior_settings, rule, scoring, store })
+    }
 
-/// Runs the plan. The results of `finish`, one per scene, are in the order of the data set.
-pub(crate) fn run<T: Send>(
-    plan: &Plan<'_>,
-    progress: &mut Progress,
-    finish: &Finish<'_, T>,
-) -> Result<(Vec<T>, Vec<Failure>)> {
-    let shared = Shared {
-        plan,
-        next: AtomicUsize::new(0),
-        tally: Mutex::new(Tally::new(plan, progress)),
-        failures: Mutex::default(),
-    };
-    let threads = (rayon::current_num_threads() / plan.limit.jobs).max(1);
-    let mut results = Vec::new();
-    let outcomes: Vec<Result<Vec<(usize, T)>>> = std::thread::scope(|scope| {
-        let work = || -> Result<Vec<(usize, T)>> {
+    /// Runs and scores the methods; stored results are reused. Scores are in the order of the data set.
+    pub(crate) fn run(&self, progress: &mut Progress) -> Result<(Vec<Entry>, Vec<Failure>)> {
+        let jobs = self.limit.jobs;
+        let all = self.scenes.len() * self.request.methods.len();
+        let tally = Tally { progress, jobs, done: 0, all, made: (0, 0.0), failures: Vec::new() };
+        let tally = Mutex::new(tally);
+        let threads = (rayon::current_num_threads() / jobs).max(1);
+        let work = |place: usize| {
+            let (index, tally) = (self.scenes[place], &tally);
+            let scene = || caught(|| self.scene(index, tally));
             // Where the system has no thread left for a pool of its own, the program's common one.
-            match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
-                Ok(pool) => pool.install(|| shared.work(finish)),
-                Err(_) => shared.work(finish),
-            }
+            let entries = match ThreadPoolBuilder::new().num_threads(threads).build() {
+                Ok(pool) => pool.install(scene),
+                Err(_) => scene(),
+            };
+            entries.unwrap_or_else(|error| {
+                let id = self.source.data.ids().get(index).map_or("", String::as_str);
+                lock(tally).fail(id, None, &error, self.request.methods.len());
+                Vec::new()
+            })
         };
-        let start = |_| std::thread::Builder::new().spawn_scoped(scope, work);
-        let workers: Vec<_> = (0..plan.limit.jobs).map_while(|job| start(job).ok()).collect();
-        if workers.is_empty() {
-            // The system has no thread left: this one does the work.
-            return vec![shared.work(finish)];
+        let entries = side_by_side(jobs, self.scenes.len(), work)?.concat();
+        let mut failures = std::mem::take(&mut lock(&tally).failures);
+        failures.sort();
+        Ok((entries, failures))
+    }
+
+    /// The results, compared with `reference`.
+    pub(crate) fn results(&self, reference: &str, entries: Vec<Entry>, failures: Vec<Failure>) -> Results {
+        Results {
+            title: format!("{} with {}", self.source.title(), self.prior.title()),
+            alignment: self.scoring.alignment_note(),
+            preface: Vec::new(),
+            reference: Some(reference.to_owned()),
+            entries,
+            failures,
+            record: json!({ "data": self.source.describe(), "root": self.args.root.as_ref().map(|root| root.display().to_string()), "prior": self.prior_settings,
+                            "score": self.scoring.config }),
         }
-        let joined = workers.into_iter().map(|worker| worker.join());
-        joined.map(|outcome| outcome.unwrap_or_else(|_| bail!("a worker thread panicked"))).collect()
-    });
-    for outcome in outcomes {
-        results.extend(outcome?);
-    }
-    if interrupt::requested() {
-        bail!(Error::Interrupted);
-    }
-    results.sort_by_key(|(index, _)| *index);
-    let mut failures = shared.failures.into_inner().unwrap_or_else(PoisonError::into_inner);
-    failures.sort_by(|a, b| (&a.scene, &a.method).cmp(&(&b.scene, &b.method)));
-    Ok((results.into_iter().map(|(_, result)| result).collect(), failures))
-}
-
-/// State shared by the workers.
-struct Shared<'s> {
-    plan: &'s Plan<'s>,
-    next: AtomicUsize,
-    tally: Mutex<Tally<'s>>,
-    failures: Mutex<Vec<Failure>>,
-}
-
-impl Shared<'_> {
-    fn work<T>(&self, finish: &Finish<'_, T>) -> Result<Vec<(usize, T)>> {
-        let mut results = Vec::new();
-        while !interrupt::requested() {
-            let place = self.next.fetch_add(1, Ordering::SeqCst);
-            let Some(&index) = self.plan.scenes.get(place) else { break };
-            match self.scene(index, finish) {
-                Ok(result) => results.push((index, result)),
-                Err(_) if interrupt::requested() => break,
-                Err(error) => self.fail(index, None, &error),
-            }
-        }
-        Ok(results)
     }
 
-    fn scene<T>(&self, index: usize, finish: &Finish<'_, T>) -> Result<T> {
-        let mut sample = self.plan.data.load(index)?;
-        if let Some(fov) = self.plan.assumed_fov {
+    fn scene(&self, index: usize, tally: &Mutex<Tally<'_>>) -> Result<Vec<Entry>> {
+        let mut sample = self.source.data.load(index)?;
+        let assumed_fov = self.source.assumed_fov();
+        if let Some(fov) = assumed_fov {
             assume(&mut sample, fov)?;
         }
-        self.plan.limit.check("its image", sample.depth.dim())?;
+        self.limit.check("its image", sample.depth.dim())?;
         if sample.assumed_camera {
-            let warning = format!("{}: no intrinsics; the camera is assumed", sample.id);
-            lock(&self.tally).progress.warn(warning);
+            lock(tally).progress.warn(format!("{}: no intrinsics; the camera is assumed", sample.id));
         }
-        let seed = self.plan.methods.first().map_or(0, |prior| prior.seed);
-        let prior = self.plan.prior.open(&sample, seed)?;
-        let (alone, photographs) = self.scenes(&sample)?;
-        let view_priors = view_priors(&sample, &self.plan.rule)?;
-        let views: Vec<TaskView<'_>> = sample
-            .views
-            .iter()
-            .zip(&view_priors)
-            .map(|(captured, prior)| TaskView {
-                view: &captured.view,
-                posed: !self.plan.without_poses,
-                prior: prior.as_ref(),
-            })
+        let methods = self.request.methods;
+        let prior = self.prior.open(&sample, methods.first().map_or(0, |prior| prior.seed))?;
+        let posed = self.source.withheld.is_none();
+        let (alone, photographs) = scenes(&sample, assumed_fov, posed)?;
+        let view_priors = view_priors(&sample, &self.rule)?;
+        let views = sample.views.iter().zip(&view_priors);
+        let views: Vec<TaskView<'_>> = views
+            .map(|(captured, prior)| TaskView { view: &captured.view, posed, prior: prior.as_ref() })
             .collect();
-        let memory = self.plan.share_fields.then(FieldMemory::default);
-        let own = self.plan.prior.made_from(&self.plan.prior_settings, &sample.id)?;
-        let mut entries: Vec<(&Method, Kept)> = Vec::new();
-        for method in self.plan.methods {
-            let first = entries.first().map(|(_, prior)| &prior.refined.depth);
+        let fields = self.request.share_fields.then(FieldMemory::default);
+        let own = self.prior.made_from(&self.prior_settings, &sample.id)?;
+        let mut made: Vec<(&Method, Kept)> = Vec::new();
+        for method in methods {
+            let first = made.first().map(|(_, prior)| &prior.refined.depth);
             // The prior that is made here depends on the seed.
-            let seed = (sample.prior.is_none() && matches!(self.plan.prior, PriorPlan::Simulated))
-                .then_some(method.seed);
+            let seed =
+                (sample.prior.is_none() && matches!(self.prior, PriorPlan::Simulated)).then_some(method.seed);
             let made_from = json!({
                 "input": fingerprint(&sample, first),
                 "settings": match first {
                     Some(_) => method.settings(),
-                    None => json!({ "prior": own, "rule": self.plan.rule, "seed": seed }),
+                    None => json!({ "prior": own, "rule": self.rule, "seed": seed }),
                 },
             });
-            let outcome = match first {
-                None => self.stored_or_run(&sample, method, made_from, || {
-                    Ok(self.prior_depth(prior.open(), &alone)?.into())
-                }),
-                Some(depth) => self.stored_or_run(&sample, method, made_from, || {
+            let run = || match first {
+                None => Ok(self.prior_depth(prior.open(), &alone)?.into()),
+                Some(depth) => {
                     let model = prior.open().prior();
                     let task = Task {
                         model: model.accepts_new_images().then_some(model),
                         views: &views,
-                        focal_assumed: self.plan.assumed_fov.is_some(),
-                        ..Task::new(sample.image.view(), &sample.camera, depth.view(), &self.plan.rule)
+                        focal_assumed: assumed_fov.is_some(),
+                        ..Task::new(sample.image.view(), &sample.camera, depth.view(), &self.rule)
                     };
                     let scene = MethodScene {
                         id: &sample.id,
@@ -201,52 +215,28 @@ impl Shared<'_> {
                         prior: prior.open(),
                         alone: &alone,
                         photographs: &photographs,
-                        memory: self.plan.limit.limit,
+                        memory: self.limit.limit,
                     };
-                    method.run(&scene, memory.as_ref())
-                }),
+                    method.run(&scene, fields.as_ref())
+                }
             };
-            match outcome {
-                Ok(entry) => entries.push((method, entry)),
+            match self.stored_or_run(&sample, method, made_from, run, tally) {
+                Ok(kept) => made.push((method, kept)),
                 Err(error) if interrupt::requested() || method.name == PRIOR => return Err(error),
-                Err(error) => self.fail(index, Some(method), &error),
+                Err(error) => lock(tally).fail(&sample.id, Some(method), &error, 1),
             }
         }
-        finish(&SceneResult { sample: &sample, entries })
-    }
-
-    /// The reference alone, and with the further photographs.
-    fn scenes(&self, sample: &Sample) -> Result<(Scene, Scene)> {
-        let source = match self.plan.assumed_fov {
-            Some(degrees) => CameraSource::Assumed(degrees),
-            None => CameraSource::Scene,
-        };
-        let sizes = Sizes::default();
-        let photograph = |name: String, image: &Array3<f32>, camera: &PinholeCamera, several| {
-            let camera = KnownCamera { camera: *camera, source: source.clone() };
-            Photograph::new(name, image.clone(), camera).resized(&sizes, several, &mut |_| ())
-        };
-        let reference = |several| photograph("0".to_owned(), &sample.image, &sample.camera, several);
-        let alone = Scene::one(reference(false)?);
-        if sample.views.is_empty() {
-            return Ok((alone.clone(), alone));
-        }
-        let pose = |pose| (!self.plan.without_poses).then_some(pose);
-        let mut photographs = vec![Photograph { pose: pose(Pose::identity()), ..reference(true)? }];
-        for (captured, index) in sample.views.iter().zip(1..) {
-            let view = &captured.view;
-            let mut one = photograph(index.to_string(), &view.image, &view.camera, true)?;
-            one.pose = pose(view.pose);
-            one.mask = nearest(view.mask.view(), one.size());
-            photographs.push(one);
-        }
-        Ok((alone, Scene::several(photographs, 0)?))
+        let mut entries = self.scoring.scene(&sample, &made, &self.store)?;
+        // Not from the stored scores: --places may differ from that of an earlier run.
+        let place = self.source.data.place(index).map(str::to_owned);
+        entries.iter_mut().for_each(|entry| entry.place.clone_from(&place));
+        Ok(entries)
     }
 
     /// The prior's depth, of the photograph's size.
     fn prior_depth(&self, prior: &OpenPrior<'_>, scene: &Scene) -> Result<Array2<f32>> {
-        let config = Config { disparity: self.plan.rule.clone(), ..Preset::Default.config() };
-        let settings = Settings { config, memory: self.plan.limit.limit, ..Settings::new(Preset::Default) };
+        let config = Config { disparity: self.rule.clone(), ..Preset::Default.config() };
+        let settings = Settings { config, memory: self.limit.limit, ..Settings::new(Preset::Default) };
         let refiner = Refiner::new(prior, settings)?;
         let photograph = &scene.photographs[0];
         let plan = refiner.plan(&photograph.name, photograph.original, 1)?;
@@ -261,40 +251,51 @@ impl Shared<'_> {
         method: &Method,
         made_from: Value,
         run: impl FnOnce() -> Result<Refined>,
+        tally: &Mutex<Tally<'_>>,
     ) -> Result<Kept> {
-        match self.plan.store.find(&sample.id, &method.name, &made_from)? {
-            Found::Done(entry) => {
-                lock(&self.tally).done += 1;
-                return Ok(*entry);
+        match self.store.find(&sample.id, &method.name, &made_from) {
+            Ok(Some(kept)) => {
+                lock(tally).done += 1;
+                return Ok(kept);
             }
-            Found::Stale(change) => {
-                let warning = format!("{} {}: computed again, since {change}", sample.id, method.name);
-                lock(&self.tally).progress.warn(warning);
+            Ok(None) => {}
+            Err(reason) => {
+                let warning = format!("{} {}: computed again, since {reason}", sample.id, method.name);
+                lock(tally).progress.warn(warning);
             }
-            Found::Nothing => {}
         }
         let start = Instant::now();
         let refined = run()?;
-        if refined.depth.dim() != sample.depth.dim() {
-            bail!("{}: its map differs in size from the image", method.name);
-        }
-        let seconds = start.elapsed().as_secs_f64();
-        let entry = Kept { refined, made_from, seconds };
-        self.plan.store.keep(&sample.id, &method.name, &entry)?;
-        lock(&self.tally).done(&sample.id, &method.name, seconds);
-        Ok(entry)
+        let same = refined.depth.dim() == sample.depth.dim();
+        ensure!(same, "{}: its map differs in size from the image", method.name);
+        let kept = Kept { refined, made_from, seconds: start.elapsed().as_secs_f64() };
+        self.store.keep(&sample.id, &method.name, &kept)?;
+        lock(tally).done(&sample.id, &method.name, kept.seconds);
+        Ok(kept)
     }
+}
 
-    fn fail(&self, index: usize, method: Option<&Method>, error: &anyhow::Error) {
-        let scene = self.plan.data.ids().get(index).cloned().unwrap_or_default();
-        let method = method.map(|method| method.name.clone());
-        let error = format!("{error:#}");
-        let mut tally = lock(&self.tally);
-        let what = method.as_deref().unwrap_or("scene");
-        tally.progress.failed(format!("{scene} {what}: failed: {error}"));
-        tally.done += if method.is_some() { 1 } else { self.plan.methods.len() };
-        lock(&self.failures).push(Failure { scene, method, error });
+/// The reference alone, and with the further photographs, `posed` or not.
+fn scenes(sample: &Sample, assumed_fov: Option<f64>, posed: bool) -> Result<(Scene, Scene)> {
+    let source = assumed_fov.map_or(CameraSource::Scene, CameraSource::Assumed);
+    let photograph = |name: String, image: &Array3<f32>, camera: &PinholeCamera, several| {
+        let camera = KnownCamera { camera: *camera, source: source.clone() };
+        Photograph::new(name, image.clone(), camera).resized(&Sizes::default(), several, &mut |_| ())
+    };
+    let reference = |several| photograph("0".to_owned(), &sample.image, &sample.camera, several);
+    let alone = Scene::one(reference(false)?);
+    if sample.views.is_empty() {
+        return Ok((alone.clone(), alone));
     }
+    let mut photographs = vec![Photograph { pose: posed.then(Pose::identity), ..reference(true)? }];
+    for (captured, index) in sample.views.iter().zip(1..) {
+        let view = &captured.view;
+        let mut one = photograph(index.to_string(), &view.image, &view.camera, true)?;
+        one.pose = posed.then_some(view.pose);
+        one.mask = nearest(view.mask.view(), one.size());
+        photographs.push(one);
+    }
+    Ok((alone, Scene::several(photographs, 0)?))
 }
 
 /// The monocular depths of the further photographs, where the data set has them.
@@ -306,16 +307,11 @@ fn view_priors(sample: &Sample, rule: &DisparityRule) -> Result<Vec<Option<Array
 
 /// Cameras of a field of view, the principal point in the middle.
 fn assume(sample: &mut Sample, fov: f64) -> Result<()> {
-    let assumed = |camera: &PinholeCamera| PinholeCamera::from_fov(fov, camera.width, camera.height);
-    sample.camera = assumed(&sample.camera)?;
-    for captured in &mut sample.views {
-        captured.view.camera = assumed(&captured.view.camera)?;
+    let views = sample.views.iter_mut().map(|captured| &mut captured.view.camera);
+    for camera in views.chain([&mut sample.camera]) {
+        *camera = PinholeCamera::from_fov(fov, camera.width, camera.height)?;
     }
     Ok(())
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Progress over all runs.
@@ -326,14 +322,10 @@ struct Tally<'t> {
     all: usize,
     /// Runs that were made now, and their seconds.
     made: (usize, f64),
+    failures: Vec<Failure>,
 }
 
-impl<'t> Tally<'t> {
-    fn new(plan: &Plan<'_>, progress: &'t mut Progress) -> Self {
-        let all = plan.scenes.len() * plan.methods.len();
-        Self { progress, jobs: plan.limit.jobs, done: 0, all, made: (0, 0.0) }
-    }
-
+impl Tally<'_> {
     fn done(&mut self, scene: &str, method: &str, seconds: f64) {
         self.done += 1;
         self.made = (self.made.0 + 1, self.made.1 + seconds);
@@ -343,9 +335,41 @@ impl<'t> Tally<'t> {
         let left = each * self.all.saturating_sub(self.done) as f64 / self.jobs as f64;
         self.progress.piece(self.done, self.all, &text, Some(left), value);
     }
+
+    /// A method of a scene failed, or all its `runs`.
+    fn fail(&mut self, scene: &str, method: Option<&Method>, error: &anyhow::Error, runs: usize) {
+        if interrupt::requested() {
+            return;
+        }
+        let (scene, error) = (scene.to_owned(), format!("{error:#}"));
+        let method = method.map(|method| method.name.clone());
+        let what = method.as_deref().unwrap_or("scene");
+        self.progress.failed(format!("{scene} {what}: failed: {error}"));
+        self.done += runs;
+        self.failures.push(Failure { scene, method, error });
+    }
 }
 
-/// Number of scenes to run at once: at most the number of scenes and of threads.
-pub(crate) fn jobs(requested: usize, scenes: usize) -> usize {
-    requested.min(scenes).min(rayon::current_num_threads()).max(1)
+/// The memory limit of an evaluation's scenes.
+struct SceneLimit {
+    limit: MemoryLimit,
+    memory: SceneMemory,
+    /// Scenes at once.
+    jobs: usize,
+}
+
+impl SceneLimit {
+    /// Refuses scenes of that size where those that run at once exceed the limit.
+    fn check(&self, what: &str, size: (usize, usize)) -> Result<()> {
+        let (with, jobs) = match self.jobs {
+            1 => ("with these methods".to_owned(), ""),
+            jobs => (format!("with these methods, {jobs} scenes at once,"), ", fewer --jobs"),
+        };
+        let bytes = |pixels| self.memory.bytes(pixels, self.jobs as u64);
+        let remedy = |fits| match fits {
+            Some((height, width)) => format!("give --size {width}x{height}, fewer views{jobs}"),
+            None => format!("give fewer methods, fewer views or a smaller field{jobs}"),
+        };
+        Ok(self.limit.check_with(what, size, &with, bytes, remedy)?)
+    }
 }

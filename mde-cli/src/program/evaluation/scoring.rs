@@ -2,7 +2,6 @@
 
 use crate::program::args::{CropName, PixelArgs};
 use crate::program::evaluation::method::{Method, PRIOR};
-use crate::program::evaluation::runner::SceneResult;
 use crate::program::evaluation::store::{Kept, Store};
 use anyhow::{Context, Result};
 use mde_eval::align::{Alignment, AlignmentRule};
@@ -79,19 +78,23 @@ impl Scoring {
     }
 
     /// Scores every method of a scene; its controls follow it.
-    pub(crate) fn scene(&self, result: &SceneResult<'_>, store: &Store) -> Result<Vec<Entry>> {
-        let config = self.config(result.sample);
-        let Some((_, prior)) = result.entries.first() else { return Ok(Vec::new()) };
-        let truth = crc(result.sample.depth.view());
-        store.keep_picture(&result.sample.id, result.sample.image.view())?;
+    pub(crate) fn scene(
+        &self,
+        sample: &Sample,
+        made: &[(&Method, Kept)],
+        store: &Store,
+    ) -> Result<Vec<Entry>> {
+        let config = self.config(sample);
+        let Some((_, prior)) = made.first() else { return Ok(Vec::new()) };
+        let (id, truth) = (&sample.id, crc(sample.depth.view()));
+        store.keep_picture(id, sample.image.view())?;
         let mut against = None;
         let mut entries = Vec::new();
-        for (method, kept) in &result.entries {
+        for (method, kept) in made {
             let made_from = json!({
                 "maps": kept.made_from, "prior": prior.made_from, "truth": truth, "config": config,
                 "shared": self.shared, "controls": self.controls, "version": env!("CARGO_PKG_VERSION"), "definitions": DEFINITIONS,
             });
-            let id = &result.sample.id;
             if let Some(scored) = store.scores::<Scored>(id, &method.name)
                 && scored.made_from == made_from
             {
@@ -100,12 +103,9 @@ impl Scoring {
             }
             let against = match &against {
                 Some(ready) => ready,
-                None => against.insert(Against::new(
-                    result.sample,
-                    prior.refined.depth.view(),
-                    &config,
-                    self.shared,
-                )?),
+                None => {
+                    against.insert(Against::new(sample, prior.refined.depth.view(), &config, self.shared)?)
+                }
             };
             let own = against.method(method, kept, self.controls).with_context(|| method.name.clone())?;
             let scored = Scored { made_from, entries: own };

@@ -3,10 +3,12 @@
 use crate::program::provenance::write_json;
 use crate::program::report::PICTURE;
 use crate::program::store::entry::Entry;
-use crate::program::store::folder::{NewFolder, file_name, temporary_folder};
+use crate::program::store::folder::{
+    NewFolder, check_own, file_name, folders_in, remove_unfinished, replace,
+};
 use crate::program::store::lock::{self, Lock};
 use crate::scene::size::resized;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail};
 use mde_eval::Refined;
 use mde_prior::format::{Format, ReadOptions, decode, write_npy};
 use mde_prior::photo::write_image;
@@ -23,10 +25,10 @@ const RECORD: &str = "method.json";
 const DEPTH: &str = "depth.npy";
 const SIGMA: &str = "sigma.npy";
 const SCORES: &str = "scores.json";
+/// The folder of the scenes' folders.
+const SCENES: &str = "scenes";
 /// Longest side of the reduced image, pixels.
 const PICTURE_SIDE: usize = 320;
-/// Prefix of unfinished files and folders.
-const TEMPORARY: &str = ".mde-";
 
 /// An evaluation on disk. No other process opens it until this is dropped, but for shards.
 #[derive(Debug)]
@@ -55,43 +57,16 @@ struct Row {
     report: Value,
 }
 
-/// Outcome of [`Store::find`].
-#[derive(Debug)]
-pub(crate) enum Found {
-    Nothing,
-    /// Computed from other inputs; the text names the first difference.
-    Stale(String),
-    Done(Box<Kept>),
-}
-
 impl Store {
     /// Opens the evaluation of `basis` in `root`, or starts it; `force` discards an earlier one. Beside a `shared` one, other shards write
     /// into the folder.
     pub(crate) fn open(root: &Path, basis: &Value, force: bool, shared: bool) -> Result<Self> {
-        let shown = root.display();
-        let path = root.join(BASIS);
-        if root.exists() {
-            ensure!(root.is_dir(), "{shown}: exists and is not a folder; give another name to -o");
-            // A run that was killed as it started leaves no more than an unfinished file or its lock.
-            let mut empty = true;
-            for entry in fs::read_dir(root).with_context(|| shown.to_string())? {
-                let entry = entry.with_context(|| shown.to_string())?;
-                empty &= is_temporary(&entry);
-            }
-            ensure!(
-                empty || path.is_file(),
-                "{shown}: not empty and without the {BASIS} of an evaluation; give another name to -o"
-            );
-        }
-        let new = !root.exists();
+        check_own(root, |path| path == root.join(BASIS), |_| false, BASIS)?;
         let made = NewFolder::make(root)?;
         let lock = if shared { None } else { Lock::take(root)? };
         let store = Self { root: root.to_owned(), shared, _lock: lock, _made: made };
-        let opened = store.start(basis, force);
-        if opened.is_err() && new && !shared {
-            store.discard_if_empty();
-        }
-        opened.map(|()| store)
+        store.start(basis, force)?;
+        Ok(store)
     }
 
     fn start(&self, basis: &Value, force: bool) -> Result<()> {
@@ -99,9 +74,10 @@ impl Store {
         let shown = root.display();
         let path = root.join(BASIS);
         if path.is_file() && force {
-            fs::remove_dir_all(root.join("scenes"))
-                .or_else(|e| if e.kind() == std::io::ErrorKind::NotFound { Ok(()) } else { Err(e) })
-                .with_context(|| shown.to_string())?;
+            let scenes = root.join(SCENES);
+            if scenes.exists() {
+                fs::remove_dir_all(scenes).with_context(|| shown.to_string())?;
+            }
             fs::remove_file(&path).with_context(|| path.display().to_string())?;
         }
         if path.is_file() {
@@ -109,16 +85,20 @@ impl Store {
             let old: Value = serde_json::from_str(&text)
                 .with_context(|| format!("{}: broken; give --force to start over", path.display()))?;
             if let Some(change) = difference(&old, basis) {
-                anyhow::bail!(
-                    "{shown}: contains another evaluation ({change}); give another name to -o, or --force \
-                     to start over"
+                bail!(
+                    "{shown}: contains another evaluation ({change}); give another name to -o, or --force to start over"
                 );
             }
         } else {
             write_json(&path, basis)?;
         }
         if !self.shared {
-            self.sweep();
+            // What interrupted runs left.
+            remove_unfinished(root);
+            for scene in folders_in(&root.join(SCENES)) {
+                remove_unfinished(&scene);
+                folders_in(&scene).iter().for_each(|method| remove_unfinished(method));
+            }
         }
         Ok(())
     }
@@ -132,10 +112,8 @@ impl Store {
         if self.shared {
             return;
         }
-        let scenes = self.root.join("scenes");
-        for scene in fs::read_dir(&scenes).into_iter().flatten().flatten() {
-            let _ = fs::remove_dir(scene.path());
-        }
+        let scenes = self.root.join(SCENES);
+        folders_in(&scenes).iter().for_each(|scene| drop(fs::remove_dir(scene)));
         let _ = fs::remove_dir(scenes);
         let mut names = fs::read_dir(&self.root).into_iter().flatten().flatten();
         if names.all(|entry| entry.file_name() == BASIS || entry.file_name() == lock::FILE) {
@@ -143,56 +121,33 @@ impl Store {
         }
     }
 
-    /// Removes the unfinished files and folders of interrupted runs.
-    fn sweep(&self) {
-        let inside = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten();
-        let scenes = self.root.join("scenes");
-        let kept = |scene: fs::DirEntry| {
-            let methods = inside(&scene.path()).flat_map(|method| inside(&method.path()));
-            inside(&scene.path()).chain(methods).collect::<Vec<_>>()
-        };
-        let all = inside(&self.root).chain(inside(&scenes).flat_map(kept));
-        for entry in all.filter(|entry| is_temporary(entry) && entry.file_name() != lock::FILE) {
-            let path = entry.path();
-            let _ = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
-        }
-    }
-
     pub(crate) fn scene(&self, scene: &str) -> PathBuf {
-        self.root.join("scenes").join(file_name(scene))
+        self.root.join(SCENES).join(file_name(scene))
     }
 
     fn folder(&self, scene: &str, method: &str) -> PathBuf {
         self.scene(scene).join(file_name(method))
     }
 
-    /// The stored result of a method, if it was computed from `made_from`.
-    pub(crate) fn find(&self, scene: &str, method: &str, made_from: &Value) -> Result<Found> {
+    /// The stored result of a method, if there is one; an error has the reason why it can't be used, such as another `made_from`.
+    pub(crate) fn find(&self, scene: &str, method: &str, made_from: &Value) -> Result<Option<Kept>, String> {
         let folder = self.folder(scene, method);
         let path = folder.join(RECORD);
         if !path.is_file() {
-            return Ok(Found::Nothing);
+            return Ok(None);
         }
-        let Some(entry) = Entry::<Row>::read(&folder, RECORD) else {
-            return Ok(Found::Stale(format!("{} is broken", path.display())));
-        };
-        if let Some(change) = difference(&entry.made_from, made_from) {
-            return Ok(Found::Stale(change));
-        }
+        let entry = Entry::<Row>::read(&folder, RECORD);
+        let entry = entry.ok_or_else(|| format!("{} is broken", path.display()))?;
+        difference(&entry.made_from, made_from).map_or(Ok(()), Err)?;
         let map = |name: &str| -> Result<Array2<f32>, String> {
             // Read as plain values, since a sigma of zeros alone is valid.
             decode(Format::Npy, &entry.file(&folder, name)?, &ReadOptions::default())
                 .map_err(|e| format!("{}: {e}", folder.join(name).display()))
         };
-        let with_sigma = entry.files.contains_key(Path::new(SIGMA));
-        let maps = map(DEPTH).and_then(|depth| Ok((depth, with_sigma.then(|| map(SIGMA)).transpose()?)));
-        Ok(match maps {
-            Ok((depth, sigma)) => {
-                let Entry { made_from, row: Row { seconds, report }, .. } = entry;
-                Found::Done(Box::new(Kept { refined: Refined { depth, sigma, report }, made_from, seconds }))
-            }
-            Err(fault) => Found::Stale(fault),
-        })
+        let depth = map(DEPTH)?;
+        let sigma = entry.files.contains_key(Path::new(SIGMA)).then(|| map(SIGMA)).transpose()?;
+        let Entry { made_from, row: Row { seconds, report }, .. } = entry;
+        Ok(Some(Kept { refined: Refined { depth, sigma, report }, made_from, seconds }))
     }
 
     /// The stored scores of a method, if they can be read.
@@ -220,27 +175,16 @@ impl Store {
 
     /// Stores a method's result, in place of an older one.
     pub(crate) fn keep(&self, scene: &str, method: &str, kept: &Kept) -> Result<()> {
-        let parent = self.scene(scene);
-        fs::create_dir_all(&parent)
-            .with_context(|| format!("{}: can't make this folder", parent.display()))?;
-        let temporary = temporary_folder(&parent)?;
         let Refined { depth, sigma, report } = &kept.refined;
-        write_npy(temporary.path().join(DEPTH), depth.view())?;
-        if let Some(sigma) = sigma {
-            write_npy(temporary.path().join(SIGMA), sigma.view())?;
-        }
         let row = Row { seconds: kept.seconds, report: report.clone() };
-        Entry::write(temporary.path(), RECORD, kept.made_from.clone(), row)?;
-        let folder = self.folder(scene, method);
-        let fault = || format!("{}: can't put the maps there", folder.display());
-        // The old result is renamed away, so that no half-deleted folder passes for a whole one.
-        let old = temporary_folder(&parent)?;
-        if folder.exists() {
-            fs::rename(&folder, old.path().join("old")).with_context(fault)?;
-        }
-        fs::rename(temporary.path(), &folder).with_context(fault)?;
-        let _ = temporary.keep();
-        Ok(())
+        let fill = |folder: &Path| {
+            write_npy(folder.join(DEPTH), depth.view())?;
+            if let Some(sigma) = sigma {
+                write_npy(folder.join(SIGMA), sigma.view())?;
+            }
+            Entry::write(folder, RECORD, kept.made_from.clone(), row)
+        };
+        replace(&self.folder(scene, method), fill, || Ok(()))
     }
 }
 
@@ -264,10 +208,6 @@ fn difference(old: &Value, new: &Value) -> Option<String> {
     }
 }
 
-fn is_temporary(entry: &fs::DirEntry) -> bool {
-    entry.file_name().to_string_lossy().starts_with(TEMPORARY)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -284,9 +224,9 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let store = Store::open(&place.path().join("e"), &json!({ "size": "native" }), false, false).unwrap();
         let made_from = json!({ "config": { "seed": 1 } });
-        assert!(matches!(store.find("a/b", "paper", &made_from).unwrap(), Found::Nothing));
+        assert!(store.find("a/b", "paper", &made_from).unwrap().is_none());
         store.keep("a/b", "paper", &entry(made_from.clone())).unwrap();
-        let Found::Done(found) = store.find("a/b", "paper", &made_from).unwrap() else { panic!() };
+        let found = store.find("a/b", "paper", &made_from).unwrap().unwrap();
         assert_eq!(found.refined.depth, entry(Value::Null).refined.depth);
         assert_eq!(found.refined.sigma, entry(Value::Null).refined.sigma);
         assert_eq!((found.seconds, found.refined.report), (1.5, json!({ "a": 1.0 })));
@@ -295,11 +235,10 @@ mod tests {
             ..entry(made_from.clone())
         };
         store.keep("a/b", "exact", &exact).unwrap();
-        let Found::Done(found) = store.find("a/b", "exact", &made_from).unwrap() else { panic!() };
+        let found = store.find("a/b", "exact", &made_from).unwrap().unwrap();
         assert_eq!(found.refined.sigma, exact.refined.sigma);
         let other = json!({ "config": { "seed": 2 } });
-        let Found::Stale(change) = store.find("a/b", "paper", &other).unwrap() else { panic!() };
-        assert_eq!(change, "config.seed: 1 -> 2");
+        assert_eq!(store.find("a/b", "paper", &other).unwrap_err(), "config.seed: 1 -> 2");
     }
 
     #[test]
@@ -313,7 +252,7 @@ mod tests {
         let refused = Store::open(&root, &other, false, false).unwrap_err().to_string();
         assert!(refused.contains("size: \"native\" -> [640,480]"), "{refused}");
         let store = Store::open(&root, &other, true, false).unwrap();
-        assert!(matches!(store.find("a", "paper", &Value::Null).unwrap(), Found::Nothing));
+        assert!(store.find("a", "paper", &Value::Null).unwrap().is_none());
         fs::write(place.path().join("x"), "").unwrap();
         assert!(Store::open(place.path(), &other, true, false).is_err());
     }
@@ -336,7 +275,7 @@ mod tests {
         drop(store);
         let store = Store::open(&root, &basis, false, false).unwrap();
         assert!(left.iter().all(|path| !path.exists()) && !root.join("scenes/a/.mde-folder").exists());
-        assert!(matches!(store.find("a", "paper", &Value::Null).unwrap(), Found::Done(_)));
+        assert!(store.find("a", "paper", &Value::Null).unwrap().is_some());
         // Someone else's file is not ours to remove.
         fs::write(place.path().join("x"), "").unwrap();
         assert!(Store::open(place.path(), &basis, false, false).is_err());

@@ -7,17 +7,15 @@ use crate::output::every::{CLOUD, EveryRecord, PhotographRow, write_all};
 use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::output::names::folders;
 use crate::output::record::{About, versions};
-use crate::program::error::Partial;
-use crate::program::error::message;
+use crate::program::error::{message, partial};
 use crate::program::interrupt;
 use crate::program::job::Job;
-use crate::program::many::item::finished;
+use crate::program::many::item::{finished, mark};
 use crate::program::progress::Progress;
 use crate::program::provenance::{about, write_json};
 use crate::program::report::{INDEX, every_page};
-use crate::program::store::entry::Entry;
 use crate::program::store::folder::{
-    ENTRY, NewFolder, OutputFolder, RECORD, check_place, list_files, remove_unfinished,
+    ENTRY, NewFolder, OutputFolder, RECORD, check_own, folders_in, read_record, remove_unfinished,
 };
 use crate::program::store::lock::Lock;
 use crate::program::summary::intervals;
@@ -26,13 +24,11 @@ use crate::refiner::depth_png::MILLIMETRES;
 use crate::refiner::{Plan, Prepared};
 use crate::scene::Scene;
 use crate::several::cloud::RefinedView;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail};
 use mde_eval::table::{Block, Document, Table};
 use mde_prior::format::{PngContent, ReadOptions, png_content, read_values};
-use mde_prior::{FileKind, open};
-use mde_warp::{PinholeCamera, Pose};
 use ndarray::Array2;
-use serde_json::{Value, json};
+use serde_json::json;
 use std::fs;
 use std::path::Path;
 use std::time::Instant;
@@ -40,43 +36,16 @@ use std::time::Instant;
 /// Files of all photographs, the record last.
 const OF_ALL: [&str; 4] = [CLOUD, TRANSFORMS, INDEX, RECORD];
 
-/// A photograph refined by the others, whose maps are in its folder.
-struct Placed {
-    photograph: usize,
-    camera: PinholeCamera,
-    pose: Pose,
-}
-
 /// Checks that the folder is new, or one of an earlier run on a capture; creates nothing.
 pub(crate) fn check_folder(output: &Path) -> Result<()> {
-    check_place("-o", output)?;
-    let shown = output.display();
-    if !output.exists() || is_record(&output.join(RECORD)) {
-        return Ok(());
-    }
-    // A killed run leaves finished photographs, files of all, and what is swept.
-    let (mut finished, mut others) = (false, false);
-    for entry in fs::read_dir(output).with_context(|| shown.to_string())? {
-        let name = entry.with_context(|| shown.to_string())?.file_name();
-        match output.join(&name).join(ENTRY).is_file() {
-            true => finished = true,
-            false if name.as_encoded_bytes().starts_with(b".mde-") => {}
-            false => others |= !OF_ALL.iter().any(|file| name == *file),
-        }
-    }
-    ensure!(
-        !others && (finished || !OF_ALL.iter().any(|name| output.join(name).exists())),
-        "{shown}: holds no {RECORD} of an earlier run with --all; give another name to -o"
-    );
-    Ok(())
-}
-
-/// Whether it is the record of a run on a capture.
-fn is_record(path: &Path) -> bool {
-    let record = open::read(path, FileKind::Settings)
-        .ok()
-        .and_then(|text| serde_json::from_slice::<Value>(&text).ok());
-    record.is_some_and(|record| record["photographs"].is_array())
+    let is_finished = |folder: &Path| folder.join(ENTRY).is_file();
+    // A killed run leaves finished photographs, and beside them files of all.
+    let any = folders_in(output).iter().any(|folder| is_finished(folder));
+    let is_own = |path: &Path| is_finished(path) || any && OF_ALL.iter().any(|file| path.ends_with(file));
+    let is_record = |path: &Path| {
+        path.ends_with(RECORD) && read_record(path).is_some_and(|record| record["photographs"].is_array())
+    };
+    check_own(output, is_record, is_own, RECORD)
 }
 
 /// Refines all photographs of the job's capture. Those that a run of the same `made_from` finished stay as they are, unless `force` is set.
@@ -120,7 +89,7 @@ pub(crate) fn run(
             }
         };
         if let Some((camera, pose)) = prepared.several().and_then(|several| row.placed(several, index)) {
-            placed.push(Placed { photograph: index, camera, pose });
+            placed.push((index, camera, pose));
         }
         rows.push(row);
     }
@@ -129,13 +98,13 @@ pub(crate) fn run(
     {
         bail!("no photograph could be refined: {first}");
     }
-    let maps = placed.iter().map(|placed| Maps::read(&output.join(&folders[placed.photograph])));
+    let maps = placed.iter().map(|(index, ..)| Maps::read(&output.join(&folders[*index])));
     let maps = maps.collect::<Result<Vec<_>>>()?;
-    let views = placed.iter().zip(&maps).map(|(placed, maps)| RefinedView {
-        folder: &folders[placed.photograph],
-        image: scene.photographs[placed.photograph].image.view(),
-        camera: placed.camera,
-        pose: placed.pose,
+    let views = placed.iter().zip(&maps).map(|(&(index, camera, pose), maps)| RefinedView {
+        folder: &folders[index],
+        image: scene.photographs[index].image.view(),
+        camera,
+        pose,
         depth: maps.depth.view(),
         sigma: maps.sigma.view(),
         png_scale: maps.png_scale,
@@ -143,11 +112,9 @@ pub(crate) fn run(
     let points = write_all(output, &views.collect::<Vec<_>>(), prepared.unit())?;
     mde_prior::write_atomic(&output.join(INDEX), every_page(&rows).as_bytes())?;
     let about = About {
-        preset: Some(settings.preset.name()),
-        seed: Some(settings.config.seed),
         warnings: progress.all_warnings(),
         total_seconds: progress.seconds(),
-        ..about("refine --all", input.to_owned(), prepared.camera())
+        ..about("refine --all", input.to_owned(), prepared.camera(), Some(settings), progress)
     };
     let Some(several) = prepared.several() else { bail!("--all: give --views") };
     let record = EveryRecord {
@@ -167,13 +134,8 @@ pub(crate) fn run(
         progress.seconds()
     );
     progress.tables(&Document { blocks: vec![Block::Table(table(&rows))] }, &text, value);
-    match rows.iter().find_map(PhotographRow::failure) {
-        None => Ok(()),
-        Some(first) => {
-            let failed = rows.iter().filter(|row| row.folder.is_none()).count();
-            Err(Partial { failed, first, folder: output.display().to_string() }.into())
-        }
-    }
+    let failed = rows.iter().filter(|row| row.folder.is_none()).count();
+    partial(failed, rows.iter().find_map(PhotographRow::failure), output)
 }
 
 /// Refines one photograph into its folder. Only an interruption is an error; what else fails is in the row.
@@ -188,19 +150,16 @@ fn one(
 ) -> Result<PhotographRow> {
     let start = Instant::now();
     let mut row = PhotographRow::new(name);
-    let mut refined = || -> Result<()> {
-        let folder = OutputFolder::new(place, true)?;
+    let refined = OutputFolder::new(place, true).and_then(|folder| {
         job.produce(prepared, index, name, &folder, progress, |path, refined, _| {
             row.measure(refined);
             row.folder = place.file_name().map(|folder| folder.to_string_lossy().into_owned());
             row.seconds = start.elapsed().as_secs_f64();
-            list_files(path)?;
-            Entry::write(path, ENTRY, made_from.into(), row.clone()).map(drop)
-        })?;
-        Ok(())
-    };
-    match refined() {
-        Ok(()) => Ok(row),
+            mark(path, made_from, &row)
+        })
+    });
+    match refined {
+        Ok(_) => Ok(row),
         Err(error) if interrupt::requested() => Err(error),
         Err(error) => Ok(PhotographRow {
             seconds: start.elapsed().as_secs_f64(),
@@ -247,36 +206,4 @@ fn table(rows: &[PhotographRow]) -> Table {
         ]
     });
     Table::new(2, heads, rows)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_folder_is_continued_and_one_of_others_is_refused() {
-        let place = tempfile::tempdir().unwrap();
-        let out = place.path().join("out");
-        check_folder(&out).unwrap();
-        assert!(!out.exists());
-        let write = |name: &str, text: &str| {
-            let path = out.join(name);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, text).unwrap();
-        };
-        // What runs leave that were killed at their first photograph, before their files of all, and before the last of these.
-        for left in [".mde-left", "a/finished.json", CLOUD] {
-            write(left, "");
-            check_folder(&out).unwrap();
-        }
-        // The record of one photograph.
-        write(RECORD, "{}");
-        write("thesis.txt", "years");
-        assert!(check_folder(&out).unwrap_err().to_string().contains("another name to -o"));
-        write(RECORD, r#"{ "photographs": [] }"#);
-        check_folder(&out).unwrap();
-        fs::remove_dir_all(&out).unwrap();
-        write(CLOUD, "of another program");
-        assert!(check_folder(&out).is_err());
-    }
 }

@@ -5,11 +5,11 @@ use crate::output::record::versions;
 use crate::program::many::item::THUMBNAIL;
 use crate::program::provenance::{command_line, write_json};
 use crate::program::report::photographs_page;
-use anyhow::{Context, Result, ensure};
+use crate::program::store::folder::{check_own, read_record};
+use anyhow::Result;
 use mde_eval::table::inert;
-use mde_prior::{FileKind, open};
-use serde::{Deserialize, Serialize};
-use std::fs;
+use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 pub(crate) const RECORD: &str = "index.json";
@@ -21,10 +21,10 @@ pub(crate) const RESERVED: [&str; 3] = [RECORD, PAGE, TABLE];
 const PROGRAM: &str = "mde refine PHOTOS";
 
 /// The index of a folder.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Serialize)]
 pub(crate) struct Index {
-    program: String,
-    versions: std::collections::BTreeMap<String, String>,
+    program: &'static str,
+    versions: BTreeMap<&'static str, &'static str>,
     command_line: String,
     /// Number of its photographs, of which those that have been tried are listed.
     all: usize,
@@ -34,55 +34,23 @@ pub(crate) struct Index {
 
 /// Refuses a folder with other things in it than the program's.
 pub(super) fn check_folder(folder: &Path) -> Result<()> {
-    let shown = folder.display();
-    if !folder.exists() {
-        return Ok(());
-    }
-    ensure!(folder.is_dir(), "{shown}: exists and is not a folder; give another name to -o");
-    let mut empty = true;
-    for entry in fs::read_dir(folder).with_context(|| shown.to_string())? {
-        let name = entry.with_context(|| shown.to_string())?.file_name();
-        let name = name.to_string_lossy();
-        if name == RECORD && Index::read(&folder.join(RECORD)).is_ok() {
-            return Ok(());
-        }
-        empty &= name.starts_with(".mde-");
-    }
-    ensure!(
-        empty,
-        "{shown}: holds no {RECORD} of an earlier run on many photographs; give another name to -o"
-    );
-    Ok(())
+    check_own(folder, |path| path.ends_with(RECORD) && is_index(path), |_| false, RECORD)
+}
+
+fn is_index(path: &Path) -> bool {
+    read_record(path).is_some_and(|record| record["program"] == PROGRAM)
 }
 
 impl Index {
     pub(super) fn new(all: usize) -> Self {
-        Self {
-            program: PROGRAM.to_owned(),
-            versions: versions()
-                .into_iter()
-                .map(|(name, version)| (name.to_owned(), version.to_owned()))
-                .collect(),
-            command_line: command_line(),
-            all,
-            rows: Vec::new(),
-        }
-    }
-
-    pub(super) fn read(path: &Path) -> Result<Self> {
-        let shown = path.display();
-        let text =
-            open::read_text(path, FileKind::Text).with_context(|| format!("{shown}: can't be read"))?;
-        let read: Self =
-            serde_json::from_str(&text).with_context(|| format!("{shown}: is no index of mde refine"))?;
-        ensure!(read.program == PROGRAM, "{shown}: is no index of mde refine");
-        Ok(read)
+        let (versions, command_line) = (versions(), command_line());
+        Self { program: PROGRAM, versions, command_line, all, rows: Vec::new() }
     }
 
     /// Marks the folder as the program's. An earlier index stays.
     pub(super) fn mark(&self, folder: &Path) -> Result<()> {
         let path = folder.join(RECORD);
-        if Self::read(&path).is_ok() { Ok(()) } else { write_json(&path, self) }
+        if is_index(&path) { Ok(()) } else { write_json(&path, self) }
     }
 
     /// Writes the index of the photographs that have been tried. Each file appears whole.
@@ -147,24 +115,6 @@ fn csv(rows: &[PhotographRow]) -> Result<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_folder_of_others_is_refused_and_one_of_the_programs_is_taken() {
-        let place = tempfile::tempdir().unwrap();
-        let folder = place.path().join("out");
-        check_folder(&folder).unwrap();
-        fs::create_dir(&folder).unwrap();
-        fs::write(folder.join(".mde-AbCdEf"), "").unwrap();
-        check_folder(&folder).unwrap();
-        fs::write(folder.join("thesis.txt"), "years").unwrap();
-        assert!(check_folder(&folder).unwrap_err().to_string().contains("another name to -o"));
-        fs::write(folder.join(RECORD), "{}").unwrap();
-        assert!(check_folder(&folder).is_err());
-        let index = Index::new(1);
-        index.write(&folder).unwrap();
-        check_folder(&folder).unwrap();
-        assert_eq!(Index::read(&folder.join(RECORD)).unwrap(), index);
-    }
 
     #[test]
     fn the_table_quotes_what_needs_it() {

@@ -12,6 +12,7 @@ use crate::program::open::scene;
 use crate::program::progress::Progress;
 use crate::program::store::entry::Entry;
 use crate::program::store::folder::{ENTRY, OutputFolder, list_files};
+use crate::program::workers::caught;
 use crate::refiner::{Plan, Refined, Refiner};
 use crate::scene::size::resized;
 use crate::scene::{Photograph, SameScale, Scene};
@@ -63,20 +64,20 @@ pub(crate) fn settings_of(args: &RefineArgs, refiner: &Refiner<'_>) -> Result<St
 impl Common<'_> {
     /// Refines a photograph, unless its folder is finished. What fails is in the row.
     pub(crate) fn one(&self, item: &Item) -> PhotographRow {
-        let made = self.made(item, &mut Progress::silent());
+        let made = caught(|| self.made(item, &mut Progress::silent()));
         made.unwrap_or_else(|error| PhotographRow::failed(&item.path.display().to_string(), &message(&error)))
     }
 
     /// The plan of a photograph, by its header alone; what has no header fails when it is decoded.
     fn plan(&self, item: &Item) -> Result<Plan> {
-        let size = scene::size(&item.path).unwrap_or_default();
+        let size = scene::size(&item.path);
         Ok(self.job.refiner.plan(&item.path.display().to_string(), size, 1)?)
     }
 
     /// How many photographs run side by side, at most one more than processors: while one is decoded or written, the others keep the
     /// processors busy. Each thread keeps the memory of its largest photograph.
     pub(super) fn workers(&self, items: &[Item]) -> usize {
-        let mut sizes: Vec<_> = items.iter().filter_map(|item| scene::size(&item.path).ok()).collect();
+        let mut sizes: Vec<_> = items.iter().map(|item| scene::size(&item.path)).collect();
         sizes.sort_by_key(|(height, width)| std::cmp::Reverse(height * width));
         sizes.dedup();
         let largest = sizes.into_iter().find_map(|size| self.job.refiner.plan("", size, 1).ok());
@@ -139,8 +140,7 @@ impl Common<'_> {
             row.measure(refined);
             row.warnings = progress.own_warnings().to_vec();
             row.seconds = start.elapsed().as_secs_f64();
-            list_files(path)?;
-            Entry::write(path, ENTRY, made_from.into(), row.clone()).map(drop)
+            mark(path, &made_from, &row)
         })?;
         Ok(row)
     }
@@ -149,6 +149,12 @@ impl Common<'_> {
 /// The entry of a finished folder whose files have the lengths that they were written with.
 pub(crate) fn finished(place: &Path) -> Option<Entry<PhotographRow>> {
     Entry::read(place, ENTRY).filter(|entry| entry.has_lengths(place))
+}
+
+/// Marks a folder as finished, after all its other files.
+pub(crate) fn mark(folder: &Path, made_from: &str, row: &PhotographRow) -> Result<()> {
+    list_files(folder)?;
+    Entry::write(folder, ENTRY, made_from.into(), row.clone())
 }
 
 /// Photograph, depth and sigma / depth side by side.

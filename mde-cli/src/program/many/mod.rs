@@ -11,7 +11,7 @@ mod same_scale;
 use crate::output::every::PhotographRow;
 use crate::output::names::folders;
 use crate::program::args::RefineArgs;
-use crate::program::error::Partial;
+use crate::program::error::partial;
 use crate::program::interrupt;
 use crate::program::job::Job;
 use crate::program::many::index::Index;
@@ -23,12 +23,11 @@ use crate::program::store::folder::{NewFolder, check_place, remove_unfinished};
 use crate::program::store::lock::Lock;
 use crate::program::summary::intervals;
 use crate::program::terminal::line_of;
-use crate::refiner::Refiner;
+use crate::program::workers::{lock, side_by_side};
+use crate::refiner::{Observer, Refiner};
 use anyhow::{Result, bail, ensure};
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -71,7 +70,7 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     if let Some(shard) = &args.several.shard {
         items.retain(|item| shard.has(&item.folder));
     }
-    let (next, start) = (AtomicUsize::new(0), Instant::now());
+    let start = Instant::now();
     let state = Mutex::new(State {
         progress,
         rows: BTreeMap::new(),
@@ -81,26 +80,16 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
         output,
         due: None,
     });
-    let workers = common.workers(&items);
-    let work = || {
-        loop {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(item) = items.get(index).filter(|_| !interrupt::requested()) else { break };
-            let made = catch_unwind(AssertUnwindSafe(|| common.one(item))).unwrap_or_else(|_| faulty(item));
-            state.lock().unwrap_or_else(PoisonError::into_inner).add(index, made, items.len(), start);
-        }
+    let work = |index: usize| {
+        let row = common.one(&items[index]);
+        lock(&state).add(index, row, items.len(), start);
     };
-    on_threads(workers, &work);
+    let done = side_by_side(common.workers(&items), items.len(), work);
     let mut state = state.into_inner().unwrap_or_else(PoisonError::into_inner);
-    if interrupt::requested() {
-        state.save();
-        bail!(crate::error::Error::Interrupted);
-    }
-    let State { rows, index: mut found, listed, .. } = state;
-    found.rows = rows.into_values().collect();
-    if listed {
-        found.write(output)?;
-    }
+    let saved = state.save();
+    done?;
+    saved?;
+    let State { index: found, listed, .. } = state;
     warnings(&found.rows, progress);
     finish(
         &found.rows,
@@ -112,12 +101,6 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     )
 }
 
-/// The row of a photograph at which the program failed.
-fn faulty(item: &Item) -> PhotographRow {
-    let error = format!("a fault of the program, please report it: {}", crate::program::error::fault());
-    PhotographRow::failed(&item.path.display().to_string(), &error)
-}
-
 /// A few words on a photograph, for a line.
 fn outcome(row: &PhotographRow) -> String {
     match &row.error {
@@ -125,17 +108,6 @@ fn outcome(row: &PhotographRow) -> String {
         None if row.kept => "finished before".to_owned(),
         None => format!("{:.1} s", row.seconds),
     }
-}
-
-/// Runs `work` on so many threads of its own, and waits for all.
-fn on_threads(count: usize, work: &(impl Fn() + Sync)) {
-    std::thread::scope(|scope| {
-        let spawn = |_| std::thread::Builder::new().spawn_scoped(scope, work).is_ok();
-        // A system without threads has this one.
-        if (0..count).filter(|worker| spawn(*worker)).count() == 0 {
-            work();
-        }
-    });
 }
 
 /// Least time between two indices of a run.
@@ -173,20 +145,18 @@ impl State<'_> {
         let left = (done < all && self.refined > 0).then(|| each * (all - done) as f64);
         self.progress.piece(done, all, &text, left, value);
         if done < all && self.due.is_none_or(|due| due <= Instant::now()) {
-            self.save();
+            // What prevents it prevents the last one too, which names it.
+            let _ = self.save();
         }
     }
 
     /// Writes the index of the photographs so far.
-    fn save(&mut self) {
-        if !self.listed {
-            return;
-        }
+    fn save(&mut self) -> Result<()> {
         let start = Instant::now();
         self.index.rows = self.rows.values().cloned().collect();
-        // What prevents it prevents the last one too, which names it.
-        let _ = self.index.write(self.output);
+        let written = if self.listed { self.index.write(self.output) } else { Ok(()) };
         self.due = Some(Instant::now() + INDEX_SECONDS.max(INDEX_SHARE * start.elapsed()));
+        written
     }
 }
 
@@ -240,13 +210,5 @@ fn finish(
     let value =
         serde_json::json!({ "event": "done", "output": output.display().to_string(), "photographs": rows });
     progress.result(&text, value);
-    match failed.first() {
-        None => Ok(()),
-        Some(row) => Err(Partial {
-            failed: failed.len(),
-            first: row.failure().unwrap_or_default(),
-            folder: output.display().to_string(),
-        }
-        .into()),
-    }
+    partial(failed.len(), failed.first().and_then(|row| row.failure()), output)
 }

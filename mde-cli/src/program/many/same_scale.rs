@@ -2,19 +2,16 @@
 //!
 //! [`OneScale`] has the order of the comparisons. Factors depend neither on the number of threads nor on which photographs are finished.
 
-use crate::program::interrupt;
 use crate::program::many::item::{Common, Item};
 use crate::program::open::photographs::content;
 use crate::program::progress::Progress;
-use crate::refiner::Silent;
+use crate::program::workers::{caught, side_by_side};
 use crate::refiner::same_scale::{OneScale, groups_warning};
+use crate::refiner::{Observer, Silent};
 use crate::scene::SameScale;
-use anyhow::{Result, bail};
+use anyhow::Result;
 use mde_mvs::poses::Prepared;
 use serde_json::json;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// Photographs that are prepared, and then compared, side by side.
@@ -31,14 +28,12 @@ pub(super) fn same_scale(
     let mut scale = OneScale::new(items.len(), &common.job.refiner.settings().config);
     for (chunk, part) in items.chunks(CHUNK).enumerate() {
         // What can't be prepared has its reason in its row, when it is refined.
-        let prepared =
-            side_by_side(workers.min(part.len()), part.len(), |at| common.prepared(&part[at], &scale).ok())?;
-        let mut pairs = Vec::new();
-        for prepared in prepared {
-            pairs.extend(scale.add(prepared.flatten()));
-        }
-        let found = side_by_side(rayon::current_num_threads(), pairs.len(), |at| scale.ratio(&pairs[at]))?;
-        scale.extend(found.into_iter().flatten().flatten());
+        let prepared = |at: usize| caught(|| common.prepared(&part[at], &scale)).ok();
+        let prepared = side_by_side(workers, part.len(), prepared)?;
+        let pairs: Vec<_> = prepared.into_iter().flat_map(|prepared| scale.add(prepared)).collect();
+        let ratio = |at: usize| caught(|| Ok(scale.ratio(&pairs[at]))).ok().flatten();
+        let found = side_by_side(rayon::current_num_threads(), pairs.len(), ratio)?;
+        scale.extend(found.into_iter().flatten());
         let done = (chunk * CHUNK + part.len()).min(items.len());
         let left = start.elapsed().as_secs_f64() / done as f64 * (items.len() - done) as f64;
         let text = format!("{} matching pairs", scale.matches());
@@ -59,29 +54,4 @@ impl Common<'_> {
         let photograph = self.opened(item, content(&item.path)?, &mut Progress::silent())?;
         Ok(self.job.refiner.prepare_scale(&photograph, scale, &mut Silent)?)
     }
-}
-
-/// The results of `work` for `0..count`, on so many threads of its own; nothing where it failed by a fault.
-fn side_by_side<T: Send>(
-    threads: usize,
-    count: usize,
-    work: impl Fn(usize) -> T + Sync,
-) -> Result<Vec<Option<T>>> {
-    let next = AtomicUsize::new(0);
-    let made = Mutex::new((0..count).map(|_| None).collect::<Vec<Option<T>>>());
-    let run = || {
-        loop {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            if index >= count || interrupt::requested() {
-                break;
-            }
-            let result = catch_unwind(AssertUnwindSafe(|| work(index))).ok();
-            made.lock().unwrap_or_else(PoisonError::into_inner)[index] = result;
-        }
-    };
-    super::on_threads(threads.min(count), &run);
-    if interrupt::requested() {
-        bail!(crate::error::Error::Interrupted);
-    }
-    Ok(made.into_inner().unwrap_or_else(PoisonError::into_inner))
 }

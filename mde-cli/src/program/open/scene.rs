@@ -1,21 +1,34 @@
 //! Scenes that the command line names: one photograph, or several with poses or without.
 
 use crate::program::args::{CameraArgs, RefineArgs};
-use crate::program::open::photographs::in_folder;
+use crate::program::open::photographs::existing;
 use crate::program::open::settings::{camera, given_camera};
 use crate::program::progress::Progress;
 use crate::refiner::capture::shorten;
-use crate::refiner::{Plan, Refiner, Unit};
+use crate::refiner::{Observer, Plan, Refiner, Unit};
 use crate::scene::{Photograph, Scene};
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use mde_mvs::capture::{CaptureFiles, same_file};
 use mde_prior::photo::{Photo, image_size, read_image};
 use std::path::{Path, PathBuf};
 
 /// `(height, width)` of a photograph, by its header alone.
-pub(crate) fn size(path: &Path) -> Result<(usize, usize)> {
+pub(crate) fn size(path: &Path) -> (usize, usize) {
     // What has no header has no size, and is refused when it is decoded.
-    Ok(image_size(path).map_or((1, 1), |[width, height]| (height, width)))
+    image_size(path).map_or((1, 1), |[width, height]| (height, width))
+}
+
+/// A photograph alone and its plan; at the size of the refinement where it is as one of `several`.
+pub(crate) fn one(
+    refiner: &Refiner<'_>,
+    args: &CameraArgs,
+    path: &Path,
+    several: bool,
+    progress: &mut Progress,
+) -> Result<(Scene, Plan)> {
+    let plan = refiner.plan(&path.display().to_string(), size(path), 1)?;
+    let photograph = photograph(refiner, args, path, read_image(path)?, several, progress)?;
+    Ok((Scene::one(photograph), plan))
 }
 
 /// A photograph at its size; one of `several`, or alone.
@@ -64,7 +77,7 @@ pub(crate) fn unposed(
     progress: &mut Progress,
 ) -> Result<(Scene, Plan)> {
     let first = paths.first().context("there is no photograph; give one")?;
-    let plan = refiner.plan(&format!("{flag}: {} photographs", paths.len()), size(first)?, paths.len())?;
+    let plan = refiner.plan(&format!("{flag}: {} photographs", paths.len()), size(first), paths.len())?;
     let mut photographs = Vec::new();
     for path in paths {
         photographs.push(photograph(refiner, args, path, read_image(path)?, true, progress)?);
@@ -75,25 +88,10 @@ pub(crate) fn unposed(
 
 /// The photographs of files and folders but for the reference, each once, folders in the order of their names.
 fn further(reference: &Path, views: &[PathBuf]) -> Result<Vec<PathBuf>> {
-    let paths = unique("--views", views, |path| same_file(path, reference))?;
-    if paths.is_empty() {
-        bail!("--views: no photograph but {} is there; give one or more others", reference.display());
-    }
-    Ok(paths)
-}
-
-/// The photographs of files and folders, each once, without those that `skip` names; `flag` gave them.
-pub(crate) fn unique(flag: &str, views: &[PathBuf], skip: impl Fn(&Path) -> bool) -> Result<Vec<PathBuf>> {
-    let mut paths: Vec<PathBuf> = Vec::new();
-    for view in views {
-        let found = if view.is_dir() { in_folder(flag, view)? } else { vec![view.clone()] };
-        for path in found {
-            ensure!(path.is_file(), "{flag} {}: no such photograph; give files or a folder", path.display());
-            if !skip(&path) && !paths.iter().any(|known| same_file(known, &path)) {
-                paths.push(path);
-            }
-        }
-    }
+    let mut paths = existing("--views", views)?;
+    paths.retain(|path| !same_file(path, reference));
+    let shown = reference.display();
+    ensure!(!paths.is_empty(), "--views: no photograph but {shown} is there; give one or more others");
     Ok(paths)
 }
 

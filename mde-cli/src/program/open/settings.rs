@@ -3,7 +3,7 @@
 use crate::config::{Config, Preset, Shorthands};
 use crate::output::export::Format;
 use crate::program::args::{
-    CameraArgs, ErrorBarArgs, MemoryArgs, PresetArgs, RefineArgs, RunArgs, SettingsArgs, SizeArgs,
+    CameraArgs, ErrorBarArgs, MemoryArgs, PresetArgs, RefineArgs, SettingsArgs, SizeArgs,
 };
 use crate::refiner::Settings;
 use crate::refiner::error_bar::ErrorBar;
@@ -85,11 +85,6 @@ pub(crate) fn given_camera(args: &CameraArgs) -> GivenCamera {
         (None, None, Some(fov)) => GivenCamera::FieldOfView(fov),
         (None, None, None) => GivenCamera::Nothing,
     }
-}
-
-/// Uses the number of threads of the command line, else one per processor.
-pub(crate) fn use_threads(args: &RunArgs) -> Result<()> {
-    start_threads(args.threads.map(usize::from))
 }
 
 /// Uses that number of threads, else one per processor, and fewer where the system has fewer left.

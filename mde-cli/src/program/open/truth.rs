@@ -12,14 +12,11 @@ use ndarray::Array2;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// A true depth and which of its pixels count.
+/// A true depth.
 pub(crate) struct Truth {
     pub(crate) source: String,
     /// Metres, `[height, width]`; 0 = missing.
     pub(crate) depth: Array2<f32>,
-    pub(crate) config: ScoreConfig,
-    /// Whether the printed table has the most important scores alone.
-    pub(crate) brief: bool,
 }
 
 impl Truth {
@@ -37,12 +34,7 @@ impl Truth {
             size.0
         );
         let depth = nearest(depth.view(), to);
-        Ok(Some(Self {
-            source: path.display().to_string(),
-            depth,
-            config: ScoreConfig::default(),
-            brief: false,
-        }))
+        Ok(Some(Self { source: path.display().to_string(), depth }))
     }
 
     /// Scores of prior and refined depth, each under its own alignment, by three rules.
@@ -53,11 +45,11 @@ impl Truth {
         let rules = rules(kind);
         let mut by_alignment = BTreeMap::new();
         for rule in rules {
-            let config = ScoreConfig { alignment: rule, ..self.config.clone() };
+            let config = ScoreConfig { alignment: rule, ..ScoreConfig::default() };
             let of = |subject| score(subject, &config).with_context(|| self.source.clone());
             by_alignment.insert(rule.name(), Pair { prior: of(&prior)?, refined: of(&refined)? });
         }
-        Ok(Comparison { truth: self.source.clone(), shown: rules[0].name(), by_alignment, brief: self.brief })
+        Ok(Comparison { truth: self.source.clone(), shown: rules[0].name(), by_alignment })
     }
 }
 
@@ -77,8 +69,6 @@ pub(crate) struct Comparison {
     /// The alignment that the program prints.
     shown: &'static str,
     by_alignment: BTreeMap<&'static str, Pair>,
-    #[serde(skip)]
-    brief: bool,
 }
 
 #[derive(Debug, Serialize)]
@@ -88,26 +78,26 @@ struct Pair {
 }
 
 impl Comparison {
-    /// A table of the most important scores.
+    /// A table of the scores that matter most.
     pub(crate) fn table(&self) -> String {
         let Some(Pair { prior, refined }) = self.by_alignment.get(self.shown) else { return String::new() };
         let mut lines =
             vec![format!("{:40}{:>10}{:>10}", format!("{} alignment", self.shown), "prior", "refined")];
         let rows = [
-            ("AbsRel, lower", "abs_rel", true),
-            ("RMSE, m, lower", "rmse", false),
-            ("MSE, m2, lower", "mse", true),
-            ("within a factor 1.25, higher", "delta1", false),
-            ("edge F1, 0.25 m, 1 px, higher", "f1@0.25m_r1", true),
-            ("boundary F1, higher", "boundary_f1", false),
-            ("wrong order across edges, D3R, lower", "d3r", true),
-            ("sharpness on edges, higher", "sharpness_on", false),
-            ("sharpness off edges, lower", "sharpness_off", false),
-            ("Spearman of sigma and error, higher", "spearman", false),
-            ("mean z2 (above 1: sigma too small), near 1", "mean_z2", false),
-            ("90 % intervals hold, near 0.9", "coverage_90", true),
+            ("AbsRel, lower", "abs_rel"),
+            ("RMSE, m, lower", "rmse"),
+            ("MSE, m2, lower", "mse"),
+            ("within a factor 1.25, higher", "delta1"),
+            ("edge F1, 0.25 m, 1 px, higher", "f1@0.25m_r1"),
+            ("boundary F1, higher", "boundary_f1"),
+            ("wrong order across edges, D3R, lower", "d3r"),
+            ("sharpness on edges, higher", "sharpness_on"),
+            ("sharpness off edges, lower", "sharpness_off"),
+            ("Spearman of sigma and error, higher", "spearman"),
+            ("mean z2 (above 1: sigma too small), near 1", "mean_z2"),
+            ("90 % intervals hold, near 0.9", "coverage_90"),
         ];
-        for (label, key, _) in rows.into_iter().filter(|(_, _, brief)| *brief || !self.brief) {
+        for (label, key) in rows {
             let cell =
                 |scores: &Scores| scores.get(key).map_or_else(|| "-".to_owned(), |v| format!("{v:.4}"));
             lines.push(format!("{label:40}{:>10}{:>10}", cell(prior), cell(refined)));

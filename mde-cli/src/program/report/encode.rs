@@ -7,7 +7,7 @@ use colorous::{Gradient, MAGMA, PURPLE_ORANGE, VIRIDIS};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use mde_prior::photo::encode_rgb_png;
-use ndarray::{Array2, ArrayView2, ArrayView3};
+use ndarray::{ArrayView2, ArrayView3};
 use serde_json::{Value, json};
 use std::io::Write;
 
@@ -23,13 +23,6 @@ pub(super) fn fitted((height, width): (usize, usize), most: usize) -> [usize; 2]
         return [width, height];
     }
     [width, height].map(|side| (side * most / largest).max(1))
-}
-
-/// A map at `[width, height]`, by the nearest pixel: means over an edge are depths of no surface.
-pub(super) fn nearest(map: ArrayView2<'_, f32>, [width, height]: [usize; 2]) -> Array2<f32> {
-    let (rows, columns) = map.dim();
-    let middle = |index: usize, from: usize, to: usize| (2 * index + 1) * from / (2 * to);
-    Array2::from_shape_fn((height, width), |(y, x)| map[(middle(y, rows, height), middle(x, columns, width))])
 }
 
 /// A map of positive values in 16 bits, evenly spaced in the logarithm (so that one far outlier costs no digits), each
@@ -86,6 +79,7 @@ pub(super) fn gradients() -> Value {
 mod tests {
     use super::*;
     use flate2::read::ZlibDecoder;
+    use ndarray::Array2;
     use std::io::Read;
 
     /// What the page's script does.
@@ -127,13 +121,9 @@ mod tests {
     }
 
     #[test]
-    fn a_large_map_shrinks_to_existing_values() {
+    fn a_large_map_shrinks_and_keeps_its_shape() {
         assert_eq!(fitted((480, 640), 640), [640, 480]);
         assert_eq!(fitted((3000, 4000), 640), [640, 480]);
         assert_eq!(fitted((1, 9000), 640), [640, 1]);
-        let map = Array2::from_shape_fn((30, 40), |(y, x)| (y * 40 + x) as f32);
-        let small = nearest(map.view(), [4, 3]);
-        assert_eq!(small, Array2::from_shape_fn((3, 4), |(y, x)| map[(10 * y + 5, 10 * x + 5)]));
-        assert_eq!(nearest(map.view(), [40, 30]), map);
     }
 }

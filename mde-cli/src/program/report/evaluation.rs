@@ -1,18 +1,18 @@
 //! The page of an evaluation or an ablation.
 
 use crate::output::preview::{depth_picture_within, sigma_picture_within, usual_range};
-use crate::program::report::encode::{fitted, gradients, nearest, picture, svg};
+use crate::program::report::encode::{fitted, gradients, picture, svg};
 use crate::program::report::{page, read_json, read_text};
-use crate::program::store::folder::file_name;
+use crate::program::store::folder::{file_name, folders_in};
 use anyhow::{Context, Result};
 use mde_eval::score::{Better, Group, METRICS, Metric};
 use mde_eval::table::original_name;
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
-use ndarray::{Array2, ArrayView2};
+use mde_prior::resample::nearest;
+use ndarray::Array2;
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::path::Path;
 
 /// A reduced image of the scene, for the report.
@@ -154,7 +154,7 @@ fn thumbnails(folder: &Path, id: &str, scores: &Scores) -> Result<Value> {
     let scene = folder.join("scenes").join(file_name(id));
     let mut maps = Vec::new();
     let mut seen = BTreeSet::new();
-    for place in folders(&scene) {
+    for place in folders_in(&scene) {
         // The maps' name in the tables is written in their scores.
         let Ok(scored) = read_json::<Value>(&place.join("scores.json")) else { continue };
         let label = scored["entries"][0]["method"].as_str().unwrap_or_default().to_owned();
@@ -194,20 +194,14 @@ fn thumbnails(folder: &Path, id: &str, scores: &Scores) -> Result<Value> {
 }
 
 fn small(map: &Array2<f32>) -> Array2<f32> {
-    nearest(ArrayView2::from(map), fitted(map.dim(), THUMBNAIL))
-}
-
-/// The folders in a folder, sorted; none where it is missing.
-fn folders(folder: &Path) -> Vec<std::path::PathBuf> {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut folders: Vec<_> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
-    folders.sort();
-    folders
+    let [width, height] = fitted(map.dim(), THUMBNAIL);
+    nearest(map.view(), (height, width))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     #[test]
     fn the_worst_scenes_get_the_thumbnails() {

@@ -7,22 +7,15 @@ use anyhow::Result;
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
 use ndarray::{Array2, Zip};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// The parts of the page; those whose file is missing are left out.
-pub(super) struct Several {
-    /// 0: no depth, 1: seen by no other photograph, 2: confirmed by none, 2 + n: confirmed by n; `[height, width]`.
-    pub(super) evidence: Option<Array2<f32>>,
-    origin: Value,
-    photographs: Vec<Option<String>>,
-    novel: Option<Value>,
-    reference: usize,
-}
-
-/// Nothing for a run with one photograph.
-pub(super) fn read(folder: &Path, record: &Value, [width, height]: [usize; 2]) -> Result<Option<Several>> {
-    let Some(photographs) = record["capture"]["photographs"].as_array() else { return Ok(None) };
+/// What is added to the data of the page, without the parts whose file is missing, and per pixel 0: no depth, 1: seen by no other
+/// photograph, 2: confirmed by none, 2 + n: confirmed by n, `[height, width]`. Nothing for a run with one photograph.
+pub(super) fn read(folder: &Path, record: &Value) -> Result<(Map<String, Value>, Option<Array2<f32>>)> {
+    let Some(photographs) = record["capture"]["photographs"].as_array() else {
+        return Ok((Map::new(), None));
+    };
     let image = |path: &Path| -> Result<Option<String>> {
         if !path.is_file() {
             return Ok(None);
@@ -38,7 +31,7 @@ pub(super) fn read(folder: &Path, record: &Value, [width, height]: [usize; 2]) -
     };
     let path = folder.join(EVIDENCE);
     let (mut evidence, mut origin) = (None, Value::Null);
-    if path.is_file() && width * height > 0 {
+    if path.is_file() {
         let map = |name: &str| {
             let options = ReadOptions { npz_array: Some(name.to_owned()), ..ReadOptions::default() };
             read_values(&path, &options)
@@ -56,14 +49,14 @@ pub(super) fn read(folder: &Path, record: &Value, [width, height]: [usize; 2]) -
         evidence = Some(Zip::from(&seen).and(&confirmed).and(&source).map_collect(code));
     }
     let reference = photographs.iter().position(|photograph| photograph["verdict"] == "the reference");
-    Ok(Some(Several { evidence, origin, photographs: pictures, novel, reference: reference.unwrap_or(0) }))
-}
-
-impl Several {
-    pub(super) fn add_to(self, data: &mut Value) {
-        data["photographs"] = json!(self.photographs);
-        data["origin"] = self.origin;
-        data["novel"] = json!(self.novel);
-        data["reference"] = json!(self.reference);
+    let mut data = Map::new();
+    for (name, value) in [
+        ("photographs", json!(pictures)),
+        ("origin", origin),
+        ("novel", json!(novel)),
+        ("reference", json!(reference.unwrap_or(0))),
+    ] {
+        data.insert(name.to_owned(), value);
     }
+    Ok((data, evidence))
 }

@@ -1,13 +1,14 @@
 //! The page of one refinement.
 
 use crate::config::{Config, IterationPrior, Preset};
-use crate::program::report::encode::{WIDEST, fitted, gradients, map, nearest, picture};
+use crate::program::report::encode::{WIDEST, fitted, gradients, map, picture};
 use crate::program::report::{page, photographs, read_json, read_text};
 use crate::program::store::folder::RECORD;
 use crate::scene::size::resized;
 use anyhow::{Context, Result, ensure};
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::photo::read_image;
+use mde_prior::resample::nearest;
 use ndarray::Array2;
 use serde_json::{Map, Value, json};
 use std::fs;
@@ -72,17 +73,17 @@ pub(super) fn page(folder: &Path) -> Result<String> {
     }
 
     let size = fitted((rows, columns), WIDEST);
-    let embed = |values: &Array2<f32>| map(nearest(values.view(), size).view());
+    let embed = |values: &Array2<f32>| map(nearest(values.view(), (size[1], size[0])).view());
     let mut maps = Map::new();
     maps.insert("prior".to_owned(), embed(&prior)?);
     maps.insert("refined".to_owned(), embed(&refined)?);
     maps.insert("sigma".to_owned(), embed(&sigma)?);
-    let stated = PriorSigma::new(&config, &record);
+    let (sigma_o, common, prior_sigma) = prior_sigma(&config, &record);
     if folder.join("gt.npy").is_file() {
         maps.insert("truth".to_owned(), embed(&read("gt.npy")?)?);
     }
-    let several = photographs::read(folder, &record, size)?;
-    if let Some(evidence) = several.as_ref().and_then(|several| several.evidence.as_ref()) {
+    let (several, evidence) = photographs::read(folder, &record)?;
+    if let Some(evidence) = &evidence {
         maps.insert("evidence".to_owned(), embed(evidence)?);
     }
     let small = resized(image.pixels.view(), size[0], size[1]);
@@ -108,18 +109,18 @@ pub(super) fn page(folder: &Path) -> Result<String> {
         "full": [columns, rows],
         "image": picture(small.mapv(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).view())?,
         "maps": maps,
-        "prior_sigma": stated.note,
+        "prior_sigma": prior_sigma,
         // Of the prior: the page makes the map.
-        "prior_error": [stated.sigma_o, stated.common],
+        "prior_error": [sigma_o, common],
         // Of a pixel: all its predictions share it. Measured distances take it as shared by both ends too.
-        "common_error": stated.common,
+        "common_error": common,
         // Of the whole map: its gauge, where it is known.
         "scale_error": record["error_bar"]["scale"]["relative"].as_f64().unwrap_or_default(),
         "gradients": gradients(),
         "files": files,
     });
-    if let Some(several) = several {
-        several.add_to(&mut data);
+    if let Some(data) = data.as_object_mut() {
+        data.extend(several);
     }
     Ok(page::page(&title, &data))
 }
@@ -131,48 +132,37 @@ fn input_name(record: &Value) -> String {
     name.unwrap_or_else(|| input.to_owned())
 }
 
-/// What the fusion states of the prior's error: sigma_o, and the common error that it states of the result too.
-struct PriorSigma {
-    sigma_o: f64,
-    common: f64,
-    note: String,
-}
-
-impl PriorSigma {
-    fn new(config: &Config, record: &Value) -> Self {
-        let iterations = record["iterations"].as_array().map(Vec::as_slice).unwrap_or_default();
-        // Only an anchored loop meets the monocular depth itself again.
-        let index = match config.refinement.prior {
-            IterationPrior::Anchor => iterations.len().saturating_sub(1),
-            _ => 0,
-        };
-        let sigma_o = iterations.get(index).and_then(|i| i["fusion"]["sigma_o"].as_f64()).unwrap_or_default();
-        let common = record["augmentation"]["common_error"].as_f64().unwrap_or(config.fusion.common_error);
-        let whose = match record["error_bar"]["common_assumed"].is_null() {
-            true => "",
-            false => ", which has FastDepth's error, assumed here (mde calibrate measures another network's)",
-        };
-        let more = match common > 0.0 {
-            true => {
-                format!(
-                    ", with the common error of {:.0} % of the depth as in the result{whose}",
-                    100.0 * common
-                )
-            }
-            false => String::new(),
-        };
-        let note = if record["augmentation"]["predictions"].as_u64().is_some_and(|n| n > 1)
-            || iterations.is_empty()
-        {
-            format!(
-                "The prior's ± is the common error of {:.0} % of the depth{whose}: a single prediction gives no spread.",
-                100.0 * common
-            )
-        } else {
-            format!("The prior's ± is σₒ of iteration {}{more}.", index + 1)
-        };
-        Self { sigma_o, common, note }
-    }
+/// What the fusion states of the prior's error: sigma_o, the common error that it states of the result too, and a note.
+fn prior_sigma(config: &Config, record: &Value) -> (f64, f64, String) {
+    let iterations = record["iterations"].as_array().map(Vec::as_slice).unwrap_or_default();
+    // Only an anchored loop meets the monocular depth itself again.
+    let index = match config.refinement.prior {
+        IterationPrior::Anchor => iterations.len().saturating_sub(1),
+        _ => 0,
+    };
+    let sigma_o = iterations.get(index).and_then(|i| i["fusion"]["sigma_o"].as_f64()).unwrap_or_default();
+    let common = record["augmentation"]["common_error"].as_f64().unwrap_or(config.fusion.common_error);
+    let whose = match record["error_bar"]["common_assumed"].is_null() {
+        true => "",
+        false => ", which has FastDepth's error, assumed here (mde calibrate measures another network's)",
+    };
+    let more = match common > 0.0 {
+        true => {
+            format!(", with the common error of {:.0} % of the depth as in the result{whose}", 100.0 * common)
+        }
+        false => String::new(),
+    };
+    let note = if record["augmentation"]["predictions"].as_u64().is_some_and(|n| n > 1)
+        || iterations.is_empty()
+    {
+        format!(
+            "The prior's ± is the common error of {:.0} % of the depth{whose}: a single prediction gives no spread.",
+            100.0 * common
+        )
+    } else {
+        format!("The prior's ± is σₒ of iteration {}{more}.", index + 1)
+    };
+    (sigma_o, common, note)
 }
 
 #[cfg(test)]
@@ -183,12 +173,12 @@ mod tests {
     fn the_priors_sigma_is_that_of_the_iteration_which_met_it() {
         let record =
             json!({ "iterations": [{ "fusion": { "sigma_o": 0.3 } }, { "fusion": { "sigma_o": 0.1 } }] });
-        let paper = PriorSigma::new(&Preset::Paper.config(), &record);
-        assert_eq!((paper.sigma_o, paper.common), (0.3, 0.0));
+        let paper = prior_sigma(&Preset::Paper.config(), &record);
+        assert_eq!((paper.0, paper.1), (0.3, 0.0));
         let mut config = Preset::Paper.config();
         config.refinement.prior = IterationPrior::Anchor;
         config.fusion.common_error = 0.1;
-        let anchored = PriorSigma::new(&config, &record);
-        assert_eq!((anchored.sigma_o, anchored.common), (0.1, 0.1));
+        let anchored = prior_sigma(&config, &record);
+        assert_eq!((anchored.0, anchored.1), (0.1, 0.1));
     }
 }

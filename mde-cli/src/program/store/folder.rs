@@ -5,6 +5,8 @@ use crate::output::folder::{exchange, listed_files};
 use crate::program::interrupt;
 use crate::program::store::lock;
 use anyhow::{Context, Result, bail, ensure};
+use mde_prior::{FileKind, open};
+use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -63,27 +65,71 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Lets `fill` write into a temporary sibling, and renames that to the folder.
+    /// Lets `fill` write the folder, which then appears whole.
     pub(crate) fn write(&self, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
-        let parent = parent(&self.target);
-        // Removed again where the results do not come into it.
-        let _made = NewFolder::make(parent)?;
-        let temporary = temporary_folder(parent)?;
-        let _guard = interrupt::guard(temporary.path());
-        fill(temporary.path())?;
-        list_files(temporary.path())?;
-        let held = interrupt::hold();
-        if interrupt::requested() {
-            bail!(crate::error::Error::Interrupted);
-        }
-        self.check_target()?;
-        exchange(temporary.path(), &self.target)
-            .with_context(|| format!("{}: can't put the results there", self.target.display()))?;
-        drop(held);
-        // It has another name now.
-        let _ = temporary.keep();
-        Ok(())
+        let listed = |folder: &Path| {
+            fill(folder)?;
+            Ok(list_files(folder)?)
+        };
+        replace(&self.target, listed, || self.check_target())
     }
+}
+
+/// Lets `fill` write into a temporary sibling, and renames that to the folder once `check` allows it.
+pub(crate) fn replace(
+    target: &Path,
+    fill: impl FnOnce(&Path) -> Result<()>,
+    check: impl FnOnce() -> Result<()>,
+) -> Result<()> {
+    let parent = parent(target);
+    // Removed again where the results do not come into it.
+    let _made = NewFolder::make(parent)?;
+    let temporary = temporary_folder(parent)?;
+    let _guard = interrupt::guard(temporary.path());
+    fill(temporary.path())?;
+    let held = interrupt::hold();
+    if interrupt::requested() {
+        bail!(crate::error::Error::Interrupted);
+    }
+    check()?;
+    exchange(temporary.path(), target)
+        .with_context(|| format!("{}: can't put the results there", target.display()))?;
+    drop(held);
+    // It has another name now.
+    let _ = temporary.keep();
+    Ok(())
+}
+
+/// Checks that a folder is new, or has `marker`, the record of an earlier run, or nothing but what is its `own`; creates nothing.
+pub(crate) fn check_own(
+    folder: &Path,
+    is_marker: impl Fn(&Path) -> bool,
+    is_own: impl Fn(&Path) -> bool,
+    marker: &str,
+) -> Result<()> {
+    check_place("-o", folder)?;
+    let shown = folder.display();
+    if !folder.exists() {
+        return Ok(());
+    }
+    let (mut marked, mut own) = (false, true);
+    for entry in fs::read_dir(folder).with_context(|| shown.to_string())? {
+        let path = entry.with_context(|| shown.to_string())?.path();
+        marked |= is_marker(&path);
+        own &= is_unfinished(&path) || is_own(&path);
+    }
+    ensure!(marked || own, "{shown}: holds no {marker} of an earlier run; give another name to -o");
+    Ok(())
+}
+
+/// A record; none where it can't be read.
+pub(crate) fn read_record(path: &Path) -> Option<Value> {
+    serde_json::from_slice(&open::read(path, FileKind::Text).ok()?).ok()
+}
+
+/// Whether a killed run may have left it.
+fn is_unfinished(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(PREFIX.as_bytes()))
 }
 
 /// A folder that is made with those above it, and removed with them where nothing came into them.
@@ -107,6 +153,14 @@ impl Drop for NewFolder {
             let _ = fs::remove_dir(folder);
         }
     }
+}
+
+/// The folders in a folder, sorted; none where it is missing.
+pub(crate) fn folders_in(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut folders: Vec<_> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
+    folders.sort();
+    folders
 }
 
 /// Checks that the file of `flag` can be written at the end; creates nothing.
@@ -188,14 +242,10 @@ pub(crate) fn temporary_folder(parent: &Path) -> Result<tempfile::TempDir> {
 
 /// Removes the folders and files that killed runs left unfinished in a folder of results that no other process writes to.
 pub(crate) fn remove_unfinished(folder: &Path) {
-    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        let name = entry.file_name();
+    for path in fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()) {
         // The lock is this process's own.
-        if name.as_encoded_bytes().starts_with(PREFIX.as_bytes()) && name != lock::FILE {
-            let _ = match entry.file_type() {
-                Ok(kind) if kind.is_dir() => fs::remove_dir_all(entry.path()),
-                _ => fs::remove_file(entry.path()),
-            };
+        if is_unfinished(&path) && !path.ends_with(lock::FILE) {
+            let _ = fs::remove_dir_all(&path).or_else(|_| fs::remove_file(&path));
         }
     }
 }
@@ -223,26 +273,6 @@ mod tests {
         names
     }
 
-    fn fill(folder: &Path) -> Result<()> {
-        Ok(fs::write(folder.join(RECORD), "{\n  \"command\": \"test\"\n}\n")?)
-    }
-
-    #[test]
-    fn a_folder_appears_whole_or_not_at_all() {
-        let place = tempfile::tempdir().unwrap();
-        let target = place.path().join("a/b");
-        let folder = OutputFolder::new(&target, false).unwrap();
-        assert!(entries(place.path()).is_empty());
-        let failed = folder.write(|path| {
-            fill(path)?;
-            bail!("disk full")
-        });
-        assert!(failed.is_err() && entries(place.path()).is_empty());
-        folder.write(fill).unwrap();
-        assert_eq!(entries(&place.path().join("a")), ["b"]);
-        assert_eq!(entries(&target), [RECORD]);
-    }
-
     #[test]
     fn unfinished_folders_and_files_are_swept_but_not_the_lock() {
         let place = tempfile::tempdir().unwrap();
@@ -253,29 +283,6 @@ mod tests {
         }
         remove_unfinished(place.path());
         assert_eq!(entries(place.path()), [lock::FILE, "index.csv", "photograph"]);
-    }
-
-    #[test]
-    fn only_what_an_earlier_run_wrote_is_replaced() {
-        let place = tempfile::tempdir().unwrap();
-        let target = place.path().join("run");
-        fs::create_dir(&target).unwrap();
-        assert!(OutputFolder::new(&target, false).is_err());
-        fs::write(target.join("thesis.txt"), "years").unwrap();
-        for record in ["", "hello", "{}", "{\"files\": [\"run.json\"]}"] {
-            fs::write(target.join(RECORD), record).unwrap();
-            assert!(OutputFolder::new(&target, true).is_err(), "{record}");
-        }
-        fs::remove_file(target.join("thesis.txt")).unwrap();
-        OutputFolder::new(&target, true).unwrap().write(fill).unwrap();
-        OutputFolder::new(&target, true).unwrap().write(fill).unwrap();
-        assert_eq!(entries(&target), [RECORD]);
-        assert_eq!(entries(place.path()), ["run"]);
-        fs::create_dir(target.join("src")).unwrap();
-        fs::write(target.join("src/main.rs"), "months").unwrap();
-        let refused = OutputFolder::new(&target, true).unwrap_err().to_string();
-        assert!(refused.contains("src/main.rs"), "{refused}");
-        assert!(OutputFolder::new(Path::new("/"), true).is_err());
     }
 
     #[cfg(unix)]
