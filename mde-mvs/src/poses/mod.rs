@@ -27,6 +27,7 @@ mod depth;
 mod estimate;
 mod features;
 mod matching;
+mod neighbours;
 mod refine;
 mod scale;
 mod tracks;
@@ -36,7 +37,8 @@ pub use depth::{depth_variance, relative_covariance};
 pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses};
 pub use features::{DESCRIPTOR_LENGTH, Features, Keypoint};
 pub use matching::{Match, match_features};
-pub use refine::{Agreement, Refined, refine_poses};
+pub use neighbours::nearest;
+pub use refine::{Refined, refine_poses};
 pub use scale::{LogFactor, LogRatio, Prepared, common_scale};
 pub use tracks::{Track, TrackPixel};
 
@@ -156,16 +158,15 @@ fn in_order(photographs: &[PoseInput], reference: usize) -> Result<Vec<usize>> {
 /// A pair of photographs by their places among the shots, and its matches.
 type Relation = fn([&FeatureImage; 2], [usize; 2], &[Match], u64) -> two_view::Pair;
 
-/// Every pair of photographs, some at once; `matches` gives those of two of them, and the callback counts the pairs.
-fn all_pairs(
+/// The pairs of photographs, some at once; `matches` gives those of two of them, and the callback counts the pairs.
+fn match_pairs(
     shots: &[FeatureImage],
+    pairs: &[(usize, usize)],
     matches: impl Fn(usize, usize) -> Vec<Match> + Sync,
     relation: Relation,
     seed: u64,
     callback: &mut Callback<'_>,
 ) -> Result<Vec<two_view::Pair>> {
-    let pairs: Vec<(usize, usize)> =
-        (0..shots.len()).flat_map(|i| (i + 1..shots.len()).map(move |j| (i, j))).collect();
     let of_pair = |&(i, j): &(usize, usize)| relation([&shots[i], &shots[j]], [i, j], &matches(i, j), seed);
     let mut found = Vec::with_capacity(pairs.len());
     // Enough for each thread that the last ones seldom wait.

@@ -148,6 +148,7 @@ fn adjusted(
     let mut bundle = Bundle {
         lenses: vec![a.lens, b.lens],
         poses: vec![Pose::identity(), start],
+        fixed: vec![true, false],
         log_focal: 0.0,
         focal_sigma: FOCAL_SIGMA / shared_error_factor(pixels.len()),
         log_scales: vec![0.0; 2],
