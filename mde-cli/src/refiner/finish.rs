@@ -2,7 +2,7 @@
 
 use crate::config::Config;
 use crate::error::{Error, Result, text};
-use crate::prior::origin::{METRES, PriorOrigin};
+use crate::prior::origin::{METRES, PriorForm, PriorOrigin};
 use crate::refinement::scale::ScaleReport;
 use crate::refinement::shared::SharedNerf;
 use crate::refiner::Settings;
@@ -79,7 +79,15 @@ pub(super) struct Finish<'f, 's> {
 impl<'s> Finish<'_, 's> {
     /// Name of the unit of the results.
     pub(super) fn unit(&self) -> &'static str {
-        self.name_of(self.settings.unit)
+        self.name_of(self.asked())
+    }
+
+    /// The unit that was asked for; without a prior that of the poses is the only one.
+    fn asked(&self) -> Unit {
+        match self.origin.form {
+            PriorForm::Nothing if self.scene.is_posed() => Unit::Capture,
+            _ => self.settings.unit,
+        }
     }
 
     fn name_of(&self, unit: Unit) -> &'static str {
@@ -102,7 +110,7 @@ impl<'s> Finish<'_, 's> {
         warn: &mut dyn FnMut(String),
     ) -> Result<Refined<'s>> {
         let Self { settings, origin, scene } = *self;
-        let Settings { config, error_bar, unit, .. } = settings;
+        let Settings { config, error_bar, .. } = settings;
         let used = refinement.capture.as_ref().is_some_and(|report| report.fallback.is_none());
         if let Some(report) = &refinement.capture {
             match &report.fallback {
@@ -113,7 +121,7 @@ impl<'s> Finish<'_, 's> {
             }
         }
         // Refused photographs have no unit.
-        let mut unit = *unit;
+        let mut unit = self.asked();
         if unit == Unit::Capture && used {
             refinement = refinement.in_capture_unit()?;
         } else if unit == Unit::Capture && refinement.capture.is_some() {

@@ -48,7 +48,7 @@ pub use finish::{Refined, Unit};
 
 use crate::config::{Config, Preset};
 use crate::error::{Error, Result};
-use crate::prior::origin::PriorOrigin;
+use crate::prior::origin::{PriorForm, PriorOrigin};
 use crate::prior::{OpenPrior, PhotographPrior};
 use crate::refinement::event::Event;
 use crate::refinement::predict::known;
@@ -355,6 +355,13 @@ impl<'s> Prepared<'s> {
             Some(several) => several.refine(photograph, stages, &mut observe)?,
             None => refine(shown.image.view(), &camera.camera, stages, config, &mut observe)?,
         };
+        let fallback = refinement.capture.as_ref().and_then(|report| report.fallback.as_ref());
+        if let (PriorForm::Nothing, Some(reason)) = (prior.origin().form, fallback) {
+            return Err(Error::Argument(format!(
+                "{}: {reason}; one photograph alone needs a depth network: give {{prior-model}}",
+                shown.name
+            )));
+        }
         if refiner.settings.keep_field && kept.is_none() {
             seen.warn(
                 "{keep-field}: no field was fitted, so there is none; several photographs and the preset paper fit one"

@@ -3,8 +3,8 @@ use super::matching::match_features;
 use super::tracks::{self, Track, TrackPixel};
 use super::two_view::{Motion, Pair, relative_pose};
 use super::{
-    FOCAL_SIGMA, FeatureImage, MIN_MATCHES, OUTLIER_PIXELS, PRIOR_SIGMA, PoseInput, RATIO, REGIONS, in_order,
-    match_pairs, neighbours, shared_error_factor,
+    FOCAL_SIGMA, FeatureImage, MAX_FEATURES, MIN_MATCHES, OUTLIER_PIXELS, PRIOR_SIGMA, PoseInput, RATIO,
+    REGIONS, in_order, match_pairs, neighbours, shared_error_factor,
 };
 use crate::{Callback, Error, Result};
 use mde_uncertainty::statistics::median;
@@ -201,7 +201,7 @@ pub fn estimate_poses(
         return Err(Error::config("prior of the reference", "missing", "give its depth"));
     }
     let sorted: Vec<PoseInput> = order.iter().map(|&i| photographs[i]).collect();
-    let shots = FeatureImage::all(&sorted)?;
+    let shots = FeatureImage::all(&sorted, MAX_FEATURES)?;
     let found = |i: usize, j: usize| match_features(&shots[i].features, &shots[j].features, RATIO);
     let every = neighbours::all(shots.len());
     let pairs = match_pairs(&shots, &every, found, relative_pose, seed, callback)?;

@@ -89,6 +89,8 @@ const FOCAL_SIGMA: f64 = 0.2;
 pub const MIN_MATCHES: usize = 20;
 /// Features of a photograph at most in [`estimate_poses`] and [`refine_poses`].
 pub const MAX_FEATURES: usize = 3000;
+/// The same in a long capture, whose given poses need fewer: matching takes the square of them.
+const MAX_FEATURES_OF_MANY: usize = 1500;
 
 /// Root of the number of matches that share an error.
 fn shared_error_factor(matches: usize) -> f64 {
@@ -126,8 +128,8 @@ impl<'a> FeatureImage<'a> {
     }
 
     /// All photographs' features, in parallel.
-    fn all(photographs: &[PoseInput<'a>]) -> Result<Vec<Self>> {
-        photographs.par_iter().map(|photograph| Self::detected(photograph, MAX_FEATURES)).collect()
+    fn all(photographs: &[PoseInput<'a>], max_features: usize) -> Result<Vec<Self>> {
+        photographs.par_iter().map(|photograph| Self::detected(photograph, max_features)).collect()
     }
 
     fn ray(&self, pixel: &Point2<f64>) -> Vector3<f64> {

@@ -3,8 +3,8 @@ use super::estimate::{LEAST_NOISE, Verdict};
 use super::tracks::{self, Track};
 use super::two_view::{self, Pair};
 use super::{
-    FeatureImage, MIN_MATCHES, OUTLIER_PIXELS, PoseInput, RATIO, REGIONS, in_order, match_pairs, matching,
-    neighbours, shared_error_factor,
+    FeatureImage, MAX_FEATURES, MAX_FEATURES_OF_MANY, MIN_MATCHES, OUTLIER_PIXELS, PoseInput, RATIO, REGIONS,
+    in_order, match_pairs, matching, neighbours, shared_error_factor,
 };
 use crate::{Callback, Error, Result};
 use mde_uncertainty::random::CounterRng;
@@ -61,7 +61,8 @@ pub struct Refined {
 /// Improves given poses (world to camera) by matches of the photographs: the adjustment of the module's front page with inverse
 /// depths from the matches alone, the given poses as a prior, and the reference's pose kept.
 ///
-/// Neighbours are matched: all with all up to 12 photographs, of more each with 8 that are near it and look the same way. A photograph
+/// Neighbours are matched: all with all up to 12 photographs, of more each with 6 that are near it and look the same way, by half as
+/// many features. A photograph
 /// of whose matches less than a quarter fits its pose, or that has features but no matches, is left out ([`Verdict::Contradicted`],
 /// [`Verdict::Unmatched`]), the worst first, since the others are judged again without it.
 ///
@@ -94,7 +95,8 @@ pub fn refine_poses(
     }
     let sorted: Vec<PoseInput> = order.iter().map(|&i| photographs[i]).collect();
     let given: Vec<Pose> = order.iter().map(|&i| poses[i]).collect();
-    let shots = FeatureImage::all(&sorted)?;
+    let few = sorted.len() <= neighbours::FEW;
+    let shots = FeatureImage::all(&sorted, if few { MAX_FEATURES } else { MAX_FEATURES_OF_MANY })?;
     let found = |i: usize, j: usize| matching::match_features(&shots[i].features, &shots[j].features, RATIO);
     let near = neighbours::pairs(&given);
     let pairs = match_pairs(&shots, &near, found, two_view::verified_matches, seed, callback)?;
@@ -334,7 +336,7 @@ fn centre(pose: &Pose) -> nalgebra::Vector3<f64> {
 
 impl Bundle {
     /// The depth of every track that fits its matches best with the poses as they are.
-    fn triangulate(&mut self) {
+    pub(super) fn triangulate(&mut self) {
         let tracks = std::mem::take(&mut self.tracks);
         self.tracks = tracks.into_iter().map(|track| self.triangulated(track)).collect();
     }

@@ -177,6 +177,26 @@ fn threads_and_the_place_of_the_reference_change_nothing() {
     assert_eq!(order.map(|i| one.poses[i]).as_slice(), other.poses);
 }
 
+/// A prior that knows nothing but one depth for all: the matches alone give poses and shape.
+#[test]
+fn a_constant_prior_is_enough_where_there_is_parallax() {
+    let flat = Array2::from_elem((240, 320), 1.0_f32);
+    let views: Vec<PoseInput> = photographs(standard())
+        .into_iter()
+        .map(|photograph| PoseInput { prior: Some(flat.view()), ..photograph })
+        .collect();
+    let found = estimate(&views, 0);
+    let ratios: Vec<f64> = ratios(&found.tracks).collect();
+    let unit = median(ratios.iter().copied()).unwrap();
+    let error = median(ratios.iter().map(|ratio| (ratio / unit - 1.0).abs())).unwrap();
+    assert!(ratios.len() > 300 && error < 0.03, "{} {error}", ratios.len());
+    for (photograph, truth) in found.photographs.iter().zip(held()).skip(1) {
+        let pose = photograph.pose.unwrap();
+        assert!(rotation_error(&pose, &truth) < 0.5, "{}", rotation_error(&pose, &truth));
+        assert!((centre(&pose) / unit - centre(&truth)).norm() < 0.15 * centre(&truth).norm());
+    }
+}
+
 /// Turned on the spot, in another place, and blank: each has its verdict, and the others their poses.
 #[test]
 fn what_does_not_fit_is_named() {

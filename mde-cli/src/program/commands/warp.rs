@@ -47,7 +47,7 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
     let mut progress = Progress::new(&args.run);
     use_threads(&args.run)?;
     let folder = OutputFolder::new(&args.run.output(&args.image, "-views"), args.run.force)?;
-    let prior = prior::open(&args.prior)?;
+    let prior = prior::open(&args.prior, false)?;
     let mut settings = settings(&args.settings, &args.size.memory, Preset::Paper)?;
     settings.sizes = sizes(&args.size);
     let refiner = Refiner::new(&prior, settings)?;
