@@ -7,9 +7,9 @@ pub mod origin;
 pub(crate) use bound::PhotographPrior;
 
 use crate::error::{Error, Result};
-use crate::prior::origin::PriorOrigin;
-use mde_prior::{DepthPrior, FileKind, FilePrior, open};
-use ndarray::Array3;
+use crate::prior::origin::{PriorForm, PriorOrigin};
+use mde_prior::{DepthKind, DepthPrior, FileKind, FilePrior, PriorDepth, open};
+use ndarray::{Array2, Array3, ArrayView3};
 use std::path::Path;
 use std::sync::OnceLock;
 
@@ -29,6 +29,11 @@ impl<'p> OpenPrior<'p> {
     /// A caller's own prior.
     pub fn given(prior: Box<dyn DepthPrior + Send + 'p>, origin: PriorOrigin) -> Self {
         Self { prior, origin, size: None, note: None, order: OnceLock::new() }
+    }
+
+    /// No prior: several photographs alone, in the unit of their poses, or in one of its own.
+    pub fn nothing() -> Self {
+        Self::given(Box::new(Uniform), PriorOrigin::new(PriorForm::Nothing, DepthKind::RelativeDepth, "none"))
     }
 
     /// A map.
@@ -53,6 +58,25 @@ impl<'p> OpenPrior<'p> {
     /// Where it comes from.
     pub fn origin(&self) -> &PriorOrigin {
         &self.origin
+    }
+}
+
+/// The same depth everywhere.
+#[derive(Debug)]
+struct Uniform;
+
+impl DepthPrior for Uniform {
+    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
+        let (height, width, _) = image.dim();
+        PriorDepth::from_values(Array2::ones((height, width)), DepthKind::RelativeDepth)
+    }
+
+    fn accepts_new_images(&self) -> bool {
+        true
+    }
+
+    fn concurrency(&self) -> usize {
+        usize::MAX
     }
 }
 

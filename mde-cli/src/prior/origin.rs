@@ -17,6 +17,8 @@ pub enum PriorForm {
     Map,
     /// Simulated from an exact depth.
     Simulated,
+    /// None: one depth for all pixels of several photographs, whose parallax alone gives the shape.
+    Nothing,
 }
 
 /// Where a prior comes from, for the record.

@@ -2,7 +2,7 @@
 
 use crate::config::Config;
 use crate::error::{Error, Result, text};
-use crate::prior::origin::{METRES, PriorOrigin};
+use crate::prior::origin::{METRES, PriorForm, PriorOrigin};
 use crate::refinement::scale::ScaleReport;
 use crate::refinement::shared::SharedNerf;
 use crate::refiner::Settings;
@@ -69,6 +69,11 @@ pub struct Refined<'s> {
     pub prior_seconds: f64,
 }
 
+/// The unit that was asked for; without a prior that of the poses is the only one.
+pub(super) fn asked_unit(asked: Unit, scene: &Scene, origin: &PriorOrigin) -> Unit {
+    if origin.form == PriorForm::Nothing && scene.is_posed() { Unit::Capture } else { asked }
+}
+
 /// Name of the unit of results in the unit of the prior or of the capture.
 pub(super) fn unit_name(unit: Unit, scene: &Scene, origin: &PriorOrigin) -> &'static str {
     match (&scene.known, unit, origin.kind) {
@@ -89,7 +94,7 @@ pub(super) fn finish<'s>(
     (image, mut camera): (ArrayView3<'s, f32>, KnownCamera),
     warn: &mut dyn FnMut(String),
 ) -> Result<Refined<'s>> {
-    let Settings { config, error_bar, unit, .. } = settings;
+    let Settings { config, error_bar, .. } = settings;
     let used = refinement.capture.as_ref().is_some_and(|report| report.fallback.is_none());
     if let Some(report) = &refinement.capture {
         match &report.fallback {
@@ -100,7 +105,7 @@ pub(super) fn finish<'s>(
         }
     }
     // Refused photographs have no unit.
-    let mut unit = *unit;
+    let mut unit = asked_unit(settings.unit, scene, origin);
     if unit == Unit::Capture && used {
         refinement = refinement.in_capture_unit()?;
     } else if unit == Unit::Capture && refinement.capture.is_some() {

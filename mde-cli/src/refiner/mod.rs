@@ -50,7 +50,7 @@ pub use finish::{Refined, Unit};
 
 use crate::config::{Config, Preset};
 use crate::error::{Error, Result};
-use crate::prior::origin::PriorOrigin;
+use crate::prior::origin::{PriorForm, PriorOrigin};
 use crate::prior::{OpenPrior, PhotographPrior};
 use crate::refinement::event::Event;
 use crate::refinement::predict::known;
@@ -334,6 +334,13 @@ impl<'s> Prepared<'s> {
             Some(several) => several.refine(photograph, stages, &mut observe)?,
             None => refine(shown.image.view(), &camera.camera, stages, config, &mut observe)?,
         };
+        let fallback = refinement.capture.as_ref().and_then(|report| report.fallback.as_ref());
+        if let (PriorForm::Nothing, Some(reason)) = (prior.origin().form, fallback) {
+            return Err(Error::Argument(format!(
+                "{}: {reason}; one photograph alone needs a depth network: give {{prior-model}}",
+                shown.name
+            )));
+        }
         if refiner.settings.keep_field && kept.is_none() {
             seen.warn(
                 "{keep-field}: no field was fitted, so there is none; several photographs and the preset paper fit one"
@@ -384,7 +391,8 @@ impl<'s> Prepared<'s> {
 
     /// Unit of the results: `m`, `capture` or `unscaled`.
     pub fn unit(&self) -> &'static str {
-        finish::unit_name(self.refiner.settings.unit, self.scene, self.prior.origin())
+        let (scene, origin) = (self.scene, self.prior.origin());
+        finish::unit_name(finish::asked_unit(self.refiner.settings.unit, scene, origin), scene, origin)
     }
 
     /// Seconds of predictions that no result has yet.

@@ -4,18 +4,12 @@ use crate::config::Config;
 use crate::error::Result;
 use crate::reports::capture::{CaptureReport, PoseSource};
 use crate::scene::Scene;
-use mde_mvs::poses::{self, Agreement, MIN_MATCHES, Refined, Track, Verdict, estimate_poses, refine_poses};
+use mde_mvs::poses::{self, Track, Verdict, estimate_poses, refine_poses};
 use mde_uncertainty::random::derived_seed;
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::Matrix6;
 use ndarray::Array2;
-
-/// Features of a photograph in which those of the same scene find matches.
-const PLENTY: usize = 200;
-/// Least share of a photograph's matches that fit its pose. In small photographs more than half can be wrong (15 of 28 at 96x72);
-/// with a pose of another place nearly all are (38 of 38).
-const LEAST_AGREEING: f64 = 0.25;
 
 /// The photographs with a pose, in the frame of the capture's reference.
 #[derive(Debug)]
@@ -61,17 +55,27 @@ pub(super) fn posed(
     if let Some(given) = given {
         let world = given[reference].inverse();
         let given: Vec<Pose> = given.iter().map(|pose| pose * world).collect();
-        let (kept, refined) = refined(&inputs, &given, reference, seed, report, matched)?;
+        let refined = refine_poses(&inputs, &given, reference, seed, matched)?;
         report.poses = if refined.accepted { PoseSource::Refined } else { PoseSource::Given };
         report.withheld_pixels = refined.withheld;
-        if kept.len() < 2 {
-            report.fallback = report.fallback.take().or_else(|| Some(report.verdicts(reference)));
+        for (photograph, (verdict, matches)) in
+            report.photographs.iter_mut().zip(refined.verdicts.iter().zip(&refined.matches))
+        {
+            (photograph.verdict, photograph.matches) = (verdict.to_string(), Some(*matches));
+        }
+        let verdict = &refined.verdicts[reference];
+        if !verdict.has_pose() {
+            // Nothing tells which of the others could be right.
+            report.fallback = Some(format!("{}: {verdict}", report.photographs[reference].name));
             return Ok(None);
         }
-        let first = kept.iter().position(|&index| index == reference).unwrap_or_default();
-        unit = unit_of(&refined.tracks, first, priors[reference].as_ref());
-        for ((&index, pose), covariance) in kept.iter().zip(refined.poses).zip(refined.covariances) {
-            found[index] = Some((inputs[index].camera, pose, covariance));
+        if refined.verdicts.iter().filter(|verdict| verdict.has_pose()).count() < 2 {
+            report.fallback = Some(report.verdicts(reference));
+            return Ok(None);
+        }
+        unit = unit_of(&refined.tracks, reference, priors[reference].as_ref());
+        for index in (0..found.len()).filter(|&index| refined.verdicts[index].has_pose()) {
+            found[index] = Some((inputs[index].camera, refined.poses[index], refined.covariances[index]));
         }
     } else {
         let estimated = estimate_poses(&inputs, reference, seed, matched)?;
@@ -98,63 +102,6 @@ pub(super) fn posed(
         }
     }
     Ok(Some(posed))
-}
-
-/// Given poses, refined, of the photographs that belong to them by their matches: their indices, and the poses in that order. The
-/// others are left out before a second refinement.
-fn refined(
-    inputs: &[poses::PoseInput<'_>],
-    given: &[Pose],
-    reference: usize,
-    seed: u64,
-    report: &mut CaptureReport,
-    matched: &mut mde_mvs::Callback<'_>,
-) -> Result<(Vec<usize>, Refined)> {
-    let mut kept: Vec<usize> = (0..inputs.len()).collect();
-    loop {
-        let shown: Vec<poses::PoseInput<'_>> = kept.iter().map(|&index| inputs[index]).collect();
-        let theirs: Vec<Pose> = kept.iter().map(|&index| given[index]).collect();
-        let first = kept.iter().position(|&index| index == reference).unwrap_or_default();
-        let refined = refine_poses(&shown, &theirs, first, seed, matched)?;
-        let mismatches: Vec<Option<String>> =
-            refined.agreement.iter().map(|found| mismatch(found, MIN_MATCHES)).collect();
-        for ((&index, found), mismatch) in kept.iter().zip(&refined.agreement).zip(&mismatches) {
-            let photograph = &mut report.photographs[index];
-            photograph.matches = Some(found.agreeing);
-            if let Some(mismatch) = mismatch.as_ref().filter(|_| index != reference) {
-                photograph.verdict.clone_from(mismatch);
-            }
-        }
-        let count = kept.len();
-        match &mismatches[first] {
-            // Nothing tells which of the others could be right.
-            Some(mismatch) => {
-                report.fallback = Some(format!("{}: {mismatch}", report.photographs[reference].name));
-                kept = vec![reference];
-            }
-            None => {
-                let mut fits = mismatches.iter().map(Option::is_none);
-                kept.retain(|_| fits.next().unwrap_or(false));
-            }
-        }
-        if kept.len() == count || kept.len() < 2 {
-            return Ok((kept, refined));
-        }
-    }
-}
-
-/// Why a photograph does not belong to its pose, if it does not: its matches with the others do not fit, or there are none though
-/// it has features for them.
-fn mismatch(found: &Agreement, few: usize) -> Option<String> {
-    let Agreement { features, matches, agreeing } = *found;
-    if matches < few {
-        return (features >= PLENTY).then(|| {
-            format!("{matches} matches with the other photographs, {few} are needed; check that it shows the same scene")
-        });
-    }
-    ((agreeing as f64) < LEAST_AGREEING * matches as f64).then(|| {
-        format!("{agreeing} of {matches} matches fit its pose; check that the pose belongs to the photograph")
-    })
 }
 
 /// The robust factor from the reference's prior to the depth of its tracks; 1 without tracks.

@@ -18,7 +18,7 @@ use mde_mvs::consensus::{Reconstruction, ViewDepth, reconstruct};
 use mde_mvs::exposure::{Exposure, fit_exposure};
 use mde_mvs::poses::relative_covariance;
 use mde_mvs::scale::{Scale, point_matches};
-use mde_mvs::views::{MIN_OVERLAP, ViewScore, select_views};
+use mde_mvs::views::{MIN_OVERLAP, ViewScore, select_views, sharpness};
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::{Matrix6, Point3};
@@ -387,13 +387,14 @@ fn plan(
     count: usize,
 ) -> Result<Vec<Planned>> {
     let max_views = config.multi_view.max_views.saturating_sub(1);
+    let sharpness = sharpness(&posed.views);
     let mut plan = Vec::new();
     for (place, &index) in posed.order.iter().enumerate().take(count) {
         let mut own = vec![place];
         let mut scores = Vec::new();
         if let Some(prior) = &priors[index] {
             let depth = prior.mapv(|z| (f64::from(z) * posed.unit) as f32);
-            scores = select_views(&posed.views, place, depth.view(), max_views)?;
+            scores = select_views(&posed.views, place, depth.view(), &sharpness, max_views)?;
             let mut chosen: Vec<usize> = scores.iter().filter(|s| s.chosen).map(|s| s.view).collect();
             chosen.sort_unstable();
             own.extend(chosen);

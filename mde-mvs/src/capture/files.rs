@@ -1,10 +1,11 @@
 //! The files of a capture, recognised by their names.
 
+use crate::poses::nearest;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use super::{
-    Error, Frame, Lens, PixelCentres, PosedCapture, Result, content, read_colmap, read_transforms, read_tum,
+    Error, Lens, PixelCentres, PosedCapture, Result, content, read_colmap, read_transforms, read_tum,
 };
 
 /// The files of a capture.
@@ -82,20 +83,18 @@ impl PosedCapture {
         })
     }
 
-    /// Indices of the reference, then of the frames whose centres are the nearest to its own, in the order of the capture; at most
-    /// `most`, and at least two.
+    /// Indices of the reference, then of the frames that [`nearest`] finds, in the order of the capture; at most `most`, and at least
+    /// two.
     #[must_use]
     pub fn nearest(&self, reference: usize, most: usize) -> Vec<usize> {
-        let centre = |frame: &Frame| frame.pose.inverse().translation.vector;
-        let Some(from) = self.frames.get(reference).map(centre) else { return Vec::new() };
-        let mut order: Vec<usize> = (0..self.frames.len()).collect();
-        let key = |index: &usize| (*index != reference, (centre(&self.frames[*index]) - from).norm());
-        order.sort_by(|a, b| {
-            let (a, b) = (key(a), key(b));
-            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
-        });
-        order.truncate(most.max(2));
-        order[1..].sort_unstable();
+        if reference >= self.frames.len() {
+            return Vec::new();
+        }
+        let poses: Vec<_> = self.frames.iter().map(|frame| frame.pose).collect();
+        let mut order = nearest(&poses, reference);
+        order.truncate(most.max(2) - 1);
+        order.sort_unstable();
+        order.insert(0, reference);
         order
     }
 }

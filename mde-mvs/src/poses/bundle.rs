@@ -12,6 +12,8 @@
 //! pass infinity on its way. Depths meet in no residual, so each is eliminated by a division (Schur's complement); what is left
 //! is as small as seven times the number of photographs.
 
+use super::estimate::STEPS;
+use super::neighbours;
 use crate::statistics::robust_deviation;
 use mde_warp::Pose;
 use nalgebra::{
@@ -28,7 +30,7 @@ const NEAR: f64 = 1e-3;
 /// Residual of a point behind a view, in units of its noise.
 const BEHIND: f64 = 1000.0;
 /// Bounds of an inverse depth within which no projection overflows.
-const INVERSE_DEPTH: [f64; 2] = [1e-25, 1e25];
+pub(super) const INVERSE_DEPTH: [f64; 2] = [1e-25, 1e25];
 
 /// Fewer tracks than this do not measure a prior.
 const FEW: usize = 10;
@@ -75,8 +77,9 @@ pub(super) struct PosePrior {
 #[derive(Debug, Clone)]
 pub(super) struct Bundle {
     pub(super) lenses: Vec<Lens>,
-    /// The first, the reference's, is kept.
     pub(super) poses: Vec<Pose>,
+    /// Poses that are kept: the reference's, and those outside the window of an adjustment.
+    pub(super) fixed: Vec<bool>,
     /// Logarithm of the common factor of the assumed focal lengths.
     pub(super) log_focal: f64,
     /// Standard deviation of that logarithm.
@@ -108,6 +111,14 @@ struct Linear {
     view: Matrix2x6,
     depth: Vector2<f64>,
     focal: Vector2<f64>,
+}
+
+/// What a step changes.
+struct State {
+    poses: Vec<Pose>,
+    log_scales: Vec<f64>,
+    log_focal: f64,
+    depths: Vec<f64>,
 }
 
 /// Where the parameters of a bundle are in its vector.
@@ -190,6 +201,26 @@ impl Bundle {
     pub(super) fn parallax(&self, track: &Observed, view: usize) -> Option<f64> {
         let seen = self.seen(track, view);
         Some((self.project(view, &seen.point)? - self.project(view, &(seen.rotation * seen.ray))?).norm())
+    }
+
+    /// The inverse depth, positive, at which a track comes nearest to the ray of a pixel.
+    pub(super) fn inverse_depth(&self, track: &Observed, view: usize, pixel: &Point2<f64>) -> f64 {
+        let Seen { rotation, translation, ray, .. } = self.seen(track, view);
+        let there = self.ray(view, pixel);
+        let (turned, moved) = ((rotation * ray).cross(&there), translation.cross(&there));
+        let found = -turned.dot(&moved) / moved.norm_squared();
+        if found.is_finite() { found.clamp(INVERSE_DEPTH[0], INVERSE_DEPTH[1]) } else { INVERSE_DEPTH[0] }
+    }
+
+    /// Residual of a track in a view and its derivative by the inverse depth.
+    pub(super) fn by_inverse_depth(
+        &self,
+        track: &Observed,
+        view: usize,
+        pixel: &Point2<f64>,
+    ) -> Option<(Vector2<f64>, Vector2<f64>)> {
+        let Linear { residual, depth, .. } = self.linear(track, view, pixel)?;
+        Some((residual, depth))
     }
 
     fn linear(&self, track: &Observed, view: usize, pixel: &Point2<f64>) -> Option<Linear> {
@@ -304,7 +335,7 @@ impl Bundle {
             has_prior[track.anchor] |= track.prior.is_some();
             track.views.iter().for_each(|(view, _)| used[*view] = true);
         }
-        let poses = (0..count).map(|v| take(v != 0 && used[v], 6)).collect();
+        let poses = (0..count).map(|v| take(!self.fixed[v] && used[v], 6)).collect();
         let scales = (0..count).map(|v| take(has_prior[v] && !(self.keep_scale && v == 0), 1)).collect();
         let focal = take(self.lenses.iter().any(|lens| lens.assumed), 1);
         Layout { poses, scales, focal, size }
@@ -391,10 +422,10 @@ impl Bundle {
         let [mut damping, least, most] = DAMPING;
         let mut normal = self.normal(&layout, 1.0);
         for _ in 0..steps {
-            let next = normal.step(damping).map(|(common, depths)| self.moved(&layout, &common, &depths));
-            let next_cost = next.as_ref().map_or(f64::INFINITY, Self::cost);
-            if let Some(next) = next.filter(|_| next_cost < cost) {
-                *self = next;
+            let before = self.state();
+            let moved = normal.step(damping).map(|(common, depths)| self.step(&layout, &common, &depths));
+            let next_cost = moved.map_or(f64::INFINITY, |()| self.cost());
+            if next_cost < cost {
                 let gain = cost - next_cost;
                 cost = next_cost;
                 costs.push(cost);
@@ -404,6 +435,7 @@ impl Bundle {
                 }
                 normal = self.normal(&layout, 1.0);
             } else {
+                self.restore(before);
                 damping *= 10.0;
                 if damping > most {
                     break;
@@ -413,19 +445,75 @@ impl Bundle {
         costs
     }
 
-    fn moved(&self, layout: &Layout, common: &DVector<f64>, depths: &[f64]) -> Self {
-        let mut next = self.clone();
-        for (pose, start) in next.poses.iter_mut().zip(&layout.poses) {
+    /// [`adjust`](Self::adjust) of each window's poses in turn, on the tracks that its photographs are part of, with the others
+    /// kept. One window is all photographs.
+    pub(super) fn adjust_windows(&mut self, windows: &[Vec<usize>]) {
+        let rounds = if windows.len() > 1 { neighbours::ROUNDS } else { 1 };
+        for window in std::iter::repeat_n(windows, rounds).flatten() {
+            let (mut part, own) = self.window(window);
+            part.adjust(STEPS);
+            self.poses = part.poses;
+            own.into_iter().zip(part.tracks).for_each(|(i, track)| self.tracks[i] = track);
+        }
+    }
+
+    /// The bundle of a window, and the indices of its tracks.
+    fn window(&self, window: &[usize]) -> (Self, Vec<usize>) {
+        let shows = |track: &Observed| {
+            window.contains(&track.anchor) || track.views.iter().any(|(v, _)| window.contains(v))
+        };
+        let own: Vec<usize> = (0..self.tracks.len()).filter(|&i| shows(&self.tracks[i])).collect();
+        let tracks = own.iter().map(|&i| self.tracks[i].clone()).collect();
+        let fixed = (0..self.poses.len()).map(|v| self.fixed[v] || !window.contains(&v)).collect();
+        (self.with(tracks, fixed), own)
+    }
+
+    /// The same with other tracks and other poses kept.
+    fn with(&self, tracks: Vec<Observed>, fixed: Vec<bool>) -> Self {
+        Self {
+            lenses: self.lenses.clone(),
+            poses: self.poses.clone(),
+            fixed,
+            log_scales: self.log_scales.clone(),
+            prior_sigmas: self.prior_sigmas.clone(),
+            pose_priors: self.pose_priors.clone(),
+            tracks,
+            ..*self
+        }
+    }
+
+    /// The tracks of those photographs alone.
+    pub(super) fn of_views(&self, views: &[usize]) -> Self {
+        self.window(views).0
+    }
+
+    fn state(&self) -> State {
+        let depths = self.tracks.iter().map(|track| track.inverse_depth).collect();
+        State {
+            poses: self.poses.clone(),
+            log_scales: self.log_scales.clone(),
+            log_focal: self.log_focal,
+            depths,
+        }
+    }
+
+    fn restore(&mut self, state: State) {
+        (self.poses, self.log_scales, self.log_focal) = (state.poses, state.log_scales, state.log_focal);
+        self.tracks.iter_mut().zip(state.depths).for_each(|(track, depth)| track.inverse_depth = depth);
+    }
+
+    fn step(&mut self, layout: &Layout, common: &DVector<f64>, depths: &[f64]) {
+        for (pose, start) in self.poses.iter_mut().zip(&layout.poses) {
             if let Some(start) = start {
                 *pose = exp(&common.fixed_rows::<6>(*start).into_owned()) * *pose;
                 pose.rotation.renormalize();
             }
         }
-        for (scale, index) in next.log_scales.iter_mut().zip(&layout.scales) {
+        for (scale, index) in self.log_scales.iter_mut().zip(&layout.scales) {
             *scale += index.map_or(0.0, |i| common[i]);
         }
-        next.log_focal += layout.focal.map_or(0.0, |i| common[i]);
-        for (track, step) in next.tracks.iter_mut().zip(depths) {
+        self.log_focal += layout.focal.map_or(0.0, |i| common[i]);
+        for (track, step) in self.tracks.iter_mut().zip(depths) {
             let [least, most] = INVERSE_DEPTH;
             track.inverse_depth = if track.prior.is_some() {
                 (track.inverse_depth * (-step).exp()).clamp(least, most)
@@ -433,7 +521,6 @@ impl Bundle {
                 (track.inverse_depth + step).clamp(-most, most)
             };
         }
-        next
     }
 
     /// The same scene with depths and translations `exp(by)` times as large; the reference's prior keeps its scale.
@@ -445,6 +532,22 @@ impl Bundle {
         for (v, scale) in self.log_scales.iter_mut().enumerate() {
             *scale += if self.keep_scale && v == 0 { 0.0 } else { by };
         }
+    }
+
+    /// [`covariance`](Self::covariance) of each window with the other poses kept.
+    pub(super) fn covariance_of_windows(&self, windows: &[Vec<usize>], noise: f64) -> Option<Covariance> {
+        let mut all = Covariance {
+            poses: vec![None; self.poses.len()],
+            log_depths: vec![f64::INFINITY; self.tracks.len()],
+            log_focal: None,
+        };
+        for window in windows {
+            let (part, own) = self.window(window);
+            let found = part.covariance(noise)?;
+            window.iter().for_each(|&v| all.poses[v] = found.poses[v]);
+            own.iter().zip(found.log_depths).for_each(|(&i, variance)| all.log_depths[i] = variance);
+        }
+        Some(all)
     }
 
     /// Covariance of the parameters, if a pixel's standard deviation is `noise` times that of [`Lens::noise`]. Nothing where the

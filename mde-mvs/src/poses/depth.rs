@@ -1,7 +1,7 @@
 //! What uncertain poses do to depth.
 
 use mde_warp::{Pose, PosedView};
-use nalgebra::{Matrix3, Matrix6, Point2, Point3, RowVector2, RowVector6, Vector3};
+use nalgebra::{Matrix6, Point2, Point3, RowVector2, RowVector6, Vector3};
 use ndarray::{Array2, ArrayView2};
 
 /// Variance of the log depth of each pixel of `views[0]` that comes from the poses of the other views; 0 where none of them shows the
@@ -14,8 +14,9 @@ use ndarray::{Array2, ArrayView2};
 ///   \operatorname{var} \log z = \frac{\sum_v g_v^\top A_v \Sigma_v A_v^\top g_v}{\left( \sum_v \lVert g_v \rVert^2 \right)^2} \\]
 ///
 /// when the poses move by the left perturbations \\( \xi_v \\) (translation before rotation) of covariance \\( \Sigma_v \\), taken as
-/// independent, with \\( A_v = \partial u_v / \partial \xi_v \\). The length of each translation has no part in it: it is the scale,
-/// which is common to all pixels.
+/// independent, with \\( A_v = \partial u_v / \partial \xi_v \\). One common scale has no part in it: with all translations
+/// \\( \xi_v = \alpha t_v \\) every depth moves by \\( \alpha \\), so \\( \alpha = \sum_v t_v^\top \xi_v / \sum_v \lVert t_v \rVert^2 \\)
+/// is taken from \\( \delta \log z \\).
 ///
 /// `covariances` are of the transformations from the frame of `views[0]`, one per view; that of `views[0]` is not read.
 pub fn depth_variance(
@@ -30,24 +31,30 @@ pub fn depth_variance(
         .zip(covariances.iter().skip(1))
         .map(|(view, covariance)| {
             let motion = view.pose * back;
-            let covariance =
-                covariance.as_ref().map_or_else(Matrix6::zeros, |own| without_scale(&motion, own));
-            (view, motion, covariance)
+            (view, motion, covariance.unwrap_or_else(Matrix6::zeros))
         })
         .collect();
+    let length: f64 = moving.iter().map(|(_, motion, _)| motion.translation.vector.norm_squared()).sum();
     Array2::from_shape_fn(depth.dim(), |(y, x)| {
         let z = f64::from(depth[(y, x)]);
         if !(z > 0.0 && z.is_finite()) {
             return 0.0;
         }
         let point = reference.camera.ray(Point2::new(x as f64, y as f64)) * z;
-        let (mut variance, mut information) = (0.0, 0.0);
-        for (view, motion, covariance) in &moving {
-            let Some((slope, row)) = derivative(view, motion, &point) else { continue };
-            variance += (row * covariance * row.transpose())[(0, 0)];
-            information += slope;
+        let seen: Vec<_> = moving.iter().map(|(view, motion, _)| derivative(view, motion, &point)).collect();
+        let information: f64 = seen.iter().flatten().map(|(slope, _)| slope).sum();
+        if information <= 0.0 {
+            return 0.0;
         }
-        if information > 0.0 { (variance.max(0.0) / (information * information)) as f32 } else { 0.0 }
+        let of_view = |((_, motion, covariance), seen): (&(&PosedView, Pose, Matrix6<f64>), &Option<_>)| {
+            let mut row = seen.map_or_else(RowVector6::zeros, |(_, row)| row / information);
+            if length > 0.0 {
+                let scale = motion.translation.vector.transpose() / length;
+                (0..3).for_each(|i| row[i] += scale[i]);
+            }
+            (row * covariance * row.transpose())[(0, 0)]
+        };
+        moving.iter().zip(&seen).map(of_view).sum::<f64>().max(0.0) as f32
     })
 }
 
@@ -74,15 +81,6 @@ fn derivative(view: &PosedView, motion: &Pose, point: &Vector3<f64>) -> Option<(
     let row =
         RowVector6::new(translation.x, translation.y, translation.z, rotation.x, rotation.y, rotation.z);
     Some((slope.norm_squared(), row))
-}
-
-/// The covariance without the direction of the translation.
-fn without_scale(motion: &Pose, covariance: &Matrix6<f64>) -> Matrix6<f64> {
-    let Some(direction) = motion.translation.vector.try_normalize(1e-12) else { return *covariance };
-    let mut projection = Matrix6::identity();
-    let across = Matrix3::identity() - direction * direction.transpose();
-    projection.fixed_view_mut::<3, 3>(0, 0).copy_from(&across);
-    projection * covariance * projection
 }
 
 /// Covariance of the transformation from the frame of one photograph to another's, from those of both to a third frame's, taken as
@@ -149,13 +147,12 @@ mod tests {
             let step = 1e-5;
             let mut by = [Vector6::zeros(), Vector6::zeros()];
             by[which - 1][axis] = step;
-            if axis < 3 {
-                // Without the part along the translation, as there.
-                let direction = views[which].pose.translation.vector.normalize();
-                let mut shift = Vector3::zeros();
-                shift[axis] = step;
-                let across = shift - direction * direction.dot(&shift);
-                (0..3).for_each(|i| by[which - 1][i] = across[i]);
+            // Without the common scale, as there.
+            let lengths: f64 = views[1..].iter().map(|view| view.pose.translation.vector.norm_squared()).sum();
+            let scale = by[which - 1].fixed_rows::<3>(0).dot(&views[which].pose.translation.vector) / lengths;
+            for (by, view) in by.iter_mut().zip(&views[1..]) {
+                let without = by.fixed_rows::<3>(0) - view.pose.translation.vector * scale;
+                by.fixed_rows_mut::<3>(0).copy_from(&without);
             }
             let mut covariance = Matrix6::zeros();
             covariance[(axis, axis)] = step * step;
@@ -175,9 +172,9 @@ mod tests {
         }
     }
 
-    /// A longer or shorter translation is another unit, not another shape.
+    /// One longer or shorter translation is another unit, not another shape; one of two is a shape.
     #[test]
-    fn the_length_of_a_translation_is_no_variance_of_depth() {
+    fn the_common_length_of_translations_is_no_variance_of_depth() {
         let plane = [Plane::slanted(2.0, 0.3, 0.1)];
         let (views, depths) = scene(&plane, (48, 64), &CENTRES[..2]);
         let along = views[1].pose.translation.vector * 0.1;
@@ -185,6 +182,10 @@ mod tests {
         let covariances = [None, Some(direction * direction.transpose())];
         let found = depth_variance(&views, &covariances, depths[0].view());
         assert!(found.iter().all(|v| *v < 1e-12), "{found}");
+        let (views, depths) = scene(&plane, (48, 64), &CENTRES);
+        let covariances = [None, covariances[1], None];
+        let found = depth_variance(&views, &covariances, depths[0].view());
+        assert!(found.iter().filter(|v| **v > 1e-4).count() > 500, "{found}");
         let none = depth_variance(&views, &[None, None], depths[0].view());
         assert!(none.iter().all(|v| *v == 0.0));
     }

@@ -3,8 +3,8 @@ use super::matching::match_features;
 use super::tracks::{self, Track, TrackPixel};
 use super::two_view::{Motion, Pair, relative_pose};
 use super::{
-    FOCAL_SIGMA, FeatureImage, MIN_MATCHES, OUTLIER_PIXELS, PRIOR_SIGMA, PoseInput, RATIO, REGIONS,
-    all_pairs, in_order, shared_error_factor,
+    FOCAL_SIGMA, FeatureImage, MAX_FEATURES, MIN_MATCHES, OUTLIER_PIXELS, PRIOR_SIGMA, PoseInput, RATIO,
+    REGIONS, in_order, match_pairs, neighbours, shared_error_factor,
 };
 use crate::{Callback, Error, Result};
 use mde_uncertainty::statistics::median;
@@ -69,6 +69,20 @@ pub enum Verdict {
         /// Matches of the best pair that obey one epipolar geometry.
         agreeing: usize,
     },
+    /// It has features, but hardly any of them is matched in its neighbours.
+    Unmatched {
+        /// Matches with them.
+        matches: usize,
+        /// What is needed.
+        need: usize,
+    },
+    /// Its matches with its neighbours do not fit the pose that was given for it.
+    Contradicted {
+        /// Matches with them.
+        matches: usize,
+        /// Those that fit.
+        agreeing: usize,
+    },
     /// Too few matches, or too close together, for a pose.
     Uncertain {
         /// Standard deviation of the rotation, in degrees.
@@ -106,6 +120,18 @@ impl fmt::Display for Verdict {
                 write!(
                     f,
                     "{agreeing} matches fit no pose with the prior's depth; check its intrinsic parameters"
+                )
+            }
+            Self::Unmatched { matches, need } => {
+                write!(
+                    f,
+                    "{matches} matches with its neighbours, {need} are needed; check that it shows the same scene and has its own pose"
+                )
+            }
+            Self::Contradicted { matches, agreeing } => {
+                write!(
+                    f,
+                    "{agreeing} of {matches} matches with its neighbours fit its pose; check that the pose belongs to the photograph"
                 )
             }
             Self::Uncertain { degrees, most } => {
@@ -175,9 +201,10 @@ pub fn estimate_poses(
         return Err(Error::config("prior of the reference", "missing", "give its depth"));
     }
     let sorted: Vec<PoseInput> = order.iter().map(|&i| photographs[i]).collect();
-    let shots = FeatureImage::all(&sorted)?;
+    let shots = FeatureImage::all(&sorted, MAX_FEATURES)?;
     let found = |i: usize, j: usize| match_features(&shots[i].features, &shots[j].features, RATIO);
-    let pairs = all_pairs(&shots, found, relative_pose, seed, callback)?;
+    let every = neighbours::all(shots.len());
+    let pairs = match_pairs(&shots, &every, found, relative_pose, seed, callback)?;
     Ok(adjusted(&sorted, &shots, &pairs, &order))
 }
 
@@ -308,6 +335,7 @@ fn build(shots: &[FeatureImage], pairs: &[Pair], tree: &Tree) -> Bundle {
     Bundle {
         lenses: shots.iter().map(|shot| shot.lens).collect(),
         poses: tree.poses.iter().map(|pose| pose.unwrap_or_else(Pose::identity)).collect(),
+        fixed: (0..shots.len()).map(|v| v == 0).collect(),
         log_focal: 0.0,
         focal_sigma: FOCAL_SIGMA / shared_error_factor(count),
         log_scales: tree.log_scales.clone(),

@@ -27,6 +27,7 @@ mod depth;
 mod estimate;
 mod features;
 mod matching;
+mod neighbours;
 mod refine;
 mod scale;
 mod tracks;
@@ -36,7 +37,8 @@ pub use depth::{depth_variance, relative_covariance};
 pub use estimate::{Estimated, EstimatedPose, Verdict, estimate_poses};
 pub use features::{DESCRIPTOR_LENGTH, Features, Keypoint};
 pub use matching::{Match, match_features};
-pub use refine::{Agreement, Refined, refine_poses};
+pub use neighbours::nearest;
+pub use refine::{Refined, refine_poses};
 pub use scale::{LogFactor, LogRatio, Prepared, common_scale};
 pub use tracks::{Track, TrackPixel};
 
@@ -87,6 +89,8 @@ const FOCAL_SIGMA: f64 = 0.2;
 pub const MIN_MATCHES: usize = 20;
 /// Features of a photograph at most in [`estimate_poses`] and [`refine_poses`].
 pub const MAX_FEATURES: usize = 3000;
+/// The same in a long capture, whose given poses need fewer: matching takes the square of them.
+const MAX_FEATURES_OF_MANY: usize = 1500;
 
 /// Root of the number of matches that share an error.
 fn shared_error_factor(matches: usize) -> f64 {
@@ -124,8 +128,8 @@ impl<'a> FeatureImage<'a> {
     }
 
     /// All photographs' features, in parallel.
-    fn all(photographs: &[PoseInput<'a>]) -> Result<Vec<Self>> {
-        photographs.par_iter().map(|photograph| Self::detected(photograph, MAX_FEATURES)).collect()
+    fn all(photographs: &[PoseInput<'a>], max_features: usize) -> Result<Vec<Self>> {
+        photographs.par_iter().map(|photograph| Self::detected(photograph, max_features)).collect()
     }
 
     fn ray(&self, pixel: &Point2<f64>) -> Vector3<f64> {
@@ -156,16 +160,15 @@ fn in_order(photographs: &[PoseInput], reference: usize) -> Result<Vec<usize>> {
 /// A pair of photographs by their places among the shots, and its matches.
 type Relation = fn([&FeatureImage; 2], [usize; 2], &[Match], u64) -> two_view::Pair;
 
-/// Every pair of photographs, some at once; `matches` gives those of two of them, and the callback counts the pairs.
-fn all_pairs(
+/// The pairs of photographs, some at once; `matches` gives those of two of them, and the callback counts the pairs.
+fn match_pairs(
     shots: &[FeatureImage],
+    pairs: &[(usize, usize)],
     matches: impl Fn(usize, usize) -> Vec<Match> + Sync,
     relation: Relation,
     seed: u64,
     callback: &mut Callback<'_>,
 ) -> Result<Vec<two_view::Pair>> {
-    let pairs: Vec<(usize, usize)> =
-        (0..shots.len()).flat_map(|i| (i + 1..shots.len()).map(move |j| (i, j))).collect();
     let of_pair = |&(i, j): &(usize, usize)| relation([&shots[i], &shots[j]], [i, j], &matches(i, j), seed);
     let mut found = Vec::with_capacity(pairs.len());
     // Enough for each thread that the last ones seldom wait.

@@ -1,14 +1,16 @@
-use super::bundle::{Bundle, Observed, PosePrior};
+use super::bundle::{Bundle, Covariance, INVERSE_DEPTH, Observed, PosePrior};
+use super::estimate::{LEAST_NOISE, Verdict};
 use super::tracks::{self, Track};
+use super::two_view::{self, Pair};
 use super::{
-    FeatureImage, MIN_MATCHES, OUTLIER_PIXELS, PoseInput, RATIO, REGIONS, all_pairs, in_order, matching,
-    shared_error_factor, two_view,
+    FeatureImage, MAX_FEATURES, MAX_FEATURES_OF_MANY, MIN_MATCHES, OUTLIER_PIXELS, PoseInput, RATIO, REGIONS,
+    in_order, match_pairs, matching, neighbours, shared_error_factor,
 };
 use crate::{Callback, Error, Result};
 use mde_uncertainty::random::CounterRng;
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
-use nalgebra::{Matrix6, Point2, Vector2};
+use nalgebra::{Matrix6, Point2};
 use rand::RngExt;
 use rayon::prelude::*;
 
@@ -18,15 +20,23 @@ const TRUST: [f64; 4] = [1.0 / 30.0, 0.1, 0.3, 1.0];
 const FOLDS: usize = 5;
 /// Standard errors by which a larger move must fit the withheld tracks better.
 const BEYOND_NOISE: f64 = 2.0;
-/// Depths that are tried for a track, over the longest baseline: from once to a thousand times.
-const DEPTHS: usize = 48;
-/// Steps that improve the best of them.
-const DEPTH_STEPS: usize = 8;
+/// Windows of a long capture on which the trust is chosen.
+const TRIALS: usize = 3;
+/// Gauss-Newton steps of a track's depth.
+const DEPTH_STEPS: usize = 10;
 
 /// Largest standard deviation of a given pose's rotation about each axis, degrees.
 const ROTATION_SIGMA_DEGREES: f64 = 1.0;
 /// Largest standard deviation of a given camera's place along each axis, as a share of the median depth.
 const CENTRE_SIGMA: f64 = 0.01;
+
+/// Features of a photograph in which those of the same scene find matches.
+const PLENTY: usize = 200;
+/// Least share of a photograph's matches that fit its pose. In small photographs more than half can be wrong (15 of 28 at 96x72);
+/// with a pose of another place nearly all are (38 of 38).
+const LEAST_AGREEING: f64 = 0.25;
+/// Distance within which a match fits poses that may be off by [`ROTATION_SIGMA_DEGREES`], before they are refined, pixels.
+const GIVEN_PIXELS: f64 = 15.0;
 
 /// Given poses after refinement.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,28 +52,25 @@ pub struct Refined {
     pub covariances: Vec<Option<Matrix6<f64>>>,
     /// Points seen by at least two photographs, with the poses that are returned.
     pub tracks: Vec<Track>,
-    /// How well each photograph's matches fit the poses that are returned.
-    pub agreement: Vec<Agreement>,
-}
-
-/// Matches of a photograph with the others, and how many fit the poses.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Agreement {
-    /// Features that were found in it.
-    pub features: usize,
-    /// Matches with other photographs that fit some motion.
-    pub matches: usize,
-    /// Of these, those that fit the poses to 3 pixels.
-    pub agreeing: usize,
+    /// Whether each photograph belongs to its pose, by its matches with its neighbours. One that does not had no part in the rest.
+    pub verdicts: Vec<Verdict>,
+    /// Matches of each photograph with its neighbours that fit the poses that are returned to 3 pixels.
+    pub matches: Vec<usize>,
 }
 
 /// Improves given poses (world to camera) by matches of the photographs: the adjustment of the module's front page with inverse
 /// depths from the matches alone, the given poses as a prior, and the reference's pose kept.
 ///
+/// Neighbours are matched: all with all up to 12 photographs, of more each with 6 that are near it and look the same way, by half as
+/// many features. A photograph
+/// of whose matches less than a quarter fits its pose, or that has features but no matches, is left out ([`Verdict::Contradicted`],
+/// [`Verdict::Unmatched`]), the worst first, since the others are judged again without it.
+///
 /// The deviations of the given poses are tried at a thirtieth, a tenth, a third and all of 1 degree and of 1 % of the median depth.
 /// Each trial is judged by tracks that had no part in it: every fifth of the tracks is withheld once, and distances beyond 3 pixels
 /// count as that, so that wrong matches do not decide. Of the trials and the given poses the one that moves least is kept, of those that fit the withheld tracks as well as the best within two standard errors; it is then
-/// adjusted to all tracks. With fewer than [`MIN_MATCHES`](super::MIN_MATCHES) tracks the given poses are kept. The
+/// adjusted to all tracks. Up to 13 photographs are adjusted at once, more in windows of 12 neighbours in turn, with the other poses kept, and
+/// the trials are made on three of the windows. With fewer than [`MIN_MATCHES`](super::MIN_MATCHES) tracks the given poses are kept. The
 /// callback counts the pairs of photographs as they are matched.
 ///
 /// # Errors
@@ -88,103 +95,202 @@ pub fn refine_poses(
     }
     let sorted: Vec<PoseInput> = order.iter().map(|&i| photographs[i]).collect();
     let given: Vec<Pose> = order.iter().map(|&i| poses[i]).collect();
-    let shots = FeatureImage::all(&sorted)?;
+    let few = sorted.len() <= neighbours::FEW;
+    let shots = FeatureImage::all(&sorted, if few { MAX_FEATURES } else { MAX_FEATURES_OF_MANY })?;
     let found = |i: usize, j: usize| matching::match_features(&shots[i].features, &shots[j].features, RATIO);
-    let pairs = all_pairs(&shots, found, two_view::verified_matches, seed, callback)?;
+    let near = neighbours::pairs(&given);
+    let pairs = match_pairs(&shots, &near, found, two_view::verified_matches, seed, callback)?;
 
-    let rank: Vec<usize> = (0..shots.len()).collect();
-    let groups = tracks::join(&shots, &pairs.iter().collect::<Vec<_>>(), &rank);
-    let mut bundle = Bundle {
-        lenses: shots.iter().map(|shot| super::bundle::Lens { assumed: false, ..shot.lens }).collect(),
-        poses: given.clone(),
-        log_focal: 0.0,
-        focal_sigma: 1.0,
-        log_scales: vec![0.0; shots.len()],
-        keep_scale: false,
-        prior_sigmas: vec![1.0; shots.len()],
-        pose_priors: vec![None; shots.len()],
-        tracks: groups.into_iter().filter_map(observed).collect(),
-    };
-    let longest = longest_baseline(&given);
-    bundle.triangulate(longest);
-    let cut = OUTLIER_PIXELS;
-    let all = bundle.clone();
-    let features: Vec<usize> = shots.iter().map(|shot| shot.features.keypoints.len()).collect();
-    // The poses as given, until others are better.
+    let mut capture =
+        Given { shots: &shots, pairs: &pairs, poses: &given, verdicts: vec![Verdict::Posed; given.len()] };
+    capture.verdicts[0] = Verdict::Reference;
+    while capture.leave_out(&given, GIVEN_PIXELS) {}
+    let mut adjusted = capture.adjusted(seed);
+    while capture.leave_out(&adjusted.bundle.poses, OUTLIER_PIXELS) {
+        adjusted = capture.adjusted(seed);
+    }
+    let Adjusted { bundle, covariance, accepted, withheld } = adjusted;
+    let fitting = capture.agreement(&bundle, OUTLIER_PIXELS);
     let mut result = Refined {
         poses: poses.to_vec(),
-        accepted: false,
-        withheld: None,
+        accepted,
+        withheld,
         covariances: vec![None; poses.len()],
-        tracks: all.report_tracks(None, &order),
-        agreement: vec![Agreement::default(); poses.len()],
+        tracks: bundle.report_tracks(covariance.as_ref(), &order),
+        verdicts: vec![Verdict::Posed; poses.len()],
+        matches: vec![0; poses.len()],
     };
-    let agreement = all.agreement(&features, cut);
-    order.iter().zip(agreement).for_each(|(&place, found)| result.agreement[place] = found);
-
-    let depths = bundle.tracks.iter().map(|track| track.inverse_depth.recip());
-    let Some(depth) = median(depths).filter(|_| longest > 0.0) else {
-        return Ok(result);
-    };
-    for (v, prior) in bundle.pose_priors.iter_mut().enumerate() {
-        *prior = (v != 0).then(|| PosePrior {
-            pose: given[v],
-            rotation_sigma: ROTATION_SIGMA_DEGREES.to_radians(),
-            centre_sigma: CENTRE_SIGMA * depth,
-        });
-    }
-    if bundle.tracks.len() < MIN_MATCHES {
-        return Ok(result);
-    }
-    let folds = folds(&bundle, seed);
-    let refined = |share: f64, tracks: &[Observed]| {
-        let mut next = Bundle { tracks: tracks.to_vec(), ..bundle.clone() };
-        for prior in next.pose_priors.iter_mut().flatten() {
-            prior.rotation_sigma *= share;
-            prior.centre_sigma *= share;
-        }
-        next.adjust(super::estimate::STEPS);
-        next.triangulate(longest);
-        next.drop_outliers(cut);
-        next.adjust(super::estimate::STEPS);
-        next
-    };
-    // The given poses first, then every trust, each over all folds.
-    let trials: Vec<(Option<f64>, &Fold)> = std::iter::once(None)
-        .chain(TRUST.map(Some))
-        .flat_map(|share| folds.iter().map(move |fold| (share, fold)))
-        .collect();
-    let judged: Vec<Vec<f64>> = trials
-        .par_iter()
-        .map(|(share, fold)| {
-            let poses = share.map_or_else(|| given.clone(), |share| refined(share, &fold.kept).poses);
-            let mut judge = Bundle { tracks: fold.withheld.clone(), poses, ..bundle.clone() };
-            judge.triangulate(longest);
-            judge.errors(cut)
-        })
-        .collect();
-    let errors: Vec<Vec<f64>> = judged.chunks(FOLDS).map(<[Vec<f64>]>::concat).collect();
-    let Some(chosen) = least_moved(&errors, REGIONS) else {
-        return Ok(result);
-    };
-    result.withheld = Some([0, chosen].map(|i| median(errors[i].iter().copied()).unwrap_or(0.0)));
-    let Some(share) = chosen.checked_sub(1).and_then(|i| TRUST.get(i)) else {
-        return Ok(result);
-    };
-    let bundle = refined(*share, &bundle.tracks);
-    let noise = shared_error_factor(bundle.tracks.len()) * bundle.noise().max(super::estimate::LEAST_NOISE);
-    let covariance = bundle.covariance(noise);
-    let mut judged = Bundle { poses: bundle.poses.clone(), ..all };
-    judged.triangulate(longest);
-    let agreement = judged.agreement(&features, cut);
-    result.accepted = true;
-    result.tracks = bundle.report_tracks(covariance.as_ref(), &order);
     for (v, &place) in order.iter().enumerate() {
-        result.poses[place] = bundle.poses[v];
+        if capture.verdicts[v].has_pose() {
+            result.poses[place] = bundle.poses[v];
+        }
         result.covariances[place] = covariance.as_ref().and_then(|c| c.poses[v]);
-        result.agreement[place] = agreement[v];
+        result.verdicts[place] = capture.verdicts[v];
+        result.matches[place] = fitting[v][1];
     }
     Ok(result)
+}
+
+/// Matched photographs with given poses, the reference first.
+struct Given<'g, 'p> {
+    shots: &'g [FeatureImage<'p>],
+    pairs: &'g [Pair],
+    poses: &'g [Pose],
+    verdicts: Vec<Verdict>,
+}
+
+/// Poses and tracks as they are kept.
+struct Adjusted {
+    bundle: Bundle,
+    covariance: Option<Covariance>,
+    accepted: bool,
+    withheld: Option<[f64; 2]>,
+}
+
+impl Given<'_, '_> {
+    fn is_kept(&self, v: usize) -> bool {
+        self.verdicts[v].has_pose()
+    }
+
+    /// Leaves out the photograph that fits its pose least, if it does not; `cut` is in pixels. Returns whether there was one.
+    fn leave_out(&mut self, poses: &[Pose], cut: f64) -> bool {
+        let bundle = Bundle { poses: poses.to_vec(), ..self.bundle(Vec::new()) };
+        let found = self.agreement(&bundle, cut);
+        let of = |v: usize| {
+            let [matches, agreeing] = found[v];
+            let features = self.shots[v].features.keypoints.len();
+            if matches < MIN_MATCHES {
+                return (features >= PLENTY)
+                    .then_some((0.0, Verdict::Unmatched { matches, need: MIN_MATCHES }));
+            }
+            let share = agreeing as f64 / matches as f64;
+            (share < LEAST_AGREEING).then_some((share, Verdict::Contradicted { matches, agreeing }))
+        };
+        let doubtful = (0..found.len()).filter(|&v| self.is_kept(v)).filter_map(|v| Some((v, of(v)?)));
+        let Some((v, (_, verdict))) = doubtful.min_by(|a, b| a.1.0.total_cmp(&b.1.0)) else { return false };
+        self.verdicts[v] = verdict;
+        true
+    }
+
+    /// Matches of every photograph with those that are kept, and how many fall within `cut` pixels with a depth of their own.
+    fn agreement(&self, bundle: &Bundle, cut: f64) -> Vec<[usize; 2]> {
+        let kept: Vec<&Pair> =
+            self.pairs.iter().filter(|pair| self.is_kept(pair.first) && self.is_kept(pair.second)).collect();
+        let fitting = |pair: &&Pair| {
+            let fits = |[a, b]: &[usize; 2]| {
+                let pixel = |v: usize, i: usize| self.shots[v].features.keypoints[i].pixel;
+                let views = vec![(pair.second, pixel(pair.second, *b))];
+                let alone = Observed {
+                    anchor: pair.first,
+                    pixel: pixel(pair.first, *a),
+                    inverse_depth: 0.0,
+                    prior: None,
+                    views,
+                };
+                let track = bundle.triangulated(alone);
+                let (view, there) = &track.views[0];
+                bundle.residual(&track, *view, there).is_some_and(|r| r.norm() <= cut)
+            };
+            pair.agreeing.iter().filter(|matched| fits(matched)).count()
+        };
+        let fitting: Vec<usize> = kept.par_iter().map(fitting).collect();
+        let mut found = vec![[0; 2]; self.shots.len()];
+        for (pair, fitting) in kept.iter().zip(fitting) {
+            for v in [pair.first, pair.second] {
+                found[v][0] += pair.agreeing.len();
+                found[v][1] += fitting;
+            }
+        }
+        found
+    }
+
+    fn bundle(&self, tracks: Vec<Observed>) -> Bundle {
+        let count = self.shots.len();
+        Bundle {
+            lenses: self
+                .shots
+                .iter()
+                .map(|shot| super::bundle::Lens { assumed: false, ..shot.lens })
+                .collect(),
+            poses: self.poses.to_vec(),
+            fixed: (0..count).map(|v| v == 0).collect(),
+            log_focal: 0.0,
+            focal_sigma: 1.0,
+            log_scales: vec![0.0; count],
+            keep_scale: false,
+            prior_sigmas: vec![1.0; count],
+            pose_priors: vec![None; count],
+            tracks,
+        }
+    }
+
+    /// The given poses, or those that fit withheld tracks better.
+    fn adjusted(&self, seed: u64) -> Adjusted {
+        let kept = |pair: &&Pair| self.is_kept(pair.first) && self.is_kept(pair.second);
+        let rank: Vec<usize> = (0..self.shots.len()).collect();
+        let groups = tracks::join(self.shots, &self.pairs.iter().filter(kept).collect::<Vec<_>>(), &rank);
+        let mut bundle = self.bundle(groups.into_iter().filter_map(observed).collect());
+        bundle.triangulate();
+        let as_given =
+            |bundle: Bundle, withheld| Adjusted { bundle, covariance: None, accepted: false, withheld };
+        let depths = bundle.tracks.iter().map(|track| track.inverse_depth.recip());
+        let still = self.poses.iter().all(|pose| centre(pose) == centre(&self.poses[0]));
+        let Some(depth) = median(depths).filter(|_| !still && bundle.tracks.len() >= MIN_MATCHES) else {
+            return as_given(bundle, None);
+        };
+        for (v, prior) in bundle.pose_priors.iter_mut().enumerate() {
+            *prior = (v != 0).then(|| PosePrior {
+                pose: self.poses[v],
+                rotation_sigma: ROTATION_SIGMA_DEGREES.to_radians(),
+                centre_sigma: CENTRE_SIGMA * depth,
+            });
+        }
+        let windows = neighbours::windows(self.poses);
+        let on_trial: Vec<Vec<usize>> =
+            windows.iter().step_by(windows.len().div_ceil(TRIALS)).cloned().collect();
+        let judge =
+            if on_trial.len() < windows.len() { bundle.of_views(&on_trial.concat()) } else { bundle.clone() };
+        let folds = folds(&judge, seed);
+        let refined = |share: f64, mut next: Bundle, windows: &[Vec<usize>]| {
+            for prior in next.pose_priors.iter_mut().flatten() {
+                prior.rotation_sigma *= share;
+                prior.centre_sigma *= share;
+            }
+            next.adjust_windows(windows);
+            next.triangulate();
+            next.drop_outliers(OUTLIER_PIXELS);
+            next.adjust_windows(windows);
+            next
+        };
+        // The given poses first, then every trust, each over all folds.
+        let trials: Vec<(Option<f64>, &Fold)> = std::iter::once(None)
+            .chain(TRUST.map(Some))
+            .flat_map(|share| folds.iter().map(move |fold| (share, fold)))
+            .collect();
+        let with = |tracks: &[Observed]| Bundle { tracks: tracks.to_vec(), ..judge.clone() };
+        let judged: Vec<Vec<f64>> = trials
+            .par_iter()
+            .map(|(share, fold)| {
+                let mut judged = with(&fold.withheld);
+                if let Some(share) = share {
+                    judged.poses = refined(*share, with(&fold.kept), &on_trial).poses;
+                }
+                judged.triangulate();
+                judged.errors(OUTLIER_PIXELS)
+            })
+            .collect();
+        let errors: Vec<Vec<f64>> = judged.chunks(FOLDS).map(<[Vec<f64>]>::concat).collect();
+        let Some(chosen) = least_moved(&errors, REGIONS) else { return as_given(bundle, None) };
+        let withheld = Some([0, chosen].map(|i| median(errors[i].iter().copied()).unwrap_or(0.0)));
+        let Some(share) = chosen.checked_sub(1).and_then(|i| TRUST.get(i)) else {
+            return as_given(bundle, withheld);
+        };
+        let bundle = refined(*share, bundle, &windows);
+        let noise =
+            shared_error_factor(bundle.tracks.len() / windows.len()) * bundle.noise().max(LEAST_NOISE);
+        let covariance = bundle.covariance_of_windows(&windows, noise);
+        Adjusted { bundle, covariance, accepted: true, withheld }
+    }
 }
 
 /// Tracks that an adjustment has, and those that judge it.
@@ -224,61 +330,54 @@ fn observed(mut group: Vec<(usize, Point2<f64>)>) -> Option<Observed> {
     Some(Observed { anchor, pixel, inverse_depth: 0.0, prior: None, views: group })
 }
 
-fn longest_baseline(poses: &[Pose]) -> f64 {
-    let centre = |pose: &Pose| pose.inverse().translation.vector;
-    poses.iter().flat_map(|a| poses.iter().map(move |b| (centre(a) - centre(b)).norm())).fold(0.0, f64::max)
+fn centre(pose: &Pose) -> nalgebra::Vector3<f64> {
+    pose.inverse().translation.vector
 }
 
 impl Bundle {
     /// The depth of every track that fits its matches best with the poses as they are.
-    fn triangulate(&mut self, longest_baseline: f64) {
-        let start = longest_baseline.max(f64::MIN_POSITIVE).ln();
+    pub(super) fn triangulate(&mut self) {
         let tracks = std::mem::take(&mut self.tracks);
-        self.tracks = tracks.into_iter().map(|track| self.triangulated(track, start)).collect();
+        self.tracks = tracks.into_iter().map(|track| self.triangulated(track)).collect();
     }
 
-    fn triangulated(&self, mut track: Observed, start: f64) -> Observed {
+    /// The inverse depth \\( w \\) at which the distances of a track from where it was found have the least sum. In a view with
+    /// \\( p \\) = `R d + w t` and the ray \\( q \\), \\( p \times q = 0 \\) gives \\( w = -(Rd \times q) \cdot (t \times q) / \lVert t \times q
+    /// \rVert^2 \\): by the angle between the rays, for any ratio of baseline to depth. The best of these starts
+    /// Gauss-Newton steps, reweighted to the sum of distances.
+    fn triangulated(&self, mut track: Observed) -> Observed {
+        let at = |inverse_depth: f64| Observed { inverse_depth, ..track.clone() };
         let cost = |track: &Observed| -> f64 {
-            let squares = track.views.iter().map(|(v, p)| {
-                self.residual(track, *v, p).map_or(f64::MAX.sqrt(), |r: Vector2<f64>| r.norm())
-            });
-            squares.sum()
+            let found = track.views.iter().map(|(v, p)| self.residual(track, *v, p));
+            found.map(|r| r.map_or(f64::MAX.sqrt(), |r| r.norm())).sum()
         };
-        let span = 1000_f64.ln();
-        let mut step = span / DEPTHS as f64;
-        let at = |log_depth: f64| Observed { inverse_depth: (-log_depth).exp(), ..track.clone() };
-        let mut best = (0..=DEPTHS)
-            .map(|i| start + step * i as f64)
-            .map(|depth| (cost(&at(depth)), depth))
-            .fold((f64::INFINITY, start), |a, b| if b.0 < a.0 { b } else { a });
-        // Halving steps to either side: the sum of distances is smooth enough about its least.
-        for _ in 0..2 * DEPTH_STEPS {
-            step *= 0.5;
-            for depth in [best.1 - step, best.1 + step] {
-                let there = cost(&at(depth));
-                if there < best.0 {
-                    best = (there, depth);
-                }
+        let starts = track.views.iter().map(|(v, p)| self.inverse_depth(&track, *v, p));
+        let mut best = (f64::INFINITY, track.inverse_depth);
+        for start in starts {
+            let there = cost(&at(start));
+            if there < best.0 {
+                best = (there, start);
             }
         }
-        track.inverse_depth = (-best.1).exp();
+        for _ in 0..DEPTH_STEPS {
+            let here = at(best.1);
+            let (mut slope, mut curvature) = (0.0, 0.0);
+            for (residual, moved) in
+                here.views.iter().filter_map(|(v, p)| self.by_inverse_depth(&here, *v, p))
+            {
+                let weight = residual.norm().max(1e-6).recip();
+                slope += weight * residual.dot(&moved);
+                curvature += weight * moved.norm_squared();
+            }
+            let next = (best.1 - slope / curvature).max(INVERSE_DEPTH[0]);
+            let there = cost(&at(next));
+            if there.is_nan() || there >= best.0 {
+                break;
+            }
+            best = (there, next);
+        }
+        track.inverse_depth = best.1;
         track
-    }
-
-    /// Matches of every photograph, of the number of features given, and those within `cut` of where they should be.
-    fn agreement(&self, features: &[usize], cut: f64) -> Vec<Agreement> {
-        let mut found: Vec<Agreement> =
-            features.iter().map(|&features| Agreement { features, ..Agreement::default() }).collect();
-        for track in &self.tracks {
-            for (v, p) in &track.views {
-                let fits = self.residual(track, *v, p).is_some_and(|r| r.norm() <= cut);
-                for view in [track.anchor, *v] {
-                    found[view].matches += 1;
-                    found[view].agreeing += usize::from(fits);
-                }
-            }
-        }
-        found
     }
 
     /// Distances of all observations from where they should be, at most `cut`.

@@ -113,7 +113,9 @@ fn a_photograph_of_uncertain_rotation_has_no_pose() {
             }
             found
         };
-        let pairs = all_pairs(&shots, matches, two_view::relative_pose, 0, &mut silent).unwrap();
+        let pairs =
+            match_pairs(&shots, &neighbours::all(3), matches, two_view::relative_pose, 0, &mut silent)
+                .unwrap();
         let found = estimate::adjusted(&photographs, &shots, &pairs, &[0, 1, 2]);
         assert!(found.photographs[1].pose.is_some());
         (found.photographs[2].verdict, found.photographs[2].pose.is_some())
@@ -173,6 +175,26 @@ fn threads_and_the_place_of_the_reference_change_nothing() {
     let (one, other) = (refine(&given, &off, 0), refine(&turned, &order.map(|i| off[i]), 2));
     assert!(one.accepted);
     assert_eq!(order.map(|i| one.poses[i]).as_slice(), other.poses);
+}
+
+/// A prior that knows nothing but one depth for all: the matches alone give poses and shape.
+#[test]
+fn a_constant_prior_is_enough_where_there_is_parallax() {
+    let flat = Array2::from_elem((240, 320), 1.0_f32);
+    let views: Vec<PoseInput> = photographs(standard())
+        .into_iter()
+        .map(|photograph| PoseInput { prior: Some(flat.view()), ..photograph })
+        .collect();
+    let found = estimate(&views, 0);
+    let ratios: Vec<f64> = ratios(&found.tracks).collect();
+    let unit = median(ratios.iter().copied()).unwrap();
+    let error = median(ratios.iter().map(|ratio| (ratio / unit - 1.0).abs())).unwrap();
+    assert!(ratios.len() > 300 && error < 0.03, "{} {error}", ratios.len());
+    for (photograph, truth) in found.photographs.iter().zip(held()).skip(1) {
+        let pose = photograph.pose.unwrap();
+        assert!(rotation_error(&pose, &truth) < 0.5, "{}", rotation_error(&pose, &truth));
+        assert!((centre(&pose) / unit - centre(&truth)).norm() < 0.15 * centre(&truth).norm());
+    }
 }
 
 /// Turned on the spot, in another place, and blank: each has its verdict, and the others their poses.
@@ -281,6 +303,63 @@ fn given_poses_are_repaired_and_exact_ones_kept() {
     }
     let error = median(ratios(&refined.tracks).map(|ratio| (ratio - 1.0).abs())).unwrap();
     assert!(error < 0.02, "{error}");
+}
+
+/// A walk of 7.5 m along a wall 2.4 m away: every photograph is used, and poses that are .2 degrees off are repaired, though the longest
+/// baseline is three times the depth.
+#[test]
+fn a_walk_longer_than_its_depth_keeps_every_photograph() {
+    let poses: Vec<Pose> = (0..16)
+        .map(|i| {
+            pose_at([0.5 * f64::from(i), 0.04 * f64::from(i % 3), 0.0], [0.0, 0.02 * f64::from(i % 4), 0.0])
+        })
+        .collect();
+    let wall = [Plane::slanted(2.4, 0.02, 0.1)];
+    let views: Vec<PosedView> = poses.iter().map(|pose| render(&wall, camera(), *pose, PERIOD).0).collect();
+    let input = |view| PoseInput { image: view, camera: camera(), focal_assumed: false, prior: None };
+    let given: Vec<PoseInput> = views.iter().map(|view| input(view.image.view())).collect();
+    let off: Vec<Pose> = poses
+        .iter()
+        .enumerate()
+        .map(|(i, pose)| {
+            let turn = 0.2_f64.to_radians() * if i % 2 == 0 { 1.0 } else { -1.0 };
+            if i == 7 { *pose } else { pose_at([0.0; 3], [turn, 0.0, turn]) * *pose }
+        })
+        .collect();
+    let refined = refine_poses(&given, &off, 7, 0, &mut silent).unwrap();
+    assert!(refined.verdicts.iter().all(Verdict::has_pose), "{:?}", refined.verdicts);
+    assert!(
+        refined.accepted && refined.matches.iter().all(|matches| *matches > 100),
+        "{:?}",
+        refined.matches
+    );
+    let neighbours = |poses: &[Pose], i: usize| poses[i + 1] * poses[i].inverse();
+    let error = |found: &[Pose]| {
+        median((0..15).map(|i| rotation_error(&neighbours(found, i), &neighbours(&poses, i)))).unwrap()
+    };
+    assert!(error(&refined.poses) < 0.3 * error(&off), "{} {}", error(&refined.poses), error(&off));
+    assert!(refined.covariances.iter().enumerate().all(|(i, found)| found.is_some() == (i != 7)));
+}
+
+/// One camera thrown 10 m away, or two exchanged, are left out; the others stay.
+#[test]
+fn a_wrong_pose_is_left_out_and_the_others_are_kept() {
+    let mut poses = held();
+    poses.push(pose_at([-0.3, 0.2, 0.05], [0.04, 0.07, 0.0]));
+    poses.push(pose_at([0.35, -0.1, 0.1], [-0.06, -0.05, 0.03]));
+    let scene = scene(&poses);
+    let given = photographs(&scene);
+    let left_out = |poses: &[Pose]| -> Vec<usize> {
+        let verdicts = refine_poses(&given, poses, 0, 0, &mut silent).unwrap().verdicts;
+        (0..verdicts.len()).filter(|&i| !verdicts[i].has_pose()).collect()
+    };
+    assert!(left_out(&poses).is_empty());
+    let mut thrown = poses.clone();
+    thrown[1] = Pose::translation(10.0, 0.0, 0.0) * thrown[1];
+    assert_eq!(left_out(&thrown), [1]);
+    let mut exchanged = poses.clone();
+    exchanged.swap(2, 5);
+    assert_eq!(left_out(&exchanged), [2, 5]);
 }
 
 #[test]

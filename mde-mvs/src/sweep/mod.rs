@@ -35,7 +35,7 @@ use cost::{Setup, Volume, WORST};
 use mde_warp::transfer::PlaneTransfer;
 use posterior::EstimateRow;
 
-/// Most sources that are compared with a reference.
+/// Most sources that are compared with a reference: the nearest.
 const MAX_SOURCES: usize = 32;
 /// Pixels between two samples when the number of surfaces is chosen, along each axis.
 const STRIDE: usize = 8;
@@ -113,8 +113,12 @@ pub fn sweep(
         Ok(view)
     };
     let from = view(reference)?;
-    let others = sources.iter().filter(|&&i| i != reference).take(MAX_SOURCES);
-    let sources = others.map(|&i| view(i)).collect::<Result<Vec<_>>>()?;
+    let others = sources.iter().filter(|&&i| i != reference);
+    let mut sources = others.map(|&i| view(i)).collect::<Result<Vec<_>>>()?;
+    if sources.len() > MAX_SOURCES {
+        sources.sort_by(|a, b| baseline(from, a).total_cmp(&baseline(from, b)));
+        sources.truncate(MAX_SOURCES);
+    }
     if sources.is_empty() {
         return Err(Error::TooFewViews { views: 1 });
     }
@@ -171,6 +175,12 @@ pub fn sweep(
     let inlier = Array2::from_shape_fn(shape, |(y, x)| at(y, x).map_or(0.0, |p| p.2));
     let cost = Array2::from_shape_fn(shape, |(y, x)| at(y, x).map_or(1.0, |p| p.3));
     Ok(Sweep { depth: GaussianDepth::new(mean, variance)?, inlier, cost, surfaces: number })
+}
+
+/// Distance between two optical centres.
+fn baseline(a: &PosedView, b: &PosedView) -> f64 {
+    let centre = |view: &PosedView| view.pose.inverse().translation.vector;
+    (centre(a) - centre(b)).norm()
 }
 
 /// Bytes that [`sweep`] takes beside its inputs and its result for a photograph of that many pixels: costs and their sums on all

@@ -1,9 +1,12 @@
 //! Selection of further photographs by parallax, overlap and sharpness against the reference.
 
 use mde_uncertainty::statistics::quantile;
-use mde_warp::PosedView;
+use mde_warp::{Pose, PosedView};
 use ndarray::{Array2, ArrayView2};
+use rayon::prelude::*;
 
+use super::baseline;
+use crate::poses::nearest;
 use crate::raster::luma;
 use crate::{Error, Result, check_map};
 use mde_warp::transfer::PlaneTransfer;
@@ -14,6 +17,10 @@ const STRIDE: usize = 4;
 /// Best ratio of baseline to depth: less triangulates badly, more is hard to match. The score of a parallax is a Gaussian of its
 /// logarithm, lower by a factor \\( e^{-1/2} \\) at \\( e \\) times more or less.
 const BEST_PARALLAX: f64 = 0.1;
+/// Photographs that are scored for one reference at most: the nearest.
+const CANDIDATES: usize = 48;
+/// Least ratio of baseline to depth, two pixels at a focal length of 500: less is the same viewpoint, such as a copy or a burst.
+const LEAST_PARALLAX: f64 = 0.004;
 /// Least share of the reference's pixels that project into a view; a view with less is not used.
 pub const MIN_OVERLAP: f64 = 0.2;
 
@@ -37,8 +44,16 @@ pub struct ViewScore {
     pub chosen: bool,
 }
 
-/// Scores every other view against `views[reference]` of known depth (0 where unknown, in the unit of the poses). The scores
-/// come best first, equal ones in the order of the views; the first `max_views` of them that may be used are chosen.
+/// Mean squared gradient of the luma of each view over that of the sharpest, 0 to 1.
+pub fn sharpness(views: &[PosedView]) -> Vec<f64> {
+    let energies: Vec<f64> = views.par_iter().map(|v| gradient_energy(&luma(v.image.view()))).collect();
+    let sharpest = energies.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+    energies.into_iter().map(|energy| energy / sharpest).collect()
+}
+
+/// Scores the other views against `views[reference]` of known depth (0 where unknown, in the unit of the poses); of a long capture the
+/// 48 nearest that look the same way. `sharpness` is that of all views. The scores come best first, equal ones in the order of the views;
+/// the first `max_views` of them that may be used are chosen.
 ///
 /// # Errors
 /// [`Error::Reference`] for an index outside the views, [`Error::View`] for a view that [`PosedView::validate`] refuses or a depth map of
@@ -47,19 +62,20 @@ pub fn select_views(
     views: &[PosedView],
     reference: usize,
     depth: ArrayView2<'_, f32>,
+    sharpness: &[f64],
     max_views: usize,
 ) -> Result<Vec<ViewScore>> {
     let from = views.get(reference).ok_or(Error::Reference { reference, views: views.len() })?;
     views.iter().try_for_each(PosedView::validate)?;
     check_map("depth", depth.dim(), &from.camera)?;
-    let energies: Vec<f64> = views.iter().map(|v| gradient_energy(&luma(v.image.view()))).collect();
-    let sharpest = energies.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-    let mut scores: Vec<ViewScore> = (0..views.len())
-        .filter(|&i| i != reference)
+    let poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
+    let mut scores: Vec<ViewScore> = nearest(&poses, reference)
+        .into_iter()
+        .take(CANDIDATES)
         .map(|view| {
             let (overlap, seen_depth) = overlap(from, &views[view], depth);
             let parallax = seen_depth.map_or(0.0, |z| baseline(from, &views[view]) / z);
-            let sharpness = energies[view] / sharpest;
+            let sharpness = sharpness.get(view).copied().unwrap_or(1.0);
             let score = overlap * sharpness.sqrt() * parallax_score(parallax / BEST_PARALLAX);
             ViewScore { view, parallax, overlap, sharpness, score, chosen: false }
         })
@@ -70,14 +86,8 @@ pub fn select_views(
     Ok(scores)
 }
 
-/// Distance between two optical centres.
-fn baseline(a: &PosedView, b: &PosedView) -> f64 {
-    let centre = |view: &PosedView| view.pose.inverse().translation.vector;
-    (centre(a) - centre(b)).norm()
-}
-
 fn parallax_score(ratio: f64) -> f64 {
-    if ratio > 0.0 { (-0.5 * ratio.ln().powi(2)).exp() } else { 0.0 }
+    if ratio > LEAST_PARALLAX / BEST_PARALLAX { (-0.5 * ratio.ln().powi(2)).exp() } else { 0.0 }
 }
 
 /// Share of the reference's pixels that land on the view, and their median depth.
@@ -122,7 +132,7 @@ mod tests {
     fn a_useful_baseline_is_preferred_to_none_and_to_too_much() {
         let centres = [[0.0; 3], [0.005, 0.0, 0.0], [0.2, 0.0, 0.0], [1.0, 0.0, 0.0], [30.0, 0.0, 0.0]];
         let (mut views, depths) = scene(&[Plane::slanted(2.0, 0.0, 0.0)], (48, 64), &centres);
-        let scores = select_views(&views, 0, depths[0].view(), 2).unwrap();
+        let scores = select_views(&views, 0, depths[0].view(), &sharpness(&views), 2).unwrap();
         assert_eq!(scores.iter().map(|s| s.view).collect::<Vec<_>>(), [2, 3, 1, 4]);
         assert_eq!(scores.iter().map(|s| s.chosen).collect::<Vec<_>>(), [true, true, false, false]);
         assert!((scores[0].parallax - 0.1).abs() < 1e-6 && scores[3].overlap == 0.0);
@@ -130,7 +140,7 @@ mod tests {
         let sharp = scores[0];
         let mean = views[2].image.mean().unwrap();
         views[2].image.mapv_inplace(|x| mean + 0.3 * (x - mean));
-        let blurred = select_views(&views, 0, depths[0].view(), 2).unwrap();
+        let blurred = select_views(&views, 0, depths[0].view(), &sharpness(&views), 2).unwrap();
         let of = blurred.iter().find(|s| s.view == 2).unwrap();
         assert!((of.sharpness / sharp.sharpness - 0.09).abs() < 0.01 && of.score < sharp.score);
     }
@@ -139,14 +149,14 @@ mod tests {
     fn what_cannot_be_measured_is_named() {
         let (mut views, depths) =
             scene(&[Plane::slanted(2.0, 0.0, 0.0)], (8, 8), &[[0.0; 3], [0.1, 0.0, 0.0]]);
-        let bad = select_views(&views, 2, depths[0].view(), 7);
+        let bad = select_views(&views, 2, depths[0].view(), &[], 7);
         assert_eq!(bad, Err(Error::Reference { reference: 2, views: 2 }));
         let map = Array2::zeros((8, 9));
-        assert!(matches!(select_views(&views, 0, map.view(), 7), Err(Error::View(_))));
+        assert!(matches!(select_views(&views, 0, map.view(), &[], 7), Err(Error::View(_))));
         // Each stage that takes views checks them: their fields are public.
         views[1].mask = Array2::from_elem((3, 4), true);
         let depth = depths[0].view();
-        let chosen = select_views(&views, 0, depth, 7);
+        let chosen = select_views(&views, 0, depth, &[], 7);
         assert!(matches!(chosen, Err(Error::View(_))));
         assert!(matches!(
             crate::sweep::exposure::fit_exposure(&views[0], &views[1], depth),

@@ -35,7 +35,7 @@ pub(crate) struct NetworkArgs {
 }
 
 #[derive(Debug, Clone, Args)]
-#[group(required = true, multiple = false)]
+#[group(multiple = false)]
 pub(crate) struct PriorSource {
     /// A monocular depth network
     #[arg(long, value_name = "MODEL.onnx", help_heading = "Prior")]

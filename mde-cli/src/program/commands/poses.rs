@@ -24,7 +24,7 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     let mut progress = Progress::start(&args.run)?;
     let target = &args.run.output.clone().unwrap_or_else(|| "transforms.json".into());
     check_new_file("-o", target, args.run.force)?;
-    let prior = prior::open(&args.prior)?;
+    let prior = prior::open(&args.prior, true)?;
     let mut settings = settings(&PresetArgs::default(), &args.size.memory, Preset::MultiView)?;
     settings.sizes = sizes(&args.size);
     settings.sizes.longest = settings.sizes.longest.or(Some(LONGER_SIDE));

@@ -26,7 +26,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         true => every::check_folder(&output).map(|()| None)?,
         false => Some(OutputFolder::new(&output, args.run.force)?),
     };
-    let prior = prior::open(&args.prior)?;
+    let prior = prior::open(&args.prior, !args.several.views.is_empty())?;
     let refiner = Refiner::new(&prior, of_refine(args)?)?;
     let (scene, plan) = scene(&refiner, args, &mut progress)?;
     let input = args.image.display().to_string();

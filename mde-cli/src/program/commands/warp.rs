@@ -45,7 +45,7 @@ struct ViewRecord {
 pub(super) fn run(args: &WarpArgs) -> Result<()> {
     let mut progress = Progress::start(&args.run)?;
     let folder = OutputFolder::new(&args.run.output(&args.image, "-views"), args.run.force)?;
-    let prior = prior::open(&args.prior)?;
+    let prior = prior::open(&args.prior, false)?;
     let mut settings = settings(&args.settings, &args.size.memory, Preset::Paper)?;
     settings.sizes = sizes(&args.size);
     let refiner = Refiner::new(&prior, settings)?;

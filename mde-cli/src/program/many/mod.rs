@@ -43,7 +43,7 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     let mut items: Vec<Item> = paths.into_iter().zip(names).map(item).collect();
     check_place("-o", output)?;
     index::check_folder(output)?;
-    let prior = prior::open(&args.prior)?;
+    let prior = prior::open(&args.prior, false)?;
     let refiner = Refiner::new(&prior, of_refine(args)?)?;
     let settings = settings_of(args, &refiner)?;
     let export = &args.export.export;

@@ -6,11 +6,16 @@ use crate::program::args::{NetworkArgs, PriorArgs};
 use anyhow::Result;
 use std::path::Path;
 
-pub(crate) fn open(args: &PriorArgs) -> Result<OpenPrior<'static>> {
+/// The prior of one photograph, or of `several`, which need none.
+pub(crate) fn open(args: &PriorArgs, several: bool) -> Result<OpenPrior<'static>> {
     match (&args.source.prior_model, &args.source.prior_depth) {
         (Some(model), _) => network(model, &args.network),
         (None, Some(file)) => map(file, &args.network),
-        (None, None) => anyhow::bail!("no prior is named; give --prior-model or --prior-depth"),
+        (None, None) if several => Ok(OpenPrior::nothing()),
+        (None, None) => anyhow::bail!(
+            "one photograph needs a depth network: give --prior-model MODEL.onnx (docs/models.md has the addresses) or --prior-depth; several \
+             photographs of one place (--views) need none"
+        ),
     }
 }
 

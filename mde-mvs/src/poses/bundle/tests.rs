@@ -38,6 +38,7 @@ fn scene(poses: &[Pose], count: usize, seed: u64) -> Bundle {
     Bundle {
         lenses,
         poses: poses.to_vec(),
+        fixed: (0..views).map(|v| v == 0).collect(),
         log_focal: 0.0,
         focal_sigma: 0.2,
         log_scales: vec![0.0; views],
@@ -221,12 +222,17 @@ proptest! {
         let still = vec![0.0; bundle.tracks.len()];
         let step = 1e-6;
         let scale = 1.0 + normal.vector.amax();
+        let cost_after = |common: &DVector<f64>, depths: &[f64]| {
+            let mut moved = bundle.clone();
+            moved.step(&layout, common, depths);
+            moved.cost()
+        };
         for i in 0..size {
             let mut delta = DVector::zeros(size);
             delta[i] = step;
-            let above = bundle.moved(&layout, &delta, &still).cost();
+            let above = cost_after(&delta, &still);
             delta[i] = -step;
-            let below = bundle.moved(&layout, &delta, &still).cost();
+            let below = cost_after(&delta, &still);
             let slope = (above - below) / (2.0 * step);
             prop_assert!((slope - normal.vector[i]).abs() < 1e-5 * scale, "{} {} {}", i, slope, normal.vector[i]);
         }
@@ -235,7 +241,7 @@ proptest! {
             let cost = |by: f64| {
                 let mut steps = still.clone();
                 steps[t] = by;
-                bundle.moved(&layout, &none, &steps).cost()
+                cost_after(&none, &steps)
             };
             let slope = (cost(step) - cost(-step)) / (2.0 * step);
             prop_assert!((slope - normal.depths[t].slope).abs() < 1e-5 * scale, "{} {}", slope, normal.depths[t].slope);

@@ -24,7 +24,11 @@ pub(super) fn sampson(f: &Matrix3<f64>, (p, q): &PixelPair) -> f64 {
 /// reweighted least squares (LO-RANSAC; Chum, Matas and Kittler, 2003).
 ///
 /// Nothing where no model has more than the seven pairs that make it.
-pub(super) fn filter(pairs: &[PixelPair], threshold: f64, ransac: &Ransac) -> Option<Vec<usize>> {
+pub(super) fn filter(
+    pairs: &[PixelPair],
+    threshold: f64,
+    ransac: &Ransac,
+) -> Option<(Matrix3<f64>, Vec<usize>)> {
     if pairs.len() <= SAMPLE {
         return None;
     }
@@ -53,7 +57,7 @@ pub(super) fn filter(pairs: &[PixelPair], threshold: f64, ransac: &Ransac) -> Op
     };
     let matrix = msac(pairs.len(), limit, ransac, models, distance, optimised)?;
     let inliers: Vec<usize> = (0..pairs.len()).filter(|&i| distance(&matrix, i) < limit).collect();
-    (inliers.len() > SAMPLE).then_some(inliers)
+    (inliers.len() > SAMPLE).then_some((matrix, inliers))
 }
 
 /// Hartley's conditioning: mean 0 and a mean distance of \\( \sqrt 2 \\).
@@ -203,7 +207,7 @@ mod tests {
     fn unrelated_pairs_are_left_out() {
         for seed in 0..5 {
             let pairs = scene(300, 160, 0.5, seed);
-            let found =
+            let (_, found) =
                 filter(&pairs, 1.5, &Ransac { iterations: 2000, seed, purpose: "test", stream: 0 }).unwrap();
             let right = found.iter().filter(|&&i| i < 140).count();
             assert!(right >= 133, "{right} of 140 with seed {seed}");

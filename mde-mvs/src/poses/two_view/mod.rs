@@ -1,5 +1,6 @@
 //! The motion between two photographs, from their matches and the prior's depth in either.
 
+mod essential;
 mod fundamental;
 mod msac;
 mod p3p;
@@ -15,7 +16,7 @@ use fundamental::{PixelPair, filter};
 use mde_uncertainty::statistics::median;
 use mde_warp::Pose;
 use msac::{Ransac, msac};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use p3p::p3p;
 
 /// Steps of the adjustment of one pair.
@@ -52,12 +53,22 @@ pub(super) fn verified_matches(
     found: &[Match],
     seed: u64,
 ) -> Pair {
+    with_geometry([a, b], [first, second], found, seed).0
+}
+
+/// The same, and the fundamental matrix.
+fn with_geometry(
+    [a, b]: [&FeatureImage; 2],
+    [first, second]: [usize; 2],
+    found: &[Match],
+    seed: u64,
+) -> (Pair, Option<Matrix3<f64>>) {
     let pixels = pixels([a, b], found.iter().map(|m| [m.first, m.second]));
     let noise = a.lens.noise.max(b.lens.noise);
     let ransac = Ransac { iterations: SAMPLES, seed, purpose: "epipolar", stream: stream(first, second) };
-    let kept = filter(&pixels, EPIPOLAR_PIXELS * noise, &ransac).unwrap_or_default();
-    let agreeing = kept.iter().map(|&i| [found[i].first, found[i].second]).collect();
-    Pair { first, second, matches: found.len(), agreeing, motion: None }
+    let (matrix, kept) = filter(&pixels, EPIPOLAR_PIXELS * noise, &ransac).unzip();
+    let agreeing = kept.iter().flatten().map(|&i| [found[i].first, found[i].second]).collect();
+    (Pair { first, second, matches: found.len(), agreeing, motion: None }, matrix)
 }
 
 /// Pixels of pairs of features.
@@ -76,15 +87,16 @@ pub(super) fn relative_pose(
     found: &[Match],
     seed: u64,
 ) -> Pair {
-    let mut pair = verified_matches([a, b], [first, second], found, seed);
+    let (mut pair, matrix) = with_geometry([a, b], [first, second], found, seed);
     if pair.agreeing.len() < MIN_MATCHES {
         return pair;
     }
     let pixels = pixels([a, b], pair.agreeing.iter().copied());
     let stream = stream(first, second);
     let swapped: Vec<PixelPair> = pixels.iter().map(|(p, q)| (*q, *p)).collect();
-    let forward = from_prior(a, b, &pixels, seed, stream << 1);
-    let backward = from_prior(b, a, &swapped, seed, stream << 1 | 1).map(|(mut motion, fits)| {
+    let forward = from_prior(a, b, &pixels, matrix, seed, stream << 1);
+    let matrix = matrix.map(|f| f.transpose());
+    let backward = from_prior(b, a, &swapped, matrix, seed, stream << 1 | 1).map(|(mut motion, fits)| {
         motion.pose = motion.pose.inverse();
         motion.log_scales.swap(0, 1);
         (motion, fits)
@@ -102,12 +114,13 @@ pub(super) fn relative_pose(
 }
 
 /// Pose of `b` in the frame of `a` and which pairs fit it: `a`'s pixels lifted by its prior, a pose by RANSAC over three
-/// points, and the adjustment of pose and depths. The adjustment also starts from no motion, since three points of a poor prior
-/// can lead it to a wrong minimum; the start of lower cost is kept.
+/// points, and the adjustment of pose and depths. The adjustment also starts from no motion and from that of the fundamental matrix,
+/// since three points of a poor prior can lead it to a wrong minimum; the start of least cost on the same matches is kept.
 fn from_prior(
     a: &FeatureImage,
     b: &FeatureImage,
     pixels: &[PixelPair],
+    matrix: Option<Matrix3<f64>>,
     seed: u64,
     stream: u64,
 ) -> Option<(Motion, Vec<bool>)> {
@@ -120,18 +133,28 @@ fn from_prior(
     let ransac = Ransac { iterations: SAMPLES, seed, purpose: "resection", stream };
     let start = resect(&lifted, &b.lens, RESECTION_PIXELS, &ransac)?;
 
-    let starts = [start, Pose::identity()];
-    let motions = starts.into_iter().filter_map(|start| adjusted(a, b, pixels, &depths, start));
+    let epipolar = matrix.and_then(|f| {
+        let (mut pose, depth) = essential::motion(&f, pixels, [&a.lens, &b.lens])?;
+        pose.translation.vector *= median(depths.iter().flatten().copied())?.exp() / depth;
+        Some((pose, true))
+    });
+    let starts = [Some((start, false)), Some((Pose::identity(), false)), epipolar].into_iter().flatten();
+    let motions =
+        starts.filter_map(|(start, triangulate)| adjusted(a, b, pixels, &depths, start, triangulate));
     motions.reduce(|best, next| if next.0.cost < best.0.cost { next } else { best })
 }
 
-/// The adjustment of pose and depths from that pose.
+/// Furthest depth from the median that a match may start from, as a factor.
+const FURTHEST: f64 = 30.0;
+
+/// The adjustment of pose and depths from that pose, and from the prior's depths or those that the pose gives.
 fn adjusted(
     a: &FeatureImage,
     b: &FeatureImage,
     pixels: &[PixelPair],
     depths: &[Option<f64>],
     start: Pose,
+    triangulate: bool,
 ) -> Option<(Motion, Vec<bool>)> {
     let middle = median(depths.iter().flatten().copied())?;
     let tracks = pixels
@@ -148,6 +171,7 @@ fn adjusted(
     let mut bundle = Bundle {
         lenses: vec![a.lens, b.lens],
         poses: vec![Pose::identity(), start],
+        fixed: vec![true, false],
         log_focal: 0.0,
         focal_sigma: FOCAL_SIGMA / shared_error_factor(pixels.len()),
         log_scales: vec![0.0; 2],
@@ -156,6 +180,13 @@ fn adjusted(
         pose_priors: vec![None; 2],
         tracks,
     };
+    if triangulate {
+        bundle.triangulate();
+        for track in &mut bundle.tracks {
+            let near = (-middle).exp();
+            track.inverse_depth = track.inverse_depth.clamp(near / FURTHEST, near * FURTHEST);
+        }
+    }
     bundle.adjust(STEPS);
 
     let fits: Vec<bool> =

@@ -13,21 +13,17 @@ const PIXELS: f64 = 1.0;
 /// Difference of log depth within which they agree.
 const LOG_DEPTH: f32 = 0.1;
 
-/// Number of other views that agree with each pixel's depth, and that see past it; at most 255.
+/// Number of other views that agree with each pixel's depth, and of those that could; at most 255.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Agreement {
     /// Views whose depth, carried back, lands on the pixel.
     pub agree: Array2<u8>,
-    /// Views that see something behind the point, where it would hide it.
-    pub against: Array2<u8>,
     /// Views on whose image the point lands, where their depth is known.
     pub visible: Array2<u8>,
 }
 
 /// Compares the depth of `views[reference]` with those of `others`: there and back within 1 pixel and .1 in log depth.
-///
-/// A view with a nearer surface counts as neither, since it may hide the point.
 ///
 /// # Errors
 /// [`Error::Reference`] for an index outside the views, [`Error::View`] for a map of another size.
@@ -44,19 +40,13 @@ pub fn agreement(
     let (from, depth) = of(reference)?;
     check_map("depth", depth.dim(), &from.camera)?;
     let mut agree: Array2<u8> = Array2::zeros(depth.dim());
-    let mut against: Array2<u8> = Array2::zeros(depth.dim());
     let mut visible: Array2<u8> = Array2::zeros(depth.dim());
     for &other in others.iter().filter(|&&i| i != reference) {
         let (to, there) = of(other)?;
         check_map("depth", there.dim(), &to.camera)?;
         let (forth, back) = (PlaneTransfer::new(from, to), PlaneTransfer::new(to, from));
-        let mut rows: Vec<_> = agree
-            .outer_iter_mut()
-            .zip(against.outer_iter_mut())
-            .zip(visible.outer_iter_mut())
-            .enumerate()
-            .collect();
-        rows.par_iter_mut().for_each(|(y, ((agree, against), visible))| {
+        let mut rows: Vec<_> = agree.outer_iter_mut().zip(visible.outer_iter_mut()).enumerate().collect();
+        rows.par_iter_mut().for_each(|(y, (agree, visible))| {
             for x in 0..agree.len() {
                 let Some((z, _)) = depth.get(*y, x).filter(|(z, _)| *z > 0.0) else { continue };
                 let Some(seen) = forth.at(x as f64, *y as f64, 1.0 / f64::from(z)) else { continue };
@@ -70,13 +60,11 @@ pub fn agreement(
                     .map_or(f64::INFINITY, |b| (b.x - x as f64).hypot(b.y - *y as f64));
                 if distance <= PIXELS && difference.abs() <= f64::from(LOG_DEPTH) {
                     agree[x] = agree[x].saturating_add(1);
-                } else if difference > 0.0 {
-                    against[x] = against[x].saturating_add(1);
                 }
             }
         });
     }
-    Ok(Agreement { agree, against, visible })
+    Ok(Agreement { agree, visible })
 }
 
 #[cfg(test)]
@@ -96,14 +84,11 @@ mod tests {
         };
         let before = count(&maps);
         let middle = (36, 48);
-        assert_eq!((before.agree[middle], before.against[middle], before.visible[middle]), (3, 0, 3));
-        // Too near: all others see past it. Too far: it may be hidden from them.
-        maps[0] = exact(&depths[0].mapv(|z| 0.7 * z));
-        let near = count(&maps);
-        assert_eq!((near.agree[middle], near.against[middle]), (0, 3));
-        maps[0] = exact(&depths[0].mapv(|z| 1.4 * z));
-        let far = count(&maps);
-        assert_eq!((far.agree[middle], far.against[middle]), (0, 0));
+        assert_eq!((before.agree[middle], before.visible[middle]), (3, 3));
+        for wrong in [0.7, 1.4] {
+            maps[0] = exact(&depths[0].mapv(|z| wrong * z));
+            assert_eq!(count(&maps).agree[middle], 0);
+        }
     }
 
     #[test]

@@ -13,6 +13,8 @@ pub(super) const TRUSTED: f32 = 0.5;
 /// Coefficients of [`chances`]: constant, log odds of the posterior mass, per visible photograph that does not agree, none
 /// agrees, cost. A logistic regression of "within 10 % of the truth" over 11 indoor captures.
 const CHANCE: [f32; 5] = [1.2, 0.3, -0.4, -1.4, -1.3];
+/// Photographs beside the reference in those captures at most; of more, the share that does not agree counts as one of so many.
+const PHOTOGRAPHS: f32 = 6.0;
 
 /// Probability that a match is right, from its posterior mass, its cost and the other photographs. One that no other photograph
 /// confirms is not trusted: the coefficients are of four photographs and more, several of which contradict a wrong match.
@@ -22,7 +24,8 @@ pub(super) fn chances(sweep: &Sweep, agreement: &Agreement) -> Array2<f32> {
             |&mass, &cost, &agree, &visible| {
                 let odds = (mass.max(1e-3) / (1.0 - mass).max(0.02)).ln();
                 let none = if agree == 0 { 1.0 } else { 0.0 };
-                let terms = [1.0, odds, f32::from(visible - agree), none, cost];
+                let share = (PHOTOGRAPHS / f32::from(visible.max(1))).min(1.0);
+                let terms = [1.0, odds, share * f32::from(visible - agree), none, cost];
                 let logit: f32 = CHANCE.iter().zip(terms).map(|(c, t)| c * t).sum();
                 let chance = 1.0 / (1.0 + (-logit).exp());
                 if agree == 0 { chance.min(TRUSTED) } else { chance }
@@ -72,9 +75,20 @@ mod tests {
         let (inlier, cost) = (Array2::ones(shape), Array2::zeros(shape));
         let sweep = Sweep { depth, inlier, cost, surfaces: 8 };
         let agree = ndarray::array![[1, 0]];
-        let agreement = Agreement { agree, against: Array2::zeros(shape), visible: Array2::ones(shape) };
+        let agreement = Agreement { agree, visible: Array2::ones(shape) };
         let found = chances(&sweep, &agreement);
         assert!(found[(0, 0)] > 0.9, "{}", found[(0, 0)]);
         assert!(found[(0, 1)] <= TRUSTED && found[(0, 1)] > 0.0, "{}", found[(0, 1)]);
+    }
+
+    /// Where two in three photographs agree, thirty are no less reason to trust than six.
+    #[test]
+    fn more_photographs_of_which_as_many_agree_are_trusted_as_much() {
+        let shape = (1, 2);
+        let depth = GaussianDepth::new(Array2::ones(shape), Array2::ones(shape)).unwrap();
+        let sweep = Sweep { depth, inlier: Array2::ones(shape), cost: Array2::zeros(shape), surfaces: 8 };
+        let agreement = Agreement { agree: ndarray::array![[4, 20]], visible: ndarray::array![[6, 30]] };
+        let found = chances(&sweep, &agreement);
+        assert!((found[(0, 0)] - found[(0, 1)]).abs() < 1e-6, "{found}");
     }
 }

@@ -1,0 +1,94 @@
+//! Which photographs of a capture are compared with which.
+
+use mde_warp::Pose;
+use nalgebra::Vector3;
+use std::collections::BTreeSet;
+
+/// Ranks, by distance, of the photographs that one is compared with: the nearest for their matches, some of the further for their
+/// baseline.
+const RANKS: [usize; 6] = [0, 1, 2, 4, 7, 12];
+/// Photographs up to this number are all compared with each other.
+pub(super) const FEW: usize = 12;
+/// Largest angle between optical axes at which photographs are neighbours, degrees.
+const MOST_TURNED: f64 = 60.0;
+/// Rounds over the windows of an adjustment.
+pub(super) const ROUNDS: usize = 2;
+
+/// The other photographs that look the same way to 60 degrees, by the distance of their centres, the nearest first; all others where none
+/// does.
+pub fn nearest(poses: &[Pose], photograph: usize) -> Vec<usize> {
+    let centre = |pose: &Pose| pose.inverse().translation.vector;
+    let axis = |pose: &Pose| pose.inverse().rotation * Vector3::z();
+    let (here, own) = (centre(&poses[photograph]), axis(&poses[photograph]));
+    let distance = |other: usize| (centre(&poses[other]) - here).norm();
+    let mut others: Vec<(f64, usize)> =
+        (0..poses.len()).filter(|&i| i != photograph).map(|i| (distance(i), i)).collect();
+    others.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let looks_there = |&&(_, i): &&(f64, usize)| axis(&poses[i]).dot(&own) >= MOST_TURNED.to_radians().cos();
+    let same: Vec<usize> = others.iter().filter(looks_there).map(|(_, i)| *i).collect();
+    if same.is_empty() { others.into_iter().map(|(_, i)| i).collect() } else { same }
+}
+
+/// The pairs to be matched, each once, in order. Their number grows with that of the photographs, not with its square.
+pub(super) fn pairs(poses: &[Pose]) -> Vec<(usize, usize)> {
+    if poses.len() <= FEW {
+        return all(poses.len());
+    }
+    let mut pairs = BTreeSet::new();
+    for photograph in 0..poses.len() {
+        let others = nearest(poses, photograph);
+        let near = RANKS.iter().filter_map(|&rank| others.get(rank));
+        pairs.extend(near.map(|&other| (photograph.min(other), photograph.max(other))));
+    }
+    pairs.into_iter().collect()
+}
+
+/// Every pair of that many photographs.
+pub(super) fn all(count: usize) -> Vec<(usize, usize)> {
+    (0..count).flat_map(|i| (i + 1..count).map(move |j| (i, j))).collect()
+}
+
+/// Groups of neighbours whose poses are adjusted together; every photograph is in one. The first is the reference, which stays.
+pub(super) fn windows(poses: &[Pose]) -> Vec<Vec<usize>> {
+    let mut open: BTreeSet<usize> = (1..poses.len()).collect();
+    let mut windows = Vec::new();
+    while let Some(&first) = open.first() {
+        let near = nearest(poses, first).into_iter().filter(|other| open.contains(other));
+        let window: Vec<usize> = std::iter::once(first).chain(near).take(FEW).collect();
+        window.iter().for_each(|photograph| {
+            open.remove(photograph);
+        });
+        windows.push(window);
+    }
+    windows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::pose_at;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// A walk, a third of it the way back: pairs grow linearly, every photograph is in one window, and none is matched with what
+        /// is behind it.
+        #[test]
+        fn pairs_are_near_and_few(count in 13..80_usize) {
+            let poses: Vec<Pose> = (0..count)
+                .map(|i| {
+                    let back = i > 2 * count / 3;
+                    let at = if back { 2 * (2 * count / 3) - i } else { i };
+                    pose_at([0.2 * at as f64, 0.0, 0.0], [0.0, if back { 3.0 } else { 0.0 }, 0.0])
+                })
+                .collect();
+            let pairs = pairs(&poses);
+            prop_assert!(pairs.len() <= 6 * count);
+            let turned = |i: usize| i > 2 * count / 3;
+            let across = pairs.iter().filter(|(i, j)| turned(*i) != turned(*j)).count();
+            prop_assert_eq!(across, 0);
+            let mut all: Vec<usize> = windows(&poses).concat();
+            all.sort_unstable();
+            prop_assert_eq!(all, (1..count).collect::<Vec<_>>());
+        }
+    }
+}
