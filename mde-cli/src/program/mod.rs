@@ -47,7 +47,8 @@ pub fn main() -> ExitCode {
         Err(_) if interrupt::requested() => {
             print(match &cli.command {
                 Command::Eval(_) | Command::Ablate(_) | Command::Calibrate(_) => KEPT,
-                Command::Refine(one) if one.several.all || photographs::are_many(&one.photographs()) => KEPT,
+                Command::Refine(one) if photographs::are_many(&one.photographs()) => KEPT,
+                Command::Dense(_) => KEPT,
                 _ => "interrupted; nothing was written",
             });
             ExitCode::from(interrupt::EXIT_CODE)

@@ -39,8 +39,8 @@ pub(crate) fn summary(result: &Refined<'_>, of_model: bool) -> String {
     let most = percent(quantile(&mut moves, 0.9));
     let change = match (same, refinement.augmentation.predictions > 1) {
         _ if result.origin.form == PriorForm::Nothing => match result.unit {
-            "unscaled" => "by parallax alone, in a unit of its own; --scale-from gives metres".to_owned(),
-            _ => "by parallax alone, in the unit of the capture".to_owned(),
+            "unscaled" => "by parallax alone, in a unit of its own; --scale-from gives metres",
+            _ => "by parallax alone, in the unit of the capture",
         },
         (true, false) => {
             "as it came: no field was fitted, and the prior is one map without others to compare it with"

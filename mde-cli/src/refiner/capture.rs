@@ -10,7 +10,7 @@ use std::path::Path;
 
 impl Refiner<'_> {
     /// The scene of a capture with its poses, cameras and lenses, and its plan: of `image`, the reference, and its nearest neighbours, or
-    /// `all`. `files` are those of `path`; `given` is the camera for files that have none.
+    /// without one of all photographs. A photograph that can't be read is left out unless it is the reference. `files` are those of `path`; `given` is the camera for files that have none.
     ///
     /// # Errors
     /// [`Error::Argument`] for files that are no capture of the image or need too much memory, and for a photograph that does not fit its
@@ -18,38 +18,53 @@ impl Refiner<'_> {
     pub fn capture(
         &self,
         (files, path): (&CaptureFiles, &Path),
-        image: &Path,
-        all: bool,
+        image: Option<&Path>,
         given: &GivenCamera,
         seen: &mut dyn Observer,
     ) -> Result<(Scene, Plan)> {
         let source = path.display().to_string();
         let fault =
             |error: mde_mvs::capture::Error| Error::Argument(format!("{{views}} {source}: {}", text(&error)));
-        let size = image_size(image);
+        let first = match image {
+            Some(image) => Some(image.to_owned()),
+            None => files.first_photograph().map_err(fault)?,
+        };
         let mut lens = None;
         if files.needs_lens() {
-            let size = size.ok_or_else(|| {
-                Error::Argument(format!("{}: no readable image; check the path", image.display()))
+            let shown = first.as_deref().unwrap_or(path);
+            let size = image_size(shown).ok_or_else(|| {
+                Error::Argument(format!("{}: no readable image; check the path", shown.display()))
             })?;
             let camera = KnownCamera::new(given, None, size)?.camera;
             lens = Some(Lens { camera, distortion: Distortion::default() });
         }
         let capture = files.read(lens.as_ref(), &|path| image_size(path)).map_err(fault)?;
-        let reference = capture.position(image).map_err(fault)?;
-        // All of a long capture would not fit into memory; its neighbours in space see the same.
         let count = capture.frames.len();
-        let most = if all { count } else { 4 * self.settings.config.multi_view.max_views };
-        let order = capture.nearest(reference, most);
+        let (reference, order) = match image {
+            Some(image) => {
+                let reference = capture.position(image).map_err(fault)?;
+                // All of a long capture would not fit into memory; its neighbours in space see the same.
+                (reference, capture.nearest(reference, 4 * self.settings.config.multi_view.max_views))
+            }
+            None => (0, (0..count).collect()),
+        };
+        let size = capture.frames.get(reference).and_then(|frame| image_size(&frame.photograph));
         let nearest = order.len();
         // What has no header is refused when it is decoded.
         let [width, height] = size.unwrap_or([1, 1]);
         let plan = self.plan(&format!("{{views}}: {nearest} photographs"), (height, width), nearest)?;
-        let mut photographs = Vec::new();
+        let (mut photographs, mut unreadable) = (Vec::new(), Vec::new());
         for &index in &order {
             let frame = &capture.frames[index];
             let name = frame.photograph.display().to_string();
-            let pixels = read_image(&frame.photograph)?.pixels;
+            let pixels = match read_image(&frame.photograph) {
+                Ok(photo) => photo.pixels,
+                Err(error) if index != reference => {
+                    unreadable.push((name, text(&error)));
+                    continue;
+                }
+                Err(error) => return Err(error.into()),
+            };
             let view = frame
                 .view(pixels.view())
                 .map_err(|error| Error::Argument(format!("{name}: {}", text(&error))))?;
@@ -59,13 +74,33 @@ impl Refiner<'_> {
             photographs.push(photograph.resized(&self.settings.sizes, true, &mut |text| seen.warn(text))?);
         }
         shorten(&mut photographs);
+        let photographs = different(photographs, &unreadable, seen);
         if nearest < count {
             seen.warn(format!("{{views}}: the {nearest} nearest of {count} photographs are considered"));
         }
         let shown = capture.points.iter().filter(|point| point.frames.contains(&reference));
         let points = shown.map(|point| point.position).collect();
-        Ok((Scene { points, ..Scene::several(photographs, 0)? }, plan))
+        Ok((Scene { points, unreadable, ..Scene::several(photographs, 0)? }, plan))
     }
+}
+
+/// The photographs that are different pictures; tells of the others, and of those that could not be read.
+pub fn different(
+    photographs: Vec<Photograph>,
+    unreadable: &[(String, String)],
+    seen: &mut dyn Observer,
+) -> Vec<Photograph> {
+    unreadable.iter().for_each(|(_, error)| seen.warn(format!("{error}; left out")));
+    let mut different: Vec<Photograph> = Vec::new();
+    for photograph in photographs {
+        match different.iter().find(|other| other.image == photograph.image) {
+            Some(other) => {
+                seen.warn(format!("{}: the same picture as {}; counted once", photograph.name, other.name));
+            }
+            None => different.push(photograph),
+        }
+    }
+    different
 }
 
 /// File names instead of paths where they are unique.

@@ -114,6 +114,8 @@ pub struct Scene {
     /// Points that the reference shows, such as COLMAP's, in the world of the poses. 16 or more give the scale between poses and prior,
     /// which the sweeps find otherwise. Not used without poses.
     pub points: Vec<Point3<f64>>,
+    /// Names and faults of photographs that could not be read.
+    pub unreadable: Vec<(String, String)>,
     /// Depths that give the result its scale.
     pub known: Option<KnownDepths>,
     /// The scale that the photograph shares with others.

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::{
     Error, Lens, PixelCentres, PosedCapture, Result, content, read_colmap, read_transforms, read_tum,
+    read_tum_list,
 };
 
 /// The files of a capture.
@@ -40,6 +41,15 @@ impl CaptureFiles {
             return Some(Self::Colmap { model, photographs });
         }
         (within("groundtruth.txt") && within("rgb.txt")).then(|| Self::Tum(path.to_owned()))
+    }
+
+    /// The first photograph of files without intrinsics.
+    ///
+    /// # Errors
+    /// Those of [`read_tum_list`].
+    pub fn first_photograph(&self) -> Result<Option<PathBuf>> {
+        let Self::Tum(folder) = self else { return Ok(None) };
+        Ok(read_tum_list(&folder.join("rgb.txt"))?.into_iter().next().map(|(_, path)| path))
     }
 
     /// Whether the files have no intrinsics.

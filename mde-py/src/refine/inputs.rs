@@ -145,7 +145,7 @@ impl Inputs {
                 let files = CaptureFiles::find(&path).ok_or_else(|| {
                     Error::Argument(format!("{{views}} {shown}: holds no capture; check the path"))
                 })?;
-                refiner.capture((&files, &path), &image, all, &camera, watch)?
+                refiner.capture((&files, &path), (!all).then_some(&*image), &camera, watch)?
             }
             None => given(photographs, refiner, watch)?,
         };

@@ -2,34 +2,80 @@
 
 use crate::program::args::choice::{UNITS, choice};
 use crate::program::args::shard::Shard;
-use crate::program::args::{CameraArgs, PriorArgs, RunArgs, SizeArgs};
+use crate::program::args::{
+    CameraArgs, ErrorBarArgs, ExportArgs, PriorArgs, RunArgs, SettingsArgs, SizeArgs,
+};
 use crate::refiner::finish::Unit;
 use clap::Args;
 use std::path::PathBuf;
 
-/// Further photographs of `mde refine`.
+/// How several photographs are used.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Several photographs")]
+pub(crate) struct ViewArgs {
+    /// Use at most N photographs, IMAGE included: the best by parallax, overlap and sharpness; default: 8
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=64))]
+    pub(crate) max_views: Option<u16>,
+    /// Unit of depth and sigma: the prior's, or that of the capture's poses
+    #[arg(long, help_heading = "Advanced", value_name = "UNIT", value_parser = choice(UNITS), default_value = "prior")]
+    pub(crate) unit: Unit,
+}
+
+/// Further photographs of `mde refine`.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Several photographs", mut_arg("max_views", |arg| arg.requires("views")), mut_arg("unit", |arg| arg.requires("views")))]
 pub(crate) struct SeveralArgs {
     /// Further photographs of the same static scene, or folders of them; their poses are estimated. Or one capture with poses:
     /// transforms.json, a COLMAP model, a TUM sequence
     #[arg(long, value_name = "PATH", num_args = 1..)]
     pub(crate) views: Vec<PathBuf>,
-    /// Use at most N photographs, IMAGE included: the best by parallax, overlap and sharpness; default: 8
-    #[arg(long, value_name = "N", requires = "views", value_parser = clap::value_parser!(u16).range(2..=64))]
-    pub(crate) max_views: Option<u16>,
-    /// Unit of depth and sigma: the prior's, or that of the capture's poses
-    #[arg(long, help_heading = "Advanced", value_name = "UNIT", value_parser = choice(UNITS), default_value = "prior", requires = "views")]
-    pub(crate) unit: Unit,
-    /// Refine every photograph: a folder for each, transforms.json, and cloud.ply of the points that two photographs confirm
-    #[arg(long, requires = "views", conflicts_with_all = ["prior_depth", "gt"])]
-    pub(crate) all: bool,
+    #[command(flatten)]
+    pub(crate) views_used: ViewArgs,
     /// Bring the photographs of a burst or video to one scale; they need overlap, not poses
     #[arg(long, help_heading = "Advanced", conflicts_with_all = ["views", "prior_depth"])]
     pub(crate) same_scale: bool,
     /// Only part I of N of the photographs, into a folder that all parts share; the same command without --shard writes the index
     #[arg(long, help_heading = "Advanced", value_name = "I/N", conflicts_with = "views")]
     pub(crate) shard: Option<Shard>,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the capture's name: room-dense for room")),
+    mut_arg("force", |force| force.help("Refine photographs again that an earlier run finished")),
+    after_help = "\
+Examples:
+  mde dense photos -o out/room
+  mde dense colmap-project --no-nerf -o out/house
+  mde dense photos/transforms.json --prior-model fastdepth_224.onnx --unit prior -o out/room
+
+Output: a folder for each photograph, as mde refine writes it, with finished.json; cloud.ply of the points that two photographs confirm,
+transforms.json, index.html, run.json. The same command continues, and refines only what is new or changed. Without a network the depth
+comes from parallax alone, in the unit of the poses; photographs without poses get a unit of their own."
+)]
+pub(crate) struct DenseArgs {
+    /// A folder of photographs, a transforms.json, a COLMAP project (images, sparse/0), or a TUM sequence
+    #[arg(value_name = "CAPTURE")]
+    pub(crate) capture: PathBuf,
+    #[command(flatten)]
+    pub(crate) views: ViewArgs,
+    /// Only part I of N of the photographs, into a folder that all parts share; the same command without --shard writes the cloud and the index
+    #[arg(long, help_heading = "Advanced", value_name = "I/N")]
+    pub(crate) shard: Option<Shard>,
+    #[command(flatten)]
+    pub(crate) prior: PriorArgs,
+    #[command(flatten)]
+    pub(crate) camera: CameraArgs,
+    #[command(flatten)]
+    pub(crate) settings: SettingsArgs,
+    #[command(flatten)]
+    pub(crate) size: SizeArgs,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+    #[command(flatten)]
+    pub(crate) error_bar: ErrorBarArgs,
+    #[command(flatten)]
+    pub(crate) export: ExportArgs,
 }
 
 #[derive(Debug, Args)]

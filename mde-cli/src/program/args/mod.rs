@@ -8,7 +8,7 @@ mod prior;
 pub(crate) mod shard;
 mod tools;
 
-pub(crate) use capture::{PosesArgs, SeveralArgs};
+pub(crate) use capture::{DenseArgs, PosesArgs, SeveralArgs, ViewArgs};
 pub(crate) use evaluation::{
     AblateArgs, CalibrateArgs, CaptureArgs, CropName, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs,
     Grid, PixelArgs, ScoreMapsArgs, Simulated, Withheld,
@@ -30,8 +30,8 @@ const EXAMPLES: &str = "\
 Examples:
   mde demo -o out/demo
   mde refine room.jpg --prior-model fastdepth_224.onnx -o out/room
-  mde refine room.jpg --views left.jpg right.jpg --prior-model fastdepth_224.onnx -o out/room
-  mde refine room/0.jpg --views room --all --prior-model fastdepth_224.onnx -o out/rooms
+  mde refine room.jpg --views left.jpg right.jpg -o out/room
+  mde dense photos -o out/rooms
   mde poses room --prior-model fastdepth_224.onnx -o room/transforms.json
   mde refine room.png --prior-depth depth.npy --fov 62 --preset fast -o out/room
   mde refine room.png --prior-depth disparity.pfm --prior-kind disparity --gt truth.png -o out/room
@@ -42,7 +42,7 @@ Exit codes:
   1    failed; one line on stderr names the cause and the remedy
   2    wrong usage
   3    some photographs or scenes failed; the others are written
-  130  interrupted (Ctrl-C, SIGTERM, SIGHUP or SIGQUIT); only what --all, many photographs and evaluations have finished is kept";
+  130  interrupted (Ctrl-C, SIGTERM, SIGHUP or SIGQUIT); only what mde dense, many photographs and evaluations have finished is kept";
 
 /// Refine the monocular depth of a photograph, with a standard deviation per pixel
 #[derive(Debug, Parser)]
@@ -71,6 +71,8 @@ pub(crate) enum Command {
     Demo(DemoArgs),
     /// Refine the monocular depth of an image
     Refine(Box<RefineArgs>),
+    /// Depth of every photograph of a capture, with poses or without, and one point cloud
+    Dense(Box<DenseArgs>),
     /// Estimate the poses of photographs and write a transforms.json
     Poses(Box<PosesArgs>),
     /// Write the synthetic views of an image, for inspection
@@ -144,9 +146,8 @@ Examples:
 Output: depth.npy and sigma.npy (f32 [height, width], the prior's unit; missing: 0 and inf), prior.npy, depth.png
 (16 bit, millimetres), confidence.png, image.png, preview.png, config.toml (all settings), run.json (all measurements),
 report.html (all results on one page); with --gt gt.npy; with --interval lower.npy and upper.npy; with --export cloud.ply, mesh.glb,
-depth.exr, colmap/, transforms.json, sigma/. With --all one such folder for each photograph, with finished.json, and transforms.json, cloud.ply, index.html, run.json. With many photographs one
-such folder for each, with thumbnail.png and finished.json, and index.html, index.csv, index.json. In both the same command continues, and refines
-only what is new or changed."
+depth.exr, colmap/, transforms.json, sigma/. With many photographs one such folder for each, with thumbnail.png and finished.json, and index.html,
+index.csv, index.json; the same command continues, and refines only what is new or changed."
 )]
 pub(crate) struct RefineArgs {
     /// The photograph: JPEG, PNG, TIFF, BMP or WebP. Or many, each refined alone: photographs, patterns ('holiday/*.jpg'), folders, lists
@@ -162,7 +163,7 @@ pub(crate) struct RefineArgs {
     pub(crate) prior: PriorArgs,
     /// Depths known at some pixels, which give the result its scale: a CSV file of column, row, depth and if known its standard
     /// deviation, in pixels of the photograph and metres, or the folder of a COLMAP model of this photograph
-    #[arg(long, help_heading = "Prior", value_name = "FILE|DIR", conflicts_with_all = ["all", "unit"])]
+    #[arg(long, help_heading = "Prior", value_name = "FILE|DIR", conflicts_with = "unit")]
     pub(crate) scale_from: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) camera: CameraArgs,

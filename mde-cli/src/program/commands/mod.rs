@@ -4,6 +4,7 @@ mod ablate;
 mod bench;
 mod calibrate;
 mod demo;
+mod dense;
 mod doctor;
 mod eval;
 mod manual;
@@ -22,6 +23,7 @@ pub(crate) fn run(command: &Command) -> Result<()> {
     match command {
         Command::Demo(args) => demo::run(args),
         Command::Refine(args) => refine::run(args),
+        Command::Dense(args) => dense::run(args),
         Command::Poses(args) => poses::run(args),
         Command::Warp(args) => warp::run(args),
         Command::Render(args) => render::run(args),

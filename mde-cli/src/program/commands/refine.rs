@@ -1,7 +1,6 @@
 use crate::program::args::RefineArgs;
 use crate::program::job::Job;
 use crate::program::many;
-use crate::program::many::every;
 use crate::program::open::settings::of_refine;
 use crate::program::open::truth::Truth;
 use crate::program::open::{photographs, prior, scene};
@@ -22,10 +21,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         "--same-scale: one photograph has no scale in common with another; give several, or a folder, or leave it out"
     );
     let output = args.run.output(&args.image, "-depth");
-    let folder = match args.several.all {
-        true => every::check_folder(&output).map(|()| None)?,
-        false => Some(OutputFolder::new(&output, args.run.force)?),
-    };
+    let folder = OutputFolder::new(&output, args.run.force)?;
     let prior = prior::open(&args.prior, !args.several.views.is_empty())?;
     let refiner = Refiner::new(&prior, of_refine(args)?)?;
     let (scene, plan) = scene(&refiner, args, &mut progress)?;
@@ -39,10 +35,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         truth,
         keep_photographs: false,
     };
-    match folder {
-        None => every::run(&job, &scene, &plan, &input, &output, args.run.force, &mut progress),
-        Some(folder) => job.run(&scene, &plan, &input, &folder, &mut progress),
-    }
+    job.run(&scene, &plan, &input, &folder, &mut progress)
 }
 
 fn scene(refiner: &Refiner<'_>, args: &RefineArgs, progress: &mut Progress) -> Result<(Scene, Plan)> {

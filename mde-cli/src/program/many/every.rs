@@ -7,6 +7,7 @@ use crate::output::every::{CLOUD, EveryRecord, PhotographRow, write_all};
 use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::output::names::folders;
 use crate::output::record::{About, versions};
+use crate::program::args::shard::Shard;
 use crate::program::error::{message, partial};
 use crate::program::interrupt;
 use crate::program::job::Job;
@@ -48,20 +49,35 @@ pub(crate) fn check_folder(output: &Path) -> Result<()> {
     check_own(output, is_record, is_own, RECORD)
 }
 
-/// Refines all photographs of the job's capture. Those that a run of the same `made_from` finished stay as they are, unless `force` is set.
+/// What of a capture a run refines.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Part {
+    /// Some of the photographs, without the files of all.
+    pub(crate) shard: Option<Shard>,
+    /// What an earlier run finished too.
+    pub(crate) force: bool,
+}
+
+/// Refines the photographs of the job's capture. Those that a run of the same photographs and settings finished stay as they are.
 pub(crate) fn run(
     job: &Job<'_>,
     scene: &Scene,
     plan: &Plan,
     input: &str,
     output: &Path,
-    force: bool,
+    Part { shard, force }: Part,
     progress: &mut Progress,
 ) -> Result<()> {
     // Removed again where nothing comes into it.
     let _made = NewFolder::make(output)?;
-    let _lock = Lock::take(output)?;
-    remove_unfinished(output);
+    let _lock = match shard {
+        None => {
+            let lock = Lock::take(output)?;
+            remove_unfinished(output);
+            lock
+        }
+        Some(_) => None,
+    };
     let settings = job.refiner.settings();
     let made_from = format!("{:?} {} {}", versions(), job.refiner.identity()?, scene.identity());
     let made_from = format!("{made_from} {:?}", job.export);
@@ -71,6 +87,9 @@ pub(crate) fn run(
     let folders = folders(photographs, &OF_ALL);
     let (mut rows, mut placed) = (Vec::<PhotographRow>::new(), Vec::new());
     for (index, photograph) in scene.photographs.iter().enumerate() {
+        if shard.is_some_and(|shard| !shard.has(&folders[index])) {
+            continue;
+        }
         let place = output.join(&folders[index]);
         let counted = format!("[{}/{}] {}", index + 1, folders.len(), photograph.name);
         let kept = finished(&place).filter(|kept| {
@@ -98,6 +117,23 @@ pub(crate) fn run(
     {
         bail!("no photograph could be refined: {first}");
     }
+    if shard.is_some() {
+        let text = format!(
+            "{} photographs; the same command without --shard writes the cloud and the index",
+            rows.len()
+        );
+        progress.result(
+            &text,
+            json!({ "event": "done", "output": output.display().to_string(), "photographs": rows }),
+        );
+        return partial(
+            rows.iter().filter(|row| row.folder.is_none()).count(),
+            rows.iter().find_map(PhotographRow::failure),
+            output,
+        );
+    }
+    let unreadable = scene.unreadable.iter().map(|(name, error)| PhotographRow::failed(name, error));
+    rows.extend(unreadable);
     let maps = placed.iter().map(|(index, ..)| Maps::read(&output.join(&folders[*index])));
     let maps = maps.collect::<Result<Vec<_>>>()?;
     let views = placed.iter().zip(&maps).map(|(&(index, camera, pose), maps)| RefinedView {
@@ -114,9 +150,11 @@ pub(crate) fn run(
     let about = About {
         warnings: progress.all_warnings(),
         total_seconds: progress.seconds(),
-        ..about("refine --all", input.to_owned(), prepared.camera(), Some(settings), progress)
+        ..about("dense", input.to_owned(), prepared.camera(), Some(settings), progress)
     };
-    let Some(several) = prepared.several() else { bail!("--all: give --views") };
+    let Some(several) = prepared.several() else {
+        bail!("{input}: one photograph; give two or more of one place")
+    };
     let record = EveryRecord {
         about,
         unit: prepared.unit(),

@@ -4,7 +4,7 @@ use crate::program::args::{CameraArgs, RefineArgs};
 use crate::program::open::photographs::existing;
 use crate::program::open::settings::{camera, given_camera};
 use crate::program::progress::Progress;
-use crate::refiner::capture::shorten;
+use crate::refiner::capture::{different, shorten};
 use crate::refiner::{Observer, Plan, Refiner, Unit};
 use crate::scene::{Photograph, Scene};
 use anyhow::{Context, Result, ensure};
@@ -56,7 +56,7 @@ pub(crate) fn several(
         && let Some(files) = CaptureFiles::find(one)
     {
         let camera = given_camera(&args.camera);
-        return Ok(refiner.capture((&files, one), &args.image, args.several.all, &camera, progress)?);
+        return Ok(refiner.capture((&files, one), Some(&args.image), &camera, progress)?);
     }
     ensure!(
         refiner.settings().unit == Unit::Prior,
@@ -66,6 +66,24 @@ pub(crate) fn several(
     let mut paths = vec![args.image.clone()];
     paths.extend(further(&args.image, &args.several.views)?);
     unposed(refiner, &args.camera, "--views", &paths, progress)
+}
+
+/// Every photograph of a capture, with the poses of its files or without.
+pub(crate) fn whole(
+    refiner: &Refiner<'_>,
+    args: &CameraArgs,
+    path: &Path,
+    progress: &mut Progress,
+) -> Result<(Scene, Plan)> {
+    if let Some(files) = CaptureFiles::find(path) {
+        return Ok(refiner.capture((&files, path), None, &given_camera(args), progress)?);
+    }
+    ensure!(
+        path.is_dir(),
+        "{}: no capture; give a folder of photographs, a transforms.json, a COLMAP project or a TUM sequence",
+        path.display()
+    );
+    unposed(refiner, args, "CAPTURE", &existing("CAPTURE", &[path.to_owned()])?, progress)
 }
 
 /// Photographs without poses, the first the reference; `flag` gave them.
@@ -78,12 +96,17 @@ pub(crate) fn unposed(
 ) -> Result<(Scene, Plan)> {
     let first = paths.first().context("there is no photograph; give one")?;
     let plan = refiner.plan(&format!("{flag}: {} photographs", paths.len()), size(first), paths.len())?;
-    let mut photographs = Vec::new();
+    let (mut photographs, mut unreadable) = (Vec::new(), Vec::new());
     for path in paths {
-        photographs.push(photograph(refiner, args, path, read_image(path)?, true, progress)?);
+        match read_image(path) {
+            Ok(photo) => photographs.push(photograph(refiner, args, path, photo, true, progress)?),
+            Err(error) if path != first => unreadable.push((path.display().to_string(), error.to_string())),
+            Err(error) => return Err(error.into()),
+        }
     }
     shorten(&mut photographs);
-    Ok((Scene::several(photographs, 0)?, plan))
+    let photographs = different(photographs, &unreadable, progress);
+    Ok((Scene { unreadable, ..Scene::several(photographs, 0)? }, plan))
 }
 
 /// The photographs of files and folders but for the reference, each once, folders in the order of their names.

@@ -3,7 +3,8 @@
 use crate::config::{Config, Preset, Shorthands};
 use crate::output::export::Format;
 use crate::program::args::{
-    CameraArgs, ErrorBarArgs, MemoryArgs, PresetArgs, RefineArgs, SettingsArgs, SizeArgs,
+    CameraArgs, DenseArgs, ErrorBarArgs, ExportArgs, MemoryArgs, PresetArgs, RefineArgs, SettingsArgs,
+    SizeArgs, ViewArgs,
 };
 use crate::refiner::Settings;
 use crate::refiner::error_bar::ErrorBar;
@@ -53,15 +54,25 @@ pub(crate) fn all_settings(
 /// What `mde refine` sets a refiner to.
 pub(crate) fn of_refine(args: &RefineArgs) -> Result<Settings> {
     let usual = if args.several.views.is_empty() { Preset::Default } else { Preset::MultiView };
-    let mut settings = all_settings(&args.settings, &args.error_bar, &args.size.memory, usual)?;
-    settings.sizes = sizes(&args.size);
-    if let Some(most) = args.several.max_views {
+    let settings = all_settings(&args.settings, &args.error_bar, &args.size.memory, usual)?;
+    Ok(with_views(settings, &args.several.views_used, &args.size, &args.export))
+}
+
+/// What `mde dense` sets a refiner to.
+pub(crate) fn of_dense(args: &DenseArgs) -> Result<Settings> {
+    let settings = all_settings(&args.settings, &args.error_bar, &args.size.memory, Preset::MultiView)?;
+    Ok(with_views(settings, &args.views, &args.size, &args.export))
+}
+
+fn with_views(mut settings: Settings, views: &ViewArgs, size: &SizeArgs, export: &ExportArgs) -> Settings {
+    settings.sizes = sizes(size);
+    if let Some(most) = views.max_views {
         settings.config.multi_view.max_views = most.into();
     }
-    settings.unit = args.several.unit;
-    settings.keep_field = args.export.export.contains(&Format::Field);
-    settings.exports = !args.export.export.is_empty();
-    Ok(settings)
+    settings.unit = views.unit;
+    settings.keep_field = export.export.contains(&Format::Field);
+    settings.exports = !export.export.is_empty();
+    settings
 }
 
 pub(crate) fn sizes(args: &SizeArgs) -> Sizes {
