@@ -74,7 +74,7 @@ impl Refiner<'_> {
             photographs.push(photograph.resized(&self.settings.sizes, true, &mut |text| seen.warn(text))?);
         }
         shorten(&mut photographs);
-        let photographs = different(photographs, &unreadable, seen);
+        let photographs = different(photographs, &unreadable, seen)?;
         if nearest < count {
             seen.warn(format!("{{views}}: the {nearest} nearest of {count} photographs are considered"));
         }
@@ -85,11 +85,17 @@ impl Refiner<'_> {
 }
 
 /// The photographs that are different pictures; tells of the others, and of those that could not be read.
+///
+/// # Errors
+/// The fault of a photograph where that leaves one alone.
 pub fn different(
     photographs: Vec<Photograph>,
     unreadable: &[(String, String)],
     seen: &mut dyn Observer,
-) -> Vec<Photograph> {
+) -> Result<Vec<Photograph>> {
+    if let ([_], [(_, error), ..]) = (&*photographs, unreadable) {
+        return Err(Error::Argument(error.clone()));
+    }
     unreadable.iter().for_each(|(_, error)| seen.warn(format!("{error}; left out")));
     let mut different: Vec<Photograph> = Vec::new();
     for photograph in photographs {
@@ -100,7 +106,7 @@ pub fn different(
             None => different.push(photograph),
         }
     }
-    different
+    Ok(different)
 }
 
 /// File names instead of paths where they are unique.

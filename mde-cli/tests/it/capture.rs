@@ -135,7 +135,7 @@ fn poses_are_written_and_read_again() {
     assert!(capture["poses"] != "estimated" && capture["fallback"].is_null(), "{capture}");
 }
 
-const ALL: &str = "refine images/1.png --views transforms.json --all --prior-model grey.onnx --model-profile fastdepth \
+const DENSE: &str = "dense transforms.json --prior-model grey.onnx --model-profile fastdepth \
                    --prior-kind metric --config quick.toml -q";
 
 fn finished(told: &str) -> usize {
@@ -148,7 +148,7 @@ fn finished(told: &str) -> usize {
 fn every_photograph_gets_a_folder_and_all_a_cloud() {
     let room = rendered(Room::Study, 3, SMALL);
     let place = on_disk(&room);
-    let all = format!("{ALL} --unit capture -o out");
+    let all = format!("{DENSE} --unit capture -o out");
     let [usual, commented, changed] = calibrations();
     place.write("usual.toml", &usual);
     place.run(&format!("{all} --calibration usual.toml"));
@@ -160,7 +160,7 @@ fn every_photograph_gets_a_folder_and_all_a_cloud() {
         read_transforms(&place.path("out/transforms.json"), PixelCentres::Integers, &size).unwrap();
     let whole = place.json("out/transforms.json");
     let page = place.text("out/index.html");
-    for (index, name) in ["1", "0", "2"].iter().enumerate() {
+    for (index, name) in ["0", "1", "2"].iter().enumerate() {
         assert_eq!(rows[index]["folder"], *name);
         for file in ["depth.npy", "sigma.npy", "run.json", "report.html", "image.png"] {
             assert!(place.has(&format!("out/{name}/{file}")), "{name}/{file}");
@@ -196,16 +196,16 @@ fn every_photograph_gets_a_folder_and_all_a_cloud() {
 #[cfg(feature = "onnx")]
 fn a_killed_capture_goes_on_after_the_finished_photographs() {
     let place = on_disk(&rendered(Room::Study, 3, SMALL));
-    let all = format!("{ALL} --interval 0.8").replace(" -q", "");
+    let all = format!("{DENSE} --interval 0.8").replace(" -q", "");
     let mut child = place.start(&format!("{all} -o out"));
-    wait_until(&mut child, || place.has("out/1/finished.json"));
+    wait_until(&mut child, || place.has("out/0/finished.json"));
     child.kill().unwrap();
     assert!(!child.wait().unwrap().success() && !place.has("out/run.json"));
     let [said, told] = place.told(&format!("{all} -o out"), 0);
     assert!(said.contains("lower.npy and upper.npy in each folder: 80 % interval"), "{said}");
-    assert!(told.contains("1.png: finished before") && finished(&told) <= 2, "{told}");
+    assert!(told.contains("0.png: finished before") && finished(&told) <= 2, "{told}");
     // One whose map was cut since.
-    place.write("out/1/sigma.npy", "");
+    place.write("out/0/sigma.npy", "");
     assert_eq!(finished(&place.run(&format!("{all} -o out"))), 2);
     place.run(&format!("{all} -o unbroken"));
     for name in ["1/depth.npy", "1/sigma.npy", "0/depth.npy", "2/sigma.npy", "cloud.ply", "transforms.json"] {

@@ -43,6 +43,7 @@ pub(crate) struct SeveralArgs {
 #[command(
     mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the capture's name: room-dense for room")),
     mut_arg("force", |force| force.help("Refine photographs again that an earlier run finished")),
+    mut_arg("prior_depth", |map| map.hide(true)),
     after_help = "\
 Examples:
   mde dense photos -o out/room

@@ -105,7 +105,7 @@ pub(crate) fn unposed(
         }
     }
     shorten(&mut photographs);
-    let photographs = different(photographs, &unreadable, progress);
+    let photographs = different(photographs, &unreadable, progress)?;
     Ok((Scene { unreadable, ..Scene::several(photographs, 0)? }, plan))
 }
 
