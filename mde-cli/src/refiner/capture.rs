@@ -97,16 +97,24 @@ pub fn different(
         return Err(Error::Argument(error.clone()));
     }
     unreadable.iter().for_each(|(_, error)| seen.warn(format!("{error}; left out")));
-    let mut different: Vec<Photograph> = Vec::new();
-    for photograph in photographs {
-        match different.iter().find(|other| other.image == photograph.image) {
-            Some(other) => {
-                seen.warn(format!("{}: the same picture as {}; counted once", photograph.name, other.name));
-            }
-            None => different.push(photograph),
+    let same = |index: usize| {
+        photographs[..index]
+            .iter()
+            .find(|other| other.image == photographs[index].image)
+            .map(|other| other.name.clone())
+    };
+    let copies: Vec<Option<String>> = (0..photographs.len()).map(same).collect();
+    for (photograph, original) in photographs.iter().zip(&copies) {
+        if let Some(original) = original {
+            seen.warn(format!("{}: the same picture as {original}; counted once", photograph.name));
         }
     }
-    Ok(different)
+    // Copies of one picture are refused later, for want of parallax.
+    if copies.iter().flatten().count() + 1 == photographs.len() {
+        return Ok(photographs);
+    }
+    let different = photographs.into_iter().zip(copies).filter(|(_, original)| original.is_none());
+    Ok(different.map(|(photograph, _)| photograph).collect())
 }
 
 /// File names instead of paths where they are unique.

@@ -140,9 +140,15 @@ fn from_prior(
     });
     let starts = [Some((start, false)), Some((Pose::identity(), false)), epipolar].into_iter().flatten();
     let motions =
-        starts.filter_map(|(start, triangulate)| adjusted(a, b, pixels, &depths, start, triangulate));
-    motions.reduce(|best, next| if next.0.cost < best.0.cost { next } else { best })
+        starts.filter_map(|(start, free)| Some((free, adjusted(a, b, pixels, &depths, start, free)?)));
+    let cost = |free: bool, motion: &Motion| motion.cost * if free { WITHOUT_PRIOR } else { 1.0 };
+    let best = motions.min_by(|a, b| cost(a.0, &a.1.0).total_cmp(&cost(b.0, &b.1.0)));
+    best.map(|(_, motion)| motion)
 }
+
+/// The motion of the fundamental matrix is taken where its cost is lower by this factor: few matches fit a wrong motion nearly as well, which
+/// the prior does not start from.
+const WITHOUT_PRIOR: f64 = 1.2;
 
 /// Furthest depth from the median that a match may start from, as a factor.
 const FURTHEST: f64 = 30.0;
