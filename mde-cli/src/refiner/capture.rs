@@ -6,7 +6,7 @@ use crate::scene::camera::{CameraSource, GivenCamera, KnownCamera};
 use crate::scene::{Photograph, Scene};
 use mde_mvs::capture::{CaptureFiles, Distortion, Lens};
 use mde_prior::photo::{image_size, read_image};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 impl Refiner<'_> {
     /// The scene of a capture with its poses, cameras and lenses, and its plan: of `image`, the reference, and its nearest neighbours, or
@@ -53,7 +53,11 @@ impl Refiner<'_> {
         // What has no header is refused when it is decoded.
         let [width, height] = size.unwrap_or([1, 1]);
         let plan = self.plan(&format!("{{views}}: {nearest} photographs"), (height, width), nearest)?;
-        let (mut photographs, mut unreadable) = (Vec::new(), Vec::new());
+        let mut photographs = Vec::new();
+        let lost = |path: &PathBuf| {
+            (path.display().to_string(), format!("{}: no readable photograph", path.display()))
+        };
+        let mut unreadable: Vec<_> = capture.unreadable.iter().map(lost).collect();
         for &index in &order {
             let frame = &capture.frames[index];
             let name = frame.photograph.display().to_string();

@@ -46,8 +46,40 @@ fn photographs_with_poses_and_without_are_refined() {
     let found = place.record("found");
     assert_eq!(found["capture"]["poses"], "estimated");
     assert!(found["capture"]["fallback"].is_null(), "{}", found["capture"]);
-    fs::remove_file(place.path("images/2.png")).unwrap();
-    place.refused(&format!("{REFINE} --views transforms.json -o out"), &["2.png"]);
+    // What can't be read is named, and the others are used; not so the reference.
+    place.write("images/2.png", "torn");
+    let told = place.run(&format!("{} --views transforms.json --no-nerf -o torn", REFINE.replace(" -q", "")));
+    assert!(told.contains("2.png: no readable photograph; left out"), "{told}");
+    assert!(place.record("torn")["capture"]["fallback"].is_null());
+    place.refused("refine images/2.png --views transforms.json -o out", &["2.png"]);
+}
+
+/// The depth is that of the parallax, in the unit of the poses, as good as with a prior; one photograph alone needs a network.
+#[test]
+fn several_photographs_need_no_network() {
+    let place = on_disk(&STUDY);
+    place.run("refine images/0.png --views transforms.json --no-nerf -q -o out");
+    let record = place.record("out");
+    assert_eq!(
+        (record["unit"].as_str(), record["prior"]["source"].as_str()),
+        (Some("capture"), Some("none"))
+    );
+    let depth = place.map("out/depth.npy");
+    let errors = depth
+        .iter()
+        .zip(&STUDY.truth)
+        .filter(|(_, t)| **t > 0.0)
+        .map(|(d, t)| f64::from((d / t - 1.0).abs()));
+    let error = median(errors).unwrap();
+    assert!(error < 0.05, "{error}");
+    // A copy of the reference is no other photograph, and without parallax there is no depth.
+    fs::create_dir(place.path("same")).unwrap();
+    for name in ["a.png", "b.png"] {
+        fs::copy(place.path("images/0.png"), place.path("same").join(name)).unwrap();
+    }
+    place.refused("refine same/a.png --views same --fov 60 -o no", &["--prior-model"]);
+    place.run("dense transforms.json --no-nerf -q -o all");
+    assert!(place.has("all/3/depth.npy") && place.has("all/cloud.ply"));
 }
 
 /// With noise, which no compression makes small; enlarged, as rooms take seconds to render at such a size.

@@ -105,6 +105,9 @@ impl Posed {
         let fault = |reason: String| Error::Layout { path: path.clone(), reason };
         let read =
             read_transforms(&path, PixelCentres::Integers, &|photograph: &Path| image_size(photograph))?;
+        if let Some(photograph) = read.unreadable.first() {
+            return Err(fault(format!("photograph {} is missing or no image", photograph.display())));
+        }
         let depths: Depths = read_json(&path)?;
         let frames = read.frames.len();
         let reference = description.reference;

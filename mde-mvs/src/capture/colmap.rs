@@ -146,7 +146,11 @@ impl Raw {
         for image in &self.images {
             let photograph = photographs.join(&image.name);
             let (lens, pose) = self.camera(image, path)?;
-            check_photograph(path, &photograph, &lens, size)?;
+            let Some(found) = size(&photograph) else {
+                capture.unreadable.push(photograph);
+                continue;
+            };
+            check_photograph(path, &photograph, &lens, found)?;
             index.insert(image.id, capture.frames.len());
             capture.frames.push(Frame { photograph, lens, pose });
         }

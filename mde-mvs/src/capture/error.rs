@@ -43,8 +43,8 @@ pub enum Error {
         /// What is wrong with it.
         problem: &'static str,
     },
-    /// A photograph that a capture names and that is not there.
-    #[error("{}: photograph {} is missing; copy it there, or remove its entry", line(path.display()), line(photograph.display()))]
+    /// A photograph that a capture names and that is not there or can't be read.
+    #[error("{}: photograph {} is missing or no image; copy it there, or remove its entry", line(path.display()), line(photograph.display()))]
     Photograph {
         /// The file that names it.
         path: PathBuf,

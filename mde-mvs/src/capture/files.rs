@@ -83,8 +83,11 @@ impl PosedCapture {
     /// Index of the frame of a photograph.
     ///
     /// # Errors
-    /// [`Error::Foreign`] where the capture does not have it.
+    /// [`Error::Foreign`] where the capture does not have it, [`Error::Photograph`] where it can't be read.
     pub fn position(&self, photograph: &Path) -> Result<usize> {
+        if let Some(found) = self.unreadable.iter().find(|unreadable| same_file(unreadable, photograph)) {
+            return Err(Error::Photograph { path: photograph.to_owned(), photograph: found.clone() });
+        }
         let found = self.frames.iter().position(|frame| same_file(&frame.photograph, photograph));
         found.ok_or_else(|| Error::Foreign {
             photograph: photograph.to_owned(),

@@ -83,10 +83,15 @@ pub struct PosedCapture {
     pub frames: Vec<Frame>,
     /// Points of the scene; empty where the format has none.
     pub points: Vec<SparsePoint>,
+    /// Photographs that the files name and that are missing or can't be read; they have no frame.
+    pub unreadable: Vec<PathBuf>,
 }
 
 impl PosedCapture {
     fn checked(self, path: &Path) -> Result<Self> {
+        if let (0 | 1, Some(photograph)) = (self.frames.len(), self.unreadable.first()) {
+            return Err(Error::Photograph { path: path.to_owned(), photograph: photograph.clone() });
+        }
         if self.frames.len() < 2 {
             return Err(Error::TooFew { path: path.to_owned(), found: self.frames.len() });
         }
@@ -169,15 +174,8 @@ fn translation(t: [f64; 3]) -> std::result::Result<Translation3<f64>, &'static s
     }
 }
 
-/// Checks that the photograph is there and of its camera's size.
-fn check_photograph(
-    path: &Path,
-    photograph: &Path,
-    lens: &Lens,
-    size: &dyn Fn(&Path) -> Option<[usize; 2]>,
-) -> Result<()> {
-    let found = size(photograph)
-        .ok_or_else(|| Error::Photograph { path: path.to_owned(), photograph: photograph.to_owned() })?;
+/// Checks that a photograph is of its camera's size.
+fn check_photograph(path: &Path, photograph: &Path, lens: &Lens, found: [usize; 2]) -> Result<()> {
     let expected = [lens.camera.width, lens.camera.height];
     if found == expected {
         return Ok(());

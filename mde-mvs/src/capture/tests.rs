@@ -110,7 +110,6 @@ fn bad_transforms_are_named() {
         (with("OPENCV", "OPEN\\rCV"), r"OPEN\rCV is not supported"),
         (with("\"w\": 64", "\"w\": 65"), "64x48 pixels but its camera 65x48"),
         (with("\"w\": 64", "\"w\": 1e300"), "65536"),
-        (with("d.png", "gone\\n\\u001b[31m.png"), r"gone\n\u{1b}[31m.png is missing"),
         (two(r#""camera_angle_x": 1e9"#, still, still), "frames[0].camera_angle_x: 1000000000.0"),
         (two(focal, still, still), "parallax"),
         (two(focal, "[0,0,0,1],[0,0,0,0],[0,0,0,5]", still), "a.png: its rotation is singular"),
@@ -122,6 +121,11 @@ fn bad_transforms_are_named() {
         assert!(message.starts_with("shots/transforms.json: ") && message.contains(named), "{message}");
         assert!(!message.contains(char::is_control), "{message:?}");
     }
+    // A missing photograph leaves the others, as long as there are two.
+    assert_eq!(transforms(&with("d.png", "gone.png")).unwrap().unreadable, [Path::new("shots/gone.png")]);
+    let gone = two(focal, still, still).replace("a.png", "gone\\n\\u001b[31m.png");
+    let message = transforms(&gone).unwrap_err().to_string();
+    assert!(message.contains(r"gone\n\u{1b}[31m.png is missing or no image"), "{message}");
     let near = transforms(&two(focal, still, &far.replace("1.7e308", "1e12"))).unwrap();
     assert!(near.frames[1].pose.to_homogeneous().iter().all(|x| x.is_finite()));
 }

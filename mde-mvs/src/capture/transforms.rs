@@ -74,10 +74,12 @@ pub(super) fn parse(
         let fields = Fields { path, place: &place, own, shared };
         let name = own.get("file_path").and_then(Value::as_str);
         let name = name.ok_or_else(|| content(path, &place, "file_path is missing"))?;
-        let (photograph, found) = find(folder, name, size)
-            .ok_or_else(|| Error::Photograph { path: path.to_owned(), photograph: folder.join(name) })?;
+        let Some((photograph, found)) = find(folder, name, size) else {
+            capture.unreadable.push(folder.join(name));
+            continue;
+        };
         let lens = fields.lens(found, centres)?;
-        check_photograph(path, &photograph, &lens, size)?;
+        check_photograph(path, &photograph, &lens, found)?;
         let pose = fields.pose(name)?;
         capture.frames.push(Frame { photograph, lens, pose });
     }

@@ -100,7 +100,11 @@ pub(super) fn parse(
         let nearest = near.min_by(|a, b| (a[0] - time).abs().total_cmp(&(b[0] - time).abs()));
         let Some(row) = nearest.filter(|p| (p[0] - time).abs() <= MAX_GAP) else { continue };
         let photograph = folder.join(name);
-        check_photograph(rgb, &photograph, lens, size)?;
+        let Some(found) = size(&photograph) else {
+            capture.unreadable.push(photograph);
+            continue;
+        };
+        check_photograph(rgb, &photograph, lens, found)?;
         let wrong =
             |problem| Error::Rotation { path: truth.to_owned(), photograph: name.to_owned(), problem };
         let rotation = quaternion([row[7], row[4], row[5], row[6]]).map_err(wrong)?;
