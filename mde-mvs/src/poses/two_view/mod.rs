@@ -114,8 +114,8 @@ pub(super) fn relative_pose(
 }
 
 /// Pose of `b` in the frame of `a` and which pairs fit it: `a`'s pixels lifted by its prior, a pose by RANSAC over three
-/// points, and the adjustment of pose and depths. The adjustment also starts from no motion and from that of the fundamental matrix,
-/// since three points of a poor prior can lead it to a wrong minimum; the start of least cost on the same matches is kept.
+/// points, and the adjustment of pose and depths. The adjustment also starts from no motion, since three points of a poor prior
+/// can lead it to a wrong minimum, and under a constant prior from that of the fundamental matrix; the start of lowest cost is kept.
 fn from_prior(
     a: &FeatureImage,
     b: &FeatureImage,
@@ -133,22 +133,18 @@ fn from_prior(
     let ransac = Ransac { iterations: SAMPLES, seed, purpose: "resection", stream };
     let start = resect(&lifted, &b.lens, RESECTION_PIXELS, &ransac)?;
 
-    let epipolar = matrix.and_then(|f| {
+    // The matches are those that obey the matrix, right or wrong: a prior that tells shapes apart is the better start.
+    let is_flat = depths.iter().flatten().all(|depth| depths.iter().flatten().next() == Some(depth));
+    let epipolar = matrix.filter(|_| is_flat).and_then(|f| {
         let (mut pose, depth) = essential::motion(&f, pixels, [&a.lens, &b.lens])?;
         pose.translation.vector *= median(depths.iter().flatten().copied())?.exp() / depth;
         Some((pose, true))
     });
     let starts = [Some((start, false)), Some((Pose::identity(), false)), epipolar].into_iter().flatten();
     let motions =
-        starts.filter_map(|(start, free)| Some((free, adjusted(a, b, pixels, &depths, start, free)?)));
-    let cost = |free: bool, motion: &Motion| motion.cost * if free { WITHOUT_PRIOR } else { 1.0 };
-    let best = motions.min_by(|a, b| cost(a.0, &a.1.0).total_cmp(&cost(b.0, &b.1.0)));
-    best.map(|(_, motion)| motion)
+        starts.filter_map(|(start, triangulate)| adjusted(a, b, pixels, &depths, start, triangulate));
+    motions.reduce(|best, next| if next.0.cost < best.0.cost { next } else { best })
 }
-
-/// The motion of the fundamental matrix is taken where its cost is lower by this factor: few matches fit a wrong motion nearly as well, which
-/// the prior does not start from.
-const WITHOUT_PRIOR: f64 = 1.2;
 
 /// Furthest depth from the median that a match may start from, as a factor.
 const FURTHEST: f64 = 30.0;
