@@ -16,7 +16,7 @@ use std::str::FromStr;
 const MAP: &str = "prior_depth";
 
 enum Source {
-    /// A network or a map.
+    /// A network, a map, or nothing.
     Open(OpenPrior<'static>),
     Callable(PriorOrigin),
 }
@@ -50,6 +50,12 @@ impl Prior {
     #[staticmethod]
     fn callable(name: String, kind: &str) -> PyResult<Self> {
         Ok(Self(Source::Callable(PriorOrigin::new(PriorForm::Callable, named(kind)?, name))))
+    }
+
+    /// None, for several photographs.
+    #[staticmethod]
+    fn nothing() -> Self {
+        Self(Source::Open(OpenPrior::nothing()))
     }
 
     /// A depth map `[height, width]`.

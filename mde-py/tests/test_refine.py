@@ -157,7 +157,7 @@ def test_the_camera(photo, depth, tmp_path):
     [
         ({"prior_model": "missing.onnx"}, "missing.onnx"),
         ({"prior_model": 3}, "prior_model is of int; give the path"),
-        ({}, "give a prior_model or a prior_depth"),
+        ({}, "one photograph needs a depth: give a prior_model or a prior_depth"),
         ({"prior_depth": np.ones((3, 4, 5))}, "give [height, width]"),
         ({"prior_depth": np.ones((10, 10))}, "the prior is 10x10 but the image is 64x48"),
         ({"prior_depth": np.zeros((48, 64))}, "no usable pixel"),
@@ -187,7 +187,7 @@ def test_the_camera(photo, depth, tmp_path):
         ({"prior_depth": 1, "scale_from": "missing.csv"}, "scale_from missing.csv: can't be read"),
         ({"prior_depth": 1, "scale_from": np.ones((3, 3)), "unit": "poses"}, "scale_from gives the unit"),
         ({"prior_depth": 1, "intrinsics": np.diag([1e-9, 60, 1])}, "fx is 1e-9; a focal length is"),
-        ({"prior_depth": 1, "views": ["a.png"]}, "give a prior_model to use views"),
+        ({"prior_depth": 1, "views": ["a.png"]}, "with views, give a prior_model or nothing"),
         ({"prior_model": lambda rgb: rgb}, "prior_model: the depth has the shape [48, 64, 3]"),
         ({"prior_model": lambda rgb: rgb[:5, :6, 0] + 1}, "prior_model: the depth is 6x5 but the image is 64x48"),
         ({"prior_model": lambda rgb: rgb[..., 0] * np.nan}, "no usable pixel"),

@@ -2,6 +2,7 @@
 
 import json
 import re
+import subprocess
 import time
 
 import numpy as np
@@ -197,8 +198,9 @@ def test_the_field_is_kept(photo, photo_file, depth, mde, tmp_path):
         assert mdenerf.refine(photo, prior_depth=depth, preset="fast", keep_field=True).field is None
 
 
-@pytest.mark.parametrize("posed", [False, True])
-def test_several_photographs(network, arguments, mde, tmp_path, demo, posed):
+@pytest.mark.parametrize(("posed", "prior"), [(False, True), (True, True), (True, False)])
+def test_several_photographs(network, arguments, mde, tmp_path, demo, posed, prior):
+    network, arguments = (network, arguments) if prior else ({}, [])
     quick = "nerf.train.steps = 60\nnerf.train.rays = 64\nnerf.field.finest = 64\n"
     (tmp_path / "quick.toml").write_text(quick)
     photographs = sorted((demo / "photographs").iterdir())
@@ -215,19 +217,25 @@ def test_several_photographs(network, arguments, mde, tmp_path, demo, posed):
     assert result.run["camera"]["fx"] == record["camera"]["fx"]
 
 
-@pytest.mark.parametrize("posed", [False, True])
-def test_every_photograph(network, arguments, mde, tmp_path, demo, posed):
+@pytest.mark.parametrize("prior", [True, False])
+@pytest.mark.parametrize("capture", ["folder", "list", "transforms.json"])
+def test_every_photograph(network, arguments, mde, tmp_path, demo, capture, prior):
+    network, arguments = (network, arguments) if prior else ({}, [])
     quick = "nerf.train.steps = 40\nnerf.train.rays = 64\nnerf.field.finest = 64\n"
     (tmp_path / "quick.toml").write_text(quick)
-    photographs = sorted((demo / "photographs").iterdir())[:4]
-    views = [demo / "transforms.json"] if posed else photographs[1:]
+    posed = capture == "transforms.json"
+    folder = demo / capture
+    if not posed:
+        folder = tmp_path / "room"
+        folder.mkdir()
+        for path in sorted((demo / "photographs").iterdir())[:4]:
+            (folder / path.name).write_bytes(path.read_bytes())
     unit = ["--unit", "capture"] if posed else []
     options = [*arguments, "--config", tmp_path / "quick.toml", *unit, "--export", "ply"]
-    mde("refine", photographs[0], "--views", *views, "--all", *options, "-o", tmp_path / "out")
+    mde("dense", folder, *options, "-o", tmp_path / "out")
     calls = []
-    scene = mdenerf.refine_all(
-        photographs[0],
-        views=str(views[0]) if posed else views,
+    scene = mdenerf.dense(
+        sorted(folder.iterdir()) if capture == "list" else folder,
         unit="poses" if posed else "prior",
         config=quick,
         progress=lambda *call: calls.append(call),
@@ -237,6 +245,7 @@ def test_every_photograph(network, arguments, mde, tmp_path, demo, posed):
     assert count == len(scene.names) == len(scene.poses) == (count if posed else 4) and count > 2
     assert [call for call in calls if call[0] == "photograph"] == [("photograph", done + 1, count) for done in range(count)]
     record = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert scene.run["command"] == record["command"] == "dense" and (capture == "list" or scene.run["input"] == record["input"])
     keys = ("photograph", "folder", "reason", "verified", "sigma", "scale")
     for name, result, mine, theirs in zip(scene.names, scene, scene.run["photographs"], record["photographs"], strict=True):
         same(result, tmp_path / "out" / theirs["folder"])
@@ -265,7 +274,7 @@ def test_every_record_is_of_its_photograph(demo):
     images.insert(1, Image.fromarray(np.kron(noise, np.ones((8, 8, 1), np.uint8))))
     quick = {"nerf": {"train": {"steps": 20, "rays": 64}, "field": {"finest": 64}}}
     begun = time.monotonic()
-    scene = mdenerf.refine_all(images[0], lambda rgb: 2 + rgb[..., 0], views=images[1:], config=quick, predictions=1)
+    scene = mdenerf.dense(images, lambda rgb: 2 + rgb[..., 0], config=quick, predictions=1)
     seconds = time.monotonic() - begun
     assert [one.run["camera"]["source"] == {"exif": 30.0} for one in scene] == [False, False, True, False]
     alone = [row["reason"] is not None for row in scene.run["photographs"]]
@@ -273,6 +282,34 @@ def test_every_record_is_of_its_photograph(demo):
     told = [any("only the reference photograph" in text for text in one.run["warnings"]) for one in scene]
     assert told == alone and any("only the reference photograph" in text for text in scene.run["warnings"])
     assert sum(one.run["total_seconds"] for one in scene) < seconds
+
+
+def test_what_is_no_photograph_of_the_place_is_left_out(photo_file, demo, tmp_path):
+    """A file that can't be read, the same picture again, and, without a network, a photograph of another place."""
+    folder = tmp_path / "room"
+    folder.mkdir()
+    for path in sorted((demo / "photographs").iterdir())[:3]:
+        (folder / path.name).write_bytes(path.read_bytes())
+    (folder / "again.png").write_bytes((folder / "0.png").read_bytes())
+    (folder / "other.png").write_bytes(photo_file.read_bytes())
+    (folder / "torn.png").write_bytes(b"nothing")
+    command = [str(mdenerf.program()), "dense", str(folder), "--no-nerf", "-o", str(tmp_path / "out")]
+    assert subprocess.run(command, capture_output=True).returncode != 0, "not all were refined"
+    with pytest.warns(mdenerf.RefinementWarning) as caught:
+        scene = mdenerf.dense(folder, no_nerf=True)
+    told = [str(warning.message) for warning in caught]
+    for text in ("again.png", "other.png is left out", "torn.png"):
+        assert any(text in one for one in told), text
+    assert scene.names == ["0.png", "1.png", "2.png"]
+    same_files(scene.save(tmp_path / "saved"), tmp_path / "out")
+    rows = [json.loads((place / "run.json").read_text())["photographs"] for place in (tmp_path / "out", tmp_path / "saved")]
+    assert [row["folder"] for row in rows[0]] == [row["folder"] for row in rows[1]]
+    assert [row["error"] is None for row in rows[0]] == [row["error"] is None for row in rows[1]]
+    with pytest.raises(mdenerf.Error, match="no photograph could be refined"):
+        mdenerf.dense([folder / "0.png", folder / "other.png"])
+    for one in ([], [folder / "0.png"], [folder / "0.png", folder / "again.png"], [folder / "0.png", folder / "torn.png"]):
+        with pytest.raises(mdenerf.Error, match="give two or more"):
+            mdenerf.dense(one)
 
 
 @pytest.mark.parametrize(

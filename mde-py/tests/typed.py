@@ -36,8 +36,9 @@ def use(photo: NDArray[np.uint8], depth: NDArray[np.float64], folder: Path) -> N
     for one in refiner.refine_many(folder, return_exceptions=True):
         failed: bool = isinstance(one, mdenerf.Error)
         del failed
-    scene: mdenerf.Scene = mdenerf.refine_all(photo, network, views=[photo], unit="prior", preset="multi-view")
-    scene = refiner.refine_all(folder / "a.jpg", views=folder / "transforms.json", keep_field=True)
+    scene: mdenerf.Scene = mdenerf.dense([photo, folder / "b.jpg"], network, unit="prior", preset="multi-view")
+    scene = mdenerf.dense(folder, poses=np.zeros((2, 4, 4)))
+    scene = refiner.dense(folder / "transforms.json", keep_field=True)
     pose: NDArray[np.float64] | None = scene.poses[0]
     for each in scene:
         result = each

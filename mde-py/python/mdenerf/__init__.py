@@ -5,9 +5,10 @@
 >>> result.depth, result.sigma                                  # doctest: +SKIP
 
 :func:`refine` refines the depth of one photograph, or of one of several of the same scene; a :class:`Refiner` keeps the network
-loaded. :func:`refine_all` refines every photograph of a scene with the others, :func:`refine_many` many photographs each alone, if wanted
-on one scale. The model is an ONNX file or any callable, such as a network in PyTorch. :func:`fuse`, :func:`affine_wls`,
-:func:`termination_moments` and :func:`forward_warp` are stages alone, :mod:`mdenerf.metrics` scores maps.
+loaded. :func:`dense` refines every photograph of a scene with the others, :func:`refine_many` many photographs each alone, if wanted
+on one scale. The model is an ONNX file or any callable, such as a network in PyTorch; several photographs of one place need none.
+:func:`fuse`, :func:`affine_wls`, :func:`termination_moments` and :func:`forward_warp` are stages alone, :mod:`mdenerf.metrics` scores
+maps.
 
 Depth is z along the optical axis, never the distance along the ray, as ``float32 [height, width]``. A pixel without depth has
 depth 0 and an infinite sigma. Pixel centres are at integers, from 0. Cameras look along z; x is right, y is down.
@@ -17,7 +18,7 @@ from . import metrics
 from ._many import SameScale
 from ._mdenerf import Error
 from ._program import program
-from ._refine import refine, refine_all, refine_many
+from ._refine import dense, refine, refine_many
 from ._refiner import Refiner
 from ._result import Camera, RefinementWarning, Result
 from ._scene import Scene
@@ -47,12 +48,12 @@ __all__ = [
     "Scene",
     "Warped",
     "affine_wls",
+    "dense",
     "forward_warp",
     "fuse",
     "metrics",
     "program",
     "refine",
-    "refine_all",
     "refine_many",
     "termination_moments",
 ]

@@ -89,15 +89,15 @@ def in_folder(name: str, folder: PathLike) -> list[Path]:
     return sorted(path for path in place.iterdir() if path.suffix.lower() in PHOTOGRAPHS and path.is_file())
 
 
-def several(image: ImageLike, views: Views) -> list[Photograph]:
-    """The photograph and the further ones of the scene."""
+def further(image: ImageLike, views: Views) -> Sequence[ImageLike]:
+    """The further photographs of the scene."""
     if isinstance(views, (str, os.PathLike)):
         paths = in_folder("views", views)
         reference = Path(image).resolve() if is_path(image) else None
         views = [path for path in paths if path.resolve() != reference]
     if not views:
         raise Error("views: no further photograph is there; give one or more, or leave views out")
-    return [photograph(image, "image"), *(photograph(view, f"views[{index}]") for index, view in enumerate(views))]
+    return views
 
 
 def camera(given: IntrinsicsLike | None, fov: float | None) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _mdenerf as native
-from ._arrays import Floats, ImageLike, PathLike, Views, depth_map, is_path, numpy, photograph, several
+from ._arrays import Floats, ImageLike, PathLike, Views, depth_map, further, in_folder, is_path, numpy, photograph
 from ._mdenerf import Error
 
 Config: TypeAlias = "PathLike | Mapping[str, Any]"
@@ -103,20 +103,52 @@ def checked(model: Callable[[Floats], Any]) -> Callable[[Floats], Floats]:
     return predict
 
 
-def scene_of(image: ImageLike, views: Views | None, poses: ArrayLike | None, every: bool) -> dict[str, Any]:
-    """The photograph and the further ones, or the capture that they are of; with ``every``, all of it."""
+def scene_of(image: ImageLike, views: Views | None, poses: ArrayLike | None) -> dict[str, Any]:
+    """The photograph and the further ones, or the capture that they are of."""
     if is_path(views) and is_path(image) and poses is None and native.is_capture(os.fspath(views)):
-        capture = {"path": os.fspath(views), "image": os.fspath(image), "all": every}
-        return {"photographs": [], "capture": capture}
-    found = [photograph(image, "image")] if views is None else several(image, views)
-    motions: list[Any] = [None] * len(found)
+        return _of_files(os.fspath(views), os.fspath(image))
+    images = [image] if views is None else [image, *further(image, views)]
+    return _of_photographs(images, ["image", *(f"views[{index}]" for index in range(len(images) - 1))], poses)
+
+
+def capture_of(capture: Views, poses: ArrayLike | None) -> dict[str, Any]:
+    """Every photograph of a capture."""
+    images: Sequence[ImageLike]
+    if isinstance(capture, (str, os.PathLike)):
+        if poses is None and native.is_capture(os.fspath(capture)):
+            return _of_files(os.fspath(capture), None)
+        images = in_folder("capture", capture)
+    else:
+        images = capture
+    if len(images) < 2:
+        raise Error(f"capture: the number of photographs is {len(images)}; give two or more of one place")
+    scene = _of_photographs(images, [f"capture[{index}]" for index in range(len(images))], poses)
+    return {**scene, "input": os.fspath(capture)} if is_path(capture) else scene
+
+
+def _of_files(capture: str, image: str | None) -> dict[str, Any]:
+    """A capture in the files of another program; without an image, all of it."""
+    given = {"path": capture, "image": image}
+    return {"input": image or capture, "photographs": [], "unreadable": [], "capture": given}
+
+
+def _of_photographs(images: Sequence[ImageLike], names: list[str], poses: ArrayLike | None) -> dict[str, Any]:
+    """Photographs, with the names of those that are no files; a further one that can't be read is left out."""
+    motions: list[Any] = [None] * len(images)
     if poses is not None:
         array = np.asarray(poses, dtype=np.float64)
-        if array.shape != (len(found), 4, 4):
-            raise Error(f"poses has the shape {list(array.shape)}; give {[len(found), 4, 4]}, that of the image first")
+        if array.shape != (len(images), 4, 4):
+            raise Error(f"poses has the shape {list(array.shape)}; give {[len(images), 4, 4]}, in the order of the photographs")
         motions = array.tolist()
-    described = [
-        {"name": name, "image": pixels, "focal": focal, "pose": pose}
-        for (name, pixels, focal), pose in zip(found, motions, strict=True)
-    ]
-    return {"photographs": described, "capture": None}
+    read: list[dict[str, Any]] = []
+    unreadable = []
+    for image, name, pose in zip(images, names, motions, strict=True):
+        try:
+            name, pixels, focal = photograph(image, name)
+        except Error as error:
+            if not read or not is_path(image):
+                raise
+            unreadable.append((os.fspath(image), str(error)))
+            continue
+        read.append({"name": name, "image": pixels, "focal": focal, "pose": pose})
+    return {"input": read[0]["name"], "photographs": read, "unreadable": unreadable, "capture": None}

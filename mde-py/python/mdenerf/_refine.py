@@ -49,7 +49,7 @@ def refine(
     """Refines the depth of a photograph: a model's, or a depth map.
 
     The parameters are those of :class:`Refiner`, which keeps the model for several photographs, and of :meth:`Refiner.refine`. Give
-    ``prior_model`` or ``prior_depth``.
+    ``prior_model``, ``prior_depth`` or ``views``.
 
     Returns
     -------
@@ -103,11 +103,10 @@ def refine(
     )
 
 
-def refine_all(
-    image: ImageLike,
-    prior_model: Model,
+def dense(
+    capture: Views,
+    prior_model: Model | None = None,
     *,
-    views: Views,
     intrinsics: IntrinsicsLike | None = None,
     fov: float | None = None,
     poses: ArrayLike | None = None,
@@ -116,14 +115,14 @@ def refine_all(
     progress: Progress | None = None,
     **settings: Any,
 ) -> Scene:
-    """Refines the depth of every one of several photographs of a scene, with the depth that the others carry.
+    """Refines the depth of every photograph of a static scene, with the depth that the others carry.
 
-    The parameters are those of :class:`Refiner` (``settings``) and of :meth:`Refiner.refine_all`.
+    The parameters are those of :class:`Refiner` (``settings``) and of :meth:`Refiner.dense`.
 
     Returns
     -------
     Scene
-        A sequence of results, that of ``image`` first, with the poses.
+        A sequence of results in the order of the photographs, with the poses.
 
     Raises
     ------
@@ -134,12 +133,11 @@ def refine_all(
 
     Examples
     --------
-    >>> scene = mdenerf.refine_all("a.jpg", "network.onnx", views=["b.jpg", "c.jpg"])      # doctest: +SKIP
-    >>> scene.save("out/room")                                                             # doctest: +SKIP
+    >>> scene = mdenerf.dense("photos")                     # doctest: +SKIP
+    >>> scene.save("out/room")                              # doctest: +SKIP
     """
-    return Refiner(prior_model, **settings).refine_all(
-        image,
-        views=views,
+    return Refiner(prior_model, **settings).dense(
+        capture,
         intrinsics=intrinsics,
         fov=fov,
         poses=poses,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from . import _mdenerf as native
 from ._arrays import Floats, ImageLike, IntrinsicsLike, Model, PathLike, Views, callers, camera, is_path
-from ._inputs import Config, checked, known_depths, library_of, map_prior, native_settings, scene_of
+from ._inputs import Config, capture_of, checked, known_depths, library_of, map_prior, native_settings, scene_of
 from ._many import SameScale, photographs_of, refine_each, scales_of
 from ._mdenerf import Error
 from ._result import RefinementWarning, Result
@@ -33,7 +33,8 @@ class Refiner:
         A network in an ONNX file, or a callable. The callable gets ``float32 [height, width, 3]``, sRGB in 0 to 1, and returns
         its prediction ``[height, width]`` as anything that NumPy understands, a tensor of PyTorch on any device among them. It is called
         in the thread that called :meth:`refine`, also for crops and mirror images (with the default settings up to 30 times); its exceptions
-        pass through. Without a model, give :meth:`refine` a ``prior_depth``.
+        pass through. Without a model, give :meth:`refine` a ``prior_depth``, or several photographs: their parallax then gives the depth, in
+        the unit of their poses, or without poses in a unit of its own.
     prior_kind : {"metric", "depth", "disparity"}, optional
         Meaning of the values: metres, depth in an unknown unit, or 1/depth up to scale and shift (MiDaS, Depth Anything). By default that
         of the ONNX file's profile, and ``metric`` otherwise.
@@ -129,10 +130,10 @@ class Refiner:
         self._settings(False, None)
         self._prior = self._open()
 
-    def _open(self) -> native.Prior | None:
+    def _open(self) -> native.Prior:
         model = self._model
         if model is None:
-            return None
+            return native.Prior.nothing()
         if is_path(model):
             library = library_of(self._runtime) if self._library is None else os.fspath(self._library)
             profile = None if self._profile is None else os.fspath(self._profile)
@@ -157,7 +158,7 @@ class Refiner:
     @property
     def runtime(self) -> str | None:
         """What runs the ONNX file; None for a callable."""
-        return None if self._prior is None else self._prior.runtime
+        return self._prior.runtime
 
     def refine(
         self,
@@ -197,11 +198,12 @@ class Refiner:
             Instead of intrinsics, the horizontal field of view, degrees.
         views : sequence of images, or path, optional
             Further photographs of the same static scene, or a folder of them, with the same intrinsics where these are given. Or a
-            capture with poses that ``image`` is a photograph of: ``transforms.json``, the folder of a COLMAP model or of a TUM sequence.
+            capture with poses that ``image`` is a photograph of: ``transforms.json``, the folder of a COLMAP model or of a TUM sequence. A file
+            that can't be read, or is the same picture as another, is left out with a warning. They need no model.
         poses : ndarray, optional
             World to camera, ``[photographs, 4, 4]``, that of ``image`` first; by default those of the capture, else they are estimated.
         unit : {"prior", "poses"}
-            Unit of the result.
+            Unit of the result; without a model that of the poses.
         scale_from : ndarray or path, optional
             Depths that are known at some pixels and give the result its scale: ``[n, 3]`` or ``[n, 4]`` of column, row, depth and standard
             deviation (0 where unknown), in pixels of the photograph as given (centres at integers) and metres. Or a CSV file of these, or the
@@ -227,10 +229,12 @@ class Refiner:
         KeyboardInterrupt
             After Ctrl-C.
         """
-        if (prior_depth is None) == (self._prior is None):
+        if prior_depth is not None and self._model is not None:
             raise Error("give a prior_model or a prior_depth, and not both: the depth that is refined")
+        if prior_depth is None and self._model is None and views is None:
+            raise Error("one photograph needs a depth: give a prior_model or a prior_depth; several of one place (views) need none")
         if prior_depth is not None and views is not None:
-            raise Error("prior_depth is that of one photograph; give a prior_model to use views")
+            raise Error("prior_depth is that of one photograph; with views, give a prior_model or nothing")
         if poses is not None and views is None:
             raise Error("poses are given but no views; give the further photographs too")
         if scale_from is not None and unit != "prior":
@@ -239,8 +243,8 @@ class Refiner:
             raise Error("same_scale is for photographs that are refined alone; leave views and scale_from out")
         if png_scale is not None and not is_path(prior_depth):
             raise Error("png_scale is of a depth in a file; give prior_depth as a path, or leave it out")
-        prior = self._prior if self._prior is not None else map_prior(prior_depth, self._kind, png_scale)
-        arguments = self._arguments(scene_of(image, views, poses, False), camera(intrinsics, fov))
+        prior = self._prior if prior_depth is None else map_prior(prior_depth, self._kind, png_scale)
+        arguments = self._arguments(scene_of(image, views, poses), camera(intrinsics, fov))
         arguments["scale_from"] = None if scale_from is None else known_depths(scale_from, image)
         arguments["same_scale"] = None if same_scale is None else astuple(same_scale)
         settings = self._settings(views is not None, seed, unit_of_poses=_unit(unit, arguments), keep_field=keep_field)
@@ -252,11 +256,10 @@ class Refiner:
 
     __call__ = refine
 
-    def refine_all(
+    def dense(
         self,
-        image: ImageLike,
+        capture: Views,
         *,
-        views: Views,
         intrinsics: IntrinsicsLike | None = None,
         fov: float | None = None,
         poses: ArrayLike | None = None,
@@ -265,16 +268,19 @@ class Refiner:
         seed: int | None = None,
         progress: Progress | None = None,
     ) -> Scene:
-        """Refines the depth of every one of several photographs of a scene, as ``mde refine IMAGE --views VIEWS --all``.
+        """Refines the depth of every photograph of a static scene, as ``mde dense CAPTURE``; it needs no model.
 
         Predictions, poses and, among photographs that see the same, plane sweeps are computed once; each photograph then gets a field of
-        its own. The maps of all are in memory until the end, some 40 bytes a pixel and photograph. An error of one photograph ends the
-        run; the program's ``--all`` goes on without it.
+        its own. The maps of all are in memory until the end, some 40 bytes a pixel and photograph. A photograph that fails, that can't be
+        read or that is the same picture as another is left out with a warning.
 
         Parameters
         ----------
-        image, views, intrinsics, fov, poses, unit
-            As in :meth:`refine`. ``image`` gives the frame of the poses and the scale of all. All photographs of a capture are refined.
+        capture : path, or sequence of images
+            A folder of photographs, or a capture with poses: ``transforms.json``, the folder of a COLMAP model or of a TUM sequence. Or the
+            photographs themselves. The first gives the frame of the poses and the scale of all.
+        intrinsics, fov, poses, unit
+            As in :meth:`refine`; the poses in the order of the photographs, those of a folder in the order of names.
         keep_field : bool
             Keep the fitted field of each photograph: ``Result.field``.
         seed : int, optional
@@ -285,7 +291,7 @@ class Refiner:
         Returns
         -------
         Scene
-            A sequence of results, that of ``image`` first, with the poses.
+            A sequence of results in the order of the photographs, with the poses.
 
         Raises
         ------
@@ -296,13 +302,11 @@ class Refiner:
 
         Examples
         --------
-        >>> scene = refiner.refine_all("a.jpg", views=["b.jpg", "c.jpg"])      # doctest: +SKIP
+        >>> scene = mdenerf.Refiner(no_nerf=True).dense("photos")              # doctest: +SKIP
         >>> scene[1].depth, scene.poses[1]                                     # doctest: +SKIP
         >>> scene.save("out/room")                                             # doctest: +SKIP
         """
-        if self._prior is None:
-            raise Error("refine_all needs a prior_model; a prior_depth is that of one photograph")
-        arguments = self._arguments(scene_of(image, views, poses, True), camera(intrinsics, fov))
+        arguments = self._arguments(capture_of(capture, poses), camera(intrinsics, fov))
         settings = self._settings(True, seed, unit_of_poses=_unit(unit, arguments), keep_field=keep_field)
         scene = Scene._of(native.refine(self._prior, settings, arguments, True, self._callable(), progress))
         for warning in scene.run["warnings"]:
@@ -351,14 +355,14 @@ class Refiner:
         Error
             For a setting at fault, where the refiner has no model, or where no photograph can be read.
         """
-        if self._prior is None:
+        if self._model is None:
             raise Error("same_scale needs a prior_model; a prior_depth is that of one photograph")
         found = photographs_of(images)
         settings = self._settings(False, seed)
         lens = camera(intrinsics, fov)
 
         def prepared(image: ImageLike) -> dict[str, Any]:
-            return self._arguments(scene_of(image, None, None, False), lens)
+            return self._arguments(scene_of(image, None, None), lens)
 
         scale = native.OneScale(len(found), settings)
         return scales_of(scale, found, prepared, (self._prior, settings, self._callable(), self._threads), progress)
@@ -434,7 +438,7 @@ class Refiner:
         >>> for path, result in zip(paths, refiner.refine_many(paths, same_scale=True)):     # doctest: +SKIP
         ...     result.save(f"out/{path.stem}")
         """
-        if self._prior is None:
+        if self._model is None:
             raise Error("refine_many needs a prior_model; a prior_depth is that of one photograph")
         given: dict[str, Any] = {"intrinsics": intrinsics, "fov": fov, "seed": seed}
         self._settings(False, seed)

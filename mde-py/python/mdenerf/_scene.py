@@ -23,16 +23,16 @@ class Scene(Sequence[Result]):
     Attributes
     ----------
     results : list of Result
-        In the order of the photographs.
+        In the order of the photographs, without those that were left out.
     names : list of str
-        Names of the photographs.
+        Names of their photographs.
     poses : list of ndarray or None
         World to camera of each, ``float64 [4, 4]``, in the unit of the results. The world is the frame of the first photograph's camera, or
-        with ``unit="poses"`` that of the given poses. None for one that was refined alone, since the others carry no depth for it.
+        in the unit of given poses their world. None for one that was refined alone, since the others carry no depth for it.
     run : dict
         The record of the run, with the keys of the program's ``run.json``: ``photographs`` has for each why it was refined alone
-        (``reason``), the share of its pixels that another one confirms (``verified``, 0 to 1), its median of sigma / depth (``sigma``) and
-        its ``seconds``.
+        (``reason``) or left out (``error``), the share of its pixels that another one confirms (``verified``, 0 to 1), its median of
+        sigma / depth (``sigma``) and its ``seconds``.
     """
 
     results: list[Result]
@@ -48,7 +48,7 @@ class Scene(Sequence[Result]):
         poses = parts["poses"]
         return cls(
             results=[Result._of(one) for one in parts["results"]],
-            names=[row["photograph"] for row in run["photographs"]],
+            names=[row["photograph"] for row in run["photographs"] if row["folder"]],
             poses=[None if pose is None else np.array(pose[1]) for pose in poses],
             run=run,
             _motions=[None if pose is None else pose[0] for pose in poses],
@@ -82,7 +82,7 @@ class Scene(Sequence[Result]):
         force: bool = False,
         report: bool = True,
     ) -> Path:
-        """Writes a folder for each photograph, as :meth:`Result.save` does, and the files of all, as ``mde refine --all`` does.
+        """Writes a folder for each photograph, as :meth:`Result.save` does, and the files of all, as ``mde dense`` does.
 
         ``cloud.ply`` has the points that two photographs confirm, ``transforms.json`` cameras, poses, depths and sigmas for nerfstudio, both
         with the program's bytes; ``run.json`` is the record, ``index.html`` the page. The folder appears whole or not at all.
@@ -109,7 +109,7 @@ class Scene(Sequence[Result]):
             Where the folder exists, or can't be written.
         """
         formats = [export] if isinstance(export, str) else list(export)
-        names = [str(row["folder"]) for row in self.run["photographs"]]
+        names = [row["folder"] for row in self.run["photographs"] if row["folder"]]
 
         def write(made: Path) -> None:
             for name, result in zip(names, self.results, strict=True):

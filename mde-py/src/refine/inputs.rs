@@ -8,7 +8,7 @@ use mde_cli::mde_mvs::capture::CaptureFiles;
 use mde_cli::mde_prior::photo::image_size;
 use mde_cli::mde_warp::Pose;
 use mde_cli::nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion};
-use mde_cli::refiner::capture::shorten;
+use mde_cli::refiner::capture::{different, shorten};
 use mde_cli::refiner::{Observer as _, Plan, Refiner};
 use mde_cli::scene::camera::{GivenCamera, KnownCamera};
 use mde_cli::scene::known::{KnownDepth, KnownDepths};
@@ -66,10 +66,8 @@ struct Given<'py> {
 #[pyo3(from_item_all)]
 struct Capture {
     path: PathBuf,
-    /// Its photograph that is refined.
-    image: PathBuf,
-    /// Whether all of its photographs are used, and not only the nearest.
-    all: bool,
+    /// Its photograph that is refined with the nearest; none for all of them.
+    image: Option<PathBuf>,
 }
 
 /// Depths that give the scale.
@@ -88,8 +86,12 @@ struct Scale<'py> {
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Arguments<'py> {
-    /// The first is refined.
+    /// Name of what is refined, for the record.
+    input: String,
+    /// The first is the reference.
     photographs: Vec<Given<'py>>,
+    /// Names of further ones that can't be read, and why.
+    unreadable: Vec<(String, String)>,
     /// In the place of these.
     capture: Option<Capture>,
     camera: Camera,
@@ -101,7 +103,9 @@ pub(crate) struct Arguments<'py> {
 
 /// The inputs without the interpreter.
 pub(super) struct Inputs {
+    pub(super) input: String,
     photographs: Vec<Photograph>,
+    unreadable: Vec<(String, String)>,
     capture: Option<Capture>,
     camera: GivenCamera,
     known: Option<KnownDepths>,
@@ -110,7 +114,7 @@ pub(super) struct Inputs {
 
 impl Inputs {
     pub(super) fn new(arguments: Arguments<'_>) -> PyResult<Self> {
-        let Arguments { capture, .. } = arguments;
+        let Arguments { input, unreadable, capture, .. } = arguments;
         let camera = arguments.camera.given();
         let given = arguments.photographs.into_iter().enumerate().map(|(index, one)| {
             let image = one.image.as_array().to_owned();
@@ -122,32 +126,27 @@ impl Inputs {
         });
         let photographs = given.collect::<PyResult<Vec<_>>>()?;
         let known = arguments.scale_from.map(|scale| {
-            let of_capture = capture.as_ref().and_then(|capture| image_size(&capture.image));
+            let of_capture = capture.as_ref().and_then(|capture| image_size(capture.image.as_deref()?));
             let size = of_capture.map(|[width, height]| (height, width));
             scale.known(size.or_else(|| Some(photographs.first()?.original)).unwrap_or_default())
         });
         let same_scale = arguments.same_scale.map(same_scale_of);
-        Ok(Self { photographs, capture, camera, known: known.transpose().map_err(raise)?, same_scale })
-    }
-
-    /// Name of what is refined, for the record.
-    pub(super) fn name(&self) -> String {
-        let of_capture = self.capture.as_ref().map(|capture| capture.image.display().to_string());
-        of_capture.or_else(|| Some(self.photographs.first()?.name.clone())).unwrap_or_default()
+        let known = known.transpose().map_err(raise)?;
+        Ok(Self { input, photographs, unreadable, capture, camera, known, same_scale })
     }
 
     /// The photographs at their sizes, with what gives their scale, and the plan.
     pub(super) fn scene(self, refiner: &Refiner<'_>, watch: &mut Watched<'_>) -> Result<(Scene, Plan)> {
-        let Self { photographs, capture, camera, known, same_scale } = self;
+        let Self { photographs, unreadable, capture, camera, known, same_scale, .. } = self;
         let (scene, plan) = match capture {
-            Some(Capture { path, image, all }) => {
+            Some(Capture { path, image }) => {
                 let shown = path.display();
                 let files = CaptureFiles::find(&path).ok_or_else(|| {
                     Error::Argument(format!("{{views}} {shown}: holds no capture; check the path"))
                 })?;
-                refiner.capture((&files, &path), (!all).then_some(&*image), &camera, watch)?
+                refiner.capture((&files, &path), image.as_deref(), &camera, watch)?
             }
-            None => given(photographs, refiner, watch)?,
+            None => given(photographs, unreadable, refiner, watch)?,
         };
         Ok((Scene { known, same_scale, ..scene }, plan))
     }
@@ -171,10 +170,11 @@ impl Scale<'_> {
 
 fn given(
     photographs: Vec<Photograph>,
+    unreadable: Vec<(String, String)>,
     refiner: &Refiner<'_>,
     watch: &mut Watched<'_>,
 ) -> Result<(Scene, Plan)> {
-    let count = photographs.len();
+    let count = photographs.len() + unreadable.len();
     let Some(Photograph { name, original, .. }) = photographs.first() else {
         return Err(Error::Argument("there is no photograph; give one".to_owned()));
     };
@@ -191,7 +191,8 @@ fn given(
         return Ok((Scene::one(photographs.remove(0)), plan));
     }
     shorten(&mut photographs);
-    Ok((Scene::several(photographs, 0)?, plan))
+    let photographs = different(photographs, &unreadable, watch);
+    Ok((Scene { unreadable, ..Scene::several(photographs, 0)? }, plan))
 }
 
 /// Refuses an image that is none.

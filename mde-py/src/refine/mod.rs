@@ -82,7 +82,7 @@ pub(crate) fn refine<'py>(
 
 fn run(refiner: &Refiner<'_>, inputs: Inputs, every: bool, mut watch: Watched<'_>) -> Result<Made> {
     let start = Instant::now();
-    let input = inputs.name();
+    let input = inputs.input.clone();
     let (scene, plan) = inputs.scene(refiner, &mut watch)?;
     let mut prepared = refiner.prepare(&scene, &plan, &mut watch)?;
     if every {
@@ -108,27 +108,38 @@ fn run_every(
     for (index, (name, folder)) in names.zip(&folders).enumerate() {
         // Its record has what it warns of itself, and its own seconds.
         let (mut own, begin) = (Watched::new(watch.link, watch.observed), Instant::now());
-        let refined = prepared.refine(index, None, &mut own).map_err(|error| match error {
-            Error::Interrupted => Error::Interrupted,
-            error => Error::Argument(format!("{name}: {}", message(error))),
-        })?;
-        let mut row = PhotographRow::new(name);
-        row.measure(&refined);
-        let outcome = Outcome::new(refiner, refined, name.to_owned(), &own, begin)?;
-        (row.folder, row.seconds) = (Some(folder.clone()), begin.elapsed().as_secs_f64());
-        let placed = prepared.several().and_then(|several| row.placed(several, index));
-        outcomes.push((outcome, placed.map(|(_, pose)| pose)));
+        let mut row = match prepared.refine(index, None, &mut own) {
+            Ok(refined) => {
+                let mut row = PhotographRow { folder: Some(folder.clone()), ..PhotographRow::new(name) };
+                row.measure(&refined);
+                let outcome = Outcome::new(refiner, refined, name.to_owned(), &own, begin)?;
+                let placed = prepared.several().and_then(|several| row.placed(several, index));
+                outcomes.push((outcome, placed.map(|(_, pose)| pose)));
+                row
+            }
+            Err(error) if watch.link.is_cancelled() => return Err(error),
+            Err(error) => {
+                let error = message(error);
+                own.warn(format!("{name} is left out: {error}"));
+                PhotographRow::failed(name, &error)
+            }
+        };
+        row.seconds = begin.elapsed().as_secs_f64();
         rows.push(row);
         own.warnings.into_iter().for_each(|warning| watch.warn(warning));
         if watch.observed {
             watch.link.send(Request::Progress("photograph", index + 1, folders.len()));
         }
     }
+    if let (true, Some(first)) = (outcomes.is_empty(), rows.iter().find_map(PhotographRow::failure)) {
+        return Err(Error::Argument(format!("no photograph could be refined: {first}")));
+    }
+    rows.extend(scene.unreadable.iter().map(|(name, error)| PhotographRow::failed(name, error)));
     let Some(several) = prepared.several() else {
-        return Err(Error::Argument("one photograph is no scene; give {views}".to_owned()));
+        return Err(Error::Argument(format!("{input}: one photograph; give two or more of one place")));
     };
     let record = EveryRecord {
-        about: about("refine --all", refiner, input.to_owned(), prepared.camera(), &watch, start),
+        about: about("dense", refiner, input.to_owned(), prepared.camera(), &watch, start),
         unit: prepared.unit(),
         photographs: &rows,
         poses: several.report(),
