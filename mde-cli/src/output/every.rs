@@ -1,7 +1,7 @@
 //! Every photograph of a capture refined: what is known of each, and the files of all together.
 
 use crate::error::Result;
-use crate::output::export::{ply, transforms};
+use crate::output::export::{Format, colmap_dense, ply, transforms};
 use crate::output::record::About;
 use crate::refiner::Refined;
 use crate::reports::capture::CaptureReport;
@@ -132,18 +132,23 @@ impl PhotographRow {
     }
 }
 
-/// Writes `transforms.json` of all, and `cloud.ply` of the points that two photographs confirm; their number.
+/// Writes `transforms.json` of all, `cloud.ply` of the points that two photographs confirm, and the formats of `export` that are of a whole
+/// capture; the number of points.
 ///
 /// # Errors
-/// [`Error::Prior`](crate::error::Error::Prior) for a file that can't be written.
-pub fn write_all(folder: &Path, views: &[RefinedView<'_>], unit: &str) -> Result<usize> {
+/// [`Error::Prior`](crate::error::Error::Prior) or [`Error::External`](crate::error::Error::External) for a file that can't be written.
+pub fn write_all(folder: &Path, views: &[RefinedView<'_>], unit: &str, export: &[Format]) -> Result<usize> {
     transforms::write(&folder.join(transforms::FILE), views)?;
     let mut cloud = ply::Cloud::default();
-    for found in consistent_points(views) {
+    let points = consistent_points(views);
+    for found in &points {
         let (view, [row, column]) = (&views[found.view], found.pixel);
         let normal = view.point(row, column).map_or_else(Vector3::zeros, |p| view.normal(row, column, p));
         let normal = view.pose.rotation.inverse() * normal;
         cloud.push(found.position, normal, view.colour(row, column), found.sigma);
+    }
+    if export.contains(&Format::ColmapDense) {
+        colmap_dense::write(folder, views, &points)?;
     }
     let count = cloud.len();
     let frame = match count {

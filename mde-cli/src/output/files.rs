@@ -1,6 +1,6 @@
 //! The files of a result.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::output::export::{self, Format, colmap, glb, layers, ply, subfolder, transforms};
 use crate::output::preview::preview;
 use crate::refiner::depth_png::{DepthPng, write_confidence};
@@ -125,6 +125,10 @@ impl<'r> ResultFiles<'r> {
                     write_atomic(&model.join(name), text.as_bytes())?;
                 }
                 write_image(subfolder(folder, "colmap/images")?.join(export::IMAGE), self.image)?;
+            }
+            Format::ColmapDense => {
+                let text = "export: colmap-dense is of a whole capture; refine all of its photographs, or give colmap";
+                return Err(Error::Argument(text.to_owned()));
             }
             Format::Glb => write_atomic(&folder.join("mesh.glb"), &glb::encode(&view, unit)?)?,
             Format::Transforms => transforms::write(&folder.join(transforms::FILE), &[view])?,

@@ -141,6 +141,7 @@ impl Job<'_> {
         if let Some(field) = refined.field.as_ref().filter(|_| settings.keep_field) {
             mde_prior::write_atomic(&path.join("field.safetensors"), &field.lock().to_bytes()?)?;
         }
-        Ok(self.export.iter().try_for_each(|format| files.export(*format, path))?)
+        let mut formats = self.export.iter().filter(|format| !format.is_of_capture());
+        Ok(formats.try_for_each(|format| files.export(*format, path))?)
     }
 }

@@ -98,8 +98,8 @@ pub fn consistent_points(views: &[RefinedView<'_>]) -> Vec<ConsistentPoint> {
     points
 }
 
-/// The pixel where a view confirms a point of that relative deviation.
-fn seen(view: &RefinedView<'_>, position: &Point3<f64>, relative: f32) -> Option<(usize, usize)> {
+/// The pixel, row and column, where a view confirms a point of that relative deviation.
+pub(crate) fn seen(view: &RefinedView<'_>, position: &Point3<f64>, relative: f32) -> Option<(usize, usize)> {
     let (camera, there) = (&view.camera, view.pose * position);
     let [x, y] = camera.project(&there)?.coords.map(f64::round).into();
     if !(x >= 0.0 && y >= 0.0 && x < camera.width as f64 && y < camera.height as f64) {

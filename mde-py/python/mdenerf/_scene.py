@@ -92,7 +92,7 @@ class Scene(Sequence[Result]):
         folder : path
             The new folder.
         export : sequence of str
-            Also write files for other programs into the folder of each photograph, as in :meth:`Result.save`.
+            Also write files for other programs into the folder of each photograph, as in :meth:`Result.save`; ``colmap-dense`` is of all.
         force : bool
             Replace the folder of an earlier run.
         report : bool
@@ -109,12 +109,13 @@ class Scene(Sequence[Result]):
             Where the folder exists, or can't be written.
         """
         formats = [export] if isinstance(export, str) else list(export)
+        of_each = [name for name in formats if name != "colmap-dense"]
         names = [row["folder"] for row in self.run["photographs"] if row["folder"]]
 
         def write(made: Path) -> None:
             for name, result in zip(names, self.results, strict=True):
                 (made / name).mkdir()
-                result._write(made / name, formats)
+                result._write(made / name, of_each)
             parts = [
                 {
                     "folder": name,
@@ -127,7 +128,7 @@ class Scene(Sequence[Result]):
                 for name, result, motion in zip(names, self.results, self._motions, strict=True)
                 if motion is not None
             ]
-            points = native.save_all(str(made), parts, self.unit)
+            points = native.save_all(str(made), parts, self.unit, formats)
             write_record(made, {**self.run, "points": points})
             if report:
                 pages(made)

@@ -31,7 +31,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Names that no folder of a photograph gets.
-const RESERVED: [&str; 4] = ["cloud.ply", "transforms.json", "run.json", "index.html"];
+const RESERVED: [&str; 5] = ["colmap", "cloud.ply", "transforms.json", "run.json", "index.html"];
 
 /// Any Python object.
 type Object<'py> = pyo3::Bound<'py, PyAny>;

@@ -54,8 +54,7 @@ pub(crate) fn save_result(
     parts: Saved<'_>,
     export: Vec<String>,
 ) -> PyResult<()> {
-    let formats = export.iter().map(|name| name.parse().map_err(raise));
-    let formats = formats.collect::<PyResult<Vec<Format>>>()?;
+    let formats = formats(&export)?;
     let unit = unit(&parts.unit);
     let depth = GaussianDepth::new(parts.depth.as_array().to_owned(), parts.variance.as_array().to_owned())
         .map_err(raise)?;
@@ -87,6 +86,10 @@ pub(crate) fn save_result(
     py.detach(write).map_err(raise)
 }
 
+fn formats(names: &[String]) -> PyResult<Vec<Format>> {
+    names.iter().map(|name| name.parse().map_err(raise)).collect()
+}
+
 /// The unit of a result by its name.
 fn unit(name: &str) -> &'static str {
     match name {
@@ -115,15 +118,17 @@ pub(crate) struct Placed<'py> {
     sigma: PyReadonlyArray2<'py, f32>,
 }
 
-/// Writes `transforms.json` and `cloud.ply` of all photographs. The result is the number of points.
+/// Writes `transforms.json` and `cloud.ply` of all photographs, and the formats of `export` that are of them all. The result is the number of points.
 #[pyfunction]
 pub(crate) fn save_all(
     py: Python<'_>,
     folder: PathBuf,
     photographs: Vec<Placed<'_>>,
     unit: &str,
+    export: Vec<String>,
 ) -> PyResult<usize> {
     let unit = self::unit(unit);
+    let formats = formats(&export)?;
     let views = photographs.iter().map(|one| {
         let ((fx, fy, cx, cy, width, height), [w, i, j, k, x, y, z]) = (one.camera, one.pose);
         let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
@@ -139,7 +144,7 @@ pub(crate) fn save_all(
         })
     });
     let views = views.collect::<Result<Vec<_>>>().map_err(raise)?;
-    py.detach(|| write_all(&folder, &views, unit)).map_err(raise)
+    py.detach(|| write_all(&folder, &views, unit, &formats)).map_err(raise)
 }
 
 /// Gives a finished folder the name of another, which is removed: in one exchange where the file system can.

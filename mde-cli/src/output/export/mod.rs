@@ -1,6 +1,7 @@
 //! Files for other programs.
 
 pub(super) mod colmap;
+pub mod colmap_dense;
 pub(super) mod glb;
 pub(super) mod layers;
 pub(super) mod ply;
@@ -22,6 +23,8 @@ pub enum Format {
     Exr,
     /// `colmap/`: `images/` and `sparse/0/`.
     Colmap,
+    /// `colmap/`: a dense workspace of COLMAP, of a whole capture.
+    ColmapDense,
     /// `transforms.json`: camera, depth and sigma for nerfstudio.
     Transforms,
     /// `sigma/`: the components of sigma (NPY).
@@ -31,15 +34,27 @@ pub enum Format {
 }
 
 /// Each format with its name as an argument, and its files and what is in them.
-pub const FORMATS: [(Format, &str, &str); 7] = [
+pub const FORMATS: [(Format, &str, &str); 8] = [
     (Format::Ply, "ply", "cloud.ply: points with colour, normal and sigma (binary)"),
     (Format::Glb, "glb", "mesh.glb: textured mesh, torn at depth edges, y up"),
     (Format::Exr, "exr", "depth.exr: channels Y and Z (refined), sigma and prior"),
     (Format::Colmap, "colmap", "colmap/: images/ and sparse/0/"),
+    (
+        Format::ColmapDense,
+        "colmap-dense",
+        "colmap/: a dense workspace of the capture, for COLMAP's stereo_fusion",
+    ),
     (Format::Transforms, "transforms", "transforms.json: camera, depth and sigma for nerfstudio"),
     (Format::Sigma, "sigma", "sigma/: the components of sigma (NPY)"),
     (Format::Field, "field", "field.safetensors: the fitted field, for mde render"),
 ];
+
+impl Format {
+    /// Whether it is of all photographs of a capture, not of each.
+    pub fn is_of_capture(self) -> bool {
+        self == Self::ColmapDense
+    }
+}
 
 impl FromStr for Format {
     type Err = Error;

@@ -1,6 +1,7 @@
 //! Several photographs: arguments of `mde refine --views` and `mde poses`.
 
 use crate::program::args::choice::{UNITS, choice};
+use crate::program::args::output::formats;
 use crate::program::args::shard::Shard;
 use crate::program::args::{
     CameraArgs, ErrorBarArgs, ExportArgs, PriorArgs, RunArgs, SettingsArgs, SizeArgs,
@@ -41,17 +42,18 @@ pub(crate) struct SeveralArgs {
 
 #[derive(Debug, Args)]
 #[command(
+    mut_arg("export", |export| export.value_parser(formats(true))),
     mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the capture's name: room-dense for room")),
     mut_arg("force", |force| force.help("Refine photographs again that an earlier run finished")),
     mut_arg("prior_depth", |map| map.hide(true)),
     after_help = "\
 Examples:
   mde dense photos -o out/room
-  mde dense colmap-project --no-nerf -o out/house
+  mde dense colmap-project --no-nerf --export colmap-dense -o out/house
   mde dense photos/transforms.json --prior-model fastdepth_224.onnx --unit prior -o out/room
 
 Output: a folder for each photograph, as mde refine writes it, with finished.json; cloud.ply of the points that two photographs confirm,
-transforms.json, index.html, run.json. The same command continues, and refines only what is new or changed. Without a network the depth
+transforms.json, index.html, run.json; with --export colmap-dense colmap/. The same command continues, and refines only what is new or changed. Without a network the depth
 comes from parallax alone, in the unit of the poses; photographs without poses get a unit of their own."
 )]
 pub(crate) struct DenseArgs {

@@ -11,14 +11,21 @@ use std::path::{Path, PathBuf};
 #[command(next_help_heading = "Output")]
 pub(crate) struct ExportArgs {
     /// Also write files for other programs, separated by commas
-    #[arg(long, value_name = "FORMATS", value_delimiter = ',', value_parser = formats())]
+    #[arg(long, value_name = "FORMATS", value_delimiter = ',', value_parser = formats(false))]
     pub(crate) export: Vec<Format>,
 }
 
-/// The formats by their names.
-fn formats() -> impl TypedValueParser<Value = Format> {
-    let values = FORMATS.map(|(_, name, about)| PossibleValue::new(name).help(about));
-    PossibleValuesParser::new(values).try_map(|name| name.parse::<Format>())
+/// The formats by their names, with or without those of a whole capture.
+pub(crate) fn formats(whole: bool) -> impl TypedValueParser<Value = Format> {
+    let refused = move |format: Format| format.is_of_capture() && !whole;
+    let values =
+        FORMATS.map(|(format, name, about)| PossibleValue::new(name).help(about).hide(refused(format)));
+    PossibleValuesParser::new(values).try_map(move |name| match name.parse::<Format>() {
+        Ok(format) if refused(format) => {
+            Err(format!("is of a whole capture: mde dense CAPTURE --export {name}"))
+        }
+        parsed => parsed.map_err(|error| error.to_string()),
+    })
 }
 
 /// Output folder and progress.

@@ -4,6 +4,7 @@
 //! settings keeps the folder. The files of all photographs are written at the end.
 
 use crate::output::every::{CLOUD, EveryRecord, PhotographRow, write_all};
+use crate::output::export::colmap_dense::{FOLDER as WORKSPACE, LIST};
 use crate::output::export::transforms::FILE as TRANSFORMS;
 use crate::output::names::folders;
 use crate::output::record::{About, versions};
@@ -34,8 +35,8 @@ use std::fs;
 use std::path::Path;
 use std::time::Instant;
 
-/// Files of all photographs, the record last.
-const OF_ALL: [&str; 4] = [CLOUD, TRANSFORMS, INDEX, RECORD];
+/// Files of all photographs and the folder of those for COLMAP, the record last.
+const OF_ALL: [&str; 5] = [WORKSPACE, CLOUD, TRANSFORMS, INDEX, RECORD];
 
 /// Checks that the folder is new, or one of an earlier run on a capture; creates nothing.
 pub(crate) fn check_folder(output: &Path) -> Result<()> {
@@ -80,7 +81,9 @@ pub(crate) fn run(
     };
     let settings = job.refiner.settings();
     let made_from = format!("{:?} {} {}", versions(), job.refiner.identity()?, scene.identity());
-    let made_from = format!("{made_from} {:?}", job.export);
+    // What is made of all photographs changes none of them.
+    let of_each: Vec<_> = job.export.iter().filter(|format| !format.is_of_capture()).collect();
+    let made_from = format!("{made_from} {of_each:?}");
     let mut prepared = job.refiner.prepare(scene, plan, progress)?;
     let prior_seconds = prepared.prior_seconds();
     let photographs = scene.photographs.iter().map(|photograph| Path::new(&photograph.name));
@@ -102,7 +105,7 @@ pub(crate) fn run(
             }
             None => {
                 // Those of an earlier run are of other maps than the photograph will have.
-                OF_ALL.iter().for_each(|name| drop(fs::remove_file(output.join(name))));
+                OF_ALL.iter().chain([&LIST]).for_each(|name| drop(fs::remove_file(output.join(name))));
                 progress.next(&counted);
                 one(job, &mut prepared, index, &photograph.name, &place, &made_from, progress)?
             }
@@ -145,7 +148,7 @@ pub(crate) fn run(
         sigma: maps.sigma.view(),
         png_scale: maps.png_scale,
     });
-    let points = write_all(output, &views.collect::<Vec<_>>(), prepared.unit())?;
+    let points = write_all(output, &views.collect::<Vec<_>>(), prepared.unit(), job.export)?;
     mde_prior::write_atomic(&output.join(INDEX), every_page(&rows).as_bytes())?;
     let about = About {
         warnings: progress.all_warnings(),
