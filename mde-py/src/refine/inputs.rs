@@ -191,7 +191,7 @@ fn given(
         return Ok((Scene::one(photographs.remove(0)), plan));
     }
     shorten(&mut photographs);
-    let photographs = different(photographs, &unreadable, watch);
+    let photographs = different(photographs, &unreadable, watch)?;
     Ok((Scene { unreadable, ..Scene::several(photographs, 0)? }, plan))
 }
 
