@@ -51,7 +51,7 @@ fn photographs_with_poses_and_without_are_refined() {
     let told = place.run(&format!("{} --views transforms.json --no-nerf -o torn", REFINE.replace(" -q", "")));
     assert!(told.contains("2.png: no readable photograph; left out"), "{told}");
     assert!(place.record("torn")["capture"]["fallback"].is_null());
-    place.refused("refine images/2.png --views transforms.json -o out", &["2.png"]);
+    place.refused("refine images/2.png --views transforms.json -q -o out", &["2.png"]);
 }
 
 /// The depth is that of the parallax, in the unit of the poses, as good as with a prior; one photograph alone needs a network.
@@ -77,7 +77,7 @@ fn several_photographs_need_no_network() {
     for name in ["a.png", "b.png"] {
         fs::copy(place.path("images/0.png"), place.path("same").join(name)).unwrap();
     }
-    place.refused("refine same/a.png --views same --fov 60 -o no", &["--prior-model"]);
+    place.refused("refine same/a.png --views same --fov 60 -q -o no", &["--prior-model"]);
     place.run("dense transforms.json --no-nerf -q -o all");
     assert!(place.has("all/3/depth.npy") && place.has("all/cloud.ply"));
 }

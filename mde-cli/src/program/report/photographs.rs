@@ -10,9 +10,12 @@ use ndarray::{Array2, Zip};
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
+/// For each pixel how many photographs confirm its depth; nothing for one photograph.
+type Confirmed = Option<Array2<f32>>;
+
 /// What is added to the data of the page, without the parts whose file is missing, and per pixel 0: no depth, 1: seen by no other
 /// photograph, 2: confirmed by none, 2 + n: confirmed by n, `[height, width]`. Nothing for a run with one photograph.
-pub(super) fn read(folder: &Path, record: &Value) -> Result<(Map<String, Value>, Option<Array2<f32>>)> {
+pub(super) fn read(folder: &Path, record: &Value) -> Result<(Map<String, Value>, Confirmed)> {
     let Some(photographs) = record["capture"]["photographs"].as_array() else {
         return Ok((Map::new(), None));
     };

@@ -38,7 +38,7 @@ pub(super) fn motion(
     });
     let best = candidates.map(|pose| (depths(&pose, &rays), pose)).max_by_key(|(depths, _)| depths.len())?;
     (2 * best.0.len() > pairs.len()).then_some(())?;
-    Some((best.1, median(best.0.into_iter())?))
+    Some((best.1, median(best.0)?))
 }
 
 /// Depths, in the first camera, of the points in front of both.
