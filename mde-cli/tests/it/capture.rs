@@ -64,7 +64,7 @@ fn several_photographs_need_no_network() {
         (record["unit"].as_str(), record["prior"]["source"].as_str()),
         (Some("capture"), Some("none"))
     );
-    let depth = place.map("out/depth.npy");
+    let depth = place.map("parallax/depth.npy");
     let errors = depth
         .iter()
         .zip(&STUDY.truth)
