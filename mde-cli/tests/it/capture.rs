@@ -58,8 +58,8 @@ fn photographs_with_poses_and_without_are_refined() {
 #[test]
 fn several_photographs_need_no_network() {
     let place = on_disk(&STUDY);
-    place.run("refine images/0.png --views transforms.json --no-nerf -q -o out");
-    let record = place.record("out");
+    place.run("refine images/0.png --views transforms.json --no-nerf -q -o parallax");
+    let record = place.record("parallax");
     assert_eq!(
         (record["unit"].as_str(), record["prior"]["source"].as_str()),
         (Some("capture"), Some("none"))
