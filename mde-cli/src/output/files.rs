@@ -82,7 +82,7 @@ impl<'r> ResultFiles<'r> {
     /// Writes what every folder of a result has, and the folder of the pictures.
     ///
     /// # Errors
-    /// [`Error::Prior`](crate::error::Error::Prior) for a file or folder that can't be written.
+    /// [`Error::Prior`] for a file or folder that can't be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
         let Self { depth, sigma, prior, image, .. } = *self;
         let mut maps = vec![("depth", depth.mean()), ("sigma", sigma), ("prior", prior)];
@@ -113,7 +113,7 @@ impl<'r> ResultFiles<'r> {
     /// Writes the files of a format for other programs; their world is the frame of the camera.
     ///
     /// # Errors
-    /// [`Error::Prior`](crate::error::Error::Prior) or [`Error::External`](crate::error::Error::External) for a file that can't be written.
+    /// [`Error::Prior`] or [`Error::External`] for a file that can't be written.
     pub fn export(&self, format: Format, folder: &Path) -> Result<()> {
         let (view, unit) = (self.view(), self.png.unit);
         match format {

@@ -82,7 +82,7 @@ pub enum Event {
     },
 }
 
-/// Progress callback; `Break` cancels the run ([`Error::Interrupted`](crate::error::Error::Interrupted)).
+/// Progress callback; `Break` cancels the run ([`Error::Interrupted`]).
 pub type Callback<'c> = dyn FnMut(&Event) -> ControlFlow<()> + 'c;
 
 /// Begins a stage of an iteration; the result is its start.

@@ -35,7 +35,7 @@ use crate::several::prepared::PreparedScene;
 /// [`CaptureReport::fallback`](crate::reports::capture::CaptureReport::fallback) has the reason.
 ///
 /// # Errors
-/// The error of a stage, [`Error::Capture`] for photographs that [`Scene::several`] refuses, and those of [`refine`](crate::refine).
+/// The error of a stage, [`Error::Capture`](crate::error::Error::Capture) for photographs that [`Scene::several`] refuses, and those of [`refine`](crate::refine).
 pub fn refine_several(
     scene: &Scene,
     stages: Stages<'_>,
