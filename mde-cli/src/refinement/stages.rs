@@ -50,12 +50,14 @@ pub struct Stages<'s> {
     pub(crate) at_once: Option<usize>,
     /// Factor on the prior of each of several photographs; 1 where there is none.
     pub(crate) factors: Vec<f32>,
+    /// Whether the prior gives one photograph alone a depth.
+    pub(crate) serves_one: bool,
 }
 
 impl<'s> Stages<'s> {
     /// The depth of `prior`, a [`Nerf`] with [`Config::nerf`], and a [`BayesFuser`](mde_fusion::BayesFuser) with [`Config::fusion`].
     pub fn new(prior: &'s dyn DepthPrior) -> Self {
-        Self { prior, field: None, fuser: None, at_once: None, factors: Vec::new() }
+        Self { prior, field: None, fuser: None, at_once: None, factors: Vec::new(), serves_one: true }
     }
 
     /// Another field; `factory` is called once per iteration. [`Config::nerf`] is passed to it and not used otherwise.

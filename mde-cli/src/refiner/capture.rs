@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 impl Refiner<'_> {
     /// The scene of a capture with its poses, cameras and lenses, and its plan: of `image`, the reference, and its nearest neighbours, or
-    /// without one of all photographs. A photograph that can't be read is left out unless it is the reference. `files` are those of `path`; `given` is the camera for files that have none.
+    /// without one of all photographs. A photograph that can't be read is left out unless it is `image`. `files` are those of `path`; `given` is the camera for files that have none.
     ///
     /// # Errors
     /// [`Error::Argument`] for files that are no capture of the image or need too much memory, and for a photograph that does not fit its
@@ -53,7 +53,7 @@ impl Refiner<'_> {
         // What has no header is refused when it is decoded.
         let [width, height] = size.unwrap_or([1, 1]);
         let plan = self.plan(&format!("{{views}}: {nearest} photographs"), (height, width), nearest)?;
-        let mut photographs = Vec::new();
+        let (mut photographs, mut first) = (Vec::new(), None);
         let lost = |path: &PathBuf| {
             (path.display().to_string(), format!("{}: no readable photograph", path.display()))
         };
@@ -63,7 +63,7 @@ impl Refiner<'_> {
             let name = frame.photograph.display().to_string();
             let pixels = match read_image(&frame.photograph) {
                 Ok(photo) => photo.pixels,
-                Err(error) if index != reference => {
+                Err(error) if image.is_none() || index != reference => {
                     unreadable.push((name, text(&error)));
                     continue;
                 }
@@ -75,50 +75,50 @@ impl Refiner<'_> {
             let camera = KnownCamera { camera: view.camera, source: CameraSource::File(source.clone()) };
             let mut photograph = Photograph::new(name, view.image, camera);
             (photograph.mask, photograph.pose) = (view.mask, Some(view.pose));
+            first = first.or(Some(index));
             photographs.push(photograph.resized(&self.settings.sizes, true, &mut |text| seen.warn(text))?);
         }
         shorten(&mut photographs);
-        let photographs = different(photographs, &unreadable, seen)?;
+        let kept = different(&photographs, &unreadable, seen)?;
+        let photographs = only(photographs, &kept);
         if nearest < count {
             seen.warn(format!("{{views}}: the {nearest} nearest of {count} photographs are considered"));
         }
-        let shown = capture.points.iter().filter(|point| point.frames.contains(&reference));
+        let shown =
+            capture.points.iter().filter(|point| first.is_some_and(|first| point.frames.contains(&first)));
         let points = shown.map(|point| point.position).collect();
         Ok((Scene { points, unreadable, ..Scene::several(photographs, 0)? }, plan))
     }
 }
 
-/// The photographs that are different pictures; tells of the others, and of those that could not be read.
+/// Which photographs are different pictures; warns of the others, and of those that could not be read.
 ///
 /// # Errors
-/// The fault of a photograph where that leaves one alone.
+/// The fault of a photograph where fewer than two could be read.
 pub fn different(
-    photographs: Vec<Photograph>,
+    photographs: &[Photograph],
     unreadable: &[(String, String)],
     seen: &mut dyn Observer,
-) -> Result<Vec<Photograph>> {
-    if let ([_], [(_, error), ..]) = (&*photographs, unreadable) {
+) -> Result<Vec<bool>> {
+    if let ([] | [_], [(_, error), ..]) = (photographs, unreadable) {
         return Err(Error::Argument(error.clone()));
     }
     unreadable.iter().for_each(|(_, error)| seen.warn(format!("{error}; left out")));
-    let same = |index: usize| {
-        photographs[..index]
-            .iter()
-            .find(|other| other.image == photographs[index].image)
-            .map(|other| other.name.clone())
-    };
-    let copies: Vec<Option<String>> = (0..photographs.len()).map(same).collect();
-    for (photograph, original) in photographs.iter().zip(&copies) {
-        if let Some(original) = original {
-            seen.warn(format!("{}: the same picture as {original}; counted once", photograph.name));
+    let mut kept = vec![true; photographs.len()];
+    for (index, photograph) in photographs.iter().enumerate() {
+        if let Some(other) = photographs[..index].iter().find(|other| other.image == photograph.image) {
+            seen.warn(format!("{}: the same picture as {}; counted once", photograph.name, other.name));
+            kept[index] = false;
         }
     }
     // Copies of one picture are refused later, for want of parallax.
-    if copies.iter().flatten().count() + 1 == photographs.len() {
-        return Ok(photographs);
-    }
-    let different = photographs.into_iter().zip(copies).filter(|(_, original)| original.is_none());
-    Ok(different.map(|(photograph, _)| photograph).collect())
+    let alone = kept.iter().filter(|kept| **kept).count() < 2;
+    Ok(if alone { vec![true; photographs.len()] } else { kept })
+}
+
+/// The items that are kept.
+pub fn only<T>(items: Vec<T>, kept: &[bool]) -> Vec<T> {
+    items.into_iter().zip(kept).filter(|(_, kept)| **kept).map(|(item, _)| item).collect()
 }
 
 /// File names instead of paths where they are unique.

@@ -69,9 +69,9 @@ pub struct Refined<'s> {
     pub prior_seconds: f64,
 }
 
-/// The unit that was asked for; without a prior that of the poses is the only one.
-pub(super) fn asked_unit(asked: Unit, scene: &Scene, origin: &PriorOrigin) -> Unit {
-    if origin.form == PriorForm::Nothing && scene.is_posed() { Unit::Capture } else { asked }
+/// The unit of the results: that of the settings, but of photographs with poses and without a prior that of the poses.
+pub(super) fn result_unit(set: Unit, scene: &Scene, origin: &PriorOrigin) -> Unit {
+    if origin.form == PriorForm::Nothing && scene.is_posed() { Unit::Capture } else { set }
 }
 
 /// Name of the unit of results in the unit of the prior or of the capture.
@@ -105,7 +105,7 @@ pub(super) fn finish<'s>(
         }
     }
     // Refused photographs have no unit.
-    let mut unit = asked_unit(settings.unit, scene, origin);
+    let mut unit = result_unit(settings.unit, scene, origin);
     if unit == Unit::Capture && used {
         refinement = refinement.in_capture_unit()?;
     } else if unit == Unit::Capture && refinement.capture.is_some() {

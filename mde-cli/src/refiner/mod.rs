@@ -327,20 +327,14 @@ impl<'s> Prepared<'s> {
                 None => Ok(Box::new(kept.insert(SharedNerf::new(request.nerf()?)).clone())),
             }
         };
-        let stages =
+        let mut stages =
             Stages::new(&*prior).with_predictions_at_once(self.parallel_predictions).with_field(make);
+        stages.serves_one = prior.origin().form != PriorForm::Nothing;
         let mut observe = |event: &Event| seen.event(event);
         let mut refinement = match several {
             Some(several) => several.refine(photograph, stages, &mut observe)?,
             None => refine(shown.image.view(), &camera.camera, stages, config, &mut observe)?,
         };
-        let fallback = refinement.capture.as_ref().and_then(|report| report.fallback.as_ref());
-        if let (PriorForm::Nothing, Some(reason)) = (prior.origin().form, fallback) {
-            return Err(Error::Argument(format!(
-                "{}: {reason}; one photograph alone needs a depth network: give {{prior-model}}",
-                shown.name
-            )));
-        }
         if refiner.settings.keep_field && kept.is_none() {
             seen.warn(
                 "{keep-field}: no field was fitted, so there is none; several photographs and the preset paper fit one"
@@ -392,7 +386,7 @@ impl<'s> Prepared<'s> {
     /// Unit of the results: `m`, `capture` or `unscaled`.
     pub fn unit(&self) -> &'static str {
         let (scene, origin) = (self.scene, self.prior.origin());
-        finish::unit_name(finish::asked_unit(self.refiner.settings.unit, scene, origin), scene, origin)
+        finish::unit_name(finish::result_unit(self.refiner.settings.unit, scene, origin), scene, origin)
     }
 
     /// Seconds of predictions that no result has yet.

@@ -347,6 +347,12 @@ impl<'s> PreparedScene<'s> {
         callback: &mut Callback<'_>,
     ) -> Result<Refinement> {
         let reference = &self.scene.photographs[photograph];
+        if let (false, Some(reason)) = (stages.serves_one, &report.fallback) {
+            return Err(Error::Argument(format!(
+                "{}: {reason}; one photograph alone needs a depth network: give {{prior-model}}",
+                reference.name
+            )));
+        }
         let refined =
             refine(reference.image.view(), &reference.camera.camera, stages, self.config, callback)?;
         Ok(Refinement { capture: Some(report), ..refined })

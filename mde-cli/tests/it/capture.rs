@@ -80,6 +80,11 @@ fn several_photographs_need_no_network() {
     place.refused("refine same/a.png --views same --fov 60 -q -o no", &["--prior-model"]);
     place.run("dense transforms.json --no-nerf -q -o all");
     assert!(place.has("all/3/depth.npy") && place.has("all/cloud.ply"));
+    // The first photograph is one like the others.
+    place.write("images/0.png", "torn");
+    let [_, told] = place.told("dense transforms.json --no-nerf -o rest", 3);
+    assert!(told.contains("0.png: no readable photograph; left out"), "{told}");
+    assert!(place.has("rest/1/depth.npy") && place.has("rest/cloud.ply"));
 }
 
 /// With noise, which no compression makes small; enlarged, as rooms take seconds to render at such a size.
@@ -141,6 +146,9 @@ fn poses_are_written_and_read_again() {
     let place = on_disk(&KITCHEN);
     write_image(place.path("black.png"), Array3::zeros((HEIGHT, WIDTH, 3)).view()).unwrap();
     fs::create_dir(place.path("found")).unwrap();
+    // Left out before those that follow, whose names stay theirs.
+    fs::copy(place.path("images/0.png"), place.path("images/0-copy.png")).unwrap();
+    place.write("images/0-torn.png", "torn");
     let prior = format!("--prior-depth prior.npy --fov {} -q", fov(&KITCHEN));
     let poses = format!("poses images/0.png images black.png {prior} -o found/found.json");
     place.run(&poses);

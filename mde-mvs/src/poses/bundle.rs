@@ -12,8 +12,9 @@
 //! pass infinity on its way. Depths meet in no residual, so each is eliminated by a division (Schur's complement); what is left
 //! is as small as seven times the number of photographs.
 
-use super::estimate::STEPS;
-use super::neighbours;
+mod triangulation;
+mod windows;
+
 use crate::statistics::robust_deviation;
 use mde_warp::Pose;
 use nalgebra::{
@@ -30,7 +31,7 @@ const NEAR: f64 = 1e-3;
 /// Residual of a point behind a view, in units of its noise.
 const BEHIND: f64 = 1000.0;
 /// Bounds of an inverse depth within which no projection overflows.
-pub(super) const INVERSE_DEPTH: [f64; 2] = [1e-25, 1e25];
+const INVERSE_DEPTH: [f64; 2] = [1e-25, 1e25];
 
 /// Fewer tracks than this do not measure a prior.
 const FEW: usize = 10;
@@ -201,26 +202,6 @@ impl Bundle {
     pub(super) fn parallax(&self, track: &Observed, view: usize) -> Option<f64> {
         let seen = self.seen(track, view);
         Some((self.project(view, &seen.point)? - self.project(view, &(seen.rotation * seen.ray))?).norm())
-    }
-
-    /// The inverse depth, positive, at which a track comes nearest to the ray of a pixel.
-    pub(super) fn inverse_depth(&self, track: &Observed, view: usize, pixel: &Point2<f64>) -> f64 {
-        let Seen { rotation, translation, ray, .. } = self.seen(track, view);
-        let there = self.ray(view, pixel);
-        let (turned, moved) = ((rotation * ray).cross(&there), translation.cross(&there));
-        let found = -turned.dot(&moved) / moved.norm_squared();
-        if found.is_finite() { found.clamp(INVERSE_DEPTH[0], INVERSE_DEPTH[1]) } else { INVERSE_DEPTH[0] }
-    }
-
-    /// Residual of a track in a view and its derivative by the inverse depth.
-    pub(super) fn by_inverse_depth(
-        &self,
-        track: &Observed,
-        view: usize,
-        pixel: &Point2<f64>,
-    ) -> Option<(Vector2<f64>, Vector2<f64>)> {
-        let Linear { residual, depth, .. } = self.linear(track, view, pixel)?;
-        Some((residual, depth))
     }
 
     fn linear(&self, track: &Observed, view: usize, pixel: &Point2<f64>) -> Option<Linear> {
@@ -445,48 +426,6 @@ impl Bundle {
         costs
     }
 
-    /// [`adjust`](Self::adjust) of each window's poses in turn, on the tracks that its photographs are part of, with the others
-    /// kept. One window is all photographs.
-    pub(super) fn adjust_windows(&mut self, windows: &[Vec<usize>]) {
-        let rounds = if windows.len() > 1 { neighbours::ROUNDS } else { 1 };
-        for window in std::iter::repeat_n(windows, rounds).flatten() {
-            let (mut part, own) = self.window(window);
-            part.adjust(STEPS);
-            self.poses = part.poses;
-            own.into_iter().zip(part.tracks).for_each(|(i, track)| self.tracks[i] = track);
-        }
-    }
-
-    /// The bundle of a window, and the indices of its tracks.
-    fn window(&self, window: &[usize]) -> (Self, Vec<usize>) {
-        let shows = |track: &Observed| {
-            window.contains(&track.anchor) || track.views.iter().any(|(v, _)| window.contains(v))
-        };
-        let own: Vec<usize> = (0..self.tracks.len()).filter(|&i| shows(&self.tracks[i])).collect();
-        let tracks = own.iter().map(|&i| self.tracks[i].clone()).collect();
-        let fixed = (0..self.poses.len()).map(|v| self.fixed[v] || !window.contains(&v)).collect();
-        (self.with(tracks, fixed), own)
-    }
-
-    /// The same with other tracks and other poses kept.
-    fn with(&self, tracks: Vec<Observed>, fixed: Vec<bool>) -> Self {
-        Self {
-            lenses: self.lenses.clone(),
-            poses: self.poses.clone(),
-            fixed,
-            log_scales: self.log_scales.clone(),
-            prior_sigmas: self.prior_sigmas.clone(),
-            pose_priors: self.pose_priors.clone(),
-            tracks,
-            ..*self
-        }
-    }
-
-    /// The tracks of those photographs alone.
-    pub(super) fn of_views(&self, views: &[usize]) -> Self {
-        self.window(views).0
-    }
-
     fn state(&self) -> State {
         let depths = self.tracks.iter().map(|track| track.inverse_depth).collect();
         State {
@@ -532,22 +471,6 @@ impl Bundle {
         for (v, scale) in self.log_scales.iter_mut().enumerate() {
             *scale += if self.keep_scale && v == 0 { 0.0 } else { by };
         }
-    }
-
-    /// [`covariance`](Self::covariance) of each window with the other poses kept.
-    pub(super) fn covariance_of_windows(&self, windows: &[Vec<usize>], noise: f64) -> Option<Covariance> {
-        let mut all = Covariance {
-            poses: vec![None; self.poses.len()],
-            log_depths: vec![f64::INFINITY; self.tracks.len()],
-            log_focal: None,
-        };
-        for window in windows {
-            let (part, own) = self.window(window);
-            let found = part.covariance(noise)?;
-            window.iter().for_each(|&v| all.poses[v] = found.poses[v]);
-            own.iter().zip(found.log_depths).for_each(|(&i, variance)| all.log_depths[i] = variance);
-        }
-        Some(all)
     }
 
     /// Covariance of the parameters, if a pixel's standard deviation is `noise` times that of [`Lens::noise`]. Nothing where the

@@ -11,8 +11,6 @@ const RANKS: [usize; 6] = [0, 1, 2, 4, 7, 12];
 pub(super) const FEW: usize = 12;
 /// Largest angle between optical axes at which photographs are neighbours, degrees.
 const MOST_TURNED: f64 = 60.0;
-/// Rounds over the windows of an adjustment.
-pub(super) const ROUNDS: usize = 2;
 
 /// The other photographs that look the same way to 60 degrees, by the distance of their centres, the nearest first; all others where none
 /// does.

@@ -1,4 +1,4 @@
-use super::bundle::{Bundle, Covariance, INVERSE_DEPTH, Observed, PosePrior};
+use super::bundle::{Bundle, Covariance, Observed, PosePrior};
 use super::estimate::{LEAST_NOISE, Verdict};
 use super::tracks::{self, Track};
 use super::two_view::{self, Pair};
@@ -22,8 +22,6 @@ const FOLDS: usize = 5;
 const BEYOND_NOISE: f64 = 2.0;
 /// Windows of a long capture on which the trust is chosen.
 const TRIALS: usize = 3;
-/// Gauss-Newton steps of a track's depth.
-const DEPTH_STEPS: usize = 10;
 
 /// Largest standard deviation of a given pose's rotation about each axis, degrees.
 const ROTATION_SIGMA_DEGREES: f64 = 1.0;
@@ -180,14 +178,14 @@ impl Given<'_, '_> {
             let fits = |[a, b]: &[usize; 2]| {
                 let pixel = |v: usize, i: usize| self.shots[v].features.keypoints[i].pixel;
                 let views = vec![(pair.second, pixel(pair.second, *b))];
-                let alone = Observed {
+                let mut track = Observed {
                     anchor: pair.first,
                     pixel: pixel(pair.first, *a),
                     inverse_depth: 0.0,
                     prior: None,
                     views,
                 };
-                let track = bundle.triangulated(alone);
+                bundle.triangulate_track(&mut track);
                 let (view, there) = &track.views[0];
                 bundle.residual(&track, *view, there).is_some_and(|r| r.norm() <= cut)
             };
@@ -335,51 +333,6 @@ fn centre(pose: &Pose) -> nalgebra::Vector3<f64> {
 }
 
 impl Bundle {
-    /// The depth of every track that fits its matches best with the poses as they are.
-    pub(super) fn triangulate(&mut self) {
-        let tracks = std::mem::take(&mut self.tracks);
-        self.tracks = tracks.into_iter().map(|track| self.triangulated(track)).collect();
-    }
-
-    /// The inverse depth \\( w \\) at which the distances of a track from where it was found have the least sum. In a view with
-    /// \\( p \\) = `R d + w t` and the ray \\( q \\), \\( p \times q = 0 \\) gives \\( w = -(Rd \times q) \cdot (t \times q) / \lVert t \times q
-    /// \rVert^2 \\): by the angle between the rays, for any ratio of baseline to depth. The best of these starts
-    /// Gauss-Newton steps, reweighted to the sum of distances.
-    fn triangulated(&self, mut track: Observed) -> Observed {
-        let at = |inverse_depth: f64| Observed { inverse_depth, ..track.clone() };
-        let cost = |track: &Observed| -> f64 {
-            let found = track.views.iter().map(|(v, p)| self.residual(track, *v, p));
-            found.map(|r| r.map_or(f64::MAX.sqrt(), |r| r.norm())).sum()
-        };
-        let starts = track.views.iter().map(|(v, p)| self.inverse_depth(&track, *v, p));
-        let mut best = (f64::INFINITY, track.inverse_depth);
-        for start in starts {
-            let there = cost(&at(start));
-            if there < best.0 {
-                best = (there, start);
-            }
-        }
-        for _ in 0..DEPTH_STEPS {
-            let here = at(best.1);
-            let (mut slope, mut curvature) = (0.0, 0.0);
-            for (residual, moved) in
-                here.views.iter().filter_map(|(v, p)| self.by_inverse_depth(&here, *v, p))
-            {
-                let weight = residual.norm().max(1e-6).recip();
-                slope += weight * residual.dot(&moved);
-                curvature += weight * moved.norm_squared();
-            }
-            let next = (best.1 - slope / curvature).max(INVERSE_DEPTH[0]);
-            let there = cost(&at(next));
-            if there.is_nan() || there >= best.0 {
-                break;
-            }
-            best = (there, next);
-        }
-        track.inverse_depth = best.1;
-        track
-    }
-
     /// Distances of all observations from where they should be, at most `cut`.
     fn errors(&self, cut: f64) -> Vec<f64> {
         self.tracks

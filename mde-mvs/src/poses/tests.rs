@@ -177,7 +177,7 @@ fn threads_and_the_place_of_the_reference_change_nothing() {
     assert_eq!(order.map(|i| one.poses[i]).as_slice(), other.poses);
 }
 
-/// A prior that knows nothing but one depth for all: the matches alone give poses and shape.
+/// Under a constant prior the matches alone give poses and shape.
 #[test]
 fn a_constant_prior_is_enough_where_there_is_parallax() {
     let flat = Array2::from_elem((240, 320), 1.0_f32);

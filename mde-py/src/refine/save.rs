@@ -153,7 +153,7 @@ pub(crate) fn replace_folder(py: Python<'_>, new: PathBuf, target: PathBuf) -> P
     Ok(py.detach(|| folder::exchange(&new, &target))?)
 }
 
-/// Adds the names of a folder's files to its record, by which `mde refine --force` knows that it may replace it.
+/// Adds the names of a folder's files to its record: `mde refine --force` replaces no folder with files that its record lacks.
 #[pyfunction]
 pub(crate) fn list_files(py: Python<'_>, folder: PathBuf) -> PyResult<()> {
     Ok(py.detach(|| folder::list_files(&folder))?)

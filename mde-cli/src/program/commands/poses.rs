@@ -37,8 +37,8 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
     );
     let folder = target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     // Names are checked before the work.
-    let names = paths.iter().map(|path| relative(path, folder)).collect::<Result<Vec<_>>>()?;
-    let (scene, plan) = unposed(&refiner, &args.camera, "PHOTO", &paths, &mut progress)?;
+    paths.iter().try_for_each(|path| relative(path, folder).map(drop))?;
+    let (scene, plan, paths) = unposed(&refiner, &args.camera, "PHOTO", None, paths, &mut progress)?;
     let prepared = refiner.prepare(&scene, &plan, &mut progress)?;
     let several = prepared.several().context("no photograph; give two or more")?;
     let report = several.report();
@@ -48,11 +48,11 @@ pub(super) fn run(args: &PosesArgs) -> Result<()> {
         report.fallback.as_deref().unwrap_or_default()
     );
     let mut frames = Vec::new();
-    for (index, (name, path)) in names.into_iter().zip(&paths).enumerate() {
+    for (index, path) in paths.iter().enumerate() {
         let (Some(pose), Some(camera)) = (several.pose(index), several.camera(index)) else { continue };
         let (height, width) = size(path);
         let lens = Lens { camera: camera.resized(width, height)?, distortion: Distortion::default() };
-        frames.push(Frame { photograph: name.into(), lens, pose });
+        frames.push(Frame { photograph: relative(path, folder)?.into(), lens, pose });
     }
     std::fs::create_dir_all(folder)
         .with_context(|| format!("{}: can't make this folder", folder.display()))?;

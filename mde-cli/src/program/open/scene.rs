@@ -4,7 +4,7 @@ use crate::program::args::{CameraArgs, RefineArgs};
 use crate::program::open::photographs::existing;
 use crate::program::open::settings::{camera, given_camera};
 use crate::program::progress::Progress;
-use crate::refiner::capture::{different, shorten};
+use crate::refiner::capture::{different, only, shorten};
 use crate::refiner::{Observer, Plan, Refiner, Unit};
 use crate::scene::{Photograph, Scene};
 use anyhow::{Context, Result, ensure};
@@ -58,14 +58,10 @@ pub(crate) fn several(
         let camera = given_camera(&args.camera);
         return Ok(refiner.capture((&files, one), Some(&args.image), &camera, progress)?);
     }
-    ensure!(
-        refiner.settings().unit == Unit::Prior,
-        "--unit capture: the photographs have no poses of their own, so there is no unit but the prior's; give a capture with poses, or \
-         --unit prior"
-    );
     let mut paths = vec![args.image.clone()];
     paths.extend(further(&args.image, &args.several.views)?);
-    unposed(refiner, &args.camera, "--views", &paths, progress)
+    let (scene, plan, _) = unposed(refiner, &args.camera, "--views", Some(&args.image), paths, progress)?;
+    Ok((scene, plan))
 }
 
 /// Every photograph of a capture, with the poses of its files or without.
@@ -83,30 +79,46 @@ pub(crate) fn whole(
         "{}: no capture; give a folder of photographs, a transforms.json, a COLMAP project or a TUM sequence",
         path.display()
     );
-    unposed(refiner, args, "CAPTURE", &existing("CAPTURE", &[path.to_owned()])?, progress)
+    let paths = existing("CAPTURE", &[path.to_owned()])?;
+    let (scene, plan, _) = unposed(refiner, args, "CAPTURE", None, paths, progress)?;
+    Ok((scene, plan))
 }
 
-/// Photographs without poses, the first the reference; `flag` gave them.
+/// Photographs without poses, the first the reference, their plan and their paths; `flag` gave them. One that can't be read is left out
+/// unless it is `image`.
 pub(crate) fn unposed(
     refiner: &Refiner<'_>,
     args: &CameraArgs,
     flag: &str,
-    paths: &[PathBuf],
+    image: Option<&Path>,
+    paths: Vec<PathBuf>,
     progress: &mut Progress,
-) -> Result<(Scene, Plan)> {
-    let first = paths.first().context("there is no photograph; give one")?;
+) -> Result<(Scene, Plan, Vec<PathBuf>)> {
+    ensure!(
+        refiner.settings().unit == Unit::Prior,
+        "--unit capture: the photographs have no poses of their own, so there is no unit but the prior's; give a capture with poses, or \
+         --unit prior"
+    );
+    let first = paths.iter().find(|path| image_size(path).is_some()).or(paths.first());
+    let first = first.context("there is no photograph; give one")?;
     let plan = refiner.plan(&format!("{flag}: {} photographs", paths.len()), size(first), paths.len())?;
-    let (mut photographs, mut unreadable) = (Vec::new(), Vec::new());
+    let (mut photographs, mut read, mut unreadable) = (Vec::new(), Vec::new(), Vec::new());
     for path in paths {
-        match read_image(path) {
-            Ok(photo) => photographs.push(photograph(refiner, args, path, photo, true, progress)?),
-            Err(error) if path != first => unreadable.push((path.display().to_string(), error.to_string())),
+        match read_image(&path) {
+            Ok(photo) => {
+                photographs.push(photograph(refiner, args, &path, photo, true, progress)?);
+                read.push(path);
+            }
+            Err(error) if image != Some(&path) => {
+                unreadable.push((path.display().to_string(), error.to_string()));
+            }
             Err(error) => return Err(error.into()),
         }
     }
     shorten(&mut photographs);
-    let photographs = different(photographs, &unreadable, progress)?;
-    Ok((Scene { unreadable, ..Scene::several(photographs, 0)? }, plan))
+    let kept = different(&photographs, &unreadable, progress)?;
+    let scene = Scene { unreadable, ..Scene::several(only(photographs, &kept), 0)? };
+    Ok((scene, plan, only(read, &kept)))
 }
 
 /// The photographs of files and folders but for the reference, each once, folders in the order of their names.
