@@ -11,7 +11,7 @@ use mde_warp::PosedView;
 use nalgebra::Matrix6;
 use ndarray::{Array2, Zip};
 
-/// Factor of the standard deviation of the fused depth, which the field has in part already.
+/// Factor of the standard deviation of the fused depth beside a field, which has it in part already.
 const CONSENSUS: f32 = 0.5;
 /// Standard deviation of a match, pixels of disparity. What neither the field nor the sweeps state: exposure, the raster, the lens.
 const MATCH: f64 = 0.5;
@@ -39,7 +39,7 @@ pub(super) fn scale(reconstruction: &Reconstruction, unit: f64) -> [f64; 2] {
 
 /// The field's depth, the consensus where the field has none, in the prior's unit: `factor` is the unit of the poses per unit of it.
 ///
-/// Relative variances add: that of the ray's termination, a quarter of the consensus', half a pixel of disparity over the root mean
+/// Relative variances add: that of the ray's termination, a quarter of the consensus' (all of it where there is no field), half a pixel of disparity over the root mean
 /// square of the baselines \\( b \\), \\( (0.5\, z / (f_x b))^2 \\), and that of the poses ([`depth_variance`]). The components
 /// split the first two: the ray's into what lies within its bins and the rest, the consensus' into the ambiguity of the costs, the
 /// prior with the doubt of the match, and the inflation by which the photographs disagree.
@@ -72,7 +72,8 @@ pub(super) fn combine(
         let depth = z / factor;
         let ray = field.map_or(0.0, |f| f.1 * f.1);
         let in_bin = within.and_then(|w| w.get(at)).map_or(0.0, |v| (v / (z * z)).max(0.0).min(ray));
-        let fused = (CONSENSUS * stated.map_or(0.0, |s| s.1)).powi(2);
+        let share = if field.is_some() { CONSENSUS } else { 1.0 };
+        let fused = (share * stated.map_or(0.0, |s| s.1)).powi(2);
         let apart = disagreement * fused;
         let ambiguous = ambiguity[at] * (fused - apart);
         let shares = [
@@ -120,4 +121,37 @@ fn disparity(views: &[PosedView]) -> f64 {
     let squares: f64 = others.iter().map(|view| (centre(view) - centre(reference)).norm_squared()).sum();
     let baseline = (squares / others.len().max(1) as f64).sqrt();
     if baseline > 0.0 { MATCH / (reference.camera.fx * baseline) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mde_mvs::consensus::reconstruct;
+    use mde_mvs::silent;
+    use mde_warp::{PinholeCamera, Pose};
+    use ndarray::Array3;
+
+    /// Two photographs of a wall. No field states a part of the variance, so sigma has all of it.
+    #[test]
+    fn without_a_field_sigma_has_the_whole_variance_of_the_consensus() {
+        let camera = PinholeCamera::from_fov(60.0, 64, 48).unwrap();
+        let photograph = |shift: f64| {
+            let grey = |y: usize, x: usize| {
+                let (u, v) = (x as f64 + 0.5 * camera.fx * shift, y as f64);
+                (0.5 + 0.2 * (0.7 * u + 0.2 * v).sin() + 0.2 * (0.31 * u - 0.6 * v).sin()) as f32
+            };
+            let image = Array3::from_shape_fn((48, 64, 3), |(y, x, _)| grey(y, x));
+            let mask = Array2::from_elem((48, 64), true);
+            PosedView::new(image, camera, Pose::translation(-shift, 0.0, 0.0), mask, Vec::new()).unwrap()
+        };
+        let views = [photograph(0.0), photograph(0.2)];
+        let prior = Array2::from_elem((48, 64), 2.0_f32);
+        let found = reconstruct(&views, &[prior.view(), prior.view()], None, &mut silent).unwrap();
+        let (_, parts) = combine(&found.views[0], found.inflation, &views, &[None, None], None, 1.0).unwrap();
+        let of_fused = ["ambiguity", "prior", "view-disagreement"];
+        let fused = parts.iter().filter(|part| of_fused.contains(&part.name));
+        let fused = fused.map(|part| part.sigma.mapv(|sigma| sigma * sigma)).reduce(|a, b| a + b).unwrap();
+        let stated = found.views[0].fused.variance();
+        assert!(fused.iter().zip(stated).all(|(sum, all)| (sum / all - 1.0).abs() < 1e-3));
+    }
 }
