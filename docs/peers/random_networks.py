@@ -170,7 +170,7 @@ def last_line(text):
 
 def doctor(mde, model, library):
     """The profile's size or why there is none, the verdict, and seconds of a prediction by each runtime."""
-    command = [mde, "doctor", "--prior-model", model, "--onnxruntime", library]
+    command = [mde, "doctor", "--prior-model", model, "--runtime", library]
     run = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "COLUMNS": "100000"})
     profile = re.search(r"^profile *(\{.*\})$", run.stdout, re.M)
     seconds = re.findall(r"^runtime .*?: ([0-9.]+) s for one prediction", run.stdout, re.M)
@@ -230,7 +230,7 @@ def main():
         profile, verdict, seconds = doctor(arguments.mde, model, library)
         if model.with_suffix(".toml").is_file():
             profile += ", by a TOML file"
-        runtimes = (["--runtime", "tract"], ["--onnxruntime", library])
+        runtimes = (["--runtime", "tract"], ["--runtime", library])
         outputs = [folder / "tract", folder / "onnxruntime"]
         maps = [refine(arguments.mde, model, arguments.photograph, *where) for where in zip(outputs, runtimes)]
         millions = f"{int(count.read_text()) / 1e6:.0f} M"

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use mde_prior::format::{ReadOptions, read_values};
 use mde_prior::ndarray::Array3;
-use mde_prior::resample::Filter;
+use mde_prior::resample::{Filter, resize};
 use mde_prior::spec::{Aspect, Channels, Layout};
 use mde_prior::{DepthKind, DepthPrior, DisparityRule, ModelSpec, OnnxPrior, PriorDepth, predict_each};
 
@@ -26,6 +26,7 @@ fn fastdepth_reproduces_its_test_vector() {
     let expected = read_values(folder.join("testvec_output_depth_f32.npy"), &ReadOptions::default()).unwrap();
     let prior = OnnxPrior::open(&model, &OnnxPrior::recognise(&model).unwrap().0).unwrap();
     let depth = prior.predict(image.view()).unwrap();
+    let expected = resize(expected.view(), (224, 224), Filter::Bilinear);
     assert_close(&depth.map, &expected, 1e-4);
     assert_eq!(depth.kind, DepthKind::Metric);
     assert!(depth.valid.iter().all(|&v| v));
