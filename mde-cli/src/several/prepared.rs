@@ -14,7 +14,7 @@ use crate::several::cameras::Posed;
 use crate::several::novel::Candidate;
 use crate::several::{cameras, novel, priors, result, withheld};
 use mde_fusion::BayesFuser;
-use mde_mvs::consensus::{Reconstruction, ViewDepth, reconstruct};
+use mde_mvs::consensus::{Reconstruction, Sweeps, ViewDepth};
 use mde_mvs::exposure::{Exposure, fit_exposure};
 use mde_mvs::poses::relative_covariance;
 use mde_mvs::scale::{Scale, point_matches};
@@ -23,13 +23,10 @@ use mde_uncertainty::GaussianDepth;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::{Matrix6, Point3};
 use ndarray::{Array2, Array3, ArrayView2, Zip};
-use std::time::Instant;
+use rayon::prelude::*;
 
-/// Least share of a photograph's own choice among those swept together for it to need no sweeps of its own.
-const SHARED: f64 = 0.75;
-
-/// A capture after the stages that its photographs share: predictions of the prior, poses, and plane sweeps of those that see the
-/// same. [`PreparedScene::refine`] fits a field for any of them, in that photograph's own frustum.
+/// A capture after the stages that its photographs share: predictions of the prior, poses, and plane sweeps, each computed when a
+/// photograph first needs it. [`PreparedScene::refine`] fits a field for any of them, in that photograph's own frustum.
 ///
 /// All results have one unit: one factor between poses and prior, that of the capture's reference.
 #[derive(Debug)]
@@ -39,14 +36,12 @@ pub struct PreparedScene<'s> {
     priors: Vec<Option<Array2<f32>>>,
     /// Nothing where no further photograph has a pose.
     posed: Option<Posed>,
-    /// For each posed photograph the scores of the others and the group that is swept for it; of the first alone until another is
-    /// refined.
+    /// For each posed photograph.
     plan: Vec<Planned>,
-    swept: Option<Swept>,
-    /// Of the capture's points, or found by the sweeps of the reference's group.
+    /// Nothing before the first sweep.
+    sweeps: Option<Sweeps>,
+    /// Of the capture's points.
     scale: Option<Scale>,
-    /// Whether the first group has been swept; where that finds no scale, each group has its own.
-    scale_sought: bool,
     report: CaptureReport,
 }
 
@@ -56,26 +51,16 @@ struct Planned {
     scores: Vec<ViewScore>,
     /// The photograph itself, then those chosen for it.
     own: Vec<usize>,
-    /// Those whose sweeps are computed together.
-    group: Vec<usize>,
 }
 
 impl Planned {
-    /// Reports the scores of the others for the photograph at `place`. The fit has those that are chosen, and among those that are swept.
+    /// Reports the scores of the others for the photograph at `place`.
     fn report(&self, posed: &Posed, place: usize, report: &mut CaptureReport) {
         for score in &self.scores {
-            let (view, used) = (&posed.views[score.view], score.chosen && self.group.contains(&score.view));
-            report.photographs[posed.order[score.view]].take(score, used, view, &posed.views[place]);
+            let view = &posed.views[score.view];
+            report.photographs[posed.order[score.view]].take(score, score.chosen, view, &posed.views[place]);
         }
     }
-}
-
-/// The latest sweeps.
-#[derive(Debug)]
-struct Swept {
-    group: Vec<usize>,
-    reconstruction: Reconstruction,
-    seconds: f64,
 }
 
 impl<'s> PreparedScene<'s> {
@@ -105,12 +90,12 @@ impl<'s> PreparedScene<'s> {
         let posed = cameras::posed(scene, &priors, config, &mut report, &mut matched)?;
         let (mut plan, mut scale) = (Vec::new(), None);
         if let Some(posed) = &posed {
-            plan = self::plan(posed, &priors, config, 1)?;
-            plan.iter().for_each(|first| first.report(posed, 0, &mut report));
+            plan = self::plan(posed, &priors, config)?;
+            plan[0].report(posed, 0, &mut report);
             scale = scale_of_points(scene, posed, &priors)?;
         }
         report.seconds.poses = start.elapsed().as_secs_f64();
-        Ok(Self { scene, config, priors, posed, plan, swept: None, scale, scale_sought: false, report })
+        Ok(Self { scene, config, priors, posed, plan, sweeps: None, scale, report })
     }
 
     /// The photographs.
@@ -164,12 +149,6 @@ impl<'s> PreparedScene<'s> {
         let mut report = self.report.of(self.scene.reference, photograph);
         let config = self.config;
         let iterations = config.refinement.iterations.min(1);
-        if photograph != self.scene.reference
-            && let Some(posed) = &self.posed
-            && self.plan.len() < posed.views.len()
-        {
-            self.plan = plan(posed, &self.priors, config, posed.views.len())?;
-        }
         let place = match self.place(photograph) {
             Ok(place) => place,
             Err(reason) => {
@@ -180,24 +159,18 @@ impl<'s> PreparedScene<'s> {
         let Some(posed) = self.posed.as_ref() else { return Err(Error::EmptyPrior) };
         self.plan[place].report(posed, place, &mut report);
 
-        begin(callback, Stage::Sweep, 0, iterations)?;
-        self.sweep(place, &mut |done, total| callback(&Event::Part { stage: Stage::Sweep, done, total }))?;
-        let (Some(posed), Some(swept)) = (&self.posed, &self.swept) else {
-            return Err(Error::EmptyPrior);
-        };
-        let start = Instant::now();
-        let group: Vec<usize> = swept.group.iter().map(|&view| posed.order[view]).collect();
-        report.take(&swept.reconstruction, &group);
-        let unit = posed.unit;
-        let known = |view: usize| swept.group.iter().position(|&swept| swept == view);
-        let known = |view: usize| &swept.reconstruction.views[known(view).unwrap_or(0)];
-        let own = known(place);
-        report.scale = Some(result::scale(&swept.reconstruction, unit));
-        let plan = &self.plan[place];
-        let members: Vec<usize> =
-            plan.own.iter().copied().filter(|view| swept.group.contains(view)).collect();
-        let mut views = members.iter().map(|&view| posed.views[view].clone()).collect::<Vec<_>>();
+        let start = begin(callback, Stage::Sweep, 0, iterations)?;
+        let members = self.plan[place].own.clone();
+        let swept = &mut |done, total| callback(&Event::Part { stage: Stage::Sweep, done, total });
+        let (reconstruction, depths) = self.reconstruct(&members, swept)?;
+        let Some(posed) = &self.posed else { return Err(Error::EmptyPrior) };
         let order: Vec<usize> = members.iter().map(|&view| posed.order[view]).collect();
+        report.take(&reconstruction, &order);
+        let unit = posed.unit;
+        let own = &reconstruction.views[0];
+        report.scale = Some(result::scale(&reconstruction, unit));
+        let plan = &self.plan[place];
+        let mut views = members.iter().map(|&view| posed.views[view].clone()).collect::<Vec<_>>();
         let from = posed.covariances[place].as_ref();
         let back = posed.views[place].pose.inverse();
         // The capture's reference, or given poses that are kept, have no covariance of their own.
@@ -208,28 +181,28 @@ impl<'s> PreparedScene<'s> {
                 .then(|| relative_covariance(&motion, &own.unwrap_or_else(Matrix6::zeros), from))
         };
         let covariances: Vec<Option<Matrix6<f64>>> = members.iter().map(relative).collect();
-        let mut candidate = candidate(plan, posed, &swept.group);
+        let mut candidate = candidate(plan, posed);
         if place != 0 {
             let frame = views[0].pose.inverse();
             let others = candidate.iter_mut().map(|candidate| &mut candidate.view);
             views.iter_mut().chain(others).for_each(|view| view.pose *= frame);
         }
-        let depths = priors::for_views(&views, &order, &self.priors, unit)?;
         let depths: Vec<ArrayView2<'_, f32>> = depths.iter().map(|depth| depth.view()).collect();
+        let unused = candidate.as_ref().filter(|candidate| candidate.withheld);
         report.withheld_colours =
-            withheld::withheld(&views, &depths, &order, &swept.reconstruction, self.scene)?;
+            withheld::withheld(&views, &depths, &order, &reconstruction, unused, self.scene)?;
         if let Some(reason) = result::unusable(own).or_else(|| withheld::contradiction(&report)) {
             report.fallback = Some(reason);
             // What the refused sweeps found is no scale.
             report.scale = None;
-            report.seconds.sweep = swept.seconds + start.elapsed().as_secs_f64();
+            report.seconds.sweep = start.elapsed().as_secs_f64();
             return self.alone(photograph, stages, report, callback);
         }
         equalise(&mut views, own, &order, &mut report)?;
-        for (view, &member) in views.iter_mut().zip(&members) {
-            view.hypotheses = vec![known(member).fused.clone()];
+        for (view, known) in views.iter_mut().zip(&reconstruction.views) {
+            view.hypotheses = vec![known.fused.clone()];
         }
-        report.seconds.sweep = swept.seconds + start.elapsed().as_secs_f64();
+        report.seconds.sweep = start.elapsed().as_secs_f64();
 
         let (mut rendered, mut field) = (None, None);
         if config.refinement.iterations > 0 {
@@ -263,8 +236,8 @@ impl<'s> PreparedScene<'s> {
             field = Some(fitted);
         }
         begin(callback, Stage::Fuse, 0, iterations)?;
-        let factor = result::scale(&swept.reconstruction, unit)[0];
-        let inflation = swept.reconstruction.inflation;
+        let factor = result::scale(&reconstruction, unit)[0];
+        let inflation = reconstruction.inflation;
         let (mut depth, mut components) =
             result::combine(own, inflation, &views, &covariances, rendered.as_ref(), factor)?;
         if let Some(rendered) = &rendered {
@@ -282,7 +255,7 @@ impl<'s> PreparedScene<'s> {
             }
         }
         report.place(&views, &order, factor);
-        let fused: Vec<&GaussianDepth> = members.iter().map(|&member| &known(member).fused).collect();
+        let fused: Vec<&GaussianDepth> = reconstruction.views.iter().map(|known| &known.fused).collect();
         let evidence = Evidence::new(&views, &fused, rendered.as_ref(), &depth, factor)?;
         report.confirmed = Some(evidence.confirmed_share());
         report.evidence = Some(evidence);
@@ -306,36 +279,28 @@ impl<'s> PreparedScene<'s> {
         Ok(place)
     }
 
-    /// Sweeps of the group in which that view is, unless they are the latest.
-    fn sweep(&mut self, place: usize, swept: &mut mde_mvs::Callback<'_>) -> Result<()> {
-        let same = |swept: &Swept| swept.group == self.plan[place].group;
-        if self.swept.as_ref().is_some_and(same) {
-            if let Some(swept) = &mut self.swept {
-                swept.seconds = 0.0;
+    /// Depths of those posed views from each other and their own sources, and their priors in the unit of the poses.
+    fn reconstruct(
+        &mut self,
+        members: &[usize],
+        swept: &mut mde_mvs::Callback<'_>,
+    ) -> Result<(Reconstruction, Vec<Array2<f32>>)> {
+        let Some(posed) = &self.posed else { return Err(Error::EmptyPrior) };
+        let priors = &self.priors;
+        let prior = |view: usize| priors::in_unit_of_poses(posed, priors, view);
+        if self.sweeps.is_none() {
+            let mut sweeps = Sweeps::new(&posed.views, &prior, sources(&self.plan))?;
+            sweeps.scale = self.scale;
+            if self.scale.is_none() {
+                // One scale for all: by the reference and its choice, unless nothing shows its scene.
+                let first = self.plan.iter().position(|planned| planned.own.len() > 1).unwrap_or(0);
+                sweeps.find_scale(&self.plan[first].own)?;
             }
-            return Ok(());
+            self.sweeps = Some(sweeps);
         }
-        // One scale for all: that of the first group, which is the reference's unless nothing shows its scene.
-        let first = self.plan.iter().position(|planned| planned.own.len() > 1).unwrap_or(0);
-        let is_first = self.plan[place].group == self.plan[first].group;
-        if self.scale.is_none() && !self.scale_sought && !is_first {
-            self.sweep(first, swept)?;
-        }
-        let Some(posed) = &self.posed else { return Ok(()) };
-        self.swept = None;
-        let start = Instant::now();
-        let group = self.plan[place].group.clone();
-        let order: Vec<usize> = group.iter().map(|&view| posed.order[view]).collect();
-        let views: Vec<PosedView> = group.iter().map(|&view| posed.views[view].clone()).collect();
-        let depths = priors::for_views(&views, &order, &self.priors, posed.unit)?;
-        let depths: Vec<ArrayView2<'_, f32>> = depths.iter().map(|depth| depth.view()).collect();
-        let reconstruction = reconstruct(&views, &depths, self.scale, swept)?;
-        if is_first {
-            self.scale = self.scale.or(reconstruction.scale);
-            self.scale_sought = true;
-        }
-        self.swept = Some(Swept { group, reconstruction, seconds: start.elapsed().as_secs_f64() });
-        Ok(())
+        let Some(sweeps) = &mut self.sweeps else { return Err(Error::EmptyPrior) };
+        let found = sweeps.reconstruct(&posed.views, &prior, members, swept)?;
+        Ok((found, members.iter().map(|&view| prior(view)).collect()))
     }
 
     /// The photograph alone, with the same settings.
@@ -371,56 +336,46 @@ fn scale_of_points(scene: &Scene, posed: &Posed, priors: &[Option<Array2<f32>>])
     Ok(Scale::fit(&point_matches(&posed.views[0], &points, prior.view())?))
 }
 
-/// The best of the photographs that are not swept; else the least needed of the chosen, which the fit has then.
-fn candidate(plan: &Planned, posed: &Posed, swept: &[usize]) -> Option<Candidate> {
+/// The best of the photographs that are not chosen; else the least needed of the chosen, which the fit has then.
+fn candidate(plan: &Planned, posed: &Posed) -> Option<Candidate> {
     let overlaps = |score: &&ViewScore| score.overlap >= MIN_OVERLAP && score.score > 0.0;
-    let is_swept = |score: &&ViewScore| swept.contains(&score.view);
-    let spare = plan.scores.iter().filter(|score| !is_swept(score)).find(overlaps);
-    let score = spare.or_else(|| plan.scores.iter().rfind(|score| score.chosen && is_swept(score)))?;
+    let spare = plan.scores.iter().filter(|score| !score.chosen).find(overlaps);
+    let score = spare.or_else(|| plan.scores.iter().rfind(|score| score.chosen))?;
     Some(Candidate {
         view: posed.views[score.view].clone(),
         index: posed.order[score.view],
-        withheld: !is_swept(&score),
+        withheld: !score.chosen,
     })
 }
 
-/// The best photographs for each by parallax, overlap and sharpness, and the groups of those that are swept together: every group is
-/// the choice of one photograph, and serves those of its members whose own choice it nearly is. Only the first `count` are planned.
-fn plan(
-    posed: &Posed,
-    priors: &[Option<Array2<f32>>],
-    config: &Config,
-    count: usize,
-) -> Result<Vec<Planned>> {
+/// The best photographs for each by parallax, overlap and sharpness.
+fn plan(posed: &Posed, priors: &[Option<Array2<f32>>], config: &Config) -> Result<Vec<Planned>> {
     let max_views = config.multi_view.max_views.saturating_sub(1);
     let sharpness = sharpness(&posed.views);
-    let mut plan = Vec::new();
-    for (place, &index) in posed.order.iter().enumerate().take(count) {
-        let mut own = vec![place];
-        let mut scores = Vec::new();
-        if let Some(prior) = &priors[index] {
-            let depth = prior.mapv(|z| (f64::from(z) * posed.unit) as f32);
-            scores = select_views(&posed.views, place, depth.view(), &sharpness, max_views)?;
-            let mut chosen: Vec<usize> = scores.iter().filter(|s| s.chosen).map(|s| s.view).collect();
-            chosen.sort_unstable();
-            own.extend(chosen);
+    let of = |place: usize| {
+        let depth = priors::in_unit_of_poses(posed, priors, place);
+        let scores = select_views(&posed.views, place, depth.view(), &sharpness, max_views)?;
+        let mut own: Vec<usize> =
+            scores.iter().filter(|score| score.chosen).map(|score| score.view).collect();
+        own.sort_unstable();
+        own.insert(0, place);
+        Ok(Planned { scores, own })
+    };
+    (0..posed.views.len()).into_par_iter().map(of).collect()
+}
+
+/// What each photograph is swept against: those chosen for it; where there are none, those that chose it.
+fn sources(plan: &[Planned]) -> Vec<Vec<usize>> {
+    let of = |(place, planned): (usize, &Planned)| {
+        let mut sources = planned.own.clone();
+        if sources.len() < 2 {
+            let chose_it = |other: &usize| *other != place && plan[*other].own.contains(&place);
+            sources.extend((0..plan.len()).filter(chose_it));
         }
-        plan.push(Planned { scores, own, group: Vec::new() });
-    }
-    for place in 0..plan.len() {
-        let group = plan[place].own.clone();
-        if !plan[place].group.is_empty() || group.len() < 2 {
-            continue;
-        }
-        for &member in &group {
-            let Some(own) = plan.get(member).map(|planned| &planned.own) else { continue };
-            let here = own.iter().filter(|view| group.contains(view)).count();
-            if plan[member].group.is_empty() && here >= 2 && here as f64 >= SHARED * own.len() as f64 {
-                plan[member].group.clone_from(&group);
-            }
-        }
-    }
-    Ok(plan)
+        sources.sort_unstable();
+        sources
+    };
+    plan.iter().enumerate().map(of).collect()
 }
 
 /// The photographs in the exposure of the first, fitted where other photographs confirm its depth.

@@ -4,9 +4,11 @@ use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::refinement::stages::Stages;
 use crate::scene::Scene;
+use crate::several::cameras::Posed;
 use mde_prior::predict_each;
 use mde_uncertainty::GaussianDepth;
-use mde_warp::{PosedView, WarpConfig, forward_warp};
+use mde_uncertainty::statistics::median;
+use mde_warp::{WarpConfig, forward_warp};
 use ndarray::Array2;
 use std::ops::ControlFlow;
 
@@ -45,36 +47,21 @@ pub(super) fn predict(
     Ok(depths)
 }
 
-/// The priors of `views` in one unit. Photographs without a prediction get the reference's, warped; `unit` is the capture's unit per
-/// unit of the prior.
-pub(super) fn for_views(
-    views: &[PosedView],
-    order: &[usize],
-    priors: &[Option<Array2<f32>>],
-    unit: f64,
-) -> Result<Vec<Array2<f32>>> {
-    let scaled = |depth: &Array2<f32>| depth.mapv(|z| (f64::from(z) * unit) as f32);
-    let reference = order.first().and_then(|&i| priors[i].as_ref()).map(scaled).ok_or(Error::EmptyPrior)?;
+/// The prior of a posed view in the unit of the poses. One without a prediction has the reference's, warped, or where that shows nothing of
+/// it, the reference's median everywhere.
+pub(super) fn in_unit_of_poses(posed: &Posed, priors: &[Option<Array2<f32>>], view: usize) -> Array2<f32> {
+    let scaled = |depth: &Array2<f32>| depth.mapv(|z| (f64::from(z) * posed.unit) as f32);
+    let (from, to) = (&posed.views[0], &posed.views[view]);
+    if let Some(depth) = &priors[posed.order[view]] {
+        return scaled(depth);
+    }
+    let reference = priors[posed.order[0]].as_ref().map(scaled).unwrap_or_default();
+    let middle = median(reference.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z))).unwrap_or(1.0) as f32;
     let variance = reference.mapv(|z| if z > 0.0 { 1.0 } else { f32::INFINITY });
-    let known = GaussianDepth::new(reference, variance)?;
-    let from = &views[0];
-    views
-        .iter()
-        .zip(order)
-        .map(|(view, &index)| match &priors[index] {
-            Some(depth) => Ok(scaled(depth)),
-            None => {
-                let warped = forward_warp(
-                    from.image.view(),
-                    &known,
-                    &from.camera,
-                    &from.pose,
-                    &view.camera,
-                    &view.pose,
-                    &WarpConfig::default(),
-                )?;
-                Ok(warped.depth)
-            }
-        })
-        .collect()
+    let config = WarpConfig::default();
+    let warped = GaussianDepth::new(reference, variance).ok().and_then(|known| {
+        forward_warp(from.image.view(), &known, &from.camera, &from.pose, &to.camera, &to.pose, &config).ok()
+    });
+    let warped = warped.map(|warped| warped.depth).filter(|depth| depth.iter().any(|z| *z > 0.0));
+    warped.unwrap_or_else(|| Array2::from_elem(to.camera.dim(), middle))
 }

@@ -66,12 +66,12 @@ pub fn select_views(
     max_views: usize,
 ) -> Result<Vec<ViewScore>> {
     let from = views.get(reference).ok_or(Error::Reference { reference, views: views.len() })?;
-    views.iter().try_for_each(PosedView::validate)?;
     check_map("depth", depth.dim(), &from.camera)?;
     let poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
-    let mut scores: Vec<ViewScore> = nearest(&poses, reference)
+    let near: Vec<usize> = nearest(&poses, reference).into_iter().take(CANDIDATES).collect();
+    near.iter().chain([&reference]).try_for_each(|&view| views[view].validate())?;
+    let mut scores: Vec<ViewScore> = near
         .into_iter()
-        .take(CANDIDATES)
         .map(|view| {
             let (overlap, seen_depth) = overlap(from, &views[view], depth);
             let parallax = seen_depth.map_or(0.0, |z| baseline(from, &views[view]) / z);

@@ -1,7 +1,7 @@
 //! Whether depth from several photographs explains one that it has not used.
 //!
 //! [`withheld_error`] carries the colours of the withheld photograph into the reference through a depth map, once through the
-//! reconstruction of the other photographs and once through the scaled prior. Wrong poses, a moved scene or a failed match show
+//! reconstruction of the other photographs and once through the scaled prior; [`unused_error`] does so where a further photograph is left. Wrong poses, a moved scene or a failed match show
 //! there: the photograph then fits the reconstruction worse than the prior.
 
 use mde_uncertainty::statistics::median;
@@ -9,7 +9,7 @@ use mde_warp::PosedView;
 use ndarray::{Array2, ArrayView2};
 
 use crate::raster::{small_map, small_view};
-use crate::sweep::consensus::reconstruct;
+use crate::sweep::consensus::{ViewDepth, reconstruct};
 use crate::sweep::exposure::{fit_exposure, sample};
 use crate::sweep::scale::Scale;
 use crate::{Error, Result, check_map, silent};
@@ -80,15 +80,53 @@ pub fn withheld_error(
     maps.remove(withheld);
     let maps: Vec<ArrayView2<'_, f32>> = maps.iter().map(|map| map.view()).collect();
     let known = reconstruct(&small, &maps, scale, &mut silent)?;
-    let (Some(reference), Some(own)) = (small.first(), known.views.first()) else { return Ok(None) };
-    let found = differences(reference, &target, own.fused.mean())?;
-    let Some(prior) = maps.first() else { return Ok(None) };
+    let (Some(reference), Some(own), Some(prior)) = (small.first(), known.views.first(), maps.first()) else {
+        return Ok(None);
+    };
     let factor = known.scale.map_or(1.0, |scale| scale.log_scale.exp());
-    let mut best = compare(&differences(reference, &target, own.prior.mean())?, &found);
+    error(
+        reference,
+        &target,
+        [own.fused.mean(), own.prior.mean()],
+        prior.mapv(|z| (f64::from(z) * factor) as f32),
+    )
+}
+
+/// The same for a `target` that had no part in what is `known` of the depth of `reference`, whose `prior` is in the unit of the poses but
+/// for the factor `scale`: nothing has to be found again.
+///
+/// # Errors
+/// [`Error::View`] for a map of another size than its camera.
+pub fn unused_error(
+    reference: &PosedView,
+    target: &PosedView,
+    known: &ViewDepth,
+    prior: ArrayView2<'_, f32>,
+    scale: Option<Scale>,
+) -> Result<Option<WithheldError>> {
+    let (from, to) = (small_view(reference, SMALL)?, small_view(target, SMALL)?);
+    let of = |map: ArrayView2<'_, f32>| -> Result<Array2<f32>> {
+        check_map("depth", map.dim(), &reference.camera)?;
+        Ok(small_map(&map, from.camera.dim()))
+    };
+    let (found, gauged, prior) = (of(known.fused.mean())?, of(known.prior.mean())?, of(prior)?);
+    let factor = scale.map_or(1.0, |scale| scale.log_scale.exp());
+    error(&from, &to, [found.view(), gauged.view()], prior.mapv(|z| (f64::from(z) * factor) as f32))
+}
+
+/// The error through the depth that was found, and the least through the gauged prior and the multiples of the scaled one.
+fn error(
+    reference: &PosedView,
+    target: &PosedView,
+    [found, gauged]: [ArrayView2<'_, f32>; 2],
+    scaled: Array2<f32>,
+) -> Result<Option<WithheldError>> {
+    let found = differences(reference, target, found)?;
+    let mut best = compare(&differences(reference, target, gauged)?, &found);
     // The scale may itself rest on wrong matches, so the prior may choose its factor.
     for step in SCALES {
-        let scaled = prior.mapv(|z| (f64::from(z) * factor * (STEP * step).exp()) as f32);
-        let next = compare(&differences(reference, &target, scaled.view())?, &found);
+        let scaled = scaled.mapv(|z| (f64::from(z) * (STEP * step).exp()) as f32);
+        let next = compare(&differences(reference, target, scaled.view())?, &found);
         if let Some(next) = next {
             best =
                 Some(best.filter(|best| best.found - best.prior >= next.found - next.prior).unwrap_or(next));
@@ -177,6 +215,26 @@ mod tests {
         }
         let error = error(&views, &depths, 1);
         assert!(error.is_worse() && error.found > 1.5 * error.prior, "{error:?}");
+    }
+
+    /// The photograph that is withheld, and the same one left over, tell true poses from wrong ones alike.
+    #[test]
+    fn an_unused_photograph_is_as_good_as_a_withheld_one() {
+        for moved in [false, true] {
+            let (mut views, depths, priors) = room(1.0);
+            let priors = if moved { depths } else { priors };
+            if moved {
+                for (view, sign) in views[2..].iter_mut().zip([1.0, -1.0]) {
+                    view.pose = Pose::translation(0.04 * sign, -0.05, 0.02) * view.pose;
+                }
+            }
+            let target = views.remove(1);
+            let maps: Vec<_> = [0, 2, 3].map(|i| priors[i].view()).to_vec();
+            let known = reconstruct(&views, &maps, None, &mut silent).unwrap();
+            let error =
+                unused_error(&views[0], &target, &known.views[0], maps[0], known.scale).unwrap().unwrap();
+            assert_eq!(error.is_worse(), moved, "{error:?}");
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@ pub mod inference;
 pub mod limit;
 
 use crate::config::{Config, NovelViews, RefinementConfig};
-use mde_mvs::consensus::reconstruct_bytes;
+use mde_mvs::consensus::sweeps_bytes;
 use mde_nerf::{FieldConfig, HashFieldConfig, RenderConfig};
 
 /// The program, its threads' tiles and what it allocates at any image size.
@@ -54,7 +54,7 @@ pub fn scene_bytes(pixels: u64, photographs: u64, threads: u64, config: &Config)
     let used = photographs.min(config.multi_view.max_views as u64);
     let held = PHOTOGRAPH.saturating_mul(photographs);
     let features = FEATURES.saturating_mul(threads.min(photographs));
-    let sweeps = reconstruct_bytes(pixels, used);
+    let sweeps = sweeps_bytes(pixels, photographs, used);
     let stage = match config.refinement.iterations {
         0 => sweeps,
         _ => sweeps.max(field_bytes(config)),

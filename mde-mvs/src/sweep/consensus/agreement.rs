@@ -4,14 +4,15 @@ use mde_uncertainty::GaussianDepth;
 use mde_warp::PosedView;
 use ndarray::Array2;
 use rayon::prelude::*;
+use std::borrow::Borrow;
 
 use crate::{Error, Result, check_map};
 use mde_warp::transfer::PlaneTransfer;
 
 /// Distance in pixels, there and back, within which two photographs agree.
 const PIXELS: f64 = 1.0;
-/// Difference of log depth within which they agree.
-const LOG_DEPTH: f32 = 0.1;
+/// Factor between depths within which they agree, .1 in log depth.
+const LOG_DEPTH: f64 = 1.105_170_918_075_647_6;
 
 /// Number of other views that agree with each pixel's depth, and of those that could; at most 255.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,15 +28,15 @@ pub struct Agreement {
 ///
 /// # Errors
 /// [`Error::Reference`] for an index outside the views, [`Error::View`] for a map of another size.
-pub fn agreement(
-    views: &[PosedView],
+pub fn agreement<V: Borrow<PosedView>>(
+    views: &[V],
     depths: &[&GaussianDepth],
     reference: usize,
     others: &[usize],
 ) -> Result<Agreement> {
     let missing = |i: usize| Error::Reference { reference: i, views: views.len().min(depths.len()) };
     let of = |i: usize| -> Result<(&PosedView, &GaussianDepth)> {
-        Ok((views.get(i).ok_or(missing(i))?, *depths.get(i).ok_or(missing(i))?))
+        Ok((views.get(i).ok_or(missing(i))?.borrow(), *depths.get(i).ok_or(missing(i))?))
     };
     let (from, depth) = of(reference)?;
     check_map("depth", depth.dim(), &from.camera)?;
@@ -53,12 +54,13 @@ pub fn agreement(
                 let Some((v, u)) = forth.nearest(&seen) else { continue };
                 let Some((z_there, _)) = there.get(v, u).filter(|(z, _)| *z > 0.0) else { continue };
                 visible[x] = visible[x].saturating_add(1);
-                let expected = f64::from(z) * seen.ratio;
-                let difference = (f64::from(z_there) / expected).ln();
-                let distance = back
-                    .at(seen.x, seen.y, 1.0 / f64::from(z_there))
-                    .map_or(f64::INFINITY, |b| (b.x - x as f64).hypot(b.y - *y as f64));
-                if distance <= PIXELS && difference.abs() <= f64::from(LOG_DEPTH) {
+                let ratio = f64::from(z_there) / (f64::from(z) * seen.ratio);
+                if !(LOG_DEPTH.recip()..=LOG_DEPTH).contains(&ratio) {
+                    continue;
+                }
+                let Some(there) = back.at(seen.x, seen.y, 1.0 / f64::from(z_there)) else { continue };
+                let [right, down] = [there.x - x as f64, there.y - *y as f64];
+                if right * right + down * down <= PIXELS * PIXELS {
                     agree[x] = agree[x].saturating_add(1);
                 }
             }

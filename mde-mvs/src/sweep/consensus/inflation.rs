@@ -14,7 +14,7 @@ use mde_warp::transfer::PlaneTransfer;
 ///
 /// Matches of neighbours share their errors, so that variances which take them as independent are too small. Where two
 /// verified maps meet, 90 % of the differences should lie within 1.645 standard deviations.
-pub(super) fn inflation(views: &[PosedView], maps: &[(Fused, Agreement, f32)]) -> f32 {
+pub(super) fn inflation(views: &[&PosedView], maps: &[(Fused, Agreement, f32)]) -> f32 {
     let pairs: Vec<(usize, usize)> = (0..views.len())
         .flat_map(|i| (0..views.len()).map(move |j| (i, j)))
         .filter(|(i, j)| i != j)
@@ -22,7 +22,7 @@ pub(super) fn inflation(views: &[PosedView], maps: &[(Fused, Agreement, f32)]) -
     let mut scores: Vec<f64> = pairs
         .par_iter()
         .flat_map_iter(|&(i, j)| {
-            let carried = splat(&views[j], &maps[j].0, &maps[j].1, &views[i]);
+            let carried = splat(views[j], &maps[j].0, &maps[j].1, views[i]);
             let (own, agreement) = (&maps[i].0.depth, &maps[i].1.agree);
             let score = |((y, x), &(log, v)): ((usize, usize), &(f32, f32))| {
                 let (z, variance) = own.get(y, x).filter(|(z, _)| *z > 0.0)?;

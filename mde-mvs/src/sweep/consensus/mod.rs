@@ -1,38 +1,25 @@
 //! Depth of every photograph from all of them, without a field.
 //!
-//! [`reconstruct`] runs the whole stage: scale, gauge, sweeps of every photograph, their agreement, and the fusion with the
-//! gauged prior.
+//! [`Sweeps`] has the whole stage: scale, gauge, sweeps of every photograph, their agreement, and the fusion with the
+//! gauged prior, for a capture of any length; [`reconstruct`] is the same for a few photographs at once.
 
 mod agreement;
 mod chance;
 mod fuse;
 mod inflation;
+mod sweeps;
 
 use mde_uncertainty::GaussianDepth;
-use mde_uncertainty::statistics::quantile;
 use mde_warp::PosedView;
-use ndarray::{Array2, ArrayView2, Zip};
-use rayon::prelude::*;
+use ndarray::{Array2, ArrayView2};
 
 pub use agreement::{Agreement, agreement};
-use chance::{TRUSTED, better, chances};
-use fuse::fuse;
-use inflation::inflation;
+use chance::TRUSTED;
+pub use sweeps::{Sweeps, sweeps_bytes};
 
-use crate::raster::{enlarge, small_map, small_view};
-use crate::sweep::scale::{Gauge, Match, PATCHES, Scale};
-use crate::sweep::{Surfaces, Sweep, sweep, working_bytes};
-use crate::{Callback, Error, Result, check_map, notify};
-
-/// Longer side of the photographs on which scale, gauge and the smooth corrections are found.
-const SMALL: usize = 160;
-/// Factor by which a prior of unknown scale may be wrong.
-const UNKNOWN: f64 = 32.0;
-
-/// The factor about the scaled prior that the first sweeps cover.
-const WIDE: f64 = 3.0;
-/// The factor about the corrected prior that the last sweeps cover.
-const NARROW: f64 = 1.5;
+use crate::sweep::Sweep;
+use crate::sweep::scale::{Match, PATCHES, Scale};
+use crate::{Callback, Error, Result};
 
 /// Depth of one photograph from all of them.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,7 +31,7 @@ pub struct ViewDepth {
     pub sweep: Sweep,
     /// The consensus, the sweep fused with the prior: depth and variance in the unit of the poses.
     pub fused: GaussianDepth,
-    /// Counts over all other photographs.
+    /// Counts over the other photographs of the result.
     pub agreement: Agreement,
     /// Share of the pixels on which at least one other photograph agrees.
     pub verified: f32,
@@ -53,7 +40,7 @@ pub struct ViewDepth {
     pub ambiguity: Array2<f32>,
 }
 
-/// Result of [`reconstruct`].
+/// Result of [`reconstruct`] and [`Sweeps::reconstruct`].
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Reconstruction {
@@ -65,16 +52,7 @@ pub struct Reconstruction {
     pub inflation: f32,
 }
 
-/// Bytes that [`reconstruct`] takes, its result included, beside its inputs: the working memory of one sweep, and the maps of all
-/// photographs.
-pub fn reconstruct_bytes(pixels: u64, views: u64) -> u64 {
-    // Of each photograph four means with variances, six maps of numbers, four of counts.
-    let maps = 4 * 8 + 6 * 4 + 4;
-    let working = working_bytes(pixels, views.saturating_sub(1));
-    working.saturating_add(pixels.saturating_mul(views).saturating_mul(maps))
-}
-
-/// Depth and variance of every photograph, from poses, sweeps and priors.
+/// Depth and variance of every photograph, from poses, sweeps and priors: the [`Sweeps`] of photographs that all see the same.
 ///
 /// `priors` are z-depths `[height, width]`, one for each view, in any unit (one for all); 0 where unknown. Depths come in
 /// the unit of the poses. `scale`, where it is known, for example from sparse points, saves the search for it; without it
@@ -93,139 +71,14 @@ pub fn reconstruct(
     if views.len() < 2 || priors.len() != views.len() {
         return Err(Error::TooFewViews { views: views.len().min(priors.len()) });
     }
-    for (view, prior) in views.iter().zip(priors) {
-        view.validate()?;
-        check_map("prior", prior.dim(), &view.camera)?;
-    }
     let everyone: Vec<usize> = (0..views.len()).collect();
-    let small = views.iter().map(|v| small_view(v, SMALL)).collect::<Result<Vec<_>>>()?;
-    let small_priors: Vec<Array2<f32>> =
-        priors.iter().zip(&small).map(|(p, v)| small_map(p, v.camera.dim())).collect();
-
-    let scale = match scale {
-        Some(known) => Some(known),
-        None => common_scale(&small, &small_priors)?,
-    };
-    let factor = scale.map_or(0.0, |s| s.log_scale).exp() as f32;
-
-    // Gauge and smooth correction of each prior, from sweeps around the scaled prior.
-    let scaled: Vec<Array2<f32>> = small_priors.iter().map(|p| p.mapv(|z| factor * z)).collect();
-    let wide = everyone
-        .par_iter()
-        .map(|&i| {
-            let surfaces = Surfaces::Around { depth: scaled[i].view(), factor: WIDE };
-            sweep(&small, i, &everyone, surfaces)
-        })
-        .collect::<Result<Vec<_>>>()?;
-    let depths: Vec<&GaussianDepth> = wide.iter().map(|s| &s.depth).collect();
-    // The whole range, from the nearest that the prior may mean to infinity: where the prior is wrong by more.
-    let whole = everyone
-        .par_iter()
-        .map(|&i| {
-            let mut known: Vec<f64> = scaled[i].iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)).collect();
-            let near = quantile(&mut known, 0.01).unwrap_or(1.0) / WIDE;
-            sweep(&small, i, &everyone, Surfaces::Planes { near, far: f64::INFINITY })
-        })
-        .collect::<Result<Vec<_>>>()?;
-    let whole_depths: Vec<&GaussianDepth> = whole.iter().map(|s| &s.depth).collect();
-    let common = scale.unwrap_or(Scale { log_scale: 0.0, variance: 1.0, spread: 0.3, matches: 0 });
-    let corrected = |&i: &usize| -> Result<_> {
-        let agreement = agreement(&small, &depths, i, &everyone)?;
-        let chance = chances(&wide[i], &agreement);
-        let agreement = self::agreement(&small, &whole_depths, i, &everyone)?;
-        let whole_chance = chances(&whole[i], &agreement);
-        let (best, chance) = better(&wide[i], &chance, &whole[i], &whole_chance)?;
-        // A network's unknown shift of disparity bends the depth; one factor cannot follow it.
-        let matches = matches_of(&small_priors[i], &best, &chance, i);
-        let gauge = Gauge::fit(&matches).unwrap_or_else(|| Gauge::from_scale(&common));
-        let prior = gauge.apply(small_priors[i].view())?;
-        let fused = fuse(&small[i], &prior, &best, &chance, WIDE)?;
-        // The correction is smooth, so it may be enlarged; the prior keeps its own details.
-        let ratio = Zip::from(&fused.corrected).and(prior.mean()).map_collect(|&c, &p| {
-            let r = (c / p).ln();
-            if r.is_finite() { r } else { 0.0 }
-        });
-        let (h, w) = views[i].camera.dim();
-        let ratio = enlarge(&ratio, h, w);
-        let full = gauge.apply(priors[i])?;
-        let centre = Zip::from(&ratio).and(full.mean()).map_collect(|&r, &p| p * r.exp());
-        Ok((full, centre))
-    };
-    let corrected = everyone.par_iter().map(corrected).collect::<Result<Vec<_>>>()?;
-    let (scaled, centres): (Vec<_>, Vec<_>) = corrected.into_iter().unzip();
-
-    // The last sweeps.
-    let fine = everyone
-        .iter()
-        .map(|&i| {
-            let surfaces = Surfaces::Around { depth: centres[i].view(), factor: NARROW };
-            let swept = sweep(views, i, &everyone, surfaces)?;
-            notify(callback, i + 1, views.len())?;
-            Ok(swept)
-        })
-        .collect::<Result<Vec<_>>>()?;
-    let depths: Vec<&GaussianDepth> = fine.iter().map(|s| &s.depth).collect();
-    let corrected = centres.into_iter().zip(&scaled).map(|(centre, prior)| {
-        let variance = Zip::from(&centre)
-            .and(prior.mean())
-            .and(prior.variance())
-            .map_collect(|&z, &p, &v| if p > 0.0 { v * (z / p).powi(2) } else { v });
-        Ok(GaussianDepth::new(centre, variance)?)
-    });
-    let corrected = corrected.collect::<Result<Vec<_>>>()?;
-    let corrected_depths: Vec<&GaussianDepth> = corrected.iter().collect();
-    let mut fused = everyone
-        .par_iter()
-        .map(|&i| {
-            let agreement = agreement(views, &depths, i, &everyone)?;
-            let chance = chances(&fine[i], &agreement);
-            let visible = self::agreement(views, &corrected_depths, i, &everyone)?.visible;
-            let seen =
-                Zip::from(&visible).and(fine[i].depth.mean()).map_collect(|&count, &z| count > 0 && z > 0.0);
-            let map = fuse(&views[i], &corrected[i], &fine[i], &chance, NARROW)?;
-            let map = map.without_unseen(&seen, &corrected[i])?;
-            let confirmed = agreement.agree.iter().filter(|a| **a > 0).count();
-            let verified = confirmed as f32 / agreement.agree.len() as f32;
-            Ok((map, agreement, verified))
-        })
-        .collect::<Result<Vec<_>>>()?;
-    let inflation = inflation(views, &fused);
-    for (map, _, _) in &mut fused {
-        map.depth = map.depth.clone().map(|m, v| (m, inflation * v));
+    let prior = |view: usize| priors[view].to_owned();
+    let mut sweeps = Sweeps::new(views, &prior, vec![everyone.clone(); views.len()])?;
+    match scale {
+        Some(known) => sweeps.scale = Some(known),
+        None => sweeps.find_scale(&everyone)?,
     }
-    let views = fused
-        .into_iter()
-        .zip(scaled)
-        .zip(fine)
-        .map(|((f, prior), sweep)| ViewDepth {
-            prior,
-            sweep,
-            fused: f.0.depth,
-            agreement: f.1,
-            verified: f.2,
-            ambiguity: f.0.ambiguity,
-        })
-        .collect();
-    Ok(Reconstruction { scale, views, inflation })
-}
-
-/// One factor for all priors, from sweeps over every scale.
-fn common_scale(views: &[PosedView], priors: &[Array2<f32>]) -> Result<Option<Scale>> {
-    let everyone: Vec<usize> = (0..views.len()).collect();
-    let sweeps = everyone
-        .par_iter()
-        .map(|&i| {
-            let surfaces = Surfaces::Ladder { depth: priors[i].view(), factor: UNKNOWN };
-            sweep(views, i, &everyone, surfaces)
-        })
-        .collect::<Result<Vec<_>>>()?;
-    let depths: Vec<&GaussianDepth> = sweeps.iter().map(|s| &s.depth).collect();
-    let mut matches = Vec::new();
-    for i in 0..views.len() {
-        let agreement = agreement(views, &depths, i, &everyone)?;
-        matches.extend(matches_of(&priors[i], &sweeps[i], &chances(&sweeps[i], &agreement), i));
-    }
-    Ok(Scale::fit(&matches))
+    sweeps.reconstruct(views, &prior, &everyone, callback)
 }
 
 /// Pixels of one photograph that are probably right, each in its patch of the image.
@@ -249,6 +102,7 @@ mod tests {
     use crate::silent;
     use crate::statistics::robust_deviation;
     use crate::synthetic::room;
+    use ndarray::Zip;
 
     fn error(map: ArrayView2<'_, f32>, truth: &Array2<f32>) -> f64 {
         let sum: f64 = map.iter().zip(truth).map(|(z, t)| f64::from((z / t - 1.0).abs())).sum();

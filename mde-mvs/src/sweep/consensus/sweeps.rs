@@ -1,0 +1,258 @@
+//! The sweeps of a capture, each computed once.
+
+use mde_uncertainty::GaussianDepth;
+use mde_uncertainty::statistics::quantile;
+use mde_warp::PosedView;
+use ndarray::{Array2, Zip};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+use super::chance::{better, chances};
+use super::fuse::fuse;
+use super::inflation::inflation;
+use super::{Reconstruction, ViewDepth, agreement, matches_of};
+use crate::raster::{enlarge, small_map, small_view};
+use crate::sweep::scale::{Gauge, Scale};
+use crate::sweep::{Surfaces, Sweep, sweep, working_bytes};
+use crate::{Callback, Error, Result, check_map, notify};
+
+/// Longer side of the photographs on which scale, gauge and the smooth corrections are found.
+const SMALL: usize = 160;
+/// Factor by which a prior of unknown scale may be wrong.
+const UNKNOWN: f64 = 32.0;
+
+/// The factor about the scaled prior that the first sweeps cover.
+const WIDE: f64 = 3.0;
+/// The factor about the corrected prior that the last sweeps cover.
+const NARROW: f64 = 1.5;
+
+/// Photographs whose last sweeps are kept: on a walk, those that the next photographs share.
+const KEPT: usize = 24;
+
+/// Plane sweeps of a capture. Each photograph is swept against sources of its own, when a result first needs that; the sweeps of the
+/// [`KEPT`] photographs that were used last are kept for the results that follow. A result does not depend on those before it.
+///
+/// The prior of a view is its z-depth `[height, width]`, 0 where unknown, in one unit for all; it is asked for when it is needed.
+#[derive(Debug)]
+pub struct Sweeps {
+    sources: Vec<Vec<usize>>,
+    small: Vec<PosedView>,
+    priors: Vec<Array2<f32>>,
+    /// The common factor of the priors.
+    pub scale: Option<Scale>,
+    coarse: Vec<Option<Coarse>>,
+    fine: Vec<Option<Fine>>,
+    /// Those with a last sweep, the latest used at the end.
+    used: Vec<usize>,
+}
+
+/// Sweeps of the small photograph: about the scaled prior, and over the whole range, where the prior is wrong by more.
+#[derive(Debug)]
+struct Coarse {
+    wide: Sweep,
+    whole: Sweep,
+}
+
+/// The sweep about the corrected prior.
+#[derive(Debug)]
+struct Fine {
+    /// The gauged prior.
+    prior: GaussianDepth,
+    corrected: GaussianDepth,
+    sweep: Sweep,
+}
+
+/// Bytes that [`Sweeps`] of that many views, of which a result has `members`, takes beside its inputs, one result included: the working
+/// memory of one sweep, the maps that are kept, and those of a result.
+pub fn sweeps_bytes(pixels: u64, views: u64, members: u64) -> u64 {
+    // Of each photograph that is kept three means with variances, two maps of numbers; in the result three more, two maps and four of counts.
+    let kept = views.min((KEPT as u64).max(members)).saturating_mul(3 * 8 + 2 * 4);
+    let of_result = members.saturating_mul(3 * 8 + 3 * 4 + 4);
+    let working = working_bytes(pixels, members.saturating_sub(1));
+    // The small photograph with two sweeps of 16 bytes per pixel.
+    let small = views.saturating_mul((SMALL * SMALL) as u64 * 50);
+    working.saturating_add(pixels.saturating_mul(kept.saturating_add(of_result))).saturating_add(small)
+}
+
+impl Sweeps {
+    /// For views with these sources, each by index in order; a view may be among its own.
+    ///
+    /// # Errors
+    /// [`Error::Reference`] for a source that is none of the views, [`Error::TooFewViews`] for other sources than views, [`Error::View`] for
+    /// a map of another size than its camera.
+    pub fn new(
+        views: &[PosedView],
+        prior: &dyn Fn(usize) -> Array2<f32>,
+        sources: Vec<Vec<usize>>,
+    ) -> Result<Self> {
+        if sources.len() != views.len() {
+            return Err(Error::TooFewViews { views: sources.len() });
+        }
+        if let Some(&reference) = sources.iter().flatten().find(|&&source| source >= views.len()) {
+            return Err(Error::Reference { reference, views: views.len() });
+        }
+        let mut priors = Vec::with_capacity(views.len());
+        let small = views.iter().enumerate().map(|(i, view)| {
+            view.validate()?;
+            let (prior, small) = (prior(i), small_view(view, SMALL)?);
+            check_map("prior", prior.dim(), &view.camera)?;
+            priors.push(small_map(&prior.view(), small.camera.dim()));
+            Ok(small)
+        });
+        let small = small.collect::<Result<Vec<_>>>()?;
+        let none = |_: &PosedView| None;
+        let (coarse, fine) = (views.iter().map(none).collect(), views.iter().map(|_| None).collect());
+        Ok(Self { sources, small, priors, scale: None, coarse, fine, used: Vec::new() })
+    }
+
+    /// Finds the common factor of the priors by these photographs, which see the same, from sweeps over every scale.
+    ///
+    /// # Errors
+    /// What [`sweep`] refuses.
+    pub fn find_scale(&mut self, members: &[usize]) -> Result<()> {
+        let views: Vec<PosedView> = members.iter().map(|&view| self.small[view].clone()).collect();
+        let everyone: Vec<usize> = (0..views.len()).collect();
+        let ladder = |i: usize| Surfaces::Ladder { depth: self.priors[members[i]].view(), factor: UNKNOWN };
+        let swept = everyone.par_iter().map(|&i| sweep(&views, i, &everyone, ladder(i)));
+        let swept = swept.collect::<Result<Vec<_>>>()?;
+        let depths: Vec<&GaussianDepth> = swept.iter().map(|s| &s.depth).collect();
+        let mut matches = Vec::new();
+        for (i, swept) in swept.iter().enumerate() {
+            let agreement = agreement(&views, &depths, i, &everyone)?;
+            let chance = chances(swept, &agreement);
+            matches.extend(matches_of(&self.priors[members[i]], swept, &chance, i));
+        }
+        self.scale = Scale::fit(&matches);
+        Ok(())
+    }
+
+    /// Depth and variance of these photographs, of which agreement and inflation are counted among themselves. `views` and `prior` are
+    /// those of [`new`](Self::new). The callback counts the photographs as the last sweep of each ends.
+    ///
+    /// # Errors
+    /// [`Error::Reference`] for an index that is none of the views, [`Error::Interrupted`], and what [`sweep`] refuses.
+    pub fn reconstruct(
+        &mut self,
+        views: &[PosedView],
+        prior: &dyn Fn(usize) -> Array2<f32>,
+        members: &[usize],
+        callback: &mut Callback<'_>,
+    ) -> Result<Reconstruction> {
+        if let Some(&reference) = members.iter().find(|&&member| member >= self.small.len().min(views.len()))
+        {
+            return Err(Error::Reference { reference, views: views.len() });
+        }
+        self.sweep_coarsely(members)?;
+        let missing: Vec<usize> = members.iter().copied().filter(|&i| self.fine[i].is_none()).collect();
+        for (done, &i) in missing.iter().enumerate() {
+            self.fine[i] = Some(self.swept(views, i, prior(i))?);
+            notify(callback, done + 1, missing.len())?;
+        }
+        self.used.retain(|view| !members.contains(view));
+        self.used.extend(members);
+        let fine =
+            members.iter().map(|&i| self.fine[i].as_ref().ok_or(Error::Reference { reference: i, views: 0 }));
+        let fine = fine.collect::<Result<Vec<&Fine>>>()?;
+        let depths: Vec<&GaussianDepth> = fine.iter().map(|fine| &fine.sweep.depth).collect();
+        let corrected: Vec<&GaussianDepth> = fine.iter().map(|fine| &fine.corrected).collect();
+        let views: Vec<&PosedView> = members.iter().map(|&i| &views[i]).collect();
+        let everyone: Vec<usize> = (0..members.len()).collect();
+        let fused = |&i: &usize| -> Result<_> {
+            let agreement = agreement(&views, &depths, i, &everyone)?;
+            let Fine { corrected: prior, sweep, .. } = fine[i];
+            let chance = chances(sweep, &agreement);
+            let visible = self::agreement(&views, &corrected, i, &everyone)?.visible;
+            let seen =
+                Zip::from(&visible).and(sweep.depth.mean()).map_collect(|&count, &z| count > 0 && z > 0.0);
+            let map = fuse(views[i], prior, sweep, &chance, NARROW)?;
+            let map = map.without_unseen(&seen, prior)?;
+            let confirmed = agreement.agree.iter().filter(|a| **a > 0).count();
+            let verified = confirmed as f32 / agreement.agree.len() as f32;
+            Ok((map, agreement, verified))
+        };
+        let fused = everyone.par_iter().map(fused).collect::<Result<Vec<_>>>()?;
+        let inflation = inflation(&views, &fused);
+        let found = fused.into_iter().zip(&fine).map(|((map, agreement, verified), fine)| ViewDepth {
+            prior: fine.prior.clone(),
+            sweep: fine.sweep.clone(),
+            fused: map.depth.map(|m, v| (m, inflation * v)),
+            agreement,
+            verified,
+            ambiguity: map.ambiguity,
+        });
+        let views = found.collect();
+        let surplus = self.used.len().saturating_sub(KEPT.max(members.len()));
+        for view in self.used.drain(..surplus) {
+            self.fine[view] = None;
+        }
+        Ok(Reconstruction { scale: self.scale, views, inflation })
+    }
+
+    /// Sweeps of small photographs: of those and of their sources, whose depths confirm theirs.
+    fn sweep_coarsely(&mut self, members: &[usize]) -> Result<()> {
+        let needed: BTreeSet<usize> =
+            members.iter().chain(members.iter().flat_map(|&i| &self.sources[i])).copied().collect();
+        let factor = self.scale.map_or(0.0, |s| s.log_scale).exp() as f32;
+        let of = |i: usize| -> Result<Coarse> {
+            let scaled = self.priors[i].mapv(|z| factor * z);
+            let around = Surfaces::Around { depth: scaled.view(), factor: WIDE };
+            let wide = sweep(&self.small, i, &self.sources[i], around)?;
+            // From the nearest that the prior may mean to infinity.
+            let mut known: Vec<f64> = scaled.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)).collect();
+            let near = quantile(&mut known, 0.01).unwrap_or(1.0) / WIDE;
+            let planes = Surfaces::Planes { near, far: f64::INFINITY };
+            Ok(Coarse { wide, whole: sweep(&self.small, i, &self.sources[i], planes)? })
+        };
+        let missing: Vec<usize> = needed.into_iter().filter(|&i| self.coarse[i].is_none()).collect();
+        let found = missing.par_iter().map(|&i| of(i)).collect::<Result<Vec<_>>>()?;
+        for (i, found) in missing.into_iter().zip(found) {
+            self.coarse[i] = Some(found);
+        }
+        Ok(())
+    }
+
+    /// Gauge and smooth correction of a prior by the small photographs, and the sweep about it.
+    fn swept(&self, views: &[PosedView], view: usize, prior: Array2<f32>) -> Result<Fine> {
+        check_map("prior", prior.dim(), &views[view].camera)?;
+        let others = self.sources[view].iter().copied().filter(|&source| source != view);
+        let group: Vec<usize> = std::iter::once(view).chain(others).collect();
+        let coarse =
+            group.iter().map(|&i| self.coarse[i].as_ref().ok_or(Error::Reference { reference: i, views: 0 }));
+        let coarse = coarse.collect::<Result<Vec<&Coarse>>>()?;
+        let small: Vec<&PosedView> = group.iter().map(|&i| &self.small[i]).collect();
+        let everyone: Vec<usize> = (0..group.len()).collect();
+        let judged = |of: fn(&Coarse) -> &Sweep| -> Result<Array2<f32>> {
+            let depths: Vec<&GaussianDepth> = coarse.iter().map(|coarse| &of(coarse).depth).collect();
+            Ok(chances(of(coarse[0]), &agreement(&small, &depths, 0, &everyone)?))
+        };
+        let (wide, whole) = (judged(|coarse| &coarse.wide)?, judged(|coarse| &coarse.whole)?);
+        let (best, chance) = better(&coarse[0].wide, &wide, &coarse[0].whole, &whole)?;
+        // A network's unknown shift of disparity bends the depth; one factor cannot follow it.
+        let small_prior = &self.priors[view];
+        let unknown = Scale { log_scale: 0.0, variance: 1.0, spread: 0.3, matches: 0 };
+        let gauge = Gauge::fit(&matches_of(small_prior, &best, &chance, view))
+            .unwrap_or_else(|| Gauge::from_scale(&self.scale.unwrap_or(unknown)));
+        let gauged = gauge.apply(small_prior.view())?;
+        let fused = fuse(small[0], &gauged, &best, &chance, WIDE)?;
+        // The correction is smooth, so it may be enlarged; the prior keeps its own details.
+        let ratio = Zip::from(&fused.corrected).and(gauged.mean()).map_collect(|&c, &p| {
+            let r = (c / p).ln();
+            if r.is_finite() { r } else { 0.0 }
+        });
+        let (h, w) = views[view].camera.dim();
+        let ratio = enlarge(&ratio, h, w);
+        let prior = gauge.apply(prior.view())?;
+        let centre = Zip::from(&ratio).and(prior.mean()).map_collect(|&r, &p| p * r.exp());
+        let sweep = sweep(
+            views,
+            view,
+            &self.sources[view],
+            Surfaces::Around { depth: centre.view(), factor: NARROW },
+        )?;
+        let variance = Zip::from(&centre)
+            .and(prior.mean())
+            .and(prior.variance())
+            .map_collect(|&z, &p, &v| if p > 0.0 { v * (z / p).powi(2) } else { v });
+        Ok(Fine { prior, corrected: GaussianDepth::new(centre, variance)?, sweep })
+    }
+}
