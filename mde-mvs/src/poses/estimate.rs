@@ -1,4 +1,5 @@
 use super::bundle::{Bundle, Covariance, Observed};
+use super::features::Features;
 use super::matching::match_features;
 use super::tracks::{self, Track, TrackPixel};
 use super::two_view::{Motion, Pair, relative_pose};
@@ -203,8 +204,9 @@ pub fn estimate_poses(
     let sorted: Vec<PoseInput> = order.iter().map(|&i| photographs[i]).collect();
     let shots = FeatureImage::all(&sorted, MAX_FEATURES)?;
     let found = |i: usize, j: usize| match_features(&shots[i].features, &shots[j].features, RATIO);
-    let every = neighbours::all(shots.len());
-    let pairs = match_pairs(&shots, &every, found, relative_pose, seed, callback)?;
+    let features: Vec<&Features> = shots.iter().map(|shot| &*shot.features).collect();
+    let likely = neighbours::likely(&features);
+    let pairs = match_pairs(&shots, &likely, found, relative_pose, seed, callback)?;
     Ok(adjusted(&sorted, &shots, &pairs, &order))
 }
 

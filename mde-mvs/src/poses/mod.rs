@@ -1,6 +1,7 @@
 //! Poses of photographs, found from matches and a monocular depth prior, or refined where they are given.
 //!
-//! [`estimate_poses`] needs no pose. Features of each photograph ([`Features`]) are matched over every pair, pairs of one
+//! [`estimate_poses`] needs no pose. Features of each photograph ([`Features`]) are matched, of more than 12 photographs with those that
+//! share most of the coarsest features, pairs of one
 //! epipolar geometry kept (a fundamental matrix by LO-RANSAC, for which no focal length is needed), and the features of one
 //! photograph lifted by the prior's depth, so that three of them give the pose of the other (P3P in RANSAC). The best pairs
 //! join all photographs to the reference; then poses, depths, the scales of the priors and, where it was assumed, one common

@@ -1,7 +1,12 @@
 //! Which photographs of a capture are compared with which.
 
+use super::RATIO;
+use super::features::Features;
+use super::matching::match_features;
 use mde_warp::Pose;
 use nalgebra::Vector3;
+use rayon::prelude::*;
+use std::cmp::Reverse;
 use std::collections::BTreeSet;
 
 /// Ranks, by distance, of the photographs that one is compared with: the nearest for their matches, some of the further for their
@@ -9,6 +14,10 @@ use std::collections::BTreeSet;
 const RANKS: [usize; 6] = [0, 1, 2, 4, 7, 12];
 /// Photographs up to this number are all compared with each other.
 pub(super) const FEW: usize = 12;
+/// Photographs with which one of unknown pose is matched by all its features.
+const PARTNERS: usize = 10;
+/// Coarsest features of a photograph, by which those are chosen.
+const PREVIEW: usize = 200;
 /// Largest angle between optical axes at which photographs are neighbours, degrees.
 const MOST_TURNED: f64 = 60.0;
 
@@ -41,6 +50,33 @@ pub(super) fn pairs(poses: &[Pose]) -> Vec<(usize, usize)> {
     pairs.into_iter().collect()
 }
 
+/// The pairs to be matched where no pose is known, each once, in order: every photograph with the next two, since most captures are a walk,
+/// and with the [`PARTNERS`] of which most of the coarsest features are matched (Wu, 2013). Their number grows with that of the photographs.
+pub(super) fn likely(features: &[&Features]) -> Vec<(usize, usize)> {
+    let count = features.len();
+    if count <= FEW {
+        return all(count);
+    }
+    let coarsest: Vec<Features> = features.par_iter().map(|features| features.coarsest(PREVIEW)).collect();
+    let previewed: Vec<((usize, usize), usize)> = all(count)
+        .into_par_iter()
+        .map(|(i, j)| ((i, j), match_features(&coarsest[i], &coarsest[j], RATIO).len()))
+        .collect();
+    let mut matches = vec![vec![0; count]; count];
+    for ((i, j), found) in previewed {
+        (matches[i][j], matches[j][i]) = (found, found);
+    }
+    let mut pairs = BTreeSet::new();
+    for (photograph, matches) in matches.iter().enumerate() {
+        let mut others: Vec<usize> = (0..count).filter(|&other| other != photograph).collect();
+        others.sort_by_key(|&other| (Reverse(matches[other]), photograph.abs_diff(other)));
+        let following = (photograph + 1..count).take(2);
+        let partners = others.into_iter().take(PARTNERS).chain(following);
+        pairs.extend(partners.map(|other| (photograph.min(other), photograph.max(other))));
+    }
+    pairs.into_iter().collect()
+}
+
 /// Every pair of that many photographs.
 pub(super) fn all(count: usize) -> Vec<(usize, usize)> {
     (0..count).flat_map(|i| (i + 1..count).map(move |j| (i, j))).collect()
@@ -64,8 +100,52 @@ pub(super) fn windows(poses: &[Pose]) -> Vec<Vec<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::poses::{DESCRIPTOR_LENGTH, Keypoint};
     use crate::synthetic::pose_at;
+    use mde_uncertainty::random::CounterRng;
+    use nalgebra::Point2;
+    use ndarray::Array2;
     use proptest::prelude::*;
+    use rand::RngExt;
+
+    /// A photograph that shows some of so many points, each with a descriptor of its own; half of its features are of nothing else.
+    fn photograph(points: std::ops::Range<usize>, own: usize) -> Features {
+        let descriptor = |seed: usize| {
+            let mut draw = CounterRng::new(0, "descriptor", 0, seed as u64);
+            let values: Vec<f32> = (0..DESCRIPTOR_LENGTH).map(|_| draw.random()).collect();
+            let norm = values.iter().map(|value| value * value).sum::<f32>().sqrt();
+            values.into_iter().map(move |value| value / norm)
+        };
+        let seeds: Vec<usize> = points.clone().chain(points.map(|i| 100_000 + 1000 * own + i)).collect();
+        let keypoint = |scale: usize| Keypoint {
+            pixel: Point2::origin(),
+            scale: scale as f64,
+            angle: 0.0,
+            response: 1.0,
+        };
+        let descriptors = Array2::from_shape_vec(
+            (seeds.len(), DESCRIPTOR_LENGTH),
+            seeds.iter().flat_map(|&seed| descriptor(seed)).collect(),
+        );
+        Features { keypoints: (0..seeds.len()).map(keypoint).collect(), descriptors: descriptors.unwrap() }
+    }
+
+    /// A ring about a table, its photographs in no order: each is compared with those that show the same, and the pairs grow linearly.
+    #[test]
+    fn photographs_without_poses_are_compared_with_those_that_show_the_same() {
+        let count = 40;
+        let place = |i: usize| i * 17 % count;
+        let ring: Vec<Features> =
+            (0..count).map(|i| photograph(6 * place(i)..6 * place(i) + 30, i)).collect();
+        let pairs = likely(&ring.iter().collect::<Vec<_>>());
+        assert!(pairs.len() <= (PARTNERS + 2) * count, "{}", pairs.len());
+        for i in 0..count {
+            for j in i + 1..count {
+                let beside = place(i).abs_diff(place(j)) <= 2;
+                assert!(!beside || pairs.contains(&(i, j)), "{i} {j}");
+            }
+        }
+    }
 
     proptest! {
         /// A walk, a third of it the way back: pairs grow linearly, every photograph is in one window, and none is matched with what

@@ -11,7 +11,7 @@ mod scale_space;
 
 use crate::{Error, Result};
 use nalgebra::Point2;
-use ndarray::{Array2, ArrayView3};
+use ndarray::{Array2, ArrayView3, Axis};
 use rayon::prelude::*;
 use scale_space::ScaleSpace;
 
@@ -51,6 +51,15 @@ impl Features {
     /// [`Error::Config`] for an image with another number of channels than 3 or a side below 16 pixels.
     pub fn detect(image: ArrayView3<f32>, max_features: usize) -> Result<Self> {
         Self::detect_within(image, max_features, FINEST_PIXELS)
+    }
+
+    /// That many of the largest scale, which are found again over the widest range of views.
+    pub(super) fn coarsest(&self, count: usize) -> Self {
+        let mut order: Vec<usize> = (0..self.keypoints.len()).collect();
+        order.sort_by(|&a, &b| self.keypoints[b].scale.total_cmp(&self.keypoints[a].scale));
+        order.truncate(count);
+        let keypoints = order.iter().map(|&i| self.keypoints[i]).collect();
+        Self { keypoints, descriptors: self.descriptors.select(Axis(0), &order) }
     }
 
     fn detect_within(image: ArrayView3<f32>, max_features: usize, finest_pixels: usize) -> Result<Self> {
