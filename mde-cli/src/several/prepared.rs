@@ -173,7 +173,7 @@ impl<'s> PreparedScene<'s> {
         let mut views = members.iter().map(|&view| posed.views[view].clone()).collect::<Vec<_>>();
         let from = posed.covariances[place].as_ref();
         let back = posed.views[place].pose.inverse();
-        // The capture's reference, or given poses that are kept, have no covariance of their own.
+        // The capture's reference has no covariance of its own, and given poses without matches have none.
         let relative = |&view: &usize| {
             let motion = posed.views[view].pose * back;
             let own = posed.covariances[view];

@@ -16,8 +16,12 @@ const CONSENSUS: f32 = 0.5;
 /// Standard deviation of a match, pixels of disparity. What neither the field nor the sweeps state: exposure, the raster, the lens.
 const MATCH: f64 = 0.5;
 /// What sigma is made of.
-const COMPONENTS: [&str; 7] =
-    ["termination", "in-bin", "ambiguity", "prior", "view-disagreement", "parallax", "poses"];
+const COMPONENTS: [&str; 8] =
+    ["termination", "in-bin", "ambiguity", "prior", "view-disagreement", "parallax", "poses", "edges"];
+/// Standard deviation of log depth per range of it in [`NEIGHBOURS`]: the place of an edge is known to a few pixels.
+const EDGE: f32 = 0.25;
+/// Half the side of the square of that range, as a share of the longer side.
+const NEIGHBOURS: f32 = 4.0 / 320.0;
 /// Least share of the reference's pixels that another photograph confirms.
 const LEAST_VERIFIED: f32 = 0.03;
 
@@ -40,7 +44,8 @@ pub(super) fn scale(reconstruction: &Reconstruction, unit: f64) -> [f64; 2] {
 /// The field's depth, the consensus where the field has none, in the prior's unit: `factor` is the unit of the poses per unit of it.
 ///
 /// Relative variances add: that of the ray's termination, a quarter of the consensus' (all of it where there is no field), half a pixel of disparity over the root mean
-/// square of the baselines \\( b \\), \\( (0.5\, z / (f_x b))^2 \\), and that of the poses ([`depth_variance`]). The components
+/// square of the baselines \\( b \\), \\( (0.5\, z / (f_x b))^2 \\), that of the poses ([`depth_variance`]), and the square of a quarter of
+/// the range of log depth over 9 x 9 pixels of a photograph of 320. The components
 /// split the first two: the ray's into what lies within its bins and the rest, the consensus' into the ambiguity of the costs, the
 /// prior with the doubt of the match, and the inflation by which the photographs disagree.
 pub(super) fn combine(
@@ -57,6 +62,11 @@ pub(super) fn combine(
     let of_poses = depth_variance(views, covariances, consensus.mean());
     let disagreement = 1.0 - inflation.recip();
     let within = rendered.and_then(|r| r.in_bin.as_ref());
+    let found = |map: &GaussianDepth, (y, x)| map.get(y, x).map(|(z, _)| z).filter(|z| *z > 0.0);
+    let depth = Array2::from_shape_fn(mean.dim(), |at| {
+        rendered.and_then(|r| found(&r.depth, at)).or(found(consensus, at)).unwrap_or(0.0)
+    });
+    let range = log_range(&depth);
     let mut parts = COMPONENTS.map(|_| Array2::from_elem(mean.dim(), f32::INFINITY));
     for (at, mean) in mean.indexed_iter_mut() {
         let relative = |map: &GaussianDepth| map.get(at.0, at.1).map(|(z, v)| (z, v.sqrt() / z));
@@ -84,12 +94,13 @@ pub(super) fn combine(
             apart,
             (per_depth * z).powi(2),
             of_poses[at],
+            (EDGE * range[at]).powi(2),
         ];
         for (part, share) in parts.iter_mut().zip(shares) {
             part[at] = share.sqrt() * depth;
         }
         *mean = depth;
-        let share = ray + fused + (per_depth * z).powi(2) + of_poses[at];
+        let share = ray + fused + (per_depth * z).powi(2) + of_poses[at] + (EDGE * range[at]).powi(2);
         variance[at] = (share * depth * depth).max(f32::MIN_POSITIVE);
     }
     let components =
@@ -100,6 +111,22 @@ pub(super) fn combine(
         }
     });
     Ok((GaussianDepth::new(mean, variance)?, components))
+}
+
+/// The range of the logarithm of the known depths over a square about each pixel.
+fn log_range(depth: &Array2<f32>) -> Array2<f32> {
+    let (height, width) = depth.dim();
+    let reach = (NEIGHBOURS * height.max(width) as f32).round() as usize;
+    let ends = depth.mapv(|z| if z > 0.0 { [z, z] } else { [f32::INFINITY, 0.0] });
+    let widest = |[a, b]: [f32; 2], [c, d]: [f32; 2]| [a.min(c), b.max(d)];
+    let along = |ends: &Array2<[f32; 2]>, axis: usize| {
+        Array2::from_shape_fn((height, width), |(y, x)| {
+            let (at, side) = if axis == 0 { (y, height) } else { (x, width) };
+            let near = at.saturating_sub(reach)..(at + reach + 1).min(side);
+            near.map(|i| ends[if axis == 0 { (i, x) } else { (y, i) }]).fold(ends[(y, x)], widest)
+        })
+    };
+    along(&along(&ends, 1), 0).mapv(|[near, far]| if far > 0.0 { (far / near).ln() } else { 0.0 })
 }
 
 /// The fusion of the prior with the field in the order of the paper, the field brought into the prior's unit by `factor` first.
@@ -130,6 +157,22 @@ mod tests {
     use mde_mvs::silent;
     use mde_warp::{PinholeCamera, Pose};
     use ndarray::Array3;
+
+    /// A step: beside it the whole of it is doubted, away from it nothing.
+    #[test]
+    fn the_range_of_depth_is_that_of_the_neighbours() {
+        let reach = 2;
+        let depth = Array2::from_shape_fn((20, 160), |(y, x)| match (y, x) {
+            (0, 0) => 0.0,
+            (_, x) if x < 80 => 1.0,
+            _ => 2.0,
+        });
+        let range = log_range(&depth);
+        for ((_, x), range) in range.indexed_iter() {
+            let beside = (80 - reach..80 + reach).contains(&x);
+            assert_eq!(*range, if beside { 2.0_f32.ln() } else { 0.0 }, "{x}");
+        }
+    }
 
     /// Two photographs of a wall. No field states a part of the variance, so sigma has all of it.
     #[test]

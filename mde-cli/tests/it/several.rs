@@ -59,7 +59,8 @@ fn parallax_halves_the_typical_error_of_the_prior() {
 
     // Sigma is the root sum of squares of its components, each of which says something.
     let names: Vec<_> = refined.components.iter().map(|part| part.name).collect();
-    let all = ["termination", "in-bin", "ambiguity", "prior", "view-disagreement", "parallax", "poses"];
+    let all =
+        ["termination", "in-bin", "ambiguity", "prior", "view-disagreement", "parallax", "poses", "edges"];
     assert_eq!(names, all);
     for (at, &variance) in refined.depth.variance().indexed_iter() {
         let sum: f32 = refined.components.iter().map(|part| part.sigma[at].powi(2)).sum();

@@ -46,7 +46,8 @@ pub struct Refined {
     /// Median distance of withheld matches from where they should be, with the given poses and with those refined without them,
     /// in pixels of a photograph of 640 on the longer side. Nothing where there are too few matches.
     pub withheld: Option<[f64; 2]>,
-    /// Covariance of each pose's left perturbation: translation, then rotation in radians.
+    /// Covariance of each pose's left perturbation, translation, then rotation in radians, by the matches and the deviations that are allowed,
+    /// for poses that are kept too; none without enough matches.
     pub covariances: Vec<Option<Matrix6<f64>>>,
     /// Points seen by at least two photographs, with the poses that are returned.
     pub tracks: Vec<Track>,
@@ -229,12 +230,10 @@ impl Given<'_, '_> {
         let groups = tracks::join(self.shots, &self.pairs.iter().filter(kept).collect::<Vec<_>>(), &rank);
         let mut bundle = self.bundle(groups.into_iter().filter_map(observed).collect());
         bundle.triangulate();
-        let as_given =
-            |bundle: Bundle, withheld| Adjusted { bundle, covariance: None, accepted: false, withheld };
         let depths = bundle.tracks.iter().map(|track| track.inverse_depth.recip());
         let still = self.poses.iter().all(|pose| centre(pose) == centre(&self.poses[0]));
         let Some(depth) = median(depths).filter(|_| !still && bundle.tracks.len() >= MIN_MATCHES) else {
-            return as_given(bundle, None);
+            return Adjusted { bundle, covariance: None, accepted: false, withheld: None };
         };
         for (v, prior) in bundle.pose_priors.iter_mut().enumerate() {
             *prior = (v != 0).then(|| PosePrior {
@@ -278,16 +277,22 @@ impl Given<'_, '_> {
             })
             .collect();
         let errors: Vec<Vec<f64>> = judged.chunks(FOLDS).map(<[Vec<f64>]>::concat).collect();
-        let Some(chosen) = least_moved(&errors, REGIONS) else { return as_given(bundle, None) };
-        let withheld = Some([0, chosen].map(|i| median(errors[i].iter().copied()).unwrap_or(0.0)));
-        let Some(share) = chosen.checked_sub(1).and_then(|i| TRUST.get(i)) else {
-            return as_given(bundle, withheld);
+        let chosen = least_moved(&errors, REGIONS);
+        let withheld =
+            chosen.map(|chosen| [0, chosen].map(|i| median(errors[i].iter().copied()).unwrap_or(0.0)));
+        let share = chosen.and_then(|chosen| chosen.checked_sub(1)).and_then(|i| TRUST.get(i));
+        let bundle = match share {
+            Some(share) => refined(*share, bundle, &windows),
+            None => {
+                // Nobody states how far they may be off: by what the matches leave open.
+                bundle.drop_outliers(OUTLIER_PIXELS);
+                bundle
+            }
         };
-        let bundle = refined(*share, bundle, &windows);
         let noise =
             shared_error_factor(bundle.tracks.len() / windows.len()) * bundle.noise().max(LEAST_NOISE);
         let covariance = bundle.covariance_of_windows(&windows, noise);
-        Adjusted { bundle, covariance, accepted: true, withheld }
+        Adjusted { bundle, covariance, accepted: share.is_some(), withheld }
     }
 }
 

@@ -10,7 +10,7 @@ use crate::raster::luma;
 use mde_warp::transfer::PlaneTransfer;
 
 /// Half the side of the correlation window, pixels.
-pub(crate) const RADIUS: usize = 3;
+pub(crate) const RADIUS: usize = 2;
 /// Its side.
 const WINDOW: usize = 2 * RADIUS + 1;
 /// Standard deviation of a grey value's noise, in sRGB units.

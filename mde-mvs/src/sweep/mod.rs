@@ -9,12 +9,14 @@
 //! with \\( \nu \\) the noise of a grey value, so that flat places cost the same everywhere. The lower half of the sources'
 //! costs is averaged (a source that is occluded falls into the other half), aggregated by semi-global matching, and read
 //! as a posterior \\( \propto e^{-S/T} \\) over surfaces: its lowest valley gives mean and variance, and the share of the
-//! posterior in that valley is the inlier probability by this sweep alone.
+//! posterior in that valley is the inlier probability by this sweep alone. Beside the depth edges that were found, windows are moved onto
+//! the surface of their pixel, and the costs aggregated once more.
 
 mod aggregate;
 pub mod consensus;
 mod correction;
 mod cost;
+mod edge;
 pub mod exposure;
 mod posterior;
 pub mod scale;
@@ -33,7 +35,7 @@ use crate::{Error, Result, check_map};
 use aggregate::{Penalties, aggregate};
 use cost::{Setup, Volume, WORST};
 use mde_warp::transfer::PlaneTransfer;
-use posterior::EstimateRow;
+use posterior::{Estimate, EstimateRow};
 
 /// Most sources that are compared with a reference: the nearest.
 const MAX_SOURCES: usize = 32;
@@ -133,22 +135,24 @@ pub fn sweep(
         })
         .collect();
     let setup = Setup { reference: from, sources: &sources, centre: &centre, multiples: &multiples };
-    let volume = Volume::new(&setup);
-    let grey = luma(from.image.view());
-    let grey: Vec<f32> = grey.iter().copied().collect();
-    let units = |cost: f32| (cost * WORST).round() as u16;
-    let penalties = Penalties { small: units(SMALL_PENALTY), large: units(LARGE_PENALTY), edge: EDGE };
-    let sums = aggregate(&volume, &grey, width, &penalties);
-    let mut found = vec![None; width * height];
-    let arch = Arch::new();
-    found.par_chunks_mut(width).zip(sums.par_chunks(width * number)).for_each_init(
-        || vec![0.0; number],
-        |weights, (found, costs)| {
-            let temperature = TEMPERATURE * WORST;
-            arch.dispatch(EstimateRow { costs, surfaces: number, temperature, weights, found });
-        },
-    );
-    drop(sums);
+    let mut volume = Volume::new(&setup);
+    let mut found = estimates(&volume, from);
+    if !logarithmic {
+        // The last surface of the least multiple may be at infinity, but no pixel's is.
+        let multiple = |surface: f32| {
+            let below = (surface.max(0.0) as usize).min(number - 2);
+            multiples[below] + (surface - below as f32) * (multiples[below + 1] - multiples[below])
+        };
+        let log = |(found, centre): (&Option<Estimate>, &f32)| {
+            found.map_or(f32::NAN, |found| -(centre * multiple(found.surface)).ln())
+        };
+        let logs: Vec<f32> = found.iter().zip(&centre).map(log).collect();
+        let moved = edge::moved(from, &logs);
+        if !moved.is_empty() {
+            edge::take(&mut volume, &moved, &centre, &multiples);
+            found = estimates(&volume, from);
+        }
+    }
     let read = |pixel: usize| {
         let position = (pixel / width, pixel % width);
         if !(volume.seen[position] && from.mask[position]) {
@@ -175,6 +179,25 @@ pub fn sweep(
     let inlier = Array2::from_shape_fn(shape, |(y, x)| at(y, x).map_or(0.0, |p| p.2));
     let cost = Array2::from_shape_fn(shape, |(y, x)| at(y, x).map_or(1.0, |p| p.3));
     Ok(Sweep { depth: GaussianDepth::new(mean, variance)?, inlier, cost, surfaces: number })
+}
+
+/// The valley of every pixel's aggregated costs.
+fn estimates(volume: &Volume, from: &PosedView) -> Vec<Option<Estimate>> {
+    let (width, surfaces) = (from.camera.width, volume.surfaces);
+    let grey: Vec<f32> = luma(from.image.view()).iter().copied().collect();
+    let units = |cost: f32| (cost * WORST).round() as u16;
+    let penalties = Penalties { small: units(SMALL_PENALTY), large: units(LARGE_PENALTY), edge: EDGE };
+    let sums = aggregate(volume, &grey, width, &penalties);
+    let mut found = vec![None; grey.len()];
+    let arch = Arch::new();
+    found.par_chunks_mut(width).zip(sums.par_chunks(width * surfaces)).for_each_init(
+        || vec![0.0; surfaces],
+        |weights, (found, costs)| {
+            let temperature = TEMPERATURE * WORST;
+            arch.dispatch(EstimateRow { costs, surfaces, temperature, weights, found });
+        },
+    );
+    found
 }
 
 /// Distance between two optical centres.

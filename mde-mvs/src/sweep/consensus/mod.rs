@@ -5,6 +5,7 @@
 
 mod agreement;
 mod chance;
+mod fill;
 mod fuse;
 mod inflation;
 mod sweeps;
