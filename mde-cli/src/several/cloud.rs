@@ -4,6 +4,10 @@ use crate::scene::size::byte;
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Point2, Point3, Vector3};
 use ndarray::{Array2, ArrayView2, ArrayView3};
+use rayon::prelude::*;
+
+/// Photographs that are asked whether they show a point of another.
+const NEAREST: usize = 32;
 
 /// A refined photograph with its pose.
 #[derive(Debug, Clone, Copy)]
@@ -56,46 +60,87 @@ impl RefinedView<'_> {
     }
 }
 
-/// A pixel's point that another photograph confirms.
+/// A point that at least two photographs show.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ConsistentPoint {
-    /// Index of the photograph.
+    /// Index of the first photograph that shows it.
     pub view: usize,
-    /// Its pixel, `[row, column]`.
+    /// Its pixel there, `[row, column]`.
     pub pixel: [usize; 2],
-    /// The point in the world.
+    /// The point in the world, on the ray of that pixel.
     pub position: Point3<f64>,
-    /// Standard deviation of the depth in that photograph.
+    /// Standard deviation of its depth in that photograph.
     pub sigma: f32,
 }
 
 /// The points that a second photograph confirms: with the point at depth \\( z' \\) before it, and \\( D \\), \\( \sigma \\) its own
 /// at the nearest pixel, \\( |z' - D| \le \sigma + \sigma' \\), where \\( \sigma' \\) is the point's in the proportion of the
-/// depths. A surface that an earlier photograph gave already is left out.
+/// depths. Each is the mean by precision (Eq. 7) of its depths in the photographs that confirm it, along the ray of the first; those
+/// pixels give no further point. Of many photographs each is compared with the [`NEAREST`].
+///
+/// Its variance is the harmonic mean of theirs: the photographs share matches and poses, so that their number proves nothing, as Eq. 8
+/// would have it.
 ///
 /// Maps of another size than their camera have no points.
 pub fn consistent_points(views: &[RefinedView<'_>]) -> Vec<ConsistentPoint> {
-    let mut given: Vec<Array2<bool>> =
-        views.iter().map(|view| Array2::from_elem(view.camera.dim(), false)).collect();
+    // The pixels of which a point is, and those that confirmed it.
+    let none = || views.iter().map(|view| Array2::from_elem(view.camera.dim(), false)).collect::<Vec<_>>();
+    let (mut given, mut taken) = (none(), none());
     let mut points = Vec::new();
     let sized = |view: &RefinedView<'_>| {
         view.depth.dim() == view.camera.dim() && view.sigma.dim() == view.camera.dim()
     };
     for (index, view) in views.iter().enumerate().filter(|(_, view)| sized(view)) {
         let world = view.pose.inverse();
-        let others: Vec<usize> = (0..views.len()).filter(|&i| i != index && sized(&views[i])).collect();
-        for ((row, column), &z) in view.depth.indexed_iter() {
-            let Some(point) = view.point(row, column) else { continue };
-            let (sigma, position) = (view.sigma[(row, column)], world * point);
-            let confirm = |&other: &usize| Some((other, seen(&views[other], &position, sigma / z)?));
-            let mut confirmed = others.iter().filter_map(confirm).peekable();
-            if confirmed.peek().is_some() && !confirmed.any(|(other, pixel)| given[other][pixel]) {
-                given[index][(row, column)] = true;
-                points.push(ConsistentPoint { view: index, pixel: [row, column], position, sigma });
+        let others = nearest(views, index).into_iter().filter(|&other| sized(&views[other]));
+        let others: Vec<usize> = others.collect();
+        let of_pixel = |(row, column): (usize, usize)| {
+            let (point, sigma) = (view.point(row, column)?, view.sigma[(row, column)]);
+            let position = world * point;
+            let relative = sigma / point.z as f32;
+            let confirm = |&other: &usize| Some((other, seen(&views[other], &position, relative)?));
+            let confirmed: Vec<_> = others.iter().filter_map(confirm).collect();
+            if confirmed.is_empty() || confirmed.iter().any(|&(other, pixel)| given[other][pixel]) {
+                return None;
+            }
+            let own = f64::from(sigma).powi(-2);
+            let (mut weighted, mut precision) = (own * point.z, own);
+            for &(other, (y, x)) in &confirmed {
+                let there = &views[other];
+                let found = view.pose * (there.pose.inverse() * there.point(y, x)?);
+                let deviation = f64::from(there.sigma[(y, x)]) * found.z / f64::from(there.depth[(y, x)]);
+                let weight = deviation.powi(-2);
+                weighted += weight * found.z;
+                precision += weight;
+            }
+            let (z, sigma) = (weighted / precision, ((confirmed.len() + 1) as f64 / precision).sqrt());
+            let position = world * (point * (z / point.z));
+            let fused = ConsistentPoint { view: index, pixel: [row, column], position, sigma: sigma as f32 };
+            Some((fused, confirmed))
+        };
+        let pixels: Vec<(usize, usize)> =
+            taken[index].indexed_iter().filter(|(_, taken)| !**taken).map(|(pixel, _)| pixel).collect();
+        let found: Vec<_> = pixels.into_par_iter().filter_map(of_pixel).collect();
+        for (point, confirmed) in found {
+            given[index][point.pixel] = true;
+            points.push(point);
+            for (other, pixel) in confirmed {
+                taken[other][pixel] = true;
             }
         }
     }
     points
+}
+
+/// The [`NEAREST`] of the other views.
+fn nearest(views: &[RefinedView<'_>], index: usize) -> Vec<usize> {
+    let centre = |view: &RefinedView<'_>| view.pose.inverse().translation.vector;
+    let here = centre(&views[index]);
+    let distance = |other: &usize| (centre(&views[*other]) - here).norm();
+    let mut others: Vec<usize> = (0..views.len()).filter(|&other| other != index).collect();
+    others.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
+    others.truncate(NEAREST);
+    others
 }
 
 /// The pixel, row and column, where a view confirms a point of that relative deviation.
@@ -142,6 +187,14 @@ mod tests {
         assert_eq!(points.len(), SIZE.0 * (SIZE.1 - 3) - 1);
         assert!(points.iter().all(|p| p.view == 0 && p.pixel != [5, 8] && p.pixel[1] >= 3));
         assert!(points.iter().all(|p| (p.position.z - 2.0).abs() < 1e-6));
+        // A third photograph at the same place, as sure as both: the mean, and no further point.
+        let near = wall.mapv(|z| z - 0.04);
+        let three = [view(0.0, &wall, &sigma), view(shift, &wall, &sigma), view(0.0, &near, &sigma)];
+        let fused = consistent_points(&three);
+        let middle = fused.iter().find(|p| p.pixel == [5, 8]).unwrap();
+        assert!((middle.position.z - (2.0 - 0.04 / 3.0)).abs() < 2e-3, "{middle:?}");
+        assert!((middle.sigma / 0.05 - 1.0).abs() < 0.02, "{middle:?}");
+        assert!(fused.iter().filter(|p| p.view == 2).all(|p| p.pixel[1] < 3));
         // With a sigma that allows for the difference it is confirmed.
         let vague = Array2::from_elem(SIZE, 0.3_f32);
         let more = consistent_points(&[view(0.0, &depth, &vague), view(shift, &wall, &vague)]);
