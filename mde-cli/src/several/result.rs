@@ -11,7 +11,7 @@ use mde_warp::PosedView;
 use nalgebra::Matrix6;
 use ndarray::{Array2, Zip};
 
-/// Factor of the standard deviation of the fused depth beside a field, which has it in part already.
+/// Factor of the standard deviations of the fused depth and of edges beside a field, which has them in part already.
 const CONSENSUS: f32 = 0.5;
 /// Standard deviation of a match, pixels of disparity. What neither the field nor the sweeps state: exposure, the raster, the lens.
 const MATCH: f64 = 0.5;
@@ -45,7 +45,7 @@ pub(super) fn scale(reconstruction: &Reconstruction, unit: f64) -> [f64; 2] {
 ///
 /// Relative variances add: that of the ray's termination, a quarter of the consensus' (all of it where there is no field), half a pixel of disparity over the root mean
 /// square of the baselines \\( b \\), \\( (0.5\, z / (f_x b))^2 \\), that of the poses ([`depth_variance`]), and the square of a quarter of
-/// the range of log depth over 9 x 9 pixels of a photograph of 320. The components
+/// the range of log depth over 9 x 9 pixels of a photograph of 320 (an eighth beside a field). The components
 /// split the first two: the ray's into what lies within its bins and the rest, the consensus' into the ambiguity of the costs, the
 /// prior with the doubt of the match, and the inflation by which the photographs disagree.
 pub(super) fn combine(
@@ -84,6 +84,7 @@ pub(super) fn combine(
         let in_bin = within.and_then(|w| w.get(at)).map_or(0.0, |v| (v / (z * z)).max(0.0).min(ray));
         let share = if field.is_some() { CONSENSUS } else { 1.0 };
         let fused = (share * stated.map_or(0.0, |s| s.1)).powi(2);
+        let edge = (share * EDGE * range[at]).powi(2);
         let apart = disagreement * fused;
         let ambiguous = ambiguity[at] * (fused - apart);
         let shares = [
@@ -94,13 +95,13 @@ pub(super) fn combine(
             apart,
             (per_depth * z).powi(2),
             of_poses[at],
-            (EDGE * range[at]).powi(2),
+            edge,
         ];
         for (part, share) in parts.iter_mut().zip(shares) {
             part[at] = share.sqrt() * depth;
         }
         *mean = depth;
-        let share = ray + fused + (per_depth * z).powi(2) + of_poses[at] + (EDGE * range[at]).powi(2);
+        let share = ray + fused + (per_depth * z).powi(2) + of_poses[at] + edge;
         variance[at] = (share * depth * depth).max(f32::MIN_POSITIVE);
     }
     let components =

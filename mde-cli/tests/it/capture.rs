@@ -273,7 +273,7 @@ fn the_demo_has_photographs_without_poses() {
     assert!(["psnr", "psnr_of_prior"].iter().all(|key| novel[*key].as_f64().unwrap() > 16.0), "{novel}");
     let scores = &told["scores"]["by_alignment"]["median"];
     let abs_rel = |which: &str| scores[which]["abs_rel"].as_f64().unwrap();
-    assert!(abs_rel("refined") < 0.8 * abs_rel("prior"), "{} {}", abs_rel("refined"), abs_rel("prior"));
+    assert!(abs_rel("refined") < 0.9 * abs_rel("prior"), "{} {}", abs_rel("refined"), abs_rel("prior"));
 
     let map = |name: &str| {
         let options = ReadOptions { npz_array: Some(name.to_owned()), ..ReadOptions::default() };
