@@ -134,7 +134,12 @@ impl Sample {
             return Err(Error::Shape { what: "the true depth", found: depth.dim().into(), expected });
         }
         let prior = reference.prior;
-        Ok(Self { trusted_depth, views: views.collect(), prior, ..Self::new(id, image, depth, camera) })
+        Ok(Self {
+            trusted_depth,
+            views: views.collect(),
+            prior,
+            ..Self::new(id, image.into_owned(), depth, camera)
+        })
     }
 }
 

@@ -65,7 +65,7 @@ fn nearest(from: usize, to: usize) -> Vec<usize> {
 }
 
 /// Nearest samples of a map at another size.
-pub(crate) fn pick<T: Copy>(map: &Array2<T>, height: usize, width: usize) -> Array2<T> {
+pub(crate) fn pick<T: Copy>(map: ArrayView2<'_, T>, height: usize, width: usize) -> Array2<T> {
     let (rows, columns) = (nearest(map.nrows(), height), nearest(map.ncols(), width));
     Array2::from_shape_fn((height, width), |(y, x)| map[(rows[y], columns[x])])
 }
@@ -101,7 +101,7 @@ pub(crate) fn small_map(map: &ArrayView2<'_, f32>, (h, w): (usize, usize)) -> Ar
         let cube = map.insert_axis(Axis(2));
         shrink(cube, h, w).index_axis_move(Axis(2), 0)
     } else {
-        pick(&map.to_owned(), h, w)
+        pick(*map, h, w)
     }
 }
 
@@ -112,7 +112,8 @@ pub(crate) fn small_view(view: &PosedView, side: usize) -> Result<PosedView> {
     let size = |n: usize| ((n as f64 * factor).round() as usize).max(1);
     let camera = view.camera.resized(size(w), size(h))?;
     let (image, mask) = if factor < 1.0 {
-        (shrink(view.image.view(), size(h), size(w)), pick(&view.mask, size(h), size(w)))
+        let mask = pick(view.mask.view(), size(h), size(w));
+        (shrink(view.image.view(), size(h), size(w)).into_shared(), mask.into_shared())
     } else {
         (view.image.clone(), view.mask.clone())
     };

@@ -278,7 +278,7 @@ fn bad_views_and_configurations_are_named() {
     assert!(matches!(field.fit(&[dark], &mut Silent), Err(Error::NoPixels)));
     assert!(matches!(field.fit(&[view(Pose::identity(), false)], &mut Silent), Err(Error::NoRange)));
     let mut torn = view(Pose::identity(), true);
-    torn.image = Array3::zeros((2, 2, 3));
+    torn.image = Array3::zeros((2, 2, 3)).into_shared();
     assert!(matches!(field.fit(&[torn], &mut Silent), Err(Error::View { index: 0, .. })));
     let mut config = hash();
     config.train.rays = 3;

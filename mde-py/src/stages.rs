@@ -144,11 +144,11 @@ pub(crate) fn forward_warp<'py>(
         })
         .map_err(raise)?;
     let parts = PyDict::new(py);
-    parts.set_item("image", warped.view.image.into_pyarray(py))?;
+    parts.set_item("image", warped.view.image.into_owned().into_pyarray(py))?;
     parts.set_item("depth", warped.depth.into_pyarray(py))?;
     let sigma = warped.view.hypotheses.first().map(GaussianDepth::sigma).unwrap_or_default();
     parts.set_item("sigma", sigma.into_pyarray(py))?;
-    parts.set_item("mask", warped.view.mask.into_pyarray(py))?;
+    parts.set_item("mask", warped.view.mask.into_owned().into_pyarray(py))?;
     parts.set_item("hole_fraction", warped.hole_fraction)?;
     parts.set_item("outside_fraction", warped.outside_fraction)?;
     Ok(parts.into_any())

@@ -1,19 +1,19 @@
 use crate::pose::check_pose;
 use crate::{Error, PinholeCamera, Pose, Result};
 use mde_uncertainty::GaussianDepth;
-use ndarray::{Array2, Array3, ArrayView3};
+use ndarray::{ArcArray, ArrayView3, Ix2, Ix3};
 
 /// An image with its camera and pose: a warp of the input, or another photograph of the scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PosedView {
-    /// sRGB colours in [0, 1], `[height, width, 3]`.
-    pub image: Array3<f32>,
+    /// sRGB colours in [0, 1], `[height, width, 3]`; clones share them.
+    pub image: ArcArray<f32, Ix3>,
     /// Its camera.
     pub camera: PinholeCamera,
     /// World to camera.
     pub pose: Pose,
     /// True where the pixel is valid for training, `[height, width]`.
-    pub mask: Array2<bool>,
+    pub mask: ArcArray<bool, Ix2>,
     /// Hypotheses of this view's z-depth with variance, each `[height, width]` in the prior's unit; may be empty.
     pub hypotheses: Vec<GaussianDepth>,
 }
@@ -24,13 +24,13 @@ impl PosedView {
     /// # Errors
     /// Those of [`validate`](Self::validate).
     pub fn new(
-        image: Array3<f32>,
+        image: impl Into<ArcArray<f32, Ix3>>,
         camera: PinholeCamera,
         pose: Pose,
-        mask: Array2<bool>,
+        mask: impl Into<ArcArray<bool, Ix2>>,
         hypotheses: Vec<GaussianDepth>,
     ) -> Result<Self> {
-        let view = Self { image, camera, pose, mask, hypotheses };
+        let view = Self { image: image.into(), camera, pose, mask: mask.into(), hypotheses };
         view.validate()?;
         Ok(view)
     }
@@ -73,6 +73,7 @@ pub(crate) fn check_image(image: ArrayView3<'_, f32>, camera: &PinholeCamera) ->
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ndarray::{Array2, Array3};
 
     fn view() -> PosedView {
         let camera = PinholeCamera::from_fov(60.0, 3, 2).unwrap();
@@ -83,7 +84,7 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_named() {
         let mut wrong = view();
-        wrong.mask = Array2::from_elem((3, 2), true);
+        wrong.mask = Array2::from_elem((3, 2), true).into_shared();
         assert!(matches!(wrong.validate(), Err(Error::Shape { what: "mask", .. })));
         let mut wrong = view();
         wrong.image[(1, 2, 0)] = f32::NAN;

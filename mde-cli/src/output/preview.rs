@@ -159,7 +159,7 @@ pub fn contact_sheet(views: &[PosedView]) -> Array3<u8> {
 }
 
 fn masked(view: &PosedView) -> Array3<f32> {
-    let mut image = view.image.clone();
+    let mut image = view.image.to_owned();
     Zip::from(image.lanes_mut(ndarray::Axis(2))).and(&view.mask).for_each(|mut colour, &real| {
         if !real {
             colour.iter_mut().zip([1.0, 0.0, 0.0]).for_each(|(c, red)| *c = 0.4 * *c + 0.6 * red);

@@ -196,10 +196,10 @@ impl<'s> Refined<'s> {
     /// renders.
     pub fn pictures(&self) -> Vec<(String, Array3<u8>)> {
         let Some(report) = &self.refinement.capture else { return Vec::new() };
-        let small = |image: &Array3<f32>| thumbnail(image.view()).mapv(byte);
+        let small = |image: ArrayView3<'_, f32>| thumbnail(image).mapv(byte);
         let photographs = self.scene.photographs.iter().enumerate();
         let mut pictures: Vec<_> =
-            photographs.map(|(index, one)| (picture_of(index), small(&one.image))).collect();
+            photographs.map(|(index, one)| (picture_of(index), small(one.image.view()))).collect();
         if let Some(novel) = &report.novel {
             pictures.push((NOVEL.to_owned(), novel.image.mapv(byte)));
             pictures.push((RENDERED.to_owned(), novel.rendered.mapv(byte)));

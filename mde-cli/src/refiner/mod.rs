@@ -247,7 +247,7 @@ impl<'p> Refiner<'p> {
         seen: &mut dyn Observer,
     ) -> Result<mde_mvs::poses::Prepared> {
         let (prior, camera) = self.bind(photograph, false, seen)?;
-        scale.prepare(&photograph.image, &camera, &prior)
+        scale.prepare(photograph.image.view(), &camera, &prior)
     }
 
     /// What the photographs of a scene share: the prior at their focal length; of several also predictions, poses and the choice of those

@@ -9,7 +9,7 @@ use mde_mvs::poses::{LogFactor, LogRatio, PoseInput, Prepared, common_scale};
 use mde_prior::resample::nearest;
 use mde_prior::{DepthPrior, DisparityRule};
 use mde_uncertainty::random::derived_seed;
-use ndarray::Array3;
+use ndarray::ArrayView3;
 use std::sync::Arc;
 
 /// Photographs before it that each is matched with.
@@ -42,7 +42,7 @@ pub struct Pair([Kept; 2]);
 /// use mde_cli::refiner::same_scale::OneScale;
 /// use mde_cli::{Config, Result};
 /// # use mde_cli::{scene::camera::KnownCamera, mde_prior::DepthPrior};
-/// # use ndarray::Array3;
+/// # use ndarray::ArrayView3;
 ///
 /// # fn all(photographs: &[(Array3<f32>, KnownCamera)], prior: &dyn DepthPrior, config: &Config) -> Result<()> {
 /// let mut scale = OneScale::new(photographs.len(), config);
@@ -91,11 +91,11 @@ impl OneScale {
     /// [`Error::MultiView`](crate::error::Error::MultiView) for an image too small, or a camera of another size.
     pub fn prepare(
         &self,
-        image: &Array3<f32>,
+        image: ArrayView3<'_, f32>,
         camera: &KnownCamera,
         prior: &dyn DepthPrior,
     ) -> Result<Prepared> {
-        let depth = prior.predict(image.view())?.to_depth(&self.disparity)?;
+        let depth = prior.predict(image)?.to_depth(&self.disparity)?;
         let (height, width, _) = image.dim();
         let size = within((height, width), LONGER_SIDE);
         let (image, depth) = (shrink(image, size), nearest(depth.view(), size));

@@ -47,7 +47,7 @@ fn room() -> Capture {
 }
 
 fn network(room: &Capture, origin: PriorOrigin) -> OpenPrior<'static> {
-    let known = vec![(room.views[0].view.image.clone(), room.truth.clone())];
+    let known = vec![(room.views[0].view.image.to_owned(), room.truth.clone())];
     OpenPrior::given(Box::new(Network { known, bytes: 0 }), origin)
 }
 

@@ -12,7 +12,7 @@ use crate::scene::size::{SMALLEST, Sizes, shrink};
 use mde_prior::resample::nearest;
 use mde_warp::{PinholeCamera, Pose, PosedView};
 use nalgebra::Point3;
-use ndarray::{Array2, Array3};
+use ndarray::{ArcArray, Array2, Ix2, Ix3};
 use serde::Serialize;
 
 /// A photograph at the size at which it is refined.
@@ -20,10 +20,10 @@ use serde::Serialize;
 pub struct Photograph {
     /// Its name in reports and messages; unique within a scene.
     pub name: String,
-    /// sRGB in 0 to 1, `[height, width, 3]`, without lens distortion.
-    pub image: Array3<f32>,
+    /// sRGB in 0 to 1, `[height, width, 3]`, without lens distortion; its views share it.
+    pub image: ArcArray<f32, Ix3>,
     /// False where the image has no content, `[height, width]`.
-    pub mask: Array2<bool>,
+    pub mask: ArcArray<bool, Ix2>,
     /// The camera at this size. An assumed focal length is estimated where there are several photographs without poses.
     pub camera: KnownCamera,
     /// World to camera; none where it is to be estimated.
@@ -38,16 +38,17 @@ pub struct Photograph {
 #[derive(Debug, Clone)]
 pub struct Full {
     /// sRGB in 0 to 1, `[height, width, 3]`.
-    pub image: Array3<f32>,
+    pub image: ArcArray<f32, Ix3>,
     /// The camera at this size.
     pub camera: KnownCamera,
 }
 
 impl Photograph {
     /// A photograph of that camera, as it is.
-    pub fn new(name: impl Into<String>, image: Array3<f32>, camera: KnownCamera) -> Self {
+    pub fn new(name: impl Into<String>, image: impl Into<ArcArray<f32, Ix3>>, camera: KnownCamera) -> Self {
+        let image = image.into();
         let (height, width, _) = image.dim();
-        let mask = Array2::from_elem((height, width), true);
+        let mask = Array2::from_elem((height, width), true).into_shared();
         Self { name: name.into(), image, mask, camera, pose: None, original: (height, width), full: None }
     }
 
@@ -60,7 +61,7 @@ impl Photograph {
         let at = sizes.of_refinement(size);
         let (height, width) = size;
         if size != self.original {
-            self.image = shrink(&self.image, size);
+            self.image = shrink(self.image.view(), size).into_shared();
             let (from_height, from_width) = self.original;
             warn(format!(
                 "resized from {from_width}x{from_height} to {width}x{height} pixels; {{max-size}} sets this"
@@ -75,13 +76,13 @@ impl Photograph {
         if at != size {
             let (rows, columns) = at;
             warn(format!("{width}x{height} pixels: refined at {columns}x{rows}; {{work-size}} sets this"));
-            let small = shrink(&self.image, at);
+            let small = shrink(self.image.view(), at).into_shared();
             let image = std::mem::replace(&mut self.image, small);
             self.full = if several { None } else { Some(Full { image, camera: self.camera.resized(size)? }) };
         }
         self.camera = self.camera.resized(at)?;
         if self.mask.dim() != at {
-            self.mask = nearest(self.mask.view(), at);
+            self.mask = nearest(self.mask.view(), at).into_shared();
         }
         Ok(self)
     }

@@ -51,7 +51,7 @@ pub(crate) fn within((height, width): (usize, usize), longest: usize) -> (usize,
 }
 
 /// The image `[height, width, 3]` at that size.
-pub fn shrink(image: &Array3<f32>, (height, width): (usize, usize)) -> Array3<f32> {
+pub fn shrink(image: ArrayView3<'_, f32>, (height, width): (usize, usize)) -> Array3<f32> {
     let mut small = Array3::zeros((height, width, 3));
     for (mut to, from) in small.axis_iter_mut(Axis(2)).zip(image.axis_iter(Axis(2))) {
         to.assign(&resize(from, (height, width), Filter::BilinearAntialias));

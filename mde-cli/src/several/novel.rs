@@ -9,7 +9,7 @@ use mde_nerf::{FieldCallback, RadianceField};
 use mde_prior::resample::nearest;
 use mde_uncertainty::GaussianDepth;
 use mde_warp::{PosedView, WarpConfig, forward_warp};
-use ndarray::{Array2, Array3, Zip};
+use ndarray::{Array2, ArrayView3, Zip};
 
 /// Longer side of the rendering, pixels: it takes a few tenths of a second.
 const LONGEST: usize = 320;
@@ -37,7 +37,7 @@ pub(super) fn compare(
 ) -> Result<NovelView> {
     let view = &candidate.view;
     let image = match candidate.withheld {
-        true => equalised(reference, view, known)?.1,
+        true => equalised(reference, view, known)?.1.into_shared(),
         // The fit has it in the reference's exposure already.
         false => view.image.clone(),
     };
@@ -48,14 +48,14 @@ pub(super) fn compare(
     };
     let ([height, width], [rows, columns]) = (size(view), size(reference));
     let camera = view.camera.resized(width, height)?;
-    let image = shrink(&image, (height, width));
+    let image = shrink(image.view(), (height, width));
     let mask = nearest(view.mask.view(), (height, width));
     let rendered = field.render(&camera, &view.pose, callback)?;
 
     let z = nearest(known.prior.mean(), (rows, columns));
     let variance = z.mapv(|z| if z > 0.0 { 1.0 } else { f32::INFINITY });
     let moved = forward_warp(
-        shrink(&reference.image, (rows, columns)).view(),
+        shrink(reference.image.view(), (rows, columns)).view(),
         &GaussianDepth::new(z, variance)?,
         &reference.camera.resized(columns, rows)?,
         &reference.pose,
@@ -69,12 +69,12 @@ pub(super) fn compare(
         .and(&moved.view.mask)
         .for_each(|both, &opacity, &reached| *both &= reached && opacity >= OPAQUE);
     let compared = both.iter().filter(|both| **both).count() as f64 / both.len().max(1) as f64;
-    let psnr = |other: &Array3<f32>| (compared >= LEAST).then(|| psnr(&image, other, &both));
+    let psnr = |other| (compared >= LEAST).then(|| psnr(image.view(), other, &both));
     Ok(NovelView {
         photograph: candidate.index,
         withheld: candidate.withheld,
-        psnr: psnr(&rendered.image),
-        psnr_of_prior: psnr(&moved.view.image),
+        psnr: psnr(rendered.image.view()),
+        psnr_of_prior: psnr(moved.view.image.view()),
         compared,
         rendered: rendered.image,
         image,
@@ -82,7 +82,7 @@ pub(super) fn compare(
 }
 
 /// Peak signal-to-noise ratio over the pixels of a mask, at most 99 dB.
-fn psnr(image: &Array3<f32>, other: &Array3<f32>, mask: &Array2<bool>) -> f64 {
+fn psnr(image: ArrayView3<'_, f32>, other: ArrayView3<'_, f32>, mask: &Array2<bool>) -> f64 {
     let (mut sum, mut count) = (0.0, 0_usize);
     for (((row, column, _), a), b) in image.indexed_iter().zip(other) {
         if mask[(row, column)] {
@@ -99,13 +99,13 @@ mod tests {
 
     #[test]
     fn the_psnr_counts_masked_pixels_alone() {
-        let image = Array3::zeros((2, 2, 3));
+        let image = ndarray::Array3::zeros((2, 2, 3));
         let mut other = image.mapv(|v: f32| v + 0.1);
         let mut mask = Array2::from_elem((2, 2), true);
-        assert!((psnr(&image, &other, &mask) - 20.0).abs() < 1e-4);
+        assert!((psnr(image.view(), other.view(), &mask) - 20.0).abs() < 1e-4);
         other[(1, 1, 0)] = 1.0;
-        assert!(psnr(&image, &other, &mask) < 15.0);
+        assert!(psnr(image.view(), other.view(), &mask) < 15.0);
         mask[(1, 1)] = false;
-        assert!((psnr(&image, &other, &mask) - 20.0).abs() < 1e-4);
+        assert!((psnr(image.view(), other.view(), &mask) - 20.0).abs() < 1e-4);
     }
 }

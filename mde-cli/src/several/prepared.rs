@@ -388,7 +388,7 @@ fn equalise(
     let Some((reference, others)) = views.split_first_mut() else { return Ok(()) };
     for (view, &index) in others.iter_mut().zip(order.iter().skip(1)) {
         let (exposure, image) = equalised(reference, view, known)?;
-        view.image = image;
+        view.image = image.into_shared();
         report.photographs[index].exposure = Some(exposure);
     }
     Ok(())
@@ -404,6 +404,6 @@ pub(super) fn equalised(
         .and(&known.agreement.agree)
         .map_collect(|&z, &support| if support > 0 { z } else { 0.0 });
     let exposure = fit_exposure(reference, view, verified.view())?.exposure;
-    let image = exposure.apply_to(&view.image).mapv(|value| value.clamp(0.0, 1.0));
+    let image = exposure.apply_to(view.image.view()).mapv(|value| value.clamp(0.0, 1.0));
     Ok((exposure, image))
 }

@@ -97,7 +97,8 @@ fn the_report_of_several_large_photographs_is_below_five_megabytes() {
         known.view.image = Array3::from_shape_fn((480, 640, 3), |(y, x, c)| {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             small[(y / 4, x / 4, c)] + 0.04 * ((state >> 8) as f32 / (1 << 24) as f32 - 0.5)
-        });
+        })
+        .into_shared();
         known.view.camera = known.view.camera.resized(640, 480).unwrap();
         let prior = known.prior.as_mut().unwrap();
         prior.map = Array2::from_shape_fn((480, 640), |(y, x)| prior.map[(y / 4, x / 4)]);
@@ -259,7 +260,7 @@ fn a_killed_capture_goes_on_after_the_finished_photographs() {
 fn the_demo_has_photographs_without_poses() {
     let place = Place::new();
     place.write("quick.toml", "nerf.train = { steps = 120, rays = 256 }\nnerf.field.finest = 128\n");
-    let demo = "demo --size 160x120 --config quick.toml";
+    let demo = "demo --size 240x180 --config quick.toml";
     let [said, _] = place.told(&format!("{demo} -o demo"), 0);
     assert!(said.contains("AbsRel") && said.contains("90 % intervals hold"), "{said}");
     let told = place.record("demo");
@@ -273,7 +274,7 @@ fn the_demo_has_photographs_without_poses() {
     assert!(["psnr", "psnr_of_prior"].iter().all(|key| novel[*key].as_f64().unwrap() > 16.0), "{novel}");
     let scores = &told["scores"]["by_alignment"]["median"];
     let abs_rel = |which: &str| scores[which]["abs_rel"].as_f64().unwrap();
-    assert!(abs_rel("refined") < 0.9 * abs_rel("prior"), "{} {}", abs_rel("refined"), abs_rel("prior"));
+    assert!(abs_rel("refined") < 0.8 * abs_rel("prior"), "{} {}", abs_rel("refined"), abs_rel("prior"));
 
     let map = |name: &str| {
         let options = ReadOptions { npz_array: Some(name.to_owned()), ..ReadOptions::default() };

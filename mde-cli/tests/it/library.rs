@@ -98,7 +98,7 @@ pub(crate) fn inputs(rendered: &Rendered, posed: bool) -> (Scene, Known) {
         )
     });
     let scene = Scene::several(photographs.collect(), 0).unwrap();
-    let known = rendered.views.iter().map(|v| (v.view.image.clone(), v.prior.clone().unwrap())).collect();
+    let known = rendered.views.iter().map(|v| (v.view.image.to_owned(), v.prior.clone().unwrap())).collect();
     (scene, Known(known))
 }
 

@@ -171,7 +171,7 @@ impl RadianceField for Tinted {
         let variance = mean.mapv(|z| (0.03 * z).powi(2));
         let opacity = Array2::ones(mean.dim());
         let depth = GaussianDepth::new(mean, variance)?;
-        Ok(RenderedView { image: view.image.clone(), depth, opacity, in_bin: None })
+        Ok(RenderedView { image: view.image.to_owned(), depth, opacity, in_bin: None })
     }
 }
 

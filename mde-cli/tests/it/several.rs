@@ -183,7 +183,7 @@ fn captures_that_are_none_are_refused_by_name() {
         (&|s: &mut Scene| s.reference = 9, "reference 9"),
         (&|s: &mut Scene| s.photographs[1].pose = None, "2 of 3 photographs have a pose"),
         (&|s: &mut Scene| s.photographs[1].name = "photograph 0".to_owned(), "photograph 0"),
-        (&|s: &mut Scene| s.photographs[2].image = Array3::zeros((4, 4, 3)), "photograph 2"),
+        (&|s: &mut Scene| s.photographs[2].image = Array3::zeros((4, 4, 3)).into_shared(), "photograph 2"),
     ] {
         let mut capture = capture.clone();
         change(&mut capture);

@@ -102,7 +102,7 @@ impl SimulatedModel {
     /// # Errors
     /// [`Error::Config`]; [`Error::Shape`] for maps of two sizes; [`Error::Value`] for a depth that is missing.
     pub fn new(image: &Array3<f32>, depth: &Array2<f32>, config: SimulatedModelConfig) -> Result<Self> {
-        Ok(Self(vec![Known::new(image, depth, config)?]))
+        Ok(Self(vec![Known::new(image.view(), depth, config)?]))
     }
 
     /// A model of the photographs of a capture of this room. They share the faults but not the errors, as predictions of one
@@ -115,14 +115,14 @@ impl SimulatedModel {
             let pose = known.true_pose.unwrap_or(known.view.pose);
             let depth = world.depth(&known.view.camera, &pose);
             let seed = derived_seed(config.seed, "simulated-models", index);
-            Known::new(&known.view.image, &depth, SimulatedModelConfig { seed, ..config.clone() })
+            Known::new(known.view.image.view(), &depth, SimulatedModelConfig { seed, ..config.clone() })
         });
         Ok(Self(models.collect::<Result<_>>()?))
     }
 }
 
 impl Known {
-    fn new(image: &Array3<f32>, depth: &Array2<f32>, config: SimulatedModelConfig) -> Result<Self> {
+    fn new(image: ArrayView3<'_, f32>, depth: &Array2<f32>, config: SimulatedModelConfig) -> Result<Self> {
         config.validate()?;
         let (height, width, _) = image.dim();
         if depth.dim() != (height, width) {
@@ -138,7 +138,7 @@ impl Known {
         let kept = close(depth, &Array2::from_elem(depth.dim(), true), radius);
         let disparity =
             ndarray::Zip::from(&kept).and(&bend).map_collect(|&z, &f| (-config.shared_error * f).exp() / z);
-        Ok(Self { image: image.clone(), disparity, config })
+        Ok(Self { image: image.to_owned(), disparity, config })
     }
 
     /// Top row, left column and whether it is mirrored, of an image in the photograph.

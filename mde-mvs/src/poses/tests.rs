@@ -207,7 +207,7 @@ fn what_does_not_fit_is_named() {
     let mut scene = scene(&poses);
     scene[3].0 =
         render(&[Plane::slanted(53.0, 0.2, -0.3)], camera(), pose_at([0.0, 0.0, 50.0], [0.0; 3]), PERIOD).0;
-    scene[4].0.image = Array3::from_elem((240, 320, 3), 0.4);
+    scene[4].0.image = Array3::from_elem((240, 320, 3), 0.4).into_shared();
     let found = estimate(&photographs(&scene), 0);
     let verdict = |i: usize| found.photographs[i].verdict;
     assert_eq!(verdict(1), Verdict::Posed);

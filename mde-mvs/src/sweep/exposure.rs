@@ -10,7 +10,7 @@
 
 use mde_uncertainty::statistics::median;
 use mde_warp::PosedView;
-use ndarray::{Array3, ArrayView2};
+use ndarray::{Array3, ArrayView2, ArrayView3};
 
 use crate::raster::bilinear;
 use crate::statistics::robust_deviation;
@@ -52,8 +52,8 @@ impl Exposure {
     }
 
     /// Every colour of an image `[height, width, 3]`; values may leave [0, 1].
-    pub fn apply_to(&self, image: &Array3<f32>) -> Array3<f32> {
-        let mut image = image.clone();
+    pub fn apply_to(&self, image: ArrayView3<'_, f32>) -> Array3<f32> {
+        let mut image = image.to_owned();
         for mut pixel in image.rows_mut() {
             for (c, value) in pixel.iter_mut().enumerate().take(3) {
                 *value = self.gain[c] * *value + self.bias[c];
@@ -239,7 +239,7 @@ mod tests {
         let plane = [Plane::slanted(2.0, 0.3, 0.1)];
         let (mut views, depths) = scene(&plane, (48, 64), &[[0.0; 3], [0.2, 0.0, 0.0]]);
         let taken = Exposure { gain: [0.8, 0.9, 0.7], bias: [0.02, 0.0, 0.05] };
-        views[1].image = taken.apply_to(&views[1].image);
+        views[1].image = taken.apply_to(views[1].image.view()).into_shared();
         let fit = fit_exposure(&views[0], &views[1], depths[0].view()).unwrap();
         let there = taken.inverse();
         for c in 0..3 {

@@ -358,7 +358,7 @@ mod tests {
         let around = Surfaces::Around { depth: depths[0].view(), factor: 1.0 };
         assert!(matches!(sweep(&views, 0, &[1], around), Err(Error::Config { field: "factor", .. })));
         let mut views = views;
-        views[1].mask = Array2::from_elem((3, 4), true);
+        views[1].mask = Array2::from_elem((3, 4), true).into_shared();
         assert!(matches!(sweep(&views, 0, &[1], planes), Err(Error::View(_))));
     }
 

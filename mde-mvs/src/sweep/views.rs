@@ -154,7 +154,7 @@ mod tests {
         let map = Array2::zeros((8, 9));
         assert!(matches!(select_views(&views, 0, map.view(), &[], 7), Err(Error::View(_))));
         // Each stage that takes views checks them: their fields are public.
-        views[1].mask = Array2::from_elem((3, 4), true);
+        views[1].mask = Array2::from_elem((3, 4), true).into_shared();
         let depth = depths[0].view();
         let chosen = select_views(&views, 0, depth, &[], 7);
         assert!(matches!(chosen, Err(Error::View(_))));

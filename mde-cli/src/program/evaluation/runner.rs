@@ -29,7 +29,7 @@ use mde_eval::{Refined, Task, TaskView};
 use mde_prior::DisparityRule;
 use mde_prior::resample::nearest;
 use mde_warp::{PinholeCamera, Pose};
-use ndarray::{Array2, Array3};
+use ndarray::{ArcArray, Array2, Ix3};
 use rayon::ThreadPoolBuilder;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -278,11 +278,11 @@ impl<'a> Evaluation<'a> {
 /// The reference alone, and with the further photographs, `posed` or not.
 fn scenes(sample: &Sample, assumed_fov: Option<f64>, posed: bool) -> Result<(Scene, Scene)> {
     let source = assumed_fov.map_or(CameraSource::Scene, CameraSource::Assumed);
-    let photograph = |name: String, image: &Array3<f32>, camera: &PinholeCamera, several| {
+    let photograph = |name: String, image: ArcArray<f32, Ix3>, camera: &PinholeCamera, several| {
         let camera = KnownCamera { camera: *camera, source: source.clone() };
-        Photograph::new(name, image.clone(), camera).resized(&Sizes::default(), several, &mut |_| ())
+        Photograph::new(name, image, camera).resized(&Sizes::default(), several, &mut |_| ())
     };
-    let reference = |several| photograph("0".to_owned(), &sample.image, &sample.camera, several);
+    let reference = |several| photograph("0".to_owned(), sample.image.to_shared(), &sample.camera, several);
     let alone = Scene::one(reference(false)?);
     if sample.views.is_empty() {
         return Ok((alone.clone(), alone));
@@ -290,9 +290,9 @@ fn scenes(sample: &Sample, assumed_fov: Option<f64>, posed: bool) -> Result<(Sce
     let mut photographs = vec![Photograph { pose: posed.then(Pose::identity), ..reference(true)? }];
     for (captured, index) in sample.views.iter().zip(1..) {
         let view = &captured.view;
-        let mut one = photograph(index.to_string(), &view.image, &view.camera, true)?;
+        let mut one = photograph(index.to_string(), view.image.clone(), &view.camera, true)?;
         one.pose = posed.then_some(view.pose);
-        one.mask = nearest(view.mask.view(), one.size());
+        one.mask = nearest(view.mask.view(), one.size()).into_shared();
         photographs.push(one);
     }
     Ok((alone, Scene::several(photographs, 0)?))

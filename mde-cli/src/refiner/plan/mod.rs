@@ -27,8 +27,8 @@ const TILE_POINTS: u64 = 1024;
 const NETWORK_COPIES: u64 = 8 + GROUPS;
 /// Bytes of a sample's position, kept with its gradients until the end of a step.
 const POSITION: u64 = 12;
-/// Bytes per pixel and photograph of a capture: twice colours and mask, and the prior.
-const PHOTOGRAPH: u64 = 2 * 13 + 4;
+/// Bytes per pixel and photograph of a capture: colours and mask, which views share, and the prior.
+const PHOTOGRAPH: u64 = 13 + 4;
 /// Bytes per pixel of a photograph whose features are searched for: scale spaces at twice its size.
 const FEATURES: u64 = 230;
 /// Bytes per pixel of an evaluated scene: image, truth, prior.

@@ -169,7 +169,7 @@ fn camera() -> PinholeCamera {
 fn photograph(pose: Pose) -> (Array3<f32>, Array2<f32>) {
     let planes = [Plane::slanted(2.0, 0.5, 0.1), Plane::slanted(2.1, -0.6, 0.0)];
     let (view, depth) = render(&planes, camera(), pose, 6.0 * 2.0 / camera().fx);
-    (view.image, depth)
+    (view.image.into_owned(), depth)
 }
 
 fn prepared(image: &Array3<f32>, prior: &Array2<f32>) -> Prepared {
