@@ -76,7 +76,7 @@ pub struct ConsistentPoint {
 /// The points that a second photograph confirms: with the point at depth \\( z' \\) before it, and \\( D \\), \\( \sigma \\) its own
 /// at the nearest pixel, \\( |z' - D| \le \sigma + \sigma' \\), where \\( \sigma' \\) is the point's in the proportion of the
 /// depths. Each is the mean by precision (Eq. 7) of its depths in the photographs that confirm it, along the ray of the first; those
-/// pixels give no further point. Of many photographs each is compared with the [`NEAREST`].
+/// pixels give no further point. Of many photographs each is compared with the 32 nearest.
 ///
 /// Its variance is the harmonic mean of theirs: the photographs share matches and poses, so that their number proves nothing, as Eq. 8
 /// would have it.

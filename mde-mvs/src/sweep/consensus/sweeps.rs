@@ -31,7 +31,7 @@ const NARROW: f64 = 1.5;
 const KEPT: usize = 24;
 
 /// Plane sweeps of a capture. Each photograph is swept against sources of its own, when a result first needs that; the sweeps of the
-/// [`KEPT`] photographs that were used last are kept for the results that follow. A result does not depend on those before it.
+/// 24 photographs that were used last are kept for the results that follow. A result does not depend on those before it.
 ///
 /// The prior of a view is its z-depth `[height, width]`, 0 where unknown, in one unit for all; it is asked for when it is needed.
 #[derive(Debug)]
@@ -70,8 +70,9 @@ pub fn sweeps_bytes(pixels: u64, views: u64, members: u64) -> u64 {
     let kept = views.min((KEPT as u64).max(members)).saturating_mul(3 * 8 + 2 * 4);
     let of_result = members.saturating_mul(3 * 8 + 3 * 4 + 4);
     let working = working_bytes(pixels, members.saturating_sub(1));
-    // The small photograph with two sweeps of 16 bytes per pixel.
-    let small = views.saturating_mul((SMALL * SMALL) as u64 * 50);
+    // All small photographs with their priors; two sweeps of those that are kept and of their sources.
+    let swept = views.min(3 * KEPT as u64).saturating_mul(2 * 16);
+    let small = views.saturating_mul(17).saturating_add(swept).saturating_mul((SMALL * SMALL) as u64);
     working.saturating_add(pixels.saturating_mul(kept.saturating_add(of_result))).saturating_add(small)
 }
 
@@ -187,6 +188,10 @@ impl Sweeps {
         for view in self.used.drain(..surplus) {
             self.fine[view] = None;
         }
+        let sources = self.used.iter().flat_map(|&view| &self.sources[view]);
+        let near: BTreeSet<usize> = self.used.iter().chain(sources).copied().collect();
+        let far = self.coarse.iter_mut().enumerate().filter(|(view, _)| !near.contains(view));
+        far.for_each(|(_, coarse)| *coarse = None);
         Ok(Reconstruction { scale: self.scale, views, inflation })
     }
 
