@@ -284,7 +284,7 @@ fn the_demo_has_photographs_without_poses() {
     assert!(seen.iter().zip(&confirmed).all(|(seen, confirmed)| confirmed <= seen && *seen <= 4.0));
     let known = map("origin").iter().filter(|origin| **origin > 0.0).count();
     let share = confirmed.iter().filter(|count| **count > 0.0).count() as f64 / known as f64;
-    assert!((share - capture["confirmed"].as_f64().unwrap()).abs() < 1e-9 && share > 0.2, "{share}");
+    assert!((share - capture["confirmed"].as_f64().unwrap()).abs() < 1e-9 && share > 0.1, "{share}");
 
     let again = "--views demo/photographs --prior-depth demo/prior.npy --fov 62 --config quick.toml -q";
     place.run(&format!("refine demo/photographs/0.png {again} -o from-files"));

@@ -62,7 +62,7 @@ pub struct Reconstruction {
 ///
 /// # Errors
 /// [`Error::TooFewViews`] for fewer than two views, [`Error::View`] for a map of another size than its camera,
-/// [`Error::Interrupted`], and what [`sweep`] refuses.
+/// [`Error::Interrupted`], and what [`sweep`](crate::sweep::sweep) refuses.
 pub fn reconstruct(
     views: &[PosedView],
     priors: &[ArrayView2<'_, f32>],
