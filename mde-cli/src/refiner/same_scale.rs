@@ -42,12 +42,12 @@ pub struct Pair([Kept; 2]);
 /// use mde_cli::refiner::same_scale::OneScale;
 /// use mde_cli::{Config, Result};
 /// # use mde_cli::{scene::camera::KnownCamera, mde_prior::DepthPrior};
-/// # use ndarray::ArrayView3;
+/// # use ndarray::Array3;
 ///
 /// # fn all(photographs: &[(Array3<f32>, KnownCamera)], prior: &dyn DepthPrior, config: &Config) -> Result<()> {
 /// let mut scale = OneScale::new(photographs.len(), config);
 /// for (image, camera) in photographs {
-///     let pairs = scale.add(scale.prepare(image, camera, prior).ok());
+///     let pairs = scale.add(scale.prepare(image.view(), camera, prior).ok());
 ///     let ratios: Vec<_> = pairs.iter().filter_map(|pair| scale.ratio(pair)).collect();
 ///     scale.extend(ratios);
 /// }
