@@ -18,7 +18,7 @@ pub(super) struct Posed {
     pub(super) views: Vec<PosedView>,
     /// Index of each view among the photographs.
     pub(super) order: Vec<usize>,
-    /// Covariance of each view's pose, from the capture's reference; none where matches say nothing of it.
+    /// Covariance of each view's pose, from the capture's reference; none where too few matches determine it.
     pub(super) covariances: Vec<Option<Matrix6<f64>>>,
     /// Unit of the poses per unit of the prior: the prior's depth times this is in the unit of the poses.
     pub(super) unit: f64,

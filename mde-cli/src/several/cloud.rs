@@ -6,7 +6,7 @@ use nalgebra::{Point2, Point3, Vector3};
 use ndarray::{Array2, ArrayView2, ArrayView3};
 use rayon::prelude::*;
 
-/// Photographs that are asked whether they show a point of another.
+/// Nearest photographs into which the points of one are projected.
 const NEAREST: usize = 32;
 
 /// A refined photograph with its pose.

@@ -259,7 +259,7 @@ fn a_killed_capture_goes_on_after_the_finished_photographs() {
 #[test]
 fn the_demo_has_photographs_without_poses() {
     let place = Place::new();
-    place.write("quick.toml", "nerf.train = { steps = 120, rays = 256 }\nnerf.field.finest = 128\n");
+    place.write("quick.toml", "nerf.train = { steps = 250, rays = 256 }\nnerf.field.finest = 128\n");
     let demo = "demo --size 240x180 --config quick.toml";
     let [said, _] = place.told(&format!("{demo} -o demo"), 0);
     assert!(said.contains("AbsRel") && said.contains("90 % intervals hold"), "{said}");
@@ -274,7 +274,7 @@ fn the_demo_has_photographs_without_poses() {
     assert!(["psnr", "psnr_of_prior"].iter().all(|key| novel[*key].as_f64().unwrap() > 16.0), "{novel}");
     let scores = &told["scores"]["by_alignment"]["median"];
     let abs_rel = |which: &str| scores[which]["abs_rel"].as_f64().unwrap();
-    assert!(abs_rel("refined") < 0.8 * abs_rel("prior"), "{} {}", abs_rel("refined"), abs_rel("prior"));
+    assert!(abs_rel("refined") < 0.6 * abs_rel("prior"), "{} {}", abs_rel("refined"), abs_rel("prior"));
 
     let map = |name: &str| {
         let options = ReadOptions { npz_array: Some(name.to_owned()), ..ReadOptions::default() };
@@ -284,7 +284,7 @@ fn the_demo_has_photographs_without_poses() {
     assert!(seen.iter().zip(&confirmed).all(|(seen, confirmed)| confirmed <= seen && *seen <= 4.0));
     let known = map("origin").iter().filter(|origin| **origin > 0.0).count();
     let share = confirmed.iter().filter(|count| **count > 0.0).count() as f64 / known as f64;
-    assert!((share - capture["confirmed"].as_f64().unwrap()).abs() < 1e-9 && share > 0.1, "{share}");
+    assert!((share - capture["confirmed"].as_f64().unwrap()).abs() < 1e-9 && share > 0.5, "{share}");
 
     let again = "--views demo/photographs --prior-depth demo/prior.npy --fov 62 --config quick.toml -q";
     place.run(&format!("refine demo/photographs/0.png {again} -o from-files"));

@@ -284,7 +284,7 @@ impl Given<'_, '_> {
         let bundle = match share {
             Some(share) => refined(*share, bundle, &windows),
             None => {
-                // Nobody states how far they may be off: by what the matches leave open.
+                // Given poses come without a covariance: that of the matches takes its place.
                 bundle.drop_outliers(OUTLIER_PIXELS);
                 bundle
             }

@@ -33,7 +33,7 @@ const KEPT: usize = 24;
 /// Plane sweeps of a capture. Each photograph is swept against sources of its own, when a result first needs that; the sweeps of the
 /// 24 photographs that were used last are kept for the results that follow. A result does not depend on those before it.
 ///
-/// The prior of a view is its z-depth `[height, width]`, 0 where unknown, in one unit for all; it is asked for when it is needed.
+/// The prior of a view is its z-depth `[height, width]`, 0 where unknown, in one unit for all, computed when it is needed.
 #[derive(Debug)]
 pub struct Sweeps {
     sources: Vec<Vec<usize>>,
