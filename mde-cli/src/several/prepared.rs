@@ -240,19 +240,19 @@ impl<'s> PreparedScene<'s> {
         let inflation = reconstruction.inflation;
         let (mut depth, mut components) =
             result::combine(own, inflation, &views, &covariances, rendered.as_ref(), factor)?;
-        if let Some(rendered) = &rendered {
-            let printed = match (stages.fuser, config.refinement.order) {
-                (Some(fuser), _) => Some(result::printed(fuser, &prior, rendered, factor)?),
-                (None, Order::Paper) => {
-                    Some(result::printed(&BayesFuser::new(config.fusion.clone())?, &prior, rendered, factor)?)
-                }
-                (None, Order::Poses) => None,
-            };
-            if let Some(fused) = printed {
-                components = vec![Component { name: "field", sigma: fused.aligned.sigma() }];
-                report.fusion = Some(fused.report);
-                depth = fused.depth;
+        let printed = match (&rendered, stages.fuser, config.refinement.order) {
+            (Some(rendered), Some(fuser), _) => Some(result::printed(fuser, &prior, rendered, factor)?),
+            (Some(rendered), None, Order::Paper) => {
+                Some(result::printed(&BayesFuser::new(config.fusion.clone())?, &prior, rendered, factor)?)
             }
+            (None, ..) | (_, None, Order::Poses) => None,
+        };
+        if let Some(fused) = printed {
+            components = vec![Component { name: "field", sigma: fused.aligned.sigma() }];
+            report.fusion = Some(fused.report);
+            depth = fused.depth;
+        } else {
+            depth = result::refined(depth, &mut components, &views, &reconstruction.views[1..], factor)?;
         }
         report.place(&views, &order, factor);
         let fused: Vec<&GaussianDepth> = reconstruction.views.iter().map(|known| &known.fused).collect();

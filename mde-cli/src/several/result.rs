@@ -4,6 +4,7 @@ use crate::error::Result;
 use crate::reports::prediction::Component;
 use mde_fusion::{Fused, Fuser, Prior};
 use mde_mvs::consensus::{Reconstruction, ViewDepth};
+use mde_mvs::patches::refine_by_patches;
 use mde_mvs::poses::depth_variance;
 use mde_nerf::RenderedView;
 use mde_uncertainty::GaussianDepth;
@@ -11,8 +12,8 @@ use mde_warp::PosedView;
 use nalgebra::Matrix6;
 use ndarray::{Array2, Zip};
 
-/// Factor of the standard deviations of the fused depth and of edges beside a field, which has them in part already.
-const CONSENSUS: f32 = 0.5;
+/// Factor of the variances of the consensus and of edges beside a field, which has them in part already.
+const CONSENSUS: f32 = 0.25;
 /// Standard deviation of a match, pixels of disparity. What neither the field nor the sweeps state: exposure, the raster, the lens.
 const MATCH: f64 = 0.5;
 /// What sigma is made of.
@@ -41,7 +42,8 @@ pub(super) fn scale(reconstruction: &Reconstruction, unit: f64) -> [f64; 2] {
     reconstruction.scale.map_or([unit, f64::INFINITY], |s| [unit * s.log_scale.exp(), s.variance.sqrt()])
 }
 
-/// The field's depth, the consensus where the field has none, in the prior's unit: `factor` is the unit of the poses per unit of it.
+/// The mean of the field's and the consensus' log depth by precision (Eq. 7), or the one that there is, in the prior's unit: `factor` is the
+/// unit of the poses per unit of it.
 ///
 /// Relative variances add: that of the ray's termination, a quarter of the consensus' (all of it where there is no field), half a pixel of disparity over the root mean
 /// square of the baselines \\( b \\), \\( (0.5\, z / (f_x b))^2 \\), that of the poses ([`depth_variance`]), and the square of a quarter of
@@ -72,19 +74,26 @@ pub(super) fn combine(
         let relative = |map: &GaussianDepth| map.get(at.0, at.1).map(|(z, v)| (z, v.sqrt() / z));
         let field = rendered.and_then(|r| relative(&r.depth)).filter(|(z, _)| *z > 0.0);
         let stated = relative(consensus).filter(|(z, _)| *z > 0.0);
+        let fused = stated.map_or(0.0, |s| s.1 * s.1);
+        let edge = (EDGE * range[at]).powi(2);
+        let ray = field.map_or(0.0, |f| f.1 * f.1);
+        let common = |z: f32| (per_depth * z).powi(2) + of_poses[at];
         let z = match (field, stated) {
-            (Some((z, _)), _) | (None, Some((z, _))) => z,
+            (Some((z, _)), Some((known, _))) => {
+                let of_field = (ray + CONSENSUS * (fused + edge) + common(z)).recip();
+                let of_consensus = (fused + edge + common(known)).recip();
+                ((of_field * z.ln() + of_consensus * known.ln()) / (of_field + of_consensus)).exp()
+            }
+            (Some((z, _)), None) | (None, Some((z, _))) => z,
             (None, None) => {
                 (*mean, variance[at]) = (0.0, f32::INFINITY);
                 continue;
             }
         };
         let depth = z / factor;
-        let ray = field.map_or(0.0, |f| f.1 * f.1);
         let in_bin = within.and_then(|w| w.get(at)).map_or(0.0, |v| (v / (z * z)).max(0.0).min(ray));
         let share = if field.is_some() { CONSENSUS } else { 1.0 };
-        let fused = (share * stated.map_or(0.0, |s| s.1)).powi(2);
-        let edge = (share * EDGE * range[at]).powi(2);
+        let (fused, edge) = (share * fused, share * edge);
         let apart = disagreement * fused;
         let ambiguous = ambiguity[at] * (fused - apart);
         let shares = [
@@ -140,6 +149,25 @@ pub(super) fn printed(
     let factor = factor as f32;
     let seen = rendered.depth.clone().map(|mean, variance| (mean / factor, variance / (factor * factor)));
     Ok(fuser.fuse(&Prior::new(prior.clone())?, &[seen])?)
+}
+
+/// The depth, and its components in proportion, refined by patches against the other photographs and their consensus.
+pub(super) fn refined(
+    depth: GaussianDepth,
+    components: &mut [Component],
+    views: &[PosedView],
+    others: &[ViewDepth],
+    factor: f64,
+) -> Result<GaussianDepth> {
+    let factor = factor as f32;
+    let own = depth.mean().mapv(|z| z * factor);
+    let maps: Vec<_> =
+        std::iter::once(own.view()).chain(others.iter().map(|other| other.fused.mean())).collect();
+    let refined = refine_by_patches(views, &maps)?;
+    let ratio = Zip::from(&refined).and(&own).map_collect(|z, was| if *was > 0.0 { z / was } else { 1.0 });
+    components.iter_mut().for_each(|component| component.sigma *= &ratio);
+    let (mean, variance) = depth.into_parts();
+    Ok(GaussianDepth::new(mean * &ratio, variance * &ratio * &ratio)?)
 }
 
 /// Relative standard deviation per unit of depth of a match that is [`MATCH`] pixels off, over the root mean square baseline.

@@ -18,6 +18,7 @@ mod correction;
 mod cost;
 mod edge;
 pub mod exposure;
+pub mod patches;
 mod posterior;
 pub mod scale;
 pub mod views;
