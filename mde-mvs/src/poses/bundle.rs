@@ -15,6 +15,7 @@
 mod triangulation;
 mod windows;
 
+use super::is_flat;
 use crate::statistics::robust_deviation;
 use mde_warp::Pose;
 use nalgebra::{
@@ -269,6 +270,7 @@ impl Bundle {
     pub(super) fn measure_priors(&mut self, regions: f64) {
         for (anchor, sigma) in self.prior_sigmas.iter_mut().enumerate() {
             let mut deviations: Vec<(f64, f64)> = Vec::new();
+            let priors = self.tracks.iter().filter(|track| track.anchor == anchor).filter_map(|t| t.prior);
             for track in
                 self.tracks.iter().filter(|track| track.anchor == anchor && track.inverse_depth > 0.0)
             {
@@ -280,7 +282,7 @@ impl Bundle {
                 let longest = track.views.iter().map(baseline).fold(0.0, f64::max);
                 deviations.push((longest * track.inverse_depth, deviation));
             }
-            if deviations.len() < FEW {
+            if deviations.len() < FEW || is_flat(priors) {
                 continue;
             }
             deviations.sort_by(|a, b| b.0.total_cmp(&a.0));

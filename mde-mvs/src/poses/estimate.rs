@@ -3,6 +3,7 @@ use super::features::Features;
 use super::matching::match_features;
 use super::tracks::{self, Track, TrackPixel};
 use super::two_view::{Motion, Pair, relative_pose};
+use super::{FLAT_SIGMA, is_flat};
 use super::{
     FOCAL_SIGMA, FeatureImage, MAX_FEATURES, MIN_MATCHES, OUTLIER_PIXELS, PRIOR_SIGMA, PoseInput, RATIO,
     REGIONS, in_order, match_pairs, neighbours, shared_error_factor,
@@ -317,13 +318,12 @@ fn build(shots: &[FeatureImage], pairs: &[Pair], tree: &Tree) -> Bundle {
         .filter(|p| p.motion.is_some() && tree.poses[p.first].is_some() && tree.poses[p.second].is_some())
         .collect();
     let tracks = tracks::join(shots, &used, &tree.rank);
-    let middles: Vec<f64> = shots
-        .iter()
-        .map(|shot| {
-            let depths = shot.features.keypoints.iter().filter_map(|k| shot.log_prior(&k.pixel));
-            median(depths).unwrap_or(0.0)
-        })
-        .collect();
+    let of_features = |shot: &FeatureImage| -> Vec<f64> {
+        shot.features.keypoints.iter().filter_map(|k| shot.log_prior(&k.pixel)).collect()
+    };
+    let known: Vec<Vec<f64>> = shots.iter().map(of_features).collect();
+    let middles: Vec<f64> =
+        known.iter().map(|depths| median(depths.iter().copied()).unwrap_or(0.0)).collect();
     let tracks = tracks
         .into_iter()
         .filter_map(|mut group| {
@@ -334,6 +334,7 @@ fn build(shots: &[FeatureImage], pairs: &[Pair], tree: &Tree) -> Bundle {
         })
         .collect::<Vec<_>>();
     let count = tracks.len();
+    let sigma = |depths: &Vec<f64>| if is_flat(depths.iter().copied()) { FLAT_SIGMA } else { PRIOR_SIGMA };
     Bundle {
         lenses: shots.iter().map(|shot| shot.lens).collect(),
         poses: tree.poses.iter().map(|pose| pose.unwrap_or_else(Pose::identity)).collect(),
@@ -342,7 +343,7 @@ fn build(shots: &[FeatureImage], pairs: &[Pair], tree: &Tree) -> Bundle {
         focal_sigma: FOCAL_SIGMA / shared_error_factor(count),
         log_scales: tree.log_scales.clone(),
         keep_scale: true,
-        prior_sigmas: vec![PRIOR_SIGMA * shared_error_factor(count); shots.len()],
+        prior_sigmas: known.iter().map(|depths| sigma(depths) * shared_error_factor(count)).collect(),
         pose_priors: vec![None; shots.len()],
         tracks,
     }

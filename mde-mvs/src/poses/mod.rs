@@ -79,6 +79,8 @@ const OUTLIER_PIXELS: f64 = 3.0;
 const SAMPLES: usize = 2000;
 /// Standard deviation of the logarithm of the prior's depth, until the matches measure it.
 const PRIOR_SIGMA: f64 = 0.25;
+/// The same of a map that is constant, which gives the unit and no shape; it is not measured, since poses bend to it where parallax is small.
+const FLAT_SIGMA: f64 = 1.0;
 /// Independent regions of a photograph. In each the prior has one error, and so has what a lens or a shutter does that is not the
 /// model's: beyond this number matches add nothing, and sigmas grow by the root of matches over regions.
 const REGIONS: f64 = 30.0;
@@ -92,6 +94,11 @@ pub const MIN_MATCHES: usize = 20;
 pub const MAX_FEATURES: usize = 3000;
 /// The same in a long capture, whose given poses need fewer: matching takes the square of them.
 const MAX_FEATURES_OF_MANY: usize = 1500;
+
+/// Whether all logarithms of a prior are the same.
+fn is_flat(mut logs: impl Iterator<Item = f64>) -> bool {
+    logs.next().is_none_or(|first| logs.all(|log| (log - first).abs() < 1e-6))
+}
 
 /// Root of the number of matches that share an error.
 fn shared_error_factor(matches: usize) -> f64 {
