@@ -54,7 +54,7 @@ impl AlignmentRule {
             "an alignment",
             [positive("the true depth", truth), positive("the predicted depth", prediction)],
         )?;
-        let empty = || Error::Empty { what: "an alignment" };
+        let empty = || Error::Empty("an alignment");
         Ok(match self {
             Self::None => Alignment::IDENTITY,
             Self::Median => {

@@ -42,7 +42,7 @@ impl Chart {
     /// [`Error::Empty`] without a point, [`Error::Method`] where it cannot be drawn or written.
     pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
         if self.lines.iter().all(|line| line.points.is_empty()) {
-            return Err(Error::Empty { what: "a figure" });
+            return Err(Error::Empty("a figure"));
         }
         draw::write(self, path.as_ref())
     }

@@ -63,21 +63,12 @@ impl Bootstrap {
         ])
     }
 
-    /// The mean \\(\frac1n \sum_s x_s\\) over scenes. `places` has a label for the place of each scene; without it, each
-    /// scene is its own place.
+    /// The paired difference \\(\frac1n \sum_s (x_s - r_s)\\) of a method's values and the reference's on the same scenes. `places` has
+    /// a label for the place of each scene; without it, each scene is its own place.
     ///
     /// # Errors
-    /// [`Error::Empty`] without scenes, [`Error::Value`] for a value that is not finite, [`Error::Length`] where `places` has
-    /// another length; as [`Bootstrap::validate`].
-    pub fn mean(&self, values: &[f64], places: Option<&[usize]>) -> Result<Estimate> {
-        let what = "a mean";
-        self.estimate(what, &[values], places, |[mean]| Some(*mean))?.ok_or(Error::Empty { what })
-    }
-
-    /// The paired difference \\(\frac1n \sum_s (x_s - r_s)\\) of a method's values and the reference's on the same scenes.
-    ///
-    /// # Errors
-    /// As [`Bootstrap::mean`]; [`Error::Length`] where the lists differ.
+    /// [`Error::Empty`] without scenes, [`Error::Value`] for a value that is not finite, [`Error::Length`] where the lists or
+    /// `places` differ; as [`Bootstrap::validate`].
     pub fn difference(
         &self,
         values: &[f64],
@@ -85,7 +76,7 @@ impl Bootstrap {
         places: Option<&[usize]>,
     ) -> Result<Estimate> {
         let what = "a paired difference";
-        self.estimate(what, &[values, reference], places, |[x, r]| Some(x - r))?.ok_or(Error::Empty { what })
+        self.estimate(what, [values, reference], places, |[x, r]| Some(x - r))?.ok_or(Error::Empty(what))
     }
 
     /// The ratio of means \\(\sum_s x_s / \sum_s r_s\\) on the same scenes; `None` unless every drawn sum of the reference is
@@ -99,22 +90,22 @@ impl Bootstrap {
         reference: &[f64],
         places: Option<&[usize]>,
     ) -> Result<Option<Estimate>> {
-        self.estimate("a ratio", &[values, reference], places, |[x, r]| (*r > 0.0).then_some(x / r))
+        self.estimate("a ratio", [values, reference], places, |[x, r]| (r > 0.0).then_some(x / r))
     }
 
     /// `of` the means of the lists over the scenes, and over the scenes of places drawn with replacement.
-    fn estimate<const N: usize>(
+    fn estimate(
         &self,
         what: &'static str,
-        lists: &[&[f64]; N],
+        lists: [&[f64]; 2],
         places: Option<&[usize]>,
-        of: impl Fn(&[f64; N]) -> Option<f64>,
+        of: impl Fn([f64; 2]) -> Option<f64>,
     ) -> Result<Option<Estimate>> {
         self.validate()?;
         check_lists(what, lists.map(|list| -> List<'_> { (what, list, f64::is_finite, "finite") }))?;
-        let places = by_place(what, places, lists.first().map_or(0, |list| list.len()))?;
+        let places = by_place(what, places, lists[0].len())?;
         let means = |drawn: &mut dyn FnMut() -> usize| {
-            let (mut sums, mut scenes) = ([0.0; N], 0_usize);
+            let (mut sums, mut scenes) = ([0.0; 2], 0_usize);
             for _ in 0..places.len() {
                 for &scene in &places[drawn()] {
                     sums.iter_mut().zip(lists).for_each(|(sum, list)| *sum += list[scene]);
@@ -124,12 +115,12 @@ impl Bootstrap {
             sums.map(|sum| sum / scenes as f64)
         };
         let mut in_order = 0..places.len();
-        let Some(value) = of(&means(&mut || in_order.next().unwrap_or(0))) else { return Ok(None) };
+        let Some(value) = of(means(&mut || in_order.next().unwrap_or(0))) else { return Ok(None) };
         let mut drawn = Vec::with_capacity(self.draws);
         for draw in 0..self.draws {
             // The same places for every method and metric.
             let mut rng = CounterRng::new(self.seed, "bootstrap", draw as u64, 0);
-            let Some(value) = of(&means(&mut || rng.random_range(0..places.len()))) else { return Ok(None) };
+            let Some(value) = of(means(&mut || rng.random_range(0..places.len()))) else { return Ok(None) };
             drawn.push(value);
         }
         drawn.sort_unstable_by(f64::total_cmp);
@@ -167,6 +158,10 @@ mod tests {
 
     const QUICK: Bootstrap = Bootstrap { draws: 500, level: 0.9, seed: 3 };
 
+    fn mean(values: &[f64], places: Option<&[usize]>) -> Result<Estimate> {
+        QUICK.difference(values, &vec![0.0; values.len()], places)
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
@@ -194,7 +189,7 @@ mod tests {
             let values: Vec<f64> = scenes.iter().map(|scene| scene.0).collect();
             let repeated: Vec<f64> = values.iter().flat_map(|v| std::iter::repeat_n(*v, copies)).collect();
             let labels: Vec<usize> = (0..repeated.len()).map(|scene| scene / copies).collect();
-            let (once, often) = (QUICK.mean(&values, None).unwrap(), QUICK.mean(&repeated, Some(&labels)).unwrap());
+            let (once, often) = (mean(&values, None).unwrap(), mean(&repeated, Some(&labels)).unwrap());
             for (a, b) in [(once.value, often.value), (once.low, often.low), (once.high, often.high)] {
                 prop_assert!((a - b).abs() < 1e-12);
             }
@@ -211,9 +206,9 @@ mod tests {
             let places: Vec<f64> = (0..30).map(|_| rng.random_range(0.0..1.0)).collect();
             let values: Vec<f64> =
                 labels.iter().map(|place| places[*place] + rng.random_range(-0.05..0.05)).collect();
-            of_places += u32::from(!QUICK.mean(&values, Some(&labels)).unwrap().excludes(0.5));
-            of_scenes += u32::from(!QUICK.mean(&values, None).unwrap().excludes(0.5));
-            alone += u32::from(!QUICK.mean(&places, None).unwrap().excludes(0.5));
+            of_places += u32::from(!mean(&values, Some(&labels)).unwrap().excludes(0.5));
+            of_scenes += u32::from(!mean(&values, None).unwrap().excludes(0.5));
+            alone += u32::from(!mean(&places, None).unwrap().excludes(0.5));
         }
         // Four standard errors about 89 %, which the percentile bootstrap has with 30 places.
         assert!((331..=384).contains(&of_places) && (331..=384).contains(&alone), "{of_places} {alone}");
@@ -222,11 +217,11 @@ mod tests {
 
     #[test]
     fn faults_are_named() {
-        assert!(matches!(QUICK.mean(&[1.0, 2.0], Some(&[0])), Err(Error::Length { found: 1, .. })));
-        assert!(matches!(QUICK.mean(&[], None), Err(Error::Empty { .. })));
-        assert!(matches!(QUICK.mean(&[1.0, f64::NAN], None), Err(Error::Value { index: 1, .. })));
+        assert!(matches!(mean(&[1.0, 2.0], Some(&[0])), Err(Error::Length { found: 1, .. })));
+        assert!(matches!(mean(&[], None), Err(Error::Empty(_))));
+        assert!(matches!(mean(&[1.0, f64::NAN], None), Err(Error::Value { index: 1, .. })));
         assert!(matches!(QUICK.difference(&[1.0], &[], None), Err(Error::Length { .. })));
         assert!(QUICK.ratio(&[1.0], &[0.0], None).unwrap().is_none());
-        assert!(matches!(Bootstrap { draws: 0, ..QUICK }.mean(&[1.0], None), Err(Error::Config { .. })));
+        assert!(matches!(Bootstrap { draws: 0, ..QUICK }.difference(&[1.0], &[0.0], None), Err(Error::Config { .. })));
     }
 }

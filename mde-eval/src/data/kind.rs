@@ -96,7 +96,7 @@ pub struct Options {
     pub seed: u64,
     /// The conditions of [`Captures`].
     pub captures: CaptureGrid,
-    /// Error of the given poses of [`Posed`], degrees ([`Posed::with_pose_noise`]).
+    /// Error of the given poses of [`Posed`], degrees.
     pub pose_noise: f64,
     /// Places by scene ([`Placed`]), for data sets that do not name them.
     pub places: BTreeMap<String, String>,
@@ -119,15 +119,15 @@ pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result
             return fault(&root.display().to_string(), "leave it out: rooms are rendered, not read");
         }
         (_, None) => return fault("missing", "name it"),
-        (DataSetKind::SunRgbd, Some(root)) => Box::new(SunRgbd::open(root)?.with_assumed_fov(fov)),
-        (DataSetKind::Posed, Some(root)) => Box::new(Posed::open(root)?.with_pose_noise(options.pose_noise)?),
+        (DataSetKind::SunRgbd, Some(root)) => Box::new(SunRgbd::open(root, fov)?),
+        (DataSetKind::Posed, Some(root)) => Box::new(Posed::open(root, options.pose_noise)?),
         (DataSetKind::Nyu, Some(root)) => Box::new(Nyu::open(root)?),
-        (DataSetKind::Plain, Some(root)) => Box::new(PlainFolders::open(root)?.with_assumed_fov(fov)),
+        (DataSetKind::Plain, Some(root)) => Box::new(PlainFolders::open(root, fov)?),
     };
     let data: Box<dyn DataSet> = match options.size {
         // Rooms are made in the size.
         Some(_) if root.is_some() => Box::new(Resized::new(data, width, height)?),
         _ => data,
     };
-    Ok(if options.places.is_empty() { data } else { Box::new(Placed::new(data, &options.places)?) })
+    Ok(Box::new(Placed::new(data, &options.places)?))
 }

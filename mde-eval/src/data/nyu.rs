@@ -99,8 +99,8 @@ impl DataSet for Nyu {
         let image = read_image(&pair.image)?.pixels;
         let options = ReadOptions { png_scale: Some(1000.0), ..ReadOptions::default() };
         let depth = read_depth(&pair.depth, &options)?;
-        let (height, width, _) = image.dim();
-        same_size(&pair.depth, depth.dim(), (height, width))?;
+        same_size(&pair.depth, depth.dim(), image.dim())?;
+        let (height, width) = depth.dim();
         if width * 480 != height * 640 {
             let reason = format!(
                 "is {width}x{height}, but the published camera is that of 640x480; use a plain folder with a scene.json"

@@ -43,21 +43,14 @@ pub struct PlainScene {
 impl PlainFolders {
     const FILE: &'static str = "scene.json";
 
-    /// Finds the scenes at or below a folder.
+    /// Finds the scenes at or below a folder. Those without a camera get square pixels and this horizontal field of view, degrees.
     ///
     /// # Errors
     /// [`Error::Io`] for a folder that cannot be read, [`Error::Layout`] where there is no scene.
-    pub fn open(root: impl AsRef<Path>) -> Result<Self> {
+    pub fn open(root: impl AsRef<Path>, assumed_fov: Option<f64>) -> Result<Self> {
         let what = "folder with a `scene.json`; write one beside `color.png` and `depth.png`";
         let scenes = Scenes::find(root.as_ref(), |folder| folder.join(Self::FILE).is_file(), what)?;
-        Ok(Self { scenes, assumed_fov: None })
-    }
-
-    /// With square pixels and this horizontal field of view, degrees, where the camera is not known.
-    #[must_use]
-    pub fn with_assumed_fov(mut self, degrees: impl Into<Option<f64>>) -> Self {
-        self.assumed_fov = degrees.into();
-        self
+        Ok(Self { scenes, assumed_fov })
     }
 }
 
@@ -78,12 +71,12 @@ impl DataSet for PlainFolders {
             ReadOptions { png_scale: Some(scale), float_scale: scale, ..ReadOptions::default() }
         });
         let depth = read_depth(&depth_path, &options)?;
-        let (height, width, _) = image.dim();
-        same_size(&depth_path, depth.dim(), (height, width))?;
+        same_size(&depth_path, depth.dim(), image.dim())?;
+        let (height, width) = depth.dim();
         let known = description.camera(width, height).map_err(fault)?;
         let camera = match known {
             Some(camera) => camera,
-            None => assumed(self.assumed_fov, id, "fx, fy, cx, cy in scene.json", width, height)?,
+            None => assumed(self.assumed_fov, &path, depth.dim())?,
         };
         Ok(Sample {
             assumed_camera: known.is_none(),

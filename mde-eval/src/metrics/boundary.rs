@@ -27,7 +27,7 @@ pub fn boundary_f1(prediction: Map<'_>, truth: Map<'_>, mask: Mask<'_>) -> Resul
     same_shape("the prediction", prediction.dim(), truth.dim())?;
     same_shape("the mask", mask.dim(), truth.dim())?;
     if !mask.iter().any(|&keep| keep) {
-        return Err(Error::Empty { what: "the boundary F1" });
+        return Err(Error::Empty("the boundary F1"));
     }
     let thresholds = ratios();
     let counts = count_pairs(prediction, truth, mask, &thresholds);

@@ -2,7 +2,7 @@
 
 use super::depth_range;
 use crate::Result;
-use crate::raster::{Map, Marked, Mask, canny, distance_to, same_shape};
+use crate::raster::{Map, Mask, canny, distance_to, same_shape};
 use ndarray::Array2;
 
 /// How far predicted depth boundaries lie from the true ones, and the other way round, in pixels; 0 is best.
@@ -45,23 +45,16 @@ pub fn boundaries(map: Map<'_>, mask: Mask<'_>) -> Result<Array2<bool>> {
 /// [`Error::Shape`](crate::Error::Shape) where the shapes differ.
 pub fn boundary_errors(predicted: Mask<'_>, truth: Mask<'_>) -> Result<Option<BoundaryErrors>> {
     same_shape("the predicted boundary map", predicted.dim(), truth.dim())?;
-    errors_against(predicted, &Marked::new(truth.to_owned()))
-}
-
-/// [`boundary_errors`] with the distance to the true boundaries.
-pub(crate) fn errors_against(predicted: Mask<'_>, truth: &Marked) -> Result<Option<BoundaryErrors>> {
-    same_shape("the predicted boundary map", predicted.dim(), truth.pixels.dim())?;
-    if truth.count == 0 {
+    if !truth.iter().any(|&edge| edge) {
         return Ok(None);
     }
     if !predicted.iter().any(|&edge| edge) {
         return Ok(Some(BoundaryErrors { accuracy: LIMIT, completeness: LIMIT }));
     }
-    let to_predicted = distance_to(predicted);
-    let of = |edges: Mask<'_>, distance: &Array2<f64>| -> Vec<f64> {
-        edges.iter().zip(distance).filter(|&(&edge, _)| edge).map(|(_, &d)| d).collect()
+    let distances = |from: Mask<'_>, to: Mask<'_>| -> Vec<f64> {
+        from.iter().zip(distance_to(to)).filter(|(edge, _)| **edge).map(|(_, d)| d).collect()
     };
-    let (forth, back) = (of(predicted, &truth.distance), of(truth.pixels.view(), &to_predicted));
+    let (forth, back) = (distances(predicted, truth), distances(truth, predicted));
     let near: Vec<f64> = forth.iter().copied().filter(|d| *d < LIMIT).collect();
     let accuracy = if near.is_empty() { LIMIT } else { near.iter().sum::<f64>() / near.len() as f64 };
     let cut: f64 = forth.iter().chain(&back).map(|d| d.min(LIMIT)).sum();

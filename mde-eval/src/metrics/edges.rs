@@ -5,7 +5,7 @@
 
 use crate::Result;
 use crate::error::check;
-use crate::raster::{Map, Marked, Mask, dilate, erode, same_shape, sobel};
+use crate::raster::{Map, Mask, dilate, distance_to, erode, same_shape, sobel};
 use ndarray::{Array2, Zip};
 
 /// Precision, recall and F1 of one edge map against another.
@@ -99,62 +99,40 @@ pub fn edge_curve(
     threshold: f64,
     tolerance: u32,
 ) -> Result<Option<EdgeCurve>> {
+    check([("the edge tolerance", tolerance.into(), tolerance <= 64, "use at most 64 pixels")])?;
     same_shape("the prediction", prediction.dim(), truth.dim())?;
-    let true_edges = Marked::new(edges(truth, mask, threshold)?);
-    EdgeSweep::new(prediction, mask, tolerance)?.curve(&true_edges)
-}
-
-/// What the curves of one prediction share: its gradients in order, and dilated by the tolerance.
-pub(crate) struct EdgeSweep {
-    gradient: Array2<f32>,
-    /// Pixels by falling gradient, flat ones left out.
-    order: Vec<u32>,
-    tolerance: u32,
-    dilated: Array2<f32>,
-}
-
-impl EdgeSweep {
-    pub(crate) fn new(prediction: Map<'_>, mask: Mask<'_>, tolerance: u32) -> Result<Self> {
-        check([("the edge tolerance", tolerance.into(), tolerance <= 64, "use at most 64 pixels")])?;
-        let gradient = masked_gradient(prediction, mask)?;
-        // Positive floats are in order as their bits are; with the index beside them, they sort as one word.
-        let key = |(&g, at): (&f32, u32)| u64::from(!g.to_bits()) << 32 | u64::from(at);
-        let mut keyed: Vec<u64> = gradient.iter().zip(0..).filter(|(g, _)| **g > 0.0).map(key).collect();
-        keyed.sort_unstable();
-        let order = keyed.into_iter().map(|key| key as u32).collect();
-        Ok(Self { order, dilated: dilate(gradient.view(), tolerance), gradient, tolerance })
+    let true_edges = edges(truth, mask, threshold)?;
+    let total = true_edges.iter().filter(|&&edge| edge).count();
+    if total == 0 {
+        return Ok(None);
     }
-
-    pub(crate) fn curve(&self, true_edges: &Marked) -> Result<Option<EdgeCurve>> {
-        same_shape("the edge map", true_edges.pixels.dim(), self.gradient.dim())?;
-        let total = true_edges.count;
-        if total == 0 {
-            return Ok(None);
+    let gradient = masked_gradient(prediction, mask)?;
+    // A true edge is found once the threshold falls to the steepest predicted gradient within the tolerance.
+    let steepest = dilate(gradient.view(), tolerance);
+    let reached = true_edges.iter().zip(&steepest).filter(|&(&edge, &g)| edge && g > 0.0);
+    let mut found_at: Vec<f32> = reached.map(|(_, &g)| g).collect();
+    found_at.sort_unstable_by(|a, b| b.total_cmp(a));
+    // Gradients with the distance to the true edges, the steepest first; flat pixels are no edges.
+    let distance = distance_to(true_edges.view());
+    let sloped = gradient.iter().zip(&distance).filter(|(g, _)| **g > 0.0);
+    let mut falling: Vec<(f32, f64)> = sloped.map(|(&g, &d)| (g, d)).collect();
+    falling.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+    let mut points = Vec::new();
+    let (mut predicted, mut hits, mut found) = (0, 0, 0);
+    for tied in falling.chunk_by(|a, b| a.0 == b.0) {
+        let threshold = tied[0].0;
+        predicted += tied.len();
+        hits += tied.iter().filter(|(_, distance)| *distance <= f64::from(tolerance)).count();
+        while found_at.get(found).is_some_and(|&g| g >= threshold) {
+            found += 1;
         }
-        // A true edge is found once the threshold falls to the steepest predicted gradient within the tolerance.
-        let steepest = true_edges.pixels.iter().zip(&self.dilated);
-        let mut found_at: Vec<f32> =
-            steepest.filter(|&(&edge, &g)| edge && g > 0.0).map(|(_, &g)| g).collect();
-        found_at.sort_unstable_by(|a, b| b.total_cmp(a));
-        let gradient: Vec<f32> = self.gradient.iter().copied().collect();
-        let near: Vec<bool> = true_edges.distance.iter().map(|d| *d <= f64::from(self.tolerance)).collect();
-        let mut points = Vec::new();
-        let (mut predicted, mut hits, mut found) = (0, 0, 0);
-        for tied in self.order.chunk_by(|&a, &b| gradient[a as usize] == gradient[b as usize]) {
-            let threshold = gradient[tied[0] as usize];
-            predicted += tied.len();
-            hits += tied.iter().filter(|&&at| near[at as usize]).count();
-            while found_at.get(found).is_some_and(|&g| g >= threshold) {
-                found += 1;
-            }
-            points.push(EdgePoint {
-                threshold: f64::from(threshold),
-                precision: share(hits, predicted),
-                recall: share(found, total),
-            });
-        }
-        Ok(Some(EdgeCurve { points }))
+        points.push(EdgePoint {
+            threshold: f64::from(threshold),
+            precision: share(hits, predicted),
+            recall: share(found, total),
+        });
     }
+    Ok(Some(EdgeCurve { points }))
 }
 
 /// Sobel gradient where the whole window lies in the mask, 0 elsewhere.
@@ -173,7 +151,6 @@ fn share(part: usize, of: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::raster::distance_to;
     use proptest::prelude::*;
 
     fn count(edges: &Array2<bool>) -> usize {

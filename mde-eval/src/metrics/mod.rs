@@ -8,7 +8,6 @@
 //! | [`boundary`] | maps and a mask | scale-invariant boundary F1 (Depth Pro) |
 //! | [`dbe`] | edge maps | depth boundary errors: accuracy and completeness (iBims-1) |
 //! | [`superpixel`] | maps and a mask | order of neighbouring superpixels: D3R |
-//! | [`rank`] | two lists | average ranks, Spearman's correlation |
 //! | [`sparsification`] | costs and sigmas | AUSE and AURG, both published definitions; errors by uncertainty percentile |
 //! | [`calibration`] | errors and sigmas | NLL, CRPS, coverage, calibration error, ENCE, mean \\(z^2\\) |
 //!
@@ -20,7 +19,6 @@ pub mod calibration;
 pub mod dbe;
 pub mod depth;
 pub mod edges;
-pub mod rank;
 pub mod sharpness;
 pub mod sparsification;
 pub mod superpixel;

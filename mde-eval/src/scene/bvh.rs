@@ -1,7 +1,6 @@
 //! A bounding-volume hierarchy over the bodies of a room.
 
-use super::shape::Vector;
-use super::solid::{Body, Contact, NEAREST, Ray};
+use super::solid::{Vector, Body, Contact, NEAREST, Ray};
 
 /// Bodies a leaf holds at most.
 const LEAF: usize = 3;

@@ -11,7 +11,6 @@ mod noise;
 mod render;
 mod room;
 mod rooms;
-mod shape;
 mod solid;
 mod stage;
 mod texture;

@@ -3,8 +3,7 @@
 
 use super::bvh::Hierarchy;
 use super::noise::lattice;
-use super::shape::Vector;
-use super::solid::{Body, Contact, Ray};
+use super::solid::{Vector, Body, Contact, Ray};
 use super::texture::Colour;
 use mde_warp::{PinholeCamera, Pose};
 use ndarray::{Array2, Array3};

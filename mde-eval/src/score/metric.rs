@@ -1,7 +1,7 @@
 use super::map::DepthMap;
 use super::sigma::SigmaMap;
 use crate::Result;
-use crate::metrics::calibration::{coverage, crps, ence_in_order, mean_z2, nll, rms_sigma};
+use crate::metrics::calibration::{coverage, crps, ence, mean_z2, nll, rms_sigma};
 use crate::metrics::depth;
 use crate::metrics::sparsification::spearman_of_bins;
 
@@ -172,13 +172,7 @@ pub const METRICS: &[Metric] = &[
     shown("nll", "NLL", Lower, Calibration, Errors(nll)),
     shown("crps", "CRPS, m", Lower, Calibration, Errors(crps)),
     shown("mean_z2", "mean z² (above 1: sigma too small)", Near(1.0), Calibration, Errors(mean_z2)),
-    shown(
-        "ence",
-        "ENCE",
-        Lower,
-        Calibration,
-        Sigma(|s| ence_in_order(&s.errors, &s.sigma, &s.order, ENCE_BINS).map(Some)),
-    ),
+    shown("ence", "ENCE", Lower, Calibration, Errors(|e, s| ence(e, s, ENCE_BINS))),
     more("mace", Lower, Calibration, Sigma(|s| Ok(Some(s.calibration.mean)))),
     more("rmsce", Lower, Calibration, Sigma(|s| Ok(Some(s.calibration.root_mean_square)))),
     more("miscalibration_area", Lower, Calibration, Sigma(|s| Ok(Some(s.calibration.area)))),

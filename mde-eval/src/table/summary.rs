@@ -65,7 +65,7 @@ impl Summary {
     pub fn new(entries: &[Entry], reference: Option<&str>, bootstrap: &Bootstrap) -> Result<Self> {
         bootstrap.validate()?;
         if entries.is_empty() {
-            return Err(Error::Empty { what: "a summary" });
+            return Err(Error::Empty("a summary"));
         }
         let mut methods: Vec<MethodSummary> = Vec::new();
         let mut seen = BTreeSet::new();

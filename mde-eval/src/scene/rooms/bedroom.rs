@@ -1,4 +1,4 @@
-use super::setting::{DAY, Setting, WARM, eye, light};
+use super::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{
     Lamp, Shell, Top, bed, cabinet, chair, curtain, pendant, picture, plant, rug, table, table_lamp, window,
 };

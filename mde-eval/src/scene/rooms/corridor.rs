@@ -1,4 +1,4 @@
-use super::setting::{Setting, WARM, eye, light};
+use super::{Setting, WARM, eye, light};
 use crate::scene::furniture::{
     Lamp, Shell, Top, bench, coat_stand, door, pendant, picture, plant, radiator, rug, table, table_lamp,
     window,

@@ -1,4 +1,4 @@
-use super::setting::{DAY, Setting, WARM, eye, light};
+use super::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{
     Lamp, Shell, Top, bar_stool, cabinet, chair, crockery, pendant, plant, table, wall_shelf, window,
 };

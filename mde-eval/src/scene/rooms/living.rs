@@ -1,4 +1,4 @@
-use super::setting::{DAY, Setting, WARM, eye, light};
+use super::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{
     Lamp, Shell, Top, bookcase, chair, crockery, curtain, floor_lamp, picture, plant, rug, sofa, table,
     table_lamp, window,

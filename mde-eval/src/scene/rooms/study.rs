@@ -1,4 +1,4 @@
-use super::setting::{DAY, Setting, WARM, eye, light};
+use super::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{
     Lamp, Shell, Top, bookcase, chair, computer, desk_lamp, floor_lamp, picture, plant, rug, table,
     wall_shelf, window,

@@ -1,4 +1,4 @@
-use super::setting::{DAY, Setting, WARM, eye, light};
+use super::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{Lamp, Shell, Top, bar_stool, cabinet, desk_lamp, pendant, table, window};
 use crate::scene::stage::{Stage, Stand, enamel, lean, metal, oak, wood};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
