@@ -89,13 +89,6 @@ impl<'a> Subject<'a> {
         self
     }
 
-    /// With a mask of the pixels that may count.
-    #[must_use]
-    pub fn with_mask(mut self, mask: Mask<'a>) -> Self {
-        self.mask = Some(mask);
-        self
-    }
-
     /// The pixels that count, `[height, width]`:
     /// \\(m = \\{g_{min} < g < g_{max}\\} \cap \\{p > 0,\ p\ \text{finite}\\}\\), within the mask and the crop.
     ///

@@ -121,7 +121,11 @@ pub(super) fn id(root: &Path, scene: &Path) -> String {
 }
 
 /// Checks that depth and image are of one size.
-pub(super) fn same_size(path: &Path, depth: (usize, usize), (height, width, _): (usize, usize, usize)) -> Result<()> {
+pub(super) fn same_size(
+    path: &Path,
+    depth: (usize, usize),
+    (height, width, _): (usize, usize, usize),
+) -> Result<()> {
     if depth == (height, width) {
         return Ok(());
     }

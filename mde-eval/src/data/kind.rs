@@ -1,13 +1,15 @@
 use super::files::find_scenes;
 use super::{CaptureGrid, Captures, DataSet, Nyu, Placed, PlainFolders, Posed, Resized, Rooms, SunRgbd};
 use crate::{Error, Result};
+use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
-/// The data sets that are known by name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The data sets that are known by name: `sunrgbd`, `nyu`, `plain`, `rooms`, `captures` and `posed`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum DataSetKind {
     /// [`SunRgbd`].
     SunRgbd,
@@ -27,18 +29,6 @@ impl DataSetKind {
     /// All of them.
     pub const ALL: [Self; 6] =
         [Self::SunRgbd, Self::Nyu, Self::Plain, Self::Rooms, Self::Captures, Self::Posed];
-
-    /// Its name: `sunrgbd`, `nyu`, `plain`, `rooms`, `captures` or `posed`.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::SunRgbd => "sunrgbd",
-            Self::Nyu => "nyu",
-            Self::Plain => "plain",
-            Self::Rooms => "rooms",
-            Self::Captures => "captures",
-            Self::Posed => "posed",
-        }
-    }
 
     /// The data set whose layout a folder has.
     ///
@@ -69,7 +59,7 @@ impl DataSetKind {
 
 impl fmt::Display for DataSetKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
+        self.serialize(f)
     }
 }
 
@@ -77,10 +67,10 @@ impl FromStr for DataSetKind {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name).ok_or_else(|| Error::Unknown {
+        Self::ALL.into_iter().find(|kind| kind.to_string() == name).ok_or_else(|| Error::Unknown {
             what: "data set",
             name: name.to_owned(),
-            known: Self::ALL.map(Self::name).join(", "),
+            known: Self::ALL.map(|kind| kind.to_string()).join(", "),
         })
     }
 }

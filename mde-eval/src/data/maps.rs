@@ -32,18 +32,19 @@ pub fn map_pairs(
 ) -> Result<(Vec<MapPair>, Vec<String>)> {
     let predicted = maps(predictions)?;
     let truth_of = maps(truths)?;
-    let sigma_of = sigmas.map(|folder| Ok((folder, maps(folder)?))).transpose()?;
+    let sigma_of = sigmas.map(maps).transpose()?;
     let (mut pairs, mut unmatched) = (Vec::new(), Vec::new());
     for (id, prediction) in predicted {
         let Some(truth) = truth_of.get(&id).cloned() else {
             unmatched.push(id);
             continue;
         };
-        let of = |(folder, of): &(&Path, BTreeMap<String, PathBuf>)| {
+        let sigma = sigma_of.as_ref().map(|of| of.get(&id).cloned());
+        if let (Some(None), Some(folder)) = (&sigma, sigmas) {
             let reason = format!("no sigma for {id} ({}); add it", prediction.display());
-            of.get(&id).cloned().ok_or(Error::Layout { path: (*folder).to_owned(), reason })
-        };
-        let sigma = sigma_of.as_ref().map(of).transpose()?;
+            return Err(Error::Layout { path: folder.to_owned(), reason });
+        }
+        let sigma = sigma.flatten();
         pairs.push(MapPair { id, prediction, truth, sigma });
     }
     if pairs.is_empty() {

@@ -22,7 +22,6 @@ const COLOUR: [&str; 5] = ["rgb", "color", "colour", "image", "images"];
 pub struct Nyu {
     pairs: Vec<Pair>,
     ids: Vec<String>,
-    /// The place of each pair.
     places: Vec<String>,
 }
 

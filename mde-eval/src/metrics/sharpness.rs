@@ -63,15 +63,3 @@ fn split(map: Map<'_>, mask: Mask<'_>, near: &Array2<bool>) -> Result<EdgeSplit>
     let mean = |(sum, count): (f64, usize)| (count > 0).then(|| sum / count as f64 / (8.0 * middle));
     Ok(EdgeSplit { on: mean(sums[0]), off: mean(sums[1]) })
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn nothing_to_score_is_an_error() {
-        let map = Array2::ones((4, 4));
-        let none = Array2::from_elem((4, 4), false);
-        assert!(matches!(sharpness(map.view(), none.view()), Err(Error::Empty(_))));
-    }
-}

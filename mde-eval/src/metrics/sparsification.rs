@@ -195,7 +195,6 @@ fn trapezoid(x: &[f64], y: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Error;
     use proptest::prelude::*;
 
     fn both(costs: &[f64], sigma: &[f64], reduction: Reduction) -> [Sparsification; 2] {
@@ -252,15 +251,6 @@ mod tests {
                 prop_assert!(spearman_of_bins(&bins).unwrap().is_none_or(|rho| rho > 1.0 - 1e-12));
             }
         }
-    }
-
-    #[test]
-    fn faults_are_named() {
-        assert!(matches!(sparsify(&[1.0], &[], Reduction::Mean), Err(Error::Length { .. })));
-        assert!(matches!(sparsify(&[], &[], Reduction::Mean), Err(Error::Empty(_))));
-        let negative = sparsify(&[1.0, -1.0], &[1.0, 2.0], Reduction::Mean);
-        assert!(matches!(negative, Err(Error::Value { index: 1, .. })));
-        assert!(matches!(costs_by_uncertainty(&[1.0], &[1.0], 0), Err(Error::Config { .. })));
     }
 
     #[test]

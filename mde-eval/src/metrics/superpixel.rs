@@ -72,7 +72,8 @@ mod tests {
         let truth =
             Array2::from_shape_fn((60, 80), |(y, x)| if (x / 20 + y / 20) % 2 == 0 { 1.0 } else { 2.0 });
         let mask = Array2::from_elem((60, 80), true);
-        let of = |prediction: &Array2<f32>, truth: &Array2<f32>| d3r(prediction.view(), truth.view(), mask.view());
+        let of =
+            |prediction: &Array2<f32>, truth: &Array2<f32>| d3r(prediction.view(), truth.view(), mask.view());
         assert_eq!(of(&truth, &truth).unwrap(), Some(0.0));
         assert_eq!(of(&truth.mapv(f32::recip), &truth).unwrap(), Some(1.0));
         let flat = Array2::from_elem((60, 80), 3.0);

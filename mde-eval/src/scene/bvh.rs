@@ -1,6 +1,6 @@
 //! A bounding-volume hierarchy over the bodies of a room.
 
-use super::solid::{Vector, Body, Contact, NEAREST, Ray};
+use super::solid::{Body, Contact, NEAREST, Ray, Vector};
 
 /// Bodies a leaf holds at most.
 const LEAF: usize = 3;

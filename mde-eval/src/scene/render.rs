@@ -3,7 +3,7 @@
 
 use super::bvh::Hierarchy;
 use super::noise::lattice;
-use super::solid::{Vector, Body, Contact, Ray};
+use super::solid::{Body, Contact, Ray, Vector};
 use super::texture::Colour;
 use mde_warp::{PinholeCamera, Pose};
 use ndarray::{Array2, Array3};

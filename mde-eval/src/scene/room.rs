@@ -1,7 +1,9 @@
+use serde::Serialize;
 use std::fmt;
 
-/// The rooms there are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The rooms there are, shown as `study`, `living-room` and so on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Room {
     /// A desk with a chair, a lamp on a thin pole, bookcase and wall shelves.
     Study,
@@ -30,23 +32,10 @@ impl Room {
         Self::Office,
         Self::Bedroom,
     ];
-
-    /// The room's name: `study`, `living-room`, `kitchen`, `corridor`, `workshop`, `office`, `bedroom`.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Study => "study",
-            Self::LivingRoom => "living-room",
-            Self::Kitchen => "kitchen",
-            Self::Corridor => "corridor",
-            Self::Workshop => "workshop",
-            Self::Office => "office",
-            Self::Bedroom => "bedroom",
-        }
-    }
 }
 
 impl fmt::Display for Room {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
+        self.serialize(f)
     }
 }

@@ -284,7 +284,8 @@ fn the_real_data_loads() {
         let capture = posed.capture(index).unwrap();
         let known = capture.truth.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z));
         let middle = median(known).unwrap();
-        let away = capture.views[1..].iter().map(|further| further.view.pose.translation.vector.norm() / middle);
+        let away =
+            capture.views[1..].iter().map(|further| further.view.pose.translation.vector.norm() / middle);
         assert!(away.clone().count() >= 4 && away.into_iter().all(|d| d > 0.01 && d < 0.5), "{}", capture.id);
         let covered = capture.truth.iter().filter(|z| **z > 0.0).count() as f64 / capture.truth.len() as f64;
         assert!(covered > 0.5, "{}: {covered}", capture.id);

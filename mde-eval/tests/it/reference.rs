@@ -2,10 +2,10 @@
 
 use approx::assert_relative_eq;
 use mde_eval::align::{Alignment, AlignmentRule};
+use mde_eval::mde_uncertainty::statistics::{average_ranks, spearman};
 use mde_eval::metrics::edges::edge_curve;
 use mde_eval::metrics::superpixel::d3r;
 use mde_eval::metrics::{calibration, dbe, depth};
-use mde_eval::mde_uncertainty::statistics::{average_ranks, spearman};
 use mde_eval::ndarray::Array2;
 use mde_eval::score::{ScoreConfig, Subject, score};
 use serde_json::Value;

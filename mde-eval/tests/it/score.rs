@@ -1,6 +1,5 @@
 //! Scores of predictions of known quality.
 
-use mde_eval::Error;
 use mde_eval::align::{Alignment, AlignmentRule};
 use mde_eval::mde_uncertainty::random::CounterRng;
 use mde_eval::ndarray::{Array2, Zip};
@@ -138,7 +137,7 @@ fn missing_pixels_masks_and_crops_do_not_count() {
 
     let mut mask = Array2::from_elem(truth.dim(), true);
     mask.row_mut(10).fill(false);
-    let subject = Subject::new(prediction.view(), holes.view()).with_mask(mask.view());
+    let subject = Subject { mask: Some(mask.view()), ..Subject::new(prediction.view(), holes.view()) };
     let config = ScoreConfig { crop: Some([5, 25, 30, 70]), ..ScoreConfig::default() };
     assert_eq!(score(&subject, &config).unwrap().pixels, 19 * 40);
 }

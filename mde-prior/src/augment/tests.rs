@@ -1,7 +1,6 @@
 use super::*;
 use crate::DepthKind;
 use crate::resample::{Filter, resize};
-use ndarray::{Array3, Axis};
 use proptest::prelude::*;
 
 /// A model by its prediction.

@@ -176,15 +176,15 @@ impl PriorDepth {
     /// # Errors
     /// [`Error::Empty`] when no pixel has a value.
     pub fn from_values(map: Array2<f32>, kind: DepthKind) -> Result<Self> {
-        let valid = map.mapv(|v| v.is_finite() && (v > 0.0 || !kind.is_depth()));
-        Self { map, valid, kind, intrinsics: None, certainty: None }.sanitised()
+        let valid = Array2::from_elem(map.dim(), true);
+        Self::with_mask(map, valid, kind)
     }
 
     /// A map with a mask of the pixels that have a value, both `[height, width]`. A value that means "missing" is masked out too.
     ///
     /// # Errors
     /// [`Error::Input`] when the shapes differ, [`Error::Empty`] when no pixel has a value.
-    pub fn with_mask(map: Array2<f32>, valid: Array2<bool>, kind: DepthKind) -> Result<Self> {
+    pub fn with_mask(mut map: Array2<f32>, mut valid: Array2<bool>, kind: DepthKind) -> Result<Self> {
         if map.dim() != valid.dim() {
             return Err(Error::Input(format!(
                 "the prior's map is {:?} but its mask {:?}; give both the image's [height, width]",
@@ -192,26 +192,19 @@ impl PriorDepth {
                 valid.dim()
             )));
         }
-        Self { map, valid, kind, intrinsics: None, certainty: None }.sanitised()
-    }
-
-    fn sanitised(mut self) -> Result<Self> {
-        let is_depth = self.kind.is_depth();
-        Zip::from(&mut self.map).and(&mut self.valid).for_each(|value, valid| {
-            *valid &= value.is_finite() && (*value > 0.0 || !is_depth);
+        Zip::from(&mut map).and(&mut valid).for_each(|value, valid| {
+            *valid &= value.is_finite() && (*value > 0.0 || !kind.is_depth());
             if !*valid {
                 *value = 0.0;
             }
         });
-        if !self.valid.iter().any(|&v| v) {
+        if !valid.iter().any(|&v| v) {
+            let (height, width) = map.dim();
             return Err(Error::Empty(format!(
-                "the prior ({}, {}x{}) has no usable pixel; check the file or the kind given",
-                self.kind,
-                self.map.ncols(),
-                self.map.nrows()
+                "the prior ({kind}, {width}x{height}) has no usable pixel; check the file or the kind given"
             )));
         }
-        Ok(self)
+        Ok(Self { map, valid, kind, intrinsics: None, certainty: None })
     }
 
     /// Positive depth, `[height, width]`, 0 = missing: depths unchanged (metres, or the model's unit), disparity

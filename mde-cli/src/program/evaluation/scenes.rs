@@ -67,7 +67,7 @@ impl Source {
 
     /// The options that determine images and truth of the scenes; not the folder, which may be moved.
     pub(crate) fn describe(&self) -> Value {
-        let mut value = json!({ "dataset": self.kind.name(), "size": self.options.size });
+        let mut value = json!({ "dataset": self.kind, "size": self.options.size });
         if self.kind == DataSetKind::Captures {
             let CaptureGrid { views, baselines, pose_noises, gains } = &self.options.captures;
             value["captures"] =

@@ -15,7 +15,7 @@ use super::stage::Stage;
 use super::texture::Colour;
 
 pub(super) fn furnish(room: Room, seed: u64) -> Setting {
-    let stage = Stage::new(seed, room.name());
+    let stage = Stage::new(seed, &room.to_string());
     match room {
         Room::Study => study::furnish(stage),
         Room::LivingRoom => living::furnish(stage),
