@@ -12,7 +12,8 @@ use ndarray::{Array2, ArrayView2};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// How an [`Alignment`] is fitted to the pixels that count.
+/// How an [`Alignment`] is fitted to the pixels that count. Beside a score it stands as `none`, `median`, `median-ratio`, `ls-depth` or
+/// `ls-disparity`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AlignmentRule {
@@ -31,17 +32,6 @@ pub enum AlignmentRule {
 }
 
 impl AlignmentRule {
-    /// The short name that goes beside a score: `none`, `median`, `median-ratio`, `ls-depth`, `ls-disparity`.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Median => "median",
-            Self::MedianRatio => "median-ratio",
-            Self::LeastSquaresDepth => "ls-depth",
-            Self::LeastSquaresDisparity => "ls-disparity",
-        }
-    }
-
     /// Fits the alignment of `prediction` to `truth`: the depths of the pixels that count, in any order.
     ///
     /// A prediction that cannot fix the parameters (all depths equal, for the two affine rules) is left as it is.
@@ -80,7 +70,13 @@ impl AlignmentRule {
 
 impl fmt::Display for AlignmentRule {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
+        f.write_str(match self {
+            Self::None => "none",
+            Self::Median => "median",
+            Self::MedianRatio => "median-ratio",
+            Self::LeastSquaresDepth => "ls-depth",
+            Self::LeastSquaresDisparity => "ls-disparity",
+        })
     }
 }
 

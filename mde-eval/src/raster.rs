@@ -1,14 +1,12 @@
 //! Image operators of the metrics on maps: masks, gradients, Canny edges, distance
 //! transforms, dilation, superpixels.
 
-mod canny;
 mod distance;
 mod gradient;
 mod slic;
 
-pub(crate) use canny::canny;
 pub(crate) use distance::distance_to;
-pub(crate) use gradient::sobel;
+pub(crate) use gradient::{Gradient, sobel};
 pub(crate) use slic::Superpixels;
 
 use crate::{Error, Result};

@@ -47,7 +47,7 @@ impl Entry {
             place: None,
             method: method.into(),
             seed: 0,
-            alignment: scores.rule.map_or("given", AlignmentRule::name).to_owned(),
+            alignment: scores.rule.map_or_else(|| "given".to_owned(), |rule| rule.to_string()),
             values: scores.values,
             curves: scores.curves,
         };
@@ -57,12 +57,6 @@ impl Entry {
             entry.set("alignment_scale", scale);
         }
         entry
-    }
-
-    /// The scores of another sigma whose depth has the entry `of`.
-    pub fn of_uncertainty(of: &Self, method: impl Into<String>, scores: Scores) -> Self {
-        let (values, curves) = (scores.values, scores.curves);
-        Self { method: method.into(), values, curves, ..of.clone() }
     }
 
     /// Sets the value of the metric of that key; nothing where it is not finite.

@@ -69,7 +69,7 @@ impl DataSet for Captures {
     }
 
     fn place(&self, index: usize) -> Option<&str> {
-        Some(self.ids.get(index)?.split('/').next()?)
+        self.ids.get(index)?.split('/').next()
     }
 
     fn load(&self, index: usize) -> Result<Sample> {

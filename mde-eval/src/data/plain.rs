@@ -10,33 +10,27 @@ use std::path::Path;
 /// Scenes of your own: any folder below the root that has a `scene.json`.
 ///
 /// Beside it lie `color.*` (JPEG, PNG, TIFF, BMP, WebP) and `depth.*` (PNG of 16 bits, NPY, NPZ, PFM, EXR). The JSON's fields are
-/// all optional and others are ignored:
-///
-/// | field | meaning |
-/// | --- | --- |
-/// | `depth_units_per_metre` | depth in metres = value / this; 1000 for integers and 1 for floats without it |
-/// | `fx`, `fy`, `cx`, `cy` | intrinsics in pixels, pixel centres at integers from 0; all four or none |
-/// | `max_depth` | depths beyond it, in metres, are not used; 10 without it |
+/// those of [`PlainScene`].
 #[derive(Debug, Clone)]
 pub struct PlainFolders {
     scenes: Scenes,
     assumed_fov: Option<f64>,
 }
 
-/// Content of a `scene.json`; see [`PlainFolders`] for its fields.
+/// Content of a `scene.json`. All fields are optional and others are ignored; of the intrinsics all four are named or none.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
 pub struct PlainScene {
-    /// Depth in metres = value / this.
+    /// Depth in metres = value / this; 1000 for integers and 1 for floats without it.
     pub depth_units_per_metre: Option<f64>,
     /// Horizontal focal length, pixels.
     pub fx: Option<f64>,
     /// Vertical focal length, pixels.
     pub fy: Option<f64>,
-    /// Column of the principal point, from 0.
+    /// Column of the principal point, pixel centres at integers from 0.
     pub cx: Option<f64>,
-    /// Row of the principal point, from 0.
+    /// Row of the principal point.
     pub cy: Option<f64>,
-    /// Largest depth at which the truth is reliable, metres.
+    /// Largest depth at which the truth is reliable, metres; 10 without it.
     pub max_depth: Option<f64>,
 }
 

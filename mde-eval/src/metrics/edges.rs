@@ -8,23 +8,6 @@ use crate::error::check;
 use crate::raster::{Map, Mask, dilate, distance_to, erode, same_shape, sobel};
 use ndarray::{Array2, Zip};
 
-/// Precision, recall and F1 of one edge map against another.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct EdgeScore {
-    /// Share of the predicted edge pixels that are near a true one; 0 without predicted edges.
-    pub precision: f64,
-    /// Share of the true edge pixels that are near a predicted one; 0 without true edges.
-    pub recall: f64,
-    /// \\(2PR / (P + R)\\), 0 where both are 0.
-    pub f1: f64,
-}
-
-impl EdgeScore {
-    fn new(precision: f64, recall: f64) -> Self {
-        Self { precision, recall, f1: harmonic(precision, recall) }
-    }
-}
-
 /// \\(2PR / (P + R)\\), 0 where both are 0.
 pub(super) fn harmonic(precision: f64, recall: f64) -> f64 {
     if precision + recall > 0.0 { 2.0 * precision * recall / (precision + recall) } else { 0.0 }
@@ -42,14 +25,21 @@ pub fn edges(map: Map<'_>, mask: Mask<'_>, threshold: f64) -> Result<Array2<bool
 }
 
 /// One point of an [`EdgeCurve`]: predicted edges are the pixels with a gradient of at least `threshold`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct EdgePoint {
     /// Gradient (gain 8) from which on a pixel is a predicted edge, in the map's unit.
     pub threshold: f64,
-    /// Precision at this threshold.
+    /// Share of the predicted edge pixels that are near a true one; 0 without predicted edges.
     pub precision: f64,
-    /// Recall at this threshold.
+    /// Share of the true edge pixels that are near a predicted one; 0 without true edges.
     pub recall: f64,
+}
+
+impl EdgePoint {
+    /// \\(2PR / (P + R)\\), 0 where both are 0.
+    pub fn f1(&self) -> f64 {
+        harmonic(self.precision, self.recall)
+    }
 }
 
 /// Precision and recall over every threshold of the prediction, the truth's edges fixed.
@@ -66,14 +56,14 @@ impl EdgeCurve {
     /// **F1max**: \\(\max_t F_1(t)\\), 0 where the prediction is flat. Over one image it is the "OIS" of the Berkeley benchmark, without
     /// thinning and one-to-one matching.
     pub fn f1_max(&self) -> f64 {
-        self.points.iter().map(|point| harmonic(point.precision, point.recall)).fold(0.0, f64::max)
+        self.points.iter().map(EdgePoint::f1).fold(0.0, f64::max)
     }
 
-    /// Precision, recall and F1 where the predicted edges are the gradients *above* `threshold`.
-    pub fn at(&self, threshold: f64) -> EdgeScore {
+    /// Precision and recall where the predicted edges are the gradients *above* `threshold`.
+    pub fn at(&self, threshold: f64) -> EdgePoint {
         let above = self.points.partition_point(|point| point.threshold > threshold);
         let point = above.checked_sub(1).and_then(|last| self.points.get(last));
-        point.map_or_else(EdgeScore::default, |point| EdgeScore::new(point.precision, point.recall))
+        EdgePoint { threshold, ..point.copied().unwrap_or_default() }
     }
 }
 
@@ -184,9 +174,10 @@ mod tests {
             let found = |e: &Array2<bool>, by: &Array2<bool>| {
                 share(e.iter().zip(&near(by)).filter(|&(&e, &n)| e && n).count(), count(e))
             };
-            let expected = EdgeScore::new(found(&predicted, &true_edges), found(&true_edges, &predicted));
+            let (precision, recall) = (found(&predicted, &true_edges), found(&true_edges, &predicted));
+            let expected = EdgePoint { threshold: t, precision, recall };
             prop_assert_eq!(curve.at(t), expected);
-            prop_assert!(curve.f1_max() >= expected.f1);
+            prop_assert!(curve.f1_max() >= expected.f1());
         }
 
         #[test]

@@ -44,11 +44,11 @@ impl Hierarchy {
         best
     }
 
-    /// Whether anything stands in the way before `limit`.
+    /// Whether anything casts a shadow from before `limit`.
     pub(super) fn blocked(&self, ray: &Ray, limit: f64) -> bool {
         let mut hit = false;
         self.visit(ray, limit, |body, limit| {
-            if body.meet(ray, limit).is_some() {
+            if body.material.casts_shadow && body.meet(ray, limit).is_some() {
                 hit = true;
                 // Nothing lies before 0: the search ends.
                 return Some(0.0);

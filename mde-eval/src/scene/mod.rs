@@ -52,11 +52,8 @@ impl World {
     /// None for the rooms there are; a camera fault would be passed on.
     pub fn new(room: Room, seed: u64) -> Result<Self> {
         let setting = rooms::furnish(room, seed);
-        let bodies = setting.stage.bodies;
-        let casters = bodies.iter().filter(|body| body.material.casts_shadow).cloned().collect();
         let model = Model {
-            casters: Hierarchy::new(casters),
-            bodies: Hierarchy::new(bodies),
+            bodies: Hierarchy::new(setting.stage.bodies),
             lights: setting.lights,
             ambient: setting.ambient,
             exposure: 1.0,

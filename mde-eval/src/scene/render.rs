@@ -26,8 +26,6 @@ pub(super) struct Light {
 #[derive(Debug, Clone)]
 pub(super) struct Model {
     pub(super) bodies: Hierarchy,
-    /// Those of them that cast shadows.
-    pub(super) casters: Hierarchy,
     pub(super) lights: Vec<Light>,
     pub(super) ambient: Colour,
     pub(super) exposure: f64,
@@ -134,7 +132,7 @@ impl Model {
                 continue;
             }
             let shadow = Ray { origin: point, direction: towards };
-            if self.casters.blocked(&shadow, distance) {
+            if self.bodies.blocked(&shadow, distance) {
                 continue;
             }
             light += lamp.colour * (facing / (distance * distance + 0.05));

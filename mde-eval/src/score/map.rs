@@ -46,7 +46,7 @@ impl<'a> DepthMap<'a> {
         let edge_scores = |threshold| {
             let curve = edge_curve(map, truth, mask, threshold, EDGE_TOLERANCE)?;
             // One point of the curve is the fixed threshold's score; without true edges it is 0.
-            let f1 = curve.as_ref().map_or(0.0, |curve| curve.at(threshold).f1);
+            let f1 = curve.as_ref().map_or(0.0, |curve| curve.at(threshold).f1());
             Ok(EdgeScores { f1, f1_max: curve.map(|curve| curve.f1_max()) })
         };
         let others = || -> Result<_> {

@@ -90,7 +90,7 @@ fn edge_scores() {
         let curve = edge_curve(p, g, m, threshold, tolerance).unwrap().unwrap();
         let found = curve.at(threshold);
         for (found, expected) in
-            [found.precision, found.recall, found.f1].into_iter().zip(numbers(&case["fixed"]))
+            [found.precision, found.recall, found.f1()].into_iter().zip(numbers(&case["fixed"]))
         {
             near(found, expected);
         }

@@ -226,10 +226,7 @@ impl OnnxPrior {
             [degrees] if degrees > 0.0 && degrees < 180.0 => {
                 Ok(0.5 * frame.input.1 as f32 / (0.5 * degrees.to_radians()).tan())
             }
-            _ => {
-                Err(self
-                    .error("fov-output is no field of view of 0 to 180 degrees; check its name".to_owned()))
-            }
+            _ => Err(self.error("fov-output is no field of view of 0 to 180 degrees; check its name")),
         }
     }
 
@@ -255,16 +252,16 @@ impl OnnxPrior {
             }
         };
         let usable = intrinsics.iter().all(|v| v.is_finite()) && intrinsics[0].min(intrinsics[1]) > 0.0;
-        usable.then_some(intrinsics).ok_or_else(|| {
-            self.error("camera-output is no camera of positive focal length; check its name".to_owned())
-        })
+        usable
+            .then_some(intrinsics)
+            .ok_or_else(|| self.error("camera-output is no camera of positive focal length; check its name"))
     }
 
     fn empty(&self, reason: &str) -> Error {
         Error::Empty(format!("{}: {reason}", self.path.display()))
     }
 
-    fn error(&self, reason: String) -> Error {
+    fn error(&self, reason: impl Into<String>) -> Error {
         Error::malformed(&self.path, reason)
     }
 
@@ -381,9 +378,8 @@ impl DepthPrior for OnnxPrior {
             let outputs =
                 self.graph.run(shape, values, &self.outputs).map_err(|reason| self.error(reason))?;
             let mut outputs = outputs.into_iter();
-            let depth = outputs
-                .next()
-                .ok_or_else(|| self.error("an output is missing; export the model again".to_owned()))?;
+            let depth =
+                outputs.next().ok_or_else(|| self.error("an output is missing; export the model again"))?;
             let [scale, mask, camera, fov, confidence, error] =
                 self.spec.further_outputs().map(|(_, name)| name.and_then(|_| outputs.next()));
             let confidence = confidence.map(|values| (CertaintyMeaning::Confidence, values));
@@ -420,9 +416,7 @@ impl DepthPrior for OnnxPrior {
                 let factor = match scale.values.as_slice() {
                     &[factor] if factor > 0.0 && factor.is_finite() => factor,
                     _ => {
-                        return Err(
-                            self.error("scale-output is no positive number; check its name".to_owned())
-                        );
+                        return Err(self.error("scale-output is no positive number; check its name"));
                     }
                 };
                 map.mapv_inplace(|v| factor * v);

@@ -8,7 +8,7 @@ use mde_eval::align::{Alignment, AlignmentRule};
 use mde_eval::baseline::Unsharp;
 use mde_eval::baseline::sigma::TrivialSigma;
 use mde_eval::data::Sample;
-use mde_eval::score::{ScoreConfig, Subject, score, score_aligned, score_uncertainty};
+use mde_eval::score::{ScoreConfig, Scores, Subject, score, score_aligned, score_uncertainty};
 use mde_eval::table::Entry;
 use mde_eval::{Method as _, Task};
 use mde_prior::DisparityRule;
@@ -176,8 +176,9 @@ impl Against<'_> {
             let subject = subject(depth, self.sample).with_sigma(sigma.view());
             let scores = score_uncertainty(&subject, &alignment, self.config)?;
             if scores.curves.is_some() {
-                let name = format!("{}{SIGMA_BY}{}", of.method, trivial.name());
-                entries.push(Entry::of_uncertainty(of, name, scores));
+                let method = format!("{}{SIGMA_BY}{}", of.method, trivial.name());
+                let Scores { values, curves, .. } = scores;
+                entries.push(Entry { method, values, curves, ..of.clone() });
             }
         }
         Ok(entries)
