@@ -32,6 +32,17 @@ pub enum AlignmentRule {
 }
 
 impl AlignmentRule {
+    /// Its short name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Median => "median",
+            Self::MedianRatio => "median-ratio",
+            Self::LeastSquaresDepth => "ls-depth",
+            Self::LeastSquaresDisparity => "ls-disparity",
+        }
+    }
+
     /// Fits the alignment of `prediction` to `truth`: the depths of the pixels that count, in any order.
     ///
     /// A prediction that cannot fix the parameters (all depths equal, for the two affine rules) is left as it is.
@@ -70,13 +81,7 @@ impl AlignmentRule {
 
 impl fmt::Display for AlignmentRule {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::None => "none",
-            Self::Median => "median",
-            Self::MedianRatio => "median-ratio",
-            Self::LeastSquaresDepth => "ls-depth",
-            Self::LeastSquaresDisparity => "ls-disparity",
-        })
+        f.write_str(self.name())
     }
 }
 

@@ -47,7 +47,7 @@ impl Entry {
             place: None,
             method: method.into(),
             seed: 0,
-            alignment: scores.rule.map_or_else(|| "given".to_owned(), |rule| rule.to_string()),
+            alignment: scores.rule.map_or("given", AlignmentRule::name).to_owned(),
             values: scores.values,
             curves: scores.curves,
         };

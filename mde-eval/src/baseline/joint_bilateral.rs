@@ -1,7 +1,5 @@
 use super::{channels, check, known};
 use crate::{Refined, Result, Task};
-use ndarray::Array2;
-use rayon::prelude::*;
 
 /// \\(\sigma_s\\), pixels.
 const SIGMA_SPACE: f64 = 8.0;
@@ -19,12 +17,6 @@ pub fn joint_bilateral(task: &Task<'_>) -> Result<Refined> {
     let support = depth.mapv(|d| if d > 0.0 { 1.0 } else { 0.0 });
     let guide = channels(task.image);
     let filter = mde_uncertainty::filter::JointBilateral::dense(SIGMA_SPACE, SIGMA_COLOUR);
-    let rows = filter.rows(depth.view(), Some(support.view()), &guide)?;
-    let width = depth.ncols().max(1);
-    let mut filtered = Array2::zeros(depth.dim());
-    if let Some(values) = filtered.as_slice_mut() {
-        values.par_chunks_mut(width).enumerate().for_each(|(y, row)| rows.filter(y, row));
-    }
-    filtered *= &support;
-    Ok(filtered.into())
+    let filtered = filter.filter(depth.view(), Some(support.view()), &guide)?;
+    Ok((filtered * support).into())
 }

@@ -99,13 +99,6 @@ pub(super) enum Of {
     Evaluation,
 }
 
-impl Metric {
-    /// The metric of that key.
-    pub fn named(key: &str) -> Option<&'static Self> {
-        METRICS.iter().find(|metric| metric.key == key)
-    }
-}
-
 const fn shown(key: &'static str, label: &'static str, better: Better, group: Group, of: Of) -> Metric {
     Metric { key, label, better, group, shown: true, of }
 }
@@ -189,11 +182,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_key_is_its_own_and_is_found() {
+    fn every_key_is_its_own() {
         for metric in METRICS {
             assert_eq!(METRICS.iter().filter(|other| other.key == metric.key).count(), 1, "{}", metric.key);
-            assert_eq!(Metric::named(metric.key).unwrap().label, metric.label);
         }
-        assert!(Metric::named("mes").is_none());
     }
 }
