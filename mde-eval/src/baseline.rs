@@ -50,10 +50,6 @@ pub const METHODS: &[&str] = &[
 
 /// A baseline by its name; several joined by `+` run one after the other, each on the depth of the one before.
 ///
-/// ```
-/// assert!(mde_eval::baseline::named("zoom+jbf").is_ok());
-/// ```
-///
 /// # Errors
 /// [`Error::Unknown`] with the names that exist.
 pub fn named(name: &str) -> Result<Box<dyn Method + Send + Sync>> {

@@ -31,17 +31,6 @@ use ndarray::{Array2, Array3};
 use std::path::Path;
 
 /// Scenes that are loaded one by one.
-///
-/// ```
-/// use mde_eval::data::{DataSet, Rooms};
-///
-/// let rooms: Box<dyn DataSet> = Box::new(Rooms::new(0, 32, 24));
-/// for index in 0..rooms.len() {
-///     let sample = rooms.load(index)?;
-///     assert_eq!(sample.depth.dim(), (24, 32));
-/// }
-/// # Ok::<(), mde_eval::Error>(())
-/// ```
 pub trait DataSet: Send + Sync {
     /// Identifiers of the scenes, in order; unique, and the same wherever the data lies.
     fn ids(&self) -> &[String];

@@ -3,11 +3,9 @@
 
 mod distance;
 mod gradient;
-mod slic;
 
 pub(crate) use distance::distance_to;
 pub(crate) use gradient::{Gradient, sobel};
-pub(crate) use slic::Superpixels;
 
 use crate::{Error, Result};
 use mde_uncertainty::filter::{Border, Gaussian, gaussian_blur};

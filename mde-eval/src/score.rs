@@ -155,18 +155,6 @@ impl Scores {
 
 /// Aligns a prediction by the rule of `config` (its own alignment) and scores it.
 ///
-/// ```
-/// use mde_eval::ndarray::Array2;
-/// use mde_eval::score::{ScoreConfig, Subject, score};
-///
-/// let truth = Array2::from_shape_fn((48, 64), |(_, x)| if x < 32 { 1.0 } else { 2.0 + 0.01 * x as f32 });
-/// let prediction = &truth * 0.5; // right up to scale
-/// let scores = score(&Subject::new(prediction.view(), truth.view()), &ScoreConfig::default())?;
-/// assert!(scores.get("rmse").is_some_and(|rmse| rmse < 1e-6));
-/// assert!(scores.get("boundary_f1").is_some_and(|f1| f1 > 0.0));
-/// # Ok::<(), mde_eval::Error>(())
-/// ```
-///
 /// # Errors
 /// [`Error::Shape`], [`Error::Empty`] and [`Error::Config`]; see [`Subject::pixels`] and [`ScoreConfig::validate`].
 pub fn score(subject: &Subject<'_>, config: &ScoreConfig) -> Result<Scores> {

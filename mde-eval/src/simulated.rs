@@ -68,18 +68,6 @@ const DISPARITY: (f64, f64) = (700.0, -0.3);
 /// with \\(\operatorname{close}_r\\) the grey closing by a square (what is nearer than its surroundings and narrow takes
 /// their depth), \\(G_\sigma\\) a Gaussian and \\(f\\) a sum of long waves of mean 0 and variance 1 over the image. The
 /// prediction is \\(\hat z\\), or \\(s/\hat z + t\\) as a disparity, for any image of the map's size.
-///
-/// ```
-/// use mde_eval::scene::{Room, room};
-/// use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
-/// use mde_prior::{DepthPrior, DisparityRule};
-///
-/// let scene = room(Room::Study, 0, 80, 60)?;
-/// let prior = SimulatedPrior::new(&scene.depth, &SimulatedPriorConfig::disparity())?;
-/// let depth = prior.predict(scene.image.view())?.to_depth(&DisparityRule::default())?;
-/// assert_eq!(depth.dim(), scene.depth.dim());
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulatedPrior {
     prediction: PriorDepth,

@@ -3,16 +3,6 @@ use crate::{Error, Result};
 use std::collections::BTreeMap;
 
 /// A data set whose scenes show the places of a list: for data sets without a record of which images are of one room.
-///
-/// ```
-/// use mde_eval::data::{DataSet, Placed, Rooms, parse_places};
-///
-/// let places = parse_places("study-0 ground-floor\noffice-0 ground-floor\n")?;
-/// let rooms = Placed::new(Box::new(Rooms::new(0, 32, 24)), &places)?;
-/// assert_eq!(rooms.place(0), Some("ground-floor"));
-/// assert_eq!(rooms.place(1), Some("living-room-0"));
-/// # Ok::<(), mde_eval::Error>(())
-/// ```
 pub struct Placed {
     data: Box<dyn DataSet>,
     /// By index of the scene.

@@ -14,15 +14,6 @@ use std::path::Path;
 /// `intrinsics.txt` holds the 3 x 3 matrix with pixels counted from 1, so 1 is taken from the principal point. A scene
 /// without that file needs an assumed field of view. The place is known for the frames of SUN3D alone
 /// (`sun3ddata/BUILDING/RECORDING/`); many others show the same rooms too, which [`Placed`](super::Placed) can name.
-///
-/// ```no_run
-/// use mde_eval::data::{DataSet, SunRgbd};
-///
-/// let data = SunRgbd::open("SUNRGBD", Some(57.0))?;
-/// let first = data.load(0)?;
-/// println!("{} {:?}", first.id, first.camera);
-/// # Ok::<(), mde_eval::Error>(())
-/// ```
 #[derive(Debug, Clone)]
 pub struct SunRgbd {
     scenes: Scenes,

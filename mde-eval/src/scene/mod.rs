@@ -91,15 +91,6 @@ impl World {
 
 /// A room rendered from its own camera, `width` by `height` pixels.
 ///
-/// ```
-/// use mde_eval::scene::{Room, room};
-///
-/// let study = room(Room::Study, 1, 64, 48)?;
-/// assert_eq!(study.image.dim(), (48, 64, 3));
-/// assert!(study.depth.iter().all(|&d| d > 0.3 && d < 12.0));
-/// # Ok::<(), mde_eval::Error>(())
-/// ```
-///
 /// # Errors
 /// [`Error::Camera`](crate::Error::Camera) for an empty image.
 pub fn room(room: Room, seed: u64, width: usize, height: usize) -> Result<Scene> {

@@ -60,19 +60,6 @@ impl SimulatedModelConfig {
 /// It finds the crop in a photograph and predicts the true depth as a network of [`side`](SimulatedModelConfig::side) pixels
 /// would see it: the harmonic mean over each cell, linear between cells, thin things lost, bent by waves of its own and by waves
 /// that all predictions of the photograph share. Which of these faults remain shows what test-time augmentation can remove.
-///
-/// ```
-/// use mde_eval::ndarray::s;
-/// use mde_eval::scene::{Room, room};
-/// use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig};
-/// use mde_prior::DepthPrior;
-///
-/// let scene = room(Room::Study, 0, 80, 60)?;
-/// let model = SimulatedModel::new(&scene.image, &scene.depth, SimulatedModelConfig::small(20))?;
-/// let crop = model.predict(scene.image.slice(s![10..40, 20..60, ..]))?;
-/// assert_eq!(crop.map.dim(), (30, 40));
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulatedModel(Vec<Known>);
 

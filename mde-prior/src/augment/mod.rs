@@ -44,30 +44,6 @@ use std::ops::ControlFlow;
 use values::Values;
 
 /// Which crops are predicted, and how the predictions are merged. The equations are in the [module's](self) documentation.
-///
-/// ```
-/// use mde_prior::augment::AugmentationConfig;
-/// use mde_prior::ndarray::{Array3, ArrayView3, s};
-/// use mde_prior::{DepthKind, DepthPrior, PriorDepth, Result};
-///
-/// /// Takes the red channel for depth.
-/// struct Red;
-/// impl DepthPrior for Red {
-///     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-///         PriorDepth::from_values(image.slice(s![.., .., 0]).to_owned(), DepthKind::Metric)
-///     }
-///     fn accepts_new_images(&self) -> bool {
-///         true
-///     }
-/// }
-///
-/// let image = Array3::from_shape_fn((24, 32, 3), |(y, x, _)| 0.2 + 0.01 * (x + y) as f32);
-/// let augmented = AugmentationConfig::multi_crop().predict(&Red, image.view())?;
-/// // Crops that agree with the whole image leave the map as it is.
-/// let change = (&augmented.merged.map - &augmented.prior.map).mapv(f32::abs);
-/// assert!(change.iter().all(|&c| c < 0.02));
-/// # Ok::<(), mde_prior::Error>(())
-/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct AugmentationConfig {

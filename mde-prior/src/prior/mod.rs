@@ -22,27 +22,6 @@ pub(crate) use profiles::{FIELDS_OF_VIEW, IMAGENET, INVERSE_DEPTHS};
 /// A monocular depth estimator.
 ///
 /// The trait is object-safe: pipelines take `&dyn DepthPrior`.
-///
-/// ```
-/// use mde_prior::ndarray::{Array2, Array3, ArrayView3};
-/// use mde_prior::{DepthKind, DepthPrior, DisparityRule, PriorDepth, Result};
-///
-/// /// A floor: the lower in the image, the nearer.
-/// struct Floor;
-///
-/// impl DepthPrior for Floor {
-///     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-///         let (height, width, _) = image.dim();
-///         let disparity = Array2::from_shape_fn((height, width), |(y, _)| y as f32);
-///         PriorDepth::from_values(disparity, DepthKind::AffineDisparity)
-///     }
-/// }
-///
-/// let prior: Box<dyn DepthPrior> = Box::new(Floor);
-/// let depth = prior.predict(Array3::zeros((6, 8, 3)).view())?.to_depth(&DisparityRule::default())?;
-/// assert!((depth[[0, 0]] - 8.0).abs() < 1e-5 && (depth[[5, 0]] - 0.8).abs() < 1e-5);
-/// # Ok::<(), mde_prior::Error>(())
-/// ```
 pub trait DepthPrior: Sync {
     /// Predicts the depth of `image`, `[height, width, 3]`, sRGB values in `[0, 1]`; the result has the image's size.
     ///

@@ -10,20 +10,6 @@
 //!
 //! [`read_depth`] returns depths, 0 = missing; [`read_values`] returns the values unchanged and refuses NaN. Writing is atomic.
 //! Sizes in headers are checked against the file before memory is allocated.
-//!
-//! ```
-//! use mde_prior::format::{self, ReadOptions};
-//! use mde_prior::ndarray::array;
-//!
-//! let folder = tempfile::tempdir()?;
-//! let depth = array![[0.0_f32, 1.25], [2.5, 3.0]];
-//! for name in ["depth.npy", "depth.npz", "depth.pfm", "depth.exr", "depth.png"] {
-//!     let path = folder.path().join(name);
-//!     format::write_depth(&path, depth.view())?;
-//!     assert_eq!(format::read_depth(&path, &ReadOptions::default())?, depth);
-//! }
-//! # Ok::<(), Box<dyn std::error::Error>>(())
-//! ```
 
 mod exr;
 mod npy;
