@@ -39,11 +39,13 @@ pub fn weighted_median(task: &Task<'_>) -> Result<Refined> {
             weights.resize(columns.len(), 0.0);
             for plane in &planes {
                 let colour = plane[(y, x)];
-                let others = weights.iter_mut().zip(plane.slice(part));
+                let others = weights.iter_mut().zip(plane.slice(part).to_slice().unwrap_or_default());
                 others.for_each(|(sum, other)| *sum += (other - colour) * (other - colour));
             }
             weights.iter_mut().for_each(|weight| *weight = exponential(*weight));
-            for ((&weight, &d), &place) in weights.iter().zip(depth.slice(part)).zip(bin.slice(part)) {
+            let depths = depth.slice(part).to_slice().unwrap_or_default();
+            let places = bin.slice(part).to_slice().unwrap_or_default();
+            for ((&weight, &d), &place) in weights.iter().zip(depths).zip(places) {
                 if d > 0.0 {
                     let sums = &mut bins[usize::from(place)];
                     sums[0] += weight;

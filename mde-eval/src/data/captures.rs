@@ -7,7 +7,6 @@ use crate::scene::{CaptureConfig, Room, World};
 pub struct Captures {
     ids: Vec<String>,
     captures: Vec<(Room, CaptureConfig)>,
-    seed: u64,
     width: usize,
     height: usize,
 }
@@ -55,7 +54,7 @@ impl Captures {
                 }
             }
         }
-        Ok(Self { ids, captures, seed, width, height })
+        Ok(Self { ids, captures, width, height })
     }
 }
 
@@ -76,6 +75,6 @@ impl DataSet for Captures {
         let (Some((room, config)), Some(id)) = (self.captures.get(index), self.ids.get(index)) else {
             return Err(out_of_range(index, self.ids.len()));
         };
-        Sample::of_capture(World::new(*room, self.seed)?.capture(id, config, self.width, self.height)?)
+        Sample::of_capture(World::new(*room, config.seed)?.capture(id, config, self.width, self.height)?)
     }
 }

@@ -82,8 +82,6 @@ pub struct Options {
     pub assumed_fov: Option<f64>,
     /// Width and height to resize to; their own without. Rooms are made in this size, 640 x 480 without.
     pub size: Option<[usize; 2]>,
-    /// Seed of the [`Rooms`] and [`Captures`].
-    pub seed: u64,
     /// The conditions of [`Captures`].
     pub captures: CaptureGrid,
     /// Error of the given poses of [`Posed`], degrees.
@@ -92,7 +90,7 @@ pub struct Options {
     pub places: BTreeMap<String, String>,
 }
 
-/// Opens a data set by its name.
+/// Opens a data set by its name; rooms have the seed 0.
 ///
 /// # Errors
 /// As the data set's own `open`; [`Error::Config`] where a folder is missing or, for rooms, named.
@@ -100,11 +98,11 @@ pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result
     let fault = |value: &str, remedy| {
         Err(Error::Config { field: "the data set's folder", value: value.to_owned(), remedy })
     };
-    let Options { seed, assumed_fov: fov, .. } = *options;
+    let fov = options.assumed_fov;
     let [width, height] = options.size.unwrap_or([640, 480]);
     let data: Box<dyn DataSet> = match (kind, root) {
-        (DataSetKind::Rooms, None) => Box::new(Rooms::new(seed, width, height)),
-        (DataSetKind::Captures, None) => Box::new(Captures::new(&options.captures, seed, width, height)?),
+        (DataSetKind::Rooms, None) => Box::new(Rooms::new(0, width, height)),
+        (DataSetKind::Captures, None) => Box::new(Captures::new(&options.captures, 0, width, height)?),
         (DataSetKind::Rooms | DataSetKind::Captures, Some(root)) => {
             return fault(&root.display().to_string(), "leave it out: rooms are rendered, not read");
         }

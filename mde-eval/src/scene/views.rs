@@ -49,13 +49,12 @@ impl CaptureConfig {
     /// [`Error::Config`] for the first field at fault.
     pub fn validate(&self) -> Result<()> {
         let baseline = self.baseline > 0.0 && self.baseline <= 1.0;
-        let checks = [
+        check([
             ("views", self.views as f64, (2..=32).contains(&self.views), "use 2 to 32 photographs"),
             ("baseline", self.baseline, baseline, "use a number in (0, 1]"),
             ("pose-noise", self.pose_noise, POSE_NOISES.contains(&self.pose_noise), "use 0 to 10 degrees"),
             ("gain", self.gain, (0.0..=0.9).contains(&self.gain), "use 0 to 0.9"),
-        ];
-        check(checks)
+        ])
     }
 }
 

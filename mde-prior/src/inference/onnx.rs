@@ -122,16 +122,15 @@ impl OnnxPrior {
                     Box::new(OnnxRuntimeGraph::open(path, library, spec.tokens).map_err(fault)?)
                 }
             };
-            if graph.outputs().is_empty() {
+            let (inputs, outputs) = graph.ports();
+            let names: Vec<String> = outputs.iter().map(|port| port.name.clone()).collect();
+            if names.is_empty() {
                 return Err(fault("the model has no output; export it again".to_owned()));
             }
-            let names: Vec<String> = graph.outputs().iter().map(|port| port.name.clone()).collect();
             let spec = &spec.clone().for_outputs(&names);
             let index = |key: &str, name: &String| {
-                let names = || graph.outputs().iter().map(|port| port.name.as_str());
-                names().position(|other| other == name).ok_or_else(|| {
-                    let names = names().collect::<Vec<_>>().join(", ");
-                    fault(format!("no output {name:?}, but {names}; check {key}"))
+                names.iter().position(|other| other == name).ok_or_else(|| {
+                    fault(format!("no output {name:?}, but {}; check {key}", names.join(", ")))
                 })
             };
             let depth = spec.output_name.as_ref().map_or(Ok(0), |name| index("output-name", name))?;
@@ -139,8 +138,8 @@ impl OnnxPrior {
             for (key, name) in spec.further_outputs() {
                 outputs.extend(name.map(|name| index(key, name)).transpose()?);
             }
-            let image = image_input(graph.inputs(), spec.tokens).map_err(fault)?;
-            let fixed = fixed_size(&graph.inputs()[image], spec.layout).map_err(fault)?;
+            let image = image_input(inputs, spec.tokens).map_err(fault)?;
+            let fixed = fixed_size(&inputs[image], spec.layout).map_err(fault)?;
             let (path, spec, runtime) = (path.to_owned(), spec.clone(), runtime.clone());
             Ok(Self { path, spec, graph, outputs, fixed, external, runtime })
         })

@@ -84,12 +84,8 @@ impl TractGraph {
 }
 
 impl Graph for TractGraph {
-    fn inputs(&self) -> &[Port] {
-        &self.inputs
-    }
-
-    fn outputs(&self) -> &[Port] {
-        &self.outputs
+    fn ports(&self) -> (&[Port], &[Port]) {
+        (&self.inputs, &self.outputs)
     }
 
     fn run(&self, shape: [usize; 4], values: Vec<f32>, outputs: &[usize]) -> Result<Vec<Output>, String> {
