@@ -340,7 +340,7 @@ fn predict_crop(
     if mirrored {
         prediction.invert_axis(Axis(1));
     }
-    Ok(prediction.as_standard_layout().into_owned())
+    Ok(prediction)
 }
 
 #[cfg(test)]

@@ -48,14 +48,8 @@ impl Source {
             }
             _ => bail!("--grid: is for --dataset captures; with --dataset posed give one pose-noise"),
         };
-        let options = Options {
-            places,
-            pose_noise,
-            assumed_fov: Some(args.assume_fov),
-            size: args.size,
-            captures,
-            ..Options::default()
-        };
+        let options =
+            Options { places, pose_noise, assumed_fov: Some(args.assume_fov), size: args.size, captures };
         let data = data::open(kind, root, &options)?;
         Ok(Self { data, kind, options, withheld: several.withhold.withhold })
     }
