@@ -245,7 +245,7 @@ impl Aligned {
             Of::Sigma(metric) => metric(&found),
             Of::Depths(_) | Of::Shared(_) | Of::Evaluation => Ok(None),
         })?;
-        Ok((values, Some(found.curves()?)))
+        Ok((values, Some(found.curves())))
     }
 
     fn scores(&self, alignment: &Alignment, values: Values, curves: Option<UncertaintyCurves>) -> Scores {

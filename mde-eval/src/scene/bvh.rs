@@ -7,7 +7,7 @@ const LEAF: usize = 3;
 
 #[derive(Debug, Clone)]
 pub(super) struct Hierarchy {
-    bodies: Vec<Body>,
+    pub(super) bodies: Vec<Body>,
     nodes: Vec<Node>,
 }
 
@@ -182,11 +182,4 @@ fn bounds_of(bodies: &[Body]) -> (Vector, Vector) {
 fn middle(body: &Body, axis: usize) -> f64 {
     let (a, b) = body.bounds();
     a[axis] + b[axis]
-}
-
-#[cfg(test)]
-impl Hierarchy {
-    pub(super) fn bodies(&self) -> &[Body] {
-        &self.bodies
-    }
 }

@@ -2,7 +2,7 @@ use super::Aligned;
 use crate::Result;
 use crate::metrics::boundary::boundary_f1;
 use crate::metrics::dbe::{BoundaryErrors, boundaries, boundary_errors};
-use crate::metrics::edges::{edge_curve, edges};
+use crate::metrics::edges::{self, edge_curve};
 use crate::metrics::sharpness::{EdgeSplit, sharpness, sharpness_by_edges};
 use crate::metrics::superpixel::d3r;
 use crate::raster::gather;
@@ -17,8 +17,7 @@ const BAND_THRESHOLD: f64 = 0.5;
 const BAND: f64 = 3.0;
 
 /// An aligned depth map beside its truth, with what several metrics share.
-pub(super) struct DepthMap<'a> {
-    aligned: &'a Aligned,
+pub(super) struct DepthMap {
     /// The pixels that count.
     pub(super) predicted: Vec<f64>,
     /// The truth of the same pixels.
@@ -30,6 +29,9 @@ pub(super) struct DepthMap<'a> {
     /// Nothing where the truth has no boundary.
     pub(super) boundaries: Option<BoundaryErrors>,
     pub(super) d3r: Option<f64>,
+    pub(super) boundary_f1: f64,
+    /// Nothing where no pixel is left.
+    pub(super) sharpness: Option<f64>,
 }
 
 /// Edge scores at one threshold of the truth.
@@ -40,8 +42,8 @@ pub(super) struct EdgeScores {
     pub(super) f1_max: Option<f64>,
 }
 
-impl<'a> DepthMap<'a> {
-    pub(super) fn new(aligned: &'a Aligned) -> Result<Self> {
+impl DepthMap {
+    pub(super) fn new(aligned: &Aligned) -> Result<Self> {
         let (map, truth, mask) = (aligned.depth.view(), aligned.truth.view(), aligned.pixels.view());
         let edge_scores = |threshold| {
             let curve = edge_curve(map, truth, mask, threshold, EDGE_TOLERANCE)?;
@@ -49,24 +51,23 @@ impl<'a> DepthMap<'a> {
             let f1 = curve.as_ref().map_or(0.0, |curve| curve.at(threshold).f1());
             Ok(EdgeScores { f1, f1_max: curve.map(|curve| curve.f1_max()) })
         };
-        let others = || -> Result<_> {
-            let split = sharpness_by_edges(map, mask, edges(truth, mask, BAND_THRESHOLD)?.view(), BAND)?;
+        let errors = || -> Result<_> {
             let [predicted, known] = [boundaries(map, mask)?, boundaries(truth, mask)?];
-            Ok((split, boundary_errors(predicted.view(), known.view())?, d3r(map, truth, mask)?))
+            boundary_errors(predicted.view(), known.view())
         };
-        let (edges, others) =
-            rayon::join(|| EDGE_THRESHOLDS.into_iter().map(edge_scores).collect::<Result<_>>(), others);
-        let (edges, (split, boundaries, d3r)) = (edges?, others?);
-        let (predicted, true_depths) = (gather(map, mask), gather(truth, mask));
-        Ok(Self { aligned, predicted, true_depths, edges, split, boundaries, d3r })
-    }
-
-    pub(super) fn boundary_f1(&self) -> Result<f64> {
-        let Aligned { depth, truth, pixels } = self.aligned;
-        boundary_f1(depth.view(), truth.view(), pixels.view())
-    }
-
-    pub(super) fn sharpness(&self) -> Result<f64> {
-        sharpness(self.aligned.depth.view(), self.aligned.pixels.view())
+        let (edges, (boundaries, d3r)) = rayon::join(
+            || EDGE_THRESHOLDS.into_iter().map(edge_scores).collect::<Result<_>>(),
+            || (errors(), d3r(map, truth, mask)),
+        );
+        Ok(Self {
+            predicted: gather(map, mask),
+            true_depths: gather(truth, mask),
+            edges: edges?,
+            split: sharpness_by_edges(map, mask, edges::edges(truth, mask, BAND_THRESHOLD)?.view(), BAND)?,
+            boundaries: boundaries?,
+            d3r: d3r?,
+            boundary_f1: boundary_f1(map, truth, mask)?,
+            sharpness: sharpness(map, mask).ok(),
+        })
     }
 }

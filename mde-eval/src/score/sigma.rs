@@ -33,7 +33,8 @@ pub(super) struct SigmaMap {
     /// Aligned prediction minus truth.
     pub(super) errors: Vec<f64>,
     pub(super) sigma: Vec<f64>,
-    absolute: Vec<f64>,
+    /// Mean sigma and mean error of 100 runs by rising sigma.
+    pub(super) bins: Vec<UncertaintyBin>,
     pub(super) spearman: Option<f64>,
     /// Of sigma over depth and the relative error: without the share that comes from both growing with depth.
     pub(super) spearman_relative: Option<f64>,
@@ -84,28 +85,22 @@ impl SigmaMap {
             poggi_abs_rel: sparsify_poggi(&relative, &sigma, Mean)?,
             calibration: calibration_errors(&errors, &sigma)?,
             errors,
+            bins: costs_by_uncertainty(&absolute, &sigma, 100)?,
             sigma,
-            absolute,
         }))
     }
 
-    /// Mean sigma and mean error of 100 runs by rising sigma.
-    pub(super) fn bins(&self) -> Result<Vec<UncertaintyBin>> {
-        costs_by_uncertainty(&self.absolute, &self.sigma, 100)
-    }
-
-    pub(super) fn curves(&self) -> Result<UncertaintyCurves> {
-        let bins = self.bins()?;
+    pub(super) fn curves(&self) -> UncertaintyCurves {
         let Sparsification { removed, by_sigma, oracle, random } = self.mae.clone();
         let mut z: Vec<f64> = self.errors.iter().zip(&self.sigma).map(|(e, s)| (e / s).abs()).collect();
         z.sort_unstable_by(f64::total_cmp);
-        Ok(UncertaintyCurves {
-            error_by_percentile: bins.iter().map(|bin| bin.cost).collect(),
+        UncertaintyCurves {
+            error_by_percentile: self.bins.iter().map(|bin| bin.cost).collect(),
             removed,
             by_sigma,
             oracle,
             random,
             abs_z_quantiles: (0..=100).filter_map(|k| quantile_sorted(&z, f64::from(k) / 100.0)).collect(),
-        })
+        }
     }
 }

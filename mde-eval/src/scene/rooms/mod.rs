@@ -8,8 +8,8 @@ mod office;
 mod study;
 mod workshop;
 
+use super::Room;
 use super::render::{Eye, Light};
-use super::room::Room;
 use super::solid::Vector;
 use super::stage::Stage;
 use super::texture::Colour;
