@@ -12,12 +12,10 @@ fn scores(criterion: &mut Criterion) {
     let simulated = SimulatedPrior::new(&truth, &SimulatedPriorConfig::default()).expect("a prior");
     let prior = &simulated.prediction().map;
     let sigma = prior.mapv(|d| 0.05 * d * d);
-    let depth = Subject::new(prior.view(), truth.view());
-    let both = depth.with_sigma(sigma.view());
+    let both = Subject::new(prior.view(), truth.view()).with_sigma(sigma.view());
     let config = ScoreConfig::default();
     let mut group = criterion.benchmark_group("640x480");
     group.sample_size(10);
-    group.bench_function("depth", |b| b.iter(|| score(black_box(&depth), &config).expect("scores")));
     group.bench_function("depth and sigma", |b| b.iter(|| score(black_box(&both), &config).expect("scores")));
     group.finish();
 }

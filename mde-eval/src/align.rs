@@ -12,7 +12,8 @@ use ndarray::{Array2, ArrayView2};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// How an [`Alignment`] is fitted to the pixels that count.
+/// How an [`Alignment`] is fitted to the pixels that count. Beside a score it stands as `none`, `median`, `median-ratio`, `ls-depth` or
+/// `ls-disparity`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AlignmentRule {
@@ -31,7 +32,7 @@ pub enum AlignmentRule {
 }
 
 impl AlignmentRule {
-    /// The short name that goes beside a score: `none`, `median`, `median-ratio`, `ls-depth`, `ls-disparity`.
+    /// Its short name.
     pub const fn name(self) -> &'static str {
         match self {
             Self::None => "none",
@@ -54,7 +55,7 @@ impl AlignmentRule {
             "an alignment",
             [positive("the true depth", truth), positive("the predicted depth", prediction)],
         )?;
-        let empty = || Error::Empty { what: "an alignment" };
+        let empty = || Error::Empty("an alignment");
         Ok(match self {
             Self::None => Alignment::IDENTITY,
             Self::Median => {

@@ -3,7 +3,6 @@
 //! Each is a [`Method`], so that every table has it beside the whole pipeline. [`named`] returns the baselines of [`METHODS`],
 //! and chains such as `zoom+jbf`. Missing depth (0, or not finite) stays missing and is left out of averages.
 
-mod box_sums;
 mod flip;
 mod guided;
 mod joint_bilateral;
@@ -16,15 +15,15 @@ mod unsharp;
 mod weighted_median;
 mod zoom;
 
-pub use flip::FlipAverage;
-pub use guided::GuidedFilter;
-pub use joint_bilateral::JointBilateral;
-pub use noise::WhiteNoise;
+pub use flip::flip_average;
+pub use guided::guided_filter;
+pub use joint_bilateral::joint_bilateral;
+pub use noise::white_noise;
 #[cfg(feature = "solver")]
-pub use solver::FastBilateralSolver;
-pub use sweep::{GaugedPrior, PlaneSweep};
+pub use solver::{fast_bilateral, solve_bilateral};
+pub use sweep::{gauged_prior, plane_sweep};
 pub use unsharp::Unsharp;
-pub use weighted_median::WeightedMedian;
+pub use weighted_median::weighted_median;
 pub use zoom::ZoomMerge;
 
 use crate::{Error, Method, Refined, Result, Task};
@@ -51,10 +50,6 @@ pub const METHODS: &[&str] = &[
 
 /// A baseline by its name; several joined by `+` run one after the other, each on the depth of the one before.
 ///
-/// ```
-/// assert!(mde_eval::baseline::named("zoom+jbf").is_ok());
-/// ```
-///
 /// # Errors
 /// [`Error::Unknown`] with the names that exist.
 pub fn named(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
@@ -69,16 +64,16 @@ fn single(name: &str) -> Result<Box<dyn Method + Send + Sync>> {
     let unknown = || Error::Unknown { what: "method", name: name.to_owned(), known: METHODS.join(", ") };
     Ok(match name {
         "prior" => Box::new(Chain(Vec::new())),
-        "flip" => Box::new(FlipAverage),
-        "zoom" => Box::new(ZoomMerge::default()),
-        "noise" => Box::new(WhiteNoise),
-        "guided" => Box::new(GuidedFilter),
-        "jbf" => Box::new(JointBilateral),
-        "wmf" => Box::new(WeightedMedian),
-        "gauged" => Box::new(GaugedPrior),
-        "sweep" => Box::new(PlaneSweep),
+        "flip" => Box::new(flip_average),
+        "zoom" => Box::new(ZoomMerge::with_predictions(14)),
+        "noise" => Box::new(white_noise),
+        "guided" => Box::new(guided_filter),
+        "jbf" => Box::new(joint_bilateral),
+        "wmf" => Box::new(weighted_median),
+        "gauged" => Box::new(gauged_prior),
+        "sweep" => Box::new(plane_sweep),
         #[cfg(feature = "solver")]
-        "fbs" => Box::new(FastBilateralSolver),
+        "fbs" => Box::new(fast_bilateral),
         _ => {
             if let Some(predictions) = name.strip_prefix("zoom").and_then(|number| number.parse().ok()) {
                 return Ok(Box::new(ZoomMerge::with_predictions(predictions)));

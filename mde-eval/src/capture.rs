@@ -52,19 +52,6 @@ impl Capture {
         }
         self
     }
-
-    /// Smallest and largest distance of a further photograph from the reference over the median true depth; `None` without
-    /// further photographs or without truth.
-    pub fn baselines(&self) -> Option<[f64; 2]> {
-        let known = self.truth.iter().filter(|z| **z > 0.0 && z.is_finite()).map(|z| f64::from(*z));
-        let median = mde_uncertainty::statistics::median(known)?;
-        let centre = |view: &CapturedView| view.view.pose.inverse().translation.vector;
-        let (reference, further) = self.views.split_first()?;
-        let distances = further.iter().map(|view| (centre(view) - centre(reference)).norm() / median);
-        distances.fold(None, |range: Option<[f64; 2]>, d| {
-            Some(range.map_or([d, d], |[low, high]| [low.min(d), high.max(d)]))
-        })
-    }
 }
 
 /// The pose of the photograph `index`, off by `degrees` about a random axis and by 20 mm per degree in a random direction.

@@ -14,7 +14,7 @@ mod sunrgbd;
 
 pub use captures::{CaptureGrid, Captures};
 pub use kind::{DataSetKind, Options, open};
-pub use maps::{MapPair, MapPairs};
+pub use maps::{MapPair, map_pairs};
 pub use nyu::Nyu;
 pub use places::{Placed, parse_places};
 pub use plain::{PlainFolders, PlainScene};
@@ -28,19 +28,9 @@ use crate::{Error, Result};
 use mde_prior::PriorDepth;
 use mde_warp::{PinholeCamera, PosedView};
 use ndarray::{Array2, Array3};
+use std::path::Path;
 
 /// Scenes that are loaded one by one.
-///
-/// ```
-/// use mde_eval::data::{DataSet, Rooms};
-///
-/// let rooms: Box<dyn DataSet> = Box::new(Rooms::new(0, 32, 24));
-/// for index in 0..rooms.len() {
-///     let sample = rooms.load(index)?;
-///     assert_eq!(sample.depth.dim(), (24, 32));
-/// }
-/// # Ok::<(), mde_eval::Error>(())
-/// ```
 pub trait DataSet: Send + Sync {
     /// Identifiers of the scenes, in order; unique, and the same wherever the data lies.
     fn ids(&self) -> &[String];
@@ -55,7 +45,7 @@ pub trait DataSet: Send + Sync {
     ///
     /// # Errors
     /// [`Error::Scene`] beyond the last one; [`Error::Layout`], [`Error::Prior`] or [`Error::Io`] for files that are missing or
-    /// broken, [`Error::Intrinsics`] where the camera is unknown.
+    /// broken, and where the camera is unknown.
     fn load(&self, index: usize) -> Result<Sample>;
 
     /// Number of scenes.
@@ -66,20 +56,6 @@ pub trait DataSet: Send + Sync {
     /// Whether there is no scene.
     fn is_empty(&self) -> bool {
         self.ids().is_empty()
-    }
-}
-
-impl<D: DataSet + ?Sized> DataSet for Box<D> {
-    fn ids(&self) -> &[String] {
-        (**self).ids()
-    }
-
-    fn place(&self, index: usize) -> Option<&str> {
-        (**self).place(index)
-    }
-
-    fn load(&self, index: usize) -> Result<Sample> {
-        (**self).load(index)
     }
 }
 
@@ -133,25 +109,15 @@ impl Sample {
         if depth.dim() != camera.dim() {
             return Err(Error::Shape { what: "the true depth", found: depth.dim().into(), expected });
         }
-        let prior = reference.prior;
-        Ok(Self {
-            trusted_depth,
-            views: views.collect(),
-            prior,
-            ..Self::new(id, image.into_owned(), depth, camera)
-        })
+        let (views, prior) = (views.collect(), reference.prior);
+        Ok(Self { trusted_depth, views, prior, ..Self::new(id, image.into_owned(), depth, camera) })
     }
 }
 
-/// The camera of a scene whose `file` holds none: square pixels and the assumed horizontal field of view in degrees, if any.
-fn assumed(
-    fov: Option<f64>,
-    scene: &str,
-    file: &'static str,
-    width: usize,
-    height: usize,
-) -> Result<PinholeCamera> {
-    let fov = fov.ok_or_else(|| Error::Intrinsics { scene: scene.into(), file })?;
+/// The camera of a scene without one: square pixels and the assumed horizontal field of view in degrees, if any.
+fn assumed(fov: Option<f64>, missing: &Path, (height, width): (usize, usize)) -> Result<PinholeCamera> {
+    let reason = "holds no camera; assume a field of view for such scenes".to_owned();
+    let fov = fov.ok_or_else(|| Error::Layout { path: missing.to_owned(), reason })?;
     Ok(PinholeCamera::from_fov(fov, width, height)?)
 }
 

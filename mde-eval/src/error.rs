@@ -25,11 +25,8 @@ pub enum Error {
         expected: usize,
     },
     /// Nothing is left to score.
-    #[error("no pixel is left for {what}; check the depth range, the unit and the mask")]
-    Empty {
-        /// What was to be computed.
-        what: &'static str,
-    },
+    #[error("no pixel is left for {0}; check the depth range, the unit and the mask")]
+    Empty(&'static str),
     /// A value that the metric is not defined for.
     #[error("{what} is {value} at index {index}; it must be {expected}")]
     Value {
@@ -61,14 +58,6 @@ pub enum Error {
         name: String,
         /// The names that exist.
         known: String,
-    },
-    /// A scene without intrinsics, and no field of view to assume.
-    #[error("scene {scene} has no {file}; assume a field of view for such scenes")]
-    Intrinsics {
-        /// The scene's identifier.
-        scene: String,
-        /// The file that was looked for.
-        file: &'static str,
     },
     /// A scene beyond the last one.
     #[error("scene {index} does not exist; the data set has {count}, counted from 0")]
@@ -142,7 +131,7 @@ pub(crate) fn check_lists<const N: usize>(empty: &'static str, lists: [List<'_>;
             return Err(Error::Value { what, index, value: values[index], expected: needed });
         }
     }
-    if expected == 0 { Err(Error::Empty { what: empty }) } else { Ok(()) }
+    if expected == 0 { Err(Error::Empty(empty)) } else { Ok(()) }
 }
 
 /// [`Error::Config`] for the first setting that is not sound: name, value, whether it is sound, and what to do.

@@ -73,7 +73,7 @@ impl From<Array2<f32>> for Refined {
     }
 }
 
-/// A method that refines the monocular depth of a photograph: a filter, or a whole pipeline.
+/// A method that refines the monocular depth of a photograph: a filter, or a whole pipeline. A function of a task is one.
 ///
 /// ```
 /// use mde_eval::ndarray::{Array2, Array3};
@@ -82,18 +82,14 @@ impl From<Array2<f32>> for Refined {
 /// use mde_eval::mde_warp::PinholeCamera;
 ///
 /// /// Moves everything a little further away.
-/// struct Further;
-///
-/// impl Method for Further {
-///     fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-///         Ok(task.prior.mapv(|depth| 1.01 * depth).into())
-///     }
+/// fn further(task: &Task<'_>) -> Result<Refined> {
+///     Ok(task.prior.mapv(|depth| 1.01 * depth).into())
 /// }
 ///
 /// let (image, prior) = (Array3::zeros((6, 8, 3)), Array2::from_elem((6, 8), 2.0));
 /// let (camera, rule) = (PinholeCamera::from_fov(60.0, 8, 6)?, DisparityRule::default());
 /// let task = Task::new(image.view(), &camera, prior.view(), &rule);
-/// assert_eq!(Further.refine(&task)?.depth[[0, 0]], 2.02);
+/// assert_eq!(further.refine(&task)?.depth[[0, 0]], 2.02);
 /// # Ok::<(), mde_eval::Error>(())
 /// ```
 pub trait Method {
@@ -102,4 +98,10 @@ pub trait Method {
     /// # Errors
     /// The method's own.
     fn refine(&self, task: &Task<'_>) -> Result<Refined>;
+}
+
+impl<F: Fn(&Task<'_>) -> Result<Refined>> Method for F {
+    fn refine(&self, task: &Task<'_>) -> Result<Refined> {
+        self(task)
+    }
 }

@@ -26,11 +26,8 @@ pub struct RoomCheck {
 }
 
 impl RoomCheck {
-    /// Predicts a room of `[width, height]`.
-    ///
-    /// # Errors
-    /// [`Error::Prior`](crate::Error::Prior) where the model fails.
-    pub fn new(prior: &dyn DepthPrior, kind: Room, [width, height]: [usize; 2]) -> Result<Self> {
+    /// Of a room of `[width, height]`.
+    fn new(prior: &dyn DepthPrior, kind: Room, [width, height]: [usize; 2]) -> Result<Self> {
         let scene = room(kind, 0, width, height)?;
         let depth = prior.predict(scene.image.view())?.to_depth(&DisparityRule::default())?;
         let (predicted, truth): (Vec<f64>, Vec<f64>) = depth
@@ -70,7 +67,7 @@ impl OrderCheck {
     /// Predicts all rooms.
     ///
     /// # Errors
-    /// As [`RoomCheck::new`].
+    /// [`Error::Prior`](crate::Error::Prior) where the model fails.
     pub fn new(prior: &dyn DepthPrior) -> Result<Self> {
         let rooms = Room::ALL.into_iter().map(|kind| RoomCheck::new(prior, kind, SIZE));
         Ok(Self { rooms: rooms.collect::<Result<_>>()? })
@@ -80,7 +77,7 @@ impl OrderCheck {
     /// where its order is swapped, all rooms are predicted.
     ///
     /// # Errors
-    /// As [`RoomCheck::new`].
+    /// As [`OrderCheck::new`].
     pub fn swapped(prior: &dyn DepthPrior) -> Result<Option<Self>> {
         let first = RoomCheck::new(prior, Room::ALL[0], SIZE.map(|side| side / 2))?;
         if first.correlation > -AGREES {

@@ -1,23 +1,15 @@
 //! Image operators of the metrics on maps: masks, gradients, Canny edges, distance
 //! transforms, dilation, superpixels.
 
-mod blur;
-mod canny;
 mod distance;
 mod gradient;
-mod slic;
 
-pub(crate) use blur::blur;
-#[cfg(feature = "scenes")]
-pub(crate) use blur::blur_within;
-pub(crate) use canny::canny;
-pub(crate) use distance::Marked;
 pub(crate) use distance::distance_to;
-pub(crate) use gradient::sobel;
-pub(crate) use slic::Superpixels;
+pub(crate) use gradient::{Gradient, sobel};
 
 use crate::{Error, Result};
-use ndarray::{Array2, ArrayView2};
+use mde_uncertainty::filter::{Border, Gaussian, gaussian_blur};
+use ndarray::{Array2, ArrayView2, s};
 
 /// A map of depths or the like, `[height, width]`.
 pub(crate) type Map<'a> = ArrayView2<'a, f32>;
@@ -41,30 +33,20 @@ pub(crate) fn erode(mask: Mask<'_>) -> Array2<bool> {
 /// The largest value within `radius` pixels (Euclidean) of each pixel, `[height, width]`.
 pub(crate) fn dilate(map: Map<'_>, radius: u32) -> Array2<f32> {
     let mut out = map.to_owned();
+    let (height, width) = map.dim();
     let reach = i64::from(radius);
-    for dy in -reach..=reach {
-        for dx in -reach..=reach {
-            if dx * dx + dy * dy <= reach * reach && (dx, dy) != (0, 0) {
-                max_with_shifted(&mut out, map, dy as isize, dx as isize);
-            }
+    // The pixels of a side that have one so far along, and those.
+    let shifted = |shift: i64, side: usize| {
+        let by = (shift.unsigned_abs() as usize).min(side);
+        if shift < 0 { (by..side, 0..side - by) } else { (0..side - by, by..side) }
+    };
+    for (dy, dx) in (-reach..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| (dy, dx))) {
+        if dx * dx + dy * dy <= reach * reach {
+            let ((to_y, from_y), (to_x, from_x)) = (shifted(dy, height), shifted(dx, width));
+            out.slice_mut(s![to_y, to_x]).zip_mut_with(&map.slice(s![from_y, from_x]), |a, &b| *a = a.max(b));
         }
     }
     out
-}
-
-/// `out[y][x] = max(out[y][x], map[y + dy][x + dx])` where both exist.
-fn max_with_shifted(out: &mut Array2<f32>, map: Map<'_>, dy: isize, dx: isize) {
-    let (height, width) = map.dim();
-    let (tall, wide) = (dy.unsigned_abs(), dx.unsigned_abs());
-    if tall >= height || wide >= width {
-        return;
-    }
-    let range = |shift: isize, by: usize, size: usize| {
-        if shift < 0 { (by..size, 0..size - by) } else { (0..size - by, by..size) }
-    };
-    let ((to_y, from_y), (to_x, from_x)) = (range(dy, tall, height), range(dx, wide, width));
-    let source = map.slice(ndarray::s![from_y, from_x]);
-    out.slice_mut(ndarray::s![to_y, to_x]).zip_mut_with(&source, |a, &b| *a = a.max(b));
 }
 
 /// Checks that `map` is as large as the truth.
@@ -78,4 +60,15 @@ pub(crate) fn same_shape(what: &'static str, map: (usize, usize), truth: (usize,
 /// The values of `map` where `mask` is true, row by row.
 pub(crate) fn gather(map: Map<'_>, mask: Mask<'_>) -> Vec<f64> {
     map.iter().zip(mask).filter(|&(_, &keep)| keep).map(|(&value, _)| f64::from(value)).collect()
+}
+
+/// Gaussian blur with zeros outside, cut off at four sigma.
+pub(crate) fn blur(map: Array2<f64>, sigma: f64) -> Array2<f64> {
+    blur_within(map, sigma, (4.0 * sigma + 0.5) as usize)
+}
+
+/// [`blur`] cut off at a radius in pixels.
+pub(crate) fn blur_within(map: Array2<f64>, sigma: f64, radius: usize) -> Array2<f64> {
+    let gaussian = Gaussian { sigma, radius };
+    gaussian_blur(map.view(), gaussian, gaussian, Border::Zero)
 }

@@ -1,27 +1,66 @@
 //! All metrics of one map against the truth, as serialisable values.
 
-mod config;
 mod map;
 mod metric;
-mod prepared;
 mod sigma;
 
-pub use config::ScoreConfig;
 pub use metric::{Better, Group, METRICS, Metric};
-pub use prepared::Prepared;
 pub use sigma::UncertaintyCurves;
 
 use crate::align::{Alignment, AlignmentRule};
+use crate::error::check;
 use crate::raster::{Map, Mask, same_shape};
 use crate::{Error, Result};
 use map::DepthMap;
 use metric::Of;
 use ndarray::{Array2, Zip};
-use prepared::Truth;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::{Deserialize, Serialize};
 use sigma::SigmaMap;
 use std::collections::BTreeMap;
+
+/// Which pixels count and how a map is brought to the truth's scale.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct ScoreConfig {
+    /// True depths at or below do not count, metres.
+    pub min_depth: f64,
+    /// True depths at or above do not count, metres; aligned depths are clipped to it. 10: an indoor room.
+    pub max_depth: f64,
+    /// `[top, bottom, left, right]`, half open, in pixels: nothing outside counts. `[45, 471, 41, 601]` is Eigen's crop of
+    /// NYU's 640 x 480.
+    pub crop: Option<[usize; 4]>,
+    /// How the prediction is brought to the truth's scale.
+    pub alignment: AlignmentRule,
+}
+
+impl Default for ScoreConfig {
+    fn default() -> Self {
+        Self { min_depth: 1e-3, max_depth: 10.0, crop: None, alignment: AlignmentRule::Median }
+    }
+}
+
+impl ScoreConfig {
+    /// Checks the fields.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for the first field at fault.
+    pub fn validate(&self) -> Result<()> {
+        let (min, max) = (self.min_depth, self.max_depth);
+        check([
+            ("min-depth", min, min >= 0.0 && min.is_finite(), "use a finite number from 0"),
+            ("max-depth", max, max > min && max.is_finite(), "use a finite number above min-depth"),
+        ])?;
+        match self.crop {
+            Some(crop @ [top, bottom, left, right]) if top >= bottom || left >= right => Err(Error::Config {
+                field: "crop",
+                value: format!("{crop:?}"),
+                remedy: "use [top, bottom, left, right] with top < bottom and left < right",
+            }),
+            _ => Ok(()),
+        }
+    }
+}
 
 /// A prediction with or without its uncertainty, the truth, and the pixels that count.
 #[derive(Debug, Clone, Copy)]
@@ -50,13 +89,6 @@ impl<'a> Subject<'a> {
         self
     }
 
-    /// With a mask of the pixels that may count.
-    #[must_use]
-    pub fn with_mask(mut self, mask: Mask<'a>) -> Self {
-        self.mask = Some(mask);
-        self
-    }
-
     /// The pixels that count, `[height, width]`:
     /// \\(m = \\{g_{min} < g < g_{max}\\} \cap \\{p > 0,\ p\ \text{finite}\\}\\), within the mask and the crop.
     ///
@@ -81,7 +113,7 @@ impl<'a> Subject<'a> {
                 *keep &= (top..bottom).contains(&y) && (left..right).contains(&x);
             });
         }
-        if pixels.iter().any(|&keep| keep) { Ok(pixels) } else { Err(Error::Empty { what: "the scores" }) }
+        if pixels.iter().any(|&keep| keep) { Ok(pixels) } else { Err(Error::Empty("the scores")) }
     }
 
     /// Fits the rule of `config` to the pixels that count.
@@ -123,27 +155,10 @@ impl Scores {
 
 /// Aligns a prediction by the rule of `config` (its own alignment) and scores it.
 ///
-/// ```
-/// use mde_eval::ndarray::Array2;
-/// use mde_eval::score::{ScoreConfig, Subject, score};
-///
-/// let truth = Array2::from_shape_fn((48, 64), |(_, x)| if x < 32 { 1.0 } else { 2.0 + 0.01 * x as f32 });
-/// let prediction = &truth * 0.5; // right up to scale
-/// let scores = score(&Subject::new(prediction.view(), truth.view()), &ScoreConfig::default())?;
-/// assert!(scores.get("rmse").is_some_and(|rmse| rmse < 1e-6));
-/// assert!(scores.get("boundary_f1").is_some_and(|f1| f1 > 0.0));
-/// # Ok::<(), mde_eval::Error>(())
-/// ```
-///
 /// # Errors
 /// [`Error::Shape`], [`Error::Empty`] and [`Error::Config`]; see [`Subject::pixels`] and [`ScoreConfig::validate`].
 pub fn score(subject: &Subject<'_>, config: &ScoreConfig) -> Result<Scores> {
-    score_own(subject, config, None)
-}
-
-/// Under the alignment that the rule of `config` fits.
-fn score_own(subject: &Subject<'_>, config: &ScoreConfig, known: Option<&Truth>) -> Result<Scores> {
-    let scores = score_with(subject, &subject.fit(config)?, config, known)?;
+    let scores = score_aligned(subject, &subject.fit(config)?, config)?;
     Ok(Scores { rule: Some(config.alignment), ..scores })
 }
 
@@ -152,24 +167,9 @@ fn score_own(subject: &Subject<'_>, config: &ScoreConfig, known: Option<&Truth>)
 /// # Errors
 /// As [`score`].
 pub fn score_aligned(subject: &Subject<'_>, alignment: &Alignment, config: &ScoreConfig) -> Result<Scores> {
-    score_with(subject, alignment, config, None)
-}
-
-/// With a prepared truth, used where it is that of the subject.
-fn score_with(
-    subject: &Subject<'_>,
-    alignment: &Alignment,
-    config: &ScoreConfig,
-    known: Option<&Truth>,
-) -> Result<Scores> {
     let aligned = Aligned::new(subject, alignment, config)?;
-    let (depth, uncertainty) = rayon::join(
-        || match known.filter(|truth| truth.is_of(&aligned)) {
-            Some(truth) => depth_values(&aligned, truth),
-            None => depth_values(&aligned, &Truth::new(aligned.truth.clone(), aligned.pixels.clone())?),
-        },
-        || aligned.uncertainty(subject, alignment),
-    );
+    let (depth, uncertainty) =
+        rayon::join(|| aligned.depth_values(), || aligned.uncertainty(subject, alignment));
     let (mut values, (of_sigma, curves)) = (depth?, uncertainty?);
     values.extend(of_sigma);
     Ok(aligned.scores(alignment, values, curves))
@@ -190,15 +190,6 @@ pub fn score_uncertainty(
 }
 
 type Values = BTreeMap<String, f64>;
-
-fn depth_values(aligned: &Aligned, truth: &Truth) -> Result<Values> {
-    let found = DepthMap::new(aligned.depth.view(), truth)?;
-    values(|of| match of {
-        Of::Depths(metric) => metric(&found.predicted, &found.true_depths).map(Some),
-        Of::Shared(metric) => metric(&found),
-        Of::Errors(_) | Of::Sigma(_) | Of::Evaluation => Ok(None),
-    })
-}
 
 /// The values of all metrics that have a finite one.
 fn values(of: impl Fn(Of) -> Result<Option<f64>> + Sync) -> Result<Values> {
@@ -229,6 +220,15 @@ impl Aligned {
         Ok(Self { depth, truth, pixels })
     }
 
+    fn depth_values(&self) -> Result<Values> {
+        let found = DepthMap::new(self)?;
+        values(|of| match of {
+            Of::Depths(metric) => metric(&found.predicted, &found.true_depths).map(Some),
+            Of::Shared(metric) => metric(&found),
+            Of::Errors(_) | Of::Sigma(_) | Of::Evaluation => Ok(None),
+        })
+    }
+
     /// Values and curves of the uncertainty; nothing where there is none.
     fn uncertainty(
         &self,
@@ -245,7 +245,7 @@ impl Aligned {
             Of::Sigma(metric) => metric(&found),
             Of::Depths(_) | Of::Shared(_) | Of::Evaluation => Ok(None),
         })?;
-        Ok((values, Some(found.curves()?)))
+        Ok((values, Some(found.curves())))
     }
 
     fn scores(&self, alignment: &Alignment, values: Values, curves: Option<UncertaintyCurves>) -> Scores {

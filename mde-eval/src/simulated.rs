@@ -11,14 +11,12 @@ use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_uncertainty::random::CounterRng;
 use ndarray::{Array2, ArrayView3, Axis};
 use rand::RngExt;
-use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
 /// Faults of a [`SimulatedPrior`].
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+#[derive(Debug, Clone, PartialEq)]
 pub struct SimulatedPriorConfig {
-    /// Kind of the predicted values. For [`DepthKind::Metric`] neither `scale` nor `shift` is applied.
+    /// Kind of the predicted values: [`DepthKind::AffineDisparity`], or else metres.
     pub kind: DepthKind,
     /// Things in front of a background that are narrower than this vanish, as a fraction of the image's width.
     pub lost_width: f64,
@@ -26,12 +24,6 @@ pub struct SimulatedPriorConfig {
     pub blur: f64,
     /// Standard deviation over the image of the logarithm of the low-frequency error.
     pub error: f64,
-    /// Shortest wavelength of that error, as a fraction of the image's width.
-    pub wavelength: f64,
-    /// Gain: of the depth for [`DepthKind::RelativeDepth`], of the disparity for [`DepthKind::AffineDisparity`].
-    pub scale: f64,
-    /// Added to the scaled disparity, in units of its median.
-    pub shift: f64,
     /// Seed of the low-frequency error.
     pub seed: u64,
 }
@@ -39,16 +31,7 @@ pub struct SimulatedPriorConfig {
 impl Default for SimulatedPriorConfig {
     /// A weak network's faults at its usual input of about 400 pixels, in metres.
     fn default() -> Self {
-        Self {
-            kind: DepthKind::Metric,
-            lost_width: 0.012,
-            blur: 0.006,
-            error: 0.05,
-            wavelength: 0.4,
-            scale: 1.0,
-            shift: 0.0,
-            seed: 0,
-        }
+        Self { kind: DepthKind::Metric, lost_width: 0.012, blur: 0.006, error: 0.05, seed: 0 }
     }
 }
 
@@ -56,7 +39,7 @@ impl SimulatedPriorConfig {
     /// The same faults in a disparity of unknown scale and shift.
     #[must_use]
     pub fn disparity() -> Self {
-        Self { kind: DepthKind::AffineDisparity, scale: 700.0, shift: -0.3, ..Self::default() }
+        Self { kind: DepthKind::AffineDisparity, ..Self::default() }
     }
 
     /// Checks the fields.
@@ -65,24 +48,18 @@ impl SimulatedPriorConfig {
     /// [`Error::Config`](crate::Error::Config) names the field and what it must be.
     pub fn validate(&self) -> Result<()> {
         let share = |value: f64| (0.0..=0.25).contains(&value);
-        let checks = [
+        check([
             ("lost-width", self.lost_width, share(self.lost_width), "use 0 to 0.25 of the width"),
             ("blur", self.blur, share(self.blur), "use 0 to 0.25 of the width"),
             ("error", self.error, (0.0..=1.0).contains(&self.error), "use 0 to 1"),
-            ("wavelength", self.wavelength, is_wavelength(self.wavelength), WAVELENGTH),
-            ("scale", self.scale, self.scale > 0.0 && self.scale.is_finite(), "use a positive finite number"),
-            ("shift", self.shift, self.shift.is_finite(), "use a finite number"),
-        ];
-        check(checks)
+        ])
     }
 }
 
-/// What a wavelength must be, as a share of the width.
-const WAVELENGTH: &str = "use a finite number from 0.01";
-
-fn is_wavelength(value: f64) -> bool {
-    value >= 0.01 && value.is_finite()
-}
+/// Shortest wavelength of a low-frequency error, as a fraction of the width of what it bends.
+const WAVELENGTH: f64 = 0.4;
+/// Gain of a disparity, and what is added to it, in units of its median.
+const DISPARITY: (f64, f64) = (700.0, -0.3);
 
 /// A prior for one image whose true depth \\(z\\) is known: thin things lost, edges soft, bent at low frequencies.
 ///
@@ -90,19 +67,7 @@ fn is_wavelength(value: f64) -> bool {
 ///
 /// with \\(\operatorname{close}_r\\) the grey closing by a square (what is nearer than its surroundings and narrow takes
 /// their depth), \\(G_\sigma\\) a Gaussian and \\(f\\) a sum of long waves of mean 0 and variance 1 over the image. The
-/// prediction is \\(\hat z\\), \\(s \hat z\\) or \\(s/\hat z + t\\) according to the kind, for any image of the map's size.
-///
-/// ```
-/// use mde_eval::scene::{Room, room};
-/// use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
-/// use mde_prior::{DepthPrior, DisparityRule};
-///
-/// let scene = room(Room::Study, 0, 80, 60)?;
-/// let prior = SimulatedPrior::new(&scene.depth, &SimulatedPriorConfig::disparity())?;
-/// let depth = prior.predict(scene.image.view())?.to_depth(&DisparityRule::default())?;
-/// assert_eq!(depth.dim(), scene.depth.dim());
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
+/// prediction is \\(\hat z\\), or \\(s/\hat z + t\\) as a disparity, for any image of the map's size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulatedPrior {
     prediction: PriorDepth,
@@ -121,19 +86,19 @@ impl SimulatedPrior {
         let closed = close(truth, &valid, radius);
         let disparity =
             blur(&closed.mapv(|z| if z > 0.0 { z.recip() } else { 0.0 }), &valid, config.blur * width);
-        let waves = waves(truth.dim(), config.wavelength, ("simulated-prior", config.seed, 0));
+        let waves = waves(truth.dim(), ("simulated-prior", config.seed, 0));
         let depth = ndarray::Zip::from(&disparity)
             .and(&waves)
             .and(&valid)
             .map_collect(|&d, &f, &valid| if valid { (config.error * f).exp() / d } else { 0.0 });
         let map = match config.kind {
-            DepthKind::Metric => depth,
             DepthKind::AffineDisparity => {
                 let disparities = depth.iter().filter(|&&z| z > 0.0).map(|z| z.recip());
                 let middle = mde_uncertainty::statistics::median(disparities).unwrap_or(1.0);
-                depth.mapv(|z| if z > 0.0 { config.scale * (z.recip() + config.shift * middle) } else { 0.0 })
+                let (scale, shift) = DISPARITY;
+                depth.mapv(|z| if z > 0.0 { scale * (z.recip() + shift * middle) } else { 0.0 })
             }
-            _ => depth * config.scale,
+            _ => depth,
         };
         let prediction = PriorDepth::with_mask(map.mapv(|v| v as f32), valid, config.kind)?;
         Ok(Self { prediction })
@@ -201,16 +166,11 @@ fn erode_by(map: &Array2<f64>, radius: usize) -> Array2<f64> {
     out
 }
 
-/// A sum of waves no shorter than `wavelength` (as a fraction of the width), of mean 0 and variance 1 over the map, drawn from a
-/// purpose, a seed and an iteration.
-fn waves(
-    (height, width): (usize, usize),
-    wavelength: f64,
-    (purpose, seed, iteration): (&str, u64, u64),
-) -> Array2<f64> {
+/// A sum of waves no shorter than [`WAVELENGTH`], of mean 0 and variance 1 over the map, drawn from a purpose, a seed and an iteration.
+fn waves((height, width): (usize, usize), (purpose, seed, iteration): (&str, u64, u64)) -> Array2<f64> {
     const COUNT: u64 = 12;
     let mut field = Array2::<f64>::zeros((height, width));
-    let shortest = wavelength * width as f64;
+    let shortest = WAVELENGTH * width as f64;
     for index in 0..COUNT {
         let mut rng = CounterRng::new(seed, purpose, iteration, index);
         let mut draw = || rng.random::<f64>();
@@ -283,10 +243,10 @@ mod tests {
     #[test]
     fn a_disparity_is_affine_in_one_over_depth() {
         let kind = DepthKind::AffineDisparity;
-        let map = made(&SimulatedPriorConfig { kind, scale: 10.0, shift: -0.9, lost_width: 0.0, ..config() });
-        // Median depth 3: values 10 (1/z - 0.3).
+        let map = made(&SimulatedPriorConfig { kind, lost_width: 0.0, ..config() });
+        // Median depth 3: values 700 (1/z - 0.1).
         for (d, z) in map.iter().zip(&truth()) {
-            assert!((f64::from(*d) - 10.0 * (1.0 / f64::from(*z) - 0.3)).abs() < 1e-4);
+            assert!((f64::from(*d) / 70.0 - 10.0 * (1.0 / f64::from(*z) - 0.1)).abs() < 1e-4);
         }
     }
 

@@ -3,7 +3,7 @@
 //! Scenes are the sample, not pixels: the errors of the pixels of one image are correlated. A method is compared with a
 //! reference *on the same scenes*, so that what makes a scene hard cancels, and the interval is the percentile bootstrap
 //! (Efron, 1979): scenes are drawn with replacement, both methods' values with them. The errors of several scenes of one room
-//! are correlated too. Where the places of the scenes are given, whole places are drawn with replacement, all their scenes
+//! are correlated too: whole places are drawn with replacement, all their scenes
 //! with them (the cluster bootstrap; Davison and Hinkley, "Bootstrap methods and their application", 1997, Section 3.8).
 
 use crate::error::{List, check, check_lists};
@@ -63,29 +63,15 @@ impl Bootstrap {
         ])
     }
 
-    /// The mean \\(\frac1n \sum_s x_s\\) over scenes. `places` has a label for the place of each scene; without it, each
-    /// scene is its own place.
+    /// The paired difference \\(\frac1n \sum_s (x_s - r_s)\\) of a method's values and the reference's on the same scenes. `places` has
+    /// the label of each scene's place.
     ///
     /// # Errors
-    /// [`Error::Empty`] without scenes, [`Error::Value`] for a value that is not finite, [`Error::Length`] where `places` has
-    /// another length; as [`Bootstrap::validate`].
-    pub fn mean(&self, values: &[f64], places: Option<&[usize]>) -> Result<Estimate> {
-        let what = "a mean";
-        self.estimate(what, &[values], places, |[mean]| Some(*mean))?.ok_or(Error::Empty { what })
-    }
-
-    /// The paired difference \\(\frac1n \sum_s (x_s - r_s)\\) of a method's values and the reference's on the same scenes.
-    ///
-    /// # Errors
-    /// As [`Bootstrap::mean`]; [`Error::Length`] where the lists differ.
-    pub fn difference(
-        &self,
-        values: &[f64],
-        reference: &[f64],
-        places: Option<&[usize]>,
-    ) -> Result<Estimate> {
+    /// [`Error::Empty`] without scenes, [`Error::Value`] for a value that is not finite, [`Error::Length`] where the lists or
+    /// `places` differ; as [`Bootstrap::validate`].
+    pub fn difference<P: Ord>(&self, values: &[f64], reference: &[f64], places: &[P]) -> Result<Estimate> {
         let what = "a paired difference";
-        self.estimate(what, &[values, reference], places, |[x, r]| Some(x - r))?.ok_or(Error::Empty { what })
+        self.estimate(what, [values, reference], places, |[x, r]| Some(x - r))?.ok_or(Error::Empty(what))
     }
 
     /// The ratio of means \\(\sum_s x_s / \sum_s r_s\\) on the same scenes; `None` unless every drawn sum of the reference is
@@ -93,28 +79,23 @@ impl Bootstrap {
     ///
     /// # Errors
     /// As [`Bootstrap::difference`].
-    pub fn ratio(
-        &self,
-        values: &[f64],
-        reference: &[f64],
-        places: Option<&[usize]>,
-    ) -> Result<Option<Estimate>> {
-        self.estimate("a ratio", &[values, reference], places, |[x, r]| (*r > 0.0).then_some(x / r))
+    pub fn ratio<P: Ord>(&self, values: &[f64], reference: &[f64], places: &[P]) -> Result<Option<Estimate>> {
+        self.estimate("a ratio", [values, reference], places, |[x, r]| (r > 0.0).then_some(x / r))
     }
 
     /// `of` the means of the lists over the scenes, and over the scenes of places drawn with replacement.
-    fn estimate<const N: usize>(
+    fn estimate<P: Ord>(
         &self,
         what: &'static str,
-        lists: &[&[f64]; N],
-        places: Option<&[usize]>,
-        of: impl Fn(&[f64; N]) -> Option<f64>,
+        lists: [&[f64]; 2],
+        places: &[P],
+        of: impl Fn([f64; 2]) -> Option<f64>,
     ) -> Result<Option<Estimate>> {
         self.validate()?;
         check_lists(what, lists.map(|list| -> List<'_> { (what, list, f64::is_finite, "finite") }))?;
-        let places = by_place(what, places, lists.first().map_or(0, |list| list.len()))?;
+        let places = by_place(what, places, lists[0].len())?;
         let means = |drawn: &mut dyn FnMut() -> usize| {
-            let (mut sums, mut scenes) = ([0.0; N], 0_usize);
+            let (mut sums, mut scenes) = ([0.0; 2], 0_usize);
             for _ in 0..places.len() {
                 for &scene in &places[drawn()] {
                     sums.iter_mut().zip(lists).for_each(|(sum, list)| *sum += list[scene]);
@@ -124,12 +105,12 @@ impl Bootstrap {
             sums.map(|sum| sum / scenes as f64)
         };
         let mut in_order = 0..places.len();
-        let Some(value) = of(&means(&mut || in_order.next().unwrap_or(0))) else { return Ok(None) };
+        let Some(value) = of(means(&mut || in_order.next().unwrap_or(0))) else { return Ok(None) };
         let mut drawn = Vec::with_capacity(self.draws);
         for draw in 0..self.draws {
             // The same places for every method and metric.
             let mut rng = CounterRng::new(self.seed, "bootstrap", draw as u64, 0);
-            let Some(value) = of(&means(&mut || rng.random_range(0..places.len()))) else { return Ok(None) };
+            let Some(value) = of(means(&mut || rng.random_range(0..places.len()))) else { return Ok(None) };
             drawn.push(value);
         }
         drawn.sort_unstable_by(f64::total_cmp);
@@ -140,8 +121,7 @@ impl Bootstrap {
 }
 
 /// The scenes of each place, in the order of their first scene.
-fn by_place(what: &'static str, places: Option<&[usize]>, count: usize) -> Result<Vec<Vec<usize>>> {
-    let Some(labels) = places else { return Ok((0..count).map(|scene| vec![scene]).collect()) };
+fn by_place<P: Ord>(what: &'static str, labels: &[P], count: usize) -> Result<Vec<Vec<usize>>> {
     if labels.len() != count {
         return Err(Error::Length { what, found: labels.len(), expected: count });
     }
@@ -167,23 +147,33 @@ mod tests {
 
     const QUICK: Bootstrap = Bootstrap { draws: 500, level: 0.9, seed: 3 };
 
+    fn mean(values: &[f64], places: &[usize]) -> Result<Estimate> {
+        QUICK.difference(values, &vec![0.0; values.len()], places)
+    }
+
+    /// Each scene in a place of its own.
+    fn apart(values: &[f64]) -> Vec<usize> {
+        (0..values.len()).collect()
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
         fn pairing_cancels_what_is_common(scenes in scenes(), shift in -3.0..3.0_f64, gain in 0.5..2.0_f64) {
             let reference: Vec<f64> = scenes.iter().map(|s| s.1).collect();
             let moved: Vec<f64> = reference.iter().map(|r| r + shift).collect();
-            let d = QUICK.difference(&moved, &reference, None).unwrap();
+            let d = QUICK.difference(&moved, &reference, &apart(&moved)).unwrap();
             prop_assert!([d.value, d.low, d.high].iter().all(|v| (v - shift).abs() < 1e-12));
             let scaled: Vec<f64> = reference.iter().map(|r| r * gain).collect();
-            let r = QUICK.ratio(&scaled, &reference, None).unwrap().unwrap();
+            let r = QUICK.ratio(&scaled, &reference, &apart(&scaled)).unwrap().unwrap();
             prop_assert!([r.value, r.low, r.high].iter().all(|v| (v - gain).abs() < 1e-12));
         }
 
         #[test]
         fn exchanging_the_methods_turns_the_interval_round(scenes in scenes()) {
             let (x, r): (Vec<f64>, Vec<f64>) = scenes.into_iter().unzip();
-            let (forth, back) = (QUICK.difference(&x, &r, None).unwrap(), QUICK.difference(&r, &x, None).unwrap());
+            let places = apart(&x);
+            let (forth, back) = (QUICK.difference(&x, &r, &places).unwrap(), QUICK.difference(&r, &x, &places).unwrap());
             prop_assert!((forth.low + back.high).abs() < 1e-12 && (forth.high + back.low).abs() < 1e-12);
             prop_assert!(forth.low <= forth.high);
         }
@@ -194,7 +184,7 @@ mod tests {
             let values: Vec<f64> = scenes.iter().map(|scene| scene.0).collect();
             let repeated: Vec<f64> = values.iter().flat_map(|v| std::iter::repeat_n(*v, copies)).collect();
             let labels: Vec<usize> = (0..repeated.len()).map(|scene| scene / copies).collect();
-            let (once, often) = (QUICK.mean(&values, None).unwrap(), QUICK.mean(&repeated, Some(&labels)).unwrap());
+            let (once, often) = (mean(&values, &apart(&values)).unwrap(), mean(&repeated, &labels).unwrap());
             for (a, b) in [(once.value, often.value), (once.low, often.low), (once.high, often.high)] {
                 prop_assert!((a - b).abs() < 1e-12);
             }
@@ -211,9 +201,9 @@ mod tests {
             let places: Vec<f64> = (0..30).map(|_| rng.random_range(0.0..1.0)).collect();
             let values: Vec<f64> =
                 labels.iter().map(|place| places[*place] + rng.random_range(-0.05..0.05)).collect();
-            of_places += u32::from(!QUICK.mean(&values, Some(&labels)).unwrap().excludes(0.5));
-            of_scenes += u32::from(!QUICK.mean(&values, None).unwrap().excludes(0.5));
-            alone += u32::from(!QUICK.mean(&places, None).unwrap().excludes(0.5));
+            of_places += u32::from(!mean(&values, &labels).unwrap().excludes(0.5));
+            of_scenes += u32::from(!mean(&values, &apart(&values)).unwrap().excludes(0.5));
+            alone += u32::from(!mean(&places, &apart(&places)).unwrap().excludes(0.5));
         }
         // Four standard errors about 89 %, which the percentile bootstrap has with 30 places.
         assert!((331..=384).contains(&of_places) && (331..=384).contains(&alone), "{of_places} {alone}");
@@ -222,11 +212,14 @@ mod tests {
 
     #[test]
     fn faults_are_named() {
-        assert!(matches!(QUICK.mean(&[1.0, 2.0], Some(&[0])), Err(Error::Length { found: 1, .. })));
-        assert!(matches!(QUICK.mean(&[], None), Err(Error::Empty { .. })));
-        assert!(matches!(QUICK.mean(&[1.0, f64::NAN], None), Err(Error::Value { index: 1, .. })));
-        assert!(matches!(QUICK.difference(&[1.0], &[], None), Err(Error::Length { .. })));
-        assert!(QUICK.ratio(&[1.0], &[0.0], None).unwrap().is_none());
-        assert!(matches!(Bootstrap { draws: 0, ..QUICK }.mean(&[1.0], None), Err(Error::Config { .. })));
+        assert!(matches!(mean(&[1.0, 2.0], &[0]), Err(Error::Length { found: 1, .. })));
+        assert!(matches!(mean(&[], &[]), Err(Error::Empty(_))));
+        assert!(matches!(mean(&[1.0, f64::NAN], &[0, 1]), Err(Error::Value { index: 1, .. })));
+        assert!(matches!(QUICK.difference(&[1.0], &[], &[0]), Err(Error::Length { .. })));
+        assert!(QUICK.ratio(&[1.0], &[0.0], &[0]).unwrap().is_none());
+        assert!(matches!(
+            Bootstrap { draws: 0, ..QUICK }.difference(&[1.0], &[0.0], &[0]),
+            Err(Error::Config { .. })
+        ));
     }
 }

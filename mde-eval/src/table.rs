@@ -59,12 +59,6 @@ impl Entry {
         entry
     }
 
-    /// The scores of another sigma whose depth has the entry `of`.
-    pub fn of_uncertainty(of: &Self, method: impl Into<String>, scores: Scores) -> Self {
-        let (values, curves) = (scores.values, scores.curves);
-        Self { method: method.into(), values, curves, ..of.clone() }
-    }
-
     /// Sets the value of the metric of that key; nothing where it is not finite.
     pub fn set(&mut self, key: &str, value: f64) {
         match value.is_finite() {

@@ -23,39 +23,14 @@ pub enum Error {
         /// The system's error.
         source: std::io::Error,
     },
-    /// A file is empty, truncated, of a wrong type, or without any usable value; a model cannot be loaded, fails, or its output is no
-    /// depth map.
+    /// A file is empty, truncated, of a wrong type or size, or without any usable value; a model cannot be loaded, fails, or its output is
+    /// no depth map.
     #[error("{}: {reason}", path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
         /// The reason and the remedy.
         reason: String,
-    },
-    /// The extension is of no known depth format.
-    #[error(
-        "{}: unknown depth format {extension:?}; use .png (16 bit), .npy, .npz, .pfm or .exr",
-        path.display()
-    )]
-    UnknownFormat {
-        /// The file.
-        path: PathBuf,
-        /// Its extension.
-        extension: String,
-    },
-    /// A prior read from a file does not have the size of the image.
-    #[error(
-        "{}: the prior is {}x{} but the image is {}x{} (width x height); \
-         resize the image, or make the prior at the image's size",
-        path.display(), prior.1, prior.0, image.1, image.0
-    )]
-    SizeMismatch {
-        /// The file of the prior.
-        path: PathBuf,
-        /// `(height, width)` of the prior.
-        prior: (usize, usize),
-        /// `(height, width)` of the image.
-        image: (usize, usize),
     },
     /// A setting is out of its range.
     #[error("{field} is {value}; {remedy}")]
@@ -97,6 +72,16 @@ impl Error {
     pub(crate) fn write(path: &Path, source: std::io::Error) -> Self {
         Self::Write { path: path.to_owned(), source }
     }
+}
+
+/// [`Error::Config`] for a value that is not sound.
+pub(crate) fn check(
+    sound: bool,
+    field: &'static str,
+    value: &dyn std::fmt::Display,
+    remedy: &'static str,
+) -> Result<()> {
+    if sound { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), remedy }) }
 }
 
 fn io_remedy(source: &std::io::Error) -> &'static str {

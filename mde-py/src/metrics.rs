@@ -7,20 +7,11 @@ use mde_eval::score::{self, ScoreConfig, Subject};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use std::fmt::Display;
 
 type List<'py> = PyReadonlyArray1<'py, f64>;
 type Map<'py> = PyReadonlyArray2<'py, f32>;
 type Mask<'py> = PyReadonlyArray2<'py, bool>;
 type Table<'py> = Bound<'py, PyArray2<f64>>;
-
-/// Runs `work` while other threads of Python run.
-fn free<T: Send, E: Display + Send>(
-    py: Python<'_>,
-    work: impl FnOnce() -> Result<T, E> + Send,
-) -> PyResult<T> {
-    py.detach(work).map_err(raise)
-}
 
 /// A curve of two lists, one row a point.
 fn curve<'py, const N: usize>(
@@ -29,7 +20,8 @@ fn curve<'py, const N: usize>(
     work: impl FnOnce(&[f64], &[f64]) -> mde_eval::Result<Vec<[f64; N]>> + Send,
 ) -> PyResult<Table<'py>> {
     let [a, b] = lists.map(|list| list.as_array().to_vec());
-    Ok(Array2::from(free(py, || work(&a, &b))?).into_pyarray(py))
+    let points = py.detach(|| work(&a, &b)).map_err(raise)?;
+    Ok(Array2::from(points).into_pyarray(py))
 }
 
 /// Nominal and observed coverage.
@@ -81,7 +73,8 @@ pub(crate) fn edge_curve<'py>(
     tolerance: u32,
 ) -> PyResult<Option<Table<'py>>> {
     let maps = (prediction.as_array(), truth.as_array(), mask.as_array());
-    let found = free(py, || edges::edge_curve(maps.0, maps.1, maps.2, threshold, tolerance))?;
+    let found =
+        py.detach(|| edges::edge_curve(maps.0, maps.1, maps.2, threshold, tolerance)).map_err(raise)?;
     Ok(found.map(|curve| {
         let rows: Vec<_> = curve.points.iter().map(|p| [p.threshold, p.precision, p.recall]).collect();
         Array2::from(rows).into_pyarray(py)
@@ -90,7 +83,6 @@ pub(crate) fn edge_curve<'py>(
 
 /// Fits a prediction to the truth: the aligned map, and the alignment as JSON.
 #[pyfunction]
-#[pyo3(signature = (prediction, truth, rule, mask))]
 pub(crate) fn align<'py>(
     py: Python<'py>,
     prediction: Map<'py>,
@@ -105,15 +97,10 @@ pub(crate) fn align<'py>(
     })?;
     let config = ScoreConfig { alignment: rule, max_depth: f64::MAX, ..ScoreConfig::default() };
     let prediction = prediction.as_array();
-    let mut subject = Subject::new(prediction, truth.as_array());
-    if let Some(mask) = &mask {
-        subject = subject.with_mask(mask.as_array());
-    }
-    let (fitted, aligned) = free(py, || -> mde_eval::Result<_> {
-        let fitted = subject.fit(&config)?;
-        let aligned = fitted.apply(prediction);
-        Ok((fitted, aligned))
-    })?;
+    let mask = mask.as_ref().map(|mask| mask.as_array());
+    let subject = Subject { mask, ..Subject::new(prediction, truth.as_array()) };
+    let fitted = py.detach(|| subject.fit(&config).map(|fitted| (fitted, fitted.apply(prediction))));
+    let (fitted, aligned) = fitted.map_err(raise)?;
     let text = serde_json::to_string(&fitted).map_err(raise)?;
     Ok((aligned.into_pyarray(py), text))
 }
@@ -129,13 +116,9 @@ pub(crate) fn score_maps(
     config: &str,
 ) -> PyResult<String> {
     let config: ScoreConfig = serde_json::from_str(config).map_err(|e| raise(format!("config: {e}")))?;
-    let mut subject = Subject::new(prediction.as_array(), truth.as_array());
-    if let Some(sigma) = &sigma {
-        subject = subject.with_sigma(sigma.as_array());
-    }
-    if let Some(mask) = &mask {
-        subject = subject.with_mask(mask.as_array());
-    }
-    let scores = free(py, || score::score(&subject, &config))?;
+    let sigma = sigma.as_ref().map(|sigma| sigma.as_array());
+    let mask = mask.as_ref().map(|mask| mask.as_array());
+    let subject = Subject { sigma, mask, ..Subject::new(prediction.as_array(), truth.as_array()) };
+    let scores = py.detach(|| score::score(&subject, &config)).map_err(raise)?;
     serde_json::to_string(&scores).map_err(raise)
 }

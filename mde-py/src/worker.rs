@@ -5,7 +5,6 @@ use mde_cli::mde_prior;
 use ndarray::{Array2, Array3};
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -24,8 +23,8 @@ pub(crate) enum Request {
 
 /// The work's end of the connection.
 pub(crate) struct Link {
-    requests: Mutex<Option<Sender<Request>>>,
-    cancelled: AtomicBool,
+    requests: Sender<Request>,
+    cancelled: Arc<AtomicBool>,
 }
 
 impl Link {
@@ -35,10 +34,8 @@ impl Link {
     }
 
     pub(crate) fn send(&self, request: Request) {
-        if let Some(requests) = &*lock(&self.requests) {
-            // Without a receiver the work is cancelled.
-            let _ = requests.send(request);
-        }
+        // Without a receiver the work is cancelled.
+        let _ = self.requests.send(request);
     }
 
     /// The prediction of the callable; nothing where it failed.
@@ -61,15 +58,12 @@ pub(crate) fn run<T: Send>(
     let (sender, requests) = channel();
     // Only to lend it to a closure.
     let requests = Mutex::new(requests);
-    let link = Link { requests: Mutex::new(Some(sender)), cancelled: AtomicBool::new(false) };
+    let cancelled = Arc::new(AtomicBool::new(false));
+    let link = Link { requests: sender, cancelled: Arc::clone(&cancelled) };
     let mut failed = None;
     let outcome = std::thread::scope(|scope| {
-        let worker = scope.spawn(|| {
-            let outcome = catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&link))));
-            // Ends the calling thread's wait.
-            lock(&link.requests).take();
-            outcome
-        });
+        // The link ends with the work, a panic included, and with it the calling thread's wait.
+        let worker = scope.spawn(move || pool.install(|| work(&link)));
         loop {
             let step = match wait(py, &requests) {
                 Err(RecvTimeoutError::Disconnected) => break,
@@ -79,7 +73,7 @@ pub(crate) fn run<T: Send>(
                 Err(RecvTimeoutError::Timeout) => py.check_signals(),
             };
             if let Err(error) = step {
-                link.cancelled.store(true, Ordering::Relaxed);
+                cancelled.store(true, Ordering::Relaxed);
                 failed = Some(error);
             }
         }
@@ -89,8 +83,8 @@ pub(crate) fn run<T: Send>(
         return Err(error);
     }
     match outcome {
-        Ok(Ok(outcome)) => outcome.map_err(raise),
-        Ok(Err(panic)) | Err(panic) => {
+        Ok(outcome) => outcome.map_err(raise),
+        Err(panic) => {
             let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
             let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
             Err(raise(format!("a fault of the package, please report it: {text}")))

@@ -50,7 +50,7 @@ impl TrivialSigma {
         let (height, width, _) = image.dim();
         same_shape("the depth", depth.dim(), (height, width))?;
         let mask = depth.mapv(known);
-        let middle = median(gather(depth, mask.view())).ok_or(Error::Empty { what: "an uncertainty" })?;
+        let middle = median(gather(depth, mask.view())).ok_or(Error::Empty("an uncertainty"))?;
         let filled = depth.mapv(|d| if known(d) { d } else { middle as f32 });
         let shape = match self {
             Self::Constant => Array2::ones(depth.dim()),

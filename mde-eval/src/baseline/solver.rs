@@ -1,22 +1,11 @@
 use super::{channels, check, known};
 use crate::raster::same_shape;
-use crate::{Error, Method, Refined, Result, Task};
+use crate::{Error, Refined, Result, Task};
 use faer::prelude::Solve;
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Col, Side};
 use ndarray::{Array2, ArrayView2, ArrayView3};
 use std::collections::HashMap;
-
-/// Fast bilateral solver (Barron and Poole, ECCV 2016; defaults of the published notebook): the depth \\(x\\) that is smooth where the image
-/// is, and near the target \\(t\\) where the confidence \\(c\\) is high,
-///
-/// \\[ \min_x \tfrac\lambda2 \sum_{ij} \hat W_{ij} (x_i - x_j)^2 + \sum_i c_i (x_i - t_i)^2, \\]
-///
-/// with \\(\hat W\\) the bistochastic bilateral affinity of place and colour (YUV, 0 to 255). It is solved for the vertices of a
-/// bilateral grid, \\((\lambda (D_m - D_n \bar B D_n) + \operatorname{diag}(S c))\\, y = S (c\\, t)\\), by a sparse Cholesky factorisation
-/// where the published code takes 25 steps of conjugate gradients.
-#[derive(Debug, Clone, Copy)]
-pub struct FastBilateralSolver;
 
 /// Sides of a cell of the grid: down and along the image in pixels, Y, U and V.
 const SIDES: [f64; 5] = [8.0, 8.0, 4.0, 4.0, 4.0];
@@ -30,86 +19,89 @@ const LEAST: f64 = 1e-9;
 /// Rounds of the bistochastisation, as published.
 const ROUNDS: usize = 10;
 
-impl FastBilateralSolver {
-    /// \\(1 / (1 + (|\nabla \ln D| / s)^2)\\) with \\(s = 0.02\\) and differences of neighbours per pixel, those that are known,
-    /// `[height, width]`; 0 where the depth is missing.
-    pub fn confidence(depth: ArrayView2<'_, f32>) -> Array2<f32> {
-        let log = |at: (usize, usize)| depth.get(at).filter(|d| known(**d)).map(|d| f64::from(*d).ln());
-        Array2::from_shape_fn(depth.dim(), |(y, x)| {
-            let Some(here) = log((y, x)) else { return 0.0 };
-            let slope = |before: Option<f64>, after: Option<f64>| match (before, after) {
-                (Some(before), Some(after)) => 0.5 * (after - before),
-                (Some(other), None) | (None, Some(other)) => other - here,
-                (None, None) => 0.0,
-            };
-            // Off the map, `wrapping_sub` is no pixel either.
-            let down = slope(log((y.wrapping_sub(1), x)), log((y + 1, x)));
-            let right = slope(log((y, x.wrapping_sub(1))), log((y, x + 1)));
-            (1.0 + (down * down + right * right) / STEEP.powi(2)).recip() as f32
-        })
-    }
-
-    /// Solves for a target with any confidence that is not negative, all `[height, width]`; a pixel without confidence takes what the
-    /// image says of its neighbours, 0 where nothing does.
-    ///
-    /// # Errors
-    /// [`Error::Shape`] where the maps differ, [`Error::Value`] for a target (where its confidence is not 0) or
-    /// confidence that is not finite, [`Error::Method`] where the system cannot be factorised.
-    pub fn solve(
-        image: ArrayView3<'_, f32>,
-        target: ArrayView2<'_, f32>,
-        confidence: ArrayView2<'_, f32>,
-    ) -> Result<Array2<f32>> {
-        let (height, width, _) = image.dim();
-        same_shape("the target", target.dim(), (height, width))?;
-        same_shape("the confidence", confidence.dim(), (height, width))?;
-        let sound = |c: f32, t: f32| c == 0.0 || c > 0.0 && c.is_finite() && t.is_finite();
-        if let Some(index) = confidence.iter().zip(target).position(|(&c, &t)| !sound(c, t)) {
-            let value = confidence.iter().nth(index).map_or(f64::NAN, |c| f64::from(*c));
-            let (what, expected) = ("the confidence", "at least 0, with a finite target");
-            return Err(Error::Value { what, index, value, expected });
-        }
-        let grid = Grid::new(image);
-        let weights = confidence.iter().map(|c| f64::from(*c));
-        let product = |(&c, &t): (&f32, &f32)| if c > 0.0 { f64::from(c) * f64::from(t) } else { 0.0 };
-        let weighted = confidence.iter().zip(target).map(product);
-        let (diagonal, right) = (grid.splat(weights), grid.splat(weighted));
-        if grid.size == 0 || diagonal.iter().all(|d| *d <= 0.0) {
-            return Ok(Array2::zeros((height, width)));
-        }
-        let (m, n) = grid.bistochastic();
-        let mut entries = Vec::new();
-        for (row, neighbours) in grid.neighbours.iter().enumerate() {
-            let own = LAMBDA * (m[row] - n[row] * Grid::CENTRE * n[row]) + diagonal[row] + LEAST;
-            entries.push(Triplet::new(row, row, own));
-            for &column in neighbours.iter().filter(|column| (**column as usize) < row) {
-                entries.push(Triplet::new(row, column as usize, -LAMBDA * n[row] * n[column as usize]));
-            }
-        }
-        let fault = |what: String| Error::Method(format!("the bilateral solver's system {what}"));
-        let matrix = SparseColMat::<usize, f64>::try_new_from_triplets(grid.size, grid.size, &entries)
-            .map_err(|e| fault(format!("can't be built: {e:?}")))?;
-        let factor =
-            matrix.sp_cholesky(Side::Lower).map_err(|e| fault(format!("can't be factorised: {e:?}")))?;
-        let solution = factor.solve(&Col::from_fn(grid.size, |row| right[row]));
-        let values = grid.vertex.iter().map(|&vertex| solution[vertex as usize] as f32).collect();
-        Array2::from_shape_vec((height, width), values).map_err(|e| fault(format!("lost a pixel: {e}")))
-    }
+/// \\(1 / (1 + (|\nabla \ln D| / s)^2)\\) with \\(s = 0.02\\) and differences of neighbours per pixel, those that are known,
+/// `[height, width]`; 0 where the depth is missing.
+fn confidence(depth: ArrayView2<'_, f32>) -> Array2<f32> {
+    let log = |at: (usize, usize)| depth.get(at).filter(|d| known(**d)).map(|d| f64::from(*d).ln());
+    Array2::from_shape_fn(depth.dim(), |(y, x)| {
+        let Some(here) = log((y, x)) else { return 0.0 };
+        let slope = |before: Option<f64>, after: Option<f64>| match (before, after) {
+            (Some(before), Some(after)) => 0.5 * (after - before),
+            (Some(other), None) | (None, Some(other)) => other - here,
+            (None, None) => 0.0,
+        };
+        // Off the map, `wrapping_sub` is no pixel either.
+        let down = slope(log((y.wrapping_sub(1), x)), log((y + 1, x)));
+        let right = slope(log((y, x.wrapping_sub(1))), log((y, x + 1)));
+        (1.0 + (down * down + right * right) / STEEP.powi(2)).recip() as f32
+    })
 }
 
-impl Method for FastBilateralSolver {
-    fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        check(task)?;
-        let mut depth = Self::solve(task.image, task.prior, Self::confidence(task.prior).view())?;
-        depth.zip_mut_with(&task.prior, |d, &prior| {
-            *d = match known(prior) {
-                true if known(*d) => *d,
-                true => prior,
-                false => 0.0,
-            };
-        });
-        Ok(depth.into())
+/// Solves for a target with any confidence that is not negative, all `[height, width]`; a pixel without confidence takes what the
+/// image says of its neighbours, 0 where nothing does.
+///
+/// # Errors
+/// [`Error::Shape`] where the maps differ, [`Error::Value`] for a target (where its confidence is not 0) or
+/// confidence that is not finite, [`Error::Method`] where the system cannot be factorised.
+pub fn solve_bilateral(
+    image: ArrayView3<'_, f32>,
+    target: ArrayView2<'_, f32>,
+    confidence: ArrayView2<'_, f32>,
+) -> Result<Array2<f32>> {
+    let (height, width, _) = image.dim();
+    same_shape("the target", target.dim(), (height, width))?;
+    same_shape("the confidence", confidence.dim(), (height, width))?;
+    let sound = |c: f32, t: f32| c == 0.0 || c > 0.0 && c.is_finite() && t.is_finite();
+    if let Some(index) = confidence.iter().zip(target).position(|(&c, &t)| !sound(c, t)) {
+        let value = confidence.iter().nth(index).map_or(f64::NAN, |c| f64::from(*c));
+        let (what, expected) = ("the confidence", "at least 0, with a finite target");
+        return Err(Error::Value { what, index, value, expected });
     }
+    let grid = Grid::new(image);
+    let weights = confidence.iter().map(|c| f64::from(*c));
+    let product = |(&c, &t): (&f32, &f32)| if c > 0.0 { f64::from(c) * f64::from(t) } else { 0.0 };
+    let weighted = confidence.iter().zip(target).map(product);
+    let (diagonal, right) = (grid.splat(weights), grid.splat(weighted));
+    if grid.size == 0 || diagonal.iter().all(|d| *d <= 0.0) {
+        return Ok(Array2::zeros((height, width)));
+    }
+    let (m, n) = grid.bistochastic();
+    let mut entries = Vec::new();
+    for (row, neighbours) in grid.neighbours.iter().enumerate() {
+        let own = LAMBDA * (m[row] - n[row] * Grid::CENTRE * n[row]) + diagonal[row] + LEAST;
+        entries.push(Triplet::new(row, row, own));
+        for &column in neighbours.iter().filter(|column| (**column as usize) < row) {
+            entries.push(Triplet::new(row, column as usize, -LAMBDA * n[row] * n[column as usize]));
+        }
+    }
+    let fault = |what: String| Error::Method(format!("the bilateral solver's system {what}"));
+    let matrix = SparseColMat::<usize, f64>::try_new_from_triplets(grid.size, grid.size, &entries)
+        .map_err(|e| fault(format!("can't be built: {e:?}")))?;
+    let factor = matrix.sp_cholesky(Side::Lower).map_err(|e| fault(format!("can't be factorised: {e:?}")))?;
+    let solution = factor.solve(&Col::from_fn(grid.size, |row| right[row]));
+    let values = grid.vertex.iter().map(|&vertex| solution[vertex as usize] as f32).collect();
+    Array2::from_shape_vec((height, width), values).map_err(|e| fault(format!("lost a pixel: {e}")))
+}
+
+/// Fast bilateral solver (Barron and Poole, ECCV 2016; defaults of the published notebook): the depth \\(x\\) that is smooth where the image
+/// is, and near the target \\(t\\) where the confidence \\(c\\) is high,
+///
+/// \\[ \min_x \tfrac\lambda2 \sum_{ij} \hat W_{ij} (x_i - x_j)^2 + \sum_i c_i (x_i - t_i)^2, \\]
+///
+/// with \\(\hat W\\) the bistochastic bilateral affinity of place and colour (YUV, 0 to 255). It is solved for the vertices of a
+/// bilateral grid, \\((\lambda (D_m - D_n \bar B D_n) + \operatorname{diag}(S c))\\, y = S (c\\, t)\\), by a sparse Cholesky factorisation
+/// where the published code takes 25 steps of conjugate gradients.
+pub fn fast_bilateral(task: &Task<'_>) -> Result<Refined> {
+    check(task)?;
+    let mut depth = solve_bilateral(task.image, task.prior, confidence(task.prior).view())?;
+    depth.zip_mut_with(&task.prior, |d, &prior| {
+        *d = match known(prior) {
+            true if known(*d) => *d,
+            true => prior,
+            false => 0.0,
+        };
+    });
+    Ok(depth.into())
 }
 
 /// The occupied vertices of the bilateral grid of place and colour.

@@ -1,5 +1,5 @@
 use super::check;
-use crate::{Error, Method, Refined, Result, Task};
+use crate::{Error, Refined, Result, Task};
 use mde_mvs::consensus::reconstruct;
 use mde_mvs::silent;
 use mde_mvs::sweep::{Surfaces, sweep};
@@ -11,49 +11,39 @@ use ndarray::{Array2, ArrayView2};
 ///
 /// Planes are even in inverse depth ([`mde_mvs::sweep`]), from half the largest baseline to infinity: nearer surfaces have
 /// disparities of several times the focal length.
-#[derive(Debug, Clone, Copy)]
-pub struct PlaneSweep;
-
-impl Method for PlaneSweep {
-    fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        let views = photographs(task)?;
-        let distance = |view: &PosedView| view.pose.inverse().translation.vector.norm();
-        let baseline = views.iter().map(distance).fold(0.0, f64::max);
-        let sources: Vec<usize> = (1..views.len()).collect();
-        let surfaces = Surfaces::Planes { near: 0.5 * baseline, far: f64::INFINITY };
-        let found = sweep(&views, 0, &sources, surfaces).map_err(|error| Error::Method(error.to_string()))?;
-        let known = found.depth.support();
-        let masked = |mut map: Array2<f32>| {
-            map.zip_mut_with(&known, |value, known| *value = if *known { *value } else { 0.0 });
-            map
-        };
-        let depth = masked(found.depth.mean().to_owned());
-        Ok(Refined { sigma: Some(masked(found.depth.sigma())), ..depth.into() })
-    }
+pub fn plane_sweep(task: &Task<'_>) -> Result<Refined> {
+    let views = photographs(task)?;
+    let distance = |view: &PosedView| view.pose.inverse().translation.vector.norm();
+    let baseline = views.iter().map(distance).fold(0.0, f64::max);
+    let sources: Vec<usize> = (1..views.len()).collect();
+    let surfaces = Surfaces::Planes { near: 0.5 * baseline, far: f64::INFINITY };
+    let found = sweep(&views, 0, &sources, surfaces).map_err(|error| Error::Method(error.to_string()))?;
+    let known = found.depth.support();
+    let masked = |mut map: Array2<f32>| {
+        map.zip_mut_with(&known, |value, known| *value = if *known { *value } else { 0.0 });
+        map
+    };
+    let depth = masked(found.depth.mean().to_owned());
+    Ok(Refined { sigma: Some(masked(found.depth.sigma())), ..depth.into() })
 }
 
 /// The prior in the unit of the poses: its affine gauge in log depth, fitted to the plane sweeps of all photographs
 /// ([`mde_mvs::scale::Gauge`]). All that poses give without a depth per pixel.
-#[derive(Debug, Clone, Copy)]
-pub struct GaugedPrior;
-
-impl Method for GaugedPrior {
-    fn refine(&self, task: &Task<'_>) -> Result<Refined> {
-        let views = photographs(task)?;
-        let mut priors = vec![task.prior.to_owned()];
-        for view in task.views {
-            priors.push(match view.prior {
-                Some(prior) => prior.clone(),
-                None => task.predict(view.view.image.view())?,
-            });
-        }
-        let priors: Vec<ArrayView2<'_, f32>> = priors.iter().map(|prior| prior.view()).collect();
-        let known = reconstruct(&views, &priors, None, &mut silent)
-            .map_err(|error| Error::Method(error.to_string()))?;
-        let reference = known.views.into_iter().next().ok_or(Error::NoViews)?;
-        let sigma = reference.prior.sigma().mapv(|sigma| if sigma.is_finite() { sigma } else { 0.0 });
-        Ok(Refined { sigma: Some(sigma), ..reference.prior.mean().to_owned().into() })
+pub fn gauged_prior(task: &Task<'_>) -> Result<Refined> {
+    let views = photographs(task)?;
+    let mut priors = vec![task.prior.to_owned()];
+    for view in task.views {
+        priors.push(match view.prior {
+            Some(prior) => prior.clone(),
+            None => task.predict(view.view.image.view())?,
+        });
     }
+    let priors: Vec<ArrayView2<'_, f32>> = priors.iter().map(|prior| prior.view()).collect();
+    let known =
+        reconstruct(&views, &priors, None, &mut silent).map_err(|error| Error::Method(error.to_string()))?;
+    let reference = known.views.into_iter().next().ok_or(Error::NoViews)?;
+    let sigma = reference.prior.sigma().mapv(|sigma| if sigma.is_finite() { sigma } else { 0.0 });
+    Ok(Refined { sigma: Some(sigma), ..reference.prior.mean().to_owned().into() })
 }
 
 /// The photograph and the further ones of a task with poses.

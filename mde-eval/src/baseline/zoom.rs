@@ -9,16 +9,9 @@ use ndarray::{Array2, ArrayView2, Zip, s};
 /// For each grid of \\(n \times n\\) crops that overlap by half, one grid after the other: the log depth of a crop is brought to
 /// the current map's by least squares (scale and shift), its low frequencies (a Gaussian of a sixth of the crop's width) are
 /// replaced by the current map's, and the change is blended with a Hann window. Low frequencies thus stay the prior's.
-#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ZoomMerge {
     /// \\(n\\) of each grid, in order.
-    pub grids: Vec<usize>,
-}
-
-impl Default for ZoomMerge {
-    fn default() -> Self {
-        Self { grids: vec![2, 3] }
-    }
+    grids: Vec<usize>,
 }
 
 impl ZoomMerge {
@@ -117,6 +110,5 @@ mod tests {
         let grids = |predictions| ZoomMerge::with_predictions(predictions).grids;
         assert_eq!([0, 4, 5, 13].map(grids), [vec![], vec![], vec![2], vec![2]]);
         assert_eq!([14, 30, 60].map(grids), [vec![2, 3], vec![2, 3, 4], vec![2, 3, 4, 5]]);
-        assert_eq!(ZoomMerge::with_predictions(14), ZoomMerge::default());
     }
 }

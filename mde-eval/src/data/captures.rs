@@ -6,9 +6,7 @@ use crate::scene::{CaptureConfig, Room, World};
 #[derive(Debug, Clone)]
 pub struct Captures {
     ids: Vec<String>,
-    places: Vec<String>,
     captures: Vec<(Room, CaptureConfig)>,
-    seed: u64,
     width: usize,
     height: usize,
 }
@@ -45,19 +43,18 @@ impl Captures {
     /// # Errors
     /// [`Error::Config`](crate::Error::Config) for a condition out of range.
     pub fn new(grid: &CaptureGrid, seed: u64, width: usize, height: usize) -> Result<Self> {
-        let (mut ids, mut places, mut captures) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut ids, mut captures) = (Vec::new(), Vec::new());
         for room in Room::ALL {
             for (&views, &baseline) in product(&grid.views, &grid.baselines) {
                 for (&pose_noise, &gain) in product(&grid.pose_noises, &grid.gains) {
                     let config = CaptureConfig { views, baseline, pose_noise, gain, seed };
                     config.validate()?;
-                    places.push(format!("{room}-{seed}"));
                     ids.push(format!("{room}-{seed}/{views}-views-b{baseline}-noise{pose_noise}-gain{gain}"));
                     captures.push((room, config));
                 }
             }
         }
-        Ok(Self { ids, places, captures, seed, width, height })
+        Ok(Self { ids, captures, width, height })
     }
 }
 
@@ -71,13 +68,13 @@ impl DataSet for Captures {
     }
 
     fn place(&self, index: usize) -> Option<&str> {
-        self.places.get(index).map(String::as_str)
+        self.ids.get(index)?.split('/').next()
     }
 
     fn load(&self, index: usize) -> Result<Sample> {
         let (Some((room, config)), Some(id)) = (self.captures.get(index), self.ids.get(index)) else {
             return Err(out_of_range(index, self.ids.len()));
         };
-        Sample::of_capture(World::new(*room, self.seed)?.capture(id, config, self.width, self.height)?)
+        Sample::of_capture(World::new(*room, config.seed)?.capture(id, config, self.width, self.height)?)
     }
 }

@@ -121,13 +121,17 @@ pub(super) fn id(root: &Path, scene: &Path) -> String {
 }
 
 /// Checks that depth and image are of one size.
-pub(super) fn same_size(path: &Path, depth: (usize, usize), image: (usize, usize)) -> Result<()> {
-    if depth == image {
+pub(super) fn same_size(
+    path: &Path,
+    depth: (usize, usize),
+    (height, width, _): (usize, usize, usize),
+) -> Result<()> {
+    if depth == (height, width) {
         return Ok(());
     }
     let reason = format!(
-        "the depth is {}x{} but the image is {}x{} (width x height); they must be registered to each other",
-        depth.1, depth.0, image.1, image.0
+        "the depth is {}x{} but the image is {width}x{height} (width x height); they must be registered to each other",
+        depth.1, depth.0
     );
     Err(Error::Layout { path: path.to_owned(), reason })
 }

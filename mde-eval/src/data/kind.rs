@@ -1,13 +1,15 @@
 use super::files::find_scenes;
 use super::{CaptureGrid, Captures, DataSet, Nyu, Placed, PlainFolders, Posed, Resized, Rooms, SunRgbd};
 use crate::{Error, Result};
+use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
-/// The data sets that are known by name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The data sets that are known by name: `sunrgbd`, `nyu`, `plain`, `rooms`, `captures` and `posed`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum DataSetKind {
     /// [`SunRgbd`].
     SunRgbd,
@@ -27,18 +29,6 @@ impl DataSetKind {
     /// All of them.
     pub const ALL: [Self; 6] =
         [Self::SunRgbd, Self::Nyu, Self::Plain, Self::Rooms, Self::Captures, Self::Posed];
-
-    /// Its name: `sunrgbd`, `nyu`, `plain`, `rooms`, `captures` or `posed`.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::SunRgbd => "sunrgbd",
-            Self::Nyu => "nyu",
-            Self::Plain => "plain",
-            Self::Rooms => "rooms",
-            Self::Captures => "captures",
-            Self::Posed => "posed",
-        }
-    }
 
     /// The data set whose layout a folder has.
     ///
@@ -69,7 +59,7 @@ impl DataSetKind {
 
 impl fmt::Display for DataSetKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
+        self.serialize(f)
     }
 }
 
@@ -77,10 +67,10 @@ impl FromStr for DataSetKind {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name).ok_or_else(|| Error::Unknown {
+        Self::ALL.into_iter().find(|kind| kind.to_string() == name).ok_or_else(|| Error::Unknown {
             what: "data set",
             name: name.to_owned(),
-            known: Self::ALL.map(Self::name).join(", "),
+            known: Self::ALL.map(|kind| kind.to_string()).join(", "),
         })
     }
 }
@@ -92,17 +82,15 @@ pub struct Options {
     pub assumed_fov: Option<f64>,
     /// Width and height to resize to; their own without. Rooms are made in this size, 640 x 480 without.
     pub size: Option<[usize; 2]>,
-    /// Seed of the [`Rooms`] and [`Captures`].
-    pub seed: u64,
     /// The conditions of [`Captures`].
     pub captures: CaptureGrid,
-    /// Error of the given poses of [`Posed`], degrees ([`Posed::with_pose_noise`]).
+    /// Error of the given poses of [`Posed`], degrees.
     pub pose_noise: f64,
     /// Places by scene ([`Placed`]), for data sets that do not name them.
     pub places: BTreeMap<String, String>,
 }
 
-/// Opens a data set by its name.
+/// Opens a data set by its name; rooms have the seed 0.
 ///
 /// # Errors
 /// As the data set's own `open`; [`Error::Config`] where a folder is missing or, for rooms, named.
@@ -110,24 +98,24 @@ pub fn open(kind: DataSetKind, root: Option<&Path>, options: &Options) -> Result
     let fault = |value: &str, remedy| {
         Err(Error::Config { field: "the data set's folder", value: value.to_owned(), remedy })
     };
-    let Options { seed, assumed_fov: fov, .. } = *options;
+    let fov = options.assumed_fov;
     let [width, height] = options.size.unwrap_or([640, 480]);
     let data: Box<dyn DataSet> = match (kind, root) {
-        (DataSetKind::Rooms, None) => Box::new(Rooms::new(seed, width, height)),
-        (DataSetKind::Captures, None) => Box::new(Captures::new(&options.captures, seed, width, height)?),
+        (DataSetKind::Rooms, None) => Box::new(Rooms::new(0, width, height)),
+        (DataSetKind::Captures, None) => Box::new(Captures::new(&options.captures, 0, width, height)?),
         (DataSetKind::Rooms | DataSetKind::Captures, Some(root)) => {
             return fault(&root.display().to_string(), "leave it out: rooms are rendered, not read");
         }
         (_, None) => return fault("missing", "name it"),
-        (DataSetKind::SunRgbd, Some(root)) => Box::new(SunRgbd::open(root)?.with_assumed_fov(fov)),
-        (DataSetKind::Posed, Some(root)) => Box::new(Posed::open(root)?.with_pose_noise(options.pose_noise)?),
+        (DataSetKind::SunRgbd, Some(root)) => Box::new(SunRgbd::open(root, fov)?),
+        (DataSetKind::Posed, Some(root)) => Box::new(Posed::open(root, options.pose_noise)?),
         (DataSetKind::Nyu, Some(root)) => Box::new(Nyu::open(root)?),
-        (DataSetKind::Plain, Some(root)) => Box::new(PlainFolders::open(root)?.with_assumed_fov(fov)),
+        (DataSetKind::Plain, Some(root)) => Box::new(PlainFolders::open(root, fov)?),
     };
     let data: Box<dyn DataSet> = match options.size {
         // Rooms are made in the size.
         Some(_) if root.is_some() => Box::new(Resized::new(data, width, height)?),
         _ => data,
     };
-    Ok(if options.places.is_empty() { data } else { Box::new(Placed::new(data, &options.places)?) })
+    Ok(Box::new(Placed::new(data, &options.places)?))
 }

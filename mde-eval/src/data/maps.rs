@@ -18,55 +18,40 @@ pub struct MapPair {
     pub sigma: Option<PathBuf>,
 }
 
-/// Depth maps of any program, in folders: those of the same path below their folder, whatever their extensions (`.npy`,
-/// `.npz`, `.pfm`, `.png`, `.exr`), belong together.
-#[derive(Debug, Clone)]
-pub struct MapPairs {
-    pairs: Vec<MapPair>,
-    unmatched: Vec<String>,
-}
-
-impl MapPairs {
-    /// Finds predictions, truths and, where a folder is named, standard deviations.
-    ///
-    /// # Errors
-    /// [`Error::Io`] for a folder that cannot be read; [`Error::Layout`] where a folder has no map, no prediction has a
-    /// truth, a prediction with a truth lacks its sigma, or a map is there in two formats.
-    pub fn open(predictions: &Path, truths: &Path, sigmas: Option<&Path>) -> Result<Self> {
-        let predicted = maps(predictions)?;
-        let truth_of = maps(truths)?;
-        let sigma_of = sigmas.map(maps).transpose()?;
-        let (mut pairs, mut unmatched) = (Vec::new(), Vec::new());
-        for (id, prediction) in predicted {
-            let Some(truth) = truth_of.get(&id).cloned() else {
-                unmatched.push(id);
-                continue;
-            };
-            let sigma = match (&sigma_of, sigmas) {
-                (Some(of), Some(folder)) => Some(of.get(&id).cloned().ok_or_else(|| Error::Layout {
-                    path: folder.to_owned(),
-                    reason: format!("no sigma for {id} ({}); add it", prediction.display()),
-                })?),
-                _ => None,
-            };
-            pairs.push(MapPair { id, prediction, truth, sigma });
+/// Depth maps of any program, in folders: predictions, truths and, where a folder is named, standard deviations of the same path
+/// below their folder, whatever their extensions (`.npy`, `.npz`, `.pfm`, `.png`, `.exr`), belong together. Beside the pairs, by
+/// identifier, those of the predictions without a truth.
+///
+/// # Errors
+/// [`Error::Io`] for a folder that cannot be read; [`Error::Layout`] where a folder has no map, no prediction has a
+/// truth, a prediction with a truth lacks its sigma, or a map is there in two formats.
+pub fn map_pairs(
+    predictions: &Path,
+    truths: &Path,
+    sigmas: Option<&Path>,
+) -> Result<(Vec<MapPair>, Vec<String>)> {
+    let predicted = maps(predictions)?;
+    let truth_of = maps(truths)?;
+    let sigma_of = sigmas.map(maps).transpose()?;
+    let (mut pairs, mut unmatched) = (Vec::new(), Vec::new());
+    for (id, prediction) in predicted {
+        let Some(truth) = truth_of.get(&id).cloned() else {
+            unmatched.push(id);
+            continue;
+        };
+        let sigma = sigma_of.as_ref().map(|of| of.get(&id).cloned());
+        if let (Some(None), Some(folder)) = (&sigma, sigmas) {
+            let reason = format!("no sigma for {id} ({}); add it", prediction.display());
+            return Err(Error::Layout { path: folder.to_owned(), reason });
         }
-        if pairs.is_empty() {
-            let reason = format!("no map has a truth of the same name in {}", truths.display());
-            return Err(Error::Layout { path: predictions.to_owned(), reason });
-        }
-        Ok(Self { pairs, unmatched })
+        let sigma = sigma.flatten();
+        pairs.push(MapPair { id, prediction, truth, sigma });
     }
-
-    /// The maps with a truth, by identifier.
-    pub fn pairs(&self) -> &[MapPair] {
-        &self.pairs
+    if pairs.is_empty() {
+        let reason = format!("no map has a truth of the same name in {}", truths.display());
+        return Err(Error::Layout { path: predictions.to_owned(), reason });
     }
-
-    /// Identifiers of predictions without a truth.
-    pub fn unmatched(&self) -> &[String] {
-        &self.unmatched
-    }
+    Ok((pairs, unmatched))
 }
 
 /// Every map at or below a folder by its path without extension.

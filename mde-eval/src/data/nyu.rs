@@ -22,18 +22,11 @@ const COLOUR: [&str; 5] = ["rgb", "color", "colour", "image", "images"];
 pub struct Nyu {
     pairs: Vec<Pair>,
     ids: Vec<String>,
-    /// The place of each pair.
     places: Vec<String>,
 }
 
 /// An image and its depth map, as files.
-#[derive(Debug, Clone)]
-struct Pair {
-    image: PathBuf,
-    depth: PathBuf,
-    /// The folder that both belong to.
-    folder: PathBuf,
-}
+type Pair = (PathBuf, PathBuf);
 
 impl Nyu {
     /// Finds the pairs.
@@ -48,27 +41,24 @@ impl Nyu {
                 "is MATLAB's format, which is not read; export it as rgb/N.png and depth/N.png (16 bit, mm)",
             ));
         }
-        let mut pairs = Vec::new();
+        let (mut pairs, mut ids, mut places) = (Vec::new(), Vec::new(), Vec::new());
         for folder in find_scenes(root, |folder| Self::is_side_by_side(folder) || Self::is_recording(folder))?
         {
-            pairs.extend(pairs_of(&folder)?);
+            let own = id(root, &folder);
+            for (image, depth) in pairs_of(&folder)? {
+                let stem = image.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+                let name = if folder == root { stem } else { format!("{own}/{stem}") };
+                // The labelled images are of many places; the files of a recording lie in one folder.
+                places.push(if Self::is_side_by_side(&folder) { name.clone() } else { own.clone() });
+                ids.push(name);
+                pairs.push((image, depth));
+            }
         }
         if pairs.is_empty() {
             return Err(fault(
                 "holds no rgb/N.png beside depth/N.png and no rgb_N.jpg with sync_depth_N.png",
             ));
         }
-        let name = |pair: &Pair| {
-            let stem = pair.image.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            if pair.folder == root { stem } else { format!("{}/{stem}", id(root, &pair.folder)) }
-        };
-        let ids: Vec<String> = pairs.iter().map(name).collect();
-        // The labelled images are of many places; the files of a recording lie in one folder.
-        let place = |(pair, own): (&Pair, &String)| match pair.image.parent() == Some(&pair.folder) {
-            true => id(root, &pair.folder),
-            false => own.clone(),
-        };
-        let places = pairs.iter().zip(&ids).map(place).collect();
         Ok(Self { pairs, ids, places })
     }
 
@@ -93,19 +83,19 @@ impl DataSet for Nyu {
     }
 
     fn load(&self, index: usize) -> Result<Sample> {
-        let (Some(pair), Some(id)) = (self.pairs.get(index), self.ids.get(index)) else {
+        let (Some((image_path, depth_path)), Some(id)) = (self.pairs.get(index), self.ids.get(index)) else {
             return Err(out_of_range(index, self.pairs.len()));
         };
-        let image = read_image(&pair.image)?.pixels;
+        let image = read_image(image_path)?.pixels;
         let options = ReadOptions { png_scale: Some(1000.0), ..ReadOptions::default() };
-        let depth = read_depth(&pair.depth, &options)?;
-        let (height, width, _) = image.dim();
-        same_size(&pair.depth, depth.dim(), (height, width))?;
+        let depth = read_depth(depth_path, &options)?;
+        same_size(depth_path, depth.dim(), image.dim())?;
+        let (height, width) = depth.dim();
         if width * 480 != height * 640 {
             let reason = format!(
                 "is {width}x{height}, but the published camera is that of 640x480; use a plain folder with a scene.json"
             );
-            return Err(Error::Layout { path: pair.image.clone(), reason });
+            return Err(Error::Layout { path: image_path.clone(), reason });
         }
         // The published principal point counts pixels from 1.
         let published =
@@ -145,7 +135,7 @@ fn pairs_of(folder: &Path) -> Result<Vec<Pair>> {
     }
     let pair = |image: PathBuf| {
         let depth = depth_of.get(&number(&image)?)?.clone();
-        Some(Pair { image, depth, folder: folder.to_owned() })
+        Some((image, depth))
     };
     Ok(images.into_iter().filter_map(pair).collect())
 }

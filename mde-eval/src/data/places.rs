@@ -3,19 +3,8 @@ use crate::{Error, Result};
 use std::collections::BTreeMap;
 
 /// A data set whose scenes show the places of a list: for data sets without a record of which images are of one room.
-///
-/// ```
-/// use mde_eval::data::{DataSet, Placed, Rooms, parse_places};
-///
-/// let places = parse_places("study-0 ground-floor\noffice-0 ground-floor\n")?;
-/// let rooms = Placed::new(Rooms::new(0, 32, 24), &places)?;
-/// assert_eq!(rooms.place(0), Some("ground-floor"));
-/// assert_eq!(rooms.place(1), Some("living-room-0"));
-/// # Ok::<(), mde_eval::Error>(())
-/// ```
-#[derive(Debug, Clone)]
-pub struct Placed<D> {
-    data: D,
+pub struct Placed {
+    data: Box<dyn DataSet>,
     /// By index of the scene.
     places: Vec<Option<String>>,
 }
@@ -40,12 +29,12 @@ pub fn parse_places(text: &str) -> Result<BTreeMap<String, String>> {
     Ok(places)
 }
 
-impl<D: DataSet> Placed<D> {
+impl Placed {
     /// The scenes of `data` at the places by identifier; scenes that are not listed keep their own.
     ///
     /// # Errors
     /// [`Error::Unknown`] for a scene that the data set does not have.
-    pub fn new(data: D, places: &BTreeMap<String, String>) -> Result<Self> {
+    pub fn new(data: Box<dyn DataSet>, places: &BTreeMap<String, String>) -> Result<Self> {
         if let Some(unknown) = places.keys().find(|scene| !data.ids().contains(scene)) {
             let known = data.ids().iter().take(5).cloned().collect::<Vec<_>>().join(", ") + ", ...";
             return Err(Error::Unknown { what: "scene", name: unknown.clone(), known });
@@ -55,7 +44,7 @@ impl<D: DataSet> Placed<D> {
     }
 }
 
-impl<D: DataSet> DataSet for Placed<D> {
+impl DataSet for Placed {
     fn ids(&self) -> &[String] {
         self.data.ids()
     }

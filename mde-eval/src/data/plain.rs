@@ -10,54 +10,41 @@ use std::path::Path;
 /// Scenes of your own: any folder below the root that has a `scene.json`.
 ///
 /// Beside it lie `color.*` (JPEG, PNG, TIFF, BMP, WebP) and `depth.*` (PNG of 16 bits, NPY, NPZ, PFM, EXR). The JSON's fields are
-/// all optional and others are ignored:
-///
-/// | field | meaning |
-/// | --- | --- |
-/// | `depth_units_per_metre` | depth in metres = value / this; 1000 for integers and 1 for floats without it |
-/// | `fx`, `fy`, `cx`, `cy` | intrinsics in pixels, pixel centres at integers from 0; all four or none |
-/// | `max_depth` | depths beyond it, in metres, are not used; 10 without it |
+/// those of [`PlainScene`].
 #[derive(Debug, Clone)]
 pub struct PlainFolders {
     scenes: Scenes,
     assumed_fov: Option<f64>,
 }
 
-/// Content of a `scene.json`; see [`PlainFolders`] for its fields.
+/// Content of a `scene.json`. All fields are optional and others are ignored; of the intrinsics all four are named or none.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
 pub struct PlainScene {
-    /// Depth in metres = value / this.
+    /// Depth in metres = value / this; 1000 for integers and 1 for floats without it.
     pub depth_units_per_metre: Option<f64>,
     /// Horizontal focal length, pixels.
     pub fx: Option<f64>,
     /// Vertical focal length, pixels.
     pub fy: Option<f64>,
-    /// Column of the principal point, from 0.
+    /// Column of the principal point, pixel centres at integers from 0.
     pub cx: Option<f64>,
-    /// Row of the principal point, from 0.
+    /// Row of the principal point.
     pub cy: Option<f64>,
-    /// Largest depth at which the truth is reliable, metres.
+    /// Largest depth at which the truth is reliable, metres; 10 without it.
     pub max_depth: Option<f64>,
 }
 
 impl PlainFolders {
     const FILE: &'static str = "scene.json";
 
-    /// Finds the scenes at or below a folder.
+    /// Finds the scenes at or below a folder. Those without a camera get square pixels and this horizontal field of view, degrees.
     ///
     /// # Errors
     /// [`Error::Io`] for a folder that cannot be read, [`Error::Layout`] where there is no scene.
-    pub fn open(root: impl AsRef<Path>) -> Result<Self> {
+    pub fn open(root: impl AsRef<Path>, assumed_fov: Option<f64>) -> Result<Self> {
         let what = "folder with a `scene.json`; write one beside `color.png` and `depth.png`";
         let scenes = Scenes::find(root.as_ref(), |folder| folder.join(Self::FILE).is_file(), what)?;
-        Ok(Self { scenes, assumed_fov: None })
-    }
-
-    /// With square pixels and this horizontal field of view, degrees, where the camera is not known.
-    #[must_use]
-    pub fn with_assumed_fov(mut self, degrees: impl Into<Option<f64>>) -> Self {
-        self.assumed_fov = degrees.into();
-        self
+        Ok(Self { scenes, assumed_fov })
     }
 }
 
@@ -78,12 +65,12 @@ impl DataSet for PlainFolders {
             ReadOptions { png_scale: Some(scale), float_scale: scale, ..ReadOptions::default() }
         });
         let depth = read_depth(&depth_path, &options)?;
-        let (height, width, _) = image.dim();
-        same_size(&depth_path, depth.dim(), (height, width))?;
+        same_size(&depth_path, depth.dim(), image.dim())?;
+        let (height, width) = depth.dim();
         let known = description.camera(width, height).map_err(fault)?;
         let camera = match known {
             Some(camera) => camera,
-            None => assumed(self.assumed_fov, id, "fx, fy, cx, cy in scene.json", width, height)?,
+            None => assumed(self.assumed_fov, &path, depth.dim())?,
         };
         Ok(Sample {
             assumed_camera: known.is_none(),

@@ -1,6 +1,7 @@
 use super::files::{Scenes, read_json, same_size};
 use super::{DataSet, Sample};
 use crate::capture::{Capture, CapturedView, POSE_NOISES, disturbed};
+use crate::error::check;
 use crate::{Error, Result};
 use mde_mvs::capture::{Lens, PixelCentres, read_transforms};
 use mde_prior::format::{ReadOptions, read_depth};
@@ -59,12 +60,14 @@ impl Posed {
     const TRANSFORMS: &'static str = "transforms.json";
     const DESCRIPTION: &'static str = "scene.json";
 
-    /// Finds the scenes at or below a folder.
+    /// Finds the scenes at or below a folder. The given poses of the further photographs are off by `pose_noise` degrees of rotation
+    /// about a random axis, and by 20 mm per degree in a random direction, the same in every run.
     ///
     /// # Errors
     /// [`Error::Io`] for a folder or a `scene.json` that cannot be read, [`Error::Layout`] where there is no scene or a
-    /// `scene.json` is not valid.
-    pub fn open(root: impl AsRef<Path>) -> Result<Self> {
+    /// `scene.json` is not valid, [`Error::Config`] for degrees below 0 or above 10.
+    pub fn open(root: impl AsRef<Path>, pose_noise: f64) -> Result<Self> {
+        check([("pose-noise", pose_noise, POSE_NOISES.contains(&pose_noise), "use 0 to 10 degrees")])?;
         let what =
             "folder with a `transforms.json` and a `scene.json`; name the data set's folder or one below it";
         let scenes = Scenes::find(root.as_ref(), Self::is_scene, what)?;
@@ -74,20 +77,7 @@ impl Posed {
             Ok(describe(scene)?.set.or_else(parent).unwrap_or_else(|| id.clone()))
         };
         let places = scenes.folders.iter().zip(&scenes.ids).map(place).collect::<Result<_>>()?;
-        Ok(Self { scenes, places, pose_noise: 0.0 })
-    }
-
-    /// Gives the poses of the further photographs an error: `degrees` of rotation about a random axis, and 20 mm per degree of
-    /// translation in a random direction, the same in every run.
-    ///
-    /// # Errors
-    /// [`Error::Config`] for degrees below 0 or above 10.
-    pub fn with_pose_noise(self, degrees: f64) -> Result<Self> {
-        if !POSE_NOISES.contains(&degrees) {
-            let remedy = "use 0 to 10 degrees";
-            return Err(Error::Config { field: "pose-noise", value: degrees.to_string(), remedy });
-        }
-        Ok(Self { pose_noise: degrees, ..self })
+        Ok(Self { scenes, places, pose_noise })
     }
 
     pub(super) fn is_scene(folder: &Path) -> bool {
@@ -111,10 +101,7 @@ impl Posed {
         let depths: Depths = read_json(&path)?;
         let frames = read.frames.len();
         let reference = description.reference;
-        let further = match description.extra_views {
-            Some(further) => further,
-            None => (0..frames).filter(|frame| *frame != reference).collect(),
-        };
+        let further = description.extra_views.unwrap_or_else(|| (0..frames).collect());
         let mut order = vec![reference];
         order.extend(further.into_iter().filter(|frame| *frame != reference));
         let mut views = Vec::with_capacity(order.len());
@@ -136,7 +123,8 @@ impl Posed {
         let options = ReadOptions { png_scale: Some(units), ..ReadOptions::default() };
         let depth_path = scene.join(file);
         let depth = read_depth(&depth_path, &options)?;
-        same_size(&depth_path, depth.dim(), lens.camera.dim())?;
+        let (height, width) = lens.camera.dim();
+        same_size(&depth_path, depth.dim(), (height, width, 3))?;
         let truth = undistorted(depth.view(), &lens);
         let middle =
             mde_uncertainty::statistics::median(truth.iter().filter(|z| **z > 0.0).map(|z| f64::from(*z)));

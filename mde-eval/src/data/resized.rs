@@ -9,19 +9,18 @@ use ndarray::{Array3, ArrayView3, Axis};
 /// The image is resampled bilinearly (antialiased where it shrinks), the camera follows with pixel centres at integers,
 /// and the truth takes the nearest pixel's value: depths are never mixed and holes stay holes. Width and height scale
 /// each by their own factor.
-#[derive(Debug, Clone)]
-pub struct Resized<D> {
-    data: D,
+pub struct Resized {
+    data: Box<dyn DataSet>,
     width: usize,
     height: usize,
 }
 
-impl<D: DataSet> Resized<D> {
+impl Resized {
     /// The scenes of `data` in `width` x `height` pixels.
     ///
     /// # Errors
     /// [`Error::Config`](crate::Error::Config) for a size of 0.
-    pub fn new(data: D, width: usize, height: usize) -> Result<Self> {
+    pub fn new(data: Box<dyn DataSet>, width: usize, height: usize) -> Result<Self> {
         if width.min(height) == 0 {
             let value = format!("{width}x{height}");
             return Err(crate::Error::Config { field: "the size", value, remedy: "use at least 1x1 pixels" });
@@ -30,7 +29,7 @@ impl<D: DataSet> Resized<D> {
     }
 }
 
-impl<D: DataSet> DataSet for Resized<D> {
+impl DataSet for Resized {
     fn ids(&self) -> &[String] {
         self.data.ids()
     }
@@ -61,7 +60,7 @@ impl<D: DataSet> DataSet for Resized<D> {
     }
 }
 
-impl<D> Resized<D> {
+impl Resized {
     fn image(&self, image: ArrayView3<'_, f32>) -> Array3<f32> {
         let size = (self.height, self.width);
         let mut resized = Array3::zeros((self.height, self.width, 3));

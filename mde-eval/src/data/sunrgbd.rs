@@ -12,17 +12,8 @@ use std::path::Path;
 ///
 /// Depth files, the measurements of the sensor in `depth/`, are 16-bit PNGs of millimetres whose bits are rotated left by three, trusted up to 8 m.
 /// `intrinsics.txt` holds the 3 x 3 matrix with pixels counted from 1, so 1 is taken from the principal point. A scene
-/// without that file is [`Error::Intrinsics`] unless a field of view is assumed. The place is known for the frames of SUN3D alone
+/// without that file needs an assumed field of view. The place is known for the frames of SUN3D alone
 /// (`sun3ddata/BUILDING/RECORDING/`); many others show the same rooms too, which [`Placed`](super::Placed) can name.
-///
-/// ```no_run
-/// use mde_eval::data::{DataSet, SunRgbd};
-///
-/// let data = SunRgbd::open("SUNRGBD")?.with_assumed_fov(57.0);
-/// let first = data.load(0)?;
-/// println!("{} {:?}", first.id, first.camera);
-/// # Ok::<(), mde_eval::Error>(())
-/// ```
 #[derive(Debug, Clone)]
 pub struct SunRgbd {
     scenes: Scenes,
@@ -30,27 +21,17 @@ pub struct SunRgbd {
 }
 
 impl SunRgbd {
-    const FILE: &'static str = "intrinsics.txt";
-
-    /// Finds the scenes at or below a folder.
+    /// Finds the scenes at or below a folder. Those without a camera get square pixels and this horizontal field of view, degrees.
     ///
     /// # Errors
     /// [`Error::Io`] for a folder that cannot be read, [`Error::Layout`] where there is no scene.
-    pub fn open(root: impl AsRef<Path>) -> Result<Self> {
+    pub fn open(root: impl AsRef<Path>, assumed_fov: Option<f64>) -> Result<Self> {
         let what = "folder with `image/` and `depth/`; name SUN RGB-D's folder or one below it";
-        let scenes = Scenes::find(root.as_ref(), Self::is_scene, what)?;
-        Ok(Self { scenes, assumed_fov: None })
+        Ok(Self { scenes: Scenes::find(root.as_ref(), Self::is_scene, what)?, assumed_fov })
     }
 
     pub(super) fn is_scene(folder: &Path) -> bool {
         folder.join("image").is_dir() && folder.join("depth").is_dir()
-    }
-
-    /// With square pixels and this horizontal field of view, degrees, where the camera is not known.
-    #[must_use]
-    pub fn with_assumed_fov(mut self, degrees: impl Into<Option<f64>>) -> Self {
-        self.assumed_fov = degrees.into();
-        self
     }
 }
 
@@ -71,14 +52,12 @@ impl DataSet for SunRgbd {
         let image = read_image(only_file(&scene.join("image"), None, &["jpg", "jpeg", "png"])?)?.pixels;
         let depth_path = only_file(&scene.join("depth"), None, &["png"])?;
         let depth = read_sensor(&depth_path)?;
-        let (height, width, _) = image.dim();
-        same_size(&depth_path, depth.dim(), (height, width))?;
-        let file = scene.join(Self::FILE);
+        same_size(&depth_path, depth.dim(), image.dim())?;
+        let file = scene.join("intrinsics.txt");
         let assumed_camera = !file.is_file();
-        let camera = if assumed_camera {
-            assumed(self.assumed_fov, id, Self::FILE, width, height)?
-        } else {
-            read_intrinsics(&file, width, height)?
+        let camera = match assumed_camera {
+            true => assumed(self.assumed_fov, &file, depth.dim())?,
+            false => read_intrinsics(&file, depth.dim())?,
         };
         Ok(Sample { assumed_camera, trusted_depth: 8.0, ..Sample::new(id, image, depth, camera) })
     }
@@ -92,17 +71,11 @@ fn read_sensor(path: &Path) -> Result<Array2<f32>> {
 }
 
 /// Nine numbers, row by row: `fx 0 cx 0 fy cy 0 0 1`, with pixels counted from 1.
-fn read_intrinsics(path: &Path, width: usize, height: usize) -> Result<PinholeCamera> {
-    let text = read_text(path)?;
-    let numbers: Option<Vec<f64>> = text.split_whitespace().map(|word| word.parse().ok()).collect();
-    match numbers.as_deref() {
-        Some(&[fx, _, cx, _, fy, cy, _, _, _]) => {
-            let camera = PinholeCamera::new(fx, fy, cx - 1.0, cy - 1.0, width, height);
-            camera.map_err(|e| Error::Layout { path: path.to_owned(), reason: e.to_string() })
-        }
-        _ => {
-            let reason = "is no 3 x 3 matrix; nine numbers are needed: fx 0 cx, 0 fy cy, 0 0 1".into();
-            Err(Error::Layout { path: path.to_owned(), reason })
-        }
-    }
+fn read_intrinsics(path: &Path, (height, width): (usize, usize)) -> Result<PinholeCamera> {
+    let fault = |reason| Error::Layout { path: path.to_owned(), reason };
+    let numbers: Result<Vec<f64>, _> = read_text(path)?.split_whitespace().map(str::parse).collect();
+    let Ok(&[fx, _, cx, _, fy, cy, _, _, _]) = numbers.as_deref() else {
+        return Err(fault("is no 3 x 3 matrix; nine numbers are needed: fx 0 cx, 0 fy cy, 0 0 1".into()));
+    };
+    PinholeCamera::new(fx, fy, cx - 1.0, cy - 1.0, width, height).map_err(|e| fault(e.to_string()))
 }

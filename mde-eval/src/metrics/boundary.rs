@@ -27,39 +27,27 @@ pub fn boundary_f1(prediction: Map<'_>, truth: Map<'_>, mask: Mask<'_>) -> Resul
     same_shape("the prediction", prediction.dim(), truth.dim())?;
     same_shape("the mask", mask.dim(), truth.dim())?;
     if !mask.iter().any(|&keep| keep) {
-        return Err(Error::Empty { what: "the boundary F1" });
+        return Err(Error::Empty("the boundary F1"));
     }
-    let thresholds = ratios();
+    let thresholds: [f64; RATIOS] =
+        std::array::from_fn(|k| 1.05 + (1.25 - 1.05) * k as f64 / (RATIOS - 1) as f64);
     let counts = count_pairs(prediction, truth, mask, &thresholds);
     let total: f64 = thresholds.iter().sum();
     let score = |k: usize| {
-        let recall = 0.25 * counts.iter().map(|c| ratio(c.hits[k], c.truth[k])).sum::<f64>();
-        let precision = 0.25 * counts.iter().map(|c| ratio(c.hits[k], c.prediction[k])).sum::<f64>();
-        super::edges::harmonic(precision, recall)
+        let share = |of: usize| {
+            let shares = counts.iter().map(|count| count[k][HITS] as f64 / count[k][of].max(1) as f64);
+            0.25 * shares.sum::<f64>()
+        };
+        super::edges::harmonic(share(PREDICTED), share(TRUE))
     };
     Ok(thresholds.iter().enumerate().map(|(k, t)| t / total * score(k)).sum())
 }
 
-/// Boundaries above each ratio, for one direction.
-#[derive(Clone, Copy, Default)]
-struct Counts {
-    prediction: [u64; RATIOS],
-    truth: [u64; RATIOS],
-    hits: [u64; RATIOS],
-}
-
-impl Counts {
-    /// A pair that is a boundary for the first `prediction` (`truth`) ratios.
-    fn add(&mut self, prediction: usize, truth: usize) {
-        for (tally, level) in [
-            (&mut self.prediction, prediction),
-            (&mut self.truth, truth),
-            (&mut self.hits, prediction.min(truth)),
-        ] {
-            tally[..level].iter_mut().for_each(|count| *count += 1);
-        }
-    }
-}
+/// Boundaries above each ratio, for one direction: predicted, true and both.
+type Counts = [[u64; 3]; RATIOS];
+const PREDICTED: usize = 0;
+const TRUE: usize = 1;
+const HITS: usize = 2;
 
 /// Along the rows and the columns, each with the second pixel behind and in front.
 fn count_pairs(
@@ -74,25 +62,20 @@ fn count_pairs(
         for (axis, next) in [(y, x + 1), (y + 1, x)].into_iter().enumerate() {
             if mask[at] && mask.get(next).is_some_and(|keep| *keep) {
                 for (sign, (behind, front)) in [(next, at), (at, next)].into_iter().enumerate() {
-                    let steps = |map: Map<'_>| steps(map[behind], map[front], thresholds);
-                    counts[2 * axis + sign].add(steps(prediction), steps(truth));
+                    // How many of the thresholds the ratio of inverse depths exceeds.
+                    let [predicted, known] = [prediction, truth].map(|map| {
+                        let ratio =
+                            f64::from(map[behind].max(MIN_DEPTH)) / f64::from(map[front].max(MIN_DEPTH));
+                        thresholds.iter().take_while(|&&t| ratio > t).count()
+                    });
+                    for (k, count) in counts[2 * axis + sign].iter_mut().enumerate() {
+                        count[PREDICTED] += u64::from(k < predicted);
+                        count[TRUE] += u64::from(k < known);
+                        count[HITS] += u64::from(k < predicted.min(known));
+                    }
                 }
             }
         }
     }
     counts
-}
-
-/// How many of the thresholds the ratio of inverse depths \\(c_{front} / c_{behind}\\) exceeds.
-fn steps(behind: f32, front: f32, thresholds: &[f64; RATIOS]) -> usize {
-    let ratio = f64::from(behind.max(MIN_DEPTH)) / f64::from(front.max(MIN_DEPTH));
-    thresholds.iter().take_while(|&&t| ratio > t).count()
-}
-
-fn ratios() -> [f64; RATIOS] {
-    std::array::from_fn(|k| 1.05 + (1.25 - 1.05) * k as f64 / (RATIOS - 1) as f64)
-}
-
-fn ratio(hits: u64, of: u64) -> f64 {
-    hits as f64 / of.max(1) as f64
 }

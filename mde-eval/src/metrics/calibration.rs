@@ -5,7 +5,7 @@
 //! All functions here: [`Error::Length`](crate::Error::Length) where the lists differ, [`Error::Empty`](crate::Error::Empty) without
 //! pixels, [`Error::Value`](crate::Error::Value) for an error that is not finite or a sigma that is not positive and finite.
 
-use super::rank::expected;
+use super::sparsification::expected;
 use crate::Result;
 use crate::error::{self, check_lists, positive};
 use mde_uncertainty::normal::{FRAC_1_SQRT_PI, density, erf};
@@ -95,14 +95,10 @@ pub fn calibration_errors(errors: &[f64], sigma: &[f64]) -> Result<CalibrationEr
 ///     \mathrm{RMV}_b^2 = \operatorname{mean}_b s^2,\quad \mathrm{RMSE}_b^2 = \operatorname{mean}_b e^2 \\]
 pub fn ence(errors: &[f64], sigma: &[f64], bins: usize) -> Result<f64> {
     check(errors, sigma)?;
-    ence_in_order(errors, sigma, &Order::new(sigma)?, bins)
-}
-
-pub(crate) fn ence_in_order(errors: &[f64], sigma: &[f64], order: &Order, bins: usize) -> Result<f64> {
     error::check([("the number of ENCE bins", bins as f64, bins > 0, "use at least 1")])?;
     let square = |values: &[f64]| values.iter().map(|v| v * v).collect::<Vec<_>>();
-    let (squares, variances) = (square(errors), square(sigma));
-    let (squares, variances) = (expected(order, &squares), expected(order, &variances));
+    let order = Order::new(sigma)?;
+    let [squares, variances] = [errors, sigma].map(|values| expected(&order, &square(values)));
     let (n, bins) = (errors.len(), bins.min(errors.len()));
     let root_mean = |values: &[f64]| (values.iter().sum::<f64>() / values.len() as f64).sqrt();
     let total: f64 = (0..bins)
@@ -133,7 +129,6 @@ fn check(errors: &[f64], sigma: &[f64]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Error;
     use proptest::prelude::*;
 
     proptest! {
@@ -149,13 +144,5 @@ mod tests {
         fn crps_tends_to_the_absolute_error(e in -3.0..3.0_f64) {
             prop_assert!((crps(&[e], &[1e-9]).unwrap() - e.abs()).abs() < 1e-8);
         }
-    }
-
-    #[test]
-    fn faults_are_named() {
-        assert!(matches!(nll(&[1.0], &[0.0]), Err(Error::Value { what: "sigma", index: 0, .. })));
-        assert!(matches!(crps(&[f64::INFINITY], &[1.0]), Err(Error::Value { what: "the error", .. })));
-        assert!(matches!(ence(&[1.0], &[1.0], 0), Err(Error::Config { .. })));
-        assert!(matches!(coverage(&[], &[], 0.5), Err(Error::Empty { .. })));
     }
 }

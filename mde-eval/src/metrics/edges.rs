@@ -5,25 +5,8 @@
 
 use crate::Result;
 use crate::error::check;
-use crate::raster::{Map, Marked, Mask, dilate, erode, same_shape, sobel};
+use crate::raster::{Map, Mask, dilate, distance_to, erode, same_shape, sobel};
 use ndarray::{Array2, Zip};
-
-/// Precision, recall and F1 of one edge map against another.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct EdgeScore {
-    /// Share of the predicted edge pixels that are near a true one; 0 without predicted edges.
-    pub precision: f64,
-    /// Share of the true edge pixels that are near a predicted one; 0 without true edges.
-    pub recall: f64,
-    /// \\(2PR / (P + R)\\), 0 where both are 0.
-    pub f1: f64,
-}
-
-impl EdgeScore {
-    fn new(precision: f64, recall: f64) -> Self {
-        Self { precision, recall, f1: harmonic(precision, recall) }
-    }
-}
 
 /// \\(2PR / (P + R)\\), 0 where both are 0.
 pub(super) fn harmonic(precision: f64, recall: f64) -> f64 {
@@ -42,14 +25,21 @@ pub fn edges(map: Map<'_>, mask: Mask<'_>, threshold: f64) -> Result<Array2<bool
 }
 
 /// One point of an [`EdgeCurve`]: predicted edges are the pixels with a gradient of at least `threshold`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct EdgePoint {
     /// Gradient (gain 8) from which on a pixel is a predicted edge, in the map's unit.
     pub threshold: f64,
-    /// Precision at this threshold.
+    /// Share of the predicted edge pixels that are near a true one; 0 without predicted edges.
     pub precision: f64,
-    /// Recall at this threshold.
+    /// Share of the true edge pixels that are near a predicted one; 0 without true edges.
     pub recall: f64,
+}
+
+impl EdgePoint {
+    /// \\(2PR / (P + R)\\), 0 where both are 0.
+    pub fn f1(&self) -> f64 {
+        harmonic(self.precision, self.recall)
+    }
 }
 
 /// Precision and recall over every threshold of the prediction, the truth's edges fixed.
@@ -66,14 +56,14 @@ impl EdgeCurve {
     /// **F1max**: \\(\max_t F_1(t)\\), 0 where the prediction is flat. Over one image it is the "OIS" of the Berkeley benchmark, without
     /// thinning and one-to-one matching.
     pub fn f1_max(&self) -> f64 {
-        self.points.iter().map(|point| harmonic(point.precision, point.recall)).fold(0.0, f64::max)
+        self.points.iter().map(EdgePoint::f1).fold(0.0, f64::max)
     }
 
-    /// Precision, recall and F1 where the predicted edges are the gradients *above* `threshold`.
-    pub fn at(&self, threshold: f64) -> EdgeScore {
+    /// Precision and recall where the predicted edges are the gradients *above* `threshold`.
+    pub fn at(&self, threshold: f64) -> EdgePoint {
         let above = self.points.partition_point(|point| point.threshold > threshold);
         let point = above.checked_sub(1).and_then(|last| self.points.get(last));
-        point.map_or_else(EdgeScore::default, |point| EdgeScore::new(point.precision, point.recall))
+        EdgePoint { threshold, ..point.copied().unwrap_or_default() }
     }
 }
 
@@ -99,62 +89,40 @@ pub fn edge_curve(
     threshold: f64,
     tolerance: u32,
 ) -> Result<Option<EdgeCurve>> {
+    check([("the edge tolerance", tolerance.into(), tolerance <= 64, "use at most 64 pixels")])?;
     same_shape("the prediction", prediction.dim(), truth.dim())?;
-    let true_edges = Marked::new(edges(truth, mask, threshold)?);
-    EdgeSweep::new(prediction, mask, tolerance)?.curve(&true_edges)
-}
-
-/// What the curves of one prediction share: its gradients in order, and dilated by the tolerance.
-pub(crate) struct EdgeSweep {
-    gradient: Array2<f32>,
-    /// Pixels by falling gradient, flat ones left out.
-    order: Vec<u32>,
-    tolerance: u32,
-    dilated: Array2<f32>,
-}
-
-impl EdgeSweep {
-    pub(crate) fn new(prediction: Map<'_>, mask: Mask<'_>, tolerance: u32) -> Result<Self> {
-        check([("the edge tolerance", tolerance.into(), tolerance <= 64, "use at most 64 pixels")])?;
-        let gradient = masked_gradient(prediction, mask)?;
-        // Positive floats are in order as their bits are; with the index beside them, they sort as one word.
-        let key = |(&g, at): (&f32, u32)| u64::from(!g.to_bits()) << 32 | u64::from(at);
-        let mut keyed: Vec<u64> = gradient.iter().zip(0..).filter(|(g, _)| **g > 0.0).map(key).collect();
-        keyed.sort_unstable();
-        let order = keyed.into_iter().map(|key| key as u32).collect();
-        Ok(Self { order, dilated: dilate(gradient.view(), tolerance), gradient, tolerance })
+    let true_edges = edges(truth, mask, threshold)?;
+    let total = true_edges.iter().filter(|&&edge| edge).count();
+    if total == 0 {
+        return Ok(None);
     }
-
-    pub(crate) fn curve(&self, true_edges: &Marked) -> Result<Option<EdgeCurve>> {
-        same_shape("the edge map", true_edges.pixels.dim(), self.gradient.dim())?;
-        let total = true_edges.count;
-        if total == 0 {
-            return Ok(None);
+    let gradient = masked_gradient(prediction, mask)?;
+    // A true edge is found once the threshold falls to the steepest predicted gradient within the tolerance.
+    let steepest = dilate(gradient.view(), tolerance);
+    let reached = true_edges.iter().zip(&steepest).filter(|&(&edge, &g)| edge && g > 0.0);
+    let mut found_at: Vec<f32> = reached.map(|(_, &g)| g).collect();
+    found_at.sort_unstable_by(|a, b| b.total_cmp(a));
+    // Gradients with the distance to the true edges, the steepest first; flat pixels are no edges.
+    let distance = distance_to(true_edges.view());
+    let sloped = gradient.iter().zip(&distance).filter(|(g, _)| **g > 0.0);
+    let mut falling: Vec<(f32, f64)> = sloped.map(|(&g, &d)| (g, d)).collect();
+    falling.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+    let mut points = Vec::new();
+    let (mut predicted, mut hits, mut found) = (0, 0, 0);
+    for tied in falling.chunk_by(|a, b| a.0 == b.0) {
+        let threshold = tied[0].0;
+        predicted += tied.len();
+        hits += tied.iter().filter(|(_, distance)| *distance <= f64::from(tolerance)).count();
+        while found_at.get(found).is_some_and(|&g| g >= threshold) {
+            found += 1;
         }
-        // A true edge is found once the threshold falls to the steepest predicted gradient within the tolerance.
-        let steepest = true_edges.pixels.iter().zip(&self.dilated);
-        let mut found_at: Vec<f32> =
-            steepest.filter(|&(&edge, &g)| edge && g > 0.0).map(|(_, &g)| g).collect();
-        found_at.sort_unstable_by(|a, b| b.total_cmp(a));
-        let gradient: Vec<f32> = self.gradient.iter().copied().collect();
-        let near: Vec<bool> = true_edges.distance.iter().map(|d| *d <= f64::from(self.tolerance)).collect();
-        let mut points = Vec::new();
-        let (mut predicted, mut hits, mut found) = (0, 0, 0);
-        for tied in self.order.chunk_by(|&a, &b| gradient[a as usize] == gradient[b as usize]) {
-            let threshold = gradient[tied[0] as usize];
-            predicted += tied.len();
-            hits += tied.iter().filter(|&&at| near[at as usize]).count();
-            while found_at.get(found).is_some_and(|&g| g >= threshold) {
-                found += 1;
-            }
-            points.push(EdgePoint {
-                threshold: f64::from(threshold),
-                precision: share(hits, predicted),
-                recall: share(found, total),
-            });
-        }
-        Ok(Some(EdgeCurve { points }))
+        points.push(EdgePoint {
+            threshold: f64::from(threshold),
+            precision: share(hits, predicted),
+            recall: share(found, total),
+        });
     }
+    Ok(Some(EdgeCurve { points }))
 }
 
 /// Sobel gradient where the whole window lies in the mask, 0 elsewhere.
@@ -173,7 +141,6 @@ fn share(part: usize, of: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::raster::distance_to;
     use proptest::prelude::*;
 
     fn count(edges: &Array2<bool>) -> usize {
@@ -207,9 +174,10 @@ mod tests {
             let found = |e: &Array2<bool>, by: &Array2<bool>| {
                 share(e.iter().zip(&near(by)).filter(|&(&e, &n)| e && n).count(), count(e))
             };
-            let expected = EdgeScore::new(found(&predicted, &true_edges), found(&true_edges, &predicted));
+            let (precision, recall) = (found(&predicted, &true_edges), found(&true_edges, &predicted));
+            let expected = EdgePoint { threshold: t, precision, recall };
             prop_assert_eq!(curve.at(t), expected);
-            prop_assert!(curve.f1_max() >= expected.f1);
+            prop_assert!(curve.f1_max() >= expected.f1());
         }
 
         #[test]

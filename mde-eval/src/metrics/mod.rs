@@ -1,17 +1,5 @@
 //! The metrics, one function each, with its equation and its source.
 //!
-//! | module | takes | metrics |
-//! | --- | --- | --- |
-//! | [`depth`] | two lists of depths | MSE, RMSE, AbsRel, SqRel, log10, RMSE log, SILog, iRMSE, \\(\delta_k\\) |
-//! | [`sharpness`] | maps and a mask | mean gradient, over all pixels, near true edges and away from them |
-//! | [`edges`] | maps and a mask | edge F1 at a fixed threshold, F1max over all thresholds |
-//! | [`boundary`] | maps and a mask | scale-invariant boundary F1 (Depth Pro) |
-//! | [`dbe`] | edge maps | depth boundary errors: accuracy and completeness (iBims-1) |
-//! | [`superpixel`] | maps and a mask | order of neighbouring superpixels: D3R |
-//! | [`rank`] | two lists | average ranks, Spearman's correlation |
-//! | [`sparsification`] | costs and sigmas | AUSE and AURG, both published definitions; errors by uncertainty percentile |
-//! | [`calibration`] | errors and sigmas | NLL, CRPS, coverage, calibration error, ENCE, mean \\(z^2\\) |
-//!
 //! Depths are z-depths in one unit (metres, where a threshold is in metres), already aligned
 //! ([`align`](crate::align)). An error is *prediction minus truth*. Ties are averaged, never broken by index.
 
@@ -20,7 +8,6 @@ pub mod calibration;
 pub mod dbe;
 pub mod depth;
 pub mod edges;
-pub mod rank;
 pub mod sharpness;
 pub mod sparsification;
 pub mod superpixel;
@@ -34,4 +21,35 @@ fn depth_range(map: Map<'_>, mask: Mask<'_>) -> Option<(f32, f32)> {
         None => Some((v, v)),
         Some((low, high)) => Some((v.min(low), v.max(high))),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{calibration, depth, sharpness, sparsification};
+    use crate::Error;
+    use ndarray::Array2;
+    use sparsification::{Reduction, costs_by_uncertainty, sparsify};
+
+    #[test]
+    fn faults_are_named() {
+        assert!(matches!(depth::mse(&[1.0], &[1.0, 2.0]), Err(Error::Length { found: 1, expected: 2, .. })));
+        assert!(matches!(depth::mse(&[], &[]), Err(Error::Empty(_))));
+        assert!(matches!(depth::silog(&[1.0, -1.0], &[1.0, 2.0]), Err(Error::Value { index: 1, .. })));
+        assert!(matches!(depth::abs_rel(&[1.0], &[f64::NAN]), Err(Error::Value { index: 0, .. })));
+        assert!(matches!(
+            calibration::nll(&[1.0], &[0.0]),
+            Err(Error::Value { what: "sigma", index: 0, .. })
+        ));
+        let infinite = calibration::crps(&[f64::INFINITY], &[1.0]);
+        assert!(matches!(infinite, Err(Error::Value { what: "the error", .. })));
+        assert!(matches!(calibration::ence(&[1.0], &[1.0], 0), Err(Error::Config { .. })));
+        assert!(matches!(calibration::coverage(&[], &[], 0.5), Err(Error::Empty(_))));
+        assert!(matches!(sparsify(&[1.0], &[], Reduction::Mean), Err(Error::Length { .. })));
+        assert!(matches!(sparsify(&[], &[], Reduction::Mean), Err(Error::Empty(_))));
+        let negative = sparsify(&[1.0, -1.0], &[1.0, 2.0], Reduction::Mean);
+        assert!(matches!(negative, Err(Error::Value { index: 1, .. })));
+        assert!(matches!(costs_by_uncertainty(&[1.0], &[1.0], 0), Err(Error::Config { .. })));
+        let (map, none) = (Array2::ones((4, 4)), Array2::from_elem((4, 4), false));
+        assert!(matches!(sharpness::sharpness(map.view(), none.view()), Err(Error::Empty(_))));
+    }
 }

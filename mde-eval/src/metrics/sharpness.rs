@@ -6,7 +6,7 @@
 use crate::raster::{Map, Mask, distance_to, erode, gather, same_shape, sobel};
 use crate::{Error, Result};
 use mde_uncertainty::statistics::median;
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, Zip};
 
 /// Mean gradient of the map over its median depth, per pixel:
 ///
@@ -19,9 +19,8 @@ use ndarray::{Array2, ArrayView2, Zip};
 /// [`Error::Shape`] where map and mask differ, [`Error::Empty`] where no pixel is left, [`Error::Value`] where the median
 /// is not positive.
 pub fn sharpness(map: Map<'_>, mask: Mask<'_>) -> Result<f64> {
-    split(map, mask, Array2::from_elem(mask.dim(), true).view())?
-        .0
-        .ok_or(Error::Empty { what: "the sharpness" })
+    let everywhere = Array2::from_elem(mask.dim(), true);
+    split(map, mask, &everywhere)?.on.ok_or(Error::Empty("the sharpness"))
 }
 
 /// [`sharpness`] near true edges and away from them.
@@ -41,25 +40,12 @@ pub struct EdgeSplit {
 /// As [`sharpness`].
 pub fn sharpness_by_edges(map: Map<'_>, mask: Mask<'_>, edges: Mask<'_>, band: f64) -> Result<EdgeSplit> {
     same_shape("the edge map", edges.dim(), mask.dim())?;
-    sharpness_by_distance(map, mask, distance_to(edges).view(), band)
+    split(map, mask, &distance_to(edges).mapv(|d| d <= band))
 }
 
-/// [`sharpness_by_edges`] with the distance to them.
-pub(crate) fn sharpness_by_distance(
-    map: Map<'_>,
-    mask: Mask<'_>,
-    to_edges: ArrayView2<'_, f64>,
-    band: f64,
-) -> Result<EdgeSplit> {
-    same_shape("the edge map", to_edges.dim(), mask.dim())?;
-    let near = to_edges.mapv(|d| d <= band);
-    let (on, off) = split(map, mask, near.view())?;
-    Ok(EdgeSplit { on, off })
-}
-
-fn split(map: Map<'_>, mask: Mask<'_>, near: Mask<'_>) -> Result<(Option<f64>, Option<f64>)> {
+fn split(map: Map<'_>, mask: Mask<'_>, near: &Array2<bool>) -> Result<EdgeSplit> {
     same_shape("the prediction", map.dim(), mask.dim())?;
-    let middle = median(gather(map, mask)).ok_or(Error::Empty { what: "the sharpness" })?;
+    let middle = median(gather(map, mask)).ok_or(Error::Empty("the sharpness"))?;
     if !(middle > 0.0 && middle.is_finite()) {
         let (what, expected) = ("the median depth", "positive and finite");
         return Err(Error::Value { what, index: 0, value: middle, expected });
@@ -75,18 +61,5 @@ fn split(map: Map<'_>, mask: Mask<'_>, near: Mask<'_>) -> Result<(Option<f64>, O
         }
     });
     let mean = |(sum, count): (f64, usize)| (count > 0).then(|| sum / count as f64 / (8.0 * middle));
-    Ok((mean(sums[0]), mean(sums[1])))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use ndarray::Array2;
-
-    #[test]
-    fn nothing_to_score_is_an_error() {
-        let map = Array2::ones((4, 4));
-        let none = Array2::from_elem((4, 4), false);
-        assert!(matches!(sharpness(map.view(), none.view()), Err(Error::Empty { .. })));
-    }
+    Ok(EdgeSplit { on: mean(sums[0]), off: mean(sums[1]) })
 }

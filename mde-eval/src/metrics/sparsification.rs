@@ -6,10 +6,9 @@
 //! sigma leave together: their mean stands for each of them, which is the expectation over how ties are broken. A
 //! constant sigma therefore gives the random curve and not an accident of the pixels' order.
 
-use super::rank::{expected, spearman};
 use crate::Result;
 use crate::error::{self, List, check_lists};
-use mde_uncertainty::statistics::Order;
+use mde_uncertainty::statistics::{Order, spearman};
 
 /// How the kept costs become one number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,8 +64,15 @@ impl Sparsification {
 /// [`Error::Length`](crate::Error::Length) where the lists differ, [`Error::Empty`](crate::Error::Empty) without pixels,
 /// [`Error::Value`](crate::Error::Value) for a NaN or a negative cost.
 pub fn sparsify(costs: &[f64], sigma: &[f64], reduction: Reduction) -> Result<Sparsification> {
-    let order = Order::new(sigma)?;
-    Costs::new(costs, sigma, &order)?.normalised(reduction)
+    let removed: Vec<f64> = (0..100).map(|k| f64::from(k) * 0.01).collect();
+    let kept = removed.iter().map(|r| (((1.0 - r) * costs.len() as f64) as usize).max(1));
+    let mut curves = curves((costs, sigma), reduction, removed.clone(), kept)?;
+    let largest = curves.by_sigma.iter().chain(&curves.oracle).copied().fold(0.0, f64::max);
+    if largest > 0.0 {
+        let values = curves.by_sigma.iter_mut().chain(&mut curves.oracle);
+        values.chain([&mut curves.random]).for_each(|value| *value /= largest);
+    }
+    Ok(curves)
 }
 
 /// AUSE's and AURG's curves after Poggi et al., "On the uncertainty of self-supervised monocular depth estimation" (CVPR 2020;
@@ -79,68 +85,36 @@ pub fn sparsify(costs: &[f64], sigma: &[f64], reduction: Reduction) -> Result<Sp
 /// # Errors
 /// As [`sparsify`].
 pub fn sparsify_poggi(costs: &[f64], sigma: &[f64], reduction: Reduction) -> Result<Sparsification> {
-    let order = Order::new(sigma)?;
-    Costs::new(costs, sigma, &order)?.poggi(reduction)
+    const INTERVALS: usize = 50;
+    let n = costs.len();
+    let removed = (0..=INTERVALS).map(|k| k as f64 / INTERVALS as f64).collect();
+    // NumPy's percentile sits at (n - 1) k / 50 in the sorted list; those at or above it stay.
+    let kept = (0..INTERVALS).map(|k| n - ((n - 1) * k).div_ceil(INTERVALS));
+    let mut curves = curves((costs, sigma), reduction, removed, kept)?;
+    curves.by_sigma.push(0.0);
+    curves.oracle.push(0.0);
+    Ok(curves)
 }
 
-/// Running sums of costs in order of sigma and in their own.
-pub(crate) struct Costs {
-    by_sigma: Vec<f64>,
-    oracle: Vec<f64>,
-}
-
-impl Costs {
-    pub(crate) fn new(costs: &[f64], sigma: &[f64], order: &Order) -> Result<Self> {
-        let mut own = costs.to_vec();
-        own.sort_unstable_by(f64::total_cmp);
-        Self::with_sorted(costs, sigma, order, &own)
-    }
-
-    /// With the costs in rising order, too.
-    pub(crate) fn with_sorted(costs: &[f64], sigma: &[f64], order: &Order, own: &[f64]) -> Result<Self> {
-        check(costs, sigma)?;
-        Ok(Self { by_sigma: running_sums(&expected(order, costs)), oracle: running_sums(own) })
-    }
-
-    pub(crate) fn normalised(&self, reduction: Reduction) -> Result<Sparsification> {
-        let n = self.oracle.len() - 1;
-        let removed: Vec<f64> = (0..100).map(|k| f64::from(k) * 0.01).collect();
-        let kept = removed.iter().map(|r| (((1.0 - r) * n as f64) as usize).max(1));
-        let mut curves = self.curves(removed.clone(), kept, reduction);
-        let largest = curves.by_sigma.iter().chain(&curves.oracle).copied().fold(0.0, f64::max);
-        if largest > 0.0 {
-            let values = curves.by_sigma.iter_mut().chain(&mut curves.oracle);
-            values.chain([&mut curves.random]).for_each(|value| *value /= largest);
-        }
-        Ok(curves)
-    }
-
-    pub(crate) fn poggi(&self, reduction: Reduction) -> Result<Sparsification> {
-        const INTERVALS: usize = 50;
-        let n = self.oracle.len() - 1;
-        let removed = (0..=INTERVALS).map(|k| k as f64 / INTERVALS as f64).collect();
-        // NumPy's percentile sits at (n - 1) k / 50 in the sorted list; those at or above it stay.
-        let kept = (0..INTERVALS).map(|k| n - ((n - 1) * k).div_ceil(INTERVALS));
-        let mut curves = self.curves(removed, kept, reduction);
-        curves.by_sigma.push(0.0);
-        curves.oracle.push(0.0);
-        Ok(curves)
-    }
-
-    fn curves(
-        &self,
-        removed: Vec<f64>,
-        kept: impl Iterator<Item = usize> + Clone,
-        reduction: Reduction,
-    ) -> Sparsification {
-        let left = |sums: &[f64], kept: usize| reduction.of(sums[kept] / kept as f64);
-        Sparsification {
-            removed,
-            by_sigma: kept.clone().map(|k| left(&self.by_sigma, k)).collect(),
-            oracle: kept.map(|k| left(&self.oracle, k)).collect(),
-            random: left(&self.oracle, self.oracle.len() - 1),
-        }
-    }
+/// The curves over the first `kept` pixels in order of sigma and of cost.
+fn curves(
+    (costs, sigma): (&[f64], &[f64]),
+    reduction: Reduction,
+    removed: Vec<f64>,
+    kept: impl Iterator<Item = usize> + Clone,
+) -> Result<Sparsification> {
+    check(costs, sigma)?;
+    let mut sorted = costs.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let by_sigma = running_sums(&expected(&Order::new(sigma)?, costs));
+    let oracle = running_sums(&sorted);
+    let left = |sums: &[f64], kept: usize| reduction.of(sums[kept] / kept as f64);
+    Ok(Sparsification {
+        removed,
+        by_sigma: kept.clone().map(|k| left(&by_sigma, k)).collect(),
+        oracle: kept.map(|k| left(&oracle, k)).collect(),
+        random: left(&oracle, costs.len()),
+    })
 }
 
 /// Mean sigma and mean cost of one percentile bin of the uncertainty.
@@ -161,13 +135,10 @@ pub struct UncertaintyBin {
 /// As [`sparsify`]; [`Error::Config`](crate::Error::Config) for 0 bins.
 pub fn costs_by_uncertainty(costs: &[f64], sigma: &[f64], bins: usize) -> Result<Vec<UncertaintyBin>> {
     check(costs, sigma)?;
-    bin(costs, sigma, &Order::new(sigma)?, bins)
-}
-
-pub(crate) fn bin(costs: &[f64], sigma: &[f64], order: &Order, bins: usize) -> Result<Vec<UncertaintyBin>> {
     error::check([("bins", bins as f64, bins > 0, "use at least 1")])?;
     let (n, bins) = (costs.len(), bins.min(costs.len()));
-    let (sigma, costs) = (expected(order, sigma), expected(order, costs));
+    let order = Order::new(sigma)?;
+    let (sigma, costs) = (expected(&order, sigma), expected(&order, costs));
     // About the first value: the mean of equal values is that value, and bins of ties are ties.
     let mean =
         |values: &[f64]| values[0] + values.iter().map(|v| v - values[0]).sum::<f64>() / values.len() as f64;
@@ -196,6 +167,17 @@ fn check(costs: &[f64], sigma: &[f64]) -> Result<()> {
     check_lists("the sparsification", [any, costs])
 }
 
+/// `costs` in the order of a key, with the mean over each run of equal keys in place of its members: the expectation when
+/// ties are broken at random.
+pub(super) fn expected(order: &Order, costs: &[f64]) -> Vec<f64> {
+    let mut out = Vec::with_capacity(costs.len());
+    for tied in order.ties() {
+        let mean = tied.iter().map(|&at| costs[at as usize]).sum::<f64>() / tied.len() as f64;
+        out.extend(std::iter::repeat_n(mean, tied.len()));
+    }
+    out
+}
+
 /// Sums of the first 0, 1, 2, ... values.
 fn running_sums(values: &[f64]) -> Vec<f64> {
     let mut total = 0.0;
@@ -213,7 +195,6 @@ fn trapezoid(x: &[f64], y: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Error;
     use proptest::prelude::*;
 
     fn both(costs: &[f64], sigma: &[f64], reduction: Reduction) -> [Sparsification; 2] {
@@ -270,15 +251,6 @@ mod tests {
                 prop_assert!(spearman_of_bins(&bins).unwrap().is_none_or(|rho| rho > 1.0 - 1e-12));
             }
         }
-    }
-
-    #[test]
-    fn faults_are_named() {
-        assert!(matches!(sparsify(&[1.0], &[], Reduction::Mean), Err(Error::Length { .. })));
-        assert!(matches!(sparsify(&[], &[], Reduction::Mean), Err(Error::Empty { .. })));
-        let negative = sparsify(&[1.0, -1.0], &[1.0, 2.0], Reduction::Mean);
-        assert!(matches!(negative, Err(Error::Value { index: 1, .. })));
-        assert!(matches!(costs_by_uncertainty(&[1.0], &[1.0], 0), Err(Error::Config { .. })));
     }
 
     #[test]

@@ -18,23 +18,6 @@ pub(crate) fn distance_to(features: Mask<'_>) -> Array2<f64> {
     squared.mapv_into(f64::sqrt)
 }
 
-/// Marked pixels, such as edges, with the distance to them.
-pub(crate) struct Marked {
-    /// `[height, width]`.
-    pub(crate) pixels: Array2<bool>,
-    /// Pixels to the nearest marked one, infinite where none is.
-    pub(crate) distance: Array2<f64>,
-    pub(crate) count: usize,
-}
-
-impl Marked {
-    pub(crate) fn new(pixels: Array2<bool>) -> Self {
-        let distance = distance_to(pixels.view());
-        let count = pixels.iter().filter(|&&marked| marked).count();
-        Self { pixels, distance, count }
-    }
-}
-
 /// Scratch of the one-dimensional transform \\(d(x) = \min_q (x - q)^2 + f(q)\\).
 #[derive(Default)]
 struct Envelope {

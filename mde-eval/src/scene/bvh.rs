@@ -1,14 +1,13 @@
 //! A bounding-volume hierarchy over the bodies of a room.
 
-use super::shape::Vector;
-use super::solid::{Body, Contact, NEAREST, Ray};
+use super::solid::{Body, Contact, NEAREST, Ray, Vector};
 
 /// Bodies a leaf holds at most.
 const LEAF: usize = 3;
 
 #[derive(Debug, Clone)]
 pub(super) struct Hierarchy {
-    bodies: Vec<Body>,
+    pub(super) bodies: Vec<Body>,
     nodes: Vec<Node>,
 }
 
@@ -45,11 +44,11 @@ impl Hierarchy {
         best
     }
 
-    /// Whether anything stands in the way before `limit`.
+    /// Whether anything casts a shadow from before `limit`.
     pub(super) fn blocked(&self, ray: &Ray, limit: f64) -> bool {
         let mut hit = false;
         self.visit(ray, limit, |body, limit| {
-            if body.meet(ray, limit).is_some() {
+            if body.material.casts_shadow && body.meet(ray, limit).is_some() {
                 hit = true;
                 // Nothing lies before 0: the search ends.
                 return Some(0.0);
@@ -183,11 +182,4 @@ fn bounds_of(bodies: &[Body]) -> (Vector, Vector) {
 fn middle(body: &Body, axis: usize) -> f64 {
     let (a, b) = body.bounds();
     a[axis] + b[axis]
-}
-
-#[cfg(test)]
-impl Hierarchy {
-    pub(super) fn bodies(&self) -> &[Body] {
-        &self.bodies
-    }
 }

@@ -9,15 +9,12 @@ mod bvh;
 mod furniture;
 mod noise;
 mod render;
-mod room;
 mod rooms;
-mod shape;
 mod solid;
 mod stage;
 mod texture;
 mod views;
 
-pub use room::Room;
 pub use views::CaptureConfig;
 
 use crate::Result;
@@ -25,6 +22,47 @@ use bvh::Hierarchy;
 use mde_warp::{PinholeCamera, Pose};
 use ndarray::{Array2, Array3};
 use render::{Eye, Model};
+use serde::Serialize;
+use std::fmt;
+
+/// The rooms there are, shown as `study`, `living-room` and so on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Room {
+    /// A desk with a chair, a lamp on a thin pole, bookcase and wall shelves.
+    Study,
+    /// A sofa, coffee table, floor lamp, window with curtains.
+    LivingRoom,
+    /// Cupboards, a breakfast table with chairs and stools, hanging lamps.
+    Kitchen,
+    /// A long corridor with doors, radiator, bench and coat stand.
+    Corridor,
+    /// A bench under a board of tools, a ladder, planks on trestles, steel shelves with boxes.
+    Workshop,
+    /// Two desks with screens, swivel chairs, blinds and cabinets.
+    Office,
+    /// A bed with a barred headboard, wardrobe, bedside lamps.
+    Bedroom,
+}
+
+impl Room {
+    /// All rooms.
+    pub const ALL: [Self; 7] = [
+        Self::Study,
+        Self::LivingRoom,
+        Self::Kitchen,
+        Self::Corridor,
+        Self::Workshop,
+        Self::Office,
+        Self::Bedroom,
+    ];
+}
+
+impl fmt::Display for Room {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
+    }
+}
 
 /// An image with its exact depth.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,11 +91,8 @@ impl World {
     /// None for the rooms there are; a camera fault would be passed on.
     pub fn new(room: Room, seed: u64) -> Result<Self> {
         let setting = rooms::furnish(room, seed);
-        let bodies = setting.stage.bodies;
-        let casters = bodies.iter().filter(|body| body.material.casts_shadow).cloned().collect();
         let model = Model {
-            casters: Hierarchy::new(casters),
-            bodies: Hierarchy::new(bodies),
+            bodies: Hierarchy::new(setting.stage.bodies),
             lights: setting.lights,
             ambient: setting.ambient,
             exposure: 1.0,
@@ -95,15 +130,6 @@ impl World {
 
 /// A room rendered from its own camera, `width` by `height` pixels.
 ///
-/// ```
-/// use mde_eval::scene::{Room, room};
-///
-/// let study = room(Room::Study, 1, 64, 48)?;
-/// assert_eq!(study.image.dim(), (48, 64, 3));
-/// assert!(study.depth.iter().all(|&d| d > 0.3 && d < 12.0));
-/// # Ok::<(), mde_eval::Error>(())
-/// ```
-///
 /// # Errors
 /// [`Error::Camera`](crate::Error::Camera) for an empty image.
 pub fn room(room: Room, seed: u64, width: usize, height: usize) -> Result<Scene> {
@@ -124,7 +150,7 @@ mod tests {
             let camera = world.camera(24, 18).unwrap();
             for (y, x) in (0..18).flat_map(|y| (0..24).map(move |x| (y, x))) {
                 let ray: Ray = world.eye.ray(&camera, f64::from(x), f64::from(y));
-                let bodies = world.model.bodies.bodies().iter();
+                let bodies = world.model.bodies.bodies.iter();
                 let all = bodies.filter_map(|body| body.meet(&ray, f64::INFINITY)).map(|c| c.t);
                 let expected = all.fold(f64::INFINITY, f64::min);
                 let found = world.model.bodies.nearest(&ray, f64::INFINITY).map(|(_, contact)| contact.t);

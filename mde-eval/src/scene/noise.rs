@@ -1,6 +1,6 @@
 //! Value noise from an integer hash.
 
-use super::shape::Vector;
+use super::solid::Vector;
 
 /// A number in 0 to 1 for a lattice point.
 pub(super) fn lattice(x: i64, y: i64, z: i64) -> f64 {

@@ -3,8 +3,7 @@
 
 use super::bvh::Hierarchy;
 use super::noise::lattice;
-use super::shape::Vector;
-use super::solid::{Body, Contact, Ray};
+use super::solid::{Body, Contact, Ray, Vector};
 use super::texture::Colour;
 use mde_warp::{PinholeCamera, Pose};
 use ndarray::{Array2, Array3};
@@ -27,8 +26,6 @@ pub(super) struct Light {
 #[derive(Debug, Clone)]
 pub(super) struct Model {
     pub(super) bodies: Hierarchy,
-    /// Those of them that cast shadows.
-    pub(super) casters: Hierarchy,
     pub(super) lights: Vec<Light>,
     pub(super) ambient: Colour,
     pub(super) exposure: f64,
@@ -135,7 +132,7 @@ impl Model {
                 continue;
             }
             let shadow = Ray { origin: point, direction: towards };
-            if self.casters.blocked(&shadow, distance) {
+            if self.bodies.blocked(&shadow, distance) {
                 continue;
             }
             light += lamp.colour * (facing / (distance * distance + 0.05));

@@ -1,11 +1,23 @@
 //! Solids, and where a ray first meets them, in closed form.
 
-use super::shape::{Shape, Vector};
 use super::texture::Material;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
+
+pub(super) type Vector = Vector3<f64>;
 
 /// Hits nearer than this (along a ray whose direction has length about 1) are the surface that the ray starts from.
 pub(super) const NEAREST: f64 = 1e-6;
+
+/// A solid in its own frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Shape {
+    /// A box about the origin, by its half sizes.
+    Block(Vector),
+    /// A capped cone along z from the origin; a cylinder where the radii agree.
+    Frustum { length: f64, bottom: f64, top: f64 },
+    /// An ellipsoid about the origin, by its radii.
+    Ellipsoid(Vector),
+}
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Ray {

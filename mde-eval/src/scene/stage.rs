@@ -1,7 +1,6 @@
 //! Putting solids into a room. Room coordinates: x right, y into the room, z up, in metres, floor at 0.
 
-use super::shape::{Shape, Vector};
-use super::solid::Body;
+use super::solid::{Body, Shape, Vector};
 use super::texture::{Colour, Material, Texture, rgb};
 use mde_uncertainty::random::CounterRng;
 use nalgebra::{Matrix3, Rotation3};

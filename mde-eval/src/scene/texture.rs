@@ -1,7 +1,7 @@
 //! What surfaces look like.
 
 use super::noise::{fractal, lattice, value};
-use super::shape::{Shape, Vector};
+use super::solid::{Shape, Vector};
 
 /// A linear colour.
 pub(super) type Colour = Vector;

@@ -1,7 +1,7 @@
 use super::map::DepthMap;
 use super::sigma::SigmaMap;
 use crate::Result;
-use crate::metrics::calibration::{coverage, crps, ence_in_order, mean_z2, nll, rms_sigma};
+use crate::metrics::calibration::{coverage, crps, ence, mean_z2, nll, rms_sigma};
 use crate::metrics::depth;
 use crate::metrics::sparsification::spearman_of_bins;
 
@@ -90,20 +90,13 @@ pub(super) enum Of {
     /// Aligned and true depths, as lists.
     Depths(fn(&[f64], &[f64]) -> Result<f64>),
     /// What several metrics of the aligned map share; nothing where the metric is not defined, as in a scene without edges.
-    Shared(fn(&DepthMap<'_>) -> Result<Option<f64>>),
+    Shared(fn(&DepthMap) -> Result<Option<f64>>),
     /// Errors and their sigmas, as lists.
     Errors(fn(&[f64], &[f64]) -> Result<f64>),
     /// What several metrics of sigma share.
     Sigma(fn(&SigmaMap) -> Result<Option<f64>>),
     /// Not one map alone: [`Entry`](crate::table::Entry) is given it.
     Evaluation,
-}
-
-impl Metric {
-    /// The metric of that key.
-    pub fn named(key: &str) -> Option<&'static Self> {
-        METRICS.iter().find(|metric| metric.key == key)
-    }
 }
 
 const fn shown(key: &'static str, label: &'static str, better: Better, group: Group, of: Of) -> Metric {
@@ -135,7 +128,7 @@ pub const METRICS: &[Metric] = &[
     more("delta3", Higher, Depth, Depths(|p, g| depth::delta(p, g, 3))),
     shown("f1_max@0.25m_r1", "F1max, 0.25 m", Higher, Edges, Shared(|m| Ok(m.edges[0].f1_max))),
     shown("f1_max@0.5m_r1", "F1max, 0.5 m", Higher, Edges, Shared(|m| Ok(m.edges[1].f1_max))),
-    shown("boundary_f1", "boundary F1", Higher, Edges, Shared(|m| m.boundary_f1().map(Some))),
+    shown("boundary_f1", "boundary F1", Higher, Edges, Shared(|m| Ok(Some(m.boundary_f1)))),
     more("dbe_accuracy", Lower, Edges, Shared(|m| Ok(m.boundaries.map(|e| e.accuracy)))),
     shown(
         "dbe_completeness",
@@ -147,11 +140,11 @@ pub const METRICS: &[Metric] = &[
     shown("d3r", "D3R", Lower, Edges, Shared(|m| Ok(m.d3r))),
     shown("sharpness_on", "sharp on edges", Neither, Gradient, Shared(|m| Ok(m.split.on))),
     shown("sharpness_off", "sharp off edges", Neither, Gradient, Shared(|m| Ok(m.split.off))),
-    shown("sharpness", "sharpness", Neither, Gradient, Shared(|m| Ok(m.sharpness().ok()))),
+    shown("sharpness", "sharpness", Neither, Gradient, Shared(|m| Ok(m.sharpness))),
     shown("f1@0.25m_r1", "F1, 0.25 m", Neither, Gradient, Shared(|m| Ok(Some(m.edges[0].f1)))),
     shown("f1@0.5m_r1", "F1, 0.5 m", Neither, Gradient, Shared(|m| Ok(Some(m.edges[1].f1)))),
     shown("spearman", "Spearman", Higher, Ranking, Sigma(|s| Ok(s.spearman))),
-    shown("spearman_binned", "Spearman, 100 bins", Higher, Ranking, Sigma(|s| spearman_of_bins(&s.bins()?))),
+    shown("spearman_binned", "Spearman, 100 bins", Higher, Ranking, Sigma(|s| spearman_of_bins(&s.bins))),
     shown("ause_mae", "AUSE, MAE", Lower, Ranking, Sigma(|s| Ok(Some(s.mae.ause())))),
     shown("ause_rmse", "AUSE, RMSE", Lower, Ranking, Sigma(|s| Ok(Some(s.rmse.ause())))),
     shown(
@@ -172,13 +165,7 @@ pub const METRICS: &[Metric] = &[
     shown("nll", "NLL", Lower, Calibration, Errors(nll)),
     shown("crps", "CRPS, m", Lower, Calibration, Errors(crps)),
     shown("mean_z2", "mean z² (above 1: sigma too small)", Near(1.0), Calibration, Errors(mean_z2)),
-    shown(
-        "ence",
-        "ENCE",
-        Lower,
-        Calibration,
-        Sigma(|s| ence_in_order(&s.errors, &s.sigma, &s.order, ENCE_BINS).map(Some)),
-    ),
+    shown("ence", "ENCE", Lower, Calibration, Errors(|e, s| ence(e, s, ENCE_BINS))),
     more("mace", Lower, Calibration, Sigma(|s| Ok(Some(s.calibration.mean)))),
     more("rmsce", Lower, Calibration, Sigma(|s| Ok(Some(s.calibration.root_mean_square)))),
     more("miscalibration_area", Lower, Calibration, Sigma(|s| Ok(Some(s.calibration.area)))),
@@ -195,11 +182,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_key_is_its_own_and_is_found() {
+    fn every_key_is_its_own() {
         for metric in METRICS {
             assert_eq!(METRICS.iter().filter(|other| other.key == metric.key).count(), 1, "{}", metric.key);
-            assert_eq!(Metric::named(metric.key).unwrap().label, metric.label);
         }
-        assert!(Metric::named("mes").is_none());
     }
 }

@@ -1,9 +1,12 @@
 use crate::Result;
 use crate::align::Alignment;
 use crate::metrics::calibration::{CalibrationErrors, calibration_errors};
-use crate::metrics::sparsification::{Costs, Reduction, Sparsification, bin};
+use crate::metrics::sparsification::Reduction::{Mean, RootMean};
+use crate::metrics::sparsification::{
+    Sparsification, UncertaintyBin, costs_by_uncertainty, sparsify, sparsify_poggi,
+};
 use crate::raster::Map;
-use mde_uncertainty::statistics::{Order, pearson, quantile_sorted};
+use mde_uncertainty::statistics::{Order, quantile_sorted, spearman};
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 
@@ -30,9 +33,8 @@ pub(super) struct SigmaMap {
     /// Aligned prediction minus truth.
     pub(super) errors: Vec<f64>,
     pub(super) sigma: Vec<f64>,
-    absolute: Vec<f64>,
-    /// Of sigma.
-    pub(super) order: Order,
+    /// Mean sigma and mean error of 100 runs by rising sigma.
+    pub(super) bins: Vec<UncertaintyBin>,
     pub(super) spearman: Option<f64>,
     /// Of sigma over depth and the relative error: without the share that comes from both growing with depth.
     pub(super) spearman_relative: Option<f64>,
@@ -66,57 +68,39 @@ impl SigmaMap {
         if errors.is_empty() {
             return Ok(None);
         }
-        // Sorted lists: what follows the order of sigma runs along memory.
+        // Lists that are sorted already are sorted fast.
         let order = Order::new(&sigmas)?;
         let [errors, sigma, truth] = [&errors, &sigmas, &truths].map(|values| order.apply(values));
-        Self::of_sorted(errors, sigma, &truth).map(Some)
-    }
-
-    fn of_sorted(errors: Vec<f64>, sigma: Vec<f64>, truth: &[f64]) -> Result<Self> {
-        let order = Order::of_sorted(&sigma);
         let absolute: Vec<f64> = errors.iter().map(|e| e.abs()).collect();
         let squared: Vec<f64> = errors.iter().map(|e| e * e).collect();
-        let relative: Vec<f64> = absolute.iter().zip(truth).map(|(e, g)| e / g).collect();
+        let relative: Vec<f64> = absolute.iter().zip(&truth).map(|(e, g)| e / g).collect();
         let over_depth = |((s, e), g): ((&f64, &f64), &f64)| s / (g + e).max(f64::MIN_POSITIVE);
-        let relative_sigma: Vec<f64> = sigma.iter().zip(&errors).zip(truth).map(over_depth).collect();
-        let by_relative_sigma = Order::new(&relative_sigma)?;
-        let by_error = Order::new(&absolute)?;
-        let sorted = by_error.apply(&absolute);
-        let sorted_squares: Vec<f64> = sorted.iter().map(|e| e * e).collect();
-        Ok(Self {
-            spearman: pearson(&order.ranks(), &by_error.ranks()),
-            spearman_relative: pearson(&by_relative_sigma.ranks(), &Order::new(&relative)?.ranks()),
-            mae: Costs::with_sorted(&absolute, &sigma, &order, &sorted)?.normalised(Reduction::Mean)?,
-            rmse: Costs::with_sorted(&squared, &sigma, &order, &sorted_squares)?
-                .normalised(Reduction::RootMean)?,
-            relative: Costs::new(&relative, &relative_sigma, &by_relative_sigma)?
-                .normalised(Reduction::Mean)?,
-            poggi_abs_rel: Costs::new(&relative, &sigma, &order)?.poggi(Reduction::Mean)?,
+        let relative_sigma: Vec<f64> = sigma.iter().zip(&errors).zip(&truth).map(over_depth).collect();
+        Ok(Some(Self {
+            spearman: spearman(&sigma, &absolute)?,
+            spearman_relative: spearman(&relative_sigma, &relative)?,
+            mae: sparsify(&absolute, &sigma, Mean)?,
+            rmse: sparsify(&squared, &sigma, RootMean)?,
+            relative: sparsify(&relative, &relative_sigma, Mean)?,
+            poggi_abs_rel: sparsify_poggi(&relative, &sigma, Mean)?,
             calibration: calibration_errors(&errors, &sigma)?,
             errors,
+            bins: costs_by_uncertainty(&absolute, &sigma, 100)?,
             sigma,
-            absolute,
-            order,
-        })
+        }))
     }
 
-    /// Mean sigma and mean error of 100 runs by rising sigma.
-    pub(super) fn bins(&self) -> Result<Vec<crate::metrics::sparsification::UncertaintyBin>> {
-        bin(&self.absolute, &self.sigma, &self.order, 100)
-    }
-
-    pub(super) fn curves(&self) -> Result<UncertaintyCurves> {
-        let bins = self.bins()?;
+    pub(super) fn curves(&self) -> UncertaintyCurves {
         let Sparsification { removed, by_sigma, oracle, random } = self.mae.clone();
         let mut z: Vec<f64> = self.errors.iter().zip(&self.sigma).map(|(e, s)| (e / s).abs()).collect();
         z.sort_unstable_by(f64::total_cmp);
-        Ok(UncertaintyCurves {
-            error_by_percentile: bins.iter().map(|bin| bin.cost).collect(),
+        UncertaintyCurves {
+            error_by_percentile: self.bins.iter().map(|bin| bin.cost).collect(),
             removed,
             by_sigma,
             oracle,
             random,
             abs_z_quantiles: (0..=100).filter_map(|k| quantile_sorted(&z, f64::from(k) / 100.0)).collect(),
-        })
+        }
     }
 }

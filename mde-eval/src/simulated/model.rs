@@ -1,4 +1,4 @@
-use super::{WAVELENGTH, close, is_wavelength, waves};
+use super::{close, waves};
 use crate::capture::Capture;
 use crate::error::check;
 use crate::scene::World;
@@ -6,11 +6,11 @@ use crate::{Error, Result};
 use mde_prior::{DepthKind, DepthPrior, PriorDepth};
 use mde_uncertainty::random::derived_seed;
 use ndarray::{Array2, Array3, ArrayView2, ArrayView3, s};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// Faults of a [`SimulatedModel`].
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub struct SimulatedModelConfig {
     /// Side of the prediction, pixels: every image is reduced to this size.
     pub side: usize,
@@ -22,8 +22,6 @@ pub struct SimulatedModelConfig {
     pub shared_error: f64,
     /// Standard deviation of the logarithm of a low-frequency error that differs between predictions.
     pub own_error: f64,
-    /// Shortest wavelength of both, as a fraction of the width of what they bend.
-    pub wavelength: f64,
     /// Seed of both.
     pub seed: u64,
 }
@@ -31,15 +29,7 @@ pub struct SimulatedModelConfig {
 impl Default for SimulatedModelConfig {
     /// All faults at once, as a small network has them.
     fn default() -> Self {
-        Self {
-            side: 112,
-            lost_cells: 2.0,
-            lost_width: 0.01,
-            shared_error: 0.05,
-            own_error: 0.05,
-            wavelength: 0.4,
-            seed: 0,
-        }
+        Self { side: 112, lost_cells: 2.0, lost_width: 0.01, shared_error: 0.05, own_error: 0.05, seed: 0 }
     }
 }
 
@@ -55,15 +45,13 @@ impl SimulatedModelConfig {
     /// [`Error::Config`] names the field and what it must be.
     pub fn validate(&self) -> Result<()> {
         let error = |value: f64| (0.0..=1.0).contains(&value);
-        let checks = [
+        check([
             ("side", self.side as f64, (4..=4096).contains(&self.side), "use 4 to 4096"),
             ("lost-cells", self.lost_cells, (0.0..=64.0).contains(&self.lost_cells), "use 0 to 64"),
             ("lost-width", self.lost_width, (0.0..=0.25).contains(&self.lost_width), "use 0 to 0.25"),
             ("shared-error", self.shared_error, error(self.shared_error), "use 0 to 1"),
             ("own-error", self.own_error, error(self.own_error), "use 0 to 1"),
-            ("wavelength", self.wavelength, is_wavelength(self.wavelength), WAVELENGTH),
-        ];
-        check(checks)
+        ])
     }
 }
 
@@ -72,19 +60,6 @@ impl SimulatedModelConfig {
 /// It finds the crop in a photograph and predicts the true depth as a network of [`side`](SimulatedModelConfig::side) pixels
 /// would see it: the harmonic mean over each cell, linear between cells, thin things lost, bent by waves of its own and by waves
 /// that all predictions of the photograph share. Which of these faults remain shows what test-time augmentation can remove.
-///
-/// ```
-/// use mde_eval::ndarray::s;
-/// use mde_eval::scene::{Room, room};
-/// use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig};
-/// use mde_prior::DepthPrior;
-///
-/// let scene = room(Room::Study, 0, 80, 60)?;
-/// let model = SimulatedModel::new(&scene.image, &scene.depth, SimulatedModelConfig::small(20))?;
-/// let crop = model.predict(scene.image.slice(s![10..40, 20..60, ..]))?;
-/// assert_eq!(crop.map.dim(), (30, 40));
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulatedModel(Vec<Known>);
 
@@ -134,7 +109,7 @@ impl Known {
             return Err(Error::Value { what, index, value, expected: "positive and finite everywhere" });
         }
         let radius = (0.5 * config.lost_width * width as f64).round() as usize;
-        let bend = waves(depth.dim(), config.wavelength, ("simulated-model", config.seed, 0));
+        let bend = waves(depth.dim(), ("simulated-model", config.seed, 0));
         let kept = close(depth, &Array2::from_elem(depth.dim(), true), radius);
         let disparity =
             ndarray::Zip::from(&kept).and(&bend).map_collect(|&z, &f| (-config.shared_error * f).exp() / z);
@@ -166,7 +141,7 @@ impl Known {
 
     /// The disparity of a part of the photograph, as the network predicts it.
     fn seen(&self, part: ArrayView2<'_, f64>, call: u64) -> Array2<f64> {
-        let SimulatedModelConfig { side, lost_cells, own_error, wavelength, seed, .. } = self.config;
+        let SimulatedModelConfig { side, lost_cells, own_error, seed, .. } = self.config;
         let cells = (side.min(part.nrows()), side.min(part.ncols()));
         let mut small = shrunk(part, cells);
         let radius = (0.5 * lost_cells).round() as usize;
@@ -175,7 +150,7 @@ impl Known {
             small = close(&small.mapv(|d| d.recip() as f32), &known, radius).mapv(f64::recip);
         }
         if own_error > 0.0 {
-            let bend = waves(cells, wavelength, ("simulated-question", seed, call));
+            let bend = waves(cells, ("simulated-question", seed, call));
             small.zip_mut_with(&bend, |d, f| *d *= (-own_error * f).exp());
         }
         grown(small.view(), part.dim())

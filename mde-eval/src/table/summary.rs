@@ -65,7 +65,7 @@ impl Summary {
     pub fn new(entries: &[Entry], reference: Option<&str>, bootstrap: &Bootstrap) -> Result<Self> {
         bootstrap.validate()?;
         if entries.is_empty() {
-            return Err(Error::Empty { what: "a summary" });
+            return Err(Error::Empty("a summary"));
         }
         let mut methods: Vec<MethodSummary> = Vec::new();
         let mut seen = BTreeSet::new();
@@ -111,12 +111,12 @@ impl Summary {
 /// One metric by method and scene.
 struct Values<'e> {
     by_method: BTreeMap<&'e str, BTreeMap<&'e str, f64>>,
-    /// The place of each scene, numbered.
-    places: BTreeMap<&'e str, usize>,
+    /// The place of each scene.
+    places: &'e BTreeMap<&'e str, &'e str>,
 }
 
 impl<'e> Values<'e> {
-    fn of(metric: &Metric, entries: &'e [Entry], places: &BTreeMap<&'e str, &'e str>) -> Self {
+    fn of(metric: &Metric, entries: &'e [Entry], places: &'e BTreeMap<&'e str, &'e str>) -> Self {
         let mut sums: BTreeMap<&str, BTreeMap<&str, (f64, f64)>> = BTreeMap::new();
         for entry in entries {
             if let Some(value) = entry.values.get(metric.key) {
@@ -127,15 +127,7 @@ impl<'e> Values<'e> {
         let mean = |scenes: BTreeMap<&'e str, (f64, f64)>| {
             scenes.into_iter().map(|(scene, (sum, seeds))| (scene, sum / seeds)).collect()
         };
-        let mut numbers = BTreeMap::new();
-        let mut number = |place| {
-            let next = numbers.len();
-            *numbers.entry(place).or_insert(next)
-        };
-        Self {
-            by_method: sums.into_iter().map(|(method, scenes)| (method, mean(scenes))).collect(),
-            places: places.iter().map(|(scene, place)| (*scene, number(*place))).collect(),
-        }
+        Self { by_method: sums.into_iter().map(|(method, scenes)| (method, mean(scenes))).collect(), places }
     }
 
     fn ranks(&self, metric: &Metric) -> BTreeMap<&'e str, f64> {
@@ -171,8 +163,7 @@ impl<'e> Values<'e> {
         let pairs = own.iter().filter_map(|(scene, value)| {
             Some(((*value, *of_reference?.get(scene)?), self.places.get(scene).copied()?))
         });
-        let ((x, r), places): ((Vec<f64>, Vec<f64>), Vec<usize>) = pairs.unzip();
-        let of_places = Some(places.as_slice());
+        let ((x, r), places): ((Vec<f64>, Vec<f64>), Vec<&str>) = pairs.unzip();
         let badness = |value: f64| metric.better.badness(value);
         let worse = x.iter().zip(&r).filter(|&(&x, &r)| badness(x) > badness(r)).count();
         let paired = !x.is_empty();
@@ -182,9 +173,9 @@ impl<'e> Values<'e> {
             median: median(values).unwrap_or(f64::NAN),
             paired: x.len(),
             places: places.iter().collect::<BTreeSet<_>>().len(),
-            difference: if paired { Some(bootstrap.difference(&x, &r, of_places)?) } else { None },
+            difference: if paired { Some(bootstrap.difference(&x, &r, &places)?) } else { None },
             ratio: if paired && r.iter().all(|r| *r >= 0.0) {
-                bootstrap.ratio(&x, &r, of_places)?
+                bootstrap.ratio(&x, &r, &places)?
             } else {
                 None
             },

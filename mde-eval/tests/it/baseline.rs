@@ -1,7 +1,7 @@
 //! What the baselines must do on any map, and that they are what independent implementations give.
 
 use mde_eval::baseline::sigma::TrivialSigma;
-use mde_eval::baseline::{FastBilateralSolver, METHODS, PlaneSweep, Unsharp, named};
+use mde_eval::baseline::{METHODS, Unsharp, named, plane_sweep, solve_bilateral};
 use mde_eval::data::Sample;
 use mde_eval::mde_prior::{DepthKind, DepthPrior, DisparityRule, PriorDepth};
 use mde_eval::mde_warp::{PinholeCamera, Pose, WarpConfig, forward_warp};
@@ -10,7 +10,7 @@ use mde_eval::ndarray::{Array2, Array3, ArrayView3, Axis};
 use mde_eval::scene::{CaptureConfig, Room, World, room};
 use mde_eval::score::{ScoreConfig, Subject, score};
 use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
-use mde_eval::{Error, Method, Result, Task, TaskView};
+use mde_eval::{Error, Result, Task, TaskView};
 use mde_uncertainty::GaussianDepth;
 use mde_uncertainty::statistics::median;
 use proptest::prelude::*;
@@ -30,15 +30,11 @@ impl DepthPrior for Red {
 }
 
 fn run(name: &str, image: &Array3<f32>, prior: &Array2<f32>) -> Result<Array2<f32>> {
-    run_with(&*named(name)?, image, prior)
-}
-
-fn run_with(method: &dyn Method, image: &Array3<f32>, prior: &Array2<f32>) -> Result<Array2<f32>> {
     let (height, width) = prior.dim();
     let camera = PinholeCamera::from_fov(60.0, width.max(1), height.max(1))?;
     let rule = DisparityRule::default();
     let task = Task { model: Some(&Red), seed: 7, ..Task::new(image.view(), &camera, prior.view(), &rule) };
-    Ok(method.refine(&task)?.depth)
+    Ok(named(name)?.refine(&task)?.depth)
 }
 
 fn filters() -> impl Iterator<Item = &'static str> {
@@ -215,7 +211,7 @@ fn a_plane_sweep_finds_the_depth_that_the_poses_give() {
     let views: Vec<TaskView<'_>> = views.collect();
     let (prior, rule) = (Array2::ones(sample.depth.dim()), DisparityRule::default());
     let task = Task { views: &views, ..Task::new(sample.image.view(), &sample.camera, prior.view(), &rule) };
-    let swept = PlaneSweep.refine(&task).unwrap();
+    let swept = plane_sweep(&task).unwrap();
     let known = swept.depth.iter().zip(&sample.depth).filter(|(d, _)| **d > 0.0);
     let errors: Vec<f64> = known.map(|(d, z)| f64::from(d / z - 1.0).abs()).collect();
     assert!(errors.len() > 15_000, "{}", errors.len());
@@ -266,7 +262,7 @@ fn unknown_names_and_wrong_shapes_are_told() {
 #[test]
 fn the_solver_takes_any_colour() {
     let (image, prior) = (Array3::from_elem((4, 5, 3), 0.5_f32), Array2::from_elem((4, 5), 2.0));
-    let refined = run_with(&FastBilateralSolver, &image.mapv(|v| 1e30 * v), &prior).unwrap();
+    let refined = run("fbs", &image.mapv(|v| 1e30 * v), &prior).unwrap();
     assert!(refined.iter().all(|d| (d - 2.0).abs() < 1e-3), "{refined}");
 }
 
@@ -298,7 +294,7 @@ fn they_are_what_direct_sums_and_scipy_give() {
         }
     }
     let confidence = map(&file["confidence"]);
-    let solved = FastBilateralSolver::solve(image.view(), prior.view(), confidence.view()).unwrap();
+    let solved = solve_bilateral(image.view(), prior.view(), confidence.view()).unwrap();
     for (at, &expected) in map(&file["expected"]["fbs"]).indexed_iter() {
         let found = solved[at];
         assert!((found - expected).abs() <= 1e-4 * expected, "fbs at {at:?}: {found} is not {expected}");

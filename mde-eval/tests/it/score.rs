@@ -1,12 +1,10 @@
 //! Scores of predictions of known quality.
 
-use mde_eval::Error;
 use mde_eval::align::{Alignment, AlignmentRule};
 use mde_eval::mde_uncertainty::random::CounterRng;
-use mde_eval::ndarray::{Array2, Zip, s};
+use mde_eval::ndarray::{Array2, Zip};
 use mde_eval::scene::{Room, room};
-use mde_eval::score::{Prepared, ScoreConfig, Scores, Subject, score, score_aligned};
-use mde_eval::simulated::{SimulatedPrior, SimulatedPriorConfig};
+use mde_eval::score::{ScoreConfig, Scores, Subject, score, score_aligned};
 use proptest::prelude::*;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -20,10 +18,6 @@ const RULES: [AlignmentRule; 5] = [
 
 fn study() -> Array2<f32> {
     room(Room::Study, 0, 160, 120).unwrap().depth
-}
-
-fn prior(truth: &Array2<f32>) -> Array2<f32> {
-    SimulatedPrior::new(truth, &SimulatedPriorConfig::default()).unwrap().prediction().map.clone()
 }
 
 fn scored(prediction: &Array2<f32>, truth: &Array2<f32>, alignment: AlignmentRule) -> Scores {
@@ -127,37 +121,6 @@ fn shared_and_own_alignment_differ_as_they_should() {
     assert!(scored(&other, &truth, AlignmentRule::Median).values["abs_rel"] < 1e-6);
 }
 
-/// Whether the truth's part could be shared or not: the prediction may miss pixels, the truth and the mask may be others.
-#[test]
-fn a_prepared_truth_gives_the_same_bits() {
-    let truth = study();
-    let full = prior(&truth);
-    let mut holes = full.clone();
-    holes.slice_mut(s![20..50, 30..70]).fill(f32::NAN);
-    let mask = Array2::from_shape_fn(truth.dim(), |(y, x)| (x * y) % 11 != 3);
-    let sigma = truth.mapv(|z| 0.1 * z);
-    let other = truth.mapv(|z| 0.9 * z);
-    let config = ScoreConfig { crop: Some([4, 110, 3, 150]), ..ScoreConfig::default() };
-    for mask in [None, Some(mask.view())] {
-        let prepared = Prepared::new(truth.view(), mask, &config).unwrap();
-        for prediction in [&full, &holes, &truth] {
-            let mut subjects = vec![Subject::new(prediction.view(), truth.view()).with_sigma(sigma.view())];
-            subjects.push(Subject { mask, ..subjects[0] });
-            subjects.push(Subject { truth: other.view(), ..subjects[0] });
-            for subject in &subjects {
-                let plain = score(subject, &config).unwrap();
-                assert_eq!(prepared.score(subject).unwrap(), plain);
-                let shared = Alignment::Depth { scale: 1.1, shift: 0.05 };
-                let plain = score_aligned(subject, &shared, &config).unwrap();
-                assert_eq!(prepared.score_aligned(subject, &shared).unwrap(), plain);
-            }
-        }
-        assert_eq!(prepared.config(), &config);
-    }
-    let none = Array2::from_elem(truth.dim(), false);
-    assert!(matches!(Prepared::new(truth.view(), Some(none.view()), &config), Err(Error::Empty { .. })));
-}
-
 #[test]
 fn missing_pixels_masks_and_crops_do_not_count() {
     let truth = study();
@@ -174,7 +137,7 @@ fn missing_pixels_masks_and_crops_do_not_count() {
 
     let mut mask = Array2::from_elem(truth.dim(), true);
     mask.row_mut(10).fill(false);
-    let subject = Subject::new(prediction.view(), holes.view()).with_mask(mask.view());
+    let subject = Subject { mask: Some(mask.view()), ..Subject::new(prediction.view(), holes.view()) };
     let config = ScoreConfig { crop: Some([5, 25, 30, 70]), ..ScoreConfig::default() };
     assert_eq!(score(&subject, &config).unwrap().pixels, 19 * 40);
 }

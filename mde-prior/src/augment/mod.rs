@@ -36,37 +36,14 @@ pub use flip::flip_average;
 pub use plan::{Plan, Predictions};
 
 use crate::at_once::AtOnce;
+use crate::error::check;
 use crate::{DepthPrior, DisparityRule, Error, PriorDepth, Result};
-use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Zip, s};
+use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis, Zip, s};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use values::Values;
 
 /// Which crops are predicted, and how the predictions are merged. The equations are in the [module's](self) documentation.
-///
-/// ```
-/// use mde_prior::augment::AugmentationConfig;
-/// use mde_prior::ndarray::{Array3, ArrayView3, s};
-/// use mde_prior::{DepthKind, DepthPrior, PriorDepth, Result};
-///
-/// /// Takes the red channel for depth.
-/// struct Red;
-/// impl DepthPrior for Red {
-///     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-///         PriorDepth::from_values(image.slice(s![.., .., 0]).to_owned(), DepthKind::Metric)
-///     }
-///     fn accepts_new_images(&self) -> bool {
-///         true
-///     }
-/// }
-///
-/// let image = Array3::from_shape_fn((24, 32, 3), |(y, x, _)| 0.2 + 0.01 * (x + y) as f32);
-/// let augmented = AugmentationConfig::multi_crop().predict(&Red, image.view())?;
-/// // Crops that agree with the whole image leave the map as it is.
-/// let change = (&augmented.merged.map - &augmented.prior.map).mapv(f32::abs);
-/// assert!(change.iter().all(|&c| c < 0.02));
-/// # Ok::<(), mde_prior::Error>(())
-/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct AugmentationConfig {
@@ -150,19 +127,15 @@ impl AugmentationConfig {
     /// # Errors
     /// [`Error::Config`] for the first value out of range.
     pub fn validate(&self) -> Result<()> {
-        let check = |ok: bool, field, value: f64, remedy| {
-            if ok { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), remedy }) }
-        };
-        let Self { correlation_exponent: exponent, gain, sharpen, bilateral_width: width, .. } = *self;
-        check((0.0..=4.0).contains(&exponent), "augmentation.correlation-exponent", exponent, "give 0 to 4")?;
-        check((0.0..=1.0).contains(&gain), "augmentation.gain", gain, "give 0 to 1")?;
-        check((0.0..=4.0).contains(&sharpen), "augmentation.sharpen", sharpen, "give 0 to 4")?;
-        check(
-            (0.0..=0.25).contains(&width),
-            "augmentation.bilateral-width",
-            width,
-            "give 0 to 0.25 of the image width",
-        )
+        for (field, value, most, remedy) in [
+            ("augmentation.correlation-exponent", self.correlation_exponent, 4.0, "give 0 to 4"),
+            ("augmentation.gain", self.gain, 1.0, "give 0 to 1"),
+            ("augmentation.sharpen", self.sharpen, 4.0, "give 0 to 4"),
+            ("augmentation.bilateral-width", self.bilateral_width, 0.25, "give 0 to 0.25 of the image width"),
+        ] {
+            check((0.0..=most).contains(&value), field, &value, remedy)?;
+        }
+        Ok(())
     }
 
     /// Runs `model` on `image` (`[height, width, 3]`, sRGB in 0 to 1) and on its crops and mirror images, and merges the
@@ -215,7 +188,6 @@ impl AugmentationConfig {
         }
         let mut whole = whole.into_iter();
         let Some(prior) = whole.next() else { return Ok(None) };
-        let (height, width, _) = image.dim();
         if prior.map.dim() != (height, width) || prior.valid.dim() != (height, width) {
             return Err(Error::Input(format!(
                 "for an image of {width}x{height} the model returned {}x{}; the augmentation needs the image's size",
@@ -342,19 +314,8 @@ impl Augmented {
 
 /// The image `[height, width, 3]`, or its mirror image, with contiguous rows, which a model may need.
 fn copied(image: ArrayView3<'_, f32>, mirrored: bool) -> Array3<f32> {
-    let mut values = Vec::with_capacity(image.len());
-    for row in image.outer_iter() {
-        let begin = values.len();
-        match row.as_slice() {
-            Some(row) => values.extend_from_slice(row),
-            None => values.extend(row),
-        }
-        if mirrored {
-            values[begin..].as_chunks_mut::<3>().0.reverse();
-        }
-    }
-    // There are as many values as the image has.
-    Array3::from_shape_vec(image.dim(), values).unwrap_or_default()
+    let step = if mirrored { -1 } else { 1 };
+    image.slice(s![.., ..;step, ..]).as_standard_layout().into_owned()
 }
 
 /// The prediction of a crop, or of its mirror image turned back, as values for the regression.
@@ -366,21 +327,18 @@ fn predict_crop(
 ) -> Result<Array2<f32>> {
     let prediction = model.predict(copied(crop, mirrored).view())?;
     let (height, width, _) = crop.dim();
-    if prediction.map.dim() != (height, width) || prediction.kind != values.kind() {
+    if prediction.map.dim() != (height, width) || prediction.kind != values.kind {
         return Err(Error::Input(format!(
             "for a crop of {width}x{height} the model returned {} of {}x{}; the augmentation needs {} of the crop's size",
             prediction.kind,
             prediction.map.ncols(),
             prediction.map.nrows(),
-            values.kind()
+            values.kind
         )));
     }
     let mut prediction = values.of_prior(&prediction);
     if mirrored {
-        match prediction.as_slice_mut() {
-            Some(all) => all.chunks_exact_mut(width.max(1)).for_each(<[f32]>::reverse),
-            None => prediction = prediction.slice(s![.., ..;-1]).to_owned(),
-        }
+        prediction.invert_axis(Axis(1));
     }
     Ok(prediction)
 }

@@ -49,15 +49,8 @@ pub(super) fn change(
         resize(smooth.view(), (height, width), Filter::Bilinear)
     };
     let (slope, offset) = (per_pixel(slope), per_pixel(offset));
-    let mut change = Vec::with_capacity(height * width);
-    for y in 0..height {
-        let (slope, offset) = (line(slope.row(y)), line(offset.row(y)));
-        let (prediction, map) = (line(prediction.row(y)), line(map.row(y)));
-        let pixels = slope.iter().zip(&*offset).zip(&*prediction).zip(&*map);
-        change.extend(pixels.map(|(((a, b), l), c)| a * l + b - c));
-    }
-    // There are as many values as pixels.
-    Array2::from_shape_vec((height, width), change).unwrap_or_default()
+    let pixels = Zip::from(&slope).and(&offset).and(prediction).and(map);
+    pixels.map_collect(|a, b, l, c| a * l + b - c)
 }
 
 /// Means of \\(L\\), \\(c\\), \\(L^2\\), \\(c^2\\) and \\(L c\\) over a grid of cells.

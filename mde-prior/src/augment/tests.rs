@@ -1,7 +1,6 @@
 use super::*;
 use crate::DepthKind;
 use crate::resample::{Filter, resize};
-use ndarray::{Array3, Axis};
 use proptest::prelude::*;
 
 /// A model by its prediction.
@@ -53,6 +52,16 @@ fn crops_add_the_detail_that_the_whole_image_lost() {
         augmented.spread.iter().all(|s| s.is_finite() && *s >= 0.0)
             && augmented.spread.iter().any(|s| *s > 0.0)
     );
+}
+
+#[test]
+fn crops_that_agree_with_the_whole_image_leave_the_map_as_it_is() {
+    let image = Array3::from_shape_fn((24, 32, 3), |(y, x, _)| 0.2 + 0.01 * (x + y) as f32);
+    let red =
+        model(|image| PriorDepth::from_values(image.index_axis(Axis(2), 0).to_owned(), DepthKind::Metric));
+    let augmented = AugmentationConfig::multi_crop().predict(&red, image.view()).unwrap();
+    let change = &augmented.merged.map - &augmented.prior.map;
+    assert!(change.iter().all(|c| c.abs() < 0.02));
 }
 
 #[test]

@@ -7,7 +7,7 @@ const DEVIATION: f64 = 0.3;
 /// The values in which predictions are merged: log depth, or disparity times a factor.
 #[derive(Clone, Copy)]
 pub(super) struct Values {
-    kind: DepthKind,
+    pub(super) kind: DepthKind,
     scale: f32,
 }
 
@@ -21,10 +21,6 @@ impl Values {
         let mean = known().sum::<f64>() / count;
         let deviation = (known().map(|d| (d - mean).powi(2)).sum::<f64>() / count).sqrt();
         Self { kind: prior.kind, scale: if deviation > 0.0 { (DEVIATION / deviation) as f32 } else { 1.0 } }
-    }
-
-    pub(super) fn kind(self) -> DepthKind {
-        self.kind
     }
 
     /// A missing pixel takes the mean.

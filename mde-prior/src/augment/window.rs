@@ -1,6 +1,5 @@
 use super::plan::side;
-use crate::resample::line;
-use ndarray::{Array2, ArrayView2, s};
+use ndarray::{Array1, Array2, ArrayView2, Zip, s};
 
 /// Added to every weight, so that no pixel of a crop has weight 0.
 const LEAST: f32 = 1e-6;
@@ -33,34 +32,29 @@ impl Changes {
     pub(super) fn add(&mut self, (y, x): (usize, usize), change: ArrayView2<'_, f32>) {
         let (height, width) = change.dim();
         let sine = |at: usize, side: usize| (std::f32::consts::PI * (at as f32 + 0.5) / side as f32).sin();
-        let across: Vec<f32> = (0..width).map(|u| sine(u, width)).collect();
+        let across = Array1::from_shape_fn(width, |u| sine(u, width));
         let window = s![y..y + height, x..x + width];
         let [mut sums, mut squares, mut weights] =
             [&mut self.sum, &mut self.squares, &mut self.weight].map(|map| map.slice_mut(window));
-        let rows = sums.outer_iter_mut().zip(squares.outer_iter_mut()).zip(weights.outer_iter_mut());
-        for (v, (((mut sum, mut squares), mut weight), change)) in rows.zip(change.outer_iter()).enumerate() {
+        for (v, change) in change.outer_iter().enumerate() {
             let down = sine(v, height);
-            let change = line(change);
-            // Rows of own maps, which are slices: vectors sum them.
-            let (Some(sum), Some(squares), Some(weight)) =
-                (sum.as_slice_mut(), squares.as_slice_mut(), weight.as_slice_mut())
-            else {
-                continue;
-            };
-            let cells = sum.iter_mut().zip(squares).zip(weight);
-            for ((((sum, square), weight), &d), &across) in cells.zip(&*change).zip(&across) {
-                let w = down * across + LEAST;
-                *sum += w * d;
-                *square += w * d * d;
-                *weight += w;
-            }
+            let rows = [&mut sums, &mut squares, &mut weights].map(|map| map.row_mut(v));
+            let [sum, square, weight] = rows;
+            Zip::from(sum).and(square).and(weight).and(change).and(&across).for_each(
+                |sum, square, weight, &d, &across| {
+                    let w = down * across + LEAST;
+                    *sum += w * d;
+                    *square += w * d * d;
+                    *weight += w;
+                },
+            );
         }
     }
 
     /// Mean and variance per pixel; zero where there is no crop.
     pub(super) fn mean_and_variance(self) -> (Array2<f32>, Array2<f32>) {
         let Self { mut sum, mut squares, weight } = self;
-        ndarray::Zip::from(&mut sum).and(&mut squares).and(&weight).for_each(|sum, square, &weight| {
+        Zip::from(&mut sum).and(&mut squares).and(&weight).for_each(|sum, square, &weight| {
             let scale = if weight > 0.0 { 1.0 / weight } else { 0.0 };
             *sum *= scale;
             *square = (*square * scale - *sum * *sum).max(0.0);

@@ -22,9 +22,8 @@ pub(super) struct Output {
 
 /// A network that a runtime has loaded. Inputs other than the image are whole numbers, which are given when it is opened.
 pub(super) trait Graph: Send + Sync {
-    fn inputs(&self) -> &[Port];
-
-    fn outputs(&self) -> &[Port];
+    /// Its inputs and outputs.
+    fn ports(&self) -> (&[Port], &[Port]);
 
     /// The `outputs`, by their indices, of an image of that shape. An error is one line without the file's name.
     fn run(&self, shape: [usize; 4], values: Vec<f32>, outputs: &[usize]) -> Result<Vec<Output>, String>;

@@ -81,17 +81,6 @@ pub struct OnnxPrior {
     runtime: Runtime,
 }
 
-/// What a network gives, at its own size.
-struct Native {
-    map: Array2<f32>,
-    mask: Option<Array2<bool>>,
-    /// In pixels of the image.
-    intrinsics: Option<[f64; 4]>,
-    certainty: Option<Certainty>,
-    /// Where the map is inverse depth for a focal length of the width: the width over the focal length.
-    inverse: Option<f32>,
-}
-
 impl std::fmt::Debug for OnnxPrior {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("OnnxPrior")
@@ -133,16 +122,15 @@ impl OnnxPrior {
                     Box::new(OnnxRuntimeGraph::open(path, library, spec.tokens).map_err(fault)?)
                 }
             };
-            if graph.outputs().is_empty() {
+            let (inputs, outputs) = graph.ports();
+            let names: Vec<String> = outputs.iter().map(|port| port.name.clone()).collect();
+            if names.is_empty() {
                 return Err(fault("the model has no output; export it again".to_owned()));
             }
-            let names: Vec<String> = graph.outputs().iter().map(|port| port.name.clone()).collect();
             let spec = &spec.clone().for_outputs(&names);
             let index = |key: &str, name: &String| {
-                let names = || graph.outputs().iter().map(|port| port.name.as_str());
-                names().position(|other| other == name).ok_or_else(|| {
-                    let names = names().collect::<Vec<_>>().join(", ");
-                    fault(format!("no output {name:?}, but {names}; check {key}"))
+                names.iter().position(|other| other == name).ok_or_else(|| {
+                    fault(format!("no output {name:?}, but {}; check {key}", names.join(", ")))
                 })
             };
             let depth = spec.output_name.as_ref().map_or(Ok(0), |name| index("output-name", name))?;
@@ -150,8 +138,8 @@ impl OnnxPrior {
             for (key, name) in spec.further_outputs() {
                 outputs.extend(name.map(|name| index(key, name)).transpose()?);
             }
-            let image = image_input(graph.inputs(), spec.tokens).map_err(fault)?;
-            let fixed = fixed_size(&graph.inputs()[image], spec.layout).map_err(fault)?;
+            let image = image_input(inputs, spec.tokens).map_err(fault)?;
+            let fixed = fixed_size(&inputs[image], spec.layout).map_err(fault)?;
             let (path, spec, runtime) = (path.to_owned(), spec.clone(), runtime.clone());
             Ok(Self { path, spec, graph, outputs, fixed, external, runtime })
         })
@@ -231,85 +219,13 @@ impl OnnxPrior {
         Frame { input, image }
     }
 
-    fn native(&self, image: ArrayView3<'_, f32>) -> Result<Native> {
-        let (height, width, channels) = image.dim();
-        if height == 0 || width == 0 || channels != 3 || !image.fold(true, |all, v| all & v.is_finite()) {
-            return Err(Error::Input(format!(
-                "an image of shape {:?} cannot be predicted; give finite [height, width, 3]",
-                image.dim()
-            )));
-        }
-        let frame = self.frame(height, width);
-        let size = frame.input;
-        if size.0.saturating_mul(size.1) > MAX_INPUT_PIXELS {
-            return Err(Error::Input(format!(
-                "a {width}x{height} image needs a {}x{} input with the aspect kept; crop it, or set aspect = \"squash\"",
-                size.1, size.0
-            )));
-        }
-        call(&self.path, || {
-            let (values, shape) = (self.values(image, &frame), input_shape(self.spec.layout, size));
-            let outputs =
-                self.graph.run(shape, values, &self.outputs).map_err(|reason| self.error(reason))?;
-            let mut outputs = outputs.into_iter();
-            let depth = outputs
-                .next()
-                .ok_or_else(|| self.error("an output is missing; export the model again".to_owned()))?;
-            let [scale, mask, camera, fov, confidence, error] =
-                self.spec.further_outputs().map(|(_, name)| name.and_then(|_| outputs.next()));
-            let confidence = confidence.map(|values| (CertaintyMeaning::Confidence, values));
-            let certainty = confidence.or(error.map(|values| (CertaintyMeaning::Error, values)));
-            let focal = fov.map(|fov| self.focal(&fov, &frame)).transpose()?;
-            let inverse = focal.map(|focal| frame.input.1 as f32 / focal);
-            let camera = camera.or(focal.map(|focal| Output { shape: vec![1], values: vec![focal] }));
-            let mask = mask.map(|mask| Ok(self.map(mask, &frame)?.mapv(|m| m > 0.5))).transpose()?;
-            let certainty = certainty
-                .map(|(meaning, values)| Ok(Certainty { meaning, map: self.map(values, &frame)? }))
-                .transpose()?;
-            let mut intrinsics =
-                camera.map(|camera| self.intrinsics(&camera, &frame, (height, width))).transpose()?;
-            let mut map = match self.spec.output_channel {
-                None => self.map(depth, &frame)?,
-                Some(channel) => {
-                    let points = points::Points::new(depth).map_err(|reason| self.error(reason))?;
-                    let mut z = points.channel(channel).map_err(|reason| self.error(reason))?;
-                    if self.spec.recover_shift {
-                        let found = points.camera(mask.as_ref()).ok_or_else(|| {
-                            self.empty("too few valid points to find their shift; check the outputs' names")
-                        })?;
-                        z.mapv_inplace(|z| z + found.shift);
-                        let focal = found.focal * width as f64 / frame.within(z.dim()).1 as f64;
-                        intrinsics = intrinsics.or(Some(centred(focal, (height, width))));
-                    }
-                    let shape = vec![z.nrows(), z.ncols()];
-                    self.map(Output { shape, values: z.iter().copied().collect() }, &frame)?
-                }
-            };
-            if let Some(scale) = scale {
-                let factor = match scale.values.as_slice() {
-                    &[factor] if factor > 0.0 && factor.is_finite() => factor,
-                    _ => {
-                        return Err(
-                            self.error("scale-output is no positive number; check its name".to_owned())
-                        );
-                    }
-                };
-                map.mapv_inplace(|v| factor * v);
-            }
-            Ok(Native { map, mask, intrinsics, certainty, inverse })
-        })
-    }
-
     /// The focal length, in pixels of the input, of a horizontal field of view in degrees.
     fn focal(&self, fov: &Output, frame: &Frame) -> Result<f32> {
         match *fov.values.as_slice() {
             [degrees] if degrees > 0.0 && degrees < 180.0 => {
                 Ok(0.5 * frame.input.1 as f32 / (0.5 * degrees.to_radians()).tan())
             }
-            _ => {
-                Err(self
-                    .error("fov-output is no field of view of 0 to 180 degrees; check its name".to_owned()))
-            }
+            _ => Err(self.error("fov-output is no field of view of 0 to 180 degrees; check its name")),
         }
     }
 
@@ -335,16 +251,16 @@ impl OnnxPrior {
             }
         };
         let usable = intrinsics.iter().all(|v| v.is_finite()) && intrinsics[0].min(intrinsics[1]) > 0.0;
-        usable.then_some(intrinsics).ok_or_else(|| {
-            self.error("camera-output is no camera of positive focal length; check its name".to_owned())
-        })
+        usable
+            .then_some(intrinsics)
+            .ok_or_else(|| self.error("camera-output is no camera of positive focal length; check its name"))
     }
 
     fn empty(&self, reason: &str) -> Error {
         Error::Empty(format!("{}: {reason}", self.path.display()))
     }
 
-    fn error(&self, reason: String) -> Error {
+    fn error(&self, reason: impl Into<String>) -> Error {
         Error::malformed(&self.path, reason)
     }
 
@@ -441,34 +357,94 @@ impl Frame {
 
 impl DepthPrior for OnnxPrior {
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-        let Native { map: mut native, mask, intrinsics, certainty, inverse } = self.native(image.view())?;
-        let depth = |value: f32| match inverse {
-            None => value,
-            // Bounds of Depth Pro's authors.
-            Some(factor) => 1.0 / (factor * value).clamp(1e-4, 1e4),
-        };
-        let floor = self.spec.output_floor;
-        // Before resizing, so that 0 does not spread to its neighbours; and after it, since bicubic overshoots.
-        if let Some(floor) = floor.filter(|_| inverse.is_none()) {
-            native.mapv_inplace(|v| v.max(floor));
+        let (height, width, channels) = image.dim();
+        if height == 0 || width == 0 || channels != 3 || !image.fold(true, |all, v| all & v.is_finite()) {
+            return Err(Error::Input(format!(
+                "an image of shape {:?} cannot be predicted; give finite [height, width, 3]",
+                image.dim()
+            )));
         }
-        let (height, width, _) = image.dim();
-        // Depth Pro's authors resize the inverse depth too.
-        let mut map = resize(native.view(), (height, width), self.spec.output_filter).mapv_into(depth);
-        if let Some(floor) = floor {
-            map.mapv_inplace(|v| v.max(floor));
+        let frame = self.frame(height, width);
+        let size = frame.input;
+        if size.0.saturating_mul(size.1) > MAX_INPUT_PIXELS {
+            return Err(Error::Input(format!(
+                "a {width}x{height} image needs a {}x{} input with the aspect kept; crop it, or set aspect = \"squash\"",
+                size.1, size.0
+            )));
         }
-        let prior = match mask {
-            None => PriorDepth::from_values(map, self.kind()),
-            Some(mask) => PriorDepth::with_mask(map, nearest(mask.view(), (height, width)), self.kind()),
-        };
-        let prior = prior.map_err(|e| match e {
-            Error::Empty(reason) => self.empty(&reason),
-            other => self.error(other.to_string()),
-        })?;
-        let resized = |map: Array2<f32>| resize(map.view(), (height, width), Filter::Bilinear);
-        let certainty = certainty.map(|Certainty { meaning, map }| Certainty { meaning, map: resized(map) });
-        Ok(PriorDepth { intrinsics, certainty, ..prior })
+        call(&self.path, || {
+            let (values, shape) = (self.values(image, &frame), input_shape(self.spec.layout, size));
+            let outputs =
+                self.graph.run(shape, values, &self.outputs).map_err(|reason| self.error(reason))?;
+            let mut outputs = outputs.into_iter();
+            let depth =
+                outputs.next().ok_or_else(|| self.error("an output is missing; export the model again"))?;
+            let [scale, mask, camera, fov, confidence, error] =
+                self.spec.further_outputs().map(|(_, name)| name.and_then(|_| outputs.next()));
+            let confidence = confidence.map(|values| (CertaintyMeaning::Confidence, values));
+            let certainty = confidence.or(error.map(|values| (CertaintyMeaning::Error, values)));
+            let focal = fov.map(|fov| self.focal(&fov, &frame)).transpose()?;
+            let inverse = focal.map(|focal| frame.input.1 as f32 / focal);
+            let camera = camera.or(focal.map(|focal| Output { shape: vec![1], values: vec![focal] }));
+            let mask = mask.map(|mask| Ok(self.map(mask, &frame)?.mapv(|m| m > 0.5))).transpose()?;
+            let certainty = certainty.map(|(meaning, values)| -> Result<_> {
+                let map = self.map(values, &frame)?;
+                Ok(Certainty { meaning, map: resize(map.view(), (height, width), Filter::Bilinear) })
+            });
+            let certainty = certainty.transpose()?;
+            let mut intrinsics =
+                camera.map(|camera| self.intrinsics(&camera, &frame, (height, width))).transpose()?;
+            let mut map = match self.spec.output_channel {
+                None => self.map(depth, &frame)?,
+                Some(channel) => {
+                    let points = points::Points::new(depth).map_err(|reason| self.error(reason))?;
+                    let mut z = points.channel(channel).map_err(|reason| self.error(reason))?;
+                    if self.spec.recover_shift {
+                        let found = points.camera(mask.as_ref()).ok_or_else(|| {
+                            self.empty("too few valid points to find their shift; check the outputs' names")
+                        })?;
+                        z.mapv_inplace(|z| z + found.shift);
+                        let focal = found.focal * width as f64 / frame.within(z.dim()).1 as f64;
+                        intrinsics = intrinsics.or(Some(centred(focal, (height, width))));
+                    }
+                    let shape = vec![z.nrows(), z.ncols()];
+                    self.map(Output { shape, values: z.iter().copied().collect() }, &frame)?
+                }
+            };
+            if let Some(scale) = scale {
+                let factor = match scale.values.as_slice() {
+                    &[factor] if factor > 0.0 && factor.is_finite() => factor,
+                    _ => {
+                        return Err(self.error("scale-output is no positive number; check its name"));
+                    }
+                };
+                map.mapv_inplace(|v| factor * v);
+            }
+            let depth = |value: f32| match inverse {
+                None => value,
+                // Bounds of Depth Pro's authors.
+                Some(factor) => 1.0 / (factor * value).clamp(1e-4, 1e4),
+            };
+            let floor = self.spec.output_floor;
+            // Before resizing, so that 0 does not spread to its neighbours; and after it, since bicubic overshoots.
+            if let Some(floor) = floor.filter(|_| inverse.is_none()) {
+                map.mapv_inplace(|v| v.max(floor));
+            }
+            // Depth Pro's authors resize the inverse depth too.
+            let mut map = resize(map.view(), (height, width), self.spec.output_filter).mapv_into(depth);
+            if let Some(floor) = floor {
+                map.mapv_inplace(|v| v.max(floor));
+            }
+            let prior = match mask {
+                None => PriorDepth::from_values(map, self.kind()),
+                Some(mask) => PriorDepth::with_mask(map, nearest(mask.view(), (height, width)), self.kind()),
+            };
+            let prior = prior.map_err(|e| match e {
+                Error::Empty(reason) => self.empty(&reason),
+                other => self.error(other.to_string()),
+            })?;
+            Ok(PriorDepth { intrinsics, certainty, ..prior })
+        })
     }
 
     fn accepts_new_images(&self) -> bool {

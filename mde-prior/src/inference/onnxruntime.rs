@@ -53,12 +53,8 @@ impl OnnxRuntimeGraph {
 }
 
 impl Graph for OnnxRuntimeGraph {
-    fn inputs(&self) -> &[Port] {
-        &self.inputs
-    }
-
-    fn outputs(&self) -> &[Port] {
-        &self.outputs
+    fn ports(&self) -> (&[Port], &[Port]) {
+        (&self.inputs, &self.outputs)
     }
 
     fn run(&self, shape: [usize; 4], values: Vec<f32>, wanted: &[usize]) -> Result<Vec<Output>, String> {

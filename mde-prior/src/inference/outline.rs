@@ -8,8 +8,8 @@ use tract_onnx::pb::tensor_shape_proto::dimension::Value;
 use tract_onnx::pb::type_proto::Value as Type;
 use tract_onnx::pb::{NodeProto, ValueInfoProto};
 
-/// The layers that tell FastDepth (Wofk et al., 2019): MobileNet's depthwise convolutions, and those of its decoder.
-const FASTDEPTH: Layers = Layers { depthwise_3: 13, decoder_5: 5 };
+/// The layers that tell FastDepth (Wofk et al., 2019): MobileNet's depthwise convolutions of 3 x 3, and those of 5 x 5 of its decoder.
+const FASTDEPTH: (usize, usize) = (13, 5);
 /// Its input.
 const FASTDEPTH_INPUT: [i64; 4] = [1, 3, 224, 224];
 
@@ -19,16 +19,8 @@ pub(super) struct Outline {
     pub(super) outputs: Vec<String>,
     /// Sides of the only input, where they are fixed.
     input: Vec<i64>,
-    layers: Option<Layers>,
-}
-
-/// Convolutions of a network that has no matrix products, so no attention.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-struct Layers {
-    /// Of 3 x 3, each channel alone.
-    depthwise_3: usize,
-    /// Of 5 x 5.
-    decoder_5: usize,
+    /// Convolutions as in [`FASTDEPTH`], of a network that has no matrix products, so no attention.
+    layers: Option<(usize, usize)>,
 }
 
 impl Outline {
@@ -45,16 +37,11 @@ impl Outline {
         };
         let outputs = graph.output.iter().map(|port| port.name.clone()).collect();
         let attends = graph.node.iter().any(|node| matches!(node.op_type.as_str(), "MatMul" | "Gemm"));
+        let convolutions = || graph.node.iter().filter(|node| node.op_type == "Conv");
+        let depthwise = |node: &&NodeProto| kernel(node) == [3, 3] && groups(node) > 1;
         let layers = (!attends).then(|| {
-            let mut layers = Layers::default();
-            for node in graph.node.iter().filter(|node| node.op_type == "Conv") {
-                match (kernel(node), groups(node) > 1) {
-                    ([3, 3], true) => layers.depthwise_3 += 1,
-                    ([5, 5], _) => layers.decoder_5 += 1,
-                    _ => {}
-                }
-            }
-            layers
+            let decoder = convolutions().filter(|node| kernel(node) == [5, 5]);
+            (convolutions().filter(depthwise).count(), decoder.count())
         });
         Ok(Self { outputs, input, layers })
     }

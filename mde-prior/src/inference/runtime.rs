@@ -60,11 +60,6 @@ pub(super) fn check_tensors(model: &TypedModel) -> Result<(), String> {
     Ok(())
 }
 
-/// Loads a network.
-pub(super) fn load(path: &Path) -> TractResult<InferenceModel> {
-    tract_onnx::onnx().with_ignore_output_shapes(true).model_for_path(path)
-}
-
 /// The graph in a file, without the weights that are elsewhere.
 pub(super) fn proto(path: &Path) -> Result<ModelProto> {
     open::check(path, FileKind::Network).map_err(|e| Error::read(path, e))?;

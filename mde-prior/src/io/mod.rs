@@ -4,8 +4,6 @@
 mod atomic;
 #[cfg(feature = "io")]
 pub mod format;
-#[cfg(feature = "io")]
-mod limits;
 pub mod open;
 #[cfg(feature = "io")]
 pub mod photo;

@@ -1,6 +1,6 @@
 //! The one way to open a file: it is regular, and of a bounded size for its kind.
 
-use std::fs::{File, FileType, Metadata};
+use std::fs::{File, Metadata};
 use std::io::{Error, ErrorKind, Read as _, Result};
 use std::path::Path;
 
@@ -85,7 +85,7 @@ fn check_found(found: &Metadata, kind: FileKind) -> Result<()> {
         return Err(Error::new(ErrorKind::IsADirectory, "it is a folder"));
     }
     if !found.is_file() {
-        return Err(Error::new(ErrorKind::InvalidInput, format!("it is {}", name(found.file_type()))));
+        return Err(Error::new(ErrorKind::InvalidInput, "it is a named pipe, a socket or a device"));
     }
     check_size(found.len(), kind)
 }
@@ -99,23 +99,6 @@ fn check_size(bytes: u64, kind: FileKind) -> Result<()> {
         gib => format!("{gib} GiB"),
     };
     Err(Error::new(ErrorKind::FileTooLarge, format!("it has more than {most}")))
-}
-
-#[cfg(unix)]
-fn name(of: FileType) -> &'static str {
-    use std::os::unix::fs::FileTypeExt as _;
-    if of.is_fifo() {
-        "a named pipe"
-    } else if of.is_socket() {
-        "a socket"
-    } else {
-        "a device"
-    }
-}
-
-#[cfg(not(unix))]
-fn name(_: FileType) -> &'static str {
-    "no regular file"
 }
 
 #[cfg(test)]

@@ -43,23 +43,11 @@ pub fn resize(map: ArrayView2<'_, f32>, size: (usize, usize), filter: Filter) ->
     let columns = taps(map.ncols(), size.1, filter);
     let rows = taps(map.nrows(), size.0, filter);
     let mut narrow = vec![0.0_f32; map.nrows() * size.1];
-    for row in used(&rows) {
-        let from = line(map.row(row));
-        let out = &mut narrow[row * size.1..(row + 1) * size.1];
+    for (row, out) in map.outer_iter().zip(narrow.chunks_exact_mut(size.1)) {
+        let from = line(row);
         out.iter_mut().zip(&columns).for_each(|(out, taps)| *out = taps.mean(&from));
     }
     tall(&narrow, &rows, size.1)
-}
-
-/// The rows of the input that the new rows are made of.
-fn used(rows: &[Taps]) -> impl Iterator<Item = usize> {
-    let mut next = 0;
-    rows.iter().flat_map(move |Taps { first, weights }| {
-        let end = first + weights.len();
-        let part = next.max(*first)..end;
-        next = next.max(end);
-        part
-    })
 }
 
 /// The new rows, from rows that have the new width.
@@ -67,11 +55,6 @@ fn tall(narrow: &[f32], rows: &[Taps], width: usize) -> Array2<f32> {
     let mut resized = Vec::with_capacity(rows.len() * width);
     for Taps { first, weights } in rows {
         let from = &narrow[first * width..];
-        if let [a, b] = weights[..] {
-            let (upper, lower) = from.split_at(width);
-            resized.extend(upper.iter().zip(lower).map(|(upper, lower)| 0.0 + a * upper + b * lower));
-            continue;
-        }
         let begin = resized.len();
         resized.resize(begin + width, 0.0);
         for (row, &weight) in from.chunks_exact(width).zip(weights) {

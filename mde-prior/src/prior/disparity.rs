@@ -2,6 +2,7 @@ use mde_uncertainty::statistics::quantile_sorted;
 use ndarray::{Array2, ArrayView2, Zip};
 use serde::{Deserialize, Serialize};
 
+use crate::error::check;
 use crate::{Error, Result};
 
 /// The rule that turns disparity of unknown scale and shift into positive depth.
@@ -58,15 +59,12 @@ impl DisparityRule {
     /// [`Error::Config`] that names the field.
     pub fn validate(&self) -> Result<()> {
         let Self { near, far, low, high } = *self;
-        let check = |ok: bool, field, value: f64, remedy| {
-            if ok { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), remedy }) }
-        };
         let positive = near.is_finite() && near >= f64::from(f32::MIN_POSITIVE);
-        check(positive, "disparity.near", near, "give the nearest depth of the scene, above 0")?;
+        check(positive, "disparity.near", &near, "give the nearest depth of the scene, above 0")?;
         let farther = far > near && far <= f64::from(f32::MAX);
-        check(farther, "disparity.far", far, "give the farthest depth of the scene, above disparity.near")?;
-        check((0.0..1.0).contains(&low), "disparity.low", low, "give a quantile in [0, 1)")?;
-        check(high > low && high <= 1.0, "disparity.high", high, "give a quantile in (disparity.low, 1]")
+        check(farther, "disparity.far", &far, "give the farthest depth of the scene, above disparity.near")?;
+        check((0.0..1.0).contains(&low), "disparity.low", &low, "give a quantile in [0, 1)")?;
+        check(high > low && high <= 1.0, "disparity.high", &high, "give a quantile in (disparity.low, 1]")
     }
 
     /// Depth `[height, width]` in `[near, far]` of an affine disparity map; 0 where `valid` is false or the value is
@@ -79,7 +77,7 @@ impl DisparityRule {
         self.depth_between(disparity, valid, self.ends(disparity, valid)?)
     }
 
-    /// The disparities of `far` and `near`.
+    /// The disparities of `far` and `near`: quantiles, or the extremes where these coincide.
     pub(crate) fn ends(
         &self,
         disparity: ArrayView2<'_, f32>,
@@ -89,9 +87,12 @@ impl DisparityRule {
         let mut values: Vec<f32> =
             disparity.iter().zip(&valid).filter(|(d, v)| **v && d.is_finite()).map(|(d, _)| *d).collect();
         values.sort_unstable_by(f32::total_cmp);
-        self.range(&values).ok_or_else(|| {
-            Error::Input("the disparity map has no valid pixel; check the file or the mask".to_owned())
-        })
+        let ends = [self.low, self.high, 0.0, 1.0].map(|share| quantile_sorted(&values, share));
+        let [Some(lo), Some(hi), Some(least), Some(most)] = ends else {
+            let reason = "the disparity map has no valid pixel; check the file or the mask";
+            return Err(Error::Input(reason.to_owned()));
+        };
+        Ok(if is_constant(lo, hi) { (least, most) } else { (lo, hi) })
     }
 
     /// As [`depth`](Self::depth), with the [`ends`](Self::ends) of another map of the same scale and shift, so that the depths of
@@ -125,13 +126,6 @@ impl DisparityRule {
             )));
         }
         Ok(())
-    }
-
-    /// \\( (q_{lo}, q_{hi}) \\) of sorted values, or their extremes where the quantiles coincide.
-    fn range(&self, sorted: &[f32]) -> Option<(f64, f64)> {
-        let (lo, hi) = (quantile_sorted(sorted, self.low)?, quantile_sorted(sorted, self.high)?);
-        let ends = (f64::from(*sorted.first()?), f64::from(*sorted.last()?));
-        Some(if is_constant(lo, hi) { ends } else { (lo, hi) })
     }
 }
 

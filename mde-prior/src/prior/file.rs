@@ -41,9 +41,13 @@ impl FilePrior {
 impl DepthPrior for FilePrior {
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
         let (height, width, _) = image.dim();
-        let size = self.prior.map.dim();
-        if size != (height, width) {
-            return Err(Error::SizeMismatch { path: self.path.clone(), prior: size, image: (height, width) });
+        let (rows, columns) = self.prior.map.dim();
+        if (rows, columns) != (height, width) {
+            let reason = format!(
+                "the prior is {columns}x{rows} but the image is {width}x{height} (width x height); resize the image, or make the prior \
+                 at the image's size"
+            );
+            return Err(Error::malformed(&self.path, reason));
         }
         Ok(self.prior.clone())
     }

@@ -22,27 +22,6 @@ pub(crate) use profiles::{FIELDS_OF_VIEW, IMAGENET, INVERSE_DEPTHS};
 /// A monocular depth estimator.
 ///
 /// The trait is object-safe: pipelines take `&dyn DepthPrior`.
-///
-/// ```
-/// use mde_prior::ndarray::{Array2, Array3, ArrayView3};
-/// use mde_prior::{DepthKind, DepthPrior, DisparityRule, PriorDepth, Result};
-///
-/// /// A floor: the lower in the image, the nearer.
-/// struct Floor;
-///
-/// impl DepthPrior for Floor {
-///     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-///         let (height, width, _) = image.dim();
-///         let disparity = Array2::from_shape_fn((height, width), |(y, _)| y as f32);
-///         PriorDepth::from_values(disparity, DepthKind::AffineDisparity)
-///     }
-/// }
-///
-/// let prior: Box<dyn DepthPrior> = Box::new(Floor);
-/// let depth = prior.predict(Array3::zeros((6, 8, 3)).view())?.to_depth(&DisparityRule::default())?;
-/// assert!((depth[[0, 0]] - 8.0).abs() < 1e-5 && (depth[[5, 0]] - 0.8).abs() < 1e-5);
-/// # Ok::<(), mde_prior::Error>(())
-/// ```
 pub trait DepthPrior: Sync {
     /// Predicts the depth of `image`, `[height, width, 3]`, sRGB values in `[0, 1]`; the result has the image's size.
     ///
@@ -176,15 +155,15 @@ impl PriorDepth {
     /// # Errors
     /// [`Error::Empty`] when no pixel has a value.
     pub fn from_values(map: Array2<f32>, kind: DepthKind) -> Result<Self> {
-        let valid = map.mapv(|v| v.is_finite() && (v > 0.0 || !kind.is_depth()));
-        Self { map, valid, kind, intrinsics: None, certainty: None }.sanitised()
+        let valid = Array2::from_elem(map.dim(), true);
+        Self::with_mask(map, valid, kind)
     }
 
     /// A map with a mask of the pixels that have a value, both `[height, width]`. A value that means "missing" is masked out too.
     ///
     /// # Errors
     /// [`Error::Input`] when the shapes differ, [`Error::Empty`] when no pixel has a value.
-    pub fn with_mask(map: Array2<f32>, valid: Array2<bool>, kind: DepthKind) -> Result<Self> {
+    pub fn with_mask(mut map: Array2<f32>, mut valid: Array2<bool>, kind: DepthKind) -> Result<Self> {
         if map.dim() != valid.dim() {
             return Err(Error::Input(format!(
                 "the prior's map is {:?} but its mask {:?}; give both the image's [height, width]",
@@ -192,26 +171,19 @@ impl PriorDepth {
                 valid.dim()
             )));
         }
-        Self { map, valid, kind, intrinsics: None, certainty: None }.sanitised()
-    }
-
-    fn sanitised(mut self) -> Result<Self> {
-        let is_depth = self.kind.is_depth();
-        Zip::from(&mut self.map).and(&mut self.valid).for_each(|value, valid| {
-            *valid &= value.is_finite() && (*value > 0.0 || !is_depth);
+        Zip::from(&mut map).and(&mut valid).for_each(|value, valid| {
+            *valid &= value.is_finite() && (*value > 0.0 || !kind.is_depth());
             if !*valid {
                 *value = 0.0;
             }
         });
-        if !self.valid.iter().any(|&v| v) {
+        if !valid.iter().any(|&v| v) {
+            let (height, width) = map.dim();
             return Err(Error::Empty(format!(
-                "the prior ({}, {}x{}) has no usable pixel; check the file or the kind given",
-                self.kind,
-                self.map.ncols(),
-                self.map.nrows()
+                "the prior ({kind}, {width}x{height}) has no usable pixel; check the file or the kind given"
             )));
         }
-        Ok(self)
+        Ok(Self { map, valid, kind, intrinsics: None, certainty: None })
     }
 
     /// Positive depth, `[height, width]`, 0 = missing: depths unchanged (metres, or the model's unit), disparity

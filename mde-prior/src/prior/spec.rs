@@ -4,6 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use crate::error::check;
 use crate::resample::Filter;
 use crate::{DepthKind, Error, FileKind, PriorDepth, Result, open};
 
@@ -214,9 +215,6 @@ impl ModelSpec {
     /// # Errors
     /// [`Error::Config`] that names the field.
     pub fn validate(&self) -> Result<()> {
-        let check = |ok: bool, field, value: &dyn std::fmt::Display, remedy| {
-            if ok { Ok(()) } else { Err(Error::Config { field, value: value.to_string(), remedy }) }
-        };
         for (field, side) in [("width", self.width), ("height", self.height)] {
             check((1..=8192).contains(&side), field, &side, "give an input size of 1 to 8192 pixels")?;
         }

@@ -2,7 +2,7 @@
 
 use mde_prior::format::{self, Format, ReadOptions};
 use mde_prior::ndarray::{Array2, array};
-use mde_prior::{DepthKind, DepthPrior, Error, FilePrior, photo};
+use mde_prior::{DepthKind, DepthPrior, FilePrior, photo};
 use proptest::prelude::*;
 use proptest::sample::Index;
 
@@ -211,9 +211,7 @@ fn a_file_prior_has_the_image_size_or_says_both() {
     assert!(prior.prior().valid.iter().all(|&v| v));
 
     let other = mde_prior::ndarray::Array3::zeros((4, 5, 3));
-    let error = prior.predict(other.view()).unwrap_err();
-    assert!(matches!(error, Error::SizeMismatch { .. }));
-    let message = error.to_string();
+    let message = prior.predict(other.view()).unwrap_err().to_string();
     assert!(message.contains("3x1") && message.contains("5x4"), "{message}");
 }
 

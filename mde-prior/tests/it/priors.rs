@@ -7,6 +7,7 @@ use mde_prior::resample::{Filter, resize};
 use mde_prior::spec::{Aspect, PROFILES};
 use mde_prior::{DepthKind, DepthPrior, DisparityRule, Error, ModelSpec, PriorDepth, Result};
 use proptest::prelude::*;
+use std::sync::atomic::{AtomicI32, Ordering};
 
 const FILTERS: [Filter; 4] =
     [Filter::Bilinear, Filter::BilinearAlignCorners, Filter::BilinearAntialias, Filter::Bicubic];
@@ -59,7 +60,9 @@ proptest! {
         values in proptest::collection::vec(0.0_f32..1.0, 3 * 4 * 5), disparity: bool,
     ) {
         let image = Array3::from_shape_vec((4, 5, 3), values)?;
-        let prior = Pixelwise(if disparity { DepthKind::AffineDisparity } else { DepthKind::Metric });
+        let kind = if disparity { DepthKind::AffineDisparity } else { DepthKind::Metric };
+        // Depth where positive.
+        let prior = Model(|red: Array2<f32>| PriorDepth::from_values(red - 0.5, kind));
         match prior.predict(image.view()) {
             Ok(alone) => prop_assert_eq!(averaged(&prior, image.view())?, alone),
             Err(_) => prop_assert!(averaged(&prior, image.view()).is_err()),
@@ -70,13 +73,18 @@ proptest! {
     fn a_flip_average_is_equivariant(values in proptest::collection::vec(0.1_f32..1.0, 3 * 4 * 5)) {
         let image = Array3::from_shape_vec((4, 5, 3), values)?;
         let mirrored = image.slice(s![.., ..;-1, ..]);
-        let average = averaged(&Slanted, image.view())?.map;
+        // Red plus the column is not equivariant.
+        let slanted = Model(|mut map: Array2<f32>| {
+            map.indexed_iter_mut().for_each(|((_, x), v)| *v += x as f32);
+            PriorDepth::from_values(map, DepthKind::RelativeDepth)
+        });
+        let average = averaged(&slanted, image.view())?.map;
         // But for the last bit: the gauge is a sum over the pixels, in another order.
-        for (a, b) in averaged(&Slanted, mirrored)?.map.iter().zip(average.slice(s![.., ..;-1])) {
+        for (a, b) in averaged(&slanted, mirrored)?.map.iter().zip(average.slice(s![.., ..;-1])) {
             prop_assert!((a - b).abs() <= 1e-6 * b.abs(), "{} {}", a, b);
         }
-        let alone = Slanted.predict(image.view())?.map;
-        prop_assert_ne!(Slanted.predict(mirrored)?.map, alone.slice(s![.., ..;-1]));
+        let alone = slanted.predict(image.view())?.map;
+        prop_assert_ne!(slanted.predict(mirrored)?.map, alone.slice(s![.., ..;-1]));
     }
 
     #[test]
@@ -122,23 +130,12 @@ fn averaged(prior: &dyn DepthPrior, image: ArrayView3<'_, f32>) -> Result<PriorD
     flip_average(straight, &prior.predict(image.slice(s![.., ..;-1, ..]))?)
 }
 
-/// Red minus half: depth where positive.
-struct Pixelwise(DepthKind);
+/// A model by its prediction of the red channel.
+struct Model<F>(F);
 
-impl DepthPrior for Pixelwise {
+impl<F: Fn(Array2<f32>) -> Result<PriorDepth> + Sync> DepthPrior for Model<F> {
     fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-        PriorDepth::from_values(image.slice(s![.., .., 0]).mapv(|v| v - 0.5), self.0)
-    }
-}
-
-/// Red plus the column: not equivariant.
-struct Slanted;
-
-impl DepthPrior for Slanted {
-    fn predict(&self, image: ArrayView3<'_, f32>) -> Result<PriorDepth> {
-        let mut map = image.slice(s![.., .., 0]).to_owned();
-        map.indexed_iter_mut().for_each(|((_, x), v)| *v += x as f32);
-        PriorDepth::from_values(map, DepthKind::RelativeDepth)
+        (self.0)(image.slice(s![.., .., 0]).to_owned())
     }
 }
 
@@ -265,25 +262,18 @@ fn specifications_come_from_toml_or_the_name() {
     }
 }
 
-/// A prior whose disparity has another scale and shift at every call, as an affine-invariant network's may.
-struct Drifting(std::sync::Mutex<f32>);
-
-impl DepthPrior for Drifting {
-    fn predict(&self, image: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-        let mut scale = self.0.lock().unwrap();
-        *scale *= 3.0;
-        PriorDepth::from_values(
-            image.slice(s![.., .., 0]).mapv(|v| *scale * v - *scale),
-            DepthKind::AffineDisparity,
-        )
-    }
-}
-
 #[test]
 fn a_flip_average_of_disparity_does_not_depend_on_scale_and_shift() {
     let image = Array3::from_shape_fn((3, 4, 3), |(y, x, _)| ((y * 7 + x * 5) % 11) as f32 / 11.0);
-    let averaged = averaged(&Drifting(1.0.into()), image.view()).unwrap();
-    let alone = Drifting(1.0.into()).predict(image.view()).unwrap();
+    // Another scale and shift at every call, as an affine-invariant network's may be.
+    let calls = AtomicI32::new(0);
+    let drifting = Model(|red: Array2<f32>| {
+        let scale = 3.0_f32.powi(calls.fetch_add(1, Ordering::Relaxed) + 1);
+        PriorDepth::from_values(red.mapv(|v| scale * v - scale), DepthKind::AffineDisparity)
+    });
+    let averaged = averaged(&drifting, image.view()).unwrap();
+    calls.store(0, Ordering::Relaxed);
+    let alone = drifting.predict(image.view()).unwrap();
     for (a, b) in averaged.map.iter().zip(&alone.map) {
         assert!((a - b).abs() < 1e-5, "{a} {b}");
     }

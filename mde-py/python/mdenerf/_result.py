@@ -176,26 +176,7 @@ class Result:
 
     @classmethod
     def _of(cls, parts: dict[str, Any]) -> Result:
-        return cls(
-            depth=parts["depth"],
-            sigma=parts["sigma"],
-            prior=parts["prior"],
-            camera=Camera(*parts["camera"]),
-            run=json.loads(parts["run"]),
-            image=parts["image"],
-            config=parts["config"],
-            components=parts["components"],
-            evidence=parts["evidence"],
-            lower=parts["lower"],
-            upper=parts["upper"],
-            field=parts["field"],
-            _pictures=parts["pictures"],
-            _strip=parts["strip"],
-            _exact=parts["exact"],
-            _confidence=parts["confidence"],
-            _error=parts["error"],
-            _variance=parts["variance"],
-        )
+        return cls(**{**parts, "camera": Camera(*parts["camera"]), "run": json.loads(parts["run"])})
 
     @property
     def unit(self) -> str:

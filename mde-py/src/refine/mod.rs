@@ -36,12 +36,8 @@ const RESERVED: [&str; 5] = ["colmap", "cloud.ply", "transforms.json", "run.json
 /// Any Python object.
 type Object<'py> = pyo3::Bound<'py, PyAny>;
 
-/// Results, each with the pose of a photograph that others refined.
-struct Made {
-    outcomes: Vec<(Outcome, Option<Pose>)>,
-    /// The record of every photograph.
-    run: Option<String>,
-}
+/// Results, each with the pose of a photograph that others refined, and the record of every photograph.
+type Made = (Vec<(Outcome, Option<Pose>)>, Option<String>);
 
 /// Refines the depth of the first photograph, or of `every` one: a dictionary of `results`, `poses` and the record `run` of all.
 #[pyfunction]
@@ -58,14 +54,14 @@ pub(crate) fn refine<'py>(
     let threads = arguments.threads;
     let inputs = Inputs::new(arguments)?;
     let observed = progress.is_some();
-    let made = worker::run(py, threads, server(py, model, progress), |link| {
+    let (outcomes, record) = worker::run(py, threads, server(py, model, progress), |link| {
         let watch = Watched::new(link, observed);
         prior
             .open(link, |open| run(&Refiner::new(open, settings.0.clone())?, inputs, every, watch))
             .map_err(message)
     })?;
     let (mut results, mut poses) = (Vec::new(), Vec::new());
-    for (outcome, pose) in made.outcomes {
+    for (outcome, pose) in outcomes {
         results.push(outcome.into_dict(py)?);
         poses.push(pose.map(|pose| {
             let (rows, q, t) = (pose.to_homogeneous(), pose.rotation, pose.translation);
@@ -76,7 +72,7 @@ pub(crate) fn refine<'py>(
     let parts = PyDict::new(py);
     parts.set_item("results", results)?;
     parts.set_item("poses", poses)?;
-    parts.set_item("run", made.run)?;
+    parts.set_item("run", record)?;
     Ok(parts.into_any())
 }
 
@@ -90,7 +86,7 @@ fn run(refiner: &Refiner<'_>, inputs: Inputs, every: bool, mut watch: Watched<'_
     }
     let refined = prepared.refine(scene.reference, None, &mut watch)?;
     let outcome = Outcome::new(refiner, refined, input, &watch, start)?;
-    Ok(Made { outcomes: vec![(outcome, None)], run: None })
+    Ok((vec![(outcome, None)], None))
 }
 
 fn run_every(
@@ -146,7 +142,7 @@ fn run_every(
         points: 0,
         prior_seconds,
     };
-    Ok(Made { outcomes, run: Some(outcome::json(&record)?) })
+    Ok((outcomes, Some(outcome::json(&record)?)))
 }
 
 /// Runs the callables of a run.

@@ -18,7 +18,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// The parts of a result.
+/// The parts of a result, by the names of their fields in Python.
 pub(super) struct Outcome {
     maps: Vec<(&'static str, Option<Array2<f32>>)>,
     components: Vec<(&'static str, Array2<f32>)>,
@@ -92,13 +92,13 @@ impl Outcome {
         Ok(Self {
             maps: vec![
                 ("depth", Some(depth)),
-                ("variance", Some(variance)),
+                ("_variance", Some(variance)),
                 ("sigma", Some(sigma)),
                 ("prior", Some(refinement.prior)),
                 ("lower", lower),
                 ("upper", upper),
-                ("confidence", confidence),
-                ("error", error),
+                ("_confidence", confidence),
+                ("_error", error),
             ],
             components: refinement.components.into_iter().map(|part| (part.name, part.sigma)).collect(),
             evidence,
@@ -126,7 +126,7 @@ impl Outcome {
             parts.set_item(name, by_name)?;
         }
         parts.set_item("image", self.image.into_pyarray(py))?;
-        parts.set_item("exact", self.exact.map(|image| image.into_pyarray(py)))?;
+        parts.set_item("_exact", self.exact.map(|image| image.into_pyarray(py)))?;
         let PinholeCamera { fx, fy, cx, cy, width, height } = self.camera;
         parts.set_item("camera", (fx, fy, cx, cy, width, height))?;
         parts.set_item("run", self.run)?;
@@ -135,9 +135,9 @@ impl Outcome {
         for (name, picture) in self.pictures {
             pictures.set_item(name, picture.into_pyarray(py))?;
         }
-        parts.set_item("pictures", pictures)?;
+        parts.set_item("_pictures", pictures)?;
         let strip: Vec<_> = self.strip.into_iter().map(|picture| picture.into_pyarray(py)).collect();
-        parts.set_item("strip", strip)?;
+        parts.set_item("_strip", strip)?;
         parts.set_item("field", self.field.map(|field| PyBytes::new(py, &field)))?;
         Ok(parts.into_any())
     }

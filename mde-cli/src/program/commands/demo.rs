@@ -111,7 +111,7 @@ fn photographs([width, height]: [usize; 2], config: &mut Config, progress: &mut 
     progress.step(&format!("{VIEWS} photographs of a {ROOM}, {width}x{height} pixels"));
     let world = World::new(ROOM, config.seed)?;
     let taken = CaptureConfig { views: VIEWS, gain: GAIN, seed: config.seed, ..CaptureConfig::default() };
-    let mut rendered = world.capture(ROOM.name(), &taken, width, height)?;
+    let mut rendered = world.capture(&ROOM.to_string(), &taken, width, height)?;
     for known in &mut rendered.views {
         // As in the files, from which a refinement can be repeated.
         known.view.image.mapv_inplace(|v| (v.clamp(0.0, 1.0) * 255.0).round() / 255.0);

@@ -13,7 +13,7 @@ use crate::program::progress::Progress;
 use crate::refiner::Observer;
 use crate::refiner::plan::SceneMemory;
 use anyhow::{Context, Result, bail, ensure};
-use mde_eval::data::{MapPair, MapPairs};
+use mde_eval::data::{MapPair, map_pairs};
 use mde_eval::score::{Subject, score};
 use mde_eval::table::Entry;
 use mde_prior::format::{ReadOptions, read_depth};
@@ -25,8 +25,8 @@ const MAPS: &str = "maps";
 pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
     let mut progress = Progress::start(&args.run)?;
     let (pred, gt) = (&args.pred, &args.gt);
-    let pairs = MapPairs::open(pred, gt, args.sigma.as_deref())?;
-    for id in pairs.unmatched() {
+    let (pairs, unmatched) = map_pairs(pred, gt, args.sigma.as_deref())?;
+    for id in unmatched {
         progress.warn(format!("{id}: no truth of that name in {}; not scored", gt.display()));
     }
     ensure!(!args.alignment.alignment.1, "--alignment prior: mde score has no prior; give another alignment");
@@ -35,11 +35,11 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
     let sigma_name = args.sigma.as_ref().map(|folder| folder.display().to_string());
     let basis = json!({ "command": "score", "pred": pred_name, "gt": gt_name, "sigma": sigma_name });
     for name in &args.scenes {
-        let known = pairs.pairs().iter().any(|pair| pair.id == *name);
-        ensure!(known, "--scenes {name}: none of the {} maps in {}", pairs.pairs().len(), pred.display());
+        let known = pairs.iter().any(|pair| pair.id == *name);
+        ensure!(known, "--scenes {name}: none of the {} maps in {}", pairs.len(), pred.display());
     }
     let wanted = |pair: &&MapPair| args.scenes.is_empty() || args.scenes.contains(&pair.id);
-    let chosen: Vec<&MapPair> = pairs.pairs().iter().filter(wanted).collect();
+    let chosen: Vec<&MapPair> = pairs.iter().filter(wanted).collect();
     let store = Store::open(&args.run.output(pred, "-score"), &basis, args.run.force, false)?;
     let (mut entries, mut failures) = (Vec::new(), Vec::new());
     for (index, pair) in chosen.iter().enumerate() {

@@ -117,7 +117,7 @@ impl<'a> Evaluation<'a> {
         let prior_settings = prior.describe();
         let scoring = Scoring::new(args.alignment.alignment, request.pixels, !request.share_fields);
         let basis = json!({ "command": request.command, "data": source.describe() });
-        let name = args.root.clone().unwrap_or_else(|| source.kind.name().into());
+        let name = args.root.clone().unwrap_or_else(|| source.kind.to_string().into());
         let output = args.run.output(&name, &format!("-{}", request.command));
         let store = Store::open(&output, &basis, args.run.force, request.shard.is_some())?;
         let rule = DisparityRule::default();

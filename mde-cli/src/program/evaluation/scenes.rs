@@ -48,14 +48,8 @@ impl Source {
             }
             _ => bail!("--grid: is for --dataset captures; with --dataset posed give one pose-noise"),
         };
-        let options = Options {
-            places,
-            pose_noise,
-            assumed_fov: Some(args.assume_fov),
-            size: args.size,
-            captures,
-            ..Options::default()
-        };
+        let options =
+            Options { places, pose_noise, assumed_fov: Some(args.assume_fov), size: args.size, captures };
         let data = data::open(kind, root, &options)?;
         Ok(Self { data, kind, options, withheld: several.withhold.withhold })
     }
@@ -67,7 +61,7 @@ impl Source {
 
     /// The options that determine images and truth of the scenes; not the folder, which may be moved.
     pub(crate) fn describe(&self) -> Value {
-        let mut value = json!({ "dataset": self.kind.name(), "size": self.options.size });
+        let mut value = json!({ "dataset": self.kind, "size": self.options.size });
         if self.kind == DataSetKind::Captures {
             let CaptureGrid { views, baselines, pose_noises, gains } = &self.options.captures;
             value["captures"] =

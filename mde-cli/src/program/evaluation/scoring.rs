@@ -8,7 +8,7 @@ use mde_eval::align::{Alignment, AlignmentRule};
 use mde_eval::baseline::Unsharp;
 use mde_eval::baseline::sigma::TrivialSigma;
 use mde_eval::data::Sample;
-use mde_eval::score::{Prepared, ScoreConfig, Subject, score_uncertainty};
+use mde_eval::score::{ScoreConfig, Scores, Subject, score, score_aligned, score_uncertainty};
 use mde_eval::table::Entry;
 use mde_eval::{Method as _, Task};
 use mde_prior::DisparityRule;
@@ -88,7 +88,14 @@ impl Scoring {
         let Some((_, prior)) = made.first() else { return Ok(Vec::new()) };
         let (id, truth) = (&sample.id, crc(sample.depth.view()));
         store.keep_picture(id, sample.image.view())?;
-        let mut against = None;
+        let prior_depth = prior.refined.depth.view();
+        let against = Against {
+            sample,
+            prior: prior_depth,
+            config: &config,
+            shared: subject(prior_depth, sample).fit(&config)?,
+            all_shared: self.shared,
+        };
         let mut entries = Vec::new();
         for (method, kept) in made {
             let made_from = json!({
@@ -101,12 +108,6 @@ impl Scoring {
                 entries.extend(scored.entries);
                 continue;
             }
-            let against = match &against {
-                Some(ready) => ready,
-                None => {
-                    against.insert(Against::new(sample, prior.refined.depth.view(), &config, self.shared)?)
-                }
-            };
             let own = against.method(method, kept, self.controls).with_context(|| method.name.clone())?;
             let scored = Scored { made_from, entries: own };
             store.keep_scores(id, &method.name, &scored)?;
@@ -116,29 +117,18 @@ impl Scoring {
     }
 }
 
-/// The truth of a scene, prepared once, and the prior's alignment.
+/// A scene and the prior's alignment.
 struct Against<'a> {
     sample: &'a Sample,
     prior: ArrayView2<'a, f32>,
-    truth: Prepared,
+    config: &'a ScoreConfig,
     /// The prior's alignment.
     shared: Alignment,
     /// Whether every method is scored under it.
     all_shared: bool,
 }
 
-impl<'a> Against<'a> {
-    fn new(
-        sample: &'a Sample,
-        prior: ArrayView2<'a, f32>,
-        config: &ScoreConfig,
-        all_shared: bool,
-    ) -> Result<Self> {
-        let shared = subject(prior, sample).fit(config)?;
-        let truth = Prepared::new(sample.depth.view(), None, config)?;
-        Ok(Self { sample, prior, truth, shared, all_shared })
-    }
-
+impl Against<'_> {
     fn method(&self, method: &Method, kept: &Kept, controls: bool) -> Result<Vec<Entry>> {
         let (depth, sigma) = (kept.refined.depth.view(), kept.refined.sigma.as_ref());
         let mut own = self.entry(depth, sigma, &method.label)?;
@@ -158,11 +148,11 @@ impl<'a> Against<'a> {
         let mut subject = subject(depth, self.sample);
         subject.sigma = sigma.map(|sigma| sigma.view());
         let scores = match self.all_shared {
-            true => self.truth.score_aligned(&subject, &self.shared)?,
-            false => self.truth.score(&subject)?,
+            true => score_aligned(&subject, &self.shared, self.config)?,
+            false => score(&subject, self.config)?,
         };
         let mut entry = Entry::new(&self.sample.id, name, scores);
-        entry.set_shared(&subject, &self.shared, self.truth.config())?;
+        entry.set_shared(&subject, &self.shared, self.config)?;
         Ok(entry)
     }
 
@@ -176,19 +166,19 @@ impl<'a> Against<'a> {
 
     /// Scores of trivial sigmas for `depth`, whose entry is `of`.
     fn trivial_sigmas(&self, depth: ArrayView2<'_, f32>, of: &Entry) -> Result<Vec<Entry>> {
-        let config = self.truth.config();
         let alignment = match self.all_shared {
             true => self.shared,
-            false => subject(depth, self.sample).fit(config)?,
+            false => subject(depth, self.sample).fit(self.config)?,
         };
         let mut entries = Vec::new();
         for trivial in TrivialSigma::ALL {
             let sigma = trivial.map(depth, self.sample.image.view())?;
             let subject = subject(depth, self.sample).with_sigma(sigma.view());
-            let scores = score_uncertainty(&subject, &alignment, config)?;
+            let scores = score_uncertainty(&subject, &alignment, self.config)?;
             if scores.curves.is_some() {
-                let name = format!("{}{SIGMA_BY}{}", of.method, trivial.name());
-                entries.push(Entry::of_uncertainty(of, name, scores));
+                let method = format!("{}{SIGMA_BY}{}", of.method, trivial.name());
+                let Scores { values, curves, .. } = scores;
+                entries.push(Entry { method, values, curves, ..of.clone() });
             }
         }
         Ok(entries)

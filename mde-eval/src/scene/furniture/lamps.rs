@@ -1,30 +1,27 @@
 use crate::scene::stage::{Stage, Stand, enamel, metal};
 use crate::scene::texture::Material;
 
-/// A lamp: its shade glows as the light does.
-#[derive(Clone, Copy)]
-pub(in crate::scene) struct Lamp {
-    pub(in crate::scene) height: f64,
-    pub(in crate::scene) shade: Material,
-}
-
-/// A standing lamp on a thin pole.
-pub(in crate::scene) fn floor_lamp(stage: &mut Stage, stand: &Stand, lamp: Lamp) {
+/// A standing lamp on a thin pole, `h` high; a shade glows as its light does.
+pub(in crate::scene) fn floor_lamp(stage: &mut Stage, stand: &Stand, h: f64, shade: Material) {
     let steel = metal(0.3);
-    let h = lamp.height;
     stage.rod(stand, [0.0, 0.0, 0.0], [0.0, 0.0, 0.022], 0.14, steel);
     stage.rod(stand, [0.0, 0.0, 0.02], [0.0, 0.0, h - 0.22], 0.011, steel);
-    stage.cone(stand, [0.0, 0.0, h - 0.28], [0.0, 0.0, h], [0.21, 0.14], lamp.shade);
+    stage.cone(stand, [0.0, 0.0, h - 0.28], [0.0, 0.0, h], [0.21, 0.14], shade);
     stage.rod(stand, [0.09, 0.0, h - 0.28], [0.09, 0.0, h - 0.42], 0.002, steel);
     stage.ball(stand, [0.09, 0.0, h - 0.43], 0.009, steel);
 }
 
 /// A lamp with a bulging foot.
-pub(in crate::scene) fn table_lamp(stage: &mut Stage, stand: &Stand, lamp: Lamp, foot: Material) {
-    let h = lamp.height;
+pub(in crate::scene) fn table_lamp(
+    stage: &mut Stage,
+    stand: &Stand,
+    h: f64,
+    shade: Material,
+    foot: Material,
+) {
     stage.ball(stand, [0.0, 0.0, 0.085], 0.085, foot);
     stage.rod(stand, [0.0, 0.0, 0.1], [0.0, 0.0, h - 0.15], 0.01, metal(0.6));
-    stage.cone(stand, [0.0, 0.0, h - 0.19], [0.0, 0.0, h], [0.14, 0.085], lamp.shade);
+    stage.cone(stand, [0.0, 0.0, h - 0.19], [0.0, 0.0, h], [0.14, 0.085], shade);
 }
 
 /// A lamp on two arms with joints.
@@ -40,9 +37,8 @@ pub(in crate::scene) fn desk_lamp(stage: &mut Stage, stand: &Stand) {
 }
 
 /// A lamp hanging from the ceiling at `ceiling` by a thin cord.
-pub(in crate::scene) fn pendant(stage: &mut Stage, stand: &Stand, ceiling: f64, lamp: Lamp) {
-    let h = lamp.height;
+pub(in crate::scene) fn pendant(stage: &mut Stage, stand: &Stand, ceiling: f64, h: f64, shade: Material) {
     stage.rod(stand, [0.0, 0.0, h], [0.0, 0.0, ceiling], 0.004, Material::plain(0.1, 0.1, 0.1));
     stage.rod(stand, [0.0, 0.0, ceiling - 0.03], [0.0, 0.0, ceiling], 0.05, metal(0.5));
-    stage.cone(stand, [0.0, 0.0, h - 0.22], [0.0, 0.0, h], [0.2, 0.05], lamp.shade);
+    stage.cone(stand, [0.0, 0.0, h - 0.22], [0.0, 0.0, h], [0.2, 0.05], shade);
 }

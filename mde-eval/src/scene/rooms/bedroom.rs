@@ -1,6 +1,6 @@
-use super::setting::{DAY, Setting, WARM, eye, light};
+use super::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{
-    Lamp, Shell, Top, bed, cabinet, chair, curtain, pendant, picture, plant, rug, table, table_lamp, window,
+    Shell, Top, bed, cabinet, chair, curtain, pendant, picture, plant, rug, table, table_lamp, window,
 };
 use crate::scene::stage::{Stage, Stand, enamel, metal, oak, walnut};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
@@ -27,7 +27,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
         let top = Top { width: 0.42, depth: 0.38, height: 0.52, thickness: 0.018, leg: 0.01 };
         table(s, &stand, &top, walnut(grain), walnut(grain + 1.0));
         let foot = Material::new(Texture::Speckle([rgb(0.75, 0.6, 0.5), rgb(0.4, 0.3, 0.3)], 0.015));
-        table_lamp(s, &stand.then(0.0, 0.03, 0.52), Lamp { height: 0.46, shade }, foot.gloss(0.3));
+        table_lamp(s, &stand.then(0.0, 0.03, 0.52), 0.46, shade, foot.gloss(0.3));
     }
     picture(s, &Stand::at(x, depth, 1.75), [0.95, 0.6], walnut(grain));
     cabinet(s, &Stand::at(-0.5 * width, 2.35, 0.0).turned(90.0), [1.5, 0.55, 2.1], [3, 1], oak(grain));
@@ -45,7 +45,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
         [s.about([0.80, 0.76, 0.70], 0.05), s.about([0.36, 0.30, 0.42], 0.08), rgb(0.60, 0.55, 0.50)];
     rug(s, &Stand::at(0.1, 1.75, 0.0), [2.1, 1.2], colours);
     plant(s, &Stand::at(1.85, depth - 0.42, 0.0), 0.8, 20);
-    pendant(s, &Stand::at(0.25, 2.5, 0.0), height, Lamp { height: 2.12, shade });
+    pendant(s, &Stand::at(0.25, 2.5, 0.0), height, 2.12, shade);
     let eye = eye(s, [0.2, -0.1, 1.42], 2.0, 12.0);
     let lights = vec![
         light([x - 1.05, depth - 0.3, 0.9], 0.08, 0.22, WARM),

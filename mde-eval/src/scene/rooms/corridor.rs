@@ -1,7 +1,6 @@
-use super::setting::{Setting, WARM, eye, light};
+use super::{Setting, WARM, eye, light};
 use crate::scene::furniture::{
-    Lamp, Shell, Top, bench, coat_stand, door, pendant, picture, plant, radiator, rug, table, table_lamp,
-    window,
+    Shell, Top, bench, coat_stand, door, pendant, picture, plant, radiator, rug, table, table_lamp, window,
 };
 use crate::scene::stage::{Stage, Stand, enamel, metal, oak, walnut};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
@@ -43,13 +42,13 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let top = Top { width: 0.9, depth: 0.32, height: 0.8, thickness: 0.018, leg: 0.009 };
     table(s, &console, &top, oak(grain), metal(0.15));
     let shade = Material::plain(0.98, 0.88, 0.68).glow(1.0);
-    table_lamp(s, &console.then(-0.1, 0.0, 0.8), Lamp { height: 0.45, shade }, enamel(0.2, 0.3, 0.4));
+    table_lamp(s, &console.then(-0.1, 0.0, 0.8), 0.45, shade, enamel(0.2, 0.3, 0.4));
     umbrellas(s, &Stand::at(-half + 0.17, 2.5, 0.0));
     plant(s, &Stand::at(0.8, depth - 0.4, 0.0), 0.9, 18);
     let bowl = Material::plain(0.97, 0.93, 0.84).glow(0.9);
     for y in [2.7, 5.2] {
-        let lamp = Lamp { height: 2.2 + s.between(-0.05, 0.05), shade: bowl };
-        pendant(s, &Stand::at(0.0, y, 0.0), height, lamp);
+        let h = 2.2 + s.between(-0.05, 0.05);
+        pendant(s, &Stand::at(0.0, y, 0.0), height, h, bowl);
     }
     let eye = eye(s, [0.05, 0.0, 1.45], 0.5, 8.0);
     let lights = vec![

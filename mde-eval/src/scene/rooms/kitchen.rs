@@ -1,6 +1,6 @@
-use super::setting::{DAY, Setting, WARM, eye, light};
+use super::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{
-    Lamp, Shell, Top, bar_stool, cabinet, chair, crockery, pendant, plant, table, wall_shelf, window,
+    Shell, Top, bar_stool, cabinet, chair, crockery, pendant, plant, table, wall_shelf, window,
 };
 use crate::scene::stage::{Stage, Stand, enamel, metal, oak, walnut};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
@@ -36,8 +36,8 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     bar_stool(s, &Stand::at(1.62, y, 0.0), oak(grain + 1.0));
     let shade = Material::new(Texture::Plain(s.about([0.75, 0.3, 0.2], 0.12))).glow(0.5);
     for (k, lift) in [(-0.32, 1.62), (0.34, 1.56)] {
-        let lamp = Lamp { height: lift + s.between(-0.04, 0.04), shade };
-        pendant(s, &middle.then(k, 0.0, 0.0), height, lamp);
+        let h = lift + s.between(-0.04, 0.04);
+        pendant(s, &middle.then(k, 0.0, 0.0), height, h, shade);
     }
     let side = Stand::at(-0.5 * width, 2.6, 0.0).turned(90.0);
     window(s, &side.then(0.2, 0.0, 1.5), [1.2, 1.1], [2, 1], 1.0);

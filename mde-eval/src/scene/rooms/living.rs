@@ -1,7 +1,7 @@
-use super::setting::{DAY, Setting, WARM, eye, light};
+use super::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{
-    Lamp, Shell, Top, bookcase, chair, crockery, curtain, floor_lamp, picture, plant, rug, sofa, table,
-    table_lamp, window,
+    Shell, Top, bookcase, chair, crockery, curtain, floor_lamp, picture, plant, rug, sofa, table, table_lamp,
+    window,
 };
 use crate::scene::stage::{Stage, Stand, enamel, metal, oak, walnut};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
@@ -33,7 +33,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     crockery(s, &coffee.then(0.0, 0.05, 0.42), 1.0);
     let shade = Material::plain(0.97, 0.88, 0.70).glow(1.0);
     let pole = s.between(1.12, 1.3);
-    floor_lamp(s, &Stand::at(pole, depth - 0.6, 0.0), Lamp { height: 1.7, shade });
+    floor_lamp(s, &Stand::at(pole, depth - 0.6, 0.0), 1.7, shade);
     let turn = s.between(35.0, 60.0);
     chair(s, &Stand::at(1.32, 2.35, 0.0).turned(-turn), oak(grain), 6);
     let shelves = Stand::at(0.5 * width - 0.16, 3.6, 0.0).turned(-90.0);
@@ -43,7 +43,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     let top = Top { width: 0.45, depth: 0.45, height: 0.55, thickness: 0.018, leg: 0.01 };
     table(s, &side, &top, oak(grain), metal(0.2));
     let glaze = Material::new(Texture::Speckle([rgb(0.3, 0.45, 0.5), rgb(0.8, 0.8, 0.7)], 0.02));
-    table_lamp(s, &side.then(0.0, 0.0, 0.55), Lamp { height: 0.5, shade }, glaze.gloss(0.4));
+    table_lamp(s, &side.then(0.0, 0.0, 0.55), 0.5, shade, glaze.gloss(0.4));
     let wall = Stand::at(-0.5 * width, 3.1, 0.0).turned(90.0);
     window(s, &wall.then(0.0, 0.0, 1.45), [1.6, 1.5], [3, 2], 1.0);
     let drape = s.about([0.62, 0.34, 0.26], 0.1);

@@ -5,16 +5,17 @@ mod corridor;
 mod kitchen;
 mod living;
 mod office;
-mod setting;
 mod study;
 mod workshop;
 
-use super::room::Room;
+use super::Room;
+use super::render::{Eye, Light};
+use super::solid::Vector;
 use super::stage::Stage;
-use setting::Setting;
+use super::texture::Colour;
 
 pub(super) fn furnish(room: Room, seed: u64) -> Setting {
-    let stage = Stage::new(seed, room.name());
+    let stage = Stage::new(seed, &room.to_string());
     match room {
         Room::Study => study::furnish(stage),
         Room::LivingRoom => living::furnish(stage),
@@ -24,4 +25,29 @@ pub(super) fn furnish(room: Room, seed: u64) -> Setting {
         Room::Office => office::furnish(stage),
         Room::Bedroom => bedroom::furnish(stage),
     }
+}
+
+/// A furnished room with its lights and camera.
+pub(super) struct Setting {
+    pub(super) stage: Stage,
+    pub(super) lights: Vec<Light>,
+    pub(super) ambient: Colour,
+    pub(super) eye: Eye,
+    /// Horizontal, in degrees.
+    pub(super) field_of_view: f64,
+}
+
+fn light(position: [f64; 3], radius: f64, power: f64, colour: [f64; 3]) -> Light {
+    Light { position: position.into(), radius, colour: Colour::from(colour) * power }
+}
+
+const WARM: [f64; 3] = [1.0, 0.82, 0.62];
+const DAY: [f64; 3] = [0.86, 0.94, 1.0];
+
+/// Eye height and direction with a seeded hand-held wobble.
+fn eye(stage: &mut Stage, at: [f64; 3], yaw: f64, pitch: f64) -> Eye {
+    let wobble =
+        Vector::new(stage.between(-0.12, 0.12), stage.between(-0.08, 0.08), stage.between(-0.06, 0.06));
+    let (yaw, pitch) = (yaw + stage.between(-3.0, 3.0), pitch + stage.between(-1.5, 1.5));
+    Eye::new(Vector::from(at) + wobble, yaw, pitch)
 }

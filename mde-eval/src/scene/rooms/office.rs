@@ -1,4 +1,4 @@
-use super::setting::{DAY, Setting, eye, light};
+use super::{DAY, Setting, eye, light};
 use crate::scene::furniture::{
     Shell, Top, bookcase, cabinet, computer, crockery, desk_lamp, office_chair, plant, table, wall_shelf,
     window,

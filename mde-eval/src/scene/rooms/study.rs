@@ -1,7 +1,7 @@
-use super::setting::{DAY, Setting, WARM, eye, light};
+use super::{DAY, Setting, WARM, eye, light};
 use crate::scene::furniture::{
-    Lamp, Shell, Top, bookcase, chair, computer, desk_lamp, floor_lamp, picture, plant, rug, table,
-    wall_shelf, window,
+    Shell, Top, bookcase, chair, computer, desk_lamp, floor_lamp, picture, plant, rug, table, wall_shelf,
+    window,
 };
 use crate::scene::stage::{Stage, Stand, oak, walnut};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
@@ -33,7 +33,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     chair(s, &Stand::at(x, 2.0, 0.0).turned(turn), oak(grain + 2.0), 5);
     let shade = Material::plain(0.98, 0.90, 0.72).glow(0.9);
     let lamp = Stand::at(-0.92 + s.between(-0.08, 0.08), depth - 0.75, 0.0);
-    floor_lamp(s, &lamp, Lamp { height: 1.62, shade });
+    floor_lamp(s, &lamp, 1.62, shade);
     let shelves = Stand::at(-0.5 * width + 0.17, 2.7, 0.0).turned(90.0);
     bookcase(s, &shelves, [1.25, 2.05], 5, oak(grain + 1.0), true);
     for (x, z, wide) in [(0.25, 1.42, 1.2), (0.45, 1.86, 0.9)] {

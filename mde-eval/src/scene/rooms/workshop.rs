@@ -1,5 +1,5 @@
-use super::setting::{DAY, Setting, WARM, eye, light};
-use crate::scene::furniture::{Lamp, Shell, Top, bar_stool, cabinet, desk_lamp, pendant, table, window};
+use super::{DAY, Setting, WARM, eye, light};
+use crate::scene::furniture::{Shell, Top, bar_stool, cabinet, desk_lamp, pendant, table, window};
 use crate::scene::stage::{Stage, Stand, enamel, lean, metal, oak, wood};
 use crate::scene::texture::{Colour, Material, Texture, rgb};
 
@@ -37,7 +37,7 @@ pub(super) fn furnish(mut stage: Stage) -> Setting {
     pipes(s, depth, width);
     window(s, &Stand::at(-0.5 * width, 1.9, 1.6).turned(90.0), [1.2, 1.1], [3, 2], 1.1);
     let shade = Material::plain(0.75, 0.77, 0.7).glow(0.8);
-    pendant(s, &Stand::at(0.1, 2.9, 0.0), height, Lamp { height: 2.0, shade });
+    pendant(s, &Stand::at(0.1, 2.9, 0.0), height, 2.0, shade);
     let eye = eye(s, [0.1, -0.1, 1.5], -1.0, 12.0);
     let lights = vec![
         light([0.1, 2.9, 1.92], 0.12, 1.5, WARM),

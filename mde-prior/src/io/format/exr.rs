@@ -10,12 +10,12 @@ use ndarray::{Array2, ArrayView2};
 
 use super::{MAX_PIXELS, Parsed, check_size, choose};
 
-/// Names of a depth channel, first that of the OpenEXR convention.
+/// Names of a depth channel (in any layer), first that of the OpenEXR convention.
 const CHANNELS: [&str; 4] = ["z", "depth", "y", "r"];
 /// DEFLATE never expands more than 1032 times; a header that needs more is broken.
 const MAX_EXPANSION: usize = 1100;
 
-pub(super) fn parse(bytes: &[u8], wanted: Option<&str>) -> Parsed<Array2<f32>> {
+pub(super) fn parse(bytes: &[u8]) -> Parsed<Array2<f32>> {
     check_header(bytes)?;
     let image = read()
         .no_deep_data()
@@ -35,7 +35,7 @@ pub(super) fn parse(bytes: &[u8], wanted: Option<&str>) -> Parsed<Array2<f32>> {
     let names: Vec<&str> = channels.iter().map(|(name, ..)| name.as_str()).collect();
     let last = |name: &str| name.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
     let usual = CHANNELS.iter().find_map(|usual| names.iter().position(|name| last(name) == *usual));
-    let (name, size, channel) = &channels[choose("channel", &names, wanted, usual, "Z")?];
+    let (name, size, channel) = &channels[choose("channel", &names, usual, "Z")?];
     let (width, height) = (size.width(), size.height());
     if channel.sampling.x() != 1 || channel.sampling.y() != 1 {
         return Err(format!("channel {name:?} is subsampled; write it at full size"));

@@ -6,24 +6,10 @@
 //! | `.npy` | f2, f4, f8, u1 to u4, i2 to i8, both byte orders, C and Fortran order | f4, version 1.0 |
 //! | `.npz` | stored or deflated; a named array, or the only one | f4, stored, array `depth` |
 //! | `.pfm` | grey (`Pf`), both byte orders | grey, little-endian |
-//! | `.exr` | half, float or uint; a named channel, or the first suitable | float, channel `Z`, ZIP |
+//! | `.exr` | half, float or uint; the first suitable channel | float, channel `Z`, ZIP |
 //!
 //! [`read_depth`] returns depths, 0 = missing; [`read_values`] returns the values unchanged and refuses NaN. Writing is atomic.
 //! Sizes in headers are checked against the file before memory is allocated.
-//!
-//! ```
-//! use mde_prior::format::{self, ReadOptions};
-//! use mde_prior::ndarray::array;
-//!
-//! let folder = tempfile::tempdir()?;
-//! let depth = array![[0.0_f32, 1.25], [2.5, 3.0]];
-//! for name in ["depth.npy", "depth.npz", "depth.pfm", "depth.exr", "depth.png"] {
-//!     let path = folder.path().join(name);
-//!     format::write_depth(&path, depth.view())?;
-//!     assert_eq!(format::read_depth(&path, &ReadOptions::default())?, depth);
-//! }
-//! # Ok::<(), Box<dyn std::error::Error>>(())
-//! ```
 
 mod exr;
 mod npy;
@@ -38,6 +24,7 @@ use ndarray::{Array2, ArrayView2};
 
 use super::open::{self, FileKind};
 use super::write_atomic;
+use crate::error::check;
 use crate::{Error, Result};
 
 /// Most pixels of a map; more is a broken header.
@@ -75,7 +62,7 @@ impl Format {
     /// The format of the extension of `path`.
     ///
     /// # Errors
-    /// [`Error::UnknownFormat`] with the known ones.
+    /// [`Error::Malformed`] with the known ones.
     pub fn of(path: &Path) -> Result<Self> {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
         match extension.to_ascii_lowercase().as_str() {
@@ -84,7 +71,10 @@ impl Format {
             "npz" => Ok(Self::Npz),
             "pfm" => Ok(Self::Pfm),
             "exr" => Ok(Self::Exr),
-            _ => Err(Error::UnknownFormat { path: path.to_owned(), extension: extension.to_owned() }),
+            _ => Err(Error::malformed(
+                path,
+                format!("unknown depth format {extension:?}; use .png (16 bit), .npy, .npz, .pfm or .exr"),
+            )),
         }
     }
 }
@@ -101,13 +91,11 @@ pub struct ReadOptions {
     pub eight_bits: bool,
     /// The array of an NPZ; without it the only one, or the one named `depth`.
     pub npz_array: Option<String>,
-    /// The channel of an EXR; without it the first of `Z`, `depth`, `Y`, `R` (in any layer), or the only one.
-    pub exr_channel: Option<String>,
 }
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self { png_scale: None, float_scale: 1.0, eight_bits: false, npz_array: None, exr_channel: None }
+        Self { png_scale: None, float_scale: 1.0, eight_bits: false, npz_array: None }
     }
 }
 
@@ -125,7 +113,7 @@ impl ReadOptions {
 /// Reads depths, `[height, width]`: positive and finite, 0 = missing (whatever was not finite or not positive).
 ///
 /// # Errors
-/// [`Error::Read`], [`Error::UnknownFormat`], [`Error::Malformed`] (also when no pixel has a depth), [`Error::Config`].
+/// [`Error::Read`], [`Error::Malformed`] (also when no pixel has a depth), [`Error::Config`].
 pub fn read_depth(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Array2<f32>> {
     let path = path.as_ref();
     let mut map = read_raw(path, options)?;
@@ -183,7 +171,7 @@ fn parse(format: Format, bytes: &[u8], options: &ReadOptions) -> Parsed<Array2<f
         Format::Npy => npy::parse(bytes)?,
         Format::Npz => npz::parse(bytes, options.npz_array.as_deref())?,
         Format::Pfm => Samples { map: pfm::parse(bytes)?, integer: false },
-        Format::Exr => Samples { map: exr::parse(bytes, options.exr_channel.as_deref())?, integer: false },
+        Format::Exr => Samples { map: exr::parse(bytes)?, integer: false },
     };
     let scale = match integer {
         true => options.png_scale.or(stated).unwrap_or(MILLIMETRES),
@@ -208,7 +196,7 @@ pub fn decode(format: Format, bytes: &[u8], options: &ReadOptions) -> Result<Arr
 /// Writes a map in the format of the file's extension; `f32` values bit-exact, but in a PNG, which has thousandths.
 ///
 /// # Errors
-/// [`Error::UnknownFormat`], [`Error::Write`]; [`Error::Malformed`] when the map is empty, holds NaN, or does not fit into 16 bits.
+/// [`Error::Write`]; [`Error::Malformed`] for another extension, or when the map is empty, holds NaN, or does not fit into 16 bits.
 pub fn write_depth(path: impl AsRef<Path>, map: ArrayView2<'_, f32>) -> Result<()> {
     let path = path.as_ref();
     let format = Format::of(path)?;
@@ -358,10 +346,7 @@ fn check_map(path: &Path, map: ArrayView2<'_, f32>) -> Result<()> {
 }
 
 fn check_scale(field: &'static str, scale: f64) -> Result<()> {
-    if scale.is_finite() && scale > 0.0 {
-        return Ok(());
-    }
-    Err(Error::Config { field, value: scale.to_string(), remedy: "give a positive number of steps per unit" })
+    check(scale.is_finite() && scale > 0.0, field, &scale, "give a positive number of steps per unit")
 }
 
 /// Checks a size from a header before memory is allocated for it.
@@ -374,22 +359,9 @@ fn check_size(width: usize, height: usize) -> Parsed<usize> {
     }
 }
 
-/// Index of the array or channel that is wanted, else of the only one, else of the `usual` one, which would have the name `depth`.
-fn choose(
-    what: &str,
-    names: &[&str],
-    wanted: Option<&str>,
-    usual: Option<usize>,
-    depth: &str,
-) -> Parsed<usize> {
-    match (wanted, names) {
-        (Some(wanted), _) => names
-            .iter()
-            .position(|name| *name == wanted)
-            .ok_or_else(|| format!("no {what} {wanted:?}; name one of {names:?}")),
-        (None, [_]) => Ok(0),
-        (None, _) => usual.ok_or_else(|| {
-            format!("several {what}s, {names:?}; save the one with the depth under the name {depth:?}")
-        }),
-    }
+/// Index of the only array or channel, else of the `usual` one, which would have the name `depth`.
+fn choose(what: &str, names: &[&str], usual: Option<usize>, depth: &str) -> Parsed<usize> {
+    usual.or((names.len() == 1).then_some(0)).ok_or_else(|| {
+        format!("several {what}s, {names:?}; save the one with the depth under the name {depth:?}")
+    })
 }

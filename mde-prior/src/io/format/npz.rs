@@ -18,8 +18,11 @@ pub(super) fn parse(bytes: &[u8], wanted: Option<&str>) -> Parsed<Samples> {
     })?;
     let files: Vec<String> = archive.file_names().map(str::to_owned).collect();
     let names: Vec<&str> = files.iter().map(|file| file.strip_suffix(".npy").unwrap_or(file)).collect();
-    let usual = names.iter().position(|name| *name == "depth");
-    let index = choose("array", &names, wanted, usual, "depth")?;
+    let place = |wanted: &str| names.iter().position(|name| *name == wanted);
+    let index = match wanted {
+        Some(wanted) => place(wanted).ok_or_else(|| format!("no array {wanted:?}; name one of {names:?}"))?,
+        None => choose("array", &names, place("depth"), "depth")?,
+    };
     let what = |reason: String| format!("array {:?}: {reason}", names[index]);
     let unreadable = |e: ZipError| what(format!("{e}; write the file again with numpy.savez"));
     let member = archive.by_name(&files[index]).map_err(unreadable)?;

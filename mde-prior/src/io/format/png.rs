@@ -5,7 +5,7 @@ use std::io::Cursor;
 use image::{ExtendedColorType, ImageDecoder as _, ImageEncoder as _};
 use ndarray::{Array2, ArrayView2};
 
-use super::super::limits::{MAX_METADATA, check_image_size, png_size};
+use super::super::photo::{MAX_METADATA, check_image_size, png_size};
 use super::{Parsed, check_size};
 
 pub(super) fn parse(bytes: &[u8], eight_bits: bool) -> Parsed<Array2<f32>> {
