@@ -1,9 +1,9 @@
 //! The arguments of the commands that run over many scenes.
 
 use crate::config::Preset;
-use crate::program::args::choice::{ALIGNMENTS, PRESETS, choice};
 use crate::program::args::shard::Shard;
-use crate::program::args::{MemoryArgs, NetworkArgs, RunArgs, field_of_view, size};
+use crate::program::args::values::{ALIGNMENTS, PRESETS, choice, field_of_view, size};
+use crate::program::args::{MemoryArgs, NetworkArgs, RunArgs};
 use clap::{Args, ValueEnum};
 use mde_eval::align::AlignmentRule;
 use mde_eval::data::{CaptureGrid, DataSetKind};
@@ -68,8 +68,9 @@ eval. The stored results of an evaluation in the same folder are reused."
 pub(crate) struct CalibrateArgs {
     #[command(flatten)]
     pub(crate) common: EvaluationArgs,
-    #[command(flatten)]
-    pub(crate) withhold: WithholdArgs,
+    /// What methods are not given of several photographs
+    #[arg(long, help_heading = "Advanced", value_enum, value_name = "WHAT")]
+    pub(crate) withhold: Option<Withheld>,
     /// Method to calibrate: a preset, a TOML file over default, or over another preset as in multi-view:my.toml
     #[arg(long, value_name = "NAME", default_value = "default", help_heading = "Method")]
     pub(crate) method: String,
@@ -116,8 +117,9 @@ pub(crate) struct EvaluationArgs {
     pub(crate) data: DataArgs,
     #[command(flatten)]
     pub(crate) prior: EvalPriorArgs,
-    #[command(flatten)]
-    pub(crate) alignment: AlignmentArgs,
+    /// Alignment of a map to the truth
+    #[arg(long, help_heading = "Scores", value_name = "RULE", value_parser = choice(ALIGNMENTS), default_value = "median")]
+    pub(crate) alignment: (AlignmentRule, bool),
     #[command(flatten)]
     pub(crate) memory: MemoryArgs,
     /// Scenes that run at once and share the threads
@@ -158,12 +160,6 @@ pub(crate) struct CaptureArgs {
     /// and 20 mm each), gain (of one photograph). For posed one pose-noise
     #[arg(long, help_heading = "Advanced", value_name = "KEY=LIST;...")]
     pub(crate) grid: Option<Grid>,
-    #[command(flatten)]
-    pub(crate) withhold: WithholdArgs,
-}
-
-#[derive(Debug, Clone, Copy, Default, Args)]
-pub(crate) struct WithholdArgs {
     /// What methods are not given of several photographs
     #[arg(long, help_heading = "Advanced", value_enum, value_name = "WHAT")]
     pub(crate) withhold: Option<Withheld>,
@@ -255,22 +251,15 @@ pub(crate) struct ScoreMapsArgs {
     /// Scenes to score, separated by commas; default: all
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,
-    #[command(flatten)]
-    pub(crate) alignment: AlignmentArgs,
+    /// Alignment of a map to the truth
+    #[arg(long, help_heading = "Scores", value_name = "RULE", value_parser = choice(ALIGNMENTS), default_value = "median")]
+    pub(crate) alignment: (AlignmentRule, bool),
     #[command(flatten)]
     pub(crate) pixels: PixelArgs,
     #[command(flatten)]
     pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
-}
-
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Scores")]
-pub(crate) struct AlignmentArgs {
-    /// Alignment of a map to the truth
-    #[arg(long, value_name = "RULE", value_parser = choice(ALIGNMENTS), default_value = "median")]
-    pub(crate) alignment: (AlignmentRule, bool),
 }
 
 /// The pixels that are scored.

@@ -1,4 +1,5 @@
 use super::*;
+use crate::program::args::values::focal;
 
 #[test]
 fn the_command_line_is_consistent() {

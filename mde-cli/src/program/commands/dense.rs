@@ -10,7 +10,7 @@ use anyhow::{Result, ensure};
 pub(super) fn run(args: &DenseArgs) -> Result<()> {
     let mut progress = Progress::start(&args.run)?;
     ensure!(
-        args.prior.source.prior_depth.is_none(),
+        args.prior.prior_depth.is_none(),
         "--prior-depth: is the map of one photograph; give --prior-model, or nothing"
     );
     let output = args.run.output(&args.capture, "-dense");
@@ -19,7 +19,7 @@ pub(super) fn run(args: &DenseArgs) -> Result<()> {
     let refiner = Refiner::new(&prior, of_dense(args)?)?;
     let (scene, plan) = scene::whole(&refiner, &args.camera, &args.capture, &mut progress)?;
     let input = args.capture.display().to_string();
-    let export = &args.export.export;
+    let export = &args.results.export;
     let job = Job { command: "dense", refiner: &refiner, export, truth: None, keep_photographs: false };
     let part = every::Part { shard: args.shard, force: args.run.force };
     every::run(&job, &scene, &plan, &input, &output, part, &mut progress)

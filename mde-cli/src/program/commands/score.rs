@@ -29,8 +29,8 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
     for id in pairs.unmatched() {
         progress.warn(format!("{id}: no truth of that name in {}; not scored", gt.display()));
     }
-    ensure!(!args.alignment.alignment.1, "--alignment prior: mde score has no prior; give another alignment");
-    let scoring = Scoring::new(args.alignment.alignment, args.pixels, false);
+    ensure!(!args.alignment.1, "--alignment prior: mde score has no prior; give another alignment");
+    let scoring = Scoring::new(args.alignment, args.pixels, false);
     let [pred_name, gt_name] = [pred, gt].map(|folder| folder.display().to_string());
     let sigma_name = args.sigma.as_ref().map(|folder| folder.display().to_string());
     let basis = json!({ "command": "score", "pred": pred_name, "gt": gt_name, "sigma": sigma_name });

@@ -57,7 +57,7 @@ impl Source {
             ..Options::default()
         };
         let data = data::open(kind, root, &options)?;
-        Ok(Self { data, kind, options, withheld: several.withhold.withhold })
+        Ok(Self { data, kind, options, withheld: several.withhold })
     }
 
     /// The field of view that replaces the cameras, degrees, where these are withheld.

@@ -55,8 +55,8 @@ pub(crate) fn settings_of(args: &RefineArgs, refiner: &Refiner<'_>) -> Result<St
     };
     let intrinsics = camera.intrinsics.as_ref().map(content).transpose()?;
     Ok(json!({
-        "versions": versions(), "refiner": refiner.identity()?, "output": format!("{:?}", args.export.export),
-        "camera": (intrinsics, camera.fx, camera.cx, camera.cy, camera.fov), "same_scale": args.several.same_scale,
+        "versions": versions(), "refiner": refiner.identity()?, "output": format!("{:?}", args.results.export),
+        "camera": (intrinsics, camera.fx, camera.cx, camera.cy, camera.fov), "same_scale": args.same_scale,
     })
     .to_string())
 }

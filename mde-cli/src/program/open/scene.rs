@@ -52,14 +52,14 @@ pub(crate) fn several(
     args: &RefineArgs,
     progress: &mut Progress,
 ) -> Result<(Scene, Plan)> {
-    if let [one] = args.several.views.as_slice()
+    if let [one] = args.views.as_slice()
         && let Some(files) = CaptureFiles::find(one)
     {
         let camera = given_camera(&args.camera);
         return Ok(refiner.capture((&files, one), Some(&args.image), &camera, progress)?);
     }
     let mut paths = vec![args.image.clone()];
-    paths.extend(further(&args.image, &args.several.views)?);
+    paths.extend(further(&args.image, &args.views)?);
     let (scene, plan, _) = unposed(refiner, &args.camera, "--views", Some(&args.image), paths, progress)?;
     Ok((scene, plan))
 }
