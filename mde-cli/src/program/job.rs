@@ -95,7 +95,7 @@ impl Job<'_> {
             let record = RunRecord {
                 scores: scores.as_ref(),
                 score_seconds,
-                ..RunRecord::new(about, &refined, progress.training())
+                ..RunRecord::new(about, &refined, &progress.training)
             };
             write_json(&path.join(RECORD), &record)?;
             report::write(path)?;
