@@ -61,6 +61,15 @@ impl Current {
     }
 }
 
+impl Drop for Current {
+    /// On a terminal its line stays, with the time that it took.
+    fn drop(&mut self) {
+        if self.drawn.is_some() {
+            let _ = writeln!(io::stderr(), "{CLEAR}{}", self.line(""));
+        }
+    }
+}
+
 /// Progress of a run.
 #[derive(Debug)]
 pub(crate) struct Progress {
@@ -74,8 +83,8 @@ pub(crate) struct Progress {
     own_warnings: Vec<String>,
     /// When that refinement began.
     begun: Instant,
-    /// Warnings that have been printed; the others follow before the result.
-    printed: usize,
+    /// Warnings that follow before the result.
+    unprinted: Vec<String>,
     /// Whether the run reports pieces of work, each with its warnings.
     in_pieces: bool,
     /// The fits of that refinement so far, one per iteration.
@@ -106,7 +115,7 @@ impl Progress {
             warnings: Vec::new(),
             own_warnings: Vec::new(),
             begun: now,
-            printed: 0,
+            unprinted: Vec::new(),
             in_pieces: false,
             training: Vec::new(),
         }
@@ -120,20 +129,16 @@ impl Progress {
     /// As a warning, for a failure that the results list too: a terminal leaves it to them.
     pub(crate) fn failed(&mut self, failure: String) {
         if self.mode == Mode::Terminal {
-            self.print_warnings();
             self.warnings.push(failure);
-            self.printed = self.warnings.len();
         } else {
             self.warn(failure);
         }
     }
 
     fn print_warnings(&mut self) {
-        if matches!(self.mode, Mode::Lines | Mode::Terminal) {
-            let new = self.warnings.iter().skip(self.printed);
-            new.for_each(|warning| self.line(&format!("{WARNING} {warning}")));
+        for warning in std::mem::take(&mut self.unprinted) {
+            self.line(&format!("{WARNING} {warning}"));
         }
-        self.printed = self.warnings.len();
     }
 
     /// Every warning so far.
@@ -161,13 +166,13 @@ impl Progress {
 
     /// Announces a step outside of the loop.
     pub(crate) fn step(&mut self, what: &str) {
-        self.end();
+        self.current = None;
         self.report(what, json!({ "event": "begin", "stage": what }));
     }
 
     /// The results: `text` on stdout, or `value` as JSON.
     pub(crate) fn result(&mut self, text: &str, value: Value) {
-        self.end();
+        self.current = None;
         self.print_warnings();
         match self.mode {
             Mode::Quiet | Mode::Json => self.report("", value),
@@ -181,7 +186,7 @@ impl Progress {
     /// Tables, and `text` below them, on stdout, or `value` as JSON.
     pub(crate) fn tables(&mut self, tables: &Document, text: &str, value: Value) {
         if matches!(self.mode, Mode::Lines | Mode::Terminal) {
-            self.end();
+            self.current = None;
             self.print_warnings();
             if !tables.blocks.is_empty() {
                 let _ = writeln!(io::stdout().lock(), "{}\n", visible(&shown(tables, columns())));
@@ -191,7 +196,7 @@ impl Progress {
     }
 
     fn begin(&mut self, stage: Stage, iteration: [usize; 2]) {
-        self.end();
+        self.current = None;
         self.iteration = iteration;
         let [index, all] = iteration;
         // The prior's stages come before the loop.
@@ -250,15 +255,6 @@ impl Progress {
         let line = one_line(&format!("{} {text}", current.line(&left)));
         let shown = style(truncate_str(&line, terminal_columns().saturating_sub(1), "")).for_stderr().cyan();
         let _ = write!(io::stderr(), "{CLEAR}{shown}");
-    }
-
-    /// Ends a stage: on a terminal its line stays, with the time that it took.
-    fn end(&mut self) {
-        if let Some(current) = self.current.take()
-            && self.mode == Mode::Terminal
-        {
-            let _ = writeln!(io::stderr(), "{CLEAR}{}", current.line(""));
-        }
     }
 
     /// A line, or `value` as JSON.
@@ -333,8 +329,10 @@ impl Observer for Progress {
         if self.warnings.contains(&warning) {
             return;
         }
-        if self.mode == Mode::Json {
-            self.report("", json!({ "event": "warning", "message": warning }));
+        match self.mode {
+            Mode::Quiet => {}
+            Mode::Json => self.report("", json!({ "event": "warning", "message": warning })),
+            Mode::Lines | Mode::Terminal => self.unprinted.push(warning.clone()),
         }
         self.warnings.push(warning);
         if self.in_pieces {

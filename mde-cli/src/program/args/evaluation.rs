@@ -2,14 +2,13 @@
 
 use crate::config::Preset;
 use crate::program::args::shard::Shard;
-use crate::program::args::values::{ALIGNMENTS, PRESETS, choice, field_of_view, size};
+use crate::program::args::values::{ALIGNMENTS, PRESETS, choice, field_of_view, grid, size};
 use crate::program::args::{MemoryArgs, NetworkArgs, RunArgs};
 use clap::{Args, ValueEnum};
 use mde_eval::align::AlignmentRule;
 use mde_eval::data::{CaptureGrid, DataSetKind};
 use std::ffi::OsString;
 use std::path::PathBuf;
-use std::str::FromStr;
 
 #[derive(Debug, Args)]
 #[command(
@@ -158,8 +157,8 @@ pub(crate) struct DataArgs {
 pub(crate) struct CaptureArgs {
     /// Conditions of captures, every combination a scene: views (with the reference), baseline (over median depth), pose-noise (degrees,
     /// and 20 mm each), gain (of one photograph). For posed one pose-noise
-    #[arg(long, help_heading = "Advanced", value_name = "KEY=LIST;...")]
-    pub(crate) grid: Option<Grid>,
+    #[arg(long, help_heading = "Advanced", value_name = "KEY=LIST;...", value_parser = grid)]
+    pub(crate) grid: Option<CaptureGrid>,
     /// What methods are not given of several photographs
     #[arg(long, help_heading = "Advanced", value_enum, value_name = "WHAT")]
     pub(crate) withhold: Option<Withheld>,
@@ -171,33 +170,6 @@ pub(crate) enum Withheld {
     Poses,
     /// Poses and cameras, whose field of view is then --assume-fov
     Cameras,
-}
-
-/// `views=3,5;pose-noise=0,.3`: the conditions of captures.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Grid(pub(crate) CaptureGrid);
-
-impl FromStr for Grid {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        fn list<T: FromStr>(key: &str, values: &str) -> Result<Vec<T>, String> {
-            let values = values.split(',').map(|value| value.trim().parse());
-            values.collect::<Result<_, _>>().map_err(|_| format!("{key}: give numbers, such as views=3,5"))
-        }
-        let mut grid = CaptureGrid::default();
-        for part in text.split(';').filter(|part| !part.trim().is_empty()) {
-            let (key, values) = part.split_once('=').unwrap_or((part, ""));
-            match key.trim() {
-                "views" => grid.views = list(key, values)?,
-                "baseline" => grid.baselines = list(key, values)?,
-                "pose-noise" => grid.pose_noises = list(key, values)?,
-                "gain" => grid.gains = list(key, values)?,
-                other => return Err(format!("{other}: give views, baseline, pose-noise or gain")),
-            }
-        }
-        Ok(Self(grid))
-    }
 }
 
 /// The priors.

@@ -14,6 +14,30 @@ use mde_prior::augment::Predictions;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
+/// What `mde refine` and `mde dense` have in common.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Several photographs")]
+pub(crate) struct RefinementArgs {
+    /// Use at most N photographs, IMAGE included: the best by parallax, overlap and sharpness; default: 8
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=64))]
+    pub(crate) max_views: Option<u16>,
+    /// Unit of depth and sigma: the prior's, or that of the capture's poses
+    #[arg(long, help_heading = "Advanced", value_name = "UNIT", value_parser = choice(UNITS), default_value = "prior")]
+    pub(crate) unit: Unit,
+    #[command(flatten)]
+    pub(crate) prior: PriorArgs,
+    #[command(flatten)]
+    pub(crate) camera: CameraArgs,
+    #[command(flatten)]
+    pub(crate) settings: SettingsArgs,
+    #[command(flatten)]
+    pub(crate) size: SizeArgs,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+    #[command(flatten)]
+    pub(crate) results: ResultArgs,
+}
+
 /// Where the monocular depth comes from.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Prior")]
@@ -68,18 +92,6 @@ pub(crate) struct CameraArgs {
     /// Horizontal field of view, degrees
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     pub(crate) fov: Option<f64>,
-}
-
-/// How several photographs are used.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Several photographs")]
-pub(crate) struct ViewArgs {
-    /// Use at most N photographs, IMAGE included: the best by parallax, overlap and sharpness; default: 8
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=64))]
-    pub(crate) max_views: Option<u16>,
-    /// Unit of depth and sigma: the prior's, or that of the capture's poses
-    #[arg(long, help_heading = "Advanced", value_name = "UNIT", value_parser = choice(UNITS), default_value = "prior")]
-    pub(crate) unit: Unit,
 }
 
 /// The sizes of the results and of the refinement.

@@ -7,11 +7,11 @@ mod values;
 
 pub(crate) use evaluation::{
     AblateArgs, CalibrateArgs, CaptureArgs, CropName, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs,
-    Grid, PixelArgs, ScoreMapsArgs, Simulated, Withheld,
+    PixelArgs, ScoreMapsArgs, Simulated, Withheld,
 };
 pub(crate) use groups::{
-    CameraArgs, MemoryArgs, NetworkArgs, PresetArgs, PriorArgs, ResultArgs, RunArgs, SettingsArgs, SizeArgs,
-    ViewArgs,
+    CameraArgs, MemoryArgs, NetworkArgs, PresetArgs, PriorArgs, RefinementArgs, ResultArgs, RunArgs,
+    SettingsArgs, SizeArgs,
 };
 
 use crate::config::Preset;
@@ -47,13 +47,10 @@ pub(crate) struct Cli {
     pub(crate) command: Command,
 }
 
-/// Heading of what few need.
-const RARE: &str = "Advanced";
-
 /// The command line; the help of each command ends with what few need.
 pub(crate) fn command() -> clap::Command {
     Cli::command().mut_subcommands(|command| {
-        let rare = command.get_arguments().filter(|argument| argument.get_help_heading() == Some(RARE));
+        let rare = command.get_arguments().filter(|argument| argument.get_help_heading() == Some("Advanced"));
         let rare: Vec<Id> = rare.map(|argument| argument.get_id().clone()).collect();
         // Headings come in the order of their first arguments, and a mutated one becomes the last.
         rare.into_iter().fold(command, |command, id| command.mut_arg(id, |argument| argument))
@@ -190,32 +187,20 @@ pub(crate) struct RefineArgs {
     #[arg(long, help_heading = "Several photographs", value_name = "PATH", num_args = 1..)]
     pub(crate) views: Vec<PathBuf>,
     #[command(flatten)]
-    pub(crate) views_used: ViewArgs,
+    pub(crate) common: RefinementArgs,
     /// Bring the photographs of a burst or video to one scale; they need overlap, not poses
     #[arg(long, help_heading = "Advanced", conflicts_with_all = ["views", "prior_depth"])]
     pub(crate) same_scale: bool,
     /// Only part I of N of the photographs, into a folder that all parts share; the same command without --shard writes the index
     #[arg(long, help_heading = "Advanced", value_name = "I/N", conflicts_with = "views")]
     pub(crate) shard: Option<Shard>,
-    #[command(flatten)]
-    pub(crate) prior: PriorArgs,
     /// Depths known at some pixels, which give the result its scale: a CSV file of column, row, depth and if known its standard
     /// deviation, in pixels of the photograph and metres, or the folder of a COLMAP model of this photograph
     #[arg(long, help_heading = "Prior", value_name = "FILE|DIR", conflicts_with = "unit")]
     pub(crate) scale_from: Option<PathBuf>,
-    #[command(flatten)]
-    pub(crate) camera: CameraArgs,
-    #[command(flatten)]
-    pub(crate) settings: SettingsArgs,
-    #[command(flatten)]
-    pub(crate) size: SizeArgs,
     /// Ground-truth depth of the image's size, metres (0: missing), to score prior and refined depth
     #[arg(long, help_heading = "Truth", value_name = "FILE")]
     pub(crate) gt: Option<PathBuf>,
-    #[command(flatten)]
-    pub(crate) run: RunArgs,
-    #[command(flatten)]
-    pub(crate) results: ResultArgs,
 }
 
 impl RefineArgs {
@@ -246,22 +231,10 @@ pub(crate) struct DenseArgs {
     #[arg(value_name = "CAPTURE")]
     pub(crate) capture: PathBuf,
     #[command(flatten)]
-    pub(crate) views: ViewArgs,
+    pub(crate) common: RefinementArgs,
     /// Only part I of N of the photographs, into a folder that all parts share; the same command without --shard writes the cloud and the index
     #[arg(long, help_heading = "Advanced", value_name = "I/N")]
     pub(crate) shard: Option<Shard>,
-    #[command(flatten)]
-    pub(crate) prior: PriorArgs,
-    #[command(flatten)]
-    pub(crate) camera: CameraArgs,
-    #[command(flatten)]
-    pub(crate) settings: SettingsArgs,
-    #[command(flatten)]
-    pub(crate) size: SizeArgs,
-    #[command(flatten)]
-    pub(crate) run: RunArgs,
-    #[command(flatten)]
-    pub(crate) results: ResultArgs,
 }
 
 #[derive(Debug, Args)]

@@ -5,7 +5,9 @@ use crate::output::export::{FORMATS, Format};
 use crate::refiner::finish::Unit;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use mde_eval::align::AlignmentRule;
+use mde_eval::data::CaptureGrid;
 use mde_prior::DepthKind;
+use std::str::FromStr;
 
 /// Values with their names and help texts.
 type Choices<T> = &'static [(T, &'static str, &'static str)];
@@ -82,6 +84,26 @@ pub(super) fn size(text: &str) -> Result<[usize; 2], String> {
         Some(sides) if sides.iter().all(|side| (8..=16384).contains(side)) => Ok(sides),
         _ => Err("give WIDTHxHEIGHT with 8 to 16384 pixels each, such as 320x240".to_owned()),
     }
+}
+
+/// `views=3,5;pose-noise=0,.3`: the conditions of captures.
+pub(super) fn grid(text: &str) -> Result<CaptureGrid, String> {
+    fn list<T: FromStr>(key: &str, values: &str) -> Result<Vec<T>, String> {
+        let values = values.split(',').map(|value| value.trim().parse());
+        values.collect::<Result<_, _>>().map_err(|_| format!("{key}: give numbers, such as views=3,5"))
+    }
+    let mut grid = CaptureGrid::default();
+    for part in text.split(';').filter(|part| !part.trim().is_empty()) {
+        let (key, values) = part.split_once('=').unwrap_or((part, ""));
+        match key.trim() {
+            "views" => grid.views = list(key, values)?,
+            "baseline" => grid.baselines = list(key, values)?,
+            "pose-noise" => grid.pose_noises = list(key, values)?,
+            "gain" => grid.gains = list(key, values)?,
+            other => return Err(format!("{other}: give views, baseline, pose-noise or gain")),
+        }
+    }
+    Ok(grid)
 }
 
 /// Finite numbers, separated by commas.

@@ -1,7 +1,8 @@
+use crate::config::Preset;
 use crate::program::args::RefineArgs;
 use crate::program::job::Job;
 use crate::program::many;
-use crate::program::open::settings::of_refine;
+use crate::program::open::settings::refinement_settings;
 use crate::program::open::truth::Truth;
 use crate::program::open::{photographs, prior, scene};
 use crate::program::progress::Progress;
@@ -11,7 +12,7 @@ use crate::scene::known::KnownDepths;
 use anyhow::{Result, ensure};
 
 pub(super) fn run(args: &RefineArgs) -> Result<()> {
-    let mut progress = Progress::start(&args.run)?;
+    let mut progress = Progress::start(&args.common.run)?;
     if photographs::are_many(&args.photographs()) || args.shard.is_some() {
         return many::run(args, &mut progress);
     }
@@ -19,13 +20,14 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
         !args.same_scale,
         "--same-scale: one photograph has no scale in common with another; give several, or a folder, or leave it out"
     );
-    let output = args.run.output(&args.image, "-depth");
-    let folder = OutputFolder::new(&output, args.run.force)?;
-    let prior = prior::open(&args.prior, !args.views.is_empty())?;
-    let refiner = Refiner::new(&prior, of_refine(args)?)?;
+    let output = args.common.run.output(&args.image, "-depth");
+    let folder = OutputFolder::new(&output, args.common.run.force)?;
+    let prior = prior::open(&args.common.prior, !args.views.is_empty())?;
+    let usual = if args.views.is_empty() { Preset::Default } else { Preset::MultiView };
+    let refiner = Refiner::new(&prior, refinement_settings(&args.common, usual)?)?;
     let (mut scene, plan) = match args.views.is_empty() {
         false => scene::several(&refiner, args, &mut progress)?,
-        true => scene::one(&refiner, &args.camera, &args.image, false, &mut progress)?,
+        true => scene::one(&refiner, &args.common.camera, &args.image, false, &mut progress)?,
     };
     let input = args.image.display().to_string();
     let reference = &scene.photographs[scene.reference];
@@ -37,7 +39,7 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     let job = Job {
         command: "refine",
         refiner: &refiner,
-        export: &args.results.export,
+        export: &args.common.results.export,
         truth,
         keep_photographs: false,
     };

@@ -2,7 +2,7 @@
 
 use crate::prior::OpenPrior;
 use crate::prior::origin::{PriorForm, PriorOrigin};
-use crate::program::args::{CaptureArgs, DataArgs, EvalPriorArgs, Grid, NetworkArgs, Simulated, Withheld};
+use crate::program::args::{CaptureArgs, DataArgs, EvalPriorArgs, NetworkArgs, Simulated, Withheld};
 use crate::program::open::prior;
 use anyhow::{Context, Result, bail};
 use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, Sample};
@@ -37,7 +37,7 @@ impl Source {
             }
             None => BTreeMap::new(),
         };
-        let captures = several.grid.clone().map_or_else(CaptureGrid::default, |Grid(grid)| grid);
+        let captures = several.grid.clone().unwrap_or_default();
         let pose_noise = match captures.pose_noises[..] {
             _ if kind == DataSetKind::Captures || several.grid.is_none() => 0.0,
             [degrees]

@@ -55,12 +55,13 @@ pub(crate) fn several(
     if let [one] = args.views.as_slice()
         && let Some(files) = CaptureFiles::find(one)
     {
-        let camera = given_camera(&args.camera);
+        let camera = given_camera(&args.common.camera);
         return Ok(refiner.capture((&files, one), Some(&args.image), &camera, progress)?);
     }
     let mut paths = vec![args.image.clone()];
     paths.extend(further(&args.image, &args.views)?);
-    let (scene, plan, _) = unposed(refiner, &args.camera, "--views", Some(&args.image), paths, progress)?;
+    let (scene, plan, _) =
+        unposed(refiner, &args.common.camera, "--views", Some(&args.image), paths, progress)?;
     Ok((scene, plan))
 }
 

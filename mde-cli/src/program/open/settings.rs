@@ -3,7 +3,7 @@
 use crate::config::{Config, Preset, Shorthands};
 use crate::output::export::Format;
 use crate::program::args::{
-    CameraArgs, DenseArgs, MemoryArgs, PresetArgs, RefineArgs, ResultArgs, SettingsArgs, SizeArgs, ViewArgs,
+    CameraArgs, MemoryArgs, PresetArgs, RefinementArgs, ResultArgs, SettingsArgs, SizeArgs,
 };
 use crate::refiner::Settings;
 use crate::refiner::error_bar::ErrorBar;
@@ -52,26 +52,15 @@ pub(crate) fn all_settings(
     Ok(settings)
 }
 
-/// What `mde refine` sets a refiner to.
-pub(crate) fn of_refine(args: &RefineArgs) -> Result<Settings> {
-    let usual = if args.views.is_empty() { Preset::Default } else { Preset::MultiView };
-    let settings = all_settings(&args.settings, &args.results, &args.size.memory, usual)?;
-    Ok(with_views(settings, &args.views_used, &args.size))
-}
-
-/// What `mde dense` sets a refiner to.
-pub(crate) fn of_dense(args: &DenseArgs) -> Result<Settings> {
-    let settings = all_settings(&args.settings, &args.results, &args.size.memory, Preset::MultiView)?;
-    Ok(with_views(settings, &args.views, &args.size))
-}
-
-fn with_views(mut settings: Settings, views: &ViewArgs, size: &SizeArgs) -> Settings {
-    settings.sizes = sizes(size);
-    if let Some(most) = views.max_views {
+/// The same of photographs and captures.
+pub(crate) fn refinement_settings(args: &RefinementArgs, usual: Preset) -> Result<Settings> {
+    let mut settings = all_settings(&args.settings, &args.results, &args.size.memory, usual)?;
+    settings.sizes = sizes(&args.size);
+    if let Some(most) = args.max_views {
         settings.config.multi_view.max_views = most.into();
     }
-    settings.unit = views.unit;
-    settings
+    settings.unit = args.unit;
+    Ok(settings)
 }
 
 pub(crate) fn sizes(args: &SizeArgs) -> Sizes {
