@@ -17,8 +17,9 @@ pub(super) fn run(args: &DenseArgs) -> Result<()> {
     let output = args.common.run.output(&args.capture, "-dense");
     every::check_folder(&output)?;
     let prior = prior::open(&args.common.prior, true)?;
+    let capture = std::slice::from_ref(&args.capture);
     let refiner = Refiner::new(&prior, refinement_settings(&args.common, Preset::MultiView)?)?;
-    let (scene, plan) = scene::whole(&refiner, &args.common.camera, &args.capture, &mut progress)?;
+    let (scene, plan) = scene::several(&refiner, &args.common.camera, None, capture, &mut progress)?;
     let input = args.capture.display().to_string();
     let export = &args.common.results.export;
     let job = Job { command: "dense", refiner: &refiner, export, truth: None, keep_photographs: false };

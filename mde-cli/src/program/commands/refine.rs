@@ -26,7 +26,9 @@ pub(super) fn run(args: &RefineArgs) -> Result<()> {
     let usual = if args.views.is_empty() { Preset::Default } else { Preset::MultiView };
     let refiner = Refiner::new(&prior, refinement_settings(&args.common, usual)?)?;
     let (mut scene, plan) = match args.views.is_empty() {
-        false => scene::several(&refiner, args, &mut progress)?,
+        false => {
+            scene::several(&refiner, &args.common.camera, Some(&args.image), &args.views, &mut progress)?
+        }
         true => scene::one(&refiner, &args.common.camera, &args.image, false, &mut progress)?,
     };
     let input = args.image.display().to_string();
