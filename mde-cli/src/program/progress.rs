@@ -20,8 +20,6 @@ use std::time::{Duration, Instant};
 /// Least time between two drawings of a line.
 const REDRAW: Duration = Duration::from_millis(50);
 
-/// Clears the line of a terminal.
-const CLEAR: &str = "\r\x1b[2K";
 /// Begins the line of a warning.
 const WARNING: &str = "warning:";
 
@@ -65,7 +63,8 @@ impl Drop for Current {
     /// On a terminal its line stays, with the time that it took.
     fn drop(&mut self) {
         if self.drawn.is_some() {
-            let _ = writeln!(io::stderr(), "{CLEAR}{}", self.line(""));
+            let term = Term::stderr();
+            let _ = term.clear_line().and_then(|()| term.write_line(&self.line("")));
         }
     }
 }
@@ -254,7 +253,8 @@ impl Progress {
         let left = left.map(|s| format!(", {} left", duration(s))).unwrap_or_default();
         let line = one_line(&format!("{} {text}", current.line(&left)));
         let shown = style(truncate_str(&line, terminal_columns().saturating_sub(1), "")).for_stderr().cyan();
-        let _ = write!(io::stderr(), "{CLEAR}{shown}");
+        let term = Term::stderr();
+        let _ = term.clear_line().and_then(|()| term.write_str(&shown.to_string()));
     }
 
     /// A line, or `value` as JSON.
@@ -278,7 +278,7 @@ impl Progress {
                 text = format!("{}{rest}", style(WARNING).for_stderr().yellow().bold());
             }
             if self.current.is_some() {
-                text.insert_str(0, CLEAR);
+                let _ = Term::stderr().clear_line();
             }
         }
         let _ = writeln!(io::stderr().lock(), "{text}");
