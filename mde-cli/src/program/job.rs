@@ -48,9 +48,7 @@ impl Job<'_> {
         let table = scores.as_ref().map(|scores| scores.table() + "\n").unwrap_or_default();
         let value =
             json!({ "event": "done", "output": folder.path().display().to_string(), "scores": scores });
-        // A network's metres have a scale of their own.
-        let unscaled = refined.origin.model.is_some() && scene.known.is_none() && !scene.is_several();
-        let mut gained = summary::summary(&refined, unscaled);
+        let mut gained = summary::summary(&refined);
         if let Some(interval) = &refined.stated.interval {
             gained += &format!(
                 "\nlower.npy and upper.npy: {:.0} % interval, the depth -+ {:.2} sigma, by {}",
@@ -95,7 +93,7 @@ impl Job<'_> {
             let record = RunRecord {
                 scores: scores.as_ref(),
                 score_seconds,
-                ..RunRecord::new(about, &refined, progress.training())
+                ..RunRecord::new(about, &refined, &progress.training)
             };
             write_json(&path.join(RECORD), &record)?;
             report::write(path)?;

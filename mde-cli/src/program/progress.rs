@@ -1,35 +1,72 @@
-//! Progress: bars on a terminal, plain lines elsewhere, JSON lines, or nothing.
+//! Progress: a line that is drawn again on a terminal, plain lines elsewhere, JSON lines, or nothing.
 
 use crate::output::record::{TrainingCurve, follow};
 use crate::program::args::RunArgs;
 use crate::program::error::flags;
 use crate::program::interrupt;
 use crate::program::open::settings::start_threads;
-use crate::program::terminal::{columns, shown, visible, wrapped};
+use crate::program::terminal::{columns, one_line, shown, visible, wrapped};
 use crate::refinement::event::{Event, Stage};
 use crate::refiner::Observer;
 use anyhow::Result;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use console::{Term, style, truncate_str};
 use mde_eval::table::Document;
 use mde_nerf::FieldEvent;
 use serde_json::{Value, json};
 use std::io::{self, IsTerminal, Write};
 use std::ops::ControlFlow;
-use std::thread;
 use std::time::{Duration, Instant};
 
-/// Time between two redraws of a stage that reports no progress of its own.
-const TICK: Duration = Duration::from_millis(200);
+/// Least time between two drawings of a line.
+const REDRAW: Duration = Duration::from_millis(50);
 
 /// Begins the line of a warning.
 const WARNING: &str = "warning:";
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Mode {
-    Bars,
+    Terminal,
     Lines,
     Json,
     Quiet,
+}
+
+/// A stage, or the pieces of a run's work.
+#[derive(Debug)]
+struct Current {
+    name: String,
+    start: Instant,
+    drawn: Option<Instant>,
+    /// What is done of how much, where that is known.
+    counts: Option<[usize; 2]>,
+    /// Tenths that have been printed.
+    tenths: usize,
+}
+
+impl Current {
+    fn new(name: String) -> Self {
+        Self { name, start: Instant::now(), drawn: None, counts: None, tenths: 0 }
+    }
+
+    fn seconds(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
+    }
+
+    /// Its name and counts, the time that it has taken, and what is left.
+    fn line(&self, left: &str) -> String {
+        let counts = self.counts.map(|[done, all]| format!(" {done}/{all}")).unwrap_or_default();
+        format!("{}{counts} [{}{left}]", self.name, duration(self.seconds()))
+    }
+}
+
+impl Drop for Current {
+    /// On a terminal its line stays, with the time that it took.
+    fn drop(&mut self) {
+        if self.drawn.is_some() {
+            let term = Term::stderr();
+            let _ = term.clear_line().and_then(|()| term.write_line(&self.line("")));
+        }
+    }
 }
 
 /// Progress of a run.
@@ -39,19 +76,18 @@ pub(crate) struct Progress {
     start: Instant,
     /// Current iteration, from 1, and their number.
     iteration: [usize; 2],
-    bar: Option<ProgressBar>,
-    /// Tenths of the stage that have been printed.
-    tenths: usize,
+    current: Option<Current>,
     /// Of the whole run, and of the refinement that it is at.
     warnings: Vec<String>,
     own_warnings: Vec<String>,
     /// When that refinement began.
     begun: Instant,
-    /// Warnings that have been printed; the others follow before the result.
-    printed: usize,
+    /// Warnings that follow before the result.
+    unprinted: Vec<String>,
     /// Whether the run reports pieces of work, each with its warnings.
     in_pieces: bool,
-    training: Vec<TrainingCurve>,
+    /// The fits of that refinement so far, one per iteration.
+    pub(crate) training: Vec<TrainingCurve>,
 }
 
 impl Progress {
@@ -61,7 +97,7 @@ impl Progress {
         let mode = match (args.quiet, args.log_json) {
             (true, _) => Mode::Quiet,
             (_, true) => Mode::Json,
-            _ if io::stderr().is_terminal() => Mode::Bars,
+            _ if io::stderr().is_terminal() => Mode::Terminal,
             _ => Mode::Lines,
         };
         Ok(Self { mode, ..Self::silent() })
@@ -74,12 +110,11 @@ impl Progress {
             mode: Mode::Quiet,
             start: now,
             iteration: [1, 1],
-            bar: None,
-            tenths: 0,
+            current: None,
             warnings: Vec::new(),
             own_warnings: Vec::new(),
             begun: now,
-            printed: 0,
+            unprinted: Vec::new(),
             in_pieces: false,
             training: Vec::new(),
         }
@@ -92,21 +127,17 @@ impl Progress {
 
     /// As a warning, for a failure that the results list too: a terminal leaves it to them.
     pub(crate) fn failed(&mut self, failure: String) {
-        if self.mode == Mode::Bars {
-            self.print_warnings();
+        if self.mode == Mode::Terminal {
             self.warnings.push(failure);
-            self.printed = self.warnings.len();
         } else {
             self.warn(failure);
         }
     }
 
     fn print_warnings(&mut self) {
-        if matches!(self.mode, Mode::Lines | Mode::Bars) {
-            let new = self.warnings.iter().skip(self.printed);
-            new.for_each(|warning| self.line(&format!("{WARNING} {warning}")));
+        for warning in std::mem::take(&mut self.unprinted) {
+            self.line(&format!("{WARNING} {warning}"));
         }
-        self.printed = self.warnings.len();
     }
 
     /// Every warning so far.
@@ -124,11 +155,6 @@ impl Progress {
         self.begun.elapsed().as_secs_f64()
     }
 
-    /// The fits so far, one per iteration.
-    pub(crate) fn training(&self) -> &[TrainingCurve] {
-        &self.training
-    }
-
     /// Begins another refinement of the same run: its curves, warnings and seconds are its own.
     pub(crate) fn next(&mut self, what: &str) {
         self.training.clear();
@@ -139,23 +165,18 @@ impl Progress {
 
     /// Announces a step outside of the loop.
     pub(crate) fn step(&mut self, what: &str) {
-        self.finish_bar();
-        match self.mode {
-            Mode::Quiet => {}
-            Mode::Json => self.json(json!({ "event": "begin", "stage": what })),
-            Mode::Lines | Mode::Bars => self.line(what),
-        }
+        self.current = None;
+        self.report(what, json!({ "event": "begin", "stage": what }));
     }
 
     /// The results: `text` on stdout, or `value` as JSON.
     pub(crate) fn result(&mut self, text: &str, value: Value) {
-        self.finish_bar();
+        self.current = None;
         self.print_warnings();
         match self.mode {
-            Mode::Quiet => {}
-            Mode::Json => self.json(value),
+            Mode::Quiet | Mode::Json => self.report("", value),
             // A closed pipe is no error.
-            Mode::Lines | Mode::Bars => {
+            Mode::Lines | Mode::Terminal => {
                 drop(writeln!(io::stdout().lock(), "{}", wrapped(&visible(text), columns(), 2)))
             }
         }
@@ -163,8 +184,8 @@ impl Progress {
 
     /// Tables, and `text` below them, on stdout, or `value` as JSON.
     pub(crate) fn tables(&mut self, tables: &Document, text: &str, value: Value) {
-        if matches!(self.mode, Mode::Lines | Mode::Bars) {
-            self.finish_bar();
+        if matches!(self.mode, Mode::Lines | Mode::Terminal) {
+            self.current = None;
             self.print_warnings();
             if !tables.blocks.is_empty() {
                 let _ = writeln!(io::stdout().lock(), "{}\n", visible(&shown(tables, columns())));
@@ -174,168 +195,127 @@ impl Progress {
     }
 
     fn begin(&mut self, stage: Stage, iteration: [usize; 2]) {
-        self.finish_bar();
-        (self.iteration, self.tenths) = (iteration, 0);
+        self.current = None;
+        self.iteration = iteration;
         let [index, all] = iteration;
-        match self.mode {
-            Mode::Quiet => {}
-            Mode::Json => {
-                self.json(
-                    json!({ "event": "begin", "stage": stage.name(), "iteration": index, "iterations": all }),
-                );
-            }
-            Mode::Bars => self.bar = Some(self.spinner(stage)),
-            Mode::Lines => self.line(&self.named(stage)),
-        }
-    }
-
-    /// The name of a stage, with its iteration where there are several. The prior's stages come before the loop.
-    fn named(&self, stage: Stage) -> String {
-        match self.iteration {
-            [index, all] if all > 1 && !matches!(stage, Stage::Prior | Stage::Merge) => {
-                format!("iteration {index}/{all}: {}", stage.name())
-            }
-            _ => stage.name().to_owned(),
-        }
-    }
-
-    /// A bar without length, which shows the time until the stage's first event.
-    fn spinner(&self, stage: Stage) -> ProgressBar {
-        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
-        let bar = bar.with_style(style("{prefix} {spinner:.cyan} {elapsed}")).with_prefix(self.named(stage));
-        bar.tick();
-        // Ends with the bar. Where the system has no thread left, the time stands still.
-        let weak = bar.downgrade();
-        let tick = move || {
-            while let Some(bar) = weak.upgrade().filter(|bar| !bar.is_finished()) {
-                bar.tick();
-                drop(bar);
-                thread::sleep(TICK);
-            }
+        // The prior's stages come before the loop.
+        let name = match all > 1 && !matches!(stage, Stage::Prior | Stage::Merge) {
+            true => format!("iteration {index}/{all}: {}", stage.name()),
+            false => stage.name().to_owned(),
         };
-        drop(thread::Builder::new().spawn(tick));
-        bar
-    }
-
-    fn advance(&mut self, stage: Stage, [done, all]: [usize; 2], text: &str, mut value: Value) {
-        match self.mode {
-            Mode::Quiet => {}
-            Mode::Json => {
-                value["iteration"] = json!(self.iteration[0]);
-                self.json(value);
-            }
-            Mode::Lines => {
-                let tenths = 10 * done / all.max(1);
-                if tenths > self.tenths {
-                    self.tenths = tenths;
-                    self.line(&format!("  {} {done}/{all} {text}", stage.name()));
-                }
-            }
-            Mode::Bars => {
-                let bar = self.bar.take();
-                let bar = bar.unwrap_or_else(|| self.spinner(stage));
-                if bar.length().is_none() {
-                    bar.set_style(style(template(terminal_columns())));
-                }
-                bar.set_length(all as u64);
-                bar.set_position(done as u64);
-                bar.set_message(text.to_owned());
-                self.bar = Some(bar);
-            }
+        if self.mode != Mode::Terminal {
+            let value =
+                json!({ "event": "begin", "stage": stage.name(), "iteration": index, "iterations": all });
+            self.report(&name, value);
         }
+        self.current = Some(Current::new(name));
+        self.draw("", None);
     }
 
-    /// Reports one finished piece of work; `left` estimates the remaining seconds. On a terminal the bar names the last one, and only a piece
-    /// with an `error` in its `value` leaves a line.
+    fn advance(&mut self, stage: Stage, counts @ [done, all]: [usize; 2], text: &str, mut value: Value) {
+        let current = self.current.get_or_insert_with(|| Current::new(stage.name().to_owned()));
+        current.counts = Some(counts);
+        let left = current.seconds() * all.saturating_sub(done) as f64 / done.max(1) as f64;
+        let tenths = 10 * done / all.max(1);
+        let is_next = tenths > std::mem::replace(&mut current.tenths, tenths);
+        if self.mode == Mode::Json || self.mode == Mode::Lines && is_next {
+            value["iteration"] = json!(self.iteration[0]);
+            self.report(&format!("  {} {done}/{all} {text}", stage.name()), value);
+        }
+        self.draw(text, Some(left));
+    }
+
+    /// Reports one finished piece of work; `left` estimates the remaining seconds. On a terminal the line names the last one, and only a piece
+    /// with an `error` in its `value` leaves another.
     pub(crate) fn piece(&mut self, done: usize, all: usize, text: &str, left: Option<f64>, mut value: Value) {
         self.in_pieces = true;
-        let left_text = left.map(|s| format!(", about {} left", duration(s))).unwrap_or_default();
-        match self.mode {
-            Mode::Quiet => {}
-            Mode::Json => {
-                (value["done"], value["all"], value["seconds_left"]) = (json!(done), json!(all), json!(left));
-                self.json(value);
+        if self.mode == Mode::Terminal {
+            if value["error"].is_string() {
+                self.line(text);
             }
-            Mode::Lines => self.line(&format!("[{done}/{all}] {text}{left_text}")),
-            Mode::Bars => {
-                if value["error"].is_string() {
-                    self.line(text);
-                }
-                let bar = self.bar.get_or_insert_with(|| {
-                    let bar = ProgressBar::with_draw_target(Some(all as u64), ProgressDrawTarget::stderr());
-                    bar.with_style(style(PIECES))
-                });
-                bar.set_position(done as u64);
-                bar.set_prefix(left_text);
-                bar.set_message(text.to_owned());
-            }
+            self.current.get_or_insert_with(|| Current::new("done".to_owned())).counts = Some([done, all]);
+            self.draw(text, left);
+        } else {
+            (value["done"], value["all"], value["seconds_left"]) = (json!(done), json!(all), json!(left));
+            let left = left.map(|s| format!(", about {} left", duration(s))).unwrap_or_default();
+            self.report(&format!("[{done}/{all}] {text}{left}"), value);
         }
         self.print_warnings();
     }
 
-    /// Leaves the line of the bar, with the time that it took.
-    fn finish_bar(&mut self) {
-        let Some(bar) = self.bar.take() else { return };
-        bar.set_message(String::new());
-        if bar.length().is_none() {
-            let seconds = bar.elapsed().as_secs_f64();
-            bar.set_style(style("{prefix} [{msg}]"));
-            bar.set_message(duration(seconds));
-        } else if self.in_pieces {
-            bar.set_prefix(String::new());
-        } else {
-            bar.set_style(style(FINISHED));
+    /// Draws the line of the terminal again, with the estimated seconds that are left, cut to the terminal's width.
+    fn draw(&mut self, text: &str, left: Option<f64>) {
+        let Some(current) = self.current.as_mut().filter(|_| self.mode == Mode::Terminal) else { return };
+        if current.drawn.is_some_and(|drawn| drawn.elapsed() < REDRAW) {
+            return;
         }
-        bar.abandon();
+        current.drawn = Some(Instant::now());
+        let left = left.map(|s| format!(", {} left", duration(s))).unwrap_or_default();
+        let line = one_line(&format!("{} {text}", current.line(&left)));
+        let shown = style(truncate_str(&line, terminal_columns().saturating_sub(1), "")).for_stderr().cyan();
+        let term = Term::stderr();
+        let _ = term.clear_line().and_then(|()| term.write_str(&shown.to_string()));
     }
 
-    fn json(&self, mut value: Value) {
-        value["seconds"] = json!(self.seconds());
-        self.line(&value.to_string());
+    /// A line, or `value` as JSON.
+    fn report(&self, text: &str, mut value: Value) {
+        match self.mode {
+            Mode::Quiet => {}
+            Mode::Json => {
+                value["seconds"] = json!(self.seconds());
+                self.line(&value.to_string());
+            }
+            Mode::Lines | Mode::Terminal => self.line(text),
+        }
     }
 
+    /// A line of its own, in the place of the terminal's current one, which is drawn again.
     fn line(&self, text: &str) {
-        let text = &visible(text).replace('\n', "\\n");
-        let text = match self.mode {
-            Mode::Bars => coloured(&wrapped(text, terminal_columns(), 2)),
-            _ => text.to_owned(),
-        };
-        let write = || drop(writeln!(io::stderr().lock(), "{text}"));
-        match &self.bar {
-            Some(bar) => bar.suspend(write),
-            None => write(),
+        let mut text = one_line(text);
+        if self.mode == Mode::Terminal {
+            text = wrapped(&text, terminal_columns(), 2);
+            if let Some(rest) = text.strip_prefix(WARNING) {
+                text = format!("{}{rest}", style(WARNING).for_stderr().yellow().bold());
+            }
+            if self.current.is_some() {
+                let _ = Term::stderr().clear_line();
+            }
         }
+        let _ = writeln!(io::stderr().lock(), "{text}");
     }
 }
 
 impl Observer for Progress {
     fn event(&mut self, event: &Event) -> ControlFlow<()> {
-        match *event {
-            Event::Begin { stage, iteration, iterations } => self.begin(stage, [iteration + 1, iterations]),
+        let (stage, counts, text, value) = match *event {
+            Event::Begin { stage, iteration, iterations } => {
+                self.begin(stage, [iteration + 1, iterations]);
+                return interrupt::flow();
+            }
             Event::Field { event: ref fit @ FieldEvent::Fit { step, steps, loss, psnr }, .. } => {
                 follow(&mut self.training, self.iteration[0] - 1, fit);
-                let text = format!("steps, loss {loss:.4}, PSNR {psnr:.1} dB");
                 let value =
                     json!({ "event": "fit", "step": step, "steps": steps, "loss": loss, "psnr": psnr });
-                self.advance(Stage::Fit, [step, steps], &text, value);
+                (Stage::Fit, [step, steps], format!("steps, loss {loss:.4}, PSNR {psnr:.1} dB"), value)
             }
             Event::Field { event: FieldEvent::Render { row, rows }, view, views } => {
-                let text = format!("rows, view {}/{views}", view + 1);
                 let value =
                     json!({ "event": "render", "row": row, "rows": rows, "view": view + 1, "views": views });
-                self.advance(Stage::Render, [view * rows + row, views * rows], &text, value);
+                let counts = [view * rows + row, views * rows];
+                (Stage::Render, counts, format!("rows, view {}/{views}", view + 1), value)
             }
-            Event::Field { .. } => {}
+            Event::Field { .. } => return interrupt::flow(),
             Event::Predicted { done, total } => {
                 let value = json!({ "event": "predicted", "done": done, "total": total });
-                self.advance(Stage::Prior, [done, total], "predictions of the model", value);
+                (Stage::Prior, [done, total], "predictions of the model".to_owned(), value)
             }
             Event::Part { stage, done, total } => {
                 let what = if stage == Stage::Poses { "pairs of photographs" } else { "photographs" };
                 let value = json!({ "event": stage.name(), "done": done, "total": total });
-                self.advance(stage, [done, total], what, value);
+                (stage, [done, total], what.to_owned(), value)
             }
-        }
+        };
+        self.advance(stage, counts, &text, value);
         interrupt::flow()
     }
 
@@ -349,8 +329,10 @@ impl Observer for Progress {
         if self.warnings.contains(&warning) {
             return;
         }
-        if self.mode == Mode::Json {
-            self.json(json!({ "event": "warning", "message": warning }));
+        match self.mode {
+            Mode::Quiet => {}
+            Mode::Json => self.report("", json!({ "event": "warning", "message": warning })),
+            Mode::Lines | Mode::Terminal => self.unprinted.push(warning.clone()),
         }
         self.warnings.push(warning);
         if self.in_pieces {
@@ -370,35 +352,9 @@ fn duration(seconds: f64) -> String {
     }
 }
 
-fn style(template: &str) -> ProgressStyle {
-    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
-}
-
-/// A line whose `warning:` has a colour, on a terminal that shows colours and without `NO_COLOR`.
-fn coloured(line: &str) -> String {
-    match line.strip_prefix(WARNING) {
-        Some(rest) => format!("{}{rest}", console::style(WARNING).for_stderr().yellow().bold()),
-        None => line.to_owned(),
-    }
-}
-
 fn terminal_columns() -> usize {
-    usize::from(console::Term::stderr().size().1)
+    usize::from(Term::stderr().size().1)
 }
-
-/// Template of pieces of work: the prefix is the remaining time, the message the last piece, cut to the line.
-const PIECES: &str = "{bar:20.cyan/dim} {pos}/{len} [{elapsed}{prefix}] {wide_msg}";
-
-/// Template of a stage; only a wide terminal has the place for its message.
-fn template(columns: usize) -> &'static str {
-    match columns {
-        110.. => "{prefix} {bar:30.cyan/dim} {pos}/{len} {msg} [{elapsed}, {eta} left]",
-        _ => "{prefix} {wide_bar:.cyan/dim} {pos}/{len} [{elapsed}, {eta} left]",
-    }
-}
-
-/// Template of a stage that has ended.
-const FINISHED: &str = "{prefix} {wide_bar:.cyan/dim} {pos}/{len} [{elapsed}]";
 
 #[cfg(test)]
 mod tests {
@@ -414,13 +370,6 @@ mod tests {
             assert_eq!(progress.own_warnings(), [warning], "{name}");
         }
         assert_eq!(progress.all_warnings(), ["of the capture", "resized", "no pose"]);
-    }
-
-    #[test]
-    fn the_templates_are_valid() {
-        for text in [template(80), template(110), FINISHED, PIECES] {
-            assert!(ProgressStyle::with_template(text).is_ok(), "{text}");
-        }
     }
 
     #[test]

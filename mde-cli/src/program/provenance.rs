@@ -2,10 +2,12 @@
 
 use crate::output::record::About;
 use crate::program::progress::Progress;
+use crate::program::store::folder::RECORD;
 use crate::refiner::Settings;
 use crate::scene::camera::KnownCamera;
 use anyhow::{Context, Result};
 use serde::Serialize;
+use serde_json::Value;
 use std::path::Path;
 
 /// Writes a record as JSON.
@@ -46,6 +48,18 @@ pub(crate) fn about<'r>(
         peak_memory_bytes: peak_memory(),
         ..About::new(command, input, camera)
     }
+}
+
+/// Writes `run.json` of a command: the common part and `more`.
+pub(crate) fn write_record(folder: &Path, about: About<'_>, more: Value) -> Result<()> {
+    #[derive(Serialize)]
+    struct Record<'r> {
+        #[serde(flatten)]
+        about: About<'r>,
+        #[serde(flatten)]
+        more: Value,
+    }
+    write_json(&folder.join(RECORD), &Record { about, more })
 }
 
 /// A pose's matrix, row by row.

@@ -13,8 +13,10 @@ pub(crate) fn intervals(error_bar: &ErrorBar) -> String {
 }
 
 /// Change of the depth, its sigma, the photographs that were used, and the estimates of the last fusion.
-pub(crate) fn summary(result: &Refined<'_>, of_model: bool) -> String {
-    let Refined { refinement, unit, stated, .. } = result;
+pub(crate) fn summary(result: &Refined<'_>) -> String {
+    let Refined { refinement, unit, stated, origin, scene, .. } = result;
+    // A network's metres have a scale of their own.
+    let of_model = origin.model.is_some() && scene.known.is_none() && !scene.is_several();
     let depth = refinement.depth.mean();
     let moved =
         |(new, old): (&f32, &f32)| (*new > 0.0 && *old > 0.0).then(|| f64::from((new / old - 1.0).abs()));
@@ -38,7 +40,7 @@ pub(crate) fn summary(result: &Refined<'_>, of_model: bool) -> String {
     let typical = percent(median(moves.iter().copied()));
     let most = percent(quantile(&mut moves, 0.9));
     let change = match (same, refinement.augmentation.predictions > 1) {
-        _ if result.origin.form == PriorForm::Nothing => match result.unit {
+        _ if origin.form == PriorForm::Nothing => match result.unit {
             "unscaled" => "by parallax alone, in a unit of its own; --scale-from gives metres",
             _ => "by parallax alone, in the unit of the capture",
         },
@@ -98,14 +100,6 @@ fn photographs(report: &CaptureReport) -> Option<String> {
     let mut line = format!("photographs: {used} of {all} used ({}), {poses}{confirmed}", names.join(", "));
     for photograph in report.photographs.iter().filter(|photograph| photograph.has_no_pose()) {
         line += &format!("\nleft out: {}: {}", photograph.name, photograph.verdict);
-    }
-    let novel = report.novel.as_ref();
-    if let Some((novel, psnr, prior)) =
-        novel.and_then(|novel| Some((novel, novel.psnr?, novel.psnr_of_prior?)))
-    {
-        let name = report.photographs.get(novel.photograph).map_or("", |photograph| photograph.name.as_str());
-        let kind = if novel.withheld { "withheld" } else { "in the fit" };
-        line += &format!("\nPSNR of {name}, {kind}: field {psnr:.1} dB, moved by the prior {prior:.1} dB");
     }
     Some(line)
 }

@@ -3,6 +3,7 @@
 use anyhow::{Context, Result};
 use mde_eval::table::{Block, Document, Table};
 use std::io::{self, ErrorKind, IsTerminal, Write};
+use std::path::Path;
 
 /// Writes to stdout; a closed pipe is no error.
 pub(crate) fn print(text: &[u8]) -> Result<()> {
@@ -25,10 +26,7 @@ pub(crate) fn shown(document: &Document, columns: usize) -> String {
     let block = |block: &Block| match block {
         Block::Heading(level, text) => wrapped(&format!("{} {text}", "#".repeat(*level)), columns, 2),
         Block::Text(text) => wrapped(text, columns, 2),
-        Block::List(lines) => {
-            let items = lines.iter().map(|line| wrapped(&format!("- {line}"), columns, 2));
-            items.collect::<Vec<_>>().join("\n")
-        }
+        Block::List(lines) => wrapped(&format!("- {}", lines.join("\n- ")), columns, 2),
         Block::Table(table) => aligned(table),
     };
     document.blocks.iter().map(block).collect::<Vec<_>>().join("\n\n")
@@ -65,35 +63,32 @@ pub(crate) fn visible(text: &str) -> String {
     text.chars().map(shown).collect()
 }
 
+/// The same in one line.
+pub(crate) fn one_line(text: &str) -> String {
+    visible(text).replace('\n', "\\n")
+}
+
 /// A path in a line.
-pub(crate) fn line_of(path: &std::path::Path) -> String {
-    visible(&path.display().to_string()).replace('\n', "\\n")
+pub(crate) fn line_of(path: &Path) -> String {
+    one_line(&path.display().to_string())
 }
 
 /// Breaks the lines that are longer than `columns` between words, and indents what follows.
 pub(crate) fn wrapped(text: &str, columns: usize, indent: usize) -> String {
-    let broken = |line: &str| {
-        let mut lines = vec![String::new()];
+    let columns = if columns < 2 * indent { usize::MAX } else { columns };
+    let mut lines = Vec::new();
+    for line in text.lines() {
+        let mut part = String::new();
         for word in line.split_inclusive(' ') {
-            let used = lines.last().map_or(0, |last| last.chars().count());
+            let used = part.chars().count();
             if used > indent && used + word.trim_end().chars().count() > columns {
-                lines.push(" ".repeat(indent));
+                lines.push(std::mem::replace(&mut part, " ".repeat(indent)));
             }
-            if let Some(last) = lines.last_mut() {
-                *last += word;
-            }
+            part += word;
         }
-        lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n")
-    };
-    let fits = |line: &str| line.chars().count() <= columns || columns < 2 * indent;
-    // Text that fits is returned unchanged.
-    if text.lines().all(fits) {
-        return text.to_owned();
+        lines.push(part);
     }
-    text.lines()
-        .map(|line| if fits(line) { line.to_owned() } else { broken(line) })
-        .collect::<Vec<_>>()
-        .join("\n")
+    lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n")
 }
 
 #[cfg(test)]

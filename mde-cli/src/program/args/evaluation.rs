@@ -1,15 +1,14 @@
 //! The arguments of the commands that run over many scenes.
 
 use crate::config::Preset;
-use crate::program::args::choice::{ALIGNMENTS, PRESETS, choice};
 use crate::program::args::shard::Shard;
-use crate::program::args::{MemoryArgs, NetworkArgs, RunArgs, field_of_view, size};
+use crate::program::args::values::{ALIGNMENTS, PRESETS, choice, field_of_view, grid, size};
+use crate::program::args::{MemoryArgs, NetworkArgs, RunArgs};
 use clap::{Args, ValueEnum};
 use mde_eval::align::AlignmentRule;
 use mde_eval::data::{CaptureGrid, DataSetKind};
 use std::ffi::OsString;
 use std::path::PathBuf;
-use std::str::FromStr;
 
 #[derive(Debug, Args)]
 #[command(
@@ -68,8 +67,9 @@ eval. The stored results of an evaluation in the same folder are reused."
 pub(crate) struct CalibrateArgs {
     #[command(flatten)]
     pub(crate) common: EvaluationArgs,
-    #[command(flatten)]
-    pub(crate) withhold: WithholdArgs,
+    /// What methods are not given of several photographs
+    #[arg(long, help_heading = "Advanced", value_enum, value_name = "WHAT")]
+    pub(crate) withhold: Option<Withheld>,
     /// Method to calibrate: a preset, a TOML file over default, or over another preset as in multi-view:my.toml
     #[arg(long, value_name = "NAME", default_value = "default", help_heading = "Method")]
     pub(crate) method: String,
@@ -116,8 +116,9 @@ pub(crate) struct EvaluationArgs {
     pub(crate) data: DataArgs,
     #[command(flatten)]
     pub(crate) prior: EvalPriorArgs,
-    #[command(flatten)]
-    pub(crate) alignment: AlignmentArgs,
+    /// Alignment of a map to the truth
+    #[arg(long, help_heading = "Scores", value_name = "RULE", value_parser = choice(ALIGNMENTS), default_value = "median")]
+    pub(crate) alignment: (AlignmentRule, bool),
     #[command(flatten)]
     pub(crate) memory: MemoryArgs,
     /// Scenes that run at once and share the threads
@@ -156,14 +157,8 @@ pub(crate) struct DataArgs {
 pub(crate) struct CaptureArgs {
     /// Conditions of captures, every combination a scene: views (with the reference), baseline (over median depth), pose-noise (degrees,
     /// and 20 mm each), gain (of one photograph). For posed one pose-noise
-    #[arg(long, help_heading = "Advanced", value_name = "KEY=LIST;...")]
-    pub(crate) grid: Option<Grid>,
-    #[command(flatten)]
-    pub(crate) withhold: WithholdArgs,
-}
-
-#[derive(Debug, Clone, Copy, Default, Args)]
-pub(crate) struct WithholdArgs {
+    #[arg(long, help_heading = "Advanced", value_name = "KEY=LIST;...", value_parser = grid)]
+    pub(crate) grid: Option<CaptureGrid>,
     /// What methods are not given of several photographs
     #[arg(long, help_heading = "Advanced", value_enum, value_name = "WHAT")]
     pub(crate) withhold: Option<Withheld>,
@@ -175,33 +170,6 @@ pub(crate) enum Withheld {
     Poses,
     /// Poses and cameras, whose field of view is then --assume-fov
     Cameras,
-}
-
-/// `views=3,5;pose-noise=0,.3`: the conditions of captures.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Grid(pub(crate) CaptureGrid);
-
-impl FromStr for Grid {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        fn list<T: FromStr>(key: &str, values: &str) -> Result<Vec<T>, String> {
-            let values = values.split(',').map(|value| value.trim().parse());
-            values.collect::<Result<_, _>>().map_err(|_| format!("{key}: give numbers, such as views=3,5"))
-        }
-        let mut grid = CaptureGrid::default();
-        for part in text.split(';').filter(|part| !part.trim().is_empty()) {
-            let (key, values) = part.split_once('=').unwrap_or((part, ""));
-            match key.trim() {
-                "views" => grid.views = list(key, values)?,
-                "baseline" => grid.baselines = list(key, values)?,
-                "pose-noise" => grid.pose_noises = list(key, values)?,
-                "gain" => grid.gains = list(key, values)?,
-                other => return Err(format!("{other}: give views, baseline, pose-noise or gain")),
-            }
-        }
-        Ok(Self(grid))
-    }
 }
 
 /// The priors.
@@ -255,22 +223,15 @@ pub(crate) struct ScoreMapsArgs {
     /// Scenes to score, separated by commas; default: all
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,
-    #[command(flatten)]
-    pub(crate) alignment: AlignmentArgs,
+    /// Alignment of a map to the truth
+    #[arg(long, help_heading = "Scores", value_name = "RULE", value_parser = choice(ALIGNMENTS), default_value = "median")]
+    pub(crate) alignment: (AlignmentRule, bool),
     #[command(flatten)]
     pub(crate) pixels: PixelArgs,
     #[command(flatten)]
     pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
-}
-
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Scores")]
-pub(crate) struct AlignmentArgs {
-    /// Alignment of a map to the truth
-    #[arg(long, value_name = "RULE", value_parser = choice(ALIGNMENTS), default_value = "median")]
-    pub(crate) alignment: (AlignmentRule, bool),
 }
 
 /// The pixels that are scored.

@@ -1,29 +1,24 @@
 //! The command line.
 
-mod capture;
-mod choice;
 mod evaluation;
-mod output;
-mod prior;
+mod groups;
 pub(crate) mod shard;
-mod tools;
+mod values;
 
-pub(crate) use capture::{DenseArgs, PosesArgs, SeveralArgs, ViewArgs};
 pub(crate) use evaluation::{
     AblateArgs, CalibrateArgs, CaptureArgs, CropName, DataArgs, EvalArgs, EvalPriorArgs, EvaluationArgs,
-    Grid, PixelArgs, ScoreMapsArgs, Simulated, Withheld,
+    PixelArgs, ScoreMapsArgs, Simulated, Withheld,
 };
-pub(crate) use output::{ExportArgs, RunArgs};
-pub(crate) use prior::{NetworkArgs, PriorArgs};
-pub(crate) use tools::{CompletionsArgs, DoctorArgs, ManArgs};
+pub(crate) use groups::{
+    CameraArgs, MemoryArgs, NetworkArgs, PresetArgs, PriorArgs, RefinementArgs, ResultArgs, RunArgs,
+    SettingsArgs, SizeArgs,
+};
 
 use crate::config::Preset;
-use crate::program::args::choice::{PRESETS, choice};
-use crate::refiner::plan::limit::MemoryLimit;
-use crate::scene::size::Sizes;
+use crate::program::args::shard::Shard;
+use crate::program::args::values::{KINDS, PRESETS, choice, formats, size, triple};
 use clap::{Args, CommandFactory, Id, Parser, Subcommand};
-use mde_prior::augment::Predictions;
-use std::ffi::OsString;
+use mde_prior::DepthKind;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "\
@@ -52,13 +47,10 @@ pub(crate) struct Cli {
     pub(crate) command: Command,
 }
 
-/// Heading of what few need.
-const RARE: &str = "Advanced";
-
 /// The command line; the help of each command ends with what few need.
 pub(crate) fn command() -> clap::Command {
     Cli::command().mut_subcommands(|command| {
-        let rare = command.get_arguments().filter(|argument| argument.get_help_heading() == Some(RARE));
+        let rare = command.get_arguments().filter(|argument| argument.get_help_heading() == Some("Advanced"));
         let rare: Vec<Id> = rare.map(|argument| argument.get_id().clone()).collect();
         // Headings come in the order of their first arguments, and a mutated one becomes the last.
         rare.into_iter().fold(command, |command, id| command.mut_arg(id, |argument| argument))
@@ -88,17 +80,50 @@ pub(crate) enum Command {
     /// Calibrate the error bars of mde refine on scenes with known depth
     Calibrate(Box<CalibrateArgs>),
     /// Print a preset as TOML
-    Config(ConfigArgs),
+    #[command(after_help = "\
+Example:
+  mde config --preset paper > my.toml")]
+    Config {
+        /// Preset
+        #[arg(long, value_name = "NAME", value_parser = choice(PRESETS), default_value = "default")]
+        preset: Preset,
+    },
     /// Time the field's fit and rendering on this machine, by stage
     Bench(BenchArgs),
     /// Write report.html again from the files of a folder
-    Report(ReportArgs),
+    #[command(after_help = "\
+Example:
+  mde report out/room
+
+The page is made from the files of mde refine, demo, eval or ablate. It needs no network.")]
+    Report {
+        /// The folder of a run or an evaluation
+        #[arg(value_name = "DIR")]
+        folder: PathBuf,
+    },
     /// Check this machine and a model
     Doctor(DoctorArgs),
     /// Print shell completions
-    Completions(CompletionsArgs),
+    #[command(after_help = "\
+Examples:
+  mde completions bash > ~/.local/share/bash-completion/completions/mde
+  mde completions zsh > ~/.zfunc/_mde
+  mde completions fish > ~/.config/fish/completions/mde.fish")]
+    Completions {
+        /// Shell
+        #[arg(value_enum)]
+        shell: clap_complete::Shell,
+    },
     /// Print a manual page
-    Man(ManArgs),
+    #[command(after_help = "\
+Examples:
+  mde man > mde.1
+  mde man refine | man -l -")]
+    Man {
+        /// Manual page of this subcommand instead of the program's
+        #[arg(value_name = "COMMAND")]
+        command: Option<String>,
+    },
 }
 
 #[derive(Debug, Args)]
@@ -127,13 +152,13 @@ pub(crate) struct DemoArgs {
     #[command(flatten)]
     pub(crate) run: RunArgs,
     #[command(flatten)]
-    pub(crate) error_bar: ErrorBarArgs,
-    #[command(flatten)]
-    pub(crate) export: ExportArgs,
+    pub(crate) results: ResultArgs,
 }
 
 #[derive(Debug, Args)]
 #[command(
+    mut_arg("max_views", |arg| arg.requires("views")),
+    mut_arg("unit", |arg| arg.requires("views")),
     mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the input's name: room-depth for room.jpg. Many photographs need one")),
     after_help = "\
 Examples:
@@ -157,28 +182,85 @@ pub(crate) struct RefineArgs {
     /// More photographs, folders and lists
     #[arg(value_name = "MORE")]
     pub(crate) more: Vec<PathBuf>,
+    /// Further photographs of the same static scene, or folders of them; their poses are estimated. Or one capture with poses:
+    /// transforms.json, a COLMAP model, a TUM sequence
+    #[arg(long, help_heading = "Several photographs", value_name = "PATH", num_args = 1..)]
+    pub(crate) views: Vec<PathBuf>,
     #[command(flatten)]
-    pub(crate) several: SeveralArgs,
-    #[command(flatten)]
-    pub(crate) prior: PriorArgs,
+    pub(crate) common: RefinementArgs,
+    /// Bring the photographs of a burst or video to one scale; they need overlap, not poses
+    #[arg(long, help_heading = "Advanced", conflicts_with_all = ["views", "prior_depth"])]
+    pub(crate) same_scale: bool,
+    /// Only part I of N of the photographs, into a folder that all parts share; the same command without --shard writes the index
+    #[arg(long, help_heading = "Advanced", value_name = "I/N", conflicts_with = "views")]
+    pub(crate) shard: Option<Shard>,
     /// Depths known at some pixels, which give the result its scale: a CSV file of column, row, depth and if known its standard
     /// deviation, in pixels of the photograph and metres, or the folder of a COLMAP model of this photograph
     #[arg(long, help_heading = "Prior", value_name = "FILE|DIR", conflicts_with = "unit")]
     pub(crate) scale_from: Option<PathBuf>,
+    /// Ground-truth depth of the image's size, metres (0: missing), to score prior and refined depth
+    #[arg(long, help_heading = "Truth", value_name = "FILE")]
+    pub(crate) gt: Option<PathBuf>,
+}
+
+impl RefineArgs {
+    /// Everything that the command names to be refined.
+    pub(crate) fn photographs(&self) -> Vec<&Path> {
+        std::iter::once(&self.image).chain(&self.more).map(PathBuf::as_path).collect()
+    }
+}
+
+#[derive(Debug, Args)]
+#[command(
+    mut_arg("export", |export| export.value_parser(formats(true))),
+    mut_arg("output", |output| output.help("Output folder; by default one in the working folder, with the capture's name: room-dense for room")),
+    mut_arg("force", |force| force.help("Refine photographs again that an earlier run finished")),
+    mut_arg("prior_depth", |map| map.hide(true)),
+    after_help = "\
+Examples:
+  mde dense photos -o out/room
+  mde dense colmap-project --no-nerf --export colmap-dense -o out/house
+  mde dense photos/transforms.json --prior-model fastdepth_224.onnx --unit prior -o out/room
+
+Output: a folder for each photograph, as mde refine writes it, with finished.json; cloud.ply of the points that two photographs confirm,
+transforms.json, index.html, run.json; with --export colmap-dense colmap/. The same command continues, and refines only what is new or changed. Without a network the depth
+comes from parallax alone, in the unit of the poses; photographs without poses get a unit of their own."
+)]
+pub(crate) struct DenseArgs {
+    /// A folder of photographs, a transforms.json, a COLMAP project (images, sparse/0), or a TUM sequence
+    #[arg(value_name = "CAPTURE")]
+    pub(crate) capture: PathBuf,
+    #[command(flatten)]
+    pub(crate) common: RefinementArgs,
+    /// Only part I of N of the photographs, into a folder that all parts share; the same command without --shard writes the cloud and the index
+    #[arg(long, help_heading = "Advanced", value_name = "I/N")]
+    pub(crate) shard: Option<Shard>,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "\
+Examples:
+  mde poses photos --prior-model fastdepth_224.onnx -o photos/transforms.json
+  mde refine photos/0.jpg --views photos/transforms.json --prior-model fastdepth_224.onnx -o out/room
+
+The world is the frame of the first photograph's camera, in the unit of its prior. Photographs that do not fit are left out, with the
+reason. Photographs are resized to 1024 pixels on the longer side, or to --max-size; the intrinsics are for their full size.",
+    mut_arg("output", |output| output.value_name("FILE.json").help("File to write, as nerfstudio has it; default: transforms.json")),
+    mut_arg("force", |force| force.help("Replace the file"))
+)]
+pub(crate) struct PosesArgs {
+    /// Photographs of one static scene, or folders of them
+    #[arg(value_name = "PHOTO", required = true)]
+    pub(crate) photographs: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) prior: PriorArgs,
     #[command(flatten)]
     pub(crate) camera: CameraArgs,
     #[command(flatten)]
-    pub(crate) settings: SettingsArgs,
-    #[command(flatten)]
     pub(crate) size: SizeArgs,
     #[command(flatten)]
-    pub(crate) truth: TruthArgs,
-    #[command(flatten)]
     pub(crate) run: RunArgs,
-    #[command(flatten)]
-    pub(crate) error_bar: ErrorBarArgs,
-    #[command(flatten)]
-    pub(crate) export: ExportArgs,
 }
 
 #[derive(Debug, Args)]
@@ -226,36 +308,26 @@ pub(crate) struct RenderArgs {
     pub(crate) size: [usize; 2],
     #[command(flatten)]
     pub(crate) camera: CameraArgs,
-    #[command(flatten)]
-    pub(crate) path: PathArgs,
+    /// Number of views on a circle about the original camera, all looking at the middle of the scene
+    #[arg(long, help_heading = "Path", value_name = "N", conflicts_with = "translate", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) orbit: Option<u16>,
+    /// Radius of the circle, as a fraction of the median depth
+    #[arg(
+        long,
+        help_heading = "Path",
+        value_name = "X",
+        requires = "orbit",
+        conflicts_with = "translate",
+        default_value_t = 0.03
+    )]
+    pub(crate) radius: f64,
+    /// One view from a camera moved by X,Y,Z, in the prior's unit (x right, y down, z forward)
+    #[arg(long, help_heading = "Path", value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = triple)]
+    pub(crate) translate: Option<[f64; 3]>,
     #[command(flatten)]
     pub(crate) memory: MemoryArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
-}
-
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Path")]
-pub(crate) struct PathArgs {
-    /// Number of views on a circle about the original camera, all looking at the middle of the scene
-    #[arg(long, value_name = "N", conflicts_with = "translate", value_parser = clap::value_parser!(u16).range(1..))]
-    pub(crate) orbit: Option<u16>,
-    /// Radius of the circle, as a fraction of the median depth
-    #[arg(long, value_name = "X", requires = "orbit", conflicts_with = "translate", default_value_t = 0.03)]
-    pub(crate) radius: f64,
-    /// One view from a camera moved by X,Y,Z, in the prior's unit (x right, y down, z forward)
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = triple)]
-    pub(crate) translate: Option<[f64; 3]>,
-}
-
-#[derive(Debug, Args)]
-#[command(after_help = "\
-Example:
-  mde config --preset paper > my.toml")]
-pub(crate) struct ConfigArgs {
-    /// Preset
-    #[arg(long, value_name = "NAME", value_parser = choice(PRESETS), default_value = "default")]
-    pub(crate) preset: Preset,
 }
 
 #[derive(Debug, Args)]
@@ -267,7 +339,7 @@ Examples:
 Samples, matrix operations and bytes per second, beside the peak of processor and memory measured in the same run. The stages run
 on one thread; the whole step and the render run on one thread and on all.")]
 pub(crate) struct BenchArgs {
-    /// Only this field: hash-12x2, hash-8x4 (default and fast) or mlp-4x128
+    /// Only this field: hash-8x4 (that of the presets) or mlp-4x128
     #[arg(long, value_name = "NAME")]
     pub(crate) field: Option<String>,
     /// Seconds per stage
@@ -283,176 +355,25 @@ pub(crate) struct BenchArgs {
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Example:
-  mde report out/room
+Examples:
+  mde doctor
+  mde doctor --prior-model dpt_large.onnx
+  mde doctor --prior-model net.onnx --model-profile net.toml --prior-kind disparity
 
-The page is made from the files of mde refine, demo, eval or ablate. It needs no network.")]
-pub(crate) struct ReportArgs {
-    /// The folder of a run or an evaluation
-    #[arg(value_name = "DIR")]
-    pub(crate) folder: PathBuf,
-}
-
-// Clap accepts an argument whose required argument conflicts with another, so such conflicts are listed too.
-
-/// The pinhole camera.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Camera (without: EXIF, else 60 degrees)")]
-pub(crate) struct CameraArgs {
-    /// Intrinsics: a 3x3 matrix as text, or JSON with fx, fy, cx, cy
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["fx", "fov"])]
-    pub(crate) intrinsics: Option<PathBuf>,
-    /// Focal length, pixels, horizontal and vertical
-    #[arg(long, value_name = "PX[,PX]", allow_hyphen_values = true, value_parser = focal, conflicts_with = "fov")]
-    pub(crate) fx: Option<(f64, Option<f64>)>,
-    /// Column of the principal point, from 0; default: the middle
-    #[arg(long, value_name = "PX", allow_negative_numbers = true, requires = "fx", conflicts_with_all = ["fov", "intrinsics"])]
-    pub(crate) cx: Option<f64>,
-    /// Row of the principal point, from 0; default: the middle
-    #[arg(long, value_name = "PX", allow_negative_numbers = true, requires = "fx", conflicts_with_all = ["fov", "intrinsics"])]
-    pub(crate) cy: Option<f64>,
-    /// Horizontal field of view, degrees
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
-    pub(crate) fov: Option<f64>,
-}
-
-/// The sizes of the results and of the refinement.
-#[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Size")]
-pub(crate) struct SizeArgs {
-    /// Resize the image, its prior, camera and truth to this longer side
-    #[arg(long, help_heading = "Advanced", value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..))]
-    pub(crate) max_size: Option<u32>,
-    /// Refine a larger photograph at this many million pixels. The maps of one photograph are brought back to its own size, with its
-    /// edges; those of several are not
-    #[arg(long, help_heading = "Advanced", value_name = "MEGAPIXELS", default_value_t = Sizes::default().megapixels, value_parser = positive)]
-    pub(crate) work_size: f64,
-    #[command(flatten)]
-    pub(crate) memory: MemoryArgs,
-}
-
-/// The memory limit.
-#[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Size")]
-pub(crate) struct MemoryArgs {
-    /// Refuse runs whose estimated memory exceeds this; fewer predictions run at once where that suffices
-    #[arg(long, help_heading = "Advanced", value_name = "GIB", default_value_t = MemoryLimit::USUAL, value_parser = positive)]
-    pub(crate) max_memory: f64,
-}
-
-/// A preset with settings over it.
-#[derive(Debug, Default, Args)]
-#[command(next_help_heading = "Settings")]
-pub(crate) struct PresetArgs {
-    /// Preset of the settings; default: multi-view with several photographs, default with one
-    #[arg(long, value_name = "NAME", value_parser = choice(PRESETS))]
-    pub(crate) preset: Option<Preset>,
-    /// Settings over those of the preset, a TOML file or KEY=VALUE, repeatable; `mde config` prints all
-    #[arg(long, value_name = "FILE|KEY=VALUE")]
-    pub(crate) config: Vec<OsString>,
-}
-
-/// The settings.
-#[derive(Debug, Default, Args)]
-#[command(next_help_heading = "Settings")]
-pub(crate) struct SettingsArgs {
-    #[command(flatten)]
-    pub(crate) preset: PresetArgs,
-    /// Seed of all random draws; default: that of the settings, 0
-    #[arg(long, help_heading = "Advanced", value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
-    pub(crate) seed: Option<u64>,
-    /// Fit no field
-    #[arg(long)]
-    pub(crate) no_nerf: bool,
-    /// Network predictions per photograph (whole, mirrored, crops): auto or a number; 1: the whole image alone
-    #[arg(long, value_name = "N|auto")]
-    pub(crate) predictions: Option<Predictions>,
-    /// Nearest and farthest depth of the scene, metres, for disparity of unknown scale and shift; default: those of the settings, 0.8,8
-    #[arg(long, help_heading = "Advanced", value_name = "NEAR,FAR", value_parser = depth_range)]
-    pub(crate) depth_range: Option<[f64; 2]>,
-}
-
-/// Ground truth for the scores.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Truth")]
-pub(crate) struct TruthArgs {
-    /// Ground-truth depth of the image's size, metres (0: missing), to score prior and refined depth
-    #[arg(long, value_name = "FILE")]
-    pub(crate) gt: Option<PathBuf>,
-}
-
-/// The requested error bar.
-#[derive(Debug, Clone, Default, Args)]
-#[command(next_help_heading = "Error bar")]
-pub(crate) struct ErrorBarArgs {
-    /// Also write lower.npy and upper.npy, an interval meant to contain the true depth with this probability
-    #[arg(long, value_name = "P", value_parser = probability)]
-    pub(crate) interval: Option<f64>,
-    /// Calibration file of `mde calibrate`: scales sigma and intervals
-    #[arg(long, value_name = "FILE")]
-    pub(crate) calibration: Option<PathBuf>,
-}
-
-impl RefineArgs {
-    /// Everything that the command names to be refined.
-    pub(crate) fn photographs(&self) -> Vec<&Path> {
-        std::iter::once(&self.image).chain(&self.more).map(PathBuf::as_path).collect()
-    }
-}
-
-/// `WxH` as `[width, height]`.
-fn size(text: &str) -> Result<[usize; 2], String> {
-    let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-    match sides {
-        Some(sides) if sides.iter().all(|side| (8..=16384).contains(side)) => Ok(sides),
-        _ => Err("give WIDTHxHEIGHT with 8 to 16384 pixels each, such as 320x240".to_owned()),
-    }
-}
-
-/// Finite numbers, separated by commas.
-fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
-    let numbers = text.split(',').map(|part| part.trim().parse().ok()).collect::<Option<Vec<f64>>>()?;
-    numbers.try_into().ok().filter(|numbers: &[f64; N]| numbers.iter().all(|number| number.is_finite()))
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    match numbers(text) {
-        Some([number]) if number > 0.0 => Ok(number),
-        _ => Err("give a positive number".to_owned()),
-    }
-}
-
-/// `FX` or `FX,FY`.
-fn focal(text: &str) -> Result<(f64, Option<f64>), String> {
-    let (fx, fy) = text.split_once(',').map_or((text, None), |(fx, fy)| (fx, Some(fy)));
-    let number =
-        |text: &str| text.trim().parse().map_err(|_| "give pixels, such as 520 or 520,521".to_owned());
-    Ok((number(fx)?, fy.map(number).transpose()?))
-}
-
-fn depth_range(text: &str) -> Result<[f64; 2], String> {
-    match numbers(text) {
-        Some([near, far]) if near > 0.0 && far > near => Ok([near, far]),
-        _ => Err("give two positive numbers, the nearer first, such as 0.8,8".to_owned()),
-    }
-}
-
-fn probability(text: &str) -> Result<f64, String> {
-    match numbers(text) {
-        Some([number]) if (0.01..=0.99).contains(&number) => Ok(number),
-        _ => Err("give 0.01 to 0.99, such as 0.9".to_owned()),
-    }
-}
-
-fn field_of_view(text: &str) -> Result<f64, String> {
-    match numbers(text) {
-        Some([degrees]) if 0.0 < degrees && degrees < 180.0 => Ok(degrees),
-        _ => Err("give degrees above 0 and below 180, such as 60".to_owned()),
-    }
-}
-
-fn triple(text: &str) -> Result<[f64; 3], String> {
-    numbers(text).ok_or_else(|| "give three numbers, such as 0.05,0,-0.1".to_owned())
+A model is timed with every runtime that is found, and its predictions of procedural rooms are compared with the exact depth.")]
+pub(crate) struct DoctorArgs {
+    /// A monocular depth network to check
+    #[arg(long, value_name = "MODEL.onnx")]
+    pub(crate) prior_model: Option<PathBuf>,
+    /// Input and output format of the model; else MODEL.toml beside MODEL.onnx, else recognised by its folder, its graph or its name
+    #[arg(long, value_name = "NAME", requires = "prior_model")]
+    pub(crate) model_profile: Option<String>,
+    /// Kind of the model's values; by default that of the profile
+    #[arg(long, value_name = "KIND", value_parser = choice(KINDS), requires = "prior_model")]
+    pub(crate) prior_kind: Option<DepthKind>,
+    /// ONNX Runtime's library, timed beside tract; else ORT_DYLIB_PATH, else beside this program, else in the active Python
+    #[arg(long, value_name = "LIBRARY", requires = "prior_model")]
+    pub(crate) runtime: Option<String>,
 }
 
 #[cfg(test)]

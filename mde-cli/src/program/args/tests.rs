@@ -1,4 +1,5 @@
 use super::*;
+use crate::program::args::values::{focal, grid};
 
 #[test]
 fn the_command_line_is_consistent() {
@@ -44,10 +45,10 @@ fn a_command_has_few_flags() {
 
 #[test]
 fn a_grid_is_conditions_with_values() {
-    let Grid(grid) = "views=3,5; pose-noise=0,.3".parse().unwrap();
-    assert_eq!((grid.views, grid.pose_noises, grid.gains), (vec![3, 5], vec![0.0, 0.3], vec![0.0]));
+    let found = grid("views=3,5; pose-noise=0,.3").unwrap();
+    assert_eq!((found.views, found.pose_noises, found.gains), (vec![3, 5], vec![0.0, 0.3], vec![0.0]));
     for wrong in ["views", "views=two", "views=2.5", "depth=1", "gain=", "baseline=.1;.2"] {
-        assert!(wrong.parse::<Grid>().is_err(), "{wrong}");
+        assert!(grid(wrong).is_err(), "{wrong}");
     }
     assert_eq!(focal("520"), Ok((520.0, None)));
     assert_eq!(focal("520, 521"), Ok((520.0, Some(521.0))));

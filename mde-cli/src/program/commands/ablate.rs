@@ -4,7 +4,6 @@ use crate::config::Config;
 use crate::program::args::AblateArgs;
 use crate::program::evaluation::ablation::FULL;
 use crate::program::evaluation::method::{Method, PRIOR};
-use crate::program::evaluation::results::Results;
 use crate::program::evaluation::runner::{Evaluation, Request};
 use crate::program::evaluation::{ablation, results};
 use crate::program::open::settings::overridden;
@@ -16,7 +15,8 @@ use serde_json::json;
 
 pub(super) fn run(args: &AblateArgs) -> Result<()> {
     let mut progress = Progress::start(&args.common.run)?;
-    let methods = methods(args)?;
+    let base = overridden(args.preset, &args.config)?;
+    let methods = methods(args, &base)?;
     let request = Request { share_fields: true, ..Request::new("ablate", &methods) };
     let evaluation = Evaluation::open(&args.common, request)?;
     let (mut entries, failures) = evaluation.run(&mut progress)?;
@@ -30,27 +30,23 @@ pub(super) fn run(args: &AblateArgs) -> Result<()> {
         let compared = |with| Summary::new(&entries, Some(with), &Bootstrap::default());
         ablation::table(&compared(FULL)?, &compared(PRIOR)?)
     };
-    let results = evaluation.results(FULL, entries, failures);
-    let mut results = Results { title: format!("Ablation: {}", results.title), preface, ..results };
+    let mut results = evaluation.results(FULL, entries, failures);
+    results.title.insert_str(0, "Ablation: ");
+    results.preface = preface;
     results.record["seeds"] = json!(args.seeds);
     results.record["preset"] = json!(args.preset.name());
-    results.record["config"] = json!(base(args)?);
+    results.record["config"] = json!(base);
     results::finish(results, &evaluation.store, &mut progress)
 }
 
-fn base(args: &AblateArgs) -> Result<Config> {
-    overridden(args.preset, &args.config)
-}
-
 /// The prior, then every row with every seed.
-fn methods(args: &AblateArgs) -> Result<Vec<Method>> {
-    let base = base(args)?;
+fn methods(args: &AblateArgs, base: &Config) -> Result<Vec<Method>> {
     ensure!(
         base.refinement.fits_a_field(),
         "--preset {}: fits no field to a photograph, so all rows are equal; give --preset paper",
         args.preset.name()
     );
-    let known: Vec<&str> = ablation::rows(&base).map(|row| row.name).collect();
+    let known: Vec<&str> = ablation::rows(base).map(|row| row.name).collect();
     for name in &args.rows {
         ensure!(
             known.contains(&name.as_str()),
@@ -60,11 +56,11 @@ fn methods(args: &AblateArgs) -> Result<Vec<Method>> {
     }
     let mut methods = vec![Method::parse(PRIOR, Some(base.seed))?];
     for seed in (0..u64::from(args.seeds)).map(|more| base.seed.wrapping_add(more)) {
-        for row in ablation::rows(&base) {
+        for row in ablation::rows(base) {
             let wanted =
                 args.rows.is_empty() || row.name == FULL || args.rows.iter().any(|name| name == row.name);
             if wanted {
-                methods.push(Method::variant(row.name, row.config(&base), row.control, seed));
+                methods.push(Method::variant(row.name, row.config(base), row.control, seed));
             }
         }
     }

@@ -3,10 +3,11 @@ use crate::program::provenance::peak_memory;
 use crate::program::terminal::{aligned, print};
 use anyhow::{Context, Result, ensure};
 use mde_eval::table::Table;
-use mde_nerf::stages::{Stage, fields, multiply_adds, random_lines, stages};
-use mde_nerf::{FieldConfig, NerfConfig};
+use mde_nerf::NerfConfig;
+use mde_nerf::stages::{fields, multiply_adds, random_lines, stages};
 use mde_uncertainty::statistics::median;
 use serde::Serialize;
+use serde_json::json;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
@@ -15,14 +16,6 @@ const PEAK_ROUNDS: u64 = 1 << 16;
 /// Size of the memory for the random reads, in `f32`: about that of a hash table.
 const TABLE: usize = 1 << 21;
 const LINES: u64 = 1 << 16;
-
-#[derive(Serialize)]
-struct Bench {
-    threads: usize,
-    ceilings: Ceilings,
-    stages: Vec<Row>,
-    peak_memory_bytes: Option<u64>,
-}
 
 #[derive(Serialize)]
 struct Ceilings {
@@ -51,13 +44,13 @@ pub(super) fn run(args: &BenchArgs) -> Result<()> {
         "--seconds {}: give a time above 0 and up to 600 seconds",
         args.seconds
     );
-    let chosen: Vec<(&str, FieldConfig)> =
-        fields().into_iter().filter(|(name, _)| args.field.as_ref().is_none_or(|f| f == name)).collect();
-    let names = fields().map(|(name, _)| name).join(", ");
+    let mut chosen = fields().to_vec();
+    chosen.retain(|(name, _)| args.field.as_ref().is_none_or(|field| field == name));
     ensure!(
         !chosen.is_empty(),
-        "--field {}: no such field; give one of {names}",
-        args.field.as_deref().unwrap_or("")
+        "--field {}: no such field; give one of {}",
+        args.field.as_deref().unwrap_or_default(),
+        fields().map(|(name, _)| name).join(", ")
     );
     let all =
         args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
@@ -65,22 +58,35 @@ pub(super) fn run(args: &BenchArgs) -> Result<()> {
     let mut rows = Vec::new();
     for (name, field) in chosen {
         let config = NerfConfig { field, ..NerfConfig::default() };
-        let counts = if all > 1 { vec![1, all] } else { vec![1] };
-        for threads in counts {
-            let peak = if threads == 1 { ceilings.gflops_one_thread } else { ceilings.gflops_all_threads };
+        let counts = [(1, ceilings.gflops_one_thread), (all, ceilings.gflops_all_threads)];
+        for (threads, peak) in counts.into_iter().take(if all > 1 { 2 } else { 1 }) {
             pool(threads)?.install(|| {
                 stages(&config, &mut |stage, run| {
                     if stage.parallel || threads == 1 {
-                        rows.push(row(name, stage, threads, peak, median_seconds(args.seconds, run)));
+                        let once = median_seconds(args.seconds, run);
+                        let rate = |count: u64| (count > 0).then(|| count as f64 / once * 1e-9);
+                        rows.push(Row {
+                            field: name,
+                            stage: stage.name,
+                            threads,
+                            samples_per_second: stage.samples as f64 / once,
+                            gflops: rate(stage.flops),
+                            share_of_peak: rate(stage.flops).map(|gflops| gflops / peak),
+                            gbytes_per_second: rate(stage.bytes),
+                        });
                     }
                 })
             })?;
         }
     }
-    let bench = Bench { threads: all, ceilings, stages: rows, peak_memory_bytes: peak_memory() };
+    let memory = peak_memory();
     let text = match args.json {
-        true => serde_json::to_string_pretty(&bench)? + "\n",
-        false => lines(&bench),
+        true => {
+            let value =
+                json!({ "threads": all, "ceilings": ceilings, "stages": rows, "peak_memory_bytes": memory });
+            format!("{value:#}\n")
+        }
+        false => lines(all, &ceilings, &rows, memory),
     };
     print(text.as_bytes())
 }
@@ -113,20 +119,6 @@ fn ceilings(seconds: f64, threads: usize) -> Result<Ceilings> {
     })
 }
 
-/// `once` is the time of a call in seconds.
-fn row(field: &'static str, stage: Stage, threads: usize, peak: f64, once: f64) -> Row {
-    let rate = |count: u64| (count > 0).then(|| count as f64 / once * 1e-9);
-    Row {
-        field,
-        stage: stage.name,
-        threads,
-        samples_per_second: stage.samples as f64 / once,
-        gflops: rate(stage.flops),
-        share_of_peak: rate(stage.flops).map(|gflops| gflops / peak),
-        gbytes_per_second: rate(stage.bytes),
-    }
-}
-
 /// Median seconds of one call, over calls that together last about `seconds`.
 fn median_seconds(seconds: f64, mut call: impl FnMut()) -> f64 {
     let start = Instant::now();
@@ -143,10 +135,10 @@ fn median_seconds(seconds: f64, mut call: impl FnMut()) -> f64 {
     median(times).unwrap_or(f64::NAN)
 }
 
-fn lines(bench: &Bench) -> String {
-    let Ceilings { gflops_one_thread, gflops_all_threads, random_lines_gbytes_per_second } = bench.ceilings;
+fn lines(threads: usize, ceilings: &Ceilings, rows: &[Row], memory: Option<u64>) -> String {
+    let Ceilings { gflops_one_thread, gflops_all_threads, random_lines_gbytes_per_second } = ceilings;
     let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.0}"));
-    let rows = bench.stages.iter().map(|row| {
+    let rows = rows.iter().map(|row| {
         vec![
             row.field.to_owned(),
             row.stage.to_owned(),
@@ -158,11 +150,10 @@ fn lines(bench: &Bench) -> String {
         ]
     });
     let heads = ["field", "stage", "threads", "Msamples/s", "GFLOP/s", "of peak, %", "GB/s"];
-    let memory = bench.peak_memory_bytes.map(|bytes| bytes as f64 / f64::from(1 << 20));
+    let memory = memory.map(|bytes| bytes as f64 / f64::from(1 << 20));
     format!(
-        "peak: {gflops_one_thread:.0} GFLOP/s on one thread, {gflops_all_threads:.0} on {}; random lines of 8 MiB: \
+        "peak: {gflops_one_thread:.0} GFLOP/s on one thread, {gflops_all_threads:.0} on {threads}; random lines of 8 MiB: \
          {random_lines_gbytes_per_second:.0} GB/s on one thread\n\n{}\n\npeak memory: {} MiB\n",
-        bench.threads,
         aligned(&Table::new(2, heads, rows)),
         number(memory)
     )

@@ -25,33 +25,24 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<()> {
     };
     let evaluation = Evaluation::open(&args.common, request)?;
     let (entries, failures) = evaluation.run(&mut progress)?;
-    let scenes: Vec<_> = entries
-        .iter()
-        .filter(|entry| entry.method == name)
-        .filter_map(|entry| Some((entry.scene.clone(), entry.curves.as_ref()?.abs_z_quantiles.clone())))
-        .collect();
-    let own = entries.iter().filter(|entry| entry.method == name && entry.curves.is_some());
-    let scales: Vec<f64> = own.filter_map(|entry| entry.values.get("alignment_scale").copied()).collect();
+    let own = entries.iter().filter(|entry| entry.method == name);
+    let own: Vec<_> = own.filter_map(|entry| Some((entry, entry.curves.as_ref()?))).collect();
+    let scenes: Vec<_> =
+        own.iter().map(|(entry, curves)| (entry.scene.clone(), curves.abs_z_quantiles.clone())).collect();
+    let scales: Vec<f64> =
+        own.iter().filter_map(|(entry, _)| entry.values.get("alignment_scale").copied()).collect();
     let (data, prior, alignment) =
         (evaluation.source.title(), evaluation.prior.title(), evaluation.scoring.alignment_note());
     let path = evaluation.store.root().join(FILE);
     let calibrated = !scenes.is_empty();
     if calibrated {
         let source = CalibrationSource { method: name, data, prior, alignment };
-        let calibration = Calibration::fit(
-            source,
-            fingerprint(
-                &config,
-                evaluation.prior.accepts_new_images(),
-                several,
-                evaluation.prior.model_hash(),
-            )?,
-            scenes,
-        )?;
-        let calibration = match evaluation.prior.is_metric() {
-            true => calibration.with_scales(&scales),
-            false => calibration,
-        };
+        let (prior, hash) = (&evaluation.prior, evaluation.prior.model_hash());
+        let made_for = fingerprint(&config, prior.accepts_new_images(), several, hash)?;
+        let mut calibration = Calibration::fit(source, made_for, scenes)?;
+        if prior.is_metric() {
+            calibration = calibration.with_scales(&scales);
+        }
         mde_prior::write_atomic(&path, calibration.to_toml()?.as_bytes())
             .with_context(|| path.display().to_string())?;
         let factor = calibration.intervals()?.factor(Calibration::AT)?;

@@ -16,8 +16,8 @@ use anyhow::Result;
 use mde_eval::capture::CapturedView;
 use mde_eval::scene::{CaptureConfig, Room, World, room};
 use mde_eval::simulated::{SimulatedModel, SimulatedModelConfig, SimulatedPrior, SimulatedPriorConfig};
-use mde_prior::{DepthKind, DepthPrior, PriorDepth};
-use ndarray::{Array2, ArrayView3};
+use mde_prior::{DepthKind, DepthPrior};
+use ndarray::Array2;
 use std::path::Path;
 
 /// The room of every demo.
@@ -29,59 +29,43 @@ const VIEWS: usize = USED + 1;
 /// The first further photograph is brighter or darker by this factor.
 const GAIN: f64 = 0.2;
 
-/// What a demo refines.
-struct Demo {
-    scene: Scene,
-    truth: Array2<f32>,
-    prior: Box<dyn DepthPrior + Send>,
-    kind: DepthKind,
-}
+/// What a demo refines: a scene, the exact depth of its reference, the prior.
+type Demo = (Scene, Array2<f32>, OpenPrior<'static>);
 
-/// Stands for the prior of rooms that are not rendered yet.
-struct NotRendered;
-
-impl DepthPrior for NotRendered {
-    fn predict(&self, _: ArrayView3<'_, f32>) -> mde_prior::Result<PriorDepth> {
-        Err(mde_prior::Error::Input("the room is not rendered yet".to_owned()))
-    }
-}
-
-fn simulated(prior: Box<dyn DepthPrior + Send>, kind: DepthKind) -> OpenPrior<'static> {
-    OpenPrior::given(prior, PriorOrigin::new(PriorForm::Simulated, kind, "simulated"))
+fn simulated(prior: impl DepthPrior + Send + 'static, kind: DepthKind) -> OpenPrior<'static> {
+    OpenPrior::given(Box::new(prior), PriorOrigin::new(PriorForm::Simulated, kind, "simulated"))
 }
 
 pub(super) fn run(args: &DemoArgs) -> Result<()> {
     let mut progress = Progress::start(&args.run)?;
     let folder = OutputFolder::new(&args.run.output(Path::new("mde"), "-demo"), args.run.force)?;
-    let mut settings = all_settings(&args.settings, &args.error_bar, &args.memory, Preset::MultiView)?;
+    let mut settings = all_settings(&args.settings, &args.results, &args.memory, Preset::MultiView)?;
     settings.sizes.megapixels = f64::INFINITY;
     let several = settings.preset == Preset::MultiView;
     let [width, height] = args.size;
     // Rendering takes much memory already.
-    let prior = simulated(Box::new(NotRendered), DepthKind::Metric);
-    Refiner::new(&prior, settings.clone())?.plan(
-        "--size",
-        (height, width),
-        if several { VIEWS } else { 1 },
-    )?;
+    let (nothing, count) = (OpenPrior::nothing(), if several { VIEWS } else { 1 });
+    Refiner::new(&nothing, settings.clone())?.plan("--size", (height, width), count)?;
     let config = &mut settings.config;
-    let Demo { scene, truth, prior, kind } = match several {
+    let (scene, truth, prior) = match several {
         true => photographs(args.size, config, &mut progress)?,
         false => {
             if args.settings.preset.config.is_empty() {
-                config.nerf.train.steps = steps(config.nerf.train.steps, width * height);
+                // The steps of a preset are for 640x480; smaller rooms get fewer in proportion.
+                let steps = &mut config.nerf.train.steps;
+                let scaled = *steps as f64 * (width * height) as f64 / (640.0 * 480.0);
+                *steps = (scaled as usize).clamp(500.min(*steps), *steps);
             }
             photograph(args.size, config.seed, &mut progress)?
         }
     };
-    let prior = simulated(prior, kind);
     let input = format!("{ROOM}, seed {}", settings.config.seed);
     let refiner = Refiner::new(&prior, settings)?;
     let plan = refiner.plan("--size", (height, width), scene.photographs.len())?;
     let job = Job {
         command: "demo",
         refiner: &refiner,
-        export: &args.export.export,
+        export: &args.results.export,
         truth: Some(Truth { source: "exact".to_owned(), depth: truth }),
         keep_photographs: true,
     };
@@ -96,13 +80,7 @@ fn photograph([width, height]: [usize; 2], seed: u64, progress: &mut Progress) -
     let prior = SimulatedPrior::new(&room.depth, &faults)?;
     let camera = KnownCamera { camera: room.camera, source: CameraSource::Scene };
     let scene = Scene::one(Photograph::new("0.png", room.image, camera));
-    Ok(Demo { scene, truth: room.depth, prior: Box::new(prior), kind: faults.kind })
-}
-
-/// The steps of a preset are for 640x480; smaller rooms get fewer in proportion.
-fn steps(preset: usize, pixels: usize) -> usize {
-    let scaled = preset as f64 * pixels as f64 / (640.0 * 480.0);
-    (scaled as usize).clamp(preset.min(500), preset)
+    Ok((scene, room.depth, simulated(prior, faults.kind)))
 }
 
 /// Several photographs without poses, with a simulated network as the prior of each.
@@ -127,11 +105,10 @@ fn photographs([width, height]: [usize; 2], config: &mut Config, progress: &mut 
         ..SimulatedModelConfig::default()
     };
     let prior = SimulatedModel::of_capture(&world, &rendered, &network)?;
-    let truth = rendered.truth;
     let photograph = |(index, CapturedView { view, .. }): (usize, CapturedView)| {
         let camera = KnownCamera { camera: view.camera, source: CameraSource::Scene };
         Photograph { mask: view.mask, ..Photograph::new(format!("{index}.png"), view.image, camera) }
     };
     let scene = Scene::several(rendered.views.into_iter().enumerate().map(photograph).collect(), 0)?;
-    Ok(Demo { scene, truth, prior: Box::new(prior), kind: DepthKind::Metric })
+    Ok((scene, rendered.truth, simulated(prior, DepthKind::Metric)))
 }

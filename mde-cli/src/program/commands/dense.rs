@@ -1,26 +1,28 @@
+use crate::config::Preset;
 use crate::program::args::DenseArgs;
 use crate::program::job::Job;
 use crate::program::many::every;
-use crate::program::open::settings::of_dense;
+use crate::program::open::settings::refinement_settings;
 use crate::program::open::{prior, scene};
 use crate::program::progress::Progress;
 use crate::refiner::Refiner;
 use anyhow::{Result, ensure};
 
 pub(super) fn run(args: &DenseArgs) -> Result<()> {
-    let mut progress = Progress::start(&args.run)?;
+    let mut progress = Progress::start(&args.common.run)?;
     ensure!(
-        args.prior.source.prior_depth.is_none(),
+        args.common.prior.prior_depth.is_none(),
         "--prior-depth: is the map of one photograph; give --prior-model, or nothing"
     );
-    let output = args.run.output(&args.capture, "-dense");
+    let output = args.common.run.output(&args.capture, "-dense");
     every::check_folder(&output)?;
-    let prior = prior::open(&args.prior, true)?;
-    let refiner = Refiner::new(&prior, of_dense(args)?)?;
-    let (scene, plan) = scene::whole(&refiner, &args.camera, &args.capture, &mut progress)?;
+    let prior = prior::open(&args.common.prior, true)?;
+    let capture = std::slice::from_ref(&args.capture);
+    let refiner = Refiner::new(&prior, refinement_settings(&args.common, Preset::MultiView)?)?;
+    let (scene, plan) = scene::several(&refiner, &args.common.camera, None, capture, &mut progress)?;
     let input = args.capture.display().to_string();
-    let export = &args.export.export;
+    let export = &args.common.results.export;
     let job = Job { command: "dense", refiner: &refiner, export, truth: None, keep_photographs: false };
-    let part = every::Part { shard: args.shard, force: args.run.force };
+    let part = every::Part { shard: args.shard, force: args.common.run.force };
     every::run(&job, &scene, &plan, &input, &output, part, &mut progress)
 }

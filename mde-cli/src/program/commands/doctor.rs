@@ -12,7 +12,7 @@ use mde_eval::order_check::{Order, OrderCheck, SIZE};
 use mde_eval::scene::{Room, room};
 use mde_prior::augment::Plan;
 use mde_prior::predict_each;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, Write};
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
@@ -24,18 +24,12 @@ pub(super) fn run(args: &DoctorArgs) -> Result<()> {
     let crates: Vec<String> = versions().iter().map(|(name, version)| format!("{name} {version}")).collect();
     let models = if cfg!(feature = "onnx") { "ONNX files" } else { "none: built without the feature onnx" };
     let cores = std::thread::available_parallelism().map_or_else(|e| e.to_string(), |n| n.to_string());
-    let [stdout, stderr] = [io::stdout().is_terminal(), io::stderr().is_terminal()]
-        .map(|is| if is { "terminal" } else { "no terminal" });
-    let plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
-    let plain = if plain { ", NO_COLOR" } else { "" };
     for (what, text) in [
         ("program", crates.join(", ")),
         ("models", models.to_owned()),
         ("machine", format!("{} {}", std::env::consts::OS, std::env::consts::ARCH)),
         ("threads", format!("{} used, {cores} available", rayon::current_num_threads())),
         ("vectors", vectors()),
-        ("memory", memory()),
-        ("output", format!("stdout: {stdout}, stderr: {stderr}{plain}")),
     ] {
         print(what, &text);
     }
@@ -106,14 +100,11 @@ fn verdict(path: &Path, prior: &OpenPrior<'_>) -> Result<()> {
             tried.room
         );
     }
-    let each = trial.rooms.iter().map(|tried| format!("{:.2}", tried.correlation)).collect::<Vec<_>>();
-    let (count, each) = (each.len(), each.join(", "));
-    print(
-        "trial",
-        &format!("Spearman's correlation with the true depth of {count} procedural rooms: {each}"),
-    );
+    let each: Vec<_> = trial.rooms.iter().map(|tried| format!("{:.2}", tried.correlation)).collect();
+    let what = format!("Spearman's correlation with the true depth of {} procedural rooms", each.len());
+    print("trial", &format!("{what}: {}", each.join(", ")));
     match trial.order() {
-        Order::True => {}
+        Order::True => print("verdict", "the model works here"),
         Order::Swapped => bail!(prior.origin().swapped(trial.mean())),
         Order::Chance => bail!(
             "{}: its depth does not agree with the rooms' beyond chance (mean correlation {:.2}); check the profile and the weights",
@@ -121,7 +112,6 @@ fn verdict(path: &Path, prior: &OpenPrior<'_>) -> Result<()> {
             trial.mean()
         ),
     }
-    print("verdict", "the model works here");
     Ok(())
 }
 
@@ -137,21 +127,6 @@ fn vectors() -> String {
     let found = [("NEON", cfg!(target_arch = "aarch64"))];
     let names: Vec<_> = found.iter().filter(|(_, there)| *there).map(|(name, _)| *name).collect();
     if names.is_empty() { "the least of this architecture: slow".to_owned() } else { names.join(", ") }
-}
-
-/// Known on Linux only.
-fn memory() -> String {
-    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
-    let gib = |key: &str| {
-        let line = text.lines().find_map(|line| line.strip_prefix(key))?;
-        Some(
-            line.trim_start_matches(':').split_whitespace().next()?.parse::<f64>().ok()? / f64::from(1 << 20),
-        )
-    };
-    match (gib("MemAvailable"), gib("MemTotal")) {
-        (Some(free), Some(all)) => format!("{free:.1} of {all:.1} GiB free"),
-        _ => "unknown on this system".to_owned(),
-    }
 }
 
 /// A closed pipe is no error.

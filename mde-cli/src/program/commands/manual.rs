@@ -1,21 +1,22 @@
 //! `mde completions` and `mde man`.
 
-use crate::program::args::{CompletionsArgs, ManArgs, command};
+use crate::program::args::command;
 use crate::program::terminal::print;
 use anyhow::{Context, Result};
+use clap_complete::Shell;
 use clap_mangen::Man;
 
-pub(super) fn completions(args: &CompletionsArgs) -> Result<()> {
+pub(super) fn completions(shell: Shell) -> Result<()> {
     let mut text = Vec::new();
-    clap_complete::generate(args.shell, &mut command(), "mde", &mut text);
+    clap_complete::generate(shell, &mut command(), "mde", &mut text);
     print(&text)
 }
 
-pub(super) fn page(args: &ManArgs) -> Result<()> {
+pub(super) fn page(name: Option<&str>) -> Result<()> {
     let mut program = command();
     // Gives the subcommands their whole names.
     program.build();
-    let page = match &args.command {
+    let page = match name {
         None => program,
         Some(name) => {
             let found = program.find_subcommand(name).filter(|found| found.get_name() != "help").cloned();

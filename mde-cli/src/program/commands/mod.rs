@@ -31,13 +31,13 @@ pub(crate) fn run(command: &Command) -> Result<()> {
         Command::Score(args) => score::run(args),
         Command::Ablate(args) => ablate::run(args),
         Command::Calibrate(args) => calibrate::run(args),
-        Command::Config(args) => print(args.preset.config().to_toml()?.as_bytes()),
+        Command::Config { preset } => print(preset.config().to_toml()?.as_bytes()),
         Command::Bench(args) => bench::run(args),
-        Command::Report(args) => {
-            print(format!("wrote {}\n", line_of(&report::write(&args.folder)?)).as_bytes())
+        Command::Report { folder } => {
+            print(format!("wrote {}\n", line_of(&report::write(folder)?)).as_bytes())
         }
         Command::Doctor(args) => doctor::run(args),
-        Command::Completions(args) => manual::completions(args),
-        Command::Man(args) => manual::page(args),
+        Command::Completions { shell } => manual::completions(*shell),
+        Command::Man { command } => manual::page(command.as_deref()),
     }
 }

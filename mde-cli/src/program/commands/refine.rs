@@ -1,51 +1,49 @@
+use crate::config::Preset;
 use crate::program::args::RefineArgs;
 use crate::program::job::Job;
 use crate::program::many;
-use crate::program::open::settings::of_refine;
+use crate::program::open::settings::refinement_settings;
 use crate::program::open::truth::Truth;
 use crate::program::open::{photographs, prior, scene};
 use crate::program::progress::Progress;
 use crate::program::store::folder::OutputFolder;
-use crate::refiner::{Plan, Refiner};
-use crate::scene::Scene;
+use crate::refiner::Refiner;
 use crate::scene::known::KnownDepths;
 use anyhow::{Result, ensure};
 
 pub(super) fn run(args: &RefineArgs) -> Result<()> {
-    let mut progress = Progress::start(&args.run)?;
-    if photographs::are_many(&args.photographs()) || args.several.shard.is_some() {
+    let mut progress = Progress::start(&args.common.run)?;
+    if photographs::are_many(&args.photographs()) || args.shard.is_some() {
         return many::run(args, &mut progress);
     }
     ensure!(
-        !args.several.same_scale,
+        !args.same_scale,
         "--same-scale: one photograph has no scale in common with another; give several, or a folder, or leave it out"
     );
-    let output = args.run.output(&args.image, "-depth");
-    let folder = OutputFolder::new(&output, args.run.force)?;
-    let prior = prior::open(&args.prior, !args.several.views.is_empty())?;
-    let refiner = Refiner::new(&prior, of_refine(args)?)?;
-    let (scene, plan) = scene(&refiner, args, &mut progress)?;
+    let output = args.common.run.output(&args.image, "-depth");
+    let folder = OutputFolder::new(&output, args.common.run.force)?;
+    let prior = prior::open(&args.common.prior, !args.views.is_empty())?;
+    let usual = if args.views.is_empty() { Preset::Default } else { Preset::MultiView };
+    let refiner = Refiner::new(&prior, refinement_settings(&args.common, usual)?)?;
+    let (mut scene, plan) = match args.views.is_empty() {
+        false => {
+            scene::several(&refiner, &args.common.camera, Some(&args.image), &args.views, &mut progress)?
+        }
+        true => scene::one(&refiner, &args.common.camera, &args.image, false, &mut progress)?,
+    };
     let input = args.image.display().to_string();
     let reference = &scene.photographs[scene.reference];
-    let truth = Truth::open(&args.truth, reference.original, reference.of_results())?;
+    let original = reference.original;
+    let truth = Truth::open(args.gt.as_deref(), original, reference.of_results())?;
+    if let Some(path) = &args.scale_from {
+        scene.known = Some(KnownDepths::open(path, &args.image, original)?);
+    }
     let job = Job {
         command: "refine",
         refiner: &refiner,
-        export: &args.export.export,
+        export: &args.common.results.export,
         truth,
         keep_photographs: false,
     };
     job.run(&scene, &plan, &input, &folder, &mut progress)
-}
-
-fn scene(refiner: &Refiner<'_>, args: &RefineArgs, progress: &mut Progress) -> Result<(Scene, Plan)> {
-    let (mut scene, plan) = match args.several.views.is_empty() {
-        false => scene::several(refiner, args, progress)?,
-        true => scene::one(refiner, &args.camera, &args.image, false, progress)?,
-    };
-    if let Some(path) = &args.scale_from {
-        let original = scene.photographs[scene.reference].original;
-        scene.known = Some(KnownDepths::open(path, &args.image, original)?);
-    }
-    Ok((scene, plan))
 }

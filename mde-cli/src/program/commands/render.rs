@@ -1,11 +1,10 @@
 use crate::output::preview::depth_picture;
-use crate::output::record::About;
-use crate::program::args::{PathArgs, RenderArgs};
+use crate::program::args::RenderArgs;
 use crate::program::interrupt;
 use crate::program::open::settings::{camera, limit};
 use crate::program::progress::Progress;
-use crate::program::provenance::{about, rows, write_json};
-use crate::program::store::folder::{OutputFolder, RECORD};
+use crate::program::provenance::{about, rows, write_record};
+use crate::program::store::folder::OutputFolder;
 use crate::program::terminal::line_of;
 use crate::refinement::event::Event;
 use crate::refiner::Observer;
@@ -18,7 +17,6 @@ use mde_prior::photo::{write_image, write_rgb_png};
 use mde_uncertainty::statistics::median;
 use mde_warp::{PinholeCamera, Pose};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
-use serde::Serialize;
 use serde_json::json;
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -28,22 +26,6 @@ const UNIT: &str = "unknown";
 /// Width of the rendering from which the scene's distance is measured.
 const PROBE: usize = 64;
 
-#[derive(Serialize)]
-struct RenderRecord<'r> {
-    #[serde(flatten)]
-    about: About<'r>,
-    /// depth.png = depth times this.
-    png_scale: f64,
-    views: Vec<ViewRecord>,
-}
-
-#[derive(Serialize)]
-struct ViewRecord {
-    colour: String,
-    /// Row by row.
-    world_to_camera: [[f64; 4]; 4],
-}
-
 pub(super) fn run(args: &RenderArgs) -> Result<()> {
     let mut progress = Progress::start(&args.run)?;
     let folder = OutputFolder::new(&args.run.output(&args.field, "-render"), args.run.force)?;
@@ -52,13 +34,13 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
         progress.warn(warning);
     }
     let [width, height] = args.size;
-    let count = args.path.orbit.map_or(1, u64::from);
+    let count = args.orbit.map_or(1, u64::from);
     limit(&args.memory).check("--size", (height, width), |pixels| render_bytes(pixels, count))?;
     let shown = args.field.display();
     ensure!(args.field.exists(), "{shown}: no such file; check the path");
     ensure!(args.field.is_file(), "{shown}: give a file, not a folder");
     let field = Nerf::load(&args.field)?;
-    let poses = poses(&args.path, &field, &camera.camera)?;
+    let poses = poses(args, &field, &camera.camera)?;
     let mut views = Vec::new();
     for (index, pose) in poses.iter().enumerate() {
         let mut listen = |event: &FieldEvent| {
@@ -73,10 +55,10 @@ pub(super) fn run(args: &RenderArgs) -> Result<()> {
         for (index, (view, pose)) in views.iter().zip(&poses).enumerate() {
             let number = if poses.len() == 1 { String::new() } else { format!("_{index:03}") };
             write_view(path, &number, view, &png)?;
-            records.push(ViewRecord { colour: format!("colour{number}.png"), world_to_camera: rows(pose) });
+            records.push(json!({ "colour": format!("colour{number}.png"), "world_to_camera": rows(pose) }));
         }
         let about = about("render", args.field.display().to_string(), &camera, None, &progress);
-        write_json(&path.join(RECORD), &RenderRecord { about, png_scale: png.scale, views: records })
+        write_record(path, about, json!({ "png_scale": png.scale, "views": records }))
     })?;
     let text = format!("{} views\nwrote {}", poses.len(), line_of(folder.path()));
     progress.result(
@@ -95,17 +77,17 @@ fn write_view(folder: &Path, number: &str, view: &RenderedView, png: &DepthPng) 
 }
 
 /// Where the camera stands, world to camera.
-fn poses(path: &PathArgs, field: &Nerf, camera: &PinholeCamera) -> Result<Vec<Pose>> {
-    match (path.orbit, path.translate) {
+fn poses(args: &RenderArgs, field: &Nerf, camera: &PinholeCamera) -> Result<Vec<Pose>> {
+    match (args.orbit, args.translate) {
         (Some(count), _) => {
             ensure!(
-                path.radius.is_finite() && path.radius.abs() <= 1.0,
+                args.radius.is_finite() && args.radius.abs() <= 1.0,
                 "--radius {}: give a fraction of the median depth, 0 to 1",
-                path.radius
+                args.radius
             );
             let distance = middle(field, camera)?;
             Ok((0..count)
-                .map(|k| on_circle(f64::from(k) / f64::from(count), path.radius, distance))
+                .map(|k| on_circle(f64::from(k) / f64::from(count), args.radius, distance))
                 .collect())
         }
         (None, Some(translation)) => Ok(vec![Translation3::from(-Vector3::from(translation)).into()]),

@@ -29,18 +29,18 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
     for id in unmatched {
         progress.warn(format!("{id}: no truth of that name in {}; not scored", gt.display()));
     }
-    ensure!(!args.alignment.alignment.1, "--alignment prior: mde score has no prior; give another alignment");
-    let scoring = Scoring::new(args.alignment.alignment, args.pixels, false);
+    ensure!(!args.alignment.1, "--alignment prior: mde score has no prior; give another alignment");
+    let scoring = Scoring::new(args.alignment, args.pixels, false);
     let [pred_name, gt_name] = [pred, gt].map(|folder| folder.display().to_string());
     let sigma_name = args.sigma.as_ref().map(|folder| folder.display().to_string());
-    let basis = json!({ "command": "score", "pred": pred_name, "gt": gt_name, "sigma": sigma_name });
+    let mut record = json!({ "command": "score", "pred": pred_name, "gt": gt_name, "sigma": sigma_name });
     for name in &args.scenes {
         let known = pairs.iter().any(|pair| pair.id == *name);
         ensure!(known, "--scenes {name}: none of the {} maps in {}", pairs.len(), pred.display());
     }
     let wanted = |pair: &&MapPair| args.scenes.is_empty() || args.scenes.contains(&pair.id);
     let chosen: Vec<&MapPair> = pairs.iter().filter(wanted).collect();
-    let store = Store::open(&args.run.output(pred, "-score"), &basis, args.run.force, false)?;
+    let store = Store::open(&args.run.output(pred, "-score"), &record, args.run.force, false)?;
     let (mut entries, mut failures) = (Vec::new(), Vec::new());
     for (index, pair) in chosen.iter().enumerate() {
         if interrupt::requested() {
@@ -57,14 +57,15 @@ pub(super) fn run(args: &ScoreMapsArgs) -> Result<()> {
         let value = json!({ "event": "scene", "scene": pair.id });
         progress.piece(index + 1, chosen.len(), &pair.id, None, value);
     }
+    record["score"] = json!(scoring.config);
     let results = Results {
-        title: format!("{} against {}", pred.display(), gt.display()),
+        title: format!("{pred_name} against {gt_name}"),
         alignment: scoring.alignment_note(),
         preface: Vec::new(),
         reference: None,
         entries,
         failures,
-        record: json!({ "pred": pred_name, "gt": gt_name, "sigma": sigma_name, "score": scoring.config }),
+        record,
     };
     results::finish(results, &store, &mut progress)
 }

@@ -2,45 +2,21 @@
 
 use crate::config::Preset;
 use crate::output::preview::contact_sheet;
-use crate::output::record::About;
-use crate::prior::origin::PriorOrigin;
 use crate::program::args::WarpArgs;
 use crate::program::open::settings::{settings, sizes};
 use crate::program::open::{prior, scene};
 use crate::program::progress::Progress;
-use crate::program::provenance::{about, rows, write_json};
-use crate::program::store::folder::{OutputFolder, RECORD};
+use crate::program::provenance::{about, rows, write_json, write_record};
+use crate::program::store::folder::OutputFolder;
 use crate::program::terminal::line_of;
 use crate::refiner::Refiner;
-use crate::reports::iteration::WarpReport;
 use anyhow::Result;
 use mde_prior::format::write_npy;
 use mde_prior::photo::{write_image, write_rgb_png};
 use mde_warp::PosedView;
 use ndarray::Array3;
-use serde::Serialize;
 use serde_json::json;
 use std::path::Path;
-
-#[derive(Serialize)]
-struct WarpRecord<'r> {
-    #[serde(flatten)]
-    about: About<'r>,
-    prior: &'r PriorOrigin,
-    warp: WarpReport,
-}
-
-/// One view in `poses.json`.
-#[derive(Serialize)]
-struct ViewRecord {
-    image: String,
-    mask: String,
-    depth: String,
-    /// Row by row.
-    world_to_camera: [[f64; 4]; 4],
-    /// Share of the pixels that may be trained on.
-    trainable: f64,
-}
 
 pub(super) fn run(args: &WarpArgs) -> Result<()> {
     let mut progress = Progress::start(&args.run)?;
@@ -59,7 +35,7 @@ pub(super) fn run(args: &WarpArgs) -> Result<()> {
         mde_prior::write_atomic(&path.join("config.toml"), refiner.settings().config.to_toml()?.as_bytes())?;
         let input = args.image.display().to_string();
         let about = about("warp", input, prepared.camera(), Some(refiner.settings()), &progress);
-        write_json(&path.join(RECORD), &WarpRecord { about, prior: prepared.origin(), warp })
+        write_record(path, about, json!({ "prior": prepared.origin(), "warp": warp }))
     })?;
     let text = format!(
         "{} views, holes {:.2} % (at most {:.2} %), outside the image {:.2} %\nwrote {}",
@@ -89,8 +65,9 @@ fn write_views(folder: &Path, views: &[PosedView]) -> Result<()> {
             write_npy(folder.join(&depth), hypothesis.mean())?;
         }
         let trainable = view.mask.iter().filter(|real| **real).count() as f64 / view.mask.len() as f64;
-        let world_to_camera = rows(&view.pose);
-        records.push(ViewRecord { image, mask, depth, world_to_camera, trainable });
+        // The matrix row by row, and the share of the pixels that may be trained on.
+        records.push(json!({ "image": image, "mask": mask, "depth": depth,
+            "world_to_camera": rows(&view.pose), "trainable": trainable }));
     }
     write_json(&folder.join("poses.json"), &records)?;
     Ok(write_rgb_png(folder.join("contact.png"), contact_sheet(views).view())?)

@@ -115,7 +115,7 @@ impl<'a> Evaluation<'a> {
         }
         let prior = PriorPlan::new(&args.prior, source.kind)?;
         let prior_settings = prior.describe();
-        let scoring = Scoring::new(args.alignment.alignment, request.pixels, !request.share_fields);
+        let scoring = Scoring::new(args.alignment, request.pixels, !request.share_fields);
         let basis = json!({ "command": request.command, "data": source.describe() });
         let name = args.root.clone().unwrap_or_else(|| source.kind.to_string().into());
         let output = args.run.output(&name, &format!("-{}", request.command));

@@ -2,7 +2,7 @@
 
 use crate::prior::OpenPrior;
 use crate::prior::origin::{PriorForm, PriorOrigin};
-use crate::program::args::{CaptureArgs, DataArgs, EvalPriorArgs, Grid, NetworkArgs, Simulated, Withheld};
+use crate::program::args::{CaptureArgs, DataArgs, EvalPriorArgs, NetworkArgs, Simulated, Withheld};
 use crate::program::open::prior;
 use anyhow::{Context, Result, bail};
 use mde_eval::data::{self, CaptureGrid, DataSet, DataSetKind, Options, Sample};
@@ -37,7 +37,7 @@ impl Source {
             }
             None => BTreeMap::new(),
         };
-        let captures = several.grid.clone().map_or_else(CaptureGrid::default, |Grid(grid)| grid);
+        let captures = several.grid.clone().unwrap_or_default();
         let pose_noise = match captures.pose_noises[..] {
             _ if kind == DataSetKind::Captures || several.grid.is_none() => 0.0,
             [degrees]
@@ -51,7 +51,7 @@ impl Source {
         let options =
             Options { places, pose_noise, assumed_fov: Some(args.assume_fov), size: args.size, captures };
         let data = data::open(kind, root, &options)?;
-        Ok(Self { data, kind, options, withheld: several.withhold.withhold })
+        Ok(Self { data, kind, options, withheld: several.withhold })
     }
 
     /// The field of view that replaces the cameras, degrees, where these are withheld.

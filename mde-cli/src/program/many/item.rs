@@ -48,15 +48,15 @@ pub(crate) struct Common<'c> {
 
 /// Everything but the photographs that the results depend on, files by their content.
 pub(crate) fn settings_of(args: &RefineArgs, refiner: &Refiner<'_>) -> Result<String> {
-    let camera = &args.camera;
+    let camera = &args.common.camera;
     let content = |path: &PathBuf| -> Result<u32> {
         let bytes = open::read(path, FileKind::Settings).map_err(Error::read(path))?;
         Ok(crc32fast::hash(&bytes))
     };
     let intrinsics = camera.intrinsics.as_ref().map(content).transpose()?;
     Ok(json!({
-        "versions": versions(), "refiner": refiner.identity()?, "output": format!("{:?}", args.export.export),
-        "camera": (intrinsics, camera.fx, camera.cx, camera.cy, camera.fov), "same_scale": args.several.same_scale,
+        "versions": versions(), "refiner": refiner.identity()?, "output": format!("{:?}", args.common.results.export),
+        "camera": (intrinsics, camera.fx, camera.cx, camera.cy, camera.fov), "same_scale": args.same_scale,
     })
     .to_string())
 }
@@ -96,7 +96,7 @@ impl Common<'_> {
             other => other.into(),
         })?;
         drop(bytes);
-        scene::photograph(self.job.refiner, &self.args.camera, &item.path, photo, false, progress)
+        scene::photograph(self.job.refiner, &self.args.common.camera, &item.path, photo, false, progress)
     }
 
     /// Everything that the results depend on, the photograph by its content.
@@ -113,7 +113,7 @@ impl Common<'_> {
         let shown = path.display().to_string();
         let place = self.output.join(folder);
         // Read the marker first: it is a thousand times cheaper than planning.
-        let marker = finished(&place).filter(|_| !self.args.run.force);
+        let marker = finished(&place).filter(|_| !self.args.common.run.force);
         let same_scale_group = same_scale.map(|found| found.group);
         if let Some(marker) = marker
             && marker.made_from == self.made_from(item, &content(path)?)

@@ -8,6 +8,7 @@ mod index;
 pub(crate) mod item;
 mod same_scale;
 
+use crate::config::Preset;
 use crate::output::every::PhotographRow;
 use crate::output::names::folders;
 use crate::program::args::RefineArgs;
@@ -16,7 +17,7 @@ use crate::program::interrupt;
 use crate::program::job::Job;
 use crate::program::many::index::Index;
 use crate::program::many::item::{Common, Item, settings_of};
-use crate::program::open::settings::of_refine;
+use crate::program::open::settings::refinement_settings;
 use crate::program::open::{photographs, prior};
 use crate::program::progress::Progress;
 use crate::program::store::folder::{NewFolder, check_place, remove_unfinished};
@@ -34,7 +35,7 @@ use std::time::{Duration, Instant};
 /// Refines all photographs that the arguments name.
 pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     check_arguments(args)?;
-    let Some(output) = &args.run.output else {
+    let Some(output) = &args.common.run.output else {
         bail!("-o: give a folder for the results of several photographs")
     };
     let paths = photographs::all(&args.photographs())?;
@@ -43,16 +44,16 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     let mut items: Vec<Item> = paths.into_iter().zip(names).map(item).collect();
     check_place("-o", output)?;
     index::check_folder(output)?;
-    let prior = prior::open(&args.prior, false)?;
-    let refiner = Refiner::new(&prior, of_refine(args)?)?;
+    let prior = prior::open(&args.common.prior, false)?;
+    let refiner = Refiner::new(&prior, refinement_settings(&args.common, Preset::Default)?)?;
     let settings = settings_of(args, &refiner)?;
-    let export = &args.export.export;
+    let export = &args.common.results.export;
     let job = Job { command: "refine", refiner: &refiner, export, truth: None, keep_photographs: false };
     let common = Common { args, output, job, settings };
 
     // Removed again where nothing comes into it.
     let _made = NewFolder::make(output)?;
-    let _lock = match args.several.shard {
+    let _lock = match args.shard {
         None => {
             let lock = Lock::take(output)?;
             remove_unfinished(output);
@@ -62,12 +63,12 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
     };
     let found = Index::new(items.len());
     found.mark(output)?;
-    if args.several.same_scale {
+    if args.same_scale {
         // Of all photographs, so that a shard has the same factors.
         let factors = same_scale::same_scale(&common, &items, progress)?;
         items.iter_mut().zip(factors).for_each(|(item, factor)| item.same_scale = Some(factor));
     }
-    if let Some(shard) = &args.several.shard {
+    if let Some(shard) = &args.shard {
         items.retain(|item| shard.has(&item.folder));
     }
     let start = Instant::now();
@@ -76,7 +77,7 @@ pub(crate) fn run(args: &RefineArgs, progress: &mut Progress) -> Result<()> {
         rows: BTreeMap::new(),
         refined: 0,
         index: found,
-        listed: args.several.shard.is_none(),
+        listed: args.shard.is_none(),
         output,
         due: None,
     });
@@ -163,13 +164,13 @@ impl State<'_> {
 /// What a single photograph alone can have is refused.
 fn check_arguments(args: &RefineArgs) -> Result<()> {
     let several = "one photograph at a time";
-    ensure!(args.several.views.is_empty(), "--views: refines {several}; give one, or leave --views out");
+    ensure!(args.views.is_empty(), "--views: refines {several}; give one, or leave --views out");
     ensure!(
-        args.prior.source.prior_depth.is_none(),
+        args.common.prior.prior_depth.is_none(),
         "{}: more than one photograph, and --prior-depth is the map of one; give a file, not a folder or a list, or --prior-model",
         args.photographs().iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(" ")
     );
-    ensure!(args.truth.gt.is_none(), "--gt: is the truth of one photograph; score a folder with mde eval");
+    ensure!(args.gt.is_none(), "--gt: is the truth of one photograph; score a folder with mde eval");
     ensure!(args.scale_from.is_none(), "--scale-from: has the depths of one photograph; refine it alone");
     Ok(())
 }

@@ -5,7 +5,8 @@ use glob::{MatchOptions, glob_with};
 use mde_prior::{FileKind, open};
 use std::collections::HashSet;
 use std::ffi::OsStr;
-use std::io::Read as _;
+use std::fs::DirEntry;
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// Extensions of photographs within a folder.
@@ -33,50 +34,45 @@ pub(crate) fn are_many(named: &[&Path]) -> bool {
 pub(crate) fn all(named: &[&Path]) -> Result<Vec<PathBuf>> {
     let (mut paths, mut seen) = (Vec::new(), HashSet::new());
     for name in named {
-        let found = match () {
-            () if *name == Path::new(STDIN) => {
-                let mut text = String::new();
-                std::io::stdin()
-                    .read_to_string(&mut text)
-                    .context("-: standard input can't be read as UTF-8 text")?;
-                listed("standard input", &text, Path::new("."))?
-            }
-            // Not every shell has put the names in its place.
-            () if is_pattern(name) => {
-                let found = of_pattern(name);
-                ensure!(
-                    !found.is_empty(),
-                    "{}: no photograph ({}) has such a name; check the path",
-                    name.display(),
-                    PHOTOGRAPHS.join(", ")
-                );
-                found
-            }
-            () if is_list(name) => {
-                let fault =
-                    || format!("{}: the list can't be read; give a text file of paths", name.display());
-                let text = open::read_text(name, FileKind::Text).with_context(fault)?;
-                listed(&name.display().to_string(), &text, name.parent().unwrap_or(Path::new(".")))?
-            }
-            () if name.is_dir() => {
-                let found = in_folder(name)?;
-                ensure!(
-                    !found.is_empty(),
-                    "{}: the folder holds no photograph ({}); folders within it are not searched",
-                    name.display(),
-                    PHOTOGRAPHS.join(", ")
-                );
-                found
-            }
-            () => vec![name.to_path_buf()],
-        };
-        for path in found {
+        for path in named_by(name)? {
             if seen.insert(path.canonicalize().unwrap_or_else(|_| path.clone())) {
                 paths.push(path);
             }
         }
     }
     Ok(paths)
+}
+
+fn named_by(name: &Path) -> Result<Vec<PathBuf>> {
+    let (shown, kinds) = (name.display(), PHOTOGRAPHS.join(", "));
+    if name == Path::new(STDIN) {
+        let text =
+            io::read_to_string(io::stdin()).context("-: standard input can't be read as UTF-8 text")?;
+        listed("standard input", &text, Path::new("."))
+    } else if is_pattern(name) {
+        // Not every shell has put the names in its place.
+        let found = of_pattern(name);
+        ensure!(!found.is_empty(), "{shown}: no photograph ({kinds}) has such a name; check the path");
+        Ok(found)
+    } else if is_list(name) {
+        let fault = || format!("{shown}: the list can't be read; give a text file of paths");
+        let text = open::read_text(name, FileKind::Text).with_context(fault)?;
+        listed(&shown.to_string(), &text, name.parent().unwrap_or(Path::new(".")))
+    } else if name.is_dir() {
+        let entries = std::fs::read_dir(name).and_then(Iterator::collect::<io::Result<Vec<_>>>);
+        let entries =
+            entries.with_context(|| format!("{shown}: the folder can't be read; check the path"))?;
+        let mut found: Vec<_> =
+            entries.iter().map(DirEntry::path).filter(|path| is_photograph(path)).collect();
+        ensure!(
+            !found.is_empty(),
+            "{shown}: the folder holds no photograph ({kinds}); folders within it are not searched"
+        );
+        found.sort();
+        Ok(found)
+    } else {
+        Ok(vec![name.to_path_buf()])
+    }
 }
 
 fn is_list(path: &Path) -> bool {
@@ -98,15 +94,12 @@ fn of_pattern(pattern: &Path) -> Vec<PathBuf> {
 fn listed(list: &str, text: &str, folder: &Path) -> Result<Vec<PathBuf>> {
     let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
     let place = |line: &str| {
-        let (here, beside) = (PathBuf::from(line), folder.join(line));
-        if here.exists() {
-            return vec![here];
+        let places = [PathBuf::from(line), folder.join(line)];
+        if let Some(there) = places.iter().find(|path| path.exists()) {
+            return vec![there.clone()];
         }
-        if beside.exists() {
-            return vec![beside];
-        }
-        let found = [&here, &beside].map(|pattern| of_pattern(pattern));
-        found.into_iter().find(|found| !found.is_empty()).unwrap_or_else(|| vec![here])
+        let mut found = places.iter().map(|pattern| of_pattern(pattern));
+        found.find(|found| !found.is_empty()).unwrap_or_else(|| vec![line.into()])
     };
     let paths: Vec<PathBuf> = lines.flat_map(place).collect();
     match paths.iter().any(|path| path.is_file()) {
@@ -122,20 +115,6 @@ pub(crate) fn existing(flag: &str, named: &[PathBuf]) -> Result<Vec<PathBuf>> {
     if let Some(missing) = paths.iter().find(|path| !path.is_file()) {
         bail!("{flag} {}: no such photograph; give files or a folder", missing.display());
     }
-    Ok(paths)
-}
-
-/// The photographs in a folder, in the order of their names.
-fn in_folder(folder: &Path) -> Result<Vec<PathBuf>> {
-    let fault = || format!("{}: the folder can't be read; check the path", folder.display());
-    let mut paths = Vec::new();
-    for entry in std::fs::read_dir(folder).with_context(fault)? {
-        let path = entry.with_context(fault)?.path();
-        if is_photograph(&path) {
-            paths.push(path);
-        }
-    }
-    paths.sort();
     Ok(paths)
 }
 

@@ -8,7 +8,7 @@ use std::path::Path;
 
 /// The prior of one photograph, or of `several`, which need none.
 pub(crate) fn open(args: &PriorArgs, several: bool) -> Result<OpenPrior<'static>> {
-    match (&args.source.prior_model, &args.source.prior_depth) {
+    match (&args.prior_model, &args.prior_depth) {
         (Some(model), _) => network(model, &args.network),
         (None, Some(file)) => map(file, &args.network),
         (None, None) if several => Ok(OpenPrior::nothing()),

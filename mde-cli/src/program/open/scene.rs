@@ -1,13 +1,13 @@
 //! Scenes that the command line names: one photograph, or several with poses or without.
 
-use crate::program::args::{CameraArgs, RefineArgs};
+use crate::program::args::CameraArgs;
 use crate::program::open::photographs::existing;
 use crate::program::open::settings::{camera, given_camera};
 use crate::program::progress::Progress;
 use crate::refiner::capture::{different, only, shorten};
 use crate::refiner::{Observer, Plan, Refiner, Unit};
 use crate::scene::{Photograph, Scene};
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use mde_mvs::capture::{CaptureFiles, same_file};
 use mde_prior::photo::{Photo, image_size, read_image};
 use std::path::{Path, PathBuf};
@@ -46,41 +46,29 @@ pub(crate) fn photograph(
     Ok(photograph.resized(&refiner.settings().sizes, several, &mut |warning| progress.warn(warning))?)
 }
 
-/// The photographs of IMAGE and `--views`, IMAGE first, and their plan.
+/// Several photographs and their plan: those of a capture with the poses of its files, or files and folders without poses. The first is
+/// `image`, the others `--views`; without it all are those of CAPTURE.
 pub(crate) fn several(
     refiner: &Refiner<'_>,
-    args: &RefineArgs,
+    args: &CameraArgs,
+    image: Option<&Path>,
+    views: &[PathBuf],
     progress: &mut Progress,
 ) -> Result<(Scene, Plan)> {
-    if let [one] = args.several.views.as_slice()
+    if let [one] = views
         && let Some(files) = CaptureFiles::find(one)
     {
-        let camera = given_camera(&args.camera);
-        return Ok(refiner.capture((&files, one), Some(&args.image), &camera, progress)?);
+        return Ok(refiner.capture((&files, one), image, &given_camera(args), progress)?);
     }
-    let mut paths = vec![args.image.clone()];
-    paths.extend(further(&args.image, &args.several.views)?);
-    let (scene, plan, _) = unposed(refiner, &args.camera, "--views", Some(&args.image), paths, progress)?;
-    Ok((scene, plan))
-}
-
-/// Every photograph of a capture, with the poses of its files or without.
-pub(crate) fn whole(
-    refiner: &Refiner<'_>,
-    args: &CameraArgs,
-    path: &Path,
-    progress: &mut Progress,
-) -> Result<(Scene, Plan)> {
-    if let Some(files) = CaptureFiles::find(path) {
-        return Ok(refiner.capture((&files, path), None, &given_camera(args), progress)?);
-    }
-    ensure!(
-        path.is_dir(),
-        "{}: no capture; give a folder of photographs, a transforms.json, a COLMAP project or a TUM sequence",
-        path.display()
-    );
-    let paths = existing("CAPTURE", &[path.to_owned()])?;
-    let (scene, plan, _) = unposed(refiner, args, "CAPTURE", None, paths, progress)?;
+    let (flag, paths) = match (image, views) {
+        (Some(image), _) => ("--views", [vec![image.to_owned()], further(image, views)?].concat()),
+        (None, [one]) if !one.is_dir() => bail!(
+            "{}: no capture; give a folder of photographs, a transforms.json, a COLMAP project or a TUM sequence",
+            one.display()
+        ),
+        (None, _) => ("CAPTURE", existing("CAPTURE", views)?),
+    };
+    let (scene, plan, _) = unposed(refiner, args, flag, image, paths, progress)?;
     Ok((scene, plan))
 }
 

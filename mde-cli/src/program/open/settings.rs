@@ -3,8 +3,7 @@
 use crate::config::{Config, Preset, Shorthands};
 use crate::output::export::Format;
 use crate::program::args::{
-    CameraArgs, DenseArgs, ErrorBarArgs, ExportArgs, MemoryArgs, PresetArgs, RefineArgs, SettingsArgs,
-    SizeArgs, ViewArgs,
+    CameraArgs, MemoryArgs, PresetArgs, RefinementArgs, ResultArgs, SettingsArgs, SizeArgs,
 };
 use crate::refiner::Settings;
 use crate::refiner::error_bar::ErrorBar;
@@ -37,42 +36,31 @@ pub(crate) fn settings(args: &PresetArgs, memory: &MemoryArgs, usual: Preset) ->
     Ok(Settings { config, memory: limit(memory), ..Settings::new(preset) })
 }
 
-/// The same with flags for single settings and the error bar.
+/// The same with flags for single settings and the results.
 pub(crate) fn all_settings(
     args: &SettingsArgs,
-    error_bar: &ErrorBarArgs,
+    results: &ResultArgs,
     memory: &MemoryArgs,
     usual: Preset,
 ) -> Result<Settings> {
     let mut settings = settings(&args.preset, memory, usual)?;
     let &SettingsArgs { seed, no_nerf, predictions, depth_range, .. } = args;
     Shorthands { seed, no_nerf, predictions, depth_range }.apply(&mut settings.config)?;
-    settings.error_bar = ErrorBar::open(error_bar.interval, error_bar.calibration.as_deref())?;
+    settings.error_bar = ErrorBar::open(results.interval, results.calibration.as_deref())?;
+    settings.keep_field = results.export.contains(&Format::Field);
+    settings.exports = !results.export.is_empty();
     Ok(settings)
 }
 
-/// What `mde refine` sets a refiner to.
-pub(crate) fn of_refine(args: &RefineArgs) -> Result<Settings> {
-    let usual = if args.several.views.is_empty() { Preset::Default } else { Preset::MultiView };
-    let settings = all_settings(&args.settings, &args.error_bar, &args.size.memory, usual)?;
-    Ok(with_views(settings, &args.several.views_used, &args.size, &args.export))
-}
-
-/// What `mde dense` sets a refiner to.
-pub(crate) fn of_dense(args: &DenseArgs) -> Result<Settings> {
-    let settings = all_settings(&args.settings, &args.error_bar, &args.size.memory, Preset::MultiView)?;
-    Ok(with_views(settings, &args.views, &args.size, &args.export))
-}
-
-fn with_views(mut settings: Settings, views: &ViewArgs, size: &SizeArgs, export: &ExportArgs) -> Settings {
-    settings.sizes = sizes(size);
-    if let Some(most) = views.max_views {
+/// The same of photographs and captures.
+pub(crate) fn refinement_settings(args: &RefinementArgs, usual: Preset) -> Result<Settings> {
+    let mut settings = all_settings(&args.settings, &args.results, &args.size.memory, usual)?;
+    settings.sizes = sizes(&args.size);
+    if let Some(most) = args.max_views {
         settings.config.multi_view.max_views = most.into();
     }
-    settings.unit = views.unit;
-    settings.keep_field = export.export.contains(&Format::Field);
-    settings.exports = !export.export.is_empty();
-    settings
+    settings.unit = args.unit;
+    Ok(settings)
 }
 
 pub(crate) fn sizes(args: &SizeArgs) -> Sizes {
@@ -98,30 +86,17 @@ pub(crate) fn given_camera(args: &CameraArgs) -> GivenCamera {
     }
 }
 
-/// Uses that number of threads, else one per processor, and fewer where the system has fewer left.
+/// Rayon's number for a thread per processor.
+const PER_PROCESSOR: usize = 0;
+
+/// Uses that number of threads, else one per processor; this one alone where the system has none left.
 pub(crate) fn start_threads(wanted: Option<usize>) -> Result<()> {
-    let usual = || std::thread::available_parallelism().map_or(1, usize::from);
-    let builder = match available(wanted.unwrap_or_else(usual)) {
-        0 => rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread(),
-        threads => rayon::ThreadPoolBuilder::new().num_threads(threads),
+    // Tried before: a pool that fails cannot be made again.
+    let builder = match std::thread::Builder::new().spawn(|| ()) {
+        Ok(_) => rayon::ThreadPoolBuilder::new().num_threads(wanted.unwrap_or(PER_PROCESSOR)),
+        Err(_) => rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread(),
     };
     builder
         .build_global()
         .context("the threads can't be started; close other programs, or give fewer to --threads")
-}
-
-/// The number of threads that can be started at once, at most `wanted`. A pool that fails cannot be made again.
-fn available(wanted: usize) -> usize {
-    let (open, wait) = std::sync::mpsc::channel::<()>();
-    let wait = std::sync::Arc::new(std::sync::Mutex::new(wait));
-    let start = || {
-        let wait = std::sync::Arc::clone(&wait);
-        // Until the channel closes.
-        std::thread::Builder::new().spawn(move || drop(wait.lock().map(|wait| wait.recv())))
-    };
-    let started: Vec<_> = (0..wanted).map_while(|_| start().ok()).collect();
-    drop(open);
-    let count = started.len();
-    started.into_iter().for_each(|thread| drop(thread.join()));
-    count
 }

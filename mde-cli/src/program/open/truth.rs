@@ -1,16 +1,18 @@
 //! Scores against ground truth.
 
-use crate::program::args::TruthArgs;
+use crate::program::terminal::aligned;
 use crate::reports::Refinement;
 use anyhow::{Context, Result, ensure};
 use mde_eval::align::AlignmentRule;
 use mde_eval::score::{ScoreConfig, Scores, Subject, score};
+use mde_eval::table::Table;
 use mde_prior::DepthKind;
 use mde_prior::format::{ReadOptions, read_depth};
 use mde_prior::resample::nearest;
 use ndarray::Array2;
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// A true depth.
 pub(crate) struct Truth {
@@ -21,8 +23,12 @@ pub(crate) struct Truth {
 
 impl Truth {
     /// The map that `--gt` names for an image of `(height, width)`, resized, if it is given.
-    pub(crate) fn open(args: &TruthArgs, size: (usize, usize), to: (usize, usize)) -> Result<Option<Self>> {
-        let Some(path) = &args.gt else { return Ok(None) };
+    pub(crate) fn open(
+        path: Option<&Path>,
+        size: (usize, usize),
+        to: (usize, usize),
+    ) -> Result<Option<Self>> {
+        let Some(path) = path else { return Ok(None) };
         let depth = read_depth(path, &ReadOptions::default())?;
         ensure!(
             depth.dim() == size,
@@ -81,8 +87,6 @@ impl Comparison {
     /// A table of the scores that matter most.
     pub(crate) fn table(&self) -> String {
         let Some(Pair { prior, refined }) = self.by_alignment.get(self.shown) else { return String::new() };
-        let mut lines =
-            vec![format!("{:40}{:>10}{:>10}", format!("{} alignment", self.shown), "prior", "refined")];
         let rows = [
             ("AbsRel, lower", "abs_rel"),
             ("RMSE, m, lower", "rmse"),
@@ -97,11 +101,9 @@ impl Comparison {
             ("mean z2 (above 1: sigma too small), near 1", "mean_z2"),
             ("90 % intervals hold, near 0.9", "coverage_90"),
         ];
-        for (label, key) in rows {
-            let cell =
-                |scores: &Scores| scores.get(key).map_or_else(|| "-".to_owned(), |v| format!("{v:.4}"));
-            lines.push(format!("{label:40}{:>10}{:>10}", cell(prior), cell(refined)));
-        }
-        lines.join("\n")
+        let cell =
+            |scores: &Scores, key| scores.get(key).map_or_else(|| "-".to_owned(), |v| format!("{v:.4}"));
+        let rows = rows.map(|(label, key)| vec![label.to_owned(), cell(prior, key), cell(refined, key)]);
+        aligned(&Table::new(1, [&*format!("{} alignment", self.shown), "prior", "refined"], rows))
     }
 }
